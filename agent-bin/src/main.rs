@@ -1,0 +1,2 @@
+//! `loopbox`: direct monocular SLAM for one agent or several.
+fn main() {}

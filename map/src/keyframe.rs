@@ -1,0 +1,115 @@
+//! Keyframes, their inverse depth, and the edges between them.
+
+use geometry::{GrayImage, Sim3};
+use nalgebra::SMatrix;
+use serde::{Deserialize, Serialize};
+use std::sync::Arc;
+
+/// Names a keyframe within its map; grows with time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+pub struct KeyframeId(pub u32);
+
+/// An image with known pose and inverse depth.
+///
+/// All lengths inside (inverse depths, variances) are in the keyframe's own unit;
+/// `world_from_keyframe.scale` turns that unit into the world's.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Keyframe {
+    /// Its name in the map.
+    pub id: KeyframeId,
+    /// Time stamp of the image, seconds.
+    pub timestamp: f64,
+    /// Index of the image in the recording, from 0.
+    pub frame_index: u64,
+    /// Pose and unit: maps points of the keyframe's camera frame to the world.
+    pub world_from_keyframe: Sim3,
+    /// The undistorted grey image, of the size of `Map::camera`.
+    pub image: Arc<GrayImage>,
+    /// The semi-dense inverse-depth map.
+    pub semi_dense: SemiDense,
+    /// The sparse points hosted here, with their observations: what the joint optimisation works on.
+    pub points: Vec<Point>,
+}
+
+/// Inverse depth with variance for the pixels that have one, in memory order of the image.
+///
+/// Inverse depth is 1/z along the optical axis, in 1/keyframe unit. The three vectors have one length.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct SemiDense {
+    /// Pixel indices `y · width + x`, strictly ascending.
+    pub pixel: Vec<u32>,
+    /// Inverse depths, > 0.
+    pub inverse_depth: Vec<f32>,
+    /// Variances of the inverse depths.
+    pub variance: Vec<f32>,
+}
+
+impl SemiDense {
+    /// How many pixels have a depth.
+    pub fn len(&self) -> usize {
+        self.pixel.len()
+    }
+
+    /// Whether no pixel has a depth.
+    pub fn is_empty(&self) -> bool {
+        self.pixel.is_empty()
+    }
+
+    /// `(pixel index, inverse depth, variance)` of each pixel in order.
+    pub fn iter(&self) -> impl Iterator<Item = (u32, f32, f32)> + '_ {
+        let values = self.inverse_depth.iter().zip(&self.variance);
+        self.pixel.iter().zip(values).map(|(&p, (&d, &v))| (p, d, v))
+    }
+}
+
+/// A sparse map point: a pixel of its host keyframe with an inverse depth along its ray.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Point {
+    /// Position in the host image, pixels of level 0.
+    pub pixel: [f32; 2],
+    /// Inverse depth in the host frame, 1/keyframe unit.
+    pub inverse_depth: f32,
+    /// Variance of the inverse depth.
+    pub variance: f32,
+    /// Where other keyframes see it.
+    pub observations: Vec<Observation>,
+}
+
+/// Where a keyframe sees a point hosted by another.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Observation {
+    /// The observing keyframe.
+    pub keyframe: KeyframeId,
+    /// The measured position in its image, pixels of level 0.
+    pub pixel: [f32; 2],
+    /// Information (inverse covariance) of the position, 1/pixel²: `[xx, xy, yy]`.
+    pub information: [f32; 3],
+}
+
+/// What made an edge.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum EdgeKind {
+    /// Successive keyframes.
+    Odometry,
+    /// Keyframes that share points.
+    Covisibility,
+    /// A loop closed within one map.
+    Loop,
+    /// A meeting of two agents' maps.
+    Merge,
+}
+
+/// A relative-pose constraint between two keyframes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Edge {
+    /// The one keyframe.
+    pub from: KeyframeId,
+    /// The other keyframe.
+    pub to: KeyframeId,
+    /// Maps points of `to`'s camera frame and unit into `from`'s.
+    pub from_from_to: Sim3,
+    /// Information of the left-multiplicative error `log(measured⁻¹-side)`, tangent order (υ, ω, λ).
+    pub information: SMatrix<f64, 7, 7>,
+    /// What made it.
+    pub kind: EdgeKind,
+}

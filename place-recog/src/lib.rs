@@ -1,0 +1,1 @@
+//! Place recognition: finds the keyframes that show the same place as an image.

@@ -1,0 +1,10 @@
+//! Direct monocular SLAM: tracking, depth, keyframes and their graph, from pixel intensities.
+//!
+//! Everything here is plain functions and types; files, clocks and threads of the user's program
+//! live in `agent-bin`.
+
+mod agent;
+mod params;
+
+pub use agent::{Agent, Frame, FrameReport, TrackingState};
+pub use params::Params;
