@@ -39,7 +39,7 @@ impl Default for TrackParams {
             max_shift: 6.0,
             max_unexplained: 0.3,
             patch_sigma: 3.0,
-            position_sigma: 0.15,
+            position_sigma: 0.5,
             max_hosts: 14,
         }
     }
