@@ -5,15 +5,18 @@
 
 mod camera;
 mod image;
+mod photometric;
 mod pinhole;
 mod pyramid;
 mod se3;
 mod sim3;
+mod undistort;
 
 pub use camera::{Camera, CameraError, Distortion, Fov, KannalaBrandt, RadTan};
 pub use image::{GrayImage, Image};
+pub use photometric::{PhotometricCalibration, PhotometricError};
 pub use pinhole::Pinhole;
 pub use pyramid::Pyramid;
 pub use se3::{Se3, hat};
 pub use sim3::Sim3;
-
+pub use undistort::{Crop, ImageSizeError, Undistorter};
