@@ -20,3 +20,6 @@ pub use pyramid::Pyramid;
 pub use se3::{Se3, hat};
 pub use sim3::Sim3;
 pub use undistort::{Crop, ImageSizeError, Undistorter};
+
+#[cfg(test)]
+mod lie_tests;
