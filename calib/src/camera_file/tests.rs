@@ -189,6 +189,7 @@ fn reads_ros_camera_info() {
 }
 
 #[test]
+#[expect(clippy::excessive_precision, reason = "digits as OpenCV prints them")]
 fn reads_opencv_storage() {
     let file = parsed(OPENCV);
     let f = 5.3591573396163199e+02;
