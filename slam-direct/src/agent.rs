@@ -9,7 +9,6 @@ use crate::mapping;
 use crate::track::{self, Matched, View};
 use geometry::{GrayImage, Pinhole, Pyramid, Se3, Sim3};
 use map::{FramePose, KeyframeId, Map, PlaceIndex};
-use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// One image to process.
@@ -188,11 +187,9 @@ impl Agent {
         let world_from_reference = reference.camera_from_world.inverse();
         let guesses = [running.velocity * running.last * world_from_reference, running.last * world_from_reference];
         let aligned = track::align_from_guesses(&running.alignment, &pyramid, &guesses, running.brightness, 0.6);
-        let log_gain = reference.log_gain + aligned.brightness.log_gain;
         let mut view = View {
             pyramid: &pyramid,
             camera_from_world: aligned.frame_from_reference * reference.camera_from_world,
-            log_gain,
         };
         let hosts = track::choose_hosts(&self.local, &view.camera_from_world, running.reference, p.track.max_hosts);
         let (mut matched, sought) = track::match_points(&self.local, &hosts, &view, &p.track, p.track.per_cell);
@@ -200,7 +197,7 @@ impl Agent {
         let inliers = matched.iter().filter(|m| m.inlier).count();
         let share = inliers as f32 / sought.len().max(1) as f32;
         if std::env::var("LB_DEBUG").is_ok() {
-            eprintln!("frame {index} ref {} align inl {:.2} vis {:.2} rmse {:.1} gain {:.3} | hosts {} sought {} matched {} inl {}", running.reference, aligned.inlier_share, aligned.visible_share, aligned.rmse, log_gain, hosts.len(), sought.len(), matched.len(), inliers);
+            eprintln!("frame {index} ref {} align inl {:.2} vis {:.2} rmse {:.1} gain {:.3} | hosts {} sought {} matched {} inl {}", running.reference, aligned.inlier_share, aligned.visible_share, aligned.rmse, aligned.brightness.log_gain, hosts.len(), sought.len(), matched.len(), inliers);
         }
         if inliers < p.keyframes.min_matched || share < p.keyframes.min_share {
             running.lost = true;
@@ -229,9 +226,9 @@ impl Agent {
             ..FrameReport::of(TrackingState::Tracking)
         };
         running.expected = running.expected.max(sought.len());
-        self.change_reference(&mut running, &hosts, log_gain);
+        self.change_reference(&mut running, &hosts);
         if self.wants_keyframe(&running, sought.len()) {
-            report.new_keyframe = Some(self.add_keyframe(&mut running, pyramid, timestamp, index, log_gain, &matched));
+            report.new_keyframe = Some(self.add_keyframe(&mut running, pyramid, timestamp, index, &matched));
         }
         self.state = State::Running(running);
         report
@@ -268,7 +265,6 @@ impl Agent {
         pyramid: Pyramid,
         timestamp: f64,
         frame_index: u64,
-        log_gain: f32,
         matched: &[Matched],
     ) -> KeyframeId {
         let keyframe = self.local.keyframes.len();
@@ -277,7 +273,6 @@ impl Agent {
             frame_index,
             pyramid,
             camera_from_world: running.last,
-            log_gain,
             points: Vec::new(),
             seen: Vec::new(),
         });
@@ -294,7 +289,7 @@ impl Agent {
     }
 
     /// Tracks against the keyframe that lies nearest, as its points move in the image.
-    fn change_reference(&self, running: &mut Running, hosts: &[usize], log_gain: f32) {
+    fn change_reference(&self, running: &mut Running, hosts: &[usize]) {
         let p = &self.params.keyframes;
         let score = |keyframe: usize| self.departure(keyframe, &running.last, 1.0).map(|d| d.score(p));
         let Some(now) = score(running.reference) else { return };
@@ -307,8 +302,7 @@ impl Agent {
             .filter_map(|&host| Some((score(host)?, host)))
             .min_by(|a, b| a.0.total_cmp(&b.0));
         if let Some((_, best)) = nearest.filter(|n| n.0 < 0.6 * now) {
-            let brightness = Brightness { log_gain: log_gain - self.local.keyframes[best].log_gain, offset: 0.0 };
-            *running = self.running(best, running.last, running.velocity, brightness);
+            *running = self.running(best, running.last, running.velocity, Brightness::default());
         }
     }
 

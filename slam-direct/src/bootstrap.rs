@@ -108,7 +108,7 @@ impl Bootstrap {
             .filter_map(|c| {
                 let template = |level: usize| {
                     let warp = Warp { host_from_view: [1.0, 0.0, 0.0, 1.0], host_level: level, view_level: level };
-                    Template::cut(&pyramid, c.pixel, &warp, 1.0)
+                    Template::cut(&pyramid, c.pixel, &warp)
                 };
                 let templates: Vec<Template> = (0..LEVELS.min(pyramid.len())).map_while(template).collect();
                 (!templates.is_empty()).then_some(Track {
@@ -304,7 +304,6 @@ impl Bootstrap {
             frame_index: self.frame_index,
             pyramid: self.first.clone(),
             camera_from_world: Se3::identity(),
-            log_gain: 0.0,
             points,
             seen: Vec::new(),
         });
@@ -313,7 +312,6 @@ impl Bootstrap {
             frame_index: newest.frame_index,
             pyramid: pyramid.clone(),
             camera_from_world: scaled(&solution.frames[last]),
-            log_gain: 0.0,
             points: Vec::new(),
             seen: observed,
         });
