@@ -76,6 +76,8 @@ struct Running {
     alignment: AlignmentReference,
     /// Most points that were expected in a frame tracked against the reference.
     expected: usize,
+    /// Most points that were found in such a frame.
+    found: usize,
     last: Se3,
     /// Motion of the last frame: `last = velocity * the one before`.
     velocity: Se3,
@@ -178,7 +180,7 @@ impl Agent {
             &points,
             &self.params.align,
         );
-        Running { reference, alignment, expected: 0, last, velocity, brightness, lost: false }
+        Running { reference, alignment, expected: 0, found: 0, last, velocity, brightness, lost: false }
     }
 
     fn track(&mut self, mut running: Box<Running>, pyramid: Pyramid, timestamp: f64, index: u64) -> FrameReport {
@@ -226,8 +228,9 @@ impl Agent {
             ..FrameReport::of(TrackingState::Tracking)
         };
         running.expected = running.expected.max(sought.len());
+        running.found = running.found.max(inliers);
         self.change_reference(&mut running, &hosts);
-        if self.wants_keyframe(&running, sought.len()) {
+        if self.wants_keyframe(&running, sought.len(), inliers) {
             report.new_keyframe = Some(self.add_keyframe(&mut running, pyramid, timestamp, index, &matched));
         }
         self.state = State::Running(running);
@@ -243,8 +246,11 @@ impl Agent {
         }
     }
 
-    fn wants_keyframe(&self, running: &Running, expected: usize) -> bool {
+    fn wants_keyframe(&self, running: &Running, expected: usize, found: usize) -> bool {
         let overlap = expected as f32 / running.expected.max(1) as f32;
+        if (found as f32) < self.params.keyframes.fading * running.found as f32 {
+            return true;
+        }
         match self.departure(running.reference, &running.last, overlap) {
             Some(departure) => departure.score(&self.params.keyframes) > 1.0,
             None => true,

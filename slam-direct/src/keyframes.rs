@@ -12,6 +12,9 @@ pub struct KeyframeParams {
     pub parallax: f32,
     /// Share of the points expected near the reference below which a keyframe is made.
     pub overlap: f32,
+    /// Points found, over the most found against the same reference, below which a keyframe is made at once:
+    /// the view changes faster than the map knows it.
+    pub fading: f32,
     /// Matched points below which tracking is lost.
     pub min_matched: usize,
     /// Share of sought points that must be matched.
@@ -20,7 +23,7 @@ pub struct KeyframeParams {
 
 impl Default for KeyframeParams {
     fn default() -> Self {
-        Self { flow: 0.18, parallax: 0.06, overlap: 0.6, min_matched: 30, min_share: 0.2 }
+        Self { flow: 0.18, parallax: 0.06, overlap: 0.6, fading: 0.5, min_matched: 30, min_share: 0.2 }
     }
 }
 
