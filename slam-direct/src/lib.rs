@@ -5,6 +5,7 @@
 
 mod agent;
 mod params;
+pub mod posegraph;
 
 pub use agent::{Agent, Frame, FrameReport, TrackingState};
 pub use params::Params;
