@@ -6,6 +6,7 @@
 mod agent;
 mod params;
 pub mod posegraph;
+pub mod sim3_align;
 
 pub use agent::{Agent, Frame, FrameReport, TrackingState};
 pub use params::Params;
