@@ -131,6 +131,12 @@ impl<'a> LevelProblem<'a> {
         sum
     }
 
+    /// What starts are compared by, lower is better: points that leave the target count as outliers.
+    pub(super) fn score(&self, linear: &Linearisation) -> f64 {
+        let lost = 1.0 - linear.overlap() as f64;
+        linear.mean_energy() + lost * self.params.huber_width * self.params.huber_width
+    }
+
     /// Whether enough is seen to go on from here.
     fn check(&self, linear: &Linearisation) -> Result<(), AlignRefusal> {
         if linear.points < self.params.min_points {

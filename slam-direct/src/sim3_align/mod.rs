@@ -19,9 +19,10 @@ pub use params::Sim3AlignParams;
 pub use reciprocal::{ReciprocalVerdict, reciprocal};
 pub use view::KeyframeView;
 
-use geometry::{Pinhole, Sim3};
-use level::LevelProblem;
-use nalgebra::{SMatrix, SVector};
+use geometry::{Pinhole, Se3, Sim3};
+use level::{LevelProblem, Linearisation};
+use nalgebra::{SMatrix, SVector, UnitQuaternion, Vector3};
+use residual::State;
 use thiserror::Error;
 
 /// A similarity between two keyframes with its evidence.
@@ -92,27 +93,70 @@ pub fn align(
     camera: &Pinhole,
     params: &Sim3AlignParams,
 ) -> Result<Sim3Alignment, AlignRefusal> {
-    if !guess.is_valid() {
-        return Err(AlignRefusal::InvalidGuess);
-    }
+    align_from(source, target, &[guess], camera, params)
+}
+
+/// Aligns `source` with `target` from the best of several starts: each is minimised at the coarsest
+/// level, which is cheap, and the one of lowest energy goes on to the finer ones.
+///
+/// Refuses with the reason of the first start when none can be minimised.
+pub fn align_from(
+    source: &KeyframeView,
+    target: &KeyframeView,
+    guesses: &[Sim3],
+    camera: &Pinhole,
+    params: &Sim3AlignParams,
+) -> Result<Sim3Alignment, AlignRefusal> {
     let top = source.levels().min(target.levels()) - 1;
-    let (coarsest, finest) = (params.coarsest_level.min(top), params.finest_level.min(top));
-    let mut state = residual::State { target_from_source: guess, brightness: [0.0; 2] };
-    let mut result = Err(AlignRefusal::Degenerate);
-    for level in (finest..=coarsest.max(finest)).rev() {
-        let problem = LevelProblem::new(source, target, camera, level, params);
-        let (moved, linear) = problem.minimise(state)?;
-        state = moved;
-        result = Ok(linear);
+    let finest = params.finest_level.min(top);
+    let coarsest = params.coarsest_level.clamp(finest, top);
+    let problem = LevelProblem::new(source, target, camera, coarsest, params);
+    let mut best = Err(AlignRefusal::InvalidGuess);
+    for (i, guess) in guesses.iter().enumerate() {
+        let start = State { target_from_source: *guess, brightness: [0.0; 2] };
+        let found = if guess.is_valid() { problem.minimise(start) } else { Err(AlignRefusal::InvalidGuess) };
+        let better = match (&found, &best) {
+            (Ok((_, new)), Ok((_, old))) => problem.score(new) < problem.score(old),
+            (Ok(_), Err(_)) => true,
+            (Err(_), _) => i == 0,
+        };
+        if better {
+            best = found;
+        }
     }
-    let linear = result?;
+    let (mut state, mut linear) = best?;
+    for level in (finest..coarsest).rev() {
+        (state, linear) = LevelProblem::new(source, target, camera, level, params).minimise(state)?;
+    }
     finish(&state, &linear, params)
+}
+
+/// `guess` and turns about the target's camera centre, `angle` radians apart: yaw and pitch to each
+/// side, yaw twice as far, and roll. In a coarse image a shift of the camera looks much like a turn,
+/// so these cover wrong translations as well.
+pub fn turned_starts(guess: Sim3, angle: f64) -> Vec<Sim3> {
+    let turns = [
+        [0.0, 0.0, 0.0],
+        [0.0, 1.0, 0.0],
+        [0.0, -1.0, 0.0],
+        [1.0, 0.0, 0.0],
+        [-1.0, 0.0, 0.0],
+        [0.0, 2.0, 0.0],
+        [0.0, -2.0, 0.0],
+        [0.0, 0.0, 1.5],
+        [0.0, 0.0, -1.5],
+    ];
+    let turned = |axis: [f64; 3]| {
+        Sim3::from(Se3::new(UnitQuaternion::from_scaled_axis(Vector3::from(axis) * angle), Vector3::zeros()))
+            * guess
+    };
+    turns.map(turned).to_vec()
 }
 
 /// Judges the alignment at the finest level and marginalises brightness out of its information.
 fn finish(
-    state: &residual::State,
-    linear: &level::Linearisation,
+    state: &State,
+    linear: &Linearisation,
     params: &Sim3AlignParams,
 ) -> Result<Sim3Alignment, AlignRefusal> {
     let inlier_share = linear.inlier_share();

@@ -13,7 +13,7 @@ pub struct Sim3AlignParams {
     pub finest_level: usize,
     /// Most iterations per level. Default 30, range 1–200.
     pub max_iterations: usize,
-    /// A level ends when the relative decrease of the mean energy falls below this. Default 1e-3,
+    /// A level ends when the relative decrease of the mean energy falls below this. Default 1e-4,
     /// range 1e-6–1e-1; smaller is more exact and slower.
     pub min_relative_decrease: f64,
     /// Standard deviation of the image noise, grey levels. Default 4, range 0.5–20 (Engel 2014: 4).
@@ -24,12 +24,12 @@ pub struct Sim3AlignParams {
     /// Floor of the relative standard deviation of an inverse depth. Default 0.01, range 0–0.2: below
     /// it, the slope of a surface within a pixel matters more than the filter's variance.
     pub min_depth_sigma: f64,
-    /// How many neighbouring pixels share one independent error; divides the information. Default 50,
+    /// How many neighbouring pixels share one independent error; divides the information. Default 30,
     /// range 1–1000; measured so that the error against ground truth fits the covariance.
     pub pixel_correlation: f64,
     /// Fewest source points with depth at a level. Default 60, range 20–10000.
     pub min_points: usize,
-    /// Least share of the source's points that must project into the target. Default 0.25, range 0–1.
+    /// Least share of the source's points that must project into the target. Default 0.15, range 0–1.
     pub min_overlap: f32,
     /// Least share of the projected points that must meet a depth in the target. Default 0.1,
     /// range 0–1; without depth the scale is not observed.
@@ -47,13 +47,13 @@ impl Default for Sim3AlignParams {
             coarsest_level: 4,
             finest_level: 1,
             max_iterations: 30,
-            min_relative_decrease: 1e-3,
+            min_relative_decrease: 1e-4,
             image_noise: 4.0,
             huber_width: 3.0,
             min_depth_sigma: 0.01,
-            pixel_correlation: 50.0,
+            pixel_correlation: 30.0,
             min_points: 60,
-            min_overlap: 0.25,
+            min_overlap: 0.15,
             min_depth_overlap: 0.1,
             min_inlier_share: 0.5,
             max_reciprocal_error: 5.0,
