@@ -4,9 +4,20 @@
 //! live in `agent-bin`.
 
 mod agent;
+pub mod align;
+mod bootstrap;
+mod keyframes;
+mod local_map;
+mod mapping;
 mod params;
+mod patch;
 pub mod posegraph;
+mod select;
 pub mod sim3_align;
+mod track;
+mod triangulate;
+mod warp;
+mod window;
 
 pub use agent::{Agent, Frame, FrameReport, TrackingState};
 pub use params::Params;

@@ -46,12 +46,6 @@ impl Thumbnail {
         sum as f32 / (NORM * NORM)
     }
 
-    /// This thumbnail and its shifts by `shift` pixels to the four sides.
-    pub(super) fn shifted(&self, shift: f32) -> Vec<Self> {
-        let sides = [(shift, 0.0), (-shift, 0.0), (0.0, shift), (0.0, -shift)];
-        std::iter::once(self.clone()).chain(sides.map(|(x, y)| self.moved(0.0, x, y))).collect()
-    }
-
     /// Shifts by `shift` pixels to all eight sides, straight and turned by `±turn` radians; the blur
     /// bridges the gaps between them.
     pub(super) fn variants(&self, shift: f32, turn: f32) -> Vec<Self> {

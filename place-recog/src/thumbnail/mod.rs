@@ -20,7 +20,7 @@ use serde::{Deserialize, Serialize};
 #[serde(default, deny_unknown_fields)]
 pub struct ThumbnailParams {
     /// How many candidates of the first pass, per one asked for, are compared under shifts and
-    /// turns. Default 4, range 1–100; more finds more turned views and costs a few µs each.
+    /// turns. Default 6, range 1–100; more finds more turned views and costs a few µs each.
     pub refined_per_result: usize,
     /// Shift tried to each side, thumbnail pixels of 1/40 image width. Default 3, range 0–10.
     pub shift: f32,
@@ -32,7 +32,7 @@ pub struct ThumbnailParams {
 
 impl Default for ThumbnailParams {
     fn default() -> Self {
-        Self { refined_per_result: 4, shift: 3.0, turn: 10.0, min_score: 0.3 }
+        Self { refined_per_result: 6, shift: 3.0, turn: 10.0, min_score: 0.3 }
     }
 }
 
@@ -102,8 +102,7 @@ impl PlaceIndex for ThumbnailIndex {
 
     fn query(&self, image: &GrayImage, count: usize) -> Vec<PlaceCandidate> {
         let Some(straight) = Thumbnail::new(image).with_contrast() else { return Vec::new() };
-        let coarse_shifts = straight.shifted(self.params.shift);
-        let first_pass = self.ranked(&coarse_shifts, 0..self.len());
+        let first_pass = self.ranked(std::slice::from_ref(&straight), 0..self.len());
         let variants = straight.variants(self.params.shift, self.params.turn.to_radians());
         let survivors = count.saturating_mul(self.params.refined_per_result.max(1));
         let refined = self.ranked(&variants, first_pass.into_iter().take(survivors).map(|(_, index)| index));
