@@ -8,12 +8,16 @@ pub mod align;
 mod bootstrap;
 mod keyframes;
 mod local_map;
+pub mod loops;
 mod mapping;
 mod params;
 mod patch;
 pub mod posegraph;
+pub mod relocalise;
 mod select;
 pub mod sim3_align;
+#[cfg(test)]
+mod test_data;
 mod track;
 mod triangulate;
 mod warp;
