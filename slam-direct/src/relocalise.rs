@@ -18,10 +18,10 @@ pub struct RelocaliseParams {
     pub refined_starts: usize,
     /// Least share of the candidate's points that must lie in the frame. Default 0.4, range 0–1.
     pub min_visible_share: f32,
-    /// Least share of those that must agree. Default 0.7, range 0–1; a frame placed wrongly poisons
+    /// Least share of those that must agree. Default 0.8, range 0–1; a frame placed wrongly poisons
     /// the map, so this is stricter than for tracking.
     pub min_inlier_share: f32,
-    /// Largest root mean square residual of the points that agree, grey levels. Default 12, range 3–40.
+    /// Largest root mean square residual of the points that agree, grey levels. Default 16, range 3–40.
     pub max_rmse: f32,
 }
 
@@ -31,8 +31,8 @@ impl Default for RelocaliseParams {
             start_angle: 6.0,
             refined_starts: 2,
             min_visible_share: 0.4,
-            min_inlier_share: 0.7,
-            max_rmse: 12.0,
+            min_inlier_share: 0.8,
+            max_rmse: 16.0,
         }
     }
 }
@@ -206,6 +206,16 @@ mod tests {
                 let good = error.fixed_rows::<3>(0).norm() < 0.05 && error.fixed_rows::<3>(3).norm() < 0.01;
                 found += good as usize;
                 wrong += !good as usize;
+                let evidence = result.alignment;
+                if !good || gap > 4 {
+                    println!(
+                        "  {first}: right {good}, visible {:.2}, inliers {:.2}, rmse {:.1}, off by {:.3}",
+                        evidence.visible_share,
+                        evidence.inlier_share,
+                        evidence.rmse,
+                        error.norm()
+                    );
+                }
             }
             println!(
                 "+{gap} ({:.2} m): found {found}/{tried}, wrong {wrong}, {:.0} ms",
