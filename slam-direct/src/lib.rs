@@ -5,6 +5,8 @@
 
 mod agent;
 mod params;
+mod params_macro;
 
 pub use agent::{Agent, Frame, FrameReport, TrackingState};
 pub use params::Params;
+pub use params_macro::{DocumentedParameter, Parameter, ParameterValue};

@@ -1,8 +1,8 @@
 //! All parameters of the agent, gathered.
 
-use serde::{Deserialize, Serialize};
+use crate::params_macro::params;
 
-/// Parameters of the direct SLAM agent.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct Params {}
+params! {
+    /// Parameters of the direct SLAM agent.
+    pub struct Params {}
+}
