@@ -2,58 +2,82 @@
 
 use crate::sources::{FoundCalibration, SourceInfo};
 use anyhow::{Context, Result, bail};
-use geometry::{GrayImage, Pinhole};
-use std::path::Path;
+use calib::{read_camera, read_photometric};
+use geometry::{Camera, Crop, GrayImage, PhotometricCalibration, Pinhole, Undistorter};
+use std::path::{Path, PathBuf};
+
+/// What the user says about the camera.
+#[derive(Clone, Debug, Default)]
+pub struct CameraOptions {
+    /// Calibration file, instead of the one that came with the recording.
+    pub calibration: Option<PathBuf>,
+    /// Inverse response of the sensor.
+    pub response: Option<PathBuf>,
+    /// Vignette of the lens.
+    pub vignette: Option<PathBuf>,
+}
 
 /// What is done to an image before tracking.
 pub struct ImageCorrection {
-    camera: Pinhole,
+    photometric: Option<PhotometricCalibration>,
+    undistorter: Undistorter,
+    /// Where the calibration came from, for people.
+    origin: String,
 }
 
 impl ImageCorrection {
     /// The camera of the corrected images.
     pub fn camera(&self) -> Pinhole {
-        self.camera
+        *self.undistorter.pinhole()
+    }
+
+    /// Where the calibration came from, for people.
+    pub fn origin(&self) -> &str {
+        &self.origin
     }
 
     /// Corrects an image, or says why it does not fit.
-    pub fn apply(&mut self, image: GrayImage) -> Result<GrayImage, String> {
-        let (width, height) = (image.width(), image.height());
-        if (width, height) != (self.camera.width, self.camera.height) {
-            return Err(format!(
-                "it is {width}×{height}, the calibration is for {}×{}",
-                self.camera.width, self.camera.height
-            ));
+    pub fn apply(&self, mut image: GrayImage) -> Result<GrayImage, String> {
+        if let Some(photometric) = &self.photometric {
+            photometric.apply_in_place(&mut image).map_err(|error| error.to_string())?;
         }
-        Ok(image)
+        self.undistorter.undistort(&image).map_err(|error| error.to_string())
     }
 }
 
-/// The correction for a recording: from `given` if there is one, else from what came with it.
-pub fn correction(given: Option<&Path>, info: &SourceInfo) -> Result<ImageCorrection> {
-    let path = match (given, &info.calibration) {
-        (Some(path), _) => path,
-        (None, Some(FoundCalibration::File(path))) => path,
-        (None, None) => {
-            bail!("{}: no calibration came with it\nhint: give one with --calib", info.path.display())
+/// The correction for a recording: from the user's calibration if there is one, else from what came with it.
+///
+/// # Errors
+/// When there is no calibration, or it cannot be used.
+pub fn correction(options: &CameraOptions, info: &SourceInfo) -> Result<ImageCorrection> {
+    let (camera, crop, origin) = match (&options.calibration, &info.calibration) {
+        (Some(path), _) | (None, Some(FoundCalibration::File(path))) => {
+            let file = read_camera(path)?;
+            (file.camera, file.crop.unwrap_or_default(), path.display().to_string())
         }
+        (None, Some(FoundCalibration::Inside { origin, camera })) => {
+            (Camera::clone(camera), Crop::default(), origin.clone())
+        }
+        (None, Some(FoundCalibration::Unusable { origin, reason })) => {
+            bail!("{origin}: the calibration cannot be used: {reason}\nhint: give one with --calib FILE")
+        }
+        (None, None) => bail!(
+            "{}: no calibration came with this recording\nhint: give one with --calib FILE (a camera.yaml with \
+             model, width, height, fx, fy, cx, cy, distortion; Kalibr, ROS, OpenCV and DSO files do too)",
+            info.path.display()
+        ),
     };
-    let text =
-        std::fs::read_to_string(path).with_context(|| format!("{}: cannot be read", path.display()))?;
-    let get = |key: &str| -> Result<f64> {
-        let line = text
-            .lines()
-            .find_map(|line| line.strip_prefix(key)?.strip_prefix(':'))
-            .with_context(|| format!("{}: no {key}", path.display()))?;
-        Ok(line.trim().parse()?)
-    };
-    let camera = Pinhole {
-        width: get("width")? as usize,
-        height: get("height")? as usize,
-        fx: get("fx")?,
-        fy: get("fy")?,
-        cx: get("cx")?,
-        cy: get("cy")?,
-    };
-    Ok(ImageCorrection { camera })
+    let (response, vignette) = (options.response.as_deref(), options.vignette.as_deref());
+    Ok(ImageCorrection {
+        photometric: photometric(response, vignette)?,
+        undistorter: Undistorter::new(&camera, crop).with_context(|| origin.clone())?,
+        origin,
+    })
+}
+
+fn photometric(response: Option<&Path>, vignette: Option<&Path>) -> Result<Option<PhotometricCalibration>> {
+    if response.is_none() && vignette.is_none() {
+        return Ok(None);
+    }
+    Ok(Some(read_photometric(response, vignette)?))
 }

@@ -97,7 +97,7 @@ impl Preparation {
     }
 
     /// Decodes and corrects an admitted frame.
-    pub fn prepare(&mut self, frame: SourceFrame) -> Item {
+    pub fn prepare(&self, frame: SourceFrame) -> Item {
         let SourceFrame { index, timestamp, picture } = frame;
         let corrected = picture
             .into_grey()

@@ -47,6 +47,10 @@ pub fn execute(args: &InfoArgs) -> Result<()> {
     }
     match &info.calibration {
         Some(FoundCalibration::File(path)) => println!("calibration  {}", path.display()),
+        Some(FoundCalibration::Inside { origin, .. }) => println!("calibration  {origin}"),
+        Some(FoundCalibration::Unusable { origin, reason }) => {
+            println!("calibration  {origin} is unusable: {reason}")
+        }
         None => println!("calibration  none came with it"),
     }
     if let Some(warning) = source.warning() {

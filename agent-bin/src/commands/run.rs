@@ -2,7 +2,7 @@
 
 use super::params;
 use crate::ahead::{Ahead, Pace, Preparation};
-use crate::camera;
+use crate::camera::{self, CameraOptions};
 use crate::output::{Output, TrajectoryFormat};
 use crate::progress::{Display, Progress};
 use crate::runtime::{Run, Stop};
@@ -20,6 +20,12 @@ pub struct RunArgs {
     /// Camera calibration, if none came with the recording or another is wanted
     #[arg(long, value_name = "FILE")]
     calib: Option<PathBuf>,
+    /// Inverse response of the sensor (256 numbers), to undo it
+    #[arg(long, value_name = "FILE")]
+    response: Option<PathBuf>,
+    /// Vignette of the lens (grey image), to undo it
+    #[arg(long, value_name = "FILE")]
+    vignette: Option<PathBuf>,
     /// Folder for the results; made if it is not there
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
@@ -75,7 +81,7 @@ pub fn execute(args: &RunArgs) -> Result<()> {
     let params = args.params.as_deref().map(params::read).transpose()?.unwrap_or_default();
     let source = sources::open(&args.source, &SourceOptions { fps: args.fps, topic: args.topic.clone() })?;
     let info = source.info().clone();
-    let correction = camera::correction(args.calib.as_deref(), &info)?;
+    let correction = camera::correction(&args.camera(), &info)?;
     let camera = correction.camera();
     let output = Output::create(&args.out)?;
     if let Some(threads) = args.threads {
@@ -116,6 +122,14 @@ impl RunArgs {
             bail!("--start {start} is not before --end {end}");
         }
         Ok(())
+    }
+
+    fn camera(&self) -> CameraOptions {
+        CameraOptions {
+            calibration: self.calib.clone(),
+            response: self.response.clone(),
+            vignette: self.vignette.clone(),
+        }
     }
 
     fn pace(&self) -> Pace {

@@ -22,7 +22,7 @@ impl ImageList {
         folder: &Path,
         index: &Path,
         frames: Vec<(f64, PathBuf)>,
-        calibration: Option<PathBuf>,
+        calibration: Option<FoundCalibration>,
     ) -> Result<Self> {
         let (Some(first), Some(last)) = (frames.first(), frames.last()) else {
             bail!("{}: it names no images", index.display());
@@ -32,7 +32,7 @@ impl ImageList {
             path: folder.to_owned(),
             frame_count: Some(frames.len() as u64),
             duration: Some(last.0 - first.0),
-            calibration: calibration.map(FoundCalibration::File),
+            calibration,
         };
         Ok(Self { info, frames, next: 0 })
     }

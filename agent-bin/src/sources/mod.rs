@@ -3,12 +3,17 @@
 mod euroc;
 mod image_list;
 mod kitti;
+mod mcap_recording;
+mod messages;
 mod numbered;
 mod timed;
 mod tum;
+#[cfg(feature = "video")]
+mod video;
 
 use crate::pictures::Picture;
 use anyhow::{Result, bail};
+use geometry::Camera;
 use std::path::{Path, PathBuf};
 
 /// A frame as its source has it.
@@ -42,6 +47,20 @@ pub struct SourceInfo {
 pub enum FoundCalibration {
     /// A file beside the frames.
     File(PathBuf),
+    /// Read from the recording itself.
+    Inside {
+        /// Where in the recording, for people.
+        origin: String,
+        /// The camera.
+        camera: Box<Camera>,
+    },
+    /// There is one in the recording, but it cannot be used.
+    Unusable {
+        /// Where in the recording, for people.
+        origin: String,
+        /// What is wrong with it.
+        reason: String,
+    },
 }
 
 /// A recording, frame by frame.
@@ -83,7 +102,24 @@ pub fn open(path: &Path, options: &SourceOptions) -> Result<Box<dyn FrameSource>
     if !path.exists() {
         bail!("{}: there is no such file or folder", path.display());
     }
-    bail!("{}: not a recording this program knows", path.display());
+    if mcap_recording::is_mcap(path) {
+        return Ok(Box::new(mcap_recording::open(path, options.topic.as_deref())?));
+    }
+    open_video(path, options)
+}
+
+#[cfg(feature = "video")]
+fn open_video(path: &Path, options: &SourceOptions) -> Result<Box<dyn FrameSource>> {
+    Ok(Box::new(video::open(path, options.fps)?))
+}
+
+#[cfg(not(feature = "video"))]
+fn open_video(path: &Path, _options: &SourceOptions) -> Result<Box<dyn FrameSource>> {
+    bail!(
+        "{}: not an MCAP file, and this program was built without video files (feature `video`)\n\
+         hint: turn a video into images with `ffmpeg -i VIDEO FOLDER/%06d.png` and give the folder with --fps",
+        path.display()
+    )
 }
 
 fn open_folder(path: &Path, options: &SourceOptions) -> Result<Box<dyn FrameSource>> {

@@ -1,5 +1,6 @@
 //! Numbered image files without time stamps.
 
+use super::FoundCalibration;
 use super::image_list::{ImageList, first_existing, images_in};
 use anyhow::{Result, bail};
 use std::path::Path;
@@ -26,7 +27,8 @@ pub fn open(folder: &Path, fps: Option<f64>) -> Result<Option<ImageList>> {
             );
         };
         let frames = files.into_iter().enumerate().map(|(i, file)| (i as f64 / fps, file)).collect();
-        let calibration = first_existing(folder, &["camera.yaml", "camera.yml", "camera.txt"]);
+        let calibration =
+            first_existing(folder, &["camera.yaml", "camera.yml", "camera.txt"]).map(FoundCalibration::File);
         return ImageList::new("folder of numbered images", folder, &images, frames, calibration).map(Some);
     }
     Ok(None)

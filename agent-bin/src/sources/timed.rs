@@ -1,5 +1,6 @@
 //! loopbox's own folder: `times.txt` (`seconds image`), `images/`, `camera.yaml`.
 
+use super::FoundCalibration;
 use super::image_list::{ImageList, first_existing, timed_images};
 use anyhow::Result;
 use std::path::Path;
@@ -14,6 +15,7 @@ pub fn open(folder: &Path) -> Result<Option<ImageList>> {
         return Ok(None);
     }
     let frames = timed_images(&table, folder)?;
-    let calibration = first_existing(folder, &["camera.yaml", "camera.yml", "camera.txt"]);
+    let calibration =
+        first_existing(folder, &["camera.yaml", "camera.yml", "camera.txt"]).map(FoundCalibration::File);
     ImageList::new("image folder with times.txt", folder, &table, frames, calibration).map(Some)
 }

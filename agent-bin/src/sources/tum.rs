@@ -1,5 +1,6 @@
 //! TUM RGB-D: `rgb.txt` (`seconds file`) names the images.
 
+use super::FoundCalibration;
 use super::image_list::{ImageList, first_existing, timed_images};
 use anyhow::Result;
 use std::path::Path;
@@ -14,6 +15,7 @@ pub fn open(folder: &Path) -> Result<Option<ImageList>> {
         return Ok(None);
     }
     let frames = timed_images(&table, folder)?;
-    let calibration = first_existing(folder, &["camera.yaml", "camera.yml", "camera.txt"]);
+    let calibration =
+        first_existing(folder, &["camera.yaml", "camera.yml", "camera.txt"]).map(FoundCalibration::File);
     ImageList::new("TUM RGB-D folder", folder, &table, frames, calibration).map(Some)
 }
