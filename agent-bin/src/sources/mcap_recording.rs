@@ -39,7 +39,8 @@ pub fn is_mcap(path: &Path) -> bool {
 pub fn open(path: &Path, topic: Option<&str>) -> Result<McapRecording> {
     let survey = Survey::of(path)?;
     let (topic, count) = survey.choose(path, topic)?;
-    let calibration = survey.calibration_topic(&topic).map(|wanted| first_calibration(path, &wanted)).transpose()?;
+    let calibration =
+        survey.calibration_topic(&topic).map(|wanted| first_calibration(path, &wanted)).transpose()?;
     let info = SourceInfo {
         kind: "MCAP recording",
         path: path.to_owned(),
@@ -179,12 +180,17 @@ impl Survey {
 
     /// The topic to take images from and how many there are.
     fn choose(&self, path: &Path, wanted: Option<&str>) -> Result<(String, u64)> {
-        let names = || -> Vec<String> { self.images().map(|(name, n)| format!("{name} ({n} images)")).collect() };
+        let names =
+            || -> Vec<String> { self.images().map(|(name, n)| format!("{name} ({n} images)")).collect() };
         let mut candidates = self.images().filter(|(name, _)| wanted.is_none_or(|wanted| *name == wanted));
         match (candidates.next(), candidates.next(), wanted) {
             (Some((name, count)), None, _) => Ok((name.clone(), count)),
             (None, _, Some(wanted)) if !names().is_empty() => {
-                bail!("{}: no images on topic {wanted}\nhint: there are {}", path.display(), names().join(", "))
+                bail!(
+                    "{}: no images on topic {wanted}\nhint: there are {}",
+                    path.display(),
+                    names().join(", ")
+                )
             }
             (None, _, _) => bail!(
                 "{}: no images in this MCAP file\nhint: looked for foxglove.CompressedImage and foxglove.RawImage \
@@ -213,7 +219,8 @@ impl Survey {
 }
 
 fn read_summary(file: &mut File, size: u64) -> Result<Option<mcap::Summary>, McapError> {
-    let options = SummaryReaderOptions::default().with_file_size(size).with_record_length_limit(record_limit(size));
+    let options =
+        SummaryReaderOptions::default().with_file_size(size).with_record_length_limit(record_limit(size));
     let mut reader = SummaryReader::new_with_options(options);
     while let Some(event) = reader.next_event() {
         match event? {

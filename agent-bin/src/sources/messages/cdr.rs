@@ -32,7 +32,8 @@ impl<'a> Cdr<'a> {
     }
 
     fn take(&mut self, count: usize) -> Result<&'a [u8], MessageError> {
-        let bytes = self.body.get(self.position..).and_then(|rest| rest.get(..count)).ok_or_else(ends_early)?;
+        let bytes =
+            self.body.get(self.position..).and_then(|rest| rest.get(..count)).ok_or_else(ends_early)?;
         self.position += count;
         Ok(bytes)
     }

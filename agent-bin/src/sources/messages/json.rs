@@ -46,7 +46,8 @@ fn damaged(error: impl std::fmt::Display) -> MessageError {
 
 /// `foxglove.CompressedImage` or `foxglove.RawImage`.
 pub fn image(data: &[u8]) -> Result<ImageMessage, MessageError> {
-    let Image { timestamp, data, encoding, width, height, step } = serde_json::from_slice(data).map_err(damaged)?;
+    let Image { timestamp, data, encoding, width, height, step } =
+        serde_json::from_slice(data).map_err(damaged)?;
     let data = STANDARD.decode(data).map_err(damaged)?;
     let picture = match encoding {
         Some(encoding) => Picture::Raw(RawPicture { width, height, step, encoding, big_endian: false, data }),

@@ -25,7 +25,9 @@ pub enum MessageError {
     #[error("the message is damaged: {0}")]
     Damaged(String),
     /// A calibration with a lens model that is not known.
-    #[error("the lens model '{0}' is not known (plumb_bob, rational_polynomial, equidistant and kannala_brandt are)")]
+    #[error(
+        "the lens model '{0}' is not known (plumb_bob, rational_polynomial, equidistant and kannala_brandt are)"
+    )]
     LensModel(String),
     /// A calibration whose numbers are no camera.
     #[error(transparent)]
@@ -132,7 +134,9 @@ impl Calibration {
         }
         Ok(match self.model.as_str() {
             // The names of ROS 2's distortion_models.hpp, and the names others use for the same.
-            "" | "plumb_bob" | "rational_polynomial" | "radtan" => Distortion::RadTan(RadTan::new(&self.distortion)?),
+            "" | "plumb_bob" | "rational_polynomial" | "radtan" => {
+                Distortion::RadTan(RadTan::new(&self.distortion)?)
+            }
             "equidistant" | "fisheye" | "kannala_brandt" => {
                 Distortion::KannalaBrandt(KannalaBrandt::new(&self.distortion)?)
             }

@@ -102,7 +102,9 @@ mod tests {
             // An odd frame id, so that the floats need padding.
             w.header(b"c\0").number(480u32.to_le_bytes()).number(640u32.to_le_bytes()).bytes(b"plumb_bob\0");
             w.number(5u32.to_le_bytes());
-            for value in [0.1, -0.2, 0.001, 0.002, 0.0, 500.0, 0.0, 320.0, 0.0, 510.0, 240.0, 0.0, 0.0, 1.0f64] {
+            for value in
+                [0.1, -0.2, 0.001, 0.002, 0.0, 500.0, 0.0, 320.0, 0.0, 510.0, 240.0, 0.0, 0.0, 1.0f64]
+            {
                 w.number(value.to_le_bytes());
             }
             let camera = camera_info(&w.message()).unwrap().camera().unwrap();
