@@ -5,6 +5,7 @@
 //! constant depth (Yu & Gallup, CVPR 2014); several directions of travel guard against its mirror solutions.
 
 use crate::local_map::{KeyframeState, LocalMap, PointState, SeenAt, median};
+use crate::params_macro::params;
 use crate::patch::{PatchMatch, Template};
 use crate::select::select;
 use crate::track::{TrackParams, position_information};
@@ -13,36 +14,22 @@ use crate::window::{Problem, WindowObservation, WindowPoint, solve};
 use geometry::{Pinhole, Pyramid, Se3};
 use nalgebra::{Vector3, Vector6};
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
 
-/// Parameters of the start.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct BootstrapParams {
-    /// Points to follow.
-    pub block: usize,
-    /// Median way of the points, turn removed, that is worth an attempt; share of the image width.
-    pub min_parallax: f32,
-    /// Share of the points that must still be followed, else the start begins anew.
-    pub min_followed: f32,
-    /// Frames after which the start begins anew.
-    pub max_frames: usize,
-    /// Median standard deviation of the inverse depths, relative to them, that a good start has.
-    pub max_relative_sigma: f64,
-    /// Share of the points that must agree with the solution.
-    pub min_inliers: f64,
-}
-
-impl Default for BootstrapParams {
-    fn default() -> Self {
-        Self {
-            block: 22,
-            min_parallax: 0.008,
-            min_followed: 0.3,
-            max_frames: 60,
-            max_relative_sigma: 0.08,
-            min_inliers: 0.7,
-        }
+params! {
+    /// Parameters of the start.
+    pub struct BootstrapParams {
+        /// Points to follow.
+        pub block: usize = 22,
+        /// Median way of the points, turn removed, that is worth an attempt; share of the image width.
+        pub min_parallax: f32 = 0.008,
+        /// Share of the points that must still be followed, else the start begins anew.
+        pub min_followed: f32 = 0.3,
+        /// Frames after which the start begins anew.
+        pub max_frames: usize = 60,
+        /// Median standard deviation of the inverse depths, relative to them, that a good start has.
+        pub max_relative_sigma: f64 = 0.08,
+        /// Share of the points that must agree with the solution.
+        pub min_inliers: f64 = 0.7,
     }
 }
 

@@ -11,6 +11,7 @@ mod local_map;
 pub mod loops;
 mod mapping;
 mod params;
+mod params_macro;
 mod patch;
 pub mod posegraph;
 pub mod relocalise;
@@ -25,3 +26,4 @@ mod window;
 
 pub use agent::{Agent, Frame, FrameReport, TrackingState};
 pub use params::Params;
+pub use params_macro::{DocumentedParameter, Parameter, ParameterValue};

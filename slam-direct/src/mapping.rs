@@ -1,33 +1,27 @@
 //! What a new keyframe sets off: new points, the joint optimisation of its surroundings, culling.
 
 use crate::local_map::{LocalMap, PointRef, SeenAt, median};
+use crate::params_macro::params;
 use crate::select::select;
 use crate::track::{INLIER, Matched, TrackParams};
 use crate::triangulate::{TriangulateParams, Triangulator};
 use crate::window::{Problem, WindowObservation, WindowPoint, WindowReport, solve};
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Parameters of the mapping.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct MappingParams {
-    /// Side of the blocks that get one point each, pixels.
-    pub block: usize,
-    /// Least distinctness of a point, squared grey levels per pixel.
-    pub min_score: f32,
-    /// Keyframes that are moved together after a new one.
-    pub window: usize,
-    /// Iterations of the window optimisation.
-    pub window_iterations: usize,
-    /// Keyframes in which a new point's depth is sought.
-    pub search_views: usize,
-}
-
-impl Default for MappingParams {
-    fn default() -> Self {
-        Self { block: 20, min_score: 12.0, window: 8, window_iterations: 6, search_views: 5 }
+params! {
+    /// Parameters of the mapping.
+    pub struct MappingParams {
+        /// Side of the blocks that get one point each, pixels.
+        pub block: usize = 20,
+        /// Least distinctness of a point, squared grey levels per pixel.
+        pub min_score: f32 = 12.0,
+        /// Keyframes that are moved together after a new one.
+        pub window: usize = 8,
+        /// Iterations of the window optimisation.
+        pub window_iterations: usize = 6,
+        /// Keyframes in which a new point's depth is sought.
+        pub search_views: usize = 5,
     }
 }
 

@@ -3,45 +3,31 @@
 
 use crate::align::{AlignmentReference, Brightness};
 use crate::local_map::{LocalMap, PointRef};
+use crate::params_macro::params;
 use crate::patch::Template;
 use crate::warp::Warp;
 use crate::window::{mahalanobis, predict, robust_weight};
 use geometry::{Pinhole, Pyramid, Se3};
 use nalgebra::{Matrix6, Vector3, Vector6};
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
 
-/// Parameters of the map-to-frame tracking.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct TrackParams {
-    /// Side of the image cells over which the sought points are spread, pixels.
-    pub cell: usize,
-    /// Points sought per cell at most.
-    pub per_cell: usize,
-    /// How far a patch may be found from its prediction, pixels.
-    pub max_shift: f32,
-    /// Share of a patch's variance that may stay unexplained.
-    pub max_unexplained: f32,
-    /// Intensity noise of a patch, grey levels: the least that is assumed.
-    pub patch_sigma: f32,
-    /// Uncertainty of position that no intensity explains (rolling shutter, lens), pixels.
-    pub position_sigma: f32,
-    /// Keyframes whose points are sought at most.
-    pub max_hosts: usize,
-}
-
-impl Default for TrackParams {
-    fn default() -> Self {
-        Self {
-            cell: 24,
-            per_cell: 2,
-            max_shift: 6.0,
-            max_unexplained: 0.3,
-            patch_sigma: 3.0,
-            position_sigma: 0.15,
-            max_hosts: 14,
-        }
+params! {
+    /// Parameters of the map-to-frame tracking.
+    pub struct TrackParams {
+        /// Side of the image cells over which the sought points are spread, pixels.
+        pub cell: usize = 24,
+        /// Points sought per cell at most.
+        pub per_cell: usize = 2,
+        /// How far a patch may be found from its prediction, pixels.
+        pub max_shift: f32 = 6.0,
+        /// Share of a patch's variance that may stay unexplained.
+        pub max_unexplained: f32 = 0.3,
+        /// Intensity noise of a patch, grey levels: the least that is assumed.
+        pub patch_sigma: f32 = 3.0,
+        /// Uncertainty of position that no intensity explains (rolling shutter, lens), pixels.
+        pub position_sigma: f32 = 0.15,
+        /// Keyframes whose points are sought at most.
+        pub max_hosts: usize = 14,
     }
 }
 

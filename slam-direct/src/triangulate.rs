@@ -1,31 +1,25 @@
 //! Depth for new points: a search along the epipolar line in other keyframes, then verification.
 
 use crate::local_map::{LocalMap, PointState, SeenAt};
+use crate::params_macro::params;
 use crate::patch::Template;
 use crate::track::{TrackParams, position_information};
 use crate::warp::Warp;
 use crate::window::predict;
 use geometry::Se3;
 use nalgebra::{Matrix3, Vector2, Vector3};
-use serde::{Deserialize, Serialize};
 
-/// Parameters of the search for new points' depths.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct TriangulateParams {
-    /// Longest epipolar segment that is searched, pixels.
-    pub max_length: f64,
-    /// The best match must be this many times better than any other on the line.
-    pub uniqueness: f32,
-    /// How far from the epipolar line the match may lie, pixels.
-    pub max_off_line: f64,
-    /// Standard deviation of the inverse depth, relative to itself, above which a point is not kept.
-    pub max_relative_sigma: f64,
-}
-
-impl Default for TriangulateParams {
-    fn default() -> Self {
-        Self { max_length: 160.0, uniqueness: 1.5, max_off_line: 1.5, max_relative_sigma: 0.25 }
+params! {
+    /// Parameters of the search for new points' depths.
+    pub struct TriangulateParams {
+        /// Longest epipolar segment that is searched, pixels.
+        pub max_length: f64 = 160.0,
+        /// The best match must be this many times better than any other on the line.
+        pub uniqueness: f32 = 1.5,
+        /// How far from the epipolar line the match may lie, pixels.
+        pub max_off_line: f64 = 1.5,
+        /// Standard deviation of the inverse depth, relative to itself, above which a point is not kept.
+        pub max_relative_sigma: f64 = 0.25,
     }
 }
 
