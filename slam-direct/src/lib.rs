@@ -4,7 +4,9 @@
 //! live in `agent-bin`.
 
 mod agent;
+mod depth;
 mod params;
 
 pub use agent::{Agent, Frame, FrameReport, TrackingState};
+pub use depth::{DepthFilter, DepthParams, SeedPoint, StereoFrame, UpdateStats, choose_references};
 pub use params::Params;
