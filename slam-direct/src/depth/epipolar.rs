@@ -3,19 +3,6 @@
 use geometry::{GrayImage, Pinhole, Se3};
 use nalgebra::{Matrix3, Vector3};
 
-/// Template samples on either side of the pixel; the outermost only serve the gradients.
-pub(super) const RADIUS: usize = 3;
-/// Samples of the template, one pixel apart along the epipolar line.
-pub(super) const TEMPLATE: usize = 2 * RADIUS + 1;
-/// Samples compared: the design's five.
-pub(super) const COMPARED: usize = TEMPLATE - 2;
-/// Steps by which a search runs beyond its range on either side.
-const PADDING: usize = 2;
-/// Most positions of one search.
-const MAX_POSITIONS: usize = 112;
-/// Most samples of one search.
-const MAX_SAMPLES: usize = MAX_POSITIONS + COMPARED - 1;
-
 /// Maps pixels of the keyframe with inverse depth to pixels of the reference:
 /// `u(p, d) ~ K R K⁻¹ p + d · K t`.
 #[derive(Clone, Debug)]
@@ -117,14 +104,19 @@ impl EpipolarGeometry {
     }
 }
 
-/// A line in the reference: positions `origin + μ · step`, μ in template samples.
+/// A line in an image: positions `origin + μ · step`.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Line {
     /// Position of μ = 0, pixels.
     pub origin: [f32; 2],
-    /// One template sample, about a pixel.
+    /// Step per unit of μ, pixels.
     pub step: [f32; 2],
 }
+
+/// Fractional bits of positions along a line.
+const POSITION_BITS: u32 = 16;
+/// Fractional bits of interpolation weights: two of them and 8 bits of intensity fit into 31.
+const WEIGHT_BITS: u32 = 11;
 
 impl Line {
     /// The pixel at `mu`.
@@ -133,84 +125,39 @@ impl Line {
         [self.origin[0] + mu * self.step[0], self.origin[1] + mu * self.step[1]]
     }
 
-    /// Whether all samples from `from` to `to` lie inside `image`.
+    /// Bilinear intensities at `mu`, `mu + 1`, … into `out`; false (and nothing written) when one of them
+    /// would lie less than a pixel inside the image.
+    ///
+    /// Positions and weights are fixed-point, exact to 2⁻¹¹ of a pixel.
     #[inline]
-    pub fn inside(&self, image: &GrayImage, from: f32, to: f32) -> bool {
-        let (a, b) = (self.at(from), self.at(to));
-        image.contains(a[0], a[1], 1.0) && image.contains(b[0], b[1], 1.0)
-    }
-
-    /// Intensities at `mu`, `mu + 1`, …; the caller has made sure that all are inside.
-    #[inline]
-    pub fn sample(&self, image: &GrayImage, mu: f32, out: &mut [f32]) {
-        for (k, value) in out.iter_mut().enumerate() {
-            let [x, y] = self.at(mu + k as f32);
-            *value = image.bilinear(x, y);
+    pub fn sample(&self, image: &GrayImage, mu: f32, out: &mut [f32]) -> bool {
+        let (first, last) = (self.at(mu), self.at(mu + (out.len() as f32 - 1.0)));
+        // NaN fails both tests; sizes above 2¹⁴ would overflow the fixed-point positions.
+        let inside = image.contains(first[0], first[1], 1.0) && image.contains(last[0], last[1], 1.0);
+        if !inside || image.width().max(image.height()) > 1 << 14 || out.len() > 1 << 10 {
+            return false;
         }
-    }
-}
-
-/// The outcome of a search.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Search {
-    /// The best position μ of the template's centre, to a fraction of a step.
-    Found(f32),
-    /// The line leaves the image.
-    Outside,
-    /// The range is longer than allowed.
-    TooLong,
-    /// Another position fits about as well, or the best one lies at the end of the range.
-    Ambiguous,
-}
-
-/// Searches `μ ∈ [0, length]` on `line` for the least sum of squared differences to `template`
-/// (its inner [`COMPARED`] samples).
-///
-/// `floor` is the sum expected from noise alone: minima below it cannot be told apart.
-pub(super) fn search(
-    image: &GrayImage,
-    line: &Line,
-    length: f32,
-    template: &[f32; TEMPLATE],
-    uniqueness: f32,
-    floor: f32,
-) -> Search {
-    let positions = length.ceil() as usize + 1 + 2 * PADDING;
-    if positions > MAX_POSITIONS {
-        return Search::TooLong;
-    }
-    let half = (COMPARED / 2) as f32;
-    let first = -(PADDING as f32) - half;
-    if !line.inside(image, first, first + (positions + COMPARED - 2) as f32) {
-        return Search::Outside;
-    }
-    let mut samples = [0.0f32; MAX_SAMPLES];
-    let samples = &mut samples[..positions + COMPARED - 1];
-    line.sample(image, first, samples);
-    let mut sums = [0.0f32; MAX_POSITIONS];
-    let sums = &mut sums[..positions];
-    for (j, &value) in template[1..=COMPARED].iter().enumerate() {
-        for (sum, &sample) in sums.iter_mut().zip(&samples[j..]) {
-            let difference = sample - value;
-            *sum += difference * difference;
+        let one = (1u32 << POSITION_BITS) as f32;
+        let (mut x, mut y) = ((first[0] * one) as i32, (first[1] * one) as i32);
+        let (dx, dy) = ((self.step[0] * one) as i32, (self.step[1] * one) as i32);
+        let (width, data) = (image.width(), image.data());
+        let shift = POSITION_BITS - WEIGHT_BITS;
+        let mask = (1i32 << WEIGHT_BITS) - 1;
+        const SCALE: f32 = 1.0 / (1u32 << (2 * WEIGHT_BITS)) as f32;
+        for value in out {
+            let i = (y >> POSITION_BITS) as usize * width + (x >> POSITION_BITS) as usize;
+            debug_assert!(i + width + 1 < data.len());
+            // SAFETY: both ends lie a pixel or more inside the image, steps are rounded by less than 2⁻¹⁶ and
+            // there are at most 2¹⁰ of them, so every position keeps its four neighbours inside the image.
+            let [p00, p01, p10, p11] =
+                unsafe { [i, i + 1, i + width, i + width + 1].map(|k| *data.get_unchecked(k) as i32) };
+            let (fx, fy) = ((x >> shift) & mask, (y >> shift) & mask);
+            let top = (p00 << WEIGHT_BITS) + fx * (p01 - p00);
+            let bottom = (p10 << WEIGHT_BITS) + fx * (p11 - p10);
+            *value = ((top << WEIGHT_BITS) + fy * (bottom - top)) as f32 * SCALE;
+            x += dx;
+            y += dy;
         }
+        true
     }
-    let mut best = 0;
-    for (k, &sum) in sums.iter().enumerate() {
-        if sum < sums[best] {
-            best = k;
-        }
-    }
-    if best == 0 || best == positions - 1 {
-        return Search::Ambiguous;
-    }
-    let limit = uniqueness * sums[best].max(floor);
-    let rival = |k: usize| sums[k] < limit && sums[k] <= sums[k - 1] && sums[k] <= sums[k + 1];
-    if (1..positions - 1).any(|k| k.abs_diff(best) >= 2 && rival(k)) {
-        return Search::Ambiguous;
-    }
-    let (before, here, after) = (sums[best - 1], sums[best], sums[best + 1]);
-    let curvature = before - 2.0 * here + after;
-    let offset = if curvature > 1e-6 { 0.5 * (before - after) / curvature } else { 0.0 };
-    Search::Found(best as f32 - PADDING as f32 + offset.clamp(-0.5, 0.5))
 }

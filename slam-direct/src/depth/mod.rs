@@ -16,6 +16,7 @@ mod prior;
 mod propagate;
 mod references;
 mod regularise;
+mod search;
 mod update;
 
 pub use params::DepthParams;
@@ -32,6 +33,9 @@ use update::{Observer, Outcome};
 const HOPELESS: u8 = 3;
 /// Growth of the variance when a hypothesis was not found again (Engel 2014).
 const FAILURE_GROWTH: f32 = 1.1;
+
+/// One in so many candidates is observed beforehand to learn an image pair's noise.
+const NOISE_STRIDE: usize = 37;
 
 /// A frame to observe a keyframe's pixels in.
 #[derive(Clone, Copy, Debug)]
@@ -168,23 +172,44 @@ impl DepthFilter {
             return UpdateStats { skipped: self.len(), ..stats };
         }
         let params = self.params.clone();
-        let observer = Observer::new(image, reference, &self.camera, &params);
+        let mut observer = Observer::new(image, reference, &self.camera, &params);
+        observer.learn_noise(&mut self.sampled_residuals(&observer));
         for i in 0..self.len() {
             if self.is_settled(i) {
                 stats.skipped += 1;
                 continue;
             }
-            let pixel = self.candidates.pixel[i] as usize;
-            let (x, y) = ((pixel % width) as f32, (pixel / width) as f32);
-            let outcome = observer.observe(x, y, self.candidates.gradient[i], &self.hypothesis(i));
+            let outcome = self.observe(&observer, i);
             self.apply(i, outcome, &mut stats);
         }
+        if std::env::var_os("DEPTH_VERBOSE").is_some() { println!("{:?}", update::DBG.each_ref().map(|a| a.swap(0, std::sync::atomic::Ordering::Relaxed))); }
         stats
+    }
+
+    /// Observes candidate `i`.
+    #[inline]
+    fn observe(&self, observer: &Observer, i: usize) -> Outcome {
+        let (pixel, width) = (self.candidates.pixel[i] as usize, self.camera.width);
+        let (x, y) = ((pixel % width) as f32, (pixel / width) as f32);
+        observer.observe(x, y, self.candidates.gradient[i], &self.hypothesis(i))
+    }
+
+    /// Residuals of a sample of the candidates.
+    fn sampled_residuals(&self, observer: &Observer) -> Vec<f32> {
+        let tolerant = observer.tolerant();
+        (0..self.len())
+            .step_by(NOISE_STRIDE)
+            .filter_map(|i| match self.observe(&tolerant, i) {
+                Outcome::Observed { residual, .. } => Some(residual),
+                _ => None,
+            })
+            .collect()
     }
 
     /// The pixels that several references agree on, with small enough variance.
     pub fn to_semi_dense(&self) -> SemiDense {
         let mut out = SemiDense::default();
+        if std::env::var_os("DEPTH_VERBOSE").is_some() { println!("final cand {} s>=1 {} s>=2 {} fail ok {} v ok {} supported {}", self.len(), self.successes.iter().filter(|&&s| s>0).count(), self.successes.iter().filter(|&&s| s>1).count(), (0..self.len()).filter(|&i| self.successes[i] >= 2 && 2 * self.failures[i] <= self.successes[i]).count(), (0..self.len()).filter(|&i| self.successes[i]>1 && self.variance[i] < (0.03*self.inverse_depth[i]).powi(2)).count(), (0..self.len()).filter(|&i| self.is_converged(i)).count()); }
         for i in (0..self.len()).filter(|&i| self.is_converged(i)) {
             out.pixel.push(self.candidates.pixel[i]);
             out.inverse_depth.push(self.inverse_depth[i]);
@@ -231,12 +256,12 @@ impl DepthFilter {
                 stats.failed += 1;
                 self.fail(i);
             }
-            Outcome::Observed { inverse_depth, variance, floor } if self.successes[i] == 0 => {
+            Outcome::Observed { inverse_depth, variance, floor, .. } if self.successes[i] == 0 => {
                 (self.inverse_depth[i], self.variance[i]) = (inverse_depth, variance);
                 (self.floor[i], self.successes[i]) = (floor, 1);
                 stats.observed += 1;
             }
-            Outcome::Observed { inverse_depth, variance, floor } => {
+            Outcome::Observed { inverse_depth, variance, floor, .. } => {
                 let fused = fuse::fused(self.inverse_depth[i], self.variance[i], inverse_depth, variance);
                 if let Some((d, v)) = fused {
                     self.floor[i] = self.floor[i].min(floor);

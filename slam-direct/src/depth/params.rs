@@ -10,9 +10,10 @@ pub struct DepthParams {
     /// gives more points in weak texture, each less certain (Engel 2013 uses 5).
     pub min_gradient: f32,
     /// Largest share of the image's pixels that become candidates, 0–1; the strongest gradients win.
-    /// Default 0.2, range 0.05–0.6: time and density grow with it.
+    /// Default 0.3, range 0.05–0.6: time and density grow with it.
     pub max_candidate_share: f32,
-    /// Standard deviation of image noise, grey levels. Default 4, range 1–10 (Engel 2014, σ_I).
+    /// Least standard deviation of image noise assumed, grey levels; the noise itself is learnt from residuals.
+    /// Default 2, range 0.5–10 (Engel 2014 sets σ_I = 4).
     pub image_noise: f32,
     /// Smallest inverse depth searched where no backbone says otherwise, 1/keyframe unit. Default 0.02.
     pub min_inverse_depth: f32,
@@ -36,10 +37,10 @@ pub struct DepthParams {
     /// Least absolute cosine between gradient and epipolar line. Default 0.3, range 0.1–0.7.
     pub min_alignment: f32,
     /// An observation is made only when its expected variance is below this multiple of the hypothesis'
-    /// variance. Default 1.5, range 0.2–10: lower is faster.
+    /// variance. Default 1, range 0.2–10: lower is faster.
     pub worthwhile: f32,
     /// A hypothesis with a standard deviation below this share of its inverse depth is left as it is.
-    /// Default 0.002, range 0–0.01: higher is faster.
+    /// Default 0.004, range 0–0.02: higher is faster.
     pub converged: f32,
     /// Disparity error that more observations do not average out (interpolation, slanted surfaces), pixels.
     /// Default 0.1, range 0–0.5.
@@ -69,8 +70,8 @@ impl Default for DepthParams {
     fn default() -> Self {
         Self {
             min_gradient: 6.0,
-            max_candidate_share: 0.2,
-            image_noise: 4.0,
+            max_candidate_share: 0.3,
+            image_noise: 2.0,
             min_inverse_depth: 0.02,
             max_inverse_depth: 4.0,
             range_margin: 1.3,
@@ -79,8 +80,8 @@ impl Default for DepthParams {
             uniqueness: 1.6,
             max_residual: 3.0,
             min_alignment: 0.3,
-            worthwhile: 1.5,
-            converged: 0.002,
+            worthwhile: 1.0,
+            converged: 0.004,
             systematic_error: 0.1,
             min_observations: 2,
             max_relative_sigma: 0.03,

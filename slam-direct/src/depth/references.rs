@@ -5,7 +5,7 @@ use geometry::{Pinhole, Se3};
 use nalgebra::Vector3;
 
 /// Ratio between the baselines of successive references: each sharpens what the one before has found.
-const GROWTH: f64 = 1.5;
+const GROWTH: f64 = 2.0;
 
 /// Indices of the candidates (poses `frame_from_keyframe`) to observe a keyframe in, in the order to use them:
 /// growing baselines between `params.min_parallax` and `params.max_parallax`, the share of the keyframe they

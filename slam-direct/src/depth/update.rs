@@ -1,16 +1,22 @@
 //! Observing the pixels of a keyframe in one reference frame.
 
-use super::epipolar::{COMPARED, EpipolarGeometry, Line, Ray, Search, search};
-use super::observation::{Match, Template, disparity_variance};
+use super::epipolar::{EpipolarGeometry, Line, Ray};
+use super::observation::disparity_variance;
+use super::search::{COMPARED, Match, Miss, Template};
 use super::{DepthParams, Hypothesis, StereoFrame};
 use geometry::{GrayImage, Pinhole};
 
+pub static DBG: [std::sync::atomic::AtomicUsize; 8] = [const { std::sync::atomic::AtomicUsize::new(0) }; 8];
+macro_rules! dbg_count { ($i:expr) => { DBG[$i].fetch_add(1, std::sync::atomic::Ordering::Relaxed); } }
 /// Steps between keyframe and reference along the line beyond which the views differ too much in scale.
 const STEP_RANGE: std::ops::Range<f32> = 0.6..1.7;
-/// A range no longer than this is refined from its middle without a search, template samples.
-const NO_SEARCH: f32 = 1.6;
 /// Disparity error of sub-pixel interpolation, as tolerated residual per gradient, pixels.
 const INTERPOLATION_ERROR: f32 = 0.15;
+
+/// Matches needed to learn the noise.
+const LEAST_RESIDUALS: usize = 100;
+/// Median of a sum of squares of [`COMPARED`] residuals of unit variance, of which one is spent on the match.
+const CHI2_MEDIAN: f32 = 3.36;
 
 /// What one reference told about a pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -27,15 +33,20 @@ pub(super) enum Outcome {
         variance: f32,
         /// The part of it that more observations of this baseline do not average out.
         floor: f32,
+        /// Sum of squared residuals beyond what interpolation explains.
+        residual: f32,
     },
 }
 
 /// A keyframe and a reference, with what all pixels share.
+#[derive(Clone)]
 pub(super) struct Observer<'a> {
     image: &'a GrayImage,
     reference: &'a StereoFrame<'a>,
     geometry: EpipolarGeometry,
     gain: f32,
+    /// Standard deviation of one intensity of this pair, grey levels.
+    noise: f32,
     params: &'a DepthParams,
 }
 
@@ -57,7 +68,24 @@ impl<'a> Observer<'a> {
         params: &'a DepthParams,
     ) -> Self {
         let geometry = EpipolarGeometry::new(camera, &reference.frame_from_keyframe);
-        Self { image, reference, geometry, gain: reference.brightness.0.exp(), params }
+        Self { image, reference, geometry, gain: reference.brightness.0.exp(), noise: params.image_noise, params }
+    }
+
+    /// The same observer for noise four times as large: it refuses little.
+    pub fn tolerant(&self) -> Self {
+        Self { noise: 4.0 * self.noise, ..self.clone() }
+    }
+
+    /// Sets the noise from residuals: the median of matches' mean squared residuals beyond what interpolation
+    /// explains, not below `params.image_noise` and not above four times that. Few matches change nothing.
+    pub fn learn_noise(&mut self, residuals: &mut [f32]) {
+        if residuals.len() < LEAST_RESIDUALS {
+            return;
+        }
+        let middle = residuals.len() / 2;
+        let (_, &mut median, _) = residuals.select_nth_unstable_by(middle, f32::total_cmp);
+        let least = self.params.image_noise;
+        self.noise = (0.5 * median.max(0.0) / CHI2_MEDIAN).sqrt().clamp(least, 4.0 * least);
     }
 
     /// Observes the pixel `(x, y)` with `gradient`, given what is known of it.
@@ -80,7 +108,10 @@ impl<'a> Observer<'a> {
             return Outcome::Skipped;
         }
         let own_line = Line { origin: [x, y], step: direction };
-        let template = Template::new(self.image, &own_line, self.gain, self.reference.brightness.1);
+        let bias = self.reference.brightness.1;
+        let Some(template) = Template::new(self.image, &own_line, self.gain, bias) else {
+            return Outcome::Skipped;
+        };
         if template.energy < COMPARED as f32 * 0.25 * self.params.min_gradient * self.params.min_gradient {
             return Outcome::Skipped;
         }
@@ -96,6 +127,7 @@ impl<'a> Observer<'a> {
                     inverse_depth: d,
                     variance: alpha2 * (self.variance(alignment, template.energy) + systematic * systematic),
                     floor: alpha2 * systematic * systematic,
+                    residual: found.residual - interpolation2(&template),
                 }
             }
         }
@@ -103,58 +135,63 @@ impl<'a> Observer<'a> {
 
     /// Disparity variance for this reference, template samples².
     fn variance(&self, alignment: f32, energy: f32) -> f32 {
-        disparity_variance(alignment, energy, self.params.image_noise, self.reference.pose_sigma_px)
+        disparity_variance(alignment, energy, self.noise, self.reference.pose_sigma_px)
     }
 
     /// The stretch of the line in the reference that the hypothesis allows.
     #[inline]
     fn segment(&self, ray: &Ray, known: &Hypothesis) -> Option<Segment> {
+        let geometry = &self.geometry;
         let [low, high] = known.range(self.params.search_sigmas);
         let middle = 0.5 * (low + high);
-        let geometry = &self.geometry;
-        let (near, far) = (geometry.project(ray, high)?, geometry.project(ray, low)?);
         let centre = geometry.project(ray, middle)?;
         let step = geometry.step(ray, centre, middle);
         let step2 = step[0] * step[0] + step[1] * step[1];
         if !(STEP_RANGE.start * STEP_RANGE.start..STEP_RANGE.end * STEP_RANGE.end).contains(&step2) {
             return None;
         }
-        // The step may point to growing or to falling inverse depth.
-        let signed = ((near[0] - far[0]) * step[0] + (near[1] - far[1]) * step[1]) / step2;
-        let origin = if signed >= 0.0 { far } else { near };
         let velocity = geometry.velocity(ray, centre, middle);
-        let speed2 = velocity[0] * velocity[0] + velocity[1] * velocity[1];
-        let depth_per_sample = (step2 / speed2).sqrt();
-        depth_per_sample.is_finite().then_some(Segment {
-            line: Line { origin, step },
-            length: signed.abs(),
-            depth_per_sample,
-        })
+        // Template samples per inverse depth; negative when the step points to falling inverse depth.
+        let rate = (velocity[0] * step[0] + velocity[1] * step[1]) / step2;
+        let (origin, length) = if known.is_observed() {
+            let half = 0.5 * rate.abs() * (high - low);
+            ([centre[0] - half * step[0], centre[1] - half * step[1]], 2.0 * half)
+        } else {
+            let (near, far) = (geometry.project(ray, high)?, geometry.project(ray, low)?);
+            let signed = ((near[0] - far[0]) * step[0] + (near[1] - far[1]) * step[1]) / step2;
+            (if signed >= 0.0 { far } else { near }, signed.abs())
+        };
+        let depth_per_sample = 1.0 / rate.abs();
+        depth_per_sample.is_finite().then_some(Segment { line: Line { origin, step }, length, depth_per_sample })
     }
 
     /// Searches, refines and tests the match.
     #[inline]
     fn find(&self, segment: &Segment, template: &Template) -> Result<Match, Outcome> {
         let params = self.params;
-        let image = self.reference.image;
-        let noise2 = COMPARED as f32 * 2.0 * params.image_noise * params.image_noise;
-        let start = if segment.length <= NO_SEARCH {
-            0.5 * segment.length
-        } else if segment.length > params.max_search {
+        if segment.length > params.max_search {
             return Err(Outcome::Skipped);
-        } else {
-            let floor = 0.5 * noise2;
-            match search(image, &segment.line, segment.length, &template.values, params.uniqueness, floor) {
-                Search::Found(mu) => mu,
-                Search::Outside | Search::TooLong => return Err(Outcome::Skipped),
-                Search::Ambiguous => return Err(Outcome::Failed),
-            }
-        };
-        let found = template.refine(image, &segment.line, start).ok_or(Outcome::Failed)?;
-        let interpolation2 = INTERPOLATION_ERROR * INTERPOLATION_ERROR * template.energy;
-        if found.residual > params.max_residual * (noise2 + interpolation2) {
+        }
+        let noise2 = COMPARED as f32 * 2.0 * self.noise * self.noise;
+        let (line, length) = (&segment.line, segment.length);
+        let found = template
+            .search(self.reference.image, line, length, params.uniqueness, 0.5 * noise2)
+            .map_err(|miss| match miss {
+                Miss::Outside | Miss::TooLong => Outcome::Skipped,
+                Miss::Ambiguous => {dbg_count!(0); Outcome::Failed},
+                Miss::NoMinimum => {dbg_count!(1); Outcome::Failed},
+            })?;
+        if found.residual > params.max_residual * (noise2 + interpolation2(template)) {
+            dbg_count!(2);
             return Err(Outcome::Failed);
         }
+        dbg_count!(3);
         Ok(found)
     }
+}
+
+/// Squared residuals expected from interpolation.
+#[inline]
+fn interpolation2(template: &Template) -> f32 {
+    INTERPOLATION_ERROR * INTERPOLATION_ERROR * template.energy
 }
