@@ -24,6 +24,18 @@ pub(super) struct Ray {
     along: [f32; 3],
 }
 
+/// Where a ray is seen in the reference.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Projection {
+    /// Pixel.
+    pub u: [f32; 2],
+    /// Depth in the keyframe over depth in the reference.
+    iz: f32,
+}
+
+/// Least depth in the reference over depth in the keyframe that still counts as in front.
+const MIN_DEPTH_RATIO: f32 = 0.05;
+
 impl EpipolarGeometry {
     /// The geometry of `frame_from_keyframe` for two images of `camera`.
     pub fn new(camera: &Pinhole, frame_from_keyframe: &Se3) -> Self {
@@ -49,14 +61,11 @@ impl EpipolarGeometry {
         }
     }
 
-    /// Unit direction of the epipolar line through keyframe pixel `(x, y)`; `None` at the epipole.
+    /// Direction of the epipolar line through keyframe pixel `(x, y)`, of any length; zero at the epipole.
     #[inline]
-    pub fn direction(&self, x: f32, y: f32) -> Option<[f32; 2]> {
+    pub fn direction(&self, x: f32, y: f32) -> [f32; 2] {
         let [ex, ey, ez] = self.epipole;
-        let (lx, ly) = (ex - x * ez, ey - y * ez);
-        let norm2 = lx * lx + ly * ly;
-        let inverse = 1.0 / norm2.sqrt();
-        (norm2 > 1e-12).then_some([lx * inverse, ly * inverse])
+        [ex - x * ez, ey - y * ez]
     }
 
     /// The ray of keyframe pixel `(x, y)`, with the change of its image along `direction`.
@@ -71,19 +80,24 @@ impl EpipolarGeometry {
 
     /// Where a ray with inverse depth `d` is seen; `None` behind the camera.
     #[inline]
-    pub fn project(&self, ray: &Ray, d: f32) -> Option<[f32; 2]> {
+    pub fn project(&self, ray: &Ray, d: f32) -> Option<Projection> {
         let [ax, ay, az] = ray.at_infinity;
         let [bx, by, bz] = self.shift;
         let z = az + d * bz;
         let iz = 1.0 / z;
-        (z > 0.05).then_some([(ax + d * bx) * iz, (ay + d * by) * iz])
+        (z > MIN_DEPTH_RATIO).then_some(Projection { u: [(ax + d * bx) * iz, (ay + d * by) * iz], iz })
     }
 
-    /// Step in the reference at `u = u(p, d)` for one pixel along the line in the keyframe, depth held.
+    /// Step in the reference for one pixel along the line in the keyframe, depth held.
     #[inline]
-    pub fn step(&self, ray: &Ray, u: [f32; 2], d: f32) -> [f32; 2] {
-        let iz = 1.0 / (ray.at_infinity[2] + d * self.shift[2]);
-        [(ray.along[0] - u[0] * ray.along[2]) * iz, (ray.along[1] - u[1] * ray.along[2]) * iz]
+    pub fn step(&self, ray: &Ray, at: &Projection) -> [f32; 2] {
+        [0, 1].map(|i: usize| (ray.along[i] - at.u[i] * ray.along[2]) * at.iz)
+    }
+
+    /// Motion of the image per inverse depth, pixels · keyframe unit.
+    #[inline]
+    pub fn velocity(&self, at: &Projection) -> [f32; 2] {
+        [0, 1].map(|i: usize| (self.shift[i] - at.u[i] * self.shift[2]) * at.iz)
     }
 
     /// Inverse depth of the ray seen at `u`, from the coordinate that moves more with depth.
@@ -93,14 +107,6 @@ impl EpipolarGeometry {
         let [bx, by, bz] = self.shift;
         let (qx, qy) = (bx - u[0] * bz, by - u[1] * bz);
         if qx.abs() > qy.abs() { (u[0] * az - ax) / qx } else { (u[1] * az - ay) / qy }
-    }
-
-    /// Motion of the image per inverse depth at `u = u(p, d)`, pixels · keyframe unit.
-    #[inline]
-    pub fn velocity(&self, ray: &Ray, u: [f32; 2], d: f32) -> [f32; 2] {
-        let [bx, by, bz] = self.shift;
-        let iz = 1.0 / (ray.at_infinity[2] + d * bz);
-        [(bx - u[0] * bz) * iz, (by - u[1] * bz) * iz]
     }
 }
 
@@ -115,8 +121,8 @@ pub(super) struct Line {
 
 /// Fractional bits of positions along a line.
 const POSITION_BITS: u32 = 16;
-/// Fractional bits of interpolation weights: two of them and 8 bits of intensity fit into 31.
-const WEIGHT_BITS: u32 = 11;
+/// Fractional bits of interpolation weights: with an intensity's 8 bits they fill a lane of 16.
+const WEIGHT_BITS: u32 = 8;
 
 impl Line {
     /// The pixel at `mu`.
@@ -128,7 +134,7 @@ impl Line {
     /// Bilinear intensities at `mu`, `mu + 1`, … into `out`; false (and nothing written) when one of them
     /// would lie less than a pixel inside the image.
     ///
-    /// Positions and weights are fixed-point, exact to 2⁻¹¹ of a pixel.
+    /// Positions and weights are fixed-point, exact to 2⁻⁸ of a pixel.
     #[inline]
     pub fn sample(&self, image: &GrayImage, mu: f32, out: &mut [f32]) -> bool {
         let (first, last) = (self.at(mu), self.at(mu + (out.len() as f32 - 1.0)));
@@ -141,23 +147,38 @@ impl Line {
         let (mut x, mut y) = ((first[0] * one) as i32, (first[1] * one) as i32);
         let (dx, dy) = ((self.step[0] * one) as i32, (self.step[1] * one) as i32);
         let (width, data) = (image.width(), image.data());
-        let shift = POSITION_BITS - WEIGHT_BITS;
-        let mask = (1i32 << WEIGHT_BITS) - 1;
         const SCALE: f32 = 1.0 / (1u32 << (2 * WEIGHT_BITS)) as f32;
         for value in out {
             let i = (y >> POSITION_BITS) as usize * width + (x >> POSITION_BITS) as usize;
             debug_assert!(i + width + 1 < data.len());
             // SAFETY: both ends lie a pixel or more inside the image, steps are rounded by less than 2⁻¹⁶ and
             // there are at most 2¹⁰ of them, so every position keeps its four neighbours inside the image.
-            let [p00, p01, p10, p11] =
-                unsafe { [i, i + 1, i + width, i + width + 1].map(|k| *data.get_unchecked(k) as i32) };
-            let (fx, fy) = ((x >> shift) & mask, (y >> shift) & mask);
-            let top = (p00 << WEIGHT_BITS) + fx * (p01 - p00);
-            let bottom = (p10 << WEIGHT_BITS) + fx * (p11 - p10);
-            *value = ((top << WEIGHT_BITS) + fy * (bottom - top)) as f32 * SCALE;
+            let (top, bottom) = unsafe { (pair(data, i), pair(data, i + width)) };
+            let fx = weight(x);
+            let fy = weight(y);
+            let both = top * ((1 << WEIGHT_BITS) - fy) + bottom * fy;
+            let (left, right) = ((both & 0xffff) as i32, (both >> 16) as i32);
+            *value = ((left << WEIGHT_BITS) + fx as i32 * (right - left)) as f32 * SCALE;
             x += dx;
             y += dy;
         }
         true
     }
+}
+
+/// The interpolation weight of a fixed-point position.
+#[inline]
+fn weight(position: i32) -> u32 {
+    (position as u32 >> (POSITION_BITS - WEIGHT_BITS)) & ((1 << WEIGHT_BITS) - 1)
+}
+
+/// The neighbours `i` and `i + 1` in the lower and upper 16 bits.
+///
+/// # Safety
+/// `i + 1` must lie within `data`.
+#[inline]
+unsafe fn pair(data: &[u8], i: usize) -> u32 {
+    // SAFETY: the caller's promise.
+    let bytes = unsafe { [*data.get_unchecked(i), *data.get_unchecked(i + 1)] };
+    bytes[0] as u32 | (bytes[1] as u32) << 16
 }

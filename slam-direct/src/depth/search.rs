@@ -12,7 +12,7 @@ const HALF: f32 = (COMPARED / 2) as f32;
 /// Steps by which a search runs beyond its range on either side.
 const PADDING: usize = 2;
 /// Most positions of one search.
-const MAX_POSITIONS: usize = 112;
+const MAX_POSITIONS: usize = 108;
 /// Longest range of one search, template samples.
 pub(super) const MAX_LENGTH: f32 = (MAX_POSITIONS - 2 * PADDING - 2) as f32;
 
@@ -90,8 +90,9 @@ impl Template {
         let positions = length.min(MAX_LENGTH + 1.0).ceil() as usize + 1 + 2 * PADDING;
         let task = Task { image, line, positions, uniqueness, floor };
         match positions {
-            ..=12 => self.search_within::<16, 12>(&task),
-            ..=28 => self.search_within::<32, 28>(&task),
+            ..=8 => self.search_within::<12, 8>(&task),
+            ..=16 => self.search_within::<20, 16>(&task),
+            ..=32 => self.search_within::<36, 32>(&task),
             ..=MAX_POSITIONS => self.search_within::<{ MAX_POSITIONS + COMPARED - 1 }, MAX_POSITIONS>(&task),
             _ => Err(Miss::TooLong),
         }
@@ -103,19 +104,18 @@ impl Template {
         let Task { image, line, positions, uniqueness, floor } = *task;
         let first = -(PADDING as f32);
         let mut samples = [0.0f32; SAMPLES];
-        let samples = &mut samples[..positions + COMPARED - 1];
-        if !line.sample(image, first - HALF, samples) {
+        if !line.sample(image, first - HALF, &mut samples[..positions + COMPARED - 1]) {
             return Err(Miss::Outside);
         }
+        // All positions of the buffer, asked for or not: a loop of known length needs no remainder.
         let mut sums = [0.0f32; POSITIONS];
-        let sums = &mut sums[..positions];
         for (j, &value) in self.values.iter().enumerate() {
-            for (sum, &sample) in sums.iter_mut().zip(&samples[j..]) {
+            for (sum, &sample) in sums.iter_mut().zip(&samples[j..j + POSITIONS]) {
                 let difference = sample - value;
                 *sum += difference * difference;
             }
         }
-        let best = unique_minimum(sums, uniqueness, floor)?;
+        let best = unique_minimum(&sums[..positions], uniqueness, floor)?;
         let (offset, residual) = self.refine(&samples[best - 1..best + COMPARED + 1])?;
         Ok(Match { mu: first + best as f32 + offset, residual })
     }
@@ -151,12 +151,15 @@ impl Template {
 /// The position of the least sum, if it is an inner one and no other minimum comes near it.
 #[inline]
 fn unique_minimum(sums: &[f32], uniqueness: f32, floor: f32) -> Result<usize, Miss> {
-    let least = sums.iter().fold(f32::INFINITY, |a, &b| if b < a { b } else { a });
-    let best = sums.iter().position(|&sum| sum == least).ok_or(Miss::NoMinimum)?;
+    // Positive floats order like their bits: with the position in the lowest bits one integer minimum finds both.
+    const MASK: u32 = 127;
+    const { assert!(MAX_POSITIONS <= MASK as usize) };
+    let key = sums.iter().zip(0..).fold(u32::MAX, |key, (sum, k)| key.min(sum.to_bits() & !MASK | k));
+    let best = (key & MASK) as usize;
     if best == 0 || best == sums.len() - 1 {
         return Err(Miss::NoMinimum);
     }
-    let limit = uniqueness * least.max(floor);
+    let limit = uniqueness * sums[best].max(floor);
     let is_rival =
         |k: usize| sums[k] < limit && k.abs_diff(best) >= 2 && sums[k] <= sums[k - 1] && sums[k] <= sums[k + 1];
     if (1..sums.len() - 1).any(is_rival) { Err(Miss::Ambiguous) } else { Ok(best) }

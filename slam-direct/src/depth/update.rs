@@ -90,20 +90,25 @@ impl<'a> Observer<'a> {
 
     /// Observes the pixel `(x, y)` with `gradient`, given what is known of it.
     pub fn observe(&self, x: f32, y: f32, gradient: [f32; 2], known: &Hypothesis) -> Outcome {
-        let Some(direction) = self.geometry.direction(x, y) else {
-            return Outcome::Skipped;
-        };
-        let along = gradient[0] * direction[0] + gradient[1] * direction[1];
-        let alignment = along.abs() / (gradient[0] * gradient[0] + gradient[1] * gradient[1]).sqrt();
-        if alignment < self.params.min_alignment {
+        let [lx, ly] = self.geometry.direction(x, y);
+        let [gx, gy] = gradient;
+        let (dot, norm2) = (gx * lx + gy * ly, lx * lx + ly * ly);
+        let least = self.params.min_alignment * self.params.min_alignment;
+        let gradient2 = gx * gx + gy * gy;
+        // Also refuses the epipole, where the direction vanishes.
+        if dot * dot <= least * gradient2 * norm2 {
             return Outcome::Skipped;
         }
+        let inverse_norm = 1.0 / norm2.sqrt();
+        let direction = [lx * inverse_norm, ly * inverse_norm];
+        let along = dot * inverse_norm;
+        let alignment2 = along * along / gradient2;
         let ray = self.geometry.ray(x, y, direction);
         let Some(segment) = self.segment(&ray, known) else {
             return Outcome::Skipped;
         };
         let alpha2 = segment.depth_per_sample * segment.depth_per_sample;
-        let expected = alpha2 * self.variance(alignment, along * along * COMPARED as f32);
+        let expected = alpha2 * self.variance(alignment2, along * along * COMPARED as f32);
         if known.is_observed() && expected > self.params.worthwhile * known.variance {
             return Outcome::Skipped;
         }
@@ -125,7 +130,7 @@ impl<'a> Observer<'a> {
                 let systematic = self.params.systematic_error;
                 Outcome::Observed {
                     inverse_depth: d,
-                    variance: alpha2 * (self.variance(alignment, template.energy) + systematic * systematic),
+                    variance: alpha2 * (self.variance(alignment2, template.energy) + systematic * systematic),
                     floor: alpha2 * systematic * systematic,
                     residual: found.residual - interpolation2(&template),
                 }
@@ -134,8 +139,8 @@ impl<'a> Observer<'a> {
     }
 
     /// Disparity variance for this reference, template samples².
-    fn variance(&self, alignment: f32, energy: f32) -> f32 {
-        disparity_variance(alignment, energy, self.noise, self.reference.pose_sigma_px)
+    fn variance(&self, alignment2: f32, energy: f32) -> f32 {
+        disparity_variance(alignment2, energy, self.noise, self.reference.pose_sigma_px)
     }
 
     /// The stretch of the line in the reference that the hypothesis allows.
@@ -145,19 +150,19 @@ impl<'a> Observer<'a> {
         let [low, high] = known.range(self.params.search_sigmas);
         let middle = 0.5 * (low + high);
         let centre = geometry.project(ray, middle)?;
-        let step = geometry.step(ray, centre, middle);
+        let step = geometry.step(ray, &centre);
         let step2 = step[0] * step[0] + step[1] * step[1];
         if !(STEP_RANGE.start * STEP_RANGE.start..STEP_RANGE.end * STEP_RANGE.end).contains(&step2) {
             return None;
         }
-        let velocity = geometry.velocity(ray, centre, middle);
+        let velocity = geometry.velocity(&centre);
         // Template samples per inverse depth; negative when the step points to falling inverse depth.
         let rate = (velocity[0] * step[0] + velocity[1] * step[1]) / step2;
         let (origin, length) = if known.is_observed() {
             let half = 0.5 * rate.abs() * (high - low);
-            ([centre[0] - half * step[0], centre[1] - half * step[1]], 2.0 * half)
+            ([centre.u[0] - half * step[0], centre.u[1] - half * step[1]], 2.0 * half)
         } else {
-            let (near, far) = (geometry.project(ray, high)?, geometry.project(ray, low)?);
+            let (near, far) = (geometry.project(ray, high)?.u, geometry.project(ray, low)?.u);
             let signed = ((near[0] - far[0]) * step[0] + (near[1] - far[1]) * step[1]) / step2;
             (if signed >= 0.0 { far } else { near }, signed.abs())
         };
