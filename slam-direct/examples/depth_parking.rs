@@ -216,7 +216,7 @@ fn map_keyframe(
     let made = now();
     filter.seed(&points);
     let seeded = now();
-    let mut stats: Vec<UpdateStats> = Vec::new();
+    let mut stats: Vec<(UpdateStats, f64)> = Vec::new();
     for (&c, reference) in chosen.iter().zip(&images) {
         let frame = StereoFrame {
             image: reference,
@@ -224,7 +224,8 @@ fn map_keyframe(
             brightness: (0.0, 0.0),
             pose_sigma_px: 0.05,
         };
-        stats.push(filter.update(&image, &frame));
+        let before = now();
+        stats.push((filter.update(&image, &frame), now() - before));
     }
     let updated = now();
     filter.regularise();
@@ -234,8 +235,8 @@ fn map_keyframe(
     tally.stages.iter_mut().zip(stages).for_each(|(sum, stage)| *sum += stage);
     tally.references += chosen.len();
     if std::env::var_os("DEPTH_VERBOSE").is_some() {
-        for (&c, s) in chosen.iter().zip(&stats) {
-            println!("  {index} with {}: {s:?}", around[c]);
+        for (&c, (s, ms)) in chosen.iter().zip(&stats) {
+            println!("  {index} with {}: {s:?} {ms:.1} ms", around[c]);
         }
     }
     tally.add(&filter, truth);

@@ -119,10 +119,10 @@ pub(super) struct Line {
     pub step: [f32; 2],
 }
 
-/// Fractional bits of positions along a line.
-const POSITION_BITS: u32 = 16;
-/// Fractional bits of interpolation weights: with an intensity's 8 bits they fill a lane of 16.
-const WEIGHT_BITS: u32 = 8;
+/// Samples are taken in blocks of this many, so that the compiler can work on them side by side.
+pub(super) const BLOCK: usize = 4;
+/// Images up to this many pixels: their indices are exact in f32.
+const MAX_PIXELS: usize = 1 << 24;
 
 impl Line {
     /// The pixel at `mu`.
@@ -131,54 +131,74 @@ impl Line {
         [self.origin[0] + mu * self.step[0], self.origin[1] + mu * self.step[1]]
     }
 
-    /// Bilinear intensities at `mu`, `mu + 1`, … into `out`; false (and nothing written) when one of them
-    /// would lie less than a pixel inside the image.
-    ///
-    /// Positions and weights are fixed-point, exact to 2⁻⁸ of a pixel.
-    #[inline]
+    /// Bilinear intensities at `mu`, `mu + 1`, … into `out`, a whole number of [`BLOCK`]s; false (and nothing
+    /// written) when one of them would lie less than a pixel inside the image.
+    #[inline(always)]
     pub fn sample(&self, image: &GrayImage, mu: f32, out: &mut [f32]) -> bool {
+        debug_assert!(out.len().is_multiple_of(BLOCK));
         let (first, last) = (self.at(mu), self.at(mu + (out.len() as f32 - 1.0)));
-        // NaN fails both tests; sizes above 2¹⁴ would overflow the fixed-point positions.
+        // NaN fails both tests.
         let inside = image.contains(first[0], first[1], 1.0) && image.contains(last[0], last[1], 1.0);
-        if !inside || image.width().max(image.height()) > 1 << 14 || out.len() > 1 << 10 {
+        if !inside || image.data().len() > MAX_PIXELS {
             return false;
         }
-        let one = (1u32 << POSITION_BITS) as f32;
-        let (mut x, mut y) = ((first[0] * one) as i32, (first[1] * one) as i32);
-        let (dx, dy) = ((self.step[0] * one) as i32, (self.step[1] * one) as i32);
-        let (width, data) = (image.width(), image.data());
-        const SCALE: f32 = 1.0 / (1u32 << (2 * WEIGHT_BITS)) as f32;
-        for value in out {
-            let i = (y >> POSITION_BITS) as usize * width + (x >> POSITION_BITS) as usize;
-            debug_assert!(i + width + 1 < data.len());
-            // SAFETY: both ends lie a pixel or more inside the image, steps are rounded by less than 2⁻¹⁶ and
-            // there are at most 2¹⁰ of them, so every position keeps its four neighbours inside the image.
-            let (top, bottom) = unsafe { (pair(data, i), pair(data, i + width)) };
-            let fx = weight(x);
-            let fy = weight(y);
-            let both = top * ((1 << WEIGHT_BITS) - fy) + bottom * fy;
-            let (left, right) = ((both & 0xffff) as i32, (both >> 16) as i32);
-            *value = ((left << WEIGHT_BITS) + fx as i32 * (right - left)) as f32 * SCALE;
-            x += dx;
-            y += dy;
+        for (block, values) in out.chunks_exact_mut(BLOCK).enumerate() {
+            let start = mu + (block * BLOCK) as f32;
+            // SAFETY: both ends of the line lie a pixel or more inside the image, so what lies between does.
+            values.copy_from_slice(&unsafe { self.block(image, start) });
         }
         true
     }
+
+    /// One block of [`Line::sample`].
+    ///
+    /// # Safety
+    /// All its positions must lie inside the image, half a pixel or more from its border, and the image must
+    /// have at most [`MAX_PIXELS`].
+    #[inline(always)]
+    unsafe fn block(&self, image: &GrayImage, mu: f32) -> [f32; BLOCK] {
+        let (width, data) = (image.width(), image.data());
+        let (mut dx, mut dy, mut index) = ([0.0f32; BLOCK], [0.0f32; BLOCK], [0i32; BLOCK]);
+        for k in 0..BLOCK {
+            let x = self.origin[0] + (mu + k as f32) * self.step[0];
+            let y = self.origin[1] + (mu + k as f32) * self.step[1];
+            // SAFETY: positions inside the image are finite, positive and small, and so is the index, which is
+            // exact as the image has at most 2²⁴ pixels.
+            unsafe {
+                let (x0, y0) = (x.to_int_unchecked::<i32>() as f32, y.to_int_unchecked::<i32>() as f32);
+                index[k] = (y0 * width as f32 + x0).to_int_unchecked::<i32>();
+                (dx[k], dy[k]) = (x - x0, y - y0);
+            }
+        }
+        let (mut top, mut bottom) = ([0i32; BLOCK], [0i32; BLOCK]);
+        for k in 0..BLOCK {
+            let i = index[k] as usize;
+            debug_assert!(i + width + 1 < data.len());
+            // SAFETY: the four neighbours of a position inside the image lie in it.
+            unsafe {
+                top[k] = pair(data, i);
+                bottom[k] = pair(data, i + width);
+            }
+        }
+        let mut values = [0.0f32; BLOCK];
+        for k in 0..BLOCK {
+            let (p00, p01) = ((top[k] & 255) as f32, (top[k] >> 8) as f32);
+            let (p10, p11) = ((bottom[k] & 255) as f32, (bottom[k] >> 8) as f32);
+            let upper = p00 + dx[k] * (p01 - p00);
+            let lower = p10 + dx[k] * (p11 - p10);
+            values[k] = upper + dy[k] * (lower - upper);
+        }
+        values
+    }
 }
 
-/// The interpolation weight of a fixed-point position.
-#[inline]
-fn weight(position: i32) -> u32 {
-    (position as u32 >> (POSITION_BITS - WEIGHT_BITS)) & ((1 << WEIGHT_BITS) - 1)
-}
-
-/// The neighbours `i` and `i + 1` in the lower and upper 16 bits.
+/// The neighbours `i` and `i + 1` in the lower and upper byte.
 ///
 /// # Safety
 /// `i + 1` must lie within `data`.
-#[inline]
-unsafe fn pair(data: &[u8], i: usize) -> u32 {
-    // SAFETY: the caller's promise.
-    let bytes = unsafe { [*data.get_unchecked(i), *data.get_unchecked(i + 1)] };
-    bytes[0] as u32 | (bytes[1] as u32) << 16
+#[inline(always)]
+unsafe fn pair(data: &[u8], i: usize) -> i32 {
+    // SAFETY: the caller's promise; bytes need no alignment.
+    let bytes = unsafe { data.as_ptr().add(i).cast::<[u8; 2]>().read_unaligned() };
+    u16::from_le_bytes(bytes) as i32
 }

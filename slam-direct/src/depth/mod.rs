@@ -182,7 +182,6 @@ impl DepthFilter {
             let outcome = self.observe(&observer, i);
             self.apply(i, outcome, &mut stats);
         }
-        if std::env::var_os("DEPTH_VERBOSE").is_some() { println!("{:?}", update::DBG.each_ref().map(|a| a.swap(0, std::sync::atomic::Ordering::Relaxed))); }
         stats
     }
 
@@ -209,7 +208,6 @@ impl DepthFilter {
     /// The pixels that several references agree on, with small enough variance.
     pub fn to_semi_dense(&self) -> SemiDense {
         let mut out = SemiDense::default();
-        if std::env::var_os("DEPTH_VERBOSE").is_some() { println!("final cand {} s>=1 {} s>=2 {} fail ok {} v ok {} supported {}", self.len(), self.successes.iter().filter(|&&s| s>0).count(), self.successes.iter().filter(|&&s| s>1).count(), (0..self.len()).filter(|&i| self.successes[i] >= 2 && 2 * self.failures[i] <= self.successes[i]).count(), (0..self.len()).filter(|&i| self.successes[i]>1 && self.variance[i] < (0.03*self.inverse_depth[i]).powi(2)).count(), (0..self.len()).filter(|&i| self.is_converged(i)).count()); }
         for i in (0..self.len()).filter(|&i| self.is_converged(i)) {
             out.pixel.push(self.candidates.pixel[i]);
             out.inverse_depth.push(self.inverse_depth[i]);

@@ -1,20 +1,22 @@
 //! The search for a keyframe pixel along its epipolar line in a reference.
 
-use super::epipolar::Line;
+use super::epipolar::{BLOCK, Line};
 use geometry::GrayImage;
 
-/// Samples of the template, one pixel apart along the epipolar line; the outermost only serve the gradients.
-const TEMPLATE: usize = COMPARED + 2;
-/// Samples compared: five, as in Engel, Sturm, Cremers, ICCV 2013.
+/// Samples compared: five, one pixel apart, as in Engel, Sturm, Cremers, ICCV 2013.
 pub(super) const COMPARED: usize = 5;
 /// Samples compared on either side of the pixel.
 const HALF: f32 = (COMPARED / 2) as f32;
-/// Steps by which a search runs beyond its range on either side.
-const PADDING: usize = 2;
+/// Samples taken of the template, in whole blocks: one more on either side, for the gradients.
+const TEMPLATE: usize = (COMPARED + 2).next_multiple_of(BLOCK);
+/// Steps by which a search runs beyond its range on either side at least.
+const PADDING: f32 = 1.5;
+/// Positions of a short search; most are, as hypotheses soon get certain.
+const FEW_POSITIONS: usize = 2 * BLOCK;
 /// Most positions of one search.
-const MAX_POSITIONS: usize = 108;
-/// Longest range of one search, template samples.
-pub(super) const MAX_LENGTH: f32 = (MAX_POSITIONS - 2 * PADDING - 2) as f32;
+const MAX_POSITIONS: usize = 27 * BLOCK;
+/// Samples needed beyond the positions, in whole blocks.
+const MARGIN: usize = (COMPARED - 1).next_multiple_of(BLOCK);
 
 /// The keyframe's samples along the epipolar line through a pixel, with what the search needs of them.
 #[derive(Clone, Copy, Debug)]
@@ -41,7 +43,7 @@ pub(super) struct Match {
 pub(super) enum Miss {
     /// The line leaves the image.
     Outside,
-    /// The range is longer than [`MAX_LENGTH`].
+    /// The range is longer than one search takes.
     TooLong,
     /// Another position fits about as well.
     Ambiguous,
@@ -51,12 +53,17 @@ pub(super) enum Miss {
 
 /// What to search where.
 #[derive(Clone, Copy)]
-struct Task<'a> {
-    image: &'a GrayImage,
-    line: &'a Line,
-    positions: usize,
-    uniqueness: f32,
-    floor: f32,
+pub(super) struct Task<'a> {
+    /// The image to search in.
+    pub image: &'a GrayImage,
+    /// The line to search on.
+    pub line: &'a Line,
+    /// The range `μ ∈ [0, length]`, template samples.
+    pub length: f32,
+    /// A second minimum (2 or more steps away) below this multiple of the best makes the match ambiguous.
+    pub uniqueness: f32,
+    /// The sum of squared differences expected from noise alone: minima below it cannot be told apart.
+    pub floor: f32,
 }
 
 impl Template {
@@ -68,54 +75,51 @@ impl Template {
         if !line.sample(image, -HALF - 1.0, &mut samples) {
             return None;
         }
-        let values: [f32; COMPARED] = std::array::from_fn(|j| gain * samples[j + 1] + bias);
-        let gradients: [f32; COMPARED] = std::array::from_fn(|j| 0.5 * gain * (samples[j + 2] - samples[j]));
-        let energy = gradients.iter().map(|g| g * g).sum();
+        let (mut values, mut gradients, mut energy) = ([0.0; COMPARED], [0.0; COMPARED], 0.0);
+        for j in 0..COMPARED {
+            values[j] = gain * samples[j + 1] + bias;
+            gradients[j] = 0.5 * gain * (samples[j + 2] - samples[j]);
+            energy += gradients[j] * gradients[j];
+        }
         Some(Self { values, gradients, energy })
     }
 
-    /// Searches `μ ∈ [0, length]` on `line` for the least sum of squared differences.
-    ///
-    /// A second minimum (2 or more steps away) below `uniqueness` times the best one makes it ambiguous;
-    /// `floor` is the sum expected from noise alone, below which minima cannot be told apart.
-    pub fn search(
-        &self,
-        image: &GrayImage,
-        line: &Line,
-        length: f32,
-        uniqueness: f32,
-        floor: f32,
-    ) -> Result<Match, Miss> {
-        // Most searches are short: they get a small buffer, as clearing a large one takes longer than they do.
-        let positions = length.min(MAX_LENGTH + 1.0).ceil() as usize + 1 + 2 * PADDING;
-        let task = Task { image, line, positions, uniqueness, floor };
-        match positions {
-            ..=8 => self.search_within::<12, 8>(&task),
-            ..=16 => self.search_within::<20, 16>(&task),
-            ..=32 => self.search_within::<36, 32>(&task),
-            ..=MAX_POSITIONS => self.search_within::<{ MAX_POSITIONS + COMPARED - 1 }, MAX_POSITIONS>(&task),
-            _ => Err(Miss::TooLong),
+    /// Searches for the least sum of squared differences.
+    #[inline]
+    pub fn search(&self, task: &Task) -> Result<Match, Miss> {
+        let needed = task.length + 1.0 + 2.0 * PADDING;
+        if needed <= FEW_POSITIONS as f32 {
+            // Of known size, so that the compiler unrolls it.
+            let (mut samples, mut sums) = ([0.0; FEW_POSITIONS + MARGIN], [0.0; FEW_POSITIONS]);
+            self.search_in(task, &mut samples, &mut sums)
+        } else if needed <= MAX_POSITIONS as f32 {
+            let positions = (needed.ceil() as usize).next_multiple_of(BLOCK);
+            let (mut samples, mut sums) = ([0.0; MAX_POSITIONS + MARGIN], [0.0; MAX_POSITIONS]);
+            self.search_in(task, &mut samples[..positions + MARGIN], &mut sums[..positions])
+        } else {
+            Err(Miss::TooLong)
         }
     }
 
-    /// The search with room for `POSITIONS` positions and their `SAMPLES = POSITIONS + COMPARED − 1` samples.
-    #[inline]
-    fn search_within<const SAMPLES: usize, const POSITIONS: usize>(&self, task: &Task) -> Result<Match, Miss> {
-        let Task { image, line, positions, uniqueness, floor } = *task;
-        let first = -(PADDING as f32);
-        let mut samples = [0.0f32; SAMPLES];
-        if !line.sample(image, first - HALF, &mut samples[..positions + COMPARED - 1]) {
+    /// The search over as many positions as `sums` holds, the range in their middle.
+    #[inline(always)]
+    fn search_in(&self, task: &Task, samples: &mut [f32], sums: &mut [f32]) -> Result<Match, Miss> {
+        let first = 0.5 * (task.length - (sums.len() - 1) as f32);
+        if !task.line.sample(task.image, first - HALF, samples) {
             return Err(Miss::Outside);
         }
-        // All positions of the buffer, asked for or not: a loop of known length needs no remainder.
-        let mut sums = [0.0f32; POSITIONS];
-        for (j, &value) in self.values.iter().enumerate() {
-            for (sum, &sample) in sums.iter_mut().zip(&samples[j..j + POSITIONS]) {
-                let difference = sample - value;
-                *sum += difference * difference;
+        for (start, block) in sums.chunks_exact_mut(BLOCK).enumerate() {
+            let window = &samples[start * BLOCK..start * BLOCK + BLOCK + MARGIN];
+            let mut sum = [0.0f32; BLOCK];
+            for (j, &value) in self.values.iter().enumerate() {
+                for k in 0..BLOCK {
+                    let difference = window[j + k] - value;
+                    sum[k] += difference * difference;
+                }
             }
+            block.copy_from_slice(&sum);
         }
-        let best = unique_minimum(&sums[..positions], uniqueness, floor)?;
+        let best = unique_minimum(sums, task.uniqueness, task.floor)?;
         let (offset, residual) = self.refine(&samples[best - 1..best + COMPARED + 1])?;
         Ok(Match { mu: first + best as f32 + offset, residual })
     }
@@ -124,16 +128,17 @@ impl Template {
     ///
     /// Gauss–Newton along the line solves `Σ g (I(μ) − T) = 0` with the template's gradients g; with linear
     /// interpolation between samples that sum is linear between two positions, so its root is found at once.
-    #[inline]
+    #[inline(always)]
     fn refine(&self, samples: &[f32]) -> Result<(f32, f32), Miss> {
-        let slope = |start: usize| -> f32 {
-            let window = samples[start..start + COMPARED].iter().zip(&self.values);
-            window.zip(&self.gradients).map(|((s, t), g)| g * (s - t)).sum()
-        };
+        let mut sums = [0.0f32; 3];
+        for j in 0..COMPARED {
+            for (k, sum) in sums.iter_mut().enumerate() {
+                *sum += self.gradients[j] * (samples[j + k] - self.values[j]);
+            }
+        }
         // The sum grows through its root, as the samples' gradients resemble the template's.
-        let here = slope(1);
-        let (start, low, high) =
-            if here > 0.0 { (0, slope(0), here) } else { (1, here, slope(2)) };
+        let start = (sums[1] <= 0.0) as usize;
+        let (low, high) = (sums[start], sums[start + 1]);
         if !(low <= 0.0 && high >= 0.0 && high > low) {
             return Err(Miss::NoMinimum);
         }
@@ -149,18 +154,19 @@ impl Template {
 }
 
 /// The position of the least sum, if it is an inner one and no other minimum comes near it.
-#[inline]
+#[inline(always)]
 fn unique_minimum(sums: &[f32], uniqueness: f32, floor: f32) -> Result<usize, Miss> {
     // Positive floats order like their bits: with the position in the lowest bits one integer minimum finds both.
     const MASK: u32 = 127;
     const { assert!(MAX_POSITIONS <= MASK as usize) };
     let key = sums.iter().zip(0..).fold(u32::MAX, |key, (sum, k)| key.min(sum.to_bits() & !MASK | k));
     let best = (key & MASK) as usize;
-    if best == 0 || best == sums.len() - 1 {
+    if best == 0 || best >= sums.len() - 1 {
         return Err(Miss::NoMinimum);
     }
     let limit = uniqueness * sums[best].max(floor);
-    let is_rival =
-        |k: usize| sums[k] < limit && k.abs_diff(best) >= 2 && sums[k] <= sums[k - 1] && sums[k] <= sums[k + 1];
-    if (1..sums.len() - 1).any(is_rival) { Err(Miss::Ambiguous) } else { Ok(best) }
+    let rivals = sums.windows(3).zip(1usize..).fold(false, |any, (w, k)| {
+        any | ((w[1] < limit) & (w[1] <= w[0]) & (w[1] <= w[2]) & (k.abs_diff(best) >= 2))
+    });
+    if rivals { Err(Miss::Ambiguous) } else { Ok(best) }
 }

@@ -2,12 +2,10 @@
 
 use super::epipolar::{EpipolarGeometry, Line, Ray};
 use super::observation::disparity_variance;
-use super::search::{COMPARED, Match, Miss, Template};
+use super::search::{COMPARED, Match, Miss, Task, Template};
 use super::{DepthParams, Hypothesis, StereoFrame};
 use geometry::{GrayImage, Pinhole};
 
-pub static DBG: [std::sync::atomic::AtomicUsize; 8] = [const { std::sync::atomic::AtomicUsize::new(0) }; 8];
-macro_rules! dbg_count { ($i:expr) => { DBG[$i].fetch_add(1, std::sync::atomic::Ordering::Relaxed); } }
 /// Steps between keyframe and reference along the line beyond which the views differ too much in scale.
 const STEP_RANGE: std::ops::Range<f32> = 0.6..1.7;
 /// Disparity error of sub-pixel interpolation, as tolerated residual per gradient, pixels.
@@ -178,19 +176,22 @@ impl<'a> Observer<'a> {
             return Err(Outcome::Skipped);
         }
         let noise2 = COMPARED as f32 * 2.0 * self.noise * self.noise;
-        let (line, length) = (&segment.line, segment.length);
+        let task = Task {
+            image: self.reference.image,
+            line: &segment.line,
+            length: segment.length,
+            uniqueness: params.uniqueness,
+            floor: 0.5 * noise2,
+        };
         let found = template
-            .search(self.reference.image, line, length, params.uniqueness, 0.5 * noise2)
+            .search(&task)
             .map_err(|miss| match miss {
                 Miss::Outside | Miss::TooLong => Outcome::Skipped,
-                Miss::Ambiguous => {dbg_count!(0); Outcome::Failed},
-                Miss::NoMinimum => {dbg_count!(1); Outcome::Failed},
+                Miss::Ambiguous | Miss::NoMinimum => Outcome::Failed,
             })?;
         if found.residual > params.max_residual * (noise2 + interpolation2(template)) {
-            dbg_count!(2);
             return Err(Outcome::Failed);
         }
-        dbg_count!(3);
         Ok(found)
     }
 }
