@@ -11,6 +11,8 @@ pub(super) const BORDER: usize = 5;
 pub(super) struct Candidates {
     /// Pixel index `y · width + x`, ascending.
     pub pixel: Vec<u32>,
+    /// The same as `(x, y)`.
+    pub position: Vec<[f32; 2]>,
     /// Central-difference gradient `(x, y)`, grey levels per pixel.
     pub gradient: Vec<[f32; 2]>,
 }
@@ -41,8 +43,11 @@ pub(super) fn select(image: &GrayImage, params: &DepthParams) -> Candidates {
     }
     let threshold = threshold(&histogram, params, width * height);
     let count: u32 = histogram[threshold as usize..].iter().sum();
-    let mut all =
-        Candidates { pixel: Vec::with_capacity(count as usize), gradient: Vec::with_capacity(count as usize) };
+    let mut all = Candidates {
+        pixel: Vec::with_capacity(count as usize),
+        position: Vec::with_capacity(count as usize),
+        gradient: Vec::with_capacity(count as usize),
+    };
     for y in BORDER..height - BORDER {
         let rows = [image.row(y - 1), image.row(y), image.row(y + 1)];
         let row = &magnitude[y * width..(y + 1) * width];
@@ -50,6 +55,7 @@ pub(super) fn select(image: &GrayImage, params: &DepthParams) -> Candidates {
             if row[x] >= threshold {
                 let (gx, gy) = doubled_gradient(rows, x);
                 all.pixel.push((y * width + x) as u32);
+                all.position.push([x as f32, y as f32]);
                 all.gradient.push([0.5 * gx as f32, 0.5 * gy as f32]);
             }
         }

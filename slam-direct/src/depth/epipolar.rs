@@ -33,6 +33,14 @@ pub(super) struct Projection {
     iz: f32,
 }
 
+impl Projection {
+    /// Whether the point lies in front of the reference, not too close.
+    #[inline]
+    pub fn is_in_front(&self) -> bool {
+        (self.iz > 0.0) & (self.iz < 1.0 / MIN_DEPTH_RATIO)
+    }
+}
+
 /// Least depth in the reference over depth in the keyframe that still counts as in front.
 const MIN_DEPTH_RATIO: f32 = 0.05;
 
@@ -78,26 +86,19 @@ impl EpipolarGeometry {
         Ray { at_infinity, along }
     }
 
-    /// Where a ray with inverse depth `d` is seen; `None` behind the camera.
+    /// Where a ray with inverse depth `d` is seen; check [`Projection::is_in_front`].
     #[inline]
-    pub fn project(&self, ray: &Ray, d: f32) -> Option<Projection> {
+    pub fn project(&self, ray: &Ray, d: f32) -> Projection {
         let [ax, ay, az] = ray.at_infinity;
         let [bx, by, bz] = self.shift;
-        let z = az + d * bz;
-        let iz = 1.0 / z;
-        (z > MIN_DEPTH_RATIO).then_some(Projection { u: [(ax + d * bx) * iz, (ay + d * by) * iz], iz })
+        let iz = 1.0 / (az + d * bz);
+        Projection { u: [(ax + d * bx) * iz, (ay + d * by) * iz], iz }
     }
 
     /// Step in the reference for one pixel along the line in the keyframe, depth held.
     #[inline]
     pub fn step(&self, ray: &Ray, at: &Projection) -> [f32; 2] {
         [0, 1].map(|i: usize| (ray.along[i] - at.u[i] * ray.along[2]) * at.iz)
-    }
-
-    /// Motion of the image per inverse depth, pixels · keyframe unit.
-    #[inline]
-    pub fn velocity(&self, at: &Projection) -> [f32; 2] {
-        [0, 1].map(|i: usize| (self.shift[i] - at.u[i] * self.shift[2]) * at.iz)
     }
 
     /// Inverse depth of the ray seen at `u`, from the coordinate that moves more with depth.

@@ -27,15 +27,15 @@ use candidates::Candidates;
 use geometry::{GrayImage, Pinhole, Se3};
 use map::SemiDense;
 use prior::PriorRanges;
-use update::{Observer, Outcome};
+use update::{Look, Observer, Outcome};
 
 /// Failed searches after which a pixel that was never observed is given up.
-const HOPELESS: u8 = 3;
+const HOPELESS: u8 = 2;
 /// Growth of the variance when a hypothesis was not found again (Engel 2014).
 const FAILURE_GROWTH: f32 = 1.1;
 
-/// One in so many candidates is observed beforehand to learn an image pair's noise.
-const NOISE_STRIDE: usize = 37;
+/// Candidates planned before they are observed; also the sample that an image pair's noise is learnt from.
+const CHUNK: usize = 1024;
 
 /// A frame to observe a keyframe's pixels in.
 #[derive(Clone, Copy, Debug)]
@@ -82,11 +82,9 @@ impl Hypothesis {
     /// The inverse depths worth looking at.
     #[inline]
     fn range(&self, sigmas: f32) -> [f32; 2] {
-        if !self.is_observed() {
-            return self.prior;
-        }
         let reach = sigmas * self.variance.sqrt();
-        [(self.inverse_depth - reach).max(0.2 * self.inverse_depth), self.inverse_depth + reach]
+        let observed = [(self.inverse_depth - reach).max(0.2 * self.inverse_depth), self.inverse_depth + reach];
+        if self.is_observed() { observed } else { self.prior }
     }
 }
 
@@ -174,35 +172,49 @@ impl DepthFilter {
         let params = self.params.clone();
         let mut observer = Observer::new(image, reference, &self.camera, &params);
         observer.learn_noise(&mut self.sampled_residuals(&observer));
-        for i in 0..self.len() {
-            if self.is_settled(i) {
-                stats.skipped += 1;
-                continue;
+        let mut looks = [Look::EMPTY; CHUNK];
+        for start in (0..self.len()).step_by(CHUNK) {
+            let chunk = start..(start + CHUNK).min(self.len());
+            let skipped = chunk.len();
+            let count = self.plan(&observer, chunk, &mut looks);
+            stats.skipped += skipped - count;
+            for look in &looks[..count] {
+                self.apply(look.candidate as usize, observer.observe(look), &mut stats);
             }
-            let outcome = self.observe(&observer, i);
-            self.apply(i, outcome, &mut stats);
         }
         stats
     }
 
-    /// Observes candidate `i`.
+    /// Writes the looks worth taking at `candidates` to the front of `looks` and returns their number.
     #[inline]
-    fn observe(&self, observer: &Observer, i: usize) -> Outcome {
-        let (pixel, width) = (self.candidates.pixel[i] as usize, self.camera.width);
-        let (x, y) = ((pixel % width) as f32, (pixel / width) as f32);
-        observer.observe(x, y, self.candidates.gradient[i], &self.hypothesis(i))
+    fn plan(
+        &self,
+        observer: &Observer,
+        candidates: impl Iterator<Item = usize>,
+        looks: &mut [Look; CHUNK],
+    ) -> usize {
+        let mut count = 0;
+        for i in candidates.take(CHUNK) {
+            let (position, gradient) = (self.candidates.position[i], self.candidates.gradient[i]);
+            let (look, worthwhile) = observer.look(position, gradient, &self.hypothesis(i));
+            looks[count] = look;
+            looks[count].candidate = i as u32;
+            count += (worthwhile & !self.is_settled(i)) as usize;
+        }
+        count
     }
 
     /// Residuals of a sample of the candidates.
     fn sampled_residuals(&self, observer: &Observer) -> Vec<f32> {
         let tolerant = observer.tolerant();
-        (0..self.len())
-            .step_by(NOISE_STRIDE)
-            .filter_map(|i| match self.observe(&tolerant, i) {
-                Outcome::Observed { residual, .. } => Some(residual),
-                _ => None,
-            })
-            .collect()
+        let mut looks = [Look::EMPTY; CHUNK];
+        let stride = self.len().div_ceil(CHUNK).max(1);
+        let count = self.plan(observer, (0..self.len()).step_by(stride), &mut looks);
+        let residual = |look: &Look| match tolerant.observe(look) {
+            Outcome::Observed { residual, .. } => Some(residual),
+            _ => None,
+        };
+        looks[..count].iter().filter_map(residual).collect()
     }
 
     /// The pixels that several references agree on, with small enough variance.
@@ -227,11 +239,10 @@ impl DepthFilter {
     /// Whether nothing is to be done for the pixel: given up, or certain enough.
     #[inline]
     fn is_settled(&self, i: usize) -> bool {
-        if self.successes[i] == 0 {
-            return self.failures[i] >= HOPELESS;
-        }
         let sigma = self.params.converged * self.inverse_depth[i];
-        self.successes[i] > self.params.min_observations && self.variance[i] < sigma * sigma
+        let converged =
+            (self.successes[i] > self.params.min_observations) & (self.variance[i] < sigma * sigma);
+        converged | ((self.successes[i] == 0) & (self.failures[i] >= HOPELESS))
     }
 
     /// What is known of candidate `i`.

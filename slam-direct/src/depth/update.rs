@@ -1,8 +1,8 @@
 //! Observing the pixels of a keyframe in one reference frame.
 
-use super::epipolar::{EpipolarGeometry, Line, Ray};
+use super::epipolar::{EpipolarGeometry, Line};
 use super::observation::disparity_variance;
-use super::search::{COMPARED, Match, Miss, Task, Template};
+use super::search::{COMPARED, Miss, Task, Template};
 use super::{DepthParams, Hypothesis, StereoFrame};
 use geometry::{GrayImage, Pinhole};
 
@@ -19,7 +19,7 @@ const CHI2_MEDIAN: f32 = 3.36;
 /// What one reference told about a pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Outcome {
-    /// Nothing was to be learnt: out of sight, no gradient along the line, or no gain in certainty.
+    /// Nothing was to be learnt: out of sight.
     Skipped,
     /// No single place fits.
     Failed,
@@ -48,13 +48,36 @@ pub(super) struct Observer<'a> {
     params: &'a DepthParams,
 }
 
-/// The stretch of the epipolar line to look at.
-struct Segment {
+/// Where to look for one pixel: the stretch of its epipolar line that the hypothesis allows.
+///
+/// Looks are prepared for many pixels before the images are read, so that the processor can work on several
+/// pixels at a time.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Look {
+    /// The candidate.
+    pub candidate: u32,
+    /// The pixel in the keyframe and the direction of its epipolar line there, one pixel long.
+    own: Line,
+    /// The line in the reference; μ = 0 is the one end of the stretch.
     line: Line,
     /// Length in template samples.
     length: f32,
-    /// Inverse depth per template sample, absolute.
-    depth_per_sample: f32,
+    /// Squared inverse depth per template sample.
+    alpha2: f32,
+    /// Squared cosine between the pixel's gradient and its epipolar line.
+    alignment2: f32,
+}
+
+impl Look {
+    /// Fills buffers.
+    pub const EMPTY: Self = Self {
+        candidate: 0,
+        own: Line { origin: [0.0; 2], step: [0.0; 2] },
+        line: Line { origin: [0.0; 2], step: [0.0; 2] },
+        length: 0.0,
+        alpha2: 0.0,
+        alignment2: 0.0,
+    };
 }
 
 impl<'a> Observer<'a> {
@@ -86,118 +109,96 @@ impl<'a> Observer<'a> {
         self.noise = (0.5 * median.max(0.0) / CHI2_MEDIAN).sqrt().clamp(least, 4.0 * least);
     }
 
-    /// Observes the pixel `(x, y)` with `gradient`, given what is known of it.
-    pub fn observe(&self, x: f32, y: f32, gradient: [f32; 2], known: &Hypothesis) -> Outcome {
-        let [lx, ly] = self.geometry.direction(x, y);
-        let [gx, gy] = gradient;
-        let (dot, norm2) = (gx * lx + gy * ly, lx * lx + ly * ly);
-        let least = self.params.min_alignment * self.params.min_alignment;
-        let gradient2 = gx * gx + gy * gy;
-        // Also refuses the epipole, where the direction vanishes.
-        if dot * dot <= least * gradient2 * norm2 {
-            return Outcome::Skipped;
-        }
-        let inverse_norm = 1.0 / norm2.sqrt();
+    /// Where to look for the pixel `(x, y)` with `gradient`, given what is known of it, and whether to look:
+    /// not without gradient along the line, behind the camera, over too long a stretch, or for no gain.
+    ///
+    /// Free of branches: which pixels are worth a look is not predictable.
+    #[inline(always)]
+    pub fn look(&self, [x, y]: [f32; 2], [gx, gy]: [f32; 2], known: &Hypothesis) -> (Look, bool) {
+        let params = self.params;
+        let geometry = &self.geometry;
+        let [lx, ly] = geometry.direction(x, y);
+        let inverse_norm = 1.0 / (lx * lx + ly * ly).sqrt();
         let direction = [lx * inverse_norm, ly * inverse_norm];
-        let along = dot * inverse_norm;
-        let alignment2 = along * along / gradient2;
-        let ray = self.geometry.ray(x, y, direction);
-        let Some(segment) = self.segment(&ray, known) else {
-            return Outcome::Skipped;
-        };
-        let alpha2 = segment.depth_per_sample * segment.depth_per_sample;
+        let along = gx * direction[0] + gy * direction[1];
+        let alignment2 = along * along / (gx * gx + gy * gy);
+
+        let ray = geometry.ray(x, y, direction);
+        let [low, high] = known.range(params.search_sigmas);
+        let (centre, near) = (geometry.project(&ray, 0.5 * (low + high)), geometry.project(&ray, high));
+        let far = geometry.project(&ray, low);
+        let step = geometry.step(&ray, &centre);
+        let step2 = step[0] * step[0] + step[1] * step[1];
+        // Template samples from far to near; negative when the step points to falling inverse depth.
+        let signed = ((near.u[0] - far.u[0]) * step[0] + (near.u[1] - far.u[1]) * step[1]) / step2;
+        let origin = if signed >= 0.0 { far.u } else { near.u };
+        let depth_per_sample = (high - low) / signed;
+        let alpha2 = depth_per_sample * depth_per_sample;
         let expected = alpha2 * self.variance(alignment2, along * along * COMPARED as f32);
-        if known.is_observed() && expected > self.params.worthwhile * known.variance {
-            return Outcome::Skipped;
-        }
-        let own_line = Line { origin: [x, y], step: direction };
+        // Comparisons are false for what is not a number, as at the epipole.
+        let worthwhile = (alignment2 >= params.min_alignment * params.min_alignment)
+            & (near.is_in_front() & far.is_in_front())
+            & (step2 > STEP_RANGE.start * STEP_RANGE.start)
+            & (step2 < STEP_RANGE.end * STEP_RANGE.end)
+            & (signed.abs() <= params.max_search)
+            & (alpha2 < f32::MAX)
+            & (!known.is_observed() | (expected <= params.worthwhile * known.variance));
+        let look = Look {
+            candidate: 0,
+            own: Line { origin: [x, y], step: direction },
+            line: Line { origin, step },
+            length: signed.abs(),
+            alpha2,
+            alignment2,
+        };
+        (look, worthwhile)
+    }
+
+    /// Looks there.
+    #[inline]
+    pub fn observe(&self, look: &Look) -> Outcome {
         let bias = self.reference.brightness.1;
-        let Some(template) = Template::new(self.image, &own_line, self.gain, bias) else {
+        let Some(template) = Template::new(self.image, &look.own, self.gain, bias) else {
             return Outcome::Skipped;
         };
-        if template.energy < COMPARED as f32 * 0.25 * self.params.min_gradient * self.params.min_gradient {
-            return Outcome::Skipped;
+        let task = Task {
+            image: self.reference.image,
+            line: &look.line,
+            length: look.length,
+            uniqueness: self.params.uniqueness,
+            floor: 0.5 * self.noise2(),
+        };
+        let found = match template.search(&task) {
+            Ok(found) => found,
+            Err(Miss::Outside | Miss::TooLong) => return Outcome::Skipped,
+            Err(Miss::Ambiguous | Miss::NoMinimum) => return Outcome::Failed,
+        };
+        let interpolation2 = INTERPOLATION_ERROR * INTERPOLATION_ERROR * template.energy;
+        if found.residual > self.params.max_residual * (self.noise2() + interpolation2) {
+            return Outcome::Failed;
         }
-        match self.find(&segment, &template) {
-            Err(outcome) => outcome,
-            Ok(found) => {
-                let d = self.geometry.inverse_depth(&ray, segment.line.at(found.mu));
-                if !(d > 0.0 && d.is_finite()) {
-                    return Outcome::Failed;
-                }
-                let systematic = self.params.systematic_error;
-                Outcome::Observed {
-                    inverse_depth: d,
-                    variance: alpha2 * (self.variance(alignment2, template.energy) + systematic * systematic),
-                    floor: alpha2 * systematic * systematic,
-                    residual: found.residual - interpolation2(&template),
-                }
-            }
+        let ray = self.geometry.ray(look.own.origin[0], look.own.origin[1], look.own.step);
+        let inverse_depth = self.geometry.inverse_depth(&ray, look.line.at(found.mu));
+        if !(inverse_depth > 0.0 && inverse_depth.is_finite()) {
+            return Outcome::Failed;
         }
+        let systematic2 = self.params.systematic_error * self.params.systematic_error;
+        Outcome::Observed {
+            inverse_depth,
+            variance: look.alpha2 * (self.variance(look.alignment2, template.energy) + systematic2),
+            floor: look.alpha2 * systematic2,
+            residual: found.residual - interpolation2,
+        }
+    }
+
+    /// Sum of squared residuals expected from noise alone.
+    #[inline]
+    fn noise2(&self) -> f32 {
+        COMPARED as f32 * 2.0 * self.noise * self.noise
     }
 
     /// Disparity variance for this reference, template samples².
     fn variance(&self, alignment2: f32, energy: f32) -> f32 {
         disparity_variance(alignment2, energy, self.noise, self.reference.pose_sigma_px)
     }
-
-    /// The stretch of the line in the reference that the hypothesis allows.
-    #[inline]
-    fn segment(&self, ray: &Ray, known: &Hypothesis) -> Option<Segment> {
-        let geometry = &self.geometry;
-        let [low, high] = known.range(self.params.search_sigmas);
-        let middle = 0.5 * (low + high);
-        let centre = geometry.project(ray, middle)?;
-        let step = geometry.step(ray, &centre);
-        let step2 = step[0] * step[0] + step[1] * step[1];
-        if !(STEP_RANGE.start * STEP_RANGE.start..STEP_RANGE.end * STEP_RANGE.end).contains(&step2) {
-            return None;
-        }
-        let velocity = geometry.velocity(&centre);
-        // Template samples per inverse depth; negative when the step points to falling inverse depth.
-        let rate = (velocity[0] * step[0] + velocity[1] * step[1]) / step2;
-        let (origin, length) = if known.is_observed() {
-            let half = 0.5 * rate.abs() * (high - low);
-            ([centre.u[0] - half * step[0], centre.u[1] - half * step[1]], 2.0 * half)
-        } else {
-            let (near, far) = (geometry.project(ray, high)?.u, geometry.project(ray, low)?.u);
-            let signed = ((near[0] - far[0]) * step[0] + (near[1] - far[1]) * step[1]) / step2;
-            (if signed >= 0.0 { far } else { near }, signed.abs())
-        };
-        let depth_per_sample = 1.0 / rate.abs();
-        depth_per_sample.is_finite().then_some(Segment { line: Line { origin, step }, length, depth_per_sample })
-    }
-
-    /// Searches, refines and tests the match.
-    #[inline]
-    fn find(&self, segment: &Segment, template: &Template) -> Result<Match, Outcome> {
-        let params = self.params;
-        if segment.length > params.max_search {
-            return Err(Outcome::Skipped);
-        }
-        let noise2 = COMPARED as f32 * 2.0 * self.noise * self.noise;
-        let task = Task {
-            image: self.reference.image,
-            line: &segment.line,
-            length: segment.length,
-            uniqueness: params.uniqueness,
-            floor: 0.5 * noise2,
-        };
-        let found = template
-            .search(&task)
-            .map_err(|miss| match miss {
-                Miss::Outside | Miss::TooLong => Outcome::Skipped,
-                Miss::Ambiguous | Miss::NoMinimum => Outcome::Failed,
-            })?;
-        if found.residual > params.max_residual * (noise2 + interpolation2(template)) {
-            return Err(Outcome::Failed);
-        }
-        Ok(found)
-    }
-}
-
-/// Squared residuals expected from interpolation.
-#[inline]
-fn interpolation2(template: &Template) -> f32 {
-    INTERPOLATION_ERROR * INTERPOLATION_ERROR * template.energy
 }
