@@ -193,13 +193,20 @@ impl DepthFilter {
         candidates: impl Iterator<Item = usize>,
         looks: &mut [Look; CHUNK],
     ) -> usize {
-        let mut count = 0;
+        let (mut open, mut open_count) = ([0u32; CHUNK], 0);
         for i in candidates.take(CHUNK) {
+            open[open_count] = i as u32;
+            let aligned = observer.is_aligned(self.candidates.position[i], self.candidates.gradient[i]);
+            open_count += (aligned & !self.is_settled(i)) as usize;
+        }
+        let mut count = 0;
+        for &candidate in &open[..open_count] {
+            let i = candidate as usize;
             let (position, gradient) = (self.candidates.position[i], self.candidates.gradient[i]);
             let (look, worthwhile) = observer.look(position, gradient, &self.hypothesis(i));
             looks[count] = look;
-            looks[count].candidate = i as u32;
-            count += (worthwhile & !self.is_settled(i)) as usize;
+            looks[count].candidate = candidate;
+            count += worthwhile as usize;
         }
         count
     }

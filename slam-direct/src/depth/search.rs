@@ -13,6 +13,8 @@ const TEMPLATE: usize = (COMPARED + 2).next_multiple_of(BLOCK);
 const PADDING: f32 = 1.5;
 /// Positions of a short search; most are, as hypotheses soon get certain.
 const FEW_POSITIONS: usize = 2 * BLOCK;
+/// Positions of the next larger search.
+const SOME_POSITIONS: usize = 4 * BLOCK;
 /// Most positions of one search.
 const MAX_POSITIONS: usize = 27 * BLOCK;
 /// Samples needed beyond the positions, in whole blocks.
@@ -88,9 +90,12 @@ impl Template {
     #[inline]
     pub fn search(&self, task: &Task) -> Result<Match, Miss> {
         let needed = task.length + 1.0 + 2.0 * PADDING;
+        // Searches of few positions are of known size, so that the compiler unrolls them.
         if needed <= FEW_POSITIONS as f32 {
-            // Of known size, so that the compiler unrolls it.
             let (mut samples, mut sums) = ([0.0; FEW_POSITIONS + MARGIN], [0.0; FEW_POSITIONS]);
+            self.search_in(task, &mut samples, &mut sums)
+        } else if needed <= SOME_POSITIONS as f32 {
+            let (mut samples, mut sums) = ([0.0; SOME_POSITIONS + MARGIN], [0.0; SOME_POSITIONS]);
             self.search_in(task, &mut samples, &mut sums)
         } else if needed <= MAX_POSITIONS as f32 {
             let positions = (needed.ceil() as usize).next_multiple_of(BLOCK);

@@ -109,8 +109,18 @@ impl<'a> Observer<'a> {
         self.noise = (0.5 * median.max(0.0) / CHI2_MEDIAN).sqrt().clamp(least, 4.0 * least);
     }
 
+    /// Whether the pixel `(x, y)` has enough of its `gradient` along its epipolar line.
+    #[inline(always)]
+    pub fn is_aligned(&self, [x, y]: [f32; 2], [gx, gy]: [f32; 2]) -> bool {
+        let [lx, ly] = self.geometry.direction(x, y);
+        let along = gx * lx + gy * ly;
+        let least = self.params.min_alignment * self.params.min_alignment;
+        // False at the epipole.
+        along * along > least * (gx * gx + gy * gy) * (lx * lx + ly * ly)
+    }
+
     /// Where to look for the pixel `(x, y)` with `gradient`, given what is known of it, and whether to look:
-    /// not without gradient along the line, behind the camera, over too long a stretch, or for no gain.
+    /// not behind the camera, over too long a stretch, or for no gain.
     ///
     /// Free of branches: which pixels are worth a look is not predictable.
     #[inline(always)]
@@ -136,8 +146,8 @@ impl<'a> Observer<'a> {
         let alpha2 = depth_per_sample * depth_per_sample;
         let expected = alpha2 * self.variance(alignment2, along * along * COMPARED as f32);
         // Comparisons are false for what is not a number, as at the epipole.
-        let worthwhile = (alignment2 >= params.min_alignment * params.min_alignment)
-            & (near.is_in_front() & far.is_in_front())
+        let worthwhile = near.is_in_front()
+            & far.is_in_front()
             & (step2 > STEP_RANGE.start * STEP_RANGE.start)
             & (step2 < STEP_RANGE.end * STEP_RANGE.end)
             & (signed.abs() <= params.max_search)
