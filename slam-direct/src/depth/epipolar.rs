@@ -35,7 +35,7 @@ pub(super) struct Projection {
 
 impl Projection {
     /// Whether the point lies in front of the reference, not too close.
-    #[inline]
+    #[inline(always)]
     pub fn is_in_front(&self) -> bool {
         (self.iz > 0.0) & (self.iz < 1.0 / MIN_DEPTH_RATIO)
     }
@@ -70,14 +70,14 @@ impl EpipolarGeometry {
     }
 
     /// Direction of the epipolar line through keyframe pixel `(x, y)`, of any length; zero at the epipole.
-    #[inline]
+    #[inline(always)]
     pub fn direction(&self, x: f32, y: f32) -> [f32; 2] {
         let [ex, ey, ez] = self.epipole;
         [ex - x * ez, ey - y * ez]
     }
 
     /// The ray of keyframe pixel `(x, y)`, with the change of its image along `direction`.
-    #[inline]
+    #[inline(always)]
     pub fn ray(&self, x: f32, y: f32, direction: [f32; 2]) -> Ray {
         let h = &self.infinite_homography;
         let [lx, ly] = direction;
@@ -87,7 +87,7 @@ impl EpipolarGeometry {
     }
 
     /// Where a ray with inverse depth `d` is seen; check [`Projection::is_in_front`].
-    #[inline]
+    #[inline(always)]
     pub fn project(&self, ray: &Ray, d: f32) -> Projection {
         let [ax, ay, az] = ray.at_infinity;
         let [bx, by, bz] = self.shift;
@@ -96,13 +96,13 @@ impl EpipolarGeometry {
     }
 
     /// Step in the reference for one pixel along the line in the keyframe, depth held.
-    #[inline]
+    #[inline(always)]
     pub fn step(&self, ray: &Ray, at: &Projection) -> [f32; 2] {
         [0, 1].map(|i: usize| (ray.along[i] - at.u[i] * ray.along[2]) * at.iz)
     }
 
     /// Inverse depth of the ray seen at `u`, from the coordinate that moves more with depth.
-    #[inline]
+    #[inline(always)]
     pub fn inverse_depth(&self, ray: &Ray, u: [f32; 2]) -> f32 {
         let [ax, ay, az] = ray.at_infinity;
         let [bx, by, bz] = self.shift;
@@ -127,7 +127,7 @@ const MAX_PIXELS: usize = 1 << 24;
 
 impl Line {
     /// The pixel at `mu`.
-    #[inline]
+    #[inline(always)]
     pub fn at(&self, mu: f32) -> [f32; 2] {
         [self.origin[0] + mu * self.step[0], self.origin[1] + mu * self.step[1]]
     }

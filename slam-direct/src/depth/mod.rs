@@ -172,14 +172,15 @@ impl DepthFilter {
         let params = self.params.clone();
         let mut observer = Observer::new(image, reference, &self.camera, &params);
         observer.learn_noise(&mut self.sampled_residuals(&observer));
-        let mut looks = [Look::EMPTY; CHUNK];
+        let (mut looks, mut outcomes) = ([Look::EMPTY; CHUNK], [Outcome::Skipped; CHUNK]);
         for start in (0..self.len()).step_by(CHUNK) {
             let chunk = start..(start + CHUNK).min(self.len());
             let skipped = chunk.len();
             let count = self.plan(&observer, chunk, &mut looks);
             stats.skipped += skipped - count;
-            for look in &looks[..count] {
-                self.apply(look.candidate as usize, observer.observe(look), &mut stats);
+            observer.observe_all(&looks[..count], &mut outcomes);
+            for (look, &outcome) in looks[..count].iter().zip(&outcomes) {
+                self.apply(look.candidate as usize, outcome, &mut stats);
             }
         }
         stats

@@ -8,7 +8,7 @@ use super::search::COMPARED;
 /// per pixel², `noise` the standard deviation of one intensity, `line_error` that of the line's position.
 /// The geometric and photometric parts of Engel, Sturm and Cremers, ICCV 2013, Eq. 8 and 10, the latter for a
 /// template of several samples.
-#[inline]
+#[inline(always)]
 pub(super) fn disparity_variance(alignment2: f32, energy: f32, noise: f32, line_error: f32) -> f32 {
     // Noise adds to the energy it is measured against: half its variance per sample.
     let noise2 = noise * noise;

@@ -71,7 +71,7 @@ pub(super) struct Task<'a> {
 impl Template {
     /// Samples `image` along `line`, centred at μ = 0, and applies the brightness `gain · I + bias`;
     /// `None` at the border of the image.
-    #[inline]
+    #[inline(always)]
     pub fn new(image: &GrayImage, line: &Line, gain: f32, bias: f32) -> Option<Self> {
         let mut samples = [0.0; TEMPLATE];
         if !line.sample(image, -HALF - 1.0, &mut samples) {
@@ -87,7 +87,7 @@ impl Template {
     }
 
     /// Searches for the least sum of squared differences.
-    #[inline]
+    #[inline(always)]
     pub fn search(&self, task: &Task) -> Result<Match, Miss> {
         let needed = task.length + 1.0 + 2.0 * PADDING;
         // Searches of few positions are of known size, so that the compiler unrolls them.
