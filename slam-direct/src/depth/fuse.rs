@@ -7,7 +7,7 @@ const GATE: f32 = 9.0;
 
 /// The product of two Gaussians over inverse depth, or `None` when they disagree by more than 3 σ
 /// (Engel, Sturm, Cremers, ICCV 2013, Eq. 13, after growing the prior's variance by 1 %).
-#[inline]
+#[inline(always)]
 pub(super) fn fused(d: f32, v: f32, d_observed: f32, v_observed: f32) -> Option<(f32, f32)> {
     let v = GROWTH * v;
     let difference = d - d_observed;

@@ -10,7 +10,7 @@ pub struct DepthParams {
     /// gives more points in weak texture, each less certain (Engel 2013 uses 5).
     pub min_gradient: f32,
     /// Largest share of the image's pixels that become candidates, 0–1; the strongest gradients win.
-    /// Default 0.3, range 0.05–0.6: time and density grow with it.
+    /// Default 0.25, range 0.05–0.6: time and density grow with it.
     pub max_candidate_share: f32,
     /// Least standard deviation of image noise assumed, grey levels; the noise itself is learnt from residuals.
     /// Default 2, range 0.5–10 (Engel 2014 sets σ_I = 4).
@@ -20,15 +20,15 @@ pub struct DepthParams {
     /// Largest inverse depth searched where no backbone says otherwise, 1/keyframe unit. Default 4.
     pub max_inverse_depth: f32,
     /// Factor by which the range of the backbone points around a pixel is widened on either side.
-    /// Default 1.3, range 1.05–2: wider finds what no backbone point lies on, and costs time and ambiguity.
+    /// Default 1.15, range 1.05–2: wider finds what no backbone point lies on, and costs time and ambiguity.
     pub range_margin: f32,
-    /// How many standard deviations of a hypothesis are searched on either side. Default 2.5, range 1.5–4
-    /// (Engel 2013 uses 2).
+    /// How many standard deviations of a hypothesis are searched on either side. Default 2, range 1.5–4
+    /// (Engel 2013).
     pub search_sigmas: f32,
     /// Longest epipolar segment searched, pixels; longer ones wait for a nearer reference. Default 60,
     /// range 10–100.
     pub max_search: f32,
-    /// A second minimum below this multiple of the best one makes a match ambiguous. Default 1.6,
+    /// A second minimum below this multiple of the best one makes a match ambiguous. Default 1.4,
     /// range 1.1–3.
     pub uniqueness: f32,
     /// Largest mean squared residual of a match, in units of its expected value from image noise and
@@ -43,7 +43,7 @@ pub struct DepthParams {
     /// Default 0.004, range 0–0.02: higher is faster.
     pub converged: f32,
     /// Disparity error that more observations do not average out (interpolation, slanted surfaces), pixels.
-    /// Default 0.1, range 0–0.5.
+    /// Default 0.05, range 0–0.5.
     pub systematic_error: f32,
     /// Successful observations a pixel needs to be part of the map. Default 2, range 1–6.
     pub min_observations: u8,
@@ -58,11 +58,11 @@ pub struct DepthParams {
     pub neighbour_tolerance: f32,
     /// Parallax of a usable reference: baseline × mean inverse depth. Default 0.01, range 0.002–0.05.
     pub min_parallax: f32,
-    /// Parallax beyond which views differ too much. Default 0.25, range 0.05–0.6.
+    /// Parallax beyond which views differ too much. Default 0.15, range 0.05–0.6.
     pub max_parallax: f32,
     /// Least share of the keyframe seen by a usable reference, 0–1. Default 0.6, range 0.3–0.9.
     pub min_overlap: f32,
-    /// Most references per keyframe. Default 5, range 2–10: time grows with it.
+    /// Most references per keyframe. Default 3, range 2–10: time grows with it.
     pub max_references: usize,
 }
 
@@ -70,27 +70,27 @@ impl Default for DepthParams {
     fn default() -> Self {
         Self {
             min_gradient: 6.0,
-            max_candidate_share: 0.3,
+            max_candidate_share: 0.25,
             image_noise: 2.0,
             min_inverse_depth: 0.02,
             max_inverse_depth: 4.0,
-            range_margin: 1.3,
-            search_sigmas: 2.5,
+            range_margin: 1.15,
+            search_sigmas: 2.0,
             max_search: 60.0,
-            uniqueness: 1.6,
+            uniqueness: 1.4,
             max_residual: 3.0,
             min_alignment: 0.3,
             worthwhile: 1.0,
             converged: 0.004,
-            systematic_error: 0.1,
+            systematic_error: 0.05,
             min_observations: 2,
             max_relative_sigma: 0.03,
             min_support: 3,
             neighbour_tolerance: 0.02,
             min_parallax: 0.01,
-            max_parallax: 0.25,
+            max_parallax: 0.15,
             min_overlap: 0.6,
-            max_references: 5,
+            max_references: 3,
         }
     }
 }

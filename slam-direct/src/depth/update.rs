@@ -201,32 +201,6 @@ impl<'a> Observer<'a> {
         }
     }
 
-    /// Observes all `looks`, telling `report` of each in order.
-    pub fn observe_all(&self, looks: &[Look], outcomes: &mut [Outcome]) {
-        #[cfg(target_arch = "x86_64")]
-        if std::arch::is_x86_feature_detected!("avx2") {
-            // SAFETY: the processor has what the function is compiled for.
-            return unsafe { self.observe_all_avx2(looks, outcomes) };
-        }
-        self.observe_all_plain(looks, outcomes);
-    }
-
-    /// The same, compiled for wider registers. Rust does not fuse or reorder arithmetic, so the results are
-    /// the same to the bit.
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2")]
-    unsafe fn observe_all_avx2(&self, looks: &[Look], outcomes: &mut [Outcome]) {
-        self.observe_all_plain(looks, outcomes);
-    }
-
-    /// The same, for any processor.
-    #[inline(always)]
-    fn observe_all_plain(&self, looks: &[Look], outcomes: &mut [Outcome]) {
-        for (look, outcome) in looks.iter().zip(outcomes) {
-            *outcome = self.observe(look);
-        }
-    }
-
     /// Sum of squared residuals expected from noise alone.
     #[inline(always)]
     fn noise2(&self) -> f32 {
