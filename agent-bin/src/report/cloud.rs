@@ -173,12 +173,19 @@ mod tests {
     use super::*;
 
     fn point(x: f32, sigma_code: u8) -> CloudPoint {
-        CloudPoint { position: Vector3::new(x, 0.0, 0.0), inverse_depth: 1.0, intensity: 0, sigma_code, keyframe: 0 }
+        CloudPoint {
+            position: Vector3::new(x, 0.0, 0.0),
+            inverse_depth: 1.0,
+            intensity: 0,
+            sigma_code,
+            keyframe: 0,
+        }
     }
 
     #[test]
     fn thinning_drops_the_uncertain_first_and_meets_the_budget() {
-        let mut points: Vec<_> = (0..1000).map(|i| point(i as f32, if i % 4 == 0 { 200 } else { 10 })).collect();
+        let mut points: Vec<_> =
+            (0..1000).map(|i| point(i as f32, if i % 4 == 0 { 200 } else { 10 })).collect();
         thin(&mut points, 300);
         assert_eq!(points.len(), 300);
         assert!(points.iter().all(|p| p.sigma_code == 10));

@@ -14,11 +14,11 @@ pub const MAX_PICTURES: usize = 24;
 /// Most pixels of a picture; larger images are shrunk by a whole factor.
 const MAX_PIXELS: usize = 520_000;
 /// Most depths drawn over a picture; two bytes each.
-const MAX_DEPTHS: usize = 50_000;
+const MAX_DEPTHS: usize = 80_000;
 /// Most bytes of a picture; the quality falls until it fits.
-const MAX_BYTES: usize = 200_000;
+const MAX_BYTES: usize = 130_000;
 /// JPEG qualities, tried in turn.
-const QUALITIES: [u8; 4] = [85, 70, 50, 25];
+const QUALITIES: [u8; 5] = [85, 70, 50, 25, 10];
 
 /// A key image.
 #[derive(Serialize)]

@@ -57,14 +57,18 @@ pub struct ReportInput<'a> {
 pub fn write(path: &Path, input: &ReportInput) -> anyhow::Result<()> {
     let html = render(input)?;
     std::fs::write(path, html).with_context(|| {
-        format!("cannot write the report to {}: check that the folder exists and the disk has room", path.display())
+        format!(
+            "cannot write the report to {}: check that the folder exists and the disk has room",
+            path.display()
+        )
     })
 }
 
 /// The whole page as text.
 fn render(input: &ReportInput) -> anyhow::Result<String> {
     let data = Data::new(input)?;
-    let json = script_safe(&serde_json::to_string(&data).context("the report's data cannot be written as JSON")?);
+    let json =
+        script_safe(&serde_json::to_string(&data).context("the report's data cannot be written as JSON")?);
     let scripts = [
         include_str!("assets/page.js"),
         include_str!("assets/gl.js"),
@@ -124,7 +128,7 @@ fn script_safe(json: &str) -> String {
     let mut out = String::with_capacity(json.len());
     for c in json.chars() {
         match c {
-            '<' | '>' | '&' | '\u{2028}' | '\u{2029}' => out.push_str(&format!("\\u{:04x}", c as u32)),
+            '<' | '>' | '&' => out.push_str(&format!("\\u{:04x}", c as u32)),
             _ => out.push(c),
         }
     }

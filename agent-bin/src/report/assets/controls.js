@@ -60,10 +60,11 @@ class Controls {
   bindPanel() {
     const { viewer } = this, form = byId("controls");
     form.addEventListener("submit", (event) => event.preventDefault());
-    const { codes, scene } = { codes: cloud.value.filter((_, i) => i % 2 === 1), scene: viewer.scene };
+    const { scene } = viewer, codes = cloud.value.filter((_, i) => i % 2 === 1);
     const span = codes.reduce(([low, high], c) => [Math.min(low, c), Math.max(high, c)], [255, 0]);
     const slider = byId("sigma");
     if (span[0] <= span[1]) [slider.min, slider.max, slider.value] = [span[0], span[1], span[1]];
+    slider.disabled = span[0] >= span[1];
     const read = () => {
       const { settings } = viewer;
       settings.colour = Number(form.elements.colour.value);
@@ -205,7 +206,7 @@ function toggleFullScreen(node) {
 function showLegend(colour, scene) {
   const legends = {
     1: ["Height, map units", COLOURS.ordered, scene.heights.map((h) => figures(h))],
-    2: ["Depth from its keyframe, map units", COLOURS.depth, [0, 0.5, 1].map((t) => figures(cloud.depth(t)))],
+    2: ["Depth in its keyframe, map units", COLOURS.depth, [0, 0.5, 1].map((t) => figures(cloud.depth(t)))],
     3: ["Relative σ of inverse depth", COLOURS.ordered, [1, 0.5, 0].map((t) => `${figures(cloud.sigma(scene.codes[0] + t * (scene.codes[1] - scene.codes[0])) * 100)} %`)],
   };
   byId("legend").hidden = !legends[colour];

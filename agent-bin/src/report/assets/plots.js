@@ -124,7 +124,7 @@ class Plots {
       context.beginPath();
       if (Number.isFinite(panel.values[hover])) context.arc(this.x(rows.frame[hover]), at(panel.values[hover]), 3.5, 0, 7);
       context.fill();
-    } else {
+    } else if (this.width > 560) {
       this.write(context, labels, right, y + 11, colour("--soft"), "right");
     }
   }

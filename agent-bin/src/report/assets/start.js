@@ -20,9 +20,8 @@ function startViewer() {
     byId("scene-note").textContent = [
       cloud.count < data.cloud.total ? `${cloud.count.toLocaleString("en")} of ${data.cloud.total.toLocaleString("en")} points` : `${cloud.count.toLocaleString("en")} points`,
       `${keyframes.count.toLocaleString("en")} keyframes`,
-      `grid of ${viewer.gridStep.toLocaleString("en", { maximumSignificantDigits: 1 })} map units`,
-      "drag orbits · right-drag pans · wheel zooms · double-click centres",
-    ].join("  ·  ");
+      `grid spacing ${viewer.gridStep.toLocaleString("en", { maximumSignificantDigits: 1 })}`,
+    ].join("  ·  ") + "\ndrag orbits  ·  right-drag pans  ·  wheel zooms  ·  double-click centres";
     byId("look").addEventListener("click", () => controls.lookThrough());
     byId("isolate").addEventListener("click", (event) => {
       viewer.settings.isolate = !viewer.settings.isolate;

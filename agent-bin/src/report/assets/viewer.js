@@ -267,7 +267,7 @@ class Viewer {
     gl.depthMask(false);
     if (layers.has("grid")) this.lines.grid.draw(this.lineProgram, ratio);
     if (layers.has("edges")) this.lines.edges.draw(this.lineProgram, 1.4 * ratio);
-    if (layers.has("keyframes")) this.lines.keyframes.draw(this.lineProgram, 1.2 * ratio);
+    if (layers.has("keyframes") && !this.isInsideSelected()) this.lines.keyframes.draw(this.lineProgram, 1.2 * ratio);
     if (layers.has("trajectory")) this.lines.trajectory.draw(this.lineProgram, 2.4 * ratio);
     gl.disable(gl.DEPTH_TEST);
     if (!this.isInsideSelected()) this.lines.selected.draw(this.lineProgram, 2 * ratio);
