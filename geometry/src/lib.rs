@@ -8,6 +8,7 @@ mod pinhole;
 mod pyramid;
 mod se3;
 mod sim3;
+pub mod umeyama;
 
 pub use image::{GrayImage, Image};
 pub use pinhole::Pinhole;
