@@ -1,7 +1,7 @@
 //! Bringing the estimate into the frame and unit of the ground truth.
 
 use crate::{Associated, EvalError};
-use geometry::{Se3, Sim3, umeyama};
+use geometry::{Sim3, umeyama};
 use nalgebra::{UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -33,7 +33,6 @@ pub fn align(pairs: &Associated, mode: AlignMode) -> Result<(Sim3, Associated), 
             Sim3::new(UnitQuaternion::identity(), Vector3::zeros(), scale)
         }
     };
-    let aligned = |pose: &Se3| (truth_from_estimate * Sim3::from(*pose)).rigid();
-    let estimate = pairs.estimate.iter().map(aligned).collect();
+    let estimate = pairs.estimate.iter().map(|pose| pose.transformed(&truth_from_estimate)).collect();
     Ok((truth_from_estimate, Associated { estimate, ..pairs.clone() }))
 }

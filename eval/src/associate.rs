@@ -1,7 +1,6 @@
 //! Which pose of the estimate belongs to which of the ground truth.
 
-use crate::{EvalError, Trajectory};
-use geometry::Se3;
+use crate::{EvalError, Pose, Trajectory};
 use nalgebra::Vector3;
 
 /// Widest time difference of a pair, seconds. Half the spacing of motion-capture data thinned to 50 Hz is
@@ -14,9 +13,9 @@ pub struct Associated {
     /// Seconds on the clock of the ground truth; `None` when neither file has time stamps.
     pub timestamps: Option<Vec<f64>>,
     /// Estimated poses.
-    pub estimate: Vec<Se3>,
+    pub estimate: Vec<Pose>,
     /// Their true poses.
-    pub truth: Vec<Se3>,
+    pub truth: Vec<Pose>,
 }
 
 impl Associated {
@@ -32,7 +31,7 @@ impl Associated {
 
     /// `(estimated, true)` camera positions.
     pub fn positions(&self) -> (Vec<Vector3<f64>>, Vec<Vector3<f64>>) {
-        let positions = |poses: &[Se3]| poses.iter().map(|pose| pose.translation).collect();
+        let positions = |poses: &[Pose]| poses.iter().map(|pose| pose.translation).collect();
         (positions(&self.estimate), positions(&self.truth))
     }
 }
@@ -99,10 +98,11 @@ pub(crate) fn nearest(times: &[f64], time: f64) -> Option<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use geometry::Se3;
     use proptest::prelude::*;
 
     fn trajectory(times: &[f64]) -> Trajectory {
-        let pose = |&t: &f64| Se3::from_tum([t, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]);
+        let pose = |&t: &f64| Se3::from_tum([t, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]).into();
         Trajectory { timestamps: Some(times.to_vec()), world_from_camera: times.iter().map(pose).collect() }
     }
 

@@ -29,4 +29,4 @@ pub use read::{read_times, read_trajectory};
 pub use rpe::{Delta, Rpe, rpe};
 pub use segments::{LengthError, SegmentErrors, segment_errors};
 pub use statistics::Statistics;
-pub use trajectory::Trajectory;
+pub use trajectory::{Pose, Trajectory};

@@ -1,9 +1,9 @@
 //! Trajectory files: TUM (`t tx ty tz qx qy qz qw`) and KITTI (twelve numbers of the upper 3×4 matrix,
 //! row by row), told apart by their columns; and lists of frame times.
 
-use crate::{EvalError, Trajectory};
+use crate::{EvalError, Pose, Trajectory};
 use geometry::Se3;
-use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, Vector3};
 use std::path::Path;
 
 /// How far a quaternion's length may be from one, and a matrix from a rotation: files round their digits.
@@ -90,22 +90,21 @@ fn numbers(line: &str) -> Result<Vec<f64>, String> {
         .collect()
 }
 
-fn tum_pose(values: [f64; 7]) -> Result<Se3, String> {
+fn tum_pose(values: [f64; 7]) -> Result<Pose, String> {
     let norm = values[3..].iter().map(|q| q * q).sum::<f64>().sqrt();
     if (norm - 1.0).abs() > UNIT_TOLERANCE {
         return Err(format!("quaternion has length {norm}, expected 1 (order qx qy qz qw)"));
     }
-    Ok(Se3::from_tum(values))
+    Ok(Se3::from_tum(values).into())
 }
 
-fn kitti_pose(v: &[f64]) -> Result<Se3, String> {
-    let r = Matrix3::new(v[0], v[1], v[2], v[4], v[5], v[6], v[8], v[9], v[10]);
-    let error = (r.transpose() * r - Matrix3::identity()).abs().max();
-    if error > UNIT_TOLERANCE || r.determinant() < 0.0 {
+fn kitti_pose(v: &[f64]) -> Result<Pose, String> {
+    let rotation = Matrix3::new(v[0], v[1], v[2], v[4], v[5], v[6], v[8], v[9], v[10]);
+    let error = (rotation.transpose() * rotation - Matrix3::identity()).abs().max();
+    if error > UNIT_TOLERANCE || rotation.determinant() < 0.0 {
         return Err("the left 3×3 of the matrix is not a rotation".to_owned());
     }
-    let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(r));
-    Ok(Se3::new(rotation, Vector3::new(v[3], v[7], v[11])).renormalized())
+    Ok(Pose { rotation, translation: Vector3::new(v[3], v[7], v[11]) })
 }
 
 #[cfg(test)]
@@ -134,8 +133,9 @@ mod tests {
         let kitti = read_trajectory(kitti.path()).unwrap();
         assert_eq!(tum.timestamps, Some(vec![1.5]));
         assert_eq!(kitti.timestamps, None);
-        let difference = tum.world_from_camera[0].to_matrix() - kitti.world_from_camera[0].to_matrix();
-        assert!(difference.norm() < 1e-15, "{difference}");
+        let (tum, kitti) = (tum.world_from_camera[0], kitti.world_from_camera[0]);
+        assert!((tum.rotation - kitti.rotation).norm() < 1e-15);
+        assert_eq!(tum.translation, kitti.translation);
     }
 
     #[test]

@@ -50,11 +50,10 @@ pub fn rpe(aligned: &Associated, delta: Delta, all_pairs: bool) -> Result<Option
     let mut translation = Vec::with_capacity(pairs.len());
     let mut rotation_deg = Vec::with_capacity(pairs.len());
     for (i, j) in pairs {
-        let true_motion = aligned.truth[i].inverse() * aligned.truth[j];
-        let est_motion = aligned.estimate[i].inverse() * aligned.estimate[j];
-        let error = true_motion.inverse() * est_motion;
+        let true_motion = aligned.truth[i].to(&aligned.truth[j]);
+        let error = true_motion.to(&aligned.estimate[i].to(&aligned.estimate[j]));
         translation.push(error.translation.norm());
-        rotation_deg.push(error.rotation.angle().to_degrees());
+        rotation_deg.push(error.angle_deg());
     }
     let statistics = Statistics::of(&translation).zip(Statistics::of(&rotation_deg));
     Ok(statistics.map(|(translation, rotation_deg)| Rpe { delta, all_pairs, translation, rotation_deg }))
@@ -87,13 +86,17 @@ fn successors(aligned: &Associated, delta: Delta) -> Result<Vec<Option<usize>>, 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Pose;
     use geometry::Se3;
     use nalgebra::Vector6;
 
     /// The truth moves 1 m a second along x; the estimate turns by `turn` radians and moves 1 + drift.
     fn pairs(n: usize, drift: f64, turn: f64) -> Associated {
         let path = |step: Se3| {
-            std::iter::successors(Some(Se3::identity()), move |pose| Some(*pose * step)).take(n).collect()
+            std::iter::successors(Some(Se3::identity()), move |pose| Some(*pose * step))
+                .take(n)
+                .map(Pose::from)
+                .collect()
         };
         Associated {
             timestamps: Some((0..n).map(|i| i as f64).collect()),

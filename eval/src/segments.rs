@@ -82,10 +82,9 @@ fn length_unit(path: f64) -> Option<f64> {
 
 /// `(percent, degrees per metre)` from pose `first` to `last`.
 fn segment_error(aligned: &Associated, first: usize, last: usize, length: f64) -> (f64, f64) {
-    let true_motion = aligned.truth[first].inverse() * aligned.truth[last];
-    let est_motion = aligned.estimate[first].inverse() * aligned.estimate[last];
-    let error = est_motion.inverse() * true_motion;
-    (100.0 * error.translation.norm() / length, error.rotation.angle().to_degrees() / length)
+    let est_motion = aligned.estimate[first].to(&aligned.estimate[last]);
+    let error = est_motion.to(&aligned.truth[first].to(&aligned.truth[last]));
+    (100.0 * error.translation.norm() / length, error.angle_deg() / length)
 }
 
 fn mean(errors: &[(f64, f64)]) -> Option<(f64, f64)> {
@@ -101,7 +100,7 @@ mod tests {
 
     fn straight(n: usize, step: f64, scale: f64) -> Associated {
         let path = |step: f64| {
-            (0..n).map(|i| Se3::from_tum([0.0, 0.0, step * i as f64, 0.0, 0.0, 0.0, 1.0])).collect()
+            (0..n).map(|i| Se3::from_tum([0.0, 0.0, step * i as f64, 0.0, 0.0, 0.0, 1.0]).into()).collect()
         };
         Associated { timestamps: None, estimate: path(step * scale), truth: path(step) }
     }
