@@ -389,6 +389,11 @@ impl Agent {
         }
     }
 
+    /// Gives the map away.
+    pub fn into_map(self) -> Map {
+        self.map
+    }
+
     /// The map as it stands.
     pub fn map(&self) -> &Map {
         &self.map
