@@ -25,7 +25,7 @@ params! {
         /// Intensity noise of a patch, grey levels: the least that is assumed.
         pub patch_sigma: f32 = 3.0,
         /// Uncertainty of position that no intensity explains (rolling shutter, lens), pixels.
-        pub position_sigma: f32 = 0.15,
+        pub position_sigma: f32 = 0.5,
         /// Keyframes whose points are sought at most.
         pub max_hosts: usize = 14,
     }
