@@ -9,7 +9,6 @@ use crate::mapping;
 use crate::track::{self, Matched, View};
 use geometry::{GrayImage, Pinhole, Pyramid, Se3, Sim3};
 use map::{FramePose, KeyframeId, Map, PlaceIndex};
-use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// One image to process.
@@ -77,6 +76,8 @@ struct Running {
     alignment: AlignmentReference,
     /// Most points that were expected in a frame tracked against the reference.
     expected: usize,
+    /// Most points that were found in such a frame.
+    found: usize,
     last: Se3,
     /// Motion of the last frame: `last = velocity * the one before`.
     velocity: Se3,
@@ -194,7 +195,7 @@ impl Agent {
             &points,
             &self.params.align,
         );
-        Running { reference, alignment, expected: 0, last, velocity, brightness, lost: false }
+        Running { reference, alignment, expected: 0, found: 0, last, velocity, brightness, lost: false }
     }
 
     fn track(
@@ -207,15 +208,11 @@ impl Agent {
         let p = &self.params;
         let reference = &self.local.keyframes[running.reference];
         let world_from_reference = reference.camera_from_world.inverse();
-        let guesses =
-            [running.velocity * running.last * world_from_reference, running.last * world_from_reference];
-        let aligned =
-            track::align_from_guesses(&running.alignment, &pyramid, &guesses, running.brightness, 0.6);
-        let log_gain = reference.log_gain + aligned.brightness.log_gain;
+        let guesses = [running.velocity * running.last * world_from_reference, running.last * world_from_reference];
+        let aligned = track::align_from_guesses(&running.alignment, &pyramid, &guesses, running.brightness, 0.6);
         let mut view = View {
             pyramid: &pyramid,
             camera_from_world: aligned.frame_from_reference * reference.camera_from_world,
-            log_gain,
         };
         let hosts =
             track::choose_hosts(&self.local, &view.camera_from_world, running.reference, p.track.max_hosts);
@@ -225,18 +222,7 @@ impl Agent {
         let inliers = matched.iter().filter(|m| m.inlier).count();
         let share = inliers as f32 / sought.len().max(1) as f32;
         if std::env::var("LB_DEBUG").is_ok() {
-            eprintln!(
-                "frame {index} ref {} align inl {:.2} vis {:.2} rmse {:.1} gain {:.3} | hosts {} sought {} matched {} inl {}",
-                running.reference,
-                aligned.inlier_share,
-                aligned.visible_share,
-                aligned.rmse,
-                log_gain,
-                hosts.len(),
-                sought.len(),
-                matched.len(),
-                inliers
-            );
+            eprintln!("frame {index} ref {} align inl {:.2} vis {:.2} rmse {:.1} gain {:.3} | hosts {} sought {} matched {} inl {}", running.reference, aligned.inlier_share, aligned.visible_share, aligned.rmse, aligned.brightness.log_gain, hosts.len(), sought.len(), matched.len(), inliers);
         }
         if inliers < p.keyframes.min_matched || share < p.keyframes.min_share {
             running.lost = true;
@@ -271,10 +257,10 @@ impl Agent {
             ..FrameReport::of(TrackingState::Tracking)
         };
         running.expected = running.expected.max(sought.len());
-        self.change_reference(&mut running, &hosts, log_gain);
-        if self.wants_keyframe(&running, sought.len()) {
-            report.new_keyframe =
-                Some(self.add_keyframe(&mut running, pyramid, timestamp, index, log_gain, &matched));
+        running.found = running.found.max(inliers);
+        self.change_reference(&mut running, &hosts);
+        if self.wants_keyframe(&running, sought.len(), inliers) {
+            report.new_keyframe = Some(self.add_keyframe(&mut running, pyramid, timestamp, index, &matched));
         }
         self.state = State::Running(running);
         report
@@ -289,8 +275,11 @@ impl Agent {
         }
     }
 
-    fn wants_keyframe(&self, running: &Running, expected: usize) -> bool {
+    fn wants_keyframe(&self, running: &Running, expected: usize, found: usize) -> bool {
         let overlap = expected as f32 / running.expected.max(1) as f32;
+        if (found as f32) < self.params.keyframes.fading * running.found as f32 {
+            return true;
+        }
         match self.departure(running.reference, &running.last, overlap) {
             Some(departure) => departure.score(&self.params.keyframes) > 1.0,
             None => true,
@@ -311,7 +300,6 @@ impl Agent {
         pyramid: Pyramid,
         timestamp: f64,
         frame_index: u64,
-        log_gain: f32,
         matched: &[Matched],
     ) -> KeyframeId {
         let keyframe = self.local.keyframes.len();
@@ -320,7 +308,6 @@ impl Agent {
             frame_index,
             pyramid,
             camera_from_world: running.last,
-            log_gain,
             points: Vec::new(),
             seen: Vec::new(),
         });
@@ -337,7 +324,7 @@ impl Agent {
     }
 
     /// Tracks against the keyframe that lies nearest, as its points move in the image.
-    fn change_reference(&self, running: &mut Running, hosts: &[usize], log_gain: f32) {
+    fn change_reference(&self, running: &mut Running, hosts: &[usize]) {
         let p = &self.params.keyframes;
         let score = |keyframe: usize| self.departure(keyframe, &running.last, 1.0).map(|d| d.score(p));
         let Some(now) = score(running.reference) else { return };
@@ -350,9 +337,7 @@ impl Agent {
             .filter_map(|&host| Some((score(host)?, host)))
             .min_by(|a, b| a.0.total_cmp(&b.0));
         if let Some((_, best)) = nearest.filter(|n| n.0 < 0.6 * now) {
-            let brightness =
-                Brightness { log_gain: log_gain - self.local.keyframes[best].log_gain, offset: 0.0 };
-            *running = self.running(best, running.last, running.velocity, brightness);
+            *running = self.running(best, running.last, running.velocity, Brightness::default());
         }
     }
 
