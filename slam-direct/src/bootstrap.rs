@@ -4,8 +4,8 @@
 //! No essential matrix is needed: with inverse depths and small motions the joint problem converges from
 //! constant depth (Yu & Gallup, CVPR 2014); several directions of travel guard against its mirror solutions.
 
-use crate::local_map::{KeyframeState, LocalMap, PointState, SeenAt, median};
 use crate::params_macro::params;
+use crate::local_map::{KeyframeState, LocalMap, PointState, SeenAt, median};
 use crate::patch::{PatchMatch, Template};
 use crate::select::select;
 use crate::track::{TrackParams, position_information};
@@ -15,34 +15,21 @@ use geometry::{Pinhole, Pyramid, Se3};
 use nalgebra::{Vector3, Vector6};
 use rayon::prelude::*;
 
-/// Parameters of the start.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct BootstrapParams {
-    /// Points to follow.
-    pub block: usize,
-    /// Median way of the points, turn removed, that is worth an attempt; share of the image width.
-    pub min_parallax: f32,
-    /// Share of the points that must still be followed, else the start begins anew.
-    pub min_followed: f32,
-    /// Frames after which the start begins anew.
-    pub max_frames: usize,
-    /// Median standard deviation of the inverse depths, relative to them, that a good start has.
-    pub max_relative_sigma: f64,
-    /// Share of the points that must agree with the solution.
-    pub min_inliers: f64,
-}
-
-impl Default for BootstrapParams {
-    fn default() -> Self {
-        Self {
-            block: 16,
-            min_parallax: 0.008,
-            min_followed: 0.3,
-            max_frames: 60,
-            max_relative_sigma: 0.08,
-            min_inliers: 0.7,
-        }
+params! {
+    /// Parameters of the start.
+    pub struct BootstrapParams {
+        /// Points to follow.
+        pub block: usize = 16,
+        /// Median way of the points, turn removed, that is worth an attempt; share of the image width.
+        pub min_parallax: f32 = 0.008,
+        /// Share of the points that must still be followed, else the start begins anew.
+        pub min_followed: f32 = 0.3,
+        /// Frames after which the start begins anew.
+        pub max_frames: usize = 60,
+        /// Median standard deviation of the inverse depths, relative to them, that a good start has.
+        pub max_relative_sigma: f64 = 0.08,
+        /// Share of the points that must agree with the solution.
+        pub min_inliers: f64 = 0.7,
     }
 }
 
@@ -123,14 +110,7 @@ impl Bootstrap {
                 })
             })
             .collect();
-        (tracks.len() >= 60).then_some(Self {
-            camera,
-            first: pyramid,
-            timestamp,
-            frame_index,
-            tracks,
-            frames: Vec::new(),
-        })
+        (tracks.len() >= 60).then_some(Self { camera, first: pyramid, timestamp, frame_index, tracks, frames: Vec::new() })
     }
 
     /// Follows the points into a frame and tries for a map when they have moved enough.
@@ -242,15 +222,7 @@ impl Bootstrap {
             _ => (1..=5).map(|i| i * count / 5 - 1).collect(),
         };
         let w = turn.rotation.scaled_axis();
-        let starts = [
-            Vector3::zeros(),
-            Vector3::x(),
-            -Vector3::x(),
-            Vector3::y(),
-            -Vector3::y(),
-            Vector3::z(),
-            -Vector3::z(),
-        ];
+        let starts = [Vector3::zeros(), Vector3::x(), -Vector3::x(), Vector3::y(), -Vector3::y(), Vector3::z(), -Vector3::z()];
         let solved: Vec<(f64, Problem)> = starts
             .par_iter()
             .map(|direction| {
@@ -287,9 +259,7 @@ impl Bootstrap {
             if !good || relative > 0.3 {
                 continue;
             }
-            let Some(seen) =
-                solution.observations[point.observations.clone()].iter().find(|o| o.frame == last)
-            else {
+            let Some(seen) = solution.observations[point.observations.clone()].iter().find(|o| o.frame == last) else {
                 continue;
             };
             let pixel = self.camera.project(&point.ray);
@@ -410,8 +380,7 @@ fn refine(problem: &Problem, iterations: usize, rotation_only: bool) -> Se3 {
                 ) else {
                     continue;
                 };
-                let weight =
-                    crate::window::robust_weight(crate::window::mahalanobis(&p.residual, &seen.information));
+                let weight = crate::window::robust_weight(crate::window::mahalanobis(&p.residual, &seen.information));
                 let [a, b, c] = seen.information.map(|v| v * weight);
                 let (ju, jv) = (Vector6::from(p.by_twist[0]), Vector6::from(p.by_twist[1]));
                 let (wu, wv) = (ju * a + jv * b, ju * b + jv * c);

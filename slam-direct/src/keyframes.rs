@@ -1,29 +1,24 @@
 //! When a frame becomes a keyframe, and when tracking is lost.
 
+
 use crate::params_macro::params;
 
-/// Parameters of keyframe selection and loss.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct KeyframeParams {
-    /// Median way of the points since the reference keyframe, share of the image width, that alone makes a keyframe.
-    pub flow: f32,
-    /// The same for what the turn does not explain.
-    pub parallax: f32,
-    /// Share of the points expected near the reference below which a keyframe is made.
-    pub overlap: f32,
-    /// Points found, over the most found against the same reference, below which a keyframe is made at once:
-    /// the view changes faster than the map knows it.
-    pub fading: f32,
-    /// Matched points below which tracking is lost.
-    pub min_matched: usize,
-    /// Share of sought points that must be matched.
-    pub min_share: f32,
-}
-
-impl Default for KeyframeParams {
-    fn default() -> Self {
-        Self { flow: 0.18, parallax: 0.06, overlap: 0.6, fading: 0.5, min_matched: 30, min_share: 0.2 }
+params! {
+    /// Parameters of keyframe selection and loss.
+    pub struct KeyframeParams {
+        /// Median way of the points since the reference keyframe, share of the image width, that alone makes a keyframe.
+        pub flow: f32 = 0.18,
+        /// The same for what the turn does not explain.
+        pub parallax: f32 = 0.06,
+        /// Share of the points expected near the reference below which a keyframe is made.
+        pub overlap: f32 = 0.6,
+        /// Points found, over the most found against the same reference, below which a keyframe is made at once:
+        /// the view changes faster than the map knows it.
+        pub fading: f32 = 0.5,
+        /// Matched points below which tracking is lost.
+        pub min_matched: usize = 30,
+        /// Share of sought points that must be matched.
+        pub min_share: f32 = 0.2,
     }
 }
 

@@ -1,9 +1,9 @@
 //! Map-to-frame tracking: points of the map are found in the frame patch by patch, and the frame's pose
 //! is the one that agrees best with where they were found.
 
+use crate::params_macro::params;
 use crate::align::{AlignmentReference, Brightness};
 use crate::local_map::{LocalMap, PointRef};
-use crate::params_macro::params;
 use crate::patch::Template;
 use crate::warp::Warp;
 use crate::window::{mahalanobis, predict, robust_weight};
@@ -66,19 +66,12 @@ pub(crate) fn match_points(
     per_cell: usize,
 ) -> (Vec<Matched>, Vec<PointRef>) {
     let sought = choose(map, hosts, view, params, per_cell);
-    let found: Vec<Option<Matched>> =
-        sought.par_iter().with_min_len(64).map(|s| find(map, s, view, params)).collect();
+    let found: Vec<Option<Matched>> = sought.par_iter().with_min_len(64).map(|s| find(map, s, view, params)).collect();
     (found.into_iter().flatten().collect(), sought.iter().map(|s| s.at).collect())
 }
 
 /// The points expected in the frame, spread over its cells.
-fn choose(
-    map: &LocalMap,
-    hosts: &[usize],
-    view: &View,
-    params: &TrackParams,
-    per_cell: usize,
-) -> Vec<Sought> {
+fn choose(map: &LocalMap, hosts: &[usize], view: &View, params: &TrackParams, per_cell: usize) -> Vec<Sought> {
     let camera = &map.camera;
     let columns = camera.width.div_ceil(params.cell);
     let rows = camera.height.div_ceil(params.cell);
@@ -89,9 +82,7 @@ fn choose(
         let relative = view.camera_from_world * state.camera_from_world.inverse();
         let rotation = relative.rotation_matrix();
         for (index, point) in state.points.iter().enumerate().filter(|(_, p)| p.alive) {
-            let Some((warp, pixel)) =
-                Warp::new(camera, &relative, &rotation, &point.ray, point.inverse_depth)
-            else {
+            let Some((warp, pixel)) = Warp::new(camera, &relative, &rotation, &point.ray, point.inverse_depth) else {
                 continue;
             };
             let pixel = [pixel.x as f32, pixel.y as f32];
@@ -105,9 +96,7 @@ fn choose(
         }
     }
     for cell in &mut cells {
-        cell.sort_by(|a, b| {
-            a.rank.0.cmp(&b.rank.0).then(a.rank.1.total_cmp(&b.rank.1)).then(a.at.cmp(&b.at))
-        });
+        cell.sort_by(|a, b| a.rank.0.cmp(&b.rank.0).then(a.rank.1.total_cmp(&b.rank.1)).then(a.at.cmp(&b.at)));
         cell.truncate(per_cell);
     }
     cells.into_iter().flatten().collect()
@@ -133,12 +122,7 @@ fn find(map: &LocalMap, sought: &Sought, view: &View, params: &TrackParams) -> O
 
 /// Information of a patch's position: photometric noise through its Hessian plus the positional floor,
 /// `Λ = (σ_I² H⁻¹ + σ_0² I)⁻¹ = H (σ_I² I + σ_0² H)⁻¹`.
-pub(crate) fn position_information(
-    hessian: &[f32; 3],
-    rmse: f32,
-    level: usize,
-    params: &TrackParams,
-) -> [f32; 3] {
+pub(crate) fn position_information(hessian: &[f32; 3], rmse: f32, level: usize, params: &TrackParams) -> [f32; 3] {
     let [xx, xy, yy] = *hessian;
     let intensity = rmse.max(params.patch_sigma).powi(2);
     let floor = (params.position_sigma * (1u32 << level) as f32).powi(2);
@@ -148,12 +132,7 @@ pub(crate) fn position_information(
 }
 
 /// Keyframes whose points the frame may see, most promising first.
-pub(crate) fn choose_hosts(
-    map: &LocalMap,
-    view_camera_from_world: &Se3,
-    reference: usize,
-    count: usize,
-) -> Vec<usize> {
+pub(crate) fn choose_hosts(map: &LocalMap, view_camera_from_world: &Se3, reference: usize, count: usize) -> Vec<usize> {
     const PROBES: usize = 24;
     let mut scored: Vec<(usize, usize)> = Vec::new();
     for (index, state) in map.keyframes.iter().enumerate() {
@@ -165,14 +144,9 @@ pub(crate) fn choose_hosts(
             .iter()
             .step_by(stride)
             .filter(|point| {
-                Warp::new(&map.camera, &relative, &rotation, &point.ray, point.inverse_depth).is_some_and(
-                    |(_, p)| {
-                        p.x >= 5.0
-                            && p.y >= 5.0
-                            && p.x < map.camera.width as f64 - 5.0
-                            && p.y < map.camera.height as f64 - 5.0
-                    },
-                )
+                Warp::new(&map.camera, &relative, &rotation, &point.ray, point.inverse_depth).is_some_and(|(_, p)| {
+                    p.x >= 5.0 && p.y >= 5.0 && p.x < map.camera.width as f64 - 5.0 && p.y < map.camera.height as f64 - 5.0
+                })
             })
             .count();
         // What counts is how many points may be seen, not their share.
@@ -181,8 +155,7 @@ pub(crate) fn choose_hosts(
             scored.push((index, score));
         }
     }
-    scored
-        .sort_by(|a, b| (b.0 == reference).cmp(&(a.0 == reference)).then(b.1.cmp(&a.1)).then(b.0.cmp(&a.0)));
+    scored.sort_by(|a, b| (b.0 == reference).cmp(&(a.0 == reference)).then(b.1.cmp(&a.1)).then(b.0.cmp(&a.0)));
     scored.truncate(count);
     scored.into_iter().map(|s| s.0).collect()
 }

@@ -1,7 +1,7 @@
 //! Depth for new points: a search along the epipolar line in other keyframes, then verification.
 
-use crate::local_map::{LocalMap, PointState, SeenAt};
 use crate::params_macro::params;
+use crate::local_map::{LocalMap, PointState, SeenAt};
 use crate::patch::Template;
 use crate::track::{TrackParams, position_information};
 use crate::warp::Warp;
@@ -40,13 +40,7 @@ pub(crate) struct Triangulator<'a> {
 }
 
 impl<'a> Triangulator<'a> {
-    pub fn new(
-        map: &'a LocalMap,
-        host: usize,
-        others: &[usize],
-        params: &'a TriangulateParams,
-        track: &'a TrackParams,
-    ) -> Self {
+    pub fn new(map: &'a LocalMap, host: usize, others: &[usize], params: &'a TriangulateParams, track: &'a TrackParams) -> Self {
         let state = &map.keyframes[host];
         let views = others
             .iter()
@@ -131,13 +125,7 @@ impl<'a> Triangulator<'a> {
     }
 
     /// The point's exact position in a view, near the epipolar line.
-    fn observe(
-        &self,
-        view: &View,
-        pixel: [f32; 2],
-        ray: &Vector3<f64>,
-        inverse_depth: f64,
-    ) -> Option<SeenAt> {
+    fn observe(&self, view: &View, pixel: [f32; 2], ray: &Vector3<f64>, inverse_depth: f64) -> Option<SeenAt> {
         let (warp, at) = Warp::new(&self.map.camera, &view.relative, &view.rotation, ray, inverse_depth)?;
         let template = Template::cut(&self.map.keyframes[self.host].pyramid, pixel, &warp)?;
         let other = &self.map.keyframes[view.keyframe].pyramid;
@@ -162,11 +150,8 @@ impl<'a> Triangulator<'a> {
         let norm = line.norm();
         let off = (p.residual[0] * line.y - p.residual[1] * line.x).abs() / norm.max(1e-9);
         let information = position_information(&found.information, found.rmse, template.level, self.track);
-        (norm > 1e-6 && off < self.params.max_off_line * (1 << template.level) as f64).then_some(SeenAt {
-            keyframe: view.keyframe,
-            pixel: found.pixel,
-            information,
-        })
+        (norm > 1e-6 && off < self.params.max_off_line * (1 << template.level) as f64)
+            .then_some(SeenAt { keyframe: view.keyframe, pixel: found.pixel, information })
     }
 
     /// Least-squares inverse depth on the observations: `(inverse depth, variance, worst squared residual)`.
