@@ -51,7 +51,9 @@ fn euroc_folder() {
                   distortion_coefficients: [0.0, 0.0, 0.0, 0.0]\n";
     write(camera.join("sensor.yaml"), sensor);
     for path in [folder.path(), &folder.path().join("mav0"), &camera] {
-        assert_eq!(processed_times(&read_through(path, &[])), [1403636579.7635555, 1403636579.8135555]);
+        let times = processed_times(&read_through(path, &[]));
+        assert_eq!(times.len(), 2);
+        assert!((times[0] - 1403636579.763555584).abs() < 1e-6 && (times[1] - 1403636579.813555456).abs() < 1e-6);
     }
 }
 
