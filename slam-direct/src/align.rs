@@ -202,7 +202,9 @@ impl AlignmentReference {
             let normalised = residual.abs() * inverse_variance.sqrt();
             let inlier = normalised <= huber;
             let weight = inverse_variance * if inlier { 1.0 } else { huber / normalised };
-            sums.cost += if inlier { 0.5 * normalised * normalised } else { huber * (normalised - 0.5 * huber) }.min(9.0) as f64;
+            sums.cost +=
+                if inlier { 0.5 * normalised * normalised } else { huber * (normalised - 0.5 * huber) }
+                    .min(9.0) as f64;
             sums.visible += 1;
             if inlier {
                 sums.inliers += 1;

@@ -4,8 +4,8 @@
 //! No essential matrix is needed: with inverse depths and small motions the joint problem converges from
 //! constant depth (Yu & Gallup, CVPR 2014); several directions of travel guard against its mirror solutions.
 
-use crate::params_macro::params;
 use crate::local_map::{KeyframeState, LocalMap, PointState, SeenAt, median};
+use crate::params_macro::params;
 use crate::patch::{PatchMatch, Template};
 use crate::select::select;
 use crate::track::{TrackParams, position_information};
@@ -96,7 +96,8 @@ impl Bootstrap {
             .iter()
             .filter_map(|c| {
                 let template = |level: usize| {
-                    let warp = Warp { host_from_view: [1.0, 0.0, 0.0, 1.0], host_level: level, view_level: level };
+                    let warp =
+                        Warp { host_from_view: [1.0, 0.0, 0.0, 1.0], host_level: level, view_level: level };
                     Template::cut(&pyramid, c.pixel, &warp)
                 };
                 let templates: Vec<Template> = (0..LEVELS.min(pyramid.len())).map_while(template).collect();
@@ -110,7 +111,14 @@ impl Bootstrap {
                 })
             })
             .collect();
-        (tracks.len() >= 60).then_some(Self { camera, first: pyramid, timestamp, frame_index, tracks, frames: Vec::new() })
+        (tracks.len() >= 60).then_some(Self {
+            camera,
+            first: pyramid,
+            timestamp,
+            frame_index,
+            tracks,
+            frames: Vec::new(),
+        })
     }
 
     /// Follows the points into a frame and tries for a map when they have moved enough.
@@ -131,7 +139,10 @@ impl Bootstrap {
         }
         let (turn, parallax) = self.parallax();
         if std::env::var("LB_DEBUG").is_ok() {
-            eprintln!("start: frame {frame_index} followed {count}/{} parallax {parallax:.1}", self.tracks.len());
+            eprintln!(
+                "start: frame {frame_index} followed {count}/{} parallax {parallax:.1}",
+                self.tracks.len()
+            );
         }
         if parallax < params.min_parallax * self.camera.width as f32 {
             if self.frames.len() >= params.max_frames {
@@ -149,7 +160,8 @@ impl Bootstrap {
     fn follow(&mut self, pyramid: &Pyramid, params: &TrackParams) {
         self.tracks.par_iter_mut().with_min_len(32).filter(|t| !t.lost).for_each(|t| {
             let start = [t.at[0] + t.velocity[0], t.at[1] + t.velocity[1]];
-            let found = [start, t.at].into_iter().find_map(|s| coarse_to_fine(&t.templates, pyramid, s, params));
+            let found =
+                [start, t.at].into_iter().find_map(|s| coarse_to_fine(&t.templates, pyramid, s, params));
             t.seen = found.map(|(found, level)| {
                 (found.pixel, position_information(&found.information, found.rmse, level, params))
             });
@@ -222,7 +234,15 @@ impl Bootstrap {
             _ => (1..=5).map(|i| i * count / 5 - 1).collect(),
         };
         let w = turn.rotation.scaled_axis();
-        let starts = [Vector3::zeros(), Vector3::x(), -Vector3::x(), Vector3::y(), -Vector3::y(), Vector3::z(), -Vector3::z()];
+        let starts = [
+            Vector3::zeros(),
+            Vector3::x(),
+            -Vector3::x(),
+            Vector3::y(),
+            -Vector3::y(),
+            Vector3::z(),
+            -Vector3::z(),
+        ];
         let solved: Vec<(f64, Problem)> = starts
             .par_iter()
             .map(|direction| {
@@ -259,7 +279,9 @@ impl Bootstrap {
             if !good || relative > 0.3 {
                 continue;
             }
-            let Some(seen) = solution.observations[point.observations.clone()].iter().find(|o| o.frame == last) else {
+            let Some(seen) =
+                solution.observations[point.observations.clone()].iter().find(|o| o.frame == last)
+            else {
                 continue;
             };
             let pixel = self.camera.project(&point.ray);
@@ -380,7 +402,8 @@ fn refine(problem: &Problem, iterations: usize, rotation_only: bool) -> Se3 {
                 ) else {
                     continue;
                 };
-                let weight = crate::window::robust_weight(crate::window::mahalanobis(&p.residual, &seen.information));
+                let weight =
+                    crate::window::robust_weight(crate::window::mahalanobis(&p.residual, &seen.information));
                 let [a, b, c] = seen.information.map(|v| v * weight);
                 let (ju, jv) = (Vector6::from(p.by_twist[0]), Vector6::from(p.by_twist[1]));
                 let (wu, wv) = (ju * a + jv * b, ju * b + jv * c);
@@ -421,12 +444,15 @@ fn acceptable(solution: &Problem, params: &BootstrapParams) -> bool {
         let agrees = point.observations.clone().all(|i| squared[i] < limit);
         if agrees && point.inverse_depth > 1e-3 && point.information > 0.0 {
             good += 1;
-            sigmas.push((limit / 12.0).sqrt() as f32 / (point.information.sqrt() * point.inverse_depth) as f32);
+            sigmas
+                .push((limit / 12.0).sqrt() as f32 / (point.information.sqrt() * point.inverse_depth) as f32);
         }
     }
     let sigma = median(&mut sigmas).unwrap_or(f32::INFINITY) as f64;
     if std::env::var("LB_DEBUG").is_ok() {
         eprintln!("attempt: good {good}/{} sigma {sigma:?} limit {limit:.1}", solution.points.len());
     }
-    good as f64 >= params.min_inliers * solution.points.len() as f64 && good >= 40 && sigma < params.max_relative_sigma
+    good as f64 >= params.min_inliers * solution.points.len() as f64
+        && good >= 40
+        && sigma < params.max_relative_sigma
 }

@@ -1,6 +1,5 @@
 //! When a frame becomes a keyframe, and when tracking is lost.
 
-
 use crate::params_macro::params;
 
 params! {

@@ -1,7 +1,7 @@
 //! What a new keyframe sets off: new points, the joint optimisation of its surroundings, culling.
 
-use crate::params_macro::params;
 use crate::local_map::{LocalMap, PointRef, SeenAt, median};
+use crate::params_macro::params;
 use crate::select::select;
 use crate::track::{INLIER, Matched, TrackParams};
 use crate::triangulate::{TriangulateParams, Triangulator};
@@ -46,8 +46,10 @@ pub(crate) fn add_points(
 ) -> usize {
     let known = map.reference_points(host);
     let block = params.block;
-    let occupied: BTreeSet<(usize, usize)> =
-        known.iter().map(|p| (p.pixel[0].max(0.0) as usize / block, p.pixel[1].max(0.0) as usize / block)).collect();
+    let occupied: BTreeSet<(usize, usize)> = known
+        .iter()
+        .map(|p| (p.pixel[0].max(0.0) as usize / block, p.pixel[1].max(0.0) as usize / block))
+        .collect();
     let image = map.keyframes[host].pyramid.base();
     let candidates = select(image, block, params.min_score, |cx, cy| occupied.contains(&(cx, cy)));
     let depths = DepthPrior::new(&known);
@@ -78,7 +80,9 @@ impl DepthPrior {
     fn new(points: &[crate::align::ReferencePoint]) -> Self {
         let mut depths: Vec<f32> = points.iter().map(|p| p.inverse_depth).collect();
         depths.sort_by(f32::total_cmp);
-        let at = |share: f64| depths.get((share * (depths.len().max(1) - 1) as f64) as usize).copied().unwrap_or(1.0) as f64;
+        let at = |share: f64| {
+            depths.get((share * (depths.len().max(1) - 1) as f64) as usize).copied().unwrap_or(1.0) as f64
+        };
         let overall = (0.25 * at(0.05), 2.5 * at(0.95));
         Self { points: points.iter().map(|p| (p.pixel, p.inverse_depth)).collect(), overall }
     }

@@ -1,10 +1,10 @@
 //! All parameters of the agent, gathered.
 
-use crate::params_macro::params;
 use crate::align::AlignParams;
 use crate::bootstrap::BootstrapParams;
 use crate::keyframes::KeyframeParams;
 use crate::mapping::MappingParams;
+use crate::params_macro::params;
 use crate::track::TrackParams;
 use crate::triangulate::TriangulateParams;
 

@@ -1,9 +1,9 @@
 //! Map-to-frame tracking: points of the map are found in the frame patch by patch, and the frame's pose
 //! is the one that agrees best with where they were found.
 
-use crate::params_macro::params;
 use crate::align::{AlignmentReference, Brightness};
-use crate::local_map::{LocalMap, PointRef};
+use crate::local_map::{LocalMap, PointRef, median};
+use crate::params_macro::params;
 use crate::patch::Template;
 use crate::warp::Warp;
 use crate::window::{mahalanobis, predict, robust_weight};
@@ -66,12 +66,19 @@ pub(crate) fn match_points(
     per_cell: usize,
 ) -> (Vec<Matched>, Vec<PointRef>) {
     let sought = choose(map, hosts, view, params, per_cell);
-    let found: Vec<Option<Matched>> = sought.par_iter().with_min_len(64).map(|s| find(map, s, view, params)).collect();
+    let found: Vec<Option<Matched>> =
+        sought.par_iter().with_min_len(64).map(|s| find(map, s, view, params)).collect();
     (found.into_iter().flatten().collect(), sought.iter().map(|s| s.at).collect())
 }
 
 /// The points expected in the frame, spread over its cells.
-fn choose(map: &LocalMap, hosts: &[usize], view: &View, params: &TrackParams, per_cell: usize) -> Vec<Sought> {
+fn choose(
+    map: &LocalMap,
+    hosts: &[usize],
+    view: &View,
+    params: &TrackParams,
+    per_cell: usize,
+) -> Vec<Sought> {
     let camera = &map.camera;
     let columns = camera.width.div_ceil(params.cell);
     let rows = camera.height.div_ceil(params.cell);
@@ -82,7 +89,9 @@ fn choose(map: &LocalMap, hosts: &[usize], view: &View, params: &TrackParams, pe
         let relative = view.camera_from_world * state.camera_from_world.inverse();
         let rotation = relative.rotation_matrix();
         for (index, point) in state.points.iter().enumerate().filter(|(_, p)| p.alive) {
-            let Some((warp, pixel)) = Warp::new(camera, &relative, &rotation, &point.ray, point.inverse_depth) else {
+            let Some((warp, pixel)) =
+                Warp::new(camera, &relative, &rotation, &point.ray, point.inverse_depth)
+            else {
                 continue;
             };
             let pixel = [pixel.x as f32, pixel.y as f32];
@@ -96,7 +105,9 @@ fn choose(map: &LocalMap, hosts: &[usize], view: &View, params: &TrackParams, pe
         }
     }
     for cell in &mut cells {
-        cell.sort_by(|a, b| a.rank.0.cmp(&b.rank.0).then(a.rank.1.total_cmp(&b.rank.1)).then(a.at.cmp(&b.at)));
+        cell.sort_by(|a, b| {
+            a.rank.0.cmp(&b.rank.0).then(a.rank.1.total_cmp(&b.rank.1)).then(a.at.cmp(&b.at))
+        });
         cell.truncate(per_cell);
     }
     cells.into_iter().flatten().collect()
@@ -122,7 +133,12 @@ fn find(map: &LocalMap, sought: &Sought, view: &View, params: &TrackParams) -> O
 
 /// Information of a patch's position: photometric noise through its Hessian plus the positional floor,
 /// `Λ = (σ_I² H⁻¹ + σ_0² I)⁻¹ = H (σ_I² I + σ_0² H)⁻¹`.
-pub(crate) fn position_information(hessian: &[f32; 3], rmse: f32, level: usize, params: &TrackParams) -> [f32; 3] {
+pub(crate) fn position_information(
+    hessian: &[f32; 3],
+    rmse: f32,
+    level: usize,
+    params: &TrackParams,
+) -> [f32; 3] {
     let [xx, xy, yy] = *hessian;
     let intensity = rmse.max(params.patch_sigma).powi(2);
     let floor = (params.position_sigma * (1u32 << level) as f32).powi(2);
@@ -132,7 +148,12 @@ pub(crate) fn position_information(hessian: &[f32; 3], rmse: f32, level: usize, 
 }
 
 /// Keyframes whose points the frame may see, most promising first.
-pub(crate) fn choose_hosts(map: &LocalMap, view_camera_from_world: &Se3, reference: usize, count: usize) -> Vec<usize> {
+pub(crate) fn choose_hosts(
+    map: &LocalMap,
+    view_camera_from_world: &Se3,
+    reference: usize,
+    count: usize,
+) -> Vec<usize> {
     const PROBES: usize = 24;
     let mut scored: Vec<(usize, usize)> = Vec::new();
     for (index, state) in map.keyframes.iter().enumerate() {
@@ -144,9 +165,14 @@ pub(crate) fn choose_hosts(map: &LocalMap, view_camera_from_world: &Se3, referen
             .iter()
             .step_by(stride)
             .filter(|point| {
-                Warp::new(&map.camera, &relative, &rotation, &point.ray, point.inverse_depth).is_some_and(|(_, p)| {
-                    p.x >= 5.0 && p.y >= 5.0 && p.x < map.camera.width as f64 - 5.0 && p.y < map.camera.height as f64 - 5.0
-                })
+                Warp::new(&map.camera, &relative, &rotation, &point.ray, point.inverse_depth).is_some_and(
+                    |(_, p)| {
+                        p.x >= 5.0
+                            && p.y >= 5.0
+                            && p.x < map.camera.width as f64 - 5.0
+                            && p.y < map.camera.height as f64 - 5.0
+                    },
+                )
             })
             .count();
         // What counts is how many points may be seen, not their share.
@@ -155,7 +181,8 @@ pub(crate) fn choose_hosts(map: &LocalMap, view_camera_from_world: &Se3, referen
             scored.push((index, score));
         }
     }
-    scored.sort_by(|a, b| (b.0 == reference).cmp(&(a.0 == reference)).then(b.1.cmp(&a.1)).then(b.0.cmp(&a.0)));
+    scored
+        .sort_by(|a, b| (b.0 == reference).cmp(&(a.0 == reference)).then(b.1.cmp(&a.1)).then(b.0.cmp(&a.0)));
     scored.truncate(count);
     scored.into_iter().map(|s| s.0).collect()
 }
@@ -169,20 +196,48 @@ struct WorldPoint {
 }
 
 /// Refines a pose on matched points with fixed depths (robust Gauss–Newton) and marks the inliers.
+///
+/// Where all residuals are larger than assumed (a fast turn under a rolling shutter, blur), the information
+/// of the matches is lowered to what the frame shows.
 pub(crate) fn refine_pose(map: &LocalMap, camera_from_world: &Se3, matched: &mut [Matched]) -> Se3 {
-    let points: Vec<WorldPoint> = matched.iter().map(|m| world_point(map, camera_from_world, m)).collect();
-    let pose = optimise_pose(&map.camera, camera_from_world, &points);
-    let (rotation, translation) = (pose.rotation_matrix(), pose.translation);
+    let mut points: Vec<WorldPoint> =
+        matched.iter().map(|m| world_point(map, camera_from_world, m)).collect();
+    let mut pose = *camera_from_world;
+    for _ in 0..2 {
+        pose = optimise_pose(&map.camera, &pose, &points);
+        let mut squared: Vec<f32> = points.iter().map(|p| p.squared(&map.camera, &pose) as f32).collect();
+        let excess = median(&mut squared).map_or(1.0, |m| f64::from(m) / MEDIAN_SQUARED);
+        if excess <= 1.0 {
+            break;
+        }
+        let factor = 1.0 / excess.min(MAX_EXCESS);
+        for (m, p) in matched.iter_mut().zip(&mut points) {
+            m.information = m.information.map(|v| v * factor as f32);
+            p.information = p.information.map(|v| v * factor);
+        }
+    }
     for (m, p) in matched.iter_mut().zip(&points) {
-        let squared = predict(&map.camera, &rotation, &translation, &p.direction, p.inverse_depth, &p.pixel)
-            .map(|q| mahalanobis(&q.residual, &p.information));
-        m.inlier = squared.is_some_and(|s| s < INLIER);
+        m.inlier = p.squared(&map.camera, &pose) < INLIER;
     }
     pose
 }
 
 /// χ² with two degrees of freedom, 99 %.
 pub(crate) const INLIER: f64 = 9.21;
+/// Median of the squared normalised residual of good matches: between χ² of one degree of freedom (edges,
+/// 0.45) and of two (corners, 1.39).
+const MEDIAN_SQUARED: f64 = 0.9;
+/// Residuals larger than this times the assumed variance are errors, not noise.
+const MAX_EXCESS: f64 = 9.0;
+
+impl WorldPoint {
+    /// Squared normalised residual under a pose; infinite behind the camera.
+    fn squared(&self, camera: &Pinhole, pose: &Se3) -> f64 {
+        let (rotation, translation) = (pose.rotation_matrix(), pose.translation);
+        predict(camera, &rotation, &translation, &self.direction, self.inverse_depth, &self.pixel)
+            .map_or(f64::INFINITY, |p| mahalanobis(&p.residual, &self.information))
+    }
+}
 
 fn world_point(map: &LocalMap, camera_from_world: &Se3, matched: &Matched) -> WorldPoint {
     let host = &map.keyframes[matched.at.host];

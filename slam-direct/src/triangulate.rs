@@ -1,7 +1,7 @@
 //! Depth for new points: a search along the epipolar line in other keyframes, then verification.
 
-use crate::params_macro::params;
 use crate::local_map::{LocalMap, PointState, SeenAt};
+use crate::params_macro::params;
 use crate::patch::Template;
 use crate::track::{TrackParams, position_information};
 use crate::warp::Warp;
@@ -40,18 +40,20 @@ pub(crate) struct Triangulator<'a> {
 }
 
 impl<'a> Triangulator<'a> {
-    pub fn new(map: &'a LocalMap, host: usize, others: &[usize], params: &'a TriangulateParams, track: &'a TrackParams) -> Self {
+    pub fn new(
+        map: &'a LocalMap,
+        host: usize,
+        others: &[usize],
+        params: &'a TriangulateParams,
+        track: &'a TrackParams,
+    ) -> Self {
         let state = &map.keyframes[host];
         let views = others
             .iter()
             .map(|&keyframe| {
                 let other = &map.keyframes[keyframe];
                 let relative = other.camera_from_world * state.camera_from_world.inverse();
-                View {
-                    keyframe,
-                    rotation: relative.rotation_matrix(),
-                    relative,
-                }
+                View { keyframe, rotation: relative.rotation_matrix(), relative }
             })
             .collect();
         Self { map, host, views, params, track }
@@ -119,13 +121,23 @@ impl<'a> Triangulator<'a> {
             .collect();
         let best = errors.iter().min_by(|a, b| a.2.total_cmp(&b.2))?;
         let apart = 3.0 * (1 << template.level) as f64;
-        let rival = errors.iter().filter(|e| (e.1 - best.1).norm() > apart).map(|e| e.2).fold(f32::INFINITY, f32::min);
+        let rival = errors
+            .iter()
+            .filter(|e| (e.1 - best.1).norm() > apart)
+            .map(|e| e.2)
+            .fold(f32::INFINITY, f32::min);
         let unique = rival > self.params.uniqueness * best.2.max(0.02);
         (unique && best.2 < 0.5).then_some(best.0)
     }
 
     /// The point's exact position in a view, near the epipolar line.
-    fn observe(&self, view: &View, pixel: [f32; 2], ray: &Vector3<f64>, inverse_depth: f64) -> Option<SeenAt> {
+    fn observe(
+        &self,
+        view: &View,
+        pixel: [f32; 2],
+        ray: &Vector3<f64>,
+        inverse_depth: f64,
+    ) -> Option<SeenAt> {
         let (warp, at) = Warp::new(&self.map.camera, &view.relative, &view.rotation, ray, inverse_depth)?;
         let template = Template::cut(&self.map.keyframes[self.host].pyramid, pixel, &warp)?;
         let other = &self.map.keyframes[view.keyframe].pyramid;
@@ -150,8 +162,11 @@ impl<'a> Triangulator<'a> {
         let norm = line.norm();
         let off = (p.residual[0] * line.y - p.residual[1] * line.x).abs() / norm.max(1e-9);
         let information = position_information(&found.information, found.rmse, template.level, self.track);
-        (norm > 1e-6 && off < self.params.max_off_line * (1 << template.level) as f64)
-            .then_some(SeenAt { keyframe: view.keyframe, pixel: found.pixel, information })
+        (norm > 1e-6 && off < self.params.max_off_line * (1 << template.level) as f64).then_some(SeenAt {
+            keyframe: view.keyframe,
+            pixel: found.pixel,
+            information,
+        })
     }
 
     /// Least-squares inverse depth on the observations: `(inverse depth, variance, worst squared residual)`.
