@@ -251,6 +251,11 @@ impl Agent {
         publish::complete(&mut self.map, &self.local);
     }
 
+    /// Gives the map away.
+    pub fn into_map(self) -> Map {
+        self.map
+    }
+
     /// The map as it stands.
     pub fn map(&self) -> &Map {
         &self.map
