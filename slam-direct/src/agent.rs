@@ -1,8 +1,16 @@
 //! The agent: one camera's tracker and map.
 
 use crate::Params;
-use geometry::{GrayImage, Pinhole, Se3};
-use map::{KeyframeId, Map, PlaceIndex};
+use crate::align::{AlignmentReference, Brightness};
+use crate::bootstrap::{Bootstrap, Progress, Started};
+use crate::keyframes::{Departure, needs_keyframe};
+use crate::local_map::{KeyframeState, LocalMap};
+use crate::mapping;
+use crate::track::{self, Matched, View};
+use geometry::{GrayImage, Pinhole, Pyramid, Se3, Sim3};
+use map::{FramePose, KeyframeId, Map, PlaceIndex};
+use std::collections::BTreeMap;
+use std::sync::Arc;
 
 /// One image to process.
 #[derive(Clone, Debug)]
@@ -49,22 +57,292 @@ pub struct FrameReport {
 
 /// One camera's tracker and map: give it frames in order of time.
 pub struct Agent {
-    map: Map,
+    camera: Pinhole,
     params: Params,
+    map: Map,
+    local: LocalMap,
+    state: State,
     places: Box<dyn PlaceIndex>,
+}
+
+enum State {
+    Empty,
+    Starting(Box<Bootstrap>),
+    Running(Box<Running>),
+}
+
+/// The tracker's memory from frame to frame.
+struct Running {
+    reference: usize,
+    alignment: AlignmentReference,
+    /// Points the reference sees.
+    reference_points: usize,
+    last: Se3,
+    /// Motion of the last frame: `last = velocity * the one before`.
+    velocity: Se3,
+    brightness: Brightness,
+    lost: bool,
 }
 
 impl Agent {
     /// A new agent with an empty map.
     pub fn new(camera: Pinhole, places: Box<dyn PlaceIndex>, params: Params) -> Self {
-        Self { map: Map::new(camera), params, places }
+        Self { camera, params, map: Map::new(camera), local: LocalMap::new(camera), state: State::Empty, places }
     }
 
     /// Tracks a frame and maps what it adds.
     pub fn process(&mut self, frame: Frame) -> FrameReport {
-        let _ = (&self.params, &mut self.places, frame);
-        FrameReport {
-            state: TrackingState::Starting,
+        let pyramid = Pyramid::new(frame.image, self.params.align.pyramid_levels);
+        match std::mem::replace(&mut self.state, State::Empty) {
+            State::Empty => self.begin(pyramid, frame.timestamp, frame.index, "the image has too little texture"),
+            State::Starting(bootstrap) => self.start(bootstrap, pyramid, frame.timestamp, frame.index),
+            State::Running(running) => self.track(running, pyramid, frame.timestamp, frame.index),
+        }
+    }
+
+    fn begin(&mut self, pyramid: Pyramid, timestamp: f64, index: u64, reason: &'static str) -> FrameReport {
+        if let Some(start) = Bootstrap::new(self.camera, pyramid, timestamp, index, &self.params.bootstrap) {
+            self.state = State::Starting(Box::new(start));
+        }
+        FrameReport { reason: Some(reason), ..FrameReport::of(TrackingState::Starting) }
+    }
+
+    fn start(&mut self, mut start: Box<Bootstrap>, pyramid: Pyramid, timestamp: f64, index: u64) -> FrameReport {
+        match start.add(&pyramid, timestamp, index, &self.params.bootstrap, &self.params.track) {
+            Progress::Waiting(reason) => {
+                self.state = State::Starting(start);
+                FrameReport { reason: Some(reason), ..FrameReport::of(TrackingState::Starting) }
+            }
+            Progress::Restart(reason) => self.begin(pyramid, timestamp, index, reason),
+            Progress::Done(started) => self.adopt(*started),
+        }
+    }
+
+    /// Takes over the first map.
+    fn adopt(&mut self, started: Started) -> FrameReport {
+        let Started { map, frames } = started;
+        self.local = map;
+        let first = &self.local.keyframes[0];
+        self.map.frames.push(FramePose {
+            timestamp: first.timestamp,
+            frame_index: first.frame_index,
+            reference: LocalMap::id(0),
+            keyframe_from_frame: Se3::identity(),
+        });
+        let poses: Vec<Se3> = frames.iter().map(|f| f.2).collect();
+        for (timestamp, frame_index, frame_from_first) in frames {
+            self.map.frames.push(FramePose {
+                timestamp,
+                frame_index,
+                reference: LocalMap::id(0),
+                keyframe_from_frame: frame_from_first.inverse(),
+            });
+        }
+        self.map_around(1);
+        let last = self.local.keyframes[1].camera_from_world;
+        let velocity = match poses.len() {
+            0 | 1 => last,
+            n => poses[n - 1] * poses[n - 2].inverse(),
+        };
+        let running = self.running(1, last, velocity, Brightness::default());
+        let report = FrameReport {
+            world_from_camera: Some(last.inverse()),
+            new_keyframe: Some(LocalMap::id(1)),
+            inlier_share: 1.0,
+            matched_points: running.reference_points,
+            ..FrameReport::of(TrackingState::Tracking)
+        };
+        self.state = State::Running(Box::new(running));
+        self.publish();
+        report
+    }
+
+    /// New points for a keyframe and its predecessor, then the joint optimisation around it.
+    fn map_around(&mut self, keyframe: usize) {
+        let p = &self.params;
+        let mut others: Vec<usize> = self.local.covisible(keyframe).into_iter().map(|c| c.0).collect();
+        others.truncate(p.mapping.search_views);
+        if let Some(&nearest) = others.first() {
+            mapping::add_points(&mut self.local, nearest, &[keyframe], &p.mapping, &p.triangulate, &p.track);
+        }
+        mapping::add_points(&mut self.local, keyframe, &others, &p.mapping, &p.triangulate, &p.track);
+        mapping::optimise_around(&mut self.local, keyframe, &p.mapping);
+        mapping::cull_unfound(&mut self.local, 0.25);
+        self.places.add(LocalMap::id(keyframe), self.local.keyframes[keyframe].pyramid.base());
+    }
+
+    fn running(&self, reference: usize, last: Se3, velocity: Se3, brightness: Brightness) -> Running {
+        let points = self.local.reference_points(reference);
+        let alignment = AlignmentReference::new(
+            &self.local.keyframes[reference].pyramid,
+            &self.camera,
+            &points,
+            &self.params.align,
+        );
+        Running { reference, alignment, reference_points: points.len(), last, velocity, brightness, lost: false }
+    }
+
+    fn track(&mut self, mut running: Box<Running>, pyramid: Pyramid, timestamp: f64, index: u64) -> FrameReport {
+        let p = &self.params;
+        let reference = &self.local.keyframes[running.reference];
+        let world_from_reference = reference.camera_from_world.inverse();
+        let guesses = [running.velocity * running.last * world_from_reference, running.last * world_from_reference];
+        let aligned = track::align_from_guesses(&running.alignment, &pyramid, &guesses, running.brightness, 0.6);
+        let log_gain = reference.log_gain + aligned.brightness.log_gain;
+        let mut view = View {
+            pyramid: &pyramid,
+            camera_from_world: aligned.frame_from_reference * reference.camera_from_world,
+            log_gain,
+        };
+        let hosts = track::choose_hosts(&self.local, &view.camera_from_world, running.reference, p.track.max_hosts);
+        let (mut matched, sought) = track::match_points(&self.local, &hosts, &view, &p.track, p.track.per_cell);
+        view.camera_from_world = track::refine_pose(&self.local, &view.camera_from_world, &mut matched);
+        let inliers = matched.iter().filter(|m| m.inlier).count();
+        let share = inliers as f32 / sought.len().max(1) as f32;
+        if std::env::var("LB_DEBUG").is_ok() {
+            eprintln!("frame {index} ref {} align inl {:.2} vis {:.2} rmse {:.1} gain {:.3} | hosts {} sought {} matched {} inl {}", running.reference, aligned.inlier_share, aligned.visible_share, aligned.rmse, log_gain, hosts.len(), sought.len(), matched.len(), inliers);
+        }
+        if inliers < p.keyframes.min_matched || share < p.keyframes.min_share {
+            running.lost = true;
+            running.velocity = Se3::identity();
+            self.state = State::Running(running);
+            return FrameReport { reason: Some("too few points were found"), ..FrameReport::of(TrackingState::Lost) };
+        }
+        self.count(&sought, &matched);
+        let camera_from_world = view.camera_from_world;
+        running.velocity = if running.lost { Se3::identity() } else { camera_from_world * running.last.inverse() };
+        running.lost = false;
+        running.last = camera_from_world;
+        running.brightness = aligned.brightness;
+        self.map.frames.push(FramePose {
+            timestamp,
+            frame_index: index,
+            reference: LocalMap::id(running.reference),
+            keyframe_from_frame: (camera_from_world * world_from_reference).inverse(),
+        });
+        let rmse = (matched.iter().filter(|m| m.inlier).map(|m| m.rmse * m.rmse).sum::<f32>() / inliers as f32).sqrt();
+        let mut report = FrameReport {
+            world_from_camera: Some(camera_from_world.inverse()),
+            inlier_share: share,
+            rmse,
+            matched_points: inliers,
+            ..FrameReport::of(TrackingState::Tracking)
+        };
+        if self.wants_keyframe(&running, &camera_from_world, &matched) {
+            report.new_keyframe = Some(self.add_keyframe(&mut running, pyramid, timestamp, index, log_gain, &matched));
+        } else {
+            self.change_reference(&mut running, &matched, log_gain);
+        }
+        self.state = State::Running(running);
+        report
+    }
+
+    fn count(&mut self, sought: &[crate::local_map::PointRef], matched: &[Matched]) {
+        for &at in sought {
+            self.local.point_mut(at).sought += 1;
+        }
+        for m in matched.iter().filter(|m| m.inlier) {
+            self.local.point_mut(m.at).found += 1;
+        }
+    }
+
+    fn wants_keyframe(&self, running: &Running, camera_from_world: &Se3, matched: &[Matched]) -> bool {
+        let reference = &self.local.keyframes[running.reference];
+        let relative = *camera_from_world * reference.camera_from_world.inverse();
+        let Some((flow, parallax)) = mapping::median_flow(&self.local, running.reference, &relative) else { return true };
+        let width = self.camera.width as f32;
+        let inliers = matched.iter().filter(|m| m.inlier).count();
+        let overlap = inliers as f32 / running.reference_points.max(1) as f32;
+        needs_keyframe(&Departure { flow: flow / width, parallax: parallax / width, overlap }, &self.params.keyframes)
+    }
+
+    fn add_keyframe(
+        &mut self,
+        running: &mut Running,
+        pyramid: Pyramid,
+        timestamp: f64,
+        frame_index: u64,
+        log_gain: f32,
+        matched: &[Matched],
+    ) -> KeyframeId {
+        let keyframe = self.local.keyframes.len();
+        self.local.keyframes.push(KeyframeState {
+            timestamp,
+            frame_index,
+            pyramid,
+            camera_from_world: running.last,
+            log_gain,
+            points: Vec::new(),
+            seen: Vec::new(),
+        });
+        mapping::add_observations(&mut self.local, keyframe, matched);
+        self.map_around(keyframe);
+        if let Some(frame) = self.map.frames.last_mut() {
+            frame.reference = LocalMap::id(keyframe);
+            frame.keyframe_from_frame = Se3::identity();
+        }
+        let last = self.local.keyframes[keyframe].camera_from_world;
+        *running = self.running(keyframe, last, running.velocity, Brightness::default());
+        self.publish();
+        LocalMap::id(keyframe)
+    }
+
+    /// Tracks against the keyframe that shares most points with the frame.
+    fn change_reference(&self, running: &mut Running, matched: &[Matched], log_gain: f32) {
+        let mut votes: BTreeMap<usize, usize> = BTreeMap::new();
+        for m in matched.iter().filter(|m| m.inlier) {
+            let point = self.local.point(m.at);
+            for keyframe in point.observations.iter().map(|o| o.keyframe).chain([m.at.host]) {
+                *votes.entry(keyframe).or_default() += 1;
+            }
+        }
+        let now = votes.get(&running.reference).copied().unwrap_or(0);
+        let Some((&best, &count)) = votes.iter().max_by_key(|(_, count)| **count) else { return };
+        if best != running.reference && count as f32 > 1.15 * now as f32 {
+            let brightness =
+                Brightness { log_gain: log_gain - self.local.keyframes[best].log_gain, offset: 0.0 };
+            *running = self.running(best, running.last, running.velocity, brightness);
+        }
+    }
+
+    /// Ends the run: last optimisation of the whole map.
+    pub fn finish(&mut self) {
+        if self.local.keyframes.len() > 1 {
+            let report = mapping::optimise_all(&mut self.local, 20);
+            if std::env::var("LB_DEBUG").is_ok() {
+                eprintln!("final {report:?}");
+            }
+        }
+        self.publish();
+    }
+
+    /// Brings the public map up to date with the working one.
+    fn publish(&mut self) {
+        for (index, state) in self.local.keyframes.iter().enumerate() {
+            let id = LocalMap::id(index);
+            let keyframe = self.map.keyframes.entry(id).or_insert_with(|| map::Keyframe {
+                id,
+                timestamp: state.timestamp,
+                frame_index: state.frame_index,
+                world_from_keyframe: Sim3::identity(),
+                image: Arc::new(state.pyramid.base().clone()),
+                semi_dense: map::SemiDense::default(),
+                points: Vec::new(),
+            });
+            keyframe.world_from_keyframe = Sim3::from(state.camera_from_world.inverse());
+        }
+    }
+
+    /// The map as it stands.
+    pub fn map(&self) -> &Map {
+        &self.map
+    }
+}
+
+impl FrameReport {
+    fn of(state: TrackingState) -> Self {
+        Self {
+            state,
             world_from_camera: None,
             new_keyframe: None,
             closed_loop: None,
@@ -73,13 +351,5 @@ impl Agent {
             matched_points: 0,
             reason: None,
         }
-    }
-
-    /// Ends the run: last optimisation of the whole map.
-    pub fn finish(&mut self) {}
-
-    /// The map as it stands.
-    pub fn map(&self) -> &Map {
-        &self.map
     }
 }

@@ -4,7 +4,18 @@
 //! live in `agent-bin`.
 
 mod agent;
+pub mod align;
+mod bootstrap;
+mod keyframes;
+mod local_map;
+mod mapping;
 mod params;
+mod patch;
+mod select;
+mod track;
+mod triangulate;
+mod warp;
+mod window;
 
 pub use agent::{Agent, Frame, FrameReport, TrackingState};
 pub use params::Params;

@@ -1,0 +1,350 @@
+//! Direct alignment of an image against a keyframe's points, coarse to fine.
+//!
+//! Minimises `E(ξ, a, b) = Σ ρ(r² / σ²)` with `r = I(ω(p, d, ξ)) − e^a I_ref(p) − b` and
+//! `σ² = 2σ_I² + (∂r/∂d)² V` (Engel 2014, Eq. 12–15; affine brightness from Engel 2018, Eq. 4) by the
+//! inverse compositional Gauss–Newton method: derivatives are taken once, in the keyframe.
+
+use geometry::{Pinhole, Pyramid, Se3};
+use nalgebra::{SMatrix, SVector, Vector3, Vector6};
+use serde::{Deserialize, Serialize};
+
+/// Parameters of the direct alignment.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct AlignParams {
+    /// Standard deviation of the image noise, grey levels. Source: Engel 2014, §2.3.
+    pub intensity_sigma: f32,
+    /// Huber threshold on the normalised residual. Source: Engel 2014, Eq. 13.
+    pub huber: f32,
+    /// Iterations per pyramid level at most.
+    pub max_iterations: usize,
+    /// Finest level that is aligned; the patches take over from there.
+    pub finest_level: usize,
+    /// Levels of the image pyramid, the image itself included.
+    pub pyramid_levels: usize,
+    /// A level has converged when an iteration lowers the mean cost by less than this share.
+    pub min_decrease: f32,
+}
+
+impl Default for AlignParams {
+    fn default() -> Self {
+        Self {
+            intensity_sigma: 4.0,
+            huber: 3.0,
+            max_iterations: 12,
+            finest_level: 1,
+            pyramid_levels: 5,
+            min_decrease: 0.003,
+        }
+    }
+}
+
+/// A point as the keyframe sees it.
+#[derive(Clone, Copy, Debug)]
+pub struct ReferencePoint {
+    /// Position in the keyframe, pixels of level 0.
+    pub pixel: [f32; 2],
+    /// Inverse depth in the keyframe.
+    pub inverse_depth: f32,
+    /// Its variance.
+    pub variance: f32,
+}
+
+/// Affine brightness `I ≈ e^gain · I_ref + offset`.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Brightness {
+    /// Logarithm of the gain.
+    pub log_gain: f32,
+    /// Offset, grey levels.
+    pub offset: f32,
+}
+
+/// Result of an alignment, with its evidence.
+#[derive(Clone, Copy, Debug)]
+pub struct Alignment {
+    /// Maps the reference keyframe's camera frame to the image's.
+    pub frame_from_reference: Se3,
+    /// Brightness of the image relative to the keyframe.
+    pub brightness: Brightness,
+    /// Share of the points that fall inside the image at the finest level.
+    pub visible_share: f32,
+    /// Share of those whose normalised residual is below the Huber threshold.
+    pub inlier_share: f32,
+    /// Root mean square residual of the inliers at the finest level, grey levels.
+    pub rmse: f32,
+}
+
+/// A keyframe prepared for alignment: per level, intensities and derivatives of its points.
+pub struct AlignmentReference {
+    levels: Vec<Level>,
+    params: AlignParams,
+}
+
+struct Level {
+    camera: Pinhole,
+    points: Vec<LevelPoint>,
+}
+
+struct LevelPoint {
+    /// Ray through the pixel, z = 1.
+    ray: [f32; 3],
+    inverse_depth: f32,
+    variance: f32,
+    intensity: f32,
+    gradient: [f32; 2],
+    /// Derivative of the template by the twist of the reference.
+    jacobian: [f32; 6],
+}
+
+/// Normal equations over (υ, ω, a, b).
+struct Sums {
+    hessian: SMatrix<f64, 8, 8>,
+    gradient: SVector<f64, 8>,
+    cost: f64,
+    visible: usize,
+    inliers: usize,
+    inlier_square: f64,
+}
+
+impl Sums {
+    /// Mean cost per visible point; points that leave the image must not make a pose look better.
+    fn mean_cost(&self, total: usize) -> f64 {
+        let missing = (total - self.visible) as f64;
+        (self.cost + missing * 4.5) / total.max(1) as f64
+    }
+}
+
+impl AlignmentReference {
+    /// Prepares the keyframe's points at all levels.
+    pub fn new(pyramid: &Pyramid, camera: &Pinhole, points: &[ReferencePoint], params: &AlignParams) -> Self {
+        let levels = (0..pyramid.len()).map(|level| Level::new(pyramid, camera, points, level)).collect();
+        Self { levels, params: params.clone() }
+    }
+
+    /// Number of points at the finest level.
+    pub fn len(&self) -> usize {
+        self.levels.get(self.params.finest_level).map_or(0, |l| l.points.len())
+    }
+
+    /// Whether there is nothing to align to.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Aligns `image`, starting from `guess` at the coarsest level.
+    pub fn align(&self, image: &Pyramid, guess: &Se3, brightness: Brightness) -> Alignment {
+        let mut state = (*guess, brightness);
+        let top = self.levels.len().min(image.len());
+        let finest = self.params.finest_level.min(top - 1);
+        let mut last = None;
+        for level in (finest..top).rev() {
+            last = Some(self.align_level(image, level, &mut state));
+        }
+        let total = self.levels[finest].points.len().max(1) as f32;
+        let sums = last.expect("there is at least one level");
+        Alignment {
+            frame_from_reference: state.0,
+            brightness: state.1,
+            visible_share: sums.visible as f32 / total,
+            inlier_share: sums.inliers as f32 / sums.visible.max(1) as f32,
+            rmse: (sums.inlier_square / sums.inliers.max(1) as f64).sqrt() as f32,
+        }
+    }
+
+    /// Mean robust cost of a pose at the coarsest level, to compare guesses.
+    pub fn coarse_cost(&self, image: &Pyramid, guess: &Se3, brightness: Brightness) -> f64 {
+        let level = self.levels.len().min(image.len()) - 1;
+        let mut state = (*guess, brightness);
+        let sums = self.align_level(image, level, &mut state);
+        sums.mean_cost(self.levels[level].points.len())
+    }
+
+    fn align_level(&self, image: &Pyramid, level: usize, state: &mut (Se3, Brightness)) -> Sums {
+        let mut lambda = 1e-3;
+        let total = self.levels[level].points.len();
+        let mut sums = self.linearise(image, level, state);
+        for _ in 0..self.params.max_iterations {
+            let Some(candidate) = step(&sums, lambda, state) else { break };
+            let trial = self.linearise(image, level, &candidate);
+            let (old, new) = (sums.mean_cost(total), trial.mean_cost(total));
+            if new < old {
+                *state = candidate;
+                sums = trial;
+                lambda = (lambda * 0.2).max(1e-6);
+                if old - new < self.params.min_decrease as f64 * old {
+                    break;
+                }
+            } else {
+                lambda = lambda.max(1e-4) * 8.0;
+                if lambda > 10.0 {
+                    break;
+                }
+            }
+        }
+        sums
+    }
+
+    fn linearise(&self, image: &Pyramid, level: usize, (pose, brightness): &(Se3, Brightness)) -> Sums {
+        let reference = &self.levels[level];
+        let (view, camera) = (image.level(level), &reference.camera);
+        let rotation = pose.rotation_matrix().cast::<f32>();
+        let translation = pose.translation.cast::<f32>();
+        let (fx, fy) = (camera.fx as f32, camera.fy as f32);
+        let (cx, cy) = (camera.cx as f32, camera.cy as f32);
+        let gain = brightness.log_gain.exp();
+        let noise = 2.0 * self.params.intensity_sigma * self.params.intensity_sigma;
+        let huber = self.params.huber;
+        let mut sums = Accumulator::default();
+        for point in &reference.points {
+            let ray = Vector3::from(point.ray);
+            let x = rotation * ray + translation * point.inverse_depth;
+            if x.z < 0.02 {
+                continue;
+            }
+            let iz = 1.0 / x.z;
+            let (u, v) = (fx * x.x * iz + cx, fy * x.y * iz + cy);
+            if !view.contains(u, v, 1.0) {
+                continue;
+            }
+            let residual = view.bilinear(u, v) - gain * point.intensity - brightness.offset;
+            let by_depth = gain
+                * iz
+                * (point.gradient[0] * fx * (translation.x - x.x * iz * translation.z)
+                    + point.gradient[1] * fy * (translation.y - x.y * iz * translation.z));
+            let inverse_variance = 1.0 / (noise + by_depth * by_depth * point.variance);
+            let normalised = residual.abs() * inverse_variance.sqrt();
+            let inlier = normalised <= huber;
+            let weight = inverse_variance * if inlier { 1.0 } else { huber / normalised };
+            sums.cost += if inlier { 0.5 * normalised * normalised } else { huber * (normalised - 0.5 * huber) }.min(9.0) as f64;
+            sums.visible += 1;
+            if inlier {
+                sums.inliers += 1;
+                sums.inlier_square += (residual * residual) as f64;
+            }
+            let p = &point.jacobian;
+            let j = [p[0], p[1], p[2], p[3], p[4], p[5], point.intensity].map(|v| v * gain);
+            sums.add(&[j[0], j[1], j[2], j[3], j[4], j[5], j[6], 1.0], residual, weight);
+        }
+        sums.finish()
+    }
+}
+
+/// The 36 upper entries and the gradient in f32 per run of points, folded into f64.
+#[derive(Default)]
+struct Accumulator {
+    wide: [[f64; 8]; 8],
+    gradient: [f64; 8],
+    tile: [[f32; 8]; 8],
+    tile_gradient: [f32; 8],
+    in_tile: usize,
+    cost: f64,
+    visible: usize,
+    inliers: usize,
+    inlier_square: f64,
+}
+
+impl Accumulator {
+    #[inline]
+    fn add(&mut self, j: &[f32; 8], residual: f32, weight: f32) {
+        for a in 0..8 {
+            let wa = weight * j[a];
+            for b in 0..8 {
+                self.tile[a][b] += wa * j[b];
+            }
+            self.tile_gradient[a] += wa * residual;
+        }
+        self.in_tile += 1;
+        if self.in_tile == 64 {
+            self.fold();
+        }
+    }
+
+    fn fold(&mut self) {
+        for a in 0..8 {
+            for b in 0..8 {
+                self.wide[a][b] += self.tile[a][b] as f64;
+            }
+            self.gradient[a] += self.tile_gradient[a] as f64;
+        }
+        self.tile = Default::default();
+        self.tile_gradient = Default::default();
+        self.in_tile = 0;
+    }
+
+    fn finish(mut self) -> Sums {
+        self.fold();
+        Sums {
+            hessian: SMatrix::from_fn(|i, j| self.wide[i][j]),
+            gradient: SVector::from(self.gradient),
+            cost: self.cost,
+            visible: self.visible,
+            inliers: self.inliers,
+            inlier_square: self.inlier_square,
+        }
+    }
+}
+
+/// One damped step: the template is moved by δ to meet the image, so the pose takes δ's inverse.
+fn step(sums: &Sums, lambda: f64, (pose, brightness): &(Se3, Brightness)) -> Option<(Se3, Brightness)> {
+    if sums.visible < 12 {
+        return None;
+    }
+    let mut h = sums.hessian;
+    for i in 0..8 {
+        h[(i, i)] *= 1.0 + lambda;
+        h[(i, i)] += 1e-6;
+    }
+    // A weak prior keeps gain and offset apart where the image has little contrast.
+    h[(6, 6)] += 10.0;
+    let mut gradient = sums.gradient;
+    gradient[6] -= 10.0 * brightness.log_gain as f64;
+    let delta = h.cholesky()?.solve(&gradient);
+    let twist: Vector6<f64> = delta.fixed_rows::<6>(0).into_owned();
+    let moved = (*pose * Se3::exp(&twist).inverse()).renormalized();
+    let brightness = Brightness {
+        log_gain: brightness.log_gain + delta[6] as f32,
+        offset: brightness.offset + delta[7] as f32,
+    };
+    (moved.is_finite() && brightness.log_gain.abs() < 3.0).then_some((moved, brightness))
+}
+
+impl Level {
+    fn new(pyramid: &Pyramid, camera: &Pinhole, points: &[ReferencePoint], level: usize) -> Self {
+        let image = pyramid.level(level);
+        let camera = camera.at_level(level);
+        let scale = 1.0 / (1u32 << level) as f32;
+        let points = points
+            .iter()
+            .filter_map(|point| {
+                let (u, v) = ((point.pixel[0] + 0.5) * scale - 0.5, (point.pixel[1] + 0.5) * scale - 0.5);
+                if !image.contains(u, v, 1.5) {
+                    return None;
+                }
+                let gradient = [
+                    0.5 * (image.bilinear(u + 1.0, v) - image.bilinear(u - 1.0, v)),
+                    0.5 * (image.bilinear(u, v + 1.0) - image.bilinear(u, v - 1.0)),
+                ];
+                let ray = camera.unproject(u as f64, v as f64).cast::<f32>();
+                let (x, y, d) = (ray.x, ray.y, point.inverse_depth);
+                let (gx, gy) = (gradient[0] * camera.fx as f32, gradient[1] * camera.fy as f32);
+                let jacobian = [
+                    gx * d,
+                    gy * d,
+                    -(gx * x + gy * y) * d,
+                    -gx * x * y - gy * (1.0 + y * y),
+                    gx * (1.0 + x * x) + gy * x * y,
+                    -gx * y + gy * x,
+                ];
+                Some(LevelPoint {
+                    ray: ray.into(),
+                    inverse_depth: d,
+                    variance: point.variance,
+                    intensity: image.bilinear(u, v),
+                    gradient,
+                    jacobian,
+                })
+            })
+            .collect();
+        Self { camera, points }
+    }
+}

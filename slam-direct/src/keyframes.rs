@@ -1,0 +1,41 @@
+//! When a frame becomes a keyframe, and when tracking is lost.
+
+use serde::{Deserialize, Serialize};
+
+/// Parameters of keyframe selection and loss.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct KeyframeParams {
+    /// Median way of the points since the reference keyframe, share of the image width, that alone makes a keyframe.
+    pub flow: f32,
+    /// The same for what the turn does not explain.
+    pub parallax: f32,
+    /// Share of the reference's points still matched below which a keyframe is made.
+    pub overlap: f32,
+    /// Matched points below which tracking is lost.
+    pub min_matched: usize,
+    /// Share of sought points that must be matched.
+    pub min_share: f32,
+}
+
+impl Default for KeyframeParams {
+    fn default() -> Self {
+        Self { flow: 0.18, parallax: 0.06, overlap: 0.6, min_matched: 30, min_share: 0.2 }
+    }
+}
+
+/// What decides about a new keyframe.
+pub(crate) struct Departure {
+    /// Median flow since the reference, share of the image width.
+    pub flow: f32,
+    /// Its part without the turn.
+    pub parallax: f32,
+    /// Matched points now over those of the reference.
+    pub overlap: f32,
+}
+
+/// Weighted sum of distance and lost overlap (Engel 2014, §3.3; Engel 2018, §3.2): a keyframe at 1.
+pub(crate) fn needs_keyframe(departure: &Departure, params: &KeyframeParams) -> bool {
+    let lost = (1.0 - departure.overlap).max(0.0) / (1.0 - params.overlap);
+    departure.flow / params.flow + departure.parallax / params.parallax > 1.0 || lost > 1.0
+}

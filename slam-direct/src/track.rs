@@ -1,0 +1,315 @@
+//! Map-to-frame tracking: points of the map are found in the frame patch by patch, and the frame's pose
+//! is the one that agrees best with where they were found.
+
+use crate::align::{AlignmentReference, Brightness};
+use crate::local_map::{LocalMap, PointRef};
+use crate::patch::Template;
+use crate::warp::Warp;
+use crate::window::{mahalanobis, predict, robust_weight};
+use geometry::{Pinhole, Pyramid, Se3};
+use nalgebra::{Matrix6, Vector3, Vector6};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+/// Parameters of the map-to-frame tracking.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct TrackParams {
+    /// Side of the image cells over which the sought points are spread, pixels.
+    pub cell: usize,
+    /// Points sought per cell at most.
+    pub per_cell: usize,
+    /// How far a patch may be found from its prediction, pixels.
+    pub max_shift: f32,
+    /// Share of a patch's variance that may stay unexplained.
+    pub max_unexplained: f32,
+    /// Intensity noise of a patch, grey levels: the least that is assumed.
+    pub patch_sigma: f32,
+    /// Uncertainty of position that no intensity explains (rolling shutter, lens), pixels.
+    pub position_sigma: f32,
+    /// Keyframes whose points are sought at most.
+    pub max_hosts: usize,
+}
+
+impl Default for TrackParams {
+    fn default() -> Self {
+        Self {
+            cell: 24,
+            per_cell: 2,
+            max_shift: 6.0,
+            max_unexplained: 0.3,
+            patch_sigma: 3.0,
+            position_sigma: 0.15,
+            max_hosts: 14,
+        }
+    }
+}
+
+/// A map point found in a frame.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Matched {
+    pub at: PointRef,
+    pub pixel: [f32; 2],
+    pub information: [f32; 3],
+    pub rmse: f32,
+    /// Whether it agrees with the frame's pose.
+    pub inlier: bool,
+}
+
+/// A point to look for: where it should be and how it should look.
+struct Sought {
+    at: PointRef,
+    pixel: [f32; 2],
+    warp: Warp,
+    /// Rank within its cell: seen often first, then well known.
+    rank: (std::cmp::Reverse<usize>, f64),
+}
+
+/// Frame as the tracker knows it before and after a step.
+pub(crate) struct View<'a> {
+    pub pyramid: &'a Pyramid,
+    pub camera_from_world: Se3,
+    pub log_gain: f32,
+}
+
+/// Seeks the map's points in the frame. Second value: how many were sought.
+pub(crate) fn match_points(
+    map: &LocalMap,
+    hosts: &[usize],
+    view: &View,
+    params: &TrackParams,
+    per_cell: usize,
+) -> (Vec<Matched>, Vec<PointRef>) {
+    let sought = choose(map, hosts, view, params, per_cell);
+    let found: Vec<Option<Matched>> = sought.par_iter().with_min_len(64).map(|s| find(map, s, view, params)).collect();
+    (found.into_iter().flatten().collect(), sought.iter().map(|s| s.at).collect())
+}
+
+/// The points expected in the frame, spread over its cells.
+fn choose(map: &LocalMap, hosts: &[usize], view: &View, params: &TrackParams, per_cell: usize) -> Vec<Sought> {
+    let camera = &map.camera;
+    let columns = camera.width.div_ceil(params.cell);
+    let rows = camera.height.div_ceil(params.cell);
+    let mut cells: Vec<Vec<Sought>> = Vec::new();
+    cells.resize_with(columns * rows, Vec::new);
+    for &host in hosts {
+        let state = &map.keyframes[host];
+        let relative = view.camera_from_world * state.camera_from_world.inverse();
+        let rotation = relative.rotation_matrix();
+        for (index, point) in state.points.iter().enumerate().filter(|(_, p)| p.alive) {
+            let Some((warp, pixel)) = Warp::new(camera, &relative, &rotation, &point.ray, point.inverse_depth) else {
+                continue;
+            };
+            let pixel = [pixel.x as f32, pixel.y as f32];
+            if !view.pyramid.base().contains(pixel[0], pixel[1], 5.0) {
+                continue;
+            }
+            let cell = (pixel[1] as usize / params.cell) * columns + pixel[0] as usize / params.cell;
+            let relative_variance = point.variance / (point.inverse_depth * point.inverse_depth).max(1e-12);
+            let rank = (std::cmp::Reverse(point.observations.len().min(6)), relative_variance);
+            cells[cell].push(Sought { at: PointRef { host, index }, pixel, warp, rank });
+        }
+    }
+    for cell in &mut cells {
+        cell.sort_by(|a, b| a.rank.0.cmp(&b.rank.0).then(a.rank.1.total_cmp(&b.rank.1)).then(a.at.cmp(&b.at)));
+        cell.truncate(per_cell);
+    }
+    cells.into_iter().flatten().collect()
+}
+
+fn find(map: &LocalMap, sought: &Sought, view: &View, params: &TrackParams) -> Option<Matched> {
+    let host = &map.keyframes[sought.at.host];
+    let gain = (view.log_gain - host.log_gain).exp();
+    let template = Template::cut(&host.pyramid, host.points[sought.at.index].pixel, &sought.warp, gain)?;
+    let found = template.align(view.pyramid, sought.pixel, params.max_shift, 12)?;
+    if found.unexplained > params.max_unexplained {
+        return None;
+    }
+    let level = template.level;
+    Some(Matched {
+        at: sought.at,
+        pixel: found.pixel,
+        information: position_information(&found.information, found.rmse, level, params),
+        rmse: found.rmse,
+        inlier: true,
+    })
+}
+
+/// Information of a patch's position: photometric noise through its Hessian plus the positional floor,
+/// `Λ = (σ_I² H⁻¹ + σ_0² I)⁻¹ = H (σ_I² I + σ_0² H)⁻¹`.
+pub(crate) fn position_information(hessian: &[f32; 3], rmse: f32, level: usize, params: &TrackParams) -> [f32; 3] {
+    let [xx, xy, yy] = *hessian;
+    let intensity = rmse.max(params.patch_sigma).powi(2);
+    let floor = (params.position_sigma * (1u32 << level) as f32).powi(2);
+    let (mxx, mxy, myy) = (intensity + floor * xx, floor * xy, intensity + floor * yy);
+    let det = mxx * myy - mxy * mxy;
+    [(xx * myy - xy * mxy) / det, (xy * mxx - xx * mxy) / det, (yy * mxx - xy * mxy) / det]
+}
+
+/// Keyframes whose points the frame may see, most promising first.
+pub(crate) fn choose_hosts(map: &LocalMap, view_camera_from_world: &Se3, reference: usize, count: usize) -> Vec<usize> {
+    const PROBES: usize = 24;
+    let mut scored: Vec<(usize, usize)> = Vec::new();
+    for (index, state) in map.keyframes.iter().enumerate() {
+        let relative = *view_camera_from_world * state.camera_from_world.inverse();
+        let rotation = relative.rotation_matrix();
+        let alive: Vec<&_> = state.points.iter().filter(|p| p.alive).collect();
+        let stride = alive.len().div_ceil(PROBES).max(1);
+        let visible = alive
+            .iter()
+            .step_by(stride)
+            .filter(|point| {
+                Warp::new(&map.camera, &relative, &rotation, &point.ray, point.inverse_depth).is_some_and(|(_, p)| {
+                    p.x >= 5.0 && p.y >= 5.0 && p.x < map.camera.width as f64 - 5.0 && p.y < map.camera.height as f64 - 5.0
+                })
+            })
+            .count();
+        // What counts is how many points may be seen, not their share.
+        let score = visible * alive.len() / alive.len().div_ceil(stride).max(1);
+        if score > 0 || index == reference {
+            scored.push((index, score));
+        }
+    }
+    scored.sort_by(|a, b| (b.0 == reference).cmp(&(a.0 == reference)).then(b.1.cmp(&a.1)).then(b.0.cmp(&a.0)));
+    scored.truncate(count);
+    scored.into_iter().map(|s| s.0).collect()
+}
+
+/// An observation prepared for pose refinement: the point in homogeneous world coordinates.
+struct WorldPoint {
+    direction: Vector3<f64>,
+    inverse_depth: f64,
+    pixel: [f64; 2],
+    information: [f64; 3],
+}
+
+/// Refines a pose on matched points with fixed depths (robust Gauss–Newton) and marks the inliers.
+pub(crate) fn refine_pose(map: &LocalMap, camera_from_world: &Se3, matched: &mut [Matched]) -> Se3 {
+    let points: Vec<WorldPoint> = matched.iter().map(|m| world_point(map, camera_from_world, m)).collect();
+    let pose = optimise_pose(&map.camera, camera_from_world, &points);
+    let (rotation, translation) = (pose.rotation_matrix(), pose.translation);
+    for (m, p) in matched.iter_mut().zip(&points) {
+        let squared = predict(&map.camera, &rotation, &translation, &p.direction, p.inverse_depth, &p.pixel)
+            .map(|q| mahalanobis(&q.residual, &p.information));
+        m.inlier = squared.is_some_and(|s| s < INLIER);
+    }
+    pose
+}
+
+/// χ² with two degrees of freedom, 99 %.
+pub(crate) const INLIER: f64 = 9.21;
+
+fn world_point(map: &LocalMap, camera_from_world: &Se3, matched: &Matched) -> WorldPoint {
+    let host = &map.keyframes[matched.at.host];
+    let point = map.point(matched.at);
+    let world_from_host = host.camera_from_world.inverse();
+    let direction = world_from_host.rotation * point.ray + world_from_host.translation * point.inverse_depth;
+    let pixel = matched.pixel.map(f64::from);
+    let mut information = matched.information.map(f64::from);
+    let relative = *camera_from_world * world_from_host;
+    let predicted = predict(
+        &map.camera,
+        &relative.rotation_matrix(),
+        &relative.translation,
+        &point.ray,
+        point.inverse_depth,
+        &pixel,
+    );
+    if let Some(p) = predicted {
+        information = with_depth_variance(&information, &p.by_inverse_depth, point.variance);
+    }
+    WorldPoint { direction, inverse_depth: point.inverse_depth, pixel, information }
+}
+
+/// `(Λ⁻¹ + j jᵀ V)⁻¹` by Sherman–Morrison: what is left of a position's information when the depth is uncertain.
+fn with_depth_variance(information: &[f64; 3], j: &[f64; 2], variance: f64) -> [f64; 3] {
+    let [a, b, c] = *information;
+    let w = [a * j[0] + b * j[1], b * j[0] + c * j[1]];
+    let scale = variance / (1.0 + variance * (w[0] * j[0] + w[1] * j[1]));
+    [a - scale * w[0] * w[0], b - scale * w[0] * w[1], c - scale * w[1] * w[1]]
+}
+
+fn optimise_pose(camera: &Pinhole, start: &Se3, points: &[WorldPoint]) -> Se3 {
+    let mut pose = *start;
+    for _ in 0..10 {
+        let mut h = Matrix6::<f64>::identity() * 1e-6;
+        let mut g = Vector6::<f64>::zeros();
+        let (rotation, translation) = (pose.rotation_matrix(), pose.translation);
+        for point in points {
+            let Some(p) =
+                predict(camera, &rotation, &translation, &point.direction, point.inverse_depth, &point.pixel)
+            else {
+                continue;
+            };
+            let weight = robust_weight(mahalanobis(&p.residual, &point.information));
+            let [a, b, c] = point.information.map(|v| v * weight);
+            let (ju, jv) = (Vector6::from(p.by_twist[0]), Vector6::from(p.by_twist[1]));
+            let (wu, wv) = (ju * a + jv * b, ju * b + jv * c);
+            h.ger(1.0, &wu, &ju, 1.0);
+            h.ger(1.0, &wv, &jv, 1.0);
+            g += wu * p.residual[0] + wv * p.residual[1];
+        }
+        let Some(factor) = h.cholesky() else { break };
+        let delta = -factor.solve(&g);
+        pose = (Se3::exp(&delta) * pose).renormalized();
+        if delta.norm_squared() < 1e-14 {
+            break;
+        }
+    }
+    if pose.is_finite() { pose } else { *start }
+}
+
+/// Rotations tried about the prediction when the alignment is poor: small turns about each axis and
+/// pairs of axes (Engel 2018, §3.1).
+fn turns() -> impl Iterator<Item = Se3> {
+    [0.03, 0.07].into_iter().flat_map(|angle: f64| {
+        let mut all = Vec::new();
+        for x in -1..=1 {
+            for y in -1..=1 {
+                for z in -1..=1 {
+                    if (x, y, z) != (0, 0, 0) {
+                        let w = Vector3::new(x as f64, y as f64, z as f64) * angle;
+                        all.push(Se3::exp(&Vector6::new(0.0, 0.0, 0.0, w.x, w.y, w.z)));
+                    }
+                }
+            }
+        }
+        all
+    })
+}
+
+/// Direct alignment from the most plausible guesses; more are tried only while the result is poor.
+pub(crate) fn align_from_guesses(
+    reference: &AlignmentReference,
+    image: &Pyramid,
+    guesses: &[Se3],
+    brightness: Brightness,
+    good: f32,
+) -> crate::align::Alignment {
+    let quality = |a: &crate::align::Alignment| a.inlier_share * a.visible_share.min(1.0);
+    let mut best: Option<crate::align::Alignment> = None;
+    let mut consider = |alignment: crate::align::Alignment| {
+        if best.as_ref().is_none_or(|b| quality(&alignment) > quality(b)) {
+            best = Some(alignment);
+        }
+        best.as_ref().is_some_and(|b| b.inlier_share >= good)
+    };
+    for guess in guesses {
+        if consider(reference.align(image, guess, brightness)) {
+            break;
+        }
+    }
+    let poor = best.as_ref().is_none_or(|b| b.inlier_share < good);
+    if poor && let Some(first) = guesses.first() {
+        let cost = |turn: &Se3| reference.coarse_cost(image, &(*turn * *first), brightness);
+        let mut ranked: Vec<(f64, Se3)> = turns().map(|turn| (cost(&turn), turn)).collect();
+        ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
+        for (_, turn) in ranked.iter().take(3) {
+            let alignment = reference.align(image, &(*turn * *first), brightness);
+            if best.as_ref().is_none_or(|b| quality(&alignment) > quality(b)) {
+                best = Some(alignment);
+            }
+        }
+    }
+    best.expect("at least one guess is given")
+}

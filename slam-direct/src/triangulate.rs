@@ -1,0 +1,198 @@
+//! Depth for new points: a search along the epipolar line in other keyframes, then verification.
+
+use crate::local_map::{LocalMap, PointState, SeenAt};
+use crate::patch::Template;
+use crate::track::{TrackParams, position_information};
+use crate::warp::Warp;
+use crate::window::predict;
+use geometry::Se3;
+use nalgebra::{Matrix3, Vector2, Vector3};
+use serde::{Deserialize, Serialize};
+
+/// Parameters of the search for new points' depths.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct TriangulateParams {
+    /// Longest epipolar segment that is searched, pixels.
+    pub max_length: f64,
+    /// The best match must be this many times better than any other on the line.
+    pub uniqueness: f32,
+    /// How far from the epipolar line the match may lie, pixels.
+    pub max_off_line: f64,
+    /// Standard deviation of the inverse depth, relative to itself, above which a point is not kept.
+    pub max_relative_sigma: f64,
+}
+
+impl Default for TriangulateParams {
+    fn default() -> Self {
+        Self { max_length: 160.0, uniqueness: 1.5, max_off_line: 1.5, max_relative_sigma: 0.25 }
+    }
+}
+
+/// Host keyframe and another, related.
+struct View {
+    keyframe: usize,
+    relative: Se3,
+    rotation: Matrix3<f64>,
+    gain: f32,
+}
+
+/// Finds a candidate's depth by searching `others` in order. The result holds all observations that agree.
+pub(crate) struct Triangulator<'a> {
+    map: &'a LocalMap,
+    host: usize,
+    views: Vec<View>,
+    params: &'a TriangulateParams,
+    track: &'a TrackParams,
+}
+
+impl<'a> Triangulator<'a> {
+    pub fn new(map: &'a LocalMap, host: usize, others: &[usize], params: &'a TriangulateParams, track: &'a TrackParams) -> Self {
+        let state = &map.keyframes[host];
+        let views = others
+            .iter()
+            .map(|&keyframe| {
+                let other = &map.keyframes[keyframe];
+                let relative = other.camera_from_world * state.camera_from_world.inverse();
+                View {
+                    keyframe,
+                    rotation: relative.rotation_matrix(),
+                    relative,
+                    gain: (other.log_gain - state.log_gain).exp(),
+                }
+            })
+            .collect();
+        Self { map, host, views, params, track }
+    }
+
+    /// A point at `pixel` of the host with its depth and observations; `None` when no view shows it
+    /// unambiguously. `range` is the inverse depth to expect, `(least, most)`.
+    pub fn point(&self, pixel: [f32; 2], range: (f64, f64)) -> Option<PointState> {
+        let ray = self.map.camera.unproject(pixel[0] as f64, pixel[1] as f64);
+        let mut observations: Vec<SeenAt> = Vec::new();
+        let mut inverse_depth = None;
+        for view in &self.views {
+            let start = match inverse_depth {
+                None => match self.search(view, pixel, &ray, range) {
+                    Some(start) => start,
+                    None => continue,
+                },
+                Some(d) => d,
+            };
+            let Some(seen) = self.observe(view, pixel, &ray, start) else { continue };
+            observations.push(seen);
+            inverse_depth = self.solve_depth(&ray, start, &observations).map(|s| s.0).or(inverse_depth);
+            if inverse_depth.is_none() {
+                observations.clear();
+            }
+        }
+        let (inverse_depth, variance, worst) = self.solve_depth(&ray, inverse_depth?, &observations)?;
+        let accepted = worst < 9.21 && variance.sqrt() < self.params.max_relative_sigma * inverse_depth;
+        accepted.then_some(PointState {
+            pixel,
+            ray,
+            inverse_depth,
+            variance,
+            observations,
+            alive: true,
+            sought: 0,
+            found: 0,
+        })
+    }
+
+    /// Best inverse depth along the epipolar segment, to about a pixel.
+    fn search(&self, view: &View, pixel: [f32; 2], ray: &Vector3<f64>, range: (f64, f64)) -> Option<f64> {
+        let project = |d: f64| {
+            let x = view.rotation * ray + view.relative.translation * d;
+            (x.z > 0.05).then(|| self.map.camera.project(&x))
+        };
+        let (near, far) = (project(range.1)?, project(range.0)?);
+        let length = (near - far).norm();
+        if length > self.params.max_length {
+            return None;
+        }
+        let middle = 0.5 * (range.0 + range.1);
+        let (warp, _) = Warp::new(&self.map.camera, &view.relative, &view.rotation, ray, middle)?;
+        let host = &self.map.keyframes[self.host].pyramid;
+        let template = Template::cut(host, pixel, &warp, view.gain)?;
+        let other = &self.map.keyframes[view.keyframe].pyramid;
+        let steps = (length / (1 << template.level) as f64 / 0.8).ceil().max(1.0) as usize;
+        let errors: Vec<(f64, Vector2<f64>, f32)> = (0..=steps)
+            .filter_map(|i| {
+                let d = range.0 + (range.1 - range.0) * i as f64 / steps as f64;
+                let at = project(d)?;
+                let error = template.error_at(other, [at.x as f32, at.y as f32])?;
+                Some((d, at, error))
+            })
+            .collect();
+        let best = errors.iter().min_by(|a, b| a.2.total_cmp(&b.2))?;
+        let apart = 3.0 * (1 << template.level) as f64;
+        let rival = errors.iter().filter(|e| (e.1 - best.1).norm() > apart).map(|e| e.2).fold(f32::INFINITY, f32::min);
+        let unique = rival > self.params.uniqueness * best.2.max(self.track.patch_sigma);
+        (unique && best.2 < 0.5 * template.variance()).then_some(best.0)
+    }
+
+    /// The point's exact position in a view, near the epipolar line.
+    fn observe(&self, view: &View, pixel: [f32; 2], ray: &Vector3<f64>, inverse_depth: f64) -> Option<SeenAt> {
+        let (warp, at) = Warp::new(&self.map.camera, &view.relative, &view.rotation, ray, inverse_depth)?;
+        let template = Template::cut(&self.map.keyframes[self.host].pyramid, pixel, &warp, view.gain)?;
+        let other = &self.map.keyframes[view.keyframe].pyramid;
+        let start = [at.x as f32, at.y as f32];
+        if !other.base().contains(start[0], start[1], 5.0) {
+            return None;
+        }
+        let found = template.align(other, start, 3.0, 12)?;
+        if found.unexplained > self.track.max_unexplained {
+            return None;
+        }
+        // Distance from the epipolar line through the start.
+        let p = predict(
+            &self.map.camera,
+            &view.rotation,
+            &view.relative.translation,
+            ray,
+            inverse_depth,
+            &found.pixel.map(f64::from),
+        )?;
+        let line = Vector2::from(p.by_inverse_depth);
+        let norm = line.norm();
+        let off = (p.residual[0] * line.y - p.residual[1] * line.x).abs() / norm.max(1e-9);
+        let information = position_information(&found.information, found.rmse, template.level, self.track);
+        (norm > 1e-6 && off < self.params.max_off_line * (1 << template.level) as f64)
+            .then_some(SeenAt { keyframe: view.keyframe, pixel: found.pixel, information })
+    }
+
+    /// Least-squares inverse depth on the observations: `(inverse depth, variance, worst squared residual)`.
+    fn solve_depth(&self, ray: &Vector3<f64>, start: f64, seen: &[SeenAt]) -> Option<(f64, f64, f64)> {
+        let mut d = start;
+        let mut information = 0.0;
+        let mut worst: f64 = 0.0;
+        for _ in 0..4 {
+            let (mut h, mut g) = (0.0, 0.0);
+            worst = 0.0;
+            for s in seen {
+                let view = self.views.iter().find(|v| v.keyframe == s.keyframe)?;
+                let p = predict(
+                    &self.map.camera,
+                    &view.rotation,
+                    &view.relative.translation,
+                    ray,
+                    d,
+                    &s.pixel.map(f64::from),
+                )?;
+                let [a, b, c] = s.information.map(f64::from);
+                let (j, r) = (p.by_inverse_depth, p.residual);
+                let wj = [a * j[0] + b * j[1], b * j[0] + c * j[1]];
+                h += wj[0] * j[0] + wj[1] * j[1];
+                g += wj[0] * r[0] + wj[1] * r[1];
+                worst = worst.max(crate::window::mahalanobis(&r, &[a, b, c]));
+            }
+            if h <= 0.0 {
+                return None;
+            }
+            information = h;
+            d -= g / h;
+        }
+        (d > 0.0 && d.is_finite()).then_some((d, 1.0 / information, worst))
+    }
+}

@@ -1,0 +1,17 @@
+//! Joint optimisation of keyframe poses and inverse depths (windowed bundle adjustment).
+//!
+//! Each patch's photometric error is replaced by its quadratic expansion around the patch's own
+//! minimum: `E ≈ ½ (π(x) − z)ᵀ Λ (π(x) − z)`, with z where the patch was found and Λ from the photometric
+//! Hessian there. The optimum over poses and depths is the same to second order as that of the
+//! photometric error (Engel 2018, Eq. 4–8), but no image is touched while iterating, edges keep their
+//! one-dimensional information, and geometric disturbance (rolling shutter, calibration) enters Λ as
+//! what it is: an uncertainty of position.
+//!
+//! Depths are eliminated by the Schur complement, one scalar per point; poses are solved densely.
+
+mod linear;
+mod problem;
+mod solve;
+
+pub(crate) use problem::{Problem, WindowObservation, WindowPoint, mahalanobis, predict, robust_weight};
+pub(crate) use solve::{WindowReport, solve};

@@ -1,0 +1,177 @@
+//! The joint optimisation as values: poses, points, observations.
+
+use geometry::{Pinhole, Se3};
+use nalgebra::Vector3;
+use std::ops::Range;
+
+/// A point on a host frame's ray.
+#[derive(Clone, Debug)]
+pub(crate) struct WindowPoint {
+    /// Index of the host in `Problem::frames`.
+    pub host: usize,
+    /// Ray through the host pixel, z = 1.
+    pub ray: Vector3<f64>,
+    /// Inverse depth along it, 1/map unit.
+    pub inverse_depth: f64,
+    /// Its observations in `Problem::observations`.
+    pub observations: Range<usize>,
+    /// Information of the inverse depth at the solution given the poses; set by the solver.
+    pub information: f64,
+}
+
+/// Where a frame sees a point.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct WindowObservation {
+    /// Index of the observing frame in `Problem::frames`.
+    pub frame: usize,
+    /// Measured pixel.
+    pub pixel: [f64; 2],
+    /// Its information `[xx, xy, yy]`, 1/px².
+    pub information: [f64; 3],
+}
+
+/// Poses, points and observations to be made consistent.
+#[derive(Clone, Debug)]
+pub(crate) struct Problem {
+    /// The camera of all frames.
+    pub camera: Pinhole,
+    /// `camera_from_world` of each frame.
+    pub frames: Vec<Se3>,
+    /// Frames that must not move.
+    pub fixed: Vec<bool>,
+    /// The points; observations of one point are contiguous.
+    pub points: Vec<WindowPoint>,
+    /// All observations.
+    pub observations: Vec<WindowObservation>,
+}
+
+/// Degrees of freedom of the t-distribution assumed for normalised residuals (Kerl et al., ICRA 2013).
+const T_NU: f64 = 5.0;
+
+/// Weight of a squared normalised residual under the t-distribution: `(ν + 1)/(ν + e²)`.
+pub(crate) fn robust_weight(squared: f64) -> f64 {
+    (T_NU + 1.0) / (T_NU + squared)
+}
+
+/// The cost that [`robust_weight`] belongs to: `(ν + 1) log(1 + e²/ν)`.
+pub(crate) fn robust_cost(squared: f64) -> f64 {
+    (T_NU + 1.0) * (squared / T_NU).ln_1p()
+}
+
+/// A predicted observation: residual and derivatives in the relative frame.
+pub(crate) struct Prediction {
+    /// Predicted minus measured pixel.
+    pub residual: [f64; 2],
+    /// Derivative of the pixel by the left-multiplicative twist (υ, ω) of `frame_from_host`, two rows.
+    pub by_twist: [[f64; 6]; 2],
+    /// Derivative of the pixel by the inverse depth.
+    pub by_inverse_depth: [f64; 2],
+}
+
+/// Projects `ray / inverse_depth` by `frame_from_host`; `None` behind the camera.
+///
+/// With `x = R·ray + ρ t` (homogeneous, so that points at infinity are fine): `dx = ρ υ + ω × x`.
+#[inline]
+pub(crate) fn predict(
+    camera: &Pinhole,
+    rotation: &nalgebra::Matrix3<f64>,
+    translation: &Vector3<f64>,
+    ray: &Vector3<f64>,
+    inverse_depth: f64,
+    measured: &[f64; 2],
+) -> Option<Prediction> {
+    let x = rotation * ray + translation * inverse_depth;
+    if x.z < 1e-3 {
+        return None;
+    }
+    let iz = 1.0 / x.z;
+    let (px, py) = (x.x * iz, x.y * iz);
+    let (fx, fy) = (camera.fx, camera.fy);
+    let rho = inverse_depth * iz;
+    let t = translation;
+    Some(Prediction {
+        residual: [fx * px + camera.cx - measured[0], fy * py + camera.cy - measured[1]],
+        by_twist: [
+            [fx * rho, 0.0, -fx * px * rho, -fx * px * py, fx * (1.0 + px * px), -fx * py],
+            [0.0, fy * rho, -fy * py * rho, -fy * (1.0 + py * py), fy * px * py, fy * px],
+        ],
+        by_inverse_depth: [fx * iz * (t.x - px * t.z), fy * iz * (t.y - py * t.z)],
+    })
+}
+
+/// Squared Mahalanobis length of a residual.
+#[inline]
+pub(crate) fn mahalanobis(residual: &[f64; 2], information: &[f64; 3]) -> f64 {
+    let [x, y] = *residual;
+    information[0] * x * x + 2.0 * information[1] * x * y + information[2] * y * y
+}
+
+impl Problem {
+    /// Robust cost of all observations; one that falls behind its camera costs as a large outlier.
+    pub fn cost(&self) -> f64 {
+        self.points.iter().map(|p| self.point_cost(p)).sum()
+    }
+
+    fn point_cost(&self, point: &WindowPoint) -> f64 {
+        let world_from_host = self.frames[point.host].inverse();
+        self.observations[point.observations.clone()]
+            .iter()
+            .map(|o| robust_cost(self.squared_residual(&world_from_host, point, o).unwrap_or(1e4)))
+            .sum()
+    }
+
+    fn squared_residual(&self, world_from_host: &Se3, point: &WindowPoint, seen: &WindowObservation) -> Option<f64> {
+        let frame_from_host = self.frames[seen.frame] * *world_from_host;
+        let x = frame_from_host.rotation * point.ray + frame_from_host.translation * point.inverse_depth;
+        if x.z < 1e-3 {
+            return None;
+        }
+        let pixel = self.camera.project(&x);
+        Some(mahalanobis(&[pixel.x - seen.pixel[0], pixel.y - seen.pixel[1]], &seen.information))
+    }
+
+    /// Squared normalised residual of each observation; infinite behind the camera.
+    pub fn squared_residuals(&self) -> Vec<f64> {
+        let mut all = vec![f64::INFINITY; self.observations.len()];
+        for point in &self.points {
+            let world_from_host = self.frames[point.host].inverse();
+            for i in point.observations.clone() {
+                let value = self.squared_residual(&world_from_host, point, &self.observations[i]);
+                all[i] = value.unwrap_or(f64::INFINITY);
+            }
+        }
+        all
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Vector6;
+
+    #[test]
+    fn jacobians_agree_with_differences() {
+        let camera = Pinhole { width: 640, height: 480, fx: 500.0, fy: 480.0, cx: 320.0, cy: 240.0 };
+        let pose = Se3::exp(&Vector6::new(0.3, -0.2, 0.1, 0.1, -0.2, 0.05));
+        let ray = camera.unproject(120.0, 300.0);
+        let at = |pose: &Se3, rho: f64| {
+            predict(&camera, &pose.rotation_matrix(), &pose.translation, &ray, rho, &[0.0, 0.0]).unwrap()
+        };
+        let (rho, h) = (0.7, 1e-6);
+        let analytic = at(&pose, rho);
+        for k in 0..6 {
+            let mut twist = Vector6::zeros();
+            twist[k] = h;
+            let (plus, minus) = (at(&(Se3::exp(&twist) * pose), rho), at(&(Se3::exp(&-twist) * pose), rho));
+            for row in 0..2 {
+                let numeric = (plus.residual[row] - minus.residual[row]) / (2.0 * h);
+                assert!((numeric - analytic.by_twist[row][k]).abs() < 1e-4 * numeric.abs().max(1.0));
+            }
+        }
+        let (plus, minus) = (at(&pose, rho + h), at(&pose, rho - h));
+        for row in 0..2 {
+            let numeric = (plus.residual[row] - minus.residual[row]) / (2.0 * h);
+            assert!((numeric - analytic.by_inverse_depth[row]).abs() < 1e-4 * numeric.abs().max(1.0));
+        }
+    }
+}
