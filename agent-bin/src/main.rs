@@ -1,2 +1,28 @@
-//! `loopbox`: direct monocular SLAM for one agent or several.
-fn main() {}
+//! `loopbox`: direct monocular SLAM for recordings and cameras.
+
+mod ahead;
+mod camera;
+mod commands;
+mod diagnosis;
+mod output;
+mod pictures;
+mod process;
+mod progress;
+mod record;
+mod report;
+mod runtime;
+mod sources;
+
+use clap::Parser;
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    let cli = commands::Cli::parse();
+    match cli.command.execute() {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}

@@ -3,14 +3,24 @@
 //! Frames follow one convention everywhere: camera x right, y down, z forward, pixel centres at
 //! integers. A transform is named by what it does: `a_from_b * b_from_c = a_from_c`.
 
+mod camera;
 mod image;
+mod photometric;
 mod pinhole;
 mod pyramid;
 mod se3;
 mod sim3;
+pub mod umeyama;
+mod undistort;
 
+pub use camera::{Camera, CameraError, Distortion, Fov, KannalaBrandt, RadTan};
 pub use image::{GrayImage, Image};
+pub use photometric::{PhotometricCalibration, PhotometricError};
 pub use pinhole::Pinhole;
 pub use pyramid::Pyramid;
 pub use se3::{Se3, hat};
 pub use sim3::Sim3;
+pub use undistort::{Crop, ImageSizeError, Undistorter};
+
+#[cfg(test)]
+mod lie_tests;

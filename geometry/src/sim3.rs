@@ -106,27 +106,27 @@ impl Mul<Vector3<f64>> for Sim3 {
     }
 }
 
-/// `∫₀¹ e^{λτ} exp(τ[ω]×) dτ = A [ω]× + B [ω]×² + C I`, the map from υ to the translation.
+/// `∫₀¹ exp(τ(λI + [ω]×)) dτ = A [ω]× + B [ω]×² + C I`, the map from υ to the translation.
 fn translation_jacobian(w: &Vector3<f64>, lambda: f64) -> Matrix3<f64> {
-    let theta2 = w.norm_squared();
-    let theta = theta2.sqrt();
-    let s = lambda.exp();
-    let small_lambda = lambda.abs() < 1e-4;
-    let c = if small_lambda { 1.0 + lambda * (0.5 + lambda / 6.0) } else { (s - 1.0) / lambda };
-    let (a, b) = if theta < 1e-4 {
-        if small_lambda {
-            (0.5 + lambda / 3.0, 1.0 / 6.0 + lambda / 8.0)
-        } else {
-            let l2 = lambda * lambda;
-            (((lambda - 1.0) * s + 1.0) / l2, (s * (0.5 * l2 - lambda + 1.0) - 1.0) / (l2 * lambda))
-        }
-    } else {
-        let (sin, cos) = (s * theta.sin(), s * theta.cos());
-        let d = theta2 + lambda * lambda;
-        let a = (sin * lambda + (1.0 - cos) * theta) / (theta * d);
-        let b = (c - ((cos - 1.0) * lambda + sin * theta) / d) / theta2;
-        (a, b)
-    };
     let k = hat(w);
+    let theta2 = w.norm_squared();
+    let d = theta2 + lambda * lambda;
+    if d < 0.25 {
+        // The closed form cancels here. Σ (λI + [ω]×)ⁿ / (n + 1)!, innermost term first.
+        let generator = Matrix3::identity() * lambda + k;
+        return (2..=16)
+            .rev()
+            .fold(Matrix3::identity(), |sum, n| Matrix3::identity() + generator * sum / n as f64);
+    }
+    let theta = theta2.sqrt();
+    let c = if lambda == 0.0 { 1.0 } else { lambda.exp_m1() / lambda };
+    let (sin, cos) = (lambda.exp() * theta.sin(), lambda.exp() * theta.cos());
+    let (a, b) = if theta < 1e-8 {
+        // [ω]×² is below rounding.
+        (((lambda - 1.0) * lambda.exp() + 1.0) / (lambda * lambda), 0.0)
+    } else {
+        let a = (sin * lambda + (1.0 - cos) * theta) / (theta * d);
+        (a, (c - ((cos - 1.0) * lambda + sin * theta) / d) / theta2)
+    };
     k * a + k * k * b + Matrix3::identity() * c
 }

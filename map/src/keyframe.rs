@@ -108,7 +108,8 @@ pub struct Edge {
     pub to: KeyframeId,
     /// Maps points of `to`'s camera frame and unit into `from`'s.
     pub from_from_to: Sim3,
-    /// Information of the left-multiplicative error `log(measured⁻¹-side)`, tangent order (υ, ω, λ).
+    /// Information of the left perturbation ε of the measurement, `true = exp(ε) ∘ from_from_to`, tangent
+    /// order (υ, ω, λ): the residual is `log(from_from_world ∘ to_from_world⁻¹ ∘ from_from_to⁻¹)`.
     pub information: SMatrix<f64, 7, 7>,
     /// What made it.
     pub kind: EdgeKind,

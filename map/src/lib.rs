@@ -1,12 +1,27 @@
 //! The one idea of a map that all of loopbox shares: keyframes with inverse depth, the edges between
 //! them, every frame's pose, and where it came from.
 
+mod atomic;
+mod check;
+mod error;
+mod export;
+mod io;
 mod keyframe;
 mod place;
+mod summary;
+#[cfg(test)]
+mod test_support;
 mod trajectory;
 
+pub use error::MapError;
+pub use export::{
+    CloudPoint, DEFAULT_MAX_RELATIVE_VARIANCE, save_kitti, save_pcd, save_ply, save_tum, write_kitti,
+    write_pcd, write_ply, write_tum,
+};
+pub use io::{FORMAT_VERSION, LoadedMap, MapWriter, is_map_file, load_map, save_map};
 pub use keyframe::{Edge, EdgeKind, Keyframe, KeyframeId, Observation, Point, SemiDense};
 pub use place::{PlaceCandidate, PlaceIndex};
+pub use summary::Summary;
 pub use trajectory::{FramePose, StampedPose};
 
 use geometry::{Pinhole, Sim3};

@@ -1,1 +1,5 @@
 //! Place recognition: finds the keyframes that show the same place as an image.
+
+mod thumbnail;
+
+pub use thumbnail::{ThumbnailIndex, ThumbnailParams};

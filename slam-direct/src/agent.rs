@@ -87,14 +87,23 @@ struct Running {
 impl Agent {
     /// A new agent with an empty map.
     pub fn new(camera: Pinhole, places: Box<dyn PlaceIndex>, params: Params) -> Self {
-        Self { camera, params, map: Map::new(camera), local: LocalMap::new(camera), state: State::Empty, places }
+        Self {
+            camera,
+            params,
+            map: Map::new(camera),
+            local: LocalMap::new(camera),
+            state: State::Empty,
+            places,
+        }
     }
 
     /// Tracks a frame and maps what it adds.
     pub fn process(&mut self, frame: Frame) -> FrameReport {
         let pyramid = Pyramid::new(frame.image, self.params.align.pyramid_levels);
         match std::mem::replace(&mut self.state, State::Empty) {
-            State::Empty => self.begin(pyramid, frame.timestamp, frame.index, "the image has too little texture"),
+            State::Empty => {
+                self.begin(pyramid, frame.timestamp, frame.index, "the image has too little texture")
+            }
             State::Starting(bootstrap) => self.start(bootstrap, pyramid, frame.timestamp, frame.index),
             State::Running(running) => self.track(running, pyramid, frame.timestamp, frame.index),
         }
@@ -107,7 +116,13 @@ impl Agent {
         FrameReport { reason: Some(reason), ..FrameReport::of(TrackingState::Starting) }
     }
 
-    fn start(&mut self, mut start: Box<Bootstrap>, pyramid: Pyramid, timestamp: f64, index: u64) -> FrameReport {
+    fn start(
+        &mut self,
+        mut start: Box<Bootstrap>,
+        pyramid: Pyramid,
+        timestamp: f64,
+        index: u64,
+    ) -> FrameReport {
         match start.add(&pyramid, timestamp, index, &self.params.bootstrap, &self.params.track) {
             Progress::Waiting(reason) => {
                 self.state = State::Starting(start);
@@ -179,38 +194,71 @@ impl Agent {
             &points,
             &self.params.align,
         );
-        Running { reference, alignment, reference_points: points.len(), last, velocity, brightness, lost: false }
+        Running {
+            reference,
+            alignment,
+            reference_points: points.len(),
+            last,
+            velocity,
+            brightness,
+            lost: false,
+        }
     }
 
-    fn track(&mut self, mut running: Box<Running>, pyramid: Pyramid, timestamp: f64, index: u64) -> FrameReport {
+    fn track(
+        &mut self,
+        mut running: Box<Running>,
+        pyramid: Pyramid,
+        timestamp: f64,
+        index: u64,
+    ) -> FrameReport {
         let p = &self.params;
         let reference = &self.local.keyframes[running.reference];
         let world_from_reference = reference.camera_from_world.inverse();
-        let guesses = [running.velocity * running.last * world_from_reference, running.last * world_from_reference];
-        let aligned = track::align_from_guesses(&running.alignment, &pyramid, &guesses, running.brightness, 0.6);
+        let guesses =
+            [running.velocity * running.last * world_from_reference, running.last * world_from_reference];
+        let aligned =
+            track::align_from_guesses(&running.alignment, &pyramid, &guesses, running.brightness, 0.6);
         let log_gain = reference.log_gain + aligned.brightness.log_gain;
         let mut view = View {
             pyramid: &pyramid,
             camera_from_world: aligned.frame_from_reference * reference.camera_from_world,
             log_gain,
         };
-        let hosts = track::choose_hosts(&self.local, &view.camera_from_world, running.reference, p.track.max_hosts);
-        let (mut matched, sought) = track::match_points(&self.local, &hosts, &view, &p.track, p.track.per_cell);
+        let hosts =
+            track::choose_hosts(&self.local, &view.camera_from_world, running.reference, p.track.max_hosts);
+        let (mut matched, sought) =
+            track::match_points(&self.local, &hosts, &view, &p.track, p.track.per_cell);
         view.camera_from_world = track::refine_pose(&self.local, &view.camera_from_world, &mut matched);
         let inliers = matched.iter().filter(|m| m.inlier).count();
         let share = inliers as f32 / sought.len().max(1) as f32;
         if std::env::var("LB_DEBUG").is_ok() {
-            eprintln!("frame {index} ref {} align inl {:.2} vis {:.2} rmse {:.1} gain {:.3} | hosts {} sought {} matched {} inl {}", running.reference, aligned.inlier_share, aligned.visible_share, aligned.rmse, log_gain, hosts.len(), sought.len(), matched.len(), inliers);
+            eprintln!(
+                "frame {index} ref {} align inl {:.2} vis {:.2} rmse {:.1} gain {:.3} | hosts {} sought {} matched {} inl {}",
+                running.reference,
+                aligned.inlier_share,
+                aligned.visible_share,
+                aligned.rmse,
+                log_gain,
+                hosts.len(),
+                sought.len(),
+                matched.len(),
+                inliers
+            );
         }
         if inliers < p.keyframes.min_matched || share < p.keyframes.min_share {
             running.lost = true;
             running.velocity = Se3::identity();
             self.state = State::Running(running);
-            return FrameReport { reason: Some("too few points were found"), ..FrameReport::of(TrackingState::Lost) };
+            return FrameReport {
+                reason: Some("too few points were found"),
+                ..FrameReport::of(TrackingState::Lost)
+            };
         }
         self.count(&sought, &matched);
         let camera_from_world = view.camera_from_world;
-        running.velocity = if running.lost { Se3::identity() } else { camera_from_world * running.last.inverse() };
+        running.velocity =
+            if running.lost { Se3::identity() } else { camera_from_world * running.last.inverse() };
         running.lost = false;
         running.last = camera_from_world;
         running.brightness = aligned.brightness;
@@ -220,7 +268,9 @@ impl Agent {
             reference: LocalMap::id(running.reference),
             keyframe_from_frame: (camera_from_world * world_from_reference).inverse(),
         });
-        let rmse = (matched.iter().filter(|m| m.inlier).map(|m| m.rmse * m.rmse).sum::<f32>() / inliers as f32).sqrt();
+        let rmse = (matched.iter().filter(|m| m.inlier).map(|m| m.rmse * m.rmse).sum::<f32>()
+            / inliers as f32)
+            .sqrt();
         let mut report = FrameReport {
             world_from_camera: Some(camera_from_world.inverse()),
             inlier_share: share,
@@ -229,7 +279,8 @@ impl Agent {
             ..FrameReport::of(TrackingState::Tracking)
         };
         if self.wants_keyframe(&running, &camera_from_world, &matched) {
-            report.new_keyframe = Some(self.add_keyframe(&mut running, pyramid, timestamp, index, log_gain, &matched));
+            report.new_keyframe =
+                Some(self.add_keyframe(&mut running, pyramid, timestamp, index, log_gain, &matched));
         } else {
             self.change_reference(&mut running, &matched, log_gain);
         }
@@ -249,11 +300,16 @@ impl Agent {
     fn wants_keyframe(&self, running: &Running, camera_from_world: &Se3, matched: &[Matched]) -> bool {
         let reference = &self.local.keyframes[running.reference];
         let relative = *camera_from_world * reference.camera_from_world.inverse();
-        let Some((flow, parallax)) = mapping::median_flow(&self.local, running.reference, &relative) else { return true };
+        let Some((flow, parallax)) = mapping::median_flow(&self.local, running.reference, &relative) else {
+            return true;
+        };
         let width = self.camera.width as f32;
         let inliers = matched.iter().filter(|m| m.inlier).count();
         let overlap = inliers as f32 / running.reference_points.max(1) as f32;
-        needs_keyframe(&Departure { flow: flow / width, parallax: parallax / width, overlap }, &self.params.keyframes)
+        needs_keyframe(
+            &Departure { flow: flow / width, parallax: parallax / width, overlap },
+            &self.params.keyframes,
+        )
     }
 
     fn add_keyframe(
@@ -331,6 +387,11 @@ impl Agent {
             });
             keyframe.world_from_keyframe = Sim3::from(state.camera_from_world.inverse());
         }
+    }
+
+    /// Gives the map away.
+    pub fn into_map(self) -> Map {
+        self.map
     }
 
     /// The map as it stands.

@@ -4,38 +4,25 @@
 //! `σ² = 2σ_I² + (∂r/∂d)² V` (Engel 2014, Eq. 12–15; affine brightness from Engel 2018, Eq. 4) by the
 //! inverse compositional Gauss–Newton method: derivatives are taken once, in the keyframe.
 
+use crate::params_macro::params;
 use geometry::{Pinhole, Pyramid, Se3};
 use nalgebra::{SMatrix, SVector, Vector3, Vector6};
-use serde::{Deserialize, Serialize};
 
-/// Parameters of the direct alignment.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct AlignParams {
-    /// Standard deviation of the image noise, grey levels. Source: Engel 2014, §2.3.
-    pub intensity_sigma: f32,
-    /// Huber threshold on the normalised residual. Source: Engel 2014, Eq. 13.
-    pub huber: f32,
-    /// Iterations per pyramid level at most.
-    pub max_iterations: usize,
-    /// Finest level that is aligned; the patches take over from there.
-    pub finest_level: usize,
-    /// Levels of the image pyramid, the image itself included.
-    pub pyramid_levels: usize,
-    /// A level has converged when an iteration lowers the mean cost by less than this share.
-    pub min_decrease: f32,
-}
-
-impl Default for AlignParams {
-    fn default() -> Self {
-        Self {
-            intensity_sigma: 4.0,
-            huber: 3.0,
-            max_iterations: 12,
-            finest_level: 1,
-            pyramid_levels: 5,
-            min_decrease: 0.003,
-        }
+params! {
+    /// Parameters of the direct alignment.
+    pub struct AlignParams {
+        /// Standard deviation of the image noise, grey levels. Source: Engel 2014, §2.3.
+        pub intensity_sigma: f32 = 4.0,
+        /// Huber threshold on the normalised residual. Source: Engel 2014, Eq. 13.
+        pub huber: f32 = 3.0,
+        /// Iterations per pyramid level at most.
+        pub max_iterations: usize = 12,
+        /// Finest level that is aligned; the patches take over from there.
+        pub finest_level: usize = 1,
+        /// Levels of the image pyramid, the image itself included.
+        pub pyramid_levels: usize = 5,
+        /// A level has converged when an iteration lowers the mean cost by less than this share.
+        pub min_decrease: f32 = 0.003,
     }
 }
 
@@ -215,7 +202,9 @@ impl AlignmentReference {
             let normalised = residual.abs() * inverse_variance.sqrt();
             let inlier = normalised <= huber;
             let weight = inverse_variance * if inlier { 1.0 } else { huber / normalised };
-            sums.cost += if inlier { 0.5 * normalised * normalised } else { huber * (normalised - 0.5 * huber) }.min(9.0) as f64;
+            sums.cost +=
+                if inlier { 0.5 * normalised * normalised } else { huber * (normalised - 0.5 * huber) }
+                    .min(9.0) as f64;
             sums.visible += 1;
             if inlier {
                 sums.inliers += 1;

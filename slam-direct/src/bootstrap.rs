@@ -5,6 +5,7 @@
 //! constant depth (Yu & Gallup, CVPR 2014); several directions of travel guard against its mirror solutions.
 
 use crate::local_map::{KeyframeState, LocalMap, PointState, SeenAt, median};
+use crate::params_macro::params;
 use crate::patch::{PatchMatch, Template};
 use crate::select::select;
 use crate::track::{TrackParams, position_information};
@@ -13,36 +14,22 @@ use crate::window::{Problem, WindowObservation, WindowPoint, solve};
 use geometry::{Pinhole, Pyramid, Se3};
 use nalgebra::{Vector3, Vector6};
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
 
-/// Parameters of the start.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct BootstrapParams {
-    /// Points to follow.
-    pub block: usize,
-    /// Median way of the points, turn removed, that is worth an attempt; share of the image width.
-    pub min_parallax: f32,
-    /// Share of the points that must still be followed, else the start begins anew.
-    pub min_followed: f32,
-    /// Frames after which the start begins anew.
-    pub max_frames: usize,
-    /// Median standard deviation of the inverse depths, relative to them, that a good start has.
-    pub max_relative_sigma: f64,
-    /// Share of the points that must agree with the solution.
-    pub min_inliers: f64,
-}
-
-impl Default for BootstrapParams {
-    fn default() -> Self {
-        Self {
-            block: 22,
-            min_parallax: 0.008,
-            min_followed: 0.3,
-            max_frames: 60,
-            max_relative_sigma: 0.08,
-            min_inliers: 0.7,
-        }
+params! {
+    /// Parameters of the start.
+    pub struct BootstrapParams {
+        /// Points to follow.
+        pub block: usize = 22,
+        /// Median way of the points, turn removed, that is worth an attempt; share of the image width.
+        pub min_parallax: f32 = 0.008,
+        /// Share of the points that must still be followed, else the start begins anew.
+        pub min_followed: f32 = 0.3,
+        /// Frames after which the start begins anew.
+        pub max_frames: usize = 60,
+        /// Median standard deviation of the inverse depths, relative to them, that a good start has.
+        pub max_relative_sigma: f64 = 0.08,
+        /// Share of the points that must agree with the solution.
+        pub min_inliers: f64 = 0.7,
     }
 }
 
@@ -107,7 +94,8 @@ impl Bootstrap {
             .iter()
             .filter_map(|c| {
                 let template = |level: usize| {
-                    let warp = Warp { host_from_view: [1.0, 0.0, 0.0, 1.0], host_level: level, view_level: level };
+                    let warp =
+                        Warp { host_from_view: [1.0, 0.0, 0.0, 1.0], host_level: level, view_level: level };
                     Template::cut(&pyramid, c.pixel, &warp, 1.0)
                 };
                 let templates: Vec<Template> = (0..LEVELS.min(pyramid.len())).map_while(template).collect();
@@ -120,7 +108,14 @@ impl Bootstrap {
                 })
             })
             .collect();
-        (tracks.len() >= 60).then_some(Self { camera, first: pyramid, timestamp, frame_index, tracks, frames: Vec::new() })
+        (tracks.len() >= 60).then_some(Self {
+            camera,
+            first: pyramid,
+            timestamp,
+            frame_index,
+            tracks,
+            frames: Vec::new(),
+        })
     }
 
     /// Follows the points into a frame and tries for a map when they have moved enough.
@@ -156,7 +151,8 @@ impl Bootstrap {
     fn follow(&mut self, pyramid: &Pyramid, params: &TrackParams) {
         self.tracks.par_iter_mut().with_min_len(32).filter(|t| !t.lost).for_each(|t| {
             let start = [t.at[0] + t.velocity[0], t.at[1] + t.velocity[1]];
-            let found = [start, t.at].into_iter().find_map(|s| coarse_to_fine(&t.templates, pyramid, s, params));
+            let found =
+                [start, t.at].into_iter().find_map(|s| coarse_to_fine(&t.templates, pyramid, s, params));
             match found {
                 Some(found) => {
                     t.velocity = [found.pixel[0] - t.at[0], found.pixel[1] - t.at[1]];
@@ -167,7 +163,13 @@ impl Bootstrap {
         });
     }
 
-    fn frames_entry(&self, timestamp: f64, frame_index: u64, pyramid: &Pyramid, params: &TrackParams) -> Followed {
+    fn frames_entry(
+        &self,
+        timestamp: f64,
+        frame_index: u64,
+        pyramid: &Pyramid,
+        params: &TrackParams,
+    ) -> Followed {
         let seen = self
             .tracks
             .iter()
@@ -241,7 +243,15 @@ impl Bootstrap {
             _ => (1..=5).map(|i| i * count / 5 - 1).collect(),
         };
         let w = turn.rotation.scaled_axis();
-        let starts = [Vector3::zeros(), Vector3::x(), -Vector3::x(), Vector3::y(), -Vector3::y(), Vector3::z(), -Vector3::z()];
+        let starts = [
+            Vector3::zeros(),
+            Vector3::x(),
+            -Vector3::x(),
+            Vector3::y(),
+            -Vector3::y(),
+            Vector3::z(),
+            -Vector3::z(),
+        ];
         let solved: Vec<(f64, Problem)> = starts
             .par_iter()
             .map(|direction| {
@@ -277,7 +287,9 @@ impl Bootstrap {
             if !good || relative > 0.3 {
                 continue;
             }
-            let Some(seen) = solution.observations[point.observations.clone()].iter().find(|o| o.frame == last) else {
+            let Some(seen) =
+                solution.observations[point.observations.clone()].iter().find(|o| o.frame == last)
+            else {
                 continue;
             };
             let pixel = self.camera.project(&point.ray);
@@ -356,7 +368,12 @@ fn hold_depths(problem: &mut Problem, solution: &Problem) {
 }
 
 /// Follows a patch from the coarsest level down to level 0.
-fn coarse_to_fine(templates: &[Template], pyramid: &Pyramid, start: [f32; 2], params: &TrackParams) -> Option<PatchMatch> {
+fn coarse_to_fine(
+    templates: &[Template],
+    pyramid: &Pyramid,
+    start: [f32; 2],
+    params: &TrackParams,
+) -> Option<PatchMatch> {
     let mut at = start;
     let mut last = None;
     for template in templates.iter().rev() {
@@ -395,7 +412,8 @@ fn refine(problem: &Problem, iterations: usize, rotation_only: bool) -> Se3 {
                 ) else {
                     continue;
                 };
-                let weight = crate::window::robust_weight(crate::window::mahalanobis(&p.residual, &seen.information));
+                let weight =
+                    crate::window::robust_weight(crate::window::mahalanobis(&p.residual, &seen.information));
                 let [a, b, c] = seen.information.map(|v| v * weight);
                 let (ju, jv) = (Vector6::from(p.by_twist[0]), Vector6::from(p.by_twist[1]));
                 let (wu, wv) = (ju * a + jv * b, ju * b + jv * c);
@@ -429,5 +447,7 @@ fn acceptable(solution: &Problem, params: &BootstrapParams) -> bool {
         }
     }
     let sigma = median(&mut sigmas).unwrap_or(f32::INFINITY) as f64;
-    good as f64 >= params.min_inliers * solution.points.len() as f64 && good >= 40 && sigma < params.max_relative_sigma
+    good as f64 >= params.min_inliers * solution.points.len() as f64
+        && good >= 40
+        && sigma < params.max_relative_sigma
 }

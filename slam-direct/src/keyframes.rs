@@ -1,26 +1,20 @@
 //! When a frame becomes a keyframe, and when tracking is lost.
 
-use serde::{Deserialize, Serialize};
+use crate::params_macro::params;
 
-/// Parameters of keyframe selection and loss.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct KeyframeParams {
-    /// Median way of the points since the reference keyframe, share of the image width, that alone makes a keyframe.
-    pub flow: f32,
-    /// The same for what the turn does not explain.
-    pub parallax: f32,
-    /// Share of the reference's points still matched below which a keyframe is made.
-    pub overlap: f32,
-    /// Matched points below which tracking is lost.
-    pub min_matched: usize,
-    /// Share of sought points that must be matched.
-    pub min_share: f32,
-}
-
-impl Default for KeyframeParams {
-    fn default() -> Self {
-        Self { flow: 0.18, parallax: 0.06, overlap: 0.6, min_matched: 30, min_share: 0.2 }
+params! {
+    /// Parameters of keyframe selection and loss.
+    pub struct KeyframeParams {
+        /// Median way of the points since the reference keyframe, share of the image width, that alone makes a keyframe.
+        pub flow: f32 = 0.18,
+        /// The same for what the turn does not explain.
+        pub parallax: f32 = 0.06,
+        /// Share of the reference's points still matched below which a keyframe is made.
+        pub overlap: f32 = 0.6,
+        /// Matched points below which tracking is lost.
+        pub min_matched: usize = 30,
+        /// Share of sought points that must be matched.
+        pub min_share: f32 = 0.2,
     }
 }
 

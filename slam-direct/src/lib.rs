@@ -8,10 +8,17 @@ pub mod align;
 mod bootstrap;
 mod keyframes;
 mod local_map;
+pub mod loops;
 mod mapping;
 mod params;
+mod params_macro;
 mod patch;
+pub mod posegraph;
+pub mod relocalise;
 mod select;
+pub mod sim3_align;
+#[cfg(test)]
+mod test_data;
 mod track;
 mod triangulate;
 mod warp;
@@ -19,3 +26,4 @@ mod window;
 
 pub use agent::{Agent, Frame, FrameReport, TrackingState};
 pub use params::Params;
+pub use params_macro::{DocumentedParameter, Parameter, ParameterValue};

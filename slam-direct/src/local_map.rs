@@ -102,9 +102,9 @@ impl LocalMap {
                         variance: point.variance as f32,
                     });
                 }
-                let relative = from_host
-                    .entry(at.host)
-                    .or_insert_with(|| state.camera_from_world * self.keyframes[at.host].camera_from_world.inverse());
+                let relative = from_host.entry(at.host).or_insert_with(|| {
+                    state.camera_from_world * self.keyframes[at.host].camera_from_world.inverse()
+                });
                 let x = relative.rotation * point.ray + relative.translation * point.inverse_depth;
                 if x.z < 0.02 {
                     return None;

@@ -1,33 +1,27 @@
 //! What a new keyframe sets off: new points, the joint optimisation of its surroundings, culling.
 
 use crate::local_map::{LocalMap, PointRef, SeenAt, median};
+use crate::params_macro::params;
 use crate::select::select;
 use crate::track::{INLIER, Matched, TrackParams};
 use crate::triangulate::{TriangulateParams, Triangulator};
 use crate::window::{Problem, WindowObservation, WindowPoint, WindowReport, solve};
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Parameters of the mapping.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct MappingParams {
-    /// Side of the blocks that get one point each, pixels.
-    pub block: usize,
-    /// Least distinctness of a point, squared grey levels per pixel.
-    pub min_score: f32,
-    /// Keyframes that are moved together after a new one.
-    pub window: usize,
-    /// Iterations of the window optimisation.
-    pub window_iterations: usize,
-    /// Keyframes in which a new point's depth is sought.
-    pub search_views: usize,
-}
-
-impl Default for MappingParams {
-    fn default() -> Self {
-        Self { block: 20, min_score: 12.0, window: 8, window_iterations: 6, search_views: 5 }
+params! {
+    /// Parameters of the mapping.
+    pub struct MappingParams {
+        /// Side of the blocks that get one point each, pixels.
+        pub block: usize = 20,
+        /// Least distinctness of a point, squared grey levels per pixel.
+        pub min_score: f32 = 12.0,
+        /// Keyframes that are moved together after a new one.
+        pub window: usize = 8,
+        /// Iterations of the window optimisation.
+        pub window_iterations: usize = 6,
+        /// Keyframes in which a new point's depth is sought.
+        pub search_views: usize = 5,
     }
 }
 
@@ -52,8 +46,10 @@ pub(crate) fn add_points(
 ) -> usize {
     let known = map.reference_points(host);
     let block = params.block;
-    let occupied: BTreeSet<(usize, usize)> =
-        known.iter().map(|p| (p.pixel[0].max(0.0) as usize / block, p.pixel[1].max(0.0) as usize / block)).collect();
+    let occupied: BTreeSet<(usize, usize)> = known
+        .iter()
+        .map(|p| (p.pixel[0].max(0.0) as usize / block, p.pixel[1].max(0.0) as usize / block))
+        .collect();
     let image = map.keyframes[host].pyramid.base();
     let candidates = select(image, block, params.min_score, |cx, cy| occupied.contains(&(cx, cy)));
     let depths = DepthPrior::new(&known);
@@ -84,7 +80,9 @@ impl DepthPrior {
     fn new(points: &[crate::align::ReferencePoint]) -> Self {
         let mut depths: Vec<f32> = points.iter().map(|p| p.inverse_depth).collect();
         depths.sort_by(f32::total_cmp);
-        let at = |share: f64| depths.get((share * (depths.len().max(1) - 1) as f64) as usize).copied().unwrap_or(1.0) as f64;
+        let at = |share: f64| {
+            depths.get((share * (depths.len().max(1) - 1) as f64) as usize).copied().unwrap_or(1.0) as f64
+        };
         let overall = (0.25 * at(0.05), 2.5 * at(0.95));
         Self { points: points.iter().map(|p| (p.pixel, p.inverse_depth)).collect(), overall }
     }

@@ -101,7 +101,13 @@ impl Template {
 
     /// Aligns the template in `view` from a start at level 0; `None` when it leaves the image, has no
     /// texture or strays more than `max_shift` pixels (of its level).
-    pub fn align(&self, view: &Pyramid, start: [f32; 2], max_shift: f32, iterations: usize) -> Option<PatchMatch> {
+    pub fn align(
+        &self,
+        view: &Pyramid,
+        start: [f32; 2],
+        max_shift: f32,
+        iterations: usize,
+    ) -> Option<PatchMatch> {
         let level = self.level.min(view.len() - 1);
         let image = view.level(level);
         let scale = (1u32 << level) as f32;

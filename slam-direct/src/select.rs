@@ -21,7 +21,12 @@ const HALF_WINDOW: usize = 2;
 
 /// The most distinct pixel of each `cell × cell` block with a score of at least `min_score`;
 /// `skip(cx, cy)` names blocks to leave out. In row order of the blocks.
-pub(crate) fn select(image: &GrayImage, cell: usize, min_score: f32, skip: impl Fn(usize, usize) -> bool) -> Vec<Candidate> {
+pub(crate) fn select(
+    image: &GrayImage,
+    cell: usize,
+    min_score: f32,
+    skip: impl Fn(usize, usize) -> bool,
+) -> Vec<Candidate> {
     let (columns, rows) = (image.width() / cell, image.height() / cell);
     let mut all = Vec::new();
     for cy in 0..rows {
@@ -29,7 +34,9 @@ pub(crate) fn select(image: &GrayImage, cell: usize, min_score: f32, skip: impl 
             if skip(cx, cy) {
                 continue;
             }
-            if let Some(best) = best_of_block(image, cx * cell, cy * cell, cell).filter(|c| c.score >= min_score) {
+            if let Some(best) =
+                best_of_block(image, cx * cell, cy * cell, cell).filter(|c| c.score >= min_score)
+            {
                 all.push(best);
             }
         }
@@ -91,7 +98,11 @@ mod tests {
         assert!(!found.is_empty());
         for c in &found {
             let near = |v: f32, a: f32| (v - a).abs() <= 4.0;
-            assert!((near(c.pixel[0], 26.0) || near(c.pixel[0], 40.0)) && (near(c.pixel[1], 24.0) || near(c.pixel[1], 40.0)), "{c:?}");
+            assert!(
+                (near(c.pixel[0], 26.0) || near(c.pixel[0], 40.0))
+                    && (near(c.pixel[1], 24.0) || near(c.pixel[1], 40.0)),
+                "{c:?}"
+            );
         }
         assert!(select(&GrayImage::filled(64, 64, 50), 32, 5.0, |_, _| false).is_empty());
     }

@@ -3,45 +3,31 @@
 
 use crate::align::{AlignmentReference, Brightness};
 use crate::local_map::{LocalMap, PointRef};
+use crate::params_macro::params;
 use crate::patch::Template;
 use crate::warp::Warp;
 use crate::window::{mahalanobis, predict, robust_weight};
 use geometry::{Pinhole, Pyramid, Se3};
 use nalgebra::{Matrix6, Vector3, Vector6};
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
 
-/// Parameters of the map-to-frame tracking.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct TrackParams {
-    /// Side of the image cells over which the sought points are spread, pixels.
-    pub cell: usize,
-    /// Points sought per cell at most.
-    pub per_cell: usize,
-    /// How far a patch may be found from its prediction, pixels.
-    pub max_shift: f32,
-    /// Share of a patch's variance that may stay unexplained.
-    pub max_unexplained: f32,
-    /// Intensity noise of a patch, grey levels: the least that is assumed.
-    pub patch_sigma: f32,
-    /// Uncertainty of position that no intensity explains (rolling shutter, lens), pixels.
-    pub position_sigma: f32,
-    /// Keyframes whose points are sought at most.
-    pub max_hosts: usize,
-}
-
-impl Default for TrackParams {
-    fn default() -> Self {
-        Self {
-            cell: 24,
-            per_cell: 2,
-            max_shift: 6.0,
-            max_unexplained: 0.3,
-            patch_sigma: 3.0,
-            position_sigma: 0.15,
-            max_hosts: 14,
-        }
+params! {
+    /// Parameters of the map-to-frame tracking.
+    pub struct TrackParams {
+        /// Side of the image cells over which the sought points are spread, pixels.
+        pub cell: usize = 24,
+        /// Points sought per cell at most.
+        pub per_cell: usize = 2,
+        /// How far a patch may be found from its prediction, pixels.
+        pub max_shift: f32 = 6.0,
+        /// Share of a patch's variance that may stay unexplained.
+        pub max_unexplained: f32 = 0.3,
+        /// Intensity noise of a patch, grey levels: the least that is assumed.
+        pub patch_sigma: f32 = 3.0,
+        /// Uncertainty of position that no intensity explains (rolling shutter, lens), pixels.
+        pub position_sigma: f32 = 0.15,
+        /// Keyframes whose points are sought at most.
+        pub max_hosts: usize = 14,
     }
 }
 
@@ -81,12 +67,19 @@ pub(crate) fn match_points(
     per_cell: usize,
 ) -> (Vec<Matched>, Vec<PointRef>) {
     let sought = choose(map, hosts, view, params, per_cell);
-    let found: Vec<Option<Matched>> = sought.par_iter().with_min_len(64).map(|s| find(map, s, view, params)).collect();
+    let found: Vec<Option<Matched>> =
+        sought.par_iter().with_min_len(64).map(|s| find(map, s, view, params)).collect();
     (found.into_iter().flatten().collect(), sought.iter().map(|s| s.at).collect())
 }
 
 /// The points expected in the frame, spread over its cells.
-fn choose(map: &LocalMap, hosts: &[usize], view: &View, params: &TrackParams, per_cell: usize) -> Vec<Sought> {
+fn choose(
+    map: &LocalMap,
+    hosts: &[usize],
+    view: &View,
+    params: &TrackParams,
+    per_cell: usize,
+) -> Vec<Sought> {
     let camera = &map.camera;
     let columns = camera.width.div_ceil(params.cell);
     let rows = camera.height.div_ceil(params.cell);
@@ -97,7 +90,9 @@ fn choose(map: &LocalMap, hosts: &[usize], view: &View, params: &TrackParams, pe
         let relative = view.camera_from_world * state.camera_from_world.inverse();
         let rotation = relative.rotation_matrix();
         for (index, point) in state.points.iter().enumerate().filter(|(_, p)| p.alive) {
-            let Some((warp, pixel)) = Warp::new(camera, &relative, &rotation, &point.ray, point.inverse_depth) else {
+            let Some((warp, pixel)) =
+                Warp::new(camera, &relative, &rotation, &point.ray, point.inverse_depth)
+            else {
                 continue;
             };
             let pixel = [pixel.x as f32, pixel.y as f32];
@@ -111,7 +106,9 @@ fn choose(map: &LocalMap, hosts: &[usize], view: &View, params: &TrackParams, pe
         }
     }
     for cell in &mut cells {
-        cell.sort_by(|a, b| a.rank.0.cmp(&b.rank.0).then(a.rank.1.total_cmp(&b.rank.1)).then(a.at.cmp(&b.at)));
+        cell.sort_by(|a, b| {
+            a.rank.0.cmp(&b.rank.0).then(a.rank.1.total_cmp(&b.rank.1)).then(a.at.cmp(&b.at))
+        });
         cell.truncate(per_cell);
     }
     cells.into_iter().flatten().collect()
@@ -137,7 +134,12 @@ fn find(map: &LocalMap, sought: &Sought, view: &View, params: &TrackParams) -> O
 
 /// Information of a patch's position: photometric noise through its Hessian plus the positional floor,
 /// `Λ = (σ_I² H⁻¹ + σ_0² I)⁻¹ = H (σ_I² I + σ_0² H)⁻¹`.
-pub(crate) fn position_information(hessian: &[f32; 3], rmse: f32, level: usize, params: &TrackParams) -> [f32; 3] {
+pub(crate) fn position_information(
+    hessian: &[f32; 3],
+    rmse: f32,
+    level: usize,
+    params: &TrackParams,
+) -> [f32; 3] {
     let [xx, xy, yy] = *hessian;
     let intensity = rmse.max(params.patch_sigma).powi(2);
     let floor = (params.position_sigma * (1u32 << level) as f32).powi(2);
@@ -147,7 +149,12 @@ pub(crate) fn position_information(hessian: &[f32; 3], rmse: f32, level: usize, 
 }
 
 /// Keyframes whose points the frame may see, most promising first.
-pub(crate) fn choose_hosts(map: &LocalMap, view_camera_from_world: &Se3, reference: usize, count: usize) -> Vec<usize> {
+pub(crate) fn choose_hosts(
+    map: &LocalMap,
+    view_camera_from_world: &Se3,
+    reference: usize,
+    count: usize,
+) -> Vec<usize> {
     const PROBES: usize = 24;
     let mut scored: Vec<(usize, usize)> = Vec::new();
     for (index, state) in map.keyframes.iter().enumerate() {
@@ -159,9 +166,14 @@ pub(crate) fn choose_hosts(map: &LocalMap, view_camera_from_world: &Se3, referen
             .iter()
             .step_by(stride)
             .filter(|point| {
-                Warp::new(&map.camera, &relative, &rotation, &point.ray, point.inverse_depth).is_some_and(|(_, p)| {
-                    p.x >= 5.0 && p.y >= 5.0 && p.x < map.camera.width as f64 - 5.0 && p.y < map.camera.height as f64 - 5.0
-                })
+                Warp::new(&map.camera, &relative, &rotation, &point.ray, point.inverse_depth).is_some_and(
+                    |(_, p)| {
+                        p.x >= 5.0
+                            && p.y >= 5.0
+                            && p.x < map.camera.width as f64 - 5.0
+                            && p.y < map.camera.height as f64 - 5.0
+                    },
+                )
             })
             .count();
         // What counts is how many points may be seen, not their share.
@@ -170,7 +182,8 @@ pub(crate) fn choose_hosts(map: &LocalMap, view_camera_from_world: &Se3, referen
             scored.push((index, score));
         }
     }
-    scored.sort_by(|a, b| (b.0 == reference).cmp(&(a.0 == reference)).then(b.1.cmp(&a.1)).then(b.0.cmp(&a.0)));
+    scored
+        .sort_by(|a, b| (b.0 == reference).cmp(&(a.0 == reference)).then(b.1.cmp(&a.1)).then(b.0.cmp(&a.0)));
     scored.truncate(count);
     scored.into_iter().map(|s| s.0).collect()
 }

@@ -1,31 +1,25 @@
 //! Depth for new points: a search along the epipolar line in other keyframes, then verification.
 
 use crate::local_map::{LocalMap, PointState, SeenAt};
+use crate::params_macro::params;
 use crate::patch::Template;
 use crate::track::{TrackParams, position_information};
 use crate::warp::Warp;
 use crate::window::predict;
 use geometry::Se3;
 use nalgebra::{Matrix3, Vector2, Vector3};
-use serde::{Deserialize, Serialize};
 
-/// Parameters of the search for new points' depths.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct TriangulateParams {
-    /// Longest epipolar segment that is searched, pixels.
-    pub max_length: f64,
-    /// The best match must be this many times better than any other on the line.
-    pub uniqueness: f32,
-    /// How far from the epipolar line the match may lie, pixels.
-    pub max_off_line: f64,
-    /// Standard deviation of the inverse depth, relative to itself, above which a point is not kept.
-    pub max_relative_sigma: f64,
-}
-
-impl Default for TriangulateParams {
-    fn default() -> Self {
-        Self { max_length: 160.0, uniqueness: 1.5, max_off_line: 1.5, max_relative_sigma: 0.25 }
+params! {
+    /// Parameters of the search for new points' depths.
+    pub struct TriangulateParams {
+        /// Longest epipolar segment that is searched, pixels.
+        pub max_length: f64 = 160.0,
+        /// The best match must be this many times better than any other on the line.
+        pub uniqueness: f32 = 1.5,
+        /// How far from the epipolar line the match may lie, pixels.
+        pub max_off_line: f64 = 1.5,
+        /// Standard deviation of the inverse depth, relative to itself, above which a point is not kept.
+        pub max_relative_sigma: f64 = 0.25,
     }
 }
 
@@ -47,7 +41,13 @@ pub(crate) struct Triangulator<'a> {
 }
 
 impl<'a> Triangulator<'a> {
-    pub fn new(map: &'a LocalMap, host: usize, others: &[usize], params: &'a TriangulateParams, track: &'a TrackParams) -> Self {
+    pub fn new(
+        map: &'a LocalMap,
+        host: usize,
+        others: &[usize],
+        params: &'a TriangulateParams,
+        track: &'a TrackParams,
+    ) -> Self {
         let state = &map.keyframes[host];
         let views = others
             .iter()
@@ -127,13 +127,23 @@ impl<'a> Triangulator<'a> {
             .collect();
         let best = errors.iter().min_by(|a, b| a.2.total_cmp(&b.2))?;
         let apart = 3.0 * (1 << template.level) as f64;
-        let rival = errors.iter().filter(|e| (e.1 - best.1).norm() > apart).map(|e| e.2).fold(f32::INFINITY, f32::min);
+        let rival = errors
+            .iter()
+            .filter(|e| (e.1 - best.1).norm() > apart)
+            .map(|e| e.2)
+            .fold(f32::INFINITY, f32::min);
         let unique = rival > self.params.uniqueness * best.2.max(self.track.patch_sigma);
         (unique && best.2 < 0.5 * template.variance()).then_some(best.0)
     }
 
     /// The point's exact position in a view, near the epipolar line.
-    fn observe(&self, view: &View, pixel: [f32; 2], ray: &Vector3<f64>, inverse_depth: f64) -> Option<SeenAt> {
+    fn observe(
+        &self,
+        view: &View,
+        pixel: [f32; 2],
+        ray: &Vector3<f64>,
+        inverse_depth: f64,
+    ) -> Option<SeenAt> {
         let (warp, at) = Warp::new(&self.map.camera, &view.relative, &view.rotation, ray, inverse_depth)?;
         let template = Template::cut(&self.map.keyframes[self.host].pyramid, pixel, &warp, view.gain)?;
         let other = &self.map.keyframes[view.keyframe].pyramid;
@@ -158,8 +168,11 @@ impl<'a> Triangulator<'a> {
         let norm = line.norm();
         let off = (p.residual[0] * line.y - p.residual[1] * line.x).abs() / norm.max(1e-9);
         let information = position_information(&found.information, found.rmse, template.level, self.track);
-        (norm > 1e-6 && off < self.params.max_off_line * (1 << template.level) as f64)
-            .then_some(SeenAt { keyframe: view.keyframe, pixel: found.pixel, information })
+        (norm > 1e-6 && off < self.params.max_off_line * (1 << template.level) as f64).then_some(SeenAt {
+            keyframe: view.keyframe,
+            pixel: found.pixel,
+            information,
+        })
     }
 
     /// Least-squares inverse depth on the observations: `(inverse depth, variance, worst squared residual)`.

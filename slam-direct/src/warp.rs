@@ -55,8 +55,11 @@ impl Warp {
         }
         let inverse = [b.y / det, -b.x / det, -a.y / det, a.x / det].map(|v| v as f32);
         let octaves = magnification.log2().round() as i32;
-        let warp =
-            Self { host_from_view: inverse, host_level: (-octaves).max(0) as usize, view_level: octaves.max(0) as usize };
+        let warp = Self {
+            host_from_view: inverse,
+            host_level: (-octaves).max(0) as usize,
+            view_level: octaves.max(0) as usize,
+        };
         Some((warp, pixel))
     }
 }
@@ -71,9 +74,8 @@ mod tests {
         let camera = Pinhole { width: 640, height: 480, fx: 500.0, fy: 480.0, cx: 320.0, cy: 240.0 };
         let view_from_host = Se3::exp(&Vector6::new(0.2, -0.1, 0.3, 0.05, -0.1, 0.2));
         let (pixel, inverse_depth) = ([200.0, 150.0], 0.4);
-        let project = |u: f64, v: f64| {
-            camera.project(&(view_from_host * (camera.unproject(u, v) / inverse_depth)))
-        };
+        let project =
+            |u: f64, v: f64| camera.project(&(view_from_host * (camera.unproject(u, v) / inverse_depth)));
         let ray = camera.unproject(pixel[0], pixel[1]);
         let rotation = view_from_host.rotation_matrix();
         let (warp, at) = Warp::new(&camera, &view_from_host, &rotation, &ray, inverse_depth).unwrap();
@@ -81,7 +83,10 @@ mod tests {
         let m = warp.host_from_view;
         for (du, dv) in [(0.01, 0.0), (0.0, 0.01)] {
             let moved = project(pixel[0] + du, pixel[1] + dv) - at;
-            let back = [m[0] as f64 * moved.x + m[1] as f64 * moved.y, m[2] as f64 * moved.x + m[3] as f64 * moved.y];
+            let back = [
+                m[0] as f64 * moved.x + m[1] as f64 * moved.y,
+                m[2] as f64 * moved.x + m[3] as f64 * moved.y,
+            ];
             assert!((back[0] - du).abs() < 1e-4 && (back[1] - dv).abs() < 1e-4, "{back:?}");
         }
     }

@@ -69,9 +69,14 @@ impl Normal {
         for i in point.observations.clone() {
             let seen = &problem.observations[i];
             let pair = &mut self.pairs[point.host * self.frames + seen.frame];
-            let Some(p) =
-                predict(&problem.camera, &pair.rotation, &pair.translation, &point.ray, point.inverse_depth, &seen.pixel)
-            else {
+            let Some(p) = predict(
+                &problem.camera,
+                &pair.rotation,
+                &pair.translation,
+                &point.ray,
+                point.inverse_depth,
+                &seen.pixel,
+            ) else {
                 continue;
             };
             let weight = robust_weight(mahalanobis(&p.residual, &seen.information));
@@ -228,7 +233,10 @@ fn pairs(frames: &[Se3]) -> Vec<Pair> {
             used: false,
         }
     };
-    (0..frames.len()).flat_map(|host| (0..frames.len()).map(move |frame| (host, frame))).map(|(h, f)| pair(h, f)).collect()
+    (0..frames.len())
+        .flat_map(|host| (0..frames.len()).map(move |frame| (host, frame)))
+        .map(|(h, f)| pair(h, f))
+        .collect()
 }
 
 /// Solves `h x = g` from the lower triangle of `h` by Cholesky.

@@ -120,7 +120,12 @@ impl Problem {
             .sum()
     }
 
-    fn squared_residual(&self, world_from_host: &Se3, point: &WindowPoint, seen: &WindowObservation) -> Option<f64> {
+    fn squared_residual(
+        &self,
+        world_from_host: &Se3,
+        point: &WindowPoint,
+        seen: &WindowObservation,
+    ) -> Option<f64> {
         let frame_from_host = self.frames[seen.frame] * *world_from_host;
         let x = frame_from_host.rotation * point.ray + frame_from_host.translation * point.inverse_depth;
         if x.z < 1e-3 {

@@ -1,0 +1,164 @@
+//! The bounded queue between decoding and tracking.
+
+use super::Item;
+use std::collections::VecDeque;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+/// A bounded queue of items. Only frames count against its bound: the rest is small.
+pub struct Queue {
+    state: Mutex<State>,
+    changed: Condvar,
+    capacity: usize,
+    /// Whether a full queue forgets its frame instead of letting the producer wait.
+    newest_only: bool,
+}
+
+#[derive(Default)]
+struct State {
+    items: VecDeque<Item>,
+    dropped: u64,
+    closed: bool,
+}
+
+impl State {
+    fn frames(&self) -> usize {
+        self.items.iter().filter(|item| matches!(item, Item::Frame(_))).count()
+    }
+}
+
+impl Queue {
+    /// A queue whose producer waits while `capacity` frames are in it.
+    pub fn waiting(capacity: usize) -> Self {
+        Self { state: Mutex::default(), changed: Condvar::new(), capacity, newest_only: false }
+    }
+
+    /// A queue that holds the newest frame and counts those it drops for it.
+    pub fn newest_only() -> Self {
+        Self { state: Mutex::default(), changed: Condvar::new(), capacity: 1, newest_only: true }
+    }
+
+    /// Adds an item; false when the queue is closed.
+    pub fn push(&self, item: Item) -> bool {
+        let mut state = self.lock();
+        if matches!(item, Item::Frame(_)) {
+            if self.newest_only {
+                let before = state.items.len();
+                state.items.retain(|item| !matches!(item, Item::Frame(_)));
+                state.dropped += (before - state.items.len()) as u64;
+            }
+            while !state.closed && state.frames() >= self.capacity {
+                state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
+            }
+        }
+        if state.closed {
+            return false;
+        }
+        state.items.push_back(item);
+        self.changed.notify_all();
+        true
+    }
+
+    /// Takes the oldest item; waits for one until the queue is closed and empty, or `stop` is set.
+    pub fn pop(&self, stop: &AtomicBool) -> Option<Item> {
+        let mut state = self.lock();
+        while !stop.load(Ordering::Relaxed) {
+            if let Some(item) = state.items.pop_front() {
+                self.changed.notify_all();
+                return Some(item);
+            }
+            if state.closed {
+                return None;
+            }
+            // A signal handler sets `stop` and can notify nobody.
+            let waited = self.changed.wait_timeout(state, Duration::from_millis(100));
+            state = waited.unwrap_or_else(PoisonError::into_inner).0;
+        }
+        None
+    }
+
+    /// No more items are taken; those in the queue can still be popped.
+    pub fn close(&self) {
+        self.lock().closed = true;
+        self.changed.notify_all();
+    }
+
+    /// Whether it was closed.
+    pub fn is_closed(&self) -> bool {
+        self.lock().closed
+    }
+
+    /// Frames dropped for newer ones.
+    pub fn dropped(&self) -> u64 {
+        self.lock().dropped
+    }
+
+    fn lock(&self) -> MutexGuard<'_, State> {
+        // Every section leaves the state whole, so a panic elsewhere does not spoil it.
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use geometry::GrayImage;
+    use slam_direct::Frame;
+
+    static GO: AtomicBool = AtomicBool::new(false);
+
+    fn frame(index: u64) -> Item {
+        Item::Frame(Frame { index, timestamp: index as f64, image: GrayImage::filled(1, 1, 0) })
+    }
+
+    fn index(item: Option<Item>) -> Option<u64> {
+        match item {
+            Some(Item::Frame(frame)) => Some(frame.index),
+            _ => None,
+        }
+    }
+
+    #[test]
+    fn a_late_consumer_gets_the_newest_frame_and_every_message() {
+        let queue = Queue::newest_only();
+        queue.push(frame(0));
+        queue.push(Item::Warning("w".into()));
+        queue.push(frame(1));
+        queue.push(frame(2));
+        assert!(matches!(queue.pop(&GO), Some(Item::Warning(_))));
+        assert_eq!(index(queue.pop(&GO)), Some(2));
+        assert_eq!(queue.dropped(), 2);
+    }
+
+    #[test]
+    fn a_waiting_queue_keeps_all_frames_in_order_within_its_bound() {
+        let queue = Queue::waiting(2);
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                for i in 0..50 {
+                    assert!(queue.push(frame(i)));
+                }
+                queue.close();
+            });
+            for i in 0..50 {
+                assert!(queue.lock().frames() <= 2);
+                assert_eq!(index(queue.pop(&GO)), Some(i));
+            }
+            assert!(queue.pop(&GO).is_none());
+        });
+        assert_eq!(queue.dropped(), 0);
+    }
+
+    #[test]
+    fn closing_frees_a_waiting_producer() {
+        let queue = Queue::waiting(1);
+        queue.push(frame(0));
+        std::thread::scope(|scope| {
+            let producer = scope.spawn(|| queue.push(frame(1)));
+            std::thread::sleep(Duration::from_millis(10));
+            queue.close();
+            assert!(!producer.join().unwrap());
+        });
+    }
+}

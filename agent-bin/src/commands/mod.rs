@@ -1,0 +1,50 @@
+//! The command line: one file per command.
+
+mod eval;
+mod eval_depth;
+mod export;
+mod info;
+mod info_map;
+mod params;
+mod run;
+
+use anyhow::Result;
+use clap::{Parser, Subcommand};
+
+/// Direct monocular SLAM: one camera's recording in, trajectory and semi-dense map out.
+#[derive(Debug, Parser)]
+#[command(name = "loopbox", version, about)]
+pub struct Cli {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+/// The commands.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Track and map a recording
+    Run(run::RunArgs),
+    /// Describe a recording or a map
+    Info(info::InfoArgs),
+    Export(export::ExportArgs),
+    Eval(eval::EvalArgs),
+    /// Print the default parameters, documented, as a parameter file
+    Params,
+}
+
+impl Command {
+    /// Does it.
+    ///
+    /// # Errors
+    /// Whatever kept it from being done, for people.
+    pub fn execute(self) -> Result<()> {
+        match self {
+            Command::Run(args) => run::execute(&args),
+            Command::Info(args) => info::execute(&args),
+            Command::Export(args) => export::run(&args),
+            Command::Eval(args) => eval::run(args),
+            Command::Params => params::execute(),
+        }
+    }
+}

@@ -1,0 +1,173 @@
+//! `loopbox run`: tracks and maps a recording.
+
+use super::params;
+use crate::ahead::{Ahead, Pace, Preparation};
+use crate::camera::{self, CameraOptions, ImageCorrection};
+use crate::output::{Output, TrajectoryFormat};
+use crate::progress::{Display, Progress};
+use crate::runtime::{Run, Stop};
+use crate::sources::{self, SourceInfo, SourceOptions};
+use anyhow::{Context, Result, bail};
+use clap::{Args, ValueEnum};
+use place_recog::ThumbnailIndex;
+use slam_direct::{Agent, Params};
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+/// Arguments of `loopbox run`.
+#[derive(Args, Debug)]
+pub struct RunArgs {
+    /// The recording: a folder of images, an MCAP file or a video file
+    source: PathBuf,
+    /// Camera calibration, if none came with the recording or another is wanted
+    #[arg(long, value_name = "FILE")]
+    calib: Option<PathBuf>,
+    /// Inverse response of the sensor (256 numbers), to undo it
+    #[arg(long, value_name = "FILE")]
+    response: Option<PathBuf>,
+    /// Vignette of the lens (grey image), to undo it
+    #[arg(long, value_name = "FILE")]
+    vignette: Option<PathBuf>,
+    /// Folder for the results; made if it is not there
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Form of trajectory.txt
+    #[arg(long, value_enum, default_value_t = TrajectoryFormat::Tum)]
+    format: TrajectoryFormat,
+    /// Leave out of cloud.ply points whose variance of inverse depth over its square is larger
+    #[arg(long, value_name = "V", default_value_t = map::DEFAULT_MAX_RELATIVE_VARIANCE)]
+    max_variance: f32,
+    /// Parameter file (TOML); `loopbox params` prints the defaults
+    #[arg(long, value_name = "FILE")]
+    params: Option<PathBuf>,
+    /// Play by the time stamps and drop frames when late
+    #[arg(long)]
+    realtime: bool,
+    /// With --realtime: how many times as fast as recorded
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, requires = "realtime")]
+    speed: f64,
+    /// Skip the first seconds of the recording
+    #[arg(long, value_name = "SECONDS")]
+    start: Option<f64>,
+    /// Stop so many seconds into the recording
+    #[arg(long, value_name = "SECONDS")]
+    end: Option<f64>,
+    /// Frames per second of images without time stamps
+    #[arg(long, value_name = "RATE")]
+    fps: Option<f64>,
+    /// Topic of an MCAP recording with several
+    #[arg(long)]
+    topic: Option<String>,
+    /// Show no progress and no summary
+    #[arg(long, conflicts_with = "log")]
+    quiet: bool,
+    /// Log events to standard output in this form
+    #[arg(long, value_enum, value_name = "FORM")]
+    log: Option<LogForm>,
+    /// Threads for mapping; default: one per core. The result does not depend on it
+    #[arg(long, value_name = "COUNT")]
+    threads: Option<usize>,
+}
+
+/// Forms of a log.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum LogForm {
+    /// One JSON object a line.
+    Json,
+}
+
+/// Runs it.
+///
+/// # Errors
+/// When the recording, calibration or parameters cannot be used, nothing could be tracked, or the
+/// results cannot be written.
+pub fn execute(args: &RunArgs) -> Result<()> {
+    args.check()?;
+    let params = args.params.as_deref().map(params::read).transpose()?.unwrap_or_default();
+    let source = sources::open(&args.source, &SourceOptions { fps: args.fps, topic: args.topic.clone() })?;
+    let info = source.info().clone();
+    let correction = camera::correction(&args.camera(), &info)?;
+    let camera = correction.camera();
+    let mut output = Output::create(&args.out, camera, args.provenance(&info, &correction, &params))?;
+    if let Some(threads) = args.threads {
+        rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build_global()
+            .context("cannot start threads")?;
+    }
+    let stop = Stop::on_ctrl_c()?;
+    let progress = Progress::new(args.display(), info.frame_count);
+    let ahead = Ahead::start(source, Preparation::new(correction, args.start, args.end), args.pace())?;
+    let agent = Agent::new(camera, Box::new(ThumbnailIndex::default()), params);
+    let run = Run::track(agent, &ahead, &stop, &progress, &mut output)?;
+    let record = run.record(&info, camera, &ahead, stop.requested());
+    if record.frames.tracked == 0 {
+        output.numbers(&record)?;
+        bail!("{}: no frame could be tracked: {}", args.source.display(), run.why_nothing_was_tracked());
+    }
+    progress.stage("writing the results");
+    output.finish(&mut run.into_map(), &record, args.format, args.max_variance)?;
+    progress.finish(&record, &args.out.display().to_string());
+    Ok(())
+}
+
+impl RunArgs {
+    fn check(&self) -> Result<()> {
+        if !(self.speed.is_finite() && self.speed > 0.0) {
+            bail!(
+                "--speed {} is not a speed\nhint: 1 is the speed of the recording, 2 twice as fast",
+                self.speed
+            );
+        }
+        if let (Some(start), Some(end)) = (self.start, self.end)
+            && start >= end
+        {
+            bail!("--start {start} is not before --end {end}");
+        }
+        if let Some(out_of_range) = [self.start, self.end].into_iter().flatten().find(|s| !s.is_finite()) {
+            bail!("--start and --end are seconds into the recording, not {out_of_range}");
+        }
+        if !(self.max_variance.is_finite() && self.max_variance > 0.0) {
+            bail!("--max-variance is {}\nhint: give a number above 0", self.max_variance);
+        }
+        Ok(())
+    }
+
+    fn camera(&self) -> CameraOptions {
+        CameraOptions {
+            calibration: self.calib.clone(),
+            response: self.response.clone(),
+            vignette: self.vignette.clone(),
+        }
+    }
+
+    /// Where the map comes from; nothing in it may differ between two runs of the same command.
+    fn provenance(
+        &self,
+        info: &SourceInfo,
+        correction: &ImageCorrection,
+        params: &Params,
+    ) -> BTreeMap<String, String> {
+        let parameters = if *params == Params::default() { "defaults".into() } else { format!("{params:?}") };
+        let pairs = [
+            ("program", concat!("loopbox ", env!("CARGO_PKG_VERSION")).to_owned()),
+            ("source", info.path.display().to_string()),
+            ("source kind", info.kind.to_owned()),
+            ("calibration", correction.origin().to_owned()),
+            ("parameters", parameters),
+        ];
+        pairs.map(|(key, value)| (key.to_owned(), value)).into()
+    }
+
+    fn pace(&self) -> Pace {
+        if self.realtime { Pace::RealTime { speed: self.speed } } else { Pace::EveryFrame }
+    }
+
+    fn display(&self) -> Display {
+        match (self.quiet, self.log) {
+            (true, _) => Display::Quiet,
+            (false, Some(LogForm::Json)) => Display::Json,
+            (false, None) => Display::Bar,
+        }
+    }
+}

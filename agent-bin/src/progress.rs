@@ -1,0 +1,150 @@
+//! What the user sees while a run goes on.
+
+use crate::ahead::Skip;
+use crate::record::{FrameRow, RunRecord, state_name};
+use indicatif::{ProgressBar, ProgressStyle};
+use serde_json::json;
+use std::io::Write;
+use std::time::Duration;
+
+/// How progress is shown.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Display {
+    /// A bar on standard error, a summary on standard output.
+    Bar,
+    /// Only errors.
+    Quiet,
+    /// One JSON object a line on standard output.
+    Json,
+}
+
+/// Shows progress.
+pub struct Progress {
+    display: Display,
+    bar: ProgressBar,
+}
+
+impl Progress {
+    /// Progress through `frames` frames (`None`: unknown).
+    pub fn new(display: Display, frames: Option<u64>) -> Self {
+        let bar = match (display, frames) {
+            (Display::Bar, Some(frames)) => ProgressBar::new(frames)
+                .with_style(style("{bar:30} {pos}/{len} frames  {per_sec:>9}  eta {eta:>4}  {msg}")),
+            (Display::Bar, None) => {
+                ProgressBar::new_spinner().with_style(style("{spinner} {pos} frames  {per_sec:>9}  {msg}"))
+            }
+            _ => ProgressBar::hidden(),
+        };
+        if display == Display::Bar {
+            bar.enable_steady_tick(Duration::from_millis(200));
+        }
+        Self { display, bar }
+    }
+
+    /// A frame was processed; the map has so many keyframes and points.
+    pub fn frame(&self, row: &FrameRow, keyframes: usize, points: usize) {
+        match self.display {
+            Display::Bar => {
+                self.bar.set_position(row.index + 1);
+                self.bar.set_message(format!(
+                    "{}  {keyframes} keyframes  {points} points",
+                    state_name(row.state)
+                ));
+            }
+            Display::Quiet => {}
+            Display::Json => log_line(&json!({
+                "event": "frame", "frame": row, "keyframes": keyframes, "points": points,
+            })),
+        }
+    }
+
+    /// A frame was skipped.
+    pub fn skipped(&self, skip: &Skip) {
+        match self.display {
+            Display::Json => log_line(&json!({
+                "event": "skip", "index": skip.index, "timestamp": skip.timestamp,
+                "reason": skip.reason, "detail": skip.detail,
+            })),
+            _ => self.warn(&format!("frame {} is skipped: {}", skip.index, skip.detail)),
+        }
+    }
+
+    /// Something the user should know.
+    pub fn warn(&self, text: &str) {
+        match self.display {
+            Display::Bar => self.bar.suspend(|| eprintln!("warning: {text}")),
+            Display::Quiet => {}
+            Display::Json => log_line(&json!({ "event": "warning", "text": text })),
+        }
+    }
+
+    /// The work after the last frame.
+    pub fn stage(&self, text: &str) {
+        match self.display {
+            Display::Bar => self.bar.set_message(text.to_owned()),
+            Display::Quiet => {}
+            Display::Json => log_line(&json!({ "event": "stage", "text": text })),
+        }
+    }
+
+    /// The run has ended.
+    pub fn finish(&self, record: &RunRecord, out: &str) {
+        self.bar.finish_and_clear();
+        match self.display {
+            Display::Bar => print!("{}", summary(record, out)),
+            Display::Quiet => {}
+            Display::Json => log_line(&json!({
+                "event": "end", "out": out, "interrupted": record.interrupted, "frames": record.frames,
+                "cost": record.cost, "map": record.map,
+            })),
+        }
+    }
+}
+
+impl Drop for Progress {
+    fn drop(&mut self) {
+        // After an error the bar must not stand before its message.
+        self.bar.finish_and_clear();
+    }
+}
+
+fn style(template: &str) -> ProgressStyle {
+    ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar())
+}
+
+fn log_line(value: &serde_json::Value) {
+    // A reader that has closed the pipe has seen enough; the run goes on.
+    let _ = writeln!(std::io::stdout(), "{value}");
+}
+
+fn summary(record: &RunRecord, out: &str) -> String {
+    let (frames, cost, map) = (&record.frames, &record.cost, &record.map);
+    let mut text = format!(
+        "{} of {} frames tracked ({:.1} %), {} keyframes, {} points, {} loops\n\
+         {:.1} frames/s, {:.1} ms a frame (99 %: {:.1} ms)",
+        frames.tracked,
+        frames.offered,
+        100.0 * frames.tracked_share,
+        map.keyframes,
+        map.points,
+        map.loops,
+        cost.frames_per_s,
+        cost.mean_ms,
+        cost.p99_ms,
+    );
+    if let Some(bytes) = cost.peak_memory_bytes {
+        text += &format!(", {} MiB", bytes >> 20);
+    }
+    text.push('\n');
+    let skipped: u64 = frames.skipped.values().sum();
+    if skipped > 0 {
+        text += &format!("{skipped} frames skipped\n");
+    }
+    if frames.dropped_late > 0 {
+        text += &format!("{} frames dropped because tracking was late\n", frames.dropped_late);
+    }
+    if record.interrupted {
+        text += "interrupted: what was tracked so far is saved\n";
+    }
+    text + &format!("written to {out}\n")
+}

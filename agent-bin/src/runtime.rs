@@ -1,0 +1,168 @@
+//! One run: feeds the agent and keeps the numbers.
+
+use crate::ahead::{Ahead, Item, SkipReason};
+use crate::diagnosis::ImageStatistics;
+use crate::output::Output;
+use crate::process;
+use crate::progress::Progress;
+use crate::record::{Cost, FrameCounts, FrameRow, MapCounts, RunRecord, SourceRecord};
+use crate::sources::SourceInfo;
+use anyhow::{Context, Result};
+use geometry::Pinhole;
+use map::Map;
+use slam_direct::{Agent, Frame, TrackingState};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
+
+/// Exit status after a second Ctrl-C, as shells report an interrupted program.
+const ABORTED: i32 = 130;
+
+/// The user's wish to stop.
+#[derive(Clone)]
+pub struct Stop(Arc<AtomicBool>);
+
+impl Stop {
+    /// Set by the first Ctrl-C or SIGTERM; the second ends the process at once.
+    ///
+    /// # Errors
+    /// When the handler cannot be installed.
+    pub fn on_ctrl_c() -> Result<Self> {
+        let stop = Self(Arc::default());
+        let flag = Arc::clone(&stop.0);
+        ctrlc::set_handler(move || {
+            if flag.swap(true, Ordering::Relaxed) {
+                std::process::exit(ABORTED);
+            }
+            eprintln!("stopping: saving what was tracked so far (Ctrl-C again to abort)");
+        })
+        .context("cannot listen for Ctrl-C")?;
+        Ok(stop)
+    }
+
+    /// Whether it was asked for.
+    pub fn requested(&self) -> bool {
+        self.0.load(Ordering::Relaxed)
+    }
+}
+
+/// A run whose frames are processed.
+pub struct Run {
+    agent: Agent,
+    rows: Vec<FrameRow>,
+    skipped: BTreeMap<SkipReason, u64>,
+    losses: u64,
+    statistics: ImageStatistics,
+    last_reason: Option<&'static str>,
+    wall_s: f64,
+}
+
+impl Run {
+    /// Gives the agent every frame until the recording ends or the user stops it.
+    ///
+    /// # Errors
+    /// When results cannot be written on the way.
+    pub fn track(
+        agent: Agent,
+        ahead: &Ahead,
+        stop: &Stop,
+        progress: &Progress,
+        output: &mut Output,
+    ) -> Result<Self> {
+        let started = Instant::now();
+        let mut run = Self {
+            agent,
+            rows: Vec::new(),
+            skipped: BTreeMap::new(),
+            losses: 0,
+            statistics: ImageStatistics::default(),
+            last_reason: None,
+            wall_s: 0.0,
+        };
+        let mut state = TrackingState::Starting;
+        while let Some(item) = ahead.next_item(&stop.0) {
+            match item {
+                Item::Frame(frame) => {
+                    let before = state;
+                    state = run.process(frame, progress);
+                    output.grow(run.agent.map())?;
+                    run.losses +=
+                        u64::from(before == TrackingState::Tracking && state == TrackingState::Lost);
+                }
+                Item::Skipped(skip) => {
+                    progress.skipped(&skip);
+                    *run.skipped.entry(skip.reason).or_default() += 1;
+                }
+                Item::Warning(text) => progress.warn(&text),
+            }
+        }
+        progress.stage("last optimisation");
+        run.agent.finish();
+        run.wall_s = started.elapsed().as_secs_f64();
+        Ok(run)
+    }
+
+    fn process(&mut self, frame: Frame, progress: &Progress) -> TrackingState {
+        // Once there is a map, nobody will ask why there is none.
+        if self.agent.map().frames.is_empty() {
+            self.statistics.add(&frame.image);
+        }
+        let (index, timestamp) = (frame.index, frame.timestamp);
+        let started = Instant::now();
+        let report = self.agent.process(frame);
+        let row = FrameRow::new(index, timestamp, started.elapsed().as_secs_f64() * 1e3, &report);
+        self.last_reason = report.reason.or(self.last_reason);
+        progress.frame(&row, self.agent.map().keyframes.len(), report.matched_points);
+        self.rows.push(row);
+        report.state
+    }
+
+    /// Gives the map away.
+    pub fn into_map(self) -> Map {
+        self.agent.into_map()
+    }
+
+    /// Why the map is empty, for people.
+    pub fn why_nothing_was_tracked(&self) -> String {
+        self.statistics.why_nothing_was_tracked(self.last_reason)
+    }
+
+    /// The numbers of the run.
+    pub fn record(
+        &self,
+        source: &SourceInfo,
+        camera: Pinhole,
+        ahead: &Ahead,
+        interrupted: bool,
+    ) -> RunRecord {
+        let map = self.agent.map();
+        let (processed, dropped_late) = (self.rows.len() as u64, ahead.dropped());
+        let offered = processed + dropped_late + self.skipped.values().sum::<u64>();
+        let tracked = map.frames.len() as u64;
+        let ms = self.rows.iter().map(|row| row.ms).collect();
+        RunRecord {
+            version: env!("CARGO_PKG_VERSION"),
+            source: SourceRecord {
+                path: source.path.display().to_string(),
+                kind: source.kind.to_owned(),
+                frames: source.frame_count,
+                duration_s: source.duration,
+            },
+            camera,
+            interrupted,
+            frames: FrameCounts {
+                offered,
+                processed,
+                dropped_late,
+                skipped: self.skipped.clone(),
+                tracked,
+                tracked_share: if offered > 0 { tracked as f64 / offered as f64 } else { 0.0 },
+                losses: self.losses,
+            },
+            cost: Cost::new(ms, self.wall_s, process::cpu_seconds(), process::peak_memory_bytes()),
+            map: MapCounts::new(map, self.rows.iter().filter(|row| row.loop_closed.is_some()).count() as u64),
+            rows: self.rows.clone(),
+        }
+    }
+}

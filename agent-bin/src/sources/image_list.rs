@@ -1,0 +1,141 @@
+//! Image files with time stamps: what every kind of folder comes down to.
+
+use super::{FoundCalibration, FrameSource, SourceFrame, SourceInfo};
+use crate::pictures::Picture;
+use anyhow::{Context, Result, bail};
+use std::path::{Path, PathBuf};
+
+/// A list of image files in the order of the recording.
+pub struct ImageList {
+    info: SourceInfo,
+    frames: Vec<(f64, PathBuf)>,
+    next: usize,
+}
+
+impl ImageList {
+    /// A list from `(time stamp in seconds, file)` pairs in the order of the recording.
+    ///
+    /// # Errors
+    /// When the list is empty; `index` is the file or folder that should have named the images.
+    pub fn new(
+        kind: &'static str,
+        folder: &Path,
+        index: &Path,
+        frames: Vec<(f64, PathBuf)>,
+        calibration: Option<FoundCalibration>,
+    ) -> Result<Self> {
+        let (Some(first), Some(last)) = (frames.first(), frames.last()) else {
+            bail!("{}: it names no images", index.display());
+        };
+        let info = SourceInfo {
+            kind,
+            path: folder.to_owned(),
+            frame_count: Some(frames.len() as u64),
+            duration: Some(last.0 - first.0),
+            calibration,
+        };
+        Ok(Self { info, frames, next: 0 })
+    }
+}
+
+impl FrameSource for ImageList {
+    fn info(&self) -> &SourceInfo {
+        &self.info
+    }
+
+    fn next_frame(&mut self) -> Option<SourceFrame> {
+        let (timestamp, path) = self.frames.get(self.next)?;
+        let index = self.next as u64;
+        self.next += 1;
+        Some(SourceFrame { index, timestamp: *timestamp, picture: Picture::File(path.clone()) })
+    }
+}
+
+/// The fields of each line of a text table, without comments (`#`) and empty lines, with line numbers from 1.
+///
+/// # Errors
+/// When the file cannot be read as text.
+pub fn read_table(path: &Path) -> Result<Vec<(usize, Vec<String>)>> {
+    let text =
+        std::fs::read_to_string(path).with_context(|| format!("{}: cannot be read", path.display()))?;
+    let rows = text.lines().enumerate().filter_map(|(i, line)| {
+        let line = line.split('#').next().unwrap_or_default();
+        let fields: Vec<String> = line
+            .split(|c: char| c == ',' || c.is_whitespace())
+            .filter(|field| !field.is_empty())
+            .map(str::to_owned)
+            .collect();
+        (!fields.is_empty()).then_some((i + 1, fields))
+    });
+    Ok(rows.collect())
+}
+
+/// A table of time stamps and image names: `(time stamp, folder / name)` of each row.
+///
+/// # Errors
+/// Names the line that is not `time stamp, image`.
+pub fn timed_images(table: &Path, folder: &Path) -> Result<Vec<(f64, PathBuf)>> {
+    read_table(table)?
+        .into_iter()
+        .map(|(line, fields)| {
+            let timestamp = fields[0].parse::<f64>().ok().filter(|t| t.is_finite());
+            match (timestamp, fields.get(1)) {
+                (Some(timestamp), Some(name)) => Ok((timestamp, folder.join(name))),
+                _ => {
+                    bail!("{}: line {line} is not 'time stamp, image': {}", table.display(), fields.join(" "))
+                }
+            }
+        })
+        .collect()
+}
+
+/// The first of `names` that exists in `folder`.
+pub fn first_existing(folder: &Path, names: &[&str]) -> Option<PathBuf> {
+    names.iter().map(|name| folder.join(name)).find(|path| path.is_file())
+}
+
+/// The image files of a folder, sorted so that 2 comes before 10.
+///
+/// # Errors
+/// When the folder cannot be read.
+pub fn images_in(folder: &Path) -> Result<Vec<PathBuf>> {
+    let entries =
+        std::fs::read_dir(folder).with_context(|| format!("{}: cannot be read", folder.display()))?;
+    let mut images: Vec<PathBuf> =
+        entries.filter_map(|entry| Some(entry.ok()?.path())).filter(|path| is_image(path)).collect();
+    images.sort_by_cached_key(|path| natural_key(&path.file_name().unwrap_or_default().to_string_lossy()));
+    Ok(images)
+}
+
+fn is_image(path: &Path) -> bool {
+    let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
+    matches!(extension.as_str(), "png" | "jpg" | "jpeg" | "pgm" | "ppm")
+}
+
+/// A name as alternating text and numbers, so that numbers compare by value.
+fn natural_key(name: &str) -> Vec<(String, u64, String)> {
+    let mut parts = Vec::new();
+    let mut rest = name;
+    while !rest.is_empty() {
+        let digits = rest.find(|c: char| c.is_ascii_digit()).unwrap_or(rest.len());
+        let (text, tail) = rest.split_at(digits);
+        let end = tail.find(|c: char| !c.is_ascii_digit()).unwrap_or(tail.len());
+        let (number, tail) = tail.split_at(end);
+        // The digits themselves break ties between 1 and 01, and stand in for numbers beyond 64 bits.
+        parts.push((text.to_owned(), number.parse().unwrap_or(u64::MAX), number.to_owned()));
+        rest = tail;
+    }
+    parts
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_sort_by_value() {
+        let mut names = ["f10.png", "f2.png", "f1.png", "e3.png"];
+        names.sort_by_cached_key(|name| natural_key(name));
+        assert_eq!(names, ["e3.png", "f1.png", "f2.png", "f10.png"]);
+    }
+}

@@ -1,0 +1,47 @@
+//! Foxglove's image and calibration messages in protobuf.
+
+use super::{Calibration, ImageMessage, stamp};
+use crate::pictures::{Picture, RawPicture};
+use anyhow::{Result, anyhow};
+use foxglove::Decode;
+use foxglove::messages::{CameraCalibration, CompressedImage, RawImage, Timestamp};
+
+fn decode<T: Decode>(data: &[u8]) -> Result<T> {
+    T::decode(data).map_err(|error| anyhow!("the message is damaged: {error}"))
+}
+
+fn seconds(timestamp: Option<Timestamp>) -> Option<f64> {
+    timestamp.and_then(|t| stamp(t.sec().into(), t.nsec()))
+}
+
+/// `foxglove.CompressedImage`.
+pub fn compressed(data: &[u8]) -> Result<ImageMessage> {
+    let message: CompressedImage = decode(data)?;
+    Ok(ImageMessage { stamp: seconds(message.timestamp), picture: Picture::Encoded(message.data.to_vec()) })
+}
+
+/// `foxglove.RawImage`.
+pub fn raw(data: &[u8]) -> Result<ImageMessage> {
+    let message: RawImage = decode(data)?;
+    let picture = Picture::Raw(RawPicture {
+        width: message.width as usize,
+        height: message.height as usize,
+        step: message.step as usize,
+        encoding: message.encoding,
+        big_endian: false,
+        data: message.data.to_vec(),
+    });
+    Ok(ImageMessage { stamp: seconds(message.timestamp), picture })
+}
+
+/// `foxglove.CameraCalibration`.
+pub fn calibration(data: &[u8]) -> Result<Calibration> {
+    let message: CameraCalibration = decode(data)?;
+    Ok(Calibration {
+        width: message.width,
+        height: message.height,
+        model: message.distortion_model,
+        distortion: message.d,
+        intrinsics: message.k,
+    })
+}

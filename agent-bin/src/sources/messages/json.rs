@@ -1,0 +1,91 @@
+//! Foxglove's image and calibration messages in JSON.
+
+use super::{Calibration, ImageMessage, stamp};
+use crate::pictures::{Picture, RawPicture};
+use anyhow::{Context, Result};
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use serde::Deserialize;
+
+const DAMAGED: &str = "the message is damaged";
+
+#[derive(Default, Deserialize)]
+#[serde(default)]
+struct Stamp {
+    sec: i64,
+    nsec: u32,
+}
+
+/// Both kinds of image: a raw one has an encoding.
+#[derive(Deserialize)]
+struct Image {
+    #[serde(default)]
+    timestamp: Stamp,
+    data: String,
+    encoding: Option<String>,
+    #[serde(default)]
+    width: usize,
+    #[serde(default)]
+    height: usize,
+    #[serde(default)]
+    step: usize,
+}
+
+#[derive(Deserialize)]
+struct CameraCalibration {
+    width: u32,
+    height: u32,
+    #[serde(default)]
+    distortion_model: String,
+    #[serde(rename = "D", default)]
+    d: Vec<f64>,
+    #[serde(rename = "K")]
+    k: Vec<f64>,
+}
+
+/// `foxglove.CompressedImage` or `foxglove.RawImage`.
+pub fn image(data: &[u8]) -> Result<ImageMessage> {
+    let Image { timestamp, data, encoding, width, height, step } =
+        serde_json::from_slice(data).context(DAMAGED)?;
+    let data = STANDARD.decode(data).context(DAMAGED)?;
+    let picture = match encoding {
+        Some(encoding) => Picture::Raw(RawPicture { width, height, step, encoding, big_endian: false, data }),
+        None => Picture::Encoded(data),
+    };
+    Ok(ImageMessage { stamp: stamp(timestamp.sec, timestamp.nsec), picture })
+}
+
+/// `foxglove.CameraCalibration`.
+pub fn calibration(data: &[u8]) -> Result<Calibration> {
+    let message: CameraCalibration = serde_json::from_slice(data).context(DAMAGED)?;
+    Ok(Calibration {
+        width: message.width,
+        height: message.height,
+        model: message.distortion_model,
+        distortion: message.d,
+        intrinsics: message.k,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_raw_image_is_read() {
+        let text = br#"{"timestamp":{"sec":3,"nsec":250000000},"frame_id":"c","width":2,"height":1,
+            "encoding":"mono8","step":2,"data":"Bwg="}"#;
+        let message = image(text).unwrap();
+        assert_eq!(message.stamp, Some(3.25));
+        assert_eq!(message.picture.into_grey().unwrap().data(), [7, 8]);
+        assert!(image(b"{}").is_err());
+    }
+
+    #[test]
+    fn a_calibration_is_read() {
+        let text = br#"{"width":640,"height":480,"distortion_model":"","D":[],
+            "K":[500,0,320,0,510,240,0,0,1]}"#;
+        let camera = calibration(text).unwrap().camera().unwrap();
+        assert_eq!(camera.intrinsics().fy, 510.0);
+    }
+}

@@ -1,0 +1,138 @@
+//! Messages of recordings that hold images or calibrations.
+
+mod cdr;
+mod foxglove;
+mod json;
+mod ros2;
+
+use crate::pictures::Picture;
+use anyhow::{Result, bail};
+use geometry::{Camera, Distortion, KannalaBrandt, Pinhole, RadTan};
+
+/// An image message, the picture not yet decoded.
+#[derive(Debug)]
+pub struct ImageMessage {
+    /// When the image was taken, seconds; `None` when the message does not say.
+    pub stamp: Option<f64>,
+    /// The picture.
+    pub picture: Picture,
+}
+
+/// What a channel's messages hold, and how they are written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Content {
+    /// Images.
+    Image(Form),
+    /// Calibrations.
+    Calibration(Form),
+}
+
+/// The schema and encoding of a message.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Form {
+    /// `foxglove.CompressedImage`, protobuf.
+    FoxgloveCompressed,
+    /// `foxglove.RawImage`, protobuf.
+    FoxgloveRaw,
+    /// `foxglove.CameraCalibration`, protobuf.
+    FoxgloveCalibration,
+    /// The same three, JSON.
+    FoxgloveJson,
+    /// `sensor_msgs/msg/CompressedImage`, CDR.
+    Ros2Compressed,
+    /// `sensor_msgs/msg/Image`, CDR.
+    Ros2Raw,
+    /// `sensor_msgs/msg/CameraInfo`, CDR.
+    Ros2CameraInfo,
+}
+
+impl Content {
+    /// What messages of `schema` in `encoding` hold; `None` when neither image nor calibration.
+    pub fn of(schema: &str, encoding: &str) -> Option<Self> {
+        Some(match (schema, encoding) {
+            ("foxglove.CompressedImage", "protobuf") => Self::Image(Form::FoxgloveCompressed),
+            ("foxglove.RawImage", "protobuf") => Self::Image(Form::FoxgloveRaw),
+            ("foxglove.CameraCalibration", "protobuf") => Self::Calibration(Form::FoxgloveCalibration),
+            ("foxglove.CompressedImage" | "foxglove.RawImage", "json") => Self::Image(Form::FoxgloveJson),
+            ("foxglove.CameraCalibration", "json") => Self::Calibration(Form::FoxgloveJson),
+            ("sensor_msgs/msg/CompressedImage", "cdr") => Self::Image(Form::Ros2Compressed),
+            ("sensor_msgs/msg/Image", "cdr") => Self::Image(Form::Ros2Raw),
+            ("sensor_msgs/msg/CameraInfo", "cdr") => Self::Calibration(Form::Ros2CameraInfo),
+            _ => return None,
+        })
+    }
+}
+
+/// Reads an image message.
+///
+/// # Errors
+/// When the bytes are not of that form.
+pub fn read_image(form: Form, data: &[u8]) -> Result<ImageMessage> {
+    match form {
+        Form::FoxgloveCompressed => foxglove::compressed(data),
+        Form::FoxgloveRaw => foxglove::raw(data),
+        Form::FoxgloveJson => json::image(data),
+        Form::Ros2Compressed => ros2::compressed(data),
+        Form::Ros2Raw => ros2::raw(data),
+        Form::FoxgloveCalibration | Form::Ros2CameraInfo => bail!("a calibration is no image"),
+    }
+}
+
+/// Reads a calibration message.
+///
+/// # Errors
+/// When the bytes are not of that form, or the numbers no camera.
+pub fn read_calibration(form: Form, data: &[u8]) -> Result<Camera> {
+    let calibration = match form {
+        Form::FoxgloveCalibration => foxglove::calibration(data)?,
+        Form::FoxgloveJson => json::calibration(data)?,
+        Form::Ros2CameraInfo => ros2::camera_info(data)?,
+        _ => bail!("an image is no calibration"),
+    };
+    calibration.camera()
+}
+
+/// The numbers that ROS and Foxglove calibrations share.
+#[derive(Debug, Default, PartialEq)]
+struct Calibration {
+    width: u32,
+    height: u32,
+    model: String,
+    distortion: Vec<f64>,
+    /// Row-major 3×3: `fx 0 cx 0 fy cy 0 0 1`.
+    intrinsics: Vec<f64>,
+}
+
+impl Calibration {
+    fn camera(&self) -> Result<Camera> {
+        let &[fx, _, cx, _, fy, cy, ..] = self.intrinsics.as_slice() else {
+            bail!("K has {} numbers, not 9", self.intrinsics.len());
+        };
+        let pinhole = Pinhole { width: self.width as usize, height: self.height as usize, fx, fy, cx, cy };
+        Ok(Camera::new(pinhole, self.lens()?)?)
+    }
+
+    fn lens(&self) -> Result<Distortion> {
+        if self.distortion.is_empty() {
+            return Ok(Distortion::None);
+        }
+        Ok(match self.model.as_str() {
+            // The names of ROS 2's distortion_models.hpp, and the names others use for the same.
+            "" | "plumb_bob" | "rational_polynomial" | "radtan" => {
+                Distortion::RadTan(RadTan::new(&self.distortion)?)
+            }
+            "equidistant" | "fisheye" | "kannala_brandt" => {
+                Distortion::KannalaBrandt(KannalaBrandt::new(&self.distortion)?)
+            }
+            other => bail!(
+                "the lens model '{other}' is not known (plumb_bob, rational_polynomial, equidistant and \
+                 kannala_brandt are)"
+            ),
+        })
+    }
+}
+
+/// Seconds of a stamp; zero means that nobody set it.
+fn stamp(seconds: i64, nanoseconds: u32) -> Option<f64> {
+    (seconds != 0 || nanoseconds != 0).then(|| seconds as f64 + nanoseconds as f64 * 1e-9)
+}

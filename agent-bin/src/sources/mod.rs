@@ -1,0 +1,150 @@
+//! Where frames come from: one file per kind of recording behind [`FrameSource`].
+
+mod euroc;
+mod image_list;
+mod kitti;
+mod mcap_recording;
+mod messages;
+mod numbered;
+mod timed;
+mod tum;
+#[cfg(feature = "video")]
+mod video;
+
+use crate::pictures::Picture;
+use anyhow::{Result, bail};
+use geometry::Camera;
+use std::path::{Path, PathBuf};
+
+/// A frame as its source has it.
+#[derive(Debug)]
+pub struct SourceFrame {
+    /// Index in the recording, from 0.
+    pub index: u64,
+    /// Seconds, as recorded.
+    pub timestamp: f64,
+    /// The picture, not yet decoded.
+    pub picture: Picture,
+}
+
+/// What is known of a recording before its frames are read.
+#[derive(Clone, Debug)]
+pub struct SourceInfo {
+    /// The kind, for people: `TUM RGB-D folder`.
+    pub kind: &'static str,
+    /// Where it lies.
+    pub path: PathBuf,
+    /// How many frames it has, if the source can tell.
+    pub frame_count: Option<u64>,
+    /// Seconds from the first to the last frame, if the source can tell.
+    pub duration: Option<f64>,
+    /// A calibration that came with it.
+    pub calibration: Option<FoundCalibration>,
+}
+
+/// A calibration that came with a recording.
+#[derive(Clone, Debug)]
+pub enum FoundCalibration {
+    /// A file beside the frames.
+    File(PathBuf),
+    /// Read from the recording itself.
+    Inside {
+        /// Where in the recording, for people.
+        origin: String,
+        /// The camera.
+        camera: Box<Camera>,
+    },
+    /// There is one in the recording, but it cannot be used.
+    Unusable {
+        /// Where in the recording, for people.
+        origin: String,
+        /// What is wrong with it.
+        reason: String,
+    },
+}
+
+/// A recording, frame by frame.
+pub trait FrameSource: Send {
+    /// What is known of it.
+    fn info(&self) -> &SourceInfo;
+
+    /// The next frame in the order of the recording; `None` at the end.
+    fn next_frame(&mut self) -> Option<SourceFrame>;
+
+    /// What went wrong with the recording as a whole while it was read (a truncated file, say).
+    fn warning(&self) -> Option<String> {
+        None
+    }
+}
+
+/// How a source is to be opened.
+#[derive(Clone, Debug, Default)]
+pub struct SourceOptions {
+    /// Frames per second of images without time stamps.
+    pub fps: Option<f64>,
+    /// The topic to take from a recording with several.
+    pub topic: Option<String>,
+}
+
+/// Opens the recording at `path`, whatever its kind.
+///
+/// # Errors
+/// When there is nothing there, or nothing that is a recording; says which files were looked for.
+pub fn open(path: &Path, options: &SourceOptions) -> Result<Box<dyn FrameSource>> {
+    if let Some(fps) = options.fps
+        && !(fps.is_finite() && fps > 0.0)
+    {
+        bail!("--fps {fps} is not a frame rate\nhint: give frames per second, such as --fps 30");
+    }
+    if path.is_dir() {
+        return open_folder(path, options);
+    }
+    if !path.exists() {
+        bail!("{}: there is no such file or folder", path.display());
+    }
+    if map::is_map_file(path) {
+        bail!(
+            "{}: this is a map, not a recording\nhint: `loopbox info` and `loopbox export` read it",
+            path.display()
+        );
+    }
+    if mcap_recording::is_mcap(path) {
+        return Ok(Box::new(mcap_recording::open(path, options.topic.as_deref())?));
+    }
+    open_video(path, options)
+}
+
+#[cfg(feature = "video")]
+fn open_video(path: &Path, options: &SourceOptions) -> Result<Box<dyn FrameSource>> {
+    Ok(Box::new(video::open(path, options.fps)?))
+}
+
+#[cfg(not(feature = "video"))]
+fn open_video(path: &Path, _options: &SourceOptions) -> Result<Box<dyn FrameSource>> {
+    bail!(
+        "{}: not an MCAP file, and this program was built without video files (feature `video`)\n\
+         hint: turn a video into images with `ffmpeg -i VIDEO FOLDER/%06d.png` and give the folder with --fps",
+        path.display()
+    )
+}
+
+fn open_folder(path: &Path, options: &SourceOptions) -> Result<Box<dyn FrameSource>> {
+    let list = if let Some(list) = kitti::open(path)? {
+        list
+    } else if let Some(list) = timed::open(path)? {
+        list
+    } else if let Some(list) = tum::open(path)? {
+        list
+    } else if let Some(list) = euroc::open(path)? {
+        list
+    } else if let Some(list) = numbered::open(path, options.fps)? {
+        list
+    } else {
+        bail!(
+            "{}: no recording here\nhint: looked for times.txt with images/, rgb.txt (TUM), mav0/cam0/data.csv \
+             (EuRoC), image_0/ with times.txt (KITTI), and .png, .jpg or .pgm files",
+            path.display()
+        );
+    };
+    Ok(Box::new(list))
+}

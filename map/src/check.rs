@@ -1,0 +1,111 @@
+//! Checks that a map's parts make sense, the same for a map to write and for one just read.
+
+use crate::{Edge, FramePose, Keyframe, Point};
+use geometry::{Pinhole, Se3, Sim3};
+
+/// How far a rotation's quaternion may be from unit length; more is not a rotation but a mistake.
+const UNIT_TOLERANCE: f64 = 1e-3;
+
+/// The longest side of an image; what claims to be longer is no image.
+const MAX_SIDE: usize = 1 << 16;
+
+/// Whether the camera can have taken an image.
+pub(crate) fn camera(camera: &Pinhole) -> Result<(), String> {
+    let numbers = [camera.fx, camera.fy, camera.cx, camera.cy];
+    let sized = [camera.width, camera.height].iter().all(|side| (1..=MAX_SIDE).contains(side));
+    if !sized || !numbers.iter().all(|v| v.is_finite()) || camera.fx <= 0.0 || camera.fy <= 0.0 {
+        return Err(format!("the camera {camera:?} is no pinhole camera"));
+    }
+    Ok(())
+}
+
+/// Whether a keyframe fits the camera and all its numbers are usable.
+pub(crate) fn keyframe(keyframe: &Keyframe, camera: &Pinhole) -> Result<(), String> {
+    let problem = keyframe_problem(keyframe, camera);
+    problem.map_or(Ok(()), |what| Err(format!("keyframe {}: {what}", keyframe.id.0)))
+}
+
+/// What is wrong with a keyframe.
+fn keyframe_problem(keyframe: &Keyframe, camera: &Pinhole) -> Option<String> {
+    if !keyframe.timestamp.is_finite() {
+        return Some(format!("its time stamp is {}", keyframe.timestamp));
+    }
+    if let Some(what) = sim3_problem(&keyframe.world_from_keyframe) {
+        return Some(format!("its pose {what}"));
+    }
+    let size = (keyframe.image.width(), keyframe.image.height());
+    if size != (camera.width, camera.height) {
+        return Some(format!(
+            "its image has {}×{} pixels, the camera {}×{}",
+            size.0, size.1, camera.width, camera.height
+        ));
+    }
+    semi_dense_problem(keyframe, camera)
+        .or_else(|| keyframe.points.iter().enumerate().find_map(|(i, point)| point_problem(i, point)))
+}
+
+/// What is wrong with a keyframe's inverse depths.
+fn semi_dense_problem(keyframe: &Keyframe, camera: &Pinhole) -> Option<String> {
+    let depth = &keyframe.semi_dense;
+    let (pixels, depths, variances) = (depth.pixel.len(), depth.inverse_depth.len(), depth.variance.len());
+    if pixels != depths || pixels != variances {
+        return Some(format!("{pixels} pixels have {depths} inverse depths and {variances} variances"));
+    }
+    if depth.pixel.windows(2).any(|pair| pair[0] >= pair[1]) {
+        return Some("the pixels of its depth map are not in ascending order".into());
+    }
+    let last = depth.pixel.last().copied().unwrap_or(0) as usize;
+    if last >= camera.width * camera.height {
+        return Some(format!("pixel {last} of its depth map lies outside of the image"));
+    }
+    let bad = depth.iter().find(|&(_, d, v)| !(d > 0.0 && d.is_finite() && v >= 0.0 && v.is_finite()));
+    bad.map(|(pixel, d, v)| format!("pixel {pixel} has inverse depth {d} with variance {v}"))
+}
+
+/// What is wrong with a sparse point.
+fn point_problem(index: usize, point: &Point) -> Option<String> {
+    let own = [point.pixel[0], point.pixel[1], point.inverse_depth, point.variance];
+    let seen = point.observations.iter().flat_map(|o| o.pixel.into_iter().chain(o.information));
+    let finite = own.into_iter().chain(seen).all(f32::is_finite);
+    (!finite).then(|| format!("point {index} holds a number that is not finite"))
+}
+
+/// Whether an edge's numbers are usable.
+pub(crate) fn edge(edge: &Edge) -> Result<(), String> {
+    let name = || format!("the edge from keyframe {} to {}", edge.from.0, edge.to.0);
+    if let Some(what) = sim3_problem(&edge.from_from_to) {
+        return Err(format!("{}: its pose {what}", name()));
+    }
+    if !edge.information.iter().all(|v| v.is_finite()) {
+        return Err(format!("{}: its information is not finite", name()));
+    }
+    Ok(())
+}
+
+/// Whether a frame's numbers are usable.
+pub(crate) fn frame(frame: &FramePose) -> Result<(), String> {
+    if !frame.timestamp.is_finite() {
+        return Err(format!("frame {}: its time stamp is {}", frame.frame_index, frame.timestamp));
+    }
+    match se3_problem(&frame.keyframe_from_frame) {
+        Some(what) => Err(format!("frame {}: its pose {what}", frame.frame_index)),
+        None => Ok(()),
+    }
+}
+
+/// What is wrong with a similarity.
+pub(crate) fn sim3_problem(pose: &Sim3) -> Option<String> {
+    if !(pose.scale.is_finite() && pose.scale > 0.0) {
+        return Some(format!("has scale {}", pose.scale));
+    }
+    se3_problem(&pose.rigid())
+}
+
+/// What is wrong with a rigid motion.
+fn se3_problem(pose: &Se3) -> Option<String> {
+    if !pose.is_finite() {
+        return Some("is not finite".into());
+    }
+    let length = pose.rotation.quaternion().norm();
+    ((length - 1.0).abs() > UNIT_TOLERANCE).then(|| format!("has a quaternion of length {length}"))
+}

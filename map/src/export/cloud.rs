@@ -1,0 +1,111 @@
+//! The map as a cloud of points.
+
+use crate::{Keyframe, Map};
+use geometry::Pinhole;
+use nalgebra::Vector3;
+
+/// The largest relative variance of a point that is exported by default: a depth known to 10 %.
+pub const DEFAULT_MAX_RELATIVE_VARIANCE: f32 = 0.01;
+
+/// The largest confidence given: beyond it the variance says nothing that f32 could hold.
+const MAX_CONFIDENCE: f32 = 1e6;
+
+/// A point of the map in the world.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CloudPoint {
+    /// Position in the world, map units.
+    pub position: Vector3<f64>,
+    /// Intensity of its pixel, 0–255.
+    pub intensity: u8,
+    /// Inverse depth over its standard deviation: the depth is known to one part in `confidence`.
+    /// At most 10⁶.
+    pub confidence: f32,
+}
+
+impl Keyframe {
+    /// The points of the inverse-depth map in the keyframe's own camera frame and unit, in memory
+    /// order of the image: those with `variance / inverse_depth² ≤ max_relative_variance`.
+    ///
+    /// The ratio is the squared relative error of the depth, free of any unit, so that one bound
+    /// serves near and far points and keyframes of any scale; 0.01 is a depth known to 10 %.
+    /// `camera` is the map's camera.
+    pub fn cloud(
+        &self,
+        camera: &Pinhole,
+        max_relative_variance: f32,
+    ) -> impl Iterator<Item = CloudPoint> + '_ {
+        let camera = *camera;
+        let intensities = self.image.data();
+        self.semi_dense.iter().filter_map(move |(pixel, inverse_depth, variance)| {
+            let relative_variance = variance / (inverse_depth * inverse_depth);
+            // Written so that a NaN is refused.
+            let kept = relative_variance <= max_relative_variance;
+            let index = pixel as usize;
+            let &intensity = intensities.get(index).filter(|_| kept)?;
+            let ray = camera.unproject((index % camera.width) as f64, (index / camera.width) as f64);
+            let confidence = relative_variance.sqrt().recip().min(MAX_CONFIDENCE);
+            Some(CloudPoint { position: ray / f64::from(inverse_depth), intensity, confidence })
+        })
+    }
+}
+
+impl Map {
+    /// The points of all keyframes in the world, keyframe by keyframe:
+    /// `world_from_keyframe * (ray(pixel) / inverse_depth)` for each pixel that
+    /// [`Keyframe::cloud`] keeps.
+    pub fn cloud(&self, max_relative_variance: f32) -> impl Iterator<Item = CloudPoint> + '_ {
+        self.keyframes.values().flat_map(move |keyframe| {
+            let world_from_keyframe = keyframe.world_from_keyframe;
+            keyframe
+                .cloud(&self.camera, max_relative_variance)
+                .map(move |point| CloudPoint { position: world_from_keyframe * point.position, ..point })
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::test_support::sample_map;
+
+    #[test]
+    fn points_project_back_to_their_pixels() {
+        let map = sample_map(2);
+        let mut cloud = map.cloud(f32::INFINITY);
+        for keyframe in map.keyframes.values() {
+            let keyframe_from_world = keyframe.world_from_keyframe.inverse();
+            for (pixel, inverse_depth, variance) in keyframe.semi_dense.iter() {
+                let point = cloud.next().unwrap();
+                let local = keyframe_from_world * point.position;
+                let found = map.camera.project(&local);
+                let index = pixel as usize;
+                assert!((found.x - (index % map.camera.width) as f64).abs() < 1e-9);
+                assert!((found.y - (index / map.camera.width) as f64).abs() < 1e-9);
+                assert!((local.z * f64::from(inverse_depth) - 1.0).abs() < 1e-9);
+                assert_eq!(point.intensity, keyframe.image.data()[index]);
+                let confidence = inverse_depth / variance.sqrt();
+                assert!((point.confidence - confidence).abs() <= 1e-4 * confidence);
+            }
+        }
+        assert!(cloud.next().is_none());
+    }
+
+    #[test]
+    fn the_bound_is_on_the_squared_relative_error_of_depth() {
+        let mut map = sample_map(1);
+        let keyframe = map.keyframes.values_mut().next().unwrap();
+        let count = keyframe.semi_dense.len();
+        for i in 0..count {
+            let sigma = keyframe.semi_dense.inverse_depth[i] * if i == 0 { 0.11 } else { 0.09 };
+            keyframe.semi_dense.variance[i] = sigma * sigma;
+        }
+        assert_eq!(map.cloud(0.01).count(), count - 1);
+        assert_eq!(map.cloud(0.0).count(), 0);
+    }
+
+    #[test]
+    fn certain_points_have_a_finite_confidence() {
+        let mut map = sample_map(1);
+        map.keyframes.values_mut().for_each(|keyframe| keyframe.semi_dense.variance.fill(0.0));
+        assert!(map.cloud(0.01).all(|point| point.confidence == 1e6));
+    }
+}

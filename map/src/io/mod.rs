@@ -1,0 +1,41 @@
+//! The map's file, `map.mcap`; described field by field in `docs/map-format.md`.
+//!
+//! The exact data lie in two messages of loopbox's own (`messages`), the keyframe images in
+//! `foxglove.CompressedImage`; the other Foxglove messages (`views`) only repeat for viewers what
+//! the exact data say, and are never read back.
+
+mod convert;
+mod messages;
+mod picture;
+mod reader;
+mod records;
+mod schema;
+mod sink;
+#[cfg(test)]
+mod tests;
+mod views;
+mod writer;
+
+pub use reader::{LoadedMap, is_map_file, load_map};
+pub use writer::{MapWriter, save_map};
+
+/// The version of the file format that is written, and the only one read.
+pub const FORMAT_VERSION: u32 = 1;
+
+/// The MCAP header's profile: what makes an MCAP file a map.
+const PROFILE: &str = "loopbox.map";
+/// The metadata record that holds the version and the camera.
+const MAP_METADATA: &str = "loopbox.map";
+/// The metadata record that holds the provenance.
+const PROVENANCE_METADATA: &str = "loopbox.provenance";
+
+const KEYFRAME_TOPIC: &str = "/loopbox/keyframe";
+const GRAPH_TOPIC: &str = "/loopbox/graph";
+const IMAGE_TOPIC: &str = "/keyframes/image";
+const CLOUD_TOPIC: &str = "/keyframes/cloud";
+const CALIBRATION_TOPIC: &str = "/camera/calibration";
+const TRANSFORMS_TOPIC: &str = "/tf";
+const TRAJECTORY_TOPIC: &str = "/trajectory";
+
+/// What the name of a keyframe's coordinate frame begins with; its id follows.
+const KEYFRAME_FRAME: &str = "keyframe_";

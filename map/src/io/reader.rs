@@ -1,0 +1,364 @@
+//! Loading maps.
+
+use super::messages::{GraphMessage, KeyframeMessage};
+use super::records::{Stop, read_chunk, read_file};
+use super::{
+    FORMAT_VERSION, GRAPH_TOPIC, IMAGE_TOPIC, KEYFRAME_TOPIC, MAP_METADATA, PROFILE, PROVENANCE_METADATA,
+    convert, picture, views,
+};
+use crate::{Edge, FramePose, Keyframe, KeyframeId, Map, MapError, check};
+use foxglove::messages::CompressedImage;
+use geometry::{GrayImage, Pinhole, Sim3};
+use mcap::records::{Record, op};
+use mcap::{McapError, parse_record};
+use prost::Message;
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::BufReader;
+use std::path::Path;
+use std::sync::Arc;
+
+/// A map from a file, and whether it is all that was to be in the file.
+#[derive(Clone, Debug)]
+pub struct LoadedMap {
+    /// The map.
+    pub map: Map,
+    /// Whether the file is whole: written to its end, and nothing damaged since.
+    pub complete: bool,
+    /// What is missing, for people; empty when complete.
+    pub warnings: Vec<String>,
+}
+
+/// Loads a map file. Of a file that ends early or is damaged in places, what is whole is used:
+/// keyframes with image and depth, and of edges, observations and frames those that refer to them.
+///
+/// # Errors
+/// [`MapError::Read`], [`MapError::Empty`], [`MapError::NotMcap`], [`MapError::NotAMap`],
+/// [`MapError::Version`]; [`MapError::Invalid`] when what is whole contradicts itself.
+pub fn load_map(path: impl AsRef<Path>) -> Result<LoadedMap, MapError> {
+    let path = path.as_ref();
+    let opened = File::open(path).and_then(|file| file.metadata().map(|about| (file, about.len())));
+    let (file, length) = opened.map_err(|source| MapError::read(path, source))?;
+    if length == 0 {
+        return Err(MapError::Empty { path: path.to_owned() });
+    }
+    let mut contents = Contents::default();
+    let end = read_file(&mut BufReader::new(file), length, &mut |opcode, data| contents.record(opcode, data));
+    match end {
+        Ok(()) => {}
+        Err(Stop::Failed(source)) => return Err(MapError::read(path, source)),
+        Err(Stop::Refused(refusal)) => return Err(refusal.at(path)),
+        Err(Stop::Damaged(_)) if !contents.has_header => {
+            return Err(MapError::NotMcap { path: path.to_owned() });
+        }
+        Err(Stop::Damaged(McapError::UnexpectedEof)) => {
+            contents.damage("the file ends early: the run was killed or the disk was full".into());
+        }
+        Err(Stop::Damaged(error)) => contents.damage(format!("the file is damaged: {error}")),
+    }
+    contents.into_map().map_err(|refusal| refusal.at(path))
+}
+
+/// Whether a file says that it is a map, whole or not: what tells a map from a recording.
+pub fn is_map_file(path: impl AsRef<Path>) -> bool {
+    let Ok(file) = File::open(path) else { return false };
+    let length = file.metadata().map_or(0, |about| about.len());
+    // The header is the first record; reading stops with what it says.
+    let first = read_file(&mut BufReader::new(file), length, &mut |opcode, data| {
+        Err(matches!(parse_record(opcode, data), Ok(Record::Header(header)) if header.profile == PROFILE))
+    });
+    matches!(first, Err(Stop::Refused(true)))
+}
+
+/// Why a file cannot be loaded.
+#[derive(Debug)]
+enum Refusal {
+    NotAMap,
+    Version(String),
+    Invalid(String),
+}
+
+impl From<String> for Refusal {
+    fn from(what: String) -> Self {
+        Self::Invalid(what)
+    }
+}
+
+impl Refusal {
+    /// The error for the file `path`.
+    fn at(self, path: &Path) -> MapError {
+        let path = path.to_owned();
+        match self {
+            Self::NotAMap => MapError::NotAMap { path },
+            Self::Version(found) => MapError::Version { path, found, supported: FORMAT_VERSION },
+            Self::Invalid(what) => MapError::Invalid { path, what },
+        }
+    }
+}
+
+/// Which message a channel carries; other channels are for viewers.
+#[derive(Clone, Copy)]
+enum Kind {
+    Image,
+    Keyframe,
+    Graph,
+}
+
+/// What was read so far.
+#[derive(Default)]
+struct Contents {
+    has_header: bool,
+    camera: Option<Pinhole>,
+    provenance: BTreeMap<String, String>,
+    channels: BTreeMap<u16, Kind>,
+    images: BTreeMap<KeyframeId, Arc<GrayImage>>,
+    keyframes: BTreeMap<KeyframeId, Keyframe>,
+    poses: BTreeMap<KeyframeId, Sim3>,
+    edges: Vec<Edge>,
+    frames: Vec<FramePose>,
+    warnings: Vec<String>,
+}
+
+impl Contents {
+    /// Remembers that something is missing.
+    fn damage(&mut self, what: String) {
+        self.warnings.push(what);
+    }
+
+    /// Whether something is missing.
+    fn is_damaged(&self) -> bool {
+        !self.warnings.is_empty()
+    }
+
+    /// Takes a record of the file.
+    fn record(&mut self, opcode: u8, data: &[u8]) -> Result<(), Refusal> {
+        match opcode {
+            op::HEADER | op::METADATA => match parse_record(opcode, data) {
+                Ok(Record::Header(header)) if header.profile != PROFILE => return Err(Refusal::NotAMap),
+                Ok(Record::Header(_)) => self.has_header = true,
+                Ok(Record::Metadata(about)) => self.metadata(&about.name, about.metadata)?,
+                Ok(_) => {}
+                Err(error) => self.damage(format!("the file is damaged near its beginning: {error}")),
+            },
+            op::CHUNK => match read_chunk(data, &mut |opcode, data| self.chunk_record(opcode, data)) {
+                Ok(()) => {}
+                Err(Stop::Refused(refusal)) => return Err(refusal),
+                Err(Stop::Damaged(error)) => self.damage(format!("a damaged part was left out: {error}")),
+                Err(Stop::Failed(error)) => self.damage(format!("a part was left out: {error}")),
+            },
+            // Indexes and the end: the data come in order, so nothing is looked up.
+            _ => {}
+        }
+        Ok(())
+    }
+
+    /// Takes a metadata record.
+    fn metadata(&mut self, name: &str, entries: BTreeMap<String, String>) -> Result<(), Refusal> {
+        match name {
+            MAP_METADATA => {
+                let format = entries.get("format").cloned().unwrap_or_else(|| "unknown".into());
+                if format != FORMAT_VERSION.to_string() {
+                    return Err(Refusal::Version(format));
+                }
+                let camera = camera_from_text(&entries)
+                    .ok_or_else(|| "the camera is missing or is not made of numbers".to_owned())?;
+                check::camera(&camera)?;
+                self.camera = Some(camera);
+            }
+            PROVENANCE_METADATA => self.provenance = entries,
+            _ => {}
+        }
+        Ok(())
+    }
+
+    /// Takes a record of a chunk.
+    fn chunk_record(&mut self, opcode: u8, data: &[u8]) -> Result<(), Refusal> {
+        if !matches!(opcode, op::CHANNEL | op::MESSAGE) {
+            return Ok(());
+        }
+        let record = parse_record(opcode, data);
+        match record.map_err(|error| format!("a message cannot be read: {error}"))? {
+            Record::Channel(channel) => {
+                let kind = match channel.topic.as_str() {
+                    IMAGE_TOPIC => Kind::Image,
+                    KEYFRAME_TOPIC => Kind::Keyframe,
+                    GRAPH_TOPIC => Kind::Graph,
+                    _ => return Ok(()),
+                };
+                self.channels.insert(channel.id, kind);
+            }
+            Record::Message { header, data } => match self.channels.get(&header.channel_id) {
+                Some(Kind::Image) => self.image(&data)?,
+                Some(Kind::Keyframe) => self.keyframe(&data)?,
+                Some(Kind::Graph) => self.graph(&data)?,
+                None => {}
+            },
+            _ => {}
+        }
+        Ok(())
+    }
+
+    /// Takes a keyframe's image.
+    fn image(&mut self, data: &[u8]) -> Result<(), String> {
+        let camera = self.camera()?;
+        let message =
+            CompressedImage::decode(data).map_err(|error| format!("an image cannot be read: {error}"))?;
+        let id = views::keyframe_of_frame(&message.frame_id)
+            .ok_or_else(|| format!("an image belongs to \"{}\", which is no keyframe", message.frame_id))?;
+        let image = picture::decode_png(&message.data, camera.width, camera.height)
+            .map_err(|what| format!("the image of keyframe {} cannot be used: {what}", id.0))?;
+        self.images.insert(id, Arc::new(image));
+        Ok(())
+    }
+
+    /// Takes a keyframe, in place of an earlier one of that id.
+    fn keyframe(&mut self, data: &[u8]) -> Result<(), String> {
+        let message =
+            KeyframeMessage::decode(data).map_err(|error| format!("a keyframe cannot be read: {error}"))?;
+        let id = KeyframeId(message.id);
+        let Some(image) = self.images.get(&id) else {
+            let what = format!("keyframe {} has no image", id.0);
+            return if self.is_damaged() {
+                self.damage(what + " and was left out");
+                Ok(())
+            } else {
+                Err(what)
+            };
+        };
+        let keyframe = convert::keyframe_from_message(message, Arc::clone(image))?;
+        self.poses.insert(id, keyframe.world_from_keyframe);
+        self.keyframes.insert(id, keyframe);
+        Ok(())
+    }
+
+    /// Takes a change of the graph.
+    fn graph(&mut self, data: &[u8]) -> Result<(), String> {
+        let message =
+            GraphMessage::decode(data).map_err(|error| format!("a graph cannot be read: {error}"))?;
+        self.poses.extend(convert::poses_from_message(&message)?);
+        for id in &message.removed_keyframe {
+            self.keyframes.remove(&KeyframeId(*id));
+            self.poses.remove(&KeyframeId(*id));
+        }
+        let edges = convert::edges_from_message(&message)?;
+        let frames = convert::frames_from_message(&message)?;
+        let edges = replace_tail(&mut self.edges, message.edge_offset, edges);
+        let frames = replace_tail(&mut self.frames, message.frame_offset, frames);
+        if edges && frames {
+            return Ok(());
+        }
+        let what = "a list of edges or frames lacks its beginning";
+        if !self.is_damaged() {
+            return Err(what.into());
+        }
+        self.damage(format!("{what}, which was in a damaged part; the rest of it was left out"));
+        Ok(())
+    }
+
+    /// The camera; it comes before all messages.
+    fn camera(&self) -> Result<Pinhole, String> {
+        self.camera.ok_or_else(|| "the camera is missing".into())
+    }
+
+    /// The map, checked.
+    fn into_map(mut self) -> Result<LoadedMap, Refusal> {
+        let mut map = Map::new(self.camera()?);
+        for (id, mut keyframe) in std::mem::take(&mut self.keyframes) {
+            if let Some(pose) = self.poses.get(&id) {
+                keyframe.world_from_keyframe = *pose;
+            }
+            check::keyframe(&keyframe, &map.camera)?;
+            map.keyframes.insert(id, keyframe);
+        }
+        self.edges.iter().try_for_each(check::edge)?;
+        self.frames.iter().try_for_each(check::frame)?;
+        (map.edges, map.frames, map.provenance) = (self.edges, self.frames, self.provenance);
+        let complete = self.warnings.is_empty();
+        if !complete {
+            self.warnings.extend(drop_dangling(&mut map));
+            self.warnings.push(format!("{} keyframes were loaded", map.keyframes.len()));
+        }
+        Ok(LoadedMap { map, complete, warnings: self.warnings })
+    }
+}
+
+/// Puts `tail` in place of what `list` has from `offset` on; false when the list is shorter than that.
+fn replace_tail<T>(list: &mut Vec<T>, offset: u64, tail: Vec<T>) -> bool {
+    let Some(offset) = usize::try_from(offset).ok().filter(|&offset| offset <= list.len()) else {
+        return false;
+    };
+    list.truncate(offset);
+    list.extend(tail);
+    true
+}
+
+/// Takes out of a damaged map what refers to keyframes that were lost; says how much.
+fn drop_dangling(map: &mut Map) -> Option<String> {
+    let known: Vec<KeyframeId> = map.keyframes.keys().copied().collect();
+    let is_known = |id: &KeyframeId| known.binary_search(id).is_ok();
+    let before = (map.edges.len(), map.frames.len());
+    map.edges.retain(|edge| is_known(&edge.from) && is_known(&edge.to));
+    map.frames.retain(|frame| is_known(&frame.reference));
+    for point in map.keyframes.values_mut().flat_map(|keyframe| &mut keyframe.points) {
+        point.observations.retain(|observation| is_known(&observation.keyframe));
+    }
+    let (edges, frames) = (before.0 - map.edges.len(), before.1 - map.frames.len());
+    (edges + frames > 0)
+        .then(|| format!("{edges} edges and {frames} frames belong to missing keyframes and were left out"))
+}
+
+/// The camera from its text.
+fn camera_from_text(entries: &BTreeMap<String, String>) -> Option<Pinhole> {
+    let pixels = |key| entries.get(key)?.parse().ok();
+    let number = |key| entries.get(key)?.parse().ok();
+    Some(Pinhole {
+        width: pixels("width")?,
+        height: pixels("height")?,
+        fx: number("fx")?,
+        fy: number("fy")?,
+        cx: number("cx")?,
+        cy: number("cy")?,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::test_support::{Numbers, sample_map};
+
+    /// Messages behind a right checksum may still be nonsense: whatever they hold, loading says yes
+    /// or no.
+    #[test]
+    fn changed_messages_never_panic() {
+        let map = sample_map(2);
+        let keyframe = map.keyframes.values().next().unwrap();
+        let image = views::image(keyframe, picture::encode_png(&keyframe.image).unwrap()).encode_to_vec();
+        let depth = convert::keyframe_to_message(keyframe).encode_to_vec();
+        let mut graph = GraphMessage::default();
+        map.edges.iter().for_each(|edge| convert::push_edge(&mut graph, edge));
+        map.frames.iter().for_each(|frame| convert::push_frame(&mut graph, frame));
+        let graph = graph.encode_to_vec();
+        let mut numbers = Numbers::new(5);
+        let mut below = |limit: usize| (numbers.next() * limit as f64) as usize;
+        let mut outcomes = [0, 0];
+        for round in 0..3000 {
+            let mut messages = [image.clone(), depth.clone(), graph.clone()];
+            let changed = &mut messages[round % 3];
+            for _ in 0..=below(3) {
+                let at = below(changed.len());
+                changed[at] = below(256) as u8;
+            }
+            if below(4) == 0 {
+                changed.truncate(below(changed.len()));
+            }
+            let mut contents = Contents { camera: Some(map.camera), ..Default::default() };
+            let taken = contents
+                .image(&messages[0])
+                .and_then(|()| contents.keyframe(&messages[1]))
+                .and_then(|()| contents.graph(&messages[2]));
+            let loaded = taken.map_err(Refusal::from).and_then(|()| contents.into_map());
+            outcomes[usize::from(loaded.is_ok())] += 1;
+        }
+        assert!(outcomes[0] > 300 && outcomes[1] > 300, "{outcomes:?}");
+    }
+}

@@ -1,0 +1,243 @@
+//! The messages of a map in order, into any stream.
+
+use super::messages::GraphMessage;
+use super::schema::{GRAPH_SCHEMA, KEYFRAME_SCHEMA, descriptor_set};
+use super::{
+    CALIBRATION_TOPIC, CLOUD_TOPIC, FORMAT_VERSION, GRAPH_TOPIC, IMAGE_TOPIC, KEYFRAME_TOPIC, MAP_METADATA,
+    PROFILE, PROVENANCE_METADATA, TRAJECTORY_TOPIC, TRANSFORMS_TOPIC, convert, picture, views,
+};
+use crate::{Edge, FramePose, Keyframe, KeyframeId, Map};
+use foxglove::Encode;
+use foxglove::messages::{CameraCalibration, CompressedImage, FrameTransforms, PointCloud, PosesInFrame};
+use geometry::{Pinhole, Sim3};
+use mcap::records::{MessageHeader, Metadata};
+use mcap::{McapError, WriteOptions};
+use std::collections::{BTreeMap, BTreeSet};
+use std::io::{self, Seek, Write};
+
+/// Edges in one message, so that no message outgrows what readers take in one piece.
+const EDGES_PER_MESSAGE: usize = 1 << 14;
+/// Frames in one message.
+const FRAMES_PER_MESSAGE: usize = 1 << 16;
+
+/// Writes a map message by message and knows what it has written.
+pub(super) struct MapSink<W: Write + Seek> {
+    mcap: mcap::Writer<W>,
+    channels: Channels,
+    images: BTreeSet<KeyframeId>,
+    poses: BTreeMap<KeyframeId, Sim3>,
+    edges: Vec<Edge>,
+    frames: Vec<FramePose>,
+}
+
+/// The channel of each topic.
+struct Channels {
+    keyframe: u16,
+    graph: u16,
+    image: u16,
+    cloud: u16,
+    calibration: u16,
+    transforms: u16,
+    trajectory: u16,
+}
+
+impl<W: Write + Seek> MapSink<W> {
+    /// Begins a file: what it is, the camera and the provenance are on the stream when this returns.
+    pub(super) fn create(
+        out: W,
+        camera: &Pinhole,
+        provenance: &BTreeMap<String, String>,
+    ) -> io::Result<Self> {
+        // Chunks are put together in memory and end where `flush` says: what is on the stream is
+        // whole at any time, and a chunk holds a keyframe.
+        let options = WriteOptions::new()
+            .compression(Some(mcap::Compression::Lz4))
+            .chunk_size(None)
+            .disable_seeking(true)
+            .profile(PROFILE)
+            .library(concat!("loopbox ", env!("CARGO_PKG_VERSION")));
+        let mut mcap = options.create(out).map_err(io_error)?;
+        let about = Metadata { name: MAP_METADATA.into(), metadata: camera_to_text(camera) };
+        mcap.write_metadata(&about).map_err(io_error)?;
+        let origin = Metadata { name: PROVENANCE_METADATA.into(), metadata: provenance.clone() };
+        mcap.write_metadata(&origin).map_err(io_error)?;
+        let channels = Channels::register(&mut mcap).map_err(io_error)?;
+        mcap.flush().map_err(io_error)?;
+        let (images, poses) = Default::default();
+        Ok(Self { mcap, channels, images, poses, edges: Vec::new(), frames: Vec::new() })
+    }
+
+    /// Writes a keyframe. Its image is written once; depth, points and pose replace earlier ones.
+    pub(super) fn keyframe(&mut self, keyframe: &Keyframe) -> io::Result<()> {
+        if !self.images.contains(&keyframe.id) {
+            let image = views::image(keyframe, picture::encode_png(&keyframe.image)?);
+            self.message(self.channels.image, keyframe.timestamp, &image)?;
+            self.images.insert(keyframe.id);
+        }
+        let message = convert::keyframe_to_message(keyframe);
+        self.message(self.channels.keyframe, keyframe.timestamp, &message)?;
+        self.poses.insert(keyframe.id, keyframe.world_from_keyframe);
+        Ok(())
+    }
+
+    /// Writes what has changed in the graph: poses that are new, and edges and frames from the first
+    /// one on that is not as it was written.
+    pub(super) fn graph(&mut self, map: &Map) -> io::Result<()> {
+        let mut message = GraphMessage::default();
+        for (id, keyframe) in &map.keyframes {
+            if self.poses.get(id) != Some(&keyframe.world_from_keyframe) {
+                message.keyframe_id.push(id.0);
+                message.world_from_keyframe.extend(convert::sim3_to_numbers(&keyframe.world_from_keyframe));
+                self.poses.insert(*id, keyframe.world_from_keyframe);
+            }
+        }
+        let removed = self.poses.keys().filter(|id| !map.keyframes.contains_key(id));
+        message.removed_keyframe = removed.map(|id| id.0).collect();
+        self.poses.retain(|id, _| map.keyframes.contains_key(id));
+
+        let time = map.frames.last().map(|frame| frame.timestamp);
+        let time =
+            time.or(map.keyframes.values().next_back().map(|keyframe| keyframe.timestamp)).unwrap_or(0.0);
+        let mut edges = Tail::new(&self.edges, &map.edges);
+        let mut frames = Tail::new(&self.frames, &map.frames);
+        let mut changed = !message.keyframe_id.is_empty()
+            || !message.removed_keyframe.is_empty()
+            || edges.changed
+            || frames.changed;
+        while changed {
+            message.edge_offset = edges.start as u64;
+            edges.take(EDGES_PER_MESSAGE).iter().for_each(|edge| convert::push_edge(&mut message, edge));
+            message.frame_offset = frames.start as u64;
+            frames.take(FRAMES_PER_MESSAGE).iter().for_each(|frame| convert::push_frame(&mut message, frame));
+            self.message(self.channels.graph, time, &message)?;
+            message = GraphMessage::default();
+            changed = !edges.is_done() || !frames.is_done();
+        }
+        self.edges.clone_from(&map.edges);
+        self.frames.clone_from(&map.frames);
+        Ok(())
+    }
+
+    /// Writes what only viewers use: calibration, transforms, trajectory, and a cloud a keyframe.
+    pub(super) fn views(&mut self, map: &Map) -> io::Result<()> {
+        let starts =
+            map.keyframes.values().map(|k| k.timestamp).chain(map.frames.iter().map(|f| f.timestamp));
+        let start = starts.min_by(f64::total_cmp).unwrap_or(0.0);
+        self.message(self.channels.calibration, start, &views::calibration(&map.camera, start))?;
+        self.message(self.channels.transforms, start, &views::keyframe_transforms(map, start))?;
+        self.message(self.channels.trajectory, start, &views::trajectory(map, start))?;
+        for pose in map.trajectory() {
+            let transform = views::camera_transform(&pose.world_from_camera, pose.timestamp);
+            self.message(self.channels.transforms, pose.timestamp, &transform)?;
+        }
+        self.flush()?;
+        for keyframe in map.keyframes.values() {
+            self.message(self.channels.cloud, keyframe.timestamp, &views::cloud(keyframe, &map.camera))?;
+            self.flush()?;
+        }
+        Ok(())
+    }
+
+    /// Puts everything written so far on the stream, readable whatever comes next.
+    pub(super) fn flush(&mut self) -> io::Result<()> {
+        self.mcap.flush().map_err(io_error)
+    }
+
+    /// Ends the file with its index.
+    pub(super) fn finish(&mut self) -> io::Result<()> {
+        self.mcap.finish().map(drop).map_err(io_error)
+    }
+
+    /// Writes one message at a time in seconds.
+    fn message(&mut self, channel_id: u16, time: f64, message: &impl prost::Message) -> io::Result<()> {
+        let log_time = views::nanoseconds(time);
+        let header = MessageHeader { channel_id, sequence: 0, log_time, publish_time: log_time };
+        self.mcap.write_to_known_channel(&header, &message.encode_to_vec()).map_err(io_error)
+    }
+}
+
+/// The part of a list that is not as it was written.
+struct Tail<'a, T> {
+    list: &'a [T],
+    start: usize,
+    changed: bool,
+}
+
+impl<'a, T: PartialEq> Tail<'a, T> {
+    /// The tail of `list` after what it has in common with `written`.
+    fn new(written: &[T], list: &'a [T]) -> Self {
+        let start = written.iter().zip(list).take_while(|(old, new)| old == new).count();
+        Self { list, start, changed: start < list.len() || start < written.len() }
+    }
+
+    /// The next `count` items, or as many as are left.
+    fn take(&mut self, count: usize) -> &'a [T] {
+        let end = self.list.len().min(self.start + count);
+        let items = &self.list[self.start..end];
+        self.start = end;
+        items
+    }
+
+    /// Whether no item is left.
+    fn is_done(&self) -> bool {
+        self.start == self.list.len()
+    }
+}
+
+impl Channels {
+    /// Adds all channels, in an order that is always the same.
+    fn register<W: Write + Seek>(mcap: &mut mcap::Writer<W>) -> Result<Self, McapError> {
+        let own = descriptor_set();
+        Ok(Self {
+            keyframe: add_channel(mcap, KEYFRAME_TOPIC, KEYFRAME_SCHEMA, &own)?,
+            graph: add_channel(mcap, GRAPH_TOPIC, GRAPH_SCHEMA, &own)?,
+            image: add_foxglove::<CompressedImage, W>(mcap, IMAGE_TOPIC)?,
+            cloud: add_foxglove::<PointCloud, W>(mcap, CLOUD_TOPIC)?,
+            calibration: add_foxglove::<CameraCalibration, W>(mcap, CALIBRATION_TOPIC)?,
+            transforms: add_foxglove::<FrameTransforms, W>(mcap, TRANSFORMS_TOPIC)?,
+            trajectory: add_foxglove::<PosesInFrame, W>(mcap, TRAJECTORY_TOPIC)?,
+        })
+    }
+}
+
+/// Adds a channel for a message of Foxglove's.
+fn add_foxglove<T: Encode, W: Write + Seek>(
+    mcap: &mut mcap::Writer<W>,
+    topic: &str,
+) -> Result<u16, McapError> {
+    let schema = T::get_schema().ok_or_else(|| io::Error::other(format!("{topic} has no schema")))?;
+    add_channel(mcap, topic, &schema.name, &schema.data)
+}
+
+/// Adds a channel of protobuf messages.
+fn add_channel<W: Write + Seek>(
+    mcap: &mut mcap::Writer<W>,
+    topic: &str,
+    schema: &str,
+    descriptors: &[u8],
+) -> Result<u16, McapError> {
+    let schema = mcap.add_schema(schema, "protobuf", descriptors)?;
+    mcap.add_channel(schema, topic, "protobuf", &BTreeMap::new())
+}
+
+/// The version and the camera as text; numbers have the digits it takes to read them back.
+fn camera_to_text(camera: &Pinhole) -> BTreeMap<String, String> {
+    let entries = [
+        ("format", FORMAT_VERSION.to_string()),
+        ("width", camera.width.to_string()),
+        ("height", camera.height.to_string()),
+        ("fx", camera.fx.to_string()),
+        ("fy", camera.fy.to_string()),
+        ("cx", camera.cx.to_string()),
+        ("cy", camera.cy.to_string()),
+    ];
+    entries.into_iter().map(|(key, value)| (key.to_owned(), value)).collect()
+}
+
+/// The system's error inside of an error of the MCAP writer.
+fn io_error(error: McapError) -> io::Error {
+    match error {
+        McapError::Io(error) => error,
+        other => io::Error::other(other),
+    }
+}

@@ -1,0 +1,318 @@
+//! What a map file survives.
+
+use super::*;
+use crate::test_support::{Numbers, sample_map};
+use crate::{Keyframe, KeyframeId, Map, MapError};
+use std::fs;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// A folder that goes away with the test.
+struct Folder(tempfile::TempDir);
+
+impl Folder {
+    fn new() -> Self {
+        Self(tempfile::tempdir().unwrap())
+    }
+
+    fn file(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    /// Loads a file of these bytes.
+    fn load(&self, bytes: &[u8]) -> Result<LoadedMap, MapError> {
+        let path = self.file("bytes.mcap");
+        fs::write(&path, bytes).unwrap();
+        load_map(&path)
+    }
+
+    /// The bytes of a map's file.
+    fn bytes(&self, map: &Map) -> Vec<u8> {
+        let path = self.file("map.mcap");
+        save_map(&path, map).unwrap();
+        fs::read(&path).unwrap()
+    }
+}
+
+/// The map's first keyframe.
+fn first(map: &mut Map) -> &mut Keyframe {
+    map.keyframes.values_mut().next().unwrap()
+}
+
+#[test]
+fn loads_back_equal_and_saves_the_same_bytes() {
+    let folder = Folder::new();
+    for keyframes in [0, 1, 6] {
+        let map = sample_map(keyframes);
+        let bytes = folder.bytes(&map);
+        let loaded = folder.load(&bytes).unwrap();
+        assert!(loaded.complete, "{:?}", loaded.warnings);
+        assert_eq!(loaded.map, map);
+        assert_eq!(folder.bytes(&loaded.map), bytes);
+    }
+}
+
+#[test]
+fn every_bit_of_a_number_comes_back() {
+    let folder = Folder::new();
+    let mut map = sample_map(1);
+    let keyframe = first(&mut map);
+    let odd = [f32::MIN_POSITIVE / 3.0, f32::MAX, 1.0 + f32::EPSILON];
+    keyframe.semi_dense.inverse_depth[..3].copy_from_slice(&odd);
+    keyframe.semi_dense.variance[..3].copy_from_slice(&[0.0, f32::MAX, f32::MIN_POSITIVE]);
+    keyframe.points[0].pixel = [-0.0, 1.0 / 3.0];
+    // A rotation as it is after many products: not quite of unit length.
+    let drifted = keyframe.world_from_keyframe.rotation.into_inner() * (1.0 + 1e-9);
+    keyframe.world_from_keyframe.rotation = nalgebra::UnitQuaternion::new_unchecked(drifted);
+    let loaded = folder.load(&folder.bytes(&map)).unwrap().map;
+    assert_eq!(loaded, map);
+    let (loaded, saved) = (&loaded.keyframes[&KeyframeId(1)], &map.keyframes[&KeyframeId(1)]);
+    let bits = |keyframe: &Keyframe| {
+        keyframe.semi_dense.inverse_depth.iter().map(|d| d.to_bits()).collect::<Vec<_>>()
+    };
+    assert_eq!(bits(loaded), bits(saved));
+    assert_eq!(loaded.points[0].pixel[0].to_bits(), (-0.0f32).to_bits());
+    let norm = |keyframe: &Keyframe| keyframe.world_from_keyframe.rotation.quaternion().norm().to_bits();
+    assert_eq!(norm(loaded), norm(saved));
+}
+
+#[test]
+fn a_file_cut_anywhere_gives_its_whole_keyframes() {
+    let folder = Folder::new();
+    let map = sample_map(4);
+    let bytes = folder.bytes(&map);
+    let (mut loaded, mut most) = (0, 0);
+    for length in (0..bytes.len()).step_by(97).chain([bytes.len() - 1]) {
+        match folder.load(&bytes[..length]) {
+            Ok(part) => {
+                assert!(!part.complete && !part.warnings.is_empty(), "cut at {length}");
+                assert!(part.map.keyframes.len() >= most, "a longer file has no less");
+                most = part.map.keyframes.len();
+                loaded += 1;
+                for (id, keyframe) in &part.map.keyframes {
+                    assert_eq!(keyframe.semi_dense, map.keyframes[id].semi_dense);
+                    assert_eq!(keyframe.image, map.keyframes[id].image);
+                }
+                let known = |id: &KeyframeId| part.map.keyframes.contains_key(id);
+                assert!(part.map.edges.iter().all(|edge| known(&edge.from) && known(&edge.to)));
+                assert!(part.map.frames.iter().all(|frame| known(&frame.reference)));
+            }
+            Err(error) => assert!(length < 1000, "cut at {length}: {error}"),
+        }
+    }
+    assert_eq!(most, 4);
+    assert!(loaded > 50);
+}
+
+#[test]
+fn a_changed_byte_never_panics_and_is_always_noticed() {
+    let folder = Folder::new();
+    let map = sample_map(3);
+    let bytes = folder.bytes(&map);
+    let mut numbers = Numbers::new(3);
+    let (mut partial, mut refused) = (0, 0);
+    // All of the first bytes (header, version, camera), then samples.
+    let positions = (0..600).chain((600..bytes.len()).step_by(61));
+    for position in positions {
+        let mut changed = bytes.clone();
+        changed[position] ^= 1 + (numbers.next() * 255.0) as u8;
+        match folder.load(&changed) {
+            // The index at the end repeats what the data say and is not needed.
+            Ok(loaded) if loaded.complete => assert_eq!(loaded.map, map, "byte {position}"),
+            Ok(_) => partial += 1,
+            Err(error) => {
+                assert!(error.to_string().contains("bytes.mcap"), "{error}");
+                refused += 1;
+            }
+        }
+    }
+    assert!(partial > 50 && refused > 20, "{partial} partial, {refused} refused");
+}
+
+#[test]
+fn bytes_between_records_never_panic() {
+    let folder = Folder::new();
+    let bytes = folder.bytes(&sample_map(2));
+    let mut numbers = Numbers::new(11);
+    for _ in 0..300 {
+        let mut changed = bytes.clone();
+        let at = (numbers.next() * changed.len() as f64) as usize;
+        let count = (numbers.next() * 40.0) as usize;
+        let end = (at + count).min(changed.len());
+        if numbers.next() < 0.5 {
+            changed.drain(at..end);
+        } else {
+            changed.splice(at..at, vec![0xff; count]);
+        }
+        // Either outcome is fine; a panic is not.
+        let _ = folder.load(&changed);
+    }
+}
+
+#[test]
+fn what_is_no_map_is_told_apart() {
+    let folder = Folder::new();
+    assert!(matches!(folder.load(b""), Err(MapError::Empty { .. })));
+    assert!(matches!(folder.load(b"ply\nformat"), Err(MapError::NotMcap { .. })));
+    assert!(matches!(load_map(folder.file("none.mcap")), Err(MapError::Read { .. })));
+    assert!(matches!(load_map(folder.0.path()), Err(MapError::Read { .. })));
+    let recording = folder.file("recording.mcap");
+    mcap::Writer::new(fs::File::create(&recording).unwrap()).unwrap().finish().unwrap();
+    assert!(matches!(load_map(&recording), Err(MapError::NotAMap { .. })));
+    assert!(!is_map_file(&recording) && !is_map_file(folder.file("none.mcap")));
+    folder.bytes(&sample_map(1));
+    assert!(is_map_file(folder.file("map.mcap")));
+}
+
+#[test]
+fn another_version_is_refused_by_name() {
+    let folder = Folder::new();
+    let mut bytes = folder.bytes(&sample_map(1));
+    let key = bytes.windows(6).position(|window| window == b"format").unwrap();
+    // The value follows the key: a length of four bytes, then the text.
+    assert_eq!(&bytes[key + 6..key + 11], b"\x01\x00\x00\x001");
+    bytes[key + 10] = b'7';
+    let error = folder.load(&bytes).unwrap_err();
+    assert!(matches!(&error, MapError::Version { found, .. } if found == "7"), "{error}");
+    assert!(error.to_string().contains("format 7"), "{error}");
+}
+
+/// Asserts that the map changed by `spoil` is refused with a text that holds `words`.
+#[track_caller]
+fn assert_refused(spoil: impl FnOnce(&mut Map), words: &str) {
+    let folder = Folder::new();
+    let mut map = sample_map(2);
+    let path = folder.file("map.mcap");
+    save_map(&path, &map).unwrap();
+    let before = fs::read(&path).unwrap();
+    spoil(&mut map);
+    let error = save_map(&path, &map).unwrap_err().to_string();
+    assert!(error.contains(words) && error.contains("map.mcap"), "{error}");
+    assert_eq!(fs::read(&path).unwrap(), before);
+}
+
+#[test]
+fn contradictions_are_refused_with_their_place() {
+    assert_refused(|map| first(map).world_from_keyframe.translation.x = f64::NAN, "keyframe 1: its pose");
+    assert_refused(|map| first(map).world_from_keyframe.scale = 0.0, "scale 0");
+    assert_refused(|map| first(map).semi_dense.variance.truncate(2), "2 variances");
+    assert_refused(|map| *first(map).semi_dense.pixel.last_mut().unwrap() = 24 * 18, "outside of the image");
+    assert_refused(|map| first(map).semi_dense.pixel[1] = 0, "ascending");
+    assert_refused(|map| first(map).semi_dense.inverse_depth[0] = -1.0, "inverse depth -1");
+    assert_refused(|map| first(map).points[1].observations[0].pixel[0] = f32::NAN, "point 1");
+    assert_refused(|map| first(map).image = Arc::new(geometry::GrayImage::filled(3, 3, 0)), "3×3");
+    assert_refused(|map| map.frames[3].keyframe_from_frame.translation.z = f64::INFINITY, "frame 3");
+    assert_refused(|map| map.edges[0].information[(2, 3)] = f64::NAN, "edge from keyframe 1 to 4");
+    assert_refused(|map| map.camera.fx = f64::NAN, "camera");
+}
+
+/// Loads what a sink writes without the checks of `save_map`.
+fn load_unchecked(map: &Map) -> Result<LoadedMap, MapError> {
+    let mut out = std::io::Cursor::new(Vec::new());
+    let mut sink = sink::MapSink::create(&mut out, &map.camera, &map.provenance).unwrap();
+    map.keyframes.values().for_each(|keyframe| sink.keyframe(keyframe).unwrap());
+    sink.graph(map).unwrap();
+    sink.finish().unwrap();
+    drop(sink);
+    Folder::new().load(&out.into_inner())
+}
+
+#[test]
+fn a_loaded_map_is_checked_too() {
+    type Spoil = fn(&mut Map);
+    let spoil: [(Spoil, &str); 5] = [
+        (|map| first(map).world_from_keyframe.translation.x = f64::NAN, "not finite"),
+        (|map| first(map).semi_dense.variance.truncate(2), "2 variances"),
+        (|map| *first(map).semi_dense.pixel.last_mut().unwrap() = 24 * 18, "outside of the image"),
+        (|map| map.frames[3].timestamp = f64::NAN, "time stamp"),
+        (|map| first(map).image = Arc::new(geometry::GrayImage::filled(3, 3, 0)), "3×3"),
+    ];
+    for (spoil, words) in spoil {
+        let mut map = sample_map(2);
+        spoil(&mut map);
+        let error = load_unchecked(&map).unwrap_err();
+        assert!(matches!(error, MapError::Invalid { .. }) && error.to_string().contains(words), "{error}");
+    }
+}
+
+#[test]
+fn a_killed_run_leaves_what_was_flushed() {
+    let folder = Folder::new();
+    let path = folder.file("map.mcap");
+    let whole = sample_map(4);
+    let mut map = Map { keyframes: Default::default(), edges: vec![], frames: vec![], ..whole.clone() };
+    let mut writer = MapWriter::create(&path, &map.camera, &map.provenance).unwrap();
+    assert_eq!(load_map(&path).unwrap().map, map, "a file without keyframes loads");
+    for (count, (id, keyframe)) in whole.keyframes.iter().enumerate() {
+        writer.append_keyframe(keyframe).unwrap();
+        map.keyframes.insert(*id, keyframe.clone());
+        // The optimiser moves all keyframes and rewrites the latest edge and frames.
+        map.keyframes.values_mut().for_each(|keyframe| keyframe.world_from_keyframe.scale *= 1.1);
+        map.edges = whole.edges[..count].to_vec();
+        map.frames = whole.frames[..5 * count + 2].to_vec();
+        map.frames.iter_mut().rev().take(3).for_each(|frame| frame.keyframe_from_frame.translation.x += 0.1);
+        let known = map.keyframes.clone();
+        for point in map.keyframes.values_mut().flat_map(|keyframe| &mut keyframe.points) {
+            point.observations.retain(|observation| known.contains_key(&observation.keyframe));
+        }
+        map.keyframes.values().for_each(|keyframe| writer.append_keyframe(keyframe).unwrap());
+        writer.append_poses(&map).unwrap();
+        writer.flush().unwrap();
+        let loaded = load_map(&path).unwrap();
+        assert!(!loaded.complete);
+        assert_eq!(loaded.map, map);
+    }
+    // The process ends without any destructor.
+    std::mem::forget(writer);
+    assert_eq!(load_map(&path).unwrap().map, map);
+}
+
+#[test]
+fn keyframes_taken_out_of_the_map_are_taken_out_of_the_file() {
+    let folder = Folder::new();
+    let path = folder.file("map.mcap");
+    let mut map = sample_map(4);
+    let mut writer = MapWriter::create(&path, &map.camera, &map.provenance).unwrap();
+    map.keyframes.values().for_each(|keyframe| writer.append_keyframe(keyframe).unwrap());
+    writer.append_poses(&map).unwrap();
+    map.keyframes.remove(&KeyframeId(4));
+    map.edges.truncate(1);
+    map.frames.truncate(7);
+    writer.append_poses(&map).unwrap();
+    writer.finish().unwrap();
+    let loaded = load_map(&path).unwrap();
+    assert!(loaded.complete);
+    assert_eq!(loaded.map, map);
+}
+
+#[test]
+fn a_writer_may_live_in_its_own_thread() {
+    fn assert_send<T: Send>() {}
+    assert_send::<MapWriter>();
+}
+
+#[test]
+fn unchanged_poses_cost_nothing() {
+    let folder = Folder::new();
+    let path = folder.file("map.mcap");
+    let map = sample_map(3);
+    let mut writer = MapWriter::create(&path, &map.camera, &map.provenance).unwrap();
+    map.keyframes.values().for_each(|keyframe| writer.append_keyframe(keyframe).unwrap());
+    writer.append_poses(&map).unwrap();
+    writer.flush().unwrap();
+    let size = fs::metadata(&path).unwrap().len();
+    writer.append_poses(&map).unwrap();
+    writer.flush().unwrap();
+    assert_eq!(fs::metadata(&path).unwrap().len(), size);
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_full_disk_is_named() {
+    let map = sample_map(2);
+    let full = std::path::Path::new("/dev/full");
+    let error = save_map(full, &map).unwrap_err();
+    assert!(matches!(error, MapError::Write { .. }) && error.to_string().contains("/dev/full"), "{error}");
+    let error = MapWriter::create(full, &map.camera, &map.provenance).err().unwrap();
+    assert!(error.to_string().contains("/dev/full"), "{error}");
+}

@@ -1,0 +1,166 @@
+//! What Foxglove shows: each part of a map in Foxglove's own schemas.
+
+use super::KEYFRAME_FRAME;
+use crate::{DEFAULT_MAX_RELATIVE_VARIANCE, Keyframe, KeyframeId, Map};
+use foxglove::messages::packed_element_field::NumericType;
+use foxglove::messages::{
+    CameraCalibration, CompressedImage, FrameTransform, FrameTransforms, PackedElementField, PointCloud,
+    Pose, PosesInFrame, Quaternion, Timestamp, Vector3,
+};
+use geometry::{Pinhole, Se3};
+
+/// The world's coordinate frame.
+const WORLD: &str = "world";
+/// The moving camera's coordinate frame.
+const CAMERA: &str = "camera";
+/// A keyframe's cloud is thinned to about this many points: enough to look at, a fraction of the
+/// exact data's size.
+const VIEW_POINTS: usize = 8192;
+/// Bytes of a point: x, y, z and confidence as floats, intensity as a byte.
+const POINT_STRIDE: u32 = 17;
+
+/// Nanoseconds of a time stamp in seconds; times before 0 become 0.
+pub(super) fn nanoseconds(seconds: f64) -> u64 {
+    (seconds * 1e9).round() as u64
+}
+
+/// Foxglove's form of a time stamp in seconds.
+fn timestamp(seconds: f64) -> Option<Timestamp> {
+    let nanoseconds = nanoseconds(seconds);
+    let sec = u32::try_from(nanoseconds / 1_000_000_000).unwrap_or(u32::MAX);
+    Some(Timestamp::new(sec, (nanoseconds % 1_000_000_000) as u32))
+}
+
+/// The name of a keyframe's coordinate frame.
+pub(super) fn keyframe_frame(id: KeyframeId) -> String {
+    format!("{KEYFRAME_FRAME}{}", id.0)
+}
+
+/// The keyframe that a coordinate frame belongs to.
+pub(super) fn keyframe_of_frame(name: &str) -> Option<KeyframeId> {
+    name.strip_prefix(KEYFRAME_FRAME)?.parse().ok().map(KeyframeId)
+}
+
+/// The camera without distortion: the images are undistorted.
+pub(super) fn calibration(camera: &Pinhole, time: f64) -> CameraCalibration {
+    let Pinhole { fx, fy, cx, cy, .. } = *camera;
+    CameraCalibration {
+        timestamp: timestamp(time),
+        frame_id: CAMERA.into(),
+        width: u32::try_from(camera.width).unwrap_or(u32::MAX),
+        height: u32::try_from(camera.height).unwrap_or(u32::MAX),
+        k: vec![fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0],
+        r: vec![1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+        p: vec![fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0],
+        ..Default::default()
+    }
+}
+
+/// A keyframe's image; this one is also what the map is read back from.
+pub(super) fn image(keyframe: &Keyframe, png: Vec<u8>) -> CompressedImage {
+    CompressedImage {
+        timestamp: timestamp(keyframe.timestamp),
+        frame_id: keyframe_frame(keyframe.id),
+        data: png.into(),
+        format: "png".into(),
+    }
+}
+
+/// A keyframe's cloud, thinned, in its coordinate frame. Foxglove's frames have no scale, so the
+/// points are in map units.
+pub(super) fn cloud(keyframe: &Keyframe, camera: &Pinhole) -> PointCloud {
+    let points = || keyframe.cloud(camera, DEFAULT_MAX_RELATIVE_VARIANCE);
+    let step = points().count().div_ceil(VIEW_POINTS).max(1);
+    let scale = keyframe.world_from_keyframe.scale;
+    let mut data = Vec::with_capacity(VIEW_POINTS * POINT_STRIDE as usize);
+    for point in points().step_by(step) {
+        for value in point.position.iter() {
+            data.extend(((value * scale) as f32).to_le_bytes());
+        }
+        data.extend(point.confidence.to_le_bytes());
+        data.push(point.intensity);
+    }
+    let field =
+        |name: &str, offset, kind| PackedElementField { name: name.into(), offset, r#type: kind as i32 };
+    PointCloud {
+        timestamp: timestamp(keyframe.timestamp),
+        frame_id: keyframe_frame(keyframe.id),
+        pose: Some(pose(&Se3::identity())),
+        point_stride: POINT_STRIDE,
+        fields: vec![
+            field("x", 0, NumericType::Float32),
+            field("y", 4, NumericType::Float32),
+            field("z", 8, NumericType::Float32),
+            field("confidence", 12, NumericType::Float32),
+            field("intensity", 16, NumericType::Uint8),
+        ],
+        data: data.into(),
+    }
+}
+
+/// Where all keyframes are in the world.
+pub(super) fn keyframe_transforms(map: &Map, time: f64) -> FrameTransforms {
+    let transform = |keyframe: &Keyframe| {
+        transform(keyframe_frame(keyframe.id), &keyframe.world_from_keyframe.rigid(), time)
+    };
+    FrameTransforms { transforms: map.keyframes.values().map(transform).collect() }
+}
+
+/// Where the camera is in the world at a time.
+pub(super) fn camera_transform(world_from_camera: &Se3, time: f64) -> FrameTransforms {
+    FrameTransforms { transforms: vec![transform(CAMERA.into(), world_from_camera, time)] }
+}
+
+/// The whole trajectory.
+pub(super) fn trajectory(map: &Map, time: f64) -> PosesInFrame {
+    let poses = map.trajectory().iter().map(|stamped| pose(&stamped.world_from_camera)).collect();
+    PosesInFrame { timestamp: timestamp(time), frame_id: WORLD.into(), poses }
+}
+
+/// The transform from a coordinate frame to the world.
+fn transform(child: String, world_from_child: &Se3, time: f64) -> FrameTransform {
+    let Pose { position, orientation } = pose(world_from_child);
+    FrameTransform {
+        timestamp: timestamp(time),
+        parent_frame_id: WORLD.into(),
+        child_frame_id: child,
+        translation: position,
+        rotation: orientation,
+    }
+}
+
+/// Foxglove's form of a rigid motion.
+fn pose(motion: &Se3) -> Pose {
+    let [x, y, z, qx, qy, qz, qw] = motion.to_tum();
+    Pose { position: Some(Vector3 { x, y, z }), orientation: Some(Quaternion { x: qx, y: qy, z: qz, w: qw }) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::test_support::sample_map;
+
+    #[test]
+    fn cloud_and_transform_agree_with_the_map() {
+        let map = sample_map(2);
+        let (id, keyframe) = map.keyframes.iter().next_back().unwrap();
+        let cloud = cloud(keyframe, &map.camera);
+        let shown = cloud.data.len() / POINT_STRIDE as usize;
+        let expected: Vec<_> = keyframe.cloud(&map.camera, DEFAULT_MAX_RELATIVE_VARIANCE).collect();
+        assert_eq!(shown, expected.len());
+        let float = |at: usize| f64::from(f32::from_le_bytes(cloud.data[at..at + 4].try_into().unwrap()));
+        let local = nalgebra::Vector3::new(float(0), float(4), float(8));
+        let world = keyframe.world_from_keyframe * expected[0].position;
+        assert!((keyframe.world_from_keyframe.rigid() * local - world).norm() < 1e-5);
+        assert_eq!(keyframe_of_frame(&cloud.frame_id), Some(*id));
+    }
+
+    #[test]
+    fn times_out_of_range_do_not_panic() {
+        for time in [f64::NAN, f64::NEG_INFINITY, -1.0, 1e300] {
+            let _ = timestamp(time);
+        }
+        assert_eq!(nanoseconds(1.5), 1_500_000_000);
+        assert_eq!(nanoseconds(-1.5), 0);
+    }
+}

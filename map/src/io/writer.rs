@@ -1,0 +1,127 @@
+//! Map files: at once at the end of a run, or bit by bit during it.
+
+use super::sink::MapSink;
+use crate::{Keyframe, Map, MapError, atomic::write_atomically, check};
+use geometry::Pinhole;
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{self, BufWriter};
+use std::path::{Path, PathBuf};
+
+/// Writes a complete map file. The file appears when it is whole: on any error, a full disk say, an
+/// earlier file of that name stays as it is. The same map gives the same bytes.
+///
+/// # Errors
+/// [`MapError::Write`] when the system refuses, [`MapError::Invalid`] when the map could not be
+/// loaded again (a pose that is not finite, say).
+pub fn save_map(path: impl AsRef<Path>, map: &Map) -> Result<(), MapError> {
+    let path = path.as_ref();
+    check_map(map).map_err(|what| MapError::invalid(path, what))?;
+    let written = write_atomically(path, |out| {
+        let mut sink = MapSink::create(out, &map.camera, &map.provenance)?;
+        for keyframe in map.keyframes.values() {
+            sink.keyframe(keyframe)?;
+            sink.flush()?;
+        }
+        sink.graph(map)?;
+        sink.flush()?;
+        sink.views(map)?;
+        sink.finish()
+    });
+    written.map_err(|source| MapError::write(path, source))
+}
+
+/// Whether the map can be loaded again.
+fn check_map(map: &Map) -> Result<(), String> {
+    check::camera(&map.camera)?;
+    for (id, keyframe) in &map.keyframes {
+        check::keyframe(keyframe, &map.camera)?;
+        if *id != keyframe.id {
+            return Err(format!("keyframe {} is filed under {}", keyframe.id.0, id.0));
+        }
+    }
+    map.edges.iter().try_for_each(check::edge)?;
+    map.frames.iter().try_for_each(check::frame)
+}
+
+/// Writes a map file during a run, so that a run that is killed leaves what it had.
+///
+/// Everything up to the last [`flush`](Self::flush) loads with [`load_map`](crate::load_map); call it
+/// after each keyframe. The file grows by what is new. Only [`save_map`] adds what viewers show
+/// besides the images; let it replace the file at the end of the run, after this is dropped.
+pub struct MapWriter {
+    path: PathBuf,
+    camera: Pinhole,
+    sink: MapSink<BufWriter<File>>,
+}
+
+impl MapWriter {
+    /// Begins a file in place of an earlier one.
+    ///
+    /// # Errors
+    /// [`MapError::Write`] when the system refuses, [`MapError::Invalid`] for an unusable camera.
+    pub fn create(
+        path: impl AsRef<Path>,
+        camera: &Pinhole,
+        provenance: &BTreeMap<String, String>,
+    ) -> Result<Self, MapError> {
+        let path = path.as_ref();
+        check::camera(camera).map_err(|what| MapError::invalid(path, what))?;
+        let sink = File::create(path)
+            .and_then(|file| MapSink::create(BufWriter::new(file), camera, provenance))
+            .map_err(|source| MapError::write(path, source))?;
+        Ok(Self { path: path.to_owned(), camera: *camera, sink })
+    }
+
+    /// Appends a keyframe, or what has become of it since: depth, points and pose replace those
+    /// written before, the image is written once.
+    ///
+    /// # Errors
+    /// [`MapError::Write`] when the system refuses, [`MapError::Invalid`] when the keyframe could not
+    /// be loaded again; the file stays usable then.
+    pub fn append_keyframe(&mut self, keyframe: &Keyframe) -> Result<(), MapError> {
+        check::keyframe(keyframe, &self.camera).map_err(|what| MapError::invalid(&self.path, what))?;
+        self.written(|sink| sink.keyframe(keyframe))
+    }
+
+    /// Appends the map's keyframe poses, edges and frames as far as they have changed; keyframes that
+    /// the map no longer has are taken out.
+    ///
+    /// # Errors
+    /// As [`append_keyframe`](Self::append_keyframe).
+    pub fn append_poses(&mut self, map: &Map) -> Result<(), MapError> {
+        let poses = map.keyframes.values().try_for_each(|keyframe| {
+            let problem = check::sim3_problem(&keyframe.world_from_keyframe);
+            problem.map_or(Ok(()), |what| Err(format!("keyframe {}: its pose {what}", keyframe.id.0)))
+        });
+        poses
+            .and_then(|()| map.edges.iter().try_for_each(check::edge))
+            .and_then(|()| map.frames.iter().try_for_each(check::frame))
+            .map_err(|what| MapError::invalid(&self.path, what))?;
+        self.written(|sink| sink.graph(map))
+    }
+
+    /// Hands everything appended so far to the system: it survives the end of the process.
+    ///
+    /// # Errors
+    /// [`MapError::Write`], on a full disk say.
+    pub fn flush(&mut self) -> Result<(), MapError> {
+        self.written(MapSink::flush)
+    }
+
+    /// Ends the file with an index, for a run that does not replace it with [`save_map`].
+    ///
+    /// # Errors
+    /// [`MapError::Write`], on a full disk say.
+    pub fn finish(mut self) -> Result<(), MapError> {
+        self.written(MapSink::finish)
+    }
+
+    /// Names the file in errors of `write`.
+    fn written(
+        &mut self,
+        write: impl FnOnce(&mut MapSink<BufWriter<File>>) -> io::Result<()>,
+    ) -> Result<(), MapError> {
+        write(&mut self.sink).map_err(|source| MapError::write(&self.path, source))
+    }
+}

@@ -1,0 +1,103 @@
+//! A small map for the tests of this crate.
+
+use crate::{Edge, EdgeKind, FramePose, Keyframe, KeyframeId, Map, Observation, Point, SemiDense};
+use geometry::{GrayImage, Pinhole, Se3, Sim3};
+use nalgebra::{SMatrix, SVector, Vector6};
+use std::sync::Arc;
+
+/// Numbers that look random and are always the same: xorshift, values in [0, 1).
+pub(crate) struct Numbers(u64);
+
+impl Numbers {
+    /// A series; another seed gives another one.
+    pub(crate) fn new(seed: u64) -> Self {
+        Self(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1)
+    }
+
+    /// The next number.
+    pub(crate) fn next(&mut self) -> f64 {
+        self.0 ^= self.0 << 13;
+        self.0 ^= self.0 >> 7;
+        self.0 ^= self.0 << 17;
+        (self.0 >> 11) as f64 / (1u64 << 53) as f64
+    }
+}
+
+/// A map of `keyframes` keyframes of 24×18 pixels, five frames each, with every kind of edge.
+pub(crate) fn sample_map(keyframes: u32) -> Map {
+    let mut numbers = Numbers::new(7);
+    let mut map = Map::new(Pinhole { width: 24, height: 18, fx: 20.1, fy: 20.3, cx: 11.4, cy: 8.7 });
+    for i in 0..keyframes {
+        // Ids with gaps: a map need not hold every keyframe it ever had.
+        let id = KeyframeId(3 * i + 1);
+        map.keyframes.insert(id, keyframe(id, &map.camera, &mut numbers));
+        map.frames.extend((0..5).map(|k| frame(id, 5 * i + k, &mut numbers)));
+    }
+    let kinds = [EdgeKind::Odometry, EdgeKind::Covisibility, EdgeKind::Loop, EdgeKind::Merge];
+    map.edges = (1..keyframes).map(|i| edge(i, kinds[i as usize % 4], &mut numbers)).collect();
+    map.provenance.insert("source".into(), "a folder with an ümlaut".into());
+    map.provenance.insert("parameters".into(), "[tracking]\nlevels = 5\n".into());
+    map
+}
+
+/// A keyframe with a third of its pixels deep and four points.
+fn keyframe(id: KeyframeId, camera: &Pinhole, numbers: &mut Numbers) -> Keyframe {
+    let count = camera.width * camera.height;
+    let pixels = (0..count).map(|_| (numbers.next() * 256.0) as u8).collect();
+    let mut semi_dense = SemiDense::default();
+    for pixel in 0..count as u32 {
+        if numbers.next() < 0.3 {
+            semi_dense.pixel.push(pixel);
+            semi_dense.inverse_depth.push(0.2 + numbers.next() as f32);
+            semi_dense.variance.push(1e-3 * numbers.next() as f32);
+        }
+    }
+    let tangent = SVector::<f64, 7>::from_fn(|_, _| numbers.next() - 0.5);
+    Keyframe {
+        id,
+        timestamp: 1_305_031_102.175_304 + f64::from(id.0) / 3.0,
+        frame_index: 5 * u64::from(id.0),
+        world_from_keyframe: Sim3::exp(&tangent),
+        image: Arc::new(GrayImage::from_vec(camera.width, camera.height, pixels).unwrap()),
+        semi_dense,
+        points: (0..4).map(|i| point(i, numbers)).collect(),
+    }
+}
+
+/// A point with `observations` observations.
+fn point(observations: u32, numbers: &mut Numbers) -> Point {
+    let mut number = || numbers.next() as f32;
+    let observation = |i| Observation {
+        keyframe: KeyframeId(3 * i + 1),
+        pixel: [20.0 * number(), 15.0 * number()],
+        information: [1.0 + number(), number(), 1.0 + number()],
+    };
+    let observations = (0..observations).map(observation).collect();
+    Point {
+        pixel: [20.0 * number(), 15.0 * number()],
+        inverse_depth: number(),
+        variance: number(),
+        observations,
+    }
+}
+
+/// A frame tracked against `reference`.
+fn frame(reference: KeyframeId, index: u32, numbers: &mut Numbers) -> FramePose {
+    FramePose {
+        timestamp: 1_305_031_102.175_304 + f64::from(index) / 30.0,
+        frame_index: u64::from(index),
+        reference,
+        keyframe_from_frame: Se3::exp(&Vector6::from_fn(|_, _| numbers.next() - 0.5)),
+    }
+}
+
+/// An edge between the keyframes number `index − 1` and `index`.
+fn edge(index: u32, kind: EdgeKind, numbers: &mut Numbers) -> Edge {
+    Edge {
+        from: KeyframeId(3 * index - 2),
+        to: KeyframeId(3 * index + 1),
+        from_from_to: Sim3::exp(&SVector::<f64, 7>::from_fn(|_, _| numbers.next() - 0.5)),
+        information: SMatrix::from_fn(|_, _| numbers.next()),
+        kind,
+    }
+}

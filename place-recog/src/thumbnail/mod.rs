@@ -1,0 +1,116 @@
+//! A simple index by appearance: small blurred images compared by correlation, as in PTAM's
+//! relocaliser (Klein & Murray, ECCV 2008, §3).
+//!
+//! A query is compared with every keyframe; what survives is compared again under small shifts and
+//! turns of the image. It finds views taken from near the old ones, not old places seen from afar.
+
+mod descriptor;
+#[cfg(test)]
+mod real_data;
+#[cfg(test)]
+mod tests;
+
+use descriptor::{LENGTH, Thumbnail};
+use geometry::GrayImage;
+use map::{KeyframeId, PlaceCandidate, PlaceIndex};
+use serde::{Deserialize, Serialize};
+
+/// Parameters of the thumbnail index.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ThumbnailParams {
+    /// How many candidates of the first pass, per one asked for, are compared under shifts and
+    /// turns. Default 6, range 1–100; more finds more turned views and costs a few µs each.
+    pub refined_per_result: usize,
+    /// Shift tried to each side, thumbnail pixels of 1/40 image width. Default 3, range 0–10.
+    pub shift: f32,
+    /// In-plane turn tried to each side, degrees. Default 10, range 0–45.
+    pub turn: f32,
+    /// Least correlation of a candidate, −1…1. Default 0.3; lower returns more false candidates.
+    pub min_score: f32,
+}
+
+impl Default for ThumbnailParams {
+    fn default() -> Self {
+        Self { refined_per_result: 6, shift: 3.0, turn: 10.0, min_score: 0.3 }
+    }
+}
+
+/// Index of keyframes by 40×30 blurred thumbnails: 2,400 bytes a keyframe.
+///
+/// The score is the zero-mean normalised correlation, best over small shifts and turns: 1 for the
+/// same image, whatever its brightness and contrast. Results are the same on any machine; equal
+/// scores are ordered by keyframe.
+#[derive(Clone, Debug, Default)]
+pub struct ThumbnailIndex {
+    params: ThumbnailParams,
+    keyframes: Vec<KeyframeId>,
+    /// One after the other, `LENGTH` numbers each.
+    thumbnails: Vec<i16>,
+}
+
+impl ThumbnailIndex {
+    /// Memory of one keyframe, bytes.
+    pub const BYTES_PER_KEYFRAME: usize = LENGTH * size_of::<i16>() + size_of::<KeyframeId>();
+
+    /// An empty index.
+    pub fn new(params: ThumbnailParams) -> Self {
+        Self { params, ..Default::default() }
+    }
+
+    /// The number of keyframes in it.
+    pub fn len(&self) -> usize {
+        self.keyframes.len()
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.keyframes.is_empty()
+    }
+
+    fn thumbnail(&self, index: usize) -> &[i16] {
+        &self.thumbnails[index * LENGTH..(index + 1) * LENGTH]
+    }
+
+    /// `(score, index)` of all keyframes under the best of the variants, best first.
+    fn ranked(&self, variants: &[Thumbnail], among: impl Iterator<Item = usize>) -> Vec<(f32, usize)> {
+        let score = |index: usize| {
+            let stored = self.thumbnail(index);
+            variants.iter().map(|v| v.correlation(stored)).fold(-1.0, f32::max)
+        };
+        let mut ranked: Vec<(f32, usize)> = among.map(|index| (score(index), index)).collect();
+        let order = |a: &(f32, usize), b: &(f32, usize)| {
+            b.0.total_cmp(&a.0).then(self.keyframes[a.1].cmp(&self.keyframes[b.1]))
+        };
+        ranked.sort_unstable_by(order);
+        ranked
+    }
+}
+
+impl PlaceIndex for ThumbnailIndex {
+    /// Adds a keyframe, or replaces its image. An image without contrast is never found.
+    fn add(&mut self, keyframe: KeyframeId, image: &GrayImage) {
+        let thumbnail = Thumbnail::new(image);
+        match self.keyframes.iter().position(|&id| id == keyframe) {
+            Some(i) => self.thumbnails[i * LENGTH..(i + 1) * LENGTH].copy_from_slice(thumbnail.values()),
+            None => {
+                self.keyframes.push(keyframe);
+                self.thumbnails.extend_from_slice(thumbnail.values());
+            }
+        }
+    }
+
+    fn query(&self, image: &GrayImage, count: usize) -> Vec<PlaceCandidate> {
+        let Some(straight) = Thumbnail::new(image).with_contrast() else { return Vec::new() };
+        let first_pass = self.ranked(std::slice::from_ref(&straight), 0..self.len());
+        let variants = straight.variants(self.params.shift, self.params.turn.to_radians());
+        let survivors = count.saturating_mul(self.params.refined_per_result.max(1));
+        let refined = self.ranked(&variants, first_pass.into_iter().take(survivors).map(|(_, index)| index));
+        refined
+            .into_iter()
+            .take_while(|&(score, _)| score >= self.params.min_score)
+            .take(count)
+            .map(|(score, index)| PlaceCandidate { keyframe: self.keyframes[index], score })
+            .collect()
+    }
+}

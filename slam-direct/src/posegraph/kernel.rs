@@ -1,0 +1,86 @@
+//! Robust kernels on the squared Mahalanobis error of an edge.
+
+use serde::{Deserialize, Serialize};
+
+/// The shape of a robust kernel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum KernelShape {
+    /// Least squares: every edge counts fully.
+    Quadratic,
+    /// Linear beyond the width; convex, an outlier keeps a bounded pull.
+    Huber,
+    /// Logarithmic; the pull of an outlier fades.
+    Cauchy,
+    /// Saturates; an outlier loses all pull. Equals switchable constraints with the switches
+    /// eliminated (dynamic covariance scaling, Agarwal 2013, up to a factor).
+    GemanMcClure,
+}
+
+/// A robust kernel: a shape and the error at which it begins to bend.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RobustKernel {
+    /// The shape.
+    pub shape: KernelShape,
+    /// Error at which the kernel bends, in standard deviations, > 0.
+    pub width: f64,
+}
+
+impl RobustKernel {
+    /// Whether the shape has local minima, so that it must be narrowed in stages.
+    pub(super) fn is_redescending(self) -> bool {
+        matches!(self.shape, KernelShape::Cauchy | KernelShape::GemanMcClure)
+    }
+
+    /// The same kernel, `widening` times as wide.
+    ///
+    /// All kernels widen together: were the Huber ones of the odometry not, a widened false loop
+    /// would win against their linear cost and be kept while it narrows.
+    pub(super) fn widened(self, widening: f64) -> Self {
+        Self { width: self.width * widening, ..self }
+    }
+
+    /// Cost of a squared error; equals it for small errors.
+    pub fn cost(self, squared_error: f64) -> f64 {
+        let k2 = self.width * self.width;
+        match self.shape {
+            KernelShape::Quadratic => squared_error,
+            KernelShape::Huber if squared_error <= k2 => squared_error,
+            KernelShape::Huber => 2.0 * self.width * squared_error.sqrt() - k2,
+            KernelShape::Cauchy => k2 * (squared_error / k2).ln_1p(),
+            KernelShape::GemanMcClure => k2 * squared_error / (k2 + squared_error),
+        }
+    }
+
+    /// Derivative of [`Self::cost`], 0–1: the weight of the edge in the reweighted least squares.
+    pub fn weight(self, squared_error: f64) -> f64 {
+        let k2 = self.width * self.width;
+        match self.shape {
+            KernelShape::Quadratic => 1.0,
+            KernelShape::Huber if squared_error <= k2 => 1.0,
+            KernelShape::Huber => self.width / squared_error.sqrt(),
+            KernelShape::Cauchy => k2 / (k2 + squared_error),
+            KernelShape::GemanMcClure => (k2 / (k2 + squared_error)).powi(2),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn weights_are_the_derivatives_of_the_costs() {
+        for shape in
+            [KernelShape::Quadratic, KernelShape::Huber, KernelShape::Cauchy, KernelShape::GemanMcClure]
+        {
+            let kernel = RobustKernel { shape, width: 1.7 };
+            for squared_error in [0.01, 1.0, 2.8, 3.0, 40.0, 1e4] {
+                let h = 1e-5 * squared_error;
+                let slope = (kernel.cost(squared_error + h) - kernel.cost(squared_error - h)) / (2.0 * h);
+                assert!((slope - kernel.weight(squared_error)).abs() < 1e-6, "{shape:?} at {squared_error}");
+            }
+        }
+    }
+}
