@@ -3,13 +3,12 @@
 use crate::Params;
 use crate::align::{AlignmentReference, Brightness};
 use crate::bootstrap::{Bootstrap, Progress, Started};
-use crate::keyframes::{Departure, needs_keyframe};
+use crate::keyframes::Departure;
 use crate::local_map::{KeyframeState, LocalMap};
 use crate::mapping;
 use crate::track::{self, Matched, View};
 use geometry::{GrayImage, Pinhole, Pyramid, Se3, Sim3};
 use map::{FramePose, KeyframeId, Map, PlaceIndex};
-use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// One image to process.
@@ -75,8 +74,10 @@ enum State {
 struct Running {
     reference: usize,
     alignment: AlignmentReference,
-    /// Points the reference sees.
-    reference_points: usize,
+    /// Most points that were expected in a frame tracked against the reference.
+    expected: usize,
+    /// Most points that were found in such a frame.
+    found: usize,
     last: Se3,
     /// Motion of the last frame: `last = velocity * the one before`.
     velocity: Se3,
@@ -164,7 +165,7 @@ impl Agent {
             world_from_camera: Some(last.inverse()),
             new_keyframe: Some(LocalMap::id(1)),
             inlier_share: 1.0,
-            matched_points: running.reference_points,
+            matched_points: self.local.keyframes[1].seen.len(),
             ..FrameReport::of(TrackingState::Tracking)
         };
         self.state = State::Running(Box::new(running));
@@ -194,15 +195,7 @@ impl Agent {
             &points,
             &self.params.align,
         );
-        Running {
-            reference,
-            alignment,
-            reference_points: points.len(),
-            last,
-            velocity,
-            brightness,
-            lost: false,
-        }
+        Running { reference, alignment, expected: 0, found: 0, last, velocity, brightness, lost: false }
     }
 
     fn track(
@@ -219,11 +212,9 @@ impl Agent {
             [running.velocity * running.last * world_from_reference, running.last * world_from_reference];
         let aligned =
             track::align_from_guesses(&running.alignment, &pyramid, &guesses, running.brightness, 0.6);
-        let log_gain = reference.log_gain + aligned.brightness.log_gain;
         let mut view = View {
             pyramid: &pyramid,
             camera_from_world: aligned.frame_from_reference * reference.camera_from_world,
-            log_gain,
         };
         let hosts =
             track::choose_hosts(&self.local, &view.camera_from_world, running.reference, p.track.max_hosts);
@@ -239,7 +230,7 @@ impl Agent {
                 aligned.inlier_share,
                 aligned.visible_share,
                 aligned.rmse,
-                log_gain,
+                aligned.brightness.log_gain,
                 hosts.len(),
                 sought.len(),
                 matched.len(),
@@ -278,11 +269,11 @@ impl Agent {
             matched_points: inliers,
             ..FrameReport::of(TrackingState::Tracking)
         };
-        if self.wants_keyframe(&running, &camera_from_world, &matched) {
-            report.new_keyframe =
-                Some(self.add_keyframe(&mut running, pyramid, timestamp, index, log_gain, &matched));
-        } else {
-            self.change_reference(&mut running, &matched, log_gain);
+        running.expected = running.expected.max(sought.len());
+        running.found = running.found.max(inliers);
+        self.change_reference(&mut running, &hosts);
+        if self.wants_keyframe(&running, sought.len(), inliers) {
+            report.new_keyframe = Some(self.add_keyframe(&mut running, pyramid, timestamp, index, &matched));
         }
         self.state = State::Running(running);
         report
@@ -297,19 +288,23 @@ impl Agent {
         }
     }
 
-    fn wants_keyframe(&self, running: &Running, camera_from_world: &Se3, matched: &[Matched]) -> bool {
-        let reference = &self.local.keyframes[running.reference];
-        let relative = *camera_from_world * reference.camera_from_world.inverse();
-        let Some((flow, parallax)) = mapping::median_flow(&self.local, running.reference, &relative) else {
+    fn wants_keyframe(&self, running: &Running, expected: usize, found: usize) -> bool {
+        let overlap = expected as f32 / running.expected.max(1) as f32;
+        if (found as f32) < self.params.keyframes.fading * running.found as f32 {
             return true;
-        };
+        }
+        match self.departure(running.reference, &running.last, overlap) {
+            Some(departure) => departure.score(&self.params.keyframes) > 1.0,
+            None => true,
+        }
+    }
+
+    /// How far a pose is from a keyframe's, as its points move in the image.
+    fn departure(&self, keyframe: usize, camera_from_world: &Se3, overlap: f32) -> Option<Departure> {
+        let relative = *camera_from_world * self.local.keyframes[keyframe].camera_from_world.inverse();
+        let (flow, parallax) = mapping::median_flow(&self.local, keyframe, &relative)?;
         let width = self.camera.width as f32;
-        let inliers = matched.iter().filter(|m| m.inlier).count();
-        let overlap = inliers as f32 / running.reference_points.max(1) as f32;
-        needs_keyframe(
-            &Departure { flow: flow / width, parallax: parallax / width, overlap },
-            &self.params.keyframes,
-        )
+        Some(Departure { flow: flow / width, parallax: parallax / width, overlap })
     }
 
     fn add_keyframe(
@@ -318,7 +313,6 @@ impl Agent {
         pyramid: Pyramid,
         timestamp: f64,
         frame_index: u64,
-        log_gain: f32,
         matched: &[Matched],
     ) -> KeyframeId {
         let keyframe = self.local.keyframes.len();
@@ -327,7 +321,6 @@ impl Agent {
             frame_index,
             pyramid,
             camera_from_world: running.last,
-            log_gain,
             points: Vec::new(),
             seen: Vec::new(),
         });
@@ -343,21 +336,21 @@ impl Agent {
         LocalMap::id(keyframe)
     }
 
-    /// Tracks against the keyframe that shares most points with the frame.
-    fn change_reference(&self, running: &mut Running, matched: &[Matched], log_gain: f32) {
-        let mut votes: BTreeMap<usize, usize> = BTreeMap::new();
-        for m in matched.iter().filter(|m| m.inlier) {
-            let point = self.local.point(m.at);
-            for keyframe in point.observations.iter().map(|o| o.keyframe).chain([m.at.host]) {
-                *votes.entry(keyframe).or_default() += 1;
-            }
+    /// Tracks against the keyframe that lies nearest, as its points move in the image.
+    fn change_reference(&self, running: &mut Running, hosts: &[usize]) {
+        let p = &self.params.keyframes;
+        let score = |keyframe: usize| self.departure(keyframe, &running.last, 1.0).map(|d| d.score(p));
+        let Some(now) = score(running.reference) else { return };
+        if now < 0.5 {
+            return;
         }
-        let now = votes.get(&running.reference).copied().unwrap_or(0);
-        let Some((&best, &count)) = votes.iter().max_by_key(|(_, count)| **count) else { return };
-        if best != running.reference && count as f32 > 1.15 * now as f32 {
-            let brightness =
-                Brightness { log_gain: log_gain - self.local.keyframes[best].log_gain, offset: 0.0 };
-            *running = self.running(best, running.last, running.velocity, brightness);
+        let nearest = hosts
+            .iter()
+            .filter(|&&host| host != running.reference)
+            .filter_map(|&host| Some((score(host)?, host)))
+            .min_by(|a, b| a.0.total_cmp(&b.0));
+        if let Some((_, best)) = nearest.filter(|n| n.0 < 0.6 * now) {
+            *running = self.running(best, running.last, running.velocity, Brightness::default());
         }
     }
 

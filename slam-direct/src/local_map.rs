@@ -48,8 +48,6 @@ pub(crate) struct KeyframeState {
     pub frame_index: u64,
     pub pyramid: Pyramid,
     pub camera_from_world: Se3,
-    /// Logarithm of the image's gain relative to the first keyframe.
-    pub log_gain: f32,
     /// Points hosted here.
     pub points: Vec<PointState>,
     /// Points hosted elsewhere and seen here.
@@ -139,12 +137,6 @@ impl LocalMap {
         let keyframe = seen.keyframe;
         self.point_mut(at).observations.push(seen);
         self.keyframes[keyframe].seen.push(at);
-    }
-
-    /// Median inverse depth of the points a keyframe sees, in its frame.
-    pub fn median_inverse_depth(&self, keyframe: usize) -> Option<f64> {
-        let mut all: Vec<f32> = self.reference_points(keyframe).iter().map(|p| p.inverse_depth).collect();
-        median(&mut all).map(f64::from)
     }
 }
 

@@ -25,7 +25,7 @@ params! {
         /// Intensity noise of a patch, grey levels: the least that is assumed.
         pub patch_sigma: f32 = 3.0,
         /// Uncertainty of position that no intensity explains (rolling shutter, lens), pixels.
-        pub position_sigma: f32 = 0.15,
+        pub position_sigma: f32 = 0.5,
         /// Keyframes whose points are sought at most.
         pub max_hosts: usize = 14,
     }
@@ -55,7 +55,6 @@ struct Sought {
 pub(crate) struct View<'a> {
     pub pyramid: &'a Pyramid,
     pub camera_from_world: Se3,
-    pub log_gain: f32,
 }
 
 /// Seeks the map's points in the frame. Second value: how many were sought.
@@ -114,21 +113,21 @@ fn choose(
     cells.into_iter().flatten().collect()
 }
 
+/// Finds one point; a view too blurred for the patch is tried at the next coarser level.
 fn find(map: &LocalMap, sought: &Sought, view: &View, params: &TrackParams) -> Option<Matched> {
     let host = &map.keyframes[sought.at.host];
-    let gain = (view.log_gain - host.log_gain).exp();
-    let template = Template::cut(&host.pyramid, host.points[sought.at.index].pixel, &sought.warp, gain)?;
-    let found = template.align(view.pyramid, sought.pixel, params.max_shift, 12)?;
-    if found.unexplained > params.max_unexplained {
-        return None;
-    }
-    let level = template.level;
-    Some(Matched {
-        at: sought.at,
-        pixel: found.pixel,
-        information: position_information(&found.information, found.rmse, level, params),
-        rmse: found.rmse,
-        inlier: true,
+    let pixel = host.points[sought.at.index].pixel;
+    (0..=1).find_map(|coarser| {
+        let warp = sought.warp.coarser(coarser);
+        let template = Template::cut(&host.pyramid, pixel, &warp)?;
+        let found = template.align(view.pyramid, sought.pixel, params.max_shift, 12)?;
+        (found.unexplained <= params.max_unexplained).then(|| Matched {
+            at: sought.at,
+            pixel: found.pixel,
+            information: position_information(&found.information, found.rmse, template.level, params),
+            rmse: found.rmse,
+            inlier: true,
+        })
     })
 }
 
