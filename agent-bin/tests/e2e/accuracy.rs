@@ -41,7 +41,11 @@ fn check(name: &str, may_miss: usize, bound: f64) {
     let outcome = case.run(&[]);
     outcome.assert_success();
     let measured = Accuracy::of(&case.out(), &folder.join("groundtruth.txt"));
-    assert!(measured.frames + may_miss >= FRAMES, "{} of {FRAMES} frames tracked\n{outcome}", measured.frames);
+    assert!(
+        measured.frames + may_miss >= FRAMES,
+        "{} of {FRAMES} frames tracked\n{outcome}",
+        measured.frames
+    );
     assert!(measured.rmse <= bound, "RMSE {:.4} m, bound {bound} m\n{outcome}", measured.rmse);
     eprintln!("{name}: RMSE {:.4} m, {} of {FRAMES} frames", measured.rmse, measured.frames);
 }

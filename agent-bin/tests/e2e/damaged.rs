@@ -1,6 +1,6 @@
 //! Files that are broken or missing.
 
-use crate::support::{Case, Outcome, drive};
+use crate::support::{Case, Outcome, RATE, drive};
 use loopbox_tests::{Encoding, Recording};
 use std::collections::BTreeMap;
 use std::fs;
@@ -28,11 +28,23 @@ fn a_frame_of_another_size_costs_one_frame() {
     outcome.assert_says(&["frame 50", "160", "320"]);
 }
 
-/// Writes `images` as ROS 2 `sensor_msgs/msg/CompressedImage`, uncompressed and without chunks; gives the size of
-/// the file after each message.
-fn write_mcap(recording: &Recording, path: &Path) -> Vec<u64> {
+/// How messages lie in an MCAP file.
+#[derive(Clone, Copy, PartialEq)]
+enum Layout {
+    /// One after the other.
+    Plain,
+    /// Ten at a time, compressed.
+    Chunks,
+}
+
+/// Writes the images as ROS 2 `sensor_msgs/msg/CompressedImage`; gives the size of the file after each message
+/// or chunk.
+fn write_mcap(recording: &Recording, path: &Path, layout: Layout) -> Vec<u64> {
     let file = fs::File::create(path).expect("the temporary folder takes a file");
-    let options = mcap::WriteOptions::new().use_chunks(false).profile("ros2");
+    let options = mcap::WriteOptions::new()
+        .use_chunks(layout == Layout::Chunks)
+        .compression(Some(mcap::Compression::Lz4))
+        .profile("ros2");
     let mut writer = options.create(std::io::BufWriter::new(file)).expect("a file can be begun");
     let schema = "std_msgs/Header header\nstring format\nuint8[] data\n";
     let schema = writer.add_schema("sensor_msgs/msg/CompressedImage", "ros2msg", schema.as_bytes());
@@ -51,8 +63,10 @@ fn write_mcap(recording: &Recording, path: &Path) -> Vec<u64> {
         let image = Encoding::Jpeg.encode(&shot.image).expect("an image can be encoded");
         let message = compressed_image(nanoseconds, &image);
         writer.write_to_known_channel(&header, &message).expect("a message is taken");
-        writer.flush().expect("the file can be written");
-        sizes.push(fs::metadata(path).expect("the file is there").len());
+        if layout == Layout::Plain || i % 10 == 9 {
+            writer.flush().expect("the file can be written");
+            sizes.push(fs::metadata(path).expect("the file is there").len());
+        }
     }
     writer.finish().expect("the file can be ended");
     sizes
@@ -76,10 +90,10 @@ fn compressed_image(nanoseconds: u64, data: &[u8]) -> Vec<u8> {
     cdr
 }
 
-fn mcap_case() -> (Case, std::path::PathBuf, Vec<u64>) {
+fn mcap_case(layout: Layout) -> (Case, std::path::PathBuf, Vec<u64>) {
     let case = Case::new(&drive());
     let path = case.out().with_file_name("recording.mcap");
-    let sizes = write_mcap(&drive(), &path);
+    let sizes = write_mcap(&drive(), &path, layout);
     (case, path, sizes)
 }
 
@@ -90,20 +104,39 @@ fn run_mcap(case: &Case, path: &Path) -> Outcome {
 
 #[test]
 fn an_mcap_of_images_is_mapped() {
-    let (case, path, _) = mcap_case();
-    let outcome = run_mcap(&case, &path);
-    case.assert_mapped(&outcome, 2);
+    for layout in [Layout::Plain, Layout::Chunks] {
+        let (case, path, _) = mcap_case(layout);
+        let outcome = run_mcap(&case, &path);
+        case.assert_mapped(&outcome, 2);
+    }
 }
 
-/// Cut in the middle of message 70: the 70 whole ones are used, and it is said that the file ends early.
+/// Cuts a file in the middle of its message or chunk number `cut`, counted from 0.
+fn truncated(layout: Layout, cut: usize) -> (Case, Outcome) {
+    let (case, path, sizes) = mcap_case(layout);
+    let file = fs::OpenOptions::new().write(true).open(&path).expect("we wrote it");
+    file.set_len((sizes[cut - 1] + sizes[cut]) / 2).expect("a file can be cut");
+    let outcome = run_mcap(&case, &path);
+    outcome.assert_says(&["recording.mcap", "ends"]);
+    (case, outcome)
+}
+
+/// Index of the last frame of the trajectory.
+fn last_frame(case: &Case) -> Option<u64> {
+    case.map().frames.last().map(|frame| (frame.timestamp * RATE).round() as u64)
+}
+
 #[test]
 fn a_truncated_mcap_gives_all_its_whole_messages() {
-    let (case, path, sizes) = mcap_case();
-    let file = fs::OpenOptions::new().write(true).open(&path).expect("we wrote it");
-    file.set_len((sizes[69] + sizes[70]) / 2).expect("a file can be cut");
-    let outcome = run_mcap(&case, &path);
+    let (case, outcome) = truncated(Layout::Plain, 70);
     case.assert_mapped(&outcome, 90 - 70 + 2);
-    outcome.assert_says(&["recording.mcap"]);
-    let last = case.map().trajectory().last().map(|pose| pose.timestamp);
-    assert_eq!(last.map(|t| (t * 30.0).round()), Some(69.0), "the last whole message is used\n{outcome}");
+    assert_eq!(last_frame(&case), Some(69), "{outcome}");
+}
+
+/// A chunk is compressed as one: of a cut one, whatever can still be unpacked may be used.
+#[test]
+fn a_truncated_mcap_gives_all_its_whole_chunks() {
+    let (case, outcome) = truncated(Layout::Chunks, 7);
+    case.assert_mapped(&outcome, 90 - 70 + 2);
+    assert!(last_frame(&case).is_some_and(|last| (69..80).contains(&last)), "{outcome}");
 }

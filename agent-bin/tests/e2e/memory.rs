@@ -15,8 +15,12 @@ fn memory_of(frames: usize) -> Use {
     outcome.assert_success();
     let text = fs::read_to_string(case.out().join("run.json")).expect("the run wrote its numbers");
     let numbers: serde_json::Value = serde_json::from_str(&text).expect("run.json is JSON");
-    let number =
-        |key: &str| numbers.pointer(key).and_then(serde_json::Value::as_f64).unwrap_or_else(|| panic!("run.json has no {key}"));
+    let number = |key: &str| {
+        numbers
+            .pointer(key)
+            .and_then(serde_json::Value::as_f64)
+            .unwrap_or_else(|| panic!("run.json has no {key}"))
+    };
     Use { peak_bytes: number("/cost/peak_memory_bytes"), keyframes: number("/map/keyframes") }
 }
 

@@ -1,6 +1,6 @@
 //! Undisturbed runs.
 
-use crate::support::{Case, drive, loopbox};
+use crate::support::{Case, Outcome, drive, loopbox};
 use std::fs;
 
 #[test]
@@ -21,7 +21,7 @@ fn a_drive_is_mapped() {
 
     let mut info = loopbox();
     info.arg("info").arg(case.out().join("map.mcap"));
-    let info = crate::support::Outcome::of(info);
+    let info = Outcome::of(info);
     info.assert_success();
     info.assert_says(&["keyframes"]);
 }
@@ -32,7 +32,8 @@ fn runs_are_bit_identical_on_any_number_of_cores() {
     let case = Case::new(&drive());
     let results = ["1", "2", "2"].map(|threads| {
         case.run(&["--threads", threads]).assert_success();
-        ["trajectory.txt", "cloud.ply", "map.mcap"].map(|name| (name, fs::read(case.out().join(name)).expect(name)))
+        ["trajectory.txt", "cloud.ply", "map.mcap"]
+            .map(|name| (name, fs::read(case.out().join(name)).expect(name)))
     });
     for result in &results[1..] {
         for ((name, bytes), (_, first)) in result.iter().zip(&results[0]) {
