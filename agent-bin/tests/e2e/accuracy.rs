@@ -50,12 +50,14 @@ fn check(name: &str, may_miss: usize, bound: f64) {
     eprintln!("{name}: RMSE {:.4} m, {} of {FRAMES} frames", measured.rmse, measured.frames);
 }
 
+// The bounds are about twice what the tracker reaches: 2.1 mm and 1.1 cm.
+
 #[test]
 fn the_start_of_parking_a() {
-    check("parking_a", 2, 0.02);
+    check("parking_a", 2, 0.005);
 }
 
 #[test]
 fn the_start_of_tum_fr1_xyz() {
-    check("tum_fr1_xyz", 2, 0.015);
+    check("tum_fr1_xyz", 2, 0.022);
 }

@@ -2,6 +2,9 @@
 //!
 //! Each test holds loopbox to one rule: either the map survives, or a clear message and a non-zero exit
 //! say why.
+//!
+//! `LOOPBOX_KEEP=1` keeps each test's recording and results and says where; `LOOPBOX_DATA` names the folder of the
+//! sequences with ground truth. A single test: `cargo test -p agent-bin --test e2e -- --nocapture NAME`.
 
 mod accuracy;
 mod damaged;

@@ -30,7 +30,6 @@ const KEYFRAME_BYTES: f64 = 320.0 * 240.0 * 16.0;
 
 /// A recording ten times as long of the same place needs no more than its additional keyframes cost.
 #[test]
-#[ignore = "a minute long: cargo test -p agent-bin --test e2e -- --ignored memory"]
 fn memory_does_not_grow_with_the_length_of_a_recording() {
     let (short, long) = (memory_of(60), memory_of(600));
     let grown = long.peak_bytes - short.peak_bytes;
