@@ -9,6 +9,7 @@ mod pictures;
 mod process;
 mod progress;
 mod record;
+mod report;
 mod runtime;
 mod sources;
 

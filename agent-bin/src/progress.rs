@@ -1,7 +1,7 @@
 //! What the user sees while a run goes on.
 
 use crate::ahead::Skip;
-use crate::record::{FrameRow, RunRecord};
+use crate::record::{FrameRow, RunRecord, state_name};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
 use std::io::Write;
@@ -46,7 +46,10 @@ impl Progress {
         match self.display {
             Display::Bar => {
                 self.bar.set_position(row.index + 1);
-                self.bar.set_message(format!("{}  {keyframes} keyframes  {points} points", row.state));
+                self.bar.set_message(format!(
+                    "{}  {keyframes} keyframes  {points} points",
+                    state_name(row.state)
+                ));
             }
             Display::Quiet => {}
             Display::Json => log_line(&json!({

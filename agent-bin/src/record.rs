@@ -1,8 +1,9 @@
 //! The numbers of a run: what `run.json` holds and the report shows.
 
 use crate::ahead::SkipReason;
+use crate::report;
 use geometry::Pinhole;
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 use slam_direct::{FrameReport, TrackingState};
 use std::collections::BTreeMap;
 
@@ -25,6 +26,34 @@ pub struct RunRecord {
     pub map: MapCounts,
     /// Each processed frame.
     pub rows: Vec<FrameRow>,
+}
+
+impl RunRecord {
+    /// The numbers as `(label, value)`, the weightiest first.
+    pub fn headline_numbers(&self) -> Vec<(String, String)> {
+        let (frames, cost, map) = (&self.frames, &self.cost, &self.map);
+        let memory = cost.peak_memory_bytes.map_or("unknown".into(), |bytes| format!("{} MiB", bytes >> 20));
+        let cpu = cost.cpu_s.map_or("unknown".into(), |seconds| format!("{seconds:.1} s"));
+        let skipped = frames.skipped.values().sum::<u64>();
+        let numbers = [
+            ("frames tracked", format!("{} of {}", frames.tracked, frames.offered)),
+            ("frames per second", format!("{:.1}", cost.frames_per_s)),
+            ("ms per frame, mean", format!("{:.1}", cost.mean_ms)),
+            ("keyframes", map.keyframes.to_string()),
+            ("points", map.points.to_string()),
+            ("peak memory", memory),
+            ("ms per frame, 99 %", format!("{:.1}", cost.p99_ms)),
+            ("ms per frame, worst", format!("{:.1}", cost.max_ms)),
+            ("semi-dense pixels", map.semi_dense.to_string()),
+            ("loops closed", map.loops.to_string()),
+            ("times lost", frames.losses.to_string()),
+            ("frames skipped", skipped.to_string()),
+            ("frames dropped late", frames.dropped_late.to_string()),
+            ("wall time", format!("{:.1} s", cost.wall_s)),
+            ("CPU time", cpu),
+        ];
+        numbers.map(|(label, value)| (label.to_owned(), value)).into()
+    }
 }
 
 /// The recording of a run.
@@ -101,7 +130,8 @@ pub struct FrameRow {
     /// Seconds, as recorded.
     pub timestamp: f64,
     /// State after the frame.
-    pub state: &'static str,
+    #[serde(serialize_with = "state_as_name")]
+    pub state: TrackingState,
     /// Time the agent took, milliseconds.
     pub ms: f64,
     /// Share of the predicted points that were matched, 0–1.
@@ -122,7 +152,7 @@ impl FrameRow {
         Self {
             index,
             timestamp,
-            state: state_name(report.state),
+            state: report.state,
             ms,
             inlier_share: report.inlier_share,
             rmse: report.rmse,
@@ -131,6 +161,23 @@ impl FrameRow {
             loop_closed: report.closed_loop.map(|(newer, older)| (newer.0, older.0)),
         }
     }
+
+    /// The row as the report plots it.
+    pub fn for_report(&self) -> report::FrameRow {
+        report::FrameRow {
+            frame_index: self.index,
+            timestamp: self.timestamp,
+            ms: self.ms as f32,
+            matched_points: self.matched_points,
+            inlier_share: self.inlier_share,
+            rmse: self.rmse,
+            state: self.state,
+        }
+    }
+}
+
+fn state_as_name<S: Serializer>(state: &TrackingState, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.serialize_str(state_name(*state))
 }
 
 /// The state as people and logs read it.

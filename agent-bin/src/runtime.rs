@@ -2,29 +2,19 @@
 
 use crate::ahead::{Ahead, Item, SkipReason};
 use crate::diagnosis::ImageStatistics;
+use crate::output::Output;
 use crate::process;
 use crate::progress::Progress;
 use crate::record::{Cost, FrameCounts, FrameRow, MapCounts, RunRecord, SourceRecord};
 use crate::sources::SourceInfo;
 use anyhow::{Context, Result};
-use geometry::{GrayImage, Pinhole};
-use map::{KeyframeId, Map, PlaceCandidate, PlaceIndex};
+use geometry::Pinhole;
+use map::Map;
 use slam_direct::{Agent, Frame, TrackingState};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
-
-/// An index that knows no place: loops are then found by pose alone.
-pub struct NoPlaces;
-
-impl PlaceIndex for NoPlaces {
-    fn add(&mut self, _keyframe: KeyframeId, _image: &GrayImage) {}
-
-    fn query(&self, _image: &GrayImage, _count: usize) -> Vec<PlaceCandidate> {
-        Vec::new()
-    }
-}
 
 /// Exit status after a second Ctrl-C, as shells report an interrupted program.
 const ABORTED: i32 = 130;
@@ -73,7 +63,13 @@ impl Run {
     ///
     /// # Errors
     /// When results cannot be written on the way.
-    pub fn track(agent: Agent, ahead: &Ahead, stop: &Stop, progress: &Progress) -> Result<Self> {
+    pub fn track(
+        agent: Agent,
+        ahead: &Ahead,
+        stop: &Stop,
+        progress: &Progress,
+        output: &mut Output,
+    ) -> Result<Self> {
         let started = Instant::now();
         let mut run = Self {
             agent,
@@ -90,6 +86,7 @@ impl Run {
                 Item::Frame(frame) => {
                     let before = state;
                     state = run.process(frame, progress);
+                    output.grow(run.agent.map())?;
                     run.losses +=
                         u64::from(before == TrackingState::Tracking && state == TrackingState::Lost);
                 }
@@ -121,9 +118,9 @@ impl Run {
         report.state
     }
 
-    /// The map.
-    pub fn map(&self) -> &Map {
-        self.agent.map()
+    /// Gives the map away.
+    pub fn into_map(self) -> Map {
+        self.agent.into_map()
     }
 
     /// Why the map is empty, for people.
@@ -139,7 +136,7 @@ impl Run {
         ahead: &Ahead,
         interrupted: bool,
     ) -> RunRecord {
-        let map = self.map();
+        let map = self.agent.map();
         let (processed, dropped_late) = (self.rows.len() as u64, ahead.dropped());
         let offered = processed + dropped_late + self.skipped.values().sum::<u64>();
         let tracked = map.frames.len() as u64;

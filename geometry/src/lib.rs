@@ -10,6 +10,7 @@ mod pinhole;
 mod pyramid;
 mod se3;
 mod sim3;
+pub mod umeyama;
 mod undistort;
 
 pub use camera::{Camera, CameraError, Distortion, Fov, KannalaBrandt, RadTan};

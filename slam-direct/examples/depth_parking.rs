@@ -4,7 +4,8 @@
 //! cargo run --release -p slam-direct --example depth_parking -- DATA [OUT] [SEQUENCE…]
 //! ```
 //! `DATA` holds the sequences (`parking_a`, …); with `OUT`, depth and error maps of a few keyframes are
-//! written there as PNG. The sparse backbone is simulated: 800 pixels with 1 % noise and 2 % outliers.
+//! written there as PNG. `DEPTH_PARAMS` takes a JSON object of parameters over the defaults, `DEPTH_STRIDE=6`
+//! leaves only every sixth frame as reference, `DEPTH_VERBOSE=1` tells of each update. The sparse backbone is simulated: 800 pixels with 1 % noise and 2 % outliers.
 
 #[path = "../tests/support/parking.rs"]
 mod parking;
@@ -98,8 +99,10 @@ fn map_keyframe(
     let known: Vec<f32> = truth.data().iter().copied().filter(|&d| d > 0.0).collect();
     let mean = known.iter().sum::<f32>() / known.len().max(1) as f32;
     let last = sequence.world_from_camera.len() - 1;
-    let around: Vec<usize> =
-        (index.saturating_sub(REACH)..=(index + REACH).min(last)).filter(|&i| i != index).collect();
+    let stride = std::env::var("DEPTH_STRIDE").map_or(Ok(1), |text| text.parse::<usize>())?.max(1);
+    let around: Vec<usize> = (index.saturating_sub(REACH)..=(index + REACH).min(last))
+        .filter(|&i| i != index && i.abs_diff(index).is_multiple_of(stride))
+        .collect();
     let poses: Vec<Se3> = around
         .iter()
         .map(|&i| sequence.world_from_camera[i].inverse() * sequence.world_from_camera[index])

@@ -6,6 +6,7 @@
 mod agent;
 pub mod align;
 mod bootstrap;
+mod dense;
 mod depth;
 mod keyframes;
 mod local_map;
@@ -15,12 +16,14 @@ mod params;
 mod params_macro;
 mod patch;
 pub mod posegraph;
+mod publish;
 pub mod relocalise;
 mod select;
 pub mod sim3_align;
 #[cfg(test)]
 mod test_data;
 mod track;
+mod tracker;
 mod triangulate;
 mod warp;
 mod window;

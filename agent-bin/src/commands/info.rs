@@ -1,8 +1,11 @@
 //! `loopbox info`: what a recording or a map holds.
 
-use crate::sources::{self, FoundCalibration, SourceOptions};
+use super::info_map::{self, InfoMapArgs};
+use crate::sources::{self, FoundCalibration, FrameSource, SourceOptions};
 use anyhow::Result;
 use clap::Args;
+use serde::Serialize;
+use std::fmt;
 use std::path::PathBuf;
 
 /// Arguments of `loopbox info`.
@@ -16,6 +19,9 @@ pub struct InfoArgs {
     /// Topic of an MCAP recording with several
     #[arg(long)]
     topic: Option<String>,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
 }
 
 /// Describes it.
@@ -23,38 +29,93 @@ pub struct InfoArgs {
 /// # Errors
 /// When it is neither.
 pub fn execute(args: &InfoArgs) -> Result<()> {
+    if map::is_map_file(&args.path) {
+        return info_map::run(&InfoMapArgs { map: args.path.clone(), json: args.json });
+    }
     let options = SourceOptions { fps: args.fps, topic: args.topic.clone() };
     let mut source = sources::open(&args.path, &options)?;
-    let info = source.info().clone();
-    println!("recording    {}", info.path.display());
-    println!("kind         {}", info.kind);
-    match info.frame_count {
-        Some(count) => println!("frames       {count}"),
-        None => println!("frames       unknown before it is read"),
-    }
-    if let Some(duration) = info.duration {
-        println!("duration     {duration:.2} s");
-    }
-    if let (Some(count), Some(duration)) = (info.frame_count, info.duration)
-        && duration > 0.0
-    {
-        println!("rate         {:.2} frames/s", (count - 1) as f64 / duration);
-    }
-    match source.next_frame().map(|frame| frame.picture.into_grey()) {
-        Some(Ok(image)) => println!("size         {}×{}", image.width(), image.height()),
-        Some(Err(reason)) => println!("size         unknown: the first image is unreadable ({reason})"),
-        None => println!("size         unknown: there is no image"),
-    }
-    match &info.calibration {
-        Some(FoundCalibration::File(path)) => println!("calibration  {}", path.display()),
-        Some(FoundCalibration::Inside { origin, .. }) => println!("calibration  {origin}"),
-        Some(FoundCalibration::Unusable { origin, reason }) => {
-            println!("calibration  {origin} is unusable: {reason}")
-        }
-        None => println!("calibration  none came with it"),
-    }
-    if let Some(warning) = source.warning() {
-        println!("warning      {warning}");
+    let recording = Recording::new(source.as_mut());
+    if args.json {
+        println!("{}", serde_json::to_string_pretty(&recording)?);
+    } else {
+        print!("{recording}");
     }
     Ok(())
+}
+
+/// What can be said of a recording without reading all of it.
+#[derive(Debug, Serialize)]
+struct Recording {
+    path: String,
+    kind: &'static str,
+    frames: Option<u64>,
+    duration_s: Option<f64>,
+    frames_per_s: Option<f64>,
+    size: Option<(usize, usize)>,
+    calibration: Option<String>,
+    /// What is wrong with it.
+    problems: Vec<String>,
+}
+
+impl Recording {
+    fn new(source: &mut dyn FrameSource) -> Self {
+        let info = source.info().clone();
+        let mut problems = Vec::new();
+        let size = match source.next_frame().map(|frame| frame.picture.into_grey()) {
+            Some(Ok(image)) => Some((image.width(), image.height())),
+            Some(Err(reason)) => {
+                problems.push(format!("the first image is unreadable: {reason}"));
+                None
+            }
+            None => {
+                problems.push("there is no image".to_owned());
+                None
+            }
+        };
+        let calibration = match &info.calibration {
+            Some(FoundCalibration::File(path)) => Some(path.display().to_string()),
+            Some(FoundCalibration::Inside { origin, .. }) => Some(origin.clone()),
+            Some(FoundCalibration::Unusable { origin, reason }) => {
+                problems.push(format!("{origin}: the calibration is unusable: {reason}"));
+                None
+            }
+            None => None,
+        };
+        problems.extend(source.warning());
+        let frames_per_s = match (info.frame_count, info.duration) {
+            (Some(count), Some(duration)) if count > 1 && duration > 0.0 => {
+                Some((count - 1) as f64 / duration)
+            }
+            _ => None,
+        };
+        Self {
+            path: info.path.display().to_string(),
+            kind: info.kind,
+            frames: info.frame_count,
+            duration_s: info.duration,
+            frames_per_s,
+            size,
+            calibration,
+            problems,
+        }
+    }
+}
+
+impl fmt::Display for Recording {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let unknown = || "unknown".to_owned();
+        let number = |value: Option<f64>, unit| value.map_or_else(unknown, |v| format!("{v:.2} {unit}"));
+        writeln!(f, "recording    {}", self.path)?;
+        writeln!(f, "kind         {}", self.kind)?;
+        writeln!(f, "frames       {}", self.frames.map_or_else(unknown, |n| n.to_string()))?;
+        writeln!(f, "duration     {}", number(self.duration_s, "s"))?;
+        writeln!(f, "rate         {}", number(self.frames_per_s, "frames/s"))?;
+        writeln!(f, "size         {}", self.size.map_or_else(unknown, |(w, h)| format!("{w}×{h}")))?;
+        writeln!(
+            f,
+            "calibration  {}",
+            self.calibration.as_deref().unwrap_or("none came with it: give --calib")
+        )?;
+        self.problems.iter().try_for_each(|problem| writeln!(f, "problem      {problem}"))
+    }
 }

@@ -1,6 +1,10 @@
 //! The command line: one file per command.
 
+mod eval;
+mod eval_depth;
+mod export;
 mod info;
+mod info_map;
 mod params;
 mod run;
 
@@ -23,6 +27,8 @@ pub enum Command {
     Run(run::RunArgs),
     /// Describe a recording or a map
     Info(info::InfoArgs),
+    Export(export::ExportArgs),
+    Eval(eval::EvalArgs),
     /// Print the default parameters, documented, as a parameter file
     Params,
 }
@@ -36,6 +42,8 @@ impl Command {
         match self {
             Command::Run(args) => run::execute(&args),
             Command::Info(args) => info::execute(&args),
+            Command::Export(args) => export::run(&args),
+            Command::Eval(args) => eval::run(args),
             Command::Params => params::execute(),
         }
     }

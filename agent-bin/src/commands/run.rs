@@ -2,14 +2,16 @@
 
 use super::params;
 use crate::ahead::{Ahead, Pace, Preparation};
-use crate::camera::{self, CameraOptions};
+use crate::camera::{self, CameraOptions, ImageCorrection};
 use crate::output::{Output, TrajectoryFormat};
 use crate::progress::{Display, Progress};
 use crate::runtime::{Run, Stop};
-use crate::sources::{self, SourceOptions};
+use crate::sources::{self, SourceInfo, SourceOptions};
 use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
+use place_recog::ThumbnailIndex;
 use slam_direct::{Agent, Params};
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 /// Arguments of `loopbox run`.
@@ -32,6 +34,9 @@ pub struct RunArgs {
     /// Form of trajectory.txt
     #[arg(long, value_enum, default_value_t = TrajectoryFormat::Tum)]
     format: TrajectoryFormat,
+    /// Leave out of cloud.ply points whose variance of inverse depth over its square is larger
+    #[arg(long, value_name = "V", default_value_t = map::DEFAULT_MAX_RELATIVE_VARIANCE)]
+    max_variance: f32,
     /// Parameter file (TOML); `loopbox params` prints the defaults
     #[arg(long, value_name = "FILE")]
     params: Option<PathBuf>,
@@ -83,7 +88,7 @@ pub fn execute(args: &RunArgs) -> Result<()> {
     let info = source.info().clone();
     let correction = camera::correction(&args.camera(), &info)?;
     let camera = correction.camera();
-    let output = Output::create(&args.out)?;
+    let mut output = Output::create(&args.out, camera, args.provenance(&info, &correction, &params))?;
     if let Some(threads) = args.threads {
         rayon::ThreadPoolBuilder::new()
             .num_threads(threads)
@@ -93,19 +98,17 @@ pub fn execute(args: &RunArgs) -> Result<()> {
     let stop = Stop::on_ctrl_c()?;
     let progress = Progress::new(args.display(), info.frame_count);
     let ahead = Ahead::start(source, Preparation::new(correction, args.start, args.end), args.pace())?;
-    let agent = new_agent(camera, params);
-    let run = Run::track(agent, &ahead, &stop, &progress)?;
+    let agent = Agent::new(camera, Box::new(ThumbnailIndex::default()), params);
+    let run = Run::track(agent, &ahead, &stop, &progress, &mut output)?;
     let record = run.record(&info, camera, &ahead, stop.requested());
-    output.write(run.map(), &record, args.format)?;
     if record.frames.tracked == 0 {
+        output.numbers(&record)?;
         bail!("{}: no frame could be tracked: {}", args.source.display(), run.why_nothing_was_tracked());
     }
+    progress.stage("writing the results");
+    output.finish(&mut run.into_map(), &record, args.format, args.max_variance)?;
     progress.finish(&record, &args.out.display().to_string());
     Ok(())
-}
-
-fn new_agent(camera: geometry::Pinhole, params: Params) -> Agent {
-    Agent::new(camera, Box::new(crate::runtime::NoPlaces), params)
 }
 
 impl RunArgs {
@@ -121,6 +124,12 @@ impl RunArgs {
         {
             bail!("--start {start} is not before --end {end}");
         }
+        if let Some(out_of_range) = [self.start, self.end].into_iter().flatten().find(|s| !s.is_finite()) {
+            bail!("--start and --end are seconds into the recording, not {out_of_range}");
+        }
+        if !(self.max_variance.is_finite() && self.max_variance > 0.0) {
+            bail!("--max-variance is {}\nhint: give a number above 0", self.max_variance);
+        }
         Ok(())
     }
 
@@ -130,6 +139,24 @@ impl RunArgs {
             response: self.response.clone(),
             vignette: self.vignette.clone(),
         }
+    }
+
+    /// Where the map comes from; nothing in it may differ between two runs of the same command.
+    fn provenance(
+        &self,
+        info: &SourceInfo,
+        correction: &ImageCorrection,
+        params: &Params,
+    ) -> BTreeMap<String, String> {
+        let parameters = if *params == Params::default() { "defaults".into() } else { format!("{params:?}") };
+        let pairs = [
+            ("program", concat!("loopbox ", env!("CARGO_PKG_VERSION")).to_owned()),
+            ("source", info.path.display().to_string()),
+            ("source kind", info.kind.to_owned()),
+            ("calibration", correction.origin().to_owned()),
+            ("parameters", parameters),
+        ];
+        pairs.map(|(key, value)| (key.to_owned(), value)).into()
     }
 
     fn pace(&self) -> Pace {

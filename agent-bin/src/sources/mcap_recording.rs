@@ -81,7 +81,7 @@ impl FrameSource for McapRecording {
                     SourceFrame { index, timestamp: image.stamp.unwrap_or(log_time), picture: image.picture }
                 }
                 Err(error) => {
-                    SourceFrame { index, timestamp: log_time, picture: Picture::Broken(error.to_string()) }
+                    SourceFrame { index, timestamp: log_time, picture: Picture::Broken(format!("{error:#}")) }
                 }
             });
         }
@@ -241,7 +241,7 @@ fn first_calibration(path: &Path, topic: &str) -> Result<Option<FoundCalibration
         let origin = format!("topic {topic} of {}", path.display());
         return Ok(Some(match messages::read_calibration(form, &message.data) {
             Ok(camera) => FoundCalibration::Inside { origin, camera: Box::new(camera) },
-            Err(error) => FoundCalibration::Unusable { origin, reason: error.to_string() },
+            Err(error) => FoundCalibration::Unusable { origin, reason: format!("{error:#}") },
         }));
     }
     Ok(None)

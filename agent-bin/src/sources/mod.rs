@@ -102,6 +102,12 @@ pub fn open(path: &Path, options: &SourceOptions) -> Result<Box<dyn FrameSource>
     if !path.exists() {
         bail!("{}: there is no such file or folder", path.display());
     }
+    if map::is_map_file(path) {
+        bail!(
+            "{}: this is a map, not a recording\nhint: `loopbox info` and `loopbox export` read it",
+            path.display()
+        );
+    }
     if mcap_recording::is_mcap(path) {
         return Ok(Box::new(mcap_recording::open(path, options.topic.as_deref())?));
     }

@@ -1,12 +1,13 @@
 //! Foxglove's image and calibration messages in protobuf.
 
-use super::{Calibration, ImageMessage, MessageError, stamp};
+use super::{Calibration, ImageMessage, stamp};
 use crate::pictures::{Picture, RawPicture};
+use anyhow::{Result, anyhow};
 use foxglove::Decode;
 use foxglove::messages::{CameraCalibration, CompressedImage, RawImage, Timestamp};
 
-fn decode<T: Decode>(data: &[u8]) -> Result<T, MessageError> {
-    T::decode(data).map_err(|error| MessageError::Damaged(error.to_string()))
+fn decode<T: Decode>(data: &[u8]) -> Result<T> {
+    T::decode(data).map_err(|error| anyhow!("the message is damaged: {error}"))
 }
 
 fn seconds(timestamp: Option<Timestamp>) -> Option<f64> {
@@ -14,13 +15,13 @@ fn seconds(timestamp: Option<Timestamp>) -> Option<f64> {
 }
 
 /// `foxglove.CompressedImage`.
-pub fn compressed(data: &[u8]) -> Result<ImageMessage, MessageError> {
+pub fn compressed(data: &[u8]) -> Result<ImageMessage> {
     let message: CompressedImage = decode(data)?;
     Ok(ImageMessage { stamp: seconds(message.timestamp), picture: Picture::Encoded(message.data.to_vec()) })
 }
 
 /// `foxglove.RawImage`.
-pub fn raw(data: &[u8]) -> Result<ImageMessage, MessageError> {
+pub fn raw(data: &[u8]) -> Result<ImageMessage> {
     let message: RawImage = decode(data)?;
     let picture = Picture::Raw(RawPicture {
         width: message.width as usize,
@@ -34,7 +35,7 @@ pub fn raw(data: &[u8]) -> Result<ImageMessage, MessageError> {
 }
 
 /// `foxglove.CameraCalibration`.
-pub fn calibration(data: &[u8]) -> Result<Calibration, MessageError> {
+pub fn calibration(data: &[u8]) -> Result<Calibration> {
     let message: CameraCalibration = decode(data)?;
     Ok(Calibration {
         width: message.width,

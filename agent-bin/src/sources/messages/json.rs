@@ -1,10 +1,13 @@
 //! Foxglove's image and calibration messages in JSON.
 
-use super::{Calibration, ImageMessage, MessageError, stamp};
+use super::{Calibration, ImageMessage, stamp};
 use crate::pictures::{Picture, RawPicture};
+use anyhow::{Context, Result};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use serde::Deserialize;
+
+const DAMAGED: &str = "the message is damaged";
 
 #[derive(Default, Deserialize)]
 #[serde(default)]
@@ -40,15 +43,11 @@ struct CameraCalibration {
     k: Vec<f64>,
 }
 
-fn damaged(error: impl std::fmt::Display) -> MessageError {
-    MessageError::Damaged(error.to_string())
-}
-
 /// `foxglove.CompressedImage` or `foxglove.RawImage`.
-pub fn image(data: &[u8]) -> Result<ImageMessage, MessageError> {
+pub fn image(data: &[u8]) -> Result<ImageMessage> {
     let Image { timestamp, data, encoding, width, height, step } =
-        serde_json::from_slice(data).map_err(damaged)?;
-    let data = STANDARD.decode(data).map_err(damaged)?;
+        serde_json::from_slice(data).context(DAMAGED)?;
+    let data = STANDARD.decode(data).context(DAMAGED)?;
     let picture = match encoding {
         Some(encoding) => Picture::Raw(RawPicture { width, height, step, encoding, big_endian: false, data }),
         None => Picture::Encoded(data),
@@ -57,8 +56,8 @@ pub fn image(data: &[u8]) -> Result<ImageMessage, MessageError> {
 }
 
 /// `foxglove.CameraCalibration`.
-pub fn calibration(data: &[u8]) -> Result<Calibration, MessageError> {
-    let message: CameraCalibration = serde_json::from_slice(data).map_err(damaged)?;
+pub fn calibration(data: &[u8]) -> Result<Calibration> {
+    let message: CameraCalibration = serde_json::from_slice(data).context(DAMAGED)?;
     Ok(Calibration {
         width: message.width,
         height: message.height,

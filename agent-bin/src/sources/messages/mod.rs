@@ -6,8 +6,8 @@ mod json;
 mod ros2;
 
 use crate::pictures::Picture;
-use geometry::{Camera, CameraError, Distortion, KannalaBrandt, Pinhole, RadTan};
-use thiserror::Error;
+use anyhow::{Result, bail};
+use geometry::{Camera, Distortion, KannalaBrandt, Pinhole, RadTan};
 
 /// An image message, the picture not yet decoded.
 #[derive(Debug)]
@@ -16,22 +16,6 @@ pub struct ImageMessage {
     pub stamp: Option<f64>,
     /// The picture.
     pub picture: Picture,
-}
-
-/// Why a message cannot be used.
-#[derive(Debug, Error)]
-pub enum MessageError {
-    /// The bytes are not what the schema says.
-    #[error("the message is damaged: {0}")]
-    Damaged(String),
-    /// A calibration with a lens model that is not known.
-    #[error(
-        "the lens model '{0}' is not known (plumb_bob, rational_polynomial, equidistant and kannala_brandt are)"
-    )]
-    LensModel(String),
-    /// A calibration whose numbers are no camera.
-    #[error(transparent)]
-    Camera(#[from] CameraError),
 }
 
 /// What a channel's messages hold, and how they are written.
@@ -83,14 +67,14 @@ impl Content {
 ///
 /// # Errors
 /// When the bytes are not of that form.
-pub fn read_image(form: Form, data: &[u8]) -> Result<ImageMessage, MessageError> {
+pub fn read_image(form: Form, data: &[u8]) -> Result<ImageMessage> {
     match form {
         Form::FoxgloveCompressed => foxglove::compressed(data),
         Form::FoxgloveRaw => foxglove::raw(data),
         Form::FoxgloveJson => json::image(data),
         Form::Ros2Compressed => ros2::compressed(data),
         Form::Ros2Raw => ros2::raw(data),
-        Form::FoxgloveCalibration | Form::Ros2CameraInfo => Err(MessageError::Damaged("no image".into())),
+        Form::FoxgloveCalibration | Form::Ros2CameraInfo => bail!("a calibration is no image"),
     }
 }
 
@@ -98,12 +82,12 @@ pub fn read_image(form: Form, data: &[u8]) -> Result<ImageMessage, MessageError>
 ///
 /// # Errors
 /// When the bytes are not of that form, or the numbers no camera.
-pub fn read_calibration(form: Form, data: &[u8]) -> Result<Camera, MessageError> {
+pub fn read_calibration(form: Form, data: &[u8]) -> Result<Camera> {
     let calibration = match form {
         Form::FoxgloveCalibration => foxglove::calibration(data)?,
         Form::FoxgloveJson => json::calibration(data)?,
         Form::Ros2CameraInfo => ros2::camera_info(data)?,
-        _ => return Err(MessageError::Damaged("no calibration".into())),
+        _ => bail!("an image is no calibration"),
     };
     calibration.camera()
 }
@@ -120,15 +104,15 @@ struct Calibration {
 }
 
 impl Calibration {
-    fn camera(&self) -> Result<Camera, MessageError> {
+    fn camera(&self) -> Result<Camera> {
         let &[fx, _, cx, _, fy, cy, ..] = self.intrinsics.as_slice() else {
-            return Err(MessageError::Damaged(format!("K has {} numbers, not 9", self.intrinsics.len())));
+            bail!("K has {} numbers, not 9", self.intrinsics.len());
         };
         let pinhole = Pinhole { width: self.width as usize, height: self.height as usize, fx, fy, cx, cy };
         Ok(Camera::new(pinhole, self.lens()?)?)
     }
 
-    fn lens(&self) -> Result<Distortion, MessageError> {
+    fn lens(&self) -> Result<Distortion> {
         if self.distortion.is_empty() {
             return Ok(Distortion::None);
         }
@@ -140,7 +124,10 @@ impl Calibration {
             "equidistant" | "fisheye" | "kannala_brandt" => {
                 Distortion::KannalaBrandt(KannalaBrandt::new(&self.distortion)?)
             }
-            other => return Err(MessageError::LensModel(other.to_owned())),
+            other => bail!(
+                "the lens model '{other}' is not known (plumb_bob, rational_polynomial, equidistant and \
+                 kannala_brandt are)"
+            ),
         })
     }
 }

@@ -1,18 +1,19 @@
 //! ROS 2 `sensor_msgs`: Image, CompressedImage and CameraInfo.
 
 use super::cdr::Cdr;
-use super::{Calibration, ImageMessage, MessageError, stamp};
+use super::{Calibration, ImageMessage, stamp};
 use crate::pictures::{Picture, RawPicture};
+use anyhow::Result;
 
 /// `std_msgs/Header`: its stamp.
-fn header(cdr: &mut Cdr) -> Result<Option<f64>, MessageError> {
+fn header(cdr: &mut Cdr) -> Result<Option<f64>> {
     let (seconds, nanoseconds) = (cdr.i32()?, cdr.u32()?);
     let _frame_id = cdr.string()?;
     Ok(stamp(seconds.into(), nanoseconds))
 }
 
 /// `sensor_msgs/msg/Image`.
-pub fn raw(data: &[u8]) -> Result<ImageMessage, MessageError> {
+pub fn raw(data: &[u8]) -> Result<ImageMessage> {
     let mut cdr = Cdr::new(data)?;
     let stamp = header(&mut cdr)?;
     let (height, width) = (cdr.u32()? as usize, cdr.u32()? as usize);
@@ -25,7 +26,7 @@ pub fn raw(data: &[u8]) -> Result<ImageMessage, MessageError> {
 }
 
 /// `sensor_msgs/msg/CompressedImage`.
-pub fn compressed(data: &[u8]) -> Result<ImageMessage, MessageError> {
+pub fn compressed(data: &[u8]) -> Result<ImageMessage> {
     let mut cdr = Cdr::new(data)?;
     let stamp = header(&mut cdr)?;
     let _format = cdr.string()?;
@@ -33,7 +34,7 @@ pub fn compressed(data: &[u8]) -> Result<ImageMessage, MessageError> {
 }
 
 /// `sensor_msgs/msg/CameraInfo`.
-pub fn camera_info(data: &[u8]) -> Result<Calibration, MessageError> {
+pub fn camera_info(data: &[u8]) -> Result<Calibration> {
     let mut cdr = Cdr::new(data)?;
     header(&mut cdr)?;
     let (height, width) = (cdr.u32()?, cdr.u32()?);

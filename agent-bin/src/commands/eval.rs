@@ -1,0 +1,180 @@
+//! `loopbox eval`: how far a trajectory, and a map's depth, are from the truth.
+
+use super::eval_depth::{self, MapDepth};
+use anyhow::{Result, bail};
+use clap::{Args, ValueEnum};
+use eval::{AlignMode, Delta, Evaluation, Options, Statistics, evaluate, read_times, read_trajectory};
+use serde::Serialize;
+use std::fmt::Write;
+use std::path::PathBuf;
+
+/// Measure a trajectory against ground truth: ATE, RPE, KITTI segment errors, coverage
+#[derive(Args, Debug)]
+pub struct EvalArgs {
+    /// Estimated trajectory: TUM (t tx ty tz qx qy qz qw) or KITTI (3×4 matrix a row)
+    estimate: PathBuf,
+    /// True trajectory, in either form
+    #[arg(long, value_name = "FILE")]
+    gt: PathBuf,
+    /// What is adjusted before errors are measured
+    #[arg(long, value_enum, default_value_t = Align::Sim3)]
+    align: Align,
+    /// Interval of the relative pose error: `10` frames or `1.5s`
+    #[arg(long, value_name = "N|SECONDSs", default_value = "1", value_parser = parse_delta)]
+    delta: Delta,
+    /// Let the intervals of the relative pose error overlap: one starts at every pose
+    #[arg(long)]
+    all_pairs: bool,
+    /// Largest time difference of an estimated and a true pose that are compared, seconds
+    #[arg(long, value_name = "SECONDS", default_value_t = eval::DEFAULT_MAX_DIFF)]
+    max_diff: f64,
+    /// Times of the recording's frames (first column of times.txt): coverage counts these, and KITTI files
+    /// take their time stamps from here
+    #[arg(long, value_name = "FILE")]
+    frames: Option<PathBuf>,
+    /// Also measure the depths of this map (map.mcap) against --depth
+    #[arg(long, value_name = "FILE", requires_all = ["depth", "frames"])]
+    map: Option<PathBuf>,
+    /// Folder of true depth images NNNNNN.png, named by frame: 16 bit, millimetres along the optical axis
+    #[arg(long, value_name = "DIR", requires = "map")]
+    depth: Option<PathBuf>,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// The alignments by their names on the command line.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum Align {
+    /// Rotation, translation and scale
+    Sim3,
+    /// Rotation and translation
+    Se3,
+    /// Scale alone, taken from the Sim(3) alignment
+    Scale,
+    /// Nothing
+    None,
+}
+
+impl From<Align> for AlignMode {
+    fn from(align: Align) -> Self {
+        match align {
+            Align::Sim3 => Self::Sim3,
+            Align::Se3 => Self::Se3,
+            Align::Scale => Self::Scale,
+            Align::None => Self::None,
+        }
+    }
+}
+
+/// What is printed as JSON.
+#[derive(Serialize)]
+struct Output {
+    #[serde(flatten)]
+    evaluation: Evaluation,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    depth: Option<MapDepth>,
+}
+
+/// Reads both trajectories, compares them and prints the result.
+pub fn run(args: EvalArgs) -> Result<()> {
+    let estimate = read_trajectory(&args.estimate)?;
+    let truth = read_trajectory(&args.gt)?;
+    let frames = args.frames.as_deref().map(read_times).transpose()?;
+    let options = Options {
+        align: args.align.into(),
+        max_diff: args.max_diff,
+        delta: args.delta,
+        all_pairs: args.all_pairs,
+    };
+    let depth = match (&args.map, &args.depth, &frames) {
+        (Some(map), Some(folder), Some(frames)) => {
+            Some(eval_depth::measure(map, folder, frames, &truth, args.max_diff)?)
+        }
+        _ => None,
+    };
+    let evaluation = evaluate(estimate, truth, frames.as_deref(), &options)?;
+    if args.json {
+        println!("{}", serde_json::to_string_pretty(&Output { evaluation, depth })?);
+    } else {
+        print!("{}", table(&evaluation, frames.is_some())?);
+        depth.iter().for_each(|depth| print!("\n{depth}"));
+    }
+    Ok(())
+}
+
+/// `10` is frames, `1.5s` is seconds.
+fn parse_delta(text: &str) -> Result<Delta> {
+    if let Some(seconds) = text.strip_suffix('s') {
+        match seconds.parse::<f64>() {
+            Ok(seconds) if seconds.is_finite() && seconds > 0.0 => return Ok(Delta::Seconds(seconds)),
+            _ => bail!("expected a time above zero, as in `1.5s`"),
+        }
+    }
+    match text.parse::<usize>() {
+        Ok(frames) if frames > 0 => Ok(Delta::Frames(frames)),
+        _ => bail!("expected a number of frames from 1, or seconds as in `1.5s`"),
+    }
+}
+
+fn table(evaluation: &Evaluation, frames_given: bool) -> Result<String, std::fmt::Error> {
+    let mut out = String::new();
+    let alignment = match evaluation.align {
+        AlignMode::None => "none".to_owned(),
+        AlignMode::Se3 => "SE(3)".to_owned(),
+        AlignMode::Sim3 => format!("Sim(3), scale {:.6}", evaluation.truth_from_estimate.scale),
+        AlignMode::Scale => format!("scale {:.6}", evaluation.truth_from_estimate.scale),
+    };
+    writeln!(out, "compared    {} poses, alignment {alignment}", evaluation.pairs)?;
+    if let Some(c) = evaluation.coverage {
+        let what = if frames_given { "frames" } else { "ground-truth poses" };
+        writeln!(out, "coverage    {} of {} {what} ({:.1} %)", c.covered, c.total, 100.0 * c.share)?;
+    }
+    let heads = ["rmse", "mean", "median", "std", "min", "max", "sse"];
+    write!(out, "\n{:<16}", "")?;
+    heads.iter().try_for_each(|head| write!(out, "{head:>12}"))?;
+    writeln!(out)?;
+    row(&mut out, "ATE m", &evaluation.ate)?;
+    if let Some(rpe) = &evaluation.rpe {
+        row(&mut out, "RPE m", &rpe.translation)?;
+        row(&mut out, "RPE deg", &rpe.rotation_deg)?;
+        let overlap = if rpe.all_pairs { ", overlapping" } else { "" };
+        match rpe.delta {
+            Delta::Frames(n) => writeln!(out, "RPE over {n} frame(s){overlap}")?,
+            Delta::Seconds(s) => writeln!(out, "RPE over {s} s{overlap}")?,
+        }
+    }
+    if let Some(segments) = &evaluation.segments {
+        writeln!(out, "\n{:<16}{:>12}{:>12}{:>12}", "segments", "count", "trans %", "rot deg/m")?;
+        for l in &segments.lengths {
+            let name = format!("{} m", l.length);
+            let (t, r) = (l.translation_percent, l.rotation_deg_per_m);
+            writeln!(out, "{name:<16}{:>12}{t:>12.4}{r:>12.6}", l.count)?;
+        }
+        let (t, r) = (segments.translation_percent, segments.rotation_deg_per_m);
+        writeln!(out, "{:<16}{:>12}{t:>12.4}{r:>12.6}", "all", "")?;
+    }
+    Ok(out)
+}
+
+fn row(out: &mut String, name: &str, s: &Statistics) -> std::fmt::Result {
+    write!(out, "{name:<16}")?;
+    [s.rmse, s.mean, s.median, s.std, s.min, s.max, s.sse]
+        .iter()
+        .try_for_each(|v| write!(out, "{v:>12.6}"))?;
+    writeln!(out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn intervals_are_frames_or_seconds() {
+        assert_eq!(parse_delta("10").unwrap(), Delta::Frames(10));
+        assert_eq!(parse_delta("1.5s").unwrap(), Delta::Seconds(1.5));
+        for bad in ["0", "-1", "0s", "NaNs", "infs", "s", "x", "1.5"] {
+            assert!(parse_delta(bad).is_err(), "{bad}");
+        }
+    }
+}

@@ -1,0 +1,218 @@
+// Mouse, touch, keys and the panel of the 3-D view.
+
+class Controls {
+  constructor(viewer) {
+    this.viewer = viewer;
+    this.pointers = new Map();
+    this.bindPanel();
+    this.bindPointers();
+    this.bindKeys();
+    viewer.covered = this.coveredWidth();
+    new ResizeObserver(() => {
+      viewer.covered = this.coveredWidth();
+      if (this.untouched) Object.assign(viewer.camera, this.view("fit"));
+      viewer.redraw();
+    }).observe(viewer.canvas);
+    this.untouched = true;
+    Object.assign(viewer.camera, this.view("fit"));
+  }
+
+  /** Pixels on the left under the panel; on narrow screens the panel may cover what it covers. */
+  coveredWidth() {
+    return this.viewer.canvas.clientWidth > 640 ? byId("controls").offsetWidth + 12 : 0;
+  }
+
+  /** The camera state of a named view. */
+  view(name) {
+    const { canvas, camera, scene } = this.viewer;
+    const [azimuth, elevation] = { fit: [Math.PI + 0.45, 0.5], top: [Math.PI, 1.5607], side: [Math.PI, 0.03] }[name];
+    return camera.fitted(scene.box, azimuth, elevation, Math.max(0.2, (canvas.clientWidth - this.viewer.covered) / (canvas.clientHeight || 1)));
+  }
+
+  /** Moves the camera to a state, smoothly where motion is welcome. */
+  go(goal) {
+    const { viewer } = this;
+    this.untouched = false;
+    cancelAnimationFrame(this.flight);
+    const start = viewer.camera.state(), begin = performance.now();
+    const length = matchMedia("(prefers-reduced-motion: reduce)").matches ? 0 : 450;
+    const step = (now) => {
+      const t = length ? Math.min(1, Math.max(0, (now - begin) / length)) : 1;
+      Object.assign(viewer.camera, OrbitCamera.between(start, goal, t * t * (3 - 2 * t)));
+      viewer.redraw();
+      if (t < 1) this.flight = requestAnimationFrame(step);
+    };
+    step(begin);
+  }
+
+  /** Looks out of the selected keyframe with its field of view. */
+  lookThrough() {
+    const { viewer } = this, index = shared.selected;
+    if (index < 0) return;
+    const { width, height, fx, fy } = data.scene.camera;
+    const { clientWidth, clientHeight } = viewer.canvas;
+    const narrow = (clientWidth - viewer.covered) / clientHeight;
+    const tan = Math.max(height / 2 / fy, width / 2 / fx / narrow) * 1.05;
+    const forward = viewer.scene.level(keyframes.column(index, 2));
+    this.go(viewer.camera.through(viewer.centre(index), forward, viewer.frustumSize * 3, 2 * Math.atan(tan)));
+  }
+
+  bindPanel() {
+    const { viewer } = this, form = byId("controls");
+    form.addEventListener("submit", (event) => event.preventDefault());
+    const { scene } = viewer, codes = cloud.value.filter((_, i) => i % 2 === 1);
+    const span = codes.reduce(([low, high], c) => [Math.min(low, c), Math.max(high, c)], [255, 0]);
+    const slider = byId("sigma");
+    if (span[0] <= span[1]) [slider.min, slider.max, slider.value] = [span[0], span[1], span[1]];
+    slider.disabled = span[0] >= span[1];
+    const read = () => {
+      const { settings } = viewer;
+      settings.colour = Number(form.elements.colour.value);
+      settings.size = Number(byId("size").value);
+      settings.sigma = Number(slider.value);
+      settings.layers = new Set(Array.from(form.querySelectorAll("[name=layer]:checked"), (box) => box.value));
+      byId("size-value").textContent = settings.size;
+      byId("sigma-value").textContent = `${figures(cloud.sigma(settings.sigma) * 100)} %`;
+      showLegend(settings.colour, scene);
+      viewer.redraw();
+    };
+    form.addEventListener("input", read);
+    read();
+    form.addEventListener("click", (event) => {
+      const name = event.target.dataset && event.target.dataset.view;
+      if (name === "full") toggleFullScreen(byId("viewer"));
+      else if (name) this.go(this.view(name));
+    });
+  }
+
+  bindPointers() {
+    const { viewer } = this, { canvas } = viewer;
+    const place = (event) => {
+      const box = canvas.getBoundingClientRect();
+      return [event.clientX - box.left, event.clientY - box.top];
+    };
+    canvas.addEventListener("contextmenu", (event) => event.preventDefault());
+    canvas.addEventListener("pointerdown", (event) => {
+      canvas.setPointerCapture(event.pointerId);
+      cancelAnimationFrame(this.flight);
+      if (!this.pointers.size) this.moved = 0;
+      this.pointers.set(event.pointerId, place(event));
+      canvas.classList.add("dragging");
+    });
+    canvas.addEventListener("pointermove", (event) => {
+      const at = place(event);
+      if (this.pointers.has(event.pointerId)) this.drag(event, at);
+      else canvas.classList.toggle("pointing", this.keyframeAt(at) >= 0);
+    });
+    const release = (event) => {
+      const at = this.pointers.get(event.pointerId);
+      this.pointers.delete(event.pointerId);
+      canvas.classList.toggle("dragging", this.pointers.size > 0);
+      if (at && event.type === "pointerup" && event.button === 0 && this.moved < 4) shared.select(this.keyframeAt(at));
+    };
+    canvas.addEventListener("pointerup", release);
+    canvas.addEventListener("pointercancel", release);
+    canvas.addEventListener("dblclick", (event) => this.centreOn(place(event)));
+    canvas.addEventListener("wheel", (event) => {
+      event.preventDefault();
+      const pixels = event.deltaY * [1, 16, 400][event.deltaMode];
+      this.zoom(Math.exp(Math.max(-200, Math.min(200, pixels)) * 0.0015), place(event));
+    }, { passive: false });
+  }
+
+  /** One pointer orbits (or pans with right button or shift); two pan and pinch. */
+  drag(event, at) {
+    const { viewer } = this, height = viewer.canvas.clientHeight;
+    const before = this.pointers.get(event.pointerId);
+    const [dx, dy] = [at[0] - before[0], at[1] - before[1]];
+    this.moved += Math.abs(dx) + Math.abs(dy);
+    this.untouched = false;
+    if (this.pointers.size === 1) {
+      if (event.buttons & 2 || event.buttons & 4 || event.shiftKey) viewer.camera.pan(dx, dy, height);
+      else viewer.camera.orbit(dx, dy);
+    } else {
+      const other = [...this.pointers].find(([id]) => id !== event.pointerId)[1];
+      const apart = (p) => Math.hypot(p[0] - other[0], p[1] - other[1]) || 1;
+      viewer.camera.pan(dx / 2, dy / 2, height);
+      this.zoom(apart(before) / apart(at), [(at[0] + other[0]) / 2, (at[1] + other[1]) / 2]);
+    }
+    this.pointers.set(event.pointerId, at);
+    viewer.redraw();
+  }
+
+  zoom(factor, [x, y]) {
+    const { viewer } = this, { clientWidth, clientHeight } = viewer.canvas;
+    this.untouched = false;
+    viewer.camera.zoom(factor, x - (clientWidth + viewer.covered) / 2, y - clientHeight / 2, clientHeight);
+    viewer.redraw();
+  }
+
+  /** The keyframe drawn within a few pixels of a place, or −1. */
+  keyframeAt([x, y]) {
+    const { viewer } = this;
+    if (!viewer.settings.layers.has("keyframes")) return -1;
+    const matrix = viewer.matrix();
+    let best = -1, nearest = 14;
+    for (let i = 0; i < keyframes.count; i++) {
+      const p = viewer.project(matrix, viewer.centre(i));
+      const distance = p ? Math.hypot(p[0] - x, p[1] - y) : Infinity;
+      if (distance < nearest) [best, nearest] = [i, distance];
+    }
+    return best;
+  }
+
+  /** Makes the cloud's point nearest to a place on the screen the centre of orbits. */
+  centreOn([x, y]) {
+    const { viewer } = this, { clientWidth, clientHeight } = viewer.canvas;
+    const matrix = multiply(viewer.matrix(), viewer.worldFromBox);
+    let best = -1, lowest = Infinity;
+    for (let i = 0; i < cloud.count; i++) {
+      if (cloud.value[i * 2 + 1] > viewer.settings.sigma) continue;
+      const box = [0, 1, 2].map((c) => cloud.position[i * 4 + c] / 65535);
+      const [cx, cy, , w] = transform(matrix, box);
+      if (w < viewer.camera.near()) continue;
+      const off = Math.hypot((cx / w * 0.5 + 0.5) * clientWidth - x, (0.5 - cy / w * 0.5) * clientHeight - y);
+      // Within the pointer's reach the nearer point wins.
+      const cost = off < 6 ? w * 1e-6 : off;
+      if (off < 30 && cost < lowest) [best, lowest] = [i, cost];
+    }
+    if (best < 0) return;
+    const target = viewer.scene.level(cloud.world(best));
+    const distance = dot(add(viewer.camera.eye(), target, -1), viewer.camera.axes().back);
+    this.go({ ...viewer.camera.state(), target, distance: Math.max(distance * 0.7, viewer.frustumSize) });
+  }
+
+  bindKeys() {
+    const { viewer } = this;
+    viewer.canvas.addEventListener("keydown", (event) => {
+      if (event.ctrlKey || event.metaKey || event.altKey) return;
+      const views = { f: "fit", t: "top", s: "side" };
+      if (views[event.key]) this.go(this.view(views[event.key]));
+      else if (event.key === "ArrowLeft") shared.select(shared.selected - 1);
+      else if (event.key === "ArrowRight") shared.select(shared.selected + 1);
+      else if (event.key === "+" || event.key === "-") this.zoom(event.key === "+" ? 0.85 : 1 / 0.85, [(viewer.canvas.clientWidth + viewer.covered) / 2, viewer.canvas.clientHeight / 2]);
+      else return;
+      event.preventDefault();
+    });
+  }
+}
+
+function toggleFullScreen(node) {
+  if (document.fullscreenElement) document.exitFullscreen();
+  else if (node.requestFullscreen) node.requestFullscreen().catch(() => {});
+}
+
+/** Explains the colours in use. */
+function showLegend(colour, scene) {
+  const legends = {
+    1: ["Height, map units", COLOURS.ordered, scene.heights.map((h) => figures(h))],
+    2: ["Depth in its keyframe, map units", COLOURS.depth, [0, 0.5, 1].map((t) => figures(cloud.depth(t)))],
+    3: ["Relative σ of inverse depth", COLOURS.ordered, [1, 0.5, 0].map((t) => `${figures(cloud.sigma(scene.codes[0] + t * (scene.codes[1] - scene.codes[0])) * 100)} %`)],
+  };
+  byId("legend").hidden = !legends[colour];
+  if (!legends[colour]) return;
+  const [title, table, ticks] = legends[colour];
+  byId("legend-title").textContent = title;
+  paintBar(byId("legend-bar"), table);
+  byId("legend-ticks").replaceChildren(...ticks.map((t) => element("span", t)));
+}

@@ -1,0 +1,217 @@
+//! The cloud of the 3-D view: world points, thinned to a budget and quantised.
+
+use super::pack::Packed;
+use geometry::Pinhole;
+use map::Keyframe;
+use nalgebra::Vector3;
+use serde::Serialize;
+
+/// Most points a report holds; ten bytes each, before base64.
+pub const MAX_POINTS: usize = 400_000;
+
+/// Relative standard deviations of inverse depth (σ/d) that code 0 and code 255 stand for; logarithmic between.
+const SIGMA_RANGE: [f32; 2] = [1e-3, 1.0];
+
+/// A cloud in the order of its keyframes.
+#[derive(Serialize)]
+pub struct Cloud {
+    /// Points held.
+    count: usize,
+    /// Points of the map.
+    total: usize,
+    /// Corner of the box that the coordinates are quantised in, world.
+    box_min: [f32; 3],
+    /// Edge lengths of the box.
+    box_size: [f32; 3],
+    /// `x, y, z, inverse depth` per point, u16 over the box and over `inverse_depth`.
+    position: Packed,
+    /// `intensity, code of σ/d` per point, u8.
+    value: Packed,
+    /// Range of world inverse depth that the colours span, 1/map unit.
+    pub inverse_depth: [f32; 2],
+    /// Relative σ of codes 0 and 255.
+    sigma: [f32; 2],
+    /// Number of points held of each keyframe, u32.
+    per_keyframe: Packed,
+}
+
+/// A point of the cloud before quantisation.
+#[derive(Clone, Copy)]
+struct CloudPoint {
+    position: Vector3<f32>,
+    inverse_depth: f32,
+    intensity: u8,
+    sigma_code: u8,
+    keyframe: u32,
+}
+
+impl Cloud {
+    /// The cloud of `keyframes`, whose images were taken by `camera`.
+    pub fn new(camera: &Pinhole, keyframes: &[&Keyframe]) -> Self {
+        let mut points = gather(camera, keyframes);
+        let total = points.len();
+        let (low, high) = robust_box(&points);
+        points.retain(|p| (0..3).all(|i| p.position[i] >= low[i] && p.position[i] <= high[i]));
+        thin(&mut points, MAX_POINTS);
+        let size = high - low;
+        let inverse_depth = range(points.iter().map(|p| p.inverse_depth), 0.02);
+        let mut position = Vec::with_capacity(points.len() * 8);
+        let mut value = Vec::with_capacity(points.len() * 2);
+        let mut per_keyframe = vec![0; keyframes.len()];
+        for p in &points {
+            let q = (p.position - low).component_div(&size);
+            let depth = (p.inverse_depth - inverse_depth[0]) / (inverse_depth[1] - inverse_depth[0]);
+            for v in [q.x, q.y, q.z, depth] {
+                position.extend(((v.clamp(0.0, 1.0) * 65535.0).round() as u16).to_le_bytes());
+            }
+            value.extend([p.intensity, p.sigma_code]);
+            per_keyframe[p.keyframe as usize] += 1;
+        }
+        Self {
+            count: points.len(),
+            total,
+            box_min: low.into(),
+            box_size: size.into(),
+            position: Packed(position),
+            value: Packed(value),
+            inverse_depth,
+            sigma: SIGMA_RANGE,
+            per_keyframe: Packed::u32(per_keyframe),
+        }
+    }
+}
+
+/// The world points of all keyframes; impossible depths and pixels are passed over.
+fn gather(camera: &Pinhole, keyframes: &[&Keyframe]) -> Vec<CloudPoint> {
+    let mut points = Vec::with_capacity(keyframes.iter().map(|k| k.semi_dense.len()).sum());
+    for (index, keyframe) in keyframes.iter().enumerate() {
+        let (image, pose) = (&keyframe.image, &keyframe.world_from_keyframe);
+        for (pixel, inverse_depth, variance) in keyframe.semi_dense.iter() {
+            let Some(&intensity) = image.data().get(pixel as usize) else { continue };
+            if !(inverse_depth > 0.0 && inverse_depth.is_finite()) {
+                continue;
+            }
+            let (x, y) = (pixel as usize % image.width(), pixel as usize / image.width());
+            let world = *pose * (camera.unproject(x as f64, y as f64) / inverse_depth as f64);
+            let position = world.cast::<f32>();
+            if position.iter().all(|v| v.is_finite()) {
+                points.push(CloudPoint {
+                    position,
+                    inverse_depth: inverse_depth / pose.scale as f32,
+                    intensity,
+                    sigma_code: sigma_code(variance.sqrt() / inverse_depth),
+                    keyframe: index as u32,
+                });
+            }
+        }
+    }
+    points
+}
+
+/// The code of a relative standard deviation; unknown (NaN) counts as the worst.
+fn sigma_code(sigma: f32) -> u8 {
+    let [best, worst] = SIGMA_RANGE;
+    let t = (sigma / best).ln() / (worst / best).ln();
+    if t.is_nan() { 255 } else { (t.clamp(0.0, 1.0) * 255.0).round() as u8 }
+}
+
+/// A box around the bulk of the points with room to spare: a few points gone astray must not cost the
+/// others their precision.
+fn robust_box(points: &[CloudPoint]) -> (Vector3<f32>, Vector3<f32>) {
+    let ranges: [[f32; 2]; 3] = std::array::from_fn(|i| range(points.iter().map(|p| p.position[i]), 0.005));
+    let low = Vector3::from_fn(|i, _| ranges[i][0]);
+    let high = Vector3::from_fn(|i, _| ranges[i][1]);
+    let margin = Vector3::from_element((high - low).max());
+    (low - margin, high + margin)
+}
+
+/// The `share` and `1 − share` quantiles of some values, never equal; (0, 1) of none.
+fn range(values: impl Iterator<Item = f32>, share: f64) -> [f32; 2] {
+    let mut values: Vec<f32> = values.collect();
+    if values.is_empty() {
+        return [0.0, 1.0];
+    }
+    let mut quantile = |q: f64| {
+        let rank = ((values.len() - 1) as f64 * q).round() as usize;
+        *values.select_nth_unstable_by(rank, f32::total_cmp).1
+    };
+    let (low, high) = (quantile(share), quantile(1.0 - share));
+    [low, high.max(low + low.abs().max(1e-3) * 1e-3)]
+}
+
+/// Thins the cloud to `budget` points: first the least certain go, at most half of all, then every so many.
+fn thin(points: &mut Vec<CloudPoint>, budget: usize) {
+    if points.len() <= budget {
+        return;
+    }
+    let mut histogram = [0usize; 256];
+    points.iter().for_each(|p| histogram[p.sigma_code as usize] += 1);
+    let enough = budget.max(points.len() / 2);
+    let mut kept = 0;
+    let worst = histogram.iter().position(|n| {
+        kept += n;
+        kept >= enough
+    });
+    points.retain(|p| worst.is_none_or(|worst| p.sigma_code as usize <= worst));
+    evenly(points, budget);
+}
+
+/// Keeps `budget` elements, spread evenly over the order of `items`.
+pub fn evenly<T>(items: &mut Vec<T>, budget: usize) {
+    let count = items.len();
+    if count > budget {
+        let mut index = 0;
+        items.retain(|_| {
+            index += 1;
+            index * budget / count > (index - 1) * budget / count
+        });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn point(x: f32, sigma_code: u8) -> CloudPoint {
+        CloudPoint {
+            position: Vector3::new(x, 0.0, 0.0),
+            inverse_depth: 1.0,
+            intensity: 0,
+            sigma_code,
+            keyframe: 0,
+        }
+    }
+
+    #[test]
+    fn thinning_drops_the_uncertain_first_and_meets_the_budget() {
+        let mut points: Vec<_> =
+            (0..1000).map(|i| point(i as f32, if i % 4 == 0 { 200 } else { 10 })).collect();
+        thin(&mut points, 300);
+        assert_eq!(points.len(), 300);
+        assert!(points.iter().all(|p| p.sigma_code == 10));
+        assert!(points.first().unwrap().position.x < 10.0 && points.last().unwrap().position.x > 990.0);
+    }
+
+    #[test]
+    fn stray_points_do_not_stretch_the_box() {
+        let mut points: Vec<_> = (0..1000).map(|i| point(i as f32 / 1000.0, 0)).collect();
+        points.push(point(1e6, 0));
+        let (low, high) = robust_box(&points);
+        assert!(low.x > -2.0 && low.x < 0.0 && high.x > 1.0 && high.x < 3.0, "{low} {high}");
+    }
+
+    #[test]
+    fn sigma_codes_order_and_survive_nan() {
+        assert_eq!(sigma_code(0.0), 0);
+        assert_eq!(sigma_code(f32::NAN), 255);
+        assert_eq!(sigma_code(5.0), 255);
+        assert!(sigma_code(0.01) < sigma_code(0.02));
+    }
+
+    #[test]
+    fn a_range_has_width() {
+        assert_eq!(range([].into_iter(), 0.1), [0.0, 1.0]);
+        let [low, high] = range([3.0].into_iter(), 0.1);
+        assert!(low <= 3.0 && high > low);
+    }
+}

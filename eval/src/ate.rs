@@ -1,0 +1,11 @@
+//! Absolute trajectory error.
+
+use crate::{Associated, Statistics};
+
+/// Distances between estimated and true camera positions, in the unit of the ground truth
+/// (Sturm 2012, §IV-B); `None` without pairs. Align first.
+pub fn ate(aligned: &Associated) -> Option<Statistics> {
+    let (estimate, truth) = aligned.positions();
+    let errors: Vec<f64> = estimate.iter().zip(&truth).map(|(e, t)| (e - t).norm()).collect();
+    Statistics::of(&errors)
+}

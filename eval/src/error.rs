@@ -1,0 +1,66 @@
+//! What can go wrong, and how to mend it.
+
+use geometry::umeyama::UmeyamaError;
+use std::path::PathBuf;
+
+/// Why an evaluation is not possible.
+#[derive(Debug, thiserror::Error)]
+pub enum EvalError {
+    /// A file cannot be read.
+    #[error("{}: cannot be read: {source}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// A line of a file is not what it should be.
+    #[error("{}:{line}: {problem}", path.display())]
+    Line {
+        /// The file.
+        path: PathBuf,
+        /// Its line, from 1.
+        line: usize,
+        /// What is wrong and what was expected.
+        problem: String,
+    },
+    /// A file holds no pose or no time.
+    #[error("{}: holds no {what}; only empty lines and comments were found", path.display())]
+    Empty {
+        /// The file.
+        path: PathBuf,
+        /// What was expected.
+        what: &'static str,
+    },
+    /// One trajectory has time stamps and the other has none.
+    #[error(
+        "one trajectory has time stamps (TUM) and the other has none (KITTI): give --frames with one time per pose"
+    )]
+    MixedTimes,
+    /// Without time stamps poses correspond by their order, which needs equal numbers.
+    #[error(
+        "the estimate has {estimate} poses and the ground truth {truth}, without time stamps to match them by: \
+         give --frames with one time per pose, or use TUM files"
+    )]
+    CountMismatch {
+        /// Poses of the estimate.
+        estimate: usize,
+        /// Poses of the ground truth.
+        truth: usize,
+    },
+    /// No time of one trajectory is near a time of the other.
+    #[error(
+        "no pose of the estimate lies within {max_diff} s of one of the ground truth: \
+         are both from one recording and one clock? --max-diff widens the search"
+    )]
+    NoPairs {
+        /// The widest difference allowed, seconds.
+        max_diff: f64,
+    },
+    /// The trajectories cannot be aligned.
+    #[error("{0}; use --align none or a longer trajectory")]
+    Align(#[from] UmeyamaError),
+    /// A setting lies outside its range.
+    #[error("{0}")]
+    Setting(String),
+}

@@ -1,0 +1,93 @@
+//! All measures of one estimate.
+
+use crate::coverage::FRAME_TOLERANCE;
+use crate::{
+    AlignMode, Coverage, DEFAULT_MAX_DIFF, Delta, EvalError, Rpe, SegmentErrors, Statistics, Trajectory,
+    align, associate, ate, coverage, rpe, segment_errors,
+};
+use geometry::Sim3;
+use serde::Serialize;
+
+/// How an estimate is compared with its ground truth.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Options {
+    /// What is adjusted first. Default Sim(3).
+    pub align: AlignMode,
+    /// Widest time difference of a pair, seconds, ≥ 0. Default [`DEFAULT_MAX_DIFF`].
+    pub max_diff: f64,
+    /// Interval of the relative pose error. Default one frame.
+    pub delta: Delta,
+    /// Whether RPE pairs overlap. Default no, as `evo` does.
+    pub all_pairs: bool,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            align: AlignMode::default(),
+            max_diff: DEFAULT_MAX_DIFF,
+            delta: Delta::Frames(1),
+            all_pairs: false,
+        }
+    }
+}
+
+/// All measures of one estimate.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Evaluation {
+    /// Poses compared.
+    pub pairs: usize,
+    /// What was adjusted.
+    pub align: AlignMode,
+    /// Maps the estimate into the frame and unit of the ground truth.
+    pub truth_from_estimate: Sim3,
+    /// Absolute trajectory error, in the unit of the ground truth.
+    pub ate: Statistics,
+    /// Relative pose error; `None` when the trajectory is shorter than the interval.
+    pub rpe: Option<Rpe>,
+    /// KITTI segment errors; `None` when the path is too short for any.
+    pub segments: Option<SegmentErrors>,
+    /// Share of the recording's frames with an estimate, or of the ground truth's poses when the frames are
+    /// not given; `None` without time stamps.
+    pub coverage: Option<Coverage>,
+}
+
+/// Compares an estimate with its ground truth. `frames` are the times of the recording's frames, seconds:
+/// they say how many frames there were to estimate, and give time stamps to files without (KITTI).
+pub fn evaluate(
+    estimate: Trajectory,
+    truth: Trajectory,
+    frames: Option<&[f64]>,
+    options: &Options,
+) -> Result<Evaluation, EvalError> {
+    let (estimate, truth) = match frames {
+        Some(times) => (stamped(estimate, times)?, stamped(truth, times)?),
+        None => (estimate, truth),
+    };
+    let pairs = associate(&estimate, &truth, options.max_diff)?;
+    let (truth_from_estimate, aligned) = align(&pairs, options.align)?;
+    let coverage = match (&estimate.timestamps, frames, &truth.timestamps) {
+        (Some(estimated), Some(frames), _) => Some(coverage(frames, estimated, FRAME_TOLERANCE)),
+        (Some(estimated), None, Some(truth)) => Some(coverage(truth, estimated, options.max_diff)),
+        _ => None,
+    };
+    Ok(Evaluation {
+        pairs: aligned.len(),
+        align: options.align,
+        truth_from_estimate,
+        ate: ate(&aligned).ok_or(EvalError::NoPairs { max_diff: options.max_diff })?,
+        rpe: rpe(&aligned, options.delta, options.all_pairs)?,
+        segments: segment_errors(&aligned),
+        coverage,
+    })
+}
+
+fn stamped(trajectory: Trajectory, times: &[f64]) -> Result<Trajectory, EvalError> {
+    let poses = trajectory.len();
+    trajectory.with_timestamps(times).ok_or_else(|| {
+        let frames = times.len();
+        EvalError::Setting(format!(
+            "{poses} poses without time stamps for {frames} frame times: one row per frame is needed"
+        ))
+    })
+}
