@@ -28,7 +28,7 @@ params! {
         pub search_sigmas: f32 = 2.0,
         /// Longest epipolar segment searched, pixels; longer ones wait for a nearer reference. Range
         /// 10–100.
-        pub max_search: f32 = 60.0,
+        pub max_search: f32 = 100.0,
         /// A second minimum below this multiple of the best one makes a match ambiguous. Range 1.1–3.
         pub uniqueness: f32 = 1.4,
         /// Largest mean squared residual of a match, in units of its expected value from image noise and
@@ -59,9 +59,9 @@ params! {
         /// Parallax of a usable reference: baseline × mean inverse depth. Range 0.002–0.05.
         pub min_parallax: f32 = 0.01,
         /// Parallax beyond which views differ too much. Range 0.05–0.6.
-        pub max_parallax: f32 = 0.15,
+        pub max_parallax: f32 = 0.35,
         /// Least share of the keyframe seen by a usable reference, 0–1. Range 0.3–0.9.
-        pub min_overlap: f32 = 0.6,
+        pub min_overlap: f32 = 0.45,
         /// Most references per keyframe. Range 2–10: time grows with it.
         pub max_references: usize = 3,
     }
