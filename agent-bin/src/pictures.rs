@@ -14,8 +14,6 @@ pub enum Picture {
     Encoded(Vec<u8>),
     /// Pixels as they come from a camera.
     Raw(RawPicture),
-    /// Already grey.
-    Grey(GrayImage),
     /// The source could not read it; says why.
     Broken(String),
 }
@@ -49,7 +47,6 @@ impl Picture {
             }
             Picture::Encoded(bytes) => decode(&bytes),
             Picture::Raw(raw) => raw.into_grey(),
-            Picture::Grey(image) => Ok(image),
             Picture::Broken(reason) => Err(reason),
         }
     }

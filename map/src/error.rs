@@ -7,21 +7,21 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, thiserror::Error)]
 pub enum MapError {
     /// The file cannot be opened or read.
-    #[error("cannot read {}: {source}; check the path and its permissions", path.display())]
+    #[error("cannot read {}: {reason}; check the path and its permissions", path.display())]
     Read {
         /// The file.
         path: PathBuf,
         /// The system's reason.
-        source: io::Error,
+        reason: io::Error,
     },
     /// The file cannot be written; a file of that name from before is as it was, unless it was being
     /// written to bit by bit by a [`MapWriter`](crate::MapWriter).
-    #[error("cannot write {}: {source}; check the free space, the folder and its permissions", path.display())]
+    #[error("cannot write {}: {reason}; check the free space, the folder and its permissions", path.display())]
     Write {
         /// The file that was to be written.
         path: PathBuf,
         /// The system's reason.
-        source: io::Error,
+        reason: io::Error,
     },
     /// The file has no content.
     #[error("{} is empty; the run that made it ended before it wrote anything, so run it again", path.display())]
@@ -64,12 +64,12 @@ pub enum MapError {
 impl MapError {
     /// A failure to read `path`.
     pub(crate) fn read(path: &Path, source: io::Error) -> Self {
-        Self::Read { path: path.to_owned(), source }
+        Self::Read { path: path.to_owned(), reason: source }
     }
 
     /// A failure to write `path`.
     pub(crate) fn write(path: &Path, source: io::Error) -> Self {
-        Self::Write { path: path.to_owned(), source }
+        Self::Write { path: path.to_owned(), reason: source }
     }
 
     /// Contradictory content of `path`.

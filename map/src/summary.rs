@@ -64,7 +64,8 @@ impl Map {
             merge_edges: edges(EdgeKind::Merge),
             frames: self.frames.len(),
             duration: times.map_or(0.0, |(first, last)| last.timestamp - first.timestamp),
-            path_length: positions.windows(2).map(|pair| (pair[1] - pair[0]).norm()).sum(),
+            // An empty `sum` would be −0.
+            path_length: positions.windows(2).fold(0.0, |sum, pair| sum + (pair[1] - pair[0]).norm()),
             file_bytes,
             provenance: self.provenance.clone(),
         }

@@ -1,13 +1,6 @@
 use geometry::{GrayImage, Pinhole};
 use slam_direct::{Agent, Frame, Params};
 use std::io::Write;
-struct NoPlaces;
-impl map::PlaceIndex for NoPlaces {
-    fn add(&mut self, _: map::KeyframeId, _: &GrayImage) {}
-    fn query(&self, _: &GrayImage, _: usize) -> Vec<map::PlaceCandidate> {
-        Vec::new()
-    }
-}
 fn main() {
     let args: Vec<String> = std::env::args().collect();
     let dir = std::path::Path::new(&args[1]);
@@ -56,7 +49,7 @@ fn main() {
     if let Ok(p) = std::env::var("LB_PARAMS") {
         params = serde_json::from_str(&p).unwrap();
     }
-    let mut agent = Agent::new(out, Box::new(NoPlaces), params);
+    let mut agent = Agent::new(out, Box::new(place_recog::ThumbnailIndex::default()), params);
     let times = std::fs::read_to_string(dir.join("times.txt")).unwrap();
     let mut total = 0.0;
     let mut n = 0;

@@ -19,7 +19,7 @@ params! {
     /// Parameters of the start.
     pub struct BootstrapParams {
         /// Points to follow.
-        pub block: usize = 22,
+        pub block: usize = 16,
         /// Median way of the points, turn removed, that is worth an attempt; share of the image width.
         pub min_parallax: f32 = 0.008,
         /// Share of the points that must still be followed, else the start begins anew.
@@ -47,6 +47,8 @@ struct Track {
     at: [f32; 2],
     velocity: [f32; 2],
     templates: Vec<Template>,
+    /// Where the newest frame shows it, with the information; `None` once it is lost.
+    seen: Option<([f32; 2], [f32; 3])>,
     lost: bool,
 }
 
@@ -96,7 +98,7 @@ impl Bootstrap {
                 let template = |level: usize| {
                     let warp =
                         Warp { host_from_view: [1.0, 0.0, 0.0, 1.0], host_level: level, view_level: level };
-                    Template::cut(&pyramid, c.pixel, &warp, 1.0)
+                    Template::cut(&pyramid, c.pixel, &warp)
                 };
                 let templates: Vec<Template> = (0..LEVELS.min(pyramid.len())).map_while(template).collect();
                 (!templates.is_empty()).then_some(Track {
@@ -104,6 +106,7 @@ impl Bootstrap {
                     at: c.pixel,
                     velocity: [0.0; 2],
                     templates,
+                    seen: None,
                     lost: false,
                 })
             })
@@ -128,9 +131,9 @@ impl Bootstrap {
         track: &TrackParams,
     ) -> Progress {
         self.follow(pyramid, track);
-        let seen = self.frames_entry(timestamp, frame_index, pyramid, track);
-        let count = seen.seen.iter().flatten().count();
-        self.frames.push(seen);
+        let seen: Vec<_> = self.tracks.iter().map(|t| t.seen.filter(|_| !t.lost)).collect();
+        let count = seen.iter().flatten().count();
+        self.frames.push(Followed { timestamp, frame_index, seen });
         if (count as f32) < params.min_followed * self.tracks.len() as f32 || count < 40 {
             return Progress::Restart("the view changed before the first map was made");
         }
@@ -153,35 +156,17 @@ impl Bootstrap {
             let start = [t.at[0] + t.velocity[0], t.at[1] + t.velocity[1]];
             let found =
                 [start, t.at].into_iter().find_map(|s| coarse_to_fine(&t.templates, pyramid, s, params));
-            match found {
-                Some(found) => {
-                    t.velocity = [found.pixel[0] - t.at[0], found.pixel[1] - t.at[1]];
-                    t.at = found.pixel;
+            t.seen = found.map(|(found, level)| {
+                (found.pixel, position_information(&found.information, found.rmse, level, params))
+            });
+            match t.seen {
+                Some((pixel, _)) => {
+                    t.velocity = [pixel[0] - t.at[0], pixel[1] - t.at[1]];
+                    t.at = pixel;
                 }
                 None => t.lost = true,
             }
         });
-    }
-
-    fn frames_entry(
-        &self,
-        timestamp: f64,
-        frame_index: u64,
-        pyramid: &Pyramid,
-        params: &TrackParams,
-    ) -> Followed {
-        let seen = self
-            .tracks
-            .iter()
-            .map(|t| {
-                if t.lost {
-                    return None;
-                }
-                let found = t.templates[0].align(pyramid, t.at, 2.0, 6)?;
-                Some((found.pixel, position_information(&found.information, found.rmse, 0, params)))
-            })
-            .collect();
-        Followed { timestamp, frame_index, seen }
     }
 
     /// The rotation that explains the newest frame best, and the median way that it leaves.
@@ -278,11 +263,12 @@ impl Bootstrap {
         let unit = median(&mut depths).unwrap_or(1.0) as f64;
         let scaled = |pose: &Se3| Se3::new(pose.rotation, pose.translation * unit);
         let squared = solution.squared_residuals();
+        let limit = agreement(&squared);
         let last = solution.frames.len() - 1;
         let mut points = Vec::new();
         let mut observed = Vec::new();
         for point in &solution.points {
-            let good = point.observations.clone().all(|i| squared[i] < 12.0) && point.inverse_depth > 0.0;
+            let good = point.observations.clone().all(|i| squared[i] < limit) && point.inverse_depth > 0.0;
             let relative = 1.0 / (point.information.sqrt() * point.inverse_depth);
             if !good || relative > 0.3 {
                 continue;
@@ -316,7 +302,6 @@ impl Bootstrap {
             frame_index: self.frame_index,
             pyramid: self.first.clone(),
             camera_from_world: Se3::identity(),
-            log_gain: 0.0,
             points,
             seen: Vec::new(),
         });
@@ -325,7 +310,6 @@ impl Bootstrap {
             frame_index: newest.frame_index,
             pyramid: pyramid.clone(),
             camera_from_world: scaled(&solution.frames[last]),
-            log_gain: 0.0,
             points: Vec::new(),
             seen: observed,
         });
@@ -367,25 +351,25 @@ fn hold_depths(problem: &mut Problem, solution: &Problem) {
     });
 }
 
-/// Follows a patch from the coarsest level down to level 0.
+/// Follows a patch from the coarsest level down; the match at level 0, or at level 1 where blur hides the
+/// patch below it.
 fn coarse_to_fine(
     templates: &[Template],
     pyramid: &Pyramid,
     start: [f32; 2],
     params: &TrackParams,
-) -> Option<PatchMatch> {
+) -> Option<(PatchMatch, usize)> {
     let mut at = start;
-    let mut last = None;
+    let mut best = None;
     for template in templates.iter().rev() {
-        match template.align(pyramid, at, 8.0, 12) {
-            Some(found) => {
-                at = found.pixel;
-                last = (template.level == 0).then_some(found);
+        if let Some(found) = template.align(pyramid, at, 8.0, 12) {
+            at = found.pixel;
+            if template.level <= 1 && found.unexplained < params.max_unexplained {
+                best = Some((found, template.level));
             }
-            None => last = None,
         }
     }
-    last.filter(|found| found.unexplained < params.max_unexplained)
+    best
 }
 
 /// The rotation that carries the first frame's rays to where frame 1 of `problem` sees them.
@@ -434,16 +418,28 @@ fn refine(problem: &Problem, iterations: usize, rotation_only: bool) -> Se3 {
     if pose.is_finite() { pose } else { problem.frames[1] }
 }
 
+/// Squared residual that an observation of a good start stays below; χ² of two degrees of freedom at 99.7 %,
+/// widened when all residuals are larger than assumed (rolling shutter in a fast turn).
+fn agreement(squared: &[f64]) -> f64 {
+    let mut all: Vec<f32> = squared.iter().map(|s| *s as f32).collect();
+    12.0 * median(&mut all).map_or(1.0, |m| (m as f64).clamp(1.0, MAX_WIDENING))
+}
+
+/// Beyond this the residuals are not noise.
+const MAX_WIDENING: f64 = 8.0;
+
 /// Whether a solution is one to build on: most points agree, lie in front and have certain depths.
 fn acceptable(solution: &Problem, params: &BootstrapParams) -> bool {
     let squared = solution.squared_residuals();
+    let limit = agreement(&squared);
     let mut sigmas = Vec::new();
     let mut good = 0usize;
     for point in &solution.points {
-        let agrees = point.observations.clone().all(|i| squared[i] < 12.0);
+        let agrees = point.observations.clone().all(|i| squared[i] < limit);
         if agrees && point.inverse_depth > 1e-3 && point.information > 0.0 {
             good += 1;
-            sigmas.push((1.0 / (point.information.sqrt() * point.inverse_depth)) as f32);
+            sigmas
+                .push((limit / 12.0).sqrt() as f32 / (point.information.sqrt() * point.inverse_depth) as f32);
         }
     }
     let sigma = median(&mut sigmas).unwrap_or(f32::INFINITY) as f64;

@@ -9,8 +9,11 @@ params! {
         pub flow: f32 = 0.18,
         /// The same for what the turn does not explain.
         pub parallax: f32 = 0.06,
-        /// Share of the reference's points still matched below which a keyframe is made.
+        /// Share of the points expected near the reference below which a keyframe is made.
         pub overlap: f32 = 0.6,
+        /// Points found, over the most found against the same reference, below which a keyframe is made at once:
+        /// the view changes faster than the map knows it.
+        pub fading: f32 = 0.5,
         /// Matched points below which tracking is lost.
         pub min_matched: usize = 30,
         /// Share of sought points that must be matched.
@@ -24,12 +27,14 @@ pub(crate) struct Departure {
     pub flow: f32,
     /// Its part without the turn.
     pub parallax: f32,
-    /// Matched points now over those of the reference.
+    /// Points expected now over those expected near the reference.
     pub overlap: f32,
 }
 
-/// Weighted sum of distance and lost overlap (Engel 2014, §3.3; Engel 2018, §3.2): a keyframe at 1.
-pub(crate) fn needs_keyframe(departure: &Departure, params: &KeyframeParams) -> bool {
-    let lost = (1.0 - departure.overlap).max(0.0) / (1.0 - params.overlap);
-    departure.flow / params.flow + departure.parallax / params.parallax > 1.0 || lost > 1.0
+impl Departure {
+    /// Weighted sum of distance and lost overlap (Engel 2014, §3.3; Engel 2018, §3.2): a keyframe at 1.
+    pub fn score(&self, params: &KeyframeParams) -> f32 {
+        let lost = (1.0 - self.overlap).max(0.0) / (1.0 - params.overlap);
+        self.flow / params.flow + self.parallax / params.parallax + lost
+    }
 }

@@ -1,6 +1,7 @@
 //! Keyframes as the agent works on them: image pyramids, points with observations, who sees what.
 
 use crate::align::ReferencePoint;
+use crate::track::Matched;
 use geometry::{Pinhole, Pyramid, Se3};
 use map::KeyframeId;
 use nalgebra::Vector3;
@@ -48,12 +49,17 @@ pub(crate) struct KeyframeState {
     pub frame_index: u64,
     pub pyramid: Pyramid,
     pub camera_from_world: Se3,
-    /// Logarithm of the image's gain relative to the first keyframe.
-    pub log_gain: f32,
     /// Points hosted here.
     pub points: Vec<PointState>,
     /// Points hosted elsewhere and seen here.
     pub seen: Vec<PointRef>,
+}
+
+impl KeyframeState {
+    /// A keyframe without points.
+    pub fn new(timestamp: f64, frame_index: u64, pyramid: Pyramid, camera_from_world: Se3) -> Self {
+        Self { timestamp, frame_index, pyramid, camera_from_world, points: Vec::new(), seen: Vec::new() }
+    }
 }
 
 /// All keyframes of the agent; index = `KeyframeId`.
@@ -134,17 +140,21 @@ impl LocalMap {
         all
     }
 
+    /// Notes which points a frame was searched for, and which of them were found.
+    pub fn count_sought(&mut self, sought: &[PointRef], matched: &[Matched]) {
+        for &at in sought {
+            self.point_mut(at).sought += 1;
+        }
+        for m in matched.iter().filter(|m| m.inlier) {
+            self.point_mut(m.at).found += 1;
+        }
+    }
+
     /// Records that `keyframe` sees a point.
     pub fn observe(&mut self, at: PointRef, seen: SeenAt) {
         let keyframe = seen.keyframe;
         self.point_mut(at).observations.push(seen);
         self.keyframes[keyframe].seen.push(at);
-    }
-
-    /// Median inverse depth of the points a keyframe sees, in its frame.
-    pub fn median_inverse_depth(&self, keyframe: usize) -> Option<f64> {
-        let mut all: Vec<f32> = self.reference_points(keyframe).iter().map(|p| p.inverse_depth).collect();
-        median(&mut all).map(f64::from)
     }
 }
 

@@ -1,58 +1,42 @@
 //! Loops within one map: which old keyframes may show what the current one shows, and whether they do.
 
+use crate::params_macro::params;
 use crate::sim3_align::{
     AlignRefusal, KeyframeView, Sim3AlignParams, Sim3Alignment, align_from, reciprocal, turned_starts,
 };
 use geometry::{Pinhole, Sim3};
 use map::{Edge, EdgeKind, Keyframe, KeyframeId, Map, PlaceCandidate};
-use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 use thiserror::Error;
 
 #[cfg(test)]
 mod tests;
 
-/// Parameters of the loop search.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct LoopParams {
-    /// How many keyframes must lie between the current and an old one. Default 15, range 2–1000;
-    /// fewer closes small loops and repeats what covisibility already says.
-    pub min_gap: u32,
-    /// Most candidates given. Default 3, range 1–20; each costs two alignments.
-    pub max_candidates: usize,
-    /// Least share of a candidate's points that the map's poses project into the current keyframe.
-    /// Default 0.4, range 0–1.
-    pub min_overlap: f64,
-    /// Largest angle between the viewing directions by the map's poses, degrees. Default 35, range 5–90.
-    pub max_view_angle: f64,
-    /// Largest distance of the camera centres by the map's poses, in median depths of the current
-    /// keyframe. Default 0.5, range 0.05–5; direct alignment bears little parallax.
-    pub max_distance: f64,
-    /// Candidates this near in id to a better one are left out. Default 3, range 0–50.
-    pub spacing: u32,
-    /// Angle between the starts of an alignment, degrees. Default 5, range 1–20.
-    pub start_angle: f64,
-    /// Largest photometric residual of a closed loop, root mean square, grey levels. Default 30,
-    /// range 5–80; repeated structure aligns with more.
-    pub max_rmse: f32,
-    /// The alignment itself.
-    pub align: Sim3AlignParams,
-}
-
-impl Default for LoopParams {
-    fn default() -> Self {
-        Self {
-            min_gap: 15,
-            max_candidates: 3,
-            min_overlap: 0.4,
-            max_view_angle: 35.0,
-            max_distance: 0.5,
-            spacing: 3,
-            start_angle: 5.0,
-            max_rmse: 30.0,
-            align: Sim3AlignParams::default(),
-        }
+params! {
+    /// Parameters of the loop search.
+    pub struct LoopParams {
+        /// How many keyframes must lie between the current and an old one. Range 2–1000;
+        /// fewer closes small loops and repeats what covisibility already says.
+        pub min_gap: u32 = 15,
+        /// Most candidates given. Range 1–20; each costs two alignments.
+        pub max_candidates: usize = 3,
+        /// Least share of a candidate's points that the map's poses project into the current keyframe.
+        /// Range 0–1.
+        pub min_overlap: f64 = 0.4,
+        /// Largest angle between the viewing directions by the map's poses, degrees. Range 5–90.
+        pub max_view_angle: f64 = 35.0,
+        /// Largest distance of the camera centres by the map's poses, in median depths of the current
+        /// keyframe. Range 0.05–5; direct alignment bears little parallax.
+        pub max_distance: f64 = 0.5,
+        /// Candidates this near in id to a better one are left out. Range 0–50.
+        pub spacing: u32 = 3,
+        /// Angle between the starts of an alignment, degrees. Range 1–20.
+        pub start_angle: f64 = 5.0,
+        /// Largest photometric residual of a closed loop, root mean square, grey levels.
+        /// Range 5–80; repeated structure aligns with more.
+        pub max_rmse: f32 = 30.0,
+        /// The alignment itself.
+        pub align: Sim3AlignParams = Sim3AlignParams::default(),
     }
 }
 

@@ -2,7 +2,7 @@
 //!
 //! The template is cut out of the host keyframe as the other camera would see it (an affine warp for a
 //! patch that faces the host), then moved over the image until the photometric error is least:
-//! inverse compositional Lucas–Kanade (Baker & Matthews 2004) with one brightness offset per patch.
+//! inverse compositional Lucas–Kanade (Baker & Matthews 2004) with a gain and an offset per patch.
 //! The Hessian of that error at its minimum is what the patch knows of its own position, and goes to
 //! the window optimisation as the observation's information.
 
@@ -19,13 +19,26 @@ const RIM: usize = SIZE + 2;
 
 /// A host patch warped to the view it is looked for in.
 pub(crate) struct Template {
+    /// Intensities less their mean.
     intensity: [f32; AREA],
     gradient_x: [f32; AREA],
     gradient_y: [f32; AREA],
-    /// Upper triangle of `Σ J Jᵀ` with `J = (g_x, g_y, 1)`: xx, xy, x, yy, y (the last entry is AREA).
-    hessian: [f32; 5],
+    mean: f32,
+    moments: Moments,
     /// Level of the searched pyramid that matches the template's resolution.
     pub level: usize,
+}
+
+/// Central second moments of the template `T` and its gradient, summed over the patch.
+struct Moments {
+    tt: f32,
+    tx: f32,
+    ty: f32,
+    /// Sums of the gradient.
+    x: f32,
+    y: f32,
+    /// Hessian of position once gain and offset are eliminated: xx, xy, yy.
+    position: [f32; 3],
 }
 
 /// Where a template was found.
@@ -36,16 +49,16 @@ pub(crate) struct PatchMatch {
     /// Inverse covariance `[xx, xy, yy]` of the position in 1/px² of level 0 for intensity noise of one
     /// grey level.
     pub information: [f32; 3],
-    /// Root mean square intensity residual after the offset is removed.
+    /// Root mean square intensity residual after gain and offset are fitted.
     pub rmse: f32,
-    /// Share of the template's variance that the match leaves unexplained, 0 (perfect) and up.
+    /// Share of the image patch's variance that the match leaves unexplained: 0 is perfect, 1 no match.
     pub unexplained: f32,
 }
 
 impl Template {
-    /// Cuts the template around `pixel` (level 0 of `host`) for a view related by `warp`; intensities
-    /// are multiplied by `gain`. `None` when the patch leaves the host image.
-    pub fn cut(host: &Pyramid, pixel: [f32; 2], warp: &Warp, gain: f32) -> Option<Self> {
+    /// Cuts the template around `pixel` (level 0 of `host`) for a view related by `warp`.
+    /// `None` when the patch leaves the host image.
+    pub fn cut(host: &Pyramid, pixel: [f32; 2], warp: &Warp) -> Option<Self> {
         let host_level = warp.host_level.min(host.len() - 1);
         let image = host.level(host_level);
         let down = 1.0 / (1u32 << host_level) as f32;
@@ -64,7 +77,7 @@ impl Template {
             for i in 0..RIM {
                 let dx = FIRST - 1.0 + i as f32;
                 let (x, y) = (cx + m[0] * dx + m[1] * dy, cy + m[2] * dx + m[3] * dy);
-                samples[j * RIM + i] = gain * image.bilinear(x, y);
+                samples[j * RIM + i] = image.bilinear(x, y);
             }
         }
         Some(Self::from_samples(&samples, warp.view_level))
@@ -74,29 +87,21 @@ impl Template {
         let mut intensity = [0.0; AREA];
         let mut gradient_x = [0.0; AREA];
         let mut gradient_y = [0.0; AREA];
-        let mut hessian = [0.0f32; 5];
         for j in 0..SIZE {
             for i in 0..SIZE {
                 let s = (j + 1) * RIM + i + 1;
-                let gx = 0.5 * (samples[s + 1] - samples[s - 1]);
-                let gy = 0.5 * (samples[s + RIM] - samples[s - RIM]);
                 let p = j * SIZE + i;
                 intensity[p] = samples[s];
-                gradient_x[p] = gx;
-                gradient_y[p] = gy;
-                for (h, v) in hessian.iter_mut().zip([gx * gx, gx * gy, gx, gy * gy, gy]) {
-                    *h += v;
-                }
+                gradient_x[p] = 0.5 * (samples[s + 1] - samples[s - 1]);
+                gradient_y[p] = 0.5 * (samples[s + RIM] - samples[s - RIM]);
             }
         }
-        Self { intensity, gradient_x, gradient_y, hessian, level }
-    }
-
-    /// The 2×2 Hessian of the photometric error over position once the offset is eliminated.
-    pub fn position_hessian(&self) -> [f32; 3] {
-        let [xx, xy, x, yy, y] = self.hessian;
-        let n = AREA as f32;
-        [xx - x * x / n, xy - x * y / n, yy - y * y / n]
+        let mean = intensity.iter().sum::<f32>() / AREA as f32;
+        for v in &mut intensity {
+            *v -= mean;
+        }
+        let moments = Moments::new(&intensity, &gradient_x, &gradient_y);
+        Self { intensity, gradient_x, gradient_y, mean, moments, level }
     }
 
     /// Aligns the template in `view` from a start at level 0; `None` when it leaves the image, has no
@@ -112,7 +117,7 @@ impl Template {
         let image = view.level(level);
         let scale = (1u32 << level) as f32;
         let origin = [(start[0] + 0.5) / scale - 0.5, (start[1] + 0.5) / scale - 0.5];
-        let [xx, xy, yy] = self.position_hessian();
+        let [xx, xy, yy] = self.moments.position;
         // Along an edge the position is unknown: damping keeps the start there.
         let damping = 1e-3 * (xx + yy) + 1e-3;
         let (dxx, dyy) = (xx + damping, yy + damping);
@@ -123,7 +128,7 @@ impl Template {
         let mut at = origin;
         let mut residual = self.residual(image, at)?;
         for _ in 0..iterations {
-            let (bx, by) = residual.gradient;
+            let (bx, by) = (residual.gradient.0 / residual.gain, residual.gradient.1 / residual.gain);
             let step = [(dyy * bx - xy * by) / det, (dxx * by - xy * bx) / det];
             at = [at[0] - step[0], at[1] - step[1]];
             if (at[0] - origin[0]).hypot(at[1] - origin[1]) > max_shift {
@@ -134,29 +139,21 @@ impl Template {
                 break;
             }
         }
-        let variance = self.variance().max(1.0);
-        let inverse = 1.0 / (scale * scale);
+        let inverse = residual.gain * residual.gain / (scale * scale);
         Some(PatchMatch {
             pixel: [(at[0] + 0.5) * scale - 0.5, (at[1] + 0.5) * scale - 0.5],
             information: [xx * inverse, xy * inverse, yy * inverse],
             rmse: residual.mean_square.sqrt(),
-            unexplained: residual.mean_square / variance,
+            unexplained: residual.unexplained,
         })
     }
 
-    /// Mean squared intensity residual with the template at `pixel` (level 0), offset removed.
+    /// Share of the image's variance that the template leaves unexplained at `pixel` (level 0).
     pub fn error_at(&self, view: &Pyramid, pixel: [f32; 2]) -> Option<f32> {
         let level = self.level.min(view.len() - 1);
         let scale = (1u32 << level) as f32;
         let at = [(pixel[0] + 0.5) / scale - 0.5, (pixel[1] + 0.5) / scale - 0.5];
-        self.residual(view.level(level), at).map(|r| r.mean_square)
-    }
-
-    /// Variance of the template's intensities.
-    pub fn variance(&self) -> f32 {
-        let n = AREA as f32;
-        let mean = self.intensity.iter().sum::<f32>() / n;
-        self.intensity.iter().map(|v| (v - mean) * (v - mean)).sum::<f32>() / n
+        self.residual(view.level(level), at).map(|r| r.unexplained)
     }
 
     /// Samples the image at the patch around `at` (fixed bilinear weights: the grid is not rotated).
@@ -171,51 +168,80 @@ impl Template {
         }
         let (fx, fy) = (x - x0 as f32, y - y0 as f32);
         let weights = [(1.0 - fx) * (1.0 - fy), fx * (1.0 - fy), (1.0 - fx) * fy, fx * fy];
-        let mut difference = [0.0f32; AREA];
+        let mut sampled = [0.0f32; AREA];
         for j in 0..SIZE {
             let top: &[u8; SIZE + 1] = image.row(y0 + j)[x0..x0 + SIZE + 1].try_into().ok()?;
             let bottom: &[u8; SIZE + 1] = image.row(y0 + j + 1)[x0..x0 + SIZE + 1].try_into().ok()?;
-            let out = &mut difference[j * SIZE..(j + 1) * SIZE];
-            let template = &self.intensity[j * SIZE..(j + 1) * SIZE];
+            let out = &mut sampled[j * SIZE..(j + 1) * SIZE];
             for i in 0..SIZE {
                 out[i] = weights[0] * top[i] as f32
                     + weights[1] * top[i + 1] as f32
                     + weights[2] * bottom[i] as f32
                     + weights[3] * bottom[i + 1] as f32
-                    - template[i];
+                    - self.mean;
             }
         }
-        Some(self.reduce(&difference))
+        self.reduce(&sampled)
     }
 
-    /// Sums over the patch in eight fixed lanes, so that the compiler may vectorise them.
-    fn reduce(&self, difference: &[f32; AREA]) -> Residual {
-        let mut lanes = [[0.0f32; SIZE]; 4];
+    /// Fits gain and offset; `None` when the image has nothing in common with the template.
+    /// Sums run in eight fixed lanes, so that the compiler may vectorise them.
+    fn reduce(&self, sampled: &[f32; AREA]) -> Option<Residual> {
+        let mut lanes = [[0.0f32; SIZE]; 5];
         for j in 0..SIZE {
             for i in 0..SIZE {
                 let p = j * SIZE + i;
-                let d = difference[p];
-                lanes[0][i] += d;
-                lanes[1][i] += d * d;
-                lanes[2][i] += d * self.gradient_x[p];
-                lanes[3][i] += d * self.gradient_y[p];
+                let v = sampled[p];
+                lanes[0][i] += v;
+                lanes[1][i] += v * v;
+                lanes[2][i] += v * self.intensity[p];
+                lanes[3][i] += v * self.gradient_x[p];
+                lanes[4][i] += v * self.gradient_y[p];
             }
         }
-        let [sum, square, dx, dy] = lanes.map(|lane| lane.iter().sum::<f32>());
+        let [sum, square, it, ix, iy] = lanes.map(|lane| lane.iter().sum::<f32>());
+        let m = &self.moments;
         let mean = sum / AREA as f32;
-        Residual {
-            gradient: (dx - mean * self.hessian[2], dy - mean * self.hessian[4]),
-            mean_square: (square / AREA as f32 - mean * mean).max(0.0),
+        let (ii, ix, iy) = (square - mean * sum, ix - mean * m.x, iy - mean * m.y);
+        let gain = it / m.tt.max(1e-3);
+        if !(MIN_GAIN..=1.0 / MIN_GAIN).contains(&gain) {
+            return None;
         }
+        let left = (ii - gain * it).max(0.0);
+        Some(Residual {
+            gradient: (ix - gain * m.tx, iy - gain * m.ty),
+            gain,
+            mean_square: left / AREA as f32,
+            unexplained: left / ii.max(AREA as f32),
+        })
     }
 }
 
-/// The patch error at one position, the brightness offset eliminated.
+/// Contrast of the image relative to the template below which they are not the same patch.
+const MIN_GAIN: f32 = 0.25;
+
+/// The patch error at one position, gain and offset eliminated.
 struct Residual {
-    /// `Σ (r − r̄) ∇T`.
+    /// `Σ r ∇T`, central.
     gradient: (f32, f32),
-    /// Mean of `(r − r̄)²`.
+    /// Contrast of the image relative to the template.
+    gain: f32,
+    /// Mean of `r²`.
     mean_square: f32,
+    /// `Σ r²` over the image's own central `Σ I²`.
+    unexplained: f32,
+}
+
+impl Moments {
+    fn new(t: &[f32; AREA], gx: &[f32; AREA], gy: &[f32; AREA]) -> Self {
+        let dot = |a: &[f32; AREA], b: &[f32; AREA]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f32>();
+        let (x, y) = (gx.iter().sum::<f32>(), gy.iter().sum::<f32>());
+        let n = AREA as f32;
+        let (tt, tx, ty) = (dot(t, t), dot(t, gx), dot(t, gy));
+        let (xx, xy, yy) = (dot(gx, gx) - x * x / n, dot(gx, gy) - x * y / n, dot(gy, gy) - y * y / n);
+        let s = tt.max(1e-3);
+        Self { tt, tx, ty, x, y, position: [xx - tx * tx / s, xy - tx * ty / s, yy - ty * ty / s] }
+    }
 }
 
 #[cfg(test)]
@@ -239,7 +265,7 @@ mod tests {
     fn finds_a_shift_under_a_brightness_change() {
         let host = Pyramid::new(textured(0.0, 0.0, 1.0, 0.0), 1);
         let view = Pyramid::new(textured(1.37, -0.81, 1.1, -12.0), 1);
-        let template = Template::cut(&host, [40.0, 36.0], &Warp::identity(), 1.1).unwrap();
+        let template = Template::cut(&host, [40.0, 36.0], &Warp::identity()).unwrap();
         let found = template.align(&view, [40.0, 36.0], 5.0, 20).unwrap();
         assert!((found.pixel[0] - 41.37).abs() < 0.03, "{found:?}");
         assert!((found.pixel[1] - 35.19).abs() < 0.03, "{found:?}");
@@ -249,8 +275,8 @@ mod tests {
     #[test]
     fn refuses_a_flat_patch_and_one_outside() {
         let flat = Pyramid::new(GrayImage::filled(64, 64, 90), 1);
-        let template = Template::cut(&flat, [30.0, 30.0], &Warp::identity(), 1.0).unwrap();
+        let template = Template::cut(&flat, [30.0, 30.0], &Warp::identity()).unwrap();
         assert!(template.align(&flat, [30.0, 30.0], 5.0, 10).is_none());
-        assert!(Template::cut(&flat, [2.0, 30.0], &Warp::identity(), 1.0).is_none());
+        assert!(Template::cut(&flat, [2.0, 30.0], &Warp::identity()).is_none());
     }
 }

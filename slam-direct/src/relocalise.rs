@@ -1,39 +1,27 @@
 //! Relocalisation: finds the pose of a lost frame among candidate keyframes.
 
 use crate::align::{Alignment, AlignmentReference, Brightness};
+use crate::params_macro::params;
 use crate::sim3_align::turned_starts;
 use geometry::{Pyramid, Se3, Sim3};
 use map::KeyframeId;
-use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-/// Parameters of the relocalisation.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct RelocaliseParams {
-    /// Angle between the starts tried for a candidate, degrees. Default 6, range 1–20; about half of
-    /// what the coarsest level can correct.
-    pub start_angle: f64,
-    /// How many of a candidate's starts go on to the finer levels. Default 2, range 1–9.
-    pub refined_starts: usize,
-    /// Least share of the candidate's points that must lie in the frame. Default 0.4, range 0–1.
-    pub min_visible_share: f32,
-    /// Least share of those that must agree. Default 0.7, range 0–1; a frame placed wrongly poisons
-    /// the map, so this is stricter than for tracking.
-    pub min_inlier_share: f32,
-    /// Largest root mean square residual of the points that agree, grey levels. Default 12, range 3–40.
-    pub max_rmse: f32,
-}
-
-impl Default for RelocaliseParams {
-    fn default() -> Self {
-        Self {
-            start_angle: 6.0,
-            refined_starts: 2,
-            min_visible_share: 0.4,
-            min_inlier_share: 0.7,
-            max_rmse: 12.0,
-        }
+params! {
+    /// Parameters of the relocalisation.
+    pub struct RelocaliseParams {
+        /// Angle between the starts tried for a candidate, degrees. Range 1–20; about half of
+        /// what the coarsest level can correct.
+        pub start_angle: f64 = 6.0,
+        /// How many of a candidate's starts go on to the finer levels. Range 1–9.
+        pub refined_starts: usize = 2,
+        /// Least share of the candidate's points that must lie in the frame. Range 0–1.
+        pub min_visible_share: f32 = 0.4,
+        /// Least share of those that must agree. Range 0–1; a frame placed wrongly poisons
+        /// the map, so this is stricter than for tracking.
+        pub min_inlier_share: f32 = 0.5,
+        /// Largest root mean square residual of the points that agree, grey levels. Range 3–40.
+        pub max_rmse: f32 = 16.0,
     }
 }
 
@@ -206,6 +194,16 @@ mod tests {
                 let good = error.fixed_rows::<3>(0).norm() < 0.05 && error.fixed_rows::<3>(3).norm() < 0.01;
                 found += good as usize;
                 wrong += !good as usize;
+                let evidence = result.alignment;
+                if !good || gap > 4 {
+                    println!(
+                        "  {first}: right {good}, visible {:.2}, inliers {:.2}, rmse {:.1}, off by {:.3}",
+                        evidence.visible_share,
+                        evidence.inlier_share,
+                        evidence.rmse,
+                        error.norm()
+                    );
+                }
             }
             println!(
                 "+{gap} ({:.2} m): found {found}/{tried}, wrong {wrong}, {:.0} ms",

@@ -2,7 +2,7 @@
 //! is the one that agrees best with where they were found.
 
 use crate::align::{AlignmentReference, Brightness};
-use crate::local_map::{LocalMap, PointRef};
+use crate::local_map::{LocalMap, PointRef, median};
 use crate::params_macro::params;
 use crate::patch::Template;
 use crate::warp::Warp;
@@ -25,7 +25,7 @@ params! {
         /// Intensity noise of a patch, grey levels: the least that is assumed.
         pub patch_sigma: f32 = 3.0,
         /// Uncertainty of position that no intensity explains (rolling shutter, lens), pixels.
-        pub position_sigma: f32 = 0.15,
+        pub position_sigma: f32 = 0.5,
         /// Keyframes whose points are sought at most.
         pub max_hosts: usize = 14,
     }
@@ -55,7 +55,6 @@ struct Sought {
 pub(crate) struct View<'a> {
     pub pyramid: &'a Pyramid,
     pub camera_from_world: Se3,
-    pub log_gain: f32,
 }
 
 /// Seeks the map's points in the frame. Second value: how many were sought.
@@ -114,21 +113,21 @@ fn choose(
     cells.into_iter().flatten().collect()
 }
 
+/// Finds one point; a view too blurred for the patch is tried at the next coarser level.
 fn find(map: &LocalMap, sought: &Sought, view: &View, params: &TrackParams) -> Option<Matched> {
     let host = &map.keyframes[sought.at.host];
-    let gain = (view.log_gain - host.log_gain).exp();
-    let template = Template::cut(&host.pyramid, host.points[sought.at.index].pixel, &sought.warp, gain)?;
-    let found = template.align(view.pyramid, sought.pixel, params.max_shift, 12)?;
-    if found.unexplained > params.max_unexplained {
-        return None;
-    }
-    let level = template.level;
-    Some(Matched {
-        at: sought.at,
-        pixel: found.pixel,
-        information: position_information(&found.information, found.rmse, level, params),
-        rmse: found.rmse,
-        inlier: true,
+    let pixel = host.points[sought.at.index].pixel;
+    (0..=1).find_map(|coarser| {
+        let warp = sought.warp.coarser(coarser);
+        let template = Template::cut(&host.pyramid, pixel, &warp)?;
+        let found = template.align(view.pyramid, sought.pixel, params.max_shift, 12)?;
+        (found.unexplained <= params.max_unexplained).then(|| Matched {
+            at: sought.at,
+            pixel: found.pixel,
+            information: position_information(&found.information, found.rmse, template.level, params),
+            rmse: found.rmse,
+            inlier: true,
+        })
     })
 }
 
@@ -197,20 +196,48 @@ struct WorldPoint {
 }
 
 /// Refines a pose on matched points with fixed depths (robust Gauss–Newton) and marks the inliers.
+///
+/// Where all residuals are larger than assumed (a fast turn under a rolling shutter, blur), the information
+/// of the matches is lowered to what the frame shows.
 pub(crate) fn refine_pose(map: &LocalMap, camera_from_world: &Se3, matched: &mut [Matched]) -> Se3 {
-    let points: Vec<WorldPoint> = matched.iter().map(|m| world_point(map, camera_from_world, m)).collect();
-    let pose = optimise_pose(&map.camera, camera_from_world, &points);
-    let (rotation, translation) = (pose.rotation_matrix(), pose.translation);
+    let mut points: Vec<WorldPoint> =
+        matched.iter().map(|m| world_point(map, camera_from_world, m)).collect();
+    let mut pose = *camera_from_world;
+    for _ in 0..2 {
+        pose = optimise_pose(&map.camera, &pose, &points);
+        let mut squared: Vec<f32> = points.iter().map(|p| p.squared(&map.camera, &pose) as f32).collect();
+        let excess = median(&mut squared).map_or(1.0, |m| f64::from(m) / MEDIAN_SQUARED);
+        if excess <= 1.0 {
+            break;
+        }
+        let factor = 1.0 / excess.min(MAX_EXCESS);
+        for (m, p) in matched.iter_mut().zip(&mut points) {
+            m.information = m.information.map(|v| v * factor as f32);
+            p.information = p.information.map(|v| v * factor);
+        }
+    }
     for (m, p) in matched.iter_mut().zip(&points) {
-        let squared = predict(&map.camera, &rotation, &translation, &p.direction, p.inverse_depth, &p.pixel)
-            .map(|q| mahalanobis(&q.residual, &p.information));
-        m.inlier = squared.is_some_and(|s| s < INLIER);
+        m.inlier = p.squared(&map.camera, &pose) < INLIER;
     }
     pose
 }
 
 /// χ² with two degrees of freedom, 99 %.
 pub(crate) const INLIER: f64 = 9.21;
+/// Median of the squared normalised residual of good matches: between χ² of one degree of freedom (edges,
+/// 0.45) and of two (corners, 1.39).
+const MEDIAN_SQUARED: f64 = 0.9;
+/// Residuals larger than this times the assumed variance are errors, not noise.
+const MAX_EXCESS: f64 = 9.0;
+
+impl WorldPoint {
+    /// Squared normalised residual under a pose; infinite behind the camera.
+    fn squared(&self, camera: &Pinhole, pose: &Se3) -> f64 {
+        let (rotation, translation) = (pose.rotation_matrix(), pose.translation);
+        predict(camera, &rotation, &translation, &self.direction, self.inverse_depth, &self.pixel)
+            .map_or(f64::INFINITY, |p| mahalanobis(&p.residual, &self.information))
+    }
+}
 
 fn world_point(map: &LocalMap, camera_from_world: &Se3, matched: &Matched) -> WorldPoint {
     let host = &map.keyframes[matched.at.host];

@@ -28,7 +28,6 @@ struct View {
     keyframe: usize,
     relative: Se3,
     rotation: Matrix3<f64>,
-    gain: f32,
 }
 
 /// Finds a candidate's depth by searching `others` in order. The result holds all observations that agree.
@@ -54,12 +53,7 @@ impl<'a> Triangulator<'a> {
             .map(|&keyframe| {
                 let other = &map.keyframes[keyframe];
                 let relative = other.camera_from_world * state.camera_from_world.inverse();
-                View {
-                    keyframe,
-                    rotation: relative.rotation_matrix(),
-                    relative,
-                    gain: (other.log_gain - state.log_gain).exp(),
-                }
+                View { keyframe, rotation: relative.rotation_matrix(), relative }
             })
             .collect();
         Self { map, host, views, params, track }
@@ -114,7 +108,7 @@ impl<'a> Triangulator<'a> {
         let middle = 0.5 * (range.0 + range.1);
         let (warp, _) = Warp::new(&self.map.camera, &view.relative, &view.rotation, ray, middle)?;
         let host = &self.map.keyframes[self.host].pyramid;
-        let template = Template::cut(host, pixel, &warp, view.gain)?;
+        let template = Template::cut(host, pixel, &warp)?;
         let other = &self.map.keyframes[view.keyframe].pyramid;
         let steps = (length / (1 << template.level) as f64 / 0.8).ceil().max(1.0) as usize;
         let errors: Vec<(f64, Vector2<f64>, f32)> = (0..=steps)
@@ -132,8 +126,8 @@ impl<'a> Triangulator<'a> {
             .filter(|e| (e.1 - best.1).norm() > apart)
             .map(|e| e.2)
             .fold(f32::INFINITY, f32::min);
-        let unique = rival > self.params.uniqueness * best.2.max(self.track.patch_sigma);
-        (unique && best.2 < 0.5 * template.variance()).then_some(best.0)
+        let unique = rival > self.params.uniqueness * best.2.max(0.02);
+        (unique && best.2 < 0.5).then_some(best.0)
     }
 
     /// The point's exact position in a view, near the epipolar line.
@@ -145,7 +139,7 @@ impl<'a> Triangulator<'a> {
         inverse_depth: f64,
     ) -> Option<SeenAt> {
         let (warp, at) = Warp::new(&self.map.camera, &view.relative, &view.rotation, ray, inverse_depth)?;
-        let template = Template::cut(&self.map.keyframes[self.host].pyramid, pixel, &warp, view.gain)?;
+        let template = Template::cut(&self.map.keyframes[self.host].pyramid, pixel, &warp)?;
         let other = &self.map.keyframes[view.keyframe].pyramid;
         let start = [at.x as f32, at.y as f32];
         if !other.base().contains(start[0], start[1], 5.0) {

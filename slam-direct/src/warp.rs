@@ -15,6 +15,13 @@ pub(crate) struct Warp {
     pub view_level: usize,
 }
 
+impl Warp {
+    /// The same warp with both images sampled `levels` coarser.
+    pub fn coarser(&self, levels: usize) -> Self {
+        Self { host_level: self.host_level + levels, view_level: self.view_level + levels, ..*self }
+    }
+}
+
 /// Beyond this magnification a patch no longer looks like itself.
 const MAX_MAGNIFICATION: f64 = 4.0;
 

@@ -2,6 +2,7 @@
 
 use anyhow::ensure;
 use map::{DEFAULT_MAX_RELATIVE_VARIANCE, Map};
+use std::io::{Write, stdout};
 use std::path::PathBuf;
 
 /// Write a map's cloud or trajectory in the format of another tool
@@ -52,15 +53,15 @@ pub fn run(args: &ExportArgs) -> anyhow::Result<()> {
     let poses = trajectory.len();
     if let Some(path) = &args.outputs.tum {
         map::save_tum(path, &trajectory)?;
-        println!("{}: {poses} poses", path.display());
+        writeln!(stdout(), "{}: {poses} poses", path.display())?;
     }
     if let Some(path) = &args.outputs.kitti {
         map::save_kitti(path, &trajectory)?;
-        println!("{}: {poses} poses", path.display());
+        writeln!(stdout(), "{}: {poses} poses", path.display())?;
     }
     if let Some(path) = &args.outputs.mcap {
         map::save_map(path, &map)?;
-        println!("{}: {} keyframes", path.display(), map.keyframes.len());
+        writeln!(stdout(), "{}: {} keyframes", path.display(), map.keyframes.len())?;
     }
     Ok(())
 }
@@ -69,11 +70,11 @@ pub fn run(args: &ExportArgs) -> anyhow::Result<()> {
 fn write_clouds(outputs: &Outputs, map: &Map, max_variance: f32) -> anyhow::Result<()> {
     if let Some(path) = &outputs.ply {
         let points = map::save_ply(path, map, max_variance)?;
-        println!("{}: {points} points", path.display());
+        writeln!(stdout(), "{}: {points} points", path.display())?;
     }
     if let Some(path) = &outputs.pcd {
         let points = map::save_pcd(path, map, max_variance)?;
-        println!("{}: {points} points", path.display());
+        writeln!(stdout(), "{}: {points} points", path.display())?;
     }
     Ok(())
 }

@@ -2,6 +2,7 @@
 
 use anyhow::Context;
 use map::{LoadedMap, load_map};
+use std::io::{Write, stdout};
 use std::path::{Path, PathBuf};
 
 /// Say what a map holds
@@ -25,9 +26,9 @@ pub fn run(args: &InfoMapArgs) -> anyhow::Result<()> {
     let summary = loaded.map.summary(bytes);
     if args.json {
         let text = serde_json::to_string_pretty(&summary).context("the summary cannot be written as JSON")?;
-        println!("{text}");
+        writeln!(stdout(), "{text}")?;
     } else {
-        print!("{summary}");
+        write!(stdout(), "{summary}")?;
     }
     Ok(())
 }

@@ -93,6 +93,7 @@ fn a_file_cut_anywhere_gives_its_whole_keyframes() {
                     assert_eq!(keyframe.semi_dense, map.keyframes[id].semi_dense);
                     assert_eq!(keyframe.image, map.keyframes[id].image);
                 }
+                assert_eq!(part.map.frames.len(), 5 * part.map.keyframes.len());
                 let known = |id: &KeyframeId| part.map.keyframes.contains_key(id);
                 assert!(part.map.edges.iter().all(|edge| known(&edge.from) && known(&edge.to)));
                 assert!(part.map.frames.iter().all(|frame| known(&frame.reference)));

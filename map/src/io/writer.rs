@@ -19,12 +19,13 @@ pub fn save_map(path: impl AsRef<Path>, map: &Map) -> Result<(), MapError> {
     check_map(map).map_err(|what| MapError::invalid(path, what))?;
     let written = write_atomically(path, |out| {
         let mut sink = MapSink::create(out, &map.camera, &map.provenance)?;
+        // The graph first: a copy of the file that is cut keeps the frames of the keyframes it has.
+        sink.graph(map)?;
+        sink.flush()?;
         for keyframe in map.keyframes.values() {
             sink.keyframe(keyframe)?;
             sink.flush()?;
         }
-        sink.graph(map)?;
-        sink.flush()?;
         sink.views(map)?;
         sink.finish()
     });

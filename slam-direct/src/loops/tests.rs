@@ -1,6 +1,6 @@
 use super::*;
 use crate::test_data;
-use geometry::{GrayImage, Pyramid, Se3};
+use geometry::{GrayImage, Se3};
 use map::SemiDense;
 use nalgebra::{UnitQuaternion, Vector3};
 use std::sync::Arc;

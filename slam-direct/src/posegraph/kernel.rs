@@ -1,5 +1,6 @@
 //! Robust kernels on the squared Mahalanobis error of an edge.
 
+use crate::params_macro::{Parameter, ParameterValue, params};
 use serde::{Deserialize, Serialize};
 
 /// The shape of a robust kernel.
@@ -17,15 +18,29 @@ pub enum KernelShape {
     GemanMcClure,
 }
 
-/// A robust kernel: a shape and the error at which it begins to bend.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct RobustKernel {
-    /// The shape.
-    pub shape: KernelShape,
-    /// Error at which the kernel bends, in standard deviations, > 0.
-    pub width: f64,
+impl Parameter for KernelShape {
+    fn value(&self) -> ParameterValue {
+        let name = match self {
+            Self::Quadratic => "quadratic",
+            Self::Huber => "huber",
+            Self::Cauchy => "cauchy",
+            Self::GemanMcClure => "geman-mc-clure",
+        };
+        ParameterValue::Plain(format!("\"{name}\""))
+    }
 }
+
+params! {
+    /// A robust kernel: a shape and the error at which it begins to bend.
+    pub struct RobustKernel {
+        /// The shape: quadratic, huber, cauchy or geman-mc-clure.
+        pub shape: KernelShape = KernelShape::Huber,
+        /// Error at which the kernel bends, in standard deviations, > 0.
+        pub width: f64 = 3.0,
+    }
+}
+
+impl Copy for RobustKernel {}
 
 impl RobustKernel {
     /// Whether the shape has local minima, so that it must be narrowed in stages.
@@ -69,6 +84,21 @@ impl RobustKernel {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn shapes_are_documented_by_the_names_they_are_read_by() {
+        for shape in
+            [KernelShape::Quadratic, KernelShape::Huber, KernelShape::Cauchy, KernelShape::GemanMcClure]
+        {
+            let ParameterValue::Plain(text) = shape.value() else { panic!("a shape is a plain value") };
+            let name = text.trim_matches('"');
+            let read: KernelShape = KernelShape::deserialize(serde::de::value::StrDeserializer::<
+                serde::de::value::Error,
+            >::new(name))
+            .unwrap();
+            assert_eq!(read, shape);
+        }
+    }
 
     #[test]
     fn weights_are_the_derivatives_of_the_costs() {

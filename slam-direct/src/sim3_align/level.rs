@@ -168,8 +168,8 @@ impl<'a> LevelProblem<'a> {
             let next = self.linearise(&moved);
             let (before, after) = (linear.mean_energy(), next.mean_energy());
             // Leaving the image lowers the energy of what is left: such a step is no progress.
-            let worse = !(after < before) || self.check(&next).is_err();
-            if worse {
+            let better = after < before && self.check(&next).is_ok();
+            if !better {
                 damping *= 8.0;
                 if damping > 1e5 {
                     break;

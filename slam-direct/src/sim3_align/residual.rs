@@ -103,8 +103,7 @@ impl<'a> Projector<'a> {
         let ray = self.camera.unproject(point.x as f64, point.y as f64);
         let turned = self.scaled_rotation * ray / d;
         let p = turned + self.translation;
-        // Not `p.z <= 0`, which would let NaN pass.
-        if !(p.z > 1e-9) {
+        if p.z.is_nan() || p.z <= 1e-9 {
             return None;
         }
         let pixel = self.camera.project(&p);
@@ -152,7 +151,7 @@ impl<'a> Projector<'a> {
 /// Bilinear intensity and its exact gradient; `None` outside the image.
 #[inline]
 fn sample(image: &GrayImage, x: f64, y: f64) -> Option<(f64, f64, f64)> {
-    let (right, bottom) = ((image.width() - 1) as f64, (image.height() - 1) as f64);
+    let (right, bottom) = (image.width() as f64 - 1.0, image.height() as f64 - 1.0);
     if !(x >= 0.0 && y >= 0.0 && x < right && y < bottom) {
         return None;
     }

@@ -141,8 +141,13 @@ fn poisoned_depths_are_left_out() {
     depth.variance[2] = 0.0;
     *depth.pixel.last_mut().unwrap() = u32::MAX;
     let view = KeyframeView::new(&pyramid, &depth);
-    assert_eq!(view.points(0).count(), depth.len() - 4);
-    assert!(view.points(view.levels() - 1).all(|(_, _, d)| d.is_finite() && d > 0.0));
+    assert_eq!(view.depth(0).points.len(), depth.len() - 4);
+    assert!(
+        view.depth(view.levels() - 1)
+            .points
+            .iter()
+            .all(|p| p.inverse_depth.is_finite() && p.inverse_depth > 0.0)
+    );
 }
 
 proptest! {

@@ -35,11 +35,6 @@ impl<'a> KeyframeView<'a> {
     pub(super) fn depth(&self, level: usize) -> &LevelDepth {
         &self.levels[level]
     }
-
-    /// `(x, y, inverse depth)` of the points at a level, in memory order; pixels of that level.
-    pub fn points(&self, level: usize) -> impl Iterator<Item = (f64, f64, f64)> + '_ {
-        self.levels[level].points.iter().map(|p| (p.x as f64, p.y as f64, p.inverse_depth as f64))
-    }
 }
 
 /// A pixel with inverse depth.
