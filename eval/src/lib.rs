@@ -17,6 +17,7 @@ mod rpe;
 mod segments;
 mod statistics;
 mod trajectory;
+mod warp;
 
 pub use align::{AlignMode, align};
 pub use associate::{Associated, DEFAULT_MAX_DIFF, associate};
@@ -30,3 +31,4 @@ pub use rpe::{Delta, Rpe, rpe};
 pub use segments::{LengthError, SegmentErrors, segment_errors};
 pub use statistics::Statistics;
 pub use trajectory::{Pose, Trajectory};
+pub use warp::warp_inverse_depth;

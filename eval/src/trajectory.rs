@@ -1,7 +1,8 @@
 //! Trajectories as files give them.
 
+use crate::associate::nearest;
 use geometry::{Se3, Sim3};
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
 /// A pose as its file gives it: `world_from_camera`.
 ///
@@ -29,6 +30,12 @@ impl Pose {
     pub fn transformed(&self, transform: &Sim3) -> Self {
         let rotation = transform.rigid().rotation_matrix() * self.rotation;
         Self { rotation, translation: *transform * self.translation }
+    }
+
+    /// The pose as a rigid motion.
+    pub fn rigid(&self) -> Se3 {
+        let rotation = Rotation3::from_matrix_unchecked(self.rotation);
+        Se3::new(UnitQuaternion::from_rotation_matrix(&rotation), self.translation).renormalized()
     }
 
     /// Angle of the rotation nearest to the matrix, degrees, 0–180.
@@ -65,6 +72,13 @@ impl Trajectory {
         }
         (timestamps.len() == self.world_from_camera.len())
             .then(|| Self { timestamps: Some(timestamps.to_vec()), ..self })
+    }
+
+    /// The pose nearest in time to `time`, when it is at most `max_diff` seconds away.
+    pub fn pose_at(&self, time: f64, max_diff: f64) -> Option<&Pose> {
+        let times = self.timestamps.as_ref()?;
+        let found = nearest(times, time).filter(|&i| (times[i] - time).abs() <= max_diff)?;
+        self.world_from_camera.get(found)
     }
 
     /// Number of poses.

@@ -1,23 +1,25 @@
 //! Image pyramids: each level halves the one below it.
 
 use crate::GrayImage;
+use std::sync::Arc;
 
 /// An image and its successive halvings; level 0 is the image itself.
 #[derive(Clone, Debug)]
 pub struct Pyramid {
-    levels: Vec<GrayImage>,
+    levels: Vec<Arc<GrayImage>>,
 }
 
 impl Pyramid {
     /// Builds up to `levels` levels by 2×2 means; stops before a side would fall below 16 pixels.
     pub fn new(image: GrayImage, levels: usize) -> Self {
-        let mut all = vec![image];
+        let mut all = vec![Arc::new(image)];
         while all.len() < levels {
             let last = &all[all.len() - 1];
             if last.width() < 32 || last.height() < 32 {
                 break;
             }
-            all.push(halved(last));
+            let next = halved(last);
+            all.push(Arc::new(next));
         }
         Self { levels: all }
     }
@@ -41,6 +43,11 @@ impl Pyramid {
     /// The image at level 0.
     pub fn base(&self) -> &GrayImage {
         &self.levels[0]
+    }
+
+    /// The image at level 0, to be kept beyond the pyramid without a copy.
+    pub fn shared_base(&self) -> Arc<GrayImage> {
+        Arc::clone(&self.levels[0])
     }
 }
 

@@ -1,13 +1,6 @@
 use geometry::{GrayImage, Pinhole};
 use slam_direct::{Agent, Frame, Params};
 use std::io::Write;
-struct NoPlaces;
-impl map::PlaceIndex for NoPlaces {
-    fn add(&mut self, _: map::KeyframeId, _: &GrayImage) {}
-    fn query(&self, _: &GrayImage, _: usize) -> Vec<map::PlaceCandidate> {
-        Vec::new()
-    }
-}
 fn main() {
     let args: Vec<String> = std::env::args().collect();
     let dir = std::path::Path::new(&args[1]);
@@ -56,7 +49,7 @@ fn main() {
     if let Ok(p) = std::env::var("LB_PARAMS") {
         params = serde_json::from_str(&p).unwrap();
     }
-    let mut agent = Agent::new(out, Box::new(NoPlaces), params);
+    let mut agent = Agent::new(out, Box::new(place_recog::ThumbnailIndex::default()), params);
     let times = std::fs::read_to_string(dir.join("times.txt")).unwrap();
     let mut total = 0.0;
     let mut n = 0;
@@ -101,6 +94,13 @@ fn main() {
     }
     let start = std::time::Instant::now();
     agent.finish();
+    if let Ok(f) = std::env::var("LB_KF") {
+        let mut out = std::fs::File::create(f).unwrap();
+        for k in agent.map().keyframes.values() {
+            let v = k.world_from_keyframe.rigid().to_tum();
+            writeln!(out, "{:.6} {:.9} {:.9} {:.9} {:.9} {:.9} {:.9} {:.9}", k.timestamp, v[0], v[1], v[2], v[3], v[4], v[5], v[6]).unwrap();
+        }
+    }
     let mut out = std::fs::File::create(&args[2]).unwrap();
     for p in agent.map().trajectory() {
         let v = p.world_from_camera.to_tum();

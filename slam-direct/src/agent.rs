@@ -1,15 +1,15 @@
 //! The agent: one camera's tracker and map.
 
-use crate::Params;
-use crate::align::{AlignmentReference, Brightness};
 use crate::bootstrap::{Bootstrap, Progress, Started};
-use crate::keyframes::Departure;
+use crate::dense;
 use crate::local_map::{KeyframeState, LocalMap};
-use crate::mapping;
-use crate::track::{self, Matched, View};
-use geometry::{GrayImage, Pinhole, Pyramid, Se3, Sim3};
+use crate::mapping::{self, UnitChange};
+use crate::params::Params;
+use crate::publish;
+use crate::track::{Matched, learn_position_sigma};
+use crate::tracker::Tracker;
+use geometry::{GrayImage, Pinhole, Pyramid, Se3};
 use map::{FramePose, KeyframeId, Map, PlaceIndex};
-use std::sync::Arc;
 
 /// One image to process.
 #[derive(Clone, Debug)]
@@ -42,6 +42,8 @@ pub struct FrameReport {
     pub world_from_camera: Option<Se3>,
     /// Keyframe made from this frame.
     pub new_keyframe: Option<KeyframeId>,
+    /// Keyframes whose depth became known with this frame; their poses may still move.
+    pub settled_keyframes: Vec<KeyframeId>,
     /// Loop closed after this frame: `(newer, older)` keyframe.
     pub closed_loop: Option<(KeyframeId, KeyframeId)>,
     /// Share of the predicted points that were matched, 0–1.
@@ -62,40 +64,21 @@ pub struct Agent {
     local: LocalMap,
     state: State,
     places: Box<dyn PlaceIndex>,
+    /// The first keyframe without semi-dense depth.
+    next_to_settle: usize,
 }
 
 enum State {
     Empty,
     Starting(Box<Bootstrap>),
-    Running(Box<Running>),
-}
-
-/// The tracker's memory from frame to frame.
-struct Running {
-    reference: usize,
-    alignment: AlignmentReference,
-    /// Most points that were expected in a frame tracked against the reference.
-    expected: usize,
-    /// Most points that were found in such a frame.
-    found: usize,
-    last: Se3,
-    /// Motion of the last frame: `last = velocity * the one before`.
-    velocity: Se3,
-    brightness: Brightness,
-    lost: bool,
+    Running(Box<Tracker>),
 }
 
 impl Agent {
     /// A new agent with an empty map.
     pub fn new(camera: Pinhole, places: Box<dyn PlaceIndex>, params: Params) -> Self {
-        Self {
-            camera,
-            params,
-            map: Map::new(camera),
-            local: LocalMap::new(camera),
-            state: State::Empty,
-            places,
-        }
+        let (map, local) = (Map::new(camera), LocalMap::new(camera));
+        Self { camera, params, map, local, state: State::Empty, places, next_to_settle: 0 }
     }
 
     /// Tracks a frame and maps what it adds.
@@ -106,7 +89,7 @@ impl Agent {
                 self.begin(pyramid, frame.timestamp, frame.index, "the image has too little texture")
             }
             State::Starting(bootstrap) => self.start(bootstrap, pyramid, frame.timestamp, frame.index),
-            State::Running(running) => self.track(running, pyramid, frame.timestamp, frame.index),
+            State::Running(tracker) => self.track(tracker, pyramid, frame.timestamp, frame.index),
         }
     }
 
@@ -138,42 +121,95 @@ impl Agent {
     fn adopt(&mut self, started: Started) -> FrameReport {
         let Started { map, frames } = started;
         self.local = map;
+        for keyframe in 0..self.local.keyframes.len() {
+            publish::add_keyframe(&mut self.map, &self.local, keyframe);
+        }
         let first = &self.local.keyframes[0];
-        self.map.frames.push(FramePose {
-            timestamp: first.timestamp,
-            frame_index: first.frame_index,
-            reference: LocalMap::id(0),
-            keyframe_from_frame: Se3::identity(),
-        });
-        let poses: Vec<Se3> = frames.iter().map(|f| f.2).collect();
-        for (timestamp, frame_index, frame_from_first) in frames {
-            self.map.frames.push(FramePose {
+        let all =
+            [(first.timestamp, first.frame_index, Se3::identity())].into_iter().chain(frames.iter().copied());
+        self.map.frames = all
+            .map(|(timestamp, frame_index, frame_from_first)| FramePose {
                 timestamp,
                 frame_index,
                 reference: LocalMap::id(0),
                 keyframe_from_frame: frame_from_first.inverse(),
-            });
-        }
+            })
+            .collect();
+        self.places.add(LocalMap::id(0), self.local.keyframes[0].pyramid.base());
         self.map_around(1);
         let last = self.local.keyframes[1].camera_from_world;
-        let velocity = match poses.len() {
-            0 | 1 => last,
-            n => poses[n - 1] * poses[n - 2].inverse(),
+        let velocity = match frames.as_slice() {
+            [.., before, newest] => newest.2 * before.2.inverse(),
+            _ => last,
         };
-        let running = self.running(1, last, velocity, Brightness::default());
-        let report = FrameReport {
+        self.state = State::Running(Box::new(Tracker::new(&self.local, 1, last, velocity, &self.params)));
+        FrameReport {
             world_from_camera: Some(last.inverse()),
             new_keyframe: Some(LocalMap::id(1)),
             inlier_share: 1.0,
             matched_points: self.local.keyframes[1].seen.len(),
             ..FrameReport::of(TrackingState::Tracking)
+        }
+    }
+
+    fn track(
+        &mut self,
+        mut tracker: Box<Tracker>,
+        pyramid: Pyramid,
+        timestamp: f64,
+        frame_index: u64,
+    ) -> FrameReport {
+        let Some(located) = tracker.track(&self.local, self.places.as_ref(), &pyramid, &self.params) else {
+            self.state = State::Running(tracker);
+            return FrameReport {
+                reason: Some("the view matches no part of the map"),
+                ..FrameReport::of(TrackingState::Lost)
+            };
         };
-        self.state = State::Running(Box::new(running));
-        self.publish();
+        self.params.track.position_sigma = learn_position_sigma(&self.params.track, located.excess);
+        self.local.count_sought(&located.sought, &located.matched);
+        let world_from_reference = self.local.keyframes[tracker.reference].camera_from_world.inverse();
+        self.map.frames.push(FramePose {
+            timestamp,
+            frame_index,
+            reference: LocalMap::id(tracker.reference),
+            keyframe_from_frame: (tracker.last * world_from_reference).inverse(),
+        });
+        let mut report = FrameReport {
+            inlier_share: located.inlier_share(),
+            rmse: located.rmse(),
+            matched_points: located.inliers,
+            ..FrameReport::of(TrackingState::Tracking)
+        };
+        tracker.change_reference(&self.local, &located, &self.params);
+        if tracker.wants_keyframe(&self.local, &located, &self.params) {
+            let state = KeyframeState::new(timestamp, frame_index, pyramid, tracker.last);
+            let keyframe = self.add_keyframe(state, &located.matched);
+            tracker.last = self.local.keyframes[keyframe].camera_from_world;
+            tracker.refer_to(&self.local, keyframe, &self.params);
+            report.new_keyframe = Some(LocalMap::id(keyframe));
+            report.settled_keyframes = self.settle(self.params.mapping.settle_after);
+        }
+        report.world_from_camera = Some(tracker.last.inverse());
+        self.state = State::Running(tracker);
         report
     }
 
-    /// New points for a keyframe and its predecessor, then the joint optimisation around it.
+    /// Makes the newest tracked frame a keyframe.
+    fn add_keyframe(&mut self, state: KeyframeState, matched: &[Matched]) -> usize {
+        let keyframe = self.local.keyframes.len();
+        self.local.keyframes.push(state);
+        publish::add_keyframe(&mut self.map, &self.local, keyframe);
+        if let Some(frame) = self.map.frames.last_mut() {
+            frame.reference = LocalMap::id(keyframe);
+            frame.keyframe_from_frame = Se3::identity();
+        }
+        mapping::add_observations(&mut self.local, keyframe, matched);
+        self.map_around(keyframe);
+        keyframe
+    }
+
+    /// New points for a keyframe and its nearest neighbour, then the joint optimisation around it.
     fn map_around(&mut self, keyframe: usize) {
         let p = &self.params;
         let mut others: Vec<usize> = self.local.covisible(keyframe).into_iter().map(|c| c.0).collect();
@@ -182,204 +218,39 @@ impl Agent {
             mapping::add_points(&mut self.local, nearest, &[keyframe], &p.mapping, &p.triangulate, &p.track);
         }
         mapping::add_points(&mut self.local, keyframe, &others, &p.mapping, &p.triangulate, &p.track);
-        mapping::optimise_around(&mut self.local, keyframe, &p.mapping);
+        let changes = mapping::optimise_around(&mut self.local, keyframe, &p.mapping);
         mapping::cull_unfound(&mut self.local, 0.25);
         self.places.add(LocalMap::id(keyframe), self.local.keyframes[keyframe].pyramid.base());
+        self.absorb(&changes);
     }
 
-    fn running(&self, reference: usize, last: Se3, velocity: Se3, brightness: Brightness) -> Running {
-        let points = self.local.reference_points(reference);
-        let alignment = AlignmentReference::new(
-            &self.local.keyframes[reference].pyramid,
-            &self.camera,
-            &points,
-            &self.params.align,
-        );
-        Running { reference, alignment, expected: 0, found: 0, last, velocity, brightness, lost: false }
+    /// Brings what hangs on the keyframes to where an optimisation has moved them.
+    fn absorb(&mut self, changes: &[UnitChange]) {
+        publish::scale_surroundings(&mut self.map, changes);
+        publish::update_poses(&mut self.map, &self.local);
     }
 
-    fn track(
-        &mut self,
-        mut running: Box<Running>,
-        pyramid: Pyramid,
-        timestamp: f64,
-        index: u64,
-    ) -> FrameReport {
-        let p = &self.params;
-        let reference = &self.local.keyframes[running.reference];
-        let world_from_reference = reference.camera_from_world.inverse();
-        let guesses =
-            [running.velocity * running.last * world_from_reference, running.last * world_from_reference];
-        let aligned =
-            track::align_from_guesses(&running.alignment, &pyramid, &guesses, running.brightness, 0.6);
-        let mut view = View {
-            pyramid: &pyramid,
-            camera_from_world: aligned.frame_from_reference * reference.camera_from_world,
-        };
-        let hosts =
-            track::choose_hosts(&self.local, &view.camera_from_world, running.reference, p.track.max_hosts);
-        let (mut matched, sought) =
-            track::match_points(&self.local, &hosts, &view, &p.track, p.track.per_cell);
-        view.camera_from_world = track::refine_pose(&self.local, &view.camera_from_world, &mut matched);
-        let inliers = matched.iter().filter(|m| m.inlier).count();
-        let share = inliers as f32 / sought.len().max(1) as f32;
-        if std::env::var("LB_DEBUG").is_ok() {
-            eprintln!(
-                "frame {index} ref {} align inl {:.2} vis {:.2} rmse {:.1} gain {:.3} | hosts {} sought {} matched {} inl {}",
-                running.reference,
-                aligned.inlier_share,
-                aligned.visible_share,
-                aligned.rmse,
-                aligned.brightness.log_gain,
-                hosts.len(),
-                sought.len(),
-                matched.len(),
-                inliers
-            );
+    /// Computes the semi-dense depth of the keyframes that are at least `behind` keyframes old.
+    fn settle(&mut self, behind: usize) -> Vec<KeyframeId> {
+        let ready = self.local.keyframes.len().saturating_sub(behind);
+        let keyframes: Vec<usize> = (self.next_to_settle..ready).collect();
+        for &keyframe in &keyframes {
+            let depth = dense::semi_dense(&self.local, keyframe, &self.params.depth);
+            publish::set_depth(&mut self.map, &self.local, keyframe, depth);
         }
-        if inliers < p.keyframes.min_matched || share < p.keyframes.min_share {
-            running.lost = true;
-            running.velocity = Se3::identity();
-            self.state = State::Running(running);
-            return FrameReport {
-                reason: Some("too few points were found"),
-                ..FrameReport::of(TrackingState::Lost)
-            };
-        }
-        self.count(&sought, &matched);
-        let camera_from_world = view.camera_from_world;
-        running.velocity =
-            if running.lost { Se3::identity() } else { camera_from_world * running.last.inverse() };
-        running.lost = false;
-        running.last = camera_from_world;
-        running.brightness = aligned.brightness;
-        self.map.frames.push(FramePose {
-            timestamp,
-            frame_index: index,
-            reference: LocalMap::id(running.reference),
-            keyframe_from_frame: (camera_from_world * world_from_reference).inverse(),
-        });
-        let rmse = (matched.iter().filter(|m| m.inlier).map(|m| m.rmse * m.rmse).sum::<f32>()
-            / inliers as f32)
-            .sqrt();
-        let mut report = FrameReport {
-            world_from_camera: Some(camera_from_world.inverse()),
-            inlier_share: share,
-            rmse,
-            matched_points: inliers,
-            ..FrameReport::of(TrackingState::Tracking)
-        };
-        running.expected = running.expected.max(sought.len());
-        running.found = running.found.max(inliers);
-        self.change_reference(&mut running, &hosts);
-        if self.wants_keyframe(&running, sought.len(), inliers) {
-            report.new_keyframe = Some(self.add_keyframe(&mut running, pyramid, timestamp, index, &matched));
-        }
-        self.state = State::Running(running);
-        report
+        self.next_to_settle = self.next_to_settle.max(ready);
+        keyframes.into_iter().map(LocalMap::id).collect()
     }
 
-    fn count(&mut self, sought: &[crate::local_map::PointRef], matched: &[Matched]) {
-        for &at in sought {
-            self.local.point_mut(at).sought += 1;
-        }
-        for m in matched.iter().filter(|m| m.inlier) {
-            self.local.point_mut(m.at).found += 1;
-        }
-    }
-
-    fn wants_keyframe(&self, running: &Running, expected: usize, found: usize) -> bool {
-        let overlap = expected as f32 / running.expected.max(1) as f32;
-        if (found as f32) < self.params.keyframes.fading * running.found as f32 {
-            return true;
-        }
-        match self.departure(running.reference, &running.last, overlap) {
-            Some(departure) => departure.score(&self.params.keyframes) > 1.0,
-            None => true,
-        }
-    }
-
-    /// How far a pose is from a keyframe's, as its points move in the image.
-    fn departure(&self, keyframe: usize, camera_from_world: &Se3, overlap: f32) -> Option<Departure> {
-        let relative = *camera_from_world * self.local.keyframes[keyframe].camera_from_world.inverse();
-        let (flow, parallax) = mapping::median_flow(&self.local, keyframe, &relative)?;
-        let width = self.camera.width as f32;
-        Some(Departure { flow: flow / width, parallax: parallax / width, overlap })
-    }
-
-    fn add_keyframe(
-        &mut self,
-        running: &mut Running,
-        pyramid: Pyramid,
-        timestamp: f64,
-        frame_index: u64,
-        matched: &[Matched],
-    ) -> KeyframeId {
-        let keyframe = self.local.keyframes.len();
-        self.local.keyframes.push(KeyframeState {
-            timestamp,
-            frame_index,
-            pyramid,
-            camera_from_world: running.last,
-            points: Vec::new(),
-            seen: Vec::new(),
-        });
-        mapping::add_observations(&mut self.local, keyframe, matched);
-        self.map_around(keyframe);
-        if let Some(frame) = self.map.frames.last_mut() {
-            frame.reference = LocalMap::id(keyframe);
-            frame.keyframe_from_frame = Se3::identity();
-        }
-        let last = self.local.keyframes[keyframe].camera_from_world;
-        *running = self.running(keyframe, last, running.velocity, Brightness::default());
-        self.publish();
-        LocalMap::id(keyframe)
-    }
-
-    /// Tracks against the keyframe that lies nearest, as its points move in the image.
-    fn change_reference(&self, running: &mut Running, hosts: &[usize]) {
-        let p = &self.params.keyframes;
-        let score = |keyframe: usize| self.departure(keyframe, &running.last, 1.0).map(|d| d.score(p));
-        let Some(now) = score(running.reference) else { return };
-        if now < 0.5 {
-            return;
-        }
-        let nearest = hosts
-            .iter()
-            .filter(|&&host| host != running.reference)
-            .filter_map(|&host| Some((score(host)?, host)))
-            .min_by(|a, b| a.0.total_cmp(&b.0));
-        if let Some((_, best)) = nearest.filter(|n| n.0 < 0.6 * now) {
-            *running = self.running(best, running.last, running.velocity, Brightness::default());
-        }
-    }
-
-    /// Ends the run: last optimisation of the whole map.
+    /// Ends the run: depth of the last keyframes, last optimisation of the whole map.
     pub fn finish(&mut self) {
+        if std::env::var("LB_DEBUG").is_ok() { eprintln!("sigma {}", self.params.track.position_sigma); }
         if self.local.keyframes.len() > 1 {
-            let report = mapping::optimise_all(&mut self.local, 20);
-            if std::env::var("LB_DEBUG").is_ok() {
-                eprintln!("final {report:?}");
-            }
+            let changes = mapping::optimise_all(&mut self.local, self.params.mapping.final_iterations);
+            self.absorb(&changes);
         }
-        self.publish();
-    }
-
-    /// Brings the public map up to date with the working one.
-    fn publish(&mut self) {
-        for (index, state) in self.local.keyframes.iter().enumerate() {
-            let id = LocalMap::id(index);
-            let keyframe = self.map.keyframes.entry(id).or_insert_with(|| map::Keyframe {
-                id,
-                timestamp: state.timestamp,
-                frame_index: state.frame_index,
-                world_from_keyframe: Sim3::identity(),
-                image: Arc::new(state.pyramid.base().clone()),
-                semi_dense: map::SemiDense::default(),
-                points: Vec::new(),
-            });
-            keyframe.world_from_keyframe = Sim3::from(state.camera_from_world.inverse());
-        }
+        self.settle(0);
+        publish::complete(&mut self.map, &self.local);
     }
 
     /// Gives the map away.
@@ -399,6 +270,7 @@ impl FrameReport {
             state,
             world_from_camera: None,
             new_keyframe: None,
+            settled_keyframes: Vec::new(),
             closed_loop: None,
             inlier_share: 0.0,
             rmse: 0.0,

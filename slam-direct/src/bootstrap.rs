@@ -138,12 +138,6 @@ impl Bootstrap {
             return Progress::Restart("the view changed before the first map was made");
         }
         let (turn, parallax) = self.parallax();
-        if std::env::var("LB_DEBUG").is_ok() {
-            eprintln!(
-                "start: frame {frame_index} followed {count}/{} parallax {parallax:.1}",
-                self.tracks.len()
-            );
-        }
         if parallax < params.min_parallax * self.camera.width as f32 {
             if self.frames.len() >= params.max_frames {
                 return Progress::Restart("the camera hardly moved");
@@ -449,9 +443,6 @@ fn acceptable(solution: &Problem, params: &BootstrapParams) -> bool {
         }
     }
     let sigma = median(&mut sigmas).unwrap_or(f32::INFINITY) as f64;
-    if std::env::var("LB_DEBUG").is_ok() {
-        eprintln!("attempt: good {good}/{} sigma {sigma:?} limit {limit:.1}", solution.points.len());
-    }
     good as f64 >= params.min_inliers * solution.points.len() as f64
         && good >= 40
         && sigma < params.max_relative_sigma

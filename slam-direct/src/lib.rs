@@ -6,6 +6,8 @@
 mod agent;
 pub mod align;
 mod bootstrap;
+mod dense;
+mod depth;
 mod keyframes;
 mod local_map;
 pub mod loops;
@@ -14,16 +16,19 @@ mod params;
 mod params_macro;
 mod patch;
 pub mod posegraph;
+mod publish;
 pub mod relocalise;
 mod select;
 pub mod sim3_align;
 #[cfg(test)]
 mod test_data;
 mod track;
+mod tracker;
 mod triangulate;
 mod warp;
 mod window;
 
 pub use agent::{Agent, Frame, FrameReport, TrackingState};
+pub use depth::{DepthFilter, DepthParams, SeedPoint, StereoFrame, UpdateStats, choose_references};
 pub use params::Params;
 pub use params_macro::{DocumentedParameter, Parameter, ParameterValue};

@@ -1,6 +1,7 @@
 //! Keyframes as the agent works on them: image pyramids, points with observations, who sees what.
 
 use crate::align::ReferencePoint;
+use crate::track::Matched;
 use geometry::{Pinhole, Pyramid, Se3};
 use map::KeyframeId;
 use nalgebra::Vector3;
@@ -52,6 +53,13 @@ pub(crate) struct KeyframeState {
     pub points: Vec<PointState>,
     /// Points hosted elsewhere and seen here.
     pub seen: Vec<PointRef>,
+}
+
+impl KeyframeState {
+    /// A keyframe without points.
+    pub fn new(timestamp: f64, frame_index: u64, pyramid: Pyramid, camera_from_world: Se3) -> Self {
+        Self { timestamp, frame_index, pyramid, camera_from_world, points: Vec::new(), seen: Vec::new() }
+    }
 }
 
 /// All keyframes of the agent; index = `KeyframeId`.
@@ -130,6 +138,16 @@ impl LocalMap {
         let mut all: Vec<_> = shared.into_iter().collect();
         all.sort_by(|a, b| b.1.cmp(&a.1).then(b.0.cmp(&a.0)));
         all
+    }
+
+    /// Notes which points a frame was searched for, and which of them were found.
+    pub fn count_sought(&mut self, sought: &[PointRef], matched: &[Matched]) {
+        for &at in sought {
+            self.point_mut(at).sought += 1;
+        }
+        for m in matched.iter().filter(|m| m.inlier) {
+            self.point_mut(m.at).found += 1;
+        }
     }
 
     /// Records that `keyframe` sees a point.

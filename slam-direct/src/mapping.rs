@@ -5,7 +5,7 @@ use crate::params_macro::params;
 use crate::select::select;
 use crate::track::{INLIER, Matched, TrackParams};
 use crate::triangulate::{TriangulateParams, Triangulator};
-use crate::window::{Problem, WindowObservation, WindowPoint, WindowReport, solve};
+use crate::window::{Problem, WindowObservation, WindowPoint, solve};
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -20,6 +20,10 @@ params! {
         pub window: usize = 8,
         /// Iterations of the window optimisation.
         pub window_iterations: usize = 6,
+        /// Iterations of the last optimisation of the whole map.
+        pub final_iterations: usize = 20,
+        /// A keyframe's semi-dense depth is computed when this many newer ones are there.
+        pub settle_after: usize = 3,
         /// Keyframes in which a new point's depth is sought.
         pub search_views: usize = 5,
     }
@@ -107,23 +111,68 @@ impl DepthPrior {
 
 /// Optimises keyframe `centre` and its most covisible neighbours together; the others that see the same
 /// points hold the rest in place.
-pub(crate) fn optimise_around(map: &mut LocalMap, centre: usize, params: &MappingParams) -> WindowReport {
+pub(crate) fn optimise_around(map: &mut LocalMap, centre: usize, params: &MappingParams) -> Vec<UnitChange> {
     let neighbours = map.covisible(centre).into_iter().take(params.window - 1).map(|c| c.0);
     let active: BTreeSet<usize> = neighbours.chain([centre]).collect();
     optimise(map, &active, params.window_iterations)
 }
 
 /// Optimises all keyframes and points.
-pub(crate) fn optimise_all(map: &mut LocalMap, iterations: usize) -> WindowReport {
+pub(crate) fn optimise_all(map: &mut LocalMap, iterations: usize) -> Vec<UnitChange> {
     let active: BTreeSet<usize> = (0..map.keyframes.len()).collect();
     optimise(map, &active, iterations)
 }
 
-fn optimise(map: &mut LocalMap, active: &BTreeSet<usize>, iterations: usize) -> WindowReport {
-    let (mut problem, points) = build(map, active);
-    let report = solve(&mut problem.0, iterations);
-    apply(map, &problem, &points);
-    report
+fn optimise(map: &mut LocalMap, active: &BTreeSet<usize>, iterations: usize) -> Vec<UnitChange> {
+    let (mut window, points) = build(map, active);
+    let before = frame_depths(&window.0);
+    solve(&mut window.0, iterations);
+    let changes = unit_changes(&window, &before, &frame_depths(&window.0), active);
+    apply(map, &window, &points);
+    changes
+}
+
+/// How lengths around a keyframe changed in an optimisation: what was measured in its surroundings before
+/// (poses of frames, semi-dense depth) must be multiplied by `factor` to fit the map after.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct UnitChange {
+    pub keyframe: usize,
+    pub factor: f64,
+}
+
+/// Depth of each observed point in each frame of the window, in order of points and observations, the
+/// host first.
+fn frame_depths(problem: &Problem) -> Vec<(usize, f64)> {
+    let mut all = Vec::with_capacity(problem.observations.len() + problem.points.len());
+    let inverse: Vec<_> = problem.frames.iter().map(|f| f.inverse()).collect();
+    for point in &problem.points {
+        all.push((point.host, 1.0 / point.inverse_depth));
+        for seen in &problem.observations[point.observations.clone()] {
+            let relative = problem.frames[seen.frame] * inverse[point.host];
+            let x = relative.rotation * point.ray + relative.translation * point.inverse_depth;
+            all.push((seen.frame, x.z / point.inverse_depth));
+        }
+    }
+    all
+}
+
+fn unit_changes(
+    (problem, keyframes): &Window,
+    before: &[(usize, f64)],
+    after: &[(usize, f64)],
+    active: &BTreeSet<usize>,
+) -> Vec<UnitChange> {
+    let mut ratios: Vec<Vec<f32>> = vec![Vec::new(); problem.frames.len()];
+    for (&(frame, old), &(_, new)) in before.iter().zip(after) {
+        if old > 0.0 && new > 0.0 {
+            ratios[frame].push((new / old) as f32);
+        }
+    }
+    let change = |(frame, &keyframe): (usize, &usize)| {
+        let factor = median(&mut ratios[frame]).filter(|f| f.is_finite())? as f64;
+        active.contains(&keyframe).then_some(UnitChange { keyframe, factor })
+    };
+    keyframes.iter().enumerate().filter_map(change).collect()
 }
 
 /// The window's values, and which keyframe each of its frames is.

@@ -2,9 +2,11 @@
 
 use crate::align::AlignParams;
 use crate::bootstrap::BootstrapParams;
+use crate::depth::DepthParams;
 use crate::keyframes::KeyframeParams;
 use crate::mapping::MappingParams;
 use crate::params_macro::params;
+use crate::relocalise::RelocaliseParams;
 use crate::track::TrackParams;
 use crate::triangulate::TriangulateParams;
 
@@ -21,6 +23,10 @@ params! {
         pub keyframes: KeyframeParams = KeyframeParams::default(),
         /// Points and window optimisation.
         pub mapping: MappingParams = MappingParams::default(),
+        /// Finding a lost frame again.
+        pub relocalise: RelocaliseParams = RelocaliseParams::default(),
+        /// Semi-dense depth.
+        pub depth: DepthParams = DepthParams::default(),
         /// Depth of new points.
         pub triangulate: TriangulateParams = TriangulateParams::default(),
     }

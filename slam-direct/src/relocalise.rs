@@ -19,7 +19,7 @@ params! {
         pub min_visible_share: f32 = 0.4,
         /// Least share of those that must agree. Range 0–1; a frame placed wrongly poisons
         /// the map, so this is stricter than for tracking.
-        pub min_inlier_share: f32 = 0.8,
+        pub min_inlier_share: f32 = 0.5,
         /// Largest root mean square residual of the points that agree, grey levels. Range 3–40.
         pub max_rmse: f32 = 16.0,
     }

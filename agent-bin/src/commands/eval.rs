@@ -1,8 +1,10 @@
-//! `loopbox eval`: how far a trajectory is from the truth.
+//! `loopbox eval`: how far a trajectory, and a map's depth, are from the truth.
 
+use super::eval_depth::{self, MapDepth};
 use anyhow::{Result, bail};
 use clap::{Args, ValueEnum};
 use eval::{AlignMode, Delta, Evaluation, Options, Statistics, evaluate, read_times, read_trajectory};
+use serde::Serialize;
 use std::fmt::Write;
 use std::path::PathBuf;
 
@@ -30,6 +32,12 @@ pub struct EvalArgs {
     /// take their time stamps from here
     #[arg(long, value_name = "FILE")]
     frames: Option<PathBuf>,
+    /// Also measure the depths of this map (map.mcap) against --depth
+    #[arg(long, value_name = "FILE", requires_all = ["depth", "frames"])]
+    map: Option<PathBuf>,
+    /// Folder of true depth images NNNNNN.png, named by frame: 16 bit, millimetres along the optical axis
+    #[arg(long, value_name = "DIR", requires = "map")]
+    depth: Option<PathBuf>,
     /// Print JSON
     #[arg(long)]
     json: bool,
@@ -59,6 +67,15 @@ impl From<Align> for AlignMode {
     }
 }
 
+/// What is printed as JSON.
+#[derive(Serialize)]
+struct Output {
+    #[serde(flatten)]
+    evaluation: Evaluation,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    depth: Option<MapDepth>,
+}
+
 /// Reads both trajectories, compares them and prints the result.
 pub fn run(args: EvalArgs) -> Result<()> {
     let estimate = read_trajectory(&args.estimate)?;
@@ -70,11 +87,18 @@ pub fn run(args: EvalArgs) -> Result<()> {
         delta: args.delta,
         all_pairs: args.all_pairs,
     };
+    let depth = match (&args.map, &args.depth, &frames) {
+        (Some(map), Some(folder), Some(frames)) => {
+            Some(eval_depth::measure(map, folder, frames, &truth, args.max_diff)?)
+        }
+        _ => None,
+    };
     let evaluation = evaluate(estimate, truth, frames.as_deref(), &options)?;
     if args.json {
-        println!("{}", serde_json::to_string_pretty(&evaluation)?);
+        println!("{}", serde_json::to_string_pretty(&Output { evaluation, depth })?);
     } else {
         print!("{}", table(&evaluation, frames.is_some())?);
+        depth.iter().for_each(|depth| print!("\n{depth}"));
     }
     Ok(())
 }

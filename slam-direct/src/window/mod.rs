@@ -14,4 +14,4 @@ mod problem;
 mod solve;
 
 pub(crate) use problem::{Problem, WindowObservation, WindowPoint, mahalanobis, predict, robust_weight};
-pub(crate) use solve::{WindowReport, solve};
+pub(crate) use solve::solve;

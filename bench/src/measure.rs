@@ -1,0 +1,210 @@
+//! Measuring one sequence.
+
+use anyhow::{Context, Result, bail};
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+/// Runs the program.
+pub struct Runner {
+    /// The program.
+    pub loopbox: PathBuf,
+    /// Where its outputs go.
+    pub work: PathBuf,
+    /// How often each sequence is run with all cores.
+    pub runs: usize,
+}
+
+/// What came out for one sequence.
+pub struct Measurement {
+    /// Name of the sequence.
+    pub name: String,
+    /// The runs with all cores.
+    pub runs: Vec<Run>,
+    /// The run on one core; `None` where it could not be made.
+    pub one_core: Option<Run>,
+    /// Whether trajectory, map and cloud of all runs, the one on one core included, are equal byte by byte.
+    pub identical: bool,
+    /// Why there are no figures.
+    pub failure: Option<String>,
+}
+
+/// The numbers of one run; a number that the program did not give is missing, not zero.
+pub struct Run {
+    record: Value,
+    evaluation: Value,
+}
+
+impl Run {
+    /// A number of run.json by its JSON pointer.
+    pub fn record(&self, pointer: &str) -> Option<f64> {
+        self.record.pointer(pointer)?.as_f64()
+    }
+
+    /// A number of the evaluation by its JSON pointer.
+    pub fn evaluation(&self, pointer: &str) -> Option<f64> {
+        self.evaluation.pointer(pointer)?.as_f64()
+    }
+}
+
+impl Measurement {
+    /// Median over the runs of what `number` takes from each; `None` when a run lacks it.
+    pub fn median(&self, number: impl Fn(&Run) -> Option<f64>) -> Option<f64> {
+        let mut values: Vec<f64> = self.runs.iter().map(number).collect::<Option<_>>()?;
+        values.sort_by(f64::total_cmp);
+        values.get(values.len() / 2).copied()
+    }
+}
+
+/// The files of a run that must not depend on the run.
+const RESULTS: [&str; 3] = ["trajectory.txt", "map.mcap", "cloud.ply"];
+
+impl Runner {
+    /// Runs a sequence as often as asked and once on one core.
+    ///
+    /// # Errors
+    /// When outputs cannot be written or read; a run that fails is told in the measurement.
+    pub fn measure(&self, sequence: &Path) -> Result<Measurement> {
+        let name = sequence.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let mut measurement =
+            Measurement { name, runs: Vec::new(), one_core: None, identical: true, failure: None };
+        let mut first: Option<PathBuf> = None;
+        for i in 0..=self.runs {
+            let one_core = i == self.runs;
+            let label = if one_core { "one-core".to_owned() } else { format!("run-{}", i + 1) };
+            let out = self.work.join(&measurement.name).join(label);
+            match self.run(sequence, &out, one_core) {
+                Ok(run) if one_core => measurement.one_core = Some(run),
+                Ok(run) => measurement.runs.push(run),
+                Err(error) => {
+                    measurement.failure = Some(format!("{error:#}"));
+                    break;
+                }
+            }
+            match &first {
+                Some(first) => measurement.identical &= same_results(first, &out)?,
+                None => first = Some(out),
+            }
+        }
+        Ok(measurement)
+    }
+
+    fn run(&self, sequence: &Path, out: &Path, one_core: bool) -> Result<Run> {
+        if out.exists() {
+            std::fs::remove_dir_all(out).with_context(|| format!("{}: cannot be emptied", out.display()))?;
+        }
+        std::fs::create_dir_all(out).with_context(|| format!("{}: cannot be made", out.display()))?;
+        let mut command = if one_core {
+            let mut command = Command::new("taskset");
+            command.args(["-c", "0"]).arg(&self.loopbox);
+            command
+        } else {
+            Command::new(&self.loopbox)
+        };
+        command.arg("run").arg(sequence).arg("--calib").arg(sequence.join("camera.yaml"));
+        finish(command.arg("--out").arg(out).arg("--quiet"))?;
+        let path = out.join("run.json");
+        let text = std::fs::read(&path).with_context(|| format!("{}: cannot be read", path.display()))?;
+        let record = serde_json::from_slice(&text).with_context(|| format!("{}", path.display()))?;
+        Ok(Run { record, evaluation: self.evaluate(sequence, out)? })
+    }
+
+    fn evaluate(&self, sequence: &Path, out: &Path) -> Result<Value> {
+        let command = || {
+            let mut command = Command::new(&self.loopbox);
+            command.arg("eval").arg(out.join("trajectory.txt")).arg("--json");
+            command.arg("--gt").arg(sequence.join("groundtruth.txt"));
+            command.arg("--frames").arg(sequence.join("times.txt"));
+            command
+        };
+        let (map, depth) = (out.join("map.mcap"), sequence.join("depth"));
+        let with_depth = (map.is_file() && depth.is_dir())
+            .then(|| finish(command().arg("--map").arg(map).arg("--depth").arg(depth)));
+        let text = match with_depth {
+            Some(Ok(text)) => text,
+            // The trajectory is measured even when the map's depth cannot be.
+            Some(Err(error)) => {
+                eprintln!("no depth figures for {}: {error:#}", out.display());
+                finish(&mut command())?
+            }
+            None => finish(&mut command())?,
+        };
+        serde_json::from_slice(&text).context("what `loopbox eval --json` printed is not JSON")
+    }
+}
+
+/// Runs a command to its end and returns what it printed.
+fn finish(command: &mut Command) -> Result<Vec<u8>> {
+    let program = command.get_program().to_string_lossy().into_owned();
+    let output = command
+        .stdin(Stdio::null())
+        .output()
+        .with_context(|| format!("{program} cannot be started; is it there?"))?;
+    if !output.status.success() {
+        bail!("{command:?} ended with {}: {}", output.status, String::from_utf8_lossy(&output.stderr).trim());
+    }
+    Ok(output.stdout)
+}
+
+fn same_results(a: &Path, b: &Path) -> Result<bool> {
+    for name in RESULTS {
+        let (a, b) = (a.join(name), b.join(name));
+        if a.is_file() != b.is_file() {
+            return Ok(false);
+        }
+        if a.is_file() && read(&a)? != read(&b)? {
+            return Ok(false);
+        }
+    }
+    Ok(true)
+}
+
+fn read(path: &Path) -> Result<Vec<u8>> {
+    std::fs::read(path).with_context(|| format!("{}: cannot be read", path.display()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn medians_need_every_run() {
+        let run = |record| Run { record, evaluation: Value::Null };
+        let mut measurement = Measurement {
+            name: "a".to_owned(),
+            runs: [3.0, 1.0, 2.0].map(|ms| run(json!({ "cost": { "mean_ms": ms } }))).into(),
+            one_core: None,
+            identical: true,
+            failure: None,
+        };
+        let mean = |run: &Run| run.record("/cost/mean_ms");
+        assert_eq!(measurement.median(mean), Some(2.0));
+        measurement.runs.push(run(json!({})));
+        assert_eq!(measurement.median(mean), None);
+    }
+
+    #[test]
+    fn a_failing_program_is_told() {
+        let folder = tempfile::tempdir().unwrap();
+        let runner = Runner { loopbox: "false".into(), work: folder.path().join("work"), runs: 2 };
+        let measurement = runner.measure(&folder.path().join("sequence")).unwrap();
+        assert!(measurement.failure.unwrap().contains("ended with exit status: 1"));
+        assert!(measurement.runs.is_empty());
+    }
+
+    #[test]
+    fn results_are_compared_byte_by_byte() {
+        let folder = tempfile::tempdir().unwrap();
+        let (a, b) = (folder.path().join("a"), folder.path().join("b"));
+        for path in [&a, &b] {
+            std::fs::create_dir(path).unwrap();
+            std::fs::write(path.join("trajectory.txt"), "1").unwrap();
+        }
+        assert!(same_results(&a, &b).unwrap());
+        std::fs::write(b.join("cloud.ply"), "").unwrap();
+        assert!(!same_results(&a, &b).unwrap());
+        std::fs::write(a.join("cloud.ply"), "x").unwrap();
+        assert!(!same_results(&a, &b).unwrap());
+    }
+}

@@ -1,0 +1,34 @@
+//! What to compare with.
+
+/// Figures of another system on a sequence, and what loopbox is to reach.
+pub struct Target {
+    /// Name of the sequence.
+    pub name: &'static str,
+    /// DSO on the same two cores (default preset, no photometric calibration): ATE RMSE over the frames it
+    /// tracked, Sim(3)-aligned; frames tracked; CPU per frame.
+    pub dso: &'static str,
+    /// Largest ATE RMSE, metres.
+    pub ate_m: f64,
+    /// Largest CPU time per frame, milliseconds: that of DSO, or less.
+    pub cpu_ms: f64,
+}
+
+/// The sequences with figures to compare.
+const TARGETS: [Target; 6] = [
+    Target { name: "kitti00_first201", dso: "1.13 m · 195/201 · 96 ms", ate_m: 1.0, cpu_ms: 96.0 },
+    Target { name: "parking_a", dso: "1.1 cm · 327/333 · 60 ms", ate_m: 0.02, cpu_ms: 60.0 },
+    Target { name: "parking_b", dso: "0.4 cm · 208/266, five restarts · 80 ms", ate_m: 0.02, cpu_ms: 80.0 },
+    Target { name: "parking_c", dso: "0.8 cm · 194/200 · 60 ms", ate_m: 0.02, cpu_ms: 60.0 },
+    Target {
+        name: "tum_fr1_desk",
+        dso: "31.5 cm · 542/613, five restarts · 36 ms",
+        ate_m: 0.03,
+        cpu_ms: 36.0,
+    },
+    Target { name: "tum_fr1_xyz", dso: "6.3 cm · 792/798 · 24–33 ms", ate_m: 0.015, cpu_ms: 20.0 },
+];
+
+/// The figures for a sequence, if there are any.
+pub fn target(name: &str) -> Option<&'static Target> {
+    TARGETS.iter().find(|target| target.name == name)
+}

@@ -1,0 +1,93 @@
+//! Ranges of inverse depth around the sparse backbone.
+
+use super::DepthParams;
+use geometry::Pinhole;
+
+/// Side of a cell, pixels.
+const CELL: usize = 32;
+
+/// A point of the sparse backbone, projected into the keyframe.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SeedPoint {
+    /// Position in the keyframe image, pixels.
+    pub pixel: [f32; 2],
+    /// Inverse depth in the keyframe, 1/keyframe unit.
+    pub inverse_depth: f32,
+    /// Variance of the inverse depth.
+    pub variance: f32,
+}
+
+/// The range of inverse depth to search in each cell of the image: that of the backbone points in the cell
+/// and its eight neighbours, widened; of all points where those hold none.
+#[derive(Clone, Debug)]
+pub(super) struct PriorRanges {
+    columns: usize,
+    width: usize,
+    ranges: Vec<[f32; 2]>,
+}
+
+impl PriorRanges {
+    /// Ranges when nothing is known yet: the parameters' bounds everywhere.
+    pub fn unknown(camera: &Pinhole, params: &DepthParams) -> Self {
+        let columns = camera.width.div_ceil(CELL).max(1);
+        let rows = camera.height.div_ceil(CELL).max(1);
+        let all = [params.min_inverse_depth, params.max_inverse_depth];
+        Self { columns, width: camera.width.max(1), ranges: vec![all; columns * rows] }
+    }
+
+    /// Ranges around `points`; invalid points are left out.
+    pub fn from_points(camera: &Pinhole, points: &[SeedPoint], params: &DepthParams) -> Self {
+        const NONE: [f32; 2] = [f32::INFINITY, 0.0];
+        let mut all = Self::unknown(camera, params);
+        let rows = all.ranges.len() / all.columns;
+        let mut cells = vec![NONE; all.ranges.len()];
+        for point in points.iter().filter(|p| is_usable(p, camera)) {
+            let (column, row) = (point.pixel[0] as usize / CELL, point.pixel[1] as usize / CELL);
+            let sigma2 = 2.0 * point.variance.sqrt();
+            let cell = &mut cells[row * all.columns + column];
+            let low = (point.inverse_depth - sigma2).max(0.5 * point.inverse_depth);
+            *cell = joined(*cell, [low, point.inverse_depth + sigma2]);
+        }
+        let whole = cells.iter().fold(NONE, |a, &b| joined(a, b));
+        if whole[1] == 0.0 {
+            return all;
+        }
+        let margin = params.range_margin;
+        for row in 0..rows {
+            for column in 0..all.columns {
+                let mut range = NONE;
+                for r in row.saturating_sub(1)..=(row + 1).min(rows - 1) {
+                    for c in column.saturating_sub(1)..=(column + 1).min(all.columns - 1) {
+                        range = joined(range, cells[r * all.columns + c]);
+                    }
+                }
+                let [low, high] = if range[1] == 0.0 { whole } else { range };
+                all.ranges[row * all.columns + column] = [low / margin, high * margin];
+            }
+        }
+        all
+    }
+
+    /// The range for the pixel with index `pixel`.
+    #[inline]
+    pub fn at(&self, pixel: u32) -> [f32; 2] {
+        let (x, y) = (pixel as usize % self.width, pixel as usize / self.width);
+        self.ranges[(y / CELL) * self.columns + x / CELL]
+    }
+}
+
+/// The least range that holds both.
+fn joined(a: [f32; 2], b: [f32; 2]) -> [f32; 2] {
+    [a[0].min(b[0]), a[1].max(b[1])]
+}
+
+/// Whether a point lies in the image and its numbers mean something.
+fn is_usable(point: &SeedPoint, camera: &Pinhole) -> bool {
+    let [x, y] = point.pixel;
+    (0.0..camera.width as f32).contains(&x)
+        && (0.0..camera.height as f32).contains(&y)
+        && point.inverse_depth > 0.0
+        && point.inverse_depth.is_finite()
+        && point.variance >= 0.0
+        && point.variance.is_finite()
+}

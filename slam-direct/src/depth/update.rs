@@ -1,0 +1,226 @@
+//! Observing the pixels of a keyframe in one reference frame.
+
+use super::epipolar::{EpipolarGeometry, Line};
+use super::observation::{geometric_variance, photometric_variance};
+use super::search::{COMPARED, Miss, Task, Template};
+use super::{DepthParams, Hypothesis, StereoFrame};
+use geometry::{GrayImage, Pinhole};
+
+/// Steps between keyframe and reference along the line beyond which the views differ too much in scale.
+const STEP_RANGE: std::ops::Range<f32> = 0.6..1.7;
+/// Disparity error of sub-pixel interpolation, as tolerated residual per gradient, pixels.
+const INTERPOLATION_ERROR: f32 = 0.15;
+
+/// Matches needed to learn the noise.
+const LEAST_RESIDUALS: usize = 100;
+/// Median of a sum of squares of [`COMPARED`] residuals of unit variance, of which one is spent on the match.
+const CHI2_MEDIAN: f32 = 3.36;
+
+/// What one reference told about a pixel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Outcome {
+    /// Nothing was to be learnt: out of sight.
+    Skipped,
+    /// No single place fits.
+    Failed,
+    /// A match.
+    Observed {
+        /// Inverse depth.
+        inverse_depth: f32,
+        /// Its variance.
+        variance: f32,
+        /// The part of it that more observations of this baseline do not average out.
+        floor: f32,
+        /// Sum of squared residuals beyond what interpolation explains.
+        residual: f32,
+    },
+}
+
+/// A keyframe and a reference, with what all pixels share.
+#[derive(Clone)]
+pub(super) struct Observer<'a> {
+    image: &'a GrayImage,
+    reference: &'a StereoFrame<'a>,
+    geometry: EpipolarGeometry,
+    gain: f32,
+    /// Standard deviation of one intensity of this pair, grey levels.
+    noise: f32,
+    params: &'a DepthParams,
+}
+
+/// Where to look for one pixel: the stretch of its epipolar line that the hypothesis allows.
+///
+/// Looks are prepared for many pixels before the images are read, so that the processor can work on several
+/// pixels at a time.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Look {
+    /// The candidate.
+    pub candidate: u32,
+    /// The pixel in the keyframe and the direction of its epipolar line there, one pixel long.
+    own: Line,
+    /// The line in the reference; μ = 0 is the one end of the stretch.
+    line: Line,
+    /// Length in template samples.
+    length: f32,
+    /// Squared inverse depth per template sample.
+    alpha2: f32,
+    /// Squared cosine between the pixel's gradient and its epipolar line.
+    alignment2: f32,
+}
+
+impl Look {
+    /// Fills buffers.
+    pub const EMPTY: Self = Self {
+        candidate: 0,
+        own: Line { origin: [0.0; 2], step: [0.0; 2] },
+        line: Line { origin: [0.0; 2], step: [0.0; 2] },
+        length: 0.0,
+        alpha2: 0.0,
+        alignment2: 0.0,
+    };
+}
+
+impl<'a> Observer<'a> {
+    /// Prepares the observation of keyframe `image` in `reference`.
+    pub fn new(
+        image: &'a GrayImage,
+        reference: &'a StereoFrame<'a>,
+        camera: &Pinhole,
+        params: &'a DepthParams,
+    ) -> Self {
+        let geometry = EpipolarGeometry::new(camera, &reference.frame_from_keyframe);
+        Self {
+            image,
+            reference,
+            geometry,
+            gain: reference.brightness.0.exp(),
+            noise: params.image_noise,
+            params,
+        }
+    }
+
+    /// The same observer for noise four times as large: it refuses little.
+    pub fn tolerant(&self) -> Self {
+        Self { noise: 4.0 * self.noise, ..self.clone() }
+    }
+
+    /// Sets the noise from residuals: the median of matches' mean squared residuals beyond what interpolation
+    /// explains, not below `params.image_noise` and not above four times that. Few matches change nothing.
+    pub fn learn_noise(&mut self, residuals: &mut [f32]) {
+        if residuals.len() < LEAST_RESIDUALS {
+            return;
+        }
+        let middle = residuals.len() / 2;
+        let (_, &mut median, _) = residuals.select_nth_unstable_by(middle, f32::total_cmp);
+        let least = self.params.image_noise;
+        self.noise = (0.5 * median.max(0.0) / CHI2_MEDIAN).sqrt().clamp(least, 4.0 * least);
+    }
+
+    /// Whether the pixel `(x, y)` has enough of its `gradient` along its epipolar line.
+    #[inline(always)]
+    pub fn is_aligned(&self, [x, y]: [f32; 2], [gx, gy]: [f32; 2]) -> bool {
+        let [lx, ly] = self.geometry.direction(x, y);
+        let along = gx * lx + gy * ly;
+        let least = self.params.min_alignment * self.params.min_alignment;
+        // False at the epipole.
+        along * along > least * (gx * gx + gy * gy) * (lx * lx + ly * ly)
+    }
+
+    /// Where to look for the pixel `(x, y)` with `gradient`, given what is known of it, and whether to look:
+    /// not behind the camera, over too long a stretch, or for no gain.
+    ///
+    /// Free of branches: which pixels are worth a look is not predictable.
+    #[inline(always)]
+    pub fn look(&self, [x, y]: [f32; 2], [gx, gy]: [f32; 2], known: &Hypothesis) -> (Look, bool) {
+        let params = self.params;
+        let geometry = &self.geometry;
+        let [lx, ly] = geometry.direction(x, y);
+        let inverse_norm = 1.0 / (lx * lx + ly * ly).sqrt();
+        let direction = [lx * inverse_norm, ly * inverse_norm];
+        let along = gx * direction[0] + gy * direction[1];
+        let alignment2 = along * along / (gx * gx + gy * gy);
+
+        let ray = geometry.ray(x, y, direction);
+        let [low, high] = known.range(params.search_sigmas);
+        let (centre, near) = (geometry.project(&ray, 0.5 * (low + high)), geometry.project(&ray, high));
+        let far = geometry.project(&ray, low);
+        let step = geometry.step(&ray, &centre);
+        let step2 = step[0] * step[0] + step[1] * step[1];
+        // Template samples from far to near; negative when the step points to falling inverse depth.
+        let signed = ((near.u[0] - far.u[0]) * step[0] + (near.u[1] - far.u[1]) * step[1]) / step2;
+        let origin = if signed >= 0.0 { far.u } else { near.u };
+        let depth_per_sample = (high - low) / signed;
+        let alpha2 = depth_per_sample * depth_per_sample;
+        let expected = alpha2 * self.variance(alignment2, along * along * COMPARED as f32);
+        // Comparisons are false for what is not a number, as at the epipole.
+        let worthwhile = near.is_in_front()
+            & far.is_in_front()
+            & (step2 > STEP_RANGE.start * STEP_RANGE.start)
+            & (step2 < STEP_RANGE.end * STEP_RANGE.end)
+            & (signed.abs() <= params.max_search)
+            & (alpha2 < f32::MAX)
+            & (!known.is_observed() | (expected <= params.worthwhile * known.variance));
+        let look = Look {
+            candidate: 0,
+            own: Line { origin: [x, y], step: direction },
+            line: Line { origin, step },
+            length: signed.abs(),
+            alpha2,
+            alignment2,
+        };
+        (look, worthwhile)
+    }
+
+    /// Looks there.
+    #[inline(always)]
+    pub fn observe(&self, look: &Look) -> Outcome {
+        let bias = self.reference.brightness.1;
+        let Some(template) = Template::new(self.image, &look.own, self.gain, bias) else {
+            return Outcome::Skipped;
+        };
+        let task = Task {
+            image: self.reference.image,
+            line: &look.line,
+            length: look.length,
+            uniqueness: self.params.uniqueness,
+            floor: 0.5 * self.noise2(),
+        };
+        let found = match template.search(&task) {
+            Ok(found) => found,
+            Err(Miss::Outside | Miss::TooLong) => return Outcome::Skipped,
+            Err(Miss::Ambiguous | Miss::NoMinimum) => return Outcome::Failed,
+        };
+        let interpolation2 = INTERPOLATION_ERROR * INTERPOLATION_ERROR * template.energy;
+        if found.residual > self.params.max_residual * (self.noise2() + interpolation2) {
+            return Outcome::Failed;
+        }
+        let ray = self.geometry.ray(look.own.origin[0], look.own.origin[1], look.own.step);
+        let inverse_depth = self.geometry.inverse_depth(&ray, look.line.at(found.mu));
+        if !(inverse_depth > 0.0 && inverse_depth.is_finite()) {
+            return Outcome::Failed;
+        }
+        let systematic2 = self.params.systematic_error * self.params.systematic_error;
+        let measured = self.variance(look.alignment2, template.energy);
+        // Half of the photometric noise is the keyframe's own, the same in every reference.
+        let shared = 0.5 * photometric_variance(self.noise, template.energy);
+        Outcome::Observed {
+            inverse_depth,
+            variance: look.alpha2 * (measured + systematic2),
+            floor: look.alpha2 * (shared + systematic2),
+            residual: found.residual - interpolation2,
+        }
+    }
+
+    /// Sum of squared residuals expected from noise alone.
+    #[inline(always)]
+    fn noise2(&self) -> f32 {
+        COMPARED as f32 * 2.0 * self.noise * self.noise
+    }
+
+    /// Disparity variance for this reference, template samples².
+    #[inline(always)]
+    fn variance(&self, alignment2: f32, energy: f32) -> f32 {
+        geometric_variance(self.reference.pose_sigma_px, alignment2)
+            + photometric_variance(self.noise, energy)
+    }
+}

@@ -1,0 +1,192 @@
+//! Following the camera from frame to frame: direct alignment, then the points of the map.
+
+use crate::align::{Alignment, AlignmentReference, Brightness};
+use crate::keyframes::Departure;
+use crate::local_map::{LocalMap, PointRef};
+use crate::mapping;
+use crate::params::Params;
+use crate::relocalise::relocalise;
+use crate::track::{self, Matched, View};
+use geometry::{Pyramid, Se3};
+use map::PlaceIndex;
+use std::collections::BTreeSet;
+
+/// Inlier share of an alignment above which no further guess is tried.
+const GOOD_ALIGNMENT: f32 = 0.6;
+
+/// What the tracker remembers from frame to frame.
+pub(crate) struct Tracker {
+    /// Keyframe that frames are aligned with.
+    pub reference: usize,
+    alignment: AlignmentReference,
+    /// Most points that were sought and found in a frame tracked against the reference.
+    most_sought: usize,
+    most_found: usize,
+    /// Pose of the newest tracked frame, `camera_from_world`.
+    pub last: Se3,
+    /// Motion of the last frame: `last = velocity * the one before`.
+    velocity: Se3,
+    brightness: Brightness,
+    lost: bool,
+}
+
+/// A frame's pose with the matches it rests on.
+pub(crate) struct Located {
+    pub camera_from_world: Se3,
+    pub matched: Vec<Matched>,
+    pub sought: Vec<PointRef>,
+    pub inliers: usize,
+    /// Median of the squared residuals over what was assumed.
+    pub excess: f64,
+    brightness: Brightness,
+    hosts: Vec<usize>,
+}
+
+impl Located {
+    fn is_good(&self, min_matched: usize, min_share: f32) -> bool {
+        self.inliers >= min_matched && self.inliers as f32 >= min_share * self.sought.len() as f32
+    }
+
+    /// Share of the sought points that agree with the pose.
+    pub fn inlier_share(&self) -> f32 {
+        self.inliers as f32 / self.sought.len().max(1) as f32
+    }
+
+    /// Root mean square photometric residual of the agreeing points, grey levels.
+    pub fn rmse(&self) -> f32 {
+        let sum: f32 = self.matched.iter().filter(|m| m.inlier).map(|m| m.rmse * m.rmse).sum();
+        (sum / self.inliers.max(1) as f32).sqrt()
+    }
+}
+
+impl Tracker {
+    /// Tracks against `reference`, from a pose and motion.
+    pub fn new(map: &LocalMap, reference: usize, last: Se3, velocity: Se3, params: &Params) -> Self {
+        Self {
+            reference,
+            alignment: alignment(map, reference, params),
+            most_sought: 0,
+            most_found: 0,
+            last,
+            velocity,
+            brightness: Brightness::default(),
+            lost: false,
+        }
+    }
+
+    /// Goes on against another reference.
+    pub fn refer_to(&mut self, map: &LocalMap, reference: usize, params: &Params) {
+        let lost = self.lost;
+        *self = Self { lost, ..Self::new(map, reference, self.last, self.velocity, params) };
+    }
+
+    /// Finds the frame, seeking it all over the map if it is not where it should be; `None` when it is lost.
+    pub fn track(
+        &mut self,
+        map: &LocalMap,
+        places: &dyn PlaceIndex,
+        pyramid: &Pyramid,
+        params: &Params,
+    ) -> Option<Located> {
+        let world_from_reference = map.keyframes[self.reference].camera_from_world.inverse();
+        let guesses = [self.velocity * self.last * world_from_reference, self.last * world_from_reference];
+        let aligned =
+            track::align_from_guesses(&self.alignment, pyramid, &guesses, self.brightness, GOOD_ALIGNMENT);
+        let mut located = locate(map, pyramid, aligned, self.reference, params);
+        let p = &params.keyframes;
+        if !located.is_good(p.min_matched, p.min_share) {
+            let Some((reference, found)) = relocate(map, places, pyramid, self.reference, params) else {
+                self.lost = true;
+                self.velocity = Se3::identity();
+                return None;
+            };
+            self.lost = true;
+            self.refer_to(map, reference, params);
+            located = found;
+        }
+        self.velocity =
+            if self.lost { Se3::identity() } else { located.camera_from_world * self.last.inverse() };
+        self.lost = false;
+        self.last = located.camera_from_world;
+        self.brightness = located.brightness;
+        self.most_sought = self.most_sought.max(located.sought.len());
+        self.most_found = self.most_found.max(located.inliers);
+        Some(located)
+    }
+
+    /// Whether the newest frame should become a keyframe.
+    pub fn wants_keyframe(&self, map: &LocalMap, located: &Located, params: &Params) -> bool {
+        let p = &params.keyframes;
+        let overlap = located.sought.len() as f32 / self.most_sought.max(1) as f32;
+        let fades = (located.inliers as f32) < p.fading * self.most_found as f32;
+        fades || departure(map, self.reference, &self.last, overlap).is_none_or(|d| d.score(p) > 1.0)
+    }
+
+    /// Changes to the keyframe that lies nearest, as its points move in the image.
+    pub fn change_reference(&mut self, map: &LocalMap, located: &Located, params: &Params) {
+        let score = |k: usize| departure(map, k, &self.last, 1.0).map(|d| d.score(&params.keyframes));
+        let Some(now) = score(self.reference).filter(|&s| s >= 0.5) else { return };
+        let nearest = located
+            .hosts
+            .iter()
+            .filter(|&&host| host != self.reference)
+            .filter_map(|&host| Some((score(host)?, host)))
+            .min_by(|a, b| a.0.total_cmp(&b.0));
+        if let Some((_, best)) = nearest.filter(|n| n.0 < 0.6 * now) {
+            self.refer_to(map, best, params);
+        }
+    }
+}
+
+/// Prepares a keyframe for direct alignment.
+fn alignment(map: &LocalMap, reference: usize, params: &Params) -> AlignmentReference {
+    let points = map.reference_points(reference);
+    AlignmentReference::new(&map.keyframes[reference].pyramid, &map.camera, &points, &params.align)
+}
+
+/// Finds a directly aligned frame's pose by the points of the map.
+fn locate(
+    map: &LocalMap,
+    pyramid: &Pyramid,
+    aligned: Alignment,
+    reference: usize,
+    params: &Params,
+) -> Located {
+    let p = &params.track;
+    let start = aligned.frame_from_reference * map.keyframes[reference].camera_from_world;
+    let hosts = track::choose_hosts(map, &start, reference, p.max_hosts);
+    let view = View { pyramid, camera_from_world: start };
+    let (mut matched, sought) = track::match_points(map, &hosts, &view, p, p.per_cell);
+    let (camera_from_world, excess) = track::refine_pose(map, &start, &mut matched);
+    let inliers = matched.iter().filter(|m| m.inlier).count();
+    Located { camera_from_world, brightness: aligned.brightness, hosts, matched, sought, inliers, excess }
+}
+
+/// Seeks a lost frame among the keyframes it was last near and those that look like it.
+fn relocate(
+    map: &LocalMap,
+    places: &dyn PlaceIndex,
+    pyramid: &Pyramid,
+    reference: usize,
+    params: &Params,
+) -> Option<(usize, Located)> {
+    let near = map.covisible(reference).into_iter().map(|c| c.0).take(2);
+    let alike = places.query(pyramid.base(), 4).into_iter().map(|c| c.keyframe.0 as usize);
+    let mut tried = BTreeSet::new();
+    [reference].into_iter().chain(alike).chain(near).filter(|&k| tried.insert(k)).find_map(|candidate| {
+        let alignment = alignment(map, candidate, params);
+        let found = relocalise(pyramid, [(LocalMap::id(candidate), &alignment)], &params.relocalise).ok()?;
+        let located = locate(map, pyramid, found.alignment, candidate, params);
+        // A frame placed wrongly poisons the map: more is asked than of a frame where it was expected.
+        let p = &params.keyframes;
+        located.is_good(2 * p.min_matched, 1.5 * p.min_share).then_some((candidate, located))
+    })
+}
+
+/// How far a pose is from a keyframe's, as its points move in the image.
+fn departure(map: &LocalMap, keyframe: usize, camera_from_world: &Se3, overlap: f32) -> Option<Departure> {
+    let relative = *camera_from_world * map.keyframes[keyframe].camera_from_world.inverse();
+    let (flow, parallax) = mapping::median_flow(map, keyframe, &relative)?;
+    let width = map.camera.width as f32;
+    Some(Departure { flow: flow / width, parallax: parallax / width, overlap })
+}

@@ -1,0 +1,16 @@
+//! A small world of textured boxes, a renderer with exact inverse depth, camera motions, and
+//! recordings written in loopbox's folder format: what tests track and map with the truth known.
+//!
+//! Everything is a function of its arguments; the same call gives the same bytes on every machine.
+
+mod random;
+mod recording;
+mod render;
+mod texture;
+pub mod trajectory;
+mod world;
+
+pub use recording::{Encoding, Recording, Shot};
+pub use render::render;
+pub use texture::Texture;
+pub use world::{Cuboid, World};

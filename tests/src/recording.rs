@@ -1,0 +1,155 @@
+//! Recordings: rendered frames, and their files in loopbox's folder format.
+
+use crate::{World, render};
+use geometry::{GrayImage, Pinhole, Se3};
+use image::{ExtendedColorType, ImageEncoder, codecs::jpeg::JpegEncoder, codecs::png};
+use rayon::prelude::*;
+use std::fmt::Write as _;
+use std::path::Path;
+use std::sync::Arc;
+use std::{fs, io};
+
+/// One frame of a recording.
+#[derive(Clone, Debug)]
+pub struct Shot {
+    /// Seconds.
+    pub timestamp: f64,
+    /// Where the camera was, metres.
+    pub world_from_camera: Se3,
+    /// What it saw.
+    pub image: Arc<GrayImage>,
+}
+
+/// How images are stored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Encoding {
+    /// Without loss.
+    Png,
+    /// Quality 95.
+    Jpeg,
+}
+
+impl Encoding {
+    /// The file name extension.
+    pub fn extension(self) -> &'static str {
+        match self {
+            Encoding::Png => "png",
+            Encoding::Jpeg => "jpg",
+        }
+    }
+
+    /// The bytes of an image file.
+    pub fn encode(self, image: &GrayImage) -> io::Result<Vec<u8>> {
+        let mut bytes = Vec::new();
+        let (width, height) = (image.width() as u32, image.height() as u32);
+        let color = ExtendedColorType::L8;
+        match self {
+            Encoding::Png => {
+                let (compression, filter) = (png::CompressionType::Fast, png::FilterType::Sub);
+                png::PngEncoder::new_with_quality(&mut bytes, compression, filter).write_image(
+                    image.data(),
+                    width,
+                    height,
+                    color,
+                )
+            }
+            Encoding::Jpeg => {
+                JpegEncoder::new_with_quality(&mut bytes, 95).write_image(image.data(), width, height, color)
+            }
+        }
+        .map_err(io::Error::other)?;
+        Ok(bytes)
+    }
+}
+
+/// Frames of one camera with their true poses. Tests change `shots` at will before they write them.
+#[derive(Clone, Debug)]
+pub struct Recording {
+    /// The camera.
+    pub camera: Pinhole,
+    /// The frames in order of time.
+    pub shots: Vec<Shot>,
+}
+
+impl Recording {
+    /// A camera of 320 × 240 pixels and 75° horizontal field of view.
+    pub const SMALL_CAMERA: Pinhole =
+        Pinhole { width: 320, height: 240, fx: 210.0, fy: 210.0, cx: 159.5, cy: 119.5 };
+
+    /// Renders a frame for each pose of `path`, `rate` a second from time 0.
+    pub fn render(world: &World, camera: Pinhole, path: &[Se3], rate: f64) -> Self {
+        let shot = |(i, pose): (usize, &Se3)| Shot {
+            timestamp: i as f64 / rate,
+            world_from_camera: *pose,
+            image: Arc::new(render(world, &camera, pose).0),
+        };
+        Self { camera, shots: path.par_iter().enumerate().map(shot).collect() }
+    }
+
+    /// Length of the camera's path, metres.
+    pub fn path_length(&self) -> f64 {
+        let poses: Vec<Se3> = self.shots.iter().map(|s| s.world_from_camera).collect();
+        crate::trajectory::length(&poses)
+    }
+
+    /// Writes `images/NNNNNN.*`, `times.txt`, `groundtruth.txt` and `camera.yaml` into `folder`, which is made.
+    pub fn write(&self, folder: &Path, encoding: Encoding) -> io::Result<()> {
+        fs::create_dir_all(folder.join("images"))?;
+        let name = |i: usize| format!("images/{i:06}.{}", encoding.extension());
+        self.shots
+            .par_iter()
+            .enumerate()
+            .try_for_each(|(i, shot)| fs::write(folder.join(name(i)), encoding.encode(&shot.image)?))?;
+        let mut times = String::from("# timestamp[s] image\n");
+        for (i, shot) in self.shots.iter().enumerate() {
+            let _ = writeln!(times, "{:.6} {}", shot.timestamp, name(i));
+        }
+        fs::write(folder.join("times.txt"), times)?;
+        fs::write(folder.join("groundtruth.txt"), self.ground_truth())?;
+        fs::write(folder.join("camera.yaml"), self.camera_yaml())
+    }
+
+    /// The true poses in TUM form.
+    pub fn ground_truth(&self) -> String {
+        let mut text = String::from("# timestamp[s] tx ty tz qx qy qz qw : world_from_camera, metres\n");
+        for shot in &self.shots {
+            let [tx, ty, tz, qx, qy, qz, qw] = shot.world_from_camera.to_tum();
+            let _ = writeln!(
+                text,
+                "{:.6} {tx:.9} {ty:.9} {tz:.9} {qx:.9} {qy:.9} {qz:.9} {qw:.9}",
+                shot.timestamp
+            );
+        }
+        text
+    }
+
+    /// The camera in the form of `camera.yaml`.
+    pub fn camera_yaml(&self) -> String {
+        let c = &self.camera;
+        format!(
+            "model: pinhole\nwidth: {}\nheight: {}\nfx: {:?}\nfy: {:?}\ncx: {:?}\ncy: {:?}\ndistortion: []\n",
+            c.width, c.height, c.fx, c.fy, c.cx, c.cy
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::trajectory;
+
+    #[test]
+    fn a_written_recording_has_all_its_files() -> io::Result<()> {
+        let recording =
+            Recording::render(&World::yard(1), Recording::SMALL_CAMERA, &trajectory::sideways(3, 1.0), 10.0);
+        let folder = tempfile::tempdir()?;
+        recording.write(folder.path(), Encoding::Png)?;
+        let times = fs::read_to_string(folder.path().join("times.txt"))?;
+        assert_eq!(times.lines().nth(3), Some("0.200000 images/000002.png"));
+        assert_eq!(fs::read_to_string(folder.path().join("groundtruth.txt"))?.lines().count(), 4);
+        let image =
+            image::open(folder.path().join("images/000001.png")).map_err(io::Error::other)?.to_luma8();
+        assert_eq!(image.as_raw(), recording.shots[1].image.data());
+        Ok(())
+    }
+}

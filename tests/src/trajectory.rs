@@ -1,0 +1,104 @@
+//! Camera motions through [`World::yard`](crate::World::yard): `world_from_camera` of each frame, metres.
+
+use geometry::Se3;
+use nalgebra::{UnitQuaternion, Vector3};
+use std::f64::consts::TAU;
+
+/// Height of the cameras above the ground, metres.
+const HEIGHT: f64 = 1.3;
+
+/// A drive of `length` metres to the right, looking at the row of boxes before the far wall, with the small
+/// bumps of a cart; `count` frames.
+pub fn sideways(count: usize, length: f64) -> Vec<Se3> {
+    (0..count)
+        .map(|i| {
+            let s = i as f64 / (count - 1).max(1) as f64;
+            let x = length * (s - 0.5);
+            let bump = 0.02 * (1.7 * x).sin();
+            look(Vector3::new(x, -HEIGHT + bump, 5.0 + 0.15 * (0.8 * x).sin()), 0.03 * (0.9 * x).sin(), 0.08)
+        })
+        .collect()
+}
+
+/// A hand-held camera that moves to and fro by about ±`reach` metres and turns by a few degrees, before the row
+/// of boxes; `count` frames, one slow sweep to the side every 60. The path is periodic: the same place is seen
+/// again and again however long it lasts.
+pub fn hand_held(count: usize, reach: f64) -> Vec<Se3> {
+    (0..count)
+        .map(|i| {
+            let phase = TAU * i as f64 / 60.0;
+            let position = Vector3::new(
+                reach * phase.sin(),
+                -HEIGHT + 0.4 * reach * (2.0 * phase).sin(),
+                5.5 + 0.5 * reach * (1.0 - phase.cos()),
+            );
+            look(position, 0.06 * phase.sin(), 0.08 + 0.04 * (phase.cos() - 1.0))
+        })
+        .collect()
+}
+
+/// `turns` times round the group of boxes in the middle at `radius` metres, looking at it; `count` frames.
+/// More than one turn sees its beginning again.
+pub fn orbit(count: usize, radius: f64, turns: f64) -> Vec<Se3> {
+    (0..count)
+        .map(|i| {
+            let angle = TAU * turns * i as f64 / (count - 1).max(1) as f64;
+            let position = Vector3::new(-radius * angle.sin(), -HEIGHT, -radius * angle.cos());
+            look(position, angle, 0.2)
+        })
+        .collect()
+}
+
+/// Turns to the right by `angle` radians about the camera's own centre, starting from pose `start`; `count`
+/// frames, the first of which is `start`.
+pub fn turning(start: Se3, count: usize, angle: f64) -> Vec<Se3> {
+    (0..count)
+        .map(|i| {
+            let yaw = angle * i as f64 / (count - 1).max(1) as f64;
+            start * Se3::new(UnitQuaternion::from_axis_angle(&Vector3::y_axis(), yaw), Vector3::zeros())
+        })
+        .collect()
+}
+
+/// The length of a path, metres.
+pub fn length(path: &[Se3]) -> f64 {
+    path.windows(2).map(|w| (w[1].translation - w[0].translation).norm()).sum()
+}
+
+/// A level camera at `position`, turned right by `yaw` from +z and then down by `pitch`, radians.
+fn look(position: Vector3<f64>, yaw: f64, pitch: f64) -> Se3 {
+    let yaw = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), yaw);
+    let pitch = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), -pitch);
+    Se3::new(yaw * pitch, position)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_orbit_looks_at_the_middle() {
+        for pose in orbit(50, 4.0, 1.2) {
+            let ahead = pose.rotation * Vector3::z();
+            let middle = -Vector3::new(pose.translation.x, 0.0, pose.translation.z).normalize();
+            assert!(ahead.dot(&middle) > 0.97);
+            assert!(ahead.y > 0.0, "y is down: the camera looks down at the boxes");
+        }
+    }
+
+    #[test]
+    fn a_turn_stays_in_place() {
+        let start = sideways(3, 2.0)[1];
+        let path = turning(start, 10, 0.5);
+        assert_eq!(path[0], start);
+        assert!(length(&path) < 1e-12);
+        assert!((path[0].rotation.angle_to(&path[9].rotation) - 0.5).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_hand_held_path_repeats() {
+        let path = hand_held(121, 0.4);
+        assert!((path[0].inverse() * path[60]).log().norm() < 1e-9);
+        assert!((path[7].inverse() * path[67]).log().norm() < 1e-9);
+    }
+}

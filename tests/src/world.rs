@@ -1,0 +1,80 @@
+//! The world: boxes with textures.
+
+use crate::Texture;
+use crate::random::Random;
+use geometry::Se3;
+use nalgebra::{UnitQuaternion, Vector3};
+
+/// A textured box; one of zero thickness is a plane.
+#[derive(Clone, Copy, Debug)]
+pub struct Cuboid {
+    /// Where its centre is and how it is turned.
+    pub world_from_cuboid: Se3,
+    /// Half its extent along its own axes, metres.
+    pub half: Vector3<f64>,
+    /// Which of the world's textures it wears.
+    pub texture: usize,
+    /// Size of a texel on its faces, metres.
+    pub texel: f64,
+    /// Shifts the texture, so that no two boxes look alike; texels.
+    pub offset: [f32; 2],
+}
+
+/// Textured boxes in metres. World axes are those of a level camera: x right, y down, z forward.
+pub struct World {
+    /// What there is to see.
+    pub cuboids: Vec<Cuboid>,
+    /// What it wears.
+    pub textures: Vec<Texture>,
+}
+
+impl World {
+    /// A walled yard, 24 m × 24 m around the origin with the ground at y = 0: a group of boxes in the middle
+    /// (to orbit) and a row of boxes before the far wall z = 12 (to drive along). `seed` changes every texture
+    /// and the places of the boxes.
+    pub fn yard(seed: u64) -> Self {
+        let textures = (0..4).map(|i| Texture::procedural(seed.wrapping_mul(31).wrapping_add(i))).collect();
+        let mut world = Self { cuboids: Vec::new(), textures };
+        let mut random = Random::new(seed ^ 0x5eed);
+        let (side, height) = (12.0, 3.0);
+        world.add(Vector3::zeros(), 0.0, Vector3::new(side, 0.0, side), 0.02, &mut random);
+        for (x, z, half) in [
+            (0.0, side, Vector3::new(side, height, 0.0)),
+            (0.0, -side, Vector3::new(side, height, 0.0)),
+            (side, 0.0, Vector3::new(0.0, height, side)),
+            (-side, 0.0, Vector3::new(0.0, height, side)),
+        ] {
+            world.add(Vector3::new(x, -height, z), 0.0, half, 0.02, &mut random);
+        }
+        for i in 0..6 {
+            let angle = i as f64 / 6.0 * std::f64::consts::TAU;
+            let distance = random.uniform(0.5, 1.1) as f64;
+            world.add_box(distance * angle.cos(), distance * angle.sin(), &mut random);
+        }
+        for i in 0..11 {
+            let x = -10.0 + 2.0 * i as f64 + random.uniform(-0.5, 0.5) as f64;
+            let z = random.uniform(8.0, 10.5) as f64;
+            world.add_box(x, z, &mut random);
+        }
+        world
+    }
+
+    /// A box of random size standing on the ground at `(x, z)`.
+    fn add_box(&mut self, x: f64, z: f64, random: &mut Random) {
+        let mut size = |low, high| random.uniform(low, high) as f64;
+        let half = Vector3::new(size(0.25, 0.6), size(0.35, 0.95), size(0.25, 0.6));
+        let yaw = size(-0.8, 0.8);
+        self.add(Vector3::new(x, -half.y, z), yaw, half, 0.008, random);
+    }
+
+    fn add(&mut self, centre: Vector3<f64>, yaw: f64, half: Vector3<f64>, texel: f64, random: &mut Random) {
+        let rotation = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), yaw);
+        self.cuboids.push(Cuboid {
+            world_from_cuboid: Se3::new(rotation, centre),
+            half,
+            texture: random.bits() as usize % self.textures.len(),
+            texel,
+            offset: [random.uniform(0.0, 1024.0), random.uniform(0.0, 1024.0)],
+        });
+    }
+}
