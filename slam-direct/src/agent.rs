@@ -7,7 +7,7 @@ use crate::mapping::{self, UnitChange};
 use crate::params::Params;
 use crate::publish;
 use crate::track::{Matched, learn_position_sigma};
-use crate::tracker::Tracker;
+use crate::tracker::{Tracker, match_keyframe};
 use geometry::{GrayImage, Pinhole, Pyramid, Se3};
 use map::{FramePose, KeyframeId, Map, PlaceIndex};
 
@@ -183,8 +183,9 @@ impl Agent {
         };
         tracker.change_reference(&self.local, &located, &self.params);
         if tracker.wants_keyframe(&self.local, &located, &self.params) {
-            let state = KeyframeState::new(timestamp, frame_index, pyramid, tracker.last);
-            let keyframe = self.add_keyframe(state, &located.matched);
+            let (camera_from_world, matched) = match_keyframe(&self.local, &pyramid, &located, &self.params);
+            let state = KeyframeState::new(timestamp, frame_index, pyramid, camera_from_world);
+            let keyframe = self.add_keyframe(state, &matched);
             tracker.last = self.local.keyframes[keyframe].camera_from_world;
             tracker.refer_to(&self.local, keyframe, &self.params);
             report.new_keyframe = Some(LocalMap::id(keyframe));
@@ -244,7 +245,9 @@ impl Agent {
 
     /// Ends the run: depth of the last keyframes, last optimisation of the whole map.
     pub fn finish(&mut self) {
-        if std::env::var("LB_DEBUG").is_ok() { eprintln!("sigma {}", self.params.track.position_sigma); }
+        if std::env::var("LB_DEBUG").is_ok() {
+            eprintln!("sigma {}", self.params.track.position_sigma);
+        }
         if self.local.keyframes.len() > 1 {
             let changes = mapping::optimise_all(&mut self.local, self.params.mapping.final_iterations);
             self.absorb(&changes);

@@ -138,6 +138,21 @@ impl Tracker {
     }
 }
 
+/// Matches of a frame that becomes a keyframe: more points than tracking asks for, since each binds the
+/// keyframe to others.
+pub(crate) fn match_keyframe(
+    map: &LocalMap,
+    pyramid: &Pyramid,
+    located: &Located,
+    params: &Params,
+) -> (Se3, Vec<Matched>) {
+    let view = View { pyramid, camera_from_world: located.camera_from_world };
+    let per_cell = params.track.keyframe_per_cell;
+    let (mut matched, _) = track::match_points(map, &located.hosts, &view, &params.track, per_cell);
+    let (camera_from_world, _) = track::refine_pose(map, &located.camera_from_world, &mut matched);
+    (camera_from_world, matched)
+}
+
 /// Prepares a keyframe for direct alignment.
 fn alignment(map: &LocalMap, reference: usize, params: &Params) -> AlignmentReference {
     let points = map.reference_points(reference);
