@@ -190,6 +190,10 @@ impl Agent {
             tracker.refer_to(&self.local, keyframe, &self.params);
             report.new_keyframe = Some(LocalMap::id(keyframe));
             report.settled_keyframes = self.settle(self.params.mapping.settle_after);
+        } else if tracker.reference >= self.next_to_settle {
+            let parallax = tracker.parallax(&self.local);
+            let state = &mut self.local.keyframes[tracker.reference];
+            dense::keep_companion(state, pyramid.shared_base(), &tracker.last, parallax);
         }
         report.world_from_camera = Some(tracker.last.inverse());
         self.state = State::Running(tracker);
@@ -228,6 +232,11 @@ impl Agent {
     /// Brings what hangs on the keyframes to where an optimisation has moved them.
     fn absorb(&mut self, changes: &[UnitChange]) {
         publish::scale_surroundings(&mut self.map, changes);
+        for change in changes {
+            for companion in &mut self.local.keyframes[change.keyframe].companions {
+                companion.frame_from_keyframe.translation *= change.factor;
+            }
+        }
         publish::update_poses(&mut self.map, &self.local);
     }
 
@@ -238,6 +247,7 @@ impl Agent {
         for &keyframe in &keyframes {
             let depth = dense::semi_dense(&self.local, keyframe, &self.params.depth);
             publish::set_depth(&mut self.map, &self.local, keyframe, depth);
+            self.local.keyframes[keyframe].companions = Vec::new();
         }
         self.next_to_settle = self.next_to_settle.max(ready);
         keyframes.into_iter().map(LocalMap::id).collect()
