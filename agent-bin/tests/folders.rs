@@ -53,7 +53,9 @@ fn euroc_folder() {
     for path in [folder.path(), &folder.path().join("mav0"), &camera] {
         let times = processed_times(&read_through(path, &[]));
         assert_eq!(times.len(), 2);
-        assert!((times[0] - 1403636579.763555584).abs() < 1e-6 && (times[1] - 1403636579.813555456).abs() < 1e-6);
+        assert!(
+            (times[0] - 1_403_636_579.763_555_5).abs() < 1e-6 && (times[1] - 1_403_636_579.813_555_5).abs() < 1e-6
+        );
     }
 }
 

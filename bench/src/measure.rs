@@ -110,15 +110,25 @@ impl Runner {
     }
 
     fn evaluate(&self, sequence: &Path, out: &Path) -> Result<Value> {
-        let mut command = Command::new(&self.loopbox);
-        command.arg("eval").arg(out.join("trajectory.txt")).arg("--json");
-        command.arg("--gt").arg(sequence.join("groundtruth.txt"));
-        command.arg("--frames").arg(sequence.join("times.txt"));
+        let command = || {
+            let mut command = Command::new(&self.loopbox);
+            command.arg("eval").arg(out.join("trajectory.txt")).arg("--json");
+            command.arg("--gt").arg(sequence.join("groundtruth.txt"));
+            command.arg("--frames").arg(sequence.join("times.txt"));
+            command
+        };
         let (map, depth) = (out.join("map.mcap"), sequence.join("depth"));
-        if map.is_file() && depth.is_dir() {
-            command.arg("--map").arg(map).arg("--depth").arg(depth);
-        }
-        let text = finish(&mut command)?;
+        let with_depth = (map.is_file() && depth.is_dir())
+            .then(|| finish(command().arg("--map").arg(map).arg("--depth").arg(depth)));
+        let text = match with_depth {
+            Some(Ok(text)) => text,
+            // The trajectory is measured even when the map's depth cannot be.
+            Some(Err(error)) => {
+                eprintln!("no depth figures for {}: {error:#}", out.display());
+                finish(&mut command())?
+            }
+            None => finish(&mut command())?,
+        };
         serde_json::from_slice(&text).context("what `loopbox eval --json` printed is not JSON")
     }
 }

@@ -4,125 +4,26 @@
 //! cargo run --release -p slam-direct --example depth_parking -- DATA [OUT] [SEQUENCE…]
 //! ```
 //! `DATA` holds the sequences (`parking_a`, …); with `OUT`, depth and error maps of a few keyframes are
-//! written there as PNG. The sparse backbone is simulated: 800 pixels with 1 % noise and 2 % outliers.
+//! written there as PNG. `DEPTH_PARAMS` takes a JSON object of parameters over the defaults, `DEPTH_STRIDE=6`
+//! leaves only every sixth frame as reference, `DEPTH_VERBOSE=1` tells of each update. The sparse backbone is simulated: 800 pixels with 1 % noise and 2 % outliers.
 
-use anyhow_free::{Result, fail};
-use geometry::{GrayImage, Image, Pinhole, Se3};
-use slam_direct::{DepthFilter, DepthParams, SeedPoint, StereoFrame, UpdateStats, choose_references};
+#[path = "../tests/support/parking.rs"]
+mod parking;
+
+use geometry::{GrayImage, Image, Se3};
+use parking::{Random, Result, Sequence, backbone};
+use slam_direct::{DepthFilter, DepthParams, StereoFrame, UpdateStats, choose_references};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// Errors of a measurement are texts for the person who runs it.
-mod anyhow_free {
-    pub type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
-
-    pub fn fail<T>(text: String) -> Result<T> {
-        Err(text.into())
-    }
-}
-
 /// Frames on either side of a keyframe that may serve as references.
 const REACH: usize = 16;
-/// Backbone points simulated per keyframe.
-const BACKBONE: usize = 800;
-
 /// Milliseconds of CPU this thread has used, or of time where the system does not tell.
 fn cpu_milliseconds(since: Instant) -> f64 {
     std::fs::read_to_string("/proc/thread-self/schedstat")
         .ok()
         .and_then(|text| text.split_whitespace().next()?.parse::<f64>().ok())
         .map_or(1e3 * since.elapsed().as_secs_f64(), |ns| 1e-6 * ns)
-}
-
-struct Sequence {
-    folder: PathBuf,
-    camera: Pinhole,
-    world_from_camera: Vec<Se3>,
-}
-
-impl Sequence {
-    fn open(folder: &Path) -> Result<Self> {
-        let camera_text = std::fs::read_to_string(folder.join("camera.yaml"))?;
-        let value = |key: &str| -> Result<f64> {
-            let line = camera_text.lines().find_map(|l| l.strip_prefix(key)?.strip_prefix(':'));
-            let Some(line) = line else {
-                return fail(format!("{}/camera.yaml: no {key}", folder.display()));
-            };
-            Ok(line.trim().parse()?)
-        };
-        let camera = Pinhole {
-            width: value("width")? as usize,
-            height: value("height")? as usize,
-            fx: value("fx")?,
-            fy: value("fy")?,
-            cx: value("cx")?,
-            cy: value("cy")?,
-        };
-        let mut world_from_camera = Vec::new();
-        for line in std::fs::read_to_string(folder.join("groundtruth.txt"))?.lines() {
-            if line.starts_with('#') {
-                continue;
-            }
-            let numbers: std::result::Result<Vec<f64>, _> = line.split_whitespace().map(str::parse).collect();
-            let numbers = numbers?;
-            let Ok(pose) = <[f64; 7]>::try_from(&numbers[1..]) else {
-                return fail(format!("{}/groundtruth.txt: not 8 numbers: {line}", folder.display()));
-            };
-            world_from_camera.push(Se3::from_tum(pose));
-        }
-        Ok(Self { folder: folder.to_path_buf(), camera, world_from_camera })
-    }
-
-    fn image(&self, index: usize) -> Result<GrayImage> {
-        let path = self.folder.join(format!("images/{index:06}.jpg"));
-        let luma = image::open(&path)?.into_luma8();
-        let (width, height) = (luma.width() as usize, luma.height() as usize);
-        GrayImage::from_vec(width, height, luma.into_raw()).ok_or_else(|| "odd image".into())
-    }
-
-    /// Exact inverse depth, 0 for none; `None` when there is no file.
-    fn inverse_depth(&self, index: usize) -> Result<Option<Image<f32>>> {
-        let path = self.folder.join(format!("depth/{index:06}.png"));
-        if !path.exists() {
-            return Ok(None);
-        }
-        let depth = image::open(&path)?.into_luma16();
-        let (width, height) = (depth.width() as usize, depth.height() as usize);
-        let inverse = |&mm: &u16| if mm == 0 { 0.0 } else { 1000.0 / mm as f32 };
-        Ok(Image::from_vec(width, height, depth.iter().map(inverse).collect()))
-    }
-}
-
-/// A small generator, so that runs repeat.
-struct Random(u64);
-
-impl Random {
-    fn uniform(&mut self) -> f32 {
-        self.0 = self.0.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-        (self.0 >> 40) as f32 / (1u64 << 24) as f32
-    }
-
-    fn normal(&mut self) -> f32 {
-        (0..12).map(|_| self.uniform()).sum::<f32>() - 6.0
-    }
-}
-
-/// Points as a tracker would have them: 1 % noise, 2 % wrong.
-fn backbone(truth: &Image<f32>, random: &mut Random) -> Vec<SeedPoint> {
-    let mut points = Vec::new();
-    while points.len() < BACKBONE {
-        let x = random.uniform() * (truth.width() - 1) as f32;
-        let y = random.uniform() * (truth.height() - 1) as f32;
-        let exact = truth.get(x as usize, y as usize);
-        if exact == 0.0 {
-            continue;
-        }
-        let wrong = random.uniform() < 0.02;
-        let factor = if wrong { 0.5 + random.uniform() } else { 1.0 + 0.01 * random.normal() };
-        let variance = (0.01 * exact) * (0.01 * exact);
-        points.push(SeedPoint { pixel: [x, y], inverse_depth: exact * factor, variance });
-    }
-    points
 }
 
 /// Errors of all exported pixels.
@@ -198,8 +99,10 @@ fn map_keyframe(
     let known: Vec<f32> = truth.data().iter().copied().filter(|&d| d > 0.0).collect();
     let mean = known.iter().sum::<f32>() / known.len().max(1) as f32;
     let last = sequence.world_from_camera.len() - 1;
-    let around: Vec<usize> =
-        (index.saturating_sub(REACH)..=(index + REACH).min(last)).filter(|&i| i != index).collect();
+    let stride = std::env::var("DEPTH_STRIDE").map_or(Ok(1), |text| text.parse::<usize>())?.max(1);
+    let around: Vec<usize> = (index.saturating_sub(REACH)..=(index + REACH).min(last))
+        .filter(|&i| i != index && i.abs_diff(index).is_multiple_of(stride))
+        .collect();
     let poses: Vec<Se3> = around
         .iter()
         .map(|&i| sequence.world_from_camera[i].inverse() * sequence.world_from_camera[index])
@@ -207,7 +110,7 @@ fn map_keyframe(
     let chosen = choose_references(&poses, mean, &sequence.camera, params);
     let images: Result<Vec<GrayImage>> = chosen.iter().map(|&c| sequence.image(around[c])).collect();
     let images = images?;
-    let points = backbone(truth, &mut Random(index as u64 + 1));
+    let points = backbone(truth, &mut Random::new(index as u64 + 1));
 
     let clock = Instant::now();
     let now = || cpu_milliseconds(clock);
@@ -289,7 +192,7 @@ fn render(
 fn main() -> Result<()> {
     let mut arguments = std::env::args_os().skip(1).map(PathBuf::from);
     let Some(data) = arguments.next() else {
-        return fail("usage: depth_parking DATA [OUT] [SEQUENCE…]".into());
+        return Err("usage: depth_parking DATA [OUT] [SEQUENCE…]".into());
     };
     let out = arguments.next().filter(|o| !o.as_os_str().is_empty());
     if let Some(out) = &out {
@@ -299,8 +202,7 @@ fn main() -> Result<()> {
     if names.is_empty() {
         names = ["parking_a", "parking_b", "parking_c"].map(PathBuf::from).to_vec();
     }
-    let params = DepthParams::default();
-    let params = overridden(params)?;
+    let params = overridden(DepthParams::default())?;
     for name in names {
         let sequence = Sequence::open(&data.join(&name))?;
         let mut tally = Tally::default();

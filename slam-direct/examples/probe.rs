@@ -94,6 +94,13 @@ fn main() {
     }
     let start = std::time::Instant::now();
     agent.finish();
+    if let Ok(f) = std::env::var("LB_KF") {
+        let mut out = std::fs::File::create(f).unwrap();
+        for k in agent.map().keyframes.values() {
+            let v = k.world_from_keyframe.rigid().to_tum();
+            writeln!(out, "{:.6} {:.9} {:.9} {:.9} {:.9} {:.9} {:.9} {:.9}", k.timestamp, v[0], v[1], v[2], v[3], v[4], v[5], v[6]).unwrap();
+        }
+    }
     let mut out = std::fs::File::create(&args[2]).unwrap();
     for p in agent.map().trajectory() {
         let v = p.world_from_camera.to_tum();

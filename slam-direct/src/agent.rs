@@ -7,7 +7,7 @@ use crate::local_map::{KeyframeState, LocalMap};
 use crate::mapping::{self, UnitChange};
 use crate::params::Params;
 use crate::publish;
-use crate::track::Matched;
+use crate::track::{Matched, learn_position_sigma};
 use crate::tracker::Tracker;
 use geometry::{GrayImage, Pinhole, Pyramid, Se3};
 use map::{FramePose, KeyframeId, Map, PlaceIndex};
@@ -169,6 +169,7 @@ impl Agent {
                 ..FrameReport::of(TrackingState::Lost)
             };
         };
+        self.params.track.position_sigma = learn_position_sigma(&self.params.track, located.excess);
         self.local.count_sought(&located.sought, &located.matched);
         let world_from_reference = self.local.keyframes[tracker.reference].camera_from_world.inverse();
         self.map.frames.push(FramePose {
@@ -264,6 +265,7 @@ impl Agent {
 
     /// Ends the run: depth of the last keyframes, last optimisation of the whole map.
     pub fn finish(&mut self) {
+        if std::env::var("LB_DEBUG").is_ok() { eprintln!("sigma {}", self.params.track.position_sigma); }
         if self.local.keyframes.len() > 1 {
             let changes = mapping::optimise_all(&mut self.local, self.params.mapping.final_iterations);
             self.absorb(&changes);

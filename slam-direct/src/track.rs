@@ -24,7 +24,10 @@ params! {
         pub max_unexplained: f32 = 0.3,
         /// Intensity noise of a patch, grey levels: the least that is assumed.
         pub patch_sigma: f32 = 3.0,
-        /// Uncertainty of position that no intensity explains (rolling shutter, lens), pixels.
+        /// Least value that `position_sigma` is lowered to, pixels.
+        pub least_position_sigma: f32 = 0.1,
+        /// Uncertainty of position that no intensity explains (rolling shutter, lens), pixels: the value at
+        /// the start, then learnt from the residuals of the tracked frames.
         pub position_sigma: f32 = 0.5,
         /// Keyframes whose points are sought at most.
         pub max_hosts: usize = 14,
@@ -199,14 +202,18 @@ struct WorldPoint {
 ///
 /// Where all residuals are larger than assumed (a fast turn under a rolling shutter, blur), the information
 /// of the matches is lowered to what the frame shows.
-pub(crate) fn refine_pose(map: &LocalMap, camera_from_world: &Se3, matched: &mut [Matched]) -> Se3 {
+///
+/// Second value: the squared residuals' median over what was assumed.
+pub(crate) fn refine_pose(map: &LocalMap, camera_from_world: &Se3, matched: &mut [Matched]) -> (Se3, f64) {
     let mut points: Vec<WorldPoint> =
         matched.iter().map(|m| world_point(map, camera_from_world, m)).collect();
     let mut pose = *camera_from_world;
+    let mut assumed = None;
     for _ in 0..2 {
         pose = optimise_pose(&map.camera, &pose, &points);
         let mut squared: Vec<f32> = points.iter().map(|p| p.squared(&map.camera, &pose) as f32).collect();
         let excess = median(&mut squared).map_or(1.0, |m| f64::from(m) / MEDIAN_SQUARED);
+        assumed.get_or_insert(excess);
         if excess <= 1.0 {
             break;
         }
@@ -219,7 +226,15 @@ pub(crate) fn refine_pose(map: &LocalMap, camera_from_world: &Se3, matched: &mut
     for (m, p) in matched.iter_mut().zip(&points) {
         m.inlier = p.squared(&map.camera, &pose) < INLIER;
     }
-    pose
+    (pose, assumed.unwrap_or(1.0))
+}
+
+/// The positional uncertainty learnt from one more frame: it follows what the frames show, slowly, within
+/// `params.least_position_sigma` and 1 pixel.
+pub(crate) fn learn_position_sigma(params: &TrackParams, excess: f64) -> f32 {
+    const RATE: f64 = 0.05;
+    let learnt = params.position_sigma * excess.clamp(0.05, 20.0).powf(RATE) as f32;
+    learnt.clamp(params.least_position_sigma, 1.0)
 }
 
 /// χ² with two degrees of freedom, 99 %.

@@ -36,6 +36,8 @@ pub(crate) struct Located {
     pub matched: Vec<Matched>,
     pub sought: Vec<PointRef>,
     pub inliers: usize,
+    /// Median of the squared residuals over what was assumed.
+    pub excess: f64,
     brightness: Brightness,
     hosts: Vec<usize>,
 }
@@ -163,9 +165,9 @@ fn locate(
     let hosts = track::choose_hosts(map, &start, reference, p.max_hosts);
     let view = View { pyramid, camera_from_world: start };
     let (mut matched, sought) = track::match_points(map, &hosts, &view, p, p.per_cell);
-    let camera_from_world = track::refine_pose(map, &start, &mut matched);
+    let (camera_from_world, excess) = track::refine_pose(map, &start, &mut matched);
     let inliers = matched.iter().filter(|m| m.inlier).count();
-    Located { camera_from_world, brightness: aligned.brightness, hosts, matched, sought, inliers }
+    Located { camera_from_world, brightness: aligned.brightness, hosts, matched, sought, inliers, excess }
 }
 
 /// Seeks a lost frame among the keyframes it was last near and those that look like it.

@@ -6,8 +6,14 @@ use crate::pictures::{Picture, RawPicture};
 use anyhow::{Context, Result, bail};
 use opencv::core::Mat;
 use opencv::prelude::*;
-use opencv::videoio::{CAP_ANY, CAP_PROP_FPS, CAP_PROP_FRAME_COUNT, CAP_PROP_POS_MSEC, VideoCapture};
+use opencv::videoio::{
+    CAP_FFMPEG, CAP_OPENCV_MJPEG, CAP_PROP_FPS, CAP_PROP_FRAME_COUNT, CAP_PROP_POS_MSEC, VideoCapture,
+};
 use std::path::Path;
+
+/// Named, because left to itself OpenCV would also try GStreamer, whose complaints about files that are
+/// no videos fill the terminal.
+const BACKENDS: [i32; 2] = [CAP_FFMPEG, CAP_OPENCV_MJPEG];
 
 /// A video file.
 pub struct Video {
@@ -17,6 +23,7 @@ pub struct Video {
     next_index: u64,
     /// Where given, frames are timed by it and not by the file.
     fps: Option<f64>,
+    nominal_fps: Option<f64>,
 }
 
 /// Opens a video file.
@@ -25,19 +32,17 @@ pub struct Video {
 /// When OpenCV cannot read it.
 pub fn open(path: &Path, fps: Option<f64>) -> Result<Video> {
     let name = path.to_str().with_context(|| format!("{}: the name is not UTF-8", path.display()))?;
-    let capture = VideoCapture::from_file(name, CAP_ANY)
-        .with_context(|| format!("{}: OpenCV cannot read it", path.display()))?;
-    if !capture.is_opened().unwrap_or(false) {
+    let Some(capture) = BACKENDS.iter().find_map(|&backend| opened(name, backend)) else {
         bail!(
             "{}: neither an MCAP file nor a video that OpenCV can read\nhint: give a folder of images, an MCAP \
              file, or a video such as MP4 or AVI",
             path.display()
         );
-    }
+    };
     let property = |id| capture.get(id).ok().filter(|value| value.is_finite() && *value > 0.0);
     let frame_count = property(CAP_PROP_FRAME_COUNT).map(|count| count as u64);
-    let fps = fps.or_else(|| times_are_missing(&capture).then(|| property(CAP_PROP_FPS)).flatten());
-    let rate = fps.or(property(CAP_PROP_FPS));
+    let nominal_fps = property(CAP_PROP_FPS);
+    let rate = fps.or(nominal_fps);
     let info = SourceInfo {
         kind: "video file",
         path: path.to_owned(),
@@ -45,12 +50,12 @@ pub fn open(path: &Path, fps: Option<f64>) -> Result<Video> {
         duration: frame_count.zip(rate).map(|(count, rate)| count.saturating_sub(1) as f64 / rate),
         calibration: calibration_beside(path),
     };
-    Ok(Video { info, capture, frame: Mat::default(), next_index: 0, fps })
+    Ok(Video { info, capture, frame: Mat::default(), next_index: 0, fps, nominal_fps })
 }
 
-/// Whether the file's form has no time stamps, so that its nominal rate must do.
-fn times_are_missing(capture: &VideoCapture) -> bool {
-    capture.get(CAP_PROP_POS_MSEC).is_err()
+fn opened(name: &str, backend: i32) -> Option<VideoCapture> {
+    let capture = VideoCapture::from_file(name, backend).ok()?;
+    capture.is_opened().unwrap_or(false).then_some(capture)
 }
 
 /// `walk.yaml` beside `walk.mp4`.
@@ -60,6 +65,17 @@ fn calibration_beside(path: &Path) -> Option<FoundCalibration> {
 }
 
 impl Video {
+    /// Seconds of the frame just read.
+    fn time(&self, index: u64) -> f64 {
+        let milliseconds = self.capture.get(CAP_PROP_POS_MSEC).unwrap_or(0.0);
+        match (self.fps, self.nominal_fps) {
+            (Some(fps), _) => index as f64 / fps,
+            // Some forms have no time stamps; then the nominal rate must do.
+            (None, Some(fps)) if milliseconds == 0.0 => index as f64 / fps,
+            _ => milliseconds * 1e-3,
+        }
+    }
+
     fn picture(&self) -> Result<Picture, opencv::Error> {
         let size = self.frame.size()?;
         let encoding = if self.frame.channels() == 1 { "mono8" } else { "bgr8" };
@@ -85,10 +101,7 @@ impl FrameSource for Video {
         }
         let index = self.next_index;
         self.next_index += 1;
-        let timestamp = match self.fps {
-            Some(fps) => index as f64 / fps,
-            None => self.capture.get(CAP_PROP_POS_MSEC).unwrap_or(f64::NAN) * 1e-3,
-        };
+        let timestamp = self.time(index);
         let picture = self.picture().unwrap_or_else(|error| Picture::Broken(error.to_string()));
         Some(SourceFrame { index, timestamp, picture })
     }

@@ -17,7 +17,7 @@ pub(super) struct Candidates {
     pub gradient: Vec<[f32; 2]>,
 }
 
-/// Squared central-difference gradient, times four, of pixel `x` of the middle row.
+/// Central-difference gradient, doubled, of pixel `x` of the middle row.
 #[inline]
 fn doubled_gradient(rows: [&[u8]; 3], x: usize) -> (i32, i32) {
     (rows[1][x + 1] as i32 - rows[1][x - 1] as i32, rows[2][x] as i32 - rows[0][x] as i32)
@@ -35,9 +35,9 @@ pub(super) fn select(image: &GrayImage, params: &DepthParams) -> Candidates {
     for y in BORDER..height - BORDER {
         let rows = [image.row(y - 1), image.row(y), image.row(y + 1)];
         let out = &mut magnitude[y * width..(y + 1) * width];
-        for x in BORDER..width - BORDER {
+        for (x, out) in (BORDER..width - BORDER).zip(&mut out[BORDER..]) {
             let (gx, gy) = doubled_gradient(rows, x);
-            out[x] = ((gx * gx + gy * gy) as f32).sqrt().min(255.0) as u8;
+            *out = ((gx * gx + gy * gy) as f32).sqrt().min(255.0) as u8;
         }
         out[BORDER..width - BORDER].iter().for_each(|&m| histogram[m as usize] += 1);
     }
@@ -51,8 +51,8 @@ pub(super) fn select(image: &GrayImage, params: &DepthParams) -> Candidates {
     for y in BORDER..height - BORDER {
         let rows = [image.row(y - 1), image.row(y), image.row(y + 1)];
         let row = &magnitude[y * width..(y + 1) * width];
-        for x in BORDER..width - BORDER {
-            if row[x] >= threshold {
+        for (x, &magnitude) in (BORDER..width - BORDER).zip(&row[BORDER..]) {
+            if magnitude >= threshold {
                 let (gx, gy) = doubled_gradient(rows, x);
                 all.pixel.push((y * width + x) as u32);
                 all.position.push([x as f32, y as f32]);

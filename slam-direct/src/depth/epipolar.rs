@@ -203,3 +203,64 @@ unsafe fn pair(data: &[u8], i: usize) -> i32 {
     let bytes = unsafe { data.as_ptr().add(i).cast::<[u8; 2]>().read_unaligned() };
     u16::from_le_bytes(bytes) as i32
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{UnitQuaternion, Vector3};
+    use proptest::prelude::*;
+
+    const CAMERA: Pinhole = Pinhole { width: 640, height: 480, fx: 420.0, fy: 410.0, cx: 319.5, cy: 239.5 };
+
+    proptest! {
+        #[test]
+        fn projection_is_the_cameras_and_inverts(
+            x in 10.0f64..630.0, y in 10.0f64..470.0, d in 0.05f64..2.0,
+            t in prop::array::uniform3(-0.2f64..0.2), r in prop::array::uniform3(-0.1f64..0.1),
+        ) {
+            let rotation = UnitQuaternion::from_scaled_axis(Vector3::from(r));
+            let frame_from_keyframe = Se3::new(rotation, Vector3::from(t));
+            let geometry = EpipolarGeometry::new(&CAMERA, &frame_from_keyframe);
+            let point = frame_from_keyframe * (CAMERA.unproject(x, y) / d);
+            let expected = CAMERA.project(&point);
+            let ray = geometry.ray(x as f32, y as f32, [1.0, 0.0]);
+            let seen = geometry.project(&ray, d as f32);
+            prop_assert!((seen.u[0] as f64 - expected.x).abs() < 2e-2);
+            prop_assert!((seen.u[1] as f64 - expected.y).abs() < 2e-2);
+            // Near the epipole a pixel says little about depth.
+            let moved = geometry.project(&ray, 1.1 * d as f32);
+            prop_assume!((moved.u[0] - seen.u[0]).hypot(moved.u[1] - seen.u[1]) > 0.5);
+            let back = geometry.inverse_depth(&ray, seen.u) as f64;
+            prop_assert!((back - d).abs() < 1e-2 * d);
+        }
+
+        #[test]
+        fn samples_are_bilinear(
+            x in 30.0f32..60.0, y in 30.0f32..60.0, angle in 0.0f32..6.3, seed in 0u32..1000,
+        ) {
+            let mut state = seed;
+            let data = (0..96 * 90).map(|_| {
+                state = state.wrapping_mul(1664525).wrapping_add(1013904223);
+                (state >> 24) as u8
+            });
+            let image = GrayImage::from_vec(96, 90, data.collect()).unwrap();
+            let line = Line { origin: [x, y], step: [angle.cos(), angle.sin()] };
+            let mut out = [0.0; 12];
+            prop_assert!(line.sample(&image, -3.5, &mut out));
+            for (k, value) in out.into_iter().enumerate() {
+                let [u, v] = line.at(k as f32 - 3.5);
+                prop_assert!((value - image.bilinear(u, v)).abs() < 1e-3);
+            }
+        }
+    }
+
+    #[test]
+    fn samples_outside_are_refused() {
+        let image = GrayImage::filled(40, 30, 7);
+        let mut out = [0.0; 8];
+        for origin in [[36.0, 10.0], [0.5, 10.0], [10.0, 28.5], [f32::NAN, 10.0], [-1e30, 10.0]] {
+            assert!(!Line { origin, step: [1.0, 0.0] }.sample(&image, 0.0, &mut out), "{origin:?}");
+        }
+        assert!(Line { origin: [31.0, 28.0], step: [1.0, 0.0] }.sample(&image, 0.0, &mut out));
+    }
+}

@@ -17,6 +17,8 @@ mod propagate;
 mod references;
 mod regularise;
 mod search;
+#[cfg(test)]
+mod tests;
 mod update;
 
 pub use params::DepthParams;

@@ -3,8 +3,10 @@
 use super::DepthParams;
 use geometry::Pinhole;
 
-/// Side of a cell, pixels.
-const CELL: usize = 32;
+/// Side of a cell, pixels: small cells keep searches short where the backbone is dense.
+const CELL: usize = 16;
+/// Cells on either side that are asked for points.
+const MAX_REACH: usize = 4;
 
 /// A point of the sparse backbone, projected into the keyframe.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -17,8 +19,8 @@ pub struct SeedPoint {
     pub variance: f32,
 }
 
-/// The range of inverse depth to search in each cell of the image: that of the backbone points in the cell
-/// and its eight neighbours, widened; of all points where those hold none.
+/// The range of inverse depth to search in each cell of the image: that of the backbone points in the cell and
+/// those around it, as far out as the first point lies, widened; of all points where none is near.
 #[derive(Clone, Debug)]
 pub(super) struct PriorRanges {
     columns: usize,
@@ -55,12 +57,16 @@ impl PriorRanges {
         let margin = params.range_margin;
         for row in 0..rows {
             for column in 0..all.columns {
-                let mut range = NONE;
-                for r in row.saturating_sub(1)..=(row + 1).min(rows - 1) {
-                    for c in column.saturating_sub(1)..=(column + 1).min(all.columns - 1) {
-                        range = joined(range, cells[r * all.columns + c]);
+                let around = |reach: usize| {
+                    let mut range = NONE;
+                    for r in row.saturating_sub(reach)..=(row + reach).min(rows - 1) {
+                        for c in column.saturating_sub(reach)..=(column + reach).min(all.columns - 1) {
+                            range = joined(range, cells[r * all.columns + c]);
+                        }
                     }
-                }
+                    range
+                };
+                let range = (1..=MAX_REACH).map(around).find(|range| range[1] > 0.0).unwrap_or(NONE);
                 let [low, high] = if range[1] == 0.0 { whole } else { range };
                 all.ranges[row * all.columns + column] = [low / margin, high * margin];
             }

@@ -4,8 +4,11 @@ use super::DepthParams;
 use geometry::{Pinhole, Se3};
 use nalgebra::Vector3;
 
-/// Ratio between the baselines of successive references: each sharpens what the one before has found.
-const GROWTH: f64 = 2.0;
+/// Parallax beyond which a reference is only used where there are too few others.
+const PREFERRED_PARALLAX: f64 = 0.15;
+/// Ratios between the baselines of successive references, wished for first: each sharpens what the one before
+/// has found. Where frames are few, closer ones will do.
+const GROWTH: [f64; 4] = [2.0, 1.5, 1.2, 1.0];
 
 /// Indices of the candidates (poses `frame_from_keyframe`) to observe a keyframe in, in the order to use them:
 /// growing baselines between `params.min_parallax` and `params.max_parallax`, the share of the keyframe they
@@ -31,22 +34,36 @@ pub fn choose_references(
     thinned(&usable, candidates, params.max_references)
 }
 
-/// Keeps references on a ladder of growing baselines, one to each side of the keyframe per rung.
+/// Keeps references on a ladder of growing baselines, one to each side of the keyframe per rung, the rungs
+/// as far apart as leaves `most` of them.
 fn thinned(usable: &[(f64, usize)], candidates: &[Se3], most: usize) -> Vec<usize> {
+    let mut chosen = Vec::new();
+    for growth in GROWTH {
+        chosen = ladder(usable, candidates, growth);
+        if chosen.len() >= most {
+            break;
+        }
+    }
+    // The shortest baseline finds, the longest sharpen, but views that differ much match less: what is too much
+    // goes from beyond the preferred baseline, then from the middle.
+    while chosen.len() > most.max(1) {
+        let too_long = chosen.last().is_some_and(|last| last.0 > PREFERRED_PARALLAX);
+        chosen.remove(if too_long { chosen.len() - 1 } else { 1 });
+    }
+    chosen.into_iter().map(|(_, i)| i).collect()
+}
+
+/// The references, each of a baseline at least `growth` times that of the one before on the same side.
+fn ladder(usable: &[(f64, usize)], candidates: &[Se3], growth: f64) -> Vec<(f64, usize)> {
     let mut chosen: Vec<(f64, usize)> = Vec::new();
     for &(parallax, i) in usable {
         let centre = candidates[i].inverse().translation;
         let same_side = |j: usize| candidates[j].inverse().translation.dot(&centre) > 0.0;
-        let crowded = chosen.iter().any(|&(p, j)| same_side(j) && parallax < GROWTH * p);
-        if !crowded {
+        if !chosen.iter().any(|&(p, j)| same_side(j) && parallax < growth * p) {
             chosen.push((parallax, i));
         }
     }
-    // The shortest baseline finds, the longest sharpen: what is too much goes from the middle.
-    while chosen.len() > most.max(1) {
-        chosen.remove(1.min(chosen.len() - 1));
-    }
-    chosen.into_iter().map(|(_, i)| i).collect()
+    chosen
 }
 
 /// Share of a grid of keyframe pixels at the mean depth that the candidate sees.

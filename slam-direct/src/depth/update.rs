@@ -1,7 +1,7 @@
 //! Observing the pixels of a keyframe in one reference frame.
 
 use super::epipolar::{EpipolarGeometry, Line};
-use super::observation::disparity_variance;
+use super::observation::{geometric_variance, photometric_variance};
 use super::search::{COMPARED, Miss, Task, Template};
 use super::{DepthParams, Hypothesis, StereoFrame};
 use geometry::{GrayImage, Pinhole};
@@ -200,10 +200,13 @@ impl<'a> Observer<'a> {
             return Outcome::Failed;
         }
         let systematic2 = self.params.systematic_error * self.params.systematic_error;
+        let measured = self.variance(look.alignment2, template.energy);
+        // Half of the photometric noise is the keyframe's own, the same in every reference.
+        let shared = 0.5 * photometric_variance(self.noise, template.energy);
         Outcome::Observed {
             inverse_depth,
-            variance: look.alpha2 * (self.variance(look.alignment2, template.energy) + systematic2),
-            floor: look.alpha2 * systematic2,
+            variance: look.alpha2 * (measured + systematic2),
+            floor: look.alpha2 * (shared + systematic2),
             residual: found.residual - interpolation2,
         }
     }
@@ -217,6 +220,7 @@ impl<'a> Observer<'a> {
     /// Disparity variance for this reference, template samples².
     #[inline(always)]
     fn variance(&self, alignment2: f32, energy: f32) -> f32 {
-        disparity_variance(alignment2, energy, self.noise, self.reference.pose_sigma_px)
+        geometric_variance(self.reference.pose_sigma_px, alignment2)
+            + photometric_variance(self.noise, energy)
     }
 }

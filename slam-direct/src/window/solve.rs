@@ -37,7 +37,7 @@ pub(crate) fn solve(problem: &mut Problem, iterations: usize) -> WindowReport {
         });
         match accepted {
             Some((candidate, new_cost)) if new_cost < cost => {
-                let small = cost - new_cost < 1e-4 * cost;
+                let small = cost - new_cost < 1e-7 * cost;
                 *problem = candidate;
                 cost = new_cost;
                 lambda = (lambda * 0.2).max(1e-9);

@@ -134,5 +134,5 @@ impl Calibration {
 
 /// Seconds of a stamp; zero means that nobody set it.
 fn stamp(seconds: i64, nanoseconds: u32) -> Option<f64> {
-    (seconds != 0 || nanoseconds != 0).then(|| seconds as f64 + nanoseconds as f64 * 1e-9)
+    (seconds != 0 || nanoseconds != 0).then_some(seconds as f64 + nanoseconds as f64 * 1e-9)
 }

@@ -56,7 +56,7 @@ mod tests {
 
     impl Writer {
         fn number<const N: usize>(&mut self, mut little: [u8; N]) -> &mut Self {
-            while self.body.len() % N != 0 {
+            while !self.body.len().is_multiple_of(N) {
                 self.body.push(0);
             }
             if self.big_endian {
