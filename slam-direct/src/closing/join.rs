@@ -35,7 +35,7 @@ pub(super) fn match_side(
 ) -> SideMatch {
     let view = View { pyramid: &map.keyframes[keyframe].pyramid, camera_from_world };
     let (mut matched, sought) = track::match_points(map, hosts, &view, params, params.per_cell);
-    let camera_from_world = track::refine_pose(map, &camera_from_world, &mut matched);
+    let (camera_from_world, _) = track::refine_pose(map, &camera_from_world, &mut matched);
     SideMatch { camera_from_world, matched, sought }
 }
 
