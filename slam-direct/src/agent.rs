@@ -8,7 +8,7 @@ use crate::mapping::{self, UnitChange};
 use crate::params::Params;
 use crate::publish;
 use crate::track::{Matched, learn_position_sigma};
-use crate::tracker::Tracker;
+use crate::tracker::{Tracker, match_keyframe};
 use geometry::{GrayImage, Pinhole, Pyramid, Se3};
 use map::{FramePose, KeyframeId, Map, PlaceIndex};
 
@@ -186,13 +186,18 @@ impl Agent {
         };
         tracker.change_reference(&self.local, &located, &self.params);
         if tracker.wants_keyframe(&self.local, &located, &self.params) {
-            let state = KeyframeState::new(timestamp, frame_index, pyramid, tracker.last);
-            let keyframe = self.add_keyframe(state, &located.matched);
+            let (camera_from_world, matched) = match_keyframe(&self.local, &pyramid, &located, &self.params);
+            let state = KeyframeState::new(timestamp, frame_index, pyramid, camera_from_world);
+            let keyframe = self.add_keyframe(state, &matched);
             tracker.last = self.local.keyframes[keyframe].camera_from_world;
             tracker.refer_to(&self.local, keyframe, &self.params);
             report.new_keyframe = Some(LocalMap::id(keyframe));
             report.settled_keyframes = self.settle(self.params.mapping.settle_after);
             report.closed_loop = self.close_loop(&report.settled_keyframes, &mut tracker);
+        } else if tracker.reference >= self.next_to_settle {
+            let parallax = tracker.parallax(&self.local);
+            let state = &mut self.local.keyframes[tracker.reference];
+            dense::keep_companion(state, pyramid.shared_base(), &tracker.last, parallax);
         }
         report.world_from_camera = Some(tracker.last.inverse());
         self.state = State::Running(tracker);
@@ -232,6 +237,11 @@ impl Agent {
     fn absorb(&mut self, changes: &[UnitChange]) {
         publish::scale_surroundings(&mut self.map, changes);
         self.closer.absorb(changes);
+        for change in changes {
+            for companion in &mut self.local.keyframes[change.keyframe].companions {
+                companion.frame_from_keyframe.translation *= change.factor;
+            }
+        }
         publish::update_poses(&mut self.map, &self.local);
     }
 
@@ -242,6 +252,7 @@ impl Agent {
         for &keyframe in &keyframes {
             let depth = dense::semi_dense(&self.local, keyframe, &self.params.depth);
             publish::set_depth(&mut self.map, &self.local, keyframe, depth);
+            self.local.keyframes[keyframe].companions = Vec::new();
         }
         self.next_to_settle = self.next_to_settle.max(ready);
         keyframes.into_iter().map(LocalMap::id).collect()

@@ -304,6 +304,7 @@ impl Bootstrap {
             camera_from_world: Se3::identity(),
             points,
             seen: Vec::new(),
+            companions: Vec::new(),
         });
         map.keyframes.push(KeyframeState {
             timestamp: newest.timestamp,
@@ -312,6 +313,7 @@ impl Bootstrap {
             camera_from_world: scaled(&solution.frames[last]),
             points: Vec::new(),
             seen: observed,
+            companions: Vec::new(),
         });
         let frames = self.pose_all(&solution, unit);
         Started { map, frames }
