@@ -11,6 +11,7 @@ use crate::track::{Matched, learn_position_sigma};
 use crate::tracker::{Tracker, match_keyframe};
 use geometry::{GrayImage, Pinhole, Pyramid, Se3};
 use map::{FramePose, KeyframeId, Map, PlaceIndex};
+use std::sync::Arc;
 
 /// One image to process.
 #[derive(Clone, Debug)]
@@ -68,7 +69,19 @@ pub struct Agent {
     closer: LoopCloser,
     /// The first keyframe without semi-dense depth.
     next_to_settle: usize,
+    /// Frames that came before the first map and are not in it.
+    early: Vec<EarlyFrame>,
 }
+
+/// A frame from before the first map, kept to be tracked backwards once there is one.
+struct EarlyFrame {
+    timestamp: f64,
+    frame_index: u64,
+    image: Arc<GrayImage>,
+}
+
+/// Early frames kept at most: two seconds of video.
+const MAX_EARLY: usize = 60;
 
 enum State {
     Empty,
@@ -80,13 +93,25 @@ impl Agent {
     /// A new agent with an empty map.
     pub fn new(camera: Pinhole, places: Box<dyn PlaceIndex>, params: Params) -> Self {
         let (map, local) = (Map::new(camera), LocalMap::new(camera));
-        let closer = LoopCloser::default();
-        Self { camera, params, map, local, state: State::Empty, places, closer, next_to_settle: 0 }
+        Self {
+            camera,
+            params,
+            map,
+            local,
+            state: State::Empty,
+            places,
+            closer: LoopCloser::default(),
+            next_to_settle: 0,
+            early: Vec::new(),
+        }
     }
 
     /// Tracks a frame and maps what it adds.
     pub fn process(&mut self, frame: Frame) -> FrameReport {
         let pyramid = Pyramid::new(frame.image, self.params.align.pyramid_levels);
+        if !matches!(self.state, State::Running(_)) {
+            self.keep_early(frame.timestamp, frame.index, pyramid.shared_base());
+        }
         match std::mem::replace(&mut self.state, State::Empty) {
             State::Empty => {
                 self.begin(pyramid, frame.timestamp, frame.index, "the image has too little texture")
@@ -94,6 +119,38 @@ impl Agent {
             State::Starting(bootstrap) => self.start(bootstrap, pyramid, frame.timestamp, frame.index),
             State::Running(tracker) => self.track(tracker, pyramid, frame.timestamp, frame.index),
         }
+    }
+
+    fn keep_early(&mut self, timestamp: f64, frame_index: u64, image: Arc<GrayImage>) {
+        if self.early.len() == MAX_EARLY {
+            self.early.remove(0);
+        }
+        self.early.push(EarlyFrame { timestamp, frame_index, image });
+    }
+
+    /// Tracks the frames before the first keyframe backwards from it, as far as they can be followed.
+    fn track_early(&mut self) {
+        let first = self.map.frames.first().map_or(0, |f| f.frame_index);
+        let mut early = std::mem::take(&mut self.early);
+        early.retain(|f| f.frame_index < first);
+        let world_from_first = self.local.keyframes[0].camera_from_world.inverse();
+        let start = self.local.keyframes[0].camera_from_world;
+        let mut tracker = Tracker::new(&self.local, 0, start, Se3::identity(), &self.params);
+        let mut found = Vec::new();
+        for frame in early.iter().rev() {
+            let pyramid = Pyramid::new(frame.image.as_ref().clone(), self.params.align.pyramid_levels);
+            if tracker.track(&self.local, self.places.as_ref(), &pyramid, &self.params).is_none() {
+                break;
+            }
+            found.push(FramePose {
+                timestamp: frame.timestamp,
+                frame_index: frame.frame_index,
+                reference: LocalMap::id(0),
+                keyframe_from_frame: (tracker.last * world_from_first).inverse(),
+            });
+        }
+        found.reverse();
+        self.map.frames.splice(0..0, found);
     }
 
     fn begin(&mut self, pyramid: Pyramid, timestamp: f64, index: u64, reason: &'static str) -> FrameReport {
@@ -140,6 +197,7 @@ impl Agent {
             .collect();
         self.places.add(LocalMap::id(0), self.local.keyframes[0].pyramid.base());
         self.map_around(1);
+        self.track_early();
         let last = self.local.keyframes[1].camera_from_world;
         let velocity = match frames.as_slice() {
             [.., before, newest] => newest.2 * before.2.inverse(),
