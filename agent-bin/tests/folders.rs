@@ -54,7 +54,8 @@ fn euroc_folder() {
         let times = processed_times(&read_through(path, &[]));
         assert_eq!(times.len(), 2);
         assert!(
-            (times[0] - 1_403_636_579.763_555_5).abs() < 1e-6 && (times[1] - 1_403_636_579.813_555_5).abs() < 1e-6
+            (times[0] - 1_403_636_579.763_555_5).abs() < 1e-6
+                && (times[1] - 1_403_636_579.813_555_5).abs() < 1e-6
         );
     }
 }

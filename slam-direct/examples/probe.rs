@@ -98,7 +98,12 @@ fn main() {
         let mut out = std::fs::File::create(f).unwrap();
         for k in agent.map().keyframes.values() {
             let v = k.world_from_keyframe.rigid().to_tum();
-            writeln!(out, "{:.6} {:.9} {:.9} {:.9} {:.9} {:.9} {:.9} {:.9}", k.timestamp, v[0], v[1], v[2], v[3], v[4], v[5], v[6]).unwrap();
+            writeln!(
+                out,
+                "{:.6} {:.9} {:.9} {:.9} {:.9} {:.9} {:.9} {:.9}",
+                k.timestamp, v[0], v[1], v[2], v[3], v[4], v[5], v[6]
+            )
+            .unwrap();
         }
     }
     let mut out = std::fs::File::create(&args[2]).unwrap();

@@ -7,9 +7,10 @@ use crate::mapping::{self, UnitChange};
 use crate::params::Params;
 use crate::publish;
 use crate::track::{Matched, learn_position_sigma};
-use crate::tracker::Tracker;
+use crate::tracker::{Tracker, match_keyframe};
 use geometry::{GrayImage, Pinhole, Pyramid, Se3};
 use map::{FramePose, KeyframeId, Map, PlaceIndex};
+use std::sync::Arc;
 
 /// One image to process.
 #[derive(Clone, Debug)]
@@ -66,7 +67,19 @@ pub struct Agent {
     places: Box<dyn PlaceIndex>,
     /// The first keyframe without semi-dense depth.
     next_to_settle: usize,
+    /// Frames that came before the first map and are not in it.
+    early: Vec<EarlyFrame>,
 }
+
+/// A frame from before the first map, kept to be tracked backwards once there is one.
+struct EarlyFrame {
+    timestamp: f64,
+    frame_index: u64,
+    image: Arc<GrayImage>,
+}
+
+/// Early frames kept at most: two seconds of video.
+const MAX_EARLY: usize = 60;
 
 enum State {
     Empty,
@@ -78,12 +91,15 @@ impl Agent {
     /// A new agent with an empty map.
     pub fn new(camera: Pinhole, places: Box<dyn PlaceIndex>, params: Params) -> Self {
         let (map, local) = (Map::new(camera), LocalMap::new(camera));
-        Self { camera, params, map, local, state: State::Empty, places, next_to_settle: 0 }
+        Self { camera, params, map, local, state: State::Empty, places, next_to_settle: 0, early: Vec::new() }
     }
 
     /// Tracks a frame and maps what it adds.
     pub fn process(&mut self, frame: Frame) -> FrameReport {
         let pyramid = Pyramid::new(frame.image, self.params.align.pyramid_levels);
+        if !matches!(self.state, State::Running(_)) {
+            self.keep_early(frame.timestamp, frame.index, pyramid.shared_base());
+        }
         match std::mem::replace(&mut self.state, State::Empty) {
             State::Empty => {
                 self.begin(pyramid, frame.timestamp, frame.index, "the image has too little texture")
@@ -91,6 +107,38 @@ impl Agent {
             State::Starting(bootstrap) => self.start(bootstrap, pyramid, frame.timestamp, frame.index),
             State::Running(tracker) => self.track(tracker, pyramid, frame.timestamp, frame.index),
         }
+    }
+
+    fn keep_early(&mut self, timestamp: f64, frame_index: u64, image: Arc<GrayImage>) {
+        if self.early.len() == MAX_EARLY {
+            self.early.remove(0);
+        }
+        self.early.push(EarlyFrame { timestamp, frame_index, image });
+    }
+
+    /// Tracks the frames before the first keyframe backwards from it, as far as they can be followed.
+    fn track_early(&mut self) {
+        let first = self.map.frames.first().map_or(0, |f| f.frame_index);
+        let mut early = std::mem::take(&mut self.early);
+        early.retain(|f| f.frame_index < first);
+        let world_from_first = self.local.keyframes[0].camera_from_world.inverse();
+        let start = self.local.keyframes[0].camera_from_world;
+        let mut tracker = Tracker::new(&self.local, 0, start, Se3::identity(), &self.params);
+        let mut found = Vec::new();
+        for frame in early.iter().rev() {
+            let pyramid = Pyramid::new(frame.image.as_ref().clone(), self.params.align.pyramid_levels);
+            if tracker.track(&self.local, self.places.as_ref(), &pyramid, &self.params).is_none() {
+                break;
+            }
+            found.push(FramePose {
+                timestamp: frame.timestamp,
+                frame_index: frame.frame_index,
+                reference: LocalMap::id(0),
+                keyframe_from_frame: (tracker.last * world_from_first).inverse(),
+            });
+        }
+        found.reverse();
+        self.map.frames.splice(0..0, found);
     }
 
     fn begin(&mut self, pyramid: Pyramid, timestamp: f64, index: u64, reason: &'static str) -> FrameReport {
@@ -137,6 +185,7 @@ impl Agent {
             .collect();
         self.places.add(LocalMap::id(0), self.local.keyframes[0].pyramid.base());
         self.map_around(1);
+        self.track_early();
         let last = self.local.keyframes[1].camera_from_world;
         let velocity = match frames.as_slice() {
             [.., before, newest] => newest.2 * before.2.inverse(),
@@ -183,12 +232,17 @@ impl Agent {
         };
         tracker.change_reference(&self.local, &located, &self.params);
         if tracker.wants_keyframe(&self.local, &located, &self.params) {
-            let state = KeyframeState::new(timestamp, frame_index, pyramid, tracker.last);
-            let keyframe = self.add_keyframe(state, &located.matched);
+            let (camera_from_world, matched) = match_keyframe(&self.local, &pyramid, &located, &self.params);
+            let state = KeyframeState::new(timestamp, frame_index, pyramid, camera_from_world);
+            let keyframe = self.add_keyframe(state, &matched);
             tracker.last = self.local.keyframes[keyframe].camera_from_world;
             tracker.refer_to(&self.local, keyframe, &self.params);
             report.new_keyframe = Some(LocalMap::id(keyframe));
             report.settled_keyframes = self.settle(self.params.mapping.settle_after);
+        } else if tracker.reference >= self.next_to_settle {
+            let parallax = tracker.parallax(&self.local);
+            let state = &mut self.local.keyframes[tracker.reference];
+            dense::keep_companion(state, pyramid.shared_base(), &tracker.last, parallax);
         }
         report.world_from_camera = Some(tracker.last.inverse());
         self.state = State::Running(tracker);
@@ -227,6 +281,11 @@ impl Agent {
     /// Brings what hangs on the keyframes to where an optimisation has moved them.
     fn absorb(&mut self, changes: &[UnitChange]) {
         publish::scale_surroundings(&mut self.map, changes);
+        for change in changes {
+            for companion in &mut self.local.keyframes[change.keyframe].companions {
+                companion.frame_from_keyframe.translation *= change.factor;
+            }
+        }
         publish::update_poses(&mut self.map, &self.local);
     }
 
@@ -237,6 +296,7 @@ impl Agent {
         for &keyframe in &keyframes {
             let depth = dense::semi_dense(&self.local, keyframe, &self.params.depth);
             publish::set_depth(&mut self.map, &self.local, keyframe, depth);
+            self.local.keyframes[keyframe].companions = Vec::new();
         }
         self.next_to_settle = self.next_to_settle.max(ready);
         keyframes.into_iter().map(LocalMap::id).collect()
@@ -244,7 +304,9 @@ impl Agent {
 
     /// Ends the run: depth of the last keyframes, last optimisation of the whole map.
     pub fn finish(&mut self) {
-        if std::env::var("LB_DEBUG").is_ok() { eprintln!("sigma {}", self.params.track.position_sigma); }
+        if std::env::var("LB_DEBUG").is_ok() {
+            eprintln!("sigma {}", self.params.track.position_sigma);
+        }
         if self.local.keyframes.len() > 1 {
             let changes = mapping::optimise_all(&mut self.local, self.params.mapping.final_iterations);
             self.absorb(&changes);

@@ -29,7 +29,7 @@ params! {
         /// Median standard deviation of the inverse depths, relative to them, that a good start has.
         pub max_relative_sigma: f64 = 0.08,
         /// Share of the points that must agree with the solution.
-        pub min_inliers: f64 = 0.7,
+        pub min_inliers: f64 = 0.55,
     }
 }
 
@@ -79,6 +79,8 @@ pub(crate) struct Started {
     pub frames: Vec<(f64, u64, Se3)>,
 }
 
+/// Points without which there is no first map.
+const MIN_POINTS: usize = 60;
 /// Pyramid levels over which patches are followed.
 const LEVELS: usize = 4;
 
@@ -134,7 +136,7 @@ impl Bootstrap {
         let seen: Vec<_> = self.tracks.iter().map(|t| t.seen.filter(|_| !t.lost)).collect();
         let count = seen.iter().flatten().count();
         self.frames.push(Followed { timestamp, frame_index, seen });
-        if (count as f32) < params.min_followed * self.tracks.len() as f32 || count < 40 {
+        if (count as f32) < params.min_followed * self.tracks.len() as f32 || count < MIN_POINTS {
             return Progress::Restart("the view changed before the first map was made");
         }
         let (turn, parallax) = self.parallax();
@@ -304,6 +306,7 @@ impl Bootstrap {
             camera_from_world: Se3::identity(),
             points,
             seen: Vec::new(),
+            companions: Vec::new(),
         });
         map.keyframes.push(KeyframeState {
             timestamp: newest.timestamp,
@@ -312,6 +315,7 @@ impl Bootstrap {
             camera_from_world: scaled(&solution.frames[last]),
             points: Vec::new(),
             seen: observed,
+            companions: Vec::new(),
         });
         let frames = self.pose_all(&solution, unit);
         Started { map, frames }
@@ -444,6 +448,6 @@ fn acceptable(solution: &Problem, params: &BootstrapParams) -> bool {
     }
     let sigma = median(&mut sigmas).unwrap_or(f32::INFINITY) as f64;
     good as f64 >= params.min_inliers * solution.points.len() as f64
-        && good >= 40
+        && good >= MIN_POINTS
         && sigma < params.max_relative_sigma
 }

@@ -1,9 +1,29 @@
 //! Semi-dense depth of a keyframe that has neighbours before and after it.
 
 use crate::depth::{DepthFilter, DepthParams, SeedPoint, StereoFrame, choose_references};
-use crate::local_map::{LocalMap, median};
-use geometry::Se3;
+use crate::local_map::{Companion, KeyframeState, LocalMap, median};
+use geometry::{GrayImage, Se3};
 use map::SemiDense;
+use std::sync::Arc;
+
+/// Baselines, over the median depth, at which frames are kept as companions.
+const COMPANION_PARALLAX: std::ops::Range<f64> = 0.015..0.1;
+/// How much longer the next companion's baseline must be.
+const COMPANION_GROWTH: f64 = 1.8;
+
+/// Keeps a frame as companion of a keyframe when its baseline continues the ladder.
+pub(crate) fn keep_companion(
+    state: &mut KeyframeState,
+    image: Arc<GrayImage>,
+    camera_from_world: &Se3,
+    parallax: f64,
+) {
+    let least = state.companions.last().map_or(0.0, |c| COMPANION_GROWTH * c.parallax);
+    if COMPANION_PARALLAX.contains(&parallax) && parallax >= least {
+        let frame_from_keyframe = *camera_from_world * state.camera_from_world.inverse();
+        state.companions.push(Companion { image, frame_from_keyframe, parallax });
+    }
+}
 
 /// Neighbours considered as stereo references.
 const NEIGHBOURS: usize = 16;
@@ -17,9 +37,12 @@ pub(crate) fn semi_dense(map: &LocalMap, keyframe: usize, params: &DepthParams) 
     let mut depths: Vec<f32> = points.iter().map(|p| p.inverse_depth).collect();
     let Some(mean) = median(&mut depths) else { return SemiDense::default() };
     let world_from_keyframe = state.camera_from_world.inverse();
-    let neighbours: Vec<usize> = map.covisible(keyframe).into_iter().take(NEIGHBOURS).map(|c| c.0).collect();
-    let poses: Vec<Se3> =
-        neighbours.iter().map(|&n| map.keyframes[n].camera_from_world * world_from_keyframe).collect();
+    let neighbours = map.covisible(keyframe).into_iter().take(NEIGHBOURS).map(|(n, _)| {
+        let neighbour = &map.keyframes[n];
+        (neighbour.pyramid.base(), neighbour.camera_from_world * world_from_keyframe)
+    });
+    let companions = state.companions.iter().map(|c| (c.image.as_ref(), c.frame_from_keyframe));
+    let (images, poses): (Vec<&GrayImage>, Vec<Se3>) = neighbours.chain(companions).unzip();
     let seeds: Vec<SeedPoint> = points
         .iter()
         .map(|p| SeedPoint { pixel: p.pixel, inverse_depth: p.inverse_depth, variance: p.variance })
@@ -27,7 +50,7 @@ pub(crate) fn semi_dense(map: &LocalMap, keyframe: usize, params: &DepthParams) 
     let mut filter = DepthFilter::new(state.pyramid.base(), &map.camera, params);
     filter.seed(&seeds);
     for index in choose_references(&poses, mean, &map.camera, params) {
-        let image = map.keyframes[neighbours[index]].pyramid.base();
+        let image = images[index];
         let reference = StereoFrame {
             image,
             frame_from_keyframe: poses[index],
@@ -45,7 +68,7 @@ pub(crate) fn semi_dense(map: &LocalMap, keyframe: usize, params: &DepthParams) 
 fn brightness(
     map: &LocalMap,
     keyframe: usize,
-    image: &geometry::GrayImage,
+    image: &GrayImage,
     frame_from_keyframe: &Se3,
     points: &[SeedPoint],
 ) -> (f32, f32) {

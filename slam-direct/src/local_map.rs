@@ -2,10 +2,11 @@
 
 use crate::align::ReferencePoint;
 use crate::track::Matched;
-use geometry::{Pinhole, Pyramid, Se3};
+use geometry::{GrayImage, Pinhole, Pyramid, Se3};
 use map::KeyframeId;
 use nalgebra::Vector3;
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 /// A point of a keyframe.
 #[derive(Clone, Debug)]
@@ -42,6 +43,16 @@ pub(crate) struct PointRef {
     pub index: usize,
 }
 
+/// A frame close to a keyframe, kept until the keyframe's semi-dense depth is computed: its short baseline
+/// finds the pixels that longer ones sharpen.
+#[derive(Clone, Debug)]
+pub(crate) struct Companion {
+    pub image: Arc<GrayImage>,
+    pub frame_from_keyframe: Se3,
+    /// Baseline over the keyframe's median depth.
+    pub parallax: f64,
+}
+
 /// A keyframe at work.
 #[derive(Clone, Debug)]
 pub(crate) struct KeyframeState {
@@ -53,12 +64,22 @@ pub(crate) struct KeyframeState {
     pub points: Vec<PointState>,
     /// Points hosted elsewhere and seen here.
     pub seen: Vec<PointRef>,
+    /// Frames close by, in order of their baseline.
+    pub companions: Vec<Companion>,
 }
 
 impl KeyframeState {
     /// A keyframe without points.
     pub fn new(timestamp: f64, frame_index: u64, pyramid: Pyramid, camera_from_world: Se3) -> Self {
-        Self { timestamp, frame_index, pyramid, camera_from_world, points: Vec::new(), seen: Vec::new() }
+        Self {
+            timestamp,
+            frame_index,
+            pyramid,
+            camera_from_world,
+            points: Vec::new(),
+            seen: Vec::new(),
+            companions: Vec::new(),
+        }
     }
 }
 

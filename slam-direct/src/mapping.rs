@@ -3,11 +3,16 @@
 use crate::local_map::{LocalMap, PointRef, SeenAt, median};
 use crate::params_macro::params;
 use crate::select::select;
-use crate::track::{INLIER, Matched, TrackParams};
+use crate::track::{Matched, TrackParams};
 use crate::triangulate::{TriangulateParams, Triangulator};
 use crate::window::{Problem, WindowObservation, WindowPoint, solve};
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
+
+/// Squared normalised residual below which a match binds a new keyframe to a point.
+const OBSERVED: f64 = 9.21;
+/// Squared normalised residual above which the joint optimisation gives an observation up.
+const OUTLIER: f64 = 18.4;
 
 params! {
     /// Parameters of the mapping.
@@ -25,13 +30,13 @@ params! {
         /// A keyframe's semi-dense depth is computed when this many newer ones are there.
         pub settle_after: usize = 3,
         /// Keyframes in which a new point's depth is sought.
-        pub search_views: usize = 5,
+        pub search_views: usize = 12,
     }
 }
 
 /// Adds the matched points to what the keyframe sees.
 pub(crate) fn add_observations(map: &mut LocalMap, keyframe: usize, matched: &[Matched]) {
-    for m in matched.iter().filter(|m| m.inlier && m.at.host != keyframe) {
+    for m in matched.iter().filter(|m| m.squared < OBSERVED && m.at.host != keyframe) {
         let known = map.point(m.at).observations.iter().any(|o| o.keyframe == keyframe);
         if !known {
             map.observe(m.at, SeenAt { keyframe, pixel: m.pixel, information: m.information });
@@ -230,7 +235,7 @@ fn apply(map: &mut LocalMap, (problem, keyframes): &Window, points: &[PointRef])
         let mut residuals = squared[solved.observations.clone()].iter();
         let before = std::mem::take(&mut point.observations);
         for seen in before {
-            if residuals.next().is_some_and(|&r| r < 2.0 * INLIER) {
+            if residuals.next().is_some_and(|&r| r < OUTLIER) {
                 point.observations.push(seen);
             } else {
                 dropped.entry(seen.keyframe).or_default().insert(at);

@@ -18,6 +18,8 @@ params! {
         pub cell: usize = 24,
         /// Points sought per cell at most.
         pub per_cell: usize = 2,
+        /// The same in a frame that becomes a keyframe.
+        pub keyframe_per_cell: usize = 2,
         /// How far a patch may be found from its prediction, pixels.
         pub max_shift: f32 = 6.0,
         /// Share of a patch's variance that may stay unexplained.
@@ -41,7 +43,9 @@ pub(crate) struct Matched {
     pub pixel: [f32; 2],
     pub information: [f32; 3],
     pub rmse: f32,
-    /// Whether it agrees with the frame's pose.
+    /// Squared normalised residual under the frame's pose.
+    pub squared: f64,
+    /// Whether it agrees with that pose.
     pub inlier: bool,
 }
 
@@ -129,6 +133,7 @@ fn find(map: &LocalMap, sought: &Sought, view: &View, params: &TrackParams) -> O
             pixel: found.pixel,
             information: position_information(&found.information, found.rmse, template.level, params),
             rmse: found.rmse,
+            squared: 0.0,
             inlier: true,
         })
     })
@@ -224,7 +229,8 @@ pub(crate) fn refine_pose(map: &LocalMap, camera_from_world: &Se3, matched: &mut
         }
     }
     for (m, p) in matched.iter_mut().zip(&points) {
-        m.inlier = p.squared(&map.camera, &pose) < INLIER;
+        m.squared = p.squared(&map.camera, &pose);
+        m.inlier = m.squared < INLIER;
     }
     (pose, assumed.unwrap_or(1.0))
 }
@@ -237,11 +243,12 @@ pub(crate) fn learn_position_sigma(params: &TrackParams, excess: f64) -> f32 {
     learnt.clamp(params.least_position_sigma, 1.0)
 }
 
-/// χ² with two degrees of freedom, 99 %.
-pub(crate) const INLIER: f64 = 9.21;
-/// Median of the squared normalised residual of good matches: between χ² of one degree of freedom (edges,
-/// 0.45) and of two (corners, 1.39).
-const MEDIAN_SQUARED: f64 = 0.9;
+/// Squared normalised residual below which a match agrees with the frame's pose.
+pub(crate) const INLIER: f64 = 41.0;
+/// What the median of the squared normalised residuals is brought to. It lies above that of χ² (0.45 for one
+/// degree of freedom, 1.39 for two): the positional uncertainty is set to what the better matches show, so
+/// that well-textured patches count for what they know and the Cauchy kernel leaves the rest aside.
+const MEDIAN_SQUARED: f64 = 4.0;
 /// Residuals larger than this times the assumed variance are errors, not noise.
 const MAX_EXCESS: f64 = 9.0;
 
@@ -286,7 +293,9 @@ fn with_depth_variance(information: &[f64; 3], j: &[f64; 2], variance: f64) -> [
 
 fn optimise_pose(camera: &Pinhole, start: &Se3, points: &[WorldPoint]) -> Se3 {
     let mut pose = *start;
-    for _ in 0..10 {
+    for iteration in 0..12 {
+        // A wide kernel first: the start may be a few pixels off.
+        let widening = if iteration < 5 { 30.0 } else { 1.0 };
         let mut h = Matrix6::<f64>::identity() * 1e-6;
         let mut g = Vector6::<f64>::zeros();
         let (rotation, translation) = (pose.rotation_matrix(), pose.translation);
@@ -296,7 +305,7 @@ fn optimise_pose(camera: &Pinhole, start: &Se3, points: &[WorldPoint]) -> Se3 {
             else {
                 continue;
             };
-            let weight = robust_weight(mahalanobis(&p.residual, &point.information));
+            let weight = robust_weight(mahalanobis(&p.residual, &point.information) / widening);
             let [a, b, c] = point.information.map(|v| v * weight);
             let (ju, jv) = (Vector6::from(p.by_twist[0]), Vector6::from(p.by_twist[1]));
             let (wu, wv) = (ju * a + jv * b, ju * b + jv * c);
@@ -307,7 +316,7 @@ fn optimise_pose(camera: &Pinhole, start: &Se3, points: &[WorldPoint]) -> Se3 {
         let Some(factor) = h.cholesky() else { break };
         let delta = -factor.solve(&g);
         pose = (Se3::exp(&delta) * pose).renormalized();
-        if delta.norm_squared() < 1e-14 {
+        if iteration > 5 && delta.norm_squared() < 1e-14 {
             break;
         }
     }

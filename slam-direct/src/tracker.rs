@@ -2,7 +2,7 @@
 
 use crate::align::{Alignment, AlignmentReference, Brightness};
 use crate::keyframes::Departure;
-use crate::local_map::{LocalMap, PointRef};
+use crate::local_map::{LocalMap, PointRef, median};
 use crate::mapping;
 use crate::params::Params;
 use crate::relocalise::relocalise;
@@ -19,6 +19,8 @@ pub(crate) struct Tracker {
     /// Keyframe that frames are aligned with.
     pub reference: usize,
     alignment: AlignmentReference,
+    /// Median inverse depth of the reference's points.
+    inverse_depth: f64,
     /// Most points that were sought and found in a frame tracked against the reference.
     most_sought: usize,
     most_found: usize,
@@ -62,9 +64,17 @@ impl Located {
 impl Tracker {
     /// Tracks against `reference`, from a pose and motion.
     pub fn new(map: &LocalMap, reference: usize, last: Se3, velocity: Se3, params: &Params) -> Self {
+        let points = map.reference_points(reference);
+        let mut depths: Vec<f32> = points.iter().map(|p| p.inverse_depth).collect();
         Self {
             reference,
-            alignment: alignment(map, reference, params),
+            alignment: AlignmentReference::new(
+                &map.keyframes[reference].pyramid,
+                &map.camera,
+                &points,
+                &params.align,
+            ),
+            inverse_depth: median(&mut depths).unwrap_or(1.0) as f64,
             most_sought: 0,
             most_found: 0,
             last,
@@ -122,6 +132,12 @@ impl Tracker {
         fades || departure(map, self.reference, &self.last, overlap).is_none_or(|d| d.score(p) > 1.0)
     }
 
+    /// Distance of the newest frame from the reference over the reference's median depth.
+    pub fn parallax(&self, map: &LocalMap) -> f64 {
+        let relative = self.last * map.keyframes[self.reference].camera_from_world.inverse();
+        relative.translation.norm() * self.inverse_depth
+    }
+
     /// Changes to the keyframe that lies nearest, as its points move in the image.
     pub fn change_reference(&mut self, map: &LocalMap, located: &Located, params: &Params) {
         let score = |k: usize| departure(map, k, &self.last, 1.0).map(|d| d.score(&params.keyframes));
@@ -136,6 +152,21 @@ impl Tracker {
             self.refer_to(map, best, params);
         }
     }
+}
+
+/// Matches of a frame that becomes a keyframe: more points than tracking asks for, since each binds the
+/// keyframe to others.
+pub(crate) fn match_keyframe(
+    map: &LocalMap,
+    pyramid: &Pyramid,
+    located: &Located,
+    params: &Params,
+) -> (Se3, Vec<Matched>) {
+    let view = View { pyramid, camera_from_world: located.camera_from_world };
+    let per_cell = params.track.keyframe_per_cell;
+    let (mut matched, _) = track::match_points(map, &located.hosts, &view, &params.track, per_cell);
+    let (camera_from_world, _) = track::refine_pose(map, &located.camera_from_world, &mut matched);
+    (camera_from_world, matched)
 }
 
 /// Prepares a keyframe for direct alignment.

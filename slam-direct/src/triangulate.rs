@@ -13,7 +13,7 @@ params! {
     /// Parameters of the search for new points' depths.
     pub struct TriangulateParams {
         /// Longest epipolar segment that is searched, pixels.
-        pub max_length: f64 = 160.0,
+        pub max_length: f64 = 300.0,
         /// The best match must be this many times better than any other on the line.
         pub uniqueness: f32 = 1.5,
         /// How far from the epipolar line the match may lie, pixels.

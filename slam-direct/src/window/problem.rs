@@ -45,17 +45,16 @@ pub(crate) struct Problem {
     pub observations: Vec<WindowObservation>,
 }
 
-/// Degrees of freedom of the t-distribution assumed for normalised residuals (Kerl et al., ICRA 2013).
-const T_NU: f64 = 5.0;
-
-/// Weight of a squared normalised residual under the t-distribution: `(ν + 1)/(ν + e²)`.
+/// Weight of a squared normalised residual under the Cauchy kernel: `2/(1 + e²)`, one at one σ.
+///
+/// Patches err with heavy tails (leaves, blur, occlusion edges): the good half of them should decide.
 pub(crate) fn robust_weight(squared: f64) -> f64 {
-    (T_NU + 1.0) / (T_NU + squared)
+    2.0 / (1.0 + squared)
 }
 
-/// The cost that [`robust_weight`] belongs to: `(ν + 1) log(1 + e²/ν)`.
+/// The cost that [`robust_weight`] belongs to: `2 log(1 + e²)`.
 pub(crate) fn robust_cost(squared: f64) -> f64 {
-    (T_NU + 1.0) * (squared / T_NU).ln_1p()
+    2.0 * squared.ln_1p()
 }
 
 /// A predicted observation: residual and derivatives in the relative frame.
