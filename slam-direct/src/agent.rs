@@ -1,6 +1,7 @@
 //! The agent: one camera's tracker and map.
 
 use crate::bootstrap::{Bootstrap, Progress, Started};
+use crate::closing::LoopCloser;
 use crate::dense;
 use crate::local_map::{KeyframeState, LocalMap};
 use crate::mapping::{self, UnitChange};
@@ -65,6 +66,7 @@ pub struct Agent {
     local: LocalMap,
     state: State,
     places: Box<dyn PlaceIndex>,
+    closer: LoopCloser,
     /// The first keyframe without semi-dense depth.
     next_to_settle: usize,
     /// Frames that came before the first map and are not in it.
@@ -91,7 +93,17 @@ impl Agent {
     /// A new agent with an empty map.
     pub fn new(camera: Pinhole, places: Box<dyn PlaceIndex>, params: Params) -> Self {
         let (map, local) = (Map::new(camera), LocalMap::new(camera));
-        Self { camera, params, map, local, state: State::Empty, places, next_to_settle: 0, early: Vec::new() }
+        Self {
+            camera,
+            params,
+            map,
+            local,
+            state: State::Empty,
+            places,
+            closer: LoopCloser::default(),
+            next_to_settle: 0,
+            early: Vec::new(),
+        }
     }
 
     /// Tracks a frame and maps what it adds.
@@ -239,6 +251,7 @@ impl Agent {
             tracker.refer_to(&self.local, keyframe, &self.params);
             report.new_keyframe = Some(LocalMap::id(keyframe));
             report.settled_keyframes = self.settle(self.params.mapping.settle_after);
+            report.closed_loop = self.close_loop(&report.settled_keyframes, &mut tracker);
         } else if tracker.reference >= self.next_to_settle {
             let parallax = tracker.parallax(&self.local);
             let state = &mut self.local.keyframes[tracker.reference];
@@ -281,6 +294,7 @@ impl Agent {
     /// Brings what hangs on the keyframes to where an optimisation has moved them.
     fn absorb(&mut self, changes: &[UnitChange]) {
         publish::scale_surroundings(&mut self.map, changes);
+        self.closer.absorb(changes);
         for change in changes {
             for companion in &mut self.local.keyframes[change.keyframe].companions {
                 companion.frame_from_keyframe.translation *= change.factor;
@@ -302,6 +316,22 @@ impl Agent {
         keyframes.into_iter().map(LocalMap::id).collect()
     }
 
+    /// Seeks a loop from the keyframes that have just settled, and closes it.
+    fn close_loop(
+        &mut self,
+        settled: &[KeyframeId],
+        tracker: &mut Tracker,
+    ) -> Option<(KeyframeId, KeyframeId)> {
+        let found = settled.iter().find_map(|id| {
+            self.closer.find(&self.local, &self.map, self.places.as_ref(), id.0 as usize, &self.params)
+        })?;
+        let changes = self.closer.close(&mut self.local, &found, &self.params).ok()?;
+        self.absorb(&changes);
+        let newest = changes.iter().find(|c| c.keyframe == tracker.reference);
+        tracker.follow_reference(&self.local, newest.map_or(1.0, |c| c.factor), &self.params);
+        Some(found.keyframes())
+    }
+
     /// Ends the run: depth of the last keyframes, last optimisation of the whole map.
     pub fn finish(&mut self) {
         if std::env::var("LB_DEBUG").is_ok() {
@@ -312,7 +342,7 @@ impl Agent {
             self.absorb(&changes);
         }
         self.settle(0);
-        publish::complete(&mut self.map, &self.local);
+        publish::complete(&mut self.map, &self.local, self.closer.edges(&self.local));
     }
 
     /// Gives the map away.

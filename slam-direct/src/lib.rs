@@ -6,6 +6,7 @@
 mod agent;
 pub mod align;
 mod bootstrap;
+mod closing;
 mod dense;
 mod depth;
 mod keyframes;

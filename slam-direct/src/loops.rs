@@ -30,7 +30,8 @@ params! {
         pub max_distance: f64 = 0.5,
         /// Candidates this near in id to a better one are left out. Range 0–50.
         pub spacing: u32 = 3,
-        /// Angle between the starts of an alignment, degrees. Range 1–20.
+        /// Angle between the starts of an alignment, degrees. Range 1–20, or 0 for a single start: nine
+        /// starts cost about as much as all that follows.
         pub start_angle: f64 = 5.0,
         /// Largest photometric residual of a closed loop, root mean square, grey levels.
         /// Range 5–80; repeated structure aligns with more.
@@ -63,11 +64,13 @@ impl LoopCandidate {
 /// Old keyframes that may close a loop with `current`, best first.
 ///
 /// By the map's poses: those that look the same way from nearby and see the same points. By
-/// appearance: the given `places`. Neither the newest nor those an edge already joins with `current`.
+/// appearance: the given `places`. Neither the newest, nor those an edge already joins with `current`, nor
+/// those that `admits` turns down.
 pub fn candidates(
     map: &Map,
     current: KeyframeId,
     places: &[PlaceCandidate],
+    admits: impl Fn(KeyframeId) -> bool,
     params: &LoopParams,
 ) -> Vec<LoopCandidate> {
     let Some(keyframe) = map.keyframes.get(&current) else { return Vec::new() };
@@ -81,7 +84,7 @@ pub fn candidates(
     let mut found: Vec<LoopCandidate> = map
         .keyframes
         .range(..current)
-        .filter(|(id, _)| current.0 - id.0 >= params.min_gap && !joined.contains(id))
+        .filter(|(id, _)| current.0 - id.0 >= params.min_gap && !joined.contains(id) && admits(**id))
         .filter_map(|(&id, old)| {
             let appearance = appearance.get(&id).copied();
             propose(&map.camera, (keyframe, depth), old, appearance, params)
@@ -213,7 +216,11 @@ pub fn close(
 ) -> Result<ClosedLoop, LoopRefusal> {
     let angle = params.start_angle.to_radians();
     let starts = |guesses: &mut dyn Iterator<Item = Sim3>| -> Vec<Sim3> {
-        guesses.flat_map(|guess| turned_starts(guess, angle)).collect()
+        if angle > 0.0 {
+            guesses.flat_map(|guess| turned_starts(guess, angle)).collect()
+        } else {
+            guesses.collect()
+        }
     };
     let forward = starts(&mut candidate.current_from_old.iter().copied());
     let alignment =

@@ -2,6 +2,7 @@
 
 use crate::align::AlignParams;
 use crate::bootstrap::BootstrapParams;
+use crate::closing::ClosingParams;
 use crate::depth::DepthParams;
 use crate::keyframes::KeyframeParams;
 use crate::mapping::MappingParams;
@@ -25,6 +26,8 @@ params! {
         pub mapping: MappingParams = MappingParams::default(),
         /// Finding a lost frame again.
         pub relocalise: RelocaliseParams = RelocaliseParams::default(),
+        /// Closing loops.
+        pub closing: ClosingParams = ClosingParams::default(),
         /// Semi-dense depth.
         pub depth: DepthParams = DepthParams::default(),
         /// Depth of new points.

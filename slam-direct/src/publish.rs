@@ -3,7 +3,7 @@
 use crate::local_map::{LocalMap, PointState};
 use crate::mapping::UnitChange;
 use geometry::Sim3;
-use map::{Keyframe, Map, Observation, Point, SemiDense};
+use map::{Edge, Keyframe, Map, Observation, Point, SemiDense};
 use std::collections::BTreeMap;
 
 /// Adds a keyframe with its image and pose; depth and points follow when they are known.
@@ -62,8 +62,9 @@ pub(crate) fn scale_surroundings(map: &mut Map, changes: &[UnitChange]) {
 }
 
 /// Poses, points and edges as they stand at the end of a run.
-pub(crate) fn complete(map: &mut Map, local: &LocalMap) {
+pub(crate) fn complete(map: &mut Map, local: &LocalMap, edges: Vec<Edge>) {
     update_poses(map, local);
+    map.edges = edges;
     for keyframe in 0..local.keyframes.len() {
         if let Some(public) = map.keyframes.get_mut(&LocalMap::id(keyframe)) {
             public.points = points(local, keyframe);

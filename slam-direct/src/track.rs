@@ -284,7 +284,7 @@ fn world_point(map: &LocalMap, camera_from_world: &Se3, matched: &Matched) -> Wo
 }
 
 /// `(Λ⁻¹ + j jᵀ V)⁻¹` by Sherman–Morrison: what is left of a position's information when the depth is uncertain.
-fn with_depth_variance(information: &[f64; 3], j: &[f64; 2], variance: f64) -> [f64; 3] {
+pub(crate) fn with_depth_variance(information: &[f64; 3], j: &[f64; 2], variance: f64) -> [f64; 3] {
     let [a, b, c] = *information;
     let w = [a * j[0] + b * j[1], b * j[0] + c * j[1]];
     let scale = variance / (1.0 + variance * (w[0] * j[0] + w[1] * j[1]));

@@ -90,6 +90,14 @@ impl Tracker {
         *self = Self { lost, ..Self::new(map, reference, self.last, self.velocity, params) };
     }
 
+    /// Goes on from the reference keyframe itself after a loop has moved it and multiplied lengths around it
+    /// by `factor`; the newest frame is that keyframe.
+    pub fn follow_reference(&mut self, map: &LocalMap, factor: f64, params: &Params) {
+        self.last = map.keyframes[self.reference].camera_from_world;
+        self.velocity.translation *= factor;
+        self.refer_to(map, self.reference, params);
+    }
+
     /// Finds the frame, seeking it all over the map if it is not where it should be; `None` when it is lost.
     pub fn track(
         &mut self,

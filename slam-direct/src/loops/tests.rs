@@ -41,12 +41,12 @@ fn there_and_back() -> Map {
 #[test]
 fn keyframes_nearby_in_space_but_not_in_time_are_proposed() {
     let map = there_and_back();
-    let found = candidates(&map, KeyframeId(59), &[], &LoopParams::default());
+    let found = candidates(&map, KeyframeId(59), &[], |_| true, &LoopParams::default());
     assert_eq!(found[0].keyframe, KeyframeId(0));
     assert!((found[0].overlap - 1.0).abs() < 1e-9 && found[0].current_from_old.len() == 1);
     // At the turning point all that is near is also recent.
-    assert!(candidates(&map, KeyframeId(31), &[], &LoopParams::default()).is_empty());
-    assert!(candidates(&map, KeyframeId(99), &[], &LoopParams::default()).is_empty());
+    assert!(candidates(&map, KeyframeId(31), &[], |_| true, &LoopParams::default()).is_empty());
+    assert!(candidates(&map, KeyframeId(99), &[], |_| true, &LoopParams::default()).is_empty());
 }
 
 #[test]
@@ -60,7 +60,7 @@ fn joined_and_turned_away_keyframes_are_left_out() {
         kind: EdgeKind::Loop,
     });
     map.keyframes.insert(KeyframeId(1), keyframe(1, 0.3, 1.5));
-    let found = candidates(&map, KeyframeId(59), &[], &LoopParams::default());
+    let found = candidates(&map, KeyframeId(59), &[], |_| true, &LoopParams::default());
     assert!(found.iter().all(|c| c.keyframe.0 > 1), "{found:?}");
 }
 
@@ -69,7 +69,7 @@ fn appearance_proposes_what_poses_cannot_and_candidates_are_spread() {
     let map = there_and_back();
     let place = |id: u32, score: f32| PlaceCandidate { keyframe: KeyframeId(id), score };
     let places = [place(20, 0.9), place(21, 0.8), place(50, 0.95), place(0, 0.7)];
-    let found = candidates(&map, KeyframeId(59), &places, &LoopParams::default());
+    let found = candidates(&map, KeyframeId(59), &places, |_| true, &LoopParams::default());
     let ids: Vec<u32> = found.iter().map(|c| c.keyframe.0).collect();
     // 0 has both; 21 lies beside 20; 50 is recent.
     assert_eq!(ids, [0, 20], "{found:?}");

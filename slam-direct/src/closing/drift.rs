@@ -1,0 +1,75 @@
+//! How much drift a loop may reveal: what is far away by the map is no place to come back to.
+
+use super::ClosingParams;
+use crate::local_map::{LocalMap, median};
+use geometry::Sim3;
+use thiserror::Error;
+
+/// What a loop says against the map's own opinion of where a keyframe is.
+#[derive(Clone, Copy, Debug, PartialEq, Error)]
+#[error("the loop would reveal a drift of {translation} over a way of {way}, {turn}° and scale {scale}")]
+pub(crate) struct Drift {
+    /// Drift of the position, map units.
+    pub translation: f64,
+    /// Length of the way between the keyframes, map units.
+    pub way: f64,
+    /// Drift of the orientation, degrees.
+    pub turn: f64,
+    /// Drift of the scale, a factor.
+    pub scale: f64,
+}
+
+/// Compares a measured similarity with the map; refuses more drift than the way explains.
+pub(super) fn check(
+    map: &LocalMap,
+    current: usize,
+    old: usize,
+    current_from_old: &Sim3,
+    params: &ClosingParams,
+) -> Result<(), Drift> {
+    let by_map = map.keyframes[old].camera_from_world * map.keyframes[current].camera_from_world.inverse();
+    let by_loop = current_from_old.inverse();
+    let drift = Drift {
+        translation: (by_loop.translation - by_map.translation).norm(),
+        way: way(map, old, current),
+        turn: by_loop.rotation.angle_to(&by_map.rotation).to_degrees(),
+        scale: current_from_old.scale,
+    };
+    let in_bounds = drift.translation <= params.max_drift * drift.way
+        && drift.turn <= params.max_turn
+        && drift.scale.ln().abs() <= params.max_scale.ln();
+    if in_bounds { Ok(()) } else { Err(drift) }
+}
+
+/// Length of the camera's way between two keyframes.
+fn way(map: &LocalMap, from: usize, to: usize) -> f64 {
+    let centre = |k: usize| map.keyframes[k].camera_from_world.inverse().translation;
+    (from..to).map(|k| (centre(k + 1) - centre(k)).norm()).sum()
+}
+
+/// Where a keyframe might be in truth, for all that its drift allows.
+pub(super) struct Reach {
+    keyframe: usize,
+    /// How far apart two keyframes may be that see one place, map units.
+    view: f64,
+}
+
+impl Reach {
+    /// The reach of a keyframe; `None` without points.
+    pub fn of(map: &LocalMap, keyframe: usize, params: &ClosingParams) -> Option<Self> {
+        let points = map.reference_points(keyframe);
+        let mut depths: Vec<f32> = points.iter().map(|p| 1.0 / p.inverse_depth).collect();
+        let depth = median(&mut depths).filter(|d| d.is_finite() && *d > 0.0)?;
+        Some(Self { keyframe, view: params.search.max_distance * f64::from(depth) })
+    }
+
+    /// Whether an old keyframe lies within it.
+    pub fn contains(&self, map: &LocalMap, old: usize, params: &ClosingParams) -> bool {
+        let [old_pose, pose] = [old, self.keyframe].map(|k| map.keyframes[k].camera_from_world);
+        let apart = old_pose * pose.inverse();
+        // A turn in the image plane is part of the drift's bound only.
+        let turn = apart.rotation.angle().to_degrees();
+        apart.translation.norm() <= self.view + params.max_drift * way(map, old, self.keyframe)
+            && turn <= params.search.max_view_angle + params.max_turn
+    }
+}

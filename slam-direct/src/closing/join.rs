@@ -1,0 +1,55 @@
+//! Finding the points of one side of a loop in the keyframes of the other.
+
+use crate::local_map::{LocalMap, PointRef};
+use crate::mapping;
+use crate::track::{self, Matched, TrackParams, View};
+use geometry::Se3;
+
+/// Points of some keyframes found in another, and the pose that agrees best with them.
+pub(super) struct SideMatch {
+    pub camera_from_world: Se3,
+    pub matched: Vec<Matched>,
+    pub sought: Vec<PointRef>,
+}
+
+impl SideMatch {
+    /// Matches that agree with the pose.
+    pub fn inliers(&self) -> impl Iterator<Item = &Matched> {
+        self.matched.iter().filter(|m| m.inlier)
+    }
+
+    /// Whether enough was found.
+    pub fn is_good(&self, min_matched: usize, min_share: f32) -> bool {
+        let inliers = self.inliers().count();
+        inliers >= min_matched && inliers as f32 >= min_share * self.sought.len() as f32
+    }
+}
+
+/// Seeks the points of `hosts` in a keyframe, were it at `camera_from_world`.
+pub(super) fn match_side(
+    map: &LocalMap,
+    hosts: &[usize],
+    keyframe: usize,
+    camera_from_world: Se3,
+    params: &TrackParams,
+) -> SideMatch {
+    let view = View { pyramid: &map.keyframes[keyframe].pyramid, camera_from_world };
+    let (mut matched, sought) = track::match_points(map, hosts, &view, params, params.per_cell);
+    let (camera_from_world, _) = track::refine_pose(map, &camera_from_world, &mut matched);
+    SideMatch { camera_from_world, matched, sought }
+}
+
+/// Lets the keyframes of each side observe the other side's points; gives how many observations there are now
+/// across.
+pub(super) fn join(map: &mut LocalMap, new: &[usize], old: &[usize], params: &TrackParams) -> usize {
+    let mut found = 0;
+    for (observers, hosts) in [(new, old), (old, new)] {
+        for &keyframe in observers {
+            let pose = map.keyframes[keyframe].camera_from_world;
+            let side = match_side(map, hosts, keyframe, pose, params);
+            found += side.inliers().count();
+            mapping::add_observations(map, keyframe, &side.matched);
+        }
+    }
+    found
+}

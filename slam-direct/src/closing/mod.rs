@@ -1,0 +1,230 @@
+//! Closing loops within one map: what happens when the camera comes back with more drift than patches are
+//! sought over, so that tracking alone does not find the old points again.
+//!
+//! A settled keyframe proposes old ones by pose and by appearance; the first is put to the test ([`evidence`]):
+//! cheap direct alignment, then patches of both sides' keyframes, then reciprocal Sim(3) alignment. If it
+//! stands, a Sim(3) pose graph ([`edges`], [`correct`]) spreads the drift over the loop, and each side's points
+//! are found in the other ([`join`]), so that the joint optimisation and the tracker see one place.
+
+mod correct;
+mod drift;
+mod edges;
+mod evidence;
+mod join;
+#[cfg(test)]
+mod tests;
+
+use crate::local_map::LocalMap;
+use crate::loops::{self, LoopParams};
+use crate::mapping::{self, UnitChange};
+use crate::params::Params;
+use crate::params_macro::params;
+use crate::posegraph::PoseGraphParams;
+use crate::sim3_align::Sim3AlignParams;
+use drift::Reach;
+use evidence::{NoLoop, Proposal};
+use geometry::Sim3;
+use map::{Edge, KeyframeId, Map, PlaceIndex};
+use std::collections::{BTreeMap, BTreeSet};
+
+params! {
+    /// Parameters of loop closing.
+    pub struct ClosingParams {
+        /// Whether loops are sought at all.
+        pub enabled: bool = true,
+        /// Least likeness by which appearance proposes a keyframe, in the index's own measure; for thumbnails
+        /// a correlation, −1–1. Lower finds more changed views and costs futile attempts.
+        pub min_appearance: f32 = 0.6,
+        /// Points two keyframes must share to count as seeing one place already. Range 6–200.
+        pub min_shared: usize = 15,
+        /// For how many keyframes a place that proved no loop is not tried again. Range 0–100; fewer find a
+        /// loop sooner and cost futile attempts.
+        pub patience: usize = 5,
+        /// Least number of the old side's points that must be found in the keyframe. Range 15–300.
+        pub min_matched: usize = 40,
+        /// Least share of the sought old points that must be found and agree with one pose, 0–1. Another place
+        /// of the same structure shows less.
+        pub min_share: f32 = 0.35,
+        /// Largest drift that a loop may reveal, share of the way since the old keyframe. Range 0.01–1: more
+        /// than that is a place that only looks the same.
+        pub max_drift: f64 = 0.15,
+        /// Largest drift in scale, as a factor. Range 1.05–10.
+        pub max_scale: f64 = 2.0,
+        /// Largest drift in orientation, degrees. Range 2–180.
+        pub max_turn: f64 = 30.0,
+        /// Keyframes on each side of the loop that are tested and joined. Range 2–20.
+        pub side: usize = 6,
+        /// Iterations of the joint optimisation of the whole map after a loop. Range 1–50.
+        pub iterations: usize = 8,
+        /// Maps of more keyframes than this are optimised around the two ends of the loop only: the time of the
+        /// whole grows with the cube. Range 10–2000.
+        pub whole_map: usize = 250,
+        /// Candidates and their reciprocal alignment. It starts where patches were found, so a single start,
+        /// half the coarseness and little common depth do.
+        pub search: LoopParams = LoopParams {
+            start_angle: 0.0,
+            max_rmse: 60.0,
+            align: Sim3AlignParams {
+                coarsest_level: 2,
+                min_depth_overlap: 0.03,
+                ..Sim3AlignParams::default()
+            },
+            ..LoopParams::default()
+        },
+        /// The correction of the keyframes.
+        pub graph: PoseGraphParams = PoseGraphParams::default(),
+    }
+}
+
+/// A loop that stands all tests, not yet closed in the map.
+#[derive(Clone, Debug)]
+pub(crate) struct FoundLoop {
+    /// From the newer to the older keyframe.
+    edge: Edge,
+    /// Keyframes at its two ends.
+    new_side: Vec<usize>,
+    old_side: Vec<usize>,
+}
+
+impl FoundLoop {
+    /// The newer and the older keyframe.
+    pub fn keyframes(&self) -> (KeyframeId, KeyframeId) {
+        (self.edge.from, self.edge.to)
+    }
+}
+
+/// Finds loops and closes them; remembers the closed ones and where attempts were futile.
+#[derive(Default)]
+pub(crate) struct LoopCloser {
+    /// Closed loops; their relative pose is that of the map.
+    closed: Vec<Edge>,
+    /// `(newer, older)` keyframe of attempts that failed.
+    futile: Vec<(usize, usize)>,
+}
+
+impl LoopCloser {
+    /// Looks for a loop between a settled keyframe and older ones; one attempt at most.
+    pub fn find(
+        &mut self,
+        local: &LocalMap,
+        public: &Map,
+        places: &dyn PlaceIndex,
+        keyframe: usize,
+        params: &Params,
+    ) -> Option<FoundLoop> {
+        let p = &params.closing;
+        if !p.enabled || keyframe < p.search.min_gap as usize {
+            return None;
+        }
+        let proposal = self.propose(local, public, places, keyframe, p)?;
+        let old = proposal.candidate.keyframe.0 as usize;
+        match evidence::test(local, public, &proposal, params) {
+            Ok(found) => Some(found),
+            Err(_) => {
+                self.note_futile(keyframe, old, p);
+                None
+            }
+        }
+    }
+
+    /// The most promising old keyframe that no recent attempt has refused.
+    fn propose(
+        &self,
+        local: &LocalMap,
+        public: &Map,
+        places: &dyn PlaceIndex,
+        keyframe: usize,
+        params: &ClosingParams,
+    ) -> Option<Proposal> {
+        let joined = joined(local, keyframe, params.min_shared);
+        // The newest are the most alike and of no interest: ask for more than those.
+        let wanted = params.search.min_gap as usize + 2 * params.side;
+        let mut alike = places.query(local.keyframes[keyframe].pyramid.base(), wanted);
+        alike.retain(|place| place.score >= params.min_appearance);
+        let id = LocalMap::id(keyframe);
+        let reach = Reach::of(local, keyframe, params)?;
+        let admits = |old: KeyframeId| {
+            let old = old.0 as usize;
+            !joined.contains(&old)
+                && !self.is_futile(keyframe, old, params)
+                && reach.contains(local, old, params)
+        };
+        let candidates = loops::candidates(public, id, &alike, admits, &params.search);
+        candidates.into_iter().next().map(|candidate| Proposal { keyframe, candidate })
+    }
+
+    fn is_futile(&self, keyframe: usize, old: usize, params: &ClosingParams) -> bool {
+        let spacing = params.search.spacing as usize;
+        self.futile.iter().any(|f| f.1.abs_diff(old) <= spacing && keyframe.abs_diff(f.0) <= params.patience)
+    }
+
+    fn note_futile(&mut self, keyframe: usize, old: usize, params: &ClosingParams) {
+        self.futile.retain(|f| keyframe.abs_diff(f.0) <= params.patience);
+        self.futile.push((keyframe, old));
+    }
+
+    /// Corrects the map by a found loop, joins its two ends and optimises; tells how the units of the keyframes
+    /// changed. The map is as before when the loop contradicts the rest of the graph.
+    pub fn close(
+        &mut self,
+        local: &mut LocalMap,
+        found: &FoundLoop,
+        params: &Params,
+    ) -> Result<Vec<UnitChange>, NoLoop> {
+        let p = &params.closing;
+        let mut edges = self.edges(local);
+        edges.push(found.edge.clone());
+        let corrected = correct::correct(local, &edges, &p.graph);
+        let Ok(correction) = corrected else {
+            self.note_futile(found.edge.from.0 as usize, found.edge.to.0 as usize, p);
+            return corrected;
+        };
+        self.closed.push(found.edge.clone());
+        join::join(local, &found.new_side, &found.old_side, &params.track);
+        let polish = if local.keyframes.len() <= p.whole_map {
+            mapping::optimise_all(local, p.iterations)
+        } else {
+            let ends = [found.edge.to, found.edge.from].map(|id| id.0 as usize);
+            ends.map(|end| mapping::optimise_around(local, end, &params.mapping)).concat()
+        };
+        Ok(compose(correction.into_iter().chain(polish)))
+    }
+
+    /// Brings what the closed loops know to the keyframes' new units.
+    pub fn absorb(&mut self, changes: &[UnitChange]) {
+        for change in changes {
+            for edge in self.closed.iter_mut().filter(|e| e.from == LocalMap::id(change.keyframe)) {
+                // Only translations have a unit: υ → f υ.
+                edge.information.fixed_rows_mut::<3>(0).scale_mut(1.0 / change.factor);
+                edge.information.fixed_columns_mut::<3>(0).scale_mut(1.0 / change.factor);
+            }
+        }
+    }
+
+    /// All edges of the map as it stands: successive keyframes, those that share points, closed loops.
+    pub fn edges(&self, local: &LocalMap) -> Vec<Edge> {
+        let mut edges = edges::covisibility(local);
+        edges.extend(self.closed.iter().map(|edge| {
+            let [from, to] = [edge.from, edge.to].map(|id| local.keyframes[id.0 as usize].camera_from_world);
+            Edge { from_from_to: Sim3::from(from * to.inverse()), ..edge.clone() }
+        }));
+        edges
+    }
+}
+
+/// Keyframes that a keyframe sees one place with already: those it shares points with, and what those share
+/// points with in turn.
+fn joined(local: &LocalMap, keyframe: usize, min_shared: usize) -> BTreeSet<usize> {
+    let sharing = |k: usize| local.covisible(k).into_iter().filter(move |c| c.1 >= min_shared).map(|c| c.0);
+    let near: BTreeSet<usize> = sharing(keyframe).collect();
+    near.iter().flat_map(|&k| sharing(k)).chain(near.iter().copied()).collect()
+}
+
+/// One change per keyframe from successive ones.
+fn compose(changes: impl IntoIterator<Item = UnitChange>) -> Vec<UnitChange> {
+    let mut factors: BTreeMap<usize, f64> = BTreeMap::new();
+    for change in changes {
+        *factors.entry(change.keyframe).or_insert(1.0) *= change.factor;
+    }
+    factors.into_iter().map(|(keyframe, factor)| UnitChange { keyframe, factor }).collect()
+}

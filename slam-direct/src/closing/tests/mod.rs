@@ -1,0 +1,139 @@
+mod scene;
+
+use super::*;
+use crate::agent::{Agent, Frame};
+use geometry::{Pinhole, Se3, umeyama};
+use loopbox_tests::{Recording, World, trajectory};
+use nalgebra::{SVector, Vector3};
+use place_recog::ThumbnailIndex;
+use scene::Scene;
+
+/// Half a degree of turn, 0.2 % of scale and 6 mm a keyframe.
+fn drift() -> Sim3 {
+    Sim3::exp(&SVector::from([0.004, -0.002, 0.004, 0.001, 0.002, -0.001, 0.002]))
+}
+
+fn orbit() -> Vec<Se3> {
+    trajectory::orbit(60, 4.0, 1.1)
+}
+
+fn centres(map: &LocalMap) -> Vec<Vector3<f64>> {
+    map.keyframes.iter().map(|k| k.camera_from_world.inverse().translation).collect()
+}
+
+/// Root mean square distance from the truth after a similarity.
+fn error(positions: &[Vector3<f64>], truth: &[Vector3<f64>]) -> f64 {
+    let fit = umeyama::sim3(positions, truth).unwrap();
+    let squares: f64 = positions.iter().zip(truth).map(|(p, t)| (fit * *p - t).norm_squared()).sum();
+    (squares / positions.len() as f64).sqrt()
+}
+
+fn find(scene: &Scene, closer: &mut LoopCloser, keyframe: usize, params: &Params) -> Option<FoundLoop> {
+    closer.find(&scene.local, &scene.public, &scene.places, keyframe, params)
+}
+
+#[test]
+fn a_loop_pulls_a_drifted_map_together() {
+    let mut scene = Scene::render(&World::yard(1), &orbit(), 4);
+    let truth = centres(&scene.local);
+    scene.drift(&drift());
+    let before = error(&centres(&scene.local), &truth);
+    let params = Params::default();
+    let mut closer = LoopCloser::default();
+    let found = (54..60).find_map(|k| find(&scene, &mut closer, k, &params)).expect("the loop is found");
+    let (newer, older) = found.keyframes();
+    assert!(newer.0 >= 54 && older.0 <= 6, "{newer:?} {older:?}");
+    let changes = closer.close(&mut scene.local, &found, &params).unwrap();
+    let after = error(&centres(&scene.local), &truth);
+    assert!(before > 0.15 && after < 0.1 * before, "{before} m before, {after} m after");
+    // The units follow: the injected drift of scale at the newer end is gone.
+    let unit = |id: KeyframeId| changes.iter().find(|c| c.keyframe == id.0 as usize).unwrap().factor;
+    let (between, expected) =
+        (unit(newer) / unit(older), drift().scale.powi(older.0 as i32 - newer.0 as i32));
+    assert!((between / expected - 1.0).abs() < 0.02, "{between} instead of {expected}");
+    // Both sides see one place now, so nothing is left to close.
+    let shared = scene.local.covisible(newer.0 as usize);
+    assert!(shared.iter().any(|&(k, count)| k <= 8 && count >= 40), "{shared:?}");
+    assert!(find(&scene, &mut closer, newer.0 as usize, &params).is_none());
+    let edges = closer.edges(&scene.local);
+    assert_eq!(edges.iter().filter(|e| e.kind == map::EdgeKind::Loop).count(), 1);
+}
+
+#[test]
+fn a_look_alike_beyond_any_drift_is_refused() {
+    let mut scene = Scene::render(&World::yard(1), &trajectory::sideways(40, 12.0), 4);
+    (0..8).for_each(|i| scene.copy_appearance(i, 30 + i));
+    let mut params = Params::default();
+    let mut closer = LoopCloser::default();
+    assert!((30..38).all(|k| find(&scene, &mut closer, k, &params).is_none()));
+    // It is the way that tells: without its bound the copy is as good as the place itself.
+    params.closing.max_drift = 10.0;
+    assert!((30..38).any(|k| find(&scene, &mut closer, k, &params).is_some()));
+}
+
+#[test]
+fn a_single_view_of_a_look_alike_is_refused() {
+    let mut scene = Scene::render(&World::yard(1), &trajectory::sideways(40, 12.0), 4);
+    scene.copy_appearance(4, 34);
+    let mut params = Params::default();
+    params.closing.max_drift = 10.0;
+    let mut closer = LoopCloser::default();
+    assert!((30..40).all(|k| find(&scene, &mut closer, k, &params).is_none()));
+    let proposal = closer.propose(&scene.local, &scene.public, &scene.places, 34, &params.closing);
+    assert!(proposal.is_none(), "a refused place is not tried again at once");
+    let fresh = LoopCloser::default();
+    let proposal = fresh.propose(&scene.local, &scene.public, &scene.places, 34, &params.closing).unwrap();
+    let refusal = evidence::test(&scene.local, &scene.public, &proposal, &params).unwrap_err();
+    assert_eq!(refusal, NoLoop::Unconfirmed);
+}
+
+#[test]
+fn edges_hold_what_the_points_say() {
+    let scene = Scene::render(&World::yard(1), &trajectory::sideways(8, 1.6), 3);
+    let edges = edges::covisibility(&scene.local);
+    assert!((1..8).all(|k| edges.iter().any(|e| (e.from.0, e.to.0) == (k, k - 1))));
+    for edge in &edges {
+        assert!(edge.from > edge.to && edge.from.0 - edge.to.0 <= 3);
+        let [from, to] =
+            [edge.from, edge.to].map(|id| scene.local.keyframes[id.0 as usize].camera_from_world);
+        assert!((edge.from_from_to * Sim3::from(to * from.inverse())).log().norm() < 1e-9);
+        let covariance = edge.information.cholesky().expect("positive definite").inverse();
+        let sigma = covariance.diagonal().map(f64::sqrt);
+        // Hundreds of points 3–8 m away, half a pixel each: millimetres, hundredths of a degree, per mille.
+        assert!(
+            sigma.rows(0, 3).amax() < 0.02 && sigma.rows(3, 3).amax() < 2e-3 && sigma[6] < 5e-3,
+            "{sigma}"
+        );
+        assert!(sigma.rows(0, 3).amin() > 1e-5, "{sigma}");
+    }
+}
+
+#[test]
+fn the_agent_closes_the_loop_that_a_wrong_focal_length_opens() {
+    let recording =
+        Recording::render(&World::yard(1), Recording::SMALL_CAMERA, &trajectory::orbit(300, 4.0, 1.15), 30.0);
+    // A focal length 3 % too long bends an orbit by several degrees.
+    let camera = Pinhole { fx: 216.0, fy: 216.0, ..Recording::SMALL_CAMERA };
+    let run = |enabled: bool| {
+        let mut params = Params::default();
+        params.closing.enabled = enabled;
+        let mut agent = Agent::new(camera, Box::new(ThumbnailIndex::default()), params);
+        let mut closed = Vec::new();
+        for (index, shot) in recording.shots.iter().enumerate() {
+            let image = shot.image.as_ref().clone();
+            let report = agent.process(Frame { index: index as u64, timestamp: shot.timestamp, image });
+            closed.extend(report.closed_loop);
+        }
+        agent.finish();
+        let map = agent.into_map();
+        let positions: Vec<_> = map.trajectory().iter().map(|p| p.world_from_camera.translation).collect();
+        let frame = |i: u64| recording.shots[i as usize].world_from_camera.translation;
+        let truth: Vec<_> = map.frames.iter().map(|f| frame(f.frame_index)).collect();
+        (error(&positions, &truth), closed, map)
+    };
+    let (open, none, _) = run(false);
+    let (closed, loops, map) = run(true);
+    assert!(none.is_empty() && !loops.is_empty());
+    assert!(open > 0.08 && closed < 0.03, "open {open} m, closed {closed} m");
+    assert_eq!(map.edges.iter().filter(|e| e.kind == map::EdgeKind::Loop).count(), loops.len());
+}
