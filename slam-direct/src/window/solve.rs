@@ -30,10 +30,10 @@ pub(crate) fn solve(problem: &mut Problem, iterations: usize) -> WindowReport {
     let mut normal = Normal::new(problem);
     let mut refused = 0;
     while done < iterations && refused < 6 {
-        let accepted = normal.step(problem, lambda).and_then(|step| {
+        let accepted = normal.step(problem, lambda).map(|step| {
             let candidate = moved(problem, &step);
             let cost = candidate.cost();
-            Some((candidate, cost))
+            (candidate, cost)
         });
         match accepted {
             Some((candidate, new_cost)) if new_cost < cost => {
