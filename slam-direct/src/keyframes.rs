@@ -14,6 +14,10 @@ params! {
         /// Points found, over the most found against the same reference, below which a keyframe is made at once:
         /// the view changes faster than the map knows it.
         pub fading: f32 = 0.5,
+        /// A map of at most this many keyframes is given up when it proves of no use. Range 2–20.
+        pub young_map: usize = 3,
+        /// Lost frames in a row after which it is. Range 3–100.
+        pub give_up: usize = 20,
         /// Matched points below which tracking is lost.
         pub min_matched: usize = 30,
         /// Share of sought points that must be matched.

@@ -29,7 +29,8 @@ pub(crate) struct Tracker {
     /// Motion of the last frame: `last = velocity * the one before`.
     velocity: Se3,
     brightness: Brightness,
-    lost: bool,
+    /// Frames in a row that were not found.
+    lost: usize,
 }
 
 /// A frame's pose with the matches it rests on.
@@ -80,7 +81,7 @@ impl Tracker {
             last,
             velocity,
             brightness: Brightness::default(),
-            lost: false,
+            lost: 0,
         }
     }
 
@@ -114,17 +115,17 @@ impl Tracker {
         let p = &params.keyframes;
         if !located.is_good(p.min_matched, p.min_share) {
             let Some((reference, found)) = relocate(map, places, pyramid, self.reference, params) else {
-                self.lost = true;
+                self.lost += 1;
                 self.velocity = Se3::identity();
                 return None;
             };
-            self.lost = true;
+            self.lost += 1;
             self.refer_to(map, reference, params);
             located = found;
         }
         self.velocity =
-            if self.lost { Se3::identity() } else { located.camera_from_world * self.last.inverse() };
-        self.lost = false;
+            if self.lost > 0 { Se3::identity() } else { located.camera_from_world * self.last.inverse() };
+        self.lost = 0;
         self.last = located.camera_from_world;
         self.brightness = located.brightness;
         self.most_sought = self.most_sought.max(located.sought.len());
@@ -138,6 +139,11 @@ impl Tracker {
         let overlap = located.sought.len() as f32 / self.most_sought.max(1) as f32;
         let fades = (located.inliers as f32) < p.fading * self.most_found as f32;
         fades || departure(map, self.reference, &self.last, overlap).is_none_or(|d| d.score(p) > 1.0)
+    }
+
+    /// Frames in a row that were not found.
+    pub fn lost_frames(&self) -> usize {
+        self.lost
     }
 
     /// Distance of the newest frame from the reference over the reference's median depth.
