@@ -244,7 +244,6 @@ impl Agent {
 
     /// Ends the run: depth of the last keyframes, last optimisation of the whole map.
     pub fn finish(&mut self) {
-        if std::env::var("LB_DEBUG").is_ok() { eprintln!("sigma {}", self.params.track.position_sigma); }
         if self.local.keyframes.len() > 1 {
             let changes = mapping::optimise_all(&mut self.local, self.params.mapping.final_iterations);
             self.absorb(&changes);
@@ -279,3 +278,6 @@ impl FrameReport {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;
