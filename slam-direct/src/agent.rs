@@ -436,3 +436,6 @@ impl FrameReport {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

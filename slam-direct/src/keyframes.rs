@@ -42,3 +42,21 @@ impl Departure {
         self.flow / params.flow + self.parallax / params.parallax + lost
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_cause_alone_makes_a_keyframe() {
+        let params = KeyframeParams::default();
+        let score = |flow, parallax, overlap| Departure { flow, parallax, overlap }.score(&params);
+        assert_eq!(score(0.0, 0.0, 1.0), 0.0);
+        assert!((score(params.flow, 0.0, 1.0) - 1.0).abs() < 1e-6);
+        assert!((score(0.0, params.parallax, 1.0) - 1.0).abs() < 1e-6);
+        assert!((score(0.0, 0.0, params.overlap) - 1.0).abs() < 1e-6);
+        assert_eq!(score(0.0, 0.0, 1.7), 0.0, "seeing more than the reference is no loss");
+        let half = score(0.5 * params.flow, 0.5 * params.parallax, 1.0);
+        assert!((half - 1.0).abs() < 1e-6, "causes add up: {half}");
+    }
+}

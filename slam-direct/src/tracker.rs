@@ -235,3 +235,78 @@ fn departure(map: &LocalMap, keyframe: usize, camera_from_world: &Se3, overlap: 
     let width = map.camera.width as f32;
     Some(Departure { flow: flow / width, parallax: parallax / width, overlap })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::test_scene::{CAMERA, View as Rendered, exact_map, pose};
+    use geometry::GrayImage;
+    use place_recog::ThumbnailIndex;
+
+    fn keyframes() -> Vec<Rendered> {
+        [0.0, 0.5, 1.0].iter().map(|&x| Rendered::new(pose(x, 0.0, 0.0, 0.0, 0.0))).collect()
+    }
+
+    fn places(keyframes: &[Rendered]) -> ThumbnailIndex {
+        let mut places = ThumbnailIndex::default();
+        for (index, view) in keyframes.iter().enumerate() {
+            places.add(LocalMap::id(index), view.pyramid.base());
+        }
+        places
+    }
+
+    fn error(found: &Se3, view: &Rendered) -> f64 {
+        (*found * view.world_from_camera).log().norm()
+    }
+
+    #[test]
+    fn follows_a_moving_camera_and_changes_its_reference() {
+        let keyframes = keyframes();
+        let (map, places, params) = (exact_map(&keyframes, 10), places(&keyframes), Params::default());
+        let start = map.keyframes[0].camera_from_world;
+        let mut tracker = Tracker::new(&map, 0, start, Se3::identity(), &params);
+        for i in 1..=20 {
+            let view = Rendered::new(pose(0.05 * i as f64, 0.0, 0.0, 0.01 * (i as f64 * 0.5).sin(), 0.0));
+            let located = tracker.track(&map, &places, &view.pyramid, &params).expect("it is in the map");
+            assert!(error(&located.camera_from_world, &view) < 0.01, "{i}");
+            assert!(located.inlier_share() > 0.6 && located.rmse() < 15.0, "{i}");
+            assert_eq!(tracker.last, located.camera_from_world);
+            tracker.change_reference(&map, &located, &params);
+        }
+        assert_eq!(tracker.reference, 2, "the nearest keyframe is the reference");
+    }
+
+    #[test]
+    fn a_lost_camera_is_found_near_another_keyframe() {
+        let keyframes = keyframes();
+        let (map, places, params) = (exact_map(&keyframes, 10), places(&keyframes), Params::default());
+        let start = map.keyframes[0].camera_from_world;
+        let mut tracker = Tracker::new(&map, 0, start, Se3::identity(), &params);
+        for value in [0, 90, 255] {
+            let flat = Pyramid::new(GrayImage::filled(CAMERA.width, CAMERA.height, value), 5);
+            assert!(tracker.track(&map, &places, &flat, &params).is_none(), "{value}");
+            assert_eq!(tracker.last, start, "a lost frame has no pose");
+        }
+        let elsewhere = Rendered::new(pose(0.0, 0.0, -9.0, 3.1, 0.0));
+        assert!(tracker.track(&map, &places, &elsewhere.pyramid, &params).is_none());
+        let view = Rendered::new(pose(0.95, 0.0, 0.05, 0.02, 0.0));
+        let located = tracker.track(&map, &places, &view.pyramid, &params).expect("it is near keyframe 2");
+        assert!(error(&located.camera_from_world, &view) < 0.01);
+    }
+
+    #[test]
+    fn a_keyframe_is_wanted_far_from_the_reference_and_not_beside_it() {
+        let keyframes = keyframes();
+        let (map, places, params) =
+            (exact_map(&keyframes[..1], 10), places(&keyframes[..1]), Params::default());
+        let start = map.keyframes[0].camera_from_world;
+        let mut tracker = Tracker::new(&map, 0, start, Se3::identity(), &params);
+        let mut wants = |x: f64| {
+            let view = Rendered::new(pose(x, 0.0, 0.0, 0.0, 0.0));
+            let located = tracker.track(&map, &places, &view.pyramid, &params).expect("it is in the map");
+            tracker.wants_keyframe(&map, &located, &params)
+        };
+        assert!(!wants(0.02));
+        assert!((1..=8).map(|i| 0.02 + 0.1 * i as f64).any(wants), "eight tenths of a metre at five metres");
+    }
+}
