@@ -45,9 +45,9 @@ impl Scene {
             .collect();
         let mut scene = Self { local, public, places };
         for host in 0..path.len() {
-            for observer in host.saturating_sub(memory)..(host + memory + 1).min(path.len()) {
-                if observer != host {
-                    scene.observe(host, observer, &depths[observer]);
+            for (observer, depth) in depths.iter().enumerate() {
+                if observer != host && observer.abs_diff(host) <= memory {
+                    scene.observe(host, observer, depth);
                 }
             }
         }
