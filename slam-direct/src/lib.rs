@@ -5,6 +5,7 @@
 
 mod agent;
 pub mod align;
+mod background;
 mod bootstrap;
 mod closing;
 mod dense;

@@ -50,15 +50,17 @@ pub(crate) fn scale_surroundings(map: &mut Map, changes: &[UnitChange]) {
         }
     }
     for (id, factor) in factors {
-        let Some(public) = map.keyframes.get_mut(&id) else { continue };
-        let factor = factor as f32;
-        for depth in &mut public.semi_dense.inverse_depth {
-            *depth /= factor;
-        }
-        for variance in &mut public.semi_dense.variance {
-            *variance /= factor * factor;
+        if let Some(public) = map.keyframes.get_mut(&id) {
+            scale_depth(&mut public.semi_dense, factor);
         }
     }
+}
+
+/// Brings inverse depths to a unit in which lengths are `factor` times what they were.
+pub(crate) fn scale_depth(depth: &mut SemiDense, factor: f64) {
+    let factor = factor as f32;
+    depth.inverse_depth.iter_mut().for_each(|d| *d /= factor);
+    depth.variance.iter_mut().for_each(|v| *v /= factor * factor);
 }
 
 /// Poses, points and edges as they stand at the end of a run.

@@ -45,10 +45,9 @@ impl Scene {
             .collect();
         let mut scene = Self { local, public, places };
         for host in 0..path.len() {
-            for (observer, depth) in depths.iter().enumerate() {
-                if observer != host && observer.abs_diff(host) <= memory {
-                    scene.observe(host, observer, depth);
-                }
+            let near = |&(k, _): &(usize, _)| k != host && k.abs_diff(host) <= memory;
+            for (observer, depth) in depths.iter().enumerate().filter(near) {
+                scene.observe(host, observer, depth);
             }
         }
         scene
