@@ -233,6 +233,19 @@ impl Agent {
         frame_index: u64,
     ) -> FrameReport {
         let Some(located) = tracker.track(&self.local, self.places.as_ref(), &pyramid, &self.params) else {
+            if self.was_bad_start(&tracker) {
+                let image = pyramid.shared_base();
+                let fresh =
+                    Bootstrap::new(self.camera, pyramid, timestamp, frame_index, &self.params.bootstrap);
+                // A dark image says nothing about the map.
+                if let Some(fresh) = fresh {
+                    self.forget();
+                    self.keep_early(timestamp, frame_index, image);
+                    self.state = State::Starting(Box::new(fresh));
+                    let reason = Some("the first map was of no use");
+                    return FrameReport { reason, ..FrameReport::of(TrackingState::Starting) };
+                }
+            }
             self.state = State::Running(tracker);
             return FrameReport {
                 reason: Some("the view matches no part of the map"),
@@ -274,6 +287,23 @@ impl Agent {
         report.world_from_camera = Some(tracker.last.inverse());
         self.state = State::Running(tracker);
         report
+    }
+
+    /// Whether a young map has proved useless: nothing that follows fits it.
+    fn was_bad_start(&self, tracker: &Tracker) -> bool {
+        let p = &self.params.keyframes;
+        self.local.keyframes.len() <= p.young_map && tracker.lost_frames() >= p.give_up
+    }
+
+    /// Drops the map to start anew.
+    fn forget(&mut self) {
+        let provenance = std::mem::take(&mut self.map.provenance);
+        self.map = Map { provenance, ..Map::new(self.camera) };
+        self.local = LocalMap::new(self.camera);
+        self.places.clear();
+        self.closer = LoopCloser::default();
+        self.settling.clear();
+        self.next_to_settle = 0;
     }
 
     /// Makes the newest tracked frame a keyframe.
@@ -406,3 +436,6 @@ impl FrameReport {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

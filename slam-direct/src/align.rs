@@ -337,3 +337,6 @@ impl Level {
         Self { camera, points }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -110,3 +110,50 @@ impl StereoJob {
         (gain.ln(), b.0 - gain * a.0)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::test_scene::{View, bare_map, brightened, exact_map, pose, quantile};
+    use geometry::Pyramid;
+
+    fn views() -> Vec<View> {
+        [(0.0, 0.0), (0.2, 0.0), (-0.25, 0.05), (0.4, 0.1), (-0.5, 0.0)]
+            .iter()
+            .map(|&(x, z)| View::new(pose(x, 0.0, z, 0.0, 0.0)))
+            .collect()
+    }
+
+    #[test]
+    fn depth_is_dense_and_right() {
+        let views = views();
+        let map = exact_map(&views, 16);
+        let depth = semi_dense(&map, 0, &DepthParams::default());
+        assert!(depth.len() > 5000, "{} pixels", depth.len());
+        let truth = views[0].inverse_depth.data();
+        let errors: Vec<f64> =
+            depth.iter().map(|(p, d, _)| (d as f64 / truth[p as usize] as f64 - 1.0).abs()).collect();
+        let median = quantile(errors, 0.5);
+        assert!(median < 0.02, "{median}");
+    }
+
+    #[test]
+    fn a_keyframe_without_points_has_no_depth() {
+        assert!(semi_dense(&bare_map(&views()[..2]), 0, &DepthParams::default()).is_empty());
+    }
+
+    #[test]
+    fn brightness_between_keyframes_is_found() {
+        let views = views();
+        let mut map = exact_map(&views, 12);
+        let points: Vec<SeedPoint> = map
+            .reference_points(0)
+            .iter()
+            .map(|p| SeedPoint { pixel: p.pixel, inverse_depth: p.inverse_depth, variance: p.variance })
+            .collect();
+        map.keyframes[1].pyramid = Pyramid::new(brightened(views[1].pyramid.base(), 0.7, 25.0), 5);
+        let (a, b) = brightness(&map, 0, map.keyframes[1].pyramid.base(), &views[0].to(&views[1]), &points);
+        assert!((a.exp() / 0.7 - 1.0).abs() < 0.08 && (b - 25.0).abs() < 8.0, "{} {b}", a.exp());
+        assert_eq!(brightness(&map, 0, views[1].pyramid.base(), &views[0].to(&views[1]), &[]), (0.0, 0.0));
+    }
+}

@@ -287,3 +287,6 @@ pub(crate) fn median_flow(
     }
     Some((median(&mut all)?, median(&mut moved)?))
 }
+
+#[cfg(test)]
+mod tests;
