@@ -115,7 +115,6 @@ impl StereoJob {
 mod tests {
     use super::*;
     use crate::test_scene::{View, bare_map, brightened, exact_map, pose, quantile};
-    use geometry::Pyramid;
 
     fn views() -> Vec<View> {
         [(0.0, 0.0), (0.2, 0.0), (-0.25, 0.05), (0.4, 0.1), (-0.5, 0.0)]
@@ -128,7 +127,7 @@ mod tests {
     fn depth_is_dense_and_right() {
         let views = views();
         let map = exact_map(&views, 16);
-        let depth = semi_dense(&map, 0, &DepthParams::default());
+        let depth = StereoJob::new(&map, 0, &DepthParams::default()).run();
         assert!(depth.len() > 5000, "{} pixels", depth.len());
         let truth = views[0].inverse_depth.data();
         let errors: Vec<f64> =
@@ -139,21 +138,32 @@ mod tests {
 
     #[test]
     fn a_keyframe_without_points_has_no_depth() {
-        assert!(semi_dense(&bare_map(&views()[..2]), 0, &DepthParams::default()).is_empty());
+        assert!(StereoJob::new(&bare_map(&views()[..2]), 0, &DepthParams::default()).run().is_empty());
     }
 
     #[test]
     fn brightness_between_keyframes_is_found() {
         let views = views();
-        let mut map = exact_map(&views, 12);
-        let points: Vec<SeedPoint> = map
-            .reference_points(0)
-            .iter()
-            .map(|p| SeedPoint { pixel: p.pixel, inverse_depth: p.inverse_depth, variance: p.variance })
-            .collect();
-        map.keyframes[1].pyramid = Pyramid::new(brightened(views[1].pyramid.base(), 0.7, 25.0), 5);
-        let (a, b) = brightness(&map, 0, map.keyframes[1].pyramid.base(), &views[0].to(&views[1]), &points);
+        let map = exact_map(&views, 12);
+        let mut job = StereoJob::new(&map, 0, &DepthParams::default());
+        let (image, motion) = (views[1].pyramid.base(), views[0].to(&views[1]));
+        let (a, b) = job.brightness(&brightened(image, 0.7, 25.0), &motion);
         assert!((a.exp() / 0.7 - 1.0).abs() < 0.08 && (b - 25.0).abs() < 8.0, "{} {b}", a.exp());
-        assert_eq!(brightness(&map, 0, views[1].pyramid.base(), &views[0].to(&views[1]), &[]), (0.0, 0.0));
+        job.seeds.clear();
+        assert_eq!(job.brightness(image, &motion), (0.0, 0.0));
+    }
+
+    #[test]
+    fn companions_climb_a_ladder_of_baselines() {
+        let view = View::new(pose(0.0, 0.0, 0.0, 0.0, 0.0));
+        let mut state = view.keyframe();
+        let at = pose(0.2, 0.0, 0.0, 0.05, 0.0);
+        for parallax in [0.001, 0.014, 0.02, 0.021, 0.03, 0.037, 0.05, 0.09, 0.4] {
+            keep_companion(&mut state, view.pyramid.shared_base(), &at.inverse(), parallax);
+        }
+        let kept: Vec<f64> = state.companions.iter().map(|c| c.parallax).collect();
+        assert_eq!(kept, [0.02, 0.037, 0.09]);
+        let expected = at.inverse() * view.world_from_camera;
+        assert!((state.companions[0].frame_from_keyframe * expected.inverse()).log().norm() < 1e-12);
     }
 }

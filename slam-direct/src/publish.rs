@@ -163,7 +163,7 @@ mod tests {
         local.keyframes[1].points[0].alive = false;
         local.keyframes[1].points[1].inverse_depth = 0.75;
         let points = local.keyframes[1].points.len();
-        complete(&mut map, &local);
+        complete(&mut map, &local, Vec::new());
         let public = &map.keyframes[&KeyframeId(1)];
         assert!(
             (public.world_from_keyframe.rigid() * local.keyframes[1].camera_from_world).log().norm() < 1e-12

@@ -14,12 +14,12 @@ fn a_young_map_that_fits_nothing_is_replaced() {
     let path = trajectory::sideways(70, 3.5);
     let (before, after) = (World::yard(1), World::yard(2));
     let mut states = Vec::new();
-    for index in 0..70 {
+    for (index, &world_from_camera) in path.iter().enumerate() {
         let world = if index < 8 { &before } else { &after };
         // The second shot is taken upside down, so that it shares nothing with the first.
         let turned =
             geometry::Se3::exp(&nalgebra::Vector6::new(0.0, 0.0, 0.0, 0.0, 0.0, std::f64::consts::PI));
-        let pose = if index < 8 { path[index] } else { path[index] * turned };
+        let pose = if index < 8 { world_from_camera } else { world_from_camera * turned };
         let (image, _) = render(world, &CAMERA, &pose);
         states
             .push(agent.process(Frame { index: index as u64, timestamp: index as f64 / 15.0, image }).state);

@@ -47,8 +47,12 @@ fn follows_gain_and_offset() {
         let found = reference.align(&frame, &Se3::identity(), Brightness::default());
         let (metres, radians) = error(&found.frame_from_reference, &first.to(&second));
         assert!(metres < 0.02 && radians < 0.002, "off by {metres} m, {radians} rad: {found:?}");
-        assert!((found.brightness.log_gain.exp() / gain - 1.0).abs() < 0.1, "{gain} {offset}: {found:?}");
-        assert!((found.brightness.offset - offset).abs() < 12.0, "{gain} {offset}: {found:?}");
+        // The brightest pixels saturate at the larger gains: what counts is the range between.
+        for intensity in [60.0, 140.0] {
+            let fitted = found.brightness.log_gain.exp() * intensity + found.brightness.offset;
+            let off = fitted - (gain * intensity + offset);
+            assert!(off.abs() < 8.0, "{gain} {offset}: {intensity} is {off} off, {found:?}");
+        }
     }
 }
 
