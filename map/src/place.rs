@@ -14,6 +14,9 @@ pub struct PlaceCandidate {
 
 /// An index of keyframes by appearance.
 pub trait PlaceIndex: Send {
+    /// Forgets all keyframes.
+    fn clear(&mut self);
+
     /// Adds a keyframe's image (level 0, undistorted).
     fn add(&mut self, keyframe: KeyframeId, image: &GrayImage);
 

@@ -1,8 +1,9 @@
 //! The agent: one camera's tracker and map.
 
+use crate::background::Task;
 use crate::bootstrap::{Bootstrap, Progress, Started};
 use crate::closing::LoopCloser;
-use crate::dense;
+use crate::dense::{self, StereoJob};
 use crate::local_map::{KeyframeState, LocalMap};
 use crate::mapping::{self, UnitChange};
 use crate::params::Params;
@@ -10,7 +11,7 @@ use crate::publish;
 use crate::track::{Matched, learn_position_sigma};
 use crate::tracker::{Tracker, match_keyframe};
 use geometry::{GrayImage, Pinhole, Pyramid, Se3};
-use map::{FramePose, KeyframeId, Map, PlaceIndex};
+use map::{FramePose, KeyframeId, Map, PlaceIndex, SemiDense};
 use std::sync::Arc;
 
 /// One image to process.
@@ -67,10 +68,20 @@ pub struct Agent {
     state: State,
     places: Box<dyn PlaceIndex>,
     closer: LoopCloser,
-    /// The first keyframe without semi-dense depth.
+    /// The first keyframe whose semi-dense depth is not begun.
     next_to_settle: usize,
+    /// Semi-dense depths being computed, in order of their keyframes.
+    settling: Vec<Settling>,
     /// Frames that came before the first map and are not in it.
     early: Vec<EarlyFrame>,
+}
+
+/// A keyframe whose semi-dense depth is computed in the background.
+struct Settling {
+    keyframe: usize,
+    /// Change of its unit since the computation was begun.
+    factor: f64,
+    depth: Task<SemiDense>,
 }
 
 /// A frame from before the first map, kept to be tracked backwards once there is one.
@@ -102,6 +113,7 @@ impl Agent {
             places,
             closer: LoopCloser::default(),
             next_to_settle: 0,
+            settling: Vec::new(),
             early: Vec::new(),
         }
     }
@@ -221,6 +233,19 @@ impl Agent {
         frame_index: u64,
     ) -> FrameReport {
         let Some(located) = tracker.track(&self.local, self.places.as_ref(), &pyramid, &self.params) else {
+            if self.was_bad_start(&tracker) {
+                let image = pyramid.shared_base();
+                let fresh =
+                    Bootstrap::new(self.camera, pyramid, timestamp, frame_index, &self.params.bootstrap);
+                // A dark image says nothing about the map.
+                if let Some(fresh) = fresh {
+                    self.forget();
+                    self.keep_early(timestamp, frame_index, image);
+                    self.state = State::Starting(Box::new(fresh));
+                    let reason = Some("the first map was of no use");
+                    return FrameReport { reason, ..FrameReport::of(TrackingState::Starting) };
+                }
+            }
             self.state = State::Running(tracker);
             return FrameReport {
                 reason: Some("the view matches no part of the map"),
@@ -250,8 +275,10 @@ impl Agent {
             tracker.last = self.local.keyframes[keyframe].camera_from_world;
             tracker.refer_to(&self.local, keyframe, &self.params);
             report.new_keyframe = Some(LocalMap::id(keyframe));
-            report.settled_keyframes = self.settle(self.params.mapping.settle_after);
-            report.closed_loop = self.close_loop(&report.settled_keyframes, &mut tracker);
+            report.settled_keyframes = self.take_up_depths();
+            report.closed_loop = self.take_up_loop(&mut tracker);
+            self.seek_loop(&report.settled_keyframes);
+            self.begin_depths(self.params.mapping.settle_after);
         } else if tracker.reference >= self.next_to_settle {
             let parallax = tracker.parallax(&self.local);
             let state = &mut self.local.keyframes[tracker.reference];
@@ -260,6 +287,23 @@ impl Agent {
         report.world_from_camera = Some(tracker.last.inverse());
         self.state = State::Running(tracker);
         report
+    }
+
+    /// Whether a young map has proved useless: nothing that follows fits it.
+    fn was_bad_start(&self, tracker: &Tracker) -> bool {
+        let p = &self.params.keyframes;
+        self.local.keyframes.len() <= p.young_map && tracker.lost_frames() >= p.give_up
+    }
+
+    /// Drops the map to start anew.
+    fn forget(&mut self) {
+        let provenance = std::mem::take(&mut self.map.provenance);
+        self.map = Map { provenance, ..Map::new(self.camera) };
+        self.local = LocalMap::new(self.camera);
+        self.places.clear();
+        self.closer = LoopCloser::default();
+        self.settling.clear();
+        self.next_to_settle = 0;
     }
 
     /// Makes the newest tracked frame a keyframe.
@@ -296,6 +340,9 @@ impl Agent {
         publish::scale_surroundings(&mut self.map, changes);
         self.closer.absorb(changes);
         for change in changes {
+            for settling in self.settling.iter_mut().filter(|s| s.keyframe == change.keyframe) {
+                settling.factor *= change.factor;
+            }
             for companion in &mut self.local.keyframes[change.keyframe].companions {
                 companion.frame_from_keyframe.translation *= change.factor;
             }
@@ -303,45 +350,63 @@ impl Agent {
         publish::update_poses(&mut self.map, &self.local);
     }
 
-    /// Computes the semi-dense depth of the keyframes that are at least `behind` keyframes old.
-    fn settle(&mut self, behind: usize) -> Vec<KeyframeId> {
+    /// Begins the semi-dense depth of the keyframes that are at least `behind` keyframes old.
+    fn begin_depths(&mut self, behind: usize) {
         let ready = self.local.keyframes.len().saturating_sub(behind);
-        let keyframes: Vec<usize> = (self.next_to_settle..ready).collect();
-        for &keyframe in &keyframes {
-            let depth = dense::semi_dense(&self.local, keyframe, &self.params.depth);
-            publish::set_depth(&mut self.map, &self.local, keyframe, depth);
+        for keyframe in self.next_to_settle..ready {
+            let job = StereoJob::new(&self.local, keyframe, &self.params.depth);
             self.local.keyframes[keyframe].companions = Vec::new();
+            self.settling.push(Settling { keyframe, factor: 1.0, depth: Task::spawn(move || job.run()) });
         }
         self.next_to_settle = self.next_to_settle.max(ready);
-        keyframes.into_iter().map(LocalMap::id).collect()
     }
 
-    /// Seeks a loop from the keyframes that have just settled, and closes it.
-    fn close_loop(
-        &mut self,
-        settled: &[KeyframeId],
-        tracker: &mut Tracker,
-    ) -> Option<(KeyframeId, KeyframeId)> {
+    /// Takes up the semi-dense depths begun before, waiting for them.
+    fn take_up_depths(&mut self) -> Vec<KeyframeId> {
+        let take_up = |settling: Settling| {
+            let mut depth = settling.depth.join();
+            publish::scale_depth(&mut depth, settling.factor);
+            publish::set_depth(&mut self.map, &self.local, settling.keyframe, depth);
+            LocalMap::id(settling.keyframe)
+        };
+        self.settling.drain(..).map(take_up).collect()
+    }
+
+    /// Seeks a loop from keyframes that have just settled, and begins to close it.
+    fn seek_loop(&mut self, settled: &[KeyframeId]) {
+        if self.closer.is_busy() {
+            return;
+        }
         let found = settled.iter().find_map(|id| {
             self.closer.find(&self.local, &self.map, self.places.as_ref(), id.0 as usize, &self.params)
-        })?;
-        let changes = self.closer.close(&mut self.local, &found, &self.params).ok()?;
+        });
+        if let Some(found) = found {
+            self.closer.start(&self.local, found, &self.params);
+        }
+    }
+
+    /// Takes up the loop being closed, if there is one.
+    fn take_up_loop(&mut self, tracker: &mut Tracker) -> Option<(KeyframeId, KeyframeId)> {
+        let (found, changes) = self.closer.finish(&mut self.local, &self.params)?.ok()?;
         self.absorb(&changes);
-        let newest = changes.iter().find(|c| c.keyframe == tracker.reference);
-        tracker.follow_reference(&self.local, newest.map_or(1.0, |c| c.factor), &self.params);
+        let reference = changes.iter().find(|c| c.keyframe == tracker.reference);
+        tracker.follow_reference(&self.local, reference.map_or(1.0, |c| c.factor), &self.params);
         Some(found.keyframes())
     }
 
-    /// Ends the run: depth of the last keyframes, last optimisation of the whole map.
+    /// Ends the run: what is in the background, the last optimisation of the whole map, depth of the last
+    /// keyframes.
     pub fn finish(&mut self) {
-        if std::env::var("LB_DEBUG").is_ok() {
-            eprintln!("sigma {}", self.params.track.position_sigma);
+        self.take_up_depths();
+        if let Some(Ok((_, changes))) = self.closer.finish(&mut self.local, &self.params) {
+            self.absorb(&changes);
         }
         if self.local.keyframes.len() > 1 {
             let changes = mapping::optimise_all(&mut self.local, self.params.mapping.final_iterations);
             self.absorb(&changes);
         }
-        self.settle(0);
+        self.begin_depths(0);
+        self.take_up_depths();
         publish::complete(&mut self.map, &self.local, self.closer.edges(&self.local));
     }
 
@@ -371,3 +436,6 @@ impl FrameReport {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -237,8 +237,8 @@ impl Accumulator {
     fn add(&mut self, j: &[f32; 8], residual: f32, weight: f32) {
         for a in 0..8 {
             let wa = weight * j[a];
-            for b in 0..8 {
-                self.tile[a][b] += wa * j[b];
+            for (entry, jb) in self.tile[a].iter_mut().zip(j) {
+                *entry += wa * jb;
             }
             self.tile_gradient[a] += wa * residual;
         }
@@ -337,3 +337,6 @@ impl Level {
         Self { camera, points }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -251,8 +251,8 @@ impl Bootstrap {
                     })
                     .collect();
                 let mut problem = self.problem(&chosen, &poses, 1.0);
-                let report = solve(&mut problem, 40);
-                (report.final_cost, problem)
+                let cost = solve(&mut problem, 40);
+                (cost, problem)
             })
             .collect();
         let best = solved.into_iter().min_by(|a, b| a.0.total_cmp(&b.0))?.1;
@@ -451,3 +451,6 @@ fn acceptable(solution: &Problem, params: &BootstrapParams) -> bool {
         && good >= MIN_POINTS
         && sigma < params.max_relative_sigma
 }
+
+#[cfg(test)]
+mod tests;

@@ -2,7 +2,7 @@
 
 use crate::depth::{DepthFilter, DepthParams, SeedPoint, StereoFrame, choose_references};
 use crate::local_map::{Companion, KeyframeState, LocalMap, median};
-use geometry::{GrayImage, Se3};
+use geometry::{GrayImage, Pinhole, Se3};
 use map::SemiDense;
 use std::sync::Arc;
 
@@ -30,64 +30,140 @@ const NEIGHBOURS: usize = 16;
 /// Uncertainty of the epipolar lines from the window's poses, pixels.
 const POSE_SIGMA_PX: f32 = 0.2;
 
-/// The semi-dense inverse depth of a keyframe from stereo with its covisible neighbours.
-pub(crate) fn semi_dense(map: &LocalMap, keyframe: usize, params: &DepthParams) -> SemiDense {
-    let state = &map.keyframes[keyframe];
-    let points = map.reference_points(keyframe);
-    let mut depths: Vec<f32> = points.iter().map(|p| p.inverse_depth).collect();
-    let Some(mean) = median(&mut depths) else { return SemiDense::default() };
-    let world_from_keyframe = state.camera_from_world.inverse();
-    let neighbours = map.covisible(keyframe).into_iter().take(NEIGHBOURS).map(|(n, _)| {
-        let neighbour = &map.keyframes[n];
-        (neighbour.pyramid.base(), neighbour.camera_from_world * world_from_keyframe)
-    });
-    let companions = state.companions.iter().map(|c| (c.image.as_ref(), c.frame_from_keyframe));
-    let (images, poses): (Vec<&GrayImage>, Vec<Se3>) = neighbours.chain(companions).unzip();
-    let seeds: Vec<SeedPoint> = points
-        .iter()
-        .map(|p| SeedPoint { pixel: p.pixel, inverse_depth: p.inverse_depth, variance: p.variance })
-        .collect();
-    let mut filter = DepthFilter::new(state.pyramid.base(), &map.camera, params);
-    filter.seed(&seeds);
-    for index in choose_references(&poses, mean, &map.camera, params) {
-        let image = images[index];
-        let reference = StereoFrame {
-            image,
-            frame_from_keyframe: poses[index],
-            brightness: brightness(map, keyframe, image, &poses[index], &seeds),
-            pose_sigma_px: POSE_SIGMA_PX,
-        };
-        filter.update(state.pyramid.base(), &reference);
-    }
-    filter.regularise();
-    filter.to_semi_dense()
+/// All that the semi-dense depth of one keyframe is computed from, owned, so that it can be computed beside
+/// the tracking.
+pub(crate) struct StereoJob {
+    camera: Pinhole,
+    image: Arc<GrayImage>,
+    seeds: Vec<SeedPoint>,
+    /// References in the order of their use: image, `frame_from_keyframe`.
+    references: Vec<(Arc<GrayImage>, Se3)>,
+    params: DepthParams,
 }
 
-/// Affine brightness `(a, b)` of a neighbour relative to the keyframe, from the intensities of the points
-/// both see: the gain from their median deviations, the offset from their medians.
-fn brightness(
-    map: &LocalMap,
-    keyframe: usize,
-    image: &GrayImage,
-    frame_from_keyframe: &Se3,
-    points: &[SeedPoint],
-) -> (f32, f32) {
-    let own = map.keyframes[keyframe].pyramid.base();
-    let pairs = points.iter().filter_map(|p| {
-        let ray = map.camera.unproject(p.pixel[0] as f64, p.pixel[1] as f64);
-        let x = frame_from_keyframe.rotation * ray + frame_from_keyframe.translation * p.inverse_depth as f64;
-        let at = map.camera.project(&x);
-        let visible = x.z > 0.0 && image.contains(at.x as f32, at.y as f32, 0.0);
-        (visible && own.contains(p.pixel[0], p.pixel[1], 0.0))
-            .then(|| (own.bilinear(p.pixel[0], p.pixel[1]), image.bilinear(at.x as f32, at.y as f32)))
-    });
-    let (mut a, mut b): (Vec<f32>, Vec<f32>) = pairs.unzip();
-    let spread = |values: &mut Vec<f32>| {
-        let middle = median(values)?;
-        let mut off: Vec<f32> = values.iter().map(|v| (v - middle).abs()).collect();
-        Some((middle, median(&mut off)?.max(1.0)))
-    };
-    let (Some(a), Some(b)) = (spread(&mut a), spread(&mut b)) else { return (0.0, 0.0) };
-    let gain = (b.1 / a.1).clamp(0.5, 2.0);
-    (gain.ln(), b.0 - gain * a.0)
+impl StereoJob {
+    /// Gathers a keyframe's points and its references among covisible keyframes and companions.
+    pub fn new(map: &LocalMap, keyframe: usize, params: &DepthParams) -> Self {
+        let state = &map.keyframes[keyframe];
+        let points = map.reference_points(keyframe);
+        let mut depths: Vec<f32> = points.iter().map(|p| p.inverse_depth).collect();
+        let mean = median(&mut depths).unwrap_or(1.0);
+        let world_from_keyframe = state.camera_from_world.inverse();
+        let neighbours = map.covisible(keyframe).into_iter().take(NEIGHBOURS).map(|(n, _)| {
+            let neighbour = &map.keyframes[n];
+            (neighbour.pyramid.shared_base(), neighbour.camera_from_world * world_from_keyframe)
+        });
+        let companions = state.companions.iter().map(|c| (Arc::clone(&c.image), c.frame_from_keyframe));
+        let candidates: Vec<(Arc<GrayImage>, Se3)> = neighbours.chain(companions).collect();
+        let poses: Vec<Se3> = candidates.iter().map(|c| c.1).collect();
+        let chosen = choose_references(&poses, mean, &map.camera, params);
+        Self {
+            camera: map.camera,
+            image: state.pyramid.shared_base(),
+            seeds: points
+                .iter()
+                .map(|p| SeedPoint { pixel: p.pixel, inverse_depth: p.inverse_depth, variance: p.variance })
+                .collect(),
+            references: chosen.into_iter().map(|i| candidates[i].clone()).collect(),
+            params: params.clone(),
+        }
+    }
+
+    /// The keyframe's semi-dense inverse depth, in the unit it had when the job was made.
+    pub fn run(&self) -> SemiDense {
+        let mut filter = DepthFilter::new(&self.image, &self.camera, &self.params);
+        filter.seed(&self.seeds);
+        for (image, frame_from_keyframe) in &self.references {
+            let reference = StereoFrame {
+                image,
+                frame_from_keyframe: *frame_from_keyframe,
+                brightness: self.brightness(image, frame_from_keyframe),
+                pose_sigma_px: POSE_SIGMA_PX,
+            };
+            filter.update(&self.image, &reference);
+        }
+        filter.regularise();
+        filter.to_semi_dense()
+    }
+
+    /// Affine brightness `(a, b)` of a neighbour relative to the keyframe, from the intensities of the points
+    /// both see: the gain from their median deviations, the offset from their medians.
+    fn brightness(&self, image: &GrayImage, frame_from_keyframe: &Se3) -> (f32, f32) {
+        let own = &self.image;
+        let pairs = self.seeds.iter().filter_map(|p| {
+            let ray = self.camera.unproject(p.pixel[0] as f64, p.pixel[1] as f64);
+            let x =
+                frame_from_keyframe.rotation * ray + frame_from_keyframe.translation * p.inverse_depth as f64;
+            let at = self.camera.project(&x);
+            let visible = x.z > 0.0 && image.contains(at.x as f32, at.y as f32, 0.0);
+            (visible && own.contains(p.pixel[0], p.pixel[1], 0.0))
+                .then(|| (own.bilinear(p.pixel[0], p.pixel[1]), image.bilinear(at.x as f32, at.y as f32)))
+        });
+        let (mut a, mut b): (Vec<f32>, Vec<f32>) = pairs.unzip();
+        let spread = |values: &mut Vec<f32>| {
+            let middle = median(values)?;
+            let mut off: Vec<f32> = values.iter().map(|v| (v - middle).abs()).collect();
+            Some((middle, median(&mut off)?.max(1.0)))
+        };
+        let (Some(a), Some(b)) = (spread(&mut a), spread(&mut b)) else { return (0.0, 0.0) };
+        let gain = (b.1 / a.1).clamp(0.5, 2.0);
+        (gain.ln(), b.0 - gain * a.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::test_scene::{View, bare_map, brightened, exact_map, pose, quantile};
+
+    fn views() -> Vec<View> {
+        [(0.0, 0.0), (0.2, 0.0), (-0.25, 0.05), (0.4, 0.1), (-0.5, 0.0)]
+            .iter()
+            .map(|&(x, z)| View::new(pose(x, 0.0, z, 0.0, 0.0)))
+            .collect()
+    }
+
+    #[test]
+    fn depth_is_dense_and_right() {
+        let views = views();
+        let map = exact_map(&views, 16);
+        let depth = StereoJob::new(&map, 0, &DepthParams::default()).run();
+        assert!(depth.len() > 5000, "{} pixels", depth.len());
+        let truth = views[0].inverse_depth.data();
+        let errors: Vec<f64> =
+            depth.iter().map(|(p, d, _)| (d as f64 / truth[p as usize] as f64 - 1.0).abs()).collect();
+        let median = quantile(errors, 0.5);
+        assert!(median < 0.02, "{median}");
+    }
+
+    #[test]
+    fn a_keyframe_without_points_has_no_depth() {
+        assert!(StereoJob::new(&bare_map(&views()[..2]), 0, &DepthParams::default()).run().is_empty());
+    }
+
+    #[test]
+    fn brightness_between_keyframes_is_found() {
+        let views = views();
+        let map = exact_map(&views, 12);
+        let mut job = StereoJob::new(&map, 0, &DepthParams::default());
+        let (image, motion) = (views[1].pyramid.base(), views[0].to(&views[1]));
+        let (a, b) = job.brightness(&brightened(image, 0.7, 25.0), &motion);
+        assert!((a.exp() / 0.7 - 1.0).abs() < 0.08 && (b - 25.0).abs() < 8.0, "{} {b}", a.exp());
+        job.seeds.clear();
+        assert_eq!(job.brightness(image, &motion), (0.0, 0.0));
+    }
+
+    #[test]
+    fn companions_climb_a_ladder_of_baselines() {
+        let view = View::new(pose(0.0, 0.0, 0.0, 0.0, 0.0));
+        let mut state = view.keyframe();
+        let at = pose(0.2, 0.0, 0.0, 0.05, 0.0);
+        for parallax in [0.001, 0.014, 0.02, 0.021, 0.03, 0.037, 0.05, 0.09, 0.4] {
+            keep_companion(&mut state, view.pyramid.shared_base(), &at.inverse(), parallax);
+        }
+        let kept: Vec<f64> = state.companions.iter().map(|c| c.parallax).collect();
+        assert_eq!(kept, [0.02, 0.037, 0.09]);
+        let expected = at.inverse() * view.world_from_camera;
+        assert!((state.companions[0].frame_from_keyframe * expected.inverse()).log().norm() < 1e-12);
+    }
 }

@@ -14,6 +14,10 @@ params! {
         /// Points found, over the most found against the same reference, below which a keyframe is made at once:
         /// the view changes faster than the map knows it.
         pub fading: f32 = 0.5,
+        /// A map of at most this many keyframes is given up when it proves of no use. Range 2–20.
+        pub young_map: usize = 3,
+        /// Lost frames in a row after which it is. Range 3–100.
+        pub give_up: usize = 20,
         /// Matched points below which tracking is lost.
         pub min_matched: usize = 30,
         /// Share of sought points that must be matched.
@@ -36,5 +40,23 @@ impl Departure {
     pub fn score(&self, params: &KeyframeParams) -> f32 {
         let lost = (1.0 - self.overlap).max(0.0) / (1.0 - params.overlap);
         self.flow / params.flow + self.parallax / params.parallax + lost
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_cause_alone_makes_a_keyframe() {
+        let params = KeyframeParams::default();
+        let score = |flow, parallax, overlap| Departure { flow, parallax, overlap }.score(&params);
+        assert_eq!(score(0.0, 0.0, 1.0), 0.0);
+        assert!((score(params.flow, 0.0, 1.0) - 1.0).abs() < 1e-6);
+        assert!((score(0.0, params.parallax, 1.0) - 1.0).abs() < 1e-6);
+        assert!((score(0.0, 0.0, params.overlap) - 1.0).abs() < 1e-6);
+        assert_eq!(score(0.0, 0.0, 1.7), 0.0, "seeing more than the reference is no loss");
+        let half = score(0.5 * params.flow, 0.5 * params.parallax, 1.0);
+        assert!((half - 1.0).abs() < 1e-6, "causes add up: {half}");
     }
 }

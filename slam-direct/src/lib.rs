@@ -5,6 +5,7 @@
 
 mod agent;
 pub mod align;
+mod background;
 mod bootstrap;
 mod closing;
 mod dense;
@@ -23,6 +24,8 @@ mod select;
 pub mod sim3_align;
 #[cfg(test)]
 mod test_data;
+#[cfg(test)]
+mod test_scene;
 mod track;
 mod tracker;
 mod triangulate;

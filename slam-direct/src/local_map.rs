@@ -187,3 +187,108 @@ pub(crate) fn median(values: &mut [f32]) -> Option<f32> {
     let middle = values.len() / 2;
     Some(*values.select_nth_unstable_by(middle, f32::total_cmp).1)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::test_scene::{CAMERA, View, bare_map, exact_map, point_state, pose};
+
+    fn views() -> Vec<View> {
+        [0.0, 0.4].iter().map(|&x| View::new(pose(x, 0.0, 0.1 * x, -0.1 * x, 0.0))).collect()
+    }
+
+    #[test]
+    fn reference_points_lie_where_the_keyframe_sees_them() {
+        let views = views();
+        let map = exact_map(&views, 16);
+        let hosted = map.keyframes[1].points.len();
+        let points = map.reference_points(1);
+        assert_eq!(points.len(), hosted + map.keyframes[1].seen.len());
+        for (point, state) in points.iter().zip(&map.keyframes[1].points) {
+            assert_eq!((point.pixel, point.inverse_depth), (state.pixel, state.inverse_depth as f32));
+        }
+        assert!(points.len() > hosted + 20);
+        for (point, &at) in points[hosted..].iter().zip(&map.keyframes[1].seen) {
+            let host = map.point(at);
+            let world = views[0].world_from_camera * (host.ray / host.inverse_depth);
+            let here = views[1].world_from_camera.inverse() * world;
+            let pixel = CAMERA.project(&here);
+            assert!((pixel.x as f32 - point.pixel[0]).hypot(pixel.y as f32 - point.pixel[1]) < 1e-3);
+            assert!((point.inverse_depth * here.z as f32 - 1.0).abs() < 1e-5);
+            // Seen from farther away the same error of depth is a smaller one of inverse depth.
+            let relative = |variance: f64, inverse_depth: f64| variance / inverse_depth.powi(2);
+            let (own, hosts) = (
+                relative(point.variance as f64, point.inverse_depth as f64),
+                relative(host.variance, host.inverse_depth),
+            );
+            assert!((own / hosts - 1.0).abs() < 1e-3);
+        }
+    }
+
+    #[test]
+    fn the_dead_and_those_behind_are_no_reference_points() {
+        let views = views();
+        let mut map = exact_map(&views, 30);
+        let before = map.reference_points(0).len();
+        map.keyframes[0].points[0].alive = false;
+        assert_eq!(map.reference_points(0).len(), before - 1);
+        map.keyframes[1].camera_from_world = pose(0.0, 0.0, 0.0, std::f64::consts::PI, 0.0).inverse()
+            * pose(0.0, 0.0, 0.0, 0.0, 0.0)
+            * map.keyframes[1].camera_from_world;
+        assert_eq!(map.reference_points(1).len(), map.keyframes[1].points.len());
+    }
+
+    #[test]
+    fn covisible_keyframes_are_counted_and_ordered() {
+        let views = views();
+        let mut map =
+            bare_map(&[0, 1, 0, 1].map(|i| View { pyramid: views[i].pyramid.clone(), ..copy(&views[i]) }));
+        // Who hosts → who sees.
+        for (host, watchers) in [(0, vec![1, 2]), (0, vec![1]), (1, vec![2]), (2, vec![1]), (2, vec![3])] {
+            let index = map.keyframes[host].points.len();
+            map.keyframes[host].points.push(point_state(views[0].points(60)[0]));
+            for keyframe in watchers {
+                let seen = SeenAt { keyframe, pixel: [0.0; 2], information: [1.0; 3] };
+                map.observe(PointRef { host, index }, seen);
+            }
+        }
+        assert_eq!(map.covisible(1), [(2, 3), (0, 2)]);
+        assert_eq!(map.covisible(0), [(1, 2), (2, 1)]);
+        assert_eq!(map.covisible(3), [(2, 1)]);
+        map.keyframes[2].points[0].alive = false;
+        assert_eq!(map.covisible(1), [(2, 2), (0, 2)], "of equals the newer comes first");
+        assert_eq!(map.points_of(1).count(), 3);
+    }
+
+    fn copy(view: &View) -> View {
+        View {
+            world_from_camera: view.world_from_camera,
+            pyramid: view.pyramid.clone(),
+            inverse_depth: view.inverse_depth.clone(),
+        }
+    }
+
+    #[test]
+    fn sought_and_found_are_counted() {
+        let mut map = exact_map(&views(), 40);
+        let at = |index| PointRef { host: 0, index };
+        let matched = |index, inlier| Matched {
+            at: at(index),
+            pixel: [0.0; 2],
+            information: [1.0; 3],
+            rmse: 1.0,
+            squared: 0.0,
+            inlier,
+        };
+        map.count_sought(&[at(0), at(1), at(2)], &[matched(0, true), matched(1, false)]);
+        let counts: Vec<_> = map.keyframes[0].points[..3].iter().map(|p| (p.sought, p.found)).collect();
+        assert_eq!(counts, [(1, 1), (1, 0), (1, 0)]);
+    }
+
+    #[test]
+    fn the_median_of_few() {
+        assert_eq!(median(&mut []), None);
+        assert_eq!(median(&mut [3.0]), Some(3.0));
+        assert_eq!(median(&mut [5.0, 1.0, 3.0]), Some(3.0));
+    }
+}

@@ -110,7 +110,8 @@ impl DepthPrior {
         near.select_nth_unstable_by(5, |a, b| a.0.total_cmp(&b.0));
         let depths = near[..6].iter().map(|n| n.1 as f64);
         let (least, most) = depths.fold((f64::INFINITY, 0.0f64), |(l, m), d| (l.min(d), m.max(d)));
-        ((0.5 * least).max(self.overall.0), (1.7 * most).min(self.overall.1).max(0.6 * least))
+        // What lies nearby bounds the range even where it is farther than all the rest.
+        ((0.5 * least).max(self.overall.0).min(least), (1.7 * most).min(self.overall.1).max(0.6 * least))
     }
 }
 
@@ -287,3 +288,6 @@ pub(crate) fn median_flow(
     }
     Some((median(&mut all)?, median(&mut moved)?))
 }
+
+#[cfg(test)]
+mod tests;

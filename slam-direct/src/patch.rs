@@ -186,6 +186,7 @@ impl Template {
 
     /// Fits gain and offset; `None` when the image has nothing in common with the template.
     /// Sums run in eight fixed lanes, so that the compiler may vectorise them.
+    #[allow(clippy::needless_range_loop, reason = "five lanes and four images share the index")]
     fn reduce(&self, sampled: &[f32; AREA]) -> Option<Residual> {
         let mut lanes = [[0.0f32; SIZE]; 5];
         for j in 0..SIZE {

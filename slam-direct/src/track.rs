@@ -377,3 +377,6 @@ pub(crate) fn align_from_guesses(
     }
     best.expect("at least one guess is given")
 }
+
+#[cfg(test)]
+mod tests;

@@ -29,7 +29,8 @@ pub(crate) struct Tracker {
     /// Motion of the last frame: `last = velocity * the one before`.
     velocity: Se3,
     brightness: Brightness,
-    lost: bool,
+    /// Frames in a row that were not found.
+    lost: usize,
 }
 
 /// A frame's pose with the matches it rests on.
@@ -80,7 +81,7 @@ impl Tracker {
             last,
             velocity,
             brightness: Brightness::default(),
-            lost: false,
+            lost: 0,
         }
     }
 
@@ -114,17 +115,17 @@ impl Tracker {
         let p = &params.keyframes;
         if !located.is_good(p.min_matched, p.min_share) {
             let Some((reference, found)) = relocate(map, places, pyramid, self.reference, params) else {
-                self.lost = true;
+                self.lost += 1;
                 self.velocity = Se3::identity();
                 return None;
             };
-            self.lost = true;
+            self.lost += 1;
             self.refer_to(map, reference, params);
             located = found;
         }
         self.velocity =
-            if self.lost { Se3::identity() } else { located.camera_from_world * self.last.inverse() };
-        self.lost = false;
+            if self.lost > 0 { Se3::identity() } else { located.camera_from_world * self.last.inverse() };
+        self.lost = 0;
         self.last = located.camera_from_world;
         self.brightness = located.brightness;
         self.most_sought = self.most_sought.max(located.sought.len());
@@ -138,6 +139,11 @@ impl Tracker {
         let overlap = located.sought.len() as f32 / self.most_sought.max(1) as f32;
         let fades = (located.inliers as f32) < p.fading * self.most_found as f32;
         fades || departure(map, self.reference, &self.last, overlap).is_none_or(|d| d.score(p) > 1.0)
+    }
+
+    /// Frames in a row that were not found.
+    pub fn lost_frames(&self) -> usize {
+        self.lost
     }
 
     /// Distance of the newest frame from the reference over the reference's median depth.
@@ -228,4 +234,79 @@ fn departure(map: &LocalMap, keyframe: usize, camera_from_world: &Se3, overlap: 
     let (flow, parallax) = mapping::median_flow(map, keyframe, &relative)?;
     let width = map.camera.width as f32;
     Some(Departure { flow: flow / width, parallax: parallax / width, overlap })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::test_scene::{CAMERA, View as Rendered, exact_map, pose};
+    use geometry::GrayImage;
+    use place_recog::ThumbnailIndex;
+
+    fn keyframes() -> Vec<Rendered> {
+        [0.0, 0.5, 1.0].iter().map(|&x| Rendered::new(pose(x, 0.0, 0.0, 0.0, 0.0))).collect()
+    }
+
+    fn places(keyframes: &[Rendered]) -> ThumbnailIndex {
+        let mut places = ThumbnailIndex::default();
+        for (index, view) in keyframes.iter().enumerate() {
+            places.add(LocalMap::id(index), view.pyramid.base());
+        }
+        places
+    }
+
+    fn error(found: &Se3, view: &Rendered) -> f64 {
+        (*found * view.world_from_camera).log().norm()
+    }
+
+    #[test]
+    fn follows_a_moving_camera_and_changes_its_reference() {
+        let keyframes = keyframes();
+        let (map, places, params) = (exact_map(&keyframes, 10), places(&keyframes), Params::default());
+        let start = map.keyframes[0].camera_from_world;
+        let mut tracker = Tracker::new(&map, 0, start, Se3::identity(), &params);
+        for i in 1..=20 {
+            let view = Rendered::new(pose(0.05 * i as f64, 0.0, 0.0, 0.01 * (i as f64 * 0.5).sin(), 0.0));
+            let located = tracker.track(&map, &places, &view.pyramid, &params).expect("it is in the map");
+            assert!(error(&located.camera_from_world, &view) < 0.01, "{i}");
+            assert!(located.inlier_share() > 0.6 && located.rmse() < 15.0, "{i}");
+            assert_eq!(tracker.last, located.camera_from_world);
+            tracker.change_reference(&map, &located, &params);
+        }
+        assert_eq!(tracker.reference, 2, "the nearest keyframe is the reference");
+    }
+
+    #[test]
+    fn a_lost_camera_is_found_near_another_keyframe() {
+        let keyframes = keyframes();
+        let (map, places, params) = (exact_map(&keyframes, 10), places(&keyframes), Params::default());
+        let start = map.keyframes[0].camera_from_world;
+        let mut tracker = Tracker::new(&map, 0, start, Se3::identity(), &params);
+        for value in [0, 90, 255] {
+            let flat = Pyramid::new(GrayImage::filled(CAMERA.width, CAMERA.height, value), 5);
+            assert!(tracker.track(&map, &places, &flat, &params).is_none(), "{value}");
+            assert_eq!(tracker.last, start, "a lost frame has no pose");
+        }
+        let elsewhere = Rendered::new(pose(0.0, 0.0, -9.0, 3.1, 0.0));
+        assert!(tracker.track(&map, &places, &elsewhere.pyramid, &params).is_none());
+        let view = Rendered::new(pose(0.95, 0.0, 0.05, 0.02, 0.0));
+        let located = tracker.track(&map, &places, &view.pyramid, &params).expect("it is near keyframe 2");
+        assert!(error(&located.camera_from_world, &view) < 0.01);
+    }
+
+    #[test]
+    fn a_keyframe_is_wanted_far_from_the_reference_and_not_beside_it() {
+        let keyframes = keyframes();
+        let (map, places, params) =
+            (exact_map(&keyframes[..1], 10), places(&keyframes[..1]), Params::default());
+        let start = map.keyframes[0].camera_from_world;
+        let mut tracker = Tracker::new(&map, 0, start, Se3::identity(), &params);
+        let mut wants = |x: f64| {
+            let view = Rendered::new(pose(x, 0.0, 0.0, 0.0, 0.0));
+            let located = tracker.track(&map, &places, &view.pyramid, &params).expect("it is in the map");
+            tracker.wants_keyframe(&map, &located, &params)
+        };
+        assert!(!wants(0.02));
+        assert!((1..=8).map(|i| 0.02 + 0.1 * i as f64).any(wants), "eight tenths of a metre at five metres");
+    }
 }

@@ -203,3 +203,88 @@ impl<'a> Triangulator<'a> {
         (d > 0.0 && d.is_finite()).then_some((d, 1.0 / information, worst))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::local_map::PointState;
+    use crate::select::select;
+    use crate::test_scene::{View, bare_map, pose, quantile};
+
+    /// Inverse depths to expect anywhere in the yard, 1/m.
+    const RANGE: (f64, f64) = (0.08, 0.6);
+
+    /// All points found for the first view in the others, and how many were sought.
+    fn triangulate(views: &[View]) -> (Vec<PointState>, usize) {
+        let map = bare_map(views);
+        let others: Vec<usize> = (1..views.len()).collect();
+        let (params, track) = (TriangulateParams::default(), TrackParams::default());
+        let triangulator = Triangulator::new(&map, 0, &others, &params, &track);
+        let sought = select(views[0].pyramid.base(), 12, 12.0, |_, _| false);
+        let found = sought.iter().filter_map(|c| triangulator.point(c.pixel, RANGE)).collect();
+        (found, sought.len())
+    }
+
+    /// Relative errors of the points' inverse depths.
+    fn errors(points: &[PointState], view: &View) -> Vec<f64> {
+        let error = |p: &PointState| (p.inverse_depth / view.depth_at(p.pixel) as f64 - 1.0).abs();
+        points.iter().filter(|p| view.smooth_around(p.pixel)).map(error).collect()
+    }
+
+    #[test]
+    fn depths_from_exact_poses_are_right() {
+        let first = pose(0.0, 0.0, 0.0, 0.0, 0.0);
+        for others in [
+            vec![pose(0.3, 0.0, 0.0, 0.0, 0.0)],
+            vec![pose(0.25, 0.05, 0.1, 0.03, 0.0), pose(-0.35, 0.0, 0.0, -0.03, 0.02)],
+            vec![pose(0.0, 0.0, 0.5, 0.0, 0.0), pose(0.05, 0.0, 0.9, 0.0, 0.0)],
+        ] {
+            let views: Vec<View> = [first].into_iter().chain(others).map(View::new).collect();
+            let (points, sought) = triangulate(&views);
+            assert!(points.len() * 4 > sought, "{} of {sought}", points.len());
+            let errors = errors(&points, &views[0]);
+            let gross = errors.iter().filter(|&&e| e > 0.1).count() as f64 / errors.len() as f64;
+            let median = quantile(errors, 0.5);
+            assert!(median < 0.015 && gross < 0.03, "median {median}, gross {gross}");
+        }
+    }
+
+    #[test]
+    fn the_variance_is_honest() {
+        let views =
+            [pose(0.0, 0.0, 0.0, 0.0, 0.0), pose(0.3, 0.0, 0.0, 0.0, 0.0), pose(-0.3, 0.1, 0.0, 0.0, 0.0)]
+                .map(View::new);
+        let (points, _) = triangulate(&views);
+        let normalised = points
+            .iter()
+            .filter(|p| views[0].smooth_around(p.pixel))
+            .map(|p| (p.inverse_depth - views[0].depth_at(p.pixel) as f64).abs() / p.variance.sqrt());
+        let within = quantile(normalised.collect(), 0.9);
+        assert!(within < 2.5, "a tenth of the points is more than {within} σ off");
+    }
+
+    #[test]
+    fn no_depth_without_baseline_or_in_another_place() {
+        let here = pose(0.0, 0.0, 0.0, 0.0, 0.0);
+        for other in [here, pose(0.0, 0.0, 0.0, 0.1, 0.0), pose(0.0, 0.0, -9.0, 3.1, 0.0)] {
+            let (points, sought) = triangulate(&[View::new(here), View::new(other)]);
+            assert!(points.len() * 50 < sought, "{} of {sought}", points.len());
+        }
+    }
+
+    #[test]
+    fn the_unit_of_the_poses_is_the_unit_of_the_depths() {
+        let mut views = [pose(0.0, 0.0, 0.0, 0.0, 0.0), pose(0.3, 0.0, 0.1, 0.02, 0.0)].map(View::new);
+        let (points, _) = triangulate(&views);
+        for view in &mut views {
+            view.world_from_camera.translation *= 0.25;
+        }
+        let map = bare_map(&views);
+        let (params, track) = (TriangulateParams::default(), TrackParams::default());
+        let triangulator = Triangulator::new(&map, 0, &[1], &params, &track);
+        for point in points {
+            let scaled = triangulator.point(point.pixel, (4.0 * RANGE.0, 4.0 * RANGE.1)).unwrap();
+            assert!((scaled.inverse_depth / point.inverse_depth - 4.0).abs() < 1e-3);
+        }
+    }
+}

@@ -88,6 +88,11 @@ impl ThumbnailIndex {
 }
 
 impl PlaceIndex for ThumbnailIndex {
+    fn clear(&mut self) {
+        self.keyframes.clear();
+        self.thumbnails.clear();
+    }
+
     /// Adds a keyframe, or replaces its image. An image without contrast is never found.
     fn add(&mut self, keyframe: KeyframeId, image: &GrayImage) {
         let thumbnail = Thumbnail::new(image);

@@ -1,35 +1,59 @@
 //! Spreading a loop's drift over the keyframes.
 
 use super::evidence::NoLoop;
-use crate::local_map::LocalMap;
+use crate::local_map::{KeyframeState, LocalMap};
 use crate::mapping::UnitChange;
 use crate::posegraph::{self, KernelShape, PoseGraphParams, RobustKernel};
 use geometry::Sim3;
 use map::{Edge, EdgeKind, KeyframeId};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Optimises the keyframes' similarities under `edges`, the first one held, and moves the map there: poses
-/// stay rigid, each keyframe's scale goes into the depths of its points. Refuses, and leaves the map as it was,
-/// when the loops contradict each other.
-pub(super) fn correct(
-    map: &mut LocalMap,
-    edges: &[Edge],
-    params: &PoseGraphParams,
-) -> Result<Vec<UnitChange>, NoLoop> {
-    let mut nodes: BTreeMap<KeyframeId, Sim3> = map
-        .keyframes
-        .iter()
-        .enumerate()
-        .map(|(index, state)| (LocalMap::id(index), Sim3::from(state.camera_from_world.inverse())))
-        .collect();
-    let first = BTreeSet::from([LocalMap::id(0)]);
-    let edges = believable(&nodes, edges, &first, params)?;
-    let report = posegraph::optimise(&mut nodes, &edges, &first, params).map_err(NoLoop::Graph)?;
-    let loses_a_loop = report.suppressed.iter().any(|&i| edges[i].kind == EdgeKind::Loop);
-    if loses_a_loop || nodes.values().any(|node| !node.is_valid()) {
-        return Err(NoLoop::Contradicted);
+/// The pose graph of a loop, owned, so that it can be solved beside the tracking.
+pub(super) struct GraphJob {
+    nodes: BTreeMap<KeyframeId, Sim3>,
+    edges: Vec<Edge>,
+    params: PoseGraphParams,
+}
+
+/// How the world moves at each keyframe: `corrected world from world before`.
+pub(super) struct Correction(BTreeMap<KeyframeId, Sim3>);
+
+impl GraphJob {
+    /// The map's keyframes under `edges`.
+    pub fn new(map: &LocalMap, edges: Vec<Edge>, params: &PoseGraphParams) -> Self {
+        let node = |(index, state): (usize, &KeyframeState)| {
+            (LocalMap::id(index), Sim3::from(state.camera_from_world.inverse()))
+        };
+        Self { nodes: map.keyframes.iter().enumerate().map(node).collect(), edges, params: params.clone() }
     }
-    Ok(nodes.into_iter().map(|(id, world_from_keyframe)| place(map, id, &world_from_keyframe)).collect())
+
+    /// Optimises the keyframes' similarities, the first one held. Refuses when the loops contradict each other.
+    pub fn solve(self) -> Result<Correction, NoLoop> {
+        let first = BTreeSet::from([LocalMap::id(0)]);
+        let edges = believable(&self.nodes, &self.edges, &first, &self.params)?;
+        let mut nodes = self.nodes.clone();
+        let report = posegraph::optimise(&mut nodes, &edges, &first, &self.params).map_err(NoLoop::Graph)?;
+        let loses_a_loop = report.suppressed.iter().any(|&i| edges[i].kind == EdgeKind::Loop);
+        if loses_a_loop || nodes.values().any(|node| !node.is_valid()) {
+            return Err(NoLoop::Contradicted);
+        }
+        let correction = |(id, after): (KeyframeId, Sim3)| (id, after * self.nodes[&id].inverse());
+        Ok(Correction(nodes.into_iter().map(correction).collect()))
+    }
+}
+
+impl Correction {
+    /// Moves the map: poses stay rigid, each keyframe's scale goes into the depths of its points. Keyframes
+    /// made since the graph was taken go along with the last one it knew.
+    pub fn apply(&self, map: &mut LocalMap) -> Vec<UnitChange> {
+        (0..map.keyframes.len())
+            .filter_map(|keyframe| {
+                let (_, correction) = self.0.range(..=LocalMap::id(keyframe)).next_back()?;
+                let now = Sim3::from(map.keyframes[keyframe].camera_from_world.inverse());
+                Some(place(map, keyframe, &(*correction * now)))
+            })
+            .collect()
+    }
 }
 
 /// The edges with what those of the map claim lowered until the newest loop is credible.
@@ -70,8 +94,7 @@ fn believable(
 }
 
 /// Puts a keyframe where the graph wants it.
-fn place(map: &mut LocalMap, id: KeyframeId, world_from_keyframe: &Sim3) -> UnitChange {
-    let keyframe = id.0 as usize;
+fn place(map: &mut LocalMap, keyframe: usize, world_from_keyframe: &Sim3) -> UnitChange {
     let factor = world_from_keyframe.scale;
     let state = &mut map.keyframes[keyframe];
     state.camera_from_world = world_from_keyframe.rigid().inverse().renormalized();

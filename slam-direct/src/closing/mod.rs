@@ -14,6 +14,7 @@ mod join;
 #[cfg(test)]
 mod tests;
 
+use crate::background::Task;
 use crate::local_map::LocalMap;
 use crate::loops::{self, LoopParams};
 use crate::mapping::{self, UnitChange};
@@ -21,6 +22,7 @@ use crate::params::Params;
 use crate::params_macro::params;
 use crate::posegraph::PoseGraphParams;
 use crate::sim3_align::Sim3AlignParams;
+use correct::{Correction, GraphJob};
 use drift::Reach;
 use evidence::{NoLoop, Proposal};
 use geometry::Sim3;
@@ -100,6 +102,8 @@ pub(crate) struct LoopCloser {
     closed: Vec<Edge>,
     /// `(newer, older)` keyframe of attempts that failed.
     futile: Vec<(usize, usize)>,
+    /// The loop being closed.
+    pending: Option<(FoundLoop, Task<Result<Correction, NoLoop>>)>,
 }
 
 impl LoopCloser {
@@ -171,21 +175,35 @@ impl LoopCloser {
         self.futile.push((keyframe, old));
     }
 
-    /// Corrects the map by a found loop, joins its two ends and optimises; tells how the units of the keyframes
-    /// changed. The map is as before when the loop contradicts the rest of the graph.
-    pub fn close(
-        &mut self,
-        local: &mut LocalMap,
-        found: &FoundLoop,
-        params: &Params,
-    ) -> Result<Vec<UnitChange>, NoLoop> {
-        let p = &params.closing;
+    /// Begins to close a found loop: its pose graph is solved in the background.
+    pub fn start(&mut self, local: &LocalMap, found: FoundLoop, params: &Params) {
         let mut edges = self.edges(local);
         edges.push(found.edge.clone());
-        let corrected = correct::correct(local, &edges, &p.graph);
-        let Ok(correction) = corrected else {
-            self.note_futile(found.edge.from.0 as usize, found.edge.to.0 as usize, p);
-            return corrected;
+        let job = GraphJob::new(local, edges, &params.closing.graph);
+        self.pending = Some((found, Task::spawn(move || job.solve())));
+    }
+
+    /// Whether a loop is being closed.
+    pub fn is_busy(&self) -> bool {
+        self.pending.is_some()
+    }
+
+    /// Corrects the map by the loop begun with [`LoopCloser::start`], joins its two ends and optimises; tells
+    /// how the units of the keyframes changed. The map is as before when the loop contradicts the rest of the
+    /// graph; `None` when none was begun.
+    pub fn finish(
+        &mut self,
+        local: &mut LocalMap,
+        params: &Params,
+    ) -> Option<Result<(FoundLoop, Vec<UnitChange>), NoLoop>> {
+        let p = &params.closing;
+        let (found, task) = self.pending.take()?;
+        let correction = match task.join() {
+            Ok(correction) => correction.apply(local),
+            Err(refusal) => {
+                self.note_futile(found.edge.from.0 as usize, found.edge.to.0 as usize, p);
+                return Some(Err(refusal));
+            }
         };
         self.closed.push(found.edge.clone());
         join::join(local, &found.new_side, &found.old_side, &params.track);
@@ -195,7 +213,7 @@ impl LoopCloser {
             let ends = [found.edge.to, found.edge.from].map(|id| id.0 as usize);
             ends.map(|end| mapping::optimise_around(local, end, &params.mapping)).concat()
         };
-        Ok(compose(correction.into_iter().chain(polish)))
+        Some(Ok((found, compose(correction.into_iter().chain(polish)))))
     }
 
     /// Brings what the closed loops know to the keyframes' new units.

@@ -249,3 +249,6 @@ fn solve_dense(h: DMatrix<f64>, g: DVector<f64>) -> Option<DVector<f64>> {
     let x = DVector::from_fn(n, |i, _| x[(i, 0)]);
     x.iter().all(|v| v.is_finite()).then_some(x)
 }
+
+#[cfg(test)]
+mod tests;

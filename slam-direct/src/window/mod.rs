@@ -12,6 +12,8 @@
 mod linear;
 mod problem;
 mod solve;
+#[cfg(test)]
+mod tests;
 
 pub(crate) use problem::{Problem, WindowObservation, WindowPoint, mahalanobis, predict, robust_weight};
 pub(crate) use solve::solve;

@@ -4,36 +4,22 @@ use super::linear::Normal;
 use super::problem::Problem;
 use geometry::Se3;
 
-/// What an optimisation did.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct WindowReport {
-    /// Robust cost before.
-    #[allow(dead_code)]
-    pub initial_cost: f64,
-    /// Robust cost after.
-    pub final_cost: f64,
-    /// Accepted steps.
-    #[allow(dead_code)]
-    pub iterations: usize,
-}
-
 /// Inverse depths stay above this share of their value per step, so that no point jumps through infinity.
 const MIN_DEPTH_FACTOR: f64 = 0.2;
 
 /// Minimises the robust cost over the free poses and all inverse depths; stops after `iterations`
-/// steps or when the cost falls by less than one part in ten thousand.
-pub(crate) fn solve(problem: &mut Problem, iterations: usize) -> WindowReport {
-    let initial_cost = problem.cost();
-    let mut cost = initial_cost;
+/// steps or when the cost falls by less than one part in ten million. Returns the cost that is left.
+pub(crate) fn solve(problem: &mut Problem, iterations: usize) -> f64 {
+    let mut cost = problem.cost();
     let mut lambda = 1e-5;
     let mut done = 0;
     let mut normal = Normal::new(problem);
     let mut refused = 0;
     while done < iterations && refused < 6 {
-        let accepted = normal.step(problem, lambda).and_then(|step| {
+        let accepted = normal.step(problem, lambda).map(|step| {
             let candidate = moved(problem, &step);
             let cost = candidate.cost();
-            Some((candidate, cost))
+            (candidate, cost)
         });
         match accepted {
             Some((candidate, new_cost)) if new_cost < cost => {
@@ -57,7 +43,7 @@ pub(crate) fn solve(problem: &mut Problem, iterations: usize) -> WindowReport {
     for (point, information) in problem.points.iter_mut().zip(normal.depth_information()) {
         point.information = information;
     }
-    WindowReport { initial_cost, final_cost: cost, iterations: done }
+    cost
 }
 
 fn moved(problem: &Problem, (pose, depth): &(Vec<nalgebra::Vector6<f64>>, Vec<f64>)) -> Problem {

@@ -43,7 +43,8 @@ fn a_loop_pulls_a_drifted_map_together() {
     let found = (54..60).find_map(|k| find(&scene, &mut closer, k, &params)).expect("the loop is found");
     let (newer, older) = found.keyframes();
     assert!(newer.0 >= 54 && older.0 <= 6, "{newer:?} {older:?}");
-    let changes = closer.close(&mut scene.local, &found, &params).unwrap();
+    closer.start(&scene.local, found, &params);
+    let (_, changes) = closer.finish(&mut scene.local, &params).unwrap().unwrap();
     let after = error(&centres(&scene.local), &truth);
     assert!(before > 0.15 && after < 0.1 * before, "{before} m before, {after} m after");
     // The units follow: the injected drift of scale at the newer end is gone.

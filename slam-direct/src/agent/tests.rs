@@ -1,0 +1,154 @@
+//! The agent on a short rendered drive.
+
+use super::*;
+use crate::test_scene::yard;
+use geometry::umeyama;
+use loopbox_tests::{Recording, trajectory};
+use place_recog::ThumbnailIndex;
+use std::sync::LazyLock;
+
+/// A drive past the row of boxes.
+fn drive() -> &'static Recording {
+    static DRIVE: LazyLock<Recording> = LazyLock::new(|| {
+        Recording::render(yard(), Recording::SMALL_CAMERA, &trajectory::sideways(50, 2.5), 20.0)
+    });
+    &DRIVE
+}
+
+fn agent() -> Agent {
+    Agent::new(Recording::SMALL_CAMERA, Box::new(ThumbnailIndex::default()), Params::default())
+}
+
+/// Gives the agent the frames of the drive, each as `picture` shows it.
+fn feed(agent: &mut Agent, picture: impl Fn(usize, &GrayImage) -> GrayImage) -> Vec<FrameReport> {
+    let shots = drive().shots.iter().enumerate();
+    shots
+        .map(|(i, shot)| {
+            let (index, timestamp, image) = (i as u64, shot.timestamp, picture(i, &shot.image));
+            agent.process(Frame { index, timestamp, image })
+        })
+        .collect()
+}
+
+fn as_it_is(_: usize, image: &GrayImage) -> GrayImage {
+    image.clone()
+}
+
+fn finished() -> (Map, Vec<FrameReport>) {
+    let mut agent = agent();
+    let reports = feed(&mut agent, as_it_is);
+    agent.finish();
+    (agent.into_map(), reports)
+}
+
+/// Root mean square distance of the trajectory from the truth once scale and place are fitted, metres.
+fn trajectory_error(map: &Map) -> f64 {
+    let found: Vec<_> = map.trajectory().iter().map(|p| p.world_from_camera.translation).collect();
+    let truth = |f: &FramePose| drive().shots[f.frame_index as usize].world_from_camera.translation;
+    let truth: Vec<_> = map.frames.iter().map(truth).collect();
+    let fit = umeyama::sim3(&found, &truth).unwrap();
+    let square: f64 = found.iter().zip(&truth).map(|(f, t)| (fit * *f - t).norm_squared()).sum();
+    (square / found.len() as f64).sqrt()
+}
+
+#[test]
+fn a_drive_is_tracked_and_mapped() {
+    let (map, reports) = finished();
+    let begun = reports.iter().position(|r| r.state == TrackingState::Tracking).expect("a first map");
+    assert!(begun < 15, "the first map takes {begun} frames");
+    assert!(
+        reports[begun..].iter().all(|r| r.state == TrackingState::Tracking && r.world_from_camera.is_some())
+    );
+    assert_eq!(map.frames.len(), drive().shots.len(), "the frames of the start get poses too");
+    assert!(map.frames.windows(2).all(|w| w[0].frame_index < w[1].frame_index));
+    let error = trajectory_error(&map);
+    assert!(error < 0.01 * drive().path_length(), "off by {error} m");
+    assert!(map.keyframes.len() >= 4, "{} keyframes", map.keyframes.len());
+    for keyframe in map.keyframes.values() {
+        assert!(keyframe.semi_dense.len() > 2000, "{:?}: {}", keyframe.id, keyframe.semi_dense.len());
+        assert!(keyframe.points.len() > 20, "{:?}: {}", keyframe.id, keyframe.points.len());
+    }
+    let mut settled: Vec<KeyframeId> = reports.iter().flat_map(|r| r.settled_keyframes.clone()).collect();
+    assert!(!settled.is_empty());
+    settled.dedup();
+    assert!(settled.windows(2).all(|w| w[0] < w[1]), "each keyframe settles once, in order: {settled:?}");
+}
+
+#[test]
+fn a_keyframe_and_its_frame_have_one_pose() {
+    let (map, _) = finished();
+    for keyframe in map.keyframes.values() {
+        let frame = map.frames.iter().find(|f| f.frame_index == keyframe.frame_index).expect("its frame");
+        let world_from_frame = map.world_from_frame(frame).unwrap().rigid();
+        let off = (world_from_frame.inverse() * keyframe.world_from_keyframe.rigid()).log().norm();
+        assert!(off < 1e-9, "{:?}: off by {off}", keyframe.id);
+    }
+}
+
+#[test]
+fn two_runs_give_one_map_however_many_threads() {
+    let on = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| finished().0)
+    };
+    let one = on(1);
+    assert!(one == on(1), "two runs differ");
+    assert!(one == on(2), "the number of threads matters");
+}
+
+#[test]
+fn dark_frames_lose_the_agent_and_light_finds_it_again() {
+    let mut agent = agent();
+    let dark = 30..34;
+    let reports = feed(&mut agent, |i, image| match dark.contains(&i) {
+        true => GrayImage::filled(image.width(), image.height(), 0),
+        false => image.clone(),
+    });
+    for i in dark.clone() {
+        assert_eq!(reports[i].state, TrackingState::Lost, "{i}");
+        assert!(reports[i].reason.is_some() && reports[i].world_from_camera.is_none());
+    }
+    assert!(reports[36..].iter().all(|r| r.state == TrackingState::Tracking));
+    agent.finish();
+    assert!(trajectory_error(agent.map()) < 0.01 * drive().path_length());
+}
+
+#[test]
+fn changing_light_is_followed() {
+    let mut agent = agent();
+    let reports = feed(&mut agent, |i, image| {
+        crate::test_scene::brightened(
+            image,
+            0.8 + 0.2 * (0.3 * i as f32).sin(),
+            5.0 * (0.2 * i as f32).cos() + 6.0,
+        )
+    });
+    let begun = reports.iter().position(|r| r.state == TrackingState::Tracking).expect("a first map");
+    assert!(reports[begun..].iter().all(|r| r.state == TrackingState::Tracking));
+    agent.finish();
+    let error = trajectory_error(agent.map());
+    assert!(error < 0.02 * drive().path_length(), "off by {error} m");
+}
+
+#[test]
+fn the_reason_for_waiting_is_the_true_one() {
+    let texture = "the image has too little texture";
+    let mut agent = agent();
+    let (width, height) = (Recording::SMALL_CAMERA.width, Recording::SMALL_CAMERA.height);
+    let mut report =
+        |index: u64, image: GrayImage| agent.process(Frame { index, timestamp: index as f64, image });
+    let grey = report(0, GrayImage::filled(width, height, 128));
+    assert_eq!((grey.state, grey.reason), (TrackingState::Starting, Some(texture)));
+    let good = report(1, drive().shots[0].image.as_ref().clone());
+    assert_eq!(good.state, TrackingState::Starting);
+    assert_ne!(good.reason, Some(texture), "this image has texture");
+    let black = report(2, GrayImage::filled(width, height, 0));
+    assert_eq!((black.state, black.reason), (TrackingState::Starting, Some(texture)));
+}
+
+#[test]
+fn an_agent_that_saw_nothing_ends_with_an_empty_map() {
+    let mut agent = agent();
+    agent.finish();
+    assert!(agent.map().keyframes.is_empty() && agent.map().frames.is_empty());
+}

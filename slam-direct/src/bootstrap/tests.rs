@@ -1,0 +1,165 @@
+//! First maps from rendered motions of which the truth is known.
+
+use super::*;
+use crate::test_scene::{CAMERA, View, pose, quantile, yard};
+use geometry::GrayImage;
+use loopbox_tests::{Cuboid, World};
+
+/// Ends of a run through the views.
+struct Run {
+    started: Option<Started>,
+    /// Frames taken, the first included.
+    frames: usize,
+    restarts: usize,
+}
+
+/// Follows the views until there is a map. Restarts go on with the frame that caused them.
+fn run(views: impl IntoIterator<Item = Pyramid>, params: &BootstrapParams) -> Run {
+    let (mut start, mut run) = (None, Run { started: None, frames: 0, restarts: 0 });
+    for pyramid in views {
+        let (time, index) = (0.1 * run.frames as f64, run.frames as u64);
+        run.frames += 1;
+        let Some(mut bootstrap) = start.take() else {
+            start = Bootstrap::new(CAMERA, pyramid, time, index, params);
+            continue;
+        };
+        match Bootstrap::add(&mut bootstrap, &pyramid, time, index, params, &TrackParams::default()) {
+            Progress::Waiting(_) => start = Some(bootstrap),
+            Progress::Restart(_) => {
+                run.restarts += 1;
+                start = Bootstrap::new(CAMERA, pyramid, time, index, params);
+            }
+            Progress::Done(started) => {
+                run.started = Some(*started);
+                break;
+            }
+        }
+    }
+    run
+}
+
+/// Poses with the camera `per_frame` metres farther each frame.
+fn motion(count: usize, per_frame: [f64; 3]) -> impl Iterator<Item = Se3> {
+    let [x, y, z] = per_frame;
+    (0..count).map(move |i| i as f64).map(move |i| pose(x * i, y * i, z * i, 0.002 * i, 0.0))
+}
+
+/// Median relative error of the first keyframe's depths up to one scale, the share that is off by more than a
+/// fifth, and the scale.
+fn depth_errors(started: &Started, first: &View) -> (f64, f64, f64) {
+    let points = started.map.keyframes[0].points.iter().filter(|p| first.smooth_around(p.pixel));
+    let ratios: Vec<f64> = points.map(|p| p.inverse_depth / first.depth_at(p.pixel) as f64).collect();
+    let scale = quantile(ratios.clone(), 0.5);
+    let errors: Vec<f64> = ratios.iter().map(|r| (r / scale - 1.0).abs()).collect();
+    let gross = errors.iter().filter(|&&e| e > 0.2).count() as f64 / errors.len() as f64;
+    (quantile(errors, 0.5), gross, scale)
+}
+
+#[test]
+fn sideways_forward_and_diagonal_motion_give_the_true_map() {
+    for per_frame in [[0.03, 0.0, 0.0], [0.0, 0.0, 0.06], [-0.02, 0.01, 0.04]] {
+        let poses: Vec<Se3> = motion(40, per_frame).collect();
+        let first = View::new(poses[0]);
+        let run = run(poses.iter().map(|&p| View::new(p).pyramid), &BootstrapParams::default());
+        let started =
+            run.started.unwrap_or_else(|| panic!("no map for {per_frame:?} in {} frames", run.frames));
+        assert_eq!(run.restarts, 0);
+        let (median, gross, scale) = depth_errors(&started, &first);
+        assert!(median < 0.02 && gross < 0.05, "{per_frame:?}: median {median}, gross {gross}");
+        let points = &started.map.keyframes[0].points;
+        assert!(points.len() >= 40, "{per_frame:?}: {} points", points.len());
+        let unit = quantile(points.iter().map(|p| p.inverse_depth).collect(), 0.5);
+        assert!((unit - 1.0).abs() < 0.1, "the median depth is the unit: {unit}");
+        assert_eq!(started.frames.len(), run.frames - 1);
+        for (i, (_, index, frame_from_first)) in started.frames.iter().enumerate() {
+            assert_eq!(*index, i as u64 + 1);
+            let truth = poses[i + 1].inverse() * poses[0];
+            let way = frame_from_first.translation * scale - truth.translation;
+            assert!(way.norm() < 0.02 + 0.1 * truth.translation.norm(), "{per_frame:?} {i}: {way}");
+            assert!(frame_from_first.rotation.angle_to(&truth.rotation) < 0.006, "{per_frame:?} {i}");
+        }
+    }
+}
+
+#[test]
+fn the_two_keyframes_know_each_other() {
+    let run = run(motion(40, [0.03, 0.0, 0.0]).map(|p| View::new(p).pyramid), &BootstrapParams::default());
+    let started = run.started.unwrap();
+    let [first, last] = &started.map.keyframes[..] else { panic!("there are two keyframes") };
+    assert_eq!((first.frame_index, last.frame_index), (0, run.frames as u64 - 1));
+    assert_eq!(first.camera_from_world, Se3::identity());
+    assert_eq!(first.points.len(), last.seen.len());
+    assert_eq!(started.map.covisible(0), [(1, first.points.len())]);
+    assert!(first.points.iter().all(|p| p.alive && p.inverse_depth > 0.0 && p.variance > 0.0));
+}
+
+#[test]
+fn a_turn_is_never_taken_for_a_map() {
+    let turned = |i: usize| View::new(pose(0.0, 0.0, 0.0, 0.006 * i as f64, 0.003 * (i as f64 * 0.5).sin()));
+    let run = run((0..70).map(|i| turned(i).pyramid), &BootstrapParams::default());
+    assert!(run.started.is_none(), "a map from frame {}", run.frames);
+}
+
+#[test]
+fn a_still_camera_waits_and_begins_anew() {
+    let params = BootstrapParams { max_frames: 12, ..BootstrapParams::default() };
+    let still = View::new(pose(0.0, 0.0, 0.0, 0.0, 0.0));
+    let run = run((0..40).map(|_| still.pyramid.clone()), &params);
+    assert!(run.started.is_none());
+    assert_eq!(run.restarts, 3);
+}
+
+#[test]
+fn black_and_flat_frames_are_refused_or_begin_anew() {
+    let flat = |value| Pyramid::new(GrayImage::filled(CAMERA.width, CAMERA.height, value), 5);
+    let params = BootstrapParams::default();
+    assert!(Bootstrap::new(CAMERA, flat(0), 0.0, 0, &params).is_none());
+    assert!(Bootstrap::new(CAMERA, flat(255), 0.0, 0, &params).is_none());
+    let seen = |x| View::new(pose(x, 0.0, 0.0, 0.0, 0.0)).pyramid;
+    let run = run([seen(0.0), seen(0.02), flat(0), flat(0), seen(0.06), flat(255)], &params);
+    assert!(run.started.is_none());
+    assert_eq!(run.restarts, 2);
+}
+
+#[test]
+fn another_scene_begins_anew() {
+    let seen = |yaw| View::new(pose(0.0, 0.0, 0.0, yaw, 0.0)).pyramid;
+    let run = run([seen(0.0), seen(0.01), seen(2.0)], &BootstrapParams::default());
+    assert!(run.started.is_none());
+    assert_eq!(run.restarts, 1);
+}
+
+/// A single textured wall, turned away from the image plane by `yaw`.
+fn wall(yaw: f64) -> World {
+    let template = yard().cuboids[1];
+    let rotation = nalgebra::UnitQuaternion::from_axis_angle(&Vector3::y_axis(), yaw);
+    let wall = Cuboid {
+        world_from_cuboid: Se3::new(rotation, Vector3::new(0.0, 0.0, 9.0)),
+        half: Vector3::new(30.0, 30.0, 0.0),
+        texture: 0,
+        ..template
+    };
+    let textures = vec![loopbox_tests::Texture::procedural(5)];
+    World { cuboids: vec![wall], textures }
+}
+
+#[test]
+fn a_plane_gives_a_right_map_or_none() {
+    for (yaw, per_frame) in [(0.0, [0.03, 0.0, 0.0]), (0.5, [0.03, 0.0, 0.0]), (0.3, [0.02, 0.0, 0.03])] {
+        let world = wall(yaw);
+        let poses: Vec<Se3> = motion(40, per_frame).collect();
+        let first = View::of(&world, poses[0]);
+        let run = run(poses.iter().map(|&p| View::of(&world, p).pyramid), &BootstrapParams::default());
+        let Some(started) = run.started else { continue };
+        let (median, gross, _) = depth_errors(&started, &first);
+        assert!(median < 0.04 && gross < 0.05, "{yaw} {per_frame:?}: median {median}, gross {gross}");
+    }
+}
+
+#[test]
+fn agreement_widens_with_the_residuals_within_limits() {
+    assert_eq!(agreement(&[]), 12.0);
+    assert_eq!(agreement(&[0.1, 0.2, 0.3]), 12.0);
+    assert_eq!(agreement(&[1.0, 2.0, 3.0]), 24.0);
+    assert_eq!(agreement(&[1e6; 5]), 12.0 * MAX_WIDENING);
+}

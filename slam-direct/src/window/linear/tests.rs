@@ -1,0 +1,114 @@
+//! The normal equations against derivatives by differences.
+
+use super::*;
+use crate::window::tests::{perturbed, scene, spread};
+
+/// Small, with poses and depths off the optimum and a few observations far off.
+fn small() -> Problem {
+    let mut problem = perturbed(&scene(4, 12, &[0]), 0.03, 0.02, 0.1);
+    for (i, seen) in problem.observations.iter_mut().enumerate() {
+        let size = if i % 7 == 0 { 20.0 } else { 1.5 };
+        seen.pixel = [seen.pixel[0] + size * spread(i, 0), seen.pixel[1] + size * spread(i, 1)];
+    }
+    problem
+}
+
+/// The problem with parameter `index` (six for each free frame, then one for each point) moved by `by`.
+fn moved(problem: &Problem, index: usize, by: f64) -> Problem {
+    let mut moved = problem.clone();
+    let free: Vec<usize> = (0..problem.frames.len()).filter(|&f| !problem.fixed[f]).collect();
+    match free.get(index / 6) {
+        Some(&frame) => {
+            let mut twist = Vector6::zeros();
+            twist[index % 6] = by;
+            moved.frames[frame] = Se3::exp(&twist) * moved.frames[frame];
+        }
+        None => moved.points[index - 6 * free.len()].inverse_depth += by,
+    }
+    moved
+}
+
+fn parameters(problem: &Problem) -> usize {
+    6 * problem.fixed.iter().filter(|fixed| !**fixed).count() + problem.points.len()
+}
+
+/// Residuals of all observations, two each.
+fn residuals(problem: &Problem) -> DVector<f64> {
+    let mut all = DVector::zeros(2 * problem.observations.len());
+    for point in &problem.points {
+        for i in point.observations.clone() {
+            let seen = &problem.observations[i];
+            let relative = problem.frames[seen.frame] * problem.frames[point.host].inverse();
+            let x = relative.rotation * point.ray + relative.translation * point.inverse_depth;
+            let at = problem.camera.project(&x);
+            (all[2 * i], all[2 * i + 1]) = (at.x - seen.pixel[0], at.y - seen.pixel[1]);
+        }
+    }
+    all
+}
+
+/// The gradient as the reduced system sees it: poses, then depths.
+fn gradient(normal: &Normal) -> DVector<f64> {
+    let depth = normal.depth.iter().map(|d| d.1);
+    DVector::from_iterator(
+        normal.gradient.len() + normal.depth.len(),
+        normal.gradient.iter().copied().chain(depth),
+    )
+}
+
+#[test]
+fn the_gradient_is_the_slope_of_the_cost() {
+    let problem = small();
+    let gradient = gradient(&Normal::new(&problem));
+    for (i, &analytic) in gradient.iter().enumerate() {
+        let h = 1e-6;
+        let slope = (moved(&problem, i, h).cost() - moved(&problem, i, -h).cost()) / (2.0 * h);
+        // The cost counts squares, the normal equations half of them.
+        assert!((2.0 * analytic - slope).abs() < 1e-4 * slope.abs().max(10.0), "{i}: {analytic} {slope}");
+    }
+}
+
+#[test]
+fn eliminating_the_depths_gives_the_step_of_the_full_system() {
+    let problem = small();
+    let (n, h) = (parameters(&problem), 1e-6);
+    let columns: Vec<DVector<f64>> = (0..n)
+        .map(|i| (residuals(&moved(&problem, i, h)) - residuals(&moved(&problem, i, -h))) / (2.0 * h))
+        .collect();
+    let jacobian = DMatrix::from_columns(&columns);
+    let residual = residuals(&problem);
+    let mut weight = DMatrix::zeros(residual.len(), residual.len());
+    for (i, seen) in problem.observations.iter().enumerate() {
+        let r = [residual[2 * i], residual[2 * i + 1]];
+        let [a, b, c] = seen.information.map(|v| v * robust_weight(mahalanobis(&r, &seen.information)));
+        weight[(2 * i, 2 * i)] = a;
+        weight[(2 * i, 2 * i + 1)] = b;
+        weight[(2 * i + 1, 2 * i)] = b;
+        weight[(2 * i + 1, 2 * i + 1)] = c;
+    }
+    let full = jacobian.transpose() * &weight * &jacobian;
+    let right = jacobian.transpose() * &weight * &residual;
+    for lambda in [1e-3, 0.3] {
+        let mut damped = full.clone();
+        for i in 0..n {
+            damped[(i, i)] *= 1.0 + lambda;
+        }
+        let expected = -damped.lu().solve(&right).unwrap();
+        let (poses, depths) = Normal::new(&problem).step(&problem, lambda).unwrap();
+        let free = poses.iter().zip(&problem.fixed).filter(|(_, fixed)| !**fixed);
+        let values =
+            free.flat_map(|(p, _)| p.iter().copied().collect::<Vec<_>>()).chain(depths.iter().copied());
+        let step = DVector::from_iterator(n, values);
+        assert!((&step - &expected).norm() < 1e-4 * expected.norm(), "{step} {expected}");
+        assert_eq!(poses[0], Vector6::zeros());
+    }
+}
+
+#[test]
+fn an_indefinite_system_is_refused() {
+    let h = DMatrix::from_row_slice(2, 2, &[1.0, 0.0, 2.0, 1.0]);
+    assert!(solve_dense(h, DVector::from_element(2, 1.0)).is_none());
+    let h = DMatrix::from_row_slice(2, 2, &[4.0, 9.9, 2.0, 3.0]);
+    let x = solve_dense(h, DVector::from_column_slice(&[2.0, 5.0])).unwrap();
+    assert!((x - DVector::from_column_slice(&[-0.5, 2.0])).norm() < 1e-12, "only the lower triangle counts");
+}
