@@ -140,19 +140,27 @@ impl LoopCloser {
         keyframe: usize,
         params: &ClosingParams,
     ) -> Option<Proposal> {
-        let joined = joined(local, keyframe, params.min_shared);
+        let reach = Reach::of(local, keyframe, params)?;
+        let gap = params.search.min_gap as usize;
+        let within: Vec<usize> = (0..(keyframe + 1).saturating_sub(gap))
+            .filter(|&old| !self.is_futile(keyframe, old, params) && reach.contains(local, old, params))
+            .collect();
+        if within.is_empty() {
+            return None;
+        }
+        let joined = joined(local, keyframe, params);
+        let admitted: BTreeSet<KeyframeId> =
+            within.into_iter().filter(|old| !joined.contains(old)).map(LocalMap::id).collect();
+        if admitted.is_empty() {
+            // Most keyframes end here, before the images of all others are compared.
+            return None;
+        }
         // The newest are the most alike and of no interest: ask for more than those.
-        let wanted = params.search.min_gap as usize + 2 * params.side;
+        let wanted = gap + 2 * params.side;
         let mut alike = places.query(local.keyframes[keyframe].pyramid.base(), wanted);
         alike.retain(|place| place.score >= params.min_appearance);
         let id = LocalMap::id(keyframe);
-        let reach = Reach::of(local, keyframe, params)?;
-        let admits = |old: KeyframeId| {
-            let old = old.0 as usize;
-            !joined.contains(&old)
-                && !self.is_futile(keyframe, old, params)
-                && reach.contains(local, old, params)
-        };
+        let admits = |old| admitted.contains(&old);
         let candidates = loops::candidates(public, id, &alike, admits, &params.search);
         candidates.into_iter().next().map(|candidate| Proposal { keyframe, candidate })
     }
@@ -230,12 +238,22 @@ impl LoopCloser {
     }
 }
 
-/// Keyframes that a keyframe sees one place with already: those it shares points with, and what those share
-/// points with in turn.
-fn joined(local: &LocalMap, keyframe: usize, min_shared: usize) -> BTreeSet<usize> {
-    let sharing = |k: usize| local.covisible(k).into_iter().filter(move |c| c.1 >= min_shared).map(|c| c.0);
-    let near: BTreeSet<usize> = sharing(keyframe).collect();
-    near.iter().flat_map(|&k| sharing(k)).chain(near.iter().copied()).collect()
+/// Keyframes that a keyframe sees one place with already: those it shares points with, and what the nearest and
+/// the oldest of those share points with in turn.
+fn joined(local: &LocalMap, keyframe: usize, params: &ClosingParams) -> BTreeSet<usize> {
+    const NEAREST: usize = 3;
+    let sharing = |k: usize| -> Vec<usize> {
+        local.covisible(k).into_iter().filter(|c| c.1 >= params.min_shared).map(|c| c.0).collect()
+    };
+    let near = sharing(keyframe);
+    let is_old = |k: usize| keyframe.abs_diff(k) >= params.search.min_gap as usize;
+    let mut joined: BTreeSet<usize> = near.iter().copied().collect();
+    for (rank, &k) in near.iter().enumerate() {
+        if rank < NEAREST || is_old(k) {
+            joined.extend(sharing(k));
+        }
+    }
+    joined
 }
 
 /// One change per keyframe from successive ones.
