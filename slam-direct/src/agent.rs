@@ -125,9 +125,7 @@ impl Agent {
             self.keep_early(frame.timestamp, frame.index, pyramid.shared_base());
         }
         match std::mem::replace(&mut self.state, State::Empty) {
-            State::Empty => {
-                self.begin(pyramid, frame.timestamp, frame.index, "the image has too little texture")
-            }
+            State::Empty => self.begin(pyramid, frame.timestamp, frame.index, "the camera has not moved yet"),
             State::Starting(bootstrap) => self.start(bootstrap, pyramid, frame.timestamp, frame.index),
             State::Running(tracker) => self.track(tracker, pyramid, frame.timestamp, frame.index),
         }
@@ -165,9 +163,17 @@ impl Agent {
         self.map.frames.splice(0..0, found);
     }
 
-    fn begin(&mut self, pyramid: Pyramid, timestamp: f64, index: u64, reason: &'static str) -> FrameReport {
-        if let Some(start) = Bootstrap::new(self.camera, pyramid, timestamp, index, &self.params.bootstrap) {
-            self.state = State::Starting(Box::new(start));
+    /// Begins a start with this frame; `reason` says why there is no map yet if the image will do.
+    fn begin(
+        &mut self,
+        pyramid: Pyramid,
+        timestamp: f64,
+        index: u64,
+        mut reason: &'static str,
+    ) -> FrameReport {
+        match Bootstrap::new(self.camera, pyramid, timestamp, index, &self.params.bootstrap) {
+            Some(start) => self.state = State::Starting(Box::new(start)),
+            None => reason = "the image has too little texture",
         }
         FrameReport { reason: Some(reason), ..FrameReport::of(TrackingState::Starting) }
     }
@@ -207,6 +213,7 @@ impl Agent {
                 keyframe_from_frame: frame_from_first.inverse(),
             })
             .collect();
+        self.refer_newest_frame(1);
         self.places.add(LocalMap::id(0), self.local.keyframes[0].pyramid.base());
         self.map_around(1);
         self.track_early();
@@ -311,13 +318,18 @@ impl Agent {
         let keyframe = self.local.keyframes.len();
         self.local.keyframes.push(state);
         publish::add_keyframe(&mut self.map, &self.local, keyframe);
+        self.refer_newest_frame(keyframe);
+        mapping::add_observations(&mut self.local, keyframe, matched);
+        self.map_around(keyframe);
+        keyframe
+    }
+
+    /// The newest tracked frame is this keyframe.
+    fn refer_newest_frame(&mut self, keyframe: usize) {
         if let Some(frame) = self.map.frames.last_mut() {
             frame.reference = LocalMap::id(keyframe);
             frame.keyframe_from_frame = Se3::identity();
         }
-        mapping::add_observations(&mut self.local, keyframe, matched);
-        self.map_around(keyframe);
-        keyframe
     }
 
     /// New points for a keyframe and its nearest neighbour, then the joint optimisation around it.
@@ -394,20 +406,30 @@ impl Agent {
         Some(found.keyframes())
     }
 
-    /// Ends the run: what is in the background, the last optimisation of the whole map, depth of the last
-    /// keyframes.
-    pub fn finish(&mut self) {
-        self.take_up_depths();
-        if let Some(Ok((_, changes))) = self.closer.finish(&mut self.local, &self.params) {
-            self.absorb(&changes);
+    /// Ends the run: what is in the background, depth and loops of the last keyframes, the last optimisation of
+    /// the whole map. Gives the loops closed in doing so, `(newer, older)` keyframe.
+    pub fn finish(&mut self) -> Vec<(KeyframeId, KeyframeId)> {
+        let mut settled = self.take_up_depths();
+        let mut loops: Vec<_> = self.finish_loop().into_iter().collect();
+        self.begin_depths(0);
+        settled.extend(self.take_up_depths());
+        for id in settled {
+            self.seek_loop(&[id]);
+            loops.extend(self.finish_loop());
         }
         if self.local.keyframes.len() > 1 {
             let changes = mapping::optimise_all(&mut self.local, self.params.mapping.final_iterations);
             self.absorb(&changes);
         }
-        self.begin_depths(0);
-        self.take_up_depths();
         publish::complete(&mut self.map, &self.local, self.closer.edges(&self.local));
+        loops
+    }
+
+    /// Takes up the loop being closed when nothing is tracked any more.
+    fn finish_loop(&mut self) -> Option<(KeyframeId, KeyframeId)> {
+        let (found, changes) = self.closer.finish(&mut self.local, &self.params)?.ok()?;
+        self.absorb(&changes);
+        Some(found.keyframes())
     }
 
     /// Gives the map away.
