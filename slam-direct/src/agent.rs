@@ -207,6 +207,7 @@ impl Agent {
                 keyframe_from_frame: frame_from_first.inverse(),
             })
             .collect();
+        self.refer_newest_frame(1);
         self.places.add(LocalMap::id(0), self.local.keyframes[0].pyramid.base());
         self.map_around(1);
         self.track_early();
@@ -311,13 +312,18 @@ impl Agent {
         let keyframe = self.local.keyframes.len();
         self.local.keyframes.push(state);
         publish::add_keyframe(&mut self.map, &self.local, keyframe);
+        self.refer_newest_frame(keyframe);
+        mapping::add_observations(&mut self.local, keyframe, matched);
+        self.map_around(keyframe);
+        keyframe
+    }
+
+    /// The newest tracked frame is this keyframe.
+    fn refer_newest_frame(&mut self, keyframe: usize) {
         if let Some(frame) = self.map.frames.last_mut() {
             frame.reference = LocalMap::id(keyframe);
             frame.keyframe_from_frame = Se3::identity();
         }
-        mapping::add_observations(&mut self.local, keyframe, matched);
-        self.map_around(keyframe);
-        keyframe
     }
 
     /// New points for a keyframe and its nearest neighbour, then the joint optimisation around it.
