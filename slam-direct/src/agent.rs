@@ -125,9 +125,7 @@ impl Agent {
             self.keep_early(frame.timestamp, frame.index, pyramid.shared_base());
         }
         match std::mem::replace(&mut self.state, State::Empty) {
-            State::Empty => {
-                self.begin(pyramid, frame.timestamp, frame.index, "the image has too little texture")
-            }
+            State::Empty => self.begin(pyramid, frame.timestamp, frame.index, "the camera has not moved yet"),
             State::Starting(bootstrap) => self.start(bootstrap, pyramid, frame.timestamp, frame.index),
             State::Running(tracker) => self.track(tracker, pyramid, frame.timestamp, frame.index),
         }
@@ -165,9 +163,17 @@ impl Agent {
         self.map.frames.splice(0..0, found);
     }
 
-    fn begin(&mut self, pyramid: Pyramid, timestamp: f64, index: u64, reason: &'static str) -> FrameReport {
-        if let Some(start) = Bootstrap::new(self.camera, pyramid, timestamp, index, &self.params.bootstrap) {
-            self.state = State::Starting(Box::new(start));
+    /// Begins a start with this frame; `reason` says why there is no map yet if the image will do.
+    fn begin(
+        &mut self,
+        pyramid: Pyramid,
+        timestamp: f64,
+        index: u64,
+        mut reason: &'static str,
+    ) -> FrameReport {
+        match Bootstrap::new(self.camera, pyramid, timestamp, index, &self.params.bootstrap) {
+            Some(start) => self.state = State::Starting(Box::new(start)),
+            None => reason = "the image has too little texture",
         }
         FrameReport { reason: Some(reason), ..FrameReport::of(TrackingState::Starting) }
     }
