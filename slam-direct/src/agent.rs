@@ -406,20 +406,30 @@ impl Agent {
         Some(found.keyframes())
     }
 
-    /// Ends the run: what is in the background, the last optimisation of the whole map, depth of the last
-    /// keyframes.
-    pub fn finish(&mut self) {
-        self.take_up_depths();
-        if let Some(Ok((_, changes))) = self.closer.finish(&mut self.local, &self.params) {
-            self.absorb(&changes);
+    /// Ends the run: what is in the background, depth and loops of the last keyframes, the last optimisation of
+    /// the whole map. Gives the loops closed in doing so, `(newer, older)` keyframe.
+    pub fn finish(&mut self) -> Vec<(KeyframeId, KeyframeId)> {
+        let mut settled = self.take_up_depths();
+        let mut loops: Vec<_> = self.finish_loop().into_iter().collect();
+        self.begin_depths(0);
+        settled.extend(self.take_up_depths());
+        for id in settled {
+            self.seek_loop(&[id]);
+            loops.extend(self.finish_loop());
         }
         if self.local.keyframes.len() > 1 {
             let changes = mapping::optimise_all(&mut self.local, self.params.mapping.final_iterations);
             self.absorb(&changes);
         }
-        self.begin_depths(0);
-        self.take_up_depths();
         publish::complete(&mut self.map, &self.local, self.closer.edges(&self.local));
+        loops
+    }
+
+    /// Takes up the loop being closed when nothing is tracked any more.
+    fn finish_loop(&mut self) -> Option<(KeyframeId, KeyframeId)> {
+        let (found, changes) = self.closer.finish(&mut self.local, &self.params)?.ok()?;
+        self.absorb(&changes);
+        Some(found.keyframes())
     }
 
     /// Gives the map away.

@@ -184,8 +184,14 @@ proptest! {
                 let plus = evaluate(&state.updated(&step), point);
                 let minus = evaluate(&state.updated(&-step), point);
                 let (Some(plus), Some(minus)) = (plus, minus) else { continue };
-                let slope = (plus.photometric - minus.photometric) / (2.0 * h);
+                let here = term.photometric;
+                let (ahead, behind) = ((plus.photometric - here) / h, (here - minus.photometric) / h);
                 let tolerance = 1e-4 * (1.0 + photometric.amax());
+                // Interpolated intensities have a kink at each pixel: there is no slope to compare with.
+                if (ahead - behind).abs() > tolerance {
+                    continue;
+                }
+                let slope = (plus.photometric - minus.photometric) / (2.0 * h);
                 prop_assert!((slope - photometric[column]).abs() < tolerance, "{column}: {slope} {photometric}");
                 if let (Some(plus), Some(minus)) = (plus.depth, minus.depth) {
                     let slope = (plus.residual - minus.residual) / (2.0 * h);

@@ -126,7 +126,7 @@ fn the_agent_closes_the_loop_that_a_wrong_focal_length_opens() {
             let report = agent.process(Frame { index: index as u64, timestamp: shot.timestamp, image });
             closed.extend(report.closed_loop);
         }
-        agent.finish();
+        closed.extend(agent.finish());
         let map = agent.into_map();
         let positions: Vec<_> = map.trajectory().iter().map(|p| p.world_from_camera.translation).collect();
         let frame = |i: u64| recording.shots[i as usize].world_from_camera.translation;

@@ -1,0 +1,19 @@
+//! Merging the maps of two agents by Loop-box: one module per step of the paper, each a function of values.
+//!
+//! The *source* agent s and the *target* agent t each have keyframes in a world and a unit of length of
+//! their own. A loop closure pairs keyframe i of the source with keyframe j of the target.
+//!
+//! | module | step | paper |
+//! |---|---|---|
+//! | [`scale_filter`] | scale of one keyframe pair, by a Kalman filter | §IV-C2 |
+//! | [`optimal_scale`] | the scale σ* of three adjacent pairs | §IV-C3, Eqs. 4–5, Algorithm 1 |
+//! | [`alignment`] | clouds into one frame; the final transform; moving a map | §IV-D1, §IV-E, Eqs. 6–9 |
+//!
+//! Finding the pair (i, j), its relative rotation and the fine registration of the clouds are not here.
+
+pub mod alignment;
+pub mod optimal_scale;
+pub mod scale_filter;
+
+#[cfg(test)]
+mod test_support;
