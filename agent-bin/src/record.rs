@@ -210,13 +210,13 @@ impl Cost {
 
 impl MapCounts {
     /// Counts what `map` holds.
-    pub fn new(map: &map::Map, loops: u64) -> Self {
+    pub fn new(map: &map::Map) -> Self {
         Self {
             keyframes: map.keyframes.len() as u64,
             points: map.keyframes.values().map(|k| k.points.len() as u64).sum(),
             semi_dense: map.keyframes.values().map(|k| k.semi_dense.len() as u64).sum(),
             edges: map.edges.len() as u64,
-            loops,
+            loops: map.edges.iter().filter(|e| e.kind == map::EdgeKind::Loop).count() as u64,
         }
     }
 }

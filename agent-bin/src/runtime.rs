@@ -161,7 +161,7 @@ impl Run {
                 losses: self.losses,
             },
             cost: Cost::new(ms, self.wall_s, process::cpu_seconds(), process::peak_memory_bytes()),
-            map: MapCounts::new(map, self.rows.iter().filter(|row| row.loop_closed.is_some()).count() as u64),
+            map: MapCounts::new(map),
             rows: self.rows.clone(),
         }
     }
