@@ -273,6 +273,30 @@ mod tests {
     }
 
     #[test]
+    fn least_squares_depth_is_reached_from_a_rough_start() {
+        let views =
+            [pose(0.0, 0.0, 0.0, 0.0, 0.0), pose(0.3, 0.05, 0.2, 0.02, 0.0), pose(-0.2, 0.0, 0.3, 0.0, 0.0)]
+                .map(View::new);
+        let map = bare_map(&views);
+        let (params, track) = (TriangulateParams::default(), TrackParams::default());
+        let triangulator = Triangulator::new(&map, 0, &[1, 2], &params, &track);
+        for (pixel, truth) in [([60.0, 90.0], 0.25), ([250.0, 160.0], 0.4)] {
+            let ray = map.camera.unproject(pixel[0], pixel[1]);
+            let seen = [1, 2].map(|keyframe: usize| {
+                let at = map.camera.project(&(views[0].to(&views[keyframe]) * (ray / truth)));
+                let pixel = [at.x as f32, at.y as f32];
+                SeenAt { keyframe, pixel, information: [1.0, 0.2, 0.5] }
+            });
+            for start in [0.7 * truth, 1.4 * truth] {
+                let (found, variance, worst) = triangulator.solve_depth(&ray, start, &seen).unwrap();
+                assert!((found / truth - 1.0).abs() < 1e-4, "{found} from {start}, in truth {truth}");
+                assert!(worst < 1e-3 && variance > 0.0, "{worst} {variance}");
+            }
+            assert!(triangulator.solve_depth(&ray, truth, &[]).is_none(), "nothing seen, nothing known");
+        }
+    }
+
+    #[test]
     fn the_unit_of_the_poses_is_the_unit_of_the_depths() {
         let mut views = [pose(0.0, 0.0, 0.0, 0.0, 0.0), pose(0.3, 0.0, 0.1, 0.02, 0.0)].map(View::new);
         let (points, _) = triangulate(&views);

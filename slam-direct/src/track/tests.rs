@@ -84,6 +84,10 @@ fn sought_points_are_spread_and_those_out_of_sight_are_not_sought() {
     let cell = |s: &Sought| (s.pixel[0] as usize / params.cell, s.pixel[1] as usize / params.cell);
     let cells: std::collections::BTreeSet<_> = sought.iter().map(cell).collect();
     assert_eq!(cells.len(), sought.len(), "one for each cell");
+    for [x, y] in map.keyframes[0].points.iter().map(|p| p.pixel) {
+        let cell = (x as usize / params.cell, y as usize / params.cell);
+        assert!(cells.contains(&cell), "{cell:?} holds a point that is not sought");
+    }
     let about = Se3::exp(&Vector6::new(0.0, 0.0, 0.0, 0.0, 3.1, 0.0));
     assert!(look(about * map.keyframes[0].camera_from_world).is_empty());
 }
