@@ -1,5 +1,5 @@
 //! Video files as sources, through the binary.
-#![cfg(feature = "video")]
+#![cfg(feature = "opencv")]
 
 mod common;
 

@@ -8,7 +8,7 @@ mod messages;
 mod numbered;
 mod timed;
 mod tum;
-#[cfg(feature = "video")]
+#[cfg(feature = "opencv")]
 mod video;
 
 use crate::pictures::Picture;
@@ -114,12 +114,12 @@ pub fn open(path: &Path, options: &SourceOptions) -> Result<Box<dyn FrameSource>
     open_video(path, options)
 }
 
-#[cfg(feature = "video")]
+#[cfg(feature = "opencv")]
 fn open_video(path: &Path, options: &SourceOptions) -> Result<Box<dyn FrameSource>> {
     Ok(Box::new(video::open(path, options.fps)?))
 }
 
-#[cfg(not(feature = "video"))]
+#[cfg(not(feature = "opencv"))]
 fn open_video(path: &Path, _options: &SourceOptions) -> Result<Box<dyn FrameSource>> {
     bail!(
         "{}: not an MCAP file, and this program was built without video files (feature `video`)\n\

@@ -1,0 +1,51 @@
+//! Local features of a keyframe: key points with SIFT descriptors (Lowe 2004), for recognising places and for
+//! matching two keyframes.
+
+#[cfg(feature = "sift")]
+mod sift;
+
+#[cfg(feature = "sift")]
+pub use sift::{SiftError, SiftParams, sift};
+
+/// A RootSIFT descriptor (Arandjelović & Zisserman 2012): the square roots of the SIFT histogram after it was
+/// normalised to a sum of one, times 256. Euclidean distance between two is the Hellinger distance of the
+/// histograms; all have a length of about 256.
+pub type Descriptor = [u8; 128];
+
+/// Where a feature was found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Keypoint {
+    /// Position, pixels of the keyframe's image, centres at integers.
+    pub pixel: [f32; 2],
+    /// Diameter of the described patch, pixels.
+    pub size: f32,
+    /// Orientation, radians from x towards y.
+    pub angle: f32,
+}
+
+/// The features of one image; both vectors have one length.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Features {
+    /// Where they are.
+    pub keypoints: Vec<Keypoint>,
+    /// What they look like.
+    pub descriptors: Vec<Descriptor>,
+}
+
+impl Features {
+    /// How many there are.
+    pub fn len(&self) -> usize {
+        self.keypoints.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.keypoints.is_empty()
+    }
+}
+
+/// Squared Euclidean distance of two descriptors.
+#[inline]
+pub fn squared_distance(a: &Descriptor, b: &Descriptor) -> u32 {
+    a.iter().zip(b).map(|(&a, &b)| u32::from(a.abs_diff(b)).pow(2)).sum()
+}

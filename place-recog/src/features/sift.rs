@@ -1,0 +1,77 @@
+//! SIFT by OpenCV.
+
+use super::{Descriptor, Features, Keypoint};
+use geometry::GrayImage;
+use opencv::core::{self, CV_8U, KeyPoint, Mat, Vector, no_array};
+use opencv::features2d::SIFT;
+use opencv::prelude::*;
+use serde::{Deserialize, Serialize};
+
+/// How features are found.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct SiftParams {
+    /// Most features of an image, the strongest first. Default 1500; above 0. More find more matches between far
+    /// apart views, and cost matching time, which grows with the square.
+    pub max_features: usize,
+    /// Least contrast of a key point, as OpenCV counts it. Default 0.02 (OpenCV: 0.04); above 0. Lower finds
+    /// features in dim images, and weaker ones.
+    pub contrast: f64,
+}
+
+impl Default for SiftParams {
+    fn default() -> Self {
+        Self { max_features: 1500, contrast: 0.02 }
+    }
+}
+
+/// OpenCV failed.
+#[derive(Debug, thiserror::Error)]
+#[error("OpenCV could not find SIFT features in an image of {width}×{height} pixels")]
+pub struct SiftError {
+    width: usize,
+    height: usize,
+    source: opencv::Error,
+}
+
+/// Finds and describes the features of an image, strongest first.
+///
+/// # Errors
+/// When OpenCV fails, as it does on an empty image.
+pub fn sift(image: &GrayImage, params: &SiftParams) -> Result<Features, SiftError> {
+    detect(image, params).map_err(|source| SiftError { width: image.width(), height: image.height(), source })
+}
+
+fn detect(image: &GrayImage, params: &SiftParams) -> opencv::Result<Features> {
+    // Callers extract several images at once: threads within one would only get in their way.
+    core::set_num_threads(1)?;
+    let pixels = Mat::from_slice(image.data())?;
+    let pixels = pixels.reshape(1, image.height() as i32)?;
+    let count = i32::try_from(params.max_features).unwrap_or(i32::MAX);
+    let mut detector = SIFT::create_with_descriptor_type(count, 3, params.contrast, 10.0, 1.6, CV_8U)?;
+    let (mut found, mut described) = (Vector::<KeyPoint>::new(), Mat::default());
+    detector.detect_and_compute(&pixels, &no_array(), &mut found, &mut described, false)?;
+
+    // Of equal strength the first in the image, so that the order is one.
+    let mut order: Vec<usize> = (0..found.len()).collect();
+    let keypoints: Vec<KeyPoint> = found.iter().collect();
+    order.sort_by(|&a, &b| keypoints[b].response().total_cmp(&keypoints[a].response()).then(a.cmp(&b)));
+    order.truncate(params.max_features);
+    let mut features = Features::default();
+    for index in order {
+        let keypoint = &keypoints[index];
+        features.keypoints.push(Keypoint {
+            pixel: [keypoint.pt().x, keypoint.pt().y],
+            size: keypoint.size(),
+            angle: keypoint.angle().to_radians(),
+        });
+        features.descriptors.push(root_sift(described.at_row::<u8>(index as i32)?));
+    }
+    Ok(features)
+}
+
+/// Turns a SIFT descriptor into a RootSIFT one.
+fn root_sift(histogram: &[u8]) -> Descriptor {
+    let sum = histogram.iter().map(|&v| f32::from(v)).sum::<f32>().max(1.0);
+    std::array::from_fn(|i| (256.0 * (f32::from(histogram[i]) / sum).sqrt()).round().min(255.0) as u8)
+}
