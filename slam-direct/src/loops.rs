@@ -1,7 +1,7 @@
 //! Loops within one map: which old keyframes may show what the current one shows, and whether they do.
 
-use crate::params_macro::params;
-use crate::sim3_align::{
+use backend::params;
+use backend::sim3_align::{
     AlignRefusal, KeyframeView, Sim3AlignParams, Sim3Alignment, align_from, reciprocal, turned_starts,
 };
 use geometry::{Pinhole, Sim3};
@@ -9,6 +9,8 @@ use map::{Edge, EdgeKind, Keyframe, KeyframeId, Map, PlaceCandidate};
 use std::collections::{BTreeMap, BTreeSet};
 use thiserror::Error;
 
+#[cfg(test)]
+mod alignment_data;
 #[cfg(test)]
 mod tests;
 

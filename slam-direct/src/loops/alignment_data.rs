@@ -1,8 +1,9 @@
-//! Basin and accuracy on rendered sequences with ground-truth depth. Run with
+//! Basin and accuracy of direct Sim(3) alignment on rendered sequences with ground-truth depth. Run with
 //! `LOOPBOX_DATA=… cargo test -p slam-direct --release -- --ignored sim3 --nocapture`.
 
 use super::*;
 use crate::test_data::{camera, data, keyframe, poses};
+use nalgebra::SVector;
 
 #[test]
 #[ignore = "needs the sequences with ground truth"]

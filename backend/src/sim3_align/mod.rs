@@ -11,8 +11,6 @@ mod residual;
 mod view;
 
 #[cfg(test)]
-mod real_data;
-#[cfg(test)]
 mod tests;
 
 pub use params::Sim3AlignParams;
