@@ -12,6 +12,7 @@
 //! Finding the pair (i, j), its relative rotation and the fine registration of the clouds are not here.
 
 pub mod alignment;
+pub mod direct;
 pub mod estimate;
 pub mod key_points;
 pub mod optimal_scale;
