@@ -1,7 +1,7 @@
 use super::*;
 use crate::test_support::Numbers;
 use geometry::{GrayImage, Pinhole};
-use map::{Edge, EdgeKind, FramePose, Keyframe, KeyframeId, SemiDense};
+use map::{AgentId, Edge, EdgeKind, FramePose, Keyframe, KeyframeId, SemiDense};
 use nalgebra::SMatrix;
 use std::sync::Arc;
 
@@ -20,6 +20,7 @@ fn synthetic_map() -> Map {
             id,
             Keyframe {
                 id,
+                agent: AgentId::default(),
                 timestamp: f64::from(id.0),
                 frame_index: u64::from(id.0),
                 world_from_keyframe: sim3(numbers),
@@ -57,7 +58,8 @@ fn pose(map: &Map, id: KeyframeId) -> Sim3 {
 }
 
 fn cloud(map: &Map, id: KeyframeId) -> Vec<Vector3<f64>> {
-    map.keyframes[&id].cloud(&map.camera, f32::INFINITY).map(|point| point.position).collect()
+    let keyframe = &map.keyframes[&id];
+    keyframe.cloud(map.camera(keyframe), f32::INFINITY).map(|point| point.position).collect()
 }
 
 fn distance(a: &Sim3, b: &Sim3) -> f64 {
