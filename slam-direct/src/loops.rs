@@ -89,7 +89,7 @@ pub fn candidates(
         .filter(|(id, _)| current.0 - id.0 >= params.min_gap && !joined.contains(id) && admits(**id))
         .filter_map(|(&id, old)| {
             let appearance = appearance.get(&id).copied();
-            propose(&map.camera, (keyframe, depth), old, appearance, params)
+            propose(map.camera(keyframe), (keyframe, depth), old, appearance, params)
         })
         .collect();
     found.sort_by(|a, b| b.score().total_cmp(&a.score()).then(a.keyframe.cmp(&b.keyframe)));

@@ -1,7 +1,7 @@
 use super::*;
 use crate::test_data;
 use geometry::{GrayImage, Se3};
-use map::SemiDense;
+use map::{AgentId, SemiDense};
 use nalgebra::{UnitQuaternion, Vector3};
 use std::sync::Arc;
 
@@ -15,6 +15,7 @@ fn keyframe(id: u32, x: f64, yaw: f64) -> Keyframe {
     let count = pixel.len();
     Keyframe {
         id: KeyframeId(id),
+        agent: AgentId::default(),
         timestamp: id as f64,
         frame_index: id as u64,
         world_from_keyframe: Sim3::new(
