@@ -11,11 +11,14 @@
 //!
 //! Finding the pair (i, j), its relative rotation and the fine registration of the clouds are not here.
 
+pub mod acceptance;
 pub mod alignment;
+pub mod closure;
 pub mod direct;
 pub mod estimate;
 pub mod key_points;
 pub mod optimal_scale;
+pub mod pair;
 pub mod point_alignment;
 pub mod prepared;
 pub mod scale_filter;
