@@ -5,11 +5,12 @@
 //!
 //! | module | step | paper |
 //! |---|---|---|
+//! | [`two_view`] | relative pose of one keyframe pair, from matched rays | §IV-C1 |
 //! | [`scale_filter`] | scale of one keyframe pair, by a Kalman filter | §IV-C2 |
 //! | [`optimal_scale`] | the scale σ* of three adjacent pairs | §IV-C3, Eqs. 4–5, Algorithm 1 |
 //! | [`alignment`] | clouds into one frame; the final transform; moving a map | §IV-D1, §IV-E, Eqs. 6–9 |
 //!
-//! Finding the pair (i, j), its relative rotation and the fine registration of the clouds are not here.
+//! Finding the pair (i, j) and the fine registration of the clouds are not here.
 
 pub mod acceptance;
 pub mod alignment;
@@ -22,6 +23,7 @@ pub mod pair;
 pub mod point_alignment;
 pub mod prepared;
 pub mod scale_filter;
+pub mod two_view;
 
 #[cfg(test)]
 mod test_support;
