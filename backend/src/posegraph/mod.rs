@@ -9,7 +9,7 @@
 //! convex and then narrowed in stages. For Geman–McClure this is the graduated non-convexity of Yang et al.
 //! ("Graduated Non-Convexity for Robust Spatial Perception", RA-L 2020, widening = √μ), with μ narrowed by 9
 //! a stage where the paper takes 1.4, and each stage minimised where it takes one step: on maps joined by as many
-//! wrong edges as right ones that is as sure and takes a quarter of the time.
+//! wrong edges as right ones that is as sure and takes a quarter of the steps.
 //!
 //! Wrong edges that agree with each other on one other answer can still win: with nine such among twenty they do
 //! in half of the cases. So the edges of a merge first pass [`consistent_set`], which is not misled as long as

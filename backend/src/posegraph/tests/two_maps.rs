@@ -67,7 +67,7 @@ impl TwoMaps {
             if is_wrong {
                 let fresh = match how {
                     Wrong::Random => true,
-                    Wrong::Pairs => self.wrong.len() % 2 == 0,
+                    Wrong::Pairs => self.wrong.len().is_multiple_of(2),
                     Wrong::Together => self.wrong.is_empty(),
                 };
                 if fresh {
