@@ -19,6 +19,7 @@ fn synthetic_map() -> Map {
         map.keyframes.insert(
             id,
             Keyframe {
+                agent: map::AgentId(0),
                 id,
                 timestamp: f64::from(id.0),
                 frame_index: u64::from(id.0),
@@ -57,7 +58,7 @@ fn pose(map: &Map, id: KeyframeId) -> Sim3 {
 }
 
 fn cloud(map: &Map, id: KeyframeId) -> Vec<Vector3<f64>> {
-    map.keyframes[&id].cloud(&map.camera, f32::INFINITY).map(|point| point.position).collect()
+    map.keyframes[&id].cloud(map.camera(&map.keyframes[&id]), f32::INFINITY).map(|point| point.position).collect()
 }
 
 fn distance(a: &Sim3, b: &Sim3) -> f64 {

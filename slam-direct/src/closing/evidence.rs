@@ -177,10 +177,9 @@ fn reciprocal(
 ) -> Result<map::Edge, NoLoop> {
     let view = |keyframe: &Keyframe| {
         let pyramid = &local.keyframes[keyframe.id.0 as usize].pyramid;
-        KeyframeView::new(pyramid, &keyframe.semi_dense)
+        KeyframeView::new(pyramid, &keyframe.semi_dense, &local.camera)
     };
     let (current_view, old_view) = (view(current), view(old));
-    let closed =
-        loops::close((current.id, &current_view), &old_view, candidate, &local.camera, &params.search)?;
+    let closed = loops::close((current.id, &current_view), &old_view, candidate, &params.search)?;
     Ok(closed.edge)
 }

@@ -1,4 +1,6 @@
-//! Numbers for the tests of this crate.
+//! Numbers and scenes for the tests of this crate.
+
+pub(crate) mod point_scene;
 
 use nalgebra::{UnitQuaternion, Vector3};
 
