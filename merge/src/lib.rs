@@ -5,6 +5,8 @@
 //!
 //! | module | step | paper |
 //! |---|---|---|
+//! | [`pairing`] | direction of travel, and which neighbours pair up | §IV-B |
+//! | [`matching`] | features of two keyframes matched | §IV-C1 |
 //! | [`two_view`] | relative pose of one keyframe pair, from matched rays | §IV-C1 |
 //! | [`scale_filter`] | scale of one keyframe pair, by a Kalman filter | §IV-C2 |
 //! | [`optimal_scale`] | the scale σ* of three adjacent pairs | §IV-C3, Eqs. 4–5, Algorithm 1 |
@@ -13,7 +15,9 @@
 //! Finding the pair (i, j) and the fine registration of the clouds are not here.
 
 pub mod alignment;
+pub mod matching;
 pub mod optimal_scale;
+pub mod pairing;
 pub mod scale_filter;
 pub mod two_view;
 
