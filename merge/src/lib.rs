@@ -5,6 +5,8 @@
 //!
 //! | module | step | paper |
 //! |---|---|---|
+//! | [`pairing`] | direction of travel, and which neighbours pair up | §IV-B |
+//! | [`matching`] | features of two keyframes matched | §IV-C1 |
 //! | [`two_view`] | relative pose of one keyframe pair, from matched rays | §IV-C1 |
 //! | [`scale_filter`] | scale of one keyframe pair, by a Kalman filter | §IV-C2 |
 //! | [`optimal_scale`] | the scale σ* of three adjacent pairs | §IV-C3, Eqs. 4–5, Algorithm 1 |
@@ -18,8 +20,10 @@ pub mod closure;
 pub mod direct;
 pub mod estimate;
 pub mod key_points;
+pub mod matching;
 pub mod optimal_scale;
 pub mod pair;
+pub mod pairing;
 pub mod point_alignment;
 pub mod prepared;
 pub mod scale_filter;
