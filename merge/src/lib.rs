@@ -8,6 +8,7 @@
 //! | [`scale_filter`] | scale of one keyframe pair, by a Kalman filter | §IV-C2 |
 //! | [`optimal_scale`] | the scale σ* of three adjacent pairs | §IV-C3, Eqs. 4–5, Algorithm 1 |
 //! | [`alignment`] | clouds into one frame; the final transform; moving a map | §IV-D1, §IV-E, Eqs. 6–9 |
+//! | [`merge_graph`] | every agent's place, by the maximum spanning tree of the merges | §V-D |
 //!
 //! Finding the pair (i, j), its relative rotation and the fine registration of the clouds are not here.
 
@@ -15,6 +16,7 @@ pub mod alignment;
 pub mod direct;
 pub mod estimate;
 pub mod key_points;
+pub mod merge_graph;
 pub mod optimal_scale;
 pub mod point_alignment;
 pub mod prepared;
