@@ -58,10 +58,7 @@ fn pose(map: &Map, id: KeyframeId) -> Sim3 {
 }
 
 fn cloud(map: &Map, id: KeyframeId) -> Vec<Vector3<f64>> {
-    map.keyframes[&id]
-        .cloud(map.camera(&map.keyframes[&id]), f32::INFINITY)
-        .map(|point| point.position)
-        .collect()
+    map.keyframes[&id].cloud(map.camera(&map.keyframes[&id]), f32::INFINITY).map(|point| point.position).collect()
 }
 
 fn distance(a: &Sim3, b: &Sim3) -> f64 {
