@@ -11,6 +11,7 @@
 //! | [`scale_filter`] | scale of one keyframe pair, by a Kalman filter | §IV-C2 |
 //! | [`optimal_scale`] | the scale σ* of three adjacent pairs | §IV-C3, Eqs. 4–5, Algorithm 1 |
 //! | [`alignment`] | clouds into one frame; the final transform; moving a map | §IV-D1, §IV-E, Eqs. 6–9 |
+//! | [`merge_graph`] | every agent's place, by the maximum spanning tree of the merges | §V-D |
 //!
 //! Finding the pair (i, j) and the fine registration of the clouds are not here.
 
@@ -21,6 +22,7 @@ pub mod direct;
 pub mod estimate;
 pub mod key_points;
 pub mod matching;
+pub mod merge_graph;
 pub mod optimal_scale;
 pub mod pair;
 pub mod pairing;
