@@ -137,10 +137,12 @@ pub fn judge(evidence: &Evidence, params: &AcceptanceParams) -> Result<(), Doubt
         return Err(Doubt::FewMatches { matches: evidence.matches, needed: params.min_matches });
     }
     // Written so that a NaN is refused.
-    if !(evidence.inlier_share >= params.min_inlier_share) {
+    let alike = evidence.inlier_share >= params.min_inlier_share;
+    if !alike {
         return Err(Doubt::Unlike { share: evidence.inlier_share, needed: params.min_inlier_share });
     }
-    if !(evidence.overlap >= params.min_overlap) {
+    let overlapping = evidence.overlap >= params.min_overlap;
+    if !overlapping {
         return Err(Doubt::LittleOverlap { overlap: evidence.overlap, needed: params.min_overlap });
     }
     let known = evidence.rotation_deviation <= params.max_rotation_deviation

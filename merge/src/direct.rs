@@ -5,7 +5,7 @@
 
 use crate::estimate::Estimate;
 use crate::prepared::PreparedKeyframe;
-use backend::sim3_align::{AlignRefusal, Sim3AlignParams, Sim3Alignment, align, reciprocal};
+use backend::sim3_align::{AlignRefusal, Sim3AlignParams, Sim3Alignment, align_from, reciprocal};
 use geometry::Sim3;
 
 /// A directly refined pair with its evidence.
@@ -37,15 +37,16 @@ pub enum DirectRefusal {
     },
 }
 
-/// Refines `start`, target_from_source, on the images and depths of two keyframes.
+/// Refines the best of several starts, target_from_source, on the images and depths of two keyframes.
 pub fn refine_directly(
     source: &PreparedKeyframe,
     target: &PreparedKeyframe,
-    start: Sim3,
+    starts: &[Sim3],
     params: &Sim3AlignParams,
 ) -> Result<DirectAlignment, DirectRefusal> {
-    let forward = align(source.view(), target.view(), start, params)?;
-    let backward = align(target.view(), source.view(), start.inverse(), params)?;
+    let back: Vec<Sim3> = starts.iter().map(Sim3::inverse).collect();
+    let forward = align_from(source.view(), target.view(), starts, params)?;
+    let backward = align_from(target.view(), source.view(), &back, params)?;
     let verdict = reciprocal(&forward, &backward, params)
         .ok_or(DirectRefusal::Inconsistent { mahalanobis: f64::INFINITY })?;
     if !verdict.consistent {

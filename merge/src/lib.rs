@@ -18,10 +18,14 @@
 pub mod acceptance;
 pub mod alignment;
 pub mod closure;
+pub mod common_map;
 pub mod direct;
 pub mod estimate;
+pub mod further;
+pub mod icp;
 pub mod key_points;
 pub mod matching;
+pub mod meeting;
 pub mod merge_graph;
 pub mod optimal_scale;
 pub mod pair;

@@ -68,7 +68,9 @@ impl<'a> PreparedMap<'a> {
         let slot = self.keyframes.get(&id)?;
         let keyframe = self.map.keyframes.get(&id)?;
         let features = self.features.get(&id)?;
-        Some(slot.get_or_init(|| PreparedKeyframe::new(keyframe, self.map.camera(keyframe), features, self.params)))
+        Some(slot.get_or_init(|| {
+            PreparedKeyframe::new(keyframe, self.map.camera(keyframe), features, self.params)
+        }))
     }
 
     /// The keyframes before and after `id` in order of time, of the same agent.

@@ -19,9 +19,7 @@ use crate::alignment::PairPoses;
 use crate::direct::{DirectAlignment, DirectRefusal};
 use crate::estimate::Estimate;
 use crate::icp::{IcpRefusal, Registration};
-use crate::optimal_scale::{
-    Neighbourhood, OptimalScale, OptimalScaleRefusal, algorithm_1, inverse_variance,
-};
+use crate::optimal_scale::{Neighbourhood, OptimalScale, OptimalScaleRefusal, algorithm_1, inverse_variance};
 use crate::pair::{Pair, PairRefusal, ViewPair};
 use crate::pairing::Travel;
 use crate::prepared::PreparedMap;
@@ -101,9 +99,15 @@ pub fn close(
     let scale = inverse_variance(&scales, volume_ratio, &params.optimal_scale)?;
     let initial_guess = chosen.initial_guess(&scale);
     let registration = chosen.register(&scale, &initial_guess, params);
-    let refinement = registration.as_ref().map_or(Sim3::identity(), |found| found.target_from_source);
-    let start = chosen.world_motion(&scale, &initial_guess, &refinement);
-    steps::refine(source, target, &mut pairs, &start, params);
+    // Clouds of few, far points may slide: the images then start from where the key points are.
+    let registered = registration.as_ref().ok().map(|found| found.target_from_source);
+    let refinements = [Some(Sim3::identity()), registered];
+    let starts: Vec<Sim3> = refinements
+        .iter()
+        .flatten()
+        .map(|refinement| chosen.world_motion(&scale, &initial_guess, refinement))
+        .collect();
+    steps::refine(source, target, &mut pairs, &starts, params);
     let motion = steps::motion(&chosen, &mut pairs, params)?;
     Ok(Closure {
         travel,

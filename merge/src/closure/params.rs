@@ -41,7 +41,11 @@ impl Default for ClosureParams {
             icp: IcpParams::default(),
             // The starts are good to a few pixels: no coarse levels. Keyframes of two days and two cameras differ
             // by more than neighbouring ones, which the information takes up.
-            direct: Sim3AlignParams { coarsest_level: 2, max_reciprocal_error: 12.0, ..Sim3AlignParams::default() },
+            direct: Sim3AlignParams {
+                coarsest_level: 2,
+                max_reciprocal_error: 12.0,
+                ..Sim3AlignParams::default()
+            },
             drift: [0.01, 0.005, 0.01],
             max_chi2: 24.3,
         }

@@ -16,7 +16,9 @@ pub enum ClosureRefusal {
     #[error("the poses of the matched keyframes make no motion of the maps")]
     NoMotion,
     /// No two pairs agree on the motion, and there is more than one.
-    #[error("the keyframe pairs disagree on how the maps lie to each other: χ² {chi2:.1} for 7 degrees of freedom")]
+    #[error(
+        "the keyframe pairs disagree on how the maps lie to each other: χ² {chi2:.1} for 7 degrees of freedom"
+    )]
     Disagreement {
         /// The smallest χ² between two of them.
         chi2: f64,

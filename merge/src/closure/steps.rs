@@ -77,7 +77,8 @@ pub(super) fn measure(
     views.map(|views| {
         let (i, j, views) = views?;
         let (a, b) = (source.get(i)?, target.get(j)?);
-        let measured = views.map_err(PairRefusal::from).and_then(|views| measure_pair(a, b, views, &params.pair));
+        let measured =
+            views.map_err(PairRefusal::from).and_then(|views| measure_pair(a, b, views, &params.pair));
         Some(PairOutcome { source: i, target: j, measured, direct: None, motion: None, agrees: false })
     })
 }
@@ -87,7 +88,10 @@ pub(super) fn measure(
 pub(super) fn choose(pairs: &[Option<PairOutcome>; 3]) -> Result<usize, ClosureRefusal> {
     let count = |pair: &PairOutcome| pair.measured.as_ref().ok().map(|p| p.views.match_count());
     let counts = pairs.iter().map(|pair| pair.as_ref().and_then(count));
-    let best = counts.enumerate().filter_map(|(z, count)| Some((count?, z))).max_by_key(|&(count, z)| (count, 2 - z));
+    let best = counts
+        .enumerate()
+        .filter_map(|(z, count)| Some((count?, z)))
+        .max_by_key(|&(count, z)| (count, 2 - z));
     let refusal = || match pairs[1].as_ref().map(|centre| &centre.measured) {
         Some(Err(refusal)) => ClosureRefusal::NoPair(*refusal),
         _ => ClosureRefusal::NoMotion,
@@ -195,24 +199,28 @@ impl Chosen {
     pub(super) fn world_motion(&self, scale: &OptimalScale, initial_guess: &Sim3, refinement: &Sim3) -> Sim3 {
         let last = alignment::final_transform(refinement, initial_guess, &self.poses);
         let motions = alignment::world_motions(self.keyframe_scale(scale), &last, &self.poses);
-        motions.scaled_source_world_from_target_world.inverse() * motions.scaled_source_world_from_source_world
+        motions.scaled_source_world_from_target_world.inverse()
+            * motions.scaled_source_world_from_source_world
     }
 }
 
-/// Refines every pair on its images, from where `start`, target_world_from_source_world, puts it.
+/// Refines every pair on its images: from where each of `starts`, target_world_from_source_world, puts it, and from
+/// its own key points.
 pub(super) fn refine(
     source: &PreparedMap,
     target: &PreparedMap,
     pairs: &mut [Option<PairOutcome>; 3],
-    start: &Sim3,
+    starts: &[Sim3],
     params: &ClosureParams,
 ) {
     pairs.par_iter_mut().flatten().for_each(|outcome| {
         let keyframes = source.get(outcome.source).zip(target.get(outcome.target));
         let worlds = source.world_from(outcome.source).zip(target.world_from(outcome.target));
         let (Some((i, j)), Some((source_pose, target_pose))) = (keyframes, worlds) else { return };
-        let guess = target_pose.inverse() * *start * source_pose;
-        let direct = refine_directly(i, j, guess, &params.direct);
+        let own = outcome.measured.as_ref().ok().map(|pair| pair.alignment.target_from_source);
+        let given = starts.iter().map(|start| target_pose.inverse() * *start * source_pose);
+        let starts: Vec<Sim3> = own.into_iter().chain(given).collect();
+        let direct = refine_directly(i, j, &starts, &params.direct);
         let best = match (&direct, &outcome.measured) {
             (Ok(direct), _) => Some(direct.estimate),
             (Err(_), Ok(pair)) => Some(pair.estimate()),
