@@ -12,9 +12,11 @@
 //! Finding the pair (i, j), its relative rotation and the fine registration of the clouds are not here.
 
 pub mod alignment;
+pub mod estimate;
 pub mod key_points;
 pub mod optimal_scale;
 pub mod point_alignment;
+pub mod prepared;
 pub mod scale_filter;
 
 #[cfg(test)]

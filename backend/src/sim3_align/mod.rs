@@ -11,15 +11,13 @@ mod residual;
 mod view;
 
 #[cfg(test)]
-mod real_data;
-#[cfg(test)]
 mod tests;
 
 pub use params::Sim3AlignParams;
 pub use reciprocal::{ReciprocalVerdict, reciprocal};
 pub use view::KeyframeView;
 
-use geometry::{Pinhole, Se3, Sim3};
+use geometry::{Se3, Sim3};
 use level::{LevelProblem, Linearisation};
 use nalgebra::{SMatrix, SVector, UnitQuaternion, Vector3};
 use residual::State;
@@ -85,15 +83,14 @@ pub enum AlignRefusal {
     },
 }
 
-/// Aligns `source` with `target`, both seen by `camera` (of level 0), starting from `guess`.
+/// Aligns `source` with `target`, starting from `guess`.
 pub fn align(
     source: &KeyframeView,
     target: &KeyframeView,
     guess: Sim3,
-    camera: &Pinhole,
     params: &Sim3AlignParams,
 ) -> Result<Sim3Alignment, AlignRefusal> {
-    align_from(source, target, &[guess], camera, params)
+    align_from(source, target, &[guess], params)
 }
 
 /// Aligns `source` with `target` from the best of several starts: each is minimised at the coarsest
@@ -104,13 +101,12 @@ pub fn align_from(
     source: &KeyframeView,
     target: &KeyframeView,
     guesses: &[Sim3],
-    camera: &Pinhole,
     params: &Sim3AlignParams,
 ) -> Result<Sim3Alignment, AlignRefusal> {
     let top = source.levels().min(target.levels()) - 1;
     let finest = params.finest_level.min(top);
     let coarsest = params.coarsest_level.clamp(finest, top);
-    let problem = LevelProblem::new(source, target, camera, coarsest, params);
+    let problem = LevelProblem::new(source, target, coarsest, params);
     let mut best = Err(AlignRefusal::InvalidGuess);
     for (i, guess) in guesses.iter().enumerate() {
         let start = State { target_from_source: *guess, brightness: [0.0; 2] };
@@ -126,7 +122,7 @@ pub fn align_from(
     }
     let (mut state, mut linear) = best?;
     for level in (finest..coarsest).rev() {
-        (state, linear) = LevelProblem::new(source, target, camera, level, params).minimise(state)?;
+        (state, linear) = LevelProblem::new(source, target, level, params).minimise(state)?;
     }
     finish(&state, &linear, params)
 }

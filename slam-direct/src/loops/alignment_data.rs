@@ -1,8 +1,9 @@
-//! Basin and accuracy on rendered sequences with ground-truth depth. Run with
+//! Basin and accuracy of direct Sim(3) alignment on rendered sequences with ground-truth depth. Run with
 //! `LOOPBOX_DATA=… cargo test -p slam-direct --release -- --ignored sim3 --nocapture`.
 
 use super::*;
 use crate::test_data::{camera, data, keyframe, poses};
+use nalgebra::SVector;
 
 #[test]
 #[ignore = "needs the sequences with ground truth"]
@@ -26,8 +27,8 @@ fn sim3_basin_and_accuracy_on_rendered_keyframes() {
                 let unit = 1.5;
                 let (source_pyramid, source_depth) = keyframe(&sequence, first, 1.0, 0.02);
                 let (target_pyramid, target_depth) = keyframe(&sequence, second, unit, 0.02);
-                let source = KeyframeView::new(&source_pyramid, &source_depth);
-                let target = KeyframeView::new(&target_pyramid, &target_depth);
+                let source = KeyframeView::new(&source_pyramid, &source_depth, &camera());
+                let target = KeyframeView::new(&target_pyramid, &target_depth, &camera());
                 let to = Sim3::new(poses[second].rotation, poses[second].translation, unit);
                 let truth = to.inverse() * Sim3::from(poses[first]);
                 let step = truth.translation.norm();
@@ -41,10 +42,9 @@ fn sim3_basin_and_accuracy_on_rendered_keyframes() {
                 let guess = Sim3::exp(&disturbance) * truth;
                 tried += 1;
                 let start = std::time::Instant::now();
-                let forward = align_from(&source, &target, &turned_starts(guess, 0.1), &camera(), &params);
+                let forward = align_from(&source, &target, &turned_starts(guess, 0.1), &params);
                 milliseconds += start.elapsed().as_secs_f64() * 1e3;
-                let backward =
-                    align_from(&target, &source, &turned_starts(guess.inverse(), 0.1), &camera(), &params);
+                let backward = align_from(&target, &source, &turned_starts(guess.inverse(), 0.1), &params);
                 let (Ok(forward), Ok(backward)) = (&forward, &backward) else {
                     refused += 1;
                     println!("  refused: {first} {:?} {:?}", forward.as_ref().err(), backward.as_ref().err());

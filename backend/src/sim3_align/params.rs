@@ -1,6 +1,6 @@
 //! Parameters of the direct Sim(3) alignment.
 
-use crate::params_macro::params;
+use crate::params;
 
 params! {
     /// Parameters of the direct Sim(3) alignment of keyframes.

@@ -27,8 +27,10 @@ impl State {
 
 /// Everything about a level that does not change between points.
 pub(super) struct Projector<'a> {
-    /// Camera of the level.
-    pub camera: Pinhole,
+    /// The source camera of the level.
+    pub source_camera: Pinhole,
+    /// The target camera of the level.
+    pub target_camera: Pinhole,
     /// Target image of the level.
     pub image: &'a GrayImage,
     /// Target depth of the level.
@@ -73,17 +75,18 @@ pub(super) struct DepthTerm {
 }
 
 impl<'a> Projector<'a> {
-    /// A projector at a state.
+    /// A projector at a state, for the cameras of source and target at the level.
     pub(super) fn new(
         state: &State,
-        camera: Pinhole,
+        [source_camera, target_camera]: [Pinhole; 2],
         image: &'a GrayImage,
         depth: &'a LevelDepth,
         params: &Sim3AlignParams,
     ) -> Self {
         let gain = state.brightness[0].exp();
         Self {
-            camera,
+            source_camera,
+            target_camera,
             image,
             depth,
             scaled_rotation: state.target_from_source.rigid().rotation_matrix()
@@ -100,17 +103,17 @@ impl<'a> Projector<'a> {
     /// or outside its image.
     pub(super) fn evaluate(&self, point: &DepthPoint, intensity: u8) -> Option<PointTerm> {
         let d = point.inverse_depth as f64;
-        let ray = self.camera.unproject(point.x as f64, point.y as f64);
+        let ray = self.source_camera.unproject(point.x as f64, point.y as f64);
         let turned = self.scaled_rotation * ray / d;
         let p = turned + self.translation;
         if p.z.is_nan() || p.z <= 1e-9 {
             return None;
         }
-        let pixel = self.camera.project(&p);
+        let pixel = self.target_camera.project(&p);
         let (value, gx, gy) = sample(self.image, pixel.x, pixel.y)?;
         let inverse_z = 1.0 / p.z;
         // Derivative of the intensity by the point in the target's frame.
-        let (gx, gy) = (gx * self.camera.fx * inverse_z, gy * self.camera.fy * inverse_z);
+        let (gx, gy) = (gx * self.target_camera.fx * inverse_z, gy * self.target_camera.fy * inverse_z);
         let gz = -(gx * p.x + gy * p.y) * inverse_z;
         let scaled = self.gain * intensity as f64;
         // The point moves along its turned ray as d changes: ∂p/∂d = −turned / d.

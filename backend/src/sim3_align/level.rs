@@ -2,7 +2,6 @@
 
 use super::residual::{PointTerm, Projector, State};
 use super::{AlignRefusal, KeyframeView, Matrix9, Sim3AlignParams, Vector9};
-use geometry::Pinhole;
 
 /// Where (υ, ω, a, b) of the photometric Jacobian lie among the nine unknowns.
 const PHOTOMETRIC: [usize; 8] = [0, 1, 2, 3, 4, 5, 7, 8];
@@ -11,9 +10,8 @@ const DEPTH: [usize; 4] = [2, 3, 4, 6];
 
 /// The alignment at one level.
 pub(super) struct LevelProblem<'a> {
-    source: &'a KeyframeView<'a>,
-    target: &'a KeyframeView<'a>,
-    camera: Pinhole,
+    source: &'a KeyframeView,
+    target: &'a KeyframeView,
     level: usize,
     params: &'a Sim3AlignParams,
 }
@@ -93,22 +91,22 @@ impl Linearisation {
 }
 
 impl<'a> LevelProblem<'a> {
-    /// The problem at `level`; `camera` is that of level 0.
+    /// The problem at `level`.
     pub(super) fn new(
         source: &'a KeyframeView,
         target: &'a KeyframeView,
-        camera: &Pinhole,
         level: usize,
         params: &'a Sim3AlignParams,
     ) -> Self {
-        Self { source, target, camera: camera.at_level(level), level, params }
+        Self { source, target, level, params }
     }
 
     /// Residuals of all points at a state.
     fn linearise(&self, state: &State) -> Linearisation {
         let image = self.target.pyramid().level(self.level);
         let depth = self.target.depth(self.level);
-        let projector = Projector::new(state, self.camera, image, depth, self.params);
+        let cameras = [self.source, self.target].map(|view| view.camera().at_level(self.level));
+        let projector = Projector::new(state, cameras, image, depth, self.params);
         let intensities = self.source.pyramid().level(self.level);
         let points = &self.source.depth(self.level).points;
         let mut sum = Linearisation {

@@ -199,7 +199,7 @@ fn poisoned_input_is_refused_and_leaves_the_nodes() {
 }
 
 #[test]
-fn two_thousand_keyframes_take_reasonable_time() {
+fn two_thousand_keyframes_settle_within_few_iterations() {
     let truth = ring(2000);
     let mut noise = Noise(9);
     let mut edges = chain(&truth);
@@ -218,12 +218,11 @@ fn two_thousand_keyframes_take_reasonable_time() {
     for i in 0..10 {
         edges.push(edge(&truth, 1999 - i, i, EdgeKind::Loop, 0.01));
     }
-    let start = std::time::Instant::now();
     let report = optimise(&mut nodes, &edges, &first(), &PoseGraphParams::default()).unwrap();
-    let elapsed = start.elapsed();
     let left = largest_error(&truth, &nodes);
-    println!("{} edges, {report:?}: error {drifted:.3} to {left:.3} in {elapsed:?}", edges.len());
-    assert!(left < 0.6 * drifted, "{drifted} to {left}");
+    // The noise costs 0.096 an edge by its variance over the claimed one, less what the 2000 nodes absorb.
+    assert!((report.final_cost / (0.096 * 6000.0) - 1.0).abs() < 0.1, "{report:?}");
+    assert!(report.converged && report.iterations <= 10, "{report:?}");
+    assert!(left < 0.2 * drifted, "{drifted} to {left}");
     assert!(report.suppressed.is_empty());
-    assert!(elapsed.as_secs() < 20, "{elapsed:?}");
 }

@@ -2,7 +2,7 @@
 
 use super::residual::{Projector, State};
 use super::*;
-use geometry::{GrayImage, Pyramid, Se3};
+use geometry::{GrayImage, Pinhole, Pyramid, Se3};
 use map::SemiDense;
 use nalgebra::{UnitQuaternion, Vector3};
 use proptest::prelude::*;
@@ -77,17 +77,17 @@ fn a_disturbed_guess_with_another_unit_and_brightness_is_corrected() {
     let (source_pyramid, source_depth) = render(&from, 1.0, 1.0, 0.0);
     // The target's keyframe unit is 1.3 world units.
     let (target_pyramid, target_depth) = render(&to, 1.3, 0.8, 20.0);
-    let source = KeyframeView::new(&source_pyramid, &source_depth);
-    let target = KeyframeView::new(&target_pyramid, &target_depth);
+    let source = KeyframeView::new(&source_pyramid, &source_depth, &camera());
+    let target = KeyframeView::new(&target_pyramid, &target_depth, &camera());
     let truth = Sim3::new(to.rotation, to.translation, 1.3).inverse() * Sim3::from(from);
     let disturbance = Sim3::exp(&SVector::from([0.08, -0.05, 0.08, 0.03, -0.03, 0.05, 0.12]));
-    let result = align(&source, &target, disturbance * truth, &camera(), &params()).unwrap();
+    let result = align(&source, &target, disturbance * truth, &params()).unwrap();
     let (rotation, translation, scale) = errors(&result.target_from_source, &truth);
     assert!(rotation < 3e-3 && translation < 3e-3 && scale < 3e-3, "{rotation} {translation} {scale}");
     assert!((result.brightness[0].exp() - 0.8).abs() < 0.02, "{:?}", result.brightness);
     assert!(result.inlier_share > 0.9 && result.rmse < 6.0, "{result:?}");
 
-    let back = align(&target, &source, truth.inverse(), &camera(), &params()).unwrap();
+    let back = align(&target, &source, truth.inverse(), &params()).unwrap();
     let verdict = reciprocal(&back, &result, &params()).unwrap();
     assert!(verdict.consistent, "{verdict:?}");
     let (rotation, translation, scale) = errors(&verdict.a_from_b, &truth.inverse());
@@ -103,8 +103,8 @@ fn a_disturbed_guess_with_another_unit_and_brightness_is_corrected() {
 #[test]
 fn the_fused_similarity_lies_between_the_two() {
     let (pyramid, depth) = render(&pose(0.0, 0.0, 0.0, 0.0, 0.0), 1.0, 1.0, 0.0);
-    let view = KeyframeView::new(&pyramid, &depth);
-    let aligned = align(&view, &view, Sim3::identity(), &camera(), &params()).unwrap();
+    let view = KeyframeView::new(&pyramid, &depth, &camera());
+    let aligned = align(&view, &view, Sim3::identity(), &params()).unwrap();
     let moved = |size: f64| {
         let tangent = SVector::from([1.0, 0.5, -0.2, 0.3, 0.1, 0.4, 0.2]) * size;
         Sim3Alignment { target_from_source: Sim3::exp(&tangent), ..aligned.clone() }
@@ -118,15 +118,15 @@ fn the_fused_similarity_lies_between_the_two() {
 #[test]
 fn what_cannot_be_aligned_is_refused_with_its_reason() {
     let (pyramid, depth) = render(&pose(0.0, 0.0, 0.0, 0.0, 0.0), 1.0, 1.0, 0.0);
-    let view = KeyframeView::new(&pyramid, &depth);
+    let view = KeyframeView::new(&pyramid, &depth, &camera());
     let refuse = |source: &KeyframeView, target: &KeyframeView, guess| {
-        align(source, target, guess, &camera(), &params()).unwrap_err()
+        align(source, target, guess, &params()).unwrap_err()
     };
     let mut nan = Sim3::identity();
     nan.translation.x = f64::NAN;
     assert_eq!(refuse(&view, &view, nan), AlignRefusal::InvalidGuess);
     let empty = SemiDense::default();
-    let blind = KeyframeView::new(&pyramid, &empty);
+    let blind = KeyframeView::new(&pyramid, &empty, &camera());
     assert!(matches!(refuse(&blind, &view, Sim3::identity()), AlignRefusal::TooFewPoints { points: 0, .. }));
     assert!(matches!(refuse(&view, &blind, Sim3::identity()), AlignRefusal::TooLittleDepth { .. }));
     let turned = Sim3::from(pose(0.0, 0.0, 0.0, 3.0, 0.0));
@@ -140,7 +140,7 @@ fn poisoned_depths_are_left_out() {
     depth.inverse_depth[1] = -1.0;
     depth.variance[2] = 0.0;
     *depth.pixel.last_mut().unwrap() = u32::MAX;
-    let view = KeyframeView::new(&pyramid, &depth);
+    let view = KeyframeView::new(&pyramid, &depth, &camera());
     assert_eq!(view.depth(0).points.len(), depth.len() - 4);
     assert!(
         view.depth(view.levels() - 1)
@@ -159,11 +159,11 @@ proptest! {
         skip in 0usize..500,
     ) {
         let (pyramid, depth) = render(&pose(0.0, 0.0, 0.0, 0.0, 0.0), 1.0, 1.0, 0.0);
-        let view = KeyframeView::new(&pyramid, &depth);
+        let view = KeyframeView::new(&pyramid, &depth, &camera());
         let state = State { target_from_source: Sim3::exp(&SVector::from(tangent)), brightness };
         let params = params();
         let evaluate = |state: &State, point| {
-            Projector::new(state, camera(), pyramid.base(), view.depth(0), &params).evaluate(point, 90)
+            Projector::new(state, [camera(); 2], pyramid.base(), view.depth(0), &params).evaluate(point, 90)
         };
         for point in view.depth(0).points.iter().skip(skip).step_by(997) {
             let Some(term) = evaluate(&state, point) else { continue };

@@ -1,29 +1,35 @@
 //! A keyframe as the alignment sees it: image and depth at each pyramid level.
 
-use geometry::Pyramid;
+use geometry::{Pinhole, Pyramid};
 use map::SemiDense;
 
 /// Image pyramid and semi-dense depth of a keyframe, prepared once for any number of alignments.
-pub struct KeyframeView<'a> {
-    pyramid: &'a Pyramid,
+pub struct KeyframeView {
+    camera: Pinhole,
+    pyramid: Pyramid,
     levels: Vec<LevelDepth>,
 }
 
-impl<'a> KeyframeView<'a> {
-    /// Prepares the depth of every level of `pyramid`. Pixels outside the image and depths or
+impl KeyframeView {
+    /// Prepares the depth of every level of `pyramid`, of images of `camera`. Pixels outside the image and depths or
     /// variances that are not positive and finite are left out.
-    pub fn new(pyramid: &'a Pyramid, semi_dense: &SemiDense) -> Self {
+    pub fn new(pyramid: &Pyramid, semi_dense: &SemiDense, camera: &Pinhole) -> Self {
         let mut levels = vec![LevelDepth::base(pyramid.base().width(), pyramid.base().height(), semi_dense)];
         for level in 1..pyramid.len() {
             let image = pyramid.level(level);
             levels.push(levels[level - 1].halved(image.width(), image.height()));
         }
-        Self { pyramid, levels }
+        Self { camera: *camera, pyramid: pyramid.clone(), levels }
+    }
+
+    /// The camera of level 0.
+    pub fn camera(&self) -> &Pinhole {
+        &self.camera
     }
 
     /// The image pyramid.
     pub fn pyramid(&self) -> &Pyramid {
-        self.pyramid
+        &self.pyramid
     }
 
     /// Number of levels.

@@ -1,6 +1,6 @@
 //! Robust kernels on the squared Mahalanobis error of an edge.
 
-use crate::params_macro::{Parameter, ParameterValue, params};
+use crate::{Parameter, ParameterValue, params};
 use serde::{Deserialize, Serialize};
 
 /// The shape of a robust kernel.

@@ -67,7 +67,8 @@ impl<T: Parameter, const N: usize> Parameter for [T; N] {
 
 /// Defines a parameter struct: every field has a doc comment and a default.
 ///
-/// ```ignore
+/// ```
+/// use backend::{Parameter, params};
 /// params! {
 ///     /// How a frame is aligned.
 ///     pub struct AlignParams {
@@ -75,11 +76,14 @@ impl<T: Parameter, const N: usize> Parameter for [T; N] {
 ///         pub huber: f32 = 3.0,
 ///     }
 /// }
+/// assert_eq!(AlignParams::documented()[0].name, "huber");
 /// ```
 ///
 /// The struct is `Clone + Debug + PartialEq + Default`, reads with serde (missing keys take their
 /// default, unknown keys are errors), and [`Parameter::documented`] lists its
 /// fields. A field may be another such struct: `pub align: AlignParams = AlignParams::default()`.
+/// A crate that uses it needs `serde` among its dependencies.
+#[macro_export]
 macro_rules! params {
     (
         $(#[doc = $struct_doc:literal])+
@@ -105,21 +109,19 @@ macro_rules! params {
             }
         }
 
-        impl $crate::params_macro::Parameter for $name {
-            fn value(&self) -> $crate::params_macro::ParameterValue {
-                $crate::params_macro::ParameterValue::Table(vec![
-                    $( $crate::params_macro::DocumentedParameter {
+        impl $crate::Parameter for $name {
+            fn value(&self) -> $crate::ParameterValue {
+                $crate::ParameterValue::Table(vec![
+                    $( $crate::DocumentedParameter {
                         name: stringify!($field),
                         doc: vec![$( $doc ),+],
-                        default: $crate::params_macro::Parameter::value(&self.$field),
+                        default: $crate::Parameter::value(&self.$field),
                     } ),*
                 ])
             }
         }
     };
 }
-pub(crate) use params;
-
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -1,7 +1,7 @@
 //! Parameters of the pose-graph optimisation.
 
 use super::{KernelShape, RobustKernel};
-use crate::params_macro::params;
+use crate::params;
 use map::EdgeKind;
 
 const HUBER: RobustKernel = RobustKernel { shape: KernelShape::Huber, width: 3.0 };
