@@ -8,11 +8,13 @@
 //! | [`scale_filter`] | scale of one keyframe pair, by a Kalman filter | §IV-C2 |
 //! | [`optimal_scale`] | the scale σ* of three adjacent pairs | §IV-C3, Eqs. 4–5, Algorithm 1 |
 //! | [`alignment`] | clouds into one frame; the final transform; moving a map | §IV-D1, §IV-E, Eqs. 6–9 |
+//! | [`icp`] | fine registration of the clouds and its information matrix | §IV-D2, Eqs. 2–3 |
 //!
-//! Finding the pair (i, j), its relative rotation and the fine registration of the clouds are not here.
+//! Finding the pair (i, j) and its relative rotation are not here.
 
 pub mod alignment;
 pub mod estimate;
+pub mod icp;
 pub mod key_points;
 pub mod optimal_scale;
 pub mod point_alignment;
