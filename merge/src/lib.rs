@@ -14,6 +14,9 @@
 //! | [`merge_graph`] | every agent's place, by the maximum spanning tree of the merges | §V-D |
 //!
 //! Finding the pair (i, j) and the fine registration of the clouds are not here.
+//! | [`icp`] | fine registration of the clouds and its information matrix | §IV-D2, Eqs. 2–3 |
+//!
+//! Finding the pair (i, j) and its relative rotation are not here.
 
 pub mod acceptance;
 pub mod alignment;
