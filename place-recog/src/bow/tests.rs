@@ -21,9 +21,8 @@ fn brute_force(index: &BowIndex, query: &WordBag, count: usize) -> Vec<(u32, f32
         .iter()
         .map(|(id, words)| {
             let weight = |list: &WeightedWords, word| list.iter().find(|w| w.0 == word).map_or(0.0, |w| w.1);
-            let distance: f32 = (0..index.vocabulary.len() as u32)
-                .map(|w| (weight(&query, WordId(w)) - weight(words, WordId(w))).abs())
-                .sum();
+            let distance: f32 =
+                (0..2200).map(|w| (weight(&query, WordId(w)) - weight(words, WordId(w))).abs()).sum();
             (id.0, 1.0 - 0.5 * distance)
         })
         .filter(|&(_, score)| score >= index.params.min_score)

@@ -188,4 +188,31 @@ impl Vocabulary {
     pub fn weight(&self, word: WordId) -> f32 {
         self.weights.get(word.0 as usize).copied().unwrap_or(0.0)
     }
+
+    /// How probable it is that an image shows a word, as in training; inside 0 to 1.
+    pub(crate) fn probability(&self, word: WordId) -> f64 {
+        share(self.counts[word.0 as usize], self.images)
+    }
+
+    /// The word on which another depends most in the training images; the root of the tree has none.
+    pub(crate) fn parent(&self, word: WordId) -> Option<WordId> {
+        self.ties[word.0 as usize].parent.map(WordId)
+    }
+
+    /// How probable it is that an image shows a word when it shows, or does not, the word's parent.
+    pub(crate) fn probability_given_parent(&self, word: WordId, parent_seen: bool) -> f64 {
+        let tie = self.ties[word.0 as usize];
+        let Some(parent) = tie.parent else { return self.probability(word) };
+        let (count, of_parent) = (self.counts[word.0 as usize], self.counts[parent as usize]);
+        if parent_seen {
+            share(tie.together, of_parent)
+        } else {
+            share(count - tie.together, self.images - of_parent)
+        }
+    }
+}
+
+/// `count` of `total`, kept off 0 and 1 by half a count on either side (Krichevsky & Trofimov 1981).
+fn share(count: u32, total: u32) -> f64 {
+    (f64::from(count) + 0.5) / (f64::from(total) + 1.0)
 }
