@@ -13,13 +13,27 @@ pub struct PlaceCandidate {
 }
 
 /// An index of keyframes by appearance.
-pub trait PlaceIndex: Send {
+///
+/// `View` is what of a keyframe the index looks at: its image by default, or what was computed from it once
+/// and is used elsewhere too, such as its local features.
+pub trait PlaceIndex<View: ?Sized = GrayImage>: Send {
     /// Forgets all keyframes.
     fn clear(&mut self);
 
-    /// Adds a keyframe's image (level 0, undistorted).
-    fn add(&mut self, keyframe: KeyframeId, image: &GrayImage);
+    /// Adds a keyframe as seen in `view` (an image: level 0, undistorted), or replaces its view.
+    fn add(&mut self, keyframe: KeyframeId, view: &View);
 
-    /// The `count` keyframes most like `image`, best first.
-    fn query(&self, image: &GrayImage, count: usize) -> Vec<PlaceCandidate>;
+    /// The `count` keyframes most like `view` among those for which `admissible` holds, best first. With it a
+    /// map's own recent keyframes, which look alike for the best of reasons, are left out.
+    fn query_among(
+        &self,
+        view: &View,
+        count: usize,
+        admissible: &dyn Fn(KeyframeId) -> bool,
+    ) -> Vec<PlaceCandidate>;
+
+    /// The `count` keyframes most like `view`, best first.
+    fn query(&self, view: &View, count: usize) -> Vec<PlaceCandidate> {
+        self.query_among(view, count, &|_| true)
+    }
 }

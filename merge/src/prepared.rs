@@ -73,6 +73,17 @@ impl<'a> PreparedMap<'a> {
         }))
     }
 
+    /// The keyframes before and after `id` in order of time, of the same agent.
+    pub fn neighbours(&self, id: KeyframeId) -> (Option<KeyframeId>, Option<KeyframeId>) {
+        let agent = |id: &KeyframeId| self.map.keyframes.get(id).map(|keyframe| keyframe.agent);
+        let own = agent(&id);
+        let position = self.order.iter().position(|other| *other == id);
+        let Some(position) = position else { return (None, None) };
+        let same = |other: &&KeyframeId| agent(other) == own;
+        let before = self.order[..position].iter().rev().find(same).copied();
+        (before, self.order[position + 1..].iter().find(same).copied())
+    }
+
     /// World pose of a keyframe of the map.
     pub fn world_from(&self, id: KeyframeId) -> Option<Sim3> {
         Some(self.map.keyframes.get(&id)?.world_from_keyframe)

@@ -1,6 +1,14 @@
 //! Place recognition: finds the keyframes that show the same place as an image.
 
+mod bow;
+mod fabmap;
 pub mod features;
+mod sequence;
 mod thumbnail;
+mod vocabulary;
 
+pub use bow::{BowIndex, BowParams};
+pub use fabmap::{FabMap, FabMapParams, Location};
+pub use sequence::{SequenceParams, supported};
 pub use thumbnail::{ThumbnailIndex, ThumbnailParams};
+pub use vocabulary::{TrainParams, Vocabulary, VocabularyError, WordBag, WordId};

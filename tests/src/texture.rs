@@ -1,5 +1,6 @@
 //! Procedural textures with mip levels.
 
+use crate::patterns::Canvas;
 use crate::random::Random;
 
 /// Side of level 0 in texels, a power of two.
@@ -29,6 +30,25 @@ impl Texture {
         for _ in 0..700 {
             add_stamp(&mut values, &mut random);
         }
+        Self::with_levels(&values)
+    }
+
+    /// A surface of some kind or other, another for each seed: noise of any roughness, and on it bricks, planks,
+    /// print, lines, blobs, windows or shading.
+    pub fn varied(seed: u64) -> Self {
+        let mut random = Random::new(seed);
+        let mut values = vec![random.uniform(70.0, 190.0); SIZE * SIZE];
+        let (mut amplitude, fall) = (random.uniform(4.0, 40.0), random.uniform(0.5, 1.0));
+        for cells in [8, 16, 32, 64, 128, 256] {
+            add_noise(&mut values, cells, amplitude, &mut random);
+            amplitude *= fall;
+        }
+        Canvas::new(SIZE, &mut values).decorate(&mut random);
+        Self::with_levels(&values)
+    }
+
+    /// Clamps level 0 and halves it down to one texel.
+    fn with_levels(values: &[f32]) -> Self {
         let data = values.iter().map(|v| v.clamp(8.0, 247.0) as u8).collect();
         let mut levels = vec![Level { size: SIZE, data }];
         while levels[levels.len() - 1].size > 1 {

@@ -1,5 +1,6 @@
 //! Camera motions through [`World::yard`](crate::World::yard): `world_from_camera` of each frame, metres.
 
+use crate::random::Random;
 use geometry::Se3;
 use nalgebra::{UnitQuaternion, Vector3};
 use std::f64::consts::TAU;
@@ -45,6 +46,21 @@ pub fn orbit(count: usize, radius: f64, turns: f64) -> Vec<Se3> {
             let angle = TAU * turns * i as f64 / (count - 1).max(1) as f64;
             let position = Vector3::new(-radius * angle.sin(), -HEIGHT, -radius * angle.cos());
             look(position, angle, 0.2)
+        })
+        .collect()
+}
+
+/// `count` views that have nothing to do with each other, from places within `reach` metres of the origin in all
+/// directions; another `seed` gives others.
+pub fn scattered(count: usize, reach: f64, seed: u64) -> Vec<Se3> {
+    let mut random = Random::new(seed);
+    let mut uniform = |low, high| f64::from(random.uniform(low, high));
+    (0..count)
+        .map(|_| {
+            let (x, z) = (uniform(-1.0, 1.0) * reach, uniform(-1.0, 1.0) * reach);
+            let position = Vector3::new(x, -uniform(0.6, 1.7), z);
+            let roll = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), uniform(-0.3, 0.3));
+            look(position, uniform(-3.1, 3.1), uniform(-0.2, 0.6)) * Se3::new(roll, Vector3::zeros())
         })
         .collect()
 }

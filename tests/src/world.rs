@@ -59,6 +59,32 @@ impl World {
         world
     }
 
+    /// A room of random size around the origin, the ground at y = 0, with boxes of all sizes standing and hanging
+    /// in it, each with a texture of another kind: something else for each seed.
+    pub fn varied(seed: u64) -> Self {
+        let textures = (0..6).map(|i| Texture::varied(seed.wrapping_mul(67).wrapping_add(i))).collect();
+        let mut world = Self { cuboids: Vec::new(), textures };
+        let mut random = Random::new(seed ^ 0xacce_5512);
+        let (side, height) = (f64::from(random.uniform(2.5, 10.0)), f64::from(random.uniform(1.5, 3.0)));
+        let texel = |random: &mut Random| f64::from(random.uniform(0.001, 0.005)) * side.min(5.0);
+        let ground = texel(&mut random);
+        world.add(Vector3::zeros(), 0.0, Vector3::new(side, 0.0, side), ground, &mut random);
+        for (x, z) in [(0.0, side), (0.0, -side), (side, 0.0), (-side, 0.0)] {
+            let half = Vector3::new(side - f64::abs(x), height, side - f64::abs(z));
+            let wall = texel(&mut random);
+            world.add(Vector3::new(x, -height, z), 0.0, half, wall, &mut random);
+        }
+        for _ in 0..30 {
+            let mut within = |low: f64, high: f64| low + (high - low) * f64::from(random.uniform(0.0, 1.0));
+            let half = Vector3::from_fn(|_, _| within(0.02, 0.08 * side));
+            let (x, z) = (within(-0.95, 0.95) * side, within(-0.95, 0.95) * side);
+            let (lift, yaw) = (within(0.0, 0.8) * height, within(-1.6, 1.6));
+            let wear = texel(&mut random);
+            world.add(Vector3::new(x, -half.y - lift, z), yaw, half, wear, &mut random);
+        }
+        world
+    }
+
     /// A box of random size standing on the ground at `(x, z)`.
     fn add_box(&mut self, x: f64, z: f64, random: &mut Random) {
         let mut size = |low, high| random.uniform(low, high) as f64;

@@ -4,10 +4,14 @@ mod eval;
 mod eval_agents;
 mod eval_depth;
 mod export;
+#[cfg(feature = "opencv")]
+mod features;
 mod info;
 mod info_map;
 mod params;
 mod run;
+#[cfg(feature = "opencv")]
+mod vocab;
 
 use anyhow::Result;
 use clap::{Parser, Subcommand};
@@ -30,6 +34,8 @@ pub enum Command {
     Info(info::InfoArgs),
     Export(export::ExportArgs),
     Eval(eval::EvalArgs),
+    #[cfg(feature = "opencv")]
+    Vocab(vocab::VocabArgs),
     /// Print the default parameters, documented, as a parameter file
     Params,
 }
@@ -45,6 +51,8 @@ impl Command {
             Command::Info(args) => info::execute(&args),
             Command::Export(args) => export::run(&args),
             Command::Eval(args) => eval::run(args),
+            #[cfg(feature = "opencv")]
+            Command::Vocab(args) => vocab::run(&args),
             Command::Params => params::execute(),
         }
     }

@@ -11,6 +11,9 @@ mod tum;
 #[cfg(feature = "opencv")]
 mod video;
 
+#[cfg(feature = "opencv")]
+pub use image_list::images_in;
+
 use crate::pictures::Picture;
 use anyhow::{Result, bail};
 use geometry::Camera;

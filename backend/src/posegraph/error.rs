@@ -77,10 +77,16 @@ pub(super) fn check(
     if kernels.iter().any(|kernel| !(kernel.width > 0.0 && kernel.width.is_finite())) {
         return Err(PoseGraphError::InvalidKernelWidth);
     }
-    if let Some((&id, _)) = nodes.iter().find(|(_, pose)| !pose.is_valid()) {
-        return Err(PoseGraphError::InvalidNode(id));
-    }
+    check_nodes(nodes)?;
     edges.iter().enumerate().try_for_each(|(index, edge)| check_edge(nodes, index, edge))
+}
+
+/// Refuses poses that are no similarities.
+pub(super) fn check_nodes(nodes: &BTreeMap<KeyframeId, Sim3>) -> Result<(), PoseGraphError> {
+    match nodes.iter().find(|(_, pose)| !pose.is_valid()) {
+        Some((&id, _)) => Err(PoseGraphError::InvalidNode(id)),
+        None => Ok(()),
+    }
 }
 
 fn check_edge(nodes: &BTreeMap<KeyframeId, Sim3>, index: usize, edge: &Edge) -> Result<(), PoseGraphError> {
@@ -91,6 +97,12 @@ fn check_edge(nodes: &BTreeMap<KeyframeId, Sim3>, index: usize, edge: &Edge) -> 
     if let Some(missing) = [from, to].into_iter().find(|id| !nodes.contains_key(id)) {
         return Err(PoseGraphError::UnknownKeyframe { index, missing });
     }
+    check_measurement(index, edge)
+}
+
+/// Refuses what an edge measures when it is no similarity or its information none.
+pub(super) fn check_measurement(index: usize, edge: &Edge) -> Result<(), PoseGraphError> {
+    let (from, to) = (edge.from, edge.to);
     if !edge.from_from_to.is_valid() {
         return Err(PoseGraphError::InvalidMeasurement { index, from, to });
     }

@@ -43,9 +43,14 @@ params! {
 impl Copy for RobustKernel {}
 
 impl RobustKernel {
-    /// Whether the shape has local minima, so that it must be narrowed in stages.
-    pub(super) fn is_redescending(self) -> bool {
-        matches!(self.shape, KernelShape::Cauchy | KernelShape::GemanMcClure)
+    /// The error up to which the cost is convex, standard deviations: where an edge that lies within cannot
+    /// make a local minimum. Infinite for the shapes that are convex throughout.
+    pub(super) fn convex_within(self) -> f64 {
+        match self.shape {
+            KernelShape::Quadratic | KernelShape::Huber => f64::INFINITY,
+            KernelShape::Cauchy => self.width,
+            KernelShape::GemanMcClure => self.width / 3f64.sqrt(),
+        }
     }
 
     /// The same kernel, `widening` times as wide.
@@ -97,6 +102,17 @@ mod tests {
             >::new(name))
             .unwrap();
             assert_eq!(read, shape);
+        }
+    }
+
+    #[test]
+    fn costs_bend_over_where_they_cease_to_be_convex() {
+        for shape in [KernelShape::Cauchy, KernelShape::GemanMcClure] {
+            let kernel = RobustKernel { shape, width: 2.0 };
+            let cost = |error: f64| kernel.cost(error * error);
+            let curvature = |e: f64| cost(e + 1e-3) + cost(e - 1e-3) - 2.0 * cost(e);
+            let end = kernel.convex_within();
+            assert!(curvature(0.99 * end) > 0.0 && curvature(1.01 * end) < 0.0, "{shape:?}");
         }
     }
 

@@ -5,9 +5,17 @@
 //! other, so scale drift is spread around a loop when the loop closes.
 //!
 //! Edges that may be wrong (loops, merges) get a redescending kernel. Such a kernel would also
-//! ignore a *true* loop after a long drift, so it is first widened until every edge counts and then
-//! narrowed in stages (graduated non-convexity, Yang 2020).
+//! ignore a *true* loop after a long drift, so all kernels are first widened until the cost of every edge is
+//! convex and then narrowed in stages. For Geman–McClure this is the graduated non-convexity of Yang et al.
+//! ("Graduated Non-Convexity for Robust Spatial Perception", RA-L 2020, widening = √μ), with μ narrowed by 9
+//! a stage where the paper takes 1.4, and each stage minimised where it takes one step: on maps joined by as many
+//! wrong edges as right ones that is as sure and takes a quarter of the steps.
+//!
+//! Wrong edges that agree with each other on one other answer can still win: with nine such among twenty they do
+//! in half of the cases. So the edges of a merge first pass [`consistent_set`], which is not misled as long as
+//! the right ones are more; the kernel takes care of what is left.
 
+mod consistency;
 mod error;
 mod kernel;
 mod params;
@@ -15,8 +23,9 @@ mod residual;
 mod solver;
 mod system;
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
 
+pub use consistency::{ConsistencyParams, ConsistentSet, MapGraph, consistent_set};
 pub use error::PoseGraphError;
 pub use kernel::{KernelShape, RobustKernel};
 pub use params::PoseGraphParams;

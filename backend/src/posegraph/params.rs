@@ -5,6 +5,7 @@ use crate::params;
 use map::EdgeKind;
 
 const HUBER: RobustKernel = RobustKernel { shape: KernelShape::Huber, width: 3.0 };
+const GEMAN_MC_CLURE: RobustKernel = RobustKernel { shape: KernelShape::GemanMcClure, width: 5.0 };
 const CAUCHY: RobustKernel = RobustKernel { shape: KernelShape::Cauchy, width: 5.0 };
 
 params! {
@@ -17,8 +18,10 @@ params! {
         /// Kernel of loop edges. Default Cauchy 5 σ: a wrong loop must lose its pull. Narrower resists
         /// more false loops and trusts true ones less.
         pub loop_closure: RobustKernel = CAUCHY,
-        /// Kernel of edges between merged maps. Default Cauchy 5 σ, as loops.
-        pub merge: RobustKernel = CAUCHY,
+        /// Kernel of edges between merged maps. Default Geman–McClure 5 σ. Half of them may be wrong, and far
+        /// wrong: by Cauchy's costs, which grow without bound, a compromise between all of them can be
+        /// cheaper than the truth.
+        pub merge: RobustKernel = GEMAN_MC_CLURE,
         /// Most linear systems solved in the last stage. Range 1–1000; bounds the time.
         pub max_iterations: usize = 50,
         /// Most linear systems solved in each earlier stage, while redescending kernels are still

@@ -112,12 +112,11 @@ impl<'a> Solver<'a> {
         Ok(PoseGraphReport { iterations, initial_cost, final_cost, converged, suppressed })
     }
 
-    /// How much the redescending kernels must widen for every edge to lie within their width.
+    /// How much the kernels must widen for the cost of every edge to be convex where the edge stands.
     fn first_widening(&self) -> f64 {
         self.constraints
             .iter()
-            .filter(|c| c.kernel.is_redescending())
-            .map(|c| self.squared_error(c, &self.poses).sqrt() / c.kernel.width)
+            .map(|c| self.squared_error(c, &self.poses).sqrt() / c.kernel.convex_within())
             .fold(1.0, f64::max)
             .min(1e6)
     }

@@ -105,9 +105,15 @@ impl PlaceIndex for ThumbnailIndex {
         }
     }
 
-    fn query(&self, image: &GrayImage, count: usize) -> Vec<PlaceCandidate> {
+    fn query_among(
+        &self,
+        image: &GrayImage,
+        count: usize,
+        admissible: &dyn Fn(KeyframeId) -> bool,
+    ) -> Vec<PlaceCandidate> {
         let Some(straight) = Thumbnail::new(image).with_contrast() else { return Vec::new() };
-        let first_pass = self.ranked(std::slice::from_ref(&straight), 0..self.len());
+        let among = (0..self.len()).filter(|&index| admissible(self.keyframes[index]));
+        let first_pass = self.ranked(std::slice::from_ref(&straight), among);
         let variants = straight.variants(self.params.shift, self.params.turn.to_radians());
         let survivors = count.saturating_mul(self.params.refined_per_result.max(1));
         let refined = self.ranked(&variants, first_pass.into_iter().take(survivors).map(|(_, index)| index));

@@ -1,11 +1,14 @@
 //! Graphs whose optimum is known.
 
+mod robust;
+pub(crate) mod two_maps;
+
 use super::*;
 use map::EdgeKind;
 use nalgebra::{SMatrix, SVector, Vector3};
 
 /// A small deterministic generator of numbers in −1…1.
-struct Noise(u64);
+pub(crate) struct Noise(u64);
 
 impl Noise {
     fn next(&mut self) -> f64 {

@@ -1,0 +1,60 @@
+//! Maps and images as commands are given them, and the features of many images.
+
+use crate::pictures::Picture;
+use crate::sources::images_in;
+use anyhow::{Context, Result, bail};
+use geometry::GrayImage;
+use map::Map;
+use place_recog::features::{Features, SiftParams, sift};
+use rayon::prelude::*;
+use std::path::{Path, PathBuf};
+
+/// The map at `path`, a map file or the folder of a run that holds one; warnings go to standard error.
+pub(super) fn load(path: &Path) -> Result<Map> {
+    let file = if path.is_dir() { path.join("map.mcap") } else { path.to_owned() };
+    if !file.is_file() {
+        bail!(
+            "{}: there is no map\nhint: give a map.mcap, or the folder that `loopbox run` wrote",
+            file.display()
+        );
+    }
+    Ok(super::info_map::load(&file)?.map)
+}
+
+/// The features of every keyframe of a map, in order of the keyframes.
+pub(super) fn of_keyframes(map: &Map) -> Result<Vec<Features>> {
+    let images: Vec<&GrayImage> = map.keyframes.values().map(|keyframe| &*keyframe.image).collect();
+    let params = SiftParams::default();
+    images.into_par_iter().map(|image| Ok(sift(image, &params)?)).collect()
+}
+
+/// The features of all images at `path`: an image, a folder of images (or with a folder `images` in it), a map, or
+/// the folder of a run.
+pub(super) fn of_images(path: &Path) -> Result<Vec<Features>> {
+    if map::is_map_file(path) || path.join("map.mcap").is_file() {
+        return of_keyframes(&load(path)?);
+    }
+    let files = image_files(path)?;
+    let params = SiftParams::default();
+    let features = |file: PathBuf| {
+        let image = Picture::File(file.clone()).into_grey().map_err(anyhow::Error::msg)?;
+        sift(&image, &params).with_context(|| file.display().to_string())
+    };
+    files.into_par_iter().map(features).collect()
+}
+
+fn image_files(path: &Path) -> Result<Vec<PathBuf>> {
+    if path.is_file() {
+        return Ok(vec![path.to_owned()]);
+    }
+    if !path.is_dir() {
+        bail!("{}: there is no such file or folder", path.display());
+    }
+    let inner = path.join("images");
+    let folder = if inner.is_dir() { inner } else { path.to_owned() };
+    let files = images_in(&folder)?;
+    if files.is_empty() {
+        bail!("{}: holds no images\nhint: PNG, JPEG and PGM files are read", folder.display());
+    }
+    Ok(files)
+}
