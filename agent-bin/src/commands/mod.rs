@@ -1,6 +1,7 @@
 //! The command line: one file per command.
 
 mod eval;
+mod eval_agents;
 mod eval_depth;
 mod export;
 #[cfg(feature = "opencv")]
