@@ -25,12 +25,7 @@ pub struct ProposeParams {
 
 impl Default for ProposeParams {
     fn default() -> Self {
-        Self {
-            bow: BowParams::default(),
-            sequence: SequenceParams::default(),
-            candidates: 10,
-            apart: 2,
-        }
+        Self { bow: BowParams::default(), sequence: SequenceParams::default(), candidates: 10, apart: 2 }
     }
 }
 

@@ -5,9 +5,11 @@ mod eval_agents;
 mod eval_depth;
 mod export;
 #[cfg(feature = "opencv")]
-mod features;
+pub(crate) mod features;
 mod info;
 mod info_map;
+#[cfg(feature = "opencv")]
+mod merge;
 mod params;
 mod run;
 #[cfg(feature = "opencv")]
@@ -35,6 +37,8 @@ pub enum Command {
     Export(export::ExportArgs),
     Eval(eval::EvalArgs),
     #[cfg(feature = "opencv")]
+    Merge(merge::MergeArgs),
+    #[cfg(feature = "opencv")]
     Vocab(vocab::VocabArgs),
     /// Print the default parameters, documented, as a parameter file
     Params,
@@ -51,6 +55,8 @@ impl Command {
             Command::Info(args) => info::execute(&args),
             Command::Export(args) => export::run(&args),
             Command::Eval(args) => eval::run(args),
+            #[cfg(feature = "opencv")]
+            Command::Merge(args) => merge::run(&args),
             #[cfg(feature = "opencv")]
             Command::Vocab(args) => vocab::run(&args),
             Command::Params => params::execute(),

@@ -112,7 +112,8 @@ pub fn merge(
                     addresses[input].of(agent, id)
                 };
                 if let (Some(from), Some(to)) = (address(target, edge.from), address(source, edge.to)) {
-                    let from_from_to = Estimate { a_from_b: edge.from_from_to, information: edge.information };
+                    let from_from_to =
+                        Estimate { a_from_b: edge.from_from_to, information: edge.information };
                     common.link(Link { from, to, from_from_to });
                 }
             }
