@@ -90,8 +90,8 @@ fn null_vector(mut rows: [[f64; 9]; 8]) -> Option<[f64; 9]> {
     Some(vector)
 }
 
-/// The normalised eight-point algorithm on rays (Longuet-Higgins 1981, Hartley 1997): E, with singular values
-/// 1, 1, 0, of the eight matches, as the four poses of [`essential_poses`]'s argument.
+/// The normalised eight-point algorithm on rays (Longuet-Higgins 1981, Hartley 1997): E of eight matches, with
+/// singular values 1, 1, 0.
 pub(super) fn eight_point(rays: &Rays, sample: &[usize; 8]) -> Option<Matrix3<f64>> {
     let rows = sample.map(|i| {
         let (s, t) = (rays.source_whitening * rays.source[i], rays.target_whitening * rays.target[i]);

@@ -57,7 +57,7 @@ pub struct TwoViewParams {
     /// Probability that RANSAC draws a sample without wrong matches. Default 0.999; 0 to 1, exclusive.
     pub confidence: f64,
     /// Most samples drawn, each of eight-point and of homographies. Default 3000; at least 1. Bounds the time on
-    /// unrelated views; with two thirds of the matches right, about 200 are drawn.
+    /// unrelated views; with two thirds of the matches right, about 520 are drawn.
     pub max_samples: usize,
     /// Seed of the samples. Default 1. The same seed gives the same result.
     pub seed: u64,

@@ -27,7 +27,7 @@ struct Views {
 }
 
 impl Views {
-    /// A sideways view with a quarter of a unit's baseline per unit of turn.
+    /// A step mostly to the side with a small turn, at points of many depths.
     fn sideways(right: usize, wrong: usize) -> Self {
         let rotation = UnitQuaternion::from_euler_angles(0.02, 0.1, -0.03);
         Self {
