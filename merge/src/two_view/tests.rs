@@ -310,7 +310,8 @@ proptest! {
         prop_assert_eq!(found.inliers.len(), 100);
     }
 
-    /// With source and target exchanged the pose is the inverse.
+    /// With source and target exchanged the pose is the inverse, as far as it is known: other samples are drawn, and
+    /// which matches at the gate's edge count may differ.
     #[test]
     fn exchanged_views_give_the_inverse(seed in 0u64..1000) {
         let views = Views::sideways(150, 50);
@@ -320,6 +321,7 @@ proptest! {
         let found = relative_pose(&matches, PIXEL, &TwoViewParams::default()).unwrap();
         let back = relative_pose(&back, PIXEL, &TwoViewParams::default()).unwrap();
         let between = back.target_from_source.inverse().angle_to(&found.target_from_source);
-        prop_assert!(between < 1e-3, "{}", between);
+        let deviation = found.rotation_covariance.trace().sqrt();
+        prop_assert!(between < 2.0 * deviation, "{} of {}", between, deviation);
     }
 }
