@@ -21,7 +21,7 @@ pub enum ResidualKind {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct IcpParams {
-    /// What a correspondence is measured by. Default `generalized`.
+    /// What a correspondence is measured by. Default `point_to_plane`.
     pub kind: ResidualKind,
     /// Whether the scale is estimated too. Default false: a rigid motion, and the scale of the initial guess is
     /// kept. True needs clouds that overlap well: points without a counterpart pull the scale down.
@@ -29,7 +29,7 @@ pub struct IcpParams {
     /// Nearest points that tell the shape around a point, itself among them. Default 12; 5 to 30. More are
     /// steadier against noise and round off corners.
     pub shape_neighbours: usize,
-    /// How far apart corresponding points may be in the first iteration, in extents. Default 0.2; 0.02 to 1.
+    /// How far apart corresponding points may be in the first iteration, in extents. Default 0.4; 0.02 to 1.
     /// It is how wrong the initial guess may be.
     pub first_max_distance: f64,
     /// The same in the last iterations. Default 0.05; above 0, at most `first_max_distance`. Lower keeps parts
@@ -65,10 +65,10 @@ pub struct IcpParams {
 impl Default for IcpParams {
     fn default() -> Self {
         Self {
-            kind: ResidualKind::Generalized,
+            kind: ResidualKind::PointToPlane,
             estimate_scale: false,
             shape_neighbours: 12,
-            first_max_distance: 0.2,
+            first_max_distance: 0.4,
             last_max_distance: 0.05,
             annealing: 0.8,
             keep_share: 0.9,

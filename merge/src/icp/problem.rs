@@ -162,10 +162,10 @@ impl Candidates {
     /// Trims and weighs; `widening` is the kernel's width over its last width.
     pub(super) fn weighted(self, params: &IcpParams, widening: f64) -> Result<Matches, IcpRefusal> {
         let overlap = self.matched as f64 / self.given as f64;
-        if overlap < params.min_overlap {
+        let (given, needed) = (self.pairs.len(), params.min_points.max(10));
+        if self.matched < needed {
             return Err(IcpRefusal::LittleOverlap { overlap, needed: params.min_overlap });
         }
-        let (given, needed) = (self.pairs.len(), params.min_points.max(10));
         if given < needed {
             return Err(IcpRefusal::FewCorrespondences { given, needed });
         }

@@ -14,6 +14,12 @@ const FILLED: f64 = 0.1;
 /// RSS 2009, take the same ε).
 const THICKNESS: f64 = 1e-3;
 
+/// Variance along a surface or an edge, relative to that of the neighbourhood.
+///
+/// At 1 (Segal et al.) the depth noise across a surface is as large as the spread along it, and neighbours that
+/// happen to lie near hold the cloud back where it should slide.
+const FREEDOM: f64 = 100.0;
+
 /// The neighbourhood of a point, from the principal components of its nearest points.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Shape {
@@ -24,7 +30,7 @@ pub(super) struct Shape {
     /// Projector on the directions in which the point cannot slide: `n nᵀ` on a surface, `I − u uᵀ` on an edge
     /// along u, zero in a ball.
     pub(super) held: Matrix3<f64>,
-    /// Covariance of where between its neighbours a point of the same surface or edge may lie.
+    /// Covariance of where a point of the same surface or edge may lie: thin across, wide along.
     pub(super) spread: Matrix3<f64>,
     /// Root mean square distance of the neighbours from their mean.
     pub(super) radius: f64,
@@ -51,7 +57,7 @@ impl Shape {
             normal: axes[2],
             planarity: filled[1] - filled[2],
             held: Matrix3::identity() - along,
-            spread: (Matrix3::identity() * THICKNESS + along * (1.0 - THICKNESS)) * largest,
+            spread: (Matrix3::identity() * THICKNESS + along * FREEDOM) * largest,
             radius: eigen.eigenvalues.sum().max(0.0).sqrt(),
         }
     }
