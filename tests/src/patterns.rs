@@ -147,7 +147,7 @@ impl<'a> Canvas<'a> {
     fn blob(&mut self, random: &mut Random) {
         let (long, short) = (random.uniform(3.0, 60.0), random.uniform(2.0, 40.0));
         let (angle, change) = (random.uniform(0.0, TAU), tone(random));
-        let (edge, ring) = (random.uniform(0.02, 0.9), random.bits() % 3 == 0);
+        let (edge, ring) = (random.uniform(0.02, 0.9), random.bits().is_multiple_of(3));
         let (sin, cos) = angle.sin_cos();
         self.stamp(random, long.max(short) * 1.5, |x, y| {
             let r = ((cos * x + sin * y) / long).hypot((cos * y - sin * x) / short);

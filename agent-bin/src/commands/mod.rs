@@ -8,6 +8,8 @@ mod features;
 mod info;
 mod info_map;
 mod params;
+#[cfg(feature = "opencv")]
+mod places;
 mod run;
 #[cfg(feature = "opencv")]
 mod vocab;
@@ -34,6 +36,8 @@ pub enum Command {
     Export(export::ExportArgs),
     Eval(eval::EvalArgs),
     #[cfg(feature = "opencv")]
+    Places(places::PlacesArgs),
+    #[cfg(feature = "opencv")]
     Vocab(vocab::VocabArgs),
     /// Print the default parameters, documented, as a parameter file
     Params,
@@ -50,6 +54,8 @@ impl Command {
             Command::Info(args) => info::execute(&args),
             Command::Export(args) => export::run(&args),
             Command::Eval(args) => eval::run(args),
+            #[cfg(feature = "opencv")]
+            Command::Places(args) => places::run(&args),
             #[cfg(feature = "opencv")]
             Command::Vocab(args) => vocab::run(&args),
             Command::Params => params::execute(),
