@@ -4,6 +4,8 @@ mod ahead;
 mod camera;
 mod commands;
 mod diagnosis;
+#[cfg(feature = "opencv")]
+mod merging;
 mod output;
 mod pictures;
 mod process;

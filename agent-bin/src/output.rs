@@ -4,9 +4,7 @@ use crate::record::RunRecord;
 use crate::report::{self, ReportInput};
 use anyhow::{Context, Result};
 use clap::ValueEnum;
-use geometry::Pinhole;
-use map::{KeyframeId, Map, MapWriter};
-use std::collections::BTreeMap;
+use map::{AgentId, AgentInfo, KeyframeId, Map, MapWriter};
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -33,8 +31,8 @@ const FLUSH_INTERVAL: Duration = Duration::from_secs(1);
 /// The folder of a run's results.
 pub struct Output {
     folder: PathBuf,
-    camera: Pinhole,
-    provenance: BTreeMap<String, String>,
+    /// Whose map it is.
+    agent: AgentInfo,
     /// There is a map file as soon as there is a map.
     writer: Option<MapWriter>,
     last_keyframe: Option<KeyframeId>,
@@ -47,7 +45,7 @@ impl Output {
     ///
     /// # Errors
     /// When the folder cannot be made or written to.
-    pub fn create(folder: &Path, camera: Pinhole, provenance: BTreeMap<String, String>) -> Result<Self> {
+    pub fn create(folder: &Path, agent: AgentInfo) -> Result<Self> {
         let hint = "hint: --out must name a folder that can be made and written to";
         std::fs::create_dir_all(folder)
             .with_context(|| format!("{}: the folder cannot be made\n{hint}", folder.display()))?;
@@ -63,14 +61,7 @@ impl Output {
             }
         }
         let (writer, last_keyframe) = (None, None);
-        Ok(Self {
-            folder: folder.to_owned(),
-            camera,
-            provenance,
-            writer,
-            last_keyframe,
-            flushed: Instant::now(),
-        })
+        Ok(Self { folder: folder.to_owned(), agent, writer, last_keyframe, flushed: Instant::now() })
     }
 
     /// Writes what the map gained, so that a killed run leaves it: call it after each frame.
@@ -93,7 +84,7 @@ impl Output {
     fn append(&mut self, map: &Map) -> Result<()> {
         let writer = match &mut self.writer {
             Some(writer) => writer,
-            none => none.insert(MapWriter::create(self.folder.join(MAP), &self.camera, &self.provenance)?),
+            none => none.insert(MapWriter::create(self.folder.join(MAP), &self.agent)?),
         };
         // The last one written was new then; its depth has ripened since.
         let since = self.last_keyframe.unwrap_or(KeyframeId(0));
@@ -115,7 +106,7 @@ impl Output {
         format: TrajectoryFormat,
         max_variance: f32,
     ) -> Result<()> {
-        map.provenance.append(&mut self.provenance.clone());
+        map.agents.insert(AgentId::default(), self.agent.clone());
         self.writer = None;
         map::save_map(self.folder.join(MAP), map)?;
         let (trajectory, path) = (map.trajectory(), self.folder.join(TRAJECTORY));

@@ -1,6 +1,6 @@
 //! `loopbox eval` through the binary.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 fn golden(name: &str) -> PathBuf {
@@ -43,6 +43,67 @@ fn what_cannot_be_compared_is_refused_with_a_reason() {
     for (estimate, truth, more, reason) in cases {
         let output = eval(estimate, truth, more);
         assert!(!output.status.success(), "{truth} {more:?}");
+        assert!(stderr(&output).contains(reason), "{}", stderr(&output));
+    }
+}
+
+/// Writes the golden estimate again, `scale` times as large and turned by a quarter about z.
+fn turned(folder: &Path, scale: f64) -> PathBuf {
+    let text = std::fs::read_to_string(golden("estimate.tum")).unwrap();
+    let line = |line: &str| {
+        let n: Vec<f64> = line.split_whitespace().map(|word| word.parse().unwrap()).collect();
+        let [t, x, y, z, qx, qy, qz, qw] = n[..] else { panic!("{line}") };
+        let h = 0.5f64.sqrt();
+        let q = [h * (qx - qy), h * (qy + qx), h * (qz + qw), h * (qw - qz)];
+        format!("{t} {} {} {} {} {} {} {}\n", -scale * y, scale * x, scale * z, q[0], q[1], q[2], q[3])
+    };
+    let lines = text.lines().filter(|line| !line.starts_with('#'));
+    let path = folder.join("turned.tum");
+    std::fs::write(&path, lines.map(line).collect::<String>()).unwrap();
+    path
+}
+
+#[test]
+fn several_agents_are_measured_in_the_frame_of_the_first() {
+    let folder = tempfile::tempdir().unwrap();
+    let turned = turned(folder.path(), 1.02);
+    let turned = turned.to_str().unwrap();
+    let json = eval("estimate.tum", "truth.tum", &["--json", turned]);
+    assert!(json.status.success(), "{}", stderr(&json));
+    let json: serde_json::Value = serde_json::from_slice(&json.stdout).unwrap();
+    let [first, second] = [&json["agents"][0], &json["agents"][1]];
+    let alone = eval("estimate.tum", "truth.tum", &["--json"]);
+    let alone: serde_json::Value = serde_json::from_slice(&alone.stdout).unwrap();
+    assert_eq!(first["ate"], alone["ate"]);
+    assert_eq!(json["truth_from_estimate"], alone["truth_from_estimate"]);
+    assert_eq!((&first["merge"], second["estimate"].as_str()), (&serde_json::Value::Null, Some(turned)));
+    let merge = |key: &str| second["merge"][key].as_f64().unwrap();
+    assert!((merge("scale_percent") - 2.0).abs() < 1e-3, "{second}");
+    assert!((merge("rotation_deg") - 90.0).abs() < 1e-3, "{second}");
+    assert!(second["ate"]["rmse"].as_f64().unwrap() > 1.0);
+    let table = eval("estimate.tum", "truth.tum", &[turned]);
+    let table = String::from_utf8(table.stdout).unwrap();
+    assert!(table.contains("+2.000     90.000") && table.contains(turned), "{table}");
+}
+
+#[test]
+fn every_agent_needs_its_own() {
+    let other = golden("estimate.tum");
+    let other = other.to_str().unwrap();
+    let truth = golden("truth.tum");
+    let truth = truth.to_str().unwrap();
+    let cases: [(&[&str], &str); 4] = [
+        (&[other, "--gt", truth, "--gt", truth], "2 estimates have 3 --gt"),
+        (&[other, "--frames", truth], "2 estimates have 1 --frames"),
+        (&[other, "--max-diff", "1e-9"], "agent 1"),
+        (
+            &[other, "--map", "m", "--depth", "d", "--frames", truth, "--frames", truth],
+            "--map is that of one",
+        ),
+    ];
+    for (more, reason) in cases {
+        let output = eval("estimate.tum", "truth.tum", more);
+        assert!(!output.status.success(), "{more:?}");
         assert!(stderr(&output).contains(reason), "{}", stderr(&output));
     }
 }

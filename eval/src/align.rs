@@ -1,7 +1,8 @@
 //! Bringing the estimate into the frame and unit of the ground truth.
 
 use crate::{Associated, EvalError};
-use geometry::{Sim3, umeyama};
+use geometry::Sim3;
+use geometry::umeyama::{self, UmeyamaError};
 use nalgebra::{UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -23,8 +24,14 @@ pub enum AlignMode {
 /// Aligns the estimate with the ground truth over all camera positions (Umeyama 1991) and returns the
 /// transform `truth_from_estimate` beside the aligned pairs.
 pub fn align(pairs: &Associated, mode: AlignMode) -> Result<(Sim3, Associated), EvalError> {
+    let truth_from_estimate = alignment(pairs, mode)?;
+    Ok((truth_from_estimate, pairs.transformed(&truth_from_estimate)))
+}
+
+/// The transform `truth_from_estimate` alone, see [`align`].
+pub(crate) fn alignment(pairs: &Associated, mode: AlignMode) -> Result<Sim3, UmeyamaError> {
     let (source, target) = pairs.positions();
-    let truth_from_estimate = match mode {
+    Ok(match mode {
         AlignMode::None => Sim3::identity(),
         AlignMode::Se3 => umeyama::se3(&source, &target)?.into(),
         AlignMode::Sim3 => umeyama::sim3(&source, &target)?,
@@ -32,7 +39,5 @@ pub fn align(pairs: &Associated, mode: AlignMode) -> Result<(Sim3, Associated), 
             let scale = umeyama::scale(&source, &target)?;
             Sim3::new(UnitQuaternion::identity(), Vector3::zeros(), scale)
         }
-    };
-    let estimate = pairs.estimate.iter().map(|pose| pose.transformed(&truth_from_estimate)).collect();
-    Ok((truth_from_estimate, Associated { estimate, ..pairs.clone() }))
+    })
 }

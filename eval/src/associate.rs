@@ -1,6 +1,7 @@
 //! Which pose of the estimate belongs to which of the ground truth.
 
 use crate::{EvalError, Pose, Trajectory};
+use geometry::Sim3;
 use nalgebra::Vector3;
 
 /// Widest time difference of a pair, seconds. Half the spacing of motion-capture data thinned to 50 Hz is
@@ -27,6 +28,12 @@ impl Associated {
     /// Whether there is no pair.
     pub fn is_empty(&self) -> bool {
         self.truth.is_empty()
+    }
+
+    /// The pairs with the estimate in the frame and unit that `transform` maps to.
+    pub fn transformed(&self, transform: &Sim3) -> Self {
+        let estimate = self.estimate.iter().map(|pose| pose.transformed(transform)).collect();
+        Self { estimate, ..self.clone() }
     }
 
     /// `(estimated, true)` camera positions.

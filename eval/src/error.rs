@@ -60,6 +60,14 @@ pub enum EvalError {
     /// The trajectories cannot be aligned.
     #[error("{0}; use --align none or a longer trajectory")]
     Align(#[from] UmeyamaError),
+    /// One of several agents cannot be evaluated.
+    #[error("agent {number}: {reason}")]
+    Agent {
+        /// Which of them, from 1.
+        number: usize,
+        /// Why not.
+        reason: Box<EvalError>,
+    },
     /// A setting lies outside its range.
     #[error("{0}")]
     Setting(String),

@@ -1,9 +1,10 @@
 //! All measures of one estimate.
 
+use crate::align::alignment;
 use crate::coverage::FRAME_TOLERANCE;
 use crate::{
-    AlignMode, Coverage, DEFAULT_MAX_DIFF, Delta, EvalError, Rpe, SegmentErrors, Statistics, Trajectory,
-    align, associate, ate, coverage, rpe, segment_errors,
+    AlignMode, Associated, Coverage, DEFAULT_MAX_DIFF, Delta, EvalError, Rpe, SegmentErrors, Statistics,
+    Trajectory, associate, ate, coverage, rpe, segment_errors,
 };
 use geometry::Sim3;
 use serde::Serialize;
@@ -60,26 +61,55 @@ pub fn evaluate(
     frames: Option<&[f64]>,
     options: &Options,
 ) -> Result<Evaluation, EvalError> {
-    let (estimate, truth) = match frames {
-        Some(times) => (stamped(estimate, times)?, stamped(truth, times)?),
-        None => (estimate, truth),
-    };
-    let pairs = associate(&estimate, &truth, options.max_diff)?;
-    let (truth_from_estimate, aligned) = align(&pairs, options.align)?;
-    let coverage = match (&estimate.timestamps, frames, &truth.timestamps) {
-        (Some(estimated), Some(frames), _) => Some(coverage(frames, estimated, FRAME_TOLERANCE)),
-        (Some(estimated), None, Some(truth)) => Some(coverage(truth, estimated, options.max_diff)),
-        _ => None,
-    };
-    Ok(Evaluation {
-        pairs: aligned.len(),
-        align: options.align,
-        truth_from_estimate,
-        ate: ate(&aligned).ok_or(EvalError::NoPairs { max_diff: options.max_diff })?,
-        rpe: rpe(&aligned, options.delta, options.all_pairs)?,
-        segments: segment_errors(&aligned),
-        coverage,
-    })
+    let matched = Matched::new(estimate, truth, frames, options.max_diff)?;
+    let truth_from_estimate = alignment(&matched.pairs, options.align)?;
+    matched.measured(&truth_from_estimate, options)
+}
+
+/// An estimate that is matched with its ground truth, but not aligned.
+pub(crate) struct Matched {
+    pub pairs: Associated,
+    coverage: Option<Coverage>,
+}
+
+impl Matched {
+    /// Finds the poses that belong together and counts them; see [`evaluate`].
+    pub(crate) fn new(
+        estimate: Trajectory,
+        truth: Trajectory,
+        frames: Option<&[f64]>,
+        max_diff: f64,
+    ) -> Result<Self, EvalError> {
+        let (estimate, truth) = match frames {
+            Some(times) => (stamped(estimate, times)?, stamped(truth, times)?),
+            None => (estimate, truth),
+        };
+        let pairs = associate(&estimate, &truth, max_diff)?;
+        let coverage = match (&estimate.timestamps, frames, &truth.timestamps) {
+            (Some(estimated), Some(frames), _) => Some(coverage(frames, estimated, FRAME_TOLERANCE)),
+            (Some(estimated), None, Some(truth)) => Some(coverage(truth, estimated, max_diff)),
+            _ => None,
+        };
+        Ok(Self { pairs, coverage })
+    }
+
+    /// All measures after `truth_from_estimate`, which was found by `options.align`.
+    pub(crate) fn measured(
+        &self,
+        truth_from_estimate: &Sim3,
+        options: &Options,
+    ) -> Result<Evaluation, EvalError> {
+        let aligned = self.pairs.transformed(truth_from_estimate);
+        Ok(Evaluation {
+            pairs: aligned.len(),
+            align: options.align,
+            truth_from_estimate: *truth_from_estimate,
+            ate: ate(&aligned).ok_or(EvalError::NoPairs { max_diff: options.max_diff })?,
+            rpe: rpe(&aligned, options.delta, options.all_pairs)?,
+            segments: segment_errors(&aligned),
+            coverage: self.coverage,
+        })
+    }
 }
 
 fn stamped(trajectory: Trajectory, times: &[f64]) -> Result<Trajectory, EvalError> {

@@ -5,6 +5,7 @@
 //! the KITTI odometry benchmark (Geiger et al., CVPR 2012), and the depth errors of semi-dense maps.
 //! This crate knows trajectories and numbers only: nothing of maps, images or how an estimate was made.
 
+mod agents;
 mod align;
 mod associate;
 mod ate;
@@ -19,6 +20,7 @@ mod statistics;
 mod trajectory;
 mod warp;
 
+pub use agents::{AgentEvaluation, AgentTracks, AgentsEvaluation, MergeError, evaluate_agents};
 pub use align::{AlignMode, align};
 pub use associate::{Associated, DEFAULT_MAX_DIFF, associate};
 pub use ate::ate;

@@ -1,7 +1,9 @@
 //! Checks that a map's parts make sense, the same for a map to write and for one just read.
 
-use crate::{Edge, FramePose, Keyframe, Point};
+use crate::agent::owner;
+use crate::{AgentInfo, Edge, EdgeKind, FramePose, Keyframe, Map, Point};
 use geometry::{Pinhole, Se3, Sim3};
+use std::collections::BTreeSet;
 
 /// How far a rotation's quaternion may be from unit length; more is not a rotation but a mistake.
 const UNIT_TOLERANCE: f64 = 1e-3;
@@ -9,8 +11,89 @@ const UNIT_TOLERANCE: f64 = 1e-3;
 /// The longest side of an image; what claims to be longer is no image.
 const MAX_SIDE: usize = 1 << 16;
 
+/// Whether a map makes sense in all its parts.
+pub(crate) fn map(map: &Map) -> Result<(), String> {
+    agents(map)?;
+    for (id, keyframe) in &map.keyframes {
+        self::keyframe(keyframe, map.camera(keyframe))?;
+        if *id != keyframe.id {
+            return Err(format!("keyframe {} is filed under {}", keyframe.id.0, id.0));
+        }
+    }
+    map.edges.iter().try_for_each(edge)?;
+    map.frames.iter().try_for_each(frame)
+}
+
+/// Whether a map's agents make sense, and every keyframe has one.
+pub(crate) fn agents(map: &Map) -> Result<(), String> {
+    if map.agents.is_empty() {
+        return Err("there is no agent".into());
+    }
+    let mut names = BTreeSet::new();
+    for info in map.agents.values() {
+        agent(info)?;
+        if !names.insert(&info.name) {
+            return Err(format!("two agents have the name \"{}\"", info.name));
+        }
+        if info.own.is_none() && map.agents.len() > 1 {
+            return Err(format!("agent \"{}\" does not know its own map", info.name));
+        }
+    }
+    for keyframe in map.keyframes.values() {
+        if let Some(what) = membership_problem(map, keyframe) {
+            return Err(format!("keyframe {}: {what}", keyframe.id.0));
+        }
+    }
+    for (agent, info) in &map.agents {
+        let has = |id| map.keyframes.get(id).is_some_and(|keyframe| keyframe.agent == *agent);
+        let mut own = info.own.iter().flat_map(|own| own.world_from_keyframe.keys());
+        if let Some(id) = own.find(|id| !has(id)) {
+            let name = &info.name;
+            return Err(format!("the own map of agent \"{name}\" has a keyframe {}, which is missing", id.0));
+        }
+    }
+    map.edges.iter().try_for_each(|edge| across(map, edge))
+}
+
+/// Whether what is said of one agent makes sense.
+pub(crate) fn agent(info: &AgentInfo) -> Result<(), String> {
+    if info.name.is_empty() {
+        return Err("an agent has no name".into());
+    }
+    camera(&info.camera)
+}
+
+/// What is wrong with a keyframe's place among the agents.
+fn membership_problem(map: &Map, keyframe: &Keyframe) -> Option<String> {
+    let number = keyframe.agent.0;
+    let Some(info) = map.agents.get(&keyframe.agent) else {
+        return Some(format!("its agent {number} is not in the map"));
+    };
+    let own = info.own.as_ref()?;
+    if owner(&map.agents, keyframe.id) != Some(keyframe.agent) {
+        return Some(format!("its id is not one of agent {number}"));
+    }
+    match own.world_from_keyframe.get(&keyframe.id) {
+        Some(pose) => sim3_problem(pose).map(|what| format!("its pose in the agent's own map {what}")),
+        None => Some("it has no pose in the agent's own map".into()),
+    }
+}
+
+/// Whether an edge that joins two agents says so.
+fn across(map: &Map, edge: &Edge) -> Result<(), String> {
+    let agent = |id| map.keyframes.get(id).map(|keyframe| keyframe.agent);
+    let joins = agent(&edge.from).zip(agent(&edge.to)).is_some_and(|(a, b)| a != b);
+    if joins && edge.kind != EdgeKind::Merge {
+        let (from, to, kind) = (edge.from.0, edge.to.0, edge.kind);
+        return Err(format!(
+            "the edge from keyframe {from} to {to} joins two agents, but is of kind {kind:?}"
+        ));
+    }
+    Ok(())
+}
+
 /// Whether the camera can have taken an image.
-pub(crate) fn camera(camera: &Pinhole) -> Result<(), String> {
+fn camera(camera: &Pinhole) -> Result<(), String> {
     let numbers = [camera.fx, camera.fy, camera.cx, camera.cy];
     let sized = [camera.width, camera.height].iter().all(|side| (1..=MAX_SIDE).contains(side));
     if !sized || !numbers.iter().all(|v| v.is_finite()) || camera.fx <= 0.0 || camera.fy <= 0.0 {

@@ -1,9 +1,9 @@
-//! What can go wrong with a map file.
+//! What can go wrong with maps and their files.
 
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// Why a map could not be written or read. Every message names the file and says how to mend it.
+/// Why a map could not be written, read or united. Messages about a file name it and say how to mend it.
 #[derive(Debug, thiserror::Error)]
 pub enum MapError {
     /// The file cannot be opened or read.
@@ -59,6 +59,18 @@ pub enum MapError {
         /// What is wrong and where.
         what: String,
     },
+    /// Maps to be united hold the same agent.
+    #[error("the same map twice: the maps number {} and {} (\"{}\", \"{}\") have the same keyframes; give each map once",
+        maps[0] + 1, maps[1] + 1, agents[0], agents[1])]
+    SameMapTwice {
+        /// Which of the maps given, from 0, the earlier first.
+        maps: [usize; 2],
+        /// The agents' names in them.
+        agents: [String; 2],
+    },
+    /// Maps that cannot be united.
+    #[error("the maps cannot be united: {0}")]
+    Union(String),
 }
 
 impl MapError {

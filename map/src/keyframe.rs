@@ -1,11 +1,12 @@
 //! Keyframes, their inverse depth, and the edges between them.
 
+use crate::AgentId;
 use geometry::{GrayImage, Sim3};
 use nalgebra::SMatrix;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
-/// Names a keyframe within its map; grows with time.
+/// Names a keyframe within its map; an agent's grow with time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct KeyframeId(pub u32);
 
@@ -17,13 +18,15 @@ pub struct KeyframeId(pub u32);
 pub struct Keyframe {
     /// Its name in the map.
     pub id: KeyframeId,
+    /// Whose it is.
+    pub agent: AgentId,
     /// Time stamp of the image, seconds.
     pub timestamp: f64,
     /// Index of the image in the recording, from 0.
     pub frame_index: u64,
     /// Pose and unit: maps points of the keyframe's camera frame to the world.
     pub world_from_keyframe: Sim3,
-    /// The undistorted grey image, of the size of `Map::camera`.
+    /// The undistorted grey image, of the size of its agent's camera.
     pub image: Arc<GrayImage>,
     /// The semi-dense inverse-depth map.
     pub semi_dense: SemiDense,

@@ -1,6 +1,7 @@
 //! The one idea of a map that all of loopbox shares: keyframes with inverse depth, the edges between
 //! them, every frame's pose, and where it came from.
 
+mod agent;
 mod atomic;
 mod check;
 mod error;
@@ -12,46 +13,74 @@ mod summary;
 #[cfg(test)]
 mod test_support;
 mod trajectory;
+mod unite;
 
+pub use agent::{AgentId, AgentInfo, OwnMap};
 pub use error::MapError;
 pub use export::{
-    CloudPoint, DEFAULT_MAX_RELATIVE_VARIANCE, save_kitti, save_pcd, save_ply, save_tum, write_kitti,
-    write_pcd, write_ply, write_tum,
+    CloudPoint, DEFAULT_MAX_RELATIVE_VARIANCE, agent_color, save_kitti, save_pcd, save_ply, save_tum,
+    write_kitti, write_pcd, write_ply, write_tum,
 };
 pub use io::{FORMAT_VERSION, LoadedMap, MapWriter, is_map_file, load_map, save_map};
 pub use keyframe::{Edge, EdgeKind, Keyframe, KeyframeId, Observation, Point, SemiDense};
 pub use place::{PlaceCandidate, PlaceIndex};
-pub use summary::Summary;
+pub use summary::{AgentSummary, Summary};
 pub use trajectory::{FramePose, StampedPose};
 
 use geometry::{Pinhole, Sim3};
 use std::collections::BTreeMap;
 
-/// A map built by one agent, or by several after a merge.
+/// A map built by one agent, or the maps of several in one.
+///
+/// Agents' maps come together by [`unite`](Map::unite) and apart by [`split`](Map::split).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Map {
-    /// The pinhole camera all keyframe images were undistorted to.
-    pub camera: Pinhole,
-    /// Keyframes by id. Ids grow with time and are never reused.
+    /// Whose keyframes are in the map; one agent at least.
+    pub agents: BTreeMap<AgentId, AgentInfo>,
+    /// Keyframes by id. Of one agent ids grow with time and are never reused.
     pub keyframes: BTreeMap<KeyframeId, Keyframe>,
-    /// Relative-pose constraints between keyframes.
+    /// Relative-pose constraints between keyframes. Those between agents are of kind [`EdgeKind::Merge`].
     pub edges: Vec<Edge>,
-    /// Every frame that was tracked, in order of time, relative to its reference keyframe.
+    /// Every frame that was tracked, relative to its reference keyframe; each agent's in order of time.
     pub frames: Vec<FramePose>,
-    /// Where the map came from: free `key → value` text (source, program version, parameters, …).
-    pub provenance: BTreeMap<String, String>,
+    /// How the maps of several agents came together: free `key → value` text (program version,
+    /// parameters, …). Empty in an agent's own map.
+    pub merge_provenance: BTreeMap<String, String>,
 }
 
 impl Map {
-    /// An empty map for images of `camera`.
+    /// An empty map of one agent with images of `camera`; [`of`](Self::of) gives the agent a name.
     pub fn new(camera: Pinhole) -> Self {
+        Self::of(AgentInfo::unnamed(camera))
+    }
+
+    /// An empty map of one agent.
+    pub fn of(agent: AgentInfo) -> Self {
+        Self { agents: [(AgentId::default(), agent)].into(), ..Self::without_agents() }
+    }
+
+    /// A map to which agents are yet to come.
+    fn without_agents() -> Self {
         Self {
-            camera,
+            agents: BTreeMap::new(),
             keyframes: BTreeMap::new(),
             edges: Vec::new(),
             frames: Vec::new(),
-            provenance: BTreeMap::new(),
+            merge_provenance: BTreeMap::new(),
         }
+    }
+
+    /// The camera that took a keyframe of this map.
+    ///
+    /// # Panics
+    /// When the keyframe's agent is not in the map; of maps that were loaded or united, every one is.
+    pub fn camera(&self, keyframe: &Keyframe) -> &Pinhole {
+        &self.agents[&keyframe.agent].camera
+    }
+
+    /// The agents' names made safe for files and topics: letters, digits, `.`, `-` and `_`, still unique.
+    pub fn agent_labels(&self) -> BTreeMap<AgentId, String> {
+        agent::labels(&self.agents)
     }
 
     /// World pose of a tracked frame through its reference keyframe; `None` when that keyframe is gone.
@@ -60,14 +89,23 @@ impl Map {
         Some(keyframe.world_from_keyframe * Sim3::from(frame.keyframe_from_frame))
     }
 
-    /// The trajectory: the world pose of every tracked frame in order of time.
+    /// The world pose of every tracked frame, each agent's in order of time.
     pub fn trajectory(&self) -> Vec<StampedPose> {
-        self.frames
-            .iter()
-            .filter_map(|frame| {
-                let world_from_camera = self.world_from_frame(frame)?.rigid();
-                Some(StampedPose { timestamp: frame.timestamp, world_from_camera })
-            })
-            .collect()
+        self.stamped(|_| true)
+    }
+
+    /// The trajectory of one agent: the world pose of its every tracked frame in order of time.
+    pub fn trajectory_of(&self, agent: AgentId) -> Vec<StampedPose> {
+        self.stamped(|keyframe| keyframe.agent == agent)
+    }
+
+    /// World poses of the frames whose reference keyframe is `wanted`.
+    fn stamped(&self, wanted: impl Fn(&Keyframe) -> bool) -> Vec<StampedPose> {
+        let pose = |frame: &FramePose| {
+            let keyframe = self.keyframes.get(&frame.reference).filter(|keyframe| wanted(keyframe))?;
+            let world_from_frame = keyframe.world_from_keyframe * Sim3::from(frame.keyframe_from_frame);
+            Some(StampedPose { timestamp: frame.timestamp, world_from_camera: world_from_frame.rigid() })
+        };
+        self.frames.iter().filter_map(pose).collect()
     }
 }

@@ -1,6 +1,6 @@
 //! What a map holds, in numbers.
 
-use crate::{EdgeKind, Map};
+use crate::{AgentId, AgentInfo, EdgeKind, Map};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt;
@@ -8,8 +8,6 @@ use std::fmt;
 /// A map in numbers, for people (`Display`) and programs (`Serialize`).
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Summary {
-    /// Image width and height, pixels.
-    pub image_size: [usize; 2],
     /// Number of keyframes.
     pub keyframes: usize,
     /// Sparse points, all keyframes together.
@@ -18,7 +16,7 @@ pub struct Summary {
     pub observations: usize,
     /// Pixels with inverse depth, all keyframes together.
     pub depth_pixels: usize,
-    /// Mean share of a keyframe's pixels that have inverse depth, 0–1.
+    /// Share of all keyframes' pixels that have inverse depth, 0–1.
     pub density: f64,
     /// Edges that join successive keyframes.
     pub odometry_edges: usize,
@@ -30,13 +28,34 @@ pub struct Summary {
     pub merge_edges: usize,
     /// Frames tracked.
     pub frames: usize,
+    /// Seconds from the first to the last tracked frame, the sum over the agents.
+    pub duration: f64,
+    /// Length of the trajectories, map units, the sum over the agents.
+    pub path_length: f64,
+    /// Size of the file, bytes, where the map came from one.
+    pub file_bytes: Option<u64>,
+    /// The agents in order.
+    pub agents: Vec<AgentSummary>,
+    /// How their maps came together; empty for one agent.
+    pub merge_provenance: BTreeMap<String, String>,
+}
+
+/// What a map holds of one agent.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct AgentSummary {
+    /// Its name.
+    pub name: String,
+    /// Image width and height, pixels.
+    pub image_size: [usize; 2],
+    /// Number of keyframes.
+    pub keyframes: usize,
+    /// Frames tracked.
+    pub frames: usize,
     /// Seconds from the first to the last tracked frame.
     pub duration: f64,
     /// Length of the trajectory, map units.
     pub path_length: f64,
-    /// Size of the file, bytes, where the map came from one.
-    pub file_bytes: Option<u64>,
-    /// Where the map came from.
+    /// Where its map came from.
     pub provenance: BTreeMap<String, String>,
 }
 
@@ -45,14 +64,11 @@ impl Map {
     pub fn summary(&self, file_bytes: Option<u64>) -> Summary {
         let keyframes = self.keyframes.values();
         let points = keyframes.clone().flat_map(|keyframe| &keyframe.points);
+        let all_pixels: usize = keyframes.clone().map(|keyframe| keyframe.image.data().len()).sum();
         let depth_pixels = keyframes.map(|keyframe| keyframe.semi_dense.len()).sum();
-        let all_pixels = self.keyframes.len() * self.camera.width * self.camera.height;
         let edges = |kind| self.edges.iter().filter(|edge| edge.kind == kind).count();
-        let position = |index: usize| self.world_from_frame(&self.frames[index]).map(|pose| pose.translation);
-        let positions: Vec<_> = (0..self.frames.len()).filter_map(position).collect();
-        let times = self.frames.first().zip(self.frames.last());
+        let agents: Vec<_> = self.agents.iter().map(|(id, info)| self.agent_summary(*id, info)).collect();
         Summary {
-            image_size: [self.camera.width, self.camera.height],
             keyframes: self.keyframes.len(),
             points: points.clone().count(),
             observations: points.map(|point| point.observations.len()).sum(),
@@ -63,19 +79,41 @@ impl Map {
             loop_edges: edges(EdgeKind::Loop),
             merge_edges: edges(EdgeKind::Merge),
             frames: self.frames.len(),
-            duration: times.map_or(0.0, |(first, last)| last.timestamp - first.timestamp),
             // An empty `sum` would be −0.
-            path_length: positions.windows(2).fold(0.0, |sum, pair| sum + (pair[1] - pair[0]).norm()),
+            duration: agents.iter().fold(0.0, |sum, agent| sum + agent.duration),
+            path_length: agents.iter().fold(0.0, |sum, agent| sum + agent.path_length),
             file_bytes,
-            provenance: self.provenance.clone(),
+            agents,
+            merge_provenance: self.merge_provenance.clone(),
+        }
+    }
+
+    /// One agent in numbers.
+    fn agent_summary(&self, id: AgentId, info: &AgentInfo) -> AgentSummary {
+        let trajectory = self.trajectory_of(id);
+        let times = trajectory.first().zip(trajectory.last());
+        let position = |index: usize| trajectory[index].world_from_camera.translation;
+        AgentSummary {
+            name: info.name.clone(),
+            image_size: [info.camera.width, info.camera.height],
+            keyframes: self.keyframes.values().filter(|keyframe| keyframe.agent == id).count(),
+            frames: trajectory.len(),
+            duration: times.map_or(0.0, |(first, last)| last.timestamp - first.timestamp),
+            path_length: (1..trajectory.len())
+                .fold(0.0, |sum, i| sum + (position(i) - position(i - 1)).norm()),
+            provenance: info.provenance.clone(),
         }
     }
 }
 
 impl fmt::Display for Summary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let [width, height] = self.image_size;
-        writeln!(f, "images       {width}×{height} pixels")?;
+        if let [agent] = &*self.agents {
+            writeln!(f, "name         {}", agent.name)?;
+            writeln!(f, "images       {}", agent.images())?;
+        } else {
+            writeln!(f, "agents       {}", self.agents.len())?;
+        }
         writeln!(f, "keyframes    {}", self.keyframes)?;
         let share = 100.0 * self.density;
         writeln!(f, "depth        {} pixels ({share:.1} % of the keyframes' pixels)", self.depth_pixels)?;
@@ -94,20 +132,48 @@ impl fmt::Display for Summary {
                 count => writeln!(f, " ({:.0} kB a keyframe)", bytes as f64 / 1e3 / count as f64)?,
             }
         }
-        for (key, value) in &self.provenance {
-            let mut lines = value.lines();
-            writeln!(f, "{key:<12} {}", lines.next().unwrap_or_default())?;
-            for line in lines {
-                writeln!(f, "             {line}")?;
-            }
+        provenance(f, &self.merge_provenance)?;
+        if let [agent] = &*self.agents {
+            return provenance(f, &agent.provenance);
         }
-        Ok(())
+        self.agents.iter().try_for_each(|agent| write!(f, "\n{agent}"))
     }
+}
+
+impl AgentSummary {
+    /// The size of the images, for people.
+    fn images(&self) -> String {
+        let [width, height] = self.image_size;
+        format!("{width}×{height} pixels")
+    }
+}
+
+impl fmt::Display for AgentSummary {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "agent        {}", self.name)?;
+        writeln!(f, "images       {}", self.images())?;
+        writeln!(f, "keyframes    {}", self.keyframes)?;
+        writeln!(f, "frames       {} in {:.2} s", self.frames, self.duration)?;
+        writeln!(f, "path         {:.3} map units", self.path_length)?;
+        provenance(f, &self.provenance)
+    }
+}
+
+/// Writes a text of several lines beside each key.
+fn provenance(f: &mut fmt::Formatter<'_>, entries: &BTreeMap<String, String>) -> fmt::Result {
+    for (key, value) in entries {
+        let mut lines = value.lines();
+        writeln!(f, "{key:<12} {}", lines.next().unwrap_or_default())?;
+        for line in lines {
+            writeln!(f, "             {line}")?;
+        }
+    }
+    Ok(())
 }
 
 #[cfg(test)]
 mod tests {
-    use crate::test_support::sample_map;
+    use crate::test_support::{sample_map, united};
     use crate::{FramePose, KeyframeId, Map};
     use geometry::{Se3, Sim3};
     use nalgebra::{UnitQuaternion, Vector3};
@@ -143,8 +209,21 @@ mod tests {
     }
 
     #[test]
+    fn agents_are_told_apart() {
+        let summary = united().summary(None);
+        let of_agents: Vec<_> = summary.agents.iter().map(|a| (&*a.name, a.keyframes, a.frames)).collect();
+        assert_eq!(of_agents, [("sample", 3, 15), ("sample-2", 2, 10), ("other", 1, 5)]);
+        assert_eq!((summary.keyframes, summary.frames), (6, 30));
+        let sum = summary.agents.iter().map(|a| a.path_length).sum::<f64>();
+        assert!((summary.path_length - sum).abs() < 1e-9);
+        let text = summary.to_string();
+        assert!(text.contains("agents       3\n") && text.contains("\nagent        other\n"), "{text}");
+        assert!(text.contains("images       30×20 pixels\n"), "{text}");
+    }
+
+    #[test]
     fn an_empty_map_has_no_nan() {
-        let empty = Map::new(sample_map(0).camera).summary(None);
+        let empty = sample_map(0).summary(None);
         assert_eq!((empty.density, empty.duration, empty.path_length), (0.0, 0.0, 0.0));
     }
 }

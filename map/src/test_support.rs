@@ -1,6 +1,8 @@
 //! A small map for the tests of this crate.
 
-use crate::{Edge, EdgeKind, FramePose, Keyframe, KeyframeId, Map, Observation, Point, SemiDense};
+use crate::{
+    AgentId, AgentInfo, Edge, EdgeKind, FramePose, Keyframe, KeyframeId, Map, Observation, Point, SemiDense,
+};
 use geometry::{GrayImage, Pinhole, Se3, Sim3};
 use nalgebra::{SMatrix, SVector, Vector6};
 use std::sync::Arc;
@@ -25,18 +27,51 @@ impl Numbers {
 
 /// A map of `keyframes` keyframes of 24×18 pixels, five frames each, with every kind of edge.
 pub(crate) fn sample_map(keyframes: u32) -> Map {
-    let mut numbers = Numbers::new(7);
-    let mut map = Map::new(Pinhole { width: 24, height: 18, fx: 20.1, fy: 20.3, cx: 11.4, cy: 8.7 });
+    let camera = Pinhole { width: 24, height: 18, fx: 20.1, fy: 20.3, cx: 11.4, cy: 8.7 };
+    random_map(AgentInfo::new("sample", camera), keyframes, 7)
+}
+
+/// Three agents' maps in one, two of them named alike and one with another camera, joined by two edges and
+/// moved.
+pub(crate) fn united() -> Map {
+    let other = Pinhole { width: 30, height: 20, fx: 25.0, fy: 26.0, cx: 14.4, cy: 9.7 };
+    let camera = sample_map(0).agents[&AgentId::default()].camera;
+    let maps = vec![
+        sample_map(3),
+        random_map(AgentInfo::new("sample", camera), 2, 8),
+        random_map(AgentInfo::new("other", other), 1, 9),
+    ];
+    let mut map = Map::unite(maps).unwrap();
+    let numbers = &mut Numbers::new(3);
+    let own = |agent| map.keyframes.values().filter(move |k| k.agent == AgentId(agent)).map(|k| k.id);
+    let joins: Vec<_> = own(0).zip(own(1)).collect();
+    for (from, to) in joins {
+        map.edges.push(Edge { from, to, ..edge(1, EdgeKind::Merge, numbers) });
+    }
+    let motion = Sim3::exp(&SVector::<f64, 7>::from_fn(|_, _| numbers.next() - 0.5));
+    for keyframe in map.keyframes.values_mut().filter(|keyframe| keyframe.agent == AgentId(1)) {
+        keyframe.world_from_keyframe = motion * keyframe.world_from_keyframe;
+    }
+    map.merge_provenance.insert("program".into(), "a test".into());
+    map
+}
+
+/// An agent's map with numbers of its own, see [`sample_map`].
+pub(crate) fn random_map(agent: AgentInfo, keyframes: u32, seed: u64) -> Map {
+    let mut numbers = Numbers::new(seed);
+    let camera = agent.camera;
+    let mut map = Map::of(agent);
     for i in 0..keyframes {
         // Ids with gaps: a map need not hold every keyframe it ever had.
         let id = KeyframeId(3 * i + 1);
-        map.keyframes.insert(id, keyframe(id, &map.camera, &mut numbers));
+        map.keyframes.insert(id, keyframe(id, &camera, &mut numbers));
         map.frames.extend((0..5).map(|k| frame(id, 5 * i + k, &mut numbers)));
     }
     let kinds = [EdgeKind::Odometry, EdgeKind::Covisibility, EdgeKind::Loop, EdgeKind::Merge];
     map.edges = (1..keyframes).map(|i| edge(i, kinds[i as usize % 4], &mut numbers)).collect();
-    map.provenance.insert("source".into(), "a folder with an ümlaut".into());
-    map.provenance.insert("parameters".into(), "[tracking]\nlevels = 5\n".into());
+    let provenance = [("source", "a folder with an ümlaut"), ("parameters", "[tracking]\nlevels = 5\n")];
+    let agent = map.agents.get_mut(&AgentId::default()).unwrap();
+    agent.provenance = provenance.map(|(key, value)| (key.to_owned(), value.to_owned())).into();
     map
 }
 
@@ -55,6 +90,7 @@ fn keyframe(id: KeyframeId, camera: &Pinhole, numbers: &mut Numbers) -> Keyframe
     let tangent = SVector::<f64, 7>::from_fn(|_, _| numbers.next() - 0.5);
     Keyframe {
         id,
+        agent: AgentId::default(),
         timestamp: 1_305_031_102.175_304 + f64::from(id.0) / 3.0,
         frame_index: 5 * u64::from(id.0),
         world_from_keyframe: Sim3::exp(&tangent),

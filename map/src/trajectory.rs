@@ -4,7 +4,7 @@ use crate::KeyframeId;
 use geometry::Se3;
 
 /// A tracked frame, relative to the keyframe it was tracked against, so that it moves with it
-/// when the map is optimised.
+/// when the map is optimised. It is of the agent that the keyframe is of.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FramePose {
     /// Time stamp, seconds.

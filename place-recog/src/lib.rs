@@ -3,12 +3,14 @@
 mod bow;
 mod fabmap;
 pub mod features;
+mod propose;
 mod sequence;
 mod thumbnail;
 mod vocabulary;
 
 pub use bow::{BowIndex, BowParams};
 pub use fabmap::{FabMap, FabMapParams, Location};
+pub use propose::{Proposal, ProposeParams, propose};
 pub use sequence::{SequenceParams, supported};
 pub use thumbnail::{ThumbnailIndex, ThumbnailParams};
 pub use vocabulary::{TrainParams, Vocabulary, VocabularyError, WordBag, WordId};

@@ -304,8 +304,8 @@ impl Agent {
 
     /// Drops the map to start anew.
     fn forget(&mut self) {
-        let provenance = std::mem::take(&mut self.map.provenance);
-        self.map = Map { provenance, ..Map::new(self.camera) };
+        let agents = std::mem::take(&mut self.map.agents);
+        self.map = Map { agents, ..Map::new(self.camera) };
         self.local = LocalMap::new(self.camera);
         self.places.clear();
         self.closer = LoopCloser::default();

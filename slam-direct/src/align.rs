@@ -4,7 +4,7 @@
 //! `σ² = 2σ_I² + (∂r/∂d)² V` (Engel 2014, Eq. 12–15; affine brightness from Engel 2018, Eq. 4) by the
 //! inverse compositional Gauss–Newton method: derivatives are taken once, in the keyframe.
 
-use crate::params_macro::params;
+use backend::params;
 use geometry::{Pinhole, Pyramid, Se3};
 use nalgebra::{SMatrix, SVector, Vector3, Vector6};
 

@@ -5,12 +5,12 @@
 //! constant depth (Yu & Gallup, CVPR 2014); several directions of travel guard against its mirror solutions.
 
 use crate::local_map::{KeyframeState, LocalMap, PointState, SeenAt, median};
-use crate::params_macro::params;
 use crate::patch::{PatchMatch, Template};
 use crate::select::select;
 use crate::track::{TrackParams, position_information};
 use crate::warp::Warp;
 use crate::window::{Problem, WindowObservation, WindowPoint, solve};
+use backend::params;
 use geometry::{Pinhole, Pyramid, Se3};
 use nalgebra::{Vector3, Vector6};
 use rayon::prelude::*;

@@ -1,6 +1,6 @@
 //! When a frame becomes a keyframe, and when tracking is lost.
 
-use crate::params_macro::params;
+use backend::params;
 
 params! {
     /// Parameters of keyframe selection and loss.

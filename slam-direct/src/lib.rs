@@ -15,13 +15,10 @@ mod local_map;
 pub mod loops;
 mod mapping;
 mod params;
-mod params_macro;
 mod patch;
-pub mod posegraph;
 mod publish;
 pub mod relocalise;
 mod select;
-pub mod sim3_align;
 #[cfg(test)]
 mod test_data;
 #[cfg(test)]
@@ -33,6 +30,6 @@ mod warp;
 mod window;
 
 pub use agent::{Agent, Frame, FrameReport, TrackingState};
+pub use backend::{DocumentedParameter, Parameter, ParameterValue};
 pub use depth::{DepthFilter, DepthParams, SeedPoint, StereoFrame, UpdateStats, choose_references};
 pub use params::Params;
-pub use params_macro::{DocumentedParameter, Parameter, ParameterValue};

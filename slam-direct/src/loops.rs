@@ -1,7 +1,7 @@
 //! Loops within one map: which old keyframes may show what the current one shows, and whether they do.
 
-use crate::params_macro::params;
-use crate::sim3_align::{
+use backend::params;
+use backend::sim3_align::{
     AlignRefusal, KeyframeView, Sim3AlignParams, Sim3Alignment, align_from, reciprocal, turned_starts,
 };
 use geometry::{Pinhole, Sim3};
@@ -9,6 +9,8 @@ use map::{Edge, EdgeKind, Keyframe, KeyframeId, Map, PlaceCandidate};
 use std::collections::{BTreeMap, BTreeSet};
 use thiserror::Error;
 
+#[cfg(test)]
+mod alignment_data;
 #[cfg(test)]
 mod tests;
 
@@ -87,7 +89,7 @@ pub fn candidates(
         .filter(|(id, _)| current.0 - id.0 >= params.min_gap && !joined.contains(id) && admits(**id))
         .filter_map(|(&id, old)| {
             let appearance = appearance.get(&id).copied();
-            propose(&map.camera, (keyframe, depth), old, appearance, params)
+            propose(map.camera(keyframe), (keyframe, depth), old, appearance, params)
         })
         .collect();
     found.sort_by(|a, b| b.score().total_cmp(&a.score()).then(a.keyframe.cmp(&b.keyframe)));
@@ -211,7 +213,6 @@ pub fn close(
     current: (KeyframeId, &KeyframeView),
     old: &KeyframeView,
     candidate: &LoopCandidate,
-    camera: &Pinhole,
     params: &LoopParams,
 ) -> Result<ClosedLoop, LoopRefusal> {
     let angle = params.start_angle.to_radians();
@@ -223,13 +224,12 @@ pub fn close(
         }
     };
     let forward = starts(&mut candidate.current_from_old.iter().copied());
-    let alignment =
-        align_from(old, current.1, &forward, camera, &params.align).map_err(LoopRefusal::Forward)?;
+    let alignment = align_from(old, current.1, &forward, &params.align).map_err(LoopRefusal::Forward)?;
     if alignment.rmse > params.max_rmse {
         return Err(LoopRefusal::Unlike { rmse: alignment.rmse });
     }
     let backward = starts(&mut candidate.current_from_old.iter().map(Sim3::inverse));
-    let back = align_from(current.1, old, &backward, camera, &params.align).map_err(LoopRefusal::Backward)?;
+    let back = align_from(current.1, old, &backward, &params.align).map_err(LoopRefusal::Backward)?;
     if back.rmse > params.max_rmse {
         return Err(LoopRefusal::Unlike { rmse: back.rmse });
     }

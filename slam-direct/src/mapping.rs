@@ -1,11 +1,11 @@
 //! What a new keyframe sets off: new points, the joint optimisation of its surroundings, culling.
 
 use crate::local_map::{LocalMap, PointRef, SeenAt, median};
-use crate::params_macro::params;
 use crate::select::select;
 use crate::track::{Matched, TrackParams};
 use crate::triangulate::{TriangulateParams, Triangulator};
 use crate::window::{Problem, WindowObservation, WindowPoint, solve};
+use backend::params;
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
 

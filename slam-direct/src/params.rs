@@ -6,10 +6,10 @@ use crate::closing::ClosingParams;
 use crate::depth::DepthParams;
 use crate::keyframes::KeyframeParams;
 use crate::mapping::MappingParams;
-use crate::params_macro::params;
 use crate::relocalise::RelocaliseParams;
 use crate::track::TrackParams;
 use crate::triangulate::TriangulateParams;
+use backend::params;
 
 params! {
     /// Parameters of the direct SLAM agent.

@@ -3,7 +3,7 @@
 use crate::local_map::{LocalMap, PointState};
 use crate::mapping::UnitChange;
 use geometry::Sim3;
-use map::{Edge, Keyframe, Map, Observation, Point, SemiDense};
+use map::{AgentId, Edge, Keyframe, Map, Observation, Point, SemiDense};
 use std::collections::BTreeMap;
 
 /// Adds a keyframe with its image and pose; depth and points follow when they are known.
@@ -14,6 +14,7 @@ pub(crate) fn add_keyframe(map: &mut Map, local: &LocalMap, keyframe: usize) {
         id,
         Keyframe {
             id,
+            agent: AgentId::default(),
             timestamp: state.timestamp,
             frame_index: state.frame_index,
             world_from_keyframe: Sim3::from(state.camera_from_world.inverse()),

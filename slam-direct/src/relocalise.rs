@@ -1,8 +1,8 @@
 //! Relocalisation: finds the pose of a lost frame among candidate keyframes.
 
 use crate::align::{Alignment, AlignmentReference, Brightness};
-use crate::params_macro::params;
-use crate::sim3_align::turned_starts;
+use backend::params;
+use backend::sim3_align::turned_starts;
 use geometry::{Pyramid, Se3, Sim3};
 use map::KeyframeId;
 use thiserror::Error;

@@ -3,10 +3,10 @@
 
 use crate::align::{AlignmentReference, Brightness};
 use crate::local_map::{LocalMap, PointRef, median};
-use crate::params_macro::params;
 use crate::patch::Template;
 use crate::warp::Warp;
 use crate::window::{mahalanobis, predict, robust_weight};
+use backend::params;
 use geometry::{Pinhole, Pyramid, Se3};
 use nalgebra::{Matrix6, Vector3, Vector6};
 use rayon::prelude::*;

@@ -1,11 +1,11 @@
 //! Depth for new points: a search along the epipolar line in other keyframes, then verification.
 
 use crate::local_map::{LocalMap, PointState, SeenAt};
-use crate::params_macro::params;
 use crate::patch::Template;
 use crate::track::{TrackParams, position_information};
 use crate::warp::Warp;
 use crate::window::predict;
+use backend::params;
 use geometry::Se3;
 use nalgebra::{Matrix3, Vector2, Vector3};
 

@@ -1,21 +1,29 @@
 //! `loopbox eval`: how far a trajectory, and a map's depth, are from the truth.
 
+use super::eval_agents;
 use super::eval_depth::{self, MapDepth};
 use anyhow::{Result, bail};
 use clap::{Args, ValueEnum};
-use eval::{AlignMode, Delta, Evaluation, Options, Statistics, evaluate, read_times, read_trajectory};
+use eval::{
+    AgentTracks, AlignMode, Delta, Evaluation, Options, Statistics, evaluate, evaluate_agents, read_times,
+    read_trajectory,
+};
 use serde::Serialize;
 use std::fmt::Write;
 use std::path::PathBuf;
 
-/// Measure a trajectory against ground truth: ATE, RPE, KITTI segment errors, coverage
+/// Measure a trajectory against ground truth: ATE, RPE, KITTI segment errors, coverage; of several agents in one
+/// frame, how well they were merged
 #[derive(Args, Debug)]
 pub struct EvalArgs {
-    /// Estimated trajectory: TUM (t tx ty tz qx qy qz qw) or KITTI (3×4 matrix a row)
-    estimate: PathBuf,
-    /// True trajectory, in either form
-    #[arg(long, value_name = "FILE")]
-    gt: PathBuf,
+    /// Estimated trajectory: TUM (t tx ty tz qx qy qz qw) or KITTI (3×4 matrix a row). Of several agents in one
+    /// frame one each: what the first one alone needs is adjusted of all
+    #[arg(value_name = "ESTIMATE", required = true)]
+    estimates: Vec<PathBuf>,
+    /// True trajectory, in either form; of several agents one each in their order, or one that spans them all.
+    /// They must be in one world
+    #[arg(long, value_name = "FILE", required = true)]
+    gt: Vec<PathBuf>,
     /// What is adjusted before errors are measured
     #[arg(long, value_enum, default_value_t = Align::Sim3)]
     align: Align,
@@ -29,9 +37,9 @@ pub struct EvalArgs {
     #[arg(long, value_name = "SECONDS", default_value_t = eval::DEFAULT_MAX_DIFF)]
     max_diff: f64,
     /// Times of the recording's frames (first column of times.txt): coverage counts these, and KITTI files
-    /// take their time stamps from here
+    /// take their time stamps from here; of several agents one each
     #[arg(long, value_name = "FILE")]
-    frames: Option<PathBuf>,
+    frames: Vec<PathBuf>,
     /// Also measure the depths of this map (map.mcap) against --depth
     #[arg(long, value_name = "FILE", requires_all = ["depth", "frames"])]
     map: Option<PathBuf>,
@@ -76,24 +84,60 @@ struct Output {
     depth: Option<MapDepth>,
 }
 
-/// Reads both trajectories, compares them and prints the result.
+/// Reads estimates and truths, compares them and prints the result.
 pub fn run(args: EvalArgs) -> Result<()> {
-    let estimate = read_trajectory(&args.estimate)?;
-    let truth = read_trajectory(&args.gt)?;
-    let frames = args.frames.as_deref().map(read_times).transpose()?;
     let options = Options {
         align: args.align.into(),
         max_diff: args.max_diff,
         delta: args.delta,
         all_pairs: args.all_pairs,
     };
+    let mut agents = read(&args)?;
+    match (agents.pop(), agents.is_empty()) {
+        (Some(only), true) => run_one(&args, only, &options),
+        (last, _) => {
+            agents.extend(last);
+            let found = evaluate_agents(agents, &options)?;
+            eval_agents::print(&args.estimates, &found, options.align, args.json)
+        }
+    }
+}
+
+/// Reads what belongs to each agent.
+fn read(args: &EvalArgs) -> Result<Vec<AgentTracks>> {
+    let count = args.estimates.len();
+    if args.gt.len() != 1 && args.gt.len() != count {
+        bail!(
+            "{count} estimates have {} --gt: give one for each in their order, or one for all",
+            args.gt.len()
+        );
+    }
+    if !args.frames.is_empty() && args.frames.len() != count {
+        bail!("{count} estimates have {} --frames: give one for each in their order", args.frames.len());
+    }
+    if args.map.is_some() && count > 1 {
+        bail!("--map is that of one agent: measure its depths with its estimate alone");
+    }
+    let agent = |(i, estimate): (usize, &PathBuf)| {
+        Ok(AgentTracks {
+            estimate: read_trajectory(estimate)?,
+            truth: read_trajectory(args.gt.get(i).unwrap_or(&args.gt[0]))?,
+            frames: args.frames.get(i).map(|path| read_times(path)).transpose()?,
+        })
+    };
+    args.estimates.iter().enumerate().map(agent).collect()
+}
+
+/// Compares one estimate and, if asked for, the depths of its map.
+fn run_one(args: &EvalArgs, agent: AgentTracks, options: &Options) -> Result<()> {
+    let AgentTracks { estimate, truth, frames } = agent;
     let depth = match (&args.map, &args.depth, &frames) {
         (Some(map), Some(folder), Some(frames)) => {
             Some(eval_depth::measure(map, folder, frames, &truth, args.max_diff)?)
         }
         _ => None,
     };
-    let evaluation = evaluate(estimate, truth, frames.as_deref(), &options)?;
+    let evaluation = evaluate(estimate, truth, frames.as_deref(), options)?;
     if args.json {
         println!("{}", serde_json::to_string_pretty(&Output { evaluation, depth })?);
     } else {

@@ -57,12 +57,20 @@ pub fn measure(
     max_diff: f64,
 ) -> Result<MapDepth> {
     let map = load_map(path)?.map;
+    if map.agents.len() > 1 {
+        bail!(
+            "{}: holds {} agents, and depth images are of one recording; give the map of its run",
+            path.display(),
+            map.agents.len()
+        );
+    }
     let images = depth_images(folder)?;
     let mut pairs = Vec::new();
     let (mut compared, mut own) = (0, 0);
     for keyframe in map.keyframes.values() {
         let Some((index, image)) = nearest_image(&images, keyframe.frame_index) else { continue };
-        let mut inverse_depth = read_inverse_depth(image, &map.camera)?;
+        let camera = map.camera(keyframe);
+        let mut inverse_depth = read_inverse_depth(image, camera)?;
         if index == keyframe.frame_index {
             own += 1;
         } else {
@@ -73,7 +81,7 @@ pub fn measure(
             let target = truth.pose_at(keyframe.timestamp, max_diff);
             let Some((source, target)) = source.zip(target) else { continue };
             let target_from_source = target.rigid().inverse() * source.rigid();
-            inverse_depth = warp_inverse_depth(&inverse_depth, &map.camera, &target_from_source);
+            inverse_depth = warp_inverse_depth(&inverse_depth, camera, &target_from_source);
         }
         compared += 1;
         pairs.extend(exported(keyframe).filter_map(|(pixel, estimate)| {
@@ -156,10 +164,10 @@ fn read_inverse_depth(path: &Path, camera: &Pinhole) -> Result<Image<f32>> {
 
 /// Median over the keyframes of `count` as a share of the pixels.
 fn median_share(map: &Map, count: impl Fn(&Keyframe) -> usize) -> f64 {
-    let mut counts: Vec<usize> = map.keyframes.values().map(count).collect();
-    counts.sort_unstable();
-    let pixels = (map.camera.width * map.camera.height) as f64;
-    counts.get(counts.len() / 2).map_or(0.0, |&count| count as f64 / pixels)
+    let share = |keyframe: &Keyframe| count(keyframe) as f64 / keyframe.image.data().len() as f64;
+    let mut shares: Vec<f64> = map.keyframes.values().map(share).collect();
+    shares.sort_by(f64::total_cmp);
+    shares.get(shares.len() / 2).copied().unwrap_or(0.0)
 }
 
 #[cfg(test)]
@@ -167,7 +175,7 @@ mod tests {
     use super::*;
     use eval::Pose;
     use geometry::{GrayImage, Se3};
-    use map::{KeyframeId, SemiDense, save_map};
+    use map::{AgentId, KeyframeId, SemiDense, save_map};
     use std::sync::Arc;
 
     const CAMERA: Pinhole = Pinhole { width: 64, height: 48, fx: 50.0, fy: 50.0, cx: 31.5, cy: 23.5 };
@@ -179,6 +187,7 @@ mod tests {
         let inverse_depth = (scale / (4.0 - z)) as f32;
         Keyframe {
             id: KeyframeId(frame_index as u32),
+            agent: AgentId::default(),
             timestamp: frame_index as f64,
             frame_index,
             world_from_keyframe: Sim3::new(Default::default(), [0.0, 0.0, z].into(), scale),

@@ -1,9 +1,9 @@
 //! `loopbox export`: a map in the formats of other tools.
 
 use anyhow::ensure;
-use map::{DEFAULT_MAX_RELATIVE_VARIANCE, Map};
+use map::{DEFAULT_MAX_RELATIVE_VARIANCE, Map, MapError, StampedPose};
 use std::io::{Write, stdout};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Write a map's cloud or trajectory in the format of another tool
 #[derive(Clone, Debug, clap::Args)]
@@ -24,16 +24,17 @@ pub struct ExportArgs {
 #[derive(Clone, Debug, clap::Args)]
 #[group(required = true, multiple = true)]
 pub struct Outputs {
-    /// Point cloud as binary PLY: x y z intensity confidence
+    /// Point cloud as binary PLY: x y z intensity confidence, and of several agents red green blue agent
     #[arg(long, value_name = "FILE")]
     pub ply: Option<PathBuf>,
-    /// Point cloud as binary PCD: x y z intensity confidence
+    /// Point cloud as binary PCD: x y z intensity confidence, and of several agents rgb label
     #[arg(long, value_name = "FILE")]
     pub pcd: Option<PathBuf>,
-    /// Trajectory as TUM text: timestamp tx ty tz qx qy qz qw
+    /// Trajectory as TUM text: timestamp tx ty tz qx qy qz qw; of several agents a file each, FILE with the
+    /// agent's name at the end of its own
     #[arg(long, value_name = "FILE")]
     pub tum: Option<PathBuf>,
-    /// Trajectory as KITTI text: the upper 3×4 of each pose, row by row
+    /// Trajectory as KITTI text: the upper 3×4 of each pose, row by row; of several agents as --tum
     #[arg(long, value_name = "FILE")]
     pub kitti: Option<PathBuf>,
     /// The map itself as a whole file, with everything viewers show: mends the file of a killed run
@@ -49,21 +50,44 @@ pub fn run(args: &ExportArgs) -> anyhow::Result<()> {
     ensure!(args.max_variance > 0.0, "--max-variance is {}; give a number above 0", args.max_variance);
     let map = super::info_map::load(&args.map)?.map;
     write_clouds(&args.outputs, &map, args.max_variance)?;
-    let trajectory = map.trajectory();
-    let poses = trajectory.len();
     if let Some(path) = &args.outputs.tum {
-        map::save_tum(path, &trajectory)?;
-        writeln!(stdout(), "{}: {poses} poses", path.display())?;
+        write_trajectories(path, &map, |path, trajectory| map::save_tum(path, trajectory))?;
     }
     if let Some(path) = &args.outputs.kitti {
-        map::save_kitti(path, &trajectory)?;
-        writeln!(stdout(), "{}: {poses} poses", path.display())?;
+        write_trajectories(path, &map, |path, trajectory| map::save_kitti(path, trajectory))?;
     }
     if let Some(path) = &args.outputs.mcap {
         map::save_map(path, &map)?;
         writeln!(stdout(), "{}: {} keyframes", path.display(), map.keyframes.len())?;
     }
     Ok(())
+}
+
+/// Writes the trajectory of each agent with `save`: of one into `path`, of several into files beside it that
+/// have their agents' names at the end of theirs.
+fn write_trajectories(
+    path: &Path,
+    map: &Map,
+    save: impl Fn(&Path, &[StampedPose]) -> Result<(), MapError>,
+) -> anyhow::Result<()> {
+    for (agent, label) in map.agent_labels() {
+        let path = if map.agents.len() > 1 { with_label(path, &label) } else { path.to_owned() };
+        let trajectory = map.trajectory_of(agent);
+        save(&path, &trajectory)?;
+        writeln!(stdout(), "{}: {} poses", path.display(), trajectory.len())?;
+    }
+    Ok(())
+}
+
+/// `folder/name-label.ext` for `folder/name.ext`.
+fn with_label(path: &Path, label: &str) -> PathBuf {
+    let mut name = path.file_stem().unwrap_or_default().to_owned();
+    name.push(format!("-{label}"));
+    if let Some(extension) = path.extension() {
+        name.push(".");
+        name.push(extension);
+    }
+    path.with_file_name(name)
 }
 
 /// Writes the clouds that are asked for.
@@ -77,4 +101,18 @@ fn write_clouds(outputs: &Outputs, map: &Map, max_variance: f32) -> anyhow::Resu
         writeln!(stdout(), "{}: {points} points", path.display())?;
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_agents_name_ends_that_of_its_file() {
+        for (path, expected) in
+            [("out/path.txt", "out/path-yard.txt"), ("path", "path-yard"), ("a.b/c.d.e", "a.b/c.d-yard.e")]
+        {
+            assert_eq!(with_label(Path::new(path), "yard"), Path::new(expected));
+        }
+    }
 }

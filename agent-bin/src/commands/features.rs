@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// The map at `path`, a map file or the folder of a run that holds one; warnings go to standard error.
-pub(super) fn load(path: &Path) -> Result<Map> {
+pub(crate) fn load(path: &Path) -> Result<Map> {
     let file = if path.is_dir() { path.join("map.mcap") } else { path.to_owned() };
     if !file.is_file() {
         bail!(
@@ -24,7 +24,7 @@ pub(super) fn load(path: &Path) -> Result<Map> {
 }
 
 /// The features of every keyframe of a map, in order of the keyframes.
-pub(super) fn of_keyframes(map: &Map) -> Result<Vec<Features>> {
+pub(crate) fn of_keyframes(map: &Map) -> Result<Vec<Features>> {
     let images: Vec<&GrayImage> = map.keyframes.values().map(|keyframe| &*keyframe.image).collect();
     let params = SiftParams::default();
     images.into_par_iter().map(|image| Ok(sift(image, &params)?)).collect()

@@ -1,12 +1,15 @@
 //! The command line: one file per command.
 
 mod eval;
+mod eval_agents;
 mod eval_depth;
 mod export;
 #[cfg(feature = "opencv")]
-mod features;
+pub(crate) mod features;
 mod info;
 mod info_map;
+#[cfg(feature = "opencv")]
+mod merge;
 mod params;
 #[cfg(feature = "opencv")]
 mod places;
@@ -36,6 +39,8 @@ pub enum Command {
     Export(export::ExportArgs),
     Eval(eval::EvalArgs),
     #[cfg(feature = "opencv")]
+    Merge(merge::MergeArgs),
+    #[cfg(feature = "opencv")]
     Places(places::PlacesArgs),
     #[cfg(feature = "opencv")]
     Vocab(vocab::VocabArgs),
@@ -54,6 +59,8 @@ impl Command {
             Command::Info(args) => info::execute(&args),
             Command::Export(args) => export::run(&args),
             Command::Eval(args) => eval::run(args),
+            #[cfg(feature = "opencv")]
+            Command::Merge(args) => merge::run(&args),
             #[cfg(feature = "opencv")]
             Command::Places(args) => places::run(&args),
             #[cfg(feature = "opencv")]

@@ -9,10 +9,11 @@ use crate::runtime::{Run, Stop};
 use crate::sources::{self, SourceInfo, SourceOptions};
 use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
+use map::AgentInfo;
 use place_recog::ThumbnailIndex;
 use slam_direct::{Agent, Params};
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Arguments of `loopbox run`.
 #[derive(Args, Debug)]
@@ -88,7 +89,9 @@ pub fn execute(args: &RunArgs) -> Result<()> {
     let info = source.info().clone();
     let correction = camera::correction(&args.camera(), &info)?;
     let camera = correction.camera();
-    let mut output = Output::create(&args.out, camera, args.provenance(&info, &correction, &params))?;
+    let provenance = args.provenance(&info, &correction, &params);
+    let name = recording_name(&info.path);
+    let mut output = Output::create(&args.out, AgentInfo { provenance, ..AgentInfo::new(name, camera) })?;
     if let Some(threads) = args.threads {
         rayon::ThreadPoolBuilder::new()
             .num_threads(threads)
@@ -109,6 +112,14 @@ pub fn execute(args: &RunArgs) -> Result<()> {
     output.finish(&mut run.into_map(), &record, args.format, args.max_variance)?;
     progress.finish(&record, &args.out.display().to_string());
     Ok(())
+}
+
+/// What people call a recording: the last part of its path, of a file without the extension.
+fn recording_name(path: &Path) -> String {
+    // A path such as `.` names nothing before it is made whole.
+    let whole = path.canonicalize().unwrap_or_else(|_| path.to_owned());
+    let name = if whole.is_dir() { whole.file_name() } else { whole.file_stem() };
+    name.map_or_else(|| "recording".into(), |name| name.to_string_lossy().into_owned())
 }
 
 impl RunArgs {

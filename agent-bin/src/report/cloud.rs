@@ -1,8 +1,7 @@
 //! The cloud of the 3-D view: world points, thinned to a budget and quantised.
 
 use super::pack::Packed;
-use geometry::Pinhole;
-use map::Keyframe;
+use map::{Keyframe, Map};
 use nalgebra::Vector3;
 use serde::Serialize;
 
@@ -46,9 +45,9 @@ struct CloudPoint {
 }
 
 impl Cloud {
-    /// The cloud of `keyframes`, whose images were taken by `camera`.
-    pub fn new(camera: &Pinhole, keyframes: &[&Keyframe]) -> Self {
-        let mut points = gather(camera, keyframes);
+    /// The cloud of some `keyframes` of a map.
+    pub fn new(map: &Map, keyframes: &[&Keyframe]) -> Self {
+        let mut points = gather(map, keyframes);
         let total = points.len();
         let (low, high) = robust_box(&points);
         points.retain(|p| (0..3).all(|i| p.position[i] >= low[i] && p.position[i] <= high[i]));
@@ -82,10 +81,11 @@ impl Cloud {
 }
 
 /// The world points of all keyframes; impossible depths and pixels are passed over.
-fn gather(camera: &Pinhole, keyframes: &[&Keyframe]) -> Vec<CloudPoint> {
+fn gather(map: &Map, keyframes: &[&Keyframe]) -> Vec<CloudPoint> {
     let mut points = Vec::with_capacity(keyframes.iter().map(|k| k.semi_dense.len()).sum());
     for (index, keyframe) in keyframes.iter().enumerate() {
         let (image, pose) = (&keyframe.image, &keyframe.world_from_keyframe);
+        let camera = map.camera(keyframe);
         for (pixel, inverse_depth, variance) in keyframe.semi_dense.iter() {
             let Some(&intensity) = image.data().get(pixel as usize) else { continue };
             if !(inverse_depth > 0.0 && inverse_depth.is_finite()) {

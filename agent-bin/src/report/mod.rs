@@ -42,7 +42,7 @@ pub struct FrameRow {
 pub struct ReportInput<'a> {
     /// Heading of the page: what was run.
     pub title: &'a str,
-    /// The map to show.
+    /// The map to show, of one agent.
     pub map: &'a Map,
     /// One row per processed frame, in order of the recording; frames never processed have none.
     pub rows: &'a [FrameRow],
@@ -150,10 +150,15 @@ impl<'a> Data<'a> {
     fn new(input: &ReportInput<'a>) -> anyhow::Result<Self> {
         let map = input.map;
         let keyframes = scene::placed_keyframes(map);
-        let cloud = cloud::Cloud::new(&map.camera, &keyframes);
+        let cloud = cloud::Cloud::new(map, &keyframes);
         Ok(Self {
             numbers: input.numbers,
-            provenance: map.provenance.iter().map(|(k, v)| (k.as_str(), v.as_str())).collect(),
+            provenance: map
+                .agents
+                .values()
+                .flat_map(|agent| &agent.provenance)
+                .map(|(key, value)| (key.as_str(), value.as_str()))
+                .collect(),
             scene: scene::Scene::new(map, &keyframes),
             gallery: gallery::pictures(&keyframes, cloud.inverse_depth)?,
             cloud,

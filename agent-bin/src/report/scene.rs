@@ -10,7 +10,8 @@ use std::collections::BTreeMap;
 /// Everything of the 3-D view but the cloud, in world coordinates.
 #[derive(Serialize)]
 pub struct Scene {
-    camera: Pinhole,
+    /// The camera of the run.
+    camera: Option<Pinhole>,
     /// Unit vector against gravity, as guessed from the cameras.
     up: [f64; 3],
     /// Mean viewing direction; short when the cameras look all around.
@@ -62,7 +63,7 @@ impl Scene {
         let cameras: Vec<Matrix3<f64>> =
             keyframes.iter().map(|k| k.world_from_keyframe.rigid().rotation_matrix()).collect();
         Self {
-            camera: map.camera,
+            camera: map.agents.values().next().map(|agent| agent.camera),
             up: up_direction(&cameras).into(),
             forward: mean(cameras.iter().map(|r| r.column(2).into_owned())).into(),
             keyframes: Keyframes {

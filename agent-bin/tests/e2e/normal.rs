@@ -14,8 +14,8 @@ fn a_drive_is_mapped() {
     }
     let map = case.map();
     assert!(map.keyframes.len() >= 2, "{} keyframes", map.keyframes.len());
-    let pixels = (map.camera.width * map.camera.height) as f64;
-    let densities: Vec<f64> = map.keyframes.values().map(|k| k.semi_dense.len() as f64 / pixels).collect();
+    let density = |k: &map::Keyframe| k.semi_dense.len() as f64 / k.image.data().len() as f64;
+    let densities: Vec<f64> = map.keyframes.values().map(density).collect();
     let mean = densities.iter().sum::<f64>() / densities.len() as f64;
     assert!(mean >= 0.08, "a keyframe has depth in {:.1} % of its pixels", 100.0 * mean);
 

@@ -42,7 +42,9 @@ impl Sequence {
         let map = load_map(run.join("map.mcap"))?.map;
         let truth = read_trajectory(&data.join("groundtruth.txt"))?;
         let scale = scale(&map, &truth).with_context(|| format!("{name}: the map has no scale"))?;
-        let camera = camera(&map);
+        let first =
+            map.keyframes.values().next().with_context(|| format!("{name}: the map has no keyframes"))?;
+        let camera = *map.camera(first);
         let seen = |keyframe: &Keyframe| {
             let Some(pose) = truth.pose_at(keyframe.timestamp, DEFAULT_MAX_DIFF) else { return Ok(None) };
             let words = vocabulary.words(&sift(&keyframe.image, &SiftParams::default())?);
@@ -98,11 +100,6 @@ impl Seen {
         };
         self.points.iter().filter(visible).count() as f64 / self.points.len().max(1) as f64
     }
-}
-
-/// The camera of a map's keyframes.
-fn camera(map: &Map) -> Pinhole {
-    map.camera
 }
 
 /// Metres per map unit.

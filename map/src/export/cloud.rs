@@ -1,6 +1,6 @@
 //! The map as a cloud of points.
 
-use crate::{Keyframe, Map};
+use crate::{AgentId, Keyframe, Map};
 use geometry::Pinhole;
 use nalgebra::Vector3;
 
@@ -20,6 +20,8 @@ pub struct CloudPoint {
     /// Inverse depth over its standard deviation: the depth is known to one part in `confidence`.
     /// At most 10⁶.
     pub confidence: f32,
+    /// Whose keyframe it is from.
+    pub agent: AgentId,
 }
 
 impl Keyframe {
@@ -28,13 +30,13 @@ impl Keyframe {
     ///
     /// The ratio is the squared relative error of the depth, free of any unit, so that one bound
     /// serves near and far points and keyframes of any scale; 0.01 is a depth known to 10 %.
-    /// `camera` is the map's camera.
+    /// `camera` is the agent's camera, [`Map::camera`].
     pub fn cloud(
         &self,
         camera: &Pinhole,
         max_relative_variance: f32,
     ) -> impl Iterator<Item = CloudPoint> + '_ {
-        let camera = *camera;
+        let (camera, agent) = (*camera, self.agent);
         let intensities = self.image.data();
         self.semi_dense.iter().filter_map(move |(pixel, inverse_depth, variance)| {
             let relative_variance = variance / (inverse_depth * inverse_depth);
@@ -44,7 +46,7 @@ impl Keyframe {
             let &intensity = intensities.get(index).filter(|_| kept)?;
             let ray = camera.unproject((index % camera.width) as f64, (index / camera.width) as f64);
             let confidence = relative_variance.sqrt().recip().min(MAX_CONFIDENCE);
-            Some(CloudPoint { position: ray / f64::from(inverse_depth), intensity, confidence })
+            Some(CloudPoint { position: ray / f64::from(inverse_depth), intensity, confidence, agent })
         })
     }
 }
@@ -57,7 +59,7 @@ impl Map {
         self.keyframes.values().flat_map(move |keyframe| {
             let world_from_keyframe = keyframe.world_from_keyframe;
             keyframe
-                .cloud(&self.camera, max_relative_variance)
+                .cloud(self.camera(keyframe), max_relative_variance)
                 .map(move |point| CloudPoint { position: world_from_keyframe * point.position, ..point })
         })
     }
@@ -76,10 +78,11 @@ mod tests {
             for (pixel, inverse_depth, variance) in keyframe.semi_dense.iter() {
                 let point = cloud.next().unwrap();
                 let local = keyframe_from_world * point.position;
-                let found = map.camera.project(&local);
+                let camera = map.camera(keyframe);
+                let found = camera.project(&local);
                 let index = pixel as usize;
-                assert!((found.x - (index % map.camera.width) as f64).abs() < 1e-9);
-                assert!((found.y - (index / map.camera.width) as f64).abs() < 1e-9);
+                assert!((found.x - (index % camera.width) as f64).abs() < 1e-9);
+                assert!((found.y - (index / camera.width) as f64).abs() < 1e-9);
                 assert!((local.z * f64::from(inverse_depth) - 1.0).abs() < 1e-9);
                 assert_eq!(point.intensity, keyframe.image.data()[index]);
                 let confidence = inverse_depth / variance.sqrt();

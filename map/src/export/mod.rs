@@ -4,16 +4,18 @@
 //! whole or as it was before.
 
 mod cloud;
+mod color;
 mod pcd;
 mod ply;
 mod trajectory;
 
 pub use cloud::{CloudPoint, DEFAULT_MAX_RELATIVE_VARIANCE};
+pub use color::agent_color;
 pub use pcd::{save_pcd, write_pcd};
 pub use ply::{save_ply, write_ply};
 pub use trajectory::{save_kitti, save_tum, write_kitti, write_tum};
 
-use crate::{MapError, atomic::write_atomically};
+use crate::{Map, MapError, atomic::write_atomically};
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::Path;
@@ -23,10 +25,50 @@ fn save<T>(path: &Path, fill: impl FnOnce(&mut BufWriter<File>) -> io::Result<T>
     write_atomically(path, fill).map_err(|source| MapError::write(path, source))
 }
 
-/// Writes a position as three little-endian floats.
-fn write_position(out: &mut impl Write, point: &CloudPoint) -> io::Result<()> {
-    for value in point.position.iter() {
-        out.write_all(&(*value as f32).to_le_bytes())?;
+/// A file format for clouds of points: a header of text, then the points in binary.
+struct CloudFormat {
+    /// The header for a number of points; whether they tell agents apart.
+    header: fn(count: usize, agents: bool) -> String,
+    /// Appends what follows a point's position; whether it tells its agent.
+    attributes: fn(point: &CloudPoint, agents: bool, out: &mut Vec<u8>),
+}
+
+impl CloudFormat {
+    /// Writes the cloud of a map, agents told apart where there are several: the header, then of each point
+    /// the position as three little-endian floats and its attributes. Returns the number of points.
+    fn write(&self, out: &mut impl Write, map: &Map, max_relative_variance: f32) -> io::Result<usize> {
+        let agents = map.agents.len() > 1;
+        let count = map.cloud(max_relative_variance).count();
+        out.write_all((self.header)(count, agents).as_bytes())?;
+        let mut bytes = Vec::new();
+        for point in map.cloud(max_relative_variance) {
+            bytes.clear();
+            bytes.extend(point.position.iter().flat_map(|value| (*value as f32).to_le_bytes()));
+            (self.attributes)(&point, agents, &mut bytes);
+            out.write_all(&bytes)?;
+        }
+        Ok(count)
     }
-    Ok(())
+
+    /// Makes a file of the cloud, see [`write`](Self::write).
+    fn save(&self, path: &Path, map: &Map, max_relative_variance: f32) -> Result<usize, MapError> {
+        save(path, |out| self.write(out, map, max_relative_variance))
+    }
+}
+
+/// What the tests of all formats of clouds need.
+#[cfg(test)]
+pub(crate) mod test_support {
+    use crate::{Map, agent_color};
+
+    /// The header and the body of a cloud's file, parted after the line `last`.
+    pub(crate) fn parted<'a>(bytes: &'a [u8], last: &str) -> (&'a str, &'a [u8]) {
+        let end = bytes.windows(last.len()).position(|w| w == last.as_bytes()).unwrap() + last.len();
+        (std::str::from_utf8(&bytes[..end]).unwrap(), &bytes[end..])
+    }
+
+    /// The colours of a cloud's points in order.
+    pub(crate) fn colors(map: &Map) -> impl Iterator<Item = [u8; 3]> + '_ {
+        map.cloud(f32::INFINITY).map(|point| agent_color(point.agent))
+    }
 }

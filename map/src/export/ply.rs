@@ -1,37 +1,51 @@
 //! PLY, the format most viewers of point clouds read.
 
-use super::{save, write_position};
-use crate::{Map, MapError};
+use super::{CloudFormat, CloudPoint};
+use crate::{Map, MapError, agent_color};
 use std::io::{self, Write};
 use std::path::Path;
 
+const PLY: CloudFormat = CloudFormat { header, attributes };
+
 /// Writes the cloud as binary little-endian PLY: `x y z` float (map units), `intensity` uchar,
-/// `confidence` float; see [`Map::cloud`] for the bound. Returns the number of points.
+/// `confidence` float; of several agents also `red green blue` uchar, the agent's colour, and `agent`
+/// ushort, its id. See [`Map::cloud`] for the bound. Returns the number of points.
 pub fn write_ply(out: &mut impl Write, map: &Map, max_relative_variance: f32) -> io::Result<usize> {
-    let count = map.cloud(max_relative_variance).count();
-    write!(
-        out,
-        "ply\nformat binary_little_endian 1.0\ncomment loopbox map, lengths in map units\n\
-         element vertex {count}\nproperty float x\nproperty float y\nproperty float z\n\
-         property uchar intensity\nproperty float confidence\nend_header\n"
-    )?;
-    for point in map.cloud(max_relative_variance) {
-        write_position(out, &point)?;
-        out.write_all(&[point.intensity])?;
-        out.write_all(&point.confidence.to_le_bytes())?;
-    }
-    Ok(count)
+    PLY.write(out, map, max_relative_variance)
 }
 
 /// Makes a PLY file, see [`write_ply`].
 pub fn save_ply(path: impl AsRef<Path>, map: &Map, max_relative_variance: f32) -> Result<usize, MapError> {
-    save(path.as_ref(), |out| write_ply(out, map, max_relative_variance))
+    PLY.save(path.as_ref(), map, max_relative_variance)
+}
+
+fn header(count: usize, agents: bool) -> String {
+    let of_agents = if agents {
+        "property uchar red\nproperty uchar green\nproperty uchar blue\nproperty ushort agent\n"
+    } else {
+        ""
+    };
+    format!(
+        "ply\nformat binary_little_endian 1.0\ncomment loopbox map, lengths in map units\n\
+         element vertex {count}\nproperty float x\nproperty float y\nproperty float z\n\
+         property uchar intensity\nproperty float confidence\n{of_agents}end_header\n"
+    )
+}
+
+fn attributes(point: &CloudPoint, agents: bool, out: &mut Vec<u8>) {
+    out.push(point.intensity);
+    out.extend(point.confidence.to_le_bytes());
+    if agents {
+        out.extend(agent_color(point.agent));
+        out.extend(point.agent.0.to_le_bytes());
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::test_support::sample_map;
+    use crate::export::test_support::{colors, parted};
+    use crate::test_support::{sample_map, united};
 
     #[test]
     fn the_header_announces_what_follows() {
@@ -39,13 +53,25 @@ mod tests {
         let mut bytes = Vec::new();
         let count = write_ply(&mut bytes, &map, f32::INFINITY).unwrap();
         assert_eq!(count, map.keyframes.values().map(|k| k.semi_dense.len()).sum::<usize>());
-        let end = bytes.windows(11).position(|w| w == b"end_header\n").unwrap() + 11;
-        let header = std::str::from_utf8(&bytes[..end]).unwrap();
-        assert!(header.contains(&format!("element vertex {count}\n")));
-        assert_eq!(bytes.len() - end, count * 17);
+        let (header, body) = parted(&bytes, "end_header\n");
+        assert!(header.contains(&format!("element vertex {count}\n")) && !header.contains("red"));
+        assert_eq!(body.len(), count * 17);
         let first = map.cloud(f32::INFINITY).next().unwrap();
-        let float = |at: usize| f32::from_le_bytes(bytes[end + at..end + at + 4].try_into().unwrap());
+        let float = |at: usize| f32::from_le_bytes(body[at..at + 4].try_into().unwrap());
         assert_eq!([float(0), float(4), float(8)], [0, 1, 2].map(|i| first.position[i] as f32));
-        assert_eq!((bytes[end + 12], float(13)), (first.intensity, first.confidence));
+        assert_eq!((body[12], float(13)), (first.intensity, first.confidence));
+    }
+
+    #[test]
+    fn several_agents_have_a_colour_each() {
+        let map = united();
+        let mut bytes = Vec::new();
+        let count = write_ply(&mut bytes, &map, f32::INFINITY).unwrap();
+        let (header, body) = parted(&bytes, "end_header\n");
+        assert!(header.contains("blue\nproperty ushort agent\nend_header"));
+        assert_eq!(body.len(), count * 22);
+        assert!(body.chunks(22).map(|point| [point[17], point[18], point[19]]).eq(colors(&map)));
+        let last = map.agents.keys().next_back().unwrap().0;
+        assert_eq!(*body.last_chunk().unwrap(), last.to_le_bytes());
     }
 }

@@ -1,13 +1,13 @@
 //! From the map's types to loopbox's messages and back, bit by bit.
 
 use super::messages::{GraphMessage, INFORMATION_LEN, KeyframeMessage, SE3_LEN, SIM3_LEN};
-use crate::{Edge, EdgeKind, FramePose, Keyframe, KeyframeId, Observation, Point, SemiDense};
+use crate::{AgentId, Edge, EdgeKind, FramePose, Keyframe, KeyframeId, Observation, Point, SemiDense};
 use geometry::{GrayImage, Se3, Sim3};
 use nalgebra::{Quaternion, SMatrix, UnitQuaternion, Vector3};
 use std::sync::Arc;
 
-/// The message of a keyframe.
-pub(super) fn keyframe_to_message(keyframe: &Keyframe) -> KeyframeMessage {
+/// The message of a keyframe; `own_pose` is its pose in its agent's own map, where that is another one.
+pub(super) fn keyframe_to_message(keyframe: &Keyframe, own_pose: Option<&Sim3>) -> KeyframeMessage {
     let depth = &keyframe.semi_dense;
     let mut previous = 0;
     let pixel_step =
@@ -20,6 +20,8 @@ pub(super) fn keyframe_to_message(keyframe: &Keyframe) -> KeyframeMessage {
         pixel_step,
         inverse_depth: depth.inverse_depth.clone(),
         variance: depth.variance.clone(),
+        agent: keyframe.agent.0.into(),
+        own_world_from_keyframe: own_pose.map_or(Vec::new(), |pose| sim3_to_numbers(pose).to_vec()),
         ..Default::default()
     };
     for point in &keyframe.points {
@@ -36,11 +38,12 @@ pub(super) fn keyframe_to_message(keyframe: &Keyframe) -> KeyframeMessage {
     message
 }
 
-/// The keyframe of a message, with its image; says what is inconsistent.
+/// The keyframe of a message with its image, and its pose in its agent's own map if there is one; says what
+/// is inconsistent.
 pub(super) fn keyframe_from_message(
     message: KeyframeMessage,
     image: Arc<GrayImage>,
-) -> Result<Keyframe, String> {
+) -> Result<(Keyframe, Option<Sim3>), String> {
     let name = message.id;
     let unequal = |what: &str| format!("keyframe {name}: the lists of its {what} differ in length");
     let mut pixel = message.pixel_step;
@@ -64,18 +67,25 @@ pub(super) fn keyframe_from_message(
         &observations,
     )
     .ok_or_else(|| unequal("points"))?;
-    let [pose] = sim3s(&message.world_from_keyframe)
-        .and_then(|poses| <[Sim3; 1]>::try_from(poses).ok())
-        .ok_or_else(|| format!("keyframe {name} has no pose of {SIM3_LEN} numbers"))?;
-    Ok(Keyframe {
+    let no_pose = || format!("keyframe {name} has no pose of {SIM3_LEN} numbers");
+    let pose = one_sim3(&message.world_from_keyframe).ok_or_else(no_pose)?;
+    let own_pose = match &*message.own_world_from_keyframe {
+        [] => None,
+        numbers => Some(one_sim3(numbers).ok_or_else(no_pose)?),
+    };
+    let agent = u16::try_from(message.agent)
+        .map_err(|_| format!("keyframe {name}: its agent {} is out of range", message.agent))?;
+    let keyframe = Keyframe {
         id: KeyframeId(message.id),
+        agent: AgentId(agent),
         timestamp: message.timestamp,
         frame_index: message.frame_index,
         world_from_keyframe: pose,
         image,
         semi_dense,
         points,
-    })
+    };
+    Ok((keyframe, own_pose))
 }
 
 /// Observations from their lists; `None` when the lengths do not fit.
@@ -215,6 +225,11 @@ fn se3_to_numbers(pose: &Se3) -> [f64; SE3_LEN] {
 fn sim3s(numbers: &[f64]) -> Option<Vec<Sim3>> {
     let (poses, rest) = numbers.as_chunks::<SIM3_LEN>();
     rest.is_empty().then(|| poses.iter().map(sim3_from_numbers).collect())
+}
+
+/// The similarity of a list of numbers that holds just one.
+fn one_sim3(numbers: &[f64]) -> Option<Sim3> {
+    numbers.try_into().ok().map(sim3_from_numbers)
 }
 
 /// The inverse of [`sim3_to_numbers`].

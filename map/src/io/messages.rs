@@ -43,6 +43,12 @@ pub(super) struct KeyframeMessage {
     pub observation_pixel: Vec<f32>,
     #[prost(float, repeated, tag = "14")]
     pub observation_information: Vec<f32>,
+    /// Whose keyframe it is.
+    #[prost(uint32, tag = "15")]
+    pub agent: u32,
+    /// In a united map, the pose in the agent's own one.
+    #[prost(double, repeated, tag = "16")]
+    pub own_world_from_keyframe: Vec<f64>,
 }
 
 /// A change of the graph: poses of keyframes, and the tails of the lists of edges and frames.

@@ -1,9 +1,11 @@
 //! The map's file, `map.mcap`; described field by field in `docs/map-format.md`.
 //!
 //! The exact data lie in two messages of loopbox's own (`messages`), the keyframe images in
-//! `foxglove.CompressedImage`; the other Foxglove messages (`views`) only repeat for viewers what
+//! `foxglove.CompressedImage`, what there is to say of the agents in metadata records (`about`); the other Foxglove messages (`views`) only repeat for viewers what
 //! the exact data say, and are never read back.
 
+mod about;
+mod channels;
 mod convert;
 mod messages;
 mod picture;
@@ -19,15 +21,23 @@ mod writer;
 pub use reader::{LoadedMap, is_map_file, load_map};
 pub use writer::{MapWriter, save_map};
 
-/// The version of the file format that is written, and the only one read.
-pub const FORMAT_VERSION: u32 = 1;
+/// The version of the file format that is written.
+pub const FORMAT_VERSION: u32 = 2;
+/// The version for one agent, which is read too.
+const SINGLE_AGENT_FORMAT: u32 = 1;
 
 /// The MCAP header's profile: what makes an MCAP file a map.
 const PROFILE: &str = "loopbox.map";
-/// The metadata record that holds the version and the camera.
+/// The metadata record that holds the version.
 const MAP_METADATA: &str = "loopbox.map";
-/// The metadata record that holds the provenance.
-const PROVENANCE_METADATA: &str = "loopbox.provenance";
+/// What the name of an agent's metadata record begins with; its id follows.
+const AGENT_METADATA: &str = "loopbox.agent.";
+/// What the name of the record of an agent's provenance begins with; its id follows.
+const PROVENANCE_METADATA: &str = "loopbox.provenance.";
+/// The metadata record of the one agent's provenance in the format for one agent.
+const SINGLE_AGENT_PROVENANCE_METADATA: &str = "loopbox.provenance";
+/// The metadata record that says how maps were merged.
+const MERGE_METADATA: &str = "loopbox.merge";
 
 const KEYFRAME_TOPIC: &str = "/loopbox/keyframe";
 const GRAPH_TOPIC: &str = "/loopbox/graph";
@@ -37,5 +47,7 @@ const CALIBRATION_TOPIC: &str = "/camera/calibration";
 const TRANSFORMS_TOPIC: &str = "/tf";
 const TRAJECTORY_TOPIC: &str = "/trajectory";
 
+/// The moving camera's coordinate frame.
+const CAMERA_FRAME: &str = "camera";
 /// What the name of a keyframe's coordinate frame begins with; its id follows.
 const KEYFRAME_FRAME: &str = "keyframe_";

@@ -18,14 +18,17 @@ pub(super) fn encode_png(image: &GrayImage) -> io::Result<Vec<u8>> {
     Ok(out)
 }
 
-/// Decodes an 8-bit grey PNG of a known size; says what is wrong with it.
-pub(super) fn decode_png(bytes: &[u8], width: usize, height: usize) -> Result<GrayImage, String> {
+/// Decodes an 8-bit grey PNG of one of the known sizes (width, height); says what is wrong with it.
+pub(super) fn decode_png(
+    bytes: &[u8],
+    sizes: impl IntoIterator<Item = (usize, usize)>,
+) -> Result<GrayImage, String> {
     let mut reader = png::Decoder::new(Cursor::new(bytes)).read_info().map_err(|error| error.to_string())?;
     let info = reader.info();
+    let (width, height) = (info.width as usize, info.height as usize);
     // The size is checked first, so that no other size's memory is ever asked for.
-    if (info.width as usize, info.height as usize) != (width, height) {
-        let (w, h) = (info.width, info.height);
-        return Err(format!("it has {w}×{h} pixels, the camera {width}×{height}"));
+    if !sizes.into_iter().any(|size| size == (width, height)) {
+        return Err(format!("it has {width}×{height} pixels, as no camera of the map"));
     }
     if reader.output_color_type() != (png::ColorType::Grayscale, png::BitDepth::Eight) {
         return Err("it is not an 8-bit grey image".into());
@@ -44,8 +47,8 @@ mod tests {
         let pixels = (0..17 * 31).map(|i: u32| (i.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
         let image = GrayImage::from_vec(17, 31, pixels).unwrap();
         let png = encode_png(&image).unwrap();
-        assert_eq!(decode_png(&png, 17, 31).unwrap(), image);
-        assert!(decode_png(&png, 31, 17).unwrap_err().contains("17×31"));
-        assert!(decode_png(&png[..png.len() / 2], 17, 31).is_err());
+        assert_eq!(decode_png(&png, [(4, 4), (17, 31)]).unwrap(), image);
+        assert!(decode_png(&png, [(31, 17)]).unwrap_err().contains("17×31"));
+        assert!(decode_png(&png[..png.len() / 2], [(17, 31)]).is_err());
     }
 }

@@ -1,14 +1,12 @@
 //! Loading maps.
 
+use super::about::{About, AboutError};
 use super::messages::{GraphMessage, KeyframeMessage};
 use super::records::{Stop, read_chunk, read_file};
-use super::{
-    FORMAT_VERSION, GRAPH_TOPIC, IMAGE_TOPIC, KEYFRAME_TOPIC, MAP_METADATA, PROFILE, PROVENANCE_METADATA,
-    convert, picture, views,
-};
+use super::{FORMAT_VERSION, GRAPH_TOPIC, IMAGE_TOPIC, KEYFRAME_TOPIC, PROFILE, convert, picture, views};
 use crate::{Edge, FramePose, Keyframe, KeyframeId, Map, MapError, check};
 use foxglove::messages::CompressedImage;
-use geometry::{GrayImage, Pinhole, Sim3};
+use geometry::{GrayImage, Sim3};
 use mcap::records::{Record, op};
 use mcap::{McapError, parse_record};
 use prost::Message;
@@ -84,6 +82,15 @@ impl From<String> for Refusal {
     }
 }
 
+impl From<AboutError> for Refusal {
+    fn from(error: AboutError) -> Self {
+        match error {
+            AboutError::Version(found) => Self::Version(found),
+            AboutError::Invalid(what) => Self::Invalid(what),
+        }
+    }
+}
+
 impl Refusal {
     /// The error for the file `path`.
     fn at(self, path: &Path) -> MapError {
@@ -108,12 +115,13 @@ enum Kind {
 #[derive(Default)]
 struct Contents {
     has_header: bool,
-    camera: Option<Pinhole>,
-    provenance: BTreeMap<String, String>,
+    about: About,
     channels: BTreeMap<u16, Kind>,
     images: BTreeMap<KeyframeId, Arc<GrayImage>>,
     keyframes: BTreeMap<KeyframeId, Keyframe>,
     poses: BTreeMap<KeyframeId, Sim3>,
+    /// Poses in the agents' own maps.
+    own_poses: BTreeMap<KeyframeId, Sim3>,
     edges: Vec<Edge>,
     frames: Vec<FramePose>,
     warnings: Vec<String>,
@@ -136,7 +144,7 @@ impl Contents {
             op::HEADER | op::METADATA => match parse_record(opcode, data) {
                 Ok(Record::Header(header)) if header.profile != PROFILE => return Err(Refusal::NotAMap),
                 Ok(Record::Header(_)) => self.has_header = true,
-                Ok(Record::Metadata(about)) => self.metadata(&about.name, about.metadata)?,
+                Ok(Record::Metadata(about)) => self.about.take(&about.name, about.metadata)?,
                 Ok(_) => {}
                 Err(error) => self.damage(format!("the file is damaged near its beginning: {error}")),
             },
@@ -147,25 +155,6 @@ impl Contents {
                 Err(Stop::Failed(error)) => self.damage(format!("a part was left out: {error}")),
             },
             // Indexes and the end: the data come in order, so nothing is looked up.
-            _ => {}
-        }
-        Ok(())
-    }
-
-    /// Takes a metadata record.
-    fn metadata(&mut self, name: &str, entries: BTreeMap<String, String>) -> Result<(), Refusal> {
-        match name {
-            MAP_METADATA => {
-                let format = entries.get("format").cloned().unwrap_or_else(|| "unknown".into());
-                if format != FORMAT_VERSION.to_string() {
-                    return Err(Refusal::Version(format));
-                }
-                let camera = camera_from_text(&entries)
-                    .ok_or_else(|| "the camera is missing or is not made of numbers".to_owned())?;
-                check::camera(&camera)?;
-                self.camera = Some(camera);
-            }
-            PROVENANCE_METADATA => self.provenance = entries,
             _ => {}
         }
         Ok(())
@@ -200,12 +189,12 @@ impl Contents {
 
     /// Takes a keyframe's image.
     fn image(&mut self, data: &[u8]) -> Result<(), String> {
-        let camera = self.camera()?;
         let message =
             CompressedImage::decode(data).map_err(|error| format!("an image cannot be read: {error}"))?;
         let id = views::keyframe_of_frame(&message.frame_id)
             .ok_or_else(|| format!("an image belongs to \"{}\", which is no keyframe", message.frame_id))?;
-        let image = picture::decode_png(&message.data, camera.width, camera.height)
+        let cameras = self.about.agents.values().map(|agent| agent.camera);
+        let image = picture::decode_png(&message.data, cameras.map(|camera| (camera.width, camera.height)))
             .map_err(|what| format!("the image of keyframe {} cannot be used: {what}", id.0))?;
         self.images.insert(id, Arc::new(image));
         Ok(())
@@ -225,7 +214,8 @@ impl Contents {
                 Err(what)
             };
         };
-        let keyframe = convert::keyframe_from_message(message, Arc::clone(image))?;
+        let (keyframe, own_pose) = convert::keyframe_from_message(message, Arc::clone(image))?;
+        self.own_poses.extend(own_pose.map(|pose| (id, pose)));
         self.poses.insert(id, keyframe.world_from_keyframe);
         self.keyframes.insert(id, keyframe);
         Ok(())
@@ -255,30 +245,31 @@ impl Contents {
         Ok(())
     }
 
-    /// The camera; it comes before all messages.
-    fn camera(&self) -> Result<Pinhole, String> {
-        self.camera.ok_or_else(|| "the camera is missing".into())
-    }
-
     /// The map, checked.
     fn into_map(mut self) -> Result<LoadedMap, Refusal> {
-        let mut map = Map::new(self.camera()?);
-        for (id, mut keyframe) in std::mem::take(&mut self.keyframes) {
-            if let Some(pose) = self.poses.get(&id) {
+        let is_damaged = self.is_damaged();
+        let About { agents, merge_provenance } = self.about;
+        let (edges, frames, keyframes) = (self.edges, self.frames, self.keyframes);
+        let mut map = Map { agents, keyframes, edges, frames, merge_provenance };
+        let mut warnings = self.warnings;
+        if is_damaged {
+            warnings.extend(drop_strangers(&mut map));
+        }
+        for (id, keyframe) in &mut map.keyframes {
+            if let Some(pose) = self.poses.get(id) {
                 keyframe.world_from_keyframe = *pose;
             }
-            check::keyframe(&keyframe, &map.camera)?;
-            map.keyframes.insert(id, keyframe);
+            let agent = map.agents.get_mut(&keyframe.agent);
+            if let (Some(own), Some(pose)) = (agent.and_then(|a| a.own.as_mut()), self.own_poses.remove(id)) {
+                own.world_from_keyframe.insert(*id, pose);
+            }
         }
-        self.edges.iter().try_for_each(check::edge)?;
-        self.frames.iter().try_for_each(check::frame)?;
-        (map.edges, map.frames, map.provenance) = (self.edges, self.frames, self.provenance);
-        let complete = self.warnings.is_empty();
-        if !complete {
-            self.warnings.extend(drop_dangling(&mut map));
-            self.warnings.push(format!("{} keyframes were loaded", map.keyframes.len()));
+        check::map(&map)?;
+        if is_damaged {
+            warnings.extend(drop_dangling(&mut map));
+            warnings.push(format!("{} keyframes were loaded", map.keyframes.len()));
         }
-        Ok(LoadedMap { map, complete, warnings: self.warnings })
+        Ok(LoadedMap { map, complete: !is_damaged, warnings })
     }
 }
 
@@ -290,6 +281,14 @@ fn replace_tail<T>(list: &mut Vec<T>, offset: u64, tail: Vec<T>) -> bool {
     list.truncate(offset);
     list.extend(tail);
     true
+}
+
+/// Takes keyframes out of a damaged map whose agents were lost; says how many.
+fn drop_strangers(map: &mut Map) -> Option<String> {
+    let before = map.keyframes.len();
+    map.keyframes.retain(|_, keyframe| map.agents.contains_key(&keyframe.agent));
+    let count = before - map.keyframes.len();
+    (count > 0).then(|| format!("{count} keyframes belong to missing agents and were left out"))
 }
 
 /// Takes out of a damaged map what refers to keyframes that were lost; says how much.
@@ -307,20 +306,6 @@ fn drop_dangling(map: &mut Map) -> Option<String> {
         .then(|| format!("{edges} edges and {frames} frames belong to missing keyframes and were left out"))
 }
 
-/// The camera from its text.
-fn camera_from_text(entries: &BTreeMap<String, String>) -> Option<Pinhole> {
-    let pixels = |key| entries.get(key)?.parse().ok();
-    let number = |key| entries.get(key)?.parse().ok();
-    Some(Pinhole {
-        width: pixels("width")?,
-        height: pixels("height")?,
-        fx: number("fx")?,
-        fy: number("fy")?,
-        cx: number("cx")?,
-        cy: number("cy")?,
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -333,7 +318,7 @@ mod tests {
         let map = sample_map(2);
         let keyframe = map.keyframes.values().next().unwrap();
         let image = views::image(keyframe, picture::encode_png(&keyframe.image).unwrap()).encode_to_vec();
-        let depth = convert::keyframe_to_message(keyframe).encode_to_vec();
+        let depth = convert::keyframe_to_message(keyframe, None).encode_to_vec();
         let mut graph = GraphMessage::default();
         map.edges.iter().for_each(|edge| convert::push_edge(&mut graph, edge));
         map.frames.iter().for_each(|frame| convert::push_frame(&mut graph, frame));
@@ -351,7 +336,7 @@ mod tests {
             if below(4) == 0 {
                 changed.truncate(below(changed.len()));
             }
-            let mut contents = Contents { camera: Some(map.camera), ..Default::default() };
+            let mut contents = Contents { about: About::of(&map), ..Default::default() };
             let taken = contents
                 .image(&messages[0])
                 .and_then(|()| contents.keyframe(&messages[1]))

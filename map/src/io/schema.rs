@@ -12,7 +12,7 @@ pub(super) const KEYFRAME_SCHEMA: &str = "loopbox.Keyframe";
 /// Name of the graph message's schema.
 pub(super) const GRAPH_SCHEMA: &str = "loopbox.Graph";
 
-const KEYFRAME_FIELDS: [Field; 14] = [
+const KEYFRAME_FIELDS: [Field; 16] = [
     ("id", 1, Type::Uint32, false),
     ("timestamp", 2, Type::Double, false),
     ("frame_index", 3, Type::Uint64, false),
@@ -27,6 +27,8 @@ const KEYFRAME_FIELDS: [Field; 14] = [
     ("observation_keyframe", 12, Type::Uint32, true),
     ("observation_pixel", 13, Type::Float, true),
     ("observation_information", 14, Type::Float, true),
+    ("agent", 15, Type::Uint32, false),
+    ("own_world_from_keyframe", 16, Type::Double, true),
 ];
 
 const GRAPH_FIELDS: [Field; 14] = [
@@ -128,6 +130,8 @@ mod tests {
             observation_keyframe: vec![1; 3],
             observation_pixel: vec![1.0; 3],
             observation_information: vec![1.0; 3],
+            agent: 1,
+            own_world_from_keyframe: vec![1.0; 3],
         };
         assert_described(&keyframe.encode_to_vec(), &KEYFRAME_FIELDS);
         let graph = GraphMessage {

@@ -1,16 +1,12 @@
 //! The messages of a map in order, into any stream.
 
+use super::about::About;
+use super::channels::Channels;
 use super::messages::GraphMessage;
-use super::schema::{GRAPH_SCHEMA, KEYFRAME_SCHEMA, descriptor_set};
-use super::{
-    CALIBRATION_TOPIC, CLOUD_TOPIC, FORMAT_VERSION, GRAPH_TOPIC, IMAGE_TOPIC, KEYFRAME_TOPIC, MAP_METADATA,
-    PROFILE, PROVENANCE_METADATA, TRAJECTORY_TOPIC, TRANSFORMS_TOPIC, convert, picture, views,
-};
+use super::{PROFILE, convert, picture, views};
 use crate::{Edge, FramePose, Keyframe, KeyframeId, Map};
-use foxglove::Encode;
-use foxglove::messages::{CameraCalibration, CompressedImage, FrameTransforms, PointCloud, PosesInFrame};
-use geometry::{Pinhole, Sim3};
-use mcap::records::{MessageHeader, Metadata};
+use geometry::Sim3;
+use mcap::records::MessageHeader;
 use mcap::{McapError, WriteOptions};
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{self, Seek, Write};
@@ -30,24 +26,9 @@ pub(super) struct MapSink<W: Write + Seek> {
     frames: Vec<FramePose>,
 }
 
-/// The channel of each topic.
-struct Channels {
-    keyframe: u16,
-    graph: u16,
-    image: u16,
-    cloud: u16,
-    calibration: u16,
-    transforms: u16,
-    trajectory: u16,
-}
-
 impl<W: Write + Seek> MapSink<W> {
-    /// Begins a file: what it is, the camera and the provenance are on the stream when this returns.
-    pub(super) fn create(
-        out: W,
-        camera: &Pinhole,
-        provenance: &BTreeMap<String, String>,
-    ) -> io::Result<Self> {
+    /// Begins a file: what it is, the agents and the provenance are on the stream when this returns.
+    pub(super) fn create(out: W, about: &About) -> io::Result<Self> {
         // Chunks are put together in memory and end where `flush` says: what is on the stream is
         // whole at any time, and a chunk holds a keyframe.
         let options = WriteOptions::new()
@@ -57,24 +38,24 @@ impl<W: Write + Seek> MapSink<W> {
             .profile(PROFILE)
             .library(concat!("loopbox ", env!("CARGO_PKG_VERSION")));
         let mut mcap = options.create(out).map_err(io_error)?;
-        let about = Metadata { name: MAP_METADATA.into(), metadata: camera_to_text(camera) };
-        mcap.write_metadata(&about).map_err(io_error)?;
-        let origin = Metadata { name: PROVENANCE_METADATA.into(), metadata: provenance.clone() };
-        mcap.write_metadata(&origin).map_err(io_error)?;
-        let channels = Channels::register(&mut mcap).map_err(io_error)?;
+        for record in about.records() {
+            mcap.write_metadata(&record).map_err(io_error)?;
+        }
+        let channels = Channels::register(&mut mcap, &about.agents).map_err(io_error)?;
         mcap.flush().map_err(io_error)?;
         let (images, poses) = Default::default();
         Ok(Self { mcap, channels, images, poses, edges: Vec::new(), frames: Vec::new() })
     }
 
     /// Writes a keyframe. Its image is written once; depth, points and pose replace earlier ones.
-    pub(super) fn keyframe(&mut self, keyframe: &Keyframe) -> io::Result<()> {
+    /// `own_pose` is its pose in its agent's own map, where that is another one.
+    pub(super) fn keyframe(&mut self, keyframe: &Keyframe, own_pose: Option<&Sim3>) -> io::Result<()> {
         if !self.images.contains(&keyframe.id) {
             let image = views::image(keyframe, picture::encode_png(&keyframe.image)?);
             self.message(self.channels.image, keyframe.timestamp, &image)?;
             self.images.insert(keyframe.id);
         }
-        let message = convert::keyframe_to_message(keyframe);
+        let message = convert::keyframe_to_message(keyframe, own_pose);
         self.message(self.channels.keyframe, keyframe.timestamp, &message)?;
         self.poses.insert(keyframe.id, keyframe.world_from_keyframe);
         Ok(())
@@ -118,22 +99,29 @@ impl<W: Write + Seek> MapSink<W> {
         Ok(())
     }
 
-    /// Writes what only viewers use: calibration, transforms, trajectory, and a cloud a keyframe.
+    /// Writes what only viewers use: the keyframes' transforms, and of each agent the calibration, the
+    /// trajectory and a cloud a keyframe.
     pub(super) fn views(&mut self, map: &Map) -> io::Result<()> {
         let starts =
             map.keyframes.values().map(|k| k.timestamp).chain(map.frames.iter().map(|f| f.timestamp));
         let start = starts.min_by(f64::total_cmp).unwrap_or(0.0);
-        self.message(self.channels.calibration, start, &views::calibration(&map.camera, start))?;
         self.message(self.channels.transforms, start, &views::keyframe_transforms(map, start))?;
-        self.message(self.channels.trajectory, start, &views::trajectory(map, start))?;
-        for pose in map.trajectory() {
-            let transform = views::camera_transform(&pose.world_from_camera, pose.timestamp);
-            self.message(self.channels.transforms, pose.timestamp, &transform)?;
-        }
-        self.flush()?;
-        for keyframe in map.keyframes.values() {
-            self.message(self.channels.cloud, keyframe.timestamp, &views::cloud(keyframe, &map.camera))?;
+        for (agent, channels) in self.channels.agents.clone() {
+            let Some(info) = map.agents.get(&agent) else { continue };
+            let calibration = views::calibration(&info.camera, &channels.camera_frame, start);
+            self.message(channels.calibration, start, &calibration)?;
+            let trajectory = map.trajectory_of(agent);
+            self.message(channels.trajectory, start, &views::trajectory(&trajectory, start))?;
+            for pose in trajectory {
+                let transform =
+                    views::camera_transform(&channels.camera_frame, &pose.world_from_camera, pose.timestamp);
+                self.message(self.channels.transforms, pose.timestamp, &transform)?;
+            }
             self.flush()?;
+            for keyframe in map.keyframes.values().filter(|keyframe| keyframe.agent == agent) {
+                self.message(channels.cloud, keyframe.timestamp, &views::cloud(keyframe, &info.camera))?;
+                self.flush()?;
+            }
         }
         Ok(())
     }
@@ -182,56 +170,6 @@ impl<'a, T: PartialEq> Tail<'a, T> {
     fn is_done(&self) -> bool {
         self.start == self.list.len()
     }
-}
-
-impl Channels {
-    /// Adds all channels, in an order that is always the same.
-    fn register<W: Write + Seek>(mcap: &mut mcap::Writer<W>) -> Result<Self, McapError> {
-        let own = descriptor_set();
-        Ok(Self {
-            keyframe: add_channel(mcap, KEYFRAME_TOPIC, KEYFRAME_SCHEMA, &own)?,
-            graph: add_channel(mcap, GRAPH_TOPIC, GRAPH_SCHEMA, &own)?,
-            image: add_foxglove::<CompressedImage, W>(mcap, IMAGE_TOPIC)?,
-            cloud: add_foxglove::<PointCloud, W>(mcap, CLOUD_TOPIC)?,
-            calibration: add_foxglove::<CameraCalibration, W>(mcap, CALIBRATION_TOPIC)?,
-            transforms: add_foxglove::<FrameTransforms, W>(mcap, TRANSFORMS_TOPIC)?,
-            trajectory: add_foxglove::<PosesInFrame, W>(mcap, TRAJECTORY_TOPIC)?,
-        })
-    }
-}
-
-/// Adds a channel for a message of Foxglove's.
-fn add_foxglove<T: Encode, W: Write + Seek>(
-    mcap: &mut mcap::Writer<W>,
-    topic: &str,
-) -> Result<u16, McapError> {
-    let schema = T::get_schema().ok_or_else(|| io::Error::other(format!("{topic} has no schema")))?;
-    add_channel(mcap, topic, &schema.name, &schema.data)
-}
-
-/// Adds a channel of protobuf messages.
-fn add_channel<W: Write + Seek>(
-    mcap: &mut mcap::Writer<W>,
-    topic: &str,
-    schema: &str,
-    descriptors: &[u8],
-) -> Result<u16, McapError> {
-    let schema = mcap.add_schema(schema, "protobuf", descriptors)?;
-    mcap.add_channel(schema, topic, "protobuf", &BTreeMap::new())
-}
-
-/// The version and the camera as text; numbers have the digits it takes to read them back.
-fn camera_to_text(camera: &Pinhole) -> BTreeMap<String, String> {
-    let entries = [
-        ("format", FORMAT_VERSION.to_string()),
-        ("width", camera.width.to_string()),
-        ("height", camera.height.to_string()),
-        ("fx", camera.fx.to_string()),
-        ("fy", camera.fy.to_string()),
-        ("cx", camera.cx.to_string()),
-        ("cy", camera.cy.to_string()),
-    ];
-    entries.into_iter().map(|(key, value)| (key.to_owned(), value)).collect()
 }
 
 /// The system's error inside of an error of the MCAP writer.

@@ -1,7 +1,7 @@
 //! What Foxglove shows: each part of a map in Foxglove's own schemas.
 
 use super::KEYFRAME_FRAME;
-use crate::{DEFAULT_MAX_RELATIVE_VARIANCE, Keyframe, KeyframeId, Map};
+use crate::{DEFAULT_MAX_RELATIVE_VARIANCE, Keyframe, KeyframeId, Map, StampedPose};
 use foxglove::messages::packed_element_field::NumericType;
 use foxglove::messages::{
     CameraCalibration, CompressedImage, FrameTransform, FrameTransforms, PackedElementField, PointCloud,
@@ -11,8 +11,6 @@ use geometry::{Pinhole, Se3};
 
 /// The world's coordinate frame.
 const WORLD: &str = "world";
-/// The moving camera's coordinate frame.
-const CAMERA: &str = "camera";
 /// A keyframe's cloud is thinned to about this many points: enough to look at, a fraction of the
 /// exact data's size.
 const VIEW_POINTS: usize = 8192;
@@ -42,11 +40,11 @@ pub(super) fn keyframe_of_frame(name: &str) -> Option<KeyframeId> {
 }
 
 /// The camera without distortion: the images are undistorted.
-pub(super) fn calibration(camera: &Pinhole, time: f64) -> CameraCalibration {
+pub(super) fn calibration(camera: &Pinhole, frame: &str, time: f64) -> CameraCalibration {
     let Pinhole { fx, fy, cx, cy, .. } = *camera;
     CameraCalibration {
         timestamp: timestamp(time),
-        frame_id: CAMERA.into(),
+        frame_id: frame.into(),
         width: u32::try_from(camera.width).unwrap_or(u32::MAX),
         height: u32::try_from(camera.height).unwrap_or(u32::MAX),
         k: vec![fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0],
@@ -106,14 +104,14 @@ pub(super) fn keyframe_transforms(map: &Map, time: f64) -> FrameTransforms {
     FrameTransforms { transforms: map.keyframes.values().map(transform).collect() }
 }
 
-/// Where the camera is in the world at a time.
-pub(super) fn camera_transform(world_from_camera: &Se3, time: f64) -> FrameTransforms {
-    FrameTransforms { transforms: vec![transform(CAMERA.into(), world_from_camera, time)] }
+/// Where a camera is in the world at a time.
+pub(super) fn camera_transform(frame: &str, world_from_camera: &Se3, time: f64) -> FrameTransforms {
+    FrameTransforms { transforms: vec![transform(frame.into(), world_from_camera, time)] }
 }
 
-/// The whole trajectory.
-pub(super) fn trajectory(map: &Map, time: f64) -> PosesInFrame {
-    let poses = map.trajectory().iter().map(|stamped| pose(&stamped.world_from_camera)).collect();
+/// A whole trajectory.
+pub(super) fn trajectory(trajectory: &[StampedPose], time: f64) -> PosesInFrame {
+    let poses = trajectory.iter().map(|stamped| pose(&stamped.world_from_camera)).collect();
     PosesInFrame { timestamp: timestamp(time), frame_id: WORLD.into(), poses }
 }
 
@@ -144,9 +142,9 @@ mod tests {
     fn cloud_and_transform_agree_with_the_map() {
         let map = sample_map(2);
         let (id, keyframe) = map.keyframes.iter().next_back().unwrap();
-        let cloud = cloud(keyframe, &map.camera);
+        let cloud = cloud(keyframe, map.camera(keyframe));
         let shown = cloud.data.len() / POINT_STRIDE as usize;
-        let expected: Vec<_> = keyframe.cloud(&map.camera, DEFAULT_MAX_RELATIVE_VARIANCE).collect();
+        let expected: Vec<_> = keyframe.cloud(map.camera(keyframe), DEFAULT_MAX_RELATIVE_VARIANCE).collect();
         assert_eq!(shown, expected.len());
         let float = |at: usize| f64::from(f32::from_le_bytes(cloud.data[at..at + 4].try_into().unwrap()));
         let local = nalgebra::Vector3::new(float(0), float(4), float(8));

@@ -1,9 +1,8 @@
 //! Map files: at once at the end of a run, or bit by bit during it.
 
+use super::about::About;
 use super::sink::MapSink;
-use crate::{Keyframe, Map, MapError, atomic::write_atomically, check};
-use geometry::Pinhole;
-use std::collections::BTreeMap;
+use crate::{AgentId, AgentInfo, Keyframe, Map, MapError, atomic::write_atomically, check};
 use std::fs::File;
 use std::io::{self, BufWriter};
 use std::path::{Path, PathBuf};
@@ -16,14 +15,15 @@ use std::path::{Path, PathBuf};
 /// loaded again (a pose that is not finite, say).
 pub fn save_map(path: impl AsRef<Path>, map: &Map) -> Result<(), MapError> {
     let path = path.as_ref();
-    check_map(map).map_err(|what| MapError::invalid(path, what))?;
+    check::map(map).map_err(|what| MapError::invalid(path, what))?;
     let written = write_atomically(path, |out| {
-        let mut sink = MapSink::create(out, &map.camera, &map.provenance)?;
+        let mut sink = MapSink::create(out, &About::of(map))?;
         // The graph first: a copy of the file that is cut keeps the frames of the keyframes it has.
         sink.graph(map)?;
         sink.flush()?;
         for keyframe in map.keyframes.values() {
-            sink.keyframe(keyframe)?;
+            let own = map.agents.get(&keyframe.agent).and_then(|info| info.own.as_ref());
+            sink.keyframe(keyframe, own.and_then(|own| own.world_from_keyframe.get(&keyframe.id)))?;
             sink.flush()?;
         }
         sink.views(map)?;
@@ -32,27 +32,14 @@ pub fn save_map(path: impl AsRef<Path>, map: &Map) -> Result<(), MapError> {
     written.map_err(|source| MapError::write(path, source))
 }
 
-/// Whether the map can be loaded again.
-fn check_map(map: &Map) -> Result<(), String> {
-    check::camera(&map.camera)?;
-    for (id, keyframe) in &map.keyframes {
-        check::keyframe(keyframe, &map.camera)?;
-        if *id != keyframe.id {
-            return Err(format!("keyframe {} is filed under {}", keyframe.id.0, id.0));
-        }
-    }
-    map.edges.iter().try_for_each(check::edge)?;
-    map.frames.iter().try_for_each(check::frame)
-}
-
-/// Writes a map file during a run, so that a run that is killed leaves what it had.
+/// Writes the map file of one agent during its run, so that a run that is killed leaves what it had.
 ///
 /// Everything up to the last [`flush`](Self::flush) loads with [`load_map`](crate::load_map); call it
 /// after each keyframe. The file grows by what is new. Only [`save_map`] adds what viewers show
 /// besides the images; let it replace the file at the end of the run, after this is dropped.
 pub struct MapWriter {
     path: PathBuf,
-    camera: Pinhole,
+    agent: AgentInfo,
     sink: MapSink<BufWriter<File>>,
 }
 
@@ -60,18 +47,15 @@ impl MapWriter {
     /// Begins a file in place of an earlier one.
     ///
     /// # Errors
-    /// [`MapError::Write`] when the system refuses, [`MapError::Invalid`] for an unusable camera.
-    pub fn create(
-        path: impl AsRef<Path>,
-        camera: &Pinhole,
-        provenance: &BTreeMap<String, String>,
-    ) -> Result<Self, MapError> {
+    /// [`MapError::Write`] when the system refuses, [`MapError::Invalid`] for an unusable camera or name.
+    pub fn create(path: impl AsRef<Path>, agent: &AgentInfo) -> Result<Self, MapError> {
         let path = path.as_ref();
-        check::camera(camera).map_err(|what| MapError::invalid(path, what))?;
+        check::agent(agent).map_err(|what| MapError::invalid(path, what))?;
+        let about = About { agents: [(AgentId::default(), agent.clone())].into(), ..Default::default() };
         let sink = File::create(path)
-            .and_then(|file| MapSink::create(BufWriter::new(file), camera, provenance))
+            .and_then(|file| MapSink::create(BufWriter::new(file), &about))
             .map_err(|source| MapError::write(path, source))?;
-        Ok(Self { path: path.to_owned(), camera: *camera, sink })
+        Ok(Self { path: path.to_owned(), agent: agent.clone(), sink })
     }
 
     /// Appends a keyframe, or what has become of it since: depth, points and pose replace those
@@ -81,8 +65,13 @@ impl MapWriter {
     /// [`MapError::Write`] when the system refuses, [`MapError::Invalid`] when the keyframe could not
     /// be loaded again; the file stays usable then.
     pub fn append_keyframe(&mut self, keyframe: &Keyframe) -> Result<(), MapError> {
-        check::keyframe(keyframe, &self.camera).map_err(|what| MapError::invalid(&self.path, what))?;
-        self.written(|sink| sink.keyframe(keyframe))
+        let other = (keyframe.agent != AgentId::default())
+            .then(|| format!("keyframe {} is another agent's than the run's", keyframe.id.0));
+        other
+            .map_or(Ok(()), Err)
+            .and_then(|()| check::keyframe(keyframe, &self.agent.camera))
+            .map_err(|what| MapError::invalid(&self.path, what))?;
+        self.written(|sink| sink.keyframe(keyframe, None))
     }
 
     /// Appends the map's keyframe poses, edges and frames as far as they have changed; keyframes that

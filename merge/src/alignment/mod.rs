@@ -15,8 +15,9 @@
 mod tests;
 
 use geometry::{Se3, Sim3};
-use map::Map;
+use map::{AgentId, Map};
 use nalgebra::Vector3;
+use std::collections::BTreeMap;
 
 /// The poses of the two keyframes of a loop closure in their worlds.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -103,13 +104,16 @@ pub fn world_motions(scale: f64, final_transform: &Sim3, poses: &PairPoses) -> W
     }
 }
 
-/// Moves a whole map into another world: every keyframe's pose and unit.
+/// Moves agents' maps into another world: the pose and unit of every keyframe of an agent by the agent's motion;
+/// agents without one stay.
 ///
 /// All else in a map is relative to its keyframes and stays: inverse depths and points are in the keyframes'
-/// units, frames relative to their keyframes, and edges between two keyframes, whose residuals no common
-/// motion changes. `new_world_from_world` must be valid (`Sim3::is_valid`).
-pub fn apply(map: &mut Map, new_world_from_world: &Sim3) {
+/// units, frames relative to their keyframes, and so are edges between two keyframes of one agent, whose residuals no
+/// common motion changes. The motions must be valid (`Sim3::is_valid`).
+pub fn apply(map: &mut Map, new_world_from_agent: &BTreeMap<AgentId, Sim3>) {
     for keyframe in map.keyframes.values_mut() {
-        keyframe.world_from_keyframe = *new_world_from_world * keyframe.world_from_keyframe;
+        if let Some(motion) = new_world_from_agent.get(&keyframe.agent) {
+            keyframe.world_from_keyframe = *motion * keyframe.world_from_keyframe;
+        }
     }
 }

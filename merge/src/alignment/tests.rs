@@ -19,6 +19,7 @@ fn synthetic_map() -> Map {
         map.keyframes.insert(
             id,
             Keyframe {
+                agent: map::AgentId(0),
                 id,
                 timestamp: f64::from(id.0),
                 frame_index: u64::from(id.0),
@@ -57,7 +58,10 @@ fn pose(map: &Map, id: KeyframeId) -> Sim3 {
 }
 
 fn cloud(map: &Map, id: KeyframeId) -> Vec<Vector3<f64>> {
-    map.keyframes[&id].cloud(&map.camera, f32::INFINITY).map(|point| point.position).collect()
+    map.keyframes[&id]
+        .cloud(map.camera(&map.keyframes[&id]), f32::INFINITY)
+        .map(|point| point.position)
+        .collect()
 }
 
 fn distance(a: &Sim3, b: &Sim3) -> f64 {
@@ -80,7 +84,7 @@ fn closure(seed: u64) -> Closure {
     let source = synthetic_map();
     let target_world_from_source_world = sim3(&mut Numbers::new(seed));
     let mut target = source.clone();
-    apply(&mut target, &target_world_from_source_world);
+    apply_to_all(&mut target, &target_world_from_source_world);
     let (i, j) = (KeyframeId(1), KeyframeId(2));
     let poses =
         PairPoses { source_world_from_source: pose(&source, i), target_world_from_target: pose(&target, j) };
@@ -100,6 +104,11 @@ fn closure(seed: u64) -> Closure {
     }
 }
 
+/// Moves the only agent of a map.
+fn apply_to_all(map: &mut Map, motion: &Sim3) {
+    apply(map, &BTreeMap::from([(AgentId(0), *motion)]));
+}
+
 #[test]
 fn two_copies_of_a_map_come_together() {
     for seed in 0..20 {
@@ -107,8 +116,8 @@ fn two_copies_of_a_map_come_together() {
         let guess = initial_guess(&c.target_from_scaled_source, &c.poses);
         let end = final_transform(&Sim3::identity(), &guess, &c.poses);
         let motions = world_motions(c.scale, &end, &c.poses);
-        apply(&mut c.source, &motions.scaled_source_world_from_source_world);
-        apply(&mut c.target, &motions.scaled_source_world_from_target_world);
+        apply_to_all(&mut c.source, &motions.scaled_source_world_from_source_world);
+        apply_to_all(&mut c.target, &motions.scaled_source_world_from_target_world);
         for (s, t) in c.source.cloud(f32::INFINITY).zip(c.target.cloud(f32::INFINITY)) {
             assert!((s.position - t.position).norm() < 1e-9 * (1.0 + s.position.norm()), "seed {seed}");
         }
@@ -154,7 +163,7 @@ fn moving_a_map_leaves_all_but_the_poses() {
     let before = synthetic_map();
     let mut after = before.clone();
     let motion = sim3(&mut Numbers::new(5));
-    apply(&mut after, &motion);
+    apply_to_all(&mut after, &motion);
     for (a, b) in before.cloud(f32::INFINITY).zip(after.cloud(f32::INFINITY)) {
         assert!((motion * a.position - b.position).norm() < 1e-9);
     }
@@ -162,7 +171,7 @@ fn moving_a_map_leaves_all_but_the_poses() {
         let now = pose(&after, edge.from).inverse() * pose(&after, edge.to);
         assert!(distance(&now, &edge.from_from_to) < 1e-9);
     }
-    apply(&mut after, &motion.inverse());
+    apply_to_all(&mut after, &motion.inverse());
     for (id, keyframe) in &mut after.keyframes {
         assert!(distance(&keyframe.world_from_keyframe, &pose(&before, *id)) < 1e-12);
         keyframe.world_from_keyframe = pose(&before, *id);

@@ -24,11 +24,15 @@ pub struct OptimalScaleParams {
     /// Largest χ² of the difference of two scales that [`inverse_variance`] fuses. Default 6.635, the 99 %
     /// quantile with 1 degree of freedom; 3 to 11.
     pub max_chi2: f64,
+    /// Relative standard deviation that every pair's scale has beyond its own variance, in [`inverse_variance`].
+    /// Default 0.01; 0 or more. The depths of a keyframe share errors that the matches between them do not show,
+    /// and real, noisy maps differ by that much from keyframe to keyframe.
+    pub shared_deviation: f64,
 }
 
 impl Default for OptimalScaleParams {
     fn default() -> Self {
-        Self { min_volume_ratio: 0.5, max_scale_gap: 5.0, max_chi2: 6.635 }
+        Self { min_volume_ratio: 0.5, max_scale_gap: 5.0, max_chi2: 6.635, shared_deviation: 0.01 }
     }
 }
 
@@ -41,6 +45,13 @@ pub struct PairEstimate {
     pub variance: f64,
     /// γ_z: how many key points of the two keyframes match.
     pub match_count: usize,
+}
+
+impl PairEstimate {
+    /// The estimate with a further relative standard deviation.
+    fn widened(self, deviation: f64) -> Self {
+        Self { variance: self.variance + (deviation * self.scale).powi(2), ..self }
+    }
 }
 
 /// The estimates of z = −1, 0, 1 in that order; `None` where a pair has none.
@@ -146,6 +157,7 @@ pub fn inverse_variance(
     params: &OptimalScaleParams,
 ) -> Result<OptimalScale, OptimalScaleRefusal> {
     check(estimates, volume_ratio)?;
+    let estimates = &estimates.map(|estimate| Some(estimate?.widened(params.shared_deviation)));
     let present = estimates.map(|estimate| estimate.is_some());
     match present.iter().filter(|present| **present).count() {
         0 => return Err(OptimalScaleRefusal::NoEstimate),

@@ -19,8 +19,13 @@ fn letter(estimates: &Neighbourhood, volume_ratio: f64) -> Result<OptimalScale, 
     algorithm_1(estimates, volume_ratio, &OptimalScaleParams::default())
 }
 
+/// Parameters that take the pairs' variances as they stand.
+fn independent() -> OptimalScaleParams {
+    OptimalScaleParams { shared_deviation: 0.0, ..OptimalScaleParams::default() }
+}
+
 fn fused(estimates: &Neighbourhood, volume_ratio: f64) -> Result<OptimalScale, OptimalScaleRefusal> {
-    inverse_variance(estimates, volume_ratio, &OptimalScaleParams::default())
+    inverse_variance(estimates, volume_ratio, &independent())
 }
 
 #[test]
@@ -86,6 +91,18 @@ fn one_that_disagrees_is_left_out_wherever_it_stands() {
         assert!((found.variance - 0.0002).abs() < 1e-12);
         assert!(!found.used[wrong]);
     }
+}
+
+/// Pairs that claim to know their scales to a tenth of a percent differ by one: depths of real keyframes do.
+#[test]
+fn what_all_pixels_of_a_keyframe_err_together_separates_no_pairs() {
+    let close = triple([(1.0, 0.001, 50), (1.01, 0.001, 60), (1.02, 0.001, 70)]);
+    assert!(matches!(fused(&close, 0.8), Err(OptimalScaleRefusal::Inconsistent { .. })));
+    let found = inverse_variance(&close, 0.8, &OptimalScaleParams::default()).unwrap();
+    assert_eq!(found.used, [true; 3]);
+    assert!((found.scale - 1.01).abs() < 1e-4);
+    // Three scales known to about 1 % each: their mean is known to 1 %/√3.
+    assert!((found.variance.sqrt() - 0.0058).abs() < 1e-3, "{}", found.variance.sqrt());
 }
 
 #[test]

@@ -1,63 +1,17 @@
 use super::*;
 use crate::test_support::Numbers;
-use geometry::Pinhole;
+use crate::test_support::point_scene::{CAMERA, Scene, measure, scene, scene_to, visible};
+use geometry::Sim3;
 use nalgebra::{Matrix3, Vector2, Vector4};
 
-const CAMERA: Pinhole = Pinhole { width: 640, height: 480, fx: 500.0, fy: 505.0, cx: 319.5, cy: 239.5 };
-/// Standard deviations of a pixel coordinate, and of an inverse depth relative to itself.
-const PIXEL: f64 = 0.7;
-const RELATIVE: f64 = 0.03;
-
-struct Scene {
-    rotation: UnitQuaternion<f64>,
-    truth: Vector4<f64>,
-    matches: Vec<PointMatch>,
-}
-
-/// The point as measured, with noise times `noise`.
-fn measure(point: &Vector3<f64>, noise: f64, numbers: &mut Numbers) -> MeasuredPoint {
-    measure_to(RELATIVE, point, noise, numbers)
-}
-
-/// The same with the inverse depth known to the share `relative` of itself.
-fn measure_to(relative: f64, point: &Vector3<f64>, noise: f64, numbers: &mut Numbers) -> MeasuredPoint {
-    let pixel = CAMERA.project(point) + Vector2::from_fn(|_, _| numbers.normal()) * (noise * PIXEL);
-    let deviation = relative / point.z;
-    let inverse_depth = 1.0 / point.z + noise * deviation * numbers.normal();
-    MeasuredPoint::unproject(&CAMERA, pixel, inverse_depth, PIXEL * PIXEL, deviation * deviation).unwrap()
-}
-
-/// A point that the source camera sees, depth 2 to 8.
-fn visible(numbers: &mut Numbers) -> Vector3<f64> {
-    CAMERA.unproject(numbers.uniform(0.0, 640.0), numbers.uniform(0.0, 480.0)) * numbers.uniform(2.0, 8.0)
-}
-
-/// `count` matches, the share `wrong` of them between unrelated points.
-fn scene(seed: u64, count: usize, wrong: f64, noise: f64) -> Scene {
-    scene_to(RELATIVE, seed, count, wrong, noise)
-}
-
-/// The same with inverse depths known to the share `relative`.
-fn scene_to(relative: f64, seed: u64, count: usize, wrong: f64, noise: f64) -> Scene {
-    let numbers = &mut Numbers::new(seed);
-    let rotation = numbers.rotation(0.15);
-    let scale = numbers.uniform(-1.0, 1.0).exp();
-    let translation = numbers.vector(0.4) * scale;
-    let mut point_match = |i: usize| {
-        let source = visible(numbers);
-        let moved = if (i as f64 + 0.5) / (count as f64) < wrong { visible(numbers) } else { source };
-        let target = rotation * moved * scale + translation;
-        PointMatch {
-            source: measure_to(relative, &source, noise, numbers),
-            target: measure_to(relative, &target, noise, numbers),
-        }
-    };
-    let matches = (0..count).map(&mut point_match).collect();
-    Scene { rotation, truth: Vector4::new(scale, translation.x, translation.y, translation.z), matches }
+/// The state of `scene`.
+fn truth(scene: &Scene) -> Vector4<f64> {
+    let Sim3 { translation: t, scale, .. } = scene.target_from_source;
+    Vector4::new(scale, t.x, t.y, t.z)
 }
 
 fn estimate(scene: &Scene) -> Result<PairScale, ScaleRefusal> {
-    pair_scale(&scene.matches, &scene.rotation, &ScaleFilterParams::default())
+    pair_scale(&scene.matches, &scene.target_from_source.rotation, &ScaleFilterParams::default())
 }
 
 fn mean(pair: &PairScale) -> Vector4<f64> {
@@ -71,7 +25,7 @@ fn exact_points_give_the_exact_state() {
         let scene = scene(seed, 30, 0.0, 0.0);
         let pair = estimate(&scene).unwrap();
         // What is left is the pull of the vague prior.
-        assert!((mean(&pair) - scene.truth).norm() < 1e-6 * scene.truth[0], "seed {seed}");
+        assert!((mean(&pair) - truth(&scene)).norm() < 1e-6 * scene.target_from_source.scale, "seed {seed}");
         assert_eq!((pair.used, pair.gated), (30, 0));
         assert_eq!(pair.variance, pair.covariance[(0, 0)]);
     }
@@ -82,7 +36,7 @@ fn wrong_matches_are_gated_and_do_not_move_the_scale() {
     for seed in 0..50 {
         let scene = scene(seed, 80, 0.3, 1.0);
         let pair = estimate(&scene).unwrap();
-        let error = (pair.scale / scene.truth[0]).ln();
+        let error = (pair.scale / scene.target_from_source.scale).ln();
         assert!(error.abs() < 0.03, "seed {seed}: log error {error}");
         assert!((20..=32).contains(&pair.gated), "seed {seed}: {} gated", pair.gated);
     }
@@ -94,7 +48,7 @@ fn average_nees(relative: f64, wrong: f64) -> [f64; 2] {
     for seed in 0..200 {
         let scene = scene_to(relative, seed, 60, wrong, 1.0);
         let pair = estimate(&scene).unwrap();
-        let error = mean(&pair) - scene.truth;
+        let error = mean(&pair) - truth(&scene);
         of_scale += error[0] * error[0] / pair.variance / 200.0;
         of_state += error.dot(&(pair.covariance.try_inverse().unwrap() * error)) / 200.0;
     }
@@ -126,7 +80,7 @@ fn the_variance_of_the_scale_is_honest_for_coarse_depths_too() {
 fn source_and_target_may_change_places() {
     let mut scene = scene(3, 60, 0.2, 1.0);
     let forward = estimate(&scene).unwrap();
-    scene.rotation = scene.rotation.inverse();
+    scene.target_from_source.rotation = scene.target_from_source.rotation.inverse();
     scene.matches.iter_mut().for_each(|m| std::mem::swap(&mut m.source, &mut m.target));
     let backward = estimate(&scene).unwrap();
     assert_eq!(forward.used, backward.used);
@@ -187,7 +141,7 @@ fn points_too_close_together_are_refused() {
     for m in &mut scene.matches {
         let source = Vector3::new(0.1, 0.2, 4.0) + numbers.vector(0.004);
         m.source = measure(&source, 1.0, numbers);
-        m.target = measure(&(scene.rotation * source * 1.3), 1.0, numbers);
+        m.target = measure(&(scene.target_from_source.rotation * source * 1.3), 1.0, numbers);
     }
     assert_eq!(estimate(&scene), Err(ScaleRefusal::Degenerate));
     let first = scene.matches[0];
@@ -207,7 +161,7 @@ fn numbers_that_are_not_finite_are_refused() {
     for spoil in spoils {
         let mut matches = good.matches.clone();
         spoil(&mut matches[4]);
-        let found = pair_scale(&matches, &good.rotation, &ScaleFilterParams::default());
+        let found = pair_scale(&matches, &good.target_from_source.rotation, &ScaleFilterParams::default());
         assert_eq!(found, Err(ScaleRefusal::InvalidMatch { index: 4 }));
     }
     let rotation = UnitQuaternion::new_unchecked(nalgebra::Quaternion::new(f64::NAN, 0.0, 0.0, 0.0));
@@ -230,7 +184,11 @@ fn a_scale_far_from_the_ratio_of_distances_is_refused() {
     for m in &mut scene.matches {
         let source = visible(numbers);
         m.source = measure(&source, 0.0, numbers);
-        m.target = measure(&(scene.rotation * source + Vector3::new(0.0, 0.0, 40.0)), 0.0, numbers);
+        m.target = measure(
+            &(scene.target_from_source.rotation * source + Vector3::new(0.0, 0.0, 40.0)),
+            0.0,
+            numbers,
+        );
     }
     assert!(matches!(estimate(&scene), Err(ScaleRefusal::CrossCheck { .. })));
 }

@@ -1,11 +1,12 @@
 //! SIFT by OpenCV.
 
 use super::{Descriptor, Features, Keypoint};
-use geometry::GrayImage;
+use geometry::{GrayImage, Pyramid};
 use opencv::core::{self, CV_8U, KeyPoint, Mat, Vector, no_array};
 use opencv::features2d::SIFT;
 use opencv::prelude::*;
 use serde::{Deserialize, Serialize};
+use std::sync::LazyLock;
 
 /// How features are found.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -14,6 +15,9 @@ pub struct SiftParams {
     /// Most features of an image, the strongest first. Default 1500; above 0. More find more matches between far
     /// apart views, and cost matching time, which grows with the square.
     pub max_features: usize,
+    /// How often the image is halved first. Default 1; 0 to 3. On 640×480 images the whole one gives 1.6 times the
+    /// matches and takes 130 ms, the halved one 35 ms; the poses are refined on the whole images later anyway.
+    pub halvings: usize,
     /// Least contrast of a key point, as OpenCV counts it. Default 0.02 (OpenCV: 0.04); above 0. Lower finds
     /// features in dim images, and weaker ones.
     pub contrast: f64,
@@ -21,7 +25,7 @@ pub struct SiftParams {
 
 impl Default for SiftParams {
     fn default() -> Self {
-        Self { max_features: 1500, contrast: 0.02 }
+        Self { max_features: 1500, halvings: 1, contrast: 0.02 }
     }
 }
 
@@ -42,9 +46,15 @@ pub fn sift(image: &GrayImage, params: &SiftParams) -> Result<Features, SiftErro
     detect(image, params).map_err(|source| SiftError { width: image.width(), height: image.height(), source })
 }
 
+/// Whether OpenCV keeps to one thread an image: callers extract several images at once. Set once, because setting
+/// it while another thread works makes OpenCV take down the pool under it.
+static SINGLE_THREADED: LazyLock<bool> = LazyLock::new(|| core::set_num_threads(0).is_ok());
+
 fn detect(image: &GrayImage, params: &SiftParams) -> opencv::Result<Features> {
-    // Callers extract several images at once: threads within one would only get in their way.
-    core::set_num_threads(1)?;
+    LazyLock::force(&SINGLE_THREADED);
+    let pyramid = Pyramid::new(image.clone(), params.halvings + 1);
+    let level = pyramid.len() - 1;
+    let image = pyramid.level(level);
     let pixels = Mat::from_slice(image.data())?;
     let pixels = pixels.reshape(1, image.height() as i32)?;
     let count = i32::try_from(params.max_features).unwrap_or(i32::MAX);
@@ -57,12 +67,14 @@ fn detect(image: &GrayImage, params: &SiftParams) -> opencv::Result<Features> {
     let keypoints: Vec<KeyPoint> = found.iter().collect();
     order.sort_by(|&a, &b| keypoints[b].response().total_cmp(&keypoints[a].response()).then(a.cmp(&b)));
     order.truncate(params.max_features);
+    let unit = (1 << level) as f32;
+    let whole = |v: f32| (v + 0.5) * unit - 0.5;
     let mut features = Features::default();
     for index in order {
         let keypoint = &keypoints[index];
         features.keypoints.push(Keypoint {
-            pixel: [keypoint.pt().x, keypoint.pt().y],
-            size: keypoint.size(),
+            pixel: [whole(keypoint.pt().x), whole(keypoint.pt().y)],
+            size: keypoint.size() * unit,
             angle: keypoint.angle().to_radians(),
         });
         features.descriptors.push(root_sift(described.at_row::<u8>(index as i32)?));

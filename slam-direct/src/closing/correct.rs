@@ -3,7 +3,7 @@
 use super::evidence::NoLoop;
 use crate::local_map::{KeyframeState, LocalMap};
 use crate::mapping::UnitChange;
-use crate::posegraph::{self, KernelShape, PoseGraphParams, RobustKernel};
+use backend::posegraph::{self, KernelShape, PoseGraphParams, RobustKernel};
 use geometry::Sim3;
 use map::{Edge, EdgeKind, KeyframeId};
 use std::collections::{BTreeMap, BTreeSet};

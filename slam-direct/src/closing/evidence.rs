@@ -7,9 +7,9 @@ use crate::align::{AlignmentReference, Brightness};
 use crate::local_map::{LocalMap, median};
 use crate::loops::{self, LoopCandidate, LoopRefusal};
 use crate::params::Params;
-use crate::posegraph::PoseGraphError;
-use crate::sim3_align::KeyframeView;
 use crate::track;
+use backend::posegraph::PoseGraphError;
+use backend::sim3_align::KeyframeView;
 use geometry::{Se3, Sim3};
 use map::{Keyframe, Map, SemiDense};
 use thiserror::Error;
@@ -177,10 +177,9 @@ fn reciprocal(
 ) -> Result<map::Edge, NoLoop> {
     let view = |keyframe: &Keyframe| {
         let pyramid = &local.keyframes[keyframe.id.0 as usize].pyramid;
-        KeyframeView::new(pyramid, &keyframe.semi_dense)
+        KeyframeView::new(pyramid, &keyframe.semi_dense, &local.camera)
     };
     let (current_view, old_view) = (view(current), view(old));
-    let closed =
-        loops::close((current.id, &current_view), &old_view, candidate, &local.camera, &params.search)?;
+    let closed = loops::close((current.id, &current_view), &old_view, candidate, &params.search)?;
     Ok(closed.edge)
 }

@@ -1,6 +1,6 @@
 //! Parameters of the depth filter.
 
-use crate::params_macro::params;
+use backend::params;
 
 params! {
     /// Parameters of [`DepthFilter`](super::DepthFilter) and [`choose_references`](super::choose_references).

@@ -1,7 +1,7 @@
 use super::*;
 use crate::test_data;
 use geometry::{GrayImage, Se3};
-use map::SemiDense;
+use map::{AgentId, SemiDense};
 use nalgebra::{UnitQuaternion, Vector3};
 use std::sync::Arc;
 
@@ -15,6 +15,7 @@ fn keyframe(id: u32, x: f64, yaw: f64) -> Keyframe {
     let count = pixel.len();
     Keyframe {
         id: KeyframeId(id),
+        agent: AgentId::default(),
         timestamp: id as f64,
         frame_index: id as u64,
         world_from_keyframe: Sim3::new(
@@ -95,8 +96,10 @@ fn loops_of_rendered_sequences_close_and_others_do_not() {
         let same_view = distance(&nearest) < 1.0 && view_of(&a_poses, nearest).1.dot(&axis) > 0.9;
         let (old_pyramid, old_depth) = test_data::keyframe(&a, nearest, 1.0, 0.02);
         let (pyramid, depth) = test_data::keyframe(&b, frame, 1.4, 0.02);
-        let (old, current) =
-            (KeyframeView::new(&old_pyramid, &old_depth), KeyframeView::new(&pyramid, &depth));
+        let (old, current) = (
+            KeyframeView::new(&old_pyramid, &old_depth, &camera),
+            KeyframeView::new(&pyramid, &depth, &camera),
+        );
         // Without pose: as an appearance candidate would start.
         let mut guess = Sim3::identity();
         guess.scale = 1.0 / 1.4;
@@ -107,7 +110,7 @@ fn loops_of_rendered_sequences_close_and_others_do_not() {
             current_from_old: vec![guess],
         };
         let start = std::time::Instant::now();
-        let closed = close((KeyframeId(1000), &current), &old, &candidate, &camera, &params);
+        let closed = close((KeyframeId(1000), &current), &old, &candidate, &params);
         milliseconds += start.elapsed().as_secs_f64() * 1e3;
         let truth = Sim3::new(b_poses[frame].rotation, centre, 1.4).inverse() * Sim3::from(a_poses[nearest]);
         let right = closed.as_ref().is_ok_and(|c| {

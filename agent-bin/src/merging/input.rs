@@ -1,0 +1,48 @@
+//! A map to be merged, with the features and words of its keyframes.
+
+use crate::commands::features;
+use anyhow::{Result, bail};
+use map::{KeyframeId, Map};
+use place_recog::features::Features;
+use place_recog::{Vocabulary, WordBag};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// A map to be merged.
+pub struct Input {
+    /// The file or folder it was given as.
+    pub path: PathBuf,
+    /// What to call it: its agents' names.
+    pub name: String,
+    /// The map.
+    pub map: Map,
+    /// The features of its keyframes.
+    pub features: BTreeMap<KeyframeId, Features>,
+    /// Their words.
+    pub words: BTreeMap<KeyframeId, WordBag>,
+}
+
+impl Input {
+    /// Reads a map, a `map.mcap` or the folder that holds it, and finds the features of its keyframes.
+    ///
+    /// # Errors
+    /// When it cannot be read, or holds nothing that could be merged: no keyframes, or none with depth.
+    pub fn load(path: &Path, vocabulary: &Vocabulary) -> Result<Self> {
+        let map = features::load(path)?;
+        if map.keyframes.is_empty() {
+            bail!("{}: the map has no keyframes: there is nothing to merge", path.display());
+        }
+        if map.keyframes.values().all(|keyframe| keyframe.semi_dense.is_empty()) {
+            bail!(
+                "{}: no keyframe of the map has depth, so nothing tells its scale\nhint: the run may have ended \
+                 before it could map; run it again on a longer recording",
+                path.display()
+            );
+        }
+        let found = features::of_keyframes(&map)?;
+        let features: BTreeMap<KeyframeId, Features> = map.keyframes.keys().copied().zip(found).collect();
+        let words = features.iter().map(|(&id, features)| (id, vocabulary.words(features))).collect();
+        let names: Vec<&str> = map.agents.values().map(|agent| &*agent.name).collect();
+        Ok(Self { path: path.to_owned(), name: names.join("+"), map, features, words })
+    }
+}

@@ -1,0 +1,11 @@
+//! What front ends and merging share: the Sim(3) pose graph, direct Sim(3) alignment of keyframes, and
+//! parameter structs whose documentation can be printed.
+//!
+//! Everything here is plain functions and types of `map` and `geometry`; how a map came about, and whether an
+//! edge joins keyframes of one agent or of two, is not known here.
+
+mod params_macro;
+pub mod posegraph;
+pub mod sim3_align;
+
+pub use params_macro::{DocumentedParameter, Parameter, ParameterValue};

@@ -1,0 +1,221 @@
+//! Levenberg–Marquardt over the graph, with kernels narrowed in stages.
+
+use super::residual::residual;
+use super::system::{BlockSlot, NormalEquations};
+use super::{PoseGraphError, PoseGraphParams, PoseGraphReport, RobustKernel, evaluate_edge};
+use geometry::Sim3;
+use map::{Edge, KeyframeId};
+use nalgebra::{SMatrix, SVector};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Damping beyond which no step can lower the cost by more than rounding.
+const MAX_DAMPING: f64 = 1e8;
+
+/// An edge in terms of node indices.
+struct Constraint {
+    from: usize,
+    to: usize,
+    from_from_to: Sim3,
+    information: SMatrix<f64, 7, 7>,
+    kernel: RobustKernel,
+    /// Where the coupling block lies, when both ends are free.
+    slot: Option<BlockSlot>,
+}
+
+/// The state of one optimisation.
+pub(super) struct Solver<'a> {
+    params: &'a PoseGraphParams,
+    /// `keyframe_from_world` of every node in order of id.
+    poses: Vec<Sim3>,
+    /// Index among the free nodes.
+    free: Vec<Option<usize>>,
+    constraints: Vec<Constraint>,
+    system: NormalEquations,
+}
+
+impl<'a> Solver<'a> {
+    /// Sets up the pattern of the linear system; the input was checked.
+    pub(super) fn new(
+        nodes: &BTreeMap<KeyframeId, Sim3>,
+        edges: &[Edge],
+        fixed: &BTreeSet<KeyframeId>,
+        params: &'a PoseGraphParams,
+    ) -> Result<Self, PoseGraphError> {
+        let index: BTreeMap<KeyframeId, usize> = nodes.keys().enumerate().map(|(i, &id)| (id, i)).collect();
+        let mut free_count = 0;
+        let mut number = |id| {
+            let is_free = !fixed.contains(id);
+            free_count += is_free as usize;
+            is_free.then(|| free_count - 1)
+        };
+        let free: Vec<Option<usize>> = nodes.keys().map(&mut number).collect();
+        let mut constraints: Vec<Constraint> = edges
+            .iter()
+            .map(|edge| Constraint {
+                from: index[&edge.from],
+                to: index[&edge.to],
+                from_from_to: edge.from_from_to,
+                information: (edge.information + edge.information.transpose()) * 0.5,
+                kernel: params.kernel(edge.kind),
+                slot: None,
+            })
+            .collect();
+        let coupled = |c: &Constraint| {
+            let (from, to) = (free[c.from]?, free[c.to]?);
+            Some((from.max(to), from.min(to)))
+        };
+        let pairs: Vec<(usize, usize)> = constraints.iter().filter_map(coupled).collect();
+        let (system, slots) = NormalEquations::new(free_count, &pairs)?;
+        let mut slots = slots.into_iter();
+        for constraint in &mut constraints {
+            if coupled(constraint).is_some() {
+                constraint.slot = slots.next();
+            }
+        }
+        let poses = nodes.values().map(Sim3::inverse).collect();
+        Ok(Self { params, poses, free, constraints, system })
+    }
+
+    /// The nodes as they stand, in order of id.
+    pub(super) fn world_from_keyframes(&self) -> impl Iterator<Item = Sim3> + '_ {
+        self.poses.iter().map(|pose| {
+            let mut world_from_keyframe = pose.inverse();
+            world_from_keyframe.rotation.renormalize();
+            world_from_keyframe
+        })
+    }
+
+    /// Runs all stages.
+    pub(super) fn run(&mut self) -> Result<PoseGraphReport, PoseGraphError> {
+        let initial_cost = self.cost(&self.poses, 1.0);
+        let mut iterations = 0;
+        let mut converged = true;
+        if self.free.iter().any(Option::is_some) && !self.constraints.is_empty() {
+            let factor = self.params.stage_factor.max(1.2);
+            let mut widening = self.first_widening();
+            while widening > 1.0 {
+                iterations += self.minimise(widening, self.params.stage_iterations).0;
+                widening /= factor;
+            }
+            let (last, ended) = self.minimise(1.0, self.params.max_iterations);
+            iterations += last;
+            converged = ended;
+        }
+        let suppressed = (0..self.constraints.len())
+            .filter(|&i| {
+                let constraint = &self.constraints[i];
+                constraint.kernel.weight(self.squared_error(constraint, &self.poses))
+                    < self.params.suppressed_weight
+            })
+            .collect();
+        let final_cost = self.cost(&self.poses, 1.0);
+        Ok(PoseGraphReport { iterations, initial_cost, final_cost, converged, suppressed })
+    }
+
+    /// How much the kernels must widen for the cost of every edge to be convex where the edge stands.
+    fn first_widening(&self) -> f64 {
+        self.constraints
+            .iter()
+            .map(|c| self.squared_error(c, &self.poses).sqrt() / c.kernel.convex_within())
+            .fold(1.0, f64::max)
+            .min(1e6)
+    }
+
+    /// Levenberg–Marquardt with one set of kernels; gives the systems solved and whether it settled.
+    fn minimise(&mut self, widening: f64, max_iterations: usize) -> (usize, bool) {
+        let mut damping = self.params.initial_damping;
+        let mut cost = self.cost(&self.poses, widening);
+        self.linearise(widening);
+        for iteration in 1..=max_iterations {
+            let Some((step, promised)) = self.system.solve(damping) else {
+                damping = (damping * 10.0).max(1e-9);
+                if damping > MAX_DAMPING {
+                    return (iteration, true);
+                }
+                continue;
+            };
+            // Half the cost is what the quadratic model promises to lower.
+            if 2.0 * promised <= self.params.min_relative_decrease * cost {
+                self.accept_if_better(&step, widening, &mut cost);
+                return (iteration, true);
+            }
+            let before = cost;
+            if !self.accept_if_better(&step, widening, &mut cost) {
+                damping = (damping * 10.0).max(1e-9);
+                if damping > MAX_DAMPING {
+                    return (iteration, true);
+                }
+                continue;
+            }
+            if before - cost <= self.params.min_relative_decrease * before {
+                return (iteration, true);
+            }
+            damping *= 0.2;
+            self.linearise(widening);
+        }
+        (max_iterations, false)
+    }
+
+    /// Takes the step when it lowers the cost.
+    fn accept_if_better(&mut self, step: &[f64], widening: f64, cost: &mut f64) -> bool {
+        let mut moved = self.poses.clone();
+        for (pose, free) in moved.iter_mut().zip(&self.free) {
+            if let Some(free) = free {
+                *pose = Sim3::exp(&SVector::from_column_slice(&step[free * 7..free * 7 + 7])) * *pose;
+            }
+        }
+        let new_cost = self.cost(&moved, widening);
+        // Also false for NaN: a step out of bounds is no step.
+        let better = new_cost < *cost;
+        if better {
+            self.poses = moved;
+            *cost = new_cost;
+        }
+        better
+    }
+
+    /// Fills the normal equations at the present poses.
+    fn linearise(&mut self, widening: f64) {
+        self.system.clear();
+        for constraint in &self.constraints {
+            let (from, to) = (self.free[constraint.from], self.free[constraint.to]);
+            if from.is_none() && to.is_none() {
+                continue;
+            }
+            let edge = evaluate_edge(
+                &self.poses[constraint.from],
+                &self.poses[constraint.to],
+                &constraint.from_from_to,
+            );
+            let weighted = constraint.information * edge.residual;
+            let kernel = constraint.kernel.widened(widening);
+            let weight = kernel.weight(edge.residual.dot(&weighted));
+            let (weighted, information) = (weighted * weight, constraint.information * weight);
+            let by_from_weighted = edge.by_from.transpose() * information;
+            let by_to_weighted = edge.by_to.transpose() * information;
+            if let Some(node) = from {
+                let gradient = edge.by_from.transpose() * weighted;
+                self.system.add_node(node, &(by_from_weighted * edge.by_from), &gradient);
+            }
+            if let Some(node) = to {
+                let gradient = edge.by_to.transpose() * weighted;
+                self.system.add_node(node, &(by_to_weighted * edge.by_to), &gradient);
+            }
+            if let Some(slot) = constraint.slot {
+                let block =
+                    if from > to { by_from_weighted * edge.by_to } else { by_to_weighted * edge.by_from };
+                self.system.add_pair(slot, &block);
+            }
+        }
+    }
+
+    fn squared_error(&self, constraint: &Constraint, poses: &[Sim3]) -> f64 {
+        let r = residual(&poses[constraint.from], &poses[constraint.to], &constraint.from_from_to);
+        // Rounding may turn the error of an ill-conditioned information slightly negative.
+        r.dot(&(constraint.information * r)).max(0.0)
+    }
+
+    fn cost(&self, poses: &[Sim3], widening: f64) -> f64 {
+        self.constraints.iter().map(|c| c.kernel.widened(widening).cost(self.squared_error(c, poses))).sum()
+    }
+}

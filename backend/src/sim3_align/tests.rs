@@ -1,0 +1,203 @@
+//! Alignment of rendered keyframes with exact depth.
+
+use super::residual::{Projector, State};
+use super::*;
+use geometry::{GrayImage, Pinhole, Pyramid, Se3};
+use map::SemiDense;
+use nalgebra::{UnitQuaternion, Vector3};
+use proptest::prelude::*;
+
+fn camera() -> Pinhole {
+    Pinhole { width: 320, height: 240, fx: 250.0, fy: 250.0, cx: 159.5, cy: 119.5 }
+}
+
+/// Depth along the ray and texture of a slanted wall with a box before it.
+fn scene(origin: &Vector3<f64>, ray: &Vector3<f64>) -> (f64, f64) {
+    let wall = (4.0 + 0.3 * origin.x - origin.z) / (ray.z - 0.3 * ray.x);
+    let face = (2.8 - origin.z) / ray.z;
+    let on_face = origin + ray * face;
+    let hit = on_face.x.abs() < 0.5 && (on_face.y - 0.2).abs() < 0.4 && face < wall;
+    let t = if hit { face } else { wall };
+    let p = origin + ray * t;
+    let texture = (3.1 * p.x + 1.3 * p.y).sin()
+        + (5.3 * p.y - 2.2 * p.x).sin()
+        + 0.6 * (17.0 * p.x).sin() * (13.0 * p.y + 1.0).sin()
+        + if hit { 0.8 } else { 0.0 };
+    (t, 125.0 + 35.0 * texture)
+}
+
+/// A keyframe rendered from `world_from_camera` whose unit is `unit` world units; brightness
+/// `gain·I + offset`.
+fn render(world_from_camera: &Se3, unit: f64, gain: f64, offset: f64) -> (Pyramid, SemiDense) {
+    let camera = camera();
+    let mut image = GrayImage::filled(camera.width, camera.height, 0);
+    let mut depth = vec![0.0; camera.width * camera.height];
+    for y in 0..camera.height {
+        for x in 0..camera.width {
+            let ray = world_from_camera.rotation * camera.unproject(x as f64, y as f64);
+            let (t, value) = scene(&world_from_camera.translation, &ray);
+            image.set(x, y, (gain * value + offset).round().clamp(0.0, 255.0) as u8);
+            depth[y * camera.width + x] = t;
+        }
+    }
+    let mut semi_dense = SemiDense::default();
+    for y in 1..camera.height - 1 {
+        for x in 1..camera.width - 1 {
+            let gx = image.get(x + 1, y) as f32 - image.get(x - 1, y) as f32;
+            let gy = image.get(x, y + 1) as f32 - image.get(x, y - 1) as f32;
+            if gx.hypot(gy) > 10.0 {
+                let pixel = y * camera.width + x;
+                let inverse_depth = (unit / depth[pixel]) as f32;
+                semi_dense.pixel.push(pixel as u32);
+                semi_dense.inverse_depth.push(inverse_depth);
+                semi_dense.variance.push((0.01 * inverse_depth).powi(2));
+            }
+        }
+    }
+    (Pyramid::new(image, 5), semi_dense)
+}
+
+fn pose(x: f64, y: f64, z: f64, yaw: f64, roll: f64) -> Se3 {
+    Se3::new(UnitQuaternion::from_euler_angles(0.0, yaw, roll), Vector3::new(x, y, z))
+}
+
+fn params() -> Sim3AlignParams {
+    Sim3AlignParams { finest_level: 0, min_relative_decrease: 1e-6, ..Default::default() }
+}
+
+/// Rotation (rad), translation relative to the scene's distance, scale ratio − 1.
+fn errors(estimate: &Sim3, truth: &Sim3) -> (f64, f64, f64) {
+    let difference = estimate.inverse() * *truth;
+    (difference.rotation.angle(), difference.translation.norm() / 4.0, (difference.scale - 1.0).abs())
+}
+
+#[test]
+fn a_disturbed_guess_with_another_unit_and_brightness_is_corrected() {
+    let (from, to) = (pose(0.0, 0.0, 0.0, 0.0, 0.0), pose(0.25, -0.05, 0.1, -0.05, 0.03));
+    let (source_pyramid, source_depth) = render(&from, 1.0, 1.0, 0.0);
+    // The target's keyframe unit is 1.3 world units.
+    let (target_pyramid, target_depth) = render(&to, 1.3, 0.8, 20.0);
+    let source = KeyframeView::new(&source_pyramid, &source_depth, &camera());
+    let target = KeyframeView::new(&target_pyramid, &target_depth, &camera());
+    let truth = Sim3::new(to.rotation, to.translation, 1.3).inverse() * Sim3::from(from);
+    let disturbance = Sim3::exp(&SVector::from([0.08, -0.05, 0.08, 0.03, -0.03, 0.05, 0.12]));
+    let result = align(&source, &target, disturbance * truth, &params()).unwrap();
+    let (rotation, translation, scale) = errors(&result.target_from_source, &truth);
+    assert!(rotation < 3e-3 && translation < 3e-3 && scale < 3e-3, "{rotation} {translation} {scale}");
+    assert!((result.brightness[0].exp() - 0.8).abs() < 0.02, "{:?}", result.brightness);
+    assert!(result.inlier_share > 0.9 && result.rmse < 6.0, "{result:?}");
+
+    let back = align(&target, &source, truth.inverse(), &params()).unwrap();
+    let verdict = reciprocal(&back, &result, &params()).unwrap();
+    assert!(verdict.consistent, "{verdict:?}");
+    let (rotation, translation, scale) = errors(&verdict.a_from_b, &truth.inverse());
+    assert!(rotation < 3e-3 && translation < 3e-3 && scale < 3e-3, "{rotation} {translation} {scale}");
+
+    // An alignment that claims to be elsewhere does not undo the other.
+    let mut wrong = back.clone();
+    wrong.target_from_source =
+        Sim3::exp(&SVector::from([0.2, 0.0, 0.0, 0.0, 0.1, 0.0, 0.1])) * back.target_from_source;
+    assert!(!reciprocal(&wrong, &result, &params()).unwrap().consistent);
+}
+
+#[test]
+fn the_fused_similarity_lies_between_the_two() {
+    let (pyramid, depth) = render(&pose(0.0, 0.0, 0.0, 0.0, 0.0), 1.0, 1.0, 0.0);
+    let view = KeyframeView::new(&pyramid, &depth, &camera());
+    let aligned = align(&view, &view, Sim3::identity(), &params()).unwrap();
+    let moved = |size: f64| {
+        let tangent = SVector::from([1.0, 0.5, -0.2, 0.3, 0.1, 0.4, 0.2]) * size;
+        Sim3Alignment { target_from_source: Sim3::exp(&tangent), ..aligned.clone() }
+    };
+    // One says 2e-3, the other nothing: with equal information the mean is half way.
+    let verdict = reciprocal(&moved(2e-3), &moved(0.0), &params()).unwrap();
+    let expected = moved(1e-3).target_from_source.log();
+    assert!((verdict.a_from_b.log() - expected).norm() < 1e-5, "{}", verdict.a_from_b.log());
+}
+
+#[test]
+fn what_cannot_be_aligned_is_refused_with_its_reason() {
+    let (pyramid, depth) = render(&pose(0.0, 0.0, 0.0, 0.0, 0.0), 1.0, 1.0, 0.0);
+    let view = KeyframeView::new(&pyramid, &depth, &camera());
+    let refuse = |source: &KeyframeView, target: &KeyframeView, guess| {
+        align(source, target, guess, &params()).unwrap_err()
+    };
+    let mut nan = Sim3::identity();
+    nan.translation.x = f64::NAN;
+    assert_eq!(refuse(&view, &view, nan), AlignRefusal::InvalidGuess);
+    let empty = SemiDense::default();
+    let blind = KeyframeView::new(&pyramid, &empty, &camera());
+    assert!(matches!(refuse(&blind, &view, Sim3::identity()), AlignRefusal::TooFewPoints { points: 0, .. }));
+    assert!(matches!(refuse(&view, &blind, Sim3::identity()), AlignRefusal::TooLittleDepth { .. }));
+    let turned = Sim3::from(pose(0.0, 0.0, 0.0, 3.0, 0.0));
+    assert!(matches!(refuse(&view, &view, turned), AlignRefusal::OutOfView { .. }));
+}
+
+#[test]
+fn poisoned_depths_are_left_out() {
+    let (pyramid, mut depth) = render(&pose(0.0, 0.0, 0.0, 0.0, 0.0), 1.0, 1.0, 0.0);
+    depth.inverse_depth[0] = f32::NAN;
+    depth.inverse_depth[1] = -1.0;
+    depth.variance[2] = 0.0;
+    *depth.pixel.last_mut().unwrap() = u32::MAX;
+    let view = KeyframeView::new(&pyramid, &depth, &camera());
+    assert_eq!(view.depth(0).points.len(), depth.len() - 4);
+    assert!(
+        view.depth(view.levels() - 1)
+            .points
+            .iter()
+            .all(|p| p.inverse_depth.is_finite() && p.inverse_depth > 0.0)
+    );
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+    #[test]
+    fn jacobians_match_numeric_ones(
+        tangent in prop::array::uniform7(-0.05f64..0.05),
+        brightness in prop::array::uniform2(-0.2f64..0.2),
+        skip in 0usize..500,
+    ) {
+        let (pyramid, depth) = render(&pose(0.0, 0.0, 0.0, 0.0, 0.0), 1.0, 1.0, 0.0);
+        let view = KeyframeView::new(&pyramid, &depth, &camera());
+        let state = State { target_from_source: Sim3::exp(&SVector::from(tangent)), brightness };
+        let params = params();
+        let evaluate = |state: &State, point| {
+            Projector::new(state, [camera(); 2], pyramid.base(), view.depth(0), &params).evaluate(point, 90)
+        };
+        for point in view.depth(0).points.iter().skip(skip).step_by(997) {
+            let Some(term) = evaluate(&state, point) else { continue };
+            let mut photometric = Vector9::zeros();
+            for (&column, value) in [0, 1, 2, 3, 4, 5, 7, 8].iter().zip(term.photometric_by) {
+                photometric[column] = value;
+            }
+            let mut depth = Vector9::zeros();
+            if let Some(term) = term.depth {
+                for (&column, value) in [2, 3, 4, 6].iter().zip(term.by) {
+                    depth[column] = value;
+                }
+            }
+            for column in 0..9 {
+                let h = 1e-7;
+                let mut step = Vector9::zeros();
+                step[column] = h;
+                let plus = evaluate(&state.updated(&step), point);
+                let minus = evaluate(&state.updated(&-step), point);
+                let (Some(plus), Some(minus)) = (plus, minus) else { continue };
+                let here = term.photometric;
+                let (ahead, behind) = ((plus.photometric - here) / h, (here - minus.photometric) / h);
+                let tolerance = 1e-4 * (1.0 + photometric.amax());
+                // Interpolated intensities have a kink at each pixel: there is no slope to compare with.
+                if (ahead - behind).abs() > tolerance {
+                    continue;
+                }
+                let slope = (plus.photometric - minus.photometric) / (2.0 * h);
+                prop_assert!((slope - photometric[column]).abs() < tolerance, "{column}: {slope} {photometric}");
+                if let (Some(plus), Some(minus)) = (plus.depth, minus.depth) {
+                    let slope = (plus.residual - minus.residual) / (2.0 * h);
+                    prop_assert!((slope - depth[column]).abs() < 1e-5, "{column}: {slope} {depth}");
+                }
+            }
+        }
+    }
+}

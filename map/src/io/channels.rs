@@ -1,0 +1,90 @@
+//! The channels of a map file: what is said of the map as a whole, and of each agent.
+
+use super::schema::{GRAPH_SCHEMA, KEYFRAME_SCHEMA, descriptor_set};
+use super::{
+    CALIBRATION_TOPIC, CAMERA_FRAME, CLOUD_TOPIC, GRAPH_TOPIC, IMAGE_TOPIC, KEYFRAME_TOPIC, TRAJECTORY_TOPIC,
+    TRANSFORMS_TOPIC,
+};
+use crate::agent::labels;
+use crate::{AgentId, AgentInfo};
+use foxglove::Encode;
+use foxglove::messages::{CameraCalibration, CompressedImage, FrameTransforms, PointCloud, PosesInFrame};
+use mcap::McapError;
+use std::collections::BTreeMap;
+use std::io::{self, Seek, Write};
+
+/// The channel of each topic.
+pub(super) struct Channels {
+    pub keyframe: u16,
+    pub graph: u16,
+    pub image: u16,
+    pub transforms: u16,
+    pub agents: BTreeMap<AgentId, AgentChannels>,
+}
+
+/// Where viewers find what is of one agent.
+#[derive(Clone)]
+pub(super) struct AgentChannels {
+    pub cloud: u16,
+    pub calibration: u16,
+    pub trajectory: u16,
+    /// The coordinate frame of its moving camera.
+    pub camera_frame: String,
+}
+
+impl Channels {
+    /// Adds all channels, in an order that is always the same.
+    pub(super) fn register<W: Write + Seek>(
+        mcap: &mut mcap::Writer<W>,
+        agents: &BTreeMap<AgentId, AgentInfo>,
+    ) -> Result<Self, McapError> {
+        let own = descriptor_set();
+        Ok(Self {
+            keyframe: add_channel(mcap, KEYFRAME_TOPIC, KEYFRAME_SCHEMA, &own)?,
+            graph: add_channel(mcap, GRAPH_TOPIC, GRAPH_SCHEMA, &own)?,
+            image: add_foxglove::<CompressedImage, W>(mcap, IMAGE_TOPIC)?,
+            transforms: add_foxglove::<FrameTransforms, W>(mcap, TRANSFORMS_TOPIC)?,
+            agents: labels(agents)
+                .into_iter()
+                .map(|(id, label)| {
+                    // One agent needs no name to be told apart.
+                    let label = (agents.len() > 1).then_some(label);
+                    AgentChannels::register(mcap, label.as_deref()).map(|channels| (id, channels))
+                })
+                .collect::<Result<_, _>>()?,
+        })
+    }
+}
+
+impl AgentChannels {
+    /// Adds the channels of an agent, under its label if it has one.
+    fn register<W: Write + Seek>(mcap: &mut mcap::Writer<W>, label: Option<&str>) -> Result<Self, McapError> {
+        let topic = |topic: &str| label.map_or(topic.to_owned(), |label| format!("/{label}{topic}"));
+        Ok(Self {
+            cloud: add_foxglove::<PointCloud, W>(mcap, &topic(CLOUD_TOPIC))?,
+            calibration: add_foxglove::<CameraCalibration, W>(mcap, &topic(CALIBRATION_TOPIC))?,
+            trajectory: add_foxglove::<PosesInFrame, W>(mcap, &topic(TRAJECTORY_TOPIC))?,
+            camera_frame: label.map_or(CAMERA_FRAME.into(), |label| format!("{label}/{CAMERA_FRAME}")),
+        })
+    }
+}
+
+/// Adds a channel for a message of Foxglove's.
+fn add_foxglove<T: Encode, W: Write + Seek>(
+    mcap: &mut mcap::Writer<W>,
+    topic: &str,
+) -> Result<u16, McapError> {
+    let schema = T::get_schema().ok_or_else(|| io::Error::other(format!("{topic} has no schema")))?;
+    add_channel(mcap, topic, &schema.name, &schema.data)
+}
+
+/// Adds a channel of protobuf messages.
+fn add_channel<W: Write + Seek>(
+    mcap: &mut mcap::Writer<W>,
+    topic: &str,
+    schema: &str,
+    descriptors: &[u8],
+) -> Result<u16, McapError> {
+    let schema = mcap.add_schema(schema, "protobuf", descriptors)?;
+    mcap.add_channel(schema, topic, "protobuf", &BTreeMap::new())
+}

@@ -1,0 +1,197 @@
+//! Several agents' maps in one, and each one's own map out of it again.
+
+#[cfg(test)]
+mod tests;
+
+use crate::agent::{owner, unique};
+use crate::{AgentId, AgentInfo, Edge, FramePose, Keyframe, KeyframeId, Map, MapError, OwnMap, check};
+use geometry::GrayImage;
+use std::collections::{BTreeMap, BTreeSet};
+
+impl Map {
+    /// The disjoint union of maps: all their agents, keyframes, edges and frames, under new ids and
+    /// with unique names, and nothing that joins them yet.
+    ///
+    /// Each agent's keyframes keep their poses, so that the worlds lie in one another until someone moves
+    /// them; the poses of the agent's own map are remembered, and [`split`](Self::split) gives it back.
+    /// Agents of a map that is itself united stay what they are, and lose only what that map knew of
+    /// how it was merged.
+    ///
+    /// # Errors
+    /// [`MapError::SameMapTwice`] when one agent's keyframes are all in another's; [`MapError::Union`] without
+    /// maps, with a map that contradicts itself, or with more agents or keyframes than ids.
+    pub fn unite(maps: Vec<Map>) -> Result<Map, MapError> {
+        if maps.is_empty() {
+            return Err(MapError::Union("there is no map to unite".into()));
+        }
+        for map in &maps {
+            check::agents(map).map_err(MapError::Union)?;
+        }
+        refuse_same(&maps)?;
+        let mut union = Union { map: Map::without_agents(), names: BTreeSet::new(), next_keyframe: 0 };
+        maps.into_iter().try_for_each(|map| union.add(map))?;
+        Ok(union.map)
+    }
+
+    /// Every agent's own map, in order of the agents: bit by bit what was united, as long as only poses
+    /// of keyframes were changed and edges and observations between agents were added since.
+    ///
+    /// A map that is not united is its agent's own.
+    pub fn split(&self) -> Vec<Map> {
+        self.agents.iter().map(|(agent, info)| self.own_map(*agent, info)).collect()
+    }
+
+    /// An agent's own map.
+    fn own_map(&self, agent: AgentId, info: &AgentInfo) -> Map {
+        let own = info.own.as_ref();
+        let is_own = |id: KeyframeId| owner(&self.agents, id) == Some(agent);
+        let first = own.map_or(0, |own| own.first_keyframe);
+        let rename = |id: KeyframeId| KeyframeId(id.0 - first);
+        let keyframe = |(id, keyframe): (&KeyframeId, &Keyframe)| {
+            let pose = own.and_then(|own| own.world_from_keyframe.get(id));
+            let mut keyframe = keyframe.clone();
+            keyframe.world_from_keyframe = pose.copied().unwrap_or(keyframe.world_from_keyframe);
+            keyframe.points.iter_mut().for_each(|p| p.observations.retain(|o| is_own(o.keyframe)));
+            (rename(*id), renamed(keyframe, AgentId::default(), rename))
+        };
+        let edges = self.edges.iter().filter(|edge| is_own(edge.from) && is_own(edge.to));
+        let frames = self.frames.iter().filter(|frame| is_own(frame.reference));
+        let name = own.map_or(&info.name, |own| &own.name).clone();
+        Map {
+            keyframes: self.keyframes.iter().filter(|(id, _)| is_own(**id)).map(keyframe).collect(),
+            edges: edges.map(|edge| renamed_edge(edge.clone(), rename)).collect(),
+            frames: frames.map(|frame| renamed_frame(*frame, rename)).collect(),
+            ..Map::of(AgentInfo { name, own: None, ..info.clone() })
+        }
+    }
+
+    /// One more than the largest id that is a keyframe's or is referred to; not below where the last agent's
+    /// range begins.
+    fn id_end(&self) -> u64 {
+        let observed = |keyframe: &Keyframe| {
+            keyframe.points.iter().flat_map(|point| &point.observations).map(|o| o.keyframe).max()
+        };
+        let keyframes = self.keyframes.iter().flat_map(|(id, keyframe)| [Some(*id), observed(keyframe)]);
+        let edges = self.edges.iter().map(|edge| Some(edge.from.max(edge.to)));
+        let frames = self.frames.iter().map(|frame| Some(frame.reference));
+        let ids = keyframes.chain(edges).chain(frames).flatten().map(|id| u64::from(id.0) + 1);
+        let begun =
+            self.agents.values().filter_map(|info| Some(u64::from(info.own.as_ref()?.first_keyframe)));
+        ids.chain(begun).max().unwrap_or(0)
+    }
+}
+
+/// A united map as it grows.
+struct Union {
+    map: Map,
+    names: BTreeSet<String>,
+    /// The first id that no keyframe has and nothing refers to.
+    next_keyframe: u64,
+}
+
+impl Union {
+    /// Adds a map under new ids.
+    fn add(&mut self, map: Map) -> Result<(), MapError> {
+        let end = self.next_keyframe + map.id_end();
+        let too_many =
+            |what: &str| MapError::Union(format!("together the maps have too many {what} for one"));
+        // The range after the last one begins within the ids too.
+        let offset =
+            u32::try_from(end).map(|_| self.next_keyframe as u32).map_err(|_| too_many("keyframes"))?;
+        self.next_keyframe = end;
+        let mut agents = BTreeMap::new();
+        for (old, info) in map.agents {
+            let new = u16::try_from(self.map.agents.len()).map(AgentId).map_err(|_| too_many("agents"))?;
+            agents.insert(old, new);
+            let own = match info.own {
+                Some(own) => own.moved(offset),
+                None => OwnMap {
+                    name: info.name.clone(),
+                    first_keyframe: 0,
+                    world_from_keyframe: poses(&map.keyframes),
+                }
+                .moved(offset),
+            };
+            let name = unique(&info.name, &mut self.names);
+            self.map.agents.insert(new, AgentInfo { name, own: Some(own), ..info });
+        }
+        let rename = |id: KeyframeId| KeyframeId(id.0 + offset);
+        for (id, keyframe) in map.keyframes {
+            let agent = agents.get(&keyframe.agent).copied().unwrap_or_default();
+            self.map.keyframes.insert(rename(id), renamed(keyframe, agent, rename));
+        }
+        self.map.edges.extend(map.edges.into_iter().map(|edge| renamed_edge(edge, rename)));
+        self.map.frames.extend(map.frames.into_iter().map(|frame| renamed_frame(frame, rename)));
+        Ok(())
+    }
+}
+
+impl OwnMap {
+    /// The same, where all ids of the united map have grown by `offset`.
+    fn moved(self, offset: u32) -> Self {
+        let poses = self.world_from_keyframe.into_iter();
+        Self {
+            name: self.name,
+            first_keyframe: self.first_keyframe + offset,
+            world_from_keyframe: poses.map(|(id, pose)| (KeyframeId(id.0 + offset), pose)).collect(),
+        }
+    }
+}
+
+/// The poses of all keyframes.
+fn poses(keyframes: &BTreeMap<KeyframeId, Keyframe>) -> BTreeMap<KeyframeId, geometry::Sim3> {
+    keyframes.iter().map(|(id, keyframe)| (*id, keyframe.world_from_keyframe)).collect()
+}
+
+/// A keyframe of another agent's and with other ids.
+fn renamed(mut keyframe: Keyframe, agent: AgentId, rename: impl Fn(KeyframeId) -> KeyframeId) -> Keyframe {
+    keyframe.id = rename(keyframe.id);
+    keyframe.agent = agent;
+    for observation in keyframe.points.iter_mut().flat_map(|point| &mut point.observations) {
+        observation.keyframe = rename(observation.keyframe);
+    }
+    keyframe
+}
+
+/// An edge between the same keyframes under other ids.
+fn renamed_edge(edge: Edge, rename: impl Fn(KeyframeId) -> KeyframeId) -> Edge {
+    Edge { from: rename(edge.from), to: rename(edge.to), ..edge }
+}
+
+/// A frame relative to the same keyframe under another id.
+fn renamed_frame(frame: FramePose, rename: impl Fn(KeyframeId) -> KeyframeId) -> FramePose {
+    FramePose { reference: rename(frame.reference), ..frame }
+}
+
+/// The images of an agent's keyframes by the bits of their time stamps: what tells agents apart, whatever
+/// became of poses, depths and names.
+type Views<'a> = BTreeMap<u64, &'a GrayImage>;
+
+/// Refuses an agent whose keyframes are all in another map.
+fn refuse_same(maps: &[Map]) -> Result<(), MapError> {
+    let mut agents: Vec<(usize, &str, Views)> = Vec::new();
+    for (number, map) in maps.iter().enumerate() {
+        for (agent, info) in &map.agents {
+            let own = map.keyframes.values().filter(|keyframe| keyframe.agent == *agent);
+            let views = own.map(|keyframe| (keyframe.timestamp.to_bits(), &*keyframe.image)).collect();
+            agents.push((number, &info.name, views));
+        }
+    }
+    for (i, (later, name, views)) in agents.iter().enumerate() {
+        let same = agents[..i].iter().find(|(earlier, _, others)| earlier != later && is_same(views, others));
+        if let Some((earlier, other, _)) = same {
+            return Err(MapError::SameMapTwice {
+                maps: [*earlier, *later],
+                agents: [(*other).to_owned(), (*name).to_owned()],
+            });
+        }
+    }
+    Ok(())
+}
+
+/// Whether the agent with fewer keyframes has none that the other lacks. An agent without keyframes is not
+/// the same as any.
+fn is_same(a: &Views, b: &Views) -> bool {
+    let (few, many) = if a.len() <= b.len() { (a, b) } else { (b, a) };
+    !few.is_empty() && few.iter().all(|(time, image)| many.get(time) == Some(image))
+}

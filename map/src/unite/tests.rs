@@ -1,0 +1,156 @@
+use super::*;
+use crate::test_support::{Numbers, random_map, sample_map, united};
+use crate::{EdgeKind, Observation};
+use geometry::{Pinhole, Sim3};
+use nalgebra::SVector;
+use proptest::prelude::*;
+
+/// Agents' maps, all different, named by few names; some empty, some with references to keyframes that are
+/// gone.
+fn own_maps() -> impl Strategy<Value = Vec<Map>> {
+    let one = (0u32..4, 0usize..3, 4usize..7, any::<bool>());
+    prop::collection::vec(one, 1..6).prop_map(|maps| {
+        maps.into_iter()
+            .zip(100..)
+            .map(|((keyframes, name, width, gone), seed)| {
+                let camera = Pinhole { width, height: 5, fx: 4.0, fy: 4.5, cx: 2.5, cy: 2.0 };
+                let info = AgentInfo::new(["a", "b", "a-2"][name], camera);
+                let mut map = random_map(info, keyframes, seed);
+                if gone && let Some((id, _)) = map.keyframes.pop_first() {
+                    assert!(map.frames.iter().any(|frame| frame.reference == id));
+                }
+                map
+            })
+            .collect()
+    })
+}
+
+/// Moves every keyframe and joins agents by edges and observations, as a merge does.
+fn merge(map: &mut Map, numbers: &mut Numbers) {
+    for keyframe in map.keyframes.values_mut() {
+        let motion = Sim3::exp(&SVector::<f64, 7>::from_fn(|_, _| numbers.next() - 0.5));
+        keyframe.world_from_keyframe = motion * keyframe.world_from_keyframe;
+    }
+    let ids: Vec<_> = map.keyframes.values().map(|keyframe| (keyframe.id, keyframe.agent)).collect();
+    let Some(edge) = sample_map(2).edges.pop() else { return };
+    for pair in ids.windows(2).filter(|pair| pair[0].1 != pair[1].1) {
+        let (from, to) = (pair[0].0, pair[1].0);
+        map.edges.insert(0, Edge { from, to, kind: EdgeKind::Merge, ..edge.clone() });
+        let point = map.keyframes.get_mut(&from).and_then(|keyframe| keyframe.points.first_mut());
+        let seen = Observation { keyframe: to, pixel: [1.0, 2.0], information: [1.0, 0.0, 1.0] };
+        point.into_iter().for_each(|point| point.observations.insert(0, seen));
+    }
+}
+
+proptest! {
+    #[test]
+    fn splitting_undoes_uniting(maps in own_maps(), parts in 1usize..4, seed in 1u64..1000) {
+        let numbers = &mut Numbers::new(seed);
+        let mut one = Map::unite(maps.clone()).unwrap();
+        check::map(&one).unwrap();
+        merge(&mut one, numbers);
+        check::map(&one).unwrap();
+        prop_assert_eq!(&one.split(), &maps);
+        // United in parts, that are united then: all the same but for the names.
+        let parts: Vec<Map> = maps
+            .chunks(parts)
+            .map(|part| {
+                let mut part = Map::unite(part.to_vec()).unwrap();
+                merge(&mut part, numbers);
+                part
+            })
+            .collect();
+        let nested = Map::unite(parts).unwrap();
+        check::map(&nested).unwrap();
+        prop_assert_eq!(nested.split(), maps);
+    }
+}
+
+#[test]
+fn what_is_united_stays_as_it_was() {
+    let map = united();
+    let names: Vec<&str> = map.agents.values().map(|info| info.name.as_str()).collect();
+    assert_eq!(names, ["sample", "sample-2", "other"]);
+    let (own, own_map) = (sample_map(3), &map.split()[0]);
+    assert_eq!(*own_map, own);
+    assert_eq!(map.trajectory_of(AgentId(0)), own.trajectory());
+    assert_eq!(map.trajectory_of(AgentId(2)).len(), 5);
+    assert_eq!(map.trajectory().len(), 30);
+    let widths: Vec<usize> = map.keyframes.values().map(|keyframe| map.camera(keyframe).width).collect();
+    assert_eq!(widths, [24, 24, 24, 24, 24, 30]);
+}
+
+#[test]
+fn an_own_map_is_its_own_only_part() {
+    assert_eq!(sample_map(2).split(), [sample_map(2)]);
+}
+
+/// Asserts that the maps are not united, for a reason that holds `words`.
+#[track_caller]
+fn assert_refused(maps: Vec<Map>, words: &str) {
+    let error = Map::unite(maps).unwrap_err().to_string();
+    assert!(error.contains(words), "{error}");
+}
+
+#[test]
+fn the_same_map_twice_is_refused() {
+    let other = united().split().remove(1);
+    assert_refused(vec![sample_map(3), other.clone(), sample_map(3)], "the maps number 1 and 3");
+    // Neither another name nor other poses and depths nor later keyframes make it another agent.
+    let mut later = sample_map(3);
+    later.agents.values_mut().for_each(|info| info.name = "again".into());
+    later.keyframes.values_mut().for_each(|keyframe| keyframe.world_from_keyframe.scale *= 2.0);
+    later.keyframes.values_mut().for_each(|keyframe| keyframe.semi_dense = Default::default());
+    assert_refused(vec![later.clone(), sample_map(2)], "the same map twice");
+    assert_refused(vec![united(), later.clone()], "\"sample\", \"again\"");
+    // Equal images at other times, or other images at equal times, are another agent's.
+    let mut shifted = later.clone();
+    shifted.keyframes.values_mut().for_each(|keyframe| keyframe.timestamp += 1.0);
+    assert!(Map::unite(vec![later, shifted]).is_ok());
+    assert!(Map::unite(vec![sample_map(3), other]).is_ok());
+}
+
+#[test]
+fn what_cannot_be_united_is_refused() {
+    assert_refused(Vec::new(), "no map");
+    let mut orphan = sample_map(1);
+    orphan.keyframes.values_mut().for_each(|keyframe| keyframe.agent = AgentId(3));
+    assert_refused(vec![orphan], "agent 3 is not in the map");
+    let mut high = sample_map(1);
+    high.frames[0].reference = KeyframeId(u32::MAX);
+    assert_refused(vec![high], "too many keyframes");
+    let mut high = sample_map(1);
+    high.frames[0].reference = KeyframeId(u32::MAX - 1);
+    let one = Map::unite(vec![high.clone()]).unwrap();
+    assert_eq!(one.split(), [high]);
+    assert_refused(vec![one, united().split().remove(1)], "too many keyframes");
+}
+
+#[test]
+fn contradictions_among_agents_are_found() {
+    type Spoil = fn(&mut Map);
+    fn agent(map: &mut Map, id: u16) -> &mut AgentInfo {
+        map.agents.get_mut(&AgentId(id)).unwrap()
+    }
+    fn own(map: &mut Map, id: u16) -> &mut OwnMap {
+        agent(map, id).own.as_mut().unwrap()
+    }
+    let spoil: [(Spoil, &str); 10] = [
+        (|map| agent(map, 1).name = "sample".into(), "two agents have the name \"sample\""),
+        (|map| agent(map, 1).name.clear(), "no name"),
+        (|map| agent(map, 2).own = None, "\"other\" does not know its own map"),
+        (|map| agent(map, 2).camera.fx = -1.0, "no pinhole camera"),
+        (|map| agent(map, 2).camera.width = 24, "its image has 30×20 pixels"),
+        (|map| own(map, 1).first_keyframe += 5, "is not one of agent 1"),
+        (|map| own(map, 1).world_from_keyframe.clear(), "no pose in the agent's own map"),
+        (|map| drop(map.keyframes.pop_last()), "which is missing"),
+        (|map| own(map, 0).world_from_keyframe.values_mut().for_each(|p| p.scale = -1.0), "scale -1"),
+        (|map| map.edges.iter_mut().for_each(|edge| edge.kind = EdgeKind::Loop), "joins two agents"),
+    ];
+    for (spoil, words) in spoil {
+        let mut map = united();
+        spoil(&mut map);
+        let error = check::map(&map).unwrap_err();
+        assert!(error.contains(words), "{error}");
+    }
+}

@@ -1,0 +1,53 @@
+//! How a closure is followed.
+
+use crate::icp::{IcpParams, KeyframeCloudParams};
+use crate::optimal_scale::OptimalScaleParams;
+use crate::pair::PairParams;
+use crate::pairing::PairingParams;
+use backend::sim3_align::Sim3AlignParams;
+use serde::{Deserialize, Serialize};
+
+/// How a closure is followed through the steps.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ClosureParams {
+    /// Matching, relative pose and scale of a pair.
+    pub pair: PairParams,
+    /// Direction of travel.
+    pub pairing: PairingParams,
+    /// The scale of three pairs.
+    pub optimal_scale: OptimalScaleParams,
+    /// The clouds that are registered.
+    pub cloud: KeyframeCloudParams,
+    /// Their registration.
+    pub icp: IcpParams,
+    /// Refinement on the images.
+    pub direct: Sim3AlignParams,
+    /// How far two pairs' poses may honestly differ beyond their stated uncertainty, because the maps drift between
+    /// neighbouring keyframes: translation in parts of the translation's own reach (the keyframes' median depth),
+    /// rotation in radians, scale in parts. Default 0.01, 0.005 and 0.01; above 0.
+    pub drift: [f64; 3],
+    /// Largest χ² of two pairs that agree, 7 degrees of freedom. Default 24.3, the 99.9 % quantile; 14 to 50.
+    pub max_chi2: f64,
+}
+
+impl Default for ClosureParams {
+    fn default() -> Self {
+        Self {
+            pair: PairParams::default(),
+            pairing: PairingParams::default(),
+            optimal_scale: OptimalScaleParams::default(),
+            cloud: KeyframeCloudParams::default(),
+            icp: IcpParams::default(),
+            // The starts are good to a few pixels: no coarse levels. Keyframes of two days and two cameras differ
+            // by more than neighbouring ones, which the information takes up.
+            direct: Sim3AlignParams {
+                coarsest_level: 2,
+                max_reciprocal_error: 12.0,
+                ..Sim3AlignParams::default()
+            },
+            drift: [0.01, 0.005, 0.01],
+            max_chi2: 24.3,
+        }
+    }
+}

@@ -1,0 +1,179 @@
+//! Agents' own maps and closures into one map for each group of agents that hang together.
+
+use super::{CommonMap, FusionParams, Link};
+use crate::alignment;
+use crate::estimate::{Estimate, mean};
+use crate::merge_graph::{Component, Merge, MergeGraph, MergeGraphError, confidence};
+use backend::posegraph::{PoseGraphError, PoseGraphReport, optimise};
+use geometry::Sim3;
+use map::{AgentId, Edge, EdgeKind, KeyframeId, Map, MapError};
+use nalgebra::Vector3;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// The common map of agents that hang together.
+#[derive(Clone, Debug)]
+pub struct Fused {
+    /// The map. Of one agent alone it is its own; else united, in the world of the first agent.
+    pub map: Map,
+    /// The agents, by their ids in the [`CommonMap`], in the order of their ids in `map`.
+    pub agents: Vec<AgentId>,
+    /// Where the spanning tree puts them.
+    pub component: Component,
+    /// What the joint pose graph did; nothing where it was not optimised.
+    pub report: Option<PoseGraphReport>,
+    /// Closures that the joint pose graph came to disbelieve.
+    pub suppressed: Vec<Link>,
+}
+
+/// Why the maps were not fused.
+#[derive(Debug, thiserror::Error)]
+pub enum FusionError {
+    /// The maps cannot be in one.
+    #[error("{0}")]
+    Map(#[from] MapError),
+    /// A merge is none.
+    #[error("{0}")]
+    Graph(#[from] MergeGraphError),
+    /// The joint pose graph failed.
+    #[error("{0}")]
+    PoseGraph(#[from] PoseGraphError),
+    /// Closures between two agents make no merge.
+    #[error("the closures between agents {} and {} contradict each other; undo their merge", .0.0, .1.0)]
+    NoMerge(AgentId, AgentId),
+}
+
+impl CommonMap {
+    /// Makes one map for each group of agents that hang together, by ascending first agent.
+    ///
+    /// # Errors
+    /// When the maps or the closures between them cannot make one map; the message says which.
+    pub fn fuse(&self, params: &FusionParams) -> Result<Vec<Fused>, FusionError> {
+        let graph = self.graph()?;
+        graph.components().into_iter().map(|component| self.fuse_component(component, params)).collect()
+    }
+
+    /// The graph of merges: one for every two agents with closures.
+    pub fn graph(&self) -> Result<MergeGraph, FusionError> {
+        let mut graph = MergeGraph::new();
+        for agent in self.agents.keys() {
+            graph.add_agent(*agent);
+        }
+        for (a, b) in self.merged() {
+            let merge = self.merge(a, b).ok_or(FusionError::NoMerge(a, b))?;
+            graph.add_merge(merge)?;
+        }
+        Ok(graph)
+    }
+
+    /// All closures between two agents as one merge of their worlds.
+    fn merge(&self, a: AgentId, b: AgentId) -> Option<Merge> {
+        let links: Vec<&Link> = self.links.iter().filter(|link| link.agents() == (a, b)).collect();
+        let (mut estimates, mut centre, mut extent) = (Vec::new(), Vector3::zeros(), 0.0);
+        for link in &links {
+            let upright = if link.from.agent == a { **link } else { link.swapped() };
+            let of_a = self.agents.get(&a)?.keyframes.get(&upright.from.keyframe)?;
+            let of_b = self.agents.get(&b)?.keyframes.get(&upright.to.keyframe)?;
+            let (a_pose, b_pose) = (of_a.world_from_keyframe, of_b.world_from_keyframe);
+            estimates.push(upright.from_from_to.carried(&a_pose, &b_pose.inverse())?);
+            let depth = median_depth(&of_a.semi_dense.inverse_depth)? * a_pose.scale;
+            centre += (a_pose.translation + a_pose.rotation * Vector3::z() * depth) / links.len() as f64;
+            extent += depth / links.len() as f64;
+        }
+        let joint = mean(&estimates)?;
+        // Closures of neighbouring keyframes are not independent: together they count as one good one.
+        let from_from_to = Estimate { information: joint.information / estimates.len() as f64, ..joint };
+        let confidence = confidence(&from_from_to, &centre, extent)? * (links.len() as f64).sqrt();
+        Some(Merge { from: a, to: b, from_from_to, confidence })
+    }
+
+    /// One component's map.
+    fn fuse_component(&self, component: Component, params: &FusionParams) -> Result<Fused, FusionError> {
+        let agents: Vec<AgentId> = component.agents.keys().copied().collect();
+        if let ([agent], Some(map)) = (&agents[..], self.agents.get(&component.root)) {
+            let agents = vec![*agent];
+            return Ok(Fused { map: map.clone(), agents, component, report: None, suppressed: Vec::new() });
+        }
+        let placed = agents.iter().filter_map(|agent| {
+            let mut own = self.agents.get(agent)?.clone();
+            // Remembered by `unite` as the own poses; moved after it.
+            own.agents.values_mut().for_each(|info| info.own = None);
+            Some(own)
+        });
+        let mut map = Map::unite(placed.collect())?;
+        place(&mut map, &agents, &component);
+        let links = self.add_edges(&mut map, &agents);
+        let mut fused = Fused { map, agents, component, report: None, suppressed: Vec::new() };
+        if params.optimise {
+            fused.optimise(&links, params)?;
+        }
+        Ok(fused)
+    }
+
+    /// Adds the closures among `agents` to their united map as edges; returns them by the edges' indices.
+    fn add_edges(&self, map: &mut Map, agents: &[AgentId]) -> BTreeMap<usize, Link> {
+        let united = |address: &super::Address| {
+            let position = agents.iter().position(|agent| *agent == address.agent)?;
+            let own = map.agents.values().nth(position)?.own.as_ref()?;
+            Some(KeyframeId(own.first_keyframe + address.keyframe.0))
+        };
+        let edges: Vec<(Edge, Link)> = self
+            .links
+            .iter()
+            .filter_map(|link| {
+                let Estimate { a_from_b, information } = link.from_from_to;
+                let (from, to) = (united(&link.from)?, united(&link.to)?);
+                Some((Edge { from, to, from_from_to: a_from_b, information, kind: EdgeKind::Merge }, *link))
+            })
+            .collect();
+        let mut links = BTreeMap::new();
+        for (edge, link) in edges {
+            links.insert(map.edges.len(), link);
+            map.edges.push(edge);
+        }
+        links
+    }
+}
+
+impl Fused {
+    /// Moves all keyframes to the minimum of the joint pose graph; the first keyframe of the root stays.
+    fn optimise(&mut self, links: &BTreeMap<usize, Link>, params: &FusionParams) -> Result<(), FusionError> {
+        let keyframes = &mut self.map.keyframes;
+        let mut nodes: BTreeMap<KeyframeId, Sim3> =
+            keyframes.iter().map(|(id, keyframe)| (*id, keyframe.world_from_keyframe)).collect();
+        let fixed: BTreeSet<KeyframeId> = nodes.keys().next().copied().into_iter().collect();
+        let report = optimise(&mut nodes, &self.map.edges, &fixed, &params.pose_graph)?;
+        for (id, world_from_keyframe) in nodes {
+            if let Some(keyframe) = keyframes.get_mut(&id) {
+                keyframe.world_from_keyframe = world_from_keyframe;
+            }
+        }
+        self.suppressed = report.suppressed.iter().filter_map(|index| links.get(index).copied()).collect();
+        self.report = Some(report);
+        Ok(())
+    }
+}
+
+impl Link {
+    /// The same link seen from the other side.
+    fn swapped(&self) -> Self {
+        Self { from: self.to, to: self.from, from_from_to: self.from_from_to.inverse() }
+    }
+}
+
+/// Moves every agent of a united map to its place in the root's world (§IV-E).
+fn place(map: &mut Map, agents: &[AgentId], component: &Component) {
+    let motions: BTreeMap<AgentId, Sim3> = map
+        .agents
+        .keys()
+        .zip(agents)
+        .filter_map(|(united, agent)| Some((*united, component.agents.get(agent)?.root_from_agent)))
+        .collect();
+    alignment::apply(map, &motions);
+}
+
+/// The median depth, keyframe units; `None` where there is no depth.
+fn median_depth(inverse_depths: &[f32]) -> Option<f64> {
+    let mut sorted = inverse_depths.to_vec();
+    sorted.sort_by(f32::total_cmp);
+    sorted.get(sorted.len() / 2).map(|d| 1.0 / f64::from(*d))
+}

@@ -1,0 +1,192 @@
+//! More closures between two maps whose motion is known from a first one.
+//!
+//! One closure joins the maps; what both agents saw elsewhere then improves them. The motion tells which keyframes
+//! see the same, so no place recognition is needed: they are aligned on their images from where the motion puts
+//! them, and pairwise consistency (Mangelson et al. 2018) keeps those that agree with each other.
+
+use crate::closure::Closure;
+use crate::direct::refine_directly;
+use crate::estimate::Estimate;
+use crate::prepared::PreparedMap;
+use backend::posegraph::{ConsistencyParams, MapGraph, PoseGraphError, consistent_set};
+use backend::sim3_align::Sim3AlignParams;
+use geometry::Sim3;
+use map::{Edge, EdgeKind, KeyframeId};
+use nalgebra::Vector3;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// How further closures are looked for.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct FurtherParams {
+    /// Most further closures that are tried, spread evenly over the source's keyframes that qualify. Default 8; 0 or
+    /// more, 0 for none. More make the joint map better where the maps drift, at some 30 ms each.
+    pub max_closures: usize,
+    /// Least share of a keyframe's points that the other keyframe must see, by the motion. Default 0.5; 0 to 1.
+    pub min_overlap: f64,
+    /// Alignment of the images.
+    pub direct: Sim3AlignParams,
+    /// Which of the closures agree.
+    pub consistency: ConsistencyParams,
+}
+
+impl Default for FurtherParams {
+    fn default() -> Self {
+        Self {
+            max_closures: 8,
+            min_overlap: 0.5,
+            direct: Sim3AlignParams {
+                coarsest_level: 3,
+                max_reciprocal_error: 12.0,
+                ..Sim3AlignParams::default()
+            },
+            consistency: ConsistencyParams::default(),
+        }
+    }
+}
+
+/// All closures between two maps that agree with each other.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Joined {
+    /// Merge edges from keyframes of the target to keyframes of the source.
+    pub edges: Vec<Edge>,
+    /// Edges that do not agree with the others.
+    pub rejected: Vec<Edge>,
+    /// Further pairs that could not be aligned.
+    pub failed: usize,
+    /// The size of the largest set among the rejected ones whose members agree with each other.
+    pub rival: usize,
+}
+
+/// Points of a keyframe that stand for its view.
+const SAMPLES: usize = 64;
+
+/// The edges of a first closure and of further ones along the maps, as far as they agree.
+pub fn join(
+    source: &PreparedMap,
+    target: &PreparedMap,
+    first: &Closure,
+    params: &FurtherParams,
+) -> Result<Joined, PoseGraphError> {
+    let mut edges: Vec<Edge> = first
+        .agreeing()
+        .filter_map(|pair| {
+            let direct =
+                pair.direct.as_ref().and_then(|direct| direct.as_ref().ok()).map(|direct| direct.estimate);
+            let measured = pair.measured.as_ref().ok().map(|pair| pair.estimate());
+            Some(edge(pair.source, pair.target, direct.or(measured)?))
+        })
+        .collect();
+    let pairs = overlapping(source, target, &first.motion.a_from_b, params);
+    let pairs = spread(pairs, params.max_closures, &edges);
+    let found: Vec<Option<Edge>> = pairs
+        .par_iter()
+        .map(|&(i, j)| {
+            let start = target.world_from(j)?.inverse() * first.motion.a_from_b * source.world_from(i)?;
+            let aligned = refine_directly(source.get(i)?, target.get(j)?, &[start], &params.direct).ok()?;
+            Some(edge(i, j, aligned.estimate))
+        })
+        .collect();
+    let failed = found.iter().filter(|edge| edge.is_none()).count();
+    edges.extend(found.into_iter().flatten());
+    let (source_nodes, target_nodes) = (nodes(source), nodes(target));
+    let from = MapGraph { nodes: &target_nodes, edges: &target.map().edges };
+    let to = MapGraph { nodes: &source_nodes, edges: &source.map().edges };
+    let consistent = consistent_set(&edges, from, to, &params.consistency)?;
+    let pick = |indices: &[usize]| indices.iter().map(|&index| edges[index].clone()).collect();
+    Ok(Joined {
+        edges: pick(&consistent.selected),
+        rejected: pick(&consistent.rejected),
+        failed,
+        rival: consistent.rival,
+    })
+}
+
+/// The edge of an aligned pair, from the target's keyframe.
+fn edge(source: KeyframeId, target: KeyframeId, target_from_source: Estimate) -> Edge {
+    Edge {
+        from: target,
+        to: source,
+        from_from_to: target_from_source.a_from_b,
+        information: target_from_source.information,
+        kind: EdgeKind::Merge,
+    }
+}
+
+fn nodes(map: &PreparedMap) -> BTreeMap<KeyframeId, Sim3> {
+    map.map().keyframes.iter().map(|(id, keyframe)| (*id, keyframe.world_from_keyframe)).collect()
+}
+
+/// For each keyframe of the source the one of the target that sees most of its points, both ways, where that is
+/// enough.
+fn overlapping(
+    source: &PreparedMap,
+    target: &PreparedMap,
+    target_world_from_source_world: &Sim3,
+    params: &FurtherParams,
+) -> Vec<(KeyframeId, KeyframeId)> {
+    let samples = |map: &PreparedMap| -> Vec<(KeyframeId, Vec<Vector3<f64>>)> {
+        map.order().iter().filter_map(|&id| Some((id, sample(map, id)?))).collect()
+    };
+    let (sources, targets) = (samples(source), samples(target));
+    let best = |(i, points): &(KeyframeId, Vec<Vector3<f64>>)| -> Option<(KeyframeId, KeyframeId)> {
+        let world_from_i = *target_world_from_source_world * source.world_from(*i)?;
+        let seen = |(j, others): &(KeyframeId, Vec<Vector3<f64>>)| -> Option<(f64, KeyframeId)> {
+            let j_from_i = target.world_from(*j)?.inverse() * world_from_i;
+            let there = share_seen(points, &j_from_i, target, *j)?;
+            if there < params.min_overlap {
+                return None;
+            }
+            let back = share_seen(others, &j_from_i.inverse(), source, *i)?;
+            Some((there.min(back), *j)).filter(|(share, _)| *share >= params.min_overlap)
+        };
+        // Of equals the first.
+        let better = |a: (f64, KeyframeId), b: (f64, KeyframeId)| if b.0 > a.0 { b } else { a };
+        targets.iter().filter_map(seen).reduce(better).map(|(_, j)| (*i, j))
+    };
+    sources.par_iter().filter_map(best).collect()
+}
+
+/// A few points of a keyframe, in its camera frame and unit; `None` when it has no depth.
+fn sample(map: &PreparedMap, id: KeyframeId) -> Option<Vec<Vector3<f64>>> {
+    let keyframe = map.map().keyframes.get(&id)?;
+    let camera = map.map().camera(keyframe);
+    let step = keyframe.semi_dense.len().div_ceil(SAMPLES).max(1);
+    let point = |(pixel, inverse_depth, _): (u32, f32, f32)| {
+        let pixel = pixel as usize;
+        let ray = camera.unproject((pixel % camera.width) as f64, (pixel / camera.width) as f64);
+        ray / f64::from(inverse_depth)
+    };
+    let points: Vec<_> = keyframe.semi_dense.iter().step_by(step).map(point).collect();
+    (!points.is_empty()).then_some(points)
+}
+
+/// Share of points, moved by `to_from`, that keyframe `id` has in its image.
+fn share_seen(points: &[Vector3<f64>], to_from: &Sim3, map: &PreparedMap, id: KeyframeId) -> Option<f64> {
+    let camera = map.map().camera(map.map().keyframes.get(&id)?);
+    let inside = |point: &&Vector3<f64>| {
+        let moved = *to_from * **point;
+        let pixel = camera.project(&moved);
+        let within = |v: f64, size: usize| v >= 0.0 && v <= size as f64 - 1.0;
+        moved.z > 0.0 && within(pixel.x, camera.width) && within(pixel.y, camera.height)
+    };
+    Some(points.iter().filter(inside).count() as f64 / points.len() as f64)
+}
+
+/// At most `count` of the pairs, evenly spread, without those that have an edge already.
+fn spread(
+    pairs: Vec<(KeyframeId, KeyframeId)>,
+    count: usize,
+    edges: &[Edge],
+) -> Vec<(KeyframeId, KeyframeId)> {
+    let known = |pair: &(KeyframeId, KeyframeId)| edges.iter().any(|edge| (edge.to, edge.from) == *pair);
+    let fresh: Vec<_> = pairs.into_iter().filter(|pair| !known(pair)).collect();
+    if fresh.len() <= count {
+        return fresh;
+    }
+    // Both ends included: they hold the maps best.
+    let last = count.saturating_sub(1).max(1);
+    (0..count).map(|k| fresh[k * (fresh.len() - 1) / last]).collect()
+}

@@ -1,0 +1,120 @@
+//! What merging needs of a map: its keyframes, each made ready once, when first asked for.
+
+use crate::key_points::{DepthGrid, KeyPointParams, measure};
+use crate::scale_filter::MeasuredPoint;
+use backend::sim3_align::KeyframeView;
+use geometry::{Pinhole, Pyramid, Sim3};
+use map::{Keyframe, KeyframeId, Map};
+use nalgebra::Vector3;
+use place_recog::features::Features;
+use std::collections::BTreeMap;
+use std::sync::OnceLock;
+
+/// Pyramid levels prepared for direct alignment.
+const LEVELS: usize = 5;
+
+/// A map with the features of its keyframes.
+pub struct PreparedMap<'a> {
+    map: &'a Map,
+    features: &'a BTreeMap<KeyframeId, Features>,
+    params: &'a KeyPointParams,
+    /// The keyframes in order of time.
+    order: Vec<KeyframeId>,
+    keyframes: BTreeMap<KeyframeId, OnceLock<PreparedKeyframe<'a>>>,
+}
+
+/// A keyframe with its features, the 3-D points at them, and its pyramid.
+pub struct PreparedKeyframe<'a> {
+    /// The keyframe.
+    pub keyframe: &'a Keyframe,
+    /// Its camera.
+    pub camera: &'a Pinhole,
+    /// Its features.
+    pub features: &'a Features,
+    /// Directions of the features' rays in the camera frame, length 1.
+    pub bearings: Vec<Vector3<f64>>,
+    /// The 3-D points of the features, in the keyframe's camera frame and unit, where there is depth.
+    pub points: Vec<Option<MeasuredPoint>>,
+    view: OnceLock<KeyframeView>,
+}
+
+impl<'a> PreparedMap<'a> {
+    /// Takes the keyframes of `map` that have features.
+    pub fn new(
+        map: &'a Map,
+        features: &'a BTreeMap<KeyframeId, Features>,
+        params: &'a KeyPointParams,
+    ) -> Self {
+        let mut order: Vec<KeyframeId> =
+            map.keyframes.keys().copied().filter(|id| features.contains_key(id)).collect();
+        order
+            .sort_by(|a, b| map.keyframes[a].timestamp.total_cmp(&map.keyframes[b].timestamp).then(a.cmp(b)));
+        let keyframes = order.iter().map(|&id| (id, OnceLock::new())).collect();
+        Self { map, features, params, order, keyframes }
+    }
+
+    /// The map.
+    pub fn map(&self) -> &'a Map {
+        self.map
+    }
+
+    /// The keyframes that have features, in order of time.
+    pub fn order(&self) -> &[KeyframeId] {
+        &self.order
+    }
+
+    /// The keyframe, made ready; `None` when it is not in the map or has no features.
+    pub fn get(&self, id: KeyframeId) -> Option<&PreparedKeyframe<'a>> {
+        let slot = self.keyframes.get(&id)?;
+        let keyframe = self.map.keyframes.get(&id)?;
+        let features = self.features.get(&id)?;
+        Some(slot.get_or_init(|| {
+            PreparedKeyframe::new(keyframe, self.map.camera(keyframe), features, self.params)
+        }))
+    }
+
+    /// The keyframes before and after `id` in order of time, of the same agent.
+    pub fn neighbours(&self, id: KeyframeId) -> (Option<KeyframeId>, Option<KeyframeId>) {
+        let agent = |id: &KeyframeId| self.map.keyframes.get(id).map(|keyframe| keyframe.agent);
+        let own = agent(&id);
+        let position = self.order.iter().position(|other| *other == id);
+        let Some(position) = position else { return (None, None) };
+        let same = |other: &&KeyframeId| agent(other) == own;
+        let before = self.order[..position].iter().rev().find(same).copied();
+        (before, self.order[position + 1..].iter().find(same).copied())
+    }
+
+    /// World pose of a keyframe of the map.
+    pub fn world_from(&self, id: KeyframeId) -> Option<Sim3> {
+        Some(self.map.keyframes.get(&id)?.world_from_keyframe)
+    }
+}
+
+impl<'a> PreparedKeyframe<'a> {
+    fn new(
+        keyframe: &'a Keyframe,
+        camera: &'a Pinhole,
+        features: &'a Features,
+        params: &KeyPointParams,
+    ) -> Self {
+        let depth = DepthGrid::new(&keyframe.semi_dense, camera);
+        let pixels = || features.keypoints.iter().map(|keypoint| keypoint.pixel);
+        let ray = |[x, y]: [f32; 2]| camera.unproject(f64::from(x), f64::from(y)).normalize();
+        Self {
+            keyframe,
+            camera,
+            features,
+            bearings: pixels().map(ray).collect(),
+            points: pixels().map(|pixel| measure(pixel, &depth, camera, params)).collect(),
+            view: OnceLock::new(),
+        }
+    }
+
+    /// The keyframe as direct alignment takes it.
+    pub fn view(&self) -> &KeyframeView {
+        self.view.get_or_init(|| {
+            let pyramid = Pyramid::new((*self.keyframe.image).clone(), LEVELS);
+            KeyframeView::new(&pyramid, &self.keyframe.semi_dense, self.camera)
+        })
+    }
+}
