@@ -11,6 +11,8 @@ mod info_map;
 #[cfg(feature = "opencv")]
 mod merge;
 mod params;
+#[cfg(feature = "opencv")]
+mod places;
 mod run;
 #[cfg(feature = "opencv")]
 mod vocab;
@@ -39,6 +41,8 @@ pub enum Command {
     #[cfg(feature = "opencv")]
     Merge(merge::MergeArgs),
     #[cfg(feature = "opencv")]
+    Places(places::PlacesArgs),
+    #[cfg(feature = "opencv")]
     Vocab(vocab::VocabArgs),
     /// Print the default parameters, documented, as a parameter file
     Params,
@@ -57,6 +61,8 @@ impl Command {
             Command::Eval(args) => eval::run(args),
             #[cfg(feature = "opencv")]
             Command::Merge(args) => merge::run(&args),
+            #[cfg(feature = "opencv")]
+            Command::Places(args) => places::run(&args),
             #[cfg(feature = "opencv")]
             Command::Vocab(args) => vocab::run(&args),
             Command::Params => params::execute(),
