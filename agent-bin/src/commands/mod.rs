@@ -40,8 +40,7 @@ pub enum Command {
     Merge(merge::MergeArgs),
     #[cfg(feature = "opencv")]
     Vocab(vocab::VocabArgs),
-    /// Print the default parameters, documented, as a parameter file
-    Params,
+    Params(params::ParamsArgs),
 }
 
 impl Command {
@@ -59,7 +58,7 @@ impl Command {
             Command::Merge(args) => merge::run(&args),
             #[cfg(feature = "opencv")]
             Command::Vocab(args) => vocab::run(&args),
-            Command::Params => params::execute(),
+            Command::Params(args) => params::execute(args),
         }
     }
 }
