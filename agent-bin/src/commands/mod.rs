@@ -13,6 +13,8 @@ mod merge;
 mod params;
 mod run;
 #[cfg(feature = "opencv")]
+mod unmerge;
+#[cfg(feature = "opencv")]
 mod vocab;
 
 use anyhow::Result;
@@ -39,6 +41,8 @@ pub enum Command {
     #[cfg(feature = "opencv")]
     Merge(merge::MergeArgs),
     #[cfg(feature = "opencv")]
+    Unmerge(unmerge::UnmergeArgs),
+    #[cfg(feature = "opencv")]
     Vocab(vocab::VocabArgs),
     Params(params::ParamsArgs),
 }
@@ -56,6 +60,8 @@ impl Command {
             Command::Eval(args) => eval::run(args),
             #[cfg(feature = "opencv")]
             Command::Merge(args) => merge::run(&args),
+            #[cfg(feature = "opencv")]
+            Command::Unmerge(args) => unmerge::run(&args),
             #[cfg(feature = "opencv")]
             Command::Vocab(args) => vocab::run(&args),
             Command::Params(args) => params::execute(args),
