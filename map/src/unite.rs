@@ -21,16 +21,24 @@ impl Map {
     /// [`MapError::SameMapTwice`] when one agent's keyframes are all in another's; [`MapError::Union`] without
     /// maps, with a map that contradicts itself, or with more agents or keyframes than ids.
     pub fn unite(maps: Vec<Map>) -> Result<Map, MapError> {
-        if maps.is_empty() {
-            return Err(MapError::Union("there is no map to unite".into()));
-        }
-        for map in &maps {
-            check::agents(map).map_err(MapError::Union)?;
-        }
-        refuse_same(&maps)?;
+        Self::can_unite(&maps.iter().collect::<Vec<_>>())?;
         let mut union = Union { map: Map::without_agents(), names: BTreeSet::new(), next_keyframe: 0 };
         maps.into_iter().try_for_each(|map| union.add(map))?;
         Ok(union.map)
+    }
+
+    /// Whether maps may be united: each is whole, and no two are of one run.
+    ///
+    /// # Errors
+    /// Those of [`unite`](Self::unite).
+    pub fn can_unite(maps: &[&Map]) -> Result<(), MapError> {
+        if maps.is_empty() {
+            return Err(MapError::Union("there is no map to unite".into()));
+        }
+        for map in maps {
+            check::agents(map).map_err(MapError::Union)?;
+        }
+        refuse_same(maps)
     }
 
     /// Every agent's own map, in order of the agents: bit by bit what was united, as long as only poses
@@ -168,7 +176,7 @@ fn renamed_frame(frame: FramePose, rename: impl Fn(KeyframeId) -> KeyframeId) ->
 type Views<'a> = BTreeMap<u64, &'a GrayImage>;
 
 /// Refuses an agent whose keyframes are all in another map.
-fn refuse_same(maps: &[Map]) -> Result<(), MapError> {
+fn refuse_same(maps: &[&Map]) -> Result<(), MapError> {
     let mut agents: Vec<(usize, &str, Views)> = Vec::new();
     for (number, map) in maps.iter().enumerate() {
         for (agent, info) in &map.agents {

@@ -13,11 +13,14 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct MeetingParams {
-    /// Most proposed places whose images are matched. Default 8; at least 1. More find meetings that place
-    /// recognition ranks low, at some 20 ms each.
-    pub max_places: usize,
-    /// Most matched places that are followed through all steps. Default 3; at least 1.
-    pub max_closures: usize,
+    /// How many proposed places are matched at a time, before the best of them is followed. Default 8; at least 1.
+    /// More give a better choice, at some 10 ms each.
+    pub places: usize,
+    /// How often the next so many places are matched when none of those before was accepted. Default 6; at least 1.
+    /// More find meetings that place recognition ranks low, and take longer to find that there is none.
+    pub rounds: usize,
+    /// Most matched places of a round that are followed through all steps. Default 3; at least 1.
+    pub closures: usize,
     /// How a closure is followed.
     pub closure: ClosureParams,
     /// What it must show.
@@ -27,8 +30,9 @@ pub struct MeetingParams {
 impl Default for MeetingParams {
     fn default() -> Self {
         Self {
-            max_places: 8,
-            max_closures: 3,
+            places: 8,
+            rounds: 6,
+            closures: 3,
             closure: ClosureParams::default(),
             acceptance: AcceptanceParams::default(),
         }
@@ -70,9 +74,26 @@ pub struct Tried {
     pub outcome: Outcome,
 }
 
-/// Matches the images of the proposed places, best proposals first, and follows those with most matches until one
-/// closure is believed. All places tried are returned, with their reasons; at most one is accepted.
+/// Matches the images of the proposed places, best proposals first and some at a time, and follows those with most
+/// matches until one closure is believed. All places tried are returned, with their reasons; at most one is accepted.
 pub fn meet(
+    source: &PreparedMap,
+    target: &PreparedMap,
+    places: &[Place],
+    params: &MeetingParams,
+) -> Vec<Tried> {
+    let mut tried = Vec::new();
+    for round in places.chunks(params.places.max(1)).take(params.rounds.max(1)) {
+        tried.extend(try_round(source, target, round, params));
+        if tried.iter().any(|tried: &Tried| matches!(tried.outcome, Outcome::Accepted(..))) {
+            break;
+        }
+    }
+    tried
+}
+
+/// One round of [`meet`].
+fn try_round(
     source: &PreparedMap,
     target: &PreparedMap,
     places: &[Place],
@@ -82,7 +103,6 @@ pub fn meet(
         let (i, j) = (source.get(place.source)?, target.get(place.target)?);
         Some((*place, view_pair(i, j, &params.closure.pair)))
     };
-    let places = &places[..places.len().min(params.max_places)];
     let mut seen: Vec<_> = places.par_iter().filter_map(look).collect();
     let count = |views: &Result<ViewPair, TwoViewRefusal>| views.as_ref().map_or(0, ViewPair::match_count);
     // Stable: of equals the better proposal first.
@@ -93,7 +113,7 @@ pub fn meet(
             let match_count = count(&views);
             let outcome = match views {
                 Err(refusal) => Outcome::NotMatched(refusal),
-                Ok(_) if found || followed == params.max_closures => Outcome::NotFollowed,
+                Ok(_) if found || followed == params.closures => Outcome::NotFollowed,
                 Ok(views) => {
                     followed += 1;
                     follow(source, target, views, params)

@@ -5,9 +5,11 @@ use crate::sources::images_in;
 use anyhow::{Context, Result, bail};
 use geometry::GrayImage;
 use map::Map;
+use place_recog::Vocabulary;
 use place_recog::features::{Features, SiftParams, sift};
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// The map at `path`, a map file or the folder of a run that holds one; warnings go to standard error.
 pub(crate) fn load(path: &Path) -> Result<Map> {
@@ -57,4 +59,11 @@ fn image_files(path: &Path) -> Result<Vec<PathBuf>> {
         bail!("{}: holds no images\nhint: PNG, JPEG and PGM files are read", folder.display());
     }
     Ok(files)
+}
+
+/// The vocabulary in a file.
+pub(super) fn vocabulary(path: &Path) -> Result<Arc<Vocabulary>> {
+    let about = || path.display().to_string();
+    let bytes = std::fs::read(path).with_context(about)?;
+    Ok(Arc::new(Vocabulary::from_bytes(&bytes).with_context(about)?))
 }

@@ -11,6 +11,8 @@ mod info_map;
 #[cfg(feature = "opencv")]
 mod merge;
 mod params;
+#[cfg(feature = "opencv")]
+mod places;
 mod run;
 #[cfg(feature = "opencv")]
 mod unmerge;
@@ -41,6 +43,8 @@ pub enum Command {
     #[cfg(feature = "opencv")]
     Merge(merge::MergeArgs),
     #[cfg(feature = "opencv")]
+    Places(places::PlacesArgs),
+    #[cfg(feature = "opencv")]
     Unmerge(unmerge::UnmergeArgs),
     #[cfg(feature = "opencv")]
     Vocab(vocab::VocabArgs),
@@ -60,6 +64,8 @@ impl Command {
             Command::Eval(args) => eval::run(args),
             #[cfg(feature = "opencv")]
             Command::Merge(args) => merge::run(&args),
+            #[cfg(feature = "opencv")]
+            Command::Places(args) => places::run(&args),
             #[cfg(feature = "opencv")]
             Command::Unmerge(args) => unmerge::run(&args),
             #[cfg(feature = "opencv")]

@@ -63,7 +63,7 @@ fn apart(args: &UnmergeArgs, map: &Map) -> Result<String> {
 
 /// Undoes the merge of two agents and writes the maps that result; says which.
 fn separate(args: &UnmergeArgs, map: Map, [a, b]: [&str; 2]) -> Result<String> {
-    let (mut common, addresses) = CommonMap::from_maps(std::slice::from_ref(&map))?;
+    let (mut common, addresses) = CommonMap::from_maps(&[&map])?;
     let agents: Vec<AgentId> = addresses.iter().flat_map(|map| map.agents()).collect();
     let known: Vec<&str> = map.agents.values().map(|info| &*info.name).collect();
     let find = |name: &str| {

@@ -139,7 +139,7 @@ pub fn merge(
     params: &MergingParams,
     progress: &mut dyn FnMut(&str) -> Result<()>,
 ) -> Result<Merging> {
-    let maps: Vec<map::Map> = inputs.iter().map(|input| input.map.clone()).collect();
+    let maps: Vec<&map::Map> = inputs.iter().map(|input| &input.map).collect();
     let names = |a: usize, b: usize| format!("{} and {}", inputs[a].name, inputs[b].name);
     let (mut common, addresses) = CommonMap::from_maps(&maps).context("the maps cannot be merged")?;
     let prepared: Vec<PreparedMap> = inputs

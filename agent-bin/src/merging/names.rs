@@ -58,7 +58,7 @@ mod tests {
     #[test]
     fn agents_of_one_name_are_told_apart() {
         let maps: Vec<Map> = ["yard", "yard"].map(|name| Map::of(AgentInfo::new(name, CAMERA))).into();
-        let (common, _) = CommonMap::from_maps(&maps).unwrap();
+        let (common, _) = CommonMap::from_maps(&maps.iter().collect::<Vec<_>>()).unwrap();
         let names = Names::new(&common);
         assert_eq!([0, 1].map(|id| names.of(AgentId(id))), ["yard", "yard-2"]);
         assert_eq!(names.list(&[AgentId(0), AgentId(1)]), "yard and yard-2");

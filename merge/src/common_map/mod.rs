@@ -83,9 +83,8 @@ impl CommonMap {
     ///
     /// # Errors
     /// [`MapError::SameMapTwice`] when two are of one run, [`MapError::Union`] when a map contradicts itself.
-    pub fn from_maps(maps: &[Map]) -> Result<(Self, Vec<Addresses>), MapError> {
-        // The union checks the maps against each other.
-        Map::unite(maps.to_vec())?;
+    pub fn from_maps(maps: &[&Map]) -> Result<(Self, Vec<Addresses>), MapError> {
+        Map::can_unite(maps)?;
         let mut common = Self::new();
         let addresses = maps.iter().map(|map| common.add(map)).collect();
         Ok((common, addresses))

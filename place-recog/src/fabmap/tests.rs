@@ -1,15 +1,15 @@
 use super::*;
 use crate::bow::BowIndex;
 
-/// 150 words that depend on the place, some on each other, the same for the same place.
+/// 900 words that depend on the place, fewer where looks miss some: about as many as an image has.
 fn place(p: u32, looked: u32) -> WordBag {
     let hash = |a: u32, b: u32| {
         (a.wrapping_mul(0x9e37_79b1) ^ b.wrapping_mul(0x85eb_ca6b)).wrapping_mul(0xc2b2_ae35) >> 8
     };
     let words = Vocabulary::shipped().len() as u32;
     // Each look misses a word in three and adds some of its own.
-    let kept = (0..150).filter(|&i| hash(looked + 1, i) % 3 != 0).map(|i| hash(p, i) % words);
-    let own = (0..50).map(|i| hash(looked + 7777, i) % words);
+    let kept = (0..900).filter(|&i| hash(looked + 1, i) % 3 != 0).map(|i| hash(p, i) % words);
+    let own = (0..300).map(|i| hash(looked + 7777, i) % words);
     WordBag::new(kept.chain(own).map(WordId))
 }
 

@@ -3,6 +3,8 @@
 
 #[cfg(feature = "sift")]
 mod sift;
+#[cfg(all(test, feature = "sift"))]
+mod tests;
 
 #[cfg(feature = "sift")]
 pub use sift::{SiftError, SiftParams, sift};

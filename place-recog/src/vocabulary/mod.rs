@@ -3,6 +3,21 @@
 //! Words are the leaves of a tree of k-means clusters of RootSIFT descriptors ([`tree`]); with them go what
 //! the training images tell of them: how many show a word (its weight), and which words occur together (the
 //! Chow–Liu tree of [`crate::FabMap`]).
+//!
+//! **Why SIFT words.** Measured against binary words (ORB, 1500 an image, k-majority tree) with vocabularies from
+//! the same rendered rooms; recall at full precision of the best candidate by bag of words, keyframes of
+//! `loopbox run`:
+//!
+//! | keyframes looked for | 10,000 ORB words | 10,000 SIFT words | 28,561 SIFT words |
+//! |---|---|---|---|
+//! | parking_b in parking_a | 84.6 % | 84.6 % | 84.6 % |
+//! | parking_c in parking_a, opposite direction | 70.0 % | 40.0 % | 56.7 % |
+//! | parking_c in parking_b | 6.7 % | 20.0 % | 66.7 % |
+//! | tum_fr1_desk in tum_fr1_xyz | 43.7 % | 80.3 % | 81.7 % |
+//! | highest score between maps that share nothing | 0.184 | 0.173 | 0.089 |
+//! | highest score between maps that do | 0.272 | 0.415 | 0.318 |
+//!
+//! SIFT words keep strangers furthest away from friends, and merging maps matches SIFT features anyway.
 
 mod chow_liu;
 mod cluster;
@@ -27,7 +42,7 @@ pub struct WordId(pub u32);
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct TrainParams {
-    /// Children of a node. Default 10; 2 to 255. More cost time in a look-up and divide better.
+    /// Children of a node. Default 13; 2 to 255. More cost time in a look-up and divide better.
     pub branching: usize,
     /// Levels of the tree; at most `branching` to this power words. Default 4; 1 to 8. More words tell more
     /// places apart, need more training images, and are found again less often from another view.
@@ -42,7 +57,7 @@ pub struct TrainParams {
 
 impl Default for TrainParams {
     fn default() -> Self {
-        Self { branching: 10, levels: 4, iterations: 12, min_per_word: 4, seed: 1 }
+        Self { branching: 13, levels: 4, iterations: 12, min_per_word: 4, seed: 1 }
     }
 }
 
