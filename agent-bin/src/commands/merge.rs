@@ -6,7 +6,7 @@ use crate::merging::{
     without_company, write_results,
 };
 use crate::runtime::Stop;
-use anyhow::{Result, bail};
+use anyhow::{Result, anyhow, bail};
 use clap::Args;
 use place_recog::Vocabulary;
 use std::io::Write;
@@ -51,12 +51,10 @@ pub fn run(args: &MergeArgs) -> Result<()> {
     let mut output = MergeOutput::create(&args.out)?;
     let stop = Stop::on_ctrl_c("stopping after this step; nothing will be written (Ctrl-C again to abort)")?;
     let progress = MergeProgress::new(args.quiet);
-    let mut stage = |text: &str| -> Result<()> {
-        if stop.requested() {
-            bail!("interrupted: nothing was written");
-        }
+    let go_on = || if stop.requested() { Err(anyhow!("interrupted: nothing was written")) } else { Ok(()) };
+    let mut stage = |text: &str| {
         progress.stage(text);
-        Ok(())
+        go_on()
     };
     let vocabulary = Vocabulary::shipped();
     let inputs = load(args, &vocabulary, &mut stage)?;
@@ -71,7 +69,7 @@ pub fn run(args: &MergeArgs) -> Result<()> {
     stage("writing the results")?;
     let mut record = MergeRecord::new(&inputs, &merging, &params, &names)?;
     write_results(&mut output, &inputs, &merging, &names, &mut record)?;
-    stage("writing the results")?;
+    go_on()?;
     output.commit()?;
     let lonely = without_company(&merging, &names);
     if !lonely.is_empty() {

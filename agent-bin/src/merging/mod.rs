@@ -8,9 +8,9 @@ mod progress;
 mod record;
 mod verdict;
 
-pub use input::{Input, InputSeconds};
+pub use input::Input;
 pub use names::{Names, listed};
-pub use output::{MergeOutput, write_results};
+pub use output::{MergeOutput, map_file, write_maps, write_results};
 pub use progress::MergeProgress;
 pub use record::MergeRecord;
 pub use verdict::{verdict, without_company};

@@ -155,7 +155,7 @@ impl Drop for MergeOutput {
 }
 
 /// The file of a group's map: the first group's is `map.mcap`.
-pub(super) fn map_file(group: usize, fused: &Fused, names: &Names) -> String {
+pub fn map_file(group: usize, fused: &Fused, names: &Names) -> String {
     of_group("map", "mcap", group, fused, names)
 }
 

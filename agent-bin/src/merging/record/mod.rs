@@ -4,7 +4,7 @@ mod agents;
 mod closure;
 mod encounter;
 
-pub use agents::{AgentRecord, GroupRecord, PoseGraphRecord};
+pub use agents::{AgentRecord, GroupRecord};
 pub use encounter::EncounterRecord;
 
 use super::names::Names;
