@@ -1,6 +1,6 @@
 //! `loopbox merge`: several agents' maps into one.
 
-use crate::merging::{Input, MergingParams, merge};
+use crate::merging::{Input, MergingParams, merge, report};
 use anyhow::{Result, bail};
 use clap::Args;
 use place_recog::Vocabulary;
@@ -33,5 +33,5 @@ pub fn run(args: &MergeArgs) -> Result<()> {
     for fused in &merging.fused {
         map::save_map(args.out.join("map.mcap"), &fused.map)?;
     }
-    Ok(())
+    report::write(&args.out.join("report.html"), &inputs, &merging)
 }

@@ -2,6 +2,7 @@
 //! the other, with their times. The steps themselves are in the crate `merge`.
 
 mod input;
+pub mod report;
 
 pub use input::Input;
 
