@@ -6,6 +6,7 @@ mod names;
 mod output;
 mod progress;
 mod record;
+mod report;
 mod verdict;
 
 pub use input::Input;
