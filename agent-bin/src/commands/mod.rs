@@ -44,8 +44,7 @@ pub enum Command {
     Places(places::PlacesArgs),
     #[cfg(feature = "opencv")]
     Vocab(vocab::VocabArgs),
-    /// Print the default parameters, documented, as a parameter file
-    Params,
+    Params(params::ParamsArgs),
 }
 
 impl Command {
@@ -65,7 +64,7 @@ impl Command {
             Command::Places(args) => places::run(&args),
             #[cfg(feature = "opencv")]
             Command::Vocab(args) => vocab::run(&args),
-            Command::Params => params::execute(),
+            Command::Params(args) => params::execute(args),
         }
     }
 }
