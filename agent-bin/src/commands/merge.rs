@@ -45,7 +45,8 @@ pub fn run(args: &MergeArgs) -> Result<()> {
             map.display()
         );
     }
-    let params: MergingParams = args.params.as_deref().map(params::read_merging).transpose()?.unwrap_or_default();
+    let params: MergingParams =
+        args.params.as_deref().map(params::read_merging).transpose()?.unwrap_or_default();
     MergeOutput::keep_from(&args.out, &args.maps)?;
     let mut output = MergeOutput::create(&args.out)?;
     let stop = Stop::on_ctrl_c("stopping after this step; nothing will be written (Ctrl-C again to abort)")?;
@@ -110,7 +111,8 @@ fn print(
     names: &Names,
     record: &MergeRecord,
 ) -> Result<()> {
-    let mut text = if args.json { serde_json::to_string_pretty(record)? + "\n" } else { verdict(inputs, merging) };
+    let mut text =
+        if args.json { serde_json::to_string_pretty(record)? + "\n" } else { verdict(inputs, merging) };
     if !args.json {
         for (group, agents) in record.groups.iter().zip(merging.groups()) {
             text += &format!("{}: {}\n", args.out.join(&group.map).display(), names.list(agents));

@@ -45,7 +45,8 @@ impl MergeOutput {
             .with_context(|| format!("{}: the folder cannot be made\n{hint}", folder.display()))?;
         let staging = output.staging();
         if staging.is_dir() {
-            fs::remove_dir_all(&staging).with_context(|| format!("{}: cannot be removed", staging.display()))?;
+            fs::remove_dir_all(&staging)
+                .with_context(|| format!("{}: cannot be removed", staging.display()))?;
         }
         fs::create_dir(&staging)
             .with_context(|| format!("{}: the folder cannot be written to\n{hint}", folder.display()))?;

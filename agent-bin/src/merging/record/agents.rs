@@ -86,7 +86,10 @@ pub(super) fn all(merging: &Merging, names: &Names) -> anyhow::Result<Vec<AgentR
         root: names.of(root).to_owned(),
         root_from_agent: placement.root_from_agent,
         deviations: own.get(&agent).map_or_else(Deviations::none, |map| Deviations::new(placement, map)),
-        path: path(root, &placement.path, &graph).into_iter().map(|agent| names.of(agent).to_owned()).collect(),
+        path: path(root, &placement.path, &graph)
+            .into_iter()
+            .map(|agent| names.of(agent).to_owned())
+            .collect(),
         confidence: placement.confidence.is_finite().then_some(placement.confidence),
     };
     Ok(agents.map(record).collect())

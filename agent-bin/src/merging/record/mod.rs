@@ -84,7 +84,11 @@ impl MergeRecord {
     ) -> anyhow::Result<Self> {
         Ok(Self {
             version: env!("CARGO_PKG_VERSION"),
-            inputs: inputs.iter().zip(&merging.addresses).map(|(i, a)| InputRecord::new(i, a, names)).collect(),
+            inputs: inputs
+                .iter()
+                .zip(&merging.addresses)
+                .map(|(i, a)| InputRecord::new(i, a, names))
+                .collect(),
             encounters: merging.encounters.iter().map(|e| EncounterRecord::new(e, inputs)).collect(),
             agents: agents::all(merging, names)?,
             groups: groups(merging, names),
