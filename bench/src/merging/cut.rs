@@ -9,7 +9,8 @@ use std::ops::Range;
 /// A part of a map of one agent as a map of its own: the keyframes at the positions of `range` in their order, the
 /// edges and observations among them, and the frames that were tracked against them. The world stays.
 pub fn cut(map: &Map, range: Range<usize>) -> Map {
-    let kept: BTreeSet<KeyframeId> = map.keyframes.keys().skip(range.start).take(range.len()).copied().collect();
+    let kept: BTreeSet<KeyframeId> =
+        map.keyframes.keys().skip(range.start).take(range.len()).copied().collect();
     let keyframe = |id: &KeyframeId| {
         let mut keyframe = map.keyframes.get(id)?.clone();
         keyframe.points.iter_mut().for_each(|p| p.observations.retain(|o| kept.contains(&o.keyframe)));
@@ -28,7 +29,8 @@ pub fn cut(map: &Map, range: Range<usize>) -> Map {
 /// The same map in another world and other units: `other_from_world` moves its world; afterwards each keyframe's own
 /// unit is `unit` times as large, whose lengths are therefore smaller numbers.
 pub fn moved(map: &Map, other_from_world: &Sim3, unit: f64) -> Map {
-    let keyframe = |(id, keyframe): (&KeyframeId, &Keyframe)| (*id, keyframe_moved(keyframe, other_from_world, unit));
+    let keyframe =
+        |(id, keyframe): (&KeyframeId, &Keyframe)| (*id, keyframe_moved(keyframe, other_from_world, unit));
     Map {
         agents: map.agents.clone(),
         keyframes: map.keyframes.iter().map(keyframe).collect(),
@@ -87,7 +89,11 @@ mod tests {
     fn row() -> Map {
         let mut map = Map::new(CAMERA);
         for id in (0..5).map(|i| KeyframeId(2 * i)) {
-            let sees = |i| Observation { keyframe: KeyframeId(2 * i), pixel: [1.0; 2], information: [1.0, 0.0, 1.0] };
+            let sees = |i: u32| Observation {
+                keyframe: KeyframeId(2 * i),
+                pixel: [1.0; 2],
+                information: [1.0, 0.0, 1.0],
+            };
             let observations = (0..5).map(sees).collect();
             let point = Point { pixel: [1.0, 1.0], inverse_depth: 0.5, variance: 0.01, observations };
             let keyframe = Keyframe {
@@ -102,9 +108,15 @@ mod tests {
             };
             map.keyframes.insert(id, keyframe);
             for frame_index in [u64::from(id.0), u64::from(id.0) + 1] {
-                let motion = Se3::new(UnitQuaternion::identity(), Vector3::new(0.3, 0.0, 0.1 * frame_index as f64));
+                let motion =
+                    Se3::new(UnitQuaternion::identity(), Vector3::new(0.3, 0.0, 0.1 * frame_index as f64));
                 let timestamp = frame_index as f64;
-                map.frames.push(FramePose { timestamp, frame_index, reference: id, keyframe_from_frame: motion });
+                map.frames.push(FramePose {
+                    timestamp,
+                    frame_index,
+                    reference: id,
+                    keyframe_from_frame: motion,
+                });
             }
             if id.0 > 0 {
                 let from = KeyframeId(id.0 - 2);
@@ -126,9 +138,13 @@ mod tests {
         let part = cut(&whole, 1..4);
         let ids = [2, 4, 6].map(KeyframeId);
         assert_eq!(part.keyframes.keys().copied().collect::<Vec<_>>(), ids);
-        assert_eq!(part.edges.iter().map(|e| (e.from, e.to)).collect::<Vec<_>>(), [(ids[0], ids[1]), (ids[1], ids[2])]);
+        assert_eq!(
+            part.edges.iter().map(|e| (e.from, e.to)).collect::<Vec<_>>(),
+            [(ids[0], ids[1]), (ids[1], ids[2])]
+        );
         assert_eq!(part.frames.iter().map(|f| f.frame_index).collect::<Vec<_>>(), [2, 3, 4, 5, 6, 7]);
-        let observed = |id| part.keyframes[&id].points[0].observations.iter().map(|o| o.keyframe).collect::<Vec<_>>();
+        let observed =
+            |id| part.keyframes[&id].points[0].observations.iter().map(|o| o.keyframe).collect::<Vec<_>>();
         assert!(ids.iter().all(|id| observed(*id) == ids));
         assert_eq!(part.keyframes[&ids[0]].world_from_keyframe, pose(2));
         assert_eq!(cut(&whole, 0..5), whole);

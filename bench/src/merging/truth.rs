@@ -106,7 +106,8 @@ mod tests {
 
     #[test]
     fn each_mistake_shows_where_it_was_made() {
-        let (target, source) = sides(&Sim3::new(UnitQuaternion::identity(), Vector3::new(0.3, 0.0, 0.0), 1.0));
+        let (target, source) =
+            sides(&Sim3::new(UnitQuaternion::identity(), Vector3::new(0.3, 0.0, 0.0), 1.0));
         let shifted = Deviation::new(&target, &source, 5.0);
         assert!((shifted.offset - 0.06).abs() < 1e-9 && shifted.rotation < 1e-5 && !shifted.is_right());
         // Deeper in the scene the same shift does not matter.
