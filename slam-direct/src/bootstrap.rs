@@ -9,7 +9,7 @@ use crate::patch::{PatchMatch, Template};
 use crate::select::select;
 use crate::track::{TrackParams, position_information};
 use crate::warp::Warp;
-use crate::window::{Problem, WindowObservation, WindowPoint, solve};
+use crate::window::{PoseSolver, Problem, SeenPoint, WindowObservation, WindowPoint, solve};
 use backend::params;
 use geometry::{Pinhole, Pyramid, Se3};
 use nalgebra::{Vector3, Vector6};
@@ -174,7 +174,7 @@ impl Bootstrap {
     /// The rotation that explains the newest frame best, and the median way that it leaves.
     fn parallax(&self) -> (Se3, f32) {
         let mut problem = self.problem(&[self.frames.len() - 1], &[Se3::identity()], 0.0);
-        let turn = fit_rotation(&problem);
+        let turn = fit_pose(&problem, 15, true);
         problem.frames[1] = turn;
         let mut left: Vec<f32> = problem
             .observations
@@ -331,7 +331,7 @@ impl Bootstrap {
                 let share = (frame + 1) as f64 / self.frames.len() as f64;
                 let mut problem = self.problem(&[frame], &[Se3::exp(&(twist * share))], 1.0);
                 hold_depths(&mut problem, solution);
-                let pose = refine(&problem, 8, false);
+                let pose = fit_pose(&problem, 8, false);
                 let f = &self.frames[frame];
                 (f.timestamp, f.frame_index, Se3::new(pose.rotation, pose.translation * unit))
             })
@@ -376,50 +376,20 @@ fn coarse_to_fine(
     best
 }
 
-/// The rotation that carries the first frame's rays to where frame 1 of `problem` sees them.
-fn fit_rotation(problem: &Problem) -> Se3 {
-    refine(problem, 15, true)
-}
-
-/// Robust Gauss–Newton on the pose of frame 1, depths held; `rotation_only` holds the translation too.
-fn refine(problem: &Problem, iterations: usize, rotation_only: bool) -> Se3 {
-    let mut pose = problem.frames[1];
-    for _ in 0..iterations {
-        let mut h = nalgebra::Matrix6::<f64>::identity() * 1e-6;
-        let mut g = Vector6::<f64>::zeros();
-        let (rotation, translation) = (pose.rotation_matrix(), pose.translation);
-        for point in &problem.points {
-            for seen in &problem.observations[point.observations.clone()] {
-                let Some(p) = crate::window::predict(
-                    &problem.camera,
-                    &rotation,
-                    &translation,
-                    &point.ray,
-                    point.inverse_depth,
-                    &seen.pixel,
-                ) else {
-                    continue;
-                };
-                let weight =
-                    crate::window::robust_weight(crate::window::mahalanobis(&p.residual, &seen.information));
-                let [a, b, c] = seen.information.map(|v| v * weight);
-                let (ju, jv) = (Vector6::from(p.by_twist[0]), Vector6::from(p.by_twist[1]));
-                let (wu, wv) = (ju * a + jv * b, ju * b + jv * c);
-                h.ger(1.0, &wu, &ju, 1.0);
-                h.ger(1.0, &wv, &jv, 1.0);
-                g += wu * p.residual[0] + wv * p.residual[1];
-            }
-        }
-        if rotation_only {
-            g.fixed_rows_mut::<3>(0).fill(0.0);
-            h.fixed_view_mut::<3, 6>(0, 0).fill(0.0);
-            h.fixed_view_mut::<6, 3>(0, 0).fill(0.0);
-            h.fixed_view_mut::<3, 3>(0, 0).fill_with_identity();
-        }
-        let Some(factor) = h.cholesky() else { break };
-        pose = (Se3::exp(&-factor.solve(&g)) * pose).renormalized();
-    }
-    if pose.is_finite() { pose } else { problem.frames[1] }
+/// The pose of frame 1 of `problem` that agrees best with where it sees the points, their depths held;
+/// `rotation_only` holds its translation too.
+fn fit_pose(problem: &Problem, iterations: usize, rotation_only: bool) -> Se3 {
+    let sightings = problem.points.iter().flat_map(|point| {
+        problem.observations[point.observations.clone()].iter().map(|seen| SeenPoint {
+            direction: point.ray,
+            inverse_depth: point.inverse_depth,
+            pixel: seen.pixel,
+            information: seen.information,
+        })
+    });
+    let points: Vec<SeenPoint> = sightings.collect();
+    let solver = PoseSolver { iterations, wide: 0, settled: 0.0, rotation_only };
+    solver.solve(&problem.camera, &problem.frames[1], &points)
 }
 
 /// Squared residual that an observation of a good start stays below; χ² of two degrees of freedom at 99.7 %,
