@@ -90,3 +90,68 @@ fn linearise(
     }
     (h, g)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::window::tests::spread;
+
+    const CAMERA: Pinhole = Pinhole { width: 640, height: 480, fx: 420.0, fy: 410.0, cx: 319.5, cy: 239.5 };
+    const SOLVER: PoseSolver = PoseSolver { iterations: 15, wide: 5, settled: 0.0, rotation_only: false };
+
+    fn truth() -> Se3 {
+        Se3::exp(&Vector6::new(0.05, -0.03, 0.04, 0.01, -0.015, 0.02))
+    }
+
+    /// Points as a frame at `camera_from_world` sees them; every `wrong`-th is seen far off.
+    fn seen(camera_from_world: &Se3, wrong: usize) -> Vec<SeenPoint> {
+        let point = |i: usize| {
+            let direction = CAMERA.unproject(320.0 + 250.0 * spread(i, 0), 240.0 + 180.0 * spread(i, 1));
+            let inverse_depth = 0.4 + 0.2 * spread(i, 2);
+            let at = CAMERA.project(
+                &(camera_from_world.rotation * direction + camera_from_world.translation * inverse_depth),
+            );
+            let off = if i % wrong == 0 { 40.0 } else { 0.0 };
+            SeenPoint {
+                direction,
+                inverse_depth,
+                pixel: [at.x + off, at.y - off],
+                information: [4.0, 1.0, 2.0],
+            }
+        };
+        (1..=120).map(point).collect()
+    }
+
+    fn distance(a: &Se3, b: &Se3) -> f64 {
+        (*a * b.inverse()).log().norm()
+    }
+
+    #[test]
+    fn the_pose_is_found_among_wrong_sightings() {
+        let found = SOLVER.solve(&CAMERA, &Se3::identity(), &seen(&truth(), 6));
+        assert!(distance(&found, &truth()) < 1e-3, "off by {}", distance(&found, &truth()));
+    }
+
+    #[test]
+    fn a_step_that_has_settled_ends_it() {
+        let points = seen(&truth(), 1000);
+        let first = PoseSolver { iterations: 2, wide: 0, ..SOLVER }.solve(&CAMERA, &Se3::identity(), &points);
+        let settled = PoseSolver { wide: 0, settled: f64::INFINITY, ..SOLVER };
+        assert_eq!(settled.solve(&CAMERA, &Se3::identity(), &points), first);
+    }
+
+    #[test]
+    fn a_held_translation_stays() {
+        let turn = Se3::exp(&Vector6::new(0.0, 0.0, 0.0, 0.02, -0.03, 0.01));
+        let solver = PoseSolver { rotation_only: true, ..SOLVER };
+        let found = solver.solve(&CAMERA, &Se3::identity(), &seen(&turn, 1000));
+        assert!(distance(&found, &turn) < 1e-9, "off by {}", distance(&found, &turn));
+        let found = solver.solve(&CAMERA, &Se3::identity(), &seen(&truth(), 1000));
+        assert!(found.translation.norm() < 1e-12, "moved by {}", found.translation);
+    }
+
+    #[test]
+    fn without_points_the_start_stays() {
+        assert!(distance(&SOLVER.solve(&CAMERA, &truth(), &[]), &truth()) < 1e-12);
+    }
+}
