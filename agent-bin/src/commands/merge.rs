@@ -1,8 +1,9 @@
 //! `loopbox merge`: several agents' maps into one.
 
-use crate::merging::{Input, MergingParams, merge};
+use crate::merging::{Input, MergingParams, merge, method_parser};
 use anyhow::{Result, bail};
 use clap::Args;
+use merge::method::Method;
 use place_recog::Vocabulary;
 use std::path::PathBuf;
 
@@ -15,6 +16,9 @@ pub struct MergeArgs {
     /// Folder for the results
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
+    /// How maps are joined where they met; all but loop-box are there to compare it with
+    #[arg(long, value_name = "METHOD", default_value_t, value_parser = method_parser())]
+    method: Method,
 }
 
 /// Runs `loopbox merge`.
@@ -25,7 +29,8 @@ pub fn run(args: &MergeArgs) -> Result<()> {
     let vocabulary = Vocabulary::shipped();
     let inputs: Vec<Input> =
         args.maps.iter().map(|path| Input::load(path, &vocabulary)).collect::<Result<_>>()?;
-    let merging = merge(&inputs, &vocabulary, &MergingParams::default(), &mut |text| eprintln!("{text}"))?;
+    let params = MergingParams { method: args.method, ..MergingParams::default() };
+    let merging = merge(&inputs, &vocabulary, &params, &mut |text| eprintln!("{text}"))?;
     if merging.fused.iter().all(|fused| fused.agents.len() == 1) {
         bail!("no two of the maps met");
     }
