@@ -157,9 +157,8 @@ fn encounter(
         Outcome::Accepted(closure, _) => Some(closure),
         _ => None,
     });
-    let joined = closure
-        .map(|closure| joined(&prepared[source], &prepared[target], closure, params))
-        .transpose()?;
+    let joined =
+        closure.map(|closure| joined(&prepared[source], &prepared[target], closure, params)).transpose()?;
     let seconds = Seconds {
         places: recognised,
         meeting: met - recognised,

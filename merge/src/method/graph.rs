@@ -73,9 +73,8 @@ impl Numbering {
 
     /// The map's own edges.
     fn edges(&self, side: &Side) -> Result<Vec<Edge>, MethodRefusal> {
-        let renamed = |edge: &Edge| {
-            Ok(Edge { from: self.of(edge.from)?, to: self.of(edge.to)?, ..edge.clone() })
-        };
+        let renamed =
+            |edge: &Edge| Ok(Edge { from: self.of(edge.from)?, to: self.of(edge.to)?, ..edge.clone() });
         side.edges.iter().map(renamed).collect()
     }
 }

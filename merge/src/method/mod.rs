@@ -110,14 +110,8 @@ pub struct Placement {
 
 impl Method {
     /// All methods, in the order of the module's table.
-    pub const ALL: [Self; 6] = [
-        Self::PcrPro,
-        Self::PgoStraight,
-        Self::PgoFull,
-        Self::PgoTop,
-        Self::LoopBoxPaper,
-        Self::LoopBox,
-    ];
+    pub const ALL: [Self; 6] =
+        [Self::PcrPro, Self::PgoStraight, Self::PgoFull, Self::PgoTop, Self::LoopBoxPaper, Self::LoopBox];
 
     /// What it is called.
     pub fn name(self) -> &'static str {
@@ -155,7 +149,10 @@ impl FromStr for Method {
     type Err = UnknownMethod;
 
     fn from_str(name: &str) -> Result<Self, UnknownMethod> {
-        Self::ALL.into_iter().find(|method| method.name() == name).ok_or_else(|| UnknownMethod(name.to_owned()))
+        Self::ALL
+            .into_iter()
+            .find(|method| method.name() == name)
+            .ok_or_else(|| UnknownMethod(name.to_owned()))
     }
 }
 

@@ -60,10 +60,9 @@ pub fn observe(
     let mut places =
         closure.pairs.each_ref().map(|pair| pair.as_ref().map(|pair| (pair.source, pair.target)));
     let cross: Vec<(KeyframeId, KeyframeId)> = match baseline {
-        Baseline::PoseGraph(Configuration::Full) => CROSS
-            .into_iter()
-            .filter_map(|(s, t)| Some((places[s]?.0, places[t]?.1)))
-            .collect(),
+        Baseline::PoseGraph(Configuration::Full) => {
+            CROSS.into_iter().filter_map(|(s, t)| Some((places[s]?.0, places[t]?.1))).collect()
+        }
         _ => Vec::new(),
     };
     if baseline == Baseline::PcrPro {
@@ -111,9 +110,8 @@ impl Side {
             let keyframe = map.get(id)?;
             Some((id, keyframe_cloud(&keyframe.keyframe.semi_dense, keyframe.camera, &with_clouds?.cloud)))
         };
-        let among = |edge: &&Edge| {
-            edge.kind != EdgeKind::Merge && ids.contains(&edge.from) && ids.contains(&edge.to)
-        };
+        let among =
+            |edge: &&Edge| edge.kind != EdgeKind::Merge && ids.contains(&edge.from) && ids.contains(&edge.to);
         Self {
             world_from_keyframes: ids.iter().filter_map(|&id| Some((id, map.world_from(id)?))).collect(),
             edges: map.map().edges.iter().filter(among).cloned().collect(),
@@ -125,7 +123,8 @@ impl Side {
 impl Observed {
     /// The pair of most matches among the direct ones, the first of equals.
     pub(super) fn most_matched(&self) -> Option<(&ObservedPair, &Measurement)> {
-        let measured = self.direct.iter().flatten().filter_map(|pair| Some((pair, pair.measured.as_ref().ok()?)));
+        let measured =
+            self.direct.iter().flatten().filter_map(|pair| Some((pair, pair.measured.as_ref().ok()?)));
         measured.reduce(|best, next| if next.1.match_count > best.1.match_count { next } else { best })
     }
 

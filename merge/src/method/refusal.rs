@@ -12,13 +12,13 @@ pub enum MethodRefusal {
     #[error("the keyframe pair that the method rests on could not be measured: {0}")]
     NotMeasured(PairRefusal),
     /// Algorithm 1 has no scale.
-    #[error("{0}")]
+    #[error(transparent)]
     Scale(#[from] OptimalScaleRefusal),
     /// The clouds could not be registered.
     #[error("the clouds of the keyframe pair could not be registered: {0}")]
-    Registration(#[from] IcpRefusal),
+    Registration(IcpRefusal),
     /// The pose graph failed.
-    #[error("{0}")]
+    #[error(transparent)]
     PoseGraph(#[from] PoseGraphError),
     /// Numbers that make no motion, or a keyframe that is not there.
     #[error("the poses of the matched keyframes make no motion of the maps")]

@@ -20,7 +20,8 @@ pub(super) fn register(
 ) -> Result<Estimate, MethodRefusal> {
     let clouds = observed.source.clouds.get(&source).zip(observed.target.clouds.get(&target));
     let (source, target) = clouds.ok_or(MethodRefusal::NoMotion)?;
-    let registration = icp::register(target, source, &target_from_source.inverse(), params)?;
+    let registration = icp::register(target, source, &target_from_source.inverse(), params)
+        .map_err(MethodRefusal::Registration)?;
     let mut information = registration.information;
     information[(6, 6)] += log_scale_variance.recip();
     Ok(Estimate { a_from_b: registration.target_from_source, information }.inverse())

@@ -2,7 +2,9 @@
 
 use super::graph::{Bond, optimised};
 use super::register::register;
-use super::{Baseline, BaselineParams, Configuration, Measurement, MethodRefusal, Observed, ObservedPair, Placement};
+use super::{
+    Baseline, BaselineParams, Configuration, Measurement, MethodRefusal, Observed, ObservedPair, Placement,
+};
 use crate::estimate::Estimate;
 use crate::optimal_scale::{Neighbourhood, PairEstimate, algorithm_1, volume_ratio};
 use crate::pair::PairRefusal;
