@@ -18,7 +18,8 @@ params! {
         pub cell: usize = 24,
         /// Points sought per cell at most.
         pub per_cell: usize = 2,
-        /// The same in a frame that becomes a keyframe.
+        /// The same when a frame that becomes a keyframe is searched again from its refined pose. Range 1–6; more
+        /// bind keyframes closer and cost time.
         pub keyframe_per_cell: usize = 2,
         /// How far a patch may be found from its prediction, pixels.
         pub max_shift: f32 = 6.0,
