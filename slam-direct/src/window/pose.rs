@@ -111,7 +111,7 @@ mod tests {
             let at = CAMERA.project(
                 &(camera_from_world.rotation * direction + camera_from_world.translation * inverse_depth),
             );
-            let off = if i % wrong == 0 { 40.0 } else { 0.0 };
+            let off = if i.is_multiple_of(wrong) { 40.0 } else { 0.0 };
             SeenPoint {
                 direction,
                 inverse_depth,
