@@ -1,7 +1,7 @@
 //! Where the agents are, and which of them hang together.
 
-use crate::merging::Merging;
 use crate::merging::names::Names;
+use crate::merging::{Merging, MergingParams};
 use geometry::Sim3;
 use map::{AgentId, Map};
 use merge::common_map::Fused;
@@ -73,8 +73,12 @@ pub struct PoseGraphRecord {
 }
 
 /// Every agent, group by group.
-pub(super) fn all(merging: &Merging, names: &Names) -> anyhow::Result<Vec<AgentRecord>> {
-    let graph = merging.common.graph()?;
+pub(super) fn all(
+    merging: &Merging,
+    params: &MergingParams,
+    names: &Names,
+) -> anyhow::Result<Vec<AgentRecord>> {
+    let graph = merging.common.graph(&params.fusion)?;
     let own = merging.common.agents();
     let agents = merging.fused.iter().flat_map(|fused| {
         fused.component.agents.iter().map(|(agent, placement)| (fused.component.root, *agent, placement))
