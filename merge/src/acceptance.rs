@@ -169,8 +169,8 @@ mod tests {
         matches: 60,
         pairs: 2,
         inlier_share: 0.6,
-        overlap: 0.25,
-        rotation_deviation: 1.0,
+        overlap: 0.42,
+        rotation_deviation: 0.35,
         scale_deviation: 0.03,
     };
 
@@ -189,9 +189,9 @@ mod tests {
             (Evidence { pairs: 1, ..ENOUGH }, Doubt::Unconfirmed { pairs: 1, needed: 2 }),
             (Evidence { matches: 59, ..ENOUGH }, Doubt::FewMatches { matches: 59, needed: 60 }),
             (Evidence { inlier_share: 0.59, ..ENOUGH }, Doubt::Unlike { share: 0.59, needed: 0.6 }),
-            (Evidence { overlap: 0.24, ..ENOUGH }, Doubt::LittleOverlap { overlap: 0.24, needed: 0.25 }),
-            (Evidence { rotation_deviation: 1.1, ..ENOUGH }, Doubt::Vague { rotation: 1.1, scale: 0.03 }),
-            (Evidence { scale_deviation: 0.031, ..ENOUGH }, Doubt::Vague { rotation: 1.0, scale: 0.031 }),
+            (Evidence { overlap: 0.4, ..ENOUGH }, Doubt::LittleAgrees { share: 0.6 * 0.4, needed: 0.25 }),
+            (Evidence { rotation_deviation: 0.36, ..ENOUGH }, Doubt::Vague { rotation: 0.36, scale: 0.03 }),
+            (Evidence { scale_deviation: 0.031, ..ENOUGH }, Doubt::Vague { rotation: 0.35, scale: 0.031 }),
         ];
         for (evidence, doubt) in refused {
             assert_eq!(verdict(evidence), Err(doubt));
