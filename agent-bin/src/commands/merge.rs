@@ -2,12 +2,13 @@
 
 use super::params;
 use crate::merging::{
-    Input, MergeOutput, MergeProgress, MergeRecord, Merging, MergingParams, Names, listed, merge, verdict,
-    without_company, write_results,
+    Input, MergeOutput, MergeProgress, MergeRecord, Merging, MergingParams, Names, listed, merge,
+    method_parser, verdict, without_company, write_results,
 };
 use crate::runtime::Stop;
-use anyhow::{Result, bail};
+use anyhow::{Result, anyhow, bail};
 use clap::Args;
+use merge::method::Method;
 use place_recog::Vocabulary;
 use std::io::Write;
 use std::path::PathBuf;
@@ -22,6 +23,10 @@ pub struct MergeArgs {
     /// Folder for the results; made if it is not there
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
+    /// How maps are joined where they met, in place of the parameter file's; all but loop-box are there to compare it
+    /// with
+    #[arg(long, value_name = "METHOD", value_parser = method_parser())]
+    method: Option<Method>,
     /// Parameter file (TOML); `loopbox params --merge` prints the defaults
     #[arg(long, value_name = "FILE")]
     params: Option<PathBuf>,
@@ -45,18 +50,17 @@ pub fn run(args: &MergeArgs) -> Result<()> {
             map.display()
         );
     }
-    let params: MergingParams =
+    let mut params: MergingParams =
         args.params.as_deref().map(params::read_merging).transpose()?.unwrap_or_default();
+    params.method = args.method.unwrap_or(params.method);
     MergeOutput::keep_from(&args.out, &args.maps)?;
     let mut output = MergeOutput::create(&args.out)?;
     let stop = Stop::on_ctrl_c("stopping after this step; nothing will be written (Ctrl-C again to abort)")?;
     let progress = MergeProgress::new(args.quiet);
-    let mut stage = |text: &str| -> Result<()> {
-        if stop.requested() {
-            bail!("interrupted: nothing was written");
-        }
+    let go_on = || if stop.requested() { Err(anyhow!("interrupted: nothing was written")) } else { Ok(()) };
+    let mut stage = |text: &str| {
         progress.stage(text);
-        Ok(())
+        go_on()
     };
     let vocabulary = Vocabulary::shipped();
     let inputs = load(args, &vocabulary, &mut stage)?;
@@ -71,7 +75,7 @@ pub fn run(args: &MergeArgs) -> Result<()> {
     stage("writing the results")?;
     let mut record = MergeRecord::new(&inputs, &merging, &params, &names)?;
     write_results(&mut output, &inputs, &merging, &names, &mut record)?;
-    stage("writing the results")?;
+    go_on()?;
     output.commit()?;
     let lonely = without_company(&merging, &names);
     if !lonely.is_empty() {

@@ -15,6 +15,8 @@ mod params;
 mod places;
 mod run;
 #[cfg(feature = "opencv")]
+mod unmerge;
+#[cfg(feature = "opencv")]
 mod vocab;
 
 use anyhow::Result;
@@ -43,6 +45,8 @@ pub enum Command {
     #[cfg(feature = "opencv")]
     Places(places::PlacesArgs),
     #[cfg(feature = "opencv")]
+    Unmerge(unmerge::UnmergeArgs),
+    #[cfg(feature = "opencv")]
     Vocab(vocab::VocabArgs),
     Params(params::ParamsArgs),
 }
@@ -62,6 +66,8 @@ impl Command {
             Command::Merge(args) => merge::run(&args),
             #[cfg(feature = "opencv")]
             Command::Places(args) => places::run(&args),
+            #[cfg(feature = "opencv")]
+            Command::Unmerge(args) => unmerge::run(&args),
             #[cfg(feature = "opencv")]
             Command::Vocab(args) => vocab::run(&args),
             Command::Params(args) => params::execute(args),

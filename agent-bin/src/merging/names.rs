@@ -25,16 +25,6 @@ impl Names {
         self.0.get(&agent).map_or("", |name| name)
     }
 
-    /// The agent of a name.
-    pub fn find(&self, name: &str) -> Option<AgentId> {
-        self.0.iter().find(|(_, found)| *found == name).map(|(agent, _)| *agent)
-    }
-
-    /// Every name, in order of the agents.
-    pub fn all(&self) -> impl Iterator<Item = &str> {
-        self.0.values().map(String::as_str)
-    }
-
     /// The names of some agents as people list them: `a`, `a and b`, `a, b and c`.
     pub fn list(&self, agents: &[AgentId]) -> String {
         listed(&agents.iter().map(|agent| self.of(*agent)).collect::<Vec<_>>())
@@ -68,10 +58,9 @@ mod tests {
     #[test]
     fn agents_of_one_name_are_told_apart() {
         let maps: Vec<Map> = ["yard", "yard"].map(|name| Map::of(AgentInfo::new(name, CAMERA))).into();
-        let (common, _) = CommonMap::from_maps(&maps).unwrap();
+        let (common, _) = CommonMap::from_maps(&maps.iter().collect::<Vec<_>>()).unwrap();
         let names = Names::new(&common);
-        assert_eq!(names.all().collect::<Vec<_>>(), ["yard", "yard-2"]);
-        assert_eq!(names.find("yard-2"), Some(AgentId(1)));
+        assert_eq!([0, 1].map(|id| names.of(AgentId(id))), ["yard", "yard-2"]);
         assert_eq!(names.list(&[AgentId(0), AgentId(1)]), "yard and yard-2");
     }
 }

@@ -1,6 +1,6 @@
 //! The folder that merged maps are written into: all results or none.
 
-use super::{Input, MergeRecord, Merging, Names};
+use super::{Input, MergeRecord, Merging, Names, report};
 use anyhow::{Context, Result, bail};
 use map::DEFAULT_MAX_RELATIVE_VARIANCE;
 use merge::common_map::Fused;
@@ -155,7 +155,7 @@ impl Drop for MergeOutput {
 }
 
 /// The file of a group's map: the first group's is `map.mcap`.
-pub(super) fn map_file(group: usize, fused: &Fused, names: &Names) -> String {
+pub fn map_file(group: usize, fused: &Fused, names: &Names) -> String {
     of_group("map", "mcap", group, fused, names)
 }
 
@@ -179,6 +179,9 @@ pub fn write_results(
 ) -> Result<()> {
     let provenance = merging.provenance(inputs, &record.params);
     write_maps(output, &merging.fused, names, &provenance)?;
+    let page = output.file(REPORT)?;
+    report::write(&page, inputs, merging)
+        .with_context(|| format!("{}: cannot be written", page.display()))?;
     output.file(NUMBERS)?;
     record.files = output.names();
     let path = output.staging().join(NUMBERS);

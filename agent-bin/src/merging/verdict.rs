@@ -68,15 +68,16 @@ fn accepted(text: &mut String, encounter: &Encounter, closure: &Closure, evidenc
 
 fn refused(text: &mut String, encounter: &Encounter) {
     let _ = writeln!(text, "refused: {}", encounter.refusal().unwrap_or_default());
-    if let Some(closest) = encounter.closest() {
+    let tried = encounter.tried.len();
+    if let Some(closest) = encounter.closest().filter(|closest| closest.match_count > 0) {
         let (place, count) = (closest.place, closest.match_count);
         let _ = writeln!(
             text,
-            "  best of {} places tried: keyframes {} and {}, {count} key points match",
-            encounter.tried.len(),
-            place.target.0,
-            place.source.0
+            "  best of {tried} places tried: keyframes {} and {}, {count} key points match",
+            place.target.0, place.source.0
         );
+    } else if tried > 0 {
+        let _ = writeln!(text, "  {tried} places tried, and in none do the images fit");
     }
 }
 

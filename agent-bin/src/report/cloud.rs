@@ -45,13 +45,18 @@ struct CloudPoint {
 }
 
 impl Cloud {
-    /// The cloud of some `keyframes` of a map.
-    pub fn new(map: &Map, keyframes: &[&Keyframe]) -> Self {
+    /// The cloud of some `keyframes` of a map, each agent's in a row, thinned to at most `budget` points: all agents
+    /// alike.
+    pub fn new(map: &Map, keyframes: &[&Keyframe], budget: usize) -> Self {
         let mut points = gather(map, keyframes);
         let total = points.len();
         let (low, high) = robust_box(&points);
         points.retain(|p| (0..3).all(|i| p.position[i] >= low[i] && p.position[i] <= high[i]));
-        thin(&mut points, MAX_POINTS);
+        let share = budget as f64 / points.len().max(1) as f64;
+        let points: Vec<CloudPoint> = points
+            .chunk_by(|a, b| keyframes[a.keyframe as usize].agent == keyframes[b.keyframe as usize].agent)
+            .flat_map(|own| thinned(own, (own.len() as f64 * share).round() as usize))
+            .collect();
         let size = high - low;
         let inverse_depth = range(points.iter().map(|p| p.inverse_depth), 0.02);
         let mut position = Vec::with_capacity(points.len() * 8);
@@ -139,10 +144,11 @@ fn range(values: impl Iterator<Item = f32>, share: f64) -> [f32; 2] {
     [low, high.max(low + low.abs().max(1e-3) * 1e-3)]
 }
 
-/// Thins the cloud to `budget` points: first the least certain go, at most half of all, then every so many.
-fn thin(points: &mut Vec<CloudPoint>, budget: usize) {
+/// A cloud thinned to `budget` points: first the least certain go, at most half of all, then every so many.
+fn thinned(points: &[CloudPoint], budget: usize) -> Vec<CloudPoint> {
+    let mut points = points.to_vec();
     if points.len() <= budget {
-        return;
+        return points;
     }
     let mut histogram = [0usize; 256];
     points.iter().for_each(|p| histogram[p.sigma_code as usize] += 1);
@@ -153,7 +159,8 @@ fn thin(points: &mut Vec<CloudPoint>, budget: usize) {
         kept >= enough
     });
     points.retain(|p| worst.is_none_or(|worst| p.sigma_code as usize <= worst));
-    evenly(points, budget);
+    evenly(&mut points, budget);
+    points
 }
 
 /// Keeps `budget` elements, spread evenly over the order of `items`.
@@ -184,9 +191,8 @@ mod tests {
 
     #[test]
     fn thinning_drops_the_uncertain_first_and_meets_the_budget() {
-        let mut points: Vec<_> =
-            (0..1000).map(|i| point(i as f32, if i % 4 == 0 { 200 } else { 10 })).collect();
-        thin(&mut points, 300);
+        let points: Vec<_> = (0..1000).map(|i| point(i as f32, if i % 4 == 0 { 200 } else { 10 })).collect();
+        let points = thinned(&points, 300);
         assert_eq!(points.len(), 300);
         assert!(points.iter().all(|p| p.sigma_code == 10));
         assert!(points.first().unwrap().position.x < 10.0 && points.last().unwrap().position.x > 990.0);

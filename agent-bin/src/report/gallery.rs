@@ -49,17 +49,39 @@ fn spread(items: &[usize], count: usize) -> Vec<usize> {
 }
 
 fn picture(index: usize, keyframe: &Keyframe, inverse_depth: [f32; 2]) -> anyhow::Result<Picture> {
-    let factor = shrink_factor(&keyframe.image);
-    let image = shrunk(&keyframe.image, factor);
-    let jpeg = encode(&image)
-        .with_context(|| format!("the image of keyframe {} cannot be written as JPEG", keyframe.id.0))?;
-    let depth = depth_pairs(keyframe, factor, image.width(), image.height(), inverse_depth);
-    Ok(Picture { keyframe: index, width: image.width(), height: image.height(), jpeg: Packed(jpeg), depth })
+    let Shrunk { factor, width, height, jpeg } = shrunk_jpeg(keyframe, MAX_PIXELS, MAX_BYTES)?;
+    let depth = depth_pairs(keyframe, factor, width, height, inverse_depth);
+    Ok(Picture { keyframe: index, width, height, jpeg, depth })
 }
 
-/// The smallest whole factor that brings an image under [`MAX_PIXELS`].
-fn shrink_factor(image: &GrayImage) -> usize {
-    let fits = |k: usize| (image.width() / k).max(1) * (image.height() / k).max(1) <= MAX_PIXELS;
+/// A keyframe's image, made smaller for a page.
+pub struct Shrunk {
+    /// Pixels of the image that make one here, in either direction.
+    pub factor: usize,
+    /// Pixels across.
+    pub width: usize,
+    /// Pixels down.
+    pub height: usize,
+    /// The grey image.
+    pub jpeg: Packed,
+}
+
+/// A keyframe's image shrunk by a whole factor to at most `max_pixels`, as JPEG of at most `max_bytes` where the
+/// worst quality allows.
+///
+/// # Errors
+/// When it cannot be encoded; the message names the keyframe.
+pub fn shrunk_jpeg(keyframe: &Keyframe, max_pixels: usize, max_bytes: usize) -> anyhow::Result<Shrunk> {
+    let factor = shrink_factor(&keyframe.image, max_pixels);
+    let image = shrunk(&keyframe.image, factor);
+    let jpeg = encode(&image, max_bytes)
+        .with_context(|| format!("the image of keyframe {} cannot be written as JPEG", keyframe.id.0))?;
+    Ok(Shrunk { factor, width: image.width(), height: image.height(), jpeg: Packed(jpeg) })
+}
+
+/// The smallest whole factor that brings an image to at most `max_pixels`.
+fn shrink_factor(image: &GrayImage, max_pixels: usize) -> usize {
+    let fits = |k: usize| (image.width() / k).max(1) * (image.height() / k).max(1) <= max_pixels;
     let longer = image.width().max(image.height());
     (1..=longer).find(|&k| fits(k)).unwrap_or(longer)
 }
@@ -80,15 +102,15 @@ fn shrunk(image: &GrayImage, factor: usize) -> GrayImage {
     small
 }
 
-/// The image as JPEG, of the best quality that fits [`MAX_BYTES`], or else the worst there is.
-fn encode(image: &GrayImage) -> image::ImageResult<Vec<u8>> {
+/// The image as JPEG, of the best quality that fits `max_bytes`, or else the worst there is.
+fn encode(image: &GrayImage, max_bytes: usize) -> image::ImageResult<Vec<u8>> {
     let mut jpeg = Vec::new();
     for quality in QUALITIES {
         jpeg.clear();
         let (width, height) = (image.width() as u32, image.height() as u32);
         let encoder = JpegEncoder::new_with_quality(&mut jpeg, quality);
         encoder.write_image(image.data(), width, height, ExtendedColorType::L8)?;
-        if jpeg.len() <= MAX_BYTES {
+        if jpeg.len() <= max_bytes {
             break;
         }
     }
@@ -165,11 +187,11 @@ mod tests {
             (state >> 24) as u8
         });
         let image = GrayImage::from_vec(1920, 1080, noise.collect()).unwrap();
-        let factor = shrink_factor(&image);
+        let factor = shrink_factor(&image, MAX_PIXELS);
         assert_eq!(factor, 2);
         let small = shrunk(&image, factor);
         assert_eq!((small.width(), small.height()), (960, 540));
-        assert!(encode(&small).unwrap().len() <= MAX_BYTES);
+        assert!(encode(&small, MAX_BYTES).unwrap().len() <= MAX_BYTES);
     }
 
     #[test]

@@ -3,20 +3,34 @@
 //! The page holds everything it needs: styles, scripts, the cloud as quantised typed arrays, key images
 //! as JPEG. Nothing in it points outside, and a content policy forbids the browser to try. The same
 //! input gives the same bytes.
+//!
+//! What the page of a merging needs too is public: the page around, the 3-D view, pictures, packed numbers.
 
-mod cloud;
-mod gallery;
-mod pack;
-mod scene;
+pub mod cloud;
+pub mod gallery;
+pub mod pack;
+pub mod page;
+pub mod scene;
 #[cfg(test)]
 mod tests;
 
-use anyhow::Context;
 use map::Map;
 use pack::Packed;
+use page::Template;
 use serde::Serialize;
 use slam_direct::TrackingState;
 use std::path::Path;
+
+/// The page of a run.
+const TEMPLATE: Template = Template {
+    body: include_str!("assets/run.html"),
+    style: "",
+    scripts: &[
+        include_str!("assets/plots.js"),
+        include_str!("assets/gallery.js"),
+        include_str!("assets/start.js"),
+    ],
+};
 
 /// What became of one frame, a row of the per-frame plots.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -42,7 +56,7 @@ pub struct FrameRow {
 pub struct ReportInput<'a> {
     /// Heading of the page: what was run.
     pub title: &'a str,
-    /// The map to show, of one agent.
+    /// The map to show.
     pub map: &'a Map,
     /// One row per processed frame, in order of the recording; frames never processed have none.
     pub rows: &'a [FrameRow],
@@ -55,84 +69,12 @@ pub struct ReportInput<'a> {
 /// # Errors
 /// When a key image cannot be encoded or the file cannot be written.
 pub fn write(path: &Path, input: &ReportInput) -> anyhow::Result<()> {
-    let html = render(input)?;
-    std::fs::write(path, html).with_context(|| {
-        format!(
-            "cannot write the report to {}: check that the folder exists and the disk has room",
-            path.display()
-        )
-    })
+    page::save(path, &render(input)?)
 }
 
 /// The whole page as text.
 fn render(input: &ReportInput) -> anyhow::Result<String> {
-    let data = Data::new(input)?;
-    let json =
-        script_safe(&serde_json::to_string(&data).context("the report's data cannot be written as JSON")?);
-    let scripts = [
-        include_str!("assets/page.js"),
-        include_str!("assets/gl.js"),
-        include_str!("assets/cloud.js"),
-        include_str!("assets/camera.js"),
-        include_str!("assets/viewer.js"),
-        include_str!("assets/controls.js"),
-        include_str!("assets/plots.js"),
-        include_str!("assets/gallery.js"),
-        include_str!("assets/start.js"),
-    ]
-    .concat();
-    Ok(fill(
-        include_str!("assets/page.html"),
-        &[
-            ("title", &html_escaped(input.title)),
-            ("style", include_str!("assets/page.css")),
-            ("data", &json),
-            ("script", &scripts),
-        ],
-    ))
-}
-
-/// Puts values into the `{{name}}` marks of a template; values are not searched for marks again.
-fn fill(template: &str, values: &[(&str, &str)]) -> String {
-    let mut out = String::with_capacity(template.len() + values.iter().map(|(_, v)| v.len()).sum::<usize>());
-    let mut rest = template;
-    while let Some((before, after)) = rest.split_once("{{") {
-        let (name, after) = after.split_once("}}").unwrap_or((after, ""));
-        out.push_str(before);
-        out.push_str(values.iter().find(|(n, _)| *n == name).map_or("", |(_, value)| value));
-        rest = after;
-    }
-    out.push_str(rest);
-    out
-}
-
-/// Text made harmless inside an HTML element or attribute.
-fn html_escaped(text: &str) -> String {
-    let mut out = String::with_capacity(text.len());
-    for c in text.chars() {
-        match c {
-            '&' => out.push_str("&amp;"),
-            '<' => out.push_str("&lt;"),
-            '>' => out.push_str("&gt;"),
-            '"' => out.push_str("&quot;"),
-            '\'' => out.push_str("&#39;"),
-            _ => out.push(c),
-        }
-    }
-    out
-}
-
-/// JSON made harmless inside a `<script>` element: these characters occur only within its strings,
-/// where `\u` escapes mean the same.
-fn script_safe(json: &str) -> String {
-    let mut out = String::with_capacity(json.len());
-    for c in json.chars() {
-        match c {
-            '<' | '>' | '&' => out.push_str(&format!("\\u{:04x}", c as u32)),
-            _ => out.push(c),
-        }
-    }
-    out
+    TEMPLATE.filled(input.title, &Data::new(input)?)
 }
 
 /// The page's data, as its scripts read it.
@@ -150,7 +92,7 @@ impl<'a> Data<'a> {
     fn new(input: &ReportInput<'a>) -> anyhow::Result<Self> {
         let map = input.map;
         let keyframes = scene::placed_keyframes(map);
-        let cloud = cloud::Cloud::new(map, &keyframes);
+        let cloud = cloud::Cloud::new(map, &keyframes, cloud::MAX_POINTS);
         Ok(Self {
             numbers: input.numbers,
             provenance: map
@@ -159,7 +101,7 @@ impl<'a> Data<'a> {
                 .flat_map(|agent| &agent.provenance)
                 .map(|(key, value)| (key.as_str(), value.as_str()))
                 .collect(),
-            scene: scene::Scene::new(map, &keyframes),
+            scene: scene::Scene::new(map, &keyframes, &scene::placed_frames(map)),
             gallery: gallery::pictures(&keyframes, cloud.inverse_depth)?,
             cloud,
             rows: Rows::new(input.rows),

@@ -2,7 +2,7 @@
 
 use super::pack::Packed;
 use geometry::{Pinhole, Sim3};
-use map::{EdgeKind, Keyframe, KeyframeId, Map};
+use map::{AgentId, EdgeKind, Keyframe, KeyframeId, Map, agent_color};
 use nalgebra::{Matrix3, Vector3};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -10,8 +10,8 @@ use std::collections::BTreeMap;
 /// Everything of the 3-D view but the cloud, in world coordinates.
 #[derive(Serialize)]
 pub struct Scene {
-    /// The camera of the run.
-    camera: Option<Pinhole>,
+    /// Whose keyframes these are, in the order of their ids.
+    agents: Vec<Agent>,
     /// Unit vector against gravity, as guessed from the cameras.
     up: [f64; 3],
     /// Mean viewing direction; short when the cameras look all around.
@@ -23,8 +23,18 @@ pub struct Scene {
 }
 
 #[derive(Serialize)]
+struct Agent {
+    name: String,
+    /// Red, green, blue in sRGB, as everywhere that agents are told apart.
+    color: [u8; 3],
+    camera: Pinhole,
+}
+
+#[derive(Serialize)]
 struct Keyframes {
     count: usize,
+    /// Index of the agent, u32; ascending.
+    agent: Packed,
     /// Names, u32.
     id: Packed,
     /// Frame indices, f64.
@@ -40,34 +50,72 @@ struct Keyframes {
 #[derive(Serialize)]
 struct Trajectory {
     count: usize,
+    /// Index of the agent, u32; ascending.
+    agent: Packed,
     /// Frame indices, f64.
     frame: Packed,
+    /// Seconds, f64.
+    timestamp: Packed,
     /// Camera centres, f32 × 3.
     position: Packed,
 }
 
-/// The keyframes whose pose can be drawn, in order of their ids.
+/// A tracked frame whose pose can be drawn.
+#[derive(Clone, Copy, Debug)]
+pub struct PlacedFrame {
+    /// Index of the agent in the scene.
+    pub agent: usize,
+    /// Index of the frame in the recording.
+    pub frame_index: u64,
+    /// Seconds.
+    pub timestamp: f64,
+    /// Its pose.
+    pub world_from_frame: Sim3,
+}
+
+/// The keyframes whose pose can be drawn, by agent and in order of their ids.
 pub fn placed_keyframes(map: &Map) -> Vec<&Keyframe> {
-    map.keyframes.values().filter(|k| k.world_from_keyframe.is_valid()).collect()
+    let mut placed: Vec<&Keyframe> =
+        map.keyframes.values().filter(|k| k.world_from_keyframe.is_valid()).collect();
+    placed.sort_by_key(|keyframe| (keyframe.agent, keyframe.id));
+    placed
+}
+
+/// The frames whose pose can be drawn, by agent and in order of time.
+pub fn placed_frames(map: &Map) -> Vec<PlacedFrame> {
+    let agents = agent_indices(map);
+    let placed = map.frames.iter().filter_map(|frame| {
+        let agent = *agents.get(&map.keyframes.get(&frame.reference)?.agent)?;
+        let world_from_frame = map.world_from_frame(frame).filter(Sim3::is_valid)?;
+        let (frame_index, timestamp) = (frame.frame_index, frame.timestamp);
+        Some(PlacedFrame { agent, frame_index, timestamp, world_from_frame })
+    });
+    let mut placed: Vec<PlacedFrame> = placed.collect();
+    // Stable: of one agent they are in order of time.
+    placed.sort_by_key(|frame| frame.agent);
+    placed
+}
+
+/// The position of each agent among all.
+fn agent_indices(map: &Map) -> BTreeMap<AgentId, usize> {
+    map.agents.keys().copied().zip(0..).collect()
 }
 
 impl Scene {
-    /// The scene of a map with its placed keyframes.
-    pub fn new(map: &Map, keyframes: &[&Keyframe]) -> Self {
-        let frames: Vec<(f64, Sim3)> = map
-            .frames
-            .iter()
-            .filter_map(|f| Some((f.frame_index as f64, map.world_from_frame(f)?)))
-            .filter(|(_, pose)| pose.is_valid())
-            .collect();
+    /// The scene of a map with its placed keyframes and frames.
+    pub fn new(map: &Map, keyframes: &[&Keyframe], frames: &[PlacedFrame]) -> Self {
+        let agents = agent_indices(map);
         let cameras: Vec<Matrix3<f64>> =
             keyframes.iter().map(|k| k.world_from_keyframe.rigid().rotation_matrix()).collect();
         Self {
-            camera: map.agents.values().next().map(|agent| agent.camera),
+            agents: map.agents.iter().map(agent).collect(),
             up: up_direction(&cameras).into(),
             forward: mean(cameras.iter().map(|r| r.column(2).into_owned())).into(),
             keyframes: Keyframes {
                 count: keyframes.len(),
+                agent: Packed::u32(
+                    keyframes.iter().map(|k| agents.get(&k.agent).map_or(0, |index| *index as u32)),
+                ),
                 id: Packed::u32(keyframes.iter().map(|k| k.id.0)),
                 frame: Packed::f64(keyframes.iter().map(|k| k.frame_index as f64)),
                 timestamp: Packed::f64(keyframes.iter().map(|k| k.timestamp)),
@@ -76,12 +124,21 @@ impl Scene {
             },
             trajectory: Trajectory {
                 count: frames.len(),
-                frame: Packed::f64(frames.iter().map(|(index, _)| *index)),
-                position: Packed::f32(frames.iter().flat_map(|(_, pose)| single(pose.translation))),
+                agent: Packed::u32(frames.iter().map(|frame| frame.agent as u32)),
+                frame: Packed::f64(frames.iter().map(|frame| frame.frame_index as f64)),
+                timestamp: Packed::f64(frames.iter().map(|frame| frame.timestamp)),
+                position: Packed::f32(
+                    frames.iter().flat_map(|frame| single(frame.world_from_frame.translation)),
+                ),
             },
             edges: edges(map, keyframes),
         }
     }
+}
+
+/// An agent as the page shows it.
+fn agent((id, info): (&AgentId, &map::AgentInfo)) -> Agent {
+    Agent { name: info.name.clone(), color: agent_color(*id), camera: info.camera }
 }
 
 /// The axes and the centre of a camera.

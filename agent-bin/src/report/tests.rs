@@ -65,7 +65,7 @@ fn rows(count: u64) -> Vec<FrameRow> {
         .collect()
 }
 
-fn page(title: &str, map: &Map, rows: &[FrameRow]) -> String {
+fn page_of(title: &str, map: &Map, rows: &[FrameRow]) -> String {
     let numbers =
         [("Frames tracked".to_owned(), "90 of 90".to_owned()), (title.to_owned(), title.to_owned())];
     render(&ReportInput { title, map, rows, numbers: &numbers }).unwrap()
@@ -79,7 +79,7 @@ fn embedded(page: &str) -> serde_json::Value {
 
 #[test]
 fn nothing_points_outside() {
-    let page = page("run", &bend(4, 9), &rows(12)).to_lowercase();
+    let page = page_of("run", &bend(4, 9), &rows(12)).to_lowercase();
     for mark in [
         "http:",
         "https:",
@@ -103,7 +103,7 @@ fn hostile_text_stays_text() {
     let mut map = bend(3, 9);
     let agent = map.agents.get_mut(&AgentId::default()).unwrap();
     agent.provenance.insert(HOSTILE.to_owned(), HOSTILE.to_owned());
-    let (plain, hostile) = (page("run", &bend(3, 9), &[]), page(HOSTILE, &map, &[]));
+    let (plain, hostile) = (page_of("run", &bend(3, 9), &[]), page_of(HOSTILE, &map, &[]));
     for mark in ["<script", "</script", "<!--", "</title"] {
         assert_eq!(hostile.matches(mark).count(), plain.matches(mark).count(), "{mark}");
     }
@@ -114,20 +114,20 @@ fn hostile_text_stays_text() {
 
 #[test]
 fn all_marks_of_the_template_are_filled() {
-    let page = page("run", &bend(1, 9), &[]);
+    let page = page_of("run", &bend(1, 9), &[]);
     assert!(!page.contains("{{"), "a mark is left");
-    assert_eq!(fill("a{{x}}b{{y}}{{none}}c", &[("x", "{{y}}"), ("y", "2")]), "a{{y}}b2c");
+    assert_eq!(page::fill("a{{x}}b{{y}}{{none}}c", &[("x", "{{y}}"), ("y", "2")]), "a{{y}}b2c");
 }
 
 #[test]
 fn the_same_input_gives_the_same_bytes() {
     let (map, rows) = (bend(5, 3), rows(40));
-    assert_eq!(page("run", &map, &rows), page("run", &map.clone(), &rows));
+    assert_eq!(page_of("run", &map, &rows), page_of("run", &map.clone(), &rows));
 }
 
 #[test]
 fn data_says_what_the_map_says() {
-    let data = embedded(&page("run", &bend(40, 10), &rows(90)));
+    let data = embedded(&page_of("run", &bend(40, 10), &rows(90)));
     assert_eq!(data["scene"]["keyframes"]["count"], 40);
     assert_eq!(data["scene"]["trajectory"]["count"], 40);
     assert_eq!(data["cloud"]["count"], 40 * 1920);
@@ -138,7 +138,7 @@ fn data_says_what_the_map_says() {
 #[test]
 fn size_is_bounded_for_large_maps() {
     let map = bend(40, 1);
-    let page = page("run", &map, &rows(3000));
+    let page = page_of("run", &map, &rows(3000));
     let data = embedded(&page);
     assert_eq!(data["cloud"]["total"], 40 * 160 * 120);
     assert_eq!(data["cloud"]["count"], cloud::MAX_POINTS);
@@ -155,10 +155,10 @@ fn odd_maps_make_pages_too() {
     first.semi_dense.variance[3] = f32::NAN;
     odd.keyframes.get_mut(&KeyframeId(1)).unwrap().world_from_keyframe.scale = f64::NAN;
     odd.keyframes.get_mut(&KeyframeId(2)).unwrap().image = Arc::new(GrayImage::default());
-    let data = embedded(&page("odd", &odd, &[]));
+    let data = embedded(&page_of("odd", &odd, &[]));
     assert_eq!(data["scene"]["keyframes"]["count"], 2);
     assert_eq!(data["gallery"].as_array().unwrap().len(), 1);
-    assert_eq!(embedded(&page("empty", &bend(0, 1), &[]))["cloud"]["count"], 0);
+    assert_eq!(embedded(&page_of("empty", &bend(0, 1), &[]))["cloud"]["count"], 0);
 }
 
 #[test]
@@ -206,7 +206,7 @@ fn opened(html: &str) -> Option<String> {
 #[test]
 fn a_browser_shows_it() {
     for (map, rows) in [(bend(6, 5), rows(30)), (bend(0, 1), Vec::new())] {
-        let Some(dom) = opened(&page(HOSTILE, &map, &rows)) else {
+        let Some(dom) = opened(&page_of(HOSTILE, &map, &rows)) else {
             eprintln!("SKIPPED: no Chromium here, the report was not opened in a browser");
             return;
         };

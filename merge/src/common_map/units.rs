@@ -32,7 +32,8 @@ fn factor(old: &SemiDense, new: &SemiDense) -> Option<f64> {
             Ordering::Greater => _ = b.next(),
             Ordering::Equal => {
                 ratios.push(f64::from(before) / f64::from(after));
-                (a.next(), b.next());
+                a.next();
+                b.next();
             }
         }
     }

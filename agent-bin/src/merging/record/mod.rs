@@ -4,7 +4,7 @@ mod agents;
 mod closure;
 mod encounter;
 
-pub use agents::{AgentRecord, GroupRecord, PoseGraphRecord};
+pub use agents::{AgentRecord, GroupRecord};
 pub use encounter::EncounterRecord;
 
 use super::names::Names;
@@ -90,7 +90,7 @@ impl MergeRecord {
                 .map(|(i, a)| InputRecord::new(i, a, names))
                 .collect(),
             encounters: merging.encounters.iter().map(|e| EncounterRecord::new(e, inputs)).collect(),
-            agents: agents::all(merging, params, names)?,
+            agents: agents::all(merging, names)?,
             groups: groups(merging, names),
             cost: Cost::new(inputs, merging),
             params: params.clone(),

@@ -49,7 +49,7 @@ class Controls {
   lookThrough() {
     const { viewer } = this, index = shared.selected;
     if (index < 0) return;
-    const { width, height, fx, fy } = data.scene.camera;
+    const { width, height, fx, fy } = keyframes.camera(index);
     const { clientWidth, clientHeight } = viewer.canvas;
     const narrow = (clientWidth - viewer.covered) / clientHeight;
     const tan = Math.max(height / 2 / fy, width / 2 / fx / narrow) * 1.05;
@@ -65,12 +65,18 @@ class Controls {
     const slider = byId("sigma");
     if (span[0] <= span[1]) [slider.min, slider.max, slider.value] = [span[0], span[1], span[1]];
     slider.disabled = span[0] >= span[1];
+    this.offerAgents(form);
     const read = () => {
       const { settings } = viewer;
       settings.colour = Number(form.elements.colour.value);
       settings.size = Number(byId("size").value);
       settings.sigma = Number(slider.value);
       settings.layers = new Set(Array.from(form.querySelectorAll("[name=layer]:checked"), (box) => box.value));
+      const chosen = new Set(Array.from(form.querySelectorAll("[name=agent]:checked"), (box) => Number(box.value)));
+      if (agents.length > 1 && [...agents.keys()].some((agent) => chosen.has(agent) !== settings.agents.has(agent))) {
+        settings.agents = chosen;
+        viewer.createEdges();
+      }
       byId("size-value").textContent = settings.size;
       byId("sigma-value").textContent = `${figures(cloud.sigma(settings.sigma) * 100)} %`;
       showLegend(settings.colour, scene);
@@ -82,6 +88,29 @@ class Controls {
       const name = event.target.dataset && event.target.dataset.view;
       if (name === "full") toggleFullScreen(byId("viewer"));
       else if (name) this.go(this.view(name));
+    });
+  }
+
+  /** Several agents are told apart by colour and shown one by one. */
+  offerAgents(form) {
+    if (agents.length < 2) return;
+    const { elements } = form;
+    byId("agents").append(...agents.map(({ name }, agent) => {
+      const box = element("input"), swatch = element("span");
+      Object.assign(box, { type: "checkbox", name: "agent", value: agent, checked: true });
+      swatch.className = "swatch";
+      swatch.style.background = agentColour(agent);
+      const label = element("label", null, box, " ", swatch, name);
+      label.title = name;
+      return label;
+    }));
+    byId("agents").hidden = false;
+    const closures = form.querySelector("[value=closures]");
+    closures.parentElement.hidden = false;
+    elements.colour.forEach((radio) => {
+      if (radio.value !== "4") return;
+      radio.parentElement.hidden = false;
+      radio.checked = true;
     });
   }
 
@@ -154,6 +183,7 @@ class Controls {
     const matrix = viewer.matrix();
     let best = -1, nearest = 14;
     for (let i = 0; i < keyframes.count; i++) {
+      if (!viewer.isShown(i)) continue;
       const p = viewer.project(matrix, viewer.centre(i));
       const distance = p ? Math.hypot(p[0] - x, p[1] - y) : Infinity;
       if (distance < nearest) [best, nearest] = [i, distance];
@@ -166,8 +196,10 @@ class Controls {
     const { viewer } = this, { clientWidth, clientHeight } = viewer.canvas;
     const matrix = multiply(viewer.matrix(), viewer.worldFromBox);
     let best = -1, lowest = Infinity;
+    const hidden = agents.map((_, agent) => agent).filter((agent) => !viewer.settings.agents.has(agent))
+      .map((agent) => viewer.keyframeSpans[agent].map((keyframe) => cloud.starts[keyframe]));
     for (let i = 0; i < cloud.count; i++) {
-      if (cloud.value[i * 2 + 1] > viewer.settings.sigma) continue;
+      if (cloud.value[i * 2 + 1] > viewer.settings.sigma || hidden.some(([first, end]) => i >= first && i < end)) continue;
       const box = [0, 1, 2].map((c) => cloud.position[i * 4 + c] / 65535);
       const [cx, cy, , w] = transform(matrix, box);
       if (w < viewer.camera.near()) continue;
@@ -215,4 +247,24 @@ function showLegend(colour, scene) {
   byId("legend-title").textContent = title;
   paintBar(byId("legend-bar"), table);
   byId("legend-ticks").replaceChildren(...ticks.map((t) => element("span", t)));
+}
+
+/** The 3-D view, as its controls; nothing without WebGL: the rest of the page still serves. */
+function startViewer() {
+  try {
+    const viewer = new Viewer(byId("scene"));
+    const controls = new Controls(viewer);
+    byId("scene-note").textContent = [
+      cloud.count < data.cloud.total ? `${cloud.count.toLocaleString("en")} of ${data.cloud.total.toLocaleString("en")} points` : `${cloud.count.toLocaleString("en")} points`,
+      `${keyframes.count.toLocaleString("en")} keyframes`,
+      `grid spacing ${viewer.gridStep.toLocaleString("en", { maximumSignificantDigits: 1 })}`,
+    ].join("  ·  ") + "\ndrag orbits  ·  right-drag pans  ·  wheel zooms  ·  double-click centres";
+    shared.onChange((what) => (what === "selected" ? viewer.selectionChanged() : viewer.redraw()));
+    return controls;
+  } catch (error) {
+    byId("scene-failure").hidden = false;
+    byId("scene-failure").textContent = `The 3-D view cannot start: ${error.message} The rest of the page does not need it.`;
+    byId("controls").hidden = true;
+    return null;
+  }
 }

@@ -1,15 +1,7 @@
 // Key images with their inverse depth, the selected keyframe's card and the enlarged picture.
 
 const pictures = data.gallery;
-/** The image of each keyframe that has one, for the 3-D view and the cards. */
-const pictureImages = new Map();
-
-for (const picture of pictures) {
-  const image = new Image();
-  image["src"] = "data:image/jpeg;base64," + picture.jpeg;
-  picture.jpeg = null;
-  pictureImages.set(picture.keyframe, image);
-}
+pictures.forEach(takeImage);
 
 /** Colour of each pixel with a depth (1–255), 0 elsewhere. */
 function depthColours(picture) {
@@ -99,7 +91,7 @@ class Gallery {
     byId("keyframe-picture").replaceChildren(...(picture ? drawnPicture(picture) : [missing]));
     byId("keyframe-picture").style.cursor = picture ? "" : "default";
     const centre = keyframes.column(index, 3).map((v) => figures(v)).join(", ");
-    const area = data.scene.camera.width * data.scene.camera.height;
+    const area = keyframes.camera(index).width * keyframes.camera(index).height;
     const facts = [
       ["Frame", keyframes.frame[index].toLocaleString("en")],
       ["Time", `${keyframes.timestamp[index].toFixed(3)} s`],

@@ -40,6 +40,7 @@ uniform vec4 u_height;                    // height over its range = dot(u_heigh
 uniform float u_size, u_sigma;
 uniform vec2 u_codes;                     // codes that the colours of confidence span
 uniform int u_mode;
+uniform vec3 u_agent;                     // colour of the agent
 uniform sampler2D u_colours;              // row 0: ordered, row 1: depth
 out vec3 v_colour;
 void main() {
@@ -48,6 +49,7 @@ void main() {
   if (a_value.y > u_sigma) gl_Position = vec4(2.0, 2.0, 2.0, 1.0);
   float t = u_mode == 1 ? dot(u_height.xyz, a_position.xyz) + u_height.w : u_mode == 2 ? a_position.w : (u_codes.y - a_value.y) / (u_codes.y - u_codes.x);
   vec3 mapped = texture(u_colours, vec2(clamp(t, 0.0, 1.0) * 255.0 / 256.0 + 0.5 / 256.0, u_mode == 2 ? 0.75 : 0.25)).rgb;
+  if (u_mode == 4) mapped = min(u_agent * (0.40 + 1.1 * a_value.x), 1.0);
   v_colour = u_mode == 0 ? vec3(0.10) + 0.90 * vec3(a_value.x) : mapped;
 }`;
 

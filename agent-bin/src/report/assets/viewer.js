@@ -5,6 +5,7 @@ const LINE_COLOURS = {
   keyframe: [0.46, 0.73, 1, 0.7],
   selected: [1, 0.36, 0.74, 1],
   grid: [0.55, 0.63, 0.74, 0.16],
+  closure: [1, 1, 1, 1],
   edges: [[0.6, 0.66, 0.74, 0.5], [0.35, 0.85, 0.72, 0.45], [1, 0.33, 0.36, 1], [0.78, 0.55, 1, 1]],
 };
 
@@ -14,29 +15,49 @@ function roundStep(value) {
   return [5, 2, 1].map((m) => m * power).find((v) => v <= value * 1.0001) || power;
 }
 
-class Viewer {
+/** Kind of the edges between two agents. */
+const MERGE_EDGE = 3;
+
+class Viewer extends Drawing {
   constructor(canvas) {
-    this.canvas = canvas;
+    super(canvas);
     this.gl = canvas.getContext("webgl2", { antialias: true, alpha: false, powerPreference: "high-performance" });
     if (!this.gl) throw new Error("This browser offers no WebGL 2.");
     this.scene = surveyScene();
     this.camera = new OrbitCamera();
-    this.settings = { colour: 0, size: 2, sigma: 255, isolate: false, layers: new Set() };
+    this.settings = { colour: 0, size: 2, sigma: 255, isolate: false, layers: new Set(), agents: new Set(agents.keys()) };
     this.covered = 0;
     this.frustumSize = this.chooseFrustumSize();
-    this.markers = ["start", "end", "here"].map((name) => {
+    this.keyframeSpans = spans(keyframes.agent);
+    this.frameSpans = spans(trajectory.agent);
+    this.edges = unpack(data.scene.edges, Uint32Array);
+    this.markers = agents.map(() => ["start", "end", "here"].map((name) => {
       const node = element("div");
       node.className = `marker ${name}`;
       canvas.after(node);
       return node;
-    });
+    }));
     this.createResources();
     canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
     canvas.addEventListener("webglcontextrestored", () => {
       this.createResources();
       this.selectionChanged();
     });
-    new ResizeObserver(() => this.redraw()).observe(canvas);
+  }
+
+  /** The colour of an agent's lines; where there is but one, the given colour. */
+  lineColour(agent, alone) {
+    return agents.length > 1 ? [...agents[agent].color.map((v) => Math.min(1, 0.1 + v / 240)), alone[3]] : alone;
+  }
+
+  /** Whether a keyframe's agent is shown. */
+  isShown(keyframe) {
+    return this.settings.agents.has(keyframes.agent[keyframe]);
+  }
+
+  /** The agents shown. */
+  shownAgents() {
+    return [...agents.keys()].filter((agent) => this.settings.agents.has(agent));
   }
 
   /** Everything that lives on the graphics card. */
@@ -46,13 +67,14 @@ class Viewer {
     this.lineProgram = program(gl, LINE_VERTEX, LINE_FRAGMENT);
     this.pictureProgram = program(gl, PICTURE_VERTEX, PICTURE_FRAGMENT);
     this.lines = {};
-    for (const name of ["grid", "edges", "trajectory", "keyframes", "selected"]) this.lines[name] = new Lines(gl);
+    for (const name of ["grid", "edges", "closures", "selected"]) this.lines[name] = new Lines(gl);
+    for (const name of ["trajectory", "keyframes"]) this.lines[name] = agents.map(() => new Lines(gl));
     this.pictureQuad = null;
     this.createCloud();
     this.createColours();
     this.createTrajectory();
-    for (let i = 0; i < keyframes.count; i++) this.pushFrustum(this.lines.keyframes, i, this.frustumSize, LINE_COLOURS.keyframe);
-    this.lines.keyframes.upload();
+    keyframes.agent.forEach((agent, i) => this.pushFrustum(this.lines.keyframes[agent], i, this.frustumSize, this.lineColour(agent, LINE_COLOURS.keyframe)));
+    this.lines.keyframes.forEach((lines) => lines.upload());
     this.createEdges();
     this.createGrid();
     gl.enable(gl.DEPTH_TEST);
@@ -98,21 +120,31 @@ class Viewer {
   /** Joins successive frames; where frames are missing (loss) the line breaks. */
   createTrajectory() {
     const at = (i) => this.scene.level(Array.from(trajectory.position.subarray(i * 3, i * 3 + 3)));
-    const gaps = Array.from(trajectory.frame.slice(1), (f, i) => f - trajectory.frame[i]);
-    const longest = 8 * (gaps.length ? quantile([...gaps].sort((a, b) => a - b), 0.5) : 1);
-    gaps.forEach((gap, i) => {
-      if (gap <= longest) this.lines.trajectory.push(at(i), at(i + 1), LINE_COLOURS.trajectory);
+    this.frameSpans.forEach(([first, end], agent) => {
+      const gaps = Array.from(trajectory.frame.slice(first + 1, end), (f, i) => f - trajectory.frame[first + i]);
+      const longest = 8 * (gaps.length ? quantile([...gaps].sort((a, b) => a - b), 0.5) : 1);
+      const colour = this.lineColour(agent, LINE_COLOURS.trajectory);
+      gaps.forEach((gap, i) => {
+        if (gap <= longest) this.lines.trajectory[agent].push(at(first + i), at(first + i + 1), colour);
+      });
+      this.lines.trajectory[agent].upload();
     });
-    this.lines.trajectory.upload();
     this.trajectoryAt = at;
   }
 
+  /** The graph, and the closures between agents with the keyframes they match; of the agents shown. */
   createEdges() {
-    const edges = unpack(data.scene.edges, Uint32Array);
+    const { edges, lines } = this;
     for (let i = 0; i < edges.length; i += 3) {
-      this.lines.edges.push(this.centre(edges[i]), this.centre(edges[i + 1]), LINE_COLOURS.edges[edges[i + 2]]);
+      const [from, to, kind] = edges.slice(i, i + 3);
+      if (!this.isShown(from) || !this.isShown(to)) continue;
+      lines.edges.push(this.centre(from), this.centre(to), LINE_COLOURS.edges[kind]);
+      if (kind !== MERGE_EDGE) continue;
+      lines.closures.push(this.centre(from), this.centre(to), LINE_COLOURS.closure);
+      [from, to].forEach((keyframe) => this.pushFrustum(lines.closures, keyframe, this.frustumSize, LINE_COLOURS.closure));
     }
-    this.lines.edges.upload();
+    lines.edges.upload();
+    lines.closures.upload();
   }
 
   createGrid() {
@@ -130,7 +162,7 @@ class Viewer {
   /** Frusta as long as keyframes lie apart, within reason. */
   chooseFrustumSize() {
     const gaps = [];
-    for (let i = 1; i < keyframes.count; i++) gaps.push(norm(add(keyframes.column(i, 3), keyframes.column(i - 1, 3), -1)));
+    for (let i = 1; i < keyframes.count; i++) if (keyframes.agent[i] === keyframes.agent[i - 1]) gaps.push(norm(add(keyframes.column(i, 3), keyframes.column(i - 1, 3), -1)));
     gaps.sort((a, b) => a - b);
     const { size } = this.scene;
     return Math.max(size * 0.008, Math.min(size * 0.03, gaps.length ? quantile(gaps, 0.5) * 0.7 : Infinity));
@@ -143,7 +175,7 @@ class Viewer {
 
   /** Corners of a keyframe's image at depth `size`: top left, top right, bottom left, bottom right. */
   corners(index, size) {
-    const { width, height, fx, fy, cx, cy } = data.scene.camera;
+    const { width, height, fx, fy, cx, cy } = keyframes.camera(index);
     const [x, y, z, c] = [0, 1, 2, 3].map((i) => keyframes.column(index, i));
     return [[0, 0], [width, 0], [0, height], [width, height]].map(([u, v]) =>
       this.scene.level(add(add(add(c, x, ((u - 0.5 - cx) / fx) * size), y, ((v - 0.5 - cy) / fy) * size), z, size)));
@@ -191,16 +223,6 @@ class Viewer {
     this.redraw();
   }
 
-  /** Asks for a new image with the next animation frame. */
-  redraw() {
-    if (this.pending) return;
-    this.pending = true;
-    requestAnimationFrame(() => {
-      this.pending = false;
-      this.draw();
-    });
-  }
-
   /** Clip from the levelled world, as drawn now. */
   matrix() {
     const { clientWidth: width, clientHeight: height } = this.canvas;
@@ -237,9 +259,13 @@ class Viewer {
     gl.uniform1i(uniforms.u_round, settings.size * ratio > 2.5 ? 1 : 0);
     gl.bindTexture(gl.TEXTURE_2D, this.colours);
     gl.bindVertexArray(this.cloudArray);
-    const alone = settings.isolate && shared.selected >= 0;
-    const first = alone ? cloud.starts[shared.selected] : 0;
-    gl.drawArrays(gl.POINTS, first, (alone ? cloud.starts[shared.selected + 1] : cloud.count) - first);
+    const draw = (agent, [first, end]) => {
+      gl.uniform3fv(uniforms.u_agent, agents[agent].color.map((v) => v / 255));
+      gl.drawArrays(gl.POINTS, cloud.starts[first], cloud.starts[end] - cloud.starts[first]);
+    };
+    const { selected } = shared;
+    if (settings.isolate && selected >= 0) draw(keyframes.agent[selected], [selected, selected + 1]);
+    else this.shownAgents().forEach((agent) => draw(agent, this.keyframeSpans[agent]));
   }
 
   /** The selected keyframe's picture in its frustum, unless the view is from inside it. */
@@ -267,9 +293,10 @@ class Viewer {
     gl.depthMask(false);
     if (layers.has("grid")) this.lines.grid.draw(this.lineProgram, ratio);
     if (layers.has("edges")) this.lines.edges.draw(this.lineProgram, 1.4 * ratio);
-    if (layers.has("keyframes") && !this.isInsideSelected()) this.lines.keyframes.draw(this.lineProgram, 1.2 * ratio);
-    if (layers.has("trajectory")) this.lines.trajectory.draw(this.lineProgram, 2.4 * ratio);
+    if (layers.has("keyframes") && !this.isInsideSelected()) this.shownAgents().forEach((agent) => this.lines.keyframes[agent].draw(this.lineProgram, 1.2 * ratio));
+    if (layers.has("trajectory")) this.shownAgents().forEach((agent) => this.lines.trajectory[agent].draw(this.lineProgram, 2.4 * ratio));
     gl.disable(gl.DEPTH_TEST);
+    if (layers.has("closures") && !this.isInsideSelected()) this.lines.closures.draw(this.lineProgram, 1.3 * ratio);
     if (!this.isInsideSelected()) this.lines.selected.draw(this.lineProgram, 2 * ratio);
     gl.enable(gl.DEPTH_TEST);
     gl.depthMask(true);
@@ -284,15 +311,17 @@ class Viewer {
     return [(x / w * 0.5 + 0.5) * this.canvas.clientWidth, (0.5 - y / w * 0.5) * this.canvas.clientHeight];
   }
 
-  /** Dots at the start, the end and the frame pointed at in the plots. */
+  /** Dots at each agent's start, its end and its frame pointed at in the plots. */
   placeMarkers(matrix) {
-    const here = shared.hoverFrame === null ? -1 : trajectory.frame.findIndex((f) => f >= shared.hoverFrame);
-    const exact = here >= 0 && trajectory.frame[here] === shared.hoverFrame ? here : -1;
-    const shown = this.settings.layers.has("trajectory") && trajectory.count > 1;
-    [shown ? 0 : -1, shown ? trajectory.count - 1 : -1, exact].forEach((index, i) => {
-      const at = index >= 0 ? this.project(matrix, this.trajectoryAt(index)) : null;
-      this.markers[i].hidden = !at;
-      if (at) this.markers[i].style.transform = `translate(${at[0]}px, ${at[1]}px)`;
+    this.frameSpans.forEach(([first, end], agent) => {
+      const visible = this.settings.agents.has(agent);
+      const ends = visible && this.settings.layers.has("trajectory") && end - first > 1;
+      const places = [ends ? first : -1, ends ? end - 1 : -1, visible && shared.hoverAt !== null ? framePointedAt(agent) : -1];
+      places.forEach((index, i) => {
+        const at = index >= 0 ? this.project(matrix, this.trajectoryAt(index)) : null;
+        this.markers[agent][i].hidden = !at;
+        if (at) this.markers[agent][i].style.transform = `translate(${at[0]}px, ${at[1]}px)`;
+      });
     });
   }
 }

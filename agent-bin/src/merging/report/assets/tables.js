@@ -1,0 +1,213 @@
+// Tables and words of a merging.
+
+const percent = (share) => (share === null || share === undefined ? "–" : `${(share * 100).toFixed(0)} %`);
+const plusMinus = (value, sigma) => `${value.toFixed(4)} ± ${sigma.toFixed(4)}`;
+const plural = (count, one, many = `${one}s`) => `${count.toLocaleString("en")} ${count === 1 ? one : many}`;
+
+/** Words as people list them. */
+const listed = (words) => (words.length < 2 ? words.join("") : `${words.slice(0, -1).join(", ")} and ${words[words.length - 1]}`);
+
+/** An agent's name with its colour, as children of a node. */
+function nameOf(agent) {
+  const swatch = Object.assign(element("span"), { className: "swatch" });
+  swatch.style.background = agentColour(agent);
+  return [swatch, agents[agent].name];
+}
+
+/** Fills a table: columns `[head, explanation, class]`, rows of texts or nodes. */
+function fillTable(table, columns, rows) {
+  const heads = columns.map(([head, explanation, kind]) => {
+    const cell = Object.assign(element("th", head), { title: explanation, className: kind || "" });
+    cell.scope = "col";
+    return cell;
+  });
+  const cells = (row) => row.map((value, i) => {
+    const cell = element("td", null, value instanceof Node ? value : String(value));
+    cell.className = columns[i][2] || "";
+    return cell;
+  });
+  table.replaceChildren(
+    element("thead", null, element("tr", null, ...heads)),
+    element("tbody", null, ...rows.map((row) => element("tr", null, ...cells(row)))),
+  );
+  return table;
+}
+
+const newTable = () => Object.assign(element("table"), { className: "grid" });
+const verdictOf = (good, text) => Object.assign(element("span", text), { className: `verdict ${good ? "good" : "bad"}` });
+const inputName = (index) => data.inputs[index];
+const secondsOf = ({ places, meeting, further }) => places + meeting + further;
+
+/** The direct alignment with most agreeing pixels among the pairs used: what the verdict rests on. */
+function bestDirect(closure) {
+  const used = closure.pairs.filter((pair) => pair && pair.agrees && pair.direct);
+  return used.reduce((best, { direct }) => (!best || direct.inlier_share > best.inlier_share ? direct : best), null);
+}
+
+function fillPairs() {
+  const columns = [
+    ["Maps", "The two maps; the second joins the first"],
+    ["Verdict", "Whether they were merged"],
+    ["γ", "Key points that match over the keyframe pairs that agree", "number"],
+    ["σ*", "Scale: units of the first map per unit of the second, with standard deviation", "number"],
+    ["Δ", "Largest difference between the scales that went into σ*", "number"],
+    ["Pixels agree", "Share of the pixels with depth that agree once the images are aligned", "number"],
+    ["Overlap", "Share of the pixels with depth that the other keyframe sees", "number"],
+    ["RMSE", "Photometric residual after direct alignment, grey levels", "number"],
+    ["Closures", "Keyframe pairs along both maps that agree and join them", "number"],
+    ["Seconds", "Finding the place, following it, further closures", "number"],
+    ["Reason", "Why they were not merged", "wrap"],
+  ];
+  const rows = data.meetings.map((meeting) => {
+    const { closure, closures } = meeting, direct = closure && bestDirect(closure);
+    return [
+      `${inputName(meeting.target)} + ${inputName(meeting.source)}`,
+      verdictOf(!meeting.refusal, meeting.refusal ? "refused" : "merged"),
+      closure ? closure.evidence.matches.toLocaleString("en") : Math.max(0, ...meeting.places.map((place) => place.match_count)),
+      closure ? plusMinus(closure.scale.scale, closure.scale.deviation) : "–",
+      closure ? figures(closure.scale.scale_gap) : "–",
+      closure ? percent(closure.evidence.inlier_share) : "–",
+      closure ? percent(closure.evidence.overlap) : "–",
+      direct ? figures(direct.rmse) : "–",
+      closures ? closures.used : "–",
+      secondsOf(meeting.seconds).toFixed(2),
+      meeting.refusal || "",
+    ];
+  });
+  // Without refusals nobody needs the column.
+  const shown = data.meetings.some((meeting) => meeting.refusal) ? columns.length : columns.length - 1;
+  fillTable(byId("pairs"), columns.slice(0, shown), rows.map((row) => row.slice(0, shown)));
+}
+
+/** The table of the pairs z = −1, 0, 1. */
+function tripleTable({ closure }) {
+  const columns = [
+    ["Pair", "Position along the joining map, from the place"],
+    ["Keyframes", "Of the first map and of the joining one", "number"],
+    ["γ", "Key points that match and fit one relative pose", "number"],
+    ["With depth", "Those with depth on both sides", "number"],
+    ["σ", "Scale by this pair alone, with standard deviation", "number"],
+    ["Deviation", "Standard deviation over the scale", "number"],
+    ["RMSE", "Photometric residual after direct alignment, grey levels", "number"],
+    ["Pixels agree", "Share of the pixels with depth that agree then", "number"],
+    ["Overlap", "Share of the pixels with depth that the other keyframe sees", "number"],
+    ["Verdict", "What became of the pair", "wrap"],
+  ];
+  const rows = closure.pairs.map((pair, z) => {
+    const name = `z = ${["−1", "0", "1"][z]}`;
+    if (!pair) return [name, ...Array(8).fill("–"), "The maps have no such pair."];
+    const { keyframes: ids, matches, scale, direct } = pair;
+    return [
+      name, `${ids.target} · ${ids.source}`, matches ? matches.count : "–", matches ? matches.with_depth : "–",
+      scale ? plusMinus(...scale) : "–", scale ? `${figures(scale[1] / scale[0] * 100)} %` : "–",
+      direct ? figures(direct.rmse) : "–", direct ? percent(direct.inlier_share) : "–", direct ? percent(direct.overlap) : "–", pair.verdict,
+    ];
+  });
+  return fillTable(newTable(), columns, rows);
+}
+
+/** σ* by both estimators, and the registration of the clouds. */
+function scaleTable({ closure }) {
+  const names = (used) => listed(["−1", "0", "1"].filter((_, i) => used[i])) || "none";
+  const row = (title, { scale, deviation, scale_gap: gap, used, basis }) => [title, plusMinus(scale, deviation), figures(gap), `z = ${names(used)}: ${basis}`];
+  const { Ok: paper, Err: none } = closure.algorithm_1;
+  const rows = [row("Inverse variance (used)", closure.scale), paper ? row("Algorithm 1 of the paper", paper) : ["Algorithm 1 of the paper", "–", "–", `None: ${none}.`]];
+  return fillTable(newTable(), [["Scale σ* by", "How the scales of the three pairs are made one"], ["σ*", "With standard deviation", "number"], ["Δ", "Largest difference between the scales used", "number"], ["Rests on", "The pairs used", "wrap"]], rows);
+}
+
+function registrationText({ closure }) {
+  const { Ok: found, Err: none } = closure.registration;
+  if (!found) return `The clouds of the chosen pair could not be registered (${none}); the images were aligned from where the key points put them.`;
+  const end = found.converged ? "" : " It still moved then.";
+  return `Registering the clouds of the pair z = ${["−1", "0", "1"][closure.chosen]} point by point: residual ${figures(found.rmse)} units, ${percent(found.inlier_share)} inliers, ${percent(found.overlap)} overlap, after ${plural(found.iterations, "iteration")}.${end} Then every pair was aligned on its images.`;
+}
+
+/** The places tried, folded away. */
+function placesTried(meeting) {
+  const columns = [["Keyframes", "Of the first map and of the joining one", "number"], ["γ", "Key points that match and fit one relative pose", "number"], ["Outcome", "What became of it", "wrap"]];
+  const rows = meeting.places.map(({ keyframes: ids, match_count: count, outcome }) => [`${ids.target} · ${ids.source}`, count || "–", outcome]);
+  const summary = element("summary", `${plural(meeting.places.length, "place")} tried of ${meeting.proposed.toLocaleString("en")} proposed`);
+  const folded = element("details", null, summary);
+  if (rows.length) folded.append(Object.assign(element("div", null, fillTable(newTable(), columns, rows)), { className: "scroll" }));
+  return folded;
+}
+
+/** What happened between two maps. */
+function meetingStory(meeting) {
+  const { closure, closures, refusal } = meeting;
+  const [first, second] = [meeting.target, meeting.source].map(inputName);
+  if (!closure) return `${refusal} Nothing of ${second} was joined to ${first} here.`;
+  const { evidence } = closure;
+  const story = `The agents passed the place travelling ${closure.travel}. ${evidence.matches.toLocaleString("en")} key points match over ${plural(evidence.pairs, "keyframe pair")}; one unit of ${second} is ${plusMinus(closure.scale.scale, closure.scale.deviation)} of ${first}. The motion between the maps is known to ${figures(evidence.rotation_deviation)}° and ${figures(evidence.scale_deviation * 100)} % of the scale.`;
+  if (!closure.accepted) return `${refusal} ${story}`;
+  return closures ? `${story} ${plural(closures.used, "closure")} along both maps agree and join them; ${closures.rejected} more disagreed, ${closures.failed} could not be aligned.` : story;
+}
+
+function meetingSection(meeting) {
+  const { closure, refusal } = meeting;
+  const names = [meeting.target, meeting.source].map(inputName);
+  const title = refusal ? `${names[0]} and ${names[1]} were not merged` : `Where ${names[1]} met ${names[0]}`;
+  const scroll = (node) => Object.assign(element("div", null, node), { className: "scroll" });
+  const card = Object.assign(element("div", null, Object.assign(element("p", meetingStory(meeting)), { className: "lead" })), { className: "card" });
+  if (closure) card.append(...matchFigures(meeting), scroll(tripleTable(meeting)), scroll(scaleTable(meeting)), Object.assign(element("p", registrationText(meeting)), { className: "lead" }));
+  card.append(placesTried(meeting));
+  const head = Object.assign(element("div", null, element("h2", title)), { className: "section-head" });
+  return Object.assign(element("section", null, head, card), { className: "meeting" });
+}
+
+function fillTimes() {
+  const seconds = (value) => value.toFixed(3);
+  const rows = data.meetings.map(({ target, source, seconds: { places, meeting, further } }) => [`${inputName(target)} + ${inputName(source)}`, seconds(places), seconds(meeting), seconds(further)]);
+  rows.push(["Common map", "", "", seconds(data.fusion_seconds)]);
+  fillTable(byId("times"), [["", "The two maps"], ["Places", "Place recognition", "number"], ["Meeting", "Matching places and following one to its verdict", "number"], ["Further closures, fusion", "Closures along both maps; for the common map its joint optimisation", "number"]], rows);
+}
+
+/** A row of a table of labels and values. */
+function labelled([label, value]) {
+  const head = element("th", label);
+  head.scope = "row";
+  return element("tr", null, head, element("td", value));
+}
+
+function fillNumbers() {
+  const { pose_graph: graph } = data.graph;
+  const rows = [
+    ["Agents", listed(agents.map((agent) => agent.name))],
+    ["Keyframes", keyframes.count.toLocaleString("en")],
+    ["Points", data.cloud.total.toLocaleString("en")],
+    ["Frames drawn", trajectory.count.toLocaleString("en")],
+  ];
+  if (graph) {
+    const suppressed = graph.suppressed ? `; ${plural(graph.suppressed, "closure")} came to be disbelieved` : "";
+    rows.push(["Cost of the joint pose graph", `${figures(graph.initial_cost)} before, ${figures(graph.final_cost)} after ${plural(graph.iterations, "iteration")}${graph.converged ? "" : ", not converged"}${suppressed}`]);
+  }
+  data.others.forEach((group) => rows.push(["Not in this map", `${listed(group.names)}: ${plural(group.keyframes, "keyframe")}, joined to nobody shown here`]));
+  byId("numbers").append(...rows.map(labelled));
+}
+
+function fillAgents() {
+  byId("agent-list").append(...data.graph.agents.map((agent, index) => {
+    const { way, scale, deviation: sigma, confidence } = agent;
+    const lines = [`${plural(agent.keyframes, "keyframe")}.`];
+    if (way.length < 2) lines.push("Its world is the common frame.");
+    else {
+      const over = way.slice(1, -1).map((i) => agents[i].name);
+      lines.push(`Joined ${over.length ? `over ${listed(over)} (${way.length - 1} merges)` : `to ${agents[way[0]].name}`}. One unit of its own map is ${figures(scale)} here.`);
+      lines.push(`Place known to ${figures(sigma.position)} units, ${figures(sigma.rotation)}°, ${figures(sigma.scale * 100)} % of the scale (σ); confidence ${figures(confidence)}.`);
+    }
+    return Object.assign(element("div", null, element("h3", null, ...nameOf(index)), ...lines.map((line) => element("p", line))), { className: "agent" });
+  }));
+}
+
+function fillHead() {
+  const merged = data.meetings.filter((meeting) => !meeting.refusal).length;
+  const closures = data.graph.merges.reduce((sum, merge) => sum + merge.closures, 0);
+  const seconds = data.meetings.reduce((sum, meeting) => sum + secondsOf(meeting.seconds), data.fusion_seconds);
+  const tiles = [
+    ["agents in one map", agents.length], ["pairs merged", `${merged} of ${data.meetings.length}`], ["closures", closures],
+    ["keyframes", keyframes.count.toLocaleString("en")], ["points", data.cloud.total.toLocaleString("en")], ["merging", `${seconds.toFixed(2)} s`],
+  ];
+  byId("tiles").append(...tiles.map(([label, value]) => element("div", null, element("dt", label), element("dd", String(value)))));
+  const apart = data.others.flatMap((group) => group.names);
+  byId("lead").textContent = `${agents.length > 1 ? `Maps of ${agents.length} agents, each made on its own and in its own unit of length, joined where the agents saw the same places. White lines and frames in the picture mark the matched keyframes.` : `${agents[0] ? agents[0].name : "The map"} was joined with nobody.`}${apart.length ? ` Not in this map: ${listed(apart)}.` : ""}`;
+}

@@ -1,0 +1,188 @@
+// Panels of plots on one canvas that share the x axis.
+
+const PANEL = { height: 112, head: 24, gap: 6, left: 52, right: 14, band: 12, axis: 26 };
+
+/**
+ * Draws panels `{ title, unit, low, high }`. What is plotted, what lies below the panels and what pointing does is
+ * for those who extend it: `drawCurves`, `readout`, `drawBelow`, `cursor`, `point`, `pick`, `walk` and
+ * `least`.
+ */
+class Chart extends Drawing {
+  /** `full` is the span of x; `below` the pixels between the panels and the axis; `axis` the name of x. */
+  constructor(canvas, panels, full, below, axis) {
+    super(canvas);
+    Object.assign(this, { panels, full, range: full, axis, leastTick: 0 });
+    this.bottom = panels.length * (PANEL.height + PANEL.gap) + 4 + below;
+    this.height = this.bottom + PANEL.axis;
+    canvas.style.height = `${this.height}px`;
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.redraw());
+    shared.onChange(() => this.redraw());
+    this.bind();
+  }
+
+  x(value) {
+    return PANEL.left + ((value - this.range[0]) / (this.range[1] - this.range[0])) * (this.width - PANEL.left - PANEL.right);
+  }
+
+  valueAt(x) {
+    const t = (x - PANEL.left) / (this.width - PANEL.left - PANEL.right);
+    return this.range[0] + Math.max(0, Math.min(1, t)) * (this.range[1] - this.range[0]);
+  }
+
+  draw() {
+    const { canvas } = this, ratio = window.devicePixelRatio || 1;
+    this.width = canvas.clientWidth;
+    if (!this.width) return;
+    [canvas.width, canvas.height] = [Math.round(this.width * ratio), Math.round(this.height * ratio)];
+    const context = canvas.getContext("2d");
+    context.scale(ratio, ratio);
+    const style = getComputedStyle(document.documentElement);
+    const colour = (name) => style.getPropertyValue(name).trim();
+    context.font = `12px ${style.fontFamily}`;
+    this.panels.forEach((panel, i) => this.drawPanel(context, panel, i * (PANEL.height + PANEL.gap), colour));
+    this.drawBelow(context, colour);
+    this.drawAxis(context, colour);
+    this.drawCursor(context, colour);
+  }
+
+  drawPanel(context, panel, y, colour) {
+    const top = y + PANEL.head, bottom = y + PANEL.height, right = this.width - PANEL.right;
+    const at = (value) => bottom - Math.max(0, Math.min(1, (value - panel.low) / (panel.high - panel.low))) * (bottom - top);
+    context.textBaseline = "middle";
+    this.drawScale(context, panel, at, right, colour);
+    context.save();
+    context.beginPath();
+    context.rect(PANEL.left, top - 5, right - PANEL.left, bottom - top + 6);
+    context.clip();
+    this.drawCurves(context, panel, at, colour);
+    context.restore();
+    const unit = panel.unit && ` · ${panel.unit}`;
+    this.write(context, panel.title, PANEL.left, y + 11, colour("--text"), "left", 600);
+    this.write(context, unit, PANEL.left + this.textWidth(context, panel.title, 600), y + 11, colour("--soft"));
+    let end = right;
+    for (const [text, fill, weight] of this.readout(panel, colour).reverse()) {
+      this.write(context, text, end, y + 11, fill, "right", weight);
+      end -= this.textWidth(context, text, weight) + 14;
+    }
+  }
+
+  drawScale(context, panel, at, right, colour) {
+    const step = roundStep((panel.high - panel.low) / 2);
+    context.strokeStyle = colour("--line");
+    context.lineWidth = 1;
+    for (let k = Math.ceil(panel.low / step - 1e-9); k * step <= panel.high; k++) {
+      const y = Math.round(at(k * step)) + 0.5;
+      context.beginPath();
+      context.moveTo(PANEL.left, y);
+      context.lineTo(right, y);
+      context.stroke();
+      this.write(context, (k * step).toLocaleString("en", { maximumSignificantDigits: 3 }), PANEL.left - 8, y, colour("--faint"), "right");
+    }
+  }
+
+  drawAxis(context, colour) {
+    const step = Math.max(this.leastTick, roundStep((this.range[1] - this.range[0]) / Math.max(2, this.width / 160)));
+    for (let k = Math.ceil(this.range[0] / step - 1e-9); k * step <= this.range[1]; k++) {
+      this.write(context, (k * step).toLocaleString("en"), this.x(k * step), this.bottom + 13, colour("--faint"), "center");
+    }
+    this.write(context, this.axis, PANEL.left - 8, this.bottom + 13, colour("--faint"), "right");
+  }
+
+  /** A line over all panels. */
+  drawUpright(context, x, stroke, dash) {
+    if (x < PANEL.left - 1 || x > this.width - PANEL.right + 1) return;
+    context.strokeStyle = stroke;
+    context.lineWidth = 1;
+    context.setLineDash(dash);
+    context.beginPath();
+    context.moveTo(Math.round(x) + 0.5, PANEL.head - 4);
+    context.lineTo(Math.round(x) + 0.5, this.bottom);
+    context.stroke();
+    context.setLineDash([]);
+  }
+
+  /** The place pointed at, with its label, and the span being dragged. */
+  drawCursor(context, colour) {
+    if (this.dragFrom !== undefined) {
+      context.fillStyle = colour("--accent");
+      context.globalAlpha = 0.12;
+      const [a, b] = [this.x(this.dragFrom), this.x(this.dragTo)];
+      context.fillRect(Math.min(a, b), PANEL.head - 4, Math.abs(b - a), this.bottom - PANEL.head + 4);
+      context.globalAlpha = 1;
+    }
+    const cursor = this.cursor();
+    if (!cursor) return;
+    const x = this.x(cursor.at);
+    this.drawUpright(context, x, colour("--soft"), [2, 3]);
+    const width = this.textWidth(context, cursor.text, 600) + 16;
+    const left = Math.max(PANEL.left, Math.min(this.width - PANEL.right - width, x - width / 2));
+    context.fillStyle = colour("--text");
+    context.beginPath();
+    context.roundRect(left, this.bottom + 3, width, 21, 5);
+    context.fill();
+    this.write(context, cursor.text, left + 8, this.bottom + 14, colour("--card"), "left", 600);
+  }
+
+  /** A dot on a curve. */
+  drawDot(context, x, y, fill) {
+    context.fillStyle = fill;
+    context.beginPath();
+    context.arc(x, y, 3.5, 0, 7);
+    context.fill();
+  }
+
+  textWidth(context, text, weight) {
+    context.font = context.font.replace(/^\d+ (?=\d)|^/, `${weight} `);
+    const { width } = context.measureText(text);
+    context.font = context.font.replace(/^\d+ (?=\d)/, "");
+    return width;
+  }
+
+  write(context, text, x, y, fill, align = "left", weight = 400) {
+    context.font = context.font.replace(/^\d+ (?=\d)|^/, `${weight} `);
+    context.fillStyle = fill;
+    context.textAlign = align;
+    context.fillText(text, x, y);
+    context.font = context.font.replace(/^\d+ (?=\d)/, "");
+  }
+
+  bind() {
+    const { canvas } = this;
+    const valueOf = (event) => this.valueAt(event.clientX - canvas.getBoundingClientRect().left);
+    canvas.addEventListener("pointermove", (event) => {
+      if (this.dragFrom !== undefined) {
+        this.dragTo = valueOf(event);
+        this.redraw();
+      }
+      this.point(valueOf(event));
+    });
+    canvas.addEventListener("pointerleave", () => shared.hover(null));
+    canvas.addEventListener("pointerdown", (event) => {
+      if (event.button !== 0) return;
+      if (event.pointerType === "mouse") canvas.setPointerCapture(event.pointerId);
+      this.dragFrom = this.dragTo = valueOf(event);
+    });
+    const drop = (event) => {
+      if (this.dragFrom === undefined) return;
+      const [a, b] = [this.dragFrom, this.dragTo].sort((p, q) => p - q);
+      this.dragFrom = undefined;
+      if (event.type === "pointerup") {
+        if (Math.abs(this.x(b) - this.x(a)) > 8) this.range = [a, Math.max(b, a + this.least())];
+        else this.pick(a);
+      }
+      this.redraw();
+    };
+    canvas.addEventListener("pointerup", drop);
+    canvas.addEventListener("pointercancel", drop);
+    canvas.addEventListener("dblclick", () => {
+      this.range = this.full;
+      this.redraw();
+    });
+    canvas.addEventListener("keydown", (event) => {
+      const direction = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
+      if (!direction) return;
+      event.preventDefault();
+      this.walk(direction);
+    });
+  }
+}

@@ -1,0 +1,109 @@
+//! A page that holds everything it needs: what every report is made of.
+
+use anyhow::Context;
+use serde::Serialize;
+use std::path::Path;
+
+/// What is around every page's body.
+const SHELL: &str = include_str!("assets/shell.html");
+/// Styles of every page.
+const STYLE: &str = include_str!("assets/page.css");
+/// The 3-D view.
+const VIEWER: &str = include_str!("assets/viewer.html");
+/// Scripts of every page: data and colours, the 3-D view, plots.
+const SCRIPTS: [&str; 7] = [
+    include_str!("assets/page.js"),
+    include_str!("assets/gl.js"),
+    include_str!("assets/cloud.js"),
+    include_str!("assets/camera.js"),
+    include_str!("assets/viewer.js"),
+    include_str!("assets/controls.js"),
+    include_str!("assets/chart.js"),
+];
+
+/// What one page has beyond the others.
+#[derive(Clone, Copy, Debug)]
+pub struct Template {
+    /// The body, with a mark `{{viewer}}` where the 3-D view goes and `{{title}}` for the heading.
+    pub body: &'static str,
+    /// Styles of its own.
+    pub style: &'static str,
+    /// Scripts of its own, in their order; the last one starts the page.
+    pub scripts: &'static [&'static str],
+}
+
+impl Template {
+    /// The whole page as text.
+    ///
+    /// # Errors
+    /// When the data cannot be written as JSON.
+    pub fn filled(&self, title: &str, data: &impl Serialize) -> anyhow::Result<String> {
+        let json = serde_json::to_string(data).context("the report's data cannot be written as JSON")?;
+        let title = html_escaped(title);
+        let scripts = SCRIPTS.iter().chain(self.scripts).copied().collect::<String>();
+        let values = [
+            ("title", &*title),
+            ("style", &[STYLE, self.style].concat()),
+            ("body", &fill(self.body, &[("title", &title), ("viewer", VIEWER)])),
+            ("data", &script_safe(&json)),
+            ("script", &scripts),
+        ];
+        Ok(fill(SHELL, &values))
+    }
+}
+
+/// Writes a page to `path`, replacing what was there.
+///
+/// # Errors
+/// When the file cannot be written.
+pub fn save(path: &Path, html: &str) -> anyhow::Result<()> {
+    std::fs::write(path, html).with_context(|| {
+        format!(
+            "cannot write the report to {}: check that the folder exists and the disk has room",
+            path.display()
+        )
+    })
+}
+
+/// Puts values into the `{{name}}` marks of a template; values are not searched for marks again.
+pub fn fill(template: &str, values: &[(&str, &str)]) -> String {
+    let mut out = String::with_capacity(template.len() + values.iter().map(|(_, v)| v.len()).sum::<usize>());
+    let mut rest = template;
+    while let Some((before, after)) = rest.split_once("{{") {
+        let (name, after) = after.split_once("}}").unwrap_or((after, ""));
+        out.push_str(before);
+        out.push_str(values.iter().find(|(n, _)| *n == name).map_or("", |(_, value)| value));
+        rest = after;
+    }
+    out.push_str(rest);
+    out
+}
+
+/// Text made harmless inside an HTML element or attribute.
+fn html_escaped(text: &str) -> String {
+    let mut out = String::with_capacity(text.len());
+    for c in text.chars() {
+        match c {
+            '&' => out.push_str("&amp;"),
+            '<' => out.push_str("&lt;"),
+            '>' => out.push_str("&gt;"),
+            '"' => out.push_str("&quot;"),
+            '\'' => out.push_str("&#39;"),
+            _ => out.push(c),
+        }
+    }
+    out
+}
+
+/// JSON made harmless inside a `<script>` element: these characters occur only within its strings,
+/// where `\u` escapes mean the same.
+fn script_safe(json: &str) -> String {
+    let mut out = String::with_capacity(json.len());
+    for c in json.chars() {
+        match c {
+            '<' | '>' | '&' => out.push_str(&format!("\\u{:04x}", c as u32)),
+            _ => out.push(c),
+        }
+    }
+    out
+}
