@@ -39,14 +39,17 @@ pub struct PreparedKeyframe<'a> {
 }
 
 impl<'a> PreparedMap<'a> {
-    /// Takes the keyframes of `map` that have features.
+    /// Takes the keyframes of `map` that have features and depth. The latest ones of an agent that is under way have no
+    /// depth yet: nothing could tell their scale.
     pub fn new(
         map: &'a Map,
         features: &'a BTreeMap<KeyframeId, Features>,
         params: &'a KeyPointParams,
     ) -> Self {
+        let usable =
+            |keyframe: &&Keyframe| features.contains_key(&keyframe.id) && !keyframe.semi_dense.is_empty();
         let mut order: Vec<KeyframeId> =
-            map.keyframes.keys().copied().filter(|id| features.contains_key(id)).collect();
+            map.keyframes.values().filter(usable).map(|keyframe| keyframe.id).collect();
         order
             .sort_by(|a, b| map.keyframes[a].timestamp.total_cmp(&map.keyframes[b].timestamp).then(a.cmp(b)));
         let keyframes = order.iter().map(|&id| (id, OnceLock::new())).collect();
@@ -58,12 +61,13 @@ impl<'a> PreparedMap<'a> {
         self.map
     }
 
-    /// The keyframes that have features, in order of time.
+    /// The keyframes that have features and depth, in order of time.
     pub fn order(&self) -> &[KeyframeId] {
         &self.order
     }
 
-    /// The keyframe, made ready; `None` when it is not in the map or has no features.
+    /// The keyframe, made ready; `None` when it is not in the map, or has no features or no
+    /// depth.
     pub fn get(&self, id: KeyframeId) -> Option<&PreparedKeyframe<'a>> {
         let slot = self.keyframes.get(&id)?;
         let keyframe = self.map.keyframes.get(&id)?;

@@ -17,7 +17,7 @@ pub struct Input {
     pub name: String,
     /// The map.
     pub map: Map,
-    /// The features of its keyframes.
+    /// The features of its keyframes that have depth.
     pub features: BTreeMap<KeyframeId, Features>,
     /// Their words.
     pub words: BTreeMap<KeyframeId, WordBag>,
@@ -54,7 +54,14 @@ impl Input {
             );
         }
         let found = features::of_keyframes(&map)?;
-        let features: BTreeMap<KeyframeId, Features> = map.keyframes.keys().copied().zip(found).collect();
+        // Keyframes without depth could be recognised, but nothing could come of it.
+        let features: BTreeMap<KeyframeId, Features> = map
+            .keyframes
+            .values()
+            .zip(found)
+            .filter(|(keyframe, _)| !keyframe.semi_dense.is_empty())
+            .map(|(keyframe, features)| (keyframe.id, features))
+            .collect();
         let words = features.iter().map(|(&id, features)| (id, vocabulary.words(features))).collect();
         let names: Vec<&str> = map.agents.values().map(|agent| &*agent.name).collect();
         let seconds = InputSeconds { reading, features: start.elapsed().as_secs_f64() - reading };
