@@ -141,7 +141,7 @@ impl Case {
         self.recordings.iter().map(ToString::to_string).collect::<Vec<_>>().join(" + ")
     }
 
-    /// Merges `repeats` times and measures. The results of the last merge stay in `work`.
+    /// Merges `repeats` times and measures. The results of a merge that falls short stay in `work`.
     ///
     /// # Errors
     /// When files cannot be read; a merge that is refused or fails is told in the result.
@@ -166,12 +166,19 @@ impl Case {
         let maps: Vec<PathBuf> = self.recordings.iter().map(|recording| recording.map(work)).collect();
         match program.merge(&maps, &self.folder(work, method), method)? {
             Attempt::Refused(reasons) => anyhow::bail!("refused: {}", reasons.join("; ")),
-            Attempt::Merged(merged) => self.numbers(program, &merged, data),
+            Attempt::Merged(merged) => {
+                let numbers = self.numbers(program, &merged, data)?;
+                // A map and a cloud of hundreds of megabytes are kept where someone will want to see them.
+                if method.is_some() || numbers.reaches(self) {
+                    merged.remove()?;
+                }
+                Ok(numbers)
+            }
         }
     }
 
     /// Where its results lie.
-    pub fn folder(&self, work: &Path, method: Option<&str>) -> PathBuf {
+    fn folder(&self, work: &Path, method: Option<&str>) -> PathBuf {
         work.join("merges")
             .join(method.map_or(self.name.to_owned(), |method| format!("{}-{method}", self.name)))
     }
