@@ -24,18 +24,18 @@ const ABORTED: i32 = 130;
 pub struct Stop(Arc<AtomicBool>);
 
 impl Stop {
-    /// Set by the first Ctrl-C or SIGTERM; the second ends the process at once.
+    /// Set by the first Ctrl-C or SIGTERM, which prints `notice`; the second ends the process at once.
     ///
     /// # Errors
     /// When the handler cannot be installed.
-    pub fn on_ctrl_c() -> Result<Self> {
+    pub fn on_ctrl_c(notice: &'static str) -> Result<Self> {
         let stop = Self(Arc::default());
         let flag = Arc::clone(&stop.0);
         ctrlc::set_handler(move || {
             if flag.swap(true, Ordering::Relaxed) {
                 std::process::exit(ABORTED);
             }
-            eprintln!("stopping: saving what was tracked so far (Ctrl-C again to abort)");
+            eprintln!("{notice}");
         })
         .context("cannot listen for Ctrl-C")?;
         Ok(stop)

@@ -8,7 +8,7 @@
 //! | matches γ over the agreeing pairs | images that share a thing or two |
 //! | at least two keyframe pairs agree on the motion | one view that looks alike by chance |
 //! | pixels that agree after direct alignment, both ways | places of the same shape with other texture, and the reverse |
-//! | view overlap | an alignment that holds on to a corner of the images |
+//! | that share of all pixels, seen by both or not | things that repeat, shifted by one |
 //! | standard deviations of rotation and scale (χ² of the information) | closures that are right and useless |
 
 use crate::closure::{Closure, PairOutcome};
@@ -27,9 +27,12 @@ pub struct AcceptanceParams {
     /// Least share of pixels with depth that agree in intensity and depth after direct alignment, the best of the
     /// agreeing pairs. Default 0.6; 0 to 1.
     pub min_inlier_share: f32,
-    /// Least share of pixels with depth that the other keyframe sees, of the same pair. Default 0.25; 0 to 1.
-    pub min_overlap: f32,
-    /// Largest standard deviation of the rotation, degrees. Default 1; above 0.
+    /// Least product of that share with the overlap, the share of pixels with depth that the other keyframe sees at
+    /// all, of the same pair. Default 0.25; 0 to 1. Things that repeat (a fence, cars of one make) agree over a part
+    /// of the view when shifted by one; the same place agrees over most of what both see.
+    pub min_agreeing_share: f32,
+    /// Largest standard deviation of the rotation, degrees. Default 0.35; above 0. A turn by that moves what is
+    /// 10 m away by 6 cm.
     pub max_rotation_deviation: f64,
     /// Largest standard deviation of the scale, parts. Default 0.03; above 0.
     pub max_scale_deviation: f64,
@@ -41,8 +44,8 @@ impl Default for AcceptanceParams {
             min_matches: 60,
             min_pairs: 2,
             min_inlier_share: 0.6,
-            min_overlap: 0.25,
-            max_rotation_deviation: 1.0,
+            min_agreeing_share: 0.25,
+            max_rotation_deviation: 0.35,
             max_scale_deviation: 0.03,
         }
     }
@@ -92,11 +95,14 @@ pub enum Doubt {
         /// Share needed.
         needed: f32,
     },
-    /// The images share too little.
-    #[error("the keyframes share {overlap:.2} of their view; {needed:.2} are needed")]
-    LittleOverlap {
-        /// Share.
-        overlap: f32,
+    /// Too little of the images fits.
+    #[error(
+        "{share:.2} of all pixels with depth agree, the others do not or lie outside the other's view; {needed:.2} \
+         are needed: things that repeat look like that"
+    )]
+    LittleAgrees {
+        /// Share that agrees.
+        share: f32,
         /// Share needed.
         needed: f32,
     },
@@ -141,9 +147,10 @@ pub fn judge(evidence: &Evidence, params: &AcceptanceParams) -> Result<(), Doubt
     if !alike {
         return Err(Doubt::Unlike { share: evidence.inlier_share, needed: params.min_inlier_share });
     }
-    let overlapping = evidence.overlap >= params.min_overlap;
-    if !overlapping {
-        return Err(Doubt::LittleOverlap { overlap: evidence.overlap, needed: params.min_overlap });
+    let share = evidence.inlier_share * evidence.overlap;
+    let enough = share >= params.min_agreeing_share;
+    if !enough {
+        return Err(Doubt::LittleAgrees { share, needed: params.min_agreeing_share });
     }
     let known = evidence.rotation_deviation <= params.max_rotation_deviation
         && evidence.scale_deviation <= params.max_scale_deviation;

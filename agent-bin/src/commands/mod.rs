@@ -15,6 +15,8 @@ mod params;
 mod places;
 mod run;
 #[cfg(feature = "opencv")]
+mod unmerge;
+#[cfg(feature = "opencv")]
 mod vocab;
 
 use anyhow::Result;
@@ -43,9 +45,10 @@ pub enum Command {
     #[cfg(feature = "opencv")]
     Places(places::PlacesArgs),
     #[cfg(feature = "opencv")]
+    Unmerge(unmerge::UnmergeArgs),
+    #[cfg(feature = "opencv")]
     Vocab(vocab::VocabArgs),
-    /// Print the default parameters, documented, as a parameter file
-    Params,
+    Params(params::ParamsArgs),
 }
 
 impl Command {
@@ -64,8 +67,10 @@ impl Command {
             #[cfg(feature = "opencv")]
             Command::Places(args) => places::run(&args),
             #[cfg(feature = "opencv")]
+            Command::Unmerge(args) => unmerge::run(&args),
+            #[cfg(feature = "opencv")]
             Command::Vocab(args) => vocab::run(&args),
-            Command::Params => params::execute(),
+            Command::Params(args) => params::execute(args),
         }
     }
 }

@@ -1,18 +1,42 @@
-//! `loopbox params`: the default parameters as a documented TOML file.
+//! `loopbox params`: the default parameters as a TOML file, those of a run documented.
 
+#[cfg(feature = "opencv")]
+use crate::merging::MergingParams;
 use anyhow::{Context, Result};
+use serde::de::DeserializeOwned;
 use slam_direct::{DocumentedParameter, Parameter, ParameterValue, Params};
 use std::fmt::Write as _;
 use std::path::Path;
+
+/// Print the default parameters as a parameter file
+#[derive(Clone, Copy, Debug, clap::Args)]
+pub struct ParamsArgs {
+    /// Those of `loopbox merge`; else those of `loopbox run`, documented
+    #[cfg(feature = "opencv")]
+    #[arg(long)]
+    merge: bool,
+}
+
+impl ParamsArgs {
+    #[cfg(feature = "opencv")]
+    fn text(self) -> Result<String> {
+        if self.merge { merging_file() } else { Ok(default_file()) }
+    }
+
+    #[cfg(not(feature = "opencv"))]
+    fn text(self) -> Result<String> {
+        Ok(default_file())
+    }
+}
 
 /// Prints the defaults.
 ///
 /// # Errors
 /// None that matter: a closed pipe ends the output.
-pub fn execute() -> Result<()> {
+pub fn execute(args: ParamsArgs) -> Result<()> {
     use std::io::Write;
     // A reader that has closed the pipe (`| head`) has seen enough.
-    let _ = std::io::stdout().write_all(default_file().as_bytes());
+    let _ = std::io::stdout().write_all(args.text()?.as_bytes());
     Ok(())
 }
 
@@ -21,11 +45,33 @@ pub fn execute() -> Result<()> {
 /// # Errors
 /// Names the file, and the line with an unknown key or a value of the wrong type.
 pub fn read(path: &Path) -> Result<Params> {
+    read_as(path, "loopbox params")
+}
+
+/// Reads a parameter file for merging; what it does not name keeps its default.
+///
+/// # Errors
+/// Names the file, and the line with an unknown key or a value of the wrong type.
+#[cfg(feature = "opencv")]
+pub fn read_merging(path: &Path) -> Result<MergingParams> {
+    read_as(path, "loopbox params --merge")
+}
+
+/// Reads a file of the form that `command` prints.
+fn read_as<P: DeserializeOwned>(path: &Path, command: &str) -> Result<P> {
     let text =
         std::fs::read_to_string(path).with_context(|| format!("{}: cannot be read", path.display()))?;
     toml::from_str(&text).with_context(|| {
-        format!("{}: not a parameter file (`loopbox params` prints one with every parameter)", path.display())
+        format!("{}: not a parameter file (`{command}` prints one with every parameter)", path.display())
     })
+}
+
+#[cfg(feature = "opencv")]
+fn merging_file() -> Result<String> {
+    let table = toml::to_string(&MergingParams::default()).context("the parameters cannot be printed")?;
+    Ok(format!(
+        "# Parameters of `loopbox merge` with their defaults. A file may name any part of them.\n\n{table}"
+    ))
 }
 
 fn default_file() -> String {
@@ -68,6 +114,13 @@ mod tests {
     #[test]
     fn the_printed_file_reads_back_as_the_defaults() {
         assert_eq!(toml::from_str::<Params>(&default_file()).unwrap(), Params::default());
+    }
+
+    #[cfg(feature = "opencv")]
+    #[test]
+    fn the_printed_file_for_merging_reads_back_as_the_defaults() {
+        let file = merging_file().unwrap();
+        assert_eq!(toml::from_str::<MergingParams>(&file).unwrap(), MergingParams::default());
     }
 
     #[test]

@@ -98,7 +98,7 @@ pub fn execute(args: &RunArgs) -> Result<()> {
             .build_global()
             .context("cannot start threads")?;
     }
-    let stop = Stop::on_ctrl_c()?;
+    let stop = Stop::on_ctrl_c("stopping: saving what was tracked so far (Ctrl-C again to abort)")?;
     let progress = Progress::new(args.display(), info.frame_count);
     let ahead = Ahead::start(source, Preparation::new(correction, args.start, args.end), args.pace())?;
     let agent = Agent::new(camera, Box::new(ThumbnailIndex::default()), params);

@@ -7,6 +7,7 @@ use place_recog::features::Features;
 use place_recog::{Vocabulary, WordBag};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::time::Instant;
 
 /// A map to be merged.
 pub struct Input {
@@ -20,6 +21,17 @@ pub struct Input {
     pub features: BTreeMap<KeyframeId, Features>,
     /// Their words.
     pub words: BTreeMap<KeyframeId, WordBag>,
+    /// How long it took to get all this.
+    pub seconds: InputSeconds,
+}
+
+/// Wall-clock seconds to get an input ready.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct InputSeconds {
+    /// Reading the file.
+    pub reading: f64,
+    /// Features and words of all keyframes.
+    pub features: f64,
 }
 
 impl Input {
@@ -28,7 +40,9 @@ impl Input {
     /// # Errors
     /// When it cannot be read, or holds nothing that could be merged: no keyframes, or none with depth.
     pub fn load(path: &Path, vocabulary: &Vocabulary) -> Result<Self> {
+        let start = Instant::now();
         let map = features::load(path)?;
+        let reading = start.elapsed().as_secs_f64();
         if map.keyframes.is_empty() {
             bail!("{}: the map has no keyframes: there is nothing to merge", path.display());
         }
@@ -43,6 +57,7 @@ impl Input {
         let features: BTreeMap<KeyframeId, Features> = map.keyframes.keys().copied().zip(found).collect();
         let words = features.iter().map(|(&id, features)| (id, vocabulary.words(features))).collect();
         let names: Vec<&str> = map.agents.values().map(|agent| &*agent.name).collect();
-        Ok(Self { path: path.to_owned(), name: names.join("+"), map, features, words })
+        let seconds = InputSeconds { reading, features: start.elapsed().as_secs_f64() - reading };
+        Ok(Self { path: path.to_owned(), name: names.join("+"), map, features, words, seconds })
     }
 }

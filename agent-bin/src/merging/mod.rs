@@ -2,9 +2,19 @@
 //! the other, with their times. The steps themselves are in the crate `merge`.
 
 mod input;
-pub mod report;
+mod names;
+mod output;
+mod progress;
+mod record;
+mod report;
+mod verdict;
 
 pub use input::Input;
+pub use names::{Names, listed};
+pub use output::{MergeOutput, map_file, write_maps, write_results};
+pub use progress::MergeProgress;
+pub use record::MergeRecord;
+pub use verdict::{verdict, without_company};
 
 use anyhow::{Context, Result};
 use map::{AgentId, KeyframeId};
@@ -77,22 +87,58 @@ pub struct Merging {
     pub fusion_seconds: f64,
 }
 
+impl Seconds {
+    /// Of all steps.
+    pub fn total(&self) -> f64 {
+        self.places + self.meeting + self.further
+    }
+}
+
 impl Encounter {
     /// The accepted place; nothing where the maps were not merged.
     pub fn accepted(&self) -> Option<&Tried> {
         self.tried.iter().find(|tried| matches!(tried.outcome, Outcome::Accepted(..)))
     }
+
+    /// Of maps that were not merged: the refused place of most matches, which came closest.
+    pub fn closest(&self) -> Option<&Tried> {
+        let refused = self.tried.iter().filter(|tried| refusal(&tried.outcome).is_some());
+        // Of equals the first.
+        let more = |best: &'_ Tried, next: &'_ Tried| next.match_count > best.match_count;
+        refused.reduce(|best, next| if more(best, next) { next } else { best })
+    }
+
+    /// Why the maps were not merged; nothing where they were.
+    pub fn refusal(&self) -> Option<String> {
+        if self.accepted().is_some() {
+            return None;
+        }
+        let nothing = || "no place of one looks like a place of the other".to_owned();
+        Some(self.closest().and_then(|tried| refusal(&tried.outcome)).unwrap_or_else(nothing))
+    }
 }
 
-/// Looks for meetings of every two of the inputs and makes the common map. `progress` is told what comes next.
+/// Why a place was not accepted; nothing where it was, or was not followed.
+pub fn refusal(outcome: &Outcome) -> Option<String> {
+    match outcome {
+        Outcome::NotMatched(refusal) => Some(refusal.to_string()),
+        Outcome::NotClosed(refusal) => Some(refusal.to_string()),
+        Outcome::Doubted(_, _, doubt) => Some(doubt.to_string()),
+        Outcome::NotFollowed | Outcome::Accepted(..) => None,
+    }
+}
+
+/// Looks for meetings of every two of the inputs and makes the common map. `progress` is told what comes next, and
+/// ends the merging with an error of its own.
 ///
 /// # Errors
-/// When the inputs cannot be in one map (two are of one run, say), or the closures make no common map.
+/// When the inputs cannot be in one map (two are of one run, say), the closures make no common map, or `progress`
+/// will not go on.
 pub fn merge(
     inputs: &[Input],
     vocabulary: &Arc<Vocabulary>,
     params: &MergingParams,
-    progress: &mut dyn FnMut(&str),
+    progress: &mut dyn FnMut(&str) -> Result<()>,
 ) -> Result<Merging> {
     let maps: Vec<&map::Map> = inputs.iter().map(|input| &input.map).collect();
     let names = |a: usize, b: usize| format!("{} and {}", inputs[a].name, inputs[b].name);
@@ -104,7 +150,7 @@ pub fn merge(
     let mut encounters = Vec::new();
     for source in 1..inputs.len() {
         for target in 0..source {
-            progress(&format!("looking where {} met", names(target, source)));
+            progress(&format!("looking where {} met", names(target, source)))?;
             let encounter = encounter([target, source], inputs, &prepared, vocabulary, params)
                 .with_context(|| names(target, source))?;
             for edge in encounter.joined.iter().flat_map(|joined| &joined.edges) {
@@ -121,7 +167,7 @@ pub fn merge(
             encounters.push(encounter);
         }
     }
-    progress("making the common map");
+    progress("making the common map")?;
     let start = Instant::now();
     let fused = common.fuse(&params.fusion).context("the common map cannot be made")?;
     let fusion_seconds = start.elapsed().as_secs_f64();

@@ -191,8 +191,7 @@ mod tests {
 
     #[test]
     fn thinning_drops_the_uncertain_first_and_meets_the_budget() {
-        let points: Vec<_> =
-            (0..1000).map(|i| point(i as f32, if i % 4 == 0 { 200 } else { 10 })).collect();
+        let points: Vec<_> = (0..1000).map(|i| point(i as f32, if i % 4 == 0 { 200 } else { 10 })).collect();
         let points = thinned(&points, 300);
         assert_eq!(points.len(), 300);
         assert!(points.iter().all(|p| p.sigma_code == 10));

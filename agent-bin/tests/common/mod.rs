@@ -30,7 +30,7 @@ pub fn arg(path: &Path) -> &str {
 
 /// The recording that lies in the repository.
 pub fn demo() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../demo/parking")
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../demo/parking_a")
 }
 
 pub fn stdout(output: &Output) -> String {

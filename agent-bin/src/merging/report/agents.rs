@@ -87,9 +87,11 @@ impl Graph {
             let in_tree = shown.component.tree.contains(&id);
             Some(Joint { agents, closures, confidence: merge.confidence, in_tree })
         });
-        let counts = shown.map.agents.keys().map(|id| {
-            shown.map.keyframes.values().filter(|keyframe| keyframe.agent == *id).count()
-        });
+        let counts = shown
+            .map
+            .agents
+            .keys()
+            .map(|id| shown.map.keyframes.values().filter(|keyframe| keyframe.agent == *id).count());
         let agents = shown.agents.iter().zip(counts).filter_map(|(agent, keyframes)| {
             let placement = shown.component.agents.get(agent)?;
             let way = way(&graph, shown.component.root, &placement.path);

@@ -137,8 +137,10 @@ impl Meeting {
             source: encounter.source,
             proposed: encounter.proposed,
             places: encounter.tried.iter().map(|tried| pair.attempt(tried)).collect(),
-            closure: closure.map(|(closure, evidence)| pair.closure(closure, evidence, encounter, pictures)).transpose()?,
-            refusal: refusal(encounter),
+            closure: closure
+                .map(|(closure, evidence)| pair.closure(closure, evidence, encounter, pictures))
+                .transpose()?,
+            refusal: encounter.refusal().map(|reason| sentence(&reason)),
             closures: encounter.joined.as_ref().map(|joined| Closures {
                 used: joined.edges.len(),
                 rejected: joined.rejected.len(),
@@ -149,33 +151,24 @@ impl Meeting {
     }
 }
 
+/// A reason as a sentence.
+fn sentence(reason: &str) -> String {
+    let mut letters = reason.chars();
+    let first = letters.next().map(|letter| letter.to_uppercase().to_string()).unwrap_or_default();
+    format!("{first}{}.", letters.as_str())
+}
+
 /// The accepted closure, or else the one of most matches that was doubted.
 fn best(encounter: &Encounter) -> Option<(&Closure, Evidence)> {
     let of = |tried: &'_ Tried| -> bool { matches!(tried.outcome, Outcome::Doubted(..)) };
-    let tried = encounter.accepted().or_else(|| encounter.tried.iter().filter(|tried| of(tried)).max_by_key(|tried| tried.match_count))?;
+    let tried = encounter
+        .accepted()
+        .or_else(|| encounter.tried.iter().filter(|tried| of(tried)).max_by_key(|tried| tried.match_count))?;
     match &tried.outcome {
-        Outcome::Accepted(closure, evidence) | Outcome::Doubted(closure, evidence, _) => Some((closure, *evidence)),
+        Outcome::Accepted(closure, evidence) | Outcome::Doubted(closure, evidence, _) => {
+            Some((closure, *evidence))
+        }
         _ => None,
-    }
-}
-
-/// Why two maps were not merged: the reason of the place that came closest; nothing where they were.
-fn refusal(encounter: &Encounter) -> Option<String> {
-    if encounter.accepted().is_some() {
-        return None;
-    }
-    let closest = encounter.tried.iter().max_by_key(|tried| (tried.match_count, reached(&tried.outcome)));
-    let nothing = "No place of one map looks like a place of the other.".to_owned();
-    Some(closest.map_or(nothing, |tried| words(&tried.outcome)))
-}
-
-/// How far a place came.
-fn reached(outcome: &Outcome) -> u8 {
-    match outcome {
-        Outcome::NotMatched(_) | Outcome::NotFollowed => 0,
-        Outcome::NotClosed(_) => 1,
-        Outcome::Doubted(..) => 2,
-        Outcome::Accepted(..) => 3,
     }
 }
 
@@ -306,7 +299,9 @@ impl ScaleView {
 fn pair_words(outcome: &PairOutcome) -> String {
     match (&outcome.measured, &outcome.direct) {
         (Err(refusal), _) => format!("Not measured: {refusal}."),
-        (Ok(_), Some(Err(refusal))) => format!("By key points only; the images could not be aligned: {refusal}."),
+        (Ok(_), Some(Err(refusal))) => {
+            format!("By key points only; the images could not be aligned: {refusal}.")
+        }
         (Ok(_), _) if outcome.agrees => "Used.".to_owned(),
         (Ok(_), _) => "Left out: it contradicts the others.".to_owned(),
     }

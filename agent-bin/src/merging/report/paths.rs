@@ -21,8 +21,11 @@ impl Paths {
     /// The paths of frames that are ordered by agent and time.
     pub fn new(frames: &[PlacedFrame]) -> Self {
         let agents: Vec<&[PlacedFrame]> = frames.chunk_by(|a, b| a.agent == b.agent).collect();
-        let seconds = agents.iter().flat_map(|own| own.iter().map(|f| (f.timestamp - own[0].timestamp) as f32));
-        let turns = agents.iter().flat_map(|own| continuous(own.iter().map(|f| roll_pitch_yaw(&f.world_from_frame.rotation))));
+        let seconds =
+            agents.iter().flat_map(|own| own.iter().map(|f| (f.timestamp - own[0].timestamp) as f32));
+        let turns = agents
+            .iter()
+            .flat_map(|own| continuous(own.iter().map(|f| roll_pitch_yaw(&f.world_from_frame.rotation))));
         let position = frames.iter().flat_map(|f| <[f64; 3]>::from(f.world_from_frame.translation));
         Self {
             seconds: Packed::f32(seconds),

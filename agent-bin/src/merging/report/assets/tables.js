@@ -117,7 +117,7 @@ function scaleTable({ closure }) {
 
 function registrationText({ closure }) {
   const { Ok: found, Err: none } = closure.registration;
-  if (!found) return `The clouds of the chosen pair could not be registered (${none}); the images were aligned from where the key points put them.`;
+  if (!found) return `The clouds of the chosen pair could not be registered point by point: ${none}. The images were aligned from where the key points put them.`;
   const end = found.converged ? "" : " It still moved then.";
   return `Registering the clouds of the pair z = ${["−1", "0", "1"][closure.chosen]} point by point: residual ${figures(found.rmse)} units, ${percent(found.inlier_share)} inliers, ${percent(found.overlap)} overlap, after ${plural(found.iterations, "iteration")}.${end} Then every pair was aligned on its images.`;
 }

@@ -1,0 +1,125 @@
+//! `loopbox unmerge`: a merged map taken apart again.
+
+use super::features;
+use crate::merging::{MergeOutput, Names, listed, write_maps};
+use anyhow::{Context, Result, anyhow, bail};
+use clap::Args;
+use map::{AgentId, Map};
+use merge::common_map::{CommonMap, Fused, FusionParams};
+use std::io::Write;
+use std::path::PathBuf;
+
+/// Take a merged map apart: into every agent's own map, or by the merge of two agents
+#[derive(Debug, Args)]
+pub struct UnmergeArgs {
+    /// The map: a map.mcap, or the folder that `loopbox merge` wrote
+    #[arg(value_name = "MERGED")]
+    map: PathBuf,
+    /// Folder for the results; made if it is not there
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Undo only the merge of these two agents, by their names
+    #[arg(long, num_args = 2, value_names = ["A", "B"])]
+    between: Option<Vec<String>>,
+}
+
+/// Runs `loopbox unmerge`.
+///
+/// # Errors
+/// When the map cannot be read or holds one agent only, an agent is unknown, there is no merge between the two, or
+/// the results cannot be written. Then nothing is written.
+pub fn run(args: &UnmergeArgs) -> Result<()> {
+    let map = features::load(&args.map)?;
+    if map.agents.len() < 2 {
+        let name = map.agents.values().next().map_or("", |info| &info.name);
+        bail!(
+            "{}: holds one agent only (\"{name}\"): there is no merge to undo\nhint: give the map.mcap that \
+             `loopbox merge` wrote",
+            args.map.display()
+        );
+    }
+    MergeOutput::keep_from(&args.out, std::slice::from_ref(&args.map))?;
+    let said = match args.between.as_deref() {
+        Some([a, b]) => separate(args, map, [a, b])?,
+        _ => apart(args, &map)?,
+    };
+    // A reader that has closed the pipe (`| head`) has seen enough.
+    let _ = std::io::stdout().write_all(said.as_bytes());
+    Ok(())
+}
+
+/// Writes every agent's own map; says which.
+fn apart(args: &UnmergeArgs, map: &Map) -> Result<String> {
+    let mut output = MergeOutput::create(&args.out)?;
+    let mut said = String::new();
+    for (label, own) in map.agent_labels().values().zip(map.split()) {
+        let name = PathBuf::from(label).join("map.mcap");
+        map::save_map(output.file(&name)?, &own)?;
+        said += &format!("{}: {label} as it was\n", args.out.join(&name).display());
+    }
+    output.commit()?;
+    Ok(said)
+}
+
+/// Undoes the merge of two agents and writes the maps that result; says which.
+fn separate(args: &UnmergeArgs, map: Map, [a, b]: [&str; 2]) -> Result<String> {
+    let (mut common, addresses) = CommonMap::from_maps(&[&map])?;
+    let agents: Vec<AgentId> = addresses.iter().flat_map(|map| map.agents()).collect();
+    let known: Vec<&str> = map.agents.values().map(|info| &*info.name).collect();
+    let find = |name: &str| {
+        let position = known.iter().position(|known| *known == name);
+        position.and_then(|position| agents.get(position)).copied().ok_or_else(|| {
+            anyhow!(
+                "{}: has no agent \"{name}\"\nhint: its agents are {}",
+                args.map.display(),
+                listed(&known)
+            )
+        })
+    };
+    let (first, second) = (find(a)?, find(b)?);
+    if first == second {
+        bail!("--between {a} {b}: an agent is not merged with itself\nhint: name two agents");
+    }
+    let name = |agent: AgentId| agents.iter().position(|found| *found == agent).map_or("", |i| known[i]);
+    if common.separate(first, second) == 0 {
+        let merged: Vec<String> =
+            common.merged().iter().map(|(a, b)| format!("{} with {}", name(*a), name(*b))).collect();
+        let merged: Vec<&str> = merged.iter().map(String::as_str).collect();
+        bail!(
+            "{}: no closure joins {a} and {b}: there is no merge between them to undo\nhint: merged are {}",
+            args.map.display(),
+            listed(&merged)
+        );
+    }
+    let groups = common.fuse(&FusionParams::default()).context("what is left makes no common map")?;
+    let names = Names::new(&common);
+    let mut output = MergeOutput::create(&args.out)?;
+    output.remove_earlier()?;
+    write_maps(&mut output, &groups, &names, &provenance(args, &map, [a, b]))?;
+    output.commit()?;
+    Ok(summary(args, &groups, &names, [first, second]))
+}
+
+/// How the maps that are left came to be.
+fn provenance(args: &UnmergeArgs, map: &Map, [a, b]: [&str; 2]) -> Vec<(String, String)> {
+    let mut kept = map.merge_provenance.clone();
+    // Who was merged with whom the edges say; this entry would be wrong by now.
+    kept.remove(&format!("{a} + {b}"));
+    kept.remove(&format!("{b} + {a}"));
+    kept.insert("program".into(), concat!("loopbox ", env!("CARGO_PKG_VERSION")).into());
+    kept.insert("maps".into(), args.map.display().to_string());
+    kept.insert("undone".into(), format!("{a} + {b}"));
+    kept.into_iter().collect()
+}
+
+fn summary(args: &UnmergeArgs, groups: &[Fused], names: &Names, [a, b]: [AgentId; 2]) -> String {
+    let mut said = String::new();
+    for (index, group) in groups.iter().enumerate() {
+        let file = crate::merging::map_file(index, group, names);
+        said += &format!("{}: {}\n", args.out.join(file).display(), names.list(&group.agents));
+    }
+    if groups.iter().any(|group| group.agents.contains(&a) && group.agents.contains(&b)) {
+        said += &format!("{} and {} still hang together, by others who met both\n", names.of(a), names.of(b));
+    }
+    said
+}

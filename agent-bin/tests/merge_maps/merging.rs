@@ -1,0 +1,147 @@
+//! Maps that met, and maps that did not.
+
+use crate::support::{Case, Outcome, Runs, arg, loopbox};
+use eval::{AgentTracks, Options, evaluate_agents, read_trajectory};
+use map::{EdgeKind, load_map};
+use serde_json::Value;
+use std::fs;
+use std::path::Path;
+
+/// What the error of the other agent's trajectory may be, in parts of its path of 4.7 m, after aligning the first.
+/// Reached is 0.0006.
+const ERROR_SHARE: f64 = 0.004;
+
+/// By how much the other agent's scale may be off, percent. Reached is 0.07.
+const SCALE_PERCENT: f64 = 0.5;
+
+/// Fails unless both trajectories lie right in one frame.
+fn assert_accurate(out: &Path) {
+    let runs = Runs::get();
+    let tracks = ["left", "right"].map(|name| AgentTracks {
+        estimate: read_trajectory(&out.join(format!("trajectory-{name}.txt"))).expect("it was written"),
+        truth: read_trajectory(&runs.truth(name)).expect("it was written"),
+        frames: None,
+    });
+    let found = evaluate_agents(tracks.into(), &Options::default()).expect("the trajectories match");
+    let right = &found.agents[1];
+    let error = right.evaluation.ate.rmse;
+    let scale = right.merge.expect("the paths show it").scale_percent;
+    eprintln!("error of the other agent {error:.4} m, scale {scale:+.3} %");
+    assert!(error <= ERROR_SHARE * 4.7, "{error} m");
+    assert!(scale.abs() <= SCALE_PERCENT, "{scale} %");
+}
+
+fn merged_left_and_right(case: &Case) -> Outcome {
+    let runs = Runs::get();
+    case.merge(&[&runs.run("left"), &runs.run("right").join("map.mcap")])
+}
+
+#[test]
+fn two_agents_that_met_get_one_map() {
+    let case = Case::new();
+    let outcome = merged_left_and_right(&case);
+    outcome.assert_success();
+    for word in ["left + right: accepted", "opposite ways", "γ", "σ*", "closures join", "left and right"] {
+        assert!(outcome.stdout.contains(word), "nothing is said of \"{word}\"\n{outcome:#?}");
+    }
+    for word in ["reading", "looking where left and right met", "making the common map", "writing"] {
+        assert!(outcome.stderr.contains(word), "nothing is said of \"{word}\"\n{outcome:#?}");
+    }
+    let files = ["cloud.ply", "map.mcap", "merge.json", "trajectory-left.txt", "trajectory-right.txt"];
+    assert!(files.iter().all(|file| case.results().contains(&(*file).to_owned())), "{:?}", case.results());
+    assert_accurate(&case.out());
+    let united = load_map(case.out().join("map.mcap")).unwrap().map;
+    assert_eq!(united.agents.values().map(|info| &*info.name).collect::<Vec<_>>(), ["left", "right"]);
+    assert!(united.edges.iter().any(|edge| edge.kind == EdgeKind::Merge));
+    assert!(["program", "maps", "parameters"].iter().all(|key| united.merge_provenance.contains_key(*key)));
+    check_numbers(&case);
+    check_other_commands(&case);
+    check_again(&case);
+}
+
+/// The numbers hold what the verdict rests on.
+fn check_numbers(case: &Case) {
+    let text = fs::read_to_string(case.out().join("merge.json")).unwrap();
+    let numbers: Value = serde_json::from_str(&text).unwrap();
+    let encounter = &numbers["encounters"][0];
+    assert_eq!(encounter["closure"]["travel"], "opposite");
+    assert!(encounter["links"].as_u64().is_some_and(|links| links >= 2), "{encounter:#}");
+    assert!(encounter["closure"]["scale"]["scale"].as_f64().is_some_and(|scale| scale > 0.0));
+    assert!(encounter["closure"]["evidence"]["matches"].as_u64().is_some_and(|matches| matches >= 60));
+    assert!(encounter["tried"].as_array().is_some_and(|tried| tried[0]["outcome"] == "accepted"));
+    for part in ["places", "meeting", "further"] {
+        assert!(encounter["seconds"][part].as_f64().is_some_and(|seconds| seconds >= 0.0));
+    }
+    let right = &numbers["agents"][1];
+    assert_eq!((&right["root"], &right["path"]), (&"left".into(), &serde_json::json!(["left", "right"])));
+    assert!(right["deviations"]["scale"].as_f64().is_some_and(|deviation| deviation > 0.0));
+    assert_eq!(numbers["groups"][0]["map"], "map.mcap");
+    assert_eq!(numbers["groups"].as_array().map(Vec::len), Some(1));
+    assert!(numbers["groups"][0]["pose_graph"]["final_cost"].is_number());
+    assert!(numbers["cost"]["peak_memory_bytes"].as_u64().is_some_and(|bytes| bytes > 1 << 20));
+    let names: Vec<&str> = numbers["files"].as_array().unwrap().iter().filter_map(Value::as_str).collect();
+    assert!(names.iter().all(|name| case.out().join(name).is_file()), "{names:?}");
+    assert_eq!(names.len(), case.results().len(), "{names:?} {:?}", case.results());
+}
+
+/// The common map is a map like any other.
+fn check_other_commands(case: &Case) {
+    let map = case.out().join("map.mcap");
+    let info = loopbox(&["info", arg(&map)]);
+    info.assert_success();
+    assert!(info.stdout.contains("left") && info.stdout.contains("right"), "{info:#?}");
+    let (tum, ply) = (case.path("exported.txt"), case.path("exported.ply"));
+    let export = loopbox(&["export", arg(&map), "--tum", arg(&tum), "--ply", arg(&ply)]);
+    export.assert_success();
+    assert_eq!(fs::read(ply).unwrap(), fs::read(case.out().join("cloud.ply")).unwrap());
+}
+
+/// A second merge replaces the results of the first, and gives the same.
+fn check_again(case: &Case) {
+    let stale = case.out().join("map-of-old.mcap");
+    let numbers = case.out().join("merge.json");
+    fs::write(&stale, b"old").unwrap();
+    let text = fs::read_to_string(&numbers)
+        .unwrap()
+        .replace("\"cloud.ply\",", "\"cloud.ply\", \"map-of-old.mcap\",");
+    fs::write(&numbers, text).unwrap();
+    let first = fs::read(case.out().join("map.mcap")).unwrap();
+    merged_left_and_right(case).assert_success();
+    assert!(!stale.exists(), "{:?}", case.results());
+    assert!(first == fs::read(case.out().join("map.mcap")).unwrap(), "the same maps give another map");
+}
+
+#[test]
+fn maps_that_share_nothing_are_refused_with_the_reason() {
+    let (runs, case) = (Runs::get(), Case::new());
+    let outcome = case.merge(&[&runs.run("left"), &runs.run("elsewhere")]);
+    outcome.assert_refused(&["no two of the maps met", "left + elsewhere: refused: "]);
+    assert!(!case.out().exists(), "{:?}", case.results());
+}
+
+#[test]
+fn a_third_map_that_met_nobody_is_named_and_stays_apart() {
+    let (runs, case) = (Runs::get(), Case::new());
+    let outcome = case.merge(&[&runs.run("left"), &runs.run("elsewhere"), &runs.run("right")]);
+    outcome.assert_success();
+    assert!(outcome.stderr.contains("warning: elsewhere met none of the others"), "{outcome:#?}");
+    assert!(outcome.stdout.contains("map-elsewhere.mcap"), "{outcome:#?}");
+    let alone = fs::read(case.out().join("map-elsewhere.mcap")).unwrap();
+    assert!(alone == fs::read(runs.run("elsewhere").join("map.mcap")).unwrap(), "its map is another one");
+    assert_accurate(&case.out());
+}
+
+#[test]
+fn numbers_are_printed_on_request_and_parameters_are_taken() {
+    let (runs, case) = (Runs::get(), Case::new());
+    let params = case.file("params.toml", b"[further]\nmax_closures = 0\n");
+    let (left, right, out) = (runs.run("left"), runs.run("right"), case.out());
+    let args =
+        ["merge", arg(&left), arg(&right), "--out", arg(&out), "--json", "--quiet", "--params", arg(&params)];
+    let outcome = loopbox(&args);
+    outcome.assert_success();
+    assert_eq!(outcome.stderr, "");
+    let numbers: Value = serde_json::from_str(&outcome.stdout).unwrap();
+    assert_eq!(numbers["params"]["further"]["max_closures"], 0);
+    assert!(numbers["encounters"][0]["links"].as_u64().is_some_and(|links| links <= 3));
+}
