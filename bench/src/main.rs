@@ -1,15 +1,17 @@
-//! Runs loopbox over sequences with ground truth and writes what came out into documents.
+//! Runs loopbox over sequences with ground truth, merges their maps, and writes what came out into documents.
 //!
 //! It knows the program only from outside: its command line and the files it writes.
 
-mod document;
 mod measure;
+mod merging;
 mod report;
 mod targets;
 
 use anyhow::{Context, Result, bail};
 use clap::Parser;
 use measure::{Measurement, Runner};
+use measuring::document;
+use merging::Merging;
 use std::path::{Path, PathBuf};
 
 /// Measure loopbox on sequences with ground truth and write the results into documents
@@ -30,6 +32,15 @@ struct Args {
     /// Measure only these sequences; by default all
     #[arg(long, value_name = "NAME")]
     only: Vec<String>,
+    /// Measure merging only
+    #[arg(long)]
+    merges: bool,
+    /// Merge maps that lie in the work folder from an earlier measurement instead of making them again
+    #[arg(long)]
+    reuse: bool,
+    /// Random pairs of parts of maps that are merged
+    #[arg(long, value_name = "N", default_value_t = 100)]
+    cuts: usize,
     /// Documents to write the results into, between their markers
     documents: Vec<PathBuf>,
 }
@@ -39,28 +50,70 @@ fn main() -> Result<()> {
     if args.runs == 0 {
         bail!("--runs 0 measures nothing");
     }
-    let sequences = sequences(&args.data, &args.only)?;
-    let runner = Runner { loopbox: args.loopbox, work: args.work, runs: args.runs };
-    let mut measurements: Vec<Measurement> = Vec::new();
-    for sequence in &sequences {
+    let found = sequences(&args.data, &args.only)?;
+    let runner = Runner { loopbox: args.loopbox.clone(), work: args.work.clone(), runs: args.runs };
+    let mut sections = vec![("machine", report::machine())];
+    let mut failed = Vec::new();
+    if !args.merges {
+        let measurements = measure_sequences(&runner, &found)?;
+        sections.push(("results", report::results(&measurements, args.runs)));
+        sections.push(("summary", report::summary(&measurements)));
+        failed = measurements.into_iter().filter(|m| m.failure.is_some()).map(|m| m.name).collect();
+    }
+    let names: Vec<String> =
+        found.iter().map(|path| name(path)).filter(|name| !failed.contains(name)).collect();
+    let mut wrong = 0;
+    if names.len() > 1 {
+        let merging = merging::measure(&merging::Plan {
+            runner: &runner,
+            data: &args.data,
+            sequences: &names,
+            mapped: !args.merges,
+            reuse: args.reuse,
+            cuts: args.cuts,
+        })?;
+        wrong = merging.wrong().count();
+        sections.extend(merging_sections(&merging, args.runs));
+    }
+    for path in &args.documents {
+        document::update(path, &sections)?;
+    }
+    if args.documents.is_empty() {
+        sections.iter().for_each(|(_, text)| println!("{text}"));
+    }
+    if !failed.is_empty() {
+        bail!("no figures for {}: see the messages above", failed.join(", "));
+    }
+    if wrong > 0 {
+        bail!("{wrong} pairs of maps were merged wrongly");
+    }
+    Ok(())
+}
+
+fn measure_sequences(runner: &Runner, sequences: &[PathBuf]) -> Result<Vec<Measurement>> {
+    let mut measurements = Vec::new();
+    for sequence in sequences {
         let measurement = runner.measure(sequence)?;
         eprintln!("{}", report::line(&measurement));
         measurements.push(measurement);
     }
-    let sections = [
-        ("results", report::results(&measurements, args.runs)),
-        ("summary", report::summary(&measurements)),
-        ("machine", report::machine()),
-    ];
-    for path in &args.documents {
-        document::update(path, &sections)?;
-    }
-    let failed: Vec<&str> =
-        measurements.iter().filter(|m| m.failure.is_some()).map(|m| m.name.as_str()).collect();
-    if !failed.is_empty() {
-        bail!("no figures for {}: see the messages above", failed.join(", "));
-    }
-    Ok(())
+    Ok(measurements)
+}
+
+/// What the documents say of merging.
+fn merging_sections(merging: &Merging, runs: usize) -> [(&'static str, String); 4] {
+    use merging::report;
+    [
+        ("merging", report::cases(merging, runs)),
+        ("methods", report::methods(merging)),
+        ("refusals", report::refusals(merging)),
+        ("merging-summary", report::summary(merging)),
+    ]
+}
+
+/// The name of a sequence's folder.
+fn name(path: &Path) -> String {
+    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
 /// The folders of `data` that are sequences with ground truth, by name.
@@ -70,8 +123,7 @@ fn sequences(data: &Path, only: &[String]) -> Result<Vec<PathBuf>> {
     for entry in std::fs::read_dir(data).with_context(unreadable)? {
         let path = entry.with_context(unreadable)?.path();
         let complete = path.join("groundtruth.txt").is_file() && path.join("times.txt").is_file();
-        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        if complete && (only.is_empty() || only.contains(&name)) {
+        if complete && (only.is_empty() || only.contains(&name(&path))) {
             found.push(path);
         }
     }

@@ -3,7 +3,7 @@
 use anyhow::{Context, Result, bail};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::{Command, Output, Stdio};
 
 /// Runs the program.
 pub struct Runner {
@@ -133,13 +133,22 @@ impl Runner {
     }
 }
 
-/// Runs a command to its end and returns what it printed.
-fn finish(command: &mut Command) -> Result<Vec<u8>> {
+/// Runs a command to its end, whatever that is.
+///
+/// # Errors
+/// When it cannot be started.
+pub fn output(command: &mut Command) -> Result<Output> {
     let program = command.get_program().to_string_lossy().into_owned();
-    let output = command
-        .stdin(Stdio::null())
-        .output()
-        .with_context(|| format!("{program} cannot be started; is it there?"))?;
+    let output = command.stdin(Stdio::null()).output();
+    output.with_context(|| format!("{program} cannot be started; is it there?"))
+}
+
+/// Runs a command to its end and returns what it printed.
+///
+/// # Errors
+/// When it cannot be started, or fails.
+pub fn finish(command: &mut Command) -> Result<Vec<u8>> {
+    let output = output(command)?;
     if !output.status.success() {
         bail!("{command:?} ended with {}: {}", output.status, String::from_utf8_lossy(&output.stderr).trim());
     }

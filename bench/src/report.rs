@@ -5,7 +5,7 @@ use crate::targets::target;
 use std::fmt::Write;
 
 /// A number that was not given.
-const MISSING: &str = "–";
+pub const MISSING: &str = "–";
 
 /// One line for the terminal.
 pub fn line(m: &Measurement) -> String {
@@ -152,11 +152,12 @@ fn depth(name: &str) -> impl Fn(&Run) -> Option<f64> + '_ {
 }
 
 /// A length as centimetres below one metre.
-fn length(metres: f64) -> String {
+pub fn length(metres: f64) -> String {
     if metres < 1.0 { format!("{:.2} cm", 100.0 * metres) } else { format!("{metres:.2} m") }
 }
 
-fn number(value: Option<f64>, digits: usize, unit: &str) -> String {
+/// A number with its unit, or that it was not given.
+pub fn number(value: Option<f64>, digits: usize, unit: &str) -> String {
     value.filter(|v| v.is_finite()).map_or(MISSING.to_owned(), |v| format!("{v:.digits$}{unit}"))
 }
 

@@ -22,6 +22,7 @@
 //! | [`acceptance`] | whether it may be believed | ours |
 //! | [`meeting`] | from places proposed to a closure accepted or refused | §IV-B |
 //! | [`further`] | more closures once the motion is known | ours |
+//! | [`method`] | the paper's baselines, at the same closure | §V-B, Appendix A |
 //! | [`merge_graph`] | every agent's place, by the maximum spanning tree of the merges | §V-D |
 //! | [`common_map`] | fusion of clouds, poses and graphs; undoing a merge; agents that go on | §IV-E |
 
@@ -37,6 +38,7 @@ pub mod key_points;
 pub mod matching;
 pub mod meeting;
 pub mod merge_graph;
+pub mod method;
 pub mod optimal_scale;
 pub mod pair;
 pub mod pairing;

@@ -140,14 +140,13 @@ pub fn view_pair(
     Ok(ViewPair { source: source.keyframe.id, target: target.keyframe.id, matches, relative_pose })
 }
 
-/// Scale and similarity of a pair whose relative pose is known (§IV-C2).
-pub fn measure_pair(
+/// The matches that agree with the relative pose and have depth on both sides, as 3-D points.
+pub fn matched_points(
     source: &PreparedKeyframe,
     target: &PreparedKeyframe,
-    views: ViewPair,
-    params: &PairParams,
-) -> Result<Pair, PairRefusal> {
-    let points: Vec<PointMatch> = views
+    views: &ViewPair,
+) -> Vec<PointMatch> {
+    views
         .relative_pose
         .inliers
         .iter()
@@ -158,7 +157,17 @@ pub fn measure_pair(
                 target: target.points[m.target as usize]?,
             })
         })
-        .collect();
+        .collect()
+}
+
+/// Scale and similarity of a pair whose relative pose is known (§IV-C2).
+pub fn measure_pair(
+    source: &PreparedKeyframe,
+    target: &PreparedKeyframe,
+    views: ViewPair,
+    params: &PairParams,
+) -> Result<Pair, PairRefusal> {
+    let points = matched_points(source, target, &views);
     let rotation = views.relative_pose.target_from_source;
     let scale = pair_scale(&points, &rotation, &params.scale_filter)?;
     let direction_gap = direction_gap(&views.relative_pose, &scale);

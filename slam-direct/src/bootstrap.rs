@@ -4,16 +4,15 @@
 //! No essential matrix is needed: with inverse depths and small motions the joint problem converges from
 //! constant depth (Yu & Gallup, CVPR 2014); several directions of travel guard against its mirror solutions.
 
-use crate::local_map::{KeyframeState, LocalMap, PointState, SeenAt, median};
-use crate::patch::{PatchMatch, Template};
-use crate::select::select;
-use crate::track::{TrackParams, position_information};
-use crate::warp::Warp;
-use crate::window::{Problem, WindowObservation, WindowPoint, solve};
+mod finish;
+mod follow;
+mod solve;
+
+use crate::local_map::LocalMap;
+use crate::track::TrackParams;
 use backend::params;
+use follow::Track;
 use geometry::{Pinhole, Pyramid, Se3};
-use nalgebra::{Vector3, Vector6};
-use rayon::prelude::*;
 
 params! {
     /// Parameters of the start.
@@ -39,17 +38,6 @@ struct Followed {
     frame_index: u64,
     /// Per followed point: where it is.
     seen: Vec<Option<([f32; 2], [f32; 3])>>,
-}
-
-/// One point being followed.
-struct Track {
-    pixel: [f32; 2],
-    at: [f32; 2],
-    velocity: [f32; 2],
-    templates: Vec<Template>,
-    /// Where the newest frame shows it, with the information; `None` once it is lost.
-    seen: Option<([f32; 2], [f32; 3])>,
-    lost: bool,
 }
 
 /// A start in progress.
@@ -81,8 +69,6 @@ pub(crate) struct Started {
 
 /// Points without which there is no first map.
 const MIN_POINTS: usize = 60;
-/// Pyramid levels over which patches are followed.
-const LEVELS: usize = 4;
 
 impl Bootstrap {
     /// Begins with a frame; `None` when it has too little texture.
@@ -93,27 +79,8 @@ impl Bootstrap {
         frame_index: u64,
         params: &BootstrapParams,
     ) -> Option<Self> {
-        let candidates = select(pyramid.base(), params.block, 12.0, |_, _| false);
-        let tracks: Vec<Track> = candidates
-            .iter()
-            .filter_map(|c| {
-                let template = |level: usize| {
-                    let warp =
-                        Warp { host_from_view: [1.0, 0.0, 0.0, 1.0], host_level: level, view_level: level };
-                    Template::cut(&pyramid, c.pixel, &warp)
-                };
-                let templates: Vec<Template> = (0..LEVELS.min(pyramid.len())).map_while(template).collect();
-                (!templates.is_empty()).then_some(Track {
-                    pixel: c.pixel,
-                    at: c.pixel,
-                    velocity: [0.0; 2],
-                    templates,
-                    seen: None,
-                    lost: false,
-                })
-            })
-            .collect();
-        (tracks.len() >= 60).then_some(Self {
+        let tracks = follow::choose(&pyramid, params.block);
+        (tracks.len() >= MIN_POINTS).then_some(Self {
             camera,
             first: pyramid,
             timestamp,
@@ -132,7 +99,7 @@ impl Bootstrap {
         params: &BootstrapParams,
         track: &TrackParams,
     ) -> Progress {
-        self.follow(pyramid, track);
+        follow::follow(&mut self.tracks, pyramid, track);
         let seen: Vec<_> = self.tracks.iter().map(|t| t.seen.filter(|_| !t.lost)).collect();
         let count = seen.iter().flatten().count();
         self.frames.push(Followed { timestamp, frame_index, seen });
@@ -147,309 +114,11 @@ impl Bootstrap {
             return Progress::Waiting("waiting for the camera to move sideways");
         }
         match self.attempt(&turn, params) {
-            Some(solution) => Progress::Done(Box::new(self.finish(solution, pyramid))),
+            Some(solution) => Progress::Done(Box::new(self.finish(&solution, pyramid))),
             None if self.frames.len() >= params.max_frames => Progress::Restart("no consistent first map"),
             None => Progress::Waiting("the first map is not certain yet"),
         }
     }
-
-    fn follow(&mut self, pyramid: &Pyramid, params: &TrackParams) {
-        self.tracks.par_iter_mut().with_min_len(32).filter(|t| !t.lost).for_each(|t| {
-            let start = [t.at[0] + t.velocity[0], t.at[1] + t.velocity[1]];
-            let found =
-                [start, t.at].into_iter().find_map(|s| coarse_to_fine(&t.templates, pyramid, s, params));
-            t.seen = found.map(|(found, level)| {
-                (found.pixel, position_information(&found.information, found.rmse, level, params))
-            });
-            match t.seen {
-                Some((pixel, _)) => {
-                    t.velocity = [pixel[0] - t.at[0], pixel[1] - t.at[1]];
-                    t.at = pixel;
-                }
-                None => t.lost = true,
-            }
-        });
-    }
-
-    /// The rotation that explains the newest frame best, and the median way that it leaves.
-    fn parallax(&self) -> (Se3, f32) {
-        let mut problem = self.problem(&[self.frames.len() - 1], &[Se3::identity()], 0.0);
-        let turn = fit_rotation(&problem);
-        problem.frames[1] = turn;
-        let mut left: Vec<f32> = problem
-            .observations
-            .iter()
-            .zip(&problem.points)
-            .map(|(seen, point)| {
-                let pixel = self.camera.project(&(turn.rotation * point.ray));
-                (pixel.x - seen.pixel[0]).hypot(pixel.y - seen.pixel[1]) as f32
-            })
-            .collect();
-        (turn, median(&mut left).unwrap_or(0.0))
-    }
-
-    /// Poses (first frame and chosen frames) and points seen in the last of `chosen`.
-    fn problem(&self, chosen: &[usize], poses: &[Se3], inverse_depth: f64) -> Problem {
-        let mut problem = Problem {
-            camera: self.camera,
-            frames: [Se3::identity()].into_iter().chain(poses.iter().copied()).collect(),
-            fixed: (0..=chosen.len()).map(|i| i == 0).collect(),
-            points: Vec::new(),
-            observations: Vec::new(),
-        };
-        let Some(&last) = chosen.last() else { return problem };
-        for (index, track) in self.tracks.iter().enumerate() {
-            if self.frames[last].seen[index].is_none() {
-                continue;
-            }
-            let first = problem.observations.len();
-            problem.observations.extend(chosen.iter().enumerate().filter_map(|(i, &frame)| {
-                let (pixel, information) = self.frames[frame].seen[index]?;
-                Some(WindowObservation {
-                    frame: i + 1,
-                    pixel: pixel.map(f64::from),
-                    information: information.map(f64::from),
-                })
-            }));
-            problem.points.push(WindowPoint {
-                host: 0,
-                ray: self.camera.unproject(track.pixel[0] as f64, track.pixel[1] as f64),
-                inverse_depth,
-                observations: first..problem.observations.len(),
-                information: 0.0,
-            });
-        }
-        problem
-    }
-
-    /// Solves for poses and depths from several directions of travel; the best solution if it is good.
-    fn attempt(&self, turn: &Se3, params: &BootstrapParams) -> Option<Problem> {
-        let count = self.frames.len();
-        let chosen: Vec<usize> = match count {
-            1..=5 => (0..count).collect(),
-            _ => (1..=5).map(|i| i * count / 5 - 1).collect(),
-        };
-        let w = turn.rotation.scaled_axis();
-        let starts = [
-            Vector3::zeros(),
-            Vector3::x(),
-            -Vector3::x(),
-            Vector3::y(),
-            -Vector3::y(),
-            Vector3::z(),
-            -Vector3::z(),
-        ];
-        let solved: Vec<(f64, Problem)> = starts
-            .par_iter()
-            .map(|direction| {
-                let poses: Vec<Se3> = chosen
-                    .iter()
-                    .map(|&frame| {
-                        let share = (frame + 1) as f64 / count as f64;
-                        let (v, w) = (direction * 0.1 * share, w * share);
-                        Se3::exp(&Vector6::new(v.x, v.y, v.z, w.x, w.y, w.z))
-                    })
-                    .collect();
-                let mut problem = self.problem(&chosen, &poses, 1.0);
-                let cost = solve(&mut problem, 40);
-                (cost, problem)
-            })
-            .collect();
-        let best = solved.into_iter().min_by(|a, b| a.0.total_cmp(&b.0))?.1;
-        acceptable(&best, params).then_some(best)
-    }
-
-    /// Makes two keyframes of the solution, in units of the median depth.
-    fn finish(&self, solution: Problem, pyramid: &Pyramid) -> Started {
-        let mut depths: Vec<f32> = solution.points.iter().map(|p| p.inverse_depth as f32).collect();
-        let unit = median(&mut depths).unwrap_or(1.0) as f64;
-        let scaled = |pose: &Se3| Se3::new(pose.rotation, pose.translation * unit);
-        let squared = solution.squared_residuals();
-        let limit = agreement(&squared);
-        let last = solution.frames.len() - 1;
-        let mut points = Vec::new();
-        let mut observed = Vec::new();
-        for point in &solution.points {
-            let good = point.observations.clone().all(|i| squared[i] < limit) && point.inverse_depth > 0.0;
-            let relative = 1.0 / (point.information.sqrt() * point.inverse_depth);
-            if !good || relative > 0.3 {
-                continue;
-            }
-            let Some(seen) =
-                solution.observations[point.observations.clone()].iter().find(|o| o.frame == last)
-            else {
-                continue;
-            };
-            let pixel = self.camera.project(&point.ray);
-            observed.push(crate::local_map::PointRef { host: 0, index: points.len() });
-            points.push(PointState {
-                pixel: [pixel.x as f32, pixel.y as f32],
-                ray: point.ray,
-                inverse_depth: point.inverse_depth / unit,
-                variance: 1.0 / (point.information * unit * unit),
-                observations: vec![SeenAt {
-                    keyframe: 1,
-                    pixel: seen.pixel.map(|v| v as f32),
-                    information: seen.information.map(|v| v as f32),
-                }],
-                alive: true,
-                sought: 0,
-                found: 0,
-            });
-        }
-        let newest = &self.frames[self.frames.len() - 1];
-        let mut map = LocalMap::new(self.camera);
-        map.keyframes.push(KeyframeState {
-            timestamp: self.timestamp,
-            frame_index: self.frame_index,
-            pyramid: self.first.clone(),
-            camera_from_world: Se3::identity(),
-            points,
-            seen: Vec::new(),
-            companions: Vec::new(),
-        });
-        map.keyframes.push(KeyframeState {
-            timestamp: newest.timestamp,
-            frame_index: newest.frame_index,
-            pyramid: pyramid.clone(),
-            camera_from_world: scaled(&solution.frames[last]),
-            points: Vec::new(),
-            seen: observed,
-            companions: Vec::new(),
-        });
-        let frames = self.pose_all(&solution, unit);
-        Started { map, frames }
-    }
-
-    /// Poses of all frames of the start, with the solution's depths held.
-    fn pose_all(&self, solution: &Problem, unit: f64) -> Vec<(f64, u64, Se3)> {
-        let all: Vec<usize> = (0..self.frames.len()).collect();
-        let last = *solution.frames.last().unwrap_or(&Se3::identity());
-        let twist = last.log();
-        all.iter()
-            .map(|&frame| {
-                let share = (frame + 1) as f64 / self.frames.len() as f64;
-                let mut problem = self.problem(&[frame], &[Se3::exp(&(twist * share))], 1.0);
-                hold_depths(&mut problem, solution);
-                let pose = refine(&problem, 8, false);
-                let f = &self.frames[frame];
-                (f.timestamp, f.frame_index, Se3::new(pose.rotation, pose.translation * unit))
-            })
-            .collect()
-    }
-}
-
-/// Gives the points of `problem` the depths that `solution` found for the same rays; others leave.
-fn hold_depths(problem: &mut Problem, solution: &Problem) {
-    let mut known = solution.points.iter();
-    problem.points.retain_mut(|point| {
-        // Both lists are in the order of the tracks.
-        match known.clone().position(|k| k.ray == point.ray) {
-            Some(position) => {
-                let found = known.nth(position);
-                point.inverse_depth = found.map_or(1.0, |k| k.inverse_depth);
-                found.is_some_and(|k| k.inverse_depth > 0.0)
-            }
-            None => false,
-        }
-    });
-}
-
-/// Follows a patch from the coarsest level down; the match at level 0, or at level 1 where blur hides the
-/// patch below it.
-fn coarse_to_fine(
-    templates: &[Template],
-    pyramid: &Pyramid,
-    start: [f32; 2],
-    params: &TrackParams,
-) -> Option<(PatchMatch, usize)> {
-    let mut at = start;
-    let mut best = None;
-    for template in templates.iter().rev() {
-        if let Some(found) = template.align(pyramid, at, 8.0, 12) {
-            at = found.pixel;
-            if template.level <= 1 && found.unexplained < params.max_unexplained {
-                best = Some((found, template.level));
-            }
-        }
-    }
-    best
-}
-
-/// The rotation that carries the first frame's rays to where frame 1 of `problem` sees them.
-fn fit_rotation(problem: &Problem) -> Se3 {
-    refine(problem, 15, true)
-}
-
-/// Robust Gauss–Newton on the pose of frame 1, depths held; `rotation_only` holds the translation too.
-fn refine(problem: &Problem, iterations: usize, rotation_only: bool) -> Se3 {
-    let mut pose = problem.frames[1];
-    for _ in 0..iterations {
-        let mut h = nalgebra::Matrix6::<f64>::identity() * 1e-6;
-        let mut g = Vector6::<f64>::zeros();
-        let (rotation, translation) = (pose.rotation_matrix(), pose.translation);
-        for point in &problem.points {
-            for seen in &problem.observations[point.observations.clone()] {
-                let Some(p) = crate::window::predict(
-                    &problem.camera,
-                    &rotation,
-                    &translation,
-                    &point.ray,
-                    point.inverse_depth,
-                    &seen.pixel,
-                ) else {
-                    continue;
-                };
-                let weight =
-                    crate::window::robust_weight(crate::window::mahalanobis(&p.residual, &seen.information));
-                let [a, b, c] = seen.information.map(|v| v * weight);
-                let (ju, jv) = (Vector6::from(p.by_twist[0]), Vector6::from(p.by_twist[1]));
-                let (wu, wv) = (ju * a + jv * b, ju * b + jv * c);
-                h.ger(1.0, &wu, &ju, 1.0);
-                h.ger(1.0, &wv, &jv, 1.0);
-                g += wu * p.residual[0] + wv * p.residual[1];
-            }
-        }
-        if rotation_only {
-            g.fixed_rows_mut::<3>(0).fill(0.0);
-            h.fixed_view_mut::<3, 6>(0, 0).fill(0.0);
-            h.fixed_view_mut::<6, 3>(0, 0).fill(0.0);
-            h.fixed_view_mut::<3, 3>(0, 0).fill_with_identity();
-        }
-        let Some(factor) = h.cholesky() else { break };
-        pose = (Se3::exp(&-factor.solve(&g)) * pose).renormalized();
-    }
-    if pose.is_finite() { pose } else { problem.frames[1] }
-}
-
-/// Squared residual that an observation of a good start stays below; χ² of two degrees of freedom at 99.7 %,
-/// widened when all residuals are larger than assumed (rolling shutter in a fast turn).
-fn agreement(squared: &[f64]) -> f64 {
-    let mut all: Vec<f32> = squared.iter().map(|s| *s as f32).collect();
-    12.0 * median(&mut all).map_or(1.0, |m| (m as f64).clamp(1.0, MAX_WIDENING))
-}
-
-/// Beyond this the residuals are not noise.
-const MAX_WIDENING: f64 = 8.0;
-
-/// Whether a solution is one to build on: most points agree, lie in front and have certain depths.
-fn acceptable(solution: &Problem, params: &BootstrapParams) -> bool {
-    let squared = solution.squared_residuals();
-    let limit = agreement(&squared);
-    let mut sigmas = Vec::new();
-    let mut good = 0usize;
-    for point in &solution.points {
-        let agrees = point.observations.clone().all(|i| squared[i] < limit);
-        if agrees && point.inverse_depth > 1e-3 && point.information > 0.0 {
-            good += 1;
-            sigmas
-                .push((limit / 12.0).sqrt() as f32 / (point.information.sqrt() * point.inverse_depth) as f32);
-        }
-    }
-    let sigma = median(&mut sigmas).unwrap_or(f32::INFINITY) as f64;
-    good as f64 >= params.min_inliers * solution.points.len() as f64
-        && good >= MIN_POINTS
-        && sigma < params.max_relative_sigma
 }
 
 #[cfg(test)]

@@ -42,7 +42,7 @@ pub(crate) fn update_poses(map: &mut Map, local: &LocalMap) {
     }
 }
 
-/// Scales what was measured relative to the keyframes whose unit has changed: frames and semi-dense depth.
+/// Scales what was measured relative to the keyframes whose unit has changed: frames, semi-dense depth and points.
 pub(crate) fn scale_surroundings(map: &mut Map, changes: &[UnitChange]) {
     let factors: BTreeMap<_, f64> = changes.iter().map(|c| (LocalMap::id(c.keyframe), c.factor)).collect();
     for frame in &mut map.frames {
@@ -53,6 +53,7 @@ pub(crate) fn scale_surroundings(map: &mut Map, changes: &[UnitChange]) {
     for (id, factor) in factors {
         if let Some(public) = map.keyframes.get_mut(&id) {
             scale_depth(&mut public.semi_dense, factor);
+            scale_points(&mut public.points, factor);
         }
     }
 }
@@ -62,6 +63,16 @@ pub(crate) fn scale_depth(depth: &mut SemiDense, factor: f64) {
     let factor = factor as f32;
     depth.inverse_depth.iter_mut().for_each(|d| *d /= factor);
     depth.variance.iter_mut().for_each(|v| *v /= factor * factor);
+}
+
+/// The same for points: until the end brings the optimised ones, a reader of the live map finds them where the
+/// semi-dense depth lies.
+fn scale_points(points: &mut [Point], factor: f64) {
+    let factor = factor as f32;
+    for point in points {
+        point.inverse_depth /= factor;
+        point.variance /= factor * factor;
+    }
 }
 
 /// Poses, points and edges as they stand at the end of a run.
@@ -144,6 +155,7 @@ mod tests {
         let mut map = before.clone();
         scale_surroundings(&mut map, &[UnitChange { keyframe: 1, factor: 2.0 }]);
         let id = KeyframeId(1);
+        assert!(!map.keyframes[&id].points.is_empty());
         assert_eq!(map.keyframes[&KeyframeId(0)], before.keyframes[&KeyframeId(0)]);
         assert_eq!(map.frames[0], before.frames[0]);
         let (old, new) = (before.frames[1].keyframe_from_frame, map.frames[1].keyframe_from_frame);
@@ -151,6 +163,10 @@ mod tests {
         assert_eq!(map.keyframes[&id].semi_dense.inverse_depth, [0.25, 0.125]);
         assert_eq!(map.keyframes[&id].semi_dense.variance, [0.01, 0.0025]);
         assert_eq!(map.keyframes[&id].semi_dense.pixel, [7, 9]);
+        for (new, old) in map.keyframes[&id].points.iter().zip(&before.keyframes[&id].points) {
+            assert_eq!((new.inverse_depth, new.variance), (old.inverse_depth / 2.0, old.variance / 4.0));
+            assert_eq!((new.pixel, &new.observations), (old.pixel, &old.observations));
+        }
         scale_surroundings(&mut map, &[UnitChange { keyframe: 1, factor: 0.5 }]);
         assert_eq!(map, before);
         scale_surroundings(&mut map, &[UnitChange { keyframe: 17, factor: 3.0 }]);

@@ -5,10 +5,10 @@ use crate::align::{AlignmentReference, Brightness};
 use crate::local_map::{LocalMap, PointRef, median};
 use crate::patch::Template;
 use crate::warp::Warp;
-use crate::window::{mahalanobis, predict, robust_weight};
+use crate::window::{PoseSolver, SeenPoint, predict};
 use backend::params;
-use geometry::{Pinhole, Pyramid, Se3};
-use nalgebra::{Matrix6, Vector3, Vector6};
+use geometry::{Pyramid, Se3};
+use nalgebra::{Vector3, Vector6};
 use rayon::prelude::*;
 
 params! {
@@ -18,7 +18,8 @@ params! {
         pub cell: usize = 24,
         /// Points sought per cell at most.
         pub per_cell: usize = 2,
-        /// The same in a frame that becomes a keyframe.
+        /// The same when a frame that becomes a keyframe is searched again from its refined pose. Range 1–6; more
+        /// bind keyframes closer and cost time.
         pub keyframe_per_cell: usize = 2,
         /// How far a patch may be found from its prediction, pixels.
         pub max_shift: f32 = 6.0,
@@ -195,13 +196,8 @@ pub(crate) fn choose_hosts(
     scored.into_iter().map(|s| s.0).collect()
 }
 
-/// An observation prepared for pose refinement: the point in homogeneous world coordinates.
-struct WorldPoint {
-    direction: Vector3<f64>,
-    inverse_depth: f64,
-    pixel: [f64; 2],
-    information: [f64; 3],
-}
+/// How a frame's pose is refined.
+const TRACKING: PoseSolver = PoseSolver { iterations: 12, wide: 5, settled: 1e-14, rotation_only: false };
 
 /// Refines a pose on matched points with fixed depths (robust Gauss–Newton) and marks the inliers.
 ///
@@ -210,12 +206,11 @@ struct WorldPoint {
 ///
 /// Second value: the squared residuals' median over what was assumed.
 pub(crate) fn refine_pose(map: &LocalMap, camera_from_world: &Se3, matched: &mut [Matched]) -> (Se3, f64) {
-    let mut points: Vec<WorldPoint> =
-        matched.iter().map(|m| world_point(map, camera_from_world, m)).collect();
+    let mut points: Vec<SeenPoint> = matched.iter().map(|m| world_point(map, camera_from_world, m)).collect();
     let mut pose = *camera_from_world;
     let mut assumed = None;
     for _ in 0..2 {
-        pose = optimise_pose(&map.camera, &pose, &points);
+        pose = TRACKING.solve(&map.camera, &pose, &points);
         let mut squared: Vec<f32> = points.iter().map(|p| p.squared(&map.camera, &pose) as f32).collect();
         let excess = median(&mut squared).map_or(1.0, |m| f64::from(m) / MEDIAN_SQUARED);
         assumed.get_or_insert(excess);
@@ -252,16 +247,8 @@ const MEDIAN_SQUARED: f64 = 4.0;
 /// Residuals larger than this times the assumed variance are errors, not noise.
 const MAX_EXCESS: f64 = 9.0;
 
-impl WorldPoint {
-    /// Squared normalised residual under a pose; infinite behind the camera.
-    fn squared(&self, camera: &Pinhole, pose: &Se3) -> f64 {
-        let (rotation, translation) = (pose.rotation_matrix(), pose.translation);
-        predict(camera, &rotation, &translation, &self.direction, self.inverse_depth, &self.pixel)
-            .map_or(f64::INFINITY, |p| mahalanobis(&p.residual, &self.information))
-    }
-}
-
-fn world_point(map: &LocalMap, camera_from_world: &Se3, matched: &Matched) -> WorldPoint {
+/// A match prepared for pose refinement: its point in the world, uncertain depth in its information.
+fn world_point(map: &LocalMap, camera_from_world: &Se3, matched: &Matched) -> SeenPoint {
     let host = &map.keyframes[matched.at.host];
     let point = map.point(matched.at);
     let world_from_host = host.camera_from_world.inverse();
@@ -280,7 +267,7 @@ fn world_point(map: &LocalMap, camera_from_world: &Se3, matched: &Matched) -> Wo
     if let Some(p) = predicted {
         information = with_depth_variance(&information, &p.by_inverse_depth, point.variance);
     }
-    WorldPoint { direction, inverse_depth: point.inverse_depth, pixel, information }
+    SeenPoint { direction, inverse_depth: point.inverse_depth, pixel, information }
 }
 
 /// `(Λ⁻¹ + j jᵀ V)⁻¹` by Sherman–Morrison: what is left of a position's information when the depth is uncertain.
@@ -289,38 +276,6 @@ pub(crate) fn with_depth_variance(information: &[f64; 3], j: &[f64; 2], variance
     let w = [a * j[0] + b * j[1], b * j[0] + c * j[1]];
     let scale = variance / (1.0 + variance * (w[0] * j[0] + w[1] * j[1]));
     [a - scale * w[0] * w[0], b - scale * w[0] * w[1], c - scale * w[1] * w[1]]
-}
-
-fn optimise_pose(camera: &Pinhole, start: &Se3, points: &[WorldPoint]) -> Se3 {
-    let mut pose = *start;
-    for iteration in 0..12 {
-        // A wide kernel first: the start may be a few pixels off.
-        let widening = if iteration < 5 { 30.0 } else { 1.0 };
-        let mut h = Matrix6::<f64>::identity() * 1e-6;
-        let mut g = Vector6::<f64>::zeros();
-        let (rotation, translation) = (pose.rotation_matrix(), pose.translation);
-        for point in points {
-            let Some(p) =
-                predict(camera, &rotation, &translation, &point.direction, point.inverse_depth, &point.pixel)
-            else {
-                continue;
-            };
-            let weight = robust_weight(mahalanobis(&p.residual, &point.information) / widening);
-            let [a, b, c] = point.information.map(|v| v * weight);
-            let (ju, jv) = (Vector6::from(p.by_twist[0]), Vector6::from(p.by_twist[1]));
-            let (wu, wv) = (ju * a + jv * b, ju * b + jv * c);
-            h.ger(1.0, &wu, &ju, 1.0);
-            h.ger(1.0, &wv, &jv, 1.0);
-            g += wu * p.residual[0] + wv * p.residual[1];
-        }
-        let Some(factor) = h.cholesky() else { break };
-        let delta = -factor.solve(&g);
-        pose = (Se3::exp(&delta) * pose).renormalized();
-        if iteration > 5 && delta.norm_squared() < 1e-14 {
-            break;
-        }
-    }
-    if pose.is_finite() { pose } else { *start }
 }
 
 /// Rotations tried about the prediction when the alignment is poor: small turns about each axis and

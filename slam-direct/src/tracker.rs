@@ -168,8 +168,11 @@ impl Tracker {
     }
 }
 
-/// Matches of a frame that becomes a keyframe: more points than tracking asks for, since each binds the
-/// keyframe to others.
+/// Pose and matches of a frame that becomes a keyframe, whose observations stay in the map.
+///
+/// The points are sought once more although tracking has just found them: it chose and warped them by the pose of
+/// the direct alignment, here by the refined one, so that other points are chosen and patches are warped and begun
+/// where they belong. Other matches come of it even with as many points per cell.
 pub(crate) fn match_keyframe(
     map: &LocalMap,
     pyramid: &Pyramid,

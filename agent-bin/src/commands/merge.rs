@@ -2,12 +2,13 @@
 
 use super::params;
 use crate::merging::{
-    Input, MergeOutput, MergeProgress, MergeRecord, Merging, MergingParams, Names, listed, merge, verdict,
-    without_company, write_results,
+    Input, MergeOutput, MergeProgress, MergeRecord, Merging, MergingParams, Names, listed, merge,
+    method_parser, verdict, without_company, write_results,
 };
 use crate::runtime::Stop;
 use anyhow::{Result, anyhow, bail};
 use clap::Args;
+use merge::method::Method;
 use place_recog::Vocabulary;
 use std::io::Write;
 use std::path::PathBuf;
@@ -22,6 +23,10 @@ pub struct MergeArgs {
     /// Folder for the results; made if it is not there
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
+    /// How maps are joined where they met, in place of the parameter file's; all but loop-box are there to compare it
+    /// with
+    #[arg(long, value_name = "METHOD", value_parser = method_parser())]
+    method: Option<Method>,
     /// Parameter file (TOML); `loopbox params --merge` prints the defaults
     #[arg(long, value_name = "FILE")]
     params: Option<PathBuf>,
@@ -45,8 +50,9 @@ pub fn run(args: &MergeArgs) -> Result<()> {
             map.display()
         );
     }
-    let params: MergingParams =
+    let mut params: MergingParams =
         args.params.as_deref().map(params::read_merging).transpose()?.unwrap_or_default();
+    params.method = args.method.unwrap_or(params.method);
     MergeOutput::keep_from(&args.out, &args.maps)?;
     let mut output = MergeOutput::create(&args.out)?;
     let stop = Stop::on_ctrl_c("stopping after this step; nothing will be written (Ctrl-C again to abort)")?;

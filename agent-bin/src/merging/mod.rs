@@ -2,6 +2,7 @@
 //! the other, with their times. The steps themselves are in the crate `merge`.
 
 mod input;
+mod method;
 mod names;
 mod output;
 mod progress;
@@ -10,6 +11,7 @@ mod report;
 mod verdict;
 
 pub use input::Input;
+pub use method::method_parser;
 pub use names::{Names, listed};
 pub use output::{MergeOutput, map_file, write_maps, write_results};
 pub use progress::MergeProgress;
@@ -18,11 +20,13 @@ pub use verdict::{verdict, without_company};
 
 use anyhow::{Context, Result};
 use map::{AgentId, KeyframeId};
+use merge::closure::Closure;
 use merge::common_map::{Addresses, CommonMap, Fused, FusionParams, Link};
 use merge::estimate::Estimate;
 use merge::further::{FurtherParams, Joined, join};
 use merge::key_points::KeyPointParams;
 use merge::meeting::{MeetingParams, Outcome, Place, Tried, meet};
+use merge::method::{BaselineParams, Method};
 use merge::prepared::PreparedMap;
 use place_recog::{ProposeParams, Vocabulary, propose};
 use serde::{Deserialize, Serialize};
@@ -39,6 +43,10 @@ pub struct MergingParams {
     pub key_points: KeyPointParams,
     /// From places to a closure.
     pub meeting: MeetingParams,
+    /// How maps are joined at an accepted closure: by Loop-box, or by a method to compare it with.
+    pub method: Method,
+    /// The methods to compare with.
+    pub baseline: BaselineParams,
     /// Closures after the first.
     pub further: FurtherParams,
     /// The common map.
@@ -69,7 +77,7 @@ pub struct Seconds {
     pub places: f64,
     /// Matching places and following one to its verdict.
     pub meeting: f64,
-    /// Further closures.
+    /// Further closures; of a method other than Loop-box all that it does.
     pub further: f64,
 }
 
@@ -169,7 +177,10 @@ pub fn merge(
     }
     progress("making the common map")?;
     let start = Instant::now();
-    let fused = common.fuse(&params.fusion).context("the common map cannot be made")?;
+    // A baseline says how whole maps lie to each other, and no more.
+    let optimise = params.fusion.optimise && params.method.baseline().is_none();
+    let fusion = FusionParams { optimise, ..params.fusion.clone() };
+    let fused = common.fuse(&fusion).context("the common map cannot be made")?;
     let fusion_seconds = start.elapsed().as_secs_f64();
     Ok(Merging { encounters, addresses, common, fused, fusion_seconds })
 }
@@ -193,14 +204,27 @@ fn encounter(
         Outcome::Accepted(closure, _) => Some(closure),
         _ => None,
     });
-    let joined = closure
-        .map(|closure| join(&prepared[source], &prepared[target], closure, &params.further))
-        .transpose()
-        .context("the closures cannot be compared")?;
+    let joined =
+        closure.map(|closure| joined(&prepared[source], &prepared[target], closure, params)).transpose()?;
     let seconds = Seconds {
         places: recognised,
         meeting: met - recognised,
         further: start.elapsed().as_secs_f64() - met,
     };
     Ok(Encounter { target, source, proposed: places.len(), tried, joined, seconds })
+}
+
+/// What joins two maps at an accepted closure, by the method asked for.
+fn joined(
+    source: &PreparedMap,
+    target: &PreparedMap,
+    closure: &Closure,
+    params: &MergingParams,
+) -> Result<Joined> {
+    let Some(baseline) = params.method.baseline() else {
+        return join(source, target, closure, &params.further).context("the closures cannot be compared");
+    };
+    let placement = baseline.place(source, target, closure, &params.baseline);
+    let context = || format!("they met, but the method {} does not join them", params.method);
+    Ok(placement.with_context(context)?.into())
 }

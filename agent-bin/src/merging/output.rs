@@ -179,7 +179,9 @@ pub fn write_results(
 ) -> Result<()> {
     let provenance = merging.provenance(inputs, &record.params);
     write_maps(output, &merging.fused, names, &provenance)?;
-    report::write(&output.file(REPORT)?, inputs, merging)?;
+    let page = output.file(REPORT)?;
+    report::write(&page, inputs, merging)
+        .with_context(|| format!("{}: cannot be written", page.display()))?;
     output.file(NUMBERS)?;
     record.files = output.names();
     let path = output.staging().join(NUMBERS);

@@ -1,6 +1,7 @@
 //! What a query costs in a large map, with made-up words.
 
 use map::{KeyframeId, PlaceIndex};
+use measuring::random::mix;
 use place_recog::{BowIndex, BowParams, FabMap, FabMapParams, Vocabulary, WordBag, WordId};
 use std::fmt::Write;
 use std::sync::Arc;
@@ -68,12 +69,4 @@ fn keyframe(vocabulary: &Vocabulary, id: u64, look: Option<u64>) -> WordBag {
         let stays = look.is_none_or(|look| mix(id ^ mix(i ^ mix(look))).is_multiple_of(3));
         word(if stays { mix(mix(id) ^ i) } else { mix(mix(id) ^ mix(i) ^ 0x5eed) })
     }))
-}
-
-/// The finaliser of SplitMix64 (Steele, Lea, Flood, OOPSLA 2014).
-fn mix(value: u64) -> u64 {
-    let z = value.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    let z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    z ^ (z >> 31)
 }

@@ -1,5 +1,5 @@
 //! Measures place recognition: precision and recall over all pairs of sequences, and the cost of a query in large
-//! maps. Prints Markdown.
+//! maps. Prints Markdown and writes it into documents.
 
 mod cost;
 mod curve;
@@ -8,6 +8,7 @@ mod truth;
 
 use anyhow::{Context, Result, bail};
 use clap::Parser;
+use measuring::{document, map_of};
 use place_recog::Vocabulary;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -19,7 +20,7 @@ struct Args {
     /// Folder of sequences with groundtruth.txt
     #[arg(long)]
     data: PathBuf,
-    /// Folder of runs: for each sequence a folder of its name with a map.mcap
+    /// Folder of runs: for each sequence NAME there is NAME/run-1/map.mcap, as `bench` leaves them
     #[arg(long)]
     runs: PathBuf,
     /// Another vocabulary than the one that comes with loopbox
@@ -28,6 +29,8 @@ struct Args {
     /// Most keyframes of the synthetic map; 0 leaves the measurement of time out
     #[arg(long, value_name = "N", default_value_t = 50_000)]
     keyframes: usize,
+    /// Documents to write the results into, between their markers
+    documents: Vec<PathBuf>,
 }
 
 fn main() -> Result<()> {
@@ -38,11 +41,17 @@ fn main() -> Result<()> {
     };
     let mut sequences = Vec::new();
     for name in names(&args.data, &args.runs)? {
-        sequences.push(Sequence::read(&name, &args.data.join(&name), &args.runs.join(&name), &vocabulary)?);
+        let map = map_of(&args.runs, &name);
+        sequences.push(Sequence::read(&name, &args.data.join(&name), &map, &vocabulary)?);
     }
-    println!("{}", recall::report(&sequences, &vocabulary));
+    let mut text = recall::report(&sequences, &vocabulary);
     if args.keyframes > 0 {
-        println!("{}", cost::report(&vocabulary, args.keyframes));
+        text.push('\n');
+        text.push_str(&cost::report(&vocabulary, args.keyframes));
+    }
+    println!("{text}");
+    for path in &args.documents {
+        document::update(path, &[("places", text.clone())])?;
     }
     Ok(())
 }
@@ -58,7 +67,7 @@ fn names(data: &Path, runs: &Path) -> Result<Vec<String>> {
     let mut names = Vec::new();
     for entry in std::fs::read_dir(runs).with_context(|| format!("{}: cannot be read", runs.display()))? {
         let name = entry?.file_name().to_string_lossy().into_owned();
-        if data.join(&name).join("groundtruth.txt").is_file() && runs.join(&name).join("map.mcap").is_file() {
+        if data.join(&name).join("groundtruth.txt").is_file() && map_of(runs, &name).is_file() {
             names.push(name);
         }
     }

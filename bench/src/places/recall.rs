@@ -1,8 +1,9 @@
 //! Precision and recall over all ordered pairs of sequences.
 
 use crate::curve::{Curve, Verdict};
-use crate::truth::{DIFFERENT, SAME, Sequence};
+use crate::truth::Sequence;
 use map::{KeyframeId, PlaceCandidate, PlaceIndex};
+use measuring::views::{DIFFERENT, SAME};
 use place_recog::{
     BowIndex, BowParams, FabMap, FabMapParams, SequenceParams, Vocabulary, WordBag, supported,
 };

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::test_scene::yard;
-use geometry::umeyama;
+use geometry::{GrayImage, umeyama};
 use loopbox_tests::{Recording, trajectory};
 use place_recog::ThumbnailIndex;
 use std::sync::LazyLock;

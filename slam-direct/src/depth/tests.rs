@@ -93,11 +93,17 @@ fn stereo(image: &GrayImage, frame_from_keyframe: Se3) -> StereoFrame<'_> {
     StereoFrame { image, frame_from_keyframe, brightness: (0.0, 0.0), pose_sigma_px: 0.02 }
 }
 
-/// Maps the planes from the usual poses.
-fn mapped(planes: &[Plane], noise: f64) -> DepthFilter {
+/// The keyframe of the planes, and its filter with the backbone points.
+fn seeded(planes: &[Plane], noise: f64) -> (GrayImage, DepthFilter) {
     let keyframe = render(planes, &Se3::identity(), noise, (1.0, 0.0), 1);
     let mut filter = DepthFilter::new(&keyframe, &CAMERA, &params());
     filter.seed(&seeds(planes));
+    (keyframe, filter)
+}
+
+/// Maps the planes from the usual poses.
+fn mapped(planes: &[Plane], noise: f64) -> DepthFilter {
+    let (keyframe, mut filter) = seeded(planes, noise);
     for (k, pose) in poses().into_iter().enumerate() {
         let image = render(planes, &pose, noise, (1.0, 0.0), 2 + k as u64);
         filter.update(&keyframe, &stereo(&image, pose));
@@ -158,9 +164,7 @@ fn occlusion_leaves_few_outliers() {
 #[test]
 fn an_unrelated_reference_adds_no_outliers() {
     let planes = [SLANTED];
-    let keyframe = render(&planes, &Se3::identity(), 2.0, (1.0, 0.0), 1);
-    let mut filter = DepthFilter::new(&keyframe, &CAMERA, &params());
-    filter.seed(&seeds(&planes));
+    let (keyframe, mut filter) = seeded(&planes, 2.0);
     let moved = [Plane { phase: 5.0, ..SLANTED }];
     for (k, pose) in poses().into_iter().enumerate() {
         let shown = if k == 0 { &moved } else { &planes };
@@ -175,9 +179,7 @@ fn an_unrelated_reference_adds_no_outliers() {
 #[test]
 fn changed_brightness_is_accounted_for() {
     let planes = [SLANTED];
-    let keyframe = render(&planes, &Se3::identity(), 1.0, (1.0, 0.0), 1);
-    let mut filter = DepthFilter::new(&keyframe, &CAMERA, &params());
-    filter.seed(&seeds(&planes));
+    let (keyframe, mut filter) = seeded(&planes, 1.0);
     for pose in poses() {
         let image = render(&planes, &pose, 1.0, (1.3, -20.0), 2);
         let frame = StereoFrame { brightness: (1.3f32.ln(), -20.0), ..stereo(&image, pose) };
@@ -233,9 +235,7 @@ fn featureless_and_unfit_images_give_nothing() {
 #[test]
 fn motion_along_the_axis_is_measured_away_from_the_epipole() {
     let planes = [SLANTED];
-    let keyframe = render(&planes, &Se3::identity(), 1.0, (1.0, 0.0), 1);
-    let mut filter = DepthFilter::new(&keyframe, &CAMERA, &params());
-    filter.seed(&seeds(&planes));
+    let (keyframe, mut filter) = seeded(&planes, 1.0);
     for z in [-0.15, -0.25, 0.2, -0.4] {
         let pose = Se3::new(UnitQuaternion::identity(), Vector3::new(0.0, 0.0, z));
         filter.update(&keyframe, &stereo(&render(&planes, &pose, 1.0, (1.0, 0.0), 2), pose));
@@ -269,10 +269,8 @@ fn propagated_hypotheses_narrow_the_search_without_being_counted() {
 #[test]
 fn runs_repeat_to_the_bit_on_any_processor() {
     let planes = [SLANTED, NEAR];
-    let keyframe = render(&planes, &Se3::identity(), 2.0, (1.0, 0.0), 1);
+    let (keyframe, mut first) = seeded(&planes, 2.0);
     let image = render(&planes, &poses()[0], 2.0, (1.0, 0.0), 2);
-    let mut first = DepthFilter::new(&keyframe, &CAMERA, &params());
-    first.seed(&seeds(&planes));
     let mut second = first.clone();
     let frame = stereo(&image, poses()[0]);
     let params = params();

@@ -10,10 +10,12 @@
 //! Depths are eliminated by the Schur complement, one scalar per point; poses are solved densely.
 
 mod linear;
+mod pose;
 mod problem;
 mod solve;
 #[cfg(test)]
 mod tests;
 
+pub(crate) use pose::{PoseSolver, SeenPoint};
 pub(crate) use problem::{Problem, WindowObservation, WindowPoint, mahalanobis, predict, robust_weight};
 pub(crate) use solve::solve;

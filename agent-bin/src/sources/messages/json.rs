@@ -31,18 +31,6 @@ struct Image {
     step: usize,
 }
 
-#[derive(Deserialize)]
-struct CameraCalibration {
-    width: u32,
-    height: u32,
-    #[serde(default)]
-    distortion_model: String,
-    #[serde(rename = "D", default)]
-    d: Vec<f64>,
-    #[serde(rename = "K")]
-    k: Vec<f64>,
-}
-
 /// `foxglove.CompressedImage` or `foxglove.RawImage`.
 pub fn image(data: &[u8]) -> Result<ImageMessage> {
     let Image { timestamp, data, encoding, width, height, step } =
@@ -57,14 +45,7 @@ pub fn image(data: &[u8]) -> Result<ImageMessage> {
 
 /// `foxglove.CameraCalibration`.
 pub fn calibration(data: &[u8]) -> Result<Calibration> {
-    let message: CameraCalibration = serde_json::from_slice(data).context(DAMAGED)?;
-    Ok(Calibration {
-        width: message.width,
-        height: message.height,
-        model: message.distortion_model,
-        distortion: message.d,
-        intrinsics: message.k,
-    })
+    serde_json::from_slice(data).context(DAMAGED)
 }
 
 #[cfg(test)]

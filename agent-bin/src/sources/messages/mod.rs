@@ -8,6 +8,7 @@ mod ros2;
 use crate::pictures::Picture;
 use anyhow::{Result, bail};
 use geometry::{Camera, Distortion, KannalaBrandt, Pinhole, RadTan};
+use serde::Deserialize;
 
 /// An image message, the picture not yet decoded.
 #[derive(Debug)]
@@ -92,14 +93,17 @@ pub fn read_calibration(form: Form, data: &[u8]) -> Result<Camera> {
     calibration.camera()
 }
 
-/// The numbers that ROS and Foxglove calibrations share.
-#[derive(Debug, Default, PartialEq)]
+/// The numbers that ROS and Foxglove calibrations share, read from JSON as Foxglove writes it.
+#[derive(Debug, Default, PartialEq, Deserialize)]
 struct Calibration {
     width: u32,
     height: u32,
+    #[serde(rename = "distortion_model", default)]
     model: String,
+    #[serde(rename = "D", default)]
     distortion: Vec<f64>,
     /// Row-major 3×3: `fx 0 cx 0 fy cy 0 0 1`.
+    #[serde(rename = "K")]
     intrinsics: Vec<f64>,
 }
 

@@ -1,0 +1,160 @@
+//! Before there is a map and while it is young: the start, its frames, and giving up a map of no use.
+
+use super::settle::Settler;
+use super::{Agent, FrameReport, State, TrackingState};
+use crate::bootstrap::{Bootstrap, Progress, Started};
+use crate::closing::LoopCloser;
+use crate::local_map::LocalMap;
+use crate::publish;
+use crate::tracker::Tracker;
+use geometry::{GrayImage, Pyramid, Se3};
+use map::{FramePose, Map};
+use std::sync::Arc;
+
+/// A frame from before the first map, kept to be tracked backwards once there is one.
+pub(super) struct EarlyFrame {
+    timestamp: f64,
+    frame_index: u64,
+    image: Arc<GrayImage>,
+}
+
+/// Early frames kept at most: two seconds of video.
+const MAX_EARLY: usize = 60;
+
+impl Agent {
+    /// Keeps a frame for [`track_early`](Self::track_early).
+    pub(super) fn keep_early(&mut self, timestamp: f64, frame_index: u64, image: Arc<GrayImage>) {
+        if self.early.len() == MAX_EARLY {
+            self.early.remove(0);
+        }
+        self.early.push(EarlyFrame { timestamp, frame_index, image });
+    }
+
+    /// Begins a start with this frame; `reason` says why there is no map yet if the image will do.
+    pub(super) fn begin(
+        &mut self,
+        pyramid: Pyramid,
+        timestamp: f64,
+        index: u64,
+        mut reason: &'static str,
+    ) -> FrameReport {
+        match Bootstrap::new(self.camera, pyramid, timestamp, index, &self.params.bootstrap) {
+            Some(start) => self.state = State::Starting(Box::new(start)),
+            None => reason = "the image has too little texture",
+        }
+        FrameReport { reason: Some(reason), ..FrameReport::of(TrackingState::Starting) }
+    }
+
+    /// Takes a frame into the start; the first map when it suffices.
+    pub(super) fn start(
+        &mut self,
+        mut start: Box<Bootstrap>,
+        pyramid: Pyramid,
+        timestamp: f64,
+        index: u64,
+    ) -> FrameReport {
+        match start.add(&pyramid, timestamp, index, &self.params.bootstrap, &self.params.track) {
+            Progress::Waiting(reason) => {
+                self.state = State::Starting(start);
+                FrameReport { reason: Some(reason), ..FrameReport::of(TrackingState::Starting) }
+            }
+            Progress::Restart(reason) => self.begin(pyramid, timestamp, index, reason),
+            Progress::Done(started) => self.adopt(*started),
+        }
+    }
+
+    /// Takes over the first map.
+    fn adopt(&mut self, started: Started) -> FrameReport {
+        let Started { map, frames } = started;
+        self.local = map;
+        for keyframe in 0..self.local.keyframes.len() {
+            publish::add_keyframe(&mut self.map, &self.local, keyframe);
+        }
+        let first = &self.local.keyframes[0];
+        let all =
+            [(first.timestamp, first.frame_index, Se3::identity())].into_iter().chain(frames.iter().copied());
+        self.map.frames = all
+            .map(|(timestamp, frame_index, frame_from_first)| FramePose {
+                timestamp,
+                frame_index,
+                reference: LocalMap::id(0),
+                keyframe_from_frame: frame_from_first.inverse(),
+            })
+            .collect();
+        self.refer_newest_frame(1);
+        self.places.add(LocalMap::id(0), self.local.keyframes[0].pyramid.base());
+        self.map_around(1);
+        self.track_early();
+        let last = self.local.keyframes[1].camera_from_world;
+        let velocity = match frames.as_slice() {
+            [.., before, newest] => newest.2 * before.2.inverse(),
+            _ => last,
+        };
+        self.state = State::Running(Box::new(Tracker::new(&self.local, 1, last, velocity, &self.params)));
+        FrameReport {
+            world_from_camera: Some(last.inverse()),
+            new_keyframe: Some(LocalMap::id(1)),
+            inlier_share: 1.0,
+            matched_points: self.local.keyframes[1].seen.len(),
+            ..FrameReport::of(TrackingState::Tracking)
+        }
+    }
+
+    /// Tracks the frames before the first keyframe backwards from it, as far as they can be followed.
+    fn track_early(&mut self) {
+        let first = self.map.frames.first().map_or(0, |f| f.frame_index);
+        let mut early = std::mem::take(&mut self.early);
+        early.retain(|f| f.frame_index < first);
+        let world_from_first = self.local.keyframes[0].camera_from_world.inverse();
+        let start = self.local.keyframes[0].camera_from_world;
+        let mut tracker = Tracker::new(&self.local, 0, start, Se3::identity(), &self.params);
+        let mut found = Vec::new();
+        for frame in early.iter().rev() {
+            let pyramid = Pyramid::new(frame.image.as_ref().clone(), self.params.align.pyramid_levels);
+            if tracker.track(&self.local, self.places.as_ref(), &pyramid, &self.params).is_none() {
+                break;
+            }
+            found.push(FramePose {
+                timestamp: frame.timestamp,
+                frame_index: frame.frame_index,
+                reference: LocalMap::id(0),
+                keyframe_from_frame: (tracker.last * world_from_first).inverse(),
+            });
+        }
+        found.reverse();
+        self.map.frames.splice(0..0, found);
+    }
+
+    /// Whether a young map has proved useless: nothing that follows fits it.
+    pub(super) fn was_bad_start(&self, tracker: &Tracker) -> bool {
+        let p = &self.params.keyframes;
+        self.local.keyframes.len() <= p.young_map && tracker.lost_frames() >= p.give_up
+    }
+
+    /// Gives the map up and begins a start with this frame; `None` when it has too little texture: a dark image
+    /// says nothing about the map.
+    pub(super) fn begin_anew(
+        &mut self,
+        pyramid: Pyramid,
+        timestamp: f64,
+        frame_index: u64,
+    ) -> Option<FrameReport> {
+        let image = pyramid.shared_base();
+        let fresh = Bootstrap::new(self.camera, pyramid, timestamp, frame_index, &self.params.bootstrap)?;
+        self.forget();
+        self.keep_early(timestamp, frame_index, image);
+        self.state = State::Starting(Box::new(fresh));
+        let reason = Some("the first map was of no use");
+        Some(FrameReport { reason, ..FrameReport::of(TrackingState::Starting) })
+    }
+
+    /// Drops the map to start anew.
+    fn forget(&mut self) {
+        let agents = std::mem::take(&mut self.map.agents);
+        self.map = Map { agents, ..Map::new(self.camera) };
+        self.local = LocalMap::new(self.camera);
+        self.places.clear();
+        self.closer = LoopCloser::default();
+        self.settler = Settler::default();
+    }
+}

@@ -1,0 +1,66 @@
+//! What goes into the agent and what comes out: frames, and reports on them.
+
+use geometry::{GrayImage, Se3};
+use map::KeyframeId;
+
+/// One image to process.
+#[derive(Clone, Debug)]
+pub struct Frame {
+    /// Index in the recording, from 0.
+    pub index: u64,
+    /// Time stamp, seconds, strictly growing from frame to frame.
+    pub timestamp: f64,
+    /// Undistorted grey image, of the size of the agent's camera.
+    pub image: GrayImage,
+}
+
+/// What the agent is doing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TrackingState {
+    /// Waiting for enough parallax to make a first map.
+    Starting,
+    /// The frame's pose is known.
+    Tracking,
+    /// The pose is unknown; each new frame is tried against the map.
+    Lost,
+}
+
+/// What became of one frame.
+#[derive(Clone, Debug)]
+pub struct FrameReport {
+    /// State after the frame.
+    pub state: TrackingState,
+    /// Pose as known now (later optimisation may move it).
+    pub world_from_camera: Option<Se3>,
+    /// Keyframe made from this frame.
+    pub new_keyframe: Option<KeyframeId>,
+    /// Keyframes whose depth became known with this frame; their poses may still move.
+    pub settled_keyframes: Vec<KeyframeId>,
+    /// Loop closed after this frame: `(newer, older)` keyframe.
+    pub closed_loop: Option<(KeyframeId, KeyframeId)>,
+    /// Share of the predicted points that were matched, 0–1.
+    pub inlier_share: f32,
+    /// Root mean square photometric residual of the matched points, grey levels.
+    pub rmse: f32,
+    /// Points matched in the frame.
+    pub matched_points: usize,
+    /// Why the frame was not tracked, for people.
+    pub reason: Option<&'static str>,
+}
+
+impl FrameReport {
+    /// A report that says no more than the state.
+    pub(super) fn of(state: TrackingState) -> Self {
+        Self {
+            state,
+            world_from_camera: None,
+            new_keyframe: None,
+            settled_keyframes: Vec::new(),
+            closed_loop: None,
+            inlier_share: 0.0,
+            rmse: 0.0,
+            matched_points: 0,
+            reason: None,
+        }
+    }
+}

@@ -1,0 +1,71 @@
+//! The first map from a good solution: two keyframes, in units of the median depth.
+
+use super::solve::agreement;
+use super::{Bootstrap, Started};
+use crate::local_map::{KeyframeState, LocalMap, PointRef, PointState, SeenAt, median};
+use crate::window::{Problem, WindowPoint};
+use geometry::{Pinhole, Pyramid, Se3};
+
+/// Largest standard deviation of an inverse depth, relative to it, that makes a point of the map.
+const MAX_RELATIVE_SIGMA: f64 = 0.3;
+
+impl Bootstrap {
+    /// Makes two keyframes of the solution, in units of the median depth; `pyramid` is the newest frame's.
+    pub(super) fn finish(&self, solution: &Problem, pyramid: &Pyramid) -> Started {
+        let mut depths: Vec<f32> = solution.points.iter().map(|p| p.inverse_depth as f32).collect();
+        let unit = median(&mut depths).unwrap_or(1.0) as f64;
+        let points = points(solution, &self.camera, unit);
+        let newest = &self.frames[self.frames.len() - 1];
+        let last = solution.frames[solution.frames.len() - 1];
+        let camera_from_world = Se3::new(last.rotation, last.translation * unit);
+        let mut map = LocalMap::new(self.camera);
+        map.keyframes.push(KeyframeState::new(
+            self.timestamp,
+            self.frame_index,
+            self.first.clone(),
+            Se3::identity(),
+        ));
+        map.keyframes.push(KeyframeState::new(
+            newest.timestamp,
+            newest.frame_index,
+            pyramid.clone(),
+            camera_from_world,
+        ));
+        map.keyframes[1].seen = (0..points.len()).map(|index| PointRef { host: 0, index }).collect();
+        map.keyframes[0].points = points;
+        Started { map, frames: self.pose_all(solution, unit) }
+    }
+}
+
+/// The points that agree with the solution, are certain, and are seen in its last frame.
+fn points(solution: &Problem, camera: &Pinhole, unit: f64) -> Vec<PointState> {
+    let squared = solution.squared_residuals();
+    let limit = agreement(&squared);
+    let is_good = |point: &&WindowPoint| {
+        let agrees = point.observations.clone().all(|i| squared[i] < limit) && point.inverse_depth > 0.0;
+        let relative = 1.0 / (point.information.sqrt() * point.inverse_depth);
+        agrees && relative <= MAX_RELATIVE_SIGMA
+    };
+    solution.points.iter().filter(is_good).filter_map(|point| state(solution, point, camera, unit)).collect()
+}
+
+/// A point as the first keyframe hosts it; `None` when the last frame does not see it.
+fn state(solution: &Problem, point: &WindowPoint, camera: &Pinhole, unit: f64) -> Option<PointState> {
+    let last = solution.frames.len() - 1;
+    let seen = solution.observations[point.observations.clone()].iter().find(|o| o.frame == last)?;
+    let pixel = camera.project(&point.ray);
+    Some(PointState {
+        pixel: [pixel.x as f32, pixel.y as f32],
+        ray: point.ray,
+        inverse_depth: point.inverse_depth / unit,
+        variance: 1.0 / (point.information * unit * unit),
+        observations: vec![SeenAt {
+            keyframe: 1,
+            pixel: seen.pixel.map(|v| v as f32),
+            information: seen.information.map(|v| v as f32),
+        }],
+        alive: true,
+        sought: 0,
+        found: 0,
+    })
+}

@@ -1,0 +1,157 @@
+//! The pose of one frame that sees points of known depth.
+
+use super::problem::{mahalanobis, predict, robust_weight};
+use geometry::{Pinhole, Se3};
+use nalgebra::{Matrix6, Vector3, Vector6};
+
+/// A point of known depth, and where the frame sees it.
+pub(crate) struct SeenPoint {
+    /// Direction of the point from the origin of the world, times its distance and `inverse_depth`.
+    pub direction: Vector3<f64>,
+    /// Inverse depth that belongs to `direction`, 1/map unit; 0 is at infinity.
+    pub inverse_depth: f64,
+    /// Measured pixel.
+    pub pixel: [f64; 2],
+    /// Its information `[xx, xy, yy]`, 1/px².
+    pub information: [f64; 3],
+}
+
+impl SeenPoint {
+    /// Squared normalised residual under the pose `camera_from_world`; infinite behind the camera.
+    pub fn squared(&self, camera: &Pinhole, camera_from_world: &Se3) -> f64 {
+        let (rotation, translation) = (camera_from_world.rotation_matrix(), camera_from_world.translation);
+        predict(camera, &rotation, &translation, &self.direction, self.inverse_depth, &self.pixel)
+            .map_or(f64::INFINITY, |p| mahalanobis(&p.residual, &self.information))
+    }
+}
+
+/// Robust Gauss–Newton on the pose of a frame, depths held.
+pub(crate) struct PoseSolver {
+    /// Steps at most.
+    pub iterations: usize,
+    /// First steps that are made with a wide kernel: the start may be a few pixels off.
+    pub wide: usize,
+    /// Squared length of a step with the narrow kernel below which no other follows; 0 makes them all.
+    pub settled: f64,
+    /// Whether the translation is held.
+    pub rotation_only: bool,
+}
+
+/// Squared residuals are divided by this under the wide kernel.
+const WIDENING: f64 = 30.0;
+
+impl PoseSolver {
+    /// The pose `camera_from_world` that agrees best with where the points are seen; `start` when there is none.
+    pub fn solve(&self, camera: &Pinhole, start: &Se3, points: &[SeenPoint]) -> Se3 {
+        let mut pose = *start;
+        for iteration in 0..self.iterations {
+            let widening = if iteration < self.wide { WIDENING } else { 1.0 };
+            let (mut h, mut g) = linearise(camera, &pose, points, widening);
+            if self.rotation_only {
+                g.fixed_rows_mut::<3>(0).fill(0.0);
+                h.fixed_view_mut::<3, 6>(0, 0).fill(0.0);
+                h.fixed_view_mut::<6, 3>(0, 0).fill(0.0);
+                h.fixed_view_mut::<3, 3>(0, 0).fill_with_identity();
+            }
+            let Some(factor) = h.cholesky() else { break };
+            let delta = -factor.solve(&g);
+            pose = (Se3::exp(&delta) * pose).renormalized();
+            if iteration > self.wide && delta.norm_squared() < self.settled {
+                break;
+            }
+        }
+        if pose.is_finite() { pose } else { *start }
+    }
+}
+
+/// Normal equations of the pose; a point behind the camera adds nothing.
+fn linearise(
+    camera: &Pinhole,
+    pose: &Se3,
+    points: &[SeenPoint],
+    widening: f64,
+) -> (Matrix6<f64>, Vector6<f64>) {
+    let mut h = Matrix6::<f64>::identity() * 1e-6;
+    let mut g = Vector6::<f64>::zeros();
+    let (rotation, translation) = (pose.rotation_matrix(), pose.translation);
+    for point in points {
+        let Some(p) =
+            predict(camera, &rotation, &translation, &point.direction, point.inverse_depth, &point.pixel)
+        else {
+            continue;
+        };
+        let weight = robust_weight(mahalanobis(&p.residual, &point.information) / widening);
+        let [a, b, c] = point.information.map(|v| v * weight);
+        let (ju, jv) = (Vector6::from(p.by_twist[0]), Vector6::from(p.by_twist[1]));
+        let (wu, wv) = (ju * a + jv * b, ju * b + jv * c);
+        h.ger(1.0, &wu, &ju, 1.0);
+        h.ger(1.0, &wv, &jv, 1.0);
+        g += wu * p.residual[0] + wv * p.residual[1];
+    }
+    (h, g)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::window::tests::spread;
+
+    const CAMERA: Pinhole = Pinhole { width: 640, height: 480, fx: 420.0, fy: 410.0, cx: 319.5, cy: 239.5 };
+    const SOLVER: PoseSolver = PoseSolver { iterations: 15, wide: 5, settled: 0.0, rotation_only: false };
+
+    fn truth() -> Se3 {
+        Se3::exp(&Vector6::new(0.05, -0.03, 0.04, 0.01, -0.015, 0.02))
+    }
+
+    /// Points as a frame at `camera_from_world` sees them; every `wrong`-th is seen far off.
+    fn seen(camera_from_world: &Se3, wrong: usize) -> Vec<SeenPoint> {
+        let point = |i: usize| {
+            let direction = CAMERA.unproject(320.0 + 250.0 * spread(i, 0), 240.0 + 180.0 * spread(i, 1));
+            let inverse_depth = 0.4 + 0.2 * spread(i, 2);
+            let at = CAMERA.project(
+                &(camera_from_world.rotation * direction + camera_from_world.translation * inverse_depth),
+            );
+            let off = if i.is_multiple_of(wrong) { 40.0 } else { 0.0 };
+            SeenPoint {
+                direction,
+                inverse_depth,
+                pixel: [at.x + off, at.y - off],
+                information: [4.0, 1.0, 2.0],
+            }
+        };
+        (1..=120).map(point).collect()
+    }
+
+    fn distance(a: &Se3, b: &Se3) -> f64 {
+        (*a * b.inverse()).log().norm()
+    }
+
+    #[test]
+    fn the_pose_is_found_among_wrong_sightings() {
+        let found = SOLVER.solve(&CAMERA, &Se3::identity(), &seen(&truth(), 6));
+        assert!(distance(&found, &truth()) < 1e-3, "off by {}", distance(&found, &truth()));
+    }
+
+    #[test]
+    fn a_step_that_has_settled_ends_it() {
+        let points = seen(&truth(), 1000);
+        let first = PoseSolver { iterations: 2, wide: 0, ..SOLVER }.solve(&CAMERA, &Se3::identity(), &points);
+        let settled = PoseSolver { wide: 0, settled: f64::INFINITY, ..SOLVER };
+        assert_eq!(settled.solve(&CAMERA, &Se3::identity(), &points), first);
+    }
+
+    #[test]
+    fn a_held_translation_stays() {
+        let turn = Se3::exp(&Vector6::new(0.0, 0.0, 0.0, 0.02, -0.03, 0.01));
+        let solver = PoseSolver { rotation_only: true, ..SOLVER };
+        let found = solver.solve(&CAMERA, &Se3::identity(), &seen(&turn, 1000));
+        assert!(distance(&found, &turn) < 1e-9, "off by {}", distance(&found, &turn));
+        let found = solver.solve(&CAMERA, &Se3::identity(), &seen(&truth(), 1000));
+        assert!(found.translation.norm() < 1e-12, "moved by {}", found.translation);
+    }
+
+    #[test]
+    fn without_points_the_start_stays() {
+        assert!(distance(&SOLVER.solve(&CAMERA, &truth(), &[]), &truth()) < 1e-12);
+    }
+}
