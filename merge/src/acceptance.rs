@@ -159,3 +159,62 @@ pub fn judge(evidence: &Evidence, params: &AcceptanceParams) -> Result<(), Doubt
     }
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Evidence that passes every line, just.
+    const ENOUGH: Evidence = Evidence {
+        matches: 60,
+        pairs: 2,
+        inlier_share: 0.6,
+        overlap: 0.42,
+        rotation_deviation: 0.35,
+        scale_deviation: 0.03,
+    };
+
+    fn verdict(evidence: Evidence) -> Result<(), Doubt> {
+        judge(&evidence, &AcceptanceParams::default())
+    }
+
+    #[test]
+    fn what_is_enough_passes() {
+        assert_eq!(verdict(ENOUGH), Ok(()));
+    }
+
+    #[test]
+    fn each_line_alone_refuses() {
+        let refused = [
+            (Evidence { pairs: 1, ..ENOUGH }, Doubt::Unconfirmed { pairs: 1, needed: 2 }),
+            (Evidence { matches: 59, ..ENOUGH }, Doubt::FewMatches { matches: 59, needed: 60 }),
+            (Evidence { inlier_share: 0.59, ..ENOUGH }, Doubt::Unlike { share: 0.59, needed: 0.6 }),
+            (Evidence { overlap: 0.4, ..ENOUGH }, Doubt::LittleAgrees { share: 0.6 * 0.4, needed: 0.25 }),
+            (Evidence { rotation_deviation: 0.36, ..ENOUGH }, Doubt::Vague { rotation: 0.36, scale: 0.03 }),
+            (Evidence { scale_deviation: 0.031, ..ENOUGH }, Doubt::Vague { rotation: 0.35, scale: 0.031 }),
+        ];
+        for (evidence, doubt) in refused {
+            assert_eq!(verdict(evidence), Err(doubt));
+        }
+    }
+
+    /// What could not be computed is no evidence.
+    #[test]
+    fn what_is_no_number_refuses() {
+        for evidence in [
+            Evidence { inlier_share: f32::NAN, ..ENOUGH },
+            Evidence { overlap: f32::NAN, ..ENOUGH },
+            Evidence { rotation_deviation: f64::NAN, ..ENOUGH },
+            Evidence { scale_deviation: f64::NAN, ..ENOUGH },
+            Evidence { rotation_deviation: f64::INFINITY, ..ENOUGH },
+        ] {
+            assert!(verdict(evidence).is_err(), "{evidence:?}");
+        }
+    }
+
+    #[test]
+    fn a_doubt_says_what_is_missing() {
+        let doubt = verdict(Evidence { matches: 31, ..ENOUGH }).unwrap_err();
+        assert_eq!(doubt.to_string(), "only 31 key points match over the pairs that agree; 60 are needed");
+    }
+}

@@ -190,3 +190,34 @@ fn spread(
     let last = count.saturating_sub(1).max(1);
     (0..count).map(|k| fresh[k * (fresh.len() - 1) / last]).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::SMatrix;
+
+    fn pairs(count: u32) -> Vec<(KeyframeId, KeyframeId)> {
+        (0..count).map(|k| (KeyframeId(k), KeyframeId(100 + k))).collect()
+    }
+
+    fn sources(pairs: Vec<(KeyframeId, KeyframeId)>) -> Vec<u32> {
+        pairs.into_iter().map(|(source, _)| source.0).collect()
+    }
+
+    #[test]
+    fn pairs_are_spread_from_end_to_end() {
+        assert_eq!(sources(spread(pairs(9), 3, &[])), [0, 4, 8]);
+        assert_eq!(sources(spread(pairs(10), 4, &[])), [0, 3, 6, 9]);
+        assert_eq!(sources(spread(pairs(3), 8, &[])), [0, 1, 2]);
+        assert_eq!(sources(spread(pairs(3), 1, &[])), [0]);
+        assert!(spread(pairs(3), 0, &[]).is_empty() && spread(pairs(0), 0, &[]).is_empty());
+    }
+
+    #[test]
+    fn pairs_with_an_edge_are_not_tried_again() {
+        let estimate = Estimate { a_from_b: Sim3::identity(), information: SMatrix::identity() };
+        let known =
+            [edge(KeyframeId(0), KeyframeId(100), estimate), edge(KeyframeId(1), KeyframeId(102), estimate)];
+        assert_eq!(sources(spread(pairs(4), 8, &known)), [1, 2, 3]);
+    }
+}

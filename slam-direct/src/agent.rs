@@ -250,9 +250,18 @@ impl Agent {
         self.map
     }
 
-    /// The map as it stands.
+    /// The map as it stands: poses, and the depth of the keyframes that have settled. Edges and the points of the
+    /// latest keyframes come with [`finish`](Self::finish), or in a [`snapshot`](Self::snapshot).
     pub fn map(&self) -> &Map {
         &self.map
+    }
+
+    /// The map as it stands with its edges and all its points: to save, or to merge with another agent's, while
+    /// this one goes on. The latest keyframes have no semi-dense depth yet.
+    pub fn snapshot(&self) -> Map {
+        let mut map = self.map.clone();
+        publish::complete(&mut map, &self.local, self.closer.edges(&self.local));
+        map
     }
 }
 

@@ -26,6 +26,7 @@ use merge::estimate::Estimate;
 use merge::further::{FurtherParams, Joined, join};
 use merge::key_points::KeyPointParams;
 use merge::meeting::{MeetingParams, Outcome, Place, Tried, meet};
+use merge::merge_graph::MergeGraph;
 use merge::method::{BaselineParams, Method};
 use merge::prepared::PreparedMap;
 use place_recog::{ProposeParams, Vocabulary, propose};
@@ -89,6 +90,8 @@ pub struct Merging {
     pub addresses: Vec<Addresses>,
     /// The agents' own maps and the closures between them.
     pub common: CommonMap,
+    /// Who was joined with whom.
+    pub graph: MergeGraph,
     /// A map for each group of agents that hang together.
     pub fused: Vec<Fused>,
     /// Seconds that making the common map took.
@@ -182,7 +185,8 @@ pub fn merge(
     let fusion = FusionParams { optimise, ..params.fusion.clone() };
     let fused = common.fuse(&fusion).context("the common map cannot be made")?;
     let fusion_seconds = start.elapsed().as_secs_f64();
-    Ok(Merging { encounters, addresses, common, fused, fusion_seconds })
+    let graph = common.graph(&fusion).context("the graph of merges cannot be made")?;
+    Ok(Merging { encounters, addresses, common, graph, fused, fusion_seconds })
 }
 
 /// One pair of inputs.

@@ -275,7 +275,9 @@ fn largest_agreeing(count: usize, chi2: &impl Fn(usize, usize) -> f64, limit: f6
         let mut worst: f64 = 0.0;
         for (n, &a) in members.iter().enumerate() {
             for &b in &members[n + 1..] {
-                worst = worst.max(chi2(a, b));
+                let apart = chi2(a, b);
+                // What is no number is no agreement.
+                worst = if apart.is_nan() { f64::INFINITY } else { worst.max(apart) };
                 least = least.min(worst);
             }
         }
@@ -285,4 +287,48 @@ fn largest_agreeing(count: usize, chi2: &impl Fn(usize, usize) -> f64, limit: f6
         }
     }
     if best.len() == 1 { (best, least) } else { (best, best_worst) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::largest_agreeing;
+
+    /// χ² of every two of three: of 0 and 1, 0 and 2, 1 and 2.
+    fn of_three([first, second, third]: [f64; 3]) -> (Vec<usize>, f64) {
+        let chi2 = |a: usize, b: usize| match (a.min(b), a.max(b)) {
+            (0, 1) => first,
+            (0, 2) => second,
+            _ => third,
+        };
+        largest_agreeing(3, &chi2, 20.0)
+    }
+
+    #[test]
+    fn the_largest_set_agrees_in_every_two() {
+        assert_eq!(of_three([1.0, 20.0, 3.0]), (vec![0, 1, 2], 20.0));
+        assert_eq!(of_three([30.0, 21.0, 3.0]), (vec![1, 2], 3.0));
+        // 0 and 2 contradict each other: of the two halves the one that agrees better.
+        assert_eq!(of_three([4.0, 21.0, 3.0]), (vec![1, 2], 3.0));
+        assert_eq!(of_three([2.0, 21.0, 3.0]), (vec![0, 1], 2.0));
+    }
+
+    #[test]
+    fn where_none_agree_one_is_left_with_the_least_contradiction() {
+        assert_eq!(of_three([50.0, 40.0, 60.0]), (vec![0], 40.0));
+        let (alone, least) = of_three([f64::INFINITY; 3]);
+        assert_eq!((alone.len(), least), (1, f64::INFINITY));
+    }
+
+    #[test]
+    fn one_agrees_with_itself_and_none_with_nobody() {
+        let never = |_: usize, _: usize| f64::NAN;
+        assert_eq!(largest_agreeing(1, &never, 20.0).0, [0]);
+        assert!(largest_agreeing(0, &never, 20.0).0.is_empty());
+    }
+
+    /// A χ² that is no number is no agreement.
+    #[test]
+    fn what_is_no_number_does_not_agree() {
+        assert_eq!(of_three([f64::NAN, 3.0, f64::NAN]).0, [0, 2]);
+    }
 }

@@ -1,5 +1,6 @@
 //! Agents' own maps and closures into one map for each group of agents that hang together.
 
+use super::closures::Closures;
 use super::{CommonMap, FusionParams, Link};
 use crate::alignment;
 use crate::estimate::{Estimate, mean};
@@ -21,7 +22,8 @@ pub struct Fused {
     pub component: Component,
     /// What the joint pose graph did; nothing where it was not optimised.
     pub report: Option<PoseGraphReport>,
-    /// Closures that the joint pose graph came to disbelieve.
+    /// Closures that are not believed: they do not agree with the others between the same agents, or the joint pose
+    /// graph came to disbelieve them.
     pub suppressed: Vec<Link>,
 }
 
@@ -37,6 +39,14 @@ pub enum FusionError {
     /// The joint pose graph failed.
     #[error("{0}")]
     PoseGraph(#[from] PoseGraphError),
+    /// The closures between two agents cannot be compared.
+    #[error("the closures between agents {} and {} cannot be used: {source}", .agents.0.0, .agents.1.0)]
+    Closures {
+        /// The agents; keyframes and edges are those of their own maps and of the closures between them.
+        agents: (AgentId, AgentId),
+        /// What is wrong.
+        source: PoseGraphError,
+    },
     /// Closures between two agents make no merge.
     #[error("the closures between agents {} and {} contradict each other; undo their merge", .0.0, .1.0)]
     NoMerge(AgentId, AgentId),
@@ -48,33 +58,39 @@ impl CommonMap {
     /// # Errors
     /// When the maps or the closures between them cannot make one map; the message says which.
     pub fn fuse(&self, params: &FusionParams) -> Result<Vec<Fused>, FusionError> {
-        let graph = self.graph()?;
-        graph.components().into_iter().map(|component| self.fuse_component(component, params)).collect()
+        let closures = self.consistent(params)?;
+        let components = self.graph_of(&closures)?.components();
+        components.into_iter().map(|component| self.fuse_component(component, &closures, params)).collect()
     }
 
-    /// The graph of merges: one for every two agents with closures.
-    pub fn graph(&self) -> Result<MergeGraph, FusionError> {
+    /// The graph of merges: one for every two agents with closures, of those closures that agree with each other.
+    ///
+    /// # Errors
+    /// As [`fuse`](Self::fuse).
+    pub fn graph(&self, params: &FusionParams) -> Result<MergeGraph, FusionError> {
+        self.graph_of(&self.consistent(params)?)
+    }
+
+    fn graph_of(&self, closures: &Closures) -> Result<MergeGraph, FusionError> {
         let mut graph = MergeGraph::new();
         for agent in self.agents.keys() {
             graph.add_agent(*agent);
         }
-        for (a, b) in self.merged() {
-            let merge = self.merge(a, b).ok_or(FusionError::NoMerge(a, b))?;
+        for (&(a, b), links) in &closures.agreeing {
+            let merge = self.merge(a, b, links).ok_or(FusionError::NoMerge(a, b))?;
             graph.add_merge(merge)?;
         }
         Ok(graph)
     }
 
-    /// All closures between two agents as one merge of their worlds.
-    fn merge(&self, a: AgentId, b: AgentId) -> Option<Merge> {
-        let links: Vec<&Link> = self.links.iter().filter(|link| link.agents() == (a, b)).collect();
+    /// Closures from agent `a` to `b` as one merge of their worlds.
+    fn merge(&self, a: AgentId, b: AgentId, links: &[Link]) -> Option<Merge> {
         let (mut estimates, mut centre, mut extent) = (Vec::new(), Vector3::zeros(), 0.0);
-        for link in &links {
-            let upright = if link.from.agent == a { **link } else { link.swapped() };
-            let of_a = self.agents.get(&a)?.keyframes.get(&upright.from.keyframe)?;
-            let of_b = self.agents.get(&b)?.keyframes.get(&upright.to.keyframe)?;
+        for link in links {
+            let of_a = self.agents.get(&a)?.keyframes.get(&link.from.keyframe)?;
+            let of_b = self.agents.get(&b)?.keyframes.get(&link.to.keyframe)?;
             let (a_pose, b_pose) = (of_a.world_from_keyframe, of_b.world_from_keyframe);
-            estimates.push(upright.from_from_to.carried(&a_pose, &b_pose.inverse())?);
+            estimates.push(link.from_from_to.carried(&a_pose, &b_pose.inverse())?);
             let depth = median_depth(&of_a.semi_dense.inverse_depth)? * a_pose.scale;
             centre += (a_pose.translation + a_pose.rotation * Vector3::z() * depth) / links.len() as f64;
             extent += depth / links.len() as f64;
@@ -87,7 +103,12 @@ impl CommonMap {
     }
 
     /// One component's map.
-    fn fuse_component(&self, component: Component, params: &FusionParams) -> Result<Fused, FusionError> {
+    fn fuse_component(
+        &self,
+        component: Component,
+        closures: &Closures,
+        params: &FusionParams,
+    ) -> Result<Fused, FusionError> {
         let agents: Vec<AgentId> = component.agents.keys().copied().collect();
         if let ([agent], Some(map)) = (&agents[..], self.agents.get(&component.root)) {
             let agents = vec![*agent];
@@ -101,36 +122,14 @@ impl CommonMap {
         });
         let mut map = Map::unite(placed.collect())?;
         place(&mut map, &agents, &component);
-        let links = self.add_edges(&mut map, &agents);
-        let mut fused = Fused { map, agents, component, report: None, suppressed: Vec::new() };
+        let is_here = |link: &&Link| agents.contains(&link.from.agent);
+        let suppressed = closures.contradicting.iter().filter(is_here).copied().collect();
+        let links = add_edges(&mut map, &agents, self.links.iter().filter(|link| closures.believes(link)));
+        let mut fused = Fused { map, agents, component, report: None, suppressed };
         if params.optimise {
             fused.optimise(&links, params)?;
         }
         Ok(fused)
-    }
-
-    /// Adds the closures among `agents` to their united map as edges; returns them by the edges' indices.
-    fn add_edges(&self, map: &mut Map, agents: &[AgentId]) -> BTreeMap<usize, Link> {
-        let united = |address: &super::Address| {
-            let position = agents.iter().position(|agent| *agent == address.agent)?;
-            let own = map.agents.values().nth(position)?.own.as_ref()?;
-            Some(KeyframeId(own.first_keyframe + address.keyframe.0))
-        };
-        let edges: Vec<(Edge, Link)> = self
-            .links
-            .iter()
-            .filter_map(|link| {
-                let Estimate { a_from_b, information } = link.from_from_to;
-                let (from, to) = (united(&link.from)?, united(&link.to)?);
-                Some((Edge { from, to, from_from_to: a_from_b, information, kind: EdgeKind::Merge }, *link))
-            })
-            .collect();
-        let mut links = BTreeMap::new();
-        for (edge, link) in edges {
-            links.insert(map.edges.len(), link);
-            map.edges.push(edge);
-        }
-        links
     }
 }
 
@@ -147,7 +146,7 @@ impl Fused {
                 keyframe.world_from_keyframe = world_from_keyframe;
             }
         }
-        self.suppressed = report.suppressed.iter().filter_map(|index| links.get(index).copied()).collect();
+        self.suppressed.extend(report.suppressed.iter().filter_map(|index| links.get(index).copied()));
         self.report = Some(report);
         Ok(())
     }
@@ -155,9 +154,34 @@ impl Fused {
 
 impl Link {
     /// The same link seen from the other side.
-    fn swapped(&self) -> Self {
+    pub(super) fn swapped(&self) -> Self {
         Self { from: self.to, to: self.from, from_from_to: self.from_from_to.inverse() }
     }
+}
+
+/// Adds the closures among `agents` to their united map as edges; returns them by the edges' indices.
+fn add_edges<'a>(
+    map: &mut Map,
+    agents: &[AgentId],
+    links: impl Iterator<Item = &'a Link>,
+) -> BTreeMap<usize, Link> {
+    let united = |address: &super::Address| {
+        let position = agents.iter().position(|agent| *agent == address.agent)?;
+        let own = map.agents.values().nth(position)?.own.as_ref()?;
+        Some(KeyframeId(own.first_keyframe + address.keyframe.0))
+    };
+    let edge = |link: &Link| {
+        let Estimate { a_from_b, information } = link.from_from_to;
+        let (from, to) = (united(&link.from)?, united(&link.to)?);
+        Some((Edge { from, to, from_from_to: a_from_b, information, kind: EdgeKind::Merge }, *link))
+    };
+    let edges: Vec<(Edge, Link)> = links.filter_map(edge).collect();
+    let mut links = BTreeMap::new();
+    for (edge, link) in edges {
+        links.insert(map.edges.len(), link);
+        map.edges.push(edge);
+    }
+    links
 }
 
 /// Moves every agent of a united map to its place in the root's world (§IV-E).

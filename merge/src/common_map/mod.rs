@@ -6,10 +6,12 @@
 //! can be undone ([`separate`](CommonMap::separate)), an agent can go on and hand in its map again
 //! ([`update`](CommonMap::update)), and nothing of an earlier fusion stays behind.
 
+mod closures;
 mod fuse;
 mod params;
 #[cfg(test)]
 mod tests;
+mod units;
 
 pub use fuse::{Fused, FusionError};
 pub use params::FusionParams;
@@ -102,7 +104,7 @@ impl CommonMap {
         let address = |id: KeyframeId| addresses.of(map.keyframes.get(&id)?.agent, id);
         for edge in map.edges.iter().filter(|edge| edge.kind == EdgeKind::Merge) {
             if let (Some(from), Some(to)) = (address(edge.from), address(edge.to)) {
-                self.links.push(Link { from, to, from_from_to: estimate(edge) });
+                self.link(Link { from, to, from_from_to: estimate(edge) });
             }
         }
         addresses
@@ -118,11 +120,17 @@ impl CommonMap {
         &self.links
     }
 
-    /// Takes an agent's own map as it is by now, in place of the one it handed in before: it went on. Closures with
+    /// Takes an agent's own map as it is by now, in place of the one it handed in before: it went on. Closures follow
+    /// the units of its keyframes, which change with their depths where a loop was closed or depth refined. Those with
     /// keyframes that it no longer has are dropped; the others join its new keyframes to the common map. False when
-    /// there is no such agent.
+    /// there is no such agent, or `own` is not the map of one.
     pub fn update(&mut self, agent: AgentId, own: Map) -> bool {
-        let Some(map) = self.agents.get_mut(&agent) else { return false };
+        let Some(map) = self.agents.get_mut(&agent).filter(|_| own.agents.len() == 1) else { return false };
+        for link in &mut self.links {
+            if link.from.agent == agent || link.to.agent == agent {
+                *link = units::follow(link, agent, map, &own);
+            }
+        }
         *map = own;
         let agents = &self.agents;
         let is_there = |address: &Address| {
@@ -132,13 +140,17 @@ impl CommonMap {
         true
     }
 
-    /// Adds a closure. False when one of its keyframes is not there, or both are of one agent.
+    /// Adds a closure. It takes the place of an earlier one between the same two keyframes: the same images say
+    /// nothing new when they are aligned again. False when one of its keyframes is not there, or both are of one
+    /// agent.
     pub fn link(&mut self, link: Link) -> bool {
         let is_there = |address: &Address| {
             self.agents.get(&address.agent).is_some_and(|map| map.keyframes.contains_key(&address.keyframe))
         };
         let good = link.from.agent != link.to.agent && is_there(&link.from) && is_there(&link.to);
         if good {
+            let ends = [link.from, link.to];
+            self.links.retain(|known| !(ends.contains(&known.from) && ends.contains(&known.to)));
             self.links.push(link);
         }
         good

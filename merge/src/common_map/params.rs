@@ -1,6 +1,6 @@
 //! How the common map is made.
 
-use backend::posegraph::PoseGraphParams;
+use backend::posegraph::{ConsistencyParams, PoseGraphParams};
 use serde::{Deserialize, Serialize};
 
 /// How the common map is made.
@@ -10,12 +10,18 @@ pub struct FusionParams {
     /// Whether the joint pose graph is optimised after the agents were placed. Default true; without it every agent's
     /// map is moved as a whole.
     pub optimise: bool,
+    /// Which closures between two agents agree; the others are left out and named.
+    pub consistency: ConsistencyParams,
     /// The joint pose graph.
     pub pose_graph: PoseGraphParams,
 }
 
 impl Default for FusionParams {
     fn default() -> Self {
-        Self { optimise: true, pose_graph: PoseGraphParams::default() }
+        Self {
+            optimise: true,
+            consistency: ConsistencyParams::default(),
+            pose_graph: PoseGraphParams::default(),
+        }
     }
 }

@@ -74,6 +74,29 @@ fn a_drive_is_tracked_and_mapped() {
     assert!(settled.windows(2).all(|w| w[0] < w[1]), "each keyframe settles once, in order: {settled:?}");
 }
 
+/// What is handed out halfway hangs together and does not change what comes after.
+#[test]
+fn a_snapshot_is_a_whole_map_of_an_agent_that_goes_on() {
+    let mut agent = agent();
+    let mut snapshot = None;
+    for (i, shot) in drive().shots.iter().enumerate() {
+        if i == 40 {
+            snapshot = Some(agent.snapshot());
+        }
+        let (index, timestamp, image) = (i as u64, shot.timestamp, shot.image.as_ref().clone());
+        agent.process(Frame { index, timestamp, image });
+    }
+    agent.finish();
+    let snapshot = snapshot.unwrap();
+    assert_eq!(snapshot.frames.len(), 40);
+    let last = snapshot.keyframes.keys().next_back().unwrap().0;
+    let follows =
+        |id: u32| snapshot.edges.iter().any(|e| (e.from.0.min(e.to.0), e.from.0.max(e.to.0)) == (id, id + 1));
+    assert!(last >= 2 && (0..last).all(follows), "successive keyframes have an edge");
+    assert!(snapshot.keyframes.values().all(|keyframe| !keyframe.points.is_empty()));
+    assert!(agent.into_map() == finished().0, "the agent goes on as if nothing had been");
+}
+
 #[test]
 fn a_keyframe_and_its_frame_have_one_pose() {
     let (map, _) = finished();

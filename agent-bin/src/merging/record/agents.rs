@@ -74,7 +74,7 @@ pub struct PoseGraphRecord {
 
 /// Every agent, group by group.
 pub(super) fn all(merging: &Merging, names: &Names) -> anyhow::Result<Vec<AgentRecord>> {
-    let graph = merging.common.graph()?;
+    let graph = &merging.graph;
     let own = merging.common.agents();
     let agents = merging.fused.iter().flat_map(|fused| {
         fused.component.agents.iter().map(|(agent, placement)| (fused.component.root, *agent, placement))
@@ -86,7 +86,7 @@ pub(super) fn all(merging: &Merging, names: &Names) -> anyhow::Result<Vec<AgentR
         root: names.of(root).to_owned(),
         root_from_agent: placement.root_from_agent,
         deviations: own.get(&agent).map_or_else(Deviations::none, |map| Deviations::new(placement, map)),
-        path: path(root, &placement.path, &graph)
+        path: path(root, &placement.path, graph)
             .into_iter()
             .map(|agent| names.of(agent).to_owned())
             .collect(),

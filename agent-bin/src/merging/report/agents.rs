@@ -78,7 +78,7 @@ impl Graph {
     /// # Errors
     /// When the closures make no graph.
     pub fn new(merging: &Merging, shown: &Fused) -> anyhow::Result<Self> {
-        let graph = merging.common.graph()?;
+        let graph = &merging.graph;
         let index = |agent: AgentId| shown.agents.iter().position(|other| *other == agent);
         let merges = graph.merges().filter_map(|(id, merge)| {
             let agents = [index(merge.from)?, index(merge.to)?];
@@ -94,7 +94,7 @@ impl Graph {
             .map(|id| shown.map.keyframes.values().filter(|keyframe| keyframe.agent == *id).count());
         let agents = shown.agents.iter().zip(counts).filter_map(|(agent, keyframes)| {
             let placement = shown.component.agents.get(agent)?;
-            let way = way(&graph, shown.component.root, &placement.path);
+            let way = way(graph, shown.component.root, &placement.path);
             Some(Placed::new(placement, keyframes, way.into_iter().filter_map(index).collect()))
         });
         let pose_graph = shown.report.as_ref().map(|report| PoseGraph {

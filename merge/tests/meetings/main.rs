@@ -1,0 +1,11 @@
+//! Meetings of agents from images to the common map, with the truth known: agents track recordings rendered in one
+//! yard, their maps are merged, taken apart, moved about and made unusable.
+
+mod chain;
+mod direct;
+mod frames;
+mod going_on;
+mod merging;
+mod refusals;
+mod rendered;
+mod yard;

@@ -1,0 +1,145 @@
+//! Maps merged with default parameters, step after step, as a program does it.
+
+use crate::yard::{first, opposite, second};
+use map::{KeyframeId, Map};
+use merge::closure::Closure;
+use merge::common_map::{Address, Addresses, CommonMap, Fused, FusionParams, Link};
+use merge::estimate::Estimate;
+use merge::further::{FurtherParams, Joined, join};
+use merge::key_points::KeyPointParams;
+use merge::meeting::{MeetingParams, Outcome, Place, Tried, meet};
+use merge::prepared::PreparedMap;
+use place_recog::features::{Features, SiftParams, sift};
+use place_recog::{ProposeParams, Vocabulary, WordBag, propose};
+use std::collections::BTreeMap;
+use std::sync::LazyLock;
+
+/// The features of all keyframes of a map.
+pub fn features(map: &Map) -> BTreeMap<KeyframeId, Features> {
+    let find = |(id, keyframe): (&KeyframeId, &map::Keyframe)| {
+        (*id, sift(&keyframe.image, &SiftParams { halvings: 0, ..SiftParams::default() }).expect("an image"))
+    };
+    map.keyframes.iter().map(find).collect()
+}
+
+/// What two maps made of each other.
+pub struct Encounter {
+    pub tried: Vec<Tried>,
+    pub joined: Option<Joined>,
+}
+
+impl Encounter {
+    /// The accepted closure.
+    pub fn closure(&self) -> Option<&Closure> {
+        self.tried.iter().find_map(|tried| match &tried.outcome {
+            Outcome::Accepted(closure, _) => Some(&**closure),
+            _ => None,
+        })
+    }
+}
+
+/// Looks where the source met the target, at places that place recognition proposes.
+pub fn encounter(target: &Map, source: &Map) -> Encounter {
+    let (of_target, of_source) = (features(target), features(source));
+    let vocabulary = Vocabulary::shipped();
+    let words = |features: &BTreeMap<KeyframeId, Features>| -> BTreeMap<KeyframeId, WordBag> {
+        features.iter().map(|(&id, features)| (id, vocabulary.words(features))).collect()
+    };
+    let proposals = propose(&words(&of_target), &words(&of_source), &vocabulary, &ProposeParams::default());
+    let places: Vec<Place> =
+        proposals.iter().map(|p| Place { source: p.query, target: p.keyframe }).collect();
+    look_at([target, source], [&of_target, &of_source], &places)
+}
+
+/// Looks at every pair of keyframes, whatever place recognition would say.
+pub fn encounter_everywhere(target: &Map, source: &Map) -> Encounter {
+    let ids = |map: &Map| map.keyframes.keys().copied().collect::<Vec<_>>();
+    let (targets, sources) = (ids(target), ids(source));
+    let pair = |&source: &KeyframeId| targets.iter().map(move |&target| Place { source, target });
+    let places: Vec<Place> = sources.iter().flat_map(pair).collect();
+    look_at([target, source], [&features(target), &features(source)], &places)
+}
+
+fn look_at(
+    [target, source]: [&Map; 2],
+    [of_target, of_source]: [&BTreeMap<KeyframeId, Features>; 2],
+    places: &[Place],
+) -> Encounter {
+    let key_points = KeyPointParams::default();
+    let source = PreparedMap::new(source, of_source, &key_points);
+    let target = PreparedMap::new(target, of_target, &key_points);
+    let params = MeetingParams { rounds: places.len().max(1), ..MeetingParams::default() };
+    let mut encounter = Encounter { tried: meet(&source, &target, places, &params), joined: None };
+    let joined =
+        encounter.closure().map(|closure| join(&source, &target, closure, &FurtherParams::default()));
+    encounter.joined = joined.map(|joined| joined.expect("the maps' poses are usable"));
+    encounter
+}
+
+/// Adds the closures of an encounter of two maps of one agent each; returns how many.
+pub fn link(common: &mut CommonMap, [target, source]: [&Addresses; 2], encounter: &Encounter) -> usize {
+    let edges = encounter.joined.iter().flat_map(|joined| &joined.edges);
+    let links = edges.map(|edge| {
+        let address =
+            |of: &Addresses, keyframe| Address { agent: of.agents().next().expect("an agent"), keyframe };
+        Link {
+            from: address(target, edge.from),
+            to: address(source, edge.to),
+            from_from_to: Estimate { a_from_b: edge.from_from_to, information: edge.information },
+        }
+    });
+    links.filter(|&new| common.link(new)).count()
+}
+
+/// The maps' common map after those of `met` did, `[target, source]`; fails where two did not.
+pub fn merged(maps: &[&Map], met: &[([usize; 2], &Encounter)]) -> (CommonMap, Vec<Addresses>) {
+    let (mut common, addresses) = CommonMap::from_maps(maps).expect("the maps go together");
+    for ([target, source], encounter) in met {
+        let count = link(&mut common, [&addresses[*target], &addresses[*source]], encounter);
+        assert!(count >= 2, "{target} and {source} did not meet: {:?}", reasons(encounter));
+    }
+    (common, addresses)
+}
+
+/// The first drive, and the second one looked for in it, halfway.
+pub fn halfway() -> &'static Encounter {
+    static MET: LazyLock<Encounter> = LazyLock::new(|| encounter(&first().half, &second().half));
+    &MET
+}
+
+/// The same at the end.
+pub fn first_and_second() -> &'static Encounter {
+    static MET: LazyLock<Encounter> = LazyLock::new(|| encounter(&first().end, &second().end));
+    &MET
+}
+
+/// The second drive, and the first one looked for in it.
+pub fn second_and_first() -> &'static Encounter {
+    static MET: LazyLock<Encounter> = LazyLock::new(|| encounter(&second().end, &first().end));
+    &MET
+}
+
+/// The first drive, and the opposite one looked for in it.
+pub fn first_and_opposite() -> &'static Encounter {
+    static MET: LazyLock<Encounter> = LazyLock::new(|| encounter(&first().end, &opposite().end));
+    &MET
+}
+
+/// Why no place was accepted.
+pub fn reasons(encounter: &Encounter) -> Vec<String> {
+    let reason = |tried: &Tried| match &tried.outcome {
+        Outcome::NotMatched(refusal) => refusal.to_string(),
+        Outcome::NotFollowed => "not followed".into(),
+        Outcome::NotClosed(refusal) => refusal.to_string(),
+        Outcome::Doubted(_, _, doubt) => doubt.to_string(),
+        Outcome::Accepted(..) => "accepted".into(),
+    };
+    encounter.tried.iter().map(|tried| format!("γ {}: {}", tried.match_count, reason(tried))).collect()
+}
+
+/// The one map that all agents hang together in.
+pub fn fused(common: &CommonMap) -> Fused {
+    let mut all = common.fuse(&FusionParams::default()).expect("the closures make a map");
+    assert_eq!(all.len(), 1, "all agents hang together");
+    all.remove(0)
+}

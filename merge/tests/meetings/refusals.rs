@@ -1,0 +1,181 @@
+//! What must not merge, and maps with something wrong in them.
+
+use crate::merging::{encounter, encounter_everywhere, features, reasons};
+use crate::rendered::rendered_map;
+use crate::yard::{past, yard};
+use backend::posegraph::PoseGraphError;
+use geometry::{GrayImage, Se3};
+use loopbox_tests::World;
+use map::{KeyframeId, Map, MapError, SemiDense};
+use merge::common_map::{CommonMap, FusionError, FusionParams};
+use merge::further::{FurtherParams, join};
+use merge::key_points::KeyPointParams;
+use merge::meeting::{MeetingParams, Outcome, Place, meet};
+use merge::prepared::PreparedMap;
+use nalgebra::{UnitQuaternion, Vector3};
+use std::f64::consts::PI;
+use std::sync::{Arc, LazyLock};
+
+/// Turned right by `yaw`.
+fn turned(yaw: f64) -> Se3 {
+    Se3::new(UnitQuaternion::from_axis_angle(&Vector3::y_axis(), yaw), Vector3::zeros())
+}
+
+/// Five keyframes past the boxes, x from −1 to 1 m.
+fn here() -> &'static Map {
+    static MAP: LazyLock<Map> =
+        LazyLock::new(|| rendered_map(yard(), &past(-1.0, 1.0, 0.5, &Se3::identity())));
+    &MAP
+}
+
+/// Five keyframes over the same place, a little aside.
+fn there() -> &'static Map {
+    static MAP: LazyLock<Map> = LazyLock::new(|| rendered_map(yard(), &past(-0.7, 1.3, 0.5, &turned(0.1))));
+    &MAP
+}
+
+/// Fails when the maps meet, whichever way they are asked.
+fn assert_strangers(target: &Map, source: &Map) {
+    let proposed = encounter(target, source);
+    assert!(proposed.closure().is_none(), "{:?}", reasons(&proposed));
+    let everywhere = encounter_everywhere(target, source);
+    assert!(everywhere.closure().is_none(), "{:?}", reasons(&everywhere));
+    assert!(everywhere.joined.is_none());
+}
+
+/// The counterpart of all refusals here: maps of this kind do meet, and the true motion between them, none, comes out.
+#[test]
+fn maps_of_one_place_meet() {
+    let met = encounter(here(), there());
+    let closure = met.closure().unwrap_or_else(|| panic!("{:?}", reasons(&met)));
+    let off = closure.motion.a_from_b.log();
+    assert!(off.amax() < 0.01, "the worlds are one: {off}");
+    let joined = met.joined.as_ref().expect("an accepted closure is joined");
+    assert!(joined.edges.len() >= 3 && joined.rejected.is_empty(), "{joined:?}");
+}
+
+#[test]
+fn yards_that_share_nothing_stay_apart() {
+    let elsewhere = rendered_map(&World::yard(8), &past(-1.0, 1.0, 0.5, &Se3::identity()));
+    assert_strangers(here(), &elsewhere);
+    let room = rendered_map(&World::varied(3), &past(-1.0, 1.0, 0.5, &Se3::identity()));
+    assert_strangers(here(), &room);
+}
+
+/// One yard in one recording, first ahead, then back: nothing is seen twice.
+#[test]
+fn halves_without_overlap_stay_apart() {
+    let behind = rendered_map(yard(), &past(-1.0, 1.0, 0.5, &turned(PI)));
+    assert_strangers(here(), &behind);
+}
+
+#[test]
+fn blank_images_match_nothing() {
+    let mut blank = there().clone();
+    for keyframe in blank.keyframes.values_mut() {
+        keyframe.image = Arc::new(GrayImage::filled(keyframe.image.width(), keyframe.image.height(), 128));
+    }
+    for (target, source) in [(here(), &blank), (&blank, here()), (&blank, &blank)] {
+        let met = encounter_everywhere(target, source);
+        assert!(!met.tried.is_empty());
+        let unmatched = |tried: &merge::meeting::Tried| matches!(tried.outcome, Outcome::NotMatched(_));
+        assert!(met.tried.iter().all(unmatched), "{:?}", reasons(&met));
+    }
+}
+
+#[test]
+fn without_depth_there_is_no_scale() {
+    let mut flat = there().clone();
+    flat.keyframes.values_mut().for_each(|keyframe| keyframe.semi_dense = SemiDense::default());
+    for (target, source) in [(here(), &flat), (&flat, here())] {
+        let met = encounter(target, source);
+        assert!(met.closure().is_none());
+        let said = reasons(&met).concat();
+        assert!(said.contains("no keyframe pair gives a scale"), "{said}");
+    }
+}
+
+#[test]
+fn an_empty_map_meets_nobody() {
+    let empty = Map::new(loopbox_tests::Recording::SMALL_CAMERA);
+    assert!(encounter(here(), &empty).tried.is_empty());
+    assert!(encounter(&empty, here()).tried.is_empty());
+    let (common, _) = CommonMap::from_maps(&[here(), &empty]).unwrap();
+    assert_eq!(common.fuse(&FusionParams::default()).unwrap().len(), 2);
+}
+
+#[test]
+fn one_map_twice_is_refused() {
+    let refusal = CommonMap::from_maps(&[here(), here()]).unwrap_err();
+    assert!(matches!(refusal, MapError::SameMapTwice { maps: [0, 1], .. }), "{refusal}");
+}
+
+/// A place that no longer is in a map, or has no features, is passed over.
+#[test]
+fn places_that_are_not_there_are_passed_over() {
+    let (of_here, mut of_there) = (features(here()), features(there()));
+    of_there.remove(&KeyframeId(1));
+    let key_points = KeyPointParams::default();
+    let target = PreparedMap::new(here(), &of_here, &key_points);
+    let source = PreparedMap::new(there(), &of_there, &key_points);
+    let place = |source, target| Place { source: KeyframeId(source), target: KeyframeId(target) };
+    let places = [place(77, 0), place(0, 77), place(1, 1)];
+    assert!(meet(&source, &target, &places, &MeetingParams::default()).is_empty());
+}
+
+/// Of many good places only as many are matched as asked for, and only one is accepted.
+#[test]
+fn no_more_places_are_tried_than_asked_for() {
+    let (of_here, of_there) = (features(here()), features(there()));
+    let key_points = KeyPointParams::default();
+    let target = PreparedMap::new(here(), &of_here, &key_points);
+    let source = PreparedMap::new(there(), &of_there, &key_points);
+    let places: Vec<Place> = (0..5).map(|k| Place { source: KeyframeId(k), target: KeyframeId(k) }).collect();
+    let params = MeetingParams { places: 3, rounds: 1, ..MeetingParams::default() };
+    let tried = meet(&source, &target, &places, &params);
+    assert_eq!(tried.len(), 3);
+    assert!(tried.windows(2).all(|pair| pair[0].match_count >= pair[1].match_count), "most matches first");
+    assert_eq!(tried.iter().filter(|t| matches!(t.outcome, Outcome::Accepted(..))).count(), 1);
+    let unwilling = MeetingParams { closures: 0, ..params };
+    let tried = meet(&source, &target, &places, &unwilling);
+    assert!(tried.iter().all(|t| t.outcome == Outcome::NotFollowed));
+}
+
+/// A pose that is not a number is never believed, and named where maps are made of it.
+#[test]
+fn poses_that_are_no_numbers_are_refused() {
+    let mut broken = there().clone();
+    for keyframe in broken.keyframes.values_mut() {
+        keyframe.world_from_keyframe.translation.x = f64::NAN;
+    }
+    for (target, source) in [(here(), &broken), (&broken, here())] {
+        let met = encounter(target, source);
+        assert!(!met.tried.is_empty() && met.closure().is_none(), "{:?}", reasons(&met));
+    }
+}
+
+/// One bad pose away from the meeting does not hide behind it.
+#[test]
+fn one_pose_that_is_no_number_is_named() {
+    let mut broken = there().clone();
+    let bad = KeyframeId(4);
+    broken.keyframes.get_mut(&bad).unwrap().world_from_keyframe.scale = f64::NAN;
+    let met = encounter(here(), there());
+    let closure = met.closure().expect("they meet");
+    let (of_here, of_broken) = (features(here()), features(&broken));
+    let key_points = KeyPointParams::default();
+    let target = PreparedMap::new(here(), &of_here, &key_points);
+    let source = PreparedMap::new(&broken, &of_broken, &key_points);
+    let refusal = join(&source, &target, closure, &FurtherParams::default()).unwrap_err();
+    assert_eq!(refusal, PoseGraphError::InvalidNode(bad));
+
+    let (mut common, addresses) = CommonMap::from_maps(&[here(), there()]).unwrap();
+    crate::merging::link(&mut common, [&addresses[0], &addresses[1]], &met);
+    let own = addresses[1].agents().next().unwrap();
+    assert!(common.update(own, broken));
+    let refusal = common.fuse(&FusionParams::default()).unwrap_err();
+    let named = matches!(&refusal, FusionError::Closures { source: PoseGraphError::InvalidNode(id), .. } if *id == bad);
+    assert!(named, "{refusal}");
+    assert!(common.update(own, there().clone()));
+    assert_eq!(common.fuse(&FusionParams::default()).unwrap().len(), 1, "the bad map leaves no trace");
+}
