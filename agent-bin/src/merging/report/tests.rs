@@ -101,6 +101,7 @@ fn merging(names: [&str; 3], count: u32, spacing: usize) -> (Vec<Input>, Merging
         assert!(common.link(Link { from: address(0), to: address(1), from_from_to }));
     }
     let fused = common.fuse(&FusionParams::default()).unwrap();
+    let graph = common.graph(&FusionParams::default()).unwrap();
     let refused = |target| Encounter {
         target,
         source: 2,
@@ -117,6 +118,7 @@ fn merging(names: [&str; 3], count: u32, spacing: usize) -> (Vec<Input>, Merging
             encounters: vec![met, refused(0), refused(1)],
             addresses,
             common,
+            graph,
             fused,
             fusion_seconds: 0.1,
         },
