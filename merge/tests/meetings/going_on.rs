@@ -1,6 +1,6 @@
-//! Agents that merge their maps halfway and go on.
+//! Agents that merge their maps on the way and go on.
 
-use crate::merging::{first_and_second, fused, halfway, link, merged};
+use crate::merging::{first_and_second, fused, link, merged, on_the_way};
 use crate::yard::{Drive, assert_near_truth, first, second};
 use map::{AgentId, Edge, EdgeKind, Map};
 use merge::common_map::{CommonMap, Fused, Link};
@@ -35,10 +35,10 @@ fn assert_links_are_edges(fused: &Fused, common: &CommonMap) {
 fn both_agents_go_on_after_a_merge() {
     let (a, b) = (first(), second());
     let drives: [&Drive; 2] = [a, b];
-    let (mut common, addresses) = merged(&[&a.half, &b.half], &[([0, 1], halfway())]);
-    let at_half = fused(&common);
-    assert_holds(&at_half, &[&a.half, &b.half]);
-    assert_near_truth(&at_half.map, &drives, 0.02);
+    let (mut common, addresses) = merged(&[&a.early, &b.early], &[([0, 1], on_the_way())]);
+    let early = fused(&common);
+    assert_holds(&early, &[&a.early, &b.early]);
+    assert_near_truth(&early.map, &drives, 0.005);
     let links = common.links().to_vec();
 
     // Both go on; nothing is looked for again.
@@ -49,24 +49,24 @@ fn both_agents_go_on_after_a_merge() {
     assert_holds(&at_end, &[&a.end, &b.end]);
     assert_links_are_edges(&at_end, &common);
     assert!(at_end.suppressed.is_empty(), "{:?}", at_end.suppressed);
-    assert_near_truth(&at_end.map, &drives, 0.02);
+    assert_near_truth(&at_end.map, &drives, 0.005);
 
     // They meet again.
     assert!(link(&mut common, [&addresses[0], &addresses[1]], first_and_second()) >= 2);
     assert!(common.links().len() > links.len(), "{} and {} closures", links.len(), common.links().len());
-    let later = |l: &Link| !a.half.keyframes.contains_key(&l.from.keyframe);
+    let later = |l: &Link| !a.early.keyframes.contains_key(&l.from.keyframe);
     assert!(common.links().iter().any(later), "new keyframes take part");
     let last = fused(&common);
     assert_links_are_edges(&last, &common);
-    assert_near_truth(&last.map, &drives, 0.02);
+    assert_near_truth(&last.map, &drives, 0.005);
 }
 
 #[test]
 fn one_agent_goes_on_alone() {
     let (a, b) = (first(), second());
-    let (mut common, _) = merged(&[&a.half, &b.half], &[([0, 1], halfway())]);
+    let (mut common, _) = merged(&[&a.early, &b.early], &[([0, 1], on_the_way())]);
     assert!(common.update(AgentId(1), b.end.clone()));
     let fused = fused(&common);
-    assert_holds(&fused, &[&a.half, &b.end]);
-    assert_near_truth(&fused.map, &[a, b], 0.02);
+    assert_holds(&fused, &[&a.early, &b.end]);
+    assert_near_truth(&fused.map, &[a, b], 0.005);
 }

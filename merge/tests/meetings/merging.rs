@@ -101,9 +101,9 @@ pub fn merged(maps: &[&Map], met: &[([usize; 2], &Encounter)]) -> (CommonMap, Ve
     (common, addresses)
 }
 
-/// The first drive, and the second one looked for in it, halfway.
-pub fn halfway() -> &'static Encounter {
-    static MET: LazyLock<Encounter> = LazyLock::new(|| encounter(&first().half, &second().half));
+/// The first drive, and the second one looked for in it, on the way.
+pub fn on_the_way() -> &'static Encounter {
+    static MET: LazyLock<Encounter> = LazyLock::new(|| encounter(&first().early, &second().early));
     &MET
 }
 

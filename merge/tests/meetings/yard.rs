@@ -8,11 +8,11 @@ use place_recog::ThumbnailIndex;
 use slam_direct::{Agent, Frame, Params};
 use std::sync::LazyLock;
 
-/// What an agent saw, and its map halfway and at the end.
+/// What an agent saw, and its map on the way and at the end.
 pub struct Drive {
     pub recording: Recording,
-    /// The map as it stood when half of the frames were in; the agent then went on.
-    pub half: Map,
+    /// The map as it stood when three quarters of the frames were in; the agent then went on.
+    pub early: Map,
     pub end: Map,
 }
 
@@ -56,28 +56,28 @@ pub fn past(from: f64, to: f64, step: f64, first_from_camera: &Se3) -> Vec<Se3> 
 fn track(path: Vec<Se3>) -> Drive {
     let recording = Recording::render(yard(), Recording::SMALL_CAMERA, &path, 20.0);
     let mut params = Params::default();
-    // So that half of so short a drive has depth.
+    // So that the first part of so short a drive has depth.
     params.mapping.settle_after = 2;
     let mut agent = Agent::new(recording.camera, Box::new(ThumbnailIndex::default()), params);
-    let mut half = None;
+    let mut early = None;
     for (index, shot) in recording.shots.iter().enumerate() {
-        if index == recording.shots.len() / 2 {
-            half = Some(agent.snapshot());
+        if index == recording.shots.len() * 3 / 4 {
+            early = Some(agent.snapshot());
         }
         let image = shot.image.as_ref().clone();
         agent.process(Frame { index: index as u64, timestamp: shot.timestamp, image });
     }
     agent.finish();
-    let half = half.expect("a recording has a half");
+    let early = early.expect("a recording has a first part");
     let end = agent.into_map();
-    assert!(half.keyframes.len() >= 3 && end.keyframes.len() >= half.keyframes.len() + 2);
-    let settled = half.keyframes.values().filter(|keyframe| !keyframe.semi_dense.is_empty()).count();
+    assert!(early.keyframes.len() >= 3 && end.keyframes.len() >= early.keyframes.len() + 2);
+    let settled = early.keyframes.values().filter(|keyframe| !keyframe.semi_dense.is_empty()).count();
     println!(
-        "{settled} of {} keyframes have depth at half, {} at the end",
-        half.keyframes.len(),
+        "{settled} of {} keyframes have depth early, {} at the end",
+        early.keyframes.len(),
         end.keyframes.len()
     );
-    Drive { recording, half, end }
+    Drive { recording, early, end }
 }
 
 /// Root mean square distance of each agent's frames from the truth, metres, where the first agent *alone* was
