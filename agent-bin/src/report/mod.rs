@@ -14,6 +14,9 @@ pub mod scene;
 #[cfg(test)]
 mod tests;
 
+#[cfg(all(test, feature = "opencv"))]
+pub use tests::opened;
+
 use map::Map;
 use pack::Packed;
 use page::Template;

@@ -170,7 +170,7 @@ fn a_folder_that_is_not_there_is_named() {
 }
 
 /// The page as Chromium leaves it after its scripts ran; `None` where there is no Chromium.
-fn opened(html: &str) -> Option<String> {
+pub fn opened(html: &str) -> Option<String> {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("report.html");
     std::fs::write(&file, html).unwrap();

@@ -74,10 +74,7 @@ impl Group {
 
 impl Graph {
     /// The graph of the group `shown`.
-    ///
-    /// # Errors
-    /// When the closures make no graph.
-    pub fn new(merging: &Merging, shown: &Fused) -> anyhow::Result<Self> {
+    pub fn new(merging: &Merging, shown: &Fused) -> Self {
         let graph = &merging.graph;
         let index = |agent: AgentId| shown.agents.iter().position(|other| *other == agent);
         let merges = graph.merges().filter_map(|(id, merge)| {
@@ -104,7 +101,7 @@ impl Graph {
             converged: report.converged,
             suppressed: shown.suppressed.len(),
         });
-        Ok(Self { agents: agents.collect(), merges: merges.collect(), pose_graph })
+        Self { agents: agents.collect(), merges: merges.collect(), pose_graph }
     }
 }
 

@@ -140,7 +140,7 @@ impl Meeting {
             closure: closure
                 .map(|(closure, evidence)| pair.closure(closure, evidence, encounter, pictures))
                 .transpose()?,
-            refusal: refusal(encounter),
+            refusal: encounter.refusal().map(|reason| sentence(&reason)),
             closures: encounter.joined.as_ref().map(|joined| Closures {
                 used: joined.edges.len(),
                 rejected: joined.rejected.len(),
@@ -149,6 +149,13 @@ impl Meeting {
             seconds: encounter.seconds,
         })
     }
+}
+
+/// A reason as a sentence.
+fn sentence(reason: &str) -> String {
+    let mut letters = reason.chars();
+    let first = letters.next().map(|letter| letter.to_uppercase().to_string()).unwrap_or_default();
+    format!("{first}{}.", letters.as_str())
 }
 
 /// The accepted closure, or else the one of most matches that was doubted.
@@ -162,26 +169,6 @@ fn best(encounter: &Encounter) -> Option<(&Closure, Evidence)> {
             Some((closure, *evidence))
         }
         _ => None,
-    }
-}
-
-/// Why two maps were not merged: the reason of the place that came closest; nothing where they were.
-fn refusal(encounter: &Encounter) -> Option<String> {
-    if encounter.accepted().is_some() {
-        return None;
-    }
-    let closest = encounter.tried.iter().max_by_key(|tried| (tried.match_count, reached(&tried.outcome)));
-    let nothing = "No place of one map looks like a place of the other.".to_owned();
-    Some(closest.map_or(nothing, |tried| words(&tried.outcome)))
-}
-
-/// How far a place came.
-fn reached(outcome: &Outcome) -> u8 {
-    match outcome {
-        Outcome::NotMatched(_) | Outcome::NotFollowed => 0,
-        Outcome::NotClosed(_) => 1,
-        Outcome::Doubted(..) => 2,
-        Outcome::Accepted(..) => 3,
     }
 }
 

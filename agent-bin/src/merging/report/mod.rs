@@ -92,7 +92,7 @@ impl Data {
             scene: Scene::new(map, &keyframes, &frames),
             cloud: Cloud::new(map, &keyframes, MAX_POINTS),
             paths: Paths::new(&frames),
-            graph: Graph::new(merging, shown)?,
+            graph: Graph::new(merging, shown),
             others: others.iter().map(Group::new).collect(),
             meetings,
             pictures,

@@ -70,7 +70,7 @@ class Chart extends Drawing {
     const step = roundStep((panel.high - panel.low) / 2);
     context.strokeStyle = colour("--line");
     context.lineWidth = 1;
-    for (let k = Math.ceil(panel.low / step - 1e-9); k * step <= panel.high; k++) {
+    for (let k = Math.ceil(panel.low / step - 1e-9) + 0; k * step <= panel.high; k++) {
       const y = Math.round(at(k * step)) + 0.5;
       context.beginPath();
       context.moveTo(PANEL.left, y);
@@ -82,7 +82,7 @@ class Chart extends Drawing {
 
   drawAxis(context, colour) {
     const step = Math.max(this.leastTick, roundStep((this.range[1] - this.range[0]) / Math.max(2, this.width / 160)));
-    for (let k = Math.ceil(this.range[0] / step - 1e-9); k * step <= this.range[1]; k++) {
+    for (let k = Math.ceil(this.range[0] / step - 1e-9) + 0; k * step <= this.range[1]; k++) {
       this.write(context, (k * step).toLocaleString("en"), this.x(k * step), this.bottom + 13, colour("--faint"), "center");
     }
     this.write(context, this.axis, PANEL.left - 8, this.bottom + 13, colour("--faint"), "right");

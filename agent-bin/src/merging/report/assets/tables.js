@@ -1,7 +1,10 @@
 // Tables and words of a merging.
 
 const percent = (share) => (share === null || share === undefined ? "–" : `${(share * 100).toFixed(0)} %`);
-const plusMinus = (value, sigma) => `${value.toFixed(4)} ± ${sigma.toFixed(4)}`;
+/** A small share in per cent; what is not finite came as null. */
+const fine = (share) => figures(share === null ? NaN : share * 100);
+const fixed = (value) => (Number.isFinite(value) ? value.toFixed(4) : "–");
+const plusMinus = (value, sigma) => `${fixed(value)} ± ${fixed(sigma)}`;
 const plural = (count, one, many = `${one}s`) => `${count.toLocaleString("en")} ${count === 1 ? one : many}`;
 
 /** Words as people list them. */
@@ -99,7 +102,7 @@ function tripleTable({ closure }) {
     const { keyframes: ids, matches, scale, direct } = pair;
     return [
       name, `${ids.target} · ${ids.source}`, matches ? matches.count : "–", matches ? matches.with_depth : "–",
-      scale ? plusMinus(...scale) : "–", scale ? `${figures(scale[1] / scale[0] * 100)} %` : "–",
+      scale ? plusMinus(...scale) : "–", scale ? `${fine(scale[1] / scale[0])} %` : "–",
       direct ? figures(direct.rmse) : "–", direct ? percent(direct.inlier_share) : "–", direct ? percent(direct.overlap) : "–", pair.verdict,
     ];
   });
@@ -117,7 +120,7 @@ function scaleTable({ closure }) {
 
 function registrationText({ closure }) {
   const { Ok: found, Err: none } = closure.registration;
-  if (!found) return `The clouds of the chosen pair could not be registered (${none}); the images were aligned from where the key points put them.`;
+  if (!found) return `The clouds of the chosen pair could not be registered point by point: ${none}. The images were aligned from where the key points put them.`;
   const end = found.converged ? "" : " It still moved then.";
   return `Registering the clouds of the pair z = ${["−1", "0", "1"][closure.chosen]} point by point: residual ${figures(found.rmse)} units, ${percent(found.inlier_share)} inliers, ${percent(found.overlap)} overlap, after ${plural(found.iterations, "iteration")}.${end} Then every pair was aligned on its images.`;
 }
@@ -138,7 +141,7 @@ function meetingStory(meeting) {
   const [first, second] = [meeting.target, meeting.source].map(inputName);
   if (!closure) return `${refusal} Nothing of ${second} was joined to ${first} here.`;
   const { evidence } = closure;
-  const story = `The agents passed the place travelling ${closure.travel}. ${evidence.matches.toLocaleString("en")} key points match over ${plural(evidence.pairs, "keyframe pair")}; one unit of ${second} is ${plusMinus(closure.scale.scale, closure.scale.deviation)} of ${first}. The motion between the maps is known to ${figures(evidence.rotation_deviation)}° and ${figures(evidence.scale_deviation * 100)} % of the scale.`;
+  const story = `The agents passed the place travelling ${closure.travel}. ${evidence.matches.toLocaleString("en")} key points match over ${plural(evidence.pairs, "keyframe pair")}; one unit of ${second} is ${plusMinus(closure.scale.scale, closure.scale.deviation)} of ${first}. The motion between the maps is known to ${figures(evidence.rotation_deviation)}° and ${fine(evidence.scale_deviation)} % of the scale.`;
   if (!closure.accepted) return `${refusal} ${story}`;
   return closures ? `${story} ${plural(closures.used, "closure")} along both maps agree and join them; ${closures.rejected} more disagreed, ${closures.failed} could not be aligned.` : story;
 }
@@ -193,7 +196,7 @@ function fillAgents() {
     else {
       const over = way.slice(1, -1).map((i) => agents[i].name);
       lines.push(`Joined ${over.length ? `over ${listed(over)} (${way.length - 1} merges)` : `to ${agents[way[0]].name}`}. One unit of its own map is ${figures(scale)} here.`);
-      lines.push(`Place known to ${figures(sigma.position)} units, ${figures(sigma.rotation)}°, ${figures(sigma.scale * 100)} % of the scale (σ); confidence ${figures(confidence)}.`);
+      lines.push(`Place known to ${figures(sigma.position)} units, ${figures(sigma.rotation)}°, ${fine(sigma.scale)} % of the scale (σ); confidence ${figures(confidence)}.`);
     }
     return Object.assign(element("div", null, element("h3", null, ...nameOf(index)), ...lines.map((line) => element("p", line))), { className: "agent" });
   }));
