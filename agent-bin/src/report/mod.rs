@@ -12,7 +12,7 @@ pub mod pack;
 pub mod page;
 pub mod scene;
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
 
 #[cfg(all(test, feature = "opencv"))]
 pub use tests::opened;

@@ -72,14 +72,14 @@ fn page_of(title: &str, map: &Map, rows: &[FrameRow]) -> String {
 }
 
 /// The embedded data of a page, as a browser would read it.
-fn embedded(page: &str) -> serde_json::Value {
+pub(crate) fn embedded(page: &str) -> serde_json::Value {
     let (_, rest) = page.split_once(r#"<script type="application/json" id="data">"#).unwrap();
     serde_json::from_str(rest.split_once("</script>").unwrap().0).unwrap()
 }
 
-#[test]
-fn nothing_points_outside() {
-    let page = page_of("run", &bend(4, 9), &rows(12)).to_lowercase();
+/// Fails where a page would load anything from outside, or run what it did not bring along.
+pub(crate) fn assert_points_nowhere(page: &str) {
+    let page = page.to_lowercase();
     for mark in [
         "http:",
         "https:",
@@ -96,6 +96,11 @@ fn nothing_points_outside() {
         assert!(!page.contains(mark), "the page contains {mark}");
     }
     assert!(page.contains("default-src 'none'"));
+}
+
+#[test]
+fn nothing_points_outside() {
+    assert_points_nowhere(&page_of("run", &bend(4, 9), &rows(12)));
 }
 
 #[test]

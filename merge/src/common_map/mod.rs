@@ -29,6 +29,13 @@ pub struct Address {
     pub keyframe: KeyframeId,
 }
 
+impl Address {
+    /// Whether there is such a keyframe.
+    fn is_in(&self, agents: &BTreeMap<AgentId, Map>) -> bool {
+        agents.get(&self.agent).is_some_and(|map| map.keyframes.contains_key(&self.keyframe))
+    }
+}
+
 /// Two agents' keyframes that see the same, and how they stand to each other.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Link {
@@ -133,10 +140,7 @@ impl CommonMap {
         }
         *map = own;
         let agents = &self.agents;
-        let is_there = |address: &Address| {
-            agents.get(&address.agent).is_some_and(|map| map.keyframes.contains_key(&address.keyframe))
-        };
-        self.links.retain(|link| is_there(&link.from) && is_there(&link.to));
+        self.links.retain(|link| link.from.is_in(agents) && link.to.is_in(agents));
         true
     }
 
@@ -144,10 +148,8 @@ impl CommonMap {
     /// nothing new when they are aligned again. False when one of its keyframes is not there, or both are of one
     /// agent.
     pub fn link(&mut self, link: Link) -> bool {
-        let is_there = |address: &Address| {
-            self.agents.get(&address.agent).is_some_and(|map| map.keyframes.contains_key(&address.keyframe))
-        };
-        let good = link.from.agent != link.to.agent && is_there(&link.from) && is_there(&link.to);
+        let good =
+            link.from.agent != link.to.agent && link.from.is_in(&self.agents) && link.to.is_in(&self.agents);
         if good {
             let ends = [link.from, link.to];
             self.links.retain(|known| !(ends.contains(&known.from) && ends.contains(&known.to)));
