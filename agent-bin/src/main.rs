@@ -1,26 +1,11 @@
 //! `loopbox`: direct monocular SLAM for recordings and cameras.
 
-mod ahead;
-mod camera;
-mod commands;
-mod diagnosis;
-#[cfg(feature = "opencv")]
-mod merging;
-mod output;
-mod pictures;
-mod process;
-mod progress;
-mod record;
-mod report;
-mod runtime;
-mod sources;
-
+use agent_bin::commands::Cli;
 use clap::Parser;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    let cli = commands::Cli::parse();
-    match cli.command.execute() {
+    match Cli::parse().command.execute() {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("error: {error:#}");
