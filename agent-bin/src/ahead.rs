@@ -5,7 +5,8 @@ mod queue;
 
 pub use prepare::{Preparation, Skip, SkipReason};
 
-use crate::sources::FrameSource;
+use crate::recording::Recorder;
+use crate::sources::{FrameSource, SourceFrame, time};
 use anyhow::{Context, Result};
 use queue::Queue;
 use slam_direct::Frame;
@@ -43,28 +44,35 @@ pub enum Pace {
 /// The running thread and its queue.
 pub struct Ahead {
     queue: Arc<Queue>,
+    recorder: Recorder,
     thread: Option<JoinHandle<()>>,
 }
 
 impl Ahead {
-    /// Starts decoding.
+    /// Starts decoding; what is captured goes to `recorder` on the way.
     ///
     /// # Errors
     /// When no thread can be started.
-    pub fn start(source: Box<dyn FrameSource>, preparation: Preparation, pace: Pace) -> Result<Self> {
+    pub fn start(
+        source: Box<dyn FrameSource>,
+        preparation: Preparation,
+        pace: Pace,
+        recorder: Recorder,
+    ) -> Result<Self> {
         let queue = Arc::new(match pace {
             Pace::EveryFrame => Queue::waiting(FRAMES_AHEAD),
             Pace::RealTime { .. } => Queue::newest_only(),
         });
         let of_thread = Arc::clone(&queue);
+        let tap = Tap { recorder: recorder.clone(), may_wait: pace == Pace::EveryFrame };
         let thread = std::thread::Builder::new()
             .name("decode".into())
             .spawn(move || {
                 let _closes = CloseOnDrop(&of_thread);
-                produce(source, preparation, pace, &of_thread);
+                produce(source, preparation, pace, &of_thread, &tap);
             })
             .context("cannot start the decoding thread")?;
-        Ok(Self { queue, thread: Some(thread) })
+        Ok(Self { queue, recorder, thread: Some(thread) })
     }
 
     /// The next item; waits for it. `None` when the recording has ended or `stop` is set.
@@ -85,6 +93,9 @@ impl Drop for Ahead {
             // A panic of the thread was printed by itself; there is nobody left to tell.
             let _ = thread.join();
         }
+        // A replay is to end where this run did.
+        self.queue.forget_all();
+        self.queue.take_forgotten().into_iter().for_each(|index| self.recorder.dropped(index));
     }
 }
 
@@ -97,14 +108,53 @@ impl Drop for CloseOnDrop<'_> {
     }
 }
 
-fn produce(mut source: Box<dyn FrameSource>, mut preparation: Preparation, pace: Pace, queue: &Queue) {
+/// Gives the recorder what is captured.
+struct Tap {
+    recorder: Recorder,
+    /// Whether the source can wait for the disk.
+    may_wait: bool,
+}
+
+impl Tap {
+    fn frame(&self, frame: &SourceFrame, queue: &Queue) {
+        if self.may_wait {
+            self.recorder.frame_waiting(frame);
+        } else {
+            self.recorder.frame(frame);
+        }
+        if let Some(warning) = self.recorder.take_warning() {
+            queue.push(Item::Warning(warning));
+        }
+    }
+
+    /// Passes on what the queue has forgotten.
+    fn forgotten(&self, queue: &Queue) {
+        queue.take_forgotten().into_iter().for_each(|index| self.recorder.dropped(index));
+    }
+}
+
+fn produce(
+    mut source: Box<dyn FrameSource>,
+    mut preparation: Preparation,
+    pace: Pace,
+    queue: &Queue,
+    tap: &Tap,
+) {
     let mut clock = Clock::new(pace);
-    while let Some(frame) = source.next_frame() {
+    preparation.skip_in(source.as_mut());
+    while let Some(mut frame) = source.next_frame() {
+        frame.timestamp = time::on_grid(frame.timestamp);
         let wanted = match preparation.admit(&frame) {
-            Ok(prepare::Admission::Wanted) => true,
+            Ok(prepare::Admission::Wanted) => {
+                tap.frame(&frame, queue);
+                true
+            }
             Ok(prepare::Admission::Before) => continue,
             Ok(prepare::Admission::After) => break,
             Err(skip) => {
+                tap.frame(&frame, queue);
+                // In a replay, time may look different without the frames before.
+                tap.recorder.dropped(frame.index);
                 if !queue.push(Item::Skipped(skip)) {
                     return;
                 }
@@ -115,7 +165,9 @@ fn produce(mut source: Box<dyn FrameSource>, mut preparation: Preparation, pace:
             let timestamp = frame.timestamp;
             let item = preparation.prepare(frame);
             clock.wait_until(timestamp, queue);
-            if !queue.push(item) {
+            let open = queue.push(item);
+            tap.forgotten(queue);
+            if !open {
                 return;
             }
         }

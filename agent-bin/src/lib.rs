@@ -4,8 +4,10 @@
 //! [`commands::Command::execute`].
 
 mod ahead;
+pub mod bag;
 mod camera;
 pub mod commands;
+mod convert;
 mod diagnosis;
 #[cfg(feature = "opencv")]
 mod merging;
@@ -14,6 +16,7 @@ pub mod pictures;
 mod process;
 mod progress;
 mod record;
+pub mod recording;
 mod report;
 mod runtime;
 pub mod sources;

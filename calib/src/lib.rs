@@ -13,4 +13,4 @@ pub use camera_file::{
     CalibrationFile, CameraFormat, format_camera, parse_camera, read_camera, write_camera,
 };
 pub use error::CalibError;
-pub use photometric::read_photometric;
+pub use photometric::{parse_photometric, read_photometric};

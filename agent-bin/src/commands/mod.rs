@@ -1,5 +1,6 @@
 //! The command line: one file per command.
 
+mod convert;
 mod eval;
 mod eval_agents;
 mod eval_depth;
@@ -13,6 +14,7 @@ mod merge;
 mod params;
 #[cfg(feature = "opencv")]
 mod places;
+mod record;
 mod run;
 #[cfg(feature = "opencv")]
 mod unmerge;
@@ -36,6 +38,8 @@ pub struct Cli {
 pub enum Command {
     /// Track and map a recording
     Run(run::RunArgs),
+    Record(record::RecordArgs),
+    Convert(convert::ConvertArgs),
     /// Describe a recording or a map
     Info(info::InfoArgs),
     Export(export::ExportArgs),
@@ -59,6 +63,8 @@ impl Command {
     pub fn execute(self) -> Result<()> {
         match self {
             Command::Run(args) => run::execute(&args),
+            Command::Record(args) => record::execute(&args),
+            Command::Convert(args) => convert::execute(&args),
             Command::Info(args) => info::execute(&args),
             Command::Export(args) => export::run(&args),
             Command::Eval(args) => eval::run(args),

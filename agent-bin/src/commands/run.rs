@@ -5,6 +5,7 @@ use crate::ahead::{Ahead, Pace, Preparation};
 use crate::camera::{self, CameraOptions, ImageCorrection};
 use crate::output::{Output, TrajectoryFormat};
 use crate::progress::{Display, Progress};
+use crate::recording::{CalibrationFiles, Head, Recorder, refuse_existing};
 use crate::runtime::{Run, Stop};
 use crate::sources::{self, SourceInfo, SourceOptions};
 use anyhow::{Context, Result, bail};
@@ -18,7 +19,7 @@ use std::path::{Path, PathBuf};
 /// Arguments of `loopbox run`.
 #[derive(Args, Debug)]
 pub struct RunArgs {
-    /// The recording: a folder of images, an MCAP file or a video file
+    /// The recording: a folder of images, an MCAP file, a ROS 1 bag or a video file
     source: PathBuf,
     /// Camera calibration, if none came with the recording or another is wanted
     #[arg(long, value_name = "FILE")]
@@ -56,9 +57,15 @@ pub struct RunArgs {
     /// Frames per second of images without time stamps
     #[arg(long, value_name = "RATE")]
     fps: Option<f64>,
-    /// Topic of an MCAP recording with several
+    /// Topic of an MCAP file or a bag with several
     #[arg(long)]
     topic: Option<String>,
+    /// Also process frames that the run dropped when this recording was made
+    #[arg(long)]
+    all_frames: bool,
+    /// Record what is captured in this MCAP file, from which the run can be replayed exactly
+    #[arg(long, value_name = "FILE")]
+    record: Option<PathBuf>,
     /// Show no progress and no summary
     #[arg(long, conflicts_with = "log")]
     quiet: bool,
@@ -85,7 +92,9 @@ enum LogForm {
 pub fn execute(args: &RunArgs) -> Result<()> {
     args.check()?;
     let params = args.params.as_deref().map(params::read).transpose()?.unwrap_or_default();
-    let source = sources::open(&args.source, &SourceOptions { fps: args.fps, topic: args.topic.clone() })?;
+    let options =
+        SourceOptions { fps: args.fps, topic: args.topic.clone(), all_frames: args.all_frames };
+    let source = sources::open(&args.source, &options)?;
     let info = source.info().clone();
     let correction = camera::correction(&args.camera(), &info)?;
     let camera = correction.camera();
@@ -100,10 +109,15 @@ pub fn execute(args: &RunArgs) -> Result<()> {
     }
     let stop = Stop::on_ctrl_c("stopping: saving what was tracked so far (Ctrl-C again to abort)")?;
     let progress = Progress::new(args.display(), info.frame_count);
-    let ahead = Ahead::start(source, Preparation::new(correction, args.start, args.end), args.pace())?;
+    let recorder = args.start_recording(&info)?;
+    let preparation = Preparation::new(correction, args.start, args.end);
+    let ahead = Ahead::start(source, preparation, args.pace(), recorder.clone())?;
     let agent = Agent::new(camera, Box::new(ThumbnailIndex::default()), params);
     let run = Run::track(agent, &ahead, &stop, &progress, &mut output)?;
     let record = run.record(&info, camera, &ahead, stop.requested());
+    // Tells the recorder which frames nobody took, so that a replay ends where this run did.
+    drop(ahead);
+    let recorded = recorder.is_recording().then(|| recorder.stop());
     if record.frames.tracked == 0 {
         output.numbers(&record)?;
         bail!("{}: no frame could be tracked: {}", args.source.display(), run.why_nothing_was_tracked());
@@ -111,6 +125,9 @@ pub fn execute(args: &RunArgs) -> Result<()> {
     progress.stage("writing the results");
     output.finish(&mut run.into_map(), &record, args.format, args.max_variance)?;
     progress.finish(&record, &args.out.display().to_string());
+    if let Some(recorded) = recorded {
+        progress.note(&recorded?.text());
+    }
     Ok(())
 }
 
@@ -130,6 +147,9 @@ impl RunArgs {
                 self.speed
             );
         }
+        if let Some(path) = &self.record {
+            refuse_existing(path)?;
+        }
         if let (Some(start), Some(end)) = (self.start, self.end)
             && start >= end
         {
@@ -142,6 +162,16 @@ impl RunArgs {
             bail!("--max-variance is {}\nhint: give a number above 0", self.max_variance);
         }
         Ok(())
+    }
+
+    /// The recorder of the run, started if the user wants it.
+    fn start_recording(&self, info: &SourceInfo) -> Result<Recorder> {
+        let recorder = Recorder::idle();
+        if let Some(path) = &self.record {
+            let calibration = CalibrationFiles::gather(&self.camera(), info)?;
+            recorder.start(path, &Head::new(info, calibration))?;
+        }
+        Ok(recorder)
     }
 
     fn camera(&self) -> CameraOptions {
