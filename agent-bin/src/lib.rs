@@ -16,4 +16,10 @@ mod progress;
 mod record;
 mod report;
 mod runtime;
+mod saving;
 pub mod sources;
+#[cfg(feature = "view")]
+pub mod watch;
+#[cfg(not(feature = "view"))]
+#[path = "watch/off.rs"]
+pub mod watch;

@@ -16,8 +16,11 @@ mod places;
 mod run;
 #[cfg(feature = "opencv")]
 mod unmerge;
+#[cfg(feature = "view")]
+mod view;
 #[cfg(feature = "opencv")]
 mod vocab;
+mod watching;
 
 use anyhow::Result;
 use clap::{Parser, Subcommand};
@@ -48,6 +51,8 @@ pub enum Command {
     Unmerge(unmerge::UnmergeArgs),
     #[cfg(feature = "opencv")]
     Vocab(vocab::VocabArgs),
+    #[cfg(feature = "view")]
+    View(view::ViewArgs),
     Params(params::ParamsArgs),
 }
 
@@ -70,6 +75,8 @@ impl Command {
             Command::Unmerge(args) => unmerge::run(&args),
             #[cfg(feature = "opencv")]
             Command::Vocab(args) => vocab::run(&args),
+            #[cfg(feature = "view")]
+            Command::View(args) => view::execute(&args),
             Command::Params(args) => params::execute(args),
         }
     }

@@ -1,12 +1,15 @@
 //! `loopbox run`: tracks and maps a recording.
 
 use super::params;
+use super::watching::ViewArgs;
 use crate::ahead::{Ahead, Pace, Preparation};
 use crate::camera::{self, CameraOptions, ImageCorrection};
 use crate::output::{Output, TrajectoryFormat};
 use crate::progress::{Display, Progress};
 use crate::runtime::{Run, Stop};
+use crate::saving::{self, Form, Saver};
 use crate::sources::{self, SourceInfo, SourceOptions};
+use crate::watch::{Ended, Watch};
 use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
 use map::AgentInfo;
@@ -68,6 +71,8 @@ pub struct RunArgs {
     /// Threads for mapping; default: one per core. The result does not depend on it
     #[arg(long, value_name = "COUNT")]
     threads: Option<usize>,
+    #[command(flatten)]
+    view: ViewArgs,
 }
 
 /// Forms of a log.
@@ -91,7 +96,8 @@ pub fn execute(args: &RunArgs) -> Result<()> {
     let camera = correction.camera();
     let provenance = args.provenance(&info, &correction, &params);
     let name = recording_name(&info.path);
-    let mut output = Output::create(&args.out, AgentInfo { provenance, ..AgentInfo::new(name, camera) })?;
+    let about = AgentInfo { provenance, ..AgentInfo::new(name, camera) };
+    let mut output = Output::create(&args.out, about.clone())?;
     if let Some(threads) = args.threads {
         rayon::ThreadPoolBuilder::new()
             .num_threads(threads)
@@ -101,17 +107,38 @@ pub fn execute(args: &RunArgs) -> Result<()> {
     let stop = Stop::on_ctrl_c("stopping: saving what was tracked so far (Ctrl-C again to abort)")?;
     let progress = Progress::new(args.display(), info.frame_count);
     let ahead = Ahead::start(source, Preparation::new(correction, args.start, args.end), args.pace())?;
-    let agent = Agent::new(camera, Box::new(ThumbnailIndex::default()), params);
-    let run = Run::track(agent, &ahead, &stop, &progress, &mut output)?;
-    let record = run.record(&info, camera, &ahead, stop.requested());
-    if record.frames.tracked == 0 {
-        output.numbers(&record)?;
-        bail!("{}: no frame could be tracked: {}", args.source.display(), run.why_nothing_was_tracked());
+    let mut watch = args.view.start(&about, info.frame_count)?;
+    let form = Form { format: args.format, max_variance: args.max_variance };
+    let saver = Saver::new(about.clone(), form);
+    let save = |run: &Run, output: &Output, watch: &Watch| {
+        let record = run.record(&info, camera, &ahead, false);
+        saver.save(output.folder(), run.snapshot(), record, watch.teller());
+    };
+    loop {
+        watch.folder(output.folder());
+        let agent = Agent::new(camera, Box::new(ThumbnailIndex::default()), params.clone());
+        let run = Run::track(agent, &ahead, &stop, &progress, &mut output, &mut watch, &save)?;
+        let restart = run.is_to_restart();
+        let record = run.record(&info, camera, &ahead, stop.requested());
+        let folder = output.folder().to_owned();
+        if record.frames.tracked > 0 {
+            progress.stage("writing the results");
+            output.finish(&mut run.into_map(), &record, args.format, args.max_variance)?;
+            progress.finish(&record, &folder.display().to_string());
+        } else if !restart {
+            output.numbers(&record)?;
+            bail!("{}: no frame could be tracked: {}", args.source.display(), run.why_nothing_was_tracked());
+        }
+        if !restart {
+            watch.end(Ended(&format!("The run has ended. Its results are in {}", folder.display())));
+            return Ok(());
+        }
+        if record.frames.tracked > 0 {
+            output = Output::create(&saving::next_folder(&args.out), about.clone())?;
+            watch.teller()(format!("a new map; the one before is in {}", folder.display()));
+        }
+        watch.begin_anew();
     }
-    progress.stage("writing the results");
-    output.finish(&mut run.into_map(), &record, args.format, args.max_variance)?;
-    progress.finish(&record, &args.out.display().to_string());
-    Ok(())
 }
 
 /// What people call a recording: the last part of its path, of a file without the extension.
