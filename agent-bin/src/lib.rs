@@ -19,4 +19,11 @@ mod record;
 pub mod recording;
 mod report;
 mod runtime;
+mod saving;
+mod session;
 pub mod sources;
+#[cfg(feature = "view")]
+pub mod watch;
+#[cfg(not(feature = "view"))]
+#[path = "watch/off.rs"]
+pub mod watch;

@@ -7,6 +7,7 @@ use crate::process;
 use crate::progress::Progress;
 use crate::record::{Cost, FrameCounts, FrameRow, MapCounts, RunRecord, SourceRecord};
 use crate::sources::SourceInfo;
+use crate::watch::{Command, Watch};
 use anyhow::{Context, Result};
 use geometry::Pinhole;
 use map::Map;
@@ -56,10 +57,13 @@ pub struct Run {
     statistics: ImageStatistics,
     last_reason: Option<&'static str>,
     wall_s: f64,
+    dropped_before: u64,
+    restart: bool,
 }
 
 impl Run {
-    /// Gives the agent every frame until the recording ends or the user stops it.
+    /// Gives the agent every frame until the recording ends, the user stops it, or who watches wants a new map; calls
+    /// `save` when who watches wants the results so far.
     ///
     /// # Errors
     /// When results cannot be written on the way.
@@ -69,6 +73,8 @@ impl Run {
         stop: &Stop,
         progress: &Progress,
         output: &mut Output,
+        watch: &mut Watch,
+        save: &dyn Fn(&Self, &Output, &Watch),
     ) -> Result<Self> {
         let started = Instant::now();
         let mut run = Self {
@@ -79,13 +85,26 @@ impl Run {
             statistics: ImageStatistics::default(),
             last_reason: None,
             wall_s: 0.0,
+            dropped_before: ahead.dropped(),
+            restart: false,
         };
         let mut state = TrackingState::Starting;
-        while let Some(item) = ahead.next_item(&stop.0) {
+        loop {
+            run.wall_s = started.elapsed().as_secs_f64();
+            while let Some(command) = watch.attend(stop) {
+                match command {
+                    Command::Restart => run.restart = true,
+                    _ => save(&run, output, watch),
+                }
+            }
+            if run.restart {
+                break;
+            }
+            let Some(item) = ahead.next_item(&stop.0) else { break };
             match item {
                 Item::Frame(frame) => {
                     let before = state;
-                    state = run.process(frame, progress);
+                    state = run.process(frame, progress, ahead.dropped(), watch);
                     output.grow(run.agent.map())?;
                     run.losses +=
                         u64::from(before == TrackingState::Tracking && state == TrackingState::Lost);
@@ -99,23 +118,43 @@ impl Run {
         }
         progress.stage("last optimisation");
         run.agent.finish();
+        watch.whole(run.agent.map());
         run.wall_s = started.elapsed().as_secs_f64();
         Ok(run)
     }
 
-    fn process(&mut self, frame: Frame, progress: &Progress) -> TrackingState {
+    fn process(
+        &mut self,
+        frame: Frame,
+        progress: &Progress,
+        dropped: u64,
+        watch: &mut Watch,
+    ) -> TrackingState {
         // Once there is a map, nobody will ask why there is none.
         if self.agent.map().frames.is_empty() {
             self.statistics.add(&frame.image);
         }
+        watch.before(&frame);
         let (index, timestamp) = (frame.index, frame.timestamp);
         let started = Instant::now();
         let report = self.agent.process(frame);
         let row = FrameRow::new(index, timestamp, started.elapsed().as_secs_f64() * 1e3, &report);
         self.last_reason = report.reason.or(self.last_reason);
         progress.frame(&row, self.agent.map().keyframes.len(), report.matched_points);
+        let state = report.state;
+        watch.after((index, timestamp, row.ms), None, report, self.agent.map(), dropped);
         self.rows.push(row);
-        report.state
+        state
+    }
+
+    /// Whether who watches wants a new map.
+    pub fn is_to_restart(&self) -> bool {
+        self.restart
+    }
+
+    /// The map as it stands, to be saved while the run goes on.
+    pub fn snapshot(&self) -> Map {
+        self.agent.snapshot()
     }
 
     /// Gives the map away.
@@ -137,7 +176,7 @@ impl Run {
         interrupted: bool,
     ) -> RunRecord {
         let map = self.agent.map();
-        let (processed, dropped_late) = (self.rows.len() as u64, ahead.dropped());
+        let (processed, dropped_late) = (self.rows.len() as u64, ahead.dropped() - self.dropped_before);
         let offered = processed + dropped_late + self.skipped.values().sum::<u64>();
         let tracked = map.frames.len() as u64;
         let ms = self.rows.iter().map(|row| row.ms).collect();

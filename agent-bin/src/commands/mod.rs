@@ -18,8 +18,11 @@ mod record;
 mod run;
 #[cfg(feature = "opencv")]
 mod unmerge;
+#[cfg(feature = "view")]
+mod view;
 #[cfg(feature = "opencv")]
 mod vocab;
+mod watching;
 
 use anyhow::Result;
 use clap::{Parser, Subcommand};
@@ -33,8 +36,9 @@ pub struct Cli {
     pub command: Command,
 }
 
-/// The commands.
+/// The commands; what each does stands at its arguments.
 #[derive(Debug, Subcommand)]
+#[expect(missing_docs, reason = "a text here would take the place of that at the arguments")]
 pub enum Command {
     /// Track and map a recording
     Run(run::RunArgs),
@@ -52,6 +56,8 @@ pub enum Command {
     Unmerge(unmerge::UnmergeArgs),
     #[cfg(feature = "opencv")]
     Vocab(vocab::VocabArgs),
+    #[cfg(feature = "view")]
+    View(view::ViewArgs),
     Params(params::ParamsArgs),
 }
 
@@ -76,6 +82,8 @@ impl Command {
             Command::Unmerge(args) => unmerge::run(&args),
             #[cfg(feature = "opencv")]
             Command::Vocab(args) => vocab::run(&args),
+            #[cfg(feature = "view")]
+            Command::View(args) => view::execute(&args),
             Command::Params(args) => params::execute(args),
         }
     }

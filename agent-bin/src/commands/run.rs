@@ -1,18 +1,21 @@
 //! `loopbox run`: tracks and maps a recording.
 
 use super::params;
+use super::watching::ViewArgs;
 use crate::ahead::{Ahead, Pace, Preparation};
 use crate::camera::{self, CameraOptions, ImageCorrection};
 use crate::output::{Output, TrajectoryFormat};
 use crate::progress::{Display, Progress};
-use crate::recording::{CalibrationFiles, Head, Recorder, refuse_existing};
-use crate::runtime::{Run, Stop};
+use crate::recording::{CalibrationFiles, Head, RecordButton, Recorder, refuse_existing};
+use crate::runtime::Stop;
+use crate::saving::Form;
+use crate::session::Session;
 use crate::sources::{self, SourceInfo, SourceOptions};
+use crate::watch::Ended;
 use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
 use map::AgentInfo;
-use place_recog::ThumbnailIndex;
-use slam_direct::{Agent, Params};
+use slam_direct::Params;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -75,6 +78,8 @@ pub struct RunArgs {
     /// Threads for mapping; default: one per core. The result does not depend on it
     #[arg(long, value_name = "COUNT")]
     threads: Option<usize>,
+    #[command(flatten)]
+    view: ViewArgs,
 }
 
 /// Forms of a log.
@@ -100,7 +105,8 @@ pub fn execute(args: &RunArgs) -> Result<()> {
     let camera = correction.camera();
     let provenance = args.provenance(&info, &correction, &params);
     let name = recording_name(&info.path);
-    let mut output = Output::create(&args.out, AgentInfo { provenance, ..AgentInfo::new(name, camera) })?;
+    let about = AgentInfo { provenance, ..AgentInfo::new(name, camera) };
+    let output = Output::create(&args.out, about.clone())?;
     if let Some(threads) = args.threads {
         rayon::ThreadPoolBuilder::new()
             .num_threads(threads)
@@ -109,25 +115,25 @@ pub fn execute(args: &RunArgs) -> Result<()> {
     }
     let stop = Stop::on_ctrl_c("stopping: saving what was tracked so far (Ctrl-C again to abort)")?;
     let progress = Progress::new(args.display(), info.frame_count);
-    let recorder = args.start_recording(&info)?;
+    let head = Head::new(&info, CalibrationFiles::gather(&args.camera(), &info)?);
+    let recorder = Recorder::idle();
+    if let Some(path) = &args.record {
+        recorder.start(path, &head)?;
+    }
     let preparation = Preparation::new(correction, args.start, args.end);
     let ahead = Ahead::start(source, preparation, args.pace(), recorder.clone())?;
-    let agent = Agent::new(camera, Box::new(ThumbnailIndex::default()), params);
-    let run = Run::track(agent, &ahead, &stop, &progress, &mut output)?;
-    let record = run.record(&info, camera, &ahead, stop.requested());
+    let mut watch = args.view.start(&about, info.frame_count, RecordButton::new(&recorder, head, &args.out))?;
+    let form = Form { format: args.format, max_variance: args.max_variance };
+    let session = Session { about, source: info, camera, params, form, stop: &stop, progress: &progress };
+    let mapped = session.run(output, &ahead, &mut watch);
     // Tells the recorder which frames nobody took, so that a replay ends where this run did.
     drop(ahead);
     let recorded = recorder.is_recording().then(|| recorder.stop());
-    if record.frames.tracked == 0 {
-        output.numbers(&record)?;
-        bail!("{}: no frame could be tracked: {}", args.source.display(), run.why_nothing_was_tracked());
-    }
-    progress.stage("writing the results");
-    output.finish(&mut run.into_map(), &record, args.format, args.max_variance)?;
-    progress.finish(&record, &args.out.display().to_string());
+    let folder = mapped?;
     if let Some(recorded) = recorded {
         progress.note(&recorded?.text());
     }
+    watch.end(Ended(&format!("The run has ended. Its results are in {}", folder.display())));
     Ok(())
 }
 
@@ -162,16 +168,6 @@ impl RunArgs {
             bail!("--max-variance is {}\nhint: give a number above 0", self.max_variance);
         }
         Ok(())
-    }
-
-    /// The recorder of the run, started if the user wants it.
-    fn start_recording(&self, info: &SourceInfo) -> Result<Recorder> {
-        let recorder = Recorder::idle();
-        if let Some(path) = &self.record {
-            let calibration = CalibrationFiles::gather(&self.camera(), info)?;
-            recorder.start(path, &Head::new(info, calibration))?;
-        }
-        Ok(recorder)
     }
 
     fn camera(&self) -> CameraOptions {

@@ -1,5 +1,6 @@
 //! Recording and replay: frames as they were captured, in a file that outlives a crash.
 
+mod button;
 mod calibration;
 mod numbers;
 mod picture;
@@ -7,6 +8,7 @@ mod reader;
 mod recorder;
 mod writer;
 
+pub use button::RecordButton;
 pub use calibration::{CalibrationFiles, NamedFile};
 pub use numbers::NumberSet;
 pub use picture::{EncodedPicture, encode};
