@@ -5,8 +5,9 @@ use crate::diagnosis::ImageStatistics;
 use crate::output::Output;
 use crate::process;
 use crate::progress::Progress;
-use crate::record::{Cost, FrameCounts, FrameRow, MapCounts, RunRecord, SourceRecord};
+use crate::record::{Cost, FrameCounts, FrameRow, Latency, MapCounts, RunRecord, SourceRecord};
 use crate::sources::SourceInfo;
+use crate::sources::notice::Notice;
 use crate::watch::{Command, Watch};
 use anyhow::{Context, Result};
 use geometry::Pinhole;
@@ -59,6 +60,8 @@ pub struct Run {
     wall_s: f64,
     dropped_before: u64,
     restart: bool,
+    /// Why a live source ended though nobody wished it.
+    failure: Option<String>,
 }
 
 impl Run {
@@ -87,6 +90,7 @@ impl Run {
             wall_s: 0.0,
             dropped_before: ahead.dropped(),
             restart: false,
+            failure: None,
         };
         let mut state = TrackingState::Starting;
         loop {
@@ -102,9 +106,10 @@ impl Run {
             }
             let Some(item) = ahead.next_item(&stop.0) else { break };
             match item {
-                Item::Frame(frame) => {
+                Item::Frame(frame, taken) => {
                     let before = state;
-                    state = run.process(frame, progress, ahead.dropped(), watch);
+                    state = run.process(frame, taken, progress, ahead.dropped(), watch);
+                    progress.lost(ahead.dropped(), ahead.missed());
                     output.grow(run.agent.map())?;
                     run.losses +=
                         u64::from(before == TrackingState::Tracking && state == TrackingState::Lost);
@@ -114,7 +119,17 @@ impl Run {
                     *run.skipped.entry(skip.reason).or_default() += 1;
                 }
                 Item::Warning(text) => progress.warn(&text),
+                Item::Notice(notice) => {
+                    progress.notice(&notice);
+                    if let Notice::Gone(_) = notice {
+                        output.save(run.agent.map())?;
+                    }
+                }
+                Item::Failed(reason) => run.failure = Some(reason),
             }
+        }
+        if !run.restart {
+            ahead.end();
         }
         progress.stage("last optimisation");
         run.agent.finish();
@@ -126,6 +141,7 @@ impl Run {
     fn process(
         &mut self,
         frame: Frame,
+        taken: Option<Instant>,
         progress: &Progress,
         dropped: u64,
         watch: &mut Watch,
@@ -138,11 +154,13 @@ impl Run {
         let (index, timestamp) = (frame.index, frame.timestamp);
         let started = Instant::now();
         let report = self.agent.process(frame);
-        let row = FrameRow::new(index, timestamp, started.elapsed().as_secs_f64() * 1e3, &report);
+        let latency_ms = taken.map(|taken| taken.elapsed().as_secs_f64() * 1e3);
+        let ms = started.elapsed().as_secs_f64() * 1e3;
+        let row = FrameRow { latency_ms, ..FrameRow::new(index, timestamp, ms, &report) };
         self.last_reason = report.reason.or(self.last_reason);
         progress.frame(&row, self.agent.map().keyframes.len(), report.matched_points);
         let state = report.state;
-        watch.after((index, timestamp, row.ms), None, report, self.agent.map(), dropped);
+        watch.after((index, timestamp, row.ms), latency_ms, report, self.agent.map(), dropped);
         self.rows.push(row);
         state
     }
@@ -160,6 +178,11 @@ impl Run {
     /// Gives the map away.
     pub fn into_map(self) -> Map {
         self.agent.into_map()
+    }
+
+    /// Why a live source ended though nobody wished it.
+    pub fn failure(&self) -> Option<&str> {
+        self.failure.as_deref()
     }
 
     /// Why the map is empty, for people.
@@ -194,12 +217,16 @@ impl Run {
                 offered,
                 processed,
                 dropped_late,
+                missed_by_driver: ahead.missed(),
                 skipped: self.skipped.clone(),
                 tracked,
                 tracked_share: if offered > 0 { tracked as f64 / offered as f64 } else { 0.0 },
                 losses: self.losses,
             },
-            cost: Cost::new(ms, self.wall_s, process::cpu_seconds(), process::peak_memory_bytes()),
+            cost: Cost {
+                latency_ms: Latency::of(self.rows.iter().filter_map(|row| row.latency_ms).collect()),
+                ..Cost::new(ms, self.wall_s, process::cpu_seconds(), process::peak_memory_bytes())
+            },
             map: MapCounts::new(map),
             rows: self.rows.clone(),
         }

@@ -50,9 +50,16 @@ impl Session<'_> {
             let agent = Agent::new(self.camera, Box::new(ThumbnailIndex::default()), self.params.clone());
             let run = Run::track(agent, ahead, self.stop, self.progress, &mut output, watch, &save)?;
             let restart = run.is_to_restart();
+            let failure = run.failure().map(str::to_owned);
             let tracked = self.write(run, ahead, &mut output)?;
             if !restart {
-                return tracked.map(|()| output.folder().to_owned());
+                tracked?;
+                return match failure {
+                    Some(failure) => {
+                        Err(anyhow!("the run ended early, what was tracked is saved: {failure}"))
+                    }
+                    None => Ok(output.folder().to_owned()),
+                };
             }
             if tracked.is_ok() {
                 output = self.next_output(&first, output.folder(), watch)?;
@@ -66,7 +73,8 @@ impl Session<'_> {
         let record = run.record(&self.source, self.camera, ahead, self.stop.requested());
         if record.frames.tracked == 0 {
             output.numbers(&record)?;
-            let why = run.why_nothing_was_tracked();
+            let failure = run.failure().map(|failure| format!("\n{failure}")).unwrap_or_default();
+            let why = run.why_nothing_was_tracked() + &failure;
             return Ok(Err(anyhow!("{}: no frame could be tracked: {why}", self.source.path.display())));
         }
         self.progress.stage("writing the results");

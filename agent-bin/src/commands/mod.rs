@@ -1,5 +1,6 @@
 //! The command line: one file per command.
 
+mod cameras;
 mod convert;
 mod eval;
 mod eval_agents;
@@ -44,6 +45,8 @@ pub enum Command {
     Run(run::RunArgs),
     Record(record::RecordArgs),
     Convert(convert::ConvertArgs),
+    /// List the cameras of this machine with their formats, sizes and rates
+    Cameras(cameras::CamerasArgs),
     /// Describe a recording or a map
     Info(info::InfoArgs),
     Export(export::ExportArgs),
@@ -71,6 +74,7 @@ impl Command {
             Command::Run(args) => run::execute(&args),
             Command::Record(args) => record::execute(&args),
             Command::Convert(args) => convert::execute(&args),
+            Command::Cameras(args) => cameras::run(&args),
             Command::Info(args) => info::execute(&args),
             Command::Export(args) => export::run(&args),
             Command::Eval(args) => eval::run(args),

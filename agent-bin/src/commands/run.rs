@@ -10,7 +10,8 @@ use crate::recording::{CalibrationFiles, Head, RecordButton, Recorder, refuse_ex
 use crate::runtime::Stop;
 use crate::saving::Form;
 use crate::session::Session;
-use crate::sources::{self, SourceInfo, SourceOptions};
+use crate::sources::camera::{CameraArgs, open_camera};
+use crate::sources::{self, FrameSource, SourceInfo, SourceOptions};
 use crate::watch::Ended;
 use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
@@ -23,7 +24,10 @@ use std::path::{Path, PathBuf};
 #[derive(Args, Debug)]
 pub struct RunArgs {
     /// The recording: a folder of images, an MCAP file, a ROS 1 bag or a video file
-    source: PathBuf,
+    #[arg(required_unless_present = "camera", conflicts_with = "camera")]
+    source: Option<PathBuf>,
+    #[command(flatten)]
+    camera: CameraArgs,
     /// Camera calibration, if none came with the recording or another is wanted
     #[arg(long, value_name = "FILE")]
     calib: Option<PathBuf>,
@@ -37,8 +41,8 @@ pub struct RunArgs {
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
     /// Form of trajectory.txt
-    #[arg(long, value_enum, default_value_t = TrajectoryFormat::Tum)]
-    format: TrajectoryFormat,
+    #[arg(long, value_enum, value_name = "FORM", default_value_t = TrajectoryFormat::Tum)]
+    trajectory: TrajectoryFormat,
     /// Leave out of cloud.ply points whose variance of inverse depth over its square is larger
     #[arg(long, value_name = "V", default_value_t = map::DEFAULT_MAX_RELATIVE_VARIANCE)]
     max_variance: f32,
@@ -46,7 +50,7 @@ pub struct RunArgs {
     #[arg(long, value_name = "FILE")]
     params: Option<PathBuf>,
     /// Play by the time stamps and drop frames when late
-    #[arg(long)]
+    #[arg(long, conflicts_with = "camera")]
     realtime: bool,
     /// With --realtime: how many times as fast as recorded
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0, requires = "realtime")]
@@ -57,9 +61,6 @@ pub struct RunArgs {
     /// Stop so many seconds into the recording
     #[arg(long, value_name = "SECONDS")]
     end: Option<f64>,
-    /// Frames per second of images without time stamps
-    #[arg(long, value_name = "RATE")]
-    fps: Option<f64>,
     /// Topic of an MCAP file or a bag with several
     #[arg(long)]
     topic: Option<String>,
@@ -97,11 +98,9 @@ enum LogForm {
 pub fn execute(args: &RunArgs) -> Result<()> {
     args.check()?;
     let params = args.params.as_deref().map(params::read).transpose()?.unwrap_or_default();
-    let options =
-        SourceOptions { fps: args.fps, topic: args.topic.clone(), all_frames: args.all_frames };
-    let source = sources::open(&args.source, &options)?;
+    let source = args.open()?;
     let info = source.info().clone();
-    let correction = camera::correction(&args.camera(), &info)?;
+    let correction = camera::correction(&args.calibration(), &info)?;
     let camera = correction.camera();
     let provenance = args.provenance(&info, &correction, &params);
     let name = recording_name(&info.path);
@@ -115,15 +114,16 @@ pub fn execute(args: &RunArgs) -> Result<()> {
     }
     let stop = Stop::on_ctrl_c("stopping: saving what was tracked so far (Ctrl-C again to abort)")?;
     let progress = Progress::new(args.display(), info.frame_count);
-    let head = Head::new(&info, CalibrationFiles::gather(&args.camera(), &info)?);
+    let head = Head::new(&info, CalibrationFiles::gather(&args.calibration(), &info)?);
     let recorder = Recorder::idle();
     if let Some(path) = &args.record {
         recorder.start(path, &head)?;
     }
     let preparation = Preparation::new(correction, args.start, args.end);
     let ahead = Ahead::start(source, preparation, args.pace(), recorder.clone())?;
-    let mut watch = args.view.start(&about, info.frame_count, RecordButton::new(&recorder, head, &args.out))?;
-    let form = Form { format: args.format, max_variance: args.max_variance };
+    let mut watch =
+        args.view.start(&about, info.frame_count, RecordButton::new(&recorder, head, &args.out))?;
+    let form = Form { format: args.trajectory, max_variance: args.max_variance };
     let session = Session { about, source: info, camera, params, form, stop: &stop, progress: &progress };
     let mapped = session.run(output, &ahead, &mut watch);
     // Tells the recorder which frames nobody took, so that a replay ends where this run did.
@@ -170,7 +170,16 @@ impl RunArgs {
         Ok(())
     }
 
-    fn camera(&self) -> CameraOptions {
+    /// The recording, or the camera that is to be used instead.
+    fn open(&self) -> Result<Box<dyn FrameSource>> {
+        let Some(source) = &self.source else {
+            return open_camera(&self.camera.clone().for_calibration(self.calib.as_deref())?);
+        };
+        let (fps, topic) = (self.camera.fps, self.topic.clone());
+        sources::open(source, &SourceOptions { fps, topic, all_frames: self.all_frames })
+    }
+
+    fn calibration(&self) -> CameraOptions {
         CameraOptions {
             calibration: self.calib.clone(),
             response: self.response.clone(),

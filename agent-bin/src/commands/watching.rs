@@ -16,12 +16,7 @@ pub struct ViewArgs {}
 #[cfg(not(feature = "view"))]
 impl ViewArgs {
     /// Nobody watches.
-    pub fn start(
-        &self,
-        _agent: &AgentInfo,
-        _frames: Option<u64>,
-        _recording: RecordButton,
-    ) -> Result<Watch> {
+    pub fn start(&self, _agent: &AgentInfo, _frames: Option<u64>, _recording: RecordButton) -> Result<Watch> {
         Ok(Watch::none())
     }
 }
@@ -80,7 +75,8 @@ mod with_view {
             recording: RecordButton,
         ) -> Result<Watch> {
             let page = self.view.map(|port| self.page.address(port)).transpose()?;
-            let options = WatchOptions { page, foxglove: self.foxglove(), recording: Some(recording), frames };
+            let options =
+                WatchOptions { page, foxglove: self.foxglove(), recording: Some(recording), frames };
             Watch::start(agent, options)
         }
 

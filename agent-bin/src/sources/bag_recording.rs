@@ -89,7 +89,7 @@ impl FrameSource for BagRecording {
                 Err(error) => (None, Picture::Broken(format!("{error:#}"))),
             };
             let timestamp = stamp.unwrap_or_else(|| time::seconds(message.time));
-            return Some(SourceFrame { index, timestamp, picture });
+            return Some(SourceFrame { index, timestamp, captured: None, picture });
         }
     }
 
