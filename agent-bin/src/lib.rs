@@ -4,6 +4,8 @@
 //! [`commands::Command::execute`].
 
 mod ahead;
+#[cfg(feature = "opencv")]
+mod calibrating;
 mod camera;
 pub mod commands;
 mod diagnosis;

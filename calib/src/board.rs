@@ -161,8 +161,7 @@ impl Board {
 fn charuco(size: &str, square: &str, marker: &str, dictionary: &str) -> Result<Board, String> {
     let (columns, rows) = pair(size)?;
     let dictionary = dictionary.to_ascii_uppercase();
-    let dictionary =
-        if dictionary.starts_with("DICT_") { dictionary } else { format!("DICT_{dictionary}") };
+    let dictionary = if dictionary.starts_with("DICT_") { dictionary } else { format!("DICT_{dictionary}") };
     Ok(Board::Charuco { columns, rows, square: length(square)?, marker: length(marker)?, dictionary })
 }
 
@@ -198,8 +197,7 @@ mod tests {
 
     #[test]
     fn boards_are_understood_and_written_back() {
-        for text in
-            ["chessboard:9x6:0.025", "charuco:7x5:0.04:0.03:DICT_5X5_100", "aprilgrid:6x6:0.088:0.3"]
+        for text in ["chessboard:9x6:0.025", "charuco:7x5:0.04:0.03:DICT_5X5_100", "aprilgrid:6x6:0.088:0.3"]
         {
             let board: Board = text.parse().unwrap();
             assert_eq!(board.to_string(), text);
@@ -223,7 +221,10 @@ mod tests {
             ("aprilgrid:60x60:0.1:0.3", "587"),
         ] {
             let message = text.parse::<Board>().unwrap_err().to_string();
-            assert!(message.contains(word) && message.contains("chessboard:COLUMNSxROWS"), "{text}: {message}");
+            assert!(
+                message.contains(word) && message.contains("chessboard:COLUMNSxROWS"),
+                "{text}: {message}"
+            );
         }
     }
 

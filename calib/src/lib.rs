@@ -13,8 +13,10 @@ mod error;
 mod formats;
 mod node;
 mod photometric;
+mod response;
 mod sharpness;
 mod solver;
+mod vignette;
 
 pub use board::{Board, BoardError};
 pub use camera_file::{
@@ -22,7 +24,10 @@ pub use camera_file::{
 };
 pub use error::CalibError;
 pub use photometric::read_photometric;
+pub use response::{Response, ResponseError, estimate_response, format_response};
 pub use sharpness::edge_width;
 pub use solver::{
-    Calibration, Corner, Estimate, FittedCorner, FittedView, LensModel, Refusal, SolverParams, View, calibrate, planar,
+    Calibration, Corner, Estimate, FittedCorner, FittedView, LensModel, Refusal, SolverParams, View,
+    calibrate, planar,
 };
+pub use vignette::{VignetteError, estimate_vignette};

@@ -67,7 +67,8 @@ mod tests {
 
     #[test]
     fn blur_in_any_direction_widens_edges() {
-        let width = |across, down| edge_width(&corner(across, down), &[Vector2::new(30.0, 30.0)], 14).unwrap();
+        let width =
+            |across, down| edge_width(&corner(across, down), &[Vector2::new(30.0, 30.0)], 14).unwrap();
         assert!(width(1, 1) < 3.1, "{}", width(1, 1));
         assert!(width(9, 9) > 8.0, "{}", width(9, 9));
         assert!(width(9, 1) > 8.0 && width(1, 9) > 8.0, "{} {}", width(9, 1), width(1, 9));

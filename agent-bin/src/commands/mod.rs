@@ -1,5 +1,9 @@
 //! The command line: one file per command.
 
+#[cfg(feature = "opencv")]
+mod calib;
+#[cfg(feature = "opencv")]
+mod calib_photometric;
 mod eval;
 mod eval_agents;
 mod eval_depth;
@@ -41,6 +45,8 @@ pub enum Command {
     Export(export::ExportArgs),
     Eval(eval::EvalArgs),
     #[cfg(feature = "opencv")]
+    Calib(calib::CalibArgs),
+    #[cfg(feature = "opencv")]
     Merge(merge::MergeArgs),
     #[cfg(feature = "opencv")]
     Places(places::PlacesArgs),
@@ -62,6 +68,8 @@ impl Command {
             Command::Info(args) => info::execute(&args),
             Command::Export(args) => export::run(&args),
             Command::Eval(args) => eval::run(args),
+            #[cfg(feature = "opencv")]
+            Command::Calib(args) => calib::run(&args),
             #[cfg(feature = "opencv")]
             Command::Merge(args) => merge::run(&args),
             #[cfg(feature = "opencv")]

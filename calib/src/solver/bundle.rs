@@ -70,9 +70,8 @@ impl Problem<'_> {
     pub fn cost(&self, state: &State) -> f64 {
         let Some(camera) = self.camera(state) else { return f64::INFINITY };
         let of_view = |(corners, pose): (&Vec<Corner>, &Se3)| {
-            let squared = |corner| {
-                self.residual(&camera, pose, corner).map_or(UNSEEN * UNSEEN, |r| r.norm_squared())
-            };
+            let squared =
+                |corner| self.residual(&camera, pose, corner).map_or(UNSEEN * UNSEEN, |r| r.norm_squared());
             corners.iter().map(|corner| self.kernel(squared(corner)).1).sum::<f64>()
         };
         self.views.iter().zip(&state.poses).map(of_view).sum()
@@ -91,7 +90,9 @@ impl Problem<'_> {
                 ViewNormal { own: Matrix6::zeros(), mixed: Mixed::zeros(), right: Vector6::zeros() };
             for corner in corners {
                 let point = *pose * self.points[corner.index];
-                let Some((pixel, by_point, by_shared)) = self.model.project(&camera, &point) else { continue };
+                let Some((pixel, by_point, by_shared)) = self.model.project(&camera, &point) else {
+                    continue;
+                };
                 let residual = pixel - corner.pixel;
                 let by_pose = by_pose(&by_point, &point);
                 let (weight, _) = self.kernel(residual.norm_squared());

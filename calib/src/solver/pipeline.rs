@@ -154,7 +154,8 @@ impl<'a> Work<'a> {
         let usable: Vec<bool> = views
             .iter()
             .map(|view| {
-                view.corners.len() >= MIN_CORNERS && homography(&initial::pairs(points, &view.corners)).is_some()
+                view.corners.len() >= MIN_CORNERS
+                    && homography(&initial::pairs(points, &view.corners)).is_some()
             })
             .collect();
         let reason = |view: &View| format!("{} corners are too few to place the board", view.corners.len());
@@ -285,7 +286,17 @@ impl<'a> Work<'a> {
         let all = views.iter().filter(|view| view.pose.is_some()).flat_map(|view| &view.corners);
         let rms_of_all = mean_square(all.map(|corner| corner.residual.norm())).sqrt();
         let model = self.model;
-        Ok(Calibration { camera, model, estimates, covariance, condition, rms, rms_of_all, corner_count, views })
+        Ok(Calibration {
+            camera,
+            model,
+            estimates,
+            covariance,
+            condition,
+            rms,
+            rms_of_all,
+            corner_count,
+            views,
+        })
     }
 
     fn fitted(&self, camera: &Camera, state: &State, indices: &[usize]) -> Vec<FittedView> {

@@ -65,7 +65,8 @@ pub(crate) fn pose(homography: &Matrix3<f64>) -> Option<Se3> {
     let svd = rough.svd(true, true);
     let rotation = svd.u? * svd.v_t?;
     let translation: Vector3<f64> = h.column(2).into();
-    let usable = rotation.iter().all(|v| v.is_finite()) && rotation.determinant() > 0.0 && translation.z > 0.0;
+    let usable =
+        rotation.iter().all(|v| v.is_finite()) && rotation.determinant() > 0.0 && translation.z > 0.0;
     usable.then(|| {
         let rotation = Rotation3::from_matrix_unchecked(rotation);
         Se3::new(UnitQuaternion::from_rotation_matrix(&rotation), translation)
@@ -121,7 +122,11 @@ mod tests {
             .iter()
             .map(|&[a, b, c]| {
                 let r = Se3::exp(&Vector6::new(0.0, 0.0, 0.0, a, b, c)).rotation_matrix();
-                k * Matrix3::from_columns(&[r.column(0), r.column(1), nalgebra::vector![0.1, 0.0, 1.0].column(0)])
+                k * Matrix3::from_columns(&[
+                    r.column(0),
+                    r.column(1),
+                    nalgebra::vector![0.1, 0.0, 1.0].column(0),
+                ])
             })
             .collect();
         let (fx, fy) = focal_lengths(&views, Vector2::new(320.0, 240.0)).unwrap();

@@ -159,7 +159,10 @@ fn corners_that_make_no_sense_are_refused() {
     let random = (0..5).map(|_| View {
         name: String::new(),
         corners: (0..54)
-            .map(|index| Corner { index, pixel: Vector2::new(752.0 * noise.uniform(), 480.0 * noise.uniform()) })
+            .map(|index| Corner {
+                index,
+                pixel: Vector2::new(752.0 * noise.uniform(), 480.0 * noise.uniform()),
+            })
             .collect(),
     });
     let message = solved(&random.collect::<Vec<_>>(), model).unwrap_err().to_string();

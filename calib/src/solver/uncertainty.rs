@@ -41,7 +41,11 @@ pub(crate) fn covariance(normal: &Normal, model: LensModel, variance: f64) -> Op
 }
 
 /// Each parameter with the square root of its variance.
-pub(crate) fn estimates(model: LensModel, parameters: &Parameters, covariance: &DMatrix<f64>) -> Vec<Estimate> {
+pub(crate) fn estimates(
+    model: LensModel,
+    parameters: &Parameters,
+    covariance: &DMatrix<f64>,
+) -> Vec<Estimate> {
     let names = model.parameter_names().iter().enumerate();
     names
         .map(|(i, name)| Estimate { name, value: parameters[i], sigma: covariance[(i, i)].max(0.0).sqrt() })
