@@ -5,6 +5,8 @@
 
 mod ahead;
 pub mod bag;
+#[cfg(feature = "opencv")]
+mod calibrating;
 mod camera;
 pub mod commands;
 mod convert;

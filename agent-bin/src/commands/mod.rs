@@ -1,5 +1,9 @@
 //! The command line: one file per command.
 
+#[cfg(feature = "opencv")]
+mod calib;
+#[cfg(feature = "opencv")]
+mod calib_photometric;
 mod cameras;
 mod convert;
 mod eval;
@@ -52,6 +56,8 @@ pub enum Command {
     Export(export::ExportArgs),
     Eval(eval::EvalArgs),
     #[cfg(feature = "opencv")]
+    Calib(calib::CalibArgs),
+    #[cfg(feature = "opencv")]
     Merge(merge::MergeArgs),
     #[cfg(feature = "opencv")]
     Places(places::PlacesArgs),
@@ -78,6 +84,8 @@ impl Command {
             Command::Info(args) => info::execute(&args),
             Command::Export(args) => export::run(&args),
             Command::Eval(args) => eval::run(args),
+            #[cfg(feature = "opencv")]
+            Command::Calib(args) => calib::run(&args),
             #[cfg(feature = "opencv")]
             Command::Merge(args) => merge::run(&args),
             #[cfg(feature = "opencv")]
