@@ -60,7 +60,9 @@ pub fn correction(options: &CameraOptions, info: &SourceInfo) -> Result<ImageCor
             (Camera::clone(camera), Crop::default(), origin.clone())
         }
         (None, Some(FoundCalibration::Recorded { origin, files })) if files.camera.is_some() => {
-            let Some(file) = files.camera().with_context(|| origin.clone())? else { bail!("{origin}: no camera") };
+            let Some(file) = files.camera().with_context(|| origin.clone())? else {
+                bail!("{origin}: no camera")
+            };
             (file.camera, file.crop.unwrap_or_default(), origin.clone())
         }
         (None, Some(FoundCalibration::Unusable { origin, reason })) => {

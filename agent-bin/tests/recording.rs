@@ -65,7 +65,8 @@ fn a_replay_gives_the_trajectory_of_a_run_that_dropped_frames() {
     let (recording, live, replay) = (at("r.mcap"), at("live"), at("replay"));
     // Fast enough that frames are dropped on any machine.
     let realtime = ["--realtime", "--speed", "4", "--start", "0.2"];
-    let args = ["run", arg(&at("walk")), "--out", arg(&live), "--quiet", "--record", arg(&recording)].map(str::to_owned);
+    let args = ["run", arg(&at("walk")), "--out", arg(&live), "--quiet", "--record", arg(&recording)]
+        .map(str::to_owned);
     let args: Vec<&str> = args.iter().map(String::as_str).chain(realtime).collect();
     let output = loopbox(&args);
     let counts = numbers(&live)["frames"].clone();
@@ -83,6 +84,28 @@ fn a_replay_gives_the_trajectory_of_a_run_that_dropped_frames() {
     run(&["run", arg(&recording), "--out", arg(&replay), "--quiet"]);
     assert_eq!(trajectory(&live), trajectory(&replay));
     assert_refused(&args, &["there is a file already", "hint"]);
+}
+
+#[cfg(unix)]
+#[test]
+fn a_replay_ends_where_the_run_was_stopped() {
+    let folder = tempdir().unwrap();
+    let (recording, live, replay) =
+        (folder.path().join("r.mcap"), folder.path().join("live"), folder.path().join("replay"));
+    let mut child = command()
+        .args(["run", arg(&demo()), "--out", arg(&live), "--log", "json", "--record", arg(&recording)])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let mut events = std::io::BufRead::lines(std::io::BufReader::new(child.stdout.take().unwrap()));
+    assert!(events.by_ref().any(|line| line.unwrap().contains("\"state\":\"tracking\"")), "tracking begins");
+    let id = child.id().to_string();
+    assert!(std::process::Command::new("kill").args(["-INT", &id]).status().unwrap().success());
+    assert!(events.last().unwrap().unwrap().contains("\"interrupted\":true"));
+    assert!(child.wait().unwrap().success());
+    run(&["run", arg(&recording), "--out", arg(&replay), "--quiet"]);
+    assert_eq!(trajectory(&live), trajectory(&replay));
 }
 
 #[test]
@@ -192,7 +215,10 @@ fn conversions_keep_pictures_stamps_and_calibration() {
     let folder = tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     timed_folder(&at("walk"), 12);
-    write(at("walk/camera.yaml"), CAMERA.replace("pinhole", "kb4").replace("[]", "[0.1, -0.02, 0.003, 0.0000001]"));
+    write(
+        at("walk/camera.yaml"),
+        CAMERA.replace("pinhole", "kb4").replace("[]", "[0.1, -0.02, 0.003, 0.0000001]"),
+    );
     let chain = ["walk", "a.mcap", "b.bag", "c", "d.bag", "e.mcap"];
     for pair in chain.windows(2) {
         run(&["convert", arg(&at(pair[0])), arg(&at(pair[1]))]);
@@ -232,7 +258,8 @@ fn bags_with_several_topics_ask_for_one() {
     let path = folder.path().join("two.bag");
     let file = std::fs::File::create(&path).unwrap();
     let mut writer = BagWriter::create(file).unwrap();
-    let kind = MessageType { name: "sensor_msgs/Image", md5sum: "060021388200f6f0f447d0fcd9c64743", definition: "" };
+    let kind =
+        MessageType { name: "sensor_msgs/Image", md5sum: "060021388200f6f0f447d0fcd9c64743", definition: "" };
     for (topic, encoding) in [("/left", "mono8"), ("/right", "bayer_rggb8")] {
         let connection = writer.connect(topic, kind);
         let mut message: Vec<u8> = [0u32, 9, 500_000_000, 0, HEIGHT, WIDTH, encoding.len() as u32]

@@ -185,7 +185,11 @@ impl<R: Read + Seek> BagReader<R> {
                 MESSAGE => {
                     let known = self.connections.get(&fields.u32("conn")?);
                     let connection = Arc::clone(known.context("a message of no connection")?);
-                    self.ready.push_back(Message { connection, time: fields.time("time")?, data: data.to_vec() });
+                    self.ready.push_back(Message {
+                        connection,
+                        time: fields.time("time")?,
+                        data: data.to_vec(),
+                    });
                 }
                 _ => {}
             }

@@ -1,9 +1,17 @@
 use super::*;
 use std::io::Cursor;
 
-const KIND: MessageType = MessageType { name: "std_msgs/String", md5sum: "00000000000000000000000000000000", definition: "string data\n" };
+const KIND: MessageType = MessageType {
+    name: "std_msgs/String",
+    md5sum: "00000000000000000000000000000000",
+    definition: "string data\n",
+};
 /// Four bytes 255 and "no record at all".
-const BZ2: &[u8] = &[66,90,104,57,49,65,89,38,83,89,49,227,144,195,0,0,10,81,128,192,0,64,0,46,5,148,0,0,0,160,0,49,3,64,208,33,50,100,244,122,160,94,211,33,150,224,37,99,251,226,238,72,167,10,18,6,60,114,24,96];
+const BZ2: &[u8] = &[
+    66, 90, 104, 57, 49, 65, 89, 38, 83, 89, 49, 227, 144, 195, 0, 0, 10, 81, 128, 192, 0, 64, 0, 46, 5, 148,
+    0, 0, 0, 160, 0, 49, 3, 64, 208, 33, 50, 100, 244, 122, 160, 94, 211, 33, 150, 224, 37, 99, 251, 226,
+    238, 72, 167, 10, 18, 6, 60, 114, 24, 96,
+];
 const LIMIT: usize = 1 << 20;
 
 fn bag(messages: u32) -> Vec<u8> {
@@ -11,7 +19,9 @@ fn bag(messages: u32) -> Vec<u8> {
     let (a, b) = (writer.connect("/a", KIND), writer.connect("/b", KIND));
     for i in 0..messages {
         let connection = if i % 3 == 0 { b } else { a };
-        writer.message(connection, 1_500_000_000_000_000_000 + u64::from(i), &vec![i as u8; 100_000]).unwrap();
+        writer
+            .message(connection, 1_500_000_000_000_000_000 + u64::from(i), &vec![i as u8; 100_000])
+            .unwrap();
     }
     writer.finish().unwrap().into_inner()
 }
@@ -33,7 +43,8 @@ fn what_is_written_is_read() {
     let bytes = bag(100);
     let mut reader = BagReader::new(Cursor::new(&bytes), 8 * LIMIT).unwrap();
     let content = reader.content().unwrap();
-    let counts: Vec<_> = content.connections.iter().map(|(c, n)| (c.topic.as_str(), c.kind.as_str(), *n)).collect();
+    let counts: Vec<_> =
+        content.connections.iter().map(|(c, n)| (c.topic.as_str(), c.kind.as_str(), *n)).collect();
     assert_eq!(counts, [("/a", "std_msgs/String", 66), ("/b", "std_msgs/String", 34)]);
     assert_eq!(content.span, Some((1_500_000_000_000_000_000, 1_500_000_000_000_000_099)));
     let messages: Vec<Message> = reader.map(Result::unwrap).collect();
@@ -54,7 +65,11 @@ fn a_bag_cut_anywhere_gives_back_its_whole_chunks() {
             assert!(length < 5000, "{length}");
             continue;
         };
-        assert!(messages.len() >= whole && problem.is_some(), "{} messages of {length} bytes", messages.len());
+        assert!(
+            messages.len() >= whole && problem.is_some(),
+            "{} messages of {length} bytes",
+            messages.len()
+        );
         assert!(BagReader::new(Cursor::new(&bytes[..length]), LIMIT).unwrap().content().is_none());
     }
 }
@@ -84,7 +99,8 @@ fn packed(compression: &str, size: usize, data: &[u8]) -> Vec<u8> {
     let plain = bag(0);
     let field = |text: &[u8]| [&(text.len() as u32).to_le_bytes(), text].concat();
     let size = [&b"size="[..], &(size as u32).to_le_bytes()].concat();
-    let header = [field(b"op=\x05"), field(format!("compression={compression}").as_bytes()), field(&size)].concat();
+    let header =
+        [field(b"op=\x05"), field(format!("compression={compression}").as_bytes()), field(&size)].concat();
     let mut header_part = plain[..MAGIC.len() + 4096].to_vec();
     // As a recorder that was killed leaves it.
     let at = header_part.windows(10).position(|w| w == b"index_pos=").unwrap() + 10;

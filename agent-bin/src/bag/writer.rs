@@ -63,7 +63,8 @@ impl<W: Write + Seek> BagWriter<W> {
     /// When the stream cannot be written to.
     pub fn message(&mut self, connection: u32, time: u64, data: &[u8]) -> io::Result<()> {
         self.index.push((connection, time, self.chunk.len() as u32));
-        let fields = [("op", &[MESSAGE][..]), ("conn", &connection.to_le_bytes()), ("time", &format_time(time))];
+        let fields =
+            [("op", &[MESSAGE][..]), ("conn", &connection.to_le_bytes()), ("time", &format_time(time))];
         self.chunk.extend(record(&fields, data));
         if self.chunk.len() >= CHUNK_BYTES { self.end_chunk() } else { Ok(()) }
     }
@@ -81,8 +82,9 @@ impl<W: Write + Seek> BagWriter<W> {
         let mut counts = Vec::new();
         for id in 0..self.connections.len() as u32 {
             let entries = self.index.iter().filter(|entry| entry.0 == id);
-            let data: Vec<u8> =
-                entries.flat_map(|&(_, time, at)| [&format_time(time)[..], &at.to_le_bytes()].concat()).collect();
+            let data: Vec<u8> = entries
+                .flat_map(|&(_, time, at)| [&format_time(time)[..], &at.to_le_bytes()].concat())
+                .collect();
             let count = (data.len() / 12) as u32;
             if count == 0 {
                 continue;

@@ -106,7 +106,10 @@ impl ConvertArgs {
             );
         }
         if there.is_dir() && !there.join("times.txt").is_file() {
-            bail!("{}: this folder is no recording and is not replaced\nhint: name another", self.out.display());
+            bail!(
+                "{}: this folder is no recording and is not replaced\nhint: name another",
+                self.out.display()
+            );
         }
         Ok(())
     }
@@ -117,7 +120,10 @@ impl ConvertArgs {
             return Ok(std::fs::remove_dir_all(&self.out)?);
         }
         if self.out.is_dir() || self.out.exists() && kind == Kind::Folder {
-            bail!("{}: it is of another kind and is not replaced\nhint: name another place", self.out.display());
+            bail!(
+                "{}: it is of another kind and is not replaced\nhint: name another place",
+                self.out.display()
+            );
         }
         Ok(())
     }

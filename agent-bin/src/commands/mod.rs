@@ -38,7 +38,9 @@ pub struct Cli {
 pub enum Command {
     /// Track and map a recording
     Run(run::RunArgs),
+    /// Record a camera or any recording into an MCAP file
     Record(record::RecordArgs),
+    /// Turn a recording into an MCAP file, a ROS 1 bag, a video or a folder of images
     Convert(convert::ConvertArgs),
     /// Describe a recording or a map
     Info(info::InfoArgs),

@@ -94,7 +94,12 @@ impl RecordArgs {
 }
 
 /// Hands every frame to the recorder until the source ends or the user stops it; the source's warning.
-fn copy(mut source: Box<dyn FrameSource>, recorder: &Recorder, args: &RecordArgs, stop: &Stop) -> Option<String> {
+fn copy(
+    mut source: Box<dyn FrameSource>,
+    recorder: &Recorder,
+    args: &RecordArgs,
+    stop: &Stop,
+) -> Option<String> {
     let bar = frame_bar(args.quiet, source.info().frame_count);
     let mut first = None;
     while !stop.requested() {

@@ -92,8 +92,7 @@ enum LogForm {
 pub fn execute(args: &RunArgs) -> Result<()> {
     args.check()?;
     let params = args.params.as_deref().map(params::read).transpose()?.unwrap_or_default();
-    let options =
-        SourceOptions { fps: args.fps, topic: args.topic.clone(), all_frames: args.all_frames };
+    let options = SourceOptions { fps: args.fps, topic: args.topic.clone(), all_frames: args.all_frames };
     let source = sources::open(&args.source, &options)?;
     let info = source.info().clone();
     let correction = camera::correction(&args.camera(), &info)?;
@@ -124,11 +123,12 @@ pub fn execute(args: &RunArgs) -> Result<()> {
     }
     progress.stage("writing the results");
     output.finish(&mut run.into_map(), &record, args.format, args.max_variance)?;
-    progress.finish(&record, &args.out.display().to_string());
-    if let Some(recorded) = recorded {
-        progress.note(&recorded?.text());
+    let recorded = recorded.transpose();
+    if let Ok(Some(summary)) = &recorded {
+        progress.note(&summary.text());
     }
-    Ok(())
+    progress.finish(&record, &args.out.display().to_string());
+    recorded.map(drop)
 }
 
 /// What people call a recording: the last part of its path, of a file without the extension.

@@ -75,7 +75,9 @@ impl Kind {
             ),
             Self::Folder => {}
             Self::Video => {
-                lost.push("a video has a rate for time stamps, and its codec may round grey levels".to_owned());
+                lost.push(
+                    "a video has a rate for time stamps, and its codec may round grey levels".to_owned(),
+                );
                 if photometric {
                     lost.push("a video holds no response and no vignette".to_owned());
                 }
@@ -162,11 +164,8 @@ fn temporary(out: &Path, kind: Kind) -> Result<PathBuf> {
 /// Removes what an earlier attempt or this one left.
 fn discard(temporary: &Path) {
     // Most often there is nothing; what cannot be removed shows when it is written over.
-    let _ = if temporary.is_dir() {
-        std::fs::remove_dir_all(temporary)
-    } else {
-        std::fs::remove_file(temporary)
-    };
+    let _ =
+        if temporary.is_dir() { std::fs::remove_dir_all(temporary) } else { std::fs::remove_file(temporary) };
 }
 
 fn open(kind: Kind, path: &Path, head: &Head, rate: Option<f64>) -> Result<Box<dyn Target>> {

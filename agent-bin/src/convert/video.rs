@@ -44,7 +44,8 @@ impl VideoTarget {
 
 impl Target for VideoTarget {
     fn frame(&mut self, _index: u64, _timestamp: f64, picture: EncodedPicture) -> Result<()> {
-        let image: GrayImage = Picture::Encoded(picture.bytes).into_grey().map_err(|reason| anyhow!(reason))?;
+        let image: GrayImage =
+            Picture::Encoded(picture.bytes).into_grey().map_err(|reason| anyhow!(reason))?;
         let size = Size::new(i32::try_from(image.width())?, i32::try_from(image.height())?);
         let rows = Mat::from_slice(image.data())?;
         let grey = rows.reshape(1, size.height)?;

@@ -67,7 +67,9 @@ mod tests {
     #[test]
     fn text_comes_back() {
         let mut set = NumberSet::default();
-        [9, 3, 7, 8, 3, u32::MAX].into_iter().for_each(|number| drop(set.insert(number)));
+        for number in [9, 3, 7, 8, 3, u32::MAX] {
+            set.insert(number);
+        }
         assert_eq!(set.to_string(), "3,7-9,4294967295");
         assert_eq!(NumberSet::parse(&set.to_string()), set);
         assert_eq!(NumberSet::default().to_string(), "");

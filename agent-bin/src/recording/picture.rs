@@ -56,7 +56,12 @@ fn deep(raw: &RawPicture) -> Result<EncodedPicture, String> {
     png(&samples.collect::<Vec<u8>>(), raw.width, raw.height, ExtendedColorType::L16)
 }
 
-fn png(samples: &[u8], width: usize, height: usize, colour: ExtendedColorType) -> Result<EncodedPicture, String> {
+fn png(
+    samples: &[u8],
+    width: usize,
+    height: usize,
+    colour: ExtendedColorType,
+) -> Result<EncodedPicture, String> {
     let side = |length| u32::try_from(length).map_err(|_| "the picture is too large".to_owned());
     let mut bytes = Vec::with_capacity(samples.len());
     // Measured in docs/recording.md; the other settings take several times as long for a tenth less.
@@ -77,10 +82,12 @@ mod tests {
     #[test]
     fn every_layout_comes_back_as_the_grey_that_tracking_saw() {
         let bytes: Vec<u8> = (0..40u8).map(|i| i.wrapping_mul(97)).collect();
-        let layouts = [("mono8", 1), ("mono16", 2), ("bgr8", 3), ("rgba8", 4), ("yuv422", 2), ("yuv422_yuy2", 2)];
+        let layouts =
+            [("mono8", 1), ("mono16", 2), ("bgr8", 3), ("rgba8", 4), ("yuv422", 2), ("yuv422_yuy2", 2)];
         for (encoding, pixel) in layouts {
             for big_endian in [false, true] {
-                let picture = || raw(encoding, big_endian, 3 * pixel + 2, bytes[..2 * (3 * pixel + 2)].to_vec());
+                let picture =
+                    || raw(encoding, big_endian, 3 * pixel + 2, bytes[..2 * (3 * pixel + 2)].to_vec());
                 let stored = encode(picture()).unwrap();
                 assert_eq!(stored.format, "png");
                 let seen = picture().into_grey().unwrap();
@@ -99,7 +106,10 @@ mod tests {
     #[test]
     fn encoded_pictures_pass_byte_for_byte_torn_ones_too() {
         let bytes = vec![0xff, 0xd8, 0xff, 0xe0, 1, 2, 3];
-        assert_eq!(encode(Picture::Encoded(bytes.clone())).unwrap(), EncodedPicture { format: "jpeg", bytes });
+        assert_eq!(
+            encode(Picture::Encoded(bytes.clone())).unwrap(),
+            EncodedPicture { format: "jpeg", bytes }
+        );
         assert_eq!(encode(Picture::Encoded(vec![1, 2])).unwrap().bytes, [1, 2]);
         assert!(encode(Picture::Broken("torn".into())).is_err());
         assert!(encode(raw("bayer_rggb8", false, 3, vec![0; 6])).is_err());

@@ -44,8 +44,12 @@ pub struct Summary {
 impl Summary {
     /// The summary for people, in one line.
     pub fn text(&self) -> String {
-        let mut text =
-            format!("{} frames recorded in {} ({:.1} MB)", self.frames, self.path.display(), self.bytes as f64 / 1e6);
+        let mut text = format!(
+            "{} frames recorded in {} ({:.1} MB)",
+            self.frames,
+            self.path.display(),
+            self.bytes as f64 / 1e6
+        );
         if self.left_out > 0 {
             text += &format!("; {} FRAMES LEFT OUT: the disk was too slow", self.left_out);
         }

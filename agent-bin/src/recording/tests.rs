@@ -145,7 +145,8 @@ fn a_file_cut_anywhere_gives_back_what_was_flushed() {
     for _ in 0..100 {
         state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         let length = (state >> 33) as usize % whole.len();
-        let flushed = ends.iter().filter(|(end, _)| *end <= length).map(|(_, frames)| *frames).max().unwrap_or(0);
+        let flushed =
+            ends.iter().filter(|(end, _)| *end <= length).map(|(_, frames)| *frames).max().unwrap_or(0);
         let opened = sources::open_bytes(&whole[..length], &SourceOptions::default());
         let Ok(mut source) = opened else {
             assert_eq!(flushed, 0, "{length} bytes");

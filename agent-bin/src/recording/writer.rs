@@ -4,7 +4,8 @@ use super::calibration::{CalibrationFiles, NamedFile};
 use super::numbers::NumberSet;
 use super::picture::EncodedPicture;
 use super::{
-    CALIBRATION_TOPIC, DROPPED_METADATA, DROPPED_SCHEMA, DROPPED_TOPIC, FRAME, HEAD_METADATA, IMAGE_TOPIC, PROFILE,
+    CALIBRATION_TOPIC, DROPPED_METADATA, DROPPED_SCHEMA, DROPPED_TOPIC, FRAME, HEAD_METADATA, IMAGE_TOPIC,
+    PROFILE,
 };
 use crate::sources::{SourceInfo, time};
 use anyhow::{Context, Result, anyhow};

@@ -1,7 +1,7 @@
 //! EuRoC / ASL: `mav0/cam0/data.csv` (`nanoseconds,file`), `data/` and `sensor.yaml`.
 
-use super::{FoundCalibration, time};
 use super::image_list::{ImageList, first_existing, read_table};
+use super::{FoundCalibration, time};
 use anyhow::{Result, bail};
 use std::path::{Path, PathBuf};
 

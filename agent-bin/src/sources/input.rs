@@ -27,7 +27,8 @@ impl Input {
     pub fn open(&self) -> Result<(BufReader<Box<dyn Bytes>>, u64)> {
         let (bytes, size): (Box<dyn Bytes>, u64) = match self {
             Self::File(path) => {
-                let file = File::open(path).with_context(|| format!("{}: cannot be opened", path.display()))?;
+                let file =
+                    File::open(path).with_context(|| format!("{}: cannot be opened", path.display()))?;
                 let about = file.metadata().with_context(|| format!("{}: cannot be read", path.display()))?;
                 (Box::new(file), about.len())
             }

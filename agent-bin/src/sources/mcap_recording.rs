@@ -62,7 +62,11 @@ pub fn open(input: Input, options: &SourceOptions) -> Result<McapRecording> {
     let info = SourceInfo {
         kind: if head.is_ours { "recording of loopbox" } else { "MCAP recording" },
         path: input.path().to_owned(),
-        frame_count: Some(if options.all_frames { count } else { count.saturating_sub(survey.dropped.len()) }),
+        frame_count: Some(if options.all_frames {
+            count
+        } else {
+            count.saturating_sub(survey.dropped.len())
+        }),
         duration: survey.topics.duration(),
         calibration: calibration(&input, &head, &survey, &topic)?,
     };

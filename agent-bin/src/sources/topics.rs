@@ -44,7 +44,8 @@ impl Topics {
     }
 
     fn images(&self) -> impl Iterator<Item = (&String, u64)> {
-        let images = self.by_name.iter().filter(|(_, topic)| matches!(topic.content, Some(Content::Image(_))));
+        let images =
+            self.by_name.iter().filter(|(_, topic)| matches!(topic.content, Some(Content::Image(_))));
         images.map(|(name, topic)| (name, topic.count))
     }
 
@@ -65,7 +66,9 @@ impl Topics {
                     names().join(", ")
                 )
             }
-            (None, _, _) => bail!("{}: no images in this file\nhint: looked for {looked_for}", path.display()),
+            (None, _, _) => {
+                bail!("{}: no images in this file\nhint: looked for {looked_for}", path.display())
+            }
             (Some(_), Some(_), _) => bail!(
                 "{}: images on several topics\nhint: choose one with --topic: {}",
                 path.display(),

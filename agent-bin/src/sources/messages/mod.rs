@@ -159,6 +159,8 @@ fn stamp(seconds: i64, nanoseconds: u32) -> Option<f64> {
     if seconds == 0 && nanoseconds == 0 {
         return None;
     }
-    let total = u64::try_from(seconds).ok().and_then(|s| s.checked_mul(1_000_000_000)?.checked_add(nanoseconds.into()));
+    let total = u64::try_from(seconds)
+        .ok()
+        .and_then(|s| s.checked_mul(1_000_000_000)?.checked_add(nanoseconds.into()));
     Some(total.map_or(seconds as f64 + nanoseconds as f64 * 1e-9, time::seconds))
 }
