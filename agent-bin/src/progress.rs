@@ -106,10 +106,10 @@ impl Progress {
         }
     }
 
-    /// Something that the user wants to know after the run.
+    /// Something good that the user wants to know.
     pub fn note(&self, text: &str) {
         match self.display {
-            Display::Bar => println!("{text}"),
+            Display::Bar => self.bar.suspend(|| println!("{text}")),
             Display::Quiet => {}
             Display::Json => log_line(&json!({ "event": "note", "text": text })),
         }

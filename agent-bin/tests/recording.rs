@@ -86,6 +86,28 @@ fn a_replay_gives_the_trajectory_of_a_run_that_dropped_frames() {
     assert_refused(&args, &["there is a file already", "hint"]);
 }
 
+#[cfg(unix)]
+#[test]
+fn a_replay_ends_where_the_run_was_stopped() {
+    let folder = tempdir().unwrap();
+    let (recording, live, replay) =
+        (folder.path().join("r.mcap"), folder.path().join("live"), folder.path().join("replay"));
+    let mut child = command()
+        .args(["run", arg(&demo()), "--out", arg(&live), "--log", "json", "--record", arg(&recording)])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let mut events = std::io::BufRead::lines(std::io::BufReader::new(child.stdout.take().unwrap()));
+    assert!(events.by_ref().any(|line| line.unwrap().contains("\"state\":\"tracking\"")), "tracking begins");
+    let id = child.id().to_string();
+    assert!(std::process::Command::new("kill").args(["-INT", &id]).status().unwrap().success());
+    assert!(events.last().unwrap().unwrap().contains("\"interrupted\":true"));
+    assert!(child.wait().unwrap().success());
+    run(&["run", arg(&recording), "--out", arg(&replay), "--quiet"]);
+    assert_eq!(trajectory(&live), trajectory(&replay));
+}
+
 #[test]
 fn a_recorded_folder_is_replayed_as_the_folder_itself() {
     let folder = tempdir().unwrap();

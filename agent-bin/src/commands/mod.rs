@@ -47,7 +47,9 @@ pub struct Cli {
 pub enum Command {
     /// Track and map a recording
     Run(run::RunArgs),
+    /// Record a camera or any recording into an MCAP file
     Record(record::RecordArgs),
+    /// Turn a recording into an MCAP file, a ROS 1 bag, a video or a folder of images
     Convert(convert::ConvertArgs),
     /// List the cameras of this machine with their formats, sizes and rates
     Cameras(cameras::CamerasArgs),
