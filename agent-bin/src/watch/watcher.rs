@@ -76,6 +76,7 @@ impl Watcher {
             .collect();
         if pending.anew {
             (self.poses, self.frames, self.loops) = Default::default();
+            (self.status.losses, self.status.loops) = (0, 0);
         }
         let steps = self.steps(&mut pending);
         self.loops.extend(pending.loops.iter().map(|[newer, older]| [*newer, *older, LOOP_EDGE]));

@@ -21,7 +21,7 @@ const TILES = {
 
 const FACTS = {
   matched: ["Points matched", (s) => whole(s.matched)],
-  rmse: ["Residual, grey levels", (s) => s.rmse.toFixed(2)],
+  rmse: ["Residual, grey levels", (s) => figures(s.rmse ?? NaN)],
   loops: ["Loops closed", (s) => whole(s.loops)],
   losses: ["Times lost", (s) => whole(s.losses)],
   cpu: ["CPU, cores", (s) => (s.cpu === null ? null : s.cpu.toFixed(2))],

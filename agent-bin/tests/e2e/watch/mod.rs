@@ -1,6 +1,7 @@
 //! Watching runs and maps: the page's server, the WebSocket, commands, and the page in a browser.
 
 mod browser;
+mod many;
 mod page;
 mod served;
 mod socket;
