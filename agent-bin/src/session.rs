@@ -4,6 +4,7 @@
 use crate::ahead::Ahead;
 use crate::output::Output;
 use crate::progress::Progress;
+use crate::record::RunRecord;
 use crate::runtime::{Run, Stop};
 use crate::saving::{self, Form, Saver};
 use crate::sources::SourceInfo;
@@ -33,12 +34,22 @@ pub struct Session<'a> {
     pub progress: &'a Progress,
 }
 
+/// The last map of a run.
+pub struct Mapped {
+    /// The folder of its results.
+    pub folder: PathBuf,
+    /// Its numbers.
+    pub record: RunRecord,
+    /// Why a live source ended though nobody wished it.
+    pub failure: Option<String>,
+}
+
 impl Session<'_> {
-    /// Tracks and maps what comes from `ahead` and writes the results; gives the folder of the last map.
+    /// Tracks and maps what comes from `ahead` and writes the results.
     ///
     /// # Errors
     /// When nothing could be tracked, or results cannot be written.
-    pub fn run(&self, mut output: Output, ahead: &Ahead, watch: &mut Watch) -> Result<PathBuf> {
+    pub fn run(&self, mut output: Output, ahead: &Ahead, watch: &mut Watch) -> Result<Mapped> {
         let first = output.folder().to_owned();
         let saver = Saver::new(self.about.clone(), self.form);
         let save = |run: &Run, output: &Output, watch: &Watch| {
@@ -53,15 +64,10 @@ impl Session<'_> {
             let failure = run.failure().map(str::to_owned);
             let tracked = self.write(run, ahead, &mut output)?;
             if !restart {
-                tracked?;
-                return match failure {
-                    Some(failure) => {
-                        Err(anyhow!("the run ended early, what was tracked is saved: {failure}"))
-                    }
-                    None => Ok(output.folder().to_owned()),
-                };
+                return Ok(Mapped { folder: output.folder().to_owned(), record: tracked?, failure });
             }
-            if tracked.is_ok() {
+            if let Ok(record) = tracked {
+                self.progress.finish(&record, &output.folder().display().to_string());
                 output = self.next_output(&first, output.folder(), watch)?;
             }
             watch.begin_anew();
@@ -69,7 +75,7 @@ impl Session<'_> {
     }
 
     /// Writes the results of one map. The inner error says why there is none.
-    fn write(&self, run: Run, ahead: &Ahead, output: &mut Output) -> Result<Result<()>> {
+    fn write(&self, run: Run, ahead: &Ahead, output: &mut Output) -> Result<Result<RunRecord>> {
         let record = run.record(&self.source, self.camera, ahead, self.stop.requested());
         if record.frames.tracked == 0 {
             output.numbers(&record)?;
@@ -79,8 +85,7 @@ impl Session<'_> {
         }
         self.progress.stage("writing the results");
         output.finish(&mut run.into_map(), &record, self.form.format, self.form.max_variance)?;
-        self.progress.finish(&record, &output.folder().display().to_string());
-        Ok(Ok(()))
+        Ok(Ok(record))
     }
 
     /// A folder for the next map.

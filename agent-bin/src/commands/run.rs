@@ -9,7 +9,7 @@ use crate::progress::{Display, Progress};
 use crate::recording::{CalibrationFiles, Head, RecordButton, Recorder, refuse_existing};
 use crate::runtime::Stop;
 use crate::saving::Form;
-use crate::session::Session;
+use crate::session::{Mapped, Session};
 use crate::sources::camera::{CameraArgs, open_camera};
 use crate::sources::{self, FrameSource, SourceInfo, SourceOptions};
 use crate::watch::Ended;
@@ -128,13 +128,18 @@ pub fn execute(args: &RunArgs) -> Result<()> {
     let mapped = session.run(output, &ahead, &mut watch);
     // Tells the recorder which frames nobody took, so that a replay ends where this run did.
     drop(ahead);
-    let recorded = recorder.is_recording().then(|| recorder.stop());
-    let folder = mapped?;
-    if let Some(recorded) = recorded {
-        progress.note(&recorded?.text());
+    let recorded = recorder.is_recording().then(|| recorder.stop()).transpose();
+    let Mapped { folder, record, failure } = mapped?;
+    if let Ok(Some(summary)) = &recorded {
+        progress.note(&summary.text());
     }
+    progress.finish(&record, &folder.display().to_string());
     watch.end(Ended(&format!("The run has ended. Its results are in {}", folder.display())));
-    Ok(())
+    recorded?;
+    match failure {
+        Some(failure) => bail!("the run ended early, what was tracked is saved: {failure}"),
+        None => Ok(()),
+    }
 }
 
 /// What people call a recording: the last part of its path, of a file without the extension.
