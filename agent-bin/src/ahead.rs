@@ -1,16 +1,18 @@
 //! Decoding ahead: a thread turns a source's pictures into frames for the agent.
 
+mod live;
 mod prepare;
 mod queue;
 
 pub use prepare::{Preparation, Skip, SkipReason};
 
-use crate::sources::FrameSource;
+use crate::sources::notice::Notice;
+use crate::sources::{FrameSource, SourceFrame};
 use anyhow::{Context, Result};
 use queue::Queue;
 use slam_direct::Frame;
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -20,12 +22,16 @@ const FRAMES_AHEAD: usize = 4;
 /// What comes out of the thread.
 #[derive(Debug)]
 pub enum Item {
-    /// A frame to track.
-    Frame(Frame),
+    /// A frame to track, and when it was taken or, in a replay by time stamps, due.
+    Frame(Frame, Option<Instant>),
     /// A frame of the source that cannot be tracked.
     Skipped(Skip),
     /// Something about the recording as a whole that the user should know.
     Warning(String),
+    /// What a live source says.
+    Notice(Notice),
+    /// Why a live source ended though nobody wished it.
+    Failed(String),
 }
 
 /// When frames are handed on.
@@ -38,11 +44,15 @@ pub enum Pace {
         /// 1 for the speed of the recording.
         speed: f64,
     },
+    /// As they come from a live source; a frame not taken when the next comes is dropped.
+    Live,
 }
 
 /// The running thread and its queue.
 pub struct Ahead {
     queue: Arc<Queue>,
+    /// Ends the source's own waiting.
+    stopper: Option<Arc<AtomicBool>>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -51,12 +61,17 @@ impl Ahead {
     ///
     /// # Errors
     /// When no thread can be started.
-    pub fn start(source: Box<dyn FrameSource>, preparation: Preparation, pace: Pace) -> Result<Self> {
+    pub fn start(mut source: Box<dyn FrameSource>, preparation: Preparation, pace: Pace) -> Result<Self> {
+        let pace = if source.is_live() { Pace::Live } else { pace };
         let queue = Arc::new(match pace {
             Pace::EveryFrame => Queue::waiting(FRAMES_AHEAD),
-            Pace::RealTime { .. } => Queue::newest_only(),
+            Pace::RealTime { .. } | Pace::Live => Queue::newest_only(),
         });
-        let of_thread = Arc::clone(&queue);
+        let (of_thread, of_notices) = (Arc::clone(&queue), Arc::clone(&queue));
+        source.listen(Box::new(move |notice| {
+            of_notices.push(Item::Notice(notice));
+        }));
+        let stopper = source.stopper();
         let thread = std::thread::Builder::new()
             .name("decode".into())
             .spawn(move || {
@@ -64,7 +79,7 @@ impl Ahead {
                 produce(source, preparation, pace, &of_thread);
             })
             .context("cannot start the decoding thread")?;
-        Ok(Self { queue, thread: Some(thread) })
+        Ok(Self { queue, stopper, thread: Some(thread) })
     }
 
     /// The next item; waits for it. `None` when the recording has ended or `stop` is set.
@@ -76,11 +91,25 @@ impl Ahead {
     pub fn dropped(&self) -> u64 {
         self.queue.dropped()
     }
+
+    /// Frames that a live source's driver could not deliver.
+    pub fn missed(&self) -> u64 {
+        self.queue.missed()
+    }
+
+    /// No more frames are wanted: lets go of the source, so that a camera is put back as it was while the run still
+    /// has other work.
+    pub fn end(&self) {
+        if let Some(stopper) = &self.stopper {
+            stopper.store(true, Ordering::Relaxed);
+        }
+        self.queue.close();
+    }
 }
 
 impl Drop for Ahead {
     fn drop(&mut self) {
-        self.queue.close();
+        self.end();
         if let Some(thread) = self.thread.take() {
             // A panic of the thread was printed by itself; there is nobody left to tell.
             let _ = thread.join();
@@ -97,31 +126,44 @@ impl Drop for CloseOnDrop<'_> {
     }
 }
 
-fn produce(mut source: Box<dyn FrameSource>, mut preparation: Preparation, pace: Pace, queue: &Queue) {
-    let mut clock = Clock::new(pace);
-    while let Some(frame) = source.next_frame() {
-        let wanted = match preparation.admit(&frame) {
-            Ok(prepare::Admission::Wanted) => true,
-            Ok(prepare::Admission::Before) => continue,
-            Ok(prepare::Admission::After) => break,
-            Err(skip) => {
-                if !queue.push(Item::Skipped(skip)) {
-                    return;
-                }
-                false
-            }
-        };
-        if wanted {
-            let timestamp = frame.timestamp;
-            let item = preparation.prepare(frame);
-            clock.wait_until(timestamp, queue);
-            if !queue.push(item) {
-                return;
-            }
-        }
+fn produce(mut source: Box<dyn FrameSource>, preparation: Preparation, pace: Pace, queue: &Queue) {
+    let mut decoding = Decoding { preparation, clock: Clock::new(pace), queue };
+    if pace == Pace::Live {
+        live::produce(&mut *source, &mut decoding);
+    } else {
+        while source.next_frame().is_some_and(|frame| decoding.take(frame)) {}
     }
     if let Some(warning) = source.warning() {
         queue.push(Item::Warning(warning));
+    }
+    if let Some(failure) = source.failure() {
+        queue.push(Item::Failed(failure));
+    }
+}
+
+/// From a source's frame to the queue.
+struct Decoding<'a> {
+    preparation: Preparation,
+    clock: Clock,
+    queue: &'a Queue,
+}
+
+impl Decoding<'_> {
+    /// Whether more frames are wanted.
+    fn take(&mut self, frame: SourceFrame) -> bool {
+        match self.preparation.admit(&frame) {
+            Ok(prepare::Admission::Wanted) => {}
+            Ok(prepare::Admission::Before) => return true,
+            Ok(prepare::Admission::After) => return false,
+            Err(skip) => return self.queue.push(Item::Skipped(skip)),
+        }
+        let timestamp = frame.timestamp;
+        let mut item = self.preparation.prepare(frame);
+        let due = self.clock.wait_until(timestamp, self.queue);
+        if let Item::Frame(_, moment) = &mut item {
+            *moment = moment.or(due);
+        }
+        self.queue.push(item)
     }
 }
 
@@ -136,17 +178,18 @@ impl Clock {
         Self { pace, start: None }
     }
 
-    /// Sleeps until the moment of `timestamp`; the first call sets the clock.
-    fn wait_until(&mut self, timestamp: f64, queue: &Queue) {
-        let Pace::RealTime { speed } = self.pace else { return };
+    /// Sleeps until the moment of `timestamp` and gives it; the first call sets the clock.
+    fn wait_until(&mut self, timestamp: f64, queue: &Queue) -> Option<Instant> {
+        let Pace::RealTime { speed } = self.pace else { return None };
         let &mut (first, started) = self.start.get_or_insert_with(|| (timestamp, Instant::now()));
         let due = Duration::try_from_secs_f64((timestamp - first) / speed).unwrap_or(Duration::ZERO);
         // In slices, so that closing the queue ends the thread within one even across a gap in the recording.
         while !queue.is_closed() {
             let Some(left) = due.checked_sub(started.elapsed()).filter(|left| !left.is_zero()) else {
-                return;
+                break;
             };
             std::thread::sleep(left.min(Duration::from_millis(100)));
         }
+        started.checked_add(due)
     }
 }

@@ -73,6 +73,18 @@ impl Output {
         if newest.is_none() || (newest == self.last_keyframe && self.flushed.elapsed() < FLUSH_INTERVAL) {
             return Ok(());
         }
+        self.save(map)
+    }
+
+    /// Writes what the map gained now, whenever that was done last.
+    ///
+    /// # Errors
+    /// When the map file cannot be written; what was written before still loads.
+    pub fn save(&mut self, map: &Map) -> Result<()> {
+        let newest = map.keyframes.keys().next_back().copied();
+        if newest.is_none() {
+            return Ok(());
+        }
         let hint = "hint: what was written before is whole: `loopbox export --mcap` mends the file";
         self.append(map)
             .with_context(|| format!("the run was ended, its map could not be written on\n{hint}"))?;

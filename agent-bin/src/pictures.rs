@@ -1,7 +1,11 @@
 //! Pictures as they lie in files and messages, and how they become grey images.
 
+mod jpeg;
+
+pub use jpeg::{decode_jpeg, decode_mjpeg, whole_jpeg};
+
 use geometry::GrayImage;
-use image::{DynamicImage, ImageBuffer, ImageFormat};
+use image::{DynamicImage, ImageBuffer};
 use std::io::Cursor;
 use std::path::PathBuf;
 
@@ -38,7 +42,8 @@ pub struct RawPicture {
 impl Picture {
     /// The picture as grey levels 0–255, or why there is none.
     ///
-    /// Colour becomes Rec. 709 luma; of 16-bit samples the high byte is kept.
+    /// Colour becomes Rec. 709 luma; of JPEG files and YUV layouts the luma they hold is taken. Of 16-bit samples the
+    /// high byte is kept.
     pub fn into_grey(self) -> Result<GrayImage, String> {
         match self {
             Picture::File(path) => {
@@ -54,19 +59,14 @@ impl Picture {
 
 /// Decodes the bytes of a PNG, JPEG or PNM file.
 fn decode(bytes: &[u8]) -> Result<GrayImage, String> {
-    let format = image::guess_format(bytes).map_err(|_| "not a PNG, JPEG or PGM image".to_owned())?;
-    if format == ImageFormat::Jpeg && !jpeg_is_whole(bytes) {
-        return Err("the JPEG is truncated".into());
+    if jpeg::is_jpeg(bytes)
+        && let Some(luma) = decode_jpeg(bytes)?
+    {
+        return Ok(luma);
     }
+    let format = image::guess_format(bytes).map_err(|_| "not a PNG, JPEG or PGM image".to_owned())?;
     let image = image::load(Cursor::new(bytes), format).map_err(|e| e.to_string())?;
     to_grey(image)
-}
-
-/// Whether the JPEG ends with its end marker; decoders fill what is missing with grey instead of failing.
-fn jpeg_is_whole(bytes: &[u8]) -> bool {
-    // Cameras may pad the last block with zeros.
-    let end = bytes.iter().rposition(|&b| b != 0).map_or(0, |last| last + 1);
-    bytes[..end].ends_with(&[0xff, 0xd9])
 }
 
 fn to_grey(image: DynamicImage) -> Result<GrayImage, String> {
@@ -89,6 +89,8 @@ enum Layout {
     Colour(usize, [usize; 3]),
     /// Luma alternates with chroma; the offset of the first luma.
     Yuv422(usize),
+    /// All luma, then chroma in half as many rows.
+    Nv12,
 }
 
 impl RawPicture {
@@ -102,10 +104,11 @@ impl RawPicture {
             "bgra8" | "8UC4" => Layout::Colour(4, [2, 1, 0]),
             "yuv422" | "uyvy" | "UYVY" => Layout::Yuv422(1),
             "yuv422_yuy2" | "yuyv" | "YUYV" => Layout::Yuv422(0),
+            "nv12" | "NV12" => Layout::Nv12,
             other => {
                 return Err(format!(
                     "pixel encoding '{other}' is not supported (mono8, mono16, rgb8, bgr8, rgba8, bgra8, \
-                     yuv422 and yuv422_yuy2 are)"
+                     yuv422, yuv422_yuy2 and nv12 are)"
                 ));
             }
         })
@@ -114,13 +117,15 @@ impl RawPicture {
     fn into_grey(self) -> Result<GrayImage, String> {
         let layout = self.layout()?;
         let bytes_per_pixel = match layout {
-            Layout::Mono8 => 1,
+            Layout::Mono8 | Layout::Nv12 => 1,
             Layout::Mono16 | Layout::Yuv422(_) => 2,
             Layout::Colour(bytes, _) => bytes,
         };
         let row_bytes = self.width.checked_mul(bytes_per_pixel).ok_or("the width is absurd")?;
         let step = if self.step == 0 { row_bytes } else { self.step };
-        let needed = step.checked_mul(self.height).ok_or("the height is absurd")?;
+        let chroma_rows = if matches!(layout, Layout::Nv12) { self.height.div_ceil(2) } else { 0 };
+        let rows = self.height.checked_add(chroma_rows).ok_or("the height is absurd")?;
+        let needed = step.checked_mul(rows).ok_or("the height is absurd")?;
         if self.width == 0 || self.height == 0 || step < row_bytes || self.data.len() < needed {
             return Err(format!(
                 "{}×{} pixels of {} in rows of {step} bytes do not fit {} bytes",
@@ -134,7 +139,7 @@ impl RawPicture {
         for row in self.data.chunks_exact(step).take(self.height) {
             let pixels = row[..row_bytes].chunks_exact(bytes_per_pixel);
             match layout {
-                Layout::Mono8 => grey.extend_from_slice(&row[..row_bytes]),
+                Layout::Mono8 | Layout::Nv12 => grey.extend_from_slice(&row[..row_bytes]),
                 Layout::Mono16 => grey.extend(pixels.map(|p| if self.big_endian { p[0] } else { p[1] })),
                 Layout::Colour(_, [r, g, b]) => grey.extend(pixels.map(|p| luma(p[r], p[g], p[b]))),
                 Layout::Yuv422(offset) => grey.extend(pixels.map(|p| p[offset])),
@@ -152,6 +157,7 @@ fn luma(r: u8, g: u8, b: u8) -> u8 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use image::ImageFormat;
 
     fn raw(encoding: &str, step: usize, data: Vec<u8>) -> RawPicture {
         RawPicture { width: 2, height: 1, step, encoding: encoding.into(), big_endian: false, data }
@@ -166,6 +172,8 @@ mod tests {
         assert_eq!(grey(big).unwrap(), [1, 2]);
         assert_eq!(grey(raw("yuv422", 4, vec![128, 7, 128, 8])).unwrap(), [7, 8]);
         assert_eq!(grey(raw("yuv422_yuy2", 4, vec![7, 128, 8, 128])).unwrap(), [7, 8]);
+        assert_eq!(grey(raw("nv12", 4, vec![1, 2, 9, 9, 128, 128, 9, 9])).unwrap(), [1, 2]);
+        assert!(grey(raw("nv12", 2, vec![1, 2])).is_err());
         let red = luma(255, 0, 0);
         assert_eq!(grey(raw("rgb8", 6, vec![255, 0, 0, 0, 0, 0])).unwrap(), [red, 0]);
         assert_eq!(grey(raw("bgra8", 8, vec![0, 0, 255, 255, 0, 0, 0, 255])).unwrap(), [red, 0]);

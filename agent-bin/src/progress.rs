@@ -2,8 +2,10 @@
 
 use crate::ahead::Skip;
 use crate::record::{FrameRow, RunRecord, state_name};
+use crate::sources::notice::Notice;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
+use std::cell::RefCell;
 use std::io::Write;
 use std::time::Duration;
 
@@ -22,6 +24,8 @@ pub enum Display {
 pub struct Progress {
     display: Display,
     bar: ProgressBar,
+    /// What became of frames that were not tracked, for the bar.
+    losses: RefCell<String>,
 }
 
 impl Progress {
@@ -38,7 +42,7 @@ impl Progress {
         if display == Display::Bar {
             bar.enable_steady_tick(Duration::from_millis(200));
         }
-        Self { display, bar }
+        Self { display, bar, losses: RefCell::default() }
     }
 
     /// A frame was processed; the map has so many keyframes and points.
@@ -47,8 +51,9 @@ impl Progress {
             Display::Bar => {
                 self.bar.set_position(row.index + 1);
                 self.bar.set_message(format!(
-                    "{}  {keyframes} keyframes  {points} points",
-                    state_name(row.state)
+                    "{}  {keyframes} keyframes  {points} points{}",
+                    state_name(row.state),
+                    self.losses.borrow()
                 ));
             }
             Display::Quiet => {}
@@ -66,6 +71,29 @@ impl Progress {
                 "reason": skip.reason, "detail": skip.detail,
             })),
             _ => self.warn(&format!("frame {} is skipped: {}", skip.index, skip.detail)),
+        }
+    }
+
+    /// So many frames were dropped late, so many the driver missed.
+    pub fn lost(&self, dropped: u64, missed: u64) {
+        if self.display == Display::Bar && dropped + missed > 0 {
+            let missed = if missed > 0 { format!("  {missed} missed by the driver") } else { String::new() };
+            *self.losses.borrow_mut() = format!("  {dropped} dropped{missed}");
+        }
+    }
+
+    /// What a live source says.
+    pub fn notice(&self, notice: &Notice) {
+        let event = match notice {
+            Notice::Warning(text) => return self.warn(text),
+            Notice::Note(_) => "note",
+            Notice::Gone(_) => "gone",
+            Notice::Back(_) => "back",
+        };
+        match self.display {
+            Display::Bar => self.bar.suspend(|| eprintln!("{}", notice.text())),
+            Display::Quiet => {}
+            Display::Json => log_line(&json!({ "event": event, "text": notice.text() })),
         }
     }
 
@@ -142,6 +170,15 @@ fn summary(record: &RunRecord, out: &str) -> String {
     }
     if frames.dropped_late > 0 {
         text += &format!("{} frames dropped because tracking was late\n", frames.dropped_late);
+    }
+    if frames.missed_by_driver > 0 {
+        text += &format!("{} frames missed by the camera's driver\n", frames.missed_by_driver);
+    }
+    if let Some(latency) = cost.latency_ms {
+        text += &format!(
+            "{:.1} ms from image to pose (99 %: {:.1} ms, longest {:.1} ms)\n",
+            latency.median, latency.p99, latency.max
+        );
     }
     if record.interrupted {
         text += "interrupted: what was tracked so far is saved\n";

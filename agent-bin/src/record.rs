@@ -35,6 +35,11 @@ impl RunRecord {
         let memory = cost.peak_memory_bytes.map_or("unknown".into(), |bytes| format!("{} MiB", bytes >> 20));
         let cpu = cost.cpu_s.map_or("unknown".into(), |seconds| format!("{seconds:.1} s"));
         let skipped = frames.skipped.values().sum::<u64>();
+        let latency = cost
+            .latency_ms
+            .map(|l| ("ms from image to pose, median · 99 %", format!("{:.1} · {:.1}", l.median, l.p99)));
+        let missed = (frames.missed_by_driver > 0)
+            .then(|| ("frames missed by the driver", frames.missed_by_driver.to_string()));
         let numbers = [
             ("frames tracked", format!("{} of {}", frames.tracked, frames.offered)),
             ("frames per second", format!("{:.1}", cost.frames_per_s)),
@@ -52,7 +57,8 @@ impl RunRecord {
             ("wall time", format!("{:.1} s", cost.wall_s)),
             ("CPU time", cpu),
         ];
-        numbers.map(|(label, value)| (label.to_owned(), value)).into()
+        let all = numbers.into_iter().chain(latency).chain(missed);
+        all.map(|(label, value)| (label.to_owned(), value)).collect()
     }
 }
 
@@ -76,8 +82,10 @@ pub struct FrameCounts {
     pub offered: u64,
     /// Frames the agent got.
     pub processed: u64,
-    /// Frames dropped because tracking was late (only with `--realtime`).
+    /// Frames dropped because tracking was late (only of cameras and with `--realtime`).
     pub dropped_late: u64,
+    /// Frames that the camera took and its driver could not deliver; not among those offered.
+    pub missed_by_driver: u64,
     /// Frames skipped, by reason.
     pub skipped: BTreeMap<SkipReason, u64>,
     /// Frames with a pose in the trajectory.
@@ -105,6 +113,32 @@ pub struct Cost {
     pub max_ms: f64,
     /// Largest resident memory of the process, bytes.
     pub peak_memory_bytes: Option<u64>,
+    /// How old images were when their pose was known; of cameras and with `--realtime`.
+    pub latency_ms: Option<Latency>,
+}
+
+/// From the moment an image is taken (in a replay by time stamps: is due) until its pose is known, milliseconds.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Latency {
+    /// Half of the frames are faster.
+    pub median: f64,
+    /// 99th percentile.
+    pub p99: f64,
+    /// The longest.
+    pub max: f64,
+}
+
+impl Latency {
+    /// Of frames that took so long each; `None` without frames.
+    pub fn of(mut ms: Vec<f64>) -> Option<Self> {
+        ms.sort_by(f64::total_cmp);
+        Some(Self { median: percentile(&ms, 50)?, p99: percentile(&ms, 99)?, max: *ms.last()? })
+    }
+}
+
+/// The nearest-rank percentile of sorted values: the smallest that `percent` % of them do not exceed.
+fn percentile(sorted: &[f64], percent: usize) -> Option<f64> {
+    sorted.get((sorted.len() * percent).div_ceil(100).saturating_sub(1)).copied()
 }
 
 /// What the map holds.
@@ -134,6 +168,9 @@ pub struct FrameRow {
     pub state: TrackingState,
     /// Time the agent took, milliseconds.
     pub ms: f64,
+    /// From the moment the image was taken or due until its pose was known, milliseconds.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub latency_ms: Option<f64>,
     /// Share of the predicted points that were matched, 0–1.
     pub inlier_share: f32,
     /// Root mean square photometric residual, grey levels.
@@ -154,6 +191,7 @@ impl FrameRow {
             timestamp,
             state: report.state,
             ms,
+            latency_ms: None,
             inlier_share: report.inlier_share,
             rmse: report.rmse,
             matched_points: report.matched_points,
@@ -194,16 +232,15 @@ impl Cost {
     pub fn new(mut ms: Vec<f64>, wall_s: f64, cpu_s: Option<f64>, peak_memory_bytes: Option<u64>) -> Self {
         ms.sort_by(f64::total_cmp);
         let count = ms.len();
-        // The nearest-rank percentile: the smallest time that 99 % of frames do not exceed.
-        let p99 = (count * 99).div_ceil(100).saturating_sub(1);
         Self {
             wall_s,
             cpu_s,
             frames_per_s: if wall_s > 0.0 { count as f64 / wall_s } else { 0.0 },
             mean_ms: if count > 0 { ms.iter().sum::<f64>() / count as f64 } else { 0.0 },
-            p99_ms: ms.get(p99).copied().unwrap_or(0.0),
+            p99_ms: percentile(&ms, 99).unwrap_or(0.0),
             max_ms: ms.last().copied().unwrap_or(0.0),
             peak_memory_bytes,
+            latency_ms: None,
         }
     }
 }
@@ -232,5 +269,8 @@ mod tests {
         assert_eq!(cost.mean_ms, 100.5);
         assert_eq!(Cost::new(vec![5.0], 1.0, None, None).p99_ms, 5.0);
         assert_eq!(Cost::new(vec![], 0.0, None, None).p99_ms, 0.0);
+        let latency = Latency::of((1..=200).rev().map(f64::from).collect()).unwrap();
+        assert_eq!((latency.median, latency.p99, latency.max), (100.0, 198.0, 200.0));
+        assert_eq!(Latency::of(vec![]), None);
     }
 }

@@ -5,8 +5,9 @@ use crate::diagnosis::ImageStatistics;
 use crate::output::Output;
 use crate::process;
 use crate::progress::Progress;
-use crate::record::{Cost, FrameCounts, FrameRow, MapCounts, RunRecord, SourceRecord};
+use crate::record::{Cost, FrameCounts, FrameRow, Latency, MapCounts, RunRecord, SourceRecord};
 use crate::sources::SourceInfo;
+use crate::sources::notice::Notice;
 use anyhow::{Context, Result};
 use geometry::Pinhole;
 use map::Map;
@@ -56,6 +57,8 @@ pub struct Run {
     statistics: ImageStatistics,
     last_reason: Option<&'static str>,
     wall_s: f64,
+    /// Why a live source ended though nobody wished it.
+    failure: Option<String>,
 }
 
 impl Run {
@@ -79,13 +82,15 @@ impl Run {
             statistics: ImageStatistics::default(),
             last_reason: None,
             wall_s: 0.0,
+            failure: None,
         };
         let mut state = TrackingState::Starting;
         while let Some(item) = ahead.next_item(&stop.0) {
             match item {
-                Item::Frame(frame) => {
+                Item::Frame(frame, taken) => {
                     let before = state;
-                    state = run.process(frame, progress);
+                    state = run.process(frame, taken, progress);
+                    progress.lost(ahead.dropped(), ahead.missed());
                     output.grow(run.agent.map())?;
                     run.losses +=
                         u64::from(before == TrackingState::Tracking && state == TrackingState::Lost);
@@ -95,15 +100,23 @@ impl Run {
                     *run.skipped.entry(skip.reason).or_default() += 1;
                 }
                 Item::Warning(text) => progress.warn(&text),
+                Item::Notice(notice) => {
+                    progress.notice(&notice);
+                    if let Notice::Gone(_) = notice {
+                        output.save(run.agent.map())?;
+                    }
+                }
+                Item::Failed(reason) => run.failure = Some(reason),
             }
         }
+        ahead.end();
         progress.stage("last optimisation");
         run.agent.finish();
         run.wall_s = started.elapsed().as_secs_f64();
         Ok(run)
     }
 
-    fn process(&mut self, frame: Frame, progress: &Progress) -> TrackingState {
+    fn process(&mut self, frame: Frame, taken: Option<Instant>, progress: &Progress) -> TrackingState {
         // Once there is a map, nobody will ask why there is none.
         if self.agent.map().frames.is_empty() {
             self.statistics.add(&frame.image);
@@ -111,7 +124,9 @@ impl Run {
         let (index, timestamp) = (frame.index, frame.timestamp);
         let started = Instant::now();
         let report = self.agent.process(frame);
-        let row = FrameRow::new(index, timestamp, started.elapsed().as_secs_f64() * 1e3, &report);
+        let latency_ms = taken.map(|taken| taken.elapsed().as_secs_f64() * 1e3);
+        let ms = started.elapsed().as_secs_f64() * 1e3;
+        let row = FrameRow { latency_ms, ..FrameRow::new(index, timestamp, ms, &report) };
         self.last_reason = report.reason.or(self.last_reason);
         progress.frame(&row, self.agent.map().keyframes.len(), report.matched_points);
         self.rows.push(row);
@@ -121,6 +136,11 @@ impl Run {
     /// Gives the map away.
     pub fn into_map(self) -> Map {
         self.agent.into_map()
+    }
+
+    /// Why a live source ended though nobody wished it.
+    pub fn failure(&self) -> Option<&str> {
+        self.failure.as_deref()
     }
 
     /// Why the map is empty, for people.
@@ -155,12 +175,16 @@ impl Run {
                 offered,
                 processed,
                 dropped_late,
+                missed_by_driver: ahead.missed(),
                 skipped: self.skipped.clone(),
                 tracked,
                 tracked_share: if offered > 0 { tracked as f64 / offered as f64 } else { 0.0 },
                 losses: self.losses,
             },
-            cost: Cost::new(ms, self.wall_s, process::cpu_seconds(), process::peak_memory_bytes()),
+            cost: Cost {
+                latency_ms: Latency::of(self.rows.iter().filter_map(|row| row.latency_ms).collect()),
+                ..Cost::new(ms, self.wall_s, process::cpu_seconds(), process::peak_memory_bytes())
+            },
             map: MapCounts::new(map),
             rows: self.rows.clone(),
         }

@@ -54,7 +54,7 @@ fn two_runs_are_bit_identical_on_any_number_of_threads() {
 #[test]
 fn the_log_is_json_and_quiet_is_quiet() {
     let out = tempdir().unwrap();
-    let output = run(out.path(), &["--log", "json", "--format", "kitti"]);
+    let output = run(out.path(), &["--log", "json", "--trajectory", "kitti"]);
     let events: Vec<serde_json::Value> =
         stdout(&output).lines().map(|line| serde_json::from_str(line).unwrap()).collect();
     assert_eq!(events.last().unwrap()["event"], "end");

@@ -98,13 +98,13 @@ impl Preparation {
 
     /// Decodes and corrects an admitted frame.
     pub fn prepare(&self, frame: SourceFrame) -> Item {
-        let SourceFrame { index, timestamp, picture } = frame;
+        let SourceFrame { index, timestamp, captured, picture } = frame;
         let corrected = picture
             .into_grey()
             .map_err(|detail| (SkipReason::Unreadable, detail))
             .and_then(|image| self.correction.apply(image).map_err(|detail| (SkipReason::WrongSize, detail)));
         match corrected {
-            Ok(image) => Item::Frame(Frame { index, timestamp, image }),
+            Ok(image) => Item::Frame(Frame { index, timestamp, image }, captured),
             Err((reason, detail)) => Item::Skipped(Skip { index, timestamp, reason, detail }),
         }
     }

@@ -2,7 +2,7 @@
 
 use super::Item;
 use std::collections::VecDeque;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
@@ -13,6 +13,7 @@ pub struct Queue {
     capacity: usize,
     /// Whether a full queue forgets its frame instead of letting the producer wait.
     newest_only: bool,
+    missed: AtomicU64,
 }
 
 #[derive(Default)]
@@ -24,28 +25,40 @@ struct State {
 
 impl State {
     fn frames(&self) -> usize {
-        self.items.iter().filter(|item| matches!(item, Item::Frame(_))).count()
+        self.items.iter().filter(|item| matches!(item, Item::Frame(..))).count()
     }
 }
 
 impl Queue {
     /// A queue whose producer waits while `capacity` frames are in it.
     pub fn waiting(capacity: usize) -> Self {
-        Self { state: Mutex::default(), changed: Condvar::new(), capacity, newest_only: false }
+        Self {
+            state: Mutex::default(),
+            changed: Condvar::new(),
+            capacity,
+            newest_only: false,
+            missed: AtomicU64::new(0),
+        }
     }
 
     /// A queue that holds the newest frame and counts those it drops for it.
     pub fn newest_only() -> Self {
-        Self { state: Mutex::default(), changed: Condvar::new(), capacity: 1, newest_only: true }
+        Self {
+            state: Mutex::default(),
+            changed: Condvar::new(),
+            capacity: 1,
+            newest_only: true,
+            missed: AtomicU64::new(0),
+        }
     }
 
     /// Adds an item; false when the queue is closed.
     pub fn push(&self, item: Item) -> bool {
         let mut state = self.lock();
-        if matches!(item, Item::Frame(_)) {
+        if matches!(item, Item::Frame(..)) {
             if self.newest_only {
                 let before = state.items.len();
-                state.items.retain(|item| !matches!(item, Item::Frame(_)));
+                state.items.retain(|item| !matches!(item, Item::Frame(..)));
                 state.dropped += (before - state.items.len()) as u64;
             }
             while !state.closed && state.frames() >= self.capacity {
@@ -89,6 +102,21 @@ impl Queue {
         self.lock().closed
     }
 
+    /// Counts a frame that was dropped on its way here.
+    pub fn drop_one(&self) {
+        self.lock().dropped += 1;
+    }
+
+    /// Says how many frames the source could not deliver so far.
+    pub fn set_missed(&self, missed: u64) {
+        self.missed.store(missed, Ordering::Relaxed);
+    }
+
+    /// Frames that the source could not deliver.
+    pub fn missed(&self) -> u64 {
+        self.missed.load(Ordering::Relaxed)
+    }
+
     /// Frames dropped for newer ones.
     pub fn dropped(&self) -> u64 {
         self.lock().dropped
@@ -109,12 +137,12 @@ mod tests {
     static GO: AtomicBool = AtomicBool::new(false);
 
     fn frame(index: u64) -> Item {
-        Item::Frame(Frame { index, timestamp: index as f64, image: GrayImage::filled(1, 1, 0) })
+        Item::Frame(Frame { index, timestamp: index as f64, image: GrayImage::filled(1, 1, 0) }, None)
     }
 
     fn index(item: Option<Item>) -> Option<u64> {
         match item {
-            Some(Item::Frame(frame)) => Some(frame.index),
+            Some(Item::Frame(frame, _)) => Some(frame.index),
             _ => None,
         }
     }

@@ -1,5 +1,6 @@
 //! The command line: one file per command.
 
+mod cameras;
 mod eval;
 mod eval_agents;
 mod eval_depth;
@@ -36,6 +37,8 @@ pub struct Cli {
 pub enum Command {
     /// Track and map a recording
     Run(run::RunArgs),
+    /// List the cameras of this machine with their formats, sizes and rates
+    Cameras(cameras::CamerasArgs),
     /// Describe a recording or a map
     Info(info::InfoArgs),
     Export(export::ExportArgs),
@@ -59,6 +62,7 @@ impl Command {
     pub fn execute(self) -> Result<()> {
         match self {
             Command::Run(args) => run::execute(&args),
+            Command::Cameras(args) => cameras::run(&args),
             Command::Info(args) => info::execute(&args),
             Command::Export(args) => export::run(&args),
             Command::Eval(args) => eval::run(args),

@@ -6,7 +6,8 @@ use crate::camera::{self, CameraOptions, ImageCorrection};
 use crate::output::{Output, TrajectoryFormat};
 use crate::progress::{Display, Progress};
 use crate::runtime::{Run, Stop};
-use crate::sources::{self, SourceInfo, SourceOptions};
+use crate::sources::camera::{CameraArgs, open_camera};
+use crate::sources::{self, FrameSource, SourceInfo, SourceOptions};
 use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
 use map::AgentInfo;
@@ -19,7 +20,10 @@ use std::path::{Path, PathBuf};
 #[derive(Args, Debug)]
 pub struct RunArgs {
     /// The recording: a folder of images, an MCAP file or a video file
-    source: PathBuf,
+    #[arg(required_unless_present = "camera", conflicts_with = "camera")]
+    source: Option<PathBuf>,
+    #[command(flatten)]
+    camera: CameraArgs,
     /// Camera calibration, if none came with the recording or another is wanted
     #[arg(long, value_name = "FILE")]
     calib: Option<PathBuf>,
@@ -33,8 +37,8 @@ pub struct RunArgs {
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
     /// Form of trajectory.txt
-    #[arg(long, value_enum, default_value_t = TrajectoryFormat::Tum)]
-    format: TrajectoryFormat,
+    #[arg(long, value_enum, value_name = "FORM", default_value_t = TrajectoryFormat::Tum)]
+    trajectory: TrajectoryFormat,
     /// Leave out of cloud.ply points whose variance of inverse depth over its square is larger
     #[arg(long, value_name = "V", default_value_t = map::DEFAULT_MAX_RELATIVE_VARIANCE)]
     max_variance: f32,
@@ -42,7 +46,7 @@ pub struct RunArgs {
     #[arg(long, value_name = "FILE")]
     params: Option<PathBuf>,
     /// Play by the time stamps and drop frames when late
-    #[arg(long)]
+    #[arg(long, conflicts_with = "camera")]
     realtime: bool,
     /// With --realtime: how many times as fast as recorded
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0, requires = "realtime")]
@@ -53,9 +57,6 @@ pub struct RunArgs {
     /// Stop so many seconds into the recording
     #[arg(long, value_name = "SECONDS")]
     end: Option<f64>,
-    /// Frames per second of images without time stamps
-    #[arg(long, value_name = "RATE")]
-    fps: Option<f64>,
     /// Topic of an MCAP recording with several
     #[arg(long)]
     topic: Option<String>,
@@ -85,9 +86,9 @@ enum LogForm {
 pub fn execute(args: &RunArgs) -> Result<()> {
     args.check()?;
     let params = args.params.as_deref().map(params::read).transpose()?.unwrap_or_default();
-    let source = sources::open(&args.source, &SourceOptions { fps: args.fps, topic: args.topic.clone() })?;
+    let source = args.open()?;
     let info = source.info().clone();
-    let correction = camera::correction(&args.camera(), &info)?;
+    let correction = camera::correction(&args.calibration(), &info)?;
     let camera = correction.camera();
     let provenance = args.provenance(&info, &correction, &params);
     let name = recording_name(&info.path);
@@ -106,12 +107,18 @@ pub fn execute(args: &RunArgs) -> Result<()> {
     let record = run.record(&info, camera, &ahead, stop.requested());
     if record.frames.tracked == 0 {
         output.numbers(&record)?;
-        bail!("{}: no frame could be tracked: {}", args.source.display(), run.why_nothing_was_tracked());
+        let failure = run.failure().map(|failure| format!("\n{failure}")).unwrap_or_default();
+        let why = run.why_nothing_was_tracked();
+        bail!("{}: no frame could be tracked: {why}{failure}", info.path.display());
     }
     progress.stage("writing the results");
-    output.finish(&mut run.into_map(), &record, args.format, args.max_variance)?;
+    let failure = run.failure().map(str::to_owned);
+    output.finish(&mut run.into_map(), &record, args.trajectory, args.max_variance)?;
     progress.finish(&record, &args.out.display().to_string());
-    Ok(())
+    match failure {
+        Some(failure) => bail!("the run ended early, what was tracked is saved: {failure}"),
+        None => Ok(()),
+    }
 }
 
 /// What people call a recording: the last part of its path, of a file without the extension.
@@ -144,7 +151,15 @@ impl RunArgs {
         Ok(())
     }
 
-    fn camera(&self) -> CameraOptions {
+    /// The recording, or the camera that is to be used instead.
+    fn open(&self) -> Result<Box<dyn FrameSource>> {
+        let Some(source) = &self.source else {
+            return open_camera(&self.camera.clone().for_calibration(self.calib.as_deref())?);
+        };
+        sources::open(source, &SourceOptions { fps: self.camera.fps, topic: self.topic.clone() })
+    }
+
+    fn calibration(&self) -> CameraOptions {
         CameraOptions {
             calibration: self.calib.clone(),
             response: self.response.clone(),

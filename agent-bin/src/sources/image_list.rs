@@ -47,7 +47,8 @@ impl FrameSource for ImageList {
         let (timestamp, path) = self.frames.get(self.next)?;
         let index = self.next as u64;
         self.next += 1;
-        Some(SourceFrame { index, timestamp: *timestamp, picture: Picture::File(path.clone()) })
+        let picture = Picture::File(path.clone());
+        Some(SourceFrame { index, timestamp: *timestamp, captured: None, picture })
     }
 }
 

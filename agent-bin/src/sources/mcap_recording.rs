@@ -76,14 +76,11 @@ impl FrameSource for McapRecording {
             let index = self.next_index;
             self.next_index += 1;
             let log_time = seconds(message.log_time);
-            return Some(match messages::read_image(form, &message.data) {
-                Ok(image) => {
-                    SourceFrame { index, timestamp: image.stamp.unwrap_or(log_time), picture: image.picture }
-                }
-                Err(error) => {
-                    SourceFrame { index, timestamp: log_time, picture: Picture::Broken(format!("{error:#}")) }
-                }
-            });
+            let (timestamp, picture) = match messages::read_image(form, &message.data) {
+                Ok(image) => (image.stamp.unwrap_or(log_time), image.picture),
+                Err(error) => (log_time, Picture::Broken(format!("{error:#}"))),
+            };
+            return Some(SourceFrame { index, timestamp, captured: None, picture });
         }
     }
 

@@ -1,10 +1,12 @@
 //! Where frames come from: one file per kind of recording behind [`FrameSource`].
 
+pub mod camera;
 mod euroc;
 mod image_list;
 mod kitti;
 mod mcap_recording;
 mod messages;
+pub mod notice;
 mod numbered;
 mod timed;
 mod tum;
@@ -17,7 +19,11 @@ pub use image_list::images_in;
 use crate::pictures::Picture;
 use anyhow::{Result, bail};
 use geometry::Camera;
+use notice::Listener;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use std::time::Instant;
 
 /// A frame as its source has it.
 #[derive(Debug)]
@@ -26,6 +32,8 @@ pub struct SourceFrame {
     pub index: u64,
     /// Seconds, as recorded.
     pub timestamp: f64,
+    /// When the image was taken, of a live source.
+    pub captured: Option<Instant>,
     /// The picture, not yet decoded.
     pub picture: Picture,
 }
@@ -77,6 +85,31 @@ pub trait FrameSource: Send {
     /// What went wrong with the recording as a whole while it was read (a truncated file, say).
     fn warning(&self) -> Option<String> {
         None
+    }
+
+    /// Whether frames come when they come, and cannot be waited for in the source.
+    fn is_live(&self) -> bool {
+        false
+    }
+
+    /// Frames that a live source could not deliver so far.
+    fn missed(&self) -> u64 {
+        0
+    }
+
+    /// Why a live source ended though nobody wished it, once there is no next frame.
+    fn failure(&self) -> Option<String> {
+        None
+    }
+
+    /// What ends the wait in [`FrameSource::next_frame`] once it is set, of sources that may wait long.
+    fn stopper(&self) -> Option<Arc<AtomicBool>> {
+        None
+    }
+
+    /// Gives notices to `listener` from now on; without one they go to standard error.
+    fn listen(&mut self, listener: Listener) {
+        let _ = listener;
     }
 }
 

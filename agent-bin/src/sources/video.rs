@@ -103,6 +103,6 @@ impl FrameSource for Video {
         self.next_index += 1;
         let timestamp = self.time(index);
         let picture = self.picture().unwrap_or_else(|error| Picture::Broken(error.to_string()));
-        Some(SourceFrame { index, timestamp, picture })
+        Some(SourceFrame { index, timestamp, captured: None, picture })
     }
 }

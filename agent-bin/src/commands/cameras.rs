@@ -1,0 +1,41 @@
+//! `loopbox cameras`: the cameras there are and what they can do.
+
+use anyhow::Result;
+use clap::Args;
+
+/// Arguments of `loopbox cameras`.
+#[derive(Args, Debug)]
+pub struct CamerasArgs {
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs it.
+///
+/// # Errors
+/// When this program was built without cameras.
+#[cfg(not(all(feature = "camera", target_os = "linux")))]
+pub fn run(_args: &CamerasArgs) -> Result<()> {
+    Err(crate::sources::camera::not_built())
+}
+
+/// Runs it.
+///
+/// # Errors
+/// When the list cannot be printed.
+#[cfg(all(feature = "camera", target_os = "linux"))]
+pub fn run(args: &CamerasArgs) -> Result<()> {
+    use std::io::Write;
+    let cameras = crate::sources::camera::list::cameras(std::path::Path::new("/dev"));
+    let text = if args.json {
+        serde_json::to_string_pretty(&listing::as_json(&cameras))?
+    } else {
+        listing::as_text(&cameras)
+    };
+    Ok(writeln!(std::io::stdout(), "{text}")?)
+}
+
+#[cfg(all(feature = "camera", target_os = "linux"))]
+#[path = "cameras_listing.rs"]
+mod listing;

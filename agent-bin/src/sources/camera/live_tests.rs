@@ -1,0 +1,160 @@
+use super::super::format::{PixelFormat, Size};
+use super::*;
+use std::collections::VecDeque;
+use std::io;
+use std::sync::Mutex;
+
+/// A camera that does what a script says.
+struct Scripted {
+    view: View,
+    script: VecDeque<Step>,
+}
+
+#[derive(Clone, Copy)]
+enum Step {
+    /// A frame with this sequence number.
+    Frame(u32),
+    /// A frame that the driver marks.
+    Damaged(u32),
+    /// An error.
+    Fails(i32),
+}
+use Step::{Damaged, Fails, Frame};
+
+impl Device for Scripted {
+    fn view(&self) -> View {
+        self.view
+    }
+
+    fn next(&mut self, wait: Duration) -> io::Result<Option<Captured>> {
+        let frame = |sequence, damaged| Captured {
+            data: vec![7; 4],
+            sequence,
+            timestamp: sequence as f64,
+            captured: Instant::now(),
+            damaged,
+        };
+        match self.script.pop_front() {
+            Some(Frame(sequence)) => Ok(Some(frame(sequence, false))),
+            Some(Damaged(sequence)) => Ok(Some(frame(sequence, true))),
+            Some(Fails(code)) => Err(io::Error::from_raw_os_error(code)),
+            None => {
+                std::thread::sleep(wait);
+                Ok(None)
+            }
+        }
+    }
+}
+
+const SMALL: Size = Size { width: 2, height: 2 };
+
+fn opened(script: &[Step], size: Size) -> Opened {
+    let view = View { format: PixelFormat::Grey, size, step: size.width, rate: None };
+    let script = script.iter().copied().collect();
+    let device = Box::new(Scripted { view, script });
+    Opened { device, description: "Fake".into(), warnings: vec!["no focus".into()] }
+}
+
+/// A camera that comes back as each of `again` in turn, after as many failed looks as there are `None`.
+fn camera(script: &[Step], again: Option<Vec<Option<Opened>>>) -> (Live, Arc<Mutex<Vec<Notice>>>) {
+    let reopen = again.map(|again| {
+        let mut again = VecDeque::from(again);
+        let reopen: Reopen =
+            Box::new(move || again.pop_front().flatten().ok_or_else(|| anyhow::anyhow!("not there")));
+        reopen
+    });
+    let mut live = Live::new("/dev/fake".into(), opened(script, SMALL), reopen, None);
+    (live.silence, live.search) = (Duration::from_millis(20), Duration::from_millis(1));
+    let said = Arc::new(Mutex::new(Vec::new()));
+    let hears = Arc::clone(&said);
+    live.listen(Box::new(move |notice| hears.lock().unwrap().push(notice)));
+    (live, said)
+}
+
+#[test]
+fn gaps_in_the_drivers_count_are_missed_frames() {
+    let mut gaps = Gaps::default();
+    [5, 6, 9, 10].into_iter().for_each(|sequence| gaps.see(sequence));
+    assert_eq!(gaps.missed, 2);
+    // The count goes around.
+    [u32::MAX, 1].into_iter().for_each(|sequence| gaps.see(sequence));
+    assert_eq!(gaps.missed, 2 + 1, "the step to the end is too long to be one");
+    gaps.see(0);
+    assert_eq!(gaps.missed, 3, "a count begun anew");
+    gaps.restart();
+    gaps.see(100);
+    assert_eq!(gaps.missed, 3);
+}
+
+#[test]
+fn a_camera_unplugged_ends_the_source_with_a_reason() {
+    let (mut live, said) = camera(&[Frame(0), Frame(3), Damaged(4), Fails(libc::ENODEV)], None);
+    let frames: Vec<SourceFrame> = std::iter::from_fn(|| live.next_frame()).collect();
+    assert_eq!(frames.iter().map(|frame| frame.index).collect::<Vec<_>>(), [0, 1, 2]);
+    assert!(frames.iter().all(|frame| frame.captured.is_some()));
+    assert!(frames.into_iter().next_back().unwrap().picture.into_grey().unwrap_err().contains("damaged"));
+    assert_eq!(live.missed(), 2);
+    let failure = live.failure().unwrap();
+    assert!(
+        failure.contains("/dev/fake: the camera was unplugged\nhint:") && failure.contains("--reconnect")
+    );
+    let said = said.lock().unwrap();
+    assert_eq!(*said, [Notice::Note("Fake".into()), Notice::Warning("no focus".into())]);
+    assert!(live.next_frame().is_none(), "it stays ended");
+}
+
+#[test]
+fn a_silent_camera_is_given_up() {
+    let (mut live, _) = camera(&[Frame(0)], None);
+    assert!(live.next_frame().is_some());
+    assert!(live.next_frame().is_none());
+    assert!(live.failure().unwrap().contains("no image for"));
+}
+
+#[test]
+fn a_camera_that_comes_back_goes_on() {
+    let back = opened(&[Frame(0), Frame(1), Fails(libc::EIO)], SMALL);
+    let again = vec![None, None, Some(back), None, Some(opened(&[Frame(7)], SMALL))];
+    let (mut live, said) = camera(&[Frame(40), Frame(41), Fails(libc::ENODEV)], Some(again));
+    let indices: Vec<u64> = (0..5).map(|_| live.next_frame().unwrap().index).collect();
+    assert_eq!(indices, [0, 1, 2, 3, 4]);
+    assert_eq!(live.missed(), 0, "a new count is no gap");
+    let kinds: Vec<char> =
+        said.lock().unwrap().iter().map(|n| format!("{n:?}").chars().next().unwrap()).collect();
+    assert_eq!(kinds.iter().collect::<String>(), "NWGBGB");
+    // It is silent now, and nothing comes back any more: a wish to stop ends the wait.
+    live.stopper().unwrap().store(true, Ordering::Relaxed);
+    assert!(live.next_frame().is_none());
+    assert_eq!(live.failure(), None);
+}
+
+#[test]
+fn stopping_ends_the_wait_for_a_camera() {
+    let (mut live, _) = camera(&[Fails(libc::ENODEV)], Some(vec![]));
+    let stop = live.stopper().unwrap();
+    std::thread::scope(|scope| {
+        scope.spawn(|| {
+            std::thread::sleep(Duration::from_millis(20));
+            stop.store(true, Ordering::Relaxed);
+        });
+        assert!(live.next_frame().is_none());
+    });
+    assert_eq!(live.failure(), None);
+}
+
+#[test]
+fn a_camera_that_comes_back_different_ends_the_run() {
+    let other = opened(&[Frame(0)], Size { width: 4, height: 1 });
+    let (mut live, _) = camera(&[Fails(libc::ENODEV)], Some(vec![Some(other)]));
+    assert!(live.next_frame().is_none());
+    assert!(live.failure().unwrap().contains("other images"));
+}
+
+#[test]
+fn the_duration_counts_from_the_first_frame() {
+    let (mut live, _) = camera(&[Frame(0)], Some(vec![]));
+    live.duration = Some(Duration::from_millis(5));
+    assert!(live.next_frame().is_some());
+    assert!(live.next_frame().is_none());
+    assert_eq!(live.failure(), None);
+}
