@@ -5,7 +5,7 @@ mod euroc;
 mod image_list;
 mod kitti;
 mod mcap_recording;
-mod messages;
+pub mod messages;
 pub mod notice;
 mod numbered;
 mod timed;
