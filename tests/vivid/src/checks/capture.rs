@@ -15,13 +15,15 @@ use std::time::Duration;
 /// The camera in a mode of the driver.
 fn camera(mode: &Mode, lock: Vec<Lockable>) -> Result<Box<dyn FrameSource>> {
     let format: Wanted = mode.format.parse().map_err(|problem: String| anyhow!(problem))?;
-    open_camera(&CameraArgs {
+    let mut source = open_camera(&CameraArgs {
         camera: Some(CAPTURE.into()),
         size: Some(Size { width: mode.width, height: mode.height }),
         format,
         lock,
         ..CameraArgs::default()
-    })
+    })?;
+    source.listen(Box::new(|_| {}));
+    Ok(source)
 }
 
 fn next(source: &mut dyn FrameSource) -> Result<SourceFrame> {
