@@ -7,7 +7,7 @@ mod image_list;
 mod input;
 mod kitti;
 mod mcap_recording;
-mod messages;
+pub mod messages;
 pub mod notice;
 mod numbered;
 pub mod time;

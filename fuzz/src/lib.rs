@@ -1,0 +1,26 @@
+//! What the targets share.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Calls a reader that wants a path with a file of these bytes, kept in memory.
+///
+/// # Panics
+/// When there is no memory for the file: that is no finding.
+pub fn with_file<T>(name: &str, bytes: &[u8], read: impl FnOnce(&Path) -> T) -> T {
+    let path = scratch().join(name);
+    fs::write(&path, bytes).expect("a file can be written");
+    read(&path)
+}
+
+/// A folder of this process, in memory where the system offers that.
+///
+/// # Panics
+/// When it cannot be made.
+pub fn scratch() -> PathBuf {
+    let memory = Path::new("/dev/shm");
+    let base = if memory.is_dir() { memory.to_owned() } else { std::env::temp_dir() };
+    let folder = base.join(format!("loopbox-fuzz-{}", std::process::id()));
+    fs::create_dir_all(&folder).expect("a folder can be made");
+    folder
+}

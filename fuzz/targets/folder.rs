@@ -1,0 +1,27 @@
+//! The tables that come with folders of images. The first byte says whose form it is.
+#![no_main]
+
+use agent_bin::sources::{self, SourceOptions};
+use loopbox_fuzz::scratch;
+use std::fs;
+
+const TABLES: [&str; 4] = ["times.txt", "rgb.txt", "mav0/cam0/data.csv", "image_0/../times.txt"];
+
+libfuzzer_sys::fuzz_target!(|data: &[u8]| {
+    let Some((form, table)) = data.split_first() else { return };
+    let folder = scratch().join("folder");
+    let _ = fs::remove_dir_all(&folder);
+    for part in ["images", "mav0/cam0/data", "image_0"] {
+        fs::create_dir_all(folder.join(part)).expect("a folder can be made");
+    }
+    if *form as usize % TABLES.len() != 3 {
+        fs::remove_dir(folder.join("image_0")).expect("an empty folder can be removed");
+    }
+    let path = folder.join(TABLES[*form as usize % TABLES.len()].replace("image_0/../", ""));
+    fs::write(path, table).expect("a file can be written");
+    if let Ok(mut source) = sources::open(&folder, &SourceOptions::default()) {
+        while let Some(frame) = source.next_frame() {
+            let _ = frame.picture.into_grey();
+        }
+    }
+});
