@@ -16,10 +16,12 @@ use slam_direct::{Agent, Frame, TrackingState};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// Exit status after a second Ctrl-C, as shells report an interrupted program.
 const ABORTED: i32 = 130;
+/// How often a waiting source is told of the wish to stop.
+const STOP_INTERVAL: Duration = Duration::from_millis(20);
 
 /// The user's wish to stop.
 #[derive(Clone)]
@@ -41,6 +43,23 @@ impl Stop {
         })
         .context("cannot listen for Ctrl-C")?;
         Ok(stop)
+    }
+
+    /// Does `work`; meanwhile the wish to stop also ends a source's own waiting, through its `stopper`.
+    pub fn while_waiting<T>(&self, stopper: Option<Arc<AtomicBool>>, work: impl FnOnce() -> T) -> T {
+        let Some(stopper) = stopper else { return work() };
+        let done = AtomicBool::new(false);
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                while !done.load(Ordering::Relaxed) {
+                    stopper.fetch_or(self.requested(), Ordering::Relaxed);
+                    std::thread::sleep(STOP_INTERVAL);
+                }
+            });
+            let result = work();
+            done.store(true, Ordering::Relaxed);
+            result
+        })
     }
 
     /// Whether it was asked for.

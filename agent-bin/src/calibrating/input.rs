@@ -1,10 +1,13 @@
 //! Where the images of the board come from.
 
 use crate::pictures::Picture;
+use crate::sources::camera::{CameraArgs, open_camera};
 use crate::sources::{self, FrameSource, SourceOptions, images_in};
 use anyhow::{Result, bail};
 use geometry::GrayImage;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 /// What the user names.
 #[derive(Clone, Debug)]
@@ -12,7 +15,7 @@ pub enum Input {
     /// Image files, a folder of them, or one recording.
     Paths(Vec<PathBuf>),
     /// A camera.
-    Camera(String),
+    Camera(CameraArgs),
 }
 
 /// The images, one by one.
@@ -30,7 +33,7 @@ impl Shots {
     /// When there is nothing there, or it is neither images nor a recording.
     pub fn open(input: &Input, options: &SourceOptions) -> Result<Self> {
         let paths = match input {
-            Input::Camera(device) => return Ok(Self::Frames(open_camera(device)?)),
+            Input::Camera(camera) => return Ok(Self::Frames(open_camera(camera)?)),
             Input::Paths(paths) => paths,
         };
         if let [path] = &paths[..]
@@ -61,6 +64,14 @@ impl Shots {
         Ok(Self::Frames(sources::open(path, options)?))
     }
 
+    /// What ends the wait for a camera's images.
+    pub fn stopper(&self) -> Option<Arc<AtomicBool>> {
+        match self {
+            Self::Files(_) => None,
+            Self::Frames(source) => source.stopper(),
+        }
+    }
+
     /// Whether only what shows something new counts.
     pub fn is_stream(&self) -> bool {
         matches!(self, Self::Frames(_))
@@ -81,13 +92,6 @@ impl Shots {
             }
         }
     }
-}
-
-/// The one place where a camera is opened for calibration.
-fn open_camera(device: &str) -> Result<Box<dyn FrameSource>> {
-    bail!(
-        "{device}: this build reads no cameras\nhint: record images of the board with another program and give their folder"
-    )
 }
 
 fn is_image(path: &Path) -> bool {

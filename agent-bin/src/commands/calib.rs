@@ -4,6 +4,7 @@ use super::calib_photometric::{self, PhotometricArgs};
 use crate::calibrating::{Input, Numbers, Output, Shots, camera_text, collect, render_report, table};
 use crate::runtime::Stop;
 use crate::sources::SourceOptions;
+use crate::sources::camera::CameraArgs;
 use anyhow::{Context, Result, bail};
 use calib::coach::Coverage;
 use calib::{Board, LensModel, SolverParams, calibrate};
@@ -16,15 +17,14 @@ use std::path::PathBuf;
 #[derive(Debug, Args)]
 pub struct CalibArgs {
     /// Images of the board: files, a folder of them, or one recording
-    #[arg(value_name = "IMAGE|FOLDER|RECORDING")]
+    #[arg(value_name = "IMAGE|FOLDER|RECORDING", conflicts_with = "camera")]
     images: Vec<PathBuf>,
     /// The board: chessboard:9x6:0.025 (inner corners, side of a square in metres), charuco:7x5:0.04:0.03[:DICT_4X4_50]
     /// (squares, sides of square and marker), aprilgrid:6x6:0.088:0.3 (tags 36h11, side of a tag, gap as share of it)
     #[arg(long, value_name = "BOARD")]
     board: Option<Board>,
-    /// Camera to take images with, instead of IMAGES
-    #[arg(long, value_name = "DEVICE", conflicts_with = "images")]
-    camera: Option<String>,
+    #[command(flatten)]
+    camera: CameraArgs,
     /// Camera model: pinhole, radtan (k1 k2 p1 p2), radtan5 (k3 too), kb4 (fisheye), fov
     #[arg(long, value_name = "MODEL", default_value = "radtan")]
     model: LensModel,
@@ -58,23 +58,27 @@ pub fn run(args: &CalibArgs) -> Result<()> {
              --response or --vignette none is needed"
         );
     };
-    let input = match &args.camera {
-        Some(device) => Input::Camera(device.clone()),
+    let input = match &args.camera.camera {
+        Some(_) => Input::Camera(args.camera.clone()),
         None if args.images.is_empty() => {
             bail!("no images\nhint: give image files, a folder, a recording, or --camera DEVICE")
         }
         None => Input::Paths(args.images.clone()),
     };
-    let mut shots = Shots::open(&input, &SourceOptions { fps: Some(30.0), topic: None, all_frames: true })?;
+    let mut shots = Shots::open(
+        &input,
+        &SourceOptions { fps: args.camera.fps.or(Some(30.0)), topic: None, all_frames: true },
+    )?;
     let out = Output::prepare(&args.out)?;
     let page = args.report.as_deref().map(Output::prepare).transpose()?;
     let stop = Stop::on_ctrl_c("calibrating from what was seen so far (Ctrl-C again to abort)")?;
     let stream = shots.is_stream();
     let mut coach = Coach { quiet: args.quiet, stream, last: Vec::new() };
-    let collected = collect(&mut shots, board, &mut |given, coverage| {
+    let mut go_on = |given, coverage: &_| {
         coach.tell(given, coverage);
         !stop.requested()
-    })?;
+    };
+    let collected = stop.while_waiting(shots.stopper(), || collect(&mut shots, board, &mut go_on))?;
     let calibration =
         calibrate(board, &collected.views(), collected.size, args.model, &SolverParams::default())
             .with_context(|| not_used(&collected))?;

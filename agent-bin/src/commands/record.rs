@@ -4,6 +4,7 @@ use crate::camera::CameraOptions;
 use crate::progress::frame_bar;
 use crate::recording::{CalibrationFiles, Head, Recorder, refuse_existing};
 use crate::runtime::Stop;
+use crate::sources::camera::{CameraArgs, open_camera};
 use crate::sources::{self, FrameSource, SourceOptions, time};
 use anyhow::{Context, Result, bail};
 use clap::Args;
@@ -13,7 +14,10 @@ use std::path::{Path, PathBuf};
 #[derive(Args, Debug)]
 pub struct RecordArgs {
     /// The recording: a folder of images, an MCAP file, a ROS 1 bag or a video file
-    source: PathBuf,
+    #[arg(required_unless_present = "camera", conflicts_with = "camera")]
+    source: Option<PathBuf>,
+    #[command(flatten)]
+    camera: CameraArgs,
     /// The MCAP file to make
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
@@ -29,12 +33,6 @@ pub struct RecordArgs {
     /// Vignette of the lens to put into it
     #[arg(long, value_name = "FILE")]
     vignette: Option<PathBuf>,
-    /// End after so many seconds of the source's time
-    #[arg(long, value_name = "SECONDS")]
-    duration: Option<f64>,
-    /// Frames per second of images without time stamps
-    #[arg(long, value_name = "RATE")]
-    fps: Option<f64>,
     /// Topic of an MCAP file or a bag with several
     #[arg(long)]
     topic: Option<String>,
@@ -48,13 +46,11 @@ pub struct RecordArgs {
 /// # Errors
 /// When the source cannot be opened, or the file is there already or cannot be written.
 pub fn execute(args: &RecordArgs) -> Result<()> {
-    if let Some(bad) = args.duration.filter(|seconds| !(seconds.is_finite() && *seconds > 0.0)) {
-        bail!("--duration {bad} is not a time\nhint: give seconds, such as --duration 60");
-    }
+    args.camera.check()?;
     if !args.force {
         refuse_existing(&args.out).map_err(|error| error.context("the recording is not begun"))?;
     }
-    let source = args.open()?;
+    let mut source = args.open()?;
     let options = CameraOptions {
         calibration: args.calib.clone(),
         response: args.response.clone(),
@@ -71,45 +67,51 @@ pub fn execute(args: &RecordArgs) -> Result<()> {
     let stop = Stop::on_ctrl_c("stopping: ending the recording (Ctrl-C again to abort)")?;
     let recorder = Recorder::idle();
     recorder.start(&args.out, &head)?;
-    let warning = copy(source, &recorder, args, &stop);
+    let stopper = source.stopper();
+    stop.while_waiting(stopper, || copy(source.as_mut(), &recorder, args, &stop));
     let summary = recorder.stop()?;
-    if let Some(warning) = warning {
+    if let Some(warning) = source.warning() {
         eprintln!("warning: {warning}");
     }
     if summary.frames == 0 {
-        bail!("{}: there was no frame to record", args.source.display());
+        let failure = source.failure().map(|failure| format!(": {failure}")).unwrap_or_default();
+        bail!("{}: there was no frame to record{failure}", source.info().path.display());
     }
     if !args.quiet {
         println!("{}", summary.text());
     }
-    Ok(())
+    match source.failure() {
+        Some(failure) => bail!("the recording ended early, what was captured is in it: {failure}"),
+        None => Ok(()),
+    }
 }
 
 impl RecordArgs {
     /// Where the frames come from.
     fn open(&self) -> Result<Box<dyn FrameSource>> {
-        let options = SourceOptions { fps: self.fps, topic: self.topic.clone(), all_frames: true };
-        sources::open(&self.source, &options)
+        let Some(source) = &self.source else { return open_camera(&self.camera) };
+        let (fps, topic) = (self.camera.fps, self.topic.clone());
+        sources::open(source, &SourceOptions { fps, topic, all_frames: true })
     }
 }
 
-/// Hands every frame to the recorder until the source ends or the user stops it; the source's warning.
-fn copy(
-    mut source: Box<dyn FrameSource>,
-    recorder: &Recorder,
-    args: &RecordArgs,
-    stop: &Stop,
-) -> Option<String> {
+/// Hands every frame to the recorder until the source ends or the user stops it.
+fn copy(source: &mut dyn FrameSource, recorder: &Recorder, args: &RecordArgs, stop: &Stop) {
     let bar = frame_bar(args.quiet, source.info().frame_count);
+    let is_live = source.is_live();
     let mut first = None;
     while !stop.requested() {
         let Some(mut frame) = source.next_frame() else { break };
         frame.timestamp = time::on_grid(frame.timestamp);
         let since_first = frame.timestamp - *first.get_or_insert(frame.timestamp);
-        if args.duration.is_some_and(|duration| since_first > duration) {
+        if args.camera.duration.is_some_and(|duration| since_first > duration) {
             break;
         }
-        recorder.frame_waiting(&frame);
+        if is_live {
+            recorder.frame(&frame);
+        } else {
+            recorder.frame_waiting(&frame);
+        }
         bar.inc(1);
         if let Some(warning) = recorder.take_warning() {
             bar.suspend(|| eprintln!("warning: {warning}"));
@@ -119,7 +121,6 @@ fn copy(
         }
     }
     bar.finish_and_clear();
-    source.warning()
 }
 
 /// Removes what is to be replaced, unless it is what is read.

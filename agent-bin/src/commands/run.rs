@@ -181,6 +181,9 @@ impl RunArgs {
             return open_camera(&self.camera.clone().for_calibration(self.calib.as_deref())?);
         };
         let (fps, topic) = (self.camera.fps, self.topic.clone());
+        if self.camera.duration.is_some() {
+            bail!("--duration is for cameras\nhint: of a recording, take --start and --end");
+        }
         sources::open(source, &SourceOptions { fps, topic, all_frames: self.all_frames })
     }
 

@@ -88,7 +88,7 @@ impl AprilGrid {
                 twice.push(id);
             }
         }
-        twice.iter().for_each(|id| drop(tags.remove(id)));
+        twice.iter().for_each(|id| _ = tags.remove(id));
         Ok(tags)
     }
 

@@ -27,8 +27,8 @@ pub struct CameraArgs {
     /// When the camera is unplugged, wait for it and go on
     #[arg(long, requires = "camera")]
     pub reconnect: bool,
-    /// Stop so many seconds after the camera's first frame
-    #[arg(long, value_name = "SECONDS", requires = "camera")]
+    /// Stop so many seconds after the first frame
+    #[arg(long, value_name = "SECONDS")]
     pub duration: Option<f64>,
 }
 

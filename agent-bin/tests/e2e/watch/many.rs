@@ -55,9 +55,11 @@ fn turned(keyframes: u32, points: usize, picture: &str) -> Option<(f64, f64)> {
     std::thread::sleep(Duration::from_millis(1500));
     let frames = page.number("frames");
     for i in 0..60 {
-        let drag = |kind: &str, x: i32| serde_json::json!({
-            "type": kind, "x": x, "y": 500, "button": "left", "buttons": 1, "clickCount": 1
-        });
+        let drag = |kind: &str, x: i32| {
+            serde_json::json!({
+                "type": kind, "x": x, "y": 500, "button": "left", "buttons": 1, "clickCount": 1
+            })
+        };
         if i == 0 {
             page.call("Input.dispatchMouseEvent", drag("mousePressed", 600));
         }
