@@ -125,7 +125,7 @@ mod tests {
                 k * Matrix3::from_columns(&[
                     r.column(0),
                     r.column(1),
-                    nalgebra::vector![0.1, 0.0, 1.0].column(0),
+                    Vector3::new(0.1, 0.0, 1.0).column(0),
                 ])
             })
             .collect();
