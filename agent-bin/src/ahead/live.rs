@@ -88,3 +88,7 @@ pub fn produce(source: &mut dyn FrameSource, decoding: &mut Decoding<'_>) {
         }
     });
 }
+
+#[cfg(test)]
+#[path = "live_tests.rs"]
+mod tests;

@@ -2,6 +2,7 @@
 
 use super::device::{Captured, Device, View};
 use super::open::Opened;
+use super::stream::BUFFERS;
 use crate::sources::notice::{Listener, Notice};
 use crate::sources::{FrameSource, SourceFrame, SourceInfo};
 use anyhow::Result;
@@ -30,6 +31,10 @@ pub struct Live {
     reopen: Option<Reopen>,
     next_index: u64,
     gaps: Gaps,
+    /// When frames were first asked for.
+    begun: Option<Instant>,
+    /// Frames that may still lie in the driver from before that.
+    stale: u32,
     /// When the camera last gave a frame.
     heard: Instant,
     duration: Option<Duration>,
@@ -81,6 +86,8 @@ impl Live {
             reopen,
             next_index: 0,
             gaps: Gaps::default(),
+            begun: None,
+            stale: BUFFERS,
             heard: Instant::now(),
             duration,
             ends: None,
@@ -102,6 +109,14 @@ impl Live {
 
     fn ended(&self) -> bool {
         self.stop.load(Ordering::Relaxed) || self.ends.is_some_and(|ends| Instant::now() >= ends)
+    }
+
+    /// Whether the frame is from before frames were asked for: the driver kept it while others were not kept, so it
+    /// is old, and what is missing behind it was not wanted.
+    fn is_stale(&mut self, captured: &Captured) -> bool {
+        let stale = self.stale > 0 && self.begun.is_some_and(|begun| captured.captured < begun);
+        self.stale = if stale { self.stale - 1 } else { 0 };
+        stale
     }
 
     fn frame(&mut self, captured: Captured) -> SourceFrame {
@@ -174,6 +189,10 @@ impl FrameSource for Live {
     }
 
     fn next_frame(&mut self) -> Option<SourceFrame> {
+        if self.begun.is_none() {
+            self.heard = Instant::now();
+            self.begun = Some(self.heard);
+        }
         for notice in std::mem::take(&mut self.pending) {
             self.say(notice);
         }
@@ -183,6 +202,7 @@ impl FrameSource for Live {
                 continue;
             };
             match device.next(SLICE.min(self.silence)) {
+                Ok(Some(captured)) if self.is_stale(&captured) => {}
                 Ok(Some(captured)) => return Some(self.frame(captured)),
                 Ok(None) if self.heard.elapsed() > self.silence => self.lose(&format!(
                     "no image for {} s (is there a signal, and is the cable sound?)",

@@ -14,12 +14,14 @@ struct Scripted {
 enum Step {
     /// A frame with this sequence number.
     Frame(u32),
+    /// The same, captured a minute ago.
+    Old(u32),
     /// A frame that the driver marks.
     Damaged(u32),
     /// An error.
     Fails(i32),
 }
-use Step::{Damaged, Fails, Frame};
+use Step::{Damaged, Fails, Frame, Old};
 
 impl Device for Scripted {
     fn view(&self) -> View {
@@ -36,6 +38,10 @@ impl Device for Scripted {
         };
         match self.script.pop_front() {
             Some(Frame(sequence)) => Ok(Some(frame(sequence, false))),
+            Some(Old(sequence)) => {
+                let captured = Instant::now().checked_sub(Duration::from_secs(60)).unwrap();
+                Ok(Some(Captured { captured, ..frame(sequence, false) }))
+            }
             Some(Damaged(sequence)) => Ok(Some(frame(sequence, true))),
             Some(Fails(code)) => Err(io::Error::from_raw_os_error(code)),
             None => {
@@ -101,6 +107,14 @@ fn a_camera_unplugged_ends_the_source_with_a_reason() {
     let said = said.lock().unwrap();
     assert_eq!(*said, [Notice::Note("Fake".into()), Notice::Warning("no focus".into())]);
     assert!(live.next_frame().is_none(), "it stays ended");
+}
+
+#[test]
+fn frames_from_before_the_start_are_no_gap() {
+    let (mut live, _) = camera(&[Old(0), Old(1), Frame(30), Frame(31), Old(32)], None);
+    let stamps: Vec<f64> = (0..3).map(|_| live.next_frame().unwrap().timestamp).collect();
+    assert_eq!(stamps, [30.0, 31.0, 32.0], "a clock that is off costs no more than the first frames");
+    assert_eq!(live.missed(), 0);
 }
 
 #[test]

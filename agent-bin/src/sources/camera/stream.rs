@@ -9,7 +9,7 @@ use v4l::v4l_sys as sys;
 use v4l::v4l2::{self, vidioc};
 
 /// Frames that the driver can fill while we look away.
-const BUFFERS: u32 = 4;
+pub const BUFFERS: u32 = 4;
 /// `V4L2_MEMORY_MMAP`.
 const MAPPED: u32 = 1;
 const FLAG_ERROR: u32 = 0x0000_0040;
