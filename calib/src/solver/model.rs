@@ -61,6 +61,7 @@ impl LensModel {
         Camera::new(Pinhole { width, height, fx: p[0], fy: p[1], cx: p[2], cy: p[3] }, distortion)
     }
 
+    #[cfg(test)]
     /// The parameters of a camera of this model.
     pub(crate) fn parameters(self, camera: &Camera) -> Parameters {
         let Pinhole { fx, fy, cx, cy, .. } = *camera.intrinsics();

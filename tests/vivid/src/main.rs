@@ -59,7 +59,7 @@ fn play(folder: &std::path::Path, pace: f64, format: &str) -> Result<()> {
         anyhow::bail!("--format {format}: there are {}", layout::FORMATS.join(", "));
     };
     let mode = driver::Mode { width, height, format, ..driver::Mode::USUAL };
-    let player = player::Player::start(&pictures, &mode, pace)?;
+    let player = player::Player::start(&pictures, &mode, player::Pace::PerSecond(pace))?;
     loop {
         player.wait_for(pictures.len())?;
         std::thread::park();

@@ -11,9 +11,19 @@ use std::sync::{Arc, Mutex};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
+/// When the next picture comes.
+#[derive(Clone, Copy, Debug)]
+pub enum Pace {
+    /// So many a second.
+    PerSecond(f64),
+    /// When [`Player::advance`] says so: an emulated processor on a busy machine is as fast as it is.
+    OnDemand,
+}
+
 /// Pictures that are being played. The last one stays until the player is stopped.
 pub struct Player {
     stop: Arc<AtomicBool>,
+    allowed: Arc<AtomicUsize>,
     shown: Arc<AtomicUsize>,
     /// Why playing ended early.
     failure: Arc<Mutex<Option<String>>>,
@@ -21,30 +31,46 @@ pub struct Player {
 }
 
 impl Player {
-    /// Connects output and input and plays so many pictures per second.
+    /// Connects output and input and plays pictures; returns when the first one is shown.
     ///
     /// # Errors
     /// When the driver refuses.
-    pub fn start(pictures: &[GrayImage], mode: &Mode, pace: f64) -> Result<Self> {
+    pub fn start(pictures: &[GrayImage], mode: &Mode, pace: Pace) -> Result<Self> {
         driver::connect(mode)?;
         let frames = pictures.iter().map(|p| layout::bytes(p, mode.format)).collect::<Result<Vec<_>>>()?;
         let stop = Arc::new(AtomicBool::new(false));
         let shown = Arc::new(AtomicUsize::new(0));
+        let allowed = Arc::new(AtomicUsize::new(1));
         let failure = Arc::new(Mutex::new(None));
         let thread = thread::spawn({
             let (stop, shown, failure) = (stop.clone(), shown.clone(), failure.clone());
+            let (start, allowed) = (Instant::now(), allowed.clone());
+            let is_due = move |index: usize| match pace {
+                Pace::PerSecond(rate) => start.elapsed().as_secs_f64() * rate >= index as f64,
+                Pace::OnDemand => allowed.load(Ordering::Acquire) > index,
+            };
             move || {
                 let mut times = Vec::new();
-                let played = play(&frames, Duration::from_secs_f64(1.0 / pace), &stop, &shown, &mut times);
+                let played = play(&frames, &is_due, &stop, &shown, &mut times);
                 if let (Err(error), Ok(mut failure)) = (played, failure.lock()) {
                     *failure = Some(format!("{error:#}"));
                 }
                 times
             }
         });
-        let player = Self { stop, shown, failure, thread };
+        let player = Self { stop, allowed, shown, failure, thread };
         player.wait_for(1)?;
         Ok(player)
+    }
+
+    /// Shows the next picture and returns when it is on its way, with the time of that.
+    ///
+    /// # Errors
+    /// When playing ended before.
+    pub fn advance(&self) -> Result<f64> {
+        let count = self.allowed.fetch_add(1, Ordering::AcqRel) + 1;
+        self.wait_for(count)?;
+        now()
     }
 
     /// Waits until so many pictures were played.
@@ -78,15 +104,14 @@ impl Player {
 
 fn play(
     frames: &[Vec<u8>],
-    period: Duration,
+    is_due: &dyn Fn(usize) -> bool,
     stop: &AtomicBool,
     shown: &AtomicUsize,
     times: &mut Vec<f64>,
 ) -> Result<()> {
     let mut stream = Stream::start(OUTPUT, frames.first().context("no pictures to play")?)?;
-    let start = Instant::now();
-    for (index, frame) in (0_u32..).zip(frames) {
-        while start.elapsed() < period * index && !stop.load(Ordering::Acquire) {
+    for (index, frame) in frames.iter().enumerate() {
+        while !is_due(index) && !stop.load(Ordering::Acquire) {
             thread::sleep(Duration::from_millis(2));
         }
         if stop.load(Ordering::Acquire) {

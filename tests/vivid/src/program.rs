@@ -100,6 +100,31 @@ impl Running {
         self.text("stdout").matches(text).count()
     }
 
+    /// The time stamp of the frame that it processed last, as its log says.
+    pub fn last_frame(&self) -> Option<f64> {
+        let text = self.text("stdout");
+        let lines = text.lines().rev().filter_map(|line| serde_json::from_str::<Value>(line).ok());
+        lines.into_iter().find(|line| line["event"] == "frame")?["frame"]["timestamp"].as_f64()
+    }
+
+    /// Waits until it has processed a frame later than `time`.
+    ///
+    /// # Errors
+    /// When it ends before, or takes too long.
+    pub fn wait_for_frame(&mut self, time: f64) -> Result<()> {
+        let start = Instant::now();
+        while self.last_frame().is_none_or(|last| last <= time) {
+            if !self.goes_on()? {
+                bail!("{}", self.told("the program has ended"));
+            }
+            if start.elapsed() > PATIENCE {
+                bail!("{}", self.told("the program processes no frames"));
+            }
+            thread::sleep(Duration::from_millis(25));
+        }
+        Ok(())
+    }
+
     /// Whether it still runs.
     ///
     /// # Errors
@@ -138,7 +163,11 @@ impl Running {
     }
 
     fn told(&self, problem: &str) -> String {
-        format!("{problem}; its messages:\n{}\n{}", self.text("stderr"), self.text("stdout"))
+        format!(
+            "{problem}; its messages:\n{}\n{}",
+            end_of(&self.text("stderr")),
+            end_of(&self.text("stdout"))
+        )
     }
 }
 
@@ -148,7 +177,7 @@ impl Ended {
     /// # Errors
     /// When it failed.
     pub fn succeeded(self) -> Result<Self> {
-        ensure!(self.status.success(), "{}:\n{}", self.status, self.messages);
+        ensure!(self.status.success(), "{}:\n{}", self.status, end_of(&self.messages));
         Ok(self)
     }
 
@@ -157,9 +186,9 @@ impl Ended {
     /// # Errors
     /// When it succeeded, crashed or said something else.
     pub fn refused(self, words: &[&str]) -> Result<Self> {
-        ensure!(self.status.code() == Some(1), "{}:\n{}", self.status, self.messages);
+        ensure!(self.status.code() == Some(1), "{}:\n{}", self.status, end_of(&self.messages));
         for word in words.iter().chain(&["hint: "]) {
-            ensure!(self.messages.contains(word), "no '{word}' in:\n{}", self.messages);
+            ensure!(self.messages.contains(word), "no '{word}' in:\n{}", end_of(&self.messages));
         }
         ensure!(!self.messages.contains("panicked"), "{}", self.messages);
         Ok(self)
@@ -174,4 +203,10 @@ impl Ended {
         let bytes = fs::read(&path).with_context(|| format!("{}:\n{}", path.display(), self.messages))?;
         Ok(serde_json::from_slice(&bytes)?)
     }
+}
+
+/// The last lines of a text.
+fn end_of(text: &str) -> String {
+    let lines: Vec<&str> = text.lines().collect();
+    lines[lines.len().saturating_sub(20)..].join("\n")
 }

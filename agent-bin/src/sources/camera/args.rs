@@ -113,10 +113,10 @@ impl CameraArgs {
         Ok(())
     }
 
-    /// The same, at the size of the calibration where no other is wished.
+    /// The same, at the size of the calibration.
     ///
     /// # Errors
-    /// When there is no calibration, or it cannot be read.
+    /// When there is no calibration, it cannot be read, or another size is wished.
     pub fn for_calibration(mut self, calibration: Option<&Path>) -> Result<Self> {
         let Some(file) = calibration else {
             bail!(
@@ -125,9 +125,15 @@ impl CameraArgs {
                 self.path().unwrap_or_default().display()
             );
         };
-        if self.size.is_none() {
-            let pinhole = *calib::read_camera(file)?.camera.intrinsics();
-            self.size = Some(Size { width: pinhole.width as u32, height: pinhole.height as u32 });
+        let pinhole = *calib::read_camera(file)?.camera.intrinsics();
+        let calibrated = Size { width: pinhole.width as u32, height: pinhole.height as u32 };
+        let size = *self.size.get_or_insert(calibrated);
+        if size != calibrated {
+            bail!(
+                "--size {size} does not fit {}, which is for {calibrated}\nhint: leave --size out, or calibrate at \
+                 that size",
+                file.display()
+            );
         }
         Ok(self)
     }

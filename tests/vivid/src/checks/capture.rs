@@ -3,7 +3,7 @@
 use super::pattern;
 use crate::driver::{self, CAPTURE, Mode};
 use crate::layout::FORMATS;
-use crate::player::Player;
+use crate::player::{Pace, Player};
 use agent_bin::sources::camera::args::{Lockable, Wanted};
 use agent_bin::sources::camera::format::Size;
 use agent_bin::sources::camera::{CameraArgs, open_camera};
@@ -35,7 +35,7 @@ pub fn every_format() -> Result<String> {
     for format in FORMATS {
         let mode = Mode { format, ..Mode::USUAL };
         let picture = pattern(mode.width, mode.height, 1);
-        let player = Player::start(std::slice::from_ref(&picture), &mode, 30.0)?;
+        let player = Player::start(std::slice::from_ref(&picture), &mode, Pace::OnDemand)?;
         let mut source = camera(&mode, Vec::new())?;
         // The first frames may still show what was there before.
         let frames = (0..5).map(|_| next(&mut *source)).collect::<Result<Vec<_>>>()?;
@@ -55,7 +55,7 @@ pub fn every_format() -> Result<String> {
 /// Leaves the frames of a second unread.
 pub fn stalled_reader() -> Result<String> {
     let mode = Mode::USUAL;
-    let player = Player::start(&[pattern(mode.width, mode.height, 2)], &mode, 30.0)?;
+    let player = Player::start(&[pattern(mode.width, mode.height, 2)], &mode, Pace::OnDemand)?;
     let mut source = camera(&mode, Vec::new())?;
     let before = next(&mut *source)?.timestamp;
     thread::sleep(Duration::from_secs(1));
@@ -76,7 +76,7 @@ pub fn stalled_reader() -> Result<String> {
 pub fn locks() -> Result<String> {
     const AUTOMATIC: &str = "Gain, Automatic";
     let mode = Mode::USUAL;
-    let player = Player::start(&[pattern(mode.width, mode.height, 3)], &mode, 30.0)?;
+    let player = Player::start(&[pattern(mode.width, mode.height, 3)], &mode, Pace::OnDemand)?;
     let device = driver::open(CAPTURE)?;
     driver::set_control(&device, AUTOMATIC, 1)?;
     let mut source = camera(&mode, vec![Lockable::Gain])?;

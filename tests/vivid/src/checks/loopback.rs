@@ -3,7 +3,7 @@
 use super::pattern;
 use crate::driver::{CAPTURE, Mode};
 use crate::layout::{self, FORMATS};
-use crate::player::Player;
+use crate::player::{Pace, Player};
 use anyhow::{Context, Result, ensure};
 use std::fs::File;
 use std::io::Read;
@@ -13,7 +13,7 @@ pub fn every_format() -> Result<String> {
     for format in FORMATS {
         let mode = Mode { format, ..Mode::USUAL };
         let picture = pattern(mode.width, mode.height, 0);
-        let player = Player::start(std::slice::from_ref(&picture), &mode, 30.0)?;
+        let player = Player::start(std::slice::from_ref(&picture), &mode, Pace::OnDemand)?;
         let expected = layout::bytes(&picture, format)?;
         let mut device = File::open(CAPTURE).context(CAPTURE)?;
         let mut got = vec![0; expected.len()];

@@ -2,7 +2,7 @@
 
 use super::pattern;
 use crate::driver::{self, CAPTURE, Mode, OUTPUT};
-use crate::player::Player;
+use crate::player::{Pace, Player};
 use crate::program::{self, SOME_USER};
 use anyhow::{Context, Result, ensure};
 use std::fs::{self, File};
@@ -18,7 +18,7 @@ fn arguments<'a>(device: &'a str, more: &[&'a str]) -> Vec<&'a str> {
 /// This program streams from the device already.
 pub fn busy() -> Result<String> {
     let mode = Mode::USUAL;
-    let player = Player::start(&[pattern(mode.width, mode.height, 4)], &mode, 30.0)?;
+    let player = Player::start(&[pattern(mode.width, mode.height, 4)], &mode, Pace::OnDemand)?;
     let mut device = File::open(CAPTURE).context(CAPTURE)?;
     let read = device.read(&mut vec![0; (mode.width * mode.height) as usize])?;
     ensure!(read > 0, "no frame");

@@ -1,9 +1,9 @@
 //! A camera that is taken away while it runs, by unbinding the driver, and given back.
 
-use super::slam::{self, PACE, arguments};
-use crate::driver::{self, CAPTURE};
-use crate::player::Player;
-use crate::program::{self, Running, SOME_USER};
+use super::slam::{self, arguments, follow};
+use crate::driver::CAPTURE;
+use crate::player::{self, Pace, Player};
+use crate::program::{self, SOME_USER};
 use anyhow::{Context, Result, ensure};
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
@@ -36,20 +36,17 @@ fn allow_everybody() -> Result<()> {
     Ok(fs::set_permissions(CAPTURE, fs::Permissions::from_mode(0o666))?)
 }
 
-fn wait_until_tracked(run: &mut Running, count: usize) -> Result<()> {
-    while run.count(TRACKED) < count {
-        ensure!(run.goes_on()?, "the run ended after {} tracked frames", run.count(TRACKED));
-        thread::sleep(Duration::from_millis(50));
-    }
-    Ok(())
-}
+/// Pictures that are enough to start a map and go on with it.
+const BEFORE: usize = 16;
+const AFTER: usize = 10;
 
 /// Without `--reconnect`.
 pub fn ends_the_run() -> Result<String> {
     let (pictures, mode) = slam::sequence()?;
-    let player = Player::start(&pictures, &mode, PACE)?;
+    let player = Player::start(&pictures, &mode, Pace::OnDemand)?;
     let mut run = program::start("unplugged", &arguments(&[]), 0)?;
-    wait_until_tracked(&mut run, 12)?;
+    run.wait_for_frame(0.0)?;
+    follow(&player, &mut run, BEFORE)?;
     unplug()?;
     let ended = run.wait()?;
     // The player's device is gone too.
@@ -59,35 +56,35 @@ pub fn ends_the_run() -> Result<String> {
     let map = ended.out.join("map.mcap").display().to_string();
     let info = program::run("unplugged_info", &["info", &map, "--json"])?.succeeded()?;
     let poses = fs::read_to_string(ended.out.join("trajectory.txt"))?.lines().count();
-    ensure!(poses >= 10, "{poses} poses were saved:\n{}", info.output);
+    ensure!(poses >= BEFORE / 2, "{poses} poses were saved:\n{}", info.output);
     Ok(format!("{poses} poses saved"))
 }
 
 /// With `--reconnect`, by a user who may use the device only a while after it is back.
 pub fn goes_on() -> Result<String> {
     let (pictures, mode) = slam::sequence()?;
-    let (first, second) = pictures.split_at(pictures.len() / 3);
-    let player = Player::start(first, &mode, PACE)?;
+    let player = Player::start(&pictures, &mode, Pace::OnDemand)?;
     allow_everybody()?;
     let mut run = program::start("reconnect", &arguments(&["--reconnect"]), SOME_USER)?;
-    player.wait_for(first.len())?;
-    wait_until_tracked(&mut run, 12)?;
+    run.wait_for_frame(0.0)?;
+    follow(&player, &mut run, BEFORE)?;
     unplug()?;
     let _ = player.stop();
-    thread::sleep(Duration::from_secs(1));
+    run.wait_for_text("\"event\":\"gone\"")?;
     ensure!(run.goes_on()?, "the run ended when the camera went away");
     let before = run.count(TRACKED);
+    ensure!(before >= BEFORE / 2, "{before} frames were tracked before the camera went away");
     plug_in()?;
     // From a place that the map knows.
-    let again: Vec<_> = first.iter().rev().take(3).rev().chain(second).cloned().collect();
-    let player = Player::start(&again[..again.len().min(30)], &mode, PACE)?;
+    let player = Player::start(&pictures[BEFORE - 3..], &mode, Pace::OnDemand)?;
+    let back = player::now()?;
     allow_everybody()?;
-    wait_until_tracked(&mut run, before + 15)?;
+    run.wait_for_frame(back)?;
+    follow(&player, &mut run, AFTER)?;
     run.signal("-INT")?;
     let ended = run.wait()?.succeeded()?;
     player.stop()?;
-    driver::connect(&mode)?;
     let tracked = ended.numbers()?["frames"]["tracked"].as_u64().context("run.json has no frames.tracked")?;
-    ensure!(tracked as usize >= before + 15, "{tracked} poses; {before} frames were tracked before");
+    ensure!(tracked as usize >= before + AFTER - 2, "{tracked} poses; {before} frames were tracked before");
     Ok(format!("{before} frames tracked before, {} after", tracked as usize - before))
 }
