@@ -37,8 +37,17 @@ fn small_map() -> Map {
                 frame_index: id.0.into(),
                 world_from_keyframe: geometry::Sim3::identity(),
                 image: Arc::new(image),
-                semi_dense: SemiDense { pixel: vec![3, 9], inverse_depth: vec![0.5, 0.7], variance: vec![0.1, 0.2] },
-                points: vec![Point { pixel: [2.0, 3.0], inverse_depth: 0.4, variance: 0.1, observations: Vec::new() }],
+                semi_dense: SemiDense {
+                    pixel: vec![3, 9],
+                    inverse_depth: vec![0.5, 0.7],
+                    variance: vec![0.1, 0.2],
+                },
+                points: vec![Point {
+                    pixel: [2.0, 3.0],
+                    inverse_depth: 0.4,
+                    variance: 0.1,
+                    observations: Vec::new(),
+                }],
             },
         );
         map.frames.push(FramePose {

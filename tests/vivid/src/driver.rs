@@ -96,7 +96,9 @@ fn select(device: &Device, request: c_ulong, index: i32) -> Result<()> {
 /// When there is none of this name, or the driver refuses.
 pub fn set_control(device: &Device, name: &str, value: i64) -> Result<()> {
     let id = control_id(device, name)?;
-    device.set_control(Control { id, value: Value::Integer(value) }).with_context(|| format!("control {name}"))
+    device
+        .set_control(Control { id, value: Value::Integer(value) })
+        .with_context(|| format!("control {name}"))
 }
 
 /// A control's value by its name.

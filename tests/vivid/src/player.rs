@@ -6,8 +6,8 @@ use crate::stream::Stream;
 use anyhow::{Context, Result, anyhow};
 use image::GrayImage;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
@@ -37,8 +37,7 @@ impl Player {
     /// When the driver refuses.
     pub fn start(pictures: &[GrayImage], mode: &Mode, pace: Pace) -> Result<Self> {
         driver::connect(mode)?;
-        let frames =
-            pictures.iter().map(|p| layout::bytes(p, mode.format)).collect::<Result<Vec<_>>>()?;
+        let frames = pictures.iter().map(|p| layout::bytes(p, mode.format)).collect::<Result<Vec<_>>>()?;
         let stop = Arc::new(AtomicBool::new(false));
         let shown = Arc::new(AtomicUsize::new(0));
         let allowed = Arc::new(AtomicUsize::new(1));

@@ -45,7 +45,8 @@ pub fn start(name: &str, arguments: &[&str], user: u32) -> Result<Running> {
     std::os::unix::fs::chown(&folder, Some(user), Some(user))?;
     let out = folder.join("out");
     let place = out.display().to_string();
-    let arguments = arguments.iter().map(|&argument| if argument == "OUT" { place.as_str() } else { argument });
+    let arguments =
+        arguments.iter().map(|&argument| if argument == "OUT" { place.as_str() } else { argument });
     let mut command = Command::new(PROGRAM);
     command.args(arguments).stdin(Stdio::null());
     command.stdout(File::create(folder.join("stdout"))?).stderr(File::create(folder.join("stderr"))?);
@@ -148,7 +149,12 @@ impl Running {
             }
             thread::sleep(Duration::from_millis(10));
         };
-        Ok(Ended { status, messages: self.text("stderr"), output: self.text("stdout"), out: self.out.clone() })
+        Ok(Ended {
+            status,
+            messages: self.text("stderr"),
+            output: self.text("stdout"),
+            out: self.out.clone(),
+        })
     }
 
     fn text(&self, stream: &str) -> String {
@@ -157,7 +163,11 @@ impl Running {
     }
 
     fn told(&self, problem: &str) -> String {
-        format!("{problem}; its messages:\n{}\n{}", end_of(&self.text("stderr")), end_of(&self.text("stdout")))
+        format!(
+            "{problem}; its messages:\n{}\n{}",
+            end_of(&self.text("stderr")),
+            end_of(&self.text("stdout"))
+        )
     }
 }
 

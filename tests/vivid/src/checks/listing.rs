@@ -9,7 +9,19 @@ pub fn webcam() -> Result<String> {
     driver::be_a_webcam()?;
     let ended = program::run("cameras", &["cameras"])?.succeeded()?;
     let text = &ended.output;
-    for word in ["/dev/video0", "vivid", "GREY", "Y16", "YUYV", "UYVY", "NV12", "320x180", "640x360", "1280x720", "30"] {
+    for word in [
+        "/dev/video0",
+        "vivid",
+        "GREY",
+        "Y16",
+        "YUYV",
+        "UYVY",
+        "NV12",
+        "320x180",
+        "640x360",
+        "1280x720",
+        "30",
+    ] {
         ensure!(text.contains(word), "no '{word}' in:\n{text}");
     }
     ensure!(!text.contains("/dev/video1"), "an output is listed as a camera:\n{text}");

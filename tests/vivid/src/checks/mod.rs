@@ -32,5 +32,7 @@ pub const ALL: &[(&str, Check)] = &[
 
 /// A textured picture, another for each seed.
 fn pattern(width: u32, height: u32, seed: u32) -> GrayImage {
-    GrayImage::from_fn(width, height, |x, y| Luma([((x * 37 + y * 91 + (x * y) / 7 + seed * 53) % 251) as u8]))
+    GrayImage::from_fn(width, height, |x, y| {
+        Luma([((x * 37 + y * 91 + (x * y) / 7 + seed * 53) % 251) as u8])
+    })
 }

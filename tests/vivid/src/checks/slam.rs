@@ -25,7 +25,17 @@ pub fn sequence() -> Result<(Vec<GrayImage>, Mode)> {
 
 /// Arguments of a run on the driver's camera, with the sequence's calibration.
 pub fn arguments<'a>(more: &[&'a str]) -> Vec<&'a str> {
-    let always = ["run", "--camera", CAPTURE, "--calib", "/data/parking_a/camera.yaml", "--out", "OUT", "--log", "json"];
+    let always = [
+        "run",
+        "--camera",
+        CAPTURE,
+        "--calib",
+        "/data/parking_a/camera.yaml",
+        "--out",
+        "OUT",
+        "--log",
+        "json",
+    ];
     [&always[..], more].concat()
 }
 
@@ -50,19 +60,27 @@ pub fn played_sequence() -> Result<String> {
     let played = player.stop()?;
 
     let numbers = ended.numbers()?;
-    let count = |name: &str| numbers["frames"][name].as_u64().with_context(|| format!("run.json has no {name}"));
+    let count =
+        |name: &str| numbers["frames"][name].as_u64().with_context(|| format!("run.json has no {name}"));
     let (processed, tracked) = (count("processed")?, count("tracked")?);
-    ensure!(tracked * 10 >= processed * 9, "{tracked} of {processed} frames were tracked:\n{}", ended.messages);
+    ensure!(
+        tracked * 10 >= processed * 9,
+        "{tracked} of {processed} frames were tracked:\n{}",
+        ended.messages
+    );
     let truth = ended.out.with_file_name("truth.txt");
     let trajectory = ended.out.join("trajectory.txt");
     truth::write(&trajectory, &Path::new(SEQUENCE).join("groundtruth.txt"), &played, &truth)?;
     let (estimate, reference) = (trajectory.display().to_string(), truth.display().to_string());
-    let compared = program::run("slam_eval", &["eval", &estimate, "--gt", &reference, "--json"])?.succeeded()?;
+    let compared =
+        program::run("slam_eval", &["eval", &estimate, "--gt", &reference, "--json"])?.succeeded()?;
     let compared: Value = serde_json::from_str(&compared.output)?;
     let latency = &numbers["cost"]["latency_ms"];
     let (median, p99) = (&latency["median"], &latency["p99"]);
     ensure!(median.is_number() && p99.is_number(), "run.json has no latency: {latency}");
-    Ok(format!("{tracked}/{processed} tracked; capture to pose {median} ms, 99 % {p99} ms, emulated; {compared}"))
+    Ok(format!(
+        "{tracked}/{processed} tracked; capture to pose {median} ms, 99 % {p99} ms, emulated; {compared}"
+    ))
 }
 
 /// Stops the process for a while, as a suspended or starved machine does.
@@ -79,7 +97,9 @@ pub fn stopped_process() -> Result<String> {
     run.signal("-INT")?;
     let ended = run.wait()?;
     player.stop()?;
-    let missed = ended.numbers()?["frames"]["missed_by_driver"].as_u64().context("run.json has no frames.missed_by_driver")?;
+    let missed = ended.numbers()?["frames"]["missed_by_driver"]
+        .as_u64()
+        .context("run.json has no frames.missed_by_driver")?;
     // Not all of 45: the driver goes on filling the buffers that it has.
     ensure!(missed >= 30, "{missed} frames missed in 1.5 s at 30 frames/s:\n{}", ended.messages);
     Ok(format!("{missed} missed"))
