@@ -47,6 +47,7 @@ fn options_that_do_not_fit_are_refused() {
     let camera = ["--camera", "/dev/video0", "--calib", "CALIB"];
     let with = |more: &[&'static str]| [&camera[..], more].concat();
     refused(&with(&["--size", "640"]), &["640x480"]);
+    refused(&with(&["--size", "320x240"]), &["320x240", "640x480", "calibrate"]);
     refused(&with(&["--format", "H264"]), &["MJPG"]);
     refused(&with(&["--format", "kitti"]), &["--trajectory kitti"]);
     refused(&with(&["--fps", "0"]), &["--fps"]);

