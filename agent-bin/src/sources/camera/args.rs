@@ -101,7 +101,9 @@ impl CameraArgs {
     /// Says what to name.
     pub fn needed(&self) -> Result<()> {
         if self.camera.is_none() {
-            bail!("no source of images\nhint: name a recording, or a camera with --camera; `loopbox cameras` lists them");
+            bail!(
+                "no source of images\nhint: name a recording, or a camera with --camera; `loopbox cameras` lists them"
+            );
         }
         Ok(())
     }
