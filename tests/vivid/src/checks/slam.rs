@@ -99,11 +99,12 @@ pub fn played_sequence() -> Result<String> {
         program::run("slam_eval", &["eval", &estimate, "--gt", &reference, "--json"])?.succeeded()?;
     let compared: Value = serde_json::from_str(&compared.output)?;
     let latency = &numbers["cost"]["latency_ms"];
-    let (median, p99) = (&latency["median"], &latency["p99"]);
-    let number =
-        |value: &Value| value.as_f64().with_context(|| format!("run.json has no latency: {latency}"));
+    let number = |name: &str| {
+        latency[name].as_f64().with_context(|| format!("run.json has no {name} latency: {latency}"))
+    };
+    let (median, p99) = (number("median")?, number("p99")?);
     Ok(format!(
-        "{tracked}/{processed} tracked; capture to pose {median} ms, 99 % {p99} ms, emulated; {compared}"
+        "{tracked}/{processed} tracked; capture to pose {median:.0} ms, 99 % {p99:.0} ms, emulated; {compared}"
     ))
 }
 
