@@ -7,7 +7,7 @@ mod output;
 mod report;
 mod summary;
 
-pub use collect::{Collected, Shot, collect};
+pub use collect::{Collected, collect};
 pub use input::{Input, Shots};
 pub use output::{Output, camera_text};
 pub use report::render as render_report;

@@ -62,6 +62,7 @@ impl LensModel {
     }
 
     /// The parameters of a camera of this model.
+    #[cfg(test)]
     pub(crate) fn parameters(self, camera: &Camera) -> Parameters {
         let Pinhole { fx, fy, cx, cy, .. } = *camera.intrinsics();
         let terms = match camera.distortion() {
