@@ -12,7 +12,7 @@ pub const ENOUGH_VIEWS: usize = 12;
 /// the board fills half of the image.
 const TILTED: f64 = 0.08;
 /// Board's share of the image's diagonal that counts as near, and as far.
-const NEAR: f64 = 0.6;
+const NEAR: f64 = 0.55;
 const FAR: f64 = 0.4;
 /// Mean motion of the corners, as a share of the image's diagonal, that makes a view a new one.
 const NEW_VIEW: f64 = 0.04;

@@ -6,10 +6,6 @@ use thiserror::Error;
 
 /// Most pixels that are used, spread over the image.
 const MAX_PIXELS: usize = 6000;
-/// Rounds of the alternating minimisation.
-const ROUNDS: usize = 400;
-/// Rounds end when no value moves by more than this (of 255).
-const SETTLED: f64 = 1e-4;
 /// Fewest images.
 const MIN_IMAGES: usize = 6;
 /// Least ratio of longest and shortest exposure.
@@ -85,8 +81,8 @@ pub enum ResponseError {
     },
 }
 
-/// Estimates the response: minimises `Σ (U(I_i(x)) − t_i B(x))²` in turn over the inverse response U and the irradiance
-/// B (Engel 2016, "A Photometrically Calibrated Benchmark For Monocular Visual Odometry", §2.2.1). White pixels say only
+/// Estimates the response: minimises `Σ (U(I_i(x)) − t_i B(x))²` over the inverse response U and the irradiance B (Engel
+/// 2016, "A Photometrically Calibrated Benchmark For Monocular Visual Odometry", §2.2.1). White pixels say only
 /// that they are bright, black ones that they are dark: neither counts.
 ///
 /// # Errors
@@ -94,24 +90,13 @@ pub enum ResponseError {
 pub fn estimate_response(images: &[(GrayImage, f64)]) -> Result<Response, ResponseError> {
     check(images)?;
     let samples = samples(images);
-    let mut inverse: [f64; 256] = std::array::from_fn(|level| level as f64);
-    let mut irradiance = vec![0.0; samples.len()];
     let seen = counts(&samples);
     let missing = (1..255).filter(|level| seen[*level] == 0).count();
     if missing as f64 > MAX_MISSING * 254.0 {
         return Err(ResponseError::Levels { missing });
     }
-    for _ in 0..ROUNDS {
-        fit_irradiance(&samples, &inverse, &mut irradiance);
-        let next = fit_inverse(&samples, &seen, &irradiance);
-        let moved = inverse.iter().zip(&next).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-        inverse = next;
-        if moved < SETTLED {
-            break;
-        }
-    }
-    fit_irradiance(&samples, &inverse, &mut irradiance);
-    let rms = rms(&samples, &inverse, &irradiance);
+    let inverse = best_inverse(&samples, &seen).ok_or(ResponseError::Levels { missing })?;
+    let rms = rms(&samples, &inverse);
     if rms > MAX_RMS {
         return Err(ResponseError::Fit { rms });
     }
@@ -160,27 +145,39 @@ fn counts(samples: &[Vec<(u8, f64)>]) -> [usize; 256] {
     seen
 }
 
-fn fit_irradiance(samples: &[Vec<(u8, f64)>], inverse: &[f64; 256], irradiance: &mut [f64]) {
-    for (sample, irradiance) in samples.iter().zip(irradiance) {
-        let above: f64 = sample.iter().map(|(level, t)| t * inverse[*level as usize]).sum();
-        *irradiance = above / sample.iter().map(|(_, t)| t * t).sum::<f64>();
-    }
+/// The irradiance that fits one pixel best, for a given inverse response.
+fn irradiance(sample: &[(u8, f64)], inverse: &[f64; 256]) -> f64 {
+    let above: f64 = sample.iter().map(|(level, t)| t * inverse[*level as usize]).sum();
+    above / sample.iter().map(|(_, t)| t * t).sum::<f64>()
 }
 
-fn fit_inverse(samples: &[Vec<(u8, f64)>], seen: &[usize; 256], irradiance: &[f64]) -> [f64; 256] {
-    let mut sums = [0.0; 256];
-    for (sample, irradiance) in samples.iter().zip(irradiance) {
-        sample.iter().for_each(|(level, t)| sums[*level as usize] += t * irradiance);
+/// The inverse response with the least `Σ (U(I) − t B)²` for its size `Σ U(I)²`. With the best B put in, that is
+/// `uᵀ (D − Σ s sᵀ / Σ t²) u` where D counts levels and s adds up a pixel's exposures by level: an eigenvalue problem.
+fn best_inverse(samples: &[Vec<(u8, f64)>], seen: &[usize; 256]) -> Option<[f64; 256]> {
+    let levels: Vec<usize> = (1..255).filter(|level| seen[*level] > 0).collect();
+    let n = levels.len();
+    let mut place = [0; 256];
+    levels.iter().enumerate().for_each(|(i, level)| place[*level] = i);
+    let mut sum = vec![0.0; n * n];
+    for sample in samples {
+        let weight = 1.0 / sample.iter().map(|(_, t)| t * t).sum::<f64>();
+        for (a, s) in sample {
+            for (b, t) in sample {
+                sum[place[*a as usize] * n + place[*b as usize]] += s * t * weight;
+            }
+        }
     }
-    let known: Vec<(f64, f64)> = (1..255)
-        .filter(|level| seen[*level] > 0)
-        .map(|level| (level as f64, sums[level] / seen[level] as f64))
-        .collect();
+    let root: Vec<f64> = levels.iter().map(|level| (seen[*level] as f64).sqrt()).collect();
+    let matrix = faer::Mat::<f64>::from_fn(n, n, |i, j| sum[i * n + j] / (root[i] * root[j]));
+    let eigen = matrix.self_adjoint_eigen(faer::Side::Lower).ok()?;
+    let vector = eigen.U().col(n - 1);
+    let sign = (0..n).map(|i| vector[i]).sum::<f64>().signum();
+    let known: Vec<(f64, f64)> =
+        levels.iter().enumerate().map(|(i, level)| (*level as f64, sign * vector[i] / root[i])).collect();
     let mut inverse: [f64; 256] = std::array::from_fn(|level| interpolated(&known, level as f64));
-    // The scale is free; without this it shrinks to nothing.
-    let scale = 255.0 / inverse[255].max(f64::MIN_POSITIVE);
+    let scale = 255.0 / inverse[255];
     inverse.iter_mut().for_each(|value| *value *= scale);
-    inverse
+    inverse.iter().all(|value| value.is_finite()).then_some(inverse)
 }
 
 /// Between the known levels by a straight line; beyond them as the last 16 go.
@@ -196,9 +193,10 @@ fn interpolated(known: &[(f64, f64)], level: f64) -> f64 {
     }
 }
 
-fn rms(samples: &[Vec<(u8, f64)>], inverse: &[f64; 256], irradiance: &[f64]) -> f64 {
+fn rms(samples: &[Vec<(u8, f64)>], inverse: &[f64; 256]) -> f64 {
     let (mut sum, mut count) = (0.0, 0usize);
-    for (sample, irradiance) in samples.iter().zip(irradiance) {
+    for sample in samples {
+        let irradiance = irradiance(sample, inverse);
         for (level, t) in sample {
             sum += (inverse[*level as usize] - t * irradiance).powi(2);
             count += 1;

@@ -63,6 +63,7 @@ impl LensModel {
 
     #[cfg(test)]
     /// The parameters of a camera of this model.
+    #[cfg(test)]
     pub(crate) fn parameters(self, camera: &Camera) -> Parameters {
         let Pinhole { fx, fy, cx, cy, .. } = *camera.intrinsics();
         let terms = match camera.distortion() {

@@ -24,6 +24,9 @@ pub struct SolverParams {
     pub min_views: usize,
     /// Corners farther from where they should be than so many standard deviations are set aside. Default 5.
     pub corner_gate: f64,
+    /// Corners nearer than this to where they should be are never set aside, pixels. Default 2: what is left of a lens
+    /// that the model does not quite fit is no error of detection, and without those corners the parameters would bend.
+    pub min_gate: f64,
     /// Views whose rms is above so many times that of the others (median) are set aside. Default 3.
     pub view_gate: f64,
     /// Largest share of a view's corners that may be set aside before the view is. Default 0.25.
@@ -40,6 +43,7 @@ impl Default for SolverParams {
         Self {
             min_views: 3,
             corner_gate: 5.0,
+            min_gate: 2.0,
             view_gate: 3.0,
             max_outlier_share: 0.25,
             max_uncertainty: 0.01,
@@ -230,7 +234,7 @@ impl<'a> Work<'a> {
     /// Decides anew which corners and views are used.
     fn sort_out(&mut self, state: &State, indices: &[usize]) {
         let Ok(camera) = self.model.camera(self.size, &state.parameters) else { return };
-        let gate = self.params.corner_gate * self.sigma(state, indices).max(MIN_SIGMA);
+        let gate = (self.params.corner_gate * self.sigma(state, indices)).max(self.params.min_gate);
         let all: Vec<usize> = (0..self.views.len()).filter(|&i| self.usable[i]).collect();
         let mut lengths = vec![Vec::new(); self.views.len()];
         for &i in &all {
