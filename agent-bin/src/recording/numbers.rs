@@ -3,8 +3,8 @@
 use std::collections::BTreeSet;
 use std::fmt;
 
-/// Longest set to believe in: a few hours of frames.
-const MOST: usize = 1 << 24;
+/// Longest set to believe in: ten hours of frames.
+const MOST: usize = 1 << 20;
 
 /// A set of numbers of frames.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
