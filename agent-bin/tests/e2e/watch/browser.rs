@@ -44,7 +44,7 @@ impl Browser {
         let session = String::new();
         let mut browser = Self { child, socket, session, last_id: 0, errors: Vec::new(), _profile: profile };
         let target = browser
-            .call("Target.createTarget", json!({ "url": "about:blank", "width": 1500, "height": 920 }));
+            .call("Target.createTarget", json!({ "url": "about:blank" }));
         let attach = json!({ "targetId": target["targetId"], "flatten": true });
         let attached = browser.call("Target.attachToTarget", attach);
         browser.session = attached["sessionId"].as_str().expect("a session").to_owned();
