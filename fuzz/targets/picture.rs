@@ -6,15 +6,39 @@ use libfuzzer_sys::arbitrary::{self, Arbitrary};
 
 /// The layouts that are read, and one that is not.
 const ENCODINGS: [&str; 12] = [
-    "mono8", "mono16", "16UC1", "rgb8", "bgr8", "rgba8", "bgra8", "yuv422", "yuv422_yuy2", "UYVY", "nv12", "odd",
+    "mono8",
+    "mono16",
+    "16UC1",
+    "rgb8",
+    "bgr8",
+    "rgba8",
+    "bgra8",
+    "yuv422",
+    "yuv422_yuy2",
+    "UYVY",
+    "nv12",
+    "odd",
 ];
 
 #[derive(Arbitrary, Debug)]
 enum Input {
     Encoded(Vec<u8>),
-    Raw { width: u16, height: u16, step: u16, encoding: u8, big_endian: bool, data: Vec<u8> },
+    Raw {
+        width: u16,
+        height: u16,
+        step: u16,
+        encoding: u8,
+        big_endian: bool,
+        data: Vec<u8>,
+    },
     /// Sizes from damaged messages.
-    Wild { width: usize, height: usize, step: usize, encoding: u8, data: Vec<u8> },
+    Wild {
+        width: usize,
+        height: usize,
+        step: usize,
+        encoding: u8,
+        data: Vec<u8>,
+    },
 }
 
 libfuzzer_sys::fuzz_target!(|input: Input| {
@@ -29,9 +53,14 @@ libfuzzer_sys::fuzz_target!(|input: Input| {
             big_endian,
             data,
         }),
-        Input::Wild { width, height, step, encoding, data } => {
-            Picture::Raw(RawPicture { width, height, step, encoding: name(encoding), big_endian: false, data })
-        }
+        Input::Wild { width, height, step, encoding, data } => Picture::Raw(RawPicture {
+            width,
+            height,
+            step,
+            encoding: name(encoding),
+            big_endian: false,
+            data,
+        }),
     };
     let _ = picture.into_grey();
 });

@@ -73,7 +73,7 @@ impl Queue {
     pub fn push(&self, item: Item) -> bool {
         let mut state = self.lock();
         if matches!(item, Item::Frame(..)) {
-            if self.newest_only {
+            if self.newest_only && !state.closed {
                 state.dropped += state.forget_frames();
             }
             while !state.closed && state.frames() >= self.capacity {

@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 #[derive(Args, Debug)]
 pub struct RecordArgs {
     /// The recording: a folder of images, an MCAP file, a ROS 1 bag or a video file
-    #[arg(required_unless_present = "camera", conflicts_with = "camera")]
+    #[arg(conflicts_with = "camera")]
     source: Option<PathBuf>,
     #[command(flatten)]
     camera: CameraArgs,
@@ -89,7 +89,10 @@ pub fn execute(args: &RecordArgs) -> Result<()> {
 impl RecordArgs {
     /// Where the frames come from.
     fn open(&self) -> Result<Box<dyn FrameSource>> {
-        let Some(source) = &self.source else { return open_camera(&self.camera) };
+        let Some(source) = &self.source else {
+            self.camera.needed()?;
+            return open_camera(&self.camera);
+        };
         let (fps, topic) = (self.camera.fps, self.topic.clone());
         sources::open(source, &SourceOptions { fps, topic, all_frames: true })
     }

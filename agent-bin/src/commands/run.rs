@@ -24,7 +24,7 @@ use std::path::{Path, PathBuf};
 #[derive(Args, Debug)]
 pub struct RunArgs {
     /// The recording: a folder of images, an MCAP file, a ROS 1 bag or a video file
-    #[arg(required_unless_present = "camera", conflicts_with = "camera")]
+    #[arg(conflicts_with = "camera")]
     source: Option<PathBuf>,
     #[command(flatten)]
     camera: CameraArgs,
@@ -178,6 +178,7 @@ impl RunArgs {
     /// The recording, or the camera that is to be used instead.
     fn open(&self) -> Result<Box<dyn FrameSource>> {
         let Some(source) = &self.source else {
+            self.camera.needed()?;
             return open_camera(&self.camera.clone().for_calibration(self.calib.as_deref())?);
         };
         let (fps, topic) = (self.camera.fps, self.topic.clone());

@@ -95,6 +95,19 @@ impl CameraArgs {
         Some(number.map_or_else(|| path.clone(), |number| PathBuf::from(format!("/dev/video{number}"))))
     }
 
+    /// Refuses to take images from nowhere: where no recording is named, a camera must be.
+    ///
+    /// # Errors
+    /// Says what to name.
+    pub fn needed(&self) -> Result<()> {
+        if self.camera.is_none() {
+            bail!(
+                "no source of images\nhint: name a recording, or a camera with --camera; `loopbox cameras` lists them"
+            );
+        }
+        Ok(())
+    }
+
     /// Refuses numbers that make no sense.
     ///
     /// # Errors

@@ -5,7 +5,8 @@ use crate::driver::{CAPTURE, Mode};
 use crate::player::{self, Pace, Player};
 use crate::program::{self, Running};
 use anyhow::{Context, Result, ensure};
-use image::GrayImage;
+use calib::read_camera;
+use image::{GrayImage, Luma};
 use serde_json::Value;
 use std::path::Path;
 use std::thread;
@@ -16,26 +17,48 @@ const SEQUENCE: &str = "/data/parking_a";
 /// room for rounding.
 const SHOWN_AFTER: f64 = 0.1;
 
-/// The pictures of the sequence, and how they go through the driver.
+/// Pictures of it that are played.
+const PICTURES: usize = 45;
+/// Calibration of the pictures at half their size.
+const CALIBRATION: &str = "/tmp/half.yaml";
+
+/// The first pictures of the sequence at half their size, of which an emulated processor tracks four times as many,
+/// and how they go through the driver. Writes the calibration of that size, too.
+///
+/// # Errors
+/// When the sequence is not there.
 pub fn sequence() -> Result<(Vec<GrayImage>, Mode)> {
-    let pictures = player::pictures(&Path::new(SEQUENCE).join("images"))?;
-    let (width, height) = pictures.first().context("no pictures")?.dimensions();
-    Ok((pictures, Mode { width, height, ..Mode::USUAL }))
+    let mut pictures = player::pictures(&Path::new(SEQUENCE).join("images"))?;
+    pictures.truncate(PICTURES);
+    let halves: Vec<GrayImage> = pictures.iter().map(half).collect();
+    let (width, height) = halves.first().context("no pictures")?.dimensions();
+    let file = read_camera(&Path::new(SEQUENCE).join("camera.yaml"))?;
+    let p = *file.camera.intrinsics();
+    // Pixel centres lie at integers: the corner of the image is at -0.5.
+    let centre = |c: f64| (c + 0.5) / 2.0 - 0.5;
+    let text = format!(
+        "model: pinhole\nwidth: {width}\nheight: {height}\nfx: {}\nfy: {}\ncx: {}\ncy: {}\ndistortion: []\n",
+        p.fx / 2.0,
+        p.fy / 2.0,
+        centre(p.cx),
+        centre(p.cy)
+    );
+    std::fs::write(CALIBRATION, text)?;
+    Ok((halves, Mode { width, height, ..Mode::USUAL }))
+}
+
+/// The means of two by two pixels.
+fn half(picture: &GrayImage) -> GrayImage {
+    let (width, height) = picture.dimensions();
+    GrayImage::from_fn(width / 2, height / 2, |x, y| {
+        let at = |dx, dy| u32::from(picture.get_pixel(2 * x + dx, 2 * y + dy).0[0]);
+        Luma([((at(0, 0) + at(1, 0) + at(0, 1) + at(1, 1) + 2) / 4) as u8])
+    })
 }
 
 /// Arguments of a run on the driver's camera, with the sequence's calibration.
 pub fn arguments<'a>(more: &[&'a str]) -> Vec<&'a str> {
-    let always = [
-        "run",
-        "--camera",
-        CAPTURE,
-        "--calib",
-        "/data/parking_a/camera.yaml",
-        "--out",
-        "OUT",
-        "--log",
-        "json",
-    ];
+    let always = ["run", "--camera", CAPTURE, "--calib", CALIBRATION, "--out", "OUT", "--log", "json"];
     [&always[..], more].concat()
 }
 
@@ -76,24 +99,26 @@ pub fn played_sequence() -> Result<String> {
         program::run("slam_eval", &["eval", &estimate, "--gt", &reference, "--json"])?.succeeded()?;
     let compared: Value = serde_json::from_str(&compared.output)?;
     let latency = &numbers["cost"]["latency_ms"];
-    let (median, p99) = (&latency["median"], &latency["p99"]);
-    ensure!(median.is_number() && p99.is_number(), "run.json has no latency: {latency}");
+    let number = |name: &str| {
+        latency[name].as_f64().with_context(|| format!("run.json has no {name} latency: {latency}"))
+    };
+    let (median, p99) = (number("median")?, number("p99")?);
     Ok(format!(
-        "{tracked}/{processed} tracked; capture to pose {median} ms, 99 % {p99} ms, emulated; {compared}"
+        "{tracked}/{processed} tracked; capture to pose {median:.0} ms, 99 % {p99:.0} ms, emulated; {compared}"
     ))
 }
 
 /// Stops the process for a while, as a suspended or starved machine does.
 pub fn stopped_process() -> Result<String> {
-    let mode = Mode::USUAL;
+    let (_, mode) = sequence()?;
     let player = Player::start(&[pattern(mode.width, mode.height, 5)], &mode, Pace::OnDemand)?;
     let mut run = program::start("stopped", &arguments(&[]), 0)?;
-    run.wait_for_text("{")?;
-    thread::sleep(Duration::from_secs(1));
+    run.wait_for_frame(0.0)?;
     run.signal("-STOP")?;
     thread::sleep(Duration::from_millis(1500));
+    let stopped = player::now()?;
     run.signal("-CONT")?;
-    thread::sleep(Duration::from_secs(1));
+    run.wait_for_frame(stopped)?;
     run.signal("-INT")?;
     let ended = run.wait()?;
     player.stop()?;
