@@ -51,8 +51,8 @@ pub fn start(shared: &Arc<Shared>, port: u16) -> Result<String> {
     std::thread::Builder::new()
         .name("foxglove".into())
         .spawn(move || {
-            // It serves as long as it is not dropped.
-            let _server = server;
+            // They serve as long as they are not dropped.
+            let _kept = (server, context);
             sink.serve(&shared);
         })
         .context("cannot start the thread that serves Foxglove")?;

@@ -6,7 +6,7 @@ use geometry::{GrayImage, Pinhole, Sim3};
 /// Wider images are halved, thirded, … for viewers.
 const MAX_WIDTH: usize = 640;
 /// Depths drawn over an image at most.
-const MAX_DEPTHS: usize = 12_000;
+const MAX_DEPTHS: usize = 18_000;
 
 /// The newest image and the depths in it.
 #[derive(Clone, Debug, PartialEq)]

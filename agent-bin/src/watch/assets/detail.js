@@ -1,6 +1,7 @@
 // Level of detail: which chunks are seen, and how many points of each are worth drawing.
 
-const BUDGET = { start: 1500000, least: 40000, most: 4000000, goal: 24 };
+/** Points of an image, and the milliseconds that it may take. */
+const BUDGET = { start: 400000, least: 40000, most: 4000000, goal: 24 };
 
 /** A sphere around the bulk of a chunk, in its keyframe's frame and unit; any beginning of a chunk is a fair sample. */
 function chunkSphere(chunk) {
@@ -54,11 +55,13 @@ class Budget {
     this.ms = 0;
   }
 
-  /** Learns that drawing `drawn` points took so many milliseconds. */
+  /** Learns that drawing `drawn` points took so many milliseconds; says whether there is room for more. */
   learn(ms, drawn) {
     this.ms = this.ms ? this.ms + 0.25 * (ms - this.ms) : ms;
-    if (ms < BUDGET.goal && drawn < this.points * 0.9) return;
-    const change = Math.max(0.5, Math.min(1.2, BUDGET.goal / Math.max(ms, 0.1)));
+    const full = drawn > this.points * 0.9;
+    if (ms < BUDGET.goal && !full) return false;
+    const change = Math.max(0.25, Math.min(1.3, BUDGET.goal / Math.max(ms, 0.1)));
     this.points = Math.max(BUDGET.least, Math.min(BUDGET.most, this.points * change));
+    return full && change > 1.1 && this.points < BUDGET.most;
   }
 }

@@ -10,7 +10,7 @@ const mebibytes = (value) => (value ? `${whole(value / 1048576)} MiB` : "–");
 
 /** Numbers in the head: `[label, text of a status]`; `null` leaves one out. */
 const TILES = {
-  frame: ["frame", (s) => (s.frames ? `${whole(s.frame + 1)} / ${whole(s.frames)}` : whole(s.frame + 1))],
+  frame: ["frame", (s) => (s.frames ? `${whole(s.frame)} / ${whole(s.frames)}` : whole(s.frame))],
   fps: ["frames/s", (s) => s.frames_per_s.toFixed(1)],
   latency: ["latency", (s) => (s.latency_ms === null ? null : `${s.latency_ms.toFixed(0)} ms`)],
   keyframes: ["keyframes", (s) => whole(s.keyframes)],
@@ -71,7 +71,8 @@ class Trend extends Drawing {
     [canvas.width, canvas.height] = [Math.round(width * ratio), Math.round(height * ratio)];
     if (values.length < 2) return;
     const context = canvas.getContext("2d"), now = values[values.length - 1][0];
-    const top = this.top || Math.max(...values.map(([, v]) => v)) * 1.1 || 1;
+    // A single slow frame may leave the picture, so that the others are seen.
+    const top = this.top || quantile(values.map(([, v]) => v).sort((a, b) => a - b), 0.97) * 1.4 || 1;
     const span = Math.min(TREND_SPAN, Math.max(8000, now - values[0][0]));
     context.scale(ratio, ratio);
     const place = ([at, v]) => [width - ((now - at) / span) * width, height - 2 - Math.min(1, v / top) * (height - 5)];

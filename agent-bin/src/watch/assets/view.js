@@ -31,7 +31,7 @@ class LiveViewer extends Viewer {
     this.frustumSize = this.chooseFrustumSize();
     store.chunks.forEach((chunk) => (chunk.matrix = null));
     this.redoLines();
-    this.redraw();
+    this.setCamera(this.live);
   }
 
   /** Surveys when the scene has outgrown the last one; the level stays once many keyframes agree on it. */
@@ -211,7 +211,7 @@ class LiveViewer extends Viewer {
       if (gl.clientWaitSync(this.fence, 0, 0) === gl.TIMEOUT_EXPIRED) return setTimeout(ask, 1);
       gl.deleteSync(this.fence);
       this.fence = null;
-      this.budget.learn(performance.now() - began, this.drawn || 0);
+      this.wanted = this.budget.learn(performance.now() - began, this.drawn || 0) || this.wanted;
       this.frames = (this.frames || 0) + 1;
       Object.assign(document.documentElement.dataset, { drawn: this.drawn || 0, points: store.points, frameMs: (performance.now() - began).toFixed(1), frames: this.frames });
       if (this.wanted) {

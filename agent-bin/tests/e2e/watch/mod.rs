@@ -1,6 +1,8 @@
 //! Watching runs and maps: the page's server, the WebSocket, commands, and the page in a browser.
 
 mod browser;
+#[cfg(feature = "foxglove-server")]
+mod foxglove;
 mod many;
 mod page;
 mod served;

@@ -32,7 +32,17 @@ fn a_run_is_watched_paused_saved_and_restarted() {
     let before = client.number("frame");
     client.until("frames", |c| c.number("frame") > before + 5 && c.text("state") == "tracking");
     assert!(client.number("memory_bytes") > 1 << 20 && client.number("points") > 0, "{}", client.status);
-    assert!(client.status["recording"].is_null(), "nothing records here");
+
+    client.record(true);
+    client
+        .until("recording", |c| c.status["recording"] == true && c.text("note").contains("recording-1.mcap"));
+    let since = client.number("frame");
+    client.until("frames recorded", |c| c.number("frame") > since + 5);
+    client.record(false);
+    client.until("the end of recording", |c| c.status["recording"] == false);
+    let mut info = loopbox();
+    info.arg("info").arg(case.out().join("recording-1.mcap"));
+    Outcome::of(info).assert_success();
 
     client.command("pause");
     client.until("the pause", |c| c.status["paused"] == true);

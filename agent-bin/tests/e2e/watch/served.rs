@@ -16,7 +16,10 @@ impl Served {
         let mut child =
             command.stderr(Stdio::piped()).stdout(Stdio::null()).spawn().expect("loopbox can be started");
         let mut lines = BufReader::new(child.stderr.take().expect("piped")).lines().map_while(Result::ok);
-        let url = lines.find_map(|line| line.find("http://").map(|at| line[at..].to_owned()));
+        let address = |line: String| {
+            ["http://", "ws://"].iter().find_map(|s| line.find(s).map(|at| line[at..].to_owned()))
+        };
+        let url = lines.find_map(address);
         let url =
             url.expect("it prints an address").split_whitespace().next().expect("an address").to_owned();
         // Someone must read what it says.

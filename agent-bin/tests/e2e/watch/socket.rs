@@ -47,6 +47,12 @@ impl Client {
         self.socket.send(Message::text(text)).expect("it is taken");
     }
 
+    /// Begins or ends recording.
+    pub fn record(&mut self, on: bool) {
+        let text = json!({ "command": "record", "on": on }).to_string();
+        self.socket.send(Message::text(text)).expect("it is taken");
+    }
+
     /// Takes what comes until `done`.
     pub fn until(&mut self, what: &str, done: impl Fn(&Self) -> bool) {
         let began = Instant::now();
