@@ -6,8 +6,9 @@ mod queue;
 
 pub use prepare::{Preparation, Skip, SkipReason};
 
+use crate::recording::Recorder;
 use crate::sources::notice::Notice;
-use crate::sources::{FrameSource, SourceFrame};
+use crate::sources::{FrameSource, SourceFrame, time};
 use anyhow::{Context, Result};
 use queue::Queue;
 use slam_direct::Frame;
@@ -51,17 +52,23 @@ pub enum Pace {
 /// The running thread and its queue.
 pub struct Ahead {
     queue: Arc<Queue>,
+    recorder: Recorder,
     /// Ends the source's own waiting.
     stopper: Option<Arc<AtomicBool>>,
     thread: Option<JoinHandle<()>>,
 }
 
 impl Ahead {
-    /// Starts decoding.
+    /// Starts decoding; what is captured goes to `recorder` on the way.
     ///
     /// # Errors
     /// When no thread can be started.
-    pub fn start(mut source: Box<dyn FrameSource>, preparation: Preparation, pace: Pace) -> Result<Self> {
+    pub fn start(
+        mut source: Box<dyn FrameSource>,
+        preparation: Preparation,
+        pace: Pace,
+        recorder: Recorder,
+    ) -> Result<Self> {
         let pace = if source.is_live() { Pace::Live } else { pace };
         let queue = Arc::new(match pace {
             Pace::EveryFrame => Queue::waiting(FRAMES_AHEAD),
@@ -72,14 +79,15 @@ impl Ahead {
             of_notices.push(Item::Notice(notice));
         }));
         let stopper = source.stopper();
+        let tap = Tap { recorder: recorder.clone(), pace };
         let thread = std::thread::Builder::new()
             .name("decode".into())
             .spawn(move || {
                 let _closes = CloseOnDrop(&of_thread);
-                produce(source, preparation, pace, &of_thread);
+                produce(source, preparation, pace, &of_thread, &tap);
             })
             .context("cannot start the decoding thread")?;
-        Ok(Self { queue, stopper, thread: Some(thread) })
+        Ok(Self { queue, recorder, stopper, thread: Some(thread) })
     }
 
     /// The next item; waits for it. `None` when the recording has ended or `stop` is set.
@@ -114,6 +122,9 @@ impl Drop for Ahead {
             // A panic of the thread was printed by itself; there is nobody left to tell.
             let _ = thread.join();
         }
+        // A replay is to end where this run did.
+        self.queue.forget_all();
+        self.queue.take_forgotten().into_iter().for_each(|index| self.recorder.dropped(index));
     }
 }
 
@@ -126,8 +137,45 @@ impl Drop for CloseOnDrop<'_> {
     }
 }
 
-fn produce(mut source: Box<dyn FrameSource>, preparation: Preparation, pace: Pace, queue: &Queue) {
-    let mut decoding = Decoding { preparation, clock: Clock::new(pace), queue };
+/// Gives the recorder what is captured: of a live source all of it at once, else what is to be processed.
+struct Tap {
+    recorder: Recorder,
+    pace: Pace,
+}
+
+impl Tap {
+    /// A live source has a frame.
+    fn captured(&self, frame: &SourceFrame) {
+        self.recorder.frame(frame);
+    }
+
+    /// A frame lies in the part that is to be processed.
+    fn admitted(&self, frame: &SourceFrame, queue: &Queue) {
+        match self.pace {
+            Pace::EveryFrame => self.recorder.frame_waiting(frame),
+            Pace::RealTime { .. } => self.recorder.frame(frame),
+            Pace::Live => {}
+        }
+        if let Some(warning) = self.recorder.take_warning() {
+            queue.push(Item::Warning(warning));
+        }
+    }
+
+    /// Passes on what the queue has forgotten.
+    fn forgotten(&self, queue: &Queue) {
+        queue.take_forgotten().into_iter().for_each(|index| self.recorder.dropped(index));
+    }
+}
+
+fn produce(
+    mut source: Box<dyn FrameSource>,
+    mut preparation: Preparation,
+    pace: Pace,
+    queue: &Queue,
+    tap: &Tap,
+) {
+    preparation.skip_in(source.as_mut());
+    let mut decoding = Decoding { preparation, clock: Clock::new(pace), queue, tap };
     if pace == Pace::Live {
         live::produce(&mut *source, &mut decoding);
     } else {
@@ -146,24 +194,34 @@ struct Decoding<'a> {
     preparation: Preparation,
     clock: Clock,
     queue: &'a Queue,
+    tap: &'a Tap,
 }
 
 impl Decoding<'_> {
     /// Whether more frames are wanted.
-    fn take(&mut self, frame: SourceFrame) -> bool {
+    fn take(&mut self, mut frame: SourceFrame) -> bool {
+        frame.timestamp = time::on_grid(frame.timestamp);
+        let (index, timestamp) = (frame.index, frame.timestamp);
         match self.preparation.admit(&frame) {
             Ok(prepare::Admission::Wanted) => {}
             Ok(prepare::Admission::Before) => return true,
             Ok(prepare::Admission::After) => return false,
-            Err(skip) => return self.queue.push(Item::Skipped(skip)),
+            Err(skip) => {
+                self.tap.admitted(&frame, self.queue);
+                // In a replay, time may look different without the frames before.
+                self.tap.recorder.dropped(index);
+                return self.queue.push(Item::Skipped(skip));
+            }
         }
-        let timestamp = frame.timestamp;
+        self.tap.admitted(&frame, self.queue);
         let mut item = self.preparation.prepare(frame);
         let due = self.clock.wait_until(timestamp, self.queue);
         if let Item::Frame(_, moment) = &mut item {
             *moment = moment.or(due);
         }
-        self.queue.push(item)
+        let open = self.queue.push(item);
+        self.tap.forgotten(self.queue);
+        open
     }
 }
 

@@ -1,10 +1,11 @@
 //! The calibration of a run, and what it does to each image.
 
+use crate::recording::CalibrationFiles;
 use crate::sources::{FoundCalibration, SourceInfo};
 use anyhow::{Context, Result, bail};
-use calib::{read_camera, read_photometric};
+use calib::read_camera;
 use geometry::{Camera, Crop, GrayImage, PhotometricCalibration, Pinhole, Undistorter};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// What the user says about the camera.
 #[derive(Clone, Debug, Default)]
@@ -58,26 +59,24 @@ pub fn correction(options: &CameraOptions, info: &SourceInfo) -> Result<ImageCor
         (None, Some(FoundCalibration::Inside { origin, camera })) => {
             (Camera::clone(camera), Crop::default(), origin.clone())
         }
+        (None, Some(FoundCalibration::Recorded { origin, files })) if files.camera.is_some() => {
+            let Some(file) = files.camera().with_context(|| origin.clone())? else {
+                bail!("{origin}: no camera")
+            };
+            (file.camera, file.crop.unwrap_or_default(), origin.clone())
+        }
         (None, Some(FoundCalibration::Unusable { origin, reason })) => {
             bail!("{origin}: the calibration cannot be used: {reason}\nhint: give one with --calib FILE")
         }
-        (None, None) => bail!(
+        (None, None | Some(FoundCalibration::Recorded { .. })) => bail!(
             "{}: no calibration came with this recording\nhint: give one with --calib FILE (a camera.yaml with \
              model, width, height, fx, fy, cx, cy, distortion; Kalibr, ROS, OpenCV and DSO files do too)",
             info.path.display()
         ),
     };
-    let (response, vignette) = (options.response.as_deref(), options.vignette.as_deref());
     Ok(ImageCorrection {
-        photometric: photometric(response, vignette)?,
+        photometric: CalibrationFiles::gather_photometric(options, info)?.photometric()?,
         undistorter: Undistorter::new(&camera, crop).with_context(|| origin.clone())?,
         origin,
     })
-}
-
-fn photometric(response: Option<&Path>, vignette: Option<&Path>) -> Result<Option<PhotometricCalibration>> {
-    if response.is_none() && vignette.is_none() {
-        return Ok(None);
-    }
-    Ok(Some(read_photometric(response, vignette)?))
 }

@@ -4,8 +4,12 @@
 //! [`commands::Command::execute`].
 
 mod ahead;
+pub mod bag;
+#[cfg(feature = "opencv")]
+mod calibrating;
 mod camera;
 pub mod commands;
+mod convert;
 mod diagnosis;
 #[cfg(feature = "opencv")]
 mod merging;
@@ -14,6 +18,14 @@ pub mod pictures;
 mod process;
 mod progress;
 mod record;
+pub mod recording;
 mod report;
 mod runtime;
+mod saving;
+mod session;
 pub mod sources;
+#[cfg(feature = "view")]
+pub mod watch;
+#[cfg(not(feature = "view"))]
+#[path = "watch/off.rs"]
+pub mod watch;

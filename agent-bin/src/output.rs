@@ -64,6 +64,11 @@ impl Output {
         Ok(Self { folder: folder.to_owned(), agent, writer, last_keyframe, flushed: Instant::now() })
     }
 
+    /// The folder.
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
     /// Writes what the map gained, so that a killed run leaves it: call it after each frame.
     ///
     /// # Errors

@@ -10,7 +10,7 @@ use std::io::Cursor;
 use std::path::PathBuf;
 
 /// A picture before decoding.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub enum Picture {
     /// An image file, read when its turn comes.
     File(PathBuf),
@@ -23,7 +23,7 @@ pub enum Picture {
 }
 
 /// Uncompressed pixels with their layout.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct RawPicture {
     /// Columns.
     pub width: usize,
@@ -114,16 +114,11 @@ impl RawPicture {
         })
     }
 
-    fn into_grey(self) -> Result<GrayImage, String> {
-        let layout = self.layout()?;
-        let bytes_per_pixel = match layout {
-            Layout::Mono8 | Layout::Nv12 => 1,
-            Layout::Mono16 | Layout::Yuv422(_) => 2,
-            Layout::Colour(bytes, _) => bytes,
-        };
+    /// The rows, without what pads them; refuses sizes that the bytes do not fit.
+    pub(crate) fn rows(&self, bytes_per_pixel: usize) -> Result<impl Iterator<Item = &[u8]>, String> {
         let row_bytes = self.width.checked_mul(bytes_per_pixel).ok_or("the width is absurd")?;
         let step = if self.step == 0 { row_bytes } else { self.step };
-        let chroma_rows = if matches!(layout, Layout::Nv12) { self.height.div_ceil(2) } else { 0 };
+        let chroma_rows = if self.has_chroma_plane() { self.height.div_ceil(2) } else { 0 };
         let rows = self.height.checked_add(chroma_rows).ok_or("the height is absurd")?;
         let needed = step.checked_mul(rows).ok_or("the height is absurd")?;
         if self.width == 0 || self.height == 0 || step < row_bytes || self.data.len() < needed {
@@ -135,11 +130,26 @@ impl RawPicture {
                 self.data.len()
             ));
         }
-        let mut grey = Vec::with_capacity(self.width * self.height);
-        for row in self.data.chunks_exact(step).take(self.height) {
-            let pixels = row[..row_bytes].chunks_exact(bytes_per_pixel);
+        Ok(self.data.chunks_exact(step).take(self.height).map(move |row| &row[..row_bytes]))
+    }
+
+    /// Whether colour lies behind the luma, in a plane of its own.
+    fn has_chroma_plane(&self) -> bool {
+        matches!(self.layout(), Ok(Layout::Nv12))
+    }
+
+    fn into_grey(self) -> Result<GrayImage, String> {
+        let layout = self.layout()?;
+        let bytes_per_pixel = match layout {
+            Layout::Mono8 | Layout::Nv12 => 1,
+            Layout::Mono16 | Layout::Yuv422(_) => 2,
+            Layout::Colour(bytes, _) => bytes,
+        };
+        let mut grey = Vec::with_capacity(self.data.len() / bytes_per_pixel);
+        for row in self.rows(bytes_per_pixel)? {
+            let pixels = row.chunks_exact(bytes_per_pixel);
             match layout {
-                Layout::Mono8 | Layout::Nv12 => grey.extend_from_slice(&row[..row_bytes]),
+                Layout::Mono8 | Layout::Nv12 => grey.extend_from_slice(row),
                 Layout::Mono16 => grey.extend(pixels.map(|p| if self.big_endian { p[0] } else { p[1] })),
                 Layout::Colour(_, [r, g, b]) => grey.extend(pixels.map(|p| luma(p[r], p[g], p[b]))),
                 Layout::Yuv422(offset) => grey.extend(pixels.map(|p| p[offset])),

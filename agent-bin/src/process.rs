@@ -10,7 +10,13 @@ pub fn cpu_seconds() -> Option<f64> {
 
 /// Largest resident memory so far, bytes; `None` where there is no `/proc`.
 pub fn peak_memory_bytes() -> Option<u64> {
-    parse_peak_memory(&std::fs::read_to_string("/proc/self/status").ok()?)
+    parse_memory(&std::fs::read_to_string("/proc/self/status").ok()?, "VmHWM:")
+}
+
+/// Resident memory now, bytes; `None` where there is no `/proc`.
+#[cfg(feature = "view")]
+pub fn memory_bytes() -> Option<u64> {
+    parse_memory(&std::fs::read_to_string("/proc/self/status").ok()?, "VmRSS:")
 }
 
 /// Fields 14 and 15 (user and system time); the program's name in field 2 may hold blanks.
@@ -21,8 +27,8 @@ fn parse_cpu_seconds(stat: &str) -> Option<f64> {
     Some((user + system) / TICKS_PER_SECOND)
 }
 
-fn parse_peak_memory(status: &str) -> Option<u64> {
-    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
+fn parse_memory(status: &str, field: &str) -> Option<u64> {
+    let line = status.lines().find_map(|line| line.strip_prefix(field))?;
     let kibibytes: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
     Some(kibibytes * 1024)
 }
@@ -35,6 +41,6 @@ mod tests {
     fn proc_files_are_understood() {
         let stat = "42 (a (b) c) R 1 2 3 4 5 6 7 8 9 10 150 50 0 0 20 0";
         assert_eq!(parse_cpu_seconds(stat), Some(2.0));
-        assert_eq!(parse_peak_memory("Name:\tx\nVmHWM:\t   2048 kB\n"), Some(2 << 20));
+        assert_eq!(parse_memory("Name:\tx\nVmHWM:\t   2048 kB\n", "VmHWM:"), Some(2 << 20));
     }
 }

@@ -106,6 +106,15 @@ impl Progress {
         }
     }
 
+    /// Something good that the user wants to know.
+    pub fn note(&self, text: &str) {
+        match self.display {
+            Display::Bar => self.bar.suspend(|| println!("{text}")),
+            Display::Quiet => {}
+            Display::Json => log_line(&json!({ "event": "note", "text": text })),
+        }
+    }
+
     /// The work after the last frame.
     pub fn stage(&self, text: &str) {
         match self.display {
@@ -133,6 +142,17 @@ impl Drop for Progress {
     fn drop(&mut self) {
         // After an error the bar must not stand before its message.
         self.bar.finish_and_clear();
+    }
+}
+
+/// A bar over frames that are copied.
+pub fn frame_bar(quiet: bool, frames: Option<u64>) -> ProgressBar {
+    match (quiet, frames) {
+        (true, _) => ProgressBar::hidden(),
+        (false, Some(frames)) => {
+            ProgressBar::new(frames).with_style(style("{bar:30} {pos}/{len} frames  {per_sec:>9}"))
+        }
+        (false, None) => ProgressBar::new_spinner().with_style(style("{spinner} {pos} frames  {per_sec:>9}")),
     }
 }
 

@@ -8,6 +8,7 @@ use crate::progress::Progress;
 use crate::record::{Cost, FrameCounts, FrameRow, Latency, MapCounts, RunRecord, SourceRecord};
 use crate::sources::SourceInfo;
 use crate::sources::notice::Notice;
+use crate::watch::{Command, Watch};
 use anyhow::{Context, Result};
 use geometry::Pinhole;
 use map::Map;
@@ -15,10 +16,12 @@ use slam_direct::{Agent, Frame, TrackingState};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// Exit status after a second Ctrl-C, as shells report an interrupted program.
 const ABORTED: i32 = 130;
+/// How often a waiting source is told of the wish to stop.
+const STOP_INTERVAL: Duration = Duration::from_millis(20);
 
 /// The user's wish to stop.
 #[derive(Clone)]
@@ -42,6 +45,23 @@ impl Stop {
         Ok(stop)
     }
 
+    /// Does `work`; meanwhile the wish to stop also ends a source's own waiting, through its `stopper`.
+    pub fn while_waiting<T>(&self, stopper: Option<Arc<AtomicBool>>, work: impl FnOnce() -> T) -> T {
+        let Some(stopper) = stopper else { return work() };
+        let done = AtomicBool::new(false);
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                while !done.load(Ordering::Relaxed) {
+                    stopper.fetch_or(self.requested(), Ordering::Relaxed);
+                    std::thread::sleep(STOP_INTERVAL);
+                }
+            });
+            let result = work();
+            done.store(true, Ordering::Relaxed);
+            result
+        })
+    }
+
     /// Whether it was asked for.
     pub fn requested(&self) -> bool {
         self.0.load(Ordering::Relaxed)
@@ -57,12 +77,15 @@ pub struct Run {
     statistics: ImageStatistics,
     last_reason: Option<&'static str>,
     wall_s: f64,
+    dropped_before: u64,
+    restart: bool,
     /// Why a live source ended though nobody wished it.
     failure: Option<String>,
 }
 
 impl Run {
-    /// Gives the agent every frame until the recording ends or the user stops it.
+    /// Gives the agent every frame until the recording ends, the user stops it, or who watches wants a new map; calls
+    /// `save` when who watches wants the results so far.
     ///
     /// # Errors
     /// When results cannot be written on the way.
@@ -72,6 +95,8 @@ impl Run {
         stop: &Stop,
         progress: &Progress,
         output: &mut Output,
+        watch: &mut Watch,
+        save: &dyn Fn(&Self, &Output, &Watch),
     ) -> Result<Self> {
         let started = Instant::now();
         let mut run = Self {
@@ -82,14 +107,27 @@ impl Run {
             statistics: ImageStatistics::default(),
             last_reason: None,
             wall_s: 0.0,
+            dropped_before: ahead.dropped(),
+            restart: false,
             failure: None,
         };
         let mut state = TrackingState::Starting;
-        while let Some(item) = ahead.next_item(&stop.0) {
+        loop {
+            run.wall_s = started.elapsed().as_secs_f64();
+            while let Some(command) = watch.attend(stop) {
+                match command {
+                    Command::Restart => run.restart = true,
+                    _ => save(&run, output, watch),
+                }
+            }
+            if run.restart {
+                break;
+            }
+            let Some(item) = ahead.next_item(&stop.0) else { break };
             match item {
                 Item::Frame(frame, taken) => {
                     let before = state;
-                    state = run.process(frame, taken, progress);
+                    state = run.process(frame, taken, progress, ahead.dropped(), watch);
                     progress.lost(ahead.dropped(), ahead.missed());
                     output.grow(run.agent.map())?;
                     run.losses +=
@@ -109,18 +147,29 @@ impl Run {
                 Item::Failed(reason) => run.failure = Some(reason),
             }
         }
-        ahead.end();
+        if !run.restart {
+            ahead.end();
+        }
         progress.stage("last optimisation");
         run.agent.finish();
+        watch.whole(run.agent.map());
         run.wall_s = started.elapsed().as_secs_f64();
         Ok(run)
     }
 
-    fn process(&mut self, frame: Frame, taken: Option<Instant>, progress: &Progress) -> TrackingState {
+    fn process(
+        &mut self,
+        frame: Frame,
+        taken: Option<Instant>,
+        progress: &Progress,
+        dropped: u64,
+        watch: &mut Watch,
+    ) -> TrackingState {
         // Once there is a map, nobody will ask why there is none.
         if self.agent.map().frames.is_empty() {
             self.statistics.add(&frame.image);
         }
+        watch.before(&frame);
         let (index, timestamp) = (frame.index, frame.timestamp);
         let started = Instant::now();
         let report = self.agent.process(frame);
@@ -129,8 +178,20 @@ impl Run {
         let row = FrameRow { latency_ms, ..FrameRow::new(index, timestamp, ms, &report) };
         self.last_reason = report.reason.or(self.last_reason);
         progress.frame(&row, self.agent.map().keyframes.len(), report.matched_points);
+        let state = report.state;
+        watch.after((index, timestamp, row.ms), latency_ms, report, self.agent.map(), dropped);
         self.rows.push(row);
-        report.state
+        state
+    }
+
+    /// Whether who watches wants a new map.
+    pub fn is_to_restart(&self) -> bool {
+        self.restart
+    }
+
+    /// The map as it stands, to be saved while the run goes on.
+    pub fn snapshot(&self) -> Map {
+        self.agent.snapshot()
     }
 
     /// Gives the map away.
@@ -157,7 +218,7 @@ impl Run {
         interrupted: bool,
     ) -> RunRecord {
         let map = self.agent.map();
-        let (processed, dropped_late) = (self.rows.len() as u64, ahead.dropped());
+        let (processed, dropped_late) = (self.rows.len() as u64, ahead.dropped() - self.dropped_before);
         let offered = processed + dropped_late + self.skipped.values().sum::<u64>();
         let tracked = map.frames.len() as u64;
         let ms = self.rows.iter().map(|row| row.ms).collect();

@@ -2,6 +2,7 @@
 //!
 //! It knows the program only from outside: its command line and the files it writes.
 
+mod live;
 mod measure;
 mod merging;
 mod report;
@@ -41,6 +42,13 @@ struct Args {
     /// Random pairs of parts of maps that are merged
     #[arg(long, value_name = "N", default_value_t = 100)]
     cuts: usize,
+    /// Measure only what concerns cameras: latency, dropped frames, what watching and recording cost, replays and
+    /// calibration. The machine should have nothing else to do
+    #[arg(long, conflicts_with_all = ["merges", "only"])]
+    live: bool,
+    /// With --live: minutes of the longest run
+    #[arg(long, value_name = "N", default_value_t = 5.0, requires = "live")]
+    minutes: f64,
     /// Documents to write the results into, between their markers
     documents: Vec<PathBuf>,
 }
@@ -50,8 +58,11 @@ fn main() -> Result<()> {
     if args.runs == 0 {
         bail!("--runs 0 measures nothing");
     }
-    let found = sequences(&args.data, &args.only)?;
     let runner = Runner { loopbox: args.loopbox.clone(), work: args.work.clone(), runs: args.runs };
+    if args.live {
+        return measure_live(&args, &runner);
+    }
+    let found = sequences(&args.data, &args.only)?;
     let mut sections = vec![("machine", report::machine())];
     let mut failed = Vec::new();
     if !args.merges {
@@ -75,17 +86,34 @@ fn main() -> Result<()> {
         wrong = merging.wrong().count();
         sections.extend(merging_sections(&merging, args.runs));
     }
-    for path in &args.documents {
-        document::update(path, &sections)?;
-    }
-    if args.documents.is_empty() {
-        sections.iter().for_each(|(_, text)| println!("{text}"));
-    }
+    write(&args.documents, &sections)?;
     if !failed.is_empty() {
         bail!("no figures for {}: see the messages above", failed.join(", "));
     }
     if wrong > 0 {
         bail!("{wrong} pairs of maps were merged wrongly");
+    }
+    Ok(())
+}
+
+/// Measures what concerns cameras.
+fn measure_live(args: &Args, runner: &Runner) -> Result<()> {
+    let live = live::measure(&live::Plan { runner, data: &args.data, minutes: args.minutes })?;
+    let text = live::report::section(&live);
+    write(&args.documents, &[("machine", report::machine()), ("live", text)])?;
+    match live.problems() {
+        problems if problems.is_empty() => Ok(()),
+        problems => bail!("{}", problems.join("\n")),
+    }
+}
+
+/// Writes sections into the documents; without any, prints them.
+fn write(documents: &[PathBuf], sections: &[(&str, String)]) -> Result<()> {
+    for path in documents {
+        document::update(path, sections)?;
+    }
+    if documents.is_empty() {
+        sections.iter().for_each(|(_, text)| println!("{text}"));
     }
     Ok(())
 }

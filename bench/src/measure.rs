@@ -45,6 +45,22 @@ impl Run {
     pub fn evaluation(&self, pointer: &str) -> Option<f64> {
         self.evaluation.pointer(pointer)?.as_f64()
     }
+
+    /// What run.json says of each processed frame.
+    pub fn rows(&self) -> &[Value] {
+        self.record.get("rows").and_then(Value::as_array).map_or(&[], Vec::as_slice)
+    }
+
+    /// The numbers in the folder of a run's results, and what was found about its accuracy.
+    ///
+    /// # Errors
+    /// When run.json cannot be read.
+    pub fn read(out: &Path, evaluation: Value) -> Result<Self> {
+        let path = out.join("run.json");
+        let text = read(&path)?;
+        let record = serde_json::from_slice(&text).with_context(|| format!("{}", path.display()))?;
+        Ok(Self { record, evaluation })
+    }
 }
 
 impl Measurement {
@@ -90,10 +106,7 @@ impl Runner {
     }
 
     fn run(&self, sequence: &Path, out: &Path, one_core: bool) -> Result<Run> {
-        if out.exists() {
-            std::fs::remove_dir_all(out).with_context(|| format!("{}: cannot be emptied", out.display()))?;
-        }
-        std::fs::create_dir_all(out).with_context(|| format!("{}: cannot be made", out.display()))?;
+        make_empty(out)?;
         let mut command = if one_core {
             let mut command = Command::new("taskset");
             command.args(["-c", "0"]).arg(&self.loopbox);
@@ -103,13 +116,14 @@ impl Runner {
         };
         command.arg("run").arg(sequence).arg("--calib").arg(sequence.join("camera.yaml"));
         finish(command.arg("--out").arg(out).arg("--quiet"))?;
-        let path = out.join("run.json");
-        let text = std::fs::read(&path).with_context(|| format!("{}: cannot be read", path.display()))?;
-        let record = serde_json::from_slice(&text).with_context(|| format!("{}", path.display()))?;
-        Ok(Run { record, evaluation: self.evaluate(sequence, out)? })
+        Run::read(out, self.evaluate(sequence, out)?)
     }
 
-    fn evaluate(&self, sequence: &Path, out: &Path) -> Result<Value> {
+    /// What `loopbox eval` says of the results in `out` of a run over `sequence`.
+    ///
+    /// # Errors
+    /// When it fails.
+    pub fn evaluate(&self, sequence: &Path, out: &Path) -> Result<Value> {
         let command = || {
             let mut command = Command::new(&self.loopbox);
             command.arg("eval").arg(out.join("trajectory.txt")).arg("--json");
@@ -131,6 +145,18 @@ impl Runner {
         };
         serde_json::from_slice(&text).context("what `loopbox eval --json` printed is not JSON")
     }
+}
+
+/// Makes a folder, without what may lie there from before.
+///
+/// # Errors
+/// When it cannot be made or emptied.
+pub fn make_empty(folder: &Path) -> Result<()> {
+    if folder.exists() {
+        std::fs::remove_dir_all(folder)
+            .with_context(|| format!("{}: cannot be emptied", folder.display()))?;
+    }
+    std::fs::create_dir_all(folder).with_context(|| format!("{}: cannot be made", folder.display()))
 }
 
 /// Runs a command to its end, whatever that is.
@@ -168,7 +194,11 @@ fn same_results(a: &Path, b: &Path) -> Result<bool> {
     Ok(true)
 }
 
-fn read(path: &Path) -> Result<Vec<u8>> {
+/// The bytes of a file.
+///
+/// # Errors
+/// Names the file that cannot be read.
+pub fn read(path: &Path) -> Result<Vec<u8>> {
     std::fs::read(path).with_context(|| format!("{}: cannot be read", path.display()))
 }
 

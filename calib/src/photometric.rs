@@ -13,10 +13,33 @@ pub fn read_photometric(
     response: Option<&Path>,
     vignette: Option<&Path>,
 ) -> Result<PhotometricCalibration, CalibError> {
-    let values = response.map(read_response).transpose()?;
-    let attenuation = vignette.map(read_vignette).transpose()?;
-    let of = |path: Option<&Path>| {
-        let file = path.map(|path| path.display().to_string()).unwrap_or_default();
+    let response = response.map(read).transpose()?;
+    let vignette = vignette.map(read).transpose()?;
+    parse_photometric(
+        response.as_ref().map(|(name, bytes)| (name.as_str(), bytes.as_slice())),
+        vignette.as_ref().map(|(name, bytes)| (name.as_str(), bytes.as_slice())),
+    )
+}
+
+/// A file's name and bytes.
+fn read(path: &Path) -> Result<(String, Vec<u8>), CalibError> {
+    let file = path.display().to_string();
+    let bytes = std::fs::read(path).map_err(|source| CalibError::Read { file: file.clone(), source })?;
+    Ok((file, bytes))
+}
+
+/// As [`read_photometric`], from the bytes of the files; a name stands for its file in messages.
+///
+/// # Errors
+/// When the numbers make no sense.
+pub fn parse_photometric(
+    response: Option<(&str, &[u8])>,
+    vignette: Option<(&str, &[u8])>,
+) -> Result<PhotometricCalibration, CalibError> {
+    let values = response.map(|(name, bytes)| parse_response(name, bytes)).transpose()?;
+    let attenuation = vignette.map(|(name, bytes)| parse_vignette(name, bytes)).transpose()?;
+    let of = |part: Option<(&str, &[u8])>| {
+        let file = part.map(|(name, _)| name.to_owned()).unwrap_or_default();
         move |source| CalibError::Photometric { file, source }
     };
     // Each part is checked alone first, so that the message names the file at fault.
@@ -24,14 +47,13 @@ pub fn read_photometric(
     PhotometricCalibration::new(values.as_deref(), attenuation.as_ref()).map_err(of(vignette))
 }
 
-fn read_response(path: &Path) -> Result<Vec<f64>, CalibError> {
-    let file = || path.display().to_string();
-    let text = std::fs::read_to_string(path).map_err(|source| CalibError::Read { file: file(), source })?;
-    text.split_whitespace()
+fn parse_response(file: &str, bytes: &[u8]) -> Result<Vec<f64>, CalibError> {
+    String::from_utf8_lossy(bytes)
+        .split_whitespace()
         .enumerate()
         .map(|(level, word)| {
             word.parse().map_err(|_| CalibError::BadValue {
-                file: file(),
+                file: file.into(),
                 key: format!("grey level {level}"),
                 problem: format!("\"{word}\" is not a number"),
                 fix: "give 256 numbers separated by spaces".into(),
@@ -40,17 +62,15 @@ fn read_response(path: &Path) -> Result<Vec<f64>, CalibError> {
         .collect()
 }
 
-fn read_vignette(path: &Path) -> Result<Image<f32>, CalibError> {
-    let file = || path.display().to_string();
-    let bytes = std::fs::read(path).map_err(|source| CalibError::Read { file: file(), source })?;
-    let decoded = image::load_from_memory(&bytes)
-        .map_err(|error| CalibError::Image { file: file(), message: error.to_string() })?;
+fn parse_vignette(file: &str, bytes: &[u8]) -> Result<Image<f32>, CalibError> {
+    let decoded = image::load_from_memory(bytes)
+        .map_err(|error| CalibError::Image { file: file.into(), message: error.to_string() })?;
     // Only ratios count, so that both depths may go through 16 bits.
     let grey = decoded.into_luma16();
     let (width, height) = (grey.width() as usize, grey.height() as usize);
     let data = grey.into_raw().into_iter().map(f32::from).collect();
     Image::from_vec(width, height, data).ok_or_else(|| CalibError::Image {
-        file: file(),
+        file: file.into(),
         message: "its size is not that of its pixels".into(),
     })
 }

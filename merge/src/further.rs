@@ -39,6 +39,7 @@ impl Default for FurtherParams {
             min_overlap: 0.5,
             direct: Sim3AlignParams {
                 coarsest_level: 3,
+                max_points: 3000,
                 max_reciprocal_error: 12.0,
                 ..Sim3AlignParams::default()
             },

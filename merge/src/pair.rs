@@ -130,8 +130,8 @@ pub fn view_pair(
     let bearings: Vec<BearingMatch> = matches
         .iter()
         .map(|m| BearingMatch {
-            source: source.bearings[m.source as usize],
-            target: target.bearings[m.target as usize],
+            source: source.bearings()[m.source as usize],
+            target: target.bearings()[m.target as usize],
         })
         .collect();
     // The coarser of both cameras sets how exact a match can be.
@@ -153,8 +153,8 @@ pub fn matched_points(
         .filter_map(|&index| {
             let m = views.matches.get(index)?;
             Some(PointMatch {
-                source: source.points[m.source as usize]?,
-                target: target.points[m.target as usize]?,
+                source: source.points()[m.source as usize]?,
+                target: target.points()[m.target as usize]?,
             })
         })
         .collect()

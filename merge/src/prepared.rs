@@ -31,10 +31,10 @@ pub struct PreparedKeyframe<'a> {
     pub camera: &'a Pinhole,
     /// Its features.
     pub features: &'a Features,
-    /// Directions of the features' rays in the camera frame, length 1.
-    pub bearings: Vec<Vector3<f64>>,
-    /// The 3-D points of the features, in the keyframe's camera frame and unit, where there is depth.
-    pub points: Vec<Option<MeasuredPoint>>,
+    params: &'a KeyPointParams,
+    // Each made when first asked for: most places need no more than bearings, further closures no more than a view.
+    bearings: OnceLock<Vec<Vector3<f64>>>,
+    points: OnceLock<Vec<Option<MeasuredPoint>>>,
     view: OnceLock<KeyframeView>,
 }
 
@@ -99,19 +99,28 @@ impl<'a> PreparedKeyframe<'a> {
         keyframe: &'a Keyframe,
         camera: &'a Pinhole,
         features: &'a Features,
-        params: &KeyPointParams,
+        params: &'a KeyPointParams,
     ) -> Self {
-        let depth = DepthGrid::new(&keyframe.semi_dense, camera);
-        let pixels = || features.keypoints.iter().map(|keypoint| keypoint.pixel);
-        let ray = |[x, y]: [f32; 2]| camera.unproject(f64::from(x), f64::from(y)).normalize();
-        Self {
-            keyframe,
-            camera,
-            features,
-            bearings: pixels().map(ray).collect(),
-            points: pixels().map(|pixel| measure(pixel, &depth, camera, params)).collect(),
-            view: OnceLock::new(),
-        }
+        let (bearings, points, view) = (OnceLock::new(), OnceLock::new(), OnceLock::new());
+        Self { keyframe, camera, features, params, bearings, points, view }
+    }
+
+    fn pixels(&self) -> impl Iterator<Item = [f32; 2]> {
+        self.features.keypoints.iter().map(|keypoint| keypoint.pixel)
+    }
+
+    /// Directions of the features' rays in the camera frame, length 1.
+    pub fn bearings(&self) -> &[Vector3<f64>] {
+        let ray = |[x, y]: [f32; 2]| self.camera.unproject(f64::from(x), f64::from(y)).normalize();
+        self.bearings.get_or_init(|| self.pixels().map(ray).collect())
+    }
+
+    /// The 3-D points of the features, in the keyframe's camera frame and unit, where there is depth.
+    pub fn points(&self) -> &[Option<MeasuredPoint>] {
+        self.points.get_or_init(|| {
+            let depth = DepthGrid::new(&self.keyframe.semi_dense, self.camera);
+            self.pixels().map(|pixel| measure(pixel, &depth, self.camera, self.params)).collect()
+        })
     }
 
     /// The keyframe as direct alignment takes it.

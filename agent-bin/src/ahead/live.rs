@@ -2,7 +2,7 @@
 
 use super::Decoding;
 use super::queue::Queue;
-use crate::sources::{FrameSource, SourceFrame};
+use crate::sources::{FrameSource, SourceFrame, time};
 use std::sync::atomic::Ordering;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 
@@ -28,8 +28,9 @@ impl<'a> Slot<'a> {
     /// Puts a frame in, in place of the one that is there; false once nobody wants any.
     fn put(&self, frame: SourceFrame) -> bool {
         let mut state = self.lock();
-        if !state.closed && state.frame.replace(frame).is_some() {
-            self.queue.drop_one();
+        let forgotten = if state.closed { Some(frame) } else { state.frame.replace(frame) };
+        if let Some(forgotten) = forgotten {
+            self.queue.forget(forgotten.index);
         }
         self.changed.notify_all();
         !state.closed
@@ -67,14 +68,16 @@ impl Drop for CloseOnDrop<'_> {
 
 /// Captures until the source ends or no more frames are wanted.
 pub fn produce(source: &mut dyn FrameSource, decoding: &mut Decoding<'_>) {
-    let slot = Slot::new(decoding.queue);
+    let (slot, tap) = (Slot::new(decoding.queue), decoding.tap);
     let stopper = source.stopper();
     std::thread::scope(|scope| {
         let slot = &slot;
         scope.spawn(move || {
             let _closes = CloseOnDrop(slot);
-            while let Some(frame) = source.next_frame() {
+            while let Some(mut frame) = source.next_frame() {
                 slot.queue.set_missed(source.missed());
+                frame.timestamp = time::on_grid(frame.timestamp);
+                tap.captured(&frame);
                 if !slot.put(frame) {
                     return;
                 }

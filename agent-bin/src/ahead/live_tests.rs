@@ -3,6 +3,7 @@
 use crate::ahead::{Ahead, Item, Pace, Preparation};
 use crate::camera::{CameraOptions, correction};
 use crate::pictures::{Picture, RawPicture};
+use crate::recording::Recorder;
 use crate::sources::notice::{Listener, Notice};
 use crate::sources::{FoundCalibration, FrameSource, SourceFrame, SourceInfo};
 use geometry::{Camera, Distortion, Pinhole};
@@ -83,7 +84,12 @@ fn start(count: u64) -> (Ahead, Arc<AtomicU64>, Arc<AtomicBool>) {
     let (given, stop) = (Arc::<AtomicU64>::default(), Arc::<AtomicBool>::default());
     let source = Fake { info, count, next: 0, given: given.clone(), stop: stop.clone(), listener: None };
     // A live source sets its own pace, whatever is asked for.
-    let ahead = Ahead::start(Box::new(source), Preparation::new(correction, None, None), Pace::EveryFrame);
+    let ahead = Ahead::start(
+        Box::new(source),
+        Preparation::new(correction, None, None),
+        Pace::EveryFrame,
+        Recorder::idle(),
+    );
     (ahead.unwrap(), given, stop)
 }
 

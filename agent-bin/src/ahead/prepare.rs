@@ -2,7 +2,7 @@
 
 use super::Item;
 use crate::camera::ImageCorrection;
-use crate::sources::SourceFrame;
+use crate::sources::{FrameSource, SourceFrame, time};
 use serde::Serialize;
 use slam_direct::Frame;
 
@@ -64,6 +64,13 @@ impl Preparation {
             end: end.unwrap_or(f64::INFINITY),
             first_timestamp: None,
             last_timestamp: None,
+        }
+    }
+
+    /// Lets a source leave out what lies before the start.
+    pub fn skip_in(&mut self, source: &mut dyn FrameSource) {
+        if self.start > 0.0 {
+            self.first_timestamp = source.skip_to(self.start).map(time::on_grid);
         }
     }
 

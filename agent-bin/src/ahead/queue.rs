@@ -20,12 +20,29 @@ pub struct Queue {
 struct State {
     items: VecDeque<Item>,
     dropped: u64,
+    /// Indices of frames that nobody will take.
+    forgotten: Vec<u64>,
     closed: bool,
 }
 
 impl State {
     fn frames(&self) -> usize {
         self.items.iter().filter(|item| matches!(item, Item::Frame(..))).count()
+    }
+
+    /// Forgets all frames; how many there were.
+    fn forget_frames(&mut self) -> u64 {
+        let before = self.forgotten.len();
+        self.forgotten.extend(self.items.iter().filter_map(index_of));
+        self.items.retain(|item| !matches!(item, Item::Frame(..)));
+        (self.forgotten.len() - before) as u64
+    }
+}
+
+fn index_of(item: &Item) -> Option<u64> {
+    match item {
+        Item::Frame(frame, _) => Some(frame.index),
+        _ => None,
     }
 }
 
@@ -56,16 +73,15 @@ impl Queue {
     pub fn push(&self, item: Item) -> bool {
         let mut state = self.lock();
         if matches!(item, Item::Frame(..)) {
-            if self.newest_only {
-                let before = state.items.len();
-                state.items.retain(|item| !matches!(item, Item::Frame(..)));
-                state.dropped += (before - state.items.len()) as u64;
+            if self.newest_only && !state.closed {
+                state.dropped += state.forget_frames();
             }
             while !state.closed && state.frames() >= self.capacity {
                 state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
             }
         }
         if state.closed {
+            state.forgotten.extend(index_of(&item));
             return false;
         }
         state.items.push_back(item);
@@ -91,6 +107,16 @@ impl Queue {
         None
     }
 
+    /// Forgets the frames that nobody has taken.
+    pub fn forget_all(&self) {
+        self.lock().forget_frames();
+    }
+
+    /// Indices of the frames that were forgotten since this was called last.
+    pub fn take_forgotten(&self) -> Vec<u64> {
+        std::mem::take(&mut self.lock().forgotten)
+    }
+
     /// No more items are taken; those in the queue can still be popped.
     pub fn close(&self) {
         self.lock().closed = true;
@@ -103,8 +129,10 @@ impl Queue {
     }
 
     /// Counts a frame that was dropped on its way here.
-    pub fn drop_one(&self) {
-        self.lock().dropped += 1;
+    pub fn forget(&self, index: u64) {
+        let mut state = self.lock();
+        state.dropped += 1;
+        state.forgotten.push(index);
     }
 
     /// Says how many frames the source could not deliver so far.
@@ -157,6 +185,12 @@ mod tests {
         assert!(matches!(queue.pop(&GO), Some(Item::Warning(_))));
         assert_eq!(index(queue.pop(&GO)), Some(2));
         assert_eq!(queue.dropped(), 2);
+        queue.push(frame(3));
+        queue.close();
+        queue.push(frame(4));
+        queue.forget_all();
+        assert_eq!(queue.take_forgotten(), [0, 1, 4, 3]);
+        assert!(queue.pop(&GO).is_none());
     }
 
     #[test]

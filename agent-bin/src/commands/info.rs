@@ -11,12 +11,12 @@ use std::path::PathBuf;
 /// Arguments of `loopbox info`.
 #[derive(Args, Debug)]
 pub struct InfoArgs {
-    /// A recording (folder, MCAP or video file) or a map (map.mcap)
+    /// A recording (folder, MCAP file, ROS 1 bag or video file) or a map (map.mcap)
     path: PathBuf,
     /// Frames per second of images without time stamps
     #[arg(long, value_name = "RATE")]
     fps: Option<f64>,
-    /// Topic of an MCAP recording with several
+    /// Topic of an MCAP file or a bag with several
     #[arg(long)]
     topic: Option<String>,
     /// Print JSON
@@ -32,7 +32,7 @@ pub fn execute(args: &InfoArgs) -> Result<()> {
     if map::is_map_file(&args.path) {
         return info_map::run(&InfoMapArgs { map: args.path.clone(), json: args.json });
     }
-    let options = SourceOptions { fps: args.fps, topic: args.topic.clone() };
+    let options = SourceOptions { fps: args.fps, topic: args.topic.clone(), all_frames: false };
     let mut source = sources::open(&args.path, &options)?;
     let recording = Recording::new(source.as_mut());
     if args.json {
@@ -53,6 +53,8 @@ struct Recording {
     frames_per_s: Option<f64>,
     size: Option<(usize, usize)>,
     calibration: Option<String>,
+    /// What else there is to say, as label and text.
+    facts: Vec<(&'static str, String)>,
     /// What is wrong with it.
     problems: Vec<String>,
 }
@@ -74,7 +76,9 @@ impl Recording {
         };
         let calibration = match &info.calibration {
             Some(FoundCalibration::File(path)) => Some(path.display().to_string()),
-            Some(FoundCalibration::Inside { origin, .. }) => Some(origin.clone()),
+            Some(FoundCalibration::Inside { origin, .. } | FoundCalibration::Recorded { origin, .. }) => {
+                Some(origin.clone())
+            }
             Some(FoundCalibration::Unusable { origin, reason }) => {
                 problems.push(format!("{origin}: the calibration is unusable: {reason}"));
                 None
@@ -96,6 +100,7 @@ impl Recording {
             frames_per_s,
             size,
             calibration,
+            facts: source.facts(),
             problems,
         }
     }
@@ -116,6 +121,7 @@ impl fmt::Display for Recording {
             "calibration  {}",
             self.calibration.as_deref().unwrap_or("none came with it: give --calib")
         )?;
+        self.facts.iter().try_for_each(|(label, text)| writeln!(f, "{label:<12} {text}"))?;
         self.problems.iter().try_for_each(|problem| writeln!(f, "problem      {problem}"))
     }
 }

@@ -1,6 +1,11 @@
 //! The command line: one file per command.
 
+#[cfg(feature = "opencv")]
+mod calib;
+#[cfg(feature = "opencv")]
+mod calib_photometric;
 mod cameras;
+mod convert;
 mod eval;
 mod eval_agents;
 mod eval_depth;
@@ -14,11 +19,15 @@ mod merge;
 mod params;
 #[cfg(feature = "opencv")]
 mod places;
+mod record;
 mod run;
 #[cfg(feature = "opencv")]
 mod unmerge;
+#[cfg(feature = "view")]
+mod view;
 #[cfg(feature = "opencv")]
 mod vocab;
+mod watching;
 
 use anyhow::Result;
 use clap::{Parser, Subcommand};
@@ -32,17 +41,24 @@ pub struct Cli {
     pub command: Command,
 }
 
-/// The commands.
+/// The commands; what each does stands at its arguments.
 #[derive(Debug, Subcommand)]
+#[expect(missing_docs, reason = "a text here would take the place of that at the arguments")]
 pub enum Command {
     /// Track and map a recording
     Run(run::RunArgs),
+    /// Record a camera or any recording into an MCAP file
+    Record(record::RecordArgs),
+    /// Turn a recording into an MCAP file, a ROS 1 bag, a video or a folder of images
+    Convert(convert::ConvertArgs),
     /// List the cameras of this machine with their formats, sizes and rates
     Cameras(cameras::CamerasArgs),
     /// Describe a recording or a map
     Info(info::InfoArgs),
     Export(export::ExportArgs),
     Eval(eval::EvalArgs),
+    #[cfg(feature = "opencv")]
+    Calib(calib::CalibArgs),
     #[cfg(feature = "opencv")]
     Merge(merge::MergeArgs),
     #[cfg(feature = "opencv")]
@@ -51,6 +67,8 @@ pub enum Command {
     Unmerge(unmerge::UnmergeArgs),
     #[cfg(feature = "opencv")]
     Vocab(vocab::VocabArgs),
+    #[cfg(feature = "view")]
+    View(view::ViewArgs),
     Params(params::ParamsArgs),
 }
 
@@ -62,10 +80,14 @@ impl Command {
     pub fn execute(self) -> Result<()> {
         match self {
             Command::Run(args) => run::execute(&args),
+            Command::Record(args) => record::execute(&args),
+            Command::Convert(args) => convert::execute(&args),
             Command::Cameras(args) => cameras::run(&args),
             Command::Info(args) => info::execute(&args),
             Command::Export(args) => export::run(&args),
             Command::Eval(args) => eval::run(args),
+            #[cfg(feature = "opencv")]
+            Command::Calib(args) => calib::run(&args),
             #[cfg(feature = "opencv")]
             Command::Merge(args) => merge::run(&args),
             #[cfg(feature = "opencv")]
@@ -74,6 +96,8 @@ impl Command {
             Command::Unmerge(args) => unmerge::run(&args),
             #[cfg(feature = "opencv")]
             Command::Vocab(args) => vocab::run(&args),
+            #[cfg(feature = "view")]
+            Command::View(args) => view::execute(&args),
             Command::Params(args) => params::execute(args),
         }
     }

@@ -1,26 +1,30 @@
 //! `loopbox run`: tracks and maps a recording.
 
 use super::params;
+use super::watching::ViewArgs;
 use crate::ahead::{Ahead, Pace, Preparation};
 use crate::camera::{self, CameraOptions, ImageCorrection};
 use crate::output::{Output, TrajectoryFormat};
 use crate::progress::{Display, Progress};
-use crate::runtime::{Run, Stop};
+use crate::recording::{CalibrationFiles, Head, RecordButton, Recorder, refuse_existing};
+use crate::runtime::Stop;
+use crate::saving::Form;
+use crate::session::{Mapped, Session};
 use crate::sources::camera::{CameraArgs, open_camera};
 use crate::sources::{self, FrameSource, SourceInfo, SourceOptions};
+use crate::watch::Ended;
 use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
 use map::AgentInfo;
-use place_recog::ThumbnailIndex;
-use slam_direct::{Agent, Params};
+use slam_direct::Params;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Arguments of `loopbox run`.
 #[derive(Args, Debug)]
 pub struct RunArgs {
-    /// The recording: a folder of images, an MCAP file or a video file
-    #[arg(required_unless_present = "camera", conflicts_with = "camera")]
+    /// The recording: a folder of images, an MCAP file, a ROS 1 bag or a video file
+    #[arg(conflicts_with = "camera")]
     source: Option<PathBuf>,
     #[command(flatten)]
     camera: CameraArgs,
@@ -57,9 +61,15 @@ pub struct RunArgs {
     /// Stop so many seconds into the recording
     #[arg(long, value_name = "SECONDS")]
     end: Option<f64>,
-    /// Topic of an MCAP recording with several
+    /// Topic of an MCAP file or a bag with several
     #[arg(long)]
     topic: Option<String>,
+    /// Also process frames that the run dropped when this recording was made
+    #[arg(long)]
+    all_frames: bool,
+    /// Record what is captured in this MCAP file, from which the run can be replayed exactly
+    #[arg(long, value_name = "FILE")]
+    record: Option<PathBuf>,
     /// Show no progress and no summary
     #[arg(long, conflicts_with = "log")]
     quiet: bool,
@@ -69,6 +79,8 @@ pub struct RunArgs {
     /// Threads for mapping; default: one per core. The result does not depend on it
     #[arg(long, value_name = "COUNT")]
     threads: Option<usize>,
+    #[command(flatten)]
+    view: ViewArgs,
 }
 
 /// Forms of a log.
@@ -92,7 +104,8 @@ pub fn execute(args: &RunArgs) -> Result<()> {
     let camera = correction.camera();
     let provenance = args.provenance(&info, &correction, &params);
     let name = recording_name(&info.path);
-    let mut output = Output::create(&args.out, AgentInfo { provenance, ..AgentInfo::new(name, camera) })?;
+    let about = AgentInfo { provenance, ..AgentInfo::new(name, camera) };
+    let output = Output::create(&args.out, about.clone())?;
     if let Some(threads) = args.threads {
         rayon::ThreadPoolBuilder::new()
             .num_threads(threads)
@@ -101,20 +114,28 @@ pub fn execute(args: &RunArgs) -> Result<()> {
     }
     let stop = Stop::on_ctrl_c("stopping: saving what was tracked so far (Ctrl-C again to abort)")?;
     let progress = Progress::new(args.display(), info.frame_count);
-    let ahead = Ahead::start(source, Preparation::new(correction, args.start, args.end), args.pace())?;
-    let agent = Agent::new(camera, Box::new(ThumbnailIndex::default()), params);
-    let run = Run::track(agent, &ahead, &stop, &progress, &mut output)?;
-    let record = run.record(&info, camera, &ahead, stop.requested());
-    if record.frames.tracked == 0 {
-        output.numbers(&record)?;
-        let failure = run.failure().map(|failure| format!("\n{failure}")).unwrap_or_default();
-        let why = run.why_nothing_was_tracked();
-        bail!("{}: no frame could be tracked: {why}{failure}", info.path.display());
+    let head = Head::new(&info, CalibrationFiles::gather(&args.calibration(), &info)?);
+    let recorder = Recorder::idle();
+    if let Some(path) = &args.record {
+        recorder.start(path, &head)?;
     }
-    progress.stage("writing the results");
-    let failure = run.failure().map(str::to_owned);
-    output.finish(&mut run.into_map(), &record, args.trajectory, args.max_variance)?;
-    progress.finish(&record, &args.out.display().to_string());
+    let preparation = Preparation::new(correction, args.start, args.end);
+    let ahead = Ahead::start(source, preparation, args.pace(), recorder.clone())?;
+    let mut watch =
+        args.view.start(&about, info.frame_count, RecordButton::new(&recorder, head, &args.out))?;
+    let form = Form { format: args.trajectory, max_variance: args.max_variance };
+    let session = Session { about, source: info, camera, params, form, stop: &stop, progress: &progress };
+    let mapped = session.run(output, &ahead, &mut watch);
+    // Tells the recorder which frames nobody took, so that a replay ends where this run did.
+    drop(ahead);
+    let recorded = recorder.is_recording().then(|| recorder.stop()).transpose();
+    let Mapped { folder, record, failure } = mapped?;
+    if let Ok(Some(summary)) = &recorded {
+        progress.note(&summary.text());
+    }
+    progress.finish(&record, &folder.display().to_string());
+    watch.end(Ended(&format!("The run has ended. Its results are in {}", folder.display())));
+    recorded?;
     match failure {
         Some(failure) => bail!("the run ended early, what was tracked is saved: {failure}"),
         None => Ok(()),
@@ -137,6 +158,9 @@ impl RunArgs {
                 self.speed
             );
         }
+        if let Some(path) = &self.record {
+            refuse_existing(path)?;
+        }
         if let (Some(start), Some(end)) = (self.start, self.end)
             && start >= end
         {
@@ -154,9 +178,14 @@ impl RunArgs {
     /// The recording, or the camera that is to be used instead.
     fn open(&self) -> Result<Box<dyn FrameSource>> {
         let Some(source) = &self.source else {
+            self.camera.needed()?;
             return open_camera(&self.camera.clone().for_calibration(self.calib.as_deref())?);
         };
-        sources::open(source, &SourceOptions { fps: self.camera.fps, topic: self.topic.clone() })
+        let (fps, topic) = (self.camera.fps, self.topic.clone());
+        if self.camera.duration.is_some() {
+            bail!("--duration is for cameras\nhint: of a recording, take --start and --end");
+        }
+        sources::open(source, &SourceOptions { fps, topic, all_frames: self.all_frames })
     }
 
     fn calibration(&self) -> CameraOptions {

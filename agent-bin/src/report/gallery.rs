@@ -103,7 +103,7 @@ fn shrunk(image: &GrayImage, factor: usize) -> GrayImage {
 }
 
 /// The image as JPEG, of the best quality that fits `max_bytes`, or else the worst there is.
-fn encode(image: &GrayImage, max_bytes: usize) -> image::ImageResult<Vec<u8>> {
+pub fn encode(image: &GrayImage, max_bytes: usize) -> image::ImageResult<Vec<u8>> {
     let mut jpeg = Vec::new();
     for quality in QUALITIES {
         jpeg.clear();

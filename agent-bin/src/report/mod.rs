@@ -28,6 +28,7 @@ use std::path::Path;
 const TEMPLATE: Template = Template {
     body: include_str!("assets/run.html"),
     style: "",
+    policy: "",
     scripts: &[
         include_str!("assets/plots.js"),
         include_str!("assets/gallery.js"),

@@ -28,6 +28,8 @@ pub struct Template {
     pub body: &'static str,
     /// Styles of its own.
     pub style: &'static str,
+    /// What its content policy allows beyond the others', from a `;` on.
+    pub policy: &'static str,
     /// Scripts of its own, in their order; the last one starts the page.
     pub scripts: &'static [&'static str],
 }
@@ -43,6 +45,7 @@ impl Template {
         let scripts = SCRIPTS.iter().chain(self.scripts).copied().collect::<String>();
         let values = [
             ("title", &*title),
+            ("policy", self.policy),
             ("style", &[STYLE, self.style].concat()),
             ("body", &fill(self.body, &[("title", &title), ("viewer", VIEWER)])),
             ("data", &script_safe(&json)),

@@ -105,12 +105,11 @@ impl Scene {
     /// The scene of a map with its placed keyframes and frames.
     pub fn new(map: &Map, keyframes: &[&Keyframe], frames: &[PlacedFrame]) -> Self {
         let agents = agent_indices(map);
-        let cameras: Vec<Matrix3<f64>> =
-            keyframes.iter().map(|k| k.world_from_keyframe.rigid().rotation_matrix()).collect();
+        let (up, forward) = level(keyframes.iter().map(|k| &k.world_from_keyframe));
         Self {
             agents: map.agents.iter().map(agent).collect(),
-            up: up_direction(&cameras).into(),
-            forward: mean(cameras.iter().map(|r| r.column(2).into_owned())).into(),
+            up: up.into(),
+            forward: forward.into(),
             keyframes: Keyframes {
                 count: keyframes.len(),
                 agent: Packed::u32(
@@ -134,6 +133,12 @@ impl Scene {
             edges: edges(map, keyframes),
         }
     }
+}
+
+/// Which way is up, and the mean viewing direction (short when the cameras look all around).
+pub fn level<'a>(world_from_cameras: impl Iterator<Item = &'a Sim3>) -> (Vector3<f64>, Vector3<f64>) {
+    let cameras: Vec<Matrix3<f64>> = world_from_cameras.map(|pose| pose.rigid().rotation_matrix()).collect();
+    (up_direction(&cameras), mean(cameras.iter().map(|r| r.column(2).into_owned())))
 }
 
 /// An agent as the page shows it.

@@ -1,7 +1,7 @@
 //! EuRoC / ASL: `mav0/cam0/data.csv` (`nanoseconds,file`), `data/` and `sensor.yaml`.
 
-use super::FoundCalibration;
 use super::image_list::{ImageList, first_existing, read_table};
+use super::{FoundCalibration, time};
 use anyhow::{Result, bail};
 use std::path::{Path, PathBuf};
 
@@ -18,7 +18,7 @@ pub fn open(folder: &Path) -> Result<Option<ImageList>> {
     let frames = read_table(&table)?
         .into_iter()
         .map(|(line, fields)| match (fields[0].parse::<u64>(), fields.get(1)) {
-            (Ok(ns), Some(name)) => Ok((seconds_from_ns(ns), camera.join("data").join(name))),
+            (Ok(ns), Some(name)) => Ok((time::seconds(ns), camera.join("data").join(name))),
             _ => bail!("{}: line {line} is not 'nanoseconds,image': {}", table.display(), fields.join(",")),
         })
         .collect::<Result<Vec<(f64, PathBuf)>>>()?;
@@ -26,19 +26,4 @@ pub fn open(folder: &Path) -> Result<Option<ImageList>> {
         .or_else(|| first_existing(&camera, &["sensor.yaml"]))
         .map(FoundCalibration::File);
     ImageList::new("EuRoC folder", folder, &table, frames, calibration).map(Some)
-}
-
-/// Seconds from nanoseconds; nanoseconds since 1970 do not fit an f64, so whole seconds are split off first.
-pub fn seconds_from_ns(ns: u64) -> f64 {
-    (ns / 1_000_000_000) as f64 + (ns % 1_000_000_000) as f64 * 1e-9
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn nanoseconds_keep_a_microsecond() {
-        assert_eq!(seconds_from_ns(1403636579763555584), 1403636579.7635555);
-    }
 }

@@ -1,22 +1,28 @@
 //! Where frames come from: one file per kind of recording behind [`FrameSource`].
 
+mod bag_recording;
 pub mod camera;
 mod euroc;
 mod image_list;
+mod input;
 mod kitti;
 mod mcap_recording;
 pub mod messages;
 pub mod notice;
 mod numbered;
+pub mod time;
 mod timed;
+mod topics;
 mod tum;
 #[cfg(feature = "opencv")]
 mod video;
 
 #[cfg(feature = "opencv")]
 pub use image_list::images_in;
+pub use input::Input;
 
 use crate::pictures::Picture;
+use crate::recording::CalibrationFiles;
 use anyhow::{Result, bail};
 use geometry::Camera;
 use notice::Listener;
@@ -65,6 +71,13 @@ pub enum FoundCalibration {
         /// The camera.
         camera: Box<Camera>,
     },
+    /// The files that loopbox put into its recording.
+    Recorded {
+        /// Where in the recording, for people.
+        origin: String,
+        /// The files.
+        files: Box<CalibrationFiles>,
+    },
     /// There is one in the recording, but it cannot be used.
     Unusable {
         /// Where in the recording, for people.
@@ -72,6 +85,16 @@ pub enum FoundCalibration {
         /// What is wrong with it.
         reason: String,
     },
+}
+
+impl FoundCalibration {
+    /// What a calibration message gave.
+    fn of_message(origin: String, camera: Result<Camera>) -> Self {
+        match camera {
+            Ok(camera) => Self::Inside { origin, camera: Box::new(camera) },
+            Err(error) => Self::Unusable { origin, reason: format!("{error:#}") },
+        }
+    }
 }
 
 /// A recording, frame by frame.
@@ -85,6 +108,18 @@ pub trait FrameSource: Send {
     /// What went wrong with the recording as a whole while it was read (a truncated file, say).
     fn warning(&self) -> Option<String> {
         None
+    }
+
+    /// Leaves out frames that lie more than a moment before `start` seconds after the first, where that is
+    /// cheaper than reading them; then says the first frame's time stamp. To be called before the first
+    /// frame is taken.
+    fn skip_to(&mut self, _start: f64) -> Option<f64> {
+        None
+    }
+
+    /// What else there is to say of it, as label and text.
+    fn facts(&self) -> Vec<(&'static str, String)> {
+        Vec::new()
     }
 
     /// Whether frames come when they come, and cannot be waited for in the source.
@@ -120,6 +155,8 @@ pub struct SourceOptions {
     pub fps: Option<f64>,
     /// The topic to take from a recording with several.
     pub topic: Option<String>,
+    /// Also take frames that the recorded run dropped.
+    pub all_frames: bool,
 }
 
 /// Opens the recording at `path`, whatever its kind.
@@ -145,9 +182,32 @@ pub fn open(path: &Path, options: &SourceOptions) -> Result<Box<dyn FrameSource>
         );
     }
     if mcap_recording::is_mcap(path) {
-        return Ok(Box::new(mcap_recording::open(path, options.topic.as_deref())?));
+        return Ok(Box::new(mcap_recording::open(Input::File(path.to_owned()), options)?));
+    }
+    if bag_recording::is_bag(path) {
+        return Ok(Box::new(bag_recording::open(Input::File(path.to_owned()), options)?));
     }
     open_video(path, options)
+}
+
+/// Opens a recording that lies in memory: an MCAP file or a ROS 1 bag.
+///
+/// # Errors
+/// As [`open`].
+pub fn open_bytes(bytes: &[u8], options: &SourceOptions) -> Result<Box<dyn FrameSource>> {
+    let input = Input::Memory("memory".into(), Arc::from(bytes));
+    if bytes.starts_with(bag_recording::MAGIC) {
+        return Ok(Box::new(bag_recording::open(input, options)?));
+    }
+    Ok(Box::new(mcap_recording::open(input, options)?))
+}
+
+/// The camera in a `foxglove.CameraCalibration` message (protobuf).
+///
+/// # Errors
+/// When it is none.
+pub fn read_foxglove_calibration(message: &[u8]) -> Result<Camera> {
+    messages::read_calibration(messages::Form::FoxgloveCalibration, message)
 }
 
 #[cfg(feature = "opencv")]
@@ -158,7 +218,7 @@ fn open_video(path: &Path, options: &SourceOptions) -> Result<Box<dyn FrameSourc
 #[cfg(not(feature = "opencv"))]
 fn open_video(path: &Path, _options: &SourceOptions) -> Result<Box<dyn FrameSource>> {
     bail!(
-        "{}: not an MCAP file, and this program was built without video files (feature `video`)\n\
+        "{}: neither an MCAP file nor a ROS 1 bag, and this program was built without video files (feature `video`)\n\
          hint: turn a video into images with `ffmpeg -i VIDEO FOLDER/%06d.png` and give the folder with --fps",
         path.display()
     )

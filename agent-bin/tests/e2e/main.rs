@@ -15,3 +15,5 @@ mod memory;
 mod motion;
 mod normal;
 mod support;
+#[cfg(feature = "view")]
+mod watch;

@@ -27,10 +27,13 @@ params! {
         /// Most linear systems solved in each earlier stage, while redescending kernels are still
         /// widened. Range 1–50.
         pub stage_iterations: usize = 5,
+        /// The same as `min_relative_decrease` for the earlier stages, which need only find the way.
+        /// Range 1e-12–1e-1.
+        pub stage_min_relative_decrease: f64 = 1e-3,
         /// Factor by which the widening shrinks from stage to stage. Range 1.2–10; smaller
         /// finds better minima and costs time (Yang 2020 uses √1.4 on the width; ours is measured).
         pub stage_factor: f64 = 3.0,
-        /// A stage ends when the relative decrease of the cost falls below this. Range 1e-12–1e-2.
+        /// The last stage ends when the relative decrease of the cost falls below this. Range 1e-12–1e-2.
         pub min_relative_decrease: f64 = 1e-6,
         /// Damping relative to the diagonal in the first step. Range 0–1; the odometry is a
         /// good start, so the first step is almost Gauss–Newton.

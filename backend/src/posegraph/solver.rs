@@ -6,10 +6,14 @@ use super::{PoseGraphError, PoseGraphParams, PoseGraphReport, RobustKernel, eval
 use geometry::Sim3;
 use map::{Edge, KeyframeId};
 use nalgebra::{SMatrix, SVector};
+use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Damping beyond which no step can lower the cost by more than rounding.
 const MAX_DAMPING: f64 = 1e8;
+
+/// Fewest edges that are worth a thread of their own.
+const EDGES_AT_A_TIME: usize = 32;
 
 /// An edge in terms of node indices.
 struct Constraint {
@@ -20,6 +24,13 @@ struct Constraint {
     kernel: RobustKernel,
     /// Where the coupling block lies, when both ends are free.
     slot: Option<BlockSlot>,
+}
+
+/// An edge's part of the normal equations: blocks and gradients of its ends, block between them.
+struct Contribution {
+    from: Option<(SMatrix<f64, 7, 7>, SVector<f64, 7>)>,
+    to: Option<(SMatrix<f64, 7, 7>, SVector<f64, 7>)>,
+    pair: Option<SMatrix<f64, 7, 7>>,
 }
 
 /// The state of one optimisation.
@@ -94,10 +105,13 @@ impl<'a> Solver<'a> {
             let factor = self.params.stage_factor.max(1.2);
             let mut widening = self.first_widening();
             while widening > 1.0 {
-                iterations += self.minimise(widening, self.params.stage_iterations).0;
+                let params = self.params;
+                iterations +=
+                    self.minimise(widening, params.stage_iterations, params.stage_min_relative_decrease).0;
                 widening /= factor;
             }
-            let (last, ended) = self.minimise(1.0, self.params.max_iterations);
+            let (last, ended) =
+                self.minimise(1.0, self.params.max_iterations, self.params.min_relative_decrease);
             iterations += last;
             converged = ended;
         }
@@ -122,7 +136,7 @@ impl<'a> Solver<'a> {
     }
 
     /// Levenberg–Marquardt with one set of kernels; gives the systems solved and whether it settled.
-    fn minimise(&mut self, widening: f64, max_iterations: usize) -> (usize, bool) {
+    fn minimise(&mut self, widening: f64, max_iterations: usize, min_decrease: f64) -> (usize, bool) {
         let mut damping = self.params.initial_damping;
         let mut cost = self.cost(&self.poses, widening);
         self.linearise(widening);
@@ -135,7 +149,7 @@ impl<'a> Solver<'a> {
                 continue;
             };
             // Half the cost is what the quadratic model promises to lower.
-            if 2.0 * promised <= self.params.min_relative_decrease * cost {
+            if 2.0 * promised <= min_decrease * cost {
                 self.accept_if_better(&step, widening, &mut cost);
                 return (iteration, true);
             }
@@ -147,7 +161,7 @@ impl<'a> Solver<'a> {
                 }
                 continue;
             }
-            if before - cost <= self.params.min_relative_decrease * before {
+            if before - cost <= min_decrease * before {
                 return (iteration, true);
             }
             damping *= 0.2;
@@ -176,37 +190,47 @@ impl<'a> Solver<'a> {
 
     /// Fills the normal equations at the present poses.
     fn linearise(&mut self, widening: f64) {
+        // Edges are evaluated side by side and added in their order: the sums do not depend on the cores.
+        let parts: Vec<Option<Contribution>> = self
+            .constraints
+            .par_iter()
+            .with_min_len(EDGES_AT_A_TIME)
+            .map(|constraint| self.contribution(constraint, widening))
+            .collect();
         self.system.clear();
-        for constraint in &self.constraints {
-            let (from, to) = (self.free[constraint.from], self.free[constraint.to]);
-            if from.is_none() && to.is_none() {
-                continue;
+        for (constraint, part) in self.constraints.iter().zip(parts) {
+            let Some(part) = part else { continue };
+            if let (Some(node), Some((block, gradient))) = (self.free[constraint.from], part.from) {
+                self.system.add_node(node, &block, &gradient);
             }
-            let edge = evaluate_edge(
-                &self.poses[constraint.from],
-                &self.poses[constraint.to],
-                &constraint.from_from_to,
-            );
-            let weighted = constraint.information * edge.residual;
-            let kernel = constraint.kernel.widened(widening);
-            let weight = kernel.weight(edge.residual.dot(&weighted));
-            let (weighted, information) = (weighted * weight, constraint.information * weight);
-            let by_from_weighted = edge.by_from.transpose() * information;
-            let by_to_weighted = edge.by_to.transpose() * information;
-            if let Some(node) = from {
-                let gradient = edge.by_from.transpose() * weighted;
-                self.system.add_node(node, &(by_from_weighted * edge.by_from), &gradient);
+            if let (Some(node), Some((block, gradient))) = (self.free[constraint.to], part.to) {
+                self.system.add_node(node, &block, &gradient);
             }
-            if let Some(node) = to {
-                let gradient = edge.by_to.transpose() * weighted;
-                self.system.add_node(node, &(by_to_weighted * edge.by_to), &gradient);
-            }
-            if let Some(slot) = constraint.slot {
-                let block =
-                    if from > to { by_from_weighted * edge.by_to } else { by_to_weighted * edge.by_from };
+            if let (Some(slot), Some(block)) = (constraint.slot, part.pair) {
                 self.system.add_pair(slot, &block);
             }
         }
+    }
+
+    /// What an edge adds to the normal equations; nothing when both its ends are fixed.
+    fn contribution(&self, constraint: &Constraint, widening: f64) -> Option<Contribution> {
+        let (from, to) = (self.free[constraint.from], self.free[constraint.to]);
+        from.or(to)?;
+        let (from_pose, to_pose) = (&self.poses[constraint.from], &self.poses[constraint.to]);
+        let edge = evaluate_edge(from_pose, to_pose, &constraint.from_from_to);
+        let weighted = constraint.information * edge.residual;
+        let kernel = constraint.kernel.widened(widening);
+        let weight = kernel.weight(edge.residual.dot(&weighted));
+        let (weighted, information) = (weighted * weight, constraint.information * weight);
+        // by_to is by_from followed by −Ad, so the other blocks follow from the first.
+        let block = edge.by_from.transpose() * information * edge.by_from;
+        let gradient = edge.by_from.transpose() * weighted;
+        let coupling = block * edge.adjoint;
+        Some(Contribution {
+            from: from.map(|_| (block, gradient)),
+            to: to.map(|_| (edge.adjoint.transpose() * coupling, -(edge.adjoint.transpose() * gradient))),
+            pair: constraint.slot.map(|_| if from > to { -coupling } else { -coupling.transpose() }),
+        })
     }
 
     fn squared_error(&self, constraint: &Constraint, poses: &[Sim3]) -> f64 {
@@ -216,6 +240,8 @@ impl<'a> Solver<'a> {
     }
 
     fn cost(&self, poses: &[Sim3], widening: f64) -> f64 {
-        self.constraints.iter().map(|c| c.kernel.widened(widening).cost(self.squared_error(c, poses))).sum()
+        let cost = |c: &Constraint| c.kernel.widened(widening).cost(self.squared_error(c, poses));
+        let costs: Vec<f64> = self.constraints.par_iter().with_min_len(EDGES_AT_A_TIME).map(cost).collect();
+        costs.into_iter().sum()
     }
 }

@@ -25,6 +25,8 @@ pub(super) struct Linearisation {
     pub gradient: Vector9,
     /// Points that project into the target.
     pub used: usize,
+    /// Each point stands for so many of the source.
+    pub stride: usize,
     energy: f64,
     points: usize,
     with_depth: usize,
@@ -108,11 +110,14 @@ impl<'a> LevelProblem<'a> {
         let cameras = [self.source, self.target].map(|view| view.camera().at_level(self.level));
         let projector = Projector::new(state, cameras, image, depth, self.params);
         let intensities = self.source.pyramid().level(self.level);
-        let points = &self.source.depth(self.level).points;
+        let all = &self.source.depth(self.level).points;
+        let stride = all.len().div_ceil(self.params.max_points.max(1)).max(1);
+        let points = all.iter().step_by(stride);
         let mut sum = Linearisation {
             hessian: Matrix9::zeros(),
             gradient: Vector9::zeros(),
             used: 0,
+            stride,
             energy: 0.0,
             points: points.len(),
             with_depth: 0,

@@ -38,7 +38,7 @@ pub struct Sim3Alignment {
     pub inlier_share: f32,
     /// Root mean square photometric residual over the used points, grey levels.
     pub rmse: f32,
-    /// Source points that project into the target at the finest level.
+    /// Source points, of those used, that project into the target at the finest level.
     pub used: usize,
     /// Share of the source's points that do, 0–1.
     pub overlap: f32,
@@ -165,7 +165,9 @@ fn finish(
     let marginal = hessian.fixed_view::<7, 7>(0, 0) - coupling * brightness * coupling.transpose();
     // Residuals larger than their variances say mean that the variances are too small.
     let excess = linear.mean_energy().max(1.0);
-    let information = (marginal + marginal.transpose()) * (0.5 / (excess * params.pixel_correlation));
+    // Points left out would say what their neighbours say: as much as all know.
+    let count = linear.stride as f64;
+    let information = (marginal + marginal.transpose()) * (0.5 * count / (excess * params.pixel_correlation));
     if information.cholesky().is_none() {
         return Err(AlignRefusal::Degenerate);
     }

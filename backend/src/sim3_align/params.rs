@@ -10,6 +10,10 @@ params! {
         pub coarsest_level: usize = 4,
         /// Pyramid level to end at. Range 0–coarsest; 0 is finer and four times as costly.
         pub finest_level: usize = 1,
+        /// Most source points used at a level, evenly spread over those with depth. Range 500–1000000;
+        /// neighbouring pixels share their errors (`pixel_correlation`), so a third of them says nearly
+        /// as much in a third of the time.
+        pub max_points: usize = 1_000_000,
         /// Most iterations per level. Range 1–200.
         pub max_iterations: usize = 30,
         /// A level ends when the relative decrease of the mean energy falls below this.

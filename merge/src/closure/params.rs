@@ -43,6 +43,7 @@ impl Default for ClosureParams {
             // by more than neighbouring ones, which the information takes up.
             direct: Sim3AlignParams {
                 coarsest_level: 2,
+                max_points: 3000,
                 max_reciprocal_error: 12.0,
                 ..Sim3AlignParams::default()
             },

@@ -74,13 +74,17 @@ pub(super) fn measure(
     views: [Option<Views>; 3],
     params: &ClosureParams,
 ) -> [Option<PairOutcome>; 3] {
-    views.map(|views| {
+    let outcome = |views: Option<Views>| {
         let (i, j, views) = views?;
         let (a, b) = (source.get(i)?, target.get(j)?);
         let measured =
             views.map_err(PairRefusal::from).and_then(|views| measure_pair(a, b, views, &params.pair));
         Some(PairOutcome { source: i, target: j, measured, direct: None, motion: None, agrees: false })
-    })
+    };
+    let [first, centre, last] = views;
+    let (first, (centre, last)) =
+        rayon::join(|| outcome(first), || rayon::join(|| outcome(centre), || outcome(last)));
+    [first, centre, last]
 }
 
 /// The pair that gives the initial guess: the one of most matches (§VI: "only one match out of three based on the
@@ -149,6 +153,7 @@ impl Chosen {
         let used = pair.points.iter().zip(&pair.alignment.inliers).filter(|(_, inlier)| **inlier);
         let sum: Vector3<f64> = used.map(|(point, _)| point.source.position).sum();
         let cloud = |k: &PreparedKeyframe| keyframe_cloud(&k.keyframe.semi_dense, k.camera, &params.cloud);
+        let (source_cloud, target_cloud) = rayon::join(|| cloud(i), || cloud(j));
         Some(Self {
             target_from_source: pair.alignment.target_from_source,
             centroid: sum / pair.alignment.inlier_count as f64,
@@ -156,8 +161,8 @@ impl Chosen {
                 source_world_from_source: source.world_from(outcome.source)?,
                 target_world_from_target: target.world_from(outcome.target)?,
             },
-            source_cloud: cloud(i),
-            target_cloud: cloud(j),
+            source_cloud,
+            target_cloud,
         })
     }
 

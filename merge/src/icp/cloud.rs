@@ -5,7 +5,6 @@ use geometry::{Pinhole, Sim3};
 use map::{DEFAULT_MAX_RELATIVE_VARIANCE, SemiDense};
 use nalgebra::{Matrix3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
 
 /// Points of one frame and unit, with how well each is known.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -114,16 +113,18 @@ fn thinned(pixels: &[DepthPixel], max_points: usize) -> Vec<DepthPixel> {
     // No smaller square can do: it holds at most `side²` pixels.
     let fewest = (pixels.len() as f64 / max_points as f64).sqrt().ceil() as usize;
     let mut side = fewest.max(1);
+    let (width, height) = pixels.iter().fold((0, 0), |(w, h), p| (w.max(p.x + 1), h.max(p.y + 1)));
     loop {
-        let mut best: BTreeMap<(usize, usize), DepthPixel> = BTreeMap::new();
+        let across = width.div_ceil(side);
+        let mut best: Vec<Option<DepthPixel>> = vec![None; across * height.div_ceil(side)];
         for &pixel in pixels {
-            let kept = best.entry((pixel.y / side, pixel.x / side)).or_insert(pixel);
-            if pixel.relative_variance() < kept.relative_variance() {
-                *kept = pixel;
+            let kept = &mut best[pixel.y / side * across + pixel.x / side];
+            if kept.is_none_or(|kept| pixel.relative_variance() < kept.relative_variance()) {
+                *kept = Some(pixel);
             }
         }
-        if best.len() <= max_points {
-            return best.into_values().collect();
+        if best.iter().flatten().count() <= max_points {
+            return best.into_iter().flatten().collect();
         }
         side += 1;
     }

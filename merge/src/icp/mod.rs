@@ -12,7 +12,8 @@
 //! neighbour among parallel edges is the wrong one, and their covariance does not show it; where the edges are
 //! sparse, generalised ICP is the more exact.
 //!
-//! All is serial and in a fixed order: equal clouds give equal results on any machine.
+//! Points are searched side by side, and all sums taken in a fixed order: equal clouds give equal results on any
+//! machine.
 
 mod cloud;
 pub mod covariance;
@@ -35,6 +36,9 @@ use covariance::{TangentMatrix, estimated_inverse, noise_factor};
 use geometry::Sim3;
 use nalgebra::Vector3;
 use problem::{Matches, Problem};
+
+/// Fewest points that are worth a thread of their own.
+const POINTS_AT_A_TIME: usize = 256;
 
 /// A registration with its evidence.
 #[derive(Clone, Debug, PartialEq)]

@@ -5,9 +5,10 @@ use super::error::{IcpRefusal, OpenDirection};
 use super::neighbours::Neighbours;
 use super::shape::{Shape, shapes};
 use super::weights::quantile;
-use super::{Cloud, IcpParams, ResidualKind, solve};
+use super::{Cloud, IcpParams, POINTS_AT_A_TIME, ResidualKind, solve};
 use geometry::Sim3;
 use nalgebra::{Matrix3, Vector3};
+use rayon::prelude::*;
 use std::num::NonZero;
 
 /// Least planarity of a target point that point-to-plane uses: below it the normal is not one.
@@ -84,20 +85,21 @@ impl<'a> Problem<'a> {
     pub(super) fn matches(&self, unit_from_source: &Sim3, max_distance: f64) -> Candidates {
         let linear = linear_part(unit_from_source);
         let translation = unit_from_source.translation;
-        let mut candidates = Candidates { pairs: Vec::new(), matched: 0, given: self.source.points.len() };
-        for (source, point) in self.source.points.iter().enumerate() {
+        let meet = |(source, point): (usize, &Vector3<f64>)| {
             let moved = linear * point + translation;
             let (target, squared_distance) = self.neighbours.nearest(&moved);
             if squared_distance > max_distance * max_distance {
-                continue;
+                return None;
             }
-            candidates.matched += 1;
-            let Some((metric, importance)) = self.metric(source, target, &linear) else { continue };
-            let residual: Vector3<f64> = moved - self.target.points[target];
-            let pair = Correspondence { source, target, moved, residual, metric };
-            candidates.pairs.push((pair, importance));
-        }
-        candidates
+            Some(self.metric(source, target, &linear).map(|(metric, importance)| {
+                let residual: Vector3<f64> = moved - self.target.points[target];
+                (Correspondence { source, target, moved, residual, metric }, importance)
+            }))
+        };
+        let points = &self.source.points;
+        let met: Vec<_> =
+            points.par_iter().enumerate().with_min_len(POINTS_AT_A_TIME).filter_map(meet).collect();
+        Candidates { matched: met.len(), given: points.len(), pairs: met.into_iter().flatten().collect() }
     }
 
     /// Ω of a pair and how much it counts before any residual is seen; `None` if not at all.

@@ -1,7 +1,9 @@
 //! What the cloud around a point looks like: a surface, an edge, or neither.
 
+use super::POINTS_AT_A_TIME;
 use super::neighbours::Neighbours;
 use nalgebra::{Matrix3, Vector3};
+use rayon::prelude::*;
 use std::num::NonZero;
 
 /// A direction in which the neighbourhood has this share of its largest variance counts as filled.
@@ -65,15 +67,12 @@ impl Shape {
 
 /// The shape at each point from its `count` nearest points, itself among them.
 pub(super) fn shapes(points: &[Vector3<f64>], neighbours: &Neighbours, count: NonZero<usize>) -> Vec<Shape> {
-    let mut near = Vec::with_capacity(count.get());
-    points
-        .iter()
-        .map(|point| {
-            near.clear();
-            near.extend(neighbours.nearest_many(point, count).map(|index| points[index]));
-            Shape::of(&near)
-        })
-        .collect()
+    let shape = |near: &mut Vec<Vector3<f64>>, point: &Vector3<f64>| {
+        near.clear();
+        near.extend(neighbours.nearest_many(point, count).map(|index| points[index]));
+        Shape::of(near)
+    };
+    points.par_iter().with_min_len(POINTS_AT_A_TIME).map_init(Vec::new, shape).collect()
 }
 
 #[cfg(test)]

@@ -1,11 +1,14 @@
 //! Matching the features of two keyframes: mutual nearest neighbours with ratio test (Loop-box, §IV-C1).
 //!
 //! Every descriptor is compared with every other. The squared distance is `|a|² + |b|² − 2 a·b`: the lengths are
-//! known beforehand, which leaves one dot product of bytes, in a form that compilers turn into vector instructions.
+//! known beforehand, which leaves a product of matrices. It is taken in `f32`, where it is exact: a sum of 128
+//! products of bytes stays below 2²⁴, whatever the order of its terms.
 
 #[cfg(test)]
 mod tests;
 
+use faer::linalg::matmul::matmul;
+use faer::{Accum, Mat, Par};
 use place_recog::features::{Descriptor, Features};
 use serde::{Deserialize, Serialize};
 
@@ -63,8 +66,11 @@ impl Nearest {
     }
 }
 
-/// Source descriptors compared with one target descriptor in a row, so that it stays in registers and cache.
-const BLOCK: usize = 32;
+/// Source descriptors compared at a time, so that their distances stay in cache.
+const BLOCK: usize = 64;
+
+/// Numbers in a descriptor.
+const DIMENSIONS: usize = size_of::<Descriptor>();
 
 /// Finds the features that are each other's nearest, and clearly nearer than the second nearest on both sides.
 ///
@@ -88,19 +94,19 @@ pub fn match_features(source: &Features, target: &Features, params: &MatchParams
 
 /// The nearest of the other side for each descriptor of both sides, from one pass over all pairs.
 fn nearest(source: &[Descriptor], target: &[Descriptor]) -> (Vec<Nearest>, Vec<Nearest>) {
-    let wide = |descriptors: &[Descriptor]| -> Vec<[i16; 128]> {
-        descriptors.iter().map(|d| d.map(i16::from)).collect()
-    };
-    let (wide_source, wide_target) = (wide(source), wide(target));
-    let norms = |wide: &[[i16; 128]]| -> Vec<i32> { wide.iter().map(|d| dot(d, d)).collect() };
-    let (source_norms, target_norms) = (norms(&wide_source), norms(&wide_target));
+    let (of_targets, target_norms) = columns(target);
     let mut of_source = vec![Nearest::NONE; source.len()];
     let mut of_target = vec![Nearest::NONE; target.len()];
-    for start in (0..source.len()).step_by(BLOCK) {
-        let end = (start + BLOCK).min(source.len());
-        for (j, b) in wide_target.iter().enumerate() {
-            for i in start..end {
-                let distance = (source_norms[i] + target_norms[j] - 2 * dot(&wide_source[i], b)) as u32;
+    let mut dots = Mat::zeros(target.len(), BLOCK);
+    for (block, descriptors) in source.chunks(BLOCK).enumerate() {
+        let (of_sources, source_norms) = columns(descriptors);
+        let mut dots = dots.subcols_mut(0, descriptors.len());
+        matmul(&mut dots, Accum::Replace, of_targets.transpose(), &of_sources, 1.0f32, Par::Seq);
+        for (column, source_norm) in source_norms.iter().enumerate() {
+            let i = block * BLOCK + column;
+            let others = dots.as_ref().col(column);
+            for (j, (dot, target_norm)) in others.iter().zip(&target_norms).enumerate() {
+                let distance = (source_norm + target_norm - 2.0 * dot) as u32;
                 of_source[i].offer(j as u32, distance);
                 of_target[j].offer(i as u32, distance);
             }
@@ -109,8 +115,10 @@ fn nearest(source: &[Descriptor], target: &[Descriptor]) -> (Vec<Nearest>, Vec<N
     (of_source, of_target)
 }
 
-/// Dot product. At most 128 · 255², so it fits; 16-bit factors with 32-bit sums are one instruction on most machines.
-#[inline]
-fn dot(a: &[i16; 128], b: &[i16; 128]) -> i32 {
-    a.iter().zip(b).map(|(&a, &b)| i32::from(a) * i32::from(b)).sum()
+/// Descriptors as the columns of a matrix, and the square of each one's length.
+fn columns(descriptors: &[Descriptor]) -> (Mat<f32>, Vec<f32>) {
+    let matrix =
+        Mat::from_fn(DIMENSIONS, descriptors.len(), |row, column| f32::from(descriptors[column][row]));
+    let norm = |d: &Descriptor| d.iter().map(|&v| f32::from(v) * f32::from(v)).sum();
+    (matrix, descriptors.iter().map(norm).collect())
 }

@@ -59,6 +59,23 @@ fn twins_match_nothing() {
     assert_eq!(matches.iter().map(|m| m.source).collect::<Vec<_>>(), [1, 2]);
 }
 
+/// The largest distances there can be are told apart by one.
+#[test]
+fn distances_are_exact() {
+    let white = [255u8; 128];
+    let mut grey = white;
+    grey[17] = 254;
+    let matches = match_features(
+        &features(vec![white, [0; 128]]),
+        &features(vec![[0; 128], grey, white]),
+        &MatchParams { max_ratio: 1.0 },
+    );
+    let distances: Vec<_> = matches.iter().map(|m| (m.source, m.target, m.squared_distance)).collect();
+    assert_eq!(distances, [(0, 2, 0), (1, 0, 0)]);
+    let far = match_features(&features(vec![white]), &features(vec![[0; 128]]), &MatchParams::default());
+    assert_eq!(far[0].squared_distance, 128 * 255 * 255);
+}
+
 #[test]
 fn nothing_matches_nothing() {
     let mut numbers = Numbers::new(3);

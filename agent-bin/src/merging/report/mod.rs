@@ -33,6 +33,7 @@ const MAX_FRAMES: usize = 30_000;
 const TEMPLATE: Template = Template {
     body: include_str!("assets/body.html"),
     style: include_str!("assets/merge.css"),
+    policy: "",
     scripts: &[
         include_str!("assets/matches.js"),
         include_str!("assets/paths.js"),

@@ -36,7 +36,8 @@ const POINT_VERTEX = `#version 300 es
 layout(location = 0) in vec4 a_position;  // x, y, z over the box; inverse depth over its range
 layout(location = 1) in vec2 a_value;     // intensity, code of the relative sigma
 uniform mat4 u_clip_from_box;
-uniform vec4 u_height;                    // height over its range = dot(u_height.xyz, box) + u_height.w
+uniform vec4 u_height, u_weight;          // height over its range = dot(u_height, (box, 1)) / dot(u_weight, (box, 1))
+uniform vec3 u_depth;                     // inverse depth over its range = dot(u_depth, (box z, a_position.w, 1))
 uniform float u_size, u_sigma;
 uniform vec2 u_codes;                     // codes that the colours of confidence span
 uniform int u_mode;
@@ -47,7 +48,8 @@ void main() {
   gl_Position = u_clip_from_box * vec4(a_position.xyz, 1.0);
   gl_PointSize = u_size;
   if (a_value.y > u_sigma) gl_Position = vec4(2.0, 2.0, 2.0, 1.0);
-  float t = u_mode == 1 ? dot(u_height.xyz, a_position.xyz) + u_height.w : u_mode == 2 ? a_position.w : (u_codes.y - a_value.y) / (u_codes.y - u_codes.x);
+  vec4 place = vec4(a_position.xyz, 1.0);
+  float t = u_mode == 1 ? dot(u_height, place) / dot(u_weight, place) : u_mode == 2 ? dot(u_depth, vec3(a_position.zw, 1.0)) : (u_codes.y - a_value.y) / (u_codes.y - u_codes.x);
   vec3 mapped = texture(u_colours, vec2(clamp(t, 0.0, 1.0) * 255.0 / 256.0 + 0.5 / 256.0, u_mode == 2 ? 0.75 : 0.25)).rgb;
   if (u_mode == 4) mapped = min(u_agent * (0.40 + 1.1 * a_value.x), 1.0);
   v_colour = u_mode == 0 ? vec3(0.10) + 0.90 * vec3(a_value.x) : mapped;

@@ -246,18 +246,26 @@ class Viewer extends Drawing {
     this.placeMarkers(matrix);
   }
 
-  drawCloud(matrix, ratio) {
+  /** Makes ready to draw points: what is the same for all of them. */
+  beginCloud(ratio) {
     const gl = this.gl, { uniforms, handle } = this.pointProgram, { settings } = this;
     const { codes } = this.scene;
     gl.useProgram(handle);
-    gl.uniformMatrix4fv(uniforms.u_clip_from_box, false, multiply(matrix, this.worldFromBox));
-    gl.uniform4fv(uniforms.u_height, this.heightFromBox);
     gl.uniform1f(uniforms.u_size, settings.size * ratio);
     gl.uniform1f(uniforms.u_sigma, (settings.sigma + 0.5) / 255);
     gl.uniform2f(uniforms.u_codes, codes[0] / 255, codes[1] / 255);
     gl.uniform1i(uniforms.u_mode, settings.colour);
     gl.uniform1i(uniforms.u_round, settings.size * ratio > 2.5 ? 1 : 0);
     gl.bindTexture(gl.TEXTURE_2D, this.colours);
+  }
+
+  drawCloud(matrix, ratio) {
+    const gl = this.gl, { uniforms } = this.pointProgram, { settings } = this;
+    this.beginCloud(ratio);
+    gl.uniformMatrix4fv(uniforms.u_clip_from_box, false, multiply(matrix, this.worldFromBox));
+    gl.uniform4fv(uniforms.u_height, this.heightFromBox);
+    gl.uniform4f(uniforms.u_weight, 0, 0, 0, 1);
+    gl.uniform3f(uniforms.u_depth, 0, 1, 0);
     gl.bindVertexArray(this.cloudArray);
     const draw = (agent, [first, end]) => {
       gl.uniform3fv(uniforms.u_agent, agents[agent].color.map((v) => v / 255));

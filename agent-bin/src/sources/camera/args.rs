@@ -27,8 +27,8 @@ pub struct CameraArgs {
     /// When the camera is unplugged, wait for it and go on
     #[arg(long, requires = "camera")]
     pub reconnect: bool,
-    /// Stop so many seconds after the camera's first frame
-    #[arg(long, value_name = "SECONDS", requires = "camera")]
+    /// Stop so many seconds after the first frame
+    #[arg(long, value_name = "SECONDS")]
     pub duration: Option<f64>,
 }
 
@@ -93,6 +93,19 @@ impl CameraArgs {
         let number =
             path.to_str().filter(|text| !text.is_empty() && text.bytes().all(|b| b.is_ascii_digit()));
         Some(number.map_or_else(|| path.clone(), |number| PathBuf::from(format!("/dev/video{number}"))))
+    }
+
+    /// Refuses to take images from nowhere: where no recording is named, a camera must be.
+    ///
+    /// # Errors
+    /// Says what to name.
+    pub fn needed(&self) -> Result<()> {
+        if self.camera.is_none() {
+            bail!(
+                "no source of images\nhint: name a recording, or a camera with --camera; `loopbox cameras` lists them"
+            );
+        }
+        Ok(())
     }
 
     /// Refuses numbers that make no sense.

@@ -3,11 +3,13 @@
 mod cdr;
 mod foxglove;
 mod json;
+mod ros1;
 mod ros2;
 
+use super::time;
 use crate::pictures::Picture;
 use anyhow::{Result, bail};
-use geometry::{Camera, Distortion, KannalaBrandt, Pinhole, RadTan};
+use geometry::{Camera, Distortion, Fov, KannalaBrandt, Pinhole, RadTan};
 use serde::Deserialize;
 
 /// An image message, the picture not yet decoded.
@@ -45,6 +47,12 @@ pub enum Form {
     Ros2Raw,
     /// `sensor_msgs/msg/CameraInfo`, CDR.
     Ros2CameraInfo,
+    /// `sensor_msgs/CompressedImage` of ROS 1.
+    Ros1Compressed,
+    /// `sensor_msgs/Image` of ROS 1.
+    Ros1Raw,
+    /// `sensor_msgs/CameraInfo` of ROS 1.
+    Ros1CameraInfo,
 }
 
 impl Content {
@@ -59,6 +67,9 @@ impl Content {
             ("sensor_msgs/msg/CompressedImage", "cdr") => Self::Image(Form::Ros2Compressed),
             ("sensor_msgs/msg/Image", "cdr") => Self::Image(Form::Ros2Raw),
             ("sensor_msgs/msg/CameraInfo", "cdr") => Self::Calibration(Form::Ros2CameraInfo),
+            ("sensor_msgs/CompressedImage", "ros1") => Self::Image(Form::Ros1Compressed),
+            ("sensor_msgs/Image", "ros1") => Self::Image(Form::Ros1Raw),
+            ("sensor_msgs/CameraInfo", "ros1") => Self::Calibration(Form::Ros1CameraInfo),
             _ => return None,
         })
     }
@@ -75,7 +86,11 @@ pub fn read_image(form: Form, data: &[u8]) -> Result<ImageMessage> {
         Form::FoxgloveJson => json::image(data),
         Form::Ros2Compressed => ros2::compressed(data),
         Form::Ros2Raw => ros2::raw(data),
-        Form::FoxgloveCalibration | Form::Ros2CameraInfo => bail!("a calibration is no image"),
+        Form::Ros1Compressed => ros1::compressed(data),
+        Form::Ros1Raw => ros1::raw(data),
+        Form::FoxgloveCalibration | Form::Ros2CameraInfo | Form::Ros1CameraInfo => {
+            bail!("a calibration is no image")
+        }
     }
 }
 
@@ -88,6 +103,7 @@ pub fn read_calibration(form: Form, data: &[u8]) -> Result<Camera> {
         Form::FoxgloveCalibration => foxglove::calibration(data)?,
         Form::FoxgloveJson => json::calibration(data)?,
         Form::Ros2CameraInfo => ros2::camera_info(data)?,
+        Form::Ros1CameraInfo => ros1::camera_info(data)?,
         _ => bail!("an image is no calibration"),
     };
     calibration.camera()
@@ -128,9 +144,11 @@ impl Calibration {
             "equidistant" | "fisheye" | "kannala_brandt" => {
                 Distortion::KannalaBrandt(KannalaBrandt::new(&self.distortion)?)
             }
+            // Not a name of Foxglove's; loopbox writes it.
+            "fov" => Distortion::Fov(Fov::new(&self.distortion)?),
             other => bail!(
-                "the lens model '{other}' is not known (plumb_bob, rational_polynomial, equidistant and \
-                 kannala_brandt are)"
+                "the lens model '{other}' is not known (plumb_bob, rational_polynomial, equidistant, \
+                 kannala_brandt and fov are)"
             ),
         })
     }
@@ -138,5 +156,11 @@ impl Calibration {
 
 /// Seconds of a stamp; zero means that nobody set it.
 fn stamp(seconds: i64, nanoseconds: u32) -> Option<f64> {
-    (seconds != 0 || nanoseconds != 0).then_some(seconds as f64 + nanoseconds as f64 * 1e-9)
+    if seconds == 0 && nanoseconds == 0 {
+        return None;
+    }
+    let total = u64::try_from(seconds)
+        .ok()
+        .and_then(|s| s.checked_mul(1_000_000_000)?.checked_add(nanoseconds.into()));
+    Some(total.map_or(seconds as f64 + nanoseconds as f64 * 1e-9, time::seconds))
 }

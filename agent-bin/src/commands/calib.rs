@@ -1,0 +1,140 @@
+//! `loopbox calib`: calibrates a camera.
+
+use super::calib_photometric::{self, PhotometricArgs};
+use crate::calibrating::{Input, Numbers, Output, Shots, camera_text, collect, render_report, table};
+use crate::runtime::Stop;
+use crate::sources::SourceOptions;
+use crate::sources::camera::CameraArgs;
+use anyhow::{Context, Result, bail};
+use calib::coach::Coverage;
+use calib::{Board, LensModel, SolverParams, calibrate};
+use clap::Args;
+use std::io::{IsTerminal, Write};
+use std::path::PathBuf;
+
+/// Calibrate a camera: from images of a board its focal lengths, principal point and distortion; from an exposure sweep
+/// its response; from a flat surface its vignette
+#[derive(Debug, Args)]
+pub struct CalibArgs {
+    /// Images of the board: files, a folder of them, or one recording
+    #[arg(value_name = "IMAGE|FOLDER|RECORDING", conflicts_with = "camera")]
+    images: Vec<PathBuf>,
+    /// The board: chessboard:9x6:0.025 (inner corners, side of a square in metres), charuco:7x5:0.04:0.03[:DICT_4X4_50]
+    /// (squares, sides of square and marker), aprilgrid:6x6:0.088:0.3 (tags 36h11, side of a tag, gap as share of it)
+    #[arg(long, value_name = "BOARD")]
+    board: Option<Board>,
+    #[command(flatten)]
+    camera: CameraArgs,
+    /// Camera model: pinhole, radtan (k1 k2 p1 p2), radtan5 (k3 too), kb4 (fisheye), fov
+    #[arg(long, value_name = "MODEL", default_value = "radtan")]
+    model: LensModel,
+    /// The calibration to write: camera.yaml, or with --response pcalib.txt, with --vignette vignette.png
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    /// Also write a page that shows coverage, residuals and detections
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
+    /// Print all numbers as JSON instead of the summary
+    #[arg(long)]
+    json: bool,
+    /// Show no progress
+    #[arg(long)]
+    quiet: bool,
+    #[command(flatten)]
+    photometric: PhotometricArgs,
+}
+
+/// Runs `loopbox calib`.
+///
+/// # Errors
+/// When images cannot be read or do not determine the camera, or a file cannot be written. Then nothing is written.
+pub fn run(args: &CalibArgs) -> Result<()> {
+    if args.photometric.asked_for() {
+        return calib_photometric::run(&args.photometric, &args.images, &args.out);
+    }
+    let Some(board) = &args.board else {
+        bail!(
+            "--board is missing\nhint: --board chessboard:9x6:0.025, charuco:7x5:0.04:0.03 or aprilgrid:6x6:0.088:0.3; with \
+             --response or --vignette none is needed"
+        );
+    };
+    let input = match &args.camera.camera {
+        Some(_) => Input::Camera(args.camera.clone()),
+        None if args.images.is_empty() => {
+            bail!("no images\nhint: give image files, a folder, a recording, or --camera DEVICE")
+        }
+        None => Input::Paths(args.images.clone()),
+    };
+    let mut shots = Shots::open(
+        &input,
+        &SourceOptions { fps: args.camera.fps.or(Some(30.0)), topic: None, all_frames: true },
+    )?;
+    let out = Output::prepare(&args.out)?;
+    let page = args.report.as_deref().map(Output::prepare).transpose()?;
+    let stop = Stop::on_ctrl_c("calibrating from what was seen so far (Ctrl-C again to abort)")?;
+    let stream = shots.is_stream();
+    let mut coach = Coach { quiet: args.quiet, stream, last: Vec::new() };
+    let mut go_on = |given, coverage: &_| {
+        coach.tell(given, coverage);
+        !stop.requested()
+    };
+    let collected = stop.while_waiting(shots.stopper(), || collect(&mut shots, board, &mut go_on))?;
+    let calibration =
+        calibrate(board, &collected.views(), collected.size, args.model, &SolverParams::default())
+            .with_context(|| not_used(&collected))?;
+    out.write(camera_text(board, &calibration).as_bytes())?;
+    if let Some(page) = &page {
+        page.write(render_report(board, &collected, &calibration)?.as_bytes())?;
+    }
+    if let Some(page) = page {
+        page.commit()?;
+    }
+    out.commit()?;
+    let text = if args.json {
+        serde_json::to_string_pretty(&Numbers::new(board, &collected, &calibration))? + "\n"
+    } else {
+        table(&collected, &calibration)
+    };
+    // A reader that has closed the pipe (`| head`) has seen enough.
+    let _ = std::io::stdout().write_all(text.as_bytes());
+    Ok(())
+}
+
+/// What was left out, to stand before the reason why the rest is not enough.
+fn not_used(collected: &crate::calibrating::Collected) -> String {
+    let problems = collected.shots.iter().filter_map(|shot| Some((&shot.name, shot.problem.as_ref()?)));
+    let lines: Vec<String> = problems.map(|(name, problem)| format!("{name}: {problem}")).collect();
+    let (count, shown) = (lines.len(), lines.iter().take(5).cloned().collect::<Vec<_>>().join("; "));
+    match count {
+        0 => "not calibrated".into(),
+        _ => format!(
+            "not calibrated; {count} images were not used ({shown}{})",
+            if count > 5 { "; …" } else { "" }
+        ),
+    }
+}
+
+/// Tells on the terminal what was seen and, of a stream, what is missing.
+struct Coach {
+    quiet: bool,
+    stream: bool,
+    last: Vec<String>,
+}
+
+impl Coach {
+    fn tell(&mut self, given: usize, coverage: &Coverage) {
+        if self.quiet || !std::io::stderr().is_terminal() {
+            return;
+        }
+        eprintln!(
+            "{given} images, {} views, {:.0} % of the image covered",
+            coverage.views,
+            100.0 * coverage.share()
+        );
+        let advice = coverage.advice();
+        if self.stream && advice != self.last {
+            advice.iter().take(3).for_each(|line| eprintln!("  {line}"));
+            self.last = advice;
+        }
+    }
+}

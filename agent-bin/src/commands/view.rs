@@ -1,0 +1,55 @@
+//! `loopbox view`: saved or merged maps on the page on which runs are watched.
+
+use super::info_map;
+use super::watching::PageArgs;
+use crate::runtime::Stop;
+use crate::watch::{Shared, saved, web::Server};
+use anyhow::{Result, bail};
+use map::Map;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Duration;
+
+/// Show maps in the browser
+#[derive(Clone, Debug, clap::Args)]
+pub struct ViewArgs {
+    /// Maps: `map.mcap` files, or folders that `loopbox run` or `loopbox merge` wrote
+    #[arg(value_name = "MAP", required = true)]
+    maps: Vec<PathBuf>,
+    /// Port of the page; default: a usual one, or any that is free
+    #[arg(long)]
+    port: Option<u16>,
+    #[command(flatten)]
+    page: PageArgs,
+}
+
+/// Serves them until Ctrl-C.
+///
+/// # Errors
+/// When a map cannot be read, or the address cannot be served at.
+pub fn execute(args: &ViewArgs) -> Result<()> {
+    let address = args.page.address(args.port)?;
+    let mut maps: Vec<Map> = args.maps.iter().map(|path| load(path)).collect::<Result<_>>()?;
+    // One map is shown as it is; those of several keep their own worlds, one in another.
+    let map = if maps.len() == 1 { maps.remove(0) } else { Map::unite(maps)? };
+    if map.keyframes.is_empty() {
+        bail!("the map has no keyframes: there is nothing to show");
+    }
+    let stop = Stop::on_ctrl_c("stopping")?;
+    let names: Vec<&str> = map.agents.values().map(|agent| &*agent.name).collect();
+    let shared = Arc::new(Shared::new(saved::scene(&map), None));
+    let server = Server::start(&shared, address, &names.join(" · "))?;
+    eprintln!("view at {}  (Ctrl-C ends)", server.url());
+    while !stop.requested() {
+        std::thread::sleep(Duration::from_millis(100));
+    }
+    Ok(())
+}
+
+fn load(path: &Path) -> Result<Map> {
+    let file = if path.is_dir() { path.join("map.mcap") } else { path.to_owned() };
+    if !file.is_file() {
+        bail!("{}: there is no map\nhint: give a map.mcap, or a folder that holds one", file.display());
+    }
+    Ok(info_map::load(&file)?.map)
+}

@@ -1,0 +1,93 @@
+//! Arguments of watching a run.
+
+use crate::recording::RecordButton;
+use crate::watch::Watch;
+use anyhow::Result;
+use map::AgentInfo;
+
+#[cfg(feature = "view")]
+pub use with_view::{PageArgs, ViewArgs};
+
+/// Nothing: this program was built without it.
+#[cfg(not(feature = "view"))]
+#[derive(clap::Args, Debug)]
+pub struct ViewArgs {}
+
+#[cfg(not(feature = "view"))]
+impl ViewArgs {
+    /// Nobody watches.
+    pub fn start(&self, _agent: &AgentInfo, _frames: Option<u64>, _recording: RecordButton) -> Result<Watch> {
+        Ok(Watch::none())
+    }
+}
+
+#[cfg(feature = "view")]
+mod with_view {
+    use super::*;
+    use crate::watch::WatchOptions;
+    use crate::watch::web::Address;
+    use std::net::{IpAddr, Ipv4Addr};
+
+    /// Arguments of the page.
+    #[derive(Clone, clap::Args, Debug)]
+    pub struct PageArgs {
+        /// Serve the page at this address of the machine; others than 127.0.0.1 need a token, which is printed
+        #[arg(long, value_name = "ADDRESS", default_value_t = IpAddr::V4(Ipv4Addr::LOCALHOST))]
+        bind: IpAddr,
+        /// The token of the page's address, instead of one made anew
+        #[arg(long)]
+        token: Option<String>,
+    }
+
+    impl PageArgs {
+        /// Where to serve it.
+        ///
+        /// # Errors
+        /// When the token is none.
+        pub fn address(&self, port: Option<u16>) -> Result<Address> {
+            Address::new(self.bind, port, self.token.clone())
+        }
+    }
+
+    /// Arguments of watching a run.
+    #[derive(clap::Args, Debug)]
+    pub struct ViewArgs {
+        /// Serve a page to watch the run from, in any browser on this machine; prints its address
+        #[arg(long, value_name = "PORT", num_args = 0..=1, require_equals = true)]
+        view: Option<Option<u16>>,
+        #[command(flatten)]
+        page: PageArgs,
+        /// Serve the run to Foxglove
+        #[cfg(feature = "foxglove-server")]
+        #[arg(long, value_name = "PORT", num_args = 0..=1, require_equals = true, default_missing_value = "8765")]
+        foxglove: Option<u16>,
+    }
+
+    impl ViewArgs {
+        /// Starts what was asked for, for a run of this agent over so many frames, which `recording` records.
+        ///
+        /// # Errors
+        /// When an address cannot be served at.
+        pub fn start(
+            &self,
+            agent: &AgentInfo,
+            frames: Option<u64>,
+            recording: RecordButton,
+        ) -> Result<Watch> {
+            let page = self.view.map(|port| self.page.address(port)).transpose()?;
+            let options =
+                WatchOptions { page, foxglove: self.foxglove(), recording: Some(recording), frames };
+            Watch::start(agent, options)
+        }
+
+        #[cfg(feature = "foxglove-server")]
+        fn foxglove(&self) -> Option<u16> {
+            self.foxglove
+        }
+
+        #[cfg(not(feature = "foxglove-server"))]
+        fn foxglove(&self) -> Option<u16> {
+            None
+        }
+    }
+}

@@ -1,0 +1,143 @@
+//! ROS 1 bags as sources.
+
+use super::input::{Bytes, Input, record_limit};
+use super::messages::{self, Content, Form};
+use super::topics::Topics;
+use super::{FoundCalibration, FrameSource, SourceFrame, SourceInfo, SourceOptions, time};
+pub use crate::bag::MAGIC;
+use crate::bag::{self, BagReader, Message};
+use crate::pictures::Picture;
+use anyhow::{Context, Result};
+use std::fs::File;
+use std::io::{BufReader, Read};
+use std::path::Path;
+
+/// What would do as images, for people.
+const LOOKED_FOR: &str = "sensor_msgs/Image and sensor_msgs/CompressedImage";
+
+type Reader = BagReader<BufReader<Box<dyn Bytes>>>;
+
+/// A recording in a ROS 1 bag: the images of one topic.
+pub struct BagRecording {
+    info: SourceInfo,
+    facts: Vec<(&'static str, String)>,
+    topic: String,
+    form: Form,
+    messages: Reader,
+    next_index: u64,
+    warning: Option<String>,
+}
+
+/// Whether the file starts as bags do.
+pub fn is_bag(path: &Path) -> bool {
+    let mut start = [0; MAGIC.len()];
+    File::open(path).and_then(|mut file| file.read_exact(&mut start)).is_ok() && start == MAGIC
+}
+
+/// Opens a bag, at the topic of `options` if it has several with images.
+///
+/// # Errors
+/// When it cannot be read, or has no images or not exactly one topic to take them from.
+pub fn open(input: Input, options: &SourceOptions) -> Result<BagRecording> {
+    let mut messages = reader(&input)?;
+    let topics = match messages.content() {
+        Some(content) => of_index(&content),
+        None => of_messages(reader(&input)?),
+    };
+    let (topic, count) = topics.choose(input.path(), options.topic.as_deref(), LOOKED_FOR)?;
+    let calibration = match topics.calibration(&topic) {
+        Some(wanted) => first_calibration(&input, &wanted)?,
+        None => None,
+    };
+    let info = SourceInfo {
+        kind: "ROS 1 bag",
+        path: input.path().to_owned(),
+        frame_count: Some(count),
+        duration: topics.duration(),
+        calibration,
+    };
+    let form = topics.image_form(&topic).context("the topic holds no images")?;
+    let facts = topics.facts();
+    Ok(BagRecording { info, facts, topic, form, messages, next_index: 0, warning: None })
+}
+
+impl FrameSource for BagRecording {
+    fn info(&self) -> &SourceInfo {
+        &self.info
+    }
+
+    fn next_frame(&mut self) -> Option<SourceFrame> {
+        loop {
+            let message = match self.messages.next()? {
+                Ok(message) => message,
+                Err(error) => {
+                    self.warning = Some(format!(
+                        "{}: the bag is damaged or ends early; its {} whole images are used ({error:#})",
+                        self.info.path.display(),
+                        self.next_index
+                    ));
+                    return None;
+                }
+            };
+            if message.connection.topic != self.topic {
+                continue;
+            }
+            let index = self.next_index;
+            self.next_index += 1;
+            let (stamp, picture) = match messages::read_image(self.form, &message.data) {
+                Ok(image) => (image.stamp, image.picture),
+                Err(error) => (None, Picture::Broken(format!("{error:#}"))),
+            };
+            let timestamp = stamp.unwrap_or_else(|| time::seconds(message.time));
+            return Some(SourceFrame { index, timestamp, captured: None, picture });
+        }
+    }
+
+    fn warning(&self) -> Option<String> {
+        self.warning.clone()
+    }
+
+    fn facts(&self) -> Vec<(&'static str, String)> {
+        self.facts.clone()
+    }
+}
+
+fn reader(input: &Input) -> Result<Reader> {
+    let (file, size) = input.open()?;
+    BagReader::new(file, record_limit(size))
+        .with_context(|| format!("{}: the bag cannot be read", input.path().display()))
+}
+
+fn content(kind: &str) -> Option<Content> {
+    Content::of(kind, "ros1")
+}
+
+fn of_index(index: &bag::Content) -> Topics {
+    let mut topics = Topics::default();
+    topics.span = index.span;
+    for (connection, count) in &index.connections {
+        topics.count(&connection.topic, &connection.kind, content(&connection.kind), *count);
+    }
+    topics
+}
+
+fn of_messages(messages: Reader) -> Topics {
+    let mut topics = Topics::default();
+    // What follows the first error cannot be read; the reader says so again when frames are taken.
+    for Message { connection, time, .. } in messages.map_while(Result::ok) {
+        topics.count(&connection.topic, &connection.kind, content(&connection.kind), 1);
+        topics.at(time);
+    }
+    topics
+}
+
+/// The first calibration on `topic`.
+fn first_calibration(input: &Input, topic: &str) -> Result<Option<FoundCalibration>> {
+    for message in reader(input)?.map_while(Result::ok).filter(|message| message.connection.topic == topic) {
+        let Some(Content::Calibration(form)) = content(&message.connection.kind) else { continue };
+        let origin = format!("topic {topic} of {}", input.path().display());
+        let camera = messages::read_calibration(form, &message.data);
+        return Ok(Some(FoundCalibration::of_message(origin, camera)));
+    }
+    Ok(None)
+}

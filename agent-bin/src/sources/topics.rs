@@ -1,0 +1,107 @@
+//! The topics of a recording in messages, and which of them to take.
+
+use super::messages::{Content, Form};
+use anyhow::{Result, bail};
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// What is on a topic.
+#[derive(Debug)]
+pub struct Topic {
+    /// What loopbox reads there; `None` where nothing.
+    pub content: Option<Content>,
+    /// The type of its messages.
+    pub schema: String,
+    /// How many there are.
+    pub count: u64,
+}
+
+/// The topics of a recording by name, and its span in time.
+#[derive(Debug, Default)]
+pub struct Topics {
+    by_name: BTreeMap<String, Topic>,
+    /// Log times of the first and last message, nanoseconds.
+    pub span: Option<(u64, u64)>,
+}
+
+impl Topics {
+    /// Adds messages of a topic.
+    pub fn count(&mut self, name: &str, schema: &str, content: Option<Content>, messages: u64) {
+        if messages == 0 {
+            return;
+        }
+        if let Some(topic) = self.by_name.get_mut(name) {
+            topic.count += messages;
+            return;
+        }
+        self.by_name.insert(name.to_owned(), Topic { content, schema: schema.to_owned(), count: messages });
+    }
+
+    /// Widens the span to a log time.
+    pub fn at(&mut self, time: u64) {
+        let (first, last) = self.span.unwrap_or((time, time));
+        self.span = Some((first.min(time), last.max(time)));
+    }
+
+    fn images(&self) -> impl Iterator<Item = (&String, u64)> {
+        let images =
+            self.by_name.iter().filter(|(_, topic)| matches!(topic.content, Some(Content::Image(_))));
+        images.map(|(name, topic)| (name, topic.count))
+    }
+
+    /// The topic to take images from and how many there are.
+    ///
+    /// # Errors
+    /// When there are none, or several and `wanted` names none of them; `looked_for` is what would do.
+    pub fn choose(&self, path: &Path, wanted: Option<&str>, looked_for: &str) -> Result<(String, u64)> {
+        let names =
+            || -> Vec<String> { self.images().map(|(name, n)| format!("{name} ({n} images)")).collect() };
+        let mut candidates = self.images().filter(|(name, _)| wanted.is_none_or(|wanted| *name == wanted));
+        match (candidates.next(), candidates.next(), wanted) {
+            (Some((name, count)), None, _) => Ok((name.clone(), count)),
+            (None, _, Some(wanted)) if !names().is_empty() => {
+                bail!(
+                    "{}: no images on topic {wanted}\nhint: there are {}",
+                    path.display(),
+                    names().join(", ")
+                )
+            }
+            (None, _, _) => {
+                bail!("{}: no images in this file\nhint: looked for {looked_for}", path.display())
+            }
+            (Some(_), Some(_), _) => bail!(
+                "{}: images on several topics\nhint: choose one with --topic: {}",
+                path.display(),
+                names().join(", ")
+            ),
+        }
+    }
+
+    /// How the images of a topic are written.
+    pub fn image_form(&self, name: &str) -> Option<Form> {
+        match self.by_name.get(name)?.content? {
+            Content::Image(form) => Some(form),
+            Content::Calibration(_) => None,
+        }
+    }
+
+    /// The calibration topic whose name shares the most with the images' topic, as
+    /// `/cam0/camera_info` with `/cam0/image_raw`.
+    pub fn calibration(&self, images: &str) -> Option<String> {
+        let shared = |name: &str| name.bytes().zip(images.bytes()).take_while(|(a, b)| a == b).count();
+        let calibrations =
+            self.by_name.iter().filter(|(_, t)| matches!(t.content, Some(Content::Calibration(_))));
+        calibrations.map(|(name, _)| name).max_by_key(|name| shared(name)).cloned()
+    }
+
+    /// Seconds from the first to the last message.
+    pub fn duration(&self) -> Option<f64> {
+        self.span.map(|(first, last)| last.saturating_sub(first) as f64 * 1e-9)
+    }
+
+    /// A line for each topic, for people.
+    pub fn facts(&self) -> Vec<(&'static str, String)> {
+        let topics = self.by_name.iter();
+        topics.map(|(name, topic)| ("topic", format!("{name}  {} × {}", topic.count, topic.schema))).collect()
+    }
+}

@@ -1,0 +1,205 @@
+// Numbers, buttons, the live image and the trends beside the 3-D view.
+
+/** How long trends reach back, milliseconds. */
+const TREND_SPAN = 60000;
+const STATE_NAMES = { starting: "starting", tracking: "tracking", lost: "lost", done: "finished", saved: "saved map" };
+
+const whole = (value) => Math.round(value).toLocaleString("en");
+const points = (value) => (value < 1e4 ? whole(value) : value < 1e6 ? `${(value / 1e3).toFixed(0)} k` : `${(value / 1e6).toFixed(2)} M`);
+const mebibytes = (value) => (value ? `${whole(value / 1048576)} MiB` : "–");
+
+/** Numbers in the head: `[label, text of a status]`; `null` leaves one out. */
+const TILES = {
+  frame: ["frame", (s) => (s.frames ? `${whole(s.frame + 1)} / ${whole(s.frames)}` : whole(s.frame + 1))],
+  fps: ["frames/s", (s) => s.frames_per_s.toFixed(1)],
+  latency: ["latency", (s) => (s.latency_ms === null ? null : `${s.latency_ms.toFixed(0)} ms`)],
+  keyframes: ["keyframes", (s) => whole(s.keyframes)],
+  points: ["points", (s) => points(s.points)],
+  memory: ["memory", (s) => mebibytes(s.memory_bytes)],
+  dropped: ["dropped", (s) => whole(s.dropped)],
+};
+
+const FACTS = {
+  matched: ["Points matched", (s) => whole(s.matched)],
+  rmse: ["Residual, grey levels", (s) => figures(s.rmse ?? NaN)],
+  loops: ["Loops closed", (s) => whole(s.loops)],
+  losses: ["Times lost", (s) => whole(s.losses)],
+  cpu: ["CPU, cores", (s) => (s.cpu === null ? null : s.cpu.toFixed(2))],
+  folder: ["Results", (s) => s.folder],
+};
+
+/** A list of named numbers. */
+class Numbers {
+  constructor(list, shown) {
+    this.cells = Object.entries(shown).map(([name, [label, text]]) => {
+      const value = element("dd", "–");
+      value.id = `number-${name}`;
+      const parts = [element("dt", label), value];
+      const row = list.classList.contains("tiles") ? element("div", null, ...parts) : null;
+      list.append(...(row ? [row] : parts));
+      return { value, text, parts: row ? [row] : parts };
+    });
+  }
+
+  show(status) {
+    for (const { value, text, parts } of this.cells) {
+      const now = text(status);
+      parts.forEach((part) => (part.hidden = now === null));
+      if (now !== null && value.textContent !== now) value.textContent = now;
+    }
+  }
+}
+
+/** A small curve of the last minute. */
+class Trend extends Drawing {
+  constructor(canvas, colour, top) {
+    super(canvas);
+    Object.assign(this, { colour, top, values: [] });
+  }
+
+  push(value) {
+    const now = performance.now();
+    this.values.push([now, value]);
+    while (this.values.length && now - this.values[0][0] > TREND_SPAN) this.values.shift();
+    this.redraw();
+  }
+
+  draw() {
+    const { canvas, values } = this, ratio = window.devicePixelRatio || 1;
+    const [width, height] = [canvas.clientWidth, canvas.clientHeight];
+    if (!width) return;
+    [canvas.width, canvas.height] = [Math.round(width * ratio), Math.round(height * ratio)];
+    if (values.length < 2) return;
+    const context = canvas.getContext("2d"), now = values[values.length - 1][0];
+    const top = this.top || Math.max(...values.map(([, v]) => v)) * 1.1 || 1;
+    const span = Math.min(TREND_SPAN, Math.max(8000, now - values[0][0]));
+    context.scale(ratio, ratio);
+    const place = ([at, v]) => [width - ((now - at) / span) * width, height - 2 - Math.min(1, v / top) * (height - 5)];
+    context.beginPath();
+    values.forEach((value, i) => context[i ? "lineTo" : "moveTo"](...place(value)));
+    const colour = getComputedStyle(document.documentElement).getPropertyValue(this.colour).trim();
+    context.strokeStyle = colour;
+    context.lineWidth = 1.6;
+    context.stroke();
+    context.lineTo(width, height);
+    context.lineTo(place(values[0])[0], height);
+    context.globalAlpha = 0.16;
+    context.fillStyle = colour;
+    context.fill();
+  }
+}
+
+/** The live image, its depths in colour over it. */
+class LivePicture {
+  constructor() {
+    this.canvas = byId("picture");
+    this.grey = Uint32Array.from({ length: 256 }, (_, v) => 0xff000000 | (v * 0x010101));
+    const { depth } = COLOURS;
+    this.colours = Uint32Array.from({ length: 256 }, (_, v) => (0xff000000 | (depth[v * 3 + 2] << 16) | (depth[v * 3 + 1] << 8) | depth[v * 3]) >>> 0);
+    paintBar(byId("depth-bar"), depth);
+    byId("show-depth").addEventListener("input", () => this.last && this.show(this.last));
+  }
+
+  show(picture) {
+    this.last = picture;
+    const { canvas } = this, { width, height } = picture;
+    if (canvas.width !== width || canvas.height !== height) {
+      [canvas.width, canvas.height] = [width, height];
+      this.image = null;
+    }
+    const context = canvas.getContext("2d");
+    this.image = this.image || context.createImageData(width, height);
+    const out = new Uint32Array(this.image.data.buffer), { grey } = this;
+    for (let i = 0; i < out.length; i++) out[i] = grey[picture.grey[i]];
+    if (byId("show-depth").checked) this.overlay(out, picture);
+    context.putImageData(this.image, 0, 0);
+    byId("picture-title").textContent = `Frame ${whole(picture.frame)}`;
+    const [far, near] = picture.range;
+    byId("far").textContent = picture.count ? `${figures(1 / near)} near` : "";
+    byId("near").textContent = picture.count ? `far ${figures(1 / far)}` : "";
+    document.documentElement.dataset.overlaid = picture.count;
+  }
+
+  /** Dots of two by two pixels. */
+  overlay(out, { width, height, pixels, codes, count }) {
+    for (let i = 0; i < count; i++) {
+      const x = Math.min(pixels[i * 2], width - 2), y = Math.min(pixels[i * 2 + 1], height - 2), at = y * width + x;
+      out[at] = out[at + 1] = out[at + width] = out[at + width + 1] = this.colours[codes[i]];
+    }
+  }
+}
+
+/** Everything beside the 3-D view. */
+class Panel {
+  constructor(feed) {
+    this.feed = feed;
+    this.tiles = new Numbers(byId("tiles"), data.live ? TILES : { keyframes: TILES.keyframes, points: TILES.points });
+    this.facts = new Numbers(byId("facts"), FACTS);
+    this.share = new Trend(byId("trend-share"), "--plot-2", 1);
+    this.ms = new Trend(byId("trend-ms"), "--plot-1", 0);
+    this.picture = new LivePicture();
+    this.status = null;
+    if (data.live) this.bind();
+  }
+
+  bind() {
+    const toggle = () => this.feed().command(this.status && this.status.paused ? "resume" : "pause");
+    byId("pause").addEventListener("click", toggle);
+    byId("save").addEventListener("click", () => this.feed().command("save"));
+    byId("restart").addEventListener("click", () => this.feed().command("restart"));
+    byId("record").addEventListener("click", () => this.status && this.feed().command("record", !this.status.recording));
+    document.addEventListener("keydown", (event) => {
+      if (event.ctrlKey || event.metaKey || event.altKey || event.target.tagName === "INPUT") return;
+      if (event.key === "p") toggle();
+    });
+  }
+
+  /** Shows where the run stands. */
+  show(status) {
+    const before = this.status;
+    this.status = status;
+    const state = byId("state"), paused = status.paused && status.state !== "done";
+    state.className = `state ${paused ? "paused" : status.state}`;
+    state.textContent = paused ? "paused" : STATE_NAMES[status.state] || status.state;
+    this.tiles.show(status);
+    this.facts.show(status);
+    byId("share").textContent = `${Math.round(status.inlier_share * 100)} %`;
+    byId("ms").textContent = `${status.ms.toFixed(0)} ms`;
+    if (!before || before.frame !== status.frame) {
+      this.share.push(status.inlier_share);
+      this.ms.push(status.ms);
+    }
+    byId("pause").textContent = status.paused ? "Resume" : "Pause";
+    byId("record").textContent = status.recording ? "Stop recording" : "Record";
+    byId("record").setAttribute("aria-pressed", Boolean(status.recording));
+    const reason = status.reason && status.state !== "tracking" ? `No pose: ${status.reason}. ` : "";
+    byId("note").textContent = reason + status.note;
+    this.enable(status.state !== "done");
+    if (status.state === "done") this.say(status.note, false);
+  }
+
+  enable(on) {
+    for (const name of ["pause", "save", "restart", "record"]) byId(name).disabled = !on;
+    if (on && this.status && this.status.recording === null) {
+      byId("record").disabled = true;
+      byId("record").title = "Nothing here records: start with a recorder";
+    }
+  }
+
+  /** Says something across the page. */
+  say(text, bad) {
+    const banner = byId("banner");
+    banner.hidden = !text;
+    banner.textContent = text;
+    banner.classList.toggle("bad", bad);
+  }
+
+  /** The connection came or went. */
+  link(on) {
+    document.documentElement.dataset.link = on ? "open" : "closed";
+    const done = this.status && this.status.state === "done";
+    if (done) return;
+    this.enable(on);
+    this.say(on ? "" : data.live ? "The program does not answer: it has ended, or this machine is cut off. Trying again …" : "The program has ended. What was loaded can still be looked at.", !on && data.live);
+  }
+}

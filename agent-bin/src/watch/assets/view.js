@@ -1,0 +1,244 @@
+// The report's 3-D view on a scene that grows: chunks of points with level of detail, lines that follow.
+
+const LIVE_CAMERA = [1, 0.36, 0.74, 1];
+/** Milliseconds between surveys of a growing scene. */
+const SURVEY_INTERVAL = 1200;
+
+class LiveViewer extends Viewer {
+  createResources() {
+    const gl = this.gl;
+    this.budget = this.budget || new Budget();
+    this.fence = null;
+    this.pointProgram = program(gl, POINT_VERTEX, POINT_FRAGMENT);
+    this.lineProgram = program(gl, LINE_VERTEX, LINE_FRAGMENT);
+    this.pictureProgram = program(gl, PICTURE_VERTEX, PICTURE_FRAGMENT);
+    this.lines = {};
+    for (const name of ["grid", "edges", "closures", "selected"]) this.lines[name] = new Lines(gl);
+    for (const name of ["trajectory", "keyframes"]) this.lines[name] = agents.map(() => new GrowingLines(gl));
+    this.pictureQuad = null;
+    store.chunks.forEach((chunk) => delete chunk.array);
+    this.createColours();
+    this.redoLines();
+    gl.enable(gl.DEPTH_TEST);
+    gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
+  }
+
+  /** Looks at the whole scene anew: its level, box, colours and sizes. */
+  survey() {
+    this.surveyed = { at: performance.now(), keyframes: keyframes.count };
+    sampleCloud();
+    this.scene = surveyScene();
+    this.frustumSize = this.chooseFrustumSize();
+    store.chunks.forEach((chunk) => (chunk.matrix = null));
+    this.redoLines();
+    this.redraw();
+  }
+
+  /** Surveys when the scene has outgrown the last one; the level stays once many keyframes agree on it. */
+  surveyWhenGrown() {
+    const { at, keyframes: then } = this.surveyed || { at: -Infinity, keyframes: 0 };
+    if (!keyframes.count || performance.now() - at < SURVEY_INTERVAL) return false;
+    if (keyframes.count <= then * 1.04 && then > 0) return false;
+    this.survey();
+    return true;
+  }
+
+  redoLines() {
+    if (!this.lines) return;
+    this.createGrid();
+    this.lines.keyframes.forEach((lines) => lines.cut(0));
+    this.lines.trajectory.forEach((lines) => lines.cut(0));
+    this.slotLines = [];
+    this.agentSlots = agents.map(() => 0);
+    this.moved([...Array(keyframes.count).keys()]);
+    this.createTrajectory(0);
+    this.createEdges();
+  }
+
+  /** Keyframes are new or were moved. */
+  moved(slots) {
+    for (const slot of slots) {
+      const agent = keyframes.agent[slot];
+      if (this.slotLines[slot] === undefined) this.slotLines[slot] = this.agentSlots[agent]++;
+      this.setFrustum(this.lines.keyframes[agent], this.slotLines[slot] * 8, slot, this.frustumSize, this.lineColour(agent, LINE_COLOURS.keyframe));
+    }
+    this.redraw();
+  }
+
+  setFrustum(lines, first, slot, size, colour) {
+    let index = first;
+    this.pushFrustum({ push: (from, to) => lines.set(index++, from, to, colour) }, slot, size, colour);
+  }
+
+  /** The trajectory from a step on; where frames are missing the line breaks. */
+  createTrajectory(from = 0) {
+    if (!this.slotLines) return;
+    // Steps of several agents come only as a whole, agent by agent.
+    const first = agents.length > 1 ? 0 : from;
+    const place = (i) => this.scene.level(Array.from(trajectory.position.subarray(i * 3, i * 3 + 3)));
+    const next = agents.map(() => 0);
+    if (agents.length === 1) {
+      next[0] = Math.max(0, first - 1);
+      this.lines.trajectory[0].cut(next[0]);
+    }
+    for (let i = Math.max(1, first); i < trajectory.count; i++) {
+      const agent = store.stepAgent[i];
+      const joined = agent === store.stepAgent[i - 1] && trajectory.frame[i] - trajectory.frame[i - 1] <= 12;
+      const here = place(i);
+      if (agent === store.stepAgent[i - 1]) this.lines.trajectory[agent].set(next[agent]++, joined ? place(i - 1) : here, here, this.lineColour(agent, LINE_COLOURS.trajectory));
+    }
+    this.redraw();
+  }
+
+  createEdges() {
+    const { edges, lines } = { edges: store.edges, lines: this.lines };
+    for (let i = 0; i < edges.length; i += 3) {
+      const [from, to] = [0, 1].map((k) => store.slots.get(edges[i + k])), kind = edges[i + 2];
+      if (from === undefined || to === undefined || !this.isShown(from) || !this.isShown(to)) continue;
+      lines.closures.push(this.centre(from), this.centre(to), kind === MERGE_EDGE ? LINE_COLOURS.closure : LINE_COLOURS.edges[2]);
+    }
+    lines.closures.upload();
+    lines.edges.upload();
+  }
+
+  /** Where the live camera is: axes and centre, or `null`. */
+  setCamera(camera) {
+    this.live = camera;
+    if (camera) {
+      const [x, y, z, centre] = [0, 3, 6, 9].map((at) => camera.slice(at, at + 3));
+      const { width, height, fx, fy, cx, cy } = agents[0].camera, size = this.frustumSize * 1.8;
+      const [a, b, c, d] = [[0, 0], [width, 0], [0, height], [width, height]].map(([u, v]) =>
+        this.scene.level(add(add(add(centre, x, ((u - 0.5 - cx) / fx) * size), y, ((v - 0.5 - cy) / fy) * size), z, size)));
+      const eye = this.scene.level(centre);
+      [[a, b], [b, d], [d, c], [c, a], [eye, a], [eye, b], [eye, c], [eye, d]].forEach(([p, q]) => this.lines.selected.push(p, q, LIVE_CAMERA));
+    }
+    this.lines.selected.upload();
+    this.redraw();
+  }
+
+  selectionChanged() {
+    this.setCamera(this.live);
+  }
+
+  placeMarkers() {
+    this.markers.flat().forEach((node) => (node.hidden = true));
+  }
+
+  createCloud() {}
+
+  /** The levelled world from a chunk's coordinates: pixel and inverse depth, homogeneous, over 65535. */
+  chunkMatrix(chunk) {
+    const { fx, fy, cx, cy } = chunk.camera, [low, high] = chunk.depth;
+    const scale = store.scale[chunk.slot];
+    const keyframe = [65535 / fx, 0, 0, 0, 0, 65535 / fy, 0, 0, 0, 0, 0, (high - low) / scale, -cx / fx, -cy / fy, 1, low / scale];
+    const columns = [0, 1, 2, 3].map((column) => this.scene.level(keyframes.column(chunk.slot, column)));
+    const pose = [...columns[0], 0, ...columns[1], 0, ...columns[2], 0, ...columns[3], 1];
+    chunk.sphere = chunk.sphere || chunkSphere(chunk);
+    chunk.centre = this.scene.level(toWorld(chunk.slot, chunk.sphere.middle));
+    chunk.radius = chunk.sphere.radius * scale;
+    chunk.matrix = multiply(pose, keyframe);
+    return chunk.matrix;
+  }
+
+  /** Brings a chunk's points to the graphics card. */
+  uploadChunk(chunk) {
+    const gl = this.gl, buffer = gl.createBuffer(), array = gl.createVertexArray();
+    gl.bindVertexArray(array);
+    gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
+    gl.bufferData(gl.ARRAY_BUFFER, chunk.bytes, gl.STATIC_DRAW);
+    gl.enableVertexAttribArray(0);
+    gl.vertexAttribPointer(0, 3, gl.UNSIGNED_SHORT, true, 8, 0);
+    gl.enableVertexAttribArray(1);
+    gl.vertexAttribPointer(1, 2, gl.UNSIGNED_BYTE, true, 8, 6);
+    gl.bindVertexArray(null);
+    chunk.array = array;
+    chunk.release = () => {
+      gl.deleteBuffer(buffer);
+      gl.deleteVertexArray(array);
+    };
+  }
+
+  /** The chunks that are seen, with how much they weigh. */
+  seenChunks(matrix) {
+    const planes = frustum(matrix), eye = this.camera.eye(), seen = [];
+    for (const chunk of store.chunks.values()) {
+      if (!this.settings.agents.has(chunk.agent) || !chunk.count) continue;
+      if (!chunk.matrix) this.chunkMatrix(chunk);
+      if (!isSeen(planes, chunk.centre, chunk.radius * 1.6)) continue;
+      const distance = Math.max(norm(add(chunk.centre, eye, -1)) - chunk.radius * 0.5, this.camera.near());
+      const size = Math.min(1, chunk.radius / distance);
+      seen.push({ chunk, count: chunk.count, weight: chunk.count * size * size });
+    }
+    return seen;
+  }
+
+  drawCloud(matrix, ratio) {
+    const gl = this.gl, { uniforms } = this.pointProgram;
+    const seen = this.seenChunks(matrix);
+    const counts = shares(seen, this.budget.points);
+    this.beginCloud(ratio);
+    const { heights } = this.scene, span = heights[1] - heights[0];
+    const [low, high] = data.cloud.inverse_depth, range = high - low;
+    this.drawn = 0;
+    seen.forEach(({ chunk }, i) => {
+      if (!counts[i]) return;
+      if (!chunk.array) this.uploadChunk(chunk);
+      const m = chunk.matrix, weight = [0, 1, 2, 3].map((c) => m[c * 4 + 3]);
+      gl.uniformMatrix4fv(uniforms.u_clip_from_box, false, multiply(matrix, m));
+      gl.uniform4fv(uniforms.u_height, weight.map((w, c) => (m[c * 4 + 2] - heights[0] * w) / span));
+      gl.uniform4fv(uniforms.u_weight, weight);
+      gl.uniform3f(uniforms.u_depth, weight[2] / range, 0, (weight[3] - low) / range);
+      gl.uniform3fv(uniforms.u_agent, agents[chunk.agent].color.map((v) => v / 255));
+      gl.bindVertexArray(chunk.array);
+      gl.drawArrays(gl.POINTS, 0, counts[i]);
+      this.drawn += counts[i];
+    });
+    gl.bindVertexArray(null);
+  }
+
+  /** Draws, and measures how long the graphics card takes for it; meanwhile no further frame is begun. */
+  draw() {
+    if (this.fence) {
+      this.wanted = true;
+      return;
+    }
+    const gl = this.gl, began = performance.now();
+    super.draw();
+    if (gl.isContextLost()) return;
+    this.fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
+    gl.flush();
+    const ask = () => {
+      if (gl.clientWaitSync(this.fence, 0, 0) === gl.TIMEOUT_EXPIRED) return setTimeout(ask, 1);
+      gl.deleteSync(this.fence);
+      this.fence = null;
+      this.budget.learn(performance.now() - began, this.drawn || 0);
+      this.frames = (this.frames || 0) + 1;
+      Object.assign(document.documentElement.dataset, { drawn: this.drawn || 0, points: store.points, frameMs: (performance.now() - began).toFixed(1), frames: this.frames });
+      if (this.wanted) {
+        this.wanted = false;
+        this.redraw();
+      }
+      return undefined;
+    };
+    setTimeout(ask, 1);
+  }
+}
+
+/** The report's controls, for a scene in which nothing is selected. */
+class LiveControls extends Controls {
+  keyframeAt() {
+    return -1;
+  }
+
+  /** Makes the sampled point nearest to a place on the screen the centre of orbits. */
+  centreOn([x, y]) {
+    const { viewer } = this, matrix = viewer.matrix();
+    let best = null, lowest = 40;
+    for (let i = 0; i < cloud.count; i++) {
+      const point = viewer.scene.level(cloud.world(i)), at = viewer.project(matrix, point);
+      const off = at ? Math.hypot(at[0] - x, at[1] - y) : Infinity;
+      if (off < lowest) [best, lowest] = [point, off];
+    }
+    if (best) this.go({ ...viewer.camera.state(), target: best, distance: viewer.camera.distance * 0.7 });
+  }
+}

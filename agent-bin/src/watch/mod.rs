@@ -1,0 +1,101 @@
+//! Watching a run: one description of what there is to see, shown by several sinks.
+//!
+//! The run's loop calls [`Watch`]: it leaves what is new in a slot (`feed`) and takes the user's commands. A thread
+//! of low priority (`watcher`) keeps the `scene` up to date; each sink has its own thread and takes from the scene
+//! what is news to it: the page in the browser (`web`), Foxglove (`foxglove`). So no sink slows the tracker down, and
+//! a slow one skips what it could not show anyway.
+
+mod chunk;
+mod feed;
+#[cfg(feature = "foxglove-server")]
+mod foxglove;
+mod handle;
+mod picture;
+pub mod saved;
+mod scene;
+mod status;
+mod watcher;
+pub mod web;
+
+pub use chunk::{Chunk, POINT_BYTES};
+pub use handle::{Ended, Watch, WatchOptions};
+pub use picture::Picture;
+pub use scene::{Agent, Cursor, News, Placed, Scene, Step};
+pub use status::Status;
+
+use feed::Slot;
+use serde::Deserialize;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::mpsc::SyncSender;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// What the user wants of the run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case", tag = "command", content = "on")]
+pub enum Command {
+    /// Take no more frames: a recording waits, a camera's are dropped.
+    Pause,
+    /// Take frames again.
+    Resume,
+    /// Write the results as they stand, and go on.
+    Save,
+    /// Write the results and begin a new map.
+    Restart,
+    /// Begin or end recording the frames.
+    Record(bool),
+}
+
+/// What watcher and sinks share.
+pub struct Shared {
+    slot: Slot,
+    scene: Mutex<Scene>,
+    /// Sinks that show images.
+    audience: AtomicUsize,
+    /// The run is over and the scene will not change any more.
+    over: AtomicBool,
+    commands: Option<SyncSender<Command>>,
+}
+
+impl Shared {
+    /// Shares a scene; commands go to `commands`, where there is a run to obey them.
+    pub fn new(scene: Scene, commands: Option<SyncSender<Command>>) -> Self {
+        Self {
+            slot: Slot::default(),
+            scene: Mutex::new(scene),
+            audience: AtomicUsize::new(0),
+            over: AtomicBool::new(false),
+            commands,
+        }
+    }
+
+    /// The scene.
+    pub fn scene(&self) -> MutexGuard<'_, Scene> {
+        // Every section leaves it whole, so a panic elsewhere does not spoil it.
+        self.scene.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Passes a command on; false when there is no run to obey it, or too many are waiting.
+    pub fn command(&self, command: Command) -> bool {
+        self.commands.as_ref().is_some_and(|commands| commands.try_send(command).is_ok())
+    }
+
+    /// Whether the run is over.
+    pub fn is_over(&self) -> bool {
+        self.over.load(Ordering::Acquire)
+    }
+
+    /// Counts a sink that shows images, as long as the guard lives.
+    fn join(&self) -> Seat<'_> {
+        self.audience.fetch_add(1, Ordering::Relaxed);
+        Seat(self)
+    }
+}
+
+/// A sink's place in the audience.
+struct Seat<'a>(&'a Shared);
+
+impl Drop for Seat<'_> {
+    fn drop(&mut self) {
+        self.0.audience.fetch_sub(1, Ordering::Relaxed);
+    }
+}

@@ -1,0 +1,83 @@
+//! The numbers shown while a run goes on.
+
+use serde::Serialize;
+use slam_direct::{FrameReport, TrackingState};
+
+/// Where a run stands.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Status {
+    /// `starting`, `tracking`, `lost`, or `done`.
+    pub state: &'static str,
+    /// Whether no frames are taken until the user says so.
+    pub paused: bool,
+    /// Whether frames are being recorded; `None` when nothing can record them.
+    pub recording: Option<bool>,
+    /// Index of the newest frame in the recording.
+    pub frame: u64,
+    /// Its time stamp, seconds.
+    pub timestamp: f64,
+    /// Frames of the recording, where known.
+    pub frames: Option<u64>,
+    /// Frames taken so far.
+    pub processed: u64,
+    /// Frames dropped because tracking was late.
+    pub dropped: u64,
+    /// Times that tracking was lost.
+    pub losses: u64,
+    /// Loops closed.
+    pub loops: u64,
+    /// Frames taken per second of late.
+    pub frames_per_s: f64,
+    /// Time that the newest frame took, milliseconds.
+    pub ms: f64,
+    /// From capture to pose, milliseconds, where the moment of capture is known.
+    pub latency_ms: Option<f64>,
+    /// Share of the predicted points that were matched, 0–1.
+    pub inlier_share: f32,
+    /// Points matched in the newest frame.
+    pub matched: usize,
+    /// Root mean square photometric residual, grey levels.
+    pub rmse: f32,
+    /// Keyframes of the map.
+    pub keyframes: usize,
+    /// Points of the cloud.
+    pub points: usize,
+    /// Resident memory, bytes.
+    pub memory_bytes: Option<u64>,
+    /// CPU time of the program over wall time of late; 1 is one core.
+    pub cpu: Option<f64>,
+    /// Axes and centre of the camera, where its pose is known.
+    pub camera: Option<[f32; 12]>,
+    /// Why there is no pose, for people.
+    pub reason: Option<&'static str>,
+    /// What the program has just done, for people.
+    pub note: String,
+    /// The folder that results go to.
+    pub folder: String,
+}
+
+/// What the tracker says of a frame.
+#[derive(Clone, Debug)]
+pub struct Facts {
+    /// Index of the frame in the recording.
+    pub frame: u64,
+    /// Seconds, as recorded.
+    pub timestamp: f64,
+    /// Time spent on it, milliseconds.
+    pub ms: f64,
+    /// From capture to pose, milliseconds, where known.
+    pub latency_ms: Option<f64>,
+    /// Frames dropped so far.
+    pub dropped: u64,
+    /// What became of it.
+    pub report: FrameReport,
+}
+
+/// The name of a state.
+pub fn state_name(state: TrackingState) -> &'static str {
+    match state {
+        TrackingState::Starting => "starting",
+        TrackingState::Tracking => "tracking",
+        TrackingState::Lost => "lost",
+    }
+}

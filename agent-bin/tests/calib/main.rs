@@ -1,0 +1,10 @@
+//! `loopbox calib` through the binary, on drawn boards and on the shared images of real ones.
+#![cfg(feature = "opencv")]
+
+#[path = "../common/mod.rs"]
+mod common;
+mod drawn;
+mod photometric;
+mod real;
+mod refusals;
+mod support;

@@ -1,0 +1,178 @@
+//! Someone who watches a run: the program prints an address, and all that is sent there is taken.
+
+use anyhow::{Context, Result, bail};
+use serde_json::{Value, json};
+use std::io::{BufRead, BufReader};
+use std::net::TcpStream;
+use std::process::{Child, Command, Stdio};
+use tungstenite::http::Uri;
+use tungstenite::{ClientRequestBuilder, Message, WebSocket};
+
+/// The protocol of Foxglove's SDK.
+const FOXGLOVE_PROTOCOL: &str = "foxglove.sdk.v1";
+/// The first byte of the page's messages that hold an image.
+const PAGE_PICTURE: u8 = 4;
+
+/// How a run is watched.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Viewer {
+    /// Through the page.
+    Page,
+    /// As Foxglove does, all channels subscribed.
+    Foxglove,
+}
+
+/// What came while watching.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Received {
+    /// Messages.
+    pub messages: u64,
+    /// Bytes of them.
+    pub bytes: u64,
+    /// Messages of the page that held an image.
+    pub pictures: u64,
+}
+
+/// A running program, which must not outlive its measurement.
+struct Running(Child);
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        // It may have ended by itself.
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+/// Runs a command to its end and watches it from the first moment on.
+///
+/// # Errors
+/// When it cannot be started, prints no address, cannot be connected to, or fails.
+pub fn watch(command: &mut Command, viewer: Viewer) -> Result<Received> {
+    let started = command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped()).spawn();
+    let mut running = Running(started.with_context(|| format!("{command:?} cannot be started"))?);
+    let errors = running.0.stderr.take().context("its messages cannot be read")?;
+    let mut lines = BufReader::new(errors).lines().map_while(Result::ok);
+    let mut said = Vec::new();
+    let address = lines.find_map(|line| {
+        let found = address(&line).map(str::to_owned);
+        said.push(line);
+        found
+    });
+    // Someone must read what it says later.
+    let rest = std::thread::spawn(move || lines.collect::<Vec<_>>());
+    let received = match address {
+        Some(address) => take_all(connect(&address, viewer)?, viewer),
+        None => Received::default(),
+    };
+    let status = running.0.wait().context("its end cannot be waited for")?;
+    said.extend(rest.join().unwrap_or_default());
+    if !status.success() {
+        bail!("{command:?} ended with {status}: {}", said.join("\n"));
+    }
+    if received.messages == 0 {
+        bail!("{command:?} showed nothing to who watched: {}", said.join("\n"));
+    }
+    Ok(received)
+}
+
+/// The address in a line that the program prints.
+fn address(line: &str) -> Option<&str> {
+    let begins = ["http://", "ws://"].iter().find_map(|scheme| line.find(scheme))?;
+    line[begins..].split_whitespace().next()
+}
+
+/// The address of the WebSocket: of a page, beside it, with what its own address asks with (the token).
+fn websocket_address(address: &str) -> String {
+    let Some(page) = address.strip_prefix("http://") else { return address.to_owned() };
+    let (host, rest) = page.split_once('/').unwrap_or((page, ""));
+    let query = rest.split_once('?').map_or(String::new(), |(_, query)| format!("?{query}"));
+    format!("ws://{host}/ws{query}")
+}
+
+fn connect(address: &str, viewer: Viewer) -> Result<WebSocket<TcpStream>> {
+    let address = websocket_address(address);
+    let uri: Uri = address.parse().with_context(|| format!("{address} is no address"))?;
+    let host = uri.authority().with_context(|| format!("{address} names no host"))?.as_str();
+    let stream = TcpStream::connect(host).with_context(|| format!("{host} does not listen"))?;
+    let mut request = ClientRequestBuilder::new(uri.clone());
+    if viewer == Viewer::Foxglove {
+        request = request.with_sub_protocol(FOXGLOVE_PROTOCOL);
+    }
+    let (socket, _) = tungstenite::client(request, stream)
+        .map_err(|error| anyhow::anyhow!("{address} does not speak WebSocket: {error}"))?;
+    Ok(socket)
+}
+
+/// Takes what comes until the program ends the connection.
+fn take_all(mut socket: WebSocket<TcpStream>, viewer: Viewer) -> Received {
+    let mut received = Received::default();
+    let mut subscribed = 0;
+    // An error is the end of the program, which its exit status tells more of.
+    while let Ok(message) = socket.read() {
+        received.messages += 1;
+        received.bytes += message.len() as u64;
+        match &message {
+            Message::Binary(bytes) if viewer == Viewer::Page => {
+                received.pictures += u64::from(bytes.first() == Some(&PAGE_PICTURE));
+            }
+            Message::Text(text) if viewer == Viewer::Foxglove => {
+                let wanted = subscription(text, &mut subscribed);
+                if wanted.is_some_and(|wanted| socket.send(Message::text(wanted)).is_err()) {
+                    break;
+                }
+            }
+            _ => {}
+        }
+    }
+    received
+}
+
+/// The answer to an offer of channels: all of them.
+fn subscription(offer: &str, subscribed: &mut u32) -> Option<String> {
+    let offer: Value = serde_json::from_str(offer).ok()?;
+    if offer["op"] != "advertise" {
+        return None;
+    }
+    let subscribe = |channel: &Value| {
+        *subscribed += 1;
+        json!({ "id": *subscribed, "channelId": channel["id"] })
+    };
+    let wanted: Vec<Value> = offer["channels"].as_array()?.iter().map(subscribe).collect();
+    Some(json!({ "op": "subscribe", "subscriptions": wanted }).to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn addresses_are_found_in_what_is_printed() {
+        assert_eq!(
+            address("watch at http://127.0.0.1:7171/?token=a b"),
+            Some("http://127.0.0.1:7171/?token=a")
+        );
+        assert_eq!(address("warning: none"), None);
+        assert_eq!(websocket_address("http://127.0.0.1:7171/?token=a"), "ws://127.0.0.1:7171/ws?token=a");
+        assert_eq!(websocket_address("http://127.0.0.1:7171/"), "ws://127.0.0.1:7171/ws");
+        assert_eq!(websocket_address("ws://127.0.0.1:8765"), "ws://127.0.0.1:8765");
+    }
+
+    #[test]
+    fn every_channel_is_subscribed_once() {
+        let mut subscribed = 0;
+        let first = subscription(r#"{"op":"advertise","channels":[{"id":7},{"id":9}]}"#, &mut subscribed);
+        let wanted: Value = serde_json::from_str(&first.unwrap()).unwrap();
+        assert_eq!(wanted["subscriptions"], json!([{"id":1,"channelId":7},{"id":2,"channelId":9}]));
+        let next = subscription(r#"{"op":"advertise","channels":[{"id":11}]}"#, &mut subscribed);
+        assert!(next.unwrap().contains(r#""id":3"#));
+        assert_eq!(subscription(r#"{"op":"serverInfo"}"#, &mut subscribed), None);
+    }
+
+    #[test]
+    fn a_program_that_ends_without_an_address_is_told() {
+        let said = watch(Command::new("sh").args(["-c", "echo no page >&2; exit 3"]), Viewer::Page);
+        let said = said.unwrap_err().to_string();
+        assert!(said.contains("exit status: 3") && said.contains("no page"), "{said}");
+    }
+}

@@ -1,0 +1,55 @@
+//! How old an image is when its pose is known, and what dropped frames cost in accuracy.
+
+use super::program::{Pace, Task, median};
+use crate::measure::{Run, Runner};
+use anyhow::Result;
+use std::path::{Path, PathBuf};
+
+/// The sequences of 30 frames a second.
+pub const SEQUENCES: [&str; 2] = ["tum_fr1_xyz", "tum_fr1_desk"];
+
+/// A sequence at the speed of its camera, and as fast as it goes.
+pub struct Timed {
+    /// Its name.
+    pub name: String,
+    /// With all frames; the run was recorded.
+    pub offline: Run,
+    /// At the speed of the camera.
+    pub live: Vec<Run>,
+}
+
+impl Timed {
+    /// Median over the runs at the speed of the camera.
+    pub fn median(&self, number: impl Fn(&Run) -> Option<f64>) -> Option<f64> {
+        median(self.live.iter().map(number).collect::<Option<_>>()?)
+    }
+
+    /// The worst of these runs.
+    pub fn worst(&self, number: impl Fn(&Run) -> Option<f64>) -> Option<f64> {
+        self.live.iter().map(number).collect::<Option<Vec<_>>>()?.into_iter().reduce(f64::max)
+    }
+}
+
+/// Where the run with all frames puts its results, and its recording.
+pub fn offline(work: &Path, name: &str) -> (PathBuf, PathBuf) {
+    let folder = work.join(name);
+    (folder.join("offline"), folder.join("offline.mcap"))
+}
+
+/// Runs a sequence as fast as it goes, and in real time unless that was done already: then `live` holds the folders
+/// of the results.
+///
+/// # Errors
+/// When a run fails.
+pub fn measure(runner: &Runner, sequence: &Path, name: &str, live: &[PathBuf]) -> Result<Timed> {
+    let (out, recording) = offline(&runner.work, name);
+    let offline = Task { record: Some(&recording), ..Task::new(sequence, &out, Pace::Every) };
+    let offline = offline.evaluated(runner, sequence)?;
+    if live.is_empty() {
+        let out = runner.work.join(name).join("live");
+        let run = Task::new(sequence, &out, Pace::Camera).evaluated(runner, sequence)?;
+        return Ok(Timed { name: name.to_owned(), offline, live: vec![run] });
+    }
+    let read = |out: &PathBuf| Run::read(out, runner.evaluate(sequence, out)?);
+    Ok(Timed { name: name.to_owned(), offline, live: live.iter().map(read).collect::<Result<_>>()? })
+}

@@ -1,0 +1,111 @@
+//! Measuring what matters with a camera: latency, dropped frames, what watching and recording cost, replays, and
+//! calibration. A recording played by its time stamps stands for the camera.
+
+mod calibration;
+mod client;
+mod latency;
+mod long;
+mod program;
+mod replay;
+pub mod report;
+mod shares;
+
+use crate::measure::Runner;
+use anyhow::{Result, bail};
+use calibration::{Calibrated, KNOWN};
+use latency::Timed;
+use long::Long;
+use replay::Replayed;
+use shares::{Cost, Extra};
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// What to measure.
+pub struct Plan<'a> {
+    /// Runs the program; its runs are those of which medians are taken.
+    pub runner: &'a Runner,
+    /// Folder of sequences.
+    pub data: &'a Path,
+    /// Minutes of the longest run.
+    pub minutes: f64,
+}
+
+/// What came of each part, or why there is nothing.
+pub struct Live {
+    /// Calibrations.
+    pub calibrations: Part<Vec<Calibrated>>,
+    /// Latency and accuracy.
+    pub timed: Part<Vec<Timed>>,
+    /// The cost of watching and recording.
+    pub costs: Part<Vec<Cost>>,
+    /// Replays.
+    pub replays: Part<Vec<Replayed>>,
+    /// The longest run.
+    pub long: Part<Long>,
+}
+
+/// What a part gave, or why it gave nothing.
+type Part<T> = Result<T, String>;
+
+impl Live {
+    /// What must not be: parts that failed, and replays that differ.
+    pub fn problems(&self) -> Vec<String> {
+        let parts = [
+            self.calibrations.as_ref().err(),
+            self.timed.as_ref().err(),
+            self.costs.as_ref().err(),
+            self.replays.as_ref().err(),
+            self.long.as_ref().err(),
+        ];
+        let replays = self.replays.iter().flatten().filter(|replayed| !replayed.is_same());
+        let differ = replays.map(|replayed| format!("not the same when replayed: {}", replayed.what));
+        parts.into_iter().flatten().cloned().chain(differ).collect()
+    }
+}
+
+/// Measures everything. A part that fails does not keep the others from being measured.
+///
+/// # Errors
+/// When data are missing.
+pub fn measure(plan: &Plan) -> Result<Live> {
+    let needed = latency::SEQUENCES.iter().copied().chain(KNOWN.iter().map(|known| known.name));
+    let missing: Vec<&str> = needed.filter(|name| !plan.data.join(name).is_dir()).collect();
+    if !missing.is_empty() {
+        bail!("{}: there is no {} to measure", plan.data.display(), missing.join(", "));
+    }
+    let work = plan.runner.work.join("live");
+    let Runner { loopbox, runs, .. } = plan.runner;
+    let runner = Runner { loopbox: loopbox.clone(), work, runs: *runs };
+    let sequence = |name: &str| plan.data.join(name);
+    let calibrations = part("calibration", || {
+        KNOWN.iter().map(|known| known.measure(&runner, &sequence(known.name))).collect()
+    });
+    let costs =
+        part("cost of recording and watching", || shares::measure(&runner, &sequence(shares::SEQUENCE)));
+    let timed = part("latency", || {
+        let time = |name: &&str| {
+            let ran = costs.is_ok() && *name == shares::SEQUENCE;
+            let runs = if ran { runner.runs } else { 0 };
+            let live: Vec<PathBuf> =
+                (1..=runs).map(|number| shares::place(&runner.work, Extra::Nothing, number).0).collect();
+            latency::measure(&runner, &sequence(name), name, &live)
+        };
+        latency::SEQUENCES.iter().map(time).collect()
+    });
+    let replays =
+        part("replays", || replay::measure(&runner, &sequence(shares::SEQUENCE), &sequence(long::SEQUENCE)));
+    let long = part("the long run", || long::measure(&runner, &sequence(long::SEQUENCE), plan.minutes));
+    Ok(Live { calibrations, timed, costs, replays, long })
+}
+
+/// Measures a part, and says how long it took.
+fn part<T>(name: &str, measure: impl FnOnce() -> Result<T>) -> Part<T> {
+    eprintln!("{name} …");
+    let began = Instant::now();
+    let measured = measure().map_err(|error| format!("{name}: {error:#}"));
+    match &measured {
+        Ok(_) => eprintln!("{name}: {:.0} s", began.elapsed().as_secs_f64()),
+        Err(reason) => eprintln!("FAILED: {reason}"),
+    }
+    measured
+}

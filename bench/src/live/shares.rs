@@ -1,0 +1,131 @@
+//! What recording and watching cost a run at the speed of its camera.
+
+use super::client::{Received, Viewer};
+use super::program::{Pace, Task, median};
+use crate::measure::{Run, Runner};
+use anyhow::{Context, Result};
+use std::path::{Path, PathBuf};
+
+/// The sequence: the one that leaves the least time.
+pub const SEQUENCE: &str = "tum_fr1_desk";
+
+/// What else a run does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Extra {
+    /// Nothing.
+    Nothing,
+    /// It records.
+    Record,
+    /// It is watched.
+    Watched(Viewer),
+}
+
+impl Extra {
+    /// All of them; that without anything first.
+    pub const ALL: [Self; 4] =
+        [Self::Nothing, Self::Record, Self::Watched(Viewer::Page), Self::Watched(Viewer::Foxglove)];
+
+    /// Its name in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Nothing => "plain",
+            Self::Record => "record",
+            Self::Watched(Viewer::Page) => "view",
+            Self::Watched(Viewer::Foxglove) => "foxglove",
+        }
+    }
+}
+
+/// The runs with one extra.
+pub struct Cost {
+    /// Which.
+    pub extra: Extra,
+    /// The runs.
+    pub runs: Vec<Run>,
+    /// What its viewers got, in each run.
+    pub received: Vec<Received>,
+    /// Bytes of the recordings.
+    pub recorded: Vec<u64>,
+}
+
+impl Cost {
+    /// Median over the runs.
+    pub fn median(&self, number: impl Fn(&Run) -> Option<f64>) -> Option<f64> {
+        median(self.runs.iter().map(number).collect::<Option<_>>()?)
+    }
+
+    /// CPU seconds.
+    pub fn cpu_s(&self) -> Option<f64> {
+        self.median(|run| run.record("/cost/cpu_s"))
+    }
+
+    /// CPU milliseconds for each frame that was tracked.
+    pub fn cpu_ms_per_frame(&self) -> Option<f64> {
+        self.median(|run| Some(1e3 * run.record("/cost/cpu_s")? / run.record("/frames/processed")?))
+    }
+
+    /// Parts of one core.
+    pub fn cores(&self) -> Option<f64> {
+        self.median(|run| Some(run.record("/cost/cpu_s")? / run.record("/cost/wall_s")?))
+    }
+
+    /// Bytes that the recorder wrote for a frame.
+    pub fn bytes_per_frame(&self) -> Option<f64> {
+        let per_frame =
+            self.runs.iter().zip(&self.recorded).map(|(r, &b)| Some(b as f64 / r.record("/frames/offered")?));
+        median(per_frame.collect::<Option<_>>()?)
+    }
+
+    /// What viewers got a second: messages, images, bytes.
+    pub fn received_a_second(&self) -> Option<[f64; 3]> {
+        let of = |number: fn(&Received) -> u64| {
+            let rates = self.runs.iter().zip(&self.received);
+            let rates = rates.map(|(run, got)| Some(number(got) as f64 / run.record("/cost/wall_s")?));
+            median(rates.collect::<Option<_>>()?)
+        };
+        Some([of(|got| got.messages)?, of(|got| got.pictures)?, of(|got| got.bytes)?])
+    }
+}
+
+/// The folder of a run's results, and its recording.
+pub fn place(work: &Path, extra: Extra, number: usize) -> (PathBuf, PathBuf) {
+    let folder = work.join(SEQUENCE).join(extra.name());
+    (folder.join(format!("run-{number}")), folder.join(format!("run-{number}.mcap")))
+}
+
+/// Runs the sequence with each extra so many times, in turns, so that what else the machine does meets all alike.
+///
+/// # Errors
+/// When a run fails.
+pub fn measure(runner: &Runner, sequence: &Path) -> Result<Vec<Cost>> {
+    let empty = |extra| Cost { extra, runs: Vec::new(), received: Vec::new(), recorded: Vec::new() };
+    let mut costs: Vec<Cost> = Extra::ALL.map(empty).into();
+    for number in 1..=runner.runs {
+        for cost in &mut costs {
+            add_run(runner, sequence, cost, number)?;
+            eprintln!("  {} {number} of {}", cost.extra.name(), runner.runs);
+        }
+    }
+    Ok(costs)
+}
+
+fn add_run(runner: &Runner, sequence: &Path, cost: &mut Cost, number: usize) -> Result<()> {
+    let (out, recording) = place(&runner.work, cost.extra, number);
+    let plain = Task::new(sequence, &out, Pace::Camera);
+    cost.runs.push(match cost.extra {
+        Extra::Nothing => plain.run(runner)?,
+        Extra::Record => {
+            let run = Task { record: Some(&recording), ..plain }.run(runner)?;
+            let about = std::fs::metadata(&recording);
+            cost.recorded
+                .push(about.with_context(|| format!("{}: cannot be read", recording.display()))?.len());
+            run
+        }
+        Extra::Watched(viewer) => {
+            let (run, received) = plain.watched(runner, viewer)?;
+            cost.received.push(received);
+            run
+        }
+    });
+    Ok(())
+}

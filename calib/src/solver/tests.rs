@@ -1,0 +1,173 @@
+//! The solver against corners made from a known camera.
+
+use super::model::tests::{SIZE, cameras};
+use super::*;
+use crate::Board;
+use geometry::{Camera, Se3};
+use nalgebra::{UnitQuaternion, Vector3};
+
+/// SplitMix64, and normal numbers from it by Box and Muller.
+pub(crate) struct Noise(pub u64);
+
+impl Noise {
+    pub fn uniform(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    pub fn normal(&mut self) -> f64 {
+        let radius = (-2.0 * self.uniform().max(1e-300).ln()).sqrt();
+        radius * (std::f64::consts::TAU * self.uniform()).cos()
+    }
+}
+
+pub(crate) fn board() -> Board {
+    "chessboard:9x6:0.03".parse().unwrap()
+}
+
+/// camera_from_board with the board's middle at `position`, turned by `tilt` (rotation vector, radians).
+pub(crate) fn placed(board: &Board, position: [f64; 3], tilt: [f64; 3]) -> Se3 {
+    let points = board.points();
+    let middle = points.iter().sum::<Vector3<f64>>() / points.len() as f64;
+    let rotation = UnitQuaternion::from_scaled_axis(Vector3::from(tilt));
+    Se3::new(rotation, Vector3::from(position) - rotation * middle)
+}
+
+/// What the camera finds of the board, with noise of `sigma` pixels in each direction.
+pub(crate) fn seen(camera: &Camera, board: &Board, pose: &Se3, sigma: f64, noise: &mut Noise) -> View {
+    let points = board.points();
+    let corners = points.iter().enumerate().filter_map(|(index, point)| {
+        let pixel = camera.project(&(*pose * *point)).filter(|pixel| camera.contains(pixel))?;
+        Some(Corner { index, pixel: pixel + Vector2::new(noise.normal(), noise.normal()) * sigma })
+    });
+    View { name: String::new(), corners: corners.collect() }
+}
+
+/// A usual set of views: all over the image, tilted each way, near and far.
+pub(crate) fn usual_poses(board: &Board) -> Vec<Se3> {
+    let mut noise = Noise(5);
+    (0..14)
+        .map(|i| {
+            let distance = 0.32 + 0.02 * (i % 7) as f64;
+            let across = [(i % 3) as f64 - 1.0, (i / 3 % 3) as f64 - 1.0];
+            let position = [0.16 * across[0] * distance / 0.4, 0.08 * across[1] * distance / 0.4, distance];
+            let tilt = std::array::from_fn(|_| (noise.uniform() - 0.5) * 1.2);
+            placed(board, position, tilt)
+        })
+        .collect()
+}
+
+fn usual_views(camera: &Camera, sigma: f64, seed: u64) -> Vec<View> {
+    let (board, mut noise) = (board(), Noise(seed));
+    usual_poses(&board).iter().map(|pose| seen(camera, &board, pose, sigma, &mut noise)).collect()
+}
+
+fn solved(views: &[View], model: LensModel) -> Result<Calibration, Refusal> {
+    calibrate(&board(), views, SIZE, model, &SolverParams::default())
+}
+
+#[test]
+fn every_model_is_found_again() {
+    for (model, camera) in cameras() {
+        let found = solved(&usual_views(&camera, 0.2, 1), model).unwrap();
+        let truth = model.parameters(&camera);
+        for (i, estimate) in found.estimates.iter().enumerate() {
+            let error = (estimate.value - truth[i]) / estimate.sigma;
+            assert!(error.abs() < 3.5, "{model}: {} is {error:.1} sigma off", estimate.name);
+        }
+        assert!((found.rms - 0.2 * 2f64.sqrt()).abs() < 0.03, "{model}: rms {}", found.rms);
+        assert!(found.views.iter().all(|view| view.rejected.is_none()));
+    }
+}
+
+#[test]
+fn without_noise_the_camera_is_exact() {
+    for (model, camera) in cameras() {
+        let found = solved(&usual_views(&camera, 0.0, 1), model).unwrap();
+        let difference = model.parameters(&found.camera) - model.parameters(&camera);
+        assert!(difference.norm() < 1e-5, "{model}: {difference}");
+    }
+}
+
+/// Over many draws the errors must scatter as the covariance says (NEES, Bar-Shalom 2001, §5.4).
+#[test]
+fn uncertainty_is_consistent() {
+    const DRAWS: usize = 60;
+    for (model, camera) in [cameras()[1], cameras()[3]] {
+        let (count, truth) = (model.parameter_count(), model.parameters(&camera));
+        let nees = (0..DRAWS).map(|draw| {
+            let found = solved(&usual_views(&camera, 0.3, 100 + draw as u64), model).unwrap();
+            let error = (model.parameters(&found.camera) - truth).rows(0, count).into_owned();
+            error.dot(&(found.covariance.clone().try_inverse().unwrap() * &error))
+        });
+        let mean = nees.sum::<f64>() / DRAWS as f64;
+        // χ² of `count` degrees: the mean of the draws deviates by √(2 count / DRAWS); four of these.
+        let slack = 4.0 * (2.0 * count as f64 / DRAWS as f64).sqrt();
+        assert!((mean - count as f64).abs() < slack, "{model}: NEES {mean:.2} of {count} ± {slack:.2}");
+    }
+}
+
+#[test]
+fn wrong_corners_and_a_wrong_view_are_set_aside() {
+    let (model, camera) = cameras()[1];
+    let mut views = usual_views(&camera, 0.2, 3);
+    let clean = solved(&views, model).unwrap();
+    for view in 0..5 {
+        views[view].corners[7 * view].pixel += Vector2::new(6.0, -4.0);
+    }
+    let mut noise = Noise(9);
+    for corner in &mut views[9].corners {
+        corner.pixel += Vector2::new(noise.normal(), noise.normal()) * 3.0;
+    }
+    let found = solved(&views, model).unwrap();
+    for view in 0..5 {
+        let corners = &found.views[view].corners;
+        assert!(!corners[7 * view].used && corners.iter().filter(|corner| !corner.used).count() <= 2);
+    }
+    assert!(found.views[9].rejected.as_ref().unwrap().contains("rms"), "{:?}", found.views[9].rejected);
+    assert_eq!(found.views.iter().filter(|view| view.rejected.is_some()).count(), 1);
+    assert!((found.estimates[0].value - clean.estimates[0].value).abs() < clean.estimates[0].sigma);
+    assert!(found.rms < 0.32 && found.rms_of_all > 0.5);
+}
+
+#[test]
+fn views_from_one_direction_are_refused() {
+    let (model, camera) = cameras()[1];
+    let (board, mut noise) = (board(), Noise(2));
+    let mut view = |position: [f64; 3], tilt: [f64; 3]| {
+        seen(&camera, &board, &placed(&board, position, tilt), 0.2, &mut noise)
+    };
+    let flat: Vec<View> =
+        (0..8).map(|i| view([0.03 * i as f64 - 0.1, 0.0, 0.5], [0.01, 0.01 * i as f64, 0.0])).collect();
+    let message = solved(&flat, model).unwrap_err().to_string();
+    assert!(message.contains("one direction") || message.contains("tilts"), "{message}");
+    assert!(message.contains("hint: add images"), "{message}");
+    let message = solved(&flat[..2], model).unwrap_err().to_string();
+    assert!(message.contains("2 of 2 images") && message.contains("3 are needed"), "{message}");
+}
+
+#[test]
+fn corners_that_make_no_sense_are_refused() {
+    let (model, camera) = cameras()[1];
+    let mut views = usual_views(&camera, 0.2, 4);
+    views[3].corners[0].index = 999;
+    assert!(matches!(solved(&views, model), Err(Refusal::NoSuchCorner { index: 999, .. })));
+    let mut noise = Noise(1);
+    let random = (0..5).map(|_| View {
+        name: String::new(),
+        corners: (0..54)
+            .map(|index| Corner {
+                index,
+                pixel: Vector2::new(752.0 * noise.uniform(), 480.0 * noise.uniform()),
+            })
+            .collect(),
+    });
+    let message = solved(&random.collect::<Vec<_>>(), model).unwrap_err().to_string();
+    assert!(message.contains("hint"), "{message}");
+    let mut line = usual_views(&camera, 0.2, 4);
+    line.iter_mut().for_each(|view| view.corners.truncate(8));
+    assert!(matches!(solved(&line, model), Err(Refusal::TooFewViews { usable: 0, .. })));
+}
