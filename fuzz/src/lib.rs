@@ -24,3 +24,12 @@ pub fn scratch() -> PathBuf {
     fs::create_dir_all(&folder).expect("a folder can be made");
     folder
 }
+
+/// Reads all frames of a recording in memory.
+pub fn read_recording(bytes: &[u8]) {
+    let Ok(mut source) = agent_bin::sources::open_bytes(bytes, &Default::default()) else { return };
+    while let Some(frame) = source.next_frame() {
+        let _ = frame.picture.into_grey();
+    }
+    let _ = source.warning();
+}

@@ -3,7 +3,7 @@
 
 use agent_bin::sources::messages::{Form, read_calibration, read_image};
 
-const FORMS: [Form; 7] = [
+const FORMS: [Form; 10] = [
     Form::FoxgloveCompressed,
     Form::FoxgloveRaw,
     Form::FoxgloveCalibration,
@@ -11,6 +11,9 @@ const FORMS: [Form; 7] = [
     Form::Ros2Compressed,
     Form::Ros2Raw,
     Form::Ros2CameraInfo,
+    Form::Ros1Compressed,
+    Form::Ros1Raw,
+    Form::Ros1CameraInfo,
 ];
 
 libfuzzer_sys::fuzz_target!(|data: &[u8]| {
