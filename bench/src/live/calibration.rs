@@ -3,7 +3,7 @@
 use crate::measure::{Runner, finish};
 use anyhow::{Context, Result};
 use geometry::{Camera, Distortion, Pinhole, RadTan};
-use nalgebra::Vector2;
+use nalgebra::{Matrix3, Rotation3, Vector2};
 use serde_json::Value;
 use std::path::Path;
 use std::process::Command;
@@ -70,9 +70,9 @@ pub struct Calibrated {
     pub images: [usize; 2],
     /// Seconds it took.
     pub seconds: f64,
-    /// The farthest that a ray through the image's border lands from where the known camera has it, pixels; `None`
-    /// where not all of the lens is known.
-    pub apart: Option<f64>,
+    /// The farthest that a ray lands from where the known camera has it, at the border and, with the cameras turned to
+    /// agree best, anywhere, pixels; `None` where not all of the lens is known.
+    pub apart: Option<[f64; 2]>,
 }
 
 /// A parameter beside the known one.
@@ -146,23 +146,66 @@ impl Known {
         let used = views.iter().filter(|view| view["rejected"].is_null()).count();
         let given = record["images"].as_u64().context("the number of images is missing")? as usize;
         let rms = record["rms"].as_f64().context("rms is missing")?;
-        let apart = self.apart(size, &values);
+        let turned = self.cameras(size, &values);
+        let turned = turned.and_then(|(known, other)| apart_turned(&known, &other, size));
+        let apart = self.apart(size, &values).zip(turned).map(<[f64; 2]>::from);
         Ok(Calibrated { known: self, parameters, rms, images: [used, given], seconds, apart })
     }
 
-    /// How far a camera with these parameters is from the known one at the image's border, pixels.
+    /// How far a camera with these parameters is from the known one at most, pixels at the image's border.
     fn apart(&self, size: [usize; 2], values: &[f64]) -> Option<f64> {
-        let known: Vec<f64> = self.parameters.iter().map(|&(_, value)| value).collect();
-        let (known, other) = (camera(size, &known)?, camera(size, values)?);
-        let (right, bottom) = (size[0] as f64 - 1.0, size[1] as f64 - 1.0);
-        let parts = (0..=16).map(|i| f64::from(i) / 16.0);
-        let border = parts.flat_map(|part| {
-            let (x, y) = (part * right, part * bottom);
-            [(x, 0.0), (x, bottom), (0.0, y), (right, y)].map(|(x, y)| Vector2::new(x, y))
-        });
-        let apart = border.map(|pixel| Some((other.project(&known.unproject(&pixel)?)? - pixel).norm()));
-        apart.collect::<Option<Vec<f64>>>()?.into_iter().reduce(f64::max)
+        let (known, other) = self.cameras(size, values)?;
+        farthest(&known, &other, &Rotation3::identity(), &border(size))
     }
+
+    /// The known camera and that with other parameters.
+    fn cameras(&self, size: [usize; 2], values: &[f64]) -> Option<(Camera, Camera)> {
+        let known: Vec<f64> = self.parameters.iter().map(|&(_, value)| value).collect();
+        Some((camera(size, &known)?, camera(size, values)?))
+    }
+}
+
+/// How far two cameras are apart at most anywhere in the image, pixels, once they are turned so that they agree best: a
+/// turned camera sees the same world, so that part of a difference harms nobody.
+fn apart_turned(known: &Camera, other: &Camera, size: [usize; 2]) -> Option<f64> {
+    let pixels = grid(size);
+    let ray = |camera: &Camera, pixel| Some(camera.unproject(pixel)?.normalize());
+    let mut products = Matrix3::zeros();
+    for pixel in &pixels {
+        products += ray(other, pixel)? * ray(known, pixel)?.transpose();
+    }
+    let other_from_known = Rotation3::from_matrix_eps(&products, 1e-12, 100, Rotation3::identity());
+    farthest(known, other, &other_from_known, &pixels)
+}
+
+/// How far the rays through the known camera's pixels land from there in the other, turned camera at most, pixels.
+fn farthest(
+    known: &Camera,
+    other: &Camera,
+    other_from_known: &Rotation3<f64>,
+    pixels: &[Vector2<f64>],
+) -> Option<f64> {
+    let apart = |pixel: &Vector2<f64>| {
+        Some((other.project(&(other_from_known * known.unproject(pixel)?))? - pixel).norm())
+    };
+    pixels.iter().map(apart).collect::<Option<Vec<f64>>>()?.into_iter().reduce(f64::max)
+}
+
+/// Steps of the grid of pixels along a side.
+const STEPS: usize = 16;
+
+/// Pixels all over the image.
+fn grid([width, height]: [usize; 2]) -> Vec<Vector2<f64>> {
+    let at = |i: usize, side: usize| i as f64 / STEPS as f64 * (side as f64 - 1.0);
+    let row = |y: usize| (0..=STEPS).map(move |x| Vector2::new(at(x, width), at(y, height)));
+    (0..=STEPS).flat_map(row).collect()
+}
+
+/// Those at its border.
+fn border(size: [usize; 2]) -> Vec<Vector2<f64>> {
+    let is_end = |i: usize| i == 0 || i == STEPS;
+    let at_border = |i: usize| is_end(i / (STEPS + 1)) || is_end(i % (STEPS + 1));
+    grid(size).into_iter().enumerate().filter(|(i, _)| at_border(*i)).map(|(_, pixel)| pixel).collect()
 }
 
 /// The camera with fx, fy, cx, cy and all terms of its lens; `None` when there are only the first four.
@@ -196,15 +239,26 @@ mod tests {
     fn the_known_camera_is_no_way_apart_from_itself() {
         let mut values: Vec<f64> = KNOWN[1].parameters.iter().map(|&(_, value)| value).collect();
         let same = KNOWN[1].read(&record(&values, &NAMES, [752, 480]), 1.0).unwrap();
-        assert!(same.apart.unwrap() < 1e-6, "{:?}", same.apart);
+        assert!(same.apart.unwrap().iter().all(|&apart| apart < 1e-6), "{:?}", same.apart);
         assert!(same.parameters.iter().all(|parameter| parameter.is_reached() == Some(true)));
         assert_eq!(same.images, [1, 2]);
         values[2] += 5.0;
         let shifted = KNOWN[1].read(&record(&values, &NAMES, [752, 480]), 1.0).unwrap();
-        assert!((shifted.apart.unwrap() - 5.0).abs() < 1e-6);
+        assert!((shifted.apart.unwrap()[0] - 5.0).abs() < 1e-6);
         assert!((shifted.parameters[2].moves.unwrap() - 5.0).abs() < 1e-6);
+        assert_eq!(border([752, 480]).len(), 4 * STEPS);
         assert_eq!(shifted.parameters[2].is_reached(), Some(false));
         assert!((shifted.parameters[2].sigmas().unwrap() - 10.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_turn_is_no_difference() {
+        let values = [2000.0, 2000.0, 100.0, 50.0, 0.0, 0.0, 0.0, 0.0];
+        let shifted = [2000.0, 2000.0, 105.0, 47.0, 0.0, 0.0, 0.0, 0.0];
+        let [known, other] = [values, shifted].map(|values| camera([200, 100], &values));
+        // Seen through so long a lens, a shift is a turn.
+        let apart = apart_turned(&known.unwrap(), &other.unwrap(), [200, 100]).unwrap();
+        assert!(apart < 0.05, "{apart}");
     }
 
     #[test]

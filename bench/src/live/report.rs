@@ -259,11 +259,11 @@ fn calibration(found: &Calibrated) -> String {
     let columns =
         ["", "found", "known", "difference", "in σ found", "moves the border by", "to reach", "reached"];
     out += &table(&columns, found.parameters.iter().map(row).chain([rms]));
-    if let Some(apart) = found.apart {
+    if let Some([as_it_is, turned]) = found.apart {
         let _ = writeln!(
             out,
-            "All parameters together: at the border of the image the same ray lands at most {apart:.2} px from where \
-             the known camera has it.\n"
+            "All parameters together: the same ray lands at most {as_it_is:.2} px from where the known camera has it, at \
+             most {turned:.2} px once the cameras are turned to agree best.\n"
         );
     }
     out
