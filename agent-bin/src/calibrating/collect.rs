@@ -58,9 +58,10 @@ impl Collected {
 pub fn collect(
     shots: &mut Shots,
     board: &Board,
+    window: Option<u16>,
     more: &mut dyn FnMut(usize, &Coverage) -> bool,
 ) -> Result<Collected> {
-    let detector = Detector::new(board)?;
+    let detector = Detector::new(board, window)?;
     let stream = shots.is_stream();
     let mut size = None;
     let (mut kept, mut views, mut given): (Vec<Shot>, Vec<View>, usize) = (Vec::new(), Vec::new(), 0);

@@ -28,6 +28,10 @@ pub struct CalibArgs {
     /// Camera model: pinhole, radtan (k1 k2 p1 p2), radtan5 (k3 too), kb4 (fisheye), fov
     #[arg(long, value_name = "MODEL", default_value = "radtan")]
     model: LensModel,
+    /// Of a chessboard: pixels around each corner that its exact place is found from; default: a third of the distance
+    /// between corners. More sees the neighbours, and puts corners wrong
+    #[arg(long, value_name = "PIXELS", value_parser = clap::value_parser!(u16).range(1..=100))]
+    window: Option<u16>,
     /// The calibration to write: camera.yaml, or with --response pcalib.txt, with --vignette vignette.png
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
@@ -78,7 +82,8 @@ pub fn run(args: &CalibArgs) -> Result<()> {
         coach.tell(given, coverage);
         !stop.requested()
     };
-    let collected = stop.while_waiting(shots.stopper(), || collect(&mut shots, board, &mut go_on))?;
+    let collected =
+        stop.while_waiting(shots.stopper(), || collect(&mut shots, board, args.window, &mut go_on))?;
     let calibration =
         calibrate(board, &collected.views(), collected.size, args.model, &SolverParams::default())
             .with_context(|| not_used(&collected))?;

@@ -20,16 +20,24 @@ fn copied(from: &Path, how: impl Fn(image::GrayImage) -> image::GrayImage, count
     folder
 }
 
+/// The published result rests on corners sought 11 pixels around, which is as far as the next corner in some images:
+/// with the same corners it is met. With corners sought where no other is, the residuals are less than half.
 #[test]
 fn chessboard() {
     let Some(images) = shared("calib_chessboard") else { return };
     let folder = copied(&images, |image| image, 99);
-    let (_, numbers) = calibrated(folder.path(), "chessboard:9x6:0.025", &["--model", "radtan5"]);
-    assert!(numbers["rms"].as_f64().unwrap() <= 0.41, "{}", numbers["rms"]);
+    let solved = |more: &[&str]| {
+        let all = [&["--model", "radtan5"], more].concat();
+        calibrated(folder.path(), "chessboard:9x6:0.025", &all).1
+    };
+    let wide = solved(&["--window", "11"]);
+    assert!(wide["rms"].as_f64().unwrap() <= 0.41, "{}", wide["rms"]);
     for (name, truth) in [("fx", 536.07), ("fy", 536.02)] {
-        let (value, _) = parameter(&numbers, name);
+        let (value, _) = parameter(&wide, name);
         assert!((value / truth - 1.0).abs() < 0.005, "{name} {value}");
     }
+    let fitting = solved(&[]);
+    assert!(fitting["rms"].as_f64().unwrap() <= 0.18, "{}", fitting["rms"]);
 }
 
 #[test]

@@ -18,6 +18,8 @@ const WINDOW: f64 = 0.35;
 pub struct Chessboard {
     pub columns: usize,
     pub rows: usize,
+    /// How far around each corner is looked, pixels; of itself a part of the distance between corners.
+    pub window: Option<u16>,
 }
 
 impl Chessboard {
@@ -32,7 +34,8 @@ impl Chessboard {
             return Ok(Vec::new());
         }
         let rough: Vec<Vector2<f64>> = found.iter().map(|point| vector(&point)).collect();
-        let radius = (WINDOW * self.least_distance(&rough)).round().clamp(2.0, 11.0) as i32;
+        let fitting = || (WINDOW * self.least_distance(&rough)).round().clamp(2.0, 11.0) as i32;
+        let radius = self.window.map_or_else(fitting, i32::from);
         let fine = refined(&pixels, &rough, radius)?;
         Ok(fine.into_iter().enumerate().map(|(index, pixel)| Corner { index, pixel }).collect())
     }
@@ -58,7 +61,7 @@ impl Chessboard {
             if columns < 3 || rows < 3 || (columns, rows) == (self.columns as i64, self.rows as i64) {
                 continue;
             }
-            let other = Self { columns: columns as usize, rows: rows as usize };
+            let other = Self { columns: columns as usize, rows: rows as usize, window: None };
             for image in images {
                 if !other.corners(image)?.is_empty() {
                     return Ok(format!(

@@ -20,14 +20,14 @@ pub enum Detector {
 }
 
 impl Detector {
-    /// A detector of this board.
+    /// A detector of this board; of a chessboard it looks `window` pixels around each corner.
     ///
     /// # Errors
     /// When OpenCV does not know the board's dictionary, or has fewer markers than the board.
-    pub fn new(board: &Board) -> Result<Self> {
+    pub fn new(board: &Board, window: Option<u16>) -> Result<Self> {
         Ok(match board {
             Board::Chessboard { columns, rows, .. } => {
-                Self::Chessboard(chessboard::Chessboard { columns: *columns, rows: *rows })
+                Self::Chessboard(chessboard::Chessboard { columns: *columns, rows: *rows, window })
             }
             Board::Charuco { .. } => Self::Charuco(charuco::Charuco::new(board)?),
             Board::AprilGrid { columns, rows, .. } => {

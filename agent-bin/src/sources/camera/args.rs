@@ -28,7 +28,7 @@ pub struct CameraArgs {
     #[arg(long, requires = "camera")]
     pub reconnect: bool,
     /// Stop so many seconds after the first frame
-    #[arg(long, value_name = "SECONDS")]
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true)]
     pub duration: Option<f64>,
 }
 
