@@ -61,14 +61,19 @@ impl Chunk {
         self.points.is_empty()
     }
 
+    /// Pixel x and y and inverse depth of each point, in the shuffled order.
+    pub fn depths(&self) -> impl Iterator<Item = [f32; 3]> + '_ {
+        let [low, high] = self.inverse_depth;
+        let unit = (high - low) / 65535.0;
+        self.points.chunks_exact(POINT_BYTES).map(move |point| {
+            let number = |at: usize| f32::from(u16::from_le_bytes([point[at], point[at + 1]]));
+            [number(0), number(2), low + number(4) * unit]
+        })
+    }
+
     /// The points in the keyframe's frame with their inverse depths, in the shuffled order.
     pub fn positions(&self) -> impl Iterator<Item = (Vector3<f64>, f32)> + '_ {
-        let [low, high] = self.inverse_depth;
-        self.points.chunks_exact(POINT_BYTES).map(move |point| {
-            let number = |at: usize| u16::from_le_bytes([point[at], point[at + 1]]);
-            let d = low + f32::from(number(4)) / 65535.0 * (high - low);
-            (self.camera.unproject(number(0).into(), number(2).into()) / f64::from(d), d)
-        })
+        self.depths().map(|[x, y, d]| (self.camera.unproject(x.into(), y.into()) / f64::from(d), d))
     }
 
     /// The intensities, in the shuffled order.

@@ -2,11 +2,12 @@
 
 use super::chunk::Chunk;
 use geometry::{GrayImage, Pinhole, Sim3};
+use nalgebra::{Matrix3, Vector3};
 
 /// Wider images are halved, thirded, … for viewers.
 const MAX_WIDTH: usize = 640;
 /// Depths drawn over an image at most.
-const MAX_DEPTHS: usize = 18_000;
+const MAX_DEPTHS: usize = 15_000;
 
 /// The newest image and the depths in it.
 #[derive(Clone, Debug, PartialEq)]
@@ -49,19 +50,16 @@ impl Picture {
 
     /// Draws the points of keyframes into it; the colours' range follows that of `before` smoothly.
     pub fn overlay(&mut self, camera: &Pinhole, seen: &[Seen], before: Option<[f32; 2]>) {
-        let shrink = self.width as f64 / camera.width.max(1) as f64;
-        let mut depths = Vec::new();
+        let shrink = self.width as f32 / camera.width.max(1) as f32;
+        let mut depths = Vec::with_capacity(MAX_DEPTHS);
         for Seen { chunk, camera_from_keyframe } in seen {
-            for (position, _) in chunk.positions().take(MAX_DEPTHS / seen.len()) {
-                let point = *camera_from_keyframe * position;
-                // Also refuses NaN.
-                if point.z > 1e-9 {
-                    let pixel = camera.project(&point) * shrink;
-                    let (x, y) = (pixel.x.round(), pixel.y.round());
-                    if x >= 0.0 && y >= 0.0 && x < self.width as f64 && y < self.height as f64 {
-                        self.pixels.push([x as u16, y as u16]);
-                        depths.push((1.0 / point.z) as f32);
-                    }
+            let project = Projection::new(camera, &chunk.camera, camera_from_keyframe);
+            for point in chunk.depths().take(MAX_DEPTHS / seen.len()) {
+                let Some([x, y, d]) = project.point(point) else { continue };
+                let (x, y) = ((x * shrink).round(), (y * shrink).round());
+                if x >= 0.0 && y >= 0.0 && x < self.width as f32 && y < self.height as f32 {
+                    self.pixels.push([x as u16, y as u16]);
+                    depths.push(d);
                 }
             }
         }
@@ -71,6 +69,46 @@ impl Picture {
         let span = (self.range[1] - self.range[0]).max(f32::MIN_POSITIVE);
         let code = |d: &f32| ((d - self.range[0]) / span * 255.0).clamp(0.0, 255.0).round() as u8;
         self.codes = depths.iter().map(code).collect();
+    }
+}
+
+/// From a pixel and inverse depth in one camera to those in another.
+///
+/// The point at inverse depth d along the ray r of a pixel lies at s·R·r/d + t for the other camera; times d, which
+/// changes no pixel, that is s·R·r + t·d: no division but the last one.
+struct Projection {
+    ray_from_pixel: Matrix3<f32>,
+    translation: Vector3<f32>,
+    camera: [f32; 4],
+}
+
+impl Projection {
+    fn new(to: &Pinhole, from: &Pinhole, to_from_from: &Sim3) -> Self {
+        let ray = Matrix3::new(
+            1.0 / from.fx,
+            0.0,
+            -from.cx / from.fx, //
+            0.0,
+            1.0 / from.fy,
+            -from.cy / from.fy, //
+            0.0,
+            0.0,
+            1.0,
+        );
+        let rotation = to_from_from.rigid().rotation_matrix() * to_from_from.scale;
+        Self {
+            ray_from_pixel: (rotation * ray).cast(),
+            translation: to_from_from.translation.cast(),
+            camera: [to.fx, to.fy, to.cx, to.cy].map(|v| v as f32),
+        }
+    }
+
+    /// Pixel and inverse depth; `None` behind the camera.
+    fn point(&self, [x, y, d]: [f32; 3]) -> Option<[f32; 3]> {
+        let at = self.ray_from_pixel * Vector3::new(x, y, 1.0) + self.translation * d;
+        let [fx, fy, cx, cy] = self.camera;
+        // Also refuses NaN.
+        (at.z > 1e-9 && d > 0.0).then(|| [fx * at.x / at.z + cx, fy * at.y / at.z + cy, d / at.z])
     }
 }
 

@@ -115,7 +115,7 @@ fn picture(picture: &Picture) -> Vec<u8> {
     ];
     let mut out = begun(&words, 8 + picture.codes.len() * 5 + picture.grey.len());
     put_floats(&mut out, &picture.range);
-    picture.pixels.iter().flatten().for_each(|v| out.extend(v.to_le_bytes()));
+    picture.pixels.iter().for_each(|[x, y]| out.extend((u32::from(*y) << 16 | u32::from(*x)).to_le_bytes()));
     out.extend_from_slice(&picture.codes);
     out.extend_from_slice(&picture.grey);
     out
