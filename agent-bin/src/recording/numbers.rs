@@ -22,7 +22,7 @@ impl NumberSet {
     }
 
     /// How many there are.
-    pub fn len(&self) -> u64 {
+    pub fn count(&self) -> u64 {
         self.0.len() as u64
     }
 
@@ -73,6 +73,6 @@ mod tests {
         assert_eq!(NumberSet::default().to_string(), "");
         assert_eq!(NumberSet::parse(""), NumberSet::default());
         assert_eq!(NumberSet::parse("x,5-,4-2,6").to_string(), "6");
-        assert_eq!(NumberSet::parse("0-4294967295").len(), MOST as u64);
+        assert_eq!(NumberSet::parse("0-4294967295").count(), MOST as u64);
     }
 }

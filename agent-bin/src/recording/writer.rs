@@ -112,7 +112,6 @@ impl<W: Write + Seek> RecordingWriter<W> {
             frame_id: FRAME.into(),
             data: picture.bytes.into(),
             format: picture.format.into(),
-            ..CompressedImage::default()
         };
         self.message(self.images, number, time, &encoded(&message)?)?;
         self.last_time = time;
@@ -161,7 +160,7 @@ impl<W: Write + Seek> RecordingWriter<W> {
 
     /// Frames that the run did not process.
     pub fn dropped_count(&self) -> u64 {
-        self.dropped_numbers.len()
+        self.dropped_numbers.count()
     }
 
     fn number(&self, index: u64) -> Option<u32> {

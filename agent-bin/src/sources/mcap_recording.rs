@@ -65,7 +65,7 @@ pub fn open(input: Input, options: &SourceOptions) -> Result<McapRecording> {
         frame_count: Some(if options.all_frames {
             count
         } else {
-            count.saturating_sub(survey.dropped.len())
+            count.saturating_sub(survey.dropped.count())
         }),
         duration: survey.topics.duration(),
         calibration: calibration(&input, &head, &survey, &topic)?,
@@ -174,8 +174,8 @@ fn facts(head: &RecordedHead, survey: &Survey) -> Vec<(&'static str, String)> {
         let kind = head.about.get("kind").map_or("", String::as_str);
         facts.push(("recorded", format!("{source} ({kind})")));
     }
-    if survey.dropped.len() > 0 {
-        let text = format!("{} frames, left out of a replay: {}", survey.dropped.len(), survey.dropped);
+    if survey.dropped.count() > 0 {
+        let text = format!("{} frames, left out of a replay: {}", survey.dropped.count(), survey.dropped);
         facts.push(("dropped", text));
     }
     if let Some(count) = survey.ending.get("left out").filter(|count| *count != "0") {

@@ -115,17 +115,17 @@ fn wrong_corners_and_a_wrong_view_are_set_aside() {
     let (model, camera) = cameras()[1];
     let mut views = usual_views(&camera, 0.2, 3);
     let clean = solved(&views, model).unwrap();
-    for view in 0..5 {
-        views[view].corners[7 * view].pixel += Vector2::new(6.0, -4.0);
+    for (k, view) in views.iter_mut().take(5).enumerate() {
+        view.corners[7 * k].pixel += Vector2::new(6.0, -4.0);
     }
     let mut noise = Noise(9);
     for corner in &mut views[9].corners {
         corner.pixel += Vector2::new(noise.normal(), noise.normal()) * 3.0;
     }
     let found = solved(&views, model).unwrap();
-    for view in 0..5 {
-        let corners = &found.views[view].corners;
-        assert!(!corners[7 * view].used && corners.iter().filter(|corner| !corner.used).count() <= 2);
+    for (k, view) in found.views.iter().take(5).enumerate() {
+        let corners = &view.corners;
+        assert!(!corners[7 * k].used && corners.iter().filter(|corner| !corner.used).count() <= 2);
     }
     assert!(found.views[9].rejected.as_ref().unwrap().contains("rms"), "{:?}", found.views[9].rejected);
     assert_eq!(found.views.iter().filter(|view| view.rejected.is_some()).count(), 1);
