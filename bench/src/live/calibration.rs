@@ -71,7 +71,7 @@ pub struct Calibrated {
     /// Seconds it took.
     pub seconds: f64,
     /// The farthest that a ray lands from where the known camera has it, at the border and, with the cameras turned to
-    /// agree best, anywhere, pixels; `None` where not all of the lens is known.
+    /// agree best, within the image, pixels; `None` where not all of the lens is known.
     pub apart: Option<[f64; 2]>,
 }
 
@@ -165,10 +165,10 @@ impl Known {
     }
 }
 
-/// How far two cameras are apart at most anywhere in the image, pixels, once they are turned so that they agree best: a
+/// How far two cameras are apart at most within the image, pixels, once they are turned so that they agree best there: a
 /// turned camera sees the same world, so that part of a difference harms nobody.
 fn apart_turned(known: &Camera, other: &Camera, size: [usize; 2]) -> Option<f64> {
-    let pixels = grid(size);
+    let pixels = inner(size);
     let ray = |camera: &Camera, pixel| Some(camera.unproject(pixel)?.normalize());
     let mut products = Matrix3::zeros();
     for pixel in &pixels {
@@ -199,6 +199,14 @@ fn grid([width, height]: [usize; 2]) -> Vec<Vector2<f64>> {
     let at = |i: usize, side: usize| i as f64 / STEPS as f64 * (side as f64 - 1.0);
     let row = |y: usize| (0..=STEPS).map(move |x| Vector2::new(at(x, width), at(y, height)));
     (0..=STEPS).flat_map(row).collect()
+}
+
+/// Those that are a tenth of the side or more from the border. Farther out few corners of a board are ever seen, so
+/// lens models are free to differ.
+fn inner(size: [usize; 2]) -> Vec<Vector2<f64>> {
+    let is_inner = |at: f64, side: usize| (0.1..=0.9).contains(&(at / (side as f64 - 1.0)));
+    let inner = |pixel: &Vector2<f64>| is_inner(pixel.x, size[0]) && is_inner(pixel.y, size[1]);
+    grid(size).into_iter().filter(inner).collect()
 }
 
 /// Those at its border.

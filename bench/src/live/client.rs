@@ -27,7 +27,7 @@ pub enum Viewer {
 pub struct Received {
     /// Messages.
     pub messages: u64,
-    /// Bytes of them.
+    /// Bytes of those that are not text: points, poses, images.
     pub bytes: u64,
     /// Messages of the page that held an image.
     pub pictures: u64,
@@ -70,7 +70,8 @@ pub fn watch(command: &mut Command, viewer: Viewer) -> Result<Received> {
     if !status.success() {
         bail!("{command:?} ended with {status}: {}", said.join("\n"));
     }
-    if received.messages == 0 {
+    // A greeting alone is nothing to see.
+    if received.bytes == 0 {
         bail!("{command:?} showed nothing to who watched: {}", said.join("\n"));
     }
     Ok(received)
@@ -111,7 +112,9 @@ fn take_all(mut socket: WebSocket<TcpStream>, viewer: Viewer) -> Received {
     // An error is the end of the program, which its exit status tells more of.
     while let Ok(message) = socket.read() {
         received.messages += 1;
-        received.bytes += message.len() as u64;
+        if let Message::Binary(bytes) = &message {
+            received.bytes += bytes.len() as u64;
+        }
         match &message {
             Message::Binary(bytes) if viewer == Viewer::Page => {
                 received.pictures += u64::from(bytes.first() == Some(&PAGE_PICTURE));

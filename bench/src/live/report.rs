@@ -262,8 +262,9 @@ fn calibration(found: &Calibrated) -> String {
     if let Some([as_it_is, turned]) = found.apart {
         let _ = writeln!(
             out,
-            "All parameters together: the same ray lands at most {as_it_is:.2} px from where the known camera has it, at \
-             most {turned:.2} px once the cameras are turned to agree best.\n"
+            "All parameters together: a tenth of the image and more from its border, the same ray lands at most \
+             {turned:.2} px from where the known camera has it, once the cameras are turned to agree best; at the very \
+             border, where few corners were seen, up to {as_it_is:.1} px.\n"
         );
     }
     out
