@@ -21,8 +21,11 @@ fn trajectory(out: &Path) -> String {
     std::fs::read_to_string(out.join("trajectory.txt")).expect("there is a trajectory")
 }
 
-/// All frames of a recording with the bytes of their pictures, and the source's warning.
-fn frames(path: &Path, all_frames: bool) -> (Vec<(u64, u64, Vec<u8>)>, Option<String>) {
+/// Index, bits of the time stamp, and bytes of the picture.
+type Recorded = (u64, u64, Vec<u8>);
+
+/// All frames of a recording, and the source's warning.
+fn frames(path: &Path, all_frames: bool) -> (Vec<Recorded>, Option<String>) {
     let options = SourceOptions { all_frames, ..SourceOptions::default() };
     let mut source = sources::open(path, &options).expect("it is a recording");
     let frames = std::iter::from_fn(|| source.next_frame()).map(|frame| {
@@ -38,6 +41,7 @@ fn frames(path: &Path, all_frames: bool) -> (Vec<(u64, u64, Vec<u8>)>, Option<St
 }
 
 /// The frames of a recording whose pictures only matter as grey levels.
+#[cfg(feature = "opencv")]
 fn grey(path: &Path) -> Vec<Vec<u8>> {
     let mut source = sources::open(path, &SourceOptions::default()).expect("it is a recording");
     std::iter::from_fn(|| source.next_frame())
