@@ -64,8 +64,8 @@ fn png(
 ) -> Result<EncodedPicture, String> {
     let side = |length| u32::try_from(length).map_err(|_| "the picture is too large".to_owned());
     let mut bytes = Vec::with_capacity(samples.len());
-    // Measured in docs/recording.md; the other settings take several times as long for a tenth less.
-    PngEncoder::new_with_quality(&mut bytes, CompressionType::Fast, FilterType::Up)
+    // Measured at 640×480: 1.3 ms and 126 to 211 kB a picture; the default takes 20 to 35 ms and is no smaller.
+    PngEncoder::new_with_quality(&mut bytes, CompressionType::Fast, FilterType::Paeth)
         .write_image(samples, side(width)?, side(height)?, colour)
         .map_err(|error| error.to_string())?;
     Ok(EncodedPicture { format: "png", bytes })
