@@ -114,7 +114,9 @@ impl Run {
         let mut state = TrackingState::Starting;
         loop {
             run.wall_s = started.elapsed().as_secs_f64();
-            while let Some(command) = watch.attend(stop) {
+            while !run.restart
+                && let Some(command) = watch.attend(stop)
+            {
                 match command {
                     Command::Restart => run.restart = true,
                     _ => save(&run, output, watch),

@@ -69,11 +69,11 @@ pub fn run(args: &CalibArgs) -> Result<()> {
         }
         None => Input::Paths(args.images.clone()),
     };
+    let out = Output::prepare(&args.out)?;
     let mut shots = Shots::open(
         &input,
         &SourceOptions { fps: args.camera.fps.or(Some(30.0)), topic: None, all_frames: true },
     )?;
-    let out = Output::prepare(&args.out)?;
     let page = args.report.as_deref().map(Output::prepare).transpose()?;
     let stop = Stop::on_ctrl_c("calibrating from what was seen so far (Ctrl-C again to abort)")?;
     let stream = shots.is_stream();

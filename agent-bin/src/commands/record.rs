@@ -93,6 +93,7 @@ impl RecordArgs {
             self.camera.needed()?;
             return open_camera(&self.camera);
         };
+        self.camera.not_needed()?;
         let (fps, topic) = (self.camera.fps, self.topic.clone());
         sources::open(source, &SourceOptions { fps, topic, all_frames: true })
     }

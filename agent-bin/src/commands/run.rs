@@ -182,6 +182,7 @@ impl RunArgs {
             return open_camera(&self.camera.clone().for_calibration(self.calib.as_deref())?);
         };
         let (fps, topic) = (self.camera.fps, self.topic.clone());
+        self.camera.not_needed()?;
         if self.camera.duration.is_some() {
             bail!("--duration is for cameras\nhint: of a recording, take --start and --end");
         }

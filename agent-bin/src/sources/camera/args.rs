@@ -108,6 +108,22 @@ impl CameraArgs {
         Ok(())
     }
 
+    /// Refuses what only a camera could do, where a recording is named.
+    ///
+    /// # Errors
+    /// Names the option.
+    pub fn not_needed(&self) -> Result<()> {
+        let given = [
+            ("--reconnect", self.reconnect),
+            ("--lock", !self.lock.is_empty()),
+            ("--size", self.size.is_some()),
+        ];
+        if let Some((option, _)) = given.into_iter().find(|(_, given)| *given) {
+            bail!("{option} is for cameras\nhint: name one with --camera instead of a recording");
+        }
+        Ok(())
+    }
+
     /// Refuses numbers that make no sense.
     ///
     /// # Errors
