@@ -136,7 +136,7 @@ fn start(name: &str, profile: &Path) -> std::io::Result<Child> {
         "--disable-component-update",
         "--disable-sync",
         "--remote-debugging-port=0",
-        "--window-size=1500,920",
+        "--window-size=1200,760",
         "--hide-scrollbars",
     ];
     Command::new(name)
@@ -167,7 +167,7 @@ fn devtools(profile: &Path) -> (u16, String) {
 fn the_page_shows_a_run_and_its_buttons_work() {
     let case = long_case();
     // Slowly, so that the run does not end before a busy machine has opened the page.
-    let mut run = Served::start(case.command(&["--view=0", "--realtime", "--speed", "0.2"]));
+    let mut run = Served::start(case.command(&["--view=0", "--realtime", "--speed", "0.1"]));
     let Some(mut page) = Browser::open(&run.url) else { return };
     page.until("the page", |p| p.value("document.documentElement.dataset.page") == "complete");
     page.until("points drawn", |p| p.number("drawn") > 0.0 && p.number("points") > 1000.0);
