@@ -12,7 +12,10 @@ fn a_drawn_board_gives_its_camera() {
     let page = report.path().join("report.html");
     let (file, numbers) = calibrated(folder.path(), BOARD, &["--report", arg(&page)]);
     let (truth, found) = (*camera().intrinsics(), *file.camera.intrinsics());
-    assert!((found.fx / truth.fx - 1.0).abs() < 0.005 && (found.fy / truth.fy - 1.0).abs() < 0.005, "{found:?}");
+    assert!(
+        (found.fx / truth.fx - 1.0).abs() < 0.005 && (found.fy / truth.fy - 1.0).abs() < 0.005,
+        "{found:?}"
+    );
     assert!((found.cx - truth.cx).abs() < 1.0 && (found.cy - truth.cy).abs() < 1.0, "{found:?}");
     assert!(numbers["rms"].as_f64().unwrap() < 0.2, "{}", numbers["rms"]);
     assert!((parameter(&numbers, "k1").0 + 0.2).abs() < 0.02);
@@ -31,8 +34,16 @@ fn the_summary_names_parameters_and_what_would_help() {
     let folder = tempdir().unwrap();
     Artist::new().folder(folder.path());
     let out = folder.path().join("k.yaml");
-    let output =
-        loopbox(&["calib", arg(folder.path()), "--board", BOARD, "--model", "pinhole-radtan", "--out", arg(&out)]);
+    let output = loopbox(&[
+        "calib",
+        arg(folder.path()),
+        "--board",
+        BOARD,
+        "--model",
+        "pinhole-radtan",
+        "--out",
+        arg(&out),
+    ]);
     let (said, message) = (stdout(&output), stderr(&output));
     assert!(output.status.success(), "{message}");
     for word in ["fx ", " ± ", "rms ", "views ", "as OpenCV counts"] {

@@ -23,7 +23,8 @@ fn response_and_vignette_are_written_and_read_back() {
         let (dx, dy) = ((f64::from(x) - 47.5) / 60.0, (f64::from(y) - 31.5) / 60.0);
         1.0 - 0.4 * (dx * dx + dy * dy)
     };
-    let image = GrayImage::from_fn(96, 64, |x, y| Luma([(255.0 * (0.8 * fall_off(x, y)).sqrt()).round() as u8]));
+    let image =
+        GrayImage::from_fn(96, 64, |x, y| Luma([(255.0 * (0.8 * fall_off(x, y)).sqrt()).round() as u8]));
     image.save(flat.path().join("0.png")).unwrap();
 
     let (response, vignette) = (out.path().join("pcalib.txt"), out.path().join("vignette.png"));
@@ -56,7 +57,10 @@ fn response_and_vignette_are_written_and_read_back() {
 fn a_folder_without_exposures_is_refused() {
     let folder = tempdir().unwrap();
     let out = folder.path().join("pcalib.txt");
-    assert_refused(&["calib", "--response", arg(folder.path()), "--out", arg(&out)], &["exposures.txt", "hint"]);
+    assert_refused(
+        &["calib", "--response", arg(folder.path()), "--out", arg(&out)],
+        &["exposures.txt", "hint"],
+    );
     assert_refused(&["calib", "--vignette", arg(folder.path()), "--out", arg(&out)], &["no images", "hint"]);
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
 }

@@ -26,7 +26,8 @@ impl Artist {
         let camera = camera();
         let Pinhole { width, height, .. } = *camera.intrinsics();
         let at = |i: usize| (i as f64 + 0.5) / RAYS as f64 - 0.5;
-        let pixels = (0..height * RAYS).flat_map(|v| (0..width * RAYS).map(move |u| Vector2::new(at(u), at(v))));
+        let pixels =
+            (0..height * RAYS).flat_map(|v| (0..width * RAYS).map(move |u| Vector2::new(at(u), at(v))));
         Self(pixels.map(|pixel| camera.unproject(&pixel).unwrap()).collect())
     }
 
@@ -38,7 +39,8 @@ impl Artist {
         let board_from_camera = Se3::new(rotation, Vector3::from(position) - rotation * middle).inverse();
         let shade = |ray: &Vector3<f64>| {
             let direction = board_from_camera.rotation * ray;
-            let hit = board_from_camera.translation - direction * (board_from_camera.translation.z / direction.z);
+            let hit =
+                board_from_camera.translation - direction * (board_from_camera.translation.z / direction.z);
             shade(hit.x / SQUARE, hit.y / SQUARE)
         };
         GrayImage::from_fn(width as u32, height as u32, |x, y| {

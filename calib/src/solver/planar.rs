@@ -122,11 +122,7 @@ mod tests {
             .iter()
             .map(|&[a, b, c]| {
                 let r = Se3::exp(&Vector6::new(0.0, 0.0, 0.0, a, b, c)).rotation_matrix();
-                k * Matrix3::from_columns(&[
-                    r.column(0),
-                    r.column(1),
-                    Vector3::new(0.1, 0.0, 1.0).column(0),
-                ])
+                k * Matrix3::from_columns(&[r.column(0), r.column(1), Vector3::new(0.1, 0.0, 1.0).column(0)])
             })
             .collect();
         let (fx, fy) = focal_lengths(&views, Vector2::new(320.0, 240.0)).unwrap();
