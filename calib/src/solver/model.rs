@@ -44,6 +44,15 @@ impl LensModel {
         self.parameter_names().len()
     }
 
+    /// The model by which corners that were found wrongly are told: as flexible as there is one, so that a lens that the
+    /// model does not quite fit is not taken for wrong corners.
+    pub(crate) fn judge(self) -> Self {
+        match self {
+            Self::Pinhole | Self::RadTan4 | Self::RadTan5 => Self::RadTan5,
+            Self::Kb4 | Self::Fov => Self::Kb4,
+        }
+    }
+
     /// The camera of these parameters.
     ///
     /// # Errors

@@ -24,9 +24,12 @@ pub struct SolverParams {
     pub min_views: usize,
     /// Corners farther from where they should be than so many standard deviations are set aside. Default 5.
     pub corner_gate: f64,
-    /// Corners nearer than this to where they should be are never set aside, pixels. Default 2: what is left of a lens
-    /// that the model does not quite fit is no error of detection, and without those corners the parameters would bend.
+    /// Corners nearer than this to where the judging model has them are never set aside, pixels. Default 1: detection
+    /// alone is rarely wrong by less, and corners that bend the most are those at the edge, which matter the most.
     pub min_gate: f64,
+    /// Corners that the calibrated model misses by more than this are set aside too, pixels. Default 3: of a lens that
+    /// the model does not fit at the very edge, those corners would bend it everywhere else.
+    pub gross: f64,
     /// Views whose rms is above so many times that of the others (median) are set aside. Default 3.
     pub view_gate: f64,
     /// Largest share of a view's corners that may be set aside before the view is. Default 0.25.
@@ -43,7 +46,8 @@ impl Default for SolverParams {
         Self {
             min_views: 3,
             corner_gate: 5.0,
-            min_gate: 2.0,
+            min_gate: 1.0,
+            gross: 3.0,
             view_gate: 3.0,
             max_outlier_share: 0.25,
             max_uncertainty: 0.01,
@@ -119,16 +123,18 @@ pub fn calibrate(
             return Err(Refusal::NoSuchCorner { view, index, count });
         }
     }
-    let mut work = Work::new(&points, views, size, model, params);
-    let usable = work.usable.iter().filter(|usable| **usable).count();
+    let mut judge = Work::new(&points, views, size, model.judge(), params);
+    let usable = judge.usable.iter().filter(|usable| **usable).count();
     if usable < params.min_views {
         return Err(Refusal::TooFewViews { usable, given: views.len(), needed: params.min_views });
     }
-    let state = work.adjusted()?;
-    let kept = work.kept().count();
+    judge.adjusted()?;
+    let kept = judge.kept().count();
     if kept < params.min_views || 2 * kept < usable {
         return Err(Refusal::FewFit { kept, usable });
     }
+    let mut work = Work { model, ..judge };
+    let state = work.settled()?;
     work.result(&state)
 }
 
@@ -205,6 +211,29 @@ impl<'a> Work<'a> {
             }
         }
         Ok(self.problem(&indices, f64::INFINITY).solve(state, ITERATIONS))
+    }
+
+    /// Adjusts to the corners that are used, but for those that are off by [`SolverParams::gross`].
+    fn settled(&mut self) -> Result<State, Refusal> {
+        let indices: Vec<usize> = self.kept().collect();
+        let mut state = initial::start(&self.problem(&indices, 1.0)).ok_or(Refusal::NoStart)?;
+        state = self.problem(&indices, f64::INFINITY).solve(state, ITERATIONS);
+        for _ in 0..ROUNDS {
+            let camera = self.model.camera(self.size, &state.parameters).map_err(|_| Refusal::NoStart)?;
+            let mut dropped = false;
+            for (&i, pose) in indices.iter().zip(&state.poses) {
+                let lengths = self.lengths(&camera, pose, i);
+                for (used, length) in self.used[i].iter_mut().zip(lengths) {
+                    dropped |= *used && length > self.params.gross;
+                    *used &= length <= self.params.gross;
+                }
+            }
+            if !dropped {
+                break;
+            }
+            state = self.problem(&indices, f64::INFINITY).solve(state, ITERATIONS);
+        }
+        Ok(state)
     }
 
     /// The pose of a view for a known camera, from its used corners, by a robust fit.

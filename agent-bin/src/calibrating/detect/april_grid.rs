@@ -21,7 +21,7 @@ use std::collections::BTreeMap;
 /// Kalibr's stand on their heads.
 const ORDER: [usize; 4] = [1, 0, 3, 2];
 /// Part of a tag's side that is looked at around a corner: less than the squares between the tags and the tag's border.
-const WINDOW: f64 = 0.13;
+const WINDOW: f64 = 0.16;
 /// Tags are not looked for below this side, pixels.
 const MIN_SIDE: f64 = 10.0;
 /// Most wrong bits of a tag that must be there: its neighbours say which one it is.
