@@ -1,4 +1,4 @@
-//! Pictures: PNG, JPEG and PNM files, and pixels as cameras and recordings have them.
+//! Pixels as cameras and recordings have them.
 #![no_main]
 
 use agent_bin::pictures::{Picture, RawPicture};
@@ -21,46 +21,26 @@ const ENCODINGS: [&str; 12] = [
 ];
 
 #[derive(Arbitrary, Debug)]
-enum Input {
-    Encoded(Vec<u8>),
-    Raw {
-        width: u16,
-        height: u16,
-        step: u16,
-        encoding: u8,
-        big_endian: bool,
-        data: Vec<u8>,
-    },
-    /// Sizes from damaged messages.
-    Wild {
-        width: usize,
-        height: usize,
-        step: usize,
-        encoding: u8,
-        data: Vec<u8>,
-    },
+enum Size {
+    Small(u8, u8, u8),
+    /// From a damaged message.
+    Wild(usize, usize, usize),
+}
+
+#[derive(Arbitrary, Debug)]
+struct Input {
+    size: Size,
+    encoding: u8,
+    big_endian: bool,
+    data: Vec<u8>,
 }
 
 libfuzzer_sys::fuzz_target!(|input: Input| {
-    let name = |index: u8| ENCODINGS[index as usize % ENCODINGS.len()].to_owned();
-    let picture = match input {
-        Input::Encoded(bytes) => Picture::Encoded(bytes),
-        Input::Raw { width, height, step, encoding, big_endian, data } => Picture::Raw(RawPicture {
-            width: width.into(),
-            height: height.into(),
-            step: step.into(),
-            encoding: name(encoding),
-            big_endian,
-            data,
-        }),
-        Input::Wild { width, height, step, encoding, data } => Picture::Raw(RawPicture {
-            width,
-            height,
-            step,
-            encoding: name(encoding),
-            big_endian: false,
-            data,
-        }),
+    let (width, height, step) = match input.size {
+        Size::Small(width, height, step) => (width.into(), height.into(), step.into()),
+        Size::Wild(width, height, step) => (width, height, step),
     };
-    let _ = picture.into_grey();
+    let encoding = ENCODINGS[input.encoding as usize % ENCODINGS.len()].to_owned();
+    let raw = RawPicture { width, height, step, encoding, big_endian: input.big_endian, data: input.data };
+    let _ = Picture::Raw(raw).into_grey();
 });
