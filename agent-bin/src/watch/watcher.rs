@@ -28,7 +28,8 @@ const OVERLAID: usize = 3;
 pub fn watch(shared: &Shared, camera: Pinhole) {
     // The tracker comes first; where priorities cannot be changed, this thread is still light.
     let _ = rustix::process::nice(10);
-    let mut watcher = Watcher::new(camera);
+    let first = shared.scene().status().clone();
+    let mut watcher = Watcher::new(camera, first);
     loop {
         let began = Instant::now();
         let pending = shared.slot.take(Duration::from_millis(500));
@@ -55,10 +56,11 @@ struct Watcher {
 }
 
 impl Watcher {
-    fn new(camera: Pinhole) -> Self {
+    /// Goes on from what viewers were told before the first frame.
+    fn new(camera: Pinhole, status: Status) -> Self {
         Self {
             camera,
-            status: Status { state: "starting", ..Status::default() },
+            status,
             poses: BTreeMap::new(),
             frames: Vec::new(),
             loops: Vec::new(),
