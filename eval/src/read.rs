@@ -54,7 +54,8 @@ pub fn read_times(path: &Path) -> Result<Vec<f64>, EvalError> {
     let mut times: Vec<f64> = Vec::new();
     for (line, content) in content_lines(&text) {
         let fail = |problem: String| EvalError::Line { path: path.to_owned(), line, problem };
-        let time = numbers(fields(content).next().unwrap_or_default()).map_err(fail)?[0];
+        let first = fields(content).next().ok_or_else(|| fail("has no time".into()))?;
+        let time = numbers(first).map_err(fail)?[0];
         if times.last().is_some_and(|&last| time <= last) {
             return Err(fail(format!("time {time} does not grow: sort the file and drop duplicates")));
         }
@@ -164,5 +165,6 @@ mod tests {
         assert_eq!(read_times(list.path()).unwrap(), [0.0, 0.1]);
         assert!(read_times(file("0.1\n0.1\n").path()).unwrap_err().to_string().contains(":2: time 0.1"));
         assert!(read_times(file("images/0.jpg\n").path()).is_err());
+        assert!(read_times(file("0.1\n,\n").path()).unwrap_err().to_string().contains(":2: has no time"));
     }
 }

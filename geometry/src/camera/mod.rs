@@ -221,12 +221,15 @@ pub(crate) fn check_size_and_focal(pinhole: &Pinhole) -> Result<(), CameraError>
     Ok(())
 }
 
-/// Refuses a term that is not finite.
+/// Refuses a term that is not finite, or so large that polynomials of it would not be.
 fn check_terms(model: &'static str, terms: &[f64]) -> Result<(), CameraError> {
-    match terms.iter().position(|term| !term.is_finite()) {
+    /// Far beyond the terms of any lens.
+    const LARGEST: f64 = 1e12;
+    // False for NaN as well.
+    match terms.iter().position(|term| !matches!(term.abs(), 0.0..=LARGEST)) {
         None => Ok(()),
         Some(index) => {
-            let expected = "it must be a finite number";
+            let expected = "it must be a finite number of at most 1e12";
             Err(CameraError::Term { model, index, value: terms[index], expected })
         }
     }

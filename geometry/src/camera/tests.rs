@@ -159,6 +159,8 @@ fn wrong_numbers_are_refused_with_their_name() {
     assert!(bad(Pinhole { cy: f64::NAN, ..good }).contains("cy = NaN"));
     assert!(RadTan::new(&[0.0; 6]).unwrap_err().to_string().contains("not 6"));
     assert!(RadTan::new(&[0.0, f64::NAN, 0.0, 0.0]).unwrap_err().to_string().contains("term 1"));
+    let huge = RadTan::new(&[1e300, 0.0, 0.0, 0.0, 0.0, 1e300, 0.0, 0.0]);
+    assert!(huge.unwrap_err().to_string().contains("at most 1e12"), "its polynomials overflow");
     assert!(KannalaBrandt::new(&[0.0; 5]).is_err());
     assert!(Fov::new(&[0.0]).is_err());
     assert!(Fov::new(&[3.2]).is_err());
