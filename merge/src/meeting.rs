@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct MeetingParams {
-    /// How many proposed places are matched at a time, before the best of them is followed. Default 8; at least 1.
+    /// How many proposed places are matched at a time, before the best of them is followed. Default 4; at least 1.
     /// More give a better choice, at some 10 ms each.
     pub places: usize,
     /// How often the next so many places are matched when none of those before was accepted. Default 6; at least 1.
@@ -30,7 +30,7 @@ pub struct MeetingParams {
 impl Default for MeetingParams {
     fn default() -> Self {
         Self {
-            places: 8,
+            places: 4,
             rounds: 6,
             closures: 3,
             closure: ClosureParams::default(),

@@ -1,6 +1,7 @@
 //! Place recognition: finds the keyframes that show the same place as an image.
 
 mod bow;
+mod direct;
 mod fabmap;
 pub mod features;
 mod propose;
@@ -9,6 +10,7 @@ mod thumbnail;
 mod vocabulary;
 
 pub use bow::{BowIndex, BowParams};
+pub use direct::{DirectIndex, Directed, RankParams, ranked};
 pub use fabmap::{FabMap, FabMapParams, Location};
 pub use propose::{Proposal, ProposeParams, propose};
 pub use sequence::{SequenceParams, supported};

@@ -4,7 +4,8 @@ use crate::commands::features;
 use anyhow::{Result, bail};
 use map::{KeyframeId, Map};
 use place_recog::features::Features;
-use place_recog::{Vocabulary, WordBag};
+use place_recog::{DirectIndex, Directed, Vocabulary, WordBag};
+use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -21,6 +22,8 @@ pub struct Input {
     pub features: BTreeMap<KeyframeId, Features>,
     /// Their words.
     pub words: BTreeMap<KeyframeId, WordBag>,
+    /// Their features by nodes of the vocabulary's tree.
+    pub direct: BTreeMap<KeyframeId, DirectIndex>,
     /// How long it took to get all this.
     pub seconds: InputSeconds,
 }
@@ -62,9 +65,16 @@ impl Input {
             .filter(|(keyframe, _)| !keyframe.semi_dense.is_empty())
             .map(|(keyframe, features)| (keyframe.id, features))
             .collect();
-        let words = features.iter().map(|(&id, features)| (id, vocabulary.words(features))).collect();
+        let words = features.par_iter().map(|(&id, features)| (id, vocabulary.words(features))).collect();
+        let direct =
+            features.par_iter().map(|(&id, features)| (id, DirectIndex::new(features, vocabulary))).collect();
         let names: Vec<&str> = map.agents.values().map(|agent| &*agent.name).collect();
         let seconds = InputSeconds { reading, features: start.elapsed().as_secs_f64() - reading };
-        Ok(Self { path: path.to_owned(), name: names.join("+"), map, features, words, seconds })
+        Ok(Self { path: path.to_owned(), name: names.join("+"), map, features, words, direct, seconds })
+    }
+
+    /// The keyframes as the direct index needs them.
+    pub fn directed(&self) -> Directed<'_> {
+        Directed { features: &self.features, index: &self.direct }
     }
 }

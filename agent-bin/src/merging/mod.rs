@@ -29,7 +29,7 @@ use merge::meeting::{MeetingParams, Outcome, Place, Tried, meet};
 use merge::merge_graph::MergeGraph;
 use merge::method::{BaselineParams, Method};
 use merge::prepared::PreparedMap;
-use place_recog::{ProposeParams, Vocabulary, propose};
+use place_recog::{ProposeParams, RankParams, Vocabulary, propose, ranked};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use std::time::Instant;
@@ -40,6 +40,8 @@ use std::time::Instant;
 pub struct MergingParams {
     /// Places that two maps may share.
     pub places: ProposeParams,
+    /// Which of the proposed are looked at first.
+    pub rank: RankParams,
     /// Depth at key points.
     pub key_points: KeyPointParams,
     /// From places to a closure.
@@ -198,7 +200,9 @@ fn encounter(
     params: &MergingParams,
 ) -> Result<Encounter> {
     let start = Instant::now();
-    let proposals = propose(&inputs[target].words, &inputs[source].words, vocabulary, &params.places);
+    let (of_target, of_source) = (&inputs[target], &inputs[source]);
+    let proposals = propose(&of_target.words, &of_source.words, vocabulary, &params.places);
+    let proposals = ranked(proposals, of_target.directed(), of_source.directed(), &params.rank);
     let places: Vec<Place> =
         proposals.iter().map(|p| Place { source: p.query, target: p.keyframe }).collect();
     let recognised = start.elapsed().as_secs_f64();

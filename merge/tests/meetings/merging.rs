@@ -10,7 +10,7 @@ use merge::key_points::KeyPointParams;
 use merge::meeting::{MeetingParams, Outcome, Place, Tried, meet};
 use merge::prepared::PreparedMap;
 use place_recog::features::{Features, SiftParams, sift};
-use place_recog::{ProposeParams, Vocabulary, WordBag, propose};
+use place_recog::{DirectIndex, Directed, ProposeParams, RankParams, Vocabulary, WordBag, propose, ranked};
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
 
@@ -45,7 +45,16 @@ pub fn encounter(target: &Map, source: &Map) -> Encounter {
     let words = |features: &BTreeMap<KeyframeId, Features>| -> BTreeMap<KeyframeId, WordBag> {
         features.iter().map(|(&id, features)| (id, vocabulary.words(features))).collect()
     };
+    let index = |features: &BTreeMap<KeyframeId, Features>| -> BTreeMap<KeyframeId, DirectIndex> {
+        features.iter().map(|(&id, features)| (id, DirectIndex::new(features, &vocabulary))).collect()
+    };
     let proposals = propose(&words(&of_target), &words(&of_source), &vocabulary, &ProposeParams::default());
+    let proposals = ranked(
+        proposals,
+        Directed { features: &of_target, index: &index(&of_target) },
+        Directed { features: &of_source, index: &index(&of_source) },
+        &RankParams::default(),
+    );
     let places: Vec<Place> =
         proposals.iter().map(|p| Place { source: p.query, target: p.keyframe }).collect();
     look_at([target, source], [&of_target, &of_source], &places)

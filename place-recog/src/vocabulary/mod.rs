@@ -193,6 +193,11 @@ impl Vocabulary {
         WordId(self.tree.lookup(descriptor))
     }
 
+    /// The node of the tree that a descriptor falls into so many levels below the root, or the word above it.
+    pub(crate) fn node(&self, descriptor: &Descriptor, level: usize) -> u32 {
+        self.tree.node(descriptor, level) as u32
+    }
+
     /// The words of an image.
     pub fn words(&self, features: &Features) -> WordBag {
         WordBag::new(features.descriptors.iter().map(|d| self.lookup(d)))

@@ -53,15 +53,20 @@ impl Tree {
 
     /// The leaf that a descriptor falls into.
     pub fn lookup(&self, descriptor: &Descriptor) -> u32 {
+        self.next[self.node(descriptor, usize::MAX)]
+    }
+
+    /// The node that a descriptor falls into so many levels below the root, or the leaf above.
+    pub fn node(&self, descriptor: &Descriptor, level: usize) -> usize {
         let mut node = 0;
-        loop {
-            let (count, next) = (usize::from(self.child_counts[node]), self.next[node]);
+        for _ in 0..level {
+            let (count, first) = (usize::from(self.child_counts[node]), self.next[node] as usize);
             if count == 0 {
-                return next;
+                break;
             }
-            let first = next as usize;
             node = first + nearest(descriptor, &self.centres[first..first + count]);
         }
+        node
     }
 }
 

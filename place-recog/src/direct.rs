@@ -1,0 +1,235 @@
+//! The direct index: which features of an image lie under which node of the vocabulary's tree (Gálvez-López & Tardós,
+//! "Bags of Binary Words for Fast Place Recognition in Image Sequences", T-RO 2012, §V).
+//!
+//! Two images' features are compared only where they share a node, which takes a hundredth of comparing all with all
+//! and finds a good part of the matches. That ranks proposals better than the words alone: they count how much of two
+//! images is of the same kind, this counts what is the same. Measured where two maps of a car park share 1.7 m in
+//! opposite directions, the best place is 25th and 30th by words, and first in both by the features they share.
+
+use crate::features::{Features, squared_distance};
+use crate::{Proposal, Vocabulary};
+use map::KeyframeId;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use std::cmp::Ordering;
+use std::collections::BTreeMap;
+
+/// Levels of the nodes below the root. One less than the words of the shipped vocabulary: with one more, too many
+/// matches are missed from another view; with one less, counting takes four times as long.
+const LEVEL: usize = 3;
+
+/// How proposals are ranked.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct RankParams {
+    /// How many proposals are ranked anew, the others stay behind them. Default 96; 0 for none. More find places that
+    /// the words rank low, at 0.2 ms each.
+    pub considered: usize,
+    /// Largest ratio of the distances to the nearest and the second nearest feature under a node, not squared. Default
+    /// 0.8; 0 to 1.
+    pub max_ratio: f32,
+    /// Largest distance of two descriptors of one thing; all have a length of about 256. Default 90; above 0. Many nodes
+    /// have but one feature of an image, whose nearest has no second to be compared with.
+    pub max_distance: f32,
+}
+
+impl Default for RankParams {
+    fn default() -> Self {
+        Self { considered: 96, max_ratio: 0.8, max_distance: 90.0 }
+    }
+}
+
+/// The features of an image in order of their nodes: node and index of the feature.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct DirectIndex(Vec<(u32, u32)>);
+
+impl DirectIndex {
+    /// Sorts the features of an image under the nodes of a vocabulary.
+    pub fn new(features: &Features, vocabulary: &Vocabulary) -> Self {
+        let entry = |(feature, descriptor)| (vocabulary.node(descriptor, LEVEL), feature as u32);
+        let mut entries: Vec<(u32, u32)> = features.descriptors.iter().enumerate().map(entry).collect();
+        entries.sort_unstable();
+        Self(entries)
+    }
+
+    fn by_node(&self) -> Vec<&[(u32, u32)]> {
+        self.0.chunk_by(|a, b| a.0 == b.0).collect()
+    }
+}
+
+/// Keyframes of a map as the direct index needs them.
+#[derive(Clone, Copy)]
+pub struct Directed<'a> {
+    /// Their features.
+    pub features: &'a BTreeMap<KeyframeId, Features>,
+    /// Made of their features.
+    pub index: &'a BTreeMap<KeyframeId, DirectIndex>,
+}
+
+impl<'a> Directed<'a> {
+    fn get(&self, id: KeyframeId) -> Option<(&'a DirectIndex, &'a Features)> {
+        Some((self.index.get(&id)?, self.features.get(&id)?))
+    }
+}
+
+/// Puts the first proposals in order of how many features their keyframes share, most first; of equals the one proposed
+/// first.
+pub fn ranked(
+    mut proposals: Vec<Proposal>,
+    map: Directed,
+    queries: Directed,
+    params: &RankParams,
+) -> Vec<Proposal> {
+    let considered = params.considered.min(proposals.len());
+    let count = |proposal: &Proposal| {
+        let pair = (map.get(proposal.keyframe), queries.get(proposal.query));
+        let (Some(of_map), Some(of_query)) = pair else { return 0 };
+        shared_features(of_map, of_query, params)
+    };
+    let mut counted: Vec<(usize, Proposal)> =
+        proposals[..considered].par_iter().map(|proposal| (count(proposal), *proposal)).collect();
+    // Stable, so that the better proposal stays first.
+    counted.sort_by_key(|&(count, _)| std::cmp::Reverse(count));
+    for (place, (_, proposal)) in proposals.iter_mut().zip(counted) {
+        *place = proposal;
+    }
+    proposals
+}
+
+/// How many features of two images are each other's nearest under a node they share, and clearly nearer than the second
+/// nearest.
+fn shared_features(
+    (a, of_a): (&DirectIndex, &Features),
+    (b, of_b): (&DirectIndex, &Features),
+    params: &RankParams,
+) -> usize {
+    let (a, b) = (a.by_node(), b.by_node());
+    let (mut i, mut j, mut shared) = (0, 0, 0);
+    while i < a.len() && j < b.len() {
+        let order = a[i][0].0.cmp(&b[j][0].0);
+        if order == Ordering::Equal {
+            shared += shared_under_node((a[i], of_a), (b[j], of_b), params);
+        }
+        i += usize::from(order != Ordering::Greater);
+        j += usize::from(order != Ordering::Less);
+    }
+    shared
+}
+
+fn shared_under_node(
+    (a, of_a): (&[(u32, u32)], &Features),
+    (b, of_b): (&[(u32, u32)], &Features),
+    params: &RankParams,
+) -> usize {
+    let descriptor = |features: &'_ Features, (_, i): (u32, u32)| features.descriptors[i as usize];
+    let distances: Vec<Vec<u32>> = a
+        .iter()
+        .map(|&x| {
+            let x = descriptor(of_a, x);
+            b.iter().map(|&y| squared_distance(&x, &descriptor(of_b, y))).collect()
+        })
+        .collect();
+    let nearest_to = |i: usize| clear_minimum(distances[i].iter().copied(), params);
+    let nearest_back = |j: usize| clear_minimum(distances.iter().map(|row| row[j]), params);
+    (0..a.len()).filter(|&i| nearest_to(i).is_some_and(|j| nearest_back(j) == Some(i))).count()
+}
+
+/// Where the smallest squared distance is, if it is small enough and clearly smaller than the next.
+fn clear_minimum(distances: impl Iterator<Item = u32>, params: &RankParams) -> Option<usize> {
+    let (mut at, mut first, mut second) = (0, u32::MAX, u32::MAX);
+    for (i, distance) in distances.enumerate() {
+        if distance < first {
+            (at, first, second) = (i, distance, first);
+        } else {
+            second = second.min(distance);
+        }
+    }
+    let near = first as f32 <= params.max_distance.powi(2);
+    let clear = second == u32::MAX || first as f32 <= params.max_ratio.powi(2) * second as f32;
+    (near && clear).then_some(at)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Three groups of features that fall under nodes of their own, from random descriptors.
+    fn image(seed: u64, count: usize) -> Features {
+        // xorshift64*: bytes of the size that RootSIFT descriptors have.
+        let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
+        let mut byte = move || {
+            state ^= state >> 12;
+            state ^= state << 25;
+            state ^= state >> 27;
+            (state.wrapping_mul(0x2545_F491_4F6C_DD1D) >> 59) as u8
+        };
+        let keypoint = crate::features::Keypoint { pixel: [0.0; 2], size: 1.0, angle: 0.0 };
+        Features {
+            keypoints: vec![keypoint; count],
+            descriptors: (0..count).map(|_| std::array::from_fn(|_| byte())).collect(),
+        }
+    }
+
+    /// Another view of an image: every descriptor a little off, in another order.
+    fn another_view(image: &Features) -> Features {
+        let mut other = image.clone();
+        other.descriptors.reverse();
+        for (i, descriptor) in other.descriptors.iter_mut().enumerate() {
+            descriptor[i % 128] = descriptor[i % 128].wrapping_add(3);
+        }
+        other
+    }
+
+    fn count(a: &Features, b: &Features) -> usize {
+        let vocabulary = Vocabulary::shipped();
+        let of = |features: &Features| DirectIndex::new(features, &vocabulary);
+        shared_features((&of(a), a), (&of(b), b), &RankParams::default())
+    }
+
+    #[test]
+    fn features_are_shared_with_another_view_and_not_with_another_image() {
+        let (one, two) = (image(1, 300), image(2, 300));
+        let same = count(&one, &another_view(&one));
+        assert!((250..=300).contains(&same), "{same}");
+        assert!(count(&one, &two) < 30, "{}", count(&one, &two));
+        assert_eq!(count(&one, &Features::default()), 0);
+    }
+
+    #[test]
+    fn equal_features_are_not_clear() {
+        let mut twice = image(3, 50);
+        twice.descriptors.extend(twice.descriptors.clone());
+        twice.keypoints.extend(twice.keypoints.clone());
+        assert_eq!(count(&twice, &twice), 0);
+    }
+
+    #[test]
+    fn what_shares_most_comes_first_and_what_is_not_considered_stays() {
+        let images: Vec<Features> = (0..4).map(|seed| image(seed, 100)).collect();
+        let queries: BTreeMap<_, _> =
+            (0..4).map(|i| (KeyframeId(i), another_view(&images[i as usize]))).collect();
+        let map: BTreeMap<_, _> = (0..4).map(|i| (KeyframeId(i), images[i as usize].clone())).collect();
+        let vocabulary = Vocabulary::shipped();
+        let index = |all: &BTreeMap<KeyframeId, Features>| -> BTreeMap<_, _> {
+            all.iter().map(|(&id, features)| (id, DirectIndex::new(features, &vocabulary))).collect()
+        };
+        let (of_map, of_queries) = (index(&map), index(&queries));
+        let proposals: Vec<Proposal> = [(0, 1), (1, 2), (2, 2), (3, 9), (3, 3)]
+            .map(|(map, query)| Proposal { keyframe: KeyframeId(map), query: KeyframeId(query), score: 0.5 })
+            .to_vec();
+        let rank = |considered| {
+            ranked(
+                proposals.clone(),
+                Directed { features: &map, index: &of_map },
+                Directed { features: &queries, index: &of_queries },
+                &RankParams { considered, ..RankParams::default() },
+            )
+        };
+        let all = rank(96);
+        assert!(all[..2].contains(&proposals[2]) && all[..2].contains(&proposals[4]), "{all:?}");
+        assert_eq!(all[2..], [proposals[0], proposals[1], proposals[3]]);
+        assert_eq!(rank(4)[4], proposals[4]);
+        assert_eq!(rank(4)[0], proposals[2]);
+        assert_eq!(rank(0), proposals);
+    }
+}
