@@ -19,6 +19,7 @@ const TEMPLATE: Template = Template {
     body: include_str!("assets/calib.html"),
     style: include_str!("assets/calib.css"),
     policy: "",
+    scene: false,
     scripts: &[include_str!("assets/calib.js")],
 };
 

@@ -29,6 +29,7 @@ const TEMPLATE: Template = Template {
     body: include_str!("assets/run.html"),
     style: "",
     policy: "",
+    scene: true,
     scripts: &[
         include_str!("assets/plots.js"),
         include_str!("assets/gallery.js"),

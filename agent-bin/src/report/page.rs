@@ -10,9 +10,11 @@ const SHELL: &str = include_str!("assets/shell.html");
 const STYLE: &str = include_str!("assets/page.css");
 /// The 3-D view.
 const VIEWER: &str = include_str!("assets/viewer.html");
-/// Scripts of every page: data and colours, the 3-D view, plots.
-const SCRIPTS: [&str; 7] = [
-    include_str!("assets/page.js"),
+/// The script of every page: data, colours, drawing.
+const SCRIPT: &str = include_str!("assets/page.js");
+/// Scripts of pages that show a scene: what is known of it, the 3-D view, plots.
+const SCENE_SCRIPTS: [&str; 7] = [
+    include_str!("assets/scene.js"),
     include_str!("assets/gl.js"),
     include_str!("assets/cloud.js"),
     include_str!("assets/camera.js"),
@@ -30,6 +32,8 @@ pub struct Template {
     pub style: &'static str,
     /// What its content policy allows beyond the others', from a `;` on.
     pub policy: &'static str,
+    /// Whether it shows a scene, which its data then hold.
+    pub scene: bool,
     /// Scripts of its own, in their order; the last one starts the page.
     pub scripts: &'static [&'static str],
 }
@@ -42,7 +46,8 @@ impl Template {
     pub fn filled(&self, title: &str, data: &impl Serialize) -> anyhow::Result<String> {
         let json = serde_json::to_string(data).context("the report's data cannot be written as JSON")?;
         let title = html_escaped(title);
-        let scripts = SCRIPTS.iter().chain(self.scripts).copied().collect::<String>();
+        let of_scene: &[&str] = if self.scene { &SCENE_SCRIPTS } else { &[] };
+        let scripts: String = [SCRIPT].iter().chain(of_scene).chain(self.scripts).copied().collect();
         let values = [
             ("title", &*title),
             ("policy", self.policy),

@@ -34,6 +34,7 @@ const TEMPLATE: Template = Template {
     body: include_str!("assets/body.html"),
     style: include_str!("assets/merge.css"),
     policy: "",
+    scene: true,
     scripts: &[
         include_str!("assets/matches.js"),
         include_str!("assets/paths.js"),

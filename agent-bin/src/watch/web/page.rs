@@ -14,6 +14,7 @@ const TEMPLATE: Template = Template {
     style: include_str!("../assets/live.css"),
     // The page and its WebSocket come from one place, and nothing from any other.
     policy: "; connect-src 'self'",
+    scene: true,
     scripts: &[
         include_str!("../assets/store.js"),
         include_str!("../assets/feed.js"),
