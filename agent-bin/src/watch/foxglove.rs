@@ -78,7 +78,7 @@ struct Sink {
 }
 
 impl Sink {
-    fn serve(&self, shared: &Shared) {
+    fn serve(&self, shared: &Arc<Shared>) {
         let mut cursor = Cursor::default();
         let mut trajectory = Vec::new();
         let mut seat = None;

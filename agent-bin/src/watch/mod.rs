@@ -27,7 +27,7 @@ use feed::Slot;
 use serde::Deserialize;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::SyncSender;
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// What the user wants of the run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
@@ -85,16 +85,16 @@ impl Shared {
     }
 
     /// Counts a sink that shows images, as long as the guard lives.
-    fn join(&self) -> Seat<'_> {
+    fn join(self: &Arc<Self>) -> Seat {
         self.audience.fetch_add(1, Ordering::Relaxed);
-        Seat(self)
+        Seat(Arc::clone(self))
     }
 }
 
 /// A sink's place in the audience.
-struct Seat<'a>(&'a Shared);
+struct Seat(Arc<Shared>);
 
-impl Drop for Seat<'_> {
+impl Drop for Seat {
     fn drop(&mut self) {
         self.0.audience.fetch_sub(1, Ordering::Relaxed);
     }

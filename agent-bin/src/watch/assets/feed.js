@@ -25,9 +25,11 @@ class Feed {
   }
 
   takeText(message) {
+    // The server waits for this before it sends more: a page that is busy drawing must not fall behind.
+    if (message.kind === "round") return this.socket.send(JSON.stringify({ answer: message.round }));
     if (message.kind === "reset") forget();
     if (message.kind === "level") Object.assign(data.scene, { up: message.up, forward: message.forward });
-    this.on(message.kind, message);
+    return this.on(message.kind, message);
   }
 
   takeWords(buffer) {

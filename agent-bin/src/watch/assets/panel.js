@@ -91,19 +91,25 @@ class Trend extends Drawing {
 }
 
 /** The live image, its depths in colour over it. */
-class LivePicture {
+class LivePicture extends Drawing {
   constructor() {
-    this.canvas = byId("picture");
+    super(byId("picture"));
     this.grey = Uint32Array.from({ length: 256 }, (_, v) => 0xff000000 | (v * 0x010101));
     const { depth } = COLOURS;
     this.colours = Uint32Array.from({ length: 256 }, (_, v) => (0xff000000 | (depth[v * 3 + 2] << 16) | (depth[v * 3 + 1] << 8) | depth[v * 3]) >>> 0);
     paintBar(byId("depth-bar"), depth);
-    byId("show-depth").addEventListener("input", () => this.last && this.show(this.last));
+    byId("show-depth").addEventListener("input", () => this.redraw());
   }
 
   show(picture) {
     this.last = picture;
-    const { canvas } = this, { width, height } = picture;
+    this.redraw();
+  }
+
+  draw() {
+    const { canvas, last: picture } = this;
+    if (!picture) return;
+    const { width, height } = picture;
     if (canvas.width !== width || canvas.height !== height) {
       [canvas.width, canvas.height] = [width, height];
       this.image = null;
@@ -201,6 +207,7 @@ class Panel {
     const done = this.status && this.status.state === "done";
     if (done) return;
     this.enable(on);
+    if (!on) Object.assign(byId("state"), { className: "state lost", textContent: "cut off" });
     this.say(on ? "" : data.live ? "The program does not answer: it has ended, or this machine is cut off. Trying again …" : "The program has ended. What was loaded can still be looked at.", !on && data.live);
   }
 }

@@ -1,75 +1,133 @@
-//! One page's WebSocket: commands come in, news of the scene goes out.
+//! One page's WebSocket: what the page says comes in, news goes out, round by round.
+//!
+//! Every round ends with a mark that the page answers once it has taken the round in, and until then nothing more is
+//! sent. So a page that is slow to draw lags one round behind, not as many as the system's buffers hold. Only the end
+//! is told without waiting.
 
-use super::encode;
-use crate::watch::{Command, Cursor, Shared};
+use serde::Deserialize;
+use serde_json::json;
 use std::io::ErrorKind;
 use std::net::TcpStream;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use tungstenite::protocol::{Role, WebSocketConfig};
 use tungstenite::{Error, Message, WebSocket};
 
-/// Commands are short; nothing longer is read.
-const MAX_COMMAND: usize = 1024;
-/// How often the scene is looked at for news.
+/// What pages say is short; nothing longer is read.
+const MAX_SAID: usize = 1024;
+/// How often there is news.
 const ROUND: Duration = Duration::from_millis(40);
-/// The same while points are waiting.
+/// The same while more is waiting.
 const BUSY_ROUND: Duration = Duration::from_millis(2);
-/// Points sent in a round, bytes: so many that the first picture is not kept waiting long.
-const POINTS_A_ROUND: usize = 1 << 20;
 /// A client that takes nothing for so long is given up.
 const WRITE_PATIENCE: Duration = Duration::from_secs(10);
+/// The same of one that does not answer; a page that was only asleep connects anew.
+const ANSWER_PATIENCE: Duration = Duration::from_secs(60);
+/// How long the last words may be on their way.
+const FAREWELL: Duration = Duration::from_secs(2);
 
-/// Serves a client until it leaves, is too slow, or the run is over and it knows all.
-pub fn serve(stream: TcpStream, shared: &Shared) {
+/// What one page is told, and who hears what it says.
+pub trait Teller {
+    /// Whether nothing will be news after the next call of [`news`](Self::news) that leaves nothing over.
+    fn is_over(&self) -> bool;
+    /// What is new since the last call, and whether more of it is waiting.
+    fn news(&mut self) -> (Vec<Message>, bool);
+    /// Takes what the page says.
+    fn hear(&mut self, text: &str);
+}
+
+/// Serves a client until it leaves, is too slow, or there will be no more news and it knows all.
+pub fn serve(stream: TcpStream, teller: &mut dyn Teller) {
     let config = WebSocketConfig::default()
-        .max_message_size(Some(MAX_COMMAND))
-        .max_frame_size(Some(MAX_COMMAND))
-        .read_buffer_size(MAX_COMMAND);
+        .max_message_size(Some(MAX_SAID))
+        .max_frame_size(Some(MAX_SAID))
+        .read_buffer_size(MAX_SAID);
     if stream.set_nodelay(true).is_err() || stream.set_write_timeout(Some(WRITE_PATIENCE)).is_err() {
         return;
     }
     let mut socket = WebSocket::from_raw_socket(stream, Role::Server, Some(config));
     // An error is the client's leaving, by which nothing is lost.
-    let _ = talk(&mut socket, shared);
+    let _ = talk(&mut socket, teller);
 }
 
-fn talk(socket: &mut WebSocket<TcpStream>, shared: &Shared) -> Result<(), Error> {
-    let _seat = shared.join();
-    let mut cursor = Cursor::default();
+/// Rounds sent, and the last one that the page has taken in.
+struct Rounds {
+    sent: u64,
+    answered: u64,
+    since: Instant,
+}
+
+/// The page's answer to a round's mark.
+#[derive(Deserialize)]
+struct Answer {
+    answer: u64,
+}
+
+fn talk(socket: &mut WebSocket<TcpStream>, teller: &mut dyn Teller) -> Result<(), Error> {
+    let mut rounds = Rounds { sent: 0, answered: 0, since: Instant::now() };
+    let (mut more, mut end_told) = (false, false);
     loop {
-        let over = shared.is_over();
-        let (news, level) = {
-            let scene = shared.scene();
-            let news = scene.news(&mut cursor, POINTS_A_ROUND);
-            let level = (!news.keyframes.is_empty()).then(|| scene.level());
-            (news, level)
-        };
-        for message in encode::messages(&news, level) {
-            socket.write(message)?;
+        let over = teller.is_over();
+        let waiting = rounds.answered < rounds.sent;
+        if !waiting || (over && !end_told) {
+            end_told |= over;
+            more = tell(socket, teller, &mut rounds)?;
+            if over && !more {
+                return part(socket);
+            }
+        } else if rounds.since.elapsed() > ANSWER_PATIENCE {
+            return Ok(());
         }
-        socket.flush()?;
-        if over && !news.more {
-            socket.close(None)?;
-            return socket.flush();
+        let patience = if more { BUSY_ROUND } else { ROUND };
+        if let Some(text) = listen(socket, patience)? {
+            match serde_json::from_str::<Answer>(&text) {
+                Ok(Answer { answer }) => rounds.answered = answer,
+                Err(_) => teller.hear(&text),
+            }
         }
-        listen(socket, shared, if news.more { BUSY_ROUND } else { ROUND })?;
     }
 }
 
-/// Takes one message if one comes in time.
-fn listen(socket: &mut WebSocket<TcpStream>, shared: &Shared, patience: Duration) -> Result<(), Error> {
+/// Sends a round, if there is news; says whether more is waiting.
+fn tell(
+    socket: &mut WebSocket<TcpStream>,
+    teller: &mut dyn Teller,
+    rounds: &mut Rounds,
+) -> Result<bool, Error> {
+    let (messages, more) = teller.news();
+    if messages.is_empty() {
+        return Ok(more);
+    }
+    for message in messages {
+        socket.write(message)?;
+    }
+    rounds.sent += 1;
+    rounds.since = Instant::now();
+    socket.write(Message::text(json!({ "kind": "round", "round": rounds.sent }).to_string()))?;
+    socket.flush()?;
+    Ok(more)
+}
+
+/// Takes one message of text if one comes in time.
+fn listen(socket: &mut WebSocket<TcpStream>, patience: Duration) -> Result<Option<String>, Error> {
     socket.get_ref().set_read_timeout(Some(patience))?;
     match socket.read() {
-        Ok(Message::Text(text)) => {
-            if let Ok(command) = serde_json::from_str::<Command>(&text) {
-                shared.command(command);
-            }
-            Ok(())
-        }
-        Ok(_) => Ok(()),
+        Ok(Message::Text(text)) => Ok(Some(text.as_str().to_owned())),
+        Ok(_) => Ok(None),
         Err(Error::Io(error)) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => {
-            Ok(())
+            Ok(None)
         }
         Err(error) => Err(error),
     }
+}
+
+/// Ends the conversation, and hears the client out: a socket that is closed with something unread in it throws away
+/// what it has not sent.
+fn part(socket: &mut WebSocket<TcpStream>) -> Result<(), Error> {
+    socket.close(None)?;
+    socket.flush()?;
+    let began = Instant::now();
+    while began.elapsed() < FAREWELL {
+        listen(socket, ROUND)?;
+    }
+    Ok(())
 }

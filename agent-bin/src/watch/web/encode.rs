@@ -32,7 +32,7 @@ pub fn messages(news: &News, level: Option<[[f64; 3]; 2]>) -> Vec<Message> {
     }
     out.extend(news.edges.iter().map(|all| binary(edges(all))));
     out.extend(news.status.iter().map(|status| text(&status_json(status))));
-    out.extend(news.picture.iter().map(|shown| binary(picture(shown))));
+    out.extend(news.picture.iter().map(|shown| picture(shown)));
     out.extend(news.chunks.iter().map(|(placed, points)| binary(chunk(placed, points))));
     out
 }
@@ -105,7 +105,7 @@ fn chunk(placed: &Placed, chunk: &Chunk) -> Vec<u8> {
 
 /// `kind, frame, width, height, depths`, least and greatest inverse depth; pixels, x and y as u16 each; their codes;
 /// intensities.
-fn picture(picture: &Picture) -> Vec<u8> {
+pub fn picture(picture: &Picture) -> Message {
     let words = [
         PICTURE,
         picture.frame_index as u32,
@@ -118,7 +118,7 @@ fn picture(picture: &Picture) -> Vec<u8> {
     picture.pixels.iter().for_each(|[x, y]| out.extend((u32::from(*y) << 16 | u32::from(*x)).to_le_bytes()));
     out.extend_from_slice(&picture.codes);
     out.extend_from_slice(&picture.grey);
-    out
+    binary(out)
 }
 
 /// `kind, count`; of each `from, to, kind`.

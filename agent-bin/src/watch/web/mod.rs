@@ -5,8 +5,11 @@ mod client;
 mod encode;
 mod http;
 mod page;
+mod run;
 
 pub use access::Address;
+pub use client::Teller;
+pub use encode::picture as picture_message;
 
 use super::Shared;
 use anyhow::{Context, Result};
@@ -35,27 +38,36 @@ pub struct Server {
 struct Site {
     address: Address,
     page: String,
-    shared: Arc<Shared>,
+    open: Box<dyn Fn() -> Box<dyn Teller> + Send + Sync>,
     connections: Arc<AtomicUsize>,
 }
 
 impl Server {
-    /// Begins to serve.
+    /// Begins to serve a scene.
     ///
     /// # Errors
     /// When the address cannot be listened at.
     pub fn start(shared: &Arc<Shared>, address: Address, title: &str) -> Result<Self> {
+        let page = page::render(title, &shared.scene(), shared.commands.is_some())?;
+        let shared = Arc::clone(shared);
+        Self::serve(address, page, move || Box::new(run::Audience::join(&shared)))
+    }
+
+    /// Begins to serve a page; `open` gives each client what is to be told to it.
+    ///
+    /// # Errors
+    /// When the address cannot be listened at.
+    pub fn serve(
+        address: Address,
+        page: String,
+        open: impl Fn() -> Box<dyn Teller> + Send + Sync + 'static,
+    ) -> Result<Self> {
         let listener = listen(&address)?;
         let at = listener.local_addr().context("the page's address is not known")?;
         let url = format!("http://{}/{}", SocketAddr::new(reachable(at.ip()), at.port()), address.query());
-        let page = page::render(title, &shared.scene(), shared.commands.is_some())?;
         let connections = Arc::new(AtomicUsize::new(0));
-        let site = Arc::new(Site {
-            address,
-            page,
-            shared: Arc::clone(shared),
-            connections: Arc::clone(&connections),
-        });
+        let site =
+            Arc::new(Site { address, page, open: Box::new(open), connections: Arc::clone(&connections) });
         std::thread::Builder::new()
             .name("page".into())
             .spawn(move || accept(&listener, &site))
@@ -149,7 +161,7 @@ impl Site {
         match (&*request.method, &*request.path, &request.websocket_key) {
             ("GET", "/ws", Some(key)) => {
                 http::upgrade(&mut stream, key)?;
-                client::serve(stream, &self.shared);
+                client::serve(stream, &mut *(self.open)());
                 Ok(())
             }
             ("GET", "/", _) => http::answer(&mut stream, "200 OK", "text/html", self.page.as_bytes()),

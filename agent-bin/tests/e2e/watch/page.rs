@@ -72,6 +72,25 @@ fn a_run_is_watched_paused_saved_and_restarted() {
 }
 
 #[test]
+fn a_page_that_does_not_answer_is_told_nothing_more_but_the_end() {
+    let case = long_case();
+    let mut run = Served::start(case.command(&["--view=0"]));
+    let mut slow = Client::connect(&run.url);
+    slow.answers = false;
+    let mut quick = Client::connect(&run.url);
+    quick.until("many rounds", |c| c.rounds > 10);
+    quick.command("pause");
+    quick.until("the pause", |c| c.status["paused"] == true);
+    slow.until("a round", |c| c.rounds > 0);
+    slow.during(Duration::from_millis(300));
+    assert_eq!(slow.rounds, 1, "nothing is queued for a page that is busy");
+    drop(quick);
+    run.interrupt();
+    slow.until("the end", |c| c.text("state") == "done");
+    assert!(run.wait().success());
+}
+
+#[test]
 fn only_who_may_look_does() {
     let case = Case::new(&drive());
     case.run(&["--quiet", "--end", "1.5"]).assert_success();

@@ -14,6 +14,10 @@ pub struct Client {
     socket: WebSocket<TcpStream>,
     /// The newest numbers.
     pub status: Value,
+    /// Whether it answers the marks of rounds, as a page does that has taken them in.
+    pub answers: bool,
+    /// How many rounds came.
+    pub rounds: u64,
     /// How many binary messages came, by kind.
     pub counts: [usize; 6],
     /// How often everything began anew.
@@ -38,7 +42,15 @@ impl Client {
             .get_ref()
             .set_read_timeout(Some(Duration::from_millis(100)))
             .expect("a socket takes a timeout");
-        Self { socket, status: Value::Null, counts: [0; 6], resets: 0, closed: false }
+        Self {
+            socket,
+            status: Value::Null,
+            answers: true,
+            rounds: 0,
+            counts: [0; 6],
+            resets: 0,
+            closed: false,
+        }
     }
 
     /// Sends a command.
@@ -82,6 +94,7 @@ impl Client {
                 match message["kind"].as_str() {
                     Some("status") => self.status = message["status"].clone(),
                     Some("reset") => self.resets += 1,
+                    Some("round") => self.answer(&message["round"]),
                     _ => {}
                 }
             }
@@ -90,6 +103,14 @@ impl Client {
             Ok(_) => {}
             Err(tungstenite::Error::Io(error)) if error.kind() == std::io::ErrorKind::WouldBlock => {}
             Err(_) => self.closed = true,
+        }
+    }
+
+    fn answer(&mut self, round: &Value) {
+        self.rounds += 1;
+        if self.answers {
+            // The end of the conversation may have come first.
+            let _ = self.socket.send(Message::text(json!({ "answer": round }).to_string()));
         }
     }
 
