@@ -1,10 +1,9 @@
-//! The page in a browser: headless Chromium, driven over its DevTools protocol. Skipped, loudly, where there is none.
+//! A page in a browser: headless Chromium, driven over its DevTools protocol. Skipped, loudly, where there is none.
 
-use super::long_case;
-use super::served::Served;
 use super::socket::PATIENCE;
 use base64::Engine;
 use serde_json::{Value, json};
+use std::collections::BTreeSet;
 use std::net::TcpStream;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
@@ -25,12 +24,12 @@ pub struct Browser {
 }
 
 impl Browser {
-    /// Opens a page; `None`, and a note, where there is no Chromium.
-    pub fn open(url: &str) -> Option<Self> {
+    /// Opens a page in a window of this size; `None`, and a note, where there is no Chromium.
+    pub fn open(url: &str, window: [u32; 2]) -> Option<Self> {
         let profile = tempfile::tempdir().expect("a temporary folder can be made");
         let child = ["chromium", "chromium-browser", "google-chrome"]
             .iter()
-            .find_map(|name| start(name, profile.path()).ok());
+            .find_map(|name| start(name, profile.path(), window).ok());
         let Some(child) = child else {
             eprintln!(
                 "SKIPPED: no Chromium here, the page was not opened in a browser (script/setup --browser)"
@@ -49,7 +48,7 @@ impl Browser {
         browser.session = attached["sessionId"].as_str().expect("a session").to_owned();
         browser.call("Runtime.enable", json!({}));
         browser.call("Page.enable", json!({}));
-        browser.call("Page.navigate", json!({ "url": url }));
+        browser.go(url);
         Some(browser)
     }
 
@@ -72,6 +71,11 @@ impl Browser {
                 return answer["result"].clone();
             }
         }
+    }
+
+    /// Goes to another page.
+    pub fn go(&mut self, url: &str) {
+        self.call("Page.navigate", json!({ "url": url }));
     }
 
     /// The value of an expression in the page.
@@ -109,10 +113,25 @@ impl Browser {
 
     /// Writes a picture of the page.
     pub fn screenshot(&mut self, path: &Path) {
-        let shot = self.call("Page.captureScreenshot", json!({ "format": "png" }));
-        let text = shot["data"].as_str().expect("a picture");
-        let png = base64::engine::general_purpose::STANDARD.decode(text).expect("base64");
+        let png = self.png(json!({ "format": "png" }));
         std::fs::write(path, png).expect("the picture can be written");
+    }
+
+    /// How many colours an element shows.
+    pub fn colours(&mut self, id: &str) -> usize {
+        let mut clip = self.value(&format!(
+            "(({{ x, y, width, height }}) => ({{ x, y, width, height }}))(document.getElementById({id:?}).getBoundingClientRect())"
+        ));
+        clip["scale"] = json!(1);
+        let png = self.png(json!({ "format": "png", "clip": clip }));
+        let picture = image::load_from_memory(&png).expect("a picture").to_rgb8();
+        picture.pixels().map(|pixel| pixel.0).collect::<BTreeSet<_>>().len()
+    }
+
+    fn png(&mut self, how: Value) -> Vec<u8> {
+        let shot = self.call("Page.captureScreenshot", how);
+        let text = shot["data"].as_str().expect("a picture");
+        base64::engine::general_purpose::STANDARD.decode(text).expect("base64")
     }
 }
 
@@ -124,7 +143,7 @@ impl Drop for Browser {
     }
 }
 
-fn start(name: &str, profile: &Path) -> std::io::Result<Child> {
+fn start(name: &str, profile: &Path, [width, height]: [u32; 2]) -> std::io::Result<Child> {
     let flags = [
         "--headless",
         "--no-sandbox",
@@ -136,12 +155,12 @@ fn start(name: &str, profile: &Path) -> std::io::Result<Child> {
         "--disable-component-update",
         "--disable-sync",
         "--remote-debugging-port=0",
-        "--window-size=1200,760",
         "--hide-scrollbars",
     ];
     Command::new(name)
         .args(flags)
         .arg(format!("--user-data-dir={}", profile.display()))
+        .arg(format!("--window-size={width},{height}"))
         .arg("about:blank")
         .stdin(Stdio::null())
         .stdout(Stdio::null())
@@ -161,41 +180,4 @@ fn devtools(profile: &Path) -> (u16, String) {
         assert!(began.elapsed() < PATIENCE, "Chromium does not say where its DevTools listen");
         std::thread::sleep(Duration::from_millis(50));
     }
-}
-
-#[test]
-#[ignore = "depends on how fast the machine draws: cargo test --test e2e -- --ignored the_page_shows"]
-fn the_page_shows_a_run_and_its_buttons_work() {
-    let case = long_case();
-    // Slowly, so that the run does not end before a busy machine has opened the page.
-    let mut run = Served::start(case.command(&["--view=0", "--realtime", "--speed", "0.3"]));
-    let Some(mut page) = Browser::open(&run.url) else { return };
-    page.until("the page", |p| p.value("document.documentElement.dataset.page") == "complete");
-    page.until("points drawn", |p| p.number("drawn") > 0.0 && p.number("points") > 1000.0);
-    page.until("depth over the image", |p| p.number("overlaid") > 50.0);
-    let frame = page.text("number-frame");
-    page.until("its numbers to move", |p| p.text("number-frame") != frame);
-    assert!(page.text("number-memory").ends_with("MiB"));
-
-    page.click("record");
-    page.until("recording", |p| p.text("record") == "Stop recording");
-    page.click("record");
-    page.until("the end of recording", |p| p.text("record") == "Record");
-    page.click("pause");
-    page.until("the pause", |p| p.text("pause") == "Resume" && p.text("state") == "paused");
-    let frame = page.text("number-frame");
-    std::thread::sleep(Duration::from_millis(400));
-    assert_eq!(page.text("number-frame"), frame);
-    page.click("save");
-    page.until("the results", |p| p.text("note").contains("saved to"));
-    page.screenshot(&Path::new(env!("CARGO_TARGET_TMPDIR")).join("view.png"));
-    page.click("restart");
-    page.until("a new map", |p| p.number("points") == 0.0 || p.text("number-keyframes") == "0");
-    page.click("pause");
-    page.until("frames again", |p| p.text("pause") == "Pause" && p.text("number-frame") != frame);
-    run.interrupt();
-    page.until("the end", |p| p.text("state") == "finished");
-    assert!(page.text("banner").contains("out-2") || page.text("banner").contains("ended"));
-    assert!(run.wait().success());
-    assert!(page.errors.is_empty(), "{:?}", page.errors);
 }

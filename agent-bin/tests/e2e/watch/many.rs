@@ -50,7 +50,7 @@ fn turned(keyframes: u32, points: usize, picture: &str) -> Option<(f64, f64)> {
     let shared = Arc::new(Shared::new(scene, None));
     let address = Address::new(IpAddr::V4(Ipv4Addr::LOCALHOST), Some(0), None).expect("needs no token");
     let server = Server::start(&shared, address, "road").expect("a port is free");
-    let mut page = Browser::open(server.url())?;
+    let mut page = Browser::open(server.url(), [1200, 760])?;
     page.until("all points", |p| p.number("points") == total);
     std::thread::sleep(Duration::from_millis(1500));
     let frames = page.number("frames");

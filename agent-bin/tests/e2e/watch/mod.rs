@@ -3,6 +3,7 @@
 mod browser;
 #[cfg(feature = "foxglove-server")]
 mod foxglove;
+mod in_browser;
 mod many;
 mod page;
 mod served;
