@@ -13,8 +13,9 @@ use rayon::prelude::*;
 const MAX_EDGE_WIDTH: f64 = 6.0;
 /// Most pixels looked at around a corner to tell how sharp it is.
 const MAX_RADIUS: f64 = 12.0;
-/// Images worked on at a time.
+/// Images worked on at a time; few of a stream, so that who holds the board sees at once what comes of it.
 const BATCH: usize = 16;
+const STREAM_BATCH: usize = 4;
 /// Views of a recording that are enough.
 const MAX_VIEWS: usize = 100;
 /// Images that are looked at for what else they show when no board was found.
@@ -29,6 +30,19 @@ pub struct Shot {
     pub edge_width: Option<f64>,
     /// Why it does not count.
     pub problem: Option<String>,
+}
+
+/// What was seen so far.
+pub struct Seen<'a> {
+    /// Images looked at.
+    pub given: usize,
+    pub coverage: &'a Coverage,
+    /// The views that count.
+    pub views: &'a [View],
+    /// The newest image.
+    pub newest: Option<&'a Shot>,
+    /// Whether it is one of the views that count.
+    pub kept: bool,
 }
 
 /// All images that count or were meant to.
@@ -59,7 +73,7 @@ pub fn collect(
     shots: &mut Shots,
     board: &Board,
     window: Option<u16>,
-    more: &mut dyn FnMut(usize, &Coverage) -> bool,
+    more: &mut dyn FnMut(&Seen) -> bool,
 ) -> Result<Collected> {
     let detector = Detector::new(board, window)?;
     let stream = shots.is_stream();
@@ -75,6 +89,7 @@ pub fn collect(
         given += images.len();
         let found: Vec<Result<Shot>> =
             images.into_par_iter().map(|(name, image)| shot(&detector, board, name, image)).collect();
+        let mut passed = None;
         for shot in found {
             let shot = shot?;
             if shot.corners.is_empty() && empty.len() < LOOKED_AT {
@@ -84,15 +99,21 @@ pub fn collect(
             let size = (shot.image.width(), shot.image.height());
             let counts = shot.problem.is_none();
             if stream && !(counts && is_new_view(&views, &view, size)) {
+                passed = Some(shot);
                 continue;
             }
+            passed = None;
             if counts {
                 views.push(view);
             }
             kept.push(shot);
         }
         seen = coverage(board, &views, size.unwrap_or((1, 1)));
-        if !more(given, &seen) || (stream && views.len() >= MAX_VIEWS) {
+        let newest = passed.as_ref().or(kept.last());
+        let kept = passed.is_none() && newest.is_some_and(|shot| shot.problem.is_none());
+        if !more(&Seen { given, coverage: &seen, views: &views, newest, kept })
+            || (stream && views.len() >= MAX_VIEWS)
+        {
             break;
         }
     }
@@ -123,7 +144,7 @@ fn batch(
     size: &mut Option<(usize, usize)>,
 ) -> Result<Vec<(String, GrayImage)>> {
     let mut images = Vec::new();
-    while images.len() < BATCH {
+    while images.len() < if stream { STREAM_BATCH } else { BATCH } {
         let Some((name, image)) = shots.next() else { break };
         let image = match image {
             Ok(image) => image,

@@ -77,6 +77,11 @@ impl Shots {
         matches!(self, Self::Frames(_))
     }
 
+    /// Whether the images come when they come.
+    pub fn is_live(&self) -> bool {
+        matches!(self, Self::Frames(source) if source.is_live())
+    }
+
     /// The next image with its name, or why it cannot be read.
     pub fn next(&mut self) -> Option<(String, Result<GrayImage, String>)> {
         match self {

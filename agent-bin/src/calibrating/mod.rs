@@ -1,5 +1,10 @@
 //! `loopbox calib`: from images of a board to a camera's calibration.
 
+#[cfg(feature = "view")]
+mod coaching;
+#[cfg(not(feature = "view"))]
+#[path = "coaching_off.rs"]
+mod coaching;
 mod collect;
 mod detect;
 mod input;
@@ -7,7 +12,8 @@ mod output;
 mod report;
 mod summary;
 
-pub use collect::{Collected, collect};
+pub use coaching::Coaching;
+pub use collect::{Collected, Seen, collect};
 pub use input::{Input, Shots};
 pub use output::{Output, camera_text};
 pub use report::render as render_report;

@@ -1,13 +1,17 @@
 //! `loopbox calib`: calibrates a camera.
 
 use super::calib_photometric::{self, PhotometricArgs};
-use crate::calibrating::{Input, Numbers, Output, Shots, camera_text, collect, render_report, table};
+#[cfg(feature = "view")]
+use super::watching::ServeArgs;
+use crate::calibrating::{
+    Coaching, Collected, Input, Numbers, Output, Seen, Shots, camera_text, collect, render_report, table,
+};
 use crate::runtime::Stop;
 use crate::sources::SourceOptions;
 use crate::sources::camera::CameraArgs;
 use anyhow::{Context, Result, bail};
 use calib::coach::Coverage;
-use calib::{Board, LensModel, SolverParams, calibrate};
+use calib::{Board, Calibration, LensModel, SolverParams, calibrate};
 use clap::Args;
 use std::io::{IsTerminal, Write};
 use std::path::PathBuf;
@@ -44,8 +48,23 @@ pub struct CalibArgs {
     /// Show no progress
     #[arg(long)]
     quiet: bool,
+    #[cfg(feature = "view")]
+    #[command(flatten)]
+    serve: ServeArgs,
     #[command(flatten)]
     photometric: PhotometricArgs,
+}
+
+impl CalibArgs {
+    #[cfg(feature = "view")]
+    fn coaching(&self, board: &Board, live: bool) -> Result<Coaching> {
+        Coaching::start(self.serve.address()?, board, live)
+    }
+
+    #[cfg(not(feature = "view"))]
+    fn coaching(&self, _board: &Board, _live: bool) -> Result<Coaching> {
+        Ok(Coaching)
+    }
 }
 
 /// Runs `loopbox calib`.
@@ -76,37 +95,71 @@ pub fn run(args: &CalibArgs) -> Result<()> {
     )?;
     let page = args.report.as_deref().map(Output::prepare).transpose()?;
     let stop = Stop::on_ctrl_c("calibrating from what was seen so far (Ctrl-C again to abort)")?;
-    let stream = shots.is_stream();
-    let mut coach = Coach { quiet: args.quiet, stream, last: Vec::new() };
-    let mut go_on = |given, coverage: &_| {
-        coach.tell(given, coverage);
-        !stop.requested()
+    let coaching = args.coaching(board, shots.is_live())?;
+    let calibrated =
+        measure(args, board, &mut shots, &coaching, &stop).and_then(|(collected, calibration)| {
+            write(board, &collected, &calibration, out, page)?;
+            Ok((collected, calibration))
+        });
+    let (collected, calibration) = match calibrated {
+        Ok(calibrated) => calibrated,
+        Err(error) => {
+            coaching.end(Err(&format!("{error:#}")), &stop);
+            return Err(error);
+        }
     };
-    let collected =
-        stop.while_waiting(shots.stopper(), || collect(&mut shots, board, args.window, &mut go_on))?;
-    let calibration =
-        calibrate(board, &collected.views(), collected.size, args.model, &SolverParams::default())
-            .with_context(|| not_used(&collected))?;
-    out.write(camera_text(board, &calibration).as_bytes())?;
-    if let Some(page) = &page {
-        page.write(render_report(board, &collected, &calibration)?.as_bytes())?;
-    }
-    if let Some(page) = page {
-        page.commit()?;
-    }
-    out.commit()?;
+    let summary = table(&collected, &calibration);
     let text = if args.json {
         serde_json::to_string_pretty(&Numbers::new(board, &collected, &calibration))? + "\n"
     } else {
-        table(&collected, &calibration)
+        summary.clone()
     };
     // A reader that has closed the pipe (`| head`) has seen enough.
     let _ = std::io::stdout().write_all(text.as_bytes());
+    coaching.end(Ok(&summary), &stop);
     Ok(())
 }
 
+/// Looks at the images and calibrates from them.
+fn measure(
+    args: &CalibArgs,
+    board: &Board,
+    shots: &mut Shots,
+    coaching: &Coaching,
+    stop: &Stop,
+) -> Result<(Collected, Calibration)> {
+    let mut coach = Coach { quiet: args.quiet, stream: shots.is_stream(), last: Vec::new() };
+    let mut go_on = |seen: &Seen| {
+        coach.tell(seen.given, seen.coverage);
+        coaching.show(seen);
+        !stop.requested() && !coaching.has_enough()
+    };
+    let collected = stop.while_waiting(shots.stopper(), || collect(shots, board, args.window, &mut go_on))?;
+    coaching.solving();
+    let calibration =
+        calibrate(board, &collected.views(), collected.size, args.model, &SolverParams::default())
+            .with_context(|| not_used(&collected))?;
+    Ok((collected, calibration))
+}
+
+/// Writes the calibration, and the page of the report if one is wanted: both or none.
+fn write(
+    board: &Board,
+    collected: &Collected,
+    calibration: &Calibration,
+    out: Output,
+    page: Option<Output>,
+) -> Result<()> {
+    out.write(camera_text(board, calibration).as_bytes())?;
+    if let Some(page) = page {
+        page.write(render_report(board, collected, calibration)?.as_bytes())?;
+        page.commit()?;
+    }
+    out.commit()
+}
+
 /// What was left out, to stand before the reason why the rest is not enough.
-fn not_used(collected: &crate::calibrating::Collected) -> String {
+fn not_used(collected: &Collected) -> String {
     let problems = collected.shots.iter().filter_map(|shot| Some((&shot.name, shot.problem.as_ref()?)));
     let lines: Vec<String> = problems.map(|(name, problem)| format!("{name}: {problem}")).collect();
     let (count, shown) = (lines.len(), lines.iter().take(5).cloned().collect::<Vec<_>>().join("; "));

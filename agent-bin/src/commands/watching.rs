@@ -6,7 +6,7 @@ use anyhow::Result;
 use map::AgentInfo;
 
 #[cfg(feature = "view")]
-pub use with_view::{PageArgs, ViewArgs};
+pub use with_view::{PageArgs, ServeArgs, ViewArgs};
 
 /// Nothing: this program was built without it.
 #[cfg(not(feature = "view"))]
@@ -49,14 +49,31 @@ mod with_view {
         }
     }
 
-    /// Arguments of watching a run.
-    #[derive(clap::Args, Debug)]
-    pub struct ViewArgs {
-        /// Serve a page to watch the run from, in any browser on this machine; prints its address
+    /// Arguments of a page for those who ask for it.
+    #[derive(Clone, clap::Args, Debug)]
+    pub struct ServeArgs {
+        /// Serve a page to watch from, in any browser on this machine; prints its address
         #[arg(long, value_name = "PORT", num_args = 0..=1, require_equals = true)]
         view: Option<Option<u16>>,
         #[command(flatten)]
         page: PageArgs,
+    }
+
+    impl ServeArgs {
+        /// Where to serve it, if it was asked for.
+        ///
+        /// # Errors
+        /// When the token is none.
+        pub fn address(&self) -> Result<Option<Address>> {
+            self.view.map(|port| self.page.address(port)).transpose()
+        }
+    }
+
+    /// Arguments of watching a run.
+    #[derive(clap::Args, Debug)]
+    pub struct ViewArgs {
+        #[command(flatten)]
+        serve: ServeArgs,
         /// Serve the run to Foxglove
         #[cfg(feature = "foxglove-server")]
         #[arg(long, value_name = "PORT", num_args = 0..=1, require_equals = true, default_missing_value = "8765")]
@@ -74,7 +91,7 @@ mod with_view {
             frames: Option<u64>,
             recording: RecordButton,
         ) -> Result<Watch> {
-            let page = self.view.map(|port| self.page.address(port)).transpose()?;
+            let page = self.serve.address()?;
             let options =
                 WatchOptions { page, foxglove: self.foxglove(), recording: Some(recording), frames };
             Watch::start(agent, options)

@@ -4,6 +4,8 @@
 #[path = "../common/mod.rs"]
 mod common;
 mod drawn;
+#[cfg(feature = "view")]
+mod page;
 mod photometric;
 mod real;
 mod refusals;

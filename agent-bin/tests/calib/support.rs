@@ -73,7 +73,8 @@ fn shade(x: f64, y: f64) -> f64 {
     if inside && black { 25.0 } else { 225.0 }
 }
 
-fn poses() -> Vec<([f64; 3], [f64; 3])> {
+/// The usual views: positions of the board's middle, and its tilts.
+pub fn poses() -> Vec<([f64; 3], [f64; 3])> {
     let tilts = [[0.5, 0.0, 0.1], [-0.5, 0.1, 0.0], [0.1, 0.55, 0.0], [0.0, -0.55, -0.1]];
     let places = [[0.0, 0.0], [-0.07, -0.05], [0.07, -0.05], [-0.07, 0.05], [0.07, 0.05]];
     let pose = |i: usize| {
