@@ -2,11 +2,22 @@
 
 use super::collect::Seen;
 use crate::runtime::Stop;
+use anyhow::Result;
+use calib::Board;
+use std::convert::Infallible;
 
 /// Nobody watches.
 pub struct Coaching;
 
 impl Coaching {
+    /// There is no page to serve.
+    ///
+    /// # Errors
+    /// Never.
+    pub fn start(_address: Option<Infallible>, _board: &Board, _live: bool) -> Result<Self> {
+        Ok(Self)
+    }
+
     /// Does nothing.
     pub fn show(&self, _seen: &Seen) {}
 

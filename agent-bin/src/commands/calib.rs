@@ -56,14 +56,16 @@ pub struct CalibArgs {
 }
 
 impl CalibArgs {
+    /// Where to serve the page, if that is asked for.
     #[cfg(feature = "view")]
-    fn coaching(&self, board: &Board, live: bool) -> Result<Coaching> {
-        Coaching::start(self.serve.address()?, board, live)
+    fn address(&self) -> Result<Option<crate::watch::web::Address>> {
+        self.serve.address()
     }
 
+    /// Nowhere.
     #[cfg(not(feature = "view"))]
-    fn coaching(&self, _board: &Board, _live: bool) -> Result<Coaching> {
-        Ok(Coaching)
+    fn address(&self) -> Result<Option<std::convert::Infallible>> {
+        Ok(None)
     }
 }
 
@@ -72,7 +74,13 @@ impl CalibArgs {
 /// # Errors
 /// When images cannot be read or do not determine the camera, or a file cannot be written. Then nothing is written.
 pub fn run(args: &CalibArgs) -> Result<()> {
+    let address = args.address()?;
     if args.photometric.asked_for() {
+        if address.is_some() {
+            bail!(
+                "--view shows what is missing of a board\nhint: leave it out with --response and --vignette"
+            );
+        }
         return calib_photometric::run(&args.photometric, &args.images, &args.out);
     }
     let Some(board) = &args.board else {
@@ -95,7 +103,7 @@ pub fn run(args: &CalibArgs) -> Result<()> {
     )?;
     let page = args.report.as_deref().map(Output::prepare).transpose()?;
     let stop = Stop::on_ctrl_c("calibrating from what was seen so far (Ctrl-C again to abort)")?;
-    let coaching = args.coaching(board, shots.is_live())?;
+    let coaching = Coaching::start(address, board, shots.is_live())?;
     let calibrated =
         measure(args, board, &mut shots, &coaching, &stop).and_then(|(collected, calibration)| {
             write(board, &collected, &calibration, out, page)?;

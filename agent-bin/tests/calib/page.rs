@@ -11,7 +11,7 @@ mod served;
 #[path = "../e2e/watch/socket.rs"]
 mod socket;
 
-use crate::common::{arg, command};
+use crate::common::{arg, assert_refused, command};
 use crate::support::{Artist, BOARD, poses};
 use browser::Browser;
 use served::Served;
@@ -95,25 +95,46 @@ fn the_page_is_told_what_is_missing_until_the_user_has_enough() {
 #[test]
 fn the_page_shows_views_and_result_in_a_browser() {
     let (folder, out) = (tempdir().unwrap(), tempdir().unwrap());
-    Artist::new().folder(folder.path());
+    let more = held_back(folder.path());
     let (file, report) = (out.path().join("camera.yaml"), out.path().join("report.html"));
     let mut calib = command();
     calib.args(["calib", arg(folder.path()), "--board", BOARD, "--view=0", "--out", arg(&file)]);
     calib.args(["--report", arg(&report)]);
     let mut calib = Served::start(calib);
-    let Some(mut page) = Browser::open(&calib.url, [1100, 1100]) else { return };
-    page.until("the result", |p| p.text("state") == "calibrated" && p.text("result").contains("fx "));
+    let Some(mut page) = Browser::open(&calib.url, [1200, 1000]) else { return };
+    page.until("the beginning", |p| p.text("state") == "collecting views");
+    for batch in 1..=5 {
+        more.send(()).unwrap();
+        page.until("the images of this batch", |p| p.text("number-images") == (BATCH * batch).to_string());
+    }
     page.until("corners in the image", |p| p.number("marked") == 54.0);
-    assert_eq!(page.text("number-views"), "12 of 12 or more");
+    assert!(page.text("missing-title").starts_with("Still missing: "));
+    let seen = page.value("document.querySelectorAll('#missing .seen').length").as_u64();
+    assert!(seen.is_some_and(|count| count > 4), "{seen:?} wishes are ticked off");
     for id in ["picture", "coverage"] {
         let colours = page.colours(id);
         assert!(colours > 20, "{id} shows {colours} colours");
     }
     page.screenshot(&Path::new(env!("CARGO_TARGET_TMPDIR")).join("calib.png"));
     page.click("finish");
+    more.send(()).unwrap();
+    page.until("the result", |p| p.text("state") == "calibrated" && p.text("result").contains("fx "));
+    page.click("finish");
     assert!(calib.wait().success());
     assert_eq!(page.text("state"), "calibrated", "the result stays");
     page.go(&format!("file://{}", report.display()));
     page.until("the report", |p| p.value("document.documentElement.dataset.report") == "complete");
+    page.screenshot(&Path::new(env!("CARGO_TARGET_TMPDIR")).join("calib-report.png"));
     assert!(page.errors.is_empty(), "{:?}", page.errors);
+}
+
+#[test]
+fn what_has_no_page_is_said() {
+    let out = tempdir().unwrap();
+    let (folder, file) = (arg(out.path()), out.path().join("vignette.png"));
+    assert_refused(&["calib", "--vignette", folder, "--view=0", "--out", arg(&file)], &["--view", "hint"]);
+    assert_refused(
+        &["calib", "--board", BOARD, folder, "--view=0", "--token", "short", "--out", arg(&file)],
+        &["--token", "hint"],
+    );
 }
