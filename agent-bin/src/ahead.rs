@@ -20,6 +20,9 @@ use std::time::{Duration, Instant};
 /// Frames held decoded before tracking waits for none: enough to hide a slow one, few enough to bound memory.
 const FRAMES_AHEAD: usize = 4;
 
+/// How long the next item is waited for at a time: who watches a run whose camera is unplugged can still steer it.
+const PATIENCE: Duration = Duration::from_millis(100);
+
 /// What comes out of the thread.
 #[derive(Debug)]
 pub enum Item {
@@ -33,6 +36,8 @@ pub enum Item {
     Notice(Notice),
     /// Why a live source ended though nobody wished it.
     Failed(String),
+    /// Nothing came for a while: time to look at other things.
+    Nothing,
 }
 
 /// When frames are handed on.
@@ -90,9 +95,10 @@ impl Ahead {
         Ok(Self { queue, recorder, stopper, thread: Some(thread) })
     }
 
-    /// The next item; waits for it. `None` when the recording has ended or `stop` is set.
+    /// The next item; waits for it, and says [`Item::Nothing`] when that takes long. `None` when the recording has
+    /// ended or `stop` is set.
     pub fn next_item(&self, stop: &AtomicBool) -> Option<Item> {
-        self.queue.pop(stop)
+        self.queue.pop(stop, PATIENCE)
     }
 
     /// Frames dropped because tracking was late.

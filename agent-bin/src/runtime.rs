@@ -147,6 +147,7 @@ impl Run {
                     }
                 }
                 Item::Failed(reason) => run.failure = Some(reason),
+                Item::Nothing => {}
             }
         }
         if !run.restart {

@@ -32,7 +32,7 @@ fn maps_of_one_yard_have_places_in_common() {
     assert!(output.status.success(), "{}", stderr(&output));
     let pairs: serde_json::Value = serde_json::from_str(&stdout(&output)).unwrap();
     let best = &pairs[0];
-    assert!(best["score"].as_f64().unwrap() > 0.1, "{pairs}");
+    assert!(best["score"].as_f64().unwrap() > 0.1 && best["shared"].as_u64().unwrap() > 20, "{pairs}");
     // The second recording starts half a second into the first.
     let apart = best["a_time"].as_f64().unwrap() - best["b_time"].as_f64().unwrap() - 0.5;
     assert!(apart.abs() < 0.4, "{pairs}");

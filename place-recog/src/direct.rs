@@ -98,7 +98,7 @@ pub fn ranked(
 
 /// How many features of two images are each other's nearest under a node they share, and clearly nearer than the second
 /// nearest.
-fn shared_features(
+pub fn shared_features(
     (a, of_a): (&DirectIndex, &Features),
     (b, of_b): (&DirectIndex, &Features),
     params: &RankParams,
@@ -145,7 +145,9 @@ fn clear_minimum(distances: impl Iterator<Item = u32>, params: &RankParams) -> O
         }
     }
     let near = first as f32 <= params.max_distance.powi(2);
-    let clear = second == u32::MAX || first as f32 <= params.max_ratio.powi(2) * second as f32;
+    // Of equals neither is.
+    let clearer = first < second && first as f32 <= params.max_ratio.powi(2) * second as f32;
+    let clear = second == u32::MAX || clearer;
     (near && clear).then_some(at)
 }
 

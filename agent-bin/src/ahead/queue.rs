@@ -4,7 +4,7 @@ use super::Item;
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// A bounded queue of items. Only frames count against its bound: the rest is small.
 pub struct Queue {
@@ -89,8 +89,10 @@ impl Queue {
         true
     }
 
-    /// Takes the oldest item; waits for one until the queue is closed and empty, or `stop` is set.
-    pub fn pop(&self, stop: &AtomicBool) -> Option<Item> {
+    /// Takes the oldest item; waits for one until the queue is closed and empty, or `stop` is set. After `patience`
+    /// it is [`Item::Nothing`].
+    pub fn pop(&self, stop: &AtomicBool, patience: Duration) -> Option<Item> {
+        let began = Instant::now();
         let mut state = self.lock();
         while !stop.load(Ordering::Relaxed) {
             if let Some(item) = state.items.pop_front() {
@@ -100,8 +102,12 @@ impl Queue {
             if state.closed {
                 return None;
             }
+            let left = patience.saturating_sub(began.elapsed());
+            if left.is_zero() {
+                return Some(Item::Nothing);
+            }
             // A signal handler sets `stop` and can notify nobody.
-            let waited = self.changed.wait_timeout(state, Duration::from_millis(100));
+            let waited = self.changed.wait_timeout(state, left.min(Duration::from_millis(100)));
             state = waited.unwrap_or_else(PoisonError::into_inner).0;
         }
         None
@@ -163,6 +169,7 @@ mod tests {
     use slam_direct::Frame;
 
     static GO: AtomicBool = AtomicBool::new(false);
+    const LONG: Duration = Duration::from_secs(600);
 
     fn frame(index: u64) -> Item {
         Item::Frame(Frame { index, timestamp: index as f64, image: GrayImage::filled(1, 1, 0) }, None)
@@ -182,15 +189,15 @@ mod tests {
         queue.push(Item::Warning("w".into()));
         queue.push(frame(1));
         queue.push(frame(2));
-        assert!(matches!(queue.pop(&GO), Some(Item::Warning(_))));
-        assert_eq!(index(queue.pop(&GO)), Some(2));
+        assert!(matches!(queue.pop(&GO, LONG), Some(Item::Warning(_))));
+        assert_eq!(index(queue.pop(&GO, LONG)), Some(2));
         assert_eq!(queue.dropped(), 2);
         queue.push(frame(3));
         queue.close();
         queue.push(frame(4));
         queue.forget_all();
         assert_eq!(queue.take_forgotten(), [0, 1, 4, 3]);
-        assert!(queue.pop(&GO).is_none());
+        assert!(queue.pop(&GO, LONG).is_none());
     }
 
     #[test]
@@ -205,11 +212,21 @@ mod tests {
             });
             for i in 0..50 {
                 assert!(queue.lock().frames() <= 2);
-                assert_eq!(index(queue.pop(&GO)), Some(i));
+                assert_eq!(index(queue.pop(&GO, LONG)), Some(i));
             }
-            assert!(queue.pop(&GO).is_none());
+            assert!(queue.pop(&GO, LONG).is_none());
         });
         assert_eq!(queue.dropped(), 0);
+    }
+
+    #[test]
+    fn patience_ends_and_the_queue_goes_on() {
+        let queue = Queue::newest_only();
+        assert!(matches!(queue.pop(&GO, Duration::from_millis(1)), Some(Item::Nothing)));
+        queue.push(frame(7));
+        assert_eq!(index(queue.pop(&GO, Duration::ZERO)), Some(7));
+        queue.close();
+        assert!(queue.pop(&GO, Duration::ZERO).is_none());
     }
 
     #[test]

@@ -4,9 +4,12 @@ use super::features;
 use anyhow::{Result, bail};
 use clap::Args;
 use map::{KeyframeId, Map, PlaceIndex};
+use place_recog::features::Features;
 use place_recog::{
-    BowIndex, BowParams, FabMap, FabMapParams, SequenceParams, Vocabulary, WordBag, supported,
+    BowIndex, BowParams, DirectIndex, FabMap, FabMapParams, RankParams, SequenceParams, Vocabulary, WordBag,
+    shared_features, supported,
 };
+use rayon::prelude::*;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::io::{Write, stdout};
@@ -47,12 +50,15 @@ struct Pair {
     score: f32,
     /// FAB-MAP's probability that b shows the place of a rather than another or a new one.
     probability: f64,
+    /// How many features they share; counted for the best by score.
+    shared: Option<usize>,
 }
 
 /// A map's keyframes as words.
 struct Words {
     times: BTreeMap<KeyframeId, f64>,
     bags: BTreeMap<KeyframeId, WordBag>,
+    features: BTreeMap<KeyframeId, (DirectIndex, Features)>,
 }
 
 impl Words {
@@ -60,7 +66,13 @@ impl Words {
         let features = features::of_keyframes(map)?;
         let times = map.keyframes.iter().map(|(&id, keyframe)| (id, keyframe.timestamp)).collect();
         let bags = map.keyframes.keys().copied().zip(features.iter().map(|f| vocabulary.words(f))).collect();
-        Ok(Self { times, bags })
+        let directed = features.into_iter().map(|f| (DirectIndex::new(&f, vocabulary), f));
+        let features = map.keyframes.keys().copied().zip(directed).collect();
+        Ok(Self { times, bags, features })
+    }
+
+    fn directed(&self, id: u32) -> Option<(&DirectIndex, &Features)> {
+        self.features.get(&KeyframeId(id)).map(|(index, features)| (index, features))
     }
 }
 
@@ -90,7 +102,8 @@ pub fn run(args: &PlacesArgs) -> Result<()> {
     Ok(())
 }
 
-/// All candidate pairs, best first.
+/// All candidate pairs: those of highest score by the features they share, most first, then the others by their
+/// score.
 fn pairs(a: &Words, b: &Words, vocabulary: &Arc<Vocabulary>) -> Vec<Pair> {
     let mut bow = BowIndex::new(Arc::clone(vocabulary), BowParams::default());
     let mut fab_map = FabMap::new(Arc::clone(vocabulary), FabMapParams::default());
@@ -110,9 +123,17 @@ fn pairs(a: &Words, b: &Words, vocabulary: &Arc<Vocabulary>) -> Vec<Pair> {
             b_time: b.times[&id],
             score: candidate.score,
             probability: located.get(&candidate.keyframe).copied().unwrap_or(0.0),
+            shared: None,
         }));
     }
     pairs.sort_by(|x, y| y.score.total_cmp(&x.score).then((x.b, x.a).cmp(&(y.b, y.a))));
+    let params = RankParams::default();
+    pairs.par_iter_mut().take(params.considered).for_each(|pair| {
+        let both = a.directed(pair.a).zip(b.directed(pair.b));
+        pair.shared = both.map(|(of_a, of_b)| shared_features(of_a, of_b, &params));
+    });
+    // Stable: of equals the higher score stays first, and what was not counted last.
+    pairs.sort_by_key(|pair| std::cmp::Reverse(pair.shared));
     pairs
 }
 
@@ -120,11 +141,14 @@ fn table(pairs: &[Pair]) -> String {
     if pairs.is_empty() {
         return "no keyframes of the two maps look alike\n".to_owned();
     }
-    let mut out =
-        format!("{:>8} {:>14} {:>8} {:>14} {:>7} {:>8}\n", "a", "time", "b", "time", "score", "FAB-MAP");
+    let mut out = format!(
+        "{:>8} {:>14} {:>8} {:>14} {:>7} {:>7} {:>8}\n",
+        "a", "time", "b", "time", "shared", "score", "FAB-MAP"
+    );
     for p in pairs {
+        let shared = p.shared.map_or("–".to_owned(), |count| count.to_string());
         out += &format!(
-            "{:>8} {:>14.3} {:>8} {:>14.3} {:>7.3} {:>8.3}\n",
+            "{:>8} {:>14.3} {:>8} {:>14.3} {shared:>7} {:>7.3} {:>8.3}\n",
             p.a, p.a_time, p.b, p.b_time, p.score, p.probability
         );
     }

@@ -13,11 +13,20 @@ use std::sync::Arc;
 /// Candidates asked for in each query.
 const CANDIDATES: usize = 10;
 
+/// What is done with the candidates of the words.
+#[derive(Clone, Copy, PartialEq)]
+enum Then {
+    Nothing,
+    /// Neighbouring keyframes support each other's candidates.
+    Neighbours,
+    /// They are ranked by the features they share with the query.
+    SharedFeatures,
+}
+
 struct Method {
     name: &'static str,
     index: fn(&Arc<Vocabulary>) -> Box<dyn PlaceIndex<WordBag>>,
-    /// Whether neighbouring keyframes support each other's candidates.
-    sequence: bool,
+    then: Then,
 }
 
 fn bow(vocabulary: &Arc<Vocabulary>) -> Box<dyn PlaceIndex<WordBag>> {
@@ -28,11 +37,12 @@ fn fab_map(vocabulary: &Arc<Vocabulary>) -> Box<dyn PlaceIndex<WordBag>> {
     Box::new(FabMap::new(Arc::clone(vocabulary), FabMapParams::default()))
 }
 
-const METHODS: [Method; 4] = [
-    Method { name: "bag of words", index: bow, sequence: false },
-    Method { name: "bag of words, neighbours", index: bow, sequence: true },
-    Method { name: "FAB-MAP", index: fab_map, sequence: false },
-    Method { name: "FAB-MAP, neighbours", index: fab_map, sequence: true },
+const METHODS: [Method; 5] = [
+    Method { name: "bag of words", index: bow, then: Then::Nothing },
+    Method { name: "bag of words, neighbours", index: bow, then: Then::Neighbours },
+    Method { name: "bag of words, shared features", index: bow, then: Then::SharedFeatures },
+    Method { name: "FAB-MAP", index: fab_map, then: Then::Nothing },
+    Method { name: "FAB-MAP, neighbours", index: fab_map, then: Then::Neighbours },
 ];
 
 /// Tables of all methods.
@@ -59,7 +69,7 @@ pub fn report(sequences: &[Sequence], vocabulary: &Arc<Vocabulary>) -> String {
     }
     out.push_str("\n| pair, recall at full precision within the pair |");
     METHODS.iter().for_each(|method| _ = write!(out, " {} |", method.name));
-    out.push_str("\n|---|---|---|---|---|\n");
+    out.push_str(&format!("\n|---{}|\n", "|---".repeat(METHODS.len())));
     for (i, (pair, related, _)) in curves[0].iter().enumerate() {
         if *related {
             let _ = write!(out, "| {pair} |");
@@ -73,7 +83,7 @@ pub fn report(sequences: &[Sequence], vocabulary: &Arc<Vocabulary>) -> String {
     }
     out.push_str("\n| over all pairs |");
     METHODS.iter().for_each(|method| _ = write!(out, " {} |", method.name));
-    out.push_str("\n|---|---|---|---|---|\n");
+    out.push_str(&format!("\n|---{}|\n", "|---".repeat(METHODS.len())));
     let strangers = |pairs: &[(String, bool, Curve)]| {
         pairs.iter().filter(|pair| !pair.1).map(|pair| pair.2.highest()).fold(0.0, f32::max)
     };
@@ -120,14 +130,27 @@ fn all_pairs(
         for query in sequences.iter().filter(|query| query.name != target.name) {
             let mut answers: Vec<Vec<PlaceCandidate>> =
                 query.keyframes.iter().map(|k| index.query(&k.words, CANDIDATES)).collect();
-            if method.sequence {
-                answers = supported(&answers, &ids, &SequenceParams::default());
+            match method.then {
+                Then::Nothing => {}
+                Then::Neighbours => answers = supported(&answers, &ids, &SequenceParams::default()),
+                Then::SharedFeatures => rank(&mut answers, query, target),
             }
             let name = format!("`{}` in `{}`", query.name, target.name);
             curves.push((name, query.shares_world(target), judge(query, target, &answers)));
         }
     }
     curves
+}
+
+/// Scores candidates anew by the features they share with the query, and puts the best first.
+fn rank(answers: &mut [Vec<PlaceCandidate>], query: &Sequence, target: &Sequence) {
+    for (candidates, asked) in answers.iter_mut().zip(&query.keyframes) {
+        for candidate in candidates.iter_mut() {
+            let found = target.keyframes.iter().find(|keyframe| keyframe.id == candidate.keyframe);
+            candidate.score = found.map_or(0.0, |keyframe| asked.shared(keyframe));
+        }
+        candidates.sort_by(|a, b| b.score.total_cmp(&a.score));
+    }
 }
 
 fn judge(query: &Sequence, target: &Sequence, answers: &[Vec<PlaceCandidate>]) -> Curve {

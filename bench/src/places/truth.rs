@@ -4,8 +4,8 @@ use anyhow::{Context, Result};
 use eval::{DEFAULT_MAX_DIFF, read_trajectory};
 use map::{Keyframe, KeyframeId, load_map};
 use measuring::views::{View, metres_per_unit};
-use place_recog::features::{SiftParams, sift};
-use place_recog::{Vocabulary, WordBag};
+use place_recog::features::{Features, SiftParams, sift};
+use place_recog::{DirectIndex, RankParams, Vocabulary, WordBag, shared_features};
 use rayon::prelude::*;
 use std::path::Path;
 
@@ -13,7 +13,19 @@ use std::path::Path;
 pub struct Seen {
     pub id: KeyframeId,
     pub words: WordBag,
+    features: Features,
+    direct: DirectIndex,
     view: View,
+}
+
+impl Seen {
+    /// The share, 0–1, of the features of the keyframe that has fewer, that both share.
+    pub fn shared(&self, other: &Self) -> f32 {
+        let params = RankParams::default();
+        let count =
+            shared_features((&self.direct, &self.features), (&other.direct, &other.features), &params);
+        count as f32 / self.features.len().min(other.features.len()).max(1) as f32
+    }
 }
 
 /// The keyframes of one map.
@@ -32,9 +44,10 @@ impl Sequence {
             metres_per_unit(&map, &truth).with_context(|| format!("{name}: the map has no scale"))?;
         let seen = |keyframe: &Keyframe| {
             let Some(pose) = truth.pose_at(keyframe.timestamp, DEFAULT_MAX_DIFF) else { return Ok(None) };
-            let words = vocabulary.words(&sift(&keyframe.image, &SiftParams::default())?);
+            let features = sift(&keyframe.image, &SiftParams::default())?;
+            let (words, direct) = (vocabulary.words(&features), DirectIndex::new(&features, vocabulary));
             let view = View::new(keyframe, map.camera(keyframe), pose.rigid(), metres);
-            Ok(Some(Seen { id: keyframe.id, words, view }))
+            Ok(Some(Seen { id: keyframe.id, words, features, direct, view }))
         };
         let keyframes: Vec<&Keyframe> = map.keyframes.values().collect();
         let seen: Result<Vec<Option<Seen>>> = keyframes.into_par_iter().map(seen).collect();

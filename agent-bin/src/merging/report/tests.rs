@@ -86,6 +86,7 @@ fn input(name: &str, map: Map) -> Input {
         map,
         features,
         words: BTreeMap::new(),
+        direct: BTreeMap::new(),
         seconds: InputSeconds::default(),
     }
 }

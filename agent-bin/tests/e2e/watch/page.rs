@@ -91,6 +91,18 @@ fn a_page_that_does_not_answer_is_told_nothing_more_but_the_end() {
 }
 
 #[test]
+fn a_run_that_waits_for_its_next_image_can_be_steered() {
+    let case = long_case();
+    // The second image is due in minutes, as that of an unplugged camera may be.
+    let run = Served::start(case.command(&["--view=0", "--realtime", "--speed", "0.0001"]));
+    let mut client = Client::connect(&run.url);
+    client.command("pause");
+    client.until("the pause", |c| c.status["paused"] == true);
+    client.command("resume");
+    client.until("the end of the pause", |c| c.status["paused"] == false);
+}
+
+#[test]
 fn only_who_may_look_does() {
     let case = Case::new(&drive());
     case.run(&["--quiet", "--end", "1.5"]).assert_success();
