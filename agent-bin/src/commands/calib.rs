@@ -1,16 +1,19 @@
 //! `loopbox calib`: calibrates a camera.
 
+use super::calib_check::Checked;
 use super::calib_photometric::{self, PhotometricArgs};
-use crate::calibrating::{Input, Numbers, Output, Shots, camera_text, collect, render_report, table};
+use crate::calibrating::{
+    Collected, Input, Numbers, Output, Shots, camera_text, collect, render_report, table,
+};
 use crate::runtime::Stop;
 use crate::sources::SourceOptions;
 use crate::sources::camera::CameraArgs;
 use anyhow::{Context, Result, bail};
 use calib::coach::Coverage;
-use calib::{Board, LensModel, SolverParams, calibrate};
+use calib::{Board, LensModel, SolverParams, calibrate, read_camera};
 use clap::Args;
 use std::io::{IsTerminal, Write};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Calibrate a camera: from images of a board its focal lengths, principal point and distortion; from an exposure sweep
 /// its response; from a flat surface its vignette
@@ -33,8 +36,12 @@ pub struct CalibArgs {
     #[arg(long, value_name = "PIXELS", value_parser = clap::value_parser!(u16).range(1..=100))]
     window: Option<u16>,
     /// The calibration to write: camera.yaml, or with --response pcalib.txt, with --vignette vignette.png
-    #[arg(long, value_name = "FILE")]
-    out: PathBuf,
+    #[arg(long, value_name = "FILE", required_unless_present = "check")]
+    out: Option<PathBuf>,
+    /// Instead of calibrating, tell how well this calibration fits the images: others than it was made from, to be fair.
+    /// Any form of calibration that `run` reads
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["out", "report", "model", "response", "vignette"])]
+    check: Option<PathBuf>,
     /// Also write a page that shows coverage, residuals and detections
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
@@ -53,8 +60,8 @@ pub struct CalibArgs {
 /// # Errors
 /// When images cannot be read or do not determine the camera, or a file cannot be written. Then nothing is written.
 pub fn run(args: &CalibArgs) -> Result<()> {
-    if args.photometric.asked_for() {
-        return calib_photometric::run(&args.photometric, &args.images, &args.out);
+    if let Some(out) = args.out.as_deref().filter(|_| args.photometric.asked_for()) {
+        return calib_photometric::run(&args.photometric, &args.images, out);
     }
     let Some(board) = &args.board else {
         bail!(
@@ -62,6 +69,24 @@ pub fn run(args: &CalibArgs) -> Result<()> {
              --response or --vignette none is needed"
         );
     };
+    let text = match (&args.check, &args.out) {
+        (Some(file), _) => {
+            let calibration = read_camera(file)?;
+            let checked = Checked::new(file, &calibration, board, &collected(args, board)?)?;
+            if args.json { serde_json::to_string_pretty(&checked)? + "\n" } else { checked.text() }
+        }
+        (None, Some(out)) => calibrated(args, board, out)?,
+        (None, None) => {
+            bail!("--out is missing\nhint: name the calibration to write, such as --out camera.yaml")
+        }
+    };
+    // A reader that has closed the pipe (`| head`) has seen enough.
+    let _ = std::io::stdout().write_all(text.as_bytes());
+    Ok(())
+}
+
+/// Finds the board in the images.
+fn collected(args: &CalibArgs, board: &Board) -> Result<Collected> {
     let input = match &args.camera.camera {
         Some(_) => Input::Camera(args.camera.clone()),
         None if args.images.is_empty() => {
@@ -69,12 +94,10 @@ pub fn run(args: &CalibArgs) -> Result<()> {
         }
         None => Input::Paths(args.images.clone()),
     };
-    let out = Output::prepare(&args.out)?;
     let mut shots = Shots::open(
         &input,
         &SourceOptions { fps: args.camera.fps.or(Some(30.0)), topic: None, all_frames: true },
     )?;
-    let page = args.report.as_deref().map(Output::prepare).transpose()?;
     let stop = Stop::on_ctrl_c("calibrating from what was seen so far (Ctrl-C again to abort)")?;
     let stream = shots.is_stream();
     let mut coach = Coach { quiet: args.quiet, stream, last: Vec::new() };
@@ -82,8 +105,14 @@ pub fn run(args: &CalibArgs) -> Result<()> {
         coach.tell(given, coverage);
         !stop.requested()
     };
-    let collected =
-        stop.while_waiting(shots.stopper(), || collect(&mut shots, board, args.window, &mut go_on))?;
+    stop.while_waiting(shots.stopper(), || collect(&mut shots, board, args.window, &mut go_on))
+}
+
+/// Calibrates and writes; what to print.
+fn calibrated(args: &CalibArgs, board: &Board, out: &Path) -> Result<String> {
+    let out = Output::prepare(out)?;
+    let page = args.report.as_deref().map(Output::prepare).transpose()?;
+    let collected = collected(args, board)?;
     let calibration =
         calibrate(board, &collected.views(), collected.size, args.model, &SolverParams::default())
             .with_context(|| not_used(&collected))?;
@@ -95,18 +124,15 @@ pub fn run(args: &CalibArgs) -> Result<()> {
         page.commit()?;
     }
     out.commit()?;
-    let text = if args.json {
+    Ok(if args.json {
         serde_json::to_string_pretty(&Numbers::new(board, &collected, &calibration))? + "\n"
     } else {
         table(&collected, &calibration)
-    };
-    // A reader that has closed the pipe (`| head`) has seen enough.
-    let _ = std::io::stdout().write_all(text.as_bytes());
-    Ok(())
+    })
 }
 
 /// What was left out, to stand before the reason why the rest is not enough.
-fn not_used(collected: &crate::calibrating::Collected) -> String {
+fn not_used(collected: &Collected) -> String {
     let problems = collected.shots.iter().filter_map(|shot| Some((&shot.name, shot.problem.as_ref()?)));
     let lines: Vec<String> = problems.map(|(name, problem)| format!("{name}: {problem}")).collect();
     let (count, shown) = (lines.len(), lines.iter().take(5).cloned().collect::<Vec<_>>().join("; "));
