@@ -82,7 +82,7 @@ impl Numbers {
                 share: seen.share(),
                 tilts: seen.tilts,
                 near_far: seen.near_far,
-                advice: better_model(calibration).into_iter().chain(seen.advice()).collect(),
+                advice: advice(collected, calibration),
             },
         }
     }
@@ -113,11 +113,15 @@ pub fn table(collected: &Collected, calibration: &Calibration) -> String {
             let _ = writeln!(out, "  not used: {}: {reason}", view.name);
         }
     }
-    let of_model = better_model(calibration);
-    for line in of_model.into_iter().chain(collected.coverage.advice()) {
+    for line in advice(collected, calibration) {
         let _ = writeln!(out, "  would help: {line}");
     }
     out
+}
+
+/// What would make the calibration better; for people.
+pub fn advice(collected: &Collected, calibration: &Calibration) -> Vec<String> {
+    better_model(calibration).into_iter().chain(collected.coverage.advice()).collect()
 }
 
 /// What to say when the model does not fit the lens: a more flexible one leaves far smaller residuals.

@@ -56,8 +56,8 @@ fn chessboard() {
     }
 }
 
-/// Four terms do not quite fit this lens, so each of them depends on how far out corners were seen, and the known
-/// tangential terms are nearly nothing: these are held to their standard deviations, the others to a share.
+/// Four terms do not quite fit this lens, so each of them depends on how far out corners were seen. The known tangential
+/// terms are nearly nothing, so that no share can be asked of them: 0.0005 moves no ray by more than about a pixel.
 #[test]
 fn april_grid() {
     let Some(images) = shared("calib_aprilgrid") else { return };
@@ -66,7 +66,7 @@ fn april_grid() {
     assert!(numbers["rms"].as_f64().unwrap() <= 0.3, "{}", numbers["rms"]);
     for (i, (name, known)) in KNOWN.into_iter().enumerate() {
         let (value, sigma) = parameter(&numbers, name);
-        assert!((value - known).abs() < 3.0 * sigma, "{name} {value} ± {sigma}");
+        assert!((value - known).abs() < 4.0 * sigma, "{name} {value} ± {sigma}");
         assert!(i > 5 || (value / known - 1.0).abs() < 0.01, "{name} {value}");
         assert!(i < 6 || (value - known).abs() < 5e-4, "{name} {value}");
     }
@@ -111,7 +111,7 @@ fn april_grid_held_out() {
     };
     let (known, ours, fisheye) = (error(&known), error(&of("radtan")), error(&of("kb4")));
     assert!(ours < 1.05 * known, "{ours} px, the known one {known} px");
-    assert!(fisheye < 0.6 * known && fisheye < 0.3, "{fisheye} px, the known one {known} px");
+    assert!(fisheye < 0.75 * known && fisheye < 0.25, "{fisheye} px, the known one {known} px");
 }
 
 #[test]
