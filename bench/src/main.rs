@@ -46,6 +46,9 @@ struct Args {
     /// calibration. The machine should have nothing else to do
     #[arg(long, conflicts_with_all = ["merges", "only"])]
     live: bool,
+    /// With --live: calibration only, and print its tables instead of writing them
+    #[arg(long, requires = "live")]
+    calibration: bool,
     /// With --live: minutes of the longest run
     #[arg(long, value_name = "N", default_value_t = 5.0, requires = "live")]
     minutes: f64,
@@ -98,7 +101,13 @@ fn main() -> Result<()> {
 
 /// Measures what concerns cameras.
 fn measure_live(args: &Args, runner: &Runner) -> Result<()> {
-    let live = live::measure(&live::Plan { runner, data: &args.data, minutes: args.minutes })?;
+    let plan = live::Plan { runner, data: &args.data, minutes: args.minutes };
+    if args.calibration {
+        let found = live::measure_calibrations(&plan)?;
+        println!("{}", live::report::calibrations(&found));
+        return found.map(|_| ()).map_err(|reason| anyhow::anyhow!(reason));
+    }
+    let live = live::measure(&plan)?;
     let text = live::report::section(&live);
     write(&args.documents, &[("machine", report::machine()), ("live", text)])?;
     match live.problems() {

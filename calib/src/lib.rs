@@ -27,7 +27,7 @@ pub use photometric::{parse_photometric, read_photometric};
 pub use response::{Response, ResponseError, estimate_response, format_response};
 pub use sharpness::edge_width;
 pub use solver::{
-    Calibration, Corner, Estimate, FittedCorner, FittedView, LensModel, Refusal, SolverParams, View,
-    calibrate, planar,
+    Calibration, Check, Corner, Estimate, FittedCorner, FittedView, LensModel, Refusal, SolverParams, View,
+    calibrate, check, planar,
 };
 pub use vignette::{VignetteError, estimate_vignette};

@@ -1,7 +1,7 @@
 //! `report.html` of a calibration: parameters, coverage, residuals, detections; one file, offline.
 
 use super::collect::Collected;
-use super::summary::{digits, reason};
+use super::summary::{advice, digits, reason};
 use crate::report::gallery::encode;
 use crate::report::pack::Packed;
 use crate::report::page::Template;
@@ -91,7 +91,7 @@ pub fn render(board: &Board, collected: &Collected, calibration: &Calibration) -
             ("image covered", format!("{:.0} %", 100.0 * collected.coverage.share())),
         ],
         parameters: calibration.estimates.iter().map(parameter).collect(),
-        advice: collected.coverage.advice(),
+        advice: advice(collected, calibration),
         views: calibration.views.iter().enumerate().map(|(i, v)| view(board, collected, v, i)).collect(),
         shots: pictures(collected, calibration)?,
     };

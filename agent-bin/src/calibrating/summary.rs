@@ -5,6 +5,9 @@ use calib::{Board, Calibration, FittedView};
 use serde::Serialize;
 use std::fmt::Write;
 
+/// A model whose residuals are so many times those of a more flexible one does not fit the lens.
+const MISFIT: f64 = 1.3;
+
 /// The numbers of a calibration.
 #[derive(Serialize)]
 pub struct Numbers {
@@ -79,7 +82,7 @@ impl Numbers {
                 share: seen.share(),
                 tilts: seen.tilts,
                 near_far: seen.near_far,
-                advice: seen.advice(),
+                advice: advice(collected, calibration),
             },
         }
     }
@@ -110,10 +113,26 @@ pub fn table(collected: &Collected, calibration: &Calibration) -> String {
             let _ = writeln!(out, "  not used: {}: {reason}", view.name);
         }
     }
-    for line in collected.coverage.advice() {
+    for line in advice(collected, calibration) {
         let _ = writeln!(out, "  would help: {line}");
     }
     out
+}
+
+/// What would make the calibration better; for people.
+pub fn advice(collected: &Collected, calibration: &Calibration) -> Vec<String> {
+    better_model(calibration).into_iter().chain(collected.coverage.advice()).collect()
+}
+
+/// What to say when the model does not fit the lens: a more flexible one leaves far smaller residuals.
+fn better_model(calibration: &Calibration) -> Option<String> {
+    let (model, rms) = calibration.most_flexible;
+    (calibration.rms > MISFIT * rms).then(|| {
+        format!(
+            "another --model: {} does not quite fit this lens, {model} leaves {rms:.3} px; kb4 and fov fit many wide lenses",
+            calibration.model
+        )
+    })
 }
 
 /// Decimals that show two figures of a standard deviation.

@@ -1,5 +1,6 @@
 //! `loopbox calib`: calibrates a camera.
 
+use super::calib_check::Checked;
 use super::calib_photometric::{self, PhotometricArgs};
 #[cfg(feature = "view")]
 use super::watching::ServeArgs;
@@ -11,10 +12,10 @@ use crate::sources::SourceOptions;
 use crate::sources::camera::CameraArgs;
 use anyhow::{Context, Result, bail};
 use calib::coach::Coverage;
-use calib::{Board, Calibration, LensModel, SolverParams, calibrate};
+use calib::{Board, Calibration, LensModel, SolverParams, calibrate, read_camera};
 use clap::Args;
 use std::io::{IsTerminal, Write};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Calibrate a camera: from images of a board its focal lengths, principal point and distortion; from an exposure sweep
 /// its response; from a flat surface its vignette
@@ -37,8 +38,12 @@ pub struct CalibArgs {
     #[arg(long, value_name = "PIXELS", value_parser = clap::value_parser!(u16).range(1..=100))]
     window: Option<u16>,
     /// The calibration to write: camera.yaml, or with --response pcalib.txt, with --vignette vignette.png
-    #[arg(long, value_name = "FILE")]
-    out: PathBuf,
+    #[arg(long, value_name = "FILE", required_unless_present = "check")]
+    out: Option<PathBuf>,
+    /// Instead of calibrating, tell how well this calibration fits the images: others than it was made from, to be fair.
+    /// Any form of calibration that `run` reads
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["out", "report", "model", "response", "vignette"])]
+    check: Option<PathBuf>,
     /// Also write a page that shows coverage, residuals and detections
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
@@ -74,14 +79,13 @@ impl CalibArgs {
 /// # Errors
 /// When images cannot be read or do not determine the camera, or a file cannot be written. Then nothing is written.
 pub fn run(args: &CalibArgs) -> Result<()> {
-    let address = args.address()?;
-    if args.photometric.asked_for() {
-        if address.is_some() {
-            bail!(
-                "--view shows what is missing of a board\nhint: leave it out with --response and --vignette"
-            );
-        }
-        return calib_photometric::run(&args.photometric, &args.images, &args.out);
+    if args.address()?.is_some() && (args.photometric.asked_for() || args.check.is_some()) {
+        bail!(
+            "--view shows what is missing of a board\nhint: leave it out with --response, --vignette and --check"
+        );
+    }
+    if let Some(out) = args.out.as_deref().filter(|_| args.photometric.asked_for()) {
+        return calib_photometric::run(&args.photometric, &args.images, out);
     }
     let Some(board) = &args.board else {
         bail!(
@@ -89,21 +93,33 @@ pub fn run(args: &CalibArgs) -> Result<()> {
              --response or --vignette none is needed"
         );
     };
-    let input = match &args.camera.camera {
-        Some(_) => Input::Camera(args.camera.clone()),
-        None if args.images.is_empty() => {
-            bail!("no images\nhint: give image files, a folder, a recording, or --camera DEVICE")
+    match (&args.check, &args.out) {
+        (Some(file), _) => check(args, board, file),
+        (None, Some(out)) => calibrate_to(args, board, out),
+        (None, None) => {
+            bail!("--out is missing\nhint: name the calibration to write, such as --out camera.yaml")
         }
-        None => Input::Paths(args.images.clone()),
-    };
-    let out = Output::prepare(&args.out)?;
-    let mut shots = Shots::open(
-        &input,
-        &SourceOptions { fps: args.camera.fps.or(Some(30.0)), topic: None, all_frames: true },
-    )?;
+    }
+}
+
+/// Tells how well the calibration in `file` fits the images.
+fn check(args: &CalibArgs, board: &Board, file: &Path) -> Result<()> {
+    let calibration = read_camera(file)?;
+    let mut shots = shots(args)?;
+    let stop = stop()?;
+    let collected = collected(args, board, &mut shots, &Coaching::start(None, board, false)?, &stop)?;
+    let checked = Checked::new(file, &calibration, board, &collected)?;
+    print(&if args.json { serde_json::to_string_pretty(&checked)? + "\n" } else { checked.text() });
+    Ok(())
+}
+
+/// Calibrates, and writes the calibration to `out`.
+fn calibrate_to(args: &CalibArgs, board: &Board, out: &Path) -> Result<()> {
+    let out = Output::prepare(out)?;
+    let mut shots = shots(args)?;
     let page = args.report.as_deref().map(Output::prepare).transpose()?;
-    let stop = Stop::on_ctrl_c("calibrating from what was seen so far (Ctrl-C again to abort)")?;
-    let coaching = Coaching::start(address, board, shots.is_live())?;
+    let stop = stop()?;
+    let coaching = Coaching::start(args.address()?, board, shots.is_live())?;
     let calibrated =
         measure(args, board, &mut shots, &coaching, &stop).and_then(|(collected, calibration)| {
             write(board, &collected, &calibration, out, page)?;
@@ -117,15 +133,51 @@ pub fn run(args: &CalibArgs) -> Result<()> {
         }
     };
     let summary = table(&collected, &calibration);
-    let text = if args.json {
-        serde_json::to_string_pretty(&Numbers::new(board, &collected, &calibration))? + "\n"
+    if args.json {
+        print(&(serde_json::to_string_pretty(&Numbers::new(board, &collected, &calibration))? + "\n"));
     } else {
-        summary.clone()
-    };
-    // A reader that has closed the pipe (`| head`) has seen enough.
-    let _ = std::io::stdout().write_all(text.as_bytes());
+        print(&summary);
+    }
     coaching.end(Ok(&summary), &stop);
     Ok(())
+}
+
+fn print(text: &str) {
+    // A reader that has closed the pipe (`| head`) has seen enough.
+    let _ = std::io::stdout().write_all(text.as_bytes());
+}
+
+fn stop() -> Result<Stop> {
+    Stop::on_ctrl_c("calibrating from what was seen so far (Ctrl-C again to abort)")
+}
+
+/// Opens what the images come from.
+fn shots(args: &CalibArgs) -> Result<Shots> {
+    let input = match &args.camera.camera {
+        Some(_) => Input::Camera(args.camera.clone()),
+        None if args.images.is_empty() => {
+            bail!("no images\nhint: give image files, a folder, a recording, or --camera DEVICE")
+        }
+        None => Input::Paths(args.images.clone()),
+    };
+    Shots::open(&input, &SourceOptions { fps: args.camera.fps.or(Some(30.0)), topic: None, all_frames: true })
+}
+
+/// Finds the board in the images.
+fn collected(
+    args: &CalibArgs,
+    board: &Board,
+    shots: &mut Shots,
+    coaching: &Coaching,
+    stop: &Stop,
+) -> Result<Collected> {
+    let mut coach = Coach { quiet: args.quiet, stream: shots.is_stream(), last: Vec::new() };
+    let mut go_on = |seen: &Seen| {
+        coach.tell(seen.given, seen.coverage);
+        coaching.show(seen);
+        !stop.requested() && !coaching.has_enough()
+    };
+    stop.while_waiting(shots.stopper(), || collect(shots, board, args.window, &mut go_on))
 }
 
 /// Looks at the images and calibrates from them.
@@ -136,13 +188,7 @@ fn measure(
     coaching: &Coaching,
     stop: &Stop,
 ) -> Result<(Collected, Calibration)> {
-    let mut coach = Coach { quiet: args.quiet, stream: shots.is_stream(), last: Vec::new() };
-    let mut go_on = |seen: &Seen| {
-        coach.tell(seen.given, seen.coverage);
-        coaching.show(seen);
-        !stop.requested() && !coaching.has_enough()
-    };
-    let collected = stop.while_waiting(shots.stopper(), || collect(shots, board, args.window, &mut go_on))?;
+    let collected = collected(args, board, shots, coaching, stop)?;
     coaching.solving();
     let calibration =
         calibrate(board, &collected.views(), collected.size, args.model, &SolverParams::default())

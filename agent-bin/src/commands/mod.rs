@@ -3,6 +3,8 @@
 #[cfg(feature = "opencv")]
 mod calib;
 #[cfg(feature = "opencv")]
+mod calib_check;
+#[cfg(feature = "opencv")]
 mod calib_photometric;
 mod cameras;
 mod convert;

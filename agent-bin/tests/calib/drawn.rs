@@ -50,3 +50,32 @@ fn the_summary_names_parameters_and_what_would_help() {
         assert!(said.contains(word), "no {word} in {said}");
     }
 }
+
+#[test]
+fn a_calibration_is_checked_without_writing() {
+    let folder = tempdir().unwrap();
+    Artist::new().folder(folder.path());
+    let camera = folder.path().join("camera.yaml");
+    let images: Vec<_> = (0..4).map(|i| folder.path().join(format!("{i:02}.png"))).collect();
+    let check = |text: String| {
+        std::fs::write(&camera, text).unwrap();
+        let images = images.iter().map(|image| arg(image));
+        let args: Vec<&str> =
+            ["calib", "--board", BOARD, "--check", arg(&camera)].into_iter().chain(images).collect();
+        loopbox(&args)
+    };
+    let text = calib::format_camera(&crate::support::camera(), None);
+    let output = check(text.clone());
+    let said = stdout(&output);
+    assert!(output.status.success(), "{}", stderr(&output));
+    let rms: f64 = said.split_whitespace().nth(1).unwrap().parse().unwrap();
+    assert!(rms < 0.2 && said.contains("216 corners of 4 of 4 images"), "{said}");
+    let output = check(text.replace("width: 400", "width: 401"));
+    assert!(!output.status.success());
+    let message = stderr(&output);
+    assert!(
+        message.contains("401×300") && message.contains("400×300") && message.contains("hint"),
+        "{message}"
+    );
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 13);
+}

@@ -45,7 +45,7 @@ pub struct Live {
 }
 
 /// What a part gave, or why it gave nothing.
-type Part<T> = Result<T, String>;
+pub type Part<T> = Result<T, String>;
 
 impl Live {
     /// What must not be: parts that failed, and replays that differ.
@@ -69,17 +69,10 @@ impl Live {
 /// When data are missing.
 pub fn measure(plan: &Plan) -> Result<Live> {
     let needed = latency::SEQUENCES.iter().copied().chain(KNOWN.iter().map(|known| known.name));
-    let missing: Vec<&str> = needed.filter(|name| !plan.data.join(name).is_dir()).collect();
-    if !missing.is_empty() {
-        bail!("{}: there is no {} to measure", plan.data.display(), missing.join(", "));
-    }
-    let work = plan.runner.work.join("live");
-    let Runner { loopbox, runs, .. } = plan.runner;
-    let runner = Runner { loopbox: loopbox.clone(), work, runs: *runs };
+    check_data(plan.data, needed)?;
+    let runner = runner(plan);
     let sequence = |name: &str| plan.data.join(name);
-    let calibrations = part("calibration", || {
-        KNOWN.iter().map(|known| known.measure(&runner, &sequence(known.name))).collect()
-    });
+    let calibrations = calibrations(&runner, plan.data);
     let costs =
         part("cost of recording and watching", || shares::measure(&runner, &sequence(shares::SEQUENCE)));
     let timed = part("latency", || {
@@ -96,6 +89,33 @@ pub fn measure(plan: &Plan) -> Result<Live> {
         part("replays", || replay::measure(&runner, &sequence(shares::SEQUENCE), &sequence(long::SEQUENCE)));
     let long = part("the long run", || long::measure(&runner, &sequence(long::SEQUENCE), plan.minutes));
     Ok(Live { calibrations, timed, costs, replays, long })
+}
+
+/// Measures calibration alone.
+///
+/// # Errors
+/// When data are missing.
+pub fn measure_calibrations(plan: &Plan) -> Result<Part<Vec<Calibrated>>> {
+    check_data(plan.data, KNOWN.iter().map(|known| known.name))?;
+    Ok(calibrations(&runner(plan), plan.data))
+}
+
+fn calibrations(runner: &Runner, data: &Path) -> Part<Vec<Calibrated>> {
+    part("calibration", || KNOWN.iter().map(|known| known.measure(runner, &data.join(known.name))).collect())
+}
+
+fn check_data<'a>(data: &Path, needed: impl Iterator<Item = &'a str>) -> Result<()> {
+    let missing: Vec<&str> = needed.filter(|name| !data.join(name).is_dir()).collect();
+    if !missing.is_empty() {
+        bail!("{}: there is no {} to measure", data.display(), missing.join(", "));
+    }
+    Ok(())
+}
+
+/// What runs the program in a folder of its own.
+fn runner(plan: &Plan) -> Runner {
+    let Runner { loopbox, work, runs } = plan.runner;
+    Runner { loopbox: loopbox.clone(), work: work.join("live"), runs: *runs }
 }
 
 /// Measures a part, and says how long it took.

@@ -1,6 +1,6 @@
 //! What the documents say of cameras.
 
-use super::calibration::{Calibrated, Parameter};
+use super::calibration::{Apart, Calibrated, HeldOut, Misfit, Parameter};
 use super::client::Viewer;
 use super::latency::Timed;
 use super::long::{Long, RATE, SEQUENCE as LONG_SEQUENCE};
@@ -21,9 +21,14 @@ pub fn section(live: &Live) -> String {
         part("Minutes on end", &live.long, long),
         part("Recording and watching", &live.costs, |costs| shares(costs)),
         part("Replay", &live.replays, |replays| replay(replays)),
-        part("Calibration", &live.calibrations, |all| all.iter().map(calibration).collect()),
+        calibrations(&live.calibrations),
     ];
     parts.concat()
+}
+
+/// The tables of calibration.
+pub fn calibrations(found: &Part<Vec<Calibrated>>) -> String {
+    part("Calibration", found, |all| all.iter().map(calibration).collect())
 }
 
 fn part<T>(title: &str, measured: &Part<T>, text: impl FnOnce(&T) -> String) -> String {
@@ -259,15 +264,26 @@ fn calibration(found: &Calibrated) -> String {
     let columns =
         ["", "found", "known", "difference", "in σ found", "moves the border by", "to reach", "reached"];
     out += &table(&columns, found.parameters.iter().map(row).chain([rms]));
-    if let Some([as_it_is, turned]) = found.apart {
+    if let Some(Apart { inner, whole }) = found.apart {
         let _ = writeln!(
             out,
-            "All parameters together: a tenth of the image and more from its border, the same ray lands at most \
-             {turned:.2} px from where the known camera has it, once the cameras are turned to agree best; at the very \
-             border, where few corners were seen, up to {as_it_is:.1} px.\n"
+            "All parameters together: turned to agree best, both cameras have the same ray {:.2} px apart (root mean \
+             square; at most {:.2} px) a tenth of the image and more from its border, {:.2} px (at most {:.1} px) over the \
+             whole image, at whose border few corners were seen.\n",
+            inner.rms, inner.most, whole.rms, whole.most
         );
     }
-    out
+    out + &held_out(&found.held_out)
+}
+
+fn held_out(found: &HeldOut) -> String {
+    let text = |error: Misfit| format!("{:.3} px (median {:.3} px)", error.rms, error.median);
+    let known = found.known.map_or(String::new(), |error| format!(", by the known camera {}", text(error)));
+    format!(
+        "On the half of the images that it was not made from, a calibration leaves {}{known}: root mean square over all \
+         corners found there, with the board placed in each image and nothing set aside.\n\n",
+        text(found.found)
+    )
 }
 
 /// Decimals that show two figures of a standard deviation.

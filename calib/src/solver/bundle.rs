@@ -4,7 +4,7 @@ use super::model::{MAX_PARAMETERS, Parameters};
 use super::{Corner, LensModel};
 use faer::linalg::solvers::Solve;
 use geometry::{Camera, Se3, hat};
-use nalgebra::{Matrix2x3, Matrix3, Matrix6, SMatrix, Vector2, Vector3, Vector6};
+use nalgebra::{DMatrix, DVector, Matrix2x3, Matrix3, Matrix6, SMatrix, Vector2, Vector3, Vector6};
 
 /// Residual that stands for a corner the camera cannot see, pixels: worse than any that is seen, and without slope.
 const UNSEEN: f64 = 100.0;
@@ -41,9 +41,29 @@ pub(crate) struct Normal {
 }
 
 struct ViewNormal {
+    shared: Reduced,
+    shared_right: Parameters,
     own: Matrix6<f64>,
     mixed: Mixed,
     right: Vector6<f64>,
+}
+
+impl ViewNormal {
+    fn zero() -> Self {
+        Self {
+            shared: Reduced::zeros(),
+            shared_right: Parameters::zeros(),
+            own: Matrix6::zeros(),
+            mixed: Mixed::zeros(),
+            right: Vector6::zeros(),
+        }
+    }
+
+    /// What the view says of the camera when its pose is adjusted too (Schur complement): information and gradient.
+    fn reduced(&self) -> Option<(Reduced, Parameters)> {
+        let across = self.mixed.transpose() * self.own.try_inverse()?;
+        Some((self.shared - across * self.mixed, self.shared_right - across * self.right))
+    }
 }
 
 impl Problem<'_> {
@@ -86,8 +106,7 @@ impl Problem<'_> {
             views: Vec::with_capacity(self.views.len()),
         };
         for (corners, pose) in self.views.iter().zip(&state.poses) {
-            let mut view =
-                ViewNormal { own: Matrix6::zeros(), mixed: Mixed::zeros(), right: Vector6::zeros() };
+            let mut view = ViewNormal::zero();
             for corner in corners {
                 let point = *pose * self.points[corner.index];
                 let Some((pixel, by_point, by_shared)) = self.model.project(&camera, &point) else {
@@ -99,9 +118,11 @@ impl Problem<'_> {
                 view.own += by_pose.transpose() * by_pose * weight;
                 view.mixed += by_pose.transpose() * by_shared * weight;
                 view.right += by_pose.transpose() * residual * weight;
-                normal.shared += by_shared.transpose() * by_shared * weight;
-                normal.shared_right += by_shared.transpose() * residual * weight;
+                view.shared += by_shared.transpose() * by_shared * weight;
+                view.shared_right += by_shared.transpose() * residual * weight;
             }
+            normal.shared += view.shared;
+            normal.shared_right += view.shared_right;
             normal.views.push(view);
         }
         Some(normal)
@@ -170,13 +191,14 @@ impl Normal {
         Some(State { parameters: state.parameters + shared_step, poses: poses.collect() })
     }
 
-    /// Information of the camera's first `count` parameters when the poses are adjusted too: the Schur complement.
-    pub fn information(&self, count: usize) -> Option<faer::Mat<f64>> {
-        let mut reduced = self.shared;
-        for view in &self.views {
-            reduced -= view.mixed.transpose() * view.own.try_inverse()? * view.mixed;
-        }
-        Some(faer::Mat::from_fn(count, count, |i, j| reduced[(i, j)]))
+    /// What each view says of the camera's first `count` parameters when the poses are adjusted too: information and
+    /// gradient.
+    pub fn by_view(&self, count: usize) -> Option<Vec<(DMatrix<f64>, DVector<f64>)>> {
+        let leading = |(information, gradient): (Reduced, Parameters)| {
+            let information = DMatrix::from_fn(count, count, |i, j| information[(i, j)]);
+            (information, DVector::from_fn(count, |i, _| gradient[i]))
+        };
+        self.views.iter().map(|view| view.reduced().map(leading)).collect()
     }
 }
 

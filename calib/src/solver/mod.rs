@@ -5,6 +5,7 @@
 //! determine the camera.
 
 mod bundle;
+mod check;
 mod initial;
 mod model;
 mod pipeline;
@@ -14,6 +15,7 @@ mod refusal;
 pub(crate) mod tests;
 mod uncertainty;
 
+pub use check::{Check, check};
 pub use model::LensModel;
 pub use pipeline::{Calibration, FittedCorner, FittedView, SolverParams, calibrate};
 pub use refusal::Refusal;

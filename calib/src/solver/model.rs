@@ -70,9 +70,17 @@ impl LensModel {
         Camera::new(Pinhole { width, height, fx: p[0], fy: p[1], cx: p[2], cy: p[3] }, distortion)
     }
 
-    #[cfg(test)]
+    /// The model of a camera; `None` when it has terms that no model here has.
+    pub(crate) fn of(camera: &Camera) -> Option<Self> {
+        match camera.distortion() {
+            Distortion::None => Some(Self::Pinhole),
+            Distortion::RadTan(lens) => (lens.terms().len() <= 5).then_some(Self::RadTan5),
+            Distortion::KannalaBrandt(_) => Some(Self::Kb4),
+            Distortion::Fov(_) => Some(Self::Fov),
+        }
+    }
+
     /// The parameters of a camera of this model.
-    #[cfg(test)]
     pub(crate) fn parameters(self, camera: &Camera) -> Parameters {
         let Pinhole { fx, fy, cx, cy, .. } = *camera.intrinsics();
         let terms = match camera.distortion() {

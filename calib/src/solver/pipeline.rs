@@ -73,6 +73,9 @@ pub struct Calibration {
     pub rms: f64,
     /// The same over all corners of all views with enough of them, those set aside too.
     pub rms_of_all: f64,
+    /// The most flexible model of the same kind, by which wrong corners were told, and its root mean square, pixels: where
+    /// that is far less, `model` does not fit the lens.
+    pub most_flexible: (LensModel, f64),
     /// Number of corners used.
     pub corner_count: usize,
     /// What became of each view, in the order given.
@@ -117,25 +120,31 @@ pub fn calibrate(
     params: &SolverParams,
 ) -> Result<Calibration, Refusal> {
     let points = board.points();
-    for view in views {
-        if let Some(corner) = view.corners.iter().find(|corner| corner.index >= points.len()) {
-            let (view, index, count) = (view.name.clone(), corner.index, points.len());
-            return Err(Refusal::NoSuchCorner { view, index, count });
-        }
-    }
+    check_corners(views, points.len())?;
     let mut judge = Work::new(&points, views, size, model.judge(), params);
     let usable = judge.usable.iter().filter(|usable| **usable).count();
     if usable < params.min_views {
         return Err(Refusal::TooFewViews { usable, given: views.len(), needed: params.min_views });
     }
-    judge.adjusted()?;
+    let state = judge.adjusted()?;
+    let most_flexible = (judge.model, judge.rms(&state));
     let kept = judge.kept().count();
     if kept < params.min_views || 2 * kept < usable {
         return Err(Refusal::FewFit { kept, usable });
     }
     let mut work = Work { model, ..judge };
     let state = work.settled()?;
-    work.result(&state)
+    Ok(Calibration { most_flexible, ..work.result(&state)? })
+}
+
+/// Whether all corners are on a board of `count` corners.
+pub(super) fn check_corners(views: &[View], count: usize) -> Result<(), Refusal> {
+    for view in views {
+        if let Some(corner) = view.corners.iter().find(|corner| corner.index >= count) {
+            return Err(Refusal::NoSuchCorner { view: view.name.clone(), index: corner.index, count });
+        }
+    }
+    Ok(())
 }
 
 /// What is worked on: which corners are used.
@@ -295,13 +304,20 @@ impl<'a> Work<'a> {
         }
     }
 
+    /// Root mean square of the residuals of the corners that are used.
+    fn rms(&self, state: &State) -> f64 {
+        let problem = self.problem(&self.kept().collect::<Vec<_>>(), f64::INFINITY);
+        let count: usize = problem.views.iter().map(Vec::len).sum();
+        (problem.cost(state) / count.max(1) as f64).sqrt()
+    }
+
     /// The outcome, if the views determine it.
     fn result(&self, state: &State) -> Result<Calibration, Refusal> {
         let indices: Vec<usize> = self.kept().collect();
         let problem = self.problem(&indices, f64::INFINITY);
         let camera = problem.camera(state).ok_or(Refusal::NoStart)?;
         let corner_count: usize = problem.views.iter().map(Vec::len).sum();
-        let rms = (problem.cost(state) / corner_count.max(1) as f64).sqrt();
+        let rms = self.rms(state);
         let (width, height) = (self.size.0 as f64, self.size.1 as f64);
         if rms > self.params.max_rms * width.hypot(height) {
             return Err(Refusal::PoorFit { rms });
@@ -327,6 +343,7 @@ impl<'a> Work<'a> {
             condition,
             rms,
             rms_of_all,
+            most_flexible: (model, rms),
             corner_count,
             views,
         })

@@ -29,6 +29,12 @@ pub enum Refusal {
         /// Corners of the board.
         count: usize,
     },
+    /// A calibration that is to be checked has terms that no model has.
+    #[error(
+        "the calibration has the terms k4 k5 k6, which cannot be checked\nhint: give one with at most k1 k2 p1 p2 k3, or of \
+         another model"
+    )]
+    NoSuchModel,
     /// No focal length makes sense of the views.
     #[error(
         "no camera explains the corners that were found\nhint: check --board (its columns, rows and, for an aprilgrid, \

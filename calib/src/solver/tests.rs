@@ -110,6 +110,50 @@ fn uncertainty_is_consistent() {
     }
 }
 
+/// A lens with a third radial term, fitted without it: the fit depends on where the views lie, and two halves of them
+/// must differ by about as much as their uncertainties say.
+#[test]
+fn uncertainty_holds_for_a_lens_that_the_model_does_not_fit() {
+    let (_, camera) = cameras()[3];
+    let (board, mut noise) = (board(), Noise(11));
+    let mut place = |from: f64, to: f64| from + (to - from) * noise.uniform();
+    let poses: Vec<Se3> = (0..48)
+        .map(|_| {
+            let position = [place(-0.2, 0.2), place(-0.12, 0.12), place(0.3, 0.5)];
+            placed(&board, position, std::array::from_fn(|_| place(-0.6, 0.6)))
+        })
+        .collect();
+    let mut noise = Noise(12);
+    let views: Vec<View> = poses.iter().map(|pose| seen(&camera, &board, pose, 0.05, &mut noise)).collect();
+    let whole = solved(&views, LensModel::RadTan4).unwrap();
+    assert!(whole.rms > 1.3 * whole.most_flexible.1, "{} and {:?}", whole.rms, whole.most_flexible);
+    let found: Vec<Calibration> =
+        views.chunks(12).map(|part| solved(part, LensModel::RadTan4).unwrap()).collect();
+    let mut squares = Vec::new();
+    for (a, b) in [(0, 1), (1, 2), (2, 3), (3, 0)] {
+        for (one, other) in found[a].estimates.iter().zip(&found[b].estimates) {
+            squares.push((one.value - other.value).powi(2) / (one.sigma.powi(2) + other.sigma.powi(2)));
+        }
+    }
+    let mean = squares.iter().sum::<f64>() / squares.len() as f64;
+    assert!((0.2..3.0).contains(&mean), "{mean:.2} times the variance that was said");
+}
+
+#[test]
+fn a_check_tells_the_true_camera_from_another_one() {
+    for (model, camera) in cameras() {
+        let views = usual_views(&camera, 0.2, 6);
+        let right = check(&board(), &views, &camera).unwrap();
+        assert!((right.rms() - 0.2 * 2f64.sqrt()).abs() < 0.03, "{model}: {}", right.rms());
+        assert!((right.median() - 0.235).abs() < 0.03, "{model}: {}", right.median());
+        let mut parameters = model.parameters(&camera);
+        parameters[1] *= 1.02;
+        let wrong = check(&board(), &views, &model.camera(SIZE, &parameters).unwrap()).unwrap();
+        assert!(wrong.rms() > 1.5 * right.rms(), "{model}: {} and {}", wrong.rms(), right.rms());
+        assert_eq!(wrong.corner_count(), views.iter().map(|view| view.corners.len()).sum::<usize>());
+    }
+}
+
 #[test]
 fn wrong_corners_and_a_wrong_view_are_set_aside() {
     let (model, camera) = cameras()[1];

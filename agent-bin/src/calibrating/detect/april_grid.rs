@@ -88,7 +88,9 @@ impl AprilGrid {
                 twice.push(id);
             }
         }
-        twice.iter().for_each(|id| _ = tags.remove(id));
+        for id in twice {
+            tags.remove(&id);
+        }
         Ok(tags)
     }
 
