@@ -9,6 +9,9 @@ use tungstenite::{Message, WebSocket};
 /// Nothing that is waited for takes so long, even on a machine that is busy with other things.
 pub const PATIENCE: Duration = Duration::from_secs(300);
 
+/// The kind of a message that holds an image.
+const PICTURE: u8 = 4;
+
 /// What a page holds.
 pub struct Client {
     socket: WebSocket<TcpStream>,
@@ -20,6 +23,8 @@ pub struct Client {
     pub rounds: u64,
     /// How many binary messages came, by kind.
     pub counts: [usize; 6],
+    /// Depths over the newest image.
+    pub depths: u32,
     /// How often everything began anew.
     pub resets: usize,
     /// The connection was closed by the server.
@@ -48,6 +53,7 @@ impl Client {
             answers: true,
             rounds: 0,
             counts: [0; 6],
+            depths: 0,
             resets: 0,
             closed: false,
         }
@@ -98,7 +104,12 @@ impl Client {
                     _ => {}
                 }
             }
-            Ok(Message::Binary(bytes)) => self.counts[usize::from(bytes[0])] += 1,
+            Ok(Message::Binary(bytes)) => {
+                self.counts[usize::from(bytes[0])] += 1;
+                if bytes[0] == PICTURE {
+                    self.depths = u32::from_le_bytes([16, 17, 18, 19].map(|i| bytes[i]));
+                }
+            }
             Ok(Message::Close(_)) => self.closed = true,
             Ok(_) => {}
             Err(tungstenite::Error::Io(error)) if error.kind() == std::io::ErrorKind::WouldBlock => {}
