@@ -46,14 +46,23 @@ struct Args {
     /// calibration. The machine should have nothing else to do
     #[arg(long, conflicts_with_all = ["merges", "only"])]
     live: bool,
-    /// With --live: calibration only, and print its tables instead of writing them
+    /// With --live: this part only, and print its tables instead of writing them
     #[arg(long, requires = "live")]
-    calibration: bool,
+    part: Option<LivePart>,
     /// With --live: minutes of the longest run
     #[arg(long, value_name = "N", default_value_t = 5.0, requires = "live")]
     minutes: f64,
     /// Documents to write the results into, between their markers
     documents: Vec<PathBuf>,
+}
+
+/// Parts of what concerns cameras that can be measured alone.
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
+enum LivePart {
+    /// Calibrations against known ones.
+    Calibration,
+    /// The cost of recording and watching.
+    Costs,
 }
 
 fn main() -> Result<()> {
@@ -99,13 +108,27 @@ fn main() -> Result<()> {
     Ok(())
 }
 
+/// Measures one part of what concerns cameras, and prints it.
+fn measure_part(plan: &live::Plan, part: LivePart) -> Result<()> {
+    let (text, problem) = match part {
+        LivePart::Calibration => {
+            let found = live::measure_calibrations(plan)?;
+            (live::report::calibrations(&found), found.err())
+        }
+        LivePart::Costs => {
+            let found = live::measure_costs(plan)?;
+            (live::report::costs(&found), found.err())
+        }
+    };
+    println!("{text}");
+    problem.map_or(Ok(()), |reason| bail!(reason))
+}
+
 /// Measures what concerns cameras.
 fn measure_live(args: &Args, runner: &Runner) -> Result<()> {
     let plan = live::Plan { runner, data: &args.data, minutes: args.minutes };
-    if args.calibration {
-        let found = live::measure_calibrations(&plan)?;
-        println!("{}", live::report::calibrations(&found));
-        return found.map(|_| ()).map_err(|reason| anyhow::anyhow!(reason));
+    if let Some(part) = args.part {
+        return measure_part(&plan, part);
     }
     let live = live::measure(&plan)?;
     let text = live::report::section(&live);

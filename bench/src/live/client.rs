@@ -119,9 +119,12 @@ fn take_all(mut socket: WebSocket<TcpStream>, viewer: Viewer) -> Received {
             Message::Binary(bytes) if viewer == Viewer::Page => {
                 received.pictures += u64::from(bytes.first() == Some(&PAGE_PICTURE));
             }
-            Message::Text(text) if viewer == Viewer::Foxglove => {
-                let wanted = subscription(text, &mut subscribed);
-                if wanted.is_some_and(|wanted| socket.send(Message::text(wanted)).is_err()) {
+            Message::Text(text) => {
+                let answer = match viewer {
+                    Viewer::Page => taken_in(text),
+                    Viewer::Foxglove => subscription(text, &mut subscribed),
+                };
+                if answer.is_some_and(|answer| socket.send(Message::text(answer)).is_err()) {
                     break;
                 }
             }
@@ -129,6 +132,12 @@ fn take_all(mut socket: WebSocket<TcpStream>, viewer: Viewer) -> Received {
         }
     }
     received
+}
+
+/// The answer to the mark that ends a round of the page's messages: that it was taken in.
+fn taken_in(mark: &str) -> Option<String> {
+    let mark: Value = serde_json::from_str(mark).ok()?;
+    (mark["kind"] == "round").then(|| json!({ "answer": mark["round"] }).to_string())
 }
 
 /// The answer to an offer of channels: all of them.
@@ -159,6 +168,12 @@ mod tests {
         assert_eq!(websocket_address("http://127.0.0.1:7171/?token=a"), "ws://127.0.0.1:7171/ws?token=a");
         assert_eq!(websocket_address("http://127.0.0.1:7171/"), "ws://127.0.0.1:7171/ws");
         assert_eq!(websocket_address("ws://127.0.0.1:8765"), "ws://127.0.0.1:8765");
+    }
+
+    #[test]
+    fn every_round_is_answered() {
+        assert_eq!(taken_in(r#"{"kind":"round","round":7}"#).as_deref(), Some(r#"{"answer":7}"#));
+        assert_eq!(taken_in(r#"{"kind":"status","status":{}}"#), None);
     }
 
     #[test]

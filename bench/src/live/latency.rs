@@ -36,20 +36,17 @@ pub fn offline(work: &Path, name: &str) -> (PathBuf, PathBuf) {
     (folder.join("offline"), folder.join("offline.mcap"))
 }
 
-/// Runs a sequence as fast as it goes, and in real time unless that was done already: then `live` holds the folders
-/// of the results.
+/// Runs a sequence as fast as it goes, and at the speed of its camera.
 ///
 /// # Errors
 /// When a run fails.
-pub fn measure(runner: &Runner, sequence: &Path, name: &str, live: &[PathBuf]) -> Result<Timed> {
+pub fn measure(runner: &Runner, sequence: &Path, name: &str) -> Result<Timed> {
     let (out, recording) = offline(&runner.work, name);
     let offline = Task { record: Some(&recording), ..Task::new(sequence, &out, Pace::Every) };
     let offline = offline.evaluated(runner, sequence)?;
-    if live.is_empty() {
-        let out = runner.work.join(name).join("live");
-        let run = Task::new(sequence, &out, Pace::Camera).evaluated(runner, sequence)?;
-        return Ok(Timed { name: name.to_owned(), offline, live: vec![run] });
-    }
-    let read = |out: &PathBuf| Run::read(out, runner.evaluate(sequence, out)?);
-    Ok(Timed { name: name.to_owned(), offline, live: live.iter().map(read).collect::<Result<_>>()? })
+    let live = |number: usize| {
+        let out = runner.work.join(name).join(format!("live-{number}"));
+        Task::new(sequence, &out, Pace::Camera).evaluated(runner, sequence)
+    };
+    Ok(Timed { name: name.to_owned(), offline, live: (1..=runner.runs).map(live).collect::<Result<_>>()? })
 }

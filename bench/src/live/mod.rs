@@ -16,8 +16,8 @@ use calibration::{Calibrated, KNOWN};
 use latency::Timed;
 use long::Long;
 use replay::Replayed;
-use shares::{Cost, Extra};
-use std::path::{Path, PathBuf};
+use shares::Cost;
+use std::path::Path;
 use std::time::Instant;
 
 /// What to measure.
@@ -73,16 +73,9 @@ pub fn measure(plan: &Plan) -> Result<Live> {
     let runner = runner(plan);
     let sequence = |name: &str| plan.data.join(name);
     let calibrations = calibrations(&runner, plan.data);
-    let costs =
-        part("cost of recording and watching", || shares::measure(&runner, &sequence(shares::SEQUENCE)));
+    let costs = costs(&runner, plan.data);
     let timed = part("latency", || {
-        let time = |name: &&str| {
-            let ran = costs.is_ok() && *name == shares::SEQUENCE;
-            let runs = if ran { runner.runs } else { 0 };
-            let live: Vec<PathBuf> =
-                (1..=runs).map(|number| shares::place(&runner.work, Extra::Nothing, number).0).collect();
-            latency::measure(&runner, &sequence(name), name, &live)
-        };
+        let time = |name: &&str| latency::measure(&runner, &sequence(name), name);
         latency::SEQUENCES.iter().map(time).collect()
     });
     let replays =
@@ -98,6 +91,19 @@ pub fn measure(plan: &Plan) -> Result<Live> {
 pub fn measure_calibrations(plan: &Plan) -> Result<Part<Vec<Calibrated>>> {
     check_data(plan.data, KNOWN.iter().map(|known| known.name))?;
     Ok(calibrations(&runner(plan), plan.data))
+}
+
+/// Measures the cost of recording and watching alone.
+///
+/// # Errors
+/// When data are missing.
+pub fn measure_costs(plan: &Plan) -> Result<Part<Vec<Cost>>> {
+    check_data(plan.data, std::iter::once(shares::SEQUENCE))?;
+    Ok(costs(&runner(plan), plan.data))
+}
+
+fn costs(runner: &Runner, data: &Path) -> Part<Vec<Cost>> {
+    part("cost of recording and watching", || shares::measure(runner, &data.join(shares::SEQUENCE)))
 }
 
 fn calibrations(runner: &Runner, data: &Path) -> Part<Vec<Calibrated>> {

@@ -2,7 +2,6 @@
 
 use super::latency;
 use super::program::{Pace, Task};
-use super::shares::{self, Extra};
 use crate::measure::{Run, Runner, finish, read};
 use anyhow::Result;
 use map::{Map, load_map};
@@ -39,7 +38,9 @@ impl Replayed {
 /// When a program fails.
 pub fn measure(runner: &Runner, dropping: &Path, offline: &Path) -> Result<Vec<Replayed>> {
     let mut replayed = Vec::new();
-    let (first, recording) = shares::place(&runner.work, Extra::Record, 1);
+    let folder = runner.work.join(name(dropping));
+    let (first, recording) = (folder.join("dropping"), folder.join("dropping.mcap"));
+    Task { record: Some(&recording), ..Task::new(dropping, &first, Pace::Camera) }.run(runner)?;
     replayed.push(again(runner, "in real time, recorded", &first, &recording, dropping)?);
     let (first, recording) = latency::offline(&runner.work, &name(dropping));
     replayed.push(again(runner, "all frames, recorded", &first, &recording, dropping)?);

@@ -19,11 +19,16 @@ pub fn section(live: &Live) -> String {
     let parts = [
         part("Latency and dropped frames", &live.timed, |timed| latency(timed)),
         part("Minutes on end", &live.long, long),
-        part("Recording and watching", &live.costs, |costs| shares(costs)),
+        costs(&live.costs),
         part("Replay", &live.replays, |replays| replay(replays)),
         calibrations(&live.calibrations),
     ];
     parts.concat()
+}
+
+/// The table of what recording and watching cost.
+pub fn costs(found: &Part<Vec<Cost>>) -> String {
+    part("Recording and watching", found, |costs| shares(costs))
 }
 
 /// The tables of calibration.
@@ -133,8 +138,9 @@ fn long(long: &Long) -> String {
 fn shares(all: &[Cost]) -> String {
     let Some(plain) = all.iter().find(|cost| cost.extra == Extra::Nothing) else { return String::new() };
     let mut out = format!(
-        "`{COST_SEQUENCE}` in real time, medians of {} runs each, made in turns. *Added* is to the CPU time of the \
-         plain run; *per frame tracked* is the surer figure where the numbers of dropped frames differ.\n\n",
+        "`{COST_SEQUENCE}`, every frame processed so that all runs do the same work, which takes {}; medians of {} runs \
+         each, made in turns. *Added* is to the CPU time of the plain run.\n\n",
+        number(plain.median(|run| run.record("/cost/wall_s")), 0, " s"),
         plain.runs.len()
     );
     let row = |cost: &Cost| {
@@ -148,31 +154,11 @@ fn shares(all: &[Cost]) -> String {
             number(cost.cpu_s(), 2, " s"),
             signed(added.filter(|_| cost.extra != Extra::Nothing), 1, " %"),
             signed(of_core.filter(|_| cost.extra != Extra::Nothing), 1, " %"),
-            number(cost.cpu_ms_per_frame(), 2, " ms"),
-            signed(
-                more(cost.cpu_ms_per_frame(), plain.cpu_ms_per_frame())
-                    .filter(|_| cost.extra != Extra::Nothing),
-                1,
-                " %",
-            ),
-            number(cost.median(|run| run.record("/frames/dropped_late")), 0, ""),
-            number(cost.median(|run| run.record("/cost/latency_ms/median")), 1, " ms"),
             if is_page { format!("< {PAGE_SHARE} %") } else { MISSING.to_owned() },
             reached.unwrap_or(MISSING).to_owned(),
         ]
     };
-    let columns = [
-        "",
-        "CPU",
-        "added",
-        "of one core",
-        "CPU per frame tracked",
-        "added",
-        "frames dropped",
-        "latency, median",
-        "to reach",
-        "reached",
-    ];
+    let columns = ["", "CPU", "added", "of one core", "to reach", "reached"];
     out += &table(&columns, all.iter().map(row));
     for cost in all {
         if let Some(bytes) = cost.bytes_per_frame() {

@@ -1,4 +1,4 @@
-//! What recording and watching cost a run at the speed of its camera.
+//! What recording and watching cost a run: in CPU time, with every frame processed, so that all runs do the same work.
 
 use super::client::{Received, Viewer};
 use super::program::{Pace, Task, median};
@@ -6,7 +6,7 @@ use crate::measure::{Run, Runner};
 use anyhow::{Context, Result};
 use std::path::{Path, PathBuf};
 
-/// The sequence: the one that leaves the least time.
+/// The sequence: one that takes about as long to process as to record, so that a second of work is a second watched.
 pub const SEQUENCE: &str = "tum_fr1_desk";
 
 /// What else a run does.
@@ -59,11 +59,6 @@ impl Cost {
         self.median(|run| run.record("/cost/cpu_s"))
     }
 
-    /// CPU milliseconds for each frame that was tracked.
-    pub fn cpu_ms_per_frame(&self) -> Option<f64> {
-        self.median(|run| Some(1e3 * run.record("/cost/cpu_s")? / run.record("/frames/processed")?))
-    }
-
     /// Parts of one core.
     pub fn cores(&self) -> Option<f64> {
         self.median(|run| Some(run.record("/cost/cpu_s")? / run.record("/cost/wall_s")?))
@@ -88,7 +83,7 @@ impl Cost {
 }
 
 /// The folder of a run's results, and its recording.
-pub fn place(work: &Path, extra: Extra, number: usize) -> (PathBuf, PathBuf) {
+fn place(work: &Path, extra: Extra, number: usize) -> (PathBuf, PathBuf) {
     let folder = work.join(SEQUENCE).join(extra.name());
     (folder.join(format!("run-{number}")), folder.join(format!("run-{number}.mcap")))
 }
@@ -111,7 +106,7 @@ pub fn measure(runner: &Runner, sequence: &Path) -> Result<Vec<Cost>> {
 
 fn add_run(runner: &Runner, sequence: &Path, cost: &mut Cost, number: usize) -> Result<()> {
     let (out, recording) = place(&runner.work, cost.extra, number);
-    let plain = Task::new(sequence, &out, Pace::Camera);
+    let plain = Task::new(sequence, &out, Pace::Every);
     cost.runs.push(match cost.extra {
         Extra::Nothing => plain.run(runner)?,
         Extra::Record => {
