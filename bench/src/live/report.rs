@@ -139,26 +139,26 @@ fn shares(all: &[Cost]) -> String {
     let Some(plain) = all.iter().find(|cost| cost.extra == Extra::Nothing) else { return String::new() };
     let mut out = format!(
         "`{COST_SEQUENCE}`, every frame processed so that all runs do the same work, which takes {}; medians of {} runs \
-         each, made in turns. *Added* is to the CPU time of the plain run.\n\n",
+         each, made in turns. *Added* is to the CPU time of the plain run of the same turn.\n\n",
         number(plain.median(|run| run.record("/cost/wall_s")), 0, " s"),
         plain.runs.len()
     );
     let row = |cost: &Cost| {
-        let added = more(cost.cpu_s(), plain.cpu_s());
+        let added = cost.added(plain).filter(|_| cost.extra != Extra::Nothing);
         let is_page = cost.extra == Extra::Watched(Viewer::Page);
         let reached =
-            added.filter(|_| is_page).map(|added| if added < PAGE_SHARE { "yes" } else { "**no**" });
-        let of_core = cost.cores().zip(plain.cores()).map(|(with, without)| 100.0 * (with - without));
+            added.filter(|_| is_page).map(|[_, added, _]| if added < PAGE_SHARE { "yes" } else { "**no**" });
+        let range = |[least, _, most]: [f64; 3]| format!("{least:+.1} … {most:+.1} %");
         vec![
             what(cost.extra).to_owned(),
             number(cost.cpu_s(), 2, " s"),
-            signed(added.filter(|_| cost.extra != Extra::Nothing), 1, " %"),
-            signed(of_core.filter(|_| cost.extra != Extra::Nothing), 1, " %"),
+            signed(added.map(|[_, median, _]| median), 1, " %"),
+            added.map_or(MISSING.to_owned(), range),
             if is_page { format!("< {PAGE_SHARE} %") } else { MISSING.to_owned() },
             reached.unwrap_or(MISSING).to_owned(),
         ]
     };
-    let columns = ["", "CPU", "added", "of one core", "to reach", "reached"];
+    let columns = ["", "CPU", "added", "in single runs", "to reach", "reached"];
     out += &table(&columns, all.iter().map(row));
     for cost in all {
         if let Some(bytes) = cost.bytes_per_frame() {
@@ -185,11 +185,6 @@ fn what(extra: Extra) -> &'static str {
         Extra::Watched(Viewer::Page) => "`--view`, one page open",
         Extra::Watched(Viewer::Foxglove) => "`--foxglove`, all channels subscribed",
     }
-}
-
-/// By how much a number is more than another, percent.
-fn more(with: Option<f64>, without: Option<f64>) -> Option<f64> {
-    with.zip(without).map(|(with, without)| 100.0 * (with - without) / without)
 }
 
 fn signed(value: Option<f64>, digits: usize, unit: &str) -> String {
@@ -309,9 +304,9 @@ mod tests {
 
     #[test]
     fn differences_show_their_sign() {
-        assert_eq!(signed(more(Some(1.04), Some(1.0)), 1, " %"), "+4.0 %");
-        assert_eq!(signed(more(Some(0.9), Some(1.0)), 1, " %"), "-10.0 %");
-        assert_eq!(signed(more(None, Some(1.0)), 1, " %"), MISSING);
+        assert_eq!(signed(Some(4.0), 1, " %"), "+4.0 %");
+        assert_eq!(signed(Some(-10.0), 1, " %"), "-10.0 %");
+        assert_eq!(signed(None, 1, " %"), MISSING);
         assert_eq!((digits(0.4), digits(0.0000012)), (2, 7));
     }
 }

@@ -59,9 +59,14 @@ impl Cost {
         self.median(|run| run.record("/cost/cpu_s"))
     }
 
-    /// Parts of one core.
-    pub fn cores(&self) -> Option<f64> {
-        self.median(|run| Some(run.record("/cost/cpu_s")? / run.record("/cost/wall_s")?))
+    /// By how much its runs took more CPU time than the plain runs of their turns, percent: least, median, most.
+    pub fn added(&self, plain: &Self) -> Option<[f64; 3]> {
+        let cpu = |run: &Run| run.record("/cost/cpu_s");
+        let pairs = self.runs.iter().zip(&plain.runs);
+        let added = pairs.map(|(with, without)| Some(100.0 * (cpu(with)? / cpu(without)? - 1.0)));
+        let mut added: Vec<f64> = added.collect::<Option<_>>()?;
+        added.sort_by(f64::total_cmp);
+        Some([*added.first()?, median(added.clone())?, *added.last()?])
     }
 
     /// Bytes that the recorder wrote for a frame.
