@@ -13,6 +13,12 @@ pub fn map_of(runs: &Path, sequence: &str) -> PathBuf {
     runs.join(sequence).join("run-1").join("map.mcap")
 }
 
+/// The median of numbers, the larger of the two in the middle; `None` without any.
+pub fn median(mut values: Vec<f64>) -> Option<f64> {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied()
+}
+
 /// Whether two sequences were recorded in one world, which the first part of their names tells.
 pub fn share_world(a: &str, b: &str) -> bool {
     let world = |name: &str| name.split('_').next().map(str::to_owned);

@@ -66,9 +66,7 @@ impl Run {
 impl Measurement {
     /// Median over the runs of what `number` takes from each; `None` when a run lacks it.
     pub fn median(&self, number: impl Fn(&Run) -> Option<f64>) -> Option<f64> {
-        let mut values: Vec<f64> = self.runs.iter().map(number).collect::<Option<_>>()?;
-        values.sort_by(f64::total_cmp);
-        values.get(values.len() / 2).copied()
+        measuring::median(self.runs.iter().map(number).collect::<Option<_>>()?)
     }
 }
 

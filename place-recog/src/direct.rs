@@ -7,7 +7,7 @@
 //! opposite directions, the best place is 25th and 30th by words, and first in both by the features they share.
 
 use crate::features::{Features, squared_distance};
-use crate::{Proposal, Vocabulary};
+use crate::{Proposal, Vocabulary, WordBag, WordId};
 use map::KeyframeId;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -46,15 +46,32 @@ pub struct DirectIndex(Vec<(u32, u32)>);
 impl DirectIndex {
     /// Sorts the features of an image under the nodes of a vocabulary.
     pub fn new(features: &Features, vocabulary: &Vocabulary) -> Self {
-        let entry = |(feature, descriptor)| (vocabulary.node(descriptor, LEVEL), feature as u32);
-        let mut entries: Vec<(u32, u32)> = features.descriptors.iter().enumerate().map(entry).collect();
+        Self::with_words(features, vocabulary).0
+    }
+
+    /// The same with the words of the image, from one way down the tree.
+    pub fn with_words(features: &Features, vocabulary: &Vocabulary) -> (Self, WordBag) {
+        let descriptors = features.descriptors.iter();
+        let found: Vec<(u32, WordId)> =
+            descriptors.map(|descriptor| vocabulary.node_and_word(descriptor, LEVEL)).collect();
+        let mut entries: Vec<(u32, u32)> = found.iter().zip(0..).map(|(&(node, _), i)| (node, i)).collect();
         entries.sort_unstable();
-        Self(entries)
+        (Self(entries), WordBag::new(found.into_iter().map(|(_, word)| word)))
     }
 
     fn by_node(&self) -> Vec<&[(u32, u32)]> {
         self.0.chunk_by(|a, b| a.0 == b.0).collect()
     }
+}
+
+/// Words and direct index of every keyframe.
+pub fn words(
+    features: &BTreeMap<KeyframeId, Features>,
+    vocabulary: &Vocabulary,
+) -> (BTreeMap<KeyframeId, WordBag>, BTreeMap<KeyframeId, DirectIndex>) {
+    let found: Vec<_> =
+        features.par_iter().map(|(&id, f)| (id, DirectIndex::with_words(f, vocabulary))).collect();
+    found.into_iter().map(|(id, (index, bag))| ((id, bag), (id, index))).unzip()
 }
 
 /// Keyframes of a map as the direct index needs them.
@@ -72,8 +89,8 @@ impl<'a> Directed<'a> {
     }
 }
 
-/// Puts the first proposals in order of how many features their keyframes share, most first; of equals the one proposed
-/// first.
+/// Counts how many features the keyframes of the first proposals share, and puts those in order, most first; of equals
+/// the one proposed first.
 pub fn ranked(
     mut proposals: Vec<Proposal>,
     map: Directed,
@@ -86,13 +103,10 @@ pub fn ranked(
         let (Some(of_map), Some(of_query)) = pair else { return 0 };
         shared_features(of_map, of_query, params)
     };
-    let mut counted: Vec<(usize, Proposal)> =
-        proposals[..considered].par_iter().map(|proposal| (count(proposal), *proposal)).collect();
+    let first = &mut proposals[..considered];
+    first.par_iter_mut().for_each(|proposal| proposal.shared = Some(count(proposal)));
     // Stable, so that the better proposal stays first.
-    counted.sort_by_key(|&(count, _)| std::cmp::Reverse(count));
-    for (place, (_, proposal)) in proposals.iter_mut().zip(counted) {
-        *place = proposal;
-    }
+    first.sort_by_key(|proposal| std::cmp::Reverse(proposal.shared));
     proposals
 }
 
@@ -121,14 +135,10 @@ fn shared_under_node(
     (b, of_b): (&[(u32, u32)], &Features),
     params: &RankParams,
 ) -> usize {
-    let descriptor = |features: &'_ Features, (_, i): (u32, u32)| features.descriptors[i as usize];
-    let distances: Vec<Vec<u32>> = a
-        .iter()
-        .map(|&x| {
-            let x = descriptor(of_a, x);
-            b.iter().map(|&y| squared_distance(&x, &descriptor(of_b, y))).collect()
-        })
-        .collect();
+    let distance = |&(_, i): &(u32, u32), &(_, j): &(u32, u32)| {
+        squared_distance(&of_a.descriptors[i as usize], &of_b.descriptors[j as usize])
+    };
+    let distances: Vec<Vec<u32>> = a.iter().map(|x| b.iter().map(|y| distance(x, y)).collect()).collect();
     let nearest_to = |i: usize| clear_minimum(distances[i].iter().copied(), params);
     let nearest_back = |j: usize| clear_minimum(distances.iter().map(|row| row[j]), params);
     (0..a.len()).filter(|&i| nearest_to(i).is_some_and(|j| nearest_back(j) == Some(i))).count()
@@ -217,7 +227,12 @@ mod tests {
         };
         let (of_map, of_queries) = (index(&map), index(&queries));
         let proposals: Vec<Proposal> = [(0, 1), (1, 2), (2, 2), (3, 9), (3, 3)]
-            .map(|(map, query)| Proposal { keyframe: KeyframeId(map), query: KeyframeId(query), score: 0.5 })
+            .map(|(map, query)| Proposal {
+                keyframe: KeyframeId(map),
+                query: KeyframeId(query),
+                score: 0.5,
+                shared: None,
+            })
             .to_vec();
         let rank = |considered| {
             ranked(
@@ -227,6 +242,10 @@ mod tests {
                 &RankParams { considered, ..RankParams::default() },
             )
         };
+        // Whether they are the same pairs, whatever was counted of them.
+        let pair = |p: &Proposal| (p.keyframe, p.query);
+        let rank = |considered| rank(considered).iter().map(pair).collect::<Vec<_>>();
+        let proposals: Vec<_> = proposals.iter().map(pair).collect();
         let all = rank(96);
         assert!(all[..2].contains(&proposals[2]) && all[..2].contains(&proposals[4]), "{all:?}");
         assert_eq!(all[2..], [proposals[0], proposals[1], proposals[3]]);

@@ -10,7 +10,7 @@ mod thumbnail;
 mod vocabulary;
 
 pub use bow::{BowIndex, BowParams};
-pub use direct::{DirectIndex, Directed, RankParams, ranked, shared_features};
+pub use direct::{DirectIndex, Directed, RankParams, ranked, shared_features, words};
 pub use fabmap::{FabMap, FabMapParams, Location};
 pub use propose::{Proposal, ProposeParams, propose};
 pub use sequence::{SequenceParams, supported};

@@ -38,6 +38,8 @@ pub struct Proposal {
     pub query: KeyframeId,
     /// Likeness of the words, 0–1, with the support of the keyframes before and after.
     pub score: f32,
+    /// How many features the keyframes share, where [`ranked`](crate::ranked) has counted them.
+    pub shared: Option<usize>,
 }
 
 /// Proposes the places that two maps may share, best first.
@@ -58,7 +60,12 @@ pub fn propose(
         .keys()
         .zip(supported(&single, &ids, &params.sequence))
         .flat_map(|(&query, candidates)| {
-            candidates.into_iter().map(move |c| Proposal { keyframe: c.keyframe, query, score: c.score })
+            candidates.into_iter().map(move |c| Proposal {
+                keyframe: c.keyframe,
+                query,
+                score: c.score,
+                shared: None,
+            })
         })
         .collect();
     proposals
@@ -73,6 +80,9 @@ fn thinned(
     queries: &[KeyframeId],
     apart: usize,
 ) -> Vec<Proposal> {
+    if apart == 0 {
+        return proposals;
+    }
     let rank = |all: &[KeyframeId], id| all.binary_search(&id).unwrap_or_default();
     let mut kept: Vec<(Proposal, usize, usize)> = Vec::new();
     for proposal in proposals {
@@ -95,6 +105,7 @@ mod tests {
             keyframe: KeyframeId(keyframe),
             query: KeyframeId(query),
             score,
+            shared: None,
         };
         let ids: Vec<KeyframeId> = (0..20).map(KeyframeId).collect();
         let all = vec![at(5, 7, 0.9), at(6, 7, 0.8), at(6, 9, 0.7), at(15, 7, 0.6), at(14, 8, 0.5)];

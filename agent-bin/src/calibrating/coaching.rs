@@ -15,8 +15,6 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use tungstenite::Message;
 
-/// How long the end waits for pages to get the last of it.
-const FAREWELL: Duration = Duration::from_secs(2);
 /// How often it is looked whether the user has seen enough.
 const LOOK: Duration = Duration::from_millis(50);
 /// Marks of corners in the live image: of a view that was kept, of one like those before, of one that does not count.
@@ -186,7 +184,7 @@ impl Coaching {
             inner.desk.change(|state| state.status.waits = false);
         }
         inner.desk.over.store(true, Ordering::Release);
-        inner.server.wait_for_clients(FAREWELL);
+        inner.server.wait_for_clients();
     }
 }
 

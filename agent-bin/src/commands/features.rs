@@ -1,5 +1,6 @@
 //! Maps and images as commands are given them, and the features of many images.
 
+use super::info_map::load_at;
 use crate::pictures::Picture;
 use crate::sources::images_in;
 use anyhow::{Context, Result, bail};
@@ -10,18 +11,6 @@ use place_recog::features::{Features, SiftParams, sift};
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-
-/// The map at `path`, a map file or the folder of a run that holds one; warnings go to standard error.
-pub(crate) fn load(path: &Path) -> Result<Map> {
-    let file = if path.is_dir() { path.join("map.mcap") } else { path.to_owned() };
-    if !file.is_file() {
-        bail!(
-            "{}: there is no map\nhint: give a map.mcap, or the folder that `loopbox run` wrote",
-            file.display()
-        );
-    }
-    Ok(super::info_map::load(&file)?.map)
-}
 
 /// The features of every keyframe of a map, in order of the keyframes.
 pub(crate) fn of_keyframes(map: &Map) -> Result<Vec<Features>> {
@@ -34,7 +23,7 @@ pub(crate) fn of_keyframes(map: &Map) -> Result<Vec<Features>> {
 /// the folder of a run.
 pub(super) fn of_images(path: &Path) -> Result<Vec<Features>> {
     if map::is_map_file(path) || path.join("map.mcap").is_file() {
-        return of_keyframes(&load(path)?);
+        return of_keyframes(&load_at(path)?);
     }
     let files = image_files(path)?;
     let params = SiftParams::default();

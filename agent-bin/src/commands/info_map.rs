@@ -41,3 +41,16 @@ pub(super) fn load(path: &Path) -> anyhow::Result<LoadedMap> {
     }
     Ok(loaded)
 }
+
+/// The map at `path`, a map file or the folder of a run that holds one; warnings go to standard error.
+#[cfg(any(feature = "opencv", feature = "view"))]
+pub(crate) fn load_at(path: &Path) -> anyhow::Result<map::Map> {
+    let file = if path.is_dir() { path.join("map.mcap") } else { path.to_owned() };
+    if !file.is_file() {
+        anyhow::bail!(
+            "{}: there is no map\nhint: give a map.mcap, or the folder that `loopbox run` or `loopbox merge` wrote",
+            file.display()
+        );
+    }
+    Ok(load(&file)?.map)
+}

@@ -15,7 +15,7 @@ mod export;
 #[cfg(feature = "opencv")]
 pub(crate) mod features;
 mod info;
-mod info_map;
+pub(crate) mod info_map;
 #[cfg(feature = "opencv")]
 mod merge;
 mod params;

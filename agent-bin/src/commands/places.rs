@@ -1,23 +1,20 @@
 //! `loopbox places`: keyframes of two maps that may show the same place.
 
 use super::features;
+use super::info_map::load_at;
 use anyhow::{Result, bail};
 use clap::Args;
 use map::{KeyframeId, Map, PlaceIndex};
 use place_recog::features::Features;
 use place_recog::{
-    BowIndex, BowParams, DirectIndex, FabMap, FabMapParams, RankParams, SequenceParams, Vocabulary, WordBag,
-    shared_features, supported,
+    DirectIndex, Directed, FabMap, FabMapParams, Proposal, ProposeParams, RankParams, Vocabulary, WordBag,
+    propose, ranked, words,
 };
-use rayon::prelude::*;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::io::{Write, stdout};
 use std::path::PathBuf;
 use std::sync::Arc;
-
-/// Candidates of each keyframe before its neighbours have their say.
-const CANDIDATES: usize = 10;
 
 /// List the keyframes of two maps that may show the same place, best first
 #[derive(Debug, Args)]
@@ -58,21 +55,21 @@ struct Pair {
 struct Words {
     times: BTreeMap<KeyframeId, f64>,
     bags: BTreeMap<KeyframeId, WordBag>,
-    features: BTreeMap<KeyframeId, (DirectIndex, Features)>,
+    features: BTreeMap<KeyframeId, Features>,
+    direct: BTreeMap<KeyframeId, DirectIndex>,
 }
 
 impl Words {
     fn of(map: &Map, vocabulary: &Vocabulary) -> Result<Self> {
-        let features = features::of_keyframes(map)?;
         let times = map.keyframes.iter().map(|(&id, keyframe)| (id, keyframe.timestamp)).collect();
-        let bags = map.keyframes.keys().copied().zip(features.iter().map(|f| vocabulary.words(f))).collect();
-        let directed = features.into_iter().map(|f| (DirectIndex::new(&f, vocabulary), f));
-        let features = map.keyframes.keys().copied().zip(directed).collect();
-        Ok(Self { times, bags, features })
+        let ids = map.keyframes.keys().copied();
+        let features: BTreeMap<KeyframeId, Features> = ids.zip(features::of_keyframes(map)?).collect();
+        let (bags, direct) = words(&features, vocabulary);
+        Ok(Self { times, bags, features, direct })
     }
 
-    fn directed(&self, id: u32) -> Option<(&DirectIndex, &Features)> {
-        self.features.get(&KeyframeId(id)).map(|(index, features)| (index, features))
+    fn directed(&self) -> Directed<'_> {
+        Directed { features: &self.features, index: &self.direct }
     }
 }
 
@@ -85,14 +82,14 @@ pub fn run(args: &PlacesArgs) -> Result<()> {
         Some(path) => features::vocabulary(path)?,
         None => Vocabulary::shipped(),
     };
-    let words = |path: &PathBuf| {
-        let map = features::load(path)?;
+    let words_of = |path: &PathBuf| {
+        let map = load_at(path)?;
         if map.keyframes.is_empty() {
             bail!("{}: the map has no keyframes", path.display());
         }
         Words::of(&map, &vocabulary)
     };
-    let mut pairs = pairs(&words(&args.a)?, &words(&args.b)?, &vocabulary);
+    let mut pairs = pairs(&words_of(&args.a)?, &words_of(&args.b)?, &vocabulary);
     pairs.truncate(args.count);
     if args.json {
         writeln!(stdout(), "{}", serde_json::to_string_pretty(&pairs)?)?;
@@ -105,36 +102,26 @@ pub fn run(args: &PlacesArgs) -> Result<()> {
 /// All candidate pairs: those of highest score by the features they share, most first, then the others by their
 /// score.
 fn pairs(a: &Words, b: &Words, vocabulary: &Arc<Vocabulary>) -> Vec<Pair> {
-    let mut bow = BowIndex::new(Arc::clone(vocabulary), BowParams::default());
+    let all = ProposeParams { apart: 0, ..ProposeParams::default() };
+    let proposals = propose(&a.bags, &b.bags, vocabulary, &all);
+    let proposals = ranked(proposals, a.directed(), b.directed(), &RankParams::default());
     let mut fab_map = FabMap::new(Arc::clone(vocabulary), FabMapParams::default());
-    for (&id, bag) in &a.bags {
-        bow.add(id, bag);
-        fab_map.add(id, bag);
-    }
-    let ids: Vec<KeyframeId> = a.bags.keys().copied().collect();
-    let single: Vec<_> = b.bags.values().map(|bag| bow.query(bag, CANDIDATES)).collect();
-    let mut pairs = Vec::new();
-    for ((&id, bag), candidates) in b.bags.iter().zip(supported(&single, &ids, &SequenceParams::default())) {
-        let located: BTreeMap<KeyframeId, f64> = fab_map.locate(bag, &|_| true).places.into_iter().collect();
-        pairs.extend(candidates.into_iter().map(|candidate| Pair {
-            a: candidate.keyframe.0,
-            a_time: a.times[&candidate.keyframe],
-            b: id.0,
-            b_time: b.times[&id],
-            score: candidate.score,
-            probability: located.get(&candidate.keyframe).copied().unwrap_or(0.0),
-            shared: None,
-        }));
-    }
-    pairs.sort_by(|x, y| y.score.total_cmp(&x.score).then((x.b, x.a).cmp(&(y.b, y.a))));
-    let params = RankParams::default();
-    pairs.par_iter_mut().take(params.considered).for_each(|pair| {
-        let both = a.directed(pair.a).zip(b.directed(pair.b));
-        pair.shared = both.map(|(of_a, of_b)| shared_features(of_a, of_b, &params));
-    });
-    // Stable: of equals the higher score stays first, and what was not counted last.
-    pairs.sort_by_key(|pair| std::cmp::Reverse(pair.shared));
-    pairs
+    a.bags.iter().for_each(|(&id, bag)| fab_map.add(id, bag));
+    let located: BTreeMap<KeyframeId, BTreeMap<KeyframeId, f64>> = b
+        .bags
+        .iter()
+        .map(|(&id, bag)| (id, fab_map.locate(bag, &|_| true).places.into_iter().collect()))
+        .collect();
+    let pair = |proposal: Proposal| Pair {
+        a: proposal.keyframe.0,
+        a_time: a.times[&proposal.keyframe],
+        b: proposal.query.0,
+        b_time: b.times[&proposal.query],
+        score: proposal.score,
+        probability: located[&proposal.query].get(&proposal.keyframe).copied().unwrap_or(0.0),
+        shared: proposal.shared,
+    };
+    proposals.into_iter().map(pair).collect()
 }
 
 fn table(pairs: &[Pair]) -> String {

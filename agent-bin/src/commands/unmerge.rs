@@ -1,6 +1,6 @@
 //! `loopbox unmerge`: a merged map taken apart again.
 
-use super::features;
+use super::info_map::load_at;
 use crate::merging::{MergeOutput, Names, listed, write_maps};
 use anyhow::{Context, Result, anyhow, bail};
 use clap::Args;
@@ -29,7 +29,7 @@ pub struct UnmergeArgs {
 /// When the map cannot be read or holds one agent only, an agent is unknown, there is no merge between the two, or
 /// the results cannot be written. Then nothing is written.
 pub fn run(args: &UnmergeArgs) -> Result<()> {
-    let map = features::load(&args.map)?;
+    let map = load_at(&args.map)?;
     if map.agents.len() < 2 {
         let name = map.agents.values().next().map_or("", |info| &info.name);
         bail!(

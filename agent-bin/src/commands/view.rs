@@ -1,12 +1,12 @@
 //! `loopbox view`: saved or merged maps on the page on which runs are watched.
 
-use super::info_map;
+use super::info_map::load_at;
 use super::watching::PageArgs;
 use crate::runtime::Stop;
 use crate::watch::{Shared, saved, web::Server};
 use anyhow::{Result, bail};
 use map::Map;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -29,7 +29,7 @@ pub struct ViewArgs {
 /// When a map cannot be read, or the address cannot be served at.
 pub fn execute(args: &ViewArgs) -> Result<()> {
     let address = args.page.address(args.port)?;
-    let mut maps: Vec<Map> = args.maps.iter().map(|path| load(path)).collect::<Result<_>>()?;
+    let mut maps: Vec<Map> = args.maps.iter().map(|path| load_at(path)).collect::<Result<_>>()?;
     // One map is shown as it is; those of several keep their own worlds, one in another.
     let map = if maps.len() == 1 { maps.remove(0) } else { Map::unite(maps)? };
     if map.keyframes.is_empty() {
@@ -44,12 +44,4 @@ pub fn execute(args: &ViewArgs) -> Result<()> {
         std::thread::sleep(Duration::from_millis(100));
     }
     Ok(())
-}
-
-fn load(path: &Path) -> Result<Map> {
-    let file = if path.is_dir() { path.join("map.mcap") } else { path.to_owned() };
-    if !file.is_file() {
-        bail!("{}: there is no map\nhint: give a map.mcap, or a folder that holds one", file.display());
-    }
-    Ok(info_map::load(&file)?.map)
 }

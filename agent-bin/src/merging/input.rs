@@ -1,11 +1,11 @@
 //! A map to be merged, with the features and words of its keyframes.
 
 use crate::commands::features;
+use crate::commands::info_map::load_at;
 use anyhow::{Result, bail};
 use map::{KeyframeId, Map};
 use place_recog::features::Features;
-use place_recog::{DirectIndex, Directed, Vocabulary, WordBag};
-use rayon::prelude::*;
+use place_recog::{DirectIndex, Directed, Vocabulary, WordBag, words};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -44,7 +44,7 @@ impl Input {
     /// When it cannot be read, or holds nothing that could be merged: no keyframes, or none with depth.
     pub fn load(path: &Path, vocabulary: &Vocabulary) -> Result<Self> {
         let start = Instant::now();
-        let map = features::load(path)?;
+        let map = load_at(path)?;
         let reading = start.elapsed().as_secs_f64();
         if map.keyframes.is_empty() {
             bail!("{}: the map has no keyframes: there is nothing to merge", path.display());
@@ -65,9 +65,7 @@ impl Input {
             .filter(|(keyframe, _)| !keyframe.semi_dense.is_empty())
             .map(|(keyframe, features)| (keyframe.id, features))
             .collect();
-        let words = features.par_iter().map(|(&id, features)| (id, vocabulary.words(features))).collect();
-        let direct =
-            features.par_iter().map(|(&id, features)| (id, DirectIndex::new(features, vocabulary))).collect();
+        let (words, direct) = words(&features, vocabulary);
         let names: Vec<&str> = map.agents.values().map(|agent| &*agent.name).collect();
         let seconds = InputSeconds { reading, features: start.elapsed().as_secs_f64() - reading };
         Ok(Self { path: path.to_owned(), name: names.join("+"), map, features, words, direct, seconds })

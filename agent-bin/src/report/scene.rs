@@ -147,7 +147,7 @@ fn agent((id, info): (&AgentId, &map::AgentInfo)) -> Agent {
 }
 
 /// The axes and the centre of a camera.
-fn pose_numbers(pose: &Sim3) -> [f32; 12] {
+pub fn pose_numbers(pose: &Sim3) -> [f32; 12] {
     let r = pose.rigid().rotation_matrix();
     let mut numbers = [0.0; 12];
     for column in 0..3 {
@@ -169,16 +169,21 @@ fn mean(vectors: impl ExactSizeIterator<Item = Vector3<f64>>) -> Vector3<f64> {
 /// The edges between placed keyframes.
 fn edges(map: &Map, keyframes: &[&Keyframe]) -> Packed {
     let index: BTreeMap<KeyframeId, u32> = keyframes.iter().zip(0..).map(|(k, i)| (k.id, i)).collect();
-    let numbers = map.edges.iter().filter_map(|edge| {
-        let kind = match edge.kind {
-            EdgeKind::Odometry => 0,
-            EdgeKind::Covisibility => 1,
-            EdgeKind::Loop => 2,
-            EdgeKind::Merge => 3,
-        };
-        Some([*index.get(&edge.from)?, *index.get(&edge.to)?, kind])
-    });
+    let numbers = map
+        .edges
+        .iter()
+        .filter_map(|edge| Some([*index.get(&edge.from)?, *index.get(&edge.to)?, kind_number(edge.kind)]));
     Packed::u32(numbers.flatten())
+}
+
+/// What pages call a kind of edge.
+pub fn kind_number(kind: EdgeKind) -> u32 {
+    match kind {
+        EdgeKind::Odometry => 0,
+        EdgeKind::Covisibility => 1,
+        EdgeKind::Loop => 2,
+        EdgeKind::Merge => 3,
+    }
 }
 
 /// Up, guessed from the cameras' rotations: their mean −y, turned so that their x axes lie level.

@@ -6,6 +6,7 @@ use super::status::Facts;
 use super::web::{self, Address};
 use super::{Command, Shared, watcher};
 use crate::recording::RecordButton;
+use crate::report::scene::kind_number;
 use crate::runtime::Stop;
 use anyhow::{Context, Result};
 use map::{AgentInfo, EdgeKind, Map};
@@ -22,8 +23,6 @@ const PICTURE_INTERVAL: Duration = Duration::from_millis(100);
 const COMMANDS: usize = 16;
 /// How often a paused run looks whether it is to stop.
 const PAUSED_INTERVAL: Duration = Duration::from_millis(50);
-/// How long the end of a run waits for viewers to get the last of it.
-const FAREWELL: Duration = Duration::from_secs(2);
 
 /// Who watches, and what for.
 #[derive(Default)]
@@ -226,7 +225,7 @@ impl Watch {
         }
         inner.shared.over.store(true, Ordering::Release);
         if let Some(page) = &inner.page {
-            page.wait_for_clients(FAREWELL);
+            page.wait_for_clients();
         }
     }
 }
@@ -253,10 +252,7 @@ impl Inner {
 
 /// Edges that say something beyond which keyframe follows which: loops and merges.
 pub fn loops_of(map: &Map) -> Vec<[u32; 3]> {
-    let edge = |edge: &map::Edge| match edge.kind {
-        EdgeKind::Loop => Some([edge.from.0, edge.to.0, 2]),
-        EdgeKind::Merge => Some([edge.from.0, edge.to.0, 3]),
-        EdgeKind::Odometry | EdgeKind::Covisibility => None,
-    };
-    map.edges.iter().filter_map(edge).collect()
+    let says = |edge: &&map::Edge| matches!(edge.kind, EdgeKind::Loop | EdgeKind::Merge);
+    let numbers = |edge: &map::Edge| [edge.from.0, edge.to.0, kind_number(edge.kind)];
+    map.edges.iter().filter(says).map(numbers).collect()
 }

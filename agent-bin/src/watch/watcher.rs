@@ -7,8 +7,9 @@ use super::picture::{Picture, Seen};
 use super::scene::{Placed, Scene, Step};
 use super::status::{Status, state_name};
 use crate::process;
+use crate::report::scene::{kind_number, pose_numbers};
 use geometry::{Pinhole, Se3, Sim3};
-use map::{FramePose, KeyframeId};
+use map::{EdgeKind, FramePose, KeyframeId};
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -19,8 +20,6 @@ const ROUND: Duration = Duration::from_millis(40);
 const SPAN: Duration = Duration::from_secs(2);
 /// How often memory and CPU are asked for.
 const PROCESS_INTERVAL: Duration = Duration::from_millis(500);
-/// The kind of a closed loop among the edges, as reports number them.
-const LOOP_EDGE: u32 = 2;
 /// Keyframes whose depth is drawn over the live image.
 const OVERLAID: usize = 3;
 
@@ -81,7 +80,8 @@ impl Watcher {
             (self.status.losses, self.status.loops) = (0, 0);
         }
         let steps = self.steps(&mut pending);
-        self.loops.extend(pending.loops.iter().map(|[newer, older]| [*newer, *older, LOOP_EDGE]));
+        self.loops
+            .extend(pending.loops.iter().map(|[newer, older]| [*newer, *older, kind_number(EdgeKind::Loop)]));
         self.tell(&mut pending);
         let picture = pending.picture.take().map(|live| {
             let mut picture = Picture::new(live.frame_index, live.timestamp, &live.image);
@@ -159,7 +159,7 @@ impl Watcher {
             (status.ms, status.latency_ms, status.dropped) = (facts.ms, facts.latency_ms, facts.dropped);
             (status.inlier_share, status.matched, status.rmse) =
                 (report.inlier_share, report.matched_points, report.rmse);
-            status.camera = report.world_from_camera.map(|pose| axes_and_centre(&Sim3::from(pose)));
+            status.camera = report.world_from_camera.map(|pose| pose_numbers(&Sim3::from(pose)));
             status.reason = report.reason;
         }
         if let Some(note) = pending.note.take() {
@@ -224,14 +224,4 @@ fn placed(pose: &Pose) -> Placed {
         frame_index: pose.frame_index,
         world_from_keyframe: pose.world_from_keyframe,
     }
-}
-
-/// The axes and the centre of a camera.
-pub fn axes_and_centre(pose: &Sim3) -> [f32; 12] {
-    let rotation = pose.rigid().rotation_matrix();
-    let mut numbers = [0.0; 12];
-    for (number, value) in numbers.iter_mut().zip(rotation.iter().chain(pose.translation.iter())) {
-        *number = *value as f32;
-    }
-    numbers
 }

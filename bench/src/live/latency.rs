@@ -1,8 +1,9 @@
 //! How old an image is when its pose is known, and what dropped frames cost in accuracy.
 
-use super::program::{Pace, Task, median};
+use super::program::{Pace, Task};
 use crate::measure::{Run, Runner};
 use anyhow::Result;
+use measuring::median;
 use std::path::{Path, PathBuf};
 
 /// The sequences of 30 frames a second.

@@ -1,9 +1,10 @@
 //! Minutes at the speed of a camera: a sequence played forwards and backwards again and again.
 
-use super::program::{Pace, Task, median, percentile};
+use super::program::{Pace, Task, percentile};
 use crate::measure::{Run, Runner, make_empty};
 use anyhow::{Context, Result, bail};
 use eval::{Trajectory, read_trajectory};
+use measuring::median;
 use serde_json::Value;
 use std::fmt::Write;
 use std::path::Path;

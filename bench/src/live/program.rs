@@ -88,12 +88,6 @@ impl<'a> Task<'a> {
     }
 }
 
-/// The median of numbers, the larger of the two in the middle; `None` without any.
-pub fn median(mut values: Vec<f64>) -> Option<f64> {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied()
-}
-
 /// The nearest-rank percentile of numbers.
 pub fn percentile(mut values: Vec<f64>, percent: usize) -> Option<f64> {
     values.sort_by(f64::total_cmp);
@@ -103,6 +97,7 @@ pub fn percentile(mut values: Vec<f64>, percent: usize) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use measuring::median;
 
     #[test]
     fn medians_and_percentiles_are_values_that_occurred() {

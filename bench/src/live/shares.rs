@@ -1,9 +1,10 @@
 //! What recording and watching cost a run: in CPU time, with every frame processed, so that all runs do the same work.
 
 use super::client::{Received, Viewer};
-use super::program::{Pace, Task, median};
+use super::program::{Pace, Task};
 use crate::measure::{Run, Runner};
 use anyhow::{Context, Result};
+use measuring::median;
 use std::path::{Path, PathBuf};
 
 /// The sequence: one that takes about as long to process as to record, so that a second of work is a second watched.

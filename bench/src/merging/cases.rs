@@ -226,10 +226,9 @@ impl Numbers {
 
 /// The numbers of the last of equal merges, with their median time.
 fn middle(all: Vec<Numbers>) -> Numbers {
-    let mut seconds: Vec<f64> = all.iter().filter_map(|numbers| numbers.seconds).collect();
-    seconds.sort_by(f64::total_cmp);
+    let seconds = all.iter().filter_map(|numbers| numbers.seconds).collect();
     let last = all[all.len() - 1];
-    Numbers { seconds: seconds.get(seconds.len() / 2).copied(), ..last }
+    Numbers { seconds: measuring::median(seconds), ..last }
 }
 
 #[cfg(test)]

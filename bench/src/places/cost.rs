@@ -1,6 +1,7 @@
 //! What a query costs in a large map, with made-up words.
 
 use map::{KeyframeId, PlaceIndex};
+use measuring::median;
 use measuring::random::mix;
 use place_recog::{BowIndex, BowParams, FabMap, FabMapParams, Vocabulary, WordBag, WordId};
 use std::fmt::Write;
@@ -41,7 +42,7 @@ pub fn report(vocabulary: &Arc<Vocabulary>, most: usize) -> String {
             fab_map.query(query, 5);
             fab_ms.push(1e3 * start.elapsed().as_secs_f64());
         }
-        let (bow_ms, fab_ms) = (median(bow_ms), median(fab_ms));
+        let [bow_ms, fab_ms] = [bow_ms, fab_ms].map(|ms| median(ms).unwrap_or(f64::NAN));
         let bytes = bow.bytes() / count;
         let _ = writeln!(
             out,
@@ -50,11 +51,6 @@ pub fn report(vocabulary: &Arc<Vocabulary>, most: usize) -> String {
         );
     }
     out
-}
-
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values[values.len() / 2]
 }
 
 /// The words of keyframe `id`; with `look` another look at it, of which a third of the words stayed.

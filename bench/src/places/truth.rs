@@ -45,7 +45,7 @@ impl Sequence {
         let seen = |keyframe: &Keyframe| {
             let Some(pose) = truth.pose_at(keyframe.timestamp, DEFAULT_MAX_DIFF) else { return Ok(None) };
             let features = sift(&keyframe.image, &SiftParams::default())?;
-            let (words, direct) = (vocabulary.words(&features), DirectIndex::new(&features, vocabulary));
+            let (direct, words) = DirectIndex::with_words(&features, vocabulary);
             let view = View::new(keyframe, map.camera(keyframe), pose.rigid(), metres);
             Ok(Some(Seen { id: keyframe.id, words, features, direct, view }))
         };

@@ -1,6 +1,7 @@
 //! How well a calibration fits views that it was not made from.
 
 use super::bundle::{Problem, State};
+use super::pipeline::{check_corners, median};
 use super::planar::MIN_CORNERS;
 use super::{LensModel, Refusal, View, initial};
 use crate::Board;
@@ -29,9 +30,7 @@ impl Check {
 
     /// Median of the distances, pixels, which corners found wrongly do not change.
     pub fn median(&self) -> f64 {
-        let mut all: Vec<f64> = self.distances.iter().flatten().copied().collect();
-        all.sort_by(f64::total_cmp);
-        all.get(all.len() / 2).copied().unwrap_or(0.0)
+        median(&mut self.distances.iter().flatten().copied().collect::<Vec<f64>>())
     }
 
     /// Number of corners.
@@ -47,7 +46,7 @@ impl Check {
 pub fn check(board: &Board, views: &[View], camera: &Camera) -> Result<Check, Refusal> {
     let model = LensModel::of(camera).ok_or(Refusal::NoSuchModel)?;
     let points = board.points();
-    super::pipeline::check_corners(views, points.len())?;
+    check_corners(views, points.len())?;
     let distances: Vec<Vec<f64>> = views.iter().map(|view| distances(model, camera, &points, view)).collect();
     if distances.iter().all(Vec::is_empty) {
         return Err(Refusal::TooFewViews { usable: 0, given: views.len(), needed: 1 });

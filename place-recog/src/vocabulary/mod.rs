@@ -194,9 +194,11 @@ impl Vocabulary {
         WordId(self.tree.lookup(descriptor))
     }
 
-    /// The node of the tree that a descriptor falls into so many levels below the root, or the word above it.
-    pub(crate) fn node(&self, descriptor: &Descriptor, level: usize) -> u32 {
-        self.tree.node(descriptor, level) as u32
+    /// The node of the tree that a descriptor falls into so many levels below the root, or the word above it, and its
+    /// word.
+    pub(crate) fn node_and_word(&self, descriptor: &Descriptor, level: usize) -> (u32, WordId) {
+        let (node, word) = self.tree.node_and_word(descriptor, level);
+        (node, WordId(word))
     }
 
     /// The words of an image.

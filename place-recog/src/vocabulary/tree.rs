@@ -53,20 +53,24 @@ impl Tree {
 
     /// The leaf that a descriptor falls into.
     pub fn lookup(&self, descriptor: &Descriptor) -> u32 {
-        self.next[self.node(descriptor, usize::MAX)]
+        self.node_and_word(descriptor, 0).1
     }
 
-    /// The node that a descriptor falls into so many levels below the root, or the leaf above.
-    pub fn node(&self, descriptor: &Descriptor, level: usize) -> usize {
-        let mut node = 0;
-        for _ in 0..level {
-            let (count, first) = (usize::from(self.child_counts[node]), self.next[node] as usize);
-            if count == 0 {
-                break;
+    /// The node that a descriptor falls into so many levels below the root, or the leaf above, and its leaf.
+    pub fn node_and_word(&self, descriptor: &Descriptor, level: usize) -> (u32, u32) {
+        let (mut node, mut passed, mut depth) = (0, 0, 0);
+        loop {
+            if depth <= level {
+                passed = node as u32;
             }
+            let (count, next) = (usize::from(self.child_counts[node]), self.next[node]);
+            if count == 0 {
+                return (passed, next);
+            }
+            let first = next as usize;
             node = first + nearest(descriptor, &self.centres[first..first + count]);
+            depth += 1;
         }
-        node
     }
 }
 

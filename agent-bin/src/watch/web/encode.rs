@@ -2,9 +2,9 @@
 //!
 //! The first word of a binary message is its kind; `assets/feed.js` reads what is written here.
 
+use crate::report::scene::pose_numbers;
 use crate::watch::scene::{News, Placed, Step};
 use crate::watch::status::Status;
-use crate::watch::watcher::axes_and_centre;
 use crate::watch::{Chunk, Picture};
 use serde_json::json;
 use tungstenite::Message;
@@ -70,7 +70,7 @@ fn keyframes(placed: &[Placed]) -> Vec<u8> {
     for keyframe in placed {
         put(&mut out, &[keyframe.id, keyframe.agent.into(), keyframe.frame_index as u32]);
         put_floats(&mut out, &[keyframe.world_from_keyframe.scale as f32]);
-        put_floats(&mut out, &axes_and_centre(&keyframe.world_from_keyframe));
+        put_floats(&mut out, &pose_numbers(&keyframe.world_from_keyframe));
     }
     out
 }

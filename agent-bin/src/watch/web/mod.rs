@@ -25,6 +25,8 @@ pub const USUAL_PORT: u16 = 7171;
 const MAX_CONNECTIONS: usize = 12;
 /// Every wait for a request's head ends after this.
 const READ_PATIENCE: Duration = Duration::from_secs(3);
+/// How long an end waits for pages to get the last of it.
+const FAREWELL: Duration = Duration::from_secs(2);
 /// Guesses at a token are slowed down by this.
 const REFUSAL_DELAY: Duration = Duration::from_millis(200);
 
@@ -80,10 +82,10 @@ impl Server {
         &self.url
     }
 
-    /// Waits until all clients have left, at most so long.
-    pub fn wait_for_clients(&self, patience: Duration) {
+    /// Waits until all clients have got the last of it and left, but not long.
+    pub fn wait_for_clients(&self) {
         let began = Instant::now();
-        while self.connections.load(Ordering::Acquire) > 0 && began.elapsed() < patience {
+        while self.connections.load(Ordering::Acquire) > 0 && began.elapsed() < FAREWELL {
             std::thread::sleep(Duration::from_millis(10));
         }
     }
