@@ -90,7 +90,7 @@ pub struct FrameCounts {
     pub skipped: BTreeMap<SkipReason, u64>,
     /// Frames with a pose in the trajectory.
     pub tracked: u64,
-    /// `tracked / offered`.
+    /// `tracked / (offered − dropped_late)`: the share of the frames that could be tracked.
     pub tracked_share: f64,
     /// How often tracking was lost.
     pub losses: u64,

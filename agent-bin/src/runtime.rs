@@ -1,7 +1,8 @@
 //! One run: feeds the agent and keeps the numbers.
 
 use crate::ahead::{Ahead, Item, SkipReason};
-use crate::diagnosis::ImageStatistics;
+use crate::console::tell;
+use crate::diagnosis::{ImageStatistics, Losses};
 use crate::output::Output;
 use crate::process;
 use crate::progress::Progress;
@@ -11,9 +12,10 @@ use crate::sources::notice::Notice;
 use crate::watch::{Command, Watch};
 use anyhow::{Context, Result};
 use geometry::Pinhole;
-use map::Map;
-use slam_direct::{Agent, Frame, TrackingState};
+use map::{KeyframeId, Map};
+use slam_direct::{Agent, Frame};
 use std::collections::BTreeMap;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -39,7 +41,7 @@ impl Stop {
             if flag.swap(true, Ordering::Relaxed) {
                 std::process::exit(ABORTED);
             }
-            eprintln!("{notice}");
+            tell!("{notice}");
         })
         .context("cannot listen for Ctrl-C")?;
         Ok(stop)
@@ -73,7 +75,9 @@ pub struct Run {
     agent: Agent,
     rows: Vec<FrameRow>,
     skipped: BTreeMap<SkipReason, u64>,
-    losses: u64,
+    losses: Losses,
+    /// Whether the agent ended its map itself.
+    is_whole: bool,
     statistics: ImageStatistics,
     last_reason: Option<&'static str>,
     wall_s: f64,
@@ -103,7 +107,8 @@ impl Run {
             agent,
             rows: Vec::new(),
             skipped: BTreeMap::new(),
-            losses: 0,
+            losses: Losses::default(),
+            is_whole: true,
             statistics: ImageStatistics::default(),
             last_reason: None,
             wall_s: 0.0,
@@ -111,7 +116,7 @@ impl Run {
             restart: false,
             failure: None,
         };
-        let mut state = TrackingState::Starting;
+        let mut broken = None;
         loop {
             run.wall_s = started.elapsed().as_secs_f64();
             while !run.restart
@@ -128,12 +133,10 @@ impl Run {
             let Some(item) = ahead.next_item(&stop.0) else { break };
             match item {
                 Item::Frame(frame, taken) => {
-                    let before = state;
-                    state = run.process(frame, taken, progress, ahead.dropped(), watch);
+                    let process = || run.process(frame, taken, progress, ahead.dropped(), watch);
+                    let Some(settled) = guarded("tracking", process, &mut broken) else { break };
                     progress.lost(ahead.dropped(), ahead.missed());
-                    output.grow(run.agent.map())?;
-                    run.losses +=
-                        u64::from(before == TrackingState::Tracking && state == TrackingState::Lost);
+                    output.grow(run.agent.map(), &settled)?;
                 }
                 Item::Skipped(skip) => {
                     progress.skipped(&skip);
@@ -154,8 +157,12 @@ impl Run {
             ahead.end();
         }
         progress.stage("last optimisation");
-        run.agent.finish();
+        if broken.is_none() {
+            guarded("the last optimisation", || drop(run.agent.finish()), &mut broken);
+        }
         watch.whole(run.agent.map());
+        run.is_whole = broken.is_none();
+        run.failure = broken.or(run.failure);
         run.wall_s = started.elapsed().as_secs_f64();
         Ok(run)
     }
@@ -167,7 +174,7 @@ impl Run {
         progress: &Progress,
         dropped: u64,
         watch: &mut Watch,
-    ) -> TrackingState {
+    ) -> Vec<KeyframeId> {
         // Once there is a map, nobody will ask why there is none.
         if self.agent.map().frames.is_empty() {
             self.statistics.add(&frame.image);
@@ -181,10 +188,11 @@ impl Run {
         let row = FrameRow { latency_ms, ..FrameRow::new(index, timestamp, ms, &report) };
         self.last_reason = report.reason.or(self.last_reason);
         progress.frame(&row, self.agent.map().keyframes.len(), report.matched_points);
-        let state = report.state;
+        self.losses.take_in(&report, &row, progress);
+        let settled = report.settled_keyframes.clone();
         watch.after((index, timestamp, row.ms), latency_ms, report, self.agent.map(), dropped);
         self.rows.push(row);
-        state
+        settled
     }
 
     /// Whether who watches wants a new map.
@@ -199,7 +207,9 @@ impl Run {
 
     /// Gives the map away.
     pub fn into_map(self) -> Map {
-        self.agent.into_map()
+        let snapshot = || guarded("the map", || self.agent.snapshot(), &mut None);
+        let whole = if self.is_whole { None } else { snapshot() };
+        whole.unwrap_or_else(|| self.agent.into_map())
     }
 
     /// Why a live source ended though nobody wished it.
@@ -242,8 +252,8 @@ impl Run {
                 missed_by_driver: ahead.missed(),
                 skipped: self.skipped.clone(),
                 tracked,
-                tracked_share: if offered > 0 { tracked as f64 / offered as f64 } else { 0.0 },
-                losses: self.losses,
+                tracked_share: tracked as f64 / (offered - dropped_late).max(1) as f64,
+                losses: self.losses.count,
             },
             cost: Cost {
                 latency_ms: Latency::of(self.rows.iter().filter_map(|row| row.latency_ms).collect()),
@@ -251,6 +261,19 @@ impl Run {
             },
             map: MapCounts::new(map),
             rows: self.rows.clone(),
+        }
+    }
+}
+
+/// Does a part of the run; a panic in it, or in a thread that it waited for, becomes the reason in `broken`.
+fn guarded<T>(what: &str, work: impl FnOnce() -> T, broken: &mut Option<String>) -> Option<T> {
+    match catch_unwind(AssertUnwindSafe(work)) {
+        Ok(value) => Some(value),
+        Err(panic) => {
+            let text = panic.downcast_ref::<String>().map(String::as_str);
+            let why = text.or(panic.downcast_ref::<&str>().copied()).unwrap_or("no reason was given");
+            *broken = Some(format!("{what} broke down, which is a fault of loopbox: {why}"));
+            None
         }
     }
 }

@@ -64,7 +64,9 @@ impl Session<'_> {
             let failure = run.failure().map(str::to_owned);
             let tracked = self.write(run, ahead, &mut output)?;
             if !restart {
-                return Ok(Mapped { folder: output.folder().to_owned(), record: tracked?, failure });
+                let folder = output.folder().to_owned();
+                let failure = failure.or(saver.end().err().map(|error| error.to_string()));
+                return Ok(Mapped { folder, record: tracked?, failure });
             }
             if let Ok(record) = tracked {
                 self.progress.finish(&record, &output.folder().display().to_string());
@@ -78,9 +80,8 @@ impl Session<'_> {
     fn write(&self, run: Run, ahead: &Ahead, output: &mut Output) -> Result<Result<RunRecord>> {
         let record = run.record(&self.source, self.camera, ahead, self.stop.requested());
         if record.frames.tracked == 0 {
-            output.numbers(&record)?;
-            let failure = run.failure().map(|failure| format!("\n{failure}")).unwrap_or_default();
-            let why = run.why_nothing_was_tracked() + &failure;
+            output.fail(&record)?;
+            let why = run.failure().map_or_else(|| run.why_nothing_was_tracked(), str::to_owned);
             return Ok(Err(anyhow!("{}: no frame could be tracked: {why}", self.source.path.display())));
         }
         self.progress.stage("writing the results");
@@ -90,7 +91,8 @@ impl Session<'_> {
 
     /// A folder for the next map.
     fn next_output(&self, first: &Path, before: &Path, watch: &Watch) -> Result<Output> {
-        let output = Output::create(&saving::next_folder(first), self.about.clone())?;
+        let output =
+            Output::create(&saving::next_folder(first), self.about.clone(), &self.source.path, false)?;
         watch.teller()(format!("a new map; the one before is in {}", before.display()));
         Ok(output)
     }

@@ -13,7 +13,7 @@ mod verdict;
 pub use input::Input;
 pub use method::method_parser;
 pub use names::{Names, listed};
-pub use output::{MergeOutput, map_file, write_maps, write_results};
+pub use output::{keep_from, map_file, write_maps, write_results};
 pub use progress::MergeProgress;
 pub use record::MergeRecord;
 pub use verdict::{verdict, without_company};

@@ -10,6 +10,7 @@ mod mcap_recording;
 pub mod messages;
 pub mod notice;
 mod numbered;
+mod survey;
 pub mod time;
 mod timed;
 mod topics;
@@ -115,6 +116,11 @@ pub trait FrameSource: Send {
     /// frame is taken.
     fn skip_to(&mut self, _start: f64) -> Option<f64> {
         None
+    }
+
+    /// What can be seen to be wrong with the recording before its frames are taken in turn.
+    fn problems(&self) -> Vec<String> {
+        Vec::new()
     }
 
     /// What else there is to say of it, as label and text.

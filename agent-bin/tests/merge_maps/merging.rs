@@ -120,6 +120,25 @@ fn maps_that_share_nothing_are_refused_with_the_reason() {
 }
 
 #[test]
+fn a_merge_that_is_refused_keeps_the_common_map_of_before() {
+    let (runs, case) = (Runs::get(), Case::new());
+    let (left, elsewhere) = (runs.run("left"), runs.run("elsewhere"));
+    merged_left_and_right(&case).assert_success();
+    let content = || -> Vec<(String, Vec<u8>)> {
+        let of = |name: String| (name.clone(), fs::read(case.out().join(name)).unwrap());
+        case.results().into_iter().map(of).collect()
+    };
+    let before = content();
+    let outcome = loopbox(&["merge", arg(&left), arg(&elsewhere), "--out", arg(&case.out()), "--json"]);
+    outcome.assert_refused(&["no two of the maps met"]);
+    let numbers: Value = serde_json::from_str(&outcome.stdout).unwrap();
+    assert!(numbers["encounters"][0]["refusal"].is_string(), "{numbers:#}");
+    assert!(before == content(), "{:?}", case.results());
+    let run = loopbox(&["merge", arg(&left), arg(&elsewhere), "--out", arg(&runs.run("right"))]);
+    run.assert_refused(&["holds the results of a run over", "--force"]);
+}
+
+#[test]
 fn a_third_map_that_met_nobody_is_named_and_stays_apart() {
     let (runs, case) = (Runs::get(), Case::new());
     let outcome = case.merge(&[&runs.run("left"), &runs.run("elsewhere"), &runs.run("right")]);

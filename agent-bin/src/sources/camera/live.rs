@@ -3,6 +3,7 @@
 use super::device::{Captured, Device, View};
 use super::open::Opened;
 use super::stream::BUFFERS;
+use crate::console::tell;
 use crate::sources::notice::{Listener, Notice};
 use crate::sources::{FrameSource, SourceFrame, SourceInfo};
 use anyhow::Result;
@@ -103,7 +104,7 @@ impl Live {
     fn say(&self, notice: Notice) {
         match &self.listener {
             Some(listener) => listener(notice),
-            None => eprintln!("{}", notice.text()),
+            None => tell!("{}", notice.text()),
         }
     }
 
