@@ -46,6 +46,8 @@ pub(crate) fn print(text: &str) -> Result<()> {
 pub(crate) enum Ending {
     /// Something failed.
     Failed = 1,
+    /// All went well, but no two of the maps met.
+    NotMet = 3,
     /// What was tracked is saved, but it is less than was asked for.
     TooLittleTracked = 4,
 }

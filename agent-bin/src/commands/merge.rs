@@ -1,7 +1,7 @@
 //! `loopbox merge`: several agents' maps into one.
 
 use super::params;
-use crate::console;
+use crate::console::{self, Ended, Ending};
 use crate::merging::{
     Input, MergeProgress, MergeRecord, Merging, MergingParams, Names, keep_from, listed, merge,
     method_parser, verdict, without_company, write_results,
@@ -77,7 +77,8 @@ pub fn run(args: &MergeArgs) -> Result<()> {
             print(args, &inputs, &merging, &names, &record)?;
         }
         let reasons = verdict(&inputs, &merging);
-        bail!("no two of the maps met, so there is no common map\n{}", reasons.trim_end());
+        let text = format!("no two of the maps met, so there is no common map\n{}", reasons.trim_end());
+        return Err(Ended { ending: Ending::NotMet, text }.into());
     }
     stage("writing the results")?;
     write_results(&mut output, &inputs, &merging, &names, &mut record)?;
