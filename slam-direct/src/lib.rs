@@ -1,7 +1,14 @@
-//! Direct monocular SLAM: tracking, depth, keyframes and their graph, from pixel intensities.
+//! Semi-direct monocular SLAM: tracking, depth, keyframes and their graph, from pixel intensities.
 //!
-//! Everything here is plain functions and types; files, clocks and threads of the user's program
-//! live in `agent-bin`.
+//! Patches around points are aligned with a new image directly, first all at once for the pose, then each for itself, and
+//! the pose and later the points are optimised by what the patches found: the way of SVO (Forster, Pizzoli, Scaramuzza,
+//! ICRA 2014). Keyframes, covisibility, local and whole-map optimisation, and the search for loops are arranged as in
+//! ORB-SLAM (Mur-Artal, Montiel, Tardós, T-RO 2015). Semi-dense depth is filtered per keyframe as in LSD-SLAM (Engel,
+//! Schöps, Cremers, ECCV 2014).
+//!
+//! Everything here is plain functions and types. Depth of keyframes and pose graphs of loops are computed in background
+//! threads that are waited for at fixed frames, so that results do not depend on their speed, and loops over pixels and
+//! points run on rayon's pool; files, clocks and the threads of the user's program live in `agent-bin`.
 
 mod agent;
 pub mod align;
