@@ -141,7 +141,7 @@ fn scaled(camera: &Camera, (width, height): (usize, usize)) -> Result<Camera> {
     // Pixel centres lie at integers, so the image begins half a pixel before the first.
     let centre = |c: f64| (c + 0.5) * by - 0.5;
     let pinhole = Pinhole { width, height, fx: fx * by, fy: fy * by, cx: centre(cx), cy: centre(cy) };
-    Ok(Camera::new(pinhole, camera.distortion().clone())?)
+    Ok(Camera::new(pinhole, *camera.distortion())?)
 }
 
 #[cfg(test)]

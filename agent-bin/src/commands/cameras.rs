@@ -1,5 +1,6 @@
 //! `loopbox cameras`: the cameras there are and what they can do.
 
+#[cfg(all(feature = "camera", target_os = "linux"))]
 use crate::console;
 use anyhow::Result;
 use clap::Args;

@@ -21,9 +21,9 @@ pub struct EvalArgs {
     /// frame one each: what the first one alone needs is adjusted of all
     #[arg(value_name = "ESTIMATE", required = true)]
     estimates: Vec<PathBuf>,
-    /// True trajectory, in either form; of several agents one each in their order (`--gt A B C`), or one that spans
+    /// True trajectory, in either form; of several agents one each in their order (`--gt A --gt B`), or one that spans
     /// them all. They must be in one world
-    #[arg(long, value_name = "FILE", required = true, num_args = 1..)]
+    #[arg(long, value_name = "FILE", required = true)]
     gt: Vec<PathBuf>,
     /// What is adjusted before errors are measured
     #[arg(long, value_enum, default_value_t = Align::Sim3)]
@@ -39,7 +39,7 @@ pub struct EvalArgs {
     max_diff: f64,
     /// Times of the recording's frames (first column of times.txt): coverage counts these, and KITTI files
     /// take their time stamps from here; of several agents one each
-    #[arg(long, value_name = "FILE", num_args = 1..)]
+    #[arg(long, value_name = "FILE")]
     frames: Vec<PathBuf>,
     /// Also measure the depths of this map (map.mcap) against --depth
     #[arg(long, value_name = "FILE", requires_all = ["depth", "frames"])]
@@ -101,7 +101,7 @@ pub fn run(args: EvalArgs) -> Result<()> {
             if args.gt.len() == 1 && overlap(&agents) {
                 tell!(
                     "warning: {} is taken for the truth of all {} estimates, some of them of the same time\nhint: give one \
-                     for each in their order: --gt A B C",
+                     for each in their order: --gt A --gt B",
                     args.gt[0].display(),
                     agents.len()
                 );

@@ -1,7 +1,7 @@
 //! `loopbox params`: the default parameters as a TOML file, those of a run documented.
 
-#[cfg(feature = "opencv")]
 use crate::console;
+#[cfg(feature = "opencv")]
 use crate::merging::MergingParams;
 use anyhow::{Context, Result};
 use serde::de::DeserializeOwned;
