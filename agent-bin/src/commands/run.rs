@@ -149,10 +149,10 @@ pub fn execute(args: &RunArgs) -> Result<()> {
     if let Ok(Some(summary)) = &recorded {
         progress.note(&summary.text());
     }
-    progress.finish(&record, &folder.display().to_string());
     if let Some(warning) = too_few_poses(&record.frames) {
         progress.warn(&warning);
     }
+    progress.finish(&record, &folder.display().to_string());
     watch.end(Ended(&format!("The run has ended. Its results are in {}", folder.display())));
     recorded?;
     match failure {
