@@ -9,7 +9,7 @@ pub use frame::{Frame, FrameReport, TrackingState};
 use crate::bootstrap::Bootstrap;
 use crate::closing::LoopCloser;
 use crate::dense;
-use crate::local_map::{KeyframeState, LocalMap};
+use crate::local_map::{Counts, KeyframeState, LocalMap};
 use crate::mapping::{self, UnitChange};
 use crate::params::Params;
 use crate::publish;
@@ -30,6 +30,8 @@ pub struct Agent {
     places: Box<dyn PlaceIndex>,
     closer: LoopCloser,
     settler: Settler,
+    /// Of the frames since the last keyframe.
+    counts: Counts,
     /// Frames that came before the first map and are not in it.
     early: Vec<EarlyFrame>,
 }
@@ -53,6 +55,7 @@ impl Agent {
             places,
             closer: LoopCloser::default(),
             settler: Settler::default(),
+            counts: Counts::default(),
             early: Vec::new(),
         }
     }
@@ -81,7 +84,7 @@ impl Agent {
             return self.lose(tracker, pyramid, timestamp, frame_index);
         };
         self.params.track.position_sigma = learn_position_sigma(&self.params.track, located.excess);
-        self.local.count_sought(&located.sought, &located.matched);
+        self.counts.add(&located.sought, &located.matched);
         let world_from_reference = self.local.keyframes[tracker.reference].camera_from_world.inverse();
         self.map.frames.push(FramePose {
             timestamp,
@@ -179,7 +182,9 @@ impl Agent {
         }
         mapping::add_points(&mut self.local, keyframe, &others, &p.mapping, &p.triangulate, &p.track);
         let changes = mapping::optimise_around(&mut self.local, keyframe, &p.mapping);
-        mapping::cull_unfound(&mut self.local, 0.25);
+        let counts = std::mem::take(&mut self.counts);
+        self.local.count(&counts);
+        mapping::cull_unfound(&mut self.local, counts.hosts(), 0.25);
         self.places.add(LocalMap::id(keyframe), self.local.keyframes[keyframe].pyramid.base());
         self.absorb(&changes);
     }
@@ -231,7 +236,9 @@ impl Agent {
             loops.extend(self.finish_loop());
         }
         if self.local.keyframes.len() > 1 {
-            let changes = mapping::optimise_all(&mut self.local, self.params.mapping.final_iterations);
+            let p = &self.params.mapping;
+            let changes =
+                mapping::optimise_all(&mut self.local, p.final_iterations, p.final_effort, &|| false);
             self.absorb(&changes);
         }
         publish::complete(&mut self.map, &self.local, self.closer.edges(&self.local));

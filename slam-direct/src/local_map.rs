@@ -83,6 +83,34 @@ impl KeyframeState {
     }
 }
 
+/// How often points were looked for and found in tracked frames.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Counts {
+    /// `[sought, found]` of each point of a host, as far as the last one counted.
+    by_host: BTreeMap<usize, Vec<[u32; 2]>>,
+}
+
+impl Counts {
+    /// Counts the points that a frame was searched for, and those of them that were found.
+    pub fn add(&mut self, sought: &[PointRef], matched: &[Matched]) {
+        sought.iter().for_each(|&at| self.entry(at)[0] += 1);
+        matched.iter().filter(|m| m.inlier).for_each(|m| self.entry(m.at)[1] += 1);
+    }
+
+    /// Keyframes whose points were counted.
+    pub fn hosts(&self) -> impl Iterator<Item = usize> + '_ {
+        self.by_host.keys().copied()
+    }
+
+    fn entry(&mut self, at: PointRef) -> &mut [u32; 2] {
+        let counts = self.by_host.entry(at.host).or_default();
+        if counts.len() <= at.index {
+            counts.resize(at.index + 1, [0; 2]);
+        }
+        &mut counts[at.index]
+    }
+}
+
 /// All keyframes of the agent; index = `KeyframeId`.
 #[derive(Clone, Debug)]
 pub(crate) struct LocalMap {
@@ -161,13 +189,13 @@ impl LocalMap {
         all
     }
 
-    /// Notes which points a frame was searched for, and which of them were found.
-    pub fn count_sought(&mut self, sought: &[PointRef], matched: &[Matched]) {
-        for &at in sought {
-            self.point_mut(at).sought += 1;
-        }
-        for m in matched.iter().filter(|m| m.inlier) {
-            self.point_mut(m.at).found += 1;
+    /// Adds up how often points were looked for and found.
+    pub fn count(&mut self, counts: &Counts) {
+        for (&host, counts) in &counts.by_host {
+            for (point, [sought, found]) in self.keyframes[host].points.iter_mut().zip(counts) {
+                point.sought += sought;
+                point.found += found;
+            }
         }
     }
 
@@ -280,7 +308,10 @@ mod tests {
             squared: 0.0,
             inlier,
         };
-        map.count_sought(&[at(0), at(1), at(2)], &[matched(0, true), matched(1, false)]);
+        let mut frame = Counts::default();
+        frame.add(&[at(0), at(1), at(2)], &[matched(0, true), matched(1, false)]);
+        assert_eq!(frame.hosts().collect::<Vec<_>>(), [0]);
+        map.count(&frame);
         let counts: Vec<_> = map.keyframes[0].points[..3].iter().map(|p| (p.sought, p.found)).collect();
         assert_eq!(counts, [(1, 1), (1, 0), (1, 0)]);
     }

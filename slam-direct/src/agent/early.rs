@@ -4,7 +4,7 @@ use super::settle::Settler;
 use super::{Agent, FrameReport, State, TrackingState};
 use crate::bootstrap::{Bootstrap, Progress, Started};
 use crate::closing::LoopCloser;
-use crate::local_map::LocalMap;
+use crate::local_map::{Counts, LocalMap};
 use crate::publish;
 use crate::tracker::Tracker;
 use geometry::{GrayImage, Pyramid, Se3};
@@ -156,5 +156,6 @@ impl Agent {
         self.places.clear();
         self.closer = LoopCloser::default();
         self.settler = Settler::default();
+        self.counts = Counts::default();
     }
 }
