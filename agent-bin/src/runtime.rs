@@ -20,6 +20,8 @@ use std::time::{Duration, Instant};
 
 /// Exit status after a second Ctrl-C, as shells report an interrupted program.
 const ABORTED: i32 = 130;
+/// How long the last optimisation may take once the user wishes to stop.
+const LAST_WORK: Duration = Duration::from_secs(4);
 /// How often a waiting source is told of the wish to stop.
 const STOP_INTERVAL: Duration = Duration::from_millis(20);
 
@@ -129,7 +131,7 @@ impl Run {
             match item {
                 Item::Frame(frame, taken) => {
                     let before = state;
-                    state = run.process(frame, taken, progress, ahead.dropped(), watch);
+                    state = run.process(frame, taken, progress, ahead.dropped(), watch)?;
                     progress.lost(ahead.dropped(), ahead.missed());
                     output.grow(run.agent.map())?;
                     run.losses +=
@@ -154,7 +156,8 @@ impl Run {
             ahead.end();
         }
         progress.stage("last optimisation");
-        run.agent.finish();
+        let hurry = Instant::now();
+        run.agent.finish_until(&|| stop.requested() && hurry.elapsed() > LAST_WORK);
         watch.whole(run.agent.map());
         run.wall_s = started.elapsed().as_secs_f64();
         Ok(run)
@@ -167,7 +170,7 @@ impl Run {
         progress: &Progress,
         dropped: u64,
         watch: &mut Watch,
-    ) -> TrackingState {
+    ) -> Result<TrackingState> {
         // Once there is a map, nobody will ask why there is none.
         if self.agent.map().frames.is_empty() {
             self.statistics.add(&frame.image);
@@ -175,7 +178,7 @@ impl Run {
         watch.before(&frame);
         let (index, timestamp) = (frame.index, frame.timestamp);
         let started = Instant::now();
-        let report = self.agent.process(frame);
+        let report = self.agent.process(frame)?;
         let latency_ms = taken.map(|taken| taken.elapsed().as_secs_f64() * 1e3);
         let ms = started.elapsed().as_secs_f64() * 1e3;
         let row = FrameRow { latency_ms, ..FrameRow::new(index, timestamp, ms, &report) };
@@ -184,7 +187,7 @@ impl Run {
         let state = report.state;
         watch.after((index, timestamp, row.ms), latency_ms, report, self.agent.map(), dropped);
         self.rows.push(row);
-        state
+        Ok(state)
     }
 
     /// Whether who watches wants a new map.

@@ -58,7 +58,7 @@ impl Session<'_> {
         };
         loop {
             watch.folder(output.folder());
-            let agent = Agent::new(self.camera, Box::new(ThumbnailIndex::default()), self.params.clone());
+            let agent = Agent::new(self.camera, Box::new(ThumbnailIndex::default()), self.params.clone())?;
             let run = Run::track(agent, ahead, self.stop, self.progress, &mut output, watch, &save)?;
             let restart = run.is_to_restart();
             let failure = run.failure().map(str::to_owned);

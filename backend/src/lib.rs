@@ -5,9 +5,11 @@
 //! edge joins keyframes of one agent or of two, is not known here.
 
 mod block_system;
+mod parameter_check;
 mod params_macro;
 pub mod posegraph;
 pub mod sim3_align;
 
 pub use block_system::{BlockSlot, BlockSystem, SystemError};
+pub use parameter_check::{ParameterError, check_parameters};
 pub use params_macro::{DocumentedParameter, Parameter, ParameterValue};

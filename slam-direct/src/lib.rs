@@ -1,7 +1,7 @@
 //! Direct monocular SLAM: tracking, depth, keyframes and their graph, from pixel intensities.
 //!
-//! Everything here is plain functions and types; files, clocks and threads of the user's program
-//! live in `agent-bin`.
+//! Everything here is plain functions and types; files and clocks live in the user's program. Threads are used by
+//! `background` alone, and what they compute is taken up at fixed frames.
 
 mod agent;
 pub mod align;
@@ -29,7 +29,7 @@ mod triangulate;
 mod warp;
 mod window;
 
-pub use agent::{Agent, Frame, FrameReport, TrackingState};
-pub use backend::{DocumentedParameter, Parameter, ParameterValue};
+pub use agent::{Agent, AgentError, Frame, FrameReport, TrackingState};
+pub use backend::{DocumentedParameter, Parameter, ParameterError, ParameterValue};
 pub use depth::{DepthFilter, DepthParams, SeedPoint, StereoFrame, UpdateStats, choose_references};
 pub use params::Params;

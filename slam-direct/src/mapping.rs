@@ -36,14 +36,22 @@ params! {
         pub final_effort: f64 = 60.0,
         /// A keyframe's semi-dense depth is computed when this many newer ones are there.
         pub settle_after: usize = 3,
+        /// How many frames after a keyframe what was mapped of it is tracked against. Range 0–10: with 0 each keyframe
+        /// waits for its mapping; more leave it more time beside the tracking, and the map is that much older.
+        pub lag: usize = 0,
         /// Keyframes in which a new point's depth is sought.
         pub search_views: usize = 12,
     }
 }
 
+/// The matches that bind a keyframe to their points.
+pub(crate) fn agreeing(matched: &[Matched]) -> impl Iterator<Item = &Matched> {
+    matched.iter().filter(|m| m.squared < OBSERVED)
+}
+
 /// Adds the matched points to what the keyframe sees.
 pub(crate) fn add_observations(map: &mut LocalMap, keyframe: usize, matched: &[Matched]) {
-    for m in matched.iter().filter(|m| m.squared < OBSERVED && m.at.host != keyframe) {
+    for m in agreeing(matched).filter(|m| m.at.host != keyframe) {
         let known = map.point(m.at).observations.iter().any(|o| o.keyframe == keyframe);
         if !known {
             map.observe(m.at, SeenAt { keyframe, pixel: m.pixel, information: m.information });
@@ -160,11 +168,16 @@ fn optimise<'a>(
     }
     let changes = window.unit_changes(&before);
     window.apply(map);
+    for change in &changes {
+        map.keyframes[change.keyframe].unit *= change.factor;
+    }
     changes
 }
 
-/// How lengths around a keyframe changed in an optimisation: what was measured in its surroundings before
-/// (poses of frames, semi-dense depth) must be multiplied by `factor` to fit the map after.
+/// How lengths around a keyframe changed in an optimisation: its unit (see [`KeyframeState::unit`]) is `factor` times
+/// what it was.
+///
+/// [`KeyframeState::unit`]: crate::local_map::KeyframeState::unit
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct UnitChange {
     pub keyframe: usize,

@@ -9,7 +9,7 @@ use crate::mapping::MappingParams;
 use crate::relocalise::RelocaliseParams;
 use crate::track::TrackParams;
 use crate::triangulate::TriangulateParams;
-use backend::params;
+use backend::{ParameterError, check_parameters, params};
 
 params! {
     /// Parameters of the direct SLAM agent.
@@ -32,5 +32,36 @@ params! {
         pub depth: DepthParams = DepthParams::default(),
         /// Depth of new points.
         pub triangulate: TriangulateParams = TriangulateParams::default(),
+    }
+}
+
+impl Params {
+    /// Refuses values that cannot be worked with: outside of the range that a parameter's documentation states, not
+    /// finite, negative, or a count of zero.
+    ///
+    /// # Errors
+    /// Names the first such parameter.
+    pub fn validate(&self) -> Result<(), ParameterError> {
+        check_parameters(self)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_that_would_divide_by_zero_are_refused() {
+        assert_eq!(Params::default().validate(), Ok(()));
+        let refused = |change: fn(&mut Params)| {
+            let mut params = Params::default();
+            change(&mut params);
+            params.validate().expect_err("it cannot be worked with").name
+        };
+        assert_eq!(refused(|p| p.track.cell = 0), "track.cell");
+        assert_eq!(refused(|p| p.mapping.block = 0), "mapping.block");
+        assert_eq!(refused(|p| p.mapping.window = 0), "mapping.window");
+        assert_eq!(refused(|p| p.align.pyramid_levels = 0), "align.pyramid_levels");
+        assert_eq!(refused(|p| p.closing.max_drift = f64::NAN), "closing.max_drift");
     }
 }

@@ -86,7 +86,7 @@ fn blank_images_match_nothing() {
 #[test]
 fn keyframes_without_depth_are_not_looked_at() {
     let mut flat = there().clone();
-    flat.keyframes.values_mut().for_each(|keyframe| keyframe.semi_dense = SemiDense::default());
+    flat.keyframes.values_mut().for_each(|keyframe| keyframe.semi_dense = SemiDense::default().into());
     for (target, source) in [(here(), &flat), (&flat, here())] {
         assert!(encounter(target, source).tried.is_empty());
     }

@@ -1,7 +1,7 @@
 //! What goes into the agent and what comes out: frames, and reports on them.
 
 use geometry::{GrayImage, Se3};
-use map::KeyframeId;
+use map::{KeyframeId, MapDelta};
 
 /// One image to process.
 #[derive(Clone, Debug)]
@@ -36,6 +36,11 @@ pub struct FrameReport {
     pub new_keyframe: Option<KeyframeId>,
     /// Keyframes whose depth became known with this frame; their poses may still move.
     pub settled_keyframes: Vec<KeyframeId>,
+    /// Keyframe whose mapping was taken over before this frame was tracked, if that was beside the tracking.
+    pub adopted: Option<KeyframeId>,
+    /// What changed in the map, in order. The frames' poses are not in it: they are only ever added, and each is
+    /// relative to its keyframe.
+    pub deltas: Vec<MapDelta>,
     /// Loop closed after this frame: `(newer, older)` keyframe.
     pub closed_loop: Option<(KeyframeId, KeyframeId)>,
     /// Share of the predicted points that were matched, 0–1.
@@ -56,6 +61,8 @@ impl FrameReport {
             world_from_camera: None,
             new_keyframe: None,
             settled_keyframes: Vec::new(),
+            adopted: None,
+            deltas: Vec::new(),
             closed_loop: None,
             inlier_share: 0.0,
             rmse: 0.0,

@@ -81,7 +81,7 @@ impl Window {
         all
     }
 
-    /// How the units of the keyframes that were moved changed since their depths were `before`.
+    /// How the units of the keyframes that were moved changed since their depths were `before`, one change each.
     pub fn unit_changes(&self, before: &[(usize, f64)]) -> Vec<UnitChange> {
         let mut ratios: Vec<Vec<f32>> = vec![Vec::new(); self.keyframes.len()];
         for (&(frame, old), (_, new)) in before.iter().zip(self.frame_depths()) {
@@ -90,8 +90,8 @@ impl Window {
             }
         }
         let change = |(frame, &keyframe): (usize, &usize)| {
-            let factor = median(&mut ratios[frame]).filter(|f| f.is_finite())? as f64;
-            self.active[frame].then_some(UnitChange { keyframe, factor })
+            let factor = median(&mut ratios[frame]).filter(|f| f.is_finite()).unwrap_or(1.0);
+            self.active[frame].then_some(UnitChange { keyframe, factor: factor.into() })
         };
         self.keyframes.iter().enumerate().filter_map(change).collect()
     }
