@@ -23,8 +23,8 @@ pub struct MergeArgs {
     /// Folder for the results; made if it is not there
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// How maps are joined where they met, in place of the parameter file's; all but loop-box are there to compare it
-    /// with
+    /// How maps are joined where they met, in place of the parameter file's: direct, loopbox's own, aligns the images
+    /// of all pairs that agree; the others, loop-box of the paper among them, are there to compare it with
     #[arg(long, value_name = "METHOD", value_parser = method_parser())]
     method: Option<Method>,
     /// Parameter file (TOML); `loopbox params --merge` prints the defaults
