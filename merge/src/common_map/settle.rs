@@ -37,7 +37,7 @@ impl CommonMap {
             let next = match contradicted {
                 Some(taken) => taken,
                 None => match self.fuse(params) {
-                    Ok(fused) => match self.disbelieved(&fused) {
+                    Ok(fused) => match self.disbelieved(&fused, params)? {
                         Some(taken) => taken,
                         None => return Ok((fused, taken_back)),
                     },
@@ -55,11 +55,14 @@ impl CommonMap {
         }
     }
 
-    /// A merge of which no closure is believed.
-    fn disbelieved(&self, fused: &[Fused]) -> Option<TakenBack> {
+    /// A merge of which no closure is believed. Agents that hang together over none are in no fused map together, so
+    /// closures that contradict each other are asked for by themselves.
+    fn disbelieved(&self, fused: &[Fused], params: &FusionParams) -> Result<Option<TakenBack>, FusionError> {
+        let contradicting = self.consistent(params)?.contradicting;
         let suppressed: BTreeSet<_> = fused
             .iter()
             .flat_map(|fused| &fused.suppressed)
+            .chain(&contradicting)
             .map(|link| (link.from.min(link.to), link.from.max(link.to)))
             .collect();
         let believed = |agents: &(AgentId, AgentId)| {
@@ -68,9 +71,11 @@ impl CommonMap {
                 !suppressed.contains(&ends)
             })
         };
-        let agents = self.merged().into_iter().find(|agents| !believed(agents))?;
-        let why = "all of its closures contradict the joint pose graph or each other".to_owned();
-        Some(TakenBack { agents, why })
+        let taken = self.merged().into_iter().find(|agents| !believed(agents)).map(|agents| TakenBack {
+            agents,
+            why: "all of its closures contradict the joint pose graph or each other".to_owned(),
+        });
+        Ok(taken)
     }
 
     /// The merge beside the spanning tree that contradicts it most.
