@@ -77,9 +77,39 @@ impl Agent {
         timestamp: f64,
         frame_index: u64,
     ) -> FrameReport {
-        let Some(located) = tracker.track(&self.local, self.places.as_ref(), &pyramid, &self.params) else {
-            return self.lose(tracker, pyramid, timestamp, frame_index);
+        match tracker.track(&self.local, self.places.as_ref(), &pyramid, &self.params) {
+            Some(located) => self.go_on(tracker, &located, pyramid, timestamp, frame_index),
+            None => self.lose(tracker, pyramid, timestamp, frame_index),
+        }
+    }
+
+    /// Seeks a frame in the map of an agent that other frames were not given to; nothing changes when it is not there.
+    pub(crate) fn relocalise(&mut self, frame: &Frame) -> Option<FrameReport> {
+        let State::Running(mut tracker) = std::mem::replace(&mut self.state, State::Empty) else {
+            return None;
         };
+        let pyramid = Pyramid::new(frame.image.clone(), self.params.align.pyramid_levels);
+        let Some(located) = tracker.track(&self.local, self.places.as_ref(), &pyramid, &self.params) else {
+            self.state = State::Running(tracker);
+            return None;
+        };
+        Some(self.go_on(tracker, &located, pyramid, frame.timestamp, frame.index))
+    }
+
+    /// Whether the map has not come beyond its start, so that it may prove useless yet.
+    pub(crate) fn is_young(&self) -> bool {
+        self.local.keyframes.len() <= self.params.keyframes.young_map
+    }
+
+    /// Takes a frame that was found into the map.
+    fn go_on(
+        &mut self,
+        mut tracker: Box<Tracker>,
+        located: &Located,
+        pyramid: Pyramid,
+        timestamp: f64,
+        frame_index: u64,
+    ) -> FrameReport {
         self.params.track.position_sigma = learn_position_sigma(&self.params.track, located.excess);
         self.local.count_sought(&located.sought, &located.matched);
         let world_from_reference = self.local.keyframes[tracker.reference].camera_from_world.inverse();
@@ -95,9 +125,9 @@ impl Agent {
             matched_points: located.inliers,
             ..FrameReport::of(TrackingState::Tracking)
         };
-        tracker.change_reference(&self.local, &located, &self.params);
-        if tracker.wants_keyframe(&self.local, &located, &self.params) {
-            self.extend(&mut tracker, &located, pyramid, timestamp, frame_index, &mut report);
+        tracker.change_reference(&self.local, located, &self.params);
+        if tracker.wants_keyframe(&self.local, located, &self.params) {
+            self.extend(&mut tracker, located, pyramid, timestamp, frame_index, &mut report);
         } else if self.settler.is_open(tracker.reference) {
             let parallax = tracker.parallax(&self.local);
             let state = &mut self.local.keyframes[tracker.reference];
@@ -122,10 +152,7 @@ impl Agent {
             return report;
         }
         self.state = State::Running(tracker);
-        FrameReport {
-            reason: Some("the view matches no part of the map"),
-            ..FrameReport::of(TrackingState::Lost)
-        }
+        FrameReport::lost()
     }
 
     /// Extends the map by the newest tracked frame, and takes up and begins what is done in the background.

@@ -5,6 +5,7 @@
 
 mod agent;
 pub mod align;
+mod atlas;
 mod background;
 mod bootstrap;
 mod closing;
@@ -30,6 +31,7 @@ mod warp;
 mod window;
 
 pub use agent::{Agent, Frame, FrameReport, TrackingState};
+pub use atlas::{Atlas, AtlasParams};
 pub use backend::{DocumentedParameter, Parameter, ParameterValue};
 pub use depth::{DepthFilter, DepthParams, SeedPoint, StereoFrame, UpdateStats, choose_references};
 pub use params::Params;

@@ -1,6 +1,7 @@
 //! All parameters of the agent, gathered.
 
 use crate::align::AlignParams;
+use crate::atlas::AtlasParams;
 use crate::bootstrap::BootstrapParams;
 use crate::closing::ClosingParams;
 use crate::depth::DepthParams;
@@ -26,6 +27,8 @@ params! {
         pub mapping: MappingParams = MappingParams::default(),
         /// Finding a lost frame again.
         pub relocalise: RelocaliseParams = RelocaliseParams::default(),
+        /// Going on after a loss.
+        pub atlas: AtlasParams = AtlasParams::default(),
         /// Closing loops.
         pub closing: ClosingParams = ClosingParams::default(),
         /// Semi-dense depth.

@@ -127,8 +127,7 @@ impl Agent {
 
     /// Whether a young map has proved useless: nothing that follows fits it.
     pub(super) fn was_bad_start(&self, tracker: &Tracker) -> bool {
-        let p = &self.params.keyframes;
-        self.local.keyframes.len() <= p.young_map && tracker.lost_frames() >= p.give_up
+        self.is_young() && tracker.lost_frames() >= self.params.keyframes.give_up
     }
 
     /// Gives the map up and begins a start with this frame; `None` when it has too little texture: a dark image

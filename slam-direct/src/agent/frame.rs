@@ -30,6 +30,8 @@ pub enum TrackingState {
 pub struct FrameReport {
     /// State after the frame.
     pub state: TrackingState,
+    /// Of an [`Atlas`](crate::Atlas), the index of the fragment whose world and unit the report is in; 0 of one agent.
+    pub fragment: usize,
     /// Pose as known now (later optimisation may move it).
     pub world_from_camera: Option<Se3>,
     /// Keyframe made from this frame.
@@ -49,10 +51,16 @@ pub struct FrameReport {
 }
 
 impl FrameReport {
+    /// A report on a frame that was found nowhere.
+    pub(crate) fn lost() -> Self {
+        Self { reason: Some("the view matches no part of the map"), ..Self::of(TrackingState::Lost) }
+    }
+
     /// A report that says no more than the state.
     pub(super) fn of(state: TrackingState) -> Self {
         Self {
             state,
+            fragment: 0,
             world_from_camera: None,
             new_keyframe: None,
             settled_keyframes: Vec::new(),
