@@ -32,6 +32,7 @@ fn cpu() -> f64 {
 fn main() {
     let mut params = OdometryParams::default();
     let mut deskew = true;
+    let (mut shift, mut skip) = (0.0, 0);
     for arg in std::env::args().skip(1) {
         if let Some((k, v)) = arg.split_once('=') {
             let f = || v.parse::<f64>().unwrap();
@@ -39,6 +40,7 @@ fn main() {
                 "voxel" => params.surfaces.voxel = f() as f32,
                 "thick" => params.surfaces.thickness = f() as f32,
                 "aspect" => params.surfaces.aspect = f() as f32,
+                "width" => params.surfaces.width = f() as f32,
                 "least" => params.surfaces.least_points = f() as u32,
                 "most" => params.surfaces.most_points = f() as u32,
                 "reg" => params.registered = f() as f32,
@@ -51,6 +53,8 @@ fn main() {
                 "eps" => params.registration.least_step = f(),
                 "range" => params.range.1 = f() as f32,
                 "min" => params.range.0 = f() as f32,
+                "shift" => shift = f(),
+                "skip" => skip = f() as usize,
                 "deskew" => deskew = f() != 0.0,
                 _ => panic!("{k}"),
             }
@@ -70,7 +74,7 @@ fn main() {
             steps += tracked.steps;
             inl += tracked.inlier_share;
             worst = worst.max(tracked.conditioning.translation);
-            if let Some(pose) = at(&truth, tracked.instant) {
+            if let Some(pose) = at(&truth, tracked.instant + shift).filter(|_| times.len() > skip) {
                 est.push(tracked.world_from_sensor);
                 tru.push(pose);
             }
@@ -80,6 +84,12 @@ fn main() {
         let errors: Vec<f64> = est.iter().zip(&tru).map(|(e, t)| ((align * *e).translation - t.translation).norm()).collect();
         let ate = (errors.iter().map(|e| e * e).sum::<f64>() / errors.len() as f64).sqrt();
         let max = errors.iter().fold(0.0f64, |a, &b| a.max(b));
+        let mut parts = [0.0f64; 3];
+        for (e, t) in est.iter().zip(&tru) {
+            let d = t.rotation.inverse() * ((align * *e).translation - t.translation);
+            for k in 0..3 { parts[k] += d[k] * d[k] / est.len() as f64; }
+        }
+        let parts = parts.map(|v| (v.sqrt() * 1e3).round());
         let mut way = vec![0.0];
         for w in tru.windows(2) { way.push(way.last().unwrap() + (w[1].translation - w[0].translation).norm()); }
         let (mut drift, mut turn, mut n) = (0.0, 0.0, 0);
@@ -93,8 +103,8 @@ fn main() {
         }
         times.sort_by(f64::total_cmp);
         println!(
-            "{:40} ate {ate:.4} max {max:.3} drift {:.3} % {:.4} deg/m  cpu median {:.1} mean {:.1} ms  steps {:.1} inl {:.2} weak {worst:.4} voxels {} wall {:.1}",
-            &arg[arg.len().saturating_sub(40)..], 100.0 * drift / n.max(1) as f64, turn / n.max(1) as f64, times[times.len() / 2],
+            "{:20} {parts:?} ate {ate:.4} max {max:.3} drift {:.3} % {:.4} deg/m  cpu median {:.1} mean {:.1} ms  steps {:.1} inl {:.2} weak {worst:.4} voxels {} wall {:.1}",
+            &arg[arg.len().saturating_sub(20)..], 100.0 * drift / n.max(1) as f64, turn / n.max(1) as f64, times[times.len() / 2],
             times.iter().sum::<f64>() / times.len() as f64, steps as f64 / times.len() as f64, inl / times.len() as f64, odometry.map().len(), wall.elapsed().as_secs_f64()
         );
     }

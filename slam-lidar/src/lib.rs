@@ -13,5 +13,6 @@ pub mod degeneracy;
 pub mod motion;
 pub mod odometry;
 pub mod registration;
+mod start;
 pub mod surfaces;
 pub mod voxels;

@@ -8,6 +8,7 @@
 use crate::degeneracy::{Conditioning, conditioning};
 use crate::motion::{MotionTable, Sweep, SweepMotion};
 use crate::registration::{Prediction, Registration, RegistrationParams, register};
+use crate::start::first_displacement;
 use crate::surfaces::{SurfaceMap, SurfaceParams};
 use crate::voxels::{VoxelTable, first_of_each_voxel};
 use geometry::Se3;
@@ -92,8 +93,12 @@ struct Last {
 
 /// The first motion is found in so many rounds: each undistorts the first sweep with the motion of the last round.
 const STARTING_ROUNDS: usize = 3;
-/// A robot may start at so many metres and radians a second.
-const STARTING_SPEED: (f64, f64) = (15.0, 1.0);
+/// What the first motion may err by, metres and radians a second.
+const STARTING_DOUBT: (f64, f64) = (1.0, 1.0);
+/// Grid on which the points are thinned that find the first motion, metres.
+const STARTING_GRID: f32 = 1.0;
+/// Sweeps follow each other without a gap when their instants leave less than this share of a sweep between them.
+const CONTIGUOUS: f64 = 0.3;
 /// Sweeps after which what lies far away is forgotten, again and again.
 const FORGET_EVERY: usize = 50;
 
@@ -140,19 +145,23 @@ impl Odometry {
 
     /// The second sweep tells the motion, with which the first is undistorted; round by round both improve.
     fn start(&mut self, first: Sweep, sweep: &Sweep, rest: Last) -> Registration {
-        let mut last = rest;
-        let mut registration = self.locate(sweep, &last, STARTING_SPEED);
+        let seconds = (sweep.middle() - rest.middle).max(1e-3);
+        first_of_each_voxel(&sweep.points, STARTING_GRID, &mut self.table, &mut self.kept);
+        let params = &self.params.registration;
+        let mut step = first_displacement(sweep, &self.kept, &self.map, seconds, params);
+        let mut registration = None;
         for _ in 0..STARTING_ROUNDS {
-            let step = last.motion.middle().inverse() * registration.motion.middle();
-            let seconds = (sweep.middle() - last.middle).max(1e-3);
             let twist = step.log() / seconds;
             let half = Se3::exp(&(twist * (0.5 * (first.instants.1 - first.instants.0))));
             let motion = SweepMotion { begin: half.inverse(), end: half };
-            last = Last { motion, twist, ..rest };
+            let last = Last { motion, twist, ..rest };
             self.map = SurfaceMap::new(self.params.surfaces);
             self.insert(&first, &motion);
-            registration = self.locate(sweep, &last, (1.0, 1.0));
+            let found = self.locate(sweep, &last, STARTING_DOUBT);
+            step = found.motion.middle();
+            registration = Some(found);
         }
+        let registration = registration.unwrap_or_else(|| unreachable!("there is a starting round"));
         self.insert(sweep, &registration.motion);
         registration
     }
@@ -173,8 +182,12 @@ impl Odometry {
     /// Stage one: the sensor keeps its motion.
     fn predict(&self, sweep: &Sweep, last: &Last, doubt: (f64, f64)) -> Prediction {
         let params = &self.params.registration;
-        let gap = sweep.instants.0 - last.instants.1;
         let duration = sweep.instants.1 - sweep.instants.0;
+        let gap = match sweep.instants.0 - last.instants.1 {
+            // The sensor spins on: one sweep begins where the other ends, and what differs is how stamps were rounded.
+            gap if gap.abs() < CONTIGUOUS * duration => 0.0,
+            gap => gap,
+        };
         let begin = last.motion.end * Se3::exp(&(last.twist * gap));
         let motion = SweepMotion { begin, end: begin * Se3::exp(&(last.twist * duration)) };
         // Between the middles of two sweeps the speed changes by the acceleration times their distance in time.

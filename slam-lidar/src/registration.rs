@@ -79,10 +79,11 @@ struct Normal {
     g: [[f64; 6]; 2],
     inliers: f64,
     squared: f64,
+    support: f64,
 }
 
 impl Normal {
-    const ZERO: Self = Self { h: [[0.0; 21]; 3], g: [[0.0; 6]; 2], inliers: 0.0, squared: 0.0 };
+    const ZERO: Self = Self { h: [[0.0; 21]; 3], g: [[0.0; 6]; 2], inliers: 0.0, squared: 0.0, support: 0.0 };
 
     /// A residual, its rigid Jacobian row, its weight and its share of the sweep.
     #[inline]
@@ -172,6 +173,11 @@ pub(crate) fn register(
     result
 }
 
+/// Share of the points that agree with the map under a motion, each counted by its weight in the kernel.
+pub(crate) fn agreement(sweep: &Sweep, used: &[u32], map: &SurfaceMap, motion: &SweepMotion, kernel: f64) -> f64 {
+    linearise(sweep, used, map, motion, &Vector3::zeros(), kernel).support / used.len().max(1) as f64
+}
+
 fn linearise(
     sweep: &Sweep,
     used: &[u32],
@@ -186,20 +192,29 @@ fn linearise(
     for &i in used {
         let (point, share) = (sweep.points[i as usize], sweep.shares[i as usize]);
         let world = table.transform(point, share);
-        let Some(plane) = map.plane_at(world) else { continue };
-        let offset = [world[0] - plane.mean[0], world[1] - plane.mean[1], world[2] - plane.mean[2]];
-        let n = plane.normal;
-        let residual = f64::from(n[0] * offset[0] + n[1] * offset[1] + n[2] * offset[2]);
-        let variance = f64::from(plane.variance);
-        let squared = residual * residual / variance;
+        let Some(surface) = map.surface_at(world) else { continue };
+        let offset = [0, 1, 2].map(|k| world[k] - surface.mean[k]);
+        let along = |n: [f32; 3]| f64::from(n[0] * offset[0] + n[1] * offset[1] + n[2] * offset[2]);
+        let mut squared = 0.0;
+        for k in 0..3 {
+            if surface.variances[k] > 0.0 {
+                squared += along(surface.axes[k]).powi(2) / f64::from(surface.variances[k]);
+            }
+        }
         let bound = kernel * kernel;
         if squared < bound {
             normal.inliers += 1.0;
-            normal.squared += residual * residual;
+            normal.squared += along(surface.axes[0]).powi(2);
         }
         let robust = (bound / (bound + squared)).powi(2);
-        let row = plane_row(world.map(f64::from), centre, n.map(f64::from));
-        normal.add(residual, row, robust / variance, f64::from(share));
+        normal.support += robust;
+        for k in 0..3 {
+            if surface.variances[k] > 0.0 {
+                let n = surface.axes[k];
+                let row = plane_row(world.map(f64::from), centre, n.map(f64::from));
+                normal.add(along(n), row, robust / f64::from(surface.variances[k]), f64::from(share));
+            }
+        }
     }
     normal
 }

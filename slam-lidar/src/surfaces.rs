@@ -22,13 +22,15 @@ pub struct SurfaceParams {
     pub least_points: u32,
     /// A plane must extend so many times its thickness in its narrower direction: points of a single ring do not.
     pub aspect: f32,
+    /// A plane extends so many times the edge of its voxel in its narrower direction, standard deviation.
+    pub width: f32,
     /// Points after which a voxel learns no more: what was mapped first drifted least.
     pub most_points: u32,
 }
 
 impl Default for SurfaceParams {
     fn default() -> Self {
-        Self { voxel: 0.25, thickness: 0.04, least_points: 6, aspect: 3.0, most_points: 400 }
+        Self { voxel: 0.25, thickness: 0.04, least_points: 6, aspect: 3.0, width: 0.1, most_points: 400 }
     }
 }
 
@@ -37,10 +39,17 @@ impl Default for SurfaceParams {
 pub struct Surface {
     /// Mean of the points, metres.
     pub mean: [f32; 3],
-    /// Unit normal.
-    pub normal: [f32; 3],
-    /// Variance of the points along the normal, with that of the fit, square metres. 0: not known to be flat.
-    pub variance: f32,
+    /// Unit axes of the points' scatter, the narrowest first: the normal of a plane.
+    pub axes: [[f32; 3]; 3],
+    /// Variance of the points along each axis, with that of the fit, square metres. 0: nothing is asked along it.
+    pub variances: [f32; 3],
+}
+
+impl Surface {
+    /// How many axes ask something of a point: 1 for a plane, 2 for a line, 3 for a scatter, 0 where nothing is known.
+    pub fn constraints(&self) -> usize {
+        self.variances.iter().filter(|v| **v > 0.0).count()
+    }
 }
 
 /// Sums over the points of a voxel, relative to its centre.
@@ -102,10 +111,10 @@ impl Level {
         }
     }
 
-    fn refit(&mut self, params: &SurfaceParams) {
+    fn refit(&mut self, smallest: bool, params: &SurfaceParams) {
         for index in std::mem::take(&mut self.changed) {
             let i = index as usize;
-            self.surfaces[i] = fit(&self.sums[i], self.keys[i], self.size, params);
+            self.surfaces[i] = fit(&self.sums[i], self.keys[i], self.size, smallest, params);
             self.fitted[i] = self.sums[i].count;
         }
     }
@@ -132,7 +141,8 @@ pub(crate) fn sorted_eigen(covariance: Matrix3<f64>) -> ([f64; 3], Matrix3<f64>)
     (order.map(|i| eigen.eigenvalues[i].max(0.0)), vectors)
 }
 
-fn fit(sums: &Sums, key: VoxelKey, size: f32, params: &SurfaceParams) -> Surface {
+/// Fits what a voxel's points are: a plane, on the smallest level also a line or a scatter, or nothing.
+fn fit(sums: &Sums, key: VoxelKey, size: f32, smallest: bool, params: &SurfaceParams) -> Surface {
     let n = f64::from(sums.count);
     let mean = Vector3::from(sums.first.map(|v| f64::from(v) / n));
     let cell = cell_of(key);
@@ -144,16 +154,24 @@ fn fit(sums: &Sums, key: VoxelKey, size: f32, params: &SurfaceParams) -> Surface
     let s = sums.second.map(|v| f64::from(v) / n);
     let covariance = Matrix3::new(s[0], s[1], s[2], s[1], s[3], s[4], s[2], s[4], s[5]) - mean * mean.transpose();
     let (values, vectors) = sorted_eigen(covariance);
-    let normal = vectors.column(0);
-    surface.normal = [normal[0] as f32, normal[1] as f32, normal[2] as f32];
-    let (thickness, width) = (values[0].sqrt() as f32, values[1].sqrt() as f32);
-    if thickness <= params.thickness && width >= params.aspect * thickness.max(LEAST_DEVIATION) {
-        let variance = thickness.max(LEAST_DEVIATION).powi(2);
-        // Three parameters are fitted to the points.
-        surface.variance = variance * (1.0 + 3.0 / sums.count);
+    surface.axes = [0, 1, 2].map(|k| [0, 1, 2].map(|i| vectors[(i, k)] as f32));
+    let deviations = values.map(|v| v.sqrt() as f32);
+    // Parameters are fitted to the points: a plane takes three.
+    let doubt = 1.0 + 3.0 / sums.count;
+    let variance = |deviation: f32| deviation.max(LEAST_DEVIATION).powi(2) * doubt;
+    let thin = |k: usize| deviations[k] <= params.thickness;
+    if thin(0) && deviations[1] >= (params.aspect * deviations[0].max(LEAST_DEVIATION)).max(params.width * size) {
+        surface.variances[0] = variance(deviations[0]);
+    } else if smallest && !thin(0) {
+        surface.variances = deviations.map(variance);
+    } else if smallest && thin(1) && surface.axes[2][2].abs() > UPRIGHT && deviations[2] >= params.width * size {
+        surface.variances = [variance(deviations[0]), variance(deviations[1]), 0.0];
     }
     surface
 }
+
+/// Sine of the least slope of a line that is believed: flatter ones may be the trace of a ring on something else.
+const UPRIGHT: f32 = 0.7;
 
 /// The local map.
 #[derive(Clone, Debug)]
@@ -181,21 +199,21 @@ impl SurfaceMap {
                 level.insert(point, most);
             }
         }
-        for level in &mut self.levels {
-            level.refit(&self.params);
+        for (i, level) in self.levels.iter_mut().enumerate() {
+            level.refit(i + 1 == LEVELS, &self.params);
         }
     }
 
-    /// The plane that holds a point: that of its largest flat voxel.
+    /// The surface that holds a point: that of its largest flat voxel, or what its smallest one holds.
     #[inline]
-    pub fn plane_at(&self, point: [f32; 3]) -> Option<&Surface> {
+    pub fn surface_at(&self, point: [f32; 3]) -> Option<&Surface> {
         for level in &self.levels {
             let Some(index) = level.table.get(key_of(cell_at(point, 1.0 / level.size))) else {
                 // Where a large voxel is empty its parts are.
                 return None;
             };
             let surface = &level.surfaces[index as usize];
-            if surface.variance > 0.0 {
+            if surface.variances[0] > 0.0 {
                 return Some(surface);
             }
         }
