@@ -2,6 +2,7 @@
 use geometry::{Se3, umeyama};
 use scans::{Folder, FolderOptions, SweepTiming};
 use slam_lidar::odometry::{Odometry, OdometryParams};
+use slam_lidar::floam::*;
 use std::path::Path;
 use std::time::Instant;
 
@@ -31,13 +32,13 @@ fn cpu() -> f64 {
 
 fn main() {
     let mut params = OdometryParams::default();
-    let mut deskew = true;
+    let mut deskew = true; let mut method = String::new(); let mut ccw = false; let mut rms = 0.0;
     let (mut shift, mut skip) = (0.0, 0);
     for arg in std::env::args().skip(1) {
         if let Some((k, v)) = arg.split_once('=') {
             let f = || v.parse::<f64>().unwrap();
             match k {
-                "voxel" => params.surfaces.voxel = f() as f32,
+                "voxel" => { params.surfaces.voxel = f() as f32; params.voxel_of_range = 0.0 },
                 "thick" => params.surfaces.thickness = f() as f32,
                 "aspect" => params.surfaces.aspect = f() as f32,
                 "width" => params.surfaces.width = f() as f32,
@@ -53,26 +54,35 @@ fn main() {
                 "eps" => params.registration.least_step = f(),
                 "range" => params.range.1 = f() as f32,
                 "min" => params.range.0 = f() as f32,
+                "method" => method = v.to_owned(),
                 "shift" => shift = f(),
                 "skip" => skip = f() as usize,
+                "ccw" => ccw = f() != 0.0,
                 "deskew" => deskew = f() != 0.0,
                 _ => panic!("{k}"),
             }
             continue;
         }
         let path = Path::new(&arg);
-        let folder = Folder::open(path, &FolderOptions { rate: None, timing: deskew.then(SweepTiming::default) }).unwrap();
+        let folder = Folder::open(path, &FolderOptions { rate: None, timing: deskew.then(|| SweepTiming { spin: if ccw { scans::Spin::CounterClockwise } else { scans::Spin::Clockwise }, ..SweepTiming::default() }) }).unwrap();
         let truth = truth(&path.join("groundtruth.txt"));
         let mut odometry = Odometry::new(params);
         let (mut est, mut tru, mut times, mut worst, mut steps, mut inl) = (vec![], vec![], vec![], 0.0f64, 0, 0.0);
+        let mut feature = match method.as_str() { "floam" => Some(FeatureOdometry::new(FeatureMethod::Floam)), "a-loam" => Some(FeatureOdometry::new(FeatureMethod::ALoam)), _ => None };
         let wall = Instant::now();
         for file in folder.files() {
             let scan = folder.read(file).unwrap();
             let begin = cpu();
+            if let Some(feature) = &mut feature {
+                let (instant, pose) = feature.track(&scan).unwrap();
+                times.push(cpu() - begin);
+                if let Some(t) = at(&truth, instant) { est.push(pose); tru.push(t); }
+                continue;
+            }
             let tracked = odometry.track(&scan);
             times.push(cpu() - begin);
             steps += tracked.steps;
-            inl += tracked.inlier_share;
+            rms += tracked.rmse; inl += tracked.inlier_share;
             worst = worst.max(tracked.conditioning.translation);
             if let Some(pose) = at(&truth, tracked.instant + shift).filter(|_| times.len() > skip) {
                 est.push(tracked.world_from_sensor);
@@ -89,6 +99,14 @@ fn main() {
             let d = t.rotation.inverse() * ((align * *e).translation - t.translation);
             for k in 0..3 { parts[k] += d[k] * d[k] / est.len() as f64; }
         }
+        if let Ok(path) = std::env::var("DUMP") {
+            let mut text = String::new();
+            for (e, t) in est.iter().zip(&tru) {
+                let d = t.rotation.inverse() * ((align * *e).translation - t.translation);
+                text += &format!("{} {} {} {}\n", t.translation.x, d.x, d.y, d.z);
+            }
+            std::fs::write(path, text).unwrap();
+        }
         let parts = parts.map(|v| (v.sqrt() * 1e3).round());
         let mut way = vec![0.0];
         for w in tru.windows(2) { way.push(way.last().unwrap() + (w[1].translation - w[0].translation).norm()); }
@@ -103,9 +121,9 @@ fn main() {
         }
         times.sort_by(f64::total_cmp);
         println!(
-            "{:20} {parts:?} ate {ate:.4} max {max:.3} drift {:.3} % {:.4} deg/m  cpu median {:.1} mean {:.1} ms  steps {:.1} inl {:.2} weak {worst:.4} voxels {} wall {:.1}",
+            "{:20} {parts:?} ate {ate:.4} max {max:.3} drift {:.3} % {:.4} deg/m  cpu median {:.1} mean {:.1} ms  steps {:.1} inl {:.2} rmse {:.2} mm weak {worst:.4} voxels {} wall {:.1}",
             &arg[arg.len().saturating_sub(20)..], 100.0 * drift / n.max(1) as f64, turn / n.max(1) as f64, times[times.len() / 2],
-            times.iter().sum::<f64>() / times.len() as f64, steps as f64 / times.len() as f64, inl / times.len() as f64, odometry.map().len(), wall.elapsed().as_secs_f64()
+            times.iter().sum::<f64>() / times.len() as f64, steps as f64 / times.len() as f64, inl / times.len() as f64, rms / times.len() as f64 * 1e3, odometry.map().len(), wall.elapsed().as_secs_f64()
         );
     }
 }

@@ -96,6 +96,8 @@ pub struct Sweep {
     pub points: Vec<[f32; 3]>,
     /// Share of the sweep, 0–1, of each point; all ½ where times are not known.
     pub shares: Vec<f32>,
+    /// Ring of each point; empty where rings are not known.
+    pub rings: Vec<u16>,
     /// The instants of the first and the last point, seconds on the recording's clock.
     pub instants: (f64, f64),
 }
@@ -112,11 +114,13 @@ impl Sweep {
         let mut sweep = Self {
             points: Vec::with_capacity(scan.points.len()),
             shares: Vec::with_capacity(scan.points.len()),
+            rings: Vec::with_capacity(scan.rings.len()),
             instants: (scan.stamp + f64::from(first), scan.stamp + f64::from(last)),
         };
         for (i, p) in scan.points.iter().enumerate().filter(|(_, p)| wanted(p)) {
             sweep.points.push(*p);
             sweep.shares.push(scan.times.get(i).map_or(0.5, |t| (t - first) / duration));
+            sweep.rings.extend(scan.rings.get(i));
         }
         sweep
     }

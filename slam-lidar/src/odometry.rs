@@ -22,9 +22,14 @@ use serde::{Deserialize, Serialize};
 pub struct OdometryParams {
     /// Nearest and farthest range used, metres.
     pub range: (f32, f32),
-    /// Grid on which the points are thinned that find the motion, metres; 0 takes the scene's.
+    /// Edge of the smallest voxels of the map as a share of the median range of the first sweep: small rooms have
+    /// fine structure, and far points lie apart. 0: as [`SurfaceParams::voxel`] says.
+    pub voxel_of_range: f32,
+    /// Smallest and largest voxels that are taken so, metres.
+    pub voxel_bounds: (f32, f32),
+    /// Grid on which the points are thinned that find the motion, in voxels of the map. Coarser is faster.
     pub registered: f32,
-    /// Grid on which the points are thinned that enter the map, metres.
+    /// Grid on which the points are thinned that enter the map, in voxels of the map.
     pub mapped: f32,
     /// What lies farther is forgotten, metres.
     pub radius: f32,
@@ -38,8 +43,10 @@ impl Default for OdometryParams {
     fn default() -> Self {
         Self {
             range: (0.5, 100.0),
-            registered: 0.4,
-            mapped: 0.1,
+            voxel_of_range: 0.04,
+            voxel_bounds: (0.25, 0.5),
+            registered: 1.6,
+            mapped: 0.4,
             radius: 120.0,
             surfaces: SurfaceParams::default(),
             registration: RegistrationParams::default(),
@@ -95,8 +102,8 @@ struct Last {
 const STARTING_ROUNDS: usize = 3;
 /// What the first motion may err by, metres and radians a second.
 const STARTING_DOUBT: (f64, f64) = (1.0, 1.0);
-/// Grid on which the points are thinned that find the first motion, metres.
-const STARTING_GRID: f32 = 1.0;
+/// Grid on which the points are thinned that find the first motion, in voxels of the map.
+const STARTING_GRID: f32 = 2.0;
 /// Sweeps follow each other without a gap when their instants leave less than this share of a sweep between them.
 const CONTIGUOUS: f64 = 0.3;
 /// Sweeps after which what lies far away is forgotten, again and again.
@@ -139,6 +146,12 @@ impl Odometry {
     /// The first sweep makes the map.
     fn begin(&mut self, sweep: &Sweep) -> Registration {
         let motion = SweepMotion::resting(Se3::identity());
+        if self.params.voxel_of_range > 0.0 {
+            let (least, most) = self.params.voxel_bounds;
+            let range = median_range(&sweep.points);
+            self.params.surfaces.voxel = (range * self.params.voxel_of_range).clamp(least, most.max(least));
+            self.map = SurfaceMap::new(self.params.surfaces);
+        }
         self.insert(sweep, &motion);
         Registration { motion, information: Matrix6::identity() * 1e6, inlier_share: 1.0, rmse: 0.0, steps: 0 }
     }
@@ -146,7 +159,7 @@ impl Odometry {
     /// The second sweep tells the motion, with which the first is undistorted; round by round both improve.
     fn start(&mut self, first: Sweep, sweep: &Sweep, rest: Last) -> Registration {
         let seconds = (sweep.middle() - rest.middle).max(1e-3);
-        first_of_each_voxel(&sweep.points, STARTING_GRID, &mut self.table, &mut self.kept);
+        first_of_each_voxel(&sweep.points, STARTING_GRID * self.map.voxel(), &mut self.table, &mut self.kept);
         let params = &self.params.registration;
         let mut step = first_displacement(sweep, &self.kept, &self.map, seconds, params);
         let mut registration = None;
@@ -175,7 +188,7 @@ impl Odometry {
     /// Finds the motion of a sweep. `doubt` is what the last twist may err by, per second, besides accelerations.
     fn locate(&mut self, sweep: &Sweep, last: &Last, doubt: (f64, f64)) -> Registration {
         let prediction = self.predict(sweep, last, doubt);
-        first_of_each_voxel(&sweep.points, self.params.registered, &mut self.table, &mut self.kept);
+        first_of_each_voxel(&sweep.points, self.params.registered * self.map.voxel(), &mut self.table, &mut self.kept);
         register(sweep, &self.kept, &self.map, &prediction, &self.params.registration)
     }
 
@@ -205,7 +218,7 @@ impl Odometry {
 
     /// Stage two: points enter the map freed from the motion that was found.
     fn insert(&mut self, sweep: &Sweep, motion: &SweepMotion) {
-        first_of_each_voxel(&sweep.points, self.params.mapped, &mut self.table, &mut self.kept);
+        first_of_each_voxel(&sweep.points, self.params.mapped * self.map.voxel(), &mut self.table, &mut self.kept);
         let table = MotionTable::new(motion, &Se3::identity());
         let world = self.kept.iter().map(|&i| table.transform(sweep.points[i as usize], sweep.shares[i as usize]));
         self.map.insert(world);
@@ -235,4 +248,11 @@ impl Odometry {
             steps: registration.steps,
         }
     }
+}
+
+/// Median distance of points from the sensor, metres; 0 of none.
+fn median_range(points: &[[f32; 3]]) -> f32 {
+    let mut ranges: Vec<f32> = points.iter().map(|p| p.iter().map(|v| v * v).sum::<f32>().sqrt()).collect();
+    let middle = ranges.len() / 2;
+    if ranges.is_empty() { 0.0 } else { *ranges.select_nth_unstable_by(middle, f32::total_cmp).1 }
 }

@@ -74,20 +74,20 @@ pub struct Registration {
 
 /// Sums of the rigid normal equations with weights 1, s and s².
 #[derive(Clone, Copy)]
-struct Normal {
+pub(crate) struct Normal {
     h: [[f64; 21]; 3],
-    g: [[f64; 6]; 2],
+    pub g: [[f64; 6]; 2],
     inliers: f64,
     squared: f64,
     support: f64,
 }
 
 impl Normal {
-    const ZERO: Self = Self { h: [[0.0; 21]; 3], g: [[0.0; 6]; 2], inliers: 0.0, squared: 0.0, support: 0.0 };
+    pub const ZERO: Self = Self { h: [[0.0; 21]; 3], g: [[0.0; 6]; 2], inliers: 0.0, squared: 0.0, support: 0.0 };
 
     /// A residual, its rigid Jacobian row, its weight and its share of the sweep.
     #[inline]
-    fn add(&mut self, residual: f64, row: [f64; 6], weight: f64, share: f64) {
+    pub fn add(&mut self, residual: f64, row: [f64; 6], weight: f64, share: f64) {
         let weights = [weight, weight * share, weight * share * share];
         let mut k = 0;
         for i in 0..6 {
@@ -103,7 +103,8 @@ impl Normal {
         }
     }
 
-    fn block(&self, power: usize) -> Matrix6<f64> {
+    /// The sum with the weight `s^power`.
+    pub fn block(&self, power: usize) -> Matrix6<f64> {
         let mut matrix = Matrix6::zeros();
         let mut k = 0;
         for i in 0..6 {

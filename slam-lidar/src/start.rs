@@ -17,7 +17,7 @@ const STEP: f64 = 0.5;
 /// So many of the best are registered.
 const REGISTERED: usize = 4;
 /// A motion is preferred to rest when so much more of the points agree.
-const MARGIN: f64 = 0.02;
+const MARGIN: f64 = 0.01;
 
 /// `first_from_second` of two sweeps of which the first makes `map`, both taken as rigid. `used` are the points of
 /// the second that are compared, by index.
@@ -28,7 +28,7 @@ pub(crate) fn first_displacement(
     seconds: f64,
     params: &RegistrationParams,
 ) -> Se3 {
-    let rigid = Sweep { shares: vec![0.5; second.points.len()], instants: (0.0, 0.0), points: second.points.clone() };
+    let rigid = Sweep { shares: vec![0.5; second.points.len()], points: second.points.clone(), ..Sweep::default() };
     let motion = |x: f64, y: f64| {
         SweepMotion::resting(Se3::new(UnitQuaternion::identity(), Vector3::new(x, y, 0.0)))
     };

@@ -186,6 +186,11 @@ impl SurfaceMap {
         Self { params, levels: [4.0, 2.0, 1.0].map(|scale| Level::new(scale * params.voxel)) }
     }
 
+    /// Edge of the smallest voxels, metres.
+    pub fn voxel(&self) -> f32 {
+        self.params.voxel
+    }
+
     /// Whether nothing is mapped.
     pub fn is_empty(&self) -> bool {
         self.levels[0].keys.is_empty()
