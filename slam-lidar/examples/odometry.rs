@@ -1,8 +1,8 @@
 //! Tracks folders of scans and prints errors against ground truth.
 use geometry::{Se3, umeyama};
 use scans::{Folder, FolderOptions, SweepTiming};
-use slam_lidar::odometry::{Odometry, OdometryParams};
 use slam_lidar::floam::*;
+use slam_lidar::odometry::{Odometry, OdometryParams};
 use std::path::Path;
 use std::time::Instant;
 
@@ -19,8 +19,12 @@ fn truth(path: &Path) -> Vec<(f64, Se3)> {
 
 fn at(truth: &[(f64, Se3)], time: f64) -> Option<Se3> {
     let i = truth.partition_point(|(t, _)| *t <= time + 1e-9);
-    if i == 0 { return None; }
-    if i == truth.len() { return ((time - truth[i - 1].0).abs() < 0.02).then_some(truth[i - 1].1); }
+    if i == 0 {
+        return None;
+    }
+    if i == truth.len() {
+        return ((time - truth[i - 1].0).abs() < 0.02).then_some(truth[i - 1].1);
+    }
     let ((t0, a), (t1, b)) = (truth[i - 1], truth[i]);
     Some(a * Se3::exp(&((a.inverse() * b).log() * ((time - t0) / (t1 - t0)))))
 }
@@ -32,13 +36,19 @@ fn cpu() -> f64 {
 
 fn main() {
     let mut params = OdometryParams::default();
-    let mut deskew = true; let mut method = String::new(); let mut ccw = false; let mut rms = 0.0;
+    let mut deskew = true;
+    let mut method = String::new();
+    let mut ccw = false;
+    let mut rms = 0.0;
     let (mut shift, mut skip) = (0.0, 0);
     for arg in std::env::args().skip(1) {
         if let Some((k, v)) = arg.split_once('=') {
             let f = || v.parse::<f64>().unwrap();
             match k {
-                "voxel" => { params.surfaces.voxel = f() as f32; params.voxel_of_range = 0.0 },
+                "voxel" => {
+                    params.surfaces.voxel = f() as f32;
+                    params.voxel_of_range = 0.0
+                }
                 "thick" => params.surfaces.thickness = f() as f32,
                 "aspect" => params.surfaces.aspect = f() as f32,
                 "width" => params.surfaces.width = f() as f32,
@@ -64,11 +74,26 @@ fn main() {
             continue;
         }
         let path = Path::new(&arg);
-        let folder = Folder::open(path, &FolderOptions { rate: None, timing: deskew.then(|| SweepTiming { spin: if ccw { scans::Spin::CounterClockwise } else { scans::Spin::Clockwise }, ..SweepTiming::default() }) }).unwrap();
+        let folder = Folder::open(
+            path,
+            &FolderOptions {
+                rate: None,
+                timing: deskew.then(|| SweepTiming {
+                    spin: if ccw { scans::Spin::CounterClockwise } else { scans::Spin::Clockwise },
+                    ..SweepTiming::default()
+                }),
+            },
+        )
+        .unwrap();
         let truth = truth(&path.join("groundtruth.txt"));
         let mut odometry = Odometry::new(params);
-        let (mut est, mut tru, mut times, mut worst, mut steps, mut inl) = (vec![], vec![], vec![], 0.0f64, 0, 0.0);
-        let mut feature = match method.as_str() { "floam" => Some(FeatureOdometry::new(FeatureMethod::Floam)), "a-loam" => Some(FeatureOdometry::new(FeatureMethod::ALoam)), _ => None };
+        let (mut est, mut tru, mut times, mut worst, mut steps, mut inl) =
+            (vec![], vec![], vec![], 0.0f64, 0, 0.0);
+        let mut feature = match method.as_str() {
+            "floam" => Some(FeatureOdometry::new(FeatureMethod::Floam)),
+            "a-loam" => Some(FeatureOdometry::new(FeatureMethod::ALoam)),
+            _ => None,
+        };
         let wall = Instant::now();
         for file in folder.files() {
             let scan = folder.read(file).unwrap();
@@ -76,13 +101,17 @@ fn main() {
             if let Some(feature) = &mut feature {
                 let (instant, pose) = feature.track(&scan).unwrap();
                 times.push(cpu() - begin);
-                if let Some(t) = at(&truth, instant) { est.push(pose); tru.push(t); }
+                if let Some(t) = at(&truth, instant) {
+                    est.push(pose);
+                    tru.push(t);
+                }
                 continue;
             }
             let tracked = odometry.track(&scan);
             times.push(cpu() - begin);
             steps += tracked.steps;
-            rms += tracked.rmse; inl += tracked.inlier_share;
+            rms += tracked.rmse;
+            inl += tracked.inlier_share;
             worst = worst.max(tracked.conditioning.translation);
             if let Some(pose) = at(&truth, tracked.instant + shift).filter(|_| times.len() > skip) {
                 est.push(tracked.world_from_sensor);
@@ -91,13 +120,16 @@ fn main() {
         }
         let p = |v: &[Se3]| v.iter().map(|s| s.translation).collect::<Vec<_>>();
         let align = umeyama::se3(&p(&est), &p(&tru)).unwrap();
-        let errors: Vec<f64> = est.iter().zip(&tru).map(|(e, t)| ((align * *e).translation - t.translation).norm()).collect();
+        let errors: Vec<f64> =
+            est.iter().zip(&tru).map(|(e, t)| ((align * *e).translation - t.translation).norm()).collect();
         let ate = (errors.iter().map(|e| e * e).sum::<f64>() / errors.len() as f64).sqrt();
         let max = errors.iter().fold(0.0f64, |a, &b| a.max(b));
         let mut parts = [0.0f64; 3];
         for (e, t) in est.iter().zip(&tru) {
             let d = t.rotation.inverse() * ((align * *e).translation - t.translation);
-            for k in 0..3 { parts[k] += d[k] * d[k] / est.len() as f64; }
+            for k in 0..3 {
+                parts[k] += d[k] * d[k] / est.len() as f64;
+            }
         }
         if let Ok(path) = std::env::var("DUMP") {
             let mut text = String::new();
@@ -109,11 +141,15 @@ fn main() {
         }
         let parts = parts.map(|v| (v.sqrt() * 1e3).round());
         let mut way = vec![0.0];
-        for w in tru.windows(2) { way.push(way.last().unwrap() + (w[1].translation - w[0].translation).norm()); }
+        for w in tru.windows(2) {
+            way.push(way.last().unwrap() + (w[1].translation - w[0].translation).norm());
+        }
         let (mut drift, mut turn, mut n) = (0.0, 0.0, 0);
         for i in 0..tru.len() {
             let j = way.partition_point(|&d| d < way[i] + 10.0);
-            if j >= tru.len() { break; }
+            if j >= tru.len() {
+                break;
+            }
             let e = (tru[i].inverse() * tru[j]).inverse() * (est[i].inverse() * est[j]);
             drift += e.translation.norm() / (way[j] - way[i]);
             turn += e.rotation.angle().to_degrees() / (way[j] - way[i]);
@@ -122,8 +158,16 @@ fn main() {
         times.sort_by(f64::total_cmp);
         println!(
             "{:20} {parts:?} ate {ate:.4} max {max:.3} drift {:.3} % {:.4} deg/m  cpu median {:.1} mean {:.1} ms  steps {:.1} inl {:.2} rmse {:.2} mm weak {worst:.4} voxels {} wall {:.1}",
-            &arg[arg.len().saturating_sub(20)..], 100.0 * drift / n.max(1) as f64, turn / n.max(1) as f64, times[times.len() / 2],
-            times.iter().sum::<f64>() / times.len() as f64, steps as f64 / times.len() as f64, inl / times.len() as f64, rms / times.len() as f64 * 1e3, odometry.map().len(), wall.elapsed().as_secs_f64()
+            &arg[arg.len().saturating_sub(20)..],
+            100.0 * drift / n.max(1) as f64,
+            turn / n.max(1) as f64,
+            times[times.len() / 2],
+            times.iter().sum::<f64>() / times.len() as f64,
+            steps as f64 / times.len() as f64,
+            inl / times.len() as f64,
+            rms / times.len() as f64 * 1e3,
+            odometry.map().len(),
+            wall.elapsed().as_secs_f64()
         );
     }
 }

@@ -129,7 +129,13 @@ impl FeatureOdometry {
         });
         let planes = weights(&found.planes, -1.0).zip(&found.planes).filter_map(|(weight, f)| {
             let near = self.planes.nearest::<5>(place(sweep, f, table))?;
-            plane(&near).map(|(point, n)| Target { feature: f.point, point, normals: [n, n], count: 1, weight })
+            plane(&near).map(|(point, n)| Target {
+                feature: f.point,
+                point,
+                normals: [n, n],
+                count: 1,
+                weight,
+            })
         });
         edges.chain(planes).collect()
     }
@@ -183,8 +189,14 @@ fn scan_to_scan(sweep: &Sweep, found: &Features, last: &Last, predicted: SweepMo
                 weight: 1.0,
             })
         };
-        let edges = found.edges.iter().filter_map(|f| target(f, across_rings(&last.edges, place(sweep, f, &table), false)));
-        let planes = found.planes.iter().filter_map(|f| target(f, across_rings(&last.planes, place(sweep, f, &table), true)));
+        let edges = found
+            .edges
+            .iter()
+            .filter_map(|f| target(f, across_rings(&last.edges, place(sweep, f, &table), false)));
+        let planes = found
+            .planes
+            .iter()
+            .filter_map(|f| target(f, across_rings(&last.planes, place(sweep, f, &table), true)));
         let targets: Vec<Target> = edges.chain(planes).collect();
         for _ in 0..STEPS {
             let Some(delta) = step(sweep, &targets, &motion, false) else { break };
@@ -219,7 +231,10 @@ fn across_rings(grid: &PointGrid, query: [f32; 3], plane: bool) -> Option<Local>
         let normal = along.cross(&(v(same?.0) - v(a))).try_normalize(1e-3)?;
         return Some((a, [f(normal); 2], 1));
     }
-    let first = along.cross(&(v(query) - v(a))).try_normalize(1e-9).or_else(|| along.cross(&Vector3::x()).try_normalize(1e-3))?;
+    let first = along
+        .cross(&(v(query) - v(a)))
+        .try_normalize(1e-9)
+        .or_else(|| along.cross(&Vector3::x()).try_normalize(1e-3))?;
     Some((a, [f(first), f(along.cross(&first))], 2))
 }
 
@@ -256,12 +271,18 @@ fn step(sweep: &Sweep, targets: &[Target], motion: &SweepMotion, rigid: bool) ->
     for target in targets {
         let (point, share) = (sweep.points[target.feature as usize], sweep.shares[target.feature as usize]);
         let world = table.transform(point, share);
-        let residual = |n: [f32; 3]| (0..3).map(|i| f64::from(n[i] * (world[i] - target.point[i]))).sum::<f64>();
+        let residual =
+            |n: [f32; 3]| (0..3).map(|i| f64::from(n[i] * (world[i] - target.point[i]))).sum::<f64>();
         let normals = &target.normals[..target.count];
         let distance = normals.iter().map(|&n| residual(n).powi(2)).sum::<f64>().sqrt();
         let weight = target.weight * if distance > HUBER { HUBER / distance } else { 1.0 };
         for &n in normals {
-            normal.add(residual(n), plane_row(world.map(f64::from), centre, n.map(f64::from)), weight, f64::from(share));
+            normal.add(
+                residual(n),
+                plane_row(world.map(f64::from), centre, n.map(f64::from)),
+                weight,
+                f64::from(share),
+            );
         }
     }
     let (h, g) = if rigid { (normal.block(0), normal.g[0]) } else { (normal.block(2), normal.g[1]) };

@@ -153,7 +153,13 @@ impl Odometry {
             self.map = SurfaceMap::new(self.params.surfaces);
         }
         self.insert(sweep, &motion);
-        Registration { motion, information: Matrix6::identity() * 1e6, inlier_share: 1.0, rmse: 0.0, steps: 0 }
+        Registration {
+            motion,
+            information: Matrix6::identity() * 1e6,
+            inlier_share: 1.0,
+            rmse: 0.0,
+            steps: 0,
+        }
     }
 
     /// The second sweep tells the motion, with which the first is undistorted; round by round both improve.
@@ -188,7 +194,12 @@ impl Odometry {
     /// Finds the motion of a sweep. `doubt` is what the last twist may err by, per second, besides accelerations.
     fn locate(&mut self, sweep: &Sweep, last: &Last, doubt: (f64, f64)) -> Registration {
         let prediction = self.predict(sweep, last, doubt);
-        first_of_each_voxel(&sweep.points, self.params.registered * self.map.voxel(), &mut self.table, &mut self.kept);
+        first_of_each_voxel(
+            &sweep.points,
+            self.params.registered * self.map.voxel(),
+            &mut self.table,
+            &mut self.kept,
+        );
         register(sweep, &self.kept, &self.map, &prediction, &self.params.registration)
     }
 
@@ -218,9 +229,15 @@ impl Odometry {
 
     /// Stage two: points enter the map freed from the motion that was found.
     fn insert(&mut self, sweep: &Sweep, motion: &SweepMotion) {
-        first_of_each_voxel(&sweep.points, self.params.mapped * self.map.voxel(), &mut self.table, &mut self.kept);
+        first_of_each_voxel(
+            &sweep.points,
+            self.params.mapped * self.map.voxel(),
+            &mut self.table,
+            &mut self.kept,
+        );
         let table = MotionTable::new(motion, &Se3::identity());
-        let world = self.kept.iter().map(|&i| table.transform(sweep.points[i as usize], sweep.shares[i as usize]));
+        let world =
+            self.kept.iter().map(|&i| table.transform(sweep.points[i as usize], sweep.shares[i as usize]));
         self.map.insert(world);
     }
 
@@ -229,7 +246,8 @@ impl Odometry {
         let twist = match self.last {
             _ if duration > 0.0 => motion.displacement().log() / duration,
             Some(last) => {
-                (last.motion.middle().inverse() * motion.middle()).log() / (sweep.middle() - last.middle).max(1e-3)
+                (last.motion.middle().inverse() * motion.middle()).log()
+                    / (sweep.middle() - last.middle).max(1e-3)
             }
             None => Vector6::zeros(),
         };

@@ -83,7 +83,8 @@ pub(crate) struct Normal {
 }
 
 impl Normal {
-    pub const ZERO: Self = Self { h: [[0.0; 21]; 3], g: [[0.0; 6]; 2], inliers: 0.0, squared: 0.0, support: 0.0 };
+    pub const ZERO: Self =
+        Self { h: [[0.0; 21]; 3], g: [[0.0; 6]; 2], inliers: 0.0, squared: 0.0, support: 0.0 };
 
     /// A residual, its rigid Jacobian row, its weight and its share of the sweep.
     #[inline]
@@ -148,7 +149,8 @@ pub(crate) fn register(
     params: &RegistrationParams,
 ) -> Registration {
     let mut motion = prediction.motion;
-    let mut result = Registration { motion, information: Matrix6::zeros(), inlier_share: 0.0, rmse: 0.0, steps: 0 };
+    let mut result =
+        Registration { motion, information: Matrix6::zeros(), inlier_share: 0.0, rmse: 0.0, steps: 0 };
     // The kernel begins as wide as the prediction may err, and narrows step by step.
     let mut widening = 8.0;
     for step in 1..=params.most_steps {
@@ -157,7 +159,10 @@ pub(crate) fn register(
         let last_kernel = widening == 1.0;
         let delta = solve(&normal, &motion, prediction, &centre, sweep.is_timed(), params);
         let (begin, end) = (delta.fixed_rows::<6>(0).into_owned(), delta.fixed_rows::<6>(6).into_owned());
-        motion = SweepMotion { begin: moved(&motion.begin, &centre, &begin), end: moved(&motion.end, &centre, &end) };
+        motion = SweepMotion {
+            begin: moved(&motion.begin, &centre, &begin),
+            end: moved(&motion.end, &centre, &end),
+        };
         result = Registration {
             motion,
             information: normal.block(0) / params.correlation,
@@ -175,7 +180,13 @@ pub(crate) fn register(
 }
 
 /// Share of the points that agree with the map under a motion, each counted by its weight in the kernel.
-pub(crate) fn agreement(sweep: &Sweep, used: &[u32], map: &SurfaceMap, motion: &SweepMotion, kernel: f64) -> f64 {
+pub(crate) fn agreement(
+    sweep: &Sweep,
+    used: &[u32],
+    map: &SurfaceMap,
+    motion: &SweepMotion,
+    kernel: f64,
+) -> f64 {
     linearise(sweep, used, map, motion, &Vector3::zeros(), kernel).support / used.len().max(1) as f64
 }
 

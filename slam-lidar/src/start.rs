@@ -28,17 +28,21 @@ pub(crate) fn first_displacement(
     seconds: f64,
     params: &RegistrationParams,
 ) -> Se3 {
-    let rigid = Sweep { shares: vec![0.5; second.points.len()], points: second.points.clone(), ..Sweep::default() };
-    let motion = |x: f64, y: f64| {
-        SweepMotion::resting(Se3::new(UnitQuaternion::identity(), Vector3::new(x, y, 0.0)))
-    };
+    let rigid =
+        Sweep { shares: vec![0.5; second.points.len()], points: second.points.clone(), ..Sweep::default() };
+    let motion =
+        |x: f64, y: f64| SweepMotion::resting(Se3::new(UnitQuaternion::identity(), Vector3::new(x, y, 0.0)));
     let reach = (FASTEST * seconds / STEP).round().min(12.0) as i32;
     let mut tried = Vec::new();
     for i in -reach..=reach {
         for j in -reach..=reach {
             if i * i + j * j <= reach * reach {
                 let motion = motion(f64::from(i) * STEP, f64::from(j) * STEP);
-                tried.push((agreement(&rigid, used, map, &motion, 2.0 * params.kernel), i * i + j * j, motion));
+                tried.push((
+                    agreement(&rigid, used, map, &motion, 2.0 * params.kernel),
+                    i * i + j * j,
+                    motion,
+                ));
             }
         }
     }
@@ -46,7 +50,8 @@ pub(crate) fn first_displacement(
     tried.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
     let rest = SweepMotion::resting(Se3::identity());
     let mut best: Option<(f64, Registration)> = None;
-    for motion in std::iter::once(rest).chain(tried.into_iter().take(REGISTERED).map(|(_, _, motion)| motion)) {
+    for motion in std::iter::once(rest).chain(tried.into_iter().take(REGISTERED).map(|(_, _, motion)| motion))
+    {
         let prediction = Prediction { motion, begin: (STEP, 0.1), displacement: (1e-6, 1e-6) };
         let registration = register(&rigid, used, map, &prediction, params);
         let score = agreement(&rigid, used, map, &registration.motion, params.kernel);

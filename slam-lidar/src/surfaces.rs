@@ -152,7 +152,8 @@ fn fit(sums: &Sums, key: VoxelKey, size: f32, smallest: bool, params: &SurfacePa
         return surface;
     }
     let s = sums.second.map(|v| f64::from(v) / n);
-    let covariance = Matrix3::new(s[0], s[1], s[2], s[1], s[3], s[4], s[2], s[4], s[5]) - mean * mean.transpose();
+    let covariance =
+        Matrix3::new(s[0], s[1], s[2], s[1], s[3], s[4], s[2], s[4], s[5]) - mean * mean.transpose();
     let (values, vectors) = sorted_eigen(covariance);
     surface.axes = [0, 1, 2].map(|k| [0, 1, 2].map(|i| vectors[(i, k)] as f32));
     let deviations = values.map(|v| v.sqrt() as f32);
@@ -160,11 +161,17 @@ fn fit(sums: &Sums, key: VoxelKey, size: f32, smallest: bool, params: &SurfacePa
     let doubt = 1.0 + 3.0 / sums.count;
     let variance = |deviation: f32| deviation.max(LEAST_DEVIATION).powi(2) * doubt;
     let thin = |k: usize| deviations[k] <= params.thickness;
-    if thin(0) && deviations[1] >= (params.aspect * deviations[0].max(LEAST_DEVIATION)).max(params.width * size) {
+    if thin(0)
+        && deviations[1] >= (params.aspect * deviations[0].max(LEAST_DEVIATION)).max(params.width * size)
+    {
         surface.variances[0] = variance(deviations[0]);
     } else if smallest && !thin(0) {
         surface.variances = deviations.map(variance);
-    } else if smallest && thin(1) && surface.axes[2][2].abs() > UPRIGHT && deviations[2] >= params.width * size {
+    } else if smallest
+        && thin(1)
+        && surface.axes[2][2].abs() > UPRIGHT
+        && deviations[2] >= params.width * size
+    {
         surface.variances = [variance(deviations[0]), variance(deviations[1]), 0.0];
     }
     surface
