@@ -86,7 +86,7 @@ pub struct Agent {
     /// Each keyframe in the frame of the one before, as the odometry gave it.
     steps: Vec<Se3>,
     /// Candidates that were registered and refused.
-    refused: usize,
+    refused: Vec<Loop>,
     looked: usize,
 }
 
@@ -101,7 +101,7 @@ impl Agent {
             sweeps: Vec::new(),
             loops: Vec::new(),
             steps: Vec::new(),
-            refused: 0,
+            refused: Vec::new(),
             looked: 0,
         }
     }
@@ -131,8 +131,8 @@ impl Agent {
     }
 
     /// Candidates that were registered and refused.
-    pub fn refused(&self) -> usize {
-        self.refused
+    pub fn refused(&self) -> &[Loop] {
+        &self.refused
     }
 
     /// Every sweep's instant and smoothed `world_from_sensor`.
@@ -196,7 +196,7 @@ impl Agent {
         let (target, source) = (self.submap(from), self.submap(to));
         let alignment = align(&target, &source, &Se3::new(turned, Vector3::zeros()), true);
         if !believed(&alignment) {
-            self.refused += 1;
+            self.refused.push(Loop { from, to, alignment });
             return None;
         }
         let closed = Loop { from, to, alignment };
