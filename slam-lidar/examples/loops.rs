@@ -47,10 +47,22 @@ fn main() {
         }
         for l in agent.refused() {
             let k = agent.keyframes();
-            let e = (at(k[l.from].instant).inverse() * at(k[l.to].instant)).inverse() * l.alignment.target_from_source;
+            let e = (at(k[l.from].instant).inverse() * at(k[l.to].instant)).inverse()
+                * l.alignment.target_from_source;
             let d = (at(k[l.from].instant).inverse() * at(k[l.to].instant)).translation.norm();
             let v = &l.alignment.evidence;
-            println!("refused {} {} apart {d:.1} error {:.3} m {:.2} deg overlap {:.2} violated {:.3} agreeing {:.2} weak {} trans {:.3}", l.from, l.to, e.translation.norm(), e.rotation.angle().to_degrees(), v.overlap, v.violated, v.agreeing, v.conditioning.weak, v.conditioning.translation);
+            println!(
+                "refused {} {} apart {d:.1} error {:.3} m {:.2} deg overlap {:.2} violated {:.3} agreeing {:.2} weak {} trans {:.3}",
+                l.from,
+                l.to,
+                e.translation.norm(),
+                e.rotation.angle().to_degrees(),
+                v.overlap,
+                v.violated,
+                v.agreeing,
+                v.conditioning.weak,
+                v.conditioning.translation
+            );
         }
         let ate = |v: &[(f64, Se3)]| {
             let e: Vec<_> = v.iter().map(|(_, p)| p.translation).collect();
