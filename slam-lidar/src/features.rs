@@ -12,11 +12,11 @@ const SIDE: usize = 5;
 const SECTORS: usize = 6;
 /// Most edges of a sector.
 const EDGES: usize = 20;
-/// Least smoothness of an edge and most of a plane. LOAM's public code separates at 0.1 m² of squared sum; this is the
-/// same at 10 m, but does not change with the range.
-const EDGE: f32 = 0.01;
+/// Least smoothness of an edge and most of a plane. LOAM's public code separates at 0.1 m² of the squared sum over ten
+/// neighbours; this is the same at 10 m, √0.1 / (10 · 10), and does not change with the range.
+const EDGE: f32 = 0.0032;
 /// Largest smoothness of a plane.
-const PLANE: f32 = 0.003;
+const PLANE: f32 = EDGE;
 /// Neighbours farther apart than this share of the range are torn.
 const TORN: f32 = 0.05;
 
@@ -120,7 +120,8 @@ mod tests {
             sweep.rings.push(0);
         }
         let found = features(&sweep);
-        let is_corner = |p: [f32; 3]| p[0].abs() > 4.8 && p[1].abs() > 4.8;
+        // Points lie 3.5 cm apart there: an edge is within two of the corner, and no plane is.
+        let is_corner = |p: [f32; 3]| p[0].abs() > 4.93 && p[1].abs() > 4.93;
         assert!(found.edges.iter().all(|f| is_corner(sweep.points[f.point as usize])), "{:?}", found.edges);
         assert_eq!(found.edges.len(), 4, "{:?}", found.edges);
         assert!(found.planes.len() > 400);
