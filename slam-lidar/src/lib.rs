@@ -25,3 +25,6 @@ pub mod smoothing;
 mod start;
 pub mod surfaces;
 pub mod voxels;
+
+#[cfg(test)]
+mod odometry_tests;
