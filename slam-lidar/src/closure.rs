@@ -45,39 +45,90 @@ const EVERY: usize = 4;
 
 /// Registers `source` in `target` from guesses of `target_from_source`; `wide` tries translations around them.
 pub fn align(target: &Submap, source: &Submap, guess: &Se3, wide: bool) -> Alignment {
-    let sweep = rigid(&source.points);
-    let all: Vec<u32> = (0..source.points.len() as u32).collect();
-    let some: Vec<u32> = (0..source.points.len() as u32).step_by(EVERY).collect();
-    let params = RegistrationParams::default();
-    let mut starts = Vec::new();
-    if wide {
-        for (x, y, yaw) in
-            TRIED.iter().flat_map(|&x| TRIED.iter().flat_map(move |&y| TURNED.map(|yaw| (x, y, yaw))))
-        {
-            let turn = UnitQuaternion::from_scaled_axis(Vector3::z() * yaw);
-            let start = Se3::new(turn * guess.rotation, guess.translation + Vector3::new(x, y, 0.0));
-            let score =
-                agreement(&sweep, &some, &target.coarse, &SweepMotion::resting(start), 2.0 * params.kernel);
-            starts.push((score, start));
-        }
-        starts.sort_by(|a, b| b.0.total_cmp(&a.0));
-        starts.truncate(REGISTERED);
-    } else {
-        starts.push((0.0, *guess));
-    }
-    let found = starts.iter().map(|(_, start)| {
-        let coarse = settle(&sweep, &some, &target.coarse, start, &params).0;
-        let (pose, information, rmse) = settle(&sweep, &all, &target.fine, &coarse, &params);
-        let score = agreement(&sweep, &all, &target.fine, &SweepMotion::resting(pose), params.kernel);
-        (score, pose, information, rmse)
-    });
-    let best = found.reduce(|a, b| if b.0 > a.0 { b } else { a });
-    let (_, pose, information, rmse) = best.unwrap_or((0.0, *guess, Matrix6::zeros(), f64::INFINITY));
+    let Found { pose, information, rmse, .. } = search(target, &source.points, guess, wide);
     Alignment {
         target_from_source: pose,
         information,
         evidence: evidence(target, source, &pose, &information, rmse),
     }
+}
+
+/// A pose at which points fit a submap, not judged yet.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Found {
+    /// Share of the points that agree, each counted by its weight in the kernel.
+    pub score: f64,
+    /// `target_from_source`.
+    pub pose: Se3,
+    /// As in [`Alignment`].
+    pub information: Matrix6<f64>,
+    /// Root mean square distance of the points that agree, metres.
+    pub rmse: f64,
+}
+
+/// Registers points in `target` from guesses of `target_from_source`; `wide` tries translations around them.
+pub(crate) fn search(target: &Submap, points: &[[f32; 3]], guess: &Se3, wide: bool) -> Found {
+    let sweep = rigid(points);
+    let (all, some) = (every(points, 1), every(points, EVERY));
+    let params = RegistrationParams::default();
+    let starts = if wide { starts(&sweep, &some, target, guess, &params) } else { vec![*guess] };
+    let found = starts.iter().map(|start| {
+        let coarse = settle(&sweep, &some, &target.coarse, start, &params).0;
+        fine(&sweep, &all, target, &coarse, &params)
+    });
+    let nothing = Found { score: 0.0, pose: *guess, information: Matrix6::zeros(), rmse: f64::INFINITY };
+    found.reduce(better).unwrap_or(nothing)
+}
+
+/// As [`search`], for many guesses: only the best of the starts is registered on fine surfaces, with fewer points.
+pub(crate) fn sketch(target: &Submap, points: &[[f32; 3]], guess: &Se3, wide: bool) -> Found {
+    let sweep = rigid(points);
+    let (half, some) = (every(points, 2), every(points, EVERY));
+    let params = RegistrationParams::default();
+    let starts = if wide { starts(&sweep, &some, target, guess, &params) } else { vec![*guess] };
+    let coarse = starts.iter().map(|start| {
+        let pose = settle(&sweep, &some, &target.coarse, start, &params).0;
+        let score = agreement(&sweep, &some, &target.fine, &SweepMotion::resting(pose), 2.0 * params.kernel);
+        (score, pose)
+    });
+    let best = coarse.reduce(|a, b| if b.0 > a.0 { b } else { a }).map_or(*guess, |(_, pose)| pose);
+    fine(&sweep, &half, target, &best, &params)
+}
+
+fn better(a: Found, b: Found) -> Found {
+    if b.score > a.score { b } else { a }
+}
+
+fn every(points: &[[f32; 3]], step: usize) -> Vec<u32> {
+    (0..points.len() as u32).step_by(step).collect()
+}
+
+/// The best of many translations and headings around a guess.
+fn starts(
+    sweep: &Sweep,
+    used: &[u32],
+    target: &Submap,
+    guess: &Se3,
+    params: &RegistrationParams,
+) -> Vec<Se3> {
+    let mut starts = Vec::new();
+    for (x, y, yaw) in
+        TRIED.iter().flat_map(|&x| TRIED.iter().flat_map(move |&y| TURNED.map(|yaw| (x, y, yaw))))
+    {
+        let turn = UnitQuaternion::from_scaled_axis(Vector3::z() * yaw);
+        let start = Se3::new(turn * guess.rotation, guess.translation + Vector3::new(x, y, 0.0));
+        let score = agreement(sweep, used, &target.coarse, &SweepMotion::resting(start), 2.0 * params.kernel);
+        starts.push((score, start));
+    }
+    starts.sort_by(|a, b| b.0.total_cmp(&a.0));
+    starts.truncate(REGISTERED);
+    starts.into_iter().map(|(_, start)| start).collect()
+}
+
+fn fine(sweep: &Sweep, used: &[u32], target: &Submap, start: &Se3, params: &RegistrationParams) -> Found {
+    let (pose, information, rmse) = settle(sweep, used, &target.fine, start, params);
+    let score = agreement(sweep, used, &target.fine, &SweepMotion::resting(pose), params.kernel);
+    Found { score, pose, information, rmse }
 }
 
 fn rigid(points: &[[f32; 3]]) -> Sweep {
@@ -124,7 +175,7 @@ fn judge(target: &Submap, source: &Submap, pose: &Se3) -> (f64, f64) {
 }
 
 /// Of the points within voxels that know a surface, the share within three standard deviations of it.
-fn held(target: &Submap, source: &Submap, pose: &Se3) -> f64 {
+pub(crate) fn held(target: &Submap, source: &Submap, pose: &Se3) -> f64 {
     let (mut asked, mut within) = (0.0, 0.0);
     for &p in &source.points {
         let q = transformed(pose, p);
