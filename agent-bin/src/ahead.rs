@@ -34,7 +34,7 @@ pub enum Item {
     Warning(String),
     /// What a live source says.
     Notice(Notice),
-    /// Why a live source ended though nobody wished it.
+    /// Why there are no more frames, though nobody wished that.
     Failed(String),
     /// Nothing came for a while: time to look at other things.
     Nothing,
@@ -125,7 +125,7 @@ impl Drop for Ahead {
     fn drop(&mut self) {
         self.end();
         if let Some(thread) = self.thread.take() {
-            // A panic of the thread was printed by itself; there is nobody left to tell.
+            // A panic of the thread was told through the queue.
             let _ = thread.join();
         }
         // A replay is to end where this run did.
@@ -139,6 +139,10 @@ struct CloseOnDrop<'a>(&'a Queue);
 
 impl Drop for CloseOnDrop<'_> {
     fn drop(&mut self) {
+        if std::thread::panicking() {
+            // How it broke down, the thread has printed itself.
+            self.0.push(Item::Failed("reading and decoding broke down, which is a fault of loopbox".into()));
+        }
         self.0.close();
     }
 }
@@ -225,9 +229,10 @@ impl Decoding<'_> {
         if let Item::Frame(_, moment) = &mut item {
             *moment = moment.or(due);
         }
+        let goes_on = !matches!(item, Item::Failed(_));
         let open = self.queue.push(item);
         self.tap.forgotten(self.queue);
-        open
+        open && goes_on
     }
 }
 

@@ -1,6 +1,9 @@
-//! Why a run could not start, told from its images.
+//! Why a run could not start, told from its images, and where it lost its way.
 
+use crate::progress::Progress;
+use crate::record::{FrameCounts, FrameRow};
 use geometry::GrayImage;
+use slam_direct::{FrameReport, TrackingState};
 
 /// Every how many pixels one is looked at: cheap, and enough for means.
 const STRIDE: usize = 13;
@@ -50,6 +53,58 @@ impl ImageStatistics {
             format!("the camera did not move sideways enough, or what it sees has too little texture{agent}")
         }
     }
+}
+
+/// How often tracking was lost, told as it happens.
+#[derive(Debug, Default)]
+pub struct Losses {
+    /// How often.
+    pub count: u64,
+    is_lost: bool,
+    was_tracking: bool,
+}
+
+impl Losses {
+    /// Takes in what became of the next frame.
+    pub fn take_in(&mut self, report: &FrameReport, row: &FrameRow, progress: &Progress) {
+        let lost = self.was_tracking && report.state == TrackingState::Lost;
+        self.was_tracking = report.state == TrackingState::Tracking;
+        let at = format!("frame {} at {:.2} s", row.index, row.timestamp);
+        if lost {
+            self.count += 1;
+            self.is_lost = true;
+            let why = report.reason.map_or(String::new(), |reason| format!(": {reason}"));
+            progress.warn_of("lost", &format!("tracking is lost since {at}{why}"));
+        } else if self.is_lost && self.was_tracking {
+            self.is_lost = false;
+            progress.note_of("lost", &format!("tracking goes on since {at}"));
+        }
+    }
+}
+
+/// The share of frames with a pose below which a run is not what its user wanted.
+const FEW: f64 = 0.5;
+
+/// What to say of a run in which most frames have no pose; nothing where most have one.
+pub fn too_few_poses(frames: &FrameCounts) -> Option<String> {
+    let taken = frames.offered - frames.dropped_late;
+    let without = taken.saturating_sub(frames.tracked);
+    let mut hints = Vec::new();
+    if frames.tracked_share < FEW {
+        if frames.losses > 0 {
+            hints.push(
+                "move more slowly, keep part of what was seen before in view, and avoid blank walls and blur",
+            );
+        } else {
+            hints.push("begin with a move sideways in front of something textured; is the calibration this camera's?");
+        }
+    }
+    if frames.dropped_late > taken {
+        hints.push("this machine is too slow for the rate: run recordings without --realtime, take smaller images or a lower rate");
+    }
+    let dropped = (frames.dropped_late > 0).then(|| format!(", {} were dropped late", frames.dropped_late));
+    let (dropped, hints) = (dropped.unwrap_or_default(), hints.join("\nhint: "));
+    (!hints.is_empty()).then(|| format!("{without} of {taken} frames have no pose{dropped}\nhint: {hints}"))
 }
 
 #[cfg(test)]

@@ -7,9 +7,6 @@ use std::process::ExitCode;
 fn main() -> ExitCode {
     match Cli::parse().command.execute() {
         Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("error: {error:#}");
-            ExitCode::FAILURE
-        }
+        Err(error) => agent_bin::console::report(&error),
     }
 }

@@ -5,6 +5,7 @@ mod jpeg;
 pub use jpeg::{decode_jpeg, decode_mjpeg, whole_jpeg};
 
 use geometry::GrayImage;
+use geometry::limits::{MAX_BYTES, check_image_size};
 use image::{DynamicImage, ImageBuffer};
 use std::io::Cursor;
 use std::path::PathBuf;
@@ -47,8 +48,13 @@ impl Picture {
     pub fn into_grey(self) -> Result<GrayImage, String> {
         match self {
             Picture::File(path) => {
-                let bytes = std::fs::read(&path).map_err(|e| format!("{}: {e}", path.display()))?;
-                decode(&bytes).map_err(|e| format!("{}: {e}", path.display()))
+                let of_file = |what: String| format!("{}: {what}", path.display());
+                let about = std::fs::metadata(&path).map_err(|e| of_file(e.to_string()))?;
+                if about.len() > MAX_BYTES as u64 {
+                    return Err(of_file(format!("{} bytes are no image", about.len())));
+                }
+                let bytes = std::fs::read(&path).map_err(|e| of_file(e.to_string()))?;
+                decode(&bytes).map_err(of_file)
             }
             Picture::Encoded(bytes) => decode(&bytes),
             Picture::Raw(raw) => raw.into_grey(),
@@ -65,7 +71,10 @@ fn decode(bytes: &[u8]) -> Result<GrayImage, String> {
         return Ok(luma);
     }
     let format = image::guess_format(bytes).map_err(|_| "not a PNG, JPEG or PGM image".to_owned())?;
-    let image = image::load(Cursor::new(bytes), format).map_err(|e| e.to_string())?;
+    let reader = || image::ImageReader::with_format(Cursor::new(bytes), format);
+    let (width, height) = reader().into_dimensions().map_err(|e| e.to_string())?;
+    check_image_size(width as usize, height as usize)?;
+    let image = reader().decode().map_err(|e| e.to_string())?;
     to_grey(image)
 }
 
@@ -116,6 +125,7 @@ impl RawPicture {
 
     /// The rows, without what pads them; refuses sizes that the bytes do not fit.
     pub(crate) fn rows(&self, bytes_per_pixel: usize) -> Result<impl Iterator<Item = &[u8]>, String> {
+        check_image_size(self.width, self.height)?;
         let row_bytes = self.width.checked_mul(bytes_per_pixel).ok_or("the width is absurd")?;
         let step = if self.step == 0 { row_bytes } else { self.step };
         let chroma_rows = if self.has_chroma_plane() { self.height.div_ceil(2) } else { 0 };

@@ -1,12 +1,13 @@
 //! What the user sees while a run goes on.
 
 use crate::ahead::Skip;
+use crate::console::{say, tell};
 use crate::record::{FrameRow, RunRecord, state_name};
 use crate::sources::notice::Notice;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
 use std::cell::RefCell;
-use std::io::Write;
+use std::collections::BTreeMap;
 use std::time::Duration;
 
 /// How progress is shown.
@@ -26,7 +27,12 @@ pub struct Progress {
     bar: ProgressBar,
     /// What became of frames that were not tracked, for the bar.
     losses: RefCell<String>,
+    /// How often something of a kind was said.
+    said: RefCell<BTreeMap<String, u64>>,
 }
+
+/// Something of a kind is said so often; after that it is counted.
+const REPETITIONS: u64 = 3;
 
 impl Progress {
     /// Progress through `frames` frames (`None`: unknown).
@@ -42,7 +48,7 @@ impl Progress {
         if display == Display::Bar {
             bar.enable_steady_tick(Duration::from_millis(200));
         }
-        Self { display, bar, losses: RefCell::default() }
+        Self { display, bar, losses: RefCell::default(), said: RefCell::default() }
     }
 
     /// A frame was processed; the map has so many keyframes and points.
@@ -70,7 +76,10 @@ impl Progress {
                 "event": "skip", "index": skip.index, "timestamp": skip.timestamp,
                 "reason": skip.reason, "detail": skip.detail,
             })),
-            _ => self.warn(&format!("frame {} is skipped: {}", skip.index, skip.detail)),
+            _ => self.warn_of(
+                &format!("{:?}", skip.reason),
+                &format!("frame {} is skipped: {}", skip.index, skip.detail),
+            ),
         }
     }
 
@@ -91,16 +100,43 @@ impl Progress {
             Notice::Back(_) => "back",
         };
         match self.display {
-            Display::Bar => self.bar.suspend(|| eprintln!("{}", notice.text())),
+            Display::Bar => self.bar.suspend(|| tell!("{}", notice.text())),
             Display::Quiet => {}
             Display::Json => log_line(&json!({ "event": event, "text": notice.text() })),
+        }
+    }
+
+    /// Something the user should know, of a kind that may come often.
+    pub fn warn_of(&self, kind: &str, text: &str) {
+        if let Some(text) = self.not_too_often(kind, text) {
+            self.warn(&text);
+        }
+    }
+
+    /// The good end of something that was warned of.
+    pub fn note_of(&self, kind: &str, text: &str) {
+        let times = self.said.borrow().get(kind).copied().unwrap_or_default();
+        if times <= REPETITIONS || self.display == Display::Json {
+            self.note(text);
+        }
+    }
+
+    /// A text that is to be said; the last one of its kind says so.
+    fn not_too_often(&self, kind: &str, text: &str) -> Option<String> {
+        let mut said = self.said.borrow_mut();
+        let times = said.entry(kind.to_owned()).or_default();
+        *times += 1;
+        match (*times, self.display) {
+            (_, Display::Json) | (..REPETITIONS, _) => Some(text.to_owned()),
+            (REPETITIONS, _) => Some(format!("{text} (more of this is only counted)")),
+            _ => None,
         }
     }
 
     /// Something the user should know.
     pub fn warn(&self, text: &str) {
         match self.display {
-            Display::Bar => self.bar.suspend(|| eprintln!("warning: {text}")),
+            Display::Bar => self.bar.suspend(|| tell!("warning: {text}")),
             Display::Quiet => {}
             Display::Json => log_line(&json!({ "event": "warning", "text": text })),
         }
@@ -109,7 +145,7 @@ impl Progress {
     /// Something good that the user wants to know.
     pub fn note(&self, text: &str) {
         match self.display {
-            Display::Bar => self.bar.suspend(|| println!("{text}")),
+            Display::Bar => self.bar.suspend(|| say!("{text}")),
             Display::Quiet => {}
             Display::Json => log_line(&json!({ "event": "note", "text": text })),
         }
@@ -128,7 +164,7 @@ impl Progress {
     pub fn finish(&self, record: &RunRecord, out: &str) {
         self.bar.finish_and_clear();
         match self.display {
-            Display::Bar => print!("{}", summary(record, out)),
+            Display::Bar => say!("{}", summary(record, out).trim_end()),
             Display::Quiet => {}
             Display::Json => log_line(&json!({
                 "event": "end", "out": out, "interrupted": record.interrupted, "frames": record.frames,
@@ -161,8 +197,7 @@ fn style(template: &str) -> ProgressStyle {
 }
 
 fn log_line(value: &serde_json::Value) {
-    // A reader that has closed the pipe has seen enough; the run goes on.
-    let _ = writeln!(std::io::stdout(), "{value}");
+    say!("{value}");
 }
 
 fn summary(record: &RunRecord, out: &str) -> String {
@@ -171,7 +206,7 @@ fn summary(record: &RunRecord, out: &str) -> String {
         "{} of {} frames tracked ({:.1} %), {} keyframes, {} points, {} loops\n\
          {:.1} frames/s, {:.1} ms a frame (99 %: {:.1} ms)",
         frames.tracked,
-        frames.offered,
+        frames.offered - frames.dropped_late,
         100.0 * frames.tracked_share,
         map.keyframes,
         map.points,
@@ -186,7 +221,17 @@ fn summary(record: &RunRecord, out: &str) -> String {
     text.push('\n');
     let skipped: u64 = frames.skipped.values().sum();
     if skipped > 0 {
-        text += &format!("{skipped} frames skipped\n");
+        let kinds: Vec<String> = frames.skipped.iter().map(|(reason, n)| format!("{n} {reason}")).collect();
+        text += &format!("{skipped} frames skipped: {}\n", kinds.join(", "));
+    }
+    for apart in record.fragments.iter().skip(1) {
+        text += &format!(
+            "{} more frames, of {} to {}, are in {}: they saw no place of the others again\n",
+            apart.frames, apart.first_frame, apart.last_frame, apart.trajectory
+        );
+    }
+    if frames.losses > 0 {
+        text += &format!("lost {} times\n", frames.losses);
     }
     if frames.dropped_late > 0 {
         text += &format!("{} frames dropped because tracking was late\n", frames.dropped_late);

@@ -1,6 +1,7 @@
 //! The numbers of a run: what `run.json` holds and the report shows.
 
 use crate::ahead::SkipReason;
+use crate::output::{MAP, TRAJECTORY};
 use crate::report;
 use geometry::Pinhole;
 use serde::{Serialize, Serializer};
@@ -22,8 +23,13 @@ pub struct RunRecord {
     pub frames: FrameCounts,
     /// Time and memory.
     pub cost: Cost,
-    /// The map at the end.
+    /// The map at the end: that of the first fragment.
     pub map: MapCounts,
+    /// The parts of the run that hang together, that of most frames first; several where a loss parted them and they saw
+    /// no place in common.
+    pub fragments: Vec<Fragment>,
+    /// The files of results, by names relative to their folder.
+    pub files: Vec<String>,
     /// Each processed frame.
     pub rows: Vec<FrameRow>,
 }
@@ -42,6 +48,7 @@ impl RunRecord {
             .then(|| ("frames missed by the driver", frames.missed_by_driver.to_string()));
         let numbers = [
             ("frames tracked", format!("{} of {}", frames.tracked, frames.offered)),
+            ("fragments", self.fragments.len().to_string()),
             ("frames per second", format!("{:.1}", cost.frames_per_s)),
             ("ms per frame, mean", format!("{:.1}", cost.mean_ms)),
             ("keyframes", map.keyframes.to_string()),
@@ -88,9 +95,11 @@ pub struct FrameCounts {
     pub missed_by_driver: u64,
     /// Frames skipped, by reason.
     pub skipped: BTreeMap<SkipReason, u64>,
-    /// Frames with a pose in the trajectory.
+    /// Frames with a pose in the trajectory of the first fragment.
     pub tracked: u64,
-    /// `tracked / offered`.
+    /// Frames with a pose in those of the others.
+    pub tracked_apart: u64,
+    /// `tracked / (offered − dropped_late)`: the share of the frames that could be tracked.
     pub tracked_share: f64,
     /// How often tracking was lost.
     pub losses: u64,
@@ -156,6 +165,46 @@ pub struct MapCounts {
     pub loops: u64,
 }
 
+/// A part of the run that hangs together.
+#[derive(Clone, Debug, Serialize)]
+pub struct Fragment {
+    /// Its trajectory, by the name relative to the folder of results.
+    pub trajectory: String,
+    /// Its map, likewise.
+    pub map: String,
+    /// Frames with a pose.
+    pub frames: u64,
+    /// The first of them.
+    pub first_frame: u64,
+    /// The last of them.
+    pub last_frame: u64,
+    /// Keyframes.
+    pub keyframes: u64,
+}
+
+impl Fragment {
+    /// The fragment with this place in the order, from 0.
+    pub fn new(place: usize, map: &map::Map) -> Self {
+        let index = |frame: Option<&map::FramePose>| frame.map_or(0, |frame| frame.frame_index);
+        Self {
+            trajectory: numbered(TRAJECTORY, place),
+            map: numbered(MAP, place),
+            frames: map.frames.len() as u64,
+            first_frame: index(map.frames.first()),
+            last_frame: index(map.frames.last()),
+            keyframes: map.keyframes.len() as u64,
+        }
+    }
+}
+
+/// The file of a fragment: `map.mcap`, `map-2.mcap`, `map-3.mcap` …
+pub fn numbered(name: &str, place: usize) -> String {
+    match (place, name.rsplit_once('.')) {
+        (0, _) | (_, None) => name.to_owned(),
+        (_, Some((stem, extension))) => format!("{stem}-{}.{extension}", place + 1),
+    }
+}
+
 /// One processed frame.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct FrameRow {
@@ -163,6 +212,8 @@ pub struct FrameRow {
     pub index: u64,
     /// Seconds, as recorded.
     pub timestamp: f64,
+    /// The fragment it was given to, in the order in which they were begun.
+    pub fragment: usize,
     /// State after the frame.
     #[serde(serialize_with = "state_as_name")]
     pub state: TrackingState,
@@ -189,6 +240,7 @@ impl FrameRow {
         Self {
             index,
             timestamp,
+            fragment: report.fragment,
             state: report.state,
             ms,
             latency_ms: None,
@@ -261,6 +313,13 @@ impl MapCounts {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn fragments_have_files_of_their_own() {
+        assert_eq!(numbered("map.mcap", 0), "map.mcap");
+        assert_eq!(numbered("map.mcap", 1), "map-2.mcap");
+        assert_eq!(numbered("trajectory.txt", 2), "trajectory-3.txt");
+    }
 
     #[test]
     fn the_percentile_is_the_nearest_rank() {

@@ -1,25 +1,29 @@
 //! One run: feeds the agent and keeps the numbers.
 
 use crate::ahead::{Ahead, Item, SkipReason};
-use crate::diagnosis::ImageStatistics;
+use crate::console::tell;
+use crate::diagnosis::{ImageStatistics, Losses};
 use crate::output::Output;
 use crate::process;
 use crate::progress::Progress;
-use crate::record::{Cost, FrameCounts, FrameRow, Latency, MapCounts, RunRecord, SourceRecord};
+use crate::record::{Cost, Fragment, FrameCounts, FrameRow, Latency, MapCounts, RunRecord, SourceRecord};
 use crate::sources::SourceInfo;
 use crate::sources::notice::Notice;
 use crate::watch::{Command, Watch};
 use anyhow::{Context, Result};
 use geometry::Pinhole;
-use map::Map;
-use slam_direct::{Agent, Frame, TrackingState};
+use map::{KeyframeId, Map};
+use slam_direct::{Agent, Atlas, Frame};
 use std::collections::BTreeMap;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 /// Exit status after a second Ctrl-C, as shells report an interrupted program.
 const ABORTED: i32 = 130;
+/// How long the last optimisation may take once the user wishes to stop.
+const LAST_WORK: Duration = Duration::from_secs(4);
 /// How often a waiting source is told of the wish to stop.
 const STOP_INTERVAL: Duration = Duration::from_millis(20);
 
@@ -39,7 +43,7 @@ impl Stop {
             if flag.swap(true, Ordering::Relaxed) {
                 std::process::exit(ABORTED);
             }
-            eprintln!("{notice}");
+            tell!("{notice}");
         })
         .context("cannot listen for Ctrl-C")?;
         Ok(stop)
@@ -70,10 +74,14 @@ impl Stop {
 
 /// A run whose frames are processed.
 pub struct Run {
-    agent: Agent,
+    atlas: Atlas,
+    /// The fragment that the newest frame was given to.
+    fragment: usize,
     rows: Vec<FrameRow>,
     skipped: BTreeMap<SkipReason, u64>,
-    losses: u64,
+    losses: Losses,
+    /// Whether the agent ended its map itself.
+    is_whole: bool,
     statistics: ImageStatistics,
     last_reason: Option<&'static str>,
     wall_s: f64,
@@ -90,7 +98,7 @@ impl Run {
     /// # Errors
     /// When results cannot be written on the way.
     pub fn track(
-        agent: Agent,
+        atlas: Atlas,
         ahead: &Ahead,
         stop: &Stop,
         progress: &Progress,
@@ -100,10 +108,12 @@ impl Run {
     ) -> Result<Self> {
         let started = Instant::now();
         let mut run = Self {
-            agent,
+            atlas,
+            fragment: 0,
             rows: Vec::new(),
             skipped: BTreeMap::new(),
-            losses: 0,
+            losses: Losses::default(),
+            is_whole: true,
             statistics: ImageStatistics::default(),
             last_reason: None,
             wall_s: 0.0,
@@ -111,7 +121,7 @@ impl Run {
             restart: false,
             failure: None,
         };
-        let mut state = TrackingState::Starting;
+        let mut broken = None;
         loop {
             run.wall_s = started.elapsed().as_secs_f64();
             while !run.restart
@@ -128,12 +138,11 @@ impl Run {
             let Some(item) = ahead.next_item(&stop.0) else { break };
             match item {
                 Item::Frame(frame, taken) => {
-                    let before = state;
-                    state = run.process(frame, taken, progress, ahead.dropped(), watch);
+                    let process = || run.process(frame, taken, progress, ahead.dropped(), watch);
+                    let Some(settled) = guarded("tracking", process, &mut broken) else { break };
+                    let settled = settled?;
                     progress.lost(ahead.dropped(), ahead.missed());
-                    output.grow(run.agent.map())?;
-                    run.losses +=
-                        u64::from(before == TrackingState::Tracking && state == TrackingState::Lost);
+                    output.grow(run.fragment, run.map(), &settled)?;
                 }
                 Item::Skipped(skip) => {
                     progress.skipped(&skip);
@@ -143,7 +152,7 @@ impl Run {
                 Item::Notice(notice) => {
                     progress.notice(&notice);
                     if let Notice::Gone(_) = notice {
-                        output.save(run.agent.map())?;
+                        output.save(run.map())?;
                     }
                 }
                 Item::Failed(reason) => run.failure = Some(reason),
@@ -154,8 +163,14 @@ impl Run {
             ahead.end();
         }
         progress.stage("last optimisation");
-        run.agent.finish();
-        watch.whole(run.agent.map());
+        if broken.is_none() {
+            let hurry = Instant::now();
+            let stop = || stop.requested() && hurry.elapsed() > LAST_WORK;
+            guarded("the last optimisation", || run.atlas.finish_until(&stop), &mut broken);
+        }
+        watch.whole(run.map());
+        run.is_whole = broken.is_none();
+        run.failure = broken.or(run.failure);
         run.wall_s = started.elapsed().as_secs_f64();
         Ok(run)
     }
@@ -167,24 +182,29 @@ impl Run {
         progress: &Progress,
         dropped: u64,
         watch: &mut Watch,
-    ) -> TrackingState {
+    ) -> Result<Vec<KeyframeId>> {
         // Once there is a map, nobody will ask why there is none.
-        if self.agent.map().frames.is_empty() {
+        if self.map().frames.is_empty() {
             self.statistics.add(&frame.image);
         }
         watch.before(&frame);
         let (index, timestamp) = (frame.index, frame.timestamp);
         let started = Instant::now();
-        let report = self.agent.process(frame);
+        let report = self.atlas.process(frame)?;
+        if report.fragment != self.fragment {
+            self.fragment = report.fragment;
+            watch.begin_anew();
+        }
         let latency_ms = taken.map(|taken| taken.elapsed().as_secs_f64() * 1e3);
         let ms = started.elapsed().as_secs_f64() * 1e3;
         let row = FrameRow { latency_ms, ..FrameRow::new(index, timestamp, ms, &report) };
         self.last_reason = report.reason.or(self.last_reason);
-        progress.frame(&row, self.agent.map().keyframes.len(), report.matched_points);
-        let state = report.state;
-        watch.after((index, timestamp, row.ms), latency_ms, report, self.agent.map(), dropped);
+        progress.frame(&row, self.map().keyframes.len(), report.matched_points);
+        self.losses.take_in(&report, &row, progress);
+        let settled = report.settled_keyframes.clone();
+        watch.after((index, timestamp, row.ms), latency_ms, report, self.atlas.active().map(), dropped);
         self.rows.push(row);
-        state
+        Ok(settled)
     }
 
     /// Whether who watches wants a new map.
@@ -192,14 +212,24 @@ impl Run {
         self.restart
     }
 
-    /// The map as it stands, to be saved while the run goes on.
-    pub fn snapshot(&self) -> Map {
-        self.agent.snapshot()
+    /// The map of the fragment that the newest frame was given to, as it stands.
+    fn map(&self) -> &Map {
+        self.atlas.active().map()
     }
 
-    /// Gives the map away.
-    pub fn into_map(self) -> Map {
-        self.agent.into_map()
+    /// The same with its edges and points, to be saved while the run goes on.
+    pub fn snapshot(&self) -> Map {
+        self.atlas.active().snapshot()
+    }
+
+    /// The maps of all fragments, in the order they were begun.
+    pub fn maps(&self) -> Vec<Map> {
+        let map = |agent: &Agent| {
+            let snapshot = || guarded("the map", || agent.snapshot(), &mut None);
+            let whole = if self.is_whole { None } else { snapshot() };
+            whole.unwrap_or_else(|| agent.map().clone())
+        };
+        self.atlas.fragments().iter().map(map).filter(|map| !map.frames.is_empty()).collect()
     }
 
     /// Why a live source ended though nobody wished it.
@@ -219,11 +249,13 @@ impl Run {
         camera: Pinhole,
         ahead: &Ahead,
         interrupted: bool,
+        maps: &[Map],
     ) -> RunRecord {
-        let map = self.agent.map();
         let (processed, dropped_late) = (self.rows.len() as u64, ahead.dropped() - self.dropped_before);
         let offered = processed + dropped_late + self.skipped.values().sum::<u64>();
-        let tracked = map.frames.len() as u64;
+        let fragments: Vec<Fragment> =
+            maps.iter().enumerate().map(|(place, map)| Fragment::new(place, map)).collect();
+        let tracked = fragments.first().map_or(0, |first| first.frames);
         let ms = self.rows.iter().map(|row| row.ms).collect();
         RunRecord {
             version: env!("CARGO_PKG_VERSION"),
@@ -242,15 +274,31 @@ impl Run {
                 missed_by_driver: ahead.missed(),
                 skipped: self.skipped.clone(),
                 tracked,
-                tracked_share: if offered > 0 { tracked as f64 / offered as f64 } else { 0.0 },
-                losses: self.losses,
+                tracked_apart: fragments.iter().skip(1).map(|fragment| fragment.frames).sum(),
+                tracked_share: tracked as f64 / (offered - dropped_late).max(1) as f64,
+                losses: self.losses.count,
             },
             cost: Cost {
                 latency_ms: Latency::of(self.rows.iter().filter_map(|row| row.latency_ms).collect()),
                 ..Cost::new(ms, self.wall_s, process::cpu_seconds(), process::peak_memory_bytes())
             },
-            map: MapCounts::new(map),
+            map: maps.first().map(MapCounts::new).unwrap_or_default(),
+            fragments,
+            files: Vec::new(),
             rows: self.rows.clone(),
+        }
+    }
+}
+
+/// Does a part of the run; a panic in it, or in a thread that it waited for, becomes the reason in `broken`.
+fn guarded<T>(what: &str, work: impl FnOnce() -> T, broken: &mut Option<String>) -> Option<T> {
+    match catch_unwind(AssertUnwindSafe(work)) {
+        Ok(value) => Some(value),
+        Err(panic) => {
+            let text = panic.downcast_ref::<String>().map(String::as_str);
+            let why = text.or(panic.downcast_ref::<&str>().copied()).unwrap_or("no reason was given");
+            *broken = Some(format!("{what} broke down, which is a fault of loopbox: {why}"));
+            None
         }
     }
 }

@@ -2,9 +2,9 @@
 
 use crate::output::{Output, TrajectoryFormat};
 use crate::record::RunRecord;
-use anyhow::{Context, Result};
+use anyhow::{Result, bail};
 use map::{AgentInfo, Map};
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 use std::path::{Path, PathBuf};
 use std::thread::JoinHandle;
 
@@ -23,12 +23,14 @@ pub struct Saver {
     form: Form,
     /// One at a time: what is being saved.
     thread: RefCell<Option<JoinHandle<()>>>,
+    /// A thread ended in a panic.
+    broke: Cell<bool>,
 }
 
 impl Saver {
     /// Saves maps of this agent.
     pub fn new(agent: AgentInfo, form: Form) -> Self {
-        Self { agent, form, thread: RefCell::new(None) }
+        Self { agent, form, thread: RefCell::new(None), broke: Cell::new(false) }
     }
 
     /// Begins to write all results into the folder `saved-FRAME` within that of the run; says by `tell` what
@@ -38,6 +40,7 @@ impl Saver {
         if thread.as_ref().is_some_and(|thread| !thread.is_finished()) {
             return tell("still saving: try again in a moment".into());
         }
+        self.take_in(thread.take());
         let newest = record.rows.last().map_or(0, |row| row.index);
         let target = folder.join(format!("saved-{newest:06}"));
         let (agent, form) = (self.agent.clone(), self.form);
@@ -46,41 +49,44 @@ impl Saver {
                 return tell("nothing was tracked yet that could be saved".into());
             }
             tell("saving …".into());
-            match write_whole(&target, agent, map, &record, form) {
+            match write_whole(&target, agent, map, record, form) {
                 Ok(()) => tell(format!("saved to {}", target.display())),
                 Err(error) => tell(format!("not saved: {error:#}")),
             }
         };
         *thread = std::thread::Builder::new().name("save".into()).spawn(of_thread).ok();
     }
+
+    /// Waits until what is being saved is on the disk.
+    ///
+    /// # Errors
+    /// When saving broke down.
+    pub fn end(&self) -> Result<()> {
+        self.take_in(self.thread.borrow_mut().take());
+        if self.broke.get() {
+            bail!("saving on the way broke down, which is a fault of loopbox");
+        }
+        Ok(())
+    }
+
+    /// Notes how the thread ended.
+    fn take_in(&self, thread: Option<JoinHandle<()>>) {
+        let broke = thread.is_some_and(|thread| thread.join().is_err());
+        self.broke.set(self.broke.get() || broke);
+    }
 }
 
 impl Drop for Saver {
     fn drop(&mut self) {
-        if let Some(thread) = self.thread.borrow_mut().take() {
-            // A panic of the thread was printed by itself.
-            let _ = thread.join();
-        }
+        // Whoever wants to know has asked `end`.
+        let _ = self.end();
     }
 }
 
-/// Writes a folder of results that appears when it is whole.
-fn write_whole(target: &Path, agent: AgentInfo, mut map: Map, record: &RunRecord, form: Form) -> Result<()> {
-    let partial = target.with_extension("tmp");
-    let remove = |folder: &Path| if folder.exists() { std::fs::remove_dir_all(folder) } else { Ok(()) };
-    remove(&partial).with_context(|| format!("{}: cannot be replaced", partial.display()))?;
-    let written = Output::create(&partial, agent)
-        .and_then(|mut output| output.finish(&mut map, record, form.format, form.max_variance))
-        .and_then(|()| {
-            remove(target)
-                .and_then(|()| std::fs::rename(&partial, target))
-                .with_context(|| format!("{}: cannot be put in place", target.display()))
-        });
-    if written.is_err() {
-        // What is left of a failure would only confuse.
-        let _ = remove(&partial);
-    }
-    written
+/// Writes a folder of results that appear when they are whole.
+fn write_whole(target: &Path, agent: AgentInfo, map: Map, mut record: RunRecord, form: Form) -> Result<()> {
+    let mut output = Output::create(target, agent, Path::new(&record.source.path), true)?;
+    output.finish(&[map], &mut record, form.format, form.max_variance)
 }
 
 /// The folder for the next map of a run that began with `first`: the first of `first-2`, `first-3`, … that is not

@@ -2,6 +2,7 @@
 //! one.
 
 use crate::ahead::Ahead;
+use crate::fragments;
 use crate::output::Output;
 use crate::progress::Progress;
 use crate::record::RunRecord;
@@ -11,9 +12,9 @@ use crate::sources::SourceInfo;
 use crate::watch::Watch;
 use anyhow::{Result, anyhow};
 use geometry::Pinhole;
-use map::AgentInfo;
+use map::{AgentId, AgentInfo, Map};
 use place_recog::ThumbnailIndex;
-use slam_direct::{Agent, Params};
+use slam_direct::{Atlas, Params};
 use std::path::{Path, PathBuf};
 
 /// What the maps of a run have in common.
@@ -53,18 +54,21 @@ impl Session<'_> {
         let first = output.folder().to_owned();
         let saver = Saver::new(self.about.clone(), self.form);
         let save = |run: &Run, output: &Output, watch: &Watch| {
-            let record = run.record(&self.source, self.camera, ahead, false);
-            saver.save(output.folder(), run.snapshot(), record, watch.teller());
+            let map = self.named(run.snapshot());
+            let record = run.record(&self.source, self.camera, ahead, false, std::slice::from_ref(&map));
+            saver.save(output.folder(), map, record, watch.teller());
         };
         loop {
             watch.folder(output.folder());
-            let agent = Agent::new(self.camera, Box::new(ThumbnailIndex::default()), self.params.clone());
-            let run = Run::track(agent, ahead, self.stop, self.progress, &mut output, watch, &save)?;
+            let atlas = Atlas::new(self.camera, || Box::new(ThumbnailIndex::default()), self.params.clone())?;
+            let run = Run::track(atlas, ahead, self.stop, self.progress, &mut output, watch, &save)?;
             let restart = run.is_to_restart();
             let failure = run.failure().map(str::to_owned);
             let tracked = self.write(run, ahead, &mut output)?;
             if !restart {
-                return Ok(Mapped { folder: output.folder().to_owned(), record: tracked?, failure });
+                let folder = output.folder().to_owned();
+                let failure = failure.or(saver.end().err().map(|error| error.to_string()));
+                return Ok(Mapped { folder, record: tracked?, failure });
             }
             if let Ok(record) = tracked {
                 self.progress.finish(&record, &output.folder().display().to_string());
@@ -76,21 +80,29 @@ impl Session<'_> {
 
     /// Writes the results of one map. The inner error says why there is none.
     fn write(&self, run: Run, ahead: &Ahead, output: &mut Output) -> Result<Result<RunRecord>> {
-        let record = run.record(&self.source, self.camera, ahead, self.stop.requested());
+        let maps = run.maps().into_iter().map(|map| self.named(map)).collect();
+        let maps = fragments::joined(maps, self.progress);
+        let mut record = run.record(&self.source, self.camera, ahead, self.stop.requested(), &maps);
         if record.frames.tracked == 0 {
-            output.numbers(&record)?;
-            let failure = run.failure().map(|failure| format!("\n{failure}")).unwrap_or_default();
-            let why = run.why_nothing_was_tracked() + &failure;
+            output.fail(&record)?;
+            let why = run.failure().map_or_else(|| run.why_nothing_was_tracked(), str::to_owned);
             return Ok(Err(anyhow!("{}: no frame could be tracked: {why}", self.source.path.display())));
         }
         self.progress.stage("writing the results");
-        output.finish(&mut run.into_map(), &record, self.form.format, self.form.max_variance)?;
+        output.finish(&maps, &mut record, self.form.format, self.form.max_variance)?;
         Ok(Ok(record))
+    }
+
+    /// A map that says whose it is.
+    fn named(&self, mut map: Map) -> Map {
+        map.agents.insert(AgentId::default(), self.about.clone());
+        map
     }
 
     /// A folder for the next map.
     fn next_output(&self, first: &Path, before: &Path, watch: &Watch) -> Result<Output> {
-        let output = Output::create(&saving::next_folder(first), self.about.clone())?;
+        let output =
+            Output::create(&saving::next_folder(first), self.about.clone(), &self.source.path, false)?;
         watch.teller()(format!("a new map; the one before is in {}", before.display()));
         Ok(output)
     }

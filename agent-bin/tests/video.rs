@@ -48,5 +48,7 @@ fn what_is_no_video_is_refused() {
     let folder = tempdir().unwrap();
     let path = folder.path().join("text.mp4");
     write(path.clone(), "no video");
+    assert_refused(&["info", arg(&path)], &["this is text"]);
+    write(path.clone(), [0u8, 1, 254, 255].repeat(100));
     assert_refused(&["info", arg(&path)], &["neither an MCAP file nor a video"]);
 }

@@ -1,11 +1,15 @@
-//! What front ends and merging share: the Sim(3) pose graph, direct Sim(3) alignment of keyframes, and
-//! parameter structs whose documentation can be printed.
+//! What front ends and merging share: sparse least squares over poses, the Sim(3) pose graph on it, direct Sim(3)
+//! alignment of keyframes, and parameter structs whose documentation can be printed.
 //!
 //! Everything here is plain functions and types of `map` and `geometry`; how a map came about, and whether an
 //! edge joins keyframes of one agent or of two, is not known here.
 
+mod block_system;
+mod parameter_check;
 mod params_macro;
 pub mod posegraph;
 pub mod sim3_align;
 
+pub use block_system::{BlockSlot, BlockSystem, SystemError};
+pub use parameter_check::{ParameterError, check_parameters};
 pub use params_macro::{DocumentedParameter, Parameter, ParameterValue};

@@ -5,6 +5,7 @@
 mod live;
 mod measure;
 mod merging;
+mod perturbed;
 mod report;
 mod targets;
 
@@ -46,6 +47,15 @@ struct Args {
     /// calibration. The machine should have nothing else to do
     #[arg(long, conflicts_with_all = ["merges", "only"])]
     live: bool,
+    /// Measure only how much the results owe to luck: every sequence from other first frames and with noise
+    #[arg(long, conflicts_with_all = ["merges", "live"])]
+    perturbed: bool,
+    /// With --perturbed: from how many first frames each sequence is run
+    #[arg(long, value_name = "N", default_value_t = 16, requires = "perturbed")]
+    starts: usize,
+    /// With --perturbed: with how many draws of noise each sequence is run
+    #[arg(long, value_name = "N", default_value_t = 8, requires = "perturbed")]
+    seeds: usize,
     /// With --live: this part only, and print its tables instead of writing them
     #[arg(long, requires = "live")]
     part: Option<LivePart>,
@@ -75,6 +85,12 @@ fn main() -> Result<()> {
         return measure_live(&args, &runner);
     }
     let found = sequences(&args.data, &args.only)?;
+    if args.perturbed {
+        let (starts, seeds) = (args.starts, args.seeds);
+        let plan = perturbed::Plan { runner: &runner, sequences: &found, starts, seeds };
+        let all = perturbed::measure(&plan)?;
+        return write(&args.documents, &[("perturbed", perturbed::section(&all))]);
+    }
     let mut sections = vec![("machine", report::machine())];
     let mut failed = Vec::new();
     if !args.merges {

@@ -1,5 +1,6 @@
 //! Measuring one sequence.
 
+use crate::targets::target;
 use anyhow::{Context, Result, bail};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -117,15 +118,38 @@ impl Runner {
         Run::read(out, self.evaluate(sequence, out)?)
     }
 
+    /// A file with the ground truth of a sequence, as far as it holds.
+    ///
+    /// # Errors
+    /// When it cannot be read, or a part of it cannot be written.
+    pub fn truth(&self, sequence: &Path) -> Result<PathBuf> {
+        let whole = sequence.join("groundtruth.txt");
+        let name = sequence.file_name().unwrap_or_default().to_string_lossy();
+        let Some(first) = target(&name).map(|target| target.truth_from).filter(|first| *first > 0) else {
+            return Ok(whole);
+        };
+        let path = self.work.join(format!("{name}-from-{first}.txt"));
+        if !path.is_file() {
+            let text = String::from_utf8(read(&whole)?)?;
+            let poses: Vec<&str> = text.lines().filter(|line| !line.starts_with('#')).skip(first).collect();
+            // Runs side by side may write it at once: each a file of its own, and then all the same one.
+            let own = path.with_extension(format!("{:?}.tmp", std::thread::current().id()));
+            std::fs::write(&own, poses.join("\n") + "\n").with_context(|| format!("{}", own.display()))?;
+            std::fs::rename(&own, &path).with_context(|| format!("{}", path.display()))?;
+        }
+        Ok(path)
+    }
+
     /// What `loopbox eval` says of the results in `out` of a run over `sequence`.
     ///
     /// # Errors
     /// When it fails.
     pub fn evaluate(&self, sequence: &Path, out: &Path) -> Result<Value> {
+        let truth = self.truth(sequence)?;
         let command = || {
             let mut command = Command::new(&self.loopbox);
             command.arg("eval").arg(out.join("trajectory.txt")).arg("--json");
-            command.arg("--gt").arg(sequence.join("groundtruth.txt"));
+            command.arg("--gt").arg(&truth);
             command.arg("--frames").arg(sequence.join("times.txt"));
             command
         };

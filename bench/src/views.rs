@@ -114,7 +114,8 @@ mod tests {
             frame_index: 0,
             world_from_keyframe: Sim3::new(UnitQuaternion::identity(), Vector3::zeros(), 0.5),
             image: Arc::new(GrayImage::filled(40, 30, 0)),
-            semi_dense: map::SemiDense { inverse_depth: vec![1.0; 1200], variance: vec![0.01; 1200], pixel },
+            semi_dense: map::SemiDense { inverse_depth: vec![1.0; 1200], variance: vec![0.01; 1200], pixel }
+                .into(),
             points: Vec::new(),
         };
         View::new(&keyframe, &CAMERA, Se3::new(UnitQuaternion::identity(), Vector3::new(x, 0.0, 0.0)), 4.0)

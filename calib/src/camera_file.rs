@@ -3,7 +3,8 @@
 use crate::CalibError;
 use crate::formats::{camchain, camera_info, loopbox, opencv, text};
 use crate::node::{Document, Node};
-use geometry::{Camera, Crop};
+use geometry::limits::check_image_size;
+use geometry::{Camera, Crop, Pinhole};
 use std::path::Path;
 
 /// The forms of camera files that are understood. In all but the relative numbers of
@@ -53,6 +54,19 @@ pub fn read_camera(path: &Path) -> Result<CalibrationFile, CalibError> {
 /// # Errors
 /// As [`read_camera`].
 pub fn parse_camera(text: &str, name: &str) -> Result<CalibrationFile, CalibError> {
+    let file = parse(text, name)?;
+    let &Pinhole { width, height, .. } = file.camera.intrinsics();
+    check_image_size(width, height).map_err(|problem| CalibError::BadValue {
+        file: name.into(),
+        key: "width, height".into(),
+        problem,
+        fix: "give the size of the recording's images in pixels".into(),
+    })?;
+    Ok(file)
+}
+
+/// Reads a camera file of any form.
+fn parse(text: &str, name: &str) -> Result<CalibrationFile, CalibError> {
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     if text::is_text_form(text) {
         return text::parse(text, name);

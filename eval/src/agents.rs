@@ -70,7 +70,7 @@ impl MergeError {
 /// alone and applied to all, so that the errors of the others contain that of the merge.
 ///
 /// # Errors
-/// [`EvalError::Agent`] with the reason; [`EvalError::Setting`] without agents.
+/// [`EvalError::Agent`] with the reason, [`EvalError::Stranger`] among them; [`EvalError::Setting`] without agents.
 pub fn evaluate_agents(agents: Vec<AgentTracks>, options: &Options) -> Result<AgentsEvaluation, EvalError> {
     let mut matched = Vec::with_capacity(agents.len());
     for (i, agent) in agents.into_iter().enumerate() {
@@ -83,6 +83,9 @@ pub fn evaluate_agents(agents: Vec<AgentTracks>, options: &Options) -> Result<Ag
     };
     let truth_from_estimate =
         alignment(&first.pairs, options.align).map_err(|reason| of_agent(0, reason.into()))?;
+    for (i, matched) in matched.iter().enumerate() {
+        follows(matched).map_err(|reason| of_agent(i, reason))?;
+    }
     let first_alone = alone(first);
     let measure = |(i, matched): (usize, &Matched)| {
         let evaluation =
@@ -99,6 +102,21 @@ pub fn evaluate_agents(agents: Vec<AgentTracks>, options: &Options) -> Result<Ag
 /// The similarity that fits one agent best; `None` where its path does not show it.
 fn alone(matched: &Matched) -> Option<Sim3> {
     alignment(&matched.pairs, AlignMode::Sim3).ok()
+}
+
+/// An estimate whose error is this share of the spread of its truth, or more, says nothing about it: the best fit of
+/// positions that have nothing to do with it shrinks them to the middle of the truth and comes near 1.
+const STRANGE: f64 = 0.7;
+
+/// Refuses an estimate that has nothing to do with its ground truth, however it is turned, moved and scaled.
+fn follows(matched: &Matched) -> Result<(), EvalError> {
+    let Some(truth_from_estimate) = alone(matched) else { return Ok(()) };
+    let (estimated, truth) = matched.pairs.transformed(&truth_from_estimate).positions();
+    let middle = middle(&truth);
+    let rms = |squares: f64| (squares / truth.len().max(1) as f64).sqrt();
+    let rmse = rms(estimated.iter().zip(&truth).map(|(a, b)| (a - b).norm_squared()).sum());
+    let spread = rms(truth.iter().map(|p| (p - middle).norm_squared()).sum());
+    if rmse >= STRANGE * spread { Err(EvalError::Stranger { rmse, spread }) } else { Ok(()) }
 }
 
 /// The mean of positions.
@@ -189,6 +207,19 @@ mod tests {
         // As the first it is of no use.
         let error = evaluate_agents(vec![straight, good], &Options::default()).unwrap_err().to_string();
         assert!(error.contains("agent 1") && error.contains("one line"), "{error}");
+    }
+
+    #[test]
+    fn an_estimate_of_another_path_is_refused() {
+        let good = agent(0.0, &Sim3::identity(), &Sim3::identity());
+        let mut other = good.clone();
+        // The same times, and a path that goes to and fro.
+        for (i, pose) in other.estimate.world_from_camera.iter_mut().enumerate() {
+            let t = i as f64;
+            pose.translation = Vector3::new((2.1 * t).sin(), (3.7 * t).cos(), (5.3 * t).sin());
+        }
+        let error = evaluate_agents(vec![good, other], &Options::default()).unwrap_err().to_string();
+        assert!(error.contains("agent 2: it does not follow") && error.contains("--gt A --gt B"), "{error}");
     }
 
     #[test]

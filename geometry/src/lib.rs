@@ -5,6 +5,7 @@
 
 mod camera;
 mod image;
+pub mod limits;
 mod photometric;
 mod pinhole;
 mod pyramid;

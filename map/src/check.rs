@@ -2,14 +2,12 @@
 
 use crate::agent::owner;
 use crate::{AgentInfo, Edge, EdgeKind, FramePose, Keyframe, Map, Point};
+use geometry::limits::check_image_size;
 use geometry::{Pinhole, Se3, Sim3};
 use std::collections::BTreeSet;
 
 /// How far a rotation's quaternion may be from unit length; more is not a rotation but a mistake.
 const UNIT_TOLERANCE: f64 = 1e-3;
-
-/// The longest side of an image; what claims to be longer is no image.
-const MAX_SIDE: usize = 1 << 16;
 
 /// Whether a map makes sense in all its parts.
 pub(crate) fn map(map: &Map) -> Result<(), String> {
@@ -95,8 +93,10 @@ fn across(map: &Map, edge: &Edge) -> Result<(), String> {
 /// Whether the camera can have taken an image.
 fn camera(camera: &Pinhole) -> Result<(), String> {
     let numbers = [camera.fx, camera.fy, camera.cx, camera.cy];
-    let sized = [camera.width, camera.height].iter().all(|side| (1..=MAX_SIDE).contains(side));
-    if !sized || !numbers.iter().all(|v| v.is_finite()) || camera.fx <= 0.0 || camera.fy <= 0.0 {
+    if let Err(what) = check_image_size(camera.width, camera.height) {
+        return Err(format!("the camera's {what}"));
+    }
+    if !numbers.iter().all(|v| v.is_finite()) || camera.fx <= 0.0 || camera.fy <= 0.0 {
         return Err(format!("the camera {camera:?} is no pinhole camera"));
     }
     Ok(())

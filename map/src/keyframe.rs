@@ -1,6 +1,6 @@
 //! Keyframes, their inverse depth, and the edges between them.
 
-use crate::AgentId;
+use crate::{AgentId, Shared};
 use geometry::{GrayImage, Sim3};
 use nalgebra::SMatrix;
 use serde::{Deserialize, Serialize};
@@ -29,7 +29,7 @@ pub struct Keyframe {
     /// The undistorted grey image, of the size of its agent's camera.
     pub image: Arc<GrayImage>,
     /// The semi-dense inverse-depth map.
-    pub semi_dense: SemiDense,
+    pub semi_dense: Shared<SemiDense>,
     /// The sparse points hosted here, with their observations: what the joint optimisation works on.
     pub points: Vec<Point>,
 }

@@ -4,11 +4,13 @@
 mod agent;
 mod atomic;
 mod check;
+mod delta;
 mod error;
 mod export;
 mod io;
 mod keyframe;
 mod place;
+mod shared;
 mod summary;
 #[cfg(test)]
 mod test_support;
@@ -16,6 +18,7 @@ mod trajectory;
 mod unite;
 
 pub use agent::{AgentId, AgentInfo, OwnMap};
+pub use delta::{MapDelta, Moved, Settled};
 pub use error::MapError;
 pub use export::{
     CloudPoint, DEFAULT_MAX_RELATIVE_VARIANCE, agent_color, save_kitti, save_pcd, save_ply, save_tum,
@@ -24,6 +27,7 @@ pub use export::{
 pub use io::{FORMAT_VERSION, LoadedMap, MapWriter, is_map_file, load_map, save_map};
 pub use keyframe::{Edge, EdgeKind, Keyframe, KeyframeId, Observation, Point, SemiDense};
 pub use place::{PlaceCandidate, PlaceIndex};
+pub use shared::Shared;
 pub use summary::{AgentSummary, Summary};
 pub use trajectory::{FramePose, StampedPose};
 

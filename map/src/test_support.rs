@@ -95,7 +95,7 @@ fn keyframe(id: KeyframeId, camera: &Pinhole, numbers: &mut Numbers) -> Keyframe
         frame_index: 5 * u64::from(id.0),
         world_from_keyframe: Sim3::exp(&tangent),
         image: Arc::new(GrayImage::from_vec(camera.width, camera.height, pixels).unwrap()),
-        semi_dense,
+        semi_dense: semi_dense.into(),
         points: (0..4).map(|i| point(i, numbers)).collect(),
     }
 }

@@ -1,15 +1,17 @@
 //! More closures between two maps whose motion is known from a first one.
 //!
-//! One closure joins the maps; what both agents saw elsewhere then improves them. The motion tells which keyframes
-//! see the same, so no place recognition is needed: they are aligned on their images from where the motion puts
-//! them, and pairwise consistency (Mangelson et al. 2018) keeps those that agree with each other.
+//! One closure is a hypothesis of how the maps lie to each other. It says which other keyframes see the same, so no
+//! place recognition is needed to test it: they are aligned on their images from where it puts them, and pairwise
+//! consistency (Mangelson et al. 2018) keeps those that agree with each other. A right hypothesis gains closures all
+//! along both maps, a wrong one fails nearly everywhere but where it came from: what became of the pairs is evidence
+//! for [`acceptance`](crate::acceptance), and so is what the keyframes see that they should not see, or miss.
 
 use crate::closure::Closure;
 use crate::direct::refine_directly;
 use crate::estimate::Estimate;
 use crate::prepared::PreparedMap;
 use backend::posegraph::{ConsistencyParams, MapGraph, PoseGraphError, consistent_set};
-use backend::sim3_align::Sim3AlignParams;
+use backend::sim3_align::{CompareParams, Comparison, Sim3AlignParams, compare};
 use geometry::Sim3;
 use map::{Edge, EdgeKind, KeyframeId};
 use nalgebra::Vector3;
@@ -26,8 +28,13 @@ pub struct FurtherParams {
     pub max_closures: usize,
     /// Least share of a keyframe's points that the other keyframe must see, by the motion. Default 0.5; 0 to 1.
     pub min_overlap: f64,
+    /// Largest angle between the rays from both keyframes to a point that still counts as seen, degrees. Default 60;
+    /// 0 to 180. From farther aside a surface looks different, and from behind it is another one.
+    pub max_view_angle: f64,
     /// Alignment of the images.
     pub direct: Sim3AlignParams,
+    /// What keyframes see at a given motion.
+    pub compare: CompareParams,
     /// Which of the closures agree.
     pub consistency: ConsistencyParams,
 }
@@ -37,12 +44,15 @@ impl Default for FurtherParams {
         Self {
             max_closures: 8,
             min_overlap: 0.5,
+            max_view_angle: 60.0,
             direct: Sim3AlignParams {
                 coarsest_level: 3,
-                max_points: 3000,
+                // As for the first closure.
                 max_reciprocal_error: 12.0,
+                max_points: 3000,
                 ..Sim3AlignParams::default()
             },
+            compare: CompareParams::default(),
             consistency: ConsistencyParams::default(),
         }
     }
@@ -55,22 +65,34 @@ pub struct Joined {
     pub edges: Vec<Edge>,
     /// Edges that do not agree with the others.
     pub rejected: Vec<Edge>,
-    /// Further pairs that could not be aligned.
+    /// Further pairs that were tried: of those that should overlap, at most
+    /// [`max_closures`](FurtherParams::max_closures).
+    pub tried: usize,
+    /// Of these, the pairs that could not be aligned.
     pub failed: usize,
+    /// Of these, the pairs that were aligned and agree with the others.
+    pub confirmed: usize,
     /// The size of the largest set among the rejected ones whose members agree with each other.
     pub rival: usize,
+    /// What the keyframes of the first closure and of all pairs tried see of each other, both ways: those that agree
+    /// at their own alignment, the others at the motion of the first closure.
+    pub seen: Comparison,
 }
 
 /// Points of a keyframe that stand for its view.
 const SAMPLES: usize = 64;
 
 /// The edges of a first closure and of further ones along the maps, as far as they agree.
+///
+/// # Errors
+/// When a pose of a map is no number, or its keyframes make no graph.
 pub fn join(
     source: &PreparedMap,
     target: &PreparedMap,
     first: &Closure,
     params: &FurtherParams,
 ) -> Result<Joined, PoseGraphError> {
+    let motion = &first.motion.a_from_b;
     let mut edges: Vec<Edge> = first
         .agreeing()
         .filter_map(|pair| {
@@ -80,12 +102,13 @@ pub fn join(
             Some(edge(pair.source, pair.target, direct.or(measured)?))
         })
         .collect();
-    let pairs = overlapping(source, target, &first.motion.a_from_b, params);
+    let own = edges.len();
+    let pairs = overlapping(source, target, motion, params);
     let pairs = spread(pairs, params.max_closures, &edges);
     let found: Vec<Option<Edge>> = pairs
         .par_iter()
         .map(|&(i, j)| {
-            let start = target.world_from(j)?.inverse() * first.motion.a_from_b * source.world_from(i)?;
+            let start = hypothesis(source, target, motion, (i, j))?;
             let aligned = refine_directly(source.get(i)?, target.get(j)?, &[start], &params.direct).ok()?;
             Some(edge(i, j, aligned.estimate))
         })
@@ -97,12 +120,48 @@ pub fn join(
     let to = MapGraph { nodes: &source_nodes, edges: &source.map().edges };
     let consistent = consistent_set(&edges, from, to, &params.consistency)?;
     let pick = |indices: &[usize]| indices.iter().map(|&index| edges[index].clone()).collect();
+    let selected: Vec<Edge> = pick(&consistent.selected);
+    let all: Vec<(KeyframeId, KeyframeId)> =
+        edges[..own].iter().map(|edge| (edge.to, edge.from)).chain(pairs.iter().copied()).collect();
+    let seen = all.par_iter().map(|&pair| {
+        let edge = selected.iter().find(|edge| (edge.to, edge.from) == pair);
+        let there =
+            edge.map(|edge| edge.from_from_to).or_else(|| hypothesis(source, target, motion, pair))?;
+        see(source, target, pair, &there, &params.compare)
+    });
+    let seen = seen.flatten().collect::<Vec<_>>().into_iter().fold(Comparison::default(), Comparison::plus);
     Ok(Joined {
-        edges: pick(&consistent.selected),
         rejected: pick(&consistent.rejected),
+        tried: pairs.len(),
         failed,
+        confirmed: consistent.selected.iter().filter(|&&index| index >= own).count(),
         rival: consistent.rival,
+        seen,
+        edges: selected,
     })
+}
+
+/// target_from_source of two keyframes by the motion of the maps.
+fn hypothesis(
+    source: &PreparedMap,
+    target: &PreparedMap,
+    target_world_from_source_world: &Sim3,
+    (i, j): (KeyframeId, KeyframeId),
+) -> Option<Sim3> {
+    Some(target.world_from(j)?.inverse() * *target_world_from_source_world * source.world_from(i)?)
+}
+
+/// What two keyframes see of each other, both ways.
+fn see(
+    source: &PreparedMap,
+    target: &PreparedMap,
+    (i, j): (KeyframeId, KeyframeId),
+    target_from_source: &Sim3,
+    params: &CompareParams,
+) -> Option<Comparison> {
+    let (a, b) = (source.get(i)?.view(), target.get(j)?.view());
+    let there = compare(a, b, target_from_source, params);
+    Some(there.plus(compare(b, a, &target_from_source.inverse(), params)))
 }
 
 /// The edge of an aligned pair, from the target's keyframe.
@@ -132,15 +191,16 @@ fn overlapping(
         map.order().iter().filter_map(|&id| Some((id, sample(map, id)?))).collect()
     };
     let (sources, targets) = (samples(source), samples(target));
+    let min_cosine = params.max_view_angle.to_radians().cos();
     let best = |(i, points): &(KeyframeId, Vec<Vector3<f64>>)| -> Option<(KeyframeId, KeyframeId)> {
         let world_from_i = *target_world_from_source_world * source.world_from(*i)?;
         let seen = |(j, others): &(KeyframeId, Vec<Vector3<f64>>)| -> Option<(f64, KeyframeId)> {
             let j_from_i = target.world_from(*j)?.inverse() * world_from_i;
-            let there = share_seen(points, &j_from_i, target, *j)?;
+            let there = share_seen(points, &j_from_i, target, *j, min_cosine)?;
             if there < params.min_overlap {
                 return None;
             }
-            let back = share_seen(others, &j_from_i.inverse(), source, *i)?;
+            let back = share_seen(others, &j_from_i.inverse(), source, *i, min_cosine)?;
             Some((there.min(back), *j)).filter(|(share, _)| *share >= params.min_overlap)
         };
         // Of equals the first.
@@ -164,14 +224,23 @@ fn sample(map: &PreparedMap, id: KeyframeId) -> Option<Vec<Vector3<f64>>> {
     (!points.is_empty()).then_some(points)
 }
 
-/// Share of points, moved by `to_from`, that keyframe `id` has in its image.
-fn share_seen(points: &[Vector3<f64>], to_from: &Sim3, map: &PreparedMap, id: KeyframeId) -> Option<f64> {
+/// Share of points, moved by `to_from`, that keyframe `id` has in its image, from a direction not too far off that of
+/// the other keyframe.
+fn share_seen(
+    points: &[Vector3<f64>],
+    to_from: &Sim3,
+    map: &PreparedMap,
+    id: KeyframeId,
+    min_cosine: f64,
+) -> Option<f64> {
     let camera = map.map().camera(map.map().keyframes.get(&id)?);
     let inside = |point: &&Vector3<f64>| {
         let moved = *to_from * **point;
         let pixel = camera.project(&moved);
         let within = |v: f64, size: usize| v >= 0.0 && v <= size as f64 - 1.0;
-        moved.z > 0.0 && within(pixel.x, camera.width) && within(pixel.y, camera.height)
+        let other = moved - to_from.translation;
+        let alike = moved.dot(&other) >= min_cosine * moved.norm() * other.norm();
+        alike && moved.z > 0.0 && within(pixel.x, camera.width) && within(pixel.y, camera.height)
     };
     Some(points.iter().filter(inside).count() as f64 / points.len() as f64)
 }

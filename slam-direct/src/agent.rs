@@ -1,35 +1,63 @@
 //! The agent: one camera's tracker and map, and how a frame goes through them.
+//!
+//! The tracker works on a view of the map; the [`Mapper`] owns the map. A frame that becomes a keyframe is handed to
+//! the mapper, whose result the tracker takes over [`MappingParams::lag`] frames later: a number of frames and not a
+//! time, so that results do not depend on how fast the mapper is. Until then frames are tracked against the keyframe
+//! as it was handed over, with the points it was found by.
+//!
+//! [`MappingParams::lag`]: crate::mapping::MappingParams::lag
 
 mod early;
+mod error;
 mod frame;
+mod mapper;
 mod settle;
 
+pub use error::AgentError;
 pub use frame::{Frame, FrameReport, TrackingState};
 
+use crate::background::Task;
 use crate::bootstrap::Bootstrap;
-use crate::closing::LoopCloser;
+use crate::closing::edges;
 use crate::dense;
-use crate::local_map::{KeyframeState, LocalMap};
-use crate::mapping::{self, UnitChange};
+use crate::local_map::{Companions, Counts, KeyframeState, LocalMap};
+use crate::mapping;
 use crate::params::Params;
 use crate::publish;
 use crate::track::{Matched, learn_position_sigma};
 use crate::tracker::{Located, Tracker, match_keyframe};
 use early::EarlyFrame;
 use geometry::{Pinhole, Pyramid, Se3};
-use map::{FramePose, KeyframeId, Map, PlaceIndex};
-use settle::Settler;
+use map::{Edge, FramePose, KeyframeId, Map, MapDelta, PlaceIndex};
+use mapper::{Job, Mapper, Update};
+use std::sync::Arc;
 
 /// One camera's tracker and map: give it frames in order of time.
 pub struct Agent {
     camera: Pinhole,
     params: Params,
+    /// The map as it is handed out.
     map: Map,
-    local: LocalMap,
+    /// Deltas said of it.
+    said: u64,
+    /// The map as the tracker knows it.
+    view: LocalMap,
+    /// Loops closed in it.
+    closed: Vec<Edge>,
     state: State,
-    places: Box<dyn PlaceIndex>,
-    closer: LoopCloser,
-    settler: Settler,
+    /// Who owns the map, when nothing is being mapped.
+    mapper: Option<Box<Mapper>>,
+    /// What is being mapped.
+    flight: Option<Flight>,
+    /// Threads of the mapper when it works beside the tracking.
+    threads: Option<Arc<rayon::ThreadPool>>,
+    /// Of the frames since the last keyframe.
+    counts: Counts,
+    companions: Companions,
+    /// The first keyframe for which companions are of use.
+    first_open: usize,
+    /// Frames processed.
+    processed: u64,
     /// Frames that came before the first map and are not in it.
     early: Vec<EarlyFrame>,
 }
@@ -40,34 +68,57 @@ enum State {
     Running(Box<Tracker>),
 }
 
+/// A keyframe being mapped beside the tracking.
+struct Flight {
+    keyframe: KeyframeId,
+    task: Task<(Box<Mapper>, Update)>,
+    /// Before which frame its result is taken over, as counted by `Agent::processed`.
+    due: u64,
+}
+
 impl Agent {
     /// A new agent with an empty map.
-    pub fn new(camera: Pinhole, places: Box<dyn PlaceIndex>, params: Params) -> Self {
-        let (map, local) = (Map::new(camera), LocalMap::new(camera));
-        Self {
+    ///
+    /// # Errors
+    /// When the camera or a parameter cannot be worked with.
+    pub fn new(camera: Pinhole, places: Box<dyn PlaceIndex>, params: Params) -> Result<Self, AgentError> {
+        params.validate()?;
+        error::check_camera(&camera)?;
+        Ok(Self {
             camera,
             params,
-            map,
-            local,
+            map: Map::new(camera),
+            said: 0,
+            view: LocalMap::new(camera),
+            closed: Vec::new(),
             state: State::Empty,
-            places,
-            closer: LoopCloser::default(),
-            settler: Settler::default(),
+            mapper: Some(Box::new(Mapper::new(camera, places))),
+            flight: None,
+            threads: None,
+            counts: Counts::default(),
+            companions: Companions::new(),
+            first_open: 0,
+            processed: 0,
             early: Vec::new(),
-        }
+        })
     }
 
     /// Tracks a frame and maps what it adds.
-    pub fn process(&mut self, frame: Frame) -> FrameReport {
+    ///
+    /// # Errors
+    /// When the image is not of the camera's size; the agent is as if there had been no frame.
+    pub fn process(&mut self, frame: Frame) -> Result<FrameReport, AgentError> {
+        self.check_size(frame.index, &frame.image)?;
+        self.processed += 1;
         let pyramid = Pyramid::new(frame.image, self.params.align.pyramid_levels);
         if !matches!(self.state, State::Running(_)) {
             self.keep_early(frame.timestamp, frame.index, pyramid.shared_base());
         }
-        match std::mem::replace(&mut self.state, State::Empty) {
+        Ok(match std::mem::replace(&mut self.state, State::Empty) {
             State::Empty => self.begin(pyramid, frame.timestamp, frame.index, "the camera has not moved yet"),
             State::Starting(bootstrap) => self.start(bootstrap, pyramid, frame.timestamp, frame.index),
             State::Running(tracker) => self.track(tracker, pyramid, frame.timestamp, frame.index),
-        }
+        })
     }
 
     fn track(
@@ -77,35 +128,97 @@ impl Agent {
         timestamp: f64,
         frame_index: u64,
     ) -> FrameReport {
-        let Some(located) = tracker.track(&self.local, self.places.as_ref(), &pyramid, &self.params) else {
-            return self.lose(tracker, pyramid, timestamp, frame_index);
+        let mut report = FrameReport::of(TrackingState::Tracking);
+        match self.locate(&mut tracker, &pyramid, &mut report) {
+            Some(located) => self.go_on(tracker, &located, pyramid, timestamp, frame_index, report),
+            None => self.lose(tracker, pyramid, timestamp, frame_index, report),
+        }
+    }
+
+    /// Seeks a frame in the map of an agent that other frames were not given to; nothing changes when it is not there.
+    ///
+    /// # Errors
+    /// Those of [`process`](Self::process).
+    pub(crate) fn relocalise(&mut self, frame: &Frame) -> Result<Option<FrameReport>, AgentError> {
+        self.check_size(frame.index, &frame.image)?;
+        let mut tracker = match std::mem::replace(&mut self.state, State::Empty) {
+            State::Running(tracker) => tracker,
+            other => {
+                self.state = other;
+                return Ok(None);
+            }
         };
+        self.processed += 1;
+        let pyramid = Pyramid::new(frame.image.clone(), self.params.align.pyramid_levels);
+        let mut report = FrameReport::of(TrackingState::Tracking);
+        let Some(located) = self.locate(&mut tracker, &pyramid, &mut report) else {
+            self.state = State::Running(tracker);
+            return Ok(None);
+        };
+        Ok(Some(self.go_on(tracker, &located, pyramid, frame.timestamp, frame.index, report)))
+    }
+
+    /// Whether the map has not come beyond its start, so that it may prove useless yet.
+    pub(crate) fn is_young(&self) -> bool {
+        self.view.keyframes.len() <= self.params.keyframes.young_map
+    }
+
+    /// Takes a frame that was found into the map.
+    fn go_on(
+        &mut self,
+        mut tracker: Box<Tracker>,
+        located: &Located,
+        pyramid: Pyramid,
+        timestamp: f64,
+        frame_index: u64,
+        mut report: FrameReport,
+    ) -> FrameReport {
         self.params.track.position_sigma = learn_position_sigma(&self.params.track, located.excess);
-        self.local.count_sought(&located.sought, &located.matched);
-        let world_from_reference = self.local.keyframes[tracker.reference].camera_from_world.inverse();
+        self.counts.add(&located.sought, &located.matched);
         self.map.frames.push(FramePose {
             timestamp,
             frame_index,
             reference: LocalMap::id(tracker.reference),
-            keyframe_from_frame: (tracker.last * world_from_reference).inverse(),
+            keyframe_from_frame: self.view.keyframe_from_frame(tracker.reference, &tracker.last),
         });
-        let mut report = FrameReport {
-            inlier_share: located.inlier_share(),
-            rmse: located.rmse(),
-            matched_points: located.inliers,
-            ..FrameReport::of(TrackingState::Tracking)
-        };
-        tracker.change_reference(&self.local, &located, &self.params);
-        if tracker.wants_keyframe(&self.local, &located, &self.params) {
-            self.extend(&mut tracker, &located, pyramid, timestamp, frame_index, &mut report);
-        } else if self.settler.is_open(tracker.reference) {
-            let parallax = tracker.parallax(&self.local);
-            let state = &mut self.local.keyframes[tracker.reference];
-            dense::keep_companion(state, pyramid.shared_base(), &tracker.last, parallax);
+        report.inlier_share = located.inlier_share();
+        report.rmse = located.rmse();
+        report.matched_points = located.inliers;
+        tracker.change_reference(&self.view, located, &self.params);
+        if self.mapper.is_some() && tracker.wants_keyframe(&self.view, located, &self.params) {
+            self.extend(&mut tracker, located, pyramid, timestamp, frame_index, &mut report);
+        } else if tracker.reference >= self.first_open {
+            let frame_from_keyframe =
+                self.view.keyframe_from_frame(tracker.reference, &tracker.last).inverse();
+            let companions = self.companions.entry(tracker.reference).or_default();
+            let parallax = tracker.parallax(&self.view);
+            dense::keep_companion(companions, pyramid.shared_base(), frame_from_keyframe, parallax);
         }
         report.world_from_camera = Some(tracker.last.inverse());
         self.state = State::Running(tracker);
         report
+    }
+
+    /// Finds the frame in the map. What is being mapped is taken over before when it is time, or when the frame is not
+    /// found without.
+    fn locate(
+        &mut self,
+        tracker: &mut Tracker,
+        pyramid: &Pyramid,
+        report: &mut FrameReport,
+    ) -> Option<Located> {
+        if self.flight.as_ref().is_some_and(|flight| flight.due <= self.processed) {
+            self.land(tracker, report);
+        }
+        if self.flight.is_some() {
+            let located = tracker.track(&self.view, None, pyramid, &self.params);
+            if located.is_some() {
+                return located;
+            }
+            self.land(tracker, report);
+        }
+        let places = self.mapper.as_ref().map(|mapper| mapper.places.as_ref());
+        tracker.track(&self.view, places, pyramid, &self.params)
     }
 
     /// What becomes of a frame that was not found.
@@ -115,6 +228,7 @@ impl Agent {
         pyramid: Pyramid,
         timestamp: f64,
         frame_index: u64,
+        report: FrameReport,
     ) -> FrameReport {
         if self.was_bad_start(&tracker)
             && let Some(report) = self.begin_anew(pyramid, timestamp, frame_index)
@@ -122,13 +236,10 @@ impl Agent {
             return report;
         }
         self.state = State::Running(tracker);
-        FrameReport {
-            reason: Some("the view matches no part of the map"),
-            ..FrameReport::of(TrackingState::Lost)
-        }
+        FrameReport { deltas: report.deltas, adopted: report.adopted, ..FrameReport::lost() }
     }
 
-    /// Extends the map by the newest tracked frame, and takes up and begins what is done in the background.
+    /// Makes the newest tracked frame a keyframe: hands it to the mapper.
     fn extend(
         &mut self,
         tracker: &mut Tracker,
@@ -138,27 +249,91 @@ impl Agent {
         frame_index: u64,
         report: &mut FrameReport,
     ) {
-        let (camera_from_world, matched) = match_keyframe(&self.local, &pyramid, located, &self.params);
-        let state = KeyframeState::new(timestamp, frame_index, pyramid, camera_from_world);
-        let keyframe = self.add_keyframe(state, &matched);
-        tracker.last = self.local.keyframes[keyframe].camera_from_world;
-        tracker.refer_to(&self.local, keyframe, &self.params);
-        report.new_keyframe = Some(LocalMap::id(keyframe));
-        report.settled_keyframes = self.settler.take_up(&mut self.map, &self.local);
-        report.closed_loop = self.take_up_loop(tracker);
-        self.seek_loop(&report.settled_keyframes);
-        self.settler.begin(&mut self.local, self.params.mapping.settle_after, &self.params.depth);
+        let Some(mut mapper) = self.mapper.take() else { return };
+        let (camera_from_world, matched) = match_keyframe(&self.view, &pyramid, located, &self.params);
+        let keyframe = KeyframeState::new(timestamp, frame_index, pyramid, camera_from_world);
+        let index = self.view.push(seeing(keyframe.clone(), &matched));
+        let id = LocalMap::id(index);
+        self.say(
+            MapDelta { added: vec![publish::keyframe(&self.view, index)], ..MapDelta::default() },
+            report,
+        );
+        self.refer_newest_frame(index);
+        report.new_keyframe = Some(id);
+        (tracker.last, tracker.reference) = (camera_from_world, index);
+        let counts = std::mem::take(&mut self.counts);
+        let (companions, params) = (self.companions.clone(), self.params.clone());
+        let job = Job { keyframe, matched, counts, companions, params };
+        let lag = self.params.mapping.lag as u64;
+        if lag == 0 {
+            let before = Before::of(&self.view, index);
+            // What nobody else holds is changed in place.
+            self.view = LocalMap::new(self.camera);
+            let update = mapper.extend(job);
+            self.mapper = Some(mapper);
+            self.take_over(tracker, update, &before, report);
+        } else {
+            tracker.refer_to(&self.view, index, &self.params);
+            if self.threads.is_none() {
+                self.threads = mapper::own_threads().map(Arc::new);
+            }
+            let threads = self.threads.clone();
+            let task = Task::spawn(move || {
+                let update = match threads {
+                    Some(threads) => threads.install(|| mapper.extend(job)),
+                    None => mapper.extend(job),
+                };
+                (mapper, update)
+            });
+            self.flight = Some(Flight { keyframe: id, task, due: self.processed + lag });
+        }
     }
 
-    /// Makes the newest tracked frame a keyframe.
-    fn add_keyframe(&mut self, state: KeyframeState, matched: &[Matched]) -> usize {
-        let keyframe = self.local.keyframes.len();
-        self.local.keyframes.push(state);
-        publish::add_keyframe(&mut self.map, &self.local, keyframe);
-        self.refer_newest_frame(keyframe);
-        mapping::add_observations(&mut self.local, keyframe, matched);
-        self.map_around(keyframe);
-        keyframe
+    /// Waits for what is being mapped and takes it over.
+    fn land(&mut self, tracker: &mut Tracker, report: &mut FrameReport) {
+        let Some(flight) = self.flight.take() else { return };
+        let before = Before::of(&self.view, tracker.reference);
+        let (mapper, update) = flight.task.join();
+        self.mapper = Some(mapper);
+        report.adopted = Some(flight.keyframe);
+        self.take_over(tracker, update, &before, report);
+    }
+
+    /// Goes on in the map as it is after an update; `before` tells of the tracker's reference in the map before.
+    fn take_over(
+        &mut self,
+        tracker: &mut Tracker,
+        update: Update,
+        before: &Before,
+        report: &mut FrameReport,
+    ) {
+        self.view = update.view;
+        let state = &self.view.keyframes[tracker.reference];
+        let factor = state.unit / before.unit;
+        let last = if tracker.last == before.camera_from_world {
+            state.camera_from_world
+        } else {
+            let relative = tracker.last * before.camera_from_world.inverse();
+            Se3::new(relative.rotation, relative.translation * factor) * state.camera_from_world
+        };
+        tracker.follow_reference(&self.view, last, factor, &self.params);
+        self.first_open = update.first_open;
+        self.companions = self.companions.split_off(&update.first_open);
+        self.closed = update.closed;
+        report.settled_keyframes = update.delta.settled.iter().map(|settled| settled.keyframe).collect();
+        report.closed_loop = update.closed_loop;
+        self.say(update.delta, report);
+    }
+
+    /// Changes the map that is handed out, and says so.
+    fn say(&mut self, delta: MapDelta, report: &mut FrameReport) {
+        if delta.is_empty() {
+            return;
+        }
+        let delta = MapDelta { sequence: self.said, ..delta };
+        self.said += 1;
+        report.deltas.push(delta.clone());
+        self.map.take_in(delta);
     }
 
     /// The newest tracked frame is this keyframe.
@@ -169,80 +344,32 @@ impl Agent {
         }
     }
 
-    /// New points for a keyframe and its nearest neighbour, then the joint optimisation around it.
-    fn map_around(&mut self, keyframe: usize) {
-        let p = &self.params;
-        let mut others: Vec<usize> = self.local.covisible(keyframe).into_iter().map(|c| c.0).collect();
-        others.truncate(p.mapping.search_views);
-        if let Some(&nearest) = others.first() {
-            mapping::add_points(&mut self.local, nearest, &[keyframe], &p.mapping, &p.triangulate, &p.track);
-        }
-        mapping::add_points(&mut self.local, keyframe, &others, &p.mapping, &p.triangulate, &p.track);
-        let changes = mapping::optimise_around(&mut self.local, keyframe, &p.mapping);
-        mapping::cull_unfound(&mut self.local, 0.25);
-        self.places.add(LocalMap::id(keyframe), self.local.keyframes[keyframe].pyramid.base());
-        self.absorb(&changes);
-    }
-
-    /// Brings what hangs on the keyframes to where an optimisation has moved them.
-    fn absorb(&mut self, changes: &[UnitChange]) {
-        publish::scale_surroundings(&mut self.map, changes);
-        self.closer.absorb(changes);
-        for change in changes {
-            self.settler.absorb(change);
-            for companion in &mut self.local.keyframes[change.keyframe].companions {
-                companion.frame_from_keyframe.translation *= change.factor;
-            }
-        }
-        publish::update_poses(&mut self.map, &self.local);
-    }
-
-    /// Seeks a loop from keyframes that have just settled, and begins to close it.
-    fn seek_loop(&mut self, settled: &[KeyframeId]) {
-        if self.closer.is_busy() {
-            return;
-        }
-        let found = settled.iter().find_map(|id| {
-            self.closer.find(&self.local, &self.map, self.places.as_ref(), id.0 as usize, &self.params)
-        });
-        if let Some(found) = found {
-            self.closer.start(&self.local, found, &self.params);
-        }
-    }
-
-    /// Takes up the loop being closed, if there is one.
-    fn take_up_loop(&mut self, tracker: &mut Tracker) -> Option<(KeyframeId, KeyframeId)> {
-        let (found, changes) = self.closer.finish(&mut self.local, &self.params)?.ok()?;
-        self.absorb(&changes);
-        let reference = changes.iter().find(|c| c.keyframe == tracker.reference);
-        tracker.follow_reference(&self.local, reference.map_or(1.0, |c| c.factor), &self.params);
-        Some(found.keyframes())
-    }
-
     /// Ends the run: what is in the background, depth and loops of the last keyframes, the last optimisation of
     /// the whole map. Gives the loops closed in doing so, `(newer, older)` keyframe.
     pub fn finish(&mut self) -> Vec<(KeyframeId, KeyframeId)> {
-        let mut settled = self.settler.take_up(&mut self.map, &self.local);
-        let mut loops: Vec<_> = self.finish_loop().into_iter().collect();
-        self.settler.begin(&mut self.local, 0, &self.params.depth);
-        settled.extend(self.settler.take_up(&mut self.map, &self.local));
-        for id in settled {
-            self.seek_loop(&[id]);
-            loops.extend(self.finish_loop());
-        }
-        if self.local.keyframes.len() > 1 {
-            let changes = mapping::optimise_all(&mut self.local, self.params.mapping.final_iterations);
-            self.absorb(&changes);
-        }
-        publish::complete(&mut self.map, &self.local, self.closer.edges(&self.local));
-        loops
+        self.finish_until(&|| false)
     }
 
-    /// Takes up the loop being closed when nothing is tracked any more.
-    fn finish_loop(&mut self) -> Option<(KeyframeId, KeyframeId)> {
-        let (found, changes) = self.closer.finish(&mut self.local, &self.params)?.ok()?;
-        self.absorb(&changes);
-        Some(found.keyframes())
+    /// The same, but once `stop` holds the map is left as far as it is: it is asked again and again, at the least
+    /// before each step of the last optimisation.
+    pub fn finish_until(&mut self, stop: &dyn Fn() -> bool) -> Vec<(KeyframeId, KeyframeId)> {
+        let mut report = FrameReport::of(TrackingState::Tracking);
+        let mut loops = Vec::new();
+        if let State::Running(mut tracker) = std::mem::replace(&mut self.state, State::Empty) {
+            self.land(&mut tracker, &mut report);
+            loops.extend(report.closed_loop);
+            if let Some(mut mapper) = self.mapper.take() {
+                let before = Before::of(&self.view, tracker.reference);
+                self.view = LocalMap::new(self.camera);
+                let (update, closed) = mapper.finish(&self.companions, &self.params, stop);
+                self.mapper = Some(mapper);
+                self.take_over(&mut tracker, update, &before, &mut report);
+                loops.extend(closed);
+            }
+            self.state = State::Running(tracker);
+        }
+        publish::complete(&mut self.map, &self.view, edges::all(&self.view, &self.closed));
+        loops
     }
 
     /// Gives the map away.
@@ -260,9 +387,28 @@ impl Agent {
     /// this one goes on. The latest keyframes have no semi-dense depth yet.
     pub fn snapshot(&self) -> Map {
         let mut map = self.map.clone();
-        publish::complete(&mut map, &self.local, self.closer.edges(&self.local));
+        publish::complete(&mut map, &self.view, edges::all(&self.view, &self.closed));
         map
     }
+}
+
+/// Where a keyframe was before an update.
+struct Before {
+    camera_from_world: Se3,
+    unit: f64,
+}
+
+impl Before {
+    fn of(map: &LocalMap, keyframe: usize) -> Self {
+        let state = &map.keyframes[keyframe];
+        Self { camera_from_world: state.camera_from_world, unit: state.unit }
+    }
+}
+
+/// A keyframe that sees what was matched in it, to be tracked against until it is mapped.
+fn seeing(mut keyframe: KeyframeState, matched: &[Matched]) -> KeyframeState {
+    keyframe.seen = mapping::agreeing(matched).map(|m| m.at).collect();
+    keyframe
 }
 
 #[cfg(test)]

@@ -3,20 +3,40 @@
 //! Results are taken up at fixed points of the recording (the next keyframe), waited for if need be, so that
 //! they do not depend on how fast the threads run.
 
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 
 /// A computation under way.
-pub(crate) struct Task<T>(JoinHandle<T>);
+pub(crate) enum Task<T> {
+    /// In a thread of its own.
+    Beside(JoinHandle<Option<T>>),
+    /// Done at once, where the system gave no thread.
+    Done(Option<T>),
+}
 
 impl<T: Send + 'static> Task<T> {
     /// Starts `work` in the background.
     pub fn spawn(work: impl FnOnce() -> T + Send + 'static) -> Self {
-        Self(std::thread::spawn(work))
+        // Whoever comes to it takes it: the thread, or this one when no thread can be had.
+        let work = Arc::new(Mutex::new(Some(work)));
+        let once = move || {
+            let work = work.lock().unwrap_or_else(PoisonError::into_inner).take();
+            work.map(|work| work())
+        };
+        let here = once.clone();
+        match std::thread::Builder::new().spawn(once) {
+            Ok(thread) => Self::Beside(thread),
+            Err(_) => Self::Done(here()),
+        }
     }
 
     /// Waits for the result. A panic of the work goes on in the caller.
     pub fn join(self) -> T {
-        self.0.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+        let result = match self {
+            Self::Beside(thread) => thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)),
+            Self::Done(result) => result,
+        };
+        result.expect("the work is taken once")
     }
 }
 

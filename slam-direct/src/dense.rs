@@ -1,7 +1,7 @@
 //! Semi-dense depth of a keyframe that has neighbours before and after it.
 
 use crate::depth::{DepthFilter, DepthParams, SeedPoint, StereoFrame, choose_references};
-use crate::local_map::{Companion, KeyframeState, LocalMap, median};
+use crate::local_map::{Companion, LocalMap, median};
 use geometry::{GrayImage, Pinhole, Se3};
 use map::SemiDense;
 use std::sync::Arc;
@@ -12,16 +12,17 @@ const COMPANION_PARALLAX: std::ops::Range<f64> = 0.015..0.1;
 const COMPANION_GROWTH: f64 = 1.8;
 
 /// Keeps a frame as companion of a keyframe when its baseline continues the ladder.
+///
+/// `frame_from_keyframe` has its translation in the keyframe's unit.
 pub(crate) fn keep_companion(
-    state: &mut KeyframeState,
+    companions: &mut Vec<Companion>,
     image: Arc<GrayImage>,
-    camera_from_world: &Se3,
+    frame_from_keyframe: Se3,
     parallax: f64,
 ) {
-    let least = state.companions.last().map_or(0.0, |c| COMPANION_GROWTH * c.parallax);
+    let least = companions.last().map_or(0.0, |c| COMPANION_GROWTH * c.parallax);
     if COMPANION_PARALLAX.contains(&parallax) && parallax >= least {
-        let frame_from_keyframe = *camera_from_world * state.camera_from_world.inverse();
-        state.companions.push(Companion { image, frame_from_keyframe, parallax });
+        companions.push(Companion { image, frame_from_keyframe, parallax });
     }
 }
 
@@ -38,12 +39,14 @@ pub(crate) struct StereoJob {
     seeds: Vec<SeedPoint>,
     /// References in the order of their use: image, `frame_from_keyframe`.
     references: Vec<(Arc<GrayImage>, Se3)>,
+    /// World units per unit of the keyframe.
+    unit: f64,
     params: DepthParams,
 }
 
 impl StereoJob {
     /// Gathers a keyframe's points and its references among covisible keyframes and companions.
-    pub fn new(map: &LocalMap, keyframe: usize, params: &DepthParams) -> Self {
+    pub fn new(map: &LocalMap, keyframe: usize, companions: &[Companion], params: &DepthParams) -> Self {
         let state = &map.keyframes[keyframe];
         let points = map.reference_points(keyframe);
         let mut depths: Vec<f32> = points.iter().map(|p| p.inverse_depth).collect();
@@ -53,7 +56,8 @@ impl StereoJob {
             let neighbour = &map.keyframes[n];
             (neighbour.pyramid.shared_base(), neighbour.camera_from_world * world_from_keyframe)
         });
-        let companions = state.companions.iter().map(|c| (Arc::clone(&c.image), c.frame_from_keyframe));
+        let in_world = |pose: &Se3| Se3::new(pose.rotation, pose.translation * state.unit);
+        let companions = companions.iter().map(|c| (Arc::clone(&c.image), in_world(&c.frame_from_keyframe)));
         let candidates: Vec<(Arc<GrayImage>, Se3)> = neighbours.chain(companions).collect();
         let poses: Vec<Se3> = candidates.iter().map(|c| c.1).collect();
         let chosen = choose_references(&poses, mean, &map.camera, params);
@@ -65,11 +69,12 @@ impl StereoJob {
                 .map(|p| SeedPoint { pixel: p.pixel, inverse_depth: p.inverse_depth, variance: p.variance })
                 .collect(),
             references: chosen.into_iter().map(|i| candidates[i].clone()).collect(),
+            unit: state.unit,
             params: params.clone(),
         }
     }
 
-    /// The keyframe's semi-dense inverse depth, in the unit it had when the job was made.
+    /// The keyframe's semi-dense inverse depth, in the keyframe's unit.
     pub fn run(&self) -> SemiDense {
         let mut filter = DepthFilter::new(&self.image, &self.camera, &self.params);
         filter.seed(&self.seeds);
@@ -83,7 +88,9 @@ impl StereoJob {
             filter.update(&self.image, &reference);
         }
         filter.regularise();
-        filter.to_semi_dense()
+        let mut depth = filter.to_semi_dense();
+        depth.scale(1.0 / self.unit as f32);
+        depth
     }
 
     /// Affine brightness `(a, b)` of a neighbour relative to the keyframe, from the intensities of the points
@@ -127,7 +134,7 @@ mod tests {
     fn depth_is_dense_and_right() {
         let views = views();
         let map = exact_map(&views, 16);
-        let depth = StereoJob::new(&map, 0, &DepthParams::default()).run();
+        let depth = StereoJob::new(&map, 0, &[], &DepthParams::default()).run();
         assert!(depth.len() > 5000, "{} pixels", depth.len());
         let truth = views[0].inverse_depth.data();
         let errors: Vec<f64> =
@@ -138,14 +145,14 @@ mod tests {
 
     #[test]
     fn a_keyframe_without_points_has_no_depth() {
-        assert!(StereoJob::new(&bare_map(&views()[..2]), 0, &DepthParams::default()).run().is_empty());
+        assert!(StereoJob::new(&bare_map(&views()[..2]), 0, &[], &DepthParams::default()).run().is_empty());
     }
 
     #[test]
     fn brightness_between_keyframes_is_found() {
         let views = views();
         let map = exact_map(&views, 12);
-        let mut job = StereoJob::new(&map, 0, &DepthParams::default());
+        let mut job = StereoJob::new(&map, 0, &[], &DepthParams::default());
         let (image, motion) = (views[1].pyramid.base(), views[0].to(&views[1]));
         let (a, b) = job.brightness(&brightened(image, 0.7, 25.0), &motion);
         assert!((a.exp() / 0.7 - 1.0).abs() < 0.08 && (b - 25.0).abs() < 8.0, "{} {b}", a.exp());
@@ -156,14 +163,13 @@ mod tests {
     #[test]
     fn companions_climb_a_ladder_of_baselines() {
         let view = View::new(pose(0.0, 0.0, 0.0, 0.0, 0.0));
-        let mut state = view.keyframe();
-        let at = pose(0.2, 0.0, 0.0, 0.05, 0.0);
+        let mut companions = Vec::new();
+        let expected = pose(0.2, 0.0, 0.0, 0.05, 0.0).inverse() * view.world_from_camera;
         for parallax in [0.001, 0.014, 0.02, 0.021, 0.03, 0.037, 0.05, 0.09, 0.4] {
-            keep_companion(&mut state, view.pyramid.shared_base(), &at.inverse(), parallax);
+            keep_companion(&mut companions, view.pyramid.shared_base(), expected, parallax);
         }
-        let kept: Vec<f64> = state.companions.iter().map(|c| c.parallax).collect();
+        let kept: Vec<f64> = companions.iter().map(|c| c.parallax).collect();
         assert_eq!(kept, [0.02, 0.037, 0.09]);
-        let expected = at.inverse() * view.world_from_camera;
-        assert!((state.companions[0].frame_from_keyframe * expected.inverse()).log().norm() < 1e-12);
+        assert_eq!(companions[0].frame_from_keyframe, expected);
     }
 }

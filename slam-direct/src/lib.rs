@@ -1,10 +1,17 @@
-//! Direct monocular SLAM: tracking, depth, keyframes and their graph, from pixel intensities.
+//! Semi-direct monocular SLAM: tracking, depth, keyframes and their graph, from pixel intensities.
 //!
-//! Everything here is plain functions and types; files, clocks and threads of the user's program
-//! live in `agent-bin`.
+//! Patches around points are aligned with a new image directly, first all at once for the pose, then each for itself, and
+//! the pose and later the points are optimised by what the patches found: the way of SVO (Forster, Pizzoli, Scaramuzza,
+//! ICRA 2014). Keyframes, covisibility, local and whole-map optimisation, and the search for loops are arranged as in
+//! ORB-SLAM (Mur-Artal, Montiel, Tardós, T-RO 2015). Semi-dense depth is filtered per keyframe as in LSD-SLAM (Engel,
+//! Schöps, Cremers, ECCV 2014).
+//!
+//! Everything here is plain functions and types; files and clocks live in the user's program. Threads are used by
+//! `background` alone, and what they compute is taken up at fixed frames; loops over pixels and points run on rayon's pool.
 
 mod agent;
 pub mod align;
+mod atlas;
 mod background;
 mod bootstrap;
 mod closing;
@@ -29,7 +36,8 @@ mod triangulate;
 mod warp;
 mod window;
 
-pub use agent::{Agent, Frame, FrameReport, TrackingState};
-pub use backend::{DocumentedParameter, Parameter, ParameterValue};
+pub use agent::{Agent, AgentError, Frame, FrameReport, TrackingState};
+pub use atlas::{Atlas, AtlasParams};
+pub use backend::{DocumentedParameter, Parameter, ParameterError, ParameterValue};
 pub use depth::{DepthFilter, DepthParams, SeedPoint, StereoFrame, UpdateStats, choose_references};
 pub use params::Params;

@@ -2,8 +2,8 @@
 
 use crate::align::ReferencePoint;
 use crate::track::Matched;
-use geometry::{GrayImage, Pinhole, Pyramid, Se3};
-use map::KeyframeId;
+use geometry::{GrayImage, Pinhole, Pyramid, Se3, Sim3};
+use map::{KeyframeId, Shared};
 use nalgebra::Vector3;
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -48,10 +48,14 @@ pub(crate) struct PointRef {
 #[derive(Clone, Debug)]
 pub(crate) struct Companion {
     pub image: Arc<GrayImage>,
+    /// Translation in the keyframe's unit.
     pub frame_from_keyframe: Se3,
     /// Baseline over the keyframe's median depth.
     pub parallax: f64,
 }
+
+/// Companions of keyframes whose depth is not begun yet, each keyframe's in order of their baseline.
+pub(crate) type Companions = BTreeMap<usize, Vec<Companion>>;
 
 /// A keyframe at work.
 #[derive(Clone, Debug)]
@@ -60,26 +64,55 @@ pub(crate) struct KeyframeState {
     pub frame_index: u64,
     pub pyramid: Pyramid,
     pub camera_from_world: Se3,
-    /// Points hosted here.
+    /// World units per unit of the keyframe. What is measured around it (frames, semi-dense depth) and handed out is
+    /// in its unit and stays as it is when the world's scale here changes.
+    pub unit: f64,
+    /// Points hosted here; depths in world units.
     pub points: Vec<PointState>,
     /// Points hosted elsewhere and seen here.
     pub seen: Vec<PointRef>,
-    /// Frames close by, in order of their baseline.
-    pub companions: Vec<Companion>,
 }
 
 impl KeyframeState {
-    /// A keyframe without points.
+    /// A keyframe without points, of the world's unit.
     pub fn new(timestamp: f64, frame_index: u64, pyramid: Pyramid, camera_from_world: Se3) -> Self {
         Self {
             timestamp,
             frame_index,
             pyramid,
             camera_from_world,
+            unit: 1.0,
             points: Vec::new(),
             seen: Vec::new(),
-            companions: Vec::new(),
         }
+    }
+}
+
+/// How often points were looked for and found in tracked frames.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Counts {
+    /// `[sought, found]` of each point of a host, as far as the last one counted.
+    by_host: BTreeMap<usize, Vec<[u32; 2]>>,
+}
+
+impl Counts {
+    /// Counts the points that a frame was searched for, and those of them that were found.
+    pub fn add(&mut self, sought: &[PointRef], matched: &[Matched]) {
+        sought.iter().for_each(|&at| self.entry(at)[0] += 1);
+        matched.iter().filter(|m| m.inlier).for_each(|m| self.entry(m.at)[1] += 1);
+    }
+
+    /// Keyframes whose points were counted.
+    pub fn hosts(&self) -> impl Iterator<Item = usize> + '_ {
+        self.by_host.keys().copied()
+    }
+
+    fn entry(&mut self, at: PointRef) -> &mut [u32; 2] {
+        let counts = self.by_host.entry(at.host).or_default();
+        if counts.len() <= at.index {
+            counts.resize(at.index + 1, [0; 2]);
+        }
+        &mut counts[at.index]
     }
 }
 
@@ -87,7 +120,7 @@ impl KeyframeState {
 #[derive(Clone, Debug)]
 pub(crate) struct LocalMap {
     pub camera: Pinhole,
-    pub keyframes: Vec<KeyframeState>,
+    pub keyframes: Vec<Shared<KeyframeState>>,
 }
 
 impl LocalMap {
@@ -106,6 +139,46 @@ impl LocalMap {
     /// Index → public name.
     pub fn id(index: usize) -> KeyframeId {
         KeyframeId(index as u32)
+    }
+
+    /// Adds a keyframe; gives its index.
+    pub fn push(&mut self, keyframe: KeyframeState) -> usize {
+        self.keyframes.push(keyframe.into());
+        self.keyframes.len() - 1
+    }
+
+    /// Pose and unit of a keyframe.
+    pub fn world_from_keyframe(&self, keyframe: usize) -> Sim3 {
+        let state = &self.keyframes[keyframe];
+        let rigid = state.camera_from_world.inverse();
+        Sim3::new(rigid.rotation, rigid.translation, state.unit)
+    }
+
+    /// A pose of the world relative to a keyframe, in the keyframe's unit.
+    pub fn keyframe_from_frame(&self, keyframe: usize, camera_from_world: &Se3) -> Se3 {
+        let state = &self.keyframes[keyframe];
+        let relative = (*camera_from_world * state.camera_from_world.inverse()).inverse();
+        Se3::new(relative.rotation, relative.translation / state.unit)
+    }
+
+    /// At most `count` keyframes that look at about what a keyframe looks at, in order; the keyframe among them.
+    /// `depth` is the distance at which it looks, map units.
+    pub fn around(&self, keyframe: usize, depth: f64, count: usize) -> Vec<usize> {
+        if self.keyframes.len() <= count {
+            return (0..self.keyframes.len()).collect();
+        }
+        let focus = |state: &KeyframeState| {
+            let ahead = Vector3::z() * depth - state.camera_from_world.translation;
+            state.camera_from_world.rotation.inverse() * ahead
+        };
+        let here = focus(&self.keyframes[keyframe]);
+        let away =
+            |(index, state): (usize, &Shared<KeyframeState>)| ((focus(state) - here).norm_squared(), index);
+        let mut all: Vec<(f64, usize)> = self.keyframes.iter().enumerate().map(away).collect();
+        all.select_nth_unstable_by(count - 1, |a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));
+        let mut near: Vec<usize> = all[..count].iter().map(|a| a.1).collect();
+        near.sort_unstable();
+        near
     }
 
     /// Living points a keyframe hosts or sees.
@@ -161,13 +234,13 @@ impl LocalMap {
         all
     }
 
-    /// Notes which points a frame was searched for, and which of them were found.
-    pub fn count_sought(&mut self, sought: &[PointRef], matched: &[Matched]) {
-        for &at in sought {
-            self.point_mut(at).sought += 1;
-        }
-        for m in matched.iter().filter(|m| m.inlier) {
-            self.point_mut(m.at).found += 1;
+    /// Adds up how often points were looked for and found.
+    pub fn count(&mut self, counts: &Counts) {
+        for (&host, counts) in &counts.by_host {
+            for (point, [sought, found]) in self.keyframes[host].points.iter_mut().zip(counts) {
+                point.sought += sought;
+                point.found += found;
+            }
         }
     }
 
@@ -280,7 +353,10 @@ mod tests {
             squared: 0.0,
             inlier,
         };
-        map.count_sought(&[at(0), at(1), at(2)], &[matched(0, true), matched(1, false)]);
+        let mut frame = Counts::default();
+        frame.add(&[at(0), at(1), at(2)], &[matched(0, true), matched(1, false)]);
+        assert_eq!(frame.hosts().collect::<Vec<_>>(), [0]);
+        map.count(&frame);
         let counts: Vec<_> = map.keyframes[0].points[..3].iter().map(|p| (p.sought, p.found)).collect();
         assert_eq!(counts, [(1, 1), (1, 0), (1, 0)]);
     }

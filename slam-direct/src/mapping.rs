@@ -4,15 +4,16 @@ use crate::local_map::{LocalMap, PointRef, SeenAt, median};
 use crate::select::select;
 use crate::track::{Matched, TrackParams};
 use crate::triangulate::{TriangulateParams, Triangulator};
-use crate::window::{Problem, WindowObservation, WindowPoint, solve};
+use crate::window::{Limits, Problem, solve_within};
 use backend::params;
 use rayon::prelude::*;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
+use window::Window;
+
+mod window;
 
 /// Squared normalised residual below which a match binds a new keyframe to a point.
 const OBSERVED: f64 = 9.21;
-/// Squared normalised residual above which the joint optimisation gives an observation up.
-const OUTLIER: f64 = 18.4;
 
 params! {
     /// Parameters of the mapping.
@@ -23,20 +24,34 @@ params! {
         pub min_score: f32 = 12.0,
         /// Keyframes that are moved together after a new one.
         pub window: usize = 8,
+        /// Keyframes at most that hold the window in place: those that share most points with it. Range 5–100; the
+        /// cost of a keyframe grows with them and not with the map.
+        pub fixed: usize = 25,
         /// Iterations of the window optimisation.
         pub window_iterations: usize = 6,
         /// Iterations of the last optimisation of the whole map.
         pub final_iterations: usize = 20,
+        /// Observations that the last optimisation looks at in all its iterations together, millions; fewer
+        /// iterations are made of a map that has more. Range 1–1000; bounds the time at the end of a long run.
+        pub final_effort: f64 = 60.0,
         /// A keyframe's semi-dense depth is computed when this many newer ones are there.
         pub settle_after: usize = 3,
+        /// How many frames after a keyframe what was mapped of it is tracked against. Range 0–10: with 0 each keyframe
+        /// waits for its mapping; more leave it more time beside the tracking, and the map is that much older.
+        pub lag: usize = 0,
         /// Keyframes in which a new point's depth is sought.
         pub search_views: usize = 12,
     }
 }
 
+/// The matches that bind a keyframe to their points.
+pub(crate) fn agreeing(matched: &[Matched]) -> impl Iterator<Item = &Matched> {
+    matched.iter().filter(|m| m.squared < OBSERVED)
+}
+
 /// Adds the matched points to what the keyframe sees.
 pub(crate) fn add_observations(map: &mut LocalMap, keyframe: usize, matched: &[Matched]) {
-    for m in matched.iter().filter(|m| m.squared < OBSERVED && m.at.host != keyframe) {
+    for m in agreeing(matched).filter(|m| m.at.host != keyframe) {
         let known = map.point(m.at).observations.iter().any(|o| o.keyframe == keyframe);
         if !known {
             map.observe(m.at, SeenAt { keyframe, pixel: m.pixel, information: m.information });
@@ -120,144 +135,59 @@ impl DepthPrior {
 pub(crate) fn optimise_around(map: &mut LocalMap, centre: usize, params: &MappingParams) -> Vec<UnitChange> {
     let neighbours = map.covisible(centre).into_iter().take(params.window - 1).map(|c| c.0);
     let active: BTreeSet<usize> = neighbours.chain([centre]).collect();
-    optimise(map, &active, params.window_iterations)
+    optimise(map, &active, params.fixed, |_| Limits::steps(params.window_iterations))
 }
 
-/// Optimises all keyframes and points.
-pub(crate) fn optimise_all(map: &mut LocalMap, iterations: usize) -> Vec<UnitChange> {
+/// Optimises all keyframes and points, in so many iterations at most as their `effort` (see
+/// [`MappingParams::final_effort`]) allows, and until `stop`.
+pub(crate) fn optimise_all(
+    map: &mut LocalMap,
+    iterations: usize,
+    effort: f64,
+    stop: &dyn Fn() -> bool,
+) -> Vec<UnitChange> {
     let active: BTreeSet<usize> = (0..map.keyframes.len()).collect();
-    optimise(map, &active, iterations)
+    optimise(map, &active, 0, |problem| {
+        let affordable = 1e6 * effort / problem.observations.len().max(1) as f64;
+        Limits { iterations: iterations.min(affordable as usize).max(1), stop }
+    })
 }
 
-fn optimise(map: &mut LocalMap, active: &BTreeSet<usize>, iterations: usize) -> Vec<UnitChange> {
-    let (mut window, points) = build(map, active);
-    let before = frame_depths(&window.0);
-    solve(&mut window.0, iterations);
-    let changes = unit_changes(&window, &before, &frame_depths(&window.0), active);
-    apply(map, &window, &points);
+fn optimise<'a>(
+    map: &mut LocalMap,
+    active: &BTreeSet<usize>,
+    max_fixed: usize,
+    limits: impl FnOnce(&Problem) -> Limits<'a>,
+) -> Vec<UnitChange> {
+    let mut window = Window::build(map, active, max_fixed);
+    let before = window.frame_depths();
+    let limits = limits(&window.problem);
+    if solve_within(&mut window.problem, &window.pairs, &limits).is_err() {
+        // Without the memory for it the map stays as it is.
+        return Vec::new();
+    }
+    let changes = window.unit_changes(&before);
+    window.apply(map);
+    for change in &changes {
+        map.keyframes[change.keyframe].unit *= change.factor;
+    }
     changes
 }
 
-/// How lengths around a keyframe changed in an optimisation: what was measured in its surroundings before
-/// (poses of frames, semi-dense depth) must be multiplied by `factor` to fit the map after.
+/// How lengths around a keyframe changed in an optimisation: its unit (see [`KeyframeState::unit`]) is `factor` times
+/// what it was.
+///
+/// [`KeyframeState::unit`]: crate::local_map::KeyframeState::unit
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct UnitChange {
     pub keyframe: usize,
     pub factor: f64,
 }
 
-/// Depth of each observed point in each frame of the window, in order of points and observations, the
-/// host first.
-fn frame_depths(problem: &Problem) -> Vec<(usize, f64)> {
-    let mut all = Vec::with_capacity(problem.observations.len() + problem.points.len());
-    let inverse: Vec<_> = problem.frames.iter().map(|f| f.inverse()).collect();
-    for point in &problem.points {
-        all.push((point.host, 1.0 / point.inverse_depth));
-        for seen in &problem.observations[point.observations.clone()] {
-            let relative = problem.frames[seen.frame] * inverse[point.host];
-            let x = relative.rotation * point.ray + relative.translation * point.inverse_depth;
-            all.push((seen.frame, x.z / point.inverse_depth));
-        }
-    }
-    all
-}
-
-fn unit_changes(
-    (problem, keyframes): &Window,
-    before: &[(usize, f64)],
-    after: &[(usize, f64)],
-    active: &BTreeSet<usize>,
-) -> Vec<UnitChange> {
-    let mut ratios: Vec<Vec<f32>> = vec![Vec::new(); problem.frames.len()];
-    for (&(frame, old), &(_, new)) in before.iter().zip(after) {
-        if old > 0.0 && new > 0.0 {
-            ratios[frame].push((new / old) as f32);
-        }
-    }
-    let change = |(frame, &keyframe): (usize, &usize)| {
-        let factor = median(&mut ratios[frame]).filter(|f| f.is_finite())? as f64;
-        active.contains(&keyframe).then_some(UnitChange { keyframe, factor })
-    };
-    keyframes.iter().enumerate().filter_map(change).collect()
-}
-
-/// The window's values, and which keyframe each of its frames is.
-type Window = (Problem, Vec<usize>);
-
-fn build(map: &LocalMap, active: &BTreeSet<usize>) -> (Window, Vec<PointRef>) {
-    let chosen: BTreeSet<PointRef> = active.iter().flat_map(|&k| map.points_of(k)).collect();
-    let mut keyframes: BTreeSet<usize> = active.clone();
-    for &at in &chosen {
-        keyframes.insert(at.host);
-        keyframes.extend(map.point(at).observations.iter().map(|o| o.keyframe));
-    }
-    let keyframes: Vec<usize> = keyframes.into_iter().collect();
-    let index: BTreeMap<usize, usize> = keyframes.iter().enumerate().map(|(i, &k)| (k, i)).collect();
-    let mut problem = Problem {
-        camera: map.camera,
-        frames: keyframes.iter().map(|&k| map.keyframes[k].camera_from_world).collect(),
-        // The first keyframe holds the world; with others fixed they hold it.
-        fixed: keyframes.iter().map(|k| !active.contains(k) || *k == 0).collect(),
-        points: Vec::with_capacity(chosen.len()),
-        observations: Vec::new(),
-    };
-    for &at in &chosen {
-        let point = map.point(at);
-        let first = problem.observations.len();
-        problem.observations.extend(point.observations.iter().map(|o| WindowObservation {
-            frame: index[&o.keyframe],
-            pixel: o.pixel.map(f64::from),
-            information: o.information.map(f64::from),
-        }));
-        problem.points.push(WindowPoint {
-            host: index[&at.host],
-            ray: point.ray,
-            inverse_depth: point.inverse_depth,
-            observations: first..problem.observations.len(),
-            information: 0.0,
-        });
-    }
-    ((problem, keyframes), chosen.into_iter().collect())
-}
-
-/// Writes the solution back; observations that disagree with it go, points without any die.
-fn apply(map: &mut LocalMap, (problem, keyframes): &Window, points: &[PointRef]) {
-    for (frame, &keyframe) in problem.frames.iter().zip(keyframes) {
-        map.keyframes[keyframe].camera_from_world = *frame;
-    }
-    let squared = problem.squared_residuals();
-    let mut dropped: BTreeMap<usize, BTreeSet<PointRef>> = BTreeMap::new();
-    for (solved, &at) in problem.points.iter().zip(points) {
-        let point = map.point_mut(at);
-        point.inverse_depth = solved.inverse_depth;
-        if solved.information > 0.0 {
-            point.variance = 1.0 / solved.information;
-        }
-        let mut residuals = squared[solved.observations.clone()].iter();
-        let before = std::mem::take(&mut point.observations);
-        for seen in before {
-            if residuals.next().is_some_and(|&r| r < OUTLIER) {
-                point.observations.push(seen);
-            } else {
-                dropped.entry(seen.keyframe).or_default().insert(at);
-            }
-        }
-        point.alive = !point.observations.is_empty() && point.inverse_depth > 0.0;
-    }
-    for (keyframe, gone) in dropped {
-        map.keyframes[keyframe].seen.retain(|at| !gone.contains(at));
-    }
-    for keyframe in keyframes {
-        let alive: Vec<PointRef> =
-            map.keyframes[*keyframe].seen.iter().copied().filter(|&at| map.point(at).alive).collect();
-        map.keyframes[*keyframe].seen = alive;
-    }
-}
-
-/// Drops points that tracked frames look for in vain.
-pub(crate) fn cull_unfound(map: &mut LocalMap, share: f32) {
-    for state in &mut map.keyframes {
-        for point in state.points.iter_mut().filter(|p| p.alive && p.sought >= 8) {
+/// Drops points of the `hosts` that tracked frames look for in vain.
+pub(crate) fn cull_unfound(map: &mut LocalMap, hosts: impl IntoIterator<Item = usize>, share: f32) {
+    for host in hosts {
+        for point in map.keyframes[host].points.iter_mut().filter(|p| p.alive && p.sought >= 8) {
             if (point.found as f32) < share * point.sought as f32 {
                 point.alive = false;
             }

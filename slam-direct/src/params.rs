@@ -1,6 +1,7 @@
 //! All parameters of the agent, gathered.
 
 use crate::align::AlignParams;
+use crate::atlas::AtlasParams;
 use crate::bootstrap::BootstrapParams;
 use crate::closing::ClosingParams;
 use crate::depth::DepthParams;
@@ -9,7 +10,7 @@ use crate::mapping::MappingParams;
 use crate::relocalise::RelocaliseParams;
 use crate::track::TrackParams;
 use crate::triangulate::TriangulateParams;
-use backend::params;
+use backend::{ParameterError, check_parameters, params};
 
 params! {
     /// Parameters of the direct SLAM agent.
@@ -26,11 +27,50 @@ params! {
         pub mapping: MappingParams = MappingParams::default(),
         /// Finding a lost frame again.
         pub relocalise: RelocaliseParams = RelocaliseParams::default(),
+        /// Going on after a loss.
+        pub atlas: AtlasParams = AtlasParams::default(),
         /// Closing loops.
         pub closing: ClosingParams = ClosingParams::default(),
         /// Semi-dense depth.
         pub depth: DepthParams = DepthParams::default(),
         /// Depth of new points.
         pub triangulate: TriangulateParams = TriangulateParams::default(),
+    }
+}
+
+impl Params {
+    /// The same, with mapping that takes so many frames beside the tracking (`mapping.lag`).
+    pub fn with_lag(mut self, lag: usize) -> Self {
+        self.mapping.lag = lag;
+        self
+    }
+
+    /// Refuses values that cannot be worked with: outside of the range that a parameter's documentation states, not
+    /// finite, negative, or a count of zero.
+    ///
+    /// # Errors
+    /// Names the first such parameter.
+    pub fn validate(&self) -> Result<(), ParameterError> {
+        check_parameters(self)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_that_would_divide_by_zero_are_refused() {
+        assert_eq!(Params::default().validate(), Ok(()));
+        let refused = |change: fn(&mut Params)| {
+            let mut params = Params::default();
+            change(&mut params);
+            params.validate().expect_err("it cannot be worked with").name
+        };
+        assert_eq!(refused(|p| p.track.cell = 0), "track.cell");
+        assert_eq!(refused(|p| p.mapping.block = 0), "mapping.block");
+        assert_eq!(refused(|p| p.mapping.window = 0), "mapping.window");
+        assert_eq!(refused(|p| p.align.pyramid_levels = 0), "align.pyramid_levels");
+        assert_eq!(refused(|p| p.closing.max_drift = f64::NAN), "closing.max_drift");
     }
 }

@@ -88,7 +88,7 @@ impl View {
 /// A working map of the views without points.
 pub(crate) fn bare_map(views: &[View]) -> LocalMap {
     let mut map = LocalMap::new(CAMERA);
-    map.keyframes = views.iter().map(View::keyframe).collect();
+    map.keyframes = views.iter().map(|view| view.keyframe().into()).collect();
     map
 }
 

@@ -156,16 +156,17 @@ pub(crate) fn position_information(
     [(xx * myy - xy * mxy) / det, (xy * mxx - xx * mxy) / det, (yy * mxx - xy * mxy) / det]
 }
 
-/// Keyframes whose points the frame may see, most promising first.
+/// Those of the keyframes `near` by whose points the frame may see, most promising first.
 pub(crate) fn choose_hosts(
     map: &LocalMap,
+    near: &[usize],
     view_camera_from_world: &Se3,
     reference: usize,
     count: usize,
 ) -> Vec<usize> {
     const PROBES: usize = 24;
     let mut scored: Vec<(usize, usize)> = Vec::new();
-    for (index, state) in map.keyframes.iter().enumerate() {
+    for (index, state) in near.iter().map(|&index| (index, &map.keyframes[index])) {
         let relative = *view_camera_from_world * state.camera_from_world.inverse();
         let rotation = relative.rotation_matrix();
         let alive: Vec<&_> = state.points.iter().filter(|p| p.alive).collect();

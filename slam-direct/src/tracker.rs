@@ -1,6 +1,6 @@
 //! Following the camera from frame to frame: direct alignment, then the points of the map.
 
-use crate::align::{Alignment, AlignmentReference, Brightness};
+use crate::align::{Alignment, AlignmentReference, Brightness, ReferencePoint};
 use crate::keyframes::Departure;
 use crate::local_map::{LocalMap, PointRef, median};
 use crate::mapping;
@@ -13,6 +13,8 @@ use std::collections::BTreeSet;
 
 /// Inlier share of an alignment above which no further guess is tried.
 const GOOD_ALIGNMENT: f32 = 0.6;
+/// Keyframes around the reference that a frame's cost depends on.
+const NEAR: usize = 40;
 
 /// What the tracker remembers from frame to frame.
 pub(crate) struct Tracker {
@@ -21,6 +23,8 @@ pub(crate) struct Tracker {
     alignment: AlignmentReference,
     /// Median inverse depth of the reference's points.
     inverse_depth: f64,
+    /// Keyframes that look at about the same, among which those are chosen whose points are sought.
+    near: Vec<usize>,
     /// Most points that were sought and found in a frame tracked against the reference.
     most_sought: usize,
     most_found: usize,
@@ -66,16 +70,17 @@ impl Tracker {
     /// Tracks against `reference`, from a pose and motion.
     pub fn new(map: &LocalMap, reference: usize, last: Se3, velocity: Se3, params: &Params) -> Self {
         let points = map.reference_points(reference);
-        let mut depths: Vec<f32> = points.iter().map(|p| p.inverse_depth).collect();
+        let inverse_depth = median_inverse_depth(&points);
         Self {
             reference,
+            near: map.around(reference, 1.0 / inverse_depth, NEAR),
             alignment: AlignmentReference::new(
                 &map.keyframes[reference].pyramid,
                 &map.camera,
                 &points,
                 &params.align,
             ),
-            inverse_depth: median(&mut depths).unwrap_or(1.0) as f64,
+            inverse_depth,
             most_sought: 0,
             most_found: 0,
             last,
@@ -91,19 +96,20 @@ impl Tracker {
         *self = Self { lost, ..Self::new(map, reference, self.last, self.velocity, params) };
     }
 
-    /// Goes on from the reference keyframe itself after a loop has moved it and multiplied lengths around it
-    /// by `factor`; the newest frame is that keyframe.
-    pub fn follow_reference(&mut self, map: &LocalMap, factor: f64, params: &Params) {
-        self.last = map.keyframes[self.reference].camera_from_world;
+    /// Goes on in a map in which keyframes have moved: `last` is the newest frame's pose there, `factor` what lengths
+    /// around the reference were multiplied by.
+    pub fn follow_reference(&mut self, map: &LocalMap, last: Se3, factor: f64, params: &Params) {
+        self.last = last;
         self.velocity.translation *= factor;
         self.refer_to(map, self.reference, params);
     }
 
-    /// Finds the frame, seeking it all over the map if it is not where it should be; `None` when it is lost.
+    /// Finds the frame, seeking it among all `places` if it is not where it should be; `None` when it is lost, or
+    /// would have to be sought and there are no places to seek it.
     pub fn track(
         &mut self,
         map: &LocalMap,
-        places: &dyn PlaceIndex,
+        places: Option<&dyn PlaceIndex>,
         pyramid: &Pyramid,
         params: &Params,
     ) -> Option<Located> {
@@ -111,9 +117,10 @@ impl Tracker {
         let guesses = [self.velocity * self.last * world_from_reference, self.last * world_from_reference];
         let aligned =
             track::align_from_guesses(&self.alignment, pyramid, &guesses, self.brightness, GOOD_ALIGNMENT);
-        let mut located = locate(map, pyramid, aligned, self.reference, params);
+        let mut located = locate(map, &self.near, pyramid, aligned, self.reference, params);
         let p = &params.keyframes;
         if !located.is_good(p.min_matched, p.min_share) {
+            let places = places?;
             let Some((reference, found)) = relocate(map, places, pyramid, self.reference, params) else {
                 self.lost += 1;
                 self.velocity = Se3::identity();
@@ -186,15 +193,16 @@ pub(crate) fn match_keyframe(
     (camera_from_world, matched)
 }
 
-/// Prepares a keyframe for direct alignment.
-fn alignment(map: &LocalMap, reference: usize, params: &Params) -> AlignmentReference {
-    let points = map.reference_points(reference);
-    AlignmentReference::new(&map.keyframes[reference].pyramid, &map.camera, &points, &params.align)
+/// The median; 1 without points.
+fn median_inverse_depth(points: &[ReferencePoint]) -> f64 {
+    let mut depths: Vec<f32> = points.iter().map(|p| p.inverse_depth).collect();
+    median(&mut depths).unwrap_or(1.0).into()
 }
 
 /// Finds a directly aligned frame's pose by the points of the map.
 fn locate(
     map: &LocalMap,
+    near: &[usize],
     pyramid: &Pyramid,
     aligned: Alignment,
     reference: usize,
@@ -202,7 +210,7 @@ fn locate(
 ) -> Located {
     let p = &params.track;
     let start = aligned.frame_from_reference * map.keyframes[reference].camera_from_world;
-    let hosts = track::choose_hosts(map, &start, reference, p.max_hosts);
+    let hosts = track::choose_hosts(map, near, &start, reference, p.max_hosts);
     let view = View { pyramid, camera_from_world: start };
     let (mut matched, sought) = track::match_points(map, &hosts, &view, p, p.per_cell);
     let (camera_from_world, excess) = track::refine_pose(map, &start, &mut matched);
@@ -222,9 +230,12 @@ fn relocate(
     let alike = places.query(pyramid.base(), 4).into_iter().map(|c| c.keyframe.0 as usize);
     let mut tried = BTreeSet::new();
     [reference].into_iter().chain(alike).chain(near).filter(|&k| tried.insert(k)).find_map(|candidate| {
-        let alignment = alignment(map, candidate, params);
+        let points = map.reference_points(candidate);
+        let near_candidate = map.around(candidate, 1.0 / median_inverse_depth(&points), NEAR);
+        let pyramid_there = &map.keyframes[candidate].pyramid;
+        let alignment = AlignmentReference::new(pyramid_there, &map.camera, &points, &params.align);
         let found = relocalise(pyramid, [(LocalMap::id(candidate), &alignment)], &params.relocalise).ok()?;
-        let located = locate(map, pyramid, found.alignment, candidate, params);
+        let located = locate(map, &near_candidate, pyramid, found.alignment, candidate, params);
         // A frame placed wrongly poisons the map: more is asked than of a frame where it was expected.
         let p = &params.keyframes;
         located.is_good(2 * p.min_matched, 1.5 * p.min_share).then_some((candidate, located))
@@ -270,7 +281,8 @@ mod tests {
         let mut tracker = Tracker::new(&map, 0, start, Se3::identity(), &params);
         for i in 1..=20 {
             let view = Rendered::new(pose(0.05 * i as f64, 0.0, 0.0, 0.01 * (i as f64 * 0.5).sin(), 0.0));
-            let located = tracker.track(&map, &places, &view.pyramid, &params).expect("it is in the map");
+            let located =
+                tracker.track(&map, Some(&places), &view.pyramid, &params).expect("it is in the map");
             assert!(error(&located.camera_from_world, &view) < 0.01, "{i}");
             assert!(located.inlier_share() > 0.6 && located.rmse() < 15.0, "{i}");
             assert_eq!(tracker.last, located.camera_from_world);
@@ -287,13 +299,14 @@ mod tests {
         let mut tracker = Tracker::new(&map, 0, start, Se3::identity(), &params);
         for value in [0, 90, 255] {
             let flat = Pyramid::new(GrayImage::filled(CAMERA.width, CAMERA.height, value), 5);
-            assert!(tracker.track(&map, &places, &flat, &params).is_none(), "{value}");
+            assert!(tracker.track(&map, Some(&places), &flat, &params).is_none(), "{value}");
             assert_eq!(tracker.last, start, "a lost frame has no pose");
         }
         let elsewhere = Rendered::new(pose(0.0, 0.0, -9.0, 3.1, 0.0));
-        assert!(tracker.track(&map, &places, &elsewhere.pyramid, &params).is_none());
+        assert!(tracker.track(&map, Some(&places), &elsewhere.pyramid, &params).is_none());
         let view = Rendered::new(pose(0.95, 0.0, 0.05, 0.02, 0.0));
-        let located = tracker.track(&map, &places, &view.pyramid, &params).expect("it is near keyframe 2");
+        let located =
+            tracker.track(&map, Some(&places), &view.pyramid, &params).expect("it is near keyframe 2");
         assert!(error(&located.camera_from_world, &view) < 0.01);
     }
 
@@ -306,7 +319,8 @@ mod tests {
         let mut tracker = Tracker::new(&map, 0, start, Se3::identity(), &params);
         let mut wants = |x: f64| {
             let view = Rendered::new(pose(x, 0.0, 0.0, 0.0, 0.0));
-            let located = tracker.track(&map, &places, &view.pyramid, &params).expect("it is in the map");
+            let located =
+                tracker.track(&map, Some(&places), &view.pyramid, &params).expect("it is in the map");
             tracker.wants_keyframe(&map, &located, &params)
         };
         assert!(!wants(0.02));

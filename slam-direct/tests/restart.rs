@@ -10,7 +10,7 @@ const CAMERA: Pinhole = Pinhole { width: 320, height: 240, fx: 210.0, fy: 210.0,
 #[test]
 fn a_young_map_that_fits_nothing_is_replaced() {
     let places = Box::new(place_recog::ThumbnailIndex::default());
-    let mut agent = Agent::new(CAMERA, places, Params::default());
+    let mut agent = Agent::new(CAMERA, places, Params::default()).unwrap();
     let path = trajectory::sideways(70, 3.5);
     let (before, after) = (World::yard(1), World::yard(2));
     let mut states = Vec::new();
@@ -21,8 +21,12 @@ fn a_young_map_that_fits_nothing_is_replaced() {
             geometry::Se3::exp(&nalgebra::Vector6::new(0.0, 0.0, 0.0, 0.0, 0.0, std::f64::consts::PI));
         let pose = if index < 8 { world_from_camera } else { world_from_camera * turned };
         let (image, _) = render(world, &CAMERA, &pose);
-        states
-            .push(agent.process(Frame { index: index as u64, timestamp: index as f64 / 15.0, image }).state);
+        states.push(
+            agent
+                .process(Frame { index: index as u64, timestamp: index as f64 / 15.0, image })
+                .unwrap()
+                .state,
+        );
     }
     agent.finish();
     assert!(states[..8].contains(&TrackingState::Tracking), "the first shot starts a map: {states:?}");

@@ -22,6 +22,9 @@ struct Fake {
     given: Arc<AtomicU64>,
     stop: Arc<AtomicBool>,
     listener: Option<Listener>,
+    /// Panics after its last frame.
+    breaks: bool,
+    live: bool,
 }
 
 impl FrameSource for Fake {
@@ -31,6 +34,7 @@ impl FrameSource for Fake {
 
     fn next_frame(&mut self) -> Option<SourceFrame> {
         if self.next == self.count {
+            assert!(!self.breaks, "this is a test");
             let listener = self.listener.as_ref().expect("somebody listens");
             listener(Notice::Gone("away".into()));
             while !self.stop.load(Ordering::Relaxed) {
@@ -54,7 +58,7 @@ impl FrameSource for Fake {
     }
 
     fn is_live(&self) -> bool {
-        true
+        self.live
     }
 
     fn missed(&self) -> u64 {
@@ -75,14 +79,26 @@ impl FrameSource for Fake {
 }
 
 fn start(count: u64) -> (Ahead, Arc<AtomicU64>, Arc<AtomicBool>) {
+    start_as(count, false, true)
+}
+
+/// A source of `count` frames that may break down after them, and may be live.
+fn start_as(count: u64, breaks: bool, live: bool) -> (Ahead, Arc<AtomicU64>, Arc<AtomicBool>) {
     let pinhole = Pinhole { width: WIDTH, height: HEIGHT, fx: 60.0, fy: 60.0, cx: 31.5, cy: 23.5 };
     let camera = Box::new(Camera::new(pinhole, Distortion::None).unwrap());
     let calibration = Some(FoundCalibration::Inside { origin: "test".into(), camera });
-    let info =
-        SourceInfo { kind: "fake", path: "fake".into(), frame_count: None, duration: None, calibration };
+    let info = SourceInfo {
+        kind: "fake",
+        path: "fake".into(),
+        frame_count: None,
+        duration: None,
+        calibration,
+        lag: None,
+    };
     let correction = correction(&CameraOptions::default(), &info).unwrap();
     let (given, stop) = (Arc::<AtomicU64>::default(), Arc::<AtomicBool>::default());
-    let source = Fake { info, count, next: 0, given: given.clone(), stop: stop.clone(), listener: None };
+    let source =
+        Fake { info, count, next: 0, given: given.clone(), stop: stop.clone(), listener: None, breaks, live };
     // A live source sets its own pace, whatever is asked for.
     let ahead = Ahead::start(
         Box::new(source),
@@ -147,4 +163,18 @@ fn a_source_that_fails_says_why() {
         }
     }
     assert_eq!(failed.as_deref(), Some("unplugged"));
+}
+
+#[test]
+fn a_source_that_breaks_down_does_not_pass_for_the_end_of_the_recording() {
+    for live in [true, false] {
+        let (ahead, ..) = start_as(2, true, live);
+        let mut failed = None;
+        while let Some(item) = ahead.next_item(&GO) {
+            if let Item::Failed(reason) = item {
+                failed = Some(reason);
+            }
+        }
+        assert!(failed.is_some_and(|reason| reason.contains("broke down")), "live: {live}");
+    }
 }

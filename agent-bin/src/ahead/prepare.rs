@@ -22,6 +22,18 @@ pub enum SkipReason {
     InvalidTime,
 }
 
+impl std::fmt::Display for SkipReason {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Unreadable => "unreadable",
+            Self::WrongSize => "of a wrong size",
+            Self::OutOfOrder => "out of order",
+            Self::DuplicateTime => "with a repeated time",
+            Self::InvalidTime => "with no time",
+        })
+    }
+}
+
 /// A frame that was skipped.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Skip {
@@ -53,6 +65,8 @@ pub struct Preparation {
     end: f64,
     first_timestamp: Option<f64>,
     last_timestamp: Option<f64>,
+    /// An image had the calibration's size.
+    fits: bool,
 }
 
 impl Preparation {
@@ -64,6 +78,7 @@ impl Preparation {
             end: end.unwrap_or(f64::INFINITY),
             first_timestamp: None,
             last_timestamp: None,
+            fits: false,
         }
     }
 
@@ -90,7 +105,10 @@ impl Preparation {
                 return Err(skip(SkipReason::DuplicateTime, format!("its time stamp {t} repeats")));
             }
             Some(last) if t < last => {
-                return Err(skip(SkipReason::OutOfOrder, format!("its time stamp {t} comes after {last}")));
+                return Err(skip(
+                    SkipReason::OutOfOrder,
+                    format!("its time stamp {t} is earlier than the {last} before it"),
+                ));
             }
             _ => self.last_timestamp = Some(t),
         }
@@ -103,15 +121,20 @@ impl Preparation {
         })
     }
 
-    /// Decodes and corrects an admitted frame.
-    pub fn prepare(&self, frame: SourceFrame) -> Item {
+    /// Decodes and corrects an admitted frame. Where the first image that can be decoded is not of the calibration's
+    /// size, none is.
+    pub fn prepare(&mut self, frame: SourceFrame) -> Item {
         let SourceFrame { index, timestamp, captured, picture } = frame;
         let corrected = picture
             .into_grey()
             .map_err(|detail| (SkipReason::Unreadable, detail))
             .and_then(|image| self.correction.apply(image).map_err(|detail| (SkipReason::WrongSize, detail)));
         match corrected {
-            Ok(image) => Item::Frame(Frame { index, timestamp, image }, captured),
+            Ok(image) => {
+                self.fits = true;
+                Item::Frame(Frame { index, timestamp, image }, captured)
+            }
+            Err((SkipReason::WrongSize, detail)) if !self.fits => Item::Failed(detail),
             Err((reason, detail)) => Item::Skipped(Skip { index, timestamp, reason, detail }),
         }
     }

@@ -1,6 +1,7 @@
 //! Calibration watched: a page with what the camera sees, where the board was seen, and which views are still missing.
 
 use super::collect::{Seen, Shot};
+use crate::console::tell;
 use crate::report::page::Template;
 use crate::runtime::Stop;
 use crate::watch::Picture;
@@ -130,7 +131,7 @@ impl Coaching {
         let server = Server::serve(address, page, move || {
             Box::new(Visitor { desk: Arc::clone(&of_pages), tick: 0, views: 0, picture: None })
         })?;
-        eprintln!("watch at {}", server.url());
+        tell!("watch at {}", server.url());
         Ok(Self(Some(Inner { desk, server, live })))
     }
 
@@ -177,7 +178,7 @@ impl Coaching {
             state.status.waits = waits;
         });
         if waits {
-            eprintln!("view at {}  (Ctrl-C ends)", inner.server.url());
+            tell!("view at {}  (Ctrl-C ends)", inner.server.url());
             while !stop.requested() && !inner.desk.enough.load(Ordering::Relaxed) {
                 std::thread::sleep(LOOK);
             }

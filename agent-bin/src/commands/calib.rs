@@ -7,6 +7,7 @@ use super::watching::ServeArgs;
 use crate::calibrating::{
     Coaching, Collected, Input, Numbers, Output, Seen, Shots, camera_text, collect, render_report, table,
 };
+use crate::console::{self, tell};
 use crate::runtime::Stop;
 use crate::sources::SourceOptions;
 use crate::sources::camera::CameraArgs;
@@ -14,7 +15,7 @@ use anyhow::{Context, Result, bail};
 use calib::coach::Coverage;
 use calib::{Board, Calibration, LensModel, SolverParams, calibrate, read_camera};
 use clap::Args;
-use std::io::{IsTerminal, Write};
+use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 
 /// Calibrate a camera: from images of a board its focal lengths, principal point and distortion; from an exposure sweep
@@ -109,7 +110,7 @@ fn check(args: &CalibArgs, board: &Board, file: &Path) -> Result<()> {
     let stop = stop()?;
     let collected = collected(args, board, &mut shots, &Coaching::start(None, board, false)?, &stop)?;
     let checked = Checked::new(file, &calibration, board, &collected)?;
-    print(&if args.json { serde_json::to_string_pretty(&checked)? + "\n" } else { checked.text() });
+    console::print(&if args.json { serde_json::to_string_pretty(&checked)? + "\n" } else { checked.text() })?;
     Ok(())
 }
 
@@ -134,17 +135,14 @@ fn calibrate_to(args: &CalibArgs, board: &Board, out: &Path) -> Result<()> {
     };
     let summary = table(&collected, &calibration);
     if args.json {
-        print(&(serde_json::to_string_pretty(&Numbers::new(board, &collected, &calibration))? + "\n"));
+        console::print(
+            &(serde_json::to_string_pretty(&Numbers::new(board, &collected, &calibration))? + "\n"),
+        )?;
     } else {
-        print(&summary);
+        console::print(&summary)?;
     }
     coaching.end(Ok(&summary), &stop);
     Ok(())
-}
-
-fn print(text: &str) {
-    // A reader that has closed the pipe (`| head`) has seen enough.
-    let _ = std::io::stdout().write_all(text.as_bytes());
 }
 
 fn stop() -> Result<Stop> {
@@ -238,14 +236,14 @@ impl Coach {
         if self.quiet || !std::io::stderr().is_terminal() {
             return;
         }
-        eprintln!(
+        tell!(
             "{given} images, {} views, {:.0} % of the image covered",
             coverage.views,
             100.0 * coverage.share()
         );
         let advice = coverage.advice();
         if self.stream && advice != self.last {
-            advice.iter().take(3).for_each(|line| eprintln!("  {line}"));
+            advice.iter().take(3).for_each(|line| tell!("  {line}"));
             self.last = advice;
         }
     }

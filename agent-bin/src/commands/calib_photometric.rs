@@ -1,6 +1,7 @@
 //! `loopbox calib --response` and `--vignette`.
 
 use crate::calibrating::Output;
+use crate::console::say;
 use crate::pictures::Picture;
 use crate::sources::images_in;
 use anyhow::{Context, Result, bail};
@@ -57,7 +58,7 @@ fn response(folder: &Path, out: &Path) -> Result<()> {
     let response = estimate_response(&images).with_context(|| folder.display().to_string())?;
     out.write(format_response(&response).as_bytes())?;
     out.commit()?;
-    println!(
+    say!(
         "response from {} images: {} of 254 grey levels seen, rms {:.2} of 255",
         images.len(),
         response.levels_seen,
@@ -80,7 +81,7 @@ fn vignette(folder: &Path, response: Option<&Path>, out: &Path) -> Result<()> {
     out.write(png.get_ref())?;
     out.commit()?;
     let darkest = vignette.data().iter().copied().fold(1.0, f32::min);
-    println!("vignette from {} images: down to {:.0} % of the light", images.len(), 100.0 * darkest);
+    say!("vignette from {} images: down to {:.0} % of the light", images.len(), 100.0 * darkest);
     Ok(())
 }
 

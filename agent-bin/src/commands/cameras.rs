@@ -1,5 +1,7 @@
 //! `loopbox cameras`: the cameras there are and what they can do.
 
+#[cfg(all(feature = "camera", target_os = "linux"))]
+use crate::console;
 use anyhow::Result;
 use clap::Args;
 
@@ -26,14 +28,13 @@ pub fn run(_args: &CamerasArgs) -> Result<()> {
 /// When the list cannot be printed.
 #[cfg(all(feature = "camera", target_os = "linux"))]
 pub fn run(args: &CamerasArgs) -> Result<()> {
-    use std::io::Write;
     let cameras = crate::sources::camera::list::cameras(std::path::Path::new("/dev"));
     let text = if args.json {
         serde_json::to_string_pretty(&listing::as_json(&cameras))?
     } else {
         listing::as_text(&cameras)
     };
-    Ok(writeln!(std::io::stdout(), "{text}")?)
+    console::print(&(text + "\n"))
 }
 
 #[cfg(all(feature = "camera", target_os = "linux"))]

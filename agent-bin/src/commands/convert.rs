@@ -1,6 +1,7 @@
 //! `loopbox convert`: a recording into another form.
 
 use crate::camera::CameraOptions;
+use crate::console::{say, tell};
 use crate::convert::{Draft, Kind};
 use crate::progress::frame_bar;
 use crate::recording::{CalibrationFiles, Head, encode};
@@ -74,14 +75,14 @@ pub fn execute(args: &ConvertArgs) -> Result<()> {
     }
     draft.finish(&head.calibration)?;
     if let Some(warning) = source.warning() {
-        eprintln!("warning: {warning}");
+        tell!("warning: {warning}");
     }
     if let Some(reason) = &counts.first_reason {
-        eprintln!("warning: {} frames are left out for want of a picture: {reason}", counts.unreadable);
+        tell!("warning: {} frames are left out for want of a picture: {reason}", counts.unreadable);
     }
     if !args.quiet {
-        lost.iter().for_each(|text| eprintln!("note: {text}"));
-        println!("{} frames written to {}", counts.written, args.out.display());
+        lost.iter().for_each(|text| tell!("note: {text}"));
+        say!("{} frames written to {}", counts.written, args.out.display());
     }
     Ok(())
 }

@@ -2,6 +2,7 @@
 
 use super::eval_agents;
 use super::eval_depth::{self, MapDepth};
+use crate::console::{self, tell};
 use anyhow::{Result, bail};
 use clap::{Args, ValueEnum};
 use eval::{
@@ -10,18 +11,18 @@ use eval::{
 };
 use serde::Serialize;
 use std::fmt::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Measure a trajectory against ground truth: ATE, RPE, KITTI segment errors, coverage; of several agents in one
 /// frame, how well they were merged
 #[derive(Args, Debug)]
 pub struct EvalArgs {
-    /// Estimated trajectory: TUM (t tx ty tz qx qy qz qw) or KITTI (3×4 matrix a row). Of several agents in one
+    /// Estimated trajectory, or the folder of a run that holds it: TUM (t tx ty tz qx qy qz qw) or KITTI (3×4 matrix a row). Of several agents in one
     /// frame one each: what the first one alone needs is adjusted of all
     #[arg(value_name = "ESTIMATE", required = true)]
     estimates: Vec<PathBuf>,
-    /// True trajectory, in either form; of several agents one each in their order, or one that spans them all.
-    /// They must be in one world
+    /// True trajectory, in either form; of several agents one each in their order (`--gt A --gt B`), or one that spans
+    /// them all. They must be in one world
     #[arg(long, value_name = "FILE", required = true)]
     gt: Vec<PathBuf>,
     /// What is adjusted before errors are measured
@@ -97,10 +98,29 @@ pub fn run(args: EvalArgs) -> Result<()> {
         (Some(only), true) => run_one(&args, only, &options),
         (last, _) => {
             agents.extend(last);
+            if args.gt.len() == 1 && overlap(&agents) {
+                tell!(
+                    "warning: {} is taken for the truth of all {} estimates, some of them of the same time\nhint: give one \
+                     for each in their order: --gt A --gt B",
+                    args.gt[0].display(),
+                    agents.len()
+                );
+            }
             let found = evaluate_agents(agents, &options)?;
             eval_agents::print(&args.estimates, &found, options.align, args.json)
         }
     }
+}
+
+/// Whether two of the estimates are of the same time.
+fn overlap(agents: &[AgentTracks]) -> bool {
+    let span = |agent: &AgentTracks| {
+        let times = agent.estimate.timestamps.as_ref()?;
+        Some((*times.first()?, *times.last()?))
+    };
+    let mut spans: Vec<(f64, f64)> = agents.iter().filter_map(span).collect();
+    spans.sort_by(|a, b| a.0.total_cmp(&b.0));
+    spans.windows(2).any(|pair| pair[1].0 < pair[0].1)
 }
 
 /// Reads what belongs to each agent.
@@ -120,12 +140,26 @@ fn read(args: &EvalArgs) -> Result<Vec<AgentTracks>> {
     }
     let agent = |(i, estimate): (usize, &PathBuf)| {
         Ok(AgentTracks {
-            estimate: read_trajectory(estimate)?,
+            estimate: read_trajectory(&trajectory_at(estimate)?)?,
             truth: read_trajectory(args.gt.get(i).unwrap_or(&args.gt[0]))?,
             frames: args.frames.get(i).map(|path| read_times(path)).transpose()?,
         })
     };
     args.estimates.iter().enumerate().map(agent).collect()
+}
+
+/// The file of an estimate: it itself, or that in the folder of a run.
+fn trajectory_at(path: &Path) -> Result<PathBuf> {
+    let file = path.join("trajectory.txt");
+    match (path.is_dir(), file.is_file()) {
+        (false, _) => Ok(path.to_owned()),
+        (true, true) => Ok(file),
+        (true, false) => bail!(
+            "{}: holds no trajectory.txt\nhint: give the folder of a run, or a trajectory; `loopbox export --tum` writes that of a \
+             map",
+            path.display()
+        ),
+    }
 }
 
 /// Compares one estimate and, if asked for, the depths of its map.
@@ -139,10 +173,10 @@ fn run_one(args: &EvalArgs, agent: AgentTracks, options: &Options) -> Result<()>
     };
     let evaluation = evaluate(estimate, truth, frames.as_deref(), options)?;
     if args.json {
-        println!("{}", serde_json::to_string_pretty(&Output { evaluation, depth })?);
+        console::print(&(serde_json::to_string_pretty(&Output { evaluation, depth })? + "\n"))?;
     } else {
-        print!("{}", table(&evaluation, frames.is_some())?);
-        depth.iter().for_each(|depth| print!("\n{depth}"));
+        console::print(&table(&evaluation, frames.is_some())?)?;
+        depth.iter().try_for_each(|depth| console::print(&format!("\n{depth}")))?;
     }
     Ok(())
 }

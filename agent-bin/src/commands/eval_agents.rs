@@ -1,5 +1,6 @@
 //! `loopbox eval` of several agents in one common frame.
 
+use crate::console;
 use anyhow::Result;
 use eval::{AgentEvaluation, AgentsEvaluation, AlignMode};
 use serde::Serialize;
@@ -29,9 +30,9 @@ pub fn print(names: &[PathBuf], found: &AgentsEvaluation, align: AlignMode, json
         let agents = names.iter().zip(&found.agents);
         let agents = agents.map(|(estimate, evaluation)| Agent { estimate, evaluation }).collect();
         let output = Output { align, truth_from_estimate: found.truth_from_estimate, agents };
-        println!("{}", serde_json::to_string_pretty(&output)?);
+        console::print(&(serde_json::to_string_pretty(&output)? + "\n"))?;
     } else {
-        print!("{}", table(&names, found, align)?);
+        console::print(&table(&names, found, align)?)?;
     }
     Ok(())
 }

@@ -199,7 +199,8 @@ mod tests {
                     .collect(),
                 variance: pixels.clone().map(|i| if i % 11 == 0 { 1.0 } else { 1e-6 }).collect(),
                 pixel: pixels.collect(),
-            },
+            }
+            .into(),
             points: Vec::new(),
         }
     }

@@ -1,14 +1,15 @@
 //! `loopbox export`: a map in the formats of other tools.
 
+use super::info_map::{load, map_file_at};
+use crate::console::{say, tell};
 use anyhow::ensure;
 use map::{DEFAULT_MAX_RELATIVE_VARIANCE, Map, MapError, StampedPose};
-use std::io::{Write, stdout};
 use std::path::{Path, PathBuf};
 
 /// Write a map's cloud or trajectory in the format of another tool
 #[derive(Clone, Debug, clap::Args)]
 pub struct ExportArgs {
-    /// The map: `map.mcap` of a run
+    /// The map: a map.mcap, or the folder that `loopbox run` or `loopbox merge` wrote
     #[arg(value_name = "MAP")]
     pub map: PathBuf,
     /// Which files to write.
@@ -48,7 +49,10 @@ pub struct Outputs {
 /// When the map cannot be loaded, a file cannot be written or the bound is not a positive number.
 pub fn run(args: &ExportArgs) -> anyhow::Result<()> {
     ensure!(args.max_variance > 0.0, "--max-variance is {}; give a number above 0", args.max_variance);
-    let map = super::info_map::load(&args.map)?.map;
+    let map = load(&map_file_at(&args.map)?)?.map;
+    if map.keyframes.values().all(|keyframe| keyframe.semi_dense.is_empty()) {
+        tell!("warning: {}: no keyframe has depth: clouds of it are empty", args.map.display());
+    }
     write_clouds(&args.outputs, &map, args.max_variance)?;
     if let Some(path) = &args.outputs.tum {
         write_trajectories(path, &map, |path, trajectory| map::save_tum(path, trajectory))?;
@@ -58,7 +62,7 @@ pub fn run(args: &ExportArgs) -> anyhow::Result<()> {
     }
     if let Some(path) = &args.outputs.mcap {
         map::save_map(path, &map)?;
-        writeln!(stdout(), "{}: {} keyframes", path.display(), map.keyframes.len())?;
+        say!("{}: {} keyframes", path.display(), map.keyframes.len());
     }
     Ok(())
 }
@@ -74,7 +78,7 @@ fn write_trajectories(
         let path = if map.agents.len() > 1 { with_label(path, &label) } else { path.to_owned() };
         let trajectory = map.trajectory_of(agent);
         save(&path, &trajectory)?;
-        writeln!(stdout(), "{}: {} poses", path.display(), trajectory.len())?;
+        say!("{}: {} poses", path.display(), trajectory.len());
     }
     Ok(())
 }
@@ -94,11 +98,11 @@ fn with_label(path: &Path, label: &str) -> PathBuf {
 fn write_clouds(outputs: &Outputs, map: &Map, max_variance: f32) -> anyhow::Result<()> {
     if let Some(path) = &outputs.ply {
         let points = map::save_ply(path, map, max_variance)?;
-        writeln!(stdout(), "{}: {points} points", path.display())?;
+        say!("{}: {points} points", path.display());
     }
     if let Some(path) = &outputs.pcd {
         let points = map::save_pcd(path, map, max_variance)?;
-        writeln!(stdout(), "{}: {points} points", path.display())?;
+        say!("{}: {points} points", path.display());
     }
     Ok(())
 }

@@ -1,6 +1,8 @@
 //! `loopbox info`: what a recording or a map holds.
 
-use super::info_map::{self, InfoMapArgs};
+use super::info_map::{self, InfoMapArgs, map_file_at};
+use crate::console;
+use crate::results::map_in;
 use crate::sources::{self, FoundCalibration, FrameSource, SourceOptions};
 use anyhow::Result;
 use clap::Args;
@@ -11,7 +13,7 @@ use std::path::PathBuf;
 /// Arguments of `loopbox info`.
 #[derive(Args, Debug)]
 pub struct InfoArgs {
-    /// A recording (folder, MCAP file, ROS 1 bag or video file) or a map (map.mcap)
+    /// A recording (folder, MCAP file, ROS 1 bag or video file) or a map (map.mcap, or the folder of a run)
     path: PathBuf,
     /// Frames per second of images without time stamps
     #[arg(long, value_name = "RATE")]
@@ -29,16 +31,17 @@ pub struct InfoArgs {
 /// # Errors
 /// When it is neither.
 pub fn execute(args: &InfoArgs) -> Result<()> {
-    if map::is_map_file(&args.path) {
-        return info_map::run(&InfoMapArgs { map: args.path.clone(), json: args.json });
+    let is_results = args.path.is_dir() && map_in(&args.path).is_some();
+    if is_results || map::is_map_file(&args.path) {
+        return info_map::run(&InfoMapArgs { map: map_file_at(&args.path)?, json: args.json });
     }
     let options = SourceOptions { fps: args.fps, topic: args.topic.clone(), all_frames: false };
     let mut source = sources::open(&args.path, &options)?;
     let recording = Recording::new(source.as_mut());
     if args.json {
-        println!("{}", serde_json::to_string_pretty(&recording)?);
+        console::print(&(serde_json::to_string_pretty(&recording)? + "\n"))?;
     } else {
-        print!("{recording}");
+        console::print(&recording.to_string())?;
     }
     Ok(())
 }
@@ -85,6 +88,7 @@ impl Recording {
             }
             None => None,
         };
+        problems.extend(source.problems());
         problems.extend(source.warning());
         let frames_per_s = match (info.frame_count, info.duration) {
             (Some(count), Some(duration)) if count > 1 && duration > 0.0 => {

@@ -1,16 +1,17 @@
 //! `loopbox merge`: several agents' maps into one.
 
 use super::params;
+use crate::console::{self, Ended, Ending};
 use crate::merging::{
-    Input, MergeOutput, MergeProgress, MergeRecord, Merging, MergingParams, Names, listed, merge,
+    Input, MergeProgress, MergeRecord, Merging, MergingParams, Names, keep_from, listed, merge,
     method_parser, verdict, without_company, write_results,
 };
+use crate::results::{Owner, Results};
 use crate::runtime::Stop;
 use anyhow::{Result, anyhow, bail};
 use clap::Args;
 use merge::method::Method;
 use place_recog::Vocabulary;
-use std::io::Write;
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -23,8 +24,11 @@ pub struct MergeArgs {
     /// Folder for the results; made if it is not there
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// How maps are joined where they met, in place of the parameter file's; all but loop-box are there to compare it
-    /// with
+    /// Replace results of a run in that folder, once the new ones are complete
+    #[arg(long)]
+    force: bool,
+    /// How maps are joined where they met, in place of the parameter file's: direct, loopbox's own, aligns the images
+    /// of all pairs that agree; the others, loop-box of the paper among them, are there to compare it with
     #[arg(long, value_name = "METHOD", value_parser = method_parser())]
     method: Option<Method>,
     /// Parameter file (TOML); `loopbox params --merge` prints the defaults
@@ -53,8 +57,8 @@ pub fn run(args: &MergeArgs) -> Result<()> {
     let mut params: MergingParams =
         args.params.as_deref().map(params::read_merging).transpose()?.unwrap_or_default();
     params.method = args.method.unwrap_or(params.method);
-    MergeOutput::keep_from(&args.out, &args.maps)?;
-    let mut output = MergeOutput::create(&args.out)?;
+    keep_from(&args.out, &args.maps)?;
+    let mut output = Results::create(&args.out, &Owner::Merge, args.force)?;
     let stop = Stop::on_ctrl_c("stopping after this step; nothing will be written (Ctrl-C again to abort)")?;
     let progress = MergeProgress::new(args.quiet);
     let go_on = || if stop.requested() { Err(anyhow!("interrupted: nothing was written")) } else { Ok(()) };
@@ -64,16 +68,19 @@ pub fn run(args: &MergeArgs) -> Result<()> {
     };
     let vocabulary = Vocabulary::shipped();
     let inputs = load(args, &vocabulary, &mut stage)?;
-    output.remove_earlier()?;
     let merging = merge(&inputs, &vocabulary, &params, &mut stage)?;
+    let names = Names::new(&merging.common);
+    let mut record = MergeRecord::new(&inputs, &merging, &params, &names)?;
     if !merging.anything_met() {
         progress.finish();
+        if args.json {
+            print(args, &inputs, &merging, &names, &record)?;
+        }
         let reasons = verdict(&inputs, &merging);
-        bail!("no two of the maps met, so there is no common map\n{}", reasons.trim_end());
+        let text = format!("no two of the maps met, so there is no common map\n{}", reasons.trim_end());
+        return Err(Ended { ending: Ending::NotMet, text }.into());
     }
-    let names = Names::new(&merging.common);
     stage("writing the results")?;
-    let mut record = MergeRecord::new(&inputs, &merging, &params, &names)?;
     write_results(&mut output, &inputs, &merging, &names, &mut record)?;
     go_on()?;
     output.commit()?;
@@ -127,7 +134,5 @@ fn print(
             record.cost.merge_s, record.cost.features_s, record.cost.reading_s
         );
     }
-    // A reader that has closed the pipe (`| head`) has seen enough.
-    let _ = std::io::stdout().write_all(text.as_bytes());
-    Ok(())
+    console::print(&text)
 }

@@ -1,5 +1,6 @@
 //! `loopbox params`: the default parameters as a TOML file, those of a run documented.
 
+use crate::console;
 #[cfg(feature = "opencv")]
 use crate::merging::MergingParams;
 use anyhow::{Context, Result};
@@ -34,9 +35,8 @@ impl ParamsArgs {
 /// # Errors
 /// None that matter: a closed pipe ends the output.
 pub fn execute(args: ParamsArgs) -> Result<()> {
-    use std::io::Write;
     // A reader that has closed the pipe (`| head`) has seen enough.
-    let _ = std::io::stdout().write_all(args.text()?.as_bytes());
+    console::print(&args.text()?)?;
     Ok(())
 }
 

@@ -2,6 +2,7 @@
 
 use super::features;
 use super::info_map::load_at;
+use crate::console;
 use anyhow::{Result, bail};
 use clap::Args;
 use map::{KeyframeId, Map, PlaceIndex};
@@ -12,7 +13,6 @@ use place_recog::{
 };
 use serde::Serialize;
 use std::collections::BTreeMap;
-use std::io::{Write, stdout};
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -92,9 +92,9 @@ pub fn run(args: &PlacesArgs) -> Result<()> {
     let mut pairs = pairs(&words_of(&args.a)?, &words_of(&args.b)?, &vocabulary);
     pairs.truncate(args.count);
     if args.json {
-        writeln!(stdout(), "{}", serde_json::to_string_pretty(&pairs)?)?;
+        console::print(&(serde_json::to_string_pretty(&pairs)? + "\n"))?;
     } else {
-        write!(stdout(), "{}", table(&pairs))?;
+        console::print(&table(&pairs))?;
     }
     Ok(())
 }

@@ -1,6 +1,7 @@
 //! `loopbox record`: a source into an MCAP file, without tracking it.
 
 use crate::camera::CameraOptions;
+use crate::console::{say, tell};
 use crate::progress::frame_bar;
 use crate::recording::{CalibrationFiles, Head, Recorder, refuse_existing};
 use crate::runtime::Stop;
@@ -52,13 +53,14 @@ pub fn execute(args: &RecordArgs) -> Result<()> {
     }
     let mut source = args.open()?;
     let options = CameraOptions {
+        scale_to: None,
         calibration: args.calib.clone(),
         response: args.response.clone(),
         vignette: args.vignette.clone(),
     };
     let calibration = CalibrationFiles::gather(&options, source.info())?;
     if calibration.camera.is_none() && !args.quiet {
-        eprintln!("warning: no calibration goes into the recording: a run over it will need --calib");
+        tell!("warning: no calibration goes into the recording: a run over it will need --calib");
     }
     let head = Head::new(source.info(), calibration);
     if args.force {
@@ -71,14 +73,14 @@ pub fn execute(args: &RecordArgs) -> Result<()> {
     stop.while_waiting(stopper, || copy(source.as_mut(), &recorder, args, &stop));
     let summary = recorder.stop()?;
     if let Some(warning) = source.warning() {
-        eprintln!("warning: {warning}");
+        tell!("warning: {warning}");
     }
     if summary.frames == 0 {
         let failure = source.failure().map(|failure| format!(": {failure}")).unwrap_or_default();
         bail!("{}: there was no frame to record{failure}", source.info().path.display());
     }
     if !args.quiet {
-        println!("{}", summary.text());
+        say!("{}", summary.text());
     }
     match source.failure() {
         Some(failure) => bail!("the recording ended early, what was captured is in it: {failure}"),
@@ -118,7 +120,7 @@ fn copy(source: &mut dyn FrameSource, recorder: &Recorder, args: &RecordArgs, st
         }
         bar.inc(1);
         if let Some(warning) = recorder.take_warning() {
-            bar.suspend(|| eprintln!("warning: {warning}"));
+            bar.suspend(|| tell!("warning: {warning}"));
             if recorder.has_failed() {
                 break;
             }

@@ -4,6 +4,8 @@ use super::params;
 use super::watching::ViewArgs;
 use crate::ahead::{Ahead, Pace, Preparation};
 use crate::camera::{self, CameraOptions, ImageCorrection};
+use crate::console::{Ended as EndedBy, Ending};
+use crate::diagnosis::too_few_poses;
 use crate::output::{Output, TrajectoryFormat};
 use crate::progress::{Display, Progress};
 use crate::recording::{CalibrationFiles, Head, RecordButton, Recorder, refuse_existing};
@@ -31,6 +33,9 @@ pub struct RunArgs {
     /// Camera calibration, if none came with the recording or another is wanted
     #[arg(long, value_name = "FILE")]
     calib: Option<PathBuf>,
+    /// Scale the calibration to the images, where they show the same at another size
+    #[arg(long, conflicts_with = "camera")]
+    scale_calib: bool,
     /// Inverse response of the sensor (256 numbers), to undo it
     #[arg(long, value_name = "FILE")]
     response: Option<PathBuf>,
@@ -40,6 +45,9 @@ pub struct RunArgs {
     /// Folder for the results; made if it is not there
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
+    /// Replace results of another recording or of a merge in that folder, once the new ones are complete
+    #[arg(long)]
+    force: bool,
     /// Form of trajectory.txt
     #[arg(long, value_enum, value_name = "FORM", default_value_t = TrajectoryFormat::Tum)]
     trajectory: TrajectoryFormat,
@@ -76,12 +84,23 @@ pub struct RunArgs {
     /// Log events to standard output in this form
     #[arg(long, value_enum, value_name = "FORM")]
     log: Option<LogForm>,
+    /// End with exit code 4 if a smaller share of the frames has a pose, 0 to 1; frames dropped late do not count
+    #[arg(long, value_name = "SHARE")]
+    min_tracked: Option<f64>,
     /// Threads for mapping; default: one per core. The result does not depend on it
     #[arg(long, value_name = "COUNT")]
     threads: Option<usize>,
     #[command(flatten)]
     view: ViewArgs,
 }
+
+/// Time that the mapping of a keyframe may take beside the tracking where frames come at their own time, seconds: two
+/// keyframes' work on one slow core. More makes the map older that frames are tracked against.
+const LIVE_LAG: f64 = 0.1;
+/// The rate of a camera that does not tell it, frames a second.
+const USUAL_RATE: f64 = 30.0;
+/// The largest `mapping.lag`.
+const MAX_LAG: usize = 10;
 
 /// Forms of a log.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -97,15 +116,21 @@ enum LogForm {
 /// results cannot be written.
 pub fn execute(args: &RunArgs) -> Result<()> {
     args.check()?;
-    let params = args.params.as_deref().map(params::read).transpose()?.unwrap_or_default();
+    let params: Params = args.params.as_deref().map(params::read).transpose()?.unwrap_or_default();
     let source = args.open()?;
-    let info = source.info().clone();
-    let correction = camera::correction(&args.calibration(), &info)?;
+    let lag = args.lag(source.info(), params.mapping.lag);
+    let info = SourceInfo { lag: (lag > 0).then_some(lag), ..source.info().clone() };
+    let params = params.with_lag(lag);
+    let options = CameraOptions { scale_to: args.scale_to()?, ..args.calibration() };
+    let correction = camera::correction(&options, &info)?;
     let camera = correction.camera();
+    let problems = source.problems().into_iter().chain(correction.problem());
+    let problems: Vec<String> =
+        problems.map(|problem| format!("{}: {problem}", info.path.display())).collect();
     let provenance = args.provenance(&info, &correction, &params);
     let name = recording_name(&info.path);
     let about = AgentInfo { provenance, ..AgentInfo::new(name, camera) };
-    let output = Output::create(&args.out, about.clone())?;
+    let output = Output::create(&args.out, about.clone(), &info.path, args.force)?;
     if let Some(threads) = args.threads {
         rayon::ThreadPoolBuilder::new()
             .num_threads(threads)
@@ -114,6 +139,7 @@ pub fn execute(args: &RunArgs) -> Result<()> {
     }
     let stop = Stop::on_ctrl_c("stopping: saving what was tracked so far (Ctrl-C again to abort)")?;
     let progress = Progress::new(args.display(), info.frame_count);
+    problems.iter().for_each(|problem| progress.warn(problem));
     let head = Head::new(&info, CalibrationFiles::gather(&args.calibration(), &info)?);
     let recorder = Recorder::idle();
     if let Some(path) = &args.record {
@@ -133,12 +159,15 @@ pub fn execute(args: &RunArgs) -> Result<()> {
     if let Ok(Some(summary)) = &recorded {
         progress.note(&summary.text());
     }
+    if let Some(warning) = too_few_poses(&record.frames) {
+        progress.warn(&warning);
+    }
     progress.finish(&record, &folder.display().to_string());
     watch.end(Ended(&format!("The run has ended. Its results are in {}", folder.display())));
     recorded?;
     match failure {
         Some(failure) => bail!("the run ended early, what was tracked is saved: {failure}"),
-        None => Ok(()),
+        None => args.judge(record.frames.tracked_share),
     }
 }
 
@@ -158,6 +187,9 @@ impl RunArgs {
                 self.speed
             );
         }
+        if let Some(share) = self.min_tracked.filter(|share| !(0.0..=1.0).contains(share)) {
+            bail!("--min-tracked {share} is not a share\nhint: 0.9 asks for 90 % of the frames");
+        }
         if let Some(path) = &self.record {
             refuse_existing(path)?;
         }
@@ -173,6 +205,21 @@ impl RunArgs {
             bail!("--max-variance is {}\nhint: give a number above 0", self.max_variance);
         }
         Ok(())
+    }
+
+    /// Whether enough was tracked.
+    fn judge(&self, share: f64) -> Result<()> {
+        match self.min_tracked {
+            Some(least) if share < least => {
+                let text = format!(
+                    "{:.1} % of the frames have a pose, --min-tracked asks for {:.1} %; what was tracked is saved",
+                    100.0 * share,
+                    100.0 * least
+                );
+                Err(EndedBy { ending: Ending::TooLittleTracked, text }.into())
+            }
+            _ => Ok(()),
+        }
     }
 
     /// The recording, or the camera that is to be used instead.
@@ -194,6 +241,20 @@ impl RunArgs {
             calibration: self.calib.clone(),
             response: self.response.clone(),
             vignette: self.vignette.clone(),
+            scale_to: None,
+        }
+    }
+
+    /// The size of the first image, if the calibration is to be scaled to it.
+    fn scale_to(&self) -> Result<Option<(usize, usize)>> {
+        if !self.scale_calib {
+            return Ok(None);
+        }
+        let first = self.open()?.next_frame().map(|frame| frame.picture.into_grey());
+        match first {
+            Some(Ok(image)) => Ok(Some((image.width(), image.height()))),
+            Some(Err(reason)) => bail!("--scale-calib needs the first image: {reason}"),
+            None => bail!("--scale-calib needs an image, and there is none"),
         }
     }
 
@@ -213,6 +274,21 @@ impl RunArgs {
             ("parameters", parameters),
         ];
         pairs.map(|(key, value)| (key.to_owned(), value)).into()
+    }
+
+    /// How many frames mapping may take: as many as asked for; else those of the run that was recorded; else, where
+    /// frames come at their own time, those of [`LIVE_LAG`].
+    fn lag(&self, info: &SourceInfo, asked: usize) -> usize {
+        let is_live = self.realtime || self.source.is_none();
+        match (asked, info.lag) {
+            (0, Some(recorded)) => recorded,
+            (0, None) if is_live => {
+                let recorded = info.frame_count.zip(info.duration).filter(|(_, duration)| *duration > 0.0);
+                let rate = recorded.map(|(count, duration)| count as f64 / duration).or(self.camera.fps);
+                ((LIVE_LAG * self.speed * rate.unwrap_or(USUAL_RATE)).round() as usize).clamp(1, MAX_LAG)
+            }
+            _ => asked,
+        }
     }
 
     fn pace(&self) -> Pace {

@@ -1,12 +1,13 @@
 //! `loopbox unmerge`: a merged map taken apart again.
 
 use super::info_map::load_at;
-use crate::merging::{MergeOutput, Names, listed, write_maps};
+use crate::console;
+use crate::merging::{Names, keep_from, listed, write_maps};
+use crate::results::{Owner, Results};
 use anyhow::{Context, Result, anyhow, bail};
 use clap::Args;
 use map::{AgentId, Map};
 use merge::common_map::{CommonMap, Fused, FusionParams};
-use std::io::Write;
 use std::path::PathBuf;
 
 /// Take a merged map apart: into every agent's own map, or by the merge of two agents
@@ -18,6 +19,9 @@ pub struct UnmergeArgs {
     /// Folder for the results; made if it is not there
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
+    /// Replace results of a run or a merge in that folder, once the new ones are complete
+    #[arg(long)]
+    force: bool,
     /// Undo only the merge of these two agents, by their names
     #[arg(long, num_args = 2, value_names = ["A", "B"])]
     between: Option<Vec<String>>,
@@ -38,25 +42,24 @@ pub fn run(args: &UnmergeArgs) -> Result<()> {
             args.map.display()
         );
     }
-    MergeOutput::keep_from(&args.out, std::slice::from_ref(&args.map))?;
+    keep_from(&args.out, std::slice::from_ref(&args.map))?;
     let said = match args.between.as_deref() {
         Some([a, b]) => separate(args, map, [a, b])?,
         _ => apart(args, &map)?,
     };
-    // A reader that has closed the pipe (`| head`) has seen enough.
-    let _ = std::io::stdout().write_all(said.as_bytes());
-    Ok(())
+    console::print(&said)
 }
 
 /// Writes every agent's own map; says which.
 fn apart(args: &UnmergeArgs, map: &Map) -> Result<String> {
-    let mut output = MergeOutput::create(&args.out)?;
+    let mut output = Results::create(&args.out, &Owner::Unmerge, args.force)?;
     let mut said = String::new();
     for (label, own) in map.agent_labels().values().zip(map.split()) {
         let name = PathBuf::from(label).join("map.mcap");
         map::save_map(output.file(&name)?, &own)?;
         said += &format!("{}: {label} as it was\n", args.out.join(&name).display());
     }
+    write_list(&mut output)?;
     output.commit()?;
     Ok(said)
 }
@@ -93,11 +96,19 @@ fn separate(args: &UnmergeArgs, map: Map, [a, b]: [&str; 2]) -> Result<String> {
     }
     let groups = common.fuse(&FusionParams::default()).context("what is left makes no common map")?;
     let names = Names::new(&common);
-    let mut output = MergeOutput::create(&args.out)?;
-    output.remove_earlier()?;
+    let mut output = Results::create(&args.out, &Owner::Unmerge, args.force)?;
     write_maps(&mut output, &groups, &names, &provenance(args, &map, [a, b]))?;
+    write_list(&mut output)?;
     output.commit()?;
     Ok(summary(args, &groups, &names, [first, second]))
+}
+
+/// Writes down which files belong to the results.
+fn write_list(output: &mut Results) -> Result<()> {
+    let path = output.file("unmerge.json")?;
+    let record = serde_json::json!({ "version": env!("CARGO_PKG_VERSION"), "files": output.names() });
+    std::fs::write(&path, format!("{record:#}\n"))
+        .with_context(|| format!("{}: cannot be written", path.display()))
 }
 
 /// How the maps that are left came to be.

@@ -2,6 +2,7 @@
 
 use super::info_map::load_at;
 use super::watching::PageArgs;
+use crate::console::tell;
 use crate::runtime::Stop;
 use crate::watch::{Shared, saved, web::Server};
 use anyhow::{Result, bail};
@@ -39,7 +40,7 @@ pub fn execute(args: &ViewArgs) -> Result<()> {
     let names: Vec<&str> = map.agents.values().map(|agent| &*agent.name).collect();
     let shared = Arc::new(Shared::new(saved::scene(&map), None));
     let server = Server::start(&shared, address, &names.join(" · "))?;
-    eprintln!("view at {}  (Ctrl-C ends)", server.url());
+    tell!("view at {}  (Ctrl-C ends)", server.url());
     while !stop.requested() {
         std::thread::sleep(Duration::from_millis(100));
     }

@@ -1,11 +1,11 @@
 //! `loopbox vocab`: vocabularies for place recognition.
 
 use super::features;
+use crate::console::{say, tell};
 use anyhow::{Context, Result};
 use clap::{Args, Subcommand};
 use place_recog::features::Features;
 use place_recog::{TrainParams, Vocabulary};
-use std::io::{Write, stdout};
 use std::path::PathBuf;
 
 /// Train a vocabulary for recognising places
@@ -53,7 +53,7 @@ pub fn run(args: &VocabArgs) -> Result<()> {
     let mut images: Vec<Features> = Vec::new();
     for input in &args.inputs {
         let found = features::of_images(input)?;
-        eprintln!("{}: {} images", input.display(), found.len());
+        tell!("{}: {} images", input.display(), found.len());
         images.extend(found.into_iter().step_by(args.every as usize));
     }
     let params = TrainParams {
@@ -62,7 +62,7 @@ pub fn run(args: &VocabArgs) -> Result<()> {
         seed: args.seed,
         ..TrainParams::default()
     };
-    eprintln!(
+    tell!(
         "training on {} features of {} images",
         images.iter().map(Features::len).sum::<usize>(),
         images.len()
@@ -71,6 +71,6 @@ pub fn run(args: &VocabArgs) -> Result<()> {
     let bytes = vocabulary.to_bytes();
     std::fs::write(&args.out, &bytes)
         .with_context(|| format!("{}: cannot be written", args.out.display()))?;
-    writeln!(stdout(), "{}: {} words, {} bytes", args.out.display(), vocabulary.len(), bytes.len())?;
+    say!("{}: {} words, {} bytes", args.out.display(), vocabulary.len(), bytes.len());
     Ok(())
 }

@@ -46,33 +46,56 @@ impl Input {
         let start = Instant::now();
         let map = load_at(path)?;
         let reading = start.elapsed().as_secs_f64();
-        if map.keyframes.is_empty() {
-            bail!("{}: the map has no keyframes: there is nothing to merge", path.display());
-        }
-        if map.keyframes.values().all(|keyframe| keyframe.semi_dense.is_empty()) {
-            bail!(
-                "{}: no keyframe of the map has depth, so nothing tells its scale\nhint: the run may have ended \
-                 before it could map; run it again on a longer recording",
-                path.display()
-            );
-        }
-        let found = features::of_keyframes(&map)?;
-        // Keyframes without depth could be recognised, but nothing could come of it.
-        let features: BTreeMap<KeyframeId, Features> = map
-            .keyframes
-            .values()
-            .zip(found)
-            .filter(|(keyframe, _)| !keyframe.semi_dense.is_empty())
-            .map(|(keyframe, features)| (keyframe.id, features))
-            .collect();
+        let mut input = Self::of(map, path, vocabulary).map_err(|refused| refused.why)?;
+        input.seconds.reading = reading;
+        Ok(input)
+    }
+
+    /// A map with the features of its keyframes; `path` says where it came from.
+    ///
+    /// # Errors
+    /// When it holds nothing that could be merged, with the map.
+    pub fn of(map: Map, path: &Path, vocabulary: &Vocabulary) -> Result<Self, Refused> {
+        let start = Instant::now();
+        let features = match features_of(&map, path) {
+            Ok(features) => features,
+            Err(why) => return Err(Refused { map: Box::new(map), why }),
+        };
         let (words, direct) = words(&features, vocabulary);
-        let names: Vec<&str> = map.agents.values().map(|agent| &*agent.name).collect();
-        let seconds = InputSeconds { reading, features: start.elapsed().as_secs_f64() - reading };
-        Ok(Self { path: path.to_owned(), name: names.join("+"), map, features, words, direct, seconds })
+        let name = map.agents.values().map(|agent| &*agent.name).collect::<Vec<_>>().join("+");
+        let seconds = InputSeconds { reading: 0.0, features: start.elapsed().as_secs_f64() };
+        Ok(Self { path: path.to_owned(), name, map, features, words, direct, seconds })
     }
 
     /// The keyframes as the direct index needs them.
     pub fn directed(&self) -> Directed<'_> {
         Directed { features: &self.features, index: &self.direct }
     }
+}
+
+/// A map that cannot be merged.
+pub struct Refused {
+    /// The map.
+    pub map: Box<Map>,
+    /// Why not.
+    pub why: anyhow::Error,
+}
+
+/// The features of a map's keyframes with depth.
+fn features_of(map: &Map, path: &Path) -> Result<BTreeMap<KeyframeId, Features>> {
+    if map.keyframes.is_empty() {
+        bail!("{}: the map has no keyframes: there is nothing to merge", path.display());
+    }
+    if map.keyframes.values().all(|keyframe| keyframe.semi_dense.is_empty()) {
+        bail!(
+            "{}: no keyframe of the map has depth, so nothing tells its scale\nhint: the run may have ended \
+             before it could map; run it again on a longer recording",
+            path.display()
+        );
+    }
+    let found = features::of_keyframes(map)?;
+    // Keyframes without depth could be recognised, but nothing could come of it.
+    let with_depth =
+        map.keyframes.values().zip(found).filter(|(keyframe, _)| !keyframe.semi_dense.is_empty());
+    Ok(with_depth.map(|(keyframe, features)| (keyframe.id, features)).collect())
 }

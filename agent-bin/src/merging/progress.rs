@@ -1,5 +1,6 @@
 //! What the user sees while maps are merged.
 
+use crate::console::tell;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::io::IsTerminal;
 use std::time::Duration;
@@ -28,15 +29,15 @@ impl MergeProgress {
         match &self.bar {
             Some(bar) => bar.set_message(text.to_owned()),
             None if self.quiet => {}
-            None => eprintln!("{text}"),
+            None => tell!("{text}"),
         }
     }
 
     /// Something the user should know.
     pub fn warn(&self, text: &str) {
         match &self.bar {
-            Some(bar) => bar.suspend(|| eprintln!("warning: {text}")),
-            None => eprintln!("warning: {text}"),
+            Some(bar) => bar.suspend(|| tell!("warning: {text}")),
+            None => tell!("warning: {text}"),
         }
     }
 

@@ -2,15 +2,17 @@
 
 use super::{Encounter, Input, Merging, Names};
 use map::AgentId;
-use merge::acceptance::Evidence;
-use merge::closure::Closure;
-use merge::meeting::Outcome;
+use merge::common_map::Addresses;
+use merge::meeting::Judged;
 use merge::pairing::Travel;
 use std::fmt::Write;
 
 /// The verdict on every pair of maps, a few lines each.
 pub fn verdict(inputs: &[Input], merging: &Merging) -> String {
-    merging.encounters.iter().fold(String::new(), |text, encounter| text + &of_pair(inputs, encounter))
+    merging
+        .encounters
+        .iter()
+        .fold(String::new(), |text, encounter| text + &of_pair(inputs, merging, encounter))
 }
 
 /// The agents that hang together with nobody, where others do.
@@ -23,22 +25,29 @@ pub fn without_company(merging: &Merging, names: &Names) -> Vec<String> {
 }
 
 /// The verdict on a pair of maps.
-fn of_pair(inputs: &[Input], encounter: &Encounter) -> String {
-    let mut text = format!("{} + {}: ", inputs[encounter.target].name, inputs[encounter.source].name);
-    match encounter.accepted().map(|tried| &tried.outcome) {
-        Some(Outcome::Accepted(closure, evidence)) => accepted(&mut text, encounter, closure, evidence),
-        _ => refused(&mut text, encounter),
+fn of_pair(inputs: &[Input], merging: &Merging, encounter: &Encounter) -> String {
+    let [first, second] = encounter.as_given().map(|input| &inputs[input].name);
+    let mut text = format!("{first} + {second}: ");
+    match encounter.accepted().filter(|_| encounter.error.is_none()) {
+        Some(judged) => accepted(&mut text, merging, encounter, judged),
+        None => refused(&mut text, encounter),
     }
     text
 }
 
 // Writing to a String cannot fail.
-fn accepted(text: &mut String, encounter: &Encounter, closure: &Closure, evidence: &Evidence) {
+fn accepted(text: &mut String, merging: &Merging, encounter: &Encounter, judged: &Judged) {
+    let Judged { closure, verdict, .. } = judged;
+    let evidence = &verdict.evidence;
     let travel = match closure.travel {
         Travel::Same => "travelling the same way",
         Travel::Opposite => "travelling opposite ways",
         Travel::Unknown => "direction of travel unknown",
     };
+    if let Some(reason) = merging.undone(encounter) {
+        let _ = writeln!(text, "accepted, {travel}, and taken back: {reason}");
+        return;
+    }
     let _ = writeln!(text, "accepted, {travel}");
     let _ = writeln!(
         text,
@@ -47,12 +56,18 @@ fn accepted(text: &mut String, encounter: &Encounter, closure: &Closure, evidenc
         evidence.pairs,
         100.0 * evidence.inlier_share
     );
+    // σ* is the target's unit in terms of the source's.
+    let upright = |scale: f64| if encounter.source < encounter.target { scale.recip() } else { scale };
+    let star = upright(closure.scale.scale);
+    let scale = merging.scale(encounter).unwrap_or(upright(closure.motion.a_from_b.scale));
     let _ = writeln!(
         text,
-        "  scale σ* {:.4} ± {:.4}; motion known to {:.2}° and {:.2} % of the scale",
-        closure.scale.scale,
-        closure.scale.variance.sqrt(),
+        "  scale {scale:.4} (σ* of the key points {:.4} ± {:.4}); motion known to {:.2}°, {:.1} % of the scene's depth \
+         and {:.2} % of the scale",
+        star,
+        star * closure.scale.variance.sqrt() / closure.scale.scale,
         evidence.rotation_deviation,
+        100.0 * evidence.translation_deviation,
         100.0 * evidence.scale_deviation
     );
     if let Some(joined) = &encounter.joined {
@@ -67,14 +82,20 @@ fn accepted(text: &mut String, encounter: &Encounter, closure: &Closure, evidenc
 }
 
 fn refused(text: &mut String, encounter: &Encounter) {
-    let _ = writeln!(text, "refused: {}", encounter.refusal().unwrap_or_default());
+    let decision = if encounter.is_undecided() { "undecided" } else { "refused" };
+    let _ = writeln!(text, "{decision}: {}", encounter.refusal().unwrap_or_default());
     let tried = encounter.tried.len();
     if let Some(closest) = encounter.closest().filter(|closest| closest.match_count > 0) {
+        // The keyframe of the map that was given first comes first.
         let (place, count) = (closest.place, closest.match_count);
+        let mut keyframes = [place.target.0, place.source.0];
+        if encounter.source < encounter.target {
+            keyframes.reverse();
+        }
+        let [first, second] = keyframes;
         let _ = writeln!(
             text,
-            "  best of {tried} places tried: keyframes {} and {}, {count} key points match",
-            place.target.0, place.source.0
+            "  best of {tried} places tried: keyframes {first} and {second}, {count} key points match"
         );
     } else if tried > 0 {
         let _ = writeln!(text, "  {tried} places tried, and in none do the images fit");
@@ -97,7 +118,7 @@ impl Merging {
             ("parameters".to_owned(), parameters),
         ];
         for encounter in &self.encounters {
-            let names = [encounter.target, encounter.source].map(|index| &*inputs[index].name);
+            let names = encounter.as_given().map(|index| &*inputs[index].name);
             if let Some(joined) = &encounter.joined {
                 let closures = format!("{} closures", joined.edges.len());
                 pairs.push((format!("{} + {}", names[0], names[1]), closures));
@@ -106,9 +127,35 @@ impl Merging {
         pairs
     }
 
-    /// Whether any two of the inputs were merged.
+    /// Whether any two of the inputs were merged, and the merge stands.
     pub fn anything_met(&self) -> bool {
-        self.encounters.iter().any(|encounter| encounter.accepted().is_some())
+        let stands = |encounter: &Encounter| encounter.joined.is_some() && self.undone(encounter).is_none();
+        self.encounters.iter().any(stands)
+    }
+
+    /// Why the common map took back the merge of two inputs; nothing where it stands, or there was none.
+    fn undone(&self, encounter: &Encounter) -> Option<&str> {
+        let [a, b] = [encounter.target, encounter.source].map(|input| &self.addresses[input]);
+        let between = |(one, other): (AgentId, AgentId)| {
+            let of = |agent: AgentId, addresses: &Addresses| addresses.agents().any(|own| own == agent);
+            of(one, a) && of(other, b) || of(one, b) && of(other, a)
+        };
+        let stands = self.common.merged().into_iter().any(between);
+        let taken = self.taken_back.iter().find(|taken| between(taken.agents));
+        taken.filter(|_| !stands).map(|taken| &*taken.why)
+    }
+
+    /// By how much the unit of the input given second differs from that of the first in the common map: the scale that
+    /// was applied. Of inputs of several agents that of the first agents of both.
+    fn scale(&self, encounter: &Encounter) -> Option<f64> {
+        let agents = encounter.as_given().map(|input| self.addresses[input].agents().next());
+        let [first, second] = agents;
+        let (first, second) = (first?, second?);
+        let component = self.fused.iter().map(|fused| &fused.component);
+        component.into_iter().find_map(|component| {
+            let (first, second) = (component.agents.get(&first)?, component.agents.get(&second)?);
+            Some(second.root_from_agent.scale / first.root_from_agent.scale)
+        })
     }
 
     /// The agents of each common map.

@@ -1,6 +1,7 @@
 //! JPEG files and the frames of MJPEG cameras, which leave out what a file must have.
 
 use geometry::GrayImage;
+use geometry::limits::{MAX_PIXELS, check_image_size};
 use zune_core::bytestream::ZCursor;
 use zune_core::colorspace::ColorSpace;
 use zune_core::options::DecoderOptions;
@@ -10,8 +11,6 @@ const START: [u8; 2] = [0xff, 0xd8];
 const END: [u8; 2] = [0xff, 0xd9];
 const HUFFMAN_TABLES: u8 = 0xc4;
 const SCAN: u8 = 0xda;
-/// Larger frames come from no camera; a damaged one may claim any size.
-const LARGEST_SIDE: usize = 1 << 14;
 
 /// Whether the bytes are meant as a JPEG.
 pub fn is_jpeg(bytes: &[u8]) -> bool {
@@ -42,8 +41,8 @@ pub fn decode_jpeg(bytes: &[u8]) -> Result<Option<GrayImage>, String> {
     // Decoders fill what is missing with grey instead of failing.
     end(bytes).ok_or("the JPEG is truncated")?;
     let options = DecoderOptions::default()
-        .set_max_width(LARGEST_SIDE)
-        .set_max_height(LARGEST_SIDE)
+        .set_max_width(MAX_PIXELS)
+        .set_max_height(MAX_PIXELS)
         .jpeg_set_out_colorspace(ColorSpace::Luma);
     let mut decoder = JpegDecoder::new_with_options(ZCursor::new(bytes), options);
     let say = |error: zune_jpeg::errors::DecodeErrors| format!("the JPEG is damaged: {error}");
@@ -51,8 +50,9 @@ pub fn decode_jpeg(bytes: &[u8]) -> Result<Option<GrayImage>, String> {
     if !matches!(decoder.input_colorspace(), Some(ColorSpace::YCbCr | ColorSpace::Luma)) {
         return Ok(None);
     }
-    let luma = decoder.decode().map_err(say)?;
     let info = decoder.info().ok_or("the JPEG has no size")?;
+    check_image_size(info.width as usize, info.height as usize)?;
+    let luma = decoder.decode().map_err(say)?;
     let image = GrayImage::from_vec(info.width as usize, info.height as usize, luma);
     image.map(Some).ok_or_else(|| "the JPEG has no pixels".into())
 }

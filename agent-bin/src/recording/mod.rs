@@ -22,6 +22,8 @@ pub const PROFILE: &str = "loopbox.recording";
 pub const IMAGE_TOPIC: &str = "/camera/image";
 /// Topic of the calibration.
 pub const CALIBRATION_TOPIC: &str = "/camera/calibration";
+/// Key in the head's metadata of how many frames the mapping of the recorded run took.
+const LAG: &str = "mapping lag";
 /// Topic of the numbers of frames that the run did not process.
 pub const DROPPED_TOPIC: &str = "/loopbox/dropped";
 /// Metadata at the end: all of those numbers.

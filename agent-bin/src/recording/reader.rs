@@ -1,7 +1,7 @@
 //! What a recording says of itself, and of the frames that its run dropped.
 
 use super::calibration::{CalibrationFiles, NamedFile};
-use super::{HEAD_METADATA, PROFILE};
+use super::{HEAD_METADATA, LAG, PROFILE};
 use mcap::records::Record;
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use serde::Deserialize;
@@ -47,6 +47,11 @@ pub fn read_head(mut file: impl Read, record_limit: usize) -> RecordedHead {
 }
 
 impl RecordedHead {
+    /// How many frames the mapping of the recorded run took; nothing where no run was recorded.
+    pub fn lag(&self) -> Option<usize> {
+        self.about.get(LAG)?.parse().ok()
+    }
+
     /// Takes what the record says; false at the first that is none of the head.
     fn take(&mut self, record: Record) -> bool {
         match record {

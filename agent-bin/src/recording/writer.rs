@@ -5,7 +5,7 @@ use super::numbers::NumberSet;
 use super::picture::EncodedPicture;
 use super::{
     CALIBRATION_TOPIC, DROPPED_METADATA, DROPPED_SCHEMA, DROPPED_TOPIC, FRAME, HEAD_METADATA, IMAGE_TOPIC,
-    PROFILE,
+    LAG, PROFILE,
 };
 use crate::sources::{SourceInfo, time};
 use anyhow::{Context, Result, anyhow};
@@ -30,12 +30,15 @@ pub struct Head {
     pub kind: String,
     /// The calibration.
     pub calibration: CalibrationFiles,
+    /// Of a run: how many frames its mapping takes, which a replay repeats.
+    pub lag: Option<usize>,
 }
 
 impl Head {
     /// The head of a recording of this source.
     pub fn new(info: &SourceInfo, calibration: CalibrationFiles) -> Self {
-        Self { source: info.path.display().to_string(), kind: info.kind.to_owned(), calibration }
+        let source = info.path.display().to_string();
+        Self { source, kind: info.kind.to_owned(), calibration, lag: info.lag }
     }
 }
 
@@ -75,7 +78,9 @@ impl<W: Write + Seek> RecordingWriter<W> {
                 mcap.attach(&attachment(role, file))?;
             }
         }
+        let lag = head.lag.map(|lag| lag.to_string());
         let about = [("version", "1"), ("source", &head.source), ("kind", &head.kind)];
+        let about: Vec<_> = about.into_iter().chain(lag.as_deref().map(|lag| (LAG, lag))).collect();
         mcap.write_metadata(&metadata(HEAD_METADATA, &about))?;
         let images = add_channel::<CompressedImage, _>(&mut mcap, IMAGE_TOPIC)?;
         let calibration = add_channel::<CameraCalibration, _>(&mut mcap, CALIBRATION_TOPIC)?;

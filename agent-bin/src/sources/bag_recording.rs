@@ -1,6 +1,6 @@
 //! ROS 1 bags as sources.
 
-use super::input::{Bytes, Input, record_limit};
+use super::input::{Bytes, Input};
 use super::messages::{self, Content, Form};
 use super::topics::Topics;
 use super::{FoundCalibration, FrameSource, SourceFrame, SourceInfo, SourceOptions, time};
@@ -8,6 +8,7 @@ pub use crate::bag::MAGIC;
 use crate::bag::{self, BagReader, Message};
 use crate::pictures::Picture;
 use anyhow::{Context, Result};
+use geometry::limits::MAX_BYTES;
 use std::fs::File;
 use std::io::{BufReader, Read};
 use std::path::Path;
@@ -55,6 +56,7 @@ pub fn open(input: Input, options: &SourceOptions) -> Result<BagRecording> {
         frame_count: Some(count),
         duration: topics.duration(),
         calibration,
+        lag: None,
     };
     let form = topics.image_form(&topic).context("the topic holds no images")?;
     let facts = topics.facts();
@@ -103,8 +105,8 @@ impl FrameSource for BagRecording {
 }
 
 fn reader(input: &Input) -> Result<Reader> {
-    let (file, size) = input.open()?;
-    BagReader::new(file, record_limit(size))
+    let (file, _) = input.open()?;
+    BagReader::new(file, MAX_BYTES)
         .with_context(|| format!("{}: the bag cannot be read", input.path().display()))
 }
 

@@ -1,5 +1,6 @@
 //! Image files with time stamps: what every kind of folder comes down to.
 
+use super::survey;
 use super::{FoundCalibration, FrameSource, SourceFrame, SourceInfo};
 use crate::pictures::Picture;
 use anyhow::{Context, Result, bail};
@@ -33,6 +34,7 @@ impl ImageList {
             frame_count: Some(frames.len() as u64),
             duration: Some(last.0 - first.0),
             calibration,
+            lag: None,
         };
         Ok(Self { info, frames, next: 0 })
     }
@@ -49,6 +51,12 @@ impl FrameSource for ImageList {
         self.next += 1;
         let picture = Picture::File(path.clone());
         Some(SourceFrame { index, timestamp: *timestamp, captured: None, picture })
+    }
+
+    fn problems(&self) -> Vec<String> {
+        let times: Vec<f64> = self.frames.iter().map(|(t, _)| *t).collect();
+        let images: Vec<&Path> = self.frames.iter().map(|(_, path)| path.as_path()).collect();
+        survey::of_times(&times).into_iter().chain(survey::of_images(&images)).collect()
     }
 }
 

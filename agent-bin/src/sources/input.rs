@@ -44,10 +44,3 @@ impl Input {
         }
     }
 }
-
-/// The longest record to believe in: a damaged length must not ask for all memory, though what a file
-/// unpacks to may be longer than the file.
-pub fn record_limit(file_size: u64) -> usize {
-    const ANY_IMAGE: u64 = 256 << 20;
-    file_size.max(ANY_IMAGE) as usize
-}

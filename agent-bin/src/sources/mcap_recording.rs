@@ -3,12 +3,13 @@
 mod seek;
 mod survey;
 
-use super::input::{Input, record_limit};
+use super::input::Input;
 use super::messages::{self, Content};
 use super::{FoundCalibration, FrameSource, SourceFrame, SourceInfo, SourceOptions, time};
 use crate::pictures::Picture;
 use crate::recording::{NumberSet, RecordedHead, read_head};
 use anyhow::Result;
+use geometry::limits::MAX_BYTES;
 use mcap::McapResult;
 use mcap::io::MessageReader;
 use mcap::sans_io::LinearReaderOptions;
@@ -55,8 +56,8 @@ pub fn is_mcap(path: &Path) -> bool {
 /// # Errors
 /// When it cannot be read, or has no images or not exactly one topic to take them from.
 pub fn open(input: Input, options: &SourceOptions) -> Result<McapRecording> {
-    let (file, size) = input.open()?;
-    let head = read_head(file, record_limit(size));
+    let (file, _) = input.open()?;
+    let head = read_head(file, MAX_BYTES);
     let survey = Survey::of(&input, head.is_ours)?;
     let (topic, count) = survey.topics.choose(input.path(), options.topic.as_deref(), LOOKED_FOR)?;
     let info = SourceInfo {
@@ -69,6 +70,7 @@ pub fn open(input: Input, options: &SourceOptions) -> Result<McapRecording> {
         }),
         duration: survey.topics.duration(),
         calibration: calibration(&input, &head, &survey, &topic)?,
+        lag: head.lag().filter(|_| !options.all_frames),
     };
     Ok(McapRecording {
         facts: facts(&head, &survey),
@@ -162,8 +164,8 @@ impl FrameSource for McapRecording {
 
 /// All messages of a file, in its order.
 fn linear(input: &Input) -> Result<Messages> {
-    let (file, size) = input.open()?;
-    let options = LinearReaderOptions::default().with_record_length_limit(record_limit(size));
+    let (file, _) = input.open()?;
+    let options = LinearReaderOptions::default().with_record_length_limit(MAX_BYTES);
     Ok(Box::new(MessageReader::new_with_options(file, options)))
 }
 

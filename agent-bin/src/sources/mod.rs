@@ -10,6 +10,7 @@ mod mcap_recording;
 pub mod messages;
 pub mod notice;
 mod numbered;
+mod survey;
 pub mod time;
 mod timed;
 mod topics;
@@ -57,6 +58,9 @@ pub struct SourceInfo {
     pub duration: Option<f64>,
     /// A calibration that came with it.
     pub calibration: Option<FoundCalibration>,
+    /// Of the recording of a run that tracked as the camera went: how many frames its mapping took, which a replay
+    /// repeats ([`slam_direct`'s `mapping.lag`](slam_direct::Params)).
+    pub lag: Option<usize>,
 }
 
 /// A calibration that came with a recording.
@@ -115,6 +119,11 @@ pub trait FrameSource: Send {
     /// frame is taken.
     fn skip_to(&mut self, _start: f64) -> Option<f64> {
         None
+    }
+
+    /// What can be seen to be wrong with the recording before its frames are taken in turn.
+    fn problems(&self) -> Vec<String> {
+        Vec::new()
     }
 
     /// What else there is to say of it, as label and text.

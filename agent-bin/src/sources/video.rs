@@ -3,12 +3,16 @@
 use super::image_list::first_existing;
 use super::{FoundCalibration, FrameSource, SourceFrame, SourceInfo};
 use crate::pictures::{Picture, RawPicture};
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow, bail};
+use geometry::limits::check_image_size;
 use opencv::core::Mat;
 use opencv::prelude::*;
 use opencv::videoio::{
-    CAP_FFMPEG, CAP_OPENCV_MJPEG, CAP_PROP_FPS, CAP_PROP_FRAME_COUNT, CAP_PROP_POS_MSEC, VideoCapture,
+    CAP_FFMPEG, CAP_OPENCV_MJPEG, CAP_PROP_FPS, CAP_PROP_FRAME_COUNT, CAP_PROP_FRAME_HEIGHT,
+    CAP_PROP_FRAME_WIDTH, CAP_PROP_POS_MSEC, VideoCapture,
 };
+use std::fs::File;
+use std::io::Read;
 use std::path::Path;
 
 /// Named, because left to itself OpenCV would also try GStreamer, whose complaints about files that are
@@ -31,6 +35,13 @@ pub struct Video {
 /// # Errors
 /// When OpenCV cannot read it.
 pub fn open(path: &Path, fps: Option<f64>) -> Result<Video> {
+    if is_text(path)? {
+        bail!(
+            "{}: this is text, not a recording\nhint: `loopbox eval` compares trajectories; a recording is a folder of images, an MCAP \
+             file, a ROS 1 bag or a video",
+            path.display()
+        );
+    }
     let name = path.to_str().with_context(|| format!("{}: the name is not UTF-8", path.display()))?;
     let Some(capture) = BACKENDS.iter().find_map(|&backend| opened(name, backend)) else {
         bail!(
@@ -40,6 +51,10 @@ pub fn open(path: &Path, fps: Option<f64>) -> Result<Video> {
         );
     };
     let property = |id| capture.get(id).ok().filter(|value| value.is_finite() && *value > 0.0);
+    let side = |id| property(id).map_or(0, |side| side as usize);
+    if let (width @ 1.., height @ 1..) = (side(CAP_PROP_FRAME_WIDTH), side(CAP_PROP_FRAME_HEIGHT)) {
+        check_image_size(width, height).map_err(|what| anyhow!("{}: {what}", path.display()))?;
+    }
     let frame_count = property(CAP_PROP_FRAME_COUNT).map(|count| count as u64);
     let nominal_fps = property(CAP_PROP_FPS);
     let rate = fps.or(nominal_fps);
@@ -49,8 +64,19 @@ pub fn open(path: &Path, fps: Option<f64>) -> Result<Video> {
         frame_count,
         duration: frame_count.zip(rate).map(|(count, rate)| count.saturating_sub(1) as f64 / rate),
         calibration: calibration_beside(path),
+        lag: None,
     };
     Ok(Video { info, capture, frame: Mat::default(), next_index: 0, fps, nominal_fps })
+}
+
+/// Whether a file is text: FFmpeg would draw it, and that would be a video.
+fn is_text(path: &Path) -> Result<bool> {
+    let file = File::open(path).with_context(|| format!("{}: cannot be opened", path.display()))?;
+    let mut head = Vec::new();
+    file.take(512).read_to_end(&mut head).with_context(|| format!("{}: cannot be read", path.display()))?;
+    // Raw video in YUV4MPEG begins with a line of text.
+    let printable = |b: &u8| (b' '..=b'~').contains(b) || b"\t\r\n".contains(b) || *b >= 0x80;
+    Ok(!head.is_empty() && head.iter().all(printable) && !head.starts_with(b"YUV4MPEG2"))
 }
 
 fn opened(name: &str, backend: i32) -> Option<VideoCapture> {

@@ -3,7 +3,7 @@
 
 use super::status::Facts;
 use geometry::{GrayImage, Se3, Sim3};
-use map::{FramePose, Keyframe, KeyframeId, Map, SemiDense};
+use map::{FramePose, Keyframe, KeyframeId, Map, SemiDense, Shared};
 use std::collections::BTreeMap;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -80,7 +80,7 @@ pub struct Depth {
     /// Its image.
     pub image: Arc<GrayImage>,
     /// Its depth.
-    pub semi_dense: SemiDense,
+    pub semi_dense: Shared<SemiDense>,
 }
 
 /// Where the tracker leaves what is new.
@@ -251,7 +251,7 @@ mod tests {
             frame_index: u64::from(id),
             world_from_keyframe: Sim3::identity(),
             image: Arc::new(image),
-            semi_dense,
+            semi_dense: semi_dense.into(),
             points: Vec::new(),
         };
         map.keyframes.insert(KeyframeId(id), keyframe);

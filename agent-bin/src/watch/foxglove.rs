@@ -1,5 +1,7 @@
 //! The scene for Foxglove: the same topics and coordinate frames as in a map file, served as they grow.
 
+mod gate;
+
 use super::scene::{Cursor, News, Placed, Step};
 use super::{Chunk, Picture, Shared, Status};
 use anyhow::{Context as _, Result};
@@ -9,8 +11,9 @@ use foxglove::messages::{
     RawImage, Vector3,
 };
 use foxglove::websocket::{ChannelView, Client, ServerListener};
-use foxglove::{Channel, Context, WebSocketServer};
+use foxglove::{Channel, Context, FoxgloveError, WebSocketServer};
 use geometry::Sim3;
+use std::net::{Ipv4Addr, SocketAddr};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -37,16 +40,23 @@ pub fn start(shared: &Arc<Shared>, port: u16) -> Result<String> {
         trajectory: context.channel_builder("/trajectory").build(),
         joined: Arc::default(),
     };
-    let server = WebSocketServer::new()
-        .name("loopbox")
-        .bind("127.0.0.1", port)
-        .context(&context)
-        .listener(Arc::new(Joined(Arc::clone(&sink.joined))))
-        .start_blocking()
-        .with_context(|| {
-            format!("cannot serve Foxglove at port {port}\nhint: --foxglove=PORT takes another")
-        })?;
-    let url = format!("ws://127.0.0.1:{}", server.port());
+    let serve = |at: Ipv4Addr| {
+        let server = WebSocketServer::new()
+            .name("loopbox")
+            .bind(at.to_string(), 0)
+            .context(&context)
+            .listener(Arc::new(Joined(Arc::clone(&sink.joined))))
+            .start_blocking()?;
+        Ok::<_, FoxgloveError>((SocketAddr::from((at, server.port())), server))
+    };
+    let (inner, server) = serve(gate::hidden_address()?)
+        // Some systems have no other address of their own: there its port alone hides it.
+        .or_else(|_| serve(Ipv4Addr::LOCALHOST))
+        .context("cannot start Foxglove's server")?;
+    let at = gate::open(port, inner).with_context(|| {
+        format!("cannot serve Foxglove at port {port}\nhint: --foxglove=PORT takes another")
+    })?;
+    let url = format!("ws://{at}");
     let shared = Arc::clone(shared);
     std::thread::Builder::new()
         .name("foxglove".into())

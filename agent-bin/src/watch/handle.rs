@@ -5,6 +5,7 @@ use super::scene::{Agent, Scene};
 use super::status::Facts;
 use super::web::{self, Address};
 use super::{Command, Shared, watcher};
+use crate::console::tell;
 use crate::recording::RecordButton;
 use crate::report::scene::kind_number;
 use crate::runtime::Stop;
@@ -78,12 +79,12 @@ impl Watch {
         shared.scene().set_status(first);
         let page = options.page.take().map(|at| web::Server::start(&shared, at, &agent.name)).transpose()?;
         if let Some(page) = &page {
-            eprintln!("watch at {}", page.url());
+            tell!("watch at {}", page.url());
         }
         #[cfg(feature = "foxglove-server")]
         if let Some(port) = options.foxglove {
             let url = super::foxglove::start(&shared, port)?;
-            eprintln!("Foxglove: open a connection to {url}");
+            tell!("Foxglove: open a connection to {url}");
         }
         let (of_thread, camera) = (Arc::clone(&shared), agent.camera);
         let watcher = std::thread::Builder::new()

@@ -130,8 +130,7 @@ impl Watcher {
                 _ => *self.poses.get(&frame.reference)?,
             };
             reference = Some((frame.reference, pose));
-            // A frame is in its keyframe's unit of now, and agents of a run keep theirs the world's.
-            let centre = Sim3 { scale: 1.0, ..pose } * frame.keyframe_from_frame.translation;
+            let centre = pose * frame.keyframe_from_frame.translation;
             steps.push(Step {
                 frame_index: frame.frame_index,
                 agent: 0,

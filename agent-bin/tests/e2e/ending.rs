@@ -1,7 +1,8 @@
 //! Runs that end before their recording does.
 
-use crate::support::{Case, Outcome, hand_held, loopbox};
+use crate::support::{Case, Outcome, drive, hand_held, loopbox};
 use std::fs;
+use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Stdio};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
@@ -40,6 +41,37 @@ fn the_map_of_a_killed_run_loads() {
     let mut info = loopbox();
     info.arg("info").arg(case.out().join("map.mcap"));
     Outcome::of(info).assert_success();
+}
+
+/// Depth and points follow a keyframe by some; the file of a killed run has them of all others.
+#[test]
+fn the_map_of_a_killed_run_has_depth_and_points() {
+    let case = Case::new(&drive());
+    let mut run = case.command(&["--log", "json"]);
+    let mut child = run.stdout(Stdio::piped()).spawn().expect("loopbox can be started");
+    let events = BufReader::new(child.stdout.take().expect("it is piped")).lines();
+    let enough = |line: String| {
+        let event: serde_json::Value = serde_json::from_str(&line).expect("the log is JSON");
+        event["keyframes"].as_u64().is_some_and(|keyframes| keyframes >= 12)
+    };
+    assert!(events.map_while(Result::ok).any(enough), "too few keyframes");
+    child.kill().expect("a child can be killed");
+    child.wait().expect("a child can be waited for");
+
+    let map = case.map();
+    let pixels = |keyframe: &map::Keyframe| keyframe.image.data().len() as f64;
+    let density: Vec<f64> =
+        map.keyframes.values().map(|keyframe| keyframe.semi_dense.len() as f64 / pixels(keyframe)).collect();
+    let settled = density.len().saturating_sub(5);
+    assert!(settled >= 5, "only {} keyframes", density.len());
+    assert!(density[..settled].iter().all(|&density| density >= 0.08), "{density:?}");
+    assert!(map.keyframes.values().take(settled).all(|keyframe| !keyframe.points.is_empty()));
+    let ply = case.out().with_file_name("killed.ply");
+    let mut export = loopbox();
+    export.arg("export").arg(case.out()).arg("--ply").arg(&ply);
+    let outcome = Outcome::of(export);
+    outcome.assert_success();
+    assert!(!outcome.text.contains(": 0 points"), "{outcome}");
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use crate::support::{Case, RATE, drive, hand_held, restamped, world};
 use geometry::Se3;
-use loopbox_tests::{Recording, trajectory};
+use loopbox_tests::{Recording, World, trajectory};
 
 fn render(path: &[Se3]) -> Recording {
     Recording::render(world(), Recording::SMALL_CAMERA, path, RATE)
@@ -106,4 +106,52 @@ fn an_orbit_closes_its_loop() {
     let frame = |id| map.keyframes[&id].frame_index;
     let meets = |e: &&map::Edge| frame(e.from).abs_diff(frame(e.to)) > 180;
     assert!(map.edges.iter().any(|e| meets(&e)), "no edge joins the end to the beginning\n{outcome}");
+}
+
+/// The camera is carried to another world: what it maps there has files of its own, which are named.
+#[test]
+fn a_camera_carried_elsewhere_begins_a_second_fragment() {
+    let mut recording = drive();
+    recording.shots.truncate(60);
+    let path = trajectory::sideways(80, 4.0);
+    recording.shots.extend(Recording::render(&World::yard(2), recording.camera, &path, RATE).shots);
+    let case = Case::new(&restamped(recording));
+    let outcome = case.run(&[]);
+    outcome.assert_success();
+    let text = std::fs::read(case.out().join("run.json")).expect("the numbers are written");
+    let record: serde_json::Value = serde_json::from_slice(&text).expect("they are JSON");
+    let fragments = record["fragments"].as_array().expect("the fragments are listed");
+    assert_eq!(fragments.len(), 2, "{outcome}");
+    // That of most frames comes first: the second drive, but for the half second of search.
+    let numbers =
+        |of: &serde_json::Value| ["frames", "first_frame", "last_frame"].map(|n| of[n].as_u64().expect(n));
+    let [frames, first, last] = numbers(&fragments[0]);
+    assert!(frames >= 62 && first >= 60 && last == 139, "{fragments:?}");
+    let [frames, first, last] = numbers(&fragments[1]);
+    assert!(frames >= 58 && first == 0 && last == 59, "{fragments:?}");
+    assert_eq!(fragments[1]["trajectory"], "trajectory-2.txt");
+    let apart = map::load_map(case.out().join("map-2.mcap")).expect("the second map loads").map;
+    assert_eq!(apart.frames.len() as u64, frames);
+    assert!(case.out().join("trajectory-2.txt").is_file());
+    outcome.assert_says(&["trajectory-2.txt"]);
+}
+
+/// The lens is covered while the camera is carried on; later it comes by where it was before: one map in the end.
+#[cfg(feature = "opencv")]
+#[test]
+fn a_camera_carried_elsewhere_and_back_ends_with_one_map() {
+    let way = trajectory::sideways(150, 7.5);
+    let mut recording = render(&way[..70]);
+    let mut covered = render(&vec![way[70]; 20]);
+    let black =
+        |_, image: &geometry::GrayImage| geometry::GrayImage::filled(image.width(), image.height(), 0);
+    crate::support::repaint(&mut covered, 0..20, black);
+    recording.shots.extend(covered.shots);
+    let back: Vec<Se3> = way[20..].iter().rev().copied().collect();
+    recording.shots.extend(render(&back).shots);
+    let case = Case::new(&restamped(recording));
+    let outcome = case.run(&[]);
+    let tracked = case.assert_accurate(&outcome);
+    assert!(tracked >= 180, "{tracked} of the 200 frames that show something hang together\n{outcome}");
+    assert!(!case.out().join("map-2.mcap").exists(), "{outcome}");
 }

@@ -78,7 +78,7 @@ fn a_map_without_keyframes() {
 fn a_map_without_depth() {
     let flat = |case: &Case| {
         let mut map = Runs::get().map("right");
-        map.keyframes.values_mut().for_each(|keyframe| keyframe.semi_dense = SemiDense::default());
+        map.keyframes.values_mut().for_each(|keyframe| keyframe.semi_dense = SemiDense::default().into());
         case.map("flat.mcap", &map)
     };
     refused(flat, &["flat.mcap", "no keyframe of the map has depth", "hint: "]);

@@ -69,7 +69,7 @@ fn check_numbers(case: &Case) {
     assert!(encounter["closure"]["scale"]["scale"].as_f64().is_some_and(|scale| scale > 0.0));
     assert!(encounter["closure"]["evidence"]["matches"].as_u64().is_some_and(|matches| matches >= 60));
     assert!(encounter["tried"].as_array().is_some_and(|tried| tried[0]["outcome"] == "accepted"));
-    for part in ["places", "meeting", "further"] {
+    for part in ["places", "meeting", "method"] {
         assert!(encounter["seconds"][part].as_f64().is_some_and(|seconds| seconds >= 0.0));
     }
     let right = &numbers["agents"][1];
@@ -111,12 +111,50 @@ fn check_again(case: &Case) {
     assert!(first == fs::read(case.out().join("map.mcap")).unwrap(), "the same maps give another map");
 }
 
+/// What is thought of two maps does not depend on which is given first: not the decision, nor any number of it.
+#[test]
+fn the_order_of_the_maps_changes_no_verdict() {
+    let (runs, case) = (Runs::get(), Case::new());
+    let (left, right, out) = (runs.run("left"), runs.run("right"), case.out());
+    let tried = [[&left, &right], [&right, &left]].map(|[first, second]| {
+        let outcome = loopbox(&["merge", arg(first), arg(second), "--out", arg(&out), "--json", "--quiet"]);
+        outcome.assert_success();
+        let mut numbers: Value = serde_json::from_str(&outcome.stdout).unwrap();
+        let encounter = &mut numbers["encounters"][0];
+        assert_eq!(encounter["verdict"], "accepted");
+        let lines =
+            encounter["tried"].as_array().and_then(|tried| tried.iter().find_map(|t| t["lines"].as_array()));
+        assert!(lines.is_some_and(|lines| !lines.is_empty()), "{encounter:#}");
+        ["target", "source", "tried", "closure"].map(|part| encounter[part].take())
+    });
+    assert_eq!(tried[0], tried[1]);
+}
+
 #[test]
 fn maps_that_share_nothing_are_refused_with_the_reason() {
     let (runs, case) = (Runs::get(), Case::new());
     let outcome = case.merge(&[&runs.run("left"), &runs.run("elsewhere")]);
-    outcome.assert_refused(&["no two of the maps met", "left + elsewhere: refused: "]);
+    outcome.assert_ended(3, &["no two of the maps met", "left + elsewhere: refused: "]);
     assert!(!case.out().exists(), "{:?}", case.results());
+}
+
+#[test]
+fn a_merge_that_is_refused_keeps_the_common_map_of_before() {
+    let (runs, case) = (Runs::get(), Case::new());
+    let (left, elsewhere) = (runs.run("left"), runs.run("elsewhere"));
+    merged_left_and_right(&case).assert_success();
+    let content = || -> Vec<(String, Vec<u8>)> {
+        let of = |name: String| (name.clone(), fs::read(case.out().join(name)).unwrap());
+        case.results().into_iter().map(of).collect()
+    };
+    let before = content();
+    let outcome = loopbox(&["merge", arg(&left), arg(&elsewhere), "--out", arg(&case.out()), "--json"]);
+    outcome.assert_ended(3, &["no two of the maps met"]);
+    let numbers: Value = serde_json::from_str(&outcome.stdout).unwrap();
+    assert!(numbers["encounters"][0]["refusal"].is_string(), "{numbers:#}");
+    assert!(before == content(), "{:?}", case.results());
+    let run = loopbox(&["merge", arg(&left), arg(&elsewhere), "--out", arg(&runs.run("right"))]);
+    run.assert_refused(&["holds the results of a run over", "--force"]);
 }
 
 #[test]

@@ -149,7 +149,12 @@ impl Outcome {
 
     /// Fails unless it refused: a non-zero exit code, no panic, and each of `words` on standard error.
     pub fn assert_refused(&self, words: &[&str]) {
-        assert_eq!(self.code, Some(1), "{self:#?}");
+        self.assert_ended(1, words);
+    }
+
+    /// The same with another exit code.
+    pub fn assert_ended(&self, code: i32, words: &[&str]) {
+        assert_eq!(self.code, Some(code), "{self:#?}");
         assert!(self.stderr.contains("error: ") && !self.stderr.contains("panicked"), "{self:#?}");
         for word in words {
             assert!(self.stderr.contains(word), "nothing is said of \"{word}\"\n{self:#?}");

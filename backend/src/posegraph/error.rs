@@ -1,6 +1,7 @@
 //! What the pose graph refuses.
 
 use super::PoseGraphParams;
+use crate::SystemError;
 use geometry::Sim3;
 use map::{Edge, KeyframeId};
 use std::collections::BTreeMap;
@@ -58,13 +59,8 @@ pub enum PoseGraphError {
     #[error("a kernel width of the pose graph is not a positive number; set it above zero")]
     InvalidKernelWidth,
     /// The linear solver could not be set up.
-    #[error("the sparse solver cannot handle a graph of {nodes} free keyframes: {reason}")]
-    Solver {
-        /// Number of free nodes.
-        nodes: usize,
-        /// What the solver said.
-        reason: String,
-    },
+    #[error(transparent)]
+    Solver(#[from] SystemError),
 }
 
 /// Refuses input that would poison the whole graph.

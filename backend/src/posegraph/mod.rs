@@ -21,7 +21,6 @@ mod kernel;
 mod params;
 mod residual;
 mod solver;
-mod system;
 #[cfg(test)]
 pub(crate) mod tests;
 

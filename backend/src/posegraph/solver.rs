@@ -1,8 +1,8 @@
 //! Levenberg–Marquardt over the graph, with kernels narrowed in stages.
 
 use super::residual::residual;
-use super::system::{BlockSlot, NormalEquations};
 use super::{PoseGraphError, PoseGraphParams, PoseGraphReport, RobustKernel, evaluate_edge};
+use crate::block_system::{BlockSlot, BlockSystem};
 use geometry::Sim3;
 use map::{Edge, KeyframeId};
 use nalgebra::{SMatrix, SVector};
@@ -41,7 +41,7 @@ pub(super) struct Solver<'a> {
     /// Index among the free nodes.
     free: Vec<Option<usize>>,
     constraints: Vec<Constraint>,
-    system: NormalEquations,
+    system: BlockSystem<7>,
 }
 
 impl<'a> Solver<'a> {
@@ -75,13 +75,9 @@ impl<'a> Solver<'a> {
             let (from, to) = (free[c.from]?, free[c.to]?);
             Some((from.max(to), from.min(to)))
         };
-        let pairs: Vec<(usize, usize)> = constraints.iter().filter_map(coupled).collect();
-        let (system, slots) = NormalEquations::new(free_count, &pairs)?;
-        let mut slots = slots.into_iter();
+        let system = BlockSystem::new(free_count, constraints.iter().filter_map(coupled))?;
         for constraint in &mut constraints {
-            if coupled(constraint).is_some() {
-                constraint.slot = slots.next();
-            }
+            constraint.slot = coupled(constraint).map(|(greater, smaller)| system.slot(greater, smaller));
         }
         let poses = nodes.values().map(Sim3::inverse).collect();
         Ok(Self { params, poses, free, constraints, system })
@@ -141,7 +137,7 @@ impl<'a> Solver<'a> {
         let mut cost = self.cost(&self.poses, widening);
         self.linearise(widening);
         for iteration in 1..=max_iterations {
-            let Some((step, promised)) = self.system.solve(damping) else {
+            let Some((step, promised)) = self.step(damping) else {
                 damping = (damping * 10.0).max(1e-9);
                 if damping > MAX_DAMPING {
                     return (iteration, true);
@@ -168,6 +164,25 @@ impl<'a> Solver<'a> {
             self.linearise(widening);
         }
         (max_iterations, false)
+    }
+
+    /// The step `δ = −(H + damping·diag(H))⁻¹ g` and the decrease `−gᵀδ − ½ δᵀHδ` that it promises
+    /// of half the cost; `None` when the damped matrix is not positive definite.
+    fn step(&mut self, damping: f64) -> Option<(Vec<f64>, f64)> {
+        let largest = self.system.diagonal().fold(0.0, f64::max);
+        // A floor keeps nodes without edges, and free gauges, solvable: they do not move.
+        let floor = 1e-12 * largest.max(f64::MIN_POSITIVE);
+        let added = |diagonal: f64| damping * diagonal + floor;
+        self.system.damp(added);
+        let step = self.system.solve()?;
+        // With (H + D) δ = −g the promise −gᵀδ − ½ δᵀHδ becomes ½ (δᵀDδ − gᵀδ).
+        let promised = step
+            .iter()
+            .zip(self.system.gradient())
+            .zip(self.system.diagonal())
+            .map(|((d, g), diagonal)| 0.5 * (added(diagonal) * d * d - g * d))
+            .sum();
+        Some((step, promised))
     }
 
     /// Takes the step when it lowers the cost.

@@ -4,6 +4,7 @@
 //! similarity between the keyframes and an affine change of brightness; coarse to fine. The depth
 //! residual is what fixes the scale. A loop is trusted when the alignments both ways agree.
 
+mod compare;
 mod level;
 mod params;
 mod reciprocal;
@@ -13,6 +14,7 @@ mod view;
 #[cfg(test)]
 mod tests;
 
+pub use compare::{CompareParams, Comparison, compare};
 pub use params::Sim3AlignParams;
 pub use reciprocal::{ReciprocalVerdict, reciprocal};
 pub use view::KeyframeView;

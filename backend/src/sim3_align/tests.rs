@@ -201,3 +201,51 @@ proptest! {
         }
     }
 }
+
+/// The scene's keyframe from a pose, as alignment takes it.
+fn view_from(world_from_camera: &Se3) -> KeyframeView {
+    let (pyramid, depth) = render(world_from_camera, 1.0, 1.0, 0.0);
+    KeyframeView::new(&pyramid, &depth, &camera())
+}
+
+#[test]
+fn keyframes_of_one_place_hardly_contradict_each_other() {
+    let (from, to) = (pose(0.0, 0.0, 0.0, 0.0, 0.0), pose(0.25, -0.05, 0.1, -0.05, 0.03));
+    let target_from_source = Sim3::from(to.inverse() * from);
+    let found = compare(&view_from(&from), &view_from(&to), &target_from_source, &CompareParams::default());
+    assert!(found.seen as f64 > 0.7 * found.points as f64, "{found:?}");
+    assert!(found.agree as f64 > 0.9 * found.seen as f64, "{found:?}");
+    // The box hides a part of the wall from one of both; nothing is looked through.
+    assert!(found.through_share() < 0.02 && found.missing_share() < 0.02, "{found:?}");
+}
+
+/// A wall that should stand nearer: the target looks through it. The other way round it hides what is behind it, which
+/// is no contradiction.
+#[test]
+fn what_is_looked_through_is_told_from_what_is_hidden() {
+    let here = view_from(&pose(0.0, 0.0, 0.0, 0.0, 0.0));
+    let ahead =
+        |metres: f64| Sim3::from(Se3::new(UnitQuaternion::identity(), Vector3::new(0.0, 0.0, metres)));
+    let params = CompareParams::default();
+    let nearer = compare(&here, &here, &ahead(-1.2), &params);
+    assert!(nearer.through_share() > 0.5, "{nearer:?}");
+    let farther = compare(&here, &here, &ahead(1.5), &params);
+    assert!(farther.hidden > farther.agree && farther.through_share() < 0.1, "{farther:?}");
+}
+
+/// Where the target shows nothing, what the source sees is missing.
+#[test]
+fn a_blank_image_lacks_everything() {
+    let source = view_from(&pose(0.0, 0.0, 0.0, 0.0, 0.0));
+    let blank = Pyramid::new(GrayImage::filled(camera().width, camera().height, 128), 5);
+    let target = KeyframeView::new(&blank, &SemiDense::default(), &camera());
+    let found = compare(&source, &target, &Sim3::identity(), &CompareParams::default());
+    assert!(found.seen > 100 && found.missing_share() > 0.95, "{found:?}");
+    assert_eq!((found.agree, found.through, found.hidden), (0, 0, 0));
+    // And nothing is seen behind the camera.
+    let behind = Sim3::from(Se3::new(
+        UnitQuaternion::from_euler_angles(0.0, std::f64::consts::PI, 0.0),
+        Vector3::zeros(),
+    ));
+    assert_eq!(compare(&source, &source, &behind, &CompareParams::default()).seen, 0);
+}

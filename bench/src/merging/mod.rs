@@ -20,9 +20,9 @@ use rescaled::Change;
 use std::path::Path;
 
 /// The methods of the paper's Table I by their names on the command line; the last is that without a name.
-const METHODS: [&str; 6] = ["pcr-pro", "pgo-straight", "pgo-full", "pgo-top", "loop-box-paper", "loop-box"];
+const METHODS: [&str; 6] = ["pcr-pro", "pgo-straight", "pgo-full", "pgo-top", "loop-box", "direct"];
 /// What is used when no method is named.
-const OWN: &str = "loop-box";
+const OWN: &str = "direct";
 
 /// The cases of which the maps are moved and rescaled.
 const MOVED: usize = 2;

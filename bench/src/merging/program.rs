@@ -10,8 +10,8 @@ use std::process::Command;
 
 /// What the program prints first when it refuses all pairs.
 const NOTHING_MET: &str = "no two of the maps met";
-/// What it prints before the reason for which it refused a pair.
-const REFUSED: &str = "refused: ";
+/// What it prints before the reason for which it did not merge a pair.
+const NOT_MERGED: [&str; 2] = ["refused: ", "undecided: "];
 
 /// The program.
 #[derive(Clone, Debug)]
@@ -150,11 +150,15 @@ impl Merged {
         groups.any(|group| has(group, a) && has(group, b))
     }
 
-    /// Every pair of inputs, in the program's order: (0, 1), (0, 2), (1, 2), (0, 3), …
+    /// Every pair of inputs, in the program's order: (0, 1), (0, 2), (1, 2), (0, 3), … Which of the two is the target
+    /// is for the program to say.
     pub fn encounters(&self) -> Vec<Encounter> {
         let all = self.record["encounters"].as_array().into_iter().flatten();
         let pairs = (1..).flat_map(|source| (0..source).map(move |target| (target, source)));
-        let encounter = |((target, source), record): ((usize, usize), &Value)| {
+        let encounter = |((earlier, later), record): ((usize, usize), &Value)| {
+            let name = |input: usize| self.record.pointer(&format!("/inputs/{input}/name"));
+            let turned = name(later).is_some_and(|name| *name == record["target"]);
+            let (target, source) = if turned { (later, earlier) } else { (earlier, later) };
             let mut tried = record["tried"].as_array().into_iter().flatten();
             let accepted = tried.find(|place| place["outcome"] == "accepted");
             let time = |place: &Value, of: &str| place[of].as_f64();
@@ -183,7 +187,9 @@ fn lists(help: &str, value: &str) -> bool {
 
 /// The reasons in what the program prints when it refuses.
 fn refusals(text: &str) -> Vec<String> {
-    text.lines().filter_map(|line| Some(line.split_once(REFUSED)?.1.trim().to_owned())).collect()
+    let reason =
+        |line: &str| NOT_MERGED.iter().find_map(|word| Some(line.split_once(word)?.1.trim().to_owned()));
+    text.lines().filter_map(reason).collect()
 }
 
 #[cfg(test)]
@@ -195,27 +201,31 @@ mod tests {
     fn reasons_are_read_from_what_is_printed() {
         let text = "error: no two of the maps met, so there is no common map\n\
                     a + b: refused: 2 matches are too few: at least 16 are needed\n  best of 48 places\n\
-                    a + c: refused: no place of one looks like a place of the other\n";
+                    a + c: refused: no place of one looks like a place of the other\n\
+                    b + c: undecided: only 59 key points match\n";
         let reasons = refusals(text);
-        assert_eq!(reasons.len(), 2);
+        assert_eq!(reasons.len(), 3);
+        assert_eq!(reasons[2], "only 59 key points match");
         assert_eq!(reasons[0], "2 matches are too few: at least 16 are needed");
     }
 
     #[test]
     fn methods_are_words_of_the_help() {
-        let help = "--method <METHOD>\n  Possible values:\n  - loop-box: as it is\n  - pgo-full: all";
-        assert!(lists(help, "loop-box") && lists(help, "pgo-full"));
-        assert!(!lists(help, "loop-box-paper") && !lists(help, "pgo"));
+        let help = "--method <METHOD>\n  Possible values:\n  - direct: as it is\n  - pgo-full: all";
+        assert!(lists(help, "direct") && lists(help, "pgo-full"));
+        assert!(!lists(help, "loop-box") && !lists(help, "pgo"));
     }
 
     #[test]
     fn pairs_and_groups_are_those_of_the_record() {
         let record = json!({
-            "inputs": [{ "agents": ["a"] }, { "agents": ["b"] }, { "agents": ["c"] }],
+            "inputs": [
+                { "name": "a", "agents": ["a"] }, { "name": "b", "agents": ["b"] }, { "name": "c", "agents": ["c"] }
+            ],
             "groups": [{ "agents": ["a", "c"] }, { "agents": ["b"] }],
             "encounters": [
-                { "refusal": "too few", "tried": [] },
-                { "refusal": null, "tried": [
+                { "target": "a", "source": "b", "refusal": "too few", "tried": [] },
+                { "target": "c", "source": "a", "refusal": null, "tried": [
                     { "outcome": "not closed", "target_time": 1.0, "source_time": 2.0 },
                     { "outcome": "accepted", "target_time": 3.0, "source_time": 4.0 }
                 ] },
@@ -226,7 +236,7 @@ mod tests {
         assert!(merged.together(0, 2) && !merged.together(0, 1) && !merged.together(0, 7));
         let encounters = merged.encounters();
         let pairs: Vec<_> = encounters.iter().map(|e| (e.target, e.source, e.met)).collect();
-        assert_eq!(pairs, [(0, 1, None), (0, 2, Some([3.0, 4.0])), (1, 2, None)]);
+        assert_eq!(pairs, [(0, 1, None), (2, 0, Some([3.0, 4.0])), (1, 2, None)]);
         assert_eq!(encounters[0].refusal.as_deref(), Some("too few"));
     }
 }

@@ -41,7 +41,8 @@ fn small_map() -> Map {
                     pixel: vec![3, 9],
                     inverse_depth: vec![0.5, 0.7],
                     variance: vec![0.1, 0.2],
-                },
+                }
+                .into(),
                 points: vec![Point {
                     pixel: [2.0, 3.0],
                     inverse_depth: 0.4,

@@ -82,7 +82,7 @@ pub(super) fn keyframe_from_message(
         frame_index: message.frame_index,
         world_from_keyframe: pose,
         image,
-        semi_dense,
+        semi_dense: semi_dense.into(),
         points,
     };
     Ok((keyframe, own_pose))

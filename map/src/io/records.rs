@@ -1,12 +1,10 @@
 //! The records of an MCAP file, as far as they are whole.
 
+use geometry::limits::MAX_BYTES;
 use mcap::McapError;
 use mcap::records::op;
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use std::io::{self, Read};
-
-/// The largest chunk that is unpacked, bytes; a larger one is damage and not a keyframe.
-const MAX_UNPACKED: usize = 1 << 28;
 
 /// Why reading records came to its end before the file's.
 #[derive(Debug)]
@@ -30,7 +28,7 @@ pub(super) fn read_file<E>(
         .with_emit_chunks(true)
         .with_validate_data_section_crc(true)
         // No record is longer than the file: a damaged length does not ask for more memory.
-        .with_record_length_limit(usize::try_from(length).unwrap_or(usize::MAX));
+        .with_record_length_limit(usize::try_from(length).unwrap_or(usize::MAX).min(MAX_BYTES));
     read(LinearReader::new_with_options(options), source, take)
 }
 
@@ -43,7 +41,7 @@ pub(super) fn read_chunk<E>(
         .with_skip_start_magic(true)
         .with_skip_end_magic(true)
         .with_prevalidate_chunk_crcs(true)
-        .with_record_length_limit(MAX_UNPACKED);
+        .with_record_length_limit(MAX_BYTES);
     let length = (chunk.len() as u64).to_le_bytes();
     let mut source = [op::CHUNK].chain(&length[..]).chain(chunk);
     read(LinearReader::new_with_options(options), &mut source, take)

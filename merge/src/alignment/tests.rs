@@ -29,7 +29,8 @@ fn synthetic_map() -> Map {
                     inverse_depth: pixel.iter().map(|_| numbers.uniform(0.1, 1.0) as f32).collect(),
                     variance: vec![1e-4; pixel.len()],
                     pixel,
-                },
+                }
+                .into(),
                 points: Vec::new(),
             },
         );

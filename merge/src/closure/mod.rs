@@ -68,6 +68,10 @@ pub struct Closure {
     pub registration: Result<Registration, IcpRefusal>,
     /// target_world_from_source_world: the mean of the pairs that agree.
     pub motion: Estimate,
+    /// The same between the keyframes of the chosen pair, target_from_source.
+    pub at_keyframes: Estimate,
+    /// How far the points of the chosen target keyframe are from its camera, its unit: the median.
+    pub reach: f64,
 }
 
 impl Closure {
@@ -88,6 +92,7 @@ pub fn close(
     place: ViewPair,
     params: &ClosureParams,
 ) -> Result<Closure, ClosureRefusal> {
+    let keyframes = (place.source, place.target);
     let (travel, views) = steps::neighbours(source, target, place, params);
     let mut pairs = steps::measure(source, target, views, params);
     let index = steps::choose(&pairs)?;
@@ -108,7 +113,12 @@ pub fn close(
         .map(|refinement| chosen.world_motion(&scale, &initial_guess, refinement))
         .collect();
     steps::refine(source, target, &mut pairs, &starts, params);
-    let motion = steps::motion(&chosen, &mut pairs, params)?;
+    let at_keyframes = steps::motion(&chosen, &mut pairs, params)?;
+    let motion = chosen.of_worlds(&at_keyframes).ok_or(ClosureRefusal::NoMotion)?;
+    let travel = match travel {
+        Travel::Unknown => steps::travel_of_paths(source, target, keyframes, &motion.a_from_b),
+        known => known,
+    };
     Ok(Closure {
         travel,
         pairs,
@@ -116,9 +126,11 @@ pub fn close(
         scales,
         scale,
         algorithm_1: algorithm_1(&scales, volume_ratio, &params.optimal_scale),
-        poses: chosen.poses,
         initial_guess,
         registration,
         motion,
+        at_keyframes,
+        reach: chosen.reach(),
+        poses: chosen.poses,
     })
 }

@@ -60,6 +60,30 @@ pub(super) fn neighbours(
     (travel, [first, Some((place.source, place.target, Ok(place))), last])
 }
 
+/// The direction of travel by the cameras' paths at two keyframes, once the maps lie in one world: what is left to tell
+/// it where counts of matches cannot. Unknown where a camera stood, or the paths part by more than 60°.
+pub(super) fn travel_of_paths(
+    source: &PreparedMap,
+    target: &PreparedMap,
+    keyframes: (KeyframeId, KeyframeId),
+    target_from_source: &Sim3,
+) -> Travel {
+    let step = |map: &PreparedMap, id: KeyframeId| {
+        let (before, after) = map.neighbours(id);
+        let at = |id: Option<KeyframeId>| Some(map.world_from(id?)?.translation);
+        Some(at(after.or(Some(id)))? - at(before.or(Some(id)))?)
+    };
+    let Some((a, b)) = step(source, keyframes.0).zip(step(target, keyframes.1)) else {
+        return Travel::Unknown;
+    };
+    let cosine = (target_from_source.rotation * a).dot(&b) / (a.norm() * b.norm());
+    match cosine {
+        cosine if cosine > 0.5 => Travel::Same,
+        cosine if cosine < -0.5 => Travel::Opposite,
+        _ => Travel::Unknown,
+    }
+}
+
 /// A keyframe among its neighbours in time, and its position there.
 fn around(map: &PreparedMap, id: KeyframeId) -> (Vec<KeyframeId>, usize) {
     let (before, after) = map.neighbours(id);
@@ -167,7 +191,7 @@ impl Chosen {
     }
 
     /// How far the target's points are from its camera, target keyframe units: the median.
-    fn reach(&self) -> f64 {
+    pub(super) fn reach(&self) -> f64 {
         let mut distances: Vec<f64> = self.target_cloud.points.iter().map(|point| point.norm()).collect();
         distances.sort_by(f64::total_cmp);
         distances.get(distances.len() / 2).copied().unwrap_or(0.0)
@@ -198,6 +222,12 @@ impl Chosen {
         let source = self.source_cloud.moved(&scaling);
         let target = self.target_cloud.moved(&scaled_source_from_target);
         icp::register(&target, &source, &Sim3::identity(), &params.icp)
+    }
+
+    /// target_world_from_source_world of an estimate between the keyframes.
+    pub(super) fn of_worlds(&self, target_from_source: &Estimate) -> Option<Estimate> {
+        let PairPoses { source_world_from_source, target_world_from_target } = &self.poses;
+        target_from_source.carried(target_world_from_target, &source_world_from_source.inverse())
     }
 
     /// Eq. 9 and §IV-E: target_world_from_source_world.
@@ -236,7 +266,7 @@ pub(super) fn refine(
     });
 }
 
-/// target_world_from_source_world on which most pairs agree; marks those that do.
+/// target_from_source of the chosen pair's keyframes on which most pairs agree; marks those that do.
 ///
 /// They are compared as what each says of the chosen pair: there an honest drift between neighbours is small, while
 /// at the worlds' origins, far away, it would be large.
@@ -250,6 +280,7 @@ pub(super) fn motion(
         .iter()
         .enumerate()
         .filter_map(|(z, pair)| Some((z, pair.as_ref()?.motion?.carried(&target.inverse(), &source)?)))
+        .filter(|(_, estimate)| is_sharp(estimate, chosen.reach(), params.max_deviation))
         .collect();
     let [translation, rotation, scale] = params.drift;
     let translation = translation * chosen.reach();
@@ -267,8 +298,17 @@ pub(super) fn motion(
     }
     let mean = mean(&agreeing).ok_or(ClosureRefusal::NoMotion)?;
     // Neighbouring keyframes share the errors of their depths: three pairs know little more than one.
-    let mean = Estimate { information: mean.information / agreeing.len() as f64, ..mean };
-    mean.carried(&target, &source.inverse()).ok_or(ClosureRefusal::NoMotion)
+    Ok(Estimate { information: mean.information / agreeing.len() as f64, ..mean })
+}
+
+/// Whether a pair is known well enough that its agreement with others means something.
+fn is_sharp(estimate: &Estimate, reach: f64, [translation, rotation, scale]: [f64; 3]) -> bool {
+    let Some(covariance) = estimate.information.try_inverse() else { return false };
+    let variance = covariance.diagonal();
+    let within = |first: usize, count: usize, limit: f64| {
+        variance.iter().skip(first).take(count).all(|&v| v >= 0.0 && v.sqrt() <= limit)
+    };
+    within(0, 3, translation * reach) && within(3, 3, rotation) && within(6, 1, scale)
 }
 
 /// The largest subset of `count` whose every two have a χ² of at most `limit`, the one of smallest worst χ² among
@@ -296,7 +336,21 @@ fn largest_agreeing(count: usize, chi2: &impl Fn(usize, usize) -> f64, limit: f6
 
 #[cfg(test)]
 mod tests {
-    use super::largest_agreeing;
+    use super::{is_sharp, largest_agreeing};
+    use crate::estimate::Estimate;
+    use geometry::Sim3;
+    use nalgebra::{SMatrix, SVector};
+
+    #[test]
+    fn what_is_known_badly_in_any_way_confirms_nothing() {
+        let known_to = |translation: f64, rotation: f64, scale: f64| {
+            let [t, r, s] = [translation, rotation, scale].map(|deviation| deviation.powi(-2));
+            let information = SMatrix::from_diagonal(&SVector::from([t, t, t, r, r, r, s]));
+            is_sharp(&Estimate { a_from_b: Sim3::identity(), information }, 2.0, [0.1, 0.02, 0.1])
+        };
+        assert!(known_to(0.19, 0.019, 0.09));
+        assert!(!known_to(0.21, 0.01, 0.01) && !known_to(0.01, 0.021, 0.01) && !known_to(0.01, 0.01, 0.11));
+    }
 
     /// χ² of every two of three: of 0 and 1, 0 and 2, 1 and 2.
     fn of_three([first, second, third]: [f64; 3]) -> (Vec<usize>, f64) {

@@ -26,8 +26,8 @@ impl Closures {
 }
 
 impl CommonMap {
-    /// The closures between every two agents, as far as they agree; of sets equally large the one that begins at
-    /// the smaller keyframes.
+    /// The closures between every two agents, as far as they agree. Where two sets contradict each other and the
+    /// smaller is nearly as large, nothing says which is right, and none of either is believed.
     pub(super) fn consistent(&self, params: &FusionParams) -> Result<Closures, FusionError> {
         let mut closures = Closures { agreeing: BTreeMap::new(), contradicting: Vec::new() };
         for (a, b) in self.merged() {
@@ -42,13 +42,17 @@ impl CommonMap {
             let good = |index: &usize| selected.binary_search(index).is_ok();
             let wrong = links.iter().enumerate().filter(|(index, _)| !good(index));
             closures.contradicting.extend(wrong.map(|(_, link)| **link));
-            closures.agreeing.insert((a, b), selected.iter().map(|&index| upright(links[index])).collect());
+            if !selected.is_empty() {
+                closures
+                    .agreeing
+                    .insert((a, b), selected.iter().map(|&index| upright(links[index])).collect());
+            }
         }
         Ok(closures)
     }
 }
 
-/// The indices, ascending, of the closures that agree with each other.
+/// The indices, ascending, of the closures that agree with each other; none where a rival is nearly as large.
 fn select(edges: &[Edge], from: &Map, to: &Map, params: &FusionParams) -> Result<Vec<usize>, PoseGraphError> {
     let nodes = |map: &Map| -> BTreeMap<KeyframeId, Sim3> {
         map.keyframes.iter().map(|(id, keyframe)| (*id, keyframe.world_from_keyframe)).collect()
@@ -56,7 +60,9 @@ fn select(edges: &[Edge], from: &Map, to: &Map, params: &FusionParams) -> Result
     let (from_nodes, to_nodes) = (nodes(from), nodes(to));
     let from = MapGraph { nodes: &from_nodes, edges: &from.edges };
     let to = MapGraph { nodes: &to_nodes, edges: &to.edges };
-    Ok(consistent_set(edges, from, to, &params.consistency)?.selected)
+    let found = consistent_set(edges, from, to, &params.consistency)?;
+    let undecided = found.rival as f64 > params.max_rival_share * found.selected.len() as f64;
+    Ok(if undecided { Vec::new() } else { found.selected })
 }
 
 /// A closure as an edge between the own maps.

@@ -12,6 +12,12 @@ pub struct FusionParams {
     pub optimise: bool,
     /// Which closures between two agents agree; the others are left out and named.
     pub consistency: ConsistencyParams,
+    /// Largest difference between two ways over which two agents stand to each other, standard deviations of the drift
+    /// of a whole map by `consistency`. Default 4.9: the square is the 99.9 % quantile of χ² with 7 degrees of freedom.
+    pub max_cycle_error: f64,
+    /// Largest set of closures between two agents that contradicts the largest and agrees in itself, as a share of it.
+    /// Default 0.5; 0 to 1. Beyond, nothing says which of both is right, and neither is believed.
+    pub max_rival_share: f64,
     /// The joint pose graph.
     pub pose_graph: PoseGraphParams,
 }
@@ -21,6 +27,8 @@ impl Default for FusionParams {
         Self {
             optimise: true,
             consistency: ConsistencyParams::default(),
+            max_cycle_error: 4.9,
+            max_rival_share: 0.5,
             pose_graph: PoseGraphParams::default(),
         }
     }

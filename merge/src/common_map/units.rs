@@ -9,7 +9,7 @@ use std::cmp::Ordering;
 pub(super) fn follow(link: &Link, agent: AgentId, old: &Map, new: &Map) -> Link {
     let new_from_old = |address: &Address| -> Option<Sim3> {
         let depth = |map: &Map| Some(map.keyframes.get(&address.keyframe)?.semi_dense.clone());
-        let scale = if address.agent == agent { factor(&depth(old)?, &depth(new)?) } else { None };
+        let scale = if address.agent == agent { factor(&*depth(old)?, &*depth(new)?) } else { None };
         scale.map(|scale| Sim3 { scale, ..Sim3::identity() })
     };
     let (from, to) = (new_from_old(&link.from), new_from_old(&link.to));

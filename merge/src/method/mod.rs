@@ -11,8 +11,8 @@
 //! | `pgo-straight` | PCR-Pro and ICP of each pair S_z–T_z; a pose graph over the six keyframes |
 //! | `pgo-full` | the same with the cross pairs S₂–T₁, S₁–T₂, S₃–T₂, S₂–T₃ (1, 2, 3 for z = −1, 0, 1) |
 //! | `pgo-top` | the one transformation of the pair of most matches for all poses; then a pose graph |
-//! | `loop-box-paper` | σ* by Algorithm 1, initial guess of the pair of most matches, ICP; no more |
-//! | `loop-box` | the default: that, extended by direct refinement, agreement of pairs, further closures, joint graph |
+//! | `loop-box` | the paper: σ* by Algorithm 1, initial guess of the pair of most matches, ICP and its information |
+//! | `direct` | the default: pairs refined on their images, their agreement, further closures, joint graph |
 //!
 //! What the paper leaves open, as we read it:
 //! - *PCR-Pro* is "applied directly to the first match" (Fig. 7) and gives an initial guess (§IV-C1): no ICP.
@@ -51,6 +51,7 @@ use crate::closure::Closure;
 use crate::estimate::Estimate;
 use crate::further::Joined;
 use crate::prepared::PreparedMap;
+use backend::sim3_align::Comparison;
 use map::{Edge, EdgeKind, KeyframeId};
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -68,11 +69,11 @@ pub enum Method {
     PgoFull,
     /// Pose graph from the transformation of the pair of most matches.
     PgoTop,
-    /// Loop-box to the letter of the paper.
-    LoopBoxPaper,
-    /// Loop-box as loopbox extends it.
-    #[default]
+    /// Loop-box as the paper has it.
     LoopBox,
+    /// loopbox's own: all seven degrees of freedom from the images of all pairs that agree.
+    #[default]
+    Direct,
 }
 
 /// A method other than loopbox's own.
@@ -82,8 +83,8 @@ pub enum Baseline {
     PcrPro,
     /// The pose graphs.
     PoseGraph(Configuration),
-    /// [`Method::LoopBoxPaper`].
-    LoopBoxPaper,
+    /// [`Method::LoopBox`].
+    LoopBox,
 }
 
 /// Which edges a pose graph has between the agents (Appendix A).
@@ -111,7 +112,7 @@ pub struct Placement {
 impl Method {
     /// All methods, in the order of the module's table.
     pub const ALL: [Self; 6] =
-        [Self::PcrPro, Self::PgoStraight, Self::PgoFull, Self::PgoTop, Self::LoopBoxPaper, Self::LoopBox];
+        [Self::PcrPro, Self::PgoStraight, Self::PgoFull, Self::PgoTop, Self::LoopBox, Self::Direct];
 
     /// What it is called.
     pub fn name(self) -> &'static str {
@@ -120,8 +121,8 @@ impl Method {
             Self::PgoStraight => "pgo-straight",
             Self::PgoFull => "pgo-full",
             Self::PgoTop => "pgo-top",
-            Self::LoopBoxPaper => "loop-box-paper",
             Self::LoopBox => "loop-box",
+            Self::Direct => "direct",
         }
     }
 
@@ -133,8 +134,8 @@ impl Method {
             Self::PgoStraight => Some(Baseline::PoseGraph(Configuration::Straight)),
             Self::PgoFull => Some(Baseline::PoseGraph(Configuration::Full)),
             Self::PgoTop => Some(Baseline::PoseGraph(Configuration::Top)),
-            Self::LoopBoxPaper => Some(Baseline::LoopBoxPaper),
-            Self::LoopBox => None,
+            Self::LoopBox => Some(Baseline::LoopBox),
+            Self::Direct => None,
         }
     }
 }
@@ -193,6 +194,14 @@ impl Placement {
 impl From<Placement> for Joined {
     /// The one edge, and nothing that was compared with it.
     fn from(placement: Placement) -> Self {
-        Self { edges: vec![placement.edge()], rejected: Vec::new(), failed: 0, rival: 0 }
+        Self {
+            edges: vec![placement.edge()],
+            rejected: Vec::new(),
+            tried: 0,
+            failed: 0,
+            confirmed: 0,
+            rival: 0,
+            seen: Comparison::default(),
+        }
     }
 }

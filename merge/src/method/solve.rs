@@ -26,7 +26,7 @@ pub fn solve(
     match baseline {
         Baseline::PcrPro => pcr_pro(observed),
         Baseline::PoseGraph(configuration) => pose_graph(configuration, observed, params),
-        Baseline::LoopBoxPaper => loop_box_paper(observed, params),
+        Baseline::LoopBox => loop_box(observed, params),
     }
 }
 
@@ -38,8 +38,8 @@ fn pcr_pro(observed: &Observed) -> Result<Placement, MethodRefusal> {
     Ok(Placement { source: centre.source, target: centre.target, target_from_source })
 }
 
-/// Loop-box to the letter: Algorithm 1, one pair of three, ICP.
-fn loop_box_paper(observed: &Observed, params: &BaselineParams) -> Result<Placement, MethodRefusal> {
+/// Loop-box as the paper has it: Algorithm 1, one pair of three, ICP.
+fn loop_box(observed: &Observed, params: &BaselineParams) -> Result<Placement, MethodRefusal> {
     let (pair, measured) = observed.most_matched().ok_or_else(|| not_measured(observed))?;
     let (source, target) = observed.poses(pair.source, pair.target).ok_or(MethodRefusal::NoMotion)?;
     let scales = scales(observed);

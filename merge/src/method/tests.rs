@@ -16,7 +16,7 @@ const BASELINES: [Baseline; 5] = [
     Baseline::PoseGraph(Configuration::Straight),
     Baseline::PoseGraph(Configuration::Full),
     Baseline::PoseGraph(Configuration::Top),
-    Baseline::LoopBoxPaper,
+    Baseline::LoopBox,
 ];
 
 /// Standard deviations of what PCR-Pro measures: rotation in rad, translation in parts of the room's half width (in
@@ -214,7 +214,7 @@ fn loop_box_of_the_paper_takes_the_scale_of_algorithm_1() {
     let mut room = Room::new(32, 0.0);
     room.rescale(0, 1.05, 1.0);
     room.rescale(1, 1.01, 1.0);
-    let placement = room.solve(Baseline::LoopBoxPaper).unwrap();
+    let placement = room.solve(Baseline::LoopBox).unwrap();
     assert_eq!((placement.source, placement.target), (KeyframeId(12), KeyframeId(5)));
     assert!((room.error(&placement)[6] - 1.005f64.ln()).abs() < 1e-9);
 }
@@ -238,7 +238,7 @@ fn methods_do_with_the_pairs_there_are() {
     }
     // Algorithm 1 falls back on the centre, and only on it.
     room.observed.direct[0] = None;
-    assert!(matches!(room.solve(Baseline::LoopBoxPaper), Err(MethodRefusal::Scale(_))));
+    assert!(matches!(room.solve(Baseline::LoopBox), Err(MethodRefusal::Scale(_))));
     room.observed.direct[2].as_mut().unwrap().measured = Err(refusal);
     for baseline in BASELINES {
         assert_eq!(room.solve(baseline), Err(MethodRefusal::NotMeasured(refusal)), "{baseline:?}");

@@ -5,7 +5,7 @@ use map::{KeyframeId, Map};
 use merge::closure::Closure;
 use merge::common_map::{Address, Addresses, CommonMap, Fused, FusionParams, Link};
 use merge::estimate::Estimate;
-use merge::further::{FurtherParams, Joined, join};
+use merge::further::{FurtherParams, Joined};
 use merge::key_points::KeyPointParams;
 use merge::meeting::{MeetingParams, Outcome, Place, Tried, meet};
 use merge::prepared::PreparedMap;
@@ -31,10 +31,7 @@ pub struct Encounter {
 impl Encounter {
     /// The accepted closure.
     pub fn closure(&self) -> Option<&Closure> {
-        self.tried.iter().find_map(|tried| match &tried.outcome {
-            Outcome::Accepted(closure, _) => Some(&**closure),
-            _ => None,
-        })
+        self.tried.iter().find_map(|tried| Some(&tried.outcome.accepted()?.closure))
     }
 }
 
@@ -78,11 +75,9 @@ fn look_at(
     let source = PreparedMap::new(source, of_source, &key_points);
     let target = PreparedMap::new(target, of_target, &key_points);
     let params = MeetingParams { rounds: places.len().max(1), ..MeetingParams::default() };
-    let mut encounter = Encounter { tried: meet(&source, &target, places, &params), joined: None };
-    let joined =
-        encounter.closure().map(|closure| join(&source, &target, closure, &FurtherParams::default()));
-    encounter.joined = joined.map(|joined| joined.expect("the maps' poses are usable"));
-    encounter
+    let tried = meet(&source, &target, places, &params, &FurtherParams::default());
+    let joined = tried.iter().find_map(|tried| tried.outcome.accepted()?.joined.clone());
+    Encounter { tried, joined }
 }
 
 /// Adds the closures of an encounter of two maps of one agent each; returns how many.
@@ -140,8 +135,10 @@ pub fn reasons(encounter: &Encounter) -> Vec<String> {
         Outcome::NotMatched(refusal) => refusal.to_string(),
         Outcome::NotFollowed => "not followed".into(),
         Outcome::NotClosed(refusal) => refusal.to_string(),
-        Outcome::Doubted(_, _, doubt) => doubt.to_string(),
-        Outcome::Accepted(..) => "accepted".into(),
+        Outcome::Broken(error) => error.to_string(),
+        Outcome::Judged(judged) => {
+            judged.verdict.doubt().map_or("accepted".into(), |doubt| format!("{doubt}: {:?}", judged.verdict))
+        }
     };
     encounter.tried.iter().map(|tried| format!("γ {}: {}", tried.match_count, reason(tried))).collect()
 }

@@ -86,7 +86,7 @@ fn blank_images_match_nothing() {
 #[test]
 fn keyframes_without_depth_are_not_looked_at() {
     let mut flat = there().clone();
-    flat.keyframes.values_mut().for_each(|keyframe| keyframe.semi_dense = SemiDense::default());
+    flat.keyframes.values_mut().for_each(|keyframe| keyframe.semi_dense = SemiDense::default().into());
     for (target, source) in [(here(), &flat), (&flat, here())] {
         assert!(encounter(target, source).tried.is_empty());
     }
@@ -117,7 +117,8 @@ fn places_that_are_not_there_are_passed_over() {
     let source = PreparedMap::new(there(), &of_there, &key_points);
     let place = |source, target| Place { source: KeyframeId(source), target: KeyframeId(target) };
     let places = [place(77, 0), place(0, 77), place(1, 1)];
-    assert!(meet(&source, &target, &places, &MeetingParams::default()).is_empty());
+    let (meeting, further) = (MeetingParams::default(), FurtherParams::default());
+    assert!(meet(&source, &target, &places, &meeting, &further).is_empty());
 }
 
 /// Of many good places only as many are matched as asked for, and only one is accepted.
@@ -129,12 +130,12 @@ fn no_more_places_are_tried_than_asked_for() {
     let source = PreparedMap::new(there(), &of_there, &key_points);
     let places: Vec<Place> = (0..5).map(|k| Place { source: KeyframeId(k), target: KeyframeId(k) }).collect();
     let params = MeetingParams { places: 3, rounds: 1, ..MeetingParams::default() };
-    let tried = meet(&source, &target, &places, &params);
+    let tried = meet(&source, &target, &places, &params, &FurtherParams::default());
     assert_eq!(tried.len(), 3);
     assert!(tried.windows(2).all(|pair| pair[0].match_count >= pair[1].match_count), "most matches first");
-    assert_eq!(tried.iter().filter(|t| matches!(t.outcome, Outcome::Accepted(..))).count(), 1);
+    assert_eq!(tried.iter().filter(|t| t.outcome.accepted().is_some()).count(), 1);
     let unwilling = MeetingParams { closures: 0, ..params };
-    let tried = meet(&source, &target, &places, &unwilling);
+    let tried = meet(&source, &target, &places, &unwilling, &FurtherParams::default());
     assert!(tried.iter().all(|t| t.outcome == Outcome::NotFollowed));
 }
 

@@ -25,7 +25,7 @@ pub fn rendered_map(world: &World, path: &[Se3]) -> Map {
                 timestamp: index as f64,
                 frame_index: index as u64,
                 world_from_keyframe: Sim3::from(*pose),
-                semi_dense: depth_of(&image, inverse_depth.data()),
+                semi_dense: depth_of(&image, inverse_depth.data()).into(),
                 image: Arc::new(image),
                 points: Vec::new(),
             }

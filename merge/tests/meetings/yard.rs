@@ -58,14 +58,14 @@ fn track(path: Vec<Se3>) -> Drive {
     let mut params = Params::default();
     // So that the first part of so short a drive has depth.
     params.mapping.settle_after = 2;
-    let mut agent = Agent::new(recording.camera, Box::new(ThumbnailIndex::default()), params);
+    let mut agent = Agent::new(recording.camera, Box::new(ThumbnailIndex::default()), params).unwrap();
     let mut early = None;
     for (index, shot) in recording.shots.iter().enumerate() {
         if index == recording.shots.len() * 3 / 4 {
             early = Some(agent.snapshot());
         }
         let image = shot.image.as_ref().clone();
-        agent.process(Frame { index: index as u64, timestamp: shot.timestamp, image });
+        agent.process(Frame { index: index as u64, timestamp: shot.timestamp, image }).unwrap();
     }
     agent.finish();
     let early = early.expect("a recording has a first part");

@@ -1,14 +1,12 @@
 //! Before there is a map and while it is young: the start, its frames, and giving up a map of no use.
 
-use super::settle::Settler;
 use super::{Agent, FrameReport, State, TrackingState};
 use crate::bootstrap::{Bootstrap, Progress, Started};
-use crate::closing::LoopCloser;
-use crate::local_map::LocalMap;
+use crate::local_map::{Counts, LocalMap};
 use crate::publish;
 use crate::tracker::Tracker;
 use geometry::{GrayImage, Pyramid, Se3};
-use map::{FramePose, Map};
+use map::{FramePose, Map, MapDelta};
 use std::sync::Arc;
 
 /// A frame from before the first map, kept to be tracked backwards once there is one.
@@ -66,11 +64,10 @@ impl Agent {
     /// Takes over the first map.
     fn adopt(&mut self, started: Started) -> FrameReport {
         let Started { map, frames } = started;
-        self.local = map;
-        for keyframe in 0..self.local.keyframes.len() {
-            publish::add_keyframe(&mut self.map, &self.local, keyframe);
-        }
-        let first = &self.local.keyframes[0];
+        let mut report = FrameReport::of(TrackingState::Tracking);
+        let added = (0..map.keyframes.len()).map(|keyframe| publish::keyframe(&map, keyframe)).collect();
+        self.say(MapDelta { added, ..MapDelta::default() }, &mut report);
+        let first = &map.keyframes[0];
         let all =
             [(first.timestamp, first.frame_index, Se3::identity())].into_iter().chain(frames.iter().copied());
         self.map.frames = all
@@ -82,21 +79,24 @@ impl Agent {
             })
             .collect();
         self.refer_newest_frame(1);
-        self.places.add(LocalMap::id(0), self.local.keyframes[0].pyramid.base());
-        self.map_around(1);
+        if let Some(mapper) = &mut self.mapper {
+            let update = mapper.adopt(map, &self.params);
+            self.view = update.view;
+            self.say(update.delta, &mut report);
+        }
         self.track_early();
-        let last = self.local.keyframes[1].camera_from_world;
+        let last = self.view.keyframes[1].camera_from_world;
         let velocity = match frames.as_slice() {
             [.., before, newest] => newest.2 * before.2.inverse(),
             _ => last,
         };
-        self.state = State::Running(Box::new(Tracker::new(&self.local, 1, last, velocity, &self.params)));
+        self.state = State::Running(Box::new(Tracker::new(&self.view, 1, last, velocity, &self.params)));
         FrameReport {
             world_from_camera: Some(last.inverse()),
             new_keyframe: Some(LocalMap::id(1)),
             inlier_share: 1.0,
-            matched_points: self.local.keyframes[1].seen.len(),
-            ..FrameReport::of(TrackingState::Tracking)
+            matched_points: self.view.keyframes[1].seen.len(),
+            ..report
         }
     }
 
@@ -105,20 +105,20 @@ impl Agent {
         let first = self.map.frames.first().map_or(0, |f| f.frame_index);
         let mut early = std::mem::take(&mut self.early);
         early.retain(|f| f.frame_index < first);
-        let world_from_first = self.local.keyframes[0].camera_from_world.inverse();
-        let start = self.local.keyframes[0].camera_from_world;
-        let mut tracker = Tracker::new(&self.local, 0, start, Se3::identity(), &self.params);
+        let start = self.view.keyframes[0].camera_from_world;
+        let mut tracker = Tracker::new(&self.view, 0, start, Se3::identity(), &self.params);
+        let places = self.mapper.as_ref().map(|mapper| mapper.places.as_ref());
         let mut found = Vec::new();
         for frame in early.iter().rev() {
             let pyramid = Pyramid::new(frame.image.as_ref().clone(), self.params.align.pyramid_levels);
-            if tracker.track(&self.local, self.places.as_ref(), &pyramid, &self.params).is_none() {
+            if tracker.track(&self.view, places, &pyramid, &self.params).is_none() {
                 break;
             }
             found.push(FramePose {
                 timestamp: frame.timestamp,
                 frame_index: frame.frame_index,
                 reference: LocalMap::id(0),
-                keyframe_from_frame: (tracker.last * world_from_first).inverse(),
+                keyframe_from_frame: self.view.keyframe_from_frame(0, &tracker.last),
             });
         }
         found.reverse();
@@ -127,8 +127,7 @@ impl Agent {
 
     /// Whether a young map has proved useless: nothing that follows fits it.
     pub(super) fn was_bad_start(&self, tracker: &Tracker) -> bool {
-        let p = &self.params.keyframes;
-        self.local.keyframes.len() <= p.young_map && tracker.lost_frames() >= p.give_up
+        self.is_young() && tracker.lost_frames() >= self.params.keyframes.give_up
     }
 
     /// Gives the map up and begins a start with this frame; `None` when it has too little texture: a dark image
@@ -152,9 +151,12 @@ impl Agent {
     fn forget(&mut self) {
         let agents = std::mem::take(&mut self.map.agents);
         self.map = Map { agents, ..Map::new(self.camera) };
-        self.local = LocalMap::new(self.camera);
-        self.places.clear();
-        self.closer = LoopCloser::default();
-        self.settler = Settler::default();
+        self.said = 0;
+        self.view = LocalMap::new(self.camera);
+        self.closed.clear();
+        self.mapper = self.mapper.take().map(|mapper| Box::new(mapper.forget()));
+        self.counts = Counts::default();
+        self.companions.clear();
+        self.first_open = 0;
     }
 }

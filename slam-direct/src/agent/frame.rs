@@ -1,7 +1,7 @@
 //! What goes into the agent and what comes out: frames, and reports on them.
 
 use geometry::{GrayImage, Se3};
-use map::KeyframeId;
+use map::{KeyframeId, MapDelta};
 
 /// One image to process.
 #[derive(Clone, Debug)]
@@ -30,12 +30,19 @@ pub enum TrackingState {
 pub struct FrameReport {
     /// State after the frame.
     pub state: TrackingState,
+    /// Of an [`Atlas`](crate::Atlas), the index of the fragment whose world and unit the report is in; 0 of one agent.
+    pub fragment: usize,
     /// Pose as known now (later optimisation may move it).
     pub world_from_camera: Option<Se3>,
     /// Keyframe made from this frame.
     pub new_keyframe: Option<KeyframeId>,
     /// Keyframes whose depth became known with this frame; their poses may still move.
     pub settled_keyframes: Vec<KeyframeId>,
+    /// Keyframe whose mapping was taken over before this frame was tracked, if that was beside the tracking.
+    pub adopted: Option<KeyframeId>,
+    /// What changed in the map, in order. The frames' poses are not in it: they are only ever added, and each is
+    /// relative to its keyframe.
+    pub deltas: Vec<MapDelta>,
     /// Loop closed after this frame: `(newer, older)` keyframe.
     pub closed_loop: Option<(KeyframeId, KeyframeId)>,
     /// Share of the predicted points that were matched, 0–1.
@@ -49,13 +56,21 @@ pub struct FrameReport {
 }
 
 impl FrameReport {
+    /// A report on a frame that was found nowhere.
+    pub(crate) fn lost() -> Self {
+        Self { reason: Some("the view matches no part of the map"), ..Self::of(TrackingState::Lost) }
+    }
+
     /// A report that says no more than the state.
     pub(super) fn of(state: TrackingState) -> Self {
         Self {
             state,
+            fragment: 0,
             world_from_camera: None,
             new_keyframe: None,
             settled_keyframes: Vec::new(),
+            adopted: None,
+            deltas: Vec::new(),
             closed_loop: None,
             inlier_share: 0.0,
             rmse: 0.0,

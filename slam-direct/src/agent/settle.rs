@@ -3,10 +3,8 @@
 use crate::background::Task;
 use crate::dense::StereoJob;
 use crate::depth::DepthParams;
-use crate::local_map::LocalMap;
-use crate::mapping::UnitChange;
-use crate::publish;
-use map::{KeyframeId, Map, SemiDense};
+use crate::local_map::{Companions, LocalMap};
+use map::SemiDense;
 
 /// Computes the semi-dense depths, keyframe after keyframe.
 #[derive(Default)]
@@ -14,49 +12,28 @@ pub(super) struct Settler {
     /// The first keyframe whose depth is not begun.
     next: usize,
     /// Depths being computed, in order of their keyframes.
-    settling: Vec<Settling>,
-}
-
-/// A keyframe whose semi-dense depth is computed in the background.
-struct Settling {
-    keyframe: usize,
-    /// Change of its unit since the computation was begun.
-    factor: f64,
-    depth: Task<SemiDense>,
+    settling: Vec<(usize, Task<SemiDense>)>,
 }
 
 impl Settler {
-    /// Whether the depth of a keyframe is still to be begun, so that a companion is of use to it.
-    pub fn is_open(&self, keyframe: usize) -> bool {
-        keyframe >= self.next
+    /// The first keyframe whose depth is still to be begun, so that companions are of use to it.
+    pub fn first_open(&self) -> usize {
+        self.next
     }
 
     /// Begins the depth of the keyframes that are at least `behind` keyframes old.
-    pub fn begin(&mut self, local: &mut LocalMap, behind: usize, params: &DepthParams) {
+    pub fn begin(&mut self, local: &LocalMap, companions: &Companions, behind: usize, params: &DepthParams) {
         let ready = local.keyframes.len().saturating_sub(behind);
         for keyframe in self.next..ready {
-            let job = StereoJob::new(local, keyframe, params);
-            local.keyframes[keyframe].companions = Vec::new();
-            self.settling.push(Settling { keyframe, factor: 1.0, depth: Task::spawn(move || job.run()) });
+            let near = companions.get(&keyframe).map_or(&[][..], Vec::as_slice);
+            let job = StereoJob::new(local, keyframe, near, params);
+            self.settling.push((keyframe, Task::spawn(move || job.run())));
         }
         self.next = self.next.max(ready);
     }
 
-    /// Takes up the depths begun before, waiting for them, and makes them public.
-    pub fn take_up(&mut self, public: &mut Map, local: &LocalMap) -> Vec<KeyframeId> {
-        let take_up = |settling: Settling| {
-            let mut depth = settling.depth.join();
-            publish::scale_depth(&mut depth, settling.factor);
-            publish::set_depth(public, local, settling.keyframe, depth);
-            LocalMap::id(settling.keyframe)
-        };
-        self.settling.drain(..).map(take_up).collect()
-    }
-
-    /// Notes that the unit of a keyframe has changed while its depth is computed.
-    pub fn absorb(&mut self, change: &UnitChange) {
-        for settling in self.settling.iter_mut().filter(|s| s.keyframe == change.keyframe) {
-            settling.factor *= change.factor;
-        }
+    /// Takes up the depths begun before, waiting for them.
+    pub fn take_up(&mut self) -> impl Iterator<Item = (usize, SemiDense)> + '_ {
+        self.settling.drain(..).map(|(keyframe, depth)| (keyframe, depth.join()))
     }
 }

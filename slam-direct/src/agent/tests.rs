@@ -16,7 +16,14 @@ fn drive() -> &'static Recording {
 }
 
 fn agent() -> Agent {
-    Agent::new(Recording::SMALL_CAMERA, Box::new(ThumbnailIndex::default()), Params::default())
+    agent_with_lag(Params::default().mapping.lag)
+}
+
+/// An agent that tracks against what was mapped so many frames before.
+fn agent_with_lag(lag: usize) -> Agent {
+    let mut params = Params::default();
+    params.mapping.lag = lag;
+    Agent::new(Recording::SMALL_CAMERA, Box::new(ThumbnailIndex::default()), params).unwrap()
 }
 
 /// Gives the agent the frames of the drive, each as `picture` shows it.
@@ -25,7 +32,7 @@ fn feed(agent: &mut Agent, picture: impl Fn(usize, &GrayImage) -> GrayImage) -> 
     shots
         .map(|(i, shot)| {
             let (index, timestamp, image) = (i as u64, shot.timestamp, picture(i, &shot.image));
-            agent.process(Frame { index, timestamp, image })
+            agent.process(Frame { index, timestamp, image }).unwrap()
         })
         .collect()
 }
@@ -35,7 +42,10 @@ fn as_it_is(_: usize, image: &GrayImage) -> GrayImage {
 }
 
 fn finished() -> (Map, Vec<FrameReport>) {
-    let mut agent = agent();
+    finished_by(agent())
+}
+
+fn finished_by(mut agent: Agent) -> (Map, Vec<FrameReport>) {
     let reports = feed(&mut agent, as_it_is);
     agent.finish();
     (agent.into_map(), reports)
@@ -84,7 +94,7 @@ fn a_snapshot_is_a_whole_map_of_an_agent_that_goes_on() {
             snapshot = Some(agent.snapshot());
         }
         let (index, timestamp, image) = (i as u64, shot.timestamp, shot.image.as_ref().clone());
-        agent.process(Frame { index, timestamp, image });
+        agent.process(Frame { index, timestamp, image }).unwrap();
     }
     agent.finish();
     let snapshot = snapshot.unwrap();
@@ -117,6 +127,57 @@ fn two_runs_give_one_map_however_many_threads() {
     let one = on(1);
     assert!(one == on(1), "two runs differ");
     assert!(one == on(2), "the number of threads matters");
+}
+
+#[test]
+fn a_map_adopted_later_is_as_good_and_the_same_each_time() {
+    for lag in [0, 1, 3] {
+        let run = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| finished_by(agent_with_lag(lag)))
+        };
+        let (map, reports) = run(1);
+        assert!(map == run(2).0, "lag {lag}: the number of threads matters");
+        assert_eq!(map.frames.len(), drive().shots.len());
+        let error = trajectory_error(&map);
+        assert!(error < 0.01 * drive().path_length(), "lag {lag}: off by {error} m");
+        let made = |id| reports.iter().position(|r| r.new_keyframe == Some(id));
+        let adopted = reports.iter().enumerate().filter_map(|(at, r)| Some((at, r.adopted?)));
+        let waits: Vec<usize> = adopted.map(|(at, id)| at - made(id).unwrap()).collect();
+        assert_eq!(waits.is_empty(), lag == 0);
+        assert!(waits.iter().all(|&wait| wait == lag), "{waits:?}");
+    }
+}
+
+#[test]
+fn who_takes_in_all_deltas_has_the_map() {
+    for lag in [0, 2] {
+        let mut agent = agent_with_lag(lag);
+        let mut told = Map::new(Recording::SMALL_CAMERA);
+        let mut next = 0;
+        for (i, shot) in drive().shots.iter().enumerate() {
+            let (index, timestamp, image) = (i as u64, shot.timestamp, shot.image.as_ref().clone());
+            for delta in agent.process(Frame { index, timestamp, image }).unwrap().deltas {
+                assert_eq!(delta.sequence, next);
+                next += 1;
+                told.take_in(delta);
+            }
+            assert!(told.keyframes == agent.map().keyframes, "lag {lag}: frame {i}");
+            let known = |f: &FramePose| told.keyframes.contains_key(&f.reference);
+            assert!(agent.map().frames.iter().all(known), "lag {lag}: each frame's keyframe is there");
+        }
+        assert!(next > 8);
+    }
+}
+
+#[test]
+fn a_wish_to_stop_leaves_a_whole_map() {
+    let mut agent = agent();
+    feed(&mut agent, as_it_is);
+    agent.finish_until(&|| true);
+    let map = agent.map();
+    assert!(map.keyframes.values().all(|k| !k.semi_dense.is_empty() && !k.points.is_empty()));
+    assert!(trajectory_error(map) < 0.01 * drive().path_length());
 }
 
 #[test]
@@ -158,8 +219,9 @@ fn the_reason_for_waiting_is_the_true_one() {
     let texture = "the image has too little texture";
     let mut agent = agent();
     let (width, height) = (Recording::SMALL_CAMERA.width, Recording::SMALL_CAMERA.height);
-    let mut report =
-        |index: u64, image: GrayImage| agent.process(Frame { index, timestamp: index as f64, image });
+    let mut report = |index: u64, image: GrayImage| {
+        agent.process(Frame { index, timestamp: index as f64, image }).unwrap()
+    };
     let grey = report(0, GrayImage::filled(width, height, 128));
     assert_eq!((grey.state, grey.reason), (TrackingState::Starting, Some(texture)));
     let good = report(1, drive().shots[0].image.as_ref().clone());
@@ -174,4 +236,35 @@ fn an_agent_that_saw_nothing_ends_with_an_empty_map() {
     let mut agent = agent();
     agent.finish();
     assert!(agent.map().keyframes.is_empty() && agent.map().frames.is_empty());
+}
+
+#[test]
+fn images_of_another_size_are_refused_and_do_no_harm() {
+    let mut agent = agent();
+    for (index, (width, height)) in [(640, 480), (319, 240), (320, 0)].into_iter().enumerate() {
+        let image = GrayImage::filled(width, height, 128);
+        let error = agent.process(Frame { index: index as u64, timestamp: 0.0, image }).unwrap_err();
+        let AgentError::Size { image, camera, .. } = error else { panic!("{error}") };
+        assert_eq!((image, camera), ((width, height), (320, 240)));
+    }
+    feed(&mut agent, as_it_is);
+    agent.finish();
+    assert!(agent.into_map() == finished().0);
+}
+
+#[test]
+fn what_cannot_be_worked_with_makes_no_agent() {
+    let make = |camera, params| {
+        Agent::new(camera, Box::new(ThumbnailIndex::default()), params).map(|_| ()).unwrap_err()
+    };
+    let mut params = Params::default();
+    params.track.cell = 0;
+    assert!(matches!(make(Recording::SMALL_CAMERA, params), AgentError::Parameter(_)));
+    for camera in [
+        Pinhole { width: 0, ..Recording::SMALL_CAMERA },
+        Pinhole { fx: 0.0, ..Recording::SMALL_CAMERA },
+        Pinhole { cy: f64::NAN, ..Recording::SMALL_CAMERA },
+    ] {
+        assert!(matches!(make(camera, Params::default()), AgentError::Camera { .. }));
+    }
 }

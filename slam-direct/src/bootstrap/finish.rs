@@ -19,13 +19,8 @@ impl Bootstrap {
         let last = solution.frames[solution.frames.len() - 1];
         let camera_from_world = Se3::new(last.rotation, last.translation * unit);
         let mut map = LocalMap::new(self.camera);
-        map.keyframes.push(KeyframeState::new(
-            self.timestamp,
-            self.frame_index,
-            self.first.clone(),
-            Se3::identity(),
-        ));
-        map.keyframes.push(KeyframeState::new(
+        map.push(KeyframeState::new(self.timestamp, self.frame_index, self.first.clone(), Se3::identity()));
+        map.push(KeyframeState::new(
             newest.timestamp,
             newest.frame_index,
             pyramid.clone(),

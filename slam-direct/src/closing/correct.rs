@@ -1,7 +1,7 @@
 //! Spreading a loop's drift over the keyframes.
 
 use super::evidence::NoLoop;
-use crate::local_map::{KeyframeState, LocalMap};
+use crate::local_map::LocalMap;
 use crate::mapping::UnitChange;
 use backend::posegraph::{self, KernelShape, PoseGraphParams, RobustKernel};
 use geometry::Sim3;
@@ -21,10 +21,8 @@ pub(super) struct Correction(BTreeMap<KeyframeId, Sim3>);
 impl GraphJob {
     /// The map's keyframes under `edges`.
     pub fn new(map: &LocalMap, edges: Vec<Edge>, params: &PoseGraphParams) -> Self {
-        let node = |(index, state): (usize, &KeyframeState)| {
-            (LocalMap::id(index), Sim3::from(state.camera_from_world.inverse()))
-        };
-        Self { nodes: map.keyframes.iter().enumerate().map(node).collect(), edges, params: params.clone() }
+        let node = |index| (LocalMap::id(index), map.world_from_keyframe(index));
+        Self { nodes: (0..map.keyframes.len()).map(node).collect(), edges, params: params.clone() }
     }
 
     /// Optimises the keyframes' similarities, the first one held. Refuses when the loops contradict each other.
@@ -43,13 +41,12 @@ impl GraphJob {
 }
 
 impl Correction {
-    /// Moves the map: poses stay rigid, each keyframe's scale goes into the depths of its points. Keyframes
-    /// made since the graph was taken go along with the last one it knew.
+    /// Moves the map: each keyframe's scale goes into its unit and the depths of its points. Keyframes made since the graph was taken go along with the last one it knew.
     pub fn apply(&self, map: &mut LocalMap) -> Vec<UnitChange> {
         (0..map.keyframes.len())
             .filter_map(|keyframe| {
                 let (_, correction) = self.0.range(..=LocalMap::id(keyframe)).next_back()?;
-                let now = Sim3::from(map.keyframes[keyframe].camera_from_world.inverse());
+                let now = map.world_from_keyframe(keyframe);
                 Some(place(map, keyframe, &(*correction * now)))
             })
             .collect()
@@ -95,8 +92,9 @@ fn believable(
 
 /// Puts a keyframe where the graph wants it.
 fn place(map: &mut LocalMap, keyframe: usize, world_from_keyframe: &Sim3) -> UnitChange {
-    let factor = world_from_keyframe.scale;
-    let state = &mut map.keyframes[keyframe];
+    let state = &mut *map.keyframes[keyframe];
+    let factor = world_from_keyframe.scale / state.unit;
+    state.unit = world_from_keyframe.scale;
     state.camera_from_world = world_from_keyframe.rigid().inverse().renormalized();
     for point in &mut state.points {
         point.inverse_depth /= factor;

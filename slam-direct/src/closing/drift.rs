@@ -19,6 +19,12 @@ pub(crate) struct Drift {
     pub scale: f64,
 }
 
+/// A similarity between two keyframes in their own units as one of lengths in the world's.
+pub(super) fn in_world_units(map: &LocalMap, to: usize, from: usize, to_from_from: &Sim3) -> Sim3 {
+    let [to, from] = [to, from].map(|k| map.keyframes[k].unit);
+    Sim3::new(to_from_from.rotation, to_from_from.translation * to, to_from_from.scale * to / from)
+}
+
 /// Compares a measured similarity with the map; refuses more drift than the way explains.
 pub(super) fn check(
     map: &LocalMap,
@@ -28,6 +34,7 @@ pub(super) fn check(
     params: &ClosingParams,
 ) -> Result<(), Drift> {
     let by_map = map.keyframes[old].camera_from_world * map.keyframes[current].camera_from_world.inverse();
+    let current_from_old = in_world_units(map, current, old, current_from_old);
     let by_loop = current_from_old.inverse();
     let drift = Drift {
         translation: (by_loop.translation - by_map.translation).norm(),
@@ -43,8 +50,22 @@ pub(super) fn check(
 
 /// Length of the camera's way between two keyframes.
 fn way(map: &LocalMap, from: usize, to: usize) -> f64 {
+    ways(map, from, to).last().copied().unwrap_or(0.0)
+}
+
+/// Length of the camera's way from each keyframe before `to` up to it, the nearest first and `from` last.
+fn ways(map: &LocalMap, from: usize, to: usize) -> Vec<f64> {
     let centre = |k: usize| map.keyframes[k].camera_from_world.inverse().translation;
-    (from..to).map(|k| (centre(k + 1) - centre(k)).norm()).sum()
+    let (mut length, mut next) = (0.0, centre(to));
+    (from..to)
+        .rev()
+        .map(|k| {
+            let here = centre(k);
+            length += (next - here).norm();
+            next = here;
+            length
+        })
+        .collect()
 }
 
 /// Where a keyframe might be in truth, for all that its drift allows.
@@ -52,6 +73,8 @@ pub(super) struct Reach {
     keyframe: usize,
     /// How far apart two keyframes may be that see one place, map units.
     view: f64,
+    /// Length of the way from each keyframe before it, the nearest first.
+    ways: Vec<f64>,
 }
 
 impl Reach {
@@ -60,7 +83,8 @@ impl Reach {
         let points = map.reference_points(keyframe);
         let mut depths: Vec<f32> = points.iter().map(|p| 1.0 / p.inverse_depth).collect();
         let depth = median(&mut depths).filter(|d| d.is_finite() && *d > 0.0)?;
-        Some(Self { keyframe, view: params.search.max_distance * f64::from(depth) })
+        let view = params.search.max_distance * f64::from(depth);
+        Some(Self { keyframe, view, ways: ways(map, 0, keyframe) })
     }
 
     /// Whether an old keyframe lies within it.
@@ -69,7 +93,7 @@ impl Reach {
         let apart = old_pose * pose.inverse();
         // A turn in the image plane is part of the drift's bound only.
         let turn = apart.rotation.angle().to_degrees();
-        apart.translation.norm() <= self.view + params.max_drift * way(map, old, self.keyframe)
+        apart.translation.norm() <= self.view + params.max_drift * self.ways[self.keyframe - 1 - old]
             && turn <= params.search.max_view_angle + params.max_turn
     }
 }

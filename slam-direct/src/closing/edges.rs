@@ -28,6 +28,16 @@ struct Directed {
     observations: usize,
 }
 
+/// All edges of the map as it stands: successive keyframes, those that share points, closed loops.
+pub(crate) fn all(map: &LocalMap, closed: &[Edge]) -> Vec<Edge> {
+    let mut edges = covisibility(map);
+    edges.extend(closed.iter().map(|edge| {
+        let [from, to] = [edge.from, edge.to].map(|id| map.world_from_keyframe(id.0 as usize));
+        Edge { from_from_to: from.inverse() * to, ..edge.clone() }
+    }));
+    edges
+}
+
 /// Edges between successive keyframes and between those that see each other's points, from the newer to the
 /// older, at the relative pose of the map.
 ///
@@ -107,11 +117,15 @@ fn relative(map: &LocalMap, from: usize, to: usize) -> Se3 {
     map.keyframes[from].camera_from_world * map.keyframes[to].camera_from_world.inverse()
 }
 
-fn edge(map: &LocalMap, newer: usize, older: usize, information: Matrix7) -> Edge {
+/// An edge with `information` about lengths in world units, brought to the keyframes' units.
+fn edge(map: &LocalMap, newer: usize, older: usize, mut information: Matrix7) -> Edge {
+    let unit = map.keyframes[newer].unit;
+    information.fixed_rows_mut::<3>(0).scale_mut(unit);
+    information.fixed_columns_mut::<3>(0).scale_mut(unit);
     Edge {
         from: LocalMap::id(newer),
         to: LocalMap::id(older),
-        from_from_to: Sim3::from(relative(map, newer, older)),
+        from_from_to: map.world_from_keyframe(newer).inverse() * map.world_from_keyframe(older),
         information: (information + information.transpose()) * 0.5,
         kind: if newer == older + 1 { EdgeKind::Odometry } else { EdgeKind::Covisibility },
     }

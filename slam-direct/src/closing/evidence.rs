@@ -75,9 +75,10 @@ pub(super) fn test(
     if !seen.is_good(p.min_matched, p.min_share) {
         return Err(NoLoop::FewMatches { found: seen.inliers().count(), sought: seen.sought.len() });
     }
-    let scale = scale(local, &seen, &current_public.semi_dense).ok_or(NoLoop::NoScale)?;
-    let start =
-        in_own_unit(&(seen.camera_from_world * local.keyframes[old].camera_from_world.inverse()), scale);
+    let [unit, old_unit] = [current, old].map(|k| local.keyframes[k].unit);
+    let scale = unit * scale(local, &seen, &current_public.semi_dense).ok_or(NoLoop::NoScale)?;
+    let relative = seen.camera_from_world * local.keyframes[old].camera_from_world.inverse();
+    let start = Sim3::new(relative.rotation, relative.translation * scale / unit, scale * old_unit / unit);
     drift::check(local, current, old, &start, p)?;
     if !is_confirmed(local, &new_side, &old_side, &seen.camera_from_world, scale, params) {
         return Err(NoLoop::Unconfirmed);
@@ -102,8 +103,11 @@ fn align(local: &LocalMap, current: usize, old: usize, candidate: &LoopCandidate
     let state = &local.keyframes[old];
     let points = local.reference_points(old);
     let reference = AlignmentReference::new(&state.pyramid, &local.camera, &points, &params.align);
-    let guesses: Vec<Se3> =
-        candidate.current_from_old.iter().map(|g| Se3::new(g.rotation, g.translation / g.scale)).collect();
+    let in_old_unit = |guess: &Sim3| {
+        let guess = drift::in_world_units(local, current, old, guess);
+        Se3::new(guess.rotation, guess.translation / guess.scale)
+    };
+    let guesses: Vec<Se3> = candidate.current_from_old.iter().map(in_old_unit).collect();
     let aligned = track::align_from_guesses(
         &reference,
         &local.keyframes[current].pyramid,
@@ -114,7 +118,8 @@ fn align(local: &LocalMap, current: usize, old: usize, candidate: &LoopCandidate
     aligned.frame_from_reference * state.camera_from_world
 }
 
-/// Units of the new side per unit of the old: the median ratio of the depths of the points both know.
+/// Units of the keyframe that has the `depth` per unit of the world at the old side: the median ratio of the depths of
+/// the points both know.
 fn scale(local: &LocalMap, seen: &SideMatch, depth: &SemiDense) -> Option<f64> {
     const MIN_POINTS: usize = 12;
     let mut ratios: Vec<f32> = seen
@@ -140,11 +145,6 @@ fn inverse_depth_near(depth: &SemiDense, pixel: [f32; 2], width: usize) -> Optio
         .filter_map(|(x, y)| depth.pixel.binary_search(&((y * width as i64 + x) as u32)).ok())
         .min_by(|&a, &b| depth.variance[a].total_cmp(&depth.variance[b]))
         .map(|i| depth.inverse_depth[i])
-}
-
-/// A rigid motion in the unit of its source, as a similarity into a target of another unit.
-fn in_own_unit(target_from_source: &Se3, scale: f64) -> Sim3 {
-    Sim3::new(target_from_source.rotation, target_from_source.translation * scale, scale)
 }
 
 /// Whether a neighbour of the keyframe sees the old place too, where the loop and the map put it. A second

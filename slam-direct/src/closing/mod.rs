@@ -8,7 +8,7 @@
 
 mod correct;
 mod drift;
-mod edges;
+pub(crate) mod edges;
 mod evidence;
 mod join;
 #[cfg(test)]
@@ -17,7 +17,7 @@ mod tests;
 use crate::background::Task;
 use crate::local_map::LocalMap;
 use crate::loops::{self, LoopParams};
-use crate::mapping::{self, UnitChange};
+use crate::mapping;
 use crate::params::Params;
 use backend::params;
 use backend::posegraph::PoseGraphParams;
@@ -25,9 +25,8 @@ use backend::sim3_align::Sim3AlignParams;
 use correct::{Correction, GraphJob};
 use drift::Reach;
 use evidence::{NoLoop, Proposal};
-use geometry::Sim3;
 use map::{Edge, KeyframeId, Map, PlaceIndex};
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 
 params! {
     /// Parameters of loop closing.
@@ -98,7 +97,7 @@ impl FoundLoop {
 /// Finds loops and closes them; remembers the closed ones and where attempts were futile.
 #[derive(Default)]
 pub(crate) struct LoopCloser {
-    /// Closed loops; their relative pose is that of the map.
+    /// Closed loops as they were measured; their relative pose is that of the map.
     closed: Vec<Edge>,
     /// `(newer, older)` keyframe of attempts that failed.
     futile: Vec<(usize, usize)>,
@@ -177,7 +176,7 @@ impl LoopCloser {
 
     /// Begins to close a found loop: its pose graph is solved in the background.
     pub fn start(&mut self, local: &LocalMap, found: FoundLoop, params: &Params) {
-        let mut edges = self.edges(local);
+        let mut edges = edges::all(local, &self.closed);
         edges.push(found.edge.clone());
         let job = GraphJob::new(local, edges, &params.closing.graph);
         self.pending = Some((found, Task::spawn(move || job.solve())));
@@ -189,13 +188,13 @@ impl LoopCloser {
     }
 
     /// Corrects the map by the loop begun with [`LoopCloser::start`], joins its two ends and optimises; tells
-    /// how the units of the keyframes changed. The map is as before when the loop contradicts the rest of the
-    /// graph; `None` when none was begun.
+    /// which keyframes moved. The map is as before when the loop contradicts the rest of the graph; `None` when none
+    /// was begun.
     pub fn finish(
         &mut self,
         local: &mut LocalMap,
         params: &Params,
-    ) -> Option<Result<(FoundLoop, Vec<UnitChange>), NoLoop>> {
+    ) -> Option<Result<(FoundLoop, BTreeSet<usize>), NoLoop>> {
         let p = &params.closing;
         let (found, task) = self.pending.take()?;
         let correction = match task.join() {
@@ -208,33 +207,18 @@ impl LoopCloser {
         self.closed.push(found.edge.clone());
         join::join(local, &found.new_side, &found.old_side, &params.track);
         let polish = if local.keyframes.len() <= p.whole_map {
-            mapping::optimise_all(local, p.iterations)
+            mapping::optimise_all(local, p.iterations, params.mapping.final_effort, &|| false)
         } else {
             let ends = [found.edge.to, found.edge.from].map(|id| id.0 as usize);
             ends.map(|end| mapping::optimise_around(local, end, &params.mapping)).concat()
         };
-        Some(Ok((found, compose(correction.into_iter().chain(polish)))))
+        let moved = correction.into_iter().chain(polish).map(|change| change.keyframe).collect();
+        Some(Ok((found, moved)))
     }
 
-    /// Brings what the closed loops know to the keyframes' new units.
-    pub fn absorb(&mut self, changes: &[UnitChange]) {
-        for change in changes {
-            for edge in self.closed.iter_mut().filter(|e| e.from == LocalMap::id(change.keyframe)) {
-                // Only translations have a unit: υ → f υ.
-                edge.information.fixed_rows_mut::<3>(0).scale_mut(1.0 / change.factor);
-                edge.information.fixed_columns_mut::<3>(0).scale_mut(1.0 / change.factor);
-            }
-        }
-    }
-
-    /// All edges of the map as it stands: successive keyframes, those that share points, closed loops.
-    pub fn edges(&self, local: &LocalMap) -> Vec<Edge> {
-        let mut edges = edges::covisibility(local);
-        edges.extend(self.closed.iter().map(|edge| {
-            let [from, to] = [edge.from, edge.to].map(|id| local.keyframes[id.0 as usize].camera_from_world);
-            Edge { from_from_to: Sim3::from(from * to.inverse()), ..edge.clone() }
-        }));
-        edges
+    /// The loops that were closed.
+    pub fn closed(&self) -> &[Edge] {
+        &self.closed
     }
 }
 
@@ -254,13 +238,4 @@ fn joined(local: &LocalMap, keyframe: usize, params: &ClosingParams) -> BTreeSet
         }
     }
     joined
-}
-
-/// One change per keyframe from successive ones.
-fn compose(changes: impl IntoIterator<Item = UnitChange>) -> Vec<UnitChange> {
-    let mut factors: BTreeMap<usize, f64> = BTreeMap::new();
-    for change in changes {
-        *factors.entry(change.keyframe).or_insert(1.0) *= change.factor;
-    }
-    factors.into_iter().map(|(keyframe, factor)| UnitChange { keyframe, factor }).collect()
 }

@@ -2,7 +2,7 @@
 //! from stereo with frames of known pose (Engel, Sturm, Cremers, ICCV 2013).
 //!
 //! ```text
-//! new ─ seed ─ (propagate_from) ─ update × references ─ regularise ─ to_semi_dense
+//! new ─ seed ─ update × references ─ regularise ─ to_semi_dense
 //! ```
 //! The sparse backbone bounds the search; the first references, of short baseline, find the pixel; longer
 //! baselines sharpen it. A pixel is exported when several references agree on it and its neighbours do too.
@@ -13,7 +13,6 @@ mod fuse;
 mod observation;
 mod params;
 mod prior;
-mod propagate;
 mod references;
 mod regularise;
 mod search;
@@ -97,10 +96,6 @@ pub struct DepthFilter {
     camera: Pinhole,
     params: DepthParams,
     candidates: Candidates,
-    /// Intensity of each candidate.
-    intensity: Vec<u8>,
-    /// Candidate at each pixel, [`NO_CANDIDATE`] for none.
-    index: Vec<u32>,
     ranges: PriorRanges,
     /// Range to search before the first observation.
     prior: Vec<[f32; 2]>,
@@ -112,9 +107,6 @@ pub struct DepthFilter {
     failures: Vec<u8>,
 }
 
-/// Marks pixels without a hypothesis in [`DepthFilter::index`].
-const NO_CANDIDATE: u32 = u32::MAX;
-
 impl DepthFilter {
     /// Selects the candidate pixels of a keyframe; nothing is known of their depth.
     ///
@@ -123,13 +115,9 @@ impl DepthFilter {
         let fits = image.width() == camera.width && image.height() == camera.height;
         let candidates = if fits { candidates::select(image, params) } else { Candidates::default() };
         let count = candidates.pixel.len();
-        let mut index = vec![NO_CANDIDATE; camera.width * camera.height];
-        candidates.pixel.iter().enumerate().for_each(|(i, &p)| index[p as usize] = i as u32);
         Self {
             camera: *camera,
             params: params.clone(),
-            intensity: candidates.pixel.iter().map(|&p| image.data()[p as usize]).collect(),
-            index,
             ranges: PriorRanges::unknown(camera, params),
             prior: vec![[params.min_inverse_depth, params.max_inverse_depth]; count],
             inverse_depth: vec![0.0; count],

@@ -246,27 +246,6 @@ fn motion_along_the_axis_is_measured_away_from_the_epipole() {
 }
 
 #[test]
-fn propagated_hypotheses_narrow_the_search_without_being_counted() {
-    let planes = [SLANTED];
-    let first = mapped(&planes, 1.0);
-    let next_from_first = poses()[2];
-    let image = render(&planes, &next_from_first, 1.0, (1.0, 0.0), 9);
-    let mut next = DepthFilter::new(&image, &CAMERA, &params());
-    next.propagate_from(&first, &next_from_first);
-    assert!(next.to_semi_dense().is_empty());
-    let mut narrowed = 0;
-    for (i, &[x, y]) in next.candidates.position.iter().enumerate() {
-        let [low, high] = next.prior[i];
-        if high < params().max_inverse_depth {
-            narrowed += 1;
-            let exact = trace(&planes, &next_from_first, x as f64, y as f64).0 as f32;
-            assert!(low < 1.05 * exact && exact < 1.05 * high, "{low} {exact} {high}");
-        }
-    }
-    assert!(narrowed > 500, "only {narrowed}");
-}
-
-#[test]
 fn runs_repeat_to_the_bit_on_any_processor() {
     let planes = [SLANTED, NEAR];
     let (keyframe, mut first) = seeded(&planes, 2.0);

@@ -80,7 +80,7 @@ fn a_disturbed_map_is_put_right() {
     let truth = exact_map(&views, 16);
     let mut map = truth.clone();
     disturb(&mut map, 2);
-    optimise_all(&mut map, 30);
+    optimise_all(&mut map, 30, 60.0, &|| false);
     // Keyframe 0 is held, the scale is not.
     let from_first = |m: &LocalMap, k: usize| {
         m.keyframes[k].camera_from_world * m.keyframes[0].camera_from_world.inverse()
@@ -104,15 +104,15 @@ fn unit_changes_tell_the_factor_of_each_keyframe() {
     let views = views();
     let truth = exact_map(&views, 20);
     let active = BTreeSet::from([0, 1, 2]);
-    let (mut window, _) = build(&truth, &active);
-    let before = frame_depths(&window.0);
-    for frame in &mut window.0.frames {
+    let mut window = Window::build(&truth, &active, 25);
+    let before = window.frame_depths();
+    for frame in &mut window.problem.frames {
         frame.translation *= 1.25;
     }
-    for point in &mut window.0.points {
+    for point in &mut window.problem.points {
         point.inverse_depth /= 1.25;
     }
-    let changes = unit_changes(&window, &before, &frame_depths(&window.0), &active);
+    let changes = window.unit_changes(&before);
     assert_eq!(changes.iter().map(|c| c.keyframe).collect::<Vec<_>>(), [0, 1, 2]);
     assert!(changes.iter().all(|c| (c.factor - 1.25).abs() < 1e-5), "{changes:?}");
 }
@@ -136,7 +136,7 @@ fn an_optimisation_that_undoes_a_wrong_unit_reports_it() {
     for point in &mut map.keyframes[3].points {
         point.inverse_depth /= 1.2;
     }
-    let changes = optimise(&mut map, &BTreeSet::from([3]), 30);
+    let changes = optimise(&mut map, &BTreeSet::from([3]), 25, |_| Limits::steps(30));
     assert_eq!(changes.len(), 1);
     assert_eq!(changes[0].keyframe, 3);
     let (found, exact) = (map.keyframes[3].camera_from_world, truth.keyframes[3].camera_from_world);
@@ -161,7 +161,7 @@ fn observations_that_disagree_go_and_points_without_any_die() {
         // Off the epipolar lines, to different sides.
         seen.pixel[1] += if seen.keyframe == 1 { 60.0 } else { -60.0 };
     }
-    optimise_all(&mut map, 20);
+    optimise_all(&mut map, 20, 60.0, &|| false);
     let (one, both) = (PointRef { host: 0, index: one }, PointRef { host: 0, index: both });
     assert!(map.point(one).alive);
     assert_eq!(map.point(one).observations.iter().map(|o| o.keyframe).collect::<Vec<_>>(), [1]);
@@ -177,7 +177,7 @@ fn points_sought_in_vain_are_dropped() {
     for (point, (sought, found)) in map.keyframes[0].points.iter_mut().zip([(8, 1), (8, 2), (7, 0), (0, 0)]) {
         (point.sought, point.found) = (sought, found);
     }
-    cull_unfound(&mut map, 0.25);
+    cull_unfound(&mut map, [0], 0.25);
     let alive: Vec<bool> = map.keyframes[0].points.iter().take(4).map(|p| p.alive).collect();
     assert_eq!(alive, [false, true, true, true]);
 }

@@ -7,15 +7,19 @@
 //! one-dimensional information, and geometric disturbance (rolling shutter, calibration) enters Λ as
 //! what it is: an uncertainty of position.
 //!
-//! Depths are eliminated by the Schur complement, one scalar per point; poses are solved densely.
+//! Depths are eliminated by the Schur complement, one scalar per point; what is left couples keyframes that share
+//! points and is solved by sparse Cholesky, so that the whole map's optimisation grows with the map and not with its
+//! square.
 
 mod linear;
+mod pairs;
 mod pose;
 mod problem;
 mod solve;
 #[cfg(test)]
 mod tests;
 
+pub(crate) use pairs::Pairs;
 pub(crate) use pose::{PoseSolver, SeenPoint};
 pub(crate) use problem::{Problem, WindowObservation, WindowPoint, mahalanobis, predict, robust_weight};
-pub(crate) use solve::solve;
+pub(crate) use solve::{Limits, solve, solve_within};

@@ -1,5 +1,6 @@
 //! The joint optimisation as values: poses, points, observations.
 
+use super::pairs::{Pairs, Relative};
 use geometry::{Pinhole, Se3};
 use nalgebra::Vector3;
 use std::ops::Range;
@@ -106,27 +107,19 @@ pub(crate) fn mahalanobis(residual: &[f64; 2], information: &[f64; 3]) -> f64 {
 }
 
 impl Problem {
-    /// Robust cost of all observations; one that falls behind its camera costs as a large outlier.
-    pub fn cost(&self) -> f64 {
-        self.points.iter().map(|p| self.point_cost(p)).sum()
+    /// Robust cost of all observations at the relative poses of its pairs; one that falls behind its camera costs as
+    /// a large outlier.
+    pub fn cost(&self, pairs: &Pairs, relative: &[Relative]) -> f64 {
+        let behind = robust_cost(1e4);
+        let cost = |i: usize, point: &WindowPoint| {
+            self.squared_residual(&relative[pairs.of(i)], point, i).map_or(behind, robust_cost)
+        };
+        self.points.iter().map(|p| p.observations.clone().map(|i| cost(i, p)).sum::<f64>()).sum()
     }
 
-    fn point_cost(&self, point: &WindowPoint) -> f64 {
-        let world_from_host = self.frames[point.host].inverse();
-        self.observations[point.observations.clone()]
-            .iter()
-            .map(|o| robust_cost(self.squared_residual(&world_from_host, point, o).unwrap_or(1e4)))
-            .sum()
-    }
-
-    fn squared_residual(
-        &self,
-        world_from_host: &Se3,
-        point: &WindowPoint,
-        seen: &WindowObservation,
-    ) -> Option<f64> {
-        let frame_from_host = self.frames[seen.frame] * *world_from_host;
-        let x = frame_from_host.rotation * point.ray + frame_from_host.translation * point.inverse_depth;
+    fn squared_residual(&self, relative: &Relative, point: &WindowPoint, observation: usize) -> Option<f64> {
+        let seen = &self.observations[observation];
+        let x = relative.transform(&point.ray, point.inverse_depth);
         if x.z < 1e-3 {
             return None;
         }
@@ -136,11 +129,12 @@ impl Problem {
 
     /// Squared normalised residual of each observation; infinite behind the camera.
     pub fn squared_residuals(&self) -> Vec<f64> {
+        let pairs = Pairs::new(self);
+        let relative = pairs.relative(&self.frames);
         let mut all = vec![f64::INFINITY; self.observations.len()];
         for point in &self.points {
-            let world_from_host = self.frames[point.host].inverse();
             for i in point.observations.clone() {
-                let value = self.squared_residual(&world_from_host, point, &self.observations[i]);
+                let value = self.squared_residual(&relative[pairs.of(i)], point, i);
                 all[i] = value.unwrap_or(f64::INFINITY);
             }
         }

@@ -1,61 +1,107 @@
 //! Levenberg–Marquardt over the window.
 
 use super::linear::Normal;
-use super::problem::Problem;
+use super::pairs::Pairs;
+use super::problem::{Problem, WindowPoint};
+use backend::SystemError;
 use geometry::Se3;
+use nalgebra::Vector6;
 
 /// Inverse depths stay above this share of their value per step, so that no point jumps through infinity.
 const MIN_DEPTH_FACTOR: f64 = 0.2;
 
-/// Minimises the robust cost over the free poses and all inverse depths; stops after `iterations`
-/// steps or when the cost falls by less than one part in ten million. Returns the cost that is left.
+/// When to end.
+pub(crate) struct Limits<'a> {
+    /// Steps at most.
+    pub iterations: usize,
+    /// Asked before each attempted step: whether to leave it at what is reached.
+    pub stop: &'a dyn Fn() -> bool,
+}
+
+impl Limits<'_> {
+    /// So many steps, come what may.
+    pub fn steps(iterations: usize) -> Self {
+        Self { iterations, stop: &|| false }
+    }
+}
+
+/// Minimises the robust cost of a small problem in so many steps at most. Returns the cost that is left.
 pub(crate) fn solve(problem: &mut Problem, iterations: usize) -> f64 {
-    let mut cost = problem.cost();
-    let mut lambda = 1e-5;
-    let mut done = 0;
-    let mut normal = Normal::new(problem);
-    let mut refused = 0;
-    while done < iterations && refused < 6 {
-        let accepted = normal.step(problem, lambda).map(|step| {
-            let candidate = moved(problem, &step);
-            let cost = candidate.cost();
-            (candidate, cost)
-        });
-        match accepted {
-            Some((candidate, new_cost)) if new_cost < cost => {
-                let small = cost - new_cost < 1e-7 * cost;
-                *problem = candidate;
-                cost = new_cost;
-                lambda = (lambda * 0.2).max(1e-9);
-                done += 1;
-                refused = 0;
-                normal = Normal::new(problem);
-                if small {
-                    break;
-                }
+    let (pairs, stop) = (Pairs::new(problem), || false);
+    solve_within(problem, &pairs, &Limits { iterations, stop: &stop }).unwrap_or(f64::INFINITY)
+}
+
+/// Minimises the robust cost over the free poses and all inverse depths; stops at its `limits` or when the cost
+/// falls by less than one part in ten million. Returns the cost that is left.
+///
+/// # Errors
+/// When there is not enough memory; the problem is as it was.
+pub(crate) fn solve_within(
+    problem: &mut Problem,
+    pairs: &Pairs,
+    limits: &Limits,
+) -> Result<f64, SystemError> {
+    let mut relative = pairs.relative(&problem.frames);
+    let mut cost = problem.cost(pairs, &relative);
+    let mut normal = Normal::new(problem, pairs)?;
+    normal.linearise(problem, pairs, &relative);
+    let (mut lambda, mut done, mut refused) = (1e-5, 0, 0);
+    while done < limits.iterations && refused < 6 && !(limits.stop)() {
+        let step = normal.step(problem, pairs, lambda);
+        let before = step.map(|(pose, depth)| advance(problem, &pose, &depth));
+        let moved = pairs.relative(&problem.frames);
+        let new_cost = before.as_ref().map_or(f64::INFINITY, |_| problem.cost(pairs, &moved));
+        if new_cost < cost {
+            let small = cost - new_cost < 1e-7 * cost;
+            (cost, relative) = (new_cost, moved);
+            lambda = (lambda * 0.2f64).max(1e-9);
+            done += 1;
+            refused = 0;
+            normal.linearise(problem, pairs, &relative);
+            if small {
+                break;
             }
-            _ => {
-                lambda = (lambda * 10.0).max(1e-6);
-                refused += 1;
+        } else {
+            if let Some(before) = before {
+                before.restore(problem);
             }
+            lambda = (lambda * 10.0).max(1e-6);
+            refused += 1;
         }
     }
     for (point, information) in problem.points.iter_mut().zip(normal.depth_information()) {
         point.information = information;
     }
-    cost
+    Ok(cost)
 }
 
-fn moved(problem: &Problem, (pose, depth): &(Vec<nalgebra::Vector6<f64>>, Vec<f64>)) -> Problem {
-    let mut candidate = problem.clone();
-    for ((frame, delta), fixed) in candidate.frames.iter_mut().zip(pose).zip(&problem.fixed) {
+/// Values of a problem before a step.
+struct Before {
+    frames: Vec<Se3>,
+    inverse_depths: Vec<f64>,
+}
+
+impl Before {
+    fn restore(self, problem: &mut Problem) {
+        problem.frames = self.frames;
+        for (point, inverse_depth) in problem.points.iter_mut().zip(self.inverse_depths) {
+            point.inverse_depth = inverse_depth;
+        }
+    }
+}
+
+/// Takes a step; gives what was before it.
+fn advance(problem: &mut Problem, pose: &[Vector6<f64>], depth: &[f64]) -> Before {
+    let frames = problem.frames.clone();
+    for ((frame, delta), fixed) in problem.frames.iter_mut().zip(pose).zip(&problem.fixed) {
         if !fixed {
             *frame = (Se3::exp(delta) * *frame).renormalized();
         }
     }
-    for (point, delta) in candidate.points.iter_mut().zip(depth) {
-        let moved = point.inverse_depth + delta;
-        point.inverse_depth = moved.max(MIN_DEPTH_FACTOR * point.inverse_depth);
-    }
-    candidate
+    let step = |(point, delta): (&mut WindowPoint, &f64)| {
+        let moved = (point.inverse_depth + delta).max(MIN_DEPTH_FACTOR * point.inverse_depth);
+        std::mem::replace(&mut point.inverse_depth, moved)
+    };
+    let inverse_depths = problem.points.iter_mut().zip(depth).map(step).collect();
+    Before { frames, inverse_depths }
 }

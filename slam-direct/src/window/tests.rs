@@ -15,6 +15,11 @@ fn twist(index: usize, translation: f64, rotation: f64) -> Vector6<f64> {
     Vector6::from_fn(|k, _| size[k] * spread(7 * index + k, k))
 }
 
+pub(super) fn cost(problem: &Problem) -> f64 {
+    let pairs = Pairs::new(problem);
+    problem.cost(&pairs, &pairs.relative(&problem.frames))
+}
+
 /// Frames about a third of a unit apart, points 1.5 to 6 units away hosted by each in turn and seen exactly by
 /// all others; the frames named in `fixed` may not move.
 pub(super) fn scene(frames: usize, points: usize, fixed: &[usize]) -> Problem {
@@ -82,7 +87,7 @@ fn errors(problem: &Problem, truth: &Problem, scale: f64) -> (f64, f64) {
 fn exact_observations_bring_back_poses_and_depths() {
     let truth = scene(5, 80, &[0, 1]);
     let mut problem = perturbed(&truth, 0.06, 0.03, 0.25);
-    let before = problem.cost();
+    let before = cost(&problem);
     let after = solve(&mut problem, 30);
     let (pose, depth) = errors(&problem, &truth, 1.0);
     assert!(pose < 1e-6 && depth < 1e-6, "poses off by {pose}, depths by {depth}");
@@ -185,7 +190,7 @@ fn curvature(truth: &Problem, point: &WindowPoint) -> f64 {
     let (h, base) = (1e-5, point.inverse_depth);
     let cost = |inverse_depth: f64| {
         let alone = WindowPoint { inverse_depth, ..point.clone() };
-        Problem { points: vec![alone], ..truth.clone() }.cost()
+        cost(&Problem { points: vec![alone], ..truth.clone() })
     };
     0.5 * (cost(base + h) - 2.0 * cost(base) + cost(base - h)) / (h * h)
 }
@@ -195,7 +200,7 @@ fn frames_that_see_nothing_before_them_do_no_harm() {
     let truth = scene(4, 40, &[0, 1]);
     let mut problem = perturbed(&truth, 0.02, 0.01, 0.1);
     problem.frames[3] = Se3::exp(&Vector6::new(0.0, 0.0, 0.0, 0.0, 3.1, 0.0)) * problem.frames[3];
-    let before = problem.cost();
+    let before = cost(&problem);
     let after = solve(&mut problem, 30);
     assert!(after < before);
     assert!(problem.frames.iter().all(Se3::is_finite));
@@ -211,4 +216,36 @@ fn the_weight_is_the_slope_of_the_cost() {
         let slope = (problem::robust_cost(squared + h) - problem::robust_cost(squared)) / h;
         assert!((slope / robust_weight(squared) - 1.0).abs() < 1e-4, "{squared}");
     }
+}
+
+/// A chain of frames, each of whose points its next three see: twice the frames are twice the work.
+#[test]
+fn the_system_of_a_long_way_grows_with_its_length() {
+    let work = |frames: usize| {
+        let mut chain = scene(frames, 20 * frames, &[0]);
+        for point in &mut chain.points {
+            let near = |o: &WindowObservation| o.frame > point.host && o.frame <= point.host + 3;
+            let seen: Vec<_> =
+                chain.observations[point.observations.clone()].iter().copied().filter(near).collect();
+            let first = chain.observations.len();
+            chain.observations.extend(seen);
+            point.observations = first..chain.observations.len();
+        }
+        let pairs = Pairs::new(&chain);
+        linear::Normal::new(&chain, &pairs).unwrap().entries() + pairs.ends.len()
+    };
+    let (short, long) = (work(20), work(40));
+    assert!(long as f64 <= 2.2 * short as f64, "{long} entries and pairs after {short}");
+}
+
+#[test]
+fn a_wish_to_stop_leaves_what_is_reached() {
+    let mut problem = perturbed(&scene(5, 80, &[0, 1]), 0.06, 0.03, 0.25);
+    let before = cost(&problem);
+    let pairs = Pairs::new(&problem);
+    let asked = std::cell::Cell::new(0);
+    let stop = || asked.replace(asked.get() + 1) == 2;
+    let left = solve_within(&mut problem, &pairs, &Limits { iterations: 30, stop: &stop }).unwrap();
+    assert!(left < 0.5 * before && (left - cost(&problem)).abs() < 1e-9 * left);
+    assert_eq!(asked.get(), 3, "no step after the wish");
 }

@@ -2,9 +2,10 @@
 
 use geometry::Sim3;
 use merge::acceptance::Evidence;
-use merge::closure::{Closure, PairOutcome};
+use merge::closure::PairOutcome;
 use merge::direct::DirectAlignment;
 use merge::icp::Registration;
+use merge::meeting::Judged;
 use merge::optimal_scale::{Basis, OptimalScale, PairEstimate};
 use merge::pair::Pair;
 use merge::pairing::Travel;
@@ -23,7 +24,7 @@ pub enum Step<T> {
     },
 }
 
-/// An accepted closure.
+/// A closure.
 #[derive(Clone, Debug, Serialize)]
 pub struct ClosureRecord {
     /// How the agents travelled past the place: `same`, `opposite` or `unknown`.
@@ -140,7 +141,8 @@ impl<T> Step<T> {
 }
 
 impl ClosureRecord {
-    pub(super) fn new(closure: &Closure, evidence: &Evidence) -> Self {
+    pub(super) fn new(judged: &Judged) -> Self {
+        let closure = &judged.closure;
         Self {
             travel: travel_name(closure.travel),
             pairs: std::array::from_fn(|z| closure.pairs[z].as_ref().map(PairRecord::new)),
@@ -150,7 +152,7 @@ impl ClosureRecord {
             algorithm_1: Step::of(&closure.algorithm_1, OptimalScaleRecord::new),
             icp: Step::of(&closure.registration, IcpRecord::new),
             target_from_source: closure.motion.a_from_b,
-            evidence: *evidence,
+            evidence: judged.verdict.evidence,
         }
     }
 }

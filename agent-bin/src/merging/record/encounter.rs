@@ -1,27 +1,30 @@
 //! What two maps made of each other.
 
 use super::closure::ClosureRecord;
-use crate::merging::{Encounter, Input, Seconds, refusal};
+use crate::merging::{Encounter, Input, Seconds, outcome_name, refusal};
 use map::{KeyframeId, Map};
-use merge::meeting::{Outcome, Tried};
+use merge::acceptance::Line;
+use merge::meeting::Tried;
 use serde::Serialize;
 
 /// A pair of maps.
 #[derive(Clone, Debug, Serialize)]
 pub struct EncounterRecord {
-    /// The name of the earlier map, whose world the other joins.
+    /// The name of the map that was searched. Which of two maps that is follows from the maps, not from their order.
     pub target: String,
-    /// The name of the later map.
+    /// The name of the other map, whose keyframes were looked for.
     pub source: String,
+    /// `accepted`, `undecided` or `refused`.
+    pub verdict: &'static str,
     /// Whether a closure was accepted.
     pub accepted: bool,
-    /// Of a pair that was refused: why the place with most matches was.
+    /// Of a pair that was not merged: why the place that came closest was not accepted.
     pub refusal: Option<String>,
     /// Places that place recognition proposed.
     pub proposed: usize,
     /// The places tried, those with most matches first.
     pub tried: Vec<PlaceRecord>,
-    /// The accepted closure.
+    /// The accepted closure, or of a pair that was not merged the one that came closest, where there is one.
     pub closure: Option<ClosureRecord>,
     /// Closures that join the maps: those of the accepted place and further ones, as far as they agree.
     pub links: usize,
@@ -48,24 +51,25 @@ pub struct PlaceRecord {
     pub source_time: Option<f64>,
     /// γ: matches that agree with one relative pose; 0 where none do.
     pub match_count: usize,
-    /// `accepted`, `not matched`, `not followed`, `not closed` or `doubted`.
+    /// `accepted`, `undecided`, `refused`, `not matched`, `not followed`, `not closed` or `broken`.
     pub outcome: &'static str,
-    /// Why it was not accepted.
+    /// Why it was not accepted: the line of the test that decided.
     pub reason: Option<String>,
+    /// Every line of the test that was asked of it.
+    pub lines: Vec<Line>,
 }
 
 impl EncounterRecord {
     pub(super) fn new(encounter: &Encounter, inputs: &[Input]) -> Self {
         let maps = [encounter.target, encounter.source].map(|index| &inputs[index].map);
         let joined = encounter.joined.as_ref();
-        let closure = encounter.accepted().and_then(|tried| match &tried.outcome {
-            Outcome::Accepted(closure, evidence) => Some(ClosureRecord::new(closure, evidence)),
-            _ => None,
-        });
+        let closest = || encounter.closest().and_then(|tried| tried.outcome.judged());
+        let closure = encounter.accepted().or_else(closest).map(ClosureRecord::new);
         Self {
             target: inputs[encounter.target].name.clone(),
             source: inputs[encounter.source].name.clone(),
-            accepted: closure.is_some(),
+            verdict: encounter.verdict(),
+            accepted: encounter.verdict() == "accepted",
             refusal: encounter.refusal(),
             proposed: encounter.proposed,
             tried: encounter.tried.iter().map(|tried| PlaceRecord::new(tried, maps)).collect(),
@@ -88,14 +92,9 @@ impl PlaceRecord {
             source_keyframe: tried.place.source.0,
             source_time: time(source, tried.place.source),
             match_count: tried.match_count,
-            outcome: match &tried.outcome {
-                Outcome::NotMatched(_) => "not matched",
-                Outcome::NotFollowed => "not followed",
-                Outcome::NotClosed(_) => "not closed",
-                Outcome::Doubted(..) => "doubted",
-                Outcome::Accepted(..) => "accepted",
-            },
+            outcome: outcome_name(&tried.outcome),
             reason: refusal(&tried.outcome),
+            lines: tried.outcome.judged().map_or(Vec::new(), |judged| judged.verdict.lines.clone()),
         }
     }
 }

@@ -4,9 +4,9 @@ use super::matches::{Matches, Pictures};
 use super::place::Places;
 use crate::merging::{Encounter, Input, Seconds};
 use map::KeyframeId;
-use merge::acceptance::Evidence;
-use merge::closure::{Closure, PairOutcome};
-use merge::meeting::{Outcome, Tried};
+use merge::acceptance::{Decision, Evidence};
+use merge::closure::PairOutcome;
+use merge::meeting::{Judged, Outcome, Tried};
 use merge::optimal_scale::{Basis, OptimalScale};
 use merge::pairing::Travel;
 use serde::Serialize;
@@ -23,6 +23,8 @@ pub struct Meeting {
     places: Vec<Attempt>,
     /// The closure that was accepted, or else the best that was doubted.
     closure: Option<ClosureView>,
+    /// In a word.
+    verdict: &'static str,
     /// Why the maps were not merged; nothing where they were.
     refusal: Option<String>,
     /// Closures along both maps.
@@ -137,9 +139,8 @@ impl Meeting {
             source: encounter.source,
             proposed: encounter.proposed,
             places: encounter.tried.iter().map(|tried| pair.attempt(tried)).collect(),
-            closure: closure
-                .map(|(closure, evidence)| pair.closure(closure, evidence, encounter, pictures))
-                .transpose()?,
+            closure: closure.map(|judged| pair.closure(judged, encounter, pictures)).transpose()?,
+            verdict: encounter.verdict(),
             refusal: encounter.refusal().map(|reason| sentence(&reason)),
             closures: encounter.joined.as_ref().map(|joined| Closures {
                 used: joined.edges.len(),
@@ -158,18 +159,11 @@ fn sentence(reason: &str) -> String {
     format!("{first}{}.", letters.as_str())
 }
 
-/// The accepted closure, or else the one of most matches that was doubted.
-fn best(encounter: &Encounter) -> Option<(&Closure, Evidence)> {
-    let of = |tried: &'_ Tried| -> bool { matches!(tried.outcome, Outcome::Doubted(..)) };
-    let tried = encounter
-        .accepted()
-        .or_else(|| encounter.tried.iter().filter(|tried| of(tried)).max_by_key(|tried| tried.match_count))?;
-    match &tried.outcome {
-        Outcome::Accepted(closure, evidence) | Outcome::Doubted(closure, evidence, _) => {
-            Some((closure, *evidence))
-        }
-        _ => None,
-    }
+/// The accepted closure, or else the best that was judged.
+fn best(encounter: &Encounter) -> Option<&Judged> {
+    let doubted = encounter.tried.iter().filter(|tried| tried.outcome.judged().is_some());
+    let closest = || doubted.max_by_key(|tried| (tried.outcome.is_undecided(), tried.match_count));
+    encounter.accepted().or_else(|| closest()?.outcome.judged())
 }
 
 /// What became of a place.
@@ -178,8 +172,12 @@ fn words(outcome: &Outcome) -> String {
         Outcome::NotMatched(refusal) => format!("The images do not fit: {refusal}."),
         Outcome::NotFollowed => "Matched, not followed: better places came first.".to_owned(),
         Outcome::NotClosed(refusal) => format!("No closure: {refusal}."),
-        Outcome::Doubted(_, _, doubt) => format!("Closure not believed: {doubt}."),
-        Outcome::Accepted(..) => "Accepted.".to_owned(),
+        Outcome::Broken(error) => format!("Closure not usable: {error}."),
+        Outcome::Judged(judged) => match judged.verdict.decision {
+            Decision::Accepted => "Accepted.".to_owned(),
+            Decision::Undecided(doubt) => format!("Closure undecided: {doubt}."),
+            Decision::Refused(doubt) => format!("Closure refused: {doubt}."),
+        },
     }
 }
 
@@ -196,7 +194,7 @@ impl Inputs<'_> {
         Attempt {
             keyframes: self.keyframes(tried.place.source, tried.place.target),
             match_count: tried.match_count,
-            accepted: matches!(tried.outcome, Outcome::Accepted(..)),
+            accepted: tried.outcome.accepted().is_some(),
             outcome: words(&tried.outcome),
         }
     }
@@ -211,11 +209,11 @@ impl Inputs<'_> {
 
     fn closure(
         &self,
-        closure: &Closure,
-        evidence: Evidence,
+        judged: &Judged,
         encounter: &Encounter,
         pictures: &mut Pictures,
     ) -> anyhow::Result<ClosureView> {
+        let closure = &judged.closure;
         let mut pairs = [None, None, None];
         for (z, view) in pairs.iter_mut().enumerate() {
             if let Some(outcome) = &closure.pairs[z] {
@@ -238,7 +236,7 @@ impl Inputs<'_> {
         Ok(ClosureView {
             accepted: encounter.accepted().is_some(),
             travel,
-            evidence,
+            evidence: judged.verdict.evidence,
             pairs,
             chosen: closure.chosen,
             scale: ScaleView::new(&closure.scale),

@@ -4,14 +4,14 @@ use crate::merging::{Encounter, Seconds};
 use crate::report::tests::{assert_points_nowhere, embedded};
 use geometry::{GrayImage, Pinhole, Se3, Sim3};
 use map::{AgentId, AgentInfo, Edge, EdgeKind, FramePose, Keyframe, KeyframeId, Map, SemiDense};
-use merge::acceptance::{Doubt, Evidence};
+use merge::acceptance::{Decision, Doubt, Evidence, Verdict};
 use merge::alignment::PairPoses;
 use merge::closure::{Closure, PairOutcome};
 use merge::common_map::{CommonMap, FusionParams, Link};
 use merge::estimate::Estimate;
 use merge::icp::{IcpRefusal, Side};
 use merge::matching::FeatureMatch;
-use merge::meeting::{Outcome, Place, Tried};
+use merge::meeting::{Judged, Outcome, Place, Tried};
 use merge::optimal_scale::{Basis, OptimalScale, OptimalScaleRefusal, PairEstimate};
 use merge::pair::{Pair, PairRefusal, ViewPair};
 use merge::pairing::Travel;
@@ -47,7 +47,7 @@ fn line(name: &str, count: u32, spacing: usize, seed: u64) -> Map {
             frame_index: u64::from(i) * 3,
             world_from_keyframe: Sim3::new(rotation, Vector3::new(at, 0.0, 0.1 * at), 1.0),
             image: Arc::new(GrayImage::from_vec(80, 60, pixels).unwrap()),
-            semi_dense: SemiDense { pixel, inverse_depth, variance },
+            semi_dense: SemiDense { pixel, inverse_depth, variance }.into(),
             points: Vec::new(),
         };
         let timestamp = keyframe.timestamp;
@@ -110,9 +110,10 @@ fn merging(names: [&str; 3], count: u32, spacing: usize) -> (Vec<Input>, Merging
         proposed: 5,
         tried: vec![tried(Outcome::NotMatched(TwoViewRefusal::TooFewMatches { given: 3, needed: 16 }))],
         joined: None,
+        error: None,
         seconds: Seconds::default(),
     };
-    let accepted = Outcome::Accepted(Box::new(closure()), evidence());
+    let accepted = judged(Decision::Accepted);
     let met = Encounter { source: 1, tried: vec![tried(accepted)], ..refused(0) };
     (
         inputs,
@@ -122,6 +123,7 @@ fn merging(names: [&str; 3], count: u32, spacing: usize) -> (Vec<Input>, Merging
             common,
             graph,
             fused,
+            taken_back: Vec::new(),
             fusion_seconds: 0.1,
         },
     )
@@ -136,10 +138,18 @@ fn evidence() -> Evidence {
         matches: 60,
         pairs: 2,
         inlier_share: 0.9,
-        overlap: 0.8,
+        agreeing_share: 0.7,
         rotation_deviation: 0.02,
+        translation_deviation: 0.01,
         scale_deviation: f64::INFINITY,
+        icp_overlap: None,
+        beyond: None,
     }
+}
+
+fn judged(decision: Decision) -> Outcome {
+    let verdict = Verdict { evidence: evidence(), lines: Vec::new(), decision };
+    Outcome::Judged(Box::new(Judged { closure: closure(), joined: None, verdict }))
 }
 
 /// A closure whose first pair was not measured and whose last is missing; every third match of the centre has depth.
@@ -176,6 +186,8 @@ fn closure() -> Closure {
         initial_guess: Sim3::identity(),
         registration: Err(IcpRefusal::TooFew { side: Side::Source, given: 3, needed: 50 }),
         motion: estimate,
+        at_keyframes: estimate,
+        reach: 1.0,
     }
 }
 
@@ -287,7 +299,7 @@ fn every_meeting_has_its_verdict() {
 fn a_doubted_closure_is_shown_with_its_doubt() {
     let mut merging = merging(NAMES, 4, 9);
     let doubt = Doubt::Unconfirmed { pairs: 1, needed: 2 };
-    merging.1.encounters[0].tried = vec![tried(Outcome::Doubted(Box::new(closure()), evidence(), doubt))];
+    merging.1.encounters[0].tried = vec![tried(judged(Decision::Undecided(doubt)))];
     let data = embedded(&page_of(&merging));
     assert_eq!(data["meetings"][0]["closure"]["accepted"], false);
     assert_eq!(data["meetings"][0]["refusal"].as_str().unwrap().chars().next(), Some('O'));

@@ -3,6 +3,7 @@
 use super::device::{Captured, Device, View};
 use super::open::Opened;
 use super::stream::BUFFERS;
+use crate::console::tell;
 use crate::sources::notice::{Listener, Notice};
 use crate::sources::{FrameSource, SourceFrame, SourceInfo};
 use anyhow::Result;
@@ -76,7 +77,14 @@ impl Gaps {
 impl Live {
     /// Frames from a camera just opened; `reopen` where it is to be waited for when it goes away.
     pub fn new(path: PathBuf, opened: Opened, reopen: Option<Reopen>, duration: Option<Duration>) -> Self {
-        let info = SourceInfo { kind: "camera", path, frame_count: None, duration: None, calibration: None };
+        let info = SourceInfo {
+            kind: "camera",
+            path,
+            frame_count: None,
+            duration: None,
+            calibration: None,
+            lag: None,
+        };
         let mut pending = vec![Notice::Note(opened.description)];
         pending.extend(opened.warnings.into_iter().map(Notice::Warning));
         Self {
@@ -103,7 +111,7 @@ impl Live {
     fn say(&self, notice: Notice) {
         match &self.listener {
             Some(listener) => listener(notice),
-            None => eprintln!("{}", notice.text()),
+            None => tell!("{}", notice.text()),
         }
     }
 

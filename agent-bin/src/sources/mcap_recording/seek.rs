@@ -1,7 +1,8 @@
 //! The messages of an indexed MCAP file from a time on, without reading what lies before.
 
-use crate::sources::input::{Bytes, Input, record_limit};
+use crate::sources::input::{Bytes, Input};
 use anyhow::Result;
+use geometry::limits::MAX_BYTES;
 use mcap::sans_io::indexed_reader::{IndexedReadEvent, IndexedReader, IndexedReaderOptions, ReadOrder};
 use mcap::{Channel, McapError, McapResult, Message};
 use std::collections::HashMap;
@@ -28,7 +29,7 @@ impl MessagesFrom {
             .with_order(ReadOrder::File)
             .include_topics([topic])
             .starting_at(start)
-            .with_record_length_limit(record_limit(size));
+            .with_record_length_limit(MAX_BYTES);
         let reader = IndexedReader::new_with_options(summary, options)?;
         Ok(Self { file, size, reader, channels: summary.channels.clone(), ended: false })
     }

@@ -2,10 +2,11 @@
 
 use super::{Messages, linear};
 use crate::recording::{DROPPED_METADATA, DROPPED_TOPIC, NumberSet, dropped_number};
-use crate::sources::input::{Bytes, Input, record_limit};
+use crate::sources::input::{Bytes, Input};
 use crate::sources::messages::Content;
 use crate::sources::topics::Topics;
 use anyhow::Result;
+use geometry::limits::MAX_BYTES;
 use mcap::McapError;
 use mcap::records::Record;
 use mcap::sans_io::{SummaryReadEvent, SummaryReader, SummaryReaderOptions};
@@ -82,8 +83,7 @@ pub fn content(channel: &mcap::Channel) -> Option<Content> {
 }
 
 fn read_summary(file: &mut BufReader<Box<dyn Bytes>>, size: u64) -> Result<Option<mcap::Summary>, McapError> {
-    let options =
-        SummaryReaderOptions::default().with_file_size(size).with_record_length_limit(record_limit(size));
+    let options = SummaryReaderOptions::default().with_file_size(size).with_record_length_limit(MAX_BYTES);
     let mut reader = SummaryReader::new_with_options(options);
     while let Some(event) = reader.next_event() {
         match event? {

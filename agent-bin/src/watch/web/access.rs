@@ -87,7 +87,7 @@ pub struct Visit<'a> {
 
 /// Whether a host, with or without a port, is this machine's own for itself. The port is free: it differs where a
 /// port is forwarded.
-fn is_own_name(host: &str) -> bool {
+pub fn is_own_name(host: &str) -> bool {
     let name = match host.rsplit_once(':') {
         Some((name, port)) if !port.is_empty() && port.bytes().all(|b| b.is_ascii_digit()) => name,
         _ => host,

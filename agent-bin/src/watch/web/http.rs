@@ -36,6 +36,14 @@ impl Request {
     /// # Errors
     /// When none comes in time, or it is too long or none at all.
     pub fn read(stream: &mut impl Read) -> io::Result<Self> {
+        Self::read_bytes(stream).map(|(request, _)| request)
+    }
+
+    /// The same, with all bytes that were read for it.
+    ///
+    /// # Errors
+    /// As [`read`](Self::read).
+    pub fn read_bytes(stream: &mut impl Read) -> io::Result<(Self, Vec<u8>)> {
         let (mut head, began) = (Vec::new(), Instant::now());
         let mut piece = [0; 1024];
         while head.len() < MAX_HEAD && began.elapsed() < HEAD_PATIENCE {
@@ -45,7 +53,7 @@ impl Request {
             }
             head.extend_from_slice(&piece[..count]);
             if let Some(request) = Self::parse(&head)? {
-                return Ok(request);
+                return Ok((request, head));
             }
         }
         Err(io::ErrorKind::InvalidData.into())

@@ -1,9 +1,9 @@
 //! The page in the browser: one HTML page and a WebSocket for it, a thread for each client.
 
-mod access;
+pub(super) mod access;
 mod client;
 mod encode;
-mod http;
+pub(super) mod http;
 mod page;
 mod run;
 

@@ -2,7 +2,7 @@
 
 use super::long_case;
 use super::served::Served;
-use super::socket::PATIENCE;
+use super::socket::{PATIENCE, UPGRADE, request};
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
 use std::net::TcpStream;
@@ -10,6 +10,28 @@ use std::time::Instant;
 use tungstenite::Message;
 use tungstenite::client::IntoClientRequest;
 use tungstenite::http::HeaderValue;
+
+/// A page of any site may open a WebSocket to this machine: it must not get to see the run.
+#[test]
+fn pages_of_others_are_refused() {
+    let case = long_case();
+    let run = Served::start(case.command(&["--foxglove=0"]));
+    let host = run.url.trim_start_matches("ws://");
+    let asked = |host_named: &str, origin: Option<&str>| {
+        let protocol = ("Sec-WebSocket-Protocol", "foxglove.sdk.v1");
+        let mut headers = [&[("Host", host_named)], &UPGRADE[..], &[protocol]].concat();
+        headers.extend(origin.map(|origin| ("Origin", origin)));
+        request(host, "/", &headers).0
+    };
+    for (named, origin) in [(host, None), (host, Some("https://app.foxglove.dev"))] {
+        assert_eq!(asked(named, origin), "HTTP/1.1 101 Switching Protocols", "{named} {origin:?}");
+    }
+    for (named, origin) in
+        [(host, Some("https://evil.example")), (host, Some("null")), ("evil.example:8765", None)]
+    {
+        assert_eq!(asked(named, origin), "HTTP/1.1 403 Forbidden", "{named} {origin:?}");
+    }
+}
 
 #[test]
 fn foxglove_gets_image_poses_cloud_and_trajectory() {

@@ -94,7 +94,7 @@ impl Traveller {
                 frame_index,
                 world_from_keyframe,
                 image,
-                semi_dense,
+                semi_dense: semi_dense.into(),
                 points,
             };
             map.keyframes.insert(id, keyframe);

@@ -2,6 +2,7 @@ mod scene;
 
 use super::*;
 use crate::agent::{Agent, Frame};
+use geometry::Sim3;
 use geometry::{Pinhole, Se3, umeyama};
 use loopbox_tests::{Recording, World, trajectory};
 use nalgebra::{SVector, Vector3};
@@ -44,12 +45,14 @@ fn a_loop_pulls_a_drifted_map_together() {
     let (newer, older) = found.keyframes();
     assert!(newer.0 >= 54 && older.0 <= 6, "{newer:?} {older:?}");
     closer.start(&scene.local, found, &params);
-    let (closed, changes) = closer.finish(&mut scene.local, &params).unwrap().unwrap();
+    let units: Vec<f64> = scene.local.keyframes.iter().map(|k| k.unit).collect();
+    let (closed, moved) = closer.finish(&mut scene.local, &params).unwrap().unwrap();
+    assert_eq!(moved.len(), scene.local.keyframes.len());
     assert_eq!(closed.keyframes(), (newer, older));
     let after = error(&centres(&scene.local), &truth);
     assert!(before > 0.15 && after < 0.1 * before, "{before} m before, {after} m after");
     // The units follow: the injected drift of scale at the newer end is gone.
-    let unit = |id: KeyframeId| changes.iter().find(|c| c.keyframe == id.0 as usize).unwrap().factor;
+    let unit = |id: KeyframeId| scene.local.keyframes[id.0 as usize].unit / units[id.0 as usize];
     let (between, expected) =
         (unit(newer) / unit(older), drift().scale.powi(older.0 as i32 - newer.0 as i32));
     assert!((between / expected - 1.0).abs() < 0.02, "{between} instead of {expected}");
@@ -57,7 +60,7 @@ fn a_loop_pulls_a_drifted_map_together() {
     let shared = scene.local.covisible(newer.0 as usize);
     assert!(shared.iter().any(|&(k, count)| k <= 8 && count >= 40), "{shared:?}");
     assert!(find(&scene, &mut closer, newer.0 as usize, &params).is_none());
-    let edges = closer.edges(&scene.local);
+    let edges = edges::all(&scene.local, closer.closed());
     assert_eq!(edges.iter().filter(|e| e.kind == map::EdgeKind::Loop).count(), 1);
 }
 
@@ -119,11 +122,12 @@ fn the_agent_closes_the_loop_that_a_wrong_focal_length_opens() {
     let run = |enabled: bool| {
         let mut params = Params::default();
         params.closing.enabled = enabled;
-        let mut agent = Agent::new(camera, Box::new(ThumbnailIndex::default()), params);
+        let mut agent = Agent::new(camera, Box::new(ThumbnailIndex::default()), params).unwrap();
         let mut closed = Vec::new();
         for (index, shot) in recording.shots.iter().enumerate() {
             let image = shot.image.as_ref().clone();
-            let report = agent.process(Frame { index: index as u64, timestamp: shot.timestamp, image });
+            let report =
+                agent.process(Frame { index: index as u64, timestamp: shot.timestamp, image }).unwrap();
             closed.extend(report.closed_loop);
         }
         closed.extend(agent.finish());

@@ -1,12 +1,11 @@
 //! A working map as a perfect tracker would leave it: rendered keyframes with exact depth.
 
 use crate::local_map::{KeyframeState, LocalMap, PointRef, PointState, SeenAt};
-use crate::mapping::UnitChange;
 use crate::publish;
 use crate::select::select;
 use geometry::{GrayImage, Image, Pyramid, Se3, Sim3};
 use loopbox_tests::{Recording, World, render};
-use map::{Map, PlaceIndex, SemiDense};
+use map::{Keyframe, Map, PlaceIndex, SemiDense};
 use place_recog::ThumbnailIndex;
 
 /// Relative standard deviation claimed for the depths.
@@ -36,10 +35,10 @@ impl Scene {
                 let mut state =
                     KeyframeState::new(index as f64, index as u64, Pyramid::new(image, 5), pose.inverse());
                 state.points = points(&local, &state, &depth);
-                local.keyframes.push(state);
-                publish::add_keyframe(&mut public, &local, index);
+                local.push(state);
                 let semi_dense = semi_dense(local.keyframes[index].pyramid.base(), &depth);
-                publish::set_depth(&mut public, &local, index, semi_dense);
+                let keyframe = Keyframe { semi_dense: semi_dense.into(), ..publish::keyframe(&local, index) };
+                public.keyframes.insert(keyframe.id, keyframe);
                 depth
             })
             .collect();
@@ -83,7 +82,6 @@ impl Scene {
         let truth: Vec<Sim3> =
             self.local.keyframes.iter().map(|k| Sim3::from(k.camera_from_world.inverse())).collect();
         let mut drifted = truth[0];
-        let mut changes = Vec::new();
         for keyframe in 1..truth.len() {
             drifted = drifted * truth[keyframe - 1].inverse() * truth[keyframe] * *step;
             let state = &mut self.local.keyframes[keyframe];
@@ -92,17 +90,18 @@ impl Scene {
                 point.inverse_depth /= drifted.scale;
                 point.variance /= drifted.scale * drifted.scale;
             }
-            changes.push(UnitChange { keyframe, factor: drifted.scale });
+            state.unit *= drifted.scale;
         }
-        publish::scale_surroundings(&mut self.public, &changes);
-        publish::update_poses(&mut self.public, &self.local);
+        for (id, keyframe) in &mut self.public.keyframes {
+            keyframe.world_from_keyframe = self.local.world_from_keyframe(id.0 as usize);
+        }
     }
 
     /// Lets keyframe `to` look exactly like `from`, wherever it is.
     pub fn copy_appearance(&mut self, from: usize, to: usize) {
         self.local.keyframes[to].pyramid = self.local.keyframes[from].pyramid.clone();
         let depth = self.public.keyframes[&LocalMap::id(from)].semi_dense.clone();
-        publish::set_depth(&mut self.public, &self.local, to, depth);
+        self.public.keyframes.get_mut(&LocalMap::id(to)).unwrap().semi_dense = depth;
         // The index answers with the newest of equals last: a second entry is as good as a replaced one.
         self.places.add(LocalMap::id(to), self.local.keyframes[to].pyramid.base());
     }

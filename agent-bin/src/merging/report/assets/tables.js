@@ -39,7 +39,7 @@ function fillTable(table, columns, rows) {
 const newTable = () => Object.assign(element("table"), { className: "grid" });
 const verdictOf = (good, text) => Object.assign(element("span", text), { className: `verdict ${good ? "good" : "bad"}` });
 const inputName = (index) => data.inputs[index];
-const secondsOf = ({ places, meeting, further }) => places + meeting + further;
+const secondsOf = ({ places, meeting, method }) => places + meeting + method;
 
 /** The direct alignment with most agreeing pixels among the pairs used: what the verdict rests on. */
 function bestDirect(closure) {
@@ -49,13 +49,13 @@ function bestDirect(closure) {
 
 function fillPairs() {
   const columns = [
-    ["Maps", "The two maps; the second joins the first"],
+    ["Maps", "The map that was searched, and the one whose keyframes were looked for"],
     ["Verdict", "Whether they were merged"],
     ["γ", "Key points that match over the keyframe pairs that agree", "number"],
     ["σ*", "Scale: units of the first map per unit of the second, with standard deviation", "number"],
     ["Δ", "Largest difference between the scales that went into σ*", "number"],
     ["Pixels agree", "Share of the pixels with depth that agree once the images are aligned", "number"],
-    ["Overlap", "Share of the pixels with depth that the other keyframe sees", "number"],
+    ["Of all", "Share of all pixels with depth that agree, seen by the other keyframe or not", "number"],
     ["RMSE", "Photometric residual after direct alignment, grey levels", "number"],
     ["Closures", "Keyframe pairs along both maps that agree and join them", "number"],
     ["Seconds", "Finding the place, following it, further closures", "number"],
@@ -65,12 +65,12 @@ function fillPairs() {
     const { closure, closures } = meeting, direct = closure && bestDirect(closure);
     return [
       `${inputName(meeting.target)} + ${inputName(meeting.source)}`,
-      verdictOf(!meeting.refusal, meeting.refusal ? "refused" : "merged"),
+      verdictOf(!meeting.refusal, meeting.verdict),
       closure ? closure.evidence.matches.toLocaleString("en") : Math.max(0, ...meeting.places.map((place) => place.match_count)),
       closure ? plusMinus(closure.scale.scale, closure.scale.deviation) : "–",
       closure ? figures(closure.scale.scale_gap) : "–",
       closure ? percent(closure.evidence.inlier_share) : "–",
-      closure ? percent(closure.evidence.overlap) : "–",
+      closure ? percent(closure.evidence.agreeing_share) : "–",
       direct ? figures(direct.rmse) : "–",
       closures ? closures.used : "–",
       secondsOf(meeting.seconds).toFixed(2),
@@ -160,9 +160,9 @@ function meetingSection(meeting) {
 
 function fillTimes() {
   const seconds = (value) => value.toFixed(3);
-  const rows = data.meetings.map(({ target, source, seconds: { places, meeting, further } }) => [`${inputName(target)} + ${inputName(source)}`, seconds(places), seconds(meeting), seconds(further)]);
+  const rows = data.meetings.map(({ target, source, seconds: { places, meeting, method } }) => [`${inputName(target)} + ${inputName(source)}`, seconds(places), seconds(meeting), seconds(method)]);
   rows.push(["Common map", "", "", seconds(data.fusion_seconds)]);
-  fillTable(byId("times"), [["", "The two maps"], ["Places", "Place recognition", "number"], ["Meeting", "Matching places and following one to its verdict", "number"], ["Further closures, fusion", "Closures along both maps; for the common map its joint optimisation", "number"]], rows);
+  fillTable(byId("times"), [["", "The two maps"], ["Places", "Place recognition", "number"], ["Meeting", "Matching places and following them to their verdicts, closures along both maps included", "number"], ["Method, fusion", "What another method than the default does; for the common map its joint optimisation", "number"]], rows);
 }
 
 /** A row of a table of labels and values. */

@@ -1,0 +1,108 @@
+//! What the program says: whoever listens may leave, and the work goes on.
+
+use anyhow::{Context, Result};
+use std::fmt::Arguments;
+use std::io::{ErrorKind, Write, stderr, stdout};
+use std::process::ExitCode;
+
+/// Says a line on standard output. Whether anybody reads it changes nothing.
+macro_rules! say {
+    ($($part:tt)*) => { $crate::console::say_line(format_args!($($part)*)) };
+}
+
+/// Says a line on standard error. Whether anybody reads it changes nothing.
+macro_rules! tell {
+    ($($part:tt)*) => { $crate::console::tell_line(format_args!($($part)*)) };
+}
+
+pub(crate) use {say, tell};
+
+/// What [`say!`] does.
+pub(crate) fn say_line(text: Arguments<'_>) {
+    let _ = writeln!(stdout(), "{text}");
+}
+
+/// What [`tell!`] does.
+pub(crate) fn tell_line(text: Arguments<'_>) {
+    let _ = writeln!(stderr(), "{text}");
+}
+
+/// Prints what a command was asked for. A reader that has closed the pipe (`| head`) has seen enough.
+///
+/// # Errors
+/// When it cannot be written, into a file on a full disk say.
+pub(crate) fn print(text: &str) -> Result<()> {
+    let mut out = stdout();
+    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+        Err(error) if error.kind() != ErrorKind::BrokenPipe => {
+            Err(error).context("standard output cannot be written to")
+        }
+        _ => Ok(()),
+    }
+}
+
+/// How the program ends, as its exit code tells; 2 is clap's, for wrong usage.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Ending {
+    /// Something failed.
+    Failed = 1,
+    /// All went well, but no two of the maps met.
+    #[cfg(feature = "opencv")]
+    NotMet = 3,
+    /// What was tracked is saved, but it is less than was asked for.
+    TooLittleTracked = 4,
+}
+
+/// An error that is told by an exit code of its own.
+#[derive(Debug)]
+pub(crate) struct Ended {
+    pub ending: Ending,
+    pub text: String,
+}
+
+impl std::fmt::Display for Ended {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.text)
+    }
+}
+
+impl std::error::Error for Ended {}
+
+/// Tells an error on standard error and how the program ends by it.
+pub fn report(error: &anyhow::Error) -> ExitCode {
+    tell!("error: {}", explained(error));
+    let ending = error.downcast_ref::<Ended>().map_or(Ending::Failed, |ended| ended.ending);
+    ExitCode::from(ending as u8)
+}
+
+/// An error for people: what failed and why on the first line, each cause once, and the hints after it.
+fn explained(error: &anyhow::Error) -> String {
+    let (mut text, mut rest) = (String::new(), String::new());
+    for cause in error.chain() {
+        let cause = cause.to_string();
+        let (what, more) = cause.split_once('\n').unwrap_or((&cause, ""));
+        if !text.contains(what) {
+            text += if text.is_empty() { "" } else { ": " };
+            text += what;
+        }
+        if !more.is_empty() {
+            rest += "\n";
+            rest += more;
+        }
+    }
+    text + &rest
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn causes_come_once_and_before_the_hints() {
+        let disk = || std::io::Error::other("disk full");
+        let error = anyhow::Error::new(disk()).context("m.mcap: cannot be written\nhint: make room");
+        assert_eq!(explained(&error), "m.mcap: cannot be written: disk full\nhint: make room");
+        let twice = anyhow::Error::new(disk()).context("m.mcap: cannot be read: disk full");
+        assert_eq!(explained(&twice), "m.mcap: cannot be read: disk full");
+    }
+}

@@ -1,0 +1,123 @@
+//! What happened to a map: said by whoever works on it, taken in by whoever keeps or shows it.
+
+use crate::{Edge, Keyframe, KeyframeId, Map, Point, SemiDense, Shared};
+use geometry::Sim3;
+
+/// What one step of work changed in an agent's map.
+///
+/// Taken in by [`Map::take_in`] in order of their numbers, from the first one on, deltas make the map of the one who
+/// said them. Who writes or shows a map learns from them what is new, without comparing.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct MapDelta {
+    /// Number of the delta, from 0, each one more than the one before.
+    pub sequence: u64,
+    /// Keyframes that are new, with image and pose.
+    pub added: Vec<Keyframe>,
+    /// Keyframes that were moved.
+    pub moved: Vec<Moved>,
+    /// Keyframes whose depth became known.
+    pub settled: Vec<Settled>,
+    /// All edges, if they were made anew.
+    pub edges: Option<Vec<Edge>>,
+    /// Keyframes that are gone.
+    pub removed: Vec<KeyframeId>,
+}
+
+/// A keyframe that was moved.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Moved {
+    /// Which.
+    pub keyframe: KeyframeId,
+    /// Where it is now, and its unit: depths and frames that are measured in it stay as they are.
+    pub world_from_keyframe: Sim3,
+}
+
+/// A keyframe whose depth became known.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Settled {
+    /// Which.
+    pub keyframe: KeyframeId,
+    /// Its semi-dense depth.
+    pub semi_dense: Shared<SemiDense>,
+    /// The points it hosts.
+    pub points: Vec<Point>,
+}
+
+impl MapDelta {
+    /// Whether nothing happened.
+    pub fn is_empty(&self) -> bool {
+        let Self { sequence: _, added, moved, settled, edges, removed } = self;
+        added.is_empty() && moved.is_empty() && settled.is_empty() && edges.is_none() && removed.is_empty()
+    }
+}
+
+impl Map {
+    /// Changes the map as `delta` says. What it says of keyframes that are not in the map is passed over.
+    pub fn take_in(&mut self, delta: MapDelta) {
+        for keyframe in delta.added {
+            self.keyframes.insert(keyframe.id, keyframe);
+        }
+        for Moved { keyframe, world_from_keyframe } in delta.moved {
+            if let Some(keyframe) = self.keyframes.get_mut(&keyframe) {
+                keyframe.world_from_keyframe = world_from_keyframe;
+            }
+        }
+        for Settled { keyframe, semi_dense, points } in delta.settled {
+            if let Some(keyframe) = self.keyframes.get_mut(&keyframe) {
+                (keyframe.semi_dense, keyframe.points) = (semi_dense, points);
+            }
+        }
+        for id in &delta.removed {
+            self.keyframes.remove(id);
+        }
+        if let Some(edges) = delta.edges {
+            self.edges = edges;
+        }
+    }
+}
+
+impl SemiDense {
+    /// Brings the depths to a unit in which lengths are `factor` times what they were.
+    pub fn scale(&mut self, factor: f32) {
+        self.inverse_depth.iter_mut().for_each(|d| *d /= factor);
+        self.variance.iter_mut().for_each(|v| *v /= factor * factor);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::test_support::united;
+
+    #[test]
+    fn a_map_told_in_deltas_is_the_map() {
+        let map = united();
+        let mut told = Map { keyframes: Default::default(), edges: Vec::new(), ..map.clone() };
+        let bare = |k: &Keyframe| Keyframe {
+            world_from_keyframe: Sim3::identity(),
+            semi_dense: SemiDense::default().into(),
+            points: Vec::new(),
+            ..k.clone()
+        };
+        let spurious = Keyframe { id: KeyframeId(9999), ..bare(map.keyframes.values().next().unwrap()) };
+        let added = map.keyframes.values().map(bare).chain([spurious]).collect();
+        let moved = map
+            .keyframes
+            .values()
+            .map(|k| Moved { keyframe: k.id, world_from_keyframe: k.world_from_keyframe });
+        let settled = map.keyframes.values().map(|k| Settled {
+            keyframe: k.id,
+            semi_dense: k.semi_dense.clone(),
+            points: k.points.clone(),
+        });
+        let (moved, settled) = (moved.collect(), settled.collect());
+        told.take_in(MapDelta { added, ..MapDelta::default() });
+        assert_eq!(told.keyframes.len(), map.keyframes.len() + 1);
+        told.take_in(MapDelta { sequence: 1, moved, settled, ..MapDelta::default() });
+        let (edges, removed) = (Some(map.edges.clone()), vec![KeyframeId(9999)]);
+        let last = MapDelta { sequence: 2, edges, removed, ..MapDelta::default() };
+        assert!(!last.is_empty() && MapDelta::default().is_empty());
+        told.take_in(last);
+        assert!(told == map);
+    }
+}

@@ -1,0 +1,111 @@
+//! The numbers that a verdict rests on.
+
+use crate::closure::{Closure, PairOutcome};
+use crate::direct::DirectAlignment;
+use crate::further::Joined;
+use nalgebra::{SMatrix, Vector3};
+use serde::Serialize;
+
+/// The numbers a verdict rests on.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Evidence {
+    /// γ over the agreeing pairs.
+    pub matches: usize,
+    /// Keyframe pairs that agree on the motion.
+    pub pairs: usize,
+    /// Share of agreeing pixels after direct alignment, mean of the agreeing pairs, 0–1; a pair that could not be
+    /// aligned counts with 0.
+    pub inlier_share: f32,
+    /// Share of all pixels with depth that agree, mean of the same pairs, 0–1.
+    pub agreeing_share: f32,
+    /// Standard deviation of the rotation, degrees.
+    pub rotation_deviation: f64,
+    /// Standard deviation of the translation, the largest of three axes, parts of the scene's median depth.
+    pub translation_deviation: f64,
+    /// Standard deviation of the scale, parts.
+    pub scale_deviation: f64,
+    /// Share of the source's points that lie near a target point once the clouds are registered, 0–1; nothing where
+    /// they could not be.
+    pub icp_overlap: Option<f64>,
+    /// What the rest of both maps says; nothing where the closure itself was not worth asking.
+    pub beyond: Option<Beyond>,
+}
+
+/// What the rest of both maps says of a closure.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Beyond {
+    /// Further keyframe pairs that should overlap and were tried.
+    pub tried: usize,
+    /// Of these, those that were aligned and agree with the closure.
+    pub confirmed: usize,
+    /// Of these, those that could not be aligned.
+    pub failed: usize,
+    /// Closures in the set that is believed.
+    pub closures: usize,
+    /// Closures in the largest set that contradicts it and agrees in itself.
+    pub rival: usize,
+    /// Share of points with known depths that the other keyframe looks through, 0–1.
+    pub through_share: f64,
+    /// Share of points seen whose contrast is missing in the other keyframe, 0–1.
+    pub missing_share: f64,
+}
+
+impl Evidence {
+    /// The numbers of a closure, and of what it joined.
+    pub fn new(closure: &Closure, joined: Option<&Joined>) -> Self {
+        let matches = |pair: &PairOutcome| pair.measured.as_ref().map_or(0, |p| p.views.match_count());
+        let direct = |pair: &PairOutcome| -> Option<DirectAlignment> { pair.direct.clone()?.ok() };
+        let shares: Vec<[f32; 2]> = closure
+            .agreeing()
+            .map(|pair| direct(pair).map_or([0.0; 2], |d| [d.inlier_share, d.inlier_share * d.overlap]))
+            .collect();
+        let mean = |of: usize| shares.iter().map(|share| share[of]).sum::<f32>() / shares.len().max(1) as f32;
+        // At the keyframes: seen from the worlds' origins a turn shifts everything.
+        let covariance = closure.at_keyframes.information.try_inverse();
+        let covariance = covariance.unwrap_or(SMatrix::repeat(f64::INFINITY));
+        let deviation = |first: usize| -> f64 {
+            let variances: Vector3<f64> = covariance.fixed_view::<3, 3>(first, first).diagonal();
+            variances.max().sqrt()
+        };
+        Self {
+            matches: closure.agreeing().map(matches).sum(),
+            pairs: closure.agreeing().count(),
+            inlier_share: mean(0),
+            agreeing_share: mean(1),
+            rotation_deviation: deviation(3).to_degrees(),
+            translation_deviation: deviation(0) / closure.reach,
+            scale_deviation: covariance[(6, 6)].sqrt(),
+            icp_overlap: closure.registration.as_ref().ok().map(|found| found.overlap),
+            beyond: joined.map(Beyond::new),
+        }
+    }
+}
+
+impl Beyond {
+    fn new(joined: &Joined) -> Self {
+        Self {
+            tried: joined.tried,
+            confirmed: joined.confirmed,
+            failed: joined.failed,
+            closures: joined.edges.len(),
+            rival: joined.rival,
+            through_share: joined.seen.through_share(),
+            missing_share: joined.seen.missing_share(),
+        }
+    }
+
+    /// Share of the pairs tried that could be aligned; 1 where none should overlap.
+    pub fn aligned_share(&self) -> f64 {
+        if self.tried == 0 { 1.0 } else { 1.0 - self.failed as f64 / self.tried as f64 }
+    }
+
+    /// Share of the pairs tried that confirm the closure; 1 where none should overlap.
+    pub fn confirmed_share(&self) -> f64 {
+        if self.tried == 0 { 1.0 } else { self.confirmed as f64 / self.tried as f64 }
+    }
+
+    /// The rival's size as a share of the set that is believed.
+    pub fn rival_share(&self) -> f64 {
+        self.rival as f64 / self.closures.max(1) as f64
+    }
+}

@@ -1,0 +1,305 @@
+//! Whether a closure may be believed: no merge that is wrong may pass.
+//!
+//! The paper takes every closure that place recognition proposes. A wrong one ruins both maps, so ours must pass
+//! every line of this test; the verdict keeps all lines with their numbers. Each rests on evidence the others do not
+//! see. A line that *contradicts* refuses; one that lacks evidence leaves the closure *undecided*: it is kept in the
+//! record, the maps are not joined by it, and more of either map may decide it.
+//!
+//! | line | what it catches | failing it |
+//! |---|---|---|
+//! | at least two keyframe pairs, each well known, agree on the motion | one view that looks alike by chance | undecided |
+//! | matches γ over the agreeing pairs | images that share a thing or two | undecided |
+//! | pixels that agree after direct alignment, both ways, all agreeing pairs | places of the same shape with other texture, and the reverse | refused |
+//! | that share of all pixels, seen by both or not | things that repeat, shifted by one | refused |
+//! | standard deviations of rotation, translation and scale | closures that are right and useless | undecided |
+//! | further pairs that should overlap and can be aligned | a place that looks alike, in other surroundings | refused |
+//! | further pairs that should overlap and agree | the same, where single pairs look alike too | refused |
+//! | points that the other keyframe looks through | structure that is not there | refused |
+//! | points whose contrast the other keyframe lacks | the same, where there is no depth | refused |
+//! | closures that agree on another motion | things that repeat | undecided |
+//!
+//! The first five need the closure alone; the others need both whole maps ([`further`](crate::further)) and are asked of
+//! every closure of which some pair's images could be aligned, so that one that is refused is refused by all that speaks
+//! against it.
+
+mod evidence;
+mod params;
+#[cfg(test)]
+mod tests;
+
+pub use evidence::{Beyond, Evidence};
+pub use params::AcceptanceParams;
+
+use serde::Serialize;
+
+/// What a line of the test says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Says {
+    /// Nothing speaks against the closure here.
+    For,
+    /// Too little is known.
+    Open,
+    /// It contradicts the closure.
+    Against,
+}
+
+/// A line of the test with its numbers.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Line {
+    /// What is asked.
+    pub name: &'static str,
+    /// What was found.
+    pub value: f64,
+    /// The limit it was compared with.
+    pub limit: f64,
+    /// What that says.
+    pub says: Says,
+}
+
+/// What is thought of a closure.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Decision {
+    /// It is believed.
+    Accepted,
+    /// Nothing contradicts it, and too little is known to believe it.
+    Undecided(Doubt),
+    /// It is contradicted.
+    Refused(Doubt),
+}
+
+/// A decision with all that it rests on.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Verdict {
+    /// The numbers.
+    pub evidence: Evidence,
+    /// Every line that was asked.
+    pub lines: Vec<Line>,
+    /// What follows.
+    pub decision: Decision,
+}
+
+impl Verdict {
+    /// Whether the closure is believed.
+    pub fn accepts(&self) -> bool {
+        self.decision == Decision::Accepted
+    }
+
+    /// The first line that contradicts, else the first that leaves it open; nothing where it is believed.
+    pub fn doubt(&self) -> Option<Doubt> {
+        match self.decision {
+            Decision::Accepted => None,
+            Decision::Undecided(doubt) | Decision::Refused(doubt) => Some(doubt),
+        }
+    }
+}
+
+/// Why a closure is not believed.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum Doubt {
+    /// Nothing confirms the one pair.
+    #[error("only {pairs} keyframe pair gives this motion of the maps; {needed} must agree")]
+    Unconfirmed {
+        /// Pairs that agree.
+        pairs: usize,
+        /// Pairs needed.
+        needed: usize,
+    },
+    /// Too few matches.
+    #[error("only {matches} key points match over the pairs that agree; {needed} are needed")]
+    FewMatches {
+        /// γ over the agreeing pairs.
+        matches: usize,
+        /// γ needed.
+        needed: usize,
+    },
+    /// The images do not fit at the motion found.
+    #[error("{share:.2} of the pixels with depth agree once the keyframes are aligned; {needed:.2} must")]
+    Unlike {
+        /// Share that agrees.
+        share: f32,
+        /// Share needed.
+        needed: f32,
+    },
+    /// Too little of the images fits.
+    #[error(
+        "{share:.2} of all pixels with depth agree, the others do not or lie outside the other's view; {needed:.2} \
+         are needed: things that repeat look like that"
+    )]
+    LittleAgrees {
+        /// Share that agrees.
+        share: f32,
+        /// Share needed.
+        needed: f32,
+    },
+    /// The motion is known too badly.
+    #[error(
+        "the motion is known to {rotation:.2}°, {translation:.3} of the scene's depth and {scale:.3} of the scale only"
+    )]
+    Vague {
+        /// Standard deviation of the rotation, degrees.
+        rotation: f64,
+        /// Standard deviation of the translation, parts of the scene's depth.
+        translation: f64,
+        /// Standard deviation of the scale, parts.
+        scale: f64,
+    },
+    /// The maps do not fit beyond the place.
+    #[error(
+        "only {confirmed} of {tried} other keyframe pairs that would see the same by this motion do; {needed:.0} % \
+         must"
+    )]
+    Alone {
+        /// Pairs that were aligned and agree.
+        confirmed: usize,
+        /// Pairs tried.
+        tried: usize,
+        /// Percentage needed.
+        needed: f64,
+    },
+    /// Keyframes see through what others see.
+    #[error(
+        "keyframes look through {share:.2} of the points that others see there by this motion; {limit:.2} at most may be"
+    )]
+    SeenThrough {
+        /// Share looked through.
+        share: f64,
+        /// Largest share.
+        limit: f64,
+    },
+    /// Keyframes lack what others see.
+    #[error(
+        "{share:.2} of what keyframes see is missing in others by this motion; {limit:.2} at most may be"
+    )]
+    Missing {
+        /// Share that is missing.
+        share: f64,
+        /// Largest share.
+        limit: f64,
+    },
+    /// Another motion is nearly as good.
+    #[error(
+        "{closures} closures agree on this motion and {rival} on another: too few to tell which is right"
+    )]
+    Rival {
+        /// Closures that agree on the motion.
+        closures: usize,
+        /// Closures that agree on another.
+        rival: usize,
+    },
+}
+
+/// Judges by the closure alone, and by the rest of both maps where the evidence has it.
+pub fn judge(evidence: Evidence, params: &AcceptanceParams) -> Verdict {
+    let mut test = Test { lines: Vec::new(), against: None, open: None };
+    test.closure(&evidence, params);
+    if let Some(beyond) = &evidence.beyond {
+        test.beyond(beyond, params);
+    }
+    let decision = match (test.against, test.open) {
+        (Some(doubt), _) => Decision::Refused(doubt),
+        (None, Some(doubt)) => Decision::Undecided(doubt),
+        (None, None) => Decision::Accepted,
+    };
+    Verdict { evidence, lines: test.lines, decision }
+}
+
+/// The lines so far, and the first doubts.
+struct Test {
+    lines: Vec<Line>,
+    against: Option<Doubt>,
+    open: Option<Doubt>,
+}
+
+impl Test {
+    /// The lines that need no more than the closure.
+    fn closure(&mut self, evidence: &Evidence, params: &AcceptanceParams) {
+        let Evidence { matches, pairs, .. } = *evidence;
+        let (rotation, translation) = (evidence.rotation_deviation, evidence.translation_deviation);
+        let scale = evidence.scale_deviation;
+        let vague = Doubt::Vague { rotation, translation, scale };
+        self.least(
+            "keyframe pairs that agree",
+            [pairs as f64, params.min_pairs as f64],
+            Says::Open,
+            Doubt::Unconfirmed { pairs, needed: params.min_pairs },
+        );
+        self.least(
+            "matches",
+            [matches as f64, params.min_matches as f64],
+            Says::Open,
+            Doubt::FewMatches { matches, needed: params.min_matches },
+        );
+        let (share, needed) = (evidence.inlier_share, params.min_inlier_share);
+        self.least("pixels that agree", pair(share, needed), Says::Against, Doubt::Unlike { share, needed });
+        let (share, needed) = (evidence.agreeing_share, params.min_agreeing_share);
+        let doubt = Doubt::LittleAgrees { share, needed };
+        self.least("of all pixels", pair(share, needed), Says::Against, doubt);
+        self.most("rotation deviation", [rotation, params.max_rotation_deviation], Says::Open, vague);
+        self.most(
+            "translation deviation",
+            [translation, params.max_translation_deviation],
+            Says::Open,
+            vague,
+        );
+        self.most("scale deviation", [scale, params.max_scale_deviation], Says::Open, vague);
+    }
+
+    /// The lines that need both whole maps.
+    fn beyond(&mut self, beyond: &Beyond, params: &AcceptanceParams) {
+        let Beyond { tried, confirmed, closures, rival, .. } = *beyond;
+        let needed = 100.0 * params.min_aligned_share;
+        self.least(
+            "overlaps aligned",
+            [beyond.aligned_share(), params.min_aligned_share],
+            Says::Against,
+            Doubt::Alone { confirmed: tried - beyond.failed, tried, needed },
+        );
+        let needed = 100.0 * params.min_confirmed_share;
+        self.least(
+            "overlaps confirmed",
+            [beyond.confirmed_share(), params.min_confirmed_share],
+            Says::Against,
+            Doubt::Alone { confirmed, tried, needed },
+        );
+        let (share, limit) = (beyond.through_share, params.max_through_share);
+        self.most("seen through", [share, limit], Says::Against, Doubt::SeenThrough { share, limit });
+        let (share, limit) = (beyond.missing_share, params.max_missing_share);
+        self.most("missing", [share, limit], Says::Against, Doubt::Missing { share, limit });
+        let doubt = Doubt::Rival { closures, rival };
+        self.most("rival", [beyond.rival_share(), params.max_rival_share], Says::Open, doubt);
+    }
+
+    /// A line that asks for so much at least. What is no number fails it.
+    fn least(&mut self, name: &'static str, [value, limit]: [f64; 2], otherwise: Says, doubt: Doubt) {
+        self.line(name, [value, limit], value >= limit, otherwise, doubt);
+    }
+
+    /// A line that allows so much at most. What is no number fails it.
+    fn most(&mut self, name: &'static str, [value, limit]: [f64; 2], otherwise: Says, doubt: Doubt) {
+        self.line(name, [value, limit], value <= limit, otherwise, doubt);
+    }
+
+    fn line(
+        &mut self,
+        name: &'static str,
+        [value, limit]: [f64; 2],
+        holds: bool,
+        otherwise: Says,
+        doubt: Doubt,
+    ) {
+        let says = if holds { Says::For } else { otherwise };
+        self.lines.push(Line { name, value, limit, says });
+        let first = match says {
+            Says::For => return,
+            Says::Open => &mut self.open,
+            Says::Against => &mut self.against,
+        };
+        first.get_or_insert(doubt);
+    }
+}
+
+/// A value and its limit as they are compared.
+fn pair(value: f32, limit: f32) -> [f64; 2] {
+    [f64::from(value), f64::from(limit)]
+}

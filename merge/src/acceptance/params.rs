@@ -1,0 +1,62 @@
+//! What a closure must show.
+
+use serde::{Deserialize, Serialize};
+
+/// What a closure must show. Every limit is a share, an angle or a count: none depends on the camera or on a map's
+/// unit.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct AcceptanceParams {
+    /// Fewest matches γ over all agreeing pairs. Default 60; 16 or more.
+    pub min_matches: usize,
+    /// Fewest keyframe pairs that agree on the motion. Default 2; 1 to 3.
+    pub min_pairs: usize,
+    /// Least share of pixels with depth that agree in intensity and depth after direct alignment, mean of the
+    /// agreeing pairs. Default 0.6; 0 to 1.
+    pub min_inlier_share: f32,
+    /// Least product of that share with the overlap, the share of pixels with depth that the other keyframe sees at
+    /// all, mean of the agreeing pairs. Default 0.25; 0 to 1. Things that repeat (a fence, cars of one make) agree
+    /// over a part of the view when shifted by one; the same place agrees over most of what both see.
+    pub min_agreeing_share: f32,
+    /// Least share of the further keyframe pairs that should overlap by the motion whose images can be aligned from
+    /// there. Default 0.75; 0 to 1. Of right closures on our maps 7 or 8 of 8 can; of the wrong one that came closest,
+    /// past other houses over the same pavement, 5.
+    pub min_aligned_share: f64,
+    /// Least share of them that are aligned and agree with the closures that are believed. Default 0.5; 0 to 1. Maps
+    /// that drift lose some: of right ones of a hand-held camera 5 of 8 agree.
+    pub min_confirmed_share: f64,
+    /// Largest share of points with known depths that the other keyframe looks through. Default 0.05; 0 to 1.
+    pub max_through_share: f64,
+    /// Largest share of points seen whose contrast is missing in the other keyframe. Default 0.1; 0 to 1.
+    pub max_missing_share: f64,
+    /// Largest set of closures that agree with each other on another motion, as a share of the set that is believed.
+    /// Default 0.5; 0 to 1. At 1 two motions are as likely.
+    pub max_rival_share: f64,
+    /// Largest standard deviation of the rotation, degrees. Default 0.35; above 0. A turn by that moves what is
+    /// 10 m away by 6 cm.
+    pub max_rotation_deviation: f64,
+    /// Largest standard deviation of the translation where the keyframes are, parts of the scene's median depth.
+    /// Default 0.03; above 0.
+    pub max_translation_deviation: f64,
+    /// Largest standard deviation of the scale, parts. Default 0.03; above 0.
+    pub max_scale_deviation: f64,
+}
+
+impl Default for AcceptanceParams {
+    fn default() -> Self {
+        Self {
+            min_matches: 60,
+            min_pairs: 2,
+            min_inlier_share: 0.6,
+            min_agreeing_share: 0.25,
+            min_aligned_share: 0.75,
+            min_confirmed_share: 0.5,
+            max_through_share: 0.05,
+            max_missing_share: 0.1,
+            max_rival_share: 0.5,
+            max_rotation_deviation: 0.35,
+            max_translation_deviation: 0.03,
+            max_scale_deviation: 0.03,
+        }
+    }
+}

@@ -1,0 +1,109 @@
+use super::*;
+
+/// Evidence that passes every line, just.
+const ENOUGH: Evidence = Evidence {
+    matches: 60,
+    pairs: 2,
+    inlier_share: 0.6,
+    agreeing_share: 0.25,
+    rotation_deviation: 0.35,
+    translation_deviation: 0.03,
+    scale_deviation: 0.03,
+    icp_overlap: None,
+    beyond: Some(BEYOND),
+};
+
+/// What the rest of both maps says where it says just enough.
+const BEYOND: Beyond = Beyond {
+    tried: 4,
+    confirmed: 2,
+    failed: 1,
+    closures: 4,
+    rival: 2,
+    through_share: 0.05,
+    missing_share: 0.1,
+};
+
+fn verdict(evidence: Evidence) -> Verdict {
+    judge(evidence, &AcceptanceParams::default())
+}
+
+fn beyond(beyond: Beyond) -> Evidence {
+    Evidence { beyond: Some(beyond), ..ENOUGH }
+}
+
+#[test]
+fn what_is_enough_passes_every_line() {
+    let verdict = verdict(ENOUGH);
+    assert_eq!((verdict.decision, verdict.lines.len()), (Decision::Accepted, 12));
+    assert!(verdict.accepts() && verdict.doubt().is_none());
+    assert!(verdict.lines.iter().all(|line| line.says == Says::For), "{:?}", verdict.lines);
+}
+
+#[test]
+fn each_line_alone_says_what_it_says() {
+    let vague = |rotation, translation, scale| Doubt::Vague { rotation, translation, scale };
+    let left_open = [
+        (Evidence { pairs: 1, ..ENOUGH }, Doubt::Unconfirmed { pairs: 1, needed: 2 }),
+        (Evidence { matches: 59, ..ENOUGH }, Doubt::FewMatches { matches: 59, needed: 60 }),
+        (Evidence { rotation_deviation: 0.36, ..ENOUGH }, vague(0.36, 0.03, 0.03)),
+        (Evidence { translation_deviation: 0.031, ..ENOUGH }, vague(0.35, 0.031, 0.03)),
+        (Evidence { scale_deviation: 0.031, ..ENOUGH }, vague(0.35, 0.03, 0.031)),
+        (beyond(Beyond { rival: 3, ..BEYOND }), Doubt::Rival { closures: 4, rival: 3 }),
+    ];
+    for (evidence, doubt) in left_open {
+        assert_eq!(verdict(evidence).decision, Decision::Undecided(doubt));
+    }
+    let refused = [
+        (Evidence { inlier_share: 0.59, ..ENOUGH }, Doubt::Unlike { share: 0.59, needed: 0.6 }),
+        (Evidence { agreeing_share: 0.24, ..ENOUGH }, Doubt::LittleAgrees { share: 0.24, needed: 0.25 }),
+        (beyond(Beyond { confirmed: 1, ..BEYOND }), Doubt::Alone { confirmed: 1, tried: 4, needed: 50.0 }),
+        (beyond(Beyond { failed: 2, ..BEYOND }), Doubt::Alone { confirmed: 2, tried: 4, needed: 75.0 }),
+        (beyond(Beyond { through_share: 0.06, ..BEYOND }), Doubt::SeenThrough { share: 0.06, limit: 0.05 }),
+        (beyond(Beyond { missing_share: 0.11, ..BEYOND }), Doubt::Missing { share: 0.11, limit: 0.1 }),
+    ];
+    for (evidence, doubt) in refused {
+        let verdict = verdict(evidence);
+        assert_eq!(verdict.decision, Decision::Refused(doubt));
+        let against = verdict.lines.iter().filter(|line| line.says == Says::Against);
+        assert_eq!(against.count(), 1, "{:?}", verdict.lines);
+    }
+}
+
+/// What contradicts weighs more than what is not known, whichever is asked first.
+#[test]
+fn a_contradiction_decides_over_what_is_open() {
+    let evidence = Evidence { pairs: 1, inlier_share: 0.1, ..ENOUGH };
+    assert_eq!(verdict(evidence).decision, Decision::Refused(Doubt::Unlike { share: 0.1, needed: 0.6 }));
+}
+
+/// Before the maps are asked, only the closure's own lines are there.
+#[test]
+fn the_closure_is_judged_alone_first() {
+    assert_eq!(verdict(Evidence { beyond: None, ..ENOUGH }).lines.len(), 7);
+}
+
+/// What could not be computed is no evidence.
+#[test]
+fn what_is_no_number_does_not_pass() {
+    for evidence in [
+        Evidence { inlier_share: f32::NAN, ..ENOUGH },
+        Evidence { agreeing_share: f32::NAN, ..ENOUGH },
+        Evidence { rotation_deviation: f64::NAN, ..ENOUGH },
+        Evidence { translation_deviation: f64::NAN, ..ENOUGH },
+        Evidence { scale_deviation: f64::NAN, ..ENOUGH },
+        Evidence { rotation_deviation: f64::INFINITY, ..ENOUGH },
+        beyond(Beyond { through_share: f64::NAN, ..BEYOND }),
+        beyond(Beyond { missing_share: f64::NAN, ..BEYOND }),
+    ] {
+        assert!(!verdict(evidence).accepts(), "{evidence:?}");
+    }
+}
+
+#[test]
+fn a_doubt_says_what_is_missing() {
+    let doubt = verdict(Evidence { matches: 31, ..ENOUGH }).doubt().unwrap();
+    assert_eq!(doubt.to_string(), "only 31 key points match over the pairs that agree; 60 are needed");
+    let doubt = verdict(beyond(Beyond { confirmed: 1, tried: 8, ..BEYOND })).doubt().unwrap();
+    assert!(doubt.to_string().starts_with("only 1 of 8 other keyframe pairs"), "{doubt}");
+}

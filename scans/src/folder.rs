@@ -1,0 +1,245 @@
+//! A folder of scans: which files there are, when they were taken, and what is known of their points.
+
+use crate::{Scan, ScanError, SweepTiming, read_kitti, read_pcd, read_ply, rings_of};
+use std::path::{Path, PathBuf};
+
+/// What a folder does not say of itself.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct FolderOptions {
+    /// Scans a second, for folders without `times.txt`; by default 10.
+    pub rate: Option<f64>,
+    /// How the sensor turns, for scans without times of points. `None`: such scans are taken as rigid.
+    pub timing: Option<SweepTiming>,
+}
+
+/// One scan's files and stamp.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ScanFile {
+    /// The file of points.
+    pub path: PathBuf,
+    /// The stamp, seconds.
+    pub stamp: f64,
+}
+
+/// A folder of KITTI `.bin`, PCD or PLY scans, in order of their names.
+///
+/// Besides the scans it may hold `times.txt` (`stamp [index]` a line), `times/NAME.f32` (seconds after the stamp, one
+/// little-endian float32 a point) and `rings/NAME.u8`; the scans themselves may lie in a folder `velodyne`.
+#[derive(Clone, Debug)]
+pub struct Folder {
+    root: PathBuf,
+    files: Vec<ScanFile>,
+    timing: Option<SweepTiming>,
+}
+
+/// File names that end so are scans.
+const ENDINGS: [&str; 3] = ["bin", "pcd", "ply"];
+
+/// Scans that are this far apart in time, in sweeps, were thinned out or put together by other software, which
+/// undistorts: no times are derived for their points.
+const THINNED: f64 = 3.0;
+
+impl Folder {
+    /// Looks through a folder.
+    ///
+    /// # Errors
+    /// When it cannot be read, holds no scans or scans of several kinds, or its `times.txt` does not fit them.
+    pub fn open(path: &Path, options: &FolderOptions) -> Result<Self, ScanError> {
+        let inner = path.join("velodyne");
+        let scans = scans_in(if inner.is_dir() { &inner } else { path })?;
+        let name = path.display().to_string();
+        let stamps = match std::fs::read_to_string(path.join("times.txt")) {
+            Ok(text) => stamps(&text, &scans, &path.join("times.txt").display().to_string())?,
+            Err(_) => {
+                let rate = options.rate.unwrap_or(10.0);
+                if !(rate.is_finite() && rate > 0.0) {
+                    return Err(ScanError::format(
+                        &name,
+                        format!("{rate} scans a second: expected a number above 0"),
+                    ));
+                }
+                (0..scans.len()).map(|i| i as f64 / rate).collect()
+            }
+        };
+        let files: Vec<_> =
+            scans.into_iter().zip(stamps).map(|(path, stamp)| ScanFile { path, stamp }).collect();
+        let spacing = median_spacing(&files);
+        let timing = options.timing.filter(|t| spacing.is_none_or(|s| s < THINNED * f64::from(t.period)));
+        Ok(Self { root: path.to_owned(), files, timing })
+    }
+
+    /// The scans in order of time.
+    pub fn files(&self) -> &[ScanFile] {
+        &self.files
+    }
+
+    /// Reads a scan; times and rings come from files beside it, from its own columns, or are derived.
+    ///
+    /// # Errors
+    /// When the scan is of no use; others of the folder may be.
+    pub fn read(&self, file: &ScanFile) -> Result<Scan, ScanError> {
+        let name = file.path.display().to_string();
+        let bytes = read(&file.path)?;
+        let ending = file.path.extension().unwrap_or_default().to_ascii_lowercase();
+        let mut scan = match ending.to_str() {
+            Some("pcd") => read_pcd(&bytes, file.stamp, &name)?,
+            Some("ply") => read_ply(&bytes, file.stamp, &name)?,
+            _ => read_kitti(&bytes, &name)?,
+        };
+        scan.stamp = file.stamp;
+        self.add_side_files(&mut scan, file)?;
+        if scan.rings.is_empty() {
+            scan.rings = rings_of(&scan.points);
+        }
+        if let (true, Some(timing)) = (scan.times.is_empty(), self.timing) {
+            timing.apply(&mut scan);
+        }
+        scan.checked(&name)
+    }
+
+    fn add_side_files(&self, scan: &mut Scan, file: &ScanFile) -> Result<(), ScanError> {
+        let stem = file.path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        let times = self.root.join("times").join(format!("{stem}.f32"));
+        let points = scan.points.len();
+        if times.is_file() {
+            let bytes = read(&times)?;
+            expect(&times, bytes.len(), 4 * points)?;
+            scan.times =
+                bytes.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();
+        }
+        let rings = self.root.join("rings").join(format!("{stem}.u8"));
+        if rings.is_file() {
+            let bytes = read(&rings)?;
+            expect(&rings, bytes.len(), points)?;
+            scan.rings = bytes.into_iter().map(u16::from).collect();
+        }
+        Ok(())
+    }
+}
+
+fn expect(path: &Path, found: usize, expected: usize) -> Result<(), ScanError> {
+    let what = || format!("holds {found} bytes where the scan's points need {expected}");
+    if found == expected { Ok(()) } else { Err(ScanError::format(&path.display().to_string(), what())) }
+}
+
+fn read(path: &Path) -> Result<Vec<u8>, ScanError> {
+    std::fs::read(path).map_err(|source| ScanError::Io { name: path.display().to_string(), source })
+}
+
+fn scans_in(folder: &Path) -> Result<Vec<PathBuf>, ScanError> {
+    let name = folder.display().to_string();
+    let io = |source| ScanError::Io { name: name.clone(), source };
+    let mut found: Vec<PathBuf> = Vec::new();
+    for entry in std::fs::read_dir(folder).map_err(io)? {
+        let path = entry.map_err(io)?.path();
+        let ending = path.extension().unwrap_or_default().to_ascii_lowercase();
+        if ENDINGS.iter().any(|e| ending == *e) && path.is_file() {
+            found.push(path);
+        }
+    }
+    found.sort();
+    let ending = |p: &PathBuf| p.extension().unwrap_or_default().to_ascii_lowercase();
+    match found.first() {
+        None => Err(ScanError::format(&name, "holds no scans (files ending in .bin, .pcd or .ply)")),
+        Some(first) if found.iter().any(|p| ending(p) != ending(first)) => {
+            Err(ScanError::format(&name, "holds scans of several kinds; give a folder of one"))
+        }
+        Some(_) => Ok(found),
+    }
+}
+
+/// One stamp per scan, ascending. A second column, if there is one, names the scan by number.
+fn stamps(text: &str, scans: &[PathBuf], name: &str) -> Result<Vec<f64>, ScanError> {
+    let rows = text.lines().map(str::trim).filter(|line| !line.is_empty() && !line.starts_with('#'));
+    let parse = |line: &str| {
+        line.split_whitespace().next().and_then(|w| w.parse::<f64>().ok()).filter(|t| t.is_finite())
+    };
+    let stamps: Vec<f64> = rows
+        .map(|line| {
+            parse(line).ok_or_else(|| ScanError::format(name, format!("`{line}` does not begin with a time")))
+        })
+        .collect::<Result<_, _>>()?;
+    if stamps.len() != scans.len() {
+        return Err(ScanError::format(name, format!("has {} times for {} scans", stamps.len(), scans.len())));
+    }
+    match stamps.windows(2).find(|w| w[1] <= w[0]) {
+        Some(w) => Err(ScanError::format(name, format!("time {} does not come after {}", w[1], w[0]))),
+        None => Ok(stamps),
+    }
+}
+
+fn median_spacing(files: &[ScanFile]) -> Option<f64> {
+    let mut gaps: Vec<f64> = files.windows(2).map(|w| w[1].stamp - w[0].stamp).collect();
+    gaps.sort_by(f64::total_cmp);
+    gaps.get(gaps.len() / 2).copied()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A sweep of a cube's inside, as KITTI stores it.
+    fn bytes(points: usize) -> Vec<u8> {
+        let point = |i: usize| {
+            let (azimuth, z) = (i as f32 * 0.01, (i % 7) as f32 * 0.3 - 1.0);
+            [3.0 * azimuth.cos(), 3.0 * azimuth.sin(), z, 0.0]
+        };
+        (0..points).flat_map(point).flat_map(f32::to_le_bytes).collect()
+    }
+
+    fn folder(times: &str, scans: &[(&str, Vec<u8>)]) -> tempfile::TempDir {
+        let folder = tempfile::tempdir().unwrap();
+        for (name, bytes) in scans {
+            std::fs::write(folder.path().join(name), bytes).unwrap();
+        }
+        if !times.is_empty() {
+            std::fs::write(folder.path().join("times.txt"), times).unwrap();
+        }
+        folder
+    }
+
+    #[test]
+    fn scans_come_in_order_with_their_stamps() {
+        let dir =
+            folder("0.5 000001\n0.6 000002\n", &[("000002.bin", bytes(900)), ("000001.bin", bytes(800))]);
+        let found =
+            Folder::open(dir.path(), &FolderOptions { timing: Some(SweepTiming::default()), rate: None })
+                .unwrap();
+        let scans: Vec<Scan> = found.files().iter().map(|f| found.read(f).unwrap()).collect();
+        assert_eq!(
+            scans.iter().map(|s| (s.stamp, s.points.len())).collect::<Vec<_>>(),
+            [(0.5, 800), (0.6, 900)]
+        );
+        assert_eq!(scans[0].times.len(), 800);
+    }
+
+    #[test]
+    fn what_is_of_no_use_is_refused_with_the_reason() {
+        let cut = bytes(900)[..1003].to_vec();
+        let mut nan = bytes(900);
+        nan.chunks_exact_mut(16).for_each(|p| p[..4].copy_from_slice(&f32::NAN.to_le_bytes()));
+        let ring: Vec<u8> = (0..900)
+            .flat_map(|i| [(i as f32 * 0.007).cos(), (i as f32 * 0.007).sin(), 0.0, 0.0])
+            .flat_map(f32::to_le_bytes)
+            .collect();
+        let dir = folder("", &[("0.bin", cut), ("1.bin", nan), ("2.bin", ring), ("3.bin", vec![])]);
+        let found = Folder::open(dir.path(), &FolderOptions::default()).unwrap();
+        let reasons: Vec<String> =
+            found.files().iter().map(|f| found.read(f).unwrap_err().to_string()).collect();
+        for (reason, part) in reasons.iter().zip(["cut off", "0 of 900", "one ring", "0 of 0"]) {
+            assert!(reason.contains(part), "{reason}");
+        }
+        let dir = folder("1.0\n", &[("0.bin", bytes(900)), ("1.bin", bytes(900))]);
+        let refused = Folder::open(dir.path(), &FolderOptions::default()).unwrap_err();
+        assert!(refused.to_string().contains("1 times for 2 scans"), "{refused}");
+    }
+
+    #[test]
+    fn thinned_recordings_get_no_times() {
+        let dir = folder("0\n1\n", &[("0.bin", bytes(900)), ("1.bin", bytes(900))]);
+        let found =
+            Folder::open(dir.path(), &FolderOptions { timing: Some(SweepTiming::default()), rate: None })
+                .unwrap();
+        assert!(found.read(&found.files()[0]).unwrap().times.is_empty());
+    }
+}

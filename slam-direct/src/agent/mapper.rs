@@ -1,0 +1,209 @@
+//! Mapping: what a new keyframe sets off, as a function of the map and a [`Job`]. It may run beside the tracking.
+
+use super::settle::Settler;
+use crate::closing::LoopCloser;
+use crate::local_map::{Companions, Counts, KeyframeState, LocalMap};
+use crate::mapping;
+use crate::params::Params;
+use crate::publish;
+use crate::track::Matched;
+use geometry::Pinhole;
+use map::{Edge, KeyframeId, Map, MapDelta, PlaceIndex, Settled};
+use std::collections::BTreeSet;
+
+/// A frame that becomes a keyframe, and what was learnt since the one before.
+pub(super) struct Job {
+    pub keyframe: KeyframeState,
+    /// Points of the map that it sees.
+    pub matched: Vec<Matched>,
+    pub counts: Counts,
+    pub companions: Companions,
+    /// As they are now: some are learnt while tracking.
+    pub params: Params,
+}
+
+/// What came of a job.
+pub(super) struct Update {
+    /// The map as it is now, to track against.
+    pub view: LocalMap,
+    /// What changed in the map as it is handed out; without number.
+    pub delta: MapDelta,
+    /// All loops closed so far.
+    pub closed: Vec<Edge>,
+    /// The loop that was closed, `(newer, older)` keyframe.
+    pub closed_loop: Option<(KeyframeId, KeyframeId)>,
+    /// The first keyframe for which companions are of use.
+    pub first_open: usize,
+}
+
+/// The owner of the map at work.
+pub(super) struct Mapper {
+    pub local: LocalMap,
+    pub places: Box<dyn PlaceIndex>,
+    /// What loops are sought by: poses, images and depth of the keyframes.
+    known: Map,
+    closer: LoopCloser,
+    settler: Settler,
+}
+
+/// The threads that mapping beside the tracking uses, so that the tracker does not queue behind it: all cores but one.
+/// `None` when the system gives no threads; mapping then shares the tracker's.
+pub(super) fn own_threads() -> Option<rayon::ThreadPool> {
+    let threads = rayon::current_num_threads().saturating_sub(1).max(1);
+    rayon::ThreadPoolBuilder::new().num_threads(threads).build().ok()
+}
+
+impl Mapper {
+    /// A mapper with an empty map.
+    pub fn new(camera: Pinhole, places: Box<dyn PlaceIndex>) -> Self {
+        let (known, local) = (Map::new(camera), LocalMap::new(camera));
+        let (closer, settler) = (LoopCloser::default(), Settler::default());
+        Self { local, places, known, closer, settler }
+    }
+
+    /// Drops the map to start anew.
+    pub fn forget(self) -> Self {
+        let mut places = self.places;
+        places.clear();
+        Self::new(self.local.camera, places)
+    }
+
+    /// Takes over a first map of two keyframes.
+    pub fn adopt(&mut self, first: LocalMap, params: &Params) -> Update {
+        self.local = first;
+        for keyframe in 0..self.local.keyframes.len() {
+            let keyframe = publish::keyframe(&self.local, keyframe);
+            self.known.keyframes.insert(keyframe.id, keyframe);
+        }
+        self.places.add(LocalMap::id(0), self.local.keyframes[0].pyramid.base());
+        let moved = self.map_around(1, &Counts::default(), params);
+        self.update(moved, Vec::new(), None)
+    }
+
+    /// Extends the map by a keyframe; takes up what was begun in the background at the one before, and begins more.
+    pub fn extend(&mut self, job: Job) -> Update {
+        let Job { keyframe, matched, counts, companions, params } = job;
+        let keyframe = self.local.push(keyframe);
+        let public = publish::keyframe(&self.local, keyframe);
+        self.known.keyframes.insert(public.id, public);
+        mapping::add_observations(&mut self.local, keyframe, &matched);
+        let mut moved = self.map_around(keyframe, &counts, &params);
+        let settled = self.take_up_depths();
+        let closed_loop = self.take_up_loop(&mut moved, &params);
+        self.seek_loop(&settled, &params);
+        self.settler.begin(&self.local, &companions, params.mapping.settle_after, &params.depth);
+        self.update(moved, settled, closed_loop)
+    }
+
+    /// Ends the run: what is in the background, depth and loops of the last keyframes, the last optimisation of the
+    /// whole map, which `stop` ends early. Gives the loops closed in doing so.
+    pub fn finish(
+        &mut self,
+        companions: &Companions,
+        params: &Params,
+        stop: &dyn Fn() -> bool,
+    ) -> (Update, Vec<(KeyframeId, KeyframeId)>) {
+        let mut moved = BTreeSet::new();
+        let mut settled = self.take_up_depths();
+        let mut loops: Vec<_> = self.take_up_loop(&mut moved, params).into_iter().collect();
+        self.settler.begin(&self.local, companions, 0, &params.depth);
+        settled.extend(self.take_up_depths());
+        for &keyframe in &settled {
+            if stop() {
+                break;
+            }
+            self.seek_loop(&[keyframe], params);
+            loops.extend(self.take_up_loop(&mut moved, params));
+        }
+        if self.local.keyframes.len() > 1 {
+            let p = &params.mapping;
+            mapping::optimise_all(&mut self.local, p.final_iterations, p.final_effort, stop);
+            moved = (0..self.local.keyframes.len()).collect();
+            self.note_moved(&moved);
+        }
+        (self.update(moved, settled, None), loops)
+    }
+
+    /// New points for a keyframe and its nearest neighbour, then the joint optimisation around it; gives the
+    /// keyframes that it moved.
+    fn map_around(&mut self, keyframe: usize, counts: &Counts, params: &Params) -> BTreeSet<usize> {
+        let p = params;
+        let mut others: Vec<usize> = self.local.covisible(keyframe).into_iter().map(|c| c.0).collect();
+        others.truncate(p.mapping.search_views);
+        if let Some(&nearest) = others.first() {
+            mapping::add_points(&mut self.local, nearest, &[keyframe], &p.mapping, &p.triangulate, &p.track);
+        }
+        mapping::add_points(&mut self.local, keyframe, &others, &p.mapping, &p.triangulate, &p.track);
+        let changes = mapping::optimise_around(&mut self.local, keyframe, &p.mapping);
+        self.local.count(counts);
+        mapping::cull_unfound(&mut self.local, counts.hosts(), 0.25);
+        self.places.add(LocalMap::id(keyframe), self.local.keyframes[keyframe].pyramid.base());
+        let moved = changes.into_iter().map(|change| change.keyframe).collect();
+        self.note_moved(&moved);
+        moved
+    }
+
+    fn note_moved(&mut self, moved: &BTreeSet<usize>) {
+        for &keyframe in moved {
+            if let Some(known) = self.known.keyframes.get_mut(&LocalMap::id(keyframe)) {
+                known.world_from_keyframe = self.local.world_from_keyframe(keyframe);
+            }
+        }
+    }
+
+    /// Takes up the depths begun before; gives their keyframes.
+    fn take_up_depths(&mut self) -> Vec<usize> {
+        let mut settled = Vec::new();
+        for (keyframe, depth) in self.settler.take_up() {
+            if let Some(known) = self.known.keyframes.get_mut(&LocalMap::id(keyframe)) {
+                known.semi_dense = depth.into();
+                settled.push(keyframe);
+            }
+        }
+        settled
+    }
+
+    /// Seeks a loop from keyframes that have just settled, and begins to close it.
+    fn seek_loop(&mut self, settled: &[usize], params: &Params) {
+        if self.closer.is_busy() {
+            return;
+        }
+        let (local, places) = (&self.local, self.places.as_ref());
+        let found = settled.iter().find_map(|&k| self.closer.find(local, &self.known, places, k, params));
+        if let Some(found) = found {
+            self.closer.start(&self.local, found, params);
+        }
+    }
+
+    /// Takes up the loop being closed, if there is one.
+    fn take_up_loop(
+        &mut self,
+        moved: &mut BTreeSet<usize>,
+        params: &Params,
+    ) -> Option<(KeyframeId, KeyframeId)> {
+        let (found, by_loop) = self.closer.finish(&mut self.local, params)?.ok()?;
+        self.note_moved(&by_loop);
+        moved.extend(by_loop);
+        Some(found.keyframes())
+    }
+
+    fn update(
+        &self,
+        moved: BTreeSet<usize>,
+        settled: Vec<usize>,
+        closed_loop: Option<(KeyframeId, KeyframeId)>,
+    ) -> Update {
+        let settled = settled.into_iter().map(|keyframe| Settled {
+            keyframe: LocalMap::id(keyframe),
+            semi_dense: self.known.keyframes[&LocalMap::id(keyframe)].semi_dense.clone(),
+            points: publish::points(&self.local, keyframe),
+        });
+        let delta = MapDelta {
+            moved: moved.into_iter().map(|keyframe| publish::moved(&self.local, keyframe)).collect(),
+            settled: settled.collect(),
+            ..MapDelta::default()
+        };
+        let (closed, first_open) = (self.closer.closed().to_vec(), self.settler.first_open());
+        Update { view: self.local.clone(), delta, closed, closed_loop, first_open }
+    }
+}

@@ -1,0 +1,171 @@
+//! Going on after a loss: a new map is begun while the old one is still sought (ORB-SLAM3's Atlas; Campos et al., T-RO
+//! 2021, §VI-C).
+//!
+//! A run is then a list of *fragments*: maps with a world and a unit of their own, each made by an [`Agent`]. They are
+//! joined like the maps of several agents, by the crate `merge`, which needs no more than that the camera sees one
+//! place again.
+
+use crate::agent::{Agent, AgentError, Frame, FrameReport, TrackingState};
+use crate::params::Params;
+use backend::params;
+use geometry::Pinhole;
+use map::{Map, PlaceIndex};
+
+params! {
+    /// Parameters of going on after a loss.
+    pub struct AtlasParams {
+        /// Seconds without a pose after which a new fragment is begun beside the search in the old ones. Range 0.1–5;
+        /// below, motion blur of one turn of the hand makes fragments that relocalisation would have spared.
+        pub begin_after: f64 = 0.5,
+        /// Frames between searches in the earlier fragments while a new one is tracked but still young. Range 1–30; each
+        /// search costs about as much as tracking five frames.
+        pub seek_interval: usize = 5,
+    }
+}
+
+/// A run whose losses are not final: hands frames to one agent, and after a loss to the next.
+pub struct Atlas {
+    camera: Pinhole,
+    new_places: fn() -> Box<dyn PlaceIndex>,
+    params: Params,
+    /// In the order they were begun. There is always one.
+    fragments: Vec<Agent>,
+    /// The fragment that the newest frame was given to.
+    active: usize,
+    loss: Option<Loss>,
+}
+
+/// What is done about a loss.
+struct Loss {
+    /// Time stamp of the first frame without a pose, seconds.
+    since: f64,
+    /// Frames since then.
+    frames: usize,
+    /// The next fragment, until it has proved itself or the camera is found in an old one.
+    next: Option<Box<Agent>>,
+}
+
+impl Atlas {
+    /// A run without a map; `new_places` makes the index by which a fragment finds its own places again.
+    ///
+    /// # Errors
+    /// When the camera or a parameter cannot be worked with.
+    pub fn new(
+        camera: Pinhole,
+        new_places: fn() -> Box<dyn PlaceIndex>,
+        params: Params,
+    ) -> Result<Self, AgentError> {
+        let first = Agent::new(camera, new_places(), params.clone())?;
+        Ok(Self { camera, new_places, params, fragments: vec![first], active: 0, loss: None })
+    }
+
+    /// Tracks a frame in the fragment where the camera is, or in the one where it is found again, and maps what it adds.
+    /// The report names the fragment.
+    ///
+    /// # Errors
+    /// Those of [`Agent::process`].
+    pub fn process(&mut self, frame: Frame) -> Result<FrameReport, AgentError> {
+        let report = match self.loss.take() {
+            None => self.follow(frame),
+            Some(loss) => self.recover(loss, frame),
+        };
+        Ok(FrameReport { fragment: self.active, ..report? })
+    }
+
+    /// A frame of a camera that was not lost.
+    fn follow(&mut self, frame: Frame) -> Result<FrameReport, AgentError> {
+        let timestamp = frame.timestamp;
+        let report = self.fragments[self.active].process(frame)?;
+        if report.state == TrackingState::Lost {
+            self.loss = Some(Loss { since: timestamp, frames: 1, next: None });
+        }
+        Ok(report)
+    }
+
+    /// A frame of a lost camera: sought in the fragments, and given to the one that may come next.
+    fn recover(&mut self, mut loss: Loss, frame: Frame) -> Result<FrameReport, AgentError> {
+        let tracked = loss.next.as_ref().is_some_and(|next| !next.map().frames.is_empty());
+        let mut report = FrameReport::lost();
+        if !tracked || loss.frames.is_multiple_of(self.params.atlas.seek_interval.max(1)) {
+            report = self.fragments[self.active].process(frame.clone())?;
+            if report.state != TrackingState::Lost {
+                return Ok(report);
+            }
+            if let Some(found) = self.seek_elsewhere(&loss, &frame)? {
+                return Ok(found);
+            }
+        }
+        loss.frames += 1;
+        if loss.next.is_none() && frame.timestamp - loss.since >= self.params.atlas.begin_after {
+            let next = Agent::new(self.camera, (self.new_places)(), self.params.clone())?;
+            loss.next = Some(Box::new(next));
+        }
+        let Some(next) = &mut loss.next else {
+            self.loss = Some(loss);
+            return Ok(report);
+        };
+        let of_next = next.process(frame)?;
+        if of_next.state == TrackingState::Tracking && !next.is_young() {
+            self.begin_fragment(loss);
+            return Ok(of_next);
+        }
+        self.loss = Some(loss);
+        Ok(report)
+    }
+
+    /// Seeks the frame in one of the fragments that the camera has left, another one with every search.
+    fn seek_elsewhere(&mut self, loss: &Loss, frame: &Frame) -> Result<Option<FrameReport>, AgentError> {
+        let others = self.fragments.len() - 1;
+        if others == 0 {
+            return Ok(None);
+        }
+        let turn = loss.frames % others;
+        let index = if turn < self.active { turn } else { turn + 1 };
+        let report = self.fragments[index].relocalise(frame)?;
+        if report.is_some() {
+            self.active = index;
+        }
+        Ok(report)
+    }
+
+    /// The next fragment has proved itself. A map that did not come beyond its start is not worth keeping beside it.
+    fn begin_fragment(&mut self, loss: Loss) {
+        if self.fragments[self.active].is_young() {
+            self.fragments.remove(self.active);
+        }
+        self.fragments.extend(loss.next.map(|next| *next));
+        self.active = self.fragments.len() - 1;
+    }
+
+    /// The agent of the fragment that the newest frame was given to.
+    pub fn active(&self) -> &Agent {
+        &self.fragments[self.active]
+    }
+
+    /// The fragments, in the order they were begun; without a map there is one, empty.
+    pub fn fragments(&self) -> &[Agent] {
+        &self.fragments
+    }
+
+    /// Ends the run: what is in the background, and the last optimisation of every fragment, until `stop` (see
+    /// [`Agent::finish_until`]).
+    pub fn finish_until(&mut self, stop: &dyn Fn() -> bool) {
+        // A start that was tracked but had no time to prove itself holds poses that no other fragment has.
+        if let Some(loss) = self.loss.take()
+            && loss.next.as_ref().is_some_and(|next| !next.map().frames.is_empty())
+        {
+            self.begin_fragment(loss);
+        }
+        for fragment in &mut self.fragments {
+            fragment.finish_until(stop);
+        }
+    }
+
+    /// Gives the maps of the fragments away, in the order they were begun.
+    pub fn into_maps(self) -> Vec<Map> {
+        self.fragments.into_iter().map(Agent::into_map).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,162 @@
+//! Keyframes: undistorted scans with their poses, what they tell of free space, and submaps of several.
+
+use crate::scan_context::ScanContext;
+use crate::surfaces::{SurfaceMap, SurfaceParams};
+use crate::voxels::{VoxelTable, first_of_each_voxel};
+use geometry::Se3;
+use nalgebra::Vector3;
+
+/// A scan that the map keeps.
+#[derive(Clone, Debug)]
+pub struct Keyframe {
+    /// The instant to which pose and points belong, seconds on the recording's clock.
+    pub instant: f64,
+    /// The sensor's pose.
+    pub world_from_sensor: Se3,
+    /// Undistorted points in the sensor's frame.
+    pub points: Vec<[f32; 3]>,
+    /// The descriptor of the place.
+    pub context: ScanContext,
+}
+
+/// Radius of Scan Contexts, metres: half of the paper's 80 m, which are a street's, tells halls apart too.
+const CONTEXT_RADIUS: f32 = 40.0;
+
+impl Keyframe {
+    /// A keyframe of points freed from the motion of their sweep.
+    pub fn new(instant: f64, world_from_sensor: Se3, points: Vec<[f32; 3]>) -> Self {
+        let context = ScanContext::of(&points, CONTEXT_RADIUS);
+        Self { instant, world_from_sensor, points, context }
+    }
+}
+
+/// A point moved.
+pub(crate) fn transformed(pose: &Se3, p: [f32; 3]) -> [f32; 3] {
+    let q = *pose * Vector3::new(f64::from(p[0]), f64::from(p[1]), f64::from(p[2]));
+    [q.x as f32, q.y as f32, q.z as f32]
+}
+
+/// Columns and rows of a [`Sight`]: a degree each.
+const COLUMNS: usize = 360;
+const ROWS: usize = 180;
+
+/// How far a keyframe saw in every direction: all before is free.
+#[derive(Clone, Debug)]
+pub struct Sight {
+    sensor_from_submap: Se3,
+    /// Nearest and farthest return of each cell, metres; infinite and 0 where there is none.
+    ranges: Vec<(f32, f32)>,
+}
+
+/// What a point is to a keyframe that looks its way.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Seen {
+    /// The keyframe does not look there, or something nearer hides it.
+    Hidden,
+    /// On a surface that the keyframe saw.
+    Surface,
+    /// Where the keyframe saw through: it cannot be there.
+    Free,
+}
+
+/// A point counts as on a surface within this distance, metres and share of the range: poses err, cells are wide.
+const MARGIN: (f32, f32) = (0.25, 0.02);
+
+impl Sight {
+    fn new(points: &[[f32; 3]], sensor_from_submap: Se3) -> Self {
+        let mut ranges = vec![(f32::INFINITY, 0.0f32); COLUMNS * ROWS];
+        for &p in points {
+            let (cell, range) = cell(p);
+            let slot = &mut ranges[cell.1 * COLUMNS + cell.0];
+            *slot = (slot.0.min(range), slot.1.max(range));
+        }
+        Self { sensor_from_submap, ranges }
+    }
+
+    /// What a point of the submap's frame is to this keyframe.
+    pub fn look(&self, point: [f32; 3]) -> Seen {
+        let ((column, row), range) = cell(transformed(&self.sensor_from_submap, point));
+        let margin = MARGIN.0 + MARGIN.1 * range;
+        let own = self.ranges[row * COLUMNS + column];
+        if own.1 == 0.0 {
+            return Seen::Hidden;
+        }
+        // Beside a nearer surface the neighbours decide: a cell may look past an edge.
+        let (mut near, mut far) = own;
+        for (dx, dy) in [(1, 1), (COLUMNS - 1, 1), (0, 0), (0, 2)] {
+            let y = (row + dy).wrapping_sub(1);
+            if y < ROWS {
+                let other = self.ranges[y * COLUMNS + (column + dx) % COLUMNS];
+                (near, far) = (near.min(other.0), far.max(other.1));
+            }
+        }
+        match range {
+            r if r < near - margin => Seen::Free,
+            r if r <= far + margin => Seen::Surface,
+            _ => Seen::Hidden,
+        }
+    }
+}
+
+fn cell(p: [f32; 3]) -> ((usize, usize), f32) {
+    let flat = p[0].hypot(p[1]);
+    let column = (p[1].atan2(p[0]).to_degrees() + 180.0) as usize;
+    let row = (p[2].atan2(flat).to_degrees() + 90.0) as usize;
+    ((column.min(COLUMNS - 1), row.min(ROWS - 1)), flat.hypot(p[2]))
+}
+
+/// Some keyframes in a row as one piece, in the frame of the middle one.
+#[derive(Clone, Debug)]
+pub struct Submap {
+    /// Points, thinned.
+    pub points: Vec<[f32; 3]>,
+    /// Surfaces on small and on large voxels.
+    pub fine: SurfaceMap,
+    /// The same on voxels four times as large, which reach farther.
+    pub coarse: SurfaceMap,
+    /// What each keyframe saw.
+    pub sights: Vec<Sight>,
+}
+
+/// Smallest voxels of a submap's surfaces, metres.
+const FINE: f32 = 0.25;
+/// Grid on which a submap's points are compared, metres.
+const COMPARED: f32 = 0.5;
+
+impl Submap {
+    /// Joins keyframes by their poses; `origin` is the pose whose frame the submap takes.
+    pub fn new<'a>(keyframes: impl Iterator<Item = &'a Keyframe>, origin: &Se3) -> Self {
+        let surfaces = |voxel| SurfaceMap::new(SurfaceParams { voxel, ..SurfaceParams::default() });
+        let mut submap = Self {
+            points: Vec::new(),
+            fine: surfaces(FINE),
+            coarse: surfaces(4.0 * FINE),
+            sights: Vec::new(),
+        };
+        let mut all = Vec::new();
+        for keyframe in keyframes {
+            let submap_from_sensor = origin.inverse() * keyframe.world_from_sensor;
+            all.extend(keyframe.points.iter().map(|&p| transformed(&submap_from_sensor, p)));
+            submap.sights.push(Sight::new(&keyframe.points, submap_from_sensor.inverse()));
+        }
+        submap.fine.insert(all.iter().copied());
+        submap.coarse.insert(all.iter().copied());
+        let mut kept = Vec::new();
+        first_of_each_voxel(&all, COMPARED, &mut VoxelTable::default(), &mut kept);
+        submap.points = kept.iter().map(|&i| all[i as usize]).collect();
+        submap
+    }
+
+    /// What a point is to all keyframes: free where any saw through it, else on a surface where any saw one.
+    pub fn look(&self, point: [f32; 3]) -> Seen {
+        let mut seen = Seen::Hidden;
+        for sight in &self.sights {
+            match sight.look(point) {
+                Seen::Free => return Seen::Free,
+                Seen::Surface => seen = Seen::Surface,
+                Seen::Hidden => {}
+            }
+        }
+        seen
+    }
+}

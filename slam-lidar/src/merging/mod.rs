@@ -1,0 +1,65 @@
+//! Two maps brought together without a guess, and whether to believe it.
+//!
+//! In the order of the steps: [`robot_map`] (a map cut into independent pieces), [`candidates`] (places that may be
+//! the same, by Scan Context), [`hypotheses`] (pieces registered there; those that agree), [`verdict`] (evidence of
+//! the whole maps), [`graph`] (more than two maps in one frame). All is metric, in SE(3): there is no scale to find.
+//!
+//! The paper registers key points of whole clouds once and believes a mean distance. Here several pieces must find
+//! the same pose by themselves, and what is believed is what each map saw as free and as filled.
+
+pub mod candidates;
+pub mod graph;
+pub mod hypotheses;
+pub mod robot_map;
+#[cfg(test)]
+mod tests;
+pub mod verdict;
+
+use crate::closure::{search, sketch};
+use crate::voxels::{VoxelTable, first_of_each_voxel};
+use hypotheses::{Cluster, clusters, hypotheses};
+use rayon::prelude::*;
+use robot_map::RobotMap;
+use verdict::{MergeEvidence, Verdict, evidence, judged};
+
+/// So many clusters of hypotheses are registered with whole maps, thinned.
+const FOLLOWED: usize = 16;
+/// Of these so many, the ones that fit best, are judged.
+const JUDGED: usize = 3;
+/// Grid on which whole maps are compared to rank clusters, metres.
+const RANKED_ON: f32 = 1.5;
+
+/// Brings `b` into the frame of `a`. The result depends on the maps alone, not on the number of cores.
+pub fn merge(a: &RobotMap, b: &RobotMap) -> Verdict {
+    let mut found = clusters(&hypotheses(a, b), b);
+    found.truncate(FOLLOWED);
+    let ranked = ranked(a, b, found);
+    judged(ranked.par_iter().take(JUDGED).map(|cluster| whole(a, b, cluster)).collect())
+}
+
+/// Clusters by how well whole maps fit there: repeated structure misleads pieces, the whole less.
+fn ranked(a: &RobotMap, b: &RobotMap, found: Vec<Cluster>) -> Vec<Cluster> {
+    let mut kept = Vec::new();
+    first_of_each_voxel(&b.whole.points, RANKED_ON, &mut VoxelTable::default(), &mut kept);
+    let thinned: Vec<[f32; 3]> = kept.iter().map(|&i| b.whole.points[i as usize]).collect();
+    let fitted = |cluster: Cluster| {
+        let fit = sketch(&a.whole, &thinned, &cluster.a_from_b, false);
+        (fit.score, Cluster { a_from_b: fit.pose, ..cluster })
+    };
+    let mut scored: Vec<(f64, Cluster)> = found.into_par_iter().map(fitted).collect();
+    scored.sort_by(|x, y| y.0.total_cmp(&x.0));
+    let mut distinct: Vec<Cluster> = Vec::new();
+    for (_, cluster) in scored {
+        let same = |other: &Cluster| hypotheses::same_place(&other.a_from_b, &cluster.a_from_b, b);
+        if !distinct.iter().any(same) {
+            distinct.push(cluster);
+        }
+    }
+    distinct
+}
+
+/// Whole maps registered from what a cluster says.
+fn whole(a: &RobotMap, b: &RobotMap, cluster: &Cluster) -> MergeEvidence {
+    let found = search(&a.whole, &b.whole.points, &cluster.a_from_b, false);
+    evidence(a, b, cluster, &found)
+}

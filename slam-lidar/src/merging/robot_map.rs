@@ -1,0 +1,77 @@
+//! A robot's map, ready to be merged: as a whole, and in pieces that are independent of each other.
+
+use crate::keyframe::{Keyframe, Submap, transformed};
+use crate::scan_context::ScanContext;
+use crate::voxels::{VoxelTable, first_of_each_voxel};
+use geometry::Se3;
+
+/// A piece of a map: the keyframes along some metres of the way.
+#[derive(Clone, Debug)]
+pub struct Piece {
+    /// The keyframe in the middle, by index.
+    pub keyframe: usize,
+    /// Its pose.
+    pub map_from_piece: Se3,
+    /// Points in the frame of that keyframe, thinned, metres.
+    pub points: Vec<[f32; 3]>,
+}
+
+/// A map that can be merged.
+#[derive(Clone, Debug)]
+pub struct RobotMap {
+    /// Everything, in the map's frame.
+    pub whole: Submap,
+    /// Poses of the keyframes.
+    pub poses: Vec<Se3>,
+    /// Their descriptors.
+    pub contexts: Vec<ScanContext>,
+    /// Pieces along the way; no keyframe is in two of them.
+    pub pieces: Vec<Piece>,
+}
+
+/// Length of way of a piece, metres: as far as loops reach on either side of a keyframe, and a few scans at least.
+const LENGTH: f64 = 3.0;
+/// Grid on which pieces are compared, metres: that of submaps.
+const GRID: f32 = 0.5;
+
+impl RobotMap {
+    /// Prepares keyframes, whose poses are in one frame.
+    pub fn new(keyframes: &[Keyframe]) -> Self {
+        Self {
+            whole: Submap::new(keyframes.iter(), &Se3::identity()),
+            poses: keyframes.iter().map(|k| k.world_from_sensor).collect(),
+            contexts: keyframes.iter().map(|k| k.context.clone()).collect(),
+            pieces: spans(keyframes).into_iter().map(|span| piece(keyframes, span)).collect(),
+        }
+    }
+}
+
+/// Keyframes in runs of [`LENGTH`] metres of way.
+fn spans(keyframes: &[Keyframe]) -> Vec<std::ops::Range<usize>> {
+    let (mut spans, mut begin, mut way) = (Vec::new(), 0, 0.0);
+    for i in 1..keyframes.len() {
+        way += (keyframes[i].world_from_sensor.translation - keyframes[i - 1].world_from_sensor.translation)
+            .norm();
+        if way > LENGTH {
+            spans.push(begin..i);
+            (begin, way) = (i, 0.0);
+        }
+    }
+    if begin < keyframes.len() {
+        spans.push(begin..keyframes.len());
+    }
+    spans
+}
+
+fn piece(keyframes: &[Keyframe], span: std::ops::Range<usize>) -> Piece {
+    let keyframe = (span.start + span.end) / 2;
+    let map_from_piece = keyframes[keyframe].world_from_sensor;
+    let mut all = Vec::new();
+    for k in &keyframes[span] {
+        let piece_from_sensor = map_from_piece.inverse() * k.world_from_sensor;
+        all.extend(k.points.iter().map(|&p| transformed(&piece_from_sensor, p)));
+    }
+    let mut kept = Vec::new();
+    first_of_each_voxel(&all, GRID, &mut VoxelTable::default(), &mut kept);
+    Piece { keyframe, map_from_piece, points: kept.iter().map(|&i| all[i as usize]).collect() }
+}

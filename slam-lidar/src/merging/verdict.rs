@@ -1,0 +1,198 @@
+//! What speaks for a merge and against it, and the line that decides.
+
+use super::hypotheses::{Cluster, confirming};
+use super::robot_map::RobotMap;
+use crate::closure::{Found, held};
+use crate::degeneracy::{Conditioning, conditioning};
+use crate::keyframe::{Seen, Submap, transformed};
+use geometry::Se3;
+use nalgebra::Matrix6;
+use rayon::prelude::*;
+use std::fmt;
+
+/// What speaks for a pose between two maps.
+#[derive(Clone, Copy, Debug)]
+pub struct MergeEvidence {
+    /// The pose.
+    pub a_from_b: Se3,
+    /// Its information, tangent (υ, ω) at the origin of `b` in the axes of `a`.
+    pub information: Matrix6<f64>,
+    /// Pieces of the second map that were brought here by Scan Context, without a guess.
+    pub finding: usize,
+    /// Pieces of the second map that come back to this pose when they are displaced.
+    pub pieces: usize,
+    /// Pieces that the second map has.
+    pub of_pieces: usize,
+    /// Sum of the pieces' scores: how far the merge is trusted against others.
+    pub support: f64,
+    /// Share of the one map's points that lie on a surface the other saw, the lesser of both ways.
+    pub overlap: f64,
+    /// Of the points that the other map can judge, the share that it saw as free, the larger of both ways.
+    pub violated: f64,
+    /// Share of the points which surfaces of the other hold that agree with them, the lesser of both ways.
+    pub agreeing: f64,
+    /// Root mean square distance of points from the surfaces that they agree with, metres.
+    pub rmse: f64,
+    /// How well the pose is determined.
+    pub conditioning: Conditioning,
+}
+
+/// A test of a merge.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Test {
+    /// Pieces that agree.
+    Pieces,
+    /// Surfaces that both maps saw.
+    Overlap,
+    /// Points that agree with the other's surfaces.
+    Agreeing,
+    /// Points where the other saw free space.
+    FreeSpace,
+    /// Weak directions of the pose.
+    Conditioning,
+    /// Other poses that stand as well.
+    Rivals,
+}
+
+/// A test's figure beside its bound.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Line {
+    /// The test.
+    pub test: Test,
+    /// What was measured.
+    pub value: f64,
+    /// What it is held against.
+    pub bound: f64,
+}
+
+impl fmt::Display for Line {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (value, bound) = (self.value, self.bound);
+        match self.test {
+            Test::Pieces => write!(f, "{value} independent pieces agree, {bound} are needed"),
+            Test::Overlap => write!(f, "the maps overlap by {value:.2}, {bound} is needed"),
+            Test::Agreeing => write!(f, "{value:.2} of the shared points agree, {bound} is needed"),
+            Test::FreeSpace => write!(f, "{value:.3} lie in space seen free, {bound} is allowed"),
+            Test::Conditioning => write!(f, "{value} directions are weak, {bound} are allowed"),
+            Test::Rivals => write!(f, "{value} other poses stand as well, {bound} are allowed"),
+        }
+    }
+}
+
+/// Whether maps belong together.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Decision {
+    /// They do.
+    Accepted,
+    /// They may, but too little speaks for it, or for another pose too.
+    Undecided,
+    /// What was found contradicts the maps.
+    Refused,
+}
+
+/// What became of a merge.
+#[derive(Clone, Debug)]
+pub struct Verdict {
+    /// Whether it is believed.
+    pub decision: Decision,
+    /// The line that decided; of an accepted merge the last test.
+    pub line: Line,
+    /// The best pose with its evidence; none where no piece was registered.
+    pub best: Option<MergeEvidence>,
+    /// Other poses that were followed.
+    pub rivals: Vec<MergeEvidence>,
+}
+
+/// What a merge must show. Measured on whole maps, whose free space is judged by the majority of views.
+pub mod bounds {
+    /// Pieces that must agree: one can be deceived, and two by the same repetition.
+    pub const PIECES: usize = 3;
+    /// Least overlap: what is asked of pairs of maps.
+    pub const OVERLAP: f64 = 0.3;
+    /// Least agreement.
+    pub const AGREEING: f64 = 0.8;
+    /// Most violated free space.
+    pub const VIOLATED: f64 = 0.08;
+}
+
+/// Judges a pose between whole maps.
+pub(super) fn evidence(a: &RobotMap, b: &RobotMap, cluster: &Cluster, found: &Found) -> MergeEvidence {
+    let back = found.pose.inverse();
+    let (one, other) = (seen(&a.whole, &b.whole, &found.pose), seen(&b.whole, &a.whole, &back));
+    MergeEvidence {
+        a_from_b: found.pose,
+        information: found.information,
+        finding: cluster.pieces.len(),
+        pieces: confirming(a, b, &found.pose),
+        of_pieces: b.pieces.len(),
+        support: cluster.support,
+        overlap: one.0.min(other.0),
+        violated: one.1.max(other.1),
+        agreeing: held(&a.whole, &b.whole, &found.pose).min(held(&b.whole, &a.whole, &back)),
+        rmse: found.rmse,
+        conditioning: conditioning(&found.information),
+    }
+}
+
+/// Every so many points are asked: some thousands tell shares to a hundredth.
+const EVERY: usize = 4;
+
+/// Share of the source's points on surfaces that the target saw, and of those it can judge the share in free space.
+/// Over a whole map poses drift and some view looks past every edge: the majority of views decides.
+fn seen(target: &Submap, source: &Submap, target_from_source: &Se3) -> (f64, f64) {
+    let look = |p: &[f32; 3]| {
+        let q = transformed(target_from_source, *p);
+        let (mut free, mut surface) = (0usize, 0usize);
+        for sight in &target.sights {
+            match sight.look(q) {
+                Seen::Free => free += 1,
+                Seen::Surface => surface += 1,
+                Seen::Hidden => {}
+            }
+        }
+        (usize::from(surface > 0 && surface >= free), usize::from(free > surface))
+    };
+    // Counts are whole numbers: their sum does not depend on its order.
+    let add = |x: (usize, usize), y: (usize, usize)| (x.0 + y.0, x.1 + y.1);
+    let asked = source.points.len().div_ceil(EVERY);
+    let (surface, free) = source.points.par_iter().step_by(EVERY).map(look).reduce(|| (0, 0), add);
+    let share = |part: usize, of: usize| part as f64 / of.max(1) as f64;
+    (share(surface, asked), share(free, surface + free))
+}
+
+/// The tests in their order, each with whether it holds and what its failure means.
+fn tests(e: &MergeEvidence) -> [(Line, bool, Decision); 5] {
+    use Decision::{Refused, Undecided};
+    let line = |test, value, bound| Line { test, value, bound };
+    let pieces = line(Test::Pieces, e.pieces as f64, bounds::PIECES as f64);
+    [
+        (line(Test::Overlap, e.overlap, bounds::OVERLAP), e.overlap >= bounds::OVERLAP, Refused),
+        (line(Test::Agreeing, e.agreeing, bounds::AGREEING), e.agreeing >= bounds::AGREEING, Refused),
+        (line(Test::FreeSpace, e.violated, bounds::VIOLATED), e.violated <= bounds::VIOLATED, Refused),
+        (pieces, e.pieces >= bounds::PIECES, Undecided),
+        (line(Test::Conditioning, e.conditioning.weak as f64, 0.0), e.conditioning.weak == 0, Undecided),
+    ]
+}
+
+/// The first test that fails.
+fn failed(e: &MergeEvidence) -> Option<(Line, Decision)> {
+    tests(e).into_iter().find(|(_, holds, _)| !holds).map(|(line, _, decision)| (line, decision))
+}
+
+/// Decides between poses, the best supported first.
+pub(super) fn judged(mut found: Vec<MergeEvidence>) -> Verdict {
+    let standing: Vec<usize> = (0..found.len()).filter(|&i| failed(&found[i]).is_none()).collect();
+    let rivals = Line { test: Test::Rivals, value: standing.len().saturating_sub(1) as f64, bound: 0.0 };
+    let chosen = standing.first().copied().unwrap_or(0);
+    let best = (chosen < found.len()).then(|| found.remove(chosen));
+    let (line, decision) = match (standing.len(), best.as_ref().and_then(failed)) {
+        (0, Some(why)) => why,
+        (0, None) => {
+            let none = Line { test: Test::Pieces, value: 0.0, bound: bounds::PIECES as f64 };
+            (none, Decision::Refused)
+        }
+        (1, _) => (rivals, Decision::Accepted),
+        _ => (rivals, Decision::Undecided),
+    };
+    Verdict { decision, line, best, rivals: found }
+}
