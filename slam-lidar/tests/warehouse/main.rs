@@ -3,6 +3,7 @@
 //! They lie in the folder that `LOOPBOX_DATA` names, by default `shared/data` beside the repository; without them the
 //! tests say so and pass.
 
+mod merging;
 mod packed;
 
 use geometry::umeyama;
