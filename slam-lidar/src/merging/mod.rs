@@ -1,7 +1,7 @@
 //! Two maps brought together without a guess, and whether to believe it.
 //!
-//! In the order of the steps: [`robot_map`] (a map cut into independent pieces), [`candidates`] (places that may be
-//! the same, by Scan Context), [`hypotheses`] (pieces registered there; those that agree), [`verdict`] (evidence of
+//! In the order of the steps: [`robot_map`] (a map cut into independent pieces), [`mod@candidates`] (places that may be
+//! the same, by Scan Context), [`mod@hypotheses`] (pieces registered there; those that agree), [`verdict`] (evidence of
 //! the whole maps), [`graph`] (more than two maps in one frame). All is metric, in SE(3): there is no scale to find.
 //!
 //! The paper registers key points of whole clouds once and believes a mean distance. Here several pieces must find
