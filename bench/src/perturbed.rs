@@ -1,6 +1,7 @@
 //! How much a result owes to luck: every sequence run from other first frames, and with noise added to its images.
 
 use crate::measure::{Runner, finish, make_empty, output};
+use crate::name;
 use crate::report::{MISSING, length, number};
 use anyhow::{Context, Result};
 use measuring::random::Random;
@@ -106,10 +107,6 @@ pub fn measure(plan: &Plan) -> Result<Vec<Perturbed>> {
             .collect(),
     };
     Ok(plan.sequences.iter().map(of).collect())
-}
-
-fn name(sequence: &Path) -> String {
-    sequence.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
 /// Runs one sequence with one change.

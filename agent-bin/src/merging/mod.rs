@@ -246,12 +246,12 @@ fn meeting_among(maps: usize, params: &MergingParams) -> MeetingParams {
 /// Target and source of two inputs, the same whichever is given first: by when they were recorded, then by what
 /// they hold. Maps alike in all of this are one map, which is not merged with itself.
 fn in_their_order(pair: [usize; 2], inputs: &[Input]) -> [usize; 2] {
-    let key = |input: &Input| {
+    fn key(input: &Input) -> (u64, usize, &[u8]) {
         let first = input.map.keyframes.values().next();
         let time = first.map_or(0, |keyframe| keyframe.timestamp.to_bits());
-        let pixels = first.map_or(Vec::new(), |keyframe| keyframe.image.data().to_vec());
+        let pixels = first.map_or(&[][..], |keyframe| keyframe.image.data());
         (time, input.map.keyframes.len(), pixels)
-    };
+    }
     let [a, b] = pair;
     if key(&inputs[b]) < key(&inputs[a]) { [b, a] } else { [a, b] }
 }
