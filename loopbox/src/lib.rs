@@ -1,2 +1,14 @@
 //! Run agents, merge their maps, evaluate what came of it: what the program `loopbox` does, for other programs. Prints
 //! nothing, installs no signal handlers and starts no global pool of threads.
+//!
+//! [`run`] takes frames from a source through an agent into a folder of results, [`merging`] brings maps of several
+//! agents together, [`calibrating`] makes a camera's calibration from images of a board; [`results`] keeps folders of
+//! results whole.
+
+#[cfg(feature = "opencv")]
+pub mod calibrating;
+#[cfg(feature = "opencv")]
+pub mod merging;
+pub mod open;
+pub mod results;
+pub mod run;

@@ -1,15 +1,17 @@
 //! `loopbox merge`: several agents' maps into one.
 
+use super::merge_progress::MergeProgress;
+use super::method::method_parser;
 use super::params;
 use crate::console::{self, Ended, Ending};
-use crate::merging::{
-    Input, MergeProgress, MergeRecord, Merging, MergingParams, Names, keep_from, listed, merge,
-    method_parser, verdict, without_company, write_results,
-};
-use crate::results::{Owner, Results};
-use crate::runtime::Stop;
+use crate::interrupt::stop_on_ctrl_c;
 use anyhow::{Result, anyhow, bail};
 use clap::Args;
+use loopbox::merging::{
+    Input, MergeRecord, Merging, MergingParams, Names, keep_from, listed, merge, verdict, without_company,
+    write_results,
+};
+use loopbox::results::{Owner, Results};
 use merge::method::Method;
 use place_recog::Vocabulary;
 use std::path::PathBuf;
@@ -59,7 +61,7 @@ pub fn run(args: &MergeArgs) -> Result<()> {
     params.method = args.method.unwrap_or(params.method);
     keep_from(&args.out, &args.maps)?;
     let mut output = Results::create(&args.out, &Owner::Merge, args.force)?;
-    let stop = Stop::on_ctrl_c("stopping after this step; nothing will be written (Ctrl-C again to abort)")?;
+    let stop = stop_on_ctrl_c("stopping after this step; nothing will be written (Ctrl-C again to abort)")?;
     let progress = MergeProgress::new(args.quiet);
     let go_on = || if stop.requested() { Err(anyhow!("interrupted: nothing was written")) } else { Ok(()) };
     let mut stage = |text: &str| {
@@ -67,7 +69,7 @@ pub fn run(args: &MergeArgs) -> Result<()> {
         go_on()
     };
     let vocabulary = Vocabulary::shipped();
-    let inputs = load(args, &vocabulary, &mut stage)?;
+    let inputs = load(args, &vocabulary, &progress, &mut stage)?;
     let merging = merge(&inputs, &vocabulary, &params, &mut stage)?;
     let names = Names::new(&merging.common);
     let mut record = MergeRecord::new(&inputs, &merging, &params, &names)?;
@@ -97,12 +99,14 @@ pub fn run(args: &MergeArgs) -> Result<()> {
 fn load(
     args: &MergeArgs,
     vocabulary: &Arc<Vocabulary>,
+    progress: &MergeProgress,
     stage: &mut dyn FnMut(&str) -> Result<()>,
 ) -> Result<Vec<Input>> {
     let mut inputs: Vec<Input> = Vec::new();
     for path in &args.maps {
         stage(&format!("reading {} and finding its features", path.display()))?;
         let mut input = Input::load(path, vocabulary)?;
+        input.warnings.iter().for_each(|warning| progress.warn(warning));
         let name = input.name.clone();
         let mut number = 2;
         while inputs.iter().any(|other| other.name == input.name) {
