@@ -2,6 +2,7 @@
 
 use crate::console::tell;
 use indicatif::{ProgressBar, ProgressStyle};
+use loopbox::merging::MergeWatcher;
 use std::io::IsTerminal;
 use std::time::Duration;
 
@@ -24,8 +25,16 @@ impl MergeProgress {
         Self { bar, quiet }
     }
 
-    /// What is done next.
-    pub fn stage(&self, text: &str) {
+    /// All is done, or it has failed: what is printed next stands alone.
+    pub fn finish(&self) {
+        if let Some(bar) = &self.bar {
+            bar.finish_and_clear();
+        }
+    }
+}
+
+impl MergeWatcher for MergeProgress {
+    fn stage(&self, text: &str) {
         match &self.bar {
             Some(bar) => bar.set_message(text.to_owned()),
             None if self.quiet => {}
@@ -33,18 +42,10 @@ impl MergeProgress {
         }
     }
 
-    /// Something the user should know.
-    pub fn warn(&self, text: &str) {
+    fn warn(&self, text: &str) {
         match &self.bar {
             Some(bar) => bar.suspend(|| tell!("warning: {text}")),
             None => tell!("warning: {text}"),
-        }
-    }
-
-    /// All is done, or it has failed: what is printed next stands alone.
-    pub fn finish(&self) {
-        if let Some(bar) = &self.bar {
-            bar.finish_and_clear();
         }
     }
 }

@@ -3,6 +3,7 @@
 
 mod input;
 mod names;
+mod options;
 mod output;
 mod record;
 mod report;
@@ -10,6 +11,7 @@ mod verdict;
 
 pub use input::{Input, features_of_keyframes};
 pub use names::{Names, listed};
+pub use options::{MergeOptions, MergeWatcher, Merged, merge_maps, merge_maps_watched};
 pub use output::{keep_from, map_file, write_maps, write_results};
 pub use record::MergeRecord;
 pub use verdict::{verdict, without_company};
