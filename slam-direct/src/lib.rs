@@ -26,6 +26,7 @@ mod patch;
 mod publish;
 pub mod relocalise;
 mod select;
+pub mod self_calibration;
 #[cfg(test)]
 mod test_data;
 #[cfg(test)]

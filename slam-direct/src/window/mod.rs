@@ -21,5 +21,7 @@ mod tests;
 
 pub(crate) use pairs::Pairs;
 pub(crate) use pose::{PoseSolver, SeenPoint};
-pub(crate) use problem::{Problem, WindowObservation, WindowPoint, mahalanobis, predict, robust_weight};
+pub(crate) use problem::{
+    Problem, WindowObservation, WindowPoint, mahalanobis, predict, robust_cost, robust_weight,
+};
 pub(crate) use solve::{Limits, solve, solve_within};

@@ -1,0 +1,106 @@
+//! A camera's calibration from a map that was made with a guess at it: the joint optimisation of poses and depths
+//! with the lens free as well.
+//!
+//! The observations of a map are pixels, and where a point is seen from several sides they contradict a wrong lens. The
+//! map was made of images that were undistorted by the guess; bent back by it, its observations are those of the raw
+//! images, of which `z = π_c(T_fh · π_c⁻¹(z_h) / ρ)` holds for the true lens c only. One factor for both focal lengths,
+//! the principal point and two radial terms are free (Hartley & Zisserman, Multiple View Geometry, §18.5 and §19: what a
+//! motion does not determine, such as the focal length when going straight ahead past little depth, shows in the
+//! deviation that is told).
+
+mod problem;
+mod solve;
+#[cfg(test)]
+mod tests;
+
+use geometry::Camera;
+use map::Map;
+use problem::Problem;
+
+/// What of the lens is free.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FreeLens {
+    /// One factor for both focal lengths.
+    Focal,
+    /// That, the principal point and two radial terms. Of a lens of another model than pinhole and radial-tangential, only
+    /// the first two.
+    All,
+}
+
+/// How much is known of the lens before, as standard deviations.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LensPrior {
+    /// Of the focal length's logarithm. Infinite where nothing is known.
+    pub focal: f64,
+    /// Of the principal point, as a share of the image's width. Makers of modules state 1 to 2 %.
+    pub centre: f64,
+    /// Of the radial terms k1 and k2.
+    pub radial: [f64; 2],
+}
+
+impl Default for LensPrior {
+    fn default() -> Self {
+        Self { focal: f64::INFINITY, centre: 0.015, radial: [0.15, 0.15] }
+    }
+}
+
+/// A lens found from a map.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SelfCalibration {
+    /// The lens of the raw images.
+    pub camera: Camera,
+    /// Standard deviation of the focal length over the focal length.
+    pub focal_deviation: f64,
+    /// Keyframes it was found from.
+    pub keyframes: usize,
+    /// Observations it was found from.
+    pub observations: usize,
+    /// Root mean square of the observations' normalised residuals; one where their uncertainties are true.
+    pub residual: f64,
+}
+
+/// Why a map says nothing about its lens.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum SelfCalibrationError {
+    /// It is too small.
+    #[error(
+        "the map of {keyframes} keyframes and {observations} observations is too small to find the lens from; {} and {} \
+         are needed",
+        problem::MIN_KEYFRAMES,
+        problem::MIN_OBSERVATIONS
+    )]
+    TooSmall {
+        /// Keyframes with observations.
+        keyframes: usize,
+        /// Their observations.
+        observations: usize,
+    },
+    /// The equations have no solution that is better than the guess.
+    #[error("the map does not determine the lens")]
+    Undetermined,
+}
+
+/// Finds the lens with which the raw images of `map` were taken, when `guess` is the one by which they were undistorted.
+///
+/// # Errors
+/// When the map is too small or does not determine the lens.
+pub fn self_calibrate(
+    map: &Map,
+    guess: &Camera,
+    free: FreeLens,
+    prior: &LensPrior,
+) -> Result<SelfCalibration, SelfCalibrationError> {
+    let mut problem = Problem::new(map, guess, free, prior)?;
+    let solution = solve::solve(&mut problem).ok_or(SelfCalibrationError::Undetermined)?;
+    let camera = problem.lens(&problem.terms).ok_or(SelfCalibrationError::Undetermined)?;
+    // Observations of a point share the error of its host's pixel and are no independent witnesses: as many count as
+    // there are points.
+    let shared = (problem.observations.len() as f64 / problem.points.len() as f64).sqrt();
+    Ok(SelfCalibration {
+        camera,
+        focal_deviation: solution.deviations[0] * shared,
+        keyframes: problem.poses.len(),
+        observations: problem.observations.len(),
+        residual: solution.residual,
+    })
+}

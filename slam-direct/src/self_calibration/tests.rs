@@ -1,0 +1,154 @@
+use super::*;
+use geometry::{Distortion, Pinhole, RadTan, Se3, Sim3};
+use map::{Keyframe, KeyframeId, Observation, Point, SemiDense};
+use nalgebra::{Vector2, Vector3, Vector6};
+use std::sync::Arc;
+
+const SIZE: (usize, usize) = (640, 480);
+
+fn lens(focal: f64, k1: f64) -> Camera {
+    let pinhole = Pinhole { width: SIZE.0, height: SIZE.1, fx: focal, fy: focal, cx: 324.0, cy: 236.0 };
+    let distortion = match k1 {
+        0.0 => Distortion::None,
+        _ => Distortion::RadTan(RadTan::new(&[k1, 0.0, 0.0, 0.0]).unwrap()),
+    };
+    Camera::new(pinhole, distortion).unwrap()
+}
+
+/// A deterministic number in ±1.
+fn noise(i: usize) -> f64 {
+    let x = ((i as f64 + 1.0) * 12.9898).sin() * 43758.5453;
+    2.0 * (x - x.floor()) - 1.0
+}
+
+/// The map that is made with a guess at the lens of what `truth` sees along these poses (`world_from_camera`): raw pixels
+/// with noise of `sigma`, poses and depths somewhat off.
+fn map_of(truth: &Camera, guess: &Pinhole, poses: &[Se3], sigma: f64) -> Map {
+    let mut map = Map::new(*guess);
+    let mut count = 0;
+    for (k, world_from_host) in poses.iter().enumerate() {
+        let mut points = Vec::new();
+        for i in 0..60 {
+            let n = 60 * k + i;
+            let pixel = Vector2::new(320.0 + 300.0 * noise(7 * n), 240.0 + 220.0 * noise(7 * n + 1));
+            let depth = 3.0 + 2.0 * noise(7 * n + 2);
+            let ray = truth.unproject(&pixel).unwrap();
+            let x = ray * (depth / ray.z);
+            let mut observations = Vec::new();
+            for (j, world_from_other) in
+                poses.iter().enumerate().filter(|(j, _)| *j != k && j.abs_diff(k) < 5)
+            {
+                let seen = world_from_other.inverse() * *world_from_host;
+                let Some(at) = truth.project(&(seen.rotation_matrix() * x + seen.translation)) else {
+                    continue;
+                };
+                if !truth.contains(&at) {
+                    continue;
+                }
+                count += 1;
+                let pixel =
+                    [at.x + sigma * noise(3 * count), at.y + sigma * noise(3 * count + 1)].map(|v| v as f32);
+                let information = 1.0 / (sigma * sigma).max(1e-4) as f32;
+                observations.push(Observation {
+                    keyframe: KeyframeId(j as u32),
+                    pixel,
+                    information: [information, 0.0, information],
+                });
+            }
+            // Depths are somewhat off: the solver has to find them.
+            let inverse_depth = (1.0 / depth * (1.0 + 0.05 * noise(n))) as f32;
+            points.push(Point {
+                pixel: [pixel.x as f32, pixel.y as f32],
+                inverse_depth,
+                variance: 1e-4,
+                observations,
+            });
+        }
+        let off = Se3::exp(&(Vector6::repeat(0.005) * noise(k)));
+        let pose = if k == 0 { *world_from_host } else { off * *world_from_host };
+        let mut keyframe = keyframe(k as u32, pose);
+        keyframe.points = points;
+        map.keyframes.insert(keyframe.id, keyframe);
+    }
+    map
+}
+
+fn keyframe(id: u32, pose: Se3) -> Keyframe {
+    Keyframe {
+        id: KeyframeId(id),
+        agent: Default::default(),
+        timestamp: f64::from(id),
+        frame_index: u64::from(id),
+        world_from_keyframe: Sim3::new(pose.rotation, pose.translation, 1.0),
+        image: Arc::new(geometry::GrayImage::filled(SIZE.0, SIZE.1, 0)),
+        semi_dense: SemiDense::default().into(),
+        points: Vec::new(),
+    }
+}
+
+/// Sideways with turns of the camera.
+fn around() -> Vec<Se3> {
+    let pose = |i: usize| {
+        let t = i as f64;
+        let turn = Vector3::new(0.08 * (t * 0.9).sin(), 0.15 * (t * 0.5).sin(), 0.1 * (t * 0.7).cos());
+        Se3::new(
+            nalgebra::UnitQuaternion::from_scaled_axis(turn),
+            Vector3::new(0.15 * t, 0.1 * (t * 0.8).sin(), 0.1 * (t * 0.3).cos()),
+        )
+    };
+    (0..16).map(pose).collect()
+}
+
+/// Straight ahead without a turn.
+fn ahead() -> Vec<Se3> {
+    (0..16).map(|i| Se3::new(Default::default(), Vector3::new(0.0, 0.0, 0.05 * i as f64))).collect()
+}
+
+#[test]
+fn a_focal_length_far_off_is_found() {
+    let truth = lens(500.0, 0.0);
+    for guess in [350.0, 650.0] {
+        let guess = lens(guess, 0.0);
+        let map = map_of(&truth, guess.intrinsics(), &around(), 0.2);
+        let found = self_calibrate(&map, &guess, FreeLens::Focal, &LensPrior::default()).unwrap();
+        let off = found.camera.intrinsics().fx / 500.0 - 1.0;
+        assert!(off.abs() < 0.005, "{off} from {}", guess.intrinsics().fx);
+        assert!(found.focal_deviation < 0.01, "{}", found.focal_deviation);
+    }
+}
+
+#[test]
+fn the_whole_lens_is_found() {
+    let truth = lens(500.0, -0.12);
+    let guess = lens(560.0, 0.0);
+    let map = map_of(&truth, guess.intrinsics(), &around(), 0.2);
+    let found = self_calibrate(&map, &guess, FreeLens::All, &LensPrior::default()).unwrap();
+    let pinhole = found.camera.intrinsics();
+    assert!((pinhole.fx / 500.0 - 1.0).abs() < 0.01, "{pinhole:?}");
+    for pixel in [[60.0, 40.0], [320.0, 240.0], [560.0, 300.0]] {
+        let pixel = Vector2::from(pixel);
+        let off = truth.project(&found.camera.unproject(&pixel).unwrap()).unwrap() - pixel;
+        assert!(off.norm() < 3.0, "{off:?} at {pixel:?}");
+    }
+}
+
+#[test]
+fn going_straight_ahead_leaves_the_focal_length_open() {
+    let truth = lens(500.0, 0.0);
+    let deviation = |poses: &[Se3]| {
+        let map = map_of(&truth, truth.intrinsics(), poses, 0.2);
+        self_calibrate(&map, &truth, FreeLens::All, &LensPrior::default()).unwrap().focal_deviation
+    };
+    let (around, ahead) = (deviation(&around()), deviation(&ahead()));
+    assert!(ahead > 3.0 * around, "{around} {ahead}");
+}
+
+#[test]
+fn a_map_of_nothing_is_too_small() {
+    let truth = lens(500.0, 0.0);
+    let map = map_of(&truth, truth.intrinsics(), &around()[..4], 0.2);
+    let refused = self_calibrate(&map, &truth, FreeLens::Focal, &LensPrior::default());
+    assert!(matches!(refused, Err(SelfCalibrationError::TooSmall { keyframes: 4, .. })), "{refused:?}");
+    let nothing = Map::new(*truth.intrinsics());
+    assert!(self_calibrate(&nothing, &truth, FreeLens::All, &LensPrior::default()).is_err());
+}
