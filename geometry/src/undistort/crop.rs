@@ -53,12 +53,15 @@ fn largest_valid(camera: &Camera) -> Pinhole {
 /// Kept from the source's edge, pixels: between two tested pixels a side may bulge by less than this.
 const EDGE_MARGIN: f64 = 0.01;
 
-/// Moves the side with most unseen pixels towards the axis until none is left.
+/// Moves the side of which the largest share is unseen towards the axis until all is seen. Counted in pixels, the long
+/// sides of a wide image would be moved to the axis before the short ones are seen.
 fn shrunk(camera: &Camera, mut sides: Sides) -> Sides {
+    let Pinhole { width, height, .. } = *camera.intrinsics();
     // 0.99^2000 ≈ 0: by then the rectangle is a point on the axis, which any camera sees.
     for _ in 0..2000 {
         let unseen = unseen_pixels(camera, &sides);
-        let most = (0..4).rev().max_by_key(|&side| unseen[side]).unwrap_or(0);
+        let share = |side: usize| unseen[side] as f64 / if side % 2 == 0 { height } else { width } as f64;
+        let most = (0..4).rev().max_by(|a, b| share(*a).total_cmp(&share(*b))).unwrap_or(0);
         if unseen[most] == 0 {
             break;
         }

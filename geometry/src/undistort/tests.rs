@@ -162,3 +162,15 @@ fn interpolation_is_the_rounded_bilinear_mean() {
         }
     }
 }
+
+/// A rectified car camera whose rectification left a little distortion: wide images are not cut to a strip.
+#[test]
+fn a_wide_image_keeps_its_view() {
+    for terms in [[0.0174, -0.0077, 0.0, 0.0], [0.018, -0.009, 0.0, 0.0], [-0.02, 0.01, 0.0, 0.0]] {
+        let intrinsics = Pinhole { width: 1226, height: 370, fx: 705.0, fy: 705.0, cx: 601.1, cy: 181.6 };
+        let camera = Camera::new(intrinsics, Distortion::RadTan(RadTan::new(&terms).unwrap())).unwrap();
+        let pinhole = Crop::Valid.pinhole_of(&camera);
+        assert!((pinhole.fx / 705.0 - 1.0).abs() < 0.05, "{pinhole:?}");
+        assert!((pinhole.cx - 601.1).abs() < 15.0 && (pinhole.cy - 181.6).abs() < 15.0, "{pinhole:?}");
+    }
+}
