@@ -13,9 +13,14 @@ mod solve;
 #[cfg(test)]
 mod tests;
 
-use geometry::Camera;
+use geometry::{Camera, Pinhole};
 use map::Map;
+use nalgebra::Vector2;
 use problem::Problem;
+use std::ops::Range;
+
+/// Lenses are compared at so many places along each side of the image.
+const GRID: usize = 8;
 
 /// What of the lens is free.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -49,8 +54,12 @@ impl Default for LensPrior {
 pub struct SelfCalibration {
     /// The lens of the raw images.
     pub camera: Camera,
-    /// Standard deviation of the focal length over the focal length.
+    /// Standard deviation of the focal length over the focal length: by the residuals, or by what halves of the map say
+    /// where that is more.
     pub focal_deviation: f64,
+    /// By how many pixels, as a deviation of [`displacement`], halves of the map differ in what they say of the lens;
+    /// nothing where a half says nothing.
+    pub deviation: Option<f64>,
     /// Keyframes it was found from.
     pub keyframes: usize,
     /// Observations it was found from.
@@ -90,17 +99,49 @@ pub fn self_calibrate(
     free: FreeLens,
     prior: &LensPrior,
 ) -> Result<SelfCalibration, SelfCalibrationError> {
-    let mut problem = Problem::new(map, guess, free, prior)?;
-    let solution = solve::solve(&mut problem).ok_or(SelfCalibrationError::Undetermined)?;
-    let camera = problem.lens(&problem.terms).ok_or(SelfCalibrationError::Undetermined)?;
+    let count = map.keyframes.len().min(problem::MAX_KEYFRAMES);
+    let solved = |range: Range<usize>| {
+        let mut problem = Problem::new(map, range, guess, free, prior)?;
+        let solution = solve::solve(&mut problem).ok_or(SelfCalibrationError::Undetermined)?;
+        let camera = problem.lens(&problem.terms).ok_or(SelfCalibrationError::Undetermined)?;
+        Ok((problem, solution, camera))
+    };
+    let (problem, solution, camera) = solved(0..count)?;
     // Observations of a point share the error of its host's pixel and are no independent witnesses: as many count as
     // there are points.
     let shared = (problem.observations.len() as f64 / problem.points.len() as f64).sqrt();
+    // A rolling shutter or a lens of another model disturbs all observations of a motion alike, which no residual shows;
+    // but two halves of the map then say different things. Half their difference is the deviation of their mean.
+    let halves =
+        [0..count / 2, count / 2..count].map(|range| solved(range).map(|(_, _, camera)| camera).ok());
+    let logarithm = |camera: &Camera| camera.intrinsics().fx.ln();
+    let (between, deviation) = match &halves {
+        [Some(a), Some(b)] => {
+            (0.5 * (logarithm(a) - logarithm(b)).abs(), displacement(a, b).map(|pixels| 0.5 * pixels))
+        }
+        _ => (0.0, None),
+    };
     Ok(SelfCalibration {
         camera,
-        focal_deviation: solution.deviations[0] * shared,
+        focal_deviation: (solution.deviations[0] * shared).max(between),
+        deviation,
         keyframes: problem.poses.len(),
         observations: problem.observations.len(),
         residual: solution.residual,
     })
+}
+
+/// How far apart two lenses of one image size show the same rays: root mean square over the image, pixels, without what
+/// the lenses are merely shifted by, which is as good as a turn of the camera. Nothing where one shows rays that the other
+/// does not.
+pub fn displacement(a: &Camera, b: &Camera) -> Option<f64> {
+    let &Pinhole { width, height, .. } = a.intrinsics();
+    let grid = (0..GRID * GRID).map(|i| {
+        let at = |k: usize, side: usize| (k as f64 + 0.5) / GRID as f64 * side as f64 - 0.5;
+        Vector2::new(at(i % GRID, width), at(i / GRID, height))
+    });
+    let shifts =
+        grid.map(|pixel| Some(b.project(&a.unproject(&pixel)?)? - pixel)).collect::<Option<Vec<_>>>()?;
+    let mean = shifts.iter().sum::<Vector2<f64>>() / shifts.len() as f64;
+    Some((shifts.iter().map(|shift| (shift - mean).norm_squared()).sum::<f64>() / shifts.len() as f64).sqrt())
 }

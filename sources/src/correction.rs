@@ -41,6 +41,11 @@ impl ImageCorrection {
         *self.undistorter.pinhole()
     }
 
+    /// The lens as calibrated.
+    pub fn lens(&self) -> &Camera {
+        &self.lens
+    }
+
     /// Where the calibration came from, for people.
     pub fn origin(&self) -> &str {
         &self.origin

@@ -26,6 +26,10 @@ pub struct RunArgs {
     /// Camera calibration, if none came with the recording or another is wanted
     #[arg(long, value_name = "FILE")]
     calib: Option<PathBuf>,
+    /// Without a calibration: the horizontal field of view in degrees, to find the lens from; where it is not given
+    /// either, usual ones are begun with
+    #[arg(long, value_name = "DEGREES", conflicts_with = "calib")]
+    fov: Option<f64>,
     /// Scale the calibration to the images, where they show the same at another size
     #[arg(long, conflicts_with = "camera")]
     scale_calib: bool,
@@ -101,14 +105,19 @@ enum LogForm {
 /// results cannot be written.
 pub fn execute(args: &RunArgs) -> Result<()> {
     args.check()?;
-    let prepared = PreparedRun::new(args.open()?, args.options()?)?;
+    let stop = stop_on_ctrl_c("stopping: saving what was tracked so far (Ctrl-C again to abort)")?;
+    let mut options = args.options()?;
+    if args.source.is_some() {
+        let progress = Console::new(args.display(), None);
+        options.without_calibration(&|| args.open(), args.fov, &stop, &progress)?;
+    }
+    let prepared = PreparedRun::new(args.open()?, options)?;
     if let Some(threads) = args.threads {
         rayon::ThreadPoolBuilder::new()
             .num_threads(threads)
             .build_global()
             .context("cannot start threads")?;
     }
-    let stop = stop_on_ctrl_c("stopping: saving what was tracked so far (Ctrl-C again to abort)")?;
     let progress = Console::new(args.display(), prepared.frame_count());
     prepared.problems().iter().for_each(|problem| progress.warn(problem));
     let watched = |about: &_, frames, recording| args.view.start(about, frames, recording);
@@ -126,6 +135,9 @@ impl RunArgs {
                 "--speed {} is not a speed\nhint: 1 is the speed of the recording, 2 twice as fast",
                 self.speed
             );
+        }
+        if let Some(fov) = self.fov.filter(|fov| !(5.0..=150.0).contains(fov)) {
+            bail!("--fov {fov} is not a field of view\nhint: give degrees, such as --fov 65");
         }
         if let Some(share) = self.min_tracked.filter(|share| !(0.0..=1.0).contains(share)) {
             bail!("--min-tracked {share} is not a share\nhint: 0.9 asks for 90 % of the frames");
@@ -187,6 +199,7 @@ impl RunArgs {
             out: self.out.clone(),
             force: self.force,
             camera,
+            lens: None,
             params: self.params.as_deref().map(params::read).transpose()?.unwrap_or_default(),
             pace: self.pace(),
             rate: self.camera.fps,

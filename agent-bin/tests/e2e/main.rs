@@ -11,6 +11,7 @@ mod damaged;
 mod ending;
 mod images;
 mod input;
+mod lens;
 mod memory;
 mod motion;
 mod normal;

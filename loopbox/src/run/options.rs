@@ -1,6 +1,8 @@
 //! A run as it is asked for, and its way from there to the results.
 
 use super::diagnosis::too_few_poses;
+use super::lens::{FoundLens, find_lens};
+use super::lens_check::LensCheck;
 use super::output::{Output, TrajectoryFormat};
 use super::saving::Form;
 use super::session::{Mapped, Session};
@@ -12,7 +14,8 @@ use slam_direct::Params;
 use sources::ahead::{Ahead, Pace, Preparation};
 use sources::correction::{CameraOptions, ImageCorrection, correction};
 use sources::recording::{CalibrationFiles, Head, RecordButton, Recorder};
-use sources::{FrameSource, SourceInfo, SourceOptions, Stop};
+use sources::{FoundCalibration, FrameSource, SourceInfo, SourceOptions, Stop};
+use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use view::watch::{Ended, Watch};
@@ -34,6 +37,8 @@ pub struct RunOptions {
     pub force: bool,
     /// What is known of the camera beyond what comes with the recording.
     pub camera: CameraOptions,
+    /// The lens, where it was found from the recording.
+    pub lens: Option<FoundLens>,
     /// How the agent tracks and maps.
     pub params: Params,
     /// Every frame, or as they come.
@@ -59,6 +64,7 @@ impl RunOptions {
             out: out.into(),
             force: false,
             camera: CameraOptions::default(),
+            lens: None,
             params: Params::default(),
             pace: Pace::EveryFrame,
             rate: None,
@@ -68,6 +74,38 @@ impl RunOptions {
             trajectory: TrajectoryFormat::Tum,
             max_variance: map::DEFAULT_MAX_RELATIVE_VARIANCE,
         }
+    }
+
+    /// Where no calibration is given and none came with the recording, which `open` opens, finds one from it; `fov` is
+    /// its horizontal field of view in degrees, where that is known.
+    ///
+    /// # Errors
+    /// When the recording cannot be read, or says nothing about its lens.
+    pub fn without_calibration(
+        &mut self,
+        open: &dyn Fn() -> Result<Box<dyn FrameSource>>,
+        fov: Option<f64>,
+        stop: &Stop,
+        progress: &dyn Progress,
+    ) -> Result<()> {
+        let source = open()?;
+        let comes_along = match &source.info().calibration {
+            None => false,
+            Some(FoundCalibration::Recorded { files, .. }) => files.camera.is_some(),
+            Some(_) => true,
+        };
+        if self.camera.calibration.is_some() || comes_along || source.is_live() {
+            return Ok(());
+        }
+        let lens = find_lens(open, fov, &self.params, stop, progress)?;
+        let said = format!("{}: {}", source.info().path.display(), lens.text());
+        if lens.is_determined() {
+            progress.note(&said)
+        } else {
+            progress.warn(&said)
+        }
+        self.lens = Some(lens);
+        Ok(())
     }
 }
 
@@ -97,8 +135,10 @@ pub struct PreparedRun {
 /// # Errors
 /// When the recording or its calibration cannot be used, nothing could be tracked, or the results cannot be written.
 pub fn run(source: &Path, options: RunOptions) -> Result<Mapped> {
-    let source = sources::open(source, &SourceOptions::default())?;
-    PreparedRun::new(source, options)?.go(|_, _, _| Ok(Watch::none()), &Stop::default(), &Silent)
+    let open = || sources::open(source, &SourceOptions::default());
+    let mut options = options;
+    options.without_calibration(&open, None, &Stop::default(), &Silent)?;
+    PreparedRun::new(open()?, options)?.go(|_, _, _| Ok(Watch::none()), &Stop::default(), &Silent)
 }
 
 impl PreparedRun {
@@ -110,13 +150,18 @@ impl PreparedRun {
     pub fn new(source: Box<dyn FrameSource>, options: RunOptions) -> Result<Self> {
         let pace = if source.is_live() { Pace::Live } else { options.pace };
         let lag = lag(source.info(), options.params.mapping.lag, pace, options.rate);
-        let info = SourceInfo { lag: (lag > 0).then_some(lag), ..source.info().clone() };
+        let found = options.lens.as_ref().map(FoundLens::calibration);
+        let calibration = found.or_else(|| source.info().calibration.clone());
+        let info = SourceInfo { lag: (lag > 0).then_some(lag), calibration, ..source.info().clone() };
         let params = options.params.clone().with_lag(lag);
         let correction = correction(&options.camera, &info)?;
         let camera = correction.camera();
         let provenance = provenance(&info, &correction, &params);
         let about = AgentInfo { provenance, ..AgentInfo::new(recording_name(&info.path), camera) };
-        let output = Output::create(&options.out, about.clone(), &info.path, options.force)?;
+        let mut output = Output::create(&options.out, about.clone(), &info.path, options.force)?;
+        if let Some(lens) = &options.lens {
+            output.add("camera.yaml", lens.file());
+        }
         let head = Head::new(&info, CalibrationFiles::gather(&options.camera, &info)?);
         Ok(Self { source, info, about, camera, params, correction, head, output, options })
     }
@@ -148,11 +193,13 @@ impl PreparedRun {
         if let Some(path) = &options.record {
             recorder.start(path, &head)?;
         }
+        let lens = correction.lens().clone();
         let preparation = Preparation::new(correction, options.start, options.end);
         let ahead = Ahead::start(source, preparation, options.pace, recorder.clone())?;
         let mut watch = watched(&about, info.frame_count, RecordButton::new(&recorder, head, &options.out))?;
         let form = Form { format: options.trajectory, max_variance: options.max_variance };
-        let session = Session { about, source: info, camera, params, form, stop, progress };
+        let check = RefCell::new(options.lens.is_none().then(|| LensCheck::new(lens)));
+        let session = Session { about, source: info, camera, params, form, stop, progress, check };
         let mapped = session.run(output, &ahead, &mut watch);
         // Tells the recorder which frames nobody took, so that a replay ends where this run did.
         drop(ahead);

@@ -51,6 +51,8 @@ pub struct Output {
     /// A sample of each keyframe's inverse depths as written, which tells changes of its unit.
     written: BTreeMap<KeyframeId, f32>,
     flushed: Instant,
+    /// Other files of the results, by name, with their text.
+    others: Vec<(String, String)>,
 }
 
 impl Output {
@@ -62,9 +64,25 @@ impl Output {
     /// else.
     pub fn create(folder: &Path, agent: AgentInfo, source: &Path, force: bool) -> Result<Self> {
         let results = Results::create(folder, &Owner::Run(source.to_owned()), force)?;
-        let (fragment, writer, beside, last_keyframe, settled, written) = Default::default();
+        let (fragment, writer, beside, last_keyframe, settled, written, others) = Default::default();
         let flushed = Instant::now();
-        Ok(Self { results, agent, fragment, writer, beside, last_keyframe, settled, written, flushed })
+        Ok(Self {
+            results,
+            agent,
+            fragment,
+            writer,
+            beside,
+            last_keyframe,
+            settled,
+            written,
+            flushed,
+            others,
+        })
+    }
+
+    /// A file of its own that is to be among the results.
+    pub fn add(&mut self, name: &str, text: String) {
+        self.others.push((name.to_owned(), text));
     }
 
     /// The folder.
@@ -159,6 +177,10 @@ impl Output {
         let input =
             ReportInput { title: &record.source.path, map, rows: &rows, numbers: &record.headline_numbers() };
         report::write(&self.results.file(REPORT)?, &input)?;
+        for (name, text) in &self.others {
+            let path = self.results.file(name)?;
+            std::fs::write(&path, text).with_context(|| format!("{}: cannot be written", path.display()))?;
+        }
         let path = self.results.file(NUMBERS)?;
         record.files = self.results.names();
         write_numbers(&path, record)?;

@@ -2,6 +2,7 @@
 
 use crate::run::Progress;
 use crate::run::diagnosis::{ImageStatistics, Losses};
+use crate::run::lens_check::LensCheck;
 use crate::run::output::Output;
 use crate::run::record::{
     Cost, Fragment, FrameCounts, FrameRow, Latency, MapCounts, RunRecord, SourceRecord,
@@ -13,6 +14,7 @@ use slam_direct::{Agent, Atlas, Frame};
 use sources::ahead::{Ahead, Item, SkipReason};
 use sources::notice::Notice;
 use sources::{SourceInfo, Stop};
+use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::{Duration, Instant};
@@ -54,6 +56,7 @@ impl Run {
         progress: &dyn Progress,
         output: &mut Output,
         watch: &mut Watch,
+        check: &RefCell<Option<LensCheck>>,
         save: &dyn Fn(&Self, &Output, &Watch),
     ) -> Result<Self> {
         let started = Instant::now();
@@ -93,6 +96,12 @@ impl Run {
                     let settled = settled?;
                     progress.lost(ahead.dropped(), ahead.missed());
                     output.grow(run.fragment, run.map(), &settled)?;
+                    if let Some(check) = &mut *check.borrow_mut() {
+                        check.tell(progress, false);
+                        if check.is_due(run.map().keyframes.len()) {
+                            check.ask(run.snapshot());
+                        }
+                    }
                 }
                 Item::Skipped(skip) => {
                     progress.skipped(&skip);
@@ -117,6 +126,13 @@ impl Run {
             let hurry = Instant::now();
             let stop = || stop.requested() && hurry.elapsed() > LAST_WORK;
             guarded("the last optimisation", || run.atlas.finish_until(&stop), &mut broken);
+        }
+        if let Some(check) = &mut *check.borrow_mut() {
+            // A short recording has said all it will say.
+            if check.is_open() && broken.is_none() {
+                check.ask(run.snapshot());
+            }
+            check.tell(progress, true);
         }
         watch.whole(run.map());
         run.is_whole = broken.is_none();

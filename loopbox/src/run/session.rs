@@ -3,6 +3,7 @@
 
 use crate::run::Progress;
 use crate::run::fragments;
+use crate::run::lens_check::LensCheck;
 use crate::run::output::Output;
 use crate::run::record::RunRecord;
 use crate::run::runtime::Run;
@@ -15,6 +16,7 @@ use slam_direct::{Atlas, Params};
 use sources::SourceInfo;
 use sources::Stop;
 use sources::ahead::Ahead;
+use std::cell::RefCell;
 use std::path::{Path, PathBuf};
 use view::watch::Watch;
 
@@ -34,6 +36,8 @@ pub struct Session<'a> {
     pub stop: &'a Stop,
     /// Where progress is shown.
     pub progress: &'a dyn Progress,
+    /// Asks whether the lens is the one of the images.
+    pub check: RefCell<Option<LensCheck>>,
 }
 
 /// The last map of a run.
@@ -62,7 +66,8 @@ impl Session<'_> {
         loop {
             watch.folder(output.folder());
             let atlas = Atlas::new(self.camera, || Box::new(ThumbnailIndex::default()), self.params.clone())?;
-            let run = Run::track(atlas, ahead, self.stop, self.progress, &mut output, watch, &save)?;
+            let run =
+                Run::track(atlas, ahead, self.stop, self.progress, &mut output, watch, &self.check, &save)?;
             let restart = run.is_to_restart();
             let failure = run.failure().map(str::to_owned);
             let tracked = self.write(run, ahead, &mut output)?;

@@ -12,7 +12,7 @@ pub(super) const MIN_KEYFRAMES: usize = 8;
 /// Fewer observations likewise.
 pub(super) const MIN_OBSERVATIONS: usize = 400;
 /// So many keyframes say all there is to say, and keep the dense equations below a thousand unknowns.
-const MAX_KEYFRAMES: usize = 100;
+pub(super) const MAX_KEYFRAMES: usize = 100;
 /// Steps of numerical derivatives by the terms of the lens: small against what they come out as, large against rounding.
 const STEPS: [f64; 5] = [1e-5, 1e-3, 1e-3, 1e-5, 1e-5];
 
@@ -61,18 +61,19 @@ pub(super) struct Lenses {
 }
 
 impl Problem {
-    /// The first keyframes of a map, with their poses, points and observations.
+    /// The keyframes of a map at these places in their order, with their poses, points and observations.
     pub fn new(
         map: &Map,
+        range: Range<usize>,
         guess: &Camera,
         free: FreeLens,
         prior: &LensPrior,
     ) -> Result<Self, SelfCalibrationError> {
-        let taken = map.keyframes.values().take(MAX_KEYFRAMES);
-        let order: BTreeMap<KeyframeId, usize> = taken.enumerate().map(|(i, k)| (k.id, i)).collect();
+        let taken = || map.keyframes.values().skip(range.start).take(range.len());
+        let order: BTreeMap<KeyframeId, usize> = taken().enumerate().map(|(i, k)| (k.id, i)).collect();
         let mut worlds: Vec<Sim3> = Vec::new();
         let (mut points, mut observations) = (Vec::new(), Vec::new());
-        for keyframe in map.keyframes.values().take(MAX_KEYFRAMES) {
+        for keyframe in taken() {
             worlds.push(keyframe.world_from_keyframe);
             let pinhole = map.camera(keyframe);
             for point in &keyframe.points {
