@@ -61,7 +61,7 @@ impl FoundLens {
     /// As a calibration that belongs to the recording.
     pub fn calibration(&self) -> FoundCalibration {
         let origin = if self.is_determined() { "self-calibration" } else { "self-calibration (a guess)" };
-        FoundCalibration::Inside { origin: origin.into(), camera: Box::new(self.camera.clone()) }
+        FoundCalibration::Inside { origin: origin.into(), camera: Box::new(self.camera) }
     }
 
     /// As the text of a `camera.yaml`.
@@ -116,7 +116,7 @@ pub fn find_lens(
                 }
             };
             let change = (better.camera.intrinsics().fx / camera.intrinsics().fx).ln().abs();
-            camera = better.camera.clone();
+            camera = better.camera;
             found = Some(better);
             if change < CONVERGED || stop.requested() {
                 break;

@@ -39,7 +39,7 @@ impl LensCheck {
     /// Begins to ask the map.
     pub fn ask(&mut self, map: Map) {
         self.next *= 4;
-        let lens = self.lens.clone();
+        let lens = self.lens;
         let work = move || what_is_wrong(&map, &lens);
         self.thread = std::thread::Builder::new().name("lens".into()).spawn(work).ok();
     }

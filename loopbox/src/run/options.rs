@@ -193,7 +193,7 @@ impl PreparedRun {
         if let Some(path) = &options.record {
             recorder.start(path, &head)?;
         }
-        let lens = correction.lens().clone();
+        let lens = *correction.lens();
         let preparation = Preparation::new(correction, options.start, options.end);
         let ahead = Ahead::start(source, preparation, options.pace, recorder.clone())?;
         let mut watch = watched(&about, info.frame_count, RecordButton::new(&recorder, head, &options.out))?;

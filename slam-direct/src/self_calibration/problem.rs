@@ -111,7 +111,7 @@ impl Problem {
             FreeLens::All if bends => 5,
             FreeLens::All => 3,
         };
-        let (guess, prior, terms) = (guess.clone(), *prior, DVector::zeros(count));
+        let (guess, prior, terms) = (*guess, *prior, DVector::zeros(count));
         Ok(Self { guess, prior, poses, points, observations, terms })
     }
 
