@@ -169,6 +169,20 @@ impl<const DIM: usize> BlockSystem<DIM> {
         step.iter().all(|v| v.is_finite()).then_some(step)
     }
 
+    /// Solves the damped copy for another right-hand side, in place, by the factor that [`BlockSystem::solve`] made.
+    pub fn solve_again(&mut self, side: &mut [f64]) {
+        let size = self.gradient.len();
+        if size == 0 || side.len() != size {
+            return;
+        }
+        LltRef::new(&self.symbolic, &self.factor).solve_in_place_with_conj(
+            Conj::No,
+            MatMut::from_column_major_slice_mut(side, size, 1),
+            Par::Seq,
+            MemStack::new(&mut self.buffer),
+        );
+    }
+
     /// The diagonal of H.
     pub fn diagonal(&self) -> impl Iterator<Item = f64> + '_ {
         self.pattern.col_ptr()[..self.gradient.len()].iter().map(|&start| self.values[start as usize])

@@ -158,6 +158,13 @@ impl Agent {
         Ok(Some(self.go_on(tracker, &located, pyramid, frame.timestamp, frame.index, report)))
     }
 
+    /// Takes over what another agent with this camera learnt of its lens, before there is a map.
+    pub(crate) fn know_lens_of(&mut self, other: &Agent) {
+        if let Some(mapper) = &mut self.mapper {
+            mapper.local.lens = other.view.lens;
+        }
+    }
+
     /// Whether the map has not come beyond its start, so that it may prove useless yet.
     pub(crate) fn is_young(&self) -> bool {
         self.view.keyframes.len() <= self.params.keyframes.young_map

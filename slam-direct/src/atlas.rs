@@ -97,7 +97,8 @@ impl Atlas {
         }
         loss.frames += 1;
         if loss.next.is_none() && frame.timestamp - loss.since >= self.params.atlas.begin_after {
-            let next = Agent::new(self.camera, (self.new_places)(), self.params.clone())?;
+            let mut next = Agent::new(self.camera, (self.new_places)(), self.params.clone())?;
+            next.know_lens_of(&self.fragments[self.active]);
             loss.next = Some(Box::new(next));
         }
         let Some(next) = &mut loss.next else {

@@ -18,6 +18,7 @@ mod closing;
 mod dense;
 mod depth;
 mod keyframes;
+mod lens;
 mod local_map;
 pub mod loops;
 mod mapping;

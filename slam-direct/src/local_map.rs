@@ -1,6 +1,7 @@
 //! Keyframes as the agent works on them: image pyramids, points with observations, who sees what.
 
 use crate::align::ReferencePoint;
+use crate::lens::Lens;
 use crate::track::Matched;
 use geometry::{GrayImage, Pinhole, Pyramid, Se3, Sim3};
 use map::{KeyframeId, Shared};
@@ -120,12 +121,14 @@ impl Counts {
 #[derive(Clone, Debug)]
 pub(crate) struct LocalMap {
     pub camera: Pinhole,
+    /// The camera as the images proved to show it. Rays of points are by it; pixels are those of the images.
+    pub lens: Lens,
     pub keyframes: Vec<Shared<KeyframeState>>,
 }
 
 impl LocalMap {
     pub fn new(camera: Pinhole) -> Self {
-        Self { camera, keyframes: Vec::new() }
+        Self { camera, lens: Lens::ideal(camera), keyframes: Vec::new() }
     }
 
     pub fn point(&self, at: PointRef) -> &PointState {
@@ -134,6 +137,14 @@ impl LocalMap {
 
     pub fn point_mut(&mut self, at: PointRef) -> &mut PointState {
         &mut self.keyframes[at.host].points[at.index]
+    }
+
+    /// Takes a lens over: the rays of all points follow.
+    pub fn set_lens(&mut self, lens: Lens) {
+        self.lens = lens;
+        for point in self.keyframes.iter_mut().flat_map(|keyframe| &mut keyframe.points) {
+            point.ray = lens.ray(point.pixel.map(f64::from));
+        }
     }
 
     /// Index → public name.
@@ -209,10 +220,10 @@ impl LocalMap {
                 if x.z < 0.02 {
                     return None;
                 }
-                let pixel = self.camera.project(&x);
+                let pixel = self.lens.distort(self.camera.project(&x).into());
                 let inverse_depth = point.inverse_depth / x.z;
                 Some(ReferencePoint {
-                    pixel: [pixel.x as f32, pixel.y as f32],
+                    pixel: pixel.map(|v| v as f32),
                     inverse_depth: inverse_depth as f32,
                     variance: (point.variance / (x.z * x.z)) as f32,
                 })

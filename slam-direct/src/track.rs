@@ -102,7 +102,7 @@ fn choose(
             else {
                 continue;
             };
-            let pixel = [pixel.x as f32, pixel.y as f32];
+            let pixel = map.lens.distort(pixel.into()).map(|v| v as f32);
             if !view.pyramid.base().contains(pixel[0], pixel[1], 5.0) {
                 continue;
             }
@@ -254,7 +254,7 @@ fn world_point(map: &LocalMap, camera_from_world: &Se3, matched: &Matched) -> Se
     let point = map.point(matched.at);
     let world_from_host = host.camera_from_world.inverse();
     let direction = world_from_host.rotation * point.ray + world_from_host.translation * point.inverse_depth;
-    let pixel = matched.pixel.map(f64::from);
+    let pixel = map.lens.undistort(matched.pixel.map(f64::from));
     let mut information = matched.information.map(f64::from);
     let relative = *camera_from_world * world_from_host;
     let predicted = predict(

@@ -62,7 +62,7 @@ impl<'a> Triangulator<'a> {
     /// A point at `pixel` of the host with its depth and observations; `None` when no view shows it
     /// unambiguously. `range` is the inverse depth to expect, `(least, most)`.
     pub fn point(&self, pixel: [f32; 2], range: (f64, f64)) -> Option<PointState> {
-        let ray = self.map.camera.unproject(pixel[0] as f64, pixel[1] as f64);
+        let ray = self.map.lens.ray(pixel.map(f64::from));
         let mut observations: Vec<SeenAt> = Vec::new();
         let mut inverse_depth = None;
         for view in &self.views {
@@ -98,7 +98,7 @@ impl<'a> Triangulator<'a> {
     fn search(&self, view: &View, pixel: [f32; 2], ray: &Vector3<f64>, range: (f64, f64)) -> Option<f64> {
         let project = |d: f64| {
             let x = view.rotation * ray + view.relative.translation * d;
-            (x.z > 0.05).then(|| self.map.camera.project(&x))
+            (x.z > 0.05).then(|| Vector2::from(self.map.lens.distort(self.map.camera.project(&x).into())))
         };
         let (near, far) = (project(range.1)?, project(range.0)?);
         let length = (near - far).norm();
@@ -141,7 +141,7 @@ impl<'a> Triangulator<'a> {
         let (warp, at) = Warp::new(&self.map.camera, &view.relative, &view.rotation, ray, inverse_depth)?;
         let template = Template::cut(&self.map.keyframes[self.host].pyramid, pixel, &warp)?;
         let other = &self.map.keyframes[view.keyframe].pyramid;
-        let start = [at.x as f32, at.y as f32];
+        let start = self.map.lens.distort(at.into()).map(|v| v as f32);
         if !other.base().contains(start[0], start[1], 5.0) {
             return None;
         }
@@ -156,7 +156,7 @@ impl<'a> Triangulator<'a> {
             &view.relative.translation,
             ray,
             inverse_depth,
-            &found.pixel.map(f64::from),
+            &self.map.lens.undistort(found.pixel.map(f64::from)),
         )?;
         let line = Vector2::from(p.by_inverse_depth);
         let norm = line.norm();
@@ -185,7 +185,7 @@ impl<'a> Triangulator<'a> {
                     &view.relative.translation,
                     ray,
                     d,
-                    &s.pixel.map(f64::from),
+                    &self.map.lens.undistort(s.pixel.map(f64::from)),
                 )?;
                 let [a, b, c] = s.information.map(f64::from);
                 let (j, r) = (p.by_inverse_depth, p.residual);

@@ -61,16 +61,20 @@ impl Mapper {
         Self { local, places, known, closer, settler }
     }
 
-    /// Drops the map to start anew.
+    /// Drops the map to start anew; what it taught of the lens stays.
     pub fn forget(self) -> Self {
         let mut places = self.places;
         places.clear();
-        Self::new(self.local.camera, places)
+        let mut fresh = Self::new(self.local.camera, places);
+        fresh.local.lens = self.local.lens;
+        fresh
     }
 
     /// Takes over a first map of two keyframes.
     pub fn adopt(&mut self, first: LocalMap, params: &Params) -> Update {
+        let lens = self.local.lens;
         self.local = first;
+        self.local.set_lens(lens);
         for keyframe in 0..self.local.keyframes.len() {
             let keyframe = publish::keyframe(&self.local, keyframe);
             self.known.keyframes.insert(keyframe.id, keyframe);
@@ -117,7 +121,7 @@ impl Mapper {
         }
         if self.local.keyframes.len() > 1 {
             let p = &params.mapping;
-            mapping::optimise_all(&mut self.local, p.final_iterations, p.final_effort, stop);
+            mapping::optimise_all(&mut self.local, p.final_iterations, p, stop);
             moved = (0..self.local.keyframes.len()).collect();
             self.note_moved(&moved);
         }
@@ -134,7 +138,11 @@ impl Mapper {
             mapping::add_points(&mut self.local, nearest, &[keyframe], &p.mapping, &p.triangulate, &p.track);
         }
         mapping::add_points(&mut self.local, keyframe, &others, &p.mapping, &p.triangulate, &p.track);
-        let changes = mapping::optimise_around(&mut self.local, keyframe, &p.mapping);
+        let mut changes = mapping::optimise_around(&mut self.local, keyframe, &p.mapping);
+        if mapping::calibration_is_due(self.local.keyframes.len(), &p.mapping) {
+            let iterations = p.mapping.calibration_iterations;
+            changes.extend(mapping::optimise_all(&mut self.local, iterations, &p.mapping, &|| false));
+        }
         self.local.count(counts);
         mapping::cull_unfound(&mut self.local, counts.hosts(), 0.25);
         self.places.add(LocalMap::id(keyframe), self.local.keyframes[keyframe].pyramid.base());

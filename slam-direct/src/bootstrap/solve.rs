@@ -33,6 +33,7 @@ impl Bootstrap {
             fixed: (0..=chosen.len()).map(|i| i == 0).collect(),
             points: Vec::new(),
             observations: Vec::new(),
+            calibration: None,
         };
         let Some(&last) = chosen.last() else { return problem };
         for (index, track) in self.tracks.iter().enumerate() {

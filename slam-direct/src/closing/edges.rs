@@ -84,7 +84,7 @@ impl Directed {
 
     fn add(&mut self, map: &LocalMap, point: &PointState, seen: &SeenAt) {
         let translation = &self.observer_from_host.translation;
-        let (rho, pixel) = (point.inverse_depth, seen.pixel.map(f64::from));
+        let (rho, pixel) = (point.inverse_depth, map.lens.undistort(seen.pixel.map(f64::from)));
         let Some(p) = predict(&map.camera, &self.rotation, translation, &point.ray, rho, &pixel) else {
             return;
         };

@@ -207,7 +207,7 @@ impl LoopCloser {
         self.closed.push(found.edge.clone());
         join::join(local, &found.new_side, &found.old_side, &params.track);
         let polish = if local.keyframes.len() <= p.whole_map {
-            mapping::optimise_all(local, p.iterations, params.mapping.final_effort, &|| false)
+            mapping::optimise_all(local, p.iterations, &params.mapping, &|| false)
         } else {
             let ends = [found.edge.to, found.edge.from].map(|id| id.0 as usize);
             ends.map(|end| mapping::optimise_around(local, end, &params.mapping)).concat()

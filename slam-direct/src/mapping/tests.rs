@@ -80,7 +80,7 @@ fn a_disturbed_map_is_put_right() {
     let truth = exact_map(&views, 16);
     let mut map = truth.clone();
     disturb(&mut map, 2);
-    optimise_all(&mut map, 30, 60.0, &|| false);
+    optimise_all(&mut map, 30, &MappingParams::default(), &|| false);
     // Keyframe 0 is held, the scale is not.
     let from_first = |m: &LocalMap, k: usize| {
         m.keyframes[k].camera_from_world * m.keyframes[0].camera_from_world.inverse()
@@ -136,7 +136,7 @@ fn an_optimisation_that_undoes_a_wrong_unit_reports_it() {
     for point in &mut map.keyframes[3].points {
         point.inverse_depth /= 1.2;
     }
-    let changes = optimise(&mut map, &BTreeSet::from([3]), 25, |_| Limits::steps(30));
+    let changes = optimise(&mut map, &BTreeSet::from([3]), 25, 0.0, |_| Limits::steps(30));
     assert_eq!(changes.len(), 1);
     assert_eq!(changes[0].keyframe, 3);
     let (found, exact) = (map.keyframes[3].camera_from_world, truth.keyframes[3].camera_from_world);
@@ -161,7 +161,7 @@ fn observations_that_disagree_go_and_points_without_any_die() {
         // Off the epipolar lines, to different sides.
         seen.pixel[1] += if seen.keyframe == 1 { 60.0 } else { -60.0 };
     }
-    optimise_all(&mut map, 20, 60.0, &|| false);
+    optimise_all(&mut map, 20, &MappingParams::default(), &|| false);
     let (one, both) = (PointRef { host: 0, index: one }, PointRef { host: 0, index: both });
     assert!(map.point(one).alive);
     assert_eq!(map.point(one).observations.iter().map(|o| o.keyframe).collect::<Vec<_>>(), [1]);

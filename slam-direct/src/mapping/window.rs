@@ -1,8 +1,9 @@
 //! Keyframes and points of the map as a joint optimisation, and its result carried back.
 
 use super::UnitChange;
+use crate::lens::TERMS;
 use crate::local_map::{LocalMap, PointRef, median};
-use crate::window::{Pairs, Problem, WindowObservation, WindowPoint};
+use crate::window::{Calibration, Pairs, Problem, WindowObservation, WindowPoint};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Squared normalised residual above which the joint optimisation gives an observation up.
@@ -39,6 +40,7 @@ impl Window {
             fixed: keyframes.iter().zip(&is_active).map(|(&k, active)| !active || k == 0).collect(),
             points: Vec::with_capacity(chosen.len()),
             observations: Vec::new(),
+            calibration: None,
         };
         let (mut points, mut seen) = (Vec::with_capacity(chosen.len()), Vec::new());
         for at in chosen {
@@ -47,7 +49,8 @@ impl Window {
             let first = problem.observations.len();
             for (index, o) in point.observations.iter().enumerate() {
                 let Some(frame) = frame(o.keyframe) else { continue };
-                let (pixel, information) = (o.pixel.map(f64::from), o.information.map(f64::from));
+                let pixel = map.lens.undistort(o.pixel.map(f64::from));
+                let information = o.information.map(f64::from);
                 problem.observations.push(WindowObservation { frame, pixel, information });
                 seen.push(index as u32);
             }
@@ -62,6 +65,24 @@ impl Window {
         }
         let pairs = Pairs::new(&problem);
         Self { problem, pairs, keyframes, active: is_active, points, seen }
+    }
+
+    /// Makes the lens an unknown, a priori uncertain by `sigma`.
+    pub fn calibrate(&mut self, map: &LocalMap, sigma: [f64; TERMS]) {
+        let hosts = self.points.iter().map(|&at| map.point(at).pixel.map(f64::from)).collect();
+        let of_point = |(solved, &at): (&WindowPoint, &PointRef)| {
+            let seen = &map.point(at).observations;
+            let own = &self.seen[solved.observations.clone()];
+            own.iter()
+                .map(|&i| {
+                    (seen[i as usize].pixel.map(f64::from), seen[i as usize].information.map(f64::from))
+                })
+                .collect::<Vec<_>>()
+        };
+        let seen = self.problem.points.iter().zip(&self.points).flat_map(of_point).collect();
+        let lens = map.lens;
+        self.problem.calibration = Some(Calibration { lens, sigma, hosts, seen });
+        self.problem.set_lens(lens.terms);
     }
 
     /// Depth of each observed point in the frame that is moved, in order of points and observations, the host first.
@@ -101,6 +122,9 @@ impl Window {
         let Self { problem, keyframes, .. } = self;
         for (frame, &keyframe) in problem.frames.iter().zip(keyframes) {
             map.keyframes[keyframe].camera_from_world = *frame;
+        }
+        if let Some(calibration) = &problem.calibration {
+            map.set_lens(calibration.lens);
         }
         let squared = problem.squared_residuals();
         let mut dropped: BTreeSet<(usize, PointRef)> = BTreeSet::new();

@@ -1,7 +1,9 @@
 //! Normal equations of the window: accumulated per pair of frames, depths eliminated.
 
+use super::border::Border;
 use super::pairs::{Pairs, Relative};
 use super::problem::{Problem, mahalanobis, predict, robust_weight};
+use crate::lens::TERMS;
 use backend::{BlockSystem, SystemError};
 use nalgebra::{Matrix6, Vector6};
 
@@ -14,6 +16,16 @@ struct Sum {
 
 /// One observation's coupling between its depth and its relative pose: `J_ξᵀ W J_ρ`.
 type Coupling = Vector6<f64>;
+
+/// A step of all unknowns.
+pub(super) struct Step {
+    /// Left-multiplicative twist of each frame; zero of those that are held.
+    pub pose: Vec<Vector6<f64>>,
+    /// Of each point's inverse depth.
+    pub depth: Vec<f64>,
+    /// Of the lens's terms; zero where it is not solved for.
+    pub lens: [f64; TERMS],
+}
 
 /// The linearised window.
 pub(super) struct Normal {
@@ -28,6 +40,8 @@ pub(super) struct Normal {
     coupling: Vec<Coupling>,
     /// Per point: `Σ J_ρᵀ W J_ρ` and `Σ J_ρᵀ W r`.
     depth: Vec<(f64, f64)>,
+    /// What couples the lens with the rest, where it is solved for.
+    border: Option<Border>,
 }
 
 impl Normal {
@@ -50,6 +64,10 @@ impl Normal {
             sums: vec![none; pairs.ends.len()],
             coupling: vec![Coupling::zeros(); problem.observations.len()],
             depth: vec![(0.0, 0.0); problem.points.len()],
+            border: problem
+                .calibration
+                .as_ref()
+                .map(|_| Border::new(next, pairs.ends.len(), problem.points.len())),
         })
     }
 
@@ -61,6 +79,9 @@ impl Normal {
             *adjoint = relative.pose.adjoint();
         }
         self.coupling.fill(Coupling::zeros());
+        if let (Some(border), Some(calibration)) = (&mut self.border, &problem.calibration) {
+            border.begin(calibration);
+        }
         for index in 0..problem.points.len() {
             self.add_point(problem, pairs, relative, index);
         }
@@ -90,6 +111,10 @@ impl Normal {
             let wj = [a * jr[0] + b * jr[1], b * jr[0] + c * jr[1]];
             depth.0 += jr[0] * wj[0] + jr[1] * wj[1];
             depth.1 += jr[0] * wr[0] + jr[1] * wr[1];
+            if let (Some(border), Some(calibration)) = (&mut self.border, &problem.calibration) {
+                let by = calibration.by_terms(problem, &relative[pair], (index, point), i, &p.residual);
+                border.add(&p, &by, [a, b, c], pair, index);
+            }
             if self.block[point.host].or(self.block[seen.frame]).is_none() {
                 continue;
             }
@@ -126,32 +151,37 @@ impl Normal {
                 None => {}
             }
         }
+        if let Some(border) = &mut self.border {
+            border.gather(pairs, &self.adjoint, &self.block);
+        }
     }
 
     /// Solves for pose steps and depth steps with Levenberg–Marquardt damping `lambda`.
     /// `None` when the damped system is not positive definite.
-    pub fn step(
-        &mut self,
-        problem: &Problem,
-        pairs: &Pairs,
-        lambda: f64,
-    ) -> Option<(Vec<Vector6<f64>>, Vec<f64>)> {
+    pub fn step(&mut self, problem: &Problem, pairs: &Pairs, lambda: f64) -> Option<Step> {
         self.system.damp(|diagonal| lambda * diagonal + 1e-9);
         self.eliminate_depths(problem, pairs, lambda);
-        let delta = self.system.solve()?;
+        let mut delta = self.system.solve()?;
+        let lens = match &self.border {
+            Some(border) => border.solve(&mut self.system, &mut delta, lambda)?,
+            None => [0.0; TERMS],
+        };
         let pose: Vec<Vector6<f64>> = self
             .block
             .iter()
             .map(|b| b.map_or(Vector6::zeros(), |b| Vector6::from_column_slice(&delta[6 * b..6 * b + 6])))
             .collect();
-        let depth = self.depth_steps(problem, pairs, lambda, &pose);
-        Some((pose, depth))
+        let depth = self.depth_steps(problem, pairs, lambda, &pose, &lens);
+        Some(Step { pose, depth, lens })
     }
 
     /// Schur complement over the depths.
     fn eliminate_depths(&mut self, problem: &Problem, pairs: &Pairs, lambda: f64) {
         let mut rows: Vec<(usize, Vector6<f64>)> = Vec::new();
-        for (point, &(hessian, gradient)) in problem.points.iter().zip(&self.depth) {
+        if let Some(border) = &mut self.border {
+            border.damp();
+        }
+        for (index, (point, &(hessian, gradient))) in problem.points.iter().zip(&self.depth).enumerate() {
             if hessian <= 0.0 {
                 continue;
             }
@@ -169,6 +199,9 @@ impl Normal {
             }
             rows.extend(host_block.map(|o| (o, host)));
             let inverse = 1.0 / (hessian * (1.0 + lambda));
+            if let Some(border) = &mut self.border {
+                border.eliminate(index, inverse, gradient, &rows);
+            }
             for &(bi, ei) in &rows {
                 let scaled = ei * -inverse;
                 self.system.reduce_node(bi, &(scaled * ei.transpose()), &(scaled * gradient));
@@ -179,7 +212,14 @@ impl Normal {
         }
     }
 
-    fn depth_steps(&self, problem: &Problem, pairs: &Pairs, lambda: f64, pose: &[Vector6<f64>]) -> Vec<f64> {
+    fn depth_steps(
+        &self,
+        problem: &Problem,
+        pairs: &Pairs,
+        lambda: f64,
+        pose: &[Vector6<f64>],
+        lens: &[f64; TERMS],
+    ) -> Vec<f64> {
         let relative: Vec<Vector6<f64>> = pairs
             .ends
             .iter()
@@ -189,15 +229,16 @@ impl Normal {
                 None => pose[frame],
             })
             .collect();
-        let step = |(point, &(hessian, gradient)): (&super::WindowPoint, &(f64, f64))| {
+        let step = |(index, (point, &(hessian, gradient))): (usize, (&super::WindowPoint, &(f64, f64)))| {
             if hessian <= 0.0 {
                 return 0.0;
             }
             let coupled: f64 =
                 point.observations.clone().map(|i| self.coupling[i].dot(&relative[pairs.of(i)])).sum();
-            -(gradient + coupled) / (hessian * (1.0 + lambda))
+            let by_lens = self.border.as_ref().map_or(0.0, |border| border.of_depth(index, lens));
+            -(gradient + coupled + by_lens) / (hessian * (1.0 + lambda))
         };
-        problem.points.iter().zip(&self.depth).map(step).collect()
+        problem.points.iter().zip(&self.depth).enumerate().map(step).collect()
     }
 
     /// Entries of the reduced system.

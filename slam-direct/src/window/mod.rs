@@ -11,6 +11,8 @@
 //! points and is solved by sparse Cholesky, so that the whole map's optimisation grows with the map and not with its
 //! square.
 
+mod border;
+mod calibration;
 mod linear;
 mod pairs;
 mod pose;
@@ -19,6 +21,7 @@ mod solve;
 #[cfg(test)]
 mod tests;
 
+pub(crate) use calibration::Calibration;
 pub(crate) use pairs::Pairs;
 pub(crate) use pose::{PoseSolver, SeenPoint};
 pub(crate) use problem::{

@@ -1,5 +1,6 @@
 //! The joint optimisation as values: poses, points, observations.
 
+use super::calibration::Calibration;
 use super::pairs::{Pairs, Relative};
 use geometry::{Pinhole, Se3};
 use nalgebra::Vector3;
@@ -44,6 +45,8 @@ pub(crate) struct Problem {
     pub points: Vec<WindowPoint>,
     /// All observations.
     pub observations: Vec<WindowObservation>,
+    /// The lens, where it is solved for too; rays, pixels and information above are as it stands.
+    pub calibration: Option<Calibration>,
 }
 
 /// Weight of a squared normalised residual under the Cauchy kernel: `2/(1 + e²)`, one at one σ.
@@ -114,7 +117,9 @@ impl Problem {
         let cost = |i: usize, point: &WindowPoint| {
             self.squared_residual(&relative[pairs.of(i)], point, i).map_or(behind, robust_cost)
         };
-        self.points.iter().map(|p| p.observations.clone().map(|i| cost(i, p)).sum::<f64>()).sum()
+        let seen: f64 =
+            self.points.iter().map(|p| p.observations.clone().map(|i| cost(i, p)).sum::<f64>()).sum();
+        seen + self.calibration.as_ref().map_or(0.0, Calibration::prior_cost)
     }
 
     fn squared_residual(&self, relative: &Relative, point: &WindowPoint, observation: usize) -> Option<f64> {

@@ -1,11 +1,11 @@
 //! Levenberg–Marquardt over the window.
 
-use super::linear::Normal;
+use super::linear::{Normal, Step};
 use super::pairs::Pairs;
 use super::problem::{Problem, WindowPoint};
+use crate::lens::TERMS;
 use backend::SystemError;
 use geometry::Se3;
-use nalgebra::Vector6;
 
 /// Inverse depths stay above this share of their value per step, so that no point jumps through infinity.
 const MIN_DEPTH_FACTOR: f64 = 0.2;
@@ -48,7 +48,7 @@ pub(crate) fn solve_within(
     let (mut lambda, mut done, mut refused) = (1e-5, 0, 0);
     while done < limits.iterations && refused < 6 && !(limits.stop)() {
         let step = normal.step(problem, pairs, lambda);
-        let before = step.map(|(pose, depth)| advance(problem, &pose, &depth));
+        let before = step.map(|step| advance(problem, &step));
         let moved = pairs.relative(&problem.frames);
         let new_cost = before.as_ref().map_or(f64::INFINITY, |_| problem.cost(pairs, &moved));
         if new_cost < cost {
@@ -79,11 +79,15 @@ pub(crate) fn solve_within(
 struct Before {
     frames: Vec<Se3>,
     inverse_depths: Vec<f64>,
+    lens: Option<[f64; TERMS]>,
 }
 
 impl Before {
     fn restore(self, problem: &mut Problem) {
         problem.frames = self.frames;
+        if let Some(terms) = self.lens {
+            problem.set_lens(terms);
+        }
         for (point, inverse_depth) in problem.points.iter_mut().zip(self.inverse_depths) {
             point.inverse_depth = inverse_depth;
         }
@@ -91,8 +95,12 @@ impl Before {
 }
 
 /// Takes a step; gives what was before it.
-fn advance(problem: &mut Problem, pose: &[Vector6<f64>], depth: &[f64]) -> Before {
+fn advance(problem: &mut Problem, Step { pose, depth, lens: by }: &Step) -> Before {
     let frames = problem.frames.clone();
+    let lens = problem.calibration.as_ref().map(|calibration| calibration.lens.terms);
+    if let Some(terms) = lens {
+        problem.set_lens(std::array::from_fn(|k| terms[k] + by[k]));
+    }
     for ((frame, delta), fixed) in problem.frames.iter_mut().zip(pose).zip(&problem.fixed) {
         if !fixed {
             *frame = (Se3::exp(delta) * *frame).renormalized();
@@ -103,5 +111,5 @@ fn advance(problem: &mut Problem, pose: &[Vector6<f64>], depth: &[f64]) -> Befor
         std::mem::replace(&mut point.inverse_depth, moved)
     };
     let inverse_depths = problem.points.iter_mut().zip(depth).map(step).collect();
-    Before { frames, inverse_depths }
+    Before { frames, inverse_depths, lens }
 }

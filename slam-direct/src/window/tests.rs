@@ -1,6 +1,7 @@
 //! The joint optimisation on made-up scenes of which everything is known.
 
 use super::*;
+use crate::lens::Lens;
 use geometry::{Pinhole, Se3};
 use nalgebra::Vector6;
 
@@ -30,6 +31,7 @@ pub(super) fn scene(frames: usize, points: usize, fixed: &[usize]) -> Problem {
         fixed: (0..frames).map(|i| fixed.contains(&i)).collect(),
         points: Vec::new(),
         observations: Vec::new(),
+        calibration: None,
     };
     for i in 0..points {
         let (u, v) = (320.0 + 300.0 * spread(i, 0), 240.0 + 220.0 * spread(i, 1));
@@ -248,4 +250,46 @@ fn a_wish_to_stop_leaves_what_is_reached() {
     let left = solve_within(&mut problem, &pairs, &Limits { iterations: 30, stop: &stop }).unwrap();
     assert!(left < 0.5 * before && (left - cost(&problem)).abs() < 1e-9 * left);
     assert_eq!(asked.get(), 3, "no step after the wish");
+}
+
+/// The scene as a camera shows it whose lens is bent by `term` beyond its calibration.
+pub(super) fn bent(truth: &Problem, term: f64) -> Problem {
+    let mut lens = Lens::ideal(truth.camera);
+    lens.terms = [term];
+    let host = |p: &WindowPoint| lens.distort(truth.camera.project(&p.ray).into());
+    let hosts = truth.points.iter().map(host).collect();
+    let seen = truth.observations.iter().map(|o| (lens.distort(o.pixel), o.information)).collect();
+    let calibration = Calibration { lens: Lens::ideal(truth.camera), sigma: [0.02], hosts, seen };
+    let mut problem = Problem { calibration: Some(calibration), ..truth.clone() };
+    problem.set_lens([0.0]);
+    problem
+}
+
+#[test]
+fn a_bent_lens_is_straightened() {
+    let truth = scene(6, 200, &[0, 1]);
+    for term in [-0.02, 0.0, 0.015] {
+        let mut problem = perturbed(&bent(&truth, term), 0.03, 0.01, 0.1);
+        solve(&mut problem, 30);
+        let found = problem.calibration.as_ref().unwrap().lens.terms[0];
+        assert!((found - term).abs() < 0.02 * term.abs() + 1e-6, "{found} for {term}");
+        let (pose, depth) = errors(&problem, &truth, 1.0);
+        assert!(pose < 1e-3 && depth < 1e-2, "{term}: poses off by {pose}, depths by {depth}");
+    }
+    let mut held = bent(&truth, -0.02);
+    held.calibration = None;
+    solve(&mut held, 30);
+    assert!(errors(&held, &truth, 1.0).1 > 0.01, "what it costs not to ask");
+}
+
+#[test]
+fn few_sightings_leave_the_lens_as_it_was_calibrated() {
+    let mut problem = bent(&scene(3, 4, &[0, 1]), 0.0);
+    for (i, (_, information)) in problem.calibration.as_mut().unwrap().seen.iter_mut().enumerate() {
+        *information = [0.01 + 1e-4 * spread(i, 0), 0.0, 0.01];
+    }
+    problem.set_lens([0.015]);
+    solve(&mut problem, 30);
+    let found = problem.calibration.as_ref().unwrap().lens.terms[0];
+    assert!(found.abs() < 1e-4, "{found}");
 }

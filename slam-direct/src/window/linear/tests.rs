@@ -1,7 +1,7 @@
 //! The normal equations against derivatives by differences.
 
 use super::*;
-use crate::window::tests::{cost, perturbed, scene, spread};
+use crate::window::tests::{bent, cost, perturbed, scene, spread};
 use geometry::Se3;
 use nalgebra::{DMatrix, DVector};
 
@@ -103,12 +103,65 @@ fn eliminating_the_depths_gives_the_step_of_the_full_system() {
             damped[(i, i)] *= 1.0 + lambda;
         }
         let expected = -damped.lu().solve(&right).unwrap();
-        let (poses, depths) = linearised(&problem).step(&problem, &Pairs::new(&problem), lambda).unwrap();
+        let Step { pose: poses, depth: depths, .. } =
+            linearised(&problem).step(&problem, &Pairs::new(&problem), lambda).unwrap();
         let free = poses.iter().zip(&problem.fixed).filter(|(_, fixed)| !**fixed);
         let values =
             free.flat_map(|(p, _)| p.iter().copied().collect::<Vec<_>>()).chain(depths.iter().copied());
         let step = DVector::from_iterator(n, values);
         assert!((&step - &expected).norm() < 1e-4 * expected.norm(), "{step} {expected}");
         assert_eq!(poses[0], Vector6::zeros());
+    }
+}
+
+/// The residuals in pixels of the image.
+fn shown(problem: &Problem) -> DVector<f64> {
+    let calibration = problem.calibration.as_ref().unwrap();
+    let mut all = residuals(problem);
+    for (i, (pixel, _)) in calibration.seen.iter().enumerate() {
+        let back = calibration.lens.magnification(*pixel).try_inverse().unwrap();
+        let residual = back * all.fixed_rows::<2>(2 * i);
+        all.fixed_rows_mut::<2>(2 * i).copy_from(&residual);
+    }
+    all
+}
+
+/// Up to the square of the distortion.
+#[test]
+fn the_lens_is_solved_for_with_all_else() {
+    let (mut problem, h) = (bent(&small(), 0.01), 1e-6);
+    // Two frames that hold the scale as well.
+    problem.fixed[1] = true;
+    problem.set_lens([0.002]);
+    let n = parameters(&problem);
+    let with_lens = |by: f64| {
+        let mut moved = problem.clone();
+        moved.set_lens([0.002 + by]);
+        shown(&moved)
+    };
+    let mut columns: Vec<DVector<f64>> = (0..n)
+        .map(|i| (shown(&moved(&problem, i, h)) - shown(&moved(&problem, i, -h))) / (2.0 * h))
+        .collect();
+    columns.push((with_lens(h) - with_lens(-h)) / (2.0 * h));
+    let jacobian = DMatrix::from_columns(&columns);
+    let residual = shown(&problem);
+    let mut weight = DMatrix::zeros(residual.len(), residual.len());
+    for (i, (_, information)) in problem.calibration.as_ref().unwrap().seen.iter().enumerate() {
+        let r = [residual[2 * i], residual[2 * i + 1]];
+        let [a, b, c] = information.map(|v| v * robust_weight(mahalanobis(&r, information)));
+        weight.fixed_view_mut::<2, 2>(2 * i, 2 * i).copy_from(&nalgebra::Matrix2::new(a, b, b, c));
+    }
+    let mut full = jacobian.transpose() * &weight * &jacobian;
+    let mut right = jacobian.transpose() * &weight * &residual;
+    let prior = 1.0 / (0.02 * 0.02);
+    full[(n, n)] += prior;
+    right[n] += 0.002 * prior;
+    let expected = -full.lu().solve(&right).unwrap();
+    let step = linearised(&problem).step(&problem, &Pairs::new(&problem), 0.0).unwrap();
+    let off = |found: f64, expected: f64| (found - expected).abs() > 0.01 * expected.abs() + 1e-4;
+    assert!(!off(step.lens[0], expected[n]), "{} {}", step.lens[0], expected[n]);
+    for (i, &depth) in step.depth.iter().enumerate() {
+        let expected = expected[n - problem.points.len() + i];
+        assert!(!off(depth, expected), "{i}: {depth} {expected}");
     }
 }

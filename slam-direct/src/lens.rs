@@ -1,0 +1,148 @@
+//! What is left of a lens's distortion in images that were undistorted by a calibration, and how it is undone.
+//!
+//! A calibration that is wrong by a pixel at the image's border makes the scale of a map drift when driving: points are
+//! seen first near the middle and last at the border, so each step is measured by others that are a little too long or
+//! too short, always in the same sense (Krešo & Šegvić, VISAPP 2015, on the KITTI cameras). Points seen from many places
+//! tell this error, so the joint optimisation solves for it.
+
+use geometry::Pinhole;
+use nalgebra::{Matrix2, Vector2, Vector3};
+
+/// Unknowns of a lens.
+pub(crate) const TERMS: usize = 1;
+
+/// The camera as the images show it: `x = x' (1 + a ρ)`, x' on the image plane at z = 1 by the calibration and ρ the square
+/// of its distance from the axis over that of the image's corner, so that `a` is what the corner moves by, as a share of its
+/// distance from the middle.
+///
+/// An error of the focal length is not solved for: motion straight ahead does not tell it, and with it free scenes of which
+/// the camera is known exactly came out worse.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Lens {
+    camera: Pinhole,
+    /// The `a` of above.
+    pub terms: [f64; TERMS],
+    /// One over the squared distance of the image's corner from the axis, at z = 1.
+    per_corner: f64,
+}
+
+impl Lens {
+    /// A lens of which the calibration says all.
+    pub fn ideal(camera: Pinhole) -> Self {
+        let (x, y) = (0.5 * camera.width as f64 / camera.fx, 0.5 * camera.height as f64 / camera.fy);
+        Self { camera, terms: [0.0; TERMS], per_corner: 1.0 / (x * x + y * y) }
+    }
+
+    fn is_ideal(&self) -> bool {
+        self.terms == [0.0; TERMS]
+    }
+
+    fn plane(&self, pixel: [f64; 2]) -> Vector2<f64> {
+        let c = &self.camera;
+        Vector2::new((pixel[0] - c.cx) / c.fx, (pixel[1] - c.cy) / c.fy)
+    }
+
+    fn pixel(&self, plane: Vector2<f64>) -> [f64; 2] {
+        let c = &self.camera;
+        [c.fx * plane.x + c.cx, c.fy * plane.y + c.cy]
+    }
+
+    fn factor(&self, rho: f64) -> f64 {
+        1.0 + self.terms[0] * rho
+    }
+
+    /// Where an ideal pinhole camera sees what the image shows at `pixel`.
+    pub fn undistort(&self, pixel: [f64; 2]) -> [f64; 2] {
+        if self.is_ideal() {
+            return pixel;
+        }
+        let plane = self.plane(pixel);
+        self.pixel(plane * self.factor(plane.norm_squared() * self.per_corner))
+    }
+
+    /// Where the image shows what an ideal pinhole camera sees at `pixel`; exact to 1e-6 of the distortion's square.
+    pub fn distort(&self, pixel: [f64; 2]) -> [f64; 2] {
+        if self.is_ideal() {
+            return pixel;
+        }
+        let ideal = self.plane(pixel);
+        let mut shown = ideal;
+        for _ in 0..4 {
+            shown = ideal / self.factor(shown.norm_squared() * self.per_corner).max(0.1);
+        }
+        self.pixel(shown)
+    }
+
+    /// The ray through what the image shows at `pixel`, z = 1.
+    pub fn ray(&self, pixel: [f64; 2]) -> Vector3<f64> {
+        let [x, y] = self.undistort(pixel);
+        self.camera.unproject(x, y)
+    }
+
+    /// Derivatives of [`Lens::undistort`] by the terms, pixels.
+    pub fn by_terms(&self, pixel: [f64; 2]) -> [Vector2<f64>; TERMS] {
+        let plane = self.plane(pixel);
+        let moved = Vector2::new(self.camera.fx * plane.x, self.camera.fy * plane.y);
+        [moved * (plane.norm_squared() * self.per_corner)]
+    }
+
+    /// Derivative of [`Lens::undistort`] by the pixel; like pixels of equal size along x and y.
+    pub fn magnification(&self, pixel: [f64; 2]) -> Matrix2<f64> {
+        let plane = self.plane(pixel);
+        let rho = plane.norm_squared() * self.per_corner;
+        let radial = plane * plane.transpose() * (2.0 * self.terms[0] * self.per_corner);
+        Matrix2::identity() * self.factor(rho) + radial
+    }
+
+    /// Derivatives of [`Lens::magnification`] by the terms.
+    pub fn magnification_by_terms(&self, pixel: [f64; 2]) -> [Matrix2<f64>; TERMS] {
+        let plane = self.plane(pixel);
+        let rho = plane.norm_squared() * self.per_corner;
+        [Matrix2::identity() * rho + plane * plane.transpose() * (2.0 * self.per_corner)]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const CAMERA: Pinhole = Pinhole { width: 640, height: 480, fx: 420.0, fy: 420.0, cx: 310.0, cy: 250.0 };
+
+    fn bent() -> Lens {
+        Lens { terms: [-0.03], ..Lens::ideal(CAMERA) }
+    }
+
+    #[test]
+    fn distortion_is_undone() {
+        let (ideal, bent) = (Lens::ideal(CAMERA), bent());
+        for pixel in [[310.0, 250.0], [0.0, 0.0], [639.0, 10.0], [200.0, 400.0]] {
+            assert_eq!(ideal.undistort(pixel), pixel);
+            assert_eq!(ideal.distort(pixel), pixel);
+            let back = bent.distort(bent.undistort(pixel));
+            assert!((back[0] - pixel[0]).hypot(back[1] - pixel[1]) < 1e-3, "{pixel:?} {back:?}");
+        }
+        let corner = bent.undistort([630.0, 490.0]);
+        let moved = (corner[0] - 310.0) / 320.0;
+        assert!((moved - (1.0 - 0.03)).abs() < 1e-12, "a corner moves by its share: {moved}");
+    }
+
+    #[test]
+    fn derivatives_agree_with_differences() {
+        let lens = bent();
+        let (pixel, h) = ([100.0, 420.0], 1e-5);
+        for k in 0..TERMS {
+            let moved = |by: f64| {
+                let mut lens = lens;
+                lens.terms[k] += by;
+                (Vector2::from(lens.undistort(pixel)), lens.magnification(pixel))
+            };
+            let (plus, minus) = (moved(h), moved(-h));
+            assert!(((plus.0 - minus.0) / (2.0 * h) - lens.by_terms(pixel)[k]).norm() < 1e-5);
+            assert!(((plus.1 - minus.1) / (2.0 * h) - lens.magnification_by_terms(pixel)[k]).norm() < 1e-6);
+        }
+        let along = |x: f64, y: f64| Vector2::from(lens.undistort([pixel[0] + x, pixel[1] + y]));
+        let columns =
+            [(along(h, 0.0) - along(-h, 0.0)) / (2.0 * h), (along(0.0, h) - along(0.0, -h)) / (2.0 * h)];
+        assert!((Matrix2::from_columns(&columns) - lens.magnification(pixel)).norm() < 1e-6);
+    }
+}

@@ -1,0 +1,122 @@
+//! The part of the normal equations that couples the lens with poses and depths: a few dense columns beside the sparse
+//! system, solved for by its Schur complement.
+
+use super::calibration::{ByTerms, Calibration};
+use super::pairs::Pairs;
+use super::problem::Prediction;
+use crate::lens::TERMS;
+use backend::BlockSystem;
+use nalgebra::{Matrix2, Matrix6, SMatrix, SVector, Vector2, Vector6};
+
+type Terms = SVector<f64, TERMS>;
+type PoseByTerms = SMatrix<f64, 6, TERMS>;
+
+/// The columns of the lens's terms.
+pub(super) struct Border {
+    hessian: SMatrix<f64, TERMS, TERMS>,
+    gradient: Terms,
+    /// Per pair, of its relative pose.
+    pairs: Vec<PoseByTerms>,
+    /// Per block of the system.
+    poses: Vec<PoseByTerms>,
+    /// Per point.
+    depths: Vec<Terms>,
+    /// The same with the depths eliminated.
+    reduced_hessian: SMatrix<f64, TERMS, TERMS>,
+    reduced_gradient: Terms,
+    reduced_poses: Vec<PoseByTerms>,
+}
+
+impl Border {
+    /// Room for a system of so many blocks, pairs and points.
+    pub fn new(blocks: usize, pairs: usize, points: usize) -> Self {
+        Self {
+            hessian: SMatrix::zeros(),
+            gradient: Terms::zeros(),
+            pairs: vec![PoseByTerms::zeros(); pairs],
+            poses: vec![PoseByTerms::zeros(); blocks],
+            depths: vec![Terms::zeros(); points],
+            reduced_hessian: SMatrix::zeros(),
+            reduced_gradient: Terms::zeros(),
+            reduced_poses: vec![PoseByTerms::zeros(); blocks],
+        }
+    }
+
+    /// Begins a linearisation with what was known of the lens before.
+    pub fn begin(&mut self, calibration: &Calibration) {
+        let information = Terms::from(calibration.sigma).map(|sigma| 1.0 / (sigma * sigma));
+        self.hessian = SMatrix::from_diagonal(&information);
+        self.gradient = information.component_mul(&Terms::from(calibration.lens.terms));
+        self.pairs.fill(PoseByTerms::zeros());
+        self.depths.fill(Terms::zeros());
+    }
+
+    /// Adds an observation of weighted information `[a, b, c]`.
+    pub fn add(&mut self, p: &Prediction, by: &ByTerms, [a, b, c]: [f64; 3], pair: usize, point: usize) {
+        let weighted = Matrix2::new(a, b, b, c) * by;
+        self.hessian += by.transpose() * weighted;
+        self.gradient += weighted.tr_mul(&Vector2::from(p.residual));
+        self.depths[point] += weighted.tr_mul(&Vector2::from(p.by_inverse_depth));
+        let [ju, jv] = p.by_twist.map(Vector6::from);
+        self.pairs[pair] += ju * weighted.row(0) + jv * weighted.row(1);
+    }
+
+    /// Carries each pair's columns to its poses: `δ_frame·host = δ_frame − Ad δ_host`.
+    pub fn gather(&mut self, pairs: &Pairs, adjoint: &[Matrix6<f64>], block: &[Option<usize>]) {
+        self.poses.fill(PoseByTerms::zeros());
+        for (&(host, frame), (sum, ad)) in pairs.ends.iter().zip(self.pairs.iter().zip(adjoint)) {
+            if let Some(frame) = block[frame] {
+                self.poses[frame] += sum;
+            }
+            if let Some(host) = block[host] {
+                self.poses[host] -= ad.tr_mul(sum);
+            }
+        }
+    }
+
+    /// Begins a solve.
+    pub fn damp(&mut self) {
+        self.reduced_hessian = self.hessian;
+        self.reduced_gradient = self.gradient;
+        self.reduced_poses.copy_from_slice(&self.poses);
+    }
+
+    /// Eliminates a point's depth: `inverse` of its damped Hessian, its gradient, and its coupling with poses.
+    pub fn eliminate(&mut self, point: usize, inverse: f64, gradient: f64, rows: &[(usize, Vector6<f64>)]) {
+        let by = self.depths[point];
+        self.reduced_hessian -= by * by.transpose() * inverse;
+        self.reduced_gradient -= by * (inverse * gradient);
+        for (block, row) in rows {
+            self.reduced_poses[*block] -= row * by.transpose() * inverse;
+        }
+    }
+
+    /// The step of the terms; `delta`, the step of the poses without them, becomes the one with them.
+    pub fn solve(&self, system: &mut BlockSystem<6>, delta: &mut [f64], lambda: f64) -> Option<[f64; TERMS]> {
+        let columns: [Vec<f64>; TERMS] = std::array::from_fn(|k| {
+            self.reduced_poses
+                .iter()
+                .flat_map(|block| block.column(k).iter().copied().collect::<Vec<_>>())
+                .collect()
+        });
+        let mut solved = columns.clone();
+        solved.iter_mut().for_each(|column| system.solve_again(column));
+        let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+        let mut hessian = self.reduced_hessian;
+        for k in 0..TERMS {
+            hessian[(k, k)] += lambda * self.hessian[(k, k)];
+        }
+        let hessian = hessian - SMatrix::from_fn(|k, l| dot(&columns[k], &solved[l]));
+        let gradient = self.reduced_gradient + Terms::from_fn(|k, _| dot(&columns[k], delta));
+        let step = -hessian.cholesky()?.solve(&gradient);
+        for (column, step) in solved.iter().zip(step.iter()) {
+            delta.iter_mut().zip(column).for_each(|(delta, column)| *delta -= column * step);
+        }
+        step.iter().all(|v| v.is_finite()).then_some(step.into())
+    }
+
+    /// What a step of the terms adds to a point's gradient.
+    pub fn of_depth(&self, point: usize, lens: &[f64; TERMS]) -> f64 {
+        self.depths[point].dot(&Terms::from(*lens))
+    }
+}
