@@ -1,10 +1,13 @@
 //! Loading maps.
 
 use super::about::{About, AboutError};
-use super::messages::{GraphMessage, KeyframeMessage};
+use super::messages::{FeaturesMessage, GraphMessage, KeyframeMessage};
 use super::records::{Stop, read_chunk, read_file};
-use super::{FORMAT_VERSION, GRAPH_TOPIC, IMAGE_TOPIC, KEYFRAME_TOPIC, PROFILE, convert, picture, views};
-use crate::{Edge, FramePose, Keyframe, KeyframeId, Map, MapError, check};
+use super::{
+    FEATURES_TOPIC, FORMAT_VERSION, GRAPH_TOPIC, IMAGE_TOPIC, KEYFRAME_TOPIC, PROFILE, convert, picture,
+    views,
+};
+use crate::{AgentId, Edge, FramePose, Identity, Keyframe, KeyframeId, Map, MapError, check};
 use foxglove::messages::CompressedImage;
 use geometry::{GrayImage, Sim3};
 use mcap::records::{Record, op};
@@ -108,6 +111,7 @@ impl Refusal {
 enum Kind {
     Image,
     Keyframe,
+    Features,
     Graph,
 }
 
@@ -119,6 +123,7 @@ struct Contents {
     channels: BTreeMap<u16, Kind>,
     images: BTreeMap<KeyframeId, Arc<GrayImage>>,
     keyframes: BTreeMap<KeyframeId, Keyframe>,
+    features: BTreeMap<KeyframeId, Arc<[u8]>>,
     poses: BTreeMap<KeyframeId, Sim3>,
     /// Poses in the agents' own maps.
     own_poses: BTreeMap<KeyframeId, Sim3>,
@@ -171,6 +176,7 @@ impl Contents {
                 let kind = match channel.topic.as_str() {
                     IMAGE_TOPIC => Kind::Image,
                     KEYFRAME_TOPIC => Kind::Keyframe,
+                    FEATURES_TOPIC => Kind::Features,
                     GRAPH_TOPIC => Kind::Graph,
                     _ => return Ok(()),
                 };
@@ -179,6 +185,7 @@ impl Contents {
             Record::Message { header, data } => match self.channels.get(&header.channel_id) {
                 Some(Kind::Image) => self.image(&data)?,
                 Some(Kind::Keyframe) => self.keyframe(&data)?,
+                Some(Kind::Features) => self.features(&data)?,
                 Some(Kind::Graph) => self.graph(&data)?,
                 None => {}
             },
@@ -221,6 +228,14 @@ impl Contents {
         Ok(())
     }
 
+    /// Takes the features of a keyframe, in place of earlier ones. What they mean is not looked at.
+    fn features(&mut self, data: &[u8]) -> Result<(), String> {
+        let message =
+            FeaturesMessage::decode(data).map_err(|error| format!("features cannot be read: {error}"))?;
+        self.features.insert(KeyframeId(message.keyframe), message.data.into());
+        Ok(())
+    }
+
     /// Takes a change of the graph.
     fn graph(&mut self, data: &[u8]) -> Result<(), String> {
         let message =
@@ -229,6 +244,7 @@ impl Contents {
         for id in &message.removed_keyframe {
             self.keyframes.remove(&KeyframeId(*id));
             self.poses.remove(&KeyframeId(*id));
+            self.features.remove(&KeyframeId(*id));
         }
         let edges = convert::edges_from_message(&message)?;
         let frames = convert::frames_from_message(&message)?;
@@ -248,7 +264,8 @@ impl Contents {
     /// The map, checked.
     fn into_map(mut self) -> Result<LoadedMap, Refusal> {
         let is_damaged = self.is_damaged();
-        let About { agents, merge_provenance } = self.about;
+        let unknown = self.about.unknown();
+        let About { agents, merge_provenance, .. } = self.about;
         let (edges, frames, keyframes) = (self.edges, self.frames, self.keyframes);
         let mut map = Map { agents, keyframes, edges, frames, merge_provenance };
         let mut warnings = self.warnings;
@@ -259,17 +276,34 @@ impl Contents {
             if let Some(pose) = self.poses.get(id) {
                 keyframe.world_from_keyframe = *pose;
             }
+            keyframe.features = self.features.remove(id);
             let agent = map.agents.get_mut(&keyframe.agent);
             if let (Some(own), Some(pose)) = (agent.and_then(|a| a.own.as_mut()), self.own_poses.remove(id)) {
                 own.world_from_keyframe.insert(*id, pose);
             }
         }
+        identify(&mut map, &unknown);
         check::map(&map)?;
         if is_damaged {
             warnings.extend(drop_dangling(&mut map));
             warnings.push(format!("{} keyframes were loaded", map.keyframes.len()));
         }
         Ok(LoadedMap { map, complete: !is_damaged, warnings })
+    }
+}
+
+/// Gives agents of files from before there were identities those that follow from what they saw first, which is the same
+/// in all copies of such a map and in all maps that it was merged into.
+fn identify(map: &mut Map, unknown: &[AgentId]) {
+    for agent in unknown {
+        let first = map.keyframes.values().find(|keyframe| keyframe.agent == *agent);
+        let Some(info) = map.agents.get_mut(agent) else { continue };
+        let of = |first: &Keyframe| Identity::of_recording(&info.camera, first.timestamp, &first.image);
+        let mut identity = first.map_or_else(|| Identity::of_name(&info.name, &info.camera), of);
+        while map.agents.values().any(|other| other.identity == Some(identity)) {
+            identity = identity.later(1);
+        }
+        map.agents.entry(*agent).and_modify(|info| info.identity = Some(identity));
     }
 }
 
@@ -323,12 +357,13 @@ mod tests {
         map.edges.iter().for_each(|edge| convert::push_edge(&mut graph, edge));
         map.frames.iter().for_each(|frame| convert::push_frame(&mut graph, frame));
         let graph = graph.encode_to_vec();
+        let features = FeaturesMessage { keyframe: 1, data: vec![7; 40] }.encode_to_vec();
         let mut numbers = Numbers::new(5);
         let mut below = |limit: usize| (numbers.next() * limit as f64) as usize;
         let mut outcomes = [0, 0];
         for round in 0..3000 {
-            let mut messages = [image.clone(), depth.clone(), graph.clone()];
-            let changed = &mut messages[round % 3];
+            let mut messages = [image.clone(), depth.clone(), graph.clone(), features.clone()];
+            let changed = &mut messages[round % 4];
             for _ in 0..=below(3) {
                 let at = below(changed.len());
                 changed[at] = below(256) as u8;
@@ -340,7 +375,8 @@ mod tests {
             let taken = contents
                 .image(&messages[0])
                 .and_then(|()| contents.keyframe(&messages[1]))
-                .and_then(|()| contents.graph(&messages[2]));
+                .and_then(|()| contents.graph(&messages[2]))
+                .and_then(|()| contents.features(&messages[3]));
             let loaded = taken.map_err(Refusal::from).and_then(|()| contents.into_map());
             outcomes[usize::from(loaded.is_ok())] += 1;
         }

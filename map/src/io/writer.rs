@@ -51,15 +51,15 @@ impl MapWriter {
     pub fn create(path: impl AsRef<Path>, agent: &AgentInfo) -> Result<Self, MapError> {
         let path = path.as_ref();
         check::agent(agent).map_err(|what| MapError::invalid(path, what))?;
-        let about = About { agents: [(AgentId::default(), agent.clone())].into(), ..Default::default() };
+        let about = About::of_agent(agent);
         let sink = File::create(path)
             .and_then(|file| MapSink::create(BufWriter::new(file), &about))
             .map_err(|source| MapError::write(path, source))?;
         Ok(Self { path: path.to_owned(), agent: agent.clone(), sink })
     }
 
-    /// Appends a keyframe, or what has become of it since: depth, points and pose replace those
-    /// written before, the image is written once.
+    /// Appends a keyframe, or what has become of it since: depth, points, features and pose replace those
+    /// written before, the image is written once, and features when they are others.
     ///
     /// # Errors
     /// [`MapError::Write`] when the system refuses, [`MapError::Invalid`] when the keyframe could not
