@@ -13,6 +13,7 @@ use geometry::{GrayImage, Sim3};
 use mcap::records::{Record, op};
 use mcap::{McapError, parse_record};
 use prost::Message;
+use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::BufReader;
@@ -121,10 +122,13 @@ struct Contents {
     has_header: bool,
     about: About,
     channels: BTreeMap<u16, Kind>,
-    images: BTreeMap<KeyframeId, Arc<GrayImage>>,
+    /// The files of the keyframes' images: they are decoded together when all is read.
+    images: BTreeMap<KeyframeId, Vec<u8>>,
     keyframes: BTreeMap<KeyframeId, Keyframe>,
     features: BTreeMap<KeyframeId, Arc<[u8]>>,
     poses: BTreeMap<KeyframeId, Sim3>,
+    /// What keyframes have before theirs is decoded.
+    no_image: Arc<GrayImage>,
     /// Poses in the agents' own maps.
     own_poses: BTreeMap<KeyframeId, Sim3>,
     edges: Vec<Edge>,
@@ -200,10 +204,7 @@ impl Contents {
             CompressedImage::decode(data).map_err(|error| format!("an image cannot be read: {error}"))?;
         let id = views::keyframe_of_frame(&message.frame_id)
             .ok_or_else(|| format!("an image belongs to \"{}\", which is no keyframe", message.frame_id))?;
-        let cameras = self.about.agents.values().map(|agent| agent.camera);
-        let image = picture::decode_png(&message.data, cameras.map(|camera| (camera.width, camera.height)))
-            .map_err(|what| format!("the image of keyframe {} cannot be used: {what}", id.0))?;
-        self.images.insert(id, Arc::new(image));
+        self.images.insert(id, message.data.into());
         Ok(())
     }
 
@@ -212,7 +213,7 @@ impl Contents {
         let message =
             KeyframeMessage::decode(data).map_err(|error| format!("a keyframe cannot be read: {error}"))?;
         let id = KeyframeId(message.id);
-        let Some(image) = self.images.get(&id) else {
+        if !self.images.contains_key(&id) {
             let what = format!("keyframe {} has no image", id.0);
             return if self.is_damaged() {
                 self.damage(what + " and was left out");
@@ -220,8 +221,8 @@ impl Contents {
             } else {
                 Err(what)
             };
-        };
-        let (keyframe, own_pose) = convert::keyframe_from_message(message, Arc::clone(image))?;
+        }
+        let (keyframe, own_pose) = convert::keyframe_from_message(message, Arc::clone(&self.no_image))?;
         self.own_poses.extend(own_pose.map(|pose| (id, pose)));
         self.poses.insert(id, keyframe.world_from_keyframe);
         self.keyframes.insert(id, keyframe);
@@ -272,6 +273,7 @@ impl Contents {
         if is_damaged {
             warnings.extend(drop_strangers(&mut map));
         }
+        decode_images(&self.images, &mut map)?;
         for (id, keyframe) in &mut map.keyframes {
             if let Some(pose) = self.poses.get(id) {
                 keyframe.world_from_keyframe = *pose;
@@ -290,6 +292,22 @@ impl Contents {
         }
         Ok(LoadedMap { map, complete: !is_damaged, warnings })
     }
+}
+
+/// Gives every keyframe its image.
+fn decode_images(images: &BTreeMap<KeyframeId, Vec<u8>>, map: &mut Map) -> Result<(), String> {
+    let cameras = map.agents.values().map(|info| info.camera);
+    let sizes: Vec<(usize, usize)> = cameras.map(|camera| (camera.width, camera.height)).collect();
+    let decode = |(id, keyframe): (&KeyframeId, &mut Keyframe)| {
+        let file = images.get(id).map_or(&[][..], |file| file);
+        let image = picture::decode_png(file, sizes.iter().copied())
+            .map_err(|what| format!("the image of keyframe {} cannot be used: {what}", id.0))?;
+        keyframe.image = Arc::new(image);
+        Ok(())
+    };
+    // Collected, so that of several errors the first is told, whichever core comes upon one first.
+    let decoded: Vec<Result<(), String>> = map.keyframes.par_iter_mut().map(decode).collect();
+    decoded.into_iter().collect()
 }
 
 /// Gives agents of files from before there were identities those that follow from what they saw first, which is the same

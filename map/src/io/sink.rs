@@ -50,13 +50,27 @@ impl<W: Write + Seek> MapSink<W> {
         Ok(Self { mcap, channels, images, features, poses, edges: Vec::new(), frames: Vec::new() })
     }
 
+    /// [`keyframe`](Self::keyframe) with its image as a PNG file that was made before.
+    pub(super) fn keyframe_with_image(
+        &mut self,
+        keyframe: &Keyframe,
+        png: Vec<u8>,
+        own_pose: Option<&Sim3>,
+    ) -> io::Result<()> {
+        self.image(keyframe, png)?;
+        self.keyframe(keyframe, own_pose)
+    }
+
+    fn image(&mut self, keyframe: &Keyframe, png: Vec<u8>) -> io::Result<()> {
+        self.images.insert(keyframe.id);
+        self.message(self.channels.image, keyframe.timestamp, &views::image(keyframe, png))
+    }
+
     /// Writes a keyframe. Its image is written once, and so are its features; depth, points and pose replace earlier ones.
     /// `own_pose` is its pose in its agent's own map, where that is another one.
     pub(super) fn keyframe(&mut self, keyframe: &Keyframe, own_pose: Option<&Sim3>) -> io::Result<()> {
         if !self.images.contains(&keyframe.id) {
-            let image = views::image(keyframe, picture::encode_png(&keyframe.image)?);
-            self.message(self.channels.image, keyframe.timestamp, &image)?;
-            self.images.insert(keyframe.id);
+            self.image(keyframe, picture::encode_png(&keyframe.image)?)?;
         }
         let message = convert::keyframe_to_message(keyframe, own_pose);
         self.message(self.channels.keyframe, keyframe.timestamp, &message)?;
