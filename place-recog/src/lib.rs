@@ -6,6 +6,7 @@ mod fabmap;
 pub mod features;
 mod propose;
 mod sequence;
+pub mod stored;
 mod thumbnail;
 mod vocabulary;
 
