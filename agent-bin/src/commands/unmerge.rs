@@ -2,10 +2,10 @@
 
 use super::info_map::load_at;
 use crate::console;
-use crate::merging::{Names, keep_from, listed, write_maps};
-use crate::results::{Owner, Results};
 use anyhow::{Context, Result, anyhow, bail};
 use clap::Args;
+use loopbox::merging::{Names, keep_from, listed, write_maps};
+use loopbox::results::{Owner, Results};
 use map::{AgentId, Map};
 use merge::common_map::{CommonMap, Fused, FusionParams};
 use std::path::PathBuf;
@@ -126,7 +126,7 @@ fn provenance(args: &UnmergeArgs, map: &Map, [a, b]: [&str; 2]) -> Vec<(String, 
 fn summary(args: &UnmergeArgs, groups: &[Fused], names: &Names, [a, b]: [AgentId; 2]) -> String {
     let mut said = String::new();
     for (index, group) in groups.iter().enumerate() {
-        let file = crate::merging::map_file(index, group, names);
+        let file = loopbox::merging::map_file(index, group, names);
         said += &format!("{}: {}\n", args.out.join(file).display(), names.list(&group.agents));
     }
     if groups.iter().any(|group| group.agents.contains(&a) && group.agents.contains(&b)) {
