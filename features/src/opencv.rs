@@ -1,33 +1,11 @@
 //! SIFT by OpenCV.
 
-use super::{Descriptor, Features, Keypoint};
+use crate::{Descriptor, Features, Keypoint, SiftParams};
+use ::opencv::core::{self, CV_8U, KeyPoint, Mat, Vector, no_array};
+use ::opencv::features2d::SIFT;
+use ::opencv::prelude::*;
 use geometry::{GrayImage, Pyramid};
-use opencv::core::{self, CV_8U, KeyPoint, Mat, Vector, no_array};
-use opencv::features2d::SIFT;
-use opencv::prelude::*;
-use serde::{Deserialize, Serialize};
 use std::sync::LazyLock;
-
-/// How features are found.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct SiftParams {
-    /// Most features of an image, the strongest first. Default 1500; above 0. More find more matches between far
-    /// apart views, and cost matching time, which grows with the square.
-    pub max_features: usize,
-    /// How often the image is halved first. Default 1; 0 to 3. On 640×480 images the whole one gives 1.6 times the
-    /// matches and takes 130 ms, the halved one 35 ms; the poses are refined on the whole images later anyway.
-    pub halvings: usize,
-    /// Least contrast of a key point, as OpenCV counts it. Default 0.02 (OpenCV: 0.04); above 0. Lower finds
-    /// features in dim images, and weaker ones.
-    pub contrast: f64,
-}
-
-impl Default for SiftParams {
-    fn default() -> Self {
-        Self { max_features: 1500, halvings: 1, contrast: 0.02 }
-    }
-}
 
 /// OpenCV failed.
 #[derive(Debug, thiserror::Error)]
@@ -35,7 +13,7 @@ impl Default for SiftParams {
 pub struct SiftError {
     width: usize,
     height: usize,
-    source: opencv::Error,
+    source: ::opencv::Error,
 }
 
 /// Finds and describes the features of an image, strongest first.
@@ -50,7 +28,7 @@ pub fn sift(image: &GrayImage, params: &SiftParams) -> Result<Features, SiftErro
 /// it while another thread works makes OpenCV take down the pool under it.
 static SINGLE_THREADED: LazyLock<bool> = LazyLock::new(|| core::set_num_threads(0).is_ok());
 
-fn detect(image: &GrayImage, params: &SiftParams) -> opencv::Result<Features> {
+fn detect(image: &GrayImage, params: &SiftParams) -> ::opencv::Result<Features> {
     LazyLock::force(&SINGLE_THREADED);
     let pyramid = Pyramid::new(image.clone(), params.halvings + 1);
     let level = pyramid.len() - 1;

@@ -1,13 +1,15 @@
 //! Local features of a keyframe: key points with SIFT descriptors (Lowe 2004), for recognising places and for
 //! matching two keyframes.
 
-#[cfg(feature = "sift")]
-mod sift;
-#[cfg(all(test, feature = "sift"))]
+#[cfg(feature = "opencv-sift")]
+mod opencv;
+mod params;
+#[cfg(all(test, feature = "opencv-sift"))]
 mod tests;
 
-#[cfg(feature = "sift")]
-pub use sift::{SiftError, SiftParams, sift};
+#[cfg(feature = "opencv-sift")]
+pub use opencv::{SiftError, sift};
+pub use params::SiftParams;
 
 /// A RootSIFT descriptor (Arandjelović & Zisserman 2012): the square roots of the SIFT histogram after it was
 /// normalised to a sum of one, times 256. Euclidean distance between two is the Hellinger distance of the
