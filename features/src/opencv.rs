@@ -1,32 +1,30 @@
 //! SIFT by OpenCV.
 
-use crate::{Descriptor, Features, Keypoint, SiftParams};
+use crate::{Descriptor, Extractor, Features, Keypoint, SiftError, SiftParams};
 use ::opencv::core::{self, CV_8U, KeyPoint, Mat, Vector, no_array};
 use ::opencv::features2d::SIFT;
 use ::opencv::prelude::*;
 use geometry::{GrayImage, Pyramid};
 use std::sync::LazyLock;
 
-/// OpenCV failed.
-#[derive(Debug, thiserror::Error)]
-#[error("OpenCV could not find SIFT features in an image of {width}×{height} pixels")]
-pub struct SiftError {
-    width: usize,
-    height: usize,
-    source: ::opencv::Error,
-}
+/// SIFT by the system's OpenCV.
+#[derive(Clone, Debug, Default)]
+pub struct OpenCvSift(pub SiftParams);
 
-/// Finds and describes the features of an image, strongest first.
-///
-/// # Errors
-/// When OpenCV fails, as it does on an empty image.
-pub fn sift(image: &GrayImage, params: &SiftParams) -> Result<Features, SiftError> {
-    detect(image, params).map_err(|source| SiftError { width: image.width(), height: image.height(), source })
+impl Extractor for OpenCvSift {
+    fn extract(&self, image: &GrayImage) -> Result<Features, SiftError> {
+        let (width, height) = (image.width(), image.height());
+        detect(image, &self.0).map_err(|source| SiftError::OpenCv { width, height, source })
+    }
 }
 
 /// Whether OpenCV keeps to one thread an image: callers extract several images at once. Set once, because setting
 /// it while another thread works makes OpenCV take down the pool under it.
 static SINGLE_THREADED: LazyLock<bool> = LazyLock::new(|| core::set_num_threads(0).is_ok());
+
+/// How far OpenCV's key points lie right of and below their places, pixels: it looks for them in an image of twice the
+/// size, whose pixel x lies at x/2 − 1/4, and reports x/2.
+const UPSCALE_SHIFT: f32 = 0.25;
 
 fn detect(image: &GrayImage, params: &SiftParams) -> ::opencv::Result<Features> {
     LazyLock::force(&SINGLE_THREADED);
@@ -46,7 +44,7 @@ fn detect(image: &GrayImage, params: &SiftParams) -> ::opencv::Result<Features> 
     order.sort_by(|&a, &b| keypoints[b].response().total_cmp(&keypoints[a].response()).then(a.cmp(&b)));
     order.truncate(params.max_features);
     let unit = (1 << level) as f32;
-    let whole = |v: f32| (v + 0.5) * unit - 0.5;
+    let whole = |v: f32| (v - UPSCALE_SHIFT + 0.5) * unit - 0.5;
     let mut features = Features::default();
     for index in order {
         let keypoint = &keypoints[index];
