@@ -1,7 +1,9 @@
 //! Local features of a keyframe: key points with SIFT descriptors (Lowe 2004), for recognising places and for
 //! matching two keyframes.
 
+pub mod codec;
 mod extractor;
+mod numbers;
 #[cfg(feature = "opencv-sift")]
 mod opencv;
 mod params;

@@ -14,6 +14,7 @@ use features::{Features, SiftParams};
 use geometry::GrayImage;
 use judge::Tally;
 use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
 /// A way from an image to features.
@@ -22,8 +23,20 @@ struct Maker {
     make: fn(&GrayImage) -> Features,
 }
 
+/// Bytes that codes took so far.
+static CODED: AtomicUsize = AtomicUsize::new(0);
+
 const MAKERS: &[Maker] = &[
     Maker { name: "loopbox", make: |image| features::sift(image, &SiftParams::default()).expect("pixels") },
+    Maker {
+        name: "coded",
+        make: |image| {
+            let found = features::sift(image, &SiftParams::default()).expect("pixels");
+            let bytes = features::codec::encode(&found);
+            CODED.fetch_add(bytes.len(), Ordering::Relaxed);
+            features::codec::decode(&bytes).expect("just encoded")
+        },
+    },
     #[cfg(feature = "opencv-sift")]
     Maker {
         name: "opencv",
@@ -59,6 +72,15 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 times.push(processor_time().saturating_sub(start));
                 count += features.len();
                 found.insert((m, v), features);
+            }
+            let coded = CODED.swap(0, Ordering::Relaxed);
+            if coded > 0 {
+                let each = coded as f64 / count as f64;
+                println!(
+                    "  {:10} {} bytes an image, {each:.1} a feature",
+                    maker.name,
+                    coded / set.views.len()
+                );
             }
             times.sort();
             let median = times[times.len() / 2].as_secs_f64() * 1e3;

@@ -1,6 +1,6 @@
 //! Gaussian blur by two passes over rows of `f32`.
 
-use super::numbers::exp;
+use crate::numbers::exp;
 use geometry::Image;
 
 /// Pixels worked on at once: they stay in registers.

@@ -1,9 +1,9 @@
 //! The descriptor of a key point: 4 × 4 histograms of 8 gradient directions (Lowe 2004, §6).
 
 use super::gradient::Gradient;
-use super::numbers::sin_cos;
 use super::window::Window;
 use crate::Descriptor;
+use crate::numbers::sin_cos;
 
 /// Histograms along a side.
 const CELLS: usize = 4;

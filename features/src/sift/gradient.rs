@@ -1,6 +1,6 @@
 //! Length and direction of an image's gradient.
 
-use super::numbers::direction;
+use crate::numbers::direction;
 use geometry::Image;
 
 /// The gradient of a blurred image by central differences; zero at the border.

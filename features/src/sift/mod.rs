@@ -8,17 +8,16 @@ mod blur;
 mod descriptor;
 mod extrema;
 mod gradient;
-mod numbers;
 mod orientation;
 mod scale_space;
 
 mod window;
 
+use crate::numbers::exp2;
 use crate::{Features, Keypoint, SiftParams};
 use extrema::{Extremum, extrema};
 use geometry::{GrayImage, Pyramid};
 use gradient::Gradient;
-use numbers::exp2;
 use scale_space::{LAYERS, Octave, Placed, SIGMA, first, octaves};
 use window::Window;
 

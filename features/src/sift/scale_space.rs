@@ -1,7 +1,7 @@
 //! The scale space: octaves of ever more blurred images, and the differences of neighbours (Lowe 2004, §3).
 
 use super::blur::Kernel;
-use super::numbers::exp2;
+use crate::numbers::exp2;
 use geometry::{GrayImage, Image};
 
 /// Scales of an octave at which extrema are looked for (Lowe 2004, §3.2).

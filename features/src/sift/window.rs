@@ -1,6 +1,6 @@
 //! A round Gaussian window around a key point.
 
-use super::numbers::exp;
+use crate::numbers::exp;
 use std::ops::Range;
 
 /// The weights of a window: as a Gaussian is the product of one along either axis, two tables hold it.
