@@ -22,6 +22,7 @@ fn small_map(name: &str, width: usize) -> Map {
             image: Arc::new(GrayImage::filled(width, 8, width as u8)),
             semi_dense: SemiDense { pixel: vec![7], inverse_depth: vec![0.5], variance: vec![1e-6] }.into(),
             points: Vec::new(),
+            features: None,
         };
         map.keyframes.insert(id, keyframe);
         map.frames.push(FramePose {

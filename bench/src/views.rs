@@ -117,6 +117,7 @@ mod tests {
             semi_dense: map::SemiDense { inverse_depth: vec![1.0; 1200], variance: vec![0.01; 1200], pixel }
                 .into(),
             points: Vec::new(),
+            features: None,
         };
         View::new(&keyframe, &CAMERA, Se3::new(UnitQuaternion::identity(), Vector3::new(x, 0.0, 0.0)), 4.0)
     }

@@ -1,6 +1,6 @@
 //! Agents: whose keyframes a map holds.
 
-use crate::KeyframeId;
+use crate::{Identity, KeyframeId};
 use geometry::{Pinhole, Sim3};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
@@ -19,6 +19,9 @@ pub struct AgentInfo {
     pub name: String,
     /// The pinhole camera its keyframe images were undistorted to.
     pub camera: Pinhole,
+    /// Who it is, and which of its maps this is; unique within the map. `None` while nobody said: such an agent is known
+    /// by its keyframes alone.
+    pub identity: Option<Identity>,
     /// Where its map came from: free `key → value` text (source, program version, parameters, …).
     pub provenance: BTreeMap<String, String>,
     /// In a united map: what it takes to get the agent's own map back. `None` in that own map.
@@ -26,9 +29,9 @@ pub struct AgentInfo {
 }
 
 impl AgentInfo {
-    /// An agent with images of `camera`.
+    /// An agent with images of `camera`, of no identity yet.
     pub fn new(name: impl Into<String>, camera: Pinhole) -> Self {
-        Self { name: name.into(), camera, provenance: BTreeMap::new(), own: None }
+        Self { name: name.into(), camera, identity: None, provenance: BTreeMap::new(), own: None }
     }
 
     /// An agent that nobody named.

@@ -27,11 +27,14 @@ pub(crate) fn agents(map: &Map) -> Result<(), String> {
     if map.agents.is_empty() {
         return Err("there is no agent".into());
     }
-    let mut names = BTreeSet::new();
+    let (mut names, mut identities) = (BTreeSet::new(), BTreeSet::new());
     for info in map.agents.values() {
         agent(info)?;
         if !names.insert(&info.name) {
             return Err(format!("two agents have the name \"{}\"", info.name));
+        }
+        if let Some(identity) = info.identity.filter(|identity| !identities.insert(*identity)) {
+            return Err(format!("agent \"{}\" is another one's: both are {identity}", info.name));
         }
         if info.own.is_none() && map.agents.len() > 1 {
             return Err(format!("agent \"{}\" does not know its own map", info.name));

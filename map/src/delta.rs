@@ -2,6 +2,7 @@
 
 use crate::{Edge, Keyframe, KeyframeId, Map, Point, SemiDense, Shared};
 use geometry::Sim3;
+use std::sync::Arc;
 
 /// What one step of work changed in an agent's map.
 ///
@@ -17,6 +18,8 @@ pub struct MapDelta {
     pub moved: Vec<Moved>,
     /// Keyframes whose depth became known.
     pub settled: Vec<Settled>,
+    /// Keyframes whose features were found.
+    pub described: Vec<Described>,
     /// All edges, if they were made anew.
     pub edges: Option<Vec<Edge>>,
     /// Keyframes that are gone.
@@ -43,11 +46,21 @@ pub struct Settled {
     pub points: Vec<Point>,
 }
 
+/// A keyframe whose features were found.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Described {
+    /// Which.
+    pub keyframe: KeyframeId,
+    /// Its [`features`](Keyframe::features).
+    pub features: Arc<[u8]>,
+}
+
 impl MapDelta {
     /// Whether nothing happened.
     pub fn is_empty(&self) -> bool {
-        let Self { sequence: _, added, moved, settled, edges, removed } = self;
-        added.is_empty() && moved.is_empty() && settled.is_empty() && edges.is_none() && removed.is_empty()
+        let Self { sequence: _, added, moved, settled, described, edges, removed } = self;
+        let keyframes = added.is_empty() && moved.is_empty() && settled.is_empty() && described.is_empty();
+        keyframes && edges.is_none() && removed.is_empty()
     }
 }
 
@@ -65,6 +78,11 @@ impl Map {
         for Settled { keyframe, semi_dense, points } in delta.settled {
             if let Some(keyframe) = self.keyframes.get_mut(&keyframe) {
                 (keyframe.semi_dense, keyframe.points) = (semi_dense, points);
+            }
+        }
+        for Described { keyframe, features } in delta.described {
+            if let Some(keyframe) = self.keyframes.get_mut(&keyframe) {
+                keyframe.features = Some(features);
             }
         }
         for id in &delta.removed {
@@ -97,6 +115,7 @@ mod tests {
             world_from_keyframe: Sim3::identity(),
             semi_dense: SemiDense::default().into(),
             points: Vec::new(),
+            features: None,
             ..k.clone()
         };
         let spurious = Keyframe { id: KeyframeId(9999), ..bare(map.keyframes.values().next().unwrap()) };
@@ -110,10 +129,14 @@ mod tests {
             semi_dense: k.semi_dense.clone(),
             points: k.points.clone(),
         });
-        let (moved, settled) = (moved.collect(), settled.collect());
+        let described = map
+            .keyframes
+            .values()
+            .filter_map(|k| Some(Described { keyframe: k.id, features: k.features.clone()? }));
+        let (moved, settled, described) = (moved.collect(), settled.collect(), described.collect());
         told.take_in(MapDelta { added, ..MapDelta::default() });
         assert_eq!(told.keyframes.len(), map.keyframes.len() + 1);
-        told.take_in(MapDelta { sequence: 1, moved, settled, ..MapDelta::default() });
+        told.take_in(MapDelta { sequence: 1, moved, settled, described, ..MapDelta::default() });
         let (edges, removed) = (Some(map.edges.clone()), vec![KeyframeId(9999)]);
         let last = MapDelta { sequence: 2, edges, removed, ..MapDelta::default() };
         assert!(!last.is_empty() && MapDelta::default().is_empty());

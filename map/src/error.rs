@@ -60,7 +60,7 @@ pub enum MapError {
         what: String,
     },
     /// Maps to be united hold the same agent.
-    #[error("the same map twice: the maps number {} and {} (\"{}\", \"{}\") have the same keyframes; give each map once",
+    #[error("the same map twice: the maps number {} and {} (\"{}\", \"{}\") are of the same run; give each map once",
         maps[0] + 1, maps[1] + 1, agents[0], agents[1])]
     SameMapTwice {
         /// Which of the maps given, from 0, the earlier first.

@@ -32,6 +32,8 @@ pub struct Keyframe {
     pub semi_dense: Shared<SemiDense>,
     /// The sparse points hosted here, with their observations: what the joint optimisation works on.
     pub points: Vec<Point>,
+    /// The local features of the image, as the crate `features` encodes them; `None` while nobody looked for them.
+    pub features: Option<Arc<[u8]>>,
 }
 
 /// Inverse depth with variance for the pixels that have one, in memory order of the image.

@@ -7,6 +7,7 @@ mod check;
 mod delta;
 mod error;
 mod export;
+mod identity;
 mod io;
 mod keyframe;
 mod place;
@@ -18,18 +19,20 @@ mod trajectory;
 mod unite;
 
 pub use agent::{AgentId, AgentInfo, OwnMap};
-pub use delta::{MapDelta, Moved, Settled};
+pub use delta::{Described, MapDelta, Moved, Settled};
 pub use error::MapError;
 pub use export::{
     CloudPoint, DEFAULT_MAX_RELATIVE_VARIANCE, agent_color, save_kitti, save_pcd, save_ply, save_tum,
     write_kitti, write_pcd, write_ply, write_tum,
 };
+pub use identity::{Identity, KeyframeName};
 pub use io::{FORMAT_VERSION, LoadedMap, MapWriter, is_map_file, load_map, save_map};
 pub use keyframe::{Edge, EdgeKind, Keyframe, KeyframeId, Observation, Point, SemiDense};
 pub use place::{PlaceCandidate, PlaceIndex};
 pub use shared::Shared;
 pub use summary::{AgentSummary, Summary};
 pub use trajectory::{FramePose, StampedPose};
+pub use uuid::Uuid;
 
 use geometry::{Pinhole, Sim3};
 use std::collections::BTreeMap;
@@ -85,6 +88,21 @@ impl Map {
     /// The agents' names made safe for files and topics: letters, digits, `.`, `-` and `_`, still unique.
     pub fn agent_labels(&self) -> BTreeMap<AgentId, String> {
         agent::labels(&self.agents)
+    }
+
+    /// What a keyframe is called for ever; `None` for an id of no agent, and of an agent whose identity is not known.
+    pub fn name_of(&self, id: KeyframeId) -> Option<KeyframeName> {
+        let info = &self.agents[&agent::owner(&self.agents, id)?];
+        let first = info.own.as_ref().map_or(0, |own| own.first_keyframe);
+        Some(KeyframeName { agent: info.identity?, number: id.0 - first })
+    }
+
+    /// The keyframe of a name: its id in this map, if it is in it.
+    pub fn find(&self, name: KeyframeName) -> Option<KeyframeId> {
+        let info = self.agents.values().find(|info| info.identity == Some(name.agent))?;
+        let first = info.own.as_ref().map_or(0, |own| own.first_keyframe);
+        let id = KeyframeId(first.checked_add(name.number)?);
+        (self.keyframes.contains_key(&id) && self.name_of(id) == Some(name)).then_some(id)
     }
 
     /// World pose of a tracked frame through its reference keyframe; `None` when that keyframe is gone.

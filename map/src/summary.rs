@@ -1,6 +1,6 @@
 //! What a map holds, in numbers.
 
-use crate::{AgentId, AgentInfo, EdgeKind, Map};
+use crate::{AgentId, AgentInfo, EdgeKind, Identity, Map};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt;
@@ -45,10 +45,14 @@ pub struct Summary {
 pub struct AgentSummary {
     /// Its name.
     pub name: String,
+    /// Who it is, and which of its maps this is; `null` when nobody said.
+    pub identity: Option<Identity>,
     /// Image width and height, pixels.
     pub image_size: [usize; 2],
     /// Number of keyframes.
     pub keyframes: usize,
+    /// Keyframes that have features.
+    pub described: usize,
     /// Frames tracked.
     pub frames: usize,
     /// Seconds from the first to the last tracked frame.
@@ -91,12 +95,15 @@ impl Map {
     /// One agent in numbers.
     fn agent_summary(&self, id: AgentId, info: &AgentInfo) -> AgentSummary {
         let trajectory = self.trajectory_of(id);
+        let own = self.keyframes.values().filter(|keyframe| keyframe.agent == id);
         let times = trajectory.first().zip(trajectory.last());
         let position = |index: usize| trajectory[index].world_from_camera.translation;
         AgentSummary {
             name: info.name.clone(),
+            identity: info.identity,
             image_size: [info.camera.width, info.camera.height],
-            keyframes: self.keyframes.values().filter(|keyframe| keyframe.agent == id).count(),
+            keyframes: own.clone().count(),
+            described: own.clone().filter(|keyframe| keyframe.features.is_some()).count(),
             frames: trajectory.len(),
             duration: times.map_or(0.0, |(first, last)| last.timestamp - first.timestamp),
             path_length: (1..trajectory.len())
@@ -110,6 +117,7 @@ impl fmt::Display for Summary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if let [agent] = &*self.agents {
             writeln!(f, "name         {}", agent.name)?;
+            writeln!(f, "identity     {}", agent.named())?;
             writeln!(f, "images       {}", agent.images())?;
         } else {
             writeln!(f, "agents       {}", self.agents.len())?;
@@ -141,6 +149,11 @@ impl fmt::Display for Summary {
 }
 
 impl AgentSummary {
+    /// Who it is, for people.
+    fn named(&self) -> String {
+        self.identity.map_or_else(|| "none".to_owned(), |identity| identity.to_string())
+    }
+
     /// The size of the images, for people.
     fn images(&self) -> String {
         let [width, height] = self.image_size;
@@ -151,6 +164,7 @@ impl AgentSummary {
 impl fmt::Display for AgentSummary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "agent        {}", self.name)?;
+        writeln!(f, "identity     {}", self.named())?;
         writeln!(f, "images       {}", self.images())?;
         writeln!(f, "keyframes    {}", self.keyframes)?;
         writeln!(f, "frames       {} in {:.2} s", self.frames, self.duration)?;

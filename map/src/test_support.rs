@@ -1,7 +1,8 @@
 //! A small map for the tests of this crate.
 
 use crate::{
-    AgentId, AgentInfo, Edge, EdgeKind, FramePose, Keyframe, KeyframeId, Map, Observation, Point, SemiDense,
+    AgentId, AgentInfo, Edge, EdgeKind, FramePose, Identity, Keyframe, KeyframeId, Map, Observation, Point,
+    SemiDense,
 };
 use geometry::{GrayImage, Pinhole, Se3, Sim3};
 use nalgebra::{SMatrix, SVector, Vector6};
@@ -71,6 +72,7 @@ pub(crate) fn random_map(agent: AgentInfo, keyframes: u32, seed: u64) -> Map {
     map.edges = (1..keyframes).map(|i| edge(i, kinds[i as usize % 4], &mut numbers)).collect();
     let provenance = [("source", "a folder with an ümlaut"), ("parameters", "[tracking]\nlevels = 5\n")];
     let agent = map.agents.get_mut(&AgentId::default()).unwrap();
+    agent.identity = Some(Identity::random([seed as u8; 16]).later(keyframes));
     agent.provenance = provenance.map(|(key, value)| (key.to_owned(), value.to_owned())).into();
     map
 }
@@ -97,6 +99,8 @@ fn keyframe(id: KeyframeId, camera: &Pinhole, numbers: &mut Numbers) -> Keyframe
         image: Arc::new(GrayImage::from_vec(camera.width, camera.height, pixels).unwrap()),
         semi_dense: semi_dense.into(),
         points: (0..4).map(|i| point(i, numbers)).collect(),
+        // Every other keyframe has some.
+        features: (id.0 % 2 == 1).then(|| (0..id.0 as u8 + 3).collect()),
     }
 }
 

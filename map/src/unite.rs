@@ -4,7 +4,9 @@
 mod tests;
 
 use crate::agent::{owner, unique};
-use crate::{AgentId, AgentInfo, Edge, FramePose, Keyframe, KeyframeId, Map, MapError, OwnMap, check};
+use crate::{
+    AgentId, AgentInfo, Edge, FramePose, Identity, Keyframe, KeyframeId, Map, MapError, OwnMap, check,
+};
 use geometry::GrayImage;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -18,7 +20,8 @@ impl Map {
     /// how it was merged.
     ///
     /// # Errors
-    /// [`MapError::SameMapTwice`] when one agent's keyframes are all in another's; [`MapError::Union`] without
+    /// [`MapError::SameMapTwice`] when two are of one run of one agent: of one identity, or all keyframes of the one are
+    /// among the other's; [`MapError::Union`] without
     /// maps, with a map that contradicts itself, or with more agents or keyframes than ids.
     pub fn unite(maps: Vec<Map>) -> Result<Map, MapError> {
         Self::can_unite(&maps.iter().collect::<Vec<_>>())?;
@@ -171,35 +174,48 @@ fn renamed_frame(frame: FramePose, rename: impl Fn(KeyframeId) -> KeyframeId) ->
     FramePose { reference: rename(frame.reference), ..frame }
 }
 
-/// The images of an agent's keyframes by the bits of their time stamps: what tells agents apart, whatever
-/// became of poses, depths and names.
+/// The images of an agent's keyframes by the bits of their time stamps: what tells agents apart that have no
+/// identity, whatever became of poses, depths and names.
 type Views<'a> = BTreeMap<u64, &'a GrayImage>;
 
-/// Refuses an agent whose keyframes are all in another map.
+/// An agent of one of the maps to be united.
+struct Given<'a> {
+    map: usize,
+    name: &'a str,
+    identity: Option<Identity>,
+    views: Views<'a>,
+}
+
+impl Given<'_> {
+    /// Whether this is the same run: of one identity, or the agent with fewer keyframes has none that the other lacks,
+    /// which tells copies apart that nobody named. An agent without keyframes holds those of no other.
+    fn is_same(&self, other: &Self) -> bool {
+        if self.identity.is_some() && self.identity == other.identity {
+            return true;
+        }
+        let (few, many) = if self.views.len() <= other.views.len() { (self, other) } else { (other, self) };
+        !few.views.is_empty() && few.views.iter().all(|(time, image)| many.views.get(time) == Some(image))
+    }
+}
+
+/// Refuses the same run of an agent in two maps.
 fn refuse_same(maps: &[&Map]) -> Result<(), MapError> {
-    let mut agents: Vec<(usize, &str, Views)> = Vec::new();
+    let mut agents: Vec<Given> = Vec::new();
     for (number, map) in maps.iter().enumerate() {
         for (agent, info) in &map.agents {
             let own = map.keyframes.values().filter(|keyframe| keyframe.agent == *agent);
             let views = own.map(|keyframe| (keyframe.timestamp.to_bits(), &*keyframe.image)).collect();
-            agents.push((number, &info.name, views));
+            agents.push(Given { map: number, name: &info.name, identity: info.identity, views });
         }
     }
-    for (i, (later, name, views)) in agents.iter().enumerate() {
-        let same = agents[..i].iter().find(|(earlier, _, others)| earlier != later && is_same(views, others));
-        if let Some((earlier, other, _)) = same {
+    for (i, later) in agents.iter().enumerate() {
+        let earlier = agents[..i].iter().find(|earlier| earlier.map != later.map && later.is_same(earlier));
+        if let Some(earlier) = earlier {
             return Err(MapError::SameMapTwice {
-                maps: [*earlier, *later],
-                agents: [(*other).to_owned(), (*name).to_owned()],
+                maps: [earlier.map, later.map],
+                agents: [earlier.name.to_owned(), later.name.to_owned()],
             });
         }
     }
     Ok(())
-}
-
-/// Whether the agent with fewer keyframes has none that the other lacks. An agent without keyframes is not
-/// the same as any.
-fn is_same(a: &Views, b: &Views) -> bool {
-    let (few, many) = if a.len() <= b.len() { (a, b) } else { (b, a) };
-    !few.is_empty() && few.iter().all(|(time, image)| many.get(time) == Some(image))
 }

@@ -14,7 +14,7 @@ use backend::posegraph::{ConsistencyParams, MapGraph, PoseGraphError, consistent
 use backend::sim3_align::{CompareParams, Comparison, Sim3AlignParams, compare};
 use geometry::Sim3;
 use map::{Edge, EdgeKind, KeyframeId};
-use nalgebra::Vector3;
+use nalgebra::{SMatrix, SVector, Vector3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -35,6 +35,10 @@ pub struct FurtherParams {
     pub direct: Sim3AlignParams,
     /// What keyframes see at a given motion.
     pub compare: CompareParams,
+    /// How far right closures may be off beyond their stated uncertainty, because keyframes share the errors of their
+    /// depths with their neighbours: translation in parts of the keyframe's median distance, rotation in radians, scale
+    /// in parts. Default 0.01, 0.005 and 0.01, as within one closure; above 0.
+    pub drift: [f64; 3],
     /// Which of the closures agree.
     pub consistency: ConsistencyParams,
 }
@@ -53,6 +57,7 @@ impl Default for FurtherParams {
                 ..Sim3AlignParams::default()
             },
             compare: CompareParams::default(),
+            drift: [0.01, 0.005, 0.01],
             consistency: ConsistencyParams::default(),
         }
     }
@@ -118,6 +123,7 @@ pub fn join(
     let (source_nodes, target_nodes) = (nodes(source), nodes(target));
     let from = MapGraph { nodes: &target_nodes, edges: &target.map().edges };
     let to = MapGraph { nodes: &source_nodes, edges: &source.map().edges };
+    edges.iter_mut().for_each(|edge| allow(edge, target, &params.drift));
     let consistent = consistent_set(&edges, from, to, &params.consistency)?;
     let pick = |indices: &[usize]| indices.iter().map(|&index| edges[index].clone()).collect();
     let selected: Vec<Edge> = pick(&consistent.selected);
@@ -173,6 +179,24 @@ fn edge(source: KeyframeId, target: KeyframeId, target_from_source: Estimate) ->
         information: target_from_source.information,
         kind: EdgeKind::Merge,
     }
+}
+
+/// Adds to the uncertainty of an edge what [`FurtherParams::drift`] allows.
+fn allow(edge: &mut Edge, target: &PreparedMap, drift: &[f64; 3]) {
+    let Some(covariance) = edge.information.try_inverse() else { return };
+    let reach = reach(target, edge.from).unwrap_or(0.0);
+    let [translation, rotation, scale] =
+        [drift[0] * reach, drift[1], drift[2]].map(|deviation| deviation.powi(2));
+    let allowed = SVector::from([translation, translation, translation, rotation, rotation, rotation, scale]);
+    let information = (covariance + SMatrix::from_diagonal(&allowed)).try_inverse();
+    edge.information = information.map_or(edge.information, |found| (found + found.transpose()) * 0.5);
+}
+
+/// The median distance of what a keyframe sees, its unit.
+fn reach(map: &PreparedMap, id: KeyframeId) -> Option<f64> {
+    let mut distances: Vec<f64> = sample(map, id)?.iter().map(|point| point.norm()).collect();
+    distances.sort_by(f64::total_cmp);
+    distances.get(distances.len() / 2).copied()
 }
 
 fn nodes(map: &PreparedMap) -> BTreeMap<KeyframeId, Sim3> {
@@ -264,7 +288,6 @@ fn spread(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::SMatrix;
 
     fn pairs(count: u32) -> Vec<(KeyframeId, KeyframeId)> {
         (0..count).map(|k| (KeyframeId(k), KeyframeId(100 + k))).collect()

@@ -3,7 +3,6 @@
 mod bow;
 mod direct;
 mod fabmap;
-pub mod features;
 mod propose;
 mod sequence;
 mod thumbnail;
@@ -12,6 +11,7 @@ mod vocabulary;
 pub use bow::{BowIndex, BowParams};
 pub use direct::{DirectIndex, Directed, RankParams, ranked, shared_features, words};
 pub use fabmap::{FabMap, FabMapParams, Location};
+pub use features;
 pub use propose::{Proposal, ProposeParams, propose};
 pub use sequence::{SequenceParams, supported};
 pub use thumbnail::{ThumbnailIndex, ThumbnailParams};

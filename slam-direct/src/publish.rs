@@ -15,6 +15,7 @@ pub(crate) fn keyframe(local: &LocalMap, keyframe: usize) -> Keyframe {
         image: state.pyramid.shared_base(),
         semi_dense: SemiDense::default().into(),
         points: Vec::new(),
+        features: None,
     }
 }
 

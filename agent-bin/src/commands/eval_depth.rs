@@ -202,6 +202,7 @@ mod tests {
             }
             .into(),
             points: Vec::new(),
+            features: None,
         }
     }
 

@@ -1,7 +1,7 @@
 //! Maps made of other maps: a part of one, and one moved and in other units.
 
 use geometry::Sim3;
-use map::{Edge, FramePose, Keyframe, KeyframeId, Map};
+use map::{AgentInfo, Edge, FramePose, Keyframe, KeyframeId, Map};
 use nalgebra::{SMatrix, SVector};
 use std::collections::BTreeSet;
 use std::ops::Range;
@@ -17,8 +17,10 @@ pub fn cut(map: &Map, range: Range<usize>) -> Map {
         Some((*id, keyframe))
     };
     let within = |edge: &&Edge| kept.contains(&edge.from) && kept.contains(&edge.to);
+    // A part is not the run that it is of.
+    let nameless = |info: &AgentInfo| AgentInfo { identity: None, ..info.clone() };
     Map {
-        agents: map.agents.clone(),
+        agents: map.agents.iter().map(|(agent, info)| (*agent, nameless(info))).collect(),
         keyframes: kept.iter().filter_map(keyframe).collect(),
         edges: map.edges.iter().filter(within).cloned().collect(),
         frames: map.frames.iter().filter(|frame| kept.contains(&frame.reference)).copied().collect(),
@@ -106,6 +108,7 @@ mod tests {
                 semi_dense: SemiDense { pixel: vec![5], inverse_depth: vec![0.5], variance: vec![0.01] }
                     .into(),
                 points: vec![point],
+                features: None,
             };
             map.keyframes.insert(id, keyframe);
             for frame_index in [u64::from(id.0), u64::from(id.0) + 1] {

@@ -49,6 +49,7 @@ fn small_map() -> Map {
                     variance: 0.1,
                     observations: Vec::new(),
                 }],
+                features: None,
             },
         );
         map.frames.push(FramePose {

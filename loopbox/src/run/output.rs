@@ -251,6 +251,7 @@ mod tests {
             image: Arc::new(GrayImage::filled(8, 6, 90)),
             semi_dense: SemiDense::default().into(),
             points: Vec::new(),
+            features: None,
         }
     }
 

@@ -1,7 +1,7 @@
 //! The map as a cloud of points.
 
 use crate::{AgentId, Keyframe, Map};
-use geometry::Pinhole;
+use geometry::{Pinhole, Sim3};
 use nalgebra::Vector3;
 
 /// The largest relative variance of a point that is exported by default: a depth known to 10 %.
@@ -37,17 +37,36 @@ impl Keyframe {
         max_relative_variance: f32,
     ) -> impl Iterator<Item = CloudPoint> + '_ {
         let (camera, agent) = (*camera, self.agent);
-        let intensities = self.image.data();
+        let (intensities, width) = (self.image.data(), camera.width as u32);
         self.semi_dense.iter().filter_map(move |(pixel, inverse_depth, variance)| {
             let relative_variance = variance / (inverse_depth * inverse_depth);
             // Written so that a NaN is refused.
             let kept = relative_variance <= max_relative_variance;
-            let index = pixel as usize;
-            let &intensity = intensities.get(index).filter(|_| kept)?;
-            let ray = camera.unproject((index % camera.width) as f64, (index / camera.width) as f64);
+            let &intensity = intensities.get(pixel as usize).filter(|_| kept)?;
+            let ray = camera.unproject(f64::from(pixel % width), f64::from(pixel / width));
             let confidence = relative_variance.sqrt().recip().min(MAX_CONFIDENCE);
             Some(CloudPoint { position: ray / f64::from(inverse_depth), intensity, confidence, agent })
         })
+    }
+
+    /// The same points in the world.
+    pub(super) fn world_cloud(
+        &self,
+        camera: &Pinhole,
+        max_relative_variance: f32,
+    ) -> impl Iterator<Item = CloudPoint> + '_ {
+        let Sim3 { rotation, translation, scale } = self.world_from_keyframe;
+        // Of millions of points a matrix moves each faster than a quaternion.
+        let turned = rotation.to_rotation_matrix().into_inner() * scale;
+        self.cloud(camera, max_relative_variance)
+            .map(move |point| CloudPoint { position: turned * point.position + translation, ..point })
+    }
+
+    /// How many points [`cloud`](Self::cloud) gives.
+    pub(super) fn cloud_size(&self, max_relative_variance: f32) -> usize {
+        let pixels = self.image.data().len();
+        let depths = self.semi_dense.iter();
+        depths.filter(|&(p, d, v)| v / (d * d) <= max_relative_variance && (p as usize) < pixels).count()
     }
 }
 
@@ -56,12 +75,8 @@ impl Map {
     /// `world_from_keyframe * (ray(pixel) / inverse_depth)` for each pixel that
     /// [`Keyframe::cloud`] keeps.
     pub fn cloud(&self, max_relative_variance: f32) -> impl Iterator<Item = CloudPoint> + '_ {
-        self.keyframes.values().flat_map(move |keyframe| {
-            let world_from_keyframe = keyframe.world_from_keyframe;
-            keyframe
-                .cloud(self.camera(keyframe), max_relative_variance)
-                .map(move |point| CloudPoint { position: world_from_keyframe * point.position, ..point })
-        })
+        let keyframes = self.keyframes.values();
+        keyframes.flat_map(move |keyframe| keyframe.world_cloud(self.camera(keyframe), max_relative_variance))
     }
 }
 
@@ -90,6 +105,9 @@ mod tests {
             }
         }
         assert!(cloud.next().is_none());
+        let size = |bound| map.keyframes.values().map(|keyframe| keyframe.cloud_size(bound)).sum::<usize>();
+        let counted = |bound| map.cloud(bound).count();
+        assert_eq!([f32::INFINITY, 1e-3, 0.0].map(size), [f32::INFINITY, 1e-3, 0.0].map(counted));
     }
 
     #[test]

@@ -15,7 +15,8 @@ pub use pcd::{save_pcd, write_pcd};
 pub use ply::{save_ply, write_ply};
 pub use trajectory::{save_kitti, save_tum, write_kitti, write_tum};
 
-use crate::{Map, MapError, atomic::write_atomically};
+use crate::{Keyframe, Map, MapError, atomic::write_atomically};
+use rayon::prelude::*;
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::Path;
@@ -24,6 +25,11 @@ use std::path::Path;
 fn save<T>(path: &Path, fill: impl FnOnce(&mut BufWriter<File>) -> io::Result<T>) -> Result<T, MapError> {
     write_atomically(path, fill).map_err(|source| MapError::write(path, source))
 }
+
+/// Keyframes whose points are made at once: enough for all cores, and some tens of megabytes.
+const KEYFRAMES_TOGETHER: usize = 16;
+/// What a point takes at most.
+const MAX_POINT_BYTES: usize = 24;
 
 /// A file format for clouds of points: a header of text, then the points in binary.
 struct CloudFormat {
@@ -38,16 +44,30 @@ impl CloudFormat {
     /// the position as three little-endian floats and its attributes. Returns the number of points.
     fn write(&self, out: &mut impl Write, map: &Map, max_relative_variance: f32) -> io::Result<usize> {
         let agents = map.agents.len() > 1;
-        let count = map.cloud(max_relative_variance).count();
+        let keyframes: Vec<&Keyframe> = map.keyframes.values().collect();
+        let count = keyframes.par_iter().map(|keyframe| keyframe.cloud_size(max_relative_variance)).sum();
         out.write_all((self.header)(count, agents).as_bytes())?;
-        let mut bytes = Vec::new();
-        for point in map.cloud(max_relative_variance) {
-            bytes.clear();
-            bytes.extend(point.position.iter().flat_map(|value| (*value as f32).to_le_bytes()));
-            (self.attributes)(&point, agents, &mut bytes);
-            out.write_all(&bytes)?;
+        for together in keyframes.chunks(KEYFRAMES_TOGETHER) {
+            let points = |keyframe: &&Keyframe| self.points(keyframe, map, max_relative_variance);
+            for bytes in together.par_iter().map(points).collect::<Vec<_>>() {
+                out.write_all(&bytes)?;
+            }
         }
         Ok(count)
+    }
+
+    /// The points of one keyframe as they are written.
+    fn points(&self, keyframe: &Keyframe, map: &Map, max_relative_variance: f32) -> Vec<u8> {
+        let agents = map.agents.len() > 1;
+        let mut bytes = Vec::with_capacity(keyframe.semi_dense.len() * MAX_POINT_BYTES);
+        for point in keyframe.world_cloud(map.camera(keyframe), max_relative_variance) {
+            let [x, y, z] = point.position.map(|value| (value as f32).to_le_bytes()).into();
+            bytes.extend_from_slice(&x);
+            bytes.extend_from_slice(&y);
+            bytes.extend_from_slice(&z);
+            (self.attributes)(&point, agents, &mut bytes);
+        }
+        bytes
     }
 
     /// Makes a file of the cloud, see [`write`](Self::write).

@@ -2,10 +2,10 @@
 //! the text of metadata records. Numbers have the digits it takes to read them back.
 
 use super::{
-    AGENT_METADATA, FORMAT_VERSION, MAP_METADATA, MERGE_METADATA, PROVENANCE_METADATA, SINGLE_AGENT_FORMAT,
-    SINGLE_AGENT_PROVENANCE_METADATA,
+    AGENT_METADATA, FORMAT_VERSION, MAP_METADATA, MERGE_METADATA, NAMELESS_FORMAT, PROVENANCE_METADATA,
+    SINGLE_AGENT_FORMAT, SINGLE_AGENT_PROVENANCE_METADATA,
 };
-use crate::{AgentId, AgentInfo, Map, OwnMap, check};
+use crate::{AgentId, AgentInfo, Identity, Map, OwnMap, Uuid, check};
 use geometry::Pinhole;
 use mcap::records::Metadata;
 use std::collections::BTreeMap;
@@ -22,6 +22,8 @@ pub(super) struct About {
     pub agents: BTreeMap<AgentId, AgentInfo>,
     /// How their maps came together.
     pub merge_provenance: Entries,
+    /// Whether it is of a version from before agents had identities.
+    nameless: bool,
 }
 
 /// Why a metadata record cannot be taken.
@@ -36,7 +38,18 @@ pub(super) enum AboutError {
 impl About {
     /// What there is to say of a map.
     pub(super) fn of(map: &Map) -> Self {
-        Self { agents: map.agents.clone(), merge_provenance: map.merge_provenance.clone() }
+        Self { agents: map.agents.clone(), merge_provenance: map.merge_provenance.clone(), nameless: false }
+    }
+
+    /// What there is to say of one agent's map that grows.
+    pub(super) fn of_agent(agent: &AgentInfo) -> Self {
+        Self { agents: [(AgentId::default(), agent.clone())].into(), ..Self::default() }
+    }
+
+    /// The agents that have no identity because the file is of a version without any.
+    pub(super) fn unknown(&self) -> Vec<AgentId> {
+        let unknown = self.agents.iter().filter(|(_, info)| self.nameless && info.identity.is_none());
+        unknown.map(|(id, _)| *id).collect()
     }
 
     /// The records to write.
@@ -81,11 +94,12 @@ impl About {
     /// the agent.
     fn take_format(&mut self, entries: &Entries) -> Result<(), AboutError> {
         let format = entries.get("format").cloned().unwrap_or_else(|| "unknown".into());
+        self.nameless = [SINGLE_AGENT_FORMAT, NAMELESS_FORMAT].iter().any(|old| format == old.to_string());
         if format == SINGLE_AGENT_FORMAT.to_string() {
             let agent = AgentInfo::unnamed(camera_from_text(entries).map_err(AboutError::Invalid)?);
             check::agent(&agent).map_err(AboutError::Invalid)?;
             self.agents.insert(AgentId::default(), agent);
-        } else if format != FORMAT_VERSION.to_string() {
+        } else if !self.nameless && format != FORMAT_VERSION.to_string() {
             return Err(AboutError::Version(format));
         }
         Ok(())
@@ -124,7 +138,10 @@ fn agent_to_text(info: &AgentInfo) -> Entries {
         .own
         .iter()
         .flat_map(|own| [("own_name", own.name.clone()), ("first_keyframe", own.first_keyframe.to_string())]);
-    entries.into_iter().chain(own).map(|(key, value)| (key.to_owned(), value)).collect()
+    let identity = info.identity.iter();
+    let identity = identity
+        .flat_map(|identity| [("uuid", identity.uuid.to_string()), ("epoch", identity.epoch.to_string())]);
+    entries.into_iter().chain(identity).chain(own).map(|(key, value)| (key.to_owned(), value)).collect()
 }
 
 /// The inverse of [`agent_to_text`]; says what is missing.
@@ -140,7 +157,18 @@ fn agent_from_text(entries: &Entries) -> Result<AgentInfo, String> {
             world_from_keyframe: BTreeMap::new(),
         }),
     };
-    Ok(AgentInfo { own, ..AgentInfo::new(text("name"), camera_from_text(entries)?) })
+    let identity = match (entries.get("uuid"), entries.get("epoch")) {
+        (None, None) => None,
+        (uuid, epoch) => Some(Identity {
+            uuid: uuid
+                .and_then(|uuid| Uuid::try_parse(uuid).ok())
+                .ok_or("its identity's uuid is missing or none")?,
+            epoch: epoch
+                .and_then(|epoch| epoch.parse().ok())
+                .ok_or("its identity's epoch is missing or no number")?,
+        }),
+    };
+    Ok(AgentInfo { own, identity, ..AgentInfo::new(text("name"), camera_from_text(entries)?) })
 }
 
 /// The camera from its text.
@@ -197,7 +225,7 @@ mod tests {
         format.insert("format".into(), "1".into());
         about.take("loopbox.map", format).unwrap();
         let mut agent = sample_map(0).agents.remove(&AgentId(0)).unwrap();
-        (agent.name, agent.provenance) = ("agent".into(), Entries::new());
+        (agent.name, agent.provenance, agent.identity) = ("agent".into(), Entries::new(), None);
         assert_eq!(about.agents, [(AgentId(0), agent.clone())].into());
         let origin = entries([("source", "/recordings/yard/"), ("parameters", "defaults")]);
         about.take("loopbox.provenance", origin.clone()).unwrap();
@@ -208,16 +236,21 @@ mod tests {
     #[test]
     fn what_is_missing_is_named() {
         let good = agent_to_text(&united().agents[&AgentId(1)]);
-        let cases =
-            [("fx", "camera's fx is missing"), ("name", "no name"), ("first_keyframe", "first keyframe")];
+        let cases = [
+            ("fx", "camera's fx is missing"),
+            ("name", "no name"),
+            ("first_keyframe", "first keyframe"),
+            ("uuid", "uuid"),
+            ("epoch", "epoch"),
+        ];
         for (key, words) in cases {
             let mut entries = good.clone();
             entries.remove(key);
             let error = About::default().take("loopbox.agent.1", entries).unwrap_err();
             assert!(matches!(&error, AboutError::Invalid(what) if what.contains(words)), "{error:?}");
         }
-        let newer = entries([("format", "3")]);
+        let newer = entries([("format", "4")]);
         let error = About::default().take("loopbox.map", newer).unwrap_err();
-        assert!(matches!(error, AboutError::Version(found) if found == "3"));
+        assert!(matches!(error, AboutError::Version(found) if found == "4"));
     }
 }

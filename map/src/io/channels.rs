@@ -1,9 +1,9 @@
 //! The channels of a map file: what is said of the map as a whole, and of each agent.
 
-use super::schema::{GRAPH_SCHEMA, KEYFRAME_SCHEMA, descriptor_set};
+use super::schema::{FEATURES_SCHEMA, GRAPH_SCHEMA, KEYFRAME_SCHEMA, descriptor_set};
 use super::{
-    CALIBRATION_TOPIC, CAMERA_FRAME, CLOUD_TOPIC, GRAPH_TOPIC, IMAGE_TOPIC, KEYFRAME_TOPIC, TRAJECTORY_TOPIC,
-    TRANSFORMS_TOPIC,
+    CALIBRATION_TOPIC, CAMERA_FRAME, CLOUD_TOPIC, FEATURES_TOPIC, GRAPH_TOPIC, IMAGE_TOPIC, KEYFRAME_TOPIC,
+    TRAJECTORY_TOPIC, TRANSFORMS_TOPIC,
 };
 use crate::agent::labels;
 use crate::{AgentId, AgentInfo};
@@ -16,6 +16,7 @@ use std::io::{self, Seek, Write};
 /// The channel of each topic.
 pub(super) struct Channels {
     pub keyframe: u16,
+    pub features: u16,
     pub graph: u16,
     pub image: u16,
     pub transforms: u16,
@@ -41,6 +42,7 @@ impl Channels {
         let own = descriptor_set();
         Ok(Self {
             keyframe: add_channel(mcap, KEYFRAME_TOPIC, KEYFRAME_SCHEMA, &own)?,
+            features: add_channel(mcap, FEATURES_TOPIC, FEATURES_SCHEMA, &own)?,
             graph: add_channel(mcap, GRAPH_TOPIC, GRAPH_SCHEMA, &own)?,
             image: add_foxglove::<CompressedImage, W>(mcap, IMAGE_TOPIC)?,
             transforms: add_foxglove::<FrameTransforms, W>(mcap, TRANSFORMS_TOPIC)?,

@@ -84,6 +84,7 @@ pub(super) fn keyframe_from_message(
         image,
         semi_dense: semi_dense.into(),
         points,
+        features: None,
     };
     Ok((keyframe, own_pose))
 }

@@ -51,6 +51,16 @@ pub(super) struct KeyframeMessage {
     pub own_world_from_keyframe: Vec<f64>,
 }
 
+/// The features of a keyframe.
+#[derive(Clone, PartialEq, prost::Message)]
+pub(super) struct FeaturesMessage {
+    #[prost(uint32, tag = "1")]
+    pub keyframe: u32,
+    /// As the crate `features` encodes them.
+    #[prost(bytes = "vec", tag = "2")]
+    pub data: Vec<u8>,
+}
+
 /// A change of the graph: poses of keyframes, and the tails of the lists of edges and frames.
 #[derive(Clone, PartialEq, prost::Message)]
 pub(super) struct GraphMessage {

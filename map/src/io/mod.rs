@@ -1,6 +1,6 @@
 //! The map's file, `map.mcap`; described field by field in `docs/map-format.md`.
 //!
-//! The exact data lie in two messages of loopbox's own (`messages`), the keyframe images in
+//! The exact data lie in three messages of loopbox's own (`messages`), the keyframe images in
 //! `foxglove.CompressedImage`, what there is to say of the agents in metadata records (`about`); the other Foxglove messages (`views`) only repeat for viewers what
 //! the exact data say, and are never read back.
 
@@ -22,7 +22,9 @@ pub use reader::{LoadedMap, is_map_file, load_map};
 pub use writer::{MapWriter, save_map};
 
 /// The version of the file format that is written.
-pub const FORMAT_VERSION: u32 = 2;
+pub const FORMAT_VERSION: u32 = 3;
+/// The version before agents had identities, which is read too.
+const NAMELESS_FORMAT: u32 = 2;
 /// The version for one agent, which is read too.
 const SINGLE_AGENT_FORMAT: u32 = 1;
 
@@ -40,6 +42,7 @@ const SINGLE_AGENT_PROVENANCE_METADATA: &str = "loopbox.provenance";
 const MERGE_METADATA: &str = "loopbox.merge";
 
 const KEYFRAME_TOPIC: &str = "/loopbox/keyframe";
+const FEATURES_TOPIC: &str = "/loopbox/features";
 const GRAPH_TOPIC: &str = "/loopbox/graph";
 const IMAGE_TOPIC: &str = "/keyframes/image";
 const CLOUD_TOPIC: &str = "/keyframes/cloud";

@@ -1,15 +1,19 @@
 //! Loading maps.
 
 use super::about::{About, AboutError};
-use super::messages::{GraphMessage, KeyframeMessage};
+use super::messages::{FeaturesMessage, GraphMessage, KeyframeMessage};
 use super::records::{Stop, read_chunk, read_file};
-use super::{FORMAT_VERSION, GRAPH_TOPIC, IMAGE_TOPIC, KEYFRAME_TOPIC, PROFILE, convert, picture, views};
-use crate::{Edge, FramePose, Keyframe, KeyframeId, Map, MapError, check};
+use super::{
+    FEATURES_TOPIC, FORMAT_VERSION, GRAPH_TOPIC, IMAGE_TOPIC, KEYFRAME_TOPIC, PROFILE, convert, picture,
+    views,
+};
+use crate::{AgentId, Edge, FramePose, Identity, Keyframe, KeyframeId, Map, MapError, check};
 use foxglove::messages::CompressedImage;
 use geometry::{GrayImage, Sim3};
 use mcap::records::{Record, op};
 use mcap::{McapError, parse_record};
 use prost::Message;
+use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::BufReader;
@@ -108,6 +112,7 @@ impl Refusal {
 enum Kind {
     Image,
     Keyframe,
+    Features,
     Graph,
 }
 
@@ -117,9 +122,13 @@ struct Contents {
     has_header: bool,
     about: About,
     channels: BTreeMap<u16, Kind>,
-    images: BTreeMap<KeyframeId, Arc<GrayImage>>,
+    /// The files of the keyframes' images: they are decoded together when all is read.
+    images: BTreeMap<KeyframeId, Vec<u8>>,
     keyframes: BTreeMap<KeyframeId, Keyframe>,
+    features: BTreeMap<KeyframeId, Arc<[u8]>>,
     poses: BTreeMap<KeyframeId, Sim3>,
+    /// What keyframes have before theirs is decoded.
+    no_image: Arc<GrayImage>,
     /// Poses in the agents' own maps.
     own_poses: BTreeMap<KeyframeId, Sim3>,
     edges: Vec<Edge>,
@@ -171,6 +180,7 @@ impl Contents {
                 let kind = match channel.topic.as_str() {
                     IMAGE_TOPIC => Kind::Image,
                     KEYFRAME_TOPIC => Kind::Keyframe,
+                    FEATURES_TOPIC => Kind::Features,
                     GRAPH_TOPIC => Kind::Graph,
                     _ => return Ok(()),
                 };
@@ -179,6 +189,7 @@ impl Contents {
             Record::Message { header, data } => match self.channels.get(&header.channel_id) {
                 Some(Kind::Image) => self.image(&data)?,
                 Some(Kind::Keyframe) => self.keyframe(&data)?,
+                Some(Kind::Features) => self.features(&data)?,
                 Some(Kind::Graph) => self.graph(&data)?,
                 None => {}
             },
@@ -193,10 +204,7 @@ impl Contents {
             CompressedImage::decode(data).map_err(|error| format!("an image cannot be read: {error}"))?;
         let id = views::keyframe_of_frame(&message.frame_id)
             .ok_or_else(|| format!("an image belongs to \"{}\", which is no keyframe", message.frame_id))?;
-        let cameras = self.about.agents.values().map(|agent| agent.camera);
-        let image = picture::decode_png(&message.data, cameras.map(|camera| (camera.width, camera.height)))
-            .map_err(|what| format!("the image of keyframe {} cannot be used: {what}", id.0))?;
-        self.images.insert(id, Arc::new(image));
+        self.images.insert(id, message.data.into());
         Ok(())
     }
 
@@ -205,7 +213,7 @@ impl Contents {
         let message =
             KeyframeMessage::decode(data).map_err(|error| format!("a keyframe cannot be read: {error}"))?;
         let id = KeyframeId(message.id);
-        let Some(image) = self.images.get(&id) else {
+        if !self.images.contains_key(&id) {
             let what = format!("keyframe {} has no image", id.0);
             return if self.is_damaged() {
                 self.damage(what + " and was left out");
@@ -213,11 +221,19 @@ impl Contents {
             } else {
                 Err(what)
             };
-        };
-        let (keyframe, own_pose) = convert::keyframe_from_message(message, Arc::clone(image))?;
+        }
+        let (keyframe, own_pose) = convert::keyframe_from_message(message, Arc::clone(&self.no_image))?;
         self.own_poses.extend(own_pose.map(|pose| (id, pose)));
         self.poses.insert(id, keyframe.world_from_keyframe);
         self.keyframes.insert(id, keyframe);
+        Ok(())
+    }
+
+    /// Takes the features of a keyframe, in place of earlier ones. What they mean is not looked at.
+    fn features(&mut self, data: &[u8]) -> Result<(), String> {
+        let message =
+            FeaturesMessage::decode(data).map_err(|error| format!("features cannot be read: {error}"))?;
+        self.features.insert(KeyframeId(message.keyframe), message.data.into());
         Ok(())
     }
 
@@ -229,6 +245,7 @@ impl Contents {
         for id in &message.removed_keyframe {
             self.keyframes.remove(&KeyframeId(*id));
             self.poses.remove(&KeyframeId(*id));
+            self.features.remove(&KeyframeId(*id));
         }
         let edges = convert::edges_from_message(&message)?;
         let frames = convert::frames_from_message(&message)?;
@@ -248,28 +265,63 @@ impl Contents {
     /// The map, checked.
     fn into_map(mut self) -> Result<LoadedMap, Refusal> {
         let is_damaged = self.is_damaged();
-        let About { agents, merge_provenance } = self.about;
+        let unknown = self.about.unknown();
+        let About { agents, merge_provenance, .. } = self.about;
         let (edges, frames, keyframes) = (self.edges, self.frames, self.keyframes);
         let mut map = Map { agents, keyframes, edges, frames, merge_provenance };
         let mut warnings = self.warnings;
         if is_damaged {
             warnings.extend(drop_strangers(&mut map));
         }
+        decode_images(&self.images, &mut map)?;
         for (id, keyframe) in &mut map.keyframes {
             if let Some(pose) = self.poses.get(id) {
                 keyframe.world_from_keyframe = *pose;
             }
+            keyframe.features = self.features.remove(id);
             let agent = map.agents.get_mut(&keyframe.agent);
             if let (Some(own), Some(pose)) = (agent.and_then(|a| a.own.as_mut()), self.own_poses.remove(id)) {
                 own.world_from_keyframe.insert(*id, pose);
             }
         }
+        identify(&mut map, &unknown);
         check::map(&map)?;
         if is_damaged {
             warnings.extend(drop_dangling(&mut map));
             warnings.push(format!("{} keyframes were loaded", map.keyframes.len()));
         }
         Ok(LoadedMap { map, complete: !is_damaged, warnings })
+    }
+}
+
+/// Gives every keyframe its image.
+fn decode_images(images: &BTreeMap<KeyframeId, Vec<u8>>, map: &mut Map) -> Result<(), String> {
+    let cameras = map.agents.values().map(|info| info.camera);
+    let sizes: Vec<(usize, usize)> = cameras.map(|camera| (camera.width, camera.height)).collect();
+    let decode = |(id, keyframe): (&KeyframeId, &mut Keyframe)| {
+        let file = images.get(id).map_or(&[][..], |file| file);
+        let image = picture::decode_png(file, sizes.iter().copied())
+            .map_err(|what| format!("the image of keyframe {} cannot be used: {what}", id.0))?;
+        keyframe.image = Arc::new(image);
+        Ok(())
+    };
+    // Collected, so that of several errors the first is told, whichever core comes upon one first.
+    let decoded: Vec<Result<(), String>> = map.keyframes.par_iter_mut().map(decode).collect();
+    decoded.into_iter().collect()
+}
+
+/// Gives agents of files from before there were identities those that follow from what they saw first, which is the same
+/// in all copies of such a map and in all maps that it was merged into.
+fn identify(map: &mut Map, unknown: &[AgentId]) {
+    for agent in unknown {
+        let first = map.keyframes.values().find(|keyframe| keyframe.agent == *agent);
+        let Some(info) = map.agents.get_mut(agent) else { continue };
+        let of = |first: &Keyframe| Identity::of_recording(&info.camera, first.timestamp, &first.image);
+        let mut identity = first.map_or_else(|| Identity::of_name(&info.name, &info.camera), of);
+        while map.agents.values().any(|other| other.identity == Some(identity)) {
+            identity = identity.later(1);
+        }
+        map.agents.entry(*agent).and_modify(|info| info.identity = Some(identity));
     }
 }
 
@@ -323,12 +375,13 @@ mod tests {
         map.edges.iter().for_each(|edge| convert::push_edge(&mut graph, edge));
         map.frames.iter().for_each(|frame| convert::push_frame(&mut graph, frame));
         let graph = graph.encode_to_vec();
+        let features = FeaturesMessage { keyframe: 1, data: vec![7; 40] }.encode_to_vec();
         let mut numbers = Numbers::new(5);
         let mut below = |limit: usize| (numbers.next() * limit as f64) as usize;
         let mut outcomes = [0, 0];
         for round in 0..3000 {
-            let mut messages = [image.clone(), depth.clone(), graph.clone()];
-            let changed = &mut messages[round % 3];
+            let mut messages = [image.clone(), depth.clone(), graph.clone(), features.clone()];
+            let changed = &mut messages[round % 4];
             for _ in 0..=below(3) {
                 let at = below(changed.len());
                 changed[at] = below(256) as u8;
@@ -340,7 +393,8 @@ mod tests {
             let taken = contents
                 .image(&messages[0])
                 .and_then(|()| contents.keyframe(&messages[1]))
-                .and_then(|()| contents.graph(&messages[2]));
+                .and_then(|()| contents.graph(&messages[2]))
+                .and_then(|()| contents.features(&messages[3]));
             let loaded = taken.map_err(Refusal::from).and_then(|()| contents.into_map());
             outcomes[usize::from(loaded.is_ok())] += 1;
         }

@@ -9,6 +9,8 @@ type Field = (&'static str, i32, Type, bool);
 
 /// Name of the keyframe message's schema.
 pub(super) const KEYFRAME_SCHEMA: &str = "loopbox.Keyframe";
+/// Name of the features message's schema.
+pub(super) const FEATURES_SCHEMA: &str = "loopbox.Features";
 /// Name of the graph message's schema.
 pub(super) const GRAPH_SCHEMA: &str = "loopbox.Graph";
 
@@ -31,6 +33,8 @@ const KEYFRAME_FIELDS: [Field; 16] = [
     ("own_world_from_keyframe", 16, Type::Double, true),
 ];
 
+const FEATURES_FIELDS: [Field; 2] = [("keyframe", 1, Type::Uint32, false), ("data", 2, Type::Bytes, false)];
+
 const GRAPH_FIELDS: [Field; 14] = [
     ("keyframe_id", 1, Type::Uint32, true),
     ("world_from_keyframe", 2, Type::Double, true),
@@ -48,13 +52,17 @@ const GRAPH_FIELDS: [Field; 14] = [
     ("keyframe_from_frame", 14, Type::Double, true),
 ];
 
-/// The protobuf `FileDescriptorSet` of both messages, as MCAP's schema encoding `protobuf` asks for.
+/// The protobuf `FileDescriptorSet` of all these messages, as MCAP's schema encoding `protobuf` asks for.
 pub(super) fn descriptor_set() -> Vec<u8> {
     let file = FileDescriptorProto {
         name: Some("loopbox.proto".into()),
         package: Some("loopbox".into()),
         syntax: Some("proto3".into()),
-        message_type: vec![message("Keyframe", &KEYFRAME_FIELDS), message("Graph", &GRAPH_FIELDS)],
+        message_type: vec![
+            message("Keyframe", &KEYFRAME_FIELDS),
+            message("Features", &FEATURES_FIELDS),
+            message("Graph", &GRAPH_FIELDS),
+        ],
         ..Default::default()
     };
     FileDescriptorSet { file: vec![file] }.encode_to_vec()
@@ -83,7 +91,7 @@ fn field(&(name, number, kind, many): &Field) -> FieldDescriptorProto {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::io::messages::{GraphMessage, KeyframeMessage};
+    use crate::io::messages::{FeaturesMessage, GraphMessage, KeyframeMessage};
     use prost::encoding::{DecodeContext, WireType, decode_key, decode_varint, skip_field};
 
     /// Bytes a value of the type takes at least, as far as these messages use it.
@@ -105,7 +113,11 @@ mod tests {
                 let length = decode_varint(&mut &bytes[..]).unwrap();
                 assert_eq!(length as usize, 3 * unit(kind), "{name}");
             } else {
-                let expected = if kind == Type::Double { WireType::SixtyFourBit } else { WireType::Varint };
+                let expected = match kind {
+                    Type::Double => WireType::SixtyFourBit,
+                    Type::Bytes => WireType::LengthDelimited,
+                    _ => WireType::Varint,
+                };
                 assert_eq!(wire, expected, "{name}");
             }
             skip_field(wire, tag, &mut bytes, DecodeContext::default()).unwrap();
@@ -134,6 +146,8 @@ mod tests {
             own_world_from_keyframe: vec![1.0; 3],
         };
         assert_described(&keyframe.encode_to_vec(), &KEYFRAME_FIELDS);
+        let features = FeaturesMessage { keyframe: 1, data: vec![1, 2] };
+        assert_described(&features.encode_to_vec(), &FEATURES_FIELDS);
         let graph = GraphMessage {
             keyframe_id: vec![1; 3],
             world_from_keyframe: vec![1.0; 3],

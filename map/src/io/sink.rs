@@ -2,7 +2,7 @@
 
 use super::about::About;
 use super::channels::Channels;
-use super::messages::GraphMessage;
+use super::messages::{FeaturesMessage, GraphMessage};
 use super::{PROFILE, convert, picture, views};
 use crate::{Edge, FramePose, Keyframe, KeyframeId, Map};
 use geometry::Sim3;
@@ -10,6 +10,7 @@ use mcap::records::MessageHeader;
 use mcap::{McapError, WriteOptions};
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{self, Seek, Write};
+use std::sync::Arc;
 
 /// Edges in one message, so that no message outgrows what readers take in one piece.
 const EDGES_PER_MESSAGE: usize = 1 << 14;
@@ -21,6 +22,8 @@ pub(super) struct MapSink<W: Write + Seek> {
     mcap: mcap::Writer<W>,
     channels: Channels,
     images: BTreeSet<KeyframeId>,
+    /// The features as they were written.
+    features: BTreeMap<KeyframeId, Arc<[u8]>>,
     poses: BTreeMap<KeyframeId, Sim3>,
     edges: Vec<Edge>,
     frames: Vec<FramePose>,
@@ -43,21 +46,48 @@ impl<W: Write + Seek> MapSink<W> {
         }
         let channels = Channels::register(&mut mcap, &about.agents).map_err(io_error)?;
         mcap.flush().map_err(io_error)?;
-        let (images, poses) = Default::default();
-        Ok(Self { mcap, channels, images, poses, edges: Vec::new(), frames: Vec::new() })
+        let (images, features, poses) = Default::default();
+        Ok(Self { mcap, channels, images, features, poses, edges: Vec::new(), frames: Vec::new() })
     }
 
-    /// Writes a keyframe. Its image is written once; depth, points and pose replace earlier ones.
+    /// [`keyframe`](Self::keyframe) with its image as a PNG file that was made before.
+    pub(super) fn keyframe_with_image(
+        &mut self,
+        keyframe: &Keyframe,
+        png: Vec<u8>,
+        own_pose: Option<&Sim3>,
+    ) -> io::Result<()> {
+        self.image(keyframe, png)?;
+        self.keyframe(keyframe, own_pose)
+    }
+
+    fn image(&mut self, keyframe: &Keyframe, png: Vec<u8>) -> io::Result<()> {
+        self.images.insert(keyframe.id);
+        self.message(self.channels.image, keyframe.timestamp, &views::image(keyframe, png))
+    }
+
+    /// Writes a keyframe. Its image is written once, and so are its features; depth, points and pose replace earlier ones.
     /// `own_pose` is its pose in its agent's own map, where that is another one.
     pub(super) fn keyframe(&mut self, keyframe: &Keyframe, own_pose: Option<&Sim3>) -> io::Result<()> {
         if !self.images.contains(&keyframe.id) {
-            let image = views::image(keyframe, picture::encode_png(&keyframe.image)?);
-            self.message(self.channels.image, keyframe.timestamp, &image)?;
-            self.images.insert(keyframe.id);
+            self.image(keyframe, picture::encode_png(&keyframe.image)?)?;
         }
         let message = convert::keyframe_to_message(keyframe, own_pose);
         self.message(self.channels.keyframe, keyframe.timestamp, &message)?;
         self.poses.insert(keyframe.id, keyframe.world_from_keyframe);
+        match &keyframe.features {
+            Some(features) => self.features(keyframe.id, keyframe.timestamp, features),
+            None => Ok(()),
+        }
+    }
+
+    /// Writes the features of a keyframe that was written, at its time in seconds, if they are others than before.
+    pub(super) fn features(&mut self, id: KeyframeId, time: f64, features: &Arc<[u8]>) -> io::Result<()> {
+        if self.features.get(&id) != Some(features) {
+            let message = FeaturesMessage { keyframe: id.0, data: features.to_vec() };
+            self.message(self.channels.features, time, &message)?;
+            self.features.insert(id, Arc::clone(features));
+        }
         Ok(())
     }
 
@@ -75,6 +105,7 @@ impl<W: Write + Seek> MapSink<W> {
         let removed = self.poses.keys().filter(|id| !map.keyframes.contains_key(id));
         message.removed_keyframe = removed.map(|id| id.0).collect();
         self.poses.retain(|id, _| map.keyframes.contains_key(id));
+        self.features.retain(|id, _| map.keyframes.contains_key(id));
 
         let time = map.frames.last().map(|frame| frame.timestamp);
         let time =

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::test_support::{Numbers, sample_map, united};
-use crate::{AgentId, AgentInfo, Keyframe, KeyframeId, Map, MapError};
+use crate::{AgentId, AgentInfo, Identity, Keyframe, KeyframeId, Map, MapError};
 use std::fs;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -229,11 +229,77 @@ fn another_version_is_refused_by_name() {
     let mut bytes = folder.bytes(&sample_map(1));
     let key = bytes.windows(6).position(|window| window == b"format").unwrap();
     // The value follows the key: a length of four bytes, then the text.
-    assert_eq!(&bytes[key + 6..key + 11], b"\x01\x00\x00\x002");
+    assert_eq!(&bytes[key + 6..key + 11], b"\x01\x00\x00\x003");
     bytes[key + 10] = b'7';
     let error = folder.load(&bytes).unwrap_err();
     assert!(matches!(&error, MapError::Version { found, .. } if found == "7"), "{error}");
     assert!(error.to_string().contains("format 7"), "{error}");
+}
+
+/// A file that an earlier version of this crate wrote; they are never written anew.
+fn kept(name: &str) -> Map {
+    let loaded = load_map(PathBuf::from("tests/data").join(name)).unwrap();
+    assert!(loaded.complete, "{:?}", loaded.warnings);
+    loaded.map
+}
+
+/// The map as versions 1 and 2 held it, with the identities that its agents are given when it is read.
+fn without_names(mut map: Map) -> Map {
+    map.keyframes.values_mut().for_each(|keyframe| keyframe.features = None);
+    for (agent, info) in &mut map.agents {
+        let first = map.keyframes.values().find(|keyframe| keyframe.agent == *agent).unwrap();
+        info.identity = Some(Identity::of_recording(&info.camera, first.timestamp, &first.image));
+    }
+    map
+}
+
+#[test]
+fn maps_of_earlier_versions_load() {
+    assert_eq!(kept("version-2.mcap"), without_names(sample_map(3)));
+    assert_eq!(kept("version-2-united.mcap"), without_names(united()));
+    let mut first = without_names(sample_map(3));
+    agent(&mut first).name = "a folder with an ümlaut".into();
+    assert_eq!(kept("version-1.mcap"), first);
+}
+
+#[test]
+fn an_agent_without_identity_has_one_in_every_map_from_before_there_were() {
+    let (own, united) = (kept("version-2.mcap"), kept("version-2-united.mcap"));
+    assert_eq!(sole_agent(&own).identity, united.agents[&AgentId(0)].identity);
+    let identities: std::collections::BTreeSet<_> =
+        united.agents.values().map(|info| info.identity).collect();
+    assert_eq!(identities.len(), 3);
+    let folder = Folder::new();
+    assert_eq!(folder.load(&folder.bytes(&united)).unwrap().map, united);
+}
+
+#[test]
+fn features_come_back_and_are_written_once() {
+    let folder = Folder::new();
+    let mut map = sample_map(2);
+    first(&mut map).features = Some(vec![9; 3000].into());
+    let path = folder.file("growing.mcap");
+    let mut writer = MapWriter::create(&path, &sole_agent(&map)).unwrap();
+    let bare = Keyframe { features: None, ..map.keyframes[&KeyframeId(1)].clone() };
+    let count = |path: &PathBuf| {
+        let file = fs::read(path).unwrap();
+        let messages = mcap::MessageStream::new(&file).unwrap().map_while(Result::ok);
+        messages.filter(|message| message.channel.topic == FEATURES_TOPIC).count()
+    };
+    writer.append_keyframe(&bare).unwrap();
+    writer.flush().unwrap();
+    assert_eq!(
+        (count(&path), load_map(&path).unwrap().map.keyframes[&KeyframeId(1)].features.clone()),
+        (0, None)
+    );
+    for _ in 0..2 {
+        map.keyframes.values().for_each(|keyframe| writer.append_keyframe(keyframe).unwrap());
+    }
+    writer.append_poses(&map).unwrap();
+    writer.finish().unwrap();
+    let loaded = load_map(&path).unwrap();
+    assert!(loaded.complete, "{:?}", loaded.warnings);
+    assert_eq!((loaded.map.keyframes, count(&path)), (map.keyframes, 1));
 }
 
 /// Asserts that the map changed by `spoil` is refused with a text that holds `words`.

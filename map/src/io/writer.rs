@@ -1,11 +1,16 @@
 //! Map files: at once at the end of a run, or bit by bit during it.
 
 use super::about::About;
+use super::picture;
 use super::sink::MapSink;
 use crate::{AgentId, AgentInfo, Keyframe, Map, MapError, atomic::write_atomically, check};
+use rayon::prelude::*;
 use std::fs::File;
 use std::io::{self, BufWriter};
 use std::path::{Path, PathBuf};
+
+/// Keyframes whose images are encoded at once: enough for all cores, and a few megabytes.
+const IMAGES_TOGETHER: usize = 16;
 
 /// Writes a complete map file. The file appears when it is whole: on any error, a full disk say, an
 /// earlier file of that name stays as it is. The same map gives the same bytes.
@@ -21,10 +26,16 @@ pub fn save_map(path: impl AsRef<Path>, map: &Map) -> Result<(), MapError> {
         // The graph first: a copy of the file that is cut keeps the frames of the keyframes it has.
         sink.graph(map)?;
         sink.flush()?;
-        for keyframe in map.keyframes.values() {
-            let own = map.agents.get(&keyframe.agent).and_then(|info| info.own.as_ref());
-            sink.keyframe(keyframe, own.and_then(|own| own.world_from_keyframe.get(&keyframe.id)))?;
-            sink.flush()?;
+        let keyframes: Vec<&Keyframe> = map.keyframes.values().collect();
+        for together in keyframes.chunks(IMAGES_TOGETHER) {
+            let images: Vec<io::Result<Vec<u8>>> =
+                together.par_iter().map(|keyframe| picture::encode_png(&keyframe.image)).collect();
+            for (keyframe, image) in together.iter().zip(images) {
+                let own = map.agents.get(&keyframe.agent).and_then(|info| info.own.as_ref());
+                let own_pose = own.and_then(|own| own.world_from_keyframe.get(&keyframe.id));
+                sink.keyframe_with_image(keyframe, image?, own_pose)?;
+                sink.flush()?;
+            }
         }
         sink.views(map)?;
         sink.finish()
@@ -51,15 +62,15 @@ impl MapWriter {
     pub fn create(path: impl AsRef<Path>, agent: &AgentInfo) -> Result<Self, MapError> {
         let path = path.as_ref();
         check::agent(agent).map_err(|what| MapError::invalid(path, what))?;
-        let about = About { agents: [(AgentId::default(), agent.clone())].into(), ..Default::default() };
+        let about = About::of_agent(agent);
         let sink = File::create(path)
             .and_then(|file| MapSink::create(BufWriter::new(file), &about))
             .map_err(|source| MapError::write(path, source))?;
         Ok(Self { path: path.to_owned(), agent: agent.clone(), sink })
     }
 
-    /// Appends a keyframe, or what has become of it since: depth, points and pose replace those
-    /// written before, the image is written once.
+    /// Appends a keyframe, or what has become of it since: depth, points, features and pose replace those
+    /// written before, the image is written once, and features when they are others.
     ///
     /// # Errors
     /// [`MapError::Write`] when the system refuses, [`MapError::Invalid`] when the keyframe could not

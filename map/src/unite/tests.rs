@@ -1,6 +1,6 @@
 use super::*;
 use crate::test_support::{Numbers, random_map, sample_map, united};
-use crate::{EdgeKind, Observation};
+use crate::{EdgeKind, KeyframeName, Observation};
 use geometry::{Pinhole, Sim3};
 use nalgebra::SVector;
 use proptest::prelude::*;
@@ -104,10 +104,46 @@ fn the_same_map_twice_is_refused() {
     assert_refused(vec![later.clone(), sample_map(2)], "the same map twice");
     assert_refused(vec![united(), later.clone()], "\"sample\", \"again\"");
     // Equal images at other times, or other images at equal times, are another agent's.
+    later.agents.values_mut().for_each(|info| info.identity = None);
     let mut shifted = later.clone();
     shifted.keyframes.values_mut().for_each(|keyframe| keyframe.timestamp += 1.0);
     assert!(Map::unite(vec![later, shifted]).is_ok());
     assert!(Map::unite(vec![sample_map(3), other]).is_ok());
+}
+
+#[test]
+fn one_identity_is_one_run_whatever_it_holds() {
+    let camera = sample_map(0).agents[&AgentId(0)].camera;
+    let identity = Some(Identity::random([5; 16]));
+    let of = |name: &str, identity, seed| {
+        let mut map = random_map(AgentInfo::new(name, camera), 2, seed);
+        map.agents.values_mut().for_each(|info| info.identity = identity);
+        map
+    };
+    assert_refused(vec![of("a", identity, 1), of("b", identity, 2)], "the same run");
+    let later = identity.map(|identity| identity.later(1));
+    let united = Map::unite(vec![of("a", identity, 1), of("a", later, 2), of("c", None, 3)]).unwrap();
+    assert_refused(vec![of("d", later, 4), united.clone()], "\"d\", \"a-2\"");
+    let own: Vec<_> = united.split().iter().map(|own| own.agents[&AgentId(0)].identity).collect();
+    assert_eq!(own, [identity, later, None]);
+}
+
+#[test]
+fn a_keyframe_keeps_its_name_in_every_map() {
+    let own = random_map(AgentInfo::new("own", sample_map(0).agents[&AgentId(0)].camera), 3, 21);
+    let other = Map::unite(vec![sample_map(2), own.clone()]).unwrap();
+    let whole =
+        Map::unite(vec![random_map(AgentInfo::new("x", own.agents[&AgentId(0)].camera), 4, 22), other])
+            .unwrap();
+    for (id, keyframe) in &own.keyframes {
+        let name = own.name_of(*id).unwrap();
+        assert_eq!((name.number, Some(name.agent)), (id.0, own.agents[&AgentId(0)].identity));
+        let found = &whole.keyframes[&whole.find(name).unwrap()];
+        assert_eq!((&found.image, whole.name_of(found.id)), (&keyframe.image, Some(name)));
+        let missing = KeyframeName { number: name.number + 1, ..name };
+        assert_eq!((whole.find(missing), sample_map(2).find(name)), (None, None));
+    }
+    assert_eq!(Map::new(own.agents[&AgentId(0)].camera).name_of(KeyframeId(0)), None);
 }
 
 #[test]
@@ -135,7 +171,8 @@ fn contradictions_among_agents_are_found() {
     fn own(map: &mut Map, id: u16) -> &mut OwnMap {
         agent(map, id).own.as_mut().unwrap()
     }
-    let spoil: [(Spoil, &str); 10] = [
+    let spoil: [(Spoil, &str); 11] = [
+        (|map| agent(map, 1).identity = agent(map, 0).identity, "\"sample-2\" is another one's"),
         (|map| agent(map, 1).name = "sample".into(), "two agents have the name \"sample\""),
         (|map| agent(map, 1).name.clear(), "no name"),
         (|map| agent(map, 2).own = None, "\"other\" does not know its own map"),

@@ -28,6 +28,7 @@ pub fn rendered_map(world: &World, path: &[Se3]) -> Map {
                 semi_dense: depth_of(&image, inverse_depth.data()).into(),
                 image: Arc::new(image),
                 points: Vec::new(),
+                features: None,
             }
         })
         .collect();

@@ -26,6 +26,7 @@ fn keyframe(id: u32, x: f64, yaw: f64) -> Keyframe {
         image: Arc::new(GrayImage::filled(64, 48, 0)),
         semi_dense: SemiDense { pixel, inverse_depth: vec![0.5; count], variance: vec![1e-4; count] }.into(),
         points: Vec::new(),
+        features: None,
     }
 }
 

@@ -28,6 +28,7 @@ fn bend(count: u32, spacing: usize) -> Map {
             image: Arc::new(GrayImage::from_vec(160, 120, pixels).unwrap()),
             semi_dense: SemiDense { pixel, inverse_depth, variance }.into(),
             points: Vec::new(),
+            features: None,
         };
         map.keyframes.insert(id, keyframe);
         map.frames.push(FramePose {

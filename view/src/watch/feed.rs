@@ -253,6 +253,7 @@ mod tests {
             image: Arc::new(image),
             semi_dense: semi_dense.into(),
             points: Vec::new(),
+            features: None,
         };
         map.keyframes.insert(KeyframeId(id), keyframe);
         map.frames.push(FramePose {

@@ -183,6 +183,7 @@ mod tests {
                 image: std::sync::Arc::new(geometry::GrayImage::filled(4, 3, 0)),
                 semi_dense: map::SemiDense::default().into(),
                 points: Vec::new(),
+                features: None,
             };
             own.keyframes.insert(map::KeyframeId(0), keyframe);
             let placement = Placement { root_from_agent: away, covariance, path: vec![], confidence: 1.0 };

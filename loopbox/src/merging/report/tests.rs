@@ -49,6 +49,7 @@ fn line(name: &str, count: u32, spacing: usize, seed: u64) -> Map {
             image: Arc::new(GrayImage::from_vec(80, 60, pixels).unwrap()),
             semi_dense: SemiDense { pixel, inverse_depth, variance }.into(),
             points: Vec::new(),
+            features: None,
         };
         let timestamp = keyframe.timestamp;
         map.keyframes.insert(id, keyframe);

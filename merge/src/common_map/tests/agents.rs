@@ -96,6 +96,7 @@ impl Traveller {
                 image,
                 semi_dense: semi_dense.into(),
                 points,
+                features: None,
             };
             map.keyframes.insert(id, keyframe);
             map.frames.push(FramePose {

@@ -27,6 +27,52 @@ fn a_shifted_image_has_shifted_key_points() {
     assert!(found as f64 > 0.9 * inside.len() as f64, "{found} of {}", inside.len());
 }
 
+/// A soft, bright spot on grey.
+fn spot(x: f32, y: f32) -> GrayImage {
+    let value = |i: usize| {
+        let square = ((i % 160) as f32 - x).powi(2) + ((i / 160) as f32 - y).powi(2);
+        (60.0 + 150.0 * (-square / 72.0).exp()).round() as u8
+    };
+    GrayImage::from_vec(160, 120, (0..160 * 120).map(value).collect()).unwrap()
+}
+
+#[test]
+fn a_key_point_lies_on_its_spot() {
+    for halvings in 0..3 {
+        let features = sift(&spot(80.3, 61.7), &SiftParams { halvings, ..SiftParams::default() }).unwrap();
+        assert!(!features.is_empty());
+        for keypoint in features.keypoints {
+            let off = (keypoint.pixel[0] - 80.3).hypot(keypoint.pixel[1] - 61.7);
+            assert!(off < 0.1, "{off} with {halvings} halvings: {:?}", keypoint.pixel);
+        }
+    }
+}
+
+#[cfg(feature = "opencv-sift")]
+#[test]
+fn opencv_finds_the_same_features_in_the_same_places() {
+    let params = SiftParams::default();
+    let (own, theirs) = (sift(&window(0), &params).unwrap(), OpenCvSift(params).extract(&window(0)).unwrap());
+    let mut mean = [0.0; 2];
+    let mut count = 0.0;
+    for (keypoint, descriptor) in own.keypoints.iter().zip(&own.descriptors) {
+        let nearest =
+            theirs.descriptors.iter().enumerate().min_by_key(|(_, d)| squared_distance(d, descriptor));
+        let (nearest, other) = nearest.unwrap();
+        if squared_distance(other, descriptor) < 4000 {
+            let other = theirs.keypoints[nearest];
+            for axis in 0..2 {
+                mean[axis] += other.pixel[axis] - keypoint.pixel[axis];
+            }
+            count += 1.0;
+        }
+    }
+    assert!(count > 0.6 * own.len() as f32, "{count} of {} and {}", own.len(), theirs.len());
+    for sum in mean {
+        assert!((sum / count).abs() < 0.1, "{} pixels apart", sum / count);
+    }
+}
+
 #[test]
 fn descriptors_have_one_length() {
     for descriptor in sift(&window(0), &SiftParams::default()).unwrap().descriptors {

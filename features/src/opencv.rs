@@ -1,56 +1,32 @@
 //! SIFT by OpenCV.
 
-use super::{Descriptor, Features, Keypoint};
+use crate::{Descriptor, Extractor, Features, Keypoint, SiftError, SiftParams};
+use ::opencv::core::{self, CV_8U, KeyPoint, Mat, Vector, no_array};
+use ::opencv::features2d::SIFT;
+use ::opencv::prelude::*;
 use geometry::{GrayImage, Pyramid};
-use opencv::core::{self, CV_8U, KeyPoint, Mat, Vector, no_array};
-use opencv::features2d::SIFT;
-use opencv::prelude::*;
-use serde::{Deserialize, Serialize};
 use std::sync::LazyLock;
 
-/// How features are found.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct SiftParams {
-    /// Most features of an image, the strongest first. Default 1500; above 0. More find more matches between far
-    /// apart views, and cost matching time, which grows with the square.
-    pub max_features: usize,
-    /// How often the image is halved first. Default 1; 0 to 3. On 640×480 images the whole one gives 1.6 times the
-    /// matches and takes 130 ms, the halved one 35 ms; the poses are refined on the whole images later anyway.
-    pub halvings: usize,
-    /// Least contrast of a key point, as OpenCV counts it. Default 0.02 (OpenCV: 0.04); above 0. Lower finds
-    /// features in dim images, and weaker ones.
-    pub contrast: f64,
-}
+/// SIFT by the system's OpenCV.
+#[derive(Clone, Debug, Default)]
+pub struct OpenCvSift(pub SiftParams);
 
-impl Default for SiftParams {
-    fn default() -> Self {
-        Self { max_features: 1500, halvings: 1, contrast: 0.02 }
+impl Extractor for OpenCvSift {
+    fn extract(&self, image: &GrayImage) -> Result<Features, SiftError> {
+        let (width, height) = (image.width(), image.height());
+        detect(image, &self.0).map_err(|source| SiftError::OpenCv { width, height, source })
     }
-}
-
-/// OpenCV failed.
-#[derive(Debug, thiserror::Error)]
-#[error("OpenCV could not find SIFT features in an image of {width}×{height} pixels")]
-pub struct SiftError {
-    width: usize,
-    height: usize,
-    source: opencv::Error,
-}
-
-/// Finds and describes the features of an image, strongest first.
-///
-/// # Errors
-/// When OpenCV fails, as it does on an empty image.
-pub fn sift(image: &GrayImage, params: &SiftParams) -> Result<Features, SiftError> {
-    detect(image, params).map_err(|source| SiftError { width: image.width(), height: image.height(), source })
 }
 
 /// Whether OpenCV keeps to one thread an image: callers extract several images at once. Set once, because setting
 /// it while another thread works makes OpenCV take down the pool under it.
 static SINGLE_THREADED: LazyLock<bool> = LazyLock::new(|| core::set_num_threads(0).is_ok());
 
-fn detect(image: &GrayImage, params: &SiftParams) -> opencv::Result<Features> {
+/// How far OpenCV's key points lie right of and below their places, pixels: it looks for them in an image of twice the
+/// size, whose pixel x lies at x/2 − 1/4, and reports x/2.
+const UPSCALE_SHIFT: f32 = 0.25;
+
+fn detect(image: &GrayImage, params: &SiftParams) -> ::opencv::Result<Features> {
     LazyLock::force(&SINGLE_THREADED);
     let pyramid = Pyramid::new(image.clone(), params.halvings + 1);
     let level = pyramid.len() - 1;
@@ -68,7 +44,7 @@ fn detect(image: &GrayImage, params: &SiftParams) -> opencv::Result<Features> {
     order.sort_by(|&a, &b| keypoints[b].response().total_cmp(&keypoints[a].response()).then(a.cmp(&b)));
     order.truncate(params.max_features);
     let unit = (1 << level) as f32;
-    let whole = |v: f32| (v + 0.5) * unit - 0.5;
+    let whole = |v: f32| (v - UPSCALE_SHIFT + 0.5) * unit - 0.5;
     let mut features = Features::default();
     for index in order {
         let keypoint = &keypoints[index];

@@ -1,13 +1,30 @@
 //! Local features of a keyframe: key points with SIFT descriptors (Lowe 2004), for recognising places and for
 //! matching two keyframes.
 
-#[cfg(feature = "sift")]
+pub mod codec;
+mod extractor;
+mod numbers;
+#[cfg(feature = "opencv-sift")]
+mod opencv;
+mod params;
 mod sift;
-#[cfg(all(test, feature = "sift"))]
+#[cfg(test)]
 mod tests;
 
-#[cfg(feature = "sift")]
-pub use sift::{SiftError, SiftParams, sift};
+pub use extractor::{Extractor, Sift, SiftError};
+#[cfg(feature = "opencv-sift")]
+pub use opencv::OpenCvSift;
+pub use params::SiftParams;
+
+use geometry::GrayImage;
+
+/// Finds and describes the features of an image, strongest first.
+///
+/// # Errors
+/// When the image has no pixels.
+pub fn sift(image: &GrayImage, params: &SiftParams) -> Result<Features, SiftError> {
+    Sift(params.clone()).extract(image)
+}
 
 /// A RootSIFT descriptor (Arandjelović & Zisserman 2012): the square roots of the SIFT histogram after it was
 /// normalised to a sum of one, times 256. Euclidean distance between two is the Hellinger distance of the

@@ -1,0 +1,105 @@
+//! SIFT (Lowe 2004) in Rust alone, made from the published algorithm.
+//!
+//! Read in this order: [`scale_space`], [`extrema`], [`orientation`], [`descriptor`]. All arithmetic is in one fixed
+//! order and takes nothing from the system's mathematical library, so the features are the same to the bit on every
+//! machine.
+
+mod blur;
+mod descriptor;
+mod extrema;
+mod gradient;
+mod orientation;
+mod scale_space;
+
+mod window;
+
+use crate::numbers::exp2;
+use crate::{Features, Keypoint, SiftParams};
+use extrema::{Extremum, extrema};
+use geometry::{GrayImage, Pyramid};
+use gradient::Gradient;
+use scale_space::{LAYERS, Octave, Placed, SIGMA, first, octaves};
+use window::Window;
+
+/// Finds and describes the features of an image, strongest first.
+pub fn detect(image: &GrayImage, params: &SiftParams) -> Features {
+    #[cfg(target_arch = "x86_64")]
+    if std::arch::is_x86_feature_detected!("avx2") {
+        // SAFETY: the processor has what the function is compiled for.
+        return unsafe { detect_avx2(image, params) };
+    }
+    detect_plain(image, params)
+}
+
+/// The same, compiled for wider registers. Rust neither fuses nor reorders arithmetic, so the results are the same to
+/// the bit.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+unsafe fn detect_avx2(image: &GrayImage, params: &SiftParams) -> Features {
+    detect_plain(image, params)
+}
+
+/// The same, for any processor.
+#[inline(always)]
+fn detect_plain(image: &GrayImage, params: &SiftParams) -> Features {
+    // Halved and then doubled is the image itself, but sharper.
+    let double = params.halvings == 0;
+    let pyramid = Pyramid::new(image.clone(), params.halvings.max(1));
+    let level = pyramid.len() - 1;
+    let unit = (1usize << level) as f32;
+    let (first, placed) = first(pyramid.level(level), double);
+    let placed = Placed { scale: placed.scale * unit, offset: (placed.offset + 0.5) * unit - 0.5 };
+
+    // As OpenCV counts it: of a full scale of one, and divided by the layers.
+    let contrast = (params.contrast * 255.0 / LAYERS as f64) as f32;
+    let mut found = Vec::new();
+    let octaves = octaves(first, |octave, _, differences| extrema(octave, differences, contrast, &mut found));
+
+    // Of equal strength the first in the image, so that the order is one.
+    found.sort_by(|a, b| b.contrast.total_cmp(&a.contrast));
+    // Each has an orientation at least.
+    found.truncate(params.max_features);
+    described(&octaves, &found, placed, params.max_features)
+}
+
+/// The features of extrema, in their order, at most `most`.
+#[inline(always)]
+fn described(octaves: &[Octave], extrema: &[Extremum], placed: Placed, most: usize) -> Features {
+    // By octave and layer, so that one gradient serves all extrema of a layer.
+    let mut order: Vec<usize> = (0..extrema.len()).collect();
+    order.sort_by_key(|&i| (extrema[i].octave, extrema[i].layer));
+    let mut gradient = Gradient::empty();
+    let mut window = Window::default();
+    let mut turns = Vec::new();
+    let mut features: Vec<(usize, Keypoint, crate::Descriptor)> = Vec::with_capacity(2 * extrema.len());
+    for same in order
+        .chunk_by(|&a, &b| (extrema[a].octave, extrema[a].layer) == (extrema[b].octave, extrema[b].layer))
+    {
+        let Extremum { octave, layer, .. } = extrema[same[0]];
+        gradient.fill(&octaves[octave].images[layer]);
+        let unit = placed.scale * (1u32 << octave) as f32;
+        for &i in same {
+            let extremum = &extrema[i];
+            let sigma = (SIGMA * exp2(f64::from(extremum.scale) / LAYERS as f64)) as f32;
+            turns.clear();
+            orientation::orientations(&gradient, extremum.pixel, sigma, &mut window, &mut turns);
+            for &turns in &turns {
+                let keypoint = Keypoint {
+                    pixel: extremum.pixel.map(|v| v * unit + placed.offset),
+                    size: 2.0 * sigma * unit,
+                    angle: turns * std::f32::consts::TAU,
+                };
+                let descriptor = descriptor::describe(&gradient, extremum.pixel, sigma, turns, &mut window);
+                features.push((i, keypoint, descriptor));
+            }
+        }
+    }
+    features.sort_by_key(|(rank, ..)| *rank);
+    features.truncate(most);
+    let mut all = Features::default();
+    for (_, keypoint, descriptor) in features {
+        all.keypoints.push(keypoint);
+        all.descriptors.push(descriptor);
+    }
+    all
+}
