@@ -1,6 +1,6 @@
 //! Agents: whose keyframes a map holds.
 
-use crate::KeyframeId;
+use crate::{KeyframeId, Sensor};
 use geometry::{Pinhole, Sim3};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
@@ -17,8 +17,8 @@ pub struct AgentId(pub u16);
 pub struct AgentInfo {
     /// What people call it, the recording's name say; unique within the map and not empty.
     pub name: String,
-    /// The pinhole camera its keyframe images were undistorted to.
-    pub camera: Pinhole,
+    /// What it sees with.
+    pub sensor: Sensor,
     /// Where its map came from: free `key → value` text (source, program version, parameters, …).
     pub provenance: BTreeMap<String, String>,
     /// In a united map: what it takes to get the agent's own map back. `None` in that own map.
@@ -26,9 +26,17 @@ pub struct AgentInfo {
 }
 
 impl AgentInfo {
-    /// An agent with images of `camera`.
-    pub fn new(name: impl Into<String>, camera: Pinhole) -> Self {
-        Self { name: name.into(), camera, provenance: BTreeMap::new(), own: None }
+    /// An agent that sees with `sensor`: a LiDAR, or the camera of which its images are.
+    pub fn new(name: impl Into<String>, sensor: impl Into<Sensor>) -> Self {
+        Self { name: name.into(), sensor: sensor.into(), provenance: BTreeMap::new(), own: None }
+    }
+
+    /// The pinhole camera its keyframes' images were undistorted to; `None` of a LiDAR.
+    pub fn camera(&self) -> Option<&Pinhole> {
+        match &self.sensor {
+            Sensor::Camera(camera) => Some(camera),
+            Sensor::Lidar => None,
+        }
     }
 
     /// An agent that nobody named.

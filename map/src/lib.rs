@@ -10,6 +10,8 @@ mod export;
 mod io;
 mod keyframe;
 mod place;
+mod scan;
+mod sensor;
 mod shared;
 mod summary;
 #[cfg(test)]
@@ -27,6 +29,8 @@ pub use export::{
 pub use io::{FORMAT_VERSION, LoadedMap, MapWriter, is_map_file, load_map, save_map};
 pub use keyframe::{Edge, EdgeKind, Keyframe, KeyframeId, Observation, Point, SemiDense};
 pub use place::{PlaceCandidate, PlaceIndex};
+pub use scan::Scan;
+pub use sensor::{Sensor, SensorKind};
 pub use shared::Shared;
 pub use summary::{AgentSummary, Summary};
 pub use trajectory::{FramePose, StampedPose};
@@ -77,9 +81,13 @@ impl Map {
     /// The camera that took a keyframe of this map.
     ///
     /// # Panics
-    /// When the keyframe's agent is not in the map; of maps that were loaded or united, every one is.
+    /// When the keyframe's agent is not in the map (of maps that were loaded or united, every one is) or has no
+    /// camera: whoever works on images asks [`of_cameras`](Self::of_cameras) first.
     pub fn camera(&self, keyframe: &Keyframe) -> &Pinhole {
-        &self.agents[&keyframe.agent].camera
+        match &self.agents[&keyframe.agent].sensor {
+            Sensor::Camera(camera) => camera,
+            Sensor::Lidar => panic!("keyframe {} is a LiDAR's: it has no camera", keyframe.id.0),
+        }
     }
 
     /// The agents' names made safe for files and topics: letters, digits, `.`, `-` and `_`, still unique.

@@ -4,7 +4,7 @@
 mod tests;
 
 use crate::agent::{owner, unique};
-use crate::{AgentId, AgentInfo, Edge, FramePose, Keyframe, KeyframeId, Map, MapError, OwnMap, check};
+use crate::{AgentId, AgentInfo, Edge, FramePose, Keyframe, KeyframeId, Map, MapError, OwnMap, Scan, check};
 use geometry::GrayImage;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -171,9 +171,9 @@ fn renamed_frame(frame: FramePose, rename: impl Fn(KeyframeId) -> KeyframeId) ->
     FramePose { reference: rename(frame.reference), ..frame }
 }
 
-/// The images of an agent's keyframes by the bits of their time stamps: what tells agents apart, whatever
+/// The images or scans of an agent's keyframes by the bits of their time stamps: what tells agents apart, whatever
 /// became of poses, depths and names.
-type Views<'a> = BTreeMap<u64, &'a GrayImage>;
+type Views<'a> = BTreeMap<u64, (&'a GrayImage, Option<&'a Scan>)>;
 
 /// Refuses an agent whose keyframes are all in another map.
 fn refuse_same(maps: &[&Map]) -> Result<(), MapError> {
@@ -181,7 +181,7 @@ fn refuse_same(maps: &[&Map]) -> Result<(), MapError> {
     for (number, map) in maps.iter().enumerate() {
         for (agent, info) in &map.agents {
             let own = map.keyframes.values().filter(|keyframe| keyframe.agent == *agent);
-            let views = own.map(|keyframe| (keyframe.timestamp.to_bits(), &*keyframe.image)).collect();
+            let views = own.map(|k| (k.timestamp.to_bits(), (&*k.image, k.scan.as_deref()))).collect();
             agents.push((number, &info.name, views));
         }
     }
@@ -201,5 +201,5 @@ fn refuse_same(maps: &[&Map]) -> Result<(), MapError> {
 /// the same as any.
 fn is_same(a: &Views, b: &Views) -> bool {
     let (few, many) = if a.len() <= b.len() { (a, b) } else { (b, a) };
-    !few.is_empty() && few.iter().all(|(time, image)| many.get(time) == Some(image))
+    !few.is_empty() && few.iter().all(|(time, view)| many.get(time) == Some(view))
 }

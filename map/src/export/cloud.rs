@@ -15,10 +15,10 @@ const MAX_CONFIDENCE: f32 = 1e6;
 pub struct CloudPoint {
     /// Position in the world, map units.
     pub position: Vector3<f64>,
-    /// Intensity of its pixel, 0–255.
+    /// Intensity of its pixel, 0–255; 0 of a scan's point.
     pub intensity: u8,
     /// Inverse depth over its standard deviation: the depth is known to one part in `confidence`.
-    /// At most 10⁶.
+    /// At most 10⁶, which is that of a scan's point.
     pub confidence: f32,
     /// Whose keyframe it is from.
     pub agent: AgentId,
@@ -51,15 +51,30 @@ impl Keyframe {
     }
 }
 
+impl Keyframe {
+    /// The points of a LiDAR's keyframe in its own frame; none of a camera's.
+    pub fn scan_cloud(&self) -> impl Iterator<Item = CloudPoint> + '_ {
+        let agent = self.agent;
+        self.scan.iter().flat_map(|scan| scan.points()).map(move |point| CloudPoint {
+            position: Vector3::from(point.map(f64::from)),
+            intensity: 0,
+            confidence: MAX_CONFIDENCE,
+            agent,
+        })
+    }
+}
+
 impl Map {
     /// The points of all keyframes in the world, keyframe by keyframe:
     /// `world_from_keyframe * (ray(pixel) / inverse_depth)` for each pixel that
-    /// [`Keyframe::cloud`] keeps.
+    /// [`Keyframe::cloud`] keeps, and `world_from_keyframe * point` for each of a scan.
     pub fn cloud(&self, max_relative_variance: f32) -> impl Iterator<Item = CloudPoint> + '_ {
         self.keyframes.values().flat_map(move |keyframe| {
             let world_from_keyframe = keyframe.world_from_keyframe;
-            keyframe
-                .cloud(self.camera(keyframe), max_relative_variance)
+            let camera = self.agents.get(&keyframe.agent).and_then(|info| info.camera());
+            let of_image = camera.map(|camera| keyframe.cloud(camera, max_relative_variance));
+            let in_keyframe = of_image.into_iter().flatten().chain(keyframe.scan_cloud());
+            in_keyframe
                 .map(move |point| CloudPoint { position: world_from_keyframe * point.position, ..point })
         })
     }
@@ -67,7 +82,20 @@ impl Map {
 
 #[cfg(test)]
 mod tests {
-    use crate::test_support::sample_map;
+    use crate::test_support::{lidar_map, sample_map};
+
+    #[test]
+    fn scans_lie_where_their_keyframes_do() {
+        let map = lidar_map(2);
+        let mut cloud = map.cloud(0.0);
+        for keyframe in map.keyframes.values() {
+            for p in keyframe.scan.as_ref().unwrap().points() {
+                let expected = keyframe.world_from_keyframe * nalgebra::Vector3::from(p.map(f64::from));
+                assert!((cloud.next().unwrap().position - expected).norm() < 1e-9);
+            }
+        }
+        assert!(cloud.next().is_none());
+    }
 
     #[test]
     fn points_project_back_to_their_pixels() {

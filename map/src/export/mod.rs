@@ -15,7 +15,7 @@ pub use pcd::{save_pcd, write_pcd};
 pub use ply::{save_ply, write_ply};
 pub use trajectory::{save_kitti, save_tum, write_kitti, write_tum};
 
-use crate::{Map, MapError, atomic::write_atomically};
+use crate::{Map, MapError, SensorKind, atomic::write_atomically};
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::Path;
@@ -27,24 +27,34 @@ fn save<T>(path: &Path, fill: impl FnOnce(&mut BufWriter<File>) -> io::Result<T>
 
 /// A file format for clouds of points: a header of text, then the points in binary.
 struct CloudFormat {
-    /// The header for a number of points; whether they tell agents apart.
-    header: fn(count: usize, agents: bool) -> String,
-    /// Appends what follows a point's position; whether it tells its agent.
-    attributes: fn(point: &CloudPoint, agents: bool, out: &mut Vec<u8>),
+    /// The header for a number of points.
+    header: fn(count: usize, columns: Columns) -> String,
+    /// Appends what follows a point's position.
+    attributes: fn(point: &CloudPoint, columns: Columns, out: &mut Vec<u8>),
+}
+
+/// What a cloud's points have besides their positions.
+#[derive(Clone, Copy)]
+struct Columns {
+    /// Intensity and confidence: where cameras are among the agents.
+    of_images: bool,
+    /// Their agent: where there are several.
+    agents: bool,
 }
 
 impl CloudFormat {
     /// Writes the cloud of a map, agents told apart where there are several: the header, then of each point
     /// the position as three little-endian floats and its attributes. Returns the number of points.
     fn write(&self, out: &mut impl Write, map: &Map, max_relative_variance: f32) -> io::Result<usize> {
-        let agents = map.agents.len() > 1;
+        let columns =
+            Columns { of_images: map.sensor() != Some(SensorKind::Lidar), agents: map.agents.len() > 1 };
         let count = map.cloud(max_relative_variance).count();
-        out.write_all((self.header)(count, agents).as_bytes())?;
+        out.write_all((self.header)(count, columns).as_bytes())?;
         let mut bytes = Vec::new();
         for point in map.cloud(max_relative_variance) {
             bytes.clear();
             bytes.extend(point.position.iter().flat_map(|value| (*value as f32).to_le_bytes()));
-            (self.attributes)(&point, agents, &mut bytes);
+            (self.attributes)(&point, columns, &mut bytes);
             out.write_all(&bytes)?;
         }
         Ok(count)

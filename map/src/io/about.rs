@@ -5,12 +5,15 @@ use super::{
     AGENT_METADATA, FORMAT_VERSION, MAP_METADATA, MERGE_METADATA, PROVENANCE_METADATA, SINGLE_AGENT_FORMAT,
     SINGLE_AGENT_PROVENANCE_METADATA,
 };
-use crate::{AgentId, AgentInfo, Map, OwnMap, check};
+use crate::{AgentId, AgentInfo, Map, OwnMap, Sensor, check};
 use geometry::Pinhole;
 use mcap::records::Metadata;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::str::FromStr;
+
+/// What stands under `sensor` for a LiDAR. An agent with a camera has its camera instead.
+const LIDAR: &str = "lidar";
 
 /// Entries of a metadata record.
 pub(super) type Entries = BTreeMap<String, String>;
@@ -110,21 +113,32 @@ fn name_of_source(provenance: &Entries) -> Option<String> {
 
 /// An agent without its provenance and the poses of its own map.
 fn agent_to_text(info: &AgentInfo) -> Entries {
-    let camera = &info.camera;
-    let entries = [
-        ("name", info.name.clone()),
+    let sensor = match &info.sensor {
+        Sensor::Camera(camera) => camera_to_text(camera),
+        Sensor::Lidar => vec![("sensor", LIDAR.to_owned())],
+    };
+    let own = info
+        .own
+        .iter()
+        .flat_map(|own| [("own_name", own.name.clone()), ("first_keyframe", own.first_keyframe.to_string())]);
+    [("name", info.name.clone())]
+        .into_iter()
+        .chain(sensor)
+        .chain(own)
+        .map(|(key, value)| (key.to_owned(), value))
+        .collect()
+}
+
+/// A camera, under the names that make it one.
+fn camera_to_text(camera: &Pinhole) -> Vec<(&'static str, String)> {
+    vec![
         ("width", camera.width.to_string()),
         ("height", camera.height.to_string()),
         ("fx", camera.fx.to_string()),
         ("fy", camera.fy.to_string()),
         ("cx", camera.cx.to_string()),
         ("cy", camera.cy.to_string()),
-    ];
-    let own = info
-        .own
-        .iter()
-        .flat_map(|own| [("own_name", own.name.clone()), ("first_keyframe", own.first_keyframe.to_string())]);
-    entries.into_iter().chain(own).map(|(key, value)| (key.to_owned(), value)).collect()
+    ]
 }
 
 /// The inverse of [`agent_to_text`]; says what is missing.
@@ -140,7 +154,12 @@ fn agent_from_text(entries: &Entries) -> Result<AgentInfo, String> {
             world_from_keyframe: BTreeMap::new(),
         }),
     };
-    Ok(AgentInfo { own, ..AgentInfo::new(text("name"), camera_from_text(entries)?) })
+    let sensor = match entries.get("sensor").map(String::as_str) {
+        None => Sensor::Camera(camera_from_text(entries)?),
+        Some(LIDAR) => Sensor::Lidar,
+        Some(other) => return Err(format!("its sensor \"{other}\" is unknown")),
+    };
+    Ok(AgentInfo { own, ..AgentInfo::new(text("name"), sensor) })
 }
 
 /// The camera from its text.

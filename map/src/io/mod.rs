@@ -1,7 +1,7 @@
 //! The map's file, `map.mcap`; described field by field in `docs/map-format.md`.
 //!
 //! The exact data lie in two messages of loopbox's own (`messages`), the keyframe images in
-//! `foxglove.CompressedImage`, what there is to say of the agents in metadata records (`about`); the other Foxglove messages (`views`) only repeat for viewers what
+//! `foxglove.CompressedImage`, what there is to say of the agents in metadata records (`about`), LiDARs' scans in one more message (`scan`); the other Foxglove messages (`views`) only repeat for viewers what
 //! the exact data say, and are never read back.
 
 mod about;
@@ -11,6 +11,7 @@ mod messages;
 mod picture;
 mod reader;
 mod records;
+mod scan;
 mod schema;
 mod sink;
 #[cfg(test)]
@@ -49,5 +50,7 @@ const TRAJECTORY_TOPIC: &str = "/trajectory";
 
 /// The moving camera's coordinate frame.
 const CAMERA_FRAME: &str = "camera";
+/// The moving LiDAR's coordinate frame.
+const LIDAR_FRAME: &str = "lidar";
 /// What the name of a keyframe's coordinate frame begins with; its id follows.
 const KEYFRAME_FRAME: &str = "keyframe_";

@@ -3,8 +3,9 @@
 use super::about::{About, AboutError};
 use super::messages::{GraphMessage, KeyframeMessage};
 use super::records::{Stop, read_chunk, read_file};
+use super::scan::{self, SCAN_TOPIC, ScanMessage};
 use super::{FORMAT_VERSION, GRAPH_TOPIC, IMAGE_TOPIC, KEYFRAME_TOPIC, PROFILE, convert, picture, views};
-use crate::{Edge, FramePose, Keyframe, KeyframeId, Map, MapError, check};
+use crate::{AgentId, Edge, FramePose, Keyframe, KeyframeId, Map, MapError, Scan, Sensor, check};
 use foxglove::messages::CompressedImage;
 use geometry::{GrayImage, Sim3};
 use mcap::records::{Record, op};
@@ -107,6 +108,7 @@ impl Refusal {
 #[derive(Clone, Copy)]
 enum Kind {
     Image,
+    Scan,
     Keyframe,
     Graph,
 }
@@ -118,6 +120,7 @@ struct Contents {
     about: About,
     channels: BTreeMap<u16, Kind>,
     images: BTreeMap<KeyframeId, Arc<GrayImage>>,
+    scans: BTreeMap<KeyframeId, Arc<Scan>>,
     keyframes: BTreeMap<KeyframeId, Keyframe>,
     poses: BTreeMap<KeyframeId, Sim3>,
     /// Poses in the agents' own maps.
@@ -170,6 +173,7 @@ impl Contents {
             Record::Channel(channel) => {
                 let kind = match channel.topic.as_str() {
                     IMAGE_TOPIC => Kind::Image,
+                    SCAN_TOPIC => Kind::Scan,
                     KEYFRAME_TOPIC => Kind::Keyframe,
                     GRAPH_TOPIC => Kind::Graph,
                     _ => return Ok(()),
@@ -178,6 +182,7 @@ impl Contents {
             }
             Record::Message { header, data } => match self.channels.get(&header.channel_id) {
                 Some(Kind::Image) => self.image(&data)?,
+                Some(Kind::Scan) => self.scan(&data)?,
                 Some(Kind::Keyframe) => self.keyframe(&data)?,
                 Some(Kind::Graph) => self.graph(&data)?,
                 None => {}
@@ -193,11 +198,25 @@ impl Contents {
             CompressedImage::decode(data).map_err(|error| format!("an image cannot be read: {error}"))?;
         let id = views::keyframe_of_frame(&message.frame_id)
             .ok_or_else(|| format!("an image belongs to \"{}\", which is no keyframe", message.frame_id))?;
-        let cameras = self.about.agents.values().map(|agent| agent.camera);
+        let cameras = self.about.agents.values().filter_map(|agent| agent.camera());
         let image = picture::decode_png(&message.data, cameras.map(|camera| (camera.width, camera.height)))
             .map_err(|what| format!("the image of keyframe {} cannot be used: {what}", id.0))?;
         self.images.insert(id, Arc::new(image));
         Ok(())
+    }
+
+    /// Takes a LiDAR keyframe's scan.
+    fn scan(&mut self, data: &[u8]) -> Result<(), String> {
+        let message = ScanMessage::decode(data).map_err(|error| format!("a scan cannot be read: {error}"))?;
+        let (id, scan) = scan::from_message(message)?;
+        self.scans.insert(id, Arc::new(scan));
+        Ok(())
+    }
+
+    /// Whether a keyframe's agent sees with a LiDAR.
+    fn is_lidar(&self, message: &KeyframeMessage) -> bool {
+        let agent = u16::try_from(message.agent).ok().and_then(|id| self.about.agents.get(&AgentId(id)));
+        agent.is_some_and(|info| info.sensor == Sensor::Lidar)
     }
 
     /// Takes a keyframe, in place of an earlier one of that id.
@@ -205,8 +224,18 @@ impl Contents {
         let message =
             KeyframeMessage::decode(data).map_err(|error| format!("a keyframe cannot be read: {error}"))?;
         let id = KeyframeId(message.id);
-        let Some(image) = self.images.get(&id) else {
-            let what = format!("keyframe {} has no image", id.0);
+        let (image, scan) = if self.is_lidar(&message) {
+            (Some(Arc::new(GrayImage::filled(0, 0, 0))), self.scans.get(&id).cloned())
+        } else {
+            (self.images.get(&id).cloned(), None)
+        };
+        let missing = match (&image, &scan) {
+            (None, _) => Some("image"),
+            (Some(image), None) if image.data().is_empty() => Some("scan"),
+            _ => None,
+        };
+        let (Some(image), None) = (image, missing) else {
+            let what = format!("keyframe {} has no {}", id.0, missing.unwrap_or("image"));
             return if self.is_damaged() {
                 self.damage(what + " and was left out");
                 Ok(())
@@ -214,7 +243,7 @@ impl Contents {
                 Err(what)
             };
         };
-        let (keyframe, own_pose) = convert::keyframe_from_message(message, Arc::clone(image))?;
+        let (keyframe, own_pose) = convert::keyframe_from_message(message, image, scan)?;
         self.own_poses.extend(own_pose.map(|pose| (id, pose)));
         self.poses.insert(id, keyframe.world_from_keyframe);
         self.keyframes.insert(id, keyframe);

@@ -69,7 +69,7 @@ impl MapWriter {
             .then(|| format!("keyframe {} is another agent's than the run's", keyframe.id.0));
         other
             .map_or(Ok(()), Err)
-            .and_then(|()| check::keyframe(keyframe, &self.agent.camera))
+            .and_then(|()| check::keyframe(keyframe, &self.agent.sensor))
             .map_err(|what| MapError::invalid(&self.path, what))?;
         self.written(|sink| sink.keyframe(keyframe, None))
     }

@@ -1,6 +1,6 @@
 use super::*;
 use crate::test_support::{Numbers, random_map, sample_map, united};
-use crate::{EdgeKind, Observation};
+use crate::{EdgeKind, Observation, Sensor};
 use geometry::{Pinhole, Sim3};
 use nalgebra::SVector;
 use proptest::prelude::*;
@@ -132,6 +132,12 @@ fn contradictions_among_agents_are_found() {
     fn agent(map: &mut Map, id: u16) -> &mut AgentInfo {
         map.agents.get_mut(&AgentId(id)).unwrap()
     }
+    fn camera(map: &mut Map, id: u16) -> &mut geometry::Pinhole {
+        match &mut agent(map, id).sensor {
+            Sensor::Camera(camera) => camera,
+            Sensor::Lidar => unreachable!("the sample has cameras"),
+        }
+    }
     fn own(map: &mut Map, id: u16) -> &mut OwnMap {
         agent(map, id).own.as_mut().unwrap()
     }
@@ -139,8 +145,8 @@ fn contradictions_among_agents_are_found() {
         (|map| agent(map, 1).name = "sample".into(), "two agents have the name \"sample\""),
         (|map| agent(map, 1).name.clear(), "no name"),
         (|map| agent(map, 2).own = None, "\"other\" does not know its own map"),
-        (|map| agent(map, 2).camera.fx = -1.0, "no pinhole camera"),
-        (|map| agent(map, 2).camera.width = 24, "its image has 30×20 pixels"),
+        (|map| camera(map, 2).fx = -1.0, "no pinhole camera"),
+        (|map| camera(map, 2).width = 24, "its image has 30×20 pixels"),
         (|map| own(map, 1).first_keyframe += 5, "is not one of agent 1"),
         (|map| own(map, 1).world_from_keyframe.clear(), "no pose in the agent's own map"),
         (|map| drop(map.keyframes.pop_last()), "which is missing"),
