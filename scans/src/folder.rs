@@ -68,6 +68,21 @@ impl Folder {
         Ok(Self { root: path.to_owned(), files, timing })
     }
 
+    /// The folder.
+    pub fn root(&self) -> &Path {
+        &self.root
+    }
+
+    /// What its scans are, for people.
+    pub fn kind(&self) -> &'static str {
+        let ending = self.files.first().and_then(|file| file.path.extension()).unwrap_or_default();
+        match ending.to_ascii_lowercase().to_str() {
+            Some("pcd") => "PCD",
+            Some("ply") => "PLY",
+            _ => "KITTI",
+        }
+    }
+
     /// The scans in order of time.
     pub fn files(&self) -> &[ScanFile] {
         &self.files

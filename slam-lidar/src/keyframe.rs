@@ -40,6 +40,10 @@ pub(crate) fn transformed(pose: &Se3, p: [f32; 3]) -> [f32; 3] {
 const COLUMNS: usize = 360;
 const ROWS: usize = 180;
 
+/// Rings lie so many rows apart at most: those of a sensor with 16 are two degrees apart, and a tilted one's less than
+/// three.
+const RING_SPACING: usize = 3;
+
 /// How far a keyframe saw in every direction: all before is free.
 #[derive(Clone, Debug)]
 pub struct Sight {
@@ -90,11 +94,20 @@ impl Sight {
                 (near, far) = (near.min(other.0), far.max(other.1));
             }
         }
-        match range {
-            r if r < near - margin => Seen::Free,
-            r if r <= far + margin => Seen::Surface,
-            _ => Seen::Hidden,
+        if range >= near - margin {
+            return if range <= far + margin { Seen::Surface } else { Seen::Hidden };
         }
+        // Between two rings the sensor saw nothing: along the ground a ring meets it metres behind the one below.
+        let beyond = |next: Option<f32>| next.is_some_and(|nearest| range < nearest - margin);
+        let above = (row + 1..ROWS.min(row + 1 + RING_SPACING)).find_map(|y| self.nearest(column, y));
+        let below = (row.saturating_sub(RING_SPACING)..row).rev().find_map(|y| self.nearest(column, y));
+        if beyond(above) && beyond(below) { Seen::Free } else { Seen::Hidden }
+    }
+
+    /// The nearest return of a cell, if it has any.
+    fn nearest(&self, column: usize, row: usize) -> Option<f32> {
+        let (near, far) = self.ranges[row * COLUMNS + column];
+        (far > 0.0).then_some(near)
     }
 }
 
