@@ -1,13 +1,14 @@
 //! What the user sees while a run goes on.
 
-use crate::ahead::Skip;
 use crate::console::{say, tell};
-use crate::record::{FrameRow, RunRecord, state_name};
-use crate::sources::notice::Notice;
 use indicatif::{ProgressBar, ProgressStyle};
+use loopbox::run::{FrameRow, Progress, RunRecord, state_name};
 use serde_json::json;
+use sources::ahead::Skip;
+use sources::notice::Notice;
 use std::cell::RefCell;
 use std::collections::BTreeMap;
+use std::path::Path;
 use std::time::Duration;
 
 /// How progress is shown.
@@ -22,7 +23,7 @@ pub enum Display {
 }
 
 /// Shows progress.
-pub struct Progress {
+pub struct Console {
     display: Display,
     bar: ProgressBar,
     /// What became of frames that were not tracked, for the bar.
@@ -34,7 +35,7 @@ pub struct Progress {
 /// Something of a kind is said so often; after that it is counted.
 const REPETITIONS: u64 = 3;
 
-impl Progress {
+impl Console {
     /// Progress through `frames` frames (`None`: unknown).
     pub fn new(display: Display, frames: Option<u64>) -> Self {
         let bar = match (display, frames) {
@@ -51,8 +52,21 @@ impl Progress {
         Self { display, bar, losses: RefCell::default(), said: RefCell::default() }
     }
 
-    /// A frame was processed; the map has so many keyframes and points.
-    pub fn frame(&self, row: &FrameRow, keyframes: usize, points: usize) {
+    /// A text that is to be said; the last one of its kind says so.
+    fn not_too_often(&self, kind: &str, text: &str) -> Option<String> {
+        let mut said = self.said.borrow_mut();
+        let times = said.entry(kind.to_owned()).or_default();
+        *times += 1;
+        match (*times, self.display) {
+            (_, Display::Json) | (..REPETITIONS, _) => Some(text.to_owned()),
+            (REPETITIONS, _) => Some(format!("{text} (more of this is only counted)")),
+            _ => None,
+        }
+    }
+}
+
+impl Progress for Console {
+    fn frame(&self, row: &FrameRow, keyframes: usize, points: usize) {
         match self.display {
             Display::Bar => {
                 self.bar.set_position(row.index + 1);
@@ -69,8 +83,7 @@ impl Progress {
         }
     }
 
-    /// A frame was skipped.
-    pub fn skipped(&self, skip: &Skip) {
+    fn skipped(&self, skip: &Skip) {
         match self.display {
             Display::Json => log_line(&json!({
                 "event": "skip", "index": skip.index, "timestamp": skip.timestamp,
@@ -83,16 +96,14 @@ impl Progress {
         }
     }
 
-    /// So many frames were dropped late, so many the driver missed.
-    pub fn lost(&self, dropped: u64, missed: u64) {
+    fn lost(&self, dropped: u64, missed: u64) {
         if self.display == Display::Bar && dropped + missed > 0 {
             let missed = if missed > 0 { format!("  {missed} missed by the driver") } else { String::new() };
             *self.losses.borrow_mut() = format!("  {dropped} dropped{missed}");
         }
     }
 
-    /// What a live source says.
-    pub fn notice(&self, notice: &Notice) {
+    fn notice(&self, notice: &Notice) {
         let event = match notice {
             Notice::Warning(text) => return self.warn(text),
             Notice::Note(_) => "note",
@@ -106,35 +117,20 @@ impl Progress {
         }
     }
 
-    /// Something the user should know, of a kind that may come often.
-    pub fn warn_of(&self, kind: &str, text: &str) {
+    fn warn_of(&self, kind: &str, text: &str) {
         if let Some(text) = self.not_too_often(kind, text) {
             self.warn(&text);
         }
     }
 
-    /// The good end of something that was warned of.
-    pub fn note_of(&self, kind: &str, text: &str) {
+    fn note_of(&self, kind: &str, text: &str) {
         let times = self.said.borrow().get(kind).copied().unwrap_or_default();
         if times <= REPETITIONS || self.display == Display::Json {
             self.note(text);
         }
     }
 
-    /// A text that is to be said; the last one of its kind says so.
-    fn not_too_often(&self, kind: &str, text: &str) -> Option<String> {
-        let mut said = self.said.borrow_mut();
-        let times = said.entry(kind.to_owned()).or_default();
-        *times += 1;
-        match (*times, self.display) {
-            (_, Display::Json) | (..REPETITIONS, _) => Some(text.to_owned()),
-            (REPETITIONS, _) => Some(format!("{text} (more of this is only counted)")),
-            _ => None,
-        }
-    }
-
-    /// Something the user should know.
-    pub fn warn(&self, text: &str) {
+    fn warn(&self, text: &str) {
         match self.display {
             Display::Bar => self.bar.suspend(|| tell!("warning: {text}")),
             Display::Quiet => {}
@@ -142,8 +138,7 @@ impl Progress {
         }
     }
 
-    /// Something good that the user wants to know.
-    pub fn note(&self, text: &str) {
+    fn note(&self, text: &str) {
         match self.display {
             Display::Bar => self.bar.suspend(|| say!("{text}")),
             Display::Quiet => {}
@@ -151,8 +146,7 @@ impl Progress {
         }
     }
 
-    /// The work after the last frame.
-    pub fn stage(&self, text: &str) {
+    fn stage(&self, text: &str) {
         match self.display {
             Display::Bar => self.bar.set_message(text.to_owned()),
             Display::Quiet => {}
@@ -160,8 +154,8 @@ impl Progress {
         }
     }
 
-    /// The run has ended.
-    pub fn finish(&self, record: &RunRecord, out: &str) {
+    fn mapped(&self, record: &RunRecord, folder: &Path) {
+        let out = &folder.display().to_string();
         self.bar.finish_and_clear();
         match self.display {
             Display::Bar => say!("{}", summary(record, out).trim_end()),
@@ -174,7 +168,7 @@ impl Progress {
     }
 }
 
-impl Drop for Progress {
+impl Drop for Console {
     fn drop(&mut self) {
         // After an error the bar must not stand before its message.
         self.bar.finish_and_clear();

@@ -2,9 +2,9 @@
 
 mod common;
 
-use agent_bin::pictures::Picture;
-use agent_bin::sources::{self, SourceFrame, SourceOptions};
 use common::*;
+use sources::pictures::Picture;
+use sources::{SourceFrame, SourceOptions};
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
 use std::time::Duration;
@@ -272,7 +272,7 @@ fn a_video_keeps_every_frame_and_nearly_every_grey_level() {
 
 #[test]
 fn bags_with_several_topics_ask_for_one() {
-    use agent_bin::bag::{BagWriter, MessageType};
+    use sources::bag::{BagWriter, MessageType};
     let folder = tempdir().unwrap();
     let path = folder.path().join("two.bag");
     let file = std::fs::File::create(&path).unwrap();

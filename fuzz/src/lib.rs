@@ -27,7 +27,7 @@ pub fn scratch() -> PathBuf {
 
 /// Reads all frames of a recording in memory.
 pub fn read_recording(bytes: &[u8]) {
-    let Ok(mut source) = agent_bin::sources::open_bytes(bytes, &Default::default()) else { return };
+    let Ok(mut source) = sources::open_bytes(bytes, &Default::default()) else { return };
     while let Some(frame) = source.next_frame() {
         let _ = frame.picture.into_grey();
     }

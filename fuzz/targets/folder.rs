@@ -1,7 +1,7 @@
 //! The tables that come with folders of images. The first byte says whose form it is.
 #![no_main]
 
-use agent_bin::sources::{self, SourceOptions};
+use sources::{SourceOptions};
 use loopbox_fuzz::scratch;
 use std::fs;
 

@@ -1,7 +1,7 @@
 //! Image files, and the JPEGs that cameras send.
 #![no_main]
 
-use agent_bin::pictures::{Picture, whole_jpeg};
+use sources::pictures::{Picture, whole_jpeg};
 
 libfuzzer_sys::fuzz_target!(|data: &[u8]| {
     if let Ok(whole) = whole_jpeg(data.to_vec()) {

@@ -1,7 +1,7 @@
 //! Messages with images and calibrations, which in a recording lie behind checksums. The first byte says which form.
 #![no_main]
 
-use agent_bin::sources::messages::{Form, read_calibration, read_image};
+use sources::messages::{Form, read_calibration, read_image};
 
 const FORMS: [Form; 10] = [
     Form::FoxgloveCompressed,

@@ -1,7 +1,7 @@
 //! Pixels as cameras and recordings have them.
 #![no_main]
 
-use agent_bin::pictures::{Picture, RawPicture};
+use sources::pictures::{Picture, RawPicture};
 use libfuzzer_sys::arbitrary::{self, Arbitrary};
 
 /// The layouts that are read, and one that is not.

@@ -1,4 +1,24 @@
 //! Run agents, merge their maps, evaluate what came of it: what the program `loopbox` does, for other programs. Prints
 //! nothing, installs no signal handlers and starts no global pool of threads.
+//!
+//! The three things people do, in a few lines (`examples/two_agents.rs` does all of them):
+//! [`run`](crate::run()), [`merge_maps`] and [`evaluate`].
+//!
+//! [`run`](crate::run) takes frames from a source through an agent into a folder of results, [`merging`] brings maps of several
+//! agents together, [`calibrating`] makes a camera's calibration from images of a board; [`results`] keeps folders of
+//! results whole. [`lidar`] does the same for LiDAR agents.
 
+#[cfg(feature = "opencv")]
+pub mod calibrating;
+pub mod evaluating;
 pub mod lidar;
+#[cfg(feature = "opencv")]
+pub mod merging;
+pub mod open;
+pub mod results;
+pub mod run;
+
+pub use evaluating::evaluate;
+#[cfg(feature = "opencv")]
+pub use merging::{MergeOptions, merge_maps};
+pub use run::{RunOptions, run};

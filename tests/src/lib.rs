@@ -5,6 +5,7 @@
 //! Everything is a function of its arguments; the same call gives the same bytes on every machine.
 
 pub mod lidar;
+pub mod pages;
 mod patterns;
 mod random;
 mod recording;

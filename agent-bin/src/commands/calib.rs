@@ -4,17 +4,18 @@ use super::calib_check::Checked;
 use super::calib_photometric::{self, PhotometricArgs};
 #[cfg(feature = "view")]
 use super::watching::ServeArgs;
-use crate::calibrating::{
-    Coaching, Collected, Input, Numbers, Output, Seen, Shots, camera_text, collect, render_report, table,
-};
 use crate::console::{self, tell};
-use crate::runtime::Stop;
-use crate::sources::SourceOptions;
-use crate::sources::camera::CameraArgs;
+use crate::interrupt::stop_on_ctrl_c;
 use anyhow::{Context, Result, bail};
 use calib::coach::Coverage;
 use calib::{Board, Calibration, LensModel, SolverParams, calibrate, read_camera};
 use clap::Args;
+use loopbox::calibrating::{
+    Coaching, Collected, Input, Numbers, Output, Seen, Shots, camera_text, collect, render_report, table,
+};
+use sources::SourceOptions;
+use sources::Stop;
+use sources::camera::CameraArgs;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 
@@ -64,7 +65,7 @@ pub struct CalibArgs {
 impl CalibArgs {
     /// Where to serve the page, if that is asked for.
     #[cfg(feature = "view")]
-    fn address(&self) -> Result<Option<crate::watch::web::Address>> {
+    fn address(&self) -> Result<Option<view::watch::web::Address>> {
         self.serve.address()
     }
 
@@ -121,6 +122,9 @@ fn calibrate_to(args: &CalibArgs, board: &Board, out: &Path) -> Result<()> {
     let page = args.report.as_deref().map(Output::prepare).transpose()?;
     let stop = stop()?;
     let coaching = Coaching::start(args.address()?, board, shots.is_live())?;
+    if let Some(url) = coaching.url() {
+        tell!("watch at {url}");
+    }
     let calibrated =
         measure(args, board, &mut shots, &coaching, &stop).and_then(|(collected, calibration)| {
             write(board, &collected, &calibration, out, page)?;
@@ -129,7 +133,7 @@ fn calibrate_to(args: &CalibArgs, board: &Board, out: &Path) -> Result<()> {
     let (collected, calibration) = match calibrated {
         Ok(calibrated) => calibrated,
         Err(error) => {
-            coaching.end(Err(&format!("{error:#}")), &stop);
+            coaching.end(Err(&format!("{error:#}")), &stop, |_| {});
             return Err(error);
         }
     };
@@ -141,12 +145,12 @@ fn calibrate_to(args: &CalibArgs, board: &Board, out: &Path) -> Result<()> {
     } else {
         console::print(&summary)?;
     }
-    coaching.end(Ok(&summary), &stop);
+    coaching.end(Ok(&summary), &stop, |url| tell!("view at {url}  (Ctrl-C ends)"));
     Ok(())
 }
 
 fn stop() -> Result<Stop> {
-    Stop::on_ctrl_c("calibrating from what was seen so far (Ctrl-C again to abort)")
+    stop_on_ctrl_c("calibrating from what was seen so far (Ctrl-C again to abort)")
 }
 
 /// Opens what the images come from.
@@ -158,7 +162,10 @@ fn shots(args: &CalibArgs) -> Result<Shots> {
         }
         None => Input::Paths(args.images.clone()),
     };
-    Shots::open(&input, &SourceOptions { fps: args.camera.fps.or(Some(30.0)), topic: None, all_frames: true })
+    let options = SourceOptions { fps: args.camera.fps.or(Some(30.0)), topic: None, all_frames: true };
+    let mut shots = Shots::open(&input, &options)?;
+    shots.listen(Box::new(|notice| tell!("{}", notice.text())));
+    Ok(shots)
 }
 
 /// Finds the board in the images.

@@ -1,8 +1,8 @@
 //! `loopbox calib --check`.
 
-use crate::calibrating::Collected;
 use anyhow::{Result, bail};
 use calib::{Board, CalibrationFile, check};
+use loopbox::calibrating::Collected;
 use serde::Serialize;
 use std::path::Path;
 

@@ -1,14 +1,14 @@
 //! `loopbox calib --response` and `--vignette`.
 
-use crate::calibrating::Output;
 use crate::console::say;
-use crate::pictures::Picture;
-use crate::sources::images_in;
 use anyhow::{Context, Result, bail};
 use calib::{estimate_response, estimate_vignette, format_response, read_photometric};
 use clap::Args;
 use geometry::GrayImage;
 use image::{DynamicImage, ImageBuffer, ImageFormat, Luma};
+use loopbox::calibrating::Output;
+use sources::images_in;
+use sources::pictures::Picture;
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
 

@@ -19,7 +19,7 @@ pub struct CamerasArgs {
 /// When this program was built without cameras.
 #[cfg(not(all(feature = "camera", target_os = "linux")))]
 pub fn run(_args: &CamerasArgs) -> Result<()> {
-    Err(crate::sources::camera::not_built())
+    Err(sources::camera::not_built())
 }
 
 /// Runs it.
@@ -28,7 +28,7 @@ pub fn run(_args: &CamerasArgs) -> Result<()> {
 /// When the list cannot be printed.
 #[cfg(all(feature = "camera", target_os = "linux"))]
 pub fn run(args: &CamerasArgs) -> Result<()> {
-    let cameras = crate::sources::camera::list::cameras(std::path::Path::new("/dev"));
+    let cameras = sources::camera::list::cameras(std::path::Path::new("/dev"));
     let text = if args.json {
         serde_json::to_string_pretty(&listing::as_json(&cameras))?
     } else {

@@ -1,8 +1,8 @@
 //! The list of cameras, for people and for programs.
 
-use crate::sources::camera::format::{Rates, Sizes, Wish, choose};
-use crate::sources::camera::list::{Details, Found, NONE_HINT};
 use serde_json::{Value, json};
+use sources::camera::format::{Rates, Sizes, Wish, choose};
+use sources::camera::list::{Details, Found, NONE_HINT};
 
 /// For people.
 pub fn as_text(cameras: &[Found]) -> String {
@@ -96,8 +96,8 @@ fn rates(rates: &Rates) -> Value {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sources::camera::format::{Offer, PixelFormat, Size};
-    use crate::sources::camera::node::Identity;
+    use sources::camera::format::{Offer, PixelFormat, Size};
+    use sources::camera::node::Identity;
 
     fn cameras() -> Vec<Found> {
         let sizes = vec![

@@ -1,14 +1,15 @@
 //! `loopbox convert`: a recording into another form.
 
-use crate::camera::CameraOptions;
 use crate::console::{say, tell};
-use crate::convert::{Draft, Kind};
+use crate::interrupt::stop_on_ctrl_c;
 use crate::progress::frame_bar;
-use crate::recording::{CalibrationFiles, Head, encode};
-use crate::runtime::Stop;
-use crate::sources::{self, FrameSource, SourceInfo, SourceOptions, time};
 use anyhow::{Result, bail};
 use clap::Args;
+use sources::Stop;
+use sources::convert::{Draft, Kind};
+use sources::correction::CameraOptions;
+use sources::recording::{CalibrationFiles, Head, encode};
+use sources::{FrameSource, SourceInfo, SourceOptions, time};
 use std::path::PathBuf;
 
 /// Turn a recording into an MCAP file, a ROS 1 bag, a video or a folder of images
@@ -60,7 +61,7 @@ pub fn execute(args: &ConvertArgs) -> Result<()> {
     let calibration = CalibrationFiles::gather(&camera, &info)?;
     let lost = kind.loses(&calibration);
     let head = Head::new(&info, calibration);
-    let stop = Stop::on_ctrl_c("stopping: nothing is written (Ctrl-C again to abort)")?;
+    let stop = stop_on_ctrl_c("stopping: nothing is written (Ctrl-C again to abort)")?;
     let mut draft = Draft::begin(&args.out, &head, args.fps.or(rate(&info)))?;
     let counts = args.copy(source.as_mut(), &mut draft, &stop)?;
     if stop.requested() {

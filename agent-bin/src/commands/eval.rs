@@ -9,9 +9,10 @@ use eval::{
     AgentTracks, AlignMode, Delta, Evaluation, Options, Statistics, evaluate, evaluate_agents, read_times,
     read_trajectory,
 };
+use loopbox::evaluating::trajectory_at;
 use serde::Serialize;
 use std::fmt::Write;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Measure a trajectory against ground truth: ATE, RPE, KITTI segment errors, coverage; of several agents in one
 /// frame, how well they were merged
@@ -146,20 +147,6 @@ fn read(args: &EvalArgs) -> Result<Vec<AgentTracks>> {
         })
     };
     args.estimates.iter().enumerate().map(agent).collect()
-}
-
-/// The file of an estimate: it itself, or that in the folder of a run.
-fn trajectory_at(path: &Path) -> Result<PathBuf> {
-    let file = path.join("trajectory.txt");
-    match (path.is_dir(), file.is_file()) {
-        (false, _) => Ok(path.to_owned()),
-        (true, true) => Ok(file),
-        (true, false) => bail!(
-            "{}: holds no trajectory.txt\nhint: give the folder of a run, or a trajectory; `loopbox export --tum` writes that of a \
-             map",
-            path.display()
-        ),
-    }
 }
 
 /// Compares one estimate and, if asked for, the depths of its map.

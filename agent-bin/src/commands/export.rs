@@ -1,6 +1,6 @@
 //! `loopbox export`: a map in the formats of other tools.
 
-use super::info_map::{load, map_file_at};
+use super::info_map::load_at;
 use crate::console::{say, tell};
 use anyhow::ensure;
 use map::{DEFAULT_MAX_RELATIVE_VARIANCE, Map, MapError, StampedPose};
@@ -49,7 +49,7 @@ pub struct Outputs {
 /// When the map cannot be loaded, a file cannot be written or the bound is not a positive number.
 pub fn run(args: &ExportArgs) -> anyhow::Result<()> {
     ensure!(args.max_variance > 0.0, "--max-variance is {}; give a number above 0", args.max_variance);
-    let map = load(&map_file_at(&args.map)?)?.map;
+    let map = load_at(&args.map)?;
     if map.keyframes.values().all(|keyframe| keyframe.semi_dense.is_empty()) {
         tell!("warning: {}: no keyframe has depth: clouds of it are empty", args.map.display());
     }

@@ -1,29 +1,23 @@
 //! Maps and images as commands are given them, and the features of many images.
 
 use super::info_map::load_at;
-use crate::pictures::Picture;
-use crate::sources::images_in;
 use anyhow::{Context, Result, bail};
-use geometry::GrayImage;
-use map::Map;
+use loopbox::merging::features_of_keyframes;
 use place_recog::Vocabulary;
 use place_recog::features::{Features, SiftParams, sift};
 use rayon::prelude::*;
+use sources::images_in;
+use sources::pictures::Picture;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-
-/// The features of every keyframe of a map, in order of the keyframes.
-pub(crate) fn of_keyframes(map: &Map) -> Result<Vec<Features>> {
-    let images: Vec<&GrayImage> = map.keyframes.values().map(|keyframe| &*keyframe.image).collect();
-    let params = SiftParams::default();
-    images.into_par_iter().map(|image| Ok(sift(image, &params)?)).collect()
-}
 
 /// The features of all images at `path`: an image, a folder of images (or with a folder `images` in it), a map, or
 /// the folder of a run.
 pub(super) fn of_images(path: &Path) -> Result<Vec<Features>> {
     if map::is_map_file(path) || path.join("map.mcap").is_file() {
-        return of_keyframes(&load_at(path)?);
+        let map = load_at(path)?;
+        map.of_cameras()?;
+        return features_of_keyframes(&map);
     }
     let files = image_files(path)?;
     let params = SiftParams::default();

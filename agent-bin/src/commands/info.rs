@@ -1,12 +1,12 @@
 //! `loopbox info`: what a recording or a map holds.
 
-use super::info_map::{self, InfoMapArgs, map_file_at};
+use super::info_map;
 use crate::console;
-use crate::results::map_in;
-use crate::sources::{self, FoundCalibration, FrameSource, SourceOptions};
 use anyhow::Result;
 use clap::Args;
+use loopbox::results::map_in;
 use serde::Serialize;
+use sources::{FoundCalibration, FrameSource, SourceOptions};
 use std::fmt;
 use std::path::PathBuf;
 
@@ -33,7 +33,7 @@ pub struct InfoArgs {
 pub fn execute(args: &InfoArgs) -> Result<()> {
     let is_results = args.path.is_dir() && map_in(&args.path).is_some();
     if is_results || map::is_map_file(&args.path) {
-        return info_map::run(&InfoMapArgs { map: map_file_at(&args.path)?, json: args.json });
+        return info_map::run(&args.path, args.json);
     }
     let options = SourceOptions { fps: args.fps, topic: args.topic.clone(), all_frames: false };
     let mut source = sources::open(&args.path, &options)?;

@@ -18,6 +18,10 @@ mod info;
 pub(crate) mod info_map;
 #[cfg(feature = "opencv")]
 mod merge;
+#[cfg(feature = "opencv")]
+mod merge_progress;
+#[cfg(feature = "opencv")]
+mod method;
 mod params;
 #[cfg(feature = "opencv")]
 mod places;

@@ -1,9 +1,9 @@
 //! `loopbox params`: the default parameters as a TOML file, those of a run documented.
 
 use crate::console;
-#[cfg(feature = "opencv")]
-use crate::merging::MergingParams;
 use anyhow::{Context, Result};
+#[cfg(feature = "opencv")]
+use loopbox::merging::MergingParams;
 use serde::de::DeserializeOwned;
 use slam_direct::{DocumentedParameter, Parameter, ParameterValue, Params};
 use std::fmt::Write as _;

@@ -5,6 +5,7 @@ use super::info_map::load_at;
 use crate::console;
 use anyhow::{Result, bail};
 use clap::Args;
+use loopbox::merging::features_of_keyframes;
 use map::{KeyframeId, Map, PlaceIndex};
 use place_recog::features::Features;
 use place_recog::{
@@ -63,7 +64,7 @@ impl Words {
     fn of(map: &Map, vocabulary: &Vocabulary) -> Result<Self> {
         let times = map.keyframes.iter().map(|(&id, keyframe)| (id, keyframe.timestamp)).collect();
         let ids = map.keyframes.keys().copied();
-        let features: BTreeMap<KeyframeId, Features> = ids.zip(features::of_keyframes(map)?).collect();
+        let features: BTreeMap<KeyframeId, Features> = ids.zip(features_of_keyframes(map)?).collect();
         let (bags, direct) = words(&features, vocabulary);
         Ok(Self { times, bags, features, direct })
     }
@@ -84,6 +85,7 @@ pub fn run(args: &PlacesArgs) -> Result<()> {
     };
     let words_of = |path: &PathBuf| {
         let map = load_at(path)?;
+        map.of_cameras()?;
         if map.keyframes.is_empty() {
             bail!("{}: the map has no keyframes", path.display());
         }

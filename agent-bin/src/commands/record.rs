@@ -1,14 +1,15 @@
 //! `loopbox record`: a source into an MCAP file, without tracking it.
 
-use crate::camera::CameraOptions;
 use crate::console::{say, tell};
+use crate::interrupt::stop_on_ctrl_c;
 use crate::progress::frame_bar;
-use crate::recording::{CalibrationFiles, Head, Recorder, refuse_existing};
-use crate::runtime::Stop;
-use crate::sources::camera::{CameraArgs, open_camera};
-use crate::sources::{self, FrameSource, SourceOptions, time};
 use anyhow::{Context, Result, bail};
 use clap::Args;
+use sources::Stop;
+use sources::camera::{CameraArgs, open_camera};
+use sources::correction::CameraOptions;
+use sources::recording::{CalibrationFiles, Head, Recorder, refuse_existing};
+use sources::{FrameSource, SourceOptions, time};
 use std::path::{Path, PathBuf};
 
 /// Record a camera or any recording into an MCAP file
@@ -66,9 +67,10 @@ pub fn execute(args: &RecordArgs) -> Result<()> {
     if args.force {
         remove(&args.out, &source.info().path)?;
     }
-    let stop = Stop::on_ctrl_c("stopping: ending the recording (Ctrl-C again to abort)")?;
+    let stop = stop_on_ctrl_c("stopping: ending the recording (Ctrl-C again to abort)")?;
     let recorder = Recorder::idle();
     recorder.start(&args.out, &head)?;
+    source.listen(Box::new(|notice| tell!("{}", notice.text())));
     let stopper = source.stopper();
     stop.while_waiting(stopper, || copy(source.as_mut(), &recorder, args, &stop));
     let summary = recorder.stop()?;

@@ -2,25 +2,18 @@
 
 use super::params;
 use super::watching::ViewArgs;
-use crate::ahead::{Ahead, Pace, Preparation};
-use crate::camera::{self, CameraOptions, ImageCorrection};
-use crate::console::{Ended as EndedBy, Ending};
-use crate::diagnosis::too_few_poses;
-use crate::output::{Output, TrajectoryFormat};
-use crate::progress::{Display, Progress};
-use crate::recording::{CalibrationFiles, Head, RecordButton, Recorder, refuse_existing};
-use crate::runtime::Stop;
-use crate::saving::Form;
-use crate::session::{Mapped, Session};
-use crate::sources::camera::{CameraArgs, open_camera};
-use crate::sources::{self, FrameSource, SourceInfo, SourceOptions};
-use crate::watch::Ended;
+use crate::console::{Ended, Ending};
+use crate::interrupt::stop_on_ctrl_c;
+use crate::progress::{Console, Display};
 use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
-use map::AgentInfo;
-use slam_direct::Params;
-use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use loopbox::run::{PreparedRun, Progress, RunOptions, TrajectoryFormat};
+use sources::ahead::Pace;
+use sources::camera::{CameraArgs, open_camera};
+use sources::correction::CameraOptions;
+use sources::recording::refuse_existing;
+use sources::{FrameSource, SourceOptions};
+use std::path::PathBuf;
 
 /// Arguments of `loopbox run`.
 #[derive(Args, Debug)]
@@ -94,14 +87,6 @@ pub struct RunArgs {
     view: ViewArgs,
 }
 
-/// Time that the mapping of a keyframe may take beside the tracking where frames come at their own time, seconds: two
-/// keyframes' work on one slow core. More makes the map older that frames are tracked against.
-const LIVE_LAG: f64 = 0.1;
-/// The rate of a camera that does not tell it, frames a second.
-const USUAL_RATE: f64 = 30.0;
-/// The largest `mapping.lag`.
-const MAX_LAG: usize = 10;
-
 /// Forms of a log.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum LogForm {
@@ -116,67 +101,22 @@ enum LogForm {
 /// results cannot be written.
 pub fn execute(args: &RunArgs) -> Result<()> {
     args.check()?;
-    let params: Params = args.params.as_deref().map(params::read).transpose()?.unwrap_or_default();
-    let source = args.open()?;
-    let lag = args.lag(source.info(), params.mapping.lag);
-    let info = SourceInfo { lag: (lag > 0).then_some(lag), ..source.info().clone() };
-    let params = params.with_lag(lag);
-    let options = CameraOptions { scale_to: args.scale_to()?, ..args.calibration() };
-    let correction = camera::correction(&options, &info)?;
-    let camera = correction.camera();
-    let problems = source.problems().into_iter().chain(correction.problem());
-    let problems: Vec<String> =
-        problems.map(|problem| format!("{}: {problem}", info.path.display())).collect();
-    let provenance = args.provenance(&info, &correction, &params);
-    let name = recording_name(&info.path);
-    let about = AgentInfo { provenance, ..AgentInfo::new(name, camera) };
-    let output = Output::create(&args.out, about.clone(), &info.path, args.force)?;
+    let prepared = PreparedRun::new(args.open()?, args.options()?)?;
     if let Some(threads) = args.threads {
         rayon::ThreadPoolBuilder::new()
             .num_threads(threads)
             .build_global()
             .context("cannot start threads")?;
     }
-    let stop = Stop::on_ctrl_c("stopping: saving what was tracked so far (Ctrl-C again to abort)")?;
-    let progress = Progress::new(args.display(), info.frame_count);
-    problems.iter().for_each(|problem| progress.warn(problem));
-    let head = Head::new(&info, CalibrationFiles::gather(&args.calibration(), &info)?);
-    let recorder = Recorder::idle();
-    if let Some(path) = &args.record {
-        recorder.start(path, &head)?;
-    }
-    let preparation = Preparation::new(correction, args.start, args.end);
-    let ahead = Ahead::start(source, preparation, args.pace(), recorder.clone())?;
-    let mut watch =
-        args.view.start(&about, info.frame_count, RecordButton::new(&recorder, head, &args.out))?;
-    let form = Form { format: args.trajectory, max_variance: args.max_variance };
-    let session = Session { about, source: info, camera, params, form, stop: &stop, progress: &progress };
-    let mapped = session.run(output, &ahead, &mut watch);
-    // Tells the recorder which frames nobody took, so that a replay ends where this run did.
-    drop(ahead);
-    let recorded = recorder.is_recording().then(|| recorder.stop()).transpose();
-    let Mapped { folder, record, failure } = mapped?;
-    if let Ok(Some(summary)) = &recorded {
-        progress.note(&summary.text());
-    }
-    if let Some(warning) = too_few_poses(&record.frames) {
-        progress.warn(&warning);
-    }
-    progress.finish(&record, &folder.display().to_string());
-    watch.end(Ended(&format!("The run has ended. Its results are in {}", folder.display())));
-    recorded?;
-    match failure {
+    let stop = stop_on_ctrl_c("stopping: saving what was tracked so far (Ctrl-C again to abort)")?;
+    let progress = Console::new(args.display(), prepared.frame_count());
+    prepared.problems().iter().for_each(|problem| progress.warn(problem));
+    let watched = |about: &_, frames, recording| args.view.start(about, frames, recording);
+    let mapped = prepared.go(watched, &stop, &progress)?;
+    match mapped.failure {
         Some(failure) => bail!("the run ended early, what was tracked is saved: {failure}"),
-        None => args.judge(record.frames.tracked_share),
+        None => args.judge(mapped.record.frames.tracked_share),
     }
-}
-
-/// What people call a recording: the last part of its path, of a file without the extension.
-fn recording_name(path: &Path) -> String {
-    // A path such as `.` names nothing before it is made whole.
-    let whole = path.canonicalize().unwrap_or_else(|_| path.to_owned());
-    let name = if whole.is_dir() { whole.file_name() } else { whole.file_stem() };
-    name.map_or_else(|| "recording".into(), |name| name.to_string_lossy().into_owned())
 }
 
 impl RunArgs {
@@ -216,7 +156,7 @@ impl RunArgs {
                     100.0 * share,
                     100.0 * least
                 );
-                Err(EndedBy { ending: Ending::TooLittleTracked, text }.into())
+                Err(Ended { ending: Ending::TooLittleTracked, text }.into())
             }
             _ => Ok(()),
         }
@@ -236,13 +176,26 @@ impl RunArgs {
         sources::open(source, &SourceOptions { fps, topic, all_frames: self.all_frames })
     }
 
-    fn calibration(&self) -> CameraOptions {
-        CameraOptions {
+    fn options(&self) -> Result<RunOptions> {
+        let camera = CameraOptions {
             calibration: self.calib.clone(),
             response: self.response.clone(),
             vignette: self.vignette.clone(),
-            scale_to: None,
-        }
+            scale_to: self.scale_to()?,
+        };
+        Ok(RunOptions {
+            out: self.out.clone(),
+            force: self.force,
+            camera,
+            params: self.params.as_deref().map(params::read).transpose()?.unwrap_or_default(),
+            pace: self.pace(),
+            rate: self.camera.fps,
+            start: self.start,
+            end: self.end,
+            record: self.record.clone(),
+            trajectory: self.trajectory,
+            max_variance: self.max_variance,
+        })
     }
 
     /// The size of the first image, if the calibration is to be scaled to it.
@@ -255,39 +208,6 @@ impl RunArgs {
             Some(Ok(image)) => Ok(Some((image.width(), image.height()))),
             Some(Err(reason)) => bail!("--scale-calib needs the first image: {reason}"),
             None => bail!("--scale-calib needs an image, and there is none"),
-        }
-    }
-
-    /// Where the map comes from; nothing in it may differ between two runs of the same command.
-    fn provenance(
-        &self,
-        info: &SourceInfo,
-        correction: &ImageCorrection,
-        params: &Params,
-    ) -> BTreeMap<String, String> {
-        let parameters = if *params == Params::default() { "defaults".into() } else { format!("{params:?}") };
-        let pairs = [
-            ("program", concat!("loopbox ", env!("CARGO_PKG_VERSION")).to_owned()),
-            ("source", info.path.display().to_string()),
-            ("source kind", info.kind.to_owned()),
-            ("calibration", correction.origin().to_owned()),
-            ("parameters", parameters),
-        ];
-        pairs.map(|(key, value)| (key.to_owned(), value)).into()
-    }
-
-    /// How many frames mapping may take: as many as asked for; else those of the run that was recorded; else, where
-    /// frames come at their own time, those of [`LIVE_LAG`].
-    fn lag(&self, info: &SourceInfo, asked: usize) -> usize {
-        let is_live = self.realtime || self.source.is_none();
-        match (asked, info.lag) {
-            (0, Some(recorded)) => recorded,
-            (0, None) if is_live => {
-                let recorded = info.frame_count.zip(info.duration).filter(|(_, duration)| *duration > 0.0);
-                let rate = recorded.map(|(count, duration)| count as f64 / duration).or(self.camera.fps);
-                ((LIVE_LAG * self.speed * rate.unwrap_or(USUAL_RATE)).round() as usize).clamp(1, MAX_LAG)
-            }
-            _ => asked,
         }
     }
 

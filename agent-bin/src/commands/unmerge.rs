@@ -2,10 +2,10 @@
 
 use super::info_map::load_at;
 use crate::console;
-use crate::merging::{Names, keep_from, listed, write_maps};
-use crate::results::{Owner, Results};
 use anyhow::{Context, Result, anyhow, bail};
 use clap::Args;
+use loopbox::merging::{Names, keep_from, listed, write_maps};
+use loopbox::results::{Owner, Results};
 use map::{AgentId, Map};
 use merge::common_map::{CommonMap, Fused, FusionParams};
 use std::path::PathBuf;
@@ -66,6 +66,7 @@ fn apart(args: &UnmergeArgs, map: &Map) -> Result<String> {
 
 /// Undoes the merge of two agents and writes the maps that result; says which.
 fn separate(args: &UnmergeArgs, map: Map, [a, b]: [&str; 2]) -> Result<String> {
+    map.of_cameras().context("--between is for maps of cameras")?;
     let (mut common, addresses) = CommonMap::from_maps(&[&map])?;
     let agents: Vec<AgentId> = addresses.iter().flat_map(|map| map.agents()).collect();
     let known: Vec<&str> = map.agents.values().map(|info| &*info.name).collect();
@@ -126,7 +127,7 @@ fn provenance(args: &UnmergeArgs, map: &Map, [a, b]: [&str; 2]) -> Vec<(String, 
 fn summary(args: &UnmergeArgs, groups: &[Fused], names: &Names, [a, b]: [AgentId; 2]) -> String {
     let mut said = String::new();
     for (index, group) in groups.iter().enumerate() {
-        let file = crate::merging::map_file(index, group, names);
+        let file = loopbox::merging::map_file(index, group, names);
         said += &format!("{}: {}\n", args.out.join(file).display(), names.list(&group.agents));
     }
     if groups.iter().any(|group| group.agents.contains(&a) && group.agents.contains(&b)) {

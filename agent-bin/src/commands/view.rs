@@ -3,13 +3,13 @@
 use super::info_map::load_at;
 use super::watching::PageArgs;
 use crate::console::tell;
-use crate::runtime::Stop;
-use crate::watch::{Shared, saved, web::Server};
+use crate::interrupt::stop_on_ctrl_c;
 use anyhow::{Result, bail};
 use map::Map;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
+use view::watch::{Shared, saved, web::Server};
 
 /// Show maps in the browser
 #[derive(Clone, Debug, clap::Args)]
@@ -36,9 +36,9 @@ pub fn execute(args: &ViewArgs) -> Result<()> {
     if map.keyframes.is_empty() {
         bail!("the map has no keyframes: there is nothing to show");
     }
-    let stop = Stop::on_ctrl_c("stopping")?;
+    let stop = stop_on_ctrl_c("stopping")?;
     let names: Vec<&str> = map.agents.values().map(|agent| &*agent.name).collect();
-    let shared = Arc::new(Shared::new(saved::scene(&map), None));
+    let shared = Arc::new(Shared::new(saved::scene(&map)?, None));
     let server = Server::start(&shared, address, &names.join(" · "))?;
     tell!("view at {}  (Ctrl-C ends)", server.url());
     while !stop.requested() {

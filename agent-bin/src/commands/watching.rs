@@ -1,9 +1,9 @@
 //! Arguments of watching a run.
 
-use crate::recording::RecordButton;
-use crate::watch::Watch;
 use anyhow::Result;
 use map::AgentInfo;
+use sources::recording::RecordButton;
+use view::watch::Watch;
 
 #[cfg(feature = "view")]
 pub use with_view::{PageArgs, ServeArgs, ViewArgs};
@@ -24,9 +24,10 @@ impl ViewArgs {
 #[cfg(feature = "view")]
 mod with_view {
     use super::*;
-    use crate::watch::WatchOptions;
-    use crate::watch::web::Address;
+    use crate::console::tell;
     use std::net::{IpAddr, Ipv4Addr};
+    use view::watch::WatchOptions;
+    use view::watch::web::Address;
 
     /// Arguments of the page.
     #[derive(Clone, clap::Args, Debug)]
@@ -94,7 +95,9 @@ mod with_view {
             let page = self.serve.address()?;
             let options =
                 WatchOptions { page, foxglove: self.foxglove(), recording: Some(recording), frames };
-            Watch::start(agent, options)
+            let watch = Watch::start(agent, options)?;
+            watch.places().iter().for_each(|place| tell!("{place}"));
+            Ok(watch)
         }
 
         #[cfg(feature = "foxglove-server")]

@@ -1,14 +1,14 @@
 //! A scene of many points in the browser: how many are drawn, and how long an image takes.
 
 use super::browser::Browser;
-use agent_bin::watch::web::{Address, Server};
-use agent_bin::watch::{Agent, Chunk, POINT_BYTES, Placed, Scene, Shared, Status};
 use geometry::{Pinhole, Sim3};
 use nalgebra::{UnitQuaternion, Vector3};
 use std::net::{IpAddr, Ipv4Addr};
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
+use view::watch::web::{Address, Server};
+use view::watch::{Agent, Chunk, POINT_BYTES, Placed, Scene, Shared, Status};
 
 const CAMERA: Pinhole = Pinhole { width: 640, height: 480, fx: 500.0, fy: 500.0, cx: 319.5, cy: 239.5 };
 

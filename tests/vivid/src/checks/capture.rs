@@ -4,11 +4,11 @@ use super::pattern;
 use crate::driver::{self, CAPTURE, Mode};
 use crate::layout::FORMATS;
 use crate::player::{Pace, Player};
-use agent_bin::sources::camera::args::{Lockable, Wanted};
-use agent_bin::sources::camera::format::Size;
-use agent_bin::sources::camera::{CameraArgs, open_camera};
-use agent_bin::sources::{FrameSource, SourceFrame};
 use anyhow::{Context, Result, anyhow, ensure};
+use sources::camera::args::{Lockable, Wanted};
+use sources::camera::format::Size;
+use sources::camera::{CameraArgs, open_camera};
+use sources::{FrameSource, SourceFrame};
 use std::thread;
 use std::time::Duration;
 

@@ -1,0 +1,66 @@
+//! What to call the agents of a common map, in messages and in file names.
+
+use map::{AgentId, Map};
+use merge::common_map::CommonMap;
+use std::collections::BTreeMap;
+
+/// A name for every agent of a common map, unique and safe in file names.
+#[derive(Clone, Debug)]
+pub struct Names(BTreeMap<AgentId, String>);
+
+impl Names {
+    /// The agents' own names, those that occur twice numbered.
+    pub fn new(common: &CommonMap) -> Self {
+        let infos = common.agents().iter().filter_map(|(id, own)| Some((*id, own.agents.values().next()?)));
+        let agents: BTreeMap<AgentId, map::AgentInfo> =
+            infos.map(|(id, info)| (id, map::AgentInfo::new(&info.name, info.sensor))).collect();
+        // Only a map knows how to make labels of names, and this one holds nothing else.
+        let Some(first) = agents.values().next().cloned() else { return Self(BTreeMap::new()) };
+        let labelled = Map { agents, ..Map::of(first) };
+        Self(labelled.agent_labels())
+    }
+
+    /// The name of an agent; nobody's is empty.
+    pub fn of(&self, agent: AgentId) -> &str {
+        self.0.get(&agent).map_or("", |name| name)
+    }
+
+    /// The names of some agents as people list them: `a`, `a and b`, `a, b and c`.
+    pub fn list(&self, agents: &[AgentId]) -> String {
+        listed(&agents.iter().map(|agent| self.of(*agent)).collect::<Vec<_>>())
+    }
+}
+
+/// Words as people list them: `a`, `a and b`, `a, b and c`.
+pub fn listed(words: &[&str]) -> String {
+    match words {
+        [] => String::new(),
+        [one] => (*one).to_owned(),
+        [most @ .., last] => format!("{} and {last}", most.join(", ")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use geometry::Pinhole;
+    use map::AgentInfo;
+
+    const CAMERA: Pinhole = Pinhole { width: 4, height: 3, fx: 2.0, fy: 2.0, cx: 1.5, cy: 1.0 };
+
+    #[test]
+    fn lists_read_as_people_write_them() {
+        assert_eq!(listed(&["a"]), "a");
+        assert_eq!(listed(&["a", "b"]), "a and b");
+        assert_eq!(listed(&["a", "b", "c"]), "a, b and c");
+    }
+
+    #[test]
+    fn agents_of_one_name_are_told_apart() {
+        let maps: Vec<Map> = ["yard", "yard"].map(|name| Map::of(AgentInfo::new(name, CAMERA))).into();
+        let (common, _) = CommonMap::from_maps(&maps.iter().collect::<Vec<_>>()).unwrap();
+        let names = Names::new(&common);
+        assert_eq!([0, 1].map(|id| names.of(AgentId(id))), ["yard", "yard-2"]);
+        assert_eq!(names.list(&[AgentId(0), AgentId(1)]), "yard and yard-2");
+    }
+}

@@ -1,0 +1,147 @@
+//! A merge as it is asked for, and its way from there to the results.
+
+use super::{
+    Input, MergeRecord, Merging, MergingParams, Names, keep_from, listed, merge, verdict, without_company,
+    write_results,
+};
+use crate::results::{Owner, Results};
+use anyhow::{Result, anyhow, bail};
+use place_recog::Vocabulary;
+use sources::Stop;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// How maps are to be merged.
+#[derive(Clone, Debug)]
+pub struct MergeOptions {
+    /// Folder for the results; made if it is not there.
+    pub out: PathBuf,
+    /// Replace results of a run in that folder.
+    pub force: bool,
+    /// All parameters of all steps.
+    pub params: MergingParams,
+}
+
+impl MergeOptions {
+    /// The usual merge, with results in `out`.
+    pub fn to(out: impl Into<PathBuf>) -> Self {
+        Self { out: out.into(), force: false, params: MergingParams::default() }
+    }
+}
+
+/// Is told how a merge goes.
+pub trait MergeWatcher {
+    /// What is done next.
+    fn stage(&self, _text: &str) {}
+
+    /// Something the user should know.
+    fn warn(&self, _text: &str) {}
+}
+
+impl MergeWatcher for crate::run::Silent {}
+
+/// What came of a merge.
+pub struct Merged {
+    /// The maps.
+    pub inputs: Vec<Input>,
+    /// All that was found out about them.
+    pub merging: Merging,
+    /// What to call the agents.
+    pub names: Names,
+    /// The numbers, as in `merge.json`.
+    pub record: MergeRecord,
+}
+
+impl Merged {
+    /// Whether any two of the maps met. Only then results were written.
+    pub fn anything_met(&self) -> bool {
+        self.merging.anything_met()
+    }
+
+    /// For each pair what was decided and by what evidence, for people.
+    pub fn verdict(&self) -> String {
+        verdict(&self.inputs, &self.merging)
+    }
+}
+
+/// Merges the maps at `paths`, each a `map.mcap` or the folder of a run, and writes the common map; tells nobody how it
+/// goes. Where no two of them met, nothing is written.
+///
+/// ```no_run
+/// use loopbox::merging::{MergeOptions, merge_maps};
+///
+/// let merged = merge_maps(&["out/a".into(), "out/b".into()], MergeOptions::to("out/merged"))?;
+/// println!("{}", merged.verdict());
+/// # Ok::<(), anyhow::Error>(())
+/// ```
+///
+/// # Errors
+/// When a map cannot be read, or the common map cannot be made or written. Then nothing is written.
+pub fn merge_maps(paths: &[PathBuf], options: MergeOptions) -> Result<Merged> {
+    merge_maps_watched(paths, options, &Stop::default(), &crate::run::Silent)
+}
+
+/// The same, told to `watcher` and ended by `stop`.
+///
+/// # Errors
+/// As [`merge_maps`], and when `stop` was wished.
+pub fn merge_maps_watched(
+    paths: &[PathBuf],
+    options: MergeOptions,
+    stop: &Stop,
+    watcher: &dyn MergeWatcher,
+) -> Result<Merged> {
+    if let [map] = paths {
+        bail!(
+            "{}: is one map; there is nothing to merge it with\nhint: give two or more: loopbox merge A B --out DIR",
+            map.display()
+        );
+    }
+    keep_from(&options.out, paths)?;
+    let mut output = Results::create(&options.out, &Owner::Merge, options.force)?;
+    let go_on = || if stop.requested() { Err(anyhow!("interrupted: nothing was written")) } else { Ok(()) };
+    let mut stage = |text: &str| {
+        watcher.stage(text);
+        go_on()
+    };
+    let vocabulary = Vocabulary::shipped();
+    let inputs = load(paths, &vocabulary, watcher, &mut stage)?;
+    let merging = merge(&inputs, &vocabulary, &options.params, &mut stage)?;
+    let names = Names::new(&merging.common);
+    let mut record = MergeRecord::new(&inputs, &merging, &options.params, &names)?;
+    if merging.anything_met() {
+        stage("writing the results")?;
+        write_results(&mut output, &inputs, &merging, &names, &mut record)?;
+        go_on()?;
+        output.commit()?;
+        let lonely = without_company(&merging, &names);
+        if !lonely.is_empty() {
+            let lonely: Vec<&str> = lonely.iter().map(String::as_str).collect();
+            watcher.warn(&format!("{} met none of the others", listed(&lonely)));
+        }
+    }
+    Ok(Merged { inputs, merging, names, record })
+}
+
+/// Reads the maps and finds their features. Maps of one name are told apart.
+fn load(
+    paths: &[PathBuf],
+    vocabulary: &Arc<Vocabulary>,
+    watcher: &dyn MergeWatcher,
+    stage: &mut dyn FnMut(&str) -> Result<()>,
+) -> Result<Vec<Input>> {
+    let mut inputs: Vec<Input> = Vec::new();
+    for path in paths {
+        stage(&format!("reading {} and finding its features", path.display()))?;
+        let mut input = Input::load(path, vocabulary)?;
+        input.warnings.iter().for_each(|warning| watcher.warn(warning));
+        let name = input.name.clone();
+        let mut number = 2;
+        while inputs.iter().any(|other| other.name == input.name) {
+            input.name = format!("{name}-{number}");
+            number += 1;
+        }
+        inputs.push(input);
+    }
+    Ok(inputs)
+}

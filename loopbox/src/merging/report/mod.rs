@@ -1,0 +1,104 @@
+//! `report.html` of a merging: the common map in 3-D, what joined the agents, and what was refused.
+//!
+//! One page without a network, as that of a run ([`view::report`]), of which it takes the 3-D view, the plots and
+//! the styles. It shows the group of agents that the first map is in; the other groups are named.
+
+mod agents;
+mod encounters;
+mod matches;
+mod paths;
+mod place;
+#[cfg(test)]
+mod tests;
+
+use super::{Input, Merging};
+use agents::{Graph, Group};
+use anyhow::Context;
+use encounters::Meeting;
+use matches::Pictures;
+use paths::Paths;
+use place::Places;
+use serde::Serialize;
+use std::path::Path;
+use view::report::cloud::Cloud;
+use view::report::page::{self, Template};
+use view::report::scene::{PlacedFrame, Scene, placed_frames, placed_keyframes};
+
+/// Most points of the cloud; ten bytes each, before base64.
+const MAX_POINTS: usize = 400_000;
+/// Most frames of all trajectories together; some fifty bytes each, before base64.
+const MAX_FRAMES: usize = 30_000;
+
+/// The page of a merging.
+const TEMPLATE: Template = Template {
+    body: include_str!("assets/body.html"),
+    style: include_str!("assets/merge.css"),
+    policy: "",
+    scene: true,
+    scripts: &[
+        include_str!("assets/matches.js"),
+        include_str!("assets/paths.js"),
+        include_str!("assets/tables.js"),
+        include_str!("assets/start.js"),
+    ],
+};
+
+/// Writes the report of a merging to `path`, replacing what was there. `inputs` are those that were merged, in their
+/// order.
+///
+/// # Errors
+/// When nothing was merged at all, a key image cannot be encoded or the file cannot be written.
+pub fn write(path: &Path, inputs: &[Input], merging: &Merging) -> anyhow::Result<()> {
+    page::save(path, &render(inputs, merging)?)
+}
+
+/// The whole page as text.
+fn render(inputs: &[Input], merging: &Merging) -> anyhow::Result<String> {
+    let names: Vec<&str> = inputs.iter().map(|input| &*input.name).collect();
+    TEMPLATE.filled(&names.join(" + "), &Data::new(inputs, merging)?)
+}
+
+/// The page's data, as its scripts read it.
+#[derive(Serialize)]
+struct Data {
+    /// The inputs' names.
+    inputs: Vec<String>,
+    scene: Scene,
+    cloud: Cloud,
+    paths: Paths,
+    graph: Graph,
+    /// The groups of agents that are not shown.
+    others: Vec<Group>,
+    meetings: Vec<Meeting>,
+    pictures: Pictures,
+    /// Seconds that making the common map took.
+    fusion_seconds: f64,
+}
+
+impl Data {
+    fn new(inputs: &[Input], merging: &Merging) -> anyhow::Result<Self> {
+        let (shown, others) = merging.fused.split_first().context("there is no map to report on")?;
+        let map = &shown.map;
+        let keyframes = placed_keyframes(map);
+        let mut frames: Vec<PlacedFrame> = placed_frames(map);
+        view::report::cloud::evenly(&mut frames, MAX_FRAMES);
+        let mut pictures = Pictures::default();
+        let places = Places::new(merging, shown, &keyframes);
+        let meetings = merging
+            .encounters
+            .iter()
+            .map(|encounter| Meeting::new(inputs, encounter, &places, &mut pictures))
+            .collect::<anyhow::Result<_>>()?;
+        Ok(Self {
+            inputs: inputs.iter().map(|input| input.name.clone()).collect(),
+            scene: Scene::new(map, &keyframes, &frames),
+            cloud: Cloud::new(map, &keyframes, MAX_POINTS),
+            paths: Paths::new(&frames),
+            graph: Graph::new(merging, shown),
+            others: others.iter().map(Group::new).collect(),
+            meetings,
+            pictures,
+            fusion_seconds: merging.fusion_seconds,
+        })
+    }
+}

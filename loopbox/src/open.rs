@@ -1,0 +1,45 @@
+//! Maps as people name them: a file, or the folder of results that holds one.
+
+use crate::results::map_in;
+use anyhow::{Result, bail};
+use map::{Map, load_map};
+use std::path::{Path, PathBuf};
+
+/// A map that was read.
+#[derive(Clone, Debug)]
+pub struct OpenedMap {
+    /// Its file.
+    pub file: PathBuf,
+    /// The map.
+    pub map: Map,
+    /// What is missing from it, and what else there is to know, for people.
+    pub warnings: Vec<String>,
+}
+
+/// The file of the map at `path`: a map file, or the folder of results that holds one; with what there is to know of a
+/// folder's map.
+///
+/// # Errors
+/// When there is no map.
+pub fn map_file_at(path: &Path) -> Result<(PathBuf, Option<String>)> {
+    let found = if path.is_dir() { map_in(path) } else { path.is_file().then(|| (path.to_owned(), None)) };
+    let Some((file, note)) = found else {
+        bail!(
+            "{}: there is no map\nhint: give a map.mcap, or the folder that `loopbox run` or `loopbox merge` wrote",
+            path.display()
+        );
+    };
+    Ok((file, note.map(|note| format!("{}: {note}", path.display()))))
+}
+
+/// Reads the map at `path`, a map file or the folder of results that holds one.
+///
+/// # Errors
+/// When there is none, or it cannot be read.
+pub fn open_map(path: &Path) -> Result<OpenedMap> {
+    let (file, note) = map_file_at(path)?;
+    let loaded = load_map(&file)?;
+    let of_file = loaded.warnings.iter().map(|warning| format!("{}: {warning}", file.display()));
+    let warnings = note.into_iter().chain(of_file).collect();
+    Ok(OpenedMap { file, map: loaded.map, warnings })
+}

@@ -1,0 +1,135 @@
+//! Why a run could not start, told from its images, and where it lost its way.
+
+use crate::run::Progress;
+use crate::run::record::{FrameCounts, FrameRow};
+use geometry::GrayImage;
+use slam_direct::{FrameReport, TrackingState};
+
+/// Every how many pixels one is looked at: cheap, and enough for means.
+const STRIDE: usize = 13;
+
+/// Simple statistics of the images of a run.
+#[derive(Debug, Default)]
+pub struct ImageStatistics {
+    count: u64,
+    mean: f64,
+    contrast: f64,
+    change: f64,
+    previous: Option<GrayImage>,
+}
+
+impl ImageStatistics {
+    /// Takes in the next image.
+    pub fn add(&mut self, image: &GrayImage) {
+        let sample = || image.data().iter().step_by(STRIDE).map(|&v| v as f64);
+        let n = image.data().len().div_ceil(STRIDE).max(1) as f64;
+        let mean = sample().sum::<f64>() / n;
+        let variance = sample().map(|v| (v - mean).powi(2)).sum::<f64>() / n;
+        if let Some(previous) = &self.previous {
+            let before = previous.data().iter().step_by(STRIDE).map(|&v| v as f64);
+            self.change += sample().zip(before).map(|(a, b)| (a - b).abs()).sum::<f64>() / n;
+        }
+        self.count += 1;
+        self.mean += mean;
+        self.contrast += variance.sqrt();
+        self.previous = Some(image.clone());
+    }
+
+    /// What about the images kept a map from being made; `last_reason` is the agent's own word.
+    pub fn why_nothing_was_tracked(&self, last_reason: Option<&str>) -> String {
+        let per_frame = |sum: f64| sum / self.count.max(1) as f64;
+        let agent = last_reason.map(|reason| format!(" ({reason})")).unwrap_or_default();
+        if self.count == 0 {
+            "no image could be used".into()
+        } else if per_frame(self.mean) < 2.0 {
+            "the images are black".into()
+        } else if per_frame(self.contrast) < 2.0 {
+            "the images show one even colour".into()
+        } else if self.count == 1 {
+            "there is only one image".into()
+        } else if self.change / (self.count as f64 - 1.0) < 0.2 {
+            "the images are all alike: the camera did not move".into()
+        } else {
+            format!("the camera did not move sideways enough, or what it sees has too little texture{agent}")
+        }
+    }
+}
+
+/// How often tracking was lost, told as it happens.
+#[derive(Debug, Default)]
+pub struct Losses {
+    /// How often.
+    pub count: u64,
+    is_lost: bool,
+    was_tracking: bool,
+}
+
+impl Losses {
+    /// Takes in what became of the next frame.
+    pub fn take_in(&mut self, report: &FrameReport, row: &FrameRow, progress: &dyn Progress) {
+        let lost = self.was_tracking && report.state == TrackingState::Lost;
+        self.was_tracking = report.state == TrackingState::Tracking;
+        let at = format!("frame {} at {:.2} s", row.index, row.timestamp);
+        if lost {
+            self.count += 1;
+            self.is_lost = true;
+            let why = report.reason.map_or(String::new(), |reason| format!(": {reason}"));
+            progress.warn_of("lost", &format!("tracking is lost since {at}{why}"));
+        } else if self.is_lost && self.was_tracking {
+            self.is_lost = false;
+            progress.note_of("lost", &format!("tracking goes on since {at}"));
+        }
+    }
+}
+
+/// The share of frames with a pose below which a run is not what its user wanted.
+const FEW: f64 = 0.5;
+
+/// What to say of a run in which most frames have no pose; nothing where most have one.
+pub fn too_few_poses(frames: &FrameCounts) -> Option<String> {
+    let taken = frames.offered - frames.dropped_late;
+    let without = taken.saturating_sub(frames.tracked);
+    let mut hints = Vec::new();
+    if frames.tracked_share < FEW {
+        if frames.losses > 0 {
+            hints.push(
+                "move more slowly, keep part of what was seen before in view, and avoid blank walls and blur",
+            );
+        } else {
+            hints.push("begin with a move sideways in front of something textured; is the calibration this camera's?");
+        }
+    }
+    if frames.dropped_late > taken {
+        hints.push("this machine is too slow for the rate: run recordings without --realtime, take smaller images or a lower rate");
+    }
+    let dropped = (frames.dropped_late > 0).then(|| format!(", {} were dropped late", frames.dropped_late));
+    let (dropped, hints) = (dropped.unwrap_or_default(), hints.join("\nhint: "));
+    (!hints.is_empty()).then(|| format!("{without} of {taken} frames have no pose{dropped}\nhint: {hints}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn pattern(shift: usize) -> GrayImage {
+        let data = (0..64 * 48).map(|i| ((i * 31 + shift * 17) % 251) as u8).collect();
+        GrayImage::from_vec(64, 48, data).unwrap()
+    }
+
+    fn why(images: &[GrayImage]) -> String {
+        let mut statistics = ImageStatistics::default();
+        images.iter().for_each(|image| statistics.add(image));
+        statistics.why_nothing_was_tracked(Some("too little parallax"))
+    }
+
+    #[test]
+    fn each_cause_is_named() {
+        let (black, grey) = (GrayImage::filled(64, 48, 0), GrayImage::filled(64, 48, 90));
+        assert!(why(&[]).contains("no image"));
+        assert!(why(&[black.clone(), black]).contains("black"));
+        assert!(why(&[grey.clone(), grey]).contains("even colour"));
+        assert!(why(&[pattern(0)]).contains("only one"));
+        assert!(why(&[pattern(0), pattern(0)]).contains("did not move"));
+        assert!(why(&[pattern(0), pattern(9)]).contains("too little parallax"));
+    }
+}

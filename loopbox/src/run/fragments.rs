@@ -1,0 +1,56 @@
+//! The maps that a run made after losses, joined where they show one place: as the maps of several agents are.
+
+use crate::run::Progress;
+use map::Map;
+
+/// Joins the fragments of a run where they hang together. The map that most frames have a pose in comes first; those
+/// that saw no place of another stay apart. A fragment alone stays as it is, to the last bit.
+#[cfg(feature = "opencv")]
+pub fn joined(fragments: Vec<Map>, progress: &dyn Progress) -> Vec<Map> {
+    use crate::merging::{Input, MergingParams, merge};
+
+    if fragments.len() < 2 {
+        return fragments;
+    }
+    progress.stage("joining the parts of the run");
+    let vocabulary = place_recog::Vocabulary::shipped();
+    let mut apart = Vec::new();
+    let mut inputs = Vec::new();
+    for map in fragments {
+        // One without depth or with no feature cannot be recognised, and is a result all the same.
+        match Input::of(map, std::path::Path::new(""), &vocabulary) {
+            Ok(input) => inputs.push(input),
+            Err(refused) => apart.push(*refused.map),
+        }
+    }
+    let joined = match inputs.len() {
+        0 | 1 => None,
+        _ => merge(&inputs, &vocabulary, &MergingParams::default(), &mut |_| Ok(()))
+            .inspect_err(|error| progress.warn(&format!("the parts of the run are not joined: {error:#}")))
+            .ok(),
+    };
+    let maps = match joined {
+        Some(merging) => merging.fused.into_iter().map(|fused| in_order(fused.map)).collect(),
+        None => inputs.into_iter().map(|input| input.map).collect::<Vec<_>>(),
+    };
+    most_frames_first(maps.into_iter().chain(apart).collect())
+}
+
+/// Without features no place is recognised: the fragments stay apart, that of most frames first.
+#[cfg(not(feature = "opencv"))]
+pub fn joined(fragments: Vec<Map>, _: &dyn Progress) -> Vec<Map> {
+    most_frames_first(fragments)
+}
+
+/// Frames in order of time, whichever fragment they were tracked in.
+#[cfg(feature = "opencv")]
+fn in_order(mut map: Map) -> Map {
+    map.frames.sort_by_key(|frame| frame.frame_index);
+    map
+}
+
+fn most_frames_first(mut maps: Vec<Map>) -> Vec<Map> {
+    // Stable: of equals the earlier one comes first.
+    maps.sort_by_key(|map| std::cmp::Reverse(map.frames.len()));
+    maps
+}

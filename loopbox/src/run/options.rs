@@ -1,0 +1,212 @@
+//! A run as it is asked for, and its way from there to the results.
+
+use super::diagnosis::too_few_poses;
+use super::output::{Output, TrajectoryFormat};
+use super::saving::Form;
+use super::session::{Mapped, Session};
+use super::{Progress, Silent};
+use anyhow::Result;
+use geometry::Pinhole;
+use map::AgentInfo;
+use slam_direct::Params;
+use sources::ahead::{Ahead, Pace, Preparation};
+use sources::correction::{CameraOptions, ImageCorrection, correction};
+use sources::recording::{CalibrationFiles, Head, RecordButton, Recorder};
+use sources::{FrameSource, SourceInfo, SourceOptions, Stop};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use view::watch::{Ended, Watch};
+
+/// Time that the mapping of a keyframe may take beside the tracking where frames come at their own time, seconds: two
+/// keyframes' work on one slow core. More makes the map older that frames are tracked against.
+const LIVE_LAG: f64 = 0.1;
+/// The rate of a camera that does not tell it, frames a second.
+const USUAL_RATE: f64 = 30.0;
+/// The largest `mapping.lag`.
+const MAX_LAG: usize = 10;
+
+/// How a run is to go.
+#[derive(Clone, Debug)]
+pub struct RunOptions {
+    /// Folder for the results; made if it is not there.
+    pub out: PathBuf,
+    /// Replace results of another recording or of a merge in that folder.
+    pub force: bool,
+    /// What is known of the camera beyond what comes with the recording.
+    pub camera: CameraOptions,
+    /// How the agent tracks and maps.
+    pub params: Params,
+    /// Every frame, or as they come.
+    pub pace: Pace,
+    /// Frames a second of a camera, where it was asked for a rate.
+    pub rate: Option<f64>,
+    /// Seconds into the recording from which frames are taken.
+    pub start: Option<f64>,
+    /// Seconds into the recording until which they are.
+    pub end: Option<f64>,
+    /// Keep what is captured in this file as well.
+    pub record: Option<PathBuf>,
+    /// Form of the trajectory.
+    pub trajectory: TrajectoryFormat,
+    /// Largest variance of inverse depth over its square of the cloud's points.
+    pub max_variance: f32,
+}
+
+impl RunOptions {
+    /// The usual run, with results in `out`.
+    pub fn to(out: impl Into<PathBuf>) -> Self {
+        Self {
+            out: out.into(),
+            force: false,
+            camera: CameraOptions::default(),
+            params: Params::default(),
+            pace: Pace::EveryFrame,
+            rate: None,
+            start: None,
+            end: None,
+            record: None,
+            trajectory: TrajectoryFormat::Tum,
+            max_variance: map::DEFAULT_MAX_RELATIVE_VARIANCE,
+        }
+    }
+}
+
+/// A run that is ready to go: all that can be refused before the first frame has been looked at.
+pub struct PreparedRun {
+    source: Box<dyn FrameSource>,
+    info: SourceInfo,
+    about: AgentInfo,
+    camera: Pinhole,
+    params: Params,
+    correction: ImageCorrection,
+    head: Head,
+    output: Output,
+    options: RunOptions,
+}
+
+/// Tracks and maps the recording at `source` and writes the results; tells nobody how it goes.
+///
+/// ```no_run
+/// use loopbox::run::{RunOptions, run};
+///
+/// let mapped = run("demo/parking_a".as_ref(), RunOptions::to("out/parking_a"))?;
+/// println!("{} frames have a pose, see {}", mapped.record.frames.tracked, mapped.folder.display());
+/// # Ok::<(), anyhow::Error>(())
+/// ```
+///
+/// # Errors
+/// When the recording or its calibration cannot be used, nothing could be tracked, or the results cannot be written.
+pub fn run(source: &Path, options: RunOptions) -> Result<Mapped> {
+    let source = sources::open(source, &SourceOptions::default())?;
+    PreparedRun::new(source, options)?.go(|_, _, _| Ok(Watch::none()), &Stop::default(), &Silent)
+}
+
+impl PreparedRun {
+    /// Prepares a run over `source`.
+    ///
+    /// # Errors
+    /// When there is no usable calibration, or the folder of results cannot be written to or holds those of something
+    /// else.
+    pub fn new(source: Box<dyn FrameSource>, options: RunOptions) -> Result<Self> {
+        let pace = if source.is_live() { Pace::Live } else { options.pace };
+        let lag = lag(source.info(), options.params.mapping.lag, pace, options.rate);
+        let info = SourceInfo { lag: (lag > 0).then_some(lag), ..source.info().clone() };
+        let params = options.params.clone().with_lag(lag);
+        let correction = correction(&options.camera, &info)?;
+        let camera = correction.camera();
+        let provenance = provenance(&info, &correction, &params);
+        let about = AgentInfo { provenance, ..AgentInfo::new(recording_name(&info.path), camera) };
+        let output = Output::create(&options.out, about.clone(), &info.path, options.force)?;
+        let head = Head::new(&info, CalibrationFiles::gather(&options.camera, &info)?);
+        Ok(Self { source, info, about, camera, params, correction, head, output, options })
+    }
+
+    /// What is odd about the source and its calibration, for people.
+    pub fn problems(&self) -> Vec<String> {
+        let problems = self.source.problems().into_iter().chain(self.correction.problem());
+        problems.map(|problem| format!("{}: {problem}", self.info.path.display())).collect()
+    }
+
+    /// How many frames the recording has, where that is known.
+    pub fn frame_count(&self) -> Option<u64> {
+        self.info.frame_count
+    }
+
+    /// Tracks and maps until the source ends or `stop` is wished. `watched` starts what shows the run of this agent over
+    /// so many frames, which the button records.
+    ///
+    /// # Errors
+    /// When threads or viewers cannot be started, nothing could be tracked, or the results cannot be written.
+    pub fn go(
+        self,
+        watched: impl FnOnce(&AgentInfo, Option<u64>, RecordButton) -> Result<Watch>,
+        stop: &Stop,
+        progress: &dyn Progress,
+    ) -> Result<Mapped> {
+        let Self { source, info, about, camera, params, correction, head, output, options } = self;
+        let recorder = Recorder::idle();
+        if let Some(path) = &options.record {
+            recorder.start(path, &head)?;
+        }
+        let preparation = Preparation::new(correction, options.start, options.end);
+        let ahead = Ahead::start(source, preparation, options.pace, recorder.clone())?;
+        let mut watch = watched(&about, info.frame_count, RecordButton::new(&recorder, head, &options.out))?;
+        let form = Form { format: options.trajectory, max_variance: options.max_variance };
+        let session = Session { about, source: info, camera, params, form, stop, progress };
+        let mapped = session.run(output, &ahead, &mut watch);
+        // Tells the recorder which frames nobody took, so that a replay ends where this run did.
+        drop(ahead);
+        let recorded = recorder.is_recording().then(|| recorder.stop()).transpose();
+        let mapped = mapped?;
+        if let Ok(Some(summary)) = &recorded {
+            progress.note(&summary.text());
+        }
+        if let Some(warning) = too_few_poses(&mapped.record.frames) {
+            progress.warn(&warning);
+        }
+        progress.mapped(&mapped.record, &mapped.folder);
+        watch.end(Ended(&format!("The run has ended. Its results are in {}", mapped.folder.display())));
+        recorded?;
+        Ok(mapped)
+    }
+}
+
+/// What people call a recording: the last part of its path, of a file without the extension.
+fn recording_name(path: &Path) -> String {
+    // A path such as `.` names nothing before it is made whole.
+    let whole = path.canonicalize().unwrap_or_else(|_| path.to_owned());
+    let name = if whole.is_dir() { whole.file_name() } else { whole.file_stem() };
+    name.map_or_else(|| "recording".into(), |name| name.to_string_lossy().into_owned())
+}
+
+/// Where the map comes from; nothing in it may differ between two runs of the same command.
+fn provenance(info: &SourceInfo, correction: &ImageCorrection, params: &Params) -> BTreeMap<String, String> {
+    let parameters = if *params == Params::default() { "defaults".into() } else { format!("{params:?}") };
+    let pairs = [
+        ("program", concat!("loopbox ", env!("CARGO_PKG_VERSION")).to_owned()),
+        ("source", info.path.display().to_string()),
+        ("source kind", info.kind.to_owned()),
+        ("calibration", correction.origin().to_owned()),
+        ("parameters", parameters),
+    ];
+    pairs.map(|(key, value)| (key.to_owned(), value)).into()
+}
+
+/// How many frames mapping may take: as many as asked for; else those of the run that was recorded; else, where
+/// frames come at their own time, those of [`LIVE_LAG`].
+fn lag(info: &SourceInfo, asked: usize, pace: Pace, rate: Option<f64>) -> usize {
+    let speed = match pace {
+        Pace::EveryFrame => None,
+        Pace::RealTime { speed } => Some(speed),
+        Pace::Live => Some(1.0),
+    };
+    match (asked, info.lag, speed) {
+        (0, Some(recorded), _) => recorded,
+        (0, None, Some(speed)) => {
+            let recorded = info.frame_count.zip(info.duration).filter(|(_, duration)| *duration > 0.0);
+            let rate = recorded.map(|(count, duration)| count as f64 / duration).or(rate);
+            ((LIVE_LAG * speed * rate.unwrap_or(USUAL_RATE)).round() as usize).clamp(1, MAX_LAG)
+        }
+        _ => asked,
+    }
+}

@@ -1,0 +1,335 @@
+//! The numbers of a run: what `run.json` holds and the report shows.
+
+use crate::run::output::{MAP, TRAJECTORY};
+use geometry::Pinhole;
+use serde::{Serialize, Serializer};
+use slam_direct::{FrameReport, TrackingState};
+use sources::ahead::SkipReason;
+use std::collections::BTreeMap;
+use view::report;
+
+/// Everything counted and measured in one run.
+#[derive(Clone, Debug, Serialize)]
+pub struct RunRecord {
+    /// Version of the program.
+    pub version: &'static str,
+    /// The recording.
+    pub source: SourceRecord,
+    /// The camera of the undistorted images.
+    pub camera: Pinhole,
+    /// Whether the user ended the run before the recording did.
+    pub interrupted: bool,
+    /// Frames by what became of them.
+    pub frames: FrameCounts,
+    /// Time and memory.
+    pub cost: Cost,
+    /// The map at the end: that of the first fragment.
+    pub map: MapCounts,
+    /// The parts of the run that hang together, that of most frames first; several where a loss parted them and they saw
+    /// no place in common.
+    pub fragments: Vec<Fragment>,
+    /// The files of results, by names relative to their folder.
+    pub files: Vec<String>,
+    /// Each processed frame.
+    pub rows: Vec<FrameRow>,
+}
+
+impl RunRecord {
+    /// The numbers as `(label, value)`, the weightiest first.
+    pub fn headline_numbers(&self) -> Vec<(String, String)> {
+        let (frames, cost, map) = (&self.frames, &self.cost, &self.map);
+        let memory = cost.peak_memory_bytes.map_or("unknown".into(), |bytes| format!("{} MiB", bytes >> 20));
+        let cpu = cost.cpu_s.map_or("unknown".into(), |seconds| format!("{seconds:.1} s"));
+        let skipped = frames.skipped.values().sum::<u64>();
+        let latency = cost
+            .latency_ms
+            .map(|l| ("ms from image to pose, median · 99 %", format!("{:.1} · {:.1}", l.median, l.p99)));
+        let missed = (frames.missed_by_driver > 0)
+            .then(|| ("frames missed by the driver", frames.missed_by_driver.to_string()));
+        let numbers = [
+            ("frames tracked", format!("{} of {}", frames.tracked, frames.offered)),
+            ("fragments", self.fragments.len().to_string()),
+            ("frames per second", format!("{:.1}", cost.frames_per_s)),
+            ("ms per frame, mean", format!("{:.1}", cost.mean_ms)),
+            ("keyframes", map.keyframes.to_string()),
+            ("points", map.points.to_string()),
+            ("peak memory", memory),
+            ("ms per frame, 99 %", format!("{:.1}", cost.p99_ms)),
+            ("ms per frame, worst", format!("{:.1}", cost.max_ms)),
+            ("semi-dense pixels", map.semi_dense.to_string()),
+            ("loops closed", map.loops.to_string()),
+            ("times lost", frames.losses.to_string()),
+            ("frames skipped", skipped.to_string()),
+            ("frames dropped late", frames.dropped_late.to_string()),
+            ("wall time", format!("{:.1} s", cost.wall_s)),
+            ("CPU time", cpu),
+        ];
+        let all = numbers.into_iter().chain(latency).chain(missed);
+        all.map(|(label, value)| (label.to_owned(), value)).collect()
+    }
+}
+
+/// The recording of a run.
+#[derive(Clone, Debug, Serialize)]
+pub struct SourceRecord {
+    /// Its path as given.
+    pub path: String,
+    /// Its kind, for people.
+    pub kind: String,
+    /// Frames in it, where the source can tell.
+    pub frames: Option<u64>,
+    /// Seconds from the first to the last frame, where the source can tell.
+    pub duration_s: Option<f64>,
+}
+
+/// Frames by what became of them.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct FrameCounts {
+    /// Frames of the part of the recording that was to be processed: the sum of the next three.
+    pub offered: u64,
+    /// Frames the agent got.
+    pub processed: u64,
+    /// Frames dropped because tracking was late (only of cameras and with `--realtime`).
+    pub dropped_late: u64,
+    /// Frames that the camera took and its driver could not deliver; not among those offered.
+    pub missed_by_driver: u64,
+    /// Frames skipped, by reason.
+    pub skipped: BTreeMap<SkipReason, u64>,
+    /// Frames with a pose in the trajectory of the first fragment.
+    pub tracked: u64,
+    /// Frames with a pose in those of the others.
+    pub tracked_apart: u64,
+    /// `tracked / (offered − dropped_late)`: the share of the frames that could be tracked.
+    pub tracked_share: f64,
+    /// How often tracking was lost.
+    pub losses: u64,
+}
+
+/// Time and memory.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Cost {
+    /// Seconds from the first frame to the finished map.
+    pub wall_s: f64,
+    /// CPU seconds of all threads, decoding included.
+    pub cpu_s: Option<f64>,
+    /// Processed frames per wall second.
+    pub frames_per_s: f64,
+    /// Mean time the agent took for a frame, milliseconds.
+    pub mean_ms: f64,
+    /// 99th percentile of it.
+    pub p99_ms: f64,
+    /// The longest.
+    pub max_ms: f64,
+    /// Largest resident memory of the process, bytes.
+    pub peak_memory_bytes: Option<u64>,
+    /// How old images were when their pose was known; of cameras and with `--realtime`.
+    pub latency_ms: Option<Latency>,
+}
+
+/// From the moment an image is taken (in a replay by time stamps: is due) until its pose is known, milliseconds.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Latency {
+    /// Half of the frames are faster.
+    pub median: f64,
+    /// 99th percentile.
+    pub p99: f64,
+    /// The longest.
+    pub max: f64,
+}
+
+impl Latency {
+    /// Of frames that took so long each; `None` without frames.
+    pub fn of(mut ms: Vec<f64>) -> Option<Self> {
+        ms.sort_by(f64::total_cmp);
+        Some(Self { median: percentile(&ms, 50)?, p99: percentile(&ms, 99)?, max: *ms.last()? })
+    }
+}
+
+/// The nearest-rank percentile of sorted values: the smallest that `percent` % of them do not exceed.
+fn percentile(sorted: &[f64], percent: usize) -> Option<f64> {
+    sorted.get((sorted.len() * percent).div_ceil(100).saturating_sub(1)).copied()
+}
+
+/// What the map holds.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct MapCounts {
+    /// Keyframes.
+    pub keyframes: u64,
+    /// Sparse points.
+    pub points: u64,
+    /// Semi-dense pixels with a depth.
+    pub semi_dense: u64,
+    /// Edges between keyframes.
+    pub edges: u64,
+    /// Loops closed.
+    pub loops: u64,
+}
+
+/// A part of the run that hangs together.
+#[derive(Clone, Debug, Serialize)]
+pub struct Fragment {
+    /// Its trajectory, by the name relative to the folder of results.
+    pub trajectory: String,
+    /// Its map, likewise.
+    pub map: String,
+    /// Frames with a pose.
+    pub frames: u64,
+    /// The first of them.
+    pub first_frame: u64,
+    /// The last of them.
+    pub last_frame: u64,
+    /// Keyframes.
+    pub keyframes: u64,
+}
+
+impl Fragment {
+    /// The fragment with this place in the order, from 0.
+    pub fn new(place: usize, map: &map::Map) -> Self {
+        let index = |frame: Option<&map::FramePose>| frame.map_or(0, |frame| frame.frame_index);
+        Self {
+            trajectory: numbered(TRAJECTORY, place),
+            map: numbered(MAP, place),
+            frames: map.frames.len() as u64,
+            first_frame: index(map.frames.first()),
+            last_frame: index(map.frames.last()),
+            keyframes: map.keyframes.len() as u64,
+        }
+    }
+}
+
+/// The file of a fragment: `map.mcap`, `map-2.mcap`, `map-3.mcap` …
+pub fn numbered(name: &str, place: usize) -> String {
+    match (place, name.rsplit_once('.')) {
+        (0, _) | (_, None) => name.to_owned(),
+        (_, Some((stem, extension))) => format!("{stem}-{}.{extension}", place + 1),
+    }
+}
+
+/// One processed frame.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct FrameRow {
+    /// Index in the recording.
+    pub index: u64,
+    /// Seconds, as recorded.
+    pub timestamp: f64,
+    /// The fragment it was given to, in the order in which they were begun.
+    pub fragment: usize,
+    /// State after the frame.
+    #[serde(serialize_with = "state_as_name")]
+    pub state: TrackingState,
+    /// Time the agent took, milliseconds.
+    pub ms: f64,
+    /// From the moment the image was taken or due until its pose was known, milliseconds.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub latency_ms: Option<f64>,
+    /// Share of the predicted points that were matched, 0–1.
+    pub inlier_share: f32,
+    /// Root mean square photometric residual, grey levels.
+    pub rmse: f32,
+    /// Points matched.
+    pub matched_points: usize,
+    /// Keyframe made from it.
+    pub keyframe: Option<u32>,
+    /// Loop closed after it: newer and older keyframe.
+    pub loop_closed: Option<(u32, u32)>,
+}
+
+impl FrameRow {
+    /// The row of a frame and its report.
+    pub fn new(index: u64, timestamp: f64, ms: f64, report: &FrameReport) -> Self {
+        Self {
+            index,
+            timestamp,
+            fragment: report.fragment,
+            state: report.state,
+            ms,
+            latency_ms: None,
+            inlier_share: report.inlier_share,
+            rmse: report.rmse,
+            matched_points: report.matched_points,
+            keyframe: report.new_keyframe.map(|id| id.0),
+            loop_closed: report.closed_loop.map(|(newer, older)| (newer.0, older.0)),
+        }
+    }
+
+    /// The row as the report plots it.
+    pub fn for_report(&self) -> report::FrameRow {
+        report::FrameRow {
+            frame_index: self.index,
+            timestamp: self.timestamp,
+            ms: self.ms as f32,
+            matched_points: self.matched_points,
+            inlier_share: self.inlier_share,
+            rmse: self.rmse,
+            state: self.state,
+        }
+    }
+}
+
+fn state_as_name<S: Serializer>(state: &TrackingState, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.serialize_str(state_name(*state))
+}
+
+/// The state as people and logs read it.
+pub fn state_name(state: TrackingState) -> &'static str {
+    match state {
+        TrackingState::Starting => "starting",
+        TrackingState::Tracking => "tracking",
+        TrackingState::Lost => "lost",
+    }
+}
+
+impl Cost {
+    /// The cost of frames that took `ms` each, in a run of `wall_s` seconds.
+    pub fn new(mut ms: Vec<f64>, wall_s: f64, cpu_s: Option<f64>, peak_memory_bytes: Option<u64>) -> Self {
+        ms.sort_by(f64::total_cmp);
+        let count = ms.len();
+        Self {
+            wall_s,
+            cpu_s,
+            frames_per_s: if wall_s > 0.0 { count as f64 / wall_s } else { 0.0 },
+            mean_ms: if count > 0 { ms.iter().sum::<f64>() / count as f64 } else { 0.0 },
+            p99_ms: percentile(&ms, 99).unwrap_or(0.0),
+            max_ms: ms.last().copied().unwrap_or(0.0),
+            peak_memory_bytes,
+            latency_ms: None,
+        }
+    }
+}
+
+impl MapCounts {
+    /// Counts what `map` holds.
+    pub fn new(map: &map::Map) -> Self {
+        Self {
+            keyframes: map.keyframes.len() as u64,
+            points: map.keyframes.values().map(|k| k.points.len() as u64).sum(),
+            semi_dense: map.keyframes.values().map(|k| k.semi_dense.len() as u64).sum(),
+            edges: map.edges.len() as u64,
+            loops: map.edges.iter().filter(|e| e.kind == map::EdgeKind::Loop).count() as u64,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn fragments_have_files_of_their_own() {
+        assert_eq!(numbered("map.mcap", 0), "map.mcap");
+        assert_eq!(numbered("map.mcap", 1), "map-2.mcap");
+        assert_eq!(numbered("trajectory.txt", 2), "trajectory-3.txt");
+    }
+
+    #[test]
+    fn the_percentile_is_the_nearest_rank() {
+        let cost = Cost::new((1..=200).map(f64::from).collect(), 10.0, None, None);
+        assert_eq!((cost.p99_ms, cost.max_ms, cost.frames_per_s), (198.0, 200.0, 20.0));
+        assert_eq!(cost.mean_ms, 100.5);
+        assert_eq!(Cost::new(vec![5.0], 1.0, None, None).p99_ms, 5.0);
+        assert_eq!(Cost::new(vec![], 0.0, None, None).p99_ms, 0.0);
+        let latency = Latency::of((1..=200).rev().map(f64::from).collect()).unwrap();
+        assert_eq!((latency.median, latency.p99, latency.max), (100.0, 198.0, 200.0));
+        assert_eq!(Latency::of(vec![]), None);
+    }
+}

@@ -1,0 +1,110 @@
+//! A run as it was asked for: one map after another, until the source ends, the user stops it, or nobody wants a new
+//! one.
+
+use crate::run::Progress;
+use crate::run::fragments;
+use crate::run::output::Output;
+use crate::run::record::RunRecord;
+use crate::run::runtime::Run;
+use crate::run::saving::{self, Form, Saver};
+use anyhow::{Result, anyhow};
+use geometry::Pinhole;
+use map::{AgentId, AgentInfo, Map};
+use place_recog::ThumbnailIndex;
+use slam_direct::{Atlas, Params};
+use sources::SourceInfo;
+use sources::Stop;
+use sources::ahead::Ahead;
+use std::path::{Path, PathBuf};
+use view::watch::Watch;
+
+/// What the maps of a run have in common.
+pub struct Session<'a> {
+    /// Who maps.
+    pub about: AgentInfo,
+    /// What is known of the source.
+    pub source: SourceInfo,
+    /// The camera of the corrected images.
+    pub camera: Pinhole,
+    /// How it maps.
+    pub params: Params,
+    /// The form of results.
+    pub form: Form,
+    /// The user's wish to stop.
+    pub stop: &'a Stop,
+    /// Where progress is shown.
+    pub progress: &'a dyn Progress,
+}
+
+/// The last map of a run.
+pub struct Mapped {
+    /// The folder of its results.
+    pub folder: PathBuf,
+    /// Its numbers.
+    pub record: RunRecord,
+    /// Why a live source ended though nobody wished it.
+    pub failure: Option<String>,
+}
+
+impl Session<'_> {
+    /// Tracks and maps what comes from `ahead` and writes the results.
+    ///
+    /// # Errors
+    /// When nothing could be tracked, or results cannot be written.
+    pub fn run(&self, mut output: Output, ahead: &Ahead, watch: &mut Watch) -> Result<Mapped> {
+        let first = output.folder().to_owned();
+        let saver = Saver::new(self.about.clone(), self.form);
+        let save = |run: &Run, output: &Output, watch: &Watch| {
+            let map = self.named(run.snapshot());
+            let record = run.record(&self.source, self.camera, ahead, false, std::slice::from_ref(&map));
+            saver.save(output.folder(), map, record, watch.teller());
+        };
+        loop {
+            watch.folder(output.folder());
+            let atlas = Atlas::new(self.camera, || Box::new(ThumbnailIndex::default()), self.params.clone())?;
+            let run = Run::track(atlas, ahead, self.stop, self.progress, &mut output, watch, &save)?;
+            let restart = run.is_to_restart();
+            let failure = run.failure().map(str::to_owned);
+            let tracked = self.write(run, ahead, &mut output)?;
+            if !restart {
+                let folder = output.folder().to_owned();
+                let failure = failure.or(saver.end().err().map(|error| error.to_string()));
+                return Ok(Mapped { folder, record: tracked?, failure });
+            }
+            if let Ok(record) = tracked {
+                self.progress.mapped(&record, output.folder());
+                output = self.next_output(&first, output.folder(), watch)?;
+            }
+            watch.begin_anew();
+        }
+    }
+
+    /// Writes the results of one map. The inner error says why there is none.
+    fn write(&self, run: Run, ahead: &Ahead, output: &mut Output) -> Result<Result<RunRecord>> {
+        let maps = run.maps().into_iter().map(|map| self.named(map)).collect();
+        let maps = fragments::joined(maps, self.progress);
+        let mut record = run.record(&self.source, self.camera, ahead, self.stop.requested(), &maps);
+        if record.frames.tracked == 0 {
+            output.fail(&record)?;
+            let why = run.failure().map_or_else(|| run.why_nothing_was_tracked(), str::to_owned);
+            return Ok(Err(anyhow!("{}: no frame could be tracked: {why}", self.source.path.display())));
+        }
+        self.progress.stage("writing the results");
+        output.finish(&maps, &mut record, self.form.format, self.form.max_variance)?;
+        Ok(Ok(record))
+    }
+
+    /// A map that says whose it is.
+    fn named(&self, mut map: Map) -> Map {
+        map.agents.insert(AgentId::default(), self.about.clone());
+        map
+    }
+
+    /// A folder for the next map.
+    fn next_output(&self, first: &Path, before: &Path, watch: &Watch) -> Result<Output> {
+        let output =
+            Output::create(&saving::next_folder(first), self.about.clone(), &self.source.path, false)?;
+        watch.teller()(format!("a new map; the one before is in {}", before.display()));
+        Ok(output)
+    }
+}

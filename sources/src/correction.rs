@@ -1,0 +1,161 @@
+//! The calibration of a run, and what it does to each image.
+
+use crate::recording::CalibrationFiles;
+use crate::{FoundCalibration, SourceInfo};
+use anyhow::{Context, Result, bail};
+use calib::read_camera;
+use geometry::{Camera, Crop, Distortion, GrayImage, PhotometricCalibration, Pinhole, Undistorter};
+use std::path::PathBuf;
+
+/// Views wider than this, degrees, need a fisheye model: rectilinear lenses end near 120°.
+const WIDEST_VIEW: f64 = 130.0;
+/// Views narrower than this, degrees, are those of telephoto lenses (above 200 mm on 35 mm film).
+const NARROWEST_VIEW: f64 = 10.0;
+
+/// What the user says about the camera.
+#[derive(Clone, Debug, Default)]
+pub struct CameraOptions {
+    /// Calibration file, instead of the one that came with the recording.
+    pub calibration: Option<PathBuf>,
+    /// Inverse response of the sensor.
+    pub response: Option<PathBuf>,
+    /// Vignette of the lens.
+    pub vignette: Option<PathBuf>,
+    /// The size of the images, to which the calibration is to be scaled.
+    pub scale_to: Option<(usize, usize)>,
+}
+
+/// What is done to an image before tracking.
+pub struct ImageCorrection {
+    photometric: Option<PhotometricCalibration>,
+    undistorter: Undistorter,
+    /// The camera as calibrated.
+    lens: Camera,
+    /// Where the calibration came from, for people.
+    origin: String,
+}
+
+impl ImageCorrection {
+    /// The camera of the corrected images.
+    pub fn camera(&self) -> Pinhole {
+        *self.undistorter.pinhole()
+    }
+
+    /// Where the calibration came from, for people.
+    pub fn origin(&self) -> &str {
+        &self.origin
+    }
+
+    /// What is odd about the calibration: a view that lenses of its model do not have.
+    pub fn problem(&self) -> Option<String> {
+        let &Pinhole { width, fx, .. } = self.lens.intrinsics();
+        let plane = matches!(self.lens.distortion(), Distortion::None | Distortion::RadTan(_));
+        let degrees = 2.0 * (width as f64 / (2.0 * fx)).atan().to_degrees();
+        let odd = |what| {
+            format!(
+                "the calibration's view is {degrees:.0}° wide, which is {what}: is fx = {fx} right for images {width} pixels wide?"
+            )
+        };
+        match degrees {
+            _ if !plane => None,
+            WIDEST_VIEW.. => Some(odd("more than lenses without a fisheye model have")),
+            ..NARROWEST_VIEW => Some(odd("less than any but tele lenses have")),
+            _ => None,
+        }
+    }
+
+    /// Corrects an image, or says why it does not fit.
+    pub fn apply(&self, mut image: GrayImage) -> Result<GrayImage, String> {
+        if let Some(photometric) = &self.photometric {
+            photometric.apply_in_place(&mut image).map_err(|error| error.to_string())?;
+        }
+        let size = (image.width(), image.height());
+        self.undistorter.undistort(&image).map_err(|error| {
+            let hint = if is_scaled(&self.lens, size) {
+                "\nhint: --scale-calib scales it to these images"
+            } else {
+                ""
+            };
+            format!("{error}{hint}")
+        })
+    }
+}
+
+/// The correction for a recording: from the user's calibration if there is one, else from what came with it.
+///
+/// # Errors
+/// When there is no calibration, or it cannot be used.
+pub fn correction(options: &CameraOptions, info: &SourceInfo) -> Result<ImageCorrection> {
+    let (camera, crop, origin) = match (&options.calibration, &info.calibration) {
+        (Some(path), _) | (None, Some(FoundCalibration::File(path))) => {
+            let file = read_camera(path)?;
+            (file.camera, file.crop.unwrap_or_default(), path.display().to_string())
+        }
+        (None, Some(FoundCalibration::Inside { origin, camera })) => {
+            (Camera::clone(camera), Crop::default(), origin.clone())
+        }
+        (None, Some(FoundCalibration::Recorded { origin, files })) if files.camera.is_some() => {
+            let Some(file) = files.camera().with_context(|| origin.clone())? else {
+                bail!("{origin}: no camera")
+            };
+            (file.camera, file.crop.unwrap_or_default(), origin.clone())
+        }
+        (None, Some(FoundCalibration::Unusable { origin, reason })) => {
+            bail!("{origin}: the calibration cannot be used: {reason}\nhint: give one with --calib FILE")
+        }
+        (None, None | Some(FoundCalibration::Recorded { .. })) => bail!(
+            "{}: no calibration came with this recording\nhint: give one with --calib FILE (a camera.yaml with \
+             model, width, height, fx, fy, cx, cy, distortion; Kalibr, ROS, OpenCV and DSO files do too)",
+            info.path.display()
+        ),
+    };
+    let camera = match options.scale_to {
+        Some(size) => scaled(&camera, size).with_context(|| origin.clone())?,
+        None => camera,
+    };
+    Ok(ImageCorrection {
+        photometric: CalibrationFiles::gather_photometric(options, info)?.photometric()?,
+        undistorter: Undistorter::new(&camera, crop).with_context(|| origin.clone())?,
+        lens: camera,
+        origin,
+    })
+}
+
+/// Whether images of this size are those of the camera, larger or smaller.
+fn is_scaled(camera: &Camera, (width, height): (usize, usize)) -> bool {
+    let own = camera.intrinsics();
+    width.checked_mul(own.height).is_some_and(|product| Some(product) == height.checked_mul(own.width))
+}
+
+/// The camera for images of another size that show the same: numbers in pixels are scaled, the lens stays as it is.
+fn scaled(camera: &Camera, (width, height): (usize, usize)) -> Result<Camera> {
+    let &Pinhole { width: own, fx, fy, cx, cy, .. } = camera.intrinsics();
+    if !is_scaled(camera, (width, height)) {
+        bail!(
+            "images of {width}×{height} pixels are not those of the calibration, {own}×{}, made larger or smaller\nhint: \
+             --scale-calib is for those; this may be another camera, or a part of the image",
+            camera.intrinsics().height
+        );
+    }
+    let by = width as f64 / own as f64;
+    // Pixel centres lie at integers, so the image begins half a pixel before the first.
+    let centre = |c: f64| (c + 0.5) * by - 0.5;
+    let pinhole = Pinhole { width, height, fx: fx * by, fy: fy * by, cx: centre(cx), cy: centre(cy) };
+    Ok(Camera::new(pinhole, *camera.distortion())?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_calibration_is_scaled_with_its_images() {
+        let pinhole = Pinhole { width: 640, height: 480, fx: 500.0, fy: 510.0, cx: 319.5, cy: 240.0 };
+        let camera = Camera::new(pinhole, Distortion::None).expect("a camera");
+        let twice = scaled(&camera, (1280, 960)).expect("twice the size");
+        let expected = Pinhole { width: 1280, height: 960, fx: 1000.0, fy: 1020.0, cx: 639.5, cy: 480.5 };
+        assert_eq!(*twice.intrinsics(), expected);
+        assert_eq!(*scaled(&twice, (640, 480)).expect("half of it").intrinsics(), pinhole);
+        assert!(scaled(&camera, (1280, 720)).is_err_and(|error| error.to_string().contains("1280×720")));
+    }
+}

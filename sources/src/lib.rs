@@ -1,0 +1,264 @@
+//! Where frames come from and where they are kept: folders, MCAP files, ROS 1 bags, videos and cameras, one file per kind
+//! of recording behind [`FrameSource`]; [`ahead`] decodes them in a thread, [`correction`] undoes the lens,
+//! [`recording`] keeps what was captured, [`convert`] writes it in other forms.
+
+pub mod ahead;
+pub mod bag;
+mod bag_recording;
+pub mod camera;
+pub mod convert;
+pub mod correction;
+mod euroc;
+mod image_list;
+mod input;
+mod kitti;
+mod mcap_recording;
+pub mod messages;
+pub mod notice;
+mod numbered;
+pub mod pictures;
+pub mod recording;
+mod stop;
+mod survey;
+pub mod time;
+mod timed;
+mod topics;
+mod tum;
+#[cfg(feature = "video")]
+mod video;
+
+pub use image_list::images_in;
+pub use input::Input;
+pub use stop::Stop;
+
+use crate::pictures::Picture;
+use crate::recording::CalibrationFiles;
+use anyhow::{Result, bail};
+use geometry::Camera;
+use notice::Listener;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use std::time::Instant;
+
+/// A frame as its source has it.
+#[derive(Debug)]
+pub struct SourceFrame {
+    /// Index in the recording, from 0.
+    pub index: u64,
+    /// Seconds, as recorded.
+    pub timestamp: f64,
+    /// When the image was taken, of a live source.
+    pub captured: Option<Instant>,
+    /// The picture, not yet decoded.
+    pub picture: Picture,
+}
+
+/// What is known of a recording before its frames are read.
+#[derive(Clone, Debug)]
+pub struct SourceInfo {
+    /// The kind, for people: `TUM RGB-D folder`.
+    pub kind: &'static str,
+    /// Where it lies.
+    pub path: PathBuf,
+    /// How many frames it has, if the source can tell.
+    pub frame_count: Option<u64>,
+    /// Seconds from the first to the last frame, if the source can tell.
+    pub duration: Option<f64>,
+    /// A calibration that came with it.
+    pub calibration: Option<FoundCalibration>,
+    /// Of the recording of a run that tracked as the camera went: how many frames its mapping took, which a replay
+    /// repeats ([`slam_direct`'s `mapping.lag`](slam_direct::Params)).
+    pub lag: Option<usize>,
+}
+
+/// A calibration that came with a recording.
+#[derive(Clone, Debug)]
+pub enum FoundCalibration {
+    /// A file beside the frames.
+    File(PathBuf),
+    /// Read from the recording itself.
+    Inside {
+        /// Where in the recording, for people.
+        origin: String,
+        /// The camera.
+        camera: Box<Camera>,
+    },
+    /// The files that loopbox put into its recording.
+    Recorded {
+        /// Where in the recording, for people.
+        origin: String,
+        /// The files.
+        files: Box<CalibrationFiles>,
+    },
+    /// There is one in the recording, but it cannot be used.
+    Unusable {
+        /// Where in the recording, for people.
+        origin: String,
+        /// What is wrong with it.
+        reason: String,
+    },
+}
+
+impl FoundCalibration {
+    /// What a calibration message gave.
+    fn of_message(origin: String, camera: Result<Camera>) -> Self {
+        match camera {
+            Ok(camera) => Self::Inside { origin, camera: Box::new(camera) },
+            Err(error) => Self::Unusable { origin, reason: format!("{error:#}") },
+        }
+    }
+}
+
+/// A recording, frame by frame.
+pub trait FrameSource: Send {
+    /// What is known of it.
+    fn info(&self) -> &SourceInfo;
+
+    /// The next frame in the order of the recording; `None` at the end.
+    fn next_frame(&mut self) -> Option<SourceFrame>;
+
+    /// What went wrong with the recording as a whole while it was read (a truncated file, say).
+    fn warning(&self) -> Option<String> {
+        None
+    }
+
+    /// Leaves out frames that lie more than a moment before `start` seconds after the first, where that is
+    /// cheaper than reading them; then says the first frame's time stamp. To be called before the first
+    /// frame is taken.
+    fn skip_to(&mut self, _start: f64) -> Option<f64> {
+        None
+    }
+
+    /// What can be seen to be wrong with the recording before its frames are taken in turn.
+    fn problems(&self) -> Vec<String> {
+        Vec::new()
+    }
+
+    /// What else there is to say of it, as label and text.
+    fn facts(&self) -> Vec<(&'static str, String)> {
+        Vec::new()
+    }
+
+    /// Whether frames come when they come, and cannot be waited for in the source.
+    fn is_live(&self) -> bool {
+        false
+    }
+
+    /// Frames that a live source could not deliver so far.
+    fn missed(&self) -> u64 {
+        0
+    }
+
+    /// Why a live source ended though nobody wished it, once there is no next frame.
+    fn failure(&self) -> Option<String> {
+        None
+    }
+
+    /// What ends the wait in [`FrameSource::next_frame`] once it is set, of sources that may wait long.
+    fn stopper(&self) -> Option<Arc<AtomicBool>> {
+        None
+    }
+
+    /// Gives notices to `listener` from now on; without one they go to standard error.
+    fn listen(&mut self, listener: Listener) {
+        let _ = listener;
+    }
+}
+
+/// How a source is to be opened.
+#[derive(Clone, Debug, Default)]
+pub struct SourceOptions {
+    /// Frames per second of images without time stamps.
+    pub fps: Option<f64>,
+    /// The topic to take from a recording with several.
+    pub topic: Option<String>,
+    /// Also take frames that the recorded run dropped.
+    pub all_frames: bool,
+}
+
+/// Opens the recording at `path`, whatever its kind.
+///
+/// # Errors
+/// When there is nothing there, or nothing that is a recording; says which files were looked for.
+pub fn open(path: &Path, options: &SourceOptions) -> Result<Box<dyn FrameSource>> {
+    if let Some(fps) = options.fps
+        && !(fps.is_finite() && fps > 0.0)
+    {
+        bail!("--fps {fps} is not a frame rate\nhint: give frames per second, such as --fps 30");
+    }
+    if path.is_dir() {
+        return open_folder(path, options);
+    }
+    if !path.exists() {
+        bail!("{}: there is no such file or folder", path.display());
+    }
+    if map::is_map_file(path) {
+        bail!(
+            "{}: this is a map, not a recording\nhint: `loopbox info` and `loopbox export` read it",
+            path.display()
+        );
+    }
+    if mcap_recording::is_mcap(path) {
+        return Ok(Box::new(mcap_recording::open(Input::File(path.to_owned()), options)?));
+    }
+    if bag_recording::is_bag(path) {
+        return Ok(Box::new(bag_recording::open(Input::File(path.to_owned()), options)?));
+    }
+    open_video(path, options)
+}
+
+/// Opens a recording that lies in memory: an MCAP file or a ROS 1 bag.
+///
+/// # Errors
+/// As [`open`].
+pub fn open_bytes(bytes: &[u8], options: &SourceOptions) -> Result<Box<dyn FrameSource>> {
+    let input = Input::Memory("memory".into(), Arc::from(bytes));
+    if bytes.starts_with(bag_recording::MAGIC) {
+        return Ok(Box::new(bag_recording::open(input, options)?));
+    }
+    Ok(Box::new(mcap_recording::open(input, options)?))
+}
+
+/// The camera in a `foxglove.CameraCalibration` message (protobuf).
+///
+/// # Errors
+/// When it is none.
+pub fn read_foxglove_calibration(message: &[u8]) -> Result<Camera> {
+    messages::read_calibration(messages::Form::FoxgloveCalibration, message)
+}
+
+#[cfg(feature = "video")]
+fn open_video(path: &Path, options: &SourceOptions) -> Result<Box<dyn FrameSource>> {
+    Ok(Box::new(video::open(path, options.fps)?))
+}
+
+#[cfg(not(feature = "video"))]
+fn open_video(path: &Path, _options: &SourceOptions) -> Result<Box<dyn FrameSource>> {
+    bail!(
+        "{}: neither an MCAP file nor a ROS 1 bag, and this program was built without video files (feature `video`)\n\
+         hint: turn a video into images with `ffmpeg -i VIDEO FOLDER/%06d.png` and give the folder with --fps",
+        path.display()
+    )
+}
+
+fn open_folder(path: &Path, options: &SourceOptions) -> Result<Box<dyn FrameSource>> {
+    let list = if let Some(list) = kitti::open(path)? {
+        list
+    } else if let Some(list) = timed::open(path)? {
+        list
+    } else if let Some(list) = tum::open(path)? {
+        list
+    } else if let Some(list) = euroc::open(path)? {
+        list
+    } else if let Some(list) = numbered::open(path, options.fps)? {
+        list
+    } else {
+        bail!(
+            "{}: no recording here\nhint: looked for times.txt with images/, rgb.txt (TUM), mav0/cam0/data.csv \
+             (EuRoC), image_0/ with times.txt (KITTI), and .png, .jpg or .pgm files",
+            path.display()
+        );
+    };
+    Ok(Box::new(list))
+}

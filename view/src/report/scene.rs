@@ -1,0 +1,230 @@
+//! Poses for the 3-D view: keyframes, trajectory, edges, and which way is up.
+
+use super::pack::Packed;
+use geometry::{Pinhole, Sim3};
+use map::{AgentId, EdgeKind, Keyframe, KeyframeId, Map, agent_color};
+use nalgebra::{Matrix3, Vector3};
+use serde::Serialize;
+use std::collections::BTreeMap;
+
+/// Everything of the 3-D view but the cloud, in world coordinates.
+#[derive(Serialize)]
+pub struct Scene {
+    /// Whose keyframes these are, in the order of their ids.
+    agents: Vec<Agent>,
+    /// Unit vector against gravity, as guessed from the cameras.
+    up: [f64; 3],
+    /// Mean viewing direction; short when the cameras look all around.
+    forward: [f64; 3],
+    keyframes: Keyframes,
+    trajectory: Trajectory,
+    /// `from, to, kind` per edge, indices into `keyframes`, u32.
+    edges: Packed,
+}
+
+#[derive(Serialize)]
+struct Agent {
+    name: String,
+    /// Red, green, blue in sRGB, as everywhere that agents are told apart.
+    color: [u8; 3],
+    camera: Pinhole,
+}
+
+#[derive(Serialize)]
+struct Keyframes {
+    count: usize,
+    /// Index of the agent, u32; ascending.
+    agent: Packed,
+    /// Names, u32.
+    id: Packed,
+    /// Frame indices, f64.
+    frame: Packed,
+    /// Seconds, f64.
+    timestamp: Packed,
+    /// The camera's x, y, z axes and its centre, f32 × 12.
+    pose: Packed,
+    /// Pixels with a depth, u32.
+    depths: Packed,
+}
+
+#[derive(Serialize)]
+struct Trajectory {
+    count: usize,
+    /// Index of the agent, u32; ascending.
+    agent: Packed,
+    /// Frame indices, f64.
+    frame: Packed,
+    /// Seconds, f64.
+    timestamp: Packed,
+    /// Camera centres, f32 × 3.
+    position: Packed,
+}
+
+/// A tracked frame whose pose can be drawn.
+#[derive(Clone, Copy, Debug)]
+pub struct PlacedFrame {
+    /// Index of the agent in the scene.
+    pub agent: usize,
+    /// Index of the frame in the recording.
+    pub frame_index: u64,
+    /// Seconds.
+    pub timestamp: f64,
+    /// Its pose.
+    pub world_from_frame: Sim3,
+}
+
+/// The keyframes whose pose can be drawn, by agent and in order of their ids.
+pub fn placed_keyframes(map: &Map) -> Vec<&Keyframe> {
+    let mut placed: Vec<&Keyframe> =
+        map.keyframes.values().filter(|k| k.world_from_keyframe.is_valid()).collect();
+    placed.sort_by_key(|keyframe| (keyframe.agent, keyframe.id));
+    placed
+}
+
+/// The frames whose pose can be drawn, by agent and in order of time.
+pub fn placed_frames(map: &Map) -> Vec<PlacedFrame> {
+    let agents = agent_indices(map);
+    let placed = map.frames.iter().filter_map(|frame| {
+        let agent = *agents.get(&map.keyframes.get(&frame.reference)?.agent)?;
+        let world_from_frame = map.world_from_frame(frame).filter(Sim3::is_valid)?;
+        let (frame_index, timestamp) = (frame.frame_index, frame.timestamp);
+        Some(PlacedFrame { agent, frame_index, timestamp, world_from_frame })
+    });
+    let mut placed: Vec<PlacedFrame> = placed.collect();
+    // Stable: of one agent they are in order of time.
+    placed.sort_by_key(|frame| frame.agent);
+    placed
+}
+
+/// The position of each agent among all.
+fn agent_indices(map: &Map) -> BTreeMap<AgentId, usize> {
+    map.agents.keys().copied().zip(0..).collect()
+}
+
+impl Scene {
+    /// The scene of a map with its placed keyframes and frames.
+    pub fn new(map: &Map, keyframes: &[&Keyframe], frames: &[PlacedFrame]) -> Self {
+        let agents = agent_indices(map);
+        let (up, forward) = level(keyframes.iter().map(|k| &k.world_from_keyframe));
+        Self {
+            agents: map.agents.iter().filter_map(agent).collect(),
+            up: up.into(),
+            forward: forward.into(),
+            keyframes: Keyframes {
+                count: keyframes.len(),
+                agent: Packed::u32(
+                    keyframes.iter().map(|k| agents.get(&k.agent).map_or(0, |index| *index as u32)),
+                ),
+                id: Packed::u32(keyframes.iter().map(|k| k.id.0)),
+                frame: Packed::f64(keyframes.iter().map(|k| k.frame_index as f64)),
+                timestamp: Packed::f64(keyframes.iter().map(|k| k.timestamp)),
+                pose: Packed::f32(keyframes.iter().flat_map(|k| pose_numbers(&k.world_from_keyframe))),
+                depths: Packed::u32(keyframes.iter().map(|k| k.semi_dense.len() as u32)),
+            },
+            trajectory: Trajectory {
+                count: frames.len(),
+                agent: Packed::u32(frames.iter().map(|frame| frame.agent as u32)),
+                frame: Packed::f64(frames.iter().map(|frame| frame.frame_index as f64)),
+                timestamp: Packed::f64(frames.iter().map(|frame| frame.timestamp)),
+                position: Packed::f32(
+                    frames.iter().flat_map(|frame| single(frame.world_from_frame.translation)),
+                ),
+            },
+            edges: edges(map, keyframes),
+        }
+    }
+}
+
+/// Which way is up, and the mean viewing direction (short when the cameras look all around).
+pub fn level<'a>(world_from_cameras: impl Iterator<Item = &'a Sim3>) -> (Vector3<f64>, Vector3<f64>) {
+    let cameras: Vec<Matrix3<f64>> = world_from_cameras.map(|pose| pose.rigid().rotation_matrix()).collect();
+    (up_direction(&cameras), mean(cameras.iter().map(|r| r.column(2).into_owned())))
+}
+
+/// An agent as the page shows it.
+fn agent((id, info): (&AgentId, &map::AgentInfo)) -> Option<Agent> {
+    Some(Agent { name: info.name.clone(), color: agent_color(*id), camera: *info.camera()? })
+}
+
+/// The axes and the centre of a camera.
+pub fn pose_numbers(pose: &Sim3) -> [f32; 12] {
+    let r = pose.rigid().rotation_matrix();
+    let mut numbers = [0.0; 12];
+    for column in 0..3 {
+        numbers[column * 3..][..3].copy_from_slice(&single(r.column(column).into_owned()));
+    }
+    numbers[9..].copy_from_slice(&single(pose.translation));
+    numbers
+}
+
+fn single(v: Vector3<f64>) -> [f32; 3] {
+    v.cast::<f32>().into()
+}
+
+fn mean(vectors: impl ExactSizeIterator<Item = Vector3<f64>>) -> Vector3<f64> {
+    let count = vectors.len().max(1) as f64;
+    vectors.sum::<Vector3<f64>>() / count
+}
+
+/// The edges between placed keyframes.
+fn edges(map: &Map, keyframes: &[&Keyframe]) -> Packed {
+    let index: BTreeMap<KeyframeId, u32> = keyframes.iter().zip(0..).map(|(k, i)| (k.id, i)).collect();
+    let numbers = map
+        .edges
+        .iter()
+        .filter_map(|edge| Some([*index.get(&edge.from)?, *index.get(&edge.to)?, kind_number(edge.kind)]));
+    Packed::u32(numbers.flatten())
+}
+
+/// What pages call a kind of edge.
+pub fn kind_number(kind: EdgeKind) -> u32 {
+    match kind {
+        EdgeKind::Odometry => 0,
+        EdgeKind::Covisibility => 1,
+        EdgeKind::Loop => 2,
+        EdgeKind::Merge => 3,
+    }
+}
+
+/// Up, guessed from the cameras' rotations: their mean −y, turned so that their x axes lie level.
+///
+/// People and cars hold cameras pitched but seldom rolled, so x axes lie in the ground plane while the
+/// mean of −y leans with the pitch. `(mean(x xᵀ) + ε I)⁻¹ (−ȳ)` trusts the x axes as far as they span
+/// that plane and keeps −ȳ where they do not (Brown and Lowe 2007, §5, with a prior).
+fn up_direction(cameras: &[Matrix3<f64>]) -> Vector3<f64> {
+    const PRIOR: f64 = 0.02;
+    let up = -mean(cameras.iter().map(|r| r.column(1).into_owned()));
+    let count = cameras.len().max(1) as f64;
+    let spread = cameras.iter().map(|r| r.column(0) * r.column(0).transpose()).sum::<Matrix3<f64>>() / count;
+    (spread + Matrix3::identity() * PRIOR)
+        .try_inverse()
+        .and_then(|inverse| (inverse * up).try_normalize(1e-9))
+        .unwrap_or(-Vector3::y())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Rotation3;
+
+    /// A level camera turned by `yaw` about the vertical (−y) and then pitched down.
+    fn camera(yaw: f64, pitch: f64) -> Matrix3<f64> {
+        (Rotation3::from_axis_angle(&Vector3::y_axis(), yaw)
+            * Rotation3::from_axis_angle(&Vector3::x_axis(), -pitch))
+        .into_inner()
+    }
+
+    #[test]
+    fn up_is_level_for_pitched_cameras_that_look_around() {
+        let cameras: Vec<_> = (0..20).map(|i| camera(i as f64 * 0.06, 0.4)).collect();
+        let up = up_direction(&cameras);
+        assert!(up.dot(&-Vector3::y()) > 0.99, "{up}");
+    }
+
+    #[test]
+    fn up_of_one_camera_is_its_minus_y_and_of_none_the_worlds() {
+        let one = camera(0.3, 0.2);
+        assert!((up_direction(&[one]) + one.column(1)).norm() < 1e-9);
+        assert_eq!(up_direction(&[]), -Vector3::y());
+    }
+}

@@ -1,0 +1,264 @@
+//! What the run's loop holds of its watchers.
+
+use super::feed::{Gatherer, LiveImage, Pending};
+use super::scene::{Agent, Scene};
+use super::status::Facts;
+use super::web::{self, Address};
+use super::{Command, Shared, watcher};
+use crate::report::scene::kind_number;
+use anyhow::{Context, Result};
+use map::{AgentInfo, EdgeKind, Map};
+use slam_direct::{Frame, FrameReport, TrackingState};
+use sources::Stop;
+use sources::recording::RecordButton;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// Images handed to viewers: ten a second are fluid enough to watch and cheap.
+const PICTURE_INTERVAL: Duration = Duration::from_millis(100);
+/// Commands that may wait.
+const COMMANDS: usize = 16;
+/// How often a paused run looks whether it is to stop.
+const PAUSED_INTERVAL: Duration = Duration::from_millis(50);
+
+/// Who watches, and what for.
+#[derive(Default)]
+pub struct WatchOptions {
+    /// Serve the page there.
+    pub page: Option<Address>,
+    /// Serve Foxglove on this port of the machine's own address.
+    pub foxglove: Option<u16>,
+    /// What the button for recording drives.
+    pub recording: Option<RecordButton>,
+    /// Frames of the recording, where known.
+    pub frames: Option<u64>,
+}
+
+/// How a run's loop is watched and commanded; [`none`](Self::none) costs nothing.
+pub struct Watch(Option<Inner>);
+
+struct Inner {
+    shared: Arc<Shared>,
+    commands: Receiver<Command>,
+    paused: bool,
+    gatherer: Gatherer,
+    last_state: TrackingState,
+    picture_due: Instant,
+    picture: Option<LiveImage>,
+    recording: Option<RecordButton>,
+    watcher: Option<JoinHandle<()>>,
+    page: Option<web::Server>,
+    places: Vec<String>,
+}
+
+/// What a run's end says to its viewers.
+pub struct Ended<'a>(pub &'a str);
+
+impl Watch {
+    /// Nobody watches.
+    pub fn none() -> Self {
+        Self(None)
+    }
+
+    /// Starts what shows a run of this agent; [`places`](Self::places) says where to look.
+    ///
+    /// # Errors
+    /// When an address cannot be listened at or a thread not be started.
+    pub fn start(agent: &AgentInfo, mut options: WatchOptions) -> Result<Self> {
+        if options.page.is_none() && options.foxglove.is_none() {
+            return Ok(Self::none());
+        }
+        let (sender, commands) = sync_channel(COMMANDS);
+        let camera = *agent.camera().context("only runs of cameras can be watched")?;
+        let agents = vec![Agent { name: agent.name.clone(), camera }];
+        let shared = Arc::new(Shared::new(Scene::of(agents), Some(sender)));
+        let mut first = super::Status { state: "starting", frames: options.frames, ..Default::default() };
+        first.recording = options.recording.as_ref().map(|recording| recording.is_on());
+        shared.scene().set_status(first);
+        let page = options.page.take().map(|at| web::Server::start(&shared, at, &agent.name)).transpose()?;
+        let mut places: Vec<String> = page.iter().map(|page| format!("watch at {}", page.url())).collect();
+        #[cfg(feature = "foxglove-server")]
+        if let Some(port) = options.foxglove {
+            let url = super::foxglove::start(&shared, port)?;
+            places.push(format!("Foxglove: open a connection to {url}"));
+        }
+        let of_thread = Arc::clone(&shared);
+        let watcher = std::thread::Builder::new()
+            .name("watch".into())
+            .spawn(move || watcher::watch(&of_thread, camera))
+            .context("cannot start the watching thread")?;
+        Ok(Self(Some(Inner {
+            shared,
+            commands,
+            paused: false,
+            gatherer: Gatherer::default(),
+            last_state: TrackingState::Starting,
+            picture_due: Instant::now(),
+            picture: None,
+            recording: options.recording,
+            watcher: Some(watcher),
+            page,
+            places,
+        })))
+    }
+
+    /// Where to watch, a line for each way, for people.
+    pub fn places(&self) -> &[String] {
+        self.0.as_ref().map_or(&[], |inner| &inner.places)
+    }
+
+    /// What the user wants that the run itself must do, [`Command::Save`] or [`Command::Restart`]; waits while the
+    /// run is paused and not to stop.
+    pub fn attend(&mut self, stop: &Stop) -> Option<Command> {
+        let inner = self.0.as_mut()?;
+        loop {
+            let patience = if inner.paused { PAUSED_INTERVAL } else { Duration::ZERO };
+            match inner.commands.recv_timeout(patience) {
+                Ok(Command::Pause) => inner.pause(true),
+                Ok(Command::Resume) => inner.pause(false),
+                Ok(Command::Record(on)) => inner.record(on),
+                Ok(command) => return Some(command),
+                Err(RecvTimeoutError::Timeout) if inner.paused && !stop.requested() => {}
+                Err(_) => return None,
+            }
+        }
+    }
+
+    /// Call it before a frame is processed: it keeps a copy of the image if one is due.
+    pub fn before(&mut self, frame: &Frame) {
+        let Some(inner) = &mut self.0 else { return };
+        let now = Instant::now();
+        if now >= inner.picture_due && inner.shared.audience.load(Ordering::Relaxed) > 0 {
+            inner.picture_due = now + PICTURE_INTERVAL;
+            let (frame_index, timestamp) = (frame.index, frame.timestamp);
+            inner.picture = Some(LiveImage {
+                frame_index,
+                timestamp,
+                image: frame.image.clone(),
+                world_from_camera: None,
+            });
+        }
+    }
+
+    /// Call it after a frame was processed, with the time that took, the time since its capture where that is
+    /// known, and the frames dropped so far.
+    pub fn after(
+        &mut self,
+        (frame, timestamp, ms): (u64, f64, f64),
+        latency_ms: Option<f64>,
+        report: FrameReport,
+        map: &Map,
+        dropped: u64,
+    ) {
+        let Some(inner) = &mut self.0 else { return };
+        let lost = inner.last_state == TrackingState::Tracking && report.state == TrackingState::Lost;
+        inner.last_state = report.state;
+        let picture = inner
+            .picture
+            .take()
+            .map(|picture| LiveImage { world_from_camera: report.world_from_camera, ..picture });
+        let gatherer = &mut inner.gatherer;
+        inner.shared.slot.leave(|pending| {
+            gatherer.gather(map, report.closed_loop.is_some(), pending);
+            pending.loops.extend(report.closed_loop.map(|(newer, older)| [newer.0, older.0]));
+            pending.picture = picture.or(pending.picture.take());
+            pending.taken += 1;
+            pending.lost += u64::from(lost);
+            pending.facts = Some(Facts { frame, timestamp, ms, latency_ms, dropped, report });
+        });
+    }
+
+    /// Shows a map whose every part may have moved, with its edges: at the end of a run.
+    pub fn whole(&mut self, map: &Map) {
+        let Some(inner) = &mut self.0 else { return };
+        let gatherer = &mut inner.gatherer;
+        inner.shared.slot.leave(|pending| {
+            gatherer.gather(map, true, pending);
+            pending.edges = Some(loops_of(map));
+        });
+    }
+
+    /// Shows nothing of the map before any more.
+    pub fn begin_anew(&mut self) {
+        let Some(inner) = &mut self.0 else { return };
+        inner.gatherer = Gatherer::default();
+        inner.last_state = TrackingState::Starting;
+        inner.shared.slot.leave(|pending| {
+            let kept = std::mem::take(pending);
+            *pending = Pending {
+                anew: true,
+                taken: kept.taken,
+                lost: kept.lost,
+                note: kept.note,
+                paused: kept.paused,
+                recording: kept.recording,
+                folder: kept.folder,
+                ..Pending::default()
+            };
+        });
+    }
+
+    /// Says where results go.
+    pub fn folder(&self, folder: &std::path::Path) {
+        if let Some(inner) = &self.0 {
+            inner.shared.slot.leave(|pending| pending.folder = Some(folder.display().to_string()));
+        }
+    }
+
+    /// Something to tell viewers, from any thread.
+    pub fn teller(&self) -> impl Fn(String) + Send + 'static + use<> {
+        let shared = self.0.as_ref().map(|inner| Arc::clone(&inner.shared));
+        move |note| {
+            if let Some(shared) = &shared {
+                shared.slot.leave(|pending| pending.note = Some(note));
+            }
+        }
+    }
+
+    /// Lets viewers have the last of the run, then ends what serves them.
+    pub fn end(mut self, Ended(note): Ended) {
+        let Some(inner) = &mut self.0 else { return };
+        inner.shared.slot.leave(|pending| {
+            pending.note = Some(note.to_owned());
+            pending.ended = true;
+        });
+        if let Some(watcher) = inner.watcher.take() {
+            // A panic of the thread was printed by itself; there is nobody left to tell.
+            let _ = watcher.join();
+        }
+        inner.shared.over.store(true, Ordering::Release);
+        if let Some(page) = &inner.page {
+            page.wait_for_clients();
+        }
+    }
+}
+
+impl Inner {
+    fn pause(&mut self, paused: bool) {
+        self.paused = paused;
+        self.shared.slot.leave(|pending| pending.paused = Some(paused));
+    }
+
+    fn record(&mut self, on: bool) {
+        let Some(recording) = &mut self.recording else { return };
+        let note = match recording.set(on) {
+            Ok(note) => note,
+            Err(error) => format!("cannot record: {error:#}"),
+        };
+        let is_on = recording.is_on();
+        self.shared.slot.leave(|pending| {
+            pending.note = Some(note);
+            pending.recording = Some(is_on);
+        });
+    }
+}
+
+/// Edges that say something beyond which keyframe follows which: loops and merges.
+pub fn loops_of(map: &Map) -> Vec<[u32; 3]> {
+    let says = |edge: &&map::Edge| matches!(edge.kind, EdgeKind::Loop | EdgeKind::Merge);
+    let numbers = |edge: &map::Edge| [edge.from.0, edge.to.0, kind_number(edge.kind)];
+    map.edges.iter().filter(says).map(numbers).collect()
+}
