@@ -26,7 +26,7 @@ pub use export::{
     CloudPoint, DEFAULT_MAX_RELATIVE_VARIANCE, agent_color, save_kitti, save_pcd, save_ply, save_tum,
     write_kitti, write_pcd, write_ply, write_tum,
 };
-pub use io::{FORMAT_VERSION, LoadedMap, MapWriter, is_map_file, load_map, save_map};
+pub use io::{FORMAT_VERSION, LoadedMap, MapWriter, is_map_file, load_map, save_map, sensors_of};
 pub use keyframe::{Edge, EdgeKind, Keyframe, KeyframeId, Observation, Point, SemiDense};
 pub use place::{PlaceCandidate, PlaceIndex};
 pub use scan::Scan;

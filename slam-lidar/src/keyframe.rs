@@ -25,9 +25,14 @@ const CONTEXT_RADIUS: f32 = 40.0;
 impl Keyframe {
     /// A keyframe of points freed from the motion of their sweep.
     pub fn new(instant: f64, world_from_sensor: Se3, points: Vec<[f32; 3]>) -> Self {
-        let context = ScanContext::of(&points, CONTEXT_RADIUS);
+        let context = context_of(&points);
         Self { instant, world_from_sensor, points, context }
     }
+}
+
+/// The descriptor of a keyframe's points.
+pub fn context_of(points: &[[f32; 3]]) -> ScanContext {
+    ScanContext::of(points, CONTEXT_RADIUS)
 }
 
 /// A point moved.

@@ -19,7 +19,7 @@ mod tests;
 mod views;
 mod writer;
 
-pub use reader::{LoadedMap, is_map_file, load_map};
+pub use reader::{LoadedMap, is_map_file, load_map, sensors_of};
 pub use writer::{MapWriter, save_map};
 
 /// The version of the file format that is written.

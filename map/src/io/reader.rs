@@ -5,13 +5,13 @@ use super::messages::{GraphMessage, KeyframeMessage};
 use super::records::{Stop, read_chunk, read_file};
 use super::scan::{self, SCAN_TOPIC, ScanMessage};
 use super::{FORMAT_VERSION, GRAPH_TOPIC, IMAGE_TOPIC, KEYFRAME_TOPIC, PROFILE, convert, picture, views};
-use crate::{AgentId, Edge, FramePose, Keyframe, KeyframeId, Map, MapError, Scan, Sensor, check};
+use crate::{AgentId, Edge, FramePose, Keyframe, KeyframeId, Map, MapError, Scan, Sensor, SensorKind, check};
 use foxglove::messages::CompressedImage;
 use geometry::{GrayImage, Sim3};
 use mcap::records::{Record, op};
 use mcap::{McapError, parse_record};
 use prost::Message;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
@@ -67,6 +67,31 @@ pub fn is_map_file(path: impl AsRef<Path>) -> bool {
         Err(matches!(parse_record(opcode, data), Ok(Record::Header(header)) if header.profile == PROFILE))
     });
     matches!(first, Err(Stop::Refused(true)))
+}
+
+/// The kinds of the sensors of a map's agents, from the file's first records, without reading its keyframes.
+///
+/// # Errors
+/// As [`load_map`], as far as the first records say.
+pub fn sensors_of(path: impl AsRef<Path>) -> Result<BTreeSet<SensorKind>, MapError> {
+    let path = path.as_ref();
+    let opened = File::open(path).and_then(|file| file.metadata().map(|about| (file, about.len())));
+    let (file, length) = opened.map_err(|source| MapError::read(path, source))?;
+    let mut contents = Contents::default();
+    // What is said of agents comes before all chunks.
+    let end = read_file(&mut BufReader::new(file), length, &mut |opcode, data| match opcode {
+        op::CHUNK => Err(None),
+        _ => contents.record(opcode, data).map_err(Some),
+    });
+    match end {
+        Err(Stop::Refused(Some(refusal))) => return Err(refusal.at(path)),
+        Err(Stop::Failed(source)) => return Err(MapError::read(path, source)),
+        Ok(()) | Err(Stop::Refused(None) | Stop::Damaged(_)) => {}
+    }
+    if !contents.has_header {
+        return Err(MapError::NotMcap { path: path.to_owned() });
+    }
+    Ok(contents.about.agents.values().map(|info| info.sensor.kind()).collect())
 }
 
 /// Why a file cannot be loaded.

@@ -91,6 +91,7 @@ fn a_lidars_map_loads_back_equal_alone_and_beside_a_cameras() {
     let loaded = folder.load(&folder.bytes(&both)).unwrap().map;
     assert_eq!(loaded, both);
     assert_eq!(loaded.split(), [sample_map(2), lidar.clone()]);
+    assert_eq!(sensors_of(folder.file("bytes.mcap")).unwrap().len(), 2);
     let twice = Map::can_unite(&[&lidar, &loaded]).unwrap_err();
     assert!(matches!(twice, MapError::SameMapTwice { .. }), "{twice}");
 }
