@@ -47,7 +47,6 @@ pub(crate) enum Ending {
     /// Something failed.
     Failed = 1,
     /// All went well, but no two of the maps met.
-    #[cfg(feature = "opencv")]
     NotMet = 3,
     /// What was tracked is saved, but it is less than was asked for.
     TooLittleTracked = 4,

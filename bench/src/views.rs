@@ -114,6 +114,7 @@ mod tests {
             frame_index: 0,
             world_from_keyframe: Sim3::new(UnitQuaternion::identity(), Vector3::zeros(), 0.5),
             image: Arc::new(GrayImage::filled(40, 30, 0)),
+            scan: None,
             semi_dense: map::SemiDense { inverse_depth: vec![1.0; 1200], variance: vec![0.01; 1200], pixel }
                 .into(),
             points: Vec::new(),

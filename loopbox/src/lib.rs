@@ -6,11 +6,12 @@
 //!
 //! [`run`](crate::run) takes frames from a source through an agent into a folder of results, [`merging`] brings maps of several
 //! agents together, [`calibrating`] makes a camera's calibration from images of a board; [`results`] keeps folders of
-//! results whole.
+//! results whole. [`lidar`] does the same for LiDAR agents.
 
 #[cfg(feature = "opencv")]
 pub mod calibrating;
 pub mod evaluating;
+pub mod lidar;
 #[cfg(feature = "opencv")]
 pub mod merging;
 pub mod open;

@@ -210,6 +210,26 @@ impl Drop for Results {
     }
 }
 
+/// Refuses to write where a map to be read is: its file would be replaced.
+///
+/// # Errors
+/// When the folder is that of one of `maps`, files or folders of runs.
+pub fn keep_from(folder: &Path, maps: &[PathBuf]) -> Result<()> {
+    let Ok(out) = folder.canonicalize() else { return Ok(()) };
+    for map in maps {
+        let Ok(found) = map.canonicalize() else { continue };
+        let home = if found.is_dir() { Some(found.as_path()) } else { found.parent() };
+        if home == Some(&out) {
+            bail!(
+                "{}: holds {}, which the results would replace\nhint: give --out another folder",
+                folder.display(),
+                map.display()
+            );
+        }
+    }
+    Ok(())
+}
+
 /// Keeps others from writing into a folder. Nothing where its file system has no locks.
 fn lock(folder: &Path) -> Result<Option<File>> {
     let Ok(file) = File::open(folder) else { return Ok(None) };

@@ -1,6 +1,6 @@
 //! Agents: whose keyframes a map holds.
 
-use crate::{Identity, KeyframeId};
+use crate::{Identity, KeyframeId, Sensor};
 use geometry::{Pinhole, Sim3};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
@@ -17,8 +17,8 @@ pub struct AgentId(pub u16);
 pub struct AgentInfo {
     /// What people call it, the recording's name say; unique within the map and not empty.
     pub name: String,
-    /// The pinhole camera its keyframe images were undistorted to.
-    pub camera: Pinhole,
+    /// What it sees with.
+    pub sensor: Sensor,
     /// Who it is, and which of its maps this is; unique within the map. `None` while nobody said: such an agent is known
     /// by its keyframes alone.
     pub identity: Option<Identity>,
@@ -29,9 +29,18 @@ pub struct AgentInfo {
 }
 
 impl AgentInfo {
-    /// An agent with images of `camera`, of no identity yet.
-    pub fn new(name: impl Into<String>, camera: Pinhole) -> Self {
-        Self { name: name.into(), camera, identity: None, provenance: BTreeMap::new(), own: None }
+    /// An agent that sees with `sensor`, a LiDAR or the camera of which its images are; of no identity yet.
+    pub fn new(name: impl Into<String>, sensor: impl Into<Sensor>) -> Self {
+        let (name, sensor) = (name.into(), sensor.into());
+        Self { name, sensor, identity: None, provenance: BTreeMap::new(), own: None }
+    }
+
+    /// The pinhole camera its keyframes' images were undistorted to; `None` of a LiDAR.
+    pub fn camera(&self) -> Option<&Pinhole> {
+        match &self.sensor {
+            Sensor::Camera(camera) => Some(camera),
+            Sensor::Lidar => None,
+        }
     }
 
     /// An agent that nobody named.

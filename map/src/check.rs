@@ -1,7 +1,7 @@
 //! Checks that a map's parts make sense, the same for a map to write and for one just read.
 
 use crate::agent::owner;
-use crate::{AgentInfo, Edge, EdgeKind, FramePose, Keyframe, Map, Point};
+use crate::{AgentInfo, Edge, EdgeKind, FramePose, Keyframe, Map, Point, Sensor};
 use geometry::limits::check_image_size;
 use geometry::{Pinhole, Se3, Sim3};
 use std::collections::BTreeSet;
@@ -13,7 +13,7 @@ const UNIT_TOLERANCE: f64 = 1e-3;
 pub(crate) fn map(map: &Map) -> Result<(), String> {
     agents(map)?;
     for (id, keyframe) in &map.keyframes {
-        self::keyframe(keyframe, map.camera(keyframe))?;
+        self::keyframe(keyframe, &map.agents[&keyframe.agent].sensor)?;
         if *id != keyframe.id {
             return Err(format!("keyframe {} is filed under {}", keyframe.id.0, id.0));
         }
@@ -61,7 +61,7 @@ pub(crate) fn agent(info: &AgentInfo) -> Result<(), String> {
     if info.name.is_empty() {
         return Err("an agent has no name".into());
     }
-    camera(&info.camera)
+    info.camera().map_or(Ok(()), camera)
 }
 
 /// What is wrong with a keyframe's place among the agents.
@@ -105,19 +105,40 @@ fn camera(camera: &Pinhole) -> Result<(), String> {
     Ok(())
 }
 
-/// Whether a keyframe fits the camera and all its numbers are usable.
-pub(crate) fn keyframe(keyframe: &Keyframe, camera: &Pinhole) -> Result<(), String> {
-    let problem = keyframe_problem(keyframe, camera);
+/// Whether a keyframe fits the sensor and all its numbers are usable.
+pub(crate) fn keyframe(keyframe: &Keyframe, sensor: &Sensor) -> Result<(), String> {
+    let problem = keyframe_problem(keyframe, sensor);
     problem.map_or(Ok(()), |what| Err(format!("keyframe {}: {what}", keyframe.id.0)))
 }
 
 /// What is wrong with a keyframe.
-fn keyframe_problem(keyframe: &Keyframe, camera: &Pinhole) -> Option<String> {
+fn keyframe_problem(keyframe: &Keyframe, sensor: &Sensor) -> Option<String> {
     if !keyframe.timestamp.is_finite() {
         return Some(format!("its time stamp is {}", keyframe.timestamp));
     }
     if let Some(what) = sim3_problem(&keyframe.world_from_keyframe) {
         return Some(format!("its pose {what}"));
+    }
+    match sensor {
+        Sensor::Camera(camera) => image_problem(keyframe, camera),
+        Sensor::Lidar => scan_problem(keyframe),
+    }
+}
+
+/// What is wrong with a keyframe that is to have a scan and nothing else.
+fn scan_problem(keyframe: &Keyframe) -> Option<String> {
+    let Keyframe { scan, image, semi_dense, points, .. } = keyframe;
+    if scan.is_none() {
+        return Some("it is a LiDAR's and has no scan".into());
+    }
+    let other = !image.data().is_empty() || !semi_dense.is_empty() || !points.is_empty();
+    other.then(|| "it is a LiDAR's and has an image, depth or points of images".into())
+}
+
+/// What is wrong with a keyframe's image and depths.
+fn image_problem(keyframe: &Keyframe, camera: &Pinhole) -> Option<String> {
+    if keyframe.scan.is_some() {
+        return Some("it is a camera's and has a scan".into());
     }
     let size = (keyframe.image.width(), keyframe.image.height());
     if size != (camera.width, camera.height) {

@@ -1,5 +1,6 @@
 //! What can go wrong with maps and their files.
 
+use crate::SensorKind;
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -67,6 +68,16 @@ pub enum MapError {
         maps: [usize; 2],
         /// The agents' names in them.
         agents: [String; 2],
+    },
+    /// A function for maps of one sensor was given one of another.
+    #[error("agent \"{agent}\" has a {found}; this needs maps of agents with a {wanted}")]
+    Sensor {
+        /// The agent.
+        agent: String,
+        /// What it has.
+        found: SensorKind,
+        /// What is needed.
+        wanted: SensorKind,
     },
     /// Maps that cannot be united.
     #[error("the maps cannot be united: {0}")]

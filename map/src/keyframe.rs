@@ -1,6 +1,6 @@
 //! Keyframes, their inverse depth, and the edges between them.
 
-use crate::{AgentId, Shared};
+use crate::{AgentId, Scan, Shared};
 use geometry::{GrayImage, Sim3};
 use nalgebra::SMatrix;
 use serde::{Deserialize, Serialize};
@@ -10,7 +10,7 @@ use std::sync::Arc;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct KeyframeId(pub u32);
 
-/// An image with known pose and inverse depth.
+/// An image with known pose and inverse depth, or a LiDAR's scan with known pose.
 ///
 /// All lengths inside (inverse depths, variances) are in the keyframe's own unit;
 /// `world_from_keyframe.scale` turns that unit into the world's.
@@ -26,8 +26,10 @@ pub struct Keyframe {
     pub frame_index: u64,
     /// Pose and unit: maps points of the keyframe's camera frame to the world.
     pub world_from_keyframe: Sim3,
-    /// The undistorted grey image, of the size of its agent's camera.
+    /// The undistorted grey image, of the size of its agent's camera; without pixels where that is a LiDAR.
     pub image: Arc<GrayImage>,
+    /// The scan, freed from the motion of its sweep, of a LiDAR's keyframe; none of a camera's.
+    pub scan: Option<Arc<Scan>>,
     /// The semi-dense inverse-depth map.
     pub semi_dense: Shared<SemiDense>,
     /// The sparse points hosted here, with their observations: what the joint optimisation works on.

@@ -11,6 +11,8 @@ mod identity;
 mod io;
 mod keyframe;
 mod place;
+mod scan;
+mod sensor;
 mod shared;
 mod summary;
 #[cfg(test)]
@@ -26,9 +28,11 @@ pub use export::{
     write_kitti, write_pcd, write_ply, write_tum,
 };
 pub use identity::{Identity, KeyframeName};
-pub use io::{FORMAT_VERSION, LoadedMap, MapWriter, is_map_file, load_map, save_map};
+pub use io::{FORMAT_VERSION, LoadedMap, MapWriter, is_map_file, load_map, save_map, sensors_of};
 pub use keyframe::{Edge, EdgeKind, Keyframe, KeyframeId, Observation, Point, SemiDense};
 pub use place::{PlaceCandidate, PlaceIndex};
+pub use scan::Scan;
+pub use sensor::{Sensor, SensorKind};
 pub use shared::Shared;
 pub use summary::{AgentSummary, Summary};
 pub use trajectory::{FramePose, StampedPose};
@@ -80,9 +84,18 @@ impl Map {
     /// The camera that took a keyframe of this map.
     ///
     /// # Panics
-    /// When the keyframe's agent is not in the map; of maps that were loaded or united, every one is.
+    /// When the keyframe's agent is not in the map (of maps that were loaded or united, every one is) or has no
+    /// camera: whoever works on images asks [`of_cameras`](Self::of_cameras) first.
     pub fn camera(&self, keyframe: &Keyframe) -> &Pinhole {
-        &self.agents[&keyframe.agent].camera
+        match &self.agents[&keyframe.agent].sensor {
+            Sensor::Camera(camera) => camera,
+            Sensor::Lidar => panic!("keyframe {} is a LiDAR's: it has no camera", keyframe.id.0),
+        }
+    }
+
+    /// The camera of the agent whose a keyframe is; `None` of a LiDAR's.
+    pub fn camera_of(&self, keyframe: &Keyframe) -> Option<&Pinhole> {
+        self.agents.get(&keyframe.agent).and_then(AgentInfo::camera)
     }
 
     /// The agents' names made safe for files and topics: letters, digits, `.`, `-` and `_`, still unique.

@@ -1,6 +1,6 @@
 //! What a map holds, in numbers.
 
-use crate::{AgentId, AgentInfo, EdgeKind, Identity, Map};
+use crate::{AgentId, AgentInfo, EdgeKind, Identity, Map, SensorKind};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt;
@@ -18,6 +18,8 @@ pub struct Summary {
     pub depth_pixels: usize,
     /// Share of all keyframes' pixels that have inverse depth, 0–1.
     pub density: f64,
+    /// Points of scans, all keyframes together.
+    pub scan_points: usize,
     /// Edges that join successive keyframes.
     pub odometry_edges: usize,
     /// Edges between keyframes that share points.
@@ -47,8 +49,10 @@ pub struct AgentSummary {
     pub name: String,
     /// Who it is, and which of its maps this is; `null` when nobody said.
     pub identity: Option<Identity>,
-    /// Image width and height, pixels.
-    pub image_size: [usize; 2],
+    /// What it sees with.
+    pub sensor: SensorKind,
+    /// Image width and height, pixels; none of a LiDAR.
+    pub image_size: Option<[usize; 2]>,
     /// Number of keyframes.
     pub keyframes: usize,
     /// Keyframes that have features.
@@ -78,6 +82,7 @@ impl Map {
             observations: points.map(|point| point.observations.len()).sum(),
             depth_pixels,
             density: depth_pixels as f64 / all_pixels.max(1) as f64,
+            scan_points: self.keyframes.values().filter_map(|k| k.scan.as_ref()).map(|scan| scan.len()).sum(),
             odometry_edges: edges(EdgeKind::Odometry),
             covisibility_edges: edges(EdgeKind::Covisibility),
             loop_edges: edges(EdgeKind::Loop),
@@ -101,7 +106,8 @@ impl Map {
         AgentSummary {
             name: info.name.clone(),
             identity: info.identity,
-            image_size: [info.camera.width, info.camera.height],
+            sensor: info.sensor.kind(),
+            image_size: info.camera().map(|camera| [camera.width, camera.height]),
             keyframes: own.clone().count(),
             described: own.clone().filter(|keyframe| keyframe.features.is_some()).count(),
             frames: trajectory.len(),
@@ -118,21 +124,28 @@ impl fmt::Display for Summary {
         if let [agent] = &*self.agents {
             writeln!(f, "name         {}", agent.name)?;
             writeln!(f, "identity     {}", agent.named())?;
-            writeln!(f, "images       {}", agent.images())?;
+            writeln!(f, "{}", agent.seen_with())?;
         } else {
             writeln!(f, "agents       {}", self.agents.len())?;
         }
         writeln!(f, "keyframes    {}", self.keyframes)?;
-        let share = 100.0 * self.density;
-        writeln!(f, "depth        {} pixels ({share:.1} % of the keyframes' pixels)", self.depth_pixels)?;
-        writeln!(f, "points       {} ({} observations)", self.points, self.observations)?;
+        let has = |kind| self.agents.iter().any(|agent| agent.sensor == kind);
+        if has(SensorKind::Lidar) {
+            writeln!(f, "scans        {} points", self.scan_points)?;
+        }
+        if has(SensorKind::Camera) {
+            let share = 100.0 * self.density;
+            writeln!(f, "depth        {} pixels ({share:.1} % of the keyframes' pixels)", self.depth_pixels)?;
+            writeln!(f, "points       {} ({} observations)", self.points, self.observations)?;
+        }
         writeln!(
             f,
             "edges        {} odometry, {} covisibility, {} loop, {} merge",
             self.odometry_edges, self.covisibility_edges, self.loop_edges, self.merge_edges
         )?;
         writeln!(f, "frames       {} in {:.2} s", self.frames, self.duration)?;
-        writeln!(f, "path         {:.3} map units", self.path_length)?;
+        let unit = if has(SensorKind::Camera) { "map units" } else { "m" };
+        writeln!(f, "path         {:.3} {unit}", self.path_length)?;
         if let Some(bytes) = self.file_bytes {
             write!(f, "file         {:.2} MB", bytes as f64 / 1e6)?;
             match self.keyframes {
@@ -154,10 +167,12 @@ impl AgentSummary {
         self.identity.map_or_else(|| "none".to_owned(), |identity| identity.to_string())
     }
 
-    /// The size of the images, for people.
-    fn images(&self) -> String {
-        let [width, height] = self.image_size;
-        format!("{width}×{height} pixels")
+    /// The sensor, and of a camera the size of its images, for people: a label and a text.
+    fn seen_with(&self) -> String {
+        match self.image_size {
+            Some([width, height]) => format!("images       {width}×{height} pixels"),
+            None => format!("sensor       {}", self.sensor),
+        }
     }
 }
 
@@ -165,10 +180,11 @@ impl fmt::Display for AgentSummary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "agent        {}", self.name)?;
         writeln!(f, "identity     {}", self.named())?;
-        writeln!(f, "images       {}", self.images())?;
+        writeln!(f, "{}", self.seen_with())?;
         writeln!(f, "keyframes    {}", self.keyframes)?;
         writeln!(f, "frames       {} in {:.2} s", self.frames, self.duration)?;
-        writeln!(f, "path         {:.3} map units", self.path_length)?;
+        let unit = if self.sensor == SensorKind::Lidar { "m" } else { "map units" };
+        writeln!(f, "path         {:.3} {unit}", self.path_length)?;
         provenance(f, &self.provenance)
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::{
     AgentId, AgentInfo, Edge, EdgeKind, FramePose, Identity, Keyframe, KeyframeId, Map, Observation, Point,
-    SemiDense,
+    Scan, SemiDense, Sensor,
 };
 use geometry::{GrayImage, Pinhole, Se3, Sim3};
 use nalgebra::{SMatrix, SVector, Vector6};
@@ -28,15 +28,40 @@ impl Numbers {
 
 /// A map of `keyframes` keyframes of 24×18 pixels, five frames each, with every kind of edge.
 pub(crate) fn sample_map(keyframes: u32) -> Map {
-    let camera = Pinhole { width: 24, height: 18, fx: 20.1, fy: 20.3, cx: 11.4, cy: 8.7 };
-    random_map(AgentInfo::new("sample", camera), keyframes, 7)
+    random_map(AgentInfo::new("sample", sample_camera()), keyframes, 7)
+}
+
+/// The camera of [`sample_map`].
+fn sample_camera() -> Pinhole {
+    Pinhole { width: 24, height: 18, fx: 20.1, fy: 20.3, cx: 11.4, cy: 8.7 }
+}
+
+/// A LiDAR's map of `keyframes` keyframes with scans of a thousand points, five frames each.
+pub(crate) fn lidar_map(keyframes: u32) -> Map {
+    let mut map =
+        Map { edges: Vec::new(), ..random_map(AgentInfo::new("rover", sample_camera()), keyframes, 11) };
+    map.agents.values_mut().for_each(|info| info.sensor = Sensor::Lidar);
+    let numbers = &mut Numbers::new(12);
+    for keyframe in map.keyframes.values_mut() {
+        let mut point = || [0, 1, 2].map(|_| 40.0 * numbers.next() as f32 - 20.0);
+        let scan = Scan::new((0..1000).map(|_| point()));
+        *keyframe = Keyframe {
+            image: Arc::new(GrayImage::filled(0, 0, 0)),
+            scan: Some(Arc::new(scan)),
+            semi_dense: SemiDense::default().into(),
+            points: Vec::new(),
+            ..keyframe.clone()
+        };
+        keyframe.world_from_keyframe.scale = 1.0;
+    }
+    map
 }
 
 /// Three agents' maps in one, two of them named alike and one with another camera, joined by two edges and
 /// moved.
 pub(crate) fn united() -> Map {
     let other = Pinhole { width: 30, height: 20, fx: 25.0, fy: 26.0, cx: 14.4, cy: 9.7 };
-    let camera = sample_map(0).agents[&AgentId::default()].camera;
+    let camera = sample_camera();
     let maps = vec![
         sample_map(3),
         random_map(AgentInfo::new("sample", camera), 2, 8),
@@ -60,7 +85,7 @@ pub(crate) fn united() -> Map {
 /// An agent's map with numbers of its own, see [`sample_map`].
 pub(crate) fn random_map(agent: AgentInfo, keyframes: u32, seed: u64) -> Map {
     let mut numbers = Numbers::new(seed);
-    let camera = agent.camera;
+    let camera = *agent.camera().expect("an agent with a camera");
     let mut map = Map::of(agent);
     for i in 0..keyframes {
         // Ids with gaps: a map need not hold every keyframe it ever had.
@@ -97,6 +122,7 @@ fn keyframe(id: KeyframeId, camera: &Pinhole, numbers: &mut Numbers) -> Keyframe
         frame_index: 5 * u64::from(id.0),
         world_from_keyframe: Sim3::exp(&tangent),
         image: Arc::new(GrayImage::from_vec(camera.width, camera.height, pixels).unwrap()),
+        scan: None,
         semi_dense: semi_dense.into(),
         points: (0..4).map(|i| point(i, numbers)).collect(),
         // Every other keyframe has some.

@@ -5,7 +5,7 @@ mod tests;
 
 use crate::agent::{owner, unique};
 use crate::{
-    AgentId, AgentInfo, Edge, FramePose, Identity, Keyframe, KeyframeId, Map, MapError, OwnMap, check,
+    AgentId, AgentInfo, Edge, FramePose, Identity, Keyframe, KeyframeId, Map, MapError, OwnMap, Scan, check,
 };
 use geometry::GrayImage;
 use std::collections::{BTreeMap, BTreeSet};
@@ -174,9 +174,9 @@ fn renamed_frame(frame: FramePose, rename: impl Fn(KeyframeId) -> KeyframeId) ->
     FramePose { reference: rename(frame.reference), ..frame }
 }
 
-/// The images of an agent's keyframes by the bits of their time stamps: what tells agents apart that have no
+/// The images or scans of an agent's keyframes by the bits of their time stamps: what tells agents apart that have no
 /// identity, whatever became of poses, depths and names.
-type Views<'a> = BTreeMap<u64, &'a GrayImage>;
+type Views<'a> = BTreeMap<u64, (&'a GrayImage, Option<&'a Scan>)>;
 
 /// An agent of one of the maps to be united.
 struct Given<'a> {
@@ -204,7 +204,7 @@ fn refuse_same(maps: &[&Map]) -> Result<(), MapError> {
     for (number, map) in maps.iter().enumerate() {
         for (agent, info) in &map.agents {
             let own = map.keyframes.values().filter(|keyframe| keyframe.agent == *agent);
-            let views = own.map(|keyframe| (keyframe.timestamp.to_bits(), &*keyframe.image)).collect();
+            let views = own.map(|k| (k.timestamp.to_bits(), (&*k.image, k.scan.as_deref()))).collect();
             agents.push(Given { map: number, name: &info.name, identity: info.identity, views });
         }
     }

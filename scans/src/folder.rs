@@ -4,11 +4,13 @@ use crate::{Scan, ScanError, SweepTiming, read_kitti, read_pcd, read_ply, rings_
 use std::path::{Path, PathBuf};
 
 /// What a folder does not say of itself.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct FolderOptions {
     /// Scans a second, for folders without `times.txt`; by default 10.
     pub rate: Option<f64>,
-    /// How the sensor turns, for scans without times of points. `None`: such scans are taken as rigid.
+    /// The file of stamps, where it is not `times.txt` in the folder.
+    pub times: Option<PathBuf>,
+    /// How the sensor turns, for KITTI scans without times of points. `None`: such scans are taken as rigid.
     pub timing: Option<SweepTiming>,
 }
 
@@ -32,6 +34,13 @@ pub struct Folder {
     timing: Option<SweepTiming>,
 }
 
+/// Whether a path is a folder with files that may be scans.
+pub fn is_folder_of_scans(path: &Path) -> bool {
+    let inner = path.join("velodyne");
+    let holds = |folder: &Path| scans_in(folder).is_ok_and(|found| !found.is_empty());
+    path.is_dir() && (holds(path) || inner.is_dir() && holds(&inner))
+}
+
 /// File names that end so are scans.
 const ENDINGS: [&str; 3] = ["bin", "pcd", "ply"];
 
@@ -48,8 +57,12 @@ impl Folder {
         let inner = path.join("velodyne");
         let scans = scans_in(if inner.is_dir() { &inner } else { path })?;
         let name = path.display().to_string();
-        let stamps = match std::fs::read_to_string(path.join("times.txt")) {
-            Ok(text) => stamps(&text, &scans, &path.join("times.txt").display().to_string())?,
+        let times = options.times.clone().unwrap_or_else(|| path.join("times.txt"));
+        let stamps = match std::fs::read_to_string(&times) {
+            Ok(text) => stamps(&text, &scans, &times.display().to_string())?,
+            Err(source) if options.times.is_some() => {
+                return Err(ScanError::Io { name: times.display().to_string(), source });
+            }
             Err(_) => {
                 let rate = options.rate.unwrap_or(10.0);
                 if !(rate.is_finite() && rate > 0.0) {
@@ -64,8 +77,25 @@ impl Folder {
         let files: Vec<_> =
             scans.into_iter().zip(stamps).map(|(path, stamp)| ScanFile { path, stamp }).collect();
         let spacing = median_spacing(&files);
-        let timing = options.timing.filter(|t| spacing.is_none_or(|s| s < THINNED * f64::from(t.period)));
+        let is_kitti = files.first().and_then(|file| file.path.extension()).is_some_and(|e| e == "bin");
+        let timing =
+            options.timing.filter(|t| is_kitti && spacing.is_none_or(|s| s < THINNED * f64::from(t.period)));
         Ok(Self { root: path.to_owned(), files, timing })
+    }
+
+    /// The folder.
+    pub fn root(&self) -> &Path {
+        &self.root
+    }
+
+    /// What its scans are, for people.
+    pub fn kind(&self) -> &'static str {
+        let ending = self.files.first().and_then(|file| file.path.extension()).unwrap_or_default();
+        match ending.to_ascii_lowercase().to_str() {
+            Some("pcd") => "PCD",
+            Some("ply") => "PLY",
+            _ => "KITTI",
+        }
     }
 
     /// The scans in order of time.
@@ -202,9 +232,11 @@ mod tests {
     fn scans_come_in_order_with_their_stamps() {
         let dir =
             folder("0.5 000001\n0.6 000002\n", &[("000002.bin", bytes(900)), ("000001.bin", bytes(800))]);
-        let found =
-            Folder::open(dir.path(), &FolderOptions { timing: Some(SweepTiming::default()), rate: None })
-                .unwrap();
+        let found = Folder::open(
+            dir.path(),
+            &FolderOptions { timing: Some(SweepTiming::default()), ..FolderOptions::default() },
+        )
+        .unwrap();
         let scans: Vec<Scan> = found.files().iter().map(|f| found.read(f).unwrap()).collect();
         assert_eq!(
             scans.iter().map(|s| (s.stamp, s.points.len())).collect::<Vec<_>>(),
@@ -237,9 +269,11 @@ mod tests {
     #[test]
     fn thinned_recordings_get_no_times() {
         let dir = folder("0\n1\n", &[("0.bin", bytes(900)), ("1.bin", bytes(900))]);
-        let found =
-            Folder::open(dir.path(), &FolderOptions { timing: Some(SweepTiming::default()), rate: None })
-                .unwrap();
+        let found = Folder::open(
+            dir.path(),
+            &FolderOptions { timing: Some(SweepTiming::default()), ..FolderOptions::default() },
+        )
+        .unwrap();
         assert!(found.read(&found.files()[0]).unwrap().times.is_empty());
     }
 }

@@ -1,8 +1,8 @@
 //! Scans of spinning LiDARs: what a sweep is, how it is read from files, and how the time and the ring of each
 //! point are found where a file does not say.
 //!
-//! Read in this order: [`Scan`] (here), [`folder`](Folder) (which files make a recording), `kitti`, `pcd` and
-//! `ply` (one format each, all through `columns`), `timing` (times and rings that are derived).
+//! Read in this order: [`Scan`] (here), [`folder`](Folder) (which files make a recording), [`ScanSource`] (scans in order, wherever they lie), `kitti`, `pcd` and
+//! `ply` (one format each, all through `columns`), [`MessageKind`] (messages of recordings), `timing` (times and rings that are derived).
 //!
 //! The frame is the sensor's: x forward, y left, z up, metres; times are seconds.
 
@@ -11,15 +11,19 @@ mod error;
 mod folder;
 mod kitti;
 mod lzf;
+mod messages;
 mod pcd;
 mod ply;
+mod source;
 mod timing;
 
 pub use error::ScanError;
-pub use folder::{Folder, FolderOptions, ScanFile};
+pub use folder::{Folder, FolderOptions, ScanFile, is_folder_of_scans};
 pub use kitti::read_kitti;
+pub use messages::{Encoding, MessageKind};
 pub use pcd::read_pcd;
 pub use ply::read_ply;
+pub use source::{FolderSource, NextScan, ScanInfo, ScanSource};
 pub use timing::{Spin, StampAt, SweepTiming, rings_of};
 
 /// One sweep of a LiDAR, points in the order of the sensor.

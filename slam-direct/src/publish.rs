@@ -13,6 +13,7 @@ pub(crate) fn keyframe(local: &LocalMap, keyframe: usize) -> Keyframe {
         frame_index: state.frame_index,
         world_from_keyframe: local.world_from_keyframe(keyframe),
         image: state.pyramid.shared_base(),
+        scan: None,
         semi_dense: SemiDense::default().into(),
         points: Vec::new(),
         features: None,

@@ -8,8 +8,10 @@
 //! What the paper leaves open: the weights of Eq. 4 are exponentials of the smoothness with mean 1; a robust kernel
 //! (Huber, 0.1 m) and the tests of lines and planes are those of the public code.
 
+use crate::degeneracy::conditioning;
 use crate::features::{Feature, Features, features};
 use crate::motion::{MotionTable, Sweep, SweepMotion};
+use crate::odometry::TrackedSweep;
 use crate::point_grid::PointGrid;
 use crate::registration::{Normal, moved, plane_row};
 use crate::surfaces::sorted_eigen;
@@ -78,26 +80,35 @@ impl FeatureOdometry {
         self.edges.len() + self.planes.len()
     }
 
-    /// Tracks the next scan: the instant in the middle of the sweep and `world_from_sensor` at that instant.
+    /// Tracks the next scan, which must come after those before.
     ///
     /// # Errors
     /// A scan without rings has no such features.
-    pub fn track(&mut self, scan: &Scan) -> Result<(f64, Se3), NoRings> {
+    pub fn track(&mut self, scan: &Scan) -> Result<TrackedSweep, NoRings> {
         let sweep = Sweep::of(scan, RANGE);
         if sweep.rings.is_empty() {
             return Err(NoRings);
         }
         let found = features(&sweep);
-        let motion = match self.last.take() {
-            None => SweepMotion::resting(Se3::identity()),
+        let (motion, fit) = match self.last.take() {
+            None => (SweepMotion::resting(Se3::identity()), Fit::default()),
             Some(last) => self.locate(&sweep, &found, &last),
         };
         self.swept += 1;
         self.remember(&sweep, &found, motion);
-        Ok((sweep.middle(), motion.middle()))
+        Ok(TrackedSweep {
+            instant: sweep.middle(),
+            world_from_sensor: motion.middle(),
+            motion,
+            information: fit.information,
+            conditioning: conditioning(&fit.information),
+            inlier_share: fit.matched as f64 / (found.edges.len() + found.planes.len()).max(1) as f64,
+            rmse: fit.rmse,
+            steps: fit.steps,
+        })
     }
 
-    fn locate(&self, sweep: &Sweep, found: &Features, last: &Last) -> SweepMotion {
+    fn locate(&self, sweep: &Sweep, found: &Features, last: &Last) -> (SweepMotion, Fit) {
         // Stage one (Eq. 2): the sensor keeps its motion.
         let begin = last.motion.end;
         let mut motion = SweepMotion { begin, end: begin * last.motion.displacement() };
@@ -107,19 +118,21 @@ impl FeatureOdometry {
         let rounds = if self.swept < 3 { STARTING_ROUNDS } else { ROUNDS };
         // From here the sweep is rigid: what was undistorted with the predicted motion moves as one.
         let displacement = motion.displacement();
+        let mut fit = Fit::default();
         for _ in 0..rounds {
             let table = MotionTable::new(&motion, &Se3::identity());
             let targets = self.targets(sweep, found, &table);
             let mut world = motion.end;
             for _ in 0..STEPS {
                 let moved = SweepMotion { begin: world * displacement.inverse(), end: world };
-                let Some(delta) = step(sweep, &targets, &moved, true) else { break };
+                let Some((delta, found)) = step(sweep, &targets, &moved, true) else { break };
+                fit = Fit { matched: targets.len(), steps: fit.steps + 1, ..found };
                 world = self::moved(&world, &moved.middle().translation, &delta);
             }
             motion = SweepMotion { begin: world * displacement.inverse(), end: world };
         }
         // Stage two: the motion that was found, from the end of the sweep before.
-        SweepMotion { begin, end: motion.end }
+        (SweepMotion { begin, end: motion.end }, fit)
     }
 
     fn targets(&self, sweep: &Sweep, found: &Features, table: &MotionTable) -> Vec<Target> {
@@ -199,7 +212,7 @@ fn scan_to_scan(sweep: &Sweep, found: &Features, last: &Last, predicted: SweepMo
             .filter_map(|f| target(f, across_rings(&last.planes, place(sweep, f, &table), true)));
         let targets: Vec<Target> = edges.chain(planes).collect();
         for _ in 0..STEPS {
-            let Some(delta) = step(sweep, &targets, &motion, false) else { break };
+            let Some((delta, _)) = step(sweep, &targets, &motion, false) else { break };
             motion.end = moved(&motion.end, &motion.middle().translation, &delta);
         }
     }
@@ -262,12 +275,34 @@ fn plane(points: &[[f32; 3]; 5]) -> Option<([f32; 3], [f32; 3])> {
     fits.then(|| ([0, 1, 2].map(|i| mean[i] as f32), [0, 1, 2].map(|i| normal[i] as f32)))
 }
 
-/// One Gauss–Newton step of Eq. 4 for a rigid sweep, or for its end with the begin held.
-fn step(sweep: &Sweep, targets: &[Target], motion: &SweepMotion, rigid: bool) -> Option<Vector6<f64>> {
+/// How features fit the map.
+#[derive(Clone, Copy, Debug)]
+struct Fit {
+    information: Matrix6<f64>,
+    /// Root mean square distance, metres.
+    rmse: f64,
+    matched: usize,
+    steps: usize,
+}
+
+impl Default for Fit {
+    /// That of the first sweep, which makes the map.
+    fn default() -> Self {
+        Self { information: Matrix6::identity() * 1e6, rmse: 0.0, matched: 0, steps: 0 }
+    }
+}
+
+/// What a distance errs by, metres: with it the normal equations become information.
+const DEVIATION: f64 = 0.03;
+
+/// One Gauss–Newton step of Eq. 4 for a rigid sweep, or for its end with the begin held, and how features fit before
+/// it.
+fn step(sweep: &Sweep, targets: &[Target], motion: &SweepMotion, rigid: bool) -> Option<(Vector6<f64>, Fit)> {
     let table = MotionTable::new(motion, &Se3::identity());
     let centre = motion.middle().translation;
     let centre = [centre.x, centre.y, centre.z];
     let mut normal = Normal::ZERO;
+    let mut squared = 0.0;
     for target in targets {
         let (point, share) = (sweep.points[target.feature as usize], sweep.shares[target.feature as usize]);
         let world = table.transform(point, share);
@@ -275,6 +310,7 @@ fn step(sweep: &Sweep, targets: &[Target], motion: &SweepMotion, rigid: bool) ->
             |n: [f32; 3]| (0..3).map(|i| f64::from(n[i] * (world[i] - target.point[i]))).sum::<f64>();
         let normals = &target.normals[..target.count];
         let distance = normals.iter().map(|&n| residual(n).powi(2)).sum::<f64>().sqrt();
+        squared += distance * distance;
         let weight = target.weight * if distance > HUBER { HUBER / distance } else { 1.0 };
         for &n in normals {
             normal.add(
@@ -287,5 +323,7 @@ fn step(sweep: &Sweep, targets: &[Target], motion: &SweepMotion, rigid: bool) ->
     }
     let (h, g) = if rigid { (normal.block(0), normal.g[0]) } else { (normal.block(2), normal.g[1]) };
     let damped = h + Matrix6::identity() * 1e-6;
-    Some(-damped.cholesky()?.solve(&Vector6::from(g)))
+    let rmse = (squared / targets.len().max(1) as f64).sqrt();
+    let fit = Fit { information: h / (DEVIATION * DEVIATION), rmse, matched: targets.len(), steps: 1 };
+    Some((-damped.cholesky()?.solve(&Vector6::from(g)), fit))
 }

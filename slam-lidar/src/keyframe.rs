@@ -25,9 +25,14 @@ const CONTEXT_RADIUS: f32 = 40.0;
 impl Keyframe {
     /// A keyframe of points freed from the motion of their sweep.
     pub fn new(instant: f64, world_from_sensor: Se3, points: Vec<[f32; 3]>) -> Self {
-        let context = ScanContext::of(&points, CONTEXT_RADIUS);
+        let context = context_of(&points);
         Self { instant, world_from_sensor, points, context }
     }
+}
+
+/// The descriptor of a keyframe's points.
+pub fn context_of(points: &[[f32; 3]]) -> ScanContext {
+    ScanContext::of(points, CONTEXT_RADIUS)
 }
 
 /// A point moved.
@@ -39,6 +44,10 @@ pub(crate) fn transformed(pose: &Se3, p: [f32; 3]) -> [f32; 3] {
 /// Columns and rows of a [`Sight`]: a degree each.
 const COLUMNS: usize = 360;
 const ROWS: usize = 180;
+
+/// Rings lie so many rows apart at most: those of a sensor with 16 are two degrees apart, and a tilted one's less than
+/// three.
+const RING_SPACING: usize = 3;
 
 /// How far a keyframe saw in every direction: all before is free.
 #[derive(Clone, Debug)]
@@ -90,11 +99,20 @@ impl Sight {
                 (near, far) = (near.min(other.0), far.max(other.1));
             }
         }
-        match range {
-            r if r < near - margin => Seen::Free,
-            r if r <= far + margin => Seen::Surface,
-            _ => Seen::Hidden,
+        if range >= near - margin {
+            return if range <= far + margin { Seen::Surface } else { Seen::Hidden };
         }
+        // Between two rings the sensor saw nothing: along the ground a ring meets it metres behind the one below.
+        let beyond = |next: Option<f32>| next.is_some_and(|nearest| range < nearest - margin);
+        let above = (row + 1..ROWS.min(row + 1 + RING_SPACING)).find_map(|y| self.nearest(column, y));
+        let below = (row.saturating_sub(RING_SPACING)..row).rev().find_map(|y| self.nearest(column, y));
+        if beyond(above) && beyond(below) { Seen::Free } else { Seen::Hidden }
+    }
+
+    /// The nearest return of a cell, if it has any.
+    fn nearest(&self, column: usize, row: usize) -> Option<f32> {
+        let (near, far) = self.ranges[row * COLUMNS + column];
+        (far > 0.0).then_some(near)
     }
 }
 

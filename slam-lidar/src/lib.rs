@@ -5,7 +5,7 @@
 //!
 //! Read in this order: [`motion`] (sweeps and their distortion, Eq. 2–3), [`surfaces`] (the local map),
 //! [`registration`] (a sweep against it), [`odometry`] (the default), [`degeneracy`]; [`features`] and
-//! [`floam`] (the paper's odometry); [`keyframe`], [`scan_context`], [`closure`] (places found again), [`smoothing`] and
+//! [`floam`] (the paper's odometry), [`tracking`] (one or the other); [`keyframe`], [`scan_context`], [`closure`] (places found again), [`smoothing`] and
 //! [`mapping`] (the agent); [`merging`] (maps of several agents).
 //!
 //! Frames: the sensor's x forward, y left, z up; metres, seconds. A pose belongs to an instant, which is stored with
@@ -26,6 +26,7 @@ pub mod scan_context;
 pub mod smoothing;
 mod start;
 pub mod surfaces;
+pub mod tracking;
 pub mod voxels;
 
 #[cfg(test)]

@@ -104,6 +104,17 @@ impl FrameSource for BagRecording {
     }
 }
 
+/// The topics of a bag.
+///
+/// # Errors
+/// When it cannot be opened.
+pub fn topics(input: &Input) -> Result<Topics> {
+    Ok(match reader(input)?.content() {
+        Some(content) => of_index(&content),
+        None => of_messages(reader(input)?),
+    })
+}
+
 fn reader(input: &Input) -> Result<Reader> {
     let (file, _) = input.open()?;
     BagReader::new(file, MAX_BYTES)

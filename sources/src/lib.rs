@@ -18,6 +18,7 @@ pub mod notice;
 mod numbered;
 pub mod pictures;
 pub mod recording;
+mod scan_recording;
 mod stop;
 mod survey;
 pub mod time;
@@ -29,6 +30,7 @@ mod video;
 
 pub use image_list::images_in;
 pub use input::Input;
+pub use scan_recording::{ScanRecording, open_scans, scans_looked_for};
 pub use stop::Stop;
 
 use crate::pictures::Picture;

@@ -5,6 +5,7 @@ mod survey;
 
 use super::input::Input;
 use super::messages::{self, Content};
+use super::topics::Topics;
 use super::{FoundCalibration, FrameSource, SourceFrame, SourceInfo, SourceOptions, time};
 use crate::pictures::Picture;
 use crate::recording::{NumberSet, RecordedHead, read_head};
@@ -26,7 +27,7 @@ const LOOKED_FOR: &str = "foxglove.CompressedImage and foxglove.RawImage (protob
      sensor_msgs/msg/Image and CompressedImage (CDR)";
 
 /// Messages in the order of the file.
-type Messages = Box<dyn Iterator<Item = McapResult<mcap::Message<'static>>> + Send>;
+pub type Messages = Box<dyn Iterator<Item = McapResult<mcap::Message<'static>>> + Send>;
 
 /// A recording in an MCAP file: the images of one topic.
 pub struct McapRecording {
@@ -162,8 +163,19 @@ impl FrameSource for McapRecording {
     }
 }
 
+/// The topics of a file.
+///
+/// # Errors
+/// When it cannot be opened.
+pub fn topics(input: &Input) -> Result<Topics> {
+    Ok(Survey::of(input, false)?.topics)
+}
+
 /// All messages of a file, in its order.
-fn linear(input: &Input) -> Result<Messages> {
+///
+/// # Errors
+/// When it cannot be opened.
+pub fn linear(input: &Input) -> Result<Messages> {
     let (file, _) = input.open()?;
     let options = LinearReaderOptions::default().with_record_length_limit(MAX_BYTES);
     Ok(Box::new(MessageReader::new_with_options(file, options)))

@@ -43,6 +43,17 @@ impl Topics {
         self.span = Some((first.min(time), last.max(time)));
     }
 
+    /// The topics whose schema is `wanted`, with the numbers of their messages.
+    pub fn of_schema(&self, wanted: impl Fn(&str) -> bool) -> Vec<(String, u64)> {
+        let found = self.by_name.iter().filter(|(_, topic)| wanted(&topic.schema));
+        found.map(|(name, topic)| (name.clone(), topic.count)).collect()
+    }
+
+    /// Whether there are images.
+    pub fn has_images(&self) -> bool {
+        self.images().next().is_some()
+    }
+
     fn images(&self) -> impl Iterator<Item = (&String, u64)> {
         let images =
             self.by_name.iter().filter(|(_, topic)| matches!(topic.content, Some(Content::Image(_))));

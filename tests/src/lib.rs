@@ -1,8 +1,10 @@
 //! A small world of textured boxes, a renderer with exact inverse depth, camera motions, and
-//! recordings written in loopbox's folder format: what tests track and map with the truth known.
+//! recordings written in loopbox's folder format: what tests track and map with the truth known. [`lidar`] does the same for
+//! a spinning LiDAR.
 //!
 //! Everything is a function of its arguments; the same call gives the same bytes on every machine.
 
+pub mod lidar;
 pub mod pages;
 mod patterns;
 mod random;

@@ -26,9 +26,9 @@ pub struct EvalArgs {
     /// them all. They must be in one world
     #[arg(long, value_name = "FILE", required = true)]
     gt: Vec<PathBuf>,
-    /// What is adjusted before errors are measured
-    #[arg(long, value_enum, default_value_t = Align::Sim3)]
-    align: Align,
+    /// What is adjusted before errors are measured [default: sim3; of LiDARs, whose maps are metric, se3]
+    #[arg(long, value_enum)]
+    align: Option<Align>,
     /// Interval of the relative pose error: `10` frames or `1.5s`
     #[arg(long, value_name = "N|SECONDSs", default_value = "1", value_parser = parse_delta)]
     delta: Delta,
@@ -77,6 +77,17 @@ impl From<Align> for AlignMode {
     }
 }
 
+/// What is adjusted of these estimates unless the user says: not the scale where a map beside each says that a LiDAR made
+/// it.
+fn usual(estimates: &[PathBuf]) -> Align {
+    let is_metric = |estimate: &PathBuf| {
+        let folder = if estimate.is_dir() { Some(estimate.as_path()) } else { estimate.parent() };
+        let sensors = folder.and_then(|folder| map::sensors_of(folder.join("map.mcap")).ok());
+        sensors.is_some_and(|sensors| sensors.iter().eq([&map::SensorKind::Lidar]))
+    };
+    if estimates.iter().all(is_metric) { Align::Se3 } else { Align::Sim3 }
+}
+
 /// What is printed as JSON.
 #[derive(Serialize)]
 struct Output {
@@ -89,7 +100,7 @@ struct Output {
 /// Reads estimates and truths, compares them and prints the result.
 pub fn run(args: EvalArgs) -> Result<()> {
     let options = Options {
-        align: args.align.into(),
+        align: args.align.unwrap_or_else(|| usual(&args.estimates)).into(),
         max_diff: args.max_diff,
         delta: args.delta,
         all_pairs: args.all_pairs,

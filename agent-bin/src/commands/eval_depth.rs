@@ -57,6 +57,7 @@ pub fn measure(
     max_diff: f64,
 ) -> Result<MapDepth> {
     let map = load_map(path)?.map;
+    map.of_cameras()?;
     if map.agents.len() > 1 {
         bail!(
             "{}: holds {} agents, and depth images are of one recording; give the map of its run",
@@ -192,6 +193,7 @@ mod tests {
             frame_index,
             world_from_keyframe: Sim3::new(Default::default(), [0.0, 0.0, z].into(), scale),
             image: Arc::new(GrayImage::filled(CAMERA.width, CAMERA.height, 0)),
+            scan: None,
             semi_dense: SemiDense {
                 inverse_depth: pixels
                     .clone()

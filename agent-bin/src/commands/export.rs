@@ -50,7 +50,7 @@ pub struct Outputs {
 pub fn run(args: &ExportArgs) -> anyhow::Result<()> {
     ensure!(args.max_variance > 0.0, "--max-variance is {}; give a number above 0", args.max_variance);
     let map = load_at(&args.map)?;
-    if map.keyframes.values().all(|keyframe| keyframe.semi_dense.is_empty()) {
+    if map.keyframes.values().all(|keyframe| keyframe.semi_dense.is_empty() && keyframe.scan.is_none()) {
         tell!("warning: {}: no keyframe has depth: clouds of it are empty", args.map.display());
     }
     write_clouds(&args.outputs, &map, args.max_variance)?;

@@ -15,7 +15,9 @@ use std::sync::Arc;
 /// the folder of a run.
 pub(super) fn of_images(path: &Path) -> Result<Vec<Features>> {
     if map::is_map_file(path) || path.join("map.mcap").is_file() {
-        return features_of_keyframes(&load_at(path)?);
+        let map = load_at(path)?;
+        map.of_cameras()?;
+        return features_of_keyframes(&map);
     }
     let files = image_files(path)?;
     let params = SiftParams::default();

@@ -1,6 +1,8 @@
 //! `loopbox info`: what a recording or a map holds.
 
 use super::info_map;
+use super::info_scans;
+use super::run_scans::{self, ScanArgs};
 use crate::console;
 use anyhow::Result;
 use clap::Args;
@@ -13,7 +15,7 @@ use std::path::PathBuf;
 /// Arguments of `loopbox info`.
 #[derive(Args, Debug)]
 pub struct InfoArgs {
-    /// A recording (folder, MCAP file, ROS 1 bag or video file) or a map (map.mcap, or the folder of a run)
+    /// A recording (folder of images or scans, MCAP file, ROS 1 bag or video file) or a map (map.mcap, or the folder of a run)
     path: PathBuf,
     /// Frames per second of images without time stamps
     #[arg(long, value_name = "RATE")]
@@ -34,6 +36,9 @@ pub fn execute(args: &InfoArgs) -> Result<()> {
     let is_results = args.path.is_dir() && map_in(&args.path).is_some();
     if is_results || map::is_map_file(&args.path) {
         return info_map::run(&args.path, args.json);
+    }
+    if let Some(scans) = run_scans::open(&args.path, args.topic.as_deref(), &ScanArgs::default())? {
+        return info_scans::run(scans, args.json);
     }
     let options = SourceOptions { fps: args.fps, topic: args.topic.clone(), all_frames: false };
     let mut source = sources::open(&args.path, &options)?;

@@ -1,11 +1,12 @@
 //! `loopbox merge`: several agents' maps into one.
 
 use super::merge_progress::MergeProgress;
+use super::merge_scans::{self, MergeScansArgs, any_lidar};
 use super::method::method_parser;
 use super::params;
 use crate::console::{self, Ended, Ending};
 use crate::interrupt::stop_on_ctrl_c;
-use anyhow::Result;
+use anyhow::{Result, bail};
 use clap::Args;
 use loopbox::merging::{MergeOptions, Merged, MergingParams, merge_maps_watched};
 use merge::method::Method;
@@ -44,6 +45,9 @@ pub struct MergeArgs {
 /// When a map cannot be read, no two of the maps met, the common map cannot be made or written, or the user ended
 /// it. Then nothing is written.
 pub fn run(args: &MergeArgs) -> Result<()> {
+    if any_lidar(&args.maps) {
+        return args.of_lidars();
+    }
     let mut params: MergingParams =
         args.params.as_deref().map(params::read_merging).transpose()?.unwrap_or_default();
     params.method = args.method.unwrap_or(params.method);
@@ -61,6 +65,19 @@ pub fn run(args: &MergeArgs) -> Result<()> {
         return Err(Ended { ending: Ending::NotMet, text }.into());
     }
     if args.json { Ok(()) } else { console::print(&summary(args, &merged)) }
+}
+
+impl MergeArgs {
+    /// The same for maps of LiDARs.
+    fn of_lidars(&self) -> Result<()> {
+        let Self { maps, out, force, method, params, json, quiet } = self;
+        let given = [(method.is_some(), "--method"), (params.is_some(), "--params")];
+        if let Some((_, name)) = given.into_iter().find(|(is_given, _)| *is_given) {
+            bail!("{name} is for maps of cameras, and there is a LiDAR's among these");
+        }
+        let (maps, out) = (maps.clone(), out.clone());
+        merge_scans::run(&MergeScansArgs { maps, out, force: *force, json: *json, quiet: *quiet })
+    }
 }
 
 /// What came of it, for people.

@@ -16,10 +16,12 @@ mod export;
 pub(crate) mod features;
 mod info;
 pub(crate) mod info_map;
+mod info_scans;
 #[cfg(feature = "opencv")]
 mod merge;
 #[cfg(feature = "opencv")]
 mod merge_progress;
+mod merge_scans;
 #[cfg(feature = "opencv")]
 mod method;
 mod params;
@@ -27,6 +29,7 @@ mod params;
 mod places;
 mod record;
 mod run;
+mod run_scans;
 #[cfg(feature = "opencv")]
 mod unmerge;
 #[cfg(feature = "view")]
@@ -67,6 +70,9 @@ pub enum Command {
     Calib(calib::CalibArgs),
     #[cfg(feature = "opencv")]
     Merge(merge::MergeArgs),
+    /// Merge the LiDAR maps of several agents into one common map
+    #[cfg(not(feature = "opencv"))]
+    Merge(merge_scans::MergeScansArgs),
     #[cfg(feature = "opencv")]
     Places(places::PlacesArgs),
     #[cfg(feature = "opencv")]
@@ -96,6 +102,8 @@ impl Command {
             Command::Calib(args) => calib::run(&args),
             #[cfg(feature = "opencv")]
             Command::Merge(args) => merge::run(&args),
+            #[cfg(not(feature = "opencv"))]
+            Command::Merge(args) => merge_scans::run(&args),
             #[cfg(feature = "opencv")]
             Command::Places(args) => places::run(&args),
             #[cfg(feature = "opencv")]

@@ -6,6 +6,7 @@ use anyhow::{Context, Result};
 use loopbox::merging::MergingParams;
 use serde::de::DeserializeOwned;
 use slam_direct::{DocumentedParameter, Parameter, ParameterValue, Params};
+use slam_lidar::mapping::MappingParams;
 use std::fmt::Write as _;
 use std::path::Path;
 
@@ -14,19 +15,26 @@ use std::path::Path;
 pub struct ParamsArgs {
     /// Those of `loopbox merge`; else those of `loopbox run`, documented
     #[cfg(feature = "opencv")]
-    #[arg(long)]
+    #[arg(long, conflicts_with = "lidar")]
     merge: bool,
+    /// Those of `loopbox run` over a LiDAR's scans
+    #[arg(long)]
+    lidar: bool,
 }
 
 impl ParamsArgs {
     #[cfg(feature = "opencv")]
     fn text(self) -> Result<String> {
-        if self.merge { merging_file() } else { Ok(default_file()) }
+        match self {
+            Self { lidar: true, .. } => mapping_file(),
+            Self { merge: true, .. } => merging_file(),
+            _ => Ok(default_file()),
+        }
     }
 
     #[cfg(not(feature = "opencv"))]
     fn text(self) -> Result<String> {
-        Ok(default_file())
+        if self.lidar { mapping_file() } else { Ok(default_file()) }
     }
 }
 
@@ -48,6 +56,14 @@ pub fn read(path: &Path) -> Result<Params> {
     read_as(path, "loopbox params")
 }
 
+/// Reads a parameter file for LiDARs; what it does not name keeps its default.
+///
+/// # Errors
+/// Names the file, and the line with an unknown key or a value of the wrong type.
+pub fn read_mapping(path: &Path) -> Result<MappingParams> {
+    read_as(path, "loopbox params --lidar")
+}
+
 /// Reads a parameter file for merging; what it does not name keeps its default.
 ///
 /// # Errors
@@ -64,6 +80,10 @@ fn read_as<P: DeserializeOwned>(path: &Path, command: &str) -> Result<P> {
     toml::from_str(&text).with_context(|| {
         format!("{}: not a parameter file (`{command}` prints one with every parameter)", path.display())
     })
+}
+
+fn mapping_file() -> Result<String> {
+    toml::to_string_pretty(&MappingParams::default()).context("the parameters cannot be written as TOML")
 }
 
 #[cfg(feature = "opencv")]

@@ -85,6 +85,7 @@ pub fn run(args: &PlacesArgs) -> Result<()> {
     };
     let words_of = |path: &PathBuf| {
         let map = load_at(path)?;
+        map.of_cameras()?;
         if map.keyframes.is_empty() {
             bail!("{}: the map has no keyframes", path.display());
         }

@@ -1,6 +1,7 @@
 //! `loopbox run`: tracks and maps a recording.
 
 use super::params;
+use super::run_scans::{self, ScanArgs, ScanRun};
 use super::watching::ViewArgs;
 use crate::console::{Ended, Ending};
 use crate::interrupt::stop_on_ctrl_c;
@@ -8,21 +9,25 @@ use crate::progress::{Console, Display};
 use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
 use loopbox::run::{PreparedRun, Progress, RunOptions, TrajectoryFormat};
+use scans::ScanSource;
 use sources::ahead::Pace;
 use sources::camera::{CameraArgs, open_camera};
 use sources::correction::CameraOptions;
 use sources::recording::refuse_existing;
 use sources::{FrameSource, SourceOptions};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Arguments of `loopbox run`.
 #[derive(Args, Debug)]
 pub struct RunArgs {
-    /// The recording: a folder of images, an MCAP file, a ROS 1 bag or a video file
+    /// The recording: a folder of images, an MCAP file, a ROS 1 bag or a video file; or a LiDAR's: a folder of KITTI, PCD
+    /// or PLY scans, or an MCAP file or bag with point clouds
     #[arg(conflicts_with = "camera")]
     source: Option<PathBuf>,
     #[command(flatten)]
     camera: CameraArgs,
+    #[command(flatten)]
+    scans: ScanArgs,
     /// Camera calibration, if none came with the recording or another is wanted
     #[arg(long, value_name = "FILE")]
     calib: Option<PathBuf>,
@@ -105,19 +110,23 @@ enum LogForm {
 /// results cannot be written.
 pub fn execute(args: &RunArgs) -> Result<()> {
     args.check()?;
+    let found = |source: &Path| run_scans::open(source, args.topic.as_deref(), &args.scans).transpose();
+    if let Some(scans) = args.source.as_deref().and_then(found).transpose()? {
+        return args.over_scans(scans);
+    }
+    if let Some(name) = args.scans.given() {
+        bail!(
+            "{name} is for scans of a LiDAR\nhint: give a folder of KITTI (.bin), PCD or PLY scans, or a file with them"
+        );
+    }
     let stop = stop_on_ctrl_c("stopping: saving what was tracked so far (Ctrl-C again to abort)")?;
     let mut options = args.options()?;
+    args.take_threads()?;
     if args.source.is_some() {
         let progress = Console::new(args.display(), None);
         options.without_calibration(&|| args.open(), args.fov, &stop, &progress)?;
     }
     let prepared = PreparedRun::new(args.open()?, options)?;
-    if let Some(threads) = args.threads {
-        rayon::ThreadPoolBuilder::new()
-            .num_threads(threads)
-            .build_global()
-            .context("cannot start threads")?;
-    }
     let progress = Console::new(args.display(), prepared.frame_count());
     prepared.problems().iter().for_each(|problem| progress.warn(problem));
     let watched = |about: &_, frames, recording| args.view.start(about, frames, recording);
@@ -157,6 +166,40 @@ impl RunArgs {
             bail!("--max-variance is {}\nhint: give a number above 0", self.max_variance);
         }
         Ok(())
+    }
+
+    /// A run over a LiDAR's scans.
+    fn over_scans(&self, mut source: Box<dyn ScanSource>) -> Result<()> {
+        let given = [
+            (self.calib.is_some(), "--calib"),
+            (self.scale_calib, "--scale-calib"),
+            (self.response.is_some(), "--response"),
+            (self.vignette.is_some(), "--vignette"),
+            (self.realtime, "--realtime"),
+            (self.record.is_some(), "--record"),
+            (self.camera.fps.is_some(), "--fps"),
+            (self.all_frames, "--all-frames"),
+        ];
+        if let Some((_, name)) = given.into_iter().find(|(is_given, _)| *is_given) {
+            bail!("{name} is for images, and {} holds scans of a LiDAR", source.info().path.display());
+        }
+        self.take_threads()?;
+        let run = ScanRun {
+            out: &self.out,
+            force: self.force,
+            start: self.start,
+            end: self.end,
+            kitti: self.trajectory == TrajectoryFormat::Kitti,
+            params: self.params.as_deref(),
+            quiet: self.quiet,
+            json: self.log.is_some(),
+        };
+        self.judge(run_scans::execute(source.as_mut(), &run, &self.scans)?)
+    }
+
+    fn take_threads(&self) -> Result<()> {
+        let Some(threads) = self.threads else { return Ok(()) };
+        rayon::ThreadPoolBuilder::new().num_threads(threads).build_global().context("cannot start threads")
     }
 
     /// Whether enough was tracked.

@@ -66,6 +66,7 @@ fn apart(args: &UnmergeArgs, map: &Map) -> Result<String> {
 
 /// Undoes the merge of two agents and writes the maps that result; says which.
 fn separate(args: &UnmergeArgs, map: Map, [a, b]: [&str; 2]) -> Result<String> {
+    map.of_cameras().context("--between is for maps of cameras")?;
     let (mut common, addresses) = CommonMap::from_maps(&[&map])?;
     let agents: Vec<AgentId> = addresses.iter().flat_map(|map| map.agents()).collect();
     let known: Vec<&str> = map.agents.values().map(|info| &*info.name).collect();

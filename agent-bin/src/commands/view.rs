@@ -38,7 +38,7 @@ pub fn execute(args: &ViewArgs) -> Result<()> {
     }
     let stop = stop_on_ctrl_c("stopping")?;
     let names: Vec<&str> = map.agents.values().map(|agent| &*agent.name).collect();
-    let shared = Arc::new(Shared::new(saved::scene(&map), None));
+    let shared = Arc::new(Shared::new(saved::scene(&map)?, None));
     let server = Server::start(&shared, address, &names.join(" · "))?;
     tell!("view at {}  (Ctrl-C ends)", server.url());
     while !stop.requested() {

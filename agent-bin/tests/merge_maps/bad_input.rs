@@ -68,7 +68,7 @@ fn a_truncated_map_is_used_as_far_as_it_is_whole() {
 fn a_map_without_keyframes() {
     let empty = |case: &Case| {
         let left = Runs::get().map("left");
-        let camera = left.agents.values().next().unwrap().camera;
+        let camera = *left.agents.values().next().unwrap().camera().unwrap();
         case.map("hollow.mcap", &Map::of(AgentInfo::new("hollow", camera)))
     };
     refused(empty, &["hollow.mcap", "no keyframes"]);

@@ -105,6 +105,7 @@ mod tests {
                 frame_index: u64::from(id.0),
                 world_from_keyframe: pose(id.0),
                 image: Arc::new(GrayImage::filled(4, 3, 0)),
+                scan: None,
                 semi_dense: SemiDense { pixel: vec![5], inverse_depth: vec![0.5], variance: vec![0.01] }
                     .into(),
                 points: vec![point],

@@ -60,7 +60,8 @@ fn shrunk(camera: &Camera, mut sides: Sides) -> Sides {
     // 0.99^2000 ≈ 0: by then the rectangle is a point on the axis, which any camera sees.
     for _ in 0..2000 {
         let unseen = unseen_pixels(camera, &sides);
-        let share = |side: usize| unseen[side] as f64 / if side.is_multiple_of(2) { height } else { width } as f64;
+        let share =
+            |side: usize| unseen[side] as f64 / if side.is_multiple_of(2) { height } else { width } as f64;
         let most = (0..4).rev().max_by(|a, b| share(*a).total_cmp(&share(*b))).unwrap_or(0);
         if unseen[most] == 0 {
             break;

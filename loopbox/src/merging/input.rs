@@ -1,7 +1,7 @@
 //! A map to be merged, with the features and words of its keyframes.
 
 use crate::open::open_map;
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail};
 use geometry::GrayImage;
 use map::{KeyframeId, Map};
 use place_recog::features::{Features, SiftParams, sift};
@@ -97,6 +97,7 @@ pub fn features_of_keyframes(map: &Map) -> Result<Vec<Features>> {
 
 /// The features of a map's keyframes with depth.
 fn features_of(map: &Map, path: &Path) -> Result<BTreeMap<KeyframeId, Features>> {
+    map.of_cameras().with_context(|| format!("{}: cannot be merged with cameras' maps", path.display()))?;
     if map.keyframes.is_empty() {
         bail!("{}: the map has no keyframes: there is nothing to merge", path.display());
     }

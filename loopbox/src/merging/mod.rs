@@ -9,10 +9,11 @@ mod record;
 mod report;
 mod verdict;
 
+pub use crate::results::keep_from;
 pub use input::{Input, features_of_keyframes};
 pub use names::{Names, listed};
 pub use options::{MergeOptions, MergeWatcher, Merged, merge_maps, merge_maps_watched};
-pub use output::{keep_from, map_file, write_maps, write_results};
+pub use output::{map_file, write_maps, write_results};
 pub use record::MergeRecord;
 pub use verdict::{verdict, without_company};
 

@@ -13,7 +13,7 @@ impl Names {
     pub fn new(common: &CommonMap) -> Self {
         let infos = common.agents().iter().filter_map(|(id, own)| Some((*id, own.agents.values().next()?)));
         let agents: BTreeMap<AgentId, map::AgentInfo> =
-            infos.map(|(id, info)| (id, map::AgentInfo::new(&info.name, info.camera))).collect();
+            infos.map(|(id, info)| (id, map::AgentInfo::new(&info.name, info.sensor))).collect();
         // Only a map knows how to make labels of names, and this one holds nothing else.
         let Some(first) = agents.values().next().cloned() else { return Self(BTreeMap::new()) };
         let labelled = Map { agents, ..Map::of(first) };

@@ -2,34 +2,13 @@
 
 use super::{Input, MergeRecord, Merging, Names, report};
 use crate::results::Results;
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result};
 use map::DEFAULT_MAX_RELATIVE_VARIANCE;
 use merge::common_map::Fused;
 use std::fs;
-use std::path::{Path, PathBuf};
 
 const REPORT: &str = "report.html";
 const NUMBERS: &str = "merge.json";
-
-/// Refuses to write where a map to be read is: its file would be replaced.
-///
-/// # Errors
-/// When the folder is that of one of `maps`, files or folders of runs.
-pub fn keep_from(folder: &Path, maps: &[PathBuf]) -> Result<()> {
-    let Ok(out) = folder.canonicalize() else { return Ok(()) };
-    for map in maps {
-        let Ok(found) = map.canonicalize() else { continue };
-        let home = if found.is_dir() { Some(found.as_path()) } else { found.parent() };
-        if home == Some(&out) {
-            bail!(
-                "{}: holds {}, which the results would replace\nhint: give --out another folder",
-                folder.display(),
-                map.display()
-            );
-        }
-    }
-    Ok(())
-}
 
 /// The file of a group's map: the first group's is `map.mcap`.
 pub fn map_file(group: usize, fused: &Fused, names: &Names) -> String {

@@ -2,7 +2,6 @@
 
 use super::diagnosis::too_few_poses;
 use super::lens::{FoundLens, find_lens};
-use super::lens_check::LensCheck;
 use super::output::{Output, TrajectoryFormat};
 use super::saving::Form;
 use super::session::{Mapped, Session};
@@ -15,7 +14,6 @@ use sources::ahead::{Ahead, Pace, Preparation};
 use sources::correction::{CameraOptions, ImageCorrection, correction};
 use sources::recording::{CalibrationFiles, Head, RecordButton, Recorder};
 use sources::{FoundCalibration, FrameSource, SourceInfo, SourceOptions, Stop};
-use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use view::watch::{Ended, Watch};
@@ -198,8 +196,8 @@ impl PreparedRun {
         let ahead = Ahead::start(source, preparation, options.pace, recorder.clone())?;
         let mut watch = watched(&about, info.frame_count, RecordButton::new(&recorder, head, &options.out))?;
         let form = Form { format: options.trajectory, max_variance: options.max_variance };
-        let check = RefCell::new(options.lens.is_none().then(|| LensCheck::new(lens)));
-        let session = Session { about, source: info, camera, params, form, stop, progress, check };
+        let lens = options.lens.is_none().then_some(lens);
+        let session = Session { about, source: info, camera, params, form, stop, progress, lens };
         let mapped = session.run(output, &ahead, &mut watch);
         // Tells the recorder which frames nobody took, so that a replay ends where this run did.
         drop(ahead);

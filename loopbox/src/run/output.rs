@@ -249,6 +249,7 @@ mod tests {
             frame_index: u64::from(id),
             world_from_keyframe: Sim3::identity(),
             image: Arc::new(GrayImage::filled(8, 6, 90)),
+            scan: None,
             semi_dense: SemiDense::default().into(),
             points: Vec::new(),
             features: None,

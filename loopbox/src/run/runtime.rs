@@ -14,7 +14,6 @@ use slam_direct::{Agent, Atlas, Frame};
 use sources::ahead::{Ahead, Item, SkipReason};
 use sources::notice::Notice;
 use sources::{SourceInfo, Stop};
-use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::{Duration, Instant};
@@ -27,6 +26,7 @@ const LAST_WORK: Duration = Duration::from_secs(4);
 /// A run whose frames are processed.
 pub struct Run {
     atlas: Atlas,
+    check: Option<LensCheck>,
     /// The fragment that the newest frame was given to.
     fragment: usize,
     rows: Vec<FrameRow>,
@@ -44,24 +44,11 @@ pub struct Run {
 }
 
 impl Run {
-    /// Gives the agent every frame until the recording ends, the user stops it, or who watches wants a new map; calls
-    /// `save` when who watches wants the results so far.
-    ///
-    /// # Errors
-    /// When results cannot be written on the way.
-    pub fn track(
-        atlas: Atlas,
-        ahead: &Ahead,
-        stop: &Stop,
-        progress: &dyn Progress,
-        output: &mut Output,
-        watch: &mut Watch,
-        check: &RefCell<Option<LensCheck>>,
-        save: &dyn Fn(&Self, &Output, &Watch),
-    ) -> Result<Self> {
-        let started = Instant::now();
-        let mut run = Self {
+    /// A run of `atlas` over what comes from `ahead`; `check` asks whether the lens is the one of the images.
+    pub fn new(atlas: Atlas, ahead: &Ahead, check: Option<LensCheck>) -> Self {
+        Self {
             atlas,
+            check,
             fragment: 0,
             rows: Vec::new(),
             skipped: BTreeMap::new(),
@@ -73,72 +60,94 @@ impl Run {
             dropped_before: ahead.dropped(),
             restart: false,
             failure: None,
-        };
+        }
+    }
+
+    /// Gives the agent every frame until the recording ends, the user stops it, or who watches wants a new map; calls
+    /// `save` when who watches wants the results so far.
+    ///
+    /// # Errors
+    /// When results cannot be written on the way.
+    pub fn track(
+        &mut self,
+        ahead: &Ahead,
+        stop: &Stop,
+        progress: &dyn Progress,
+        output: &mut Output,
+        watch: &mut Watch,
+        save: &dyn Fn(&Self, &Output, &Watch),
+    ) -> Result<()> {
+        let started = Instant::now();
         let mut broken = None;
         loop {
-            run.wall_s = started.elapsed().as_secs_f64();
-            while !run.restart
+            self.wall_s = started.elapsed().as_secs_f64();
+            while !self.restart
                 && let Some(command) = watch.attend(stop)
             {
                 match command {
-                    Command::Restart => run.restart = true,
-                    _ => save(&run, output, watch),
+                    Command::Restart => self.restart = true,
+                    _ => save(self, output, watch),
                 }
             }
-            if run.restart {
+            if self.restart {
                 break;
             }
             let Some(item) = ahead.next_item(stop) else { break };
             match item {
                 Item::Frame(frame, taken) => {
-                    let process = || run.process(frame, taken, progress, ahead.dropped(), watch);
+                    let process = || self.process(frame, taken, progress, ahead.dropped(), watch);
                     let Some(settled) = guarded("tracking", process, &mut broken) else { break };
                     let settled = settled?;
                     progress.lost(ahead.dropped(), ahead.missed());
-                    output.grow(run.fragment, run.map(), &settled)?;
-                    if let Some(check) = &mut *check.borrow_mut() {
-                        check.tell(progress, false);
-                        if check.is_due(run.map().keyframes.len()) {
-                            check.ask(run.snapshot());
-                        }
-                    }
+                    output.grow(self.fragment, self.map(), &settled)?;
+                    self.check_lens(progress);
                 }
                 Item::Skipped(skip) => {
                     progress.skipped(&skip);
-                    *run.skipped.entry(skip.reason).or_default() += 1;
+                    *self.skipped.entry(skip.reason).or_default() += 1;
                 }
                 Item::Warning(text) => progress.warn(&text),
                 Item::Notice(notice) => {
                     progress.notice(&notice);
                     if let Notice::Gone(_) = notice {
-                        output.save(run.map())?;
+                        output.save(self.map())?;
                     }
                 }
-                Item::Failed(reason) => run.failure = Some(reason),
+                Item::Failed(reason) => self.failure = Some(reason),
                 Item::Nothing => {}
             }
         }
-        if !run.restart {
+        if !self.restart {
             ahead.end();
         }
         progress.stage("last optimisation");
         if broken.is_none() {
             let hurry = Instant::now();
             let stop = || stop.requested() && hurry.elapsed() > LAST_WORK;
-            guarded("the last optimisation", || run.atlas.finish_until(&stop), &mut broken);
+            guarded("the last optimisation", || self.atlas.finish_until(&stop), &mut broken);
         }
-        if let Some(check) = &mut *check.borrow_mut() {
+        if let Some(mut check) = self.check.take() {
             // A short recording has said all it will say.
             if check.is_open() && broken.is_none() {
-                check.ask(run.snapshot());
+                check.ask(self.snapshot());
             }
             check.tell(progress, true);
         }
-        watch.whole(run.map());
-        run.is_whole = broken.is_none();
-        run.failure = broken.or(run.failure);
-        run.wall_s = started.elapsed().as_secs_f64();
-        Ok(run)
+        watch.whole(self.map());
+        self.is_whole = broken.is_none();
+        self.failure = broken.or(self.failure.take());
+        self.wall_s = started.elapsed().as_secs_f64();
+        Ok(())
+    }
+
+    /// Asks and tells whether the lens is the one of the images, when it is time.
+    fn check_lens(&mut self, progress: &dyn Progress) {
+        let Some(mut check) = self.check.take() else { return };
+        check.tell(progress, false);
+        if check.is_due(self.map().keyframes.len()) {
+            check.ask(self.snapshot());
+        }
+        self.check = Some(check);
     }
 
     fn process(

@@ -9,14 +9,13 @@ use crate::run::record::RunRecord;
 use crate::run::runtime::Run;
 use crate::run::saving::{self, Form, Saver};
 use anyhow::{Result, anyhow};
-use geometry::Pinhole;
+use geometry::{Camera, Pinhole};
 use map::{AgentId, AgentInfo, Map};
 use place_recog::ThumbnailIndex;
 use slam_direct::{Atlas, Params};
 use sources::SourceInfo;
 use sources::Stop;
 use sources::ahead::Ahead;
-use std::cell::RefCell;
 use std::path::{Path, PathBuf};
 use view::watch::Watch;
 
@@ -36,8 +35,8 @@ pub struct Session<'a> {
     pub stop: &'a Stop,
     /// Where progress is shown.
     pub progress: &'a dyn Progress,
-    /// Asks whether the lens is the one of the images.
-    pub check: RefCell<Option<LensCheck>>,
+    /// The lens, where it is to be checked whether it is the one of the images.
+    pub lens: Option<Camera>,
 }
 
 /// The last map of a run.
@@ -66,8 +65,8 @@ impl Session<'_> {
         loop {
             watch.folder(output.folder());
             let atlas = Atlas::new(self.camera, || Box::new(ThumbnailIndex::default()), self.params.clone())?;
-            let run =
-                Run::track(atlas, ahead, self.stop, self.progress, &mut output, watch, &self.check, &save)?;
+            let mut run = Run::new(atlas, ahead, self.lens.map(LensCheck::new));
+            run.track(ahead, self.stop, self.progress, &mut output, watch, &save)?;
             let restart = run.is_to_restart();
             let failure = run.failure().map(str::to_owned);
             let tracked = self.write(run, ahead, &mut output)?;

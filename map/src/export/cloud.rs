@@ -15,10 +15,10 @@ const MAX_CONFIDENCE: f32 = 1e6;
 pub struct CloudPoint {
     /// Position in the world, map units.
     pub position: Vector3<f64>,
-    /// Intensity of its pixel, 0–255.
+    /// Intensity of its pixel, 0–255; 0 of a scan's point.
     pub intensity: u8,
     /// Inverse depth over its standard deviation: the depth is known to one part in `confidence`.
-    /// At most 10⁶.
+    /// At most 10⁶, which is that of a scan's point.
     pub confidence: f32,
     /// Whose keyframe it is from.
     pub agent: AgentId,
@@ -49,40 +49,71 @@ impl Keyframe {
         })
     }
 
-    /// The same points in the world.
+    /// The same points and those of a scan, in the world; `camera` is that of the agent, if it has one.
     pub(super) fn world_cloud(
         &self,
-        camera: &Pinhole,
+        camera: Option<&Pinhole>,
         max_relative_variance: f32,
     ) -> impl Iterator<Item = CloudPoint> + '_ {
         let Sim3 { rotation, translation, scale } = self.world_from_keyframe;
         // Of millions of points a matrix moves each faster than a quaternion.
         let turned = rotation.to_rotation_matrix().into_inner() * scale;
-        self.cloud(camera, max_relative_variance)
+        let of_image = camera.map(|camera| self.cloud(camera, max_relative_variance));
+        of_image
+            .into_iter()
+            .flatten()
+            .chain(self.scan_cloud())
             .map(move |point| CloudPoint { position: turned * point.position + translation, ..point })
     }
 
-    /// How many points [`cloud`](Self::cloud) gives.
+    /// How many points [`world_cloud`](Self::world_cloud) gives.
     pub(super) fn cloud_size(&self, max_relative_variance: f32) -> usize {
         let pixels = self.image.data().len();
         let depths = self.semi_dense.iter();
-        depths.filter(|&(p, d, v)| v / (d * d) <= max_relative_variance && (p as usize) < pixels).count()
+        let of_image =
+            depths.filter(|&(p, d, v)| v / (d * d) <= max_relative_variance && (p as usize) < pixels);
+        of_image.count() + self.scan.as_ref().map_or(0, |scan| scan.len())
+    }
+
+    /// The points of a LiDAR's keyframe in its own frame; none of a camera's.
+    pub fn scan_cloud(&self) -> impl Iterator<Item = CloudPoint> + '_ {
+        let agent = self.agent;
+        self.scan.iter().flat_map(|scan| scan.points()).map(move |point| CloudPoint {
+            position: Vector3::from(point.map(f64::from)),
+            intensity: 0,
+            confidence: MAX_CONFIDENCE,
+            agent,
+        })
     }
 }
 
 impl Map {
     /// The points of all keyframes in the world, keyframe by keyframe:
     /// `world_from_keyframe * (ray(pixel) / inverse_depth)` for each pixel that
-    /// [`Keyframe::cloud`] keeps.
+    /// [`Keyframe::cloud`] keeps, and `world_from_keyframe * point` for each of a scan.
     pub fn cloud(&self, max_relative_variance: f32) -> impl Iterator<Item = CloudPoint> + '_ {
         let keyframes = self.keyframes.values();
-        keyframes.flat_map(move |keyframe| keyframe.world_cloud(self.camera(keyframe), max_relative_variance))
+        keyframes
+            .flat_map(move |keyframe| keyframe.world_cloud(self.camera_of(keyframe), max_relative_variance))
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use crate::test_support::sample_map;
+    use crate::test_support::{lidar_map, sample_map};
+
+    #[test]
+    fn scans_lie_where_their_keyframes_do() {
+        let map = lidar_map(2);
+        let mut cloud = map.cloud(0.0);
+        for keyframe in map.keyframes.values() {
+            for p in keyframe.scan.as_ref().unwrap().points() {
+                let expected = keyframe.world_from_keyframe * nalgebra::Vector3::from(p.map(f64::from));
+                assert!((cloud.next().unwrap().position - expected).norm() < 1e-9);
+            }
+        }
+        assert!(cloud.next().is_none());
+    }
 
     #[test]
     fn points_project_back_to_their_pixels() {

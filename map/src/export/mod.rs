@@ -15,7 +15,7 @@ pub use pcd::{save_pcd, write_pcd};
 pub use ply::{save_ply, write_ply};
 pub use trajectory::{save_kitti, save_tum, write_kitti, write_tum};
 
-use crate::{Keyframe, Map, MapError, atomic::write_atomically};
+use crate::{Keyframe, Map, MapError, SensorKind, atomic::write_atomically};
 use rayon::prelude::*;
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
@@ -33,22 +33,32 @@ const MAX_POINT_BYTES: usize = 24;
 
 /// A file format for clouds of points: a header of text, then the points in binary.
 struct CloudFormat {
-    /// The header for a number of points; whether they tell agents apart.
-    header: fn(count: usize, agents: bool) -> String,
-    /// Appends what follows a point's position; whether it tells its agent.
-    attributes: fn(point: &CloudPoint, agents: bool, out: &mut Vec<u8>),
+    /// The header for a number of points.
+    header: fn(count: usize, columns: Columns) -> String,
+    /// Appends what follows a point's position.
+    attributes: fn(point: &CloudPoint, columns: Columns, out: &mut Vec<u8>),
+}
+
+/// What a cloud's points have besides their positions.
+#[derive(Clone, Copy)]
+struct Columns {
+    /// Intensity and confidence: where cameras are among the agents.
+    of_images: bool,
+    /// Their agent: where there are several.
+    agents: bool,
 }
 
 impl CloudFormat {
     /// Writes the cloud of a map, agents told apart where there are several: the header, then of each point
     /// the position as three little-endian floats and its attributes. Returns the number of points.
     fn write(&self, out: &mut impl Write, map: &Map, max_relative_variance: f32) -> io::Result<usize> {
-        let agents = map.agents.len() > 1;
+        let columns =
+            Columns { of_images: map.sensor() != Some(SensorKind::Lidar), agents: map.agents.len() > 1 };
         let keyframes: Vec<&Keyframe> = map.keyframes.values().collect();
         let count = keyframes.par_iter().map(|keyframe| keyframe.cloud_size(max_relative_variance)).sum();
-        out.write_all((self.header)(count, agents).as_bytes())?;
+        out.write_all((self.header)(count, columns).as_bytes())?;
         for together in keyframes.chunks(KEYFRAMES_TOGETHER) {
-            let points = |keyframe: &&Keyframe| self.points(keyframe, map, max_relative_variance);
+            let points = |keyframe: &&Keyframe| self.points(keyframe, map, columns, max_relative_variance);
             for bytes in together.par_iter().map(points).collect::<Vec<_>>() {
                 out.write_all(&bytes)?;
             }
@@ -57,15 +67,20 @@ impl CloudFormat {
     }
 
     /// The points of one keyframe as they are written.
-    fn points(&self, keyframe: &Keyframe, map: &Map, max_relative_variance: f32) -> Vec<u8> {
-        let agents = map.agents.len() > 1;
+    fn points(
+        &self,
+        keyframe: &Keyframe,
+        map: &Map,
+        columns: Columns,
+        max_relative_variance: f32,
+    ) -> Vec<u8> {
         let mut bytes = Vec::with_capacity(keyframe.semi_dense.len() * MAX_POINT_BYTES);
-        for point in keyframe.world_cloud(map.camera(keyframe), max_relative_variance) {
+        for point in keyframe.world_cloud(map.camera_of(keyframe), max_relative_variance) {
             let [x, y, z] = point.position.map(|value| (value as f32).to_le_bytes()).into();
             bytes.extend_from_slice(&x);
             bytes.extend_from_slice(&y);
             bytes.extend_from_slice(&z);
-            (self.attributes)(&point, agents, &mut bytes);
+            (self.attributes)(&point, columns, &mut bytes);
         }
         bytes
     }

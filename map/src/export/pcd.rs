@@ -1,6 +1,6 @@
 //! PCD, the format of the Point Cloud Library.
 
-use super::{CloudFormat, CloudPoint};
+use super::{CloudFormat, CloudPoint, Columns};
 use crate::{Map, MapError, agent_color};
 use std::io::{self, Write};
 use std::path::Path;
@@ -8,7 +8,7 @@ use std::path::Path;
 const PCD: CloudFormat = CloudFormat { header, attributes };
 
 /// Writes the cloud as binary PCD 0.7: `x y z intensity confidence`, all float as the library's own
-/// point types have them; of several agents also `rgb`, the agent's colour as the library packs it, and
+/// point types have them, of LiDARs alone `x y z`; of several agents also `rgb`, the agent's colour as the library packs it, and
 /// `label` unsigned, its id. See [`Map::cloud`] for the bound. Returns the number of points.
 pub fn write_pcd(out: &mut impl Write, map: &Map, max_relative_variance: f32) -> io::Result<usize> {
     PCD.write(out, map, max_relative_variance)
@@ -19,21 +19,25 @@ pub fn save_pcd(path: impl AsRef<Path>, map: &Map, max_relative_variance: f32) -
     PCD.save(path.as_ref(), map, max_relative_variance)
 }
 
-fn header(count: usize, agents: bool) -> String {
+fn header(count: usize, columns: Columns) -> String {
     let [fields, sizes, types, counts] =
-        if agents { [" rgb label", " 4 4", " F U", " 1 1"] } else { [""; 4] };
+        if columns.agents { [" rgb label", " 4 4", " F U", " 1 1"] } else { [""; 4] };
+    let [more, size, kind, number] =
+        if columns.of_images { [" intensity confidence", " 4 4", " F F", " 1 1"] } else { [""; 4] };
     format!(
         "# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\n\
-         FIELDS x y z intensity confidence{fields}\nSIZE 4 4 4 4 4{sizes}\nTYPE F F F F F{types}\n\
-         COUNT 1 1 1 1 1{counts}\nWIDTH {count}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {count}\n\
+         FIELDS x y z{more}{fields}\nSIZE 4 4 4{size}{sizes}\nTYPE F F F{kind}{types}\n\
+         COUNT 1 1 1{number}{counts}\nWIDTH {count}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {count}\n\
          DATA binary\n"
     )
 }
 
-fn attributes(point: &CloudPoint, agents: bool, out: &mut Vec<u8>) {
-    out.extend(f32::from(point.intensity).to_le_bytes());
-    out.extend(point.confidence.to_le_bytes());
-    if agents {
+fn attributes(point: &CloudPoint, columns: Columns, out: &mut Vec<u8>) {
+    if columns.of_images {
+        out.extend(f32::from(point.intensity).to_le_bytes());
+        out.extend(point.confidence.to_le_bytes());
+    }
+    if columns.agents {
         // The bits of a float that are 0x00RRGGBB.
         let [red, green, blue] = agent_color(point.agent);
         out.extend([blue, green, red, 0]);

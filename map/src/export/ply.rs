@@ -1,6 +1,6 @@
 //! PLY, the format most viewers of point clouds read.
 
-use super::{CloudFormat, CloudPoint};
+use super::{CloudFormat, CloudPoint, Columns};
 use crate::{Map, MapError, agent_color};
 use std::io::{self, Write};
 use std::path::Path;
@@ -8,7 +8,7 @@ use std::path::Path;
 const PLY: CloudFormat = CloudFormat { header, attributes };
 
 /// Writes the cloud as binary little-endian PLY: `x y z` float (map units), `intensity` uchar,
-/// `confidence` float; of several agents also `red green blue` uchar, the agent's colour, and `agent`
+/// `confidence` float, but of LiDARs alone neither; of several agents also `red green blue` uchar, the agent's colour, and `agent`
 /// ushort, its id. See [`Map::cloud`] for the bound. Returns the number of points.
 pub fn write_ply(out: &mut impl Write, map: &Map, max_relative_variance: f32) -> io::Result<usize> {
     PLY.write(out, map, max_relative_variance)
@@ -19,23 +19,28 @@ pub fn save_ply(path: impl AsRef<Path>, map: &Map, max_relative_variance: f32) -
     PLY.save(path.as_ref(), map, max_relative_variance)
 }
 
-fn header(count: usize, agents: bool) -> String {
-    let of_agents = if agents {
+fn header(count: usize, columns: Columns) -> String {
+    let unit = if columns.of_images { "map units" } else { "metres" };
+    let of_images =
+        if columns.of_images { "property uchar intensity\nproperty float confidence\n" } else { "" };
+    let of_agents = if columns.agents {
         "property uchar red\nproperty uchar green\nproperty uchar blue\nproperty ushort agent\n"
     } else {
         ""
     };
     format!(
-        "ply\nformat binary_little_endian 1.0\ncomment loopbox map, lengths in map units\n\
+        "ply\nformat binary_little_endian 1.0\ncomment loopbox map, lengths in {unit}\n\
          element vertex {count}\nproperty float x\nproperty float y\nproperty float z\n\
-         property uchar intensity\nproperty float confidence\n{of_agents}end_header\n"
+         {of_images}{of_agents}end_header\n"
     )
 }
 
-fn attributes(point: &CloudPoint, agents: bool, out: &mut Vec<u8>) {
-    out.push(point.intensity);
-    out.extend(point.confidence.to_le_bytes());
-    if agents {
+fn attributes(point: &CloudPoint, columns: Columns, out: &mut Vec<u8>) {
+    if columns.of_images {
+        out.push(point.intensity);
+        out.extend(point.confidence.to_le_bytes());
+    }
+    if columns.agents {
         out.extend(agent_color(point.agent));
         out.extend(point.agent.0.to_le_bytes());
     }
@@ -45,7 +50,17 @@ fn attributes(point: &CloudPoint, agents: bool, out: &mut Vec<u8>) {
 mod tests {
     use super::*;
     use crate::export::test_support::{colors, parted};
-    use crate::test_support::{sample_map, united};
+    use crate::test_support::{lidar_map, sample_map, united};
+
+    #[test]
+    fn a_lidars_cloud_is_positions_in_metres() {
+        let map = lidar_map(1);
+        let mut bytes = Vec::new();
+        let count = write_ply(&mut bytes, &map, 0.01).unwrap();
+        let (header, body) = parted(&bytes, "end_header\n");
+        assert!(header.contains("metres") && !header.contains("intensity"), "{header}");
+        assert_eq!((count, body.len()), (map.cloud(0.01).count(), count * 12));
+    }
 
     #[test]
     fn the_header_announces_what_follows() {

@@ -5,12 +5,15 @@ use super::{
     AGENT_METADATA, FORMAT_VERSION, MAP_METADATA, MERGE_METADATA, NAMELESS_FORMAT, PROVENANCE_METADATA,
     SINGLE_AGENT_FORMAT, SINGLE_AGENT_PROVENANCE_METADATA,
 };
-use crate::{AgentId, AgentInfo, Identity, Map, OwnMap, Uuid, check};
+use crate::{AgentId, AgentInfo, Identity, Map, OwnMap, Sensor, Uuid, check};
 use geometry::Pinhole;
 use mcap::records::Metadata;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::str::FromStr;
+
+/// What stands under `sensor` for a LiDAR. An agent with a camera has its camera instead.
+const LIDAR: &str = "lidar";
 
 /// Entries of a metadata record.
 pub(super) type Entries = BTreeMap<String, String>;
@@ -124,16 +127,10 @@ fn name_of_source(provenance: &Entries) -> Option<String> {
 
 /// An agent without its provenance and the poses of its own map.
 fn agent_to_text(info: &AgentInfo) -> Entries {
-    let camera = &info.camera;
-    let entries = [
-        ("name", info.name.clone()),
-        ("width", camera.width.to_string()),
-        ("height", camera.height.to_string()),
-        ("fx", camera.fx.to_string()),
-        ("fy", camera.fy.to_string()),
-        ("cx", camera.cx.to_string()),
-        ("cy", camera.cy.to_string()),
-    ];
+    let sensor = match &info.sensor {
+        Sensor::Camera(camera) => camera_to_text(camera),
+        Sensor::Lidar => vec![("sensor", LIDAR.to_owned())],
+    };
     let own = info
         .own
         .iter()
@@ -141,7 +138,25 @@ fn agent_to_text(info: &AgentInfo) -> Entries {
     let identity = info.identity.iter();
     let identity = identity
         .flat_map(|identity| [("uuid", identity.uuid.to_string()), ("epoch", identity.epoch.to_string())]);
-    entries.into_iter().chain(identity).chain(own).map(|(key, value)| (key.to_owned(), value)).collect()
+    [("name", info.name.clone())]
+        .into_iter()
+        .chain(sensor)
+        .chain(identity)
+        .chain(own)
+        .map(|(key, value)| (key.to_owned(), value))
+        .collect()
+}
+
+/// A camera, under the names that make it one.
+fn camera_to_text(camera: &Pinhole) -> Vec<(&'static str, String)> {
+    vec![
+        ("width", camera.width.to_string()),
+        ("height", camera.height.to_string()),
+        ("fx", camera.fx.to_string()),
+        ("fy", camera.fy.to_string()),
+        ("cx", camera.cx.to_string()),
+        ("cy", camera.cy.to_string()),
+    ]
 }
 
 /// The inverse of [`agent_to_text`]; says what is missing.
@@ -168,7 +183,12 @@ fn agent_from_text(entries: &Entries) -> Result<AgentInfo, String> {
                 .ok_or("its identity's epoch is missing or no number")?,
         }),
     };
-    Ok(AgentInfo { own, identity, ..AgentInfo::new(text("name"), camera_from_text(entries)?) })
+    let sensor = match entries.get("sensor").map(String::as_str) {
+        None => Sensor::Camera(camera_from_text(entries)?),
+        Some(LIDAR) => Sensor::Lidar,
+        Some(other) => return Err(format!("its sensor \"{other}\" is unknown")),
+    };
+    Ok(AgentInfo { own, identity, ..AgentInfo::new(text("name"), sensor) })
 }
 
 /// The camera from its text.

@@ -1,12 +1,13 @@
 //! The channels of a map file: what is said of the map as a whole, and of each agent.
 
-use super::schema::{FEATURES_SCHEMA, GRAPH_SCHEMA, KEYFRAME_SCHEMA, descriptor_set};
+use super::scan::{SCAN_SCHEMA, SCAN_TOPIC};
+use super::schema::{FEATURES_SCHEMA, GRAPH_SCHEMA, KEYFRAME_SCHEMA, descriptor_set, scan_descriptor_set};
 use super::{
     CALIBRATION_TOPIC, CAMERA_FRAME, CLOUD_TOPIC, FEATURES_TOPIC, GRAPH_TOPIC, IMAGE_TOPIC, KEYFRAME_TOPIC,
-    TRAJECTORY_TOPIC, TRANSFORMS_TOPIC,
+    LIDAR_FRAME, TRAJECTORY_TOPIC, TRANSFORMS_TOPIC,
 };
 use crate::agent::labels;
-use crate::{AgentId, AgentInfo};
+use crate::{AgentId, AgentInfo, SensorKind};
 use foxglove::Encode;
 use foxglove::messages::{CameraCalibration, CompressedImage, FrameTransforms, PointCloud, PosesInFrame};
 use mcap::McapError;
@@ -20,6 +21,8 @@ pub(super) struct Channels {
     pub graph: u16,
     pub image: u16,
     pub transforms: u16,
+    /// In a map with a LiDAR.
+    pub scan: Option<u16>,
     pub agents: BTreeMap<AgentId, AgentChannels>,
 }
 
@@ -27,10 +30,11 @@ pub(super) struct Channels {
 #[derive(Clone)]
 pub(super) struct AgentChannels {
     pub cloud: u16,
-    pub calibration: u16,
+    /// Of a camera.
+    pub calibration: Option<u16>,
     pub trajectory: u16,
-    /// The coordinate frame of its moving camera.
-    pub camera_frame: String,
+    /// The coordinate frame of its moving sensor.
+    pub sensor_frame: String,
 }
 
 impl Channels {
@@ -46,12 +50,18 @@ impl Channels {
             graph: add_channel(mcap, GRAPH_TOPIC, GRAPH_SCHEMA, &own)?,
             image: add_foxglove::<CompressedImage, W>(mcap, IMAGE_TOPIC)?,
             transforms: add_foxglove::<FrameTransforms, W>(mcap, TRANSFORMS_TOPIC)?,
+            scan: agents
+                .values()
+                .any(|info| info.sensor.kind() == SensorKind::Lidar)
+                .then(|| add_channel(mcap, SCAN_TOPIC, SCAN_SCHEMA, &scan_descriptor_set()))
+                .transpose()?,
             agents: labels(agents)
                 .into_iter()
                 .map(|(id, label)| {
+                    let kind = agents[&id].sensor.kind();
                     // One agent needs no name to be told apart.
                     let label = (agents.len() > 1).then_some(label);
-                    AgentChannels::register(mcap, label.as_deref()).map(|channels| (id, channels))
+                    AgentChannels::register(mcap, kind, label.as_deref()).map(|channels| (id, channels))
                 })
                 .collect::<Result<_, _>>()?,
         })
@@ -60,13 +70,20 @@ impl Channels {
 
 impl AgentChannels {
     /// Adds the channels of an agent, under its label if it has one.
-    fn register<W: Write + Seek>(mcap: &mut mcap::Writer<W>, label: Option<&str>) -> Result<Self, McapError> {
+    fn register<W: Write + Seek>(
+        mcap: &mut mcap::Writer<W>,
+        kind: SensorKind,
+        label: Option<&str>,
+    ) -> Result<Self, McapError> {
+        let frame = if kind == SensorKind::Lidar { LIDAR_FRAME } else { CAMERA_FRAME };
         let topic = |topic: &str| label.map_or(topic.to_owned(), |label| format!("/{label}{topic}"));
         Ok(Self {
             cloud: add_foxglove::<PointCloud, W>(mcap, &topic(CLOUD_TOPIC))?,
-            calibration: add_foxglove::<CameraCalibration, W>(mcap, &topic(CALIBRATION_TOPIC))?,
+            calibration: (kind == SensorKind::Camera)
+                .then(|| add_foxglove::<CameraCalibration, W>(mcap, &topic(CALIBRATION_TOPIC)))
+                .transpose()?,
             trajectory: add_foxglove::<PosesInFrame, W>(mcap, &topic(TRAJECTORY_TOPIC))?,
-            camera_frame: label.map_or(CAMERA_FRAME.into(), |label| format!("{label}/{CAMERA_FRAME}")),
+            sensor_frame: label.map_or(frame.into(), |label| format!("{label}/{frame}")),
         })
     }
 }

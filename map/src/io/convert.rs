@@ -1,7 +1,7 @@
 //! From the map's types to loopbox's messages and back, bit by bit.
 
 use super::messages::{GraphMessage, INFORMATION_LEN, KeyframeMessage, SE3_LEN, SIM3_LEN};
-use crate::{AgentId, Edge, EdgeKind, FramePose, Keyframe, KeyframeId, Observation, Point, SemiDense};
+use crate::{AgentId, Edge, EdgeKind, FramePose, Keyframe, KeyframeId, Observation, Point, Scan, SemiDense};
 use geometry::{GrayImage, Se3, Sim3};
 use nalgebra::{Quaternion, SMatrix, UnitQuaternion, Vector3};
 use std::sync::Arc;
@@ -38,11 +38,12 @@ pub(super) fn keyframe_to_message(keyframe: &Keyframe, own_pose: Option<&Sim3>) 
     message
 }
 
-/// The keyframe of a message with its image, and its pose in its agent's own map if there is one; says what
+/// The keyframe of a message with its image or scan, and its pose in its agent's own map if there is one; says what
 /// is inconsistent.
 pub(super) fn keyframe_from_message(
     message: KeyframeMessage,
     image: Arc<GrayImage>,
+    scan: Option<Arc<Scan>>,
 ) -> Result<(Keyframe, Option<Sim3>), String> {
     let name = message.id;
     let unequal = |what: &str| format!("keyframe {name}: the lists of its {what} differ in length");
@@ -82,6 +83,7 @@ pub(super) fn keyframe_from_message(
         frame_index: message.frame_index,
         world_from_keyframe: pose,
         image,
+        scan,
         semi_dense: semi_dense.into(),
         points,
         features: None,

@@ -1,7 +1,8 @@
 //! The map's file, `map.mcap`; described field by field in `docs/map-format.md`.
 //!
 //! The exact data lie in three messages of loopbox's own (`messages`), the keyframe images in
-//! `foxglove.CompressedImage`, what there is to say of the agents in metadata records (`about`); the other Foxglove messages (`views`) only repeat for viewers what
+//! `foxglove.CompressedImage`, LiDARs' scans in one more message (`scan`), what there is to say of the agents in metadata
+//! records (`about`); the other Foxglove messages (`views`) only repeat for viewers what
 //! the exact data say, and are never read back.
 
 mod about;
@@ -11,6 +12,7 @@ mod messages;
 mod picture;
 mod reader;
 mod records;
+mod scan;
 mod schema;
 mod sink;
 #[cfg(test)]
@@ -18,7 +20,7 @@ mod tests;
 mod views;
 mod writer;
 
-pub use reader::{LoadedMap, is_map_file, load_map};
+pub use reader::{LoadedMap, is_map_file, load_map, sensors_of};
 pub use writer::{MapWriter, save_map};
 
 /// The version of the file format that is written.
@@ -52,5 +54,7 @@ const TRAJECTORY_TOPIC: &str = "/trajectory";
 
 /// The moving camera's coordinate frame.
 const CAMERA_FRAME: &str = "camera";
+/// The moving LiDAR's coordinate frame.
+const LIDAR_FRAME: &str = "lidar";
 /// What the name of a keyframe's coordinate frame begins with; its id follows.
 const KEYFRAME_FRAME: &str = "keyframe_";

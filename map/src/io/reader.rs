@@ -3,18 +3,22 @@
 use super::about::{About, AboutError};
 use super::messages::{FeaturesMessage, GraphMessage, KeyframeMessage};
 use super::records::{Stop, read_chunk, read_file};
+use super::scan::{self, SCAN_TOPIC, ScanMessage};
 use super::{
     FEATURES_TOPIC, FORMAT_VERSION, GRAPH_TOPIC, IMAGE_TOPIC, KEYFRAME_TOPIC, PROFILE, convert, picture,
     views,
 };
-use crate::{AgentId, Edge, FramePose, Identity, Keyframe, KeyframeId, Map, MapError, check};
+use crate::{
+    AgentId, AgentInfo, Edge, FramePose, Identity, Keyframe, KeyframeId, Map, MapError, Scan, Sensor,
+    SensorKind, check,
+};
 use foxglove::messages::CompressedImage;
 use geometry::{GrayImage, Sim3};
 use mcap::records::{Record, op};
 use mcap::{McapError, parse_record};
 use prost::Message;
 use rayon::prelude::*;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
@@ -72,6 +76,31 @@ pub fn is_map_file(path: impl AsRef<Path>) -> bool {
     matches!(first, Err(Stop::Refused(true)))
 }
 
+/// The kinds of the sensors of a map's agents, from the file's first records, without reading its keyframes.
+///
+/// # Errors
+/// As [`load_map`], as far as the first records say.
+pub fn sensors_of(path: impl AsRef<Path>) -> Result<BTreeSet<SensorKind>, MapError> {
+    let path = path.as_ref();
+    let opened = File::open(path).and_then(|file| file.metadata().map(|about| (file, about.len())));
+    let (file, length) = opened.map_err(|source| MapError::read(path, source))?;
+    let mut contents = Contents::default();
+    // What is said of agents comes before all chunks.
+    let end = read_file(&mut BufReader::new(file), length, &mut |opcode, data| match opcode {
+        op::CHUNK => Err(None),
+        _ => contents.record(opcode, data).map_err(Some),
+    });
+    match end {
+        Err(Stop::Refused(Some(refusal))) => return Err(refusal.at(path)),
+        Err(Stop::Failed(source)) => return Err(MapError::read(path, source)),
+        Ok(()) | Err(Stop::Refused(None) | Stop::Damaged(_)) => {}
+    }
+    if !contents.has_header {
+        return Err(MapError::NotMcap { path: path.to_owned() });
+    }
+    Ok(contents.about.agents.values().map(|info| info.sensor.kind()).collect())
+}
+
 /// Why a file cannot be loaded.
 #[derive(Debug)]
 enum Refusal {
@@ -111,6 +140,7 @@ impl Refusal {
 #[derive(Clone, Copy)]
 enum Kind {
     Image,
+    Scan,
     Keyframe,
     Features,
     Graph,
@@ -124,6 +154,7 @@ struct Contents {
     channels: BTreeMap<u16, Kind>,
     /// The files of the keyframes' images: they are decoded together when all is read.
     images: BTreeMap<KeyframeId, Vec<u8>>,
+    scans: BTreeMap<KeyframeId, Arc<Scan>>,
     keyframes: BTreeMap<KeyframeId, Keyframe>,
     features: BTreeMap<KeyframeId, Arc<[u8]>>,
     poses: BTreeMap<KeyframeId, Sim3>,
@@ -179,6 +210,7 @@ impl Contents {
             Record::Channel(channel) => {
                 let kind = match channel.topic.as_str() {
                     IMAGE_TOPIC => Kind::Image,
+                    SCAN_TOPIC => Kind::Scan,
                     KEYFRAME_TOPIC => Kind::Keyframe,
                     FEATURES_TOPIC => Kind::Features,
                     GRAPH_TOPIC => Kind::Graph,
@@ -188,6 +220,7 @@ impl Contents {
             }
             Record::Message { header, data } => match self.channels.get(&header.channel_id) {
                 Some(Kind::Image) => self.image(&data)?,
+                Some(Kind::Scan) => self.scan(&data)?,
                 Some(Kind::Keyframe) => self.keyframe(&data)?,
                 Some(Kind::Features) => self.features(&data)?,
                 Some(Kind::Graph) => self.graph(&data)?,
@@ -208,13 +241,33 @@ impl Contents {
         Ok(())
     }
 
+    /// Takes a LiDAR keyframe's scan.
+    fn scan(&mut self, data: &[u8]) -> Result<(), String> {
+        let message = ScanMessage::decode(data).map_err(|error| format!("a scan cannot be read: {error}"))?;
+        let (id, scan) = scan::from_message(message)?;
+        self.scans.insert(id, Arc::new(scan));
+        Ok(())
+    }
+
+    /// Whether a keyframe's agent sees with a LiDAR.
+    fn is_lidar(&self, message: &KeyframeMessage) -> bool {
+        let agent = u16::try_from(message.agent).ok().and_then(|id| self.about.agents.get(&AgentId(id)));
+        agent.is_some_and(|info| info.sensor == Sensor::Lidar)
+    }
+
     /// Takes a keyframe, in place of an earlier one of that id.
     fn keyframe(&mut self, data: &[u8]) -> Result<(), String> {
         let message =
             KeyframeMessage::decode(data).map_err(|error| format!("a keyframe cannot be read: {error}"))?;
         let id = KeyframeId(message.id);
-        if !self.images.contains_key(&id) {
-            let what = format!("keyframe {} has no image", id.0);
+        let (missing, scan) = if self.is_lidar(&message) {
+            let scan = self.scans.get(&id).cloned();
+            (scan.is_none().then_some("scan"), scan)
+        } else {
+            ((!self.images.contains_key(&id)).then_some("image"), None)
+        };
+        if let Some(missing) = missing {
+            let what = format!("keyframe {} has no {missing}", id.0);
             return if self.is_damaged() {
                 self.damage(what + " and was left out");
                 Ok(())
@@ -222,7 +275,7 @@ impl Contents {
                 Err(what)
             };
         }
-        let (keyframe, own_pose) = convert::keyframe_from_message(message, Arc::clone(&self.no_image))?;
+        let (keyframe, own_pose) = convert::keyframe_from_message(message, Arc::clone(&self.no_image), scan)?;
         self.own_poses.extend(own_pose.map(|pose| (id, pose)));
         self.poses.insert(id, keyframe.world_from_keyframe);
         self.keyframes.insert(id, keyframe);
@@ -296,9 +349,12 @@ impl Contents {
 
 /// Gives every keyframe its image.
 fn decode_images(images: &BTreeMap<KeyframeId, Vec<u8>>, map: &mut Map) -> Result<(), String> {
-    let cameras = map.agents.values().map(|info| info.camera);
+    let cameras = map.agents.values().filter_map(AgentInfo::camera);
     let sizes: Vec<(usize, usize)> = cameras.map(|camera| (camera.width, camera.height)).collect();
     let decode = |(id, keyframe): (&KeyframeId, &mut Keyframe)| {
+        if keyframe.scan.is_some() {
+            return Ok(());
+        }
         let file = images.get(id).map_or(&[][..], |file| file);
         let image = picture::decode_png(file, sizes.iter().copied())
             .map_err(|what| format!("the image of keyframe {} cannot be used: {what}", id.0))?;
@@ -316,8 +372,10 @@ fn identify(map: &mut Map, unknown: &[AgentId]) {
     for agent in unknown {
         let first = map.keyframes.values().find(|keyframe| keyframe.agent == *agent);
         let Some(info) = map.agents.get_mut(agent) else { continue };
-        let of = |first: &Keyframe| Identity::of_recording(&info.camera, first.timestamp, &first.image);
-        let mut identity = first.map_or_else(|| Identity::of_name(&info.name, &info.camera), of);
+        // Files from before there were identities are of cameras.
+        let Some(camera) = info.camera() else { continue };
+        let of = |first: &Keyframe| Identity::of_recording(camera, first.timestamp, &first.image);
+        let mut identity = first.map_or_else(|| Identity::of_name(&info.name, camera), of);
         while map.agents.values().any(|other| other.identity == Some(identity)) {
             identity = identity.later(1);
         }

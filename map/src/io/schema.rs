@@ -1,11 +1,12 @@
 //! The schema of loopbox's own messages, so that any MCAP tool can read a map without loopbox.
 
+use super::scan::SCAN_FIELDS;
 use prost::Message;
 use prost_types::field_descriptor_proto::{Label, Type};
 use prost_types::{DescriptorProto, FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet};
 
 /// Name, number, type, and whether there are many.
-type Field = (&'static str, i32, Type, bool);
+pub(super) type Field = (&'static str, i32, Type, bool);
 
 /// Name of the keyframe message's schema.
 pub(super) const KEYFRAME_SCHEMA: &str = "loopbox.Keyframe";
@@ -52,17 +53,27 @@ const GRAPH_FIELDS: [Field; 14] = [
     ("keyframe_from_frame", 14, Type::Double, true),
 ];
 
-/// The protobuf `FileDescriptorSet` of all these messages, as MCAP's schema encoding `protobuf` asks for.
+/// The protobuf `FileDescriptorSet` of keyframes, features and the graph, as MCAP's schema encoding `protobuf` asks for.
 pub(super) fn descriptor_set() -> Vec<u8> {
+    descriptors(vec![
+        message("Keyframe", &KEYFRAME_FIELDS),
+        message("Features", &FEATURES_FIELDS),
+        message("Graph", &GRAPH_FIELDS),
+    ])
+}
+
+/// That of the message of a scan.
+pub(super) fn scan_descriptor_set() -> Vec<u8> {
+    descriptors(vec![message("Scan", &SCAN_FIELDS)])
+}
+
+/// Messages of one file.
+fn descriptors(message_type: Vec<DescriptorProto>) -> Vec<u8> {
     let file = FileDescriptorProto {
         name: Some("loopbox.proto".into()),
         package: Some("loopbox".into()),
         syntax: Some("proto3".into()),
-        message_type: vec![
-            message("Keyframe", &KEYFRAME_FIELDS),
-            message("Features", &FEATURES_FIELDS),
-            message("Graph", &GRAPH_FIELDS),
-        ],
+        message_type,
         ..Default::default()
     };
     FileDescriptorSet { file: vec![file] }.encode_to_vec()
@@ -165,5 +176,7 @@ mod tests {
             keyframe_from_frame: vec![1.0; 3],
         };
         assert_described(&graph.encode_to_vec(), &GRAPH_FIELDS);
+        let scan = crate::io::scan::ScanMessage { id: 1, cell_step: vec![1; 3] };
+        assert_described(&scan.encode_to_vec(), &SCAN_FIELDS);
     }
 }

@@ -3,7 +3,7 @@
 use super::about::About;
 use super::channels::Channels;
 use super::messages::{FeaturesMessage, GraphMessage};
-use super::{PROFILE, convert, picture, views};
+use super::{PROFILE, convert, picture, scan, views};
 use crate::{Edge, FramePose, Keyframe, KeyframeId, Map};
 use geometry::Sim3;
 use mcap::records::MessageHeader;
@@ -21,7 +21,8 @@ const FRAMES_PER_MESSAGE: usize = 1 << 16;
 pub(super) struct MapSink<W: Write + Seek> {
     mcap: mcap::Writer<W>,
     channels: Channels,
-    images: BTreeSet<KeyframeId>,
+    /// Keyframes whose image or scan is written.
+    seen: BTreeSet<KeyframeId>,
     /// The features as they were written.
     features: BTreeMap<KeyframeId, Arc<[u8]>>,
     poses: BTreeMap<KeyframeId, Sim3>,
@@ -46,8 +47,8 @@ impl<W: Write + Seek> MapSink<W> {
         }
         let channels = Channels::register(&mut mcap, &about.agents).map_err(io_error)?;
         mcap.flush().map_err(io_error)?;
-        let (images, features, poses) = Default::default();
-        Ok(Self { mcap, channels, images, features, poses, edges: Vec::new(), frames: Vec::new() })
+        let (seen, features, poses) = Default::default();
+        Ok(Self { mcap, channels, seen, features, poses, edges: Vec::new(), frames: Vec::new() })
     }
 
     /// [`keyframe`](Self::keyframe) with its image as a PNG file that was made before.
@@ -57,20 +58,20 @@ impl<W: Write + Seek> MapSink<W> {
         png: Vec<u8>,
         own_pose: Option<&Sim3>,
     ) -> io::Result<()> {
+        self.seen.insert(keyframe.id);
         self.image(keyframe, png)?;
         self.keyframe(keyframe, own_pose)
     }
 
     fn image(&mut self, keyframe: &Keyframe, png: Vec<u8>) -> io::Result<()> {
-        self.images.insert(keyframe.id);
         self.message(self.channels.image, keyframe.timestamp, &views::image(keyframe, png))
     }
 
-    /// Writes a keyframe. Its image is written once, and so are its features; depth, points and pose replace earlier ones.
-    /// `own_pose` is its pose in its agent's own map, where that is another one.
+    /// Writes a keyframe. Its image or scan is written once, and so are its features; depth, points and pose replace
+    /// earlier ones. `own_pose` is its pose in its agent's own map, where that is another one.
     pub(super) fn keyframe(&mut self, keyframe: &Keyframe, own_pose: Option<&Sim3>) -> io::Result<()> {
-        if !self.images.contains(&keyframe.id) {
-            self.image(keyframe, picture::encode_png(&keyframe.image)?)?;
+        if self.seen.insert(keyframe.id) {
+            self.seen_by(keyframe)?;
         }
         let message = convert::keyframe_to_message(keyframe, own_pose);
         self.message(self.channels.keyframe, keyframe.timestamp, &message)?;
@@ -87,6 +88,17 @@ impl<W: Write + Seek> MapSink<W> {
             let message = FeaturesMessage { keyframe: id.0, data: features.to_vec() };
             self.message(self.channels.features, time, &message)?;
             self.features.insert(id, Arc::clone(features));
+        }
+        Ok(())
+    }
+
+    /// Writes a keyframe's image or scan.
+    fn seen_by(&mut self, keyframe: &Keyframe) -> io::Result<()> {
+        if let (Some(of_keyframe), Some(channel)) = (&keyframe.scan, self.channels.scan) {
+            return self.message(channel, keyframe.timestamp, &scan::to_message(keyframe.id, of_keyframe));
+        }
+        if !keyframe.image.data().is_empty() {
+            self.image(keyframe, picture::encode_png(&keyframe.image)?)?;
         }
         Ok(())
     }
@@ -139,18 +151,24 @@ impl<W: Write + Seek> MapSink<W> {
         self.message(self.channels.transforms, start, &views::keyframe_transforms(map, start))?;
         for (agent, channels) in self.channels.agents.clone() {
             let Some(info) = map.agents.get(&agent) else { continue };
-            let calibration = views::calibration(&info.camera, &channels.camera_frame, start);
-            self.message(channels.calibration, start, &calibration)?;
+            if let (Some(channel), Some(camera)) = (channels.calibration, info.camera()) {
+                self.message(channel, start, &views::calibration(camera, &channels.sensor_frame, start))?;
+            }
             let trajectory = map.trajectory_of(agent);
             self.message(channels.trajectory, start, &views::trajectory(&trajectory, start))?;
             for pose in trajectory {
                 let transform =
-                    views::camera_transform(&channels.camera_frame, &pose.world_from_camera, pose.timestamp);
+                    views::sensor_transform(&channels.sensor_frame, &pose.world_from_camera, pose.timestamp);
                 self.message(self.channels.transforms, pose.timestamp, &transform)?;
             }
             self.flush()?;
             for keyframe in map.keyframes.values().filter(|keyframe| keyframe.agent == agent) {
-                self.message(channels.cloud, keyframe.timestamp, &views::cloud(keyframe, &info.camera))?;
+                let cloud = match (&keyframe.scan, info.camera()) {
+                    (Some(scan), _) => views::scan_cloud(keyframe, scan),
+                    (None, Some(camera)) => views::cloud(keyframe, camera),
+                    (None, None) => continue,
+                };
+                self.message(channels.cloud, keyframe.timestamp, &cloud)?;
                 self.flush()?;
             }
         }

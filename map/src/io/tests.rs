@@ -1,8 +1,8 @@
 //! What a map file survives.
 
 use super::*;
-use crate::test_support::{Numbers, sample_map, united};
-use crate::{AgentId, AgentInfo, Identity, Keyframe, KeyframeId, Map, MapError};
+use crate::test_support::{Numbers, lidar_map, sample_map, united};
+use crate::{AgentId, AgentInfo, Identity, Keyframe, KeyframeId, Map, MapError, Sensor};
 use std::fs;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -76,6 +76,49 @@ fn several_agents_load_back_equal_and_come_apart() {
         assert_eq!(loaded.map, own);
     }
     assert_eq!(folder.bytes(&loaded.map.split()[0]), folder.bytes(&sample_map(3)));
+}
+
+#[test]
+fn a_lidars_map_loads_back_equal_alone_and_beside_a_cameras() {
+    let folder = Folder::new();
+    let lidar = lidar_map(3);
+    let bytes = folder.bytes(&lidar);
+    let loaded = folder.load(&bytes).unwrap();
+    assert!(loaded.complete, "{:?}", loaded.warnings);
+    assert_eq!(loaded.map, lidar);
+    assert_eq!(folder.bytes(&loaded.map), bytes);
+    let both = Map::unite(vec![sample_map(2), lidar.clone()]).unwrap();
+    let loaded = folder.load(&folder.bytes(&both)).unwrap().map;
+    assert_eq!(loaded, both);
+    assert_eq!(loaded.split(), [sample_map(2), lidar.clone()]);
+    assert_eq!(sensors_of(folder.file("bytes.mcap")).unwrap().len(), 2);
+    let twice = Map::can_unite(&[&lidar, &loaded]).unwrap_err();
+    assert!(matches!(twice, MapError::SameMapTwice { .. }), "{twice}");
+}
+
+#[test]
+fn a_lidars_run_that_is_killed_leaves_what_was_flushed() {
+    let folder = Folder::new();
+    let path = folder.file("map.mcap");
+    let map = lidar_map(2);
+    let mut writer = MapWriter::create(&path, &sole_agent(&map)).unwrap();
+    map.keyframes.values().for_each(|keyframe| writer.append_keyframe(keyframe).unwrap());
+    writer.append_poses(&map).unwrap();
+    writer.flush().unwrap();
+    std::mem::forget(writer);
+    let loaded = load_map(&path).unwrap();
+    assert!(!loaded.complete);
+    assert_eq!(loaded.map, map);
+}
+
+#[test]
+fn a_lidars_keyframe_without_a_scan_is_refused() {
+    let mut map = lidar_map(2);
+    first(&mut map).scan = None;
+    let error = save_map(Folder::new().file("map.mcap"), &map).unwrap_err().to_string();
+    assert!(error.contains("keyframe 1: it is a LiDAR's and has no scan"), "{error}");
+    let error = load_unchecked(&map).unwrap_err().to_string();
+    assert!(error.contains("keyframe 1 has no"), "{error}");
 }
 
 #[test]
@@ -248,7 +291,7 @@ fn without_names(mut map: Map) -> Map {
     map.keyframes.values_mut().for_each(|keyframe| keyframe.features = None);
     for (agent, info) in &mut map.agents {
         let first = map.keyframes.values().find(|keyframe| keyframe.agent == *agent).unwrap();
-        info.identity = Some(Identity::of_recording(&info.camera, first.timestamp, &first.image));
+        info.identity = Some(Identity::of_recording(info.camera().unwrap(), first.timestamp, &first.image));
     }
     map
 }
@@ -328,7 +371,14 @@ fn contradictions_are_refused_with_their_place() {
     assert_refused(|map| first(map).image = Arc::new(geometry::GrayImage::filled(3, 3, 0)), "3×3");
     assert_refused(|map| map.frames[3].keyframe_from_frame.translation.z = f64::INFINITY, "frame 3");
     assert_refused(|map| map.edges[0].information[(2, 3)] = f64::NAN, "edge from keyframe 1 to 4");
-    assert_refused(|map| agent(map).camera.fx = f64::NAN, "camera");
+    assert_refused(
+        |map| match &mut agent(map).sensor {
+            Sensor::Camera(camera) => camera.fx = f64::NAN,
+            Sensor::Lidar => unreachable!("the sample has a camera"),
+        },
+        "camera",
+    );
+    assert_refused(|map| first(map).scan = Some(Arc::default()), "is a camera's and has a scan");
 }
 
 /// Loads what a sink writes without the checks of `save_map`.

@@ -1,7 +1,7 @@
 //! What Foxglove shows: each part of a map in Foxglove's own schemas.
 
 use super::KEYFRAME_FRAME;
-use crate::{DEFAULT_MAX_RELATIVE_VARIANCE, Keyframe, KeyframeId, Map, StampedPose};
+use crate::{DEFAULT_MAX_RELATIVE_VARIANCE, Keyframe, KeyframeId, Map, Scan, StampedPose};
 use foxglove::messages::packed_element_field::NumericType;
 use foxglove::messages::{
     CameraCalibration, CompressedImage, FrameTransform, FrameTransforms, PackedElementField, PointCloud,
@@ -16,6 +16,8 @@ const WORLD: &str = "world";
 const VIEW_POINTS: usize = 8192;
 /// Bytes of a point: x, y, z and confidence as floats, intensity as a byte.
 const POINT_STRIDE: u32 = 17;
+/// Bytes of a scan's point: x, y and z as floats.
+const SCAN_STRIDE: u32 = 12;
 
 /// Nanoseconds of a time stamp in seconds; times before 0 become 0.
 pub(super) fn nanoseconds(seconds: f64) -> u64 {
@@ -78,8 +80,6 @@ pub(super) fn cloud(keyframe: &Keyframe, camera: &Pinhole) -> PointCloud {
         data.extend(point.confidence.to_le_bytes());
         data.push(point.intensity);
     }
-    let field =
-        |name: &str, offset, kind| PackedElementField { name: name.into(), offset, r#type: kind as i32 };
     PointCloud {
         timestamp: timestamp(keyframe.timestamp),
         frame_id: keyframe_frame(keyframe.id),
@@ -96,6 +96,31 @@ pub(super) fn cloud(keyframe: &Keyframe, camera: &Pinhole) -> PointCloud {
     }
 }
 
+/// A LiDAR keyframe's scan, thinned, in its coordinate frame.
+pub(super) fn scan_cloud(keyframe: &Keyframe, scan: &Scan) -> PointCloud {
+    let step = scan.len().div_ceil(VIEW_POINTS).max(1);
+    let scale = keyframe.world_from_keyframe.scale;
+    let value = |value: f32| ((f64::from(value) * scale) as f32).to_le_bytes();
+    let data: Vec<u8> = scan.points().step_by(step).flatten().flat_map(value).collect();
+    PointCloud {
+        timestamp: timestamp(keyframe.timestamp),
+        frame_id: keyframe_frame(keyframe.id),
+        pose: Some(pose(&Se3::identity())),
+        point_stride: SCAN_STRIDE,
+        fields: vec![
+            field("x", 0, NumericType::Float32),
+            field("y", 4, NumericType::Float32),
+            field("z", 8, NumericType::Float32),
+        ],
+        data: data.into(),
+    }
+}
+
+/// What a point has at an offset.
+fn field(name: &str, offset: u32, kind: NumericType) -> PackedElementField {
+    PackedElementField { name: name.into(), offset, r#type: kind as i32 }
+}
+
 /// Where all keyframes are in the world.
 pub(super) fn keyframe_transforms(map: &Map, time: f64) -> FrameTransforms {
     let transform = |keyframe: &Keyframe| {
@@ -104,9 +129,9 @@ pub(super) fn keyframe_transforms(map: &Map, time: f64) -> FrameTransforms {
     FrameTransforms { transforms: map.keyframes.values().map(transform).collect() }
 }
 
-/// Where a camera is in the world at a time.
-pub(super) fn camera_transform(frame: &str, world_from_camera: &Se3, time: f64) -> FrameTransforms {
-    FrameTransforms { transforms: vec![transform(frame.into(), world_from_camera, time)] }
+/// Where a camera or LiDAR is in the world at a time.
+pub(super) fn sensor_transform(frame: &str, world_from_sensor: &Se3, time: f64) -> FrameTransforms {
+    FrameTransforms { transforms: vec![transform(frame.into(), world_from_sensor, time)] }
 }
 
 /// A whole trajectory.

@@ -28,12 +28,18 @@ pub fn save_map(path: impl AsRef<Path>, map: &Map) -> Result<(), MapError> {
         sink.flush()?;
         let keyframes: Vec<&Keyframe> = map.keyframes.values().collect();
         for together in keyframes.chunks(IMAGES_TOGETHER) {
-            let images: Vec<io::Result<Vec<u8>>> =
-                together.par_iter().map(|keyframe| picture::encode_png(&keyframe.image)).collect();
+            // A LiDAR's keyframes have none.
+            let png = |keyframe: &&Keyframe| {
+                keyframe.scan.is_none().then(|| picture::encode_png(&keyframe.image)).transpose()
+            };
+            let images: Vec<io::Result<Option<Vec<u8>>>> = together.par_iter().map(png).collect();
             for (keyframe, image) in together.iter().zip(images) {
                 let own = map.agents.get(&keyframe.agent).and_then(|info| info.own.as_ref());
                 let own_pose = own.and_then(|own| own.world_from_keyframe.get(&keyframe.id));
-                sink.keyframe_with_image(keyframe, image?, own_pose)?;
+                match image? {
+                    Some(image) => sink.keyframe_with_image(keyframe, image, own_pose)?,
+                    None => sink.keyframe(keyframe, own_pose)?,
+                }
                 sink.flush()?;
             }
         }
@@ -80,7 +86,7 @@ impl MapWriter {
             .then(|| format!("keyframe {} is another agent's than the run's", keyframe.id.0));
         other
             .map_or(Ok(()), Err)
-            .and_then(|()| check::keyframe(keyframe, &self.agent.camera))
+            .and_then(|()| check::keyframe(keyframe, &self.agent.sensor))
             .map_err(|what| MapError::invalid(&self.path, what))?;
         self.written(|sink| sink.keyframe(keyframe, None))
     }

@@ -1,6 +1,6 @@
 use super::*;
 use crate::test_support::{Numbers, random_map, sample_map, united};
-use crate::{EdgeKind, KeyframeName, Observation};
+use crate::{EdgeKind, KeyframeName, Observation, Sensor};
 use geometry::{Pinhole, Sim3};
 use nalgebra::SVector;
 use proptest::prelude::*;
@@ -113,7 +113,7 @@ fn the_same_map_twice_is_refused() {
 
 #[test]
 fn one_identity_is_one_run_whatever_it_holds() {
-    let camera = sample_map(0).agents[&AgentId(0)].camera;
+    let camera = sample_map(0).agents[&AgentId(0)].sensor;
     let identity = Some(Identity::random([5; 16]));
     let of = |name: &str, identity, seed| {
         let mut map = random_map(AgentInfo::new(name, camera), 2, seed);
@@ -130,10 +130,10 @@ fn one_identity_is_one_run_whatever_it_holds() {
 
 #[test]
 fn a_keyframe_keeps_its_name_in_every_map() {
-    let own = random_map(AgentInfo::new("own", sample_map(0).agents[&AgentId(0)].camera), 3, 21);
+    let own = random_map(AgentInfo::new("own", sample_map(0).agents[&AgentId(0)].sensor), 3, 21);
     let other = Map::unite(vec![sample_map(2), own.clone()]).unwrap();
     let whole =
-        Map::unite(vec![random_map(AgentInfo::new("x", own.agents[&AgentId(0)].camera), 4, 22), other])
+        Map::unite(vec![random_map(AgentInfo::new("x", own.agents[&AgentId(0)].sensor), 4, 22), other])
             .unwrap();
     for (id, keyframe) in &own.keyframes {
         let name = own.name_of(*id).unwrap();
@@ -143,7 +143,7 @@ fn a_keyframe_keeps_its_name_in_every_map() {
         let missing = KeyframeName { number: name.number + 1, ..name };
         assert_eq!((whole.find(missing), sample_map(2).find(name)), (None, None));
     }
-    assert_eq!(Map::new(own.agents[&AgentId(0)].camera).name_of(KeyframeId(0)), None);
+    assert_eq!(Map::new(*own.agents[&AgentId(0)].camera().unwrap()).name_of(KeyframeId(0)), None);
 }
 
 #[test]
@@ -168,6 +168,12 @@ fn contradictions_among_agents_are_found() {
     fn agent(map: &mut Map, id: u16) -> &mut AgentInfo {
         map.agents.get_mut(&AgentId(id)).unwrap()
     }
+    fn camera(map: &mut Map, id: u16) -> &mut geometry::Pinhole {
+        match &mut agent(map, id).sensor {
+            Sensor::Camera(camera) => camera,
+            Sensor::Lidar => unreachable!("the sample has cameras"),
+        }
+    }
     fn own(map: &mut Map, id: u16) -> &mut OwnMap {
         agent(map, id).own.as_mut().unwrap()
     }
@@ -176,8 +182,8 @@ fn contradictions_among_agents_are_found() {
         (|map| agent(map, 1).name = "sample".into(), "two agents have the name \"sample\""),
         (|map| agent(map, 1).name.clear(), "no name"),
         (|map| agent(map, 2).own = None, "\"other\" does not know its own map"),
-        (|map| agent(map, 2).camera.fx = -1.0, "no pinhole camera"),
-        (|map| agent(map, 2).camera.width = 24, "its image has 30×20 pixels"),
+        (|map| camera(map, 2).fx = -1.0, "no pinhole camera"),
+        (|map| camera(map, 2).width = 24, "its image has 30×20 pixels"),
         (|map| own(map, 1).first_keyframe += 5, "is not one of agent 1"),
         (|map| own(map, 1).world_from_keyframe.clear(), "no pose in the agent's own map"),
         (|map| drop(map.keyframes.pop_last()), "which is missing"),

@@ -25,6 +25,7 @@ fn synthetic_map() -> Map {
                 frame_index: u64::from(id.0),
                 world_from_keyframe: sim3(numbers),
                 image: Arc::new(GrayImage::from_vec(16, 12, vec![9; 192]).unwrap()),
+                scan: None,
                 semi_dense: SemiDense {
                     inverse_depth: pixel.iter().map(|_| numbers.uniform(0.1, 1.0) as f32).collect(),
                     variance: vec![1e-4; pixel.len()],

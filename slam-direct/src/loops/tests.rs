@@ -24,6 +24,7 @@ fn keyframe(id: u32, x: f64, yaw: f64) -> Keyframe {
             1.0,
         ),
         image: Arc::new(GrayImage::filled(64, 48, 0)),
+        scan: None,
         semi_dense: SemiDense { pixel, inverse_depth: vec![0.5; count], variance: vec![1e-4; count] }.into(),
         points: Vec::new(),
         features: None,

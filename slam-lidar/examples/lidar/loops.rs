@@ -14,7 +14,7 @@ pub fn run(path: &Path) -> Result<(), Failure> {
     for file in recording.folder.files() {
         let scan = recording.folder.read(file)?;
         let begin = Instant::now();
-        let (sweep, closed) = agent.take(&scan);
+        let (sweep, closed) = agent.take(&scan)?;
         if closed.is_some() {
             slowest = slowest.max(begin.elapsed().as_secs_f64());
         }

@@ -42,7 +42,7 @@ impl Mapped {
                 let points = kept.iter().map(|&i| scan.points[i as usize]).collect();
                 keyframes.push(Keyframe::new(scan.stamp, pose, points));
             } else {
-                agent.take(&scan);
+                agent.take(&scan)?;
             }
         }
         if !given {

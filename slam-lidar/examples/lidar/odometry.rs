@@ -2,10 +2,8 @@
 
 use crate::Failure;
 use crate::truth::{Recording, ate, drift};
-use geometry::Se3;
-use scans::Scan;
-use slam_lidar::floam::{FeatureMethod, FeatureOdometry};
-use slam_lidar::odometry::{Odometry, OdometryParams};
+use slam_lidar::odometry::OdometryParams;
+use slam_lidar::tracking::{Method, Tracker};
 use std::path::Path;
 
 /// CPU time of this thread, milliseconds.
@@ -14,36 +12,17 @@ fn cpu() -> Result<f64, Failure> {
     Ok(text.split_whitespace().next().ok_or("an empty schedstat")?.parse::<f64>()? * 1e-6)
 }
 
-/// Takes a scan; the instant and the pose come back.
-type Tracker = Box<dyn FnMut(&Scan) -> Result<(f64, Se3), Failure>>;
-
-fn tracker(method: &str) -> Tracker {
-    let feature = |method| -> Tracker {
-        let mut odometry = FeatureOdometry::new(method);
-        Box::new(move |scan| Ok(odometry.track(scan)?))
-    };
-    match method {
-        "floam" => feature(FeatureMethod::Floam),
-        "a-loam" => feature(FeatureMethod::ALoam),
-        _ => {
-            let mut odometry = Odometry::new(OdometryParams::default());
-            Box::new(move |scan| {
-                let sweep = odometry.track(scan);
-                Ok((sweep.instant, sweep.world_from_sensor))
-            })
-        }
-    }
-}
-
 /// Tracks a recording and prints a line.
 pub fn run(method: &str, path: &Path) -> Result<(), Failure> {
     let recording = Recording::open(path)?;
-    let mut track = tracker(method);
+    let method: Method = if method == "odometry" { Method::Planes } else { method.parse()? };
+    let mut tracker = Tracker::new(method, OdometryParams::default());
     let (mut found, mut times) = (Vec::new(), Vec::new());
     for file in recording.folder.files() {
         let scan = recording.folder.read(file)?;
         let begin = cpu()?;
-        found.push(track(&scan)?);
+        let sweep = tracker.track(&scan)?;
+        found.push((sweep.instant, sweep.world_from_sensor));
         times.push(cpu()? - begin);
     }
     times.sort_by(f64::total_cmp);

@@ -13,7 +13,7 @@ pub struct Recording {
 
 impl Recording {
     pub fn open(path: &Path) -> Result<Self, Failure> {
-        let options = FolderOptions { rate: None, timing: Some(SweepTiming::default()) };
+        let options = FolderOptions { timing: Some(SweepTiming::default()), ..FolderOptions::default() };
         let text = std::fs::read_to_string(path.join("groundtruth.txt"))?;
         let mut poses = Vec::new();
         for line in text.lines().filter(|line| !line.starts_with('#') && !line.trim().is_empty()) {

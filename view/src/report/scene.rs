@@ -107,7 +107,7 @@ impl Scene {
         let agents = agent_indices(map);
         let (up, forward) = level(keyframes.iter().map(|k| &k.world_from_keyframe));
         Self {
-            agents: map.agents.iter().map(agent).collect(),
+            agents: map.agents.iter().filter_map(agent).collect(),
             up: up.into(),
             forward: forward.into(),
             keyframes: Keyframes {
@@ -142,8 +142,8 @@ pub fn level<'a>(world_from_cameras: impl Iterator<Item = &'a Sim3>) -> (Vector3
 }
 
 /// An agent as the page shows it.
-fn agent((id, info): (&AgentId, &map::AgentInfo)) -> Agent {
-    Agent { name: info.name.clone(), color: agent_color(*id), camera: info.camera }
+fn agent((id, info): (&AgentId, &map::AgentInfo)) -> Option<Agent> {
+    Some(Agent { name: info.name.clone(), color: agent_color(*id), camera: *info.camera()? })
 }
 
 /// The axes and the centre of a camera.

@@ -251,6 +251,7 @@ mod tests {
             frame_index: u64::from(id),
             world_from_keyframe: Sim3::identity(),
             image: Arc::new(image),
+            scan: None,
             semi_dense: semi_dense.into(),
             points: Vec::new(),
             features: None,

@@ -72,7 +72,8 @@ impl Watch {
             return Ok(Self::none());
         }
         let (sender, commands) = sync_channel(COMMANDS);
-        let agents = vec![Agent { name: agent.name.clone(), camera: agent.camera }];
+        let camera = *agent.camera().context("only runs of cameras can be watched")?;
+        let agents = vec![Agent { name: agent.name.clone(), camera }];
         let shared = Arc::new(Shared::new(Scene::of(agents), Some(sender)));
         let mut first = super::Status { state: "starting", frames: options.frames, ..Default::default() };
         first.recording = options.recording.as_ref().map(|recording| recording.is_on());
@@ -84,7 +85,7 @@ impl Watch {
             let url = super::foxglove::start(&shared, port)?;
             places.push(format!("Foxglove: open a connection to {url}"));
         }
-        let (of_thread, camera) = (Arc::clone(&shared), agent.camera);
+        let of_thread = Arc::clone(&shared);
         let watcher = std::thread::Builder::new()
             .name("watch".into())
             .spawn(move || watcher::watch(&of_thread, camera))

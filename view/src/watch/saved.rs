@@ -4,14 +4,21 @@ use super::chunk::Chunk;
 use super::handle::loops_of;
 use super::scene::{Agent, Placed, Scene, Step};
 use super::status::Status;
-use map::{AgentId, Map};
+use map::{AgentId, Map, MapError};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
 /// Everything of a map, of one agent or several.
-pub fn scene(map: &Map) -> Scene {
+///
+/// # Errors
+/// When an agent has no camera.
+pub fn scene(map: &Map) -> Result<Scene, MapError> {
+    map.of_cameras()?;
     let index: BTreeMap<AgentId, u16> = map.agents.keys().copied().zip(0..).collect();
-    let agents = map.agents.values().map(|info| Agent { name: info.name.clone(), camera: info.camera });
+    let agents = map
+        .agents
+        .values()
+        .filter_map(|info| Some(Agent { name: info.name.clone(), camera: *info.camera()? }));
     let mut scene = Scene::of(agents.collect());
     scene.place(map.keyframes.values().map(|keyframe| Placed {
         id: keyframe.id.0,
@@ -40,5 +47,5 @@ pub fn scene(map: &Map) -> Scene {
     scene.set_edges(loops_of(map));
     let (keyframes, points) = (scene.keyframes().count(), scene.points());
     scene.set_status(Status { state: "saved", keyframes, points, ..Status::default() });
-    scene
+    Ok(scene)
 }

@@ -47,6 +47,7 @@ fn line(name: &str, count: u32, spacing: usize, seed: u64) -> Map {
             frame_index: u64::from(i) * 3,
             world_from_keyframe: Sim3::new(rotation, Vector3::new(at, 0.0, 0.1 * at), 1.0),
             image: Arc::new(GrayImage::from_vec(80, 60, pixels).unwrap()),
+            scan: None,
             semi_dense: SemiDense { pixel, inverse_depth, variance }.into(),
             points: Vec::new(),
             features: None,

@@ -94,6 +94,7 @@ impl Traveller {
                 frame_index,
                 world_from_keyframe,
                 image,
+                scan: None,
                 semi_dense: semi_dense.into(),
                 points,
                 features: None,

@@ -1,0 +1,223 @@
+//! `loopbox run` over a LiDAR's scans.
+
+use super::params;
+use crate::console::{say, tell};
+use crate::interrupt::stop_on_ctrl_c;
+use anyhow::{Context, Result, bail};
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+use eval::read_trajectory;
+use geometry::Se3;
+use indicatif::{ProgressBar, ProgressStyle};
+use loopbox::lidar::poses::GivenPoses;
+use loopbox::lidar::record::LidarRecord;
+use loopbox::lidar::run::Event;
+use loopbox::lidar::{LidarOptions, Mapped, map_recording};
+use nalgebra::UnitQuaternion;
+use scans::{Folder, FolderOptions, FolderSource, ScanSource, SweepTiming, is_folder_of_scans};
+use serde_json::json;
+use slam_lidar::tracking::Method;
+use sources::open_scans;
+use std::path::{Path, PathBuf};
+
+/// What only recordings of LiDARs take.
+#[derive(clap::Args, Clone, Debug, Default)]
+pub struct ScanArgs {
+    /// Of a LiDAR: the odometry. planes is loopbox's own, floam the paper's, a-loam is there to compare with
+    #[arg(long, value_name = "METHOD", value_parser = method_parser())]
+    pub odometry: Option<Method>,
+    /// Of a LiDAR: build the map on these poses of the sensor (TUM), in place of tracking
+    #[arg(long, value_name = "FILE", conflicts_with = "odometry")]
+    pub poses: Option<PathBuf>,
+    /// Of a folder of scans without times.txt: scans a second [default: 10]
+    #[arg(long, value_name = "RATE")]
+    pub rate: Option<f64>,
+    /// Of a folder of scans: the file of their times, a line each, where it is not times.txt in the folder
+    #[arg(long, value_name = "FILE", conflicts_with = "rate")]
+    pub times: Option<PathBuf>,
+    /// Of KITTI scans: they are undistorted already; otherwise each point's time is told from its direction
+    #[arg(long)]
+    pub undistorted: bool,
+}
+
+fn method_parser() -> impl TypedValueParser<Value = Method> {
+    PossibleValuesParser::new(Method::ALL.map(Method::name)).try_map(|name| name.parse::<Method>())
+}
+
+impl ScanArgs {
+    /// The first option that was given, by its name on the command line.
+    pub fn given(&self) -> Option<&'static str> {
+        let Self { odometry, poses, rate, times, undistorted } = self;
+        let given = [
+            (odometry.is_some(), "--odometry"),
+            (poses.is_some(), "--poses"),
+            (rate.is_some(), "--rate"),
+            (times.is_some(), "--times"),
+            (*undistorted, "--undistorted"),
+        ];
+        given.into_iter().find(|(is_given, _)| *is_given).map(|(_, name)| name)
+    }
+}
+
+/// Opens the scans of a LiDAR at a path, if it holds such: a folder, or a file with scans on `topic` or on its only one.
+///
+/// # Errors
+/// When there are scans, but they cannot be read.
+pub fn open(path: &Path, topic: Option<&str>, args: &ScanArgs) -> Result<Option<Box<dyn ScanSource>>> {
+    if !is_folder_of_scans(path) {
+        return Ok(open_scans(path, topic)?.map(|found| Box::new(found) as Box<dyn ScanSource>));
+    }
+    let options = FolderOptions {
+        rate: args.rate,
+        times: args.times.clone(),
+        timing: (!args.undistorted).then(SweepTiming::default),
+    };
+    Ok(Some(Box::new(FolderSource::new(Folder::open(path, &options)?))))
+}
+
+/// How a run over scans is made, in what it has in common with one over images.
+pub struct ScanRun<'a> {
+    /// Folder for the results.
+    pub out: &'a Path,
+    /// Whether results of something else there are replaced.
+    pub force: bool,
+    /// Only scans from here on, seconds.
+    pub start: Option<f64>,
+    /// Only scans up to here.
+    pub end: Option<f64>,
+    /// Trajectory in KITTI's form.
+    pub kitti: bool,
+    /// Parameter file.
+    pub params: Option<&'a Path>,
+    /// Nothing is said.
+    pub quiet: bool,
+    /// A JSON object a line.
+    pub json: bool,
+}
+
+/// Runs it; returns the share of the scans that have a pose.
+///
+/// # Errors
+/// When scans, poses or parameters cannot be used, nothing could be tracked, or results cannot be written.
+pub fn execute(source: &mut dyn ScanSource, run: &ScanRun<'_>, args: &ScanArgs) -> Result<f64> {
+    let mut params = run.params.map(params::read_mapping).transpose()?.unwrap_or_default();
+    params.method = args.odometry.unwrap_or(params.method);
+    let poses = args.poses.as_deref().map(read_poses).transpose()?;
+    let options = LidarOptions {
+        out: run.out.to_owned(),
+        force: run.force,
+        params,
+        poses: args.poses.clone().zip(poses),
+        start: run.start,
+        end: run.end,
+        kitti: run.kitti,
+    };
+    let stop = stop_on_ctrl_c("stopping: saving what was mapped so far (Ctrl-C again to abort)")?;
+    let console = Console::new(run, source.info().count);
+    let mapped = map_recording(source, options, &stop, &mut |event| console.tell(event));
+    console.bar.finish_and_clear();
+    let Mapped { record, failure } = mapped?;
+    if run.json {
+        say!("{}", json!({ "event": "end", "scans": record.scans, "cost": record.cost, "map": record.map }));
+    } else if !run.quiet {
+        summary(&record, run.out);
+    }
+    match failure {
+        Some(failure) => bail!("the run ended early, what was mapped is saved: {failure}"),
+        None => Ok(record.scans.tracked as f64 / record.scans.offered.max(1) as f64),
+    }
+}
+
+fn read_poses(path: &Path) -> Result<GivenPoses> {
+    let trajectory = read_trajectory(path)?;
+    let Some(times) = trajectory.timestamps else {
+        bail!(
+            "{}: has no time stamps\nhint: give poses in TUM's form, t tx ty tz qx qy qz qw",
+            path.display()
+        );
+    };
+    let pose = |pose: &eval::Pose| Se3::new(UnitQuaternion::from_matrix(&pose.rotation), pose.translation);
+    let poses = trajectory.world_from_camera.iter().map(pose);
+    let poses = times.into_iter().zip(poses).collect();
+    GivenPoses::new(poses).with_context(|| format!("{}: cannot be used", path.display()))
+}
+
+/// What the user sees meanwhile.
+struct Console {
+    bar: ProgressBar,
+    quiet: bool,
+    json: bool,
+    skipped: std::cell::Cell<u64>,
+}
+
+/// So many scans that are skipped are named; the others are counted.
+const NAMED: u64 = 3;
+
+impl Console {
+    fn new(run: &ScanRun<'_>, count: Option<u64>) -> Self {
+        let bar = match count.filter(|_| !run.quiet && !run.json) {
+            Some(count) => ProgressBar::new(count),
+            None => ProgressBar::hidden(),
+        };
+        if let Ok(style) =
+            ProgressStyle::with_template("{bar:30} {pos}/{len} scans  {per_sec:>9}  eta {eta:>4}  {msg}")
+        {
+            bar.set_style(style);
+        }
+        Self { bar, quiet: run.quiet, json: run.json, skipped: 0.into() }
+    }
+
+    fn tell(&self, event: Event<'_>) {
+        match event {
+            Event::Scan { row, map } => {
+                self.bar.set_position(row.index + 1);
+                self.bar.set_message(format!("{} keyframes", map.keyframes.len()));
+                if self.json {
+                    say!("{}", json!({ "event": "scan", "scan": row, "keyframes": map.keyframes.len() }));
+                }
+            }
+            Event::Skipped { index, reason, detail } if self.json => {
+                say!("{}", json!({ "event": "skip", "index": index, "reason": reason, "detail": detail }));
+            }
+            Event::Skipped { index, detail, .. } => {
+                self.skipped.set(self.skipped.get() + 1);
+                if !self.quiet && self.skipped.get() <= NAMED {
+                    self.bar.suspend(|| tell!("warning: scan {index} is skipped: {detail}"));
+                }
+            }
+        }
+    }
+}
+
+/// The numbers of a run, for people.
+fn summary(record: &LidarRecord, out: &Path) {
+    let (scans, map, cost) = (&record.scans, &record.map, &record.cost);
+    let skipped: u64 = scans.skipped.values().sum();
+    say!("scans        {} of {} have a pose, {skipped} skipped", scans.tracked, scans.offered);
+    for (reason, first) in &scans.skipped_first {
+        say!("             {} {}: {first}", scans.skipped[reason], reason.replace('_', " "));
+    }
+    let without = scans.tracked - scans.timed;
+    if without > 0 {
+        say!("rigid        {without} scans have no times of points and were taken as undistorted");
+    }
+    if scans.degenerate > 0 {
+        say!("open         {} scans leave a direction of the pose open", scans.degenerate);
+    }
+    say!("way          {:.2} m", map.path_m);
+    say!("keyframes    {} with {} points", map.keyframes, map.points);
+    say!(
+        "loops        {} closed, {} refused; the last pose moved by {:.3} m",
+        record.loops.len(),
+        record.refused_loops.len(),
+        map.corrected_m
+    );
+    let memory = cost.peak_memory_bytes.map_or(String::new(), |bytes| format!(", {} MiB", bytes >> 20));
+    say!(
+        "time         {:.1} s, {:.1} scans/s; {:.1} ms a scan (median; 99 % {:.1}){memory}",
+        cost.wall_s,
+        cost.scans_per_s,
+        cost.median_ms,
+        cost.p99_ms
+    );
+    say!("results      {}", out.display());
+}

@@ -1,0 +1,258 @@
+//! LiDAR agents through the program: runs, merges and what can be done with their maps.
+
+mod common;
+
+use common::{arg, loopbox, stderr, stdout, write};
+use loopbox_tests::lidar::{HALL, walk, write_recording};
+use serde_json::Value;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Two ways through a hall, the second against the first and from beyond its end, as folders of scans.
+struct Hall {
+    folder: tempfile::TempDir,
+}
+
+const WAYS: [(&str, [[f64; 2]; 3]); 2] =
+    [("a", [[-11.0, 4.5], [2.0, 4.5], [4.0, 6.5]]), ("b", [[9.0, 5.0], [2.0, 4.5], [-6.0, 5.5]])];
+
+impl Hall {
+    fn new() -> Self {
+        let hall = Self { folder: tempfile::tempdir().unwrap() };
+        for (name, corners) in WAYS {
+            let (pose, duration) = walk(&corners);
+            write_recording(&hall.at(name), &HALL, pose, duration).unwrap();
+        }
+        hall
+    }
+
+    fn at(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    /// Runs the program with words of which those that begin with `@` are files of this folder.
+    #[track_caller]
+    fn run(&self, code: i32, words: &str) -> (String, String) {
+        let paths: Vec<String> = words
+            .split_whitespace()
+            .map(|word| word.strip_prefix('@').map_or(word.to_owned(), |name| arg(&self.at(name)).to_owned()))
+            .collect();
+        let output = loopbox(&paths.iter().map(String::as_str).collect::<Vec<_>>());
+        let said = (stdout(&output), stderr(&output));
+        assert_eq!(output.status.code(), Some(code), "{words}\n{}\n{}", said.0, said.1);
+        said
+    }
+
+    fn json(&self, name: &str) -> Value {
+        serde_json::from_slice(&fs::read(self.at(name)).unwrap()).unwrap()
+    }
+}
+
+/// The root mean square error that `eval --json` tells.
+fn ate(said: &str) -> f64 {
+    serde_json::from_str::<Value>(said).unwrap()["ate"]["rmse"].as_f64().unwrap()
+}
+
+#[test]
+fn scans_become_maps_that_are_measured_shown_exported_and_merged() {
+    let hall = Hall::new();
+    let (said, _) = hall.run(0, "info @a");
+    assert!(said.contains("folder of KITTI scans") && said.contains("rings        16"), "{said}");
+    for name in ["a", "b"] {
+        let (said, _) = hall.run(0, &format!("run @{name} --out @out/{name}"));
+        assert!(said.contains("have a pose, 0 skipped"), "{said}");
+        let (said, _) =
+            hall.run(0, &format!("eval @out/{name} --gt @{name}/groundtruth.txt --json --align se3"));
+        assert!(ate(&said) < 0.03, "{name}: {said}");
+        let (metric, _) = hall.run(0, &format!("eval @out/{name} --gt @{name}/groundtruth.txt --json"));
+        assert_eq!(ate(&metric), ate(&said), "a LiDAR's map is metric: scale is not adjusted");
+        let record = hall.json(&format!("out/{name}/run.json"));
+        assert_eq!((&record["sensor"], &record["params"]["method"]), (&"lidar".into(), &"planes".into()));
+        assert_eq!(record["scans"]["tracked"], record["scans"]["offered"]);
+        let page = fs::read_to_string(hall.at(&format!("out/{name}/report.html"))).unwrap();
+        assert!(page.contains("Scan Context distances") && !page.contains("{{"), "the page is filled");
+    }
+    let (said, _) = hall.run(0, "info @out/a");
+    assert!(said.contains("sensor       LiDAR") && said.contains("scans "), "{said}");
+    let (said, _) = hall.run(0, "export @out/a --ply @a.ply --pcd @a.pcd --tum @a.txt --mcap @a.mcap");
+    assert_eq!(said.lines().count(), 4, "{said}");
+    assert_eq!(fs::read(hall.at("a.mcap")).unwrap(), fs::read(hall.at("out/a/map.mcap")).unwrap());
+    let cloud = fs::read(hall.at("a.ply")).unwrap();
+    assert_eq!(cloud, fs::read(hall.at("out/a/cloud.ply")).unwrap());
+    assert!(String::from_utf8_lossy(&cloud[..300]).contains("lengths in metres"));
+
+    let (said, _) = hall.run(0, "merge @out/a @out/b --out @out/ab");
+    assert!(said.contains("a + b: accepted") && said.contains("pieces agree"), "{said}");
+    let record = hall.json("out/ab/merge.json");
+    assert_eq!(record["encounters"][0]["decision"], "accepted");
+    let (said, _) = hall.run(
+        0,
+        "eval @out/ab/trajectory-a.txt @out/ab/trajectory-b.txt --gt @a/groundtruth.txt --gt @b/groundtruth.txt --json",
+    );
+    let found: Value = serde_json::from_str(&said).unwrap();
+    for agent in found["agents"].as_array().unwrap() {
+        assert!(agent["ate"]["rmse"].as_f64().unwrap() < 0.05, "{said}");
+    }
+    hall.run(0, "unmerge @out/ab --out @out/apart");
+    for name in ["a", "b"] {
+        let own = fs::read(hall.at(&format!("out/apart/{name}/map.mcap"))).unwrap();
+        assert_eq!(own, fs::read(hall.at(&format!("out/{name}/map.mcap"))).unwrap(), "{name} as it was");
+    }
+    let (said, _) = hall.run(0, "info @out/ab");
+    assert!(said.contains("agents       2") && said.contains("1 merge"), "{said}");
+    // The same again gives the same bytes, on one core too.
+    hall.run(0, "run @a --out @again --threads 1 --quiet");
+    assert_eq!(fs::read(hall.at("again/map.mcap")).unwrap(), fs::read(hall.at("out/a/map.mcap")).unwrap());
+}
+
+#[test]
+fn maps_are_built_on_given_poses_and_by_other_odometries() {
+    let hall = Hall::new();
+    let (said, _) = hall.run(0, "run @a --out @out/given --poses @a/groundtruth.txt --end 3");
+    assert!(said.contains("30 of 30") || said.contains("31 of 31"), "{said}");
+    let (said, _) = hall.run(0, "eval @out/given --gt @a/groundtruth.txt --align none --json");
+    assert!(ate(&said) < 0.005, "{said}");
+    hall.run(0, "run @a --out @out/floam --odometry floam --quiet --end 4");
+    assert_eq!(hall.json("out/floam/run.json")["params"]["method"], "floam");
+    let (params, _) = hall.run(0, "params --lidar");
+    write(hall.at("lidar.toml"), params.replace("distance = 1.0", "distance = 0.5"));
+    hall.run(0, "run @a --out @out/dense --params @lidar.toml --quiet --end 4");
+    let keyframes =
+        |name: &str| hall.json(&format!("out/{name}/run.json"))["map"]["keyframes"].as_u64().unwrap();
+    assert!(keyframes("dense") > keyframes("floam"), "{} {}", keyframes("dense"), keyframes("floam"));
+}
+
+#[test]
+fn bad_scans_are_skipped_with_the_reason_and_what_does_not_fit_is_refused() {
+    let hall = Hall::new();
+    let scan = |index: u32| hall.at(&format!("a/velodyne/{index:06}.bin"));
+    write(scan(3), b"");
+    write(scan(5), &fs::read(scan(6)).unwrap()[..1000]);
+    write(scan(8), vec![0xff; 16 * 14_400]);
+    let (said, told) = hall.run(0, "run @a --out @out/a --end 4");
+    assert!(said.contains("3 skipped") && said.contains("too few points"), "{said}");
+    assert!(told.contains("000005.bin") && told.contains("cut off"), "{told}");
+    let record = hall.json("out/a/run.json");
+    assert_eq!(record["scans"]["skipped"]["damaged"], 1);
+    let (_, told) = hall.run(1, "run @a --out @x --calib @nothing.yaml");
+    assert!(told.contains("--calib is for images"), "{told}");
+    let (_, told) = hall.run(1, "run @a --out @x --times @none.txt");
+    assert!(told.contains("none.txt: cannot be read"), "{told}");
+    assert!(!hall.at("x").exists());
+    let empty = |path: &Path| fs::create_dir_all(path).unwrap();
+    empty(&hall.at("empty"));
+    let (_, told) = hall.run(1, "run @empty --out @x");
+    assert!(told.contains("no recording here"), "{told}");
+    // Functions for cameras say what they need.
+    let (_, told) = hall.run(1, "merge @out/a @out/a --out @x");
+    assert!(told.contains("the same map twice"), "{told}");
+}
+
+/// A camera's map beside a LiDAR's: nothing is written, and it is said why.
+#[test]
+fn maps_of_different_sensors_are_not_merged() {
+    let hall = Hall::new();
+    hall.run(0, "run @a --out @out/a --quiet --end 2");
+    let camera = geometry::Pinhole { width: 8, height: 6, fx: 5.0, fy: 5.0, cx: 3.5, cy: 2.5 };
+    map::save_map(hall.at("camera.mcap"), &map::Map::new(camera)).unwrap();
+    let (_, told) = hall.run(1, "merge @out/a @camera.mcap --out @x");
+    assert!(told.contains("has a camera; this needs maps of agents with a LiDAR"), "{told}");
+    assert!(!hall.at("x/map.mcap").exists());
+}
+
+/// A scan of a folder as `sensor_msgs/PointCloud2`, after CDR's header or not.
+fn point_cloud2(folder: &Path, index: u32, stamp: f64, cdr: bool) -> Vec<u8> {
+    let read = |name: String| fs::read(folder.join(name)).unwrap();
+    let points = read(format!("velodyne/{index:06}.bin"));
+    let times = read(format!("times/{index:06}.f32"));
+    let rings = read(format!("rings/{index:06}.u8"));
+    let mut out: Vec<u8> = if cdr { vec![0, 1, 0, 0] } else { Vec::new() };
+    let put = |out: &mut Vec<u8>, raw: &[u8]| {
+        if cdr {
+            out.resize((out.len() - 4).next_multiple_of(raw.len()) + 4, 0);
+        }
+        out.extend(raw);
+    };
+    let number = |out: &mut Vec<u8>, value: u32| put(out, &value.to_le_bytes());
+    let string = |out: &mut Vec<u8>, text: &str| {
+        let end: &[u8] = if cdr { &[0] } else { &[] };
+        number(out, (text.len() + end.len()) as u32);
+        out.extend(text.bytes().chain(end.iter().copied()));
+    };
+    if !cdr {
+        number(&mut out, index);
+    }
+    number(&mut out, stamp as u32);
+    number(&mut out, (stamp.fract() * 1e9).round() as u32);
+    string(&mut out, "velodyne");
+    number(&mut out, 1);
+    number(&mut out, rings.len() as u32);
+    let fields = [("x", 0, 7), ("y", 4, 7), ("z", 8, 7), ("time", 12, 7), ("ring", 16, 4)];
+    number(&mut out, fields.len() as u32);
+    for (name, offset, kind) in fields {
+        string(&mut out, name);
+        number(&mut out, offset);
+        put(&mut out, &[kind]);
+        number(&mut out, 1);
+    }
+    put(&mut out, &[0]);
+    number(&mut out, 18);
+    number(&mut out, 18 * rings.len() as u32);
+    number(&mut out, 18 * rings.len() as u32);
+    for (i, ring) in rings.iter().enumerate() {
+        out.extend(&points[16 * i..16 * i + 12]);
+        out.extend(&times[4 * i..4 * i + 4]);
+        out.extend([*ring, 0]);
+    }
+    put(&mut out, &[1]);
+    out
+}
+
+#[test]
+fn scans_in_mcap_files_and_bags_give_the_map_of_their_folder() {
+    let hall = Hall::new();
+    let folder = hall.at("a");
+    let stamps: Vec<f64> = (0..30).map(|index| 0.1 * f64::from(index)).collect();
+    let cloud = |(index, stamp): (u32, &f64), cdr| point_cloud2(&folder, index, *stamp, cdr);
+    let nanoseconds = |stamp: &f64| (stamp * 1e9).round() as u64;
+
+    let mut mcap = mcap::Writer::new(fs::File::create(hall.at("a.mcap")).unwrap()).unwrap();
+    let schema = mcap.add_schema("sensor_msgs/msg/PointCloud2", "ros2msg", b"").unwrap();
+    let channel = mcap.add_channel(schema, "/points", "cdr", &Default::default()).unwrap();
+    for scan in (0..).zip(&stamps) {
+        let log_time = nanoseconds(scan.1);
+        let header = mcap::records::MessageHeader {
+            channel_id: channel,
+            sequence: 0,
+            log_time,
+            publish_time: log_time,
+        };
+        mcap.write_to_known_channel(&header, &cloud(scan, true)).unwrap();
+    }
+    mcap.finish().unwrap();
+
+    let kind = sources::bag::MessageType { name: "sensor_msgs/PointCloud2", md5sum: "", definition: "" };
+    let mut bag = sources::bag::BagWriter::create(fs::File::create(hall.at("a.bag")).unwrap()).unwrap();
+    let connection = bag.connect("/points", kind);
+    for scan in (0..).zip(&stamps) {
+        bag.message(connection, nanoseconds(scan.1), &cloud(scan, false)).unwrap();
+    }
+    bag.finish().unwrap();
+
+    let (said, _) = hall.run(0, "info @a.mcap");
+    assert!(said.contains("MCAP recording of scans") && said.contains("point times  known"), "{said}");
+    let (said, _) = hall.run(0, "info @a.bag --json");
+    assert!(said.contains("ROS 1 bag of scans"), "{said}");
+    hall.run(0, "run @a --out @out/folder --end 2.95 --quiet");
+    for kind in ["mcap", "bag"] {
+        hall.run(0, &format!("run @a.{kind} --out @out/{kind} --quiet"));
+        let trajectory =
+            |name: &str| fs::read_to_string(hall.at(&format!("out/{name}/trajectory.txt"))).unwrap();
+        assert_eq!(trajectory(kind), trajectory("folder"), "{kind}");
+    }
+    // Cut off: what is whole is used, and it is said.
+    let bytes = fs::read(hall.at("a.bag")).unwrap();
+    write(hall.at("cut.bag"), &bytes[..bytes.len() * 2 / 3]);
+    let (said, told) = hall.run(0, "run @cut.bag --out @out/cut");
+    assert!(told.contains("ends early") && said.contains("have a pose"), "{said}\n{told}");
+}

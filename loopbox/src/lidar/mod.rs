@@ -1,0 +1,19 @@
+//! LiDAR agents: a recording of scans into a map, and maps of several agents into one.
+//!
+//! [`run`] maps a recording ([`mapper`]: a scan at a time), [`merge`](fn@merging::merge) brings maps together; `convert` is the way
+//! between [`map::Map`] and [`slam_lidar`]. [`map_recording`] and [`merge_maps`] do the same from files into a folder of
+//! results. Nothing here prints: whoever calls is told by callbacks.
+
+mod convert;
+pub mod mapper;
+pub mod merging;
+mod output;
+pub mod poses;
+pub mod record;
+mod report;
+pub mod run;
+
+pub use output::{LidarMerged, LidarOptions, Mapped, map_recording, merge_maps};
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,294 @@
+//! From recordings and maps in files to folders of results.
+
+use super::merging::{Input, LidarMergeRecord, LidarMerging, decision, merge};
+use super::poses::GivenPoses;
+use super::record::LidarRecord;
+use super::report;
+use super::run::{Event, LidarRun, RunOptions, run};
+use crate::open::open_map;
+use crate::results::{Owner, Results, keep_from};
+use anyhow::{Context, Result, anyhow, bail};
+use map::{AgentInfo, DEFAULT_MAX_RELATIVE_VARIANCE, Map, MapWriter, Sensor};
+use scans::ScanSource;
+use slam_lidar::mapping::MappingParams;
+use sources::Stop;
+use std::collections::BTreeMap;
+use std::fmt::Write;
+use std::fs;
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+
+const MAP: &str = "map.mcap";
+const TRAJECTORY: &str = "trajectory.txt";
+const CLOUD: &str = "cloud.ply";
+const REPORT: &str = "report.html";
+const RUN: &str = "run.json";
+const MERGE: &str = "merge.json";
+
+/// A run as a user asks for it.
+pub struct LidarOptions {
+    /// Folder for the results; made if it is not there.
+    pub out: PathBuf,
+    /// Whether results of something else there are replaced.
+    pub force: bool,
+    /// How the map is made.
+    pub params: MappingParams,
+    /// Poses to build it on, with the name of their file.
+    pub poses: Option<(PathBuf, GivenPoses)>,
+    /// Only scans from here, seconds after the first.
+    pub start: Option<f64>,
+    /// Only scans up to here.
+    pub end: Option<f64>,
+    /// Trajectory as KITTI's rows of 3×4 numbers in place of TUM's.
+    pub kitti: bool,
+}
+
+/// What came of a run.
+pub struct Mapped {
+    /// The numbers, as in `run.json`.
+    pub record: LidarRecord,
+    /// Why the run ended early, where it did; what there was then is written.
+    pub failure: Option<String>,
+}
+
+/// Maps a recording into a folder of results: `trajectory.txt`, `map.mcap`, `cloud.ply`, `run.json` and `report.html`.
+/// The map grows in the folder meanwhile, so that a run that is killed leaves it. `observe` is told of every scan.
+///
+/// # Errors
+/// When no scan could be used or the results cannot be written; earlier results stay then.
+pub fn map_recording(
+    source: &mut dyn ScanSource,
+    options: LidarOptions,
+    stop: &Stop,
+    observe: &mut dyn FnMut(Event<'_>),
+) -> Result<Mapped> {
+    let LidarOptions { out, force, params, poses, start, end, kitti } = options;
+    let info = source.info().clone();
+    let about = AgentInfo {
+        provenance: provenance(&info, &params, poses.as_ref().map(|(path, _)| path.as_path()))?,
+        ..AgentInfo::new(recording_name(&info.path), Sensor::Lidar)
+    };
+    let mut results = Results::create(&out, &Owner::Run(info.path), force)?;
+    let mut growing = Growing { about: about.clone(), writer: None, keyframes: 0, failure: None };
+    let options = RunOptions { about, params, poses: poses.map(|(_, poses)| poses), start, end };
+    let done = run(source, options, &mut |event| {
+        observe(event);
+        if let Event::Scan { row, map } = event
+            && let Err(error) = growing.grow(&mut results, map, row.closed)
+        {
+            growing.failure = Some(format!("{error:#}"));
+        }
+        let ended = stop.requested() || growing.failure.is_some();
+        Ok(if ended { ControlFlow::Break(()) } else { ControlFlow::Continue(()) })
+    });
+    let failure = growing.failure.take();
+    drop(growing);
+    let done = done.inspect_err(|_| results.forget_growing())?;
+    let record = write(&mut results, done, kitti)?;
+    Ok(Mapped { record, failure })
+}
+
+/// The map as it grows in the folder.
+struct Growing {
+    about: AgentInfo,
+    writer: Option<MapWriter>,
+    keyframes: usize,
+    failure: Option<String>,
+}
+
+impl Growing {
+    /// Writes what is new once there is a keyframe more.
+    fn grow(&mut self, results: &mut Results, map: &Map, closed: bool) -> Result<()> {
+        if map.keyframes.len() == self.keyframes && !closed {
+            return Ok(());
+        }
+        let writer = match &mut self.writer {
+            Some(writer) => writer,
+            none => none.insert(MapWriter::create(results.growing()?, &self.about)?),
+        };
+        for keyframe in map.keyframes.values().skip(self.keyframes) {
+            writer.append_keyframe(keyframe)?;
+        }
+        self.keyframes = map.keyframes.len();
+        writer.append_poses(map)?;
+        Ok(writer.flush()?)
+    }
+}
+
+/// Where a map came from.
+fn provenance(
+    info: &scans::ScanInfo,
+    params: &MappingParams,
+    poses: Option<&Path>,
+) -> Result<BTreeMap<String, String>> {
+    let params = serde_json::to_string(params).context("the parameters cannot be written")?;
+    let mut entries = BTreeMap::from([
+        ("program".to_owned(), format!("loopbox {}", env!("CARGO_PKG_VERSION"))),
+        ("source".to_owned(), info.path.display().to_string()),
+        ("kind".to_owned(), info.kind.clone()),
+        ("parameters".to_owned(), params),
+    ]);
+    entries.extend(poses.map(|path| ("poses".to_owned(), path.display().to_string())));
+    Ok(entries)
+}
+
+/// What people call a recording: the last part of its path, of a file without the extension.
+fn recording_name(path: &Path) -> String {
+    let whole = path.canonicalize().unwrap_or_else(|_| path.to_owned());
+    let name = if whole.is_dir() { whole.file_name() } else { whole.file_stem() };
+    name.map_or_else(|| "recording".into(), |name| name.to_string_lossy().into_owned())
+}
+
+/// Writes all results of a run in the place of earlier ones.
+fn write(results: &mut Results, done: LidarRun, kitti: bool) -> Result<LidarRecord> {
+    let LidarRun { map, agent, mut record } = done;
+    map::save_map(results.file(MAP)?, &map)?;
+    let trajectory = results.file(TRAJECTORY)?;
+    let poses = map.trajectory();
+    if kitti {
+        map::save_kitti(trajectory, &poses)?
+    } else {
+        map::save_tum(trajectory, &poses)?
+    }
+    map::save_ply(results.file(CLOUD)?, &map, DEFAULT_MAX_RELATIVE_VARIANCE)?;
+    record.cost.cpu_s = view::process::cpu_seconds();
+    record.cost.peak_memory_bytes = view::process::peak_memory_bytes();
+    let page = results.file(REPORT)?;
+    let path = results.file(RUN)?;
+    record.files = results.names();
+    report::of_run(&page, &map, &agent, &record)?;
+    write_json(&path, &record)?;
+    results.commit()?;
+    Ok(record)
+}
+
+fn write_json(path: &Path, record: &impl serde::Serialize) -> Result<()> {
+    let text = serde_json::to_vec_pretty(record).context("the numbers cannot be written as JSON")?;
+    fs::write(path, text).with_context(|| format!("{}: cannot be written", path.display()))
+}
+
+/// What came of a merge.
+pub struct LidarMerged {
+    /// The maps that were merged.
+    pub inputs: Vec<Input>,
+    /// What came of them.
+    pub merging: LidarMerging,
+    /// The numbers, as in `merge.json`.
+    pub record: LidarMergeRecord,
+    /// What else there is to know, for people.
+    pub warnings: Vec<String>,
+}
+
+impl LidarMerged {
+    /// For each pair what was decided and by what evidence, for people.
+    pub fn verdict(&self) -> String {
+        let mut text = String::new();
+        for pair in &self.merging.pairs {
+            let [a, b] = [pair.a, pair.b].map(|input| &self.inputs[input].name);
+            // Writing to a String cannot fail.
+            let _ = writeln!(text, "{a} + {b}: {}: {}", decision(pair), pair.reason());
+            if let Some(best) = &pair.verdict.best {
+                let _ = writeln!(
+                    text,
+                    "  {} of {} pieces agree ({} found by Scan Context); overlap {:.2}, {:.2} of the shared points agree to \
+                     {:.0} mm, {:.3} lie in space seen free",
+                    best.pieces,
+                    best.of_pieces,
+                    best.finding,
+                    best.overlap,
+                    best.agreeing,
+                    1e3 * best.rmse,
+                    best.violated
+                );
+            }
+        }
+        text
+    }
+}
+
+/// Merges the LiDAR maps at `paths`, each a `map.mcap` or the folder of a run, into a folder of results: for each group
+/// of maps that hang together a map, a cloud and trajectories, with `merge.json` and `report.html`. Where no two of them
+/// met, nothing is written.
+///
+/// # Errors
+/// When a map cannot be read or is not a LiDAR's, results cannot be written, or `stop` was wished.
+pub fn merge_maps(
+    paths: &[PathBuf],
+    out: &Path,
+    force: bool,
+    stop: &Stop,
+    stage: &mut dyn FnMut(&str),
+) -> Result<LidarMerged> {
+    if let [map] = paths {
+        bail!(
+            "{}: is one map; there is nothing to merge it with\nhint: give two or more: loopbox merge A B --out DIR",
+            map.display()
+        );
+    }
+    keep_from(out, paths)?;
+    let mut results = Results::create(out, &Owner::Merge, force)?;
+    let mut step = |text: &str| {
+        stage(text);
+        if stop.requested() { Err(anyhow!("interrupted: nothing was written")) } else { Ok(()) }
+    };
+    let (mut given, mut warnings) = (Vec::new(), Vec::new());
+    for path in paths {
+        step(&format!("reading {}", path.display()))?;
+        let opened = open_map(path)?;
+        warnings.extend(opened.warnings);
+        given.push((path.clone(), opened.map));
+    }
+    let inputs = Input::all(given)?;
+    let merging = merge(&inputs, &mut step)?;
+    let mut record = LidarMergeRecord::of(&inputs, &merging);
+    record.cost.cpu_s = view::process::cpu_seconds();
+    record.cost.peak_memory_bytes = view::process::peak_memory_bytes();
+    if merging.anything_met() {
+        step("writing the results")?;
+        write_merged(&mut results, &inputs, &merging, &mut record)?;
+        step("putting the results in place")?;
+        results.commit()?;
+    }
+    Ok(LidarMerged { inputs, merging, record, warnings })
+}
+
+/// Writes what came of a merge.
+fn write_merged(
+    results: &mut Results,
+    inputs: &[Input],
+    merging: &LidarMerging,
+    record: &mut LidarMergeRecord,
+) -> Result<()> {
+    let provenance: BTreeMap<String, String> = [
+        ("program".to_owned(), format!("loopbox {}", env!("CARGO_PKG_VERSION"))),
+        (
+            "inputs".to_owned(),
+            inputs.iter().map(|i| i.path.display().to_string()).collect::<Vec<_>>().join("\n"),
+        ),
+    ]
+    .into();
+    for (index, group) in merging.groups.iter().enumerate() {
+        let labels = group.map.agent_labels();
+        let root = labels.values().next().map_or("", |label| label);
+        let of_group = |stem: &str, extension: &str| match index {
+            0 => format!("{stem}.{extension}"),
+            _ => format!("{stem}-{root}.{extension}"),
+        };
+        let path = results.file(of_group("map", "mcap"))?;
+        if group.members.len() == 1 {
+            map::save_map(path, &group.map)?;
+        } else {
+            map::save_map(path, &Map { merge_provenance: provenance.clone(), ..group.map.clone() })?;
+        }
+        map::save_ply(results.file(of_group("cloud", "ply"))?, &group.map, DEFAULT_MAX_RELATIVE_VARIANCE)?;
+        for (agent, label) in &labels {
+            let path = results.file(format!("trajectory-{label}.txt"))?;
+            map::save_tum(path, &group.map.trajectory_of(*agent))?;
+        }
+    }
+    let page = results.file(REPORT)?;
+    let path = results.file(MERGE)?;
+    record.files = results.names();
+    report::of_merge(&page, merging, record)?;
+    write_json(&path, record)
+}

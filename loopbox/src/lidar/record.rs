@@ -1,0 +1,217 @@
+//! The numbers of a LiDAR agent's run: what `run.json` holds and the report shows.
+
+use super::mapper::Taken;
+use map::{Map, SensorKind};
+use scans::ScanInfo;
+use serde::Serialize;
+use slam_lidar::mapping::{Agent, Loop, MappingParams};
+use std::collections::BTreeMap;
+
+/// Everything counted and measured in one run.
+#[derive(Clone, Debug, Serialize)]
+pub struct LidarRecord {
+    /// Version of the program.
+    pub version: &'static str,
+    /// What the agent sees with.
+    pub sensor: SensorKind,
+    /// The recording.
+    pub source: SourceRecord,
+    /// The parameters, the odometry's name among them.
+    pub params: MappingParams,
+    /// Whether poses were given, so that nothing was tracked.
+    pub given_poses: bool,
+    /// Whether the user ended the run before the recording did.
+    pub interrupted: bool,
+    /// Scans by what became of them.
+    pub scans: ScanCounts,
+    /// Time and memory.
+    pub cost: Cost,
+    /// The map at the end.
+    pub map: MapCounts,
+    /// Loops closed.
+    pub loops: Vec<LoopRow>,
+    /// Places that were registered and refused.
+    pub refused_loops: Vec<LoopRow>,
+    /// The files of results, by names relative to their folder.
+    pub files: Vec<String>,
+    /// Each scan that was taken.
+    pub rows: Vec<ScanRow>,
+}
+
+/// The recording of a run.
+#[derive(Clone, Debug, Serialize)]
+pub struct SourceRecord {
+    /// Its path as given.
+    pub path: String,
+    /// Its kind, for people.
+    pub kind: String,
+    /// Scans in it, where the source can tell.
+    pub scans: Option<u64>,
+    /// Seconds from the first to the last scan, where the source can tell.
+    pub duration_s: Option<f64>,
+}
+
+impl SourceRecord {
+    /// That of a source.
+    pub fn of(info: &ScanInfo) -> Self {
+        Self {
+            path: info.path.display().to_string(),
+            kind: info.kind.clone(),
+            scans: info.count,
+            duration_s: info.duration,
+        }
+    }
+}
+
+/// Scans by what became of them.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct ScanCounts {
+    /// Scans that the source gave.
+    pub offered: u64,
+    /// Scans with a pose.
+    pub tracked: u64,
+    /// Of these, scans whose points had times: the others were taken as rigid.
+    pub timed: u64,
+    /// Of these, scans that leave a direction of the pose open; along it the sensor is taken to keep its motion.
+    pub degenerate: u64,
+    /// Scans skipped, by reason.
+    pub skipped: BTreeMap<&'static str, u64>,
+    /// The first of each reason, in words.
+    pub skipped_first: BTreeMap<&'static str, String>,
+}
+
+/// Time and memory.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Cost {
+    /// Seconds from the first scan to the finished map.
+    pub wall_s: f64,
+    /// Scans per wall second.
+    pub scans_per_s: f64,
+    /// Time the agent took for a scan, half of them are faster, milliseconds.
+    pub median_ms: f64,
+    /// 99th percentile of it.
+    pub p99_ms: f64,
+    /// The longest: a loop, if there was one.
+    pub max_ms: f64,
+    /// CPU seconds of all threads; who runs the program fills it in, as what follows.
+    pub cpu_s: Option<f64>,
+    /// Largest resident memory of the process, bytes.
+    pub peak_memory_bytes: Option<u64>,
+}
+
+impl Cost {
+    /// Of scans that took so long each, and the whole.
+    pub fn of(mut ms: Vec<f64>, wall_s: f64) -> Self {
+        ms.sort_by(f64::total_cmp);
+        let rank = |percent: usize| (ms.len() * percent).div_ceil(100).saturating_sub(1);
+        let at = |percent| ms.get(rank(percent)).copied().unwrap_or(0.0);
+        let scans_per_s = if wall_s > 0.0 { ms.len() as f64 / wall_s } else { 0.0 };
+        Self { wall_s, scans_per_s, median_ms: at(50), p99_ms: at(99), max_ms: at(100), ..Self::default() }
+    }
+}
+
+/// The map in numbers.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct MapCounts {
+    /// Keyframes.
+    pub keyframes: usize,
+    /// Points of their scans.
+    pub points: usize,
+    /// Length of the way, metres.
+    pub path_m: f64,
+    /// How far the loops moved the last pose, metres.
+    pub corrected_m: f64,
+}
+
+impl MapCounts {
+    /// Those of a map and the agent that made it.
+    pub fn of(map: &Map, agent: &Agent) -> Self {
+        let scans = map.keyframes.values().filter_map(|keyframe| keyframe.scan.as_ref());
+        let (smoothed, tracked) = (agent.trajectory(), agent.odometry());
+        let way = smoothed.windows(2).map(|pair| (pair[1].1.translation - pair[0].1.translation).norm());
+        let ends = smoothed.last().zip(tracked.last());
+        Self {
+            keyframes: map.keyframes.len(),
+            points: scans.map(|scan| scan.len()).sum(),
+            // An empty `sum` would be −0.
+            path_m: way.fold(0.0, |sum, step| sum + step),
+            corrected_m: ends.map_or(0.0, |((_, a), (_, b))| (a.translation - b.translation).norm()),
+        }
+    }
+}
+
+/// A place that was found again, or that was not believed to be the same.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct LoopRow {
+    /// The earlier keyframe.
+    pub from: usize,
+    /// The later one.
+    pub to: usize,
+    /// Share of points on surfaces of the other, 0–1.
+    pub overlap: f64,
+    /// Share of the points that agree with them.
+    pub agreeing: f64,
+    /// Share of the points in space that the other saw free.
+    pub violated: f64,
+    /// Root mean square distance from surfaces, metres.
+    pub rmse_m: f64,
+    /// Distance of the two keyframes, metres.
+    pub distance_m: f64,
+}
+
+impl LoopRow {
+    /// That of a loop.
+    pub fn of(found: &Loop) -> Self {
+        let evidence = &found.alignment.evidence;
+        Self {
+            from: found.from,
+            to: found.to,
+            overlap: evidence.overlap,
+            agreeing: evidence.agreeing,
+            violated: evidence.violated,
+            rmse_m: evidence.rmse,
+            distance_m: found.alignment.target_from_source.translation.norm(),
+        }
+    }
+}
+
+/// One scan.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct ScanRow {
+    /// Index in the recording.
+    pub index: u64,
+    /// The instant of its pose, seconds.
+    pub instant: f64,
+    /// Milliseconds the agent took.
+    pub ms: f64,
+    /// Its points.
+    pub points: usize,
+    /// Share of the points asked that agree with the map.
+    pub inlier_share: f64,
+    /// Root mean square distance of those from their surfaces, metres.
+    pub rmse_m: f64,
+    /// Directions of the pose that the points leave open.
+    pub weak: usize,
+    /// Whether it became a keyframe.
+    pub keyframe: bool,
+    /// Whether it closed a loop.
+    pub closed: bool,
+}
+
+impl ScanRow {
+    /// That of a scan which was taken.
+    pub fn of(index: u64, points: usize, ms: f64, taken: &Taken) -> Self {
+        let sweep = &taken.sweep;
+        Self {
+            index,
+            instant: sweep.instant,
+            ms,
+            points,
+            inlier_share: sweep.inlier_share,
+            rmse_m: sweep.rmse,
+            weak: sweep.conditioning.weak,
+            keyframe: taken.is_keyframe,
+            closed: taken.closed.is_some(),
+        }
+    }
+}

@@ -1,0 +1,162 @@
+//! A recording of scans into a map.
+
+use super::mapper::{Mapper, NotTaken};
+use super::poses::GivenPoses;
+use super::record::{Cost, LidarRecord, LoopRow, MapCounts, ScanCounts, ScanRow, SourceRecord};
+use anyhow::{Result, bail};
+use map::{AgentInfo, Map, SensorKind};
+use scans::{NextScan, ScanError, ScanSource};
+use slam_lidar::mapping::{Agent, MappingParams};
+use std::ops::ControlFlow;
+use std::time::Instant;
+
+/// What a run is to do.
+pub struct RunOptions {
+    /// Whose map it is; its sensor is a LiDAR.
+    pub about: AgentInfo,
+    /// How it is made.
+    pub params: MappingParams,
+    /// Poses to build it on, in place of tracking.
+    pub poses: Option<GivenPoses>,
+    /// Only scans with stamps from here, seconds after the first one's.
+    pub start: Option<f64>,
+    /// Only scans up to here.
+    pub end: Option<f64>,
+}
+
+/// What happens during a run.
+#[derive(Clone, Copy, Debug)]
+pub enum Event<'a> {
+    /// A scan was taken; the map is as it is now.
+    Scan {
+        /// The scan.
+        row: &'a ScanRow,
+        /// The map.
+        map: &'a Map,
+    },
+    /// A scan was skipped.
+    Skipped {
+        /// Its index in the recording.
+        index: u64,
+        /// The kind of reason.
+        reason: &'static str,
+        /// The reason in words.
+        detail: &'a str,
+    },
+}
+
+/// What came of a run.
+pub struct LidarRun {
+    /// The map.
+    pub map: Map,
+    /// The agent that made it.
+    pub agent: Agent,
+    /// The numbers; CPU time, memory and files are not filled in.
+    pub record: LidarRecord,
+}
+
+/// Maps a recording. `observe` is told of every scan; it ends the run with `Break`, and what there is then is the result.
+///
+/// # Errors
+/// When no scan could be used, saying why, or `observe` fails.
+pub fn run(
+    source: &mut dyn ScanSource,
+    options: RunOptions,
+    observe: &mut dyn FnMut(Event<'_>) -> Result<ControlFlow<()>>,
+) -> Result<LidarRun> {
+    let RunOptions { about, params, poses, start, end } = options;
+    let (info, begin) = (source.info().clone(), Instant::now());
+    let given_poses = poses.is_some();
+    let mut mapper = Mapper::new(about, params, poses);
+    let (mut scans, mut rows, mut interrupted) = (ScanCounts::default(), Vec::new(), false);
+    let mut first = None;
+    while let Some(next) = source.next_scan() {
+        let after = next.stamp - *first.get_or_insert(next.stamp);
+        if start.is_some_and(|start| after < start) {
+            continue;
+        }
+        if end.is_some_and(|end| after > end) {
+            break;
+        }
+        scans.offered += 1;
+        let index = next.index;
+        let flow = match take(&mut mapper, next, &mut scans) {
+            Ok(row) => {
+                rows.push(row);
+                observe(Event::Scan { row: &row, map: mapper.map() })?
+            }
+            Err(Skip { reason, detail }) => {
+                *scans.skipped.entry(reason).or_default() += 1;
+                scans.skipped_first.entry(reason).or_insert_with(|| detail.clone());
+                observe(Event::Skipped { index, reason, detail: &detail })?
+            }
+        };
+        if flow.is_break() {
+            interrupted = true;
+            break;
+        }
+    }
+    if rows.is_empty() {
+        let why = scans.skipped_first.values().next().map_or("there is no scan".to_owned(), Clone::clone);
+        bail!("{}: no scan could be used: {why}", info.path.display());
+    }
+    let cost = Cost::of(rows.iter().map(|row| row.ms).collect(), begin.elapsed().as_secs_f64());
+    let (map, agent) = mapper.into_parts();
+    let record = LidarRecord {
+        version: env!("CARGO_PKG_VERSION"),
+        sensor: SensorKind::Lidar,
+        source: SourceRecord::of(&info),
+        params,
+        given_poses,
+        interrupted,
+        scans,
+        cost,
+        map: MapCounts::of(&map, &agent),
+        loops: agent.loops().iter().map(LoopRow::of).collect(),
+        refused_loops: agent.refused().iter().map(LoopRow::of).collect(),
+        files: Vec::new(),
+        rows,
+    };
+    Ok(LidarRun { map, agent, record })
+}
+
+/// Why a scan was skipped.
+struct Skip {
+    reason: &'static str,
+    detail: String,
+}
+
+impl From<ScanError> for Skip {
+    fn from(error: ScanError) -> Self {
+        let reason = match error {
+            ScanError::Io { .. } => "unreadable",
+            ScanError::Format { .. } => "damaged",
+            ScanError::TooFew { .. } => "too_few_points",
+            ScanError::Flat { .. } => "one_ring",
+        };
+        Self { reason, detail: error.to_string() }
+    }
+}
+
+impl From<NotTaken> for Skip {
+    fn from(error: NotTaken) -> Self {
+        let reason = match error {
+            NotTaken::NoRings(_) => "no_rings",
+            NotTaken::OutOfOrder(..) => "out_of_order",
+            NotTaken::NoPose(_) => "no_pose",
+        };
+        Self { reason, detail: error.to_string() }
+    }
+}
+
+/// Gives the agent a scan.
+fn take(mapper: &mut Mapper, next: NextScan, scans: &mut ScanCounts) -> Result<ScanRow, Skip> {
+    let scan = next.scan?;
+    let begin = Instant::now();
+    let taken = mapper.take(next.index, &scan)?;
+    let ms = 1e3 * begin.elapsed().as_secs_f64();
+    scans.tracked += 1;
+    scans.timed += u64::from(!scan.times.is_empty());
+    scans.degenerate += u64::from(taken.sweep.conditioning.weak > 0);
+    Ok(ScanRow::of(next.index, scan.points.len(), ms, &taken))
+}

@@ -1,0 +1,169 @@
+//! Agents in a ray-cast hall: mapped, saved, loaded, merged.
+
+use super::merging::{Input, LidarMergeRecord, decision, merge};
+use super::poses::GivenPoses;
+use super::run::{Event, LidarRun, RunOptions, run};
+use geometry::Se3;
+use loopbox_tests::lidar::{HALL, PERIOD, Return, sweep, walk};
+use map::{AgentInfo, Map, Sensor};
+use scans::{NextScan, Scan, ScanError, ScanInfo, ScanSource};
+use slam_lidar::mapping::MappingParams;
+use std::ops::ControlFlow;
+use std::path::PathBuf;
+
+/// Scans along a way, ray-cast as they are asked for.
+struct Cast<P> {
+    info: ScanInfo,
+    pose: P,
+    next: u64,
+    /// Every so many scans, one is unreadable.
+    bad_every: u64,
+}
+
+impl<P: Fn(f64) -> Se3> Cast<P> {
+    fn new(pose: P, duration: f64) -> Self {
+        let count = (duration / PERIOD) as u64;
+        let path = PathBuf::from("cast");
+        let info = ScanInfo { path, kind: "cast".into(), count: Some(count), duration: Some(duration) };
+        Self { info, pose, next: 0, bad_every: u64::MAX }
+    }
+}
+
+impl<P: Fn(f64) -> Se3> ScanSource for Cast<P> {
+    fn info(&self) -> &ScanInfo {
+        &self.info
+    }
+
+    fn next_scan(&mut self) -> Option<NextScan> {
+        let index = self.next;
+        self.next += 1;
+        let stamp = index as f64 * PERIOD;
+        let scan = || {
+            let returns = sweep(&HALL, &self.pose, stamp);
+            let points = returns.iter().map(|r: &Return| r.point).collect();
+            let times = returns.iter().map(|r| r.time).collect();
+            let rings = returns.iter().map(|r| r.ring.into()).collect();
+            Scan { stamp, points, times, rings }
+        };
+        let bad = || ScanError::Format { name: "cast".into(), what: "cut off".into() };
+        let scan = if (index + 1).is_multiple_of(self.bad_every) { Err(bad()) } else { Ok(scan()) };
+        (index < self.info.count?).then_some(NextScan { index, stamp, scan })
+    }
+}
+
+fn options(name: &str) -> RunOptions {
+    let about = AgentInfo::new(name, Sensor::Lidar);
+    RunOptions { about, params: MappingParams::default(), poses: None, start: None, end: None }
+}
+
+/// The map of a way, and the largest error of its poses, metres.
+fn mapped(name: &str, corners: &[[f64; 2]]) -> (LidarRun, f64) {
+    let (pose, duration) = walk(corners);
+    let done = run(&mut Cast::new(&pose, duration), options(name), &mut |_| Ok(ControlFlow::Continue(())));
+    let done = done.unwrap();
+    let trajectory = done.map.trajectory();
+    let world = pose(trajectory[0].timestamp);
+    let off = |found: &map::StampedPose| {
+        let truth = world.inverse() * pose(found.timestamp);
+        (truth.translation - found.world_from_camera.translation).norm()
+    };
+    let worst = trajectory.iter().map(off).fold(0.0, f64::max);
+    (done, worst)
+}
+
+/// Along the northern aisle, and the same way back from beyond.
+const A: [[f64; 2]; 2] = [[-11.0, 4.5], [3.0, 4.5]];
+const B: [[f64; 2]; 2] = [[9.0, 5.0], [-6.0, 5.5]];
+
+#[test]
+fn agents_map_a_hall_and_their_maps_come_together() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut given = Vec::new();
+    for (name, corners) in [("a", A), ("b", B)] {
+        let (done, worst) = mapped(name, &corners);
+        assert!(worst < 0.05, "{name}: {worst:.3} m");
+        assert_eq!(done.record.scans.tracked, done.map.frames.len() as u64);
+        assert!(done.map.keyframes.len() >= 14, "{}", done.map.keyframes.len());
+        let path = folder.path().join(format!("{name}.mcap"));
+        map::save_map(&path, &done.map).unwrap();
+        let loaded = map::load_map(&path).unwrap().map;
+        assert_eq!(loaded, done.map);
+        // The whole file, views of at most 8192 points among it; the format says three bytes a point.
+        let bytes = std::fs::metadata(&path).unwrap().len() as usize;
+        assert!(bytes < 20 * done.record.map.points, "{bytes} bytes, {} points", done.record.map.points);
+        given.push((path, loaded));
+    }
+    let inputs = Input::all(given.clone()).unwrap();
+    let merging = merge(&inputs, &mut |_| Ok(())).unwrap();
+    assert_eq!(decision(&merging.pairs[0]), "accepted", "{}", merging.pairs[0].reason());
+    let [group] = &merging.groups[..] else { panic!("one group is expected") };
+    // Both in the frame of a's first sweep, whose middle the poses belong to.
+    let (ways, middle) = ([walk(&A).0, walk(&B).0], 0.5 * PERIOD);
+    let world = ways[0](middle);
+    for keyframe in group.map.keyframes.values() {
+        let truth = world.inverse() * ways[usize::from(keyframe.agent.0)](keyframe.timestamp);
+        let off = truth.inverse() * keyframe.world_from_keyframe.rigid();
+        assert!(off.translation.norm() < 0.05, "keyframe {}: {:.3} m", keyframe.id.0, off.translation.norm());
+    }
+    assert_eq!(group.map.edges.iter().filter(|edge| edge.kind == map::EdgeKind::Merge).count(), 1);
+    let own: Vec<Map> = given.into_iter().map(|(_, map)| map).collect();
+    assert_eq!(group.map.split(), own, "a merge can be undone");
+    let record = LidarMergeRecord::of(&inputs, &merging);
+    assert_eq!((record.encounters.len(), record.groups.len()), (1, 1));
+    let off = ways[0](middle).inverse() * ways[1](middle);
+    let found = Se3::from_tum(record.inputs[1].world_from_map);
+    assert!((off.inverse() * found).translation.norm() < 0.05);
+}
+
+#[test]
+fn a_map_on_given_poses_is_where_these_are() {
+    let (pose, duration) = walk(&[[-11.0, 4.5], [-5.0, 4.5]]);
+    let poses = (0..(duration * 100.0) as usize).map(|i| 0.01 * i as f64).map(|t| (t, pose(t))).collect();
+    let options = RunOptions { poses: Some(GivenPoses::new(poses).unwrap()), ..options("a") };
+    let done = run(&mut Cast::new(&pose, duration), options, &mut |_| Ok(ControlFlow::Continue(()))).unwrap();
+    assert!(done.record.given_poses && done.record.scans.skipped.is_empty());
+    for keyframe in done.map.keyframes.values() {
+        let off = pose(keyframe.timestamp).inverse() * keyframe.world_from_keyframe.rigid();
+        // Between a sweep's ends the sensor is taken to keep its speed.
+        assert!(off.log().norm() < 5e-3, "{off:?}");
+    }
+}
+
+#[test]
+fn bad_scans_are_counted_with_their_reason_and_a_run_can_be_ended() {
+    let (pose, duration) = walk(&[[-11.0, 4.5], [-8.0, 4.5]]);
+    let mut source = Cast { bad_every: 4, ..Cast::new(&pose, duration) };
+    let mut skipped = Vec::new();
+    let mut observe = |event: Event<'_>| {
+        Ok(match event {
+            Event::Scan { row, map } => {
+                assert_eq!(map.frames.last().map(|frame| frame.frame_index), Some(row.index));
+                if row.index == 9 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+            }
+            Event::Skipped { index, reason, detail } => {
+                skipped.push((index, reason, detail.to_owned()));
+                ControlFlow::Continue(())
+            }
+        })
+    };
+    let done = run(&mut source, options("a"), &mut observe).unwrap();
+    assert_eq!(skipped.iter().map(|s| (s.0, s.1)).collect::<Vec<_>>(), [(3, "damaged"), (7, "damaged")]);
+    assert!(skipped[0].2.contains("cut off"));
+    assert!(done.record.interrupted);
+    let scans = &done.record.scans;
+    assert_eq!((scans.offered, scans.tracked, scans.skipped["damaged"]), (10, 8, 2));
+    let mut bad = Cast { bad_every: 1, ..Cast::new(&pose, duration) };
+    let error = run(&mut bad, options("a"), &mut |_| Ok(ControlFlow::Continue(()))).err().unwrap();
+    assert!(error.to_string().contains("no scan could be used: cast: cut off"), "{error}");
+}
+
+#[test]
+fn maps_of_cameras_are_refused() {
+    let camera = geometry::Pinhole { width: 4, height: 3, fx: 2.0, fy: 2.0, cx: 1.5, cy: 1.0 };
+    let given = vec![(PathBuf::from("yard.mcap"), Map::new(camera))];
+    let error = Input::all(given).err().unwrap();
+    assert!(
+        format!("{error:#}").contains("yard.mcap") && format!("{error:#}").contains("has a camera"),
+        "{error:#}"
+    );
+}
