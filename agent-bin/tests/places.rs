@@ -1,5 +1,4 @@
 //! `loopbox vocab train` and `loopbox places` through the binary.
-#![cfg(feature = "opencv")]
 
 mod common;
 

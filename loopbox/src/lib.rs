@@ -12,13 +12,11 @@
 pub mod calibrating;
 pub mod evaluating;
 pub mod lidar;
-#[cfg(feature = "opencv")]
 pub mod merging;
 pub mod open;
 pub mod results;
 pub mod run;
 
 pub use evaluating::evaluate;
-#[cfg(feature = "opencv")]
 pub use merging::{MergeOptions, merge_maps};
 pub use run::{RunOptions, run};

@@ -12,29 +12,22 @@ mod eval;
 mod eval_agents;
 mod eval_depth;
 mod export;
-#[cfg(feature = "opencv")]
 pub(crate) mod features;
 mod info;
 pub(crate) mod info_map;
 mod info_scans;
-#[cfg(feature = "opencv")]
 mod merge;
-#[cfg(feature = "opencv")]
 mod merge_progress;
 mod merge_scans;
-#[cfg(feature = "opencv")]
 mod method;
 mod params;
-#[cfg(feature = "opencv")]
 mod places;
 mod record;
 mod run;
 mod run_scans;
-#[cfg(feature = "opencv")]
 mod unmerge;
 #[cfg(feature = "view")]
 mod view;
-#[cfg(feature = "opencv")]
 mod vocab;
 mod watching;
 
@@ -55,7 +48,7 @@ pub struct Cli {
 #[expect(missing_docs, reason = "a text here would take the place of that at the arguments")]
 pub enum Command {
     /// Track and map a recording
-    Run(run::RunArgs),
+    Run(Box<run::RunArgs>),
     /// Record a camera or any recording into an MCAP file
     Record(record::RecordArgs),
     /// Turn a recording into an MCAP file, a ROS 1 bag, a video or a folder of images
@@ -68,16 +61,9 @@ pub enum Command {
     Eval(eval::EvalArgs),
     #[cfg(feature = "opencv")]
     Calib(calib::CalibArgs),
-    #[cfg(feature = "opencv")]
     Merge(merge::MergeArgs),
-    /// Merge the LiDAR maps of several agents into one common map
-    #[cfg(not(feature = "opencv"))]
-    Merge(merge_scans::MergeScansArgs),
-    #[cfg(feature = "opencv")]
     Places(places::PlacesArgs),
-    #[cfg(feature = "opencv")]
     Unmerge(unmerge::UnmergeArgs),
-    #[cfg(feature = "opencv")]
     Vocab(vocab::VocabArgs),
     #[cfg(feature = "view")]
     View(view::ViewArgs),
@@ -100,15 +86,9 @@ impl Command {
             Command::Eval(args) => eval::run(args),
             #[cfg(feature = "opencv")]
             Command::Calib(args) => calib::run(&args),
-            #[cfg(feature = "opencv")]
             Command::Merge(args) => merge::run(&args),
-            #[cfg(not(feature = "opencv"))]
-            Command::Merge(args) => merge_scans::run(&args),
-            #[cfg(feature = "opencv")]
             Command::Places(args) => places::run(&args),
-            #[cfg(feature = "opencv")]
             Command::Unmerge(args) => unmerge::run(&args),
-            #[cfg(feature = "opencv")]
             Command::Vocab(args) => vocab::run(&args),
             #[cfg(feature = "view")]
             Command::View(args) => view::execute(&args),

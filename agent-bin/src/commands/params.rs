@@ -2,7 +2,6 @@
 
 use crate::console;
 use anyhow::{Context, Result};
-#[cfg(feature = "opencv")]
 use loopbox::merging::MergingParams;
 use serde::de::DeserializeOwned;
 use slam_direct::{DocumentedParameter, Parameter, ParameterValue, Params};
@@ -14,7 +13,6 @@ use std::path::Path;
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub struct ParamsArgs {
     /// Those of `loopbox merge`; else those of `loopbox run`, documented
-    #[cfg(feature = "opencv")]
     #[arg(long, conflicts_with = "lidar")]
     merge: bool,
     /// Those of `loopbox run` over a LiDAR's scans
@@ -23,18 +21,12 @@ pub struct ParamsArgs {
 }
 
 impl ParamsArgs {
-    #[cfg(feature = "opencv")]
     fn text(self) -> Result<String> {
         match self {
             Self { lidar: true, .. } => mapping_file(),
             Self { merge: true, .. } => merging_file(),
             _ => Ok(default_file()),
         }
-    }
-
-    #[cfg(not(feature = "opencv"))]
-    fn text(self) -> Result<String> {
-        if self.lidar { mapping_file() } else { Ok(default_file()) }
     }
 }
 
@@ -68,7 +60,6 @@ pub fn read_mapping(path: &Path) -> Result<MappingParams> {
 ///
 /// # Errors
 /// Names the file, and the line with an unknown key or a value of the wrong type.
-#[cfg(feature = "opencv")]
 pub fn read_merging(path: &Path) -> Result<MergingParams> {
     read_as(path, "loopbox params --merge")
 }
@@ -86,7 +77,6 @@ fn mapping_file() -> Result<String> {
     toml::to_string_pretty(&MappingParams::default()).context("the parameters cannot be written as TOML")
 }
 
-#[cfg(feature = "opencv")]
 fn merging_file() -> Result<String> {
     let table = toml::to_string(&MergingParams::default()).context("the parameters cannot be printed")?;
     Ok(format!(
@@ -136,7 +126,6 @@ mod tests {
         assert_eq!(toml::from_str::<Params>(&default_file()).unwrap(), Params::default());
     }
 
-    #[cfg(feature = "opencv")]
     #[test]
     fn the_printed_file_for_merging_reads_back_as_the_defaults() {
         let file = merging_file().unwrap();

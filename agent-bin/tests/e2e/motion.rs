@@ -137,7 +137,6 @@ fn a_camera_carried_elsewhere_begins_a_second_fragment() {
 }
 
 /// The lens is covered while the camera is carried on; later it comes by where it was before: one map in the end.
-#[cfg(feature = "opencv")]
 #[test]
 fn a_camera_carried_elsewhere_and_back_ends_with_one_map() {
     let way = trajectory::sideways(150, 7.5);

@@ -1,7 +1,6 @@
 //! `loopbox merge` and `loopbox unmerge` through the binary, on maps that `loopbox run` made of rendered recordings.
 //!
 //! Whatever a command refuses it must name, and leave nothing behind.
-#![cfg(feature = "opencv")]
 
 mod bad_input;
 mod merging;

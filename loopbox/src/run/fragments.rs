@@ -5,7 +5,6 @@ use map::Map;
 
 /// Joins the fragments of a run where they hang together. The map that most frames have a pose in comes first; those
 /// that saw no place of another stay apart. A fragment alone stays as it is, to the last bit.
-#[cfg(feature = "opencv")]
 pub fn joined(fragments: Vec<Map>, progress: &dyn Progress) -> Vec<Map> {
     use crate::merging::{Input, MergingParams, merge};
 
@@ -36,14 +35,6 @@ pub fn joined(fragments: Vec<Map>, progress: &dyn Progress) -> Vec<Map> {
     most_frames_first(maps.into_iter().chain(apart).collect())
 }
 
-/// Without features no place is recognised: the fragments stay apart, that of most frames first.
-#[cfg(not(feature = "opencv"))]
-pub fn joined(fragments: Vec<Map>, _: &dyn Progress) -> Vec<Map> {
-    most_frames_first(fragments)
-}
-
-/// Frames in order of time, whichever fragment they were tracked in.
-#[cfg(feature = "opencv")]
 fn in_order(mut map: Map) -> Map {
     map.frames.sort_by_key(|frame| frame.frame_index);
     map
