@@ -18,7 +18,7 @@ pub use camera::{Camera, CameraError, Distortion, Fov, KannalaBrandt, RadTan};
 pub use image::{GrayImage, Image};
 pub use photometric::{PhotometricCalibration, PhotometricError};
 pub use pinhole::Pinhole;
-pub use pyramid::Pyramid;
+pub use pyramid::{Pyramid, halved};
 pub use se3::{Se3, hat};
 pub use sim3::Sim3;
 pub use undistort::{Crop, ImageSizeError, Undistorter};

@@ -52,7 +52,7 @@ impl Pyramid {
 }
 
 /// Half the size by rounded 2×2 means; an odd last row or column is dropped.
-fn halved(image: &GrayImage) -> GrayImage {
+pub fn halved(image: &GrayImage) -> GrayImage {
     let (width, height) = (image.width() / 2, image.height() / 2);
     let mut data = Vec::with_capacity(width * height);
     for y in 0..height {

@@ -4,16 +4,20 @@ use crate::recording::CalibrationFiles;
 use crate::{FoundCalibration, SourceInfo};
 use anyhow::{Context, Result, bail};
 use calib::read_camera;
-use geometry::{Camera, Crop, Distortion, GrayImage, PhotometricCalibration, Pinhole, Undistorter};
+use geometry::{
+    Camera, Crop, Distortion, GrayImage, ImageSizeError, PhotometricCalibration, Pinhole, Undistorter, halved,
+};
 use std::path::PathBuf;
 
 /// Views wider than this, degrees, need a fisheye model: rectilinear lenses end near 120°.
 const WIDEST_VIEW: f64 = 130.0;
 /// Views narrower than this, degrees, are those of telephoto lenses (above 200 mm on 35 mm film).
 const NARROWEST_VIEW: f64 = 10.0;
+/// Images wider than this are halved where nothing else is said: KITTI's are the widest that are common in benchmarks.
+pub const DEFAULT_MAX_WIDTH: usize = 1280;
 
 /// What the user says about the camera.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct CameraOptions {
     /// Calibration file, instead of the one that came with the recording.
     pub calibration: Option<PathBuf>,
@@ -23,6 +27,51 @@ pub struct CameraOptions {
     pub vignette: Option<PathBuf>,
     /// The size of the images, to which the calibration is to be scaled.
     pub scale_to: Option<(usize, usize)>,
+    /// Images wider than this are halved until they are not: a direct method gains nothing from more pixels than its lens
+    /// and its motion resolve, and takes four times as long.
+    pub max_width: usize,
+}
+
+impl Default for CameraOptions {
+    fn default() -> Self {
+        Self {
+            calibration: None,
+            response: None,
+            vignette: None,
+            scale_to: None,
+            max_width: DEFAULT_MAX_WIDTH,
+        }
+    }
+}
+
+/// How often an image is halved so that it is no wider than `max_width`.
+pub fn halvings(width: usize, max_width: usize) -> usize {
+    (0..usize::BITS as usize - 1).find(|&times| width >> times <= max_width).unwrap_or(0)
+}
+
+/// The camera of images that are halved so often.
+///
+/// # Errors
+/// When nothing is left of the image.
+pub fn halved_camera(camera: &Camera, times: usize) -> Result<Camera> {
+    Ok(Camera::new(camera.intrinsics().at_level(times), *camera.distortion())?)
+}
+
+/// The camera of images of which these are the halves.
+///
+/// # Errors
+/// When that is no camera.
+pub fn doubled_camera(camera: &Camera, (width, height): (usize, usize), times: usize) -> Result<Camera> {
+    let &Pinhole { fx, fy, cx, cy, .. } = camera.intrinsics();
+    let by = (1u64 << times) as f64;
+    let centre = |c: f64| (c + 0.5) * by - 0.5;
+    let pinhole = Pinhole { width, height, fx: fx * by, fy: fy * by, cx: centre(cx), cy: centre(cy) };
+    Ok(Camera::new(pinhole, *camera.distortion())?)
+}
+
+/// An image halved so often.
+pub fn halved_image(image: GrayImage, times: usize) -> GrayImage {
+    (0..times).fold(image, |image, _| halved(&image))
 }
 
 /// What is done to an image before tracking.
@@ -30,6 +79,10 @@ pub struct ImageCorrection {
     photometric: Option<PhotometricCalibration>,
     undistorter: Undistorter,
     /// The camera as calibrated.
+    calibrated: Camera,
+    /// How often images are halved.
+    halvings: usize,
+    /// The camera of the halved images.
     lens: Camera,
     /// Where the calibration came from, for people.
     origin: String,
@@ -41,9 +94,14 @@ impl ImageCorrection {
         *self.undistorter.pinhole()
     }
 
-    /// The lens as calibrated.
+    /// The lens of the images that are undistorted: as calibrated, or for images that are halved.
     pub fn lens(&self) -> &Camera {
         &self.lens
+    }
+
+    /// How often images are halved before all else.
+    pub fn halvings(&self) -> usize {
+        self.halvings
     }
 
     /// Where the calibration came from, for people.
@@ -53,8 +111,8 @@ impl ImageCorrection {
 
     /// What is odd about the calibration: a view that lenses of its model do not have.
     pub fn problem(&self) -> Option<String> {
-        let &Pinhole { width, fx, .. } = self.lens.intrinsics();
-        let plane = matches!(self.lens.distortion(), Distortion::None | Distortion::RadTan(_));
+        let &Pinhole { width, fx, .. } = self.calibrated.intrinsics();
+        let plane = matches!(self.calibrated.distortion(), Distortion::None | Distortion::RadTan(_));
         let degrees = 2.0 * (width as f64 / (2.0 * fx)).atan().to_degrees();
         let odd = |what| {
             format!(
@@ -74,15 +132,15 @@ impl ImageCorrection {
         if let Some(photometric) = &self.photometric {
             photometric.apply_in_place(&mut image).map_err(|error| error.to_string())?;
         }
-        let size = (image.width(), image.height());
-        self.undistorter.undistort(&image).map_err(|error| {
-            let hint = if is_scaled(&self.lens, size) {
-                "\nhint: --scale-calib scales it to these images"
-            } else {
-                ""
-            };
-            format!("{error}{hint}")
-        })
+        let found = (image.width(), image.height());
+        let &Pinhole { width, height, .. } = self.calibrated.intrinsics();
+        if found != (width, height) {
+            let error = ImageSizeError { found, expected: (width, height) };
+            let scaled = is_scaled(&self.calibrated, found);
+            let hint = if scaled { "\nhint: --scale-calib scales it to these images" } else { "" };
+            return Err(format!("{error}{hint}"));
+        }
+        self.undistorter.undistort(&halved_image(image, self.halvings)).map_err(|error| error.to_string())
     }
 }
 
@@ -118,10 +176,18 @@ pub fn correction(options: &CameraOptions, info: &SourceInfo) -> Result<ImageCor
         Some(size) => scaled(&camera, size).with_context(|| origin.clone())?,
         None => camera,
     };
+    let times = halvings(camera.intrinsics().width, options.max_width);
+    let lens = halved_camera(&camera, times).with_context(|| origin.clone())?;
+    let crop = match crop {
+        Crop::Explicit(pinhole) => Crop::Explicit(pinhole.at_level(times)),
+        other => other,
+    };
     Ok(ImageCorrection {
         photometric: CalibrationFiles::gather_photometric(options, info)?.photometric()?,
-        undistorter: Undistorter::new(&camera, crop).with_context(|| origin.clone())?,
-        lens: camera,
+        undistorter: Undistorter::new(&lens, crop).with_context(|| origin.clone())?,
+        calibrated: camera,
+        halvings: times,
+        lens,
         origin,
     })
 }
@@ -152,6 +218,21 @@ fn scaled(camera: &Camera, (width, height): (usize, usize)) -> Result<Camera> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn wide_images_are_halved_until_they_are_not() {
+        assert_eq!(
+            [640, 1280, 1281, 1920, 2560, 3840].map(|width| halvings(width, 1280)),
+            [0, 0, 1, 1, 1, 2]
+        );
+        let pinhole = Pinhole { width: 1920, height: 1080, fx: 1400.0, fy: 1410.0, cx: 960.5, cy: 539.5 };
+        let camera = Camera::new(pinhole, Distortion::None).expect("a camera");
+        let half = halved_camera(&camera, 1).expect("half of it");
+        let expected = Pinhole { width: 960, height: 540, fx: 700.0, fy: 705.0, cx: 480.0, cy: 269.5 };
+        assert_eq!(*half.intrinsics(), expected);
+        assert_eq!(doubled_camera(&half, (1920, 1080), 1).expect("twice that"), camera);
+        assert_eq!(halved_image(GrayImage::filled(1920, 1080, 7), 1), GrayImage::filled(960, 540, 7));
+    }
 
     #[test]
     fn a_calibration_is_scaled_with_its_images() {

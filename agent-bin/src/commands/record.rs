@@ -54,10 +54,10 @@ pub fn execute(args: &RecordArgs) -> Result<()> {
     }
     let mut source = args.open()?;
     let options = CameraOptions {
-        scale_to: None,
         calibration: args.calib.clone(),
         response: args.response.clone(),
         vignette: args.vignette.clone(),
+        ..CameraOptions::default()
     };
     let calibration = CalibrationFiles::gather(&options, source.info())?;
     if calibration.camera.is_none() && !args.quiet {

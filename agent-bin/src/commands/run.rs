@@ -12,7 +12,7 @@ use loopbox::run::{PreparedRun, Progress, RunOptions, TrajectoryFormat};
 use scans::ScanSource;
 use sources::ahead::Pace;
 use sources::camera::{CameraArgs, open_camera};
-use sources::correction::CameraOptions;
+use sources::correction::{CameraOptions, DEFAULT_MAX_WIDTH};
 use sources::recording::refuse_existing;
 use sources::{FrameSource, SourceOptions};
 use std::path::{Path, PathBuf};
@@ -38,6 +38,9 @@ pub struct RunArgs {
     /// Scale the calibration to the images, where they show the same at another size
     #[arg(long, conflicts_with = "camera")]
     scale_calib: bool,
+    /// Halve images that are wider than this until they are not
+    #[arg(long, value_name = "PIXELS", default_value_t = DEFAULT_MAX_WIDTH)]
+    max_width: usize,
     /// Inverse response of the sensor (256 numbers), to undo it
     #[arg(long, value_name = "FILE")]
     response: Option<PathBuf>,
@@ -145,6 +148,9 @@ impl RunArgs {
                 self.speed
             );
         }
+        if self.max_width < 64 {
+            bail!("--max-width {} leaves nothing to track\nhint: 640 and more do", self.max_width);
+        }
         if let Some(fov) = self.fov.filter(|fov| !(5.0..=150.0).contains(fov)) {
             bail!("--fov {fov} is not a field of view\nhint: give degrees, such as --fov 65");
         }
@@ -237,6 +243,7 @@ impl RunArgs {
             response: self.response.clone(),
             vignette: self.vignette.clone(),
             scale_to: self.scale_to()?,
+            max_width: self.max_width,
         };
         Ok(RunOptions {
             out: self.out.clone(),

@@ -69,3 +69,17 @@ fn a_field_of_view_is_a_number_of_degrees() {
     let case = Case::new(&drive());
     case.run(&["--fov", "650"]).assert_refused(&["--fov 650", "degrees"]);
 }
+
+#[test]
+fn wide_images_are_worked_on_at_half_their_size() {
+    let case = Case::new(&hand_held(60));
+    let outcome = case.run(&["--max-width", "200"]);
+    outcome.assert_success();
+    let map = case.map();
+    let keyframe = map.keyframes.values().next().expect("a keyframe");
+    let camera = map.camera(keyframe);
+    assert_eq!((camera.width, camera.height), (160, 120));
+    let measured = Accuracy::of(&case.out(), &case.source().join("groundtruth.txt"));
+    assert!(measured.frames >= 58 && measured.rmse < 0.01 * measured.path, "{} m", measured.rmse);
+    case.run(&["--max-width", "20"]).assert_refused(&["--max-width 20"]);
+}

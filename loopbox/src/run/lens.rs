@@ -1,6 +1,6 @@
 //! The lens of a recording that came without a calibration, found from the recording itself.
 
-use super::Progress;
+use super::{Progress, RunOptions};
 use anyhow::{Result, bail};
 use calib::format_camera;
 use geometry::{Camera, Crop, Distortion, GrayImage, Pinhole, Undistorter};
@@ -8,6 +8,7 @@ use map::Map;
 use place_recog::ThumbnailIndex;
 use slam_direct::self_calibration::{FreeLens, LensPrior, SelfCalibration, self_calibrate};
 use slam_direct::{Agent, Frame, Params, TrackingState};
+use sources::correction::{doubled_camera, halved_image, halvings};
 use sources::{FoundCalibration, FrameSource, Stop, time};
 
 /// Focal lengths over the image's longer side that are begun with, until one makes a map: those of telephones and webcams
@@ -82,7 +83,7 @@ impl FoundLens {
 pub fn find_lens(
     open: &dyn Fn() -> Result<Box<dyn FrameSource>>,
     fov: Option<f64>,
-    params: &Params,
+    options: &RunOptions,
     stop: &Stop,
     progress: &dyn Progress,
 ) -> Result<FoundLens> {
@@ -90,7 +91,9 @@ pub fn find_lens(
     let Some(first) = images(open()?.as_mut()).next() else {
         bail!("{path}: there is no image to find the lens from")
     };
-    let (width, height) = (first.1.width(), first.1.height());
+    let whole = (first.1.width(), first.1.height());
+    let times = halvings(whole.0, options.camera.max_width);
+    let (width, height) = (whole.0 >> times, whole.1 >> times);
     let focals: Vec<f64> = match fov {
         Some(degrees) => vec![0.5 * width as f64 / (0.5 * degrees.to_radians()).tan()],
         None => USUAL.map(|share| share * width.max(height) as f64).into(),
@@ -105,7 +108,7 @@ pub fn find_lens(
         let mut found: Option<FoundLens> = None;
         for round in 0..MAX_ROUNDS {
             progress.stage(&format!("finding the lens, round {}", round + 1));
-            let map = map_with(&camera, open()?.as_mut(), params, stop)?;
+            let map = map_with(&camera, times, open()?.as_mut(), &options.params, stop)?;
             // Only the first guess is one of which the prior was made.
             let prior = if round == 0 { prior } else { LensPrior { focal: f64::INFINITY, ..prior } };
             let better = match self_calibrate(&map, &camera, FreeLens::All, &prior) {
@@ -123,7 +126,7 @@ pub fn find_lens(
             }
         }
         if let Some(found) = found {
-            return Ok(found);
+            return Ok(FoundLens { camera: doubled_camera(&found.camera, whole, times)?, ..found });
         }
     }
     bail!(
@@ -139,8 +142,14 @@ fn images(source: &mut dyn FrameSource) -> impl Iterator<Item = (u64, GrayImage,
     })
 }
 
-/// The largest map of the first part of a recording, made with this lens.
-fn map_with(lens: &Camera, source: &mut dyn FrameSource, params: &Params, stop: &Stop) -> Result<Map> {
+/// The largest map of the first part of a recording, made with this lens of its images halved so often.
+fn map_with(
+    lens: &Camera,
+    halvings: usize,
+    source: &mut dyn FrameSource,
+    params: &Params,
+    stop: &Stop,
+) -> Result<Map> {
     let undistorter = Undistorter::new(lens, Crop::default())?;
     let begin = || Agent::new(*undistorter.pinhole(), Box::new(ThumbnailIndex::default()), params.clone());
     let (mut agent, mut best, mut lost) = (begin()?, None::<Map>, 0);
@@ -159,7 +168,7 @@ fn map_with(lens: &Camera, source: &mut dyn FrameSource, params: &Params, stop: 
             continue;
         }
         newest = timestamp;
-        let Ok(image) = undistorter.undistort(&image) else { continue };
+        let Ok(image) = undistorter.undistort(&halved_image(image, halvings)) else { continue };
         let state = agent.process(Frame { index, timestamp, image })?.state;
         lost = if state == TrackingState::Lost { lost + 1 } else { 0 };
         if size(agent.map()) >= ENOUGH_KEYFRAMES {

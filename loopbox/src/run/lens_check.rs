@@ -16,14 +16,16 @@ const SIGNIFICANT: f64 = 4.0;
 /// Asks the map in a thread beside the run.
 pub struct LensCheck {
     lens: Camera,
+    /// How often images were halved before.
+    halvings: usize,
     next: usize,
     thread: Option<JoinHandle<Option<String>>>,
 }
 
 impl LensCheck {
-    /// Of images that were undistorted by this lens.
-    pub fn new(lens: Camera) -> Self {
-        Self { lens, next: KEYFRAMES, thread: None }
+    /// Of images that were halved so often and then undistorted by this lens.
+    pub fn new(lens: Camera, halvings: usize) -> Self {
+        Self { lens, halvings, next: KEYFRAMES, thread: None }
     }
 
     /// Whether the map, of so many keyframes, is to be asked now.
@@ -39,8 +41,8 @@ impl LensCheck {
     /// Begins to ask the map.
     pub fn ask(&mut self, map: Map) {
         self.next *= 4;
-        let lens = self.lens;
-        let work = move || what_is_wrong(&map, &lens);
+        let (lens, halvings) = (self.lens, self.halvings);
+        let work = move || what_is_wrong(&map, &lens, halvings);
         self.thread = std::thread::Builder::new().name("lens".into()).spawn(work).ok();
     }
 
@@ -57,7 +59,7 @@ impl LensCheck {
 }
 
 /// What the map says against its lens.
-fn what_is_wrong(map: &Map, lens: &Camera) -> Option<String> {
+fn what_is_wrong(map: &Map, lens: &Camera, halvings: usize) -> Option<String> {
     let found = self_calibrate(map, lens, FreeLens::Focal, &LensPrior::default()).ok()?;
     let SelfCalibration { camera, focal_deviation, .. } = found;
     let ratio = lens.intrinsics().fx / camera.intrinsics().fx;
@@ -69,12 +71,13 @@ fn what_is_wrong(map: &Map, lens: &Camera) -> Option<String> {
         1.0.. => (100.0 * (ratio - 1.0), "long"),
         _ => (100.0 * (1.0 - ratio), "short"),
     };
+    let whole = (1u64 << halvings) as f64;
     Some(format!(
         "the focal length looks {percent:.0} % too {how} or more (± {:.0} %): fx = {:.0} was given, the images say {:.0}\nhint: is \
          the calibration this camera's, at this size and zoom? `loopbox calib` makes one; a recording without any is \
          calibrated from itself",
         (200.0 * focal_deviation).max(1.0),
-        lens.intrinsics().fx,
-        camera.intrinsics().fx
+        whole * lens.intrinsics().fx,
+        whole * camera.intrinsics().fx
     ))
 }

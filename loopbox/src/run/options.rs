@@ -95,7 +95,7 @@ impl RunOptions {
         if self.camera.calibration.is_some() || comes_along || source.is_live() {
             return Ok(());
         }
-        let lens = find_lens(open, fov, &self.params, stop, progress)?;
+        let lens = find_lens(open, fov, self, stop, progress)?;
         let said = format!("{}: {}", source.info().path.display(), lens.text());
         if lens.is_determined() {
             progress.note(&said)
@@ -191,12 +191,12 @@ impl PreparedRun {
         if let Some(path) = &options.record {
             recorder.start(path, &head)?;
         }
-        let lens = *correction.lens();
+        let (lens, halvings) = (*correction.lens(), correction.halvings());
         let preparation = Preparation::new(correction, options.start, options.end);
         let ahead = Ahead::start(source, preparation, options.pace, recorder.clone())?;
         let mut watch = watched(&about, info.frame_count, RecordButton::new(&recorder, head, &options.out))?;
         let form = Form { format: options.trajectory, max_variance: options.max_variance };
-        let lens = options.lens.is_none().then_some(lens);
+        let lens = options.lens.is_none().then_some((lens, halvings));
         let session = Session { about, source: info, camera, params, form, stop, progress, lens };
         let mapped = session.run(output, &ahead, &mut watch);
         // Tells the recorder which frames nobody took, so that a replay ends where this run did.

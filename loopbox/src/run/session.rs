@@ -35,8 +35,8 @@ pub struct Session<'a> {
     pub stop: &'a Stop,
     /// Where progress is shown.
     pub progress: &'a dyn Progress,
-    /// The lens, where it is to be checked whether it is the one of the images.
-    pub lens: Option<Camera>,
+    /// The lens and how often images are halved for it, where it is to be checked whether it is the one of the images.
+    pub lens: Option<(Camera, usize)>,
 }
 
 /// The last map of a run.
@@ -65,7 +65,8 @@ impl Session<'_> {
         loop {
             watch.folder(output.folder());
             let atlas = Atlas::new(self.camera, || Box::new(ThumbnailIndex::default()), self.params.clone())?;
-            let mut run = Run::new(atlas, ahead, self.lens.map(LensCheck::new));
+            let mut run =
+                Run::new(atlas, ahead, self.lens.map(|(lens, halvings)| LensCheck::new(lens, halvings)));
             run.track(ahead, self.stop, self.progress, &mut output, watch, &save)?;
             let restart = run.is_to_restart();
             let failure = run.failure().map(str::to_owned);
