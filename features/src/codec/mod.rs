@@ -71,7 +71,7 @@ pub enum CodecError {
     Damaged,
 }
 
-/// The features as bytes, the first 65,535 of them; about 20 bytes each.
+/// The features as bytes, the first 65,535 of them; about 25 bytes each.
 ///
 /// Positions below zero, and values that are no numbers, become zero.
 pub fn encode(features: &Features) -> Vec<u8> {
