@@ -13,6 +13,21 @@
 //! | rest, none without features | range coded, of each feature: x, y, size (⅛ octave, 0–127), angle (1/256 turn), coordinates |
 //!
 //! The order stays: the strongest comes first.
+//!
+//! **Why steps of 14 on 96 axes.** Right matches kept when both sides were written and read, of those without (ratio test
+//! 0.8; pairs as on the first page of this crate; 620 to 960 features an image):
+//!
+//! | step, axes | bytes a feature | kitti09 | tum_fr1_xyz, _desk | parking a, b | parking a, c | parking b, c |
+//! |---|---|---|---|---|---|---|
+//! | 8, 128 | 37 | 96 % | 94 % | 91 % | 85 % | 81 % |
+//! | 10, 128 | 32 | 94 % | 93 % | 90 % | 79 % | 75 % |
+//! | 12, 112 | 28 | 92 % | 91 % | 86 % | 77 % | 72 % |
+//! | **14, 96** | 24–25 | 90 % | 88 % | 84 % | 75 % | 68 % |
+//! | 16, 96 | 22 | 87 % | 84 % | 82 % | 71 % | 64 % |
+//! | 20, 64 | 17–18 | 84 % | 82 % | 77 % | 67 % | 61 % |
+//!
+//! Most of the loss is not of information: what rounding adds to all distances makes the ratio test stricter, and a
+//! larger share of what passes is right. See [`NOISE`].
 
 mod basis;
 mod range;
@@ -27,6 +42,12 @@ use std::sync::LazyLock;
 
 /// The version written; others are refused.
 const VERSION: u8 = 1;
+
+/// Squared distance of a descriptor from what is read of it, on average (of images of the training's kind).
+///
+/// Rounding adds this to the squared distance of any two descriptors once for each that was read, which makes a ratio
+/// test stricter than it says; taken off both distances, the test is what it was.
+pub const NOISE: u32 = 1700;
 
 const HEADER: usize = 8;
 
