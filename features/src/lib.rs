@@ -1,7 +1,7 @@
 //! Local features of a keyframe: key points with SIFT descriptors (Lowe 2004), for recognising places and for
 //! matching two keyframes.
 //!
-//! [`sift`] finds them, with nothing but Rust; [`OpenCvSift`](crate::Extractor) does by the system's OpenCV where the
+//! [`sift()`] finds them, with nothing but Rust; as an [`Extractor`], `OpenCvSift` does by the system's OpenCV where the
 //! feature `opencv-sift` is on. Their features match each other. [`codec`] writes features as few bytes. To read in
 //! this order: this page, `extractor`, `sift`, `codec`.
 //!

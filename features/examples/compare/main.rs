@@ -21,29 +21,14 @@ use std::time::Duration;
 struct Maker {
     name: &'static str,
     make: fn(&GrayImage) -> Features,
-    /// What the squared distance of two descriptors is too large by, on average, because this maker rounds its one.
-    noise: f64,
 }
 
 /// Bytes that codes took so far.
 static CODED: AtomicUsize = AtomicUsize::new(0);
 
 const MAKERS: &[Maker] = &[
-    Maker {
-        name: "loopbox",
-        make: |image| features::sift(image, &SiftParams::default()).expect("pixels"),
-        noise: 0.0,
-    },
-    Maker { name: "coded", make: coded, noise: 0.0 },
-    // The same, but the ratio test knows of the rounding.
-    Maker { name: "allowed", make: coded, noise: features::codec::NOISE as f64 },
-    Maker {
-        name: "l18",
-        make: |image| {
-            features::sift(image, &SiftParams { contrast: 0.018, ..SiftParams::default() }).expect("pixels")
-        },
-        noise: 0.0,
-    },
+    Maker { name: "loopbox", make: |image| features::sift(image, &SiftParams::default()).expect("pixels") },
+    Maker { name: "coded", make: coded },
     #[cfg(feature = "opencv-sift")]
     Maker {
         name: "opencv",
@@ -51,7 +36,6 @@ const MAKERS: &[Maker] = &[
             use features::Extractor;
             features::OpenCvSift::default().extract(image).expect("pixels")
         },
-        noise: 0.0,
     },
 ];
 
@@ -112,12 +96,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 let mut tally = Tally::default();
                 for &(source, target) in &set.pairs {
                     let features = (&found[&(a, source)], &found[&(b, target)]);
-                    let noise = first.noise + second.noise;
-                    tally.add(
-                        (ratio, noise),
-                        (&set.views[source], features.0),
-                        (&set.views[target], features.1),
-                    );
+                    tally.add(ratio, (&set.views[source], features.0), (&set.views[target], features.1));
                 }
                 println!("  {:10} {:10} {tally}", first.name, second.name);
             }

@@ -1,7 +1,7 @@
 //! Features as few bytes, to be stored with a keyframe and sent to other agents.
 //!
-//! A descriptor is written as its coordinates along the principal axes of descriptors ([`basis`]), rounded to steps,
-//! each in as many bits as it is improbable ([`range`]); a key point is rounded to 1/16 pixel, an eighth of an octave
+//! A descriptor is written as its coordinates along the principal axes of descriptors (`basis.rs`), rounded to steps,
+//! each in as many bits as it is improbable (`range.rs`); a key point is rounded to 1/16 pixel, an eighth of an octave
 //! and 1/256 turn. Little-endian:
 //!
 //! | bytes | what |
@@ -27,7 +27,8 @@
 //! | 20, 64 | 17–18 | 84 % | 82 % | 77 % | 67 % | 61 % |
 //!
 //! Most of the loss is not of information: what rounding adds to all distances makes the ratio test stricter, and a
-//! larger share of what passes is right. See [`NOISE`].
+//! larger share of what passes is right. With a ratio of 0.84, at which about as large a share is right as at 0.8
+//! without, 97 % are kept of tum_fr1_xyz and _desk, 88 % of parking a and c, 81 % of b and c.
 
 mod basis;
 mod range;
@@ -42,12 +43,6 @@ use std::sync::LazyLock;
 
 /// The version written; others are refused.
 const VERSION: u8 = 1;
-
-/// Squared distance of a descriptor from what is read of it, on average (of images of the training's kind).
-///
-/// Rounding adds this to the squared distance of any two descriptors once for each that was read, which makes a ratio
-/// test stricter than it says; taken off both distances, the test is what it was.
-pub const NOISE: u32 = 1700;
 
 const HEADER: usize = 8;
 

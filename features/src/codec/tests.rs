@@ -30,7 +30,7 @@ fn features_are_read_as_they_were_but_for_rounding() {
     // Another view of the same point is about 8000 away.
     let apart = read.descriptors.iter().zip(&features.descriptors).map(|(a, b)| squared_distance(a, b));
     let mean = apart.sum::<u32>() / features.len() as u32;
-    assert!(mean.abs_diff(NOISE) < NOISE / 4, "{mean}");
+    assert!(mean < 2200, "{mean}");
     let each = bytes.len() / features.len();
     assert!(each < 26, "{each} bytes a feature");
 }

@@ -46,9 +46,9 @@ pub fn extrema(octave: usize, differences: &[Image<f32>], contrast: f32, found: 
                 if u64::from_ne_bytes(*eight) == 0 {
                     continue;
                 }
-                for x in 8 * block..8 * block + 8 {
+                for (x, flag) in (8 * block..).zip(eight) {
                     let inside = (BORDER..width - BORDER).contains(&x);
-                    if inside && flags[x] != 0 && stack.is_extremum(x, y) {
+                    if inside && *flag != 0 && stack.is_extremum(x, y) {
                         found.extend(refined(octave, differences, [x, y, layer], contrast));
                     }
                 }
