@@ -15,8 +15,8 @@ const TOTAL: usize = 1 << 14;
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let folder = arguments.first().ok_or("usage: train_basis FOLDER [STEP [AXES]]")?;
-    let step: f64 = arguments.get(1).map_or(Ok(20.0), |text| text.parse())?;
-    let count: usize = arguments.get(2).map_or(Ok(64), |text| text.parse())?;
+    let step: f64 = arguments.get(1).map_or(Ok(14.0), |text| text.parse())?;
+    let count: usize = arguments.get(2).map_or(Ok(96), |text| text.parse())?;
 
     let descriptors = descriptors(folder)?;
     let mut mean = DVector::zeros(128);

@@ -1,5 +1,26 @@
 //! Local features of a keyframe: key points with SIFT descriptors (Lowe 2004), for recognising places and for
 //! matching two keyframes.
+//!
+//! [`sift()`] finds them, with nothing but Rust; as an [`Extractor`], `OpenCvSift` does by the system's OpenCV where the
+//! feature `opencv-sift` is on. Their features match each other. [`codec`] writes features as few bytes. To read in
+//! this order: this page, `extractor`, `sift`, `codec`.
+//!
+//! **Why our own is the default.** Measured by the example `compare` at the default parameters: matches within 3 pixels
+//! of the true epipolar line, mean of the pairs; time of one image on one core.
+//!
+//! | pairs | OpenCV 4.6 | loopbox | one of either | time, ms: OpenCV, loopbox |
+//! |---|---|---|---|---|
+//! | 26 of tum_fr1_xyz, 20 frames apart | 100.5 | 94.3 | 96.7 | 30, 28 |
+//! | 24 of tum_fr1_desk, 15 apart | 57.1 | 54.9 | 55.4 | 24, 24 |
+//! | 40 of tum_fr1_xyz and tum_fr1_desk | 57.0 | 58.1 | 57.1 | 32, 24 |
+//! | 25 of kitti00_first201, 4 apart | 200.0 | 198.6 | 196.6 | 59, 43 |
+//! | 29 of kitti09_first350, 4 apart | 104.7 | 104.5 | 102.6 | 43, 36 |
+//! | 30 of parking_a and parking_b | 124.5 | 139.8 | 130.1 | 42, 36 |
+//! | 37 of parking_a and parking_c | 68.4 | 71.4 | 68.8 | 45, 36 |
+//! | 18 of parking_b and parking_c | 65.9 | 84.4 | 72.2 | 46, 40 |
+//!
+//! `loopbox merge` with either: ATE of the second agent in the frame of the first, parking a + c 6.2 mm by OpenCV and
+//! 5.0 mm by our own, a + b 23.3 and 23.2 mm, tum_fr1_xyz + _desk 23.5 and 23.5 mm.
 
 pub mod codec;
 mod extractor;

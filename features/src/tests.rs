@@ -61,8 +61,8 @@ fn opencv_finds_the_same_features_in_the_same_places() {
         let (nearest, other) = nearest.unwrap();
         if squared_distance(other, descriptor) < 4000 {
             let other = theirs.keypoints[nearest];
-            for (sum, (there, here)) in mean.iter_mut().zip(other.pixel.iter().zip(keypoint.pixel)) {
-                *sum += there - here;
+            for (axis, sum) in mean.iter_mut().enumerate() {
+                *sum += other.pixel[axis] - keypoint.pixel[axis];
             }
             count += 1.0;
         }

@@ -12,9 +12,6 @@ const EPIPOLAR: f64 = 3.0;
 /// Largest distance of a true match from its true place, pixels.
 const PLACE: f64 = 3.0;
 
-/// Largest squared ratio of the distances to the nearest and the second nearest.
-const RATIO: f64 = 0.8 * 0.8;
-
 /// What matched, of all pairs.
 #[derive(Default)]
 pub struct Tally {
@@ -31,11 +28,11 @@ pub struct Tally {
 }
 
 impl Tally {
-    pub fn add(&mut self, source: (&View, &Features), target: (&View, &Features)) {
+    pub fn add(&mut self, max_ratio: f64, source: (&View, &Features), target: (&View, &Features)) {
         self.pairs += 1;
         let essential = essential(source.0, target.0);
         let mut epipolar = 0;
-        for (a, b) in matches(source.1, target.1) {
+        for (a, b) in matches(max_ratio, source.1, target.1) {
             let (a, b) = (source.1.keypoints[a].pixel, target.1.keypoints[b].pixel);
             self.matches += 1;
             epipolar += usize::from(sampson(&essential, (source.0, a), (target.0, b)) < EPIPOLAR);
@@ -100,7 +97,7 @@ fn vector(pixel: [f32; 2]) -> Vector2<f64> {
 }
 
 /// Indices of features that are each other's nearest and pass the ratio test on both sides.
-fn matches(source: &Features, target: &Features) -> Vec<(usize, usize)> {
+fn matches(max_ratio: f64, source: &Features, target: &Features) -> Vec<(usize, usize)> {
     const NONE: (usize, u32, u32) = (0, u32::MAX, u32::MAX);
     let mut of_source = vec![NONE; source.len()];
     let mut of_target = vec![NONE; target.len()];
@@ -118,7 +115,8 @@ fn matches(source: &Features, target: &Features) -> Vec<(usize, usize)> {
             offer(&mut of_target[j], i, distance);
         }
     }
-    let distinct = |n: &(usize, u32, u32)| f64::from(n.1) <= RATIO * f64::from(n.2) && n.1 < n.2;
+    let distinct =
+        |n: &(usize, u32, u32)| f64::from(n.1) <= max_ratio * max_ratio * f64::from(n.2) && n.1 < n.2;
     let both = |(i, near): (usize, &(usize, u32, u32))| {
         let back = of_target.get(near.0)?;
         (back.0 == i && distinct(near) && distinct(back)).then_some((i, near.0))

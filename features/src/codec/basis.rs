@@ -36,6 +36,8 @@ pub struct Basis {
     components: Vec<f32>,
     /// Of each axis where each coordinate's part of [`TOTAL`] begins, and the end.
     starts: Vec<[u32; SYMBOLS + 1]>,
+    /// Of each axis what each coordinate stands for.
+    values: Vec<[f32; SYMBOLS]>,
 }
 
 impl Basis {
@@ -75,7 +77,8 @@ impl Basis {
             starts.push(of_axis);
         }
         let mean = std::array::from_fn(|i| f32::from(u16::from_le_bytes(mean[i])) / 256.0);
-        Some(Self { step, mean, axes, components, starts })
+        let values = starts.iter().map(|starts| values(starts, step)).collect();
+        Some(Self { step, mean, axes, components, starts, values })
     }
 
     /// Number of axes.
@@ -101,8 +104,8 @@ impl Basis {
     /// The descriptor at coordinates.
     pub fn descriptor(&self, coordinates: &[i32]) -> Descriptor {
         let mut sums = self.mean;
-        for (axis, &coordinate) in self.axes.iter().zip(coordinates) {
-            let length = coordinate as f32 * self.step;
+        for ((axis, values), &coordinate) in self.axes.iter().zip(&self.values).zip(coordinates) {
+            let length = values[(coordinate + MOST) as usize];
             for (sum, component) in sums.iter_mut().zip(axis) {
                 *sum += length * component;
             }
@@ -124,4 +127,15 @@ impl Basis {
         let coordinate = symbol as i32 - MOST;
         (self.part(axis, coordinate), coordinate)
     }
+}
+
+/// What coordinates stand for: not the middle of their step but its centroid, where the probability along the step is
+/// taken as linear between those of its neighbours.
+fn values(starts: &[u32; SYMBOLS + 1], step: f32) -> [f32; SYMBOLS] {
+    let frequency = |i: usize| if i < SYMBOLS { (starts[i + 1] - starts[i]) as f32 } else { 0.0 };
+    std::array::from_fn(|i| {
+        let slope = (frequency(i + 1) - frequency(i.wrapping_sub(1))) / (2.0 * frequency(i));
+        // Below zero a line would be nothing probable.
+        (i as f32 - MOST as f32 + slope.clamp(-2.0, 2.0) / 12.0) * step
+    })
 }

@@ -1,7 +1,7 @@
 //! Features as few bytes, to be stored with a keyframe and sent to other agents.
 //!
-//! A descriptor is written as its coordinates along the principal axes of descriptors ([`basis`]), rounded to steps,
-//! each in as many bits as it is improbable ([`range`]); a key point is rounded to 1/16 pixel, an eighth of an octave
+//! A descriptor is written as its coordinates along the principal axes of descriptors (`basis.rs`), rounded to steps,
+//! each in as many bits as it is improbable (`range.rs`); a key point is rounded to 1/16 pixel, an eighth of an octave
 //! and 1/256 turn. Little-endian:
 //!
 //! | bytes | what |
@@ -13,6 +13,22 @@
 //! | rest, none without features | range coded, of each feature: x, y, size (⅛ octave, 0–127), angle (1/256 turn), coordinates |
 //!
 //! The order stays: the strongest comes first.
+//!
+//! **Why steps of 14 on 96 axes.** Right matches kept when both sides were written and read, of those without (ratio test
+//! 0.8; pairs as on the first page of this crate; 620 to 960 features an image):
+//!
+//! | step, axes | bytes a feature | kitti09 | tum_fr1_xyz, _desk | parking a, b | parking a, c | parking b, c |
+//! |---|---|---|---|---|---|---|
+//! | 8, 128 | 37 | 96 % | 94 % | 91 % | 85 % | 81 % |
+//! | 10, 128 | 32 | 94 % | 93 % | 90 % | 79 % | 75 % |
+//! | 12, 112 | 28 | 92 % | 91 % | 86 % | 77 % | 72 % |
+//! | **14, 96** | 24–25 | 90 % | 88 % | 84 % | 75 % | 68 % |
+//! | 16, 96 | 22 | 87 % | 84 % | 82 % | 71 % | 64 % |
+//! | 20, 64 | 17–18 | 84 % | 82 % | 77 % | 67 % | 61 % |
+//!
+//! Most of the loss is not of information: what rounding adds to all distances makes the ratio test stricter, and a
+//! larger share of what passes is right. With a ratio of 0.84, at which about as large a share is right as at 0.8
+//! without, 97 % are kept of tum_fr1_xyz and _desk, 88 % of parking a and c, 81 % of b and c.
 
 mod basis;
 mod range;
@@ -71,7 +87,7 @@ pub enum CodecError {
     Damaged,
 }
 
-/// The features as bytes, the first 65,535 of them; about 20 bytes each.
+/// The features as bytes, the first 65,535 of them; about 25 bytes each.
 ///
 /// Positions below zero, and values that are no numbers, become zero.
 pub fn encode(features: &Features) -> Vec<u8> {
