@@ -31,6 +31,7 @@ mod select;
 mod test_data;
 #[cfg(test)]
 mod test_scene;
+mod tone;
 mod track;
 mod tracker;
 mod triangulate;
