@@ -24,10 +24,11 @@ use crate::local_map::{Companions, Counts, KeyframeState, LocalMap};
 use crate::mapping;
 use crate::params::Params;
 use crate::publish;
+use crate::tone::Tone;
 use crate::track::{Matched, learn_position_sigma};
 use crate::tracker::{Located, Tracker, match_keyframe};
 use early::EarlyFrame;
-use geometry::{Pinhole, Pyramid, Se3};
+use geometry::{GrayImage, Pinhole, Pyramid, Se3};
 use map::{Edge, FramePose, KeyframeId, Map, MapDelta, PlaceIndex};
 use mapper::{Job, Mapper, Update};
 use std::sync::Arc;
@@ -58,6 +59,8 @@ pub struct Agent {
     first_open: usize,
     /// Frames processed.
     processed: u64,
+    /// How dark images are brightened; the same for all frames of a map.
+    tone: Option<Tone>,
     /// Frames that came before the first map and are not in it.
     early: Vec<EarlyFrame>,
 }
@@ -99,6 +102,7 @@ impl Agent {
             companions: Companions::new(),
             first_open: 0,
             processed: 0,
+            tone: None,
             early: Vec::new(),
         })
     }
@@ -110,7 +114,10 @@ impl Agent {
     pub fn process(&mut self, frame: Frame) -> Result<FrameReport, AgentError> {
         self.check_size(frame.index, &frame.image)?;
         self.processed += 1;
-        let pyramid = Pyramid::new(frame.image, self.params.align.pyramid_levels);
+        if !matches!(self.state, State::Running(_)) {
+            self.tone = Tone::following(self.tone.take(), &frame.image);
+        }
+        let pyramid = self.pyramid(frame.image);
         if !matches!(self.state, State::Running(_)) {
             self.keep_early(frame.timestamp, frame.index, pyramid.shared_base());
         }
@@ -119,6 +126,14 @@ impl Agent {
             State::Starting(bootstrap) => self.start(bootstrap, pyramid, frame.timestamp, frame.index),
             State::Running(tracker) => self.track(tracker, pyramid, frame.timestamp, frame.index),
         })
+    }
+
+    fn pyramid(&self, image: GrayImage) -> Pyramid {
+        let image = match &self.tone {
+            Some(tone) => tone.apply(&image),
+            None => image,
+        };
+        Pyramid::new(image, self.params.align.pyramid_levels)
     }
 
     fn track(
@@ -149,7 +164,7 @@ impl Agent {
             }
         };
         self.processed += 1;
-        let pyramid = Pyramid::new(frame.image.clone(), self.params.align.pyramid_levels);
+        let pyramid = self.pyramid(frame.image.clone());
         let mut report = FrameReport::of(TrackingState::Tracking);
         let Some(located) = self.locate(&mut tracker, &pyramid, &mut report) else {
             self.state = State::Running(tracker);

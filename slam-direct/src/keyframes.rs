@@ -14,6 +14,9 @@ params! {
         /// Points found, over the most found against the same reference, below which a keyframe is made at once:
         /// the view changes faster than the map knows it.
         pub fading: f32 = 0.5,
+        /// Parts of the image that show points, over the most since the reference changed, below which a keyframe is made
+        /// at once: a camera that backs away sees new things all around what it knows. Range 0–1; with 0 it is not asked.
+        pub coverage: f32 = 0.75,
         /// A map of at most this many keyframes is given up when it proves of no use. Range 2–20.
         pub young_map: usize = 3,
         /// Lost frames in a row after which it is. Range 3–100.

@@ -32,6 +32,7 @@ pub mod self_calibration;
 mod test_data;
 #[cfg(test)]
 mod test_scene;
+mod tone;
 mod track;
 mod tracker;
 mod triangulate;

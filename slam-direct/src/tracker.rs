@@ -16,6 +16,9 @@ const GOOD_ALIGNMENT: f32 = 0.6;
 /// Keyframes around the reference that a frame's cost depends on.
 const NEAR: usize = 40;
 
+/// Columns and rows of the parts that an image is divided into to tell how much of it shows points.
+const PARTS: (usize, usize) = (8, 6);
+
 /// What the tracker remembers from frame to frame.
 pub(crate) struct Tracker {
     /// Keyframe that frames are aligned with.
@@ -28,6 +31,7 @@ pub(crate) struct Tracker {
     /// Most points that were sought and found in a frame tracked against the reference.
     most_sought: usize,
     most_found: usize,
+    most_covered: usize,
     /// Pose of the newest tracked frame, `camera_from_world`.
     pub last: Se3,
     /// Motion of the last frame: `last = velocity * the one before`.
@@ -43,6 +47,8 @@ pub(crate) struct Located {
     pub matched: Vec<Matched>,
     pub sought: Vec<PointRef>,
     pub inliers: usize,
+    /// Parts of the image (see [`PARTS`]) in which a point agrees with the pose.
+    pub covered: usize,
     /// Median of the squared residuals over what was assumed.
     pub excess: f64,
     brightness: Brightness,
@@ -83,6 +89,7 @@ impl Tracker {
             inverse_depth,
             most_sought: 0,
             most_found: 0,
+            most_covered: 0,
             last,
             velocity,
             brightness: Brightness::default(),
@@ -137,6 +144,7 @@ impl Tracker {
         self.brightness = located.brightness;
         self.most_sought = self.most_sought.max(located.sought.len());
         self.most_found = self.most_found.max(located.inliers);
+        self.most_covered = self.most_covered.max(located.covered);
         Some(located)
     }
 
@@ -145,7 +153,8 @@ impl Tracker {
         let p = &params.keyframes;
         let overlap = located.sought.len() as f32 / self.most_sought.max(1) as f32;
         let fades = (located.inliers as f32) < p.fading * self.most_found as f32;
-        fades || departure(map, self.reference, &self.last, overlap).is_none_or(|d| d.score(p) > 1.0)
+        let thins = (located.covered as f32) < p.coverage * self.most_covered as f32;
+        fades || thins || departure(map, self.reference, &self.last, overlap).is_none_or(|d| d.score(p) > 1.0)
     }
 
     /// Frames in a row that were not found.
@@ -215,7 +224,29 @@ fn locate(
     let (mut matched, sought) = track::match_points(map, &hosts, &view, p, p.per_cell);
     let (camera_from_world, excess) = track::refine_pose(map, &start, &mut matched);
     let inliers = matched.iter().filter(|m| m.inlier).count();
-    Located { camera_from_world, brightness: aligned.brightness, hosts, matched, sought, inliers, excess }
+    let covered = covered(map, &matched);
+    Located {
+        camera_from_world,
+        brightness: aligned.brightness,
+        hosts,
+        matched,
+        sought,
+        inliers,
+        covered,
+        excess,
+    }
+}
+
+/// Parts of the image that hold an agreeing match.
+fn covered(map: &LocalMap, matched: &[Matched]) -> usize {
+    let (width, height) = (map.camera.width as f32, map.camera.height as f32);
+    let mut parts = [false; PARTS.0 * PARTS.1];
+    for m in matched.iter().filter(|m| m.inlier) {
+        let column = (m.pixel[0].max(0.0) / width * PARTS.0 as f32) as usize;
+        let row = (m.pixel[1].max(0.0) / height * PARTS.1 as f32) as usize;
+        parts[row.min(PARTS.1 - 1) * PARTS.0 + column.min(PARTS.0 - 1)] = true;
+    }
+    parts.iter().filter(|part| **part).count()
 }
 
 /// Seeks a lost frame among the keyframes it was last near and those that look like it.
