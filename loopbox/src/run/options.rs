@@ -5,9 +5,9 @@ use super::output::{Output, TrajectoryFormat};
 use super::saving::Form;
 use super::session::{Mapped, Session};
 use super::{Progress, Silent};
-use anyhow::Result;
+use anyhow::{Result, anyhow};
 use geometry::Pinhole;
-use map::AgentInfo;
+use map::{AgentInfo, Identity};
 use slam_direct::Params;
 use sources::ahead::{Ahead, Pace, Preparation};
 use sources::correction::{CameraOptions, ImageCorrection, correction};
@@ -50,6 +50,9 @@ pub struct RunOptions {
     pub trajectory: TrajectoryFormat,
     /// Largest variance of inverse depth over its square of the cloud's points.
     pub max_variance: f32,
+    /// Whether the keyframes' features are found beside tracking, so that merging need not. Without them the map is
+    /// smaller, and merging finds them at each call.
+    pub features: bool,
 }
 
 impl RunOptions {
@@ -67,6 +70,7 @@ impl RunOptions {
             record: None,
             trajectory: TrajectoryFormat::Tum,
             max_variance: map::DEFAULT_MAX_RELATIVE_VARIANCE,
+            features: true,
         }
     }
 }
@@ -115,7 +119,9 @@ impl PreparedRun {
         let correction = correction(&options.camera, &info)?;
         let camera = correction.camera();
         let provenance = provenance(&info, &correction, &params);
-        let about = AgentInfo { provenance, ..AgentInfo::new(recording_name(&info.path), camera) };
+        // A camera that is live is seen by nobody again; who a recording is follows from its first image.
+        let identity = source.is_live().then(random_identity).transpose()?;
+        let about = AgentInfo { provenance, identity, ..AgentInfo::new(recording_name(&info.path), camera) };
         let output = Output::create(&options.out, about.clone(), &info.path, options.force)?;
         let head = Head::new(&info, CalibrationFiles::gather(&options.camera, &info)?);
         Ok(Self { source, info, about, camera, params, correction, head, output, options })
@@ -152,7 +158,8 @@ impl PreparedRun {
         let ahead = Ahead::start(source, preparation, options.pace, recorder.clone())?;
         let mut watch = watched(&about, info.frame_count, RecordButton::new(&recorder, head, &options.out))?;
         let form = Form { format: options.trajectory, max_variance: options.max_variance };
-        let session = Session { about, source: info, camera, params, form, stop, progress };
+        let features = options.features;
+        let session = Session { about, source: info, camera, params, features, form, stop, progress };
         let mapped = session.run(output, &ahead, &mut watch);
         // Tells the recorder which frames nobody took, so that a replay ends where this run did.
         drop(ahead);
@@ -169,6 +176,13 @@ impl PreparedRun {
         recorded?;
         Ok(mapped)
     }
+}
+
+/// An identity that no other agent has.
+fn random_identity() -> Result<Identity> {
+    let mut bytes = [0; 16];
+    getrandom::fill(&mut bytes).map_err(|error| anyhow!("the system gives no random numbers: {error}"))?;
+    Ok(Identity::random(bytes))
 }
 
 /// What people call a recording: the last part of its path, of a file without the extension.

@@ -1,6 +1,7 @@
 //! One run: feeds the agent and keeps the numbers.
 
 use crate::run::Progress;
+use crate::run::describing::Describer;
 use crate::run::diagnosis::{ImageStatistics, Losses};
 use crate::run::output::Output;
 use crate::run::record::{
@@ -8,13 +9,15 @@ use crate::run::record::{
 };
 use anyhow::Result;
 use geometry::Pinhole;
-use map::{KeyframeId, Map};
+use map::{AgentId, AgentInfo, Identity, Keyframe, KeyframeId, Map};
 use slam_direct::{Agent, Atlas, Frame};
 use sources::ahead::{Ahead, Item, SkipReason};
 use sources::notice::Notice;
 use sources::{SourceInfo, Stop};
+use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 use view::process;
 use view::watch::{Command, Watch};
@@ -25,6 +28,11 @@ const LAST_WORK: Duration = Duration::from_secs(4);
 /// A run whose frames are processed.
 pub struct Run {
     atlas: Atlas,
+    camera: Pinhole,
+    /// Whose run it is, in the epoch of the first fragment; of a recording known from the first frame on.
+    identity: Option<Identity>,
+    /// Finds the keyframes' features, where that is wanted. Whoever saves on the way only looks on.
+    describer: RefCell<Option<Describer>>,
     /// The fragment that the newest frame was given to.
     fragment: usize,
     rows: Vec<FrameRow>,
@@ -42,23 +50,20 @@ pub struct Run {
 }
 
 impl Run {
-    /// Gives the agent every frame until the recording ends, the user stops it, or who watches wants a new map; calls
-    /// `save` when who watches wants the results so far.
-    ///
-    /// # Errors
-    /// When results cannot be written on the way.
-    pub fn track(
+    /// A run that is to begin: of the agent `identity`, where that is known already, whose keyframes' features
+    /// `describer` finds.
+    pub fn new(
         atlas: Atlas,
+        camera: Pinhole,
+        identity: Option<Identity>,
+        describer: Option<Describer>,
         ahead: &Ahead,
-        stop: &Stop,
-        progress: &dyn Progress,
-        output: &mut Output,
-        watch: &mut Watch,
-        save: &dyn Fn(&Self, &Output, &Watch),
-    ) -> Result<Self> {
-        let started = Instant::now();
-        let mut run = Self {
+    ) -> Self {
+        Self {
             atlas,
+            camera,
+            identity,
+            describer: RefCell::new(describer),
             fragment: 0,
             rows: Vec::new(),
             skipped: BTreeMap::new(),
@@ -70,7 +75,25 @@ impl Run {
             dropped_before: ahead.dropped(),
             restart: false,
             failure: None,
-        };
+        }
+    }
+
+    /// Gives the agent every frame until the recording ends, the user stops it, or who watches wants a new map; calls
+    /// `save` when who watches wants the results so far.
+    ///
+    /// # Errors
+    /// When results cannot be written on the way.
+    pub fn track(
+        self,
+        ahead: &Ahead,
+        stop: &Stop,
+        progress: &dyn Progress,
+        output: &mut Output,
+        watch: &mut Watch,
+        save: &dyn Fn(&Self, &Output, &Watch),
+    ) -> Result<Self> {
+        let started = Instant::now();
+        let mut run = self;
         let mut broken = None;
         loop {
             run.wall_s = started.elapsed().as_secs_f64();
@@ -92,7 +115,10 @@ impl Run {
                     let Some(settled) = guarded("tracking", process, &mut broken) else { break };
                     let settled = settled?;
                     progress.lost(ahead.dropped(), ahead.missed());
-                    output.grow(run.fragment, run.map(), &settled)?;
+                    run.describe(&settled);
+                    output.identify(run.identity);
+                    output
+                        .grow(run.fragment, run.map(), &settled, &|keyframe| run.known_features(keyframe))?;
                 }
                 Item::Skipped(skip) => {
                     progress.skipped(&skip);
@@ -102,7 +128,7 @@ impl Run {
                 Item::Notice(notice) => {
                     progress.notice(&notice);
                     if let Notice::Gone(_) = notice {
-                        output.save(run.map())?;
+                        output.save(run.map(), &|keyframe| run.known_features(keyframe))?;
                     }
                 }
                 Item::Failed(reason) => run.failure = Some(reason),
@@ -138,6 +164,8 @@ impl Run {
             self.statistics.add(&frame.image);
         }
         watch.before(&frame);
+        let of_recording = || Identity::of_recording(&self.camera, frame.timestamp, &frame.image);
+        self.identity = self.identity.or_else(|| Some(of_recording()));
         let (index, timestamp) = (frame.index, frame.timestamp);
         let started = Instant::now();
         let report = self.atlas.process(frame)?;
@@ -167,19 +195,55 @@ impl Run {
         self.atlas.active().map()
     }
 
-    /// The same with its edges and points, to be saved while the run goes on.
-    pub fn snapshot(&self) -> Map {
-        self.atlas.active().snapshot()
+    /// Asks for the features of keyframes whose depth has come.
+    fn describe(&self, settled: &[KeyframeId]) {
+        let mut describer = self.describer.borrow_mut();
+        let Some(describer) = describer.as_mut() else { return };
+        let keyframes = settled.iter().filter_map(|id| self.map().keyframes.get(id));
+        keyframes.for_each(|keyframe| describer.ask(keyframe));
     }
 
-    /// The maps of all fragments, in the order they were begun.
-    pub fn maps(&self) -> Vec<Map> {
+    /// The features of a keyframe as far as they are known.
+    fn known_features(&self, keyframe: &Keyframe) -> Option<Arc<[u8]>> {
+        self.describer.borrow_mut().as_mut()?.known(keyframe)
+    }
+
+    /// The same with its edges and points, to be saved while the run goes on, as that of the agent `about`.
+    pub fn snapshot(&self, about: &AgentInfo) -> Map {
+        let mut map = self.named(about, self.fragment, self.atlas.active().snapshot());
+        if let Some(describer) = self.describer.borrow_mut().as_mut() {
+            describer.give(&mut map);
+        }
+        map
+    }
+
+    /// The maps of all fragments of the agent `about`, in the order they were begun, with the features of their
+    /// keyframes.
+    pub fn maps(&mut self, about: &AgentInfo) -> Vec<Map> {
         let map = |agent: &Agent| {
             let snapshot = || guarded("the map", || agent.snapshot(), &mut None);
             let whole = if self.is_whole { None } else { snapshot() };
             whole.unwrap_or_else(|| agent.map().clone())
         };
-        self.atlas.fragments().iter().map(map).filter(|map| !map.frames.is_empty()).collect()
+        let maps = self.atlas.fragments().iter().map(map).enumerate();
+        let maps = maps.filter(|(_, map)| !map.frames.is_empty());
+        let mut maps: Vec<Map> = maps.map(|(fragment, map)| self.named(about, fragment, map)).collect();
+        if let Some(mut describer) = self.describer.take() {
+            guarded("finding features", || describer.complete(&mut maps), &mut self.failure);
+        }
+        maps
+    }
+
+    /// A map that says whose it is.
+    fn named(&self, about: &AgentInfo, fragment: usize, mut map: Map) -> Map {
+        let identity = self.identity.map(|first| first.later(fragment as u32));
+        map.agents.insert(AgentId::default(), AgentInfo { identity, ..about.clone() });
+        map
+    }
+
+    /// Who makes the maps after those of this run.
+    pub fn next_identity(&self) -> Option<Identity> {
+        self.identity.map(|first| first.later(self.atlas.fragments().len() as u32))
     }
 
     /// Why a live source ended though nobody wished it.

@@ -82,6 +82,7 @@ fn input(name: &str, map: Map) -> Input {
     let features = Features { keypoints, descriptors: vec![[0; 128]; FEATURES] };
     let features = map.keyframes.keys().map(|id| (*id, features.clone())).collect();
     Input {
+        found: 0,
         path: name.into(),
         name: name.to_owned(),
         map,
@@ -202,6 +203,7 @@ fn pair() -> Pair {
     let points: Vec<PointMatch> =
         (0..FEATURES).step_by(3).map(|i| PointMatch { source: point(i), target: point(i) }).collect();
     Pair {
+        elsewhere: 0,
         views: ViewPair {
             source: KeyframeId(1),
             target: KeyframeId(1),
