@@ -10,7 +10,7 @@ use serde::Serialize;
 pub const MAX_POINTS: usize = 400_000;
 
 /// So many times the points that are held are looked at.
-const CHOICE: usize = 4;
+const CHOICE: usize = 2;
 /// Most points that a range is found by.
 const RANGE_POINTS: usize = 200_000;
 
@@ -97,7 +97,10 @@ fn gather(map: &Map, keyframes: &[&Keyframe], step: usize) -> Vec<CloudPoint> {
         let (image, pose) = (&keyframe.image, &keyframe.world_from_keyframe);
         let (camera, width) = (map.camera(keyframe), image.width().max(1) as u32);
         let turned = pose.rotation.to_rotation_matrix().into_inner() * pose.scale;
-        let point = |(pixel, inverse_depth, variance): (u32, f32, f32)| {
+        let depths = &keyframe.semi_dense;
+        let point = |at: usize| {
+            let (pixel, inverse_depth, variance) =
+                (*depths.pixel.get(at)?, *depths.inverse_depth.get(at)?, *depths.variance.get(at)?);
             let intensity = *image.data().get(pixel as usize)?;
             let ray = camera.unproject(f64::from(pixel % width), f64::from(pixel / width));
             let world = turned * (ray / f64::from(inverse_depth)) + pose.translation;
@@ -111,7 +114,7 @@ fn gather(map: &Map, keyframes: &[&Keyframe], step: usize) -> Vec<CloudPoint> {
                 keyframe: index as u32,
             })
         };
-        keyframe.semi_dense.iter().step_by(step).filter_map(point).collect()
+        (0..depths.len()).step_by(step).filter_map(point).collect()
     };
     let of_keyframes: Vec<Vec<CloudPoint>> = keyframes.par_iter().enumerate().map(points).collect();
     of_keyframes.concat()

@@ -203,7 +203,6 @@ fn pair() -> Pair {
     let points: Vec<PointMatch> =
         (0..FEATURES).step_by(3).map(|i| PointMatch { source: point(i), target: point(i) }).collect();
     Pair {
-        elsewhere: 0,
         views: ViewPair {
             source: KeyframeId(1),
             target: KeyframeId(1),
