@@ -87,5 +87,13 @@ impl Features {
 /// Squared Euclidean distance of two descriptors.
 #[inline]
 pub fn squared_distance(a: &Descriptor, b: &Descriptor) -> u32 {
-    a.iter().zip(b).map(|(&a, &b)| u32::from(a.abs_diff(b)).pow(2)).sum()
+    // Eight sums at a time, of differences in 16 bits, which processors multiply and add in one step: twice as fast as
+    // one by one.
+    let mut sums = [0; 8];
+    for (a, b) in a.as_chunks::<8>().0.iter().zip(b.as_chunks::<8>().0) {
+        for ((sum, &a), &b) in sums.iter_mut().zip(a).zip(b) {
+            *sum += i32::from(i16::from(a) - i16::from(b)).pow(2);
+        }
+    }
+    sums.iter().sum::<i32>() as u32
 }

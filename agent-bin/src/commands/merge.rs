@@ -87,8 +87,15 @@ fn summary(args: &MergeArgs, merged: &Merged) -> String {
         text += &format!("{}: {}\n", args.out.join(&group.map).display(), merged.names.list(agents));
     }
     let memory = record.cost.peak_memory_bytes.map_or(String::new(), |b| format!(", {} MiB", b >> 20));
+    let found = match record.inputs.iter().map(|input| input.features_found).sum::<usize>() {
+        0 => "all features were in the maps".to_owned(),
+        count => format!(
+            "features of {count} keyframes were not in the maps and took {:.2} s",
+            record.cost.features_s
+        ),
+    };
     text + &format!(
-        "{:.2} s for the merge, {:.2} s for features, {:.2} s to read{memory}\n",
-        record.cost.merge_s, record.cost.features_s, record.cost.reading_s
+        "{:.2} s in all: {:.2} s for the merge; {found}{memory}\n",
+        merged.seconds, record.cost.merge_s
     )
 }

@@ -59,6 +59,10 @@ pub struct RunArgs {
     /// Leave out of cloud.ply points whose variance of inverse depth over its square is larger
     #[arg(long, value_name = "V", default_value_t = map::DEFAULT_MAX_RELATIVE_VARIANCE)]
     max_variance: f32,
+    /// When the keyframes' features are found, by which maps are merged: beside tracking, which keeps them in the map, or
+    /// later, by each merge of the map
+    #[arg(long, value_enum, value_name = "WHEN", default_value_t = FeatureTime::Now)]
+    features: FeatureTime,
     /// Parameter file (TOML); `loopbox params` prints the defaults
     #[arg(long, value_name = "FILE")]
     params: Option<PathBuf>,
@@ -97,6 +101,15 @@ pub struct RunArgs {
     threads: Option<usize>,
     #[command(flatten)]
     view: ViewArgs,
+}
+
+/// When features are found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum FeatureTime {
+    /// Beside tracking.
+    Now,
+    /// When maps are merged.
+    Later,
 }
 
 /// Forms of a log.
@@ -258,6 +271,7 @@ impl RunArgs {
             record: self.record.clone(),
             trajectory: self.trajectory,
             max_variance: self.max_variance,
+            features: self.features == FeatureTime::Now,
         })
     }
 

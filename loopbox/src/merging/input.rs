@@ -1,10 +1,11 @@
 //! A map to be merged, with the features and words of its keyframes.
 
 use crate::open::open_map;
+use crate::run::find_features;
 use anyhow::{Context, Result, bail};
+use features::{Features, SiftParams, codec, sift};
 use geometry::GrayImage;
-use map::{KeyframeId, Map};
-use place_recog::features::{Features, SiftParams, sift};
+use map::{Keyframe, KeyframeId, Map};
 use place_recog::{DirectIndex, Directed, Vocabulary, WordBag, words};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -21,6 +22,8 @@ pub struct Input {
     pub map: Map,
     /// The features of its keyframes that have depth.
     pub features: BTreeMap<KeyframeId, Features>,
+    /// Of how many keyframes they were found now; those of the others were in the map.
+    pub found: usize,
     /// Their words.
     pub words: BTreeMap<KeyframeId, WordBag>,
     /// Their features by nodes of the vocabulary's tree.
@@ -36,7 +39,7 @@ pub struct Input {
 pub struct InputSeconds {
     /// Reading the file.
     pub reading: f64,
-    /// Features and words of all keyframes.
+    /// Features, read or found, and words of all keyframes.
     pub features: f64,
 }
 
@@ -59,16 +62,17 @@ impl Input {
     ///
     /// # Errors
     /// When it holds nothing that could be merged, with the map.
-    pub fn of(map: Map, path: &Path, vocabulary: &Vocabulary) -> Result<Self, Refused> {
+    pub fn of(mut map: Map, path: &Path, vocabulary: &Vocabulary) -> Result<Self, Refused> {
         let start = Instant::now();
-        let features = match features_of(&map, path) {
+        let (features, found) = match features_of(&mut map, path) {
             Ok(features) => features,
             Err(why) => return Err(Refused { map: Box::new(map), why }),
         };
         let (words, direct) = words(&features, vocabulary);
         let name = map.agents.values().map(|agent| &*agent.name).collect::<Vec<_>>().join("+");
         let seconds = InputSeconds { reading: 0.0, features: start.elapsed().as_secs_f64() };
-        Ok(Self { path: path.to_owned(), name, map, features, words, direct, warnings: Vec::new(), seconds })
+        let (path, warnings) = (path.to_owned(), Vec::new());
+        Ok(Self { path, name, map, features, found, words, direct, warnings, seconds })
     }
 
     /// The keyframes as the direct index needs them.
@@ -85,18 +89,51 @@ pub struct Refused {
     pub why: anyhow::Error,
 }
 
-/// The features of every keyframe of a map, in order of the keyframes.
+/// The features of every keyframe of a map, in order of the keyframes: those kept in the map, or found now.
 ///
 /// # Errors
 /// When features cannot be found in an image.
 pub fn features_of_keyframes(map: &Map) -> Result<Vec<Features>> {
-    let images: Vec<&GrayImage> = map.keyframes.values().map(|keyframe| &*keyframe.image).collect();
-    let params = SiftParams::default();
-    images.into_par_iter().map(|image| Ok(sift(image, &params)?)).collect()
+    let keyframes: Vec<&Keyframe> = map.keyframes.values().collect();
+    let features = |keyframe: &&Keyframe| match decoded(keyframe) {
+        Some(features) => Ok(features),
+        None => Ok(sift(&keyframe.image, &SiftParams::default())?),
+    };
+    keyframes.par_iter().map(features).collect()
 }
 
-/// The features of a map's keyframes with depth.
-fn features_of(map: &Map, path: &Path) -> Result<BTreeMap<KeyframeId, Features>> {
+/// The features that are kept with a keyframe; nothing where there are none, or none that can be read.
+fn decoded(keyframe: &Keyframe) -> Option<Features> {
+    codec::decode(keyframe.features.as_deref()?).ok()
+}
+
+/// The features of a map's keyframes with depth: those kept in it, and where it has none, or none that can be read, those
+/// found now, which it keeps from now on. Says of how many keyframes they were found.
+fn kept_features(map: &mut Map) -> (BTreeMap<KeyframeId, Features>, usize) {
+    let mut features: BTreeMap<KeyframeId, Features> = map
+        .keyframes
+        .par_iter_mut()
+        .filter(|(_, keyframe)| !keyframe.semi_dense.is_empty())
+        .filter_map(|(id, keyframe)| {
+            let features = decoded(keyframe);
+            if features.is_none() {
+                keyframe.features = None;
+            }
+            Some((*id, features?))
+        })
+        .collect();
+    let found = find_features(map);
+    if found > 0 {
+        // As they come back from the map, so that it makes no difference when they were found.
+        let lacking = map.keyframes.par_iter().filter(|(id, _)| !features.contains_key(id));
+        let late: Vec<_> = lacking.filter_map(|(id, keyframe)| Some((*id, decoded(keyframe)?))).collect();
+        features.extend(late);
+    }
+    (features, found)
+}
+
+/// The features of a map's keyframes with depth, and of how many they were found.
+fn features_of(map: &mut Map, path: &Path) -> Result<(BTreeMap<KeyframeId, Features>, usize)> {
     map.of_cameras().with_context(|| format!("{}: cannot be merged with cameras' maps", path.display()))?;
     if map.keyframes.is_empty() {
         bail!("{}: the map has no keyframes: there is nothing to merge", path.display());
@@ -108,9 +145,6 @@ fn features_of(map: &Map, path: &Path) -> Result<BTreeMap<KeyframeId, Features>>
             path.display()
         );
     }
-    let found = features_of_keyframes(map)?;
     // Keyframes without depth could be recognised, but nothing could come of it.
-    let with_depth =
-        map.keyframes.values().zip(found).filter(|(keyframe, _)| !keyframe.semi_dense.is_empty());
-    Ok(with_depth.map(|(keyframe, features)| (keyframe.id, features)).collect())
+    Ok(kept_features(map))
 }

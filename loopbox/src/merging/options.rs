@@ -7,9 +7,11 @@ use super::{
 use crate::results::{Owner, Results};
 use anyhow::{Result, anyhow, bail};
 use place_recog::Vocabulary;
+use rayon::prelude::*;
 use sources::Stop;
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::time::Instant;
 
 /// How maps are to be merged.
 #[derive(Clone, Debug)]
@@ -50,6 +52,8 @@ pub struct Merged {
     pub names: Names,
     /// The numbers, as in `merge.json`.
     pub record: MergeRecord,
+    /// Wall-clock seconds of all of it, reading and writing included.
+    pub seconds: f64,
 }
 
 impl Merged {
@@ -97,6 +101,7 @@ pub fn merge_maps_watched(
             map.display()
         );
     }
+    let start = Instant::now();
     keep_from(&options.out, paths)?;
     let mut output = Results::create(&options.out, &Owner::Merge, options.force)?;
     let go_on = || if stop.requested() { Err(anyhow!("interrupted: nothing was written")) } else { Ok(()) };
@@ -120,20 +125,21 @@ pub fn merge_maps_watched(
             watcher.warn(&format!("{} met none of the others", listed(&lonely)));
         }
     }
-    Ok(Merged { inputs, merging, names, record })
+    Ok(Merged { inputs, merging, names, record, seconds: start.elapsed().as_secs_f64() })
 }
 
-/// Reads the maps and finds their features. Maps of one name are told apart.
+/// Reads the maps with their features, and finds those that they lack. Maps of one name are told apart.
 fn load(
     paths: &[PathBuf],
     vocabulary: &Arc<Vocabulary>,
     watcher: &dyn MergeWatcher,
     stage: &mut dyn FnMut(&str) -> Result<()>,
 ) -> Result<Vec<Input>> {
+    stage(&format!("reading {} maps, and finding the features that they lack", paths.len()))?;
+    let loaded: Vec<Result<Input>> = paths.par_iter().map(|path| Input::load(path, vocabulary)).collect();
     let mut inputs: Vec<Input> = Vec::new();
-    for path in paths {
-        stage(&format!("reading {} and finding its features", path.display()))?;
-        let mut input = Input::load(path, vocabulary)?;
+    for input in loaded {
+        let mut input = input?;
         input.warnings.iter().for_each(|warning| watcher.warn(warning));
         let name = input.name.clone();
         let mut number = 2;

@@ -34,10 +34,14 @@ pub fn write_results(
     record: &mut MergeRecord,
 ) -> Result<()> {
     let provenance = merging.provenance(inputs, &record.params);
-    write_maps(output, &merging.fused, names, &provenance)?;
+    let files = GroupFiles::of(output, &merging.fused, names)?;
     let page = output.file(REPORT)?;
-    report::write(&page, inputs, merging)
-        .with_context(|| format!("{}: cannot be written", page.display()))?;
+    let (maps, report) = rayon::join(
+        || write_groups(&files, &merging.fused, &provenance),
+        || report::write(&page, inputs, merging),
+    );
+    maps?;
+    report.with_context(|| format!("{}: cannot be written", page.display()))?;
     let path = output.file(NUMBERS)?;
     record.files = output.names();
     let text = serde_json::to_vec_pretty(record).context("the numbers cannot be written as JSON")?;
@@ -54,19 +58,45 @@ pub fn write_maps(
     names: &Names,
     provenance: &[(String, String)],
 ) -> Result<()> {
-    for (index, fused) in groups.iter().enumerate() {
-        let path = output.file(map_file(index, fused, names))?;
-        // A map of one agent alone was not made here.
-        if fused.agents.len() == 1 {
-            map::save_map(path, &fused.map)?;
-        } else {
+    write_groups(&GroupFiles::of(output, groups, names)?, groups, provenance)
+}
+
+/// Where the files of a group go.
+struct GroupFiles {
+    map: PathBuf,
+    cloud: PathBuf,
+    /// In the order of its agents.
+    trajectories: Vec<PathBuf>,
+}
+
+impl GroupFiles {
+    fn of(output: &mut Results, groups: &[Fused], names: &Names) -> Result<Vec<Self>> {
+        let of_group = |(index, fused): (usize, &Fused)| {
+            let map = output.file(map_file(index, fused, names))?;
+            let cloud = output.file(of_group("cloud", "ply", index, fused, names))?;
+            let trajectory = |agent| output.file(format!("trajectory-{}.txt", names.of(agent)));
+            let trajectories = fused.agents.iter().copied().map(trajectory).collect::<Result<_>>()?;
+            Ok(Self { map, cloud, trajectories })
+        };
+        groups.iter().enumerate().map(of_group).collect()
+    }
+}
+
+fn write_groups(files: &[GroupFiles], groups: &[Fused], provenance: &[(String, String)]) -> Result<()> {
+    for (files, fused) in files.iter().zip(groups) {
+        let map = || {
+            // A map of one agent alone was not made here.
+            if fused.agents.len() == 1 {
+                return map::save_map(&files.map, &fused.map);
+            }
             let merge_provenance = provenance.iter().cloned().collect();
-            map::save_map(path, &map::Map { merge_provenance, ..fused.map.clone() })?;
-        }
-        let cloud = output.file(of_group("cloud", "ply", index, fused, names))?;
-        map::save_ply(cloud, &fused.map, DEFAULT_MAX_RELATIVE_VARIANCE)?;
-        for (agent, united) in fused.agents.iter().zip(fused.map.agents.keys()) {
-            let path = output.file(format!("trajectory-{}.txt", names.of(*agent)))?;
+            map::save_map(&files.map, &map::Map { merge_provenance, ..fused.map.clone() })
+        };
+        let cloud = || map::save_ply(&files.cloud, &fused.map, DEFAULT_MAX_RELATIVE_VARIANCE);
+        let (map, cloud) = rayon::join(map, cloud);
+        map?;
+        cloud?;
+        for (path, united) in files.trajectories.iter().zip(fused.map.agents.keys()) {
             map::save_tum(path, &fused.map.trajectory_of(*united))?;
         }
     }

@@ -1,9 +1,10 @@
 //! One agent's run, from a source of frames to a folder of results.
 //!
 //! In order: `options` (what is asked for, and the way from there to the results), `session` (one map after another, as long as somebody wants a new one), `runtime` (the loop around the
-//! agent), `lens` (a recording without a calibration), `lens_check` (whether the one given fits), `fragments` (what was tracked after losses joined), `output` (the files), `record` (the numbers), `saving`
+//! agent), `lens` (a recording without a calibration), `lens_check` (whether the one given fits), `describing` (features of keyframes beside it), `fragments` (what was tracked after losses joined), `output` (the files), `record` (the numbers), `saving`
 //! (results on the way), `diagnosis` (why nothing was tracked).
 
+mod describing;
 mod diagnosis;
 mod fragments;
 mod lens;
@@ -17,6 +18,7 @@ mod saving;
 mod session;
 
 pub use lens::{FoundLens, find_lens};
+pub use describing::complete as find_features;
 pub use options::{PreparedRun, RunOptions, run};
 pub use output::TrajectoryFormat;
 pub use progress::{Progress, Silent};

@@ -6,9 +6,9 @@ use super::output::{Output, TrajectoryFormat};
 use super::saving::Form;
 use super::session::{Mapped, Session};
 use super::{Progress, Silent};
-use anyhow::Result;
+use anyhow::{Result, anyhow};
 use geometry::Pinhole;
-use map::AgentInfo;
+use map::{AgentInfo, Identity};
 use slam_direct::Params;
 use sources::ahead::{Ahead, Pace, Preparation};
 use sources::correction::{CameraOptions, ImageCorrection, correction};
@@ -53,6 +53,9 @@ pub struct RunOptions {
     pub trajectory: TrajectoryFormat,
     /// Largest variance of inverse depth over its square of the cloud's points.
     pub max_variance: f32,
+    /// Whether the keyframes' features are found beside tracking, so that merging need not. Without them the map is
+    /// smaller, and merging finds them at each call.
+    pub features: bool,
 }
 
 impl RunOptions {
@@ -71,6 +74,7 @@ impl RunOptions {
             record: None,
             trajectory: TrajectoryFormat::Tum,
             max_variance: map::DEFAULT_MAX_RELATIVE_VARIANCE,
+            features: true,
         }
     }
 
@@ -155,7 +159,9 @@ impl PreparedRun {
         let correction = correction(&options.camera, &info)?;
         let camera = correction.camera();
         let provenance = provenance(&info, &correction, &params);
-        let about = AgentInfo { provenance, ..AgentInfo::new(recording_name(&info.path), camera) };
+        // A camera that is live is seen by nobody again; who a recording is follows from its first image.
+        let identity = source.is_live().then(random_identity).transpose()?;
+        let about = AgentInfo { provenance, identity, ..AgentInfo::new(recording_name(&info.path), camera) };
         let mut output = Output::create(&options.out, about.clone(), &info.path, options.force)?;
         if let Some(lens) = &options.lens {
             output.add("camera.yaml", lens.file());
@@ -197,7 +203,8 @@ impl PreparedRun {
         let mut watch = watched(&about, info.frame_count, RecordButton::new(&recorder, head, &options.out))?;
         let form = Form { format: options.trajectory, max_variance: options.max_variance };
         let lens = options.lens.is_none().then_some((lens, halvings));
-        let session = Session { about, source: info, camera, params, form, stop, progress, lens };
+        let features = options.features;
+        let session = Session { about, source: info, camera, params, features, form, stop, progress, lens };
         let mapped = session.run(output, &ahead, &mut watch);
         // Tells the recorder which frames nobody took, so that a replay ends where this run did.
         drop(ahead);
@@ -214,6 +221,13 @@ impl PreparedRun {
         recorded?;
         Ok(mapped)
     }
+}
+
+/// An identity that no other agent has.
+fn random_identity() -> Result<Identity> {
+    let mut bytes = [0; 16];
+    getrandom::fill(&mut bytes).map_err(|error| anyhow!("the system gives no random numbers: {error}"))?;
+    Ok(Identity::random(bytes))
 }
 
 /// What people call a recording: the last part of its path, of a file without the extension.

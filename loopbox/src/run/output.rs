@@ -3,11 +3,12 @@
 use super::record::{RunRecord, numbered};
 use crate::results::{Owner, Results};
 use anyhow::{Context, Result};
-use map::{AgentInfo, KeyframeId, Map, MapWriter};
+use map::{AgentInfo, Identity, Keyframe, KeyframeId, Map, MapWriter};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 use view::report::{self, ReportInput};
 
@@ -34,6 +35,9 @@ const FLUSH_INTERVAL: Duration = Duration::from_secs(1);
 /// own deviation, which is 2 % and more.
 const UNIT_CHANGE: f32 = 0.01;
 
+/// What is known of a keyframe's features so far.
+pub type KnownFeatures<'a> = &'a dyn Fn(&Keyframe) -> Option<Arc<[u8]>>;
+
 /// The folder of a run's results.
 pub struct Output {
     results: Results,
@@ -50,6 +54,8 @@ pub struct Output {
     settled: BTreeSet<KeyframeId>,
     /// A sample of each keyframe's inverse depths as written, which tells changes of its unit.
     written: BTreeMap<KeyframeId, f32>,
+    /// Keyframes whose features were written.
+    described: BTreeSet<KeyframeId>,
     flushed: Instant,
     /// Other files of the results, by name, with their text.
     others: Vec<(String, String)>,
@@ -64,7 +70,8 @@ impl Output {
     /// else.
     pub fn create(folder: &Path, agent: AgentInfo, source: &Path, force: bool) -> Result<Self> {
         let results = Results::create(folder, &Owner::Run(source.to_owned()), force)?;
-        let (fragment, writer, beside, last_keyframe, settled, written, others) = Default::default();
+        let (fragment, writer, beside, last_keyframe) = Default::default();
+        let (settled, written, described, others) = Default::default();
         let flushed = Instant::now();
         Ok(Self {
             results,
@@ -75,6 +82,7 @@ impl Output {
             last_keyframe,
             settled,
             written,
+            described,
             flushed,
             others,
         })
@@ -85,17 +93,28 @@ impl Output {
         self.others.push((name.to_owned(), text));
     }
 
+    /// Says who the agent is, in the epoch of its first fragment; maps that are begun afterwards are its.
+    pub fn identify(&mut self, identity: Option<Identity>) {
+        self.agent.identity = identity;
+    }
+
     /// The folder.
     pub fn folder(&self) -> &Path {
         self.results.folder()
     }
 
     /// Writes what the map of a fragment gained, so that a killed run leaves it: call it after each frame, with the
-    /// keyframes whose depth has come.
+    /// keyframes whose depth has come, and with what is known of a keyframe's features.
     ///
     /// # Errors
     /// When the map file cannot be written; what was written before still loads.
-    pub fn grow(&mut self, fragment: usize, map: &Map, settled: &[KeyframeId]) -> Result<()> {
+    pub fn grow(
+        &mut self,
+        fragment: usize,
+        map: &Map,
+        settled: &[KeyframeId],
+        features: KnownFeatures,
+    ) -> Result<()> {
         if fragment != self.fragment {
             self.forget_written();
             self.fragment = fragment;
@@ -105,27 +124,27 @@ impl Output {
         if newest.is_none() || (newest == self.last_keyframe && self.flushed.elapsed() < FLUSH_INTERVAL) {
             return Ok(());
         }
-        self.save(map)
+        self.save(map, features)
     }
 
     /// Writes what the map gained now, whenever that was done last.
     ///
     /// # Errors
     /// When the map file cannot be written; what was written before still loads.
-    pub fn save(&mut self, map: &Map) -> Result<()> {
+    pub fn save(&mut self, map: &Map, features: KnownFeatures) -> Result<()> {
         let newest = map.keyframes.keys().next_back().copied();
         if newest.is_none() {
             return Ok(());
         }
         let hint = "hint: what was written before is whole: `loopbox export --mcap` mends the file";
-        self.append(map)
+        self.append(map, features)
             .with_context(|| format!("the run was ended, its map could not be written on\n{hint}"))?;
         self.last_keyframe = newest;
         self.flushed = Instant::now();
         Ok(())
     }
 
-    fn append(&mut self, map: &Map) -> Result<()> {
+    fn append(&mut self, map: &Map, features: KnownFeatures) -> Result<()> {
         let writer = match &mut self.writer {
             Some(writer) => writer,
             none => {
@@ -134,16 +153,25 @@ impl Output {
                     path.set_file_name(numbered(MAP, self.fragment));
                     self.beside.insert(path.clone());
                 }
-                none.insert(MapWriter::create(path, &self.agent)?)
+                let epoch = |first: Identity| first.later(self.fragment as u32);
+                let identity = self.agent.identity.map(epoch);
+                none.insert(MapWriter::create(path, &AgentInfo { identity, ..self.agent.clone() })?)
             }
         };
         self.written.retain(|id, _| map.keyframes.contains_key(id));
+        self.described.retain(|id| map.keyframes.contains_key(id));
         for (id, keyframe) in &map.keyframes {
             let sample = keyframe.semi_dense.inverse_depth.first().copied().unwrap_or(0.0);
             let is_told = |written: &f32| (sample - written).abs() <= UNIT_CHANGE * written.abs();
             if self.settled.remove(id) || !self.written.get(id).is_some_and(is_told) {
                 writer.append_keyframe(keyframe)?;
                 self.written.insert(*id, sample);
+            }
+            if !self.described.contains(id)
+                && let Some(features) = features(keyframe)
+            {
+                writer.append_features(keyframe, &features)?;
+                self.described.insert(*id);
             }
         }
         writer.append_poses(map)?;
@@ -196,6 +224,7 @@ impl Output {
         self.last_keyframe = None;
         self.settled.clear();
         self.written.clear();
+        self.described.clear();
     }
 
     /// Removes the growing maps of fragments that have their place in the results now, but for those `complete`.
@@ -274,21 +303,21 @@ mod tests {
         let mut output =
             Output::create(room.path(), agent, Path::new("video.mp4"), false).expect("it is free");
         map.keyframes.extend([0, 1].map(|id| (KeyframeId(id), keyframe(id))));
-        output.save(&map).expect("there is room");
+        output.save(&map, &|_| None).expect("there is room");
         let size = written(&output);
         assert!(size > 0);
         for _ in 0..3 {
-            output.save(&map).expect("there is room");
+            output.save(&map, &|_| None).expect("there is room");
         }
         assert_eq!(written(&output), size, "a camera that stands still writes nothing");
         let depth = SemiDense { pixel: vec![7], inverse_depth: vec![0.5], variance: vec![0.01] };
         map.keyframes.entry(KeyframeId(0)).and_modify(|keyframe| keyframe.semi_dense = depth.into());
         map.keyframes.insert(KeyframeId(2), keyframe(2));
-        output.grow(0, &map, &[KeyframeId(0)]).expect("there is room");
+        output.grow(0, &map, &[KeyframeId(0)], &|_| None).expect("there is room");
         assert_eq!(depth_in_file(&output, 0), [0.5]);
         // Another unit: poses of the graph are in it at once, and so must depths be.
         map.keyframes.entry(KeyframeId(0)).and_modify(|keyframe| keyframe.semi_dense.inverse_depth[0] = 0.25);
-        output.save(&map).expect("there is room");
+        output.save(&map, &|_| None).expect("there is room");
         assert_eq!(depth_in_file(&output, 0), [0.25]);
     }
 }

@@ -1,6 +1,7 @@
 //! One run: feeds the agent and keeps the numbers.
 
 use crate::run::Progress;
+use crate::run::describing::Describer;
 use crate::run::diagnosis::{ImageStatistics, Losses};
 use crate::run::lens_check::LensCheck;
 use crate::run::output::Output;
@@ -9,13 +10,15 @@ use crate::run::record::{
 };
 use anyhow::Result;
 use geometry::Pinhole;
-use map::{KeyframeId, Map};
+use map::{AgentId, AgentInfo, Identity, Keyframe, KeyframeId, Map};
 use slam_direct::{Agent, Atlas, Frame};
 use sources::ahead::{Ahead, Item, SkipReason};
 use sources::notice::Notice;
 use sources::{SourceInfo, Stop};
+use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 use view::process;
 use view::watch::{Command, Watch};
@@ -26,6 +29,12 @@ const LAST_WORK: Duration = Duration::from_secs(4);
 /// A run whose frames are processed.
 pub struct Run {
     atlas: Atlas,
+    camera: Pinhole,
+    /// Whose run it is, in the epoch of the first fragment; of a recording known from the first frame on.
+    identity: Option<Identity>,
+    /// Finds the keyframes' features, where that is wanted. Whoever saves on the way only looks on.
+    describer: RefCell<Option<Describer>>,
+    /// Asks whether the lens is the one of the images.
     check: Option<LensCheck>,
     /// The fragment that the newest frame was given to.
     fragment: usize,
@@ -44,11 +53,14 @@ pub struct Run {
 }
 
 impl Run {
-    /// A run of `atlas` over what comes from `ahead`; `check` asks whether the lens is the one of the images.
-    pub fn new(atlas: Atlas, ahead: &Ahead, check: Option<LensCheck>) -> Self {
+    /// A run that is to begin: of the agent `identity`, where that is known already.
+    pub fn new(atlas: Atlas, camera: Pinhole, identity: Option<Identity>, ahead: &Ahead) -> Self {
         Self {
             atlas,
-            check,
+            camera,
+            identity,
+            describer: RefCell::default(),
+            check: None,
             fragment: 0,
             rows: Vec::new(),
             skipped: BTreeMap::new(),
@@ -63,81 +75,90 @@ impl Run {
         }
     }
 
+    /// The same, whose keyframes' features `describer` finds, and whose lens `check` asks after.
+    pub fn with(self, describer: Option<Describer>, check: Option<LensCheck>) -> Self {
+        Self { describer: RefCell::new(describer), check, ..self }
+    }
+
     /// Gives the agent every frame until the recording ends, the user stops it, or who watches wants a new map; calls
     /// `save` when who watches wants the results so far.
     ///
     /// # Errors
     /// When results cannot be written on the way.
     pub fn track(
-        &mut self,
+        self,
         ahead: &Ahead,
         stop: &Stop,
         progress: &dyn Progress,
         output: &mut Output,
         watch: &mut Watch,
         save: &dyn Fn(&Self, &Output, &Watch),
-    ) -> Result<()> {
+    ) -> Result<Self> {
         let started = Instant::now();
+        let mut run = self;
         let mut broken = None;
         loop {
-            self.wall_s = started.elapsed().as_secs_f64();
-            while !self.restart
+            run.wall_s = started.elapsed().as_secs_f64();
+            while !run.restart
                 && let Some(command) = watch.attend(stop)
             {
                 match command {
-                    Command::Restart => self.restart = true,
-                    _ => save(self, output, watch),
+                    Command::Restart => run.restart = true,
+                    _ => save(&run, output, watch),
                 }
             }
-            if self.restart {
+            if run.restart {
                 break;
             }
             let Some(item) = ahead.next_item(stop) else { break };
             match item {
                 Item::Frame(frame, taken) => {
-                    let process = || self.process(frame, taken, progress, ahead.dropped(), watch);
+                    let process = || run.process(frame, taken, progress, ahead.dropped(), watch);
                     let Some(settled) = guarded("tracking", process, &mut broken) else { break };
                     let settled = settled?;
                     progress.lost(ahead.dropped(), ahead.missed());
-                    output.grow(self.fragment, self.map(), &settled)?;
-                    self.check_lens(progress);
+                    run.describe(&settled);
+                    output.identify(run.identity);
+                    output
+                        .grow(run.fragment, run.map(), &settled, &|keyframe| run.known_features(keyframe))?;
+                    run.check_lens(progress);
                 }
                 Item::Skipped(skip) => {
                     progress.skipped(&skip);
-                    *self.skipped.entry(skip.reason).or_default() += 1;
+                    *run.skipped.entry(skip.reason).or_default() += 1;
                 }
                 Item::Warning(text) => progress.warn(&text),
                 Item::Notice(notice) => {
                     progress.notice(&notice);
                     if let Notice::Gone(_) = notice {
-                        output.save(self.map())?;
+                        output.save(run.map(), &|keyframe| run.known_features(keyframe))?;
                     }
                 }
-                Item::Failed(reason) => self.failure = Some(reason),
+                Item::Failed(reason) => run.failure = Some(reason),
                 Item::Nothing => {}
             }
         }
-        if !self.restart {
+        if !run.restart {
             ahead.end();
         }
         progress.stage("last optimisation");
         if broken.is_none() {
             let hurry = Instant::now();
             let stop = || stop.requested() && hurry.elapsed() > LAST_WORK;
-            guarded("the last optimisation", || self.atlas.finish_until(&stop), &mut broken);
+            guarded("the last optimisation", || run.atlas.finish_until(&stop), &mut broken);
         }
-        if let Some(mut check) = self.check.take() {
+        if let Some(mut check) = run.check.take() {
             // A short recording has said all it will say.
             if check.is_open() && broken.is_none() {
-                check.ask(self.snapshot());
+                check.ask(run.atlas.active().snapshot());
             }
             check.tell(progress, true);
         }
-        watch.whole(self.map());
-        self.is_whole = broken.is_none();
-        self.failure = broken.or(self.failure.take());
-        self.wall_s = started.elapsed().as_secs_f64();
-        Ok(())
+        watch.whole(run.map());
+        run.is_whole = broken.is_none();
+        run.failure = broken.or(run.failure);
+        run.wall_s = started.elapsed().as_secs_f64();
+        Ok(run)
     }
 
     /// Asks and tells whether the lens is the one of the images, when it is time.
@@ -145,7 +166,7 @@ impl Run {
         let Some(mut check) = self.check.take() else { return };
         check.tell(progress, false);
         if check.is_due(self.map().keyframes.len()) {
-            check.ask(self.snapshot());
+            check.ask(self.atlas.active().snapshot());
         }
         self.check = Some(check);
     }
@@ -163,6 +184,8 @@ impl Run {
             self.statistics.add(&frame.image);
         }
         watch.before(&frame);
+        let of_recording = || Identity::of_recording(&self.camera, frame.timestamp, &frame.image);
+        self.identity = self.identity.or_else(|| Some(of_recording()));
         let (index, timestamp) = (frame.index, frame.timestamp);
         let started = Instant::now();
         let report = self.atlas.process(frame)?;
@@ -192,19 +215,55 @@ impl Run {
         self.atlas.active().map()
     }
 
-    /// The same with its edges and points, to be saved while the run goes on.
-    pub fn snapshot(&self) -> Map {
-        self.atlas.active().snapshot()
+    /// Asks for the features of keyframes whose depth has come.
+    fn describe(&self, settled: &[KeyframeId]) {
+        let mut describer = self.describer.borrow_mut();
+        let Some(describer) = describer.as_mut() else { return };
+        let keyframes = settled.iter().filter_map(|id| self.map().keyframes.get(id));
+        keyframes.for_each(|keyframe| describer.ask(keyframe));
     }
 
-    /// The maps of all fragments, in the order they were begun.
-    pub fn maps(&self) -> Vec<Map> {
+    /// The features of a keyframe as far as they are known.
+    fn known_features(&self, keyframe: &Keyframe) -> Option<Arc<[u8]>> {
+        self.describer.borrow_mut().as_mut()?.known(keyframe)
+    }
+
+    /// The same with its edges and points, to be saved while the run goes on, as that of the agent `about`.
+    pub fn snapshot(&self, about: &AgentInfo) -> Map {
+        let mut map = self.named(about, self.fragment, self.atlas.active().snapshot());
+        if let Some(describer) = self.describer.borrow_mut().as_mut() {
+            describer.give(&mut map);
+        }
+        map
+    }
+
+    /// The maps of all fragments of the agent `about`, in the order they were begun, with the features of their
+    /// keyframes.
+    pub fn maps(&mut self, about: &AgentInfo) -> Vec<Map> {
         let map = |agent: &Agent| {
             let snapshot = || guarded("the map", || agent.snapshot(), &mut None);
             let whole = if self.is_whole { None } else { snapshot() };
             whole.unwrap_or_else(|| agent.map().clone())
         };
-        self.atlas.fragments().iter().map(map).filter(|map| !map.frames.is_empty()).collect()
+        let maps = self.atlas.fragments().iter().map(map).enumerate();
+        let maps = maps.filter(|(_, map)| !map.frames.is_empty());
+        let mut maps: Vec<Map> = maps.map(|(fragment, map)| self.named(about, fragment, map)).collect();
+        if let Some(mut describer) = self.describer.take() {
+            guarded("finding features", || describer.complete(&mut maps), &mut self.failure);
+        }
+        maps
+    }
+
+    /// A map that says whose it is.
+    fn named(&self, about: &AgentInfo, fragment: usize, mut map: Map) -> Map {
+        let identity = self.identity.map(|first| first.later(fragment as u32));
+        map.agents.insert(AgentId::default(), AgentInfo { identity, ..about.clone() });
+        map
+    }
+
+    /// Who makes the maps after those of this run.
+    pub fn next_identity(&self) -> Option<Identity> {
+        self.identity.map(|first| first.later(self.atlas.fragments().len() as u32))
     }
 
     /// Why a live source ended though nobody wished it.

@@ -2,15 +2,16 @@
 //! one.
 
 use crate::run::Progress;
+use crate::run::describing::Describer;
 use crate::run::fragments;
 use crate::run::lens_check::LensCheck;
 use crate::run::output::Output;
 use crate::run::record::RunRecord;
 use crate::run::runtime::Run;
 use crate::run::saving::{self, Form, Saver};
-use anyhow::{Result, anyhow};
+use anyhow::{Context, Result, anyhow};
 use geometry::{Camera, Pinhole};
-use map::{AgentId, AgentInfo, Map};
+use map::AgentInfo;
 use place_recog::ThumbnailIndex;
 use slam_direct::{Atlas, Params};
 use sources::SourceInfo;
@@ -29,6 +30,8 @@ pub struct Session<'a> {
     pub camera: Pinhole,
     /// How it maps.
     pub params: Params,
+    /// Whether the keyframes' features are found beside tracking.
+    pub features: bool,
     /// The form of results.
     pub form: Form,
     /// The user's wish to stop.
@@ -58,17 +61,21 @@ impl Session<'_> {
         let first = output.folder().to_owned();
         let saver = Saver::new(self.about.clone(), self.form);
         let save = |run: &Run, output: &Output, watch: &Watch| {
-            let map = self.named(run.snapshot());
+            let map = run.snapshot(&self.about);
             let record = run.record(&self.source, self.camera, ahead, false, std::slice::from_ref(&map));
             saver.save(output.folder(), map, record, watch.teller());
         };
+        let mut identity = self.about.identity;
         loop {
             watch.folder(output.folder());
             let atlas = Atlas::new(self.camera, || Box::new(ThumbnailIndex::default()), self.params.clone())?;
-            let mut run =
-                Run::new(atlas, ahead, self.lens.map(|(lens, halvings)| LensCheck::new(lens, halvings)));
-            run.track(ahead, self.stop, self.progress, &mut output, watch, &save)?;
+            let describer =
+                self.features.then(Describer::start).transpose().context("cannot start a thread")?;
+            let check = self.lens.map(|(lens, halvings)| LensCheck::new(lens, halvings));
+            let run = Run::new(atlas, self.camera, identity, ahead).with(describer, check);
+            let run = run.track(ahead, self.stop, self.progress, &mut output, watch, &save)?;
             let restart = run.is_to_restart();
+            identity = run.next_identity();
             let failure = run.failure().map(str::to_owned);
             let tracked = self.write(run, ahead, &mut output)?;
             if !restart {
@@ -85,8 +92,8 @@ impl Session<'_> {
     }
 
     /// Writes the results of one map. The inner error says why there is none.
-    fn write(&self, run: Run, ahead: &Ahead, output: &mut Output) -> Result<Result<RunRecord>> {
-        let maps = run.maps().into_iter().map(|map| self.named(map)).collect();
+    fn write(&self, mut run: Run, ahead: &Ahead, output: &mut Output) -> Result<Result<RunRecord>> {
+        let maps = run.maps(&self.about);
         let maps = fragments::joined(maps, self.progress);
         let mut record = run.record(&self.source, self.camera, ahead, self.stop.requested(), &maps);
         if record.frames.tracked == 0 {
@@ -97,12 +104,6 @@ impl Session<'_> {
         self.progress.stage("writing the results");
         output.finish(&maps, &mut record, self.form.format, self.form.max_variance)?;
         Ok(Ok(record))
-    }
-
-    /// A map that says whose it is.
-    fn named(&self, mut map: Map) -> Map {
-        map.agents.insert(AgentId::default(), self.about.clone());
-        map
     }
 
     /// A folder for the next map.

@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use std::fs::File;
 use std::io::{self, BufWriter};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// Keyframes whose images are encoded at once: enough for all cores, and a few megabytes.
 const IMAGES_TOGETHER: usize = 16;
@@ -89,6 +90,14 @@ impl MapWriter {
             .and_then(|()| check::keyframe(keyframe, &self.agent.sensor))
             .map_err(|what| MapError::invalid(&self.path, what))?;
         self.written(|sink| sink.keyframe(keyframe, None))
+    }
+
+    /// Appends the features of a keyframe that was appended, if they are others than before.
+    ///
+    /// # Errors
+    /// [`MapError::Write`] when the system refuses.
+    pub fn append_features(&mut self, keyframe: &Keyframe, features: &Arc<[u8]>) -> Result<(), MapError> {
+        self.written(|sink| sink.features(keyframe.id, keyframe.timestamp, features))
     }
 
     /// Appends the map's keyframe poses, edges and frames as far as they have changed; keyframes that

@@ -3,10 +3,16 @@
 use super::pack::Packed;
 use map::{Keyframe, Map};
 use nalgebra::Vector3;
+use rayon::prelude::*;
 use serde::Serialize;
 
 /// Most points a report holds; ten bytes each, before base64.
 pub const MAX_POINTS: usize = 400_000;
+
+/// So many times the points that are held are looked at.
+const CHOICE: usize = 2;
+/// Most points that a range is found by.
+const RANGE_POINTS: usize = 200_000;
 
 /// Relative standard deviations of inverse depth (σ/d) that code 0 and code 255 stand for; logarithmic between.
 const SIGMA_RANGE: [f32; 2] = [1e-3, 1.0];
@@ -16,7 +22,7 @@ const SIGMA_RANGE: [f32; 2] = [1e-3, 1.0];
 pub struct Cloud {
     /// Points held.
     count: usize,
-    /// Points of the map.
+    /// Pixels of the map that have a depth.
     total: usize,
     /// Corner of the box that the coordinates are quantised in, world.
     box_min: [f32; 3],
@@ -48,8 +54,8 @@ impl Cloud {
     /// The cloud of some `keyframes` of a map, each agent's in a row, thinned to at most `budget` points: all agents
     /// alike.
     pub fn new(map: &Map, keyframes: &[&Keyframe], budget: usize) -> Self {
-        let mut points = gather(map, keyframes);
-        let total = points.len();
+        let total = keyframes.iter().map(|keyframe| keyframe.semi_dense.len()).sum::<usize>();
+        let mut points = gather(map, keyframes, (total / (CHOICE * budget).max(1)).max(1));
         let (low, high) = robust_box(&points);
         points.retain(|p| (0..3).all(|i| p.position[i] >= low[i] && p.position[i] <= high[i]));
         let share = budget as f64 / points.len().max(1) as f64;
@@ -85,32 +91,33 @@ impl Cloud {
     }
 }
 
-/// The world points of all keyframes; impossible depths and pixels are passed over.
-fn gather(map: &Map, keyframes: &[&Keyframe]) -> Vec<CloudPoint> {
-    let mut points = Vec::with_capacity(keyframes.iter().map(|k| k.semi_dense.len()).sum());
-    for (index, keyframe) in keyframes.iter().enumerate() {
+/// The world points of all keyframes, of each every `step`-th; impossible depths and pixels are passed over.
+fn gather(map: &Map, keyframes: &[&Keyframe], step: usize) -> Vec<CloudPoint> {
+    let points = |(index, keyframe): (usize, &&Keyframe)| -> Vec<CloudPoint> {
         let (image, pose) = (&keyframe.image, &keyframe.world_from_keyframe);
-        let camera = map.camera(keyframe);
-        for (pixel, inverse_depth, variance) in keyframe.semi_dense.iter() {
-            let Some(&intensity) = image.data().get(pixel as usize) else { continue };
-            if !(inverse_depth > 0.0 && inverse_depth.is_finite()) {
-                continue;
-            }
-            let (x, y) = (pixel as usize % image.width(), pixel as usize / image.width());
-            let world = *pose * (camera.unproject(x as f64, y as f64) / inverse_depth as f64);
+        let (camera, width) = (map.camera(keyframe), image.width().max(1) as u32);
+        let turned = pose.rotation.to_rotation_matrix().into_inner() * pose.scale;
+        let depths = &keyframe.semi_dense;
+        let point = |at: usize| {
+            let (pixel, inverse_depth, variance) =
+                (*depths.pixel.get(at)?, *depths.inverse_depth.get(at)?, *depths.variance.get(at)?);
+            let intensity = *image.data().get(pixel as usize)?;
+            let ray = camera.unproject(f64::from(pixel % width), f64::from(pixel / width));
+            let world = turned * (ray / f64::from(inverse_depth)) + pose.translation;
             let position = world.cast::<f32>();
-            if position.iter().all(|v| v.is_finite()) {
-                points.push(CloudPoint {
-                    position,
-                    inverse_depth: inverse_depth / pose.scale as f32,
-                    intensity,
-                    sigma_code: sigma_code(variance.sqrt() / inverse_depth),
-                    keyframe: index as u32,
-                });
-            }
-        }
-    }
-    points
+            let possible = inverse_depth > 0.0 && inverse_depth.is_finite();
+            (possible && position.iter().all(|v| v.is_finite())).then(|| CloudPoint {
+                position,
+                inverse_depth: inverse_depth / pose.scale as f32,
+                intensity,
+                sigma_code: sigma_code(variance.sqrt() / inverse_depth),
+                keyframe: index as u32,
+            })
+        };
+        (0..depths.len()).step_by(step).filter_map(point).collect()
+    };
+    let of_keyframes: Vec<Vec<CloudPoint>> = keyframes.par_iter().enumerate().map(points).collect();
+    of_keyframes.concat()
 }
 
 /// The code of a relative standard deviation; unknown (NaN) counts as the worst.
@@ -133,6 +140,7 @@ fn robust_box(points: &[CloudPoint]) -> (Vector3<f32>, Vector3<f32>) {
 /// The `share` and `1 − share` quantiles of some values, never equal; (0, 1) of none.
 fn range(values: impl Iterator<Item = f32>, share: f64) -> [f32; 2] {
     let mut values: Vec<f32> = values.collect();
+    evenly(&mut values, RANGE_POINTS);
     if values.is_empty() {
         return [0.0, 1.0];
     }

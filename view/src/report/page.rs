@@ -107,10 +107,11 @@ fn html_escaped(text: &str) -> String {
 /// where `\u` escapes mean the same.
 fn script_safe(json: &str) -> String {
     let mut out = String::with_capacity(json.len());
-    for c in json.chars() {
-        match c {
-            '<' | '>' | '&' => out.push_str(&format!("\\u{:04x}", c as u32)),
-            _ => out.push(c),
+    for part in json.split_inclusive(['<', '>', '&']) {
+        let mark = part.chars().next_back().filter(|c| "<>&".contains(*c));
+        out.push_str(&part[..part.len() - mark.map_or(0, char::len_utf8)]);
+        if let Some(c) = mark {
+            out.push_str(&format!("\\u{:04x}", c as u32));
         }
     }
     out

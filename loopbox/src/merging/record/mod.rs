@@ -44,20 +44,22 @@ pub struct InputRecord {
     pub agents: Vec<String>,
     /// Its keyframes.
     pub keyframes: usize,
-    /// Features found in them.
+    /// Features of them.
     pub features: usize,
+    /// Keyframes whose features were found for this merge; those of the others were kept in the map.
+    pub features_found: usize,
     /// Seconds it took to read the file.
     pub reading_s: f64,
-    /// Seconds it took to find the features of all keyframes and their words.
+    /// Seconds it took to read or find the features of all keyframes and their words.
     pub features_s: f64,
 }
 
 /// Time and memory.
 #[derive(Clone, Debug, Serialize)]
 pub struct Cost {
-    /// Seconds to read the maps.
+    /// Seconds to read the maps, each one's own; several are read at a time.
     pub reading_s: f64,
-    /// Seconds for features and words of all keyframes.
+    /// Seconds for features, read or found, and words of all keyframes, likewise.
     pub features_s: f64,
     /// Seconds for all pairs of maps: place recognition, meetings and further closures.
     pub pairs_s: f64,
@@ -113,6 +115,7 @@ impl InputRecord {
             agents: addresses.agents().map(|agent| names.of(agent).to_owned()).collect(),
             keyframes: input.map.keyframes.len(),
             features: input.features.values().map(|features| features.len()).sum(),
+            features_found: input.found,
             reading_s: input.seconds.reading,
             features_s: input.seconds.features,
         }

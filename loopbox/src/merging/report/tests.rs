@@ -83,6 +83,7 @@ fn input(name: &str, map: Map) -> Input {
     let features = Features { keypoints, descriptors: vec![[0; 128]; FEATURES] };
     let features = map.keyframes.keys().map(|id| (*id, features.clone())).collect();
     Input {
+        found: 0,
         path: name.into(),
         name: name.to_owned(),
         map,

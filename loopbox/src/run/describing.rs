@@ -1,0 +1,191 @@
+//! Finds the features of keyframes beside tracking, once for good, in a thread that gives way to all others.
+//!
+//! What is found of an image depends on the image alone, and at the end of a run all keyframes with depth have theirs:
+//! so the map is the same however far the thread came.
+
+use features::{SiftParams, codec, sift};
+use geometry::GrayImage;
+use map::{Keyframe, Map};
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::{Arc, Weak};
+use std::thread::JoinHandle;
+
+/// The priority of the thread as Unix counts it; 0 is that of others, 19 the lowest.
+const NICENESS: i32 = 15;
+
+/// The features of an image as maps keep them.
+type Described = Arc<[u8]>;
+
+/// Finds features of keyframes as these come.
+pub struct Describer {
+    /// What was asked for, by the images' addresses: an address stays taken while someone holds on to it weakly. An
+    /// image is the same in all copies of a map, and keyframes of fragments may be called alike.
+    asked: BTreeMap<usize, (Weak<GrayImage>, Option<Described>)>,
+    images: Option<Sender<Arc<GrayImage>>>,
+    found: Receiver<(usize, Described)>,
+    /// Nobody waits for the thread any more.
+    ends: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Describer {
+    /// Starts the thread.
+    ///
+    /// # Errors
+    /// When the system refuses a thread.
+    pub fn start() -> std::io::Result<Self> {
+        let (images, waiting) = channel::<Arc<GrayImage>>();
+        let (tell, found) = channel();
+        let ends = Arc::new(AtomicBool::new(false));
+        let ended = Arc::clone(&ends);
+        let work = move || {
+            give_way();
+            for image in waiting {
+                if ended.load(Ordering::Relaxed) || tell.send((address(&image), described(&image))).is_err() {
+                    return;
+                }
+            }
+        };
+        let thread = std::thread::Builder::new().name("features".into()).spawn(work)?;
+        Ok(Self { asked: BTreeMap::new(), images: Some(images), found, ends, thread: Some(thread) })
+    }
+
+    /// Asks for the features of a keyframe, unless that was done before; later only.
+    pub fn ask(&mut self, keyframe: &Keyframe) {
+        let at = address(&keyframe.image);
+        if keyframe.semi_dense.is_empty() || self.asked.contains_key(&at) {
+            return;
+        }
+        self.asked.insert(at, (Arc::downgrade(&keyframe.image), None));
+        if let Some(images) = &self.images {
+            // A thread that broke down leaves its work for the end.
+            let _ = images.send(Arc::clone(&keyframe.image));
+        }
+    }
+
+    /// What was found of a keyframe so far.
+    pub fn known(&mut self, keyframe: &Keyframe) -> Option<Described> {
+        self.take_in();
+        self.asked.get(&address(&keyframe.image)).and_then(|(_, found)| found.clone())
+    }
+
+    /// Gives the keyframes of a map the features that were found so far.
+    pub fn give(&mut self, map: &mut Map) {
+        self.take_in();
+        for keyframe in map.keyframes.values_mut() {
+            let known = self.asked.get(&address(&keyframe.image));
+            keyframe.features = known.and_then(|(_, found)| found.clone());
+        }
+    }
+
+    /// Ends the thread, and gives all keyframes with depth their features.
+    pub fn complete(&mut self, maps: &mut [Map]) {
+        self.ends.store(true, Ordering::Relaxed);
+        self.images = None;
+        if let Some(thread) = self.thread.take() {
+            // What it did not find is found now.
+            let _ = thread.join();
+        }
+        maps.iter_mut().for_each(|map| {
+            self.give(map);
+            complete(map);
+        });
+    }
+
+    fn take_in(&mut self) {
+        for (at, described) in self.found.try_iter() {
+            if let Some((_, found)) = self.asked.get_mut(&at) {
+                *found = Some(described);
+            }
+        }
+    }
+}
+
+impl Drop for Describer {
+    fn drop(&mut self) {
+        self.complete(&mut []);
+    }
+}
+
+/// Finds the features that keyframes with depth do not have yet; says how many keyframes these were.
+pub fn complete(map: &mut Map) -> usize {
+    let lacks = |keyframe: &&mut Keyframe| keyframe.features.is_none() && !keyframe.semi_dense.is_empty();
+    let lacking: Vec<&mut Keyframe> = map.keyframes.values_mut().filter(lacks).collect();
+    let count = lacking.len();
+    lacking.into_par_iter().for_each(|keyframe| keyframe.features = Some(described(&keyframe.image)));
+    count
+}
+
+/// Finds the features of an image. Images of maps have pixels; one without would have no features.
+fn described(image: &GrayImage) -> Described {
+    codec::encode(&sift(image, &SiftParams::default()).unwrap_or_default()).into()
+}
+
+fn address(image: &Arc<GrayImage>) -> usize {
+    Arc::as_ptr(image).addr()
+}
+
+/// Lets all other threads go first. Where the system does not know priorities of threads, they are equal.
+fn give_way() {
+    #[cfg(target_os = "linux")]
+    let _ = rustix::process::setpriority_process(None, NICENESS);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use geometry::Pinhole;
+    use loopbox_tests::Texture;
+    use map::{AgentId, KeyframeId, SemiDense};
+
+    /// A map of keyframes that see different parts of a texture; every third has no depth.
+    fn map(count: u32) -> Map {
+        let (width, height) = (160, 120);
+        let texture = Texture::procedural(5);
+        let keyframe = |id: u32| {
+            let pixel = |i: usize| {
+                texture.sample((i % width + 90 * id as usize) as f32, (i / width) as f32, 1.0) as u8
+            };
+            let image = GrayImage::from_vec(width, height, (0..width * height).map(pixel).collect());
+            let depth = SemiDense { pixel: vec![5], inverse_depth: vec![1.0], variance: vec![0.1] };
+            Keyframe {
+                id: KeyframeId(id),
+                agent: AgentId::default(),
+                timestamp: f64::from(id),
+                frame_index: u64::from(id),
+                world_from_keyframe: geometry::Sim3::identity(),
+                image: Arc::new(image.expect("so many pixels")),
+                semi_dense: if id % 3 == 2 { SemiDense::default() } else { depth }.into(),
+                points: Vec::new(),
+                features: None,
+            }
+        };
+        let mut map = Map::new(Pinhole { width, height, fx: 100.0, fy: 100.0, cx: 79.5, cy: 59.5 });
+        map.keyframes = (0..count).map(|id| (KeyframeId(id), keyframe(id))).collect();
+        map
+    }
+
+    #[test]
+    fn all_keyframes_with_depth_have_the_same_features_whoever_found_them() {
+        let (mut at_once, mut beside) = (map(6), map(6));
+        assert_eq!((complete(&mut at_once), complete(&mut at_once)), (4, 0));
+        let mut describer = Describer::start().expect("a thread");
+        let seen = [0, 1, 2, 1];
+        seen.iter().for_each(|id| describer.ask(&beside.keyframes[&KeyframeId(*id)]));
+        let first = beside.keyframes[&KeyframeId(0)].clone();
+        while describer.known(&first).is_none() {
+            std::thread::yield_now();
+        }
+        let mut snapshot = beside.clone();
+        describer.give(&mut snapshot);
+        assert_eq!(snapshot.keyframes[&KeyframeId(0)], at_once.keyframes[&KeyframeId(0)]);
+        describer.complete(std::slice::from_mut(&mut beside));
+        assert!(beside == at_once);
+        let found = at_once.keyframes.values().filter_map(|keyframe| keyframe.features.as_deref());
+        assert!(found.clone().count() == 4);
+        found.for_each(|bytes| assert!(codec::decode(bytes).expect("features").len() > 20));
+    }
+}
