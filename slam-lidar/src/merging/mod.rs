@@ -2,12 +2,13 @@
 //!
 //! In the order of the steps: [`robot_map`] (a map cut into independent pieces), [`mod@candidates`] (places that may be
 //! the same, by Scan Context), [`mod@hypotheses`] (pieces registered there; those that agree), [`verdict`] (evidence of
-//! the whole maps), [`graph`] (more than two maps in one frame). All is metric, in SE(3): there is no scale to find.
+//! the whole maps), [`graph`] (more than two maps in one frame); [`mod@emr`] is the paper's way to a pose, to compare with. All is metric, in SE(3): there is no scale to find.
 //!
 //! The paper registers key points of whole clouds once and believes a mean distance. Here several pieces must find
 //! the same pose by themselves, and what is believed is what each map saw as free and as filled.
 
 pub mod candidates;
+pub mod emr;
 pub mod graph;
 pub mod hypotheses;
 pub mod robot_map;
@@ -17,9 +18,11 @@ pub mod verdict;
 
 use crate::closure::{search, sketch};
 use crate::voxels::{VoxelTable, first_of_each_voxel};
+use geometry::Se3;
 use hypotheses::{Cluster, clusters, hypotheses};
 use rayon::prelude::*;
 use robot_map::RobotMap;
+use serde::{Deserialize, Serialize};
 use verdict::{MergeEvidence, Verdict, evidence, judged};
 
 /// So many clusters of hypotheses are registered with whole maps, thinned.
@@ -28,6 +31,45 @@ const FOLLOWED: usize = 16;
 const JUDGED: usize = 3;
 /// Grid on which whole maps are compared to rank clusters, metres.
 const RANKED_ON: f32 = 1.5;
+
+/// How the pose between two maps is found. Whether it is believed is decided alike.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum MergeMethod {
+    /// Our own: pieces placed by Scan Context, of which several must agree.
+    #[default]
+    Pieces,
+    /// The paper's: key points of whole clouds, matched and put through RANSAC.
+    Emr,
+}
+
+impl MergeMethod {
+    /// All methods, the default first.
+    pub const ALL: [Self; 2] = [Self::Pieces, Self::Emr];
+
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Pieces => "pieces",
+            Self::Emr => "emr",
+        }
+    }
+}
+
+/// Brings `b` into the frame of `a` by one of the methods.
+pub fn merge_by(method: MergeMethod, a: &RobotMap, b: &RobotMap) -> Verdict {
+    match method {
+        MergeMethod::Pieces => merge(a, b),
+        MergeMethod::Emr => merge_emr(a, b),
+    }
+}
+
+/// The paper's chain, its one pose refined and judged.
+fn merge_emr(a: &RobotMap, b: &RobotMap) -> Verdict {
+    let cluster = |a_from_b: Se3, support| Cluster { a_from_b, pieces: Vec::new(), support };
+    let proposed = emr::propose(a, b).map(|found| cluster(found.a_from_b, found.inliers as f64));
+    judged(proposed.iter().map(|cluster| whole(a, b, cluster)).collect())
+}
 
 /// Brings `b` into the frame of `a`. The result depends on the maps alone, not on the number of cores.
 pub fn merge(a: &RobotMap, b: &RobotMap) -> Verdict {
