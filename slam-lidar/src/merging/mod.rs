@@ -18,7 +18,6 @@ pub mod verdict;
 
 use crate::closure::{search, sketch};
 use crate::voxels::{VoxelTable, first_of_each_voxel};
-use geometry::Se3;
 use hypotheses::{Cluster, clusters, hypotheses};
 use rayon::prelude::*;
 use robot_map::RobotMap;
@@ -36,7 +35,7 @@ const RANKED_ON: f32 = 1.5;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum MergeMethod {
-    /// Our own: pieces placed by Scan Context, of which several must agree.
+    /// Our own: pieces placed by Scan Context, of which several must agree, and the pose of the other beside them.
     #[default]
     Pieces,
     /// The paper's: key points of whole clouds, matched and put through RANSAC.
@@ -66,15 +65,21 @@ pub fn merge_by(method: MergeMethod, a: &RobotMap, b: &RobotMap) -> Verdict {
 
 /// The paper's chain, its one pose refined and judged.
 fn merge_emr(a: &RobotMap, b: &RobotMap) -> Verdict {
-    let cluster = |a_from_b: Se3, support| Cluster { a_from_b, pieces: Vec::new(), support };
-    let proposed = emr::propose(a, b).map(|found| cluster(found.a_from_b, found.inliers as f64));
-    judged(proposed.iter().map(|cluster| whole(a, b, cluster)).collect())
+    judged(proposed(a, b).iter().map(|cluster| whole(a, b, cluster)).collect())
+}
+
+/// The pose of the paper's chain, which no piece has found by itself.
+fn proposed(a: &RobotMap, b: &RobotMap) -> Option<Cluster> {
+    let found = emr::propose(a, b)?;
+    Some(Cluster { a_from_b: found.a_from_b, pieces: Vec::new(), support: 0.0 })
 }
 
 /// Brings `b` into the frame of `a`. The result depends on the maps alone, not on the number of cores.
 pub fn merge(a: &RobotMap, b: &RobotMap) -> Verdict {
-    let mut found = clusters(&hypotheses(a, b), b);
+    let (mut found, by_key_points) = rayon::join(|| clusters(&hypotheses(a, b), b), || proposed(a, b));
     found.truncate(FOLLOWED);
+    // Key points see what descriptors of places do not: two ways with a row of racks between them.
+    found.extend(by_key_points);
     let ranked = ranked(a, b, found);
     judged(ranked.par_iter().take(JUDGED).map(|cluster| whole(a, b, cluster)).collect())
 }
@@ -92,9 +97,14 @@ fn ranked(a: &RobotMap, b: &RobotMap, found: Vec<Cluster>) -> Vec<Cluster> {
     scored.sort_by(|x, y| y.0.total_cmp(&x.0));
     let mut distinct: Vec<Cluster> = Vec::new();
     for (_, cluster) in scored {
-        let same = |other: &Cluster| hypotheses::same_place(&other.a_from_b, &cluster.a_from_b, b);
-        if !distinct.iter().any(same) {
-            distinct.push(cluster);
+        let same = |other: &&mut Cluster| hypotheses::same_place(&other.a_from_b, &cluster.a_from_b, b);
+        match distinct.iter_mut().find(same) {
+            // Who else found the place is said of the pose that fits best.
+            Some(other) if other.pieces.len() < cluster.pieces.len() => {
+                (other.pieces, other.support) = (cluster.pieces, cluster.support);
+            }
+            Some(_) => {}
+            None => distinct.push(cluster),
         }
     }
     distinct
