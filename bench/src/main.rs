@@ -2,6 +2,7 @@
 //!
 //! It knows the program only from outside: its command line and the files it writes.
 
+mod lidar;
 mod live;
 mod measure;
 mod merging;
@@ -50,6 +51,9 @@ struct Args {
     /// Measure only how much the results owe to luck: every sequence from other first frames and with noise
     #[arg(long, conflicts_with_all = ["merges", "live"])]
     perturbed: bool,
+    /// Measure only LiDAR agents, on the folders of scans with groundtruth.txt within --data
+    #[arg(long, conflicts_with_all = ["merges", "live", "perturbed"])]
+    lidar: bool,
     /// With --perturbed: from how many first frames each sequence is run
     #[arg(long, value_name = "N", default_value_t = 16, requires = "perturbed")]
     starts: usize,
@@ -83,6 +87,10 @@ fn main() -> Result<()> {
     let runner = Runner { loopbox: args.loopbox.clone(), work: args.work.clone(), runs: args.runs };
     if args.live {
         return measure_live(&args, &runner);
+    }
+    if args.lidar {
+        let text = lidar::measure(&args.loopbox, &args.data, &args.work)?;
+        return write(&args.documents, &[("machine", report::machine()), ("lidar", text)]);
     }
     let found = sequences(&args.data, &args.only)?;
     if args.perturbed {

@@ -2,14 +2,13 @@
 
 use super::merge_progress::MergeProgress;
 use super::merge_scans::{self, MergeScansArgs, any_lidar};
-use super::method::method_parser;
+use super::method::{AnyMethod, method_parser};
 use super::params;
 use crate::console::{self, Ended, Ending};
 use crate::interrupt::stop_on_ctrl_c;
 use anyhow::{Result, bail};
 use clap::Args;
 use loopbox::merging::{MergeOptions, Merged, MergingParams, merge_maps_watched};
-use merge::method::Method;
 use std::path::PathBuf;
 
 /// Merge the maps of several agents into one common map
@@ -25,9 +24,10 @@ pub struct MergeArgs {
     #[arg(long)]
     force: bool,
     /// How maps are joined where they met, in place of the parameter file's: direct, loopbox's own, aligns the images
-    /// of all pairs that agree; the others, loop-box of the paper among them, are there to compare it with
+    /// of all pairs that agree; the others, loop-box of the paper among them, are there to compare it with. Of LiDARs:
+    /// pieces, loopbox's own, or emr, the paper's
     #[arg(long, value_name = "METHOD", value_parser = method_parser())]
-    method: Option<Method>,
+    method: Option<AnyMethod>,
     /// Parameter file (TOML); `loopbox params --merge` prints the defaults
     #[arg(long, value_name = "FILE")]
     params: Option<PathBuf>,
@@ -50,7 +50,13 @@ pub fn run(args: &MergeArgs) -> Result<()> {
     }
     let mut params: MergingParams =
         args.params.as_deref().map(params::read_merging).transpose()?.unwrap_or_default();
-    params.method = args.method.unwrap_or(params.method);
+    match args.method {
+        Some(AnyMethod::Camera(method)) => params.method = method,
+        Some(AnyMethod::Lidar(method)) => {
+            bail!("--method {} is for maps of LiDARs, and these are of cameras", method.name());
+        }
+        None => {}
+    }
     let options = MergeOptions { out: args.out.clone(), force: args.force, params };
     let stop = stop_on_ctrl_c("stopping after this step; nothing will be written (Ctrl-C again to abort)")?;
     let progress = MergeProgress::new(args.quiet);
@@ -71,12 +77,21 @@ impl MergeArgs {
     /// The same for maps of LiDARs.
     fn of_lidars(&self) -> Result<()> {
         let Self { maps, out, force, method, params, json, quiet } = self;
-        let given = [(method.is_some(), "--method"), (params.is_some(), "--params")];
-        if let Some((_, name)) = given.into_iter().find(|(is_given, _)| *is_given) {
-            bail!("{name} is for maps of cameras, and there is a LiDAR's among these");
+        if params.is_some() {
+            bail!("--params is for maps of cameras, and there is a LiDAR's among these");
         }
+        let method = match method {
+            Some(AnyMethod::Camera(method)) => {
+                bail!(
+                    "--method {} is for maps of cameras, and there is a LiDAR's among these",
+                    method.name()
+                );
+            }
+            Some(AnyMethod::Lidar(method)) => Some(*method),
+            None => None,
+        };
         let (maps, out) = (maps.clone(), out.clone());
-        merge_scans::run(&MergeScansArgs { maps, out, force: *force, json: *json, quiet: *quiet })
+        merge_scans::run(&MergeScansArgs { maps, out, force: *force, method, json: *json, quiet: *quiet })
     }
 }
 

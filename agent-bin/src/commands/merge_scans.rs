@@ -3,9 +3,11 @@
 use crate::console::{self, Ended, Ending, tell};
 use crate::interrupt::stop_on_ctrl_c;
 use anyhow::Result;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use loopbox::lidar::{LidarMerged, merge_maps};
 use loopbox::open::map_file_at;
 use map::SensorKind;
+use slam_lidar::merging::MergeMethod;
 use std::path::{Path, PathBuf};
 
 /// What `loopbox merge` is asked for, whatever the maps' sensors.
@@ -20,12 +22,20 @@ pub struct MergeScansArgs {
     /// Replace results of a run in that folder, once the new ones are complete
     #[arg(long)]
     pub force: bool,
+    /// How the pose between two maps is found: pieces, loopbox's own, or emr, the paper's
+    #[arg(long, value_name = "METHOD", value_parser = method_parser())]
+    pub method: Option<MergeMethod>,
     /// Print all numbers as JSON, as they are in merge.json, instead of the verdicts
     #[arg(long)]
     pub json: bool,
     /// Show no progress
     #[arg(long)]
     pub quiet: bool,
+}
+
+fn method_parser() -> impl TypedValueParser<Value = MergeMethod> {
+    PossibleValuesParser::new(MergeMethod::ALL.map(MergeMethod::name))
+        .map(|name| MergeMethod::ALL.into_iter().find(|method| method.name() == name).unwrap_or_default())
 }
 
 /// Whether any of the maps is a LiDAR's, by the first lines of their files.
@@ -50,7 +60,8 @@ pub fn run(args: &MergeScansArgs) -> Result<()> {
             tell!("{text}");
         }
     };
-    let merged = merge_maps(&args.maps, &args.out, args.force, &stop, &mut stage)?;
+    let method = args.method.unwrap_or_default();
+    let merged = merge_maps(&args.maps, &args.out, args.force, method, &stop, &mut stage)?;
     merged.warnings.iter().for_each(|warning| tell!("warning: {warning}"));
     if args.json {
         console::print(&(serde_json::to_string_pretty(&merged.record)? + "\n"))?;

@@ -7,9 +7,9 @@ use map::{AgentId, Edge, EdgeKind, KeyframeId, Map};
 use serde::Serialize;
 use slam_lidar::keyframe;
 use slam_lidar::merging::graph::{Joined, Merge, joined};
-use slam_lidar::merging::merge as merge_pair;
 use slam_lidar::merging::robot_map::RobotMap;
 use slam_lidar::merging::verdict::{Decision, MergeEvidence, Verdict};
+use slam_lidar::merging::{MergeMethod, merge_by};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 use std::time::Instant;
@@ -108,6 +108,8 @@ pub struct Group {
 
 /// Maps brought together.
 pub struct LidarMerging {
+    /// How poses were found.
+    pub method: MergeMethod,
     /// Every two of the inputs.
     pub pairs: Vec<Pair>,
     /// Those that hang together, that of the first input first.
@@ -128,7 +130,11 @@ impl LidarMerging {
 ///
 /// # Errors
 /// With fewer than two inputs, when `stage` fails, or when maps cannot be united.
-pub fn merge(inputs: &[Input], stage: &mut dyn FnMut(&str) -> Result<()>) -> Result<LidarMerging> {
+pub fn merge(
+    inputs: &[Input],
+    method: MergeMethod,
+    stage: &mut dyn FnMut(&str) -> Result<()>,
+) -> Result<LidarMerging> {
     if inputs.len() < 2 {
         bail!("there is one map only; there is nothing to merge it with");
     }
@@ -138,13 +144,13 @@ pub fn merge(inputs: &[Input], stage: &mut dyn FnMut(&str) -> Result<()>) -> Res
         for a in 0..b {
             stage(&format!("comparing {} and {}", inputs[a].name, inputs[b].name))?;
             let begin = Instant::now();
-            let verdict = merge_pair(&inputs[a].ready, &inputs[b].ready);
+            let verdict = merge_by(method, &inputs[a].ready, &inputs[b].ready);
             pairs.push(Pair { a, b, verdict, weight: None, seconds: begin.elapsed().as_secs_f64() });
         }
     }
     let joined = join(inputs.len(), &mut pairs);
     let groups = groups(inputs, &pairs, &joined)?;
-    Ok(LidarMerging { pairs, groups, seconds: begin.elapsed().as_secs_f64() })
+    Ok(LidarMerging { method, pairs, groups, seconds: begin.elapsed().as_secs_f64() })
 }
 
 /// The pose of an accepted pair.
@@ -238,6 +244,8 @@ pub struct LidarMergeRecord {
     pub version: &'static str,
     /// The kind of the agents' sensors.
     pub sensor: map::SensorKind,
+    /// How poses between maps were found.
+    pub method: MergeMethod,
     /// The maps given.
     pub inputs: Vec<InputRecord>,
     /// Every two of them.
@@ -354,6 +362,7 @@ impl LidarMergeRecord {
         Self {
             version: env!("CARGO_PKG_VERSION"),
             sensor: map::SensorKind::Lidar,
+            method: merging.method,
             inputs: inputs.iter().enumerate().map(input).collect(),
             encounters: merging.pairs.iter().map(encounter).collect(),
             groups: merging.groups.iter().map(|g| g.members.iter().map(|&m| name(m)).collect()).collect(),

@@ -11,6 +11,7 @@ use anyhow::{Context, Result, anyhow, bail};
 use map::{AgentInfo, DEFAULT_MAX_RELATIVE_VARIANCE, Map, MapWriter, Sensor};
 use scans::ScanSource;
 use slam_lidar::mapping::MappingParams;
+use slam_lidar::merging::MergeMethod;
 use sources::Stop;
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -216,6 +217,7 @@ pub fn merge_maps(
     paths: &[PathBuf],
     out: &Path,
     force: bool,
+    method: MergeMethod,
     stop: &Stop,
     stage: &mut dyn FnMut(&str),
 ) -> Result<LidarMerged> {
@@ -239,7 +241,7 @@ pub fn merge_maps(
         given.push((path.clone(), opened.map));
     }
     let inputs = Input::all(given)?;
-    let merging = merge(&inputs, &mut step)?;
+    let merging = merge(&inputs, method, &mut step)?;
     let mut record = LidarMergeRecord::of(&inputs, &merging);
     record.cost.cpu_s = view::process::cpu_seconds();
     record.cost.peak_memory_bytes = view::process::peak_memory_bytes();

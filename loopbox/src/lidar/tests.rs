@@ -8,6 +8,7 @@ use loopbox_tests::lidar::{HALL, PERIOD, Return, sweep, walk};
 use map::{AgentInfo, Map, Sensor};
 use scans::{NextScan, Scan, ScanError, ScanInfo, ScanSource};
 use slam_lidar::mapping::MappingParams;
+use slam_lidar::merging::MergeMethod;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 
@@ -94,7 +95,7 @@ fn agents_map_a_hall_and_their_maps_come_together() {
         given.push((path, loaded));
     }
     let inputs = Input::all(given.clone()).unwrap();
-    let merging = merge(&inputs, &mut |_| Ok(())).unwrap();
+    let merging = merge(&inputs, MergeMethod::Pieces, &mut |_| Ok(())).unwrap();
     assert_eq!(decision(&merging.pairs[0]), "accepted", "{}", merging.pairs[0].reason());
     let [group] = &merging.groups[..] else { panic!("one group is expected") };
     // Both in the frame of a's first sweep, whose middle the poses belong to.

@@ -4,6 +4,7 @@
 //! - `odometry`, `floam`, `a-loam`: errors and time of a sweep;
 //! - `loops`: loops closed and refused, errors before and after;
 //! - `merge`: maps of all folders merged pair by pair, and together;
+//! - `merge-emr`: the same by the paper's chain;
 //! - `merge-given`: the same, with maps built on the given poses from scans that are not distorted;
 //! - `merge-mirrored`: the second of each pair mirrored, so that no merge is right;
 //! - `merge-cut`: all pairs of stretches of 12 m, of one folder and of different ones.

@@ -7,9 +7,9 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use slam_lidar::keyframe::Keyframe;
 use slam_lidar::mapping::{Agent, MappingParams};
 use slam_lidar::merging::graph::{Merge, joined};
-use slam_lidar::merging::merge;
 use slam_lidar::merging::robot_map::RobotMap;
 use slam_lidar::merging::verdict::{Decision, MergeEvidence, Verdict};
+use slam_lidar::merging::{MergeMethod, merge_by};
 use slam_lidar::voxels::{VoxelTable, first_of_each_voxel};
 use std::path::Path;
 use std::time::Instant;
@@ -163,7 +163,8 @@ pub fn run(command: &str, folders: &[String]) -> Result<(), Failure> {
             let (b, prepared) =
                 (other.as_ref().unwrap_or(&maps[j]), other.as_ref().map(|m| RobotMap::new(&m.keyframes)));
             let begin = Instant::now();
-            let verdict = merge(&ready[i], prepared.as_ref().unwrap_or(&ready[j]));
+            let method = if command == "merge-emr" { MergeMethod::Emr } else { MergeMethod::Pieces };
+            let verdict = merge_by(method, &ready[i], prepared.as_ref().unwrap_or(&ready[j]));
             print(&maps[i], b, &verdict, begin.elapsed().as_secs_f64());
             let Some(best) = verdict.best else { continue };
             let right = error(&maps[i], b, &best.a_from_b).is_some_and(|(m, _)| m < WRONG);

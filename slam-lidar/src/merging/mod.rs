@@ -2,12 +2,13 @@
 //!
 //! In the order of the steps: [`robot_map`] (a map cut into independent pieces), [`mod@candidates`] (places that may be
 //! the same, by Scan Context), [`mod@hypotheses`] (pieces registered there; those that agree), [`verdict`] (evidence of
-//! the whole maps), [`graph`] (more than two maps in one frame). All is metric, in SE(3): there is no scale to find.
+//! the whole maps), [`graph`] (more than two maps in one frame); [`mod@emr`] is the paper's way to a pose, to compare with. All is metric, in SE(3): there is no scale to find.
 //!
 //! The paper registers key points of whole clouds once and believes a mean distance. Here several pieces must find
 //! the same pose by themselves, and what is believed is what each map saw as free and as filled.
 
 pub mod candidates;
+pub mod emr;
 pub mod graph;
 pub mod hypotheses;
 pub mod robot_map;
@@ -20,6 +21,7 @@ use crate::voxels::{VoxelTable, first_of_each_voxel};
 use hypotheses::{Cluster, clusters, hypotheses};
 use rayon::prelude::*;
 use robot_map::RobotMap;
+use serde::{Deserialize, Serialize};
 use verdict::{MergeEvidence, Verdict, evidence, judged};
 
 /// So many clusters of hypotheses are registered with whole maps, thinned.
@@ -29,10 +31,55 @@ const JUDGED: usize = 3;
 /// Grid on which whole maps are compared to rank clusters, metres.
 const RANKED_ON: f32 = 1.5;
 
+/// How the pose between two maps is found. Whether it is believed is decided alike.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum MergeMethod {
+    /// Our own: pieces placed by Scan Context, of which several must agree, and the pose of the other beside them.
+    #[default]
+    Pieces,
+    /// The paper's: key points of whole clouds, matched and put through RANSAC.
+    Emr,
+}
+
+impl MergeMethod {
+    /// All methods, the default first.
+    pub const ALL: [Self; 2] = [Self::Pieces, Self::Emr];
+
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Pieces => "pieces",
+            Self::Emr => "emr",
+        }
+    }
+}
+
+/// Brings `b` into the frame of `a` by one of the methods.
+pub fn merge_by(method: MergeMethod, a: &RobotMap, b: &RobotMap) -> Verdict {
+    match method {
+        MergeMethod::Pieces => merge(a, b),
+        MergeMethod::Emr => merge_emr(a, b),
+    }
+}
+
+/// The paper's chain, its one pose refined and judged.
+fn merge_emr(a: &RobotMap, b: &RobotMap) -> Verdict {
+    judged(proposed(a, b).iter().map(|cluster| whole(a, b, cluster)).collect())
+}
+
+/// The pose of the paper's chain, which no piece has found by itself.
+fn proposed(a: &RobotMap, b: &RobotMap) -> Option<Cluster> {
+    let found = emr::propose(a, b)?;
+    Some(Cluster { a_from_b: found.a_from_b, pieces: Vec::new(), support: 0.0 })
+}
+
 /// Brings `b` into the frame of `a`. The result depends on the maps alone, not on the number of cores.
 pub fn merge(a: &RobotMap, b: &RobotMap) -> Verdict {
-    let mut found = clusters(&hypotheses(a, b), b);
+    let (mut found, by_key_points) = rayon::join(|| clusters(&hypotheses(a, b), b), || proposed(a, b));
     found.truncate(FOLLOWED);
+    // Key points see what descriptors of places do not: two ways with a row of racks between them.
+    found.extend(by_key_points);
     let ranked = ranked(a, b, found);
     judged(ranked.par_iter().take(JUDGED).map(|cluster| whole(a, b, cluster)).collect())
 }
@@ -50,9 +97,14 @@ fn ranked(a: &RobotMap, b: &RobotMap, found: Vec<Cluster>) -> Vec<Cluster> {
     scored.sort_by(|x, y| y.0.total_cmp(&x.0));
     let mut distinct: Vec<Cluster> = Vec::new();
     for (_, cluster) in scored {
-        let same = |other: &Cluster| hypotheses::same_place(&other.a_from_b, &cluster.a_from_b, b);
-        if !distinct.iter().any(same) {
-            distinct.push(cluster);
+        let same = |other: &&mut Cluster| hypotheses::same_place(&other.a_from_b, &cluster.a_from_b, b);
+        match distinct.iter_mut().find(same) {
+            // Who else found the place is said of the pose that fits best.
+            Some(other) if other.pieces.len() < cluster.pieces.len() => {
+                (other.pieces, other.support) = (cluster.pieces, cluster.support);
+            }
+            Some(_) => {}
+            None => distinct.push(cluster),
         }
     }
     distinct

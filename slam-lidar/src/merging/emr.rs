@@ -1,0 +1,344 @@
+//! The paper's chain to a pose between two maps, as `emr`: normals, Harris 3-D key points, FPFH, reciprocal matches
+//! (Algorithm 1), RANSAC with SVD. What follows is common to all methods: refinement on voxels of Gaussians (VGICP's), the
+//! evidence, which takes the place of the paper's confidence, and the graph.
+//!
+//! The paper gives no parameters; radii here are multiples of the grid on which maps are compared, as is usual.
+
+use super::robot_map::RobotMap;
+use crate::surfaces::sorted_eigen;
+use crate::voxels::{VoxelTable, cell_at, key_of};
+use geometry::{Se3, umeyama};
+use nalgebra::{Matrix3, Vector3};
+use rayon::prelude::*;
+
+/// Radius of the neighbours that give a normal, metres: two and a half steps of the grid.
+const NORMAL_RADIUS: f64 = 1.25;
+/// Radius of a descriptor, metres: five steps.
+const DESCRIPTOR_RADIUS: f64 = 2.5;
+/// Radius within which a key point is the strongest, metres.
+const APART: f64 = 1.0;
+/// Key points of a map, the strongest.
+const KEY_POINTS: usize = 1500;
+/// Bins of each of the three angles of a descriptor.
+const BINS: usize = 11;
+/// `k` of Algorithm 1: that of the software which the paper builds on.
+const NEAREST: usize = 5;
+/// A match is an inlier within this distance, metres: one and a half steps of the grid.
+const INLIER: f64 = 0.75;
+/// Samples of RANSAC.
+const SAMPLES: usize = 100_000;
+/// Two sides of a sample's triangles differ by no more than this share, or it is not tried.
+const SIMILAR: f64 = 0.9;
+/// Shortest side of a sample's triangle, metres.
+const LEAST_SIDE: f64 = 3.0;
+
+type Descriptor = [f32; 3 * BINS];
+
+/// A pose found by the chain.
+#[derive(Clone, Copy, Debug)]
+pub struct Proposed {
+    /// The pose.
+    pub a_from_b: Se3,
+    /// Reciprocal matches.
+    pub matches: usize,
+    /// Of them, those that agree with the pose.
+    pub inliers: usize,
+}
+
+/// The chain up to RANSAC; `None` where fewer than three matches agree.
+pub fn propose(a: &RobotMap, b: &RobotMap) -> Option<Proposed> {
+    let (of_a, of_b) = rayon::join(|| Cloud::new(a).described(), || Cloud::new(b).described());
+    let matches = reciprocal(&of_a, &of_b);
+    let pairs: Vec<[Vector3<f64>; 2]> = matches.iter().map(|&(i, j)| [of_a[i].0, of_b[j].0]).collect();
+    let (a_from_b, inliers) = ransac(&pairs)?;
+    Some(Proposed { a_from_b, matches: pairs.len(), inliers })
+}
+
+/// A map's points with normals.
+struct Cloud {
+    points: Vec<Vector3<f64>>,
+    /// Unit normals towards the nearest keyframe; zero where there are too few neighbours.
+    normals: Vec<Vector3<f64>>,
+    grid: Grid,
+}
+
+/// Points in cells as wide as a descriptor's radius.
+struct Grid {
+    table: VoxelTable,
+    cells: Vec<Vec<u32>>,
+}
+
+impl Grid {
+    fn cell(point: &Vector3<f64>) -> [i32; 3] {
+        cell_at([point.x as f32, point.y as f32, point.z as f32], 1.0 / DESCRIPTOR_RADIUS as f32)
+    }
+
+    fn new(points: &[Vector3<f64>]) -> Self {
+        let mut grid = Self { table: VoxelTable::default(), cells: Vec::new() };
+        for (i, point) in points.iter().enumerate() {
+            let (cell, new) = grid.table.get_or_insert(key_of(Self::cell(point)));
+            if new {
+                grid.cells.push(Vec::new());
+            }
+            grid.cells[cell as usize].push(i as u32);
+        }
+        grid
+    }
+
+    /// Calls `visit` with the points within `radius`, which is no more than a descriptor's, and their distances.
+    fn within(
+        &self,
+        points: &[Vector3<f64>],
+        centre: &Vector3<f64>,
+        radius: f64,
+        mut visit: impl FnMut(usize, f64),
+    ) {
+        let [x, y, z] = Self::cell(centre);
+        for (dx, dy, dz) in
+            (-1..=1).flat_map(|x| (-1..=1).flat_map(move |y| (-1..=1).map(move |z| (x, y, z))))
+        {
+            let Some(cell) = self.table.get(key_of([x + dx, y + dy, z + dz])) else { continue };
+            for &i in &self.cells[cell as usize] {
+                let distance = (points[i as usize] - centre).norm();
+                if distance <= radius {
+                    visit(i as usize, distance);
+                }
+            }
+        }
+    }
+}
+
+impl Cloud {
+    fn new(map: &RobotMap) -> Self {
+        let points: Vec<Vector3<f64>> =
+            map.whole.points.iter().map(|p| Vector3::from(p.map(f64::from))).collect();
+        let grid = Grid::new(&points);
+        let normal = |point: &Vector3<f64>| {
+            let (mut sum, mut moments, mut count) = (Vector3::zeros(), Matrix3::zeros(), 0.0);
+            grid.within(&points, point, NORMAL_RADIUS, |i, _| {
+                let p = points[i] - point;
+                (sum, moments, count) = (sum + p, moments + p * p.transpose(), count + 1.0);
+            });
+            if count < 5.0 {
+                return Vector3::zeros();
+            }
+            let (_, axes) = sorted_eigen(moments / count - sum * sum.transpose() / (count * count));
+            let normal: Vector3<f64> = axes.column(0).into();
+            let seen_from = map
+                .poses
+                .iter()
+                .map(|pose| pose.translation - point)
+                .reduce(|x, y| if y.norm_squared() < x.norm_squared() { y } else { x });
+            if seen_from.is_some_and(|view| view.dot(&normal) < 0.0) { -normal } else { normal }
+        };
+        let normals = points.par_iter().map(normal).collect();
+        Self { points, normals, grid }
+    }
+
+    /// Harris' response on normals (Sipiran and Bustos 2011, as the Point Cloud Library has it): the determinant of the
+    /// scatter of the normals around; 0 on planes and along edges, 1/27 where three directions meet evenly.
+    fn response(&self, point: usize) -> f64 {
+        let (mut scatter, mut count) = (Matrix3::zeros(), 0.0);
+        self.grid.within(&self.points, &self.points[point], DESCRIPTOR_RADIUS, |i, _| {
+            let n = self.normals[i];
+            (scatter, count) = (scatter + n * n.transpose(), count + n.norm_squared());
+        });
+        if count < 5.0 { 0.0 } else { (scatter / count).determinant() }
+    }
+
+    /// Key points: those of which no other within [`APART`] has a larger response, the strongest first.
+    fn key_points(&self) -> Vec<usize> {
+        let responses: Vec<f64> = (0..self.points.len()).into_par_iter().map(|i| self.response(i)).collect();
+        let is_strongest = |&i: &usize| {
+            let mut strongest = responses[i] > 0.0 && self.normals[i] != Vector3::zeros();
+            self.grid.within(&self.points, &self.points[i], APART, |j, _| {
+                strongest &= (responses[j], std::cmp::Reverse(j)) <= (responses[i], std::cmp::Reverse(i));
+            });
+            strongest
+        };
+        let mut found: Vec<usize> = (0..self.points.len()).filter(is_strongest).collect();
+        found.sort_by(|&i, &j| responses[j].total_cmp(&responses[i]).then(i.cmp(&j)));
+        found.truncate(KEY_POINTS);
+        found
+    }
+
+    /// Key points with their descriptors.
+    fn described(&self) -> Vec<(Vector3<f64>, Descriptor)> {
+        let simple: Vec<Descriptor> =
+            (0..self.points.len()).into_par_iter().map(|i| self.simple(i)).collect();
+        let describe = |i: usize| (self.points[i], self.descriptor(i, &simple));
+        self.key_points().into_par_iter().map(describe).collect()
+    }
+
+    /// The simplified histogram of a point: how its normal stands to those around (Rusu 2009, Eq. of the Darboux frame).
+    fn simple(&self, point: usize) -> Descriptor {
+        let mut bins = [0.0f32; 3 * BINS];
+        let (p, n) = (self.points[point], self.normals[point]);
+        let mut count = 0.0;
+        self.grid.within(&self.points, &p, DESCRIPTOR_RADIUS, |i, distance| {
+            let (line, other) = (self.points[i] - p, self.normals[i]);
+            if distance < 1e-6 || other == Vector3::zeros() {
+                return;
+            }
+            let direction = line / distance;
+            let Some(v) = n.cross(&direction).try_normalize(1e-9) else { return };
+            let w = n.cross(&v);
+            let angles = [
+                (v.dot(&other) + 1.0) / 2.0,
+                (n.dot(&direction) + 1.0) / 2.0,
+                w.dot(&other).atan2(n.dot(&other)) / std::f64::consts::TAU + 0.5,
+            ];
+            for (k, share) in angles.into_iter().enumerate() {
+                bins[k * BINS + ((share * BINS as f64) as usize).min(BINS - 1)] += 1.0;
+            }
+            count += 1.0;
+        });
+        bins.map(|bin| bin / f32::max(count, 1.0))
+    }
+
+    /// FPFH: the simplified histogram and those around it, weighted by one over their distance; each angle's sums to 1.
+    fn descriptor(&self, point: usize, simple: &[Descriptor]) -> Descriptor {
+        let mut sum = [0.0f32; 3 * BINS];
+        let mut count = 0.0f32;
+        self.grid.within(&self.points, &self.points[point], DESCRIPTOR_RADIUS, |i, distance| {
+            if i != point && distance > 1e-6 {
+                sum.iter_mut().zip(&simple[i]).for_each(|(sum, bin)| *sum += bin / distance as f32);
+                count += 1.0;
+            }
+        });
+        let mut bins = simple[point];
+        bins.iter_mut().zip(sum).for_each(|(bin, sum)| *bin += sum / count.max(1.0));
+        for angle in bins.chunks_exact_mut(BINS) {
+            let total: f32 = angle.iter().sum();
+            angle.iter_mut().for_each(|bin| *bin /= total.max(1e-6));
+        }
+        bins
+    }
+}
+
+/// Algorithm 1: pairs of which each is among the other's [`NEAREST`] nearest.
+fn reciprocal(a: &[(Vector3<f64>, Descriptor)], b: &[(Vector3<f64>, Descriptor)]) -> Vec<(usize, usize)> {
+    let nearest = |of: &[(Vector3<f64>, Descriptor)],
+                   among: &[(Vector3<f64>, Descriptor)]|
+     -> Vec<Vec<u32>> {
+        of.par_iter()
+            .map(|(_, descriptor)| {
+                let squared = |other: &Descriptor| -> f32 {
+                    descriptor.iter().zip(other).map(|(x, y)| (x - y) * (x - y)).sum()
+                };
+                let mut all: Vec<(f32, u32)> = (0..).zip(among).map(|(j, (_, o))| (squared(o), j)).collect();
+                let rank = NEAREST.min(all.len());
+                let order = |x: &(f32, u32), y: &(f32, u32)| x.0.total_cmp(&y.0).then(x.1.cmp(&y.1));
+                if rank > 0 && rank < all.len() {
+                    all.select_nth_unstable_by(rank - 1, order);
+                }
+                all[..rank].iter().map(|(_, j)| *j).collect()
+            })
+            .collect()
+    };
+    let (forth, back) = rayon::join(|| nearest(a, b), || nearest(b, a));
+    let pairs = forth.iter().enumerate().flat_map(|(i, near)| near.iter().map(move |&j| (i, j as usize)));
+    let mut found: Vec<(usize, usize)> = pairs.filter(|&(i, j)| back[j].contains(&(i as u32))).collect();
+    found.sort_unstable();
+    found
+}
+
+/// The pose on which most pairs agree, from samples of three by SVD (Umeyama 1991), always the same ones; refined on its
+/// inliers.
+fn ransac(pairs: &[[Vector3<f64>; 2]]) -> Option<(Se3, usize)> {
+    if pairs.len() < 3 {
+        return None;
+    }
+    let inliers = |pose: &Se3| -> Vec<usize> {
+        let agrees = |&i: &usize| (*pose * pairs[i][1] - pairs[i][0]).norm() < INLIER;
+        (0..pairs.len()).filter(agrees).collect()
+    };
+    let fit = |used: &[usize]| {
+        let side = |k: usize| -> Vec<Vector3<f64>> { used.iter().map(|&i| pairs[i][k]).collect() };
+        umeyama::se3(&side(1), &side(0)).ok()
+    };
+    let tried = |sample: usize| -> Option<(usize, usize)> {
+        let chosen = [0, 1, 2].map(|k| mixed(3 * sample as u64 + k) as usize % pairs.len());
+        let alike = [(0, 1), (1, 2), (2, 0)].into_iter().all(|(x, y)| {
+            let [one, other] = [0, 1].map(|k| (pairs[chosen[x]][k] - pairs[chosen[y]][k]).norm());
+            one.min(other) > LEAST_SIDE && one.min(other) > SIMILAR * one.max(other)
+        });
+        let pose = alike.then(|| fit(&chosen)).flatten()?;
+        Some((inliers(&pose).len(), sample))
+    };
+    // Of samples with as many inliers the first.
+    let better = |x: (usize, usize), y: (usize, usize)| {
+        if (y.0, std::cmp::Reverse(y.1)) > (x.0, std::cmp::Reverse(x.1)) { y } else { x }
+    };
+    let (count, sample) = (0..SAMPLES).into_par_iter().filter_map(tried).reduce_with(better)?;
+    let mut pose = fit(&[0, 1, 2].map(|k| mixed(3 * sample as u64 + k) as usize % pairs.len()))?;
+    let mut used = inliers(&pose);
+    for _ in 0..5 {
+        let Some(refined) = (used.len() >= 3).then(|| fit(&used)).flatten() else { break };
+        (pose, used) = (refined, inliers(&refined));
+    }
+    (count >= 3).then_some((pose, used.len()))
+}
+
+/// SplitMix64's step: numbers that look random and are always the same.
+fn mixed(index: u64) -> u64 {
+    let mut z = index.wrapping_mul(0x9e37_79b9_7f4a_7c15).wrapping_add(0x9e37_79b9_7f4a_7c15);
+    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ (z >> 31)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{UnitQuaternion, Vector6};
+
+    #[test]
+    fn ransac_finds_the_pose_of_a_fifth_of_the_pairs() {
+        let pose = Se3::exp(&Vector6::new(7.0, -3.0, 0.4, 0.02, -0.01, 2.0));
+        let number = |i: u64| (mixed(i) % 10_000) as f64 / 10_000.0;
+        let point =
+            |i: u64| Vector3::new(40.0 * number(3 * i), 30.0 * number(3 * i + 1), 5.0 * number(3 * i + 2));
+        let pairs: Vec<_> = (0..200)
+            .map(|i| if i % 5 == 0 { [pose * point(i), point(i)] } else { [point(1000 + i), point(i)] })
+            .collect();
+        let (found, inliers) = ransac(&pairs).unwrap();
+        assert!((pose.inverse() * found).log().norm() < 0.05, "{found:?}");
+        assert!((40..60).contains(&inliers), "{inliers}");
+        assert_eq!(ransac(&pairs[..2]).map(|f| f.1), None);
+    }
+
+    #[test]
+    fn a_descriptor_does_not_change_with_the_pose() {
+        let point = |i: u64| {
+            let (u, v) = (
+                6.0 * (mixed(2 * i) % 1000) as f64 / 1000.0,
+                6.0 * (mixed(2 * i + 1) % 1000) as f64 / 1000.0,
+            );
+            match i % 3 {
+                0 => Vector3::new(u, v, 0.0),
+                1 => Vector3::new(u, 0.0, v),
+                _ => Vector3::new(0.0, u, v),
+            }
+        };
+        let cloud = |pose: Se3| {
+            let points: Vec<[f32; 3]> =
+                (0..600).map(|i| pose * point(i)).map(|p| [p.x as f32, p.y as f32, p.z as f32]).collect();
+            let mut map = RobotMap::new(&[]);
+            map.whole.points = points;
+            map.poses = vec![pose * Se3::new(UnitQuaternion::identity(), Vector3::repeat(3.0))];
+            Cloud::new(&map).described()
+        };
+        let moved = Se3::exp(&Vector6::new(2.0, -1.0, 0.5, 0.1, 0.2, 1.0));
+        let (still, turned) = (cloud(Se3::identity()), cloud(moved));
+        assert!(still.len() > 5);
+        let mut same = 0;
+        for (p, descriptor) in &still {
+            let twin = turned.iter().find(|(q, _)| (moved * *p - q).norm() < 1e-3);
+            let off =
+                |other: &Descriptor| descriptor.iter().zip(other).map(|(x, y)| (x - y).abs()).sum::<f32>();
+            same += usize::from(twin.is_some_and(|(_, other)| off(other) < 0.15));
+        }
+        assert!(2 * same > still.len(), "{same} of {}", still.len());
+    }
+}
