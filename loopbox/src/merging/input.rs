@@ -4,7 +4,6 @@ use crate::open::open_map;
 use crate::run::find_features;
 use anyhow::{Context, Result, bail};
 use features::{Features, SiftParams, codec, sift};
-use geometry::GrayImage;
 use map::{Keyframe, KeyframeId, Map};
 use place_recog::{DirectIndex, Directed, Vocabulary, WordBag, words};
 use rayon::prelude::*;

@@ -6,6 +6,7 @@ use anyhow::{Context, Result};
 use map::DEFAULT_MAX_RELATIVE_VARIANCE;
 use merge::common_map::Fused;
 use std::fs;
+use std::path::PathBuf;
 
 const REPORT: &str = "report.html";
 const NUMBERS: &str = "merge.json";

@@ -159,6 +159,7 @@ mod tests {
                 world_from_keyframe: geometry::Sim3::identity(),
                 image: Arc::new(image.expect("so many pixels")),
                 semi_dense: if id % 3 == 2 { SemiDense::default() } else { depth }.into(),
+                scan: None,
                 points: Vec::new(),
                 features: None,
             }

@@ -17,8 +17,8 @@ mod runtime;
 mod saving;
 mod session;
 
-pub use lens::{FoundLens, find_lens};
 pub use describing::complete as find_features;
+pub use lens::{FoundLens, find_lens};
 pub use options::{PreparedRun, RunOptions, run};
 pub use output::TrajectoryFormat;
 pub use progress::{Progress, Silent};
