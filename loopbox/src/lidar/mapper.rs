@@ -95,7 +95,7 @@ impl Mapper {
     }
 
     fn add_keyframe(&mut self, frame_index: u64) {
-        let Some((last, keyframe)) = self.agent.keyframes().iter().enumerate().last() else { return };
+        let Some((last, keyframe)) = self.agent.keyframes().iter().enumerate().next_back() else { return };
         self.map.keyframes.insert(id(last), to_keyframe(last, frame_index, keyframe));
         if let (Some(before), Some(step)) = (last.checked_sub(1), self.agent.steps().last()) {
             let deviation = self.params.odometry_deviation;
