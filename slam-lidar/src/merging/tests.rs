@@ -3,9 +3,10 @@
 use super::graph::{Merge, joined};
 use super::merge;
 use super::robot_map::RobotMap;
-use super::verdict::{Decision, Test, judged};
+use super::verdict::{Decision, MergeEvidence, Test, judged};
+use crate::degeneracy::Conditioning;
 use geometry::Se3;
-use nalgebra::Vector6;
+use nalgebra::{Matrix6, Vector6};
 
 fn pose(i: usize) -> Se3 {
     let i = i as f64;
@@ -44,4 +45,32 @@ fn empty_maps_are_refused() {
     let verdict = merge(&empty, &empty);
     assert_eq!((verdict.decision, verdict.line.test), (Decision::Refused, Test::Pieces));
     assert!(verdict.best.is_none() && judged(Vec::new()).best.is_none());
+}
+
+/// All that a right merge shows, at a pose.
+fn standing(a_from_b: Se3) -> MergeEvidence {
+    let conditioning =
+        Conditioning { translation: 0.001, weakest: [1.0, 0.0, 0.0], rotation: 0.001, weak: 0 };
+    MergeEvidence {
+        a_from_b,
+        information: Matrix6::identity(),
+        finding: 4,
+        pieces: 4,
+        of_pieces: 4,
+        support: 1.0,
+        overlap: 0.9,
+        violated: 0.0,
+        agreeing: 0.95,
+        rmse: 0.02,
+        conditioning,
+    }
+}
+
+#[test]
+fn a_pose_that_was_found_twice_is_no_rival_of_itself() {
+    let again = pose(1) * Se3::exp(&Vector6::new(0.002, 0.0, 0.001, 0.0, 0.0, 0.0003));
+    let twice = judged(vec![standing(pose(1)), standing(again)]);
+    assert_eq!((twice.decision, twice.rivals.len()), (Decision::Accepted, 0));
+    let rivals = judged(vec![standing(pose(1)), standing(pose(2))]);
+    assert_eq!((rivals.decision, rivals.line.test), (Decision::Undecided, Test::Rivals));
 }

@@ -181,8 +181,28 @@ fn failed(e: &MergeEvidence) -> Option<(Line, Decision)> {
     tests(e).into_iter().find(|(_, holds, _)| !holds).map(|(line, _, decision)| (line, decision))
 }
 
+/// Two poses that differ by less, metres and radians, are one: refined on whole maps, those that began apart may come to
+/// the same place, to millimetres, while rivals lie metres apart.
+const ONE_POSE: (f64, f64) = (0.1, 0.01);
+
+/// The first of each group of poses that are one.
+fn distinct(found: Vec<MergeEvidence>) -> Vec<MergeEvidence> {
+    let mut kept: Vec<MergeEvidence> = Vec::new();
+    for next in found {
+        let is_one = |other: &MergeEvidence| {
+            let apart = other.a_from_b.inverse() * next.a_from_b;
+            apart.translation.norm() < ONE_POSE.0 && apart.rotation.angle() < ONE_POSE.1
+        };
+        if !kept.iter().any(is_one) {
+            kept.push(next);
+        }
+    }
+    kept
+}
+
 /// Decides between poses, the best supported first.
-pub(super) fn judged(mut found: Vec<MergeEvidence>) -> Verdict {
+pub(super) fn judged(found: Vec<MergeEvidence>) -> Verdict {
+    let mut found = distinct(found);
     let standing: Vec<usize> = (0..found.len()).filter(|&i| failed(&found[i]).is_none()).collect();
     let rivals = Line { test: Test::Rivals, value: standing.len().saturating_sub(1) as f64, bound: 0.0 };
     let chosen = standing.first().copied().unwrap_or(0);
