@@ -151,6 +151,9 @@ fn map_with(
     stop: &Stop,
 ) -> Result<Map> {
     let undistorter = Undistorter::new(lens, Crop::default())?;
+    let mut params = params.clone();
+    // What contradicts the guess is to stay in the map.
+    params.mapping.lens_sigma = 0.0;
     let begin = || Agent::new(*undistorter.pinhole(), Box::new(ThumbnailIndex::default()), params.clone());
     let (mut agent, mut best, mut lost) = (begin()?, None::<Map>, 0);
     let size = |map: &Map| map.keyframes.len();
