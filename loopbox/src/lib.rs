@@ -2,9 +2,9 @@
 //! nothing, installs no signal handlers and starts no global pool of threads.
 //!
 //! The three things people do, in a few lines (`examples/two_agents.rs` does all of them):
-//! [`run`](crate::run()), [`merge_maps`] and [`evaluate`].
+//! [`run()`], [`merge_maps`] and [`evaluate`].
 //!
-//! [`run`](crate::run) takes frames from a source through an agent into a folder of results, [`merging`] brings maps of several
+//! [`mod@run`] takes frames from a source through an agent into a folder of results, [`merging`] brings maps of several
 //! agents together, [`calibrating`] makes a camera's calibration from images of a board; [`results`] keeps folders of
 //! results whole. [`lidar`] does the same for LiDAR agents.
 
