@@ -6,7 +6,10 @@ use sources::recording::RecordButton;
 use view::watch::Watch;
 
 #[cfg(feature = "view")]
-pub use with_view::{PageArgs, ServeArgs, ViewArgs};
+pub use with_view::{PageArgs, ViewArgs};
+// Calibrations are watched too.
+#[cfg(all(feature = "view", feature = "opencv"))]
+pub use with_view::ServeArgs;
 
 /// Nothing: this program was built without it.
 #[cfg(not(feature = "view"))]

@@ -79,12 +79,13 @@ impl Watch {
         first.recording = options.recording.as_ref().map(|recording| recording.is_on());
         shared.scene().set_status(first);
         let page = options.page.take().map(|at| web::Server::start(&shared, at, &agent.name)).transpose()?;
-        let mut places: Vec<String> = page.iter().map(|page| format!("watch at {}", page.url())).collect();
         #[cfg(feature = "foxglove-server")]
-        if let Some(port) = options.foxglove {
-            let url = super::foxglove::start(&shared, port)?;
-            places.push(format!("Foxglove: open a connection to {url}"));
-        }
+        let foxglove = options.foxglove.map(|port| super::foxglove::start(&shared, port)).transpose()?;
+        #[cfg(not(feature = "foxglove-server"))]
+        let foxglove: Option<String> = None;
+        let foxglove = foxglove.map(|url| format!("Foxglove: open a connection to {url}"));
+        let page_at = page.iter().map(|page| format!("watch at {}", page.url()));
+        let places = page_at.chain(foxglove).collect();
         let of_thread = Arc::clone(&shared);
         let watcher = std::thread::Builder::new()
             .name("watch".into())
