@@ -13,14 +13,10 @@ mod solve;
 #[cfg(test)]
 mod tests;
 
-use geometry::{Camera, Pinhole};
+use geometry::Camera;
 use map::Map;
-use nalgebra::Vector2;
 use problem::Problem;
 use std::ops::Range;
-
-/// Lenses are compared at so many places along each side of the image.
-const GRID: usize = 8;
 
 /// What of the lens is free.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -57,9 +53,6 @@ pub struct SelfCalibration {
     /// Standard deviation of the focal length over the focal length: by the residuals, or by what halves of the map say
     /// where that is more.
     pub focal_deviation: f64,
-    /// By how many pixels, as a deviation of [`displacement`], halves of the map differ in what they say of the lens;
-    /// nothing where a half says nothing.
-    pub deviation: Option<f64>,
     /// Keyframes it was found from.
     pub keyframes: usize,
     /// Observations it was found from.
@@ -115,33 +108,15 @@ pub fn self_calibrate(
     let halves =
         [0..count / 2, count / 2..count].map(|range| solved(range).map(|(_, _, camera)| camera).ok());
     let logarithm = |camera: &Camera| camera.intrinsics().fx.ln();
-    let (between, deviation) = match &halves {
-        [Some(a), Some(b)] => {
-            (0.5 * (logarithm(a) - logarithm(b)).abs(), displacement(a, b).map(|pixels| 0.5 * pixels))
-        }
-        _ => (0.0, None),
+    let between = match &halves {
+        [Some(a), Some(b)] => 0.5 * (logarithm(a) - logarithm(b)).abs(),
+        _ => 0.0,
     };
     Ok(SelfCalibration {
         camera,
         focal_deviation: (solution.deviations[0] * shared).max(between),
-        deviation,
         keyframes: problem.poses.len(),
         observations: problem.observations.len(),
         residual: solution.residual,
     })
-}
-
-/// How far apart two lenses of one image size show the same rays: root mean square over the image, pixels, without what
-/// the lenses are merely shifted by, which is as good as a turn of the camera. Nothing where one shows rays that the other
-/// does not.
-pub fn displacement(a: &Camera, b: &Camera) -> Option<f64> {
-    let &Pinhole { width, height, .. } = a.intrinsics();
-    let grid = (0..GRID * GRID).map(|i| {
-        let at = |k: usize, side: usize| (k as f64 + 0.5) / GRID as f64 * side as f64 - 0.5;
-        Vector2::new(at(i % GRID, width), at(i / GRID, height))
-    });
-    let shifts =
-        grid.map(|pixel| Some(b.project(&a.unproject(&pixel)?)? - pixel)).collect::<Option<Vec<_>>>()?;
-    let mean = shifts.iter().sum::<Vector2<f64>>() / shifts.len() as f64;
-    Some((shifts.iter().map(|shift| (shift - mean).norm_squared()).sum::<f64>() / shifts.len() as f64).sqrt())
 }

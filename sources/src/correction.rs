@@ -61,12 +61,8 @@ pub fn halved_camera(camera: &Camera, times: usize) -> Result<Camera> {
 ///
 /// # Errors
 /// When that is no camera.
-pub fn doubled_camera(camera: &Camera, (width, height): (usize, usize), times: usize) -> Result<Camera> {
-    let &Pinhole { fx, fy, cx, cy, .. } = camera.intrinsics();
-    let by = (1u64 << times) as f64;
-    let centre = |c: f64| (c + 0.5) * by - 0.5;
-    let pinhole = Pinhole { width, height, fx: fx * by, fy: fy * by, cx: centre(cx), cy: centre(cy) };
-    Ok(Camera::new(pinhole, *camera.distortion())?)
+pub fn doubled_camera(camera: &Camera, size: (usize, usize), times: usize) -> Result<Camera> {
+    enlarged(camera, size, (1u64 << times) as f64)
 }
 
 /// An image halved so often.
@@ -200,7 +196,7 @@ fn is_scaled(camera: &Camera, (width, height): (usize, usize)) -> bool {
 
 /// The camera for images of another size that show the same: numbers in pixels are scaled, the lens stays as it is.
 fn scaled(camera: &Camera, (width, height): (usize, usize)) -> Result<Camera> {
-    let &Pinhole { width: own, fx, fy, cx, cy, .. } = camera.intrinsics();
+    let own = camera.intrinsics().width;
     if !is_scaled(camera, (width, height)) {
         bail!(
             "images of {width}×{height} pixels are not those of the calibration, {own}×{}, made larger or smaller\nhint: \
@@ -208,7 +204,12 @@ fn scaled(camera: &Camera, (width, height): (usize, usize)) -> Result<Camera> {
             camera.intrinsics().height
         );
     }
-    let by = width as f64 / own as f64;
+    enlarged(camera, (width, height), width as f64 / own as f64)
+}
+
+/// The camera of images `by` times as large, of this size.
+fn enlarged(camera: &Camera, (width, height): (usize, usize), by: f64) -> Result<Camera> {
+    let &Pinhole { fx, fy, cx, cy, .. } = camera.intrinsics();
     // Pixel centres lie at integers, so the image begins half a pixel before the first.
     let centre = |c: f64| (c + 0.5) * by - 0.5;
     let pinhole = Pinhole { width, height, fx: fx * by, fy: fy * by, cx: centre(cx), cy: centre(cy) };

@@ -1,7 +1,7 @@
 //! `loopbox merge`: several agents' maps into one.
 
 use super::merge_progress::MergeProgress;
-use super::merge_scans::{self, MergeScansArgs, any_lidar};
+use super::merge_scans::{self, any_lidar};
 use super::method::{AnyMethod, method_parser};
 use super::params;
 use crate::console::{self, Ended, Ending};
@@ -9,6 +9,7 @@ use crate::interrupt::stop_on_ctrl_c;
 use anyhow::{Result, bail};
 use clap::Args;
 use loopbox::merging::{MergeOptions, Merged, MergingParams, merge_maps_watched};
+use slam_lidar::merging::MergeMethod;
 use std::path::PathBuf;
 
 /// Merge the maps of several agents into one common map
@@ -16,13 +17,13 @@ use std::path::PathBuf;
 pub struct MergeArgs {
     /// The maps: each a map.mcap, or the folder of a run. Those that met join the world of the first
     #[arg(required = true, value_name = "MAP")]
-    maps: Vec<PathBuf>,
+    pub(super) maps: Vec<PathBuf>,
     /// Folder for the results; made if it is not there
     #[arg(long, value_name = "DIR")]
-    out: PathBuf,
+    pub(super) out: PathBuf,
     /// Replace results of a run in that folder, once the new ones are complete
     #[arg(long)]
-    force: bool,
+    pub(super) force: bool,
     /// How maps are joined where they met, in place of the parameter file's: direct, loopbox's own, aligns the images
     /// of all pairs that agree; the others, loop-box of the paper among them, are there to compare it with. Of LiDARs:
     /// pieces, loopbox's own, or emr, the paper's
@@ -33,10 +34,10 @@ pub struct MergeArgs {
     params: Option<PathBuf>,
     /// Print all numbers as JSON, as they are in merge.json, instead of the verdicts
     #[arg(long)]
-    json: bool,
+    pub(super) json: bool,
     /// Show no progress
     #[arg(long)]
-    quiet: bool,
+    pub(super) quiet: bool,
 }
 
 /// Runs `loopbox merge`.
@@ -76,22 +77,16 @@ pub fn run(args: &MergeArgs) -> Result<()> {
 impl MergeArgs {
     /// The same for maps of LiDARs.
     fn of_lidars(&self) -> Result<()> {
-        let Self { maps, out, force, method, params, json, quiet } = self;
-        if params.is_some() {
+        if self.params.is_some() {
             bail!("--params is for maps of cameras, and there is a LiDAR's among these");
         }
-        let method = match method {
+        match self.method {
             Some(AnyMethod::Camera(method)) => {
-                bail!(
-                    "--method {} is for maps of cameras, and there is a LiDAR's among these",
-                    method.name()
-                );
+                bail!("--method {} is for maps of cameras, and there is a LiDAR's among these", method.name())
             }
-            Some(AnyMethod::Lidar(method)) => Some(*method),
-            None => None,
-        };
-        let (maps, out) = (maps.clone(), out.clone());
-        merge_scans::run(&MergeScansArgs { maps, out, force: *force, method, json: *json, quiet: *quiet })
+            Some(AnyMethod::Lidar(method)) => merge_scans::run(self, method),
+            None => merge_scans::run(self, MergeMethod::default()),
+        }
     }
 }
 

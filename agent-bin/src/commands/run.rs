@@ -138,11 +138,12 @@ pub fn execute(args: &RunArgs) -> Result<()> {
     let stop = stop_on_ctrl_c("stopping: saving what was tracked so far (Ctrl-C again to abort)")?;
     let mut options = args.options()?;
     args.take_threads()?;
-    if args.source.is_some() {
+    let source = args.open()?;
+    if !source.is_live() {
         let progress = Console::new(args.display(), None);
-        options.without_calibration(&|| args.open(), args.fov, &stop, &progress)?;
+        options.without_calibration(source.info(), &|| args.open(), args.fov, &stop, &progress)?;
     }
-    let prepared = PreparedRun::new(args.open()?, options)?;
+    let prepared = PreparedRun::new(source, options)?;
     let progress = Console::new(args.display(), prepared.frame_count());
     prepared.problems().iter().for_each(|problem| progress.warn(problem));
     let watched = |about: &_, frames, recording| args.view.start(about, frames, recording);

@@ -87,8 +87,9 @@ pub fn find_lens(
     stop: &Stop,
     progress: &dyn Progress,
 ) -> Result<FoundLens> {
-    let path = open()?.info().path.display().to_string();
-    let Some(first) = images(open()?.as_mut()).next() else {
+    let mut source = open()?;
+    let path = source.info().path.display().to_string();
+    let Some(first) = images(source.as_mut()).next() else {
         bail!("{path}: there is no image to find the lens from")
     };
     let whole = (first.1.width(), first.1.height());

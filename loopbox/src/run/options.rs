@@ -78,29 +78,29 @@ impl RunOptions {
         }
     }
 
-    /// Where no calibration is given and none came with the recording, which `open` opens, finds one from it; `fov` is
-    /// its horizontal field of view in degrees, where that is known.
+    /// Where no calibration is given and none came with `source`, finds one from it, for which `open` opens it again from
+    /// its first frame; `fov` is its horizontal field of view in degrees, where that is known.
     ///
     /// # Errors
     /// When the recording cannot be read, or says nothing about its lens.
     pub fn without_calibration(
         &mut self,
+        source: &SourceInfo,
         open: &dyn Fn() -> Result<Box<dyn FrameSource>>,
         fov: Option<f64>,
         stop: &Stop,
         progress: &dyn Progress,
     ) -> Result<()> {
-        let source = open()?;
-        let comes_along = match &source.info().calibration {
+        let comes_along = match &source.calibration {
             None => false,
             Some(FoundCalibration::Recorded { files, .. }) => files.camera.is_some(),
             Some(_) => true,
         };
-        if self.camera.calibration.is_some() || comes_along || source.is_live() {
+        if self.camera.calibration.is_some() || comes_along {
             return Ok(());
         }
         let lens = find_lens(open, fov, self, stop, progress)?;
-        let said = format!("{}: {}", source.info().path.display(), lens.text());
+        let said = format!("{}: {}", source.path.display(), lens.text());
         if lens.is_determined() {
             progress.note(&said)
         } else {
@@ -139,8 +139,9 @@ pub struct PreparedRun {
 pub fn run(source: &Path, options: RunOptions) -> Result<Mapped> {
     let open = || sources::open(source, &SourceOptions::default());
     let mut options = options;
-    options.without_calibration(&open, None, &Stop::default(), &Silent)?;
-    PreparedRun::new(open()?, options)?.go(|_, _, _| Ok(Watch::none()), &Stop::default(), &Silent)
+    let source = open()?;
+    options.without_calibration(source.info(), &open, None, &Stop::default(), &Silent)?;
+    PreparedRun::new(source, options)?.go(|_, _, _| Ok(Watch::none()), &Stop::default(), &Silent)
 }
 
 impl PreparedRun {
