@@ -9,7 +9,10 @@ fn golden(name: &str) -> PathBuf {
 
 fn eval(estimate: &str, truth: &str, more: &[&str]) -> Output {
     let mut command = Command::new(env!("CARGO_BIN_EXE_loopbox"));
-    command.arg("eval").arg(golden(estimate)).arg("--gt").arg(golden(truth)).args(more);
+    // What is no option is one more estimate; estimates come before `--gt`, which takes all that follows.
+    let (others, options) =
+        more.split_at(more.iter().position(|word| word.starts_with('-')).unwrap_or(more.len()));
+    command.arg("eval").arg(golden(estimate)).args(others).arg("--gt").arg(golden(truth)).args(options);
     command.output().unwrap()
 }
 
@@ -87,13 +90,27 @@ fn several_agents_are_measured_in_the_frame_of_the_first() {
 }
 
 #[test]
+fn one_option_takes_the_truths_of_all() {
+    let truth = golden("truth.tum");
+    let [one, each] = [vec!["estimate.tum"], vec!["estimate.tum", "estimate.tum"]].map(|estimates| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_loopbox"));
+        command.arg("eval").args(estimates.iter().map(|name| golden(name)));
+        command.arg("--gt").args([&truth, &truth]).arg("--json").output().unwrap()
+    });
+    assert!(each.status.success(), "{}", stderr(&each));
+    let found: serde_json::Value = serde_json::from_slice(&each.stdout).unwrap();
+    assert_eq!(found["agents"].as_array().unwrap().len(), 2);
+    assert!(stderr(&one).contains("estimates come before --gt"), "{}", stderr(&one));
+}
+
+#[test]
 fn every_agent_needs_its_own() {
     let other = golden("estimate.tum");
     let other = other.to_str().unwrap();
     let truth = golden("truth.tum");
     let truth = truth.to_str().unwrap();
     let cases: [(&[&str], &str); 4] = [
-        (&[other, "--gt", truth, "--gt", truth], "2 estimates have 3 --gt"),
+        (&[other, "--gt", truth, "--gt", truth], "2 estimates have 3 truths"),
         (&[other, "--frames", truth], "2 estimates have 1 --frames"),
         (&[other, "--max-diff", "1e-9"], "agent 1"),
         (

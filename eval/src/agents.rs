@@ -219,7 +219,7 @@ mod tests {
             pose.translation = Vector3::new((2.1 * t).sin(), (3.7 * t).cos(), (5.3 * t).sin());
         }
         let error = evaluate_agents(vec![good, other], &Options::default()).unwrap_err().to_string();
-        assert!(error.contains("agent 2: it does not follow") && error.contains("--gt A --gt B"), "{error}");
+        assert!(error.contains("agent 2: it does not follow") && error.contains("--gt A B"), "{error}");
     }
 
     #[test]

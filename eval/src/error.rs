@@ -71,7 +71,7 @@ pub enum EvalError {
     /// An estimate that has nothing in common with the ground truth it was compared with.
     #[error(
         "it does not follow its ground truth: aligned alone, its positions are {rmse:.3} m off, where the truth itself \
-         spreads over {spread:.3} m; is that the truth of this recording? Give one for each in their order: --gt A --gt B"
+         spreads over {spread:.3} m; is that the truth of this recording? Give one for each in their order: --gt A B"
     )]
     Stranger {
         /// RMS distance after the agent's own Sim(3) alignment, in the unit of the ground truth.

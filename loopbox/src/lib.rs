@@ -6,7 +6,7 @@
 //!
 //! [`mod@run`] takes frames from a source through an agent into a folder of results, [`merging`] brings maps of several
 //! agents together, [`calibrating`] makes a camera's calibration from images of a board; [`results`] keeps folders of
-//! results whole. [`lidar`] does the same for LiDAR agents.
+//! results whole, [`placing`] brings maps to metres and upright. [`lidar`] does the same for LiDAR agents.
 
 #[cfg(feature = "opencv")]
 pub mod calibrating;
@@ -14,6 +14,7 @@ pub mod evaluating;
 pub mod lidar;
 pub mod merging;
 pub mod open;
+pub mod placing;
 pub mod results;
 pub mod run;
 

@@ -10,6 +10,7 @@ mod export;
 mod identity;
 mod io;
 mod keyframe;
+mod level;
 mod place;
 mod scan;
 mod sensor;
@@ -24,12 +25,13 @@ pub use agent::{AgentId, AgentInfo, OwnMap};
 pub use delta::{Described, MapDelta, Moved, Settled};
 pub use error::MapError;
 pub use export::{
-    CloudPoint, DEFAULT_MAX_RELATIVE_VARIANCE, agent_color, save_kitti, save_pcd, save_ply, save_tum,
-    write_kitti, write_pcd, write_ply, write_tum,
+    CloudPoint, CloudSelection, DEFAULT_MAX_RELATIVE_VARIANCE, agent_color, save_colmap, save_kitti,
+    save_nerfstudio, save_pcd, save_ply, save_tum, write_kitti, write_pcd, write_ply, write_tum,
 };
 pub use identity::{Identity, KeyframeName};
 pub use io::{FORMAT_VERSION, LoadedMap, MapWriter, is_map_file, load_map, save_map, sensors_of};
 pub use keyframe::{Edge, EdgeKind, Keyframe, KeyframeId, Observation, Point, SemiDense};
+pub use level::level;
 pub use place::{PlaceCandidate, PlaceIndex};
 pub use scan::Scan;
 pub use sensor::{Sensor, SensorKind};

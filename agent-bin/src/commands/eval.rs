@@ -22,9 +22,9 @@ pub struct EvalArgs {
     /// frame one each: what the first one alone needs is adjusted of all
     #[arg(value_name = "ESTIMATE", required = true)]
     estimates: Vec<PathBuf>,
-    /// True trajectory, in either form; of several agents one each in their order (`--gt A --gt B`), or one that spans
+    /// True trajectory, in either form; of several agents one each in their order (`--gt A B`), or one that spans
     /// them all. They must be in one world
-    #[arg(long, value_name = "FILE", required = true)]
+    #[arg(long, value_name = "FILE", required = true, num_args = 1..)]
     gt: Vec<PathBuf>,
     /// What is adjusted before errors are measured [default: sim3; of LiDARs, whose maps are metric, se3]
     #[arg(long, value_enum)]
@@ -113,7 +113,7 @@ pub fn run(args: EvalArgs) -> Result<()> {
             if args.gt.len() == 1 && overlap(&agents) {
                 tell!(
                     "warning: {} is taken for the truth of all {} estimates, some of them of the same time\nhint: give one \
-                     for each in their order: --gt A --gt B",
+                     for each in their order: --gt A B",
                     args.gt[0].display(),
                     agents.len()
                 );
@@ -140,7 +140,8 @@ fn read(args: &EvalArgs) -> Result<Vec<AgentTracks>> {
     let count = args.estimates.len();
     if args.gt.len() != 1 && args.gt.len() != count {
         bail!(
-            "{count} estimates have {} --gt: give one for each in their order, or one for all",
+            "{count} estimates have {} truths: give one for each in their order, or one for all\nhint: estimates come before \
+             --gt, which takes every file that follows",
             args.gt.len()
         );
     }

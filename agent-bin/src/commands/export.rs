@@ -3,10 +3,11 @@
 use super::info_map::load_at;
 use crate::console::{say, tell};
 use anyhow::ensure;
-use map::{DEFAULT_MAX_RELATIVE_VARIANCE, Map, MapError, StampedPose};
+use loopbox::placing::{Metres, Up, placement};
+use map::{CloudSelection, DEFAULT_MAX_RELATIVE_VARIANCE, KeyframeId, Map, MapError, StampedPose};
 use std::path::{Path, PathBuf};
 
-/// Write a map's cloud or trajectory in the format of another tool
+/// Write a map's cloud, trajectory or posed images in the format of another tool; in metres and upright where asked
 #[derive(Clone, Debug, clap::Args)]
 pub struct ExportArgs {
     /// The map: a map.mcap, or the folder that `loopbox run` or `loopbox merge` wrote
@@ -19,16 +20,68 @@ pub struct ExportArgs {
     /// known to 10 %, 0.0001 those known to 1 %
     #[arg(long, value_name = "V", default_value_t = DEFAULT_MAX_RELATIVE_VARIANCE)]
     pub max_variance: f32,
+    /// Of each cube of this edge keep the surest point alone, in the unit that is written
+    #[arg(long, value_name = "EDGE")]
+    pub voxel: Option<f64>,
+    /// In which frame and unit.
+    #[command(flatten)]
+    pub placing: PlacingArgs,
+}
+
+/// In which frame and unit a map is written; as it is unless these say.
+#[derive(Clone, Debug, clap::Args)]
+pub struct PlacingArgs {
+    /// So many metres is a unit of the map
+    #[arg(long, value_name = "METRES", group = "unit")]
+    pub scale: Option<f64>,
+    /// Two keyframes (by their numbers) are so many metres apart: `--distance 12,80=2.4`
+    #[arg(long, value_name = "FROM,TO=METRES", group = "unit", value_parser = parse_distance)]
+    pub distance: Option<Distance>,
+    /// A trajectory in metres of the same times (GPS, odometry, ground truth; TUM format): its unit and its frame are taken
+    #[arg(long, value_name = "FILE", group = "unit", conflicts_with = "up")]
+    pub track: Option<PathBuf>,
+    /// The axis that points up, by what the cameras say of gravity; as it is, the world is that of the first camera: y down
+    #[arg(long, value_enum)]
+    pub up: Option<Up>,
+}
+
+/// Two keyframes and the metres between them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Distance {
+    from: KeyframeId,
+    to: KeyframeId,
+    metres: f64,
+}
+
+/// `12,80=2.4`
+fn parse_distance(text: &str) -> anyhow::Result<Distance> {
+    let parts = text.split_once('=').and_then(|(pair, metres)| Some((pair.split_once(',')?, metres)));
+    let parsed = parts.and_then(|((from, to), metres)| {
+        let id = |text: &str| text.trim().parse().ok().map(KeyframeId);
+        Some(Distance { from: id(from)?, to: id(to)?, metres: metres.trim().parse().ok()? })
+    });
+    parsed.ok_or_else(|| anyhow::anyhow!("expected two numbers of keyframes and metres, as in `12,80=2.4`"))
+}
+
+impl PlacingArgs {
+    /// What tells the unit.
+    fn metres(&self) -> Option<Metres> {
+        let max_diff = eval::DEFAULT_MAX_DIFF;
+        let by_track = self.track.as_ref().map(|file| Metres::Track { file: file.clone(), max_diff });
+        let by_distance =
+            self.distance.map(|Distance { from, to, metres }| Metres::Distance { from, to, metres });
+        self.scale.map(Metres::Scale).or(by_distance).or(by_track)
+    }
 }
 
 /// The files to write; one at least.
 #[derive(Clone, Debug, clap::Args)]
 #[group(required = true, multiple = true)]
 pub struct Outputs {
-    /// Point cloud as binary PLY: x y z intensity confidence, and of several agents red green blue agent
+    /// Point cloud as binary PLY: x y z intensity confidence red green blue (grey), and of several agents agent
     #[arg(long, value_name = "FILE")]
     pub ply: Option<PathBuf>,
-    /// Point cloud as binary PCD: x y z intensity confidence, and of several agents rgb label
+    /// Point cloud as binary PCD: x y z intensity confidence rgb, and of several agents label
     #[arg(long, value_name = "FILE")]
     pub pcd: Option<PathBuf>,
     /// Trajectory as TUM text: timestamp tx ty tz qx qy qz qw; of several agents a file each, FILE with the
@@ -41,6 +94,12 @@ pub struct Outputs {
     /// The map itself as a whole file, with everything viewers show: mends the file of a killed run
     #[arg(long, value_name = "FILE")]
     pub mcap: Option<PathBuf>,
+    /// Folder of a COLMAP project: undistorted images, and cameras, poses and sparse points with their tracks as text
+    #[arg(long, value_name = "DIR")]
+    pub colmap: Option<PathBuf>,
+    /// Folder for nerfstudio: undistorted images, transforms.json and sparse points to begin splats from
+    #[arg(long, value_name = "DIR")]
+    pub nerfstudio: Option<PathBuf>,
 }
 
 /// Runs `loopbox export`.
@@ -49,11 +108,21 @@ pub struct Outputs {
 /// When the map cannot be loaded, a file cannot be written or the bound is not a positive number.
 pub fn run(args: &ExportArgs) -> anyhow::Result<()> {
     ensure!(args.max_variance > 0.0, "--max-variance is {}; give a number above 0", args.max_variance);
-    let map = load_at(&args.map)?;
+    ensure!(args.voxel.is_none_or(|edge| edge > 0.0), "--voxel must be a length above 0");
+    let mut map = load_at(&args.map)?;
+    let new_from_world = placement(&map, args.placing.metres().as_ref(), args.placing.up)?;
+    if new_from_world != geometry::Sim3::identity() {
+        map.transform(&new_from_world);
+        say!("a unit of the map is {} of what is written", new_from_world.scale);
+    }
     if map.keyframes.values().all(|keyframe| keyframe.semi_dense.is_empty() && keyframe.scan.is_none()) {
         tell!("warning: {}: no keyframe has depth: clouds of it are empty", args.map.display());
     }
-    write_clouds(&args.outputs, &map, args.max_variance)?;
+    write_clouds(
+        &args.outputs,
+        &map,
+        CloudSelection { max_relative_variance: args.max_variance, voxel: args.voxel },
+    )?;
     if let Some(path) = &args.outputs.tum {
         write_trajectories(path, &map, |path, trajectory| map::save_tum(path, trajectory))?;
     }
@@ -63,6 +132,14 @@ pub fn run(args: &ExportArgs) -> anyhow::Result<()> {
     if let Some(path) = &args.outputs.mcap {
         map::save_map(path, &map)?;
         say!("{}: {} keyframes", path.display(), map.keyframes.len());
+    }
+    if let Some(folder) = &args.outputs.colmap {
+        let (images, points) = map::save_colmap(folder, &map)?;
+        say!("{}: {images} images, {points} points", folder.display());
+    }
+    if let Some(folder) = &args.outputs.nerfstudio {
+        let (images, points) = map::save_nerfstudio(folder, &map)?;
+        say!("{}: {images} images, {points} points", folder.display());
     }
     Ok(())
 }
@@ -95,13 +172,13 @@ fn with_label(path: &Path, label: &str) -> PathBuf {
 }
 
 /// Writes the clouds that are asked for.
-fn write_clouds(outputs: &Outputs, map: &Map, max_variance: f32) -> anyhow::Result<()> {
+fn write_clouds(outputs: &Outputs, map: &Map, selection: CloudSelection) -> anyhow::Result<()> {
     if let Some(path) = &outputs.ply {
-        let points = map::save_ply(path, map, max_variance)?;
+        let points = map::save_ply(path, map, selection)?;
         say!("{}: {points} points", path.display());
     }
     if let Some(path) = &outputs.pcd {
-        let points = map::save_pcd(path, map, max_variance)?;
+        let points = map::save_pcd(path, map, selection)?;
         say!("{}: {points} points", path.display());
     }
     Ok(())
@@ -110,6 +187,15 @@ fn write_clouds(outputs: &Outputs, map: &Map, max_variance: f32) -> anyhow::Resu
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn distances_are_two_keyframes_and_metres() {
+        let (from, to) = (KeyframeId(12), KeyframeId(80));
+        assert_eq!(parse_distance("12,80=2.4").unwrap(), Distance { from, to, metres: 2.4 });
+        for bad in ["", "12=2.4", "12,80", "a,80=2", "12,80=x"] {
+            assert!(parse_distance(bad).is_err(), "{bad}");
+        }
+    }
 
     #[test]
     fn an_agents_name_ends_that_of_its_file() {

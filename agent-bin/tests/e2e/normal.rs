@@ -41,3 +41,45 @@ fn runs_are_bit_identical_on_any_number_of_cores() {
         }
     }
 }
+
+/// The truth is a track in metres: what is exported by it needs no alignment any more.
+#[test]
+fn a_map_is_exported_in_metres_and_for_other_tools() {
+    let case = Case::new(&drive());
+    case.run(&[]).assert_success();
+    let file = |name: &str| case.out().join("export").join(name);
+    fs::create_dir(case.out().join("export")).expect("a folder");
+    let export = |arguments: &[&str]| {
+        let mut command = loopbox();
+        command.arg("export").arg(case.out()).args(arguments);
+        for (option, name) in [("--mcap", "metric.mcap"), ("--tum", "metric.txt"), ("--ply", "metric.ply")] {
+            command.arg(option).arg(file(name));
+        }
+        command.arg("--colmap").arg(file("colmap")).arg("--nerfstudio").arg(file("nerfstudio"));
+        Outcome::of(command)
+    };
+    let truth = case.source().join("groundtruth.txt");
+    let outcome = export(&["--track", truth.to_str().expect("a path"), "--voxel", "0.25"]);
+    outcome.assert_success();
+    let mut eval = loopbox();
+    eval.arg("eval").arg(file("metric.txt")).arg("--gt").arg(&truth).args(["--align", "none", "--json"]);
+    let eval: serde_json::Value =
+        serde_json::from_slice(&eval.output().expect("it runs").stdout).expect("JSON");
+    let ate = eval["ate"]["rmse"].as_f64().expect("a number");
+    assert!(ate < 0.05, "{ate} m without alignment");
+
+    let (map, keyframes) =
+        (map::load_map(file("metric.mcap")).expect("it loads").map, case.map().keyframes.len());
+    assert_eq!(map.keyframes.len(), keyframes);
+    assert!(
+        map.thinned_cloud(map::DEFAULT_MAX_RELATIVE_VARIANCE, 0.25).count() < map.cloud(0.01).count() / 2
+    );
+    for folder in ["colmap", "nerfstudio"] {
+        let images = fs::read_dir(file(folder).join("images")).expect("a folder").count();
+        assert_eq!(images, keyframes, "{folder}");
+    }
+    let tracks = fs::read_to_string(file("colmap/sparse/0/points3D.txt")).expect("points");
+    assert!(tracks.lines().count() > 100, "{} points", tracks.lines().count());
+    export(&["--distance", "0,9999=2"]).assert_refused(&["no keyframe 9999"]);
+    export(&["--scale", "0"]).assert_refused(&["a scale of 0"]);
+}

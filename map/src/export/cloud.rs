@@ -3,12 +3,35 @@
 use crate::{AgentId, Keyframe, Map};
 use geometry::{Pinhole, Sim3};
 use nalgebra::Vector3;
+use std::collections::BTreeMap;
 
 /// The largest relative variance of a point that is exported by default: a depth known to 10 %.
 pub const DEFAULT_MAX_RELATIVE_VARIANCE: f32 = 0.01;
 
 /// The largest confidence given: beyond it the variance says nothing that f32 could hold.
 const MAX_CONFIDENCE: f32 = 1e6;
+
+/// Which of a map's points a cloud holds.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CloudSelection {
+    /// The largest `variance / inverse_depth²`, see [`Keyframe::cloud`].
+    pub max_relative_variance: f32,
+    /// Edge of the cubes of which each keeps its surest point alone, map units; `None` keeps all points.
+    pub voxel: Option<f64>,
+}
+
+impl Default for CloudSelection {
+    fn default() -> Self {
+        DEFAULT_MAX_RELATIVE_VARIANCE.into()
+    }
+}
+
+impl From<f32> for CloudSelection {
+    /// All points up to a relative variance.
+    fn from(max_relative_variance: f32) -> Self {
+        Self { max_relative_variance, voxel: None }
+    }
+}
 
 /// A point of the map in the world.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -96,10 +119,25 @@ impl Map {
         keyframes
             .flat_map(move |keyframe| keyframe.world_cloud(self.camera_of(keyframe), max_relative_variance))
     }
+
+    /// The surest point of [`cloud`](Self::cloud) in each cube of edge `voxel` (map units), of equally sure ones the
+    /// first; in order of the cubes.
+    pub fn thinned_cloud(&self, max_relative_variance: f32, voxel: f64) -> impl Iterator<Item = CloudPoint> {
+        let mut surest: BTreeMap<[i64; 3], CloudPoint> = BTreeMap::new();
+        for point in self.cloud(max_relative_variance) {
+            let cube = point.position.map(|value| (value / voxel).floor() as i64).into();
+            let kept = surest.entry(cube).or_insert(point);
+            if point.confidence > kept.confidence {
+                *kept = point;
+            }
+        }
+        surest.into_values()
+    }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::*;
     use crate::test_support::{lidar_map, sample_map};
 
     #[test]
@@ -152,6 +190,19 @@ mod tests {
         }
         assert_eq!(map.cloud(0.01).count(), count - 1);
         assert_eq!(map.cloud(0.0).count(), 0);
+    }
+
+    #[test]
+    fn a_thinned_cloud_has_the_surest_point_of_each_cube() {
+        let (map, voxel) = (sample_map(3), 0.2);
+        let cube = |p: &CloudPoint| p.position.map(|value| (value / voxel).floor() as i64);
+        let (all, thinned): (Vec<_>, Vec<_>) =
+            (map.cloud(f32::INFINITY).collect(), map.thinned_cloud(f32::INFINITY, voxel).collect());
+        assert!(!thinned.is_empty() && thinned.len() < all.len());
+        for point in &all {
+            let of_cube: Vec<_> = thinned.iter().filter(|kept| cube(kept) == cube(point)).collect();
+            assert!(of_cube.len() == 1 && of_cube[0].confidence >= point.confidence);
+        }
     }
 
     #[test]

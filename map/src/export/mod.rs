@@ -1,16 +1,22 @@
-//! Maps in the formats of other tools: point clouds (PLY, PCD) and trajectories (TUM, KITTI).
+//! Maps in the formats of other tools: point clouds (PLY, PCD), trajectories (TUM, KITTI), and posed images with sparse
+//! points (COLMAP, nerfstudio).
 //!
 //! Each format has a function that writes to any [`Write`] and one that makes a file which is either
 //! whole or as it was before.
 
 mod cloud;
+mod colmap;
 mod color;
+mod nerfstudio;
 mod pcd;
 mod ply;
+mod posed_images;
 mod trajectory;
 
-pub use cloud::{CloudPoint, DEFAULT_MAX_RELATIVE_VARIANCE};
+pub use cloud::{CloudPoint, CloudSelection, DEFAULT_MAX_RELATIVE_VARIANCE};
+pub use colmap::save_colmap;
 pub use color::agent_color;
+pub use nerfstudio::save_nerfstudio;
 pub use pcd::{save_pcd, write_pcd};
 pub use ply::{save_ply, write_ply};
 pub use trajectory::{save_kitti, save_tum, write_kitti, write_tum};
@@ -29,7 +35,7 @@ fn save<T>(path: &Path, fill: impl FnOnce(&mut BufWriter<File>) -> io::Result<T>
 /// Keyframes whose points are made at once: enough for all cores, and some tens of megabytes.
 const KEYFRAMES_TOGETHER: usize = 16;
 /// What a point takes at most.
-const MAX_POINT_BYTES: usize = 24;
+const MAX_POINT_BYTES: usize = 28;
 
 /// A file format for clouds of points: a header of text, then the points in binary.
 struct CloudFormat {
@@ -48,17 +54,38 @@ struct Columns {
     agents: bool,
 }
 
+impl Columns {
+    /// Whether points have a colour: LiDARs' have none unless agents are told apart by it.
+    fn colors(self) -> bool {
+        self.of_images || self.agents
+    }
+
+    /// The colour of a point, red, green, blue: that of its agent where there are several, else that of its pixel.
+    fn color(self, point: &CloudPoint) -> [u8; 3] {
+        if self.agents { agent_color(point.agent) } else { [point.intensity; 3] }
+    }
+}
+
 impl CloudFormat {
     /// Writes the cloud of a map, agents told apart where there are several: the header, then of each point
     /// the position as three little-endian floats and its attributes. Returns the number of points.
-    fn write(&self, out: &mut impl Write, map: &Map, max_relative_variance: f32) -> io::Result<usize> {
+    fn write(&self, out: &mut impl Write, map: &Map, selection: CloudSelection) -> io::Result<usize> {
         let columns =
             Columns { of_images: map.sensor() != Some(SensorKind::Lidar), agents: map.agents.len() > 1 };
+        let bound = selection.max_relative_variance;
+        if let Some(voxel) = selection.voxel {
+            let points: Vec<CloudPoint> = map.thinned_cloud(bound, voxel).collect();
+            out.write_all((self.header)(points.len(), columns).as_bytes())?;
+            out.write_all(&self.points(points.iter().copied(), columns))?;
+            return Ok(points.len());
+        }
         let keyframes: Vec<&Keyframe> = map.keyframes.values().collect();
-        let count = keyframes.par_iter().map(|keyframe| keyframe.cloud_size(max_relative_variance)).sum();
+        let count = keyframes.par_iter().map(|keyframe| keyframe.cloud_size(bound)).sum();
         out.write_all((self.header)(count, columns).as_bytes())?;
         for together in keyframes.chunks(KEYFRAMES_TOGETHER) {
-            let points = |keyframe: &&Keyframe| self.points(keyframe, map, columns, max_relative_variance);
+            let points = |keyframe: &&Keyframe| {
+                self.points(keyframe.world_cloud(map.camera_of(keyframe), bound), columns)
+            };
             for bytes in together.par_iter().map(points).collect::<Vec<_>>() {
                 out.write_all(&bytes)?;
             }
@@ -66,16 +93,10 @@ impl CloudFormat {
         Ok(count)
     }
 
-    /// The points of one keyframe as they are written.
-    fn points(
-        &self,
-        keyframe: &Keyframe,
-        map: &Map,
-        columns: Columns,
-        max_relative_variance: f32,
-    ) -> Vec<u8> {
-        let mut bytes = Vec::with_capacity(keyframe.semi_dense.len() * MAX_POINT_BYTES);
-        for point in keyframe.world_cloud(map.camera_of(keyframe), max_relative_variance) {
+    /// Points as they are written.
+    fn points(&self, points: impl Iterator<Item = CloudPoint>, columns: Columns) -> Vec<u8> {
+        let mut bytes = Vec::with_capacity(points.size_hint().0 * MAX_POINT_BYTES);
+        for point in points {
             let [x, y, z] = point.position.map(|value| (value as f32).to_le_bytes()).into();
             bytes.extend_from_slice(&x);
             bytes.extend_from_slice(&y);
@@ -86,8 +107,8 @@ impl CloudFormat {
     }
 
     /// Makes a file of the cloud, see [`write`](Self::write).
-    fn save(&self, path: &Path, map: &Map, max_relative_variance: f32) -> Result<usize, MapError> {
-        save(path, |out| self.write(out, map, max_relative_variance))
+    fn save(&self, path: &Path, map: &Map, selection: CloudSelection) -> Result<usize, MapError> {
+        save(path, |out| self.write(out, map, selection))
     }
 }
 

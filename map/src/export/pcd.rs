@@ -1,27 +1,34 @@
 //! PCD, the format of the Point Cloud Library.
 
-use super::{CloudFormat, CloudPoint, Columns};
-use crate::{Map, MapError, agent_color};
+use super::{CloudFormat, CloudPoint, CloudSelection, Columns};
+use crate::{Map, MapError};
 use std::io::{self, Write};
 use std::path::Path;
 
 const PCD: CloudFormat = CloudFormat { header, attributes };
 
-/// Writes the cloud as binary PCD 0.7: `x y z intensity confidence`, all float as the library's own
-/// point types have them, of LiDARs alone `x y z`; of several agents also `rgb`, the agent's colour as the library packs it, and
-/// `label` unsigned, its id. See [`Map::cloud`] for the bound. Returns the number of points.
-pub fn write_pcd(out: &mut impl Write, map: &Map, max_relative_variance: f32) -> io::Result<usize> {
-    PCD.write(out, map, max_relative_variance)
+/// Writes the cloud as binary PCD 0.7: `x y z intensity confidence rgb`, all float as the library's own point types have
+/// them, `rgb` being the intensity as the library packs colours; of LiDARs alone `x y z`; of several agents with `rgb`, the
+/// agent's colour, and `label` unsigned, its id. Returns the number of points.
+pub fn write_pcd(out: &mut impl Write, map: &Map, selection: impl Into<CloudSelection>) -> io::Result<usize> {
+    PCD.write(out, map, selection.into())
 }
 
 /// Makes a PCD file, see [`write_pcd`].
-pub fn save_pcd(path: impl AsRef<Path>, map: &Map, max_relative_variance: f32) -> Result<usize, MapError> {
-    PCD.save(path.as_ref(), map, max_relative_variance)
+pub fn save_pcd(
+    path: impl AsRef<Path>,
+    map: &Map,
+    selection: impl Into<CloudSelection>,
+) -> Result<usize, MapError> {
+    PCD.save(path.as_ref(), map, selection.into())
 }
 
 fn header(count: usize, columns: Columns) -> String {
-    let [fields, sizes, types, counts] =
-        if columns.agents { [" rgb label", " 4 4", " F U", " 1 1"] } else { [""; 4] };
+    let [fields, sizes, types, counts] = match (columns.agents, columns.colors()) {
+        (true, _) => [" rgb label", " 4 4", " F U", " 1 1"],
+        (false, true) => [" rgb", " 4", " F", " 1"],
+        (false, false) => [""; 4],
+    };
     let [more, size, kind, number] =
         if columns.of_images { [" intensity confidence", " 4 4", " F F", " 1 1"] } else { [""; 4] };
     format!(
@@ -37,10 +44,12 @@ fn attributes(point: &CloudPoint, columns: Columns, out: &mut Vec<u8>) {
         out.extend(f32::from(point.intensity).to_le_bytes());
         out.extend(point.confidence.to_le_bytes());
     }
-    if columns.agents {
+    if columns.colors() {
         // The bits of a float that are 0x00RRGGBB.
-        let [red, green, blue] = agent_color(point.agent);
+        let [red, green, blue] = columns.color(point);
         out.extend([blue, green, red, 0]);
+    }
+    if columns.agents {
         out.extend(u32::from(point.agent.0).to_le_bytes());
     }
 }
@@ -57,11 +66,12 @@ mod tests {
         let mut bytes = Vec::new();
         let count = write_pcd(&mut bytes, &map, f32::INFINITY).unwrap();
         let (header, body) = parted(&bytes, "DATA binary\n");
-        assert!(header.contains(&format!("\nPOINTS {count}\n")) && header.contains("confidence\n"));
-        assert_eq!(body.len(), count * 20);
+        assert!(header.contains(&format!("\nPOINTS {count}\n")) && header.contains("confidence rgb\n"));
+        assert_eq!(body.len(), count * 24);
         let last = map.cloud(f32::INFINITY).last().unwrap();
-        let tail = f32::from_le_bytes(*bytes.last_chunk().unwrap());
-        assert_eq!(tail, last.confidence);
+        let [confidence, color] = [&body[body.len() - 8..], &body[body.len() - 4..]];
+        assert_eq!(f32::from_le_bytes(*confidence.first_chunk().unwrap()), last.confidence);
+        assert_eq!(color, [last.intensity, last.intensity, last.intensity, 0]);
     }
 
     #[test]

@@ -1,37 +1,39 @@
 //! PLY, the format most viewers of point clouds read.
 
-use super::{CloudFormat, CloudPoint, Columns};
-use crate::{Map, MapError, agent_color};
+use super::{CloudFormat, CloudPoint, CloudSelection, Columns};
+use crate::{Map, MapError};
 use std::io::{self, Write};
 use std::path::Path;
 
 const PLY: CloudFormat = CloudFormat { header, attributes };
 
 /// Writes the cloud as binary little-endian PLY: `x y z` float (map units), `intensity` uchar,
-/// `confidence` float, but of LiDARs alone neither; of several agents also `red green blue` uchar, the agent's colour, and `agent`
-/// ushort, its id. See [`Map::cloud`] for the bound. Returns the number of points.
-pub fn write_ply(out: &mut impl Write, map: &Map, max_relative_variance: f32) -> io::Result<usize> {
-    PLY.write(out, map, max_relative_variance)
+/// `confidence` float, `red green blue` uchar, which is the intensity, but of LiDARs alone none of these; of several agents
+/// `red green blue`, the agent's colour, and `agent` ushort, its id. Returns the number of points.
+pub fn write_ply(out: &mut impl Write, map: &Map, selection: impl Into<CloudSelection>) -> io::Result<usize> {
+    PLY.write(out, map, selection.into())
 }
 
 /// Makes a PLY file, see [`write_ply`].
-pub fn save_ply(path: impl AsRef<Path>, map: &Map, max_relative_variance: f32) -> Result<usize, MapError> {
-    PLY.save(path.as_ref(), map, max_relative_variance)
+pub fn save_ply(
+    path: impl AsRef<Path>,
+    map: &Map,
+    selection: impl Into<CloudSelection>,
+) -> Result<usize, MapError> {
+    PLY.save(path.as_ref(), map, selection.into())
 }
 
 fn header(count: usize, columns: Columns) -> String {
     let unit = if columns.of_images { "map units" } else { "metres" };
     let of_images =
         if columns.of_images { "property uchar intensity\nproperty float confidence\n" } else { "" };
-    let of_agents = if columns.agents {
-        "property uchar red\nproperty uchar green\nproperty uchar blue\nproperty ushort agent\n"
-    } else {
-        ""
-    };
+    let colors =
+        if columns.colors() { "property uchar red\nproperty uchar green\nproperty uchar blue\n" } else { "" };
+    let of_agents = if columns.agents { "property ushort agent\n" } else { "" };
     format!(
         "ply\nformat binary_little_endian 1.0\ncomment loopbox map, lengths in {unit}\n\
          element vertex {count}\nproperty float x\nproperty float y\nproperty float z\n\
-         {of_images}{of_agents}end_header\n"
+         {of_images}{colors}{of_agents}end_header\n"
     )
 }
 
@@ -40,8 +42,10 @@ fn attributes(point: &CloudPoint, columns: Columns, out: &mut Vec<u8>) {
         out.push(point.intensity);
         out.extend(point.confidence.to_le_bytes());
     }
+    if columns.colors() {
+        out.extend(columns.color(point));
+    }
     if columns.agents {
-        out.extend(agent_color(point.agent));
         out.extend(point.agent.0.to_le_bytes());
     }
 }
@@ -69,12 +73,13 @@ mod tests {
         let count = write_ply(&mut bytes, &map, f32::INFINITY).unwrap();
         assert_eq!(count, map.keyframes.values().map(|k| k.semi_dense.len()).sum::<usize>());
         let (header, body) = parted(&bytes, "end_header\n");
-        assert!(header.contains(&format!("element vertex {count}\n")) && !header.contains("red"));
-        assert_eq!(body.len(), count * 17);
+        assert!(header.contains(&format!("element vertex {count}\n")) && !header.contains("agent\n"));
+        assert_eq!(body.len(), count * 20);
         let first = map.cloud(f32::INFINITY).next().unwrap();
         let float = |at: usize| f32::from_le_bytes(body[at..at + 4].try_into().unwrap());
         assert_eq!([float(0), float(4), float(8)], [0, 1, 2].map(|i| first.position[i] as f32));
         assert_eq!((body[12], float(13)), (first.intensity, first.confidence));
+        assert!(header.contains("uchar red") && body[17..20] == [first.intensity; 3]);
     }
 
     #[test]

@@ -20,6 +20,7 @@ mod tests;
 mod views;
 mod writer;
 
+pub(crate) use picture::encode_png;
 pub use reader::{LoadedMap, is_map_file, load_map, sensors_of};
 pub use writer::{MapWriter, save_map};
 

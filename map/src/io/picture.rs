@@ -4,7 +4,7 @@ use geometry::GrayImage;
 use std::io::{self, Cursor};
 
 /// Encodes a grey image as an 8-bit PNG.
-pub(super) fn encode_png(image: &GrayImage) -> io::Result<Vec<u8>> {
+pub(crate) fn encode_png(image: &GrayImage) -> io::Result<Vec<u8>> {
     let side = |length: usize| u32::try_from(length).map_err(io::Error::other);
     let mut out = Vec::with_capacity(image.data().len());
     let mut encoder = png::Encoder::new(&mut out, side(image.width())?, side(image.height())?);

@@ -3,7 +3,7 @@
 use super::pack::Packed;
 use geometry::{Pinhole, Sim3};
 use map::{AgentId, EdgeKind, Keyframe, KeyframeId, Map, agent_color};
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -105,7 +105,7 @@ impl Scene {
     /// The scene of a map with its placed keyframes and frames.
     pub fn new(map: &Map, keyframes: &[&Keyframe], frames: &[PlacedFrame]) -> Self {
         let agents = agent_indices(map);
-        let (up, forward) = level(keyframes.iter().map(|k| &k.world_from_keyframe));
+        let (up, forward) = map::level(keyframes.iter().map(|k| &k.world_from_keyframe));
         Self {
             agents: map.agents.iter().filter_map(agent).collect(),
             up: up.into(),
@@ -135,12 +135,6 @@ impl Scene {
     }
 }
 
-/// Which way is up, and the mean viewing direction (short when the cameras look all around).
-pub fn level<'a>(world_from_cameras: impl Iterator<Item = &'a Sim3>) -> (Vector3<f64>, Vector3<f64>) {
-    let cameras: Vec<Matrix3<f64>> = world_from_cameras.map(|pose| pose.rigid().rotation_matrix()).collect();
-    (up_direction(&cameras), mean(cameras.iter().map(|r| r.column(2).into_owned())))
-}
-
 /// An agent as the page shows it.
 fn agent((id, info): (&AgentId, &map::AgentInfo)) -> Option<Agent> {
     Some(Agent { name: info.name.clone(), color: agent_color(*id), camera: *info.camera()? })
@@ -161,11 +155,6 @@ fn single(v: Vector3<f64>) -> [f32; 3] {
     v.cast::<f32>().into()
 }
 
-fn mean(vectors: impl ExactSizeIterator<Item = Vector3<f64>>) -> Vector3<f64> {
-    let count = vectors.len().max(1) as f64;
-    vectors.sum::<Vector3<f64>>() / count
-}
-
 /// The edges between placed keyframes.
 fn edges(map: &Map, keyframes: &[&Keyframe]) -> Packed {
     let index: BTreeMap<KeyframeId, u32> = keyframes.iter().zip(0..).map(|(k, i)| (k.id, i)).collect();
@@ -183,48 +172,5 @@ pub fn kind_number(kind: EdgeKind) -> u32 {
         EdgeKind::Covisibility => 1,
         EdgeKind::Loop => 2,
         EdgeKind::Merge => 3,
-    }
-}
-
-/// Up, guessed from the cameras' rotations: their mean −y, turned so that their x axes lie level.
-///
-/// People and cars hold cameras pitched but seldom rolled, so x axes lie in the ground plane while the
-/// mean of −y leans with the pitch. `(mean(x xᵀ) + ε I)⁻¹ (−ȳ)` trusts the x axes as far as they span
-/// that plane and keeps −ȳ where they do not (Brown and Lowe 2007, §5, with a prior).
-fn up_direction(cameras: &[Matrix3<f64>]) -> Vector3<f64> {
-    const PRIOR: f64 = 0.02;
-    let up = -mean(cameras.iter().map(|r| r.column(1).into_owned()));
-    let count = cameras.len().max(1) as f64;
-    let spread = cameras.iter().map(|r| r.column(0) * r.column(0).transpose()).sum::<Matrix3<f64>>() / count;
-    (spread + Matrix3::identity() * PRIOR)
-        .try_inverse()
-        .and_then(|inverse| (inverse * up).try_normalize(1e-9))
-        .unwrap_or(-Vector3::y())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use nalgebra::Rotation3;
-
-    /// A level camera turned by `yaw` about the vertical (−y) and then pitched down.
-    fn camera(yaw: f64, pitch: f64) -> Matrix3<f64> {
-        (Rotation3::from_axis_angle(&Vector3::y_axis(), yaw)
-            * Rotation3::from_axis_angle(&Vector3::x_axis(), -pitch))
-        .into_inner()
-    }
-
-    #[test]
-    fn up_is_level_for_pitched_cameras_that_look_around() {
-        let cameras: Vec<_> = (0..20).map(|i| camera(i as f64 * 0.06, 0.4)).collect();
-        let up = up_direction(&cameras);
-        assert!(up.dot(&-Vector3::y()) > 0.99, "{up}");
-    }
-
-    #[test]
-    fn up_of_one_camera_is_its_minus_y_and_of_none_the_worlds() {
-        let one = camera(0.3, 0.2);
-        assert!((up_direction(&[one]) + one.column(1)).norm() < 1e-9);
-        assert_eq!(up_direction(&[]), -Vector3::y());
     }
 }

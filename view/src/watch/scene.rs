@@ -6,7 +6,6 @@
 use super::chunk::Chunk;
 use super::picture::Picture;
 use super::status::Status;
-use crate::report;
 use geometry::{Pinhole, Sim3};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -210,7 +209,7 @@ impl Scene {
     /// Up and the mean direction of view, as the keyframes tell.
     pub fn level(&self) -> [[f64; 3]; 2] {
         let poses = self.keyframes.values().map(|entry| &entry.placed.world_from_keyframe);
-        let (up, forward) = report::scene::level(poses);
+        let (up, forward) = map::level(poses);
         [up.into(), forward.into()]
     }
 

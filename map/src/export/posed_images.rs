@@ -1,0 +1,147 @@
+//! A map as posed images with sparse points and their tracks: what structure-from-motion tools exchange.
+
+use crate::io::encode_png;
+use crate::{AgentId, AgentInfo, Keyframe, KeyframeId, Map, MapError, SensorKind, atomic::write_atomically};
+use geometry::{Pinhole, Se3};
+use nalgebra::{Vector2, Vector3};
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// The folder of the images within that of an export.
+pub(super) const IMAGES: &str = "images";
+
+/// Tools of computer vision that count pixels from the corner of the first one put its centre at a half.
+pub(super) const PIXEL_CENTRE: f64 = 0.5;
+
+/// A map of cameras as posed images and points.
+pub(super) struct PosedImages<'a> {
+    /// The cameras by their agents, pixel centres at integers.
+    pub cameras: Vec<(AgentId, &'a Pinhole)>,
+    /// The images, in order of keyframes.
+    pub images: Vec<PosedImage<'a>>,
+    /// The points that two images see at least.
+    pub points: Vec<SparsePoint>,
+}
+
+/// An image with its pose.
+pub(super) struct PosedImage<'a> {
+    pub keyframe: &'a Keyframe,
+    /// Its file within [`IMAGES`].
+    pub name: String,
+    pub camera_from_world: Se3,
+}
+
+/// A point with all that sees it.
+pub(super) struct SparsePoint {
+    /// In the world, map units.
+    pub position: Vector3<f64>,
+    /// Intensity of its pixel, 0–255.
+    pub intensity: u8,
+    /// Root mean square distance of its observations from its projections, pixels.
+    pub error: f64,
+    /// The images that see it, by their places in [`PosedImages::images`], and where: its host first, each image once.
+    pub track: Vec<(usize, Vector2<f64>)>,
+}
+
+impl<'a> PosedImages<'a> {
+    /// # Errors
+    /// [`MapError::Sensor`] when a LiDAR is among the agents.
+    pub fn of(map: &'a Map) -> Result<Self, MapError> {
+        let camera = |(id, info): (&AgentId, &'a AgentInfo)| match info.camera() {
+            Some(camera) => Ok((*id, camera)),
+            None => Err(MapError::Sensor {
+                agent: info.name.clone(),
+                found: SensorKind::Lidar,
+                wanted: SensorKind::Camera,
+            }),
+        };
+        let cameras = map.agents.iter().map(camera).collect::<Result<_, _>>()?;
+        let labels = map.agent_labels();
+        let image = |keyframe: &'a Keyframe| PosedImage {
+            keyframe,
+            name: format!("{}-{:06}.png", labels[&keyframe.agent], keyframe.frame_index),
+            camera_from_world: keyframe.world_from_keyframe.rigid().inverse(),
+        };
+        let images: Vec<PosedImage> = map.keyframes.values().map(image).collect();
+        let places: BTreeMap<KeyframeId, usize> =
+            images.iter().enumerate().map(|(place, image)| (image.keyframe.id, place)).collect();
+        let points = images.iter().enumerate().flat_map(|(host, _)| points_of(map, &images, host, &places));
+        Ok(Self { cameras, points: points.collect(), images })
+    }
+
+    /// Writes the images as PNG files into `folder`, which is made.
+    pub fn save_images(&self, folder: &Path) -> Result<(), MapError> {
+        std::fs::create_dir_all(folder).map_err(|reason| MapError::write(folder, reason))?;
+        self.images.par_iter().try_for_each(|image| {
+            let path = folder.join(&image.name);
+            let write = |out: &mut dyn std::io::Write| out.write_all(&encode_png(&image.keyframe.image)?);
+            write_atomically(&path, |out| write(out)).map_err(|reason| MapError::write(&path, reason))
+        })
+    }
+}
+
+/// The points that the image `host` hosts, where others see them too.
+fn points_of(
+    map: &Map,
+    images: &[PosedImage],
+    host: usize,
+    places: &BTreeMap<KeyframeId, usize>,
+) -> Vec<SparsePoint> {
+    let keyframe = images[host].keyframe;
+    let point = |point: &crate::Point| {
+        let [x, y] = point.pixel.map(f64::from);
+        let ray = map.camera(keyframe).unproject(x, y);
+        let position = keyframe.world_from_keyframe * (ray / f64::from(point.inverse_depth));
+        let mut track = vec![(host, Vector2::new(x, y))];
+        for seen in &point.observations {
+            if let Some(&place) = places.get(&seen.keyframe)
+                && track.iter().all(|(other, _)| *other != place)
+            {
+                track.push((place, Vector2::new(f64::from(seen.pixel[0]), f64::from(seen.pixel[1]))));
+            }
+        }
+        let squared_error = |(place, pixel): &(usize, Vector2<f64>)| {
+            let local = images[*place].camera_from_world * position;
+            (map.camera(images[*place].keyframe).project(&local) - pixel).norm_squared()
+        };
+        let error = (track.iter().map(squared_error).sum::<f64>() / track.len() as f64).sqrt();
+        let at = (x.round() as usize, y.round() as usize);
+        let inside = at.0 < keyframe.image.width() && at.1 < keyframe.image.height();
+        let intensity = if inside { keyframe.image.get(at.0, at.1) } else { 0 };
+        SparsePoint { position, intensity, error, track }
+    };
+    let points = keyframe.points.iter().map(point);
+    points
+        .filter(|p| p.track.len() > 1 && p.error.is_finite() && p.position.iter().all(|v| v.is_finite()))
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::test_support::{lidar_map, sample_map};
+
+    #[test]
+    fn points_lie_where_their_hosts_see_them_and_are_seen_once_by_an_image() {
+        let map = sample_map(4);
+        let posed = PosedImages::of(&map).unwrap();
+        assert_eq!(posed.images.len(), 4);
+        assert!(!posed.points.is_empty());
+        for point in &posed.points {
+            let (host, pixel) = point.track[0];
+            let image = &posed.images[host];
+            let local = image.camera_from_world * point.position;
+            assert!((map.camera(image.keyframe).project(&local) - pixel).norm() < 1e-6);
+            let mut seen: Vec<usize> = point.track.iter().map(|(place, _)| *place).collect();
+            seen.sort();
+            seen.dedup();
+            assert_eq!(seen.len(), point.track.len());
+        }
+    }
+
+    #[test]
+    fn a_lidars_map_has_no_images() {
+        assert!(matches!(PosedImages::of(&lidar_map(1)), Err(MapError::Sensor { .. })));
+    }
+}
