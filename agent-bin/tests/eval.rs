@@ -124,3 +124,40 @@ fn every_agent_needs_its_own() {
         assert!(stderr(&output).contains(reason), "{}", stderr(&output));
     }
 }
+
+/// EuRoC's truth is of the body; the estimate is of the camera, which `cam0/sensor.yaml` puts 2 m ahead of it.
+#[test]
+fn eurocs_truth_minds_where_the_camera_is() {
+    let folder = tempfile::tempdir().unwrap();
+    let truth = folder.path().join("mav0/state_groundtruth_estimate0/data.csv");
+    for path in [truth.parent().unwrap(), &folder.path().join("mav0/cam0")] {
+        std::fs::create_dir_all(path).unwrap();
+    }
+    // The body turns about its upright z while it walks; the camera swings around it.
+    let (mut rows, mut poses) = (String::from("#timestamp\n"), String::new());
+    for i in 0..40u64 {
+        let (angle, x) = (0.1 * i as f64, 0.2 * i as f64);
+        let (z, w) = ((angle / 2.0).sin(), (angle / 2.0).cos());
+        rows += &format!(
+            "{},{x},0,0,{w},0,0,{z},0,0,0,0,0,0,0,0,0\n",
+            1_400_000_000_000_000_000 + i * 100_000_000
+        );
+        let (cx, cy) = (x + 2.0 * angle.cos(), 2.0 * angle.sin());
+        poses += &format!("{} {cx} {cy} 0 0 0 {z} {w}\n", 1.4e9 + 0.1 * i as f64);
+    }
+    std::fs::write(&truth, rows).unwrap();
+    let estimate = folder.path().join("estimate.txt");
+    std::fs::write(&estimate, poses).unwrap();
+    let ate = || {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_loopbox"));
+        command.arg("eval").arg(&estimate).arg("--gt").arg(&truth).args(["--align", "none", "--json"]);
+        let output = command.output().unwrap();
+        assert!(output.status.success(), "{}", stderr(&output));
+        let found: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        found["ate"]["rmse"].as_f64().unwrap()
+    };
+    assert!(ate() > 1.9);
+    let sensor = "T_BS:\n  rows: 4\n  cols: 4\n  data: [1, 0, 0, 2, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]\n";
+    std::fs::write(folder.path().join("mav0/cam0/sensor.yaml"), sensor).unwrap();
+    assert!(ate() < 1e-6, "{}", ate());
+}

@@ -4,7 +4,8 @@ use crate::CalibError;
 use crate::formats::{camchain, camera_info, loopbox, opencv, text};
 use crate::node::{Document, Node};
 use geometry::limits::check_image_size;
-use geometry::{Camera, Crop, Pinhole};
+use geometry::{Camera, Crop, Pinhole, Se3};
+use nalgebra::{Matrix3, Matrix4, UnitQuaternion};
 use std::path::Path;
 
 /// The forms of camera files that are understood. In all but the relative numbers of
@@ -86,6 +87,28 @@ fn parse(text: &str, name: &str) -> Result<CalibrationFile, CalibError> {
         CameraFormat::LsdDso => return Err(CalibError::UnknownForm { file: name.into() }),
     };
     Ok(CalibrationFile { camera, crop: None, fps, format })
+}
+
+/// The pose of the camera on the body that EuRoC's `sensor.yaml` gives as `T_BS`, `body_from_camera`; `None` where the file
+/// has none.
+///
+/// # Errors
+/// When the file cannot be read, is no YAML, or `T_BS` is not a rigid transform.
+pub fn read_body_from_camera(path: &Path) -> Result<Option<Se3>, CalibError> {
+    let file = path.display().to_string();
+    let text =
+        std::fs::read_to_string(path).map_err(|source| CalibError::Read { file: file.clone(), source })?;
+    let document = Document::parse(&file, &text)?;
+    let Some(node) = document.root().child(&["T_BS"]) else { return Ok(None) };
+    let fix = "give the 16 numbers of a 4×4 matrix, row by row";
+    let matrix = Matrix4::from_row_slice(&node.exactly::<16>(fix)?);
+    let rotation: Matrix3<f64> = matrix.fixed_view::<3, 3>(0, 0).into();
+    let error = (rotation.transpose() * rotation - Matrix3::identity()).abs().max();
+    if error > 1e-3 || rotation.determinant() < 0.0 {
+        return Err(node.bad("its left 3×3 is not a rotation".into(), fix));
+    }
+    let translation = matrix.fixed_view::<3, 1>(0, 3).into_owned();
+    Ok(Some(Se3::new(UnitQuaternion::from_matrix(&rotation), translation)))
 }
 
 /// The text of a camera in loopbox's own form; [`parse_camera`] gives back the same camera.

@@ -20,7 +20,8 @@ mod vignette;
 
 pub use board::{Board, BoardError};
 pub use camera_file::{
-    CalibrationFile, CameraFormat, format_camera, parse_camera, read_camera, write_camera,
+    CalibrationFile, CameraFormat, format_camera, parse_camera, read_body_from_camera, read_camera,
+    write_camera,
 };
 pub use error::CalibError;
 pub use photometric::{parse_photometric, read_photometric};

@@ -1,5 +1,5 @@
-//! Trajectory files: TUM (`t tx ty tz qx qy qz qw`) and KITTI (twelve numbers of the upper 3×4 matrix,
-//! row by row), told apart by their columns; and lists of frame times.
+//! Trajectory files: TUM (`t tx ty tz qx qy qz qw`), KITTI (twelve numbers of the upper 3×4 matrix, row by row) and EuRoC's
+//! ground truth (`data.csv` of 17 columns), told apart by their columns; and lists of frame times.
 
 use crate::{EvalError, Pose, Trajectory};
 use geometry::Se3;
@@ -9,7 +9,11 @@ use std::path::Path;
 /// How far a quaternion's length may be from one, and a matrix from a rotation: files round their digits.
 const UNIT_TOLERANCE: f64 = 1e-2;
 
-/// Reads a trajectory in TUM or KITTI form. Lines that start with `#` are comments; numbers are separated
+/// Columns of EuRoC's `state_groundtruth_estimate0/data.csv`: nanoseconds, position, quaternion (w first), velocity, biases.
+const EUROC_COLUMNS: usize = 17;
+
+/// Reads a trajectory in TUM or KITTI form, or EuRoC's ground truth, whose poses are those of the body (`world_from_body`;
+/// [`Trajectory::seen_from`] gives those of its camera). Lines that start with `#` are comments; numbers are separated
 /// by spaces, tabs or commas. Numbers that are not finite, poses that are not rigid and times that do
 /// not grow are refused with file and line.
 pub fn read_trajectory(path: &Path) -> Result<Trajectory, EvalError> {
@@ -32,10 +36,19 @@ pub fn read_trajectory(path: &Path) -> Result<Trajectory, EvalError> {
                 timestamps.push(t);
                 world_from_camera.push(tum_pose([x, y, z, qx, qy, qz, qw]).map_err(fail)?);
             }
+            &[ns, x, y, z, qw, qx, qy, qz, ..] if values.len() == EUROC_COLUMNS => {
+                let t = ns * 1e-9;
+                if timestamps.last().is_some_and(|&last| t <= last) {
+                    return Err(fail(format!("time {ns} does not grow: sort the file and drop duplicates")));
+                }
+                timestamps.push(t);
+                world_from_camera.push(tum_pose([x, y, z, qx, qy, qz, qw]).map_err(fail)?);
+            }
             v if v.len() == 12 => world_from_camera.push(kitti_pose(v).map_err(fail)?),
             v => {
                 return Err(fail(format!(
-                    "has {} numbers: expected 8 (TUM: t tx ty tz qx qy qz qw) or 12 (KITTI: 3×4 matrix)",
+                    "has {} numbers: expected 8 (TUM: t tx ty tz qx qy qz qw), 12 (KITTI: 3×4 matrix) or 17 \
+                     (EuRoC's state_groundtruth_estimate0/data.csv)",
                     v.len()
                 )));
             }
@@ -137,6 +150,23 @@ mod tests {
         let (tum, kitti) = (tum.world_from_camera[0], kitti.world_from_camera[0]);
         assert!((tum.rotation - kitti.rotation).norm() < 1e-15);
         assert_eq!(tum.translation, kitti.translation);
+    }
+
+    #[test]
+    fn euroc_truth_is_that_of_the_camera_on_the_body() {
+        let s = 0.5f64.sqrt();
+        let rest = "0,0,0,0,0,0,0,0,0";
+        let truth = file(&format!(
+            "#timestamp [ns], p_RS_R_x [m]\n1403636580838555648,1,2,3,{s},0,0,{s},{rest}\n1403636580843555328,1,2,4,1,0,0,0,{rest}\n"
+        ));
+        let body = read_trajectory(truth.path()).unwrap();
+        assert!((body.timestamps.as_ref().unwrap()[0] - 1_403_636_580.838_555_6).abs() < 1e-6);
+        assert_eq!(body.world_from_camera[0].translation, Vector3::new(1.0, 2.0, 3.0));
+        // The camera is 10 cm along the body's x, which the quarter turn about z makes the world's y.
+        let body_from_camera = Se3::new(nalgebra::UnitQuaternion::identity(), Vector3::new(0.1, 0.0, 0.0));
+        let camera = body.seen_from(&body_from_camera);
+        assert!((camera.world_from_camera[0].translation - Vector3::new(1.0, 2.1, 3.0)).norm() < 1e-12);
+        assert!((camera.world_from_camera[1].translation - Vector3::new(1.1, 2.0, 4.0)).norm() < 1e-12);
     }
 
     #[test]

@@ -55,6 +55,18 @@ impl From<Se3> for Pose {
     }
 }
 
+impl Trajectory {
+    /// The trajectory of a sensor that is fixed to what this one is of: `body_from_sensor` is its place there.
+    pub fn seen_from(self, body_from_sensor: &Se3) -> Self {
+        let sensor: Pose = (*body_from_sensor).into();
+        let of_sensor = |body: &Pose| Pose {
+            rotation: body.rotation * sensor.rotation,
+            translation: body.rotation * sensor.translation + body.translation,
+        };
+        Self { world_from_camera: self.world_from_camera.iter().map(of_sensor).collect(), ..self }
+    }
+}
+
 /// The poses of a trajectory, in the order of its file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Trajectory {

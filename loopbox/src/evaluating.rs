@@ -1,7 +1,7 @@
 //! Trajectories in files compared with the truth in files, as people name them.
 
 use anyhow::{Result, bail};
-use eval::{Evaluation, Options, read_times, read_trajectory};
+use eval::{Evaluation, Options, Trajectory, read_times, read_trajectory};
 use std::path::{Path, PathBuf};
 
 /// Compares the trajectory at `estimate`, a file or the folder of a run, with the truth; `frames` names the times of the
@@ -25,7 +25,26 @@ pub fn evaluate(
 ) -> Result<Evaluation> {
     let frames = frames.map(read_times).transpose()?;
     let estimate = read_trajectory(&trajectory_at(estimate)?)?;
-    Ok(eval::evaluate(estimate, read_trajectory(truth)?, frames.as_deref(), options)?)
+    Ok(eval::evaluate(estimate, read_truth(truth)?, frames.as_deref(), options)?)
+}
+
+/// Reads a true trajectory of a camera. EuRoC's ground truth is of the body: where it lies beside `cam0`, as
+/// in `mav0/state_groundtruth_estimate0/data.csv`, the camera's place on the body is taken from `cam0/sensor.yaml`.
+///
+/// # Errors
+/// When the file cannot be read, or the `sensor.yaml` that belongs to it.
+pub fn read_truth(path: &Path) -> Result<Trajectory> {
+    let truth = read_trajectory(path)?;
+    let whole = path.canonicalize().unwrap_or_else(|_| path.to_owned());
+    let of_euroc = whole.extension().is_some_and(|extension| extension == "csv");
+    let sensor = whole.parent().and_then(Path::parent).map(|mav| mav.join("cam0/sensor.yaml"));
+    match sensor.filter(|sensor| of_euroc && sensor.is_file()) {
+        Some(sensor) => Ok(match calib::read_body_from_camera(&sensor)? {
+            Some(body_from_camera) => truth.seen_from(&body_from_camera),
+            None => truth,
+        }),
+        None => Ok(truth),
+    }
 }
 
 /// The file of an estimate: it itself, or that in the folder of a run.

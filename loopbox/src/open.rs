@@ -43,3 +43,11 @@ pub fn open_map(path: &Path) -> Result<OpenedMap> {
     let warnings = note.into_iter().chain(of_file).collect();
     Ok(OpenedMap { file, map: loaded.map, warnings })
 }
+
+/// What people call a recording: the last part of its path, of a file without the extension.
+pub(crate) fn recording_name(path: &Path) -> String {
+    // A path such as `.` names nothing before it is made whole.
+    let whole = path.canonicalize().unwrap_or_else(|_| path.to_owned());
+    let name = if whole.is_dir() { whole.file_name() } else { whole.file_stem() };
+    name.map_or_else(|| "recording".into(), |name| name.to_string_lossy().into_owned())
+}

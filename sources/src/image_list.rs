@@ -116,9 +116,10 @@ pub fn images_in(folder: &Path) -> Result<Vec<PathBuf>> {
     Ok(images)
 }
 
-fn is_image(path: &Path) -> bool {
+/// Whether a file's name is that of an image that can be read.
+pub fn is_image(path: &Path) -> bool {
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
-    matches!(extension.as_str(), "png" | "jpg" | "jpeg" | "pgm" | "ppm")
+    matches!(extension.as_str(), "png" | "jpg" | "jpeg" | "pgm" | "ppm" | "tif" | "tiff" | "bmp")
 }
 
 /// A name as alternating text and numbers, so that numbers compare by value.

@@ -28,7 +28,7 @@ mod tum;
 #[cfg(feature = "video")]
 mod video;
 
-pub use image_list::images_in;
+pub use image_list::{images_in, is_image};
 pub use input::Input;
 pub use scan_recording::{ScanRecording, open_scans, scans_looked_for};
 pub use stop::Stop;
@@ -258,7 +258,7 @@ fn open_folder(path: &Path, options: &SourceOptions) -> Result<Box<dyn FrameSour
     } else {
         bail!(
             "{}: no recording here\nhint: looked for times.txt with images/, rgb.txt (TUM), mav0/cam0/data.csv \
-             (EuRoC), image_0/ with times.txt (KITTI), and .png, .jpg or .pgm files",
+             (EuRoC), image_0/ with times.txt (KITTI), and .png, .jpg, .pgm, .tiff or .bmp files",
             path.display()
         );
     };

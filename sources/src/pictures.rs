@@ -15,7 +15,7 @@ use std::path::PathBuf;
 pub enum Picture {
     /// An image file, read when its turn comes.
     File(PathBuf),
-    /// The bytes of a PNG, JPEG or PGM file.
+    /// The bytes of an image file: PNG, JPEG, PNM, TIFF or BMP.
     Encoded(Vec<u8>),
     /// Pixels as they come from a camera.
     Raw(RawPicture),
@@ -63,14 +63,15 @@ impl Picture {
     }
 }
 
-/// Decodes the bytes of a PNG, JPEG or PNM file.
+/// Decodes the bytes of a PNG, JPEG, PNM, TIFF or BMP file.
 fn decode(bytes: &[u8]) -> Result<GrayImage, String> {
     if jpeg::is_jpeg(bytes)
         && let Some(luma) = decode_jpeg(bytes)?
     {
         return Ok(luma);
     }
-    let format = image::guess_format(bytes).map_err(|_| "not a PNG, JPEG or PGM image".to_owned())?;
+    let format =
+        image::guess_format(bytes).map_err(|_| "not a PNG, JPEG, PGM, TIFF or BMP image".to_owned())?;
     let reader = || image::ImageReader::with_format(Cursor::new(bytes), format);
     let (width, height) = reader().into_dimensions().map_err(|e| e.to_string())?;
     check_image_size(width as usize, height as usize)?;
@@ -215,6 +216,24 @@ mod tests {
         assert!(decode(&bytes[..bytes.len() / 2]).unwrap_err().contains("truncated"));
         bytes.extend([0, 0]);
         assert!(decode(&bytes).is_ok());
+    }
+
+    #[test]
+    fn other_formats_without_loss_say_the_same_as_png() {
+        let image = image::GrayImage::from_fn(32, 24, |x, y| image::Luma([(x * 5 + y) as u8]));
+        let deep = image::ImageBuffer::from_fn(32, 24, |x, y| image::Luma([(x * 1111 + y) as u16]));
+        let decoded = |image: &DynamicImage, format| {
+            let mut bytes = Vec::new();
+            image.write_to(&mut Cursor::new(&mut bytes), format).unwrap();
+            decode(&bytes).unwrap()
+        };
+        for (image, formats) in [
+            (image.into(), vec![ImageFormat::Bmp, ImageFormat::Tiff]),
+            (deep.into(), vec![ImageFormat::Tiff]),
+        ] {
+            let expected = decoded(&image, ImageFormat::Png);
+            assert!(formats.into_iter().all(|format| decoded(&image, format) == expected));
+        }
     }
 
     #[test]

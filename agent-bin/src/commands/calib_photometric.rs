@@ -86,7 +86,7 @@ fn vignette(folder: &Path, response: Option<&Path>, out: &Path) -> Result<()> {
 }
 
 fn read(path: PathBuf) -> Result<GrayImage> {
-    let hint = "hint: remove the file or give it anew; PNG, JPEG and PGM are read";
+    let hint = "hint: remove the file or give it anew; PNG, JPEG, PGM, TIFF and BMP are read";
     Picture::File(path).into_grey().map_err(|reason| anyhow::anyhow!("{reason}\n{hint}"))
 }
 

@@ -9,7 +9,7 @@ use eval::{
     AgentTracks, AlignMode, Delta, Evaluation, Options, Statistics, evaluate, evaluate_agents, read_times,
     read_trajectory,
 };
-use loopbox::evaluating::trajectory_at;
+use loopbox::evaluating::{read_truth, trajectory_at};
 use serde::Serialize;
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -22,7 +22,7 @@ pub struct EvalArgs {
     /// frame one each: what the first one alone needs is adjusted of all
     #[arg(value_name = "ESTIMATE", required = true)]
     estimates: Vec<PathBuf>,
-    /// True trajectory, in either form; of several agents one each in their order (`--gt A B`), or one that spans
+    /// True trajectory, in either form or EuRoC's data.csv (beside cam0, whose place on the body is minded); of several agents one each in their order (`--gt A B`), or one that spans
     /// them all. They must be in one world
     #[arg(long, value_name = "FILE", required = true, num_args = 1..)]
     gt: Vec<PathBuf>,
@@ -154,7 +154,7 @@ fn read(args: &EvalArgs) -> Result<Vec<AgentTracks>> {
     let agent = |(i, estimate): (usize, &PathBuf)| {
         Ok(AgentTracks {
             estimate: read_trajectory(&trajectory_at(estimate)?)?,
-            truth: read_trajectory(args.gt.get(i).unwrap_or(&args.gt[0]))?,
+            truth: read_truth(args.gt.get(i).unwrap_or(&args.gt[0]))?,
             frames: args.frames.get(i).map(|path| read_times(path)).transpose()?,
         })
     };

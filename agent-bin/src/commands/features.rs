@@ -39,7 +39,7 @@ fn image_files(path: &Path) -> Result<Vec<PathBuf>> {
     let folder = if inner.is_dir() { inner } else { path.to_owned() };
     let files = images_in(&folder)?;
     if files.is_empty() {
-        bail!("{}: holds no images\nhint: PNG, JPEG and PGM files are read", folder.display());
+        bail!("{}: holds no images\nhint: PNG, JPEG, PGM, TIFF and BMP files are read", folder.display());
     }
     Ok(files)
 }

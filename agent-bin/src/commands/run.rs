@@ -50,6 +50,9 @@ pub struct RunArgs {
     /// Folder for the results; made if it is not there
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
+    /// What the agent is called where maps are merged; otherwise the recording's name
+    #[arg(long, value_name = "NAME", value_parser = clap::builder::NonEmptyStringValueParser::new())]
+    name: Option<String>,
     /// Replace results of another recording or of a merge in that folder, once the new ones are complete
     #[arg(long)]
     force: bool,
@@ -206,6 +209,7 @@ impl RunArgs {
         self.take_threads()?;
         let run = ScanRun {
             out: &self.out,
+            name: self.name.as_deref(),
             force: self.force,
             start: self.start,
             end: self.end,
@@ -261,6 +265,7 @@ impl RunArgs {
         };
         Ok(RunOptions {
             out: self.out.clone(),
+            name: self.name.clone(),
             force: self.force,
             camera,
             lens: None,

@@ -78,6 +78,8 @@ pub fn open(path: &Path, topic: Option<&str>, args: &ScanArgs) -> Result<Option<
 pub struct ScanRun<'a> {
     /// Folder for the results.
     pub out: &'a Path,
+    /// What the agent is called, if not as the recording.
+    pub name: Option<&'a str>,
     /// Whether results of something else there are replaced.
     pub force: bool,
     /// Only scans from here on, seconds.
@@ -104,6 +106,7 @@ pub fn execute(source: &mut dyn ScanSource, run: &ScanRun<'_>, args: &ScanArgs) 
     let poses = args.poses.as_deref().map(read_poses).transpose()?;
     let options = LidarOptions {
         out: run.out.to_owned(),
+        name: run.name.map(str::to_owned),
         force: run.force,
         params,
         poses: args.poses.clone().zip(poses),

@@ -46,7 +46,8 @@ fn runs_are_bit_identical_on_any_number_of_cores() {
 #[test]
 fn a_map_is_exported_in_metres_and_for_other_tools() {
     let case = Case::new(&drive());
-    case.run(&[]).assert_success();
+    case.run(&["--name", "yard"]).assert_success();
+    assert_eq!(case.map().agents[&map::AgentId::default()].name, "yard");
     let file = |name: &str| case.out().join("export").join(name);
     fs::create_dir(case.out().join("export")).expect("a folder");
     let export = |arguments: &[&str]| {

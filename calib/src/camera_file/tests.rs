@@ -374,3 +374,22 @@ proptest! {
         }
     }
 }
+
+#[test]
+fn euroc_says_where_the_camera_is_on_the_body() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("sensor.yaml");
+    std::fs::write(&path, EUROC).unwrap();
+    let body_from_camera = read_body_from_camera(&path).unwrap().unwrap();
+    assert!(
+        (body_from_camera.translation
+            - nalgebra::Vector3::new(-0.0216401454975, -0.064676986768, 0.00981073058949))
+        .norm()
+            < 1e-12
+    );
+    assert!((body_from_camera.rotation_matrix()[(0, 1)] + 0.999880929698).abs() < 1e-6);
+    std::fs::write(&path, ROS).unwrap();
+    assert!(read_body_from_camera(&path).unwrap().is_none());
+    std::fs::write(&path, EUROC.replace("-0.999880929698", "0.5")).unwrap();
+    assert!(read_body_from_camera(&path).unwrap_err().to_string().contains("not a rotation"));
+}

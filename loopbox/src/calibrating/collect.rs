@@ -155,7 +155,9 @@ fn batch(
             // A recording may have a broken frame.
             Err(_) if stream => continue,
             Err(reason) => {
-                bail!("{reason}\nhint: remove the file or give it anew; PNG, JPEG and PGM are read")
+                bail!(
+                    "{reason}\nhint: remove the file or give it anew; PNG, JPEG, PGM, TIFF and BMP are read"
+                )
             }
         };
         let own = (image.width(), image.height());

@@ -5,7 +5,7 @@ use geometry::GrayImage;
 use sources::camera::{CameraArgs, open_camera};
 use sources::notice::Listener;
 use sources::pictures::Picture;
-use sources::{FrameSource, SourceOptions, images_in};
+use sources::{FrameSource, SourceOptions, images_in, is_image};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -105,9 +105,4 @@ impl Shots {
             }
         }
     }
-}
-
-fn is_image(path: &Path) -> bool {
-    let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
-    matches!(extension.as_str(), "png" | "jpg" | "jpeg" | "pgm" | "ppm")
 }

@@ -5,7 +5,7 @@ use super::poses::GivenPoses;
 use super::record::LidarRecord;
 use super::report;
 use super::run::{Event, LidarRun, RunOptions, run};
-use crate::open::open_map;
+use crate::open::{open_map, recording_name};
 use crate::results::{Owner, Results, keep_from};
 use anyhow::{Context, Result, anyhow, bail};
 use map::{AgentInfo, DEFAULT_MAX_RELATIVE_VARIANCE, Map, MapWriter, Sensor};
@@ -30,6 +30,8 @@ const MERGE: &str = "merge.json";
 pub struct LidarOptions {
     /// Folder for the results; made if it is not there.
     pub out: PathBuf,
+    /// What people are to call the agent; `None` for the recording's name.
+    pub name: Option<String>,
     /// Whether results of something else there are replaced.
     pub force: bool,
     /// How the map is made.
@@ -63,11 +65,11 @@ pub fn map_recording(
     stop: &Stop,
     observe: &mut dyn FnMut(Event<'_>),
 ) -> Result<Mapped> {
-    let LidarOptions { out, force, params, poses, start, end, kitti } = options;
+    let LidarOptions { out, name, force, params, poses, start, end, kitti } = options;
     let info = source.info().clone();
     let about = AgentInfo {
         provenance: provenance(&info, &params, poses.as_ref().map(|(path, _)| path.as_path()))?,
-        ..AgentInfo::new(recording_name(&info.path), Sensor::Lidar)
+        ..AgentInfo::new(name.unwrap_or_else(|| recording_name(&info.path)), Sensor::Lidar)
     };
     let mut results = Results::create(&out, &Owner::Run(info.path), force)?;
     let mut growing = Growing { about: about.clone(), writer: None, keyframes: 0, failure: None };
@@ -131,13 +133,6 @@ fn provenance(
     ]);
     entries.extend(poses.map(|path| ("poses".to_owned(), path.display().to_string())));
     Ok(entries)
-}
-
-/// What people call a recording: the last part of its path, of a file without the extension.
-fn recording_name(path: &Path) -> String {
-    let whole = path.canonicalize().unwrap_or_else(|_| path.to_owned());
-    let name = if whole.is_dir() { whole.file_name() } else { whole.file_stem() };
-    name.map_or_else(|| "recording".into(), |name| name.to_string_lossy().into_owned())
 }
 
 /// Writes all results of a run in the place of earlier ones.

@@ -6,6 +6,7 @@ use super::output::{Output, TrajectoryFormat};
 use super::saving::Form;
 use super::session::{Mapped, Session};
 use super::{Progress, Silent};
+use crate::open::recording_name;
 use anyhow::{Result, anyhow};
 use geometry::Pinhole;
 use map::{AgentInfo, Identity};
@@ -31,6 +32,8 @@ const MAX_LAG: usize = 10;
 pub struct RunOptions {
     /// Folder for the results; made if it is not there.
     pub out: PathBuf,
+    /// What people are to call the agent; `None` for the recording's name.
+    pub name: Option<String>,
     /// Replace results of another recording or of a merge in that folder.
     pub force: bool,
     /// What is known of the camera beyond what comes with the recording.
@@ -63,6 +66,7 @@ impl RunOptions {
     pub fn to(out: impl Into<PathBuf>) -> Self {
         Self {
             out: out.into(),
+            name: None,
             force: false,
             camera: CameraOptions::default(),
             lens: None,
@@ -162,7 +166,8 @@ impl PreparedRun {
         let provenance = provenance(&info, &correction, &params);
         // A camera that is live is seen by nobody again; who a recording is follows from its first image.
         let identity = source.is_live().then(random_identity).transpose()?;
-        let about = AgentInfo { provenance, identity, ..AgentInfo::new(recording_name(&info.path), camera) };
+        let name = options.name.clone().unwrap_or_else(|| recording_name(&info.path));
+        let about = AgentInfo { provenance, identity, ..AgentInfo::new(name, camera) };
         let mut output = Output::create(&options.out, about.clone(), &info.path, options.force)?;
         if let Some(lens) = &options.lens {
             output.add("camera.yaml", lens.file());
@@ -229,14 +234,6 @@ fn random_identity() -> Result<Identity> {
     let mut bytes = [0; 16];
     getrandom::fill(&mut bytes).map_err(|error| anyhow!("the system gives no random numbers: {error}"))?;
     Ok(Identity::random(bytes))
-}
-
-/// What people call a recording: the last part of its path, of a file without the extension.
-fn recording_name(path: &Path) -> String {
-    // A path such as `.` names nothing before it is made whole.
-    let whole = path.canonicalize().unwrap_or_else(|_| path.to_owned());
-    let name = if whole.is_dir() { whole.file_name() } else { whole.file_stem() };
-    name.map_or_else(|| "recording".into(), |name| name.to_string_lossy().into_owned())
 }
 
 /// Where the map comes from; nothing in it may differ between two runs of the same command.

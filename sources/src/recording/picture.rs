@@ -35,8 +35,10 @@ fn of_bytes(bytes: Vec<u8>) -> Result<EncodedPicture, String> {
     Ok(match image::guess_format(&bytes) {
         Ok(ImageFormat::Jpeg) => EncodedPicture { format: "jpeg", bytes },
         Ok(ImageFormat::Png) => EncodedPicture { format: "png", bytes },
-        // Few tools know PNM in a message.
-        Ok(ImageFormat::Pnm) => grey(&Picture::Encoded(bytes).into_grey()?)?,
+        // Few tools know these in a message.
+        Ok(ImageFormat::Pnm | ImageFormat::Tiff | ImageFormat::Bmp) => {
+            grey(&Picture::Encoded(bytes).into_grey()?)?
+        }
         // Kept, so that a replay meets the same damage as the run did.
         _ => EncodedPicture { format: "", bytes },
     })
