@@ -1,6 +1,7 @@
 //! What the program says: whoever listens may leave, and the work goes on.
 
 use anyhow::{Context, Result};
+use serde::Serialize;
 use std::fmt::Arguments;
 use std::io::{ErrorKind, Write, stderr, stdout};
 use std::process::ExitCode;
@@ -39,6 +40,23 @@ pub(crate) fn print(text: &str) -> Result<()> {
         }
         _ => Ok(()),
     }
+}
+
+/// What is printed as JSON: the version of the program, then the fields of `value` (docs/json.md).
+#[derive(Serialize)]
+struct Versioned<'a, T> {
+    version: &'static str,
+    #[serde(flatten)]
+    value: &'a T,
+}
+
+/// Prints a value that has fields as JSON, with the version of the program.
+///
+/// # Errors
+/// Those of [`print`].
+pub(crate) fn print_json(value: &impl Serialize) -> Result<()> {
+    let text = serde_json::to_string_pretty(&Versioned { version: env!("CARGO_PKG_VERSION"), value })?;
+    print(&(text + "\n"))
 }
 
 /// How the program ends, as its exit code tells; 2 is clap's, for wrong usage.

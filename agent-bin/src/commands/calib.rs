@@ -111,8 +111,7 @@ fn check(args: &CalibArgs, board: &Board, file: &Path) -> Result<()> {
     let stop = stop()?;
     let collected = collected(args, board, &mut shots, &Coaching::start(None, board, false)?, &stop)?;
     let checked = Checked::new(file, &calibration, board, &collected)?;
-    console::print(&if args.json { serde_json::to_string_pretty(&checked)? + "\n" } else { checked.text() })?;
-    Ok(())
+    if args.json { console::print_json(&checked) } else { console::print(&checked.text()) }
 }
 
 /// Calibrates, and writes the calibration to `out`.
@@ -139,9 +138,7 @@ fn calibrate_to(args: &CalibArgs, board: &Board, out: &Path) -> Result<()> {
     };
     let summary = table(&collected, &calibration);
     if args.json {
-        console::print(
-            &(serde_json::to_string_pretty(&Numbers::new(board, &collected, &calibration))? + "\n"),
-        )?;
+        console::print_json(&Numbers::new(board, &collected, &calibration))?;
     } else {
         console::print(&summary)?;
     }

@@ -172,7 +172,7 @@ fn run_one(args: &EvalArgs, agent: AgentTracks, options: &Options) -> Result<()>
     };
     let evaluation = evaluate(estimate, truth, frames.as_deref(), options)?;
     if args.json {
-        console::print(&(serde_json::to_string_pretty(&Output { evaluation, depth })? + "\n"))?;
+        console::print_json(&Output { evaluation, depth })?;
     } else {
         console::print(&table(&evaluation, frames.is_some())?)?;
         depth.iter().try_for_each(|depth| console::print(&format!("\n{depth}")))?;

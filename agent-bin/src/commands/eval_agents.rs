@@ -30,7 +30,7 @@ pub fn print(names: &[PathBuf], found: &AgentsEvaluation, align: AlignMode, json
         let agents = names.iter().zip(&found.agents);
         let agents = agents.map(|(estimate, evaluation)| Agent { estimate, evaluation }).collect();
         let output = Output { align, truth_from_estimate: found.truth_from_estimate, agents };
-        console::print(&(serde_json::to_string_pretty(&output)? + "\n"))?;
+        console::print_json(&output)?;
     } else {
         console::print(&table(&names, found, align)?)?;
     }

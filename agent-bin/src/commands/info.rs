@@ -44,7 +44,7 @@ pub fn execute(args: &InfoArgs) -> Result<()> {
     let mut source = sources::open(&args.path, &options)?;
     let recording = Recording::new(source.as_mut());
     if args.json {
-        console::print(&(serde_json::to_string_pretty(&recording)? + "\n"))?;
+        console::print_json(&recording)?;
     } else {
         console::print(&recording.to_string())?;
     }

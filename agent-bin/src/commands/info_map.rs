@@ -1,7 +1,6 @@
 //! `loopbox info` for maps: what a map holds; and maps opened for any command, with their warnings said.
 
 use crate::console::{self, tell};
-use anyhow::Context;
 use loopbox::open::open_map;
 use map::Map;
 use std::path::{Path, PathBuf};
@@ -14,12 +13,7 @@ pub fn run(path: &Path, json: bool) -> anyhow::Result<()> {
     let (file, map) = load_with_file(path)?;
     let bytes = std::fs::metadata(&file).map(|about| about.len()).ok();
     let summary = map.summary(bytes);
-    if json {
-        let text = serde_json::to_string_pretty(&summary).context("the summary cannot be written as JSON")?;
-        console::print(&(text + "\n"))
-    } else {
-        console::print(&summary.to_string())
-    }
+    if json { console::print_json(&summary) } else { console::print(&summary.to_string()) }
 }
 
 /// The map at `path`, a map file or the folder of results that holds one; warnings go to standard error.

@@ -38,11 +38,7 @@ pub fn run(mut source: Box<dyn ScanSource>, json: bool) -> Result<()> {
             Err(error) => recording.problems.push(error.to_string()),
         }
     }
-    if json {
-        console::print(&(serde_json::to_string_pretty(&recording)? + "\n"))
-    } else {
-        console::print(&recording.to_string())
-    }
+    if json { console::print_json(&recording) } else { console::print(&recording.to_string()) }
 }
 
 /// What can be said of scans without reading them all.

@@ -8,6 +8,8 @@
 
 mod accuracy;
 mod damaged;
+#[path = "../common/documented.rs"]
+mod documented;
 mod ending;
 mod images;
 mod input;

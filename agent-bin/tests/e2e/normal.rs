@@ -1,7 +1,10 @@
 //! Undisturbed runs.
 
+use crate::documented::assert_documented;
 use crate::support::{Case, Outcome, drive, loopbox};
+use serde_json::Value;
 use std::fs;
+use std::path::Path;
 
 #[test]
 fn a_drive_is_mapped() {
@@ -24,6 +27,23 @@ fn a_drive_is_mapped() {
     let info = Outcome::of(info);
     info.assert_success();
     info.assert_says(&["keyframes"]);
+
+    let printed = |arguments: &[&str], path: &Path| {
+        let mut command = loopbox();
+        let output = command.arg(arguments[0]).arg(path).args(&arguments[1..]).arg("--json").output();
+        serde_json::from_slice::<Value>(&output.expect("it runs").stdout).expect("JSON")
+    };
+    let truth = case.source().join("groundtruth.txt");
+    let record = fs::read(case.out().join("run.json")).expect("it was written");
+    for json in [
+        serde_json::from_slice(&record).expect("JSON"),
+        printed(&["info"], &case.out()),
+        printed(&["info"], &case.source()),
+        printed(&["eval", "--gt", truth.to_str().expect("a path")], &case.out()),
+    ] {
+        assert!(json["version"].is_string(), "{json}");
+        assert_documented(&json);
+    }
 }
 
 /// Everything that does not speak of time must be equal to the bit, on one core and on two.

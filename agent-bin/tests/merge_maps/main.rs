@@ -3,6 +3,8 @@
 //! Whatever a command refuses it must name, and leave nothing behind.
 
 mod bad_input;
+#[path = "../common/documented.rs"]
+mod documented;
 mod merging;
 mod support;
 mod unmerging;

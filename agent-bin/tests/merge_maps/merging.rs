@@ -1,5 +1,6 @@
 //! Maps that met, and maps that did not.
 
+use crate::documented::assert_documented;
 use crate::support::{Case, Outcome, Runs, arg, loopbox};
 use eval::{AgentTracks, Options, evaluate_agents, read_trajectory};
 use map::{EdgeKind, load_map};
@@ -63,6 +64,7 @@ fn two_agents_that_met_get_one_map() {
 fn check_numbers(case: &Case) {
     let text = fs::read_to_string(case.out().join("merge.json")).unwrap();
     let numbers: Value = serde_json::from_str(&text).unwrap();
+    assert_documented(&numbers);
     let encounter = &numbers["encounters"][0];
     assert_eq!(encounter["closure"]["travel"], "opposite");
     assert!(encounter["links"].as_u64().is_some_and(|links| links >= 2), "{encounter:#}");

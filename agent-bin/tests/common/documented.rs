@@ -1,0 +1,23 @@
+//! Whether what the program prints for other programs is documented.
+
+use serde_json::Value;
+
+const DOCUMENT: &str = include_str!("../../../docs/json.md");
+/// Fields whose own fields are anybody's.
+const OPEN: [&str; 4] = ["params", "provenance", "merge_provenance", "skipped"];
+
+/// Fails unless docs/json.md names every field of `json`.
+pub fn assert_documented(json: &Value) {
+    match json {
+        Value::Object(fields) => {
+            for (name, value) in fields {
+                assert!(DOCUMENT.contains(&format!("`{name}`")), "docs/json.md says nothing of `{name}`");
+                if !OPEN.contains(&name.as_str()) {
+                    assert_documented(value);
+                }
+            }
+        }
+        Value::Array(values) => values.iter().for_each(assert_documented),
+        _ => {}
+    }
+}
