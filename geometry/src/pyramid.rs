@@ -12,7 +12,12 @@ pub struct Pyramid {
 impl Pyramid {
     /// Builds up to `levels` levels by 2×2 means; stops before a side would fall below 16 pixels.
     pub fn new(image: GrayImage, levels: usize) -> Self {
-        let mut all = vec![Arc::new(image)];
+        Self::of(Arc::new(image), levels)
+    }
+
+    /// The same of an image that others hold as well.
+    pub fn of(image: Arc<GrayImage>, levels: usize) -> Self {
+        let mut all = vec![image];
         while all.len() < levels {
             let last = &all[all.len() - 1];
             if last.width() < 32 || last.height() < 32 {

@@ -56,6 +56,12 @@ pub struct Described {
 }
 
 impl MapDelta {
+    /// A map at once: what makes it of an empty one, but for its frames.
+    pub fn whole(map: &Map) -> Self {
+        let added = map.keyframes.values().cloned().collect();
+        Self { added, edges: Some(map.edges.clone()), ..Self::default() }
+    }
+
     /// Whether nothing happened.
     pub fn is_empty(&self) -> bool {
         let Self { sequence: _, added, moved, settled, described, edges, removed } = self;
@@ -141,6 +147,14 @@ mod tests {
         let last = MapDelta { sequence: 2, edges, removed, ..MapDelta::default() };
         assert!(!last.is_empty() && MapDelta::default().is_empty());
         told.take_in(last);
+        assert!(told == map);
+    }
+
+    #[test]
+    fn a_map_can_be_told_at_once() {
+        let map = united();
+        let mut told = Map { keyframes: Default::default(), edges: Vec::new(), ..map.clone() };
+        told.take_in(MapDelta::whole(&map));
         assert!(told == map);
     }
 }

@@ -11,10 +11,12 @@ mod early;
 mod error;
 mod frame;
 mod mapper;
+mod resume;
 mod settle;
 
 pub use error::AgentError;
 pub use frame::{Frame, FrameReport, TrackingState};
+pub use resume::Going;
 
 use crate::background::Task;
 use crate::bootstrap::Bootstrap;
@@ -29,7 +31,7 @@ use crate::track::{Matched, learn_position_sigma};
 use crate::tracker::{Located, Tracker, match_keyframe};
 use early::EarlyFrame;
 use geometry::{GrayImage, Pinhole, Pyramid, Se3};
-use map::{Edge, FramePose, KeyframeId, Map, MapDelta, PlaceIndex};
+use map::{Described, Edge, FramePose, KeyframeId, Map, MapDelta, PlaceIndex};
 use mapper::{Job, Mapper, Update};
 use std::sync::Arc;
 
@@ -41,6 +43,8 @@ pub struct Agent {
     map: Map,
     /// Deltas said of it.
     said: u64,
+    /// Those that no report has told of yet.
+    untold: Vec<MapDelta>,
     /// The map as the tracker knows it.
     view: LocalMap,
     /// Loops closed in it.
@@ -63,6 +67,10 @@ pub struct Agent {
     tone: Option<Tone>,
     /// Frames that came before the first map and are not in it.
     early: Vec<EarlyFrame>,
+    /// What is done with the map, if it was given to the agent.
+    resumed: Option<Going>,
+    /// No frame was found in it yet.
+    is_sought: bool,
 }
 
 enum State {
@@ -92,6 +100,7 @@ impl Agent {
             params,
             map: Map::new(camera),
             said: 0,
+            untold: Vec::new(),
             view: LocalMap::new(camera),
             closed: Vec::new(),
             state: State::Empty,
@@ -104,6 +113,8 @@ impl Agent {
             processed: 0,
             tone: None,
             early: Vec::new(),
+            resumed: None,
+            is_sought: false,
         })
     }
 
@@ -114,18 +125,29 @@ impl Agent {
     pub fn process(&mut self, frame: Frame) -> Result<FrameReport, AgentError> {
         self.check_size(frame.index, &frame.image)?;
         self.processed += 1;
-        if !matches!(self.state, State::Running(_)) {
+        if !matches!(self.state, State::Running(_)) || self.is_sought {
             self.tone = Tone::following(self.tone.take(), &frame.image);
         }
         let pyramid = self.pyramid(frame.image);
         if !matches!(self.state, State::Running(_)) {
             self.keep_early(frame.timestamp, frame.index, pyramid.shared_base());
         }
-        Ok(match std::mem::replace(&mut self.state, State::Empty) {
+        let report = match std::mem::replace(&mut self.state, State::Empty) {
             State::Empty => self.begin(pyramid, frame.timestamp, frame.index, "the camera has not moved yet"),
             State::Starting(bootstrap) => self.start(bootstrap, pyramid, frame.timestamp, frame.index),
             State::Running(tracker) => self.track(tracker, pyramid, frame.timestamp, frame.index),
-        })
+        };
+        Ok(self.told(report))
+    }
+
+    /// A report that tells all that was said.
+    fn told(&mut self, report: FrameReport) -> FrameReport {
+        FrameReport { deltas: std::mem::take(&mut self.untold), ..report }
+    }
+
+    /// Takes back what a report told that nobody will see: the next one tells it.
+    pub(crate) fn tell_again(&mut self, deltas: Vec<MapDelta>) {
+        self.untold.splice(0..0, deltas);
     }
 
     fn pyramid(&self, image: GrayImage) -> Pyramid {
@@ -170,7 +192,8 @@ impl Agent {
             self.state = State::Running(tracker);
             return Ok(None);
         };
-        Ok(Some(self.go_on(tracker, &located, pyramid, frame.timestamp, frame.index, report)))
+        let report = self.go_on(tracker, &located, pyramid, frame.timestamp, frame.index, report);
+        Ok(Some(self.told(report)))
     }
 
     /// Takes over what another agent with this camera learnt of its lens, before there is a map.
@@ -182,7 +205,7 @@ impl Agent {
 
     /// Whether the map has not come beyond its start, so that it may prove useless yet.
     pub(crate) fn is_young(&self) -> bool {
-        self.view.keyframes.len() <= self.params.keyframes.young_map
+        self.resumed.is_none() && self.view.keyframes.len() <= self.params.keyframes.young_map
     }
 
     /// Takes a frame that was found into the map.
@@ -197,6 +220,7 @@ impl Agent {
     ) -> FrameReport {
         self.params.track.position_sigma = learn_position_sigma(&self.params.track, located.excess);
         self.counts.add(&located.sought, &located.matched);
+        self.is_sought = false;
         self.map.frames.push(FramePose {
             timestamp,
             frame_index,
@@ -207,7 +231,9 @@ impl Agent {
         report.rmse = located.rmse();
         report.matched_points = located.inliers;
         tracker.change_reference(&self.view, located, &self.params);
-        if self.mapper.is_some() && tracker.wants_keyframe(&self.view, located, &self.params) {
+        if self.resumed == Some(Going::Localising) {
+            // The map stays as it is.
+        } else if self.mapper.is_some() && tracker.wants_keyframe(&self.view, located, &self.params) {
             self.extend(&mut tracker, located, pyramid, timestamp, frame_index, &mut report);
         } else if tracker.reference >= self.first_open {
             let frame_from_keyframe =
@@ -258,7 +284,7 @@ impl Agent {
             return report;
         }
         self.state = State::Running(tracker);
-        FrameReport { deltas: report.deltas, adopted: report.adopted, ..FrameReport::lost() }
+        FrameReport { adopted: report.adopted, ..FrameReport::lost() }
     }
 
     /// Makes the newest tracked frame a keyframe: hands it to the mapper.
@@ -276,10 +302,7 @@ impl Agent {
         let keyframe = KeyframeState::new(timestamp, frame_index, pyramid, camera_from_world);
         let index = self.view.push(seeing(keyframe.clone(), &matched));
         let id = LocalMap::id(index);
-        self.say(
-            MapDelta { added: vec![publish::keyframe(&self.view, index)], ..MapDelta::default() },
-            report,
-        );
+        self.say(MapDelta { added: vec![publish::keyframe(&self.view, index)], ..MapDelta::default() });
         self.refer_newest_frame(index);
         report.new_keyframe = Some(id);
         (tracker.last, tracker.reference) = (camera_from_world, index);
@@ -344,17 +367,17 @@ impl Agent {
         self.closed = update.closed;
         report.settled_keyframes = update.delta.settled.iter().map(|settled| settled.keyframe).collect();
         report.closed_loop = update.closed_loop;
-        self.say(update.delta, report);
+        self.say(update.delta);
     }
 
     /// Changes the map that is handed out, and says so.
-    fn say(&mut self, delta: MapDelta, report: &mut FrameReport) {
+    fn say(&mut self, delta: MapDelta) {
         if delta.is_empty() {
             return;
         }
         let delta = MapDelta { sequence: self.said, ..delta };
         self.said += 1;
-        report.deltas.push(delta.clone());
+        self.untold.push(delta.clone());
         self.map.take_in(delta);
     }
 
@@ -377,6 +400,9 @@ impl Agent {
     pub fn finish_until(&mut self, stop: &dyn Fn() -> bool) -> Vec<(KeyframeId, KeyframeId)> {
         let mut report = FrameReport::of(TrackingState::Tracking);
         let mut loops = Vec::new();
+        if self.resumed.is_some_and(|going| going == Going::Localising || self.is_sought) {
+            return loops;
+        }
         if let State::Running(mut tracker) = std::mem::replace(&mut self.state, State::Empty) {
             self.land(&mut tracker, &mut report);
             loops.extend(report.closed_loop);
@@ -390,8 +416,27 @@ impl Agent {
             }
             self.state = State::Running(tracker);
         }
-        publish::complete(&mut self.map, &self.view, edges::all(&self.view, &self.closed));
+        let edges = edges::all(&self.view, &self.closed);
+        publish::complete(&mut self.map, &self.view, edges.clone());
+        self.say(MapDelta { edges: Some(edges), ..MapDelta::default() });
         loops
+    }
+
+    /// Takes in the features of the keyframe with this image (see [`map::Keyframe::features`]), which the next report
+    /// tells; false when the map has no such keyframe.
+    pub fn describe(&mut self, keyframe: KeyframeId, image: &Arc<GrayImage>, features: Arc<[u8]>) -> bool {
+        let known = self.map.keyframes.get(&keyframe).is_some_and(|known| Arc::ptr_eq(&known.image, image));
+        if known {
+            let described = vec![Described { keyframe, features }];
+            self.say(MapDelta { described, ..MapDelta::default() });
+        }
+        known
+    }
+
+    /// What happened to the map since the last report: it was finished, or keyframes were described. Whoever keeps a
+    /// copy of the map by the reports' deltas asks after [`finish`](Self::finish).
+    pub fn take_deltas(&mut self) -> Vec<MapDelta> {
+        std::mem::take(&mut self.untold)
     }
 
     /// Gives the map away.

@@ -5,11 +5,12 @@
 //! joined like the maps of several agents, by the crate `merge`, which needs no more than that the camera sees one
 //! place again.
 
-use crate::agent::{Agent, AgentError, Frame, FrameReport, TrackingState};
+use crate::agent::{Agent, AgentError, Frame, FrameReport, Going, TrackingState};
 use crate::params::Params;
 use backend::params;
-use geometry::Pinhole;
-use map::{Map, PlaceIndex};
+use geometry::{GrayImage, Pinhole};
+use map::{KeyframeId, Map, MapDelta, PlaceIndex};
+use std::sync::Arc;
 
 params! {
     /// Parameters of going on after a loss.
@@ -59,6 +60,12 @@ impl Atlas {
         Ok(Self { camera, new_places, params, fragments: vec![first], active: 0, loss: None })
     }
 
+    /// A run that goes on in the map of `first`, which was resumed. As long as no frame is found there, a new fragment
+    /// is begun beside the search, as after a loss; an agent that only localises goes on seeking.
+    pub fn resume(first: Agent, new_places: fn() -> Box<dyn PlaceIndex>, params: Params) -> Self {
+        Self { camera: first.camera(), new_places, params, fragments: vec![first], active: 0, loss: None }
+    }
+
     /// Tracks a frame in the fragment where the camera is, or in the one where it is found again, and maps what it adds.
     /// The report names the fragment.
     ///
@@ -91,12 +98,15 @@ impl Atlas {
             if report.state != TrackingState::Lost {
                 return Ok(report);
             }
+            let left = self.active;
             if let Some(found) = self.seek_elsewhere(&loss, &frame)? {
+                self.fragments[left].tell_again(report.deltas);
                 return Ok(found);
             }
         }
         loss.frames += 1;
-        if loss.next.is_none() && frame.timestamp - loss.since >= self.params.atlas.begin_after {
+        let may_begin = self.fragments[self.active].resumed() != Some(Going::Localising);
+        if may_begin && loss.next.is_none() && frame.timestamp - loss.since >= self.params.atlas.begin_after {
             let mut next = Agent::new(self.camera, (self.new_places)(), self.params.clone())?;
             next.know_lens_of(&self.fragments[self.active]);
             loss.next = Some(Box::new(next));
@@ -107,9 +117,11 @@ impl Atlas {
         };
         let of_next = next.process(frame)?;
         if of_next.state == TrackingState::Tracking && !next.is_young() {
+            self.fragments[self.active].tell_again(report.deltas);
             self.begin_fragment(loss);
             return Ok(of_next);
         }
+        next.tell_again(of_next.deltas);
         self.loss = Some(loss);
         Ok(report)
     }
@@ -160,6 +172,17 @@ impl Atlas {
         for fragment in &mut self.fragments {
             fragment.finish_until(stop);
         }
+    }
+
+    /// Takes in the features of the keyframe with this image, in whichever fragment it is; the next report of that fragment
+    /// tells it.
+    pub fn describe(&mut self, keyframe: KeyframeId, image: &Arc<GrayImage>, features: &Arc<[u8]>) {
+        self.fragments.iter_mut().any(|agent| agent.describe(keyframe, image, Arc::clone(features)));
+    }
+
+    /// What happened to the map of the active fragment since its last report (see [`Agent::take_deltas`]).
+    pub fn take_deltas(&mut self) -> Vec<MapDelta> {
+        self.fragments[self.active].take_deltas()
     }
 
     /// Gives the maps of the fragments away, in the order they were begun.

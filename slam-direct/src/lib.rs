@@ -39,7 +39,7 @@ mod triangulate;
 mod warp;
 mod window;
 
-pub use agent::{Agent, AgentError, Frame, FrameReport, TrackingState};
+pub use agent::{Agent, AgentError, Frame, FrameReport, Going, TrackingState};
 pub use atlas::{Atlas, AtlasParams};
 pub use backend::{DocumentedParameter, Parameter, ParameterError, ParameterValue};
 pub use depth::{DepthFilter, DepthParams, SeedPoint, StereoFrame, UpdateStats, choose_references};

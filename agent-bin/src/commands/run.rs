@@ -8,7 +8,7 @@ use crate::interrupt::stop_on_ctrl_c;
 use crate::progress::{Console, Display};
 use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
-use loopbox::run::{PreparedRun, Progress, RunOptions, TrajectoryFormat};
+use loopbox::run::{Going, PreparedRun, Progress, Resume, RunOptions, TrajectoryFormat};
 use scans::ScanSource;
 use sources::ahead::Pace;
 use sources::camera::{CameraArgs, open_camera};
@@ -47,6 +47,12 @@ pub struct RunArgs {
     /// Vignette of the lens (grey image), to undo it
     #[arg(long, value_name = "FILE")]
     vignette: Option<PathBuf>,
+    /// Go on in this map of an earlier run with the same camera, and extend it: a map file or a folder of results
+    #[arg(long = "continue", value_name = "MAP", conflicts_with = "localise")]
+    continued: Option<PathBuf>,
+    /// Tell the frames' poses in this map of an earlier run with the same camera, which stays as it is
+    #[arg(long, value_name = "MAP")]
+    localise: Option<PathBuf>,
     /// Folder for the results; made if it is not there
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
@@ -151,9 +157,10 @@ pub fn execute(args: &RunArgs) -> Result<()> {
     prepared.problems().iter().for_each(|problem| progress.warn(problem));
     let watched = |about: &_, frames, recording| args.view.start(about, frames, recording);
     let mapped = prepared.go(watched, &stop, &progress)?;
-    match mapped.failure {
-        Some(failure) => bail!("the run ended early, what was tracked is saved: {failure}"),
-        None => args.judge(mapped.record.frames.tracked_share),
+    match (mapped.failure, mapped.apart) {
+        (Some(failure), _) => bail!("the run ended early, what was tracked is saved: {failure}"),
+        (None, Some(apart)) => bail!("{apart}"),
+        (None, None) => args.judge(mapped.record.frames.tracked_share),
     }
 }
 
@@ -202,6 +209,8 @@ impl RunArgs {
             (self.record.is_some(), "--record"),
             (self.camera.fps.is_some(), "--fps"),
             (self.all_frames, "--all-frames"),
+            (self.continued.is_some(), "--continue"),
+            (self.localise.is_some(), "--localise"),
         ];
         if let Some((_, name)) = given.into_iter().find(|(is_given, _)| *is_given) {
             bail!("{name} is for images, and {} holds scans of a LiDAR", source.info().path.display());
@@ -274,11 +283,19 @@ impl RunArgs {
             rate: self.camera.fps,
             start: self.start,
             end: self.end,
+            resume: self.resume(),
             record: self.record.clone(),
             trajectory: self.trajectory,
             max_variance: self.max_variance,
             features: self.features == FeatureTime::Now,
         })
+    }
+
+    /// The map to go on in.
+    fn resume(&self) -> Option<Resume> {
+        let on = self.continued.iter().map(|map| (map, Going::On));
+        let given = on.chain(self.localise.iter().map(|map| (map, Going::Localising))).next();
+        given.map(|(map, going)| Resume { map: map.clone(), going })
     }
 
     /// The size of the first image, if the calibration is to be scaled to it.

@@ -17,6 +17,7 @@ mod lens;
 mod memory;
 mod motion;
 mod normal;
+mod resume;
 mod support;
 #[cfg(feature = "view")]
 mod watch;

@@ -5,27 +5,31 @@
 
 use features::{SiftParams, codec, sift};
 use geometry::GrayImage;
-use map::{Keyframe, Map};
+use map::{Keyframe, KeyframeId, Map};
 use rayon::prelude::*;
-use std::collections::BTreeMap;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
-use std::sync::{Arc, Weak};
 use std::thread::JoinHandle;
 
 /// The priority of the thread as Unix counts it; 0 is that of others, 19 the lowest.
 const NICENESS: i32 = 15;
 
-/// The features of an image as maps keep them.
-type Described = Arc<[u8]>;
+/// The features found of a keyframe. Keyframes of fragments may be called alike: the image, one in all copies of a map,
+/// says which it is.
+pub struct Found {
+    /// The keyframe.
+    pub keyframe: KeyframeId,
+    /// Its image.
+    pub image: Arc<GrayImage>,
+    /// Its features as maps keep them.
+    pub features: Arc<[u8]>,
+}
 
 /// Finds features of keyframes as these come.
 pub struct Describer {
-    /// What was asked for, by the images' addresses: an address stays taken while someone holds on to it weakly. An
-    /// image is the same in all copies of a map, and keyframes of fragments may be called alike.
-    asked: BTreeMap<usize, (Weak<GrayImage>, Option<Described>)>,
-    images: Option<Sender<Arc<GrayImage>>>,
-    found: Receiver<(usize, Described)>,
+    images: Option<Sender<(KeyframeId, Arc<GrayImage>)>>,
+    found: Receiver<Found>,
     /// Nobody waits for the thread any more.
     ends: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
@@ -37,48 +41,39 @@ impl Describer {
     /// # Errors
     /// When the system refuses a thread.
     pub fn start() -> std::io::Result<Self> {
-        let (images, waiting) = channel::<Arc<GrayImage>>();
+        let (images, waiting) = channel::<(KeyframeId, Arc<GrayImage>)>();
         let (tell, found) = channel();
         let ends = Arc::new(AtomicBool::new(false));
         let ended = Arc::clone(&ends);
         let work = move || {
             give_way();
-            for image in waiting {
-                if ended.load(Ordering::Relaxed) || tell.send((address(&image), described(&image))).is_err() {
+            for (keyframe, image) in waiting {
+                if ended.load(Ordering::Relaxed) {
+                    return;
+                }
+                let features = described(&image);
+                if tell.send(Found { keyframe, image, features }).is_err() {
                     return;
                 }
             }
         };
         let thread = std::thread::Builder::new().name("features".into()).spawn(work)?;
-        Ok(Self { asked: BTreeMap::new(), images: Some(images), found, ends, thread: Some(thread) })
+        Ok(Self { images: Some(images), found, ends, thread: Some(thread) })
     }
 
-    /// Asks for the features of a keyframe, unless that was done before; later only.
-    pub fn ask(&mut self, keyframe: &Keyframe) {
-        let at = address(&keyframe.image);
-        if keyframe.semi_dense.is_empty() || self.asked.contains_key(&at) {
-            return;
-        }
-        self.asked.insert(at, (Arc::downgrade(&keyframe.image), None));
-        if let Some(images) = &self.images {
+    /// Asks for the features of a keyframe with depth; later only.
+    pub fn ask(&self, keyframe: &Keyframe) {
+        if !keyframe.semi_dense.is_empty()
+            && let Some(images) = &self.images
+        {
             // A thread that broke down leaves its work for the end.
-            let _ = images.send(Arc::clone(&keyframe.image));
+            let _ = images.send((keyframe.id, Arc::clone(&keyframe.image)));
         }
     }
 
-    /// What was found of a keyframe so far.
-    pub fn known(&mut self, keyframe: &Keyframe) -> Option<Described> {
-        self.take_in();
-        self.asked.get(&address(&keyframe.image)).and_then(|(_, found)| found.clone())
-    }
-
-    /// Gives the keyframes of a map the features that were found so far.
-    pub fn give(&mut self, map: &mut Map) {
-        self.take_in();
-        for keyframe in map.keyframes.values_mut() {
-            let known = self.asked.get(&address(&keyframe.image));
-            keyframe.features = known.and_then(|(_, found)| found.clone());
-        }
+    /// What was found since the last call.
+    pub fn found(&self) -> impl Iterator<Item = Found> + '_ {
+        self.found.try_iter()
     }
 
     /// Ends the thread, and gives all keyframes with depth their features.
@@ -89,17 +84,14 @@ impl Describer {
             // What it did not find is found now.
             let _ = thread.join();
         }
-        maps.iter_mut().for_each(|map| {
-            self.give(map);
+        for Found { keyframe, image, features } in self.found.try_iter() {
+            let keyframes = maps.iter_mut().filter_map(|map| map.keyframes.get_mut(&keyframe));
+            keyframes
+                .filter(|keyframe| Arc::ptr_eq(&keyframe.image, &image))
+                .for_each(|keyframe| keyframe.features = Some(Arc::clone(&features)));
+        }
+        for map in maps {
             complete(map);
-        });
-    }
-
-    fn take_in(&mut self) {
-        for (at, described) in self.found.try_iter() {
-            if let Some((_, found)) = self.asked.get_mut(&at) {
-                *found = Some(described);
-            }
         }
     }
 }
@@ -120,12 +112,8 @@ pub fn complete(map: &mut Map) -> usize {
 }
 
 /// Finds the features of an image. Images of maps have pixels; one without would have no features.
-fn described(image: &GrayImage) -> Described {
+fn described(image: &GrayImage) -> Arc<[u8]> {
     codec::encode(&sift(image, &SiftParams::default()).unwrap_or_default()).into()
-}
-
-fn address(image: &Arc<GrayImage>) -> usize {
-    Arc::as_ptr(image).addr()
 }
 
 /// Lets all other threads go first. Where the system does not know priorities of threads, they are equal.
@@ -174,15 +162,20 @@ mod tests {
         let (mut at_once, mut beside) = (map(6), map(6));
         assert_eq!((complete(&mut at_once), complete(&mut at_once)), (4, 0));
         let mut describer = Describer::start().expect("a thread");
-        let seen = [0, 1, 2, 1];
-        seen.iter().for_each(|id| describer.ask(&beside.keyframes[&KeyframeId(*id)]));
-        let first = beside.keyframes[&KeyframeId(0)].clone();
-        while describer.known(&first).is_none() {
-            std::thread::yield_now();
-        }
-        let mut snapshot = beside.clone();
-        describer.give(&mut snapshot);
-        assert_eq!(snapshot.keyframes[&KeyframeId(0)], at_once.keyframes[&KeyframeId(0)]);
+        [0, 1, 2].iter().for_each(|id| describer.ask(&beside.keyframes[&KeyframeId(*id)]));
+        let first = loop {
+            match describer.found().next() {
+                Some(found) => break found,
+                None => std::thread::yield_now(),
+            }
+        };
+        assert_eq!(first.keyframe, KeyframeId(0));
+        assert!(Arc::ptr_eq(&first.image, &beside.keyframes[&first.keyframe].image));
+        beside
+            .keyframes
+            .entry(first.keyframe)
+            .and_modify(|keyframe| keyframe.features = Some(first.features));
+        assert_eq!(beside.keyframes[&KeyframeId(0)], at_once.keyframes[&KeyframeId(0)]);
         describer.complete(std::slice::from_mut(&mut beside));
         assert!(beside == at_once);
         let found = at_once.keyframes.values().filter_map(|keyframe| keyframe.features.as_deref());

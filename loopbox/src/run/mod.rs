@@ -1,18 +1,20 @@
 //! One agent's run, from a source of frames to a folder of results.
 //!
 //! In order: `options` (what is asked for, and the way from there to the results), `session` (one map after another, as long as somebody wants a new one), `runtime` (the loop around the
-//! agent), `lens` (a recording without a calibration), `lens_check` (whether the one given fits), `describing` (features of keyframes beside it), `fragments` (what was tracked after losses joined), `output` (the files), `record` (the numbers), `saving`
-//! (results on the way), `diagnosis` (why nothing was tracked).
+//! agent), `lens` (a recording without a calibration), `lens_check` (whether the one given fits), `describing` (features of keyframes beside it), `fragments` (what was tracked after losses joined), `output` (the files), `growing` (the map's on the way), `record` (the numbers), `saving`
+//! (results on the way), `resuming` (a map of an earlier run gone on with), `diagnosis` (why nothing was tracked).
 
 mod describing;
 mod diagnosis;
 mod fragments;
+mod growing;
 mod lens;
 mod lens_check;
 mod options;
 mod output;
 mod progress;
 mod record;
+mod resuming;
 mod runtime;
 mod saving;
 mod session;
@@ -23,4 +25,6 @@ pub use options::{PreparedRun, RunOptions, run};
 pub use output::TrajectoryFormat;
 pub use progress::{Progress, Silent};
 pub use record::{Cost, FrameCounts, FrameRow, Latency, MapCounts, RunRecord, state_name};
+pub use resuming::{Resume, Resumed};
 pub use session::Mapped;
+pub use slam_direct::Going;

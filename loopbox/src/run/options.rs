@@ -3,6 +3,7 @@
 use super::diagnosis::too_few_poses;
 use super::lens::{FoundLens, find_lens};
 use super::output::{Output, TrajectoryFormat};
+use super::resuming::{Kept, Resume};
 use super::saving::Form;
 use super::session::{Mapped, Session};
 use super::{Progress, Silent};
@@ -50,6 +51,8 @@ pub struct RunOptions {
     pub start: Option<f64>,
     /// Seconds into the recording until which they are.
     pub end: Option<f64>,
+    /// The map of an earlier run to go on in.
+    pub resume: Option<Resume>,
     /// Keep what is captured in this file as well.
     pub record: Option<PathBuf>,
     /// Form of the trajectory.
@@ -75,6 +78,7 @@ impl RunOptions {
             rate: None,
             start: None,
             end: None,
+            resume: None,
             record: None,
             trajectory: TrajectoryFormat::Tum,
             max_variance: map::DEFAULT_MAX_RELATIVE_VARIANCE,
@@ -125,6 +129,9 @@ pub struct PreparedRun {
     correction: ImageCorrection,
     head: Head,
     output: Output,
+    kept: Option<Kept>,
+    /// What there is to know of the map that is gone on in.
+    warnings: Vec<String>,
     options: RunOptions,
 }
 
@@ -168,18 +175,24 @@ impl PreparedRun {
         let identity = source.is_live().then(random_identity).transpose()?;
         let name = options.name.clone().unwrap_or_else(|| recording_name(&info.path));
         let about = AgentInfo { provenance, identity, ..AgentInfo::new(name, camera) };
+        let kept = options.resume.as_ref().map(|resume| Kept::open(resume, &camera, &about)).transpose()?;
+        let (kept, warnings) = kept.map_or((None, Vec::new()), |(kept, warnings)| (Some(kept), warnings));
+        if let Some(kept) = &kept {
+            kept.spare(&options.out)?;
+        }
         let mut output = Output::create(&options.out, about.clone(), &info.path, options.force)?;
         if let Some(lens) = &options.lens {
             output.add("camera.yaml", lens.file());
         }
         let head = Head::new(&info, CalibrationFiles::gather(&options.camera, &info)?);
-        Ok(Self { source, info, about, camera, params, correction, head, output, options })
+        Ok(Self { source, info, about, camera, params, correction, head, output, kept, warnings, options })
     }
 
     /// What is odd about the source and its calibration, for people.
     pub fn problems(&self) -> Vec<String> {
         let problems = self.source.problems().into_iter().chain(self.correction.problem());
-        problems.map(|problem| format!("{}: {problem}", self.info.path.display())).collect()
+        let of_source = problems.map(|problem| format!("{}: {problem}", self.info.path.display()));
+        of_source.chain(self.warnings.iter().cloned()).collect()
     }
 
     /// How many frames the recording has, where that is known.
@@ -198,7 +211,7 @@ impl PreparedRun {
         stop: &Stop,
         progress: &dyn Progress,
     ) -> Result<Mapped> {
-        let Self { source, info, about, camera, params, correction, head, output, options } = self;
+        let Self { source, info, about, camera, params, correction, head, output, kept, options, .. } = self;
         let recorder = Recorder::idle();
         if let Some(path) = &options.record {
             recorder.start(path, &head)?;
@@ -210,7 +223,8 @@ impl PreparedRun {
         let form = Form { format: options.trajectory, max_variance: options.max_variance };
         let lens = options.lens.is_none().then_some((lens, halvings));
         let features = options.features;
-        let session = Session { about, source: info, camera, params, features, form, stop, progress, lens };
+        let session =
+            Session { about, source: info, camera, params, features, form, stop, progress, lens, kept };
         let mapped = session.run(output, &ahead, &mut watch);
         // Tells the recorder which frames nobody took, so that a replay ends where this run did.
         drop(ahead);

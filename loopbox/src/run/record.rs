@@ -1,6 +1,7 @@
 //! The numbers of a run: what `run.json` holds and the report shows.
 
 use crate::run::output::{MAP, TRAJECTORY};
+use crate::run::resuming::Resumed;
 use geometry::Pinhole;
 use serde::{Serialize, Serializer};
 use slam_direct::{FrameReport, TrackingState};
@@ -17,6 +18,9 @@ pub struct RunRecord {
     pub source: SourceRecord,
     /// The camera of the undistorted images.
     pub camera: Pinhole,
+    /// The map of an earlier run that it went on in. Frames are counted on from there.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub resumed: Option<Resumed>,
     /// Whether the user ended the run before the recording did.
     pub interrupted: bool,
     /// Frames by what became of them.

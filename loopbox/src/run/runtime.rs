@@ -1,39 +1,39 @@
 //! One run: feeds the agent and keeps the numbers.
 
+mod leaving;
+
 use crate::run::Progress;
 use crate::run::describing::Describer;
 use crate::run::diagnosis::{ImageStatistics, Losses};
 use crate::run::lens_check::LensCheck;
 use crate::run::output::Output;
-use crate::run::record::{
-    Cost, Fragment, FrameCounts, FrameRow, Latency, MapCounts, RunRecord, SourceRecord,
-};
+use crate::run::record::FrameRow;
+use crate::run::resuming::Kept;
 use anyhow::Result;
 use geometry::Pinhole;
-use map::{AgentId, AgentInfo, Identity, Keyframe, KeyframeId, Map};
-use slam_direct::{Agent, Atlas, Frame};
+use map::{Identity, Map, MapDelta};
+use slam_direct::{Atlas, Frame, TrackingState};
+use sources::Stop;
 use sources::ahead::{Ahead, Item, SkipReason};
 use sources::notice::Notice;
-use sources::{SourceInfo, Stop};
-use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::Arc;
 use std::time::{Duration, Instant};
-use view::process;
 use view::watch::{Command, Watch};
 
 /// How long the last optimisation may take once the user wishes to stop.
 const LAST_WORK: Duration = Duration::from_secs(4);
 
 /// A run whose frames are processed.
-pub struct Run {
+pub struct Run<'a> {
     atlas: Atlas,
+    /// The map of an earlier run that this one goes on in.
+    kept: Option<&'a Kept>,
     camera: Pinhole,
     /// Whose run it is, in the epoch of the first fragment; of a recording known from the first frame on.
     identity: Option<Identity>,
-    /// Finds the keyframes' features, where that is wanted. Whoever saves on the way only looks on.
-    describer: RefCell<Option<Describer>>,
+    /// Finds the keyframes' features, where that is wanted.
+    describer: Option<Describer>,
     /// Asks whether the lens is the one of the images.
     check: Option<LensCheck>,
     /// The fragment that the newest frame was given to.
@@ -41,6 +41,7 @@ pub struct Run {
     rows: Vec<FrameRow>,
     skipped: BTreeMap<SkipReason, u64>,
     losses: Losses,
+    has_tracked: bool,
     /// Whether the agent ended its map itself.
     is_whole: bool,
     statistics: ImageStatistics,
@@ -52,19 +53,21 @@ pub struct Run {
     failure: Option<String>,
 }
 
-impl Run {
+impl<'a> Run<'a> {
     /// A run that is to begin: of the agent `identity`, where that is known already.
     pub fn new(atlas: Atlas, camera: Pinhole, identity: Option<Identity>, ahead: &Ahead) -> Self {
         Self {
             atlas,
+            kept: None,
             camera,
             identity,
-            describer: RefCell::default(),
+            describer: None,
             check: None,
             fragment: 0,
             rows: Vec::new(),
             skipped: BTreeMap::new(),
             losses: Losses::default(),
+            has_tracked: false,
             is_whole: true,
             statistics: ImageStatistics::default(),
             last_reason: None,
@@ -77,7 +80,12 @@ impl Run {
 
     /// The same, whose keyframes' features `describer` finds, and whose lens `check` asks after.
     pub fn with(self, describer: Option<Describer>, check: Option<LensCheck>) -> Self {
-        Self { describer: RefCell::new(describer), check, ..self }
+        Self { describer, check, ..self }
+    }
+
+    /// The same, which goes on in `kept`, as its atlas does.
+    pub fn within(self, kept: Option<&'a Kept>) -> Self {
+        Self { kept, ..self }
     }
 
     /// Gives the agent every frame until the recording ends, the user stops it, or who watches wants a new map; calls
@@ -114,13 +122,17 @@ impl Run {
             match item {
                 Item::Frame(frame, taken) => {
                     let process = || run.process(frame, taken, progress, ahead.dropped(), watch);
-                    let Some(settled) = guarded("tracking", process, &mut broken) else { break };
-                    let settled = settled?;
+                    let Some(deltas) = guarded("tracking", process, &mut broken) else { break };
+                    let deltas = deltas?;
                     progress.lost(ahead.dropped(), ahead.missed());
-                    run.describe(&settled);
-                    output.identify(run.identity);
-                    output
-                        .grow(run.fragment, run.map(), &settled, &|keyframe| run.known_features(keyframe))?;
+                    run.describe(&deltas);
+                    output.identify(run.identity_of(run.fragment));
+                    if !run.localises()
+                        && let Err(error) = output.grow(run.fragment, run.map(), deltas)
+                    {
+                        run.failure = Some(format!("{error:#}"));
+                        break;
+                    }
                     run.check_lens(progress);
                 }
                 Item::Skipped(skip) => {
@@ -130,8 +142,11 @@ impl Run {
                 Item::Warning(text) => progress.warn(&text),
                 Item::Notice(notice) => {
                     progress.notice(&notice);
-                    if let Notice::Gone(_) = notice {
-                        output.save(run.map(), &|keyframe| run.known_features(keyframe))?;
+                    if let Notice::Gone(_) = notice
+                        && let Err(error) = output.flush()
+                    {
+                        run.failure = Some(format!("{error:#}"));
+                        break;
                     }
                 }
                 Item::Failed(reason) => run.failure = Some(reason),
@@ -154,7 +169,8 @@ impl Run {
             }
             check.tell(progress, true);
         }
-        watch.whole(run.map());
+        let last = run.atlas.take_deltas();
+        watch.finished(&last, run.map());
         run.is_whole = broken.is_none();
         run.failure = broken.or(run.failure);
         run.wall_s = started.elapsed().as_secs_f64();
@@ -173,22 +189,25 @@ impl Run {
 
     fn process(
         &mut self,
-        frame: Frame,
+        mut frame: Frame,
         taken: Option<Instant>,
         progress: &dyn Progress,
         dropped: u64,
         watch: &mut Watch,
-    ) -> Result<Vec<KeyframeId>> {
-        // Once there is a map, nobody will ask why there is none.
-        if self.map().frames.is_empty() {
+    ) -> Result<Vec<MapDelta>> {
+        // Once a frame was tracked, nobody will ask why none was.
+        if !self.has_tracked {
             self.statistics.add(&frame.image);
         }
+        frame.index += self.first_index();
         watch.before(&frame);
         let of_recording = || Identity::of_recording(&self.camera, frame.timestamp, &frame.image);
         self.identity = self.identity.or_else(|| Some(of_recording()));
+        self.take_in_features();
         let (index, timestamp) = (frame.index, frame.timestamp);
         let started = Instant::now();
-        let report = self.atlas.process(frame)?;
+        let mut report = self.atlas.process(frame)?;
+        self.has_tracked |= report.state == TrackingState::Tracking;
         if report.fragment != self.fragment {
             self.fragment = report.fragment;
             watch.begin_anew();
@@ -199,10 +218,11 @@ impl Run {
         self.last_reason = report.reason.or(self.last_reason);
         progress.frame(&row, self.map().keyframes.len(), report.matched_points);
         self.losses.take_in(&report, &row, progress);
-        let settled = report.settled_keyframes.clone();
-        watch.after((index, timestamp, row.ms), latency_ms, report, self.atlas.active().map(), dropped);
+        let deltas = std::mem::take(&mut report.deltas);
+        let map = self.atlas.active().map();
+        watch.after((index, timestamp, row.ms), latency_ms, report, (&deltas, map), dropped);
         self.rows.push(row);
-        Ok(settled)
+        Ok(deltas)
     }
 
     /// Whether who watches wants a new map.
@@ -216,111 +236,18 @@ impl Run {
     }
 
     /// Asks for the features of keyframes whose depth has come.
-    fn describe(&self, settled: &[KeyframeId]) {
-        let mut describer = self.describer.borrow_mut();
-        let Some(describer) = describer.as_mut() else { return };
-        let keyframes = settled.iter().filter_map(|id| self.map().keyframes.get(id));
+    fn describe(&self, deltas: &[MapDelta]) {
+        let Some(describer) = &self.describer else { return };
+        let settled = deltas.iter().flat_map(|delta| &delta.settled);
+        let keyframes = settled.filter_map(|settled| self.map().keyframes.get(&settled.keyframe));
         keyframes.for_each(|keyframe| describer.ask(keyframe));
     }
 
-    /// The features of a keyframe as far as they are known.
-    fn known_features(&self, keyframe: &Keyframe) -> Option<Arc<[u8]>> {
-        self.describer.borrow_mut().as_mut()?.known(keyframe)
-    }
-
-    /// The same with its edges and points, to be saved while the run goes on, as that of the agent `about`.
-    pub fn snapshot(&self, about: &AgentInfo) -> Map {
-        let mut map = self.named(about, self.fragment, self.atlas.active().snapshot());
-        if let Some(describer) = self.describer.borrow_mut().as_mut() {
-            describer.give(&mut map);
-        }
-        map
-    }
-
-    /// The maps of all fragments of the agent `about`, in the order they were begun, with the features of their
-    /// keyframes.
-    pub fn maps(&mut self, about: &AgentInfo) -> Vec<Map> {
-        let map = |agent: &Agent| {
-            let snapshot = || guarded("the map", || agent.snapshot(), &mut None);
-            let whole = if self.is_whole { None } else { snapshot() };
-            whole.unwrap_or_else(|| agent.map().clone())
-        };
-        let maps = self.atlas.fragments().iter().map(map).enumerate();
-        let maps = maps.filter(|(_, map)| !map.frames.is_empty());
-        let mut maps: Vec<Map> = maps.map(|(fragment, map)| self.named(about, fragment, map)).collect();
-        if let Some(mut describer) = self.describer.take() {
-            guarded("finding features", || describer.complete(&mut maps), &mut self.failure);
-        }
-        maps
-    }
-
-    /// A map that says whose it is.
-    fn named(&self, about: &AgentInfo, fragment: usize, mut map: Map) -> Map {
-        let identity = self.identity.map(|first| first.later(fragment as u32));
-        map.agents.insert(AgentId::default(), AgentInfo { identity, ..about.clone() });
-        map
-    }
-
-    /// Who makes the maps after those of this run.
-    pub fn next_identity(&self) -> Option<Identity> {
-        self.identity.map(|first| first.later(self.atlas.fragments().len() as u32))
-    }
-
-    /// Why a live source ended though nobody wished it.
-    pub fn failure(&self) -> Option<&str> {
-        self.failure.as_deref()
-    }
-
-    /// Why the map is empty, for people.
-    pub fn why_nothing_was_tracked(&self) -> String {
-        self.statistics.why_nothing_was_tracked(self.last_reason)
-    }
-
-    /// The numbers of the run.
-    pub fn record(
-        &self,
-        source: &SourceInfo,
-        camera: Pinhole,
-        ahead: &Ahead,
-        interrupted: bool,
-        maps: &[Map],
-    ) -> RunRecord {
-        let (processed, dropped_late) = (self.rows.len() as u64, ahead.dropped() - self.dropped_before);
-        let offered = processed + dropped_late + self.skipped.values().sum::<u64>();
-        let fragments: Vec<Fragment> =
-            maps.iter().enumerate().map(|(place, map)| Fragment::new(place, map)).collect();
-        let tracked = fragments.first().map_or(0, |first| first.frames);
-        let ms = self.rows.iter().map(|row| row.ms).collect();
-        RunRecord {
-            version: env!("CARGO_PKG_VERSION"),
-            source: SourceRecord {
-                path: source.path.display().to_string(),
-                kind: source.kind.to_owned(),
-                frames: source.frame_count,
-                duration_s: source.duration,
-            },
-            camera,
-            interrupted,
-            frames: FrameCounts {
-                offered,
-                processed,
-                dropped_late,
-                missed_by_driver: ahead.missed(),
-                skipped: self.skipped.clone(),
-                tracked,
-                tracked_apart: fragments.iter().skip(1).map(|fragment| fragment.frames).sum(),
-                tracked_share: tracked as f64 / (offered - dropped_late).max(1) as f64,
-                losses: self.losses.count,
-            },
-            cost: Cost {
-                latency_ms: Latency::of(self.rows.iter().filter_map(|row| row.latency_ms).collect()),
-                ..Cost::new(ms, self.wall_s, process::cpu_seconds(), process::peak_memory_bytes())
-            },
-            map: maps.first().map(MapCounts::new).unwrap_or_default(),
-            fragments,
-            files: Vec::new(),
-            rows: self.rows.clone(),
-        }
+    /// Gives the agent the features that were found meanwhile.
+    fn take_in_features(&mut self) {
+        let Self { describer, atlas, .. } = self;
+        let found = describer.iter().flat_map(Describer::found);
+        found.for_each(|found| atlas.describe(found.keyframe, &found.image, &found.features));
     }
 }
 

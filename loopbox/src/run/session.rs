@@ -7,13 +7,13 @@ use crate::run::fragments;
 use crate::run::lens_check::LensCheck;
 use crate::run::output::Output;
 use crate::run::record::RunRecord;
+use crate::run::resuming::{Kept, places};
 use crate::run::runtime::Run;
 use crate::run::saving::{self, Form, Saver};
 use anyhow::{Context, Result, anyhow};
 use geometry::{Camera, Pinhole};
 use map::AgentInfo;
-use place_recog::ThumbnailIndex;
-use slam_direct::{Atlas, Params};
+use slam_direct::{Atlas, Going, Params};
 use sources::SourceInfo;
 use sources::Stop;
 use sources::ahead::Ahead;
@@ -38,6 +38,8 @@ pub struct Session<'a> {
     pub stop: &'a Stop,
     /// Where progress is shown.
     pub progress: &'a dyn Progress,
+    /// The map of an earlier run that the first map goes on in.
+    pub kept: Option<Kept>,
     /// The lens and how often images are halved for it, where it is to be checked whether it is the one of the images.
     pub lens: Option<(Camera, usize)>,
 }
@@ -50,6 +52,8 @@ pub struct Mapped {
     pub record: RunRecord,
     /// Why a live source ended though nobody wished it.
     pub failure: Option<String>,
+    /// Why what was tracked is not in the map that was to be gone on in.
+    pub apart: Option<String>,
 }
 
 impl Session<'_> {
@@ -66,13 +70,24 @@ impl Session<'_> {
             saver.save(output.folder(), map, record, watch.teller());
         };
         let mut identity = self.about.identity;
+        let mut next = self.kept.as_ref();
         loop {
             watch.folder(output.folder());
-            let atlas = Atlas::new(self.camera, || Box::new(ThumbnailIndex::default()), self.params.clone())?;
-            let describer =
-                self.features.then(Describer::start).transpose().context("cannot start a thread")?;
-            let check = self.lens.map(|(lens, halvings)| LensCheck::new(lens, halvings));
-            let run = Run::new(atlas, self.camera, identity, ahead).with(describer, check);
+            let kept = next.take();
+            let atlas = match kept {
+                Some(kept) => kept.atlas(&self.params)?,
+                None => Atlas::new(self.camera, places, self.params.clone())?,
+            };
+            let localises = kept.is_some_and(|kept| kept.going == Going::Localising);
+            // Who only localises begins anew in the same map.
+            next = kept.filter(|_| localises);
+            let describer = (self.features && !localises)
+                .then(Describer::start)
+                .transpose()
+                .context("cannot start a thread")?;
+            let check =
+                self.lens.filter(|_| !localises).map(|(lens, halvings)| LensCheck::new(lens, halvings));
+            let run = Run::new(atlas, self.camera, identity, ahead).with(describer, check).within(kept);
             let run = run.track(ahead, self.stop, self.progress, &mut output, watch, &save)?;
             let restart = run.is_to_restart();
             identity = run.next_identity();
@@ -81,9 +96,10 @@ impl Session<'_> {
             if !restart {
                 let folder = output.folder().to_owned();
                 let failure = failure.or(saver.end().err().map(|error| error.to_string()));
-                return Ok(Mapped { folder, record: tracked?, failure });
+                let (record, apart) = tracked?;
+                return Ok(Mapped { folder, record, failure, apart });
             }
-            if let Ok(record) = tracked {
+            if let Ok((record, _)) = tracked {
                 self.progress.mapped(&record, output.folder());
                 output = self.next_output(&first, output.folder(), watch)?;
             }
@@ -91,10 +107,17 @@ impl Session<'_> {
         }
     }
 
-    /// Writes the results of one map. The inner error says why there is none.
-    fn write(&self, mut run: Run, ahead: &Ahead, output: &mut Output) -> Result<Result<RunRecord>> {
+    /// Writes the results of one map. The inner error says why there is none, what comes with the numbers why it is not
+    /// the one that was gone on in.
+    fn write(
+        &self,
+        mut run: Run,
+        ahead: &Ahead,
+        output: &mut Output,
+    ) -> Result<Result<(RunRecord, Option<String>)>> {
         let maps = run.maps(&self.about);
-        let maps = fragments::joined(maps, self.progress);
+        let mut maps = fragments::joined(maps, self.progress);
+        let apart = run.leave_out_kept(&mut maps);
         let mut record = run.record(&self.source, self.camera, ahead, self.stop.requested(), &maps);
         if record.frames.tracked == 0 {
             output.fail(&record)?;
@@ -102,8 +125,15 @@ impl Session<'_> {
             return Ok(Err(anyhow!("{}: no frame could be tracked: {why}", self.source.path.display())));
         }
         self.progress.stage("writing the results");
-        output.finish(&maps, &mut record, self.form.format, self.form.max_variance)?;
-        Ok(Ok(record))
+        let written = match maps.first() {
+            Some(map) if run.localises() => output.finish_localised(map, &mut record, self.form.format),
+            _ => output.finish(&maps, &mut record, self.form.format, self.form.max_variance),
+        };
+        match run.failure() {
+            Some(failure) => written.with_context(|| failure.to_owned())?,
+            None => written?,
+        }
+        Ok(Ok((record, apart)))
     }
 
     /// A folder for the next map.

@@ -4,7 +4,7 @@ use super::about::About;
 use super::channels::Channels;
 use super::messages::{FeaturesMessage, GraphMessage};
 use super::{PROFILE, convert, picture, scan, views};
-use crate::{Edge, FramePose, Keyframe, KeyframeId, Map};
+use crate::{Edge, FramePose, Keyframe, KeyframeId, Map, MapDelta, Moved};
 use geometry::Sim3;
 use mcap::records::MessageHeader;
 use mcap::{McapError, WriteOptions};
@@ -26,8 +26,12 @@ pub(super) struct MapSink<W: Write + Seek> {
     /// The features as they were written.
     features: BTreeMap<KeyframeId, Arc<[u8]>>,
     poses: BTreeMap<KeyframeId, Sim3>,
+    /// What [`graph`](Self::graph) wrote last, which it compares with.
     edges: Vec<Edge>,
     frames: Vec<FramePose>,
+    /// How many edges and frames the file has.
+    edge_count: usize,
+    frame_count: usize,
 }
 
 impl<W: Write + Seek> MapSink<W> {
@@ -47,8 +51,8 @@ impl<W: Write + Seek> MapSink<W> {
         }
         let channels = Channels::register(&mut mcap, &about.agents).map_err(io_error)?;
         mcap.flush().map_err(io_error)?;
-        let (seen, features, poses) = Default::default();
-        Ok(Self { mcap, channels, seen, features, poses, edges: Vec::new(), frames: Vec::new() })
+        let (seen, features, poses, edges, frames, edge_count, frame_count) = Default::default();
+        Ok(Self { mcap, channels, seen, features, poses, edges, frames, edge_count, frame_count })
     }
 
     /// [`keyframe`](Self::keyframe) with its image as a PNG file that was made before.
@@ -122,23 +126,57 @@ impl<W: Write + Seek> MapSink<W> {
         let time = map.frames.last().map(|frame| frame.timestamp);
         let time =
             time.or(map.keyframes.values().next_back().map(|keyframe| keyframe.timestamp)).unwrap_or(0.0);
-        let mut edges = Tail::new(&self.edges, &map.edges);
-        let mut frames = Tail::new(&self.frames, &map.frames);
+        let (edges, frames) = (Tail::new(&self.edges, &map.edges), Tail::new(&self.frames, &map.frames));
+        self.graph_messages(message, edges, frames, time)?;
+        self.edges.clone_from(&map.edges);
+        self.frames.clone_from(&map.frames);
+        Ok(())
+    }
+
+    /// Writes what a delta says of the graph, and frames that are new, at a time in seconds: poses, edges if they were
+    /// made anew, keyframes that are gone.
+    pub(super) fn changes(&mut self, delta: &MapDelta, frames: &[FramePose], time: f64) -> io::Result<()> {
+        let mut message = GraphMessage::default();
+        for Moved { keyframe, world_from_keyframe } in &delta.moved {
+            if self.poses.insert(*keyframe, *world_from_keyframe) != Some(*world_from_keyframe) {
+                message.keyframe_id.push(keyframe.0);
+                message.world_from_keyframe.extend(convert::sim3_to_numbers(world_from_keyframe));
+            }
+        }
+        message.removed_keyframe = delta.removed.iter().map(|id| id.0).collect();
+        for id in &delta.removed {
+            self.poses.remove(id);
+            self.features.remove(id);
+        }
+        let edges = match &delta.edges {
+            Some(edges) => Tail::anew(edges, self.edge_count),
+            None => Tail::behind(&[], self.edge_count),
+        };
+        self.graph_messages(message, edges, Tail::behind(frames, self.frame_count), time)
+    }
+
+    /// Writes a change of the graph with so many edges and frames, in as many messages as it takes.
+    fn graph_messages(
+        &mut self,
+        mut message: GraphMessage,
+        mut edges: Tail<Edge>,
+        mut frames: Tail<FramePose>,
+        time: f64,
+    ) -> io::Result<()> {
         let mut changed = !message.keyframe_id.is_empty()
             || !message.removed_keyframe.is_empty()
             || edges.changed
             || frames.changed;
         while changed {
-            message.edge_offset = edges.start as u64;
+            message.edge_offset = edges.offset() as u64;
             edges.take(EDGES_PER_MESSAGE).iter().for_each(|edge| convert::push_edge(&mut message, edge));
-            message.frame_offset = frames.start as u64;
+            message.frame_offset = frames.offset() as u64;
             frames.take(FRAMES_PER_MESSAGE).iter().for_each(|frame| convert::push_frame(&mut message, frame));
             self.message(self.channels.graph, time, &message)?;
             message = GraphMessage::default();
             changed = !edges.is_done() || !frames.is_done();
         }
-        self.edges.clone_from(&map.edges);
-        self.frames.clone_from(&map.frames);
+        (self.edge_count, self.frame_count) = (edges.offset(), frames.offset());
         Ok(())
     }
 
@@ -197,6 +235,8 @@ impl<W: Write + Seek> MapSink<W> {
 struct Tail<'a, T> {
     list: &'a [T],
     start: usize,
+    /// Items that come before the list.
+    before: usize,
     changed: bool,
 }
 
@@ -204,7 +244,22 @@ impl<'a, T: PartialEq> Tail<'a, T> {
     /// The tail of `list` after what it has in common with `written`.
     fn new(written: &[T], list: &'a [T]) -> Self {
         let start = written.iter().zip(list).take_while(|(old, new)| old == new).count();
-        Self { list, start, changed: start < list.len() || start < written.len() }
+        Self { list, start, before: 0, changed: start < list.len() || start < written.len() }
+    }
+
+    /// A list in place of the `count` items that are written.
+    fn anew(list: &'a [T], count: usize) -> Self {
+        Self { list, start: 0, before: 0, changed: !list.is_empty() || count > 0 }
+    }
+
+    /// Items behind the `count` that are written.
+    fn behind(list: &'a [T], count: usize) -> Self {
+        Self { list, start: 0, before: count, changed: !list.is_empty() }
+    }
+
+    /// Items that are written.
+    fn offset(&self) -> usize {
+        self.before + self.start
     }
 
     /// The next `count` items, or as many as are left.

@@ -2,7 +2,10 @@
 
 use super::*;
 use crate::test_support::{Numbers, lidar_map, sample_map, united};
-use crate::{AgentId, AgentInfo, Identity, Keyframe, KeyframeId, Map, MapError, Sensor};
+use crate::{
+    AgentId, AgentInfo, Described, FramePose, Identity, Keyframe, KeyframeId, Map, MapDelta, MapError, Moved,
+    Sensor, Settled,
+};
 use std::fs;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -440,6 +443,67 @@ fn a_killed_run_leaves_what_was_flushed() {
     // The process ends without any destructor.
     std::mem::forget(writer);
     assert_eq!(load_map(&path).unwrap().map, map);
+}
+
+/// What is told in deltas, the way an agent does: keyframes first without depth, then moved, then settled and described.
+#[test]
+fn a_file_that_deltas_are_appended_to_is_the_map_they_make() {
+    let folder = Folder::new();
+    let path = folder.file("map.mcap");
+    let mut whole = sample_map(4);
+    first(&mut whole).features = Some(vec![9; 300].into());
+    let mut map = Map { keyframes: Default::default(), edges: vec![], frames: vec![], ..whole.clone() };
+    let mut writer = MapWriter::create(&path, &sole_agent(&map)).unwrap();
+    let mut sequence = 0;
+    let mut tell = |map: &mut Map, delta: MapDelta, frames: &[FramePose]| {
+        let delta = MapDelta { sequence, ..delta };
+        sequence += 1;
+        writer.append(&delta, frames).unwrap();
+        writer.flush().unwrap();
+        map.take_in(delta);
+        map.frames.extend_from_slice(frames);
+        let (loaded, mut known) = (load_map(&path).unwrap(), map.clone());
+        assert!(!loaded.complete);
+        // The reader of an unfinished file leaves out what refers to keyframes that are not there.
+        let has = |id: &KeyframeId| map.keyframes.contains_key(id);
+        known.edges.retain(|edge| has(&edge.from) && has(&edge.to));
+        known.frames.retain(|frame| has(&frame.reference));
+        for point in known.keyframes.values_mut().flat_map(|keyframe| &mut keyframe.points) {
+            point.observations.retain(|observation| has(&observation.keyframe));
+        }
+        assert!(loaded.map == known);
+    };
+    let per_keyframe = whole.frames.len() / whole.keyframes.len();
+    for (count, keyframe) in whole.keyframes.values().enumerate() {
+        let mut bare = keyframe.clone();
+        (bare.semi_dense, bare.points, bare.features) = Default::default();
+        bare.world_from_keyframe.scale *= 2.0;
+        let frames = &whole.frames[per_keyframe * count..per_keyframe * (count + 1)];
+        tell(&mut map, MapDelta { added: vec![bare], ..MapDelta::default() }, frames);
+    }
+    tell(&mut map, MapDelta { edges: Some(whole.edges[1..].to_vec()), ..MapDelta::default() }, &[]);
+    for keyframe in whole.keyframes.values() {
+        let (id, world_from_keyframe) = (keyframe.id, keyframe.world_from_keyframe);
+        let (semi_dense, points) = (keyframe.semi_dense.clone(), keyframe.points.clone());
+        let features = keyframe.features.clone();
+        let delta = MapDelta {
+            moved: vec![Moved { keyframe: id, world_from_keyframe }],
+            settled: vec![Settled { keyframe: id, semi_dense, points }],
+            described: features.into_iter().map(|features| Described { keyframe: id, features }).collect(),
+            ..MapDelta::default()
+        };
+        tell(&mut map, delta, &[]);
+    }
+    let size = fs::metadata(&path).unwrap().len();
+    let again =
+        map.keyframes.values().map(|k| Moved { keyframe: k.id, world_from_keyframe: k.world_from_keyframe });
+    tell(&mut map.clone(), MapDelta { moved: again.collect(), ..MapDelta::default() }, &[]);
+    assert_eq!(fs::metadata(&path).unwrap().len(), size, "poses that are what they were cost nothing");
+    tell(&mut map, MapDelta { edges: Some(whole.edges.clone()), ..MapDelta::default() }, &[]);
+    assert!(map == whole);
+    let removed = map.keyframes.keys().next_back().copied().into_iter().collect();
+    tell(&mut map, MapDelta { removed, ..MapDelta::default() }, &[]);
+    assert_eq!(map.keyframes.len() + 1, whole.keyframes.len());
 }
 
 #[test]

@@ -3,12 +3,16 @@
 use super::about::About;
 use super::picture;
 use super::sink::MapSink;
-use crate::{AgentId, AgentInfo, Keyframe, Map, MapError, atomic::write_atomically, check};
+use crate::{
+    AgentId, AgentInfo, Described, FramePose, Keyframe, KeyframeId, Map, MapDelta, MapError, SemiDense,
+    Settled, atomic::write_atomically, check,
+};
+use geometry::Sim3;
 use rayon::prelude::*;
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{self, BufWriter};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 /// Keyframes whose images are encoded at once: enough for all cores, and a few megabytes.
 const IMAGES_TOGETHER: usize = 16;
@@ -59,6 +63,8 @@ pub struct MapWriter {
     path: PathBuf,
     agent: AgentInfo,
     sink: MapSink<BufWriter<File>>,
+    /// The keyframes that [`append`](Self::append) wrote, without depth, points and features.
+    known: BTreeMap<KeyframeId, Keyframe>,
 }
 
 impl MapWriter {
@@ -73,7 +79,45 @@ impl MapWriter {
         let sink = File::create(path)
             .and_then(|file| MapSink::create(BufWriter::new(file), &about))
             .map_err(|source| MapError::write(path, source))?;
-        Ok(Self { path: path.to_owned(), agent: agent.clone(), sink })
+        Ok(Self { path: path.to_owned(), agent: agent.clone(), sink, known: BTreeMap::new() })
+    }
+
+    /// Appends what happened to the map, and the frames that were tracked since the last call: all that a delta says is
+    /// written, and nothing else. Deltas come in order, from the first one on; what they say of keyframes that none
+    /// added is passed over.
+    ///
+    /// # Errors
+    /// As [`append_keyframe`](Self::append_keyframe).
+    pub fn append(&mut self, delta: &MapDelta, frames: &[FramePose]) -> Result<(), MapError> {
+        let moved = delta.moved.iter().map(|moved| (moved.keyframe, &moved.world_from_keyframe));
+        poses(moved)
+            .and_then(|()| delta.edges.iter().flatten().try_for_each(check::edge))
+            .and_then(|()| frames.iter().try_for_each(check::frame))
+            .map_err(|what| MapError::invalid(&self.path, what))?;
+        for keyframe in &delta.added {
+            self.append_keyframe(keyframe)?;
+            self.known.insert(keyframe.id, bare(keyframe));
+        }
+        for moved in &delta.moved {
+            if let Some(known) = self.known.get_mut(&moved.keyframe) {
+                known.world_from_keyframe = moved.world_from_keyframe;
+            }
+        }
+        for Settled { keyframe, semi_dense, points } in &delta.settled {
+            if let Some(known) = self.known.get(keyframe) {
+                let (semi_dense, points) = (semi_dense.clone(), points.clone());
+                self.append_keyframe(&Keyframe { semi_dense, points, ..known.clone() })?;
+            }
+        }
+        for Described { keyframe, features } in &delta.described {
+            if let Some(timestamp) = self.known.get(keyframe).map(|known| known.timestamp) {
+                self.written(|sink| sink.features(*keyframe, timestamp, features))?;
+            }
+        }
+        delta.removed.iter().for_each(|id| drop(self.known.remove(id)));
+        let newest = self.known.values().next_back().map(|known| known.timestamp);
+        let time = frames.last().map(|frame| frame.timestamp).or(newest).unwrap_or(0.0);
+        self.written(|sink| sink.changes(delta, frames, time))
     }
 
     /// Appends a keyframe, or what has become of it since: depth, points, features and pose replace those
@@ -92,25 +136,13 @@ impl MapWriter {
         self.written(|sink| sink.keyframe(keyframe, None))
     }
 
-    /// Appends the features of a keyframe that was appended, if they are others than before.
-    ///
-    /// # Errors
-    /// [`MapError::Write`] when the system refuses.
-    pub fn append_features(&mut self, keyframe: &Keyframe, features: &Arc<[u8]>) -> Result<(), MapError> {
-        self.written(|sink| sink.features(keyframe.id, keyframe.timestamp, features))
-    }
-
     /// Appends the map's keyframe poses, edges and frames as far as they have changed; keyframes that
     /// the map no longer has are taken out.
     ///
     /// # Errors
     /// As [`append_keyframe`](Self::append_keyframe).
     pub fn append_poses(&mut self, map: &Map) -> Result<(), MapError> {
-        let poses = map.keyframes.values().try_for_each(|keyframe| {
-            let problem = check::sim3_problem(&keyframe.world_from_keyframe);
-            problem.map_or(Ok(()), |what| Err(format!("keyframe {}: its pose {what}", keyframe.id.0)))
-        });
-        poses
+        poses(map.keyframes.values().map(|keyframe| (keyframe.id, &keyframe.world_from_keyframe)))
             .and_then(|()| map.edges.iter().try_for_each(check::edge))
             .and_then(|()| map.frames.iter().try_for_each(check::frame))
             .map_err(|what| MapError::invalid(&self.path, what))?;
@@ -140,4 +172,18 @@ impl MapWriter {
     ) -> Result<(), MapError> {
         write(&mut self.sink).map_err(|source| MapError::write(&self.path, source))
     }
+}
+
+/// Whether poses can be written.
+fn poses<'a>(mut poses: impl Iterator<Item = (KeyframeId, &'a Sim3)>) -> Result<(), String> {
+    poses.try_for_each(|(id, pose)| {
+        let problem = check::sim3_problem(pose);
+        problem.map_or(Ok(()), |what| Err(format!("keyframe {}: its pose {what}", id.0)))
+    })
+}
+
+/// A keyframe without what may come later.
+fn bare(keyframe: &Keyframe) -> Keyframe {
+    let (semi_dense, points) = (SemiDense::default().into(), Vec::new());
+    Keyframe { semi_dense, points, features: None, ..keyframe.clone() }
 }

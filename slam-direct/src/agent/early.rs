@@ -64,9 +64,8 @@ impl Agent {
     /// Takes over the first map.
     fn adopt(&mut self, started: Started) -> FrameReport {
         let Started { map, frames } = started;
-        let mut report = FrameReport::of(TrackingState::Tracking);
         let added = (0..map.keyframes.len()).map(|keyframe| publish::keyframe(&map, keyframe)).collect();
-        self.say(MapDelta { added, ..MapDelta::default() }, &mut report);
+        self.say(MapDelta { added, ..MapDelta::default() });
         let first = &map.keyframes[0];
         let all =
             [(first.timestamp, first.frame_index, Se3::identity())].into_iter().chain(frames.iter().copied());
@@ -82,7 +81,7 @@ impl Agent {
         if let Some(mapper) = &mut self.mapper {
             let update = mapper.adopt(map, &self.params);
             self.view = update.view;
-            self.say(update.delta, &mut report);
+            self.say(update.delta);
         }
         self.track_early();
         let last = self.view.keyframes[1].camera_from_world;
@@ -96,7 +95,7 @@ impl Agent {
             new_keyframe: Some(LocalMap::id(1)),
             inlier_share: 1.0,
             matched_points: self.view.keyframes[1].seen.len(),
-            ..report
+            ..FrameReport::of(TrackingState::Tracking)
         }
     }
 
@@ -152,6 +151,7 @@ impl Agent {
         let agents = std::mem::take(&mut self.map.agents);
         self.map = Map { agents, ..Map::new(self.camera) };
         self.said = 0;
+        self.untold.clear();
         self.view = LocalMap::new(self.camera);
         self.closed.clear();
         self.mapper = self.mapper.take().map(|mapper| Box::new(mapper.forget()));

@@ -26,6 +26,9 @@ pub enum AgentError {
         /// Focal length in y, pixels.
         fy: f64,
     },
+    /// A map that was kept cannot be gone on with.
+    #[error("the map cannot be gone on with: {0}")]
+    Map(String),
     /// An image is not of the size of the camera.
     #[error(
         "frame {index} has {} × {} pixels, the camera {} × {}: undistort or scale it to the camera",

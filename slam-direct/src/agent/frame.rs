@@ -40,8 +40,8 @@ pub struct FrameReport {
     pub settled_keyframes: Vec<KeyframeId>,
     /// Keyframe whose mapping was taken over before this frame was tracked, if that was beside the tracking.
     pub adopted: Option<KeyframeId>,
-    /// What changed in the map, in order. The frames' poses are not in it: they are only ever added, and each is
-    /// relative to its keyframe.
+    /// What changed in the map since the report before, in order; a delta of number 0 begins a map. The frames' poses are
+    /// not in it: behind those of a map only ever come more, and each is relative to its keyframe.
     pub deltas: Vec<MapDelta>,
     /// Loop closed after this frame: `(newer, older)` keyframe.
     pub closed_loop: Option<(KeyframeId, KeyframeId)>,

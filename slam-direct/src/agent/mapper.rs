@@ -8,7 +8,7 @@ use crate::params::Params;
 use crate::publish;
 use crate::track::Matched;
 use geometry::Pinhole;
-use map::{Edge, KeyframeId, Map, MapDelta, PlaceIndex, Settled};
+use map::{Edge, EdgeKind, Keyframe, KeyframeId, Map, MapDelta, PlaceIndex, Settled};
 use std::collections::BTreeSet;
 
 /// A frame that becomes a keyframe, and what was learnt since the one before.
@@ -59,6 +59,23 @@ impl Mapper {
         let (known, local) = (Map::new(camera), LocalMap::new(camera));
         let (closer, settler) = (LoopCloser::default(), Settler::default());
         Self { local, places, known, closer, settler }
+    }
+
+    /// A mapper that goes on in a map: `local` is the working form of `map`.
+    pub fn resume(local: LocalMap, places: Box<dyn PlaceIndex>, map: &Map) -> Self {
+        let mut known = Map::new(local.camera);
+        for (index, kept) in map.keyframes.values().enumerate() {
+            let keyframe = publish::keyframe(&local, index);
+            known.keyframes.insert(keyframe.id, Keyframe { semi_dense: kept.semi_dense.clone(), ..keyframe });
+        }
+        let closed = map.edges.iter().filter(|edge| edge.kind == EdgeKind::Loop).cloned().collect();
+        let (closer, settler) = (LoopCloser::of(closed), Settler::from(local.keyframes.len()));
+        Self { local, places, known, closer, settler }
+    }
+
+    /// The loops that were closed.
+    pub fn closed(&self) -> &[Edge] {
+        self.closer.closed()
     }
 
     /// Drops the map to start anew; what it taught of the lens stays.

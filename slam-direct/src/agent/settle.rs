@@ -16,6 +16,11 @@ pub(super) struct Settler {
 }
 
 impl Settler {
+    /// Of a map whose first keyframes, so many, have their depth.
+    pub fn from(settled: usize) -> Self {
+        Self { next: settled, ..Self::default() }
+    }
+
     /// The first keyframe whose depth is still to be begun, so that companions are of use to it.
     pub fn first_open(&self) -> usize {
         self.next

@@ -167,6 +167,20 @@ fn who_takes_in_all_deltas_has_the_map() {
             assert!(agent.map().frames.iter().all(known), "lag {lag}: each frame's keyframe is there");
         }
         assert!(next > 8);
+        let keyframe = agent.map().keyframes[&KeyframeId(1)].clone();
+        assert!(agent.describe(keyframe.id, &keyframe.image, vec![1, 2].into()));
+        let other = std::sync::Arc::new(keyframe.image.as_ref().clone());
+        assert!(!agent.describe(keyframe.id, &other, vec![3].into()), "that is another one's image");
+        agent.finish();
+        agent.take_deltas().into_iter().for_each(|delta| told.take_in(delta));
+        let map = agent.map();
+        assert_eq!(map.keyframes[&KeyframeId(1)].features.as_deref(), Some(&[1, 2][..]));
+        assert!(told.edges == map.edges && !told.edges.is_empty());
+        let same = |(told, known): (&map::Keyframe, &map::Keyframe)| {
+            // Points are brought to where they stand with the whole map at once.
+            map::Keyframe { points: known.points.clone(), ..told.clone() } == *known
+        };
+        assert!(told.keyframes.values().zip(map.keyframes.values()).all(same));
     }
 }
 

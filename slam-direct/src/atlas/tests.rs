@@ -75,6 +75,30 @@ fn a_camera_carried_elsewhere_and_back_has_two_fragments() {
     assert!(error(&maps[0], there_and_back) < 0.03);
 }
 
+/// Who takes in all deltas of all fragments has their maps, though reports of a fragment that is only tried are not seen.
+#[test]
+fn no_delta_of_a_fragment_is_lost() {
+    let (here, elsewhere) = (drive(1, 50), drive(2, 60));
+    let mut atlas = atlas();
+    let reports = [
+        feed(&mut atlas, 0, images(&here)),
+        feed(&mut atlas, 50, images(&elsewhere)),
+        feed(&mut atlas, 110, images(&here).into_iter().rev()),
+    ];
+    let mut told = [(); 2].map(|()| Map::new(Recording::SMALL_CAMERA));
+    let mut next = [0; 2];
+    for report in reports.concat() {
+        for delta in report.deltas {
+            assert_eq!(delta.sequence, next[report.fragment], "of fragment {}", report.fragment);
+            next[report.fragment] += 1;
+            told[report.fragment].take_in(delta);
+        }
+    }
+    let fragments = atlas.fragments();
+    assert_eq!(fragments.len(), 2);
+    assert!(told.iter().zip(fragments).all(|(told, agent)| told.keyframes == agent.map().keyframes));
+}
+
 /// The lens is covered for longer than a new fragment waits for, and the camera stays where it is.
 #[test]
 fn a_covered_lens_makes_no_fragment() {

@@ -106,6 +106,11 @@ pub(crate) struct LoopCloser {
 }
 
 impl LoopCloser {
+    /// Of a map in which these loops are closed.
+    pub fn of(closed: Vec<Edge>) -> Self {
+        Self { closed, ..Self::default() }
+    }
+
     /// Looks for a loop between a settled keyframe and older ones; one attempt at most.
     pub fn find(
         &mut self,

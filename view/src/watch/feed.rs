@@ -1,17 +1,13 @@
 //! From the tracker to the watcher: the tracker leaves what is new in a slot and goes on; the watcher takes it
 //! when it gets to it.
 
+use super::handle::loops_of;
 use super::status::Facts;
 use geometry::{GrayImage, Se3, Sim3};
-use map::{FramePose, Keyframe, KeyframeId, Map, SemiDense, Shared};
+use map::{FramePose, Keyframe, KeyframeId, Map, MapDelta, SemiDense, Shared};
 use std::collections::BTreeMap;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
-
-/// Keyframes that the optimisation of recent ones may still change; closed loops move all.
-const RECENT_KEYFRAMES: usize = 60;
-/// Frames that it may still change.
-const RECENT_FRAMES: usize = 2000;
 
 /// What the watcher has not taken yet.
 #[derive(Default)]
@@ -24,12 +20,12 @@ pub struct Pending {
     pub taken: u64,
     /// How often tracking was lost since then.
     pub lost: u64,
-    /// Where all keyframes are.
-    pub keyframes: Option<Vec<Pose>>,
-    /// Depths that became known or were measured anew.
+    /// Keyframes that are new or were moved.
+    pub keyframes: BTreeMap<KeyframeId, Pose>,
+    /// Depths that became known.
     pub depths: Vec<Depth>,
-    /// The frames from this one on.
-    pub frames: Option<(usize, Vec<FramePose>)>,
+    /// Frames that are new.
+    pub frames: Vec<FramePose>,
     /// Loops closed: newer and older keyframe.
     pub loops: Vec<[u32; 2]>,
     /// Edges of the whole map, `from, to, kind`.
@@ -69,7 +65,7 @@ pub struct Pose {
     pub id: KeyframeId,
     /// Index of its image in the recording.
     pub frame_index: u64,
-    /// Its pose, the scale as of its points when they were handed over.
+    /// Its pose; the scale is its unit, in which its depth is.
     pub world_from_keyframe: Sim3,
 }
 
@@ -114,119 +110,73 @@ impl Slot {
     }
 }
 
-/// Tells what of a map the watcher does not have yet. It lives with the tracker.
+/// Hands on what is said of a map. It lives with the tracker.
 #[derive(Default)]
 pub struct Gatherer {
-    handed: BTreeMap<KeyframeId, Handed>,
-    last: Option<KeyframeId>,
+    /// The watcher has been told of the map.
+    begun: bool,
+    /// Frames handed on.
     frames: usize,
-    last_frame: Option<u64>,
-}
-
-/// How a keyframe's depth was when it was handed over, so that a change of its unit is told from new depth.
-struct Handed {
-    frame_index: u64,
-    mark: Mark,
-    unit: f64,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Mark {
-    len: usize,
-    samples: [(u32, f32); 3],
-}
-
-impl Mark {
-    fn of(depth: &SemiDense) -> Option<Self> {
-        let last = depth.len().checked_sub(1)?;
-        let at = |i: usize| (depth.pixel[i], depth.inverse_depth[i]);
-        Some(Self { len: depth.len(), samples: [at(0), at(last / 2), at(last)] })
-    }
-
-    /// How many times longer lengths are now, if that is all that changed.
-    fn growth(&self, now: &Self) -> Option<f64> {
-        let ratio = |i: usize| f64::from(self.samples[i].1) / f64::from(now.samples[i].1);
-        let alike =
-            |i: usize| self.samples[i].0 == now.samples[i].0 && ((ratio(i) / ratio(0)).ln().abs() < 1e-4);
-        (self.len == now.len && (0..3).all(alike)).then(|| ratio(0))
-    }
 }
 
 impl Gatherer {
-    /// Adds to `pending` what is new in the map; all of it is looked through where `everything` may have moved.
-    pub fn gather(&mut self, map: &Map, everything: bool, pending: &mut Pending) {
-        let newest = map.keyframes.keys().next_back().copied();
-        if newest < self.last || self.replaced(map) {
+    /// Adds to `pending` what was said of the map, which is as the last delta left it.
+    pub fn gather(&mut self, deltas: &[MapDelta], map: &Map, pending: &mut Pending) {
+        let is_other = map.frames.len() < self.frames || deltas.iter().any(|delta| delta.sequence == 0);
+        if is_other || deltas.iter().any(|delta| !delta.removed.is_empty()) {
+            pending.anew |= self.begun;
             *self = Self::default();
             // What waits is of the map that is no more.
-            (pending.keyframes, pending.frames, pending.edges) = (None, None, None);
+            (pending.keyframes, pending.frames, pending.edges) = Default::default();
             pending.depths.clear();
             pending.loops.clear();
-            pending.anew = true;
         }
-        let keyframe_event = newest != self.last || everything;
-        self.last = newest;
-        if keyframe_event {
-            let first = if everything { 0 } else { map.keyframes.len().saturating_sub(RECENT_KEYFRAMES) };
-            for keyframe in map.keyframes.values().skip(first) {
-                self.examine(keyframe, pending);
-            }
-            pending.keyframes = Some(map.keyframes.values().map(|keyframe| self.pose(keyframe)).collect());
+        if self.begun {
+            deltas.iter().for_each(|delta| hand_on(delta, map, pending));
+        } else {
+            self.begun = !map.keyframes.is_empty();
+            map.keyframes.values().for_each(|keyframe| hand_on_keyframe(keyframe, pending));
+            let edges = deltas.iter().rev().find_map(|delta| delta.edges.as_ref());
+            pending.edges = edges.map(|edges| loops_of(edges)).or(pending.edges.take());
         }
-        self.gather_frames(map, keyframe_event, everything, pending);
+        pending.frames.extend_from_slice(&map.frames[self.frames..]);
+        self.frames = map.frames.len();
     }
+}
 
-    /// Whether the first keyframe is another's than it was.
-    fn replaced(&self, map: &Map) -> bool {
-        let differs = |(id, handed): (&KeyframeId, &Handed)| {
-            map.keyframes.get(id).is_none_or(|keyframe| keyframe.frame_index != handed.frame_index)
-        };
-        self.handed.iter().next().is_some_and(differs)
-    }
-
-    /// Hands a keyframe's depth over if it is new, and learns its unit.
-    fn examine(&mut self, keyframe: &Keyframe, pending: &mut Pending) {
-        let Some(mark) = Mark::of(&keyframe.semi_dense) else { return };
-        if let Some(handed) = self.handed.get_mut(&keyframe.id)
-            && let Some(growth) = handed.mark.growth(&mark)
-        {
-            handed.unit = growth;
-            return;
+/// Hands on what a delta says.
+fn hand_on(delta: &MapDelta, map: &Map, pending: &mut Pending) {
+    delta.added.iter().for_each(|keyframe| hand_on_keyframe(keyframe, pending));
+    for moved in &delta.moved {
+        if let Some(keyframe) = map.keyframes.get(&moved.keyframe) {
+            pending.keyframes.insert(moved.keyframe, Pose::of(keyframe));
         }
-        let frame_index = keyframe.frame_index;
-        self.handed.insert(keyframe.id, Handed { frame_index, mark, unit: 1.0 });
-        let (image, semi_dense) = (Arc::clone(&keyframe.image), keyframe.semi_dense.clone());
-        pending.depths.retain(|depth| depth.id != keyframe.id);
-        pending.depths.push(Depth { id: keyframe.id, image, semi_dense });
     }
-
-    fn pose(&self, keyframe: &Keyframe) -> Pose {
-        let mut world_from_keyframe = keyframe.world_from_keyframe;
-        world_from_keyframe.scale *= self.handed.get(&keyframe.id).map_or(1.0, |handed| handed.unit);
-        Pose { id: keyframe.id, frame_index: keyframe.frame_index, world_from_keyframe }
+    for settled in &delta.settled {
+        if let Some(keyframe) = map.keyframes.get(&settled.keyframe) {
+            hand_on_depth(keyframe, pending);
+        }
     }
+    pending.edges = delta.edges.as_ref().map(|edges| loops_of(edges)).or(pending.edges.take());
+}
 
-    fn gather_frames(&mut self, map: &Map, event: bool, everything: bool, pending: &mut Pending) {
-        let count = map.frames.len();
-        let appended = self.frames == 0
-            || map.frames.get(self.frames - 1).map(|frame| frame.frame_index) == self.last_frame;
-        let from = match (appended && !everything, event) {
-            (false, _) => 0,
-            (true, true) => self.frames.min(count.saturating_sub(RECENT_FRAMES)),
-            (true, false) => self.frames,
-        };
-        self.frames = count;
-        self.last_frame = map.frames.last().map(|frame| frame.frame_index);
-        if from >= count {
-            return;
-        }
-        match &mut pending.frames {
-            Some((first, waiting)) if *first <= from && from - *first <= waiting.len() => {
-                waiting.truncate(from - *first);
-                waiting.extend_from_slice(&map.frames[from..]);
-            }
-            waiting => *waiting = Some((from, map.frames[from..].to_vec())),
-        }
+fn hand_on_keyframe(keyframe: &Keyframe, pending: &mut Pending) {
+    pending.keyframes.insert(keyframe.id, Pose::of(keyframe));
+    if !keyframe.semi_dense.is_empty() {
+        hand_on_depth(keyframe, pending);
+    }
+}
+
+fn hand_on_depth(keyframe: &Keyframe, pending: &mut Pending) {
+    let (image, semi_dense) = (Arc::clone(&keyframe.image), keyframe.semi_dense.clone());
+    pending.depths.retain(|depth| depth.id != keyframe.id);
+    pending.depths.push(Depth { id: keyframe.id, image, semi_dense });
+}
+
+impl Pose {
+    fn of(keyframe: &Keyframe) -> Self {
+        let Keyframe { id, frame_index, world_from_keyframe, .. } = *keyframe;
+        Self { id, frame_index, world_from_keyframe }
     }
 }
 
@@ -234,88 +184,110 @@ impl Gatherer {
 mod tests {
     use super::super::chunk::tests::{CAMERA, dense};
     use super::*;
-    use map::AgentId;
+    use map::{AgentId, Moved, Settled};
 
-    fn map(keyframes: u32) -> Map {
-        let mut map = Map::new(CAMERA);
-        (0..keyframes).for_each(|id| extend(&mut map, id));
-        map
-    }
-
-    fn extend(map: &mut Map, id: u32) {
-        let (image, semi_dense) = dense();
-        let keyframe = Keyframe {
+    fn keyframe(id: u32) -> Keyframe {
+        Keyframe {
             id: KeyframeId(id),
             agent: AgentId::default(),
             timestamp: f64::from(id),
             frame_index: u64::from(id),
             world_from_keyframe: Sim3::identity(),
-            image: Arc::new(image),
+            image: Arc::new(dense().0),
             scan: None,
-            semi_dense: semi_dense.into(),
+            semi_dense: SemiDense::default().into(),
             points: Vec::new(),
             features: None,
-        };
-        map.keyframes.insert(KeyframeId(id), keyframe);
-        map.frames.push(FramePose {
-            timestamp: f64::from(id),
-            frame_index: u64::from(id),
-            reference: KeyframeId(id),
-            keyframe_from_frame: Se3::identity(),
-        });
+        }
     }
 
-    fn gathered(gatherer: &mut Gatherer, map: &Map, everything: bool) -> Pending {
-        let mut pending = Pending::default();
-        gatherer.gather(map, everything, &mut pending);
-        pending
+    /// A map and who hears of it.
+    struct Case {
+        map: Map,
+        gatherer: Gatherer,
+        said: u64,
+    }
+
+    impl Case {
+        fn new() -> Self {
+            Self { map: Map::new(CAMERA), gatherer: Gatherer::default(), said: 0 }
+        }
+
+        /// A frame, with what is said at it.
+        fn say(&mut self, delta: MapDelta) -> Pending {
+            let frame_index = self.map.frames.len() as u64;
+            self.map.frames.push(FramePose {
+                timestamp: frame_index as f64,
+                frame_index,
+                reference: KeyframeId(0),
+                keyframe_from_frame: Se3::identity(),
+            });
+            let deltas =
+                if delta.is_empty() { vec![] } else { vec![MapDelta { sequence: self.said, ..delta }] };
+            self.said += deltas.len() as u64;
+            deltas.iter().for_each(|delta| self.map.take_in(delta.clone()));
+            self.hear(&deltas)
+        }
+
+        fn hear(&mut self, deltas: &[MapDelta]) -> Pending {
+            let mut pending = Pending::default();
+            self.gatherer.gather(deltas, &self.map, &mut pending);
+            pending
+        }
+    }
+
+    fn added(ids: impl IntoIterator<Item = u32>) -> MapDelta {
+        MapDelta { added: ids.into_iter().map(keyframe).collect(), ..MapDelta::default() }
+    }
+
+    fn settled(id: u32) -> Vec<Settled> {
+        vec![Settled { keyframe: KeyframeId(id), semi_dense: dense().1.into(), points: Vec::new() }]
+    }
+
+    /// Who is told of: keyframes, depths, frames.
+    fn told(pending: &Pending) -> (Vec<u32>, Vec<u32>, usize) {
+        let keyframes = pending.keyframes.keys().map(|id| id.0).collect();
+        (keyframes, pending.depths.iter().map(|depth| depth.id.0).collect(), pending.frames.len())
     }
 
     #[test]
-    fn depth_is_handed_over_once_and_a_change_of_unit_is_only_a_scale() {
-        let mut map = map(3);
-        let mut gatherer = Gatherer::default();
-        let first = gathered(&mut gatherer, &map, false);
-        assert_eq!(first.depths.len(), 3);
-        assert_eq!(first.frames.map(|(from, frames)| (from, frames.len())), Some((0, 3)));
-        let depth = &mut map.keyframes.get_mut(&KeyframeId(1)).expect("there are three").semi_dense;
-        depth.inverse_depth.iter_mut().for_each(|d| *d /= 2.0);
-        depth.variance.iter_mut().for_each(|v| *v /= 4.0);
-        let moved = gathered(&mut gatherer, &map, true);
-        assert!(moved.depths.is_empty());
-        let scales: Vec<f64> = moved
-            .keyframes
-            .expect("all were looked through")
-            .iter()
-            .map(|k| k.world_from_keyframe.scale)
-            .collect();
-        assert!((scales[1] - 2.0).abs() < 1e-6 && scales[0] == 1.0, "{scales:?}");
-        map.keyframes.get_mut(&KeyframeId(2)).expect("there are three").semi_dense.inverse_depth[0] *= 1.3;
-        assert_eq!(gathered(&mut gatherer, &map, true).depths.len(), 1);
+    fn what_is_said_is_handed_on_and_nothing_else() {
+        let mut case = Case::new();
+        assert_eq!(told(&case.say(added([0, 1]))), (vec![0, 1], vec![], 1));
+        assert_eq!(told(&case.say(MapDelta::default())), (vec![], vec![], 1));
+        let mut pose = Sim3::identity();
+        pose.scale = 2.0;
+        let moved = vec![Moved { keyframe: KeyframeId(0), world_from_keyframe: pose }];
+        let pending = case.say(MapDelta { moved, settled: settled(1), ..added([2]) });
+        assert_eq!(told(&pending), (vec![0, 2], vec![1], 1));
+        assert_eq!(pending.keyframes[&KeyframeId(0)].world_from_keyframe.scale, 2.0);
+        assert!(!pending.anew && pending.edges.is_none());
+        let edges = Some(Vec::new());
+        assert_eq!(case.say(MapDelta { edges, ..MapDelta::default() }).edges, Some(Vec::new()));
     }
 
     #[test]
-    fn between_keyframes_only_new_frames_are_handed_over() {
-        let mut map = map(2);
-        let mut gatherer = Gatherer::default();
-        gathered(&mut gatherer, &map, false);
-        let mut frame = map.frames[1];
-        frame.frame_index = 2;
-        map.frames.push(frame);
-        let pending = gathered(&mut gatherer, &map, false);
-        assert!(pending.keyframes.is_none());
-        assert_eq!(pending.frames.map(|(from, frames)| (from, frames.len())), Some((2, 1)));
+    fn who_comes_late_or_sees_a_keyframe_go_is_told_the_whole_map() {
+        let mut case = Case::new();
+        case.say(added([0, 1, 2]));
+        case.say(MapDelta { settled: settled(1), ..MapDelta::default() });
+        case.gatherer = Gatherer::default();
+        assert_eq!(told(&case.hear(&[])), (vec![0, 1, 2], vec![1], 2));
+        let removed = vec![KeyframeId(2)];
+        let pending = case.say(MapDelta { removed, ..MapDelta::default() });
+        assert!(pending.anew);
+        assert_eq!(told(&pending), (vec![0, 1], vec![1], 3));
     }
 
     #[test]
     fn a_map_given_up_is_begun_anew() {
-        let mut gatherer = Gatherer::default();
-        gathered(&mut gatherer, &map(3), false);
-        let mut second = Map::new(CAMERA);
-        assert!(gathered(&mut gatherer, &second, false).anew);
-        extend(&mut second, 0);
-        let pending = gathered(&mut gatherer, &second, false);
-        assert!(!pending.anew && pending.depths.len() == 1);
+        let mut case = Case::new();
+        case.say(added([0, 1, 2]));
+        (case.map, case.said) = (Map::new(CAMERA), 0);
+        assert!(case.hear(&[]).anew);
+        let pending = case.say(added([0]));
+        assert!(!pending.anew);
+        assert_eq!(told(&pending), (vec![0], vec![], 1));
     }
 
     #[test]

@@ -7,7 +7,7 @@ use super::web::{self, Address};
 use super::{Command, Shared, watcher};
 use crate::report::scene::kind_number;
 use anyhow::{Context, Result};
-use map::{AgentInfo, EdgeKind, Map};
+use map::{AgentInfo, Edge, EdgeKind, Map, MapDelta};
 use slam_direct::{Frame, FrameReport, TrackingState};
 use sources::Stop;
 use sources::recording::RecordButton;
@@ -145,13 +145,13 @@ impl Watch {
     }
 
     /// Call it after a frame was processed, with the time that took, the time since its capture where that is
-    /// known, and the frames dropped so far.
+    /// known, what was said of the map since the last call and the map, and the frames dropped so far.
     pub fn after(
         &mut self,
         (frame, timestamp, ms): (u64, f64, f64),
         latency_ms: Option<f64>,
         report: FrameReport,
-        map: &Map,
+        (deltas, map): (&[MapDelta], &Map),
         dropped: u64,
     ) {
         let Some(inner) = &mut self.0 else { return };
@@ -163,7 +163,7 @@ impl Watch {
             .map(|picture| LiveImage { world_from_camera: report.world_from_camera, ..picture });
         let gatherer = &mut inner.gatherer;
         inner.shared.slot.leave(|pending| {
-            gatherer.gather(map, report.closed_loop.is_some(), pending);
+            gatherer.gather(deltas, map, pending);
             pending.loops.extend(report.closed_loop.map(|(newer, older)| [newer.0, older.0]));
             pending.picture = picture.or(pending.picture.take());
             pending.taken += 1;
@@ -172,14 +172,11 @@ impl Watch {
         });
     }
 
-    /// Shows a map whose every part may have moved, with its edges: at the end of a run.
-    pub fn whole(&mut self, map: &Map) {
+    /// Shows what was said of the map after the last frame.
+    pub fn finished(&mut self, deltas: &[MapDelta], map: &Map) {
         let Some(inner) = &mut self.0 else { return };
         let gatherer = &mut inner.gatherer;
-        inner.shared.slot.leave(|pending| {
-            gatherer.gather(map, true, pending);
-            pending.edges = Some(loops_of(map));
-        });
+        inner.shared.slot.leave(|pending| gatherer.gather(deltas, map, pending));
     }
 
     /// Shows nothing of the map before any more.
@@ -258,8 +255,8 @@ impl Inner {
 }
 
 /// Edges that say something beyond which keyframe follows which: loops and merges.
-pub fn loops_of(map: &Map) -> Vec<[u32; 3]> {
-    let says = |edge: &&map::Edge| matches!(edge.kind, EdgeKind::Loop | EdgeKind::Merge);
-    let numbers = |edge: &map::Edge| [edge.from.0, edge.to.0, kind_number(edge.kind)];
-    map.edges.iter().filter(says).map(numbers).collect()
+pub fn loops_of(edges: &[Edge]) -> Vec<[u32; 3]> {
+    let says = |edge: &&Edge| matches!(edge.kind, EdgeKind::Loop | EdgeKind::Merge);
+    let numbers = |edge: &Edge| [edge.from.0, edge.to.0, kind_number(edge.kind)];
+    edges.iter().filter(says).map(numbers).collect()
 }

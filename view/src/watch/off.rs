@@ -1,6 +1,6 @@
 //! Watching, in a program built without it: the same calls, which do nothing.
 
-use map::Map;
+use map::{Map, MapDelta};
 use slam_direct::{Frame, FrameReport};
 use sources::Stop;
 use std::path::Path;
@@ -40,13 +40,13 @@ impl Watch {
         _frame: (u64, f64, f64),
         _latency_ms: Option<f64>,
         _report: FrameReport,
-        _map: &Map,
+        _news: (&[MapDelta], &Map),
         _dropped: u64,
     ) {
     }
 
     /// Does nothing.
-    pub fn whole(&mut self, _map: &Map) {}
+    pub fn finished(&mut self, _deltas: &[MapDelta], _map: &Map) {}
 
     /// Does nothing.
     pub fn begin_anew(&mut self) {}

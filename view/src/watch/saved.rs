@@ -44,7 +44,7 @@ pub fn scene(map: &Map) -> Result<Scene, MapError> {
         .collect();
     steps.sort_by_key(|step| step.agent);
     scene.set_trajectory(0, steps);
-    scene.set_edges(loops_of(map));
+    scene.set_edges(loops_of(&map.edges));
     let (keyframes, points) = (scene.keyframes().count(), scene.points());
     scene.set_status(Status { state: "saved", keyframes, points, ..Status::default() });
     Ok(scene)

@@ -159,11 +159,6 @@ impl Scene {
         changed
     }
 
-    /// Whether a keyframe is there that is not among these, given in ascending order.
-    pub fn lacks_any_of_mine(&self, ids: &[u32]) -> bool {
-        self.keyframes.keys().any(|id| ids.binary_search(id).is_err())
-    }
-
     /// Gives a keyframe its points.
     pub fn set_chunk(&mut self, id: u32, chunk: Chunk) {
         let tick = self.next_tick();
@@ -343,7 +338,6 @@ pub(super) mod tests {
         let mut scene = scene(3);
         let mut cursor = Cursor::default();
         scene.news(&mut cursor, usize::MAX);
-        assert!(scene.lacks_any_of_mine(&[0, 1]) && !scene.lacks_any_of_mine(&[0, 1, 2, 3]));
         scene.clear();
         scene.place([placed(0, 7.0)]);
         let news = scene.news(&mut cursor, usize::MAX);

@@ -48,6 +48,8 @@ struct Watcher {
     status: Status,
     poses: BTreeMap<KeyframeId, Sim3>,
     frames: Vec<FramePose>,
+    /// The first of the frames that refer to a keyframe.
+    first_frames: BTreeMap<KeyframeId, usize>,
     loops: Vec<[u32; 3]>,
     /// Moments, frames taken and CPU seconds at them.
     pace: VecDeque<(Instant, u64, Option<f64>)>,
@@ -62,6 +64,7 @@ impl Watcher {
             status,
             poses: BTreeMap::new(),
             frames: Vec::new(),
+            first_frames: BTreeMap::new(),
             loops: Vec::new(),
             pace: VecDeque::new(),
             asked: None,
@@ -76,7 +79,7 @@ impl Watcher {
             .map(|Depth { id, image, semi_dense }| (id.0, Chunk::new(&self.camera, &image, &semi_dense)))
             .collect();
         if pending.anew {
-            (self.poses, self.frames, self.loops) = Default::default();
+            (self.poses, self.frames, self.first_frames, self.loops) = Default::default();
             (self.status.losses, self.status.loops) = (0, 0);
         }
         let steps = self.steps(&mut pending);
@@ -94,9 +97,7 @@ impl Watcher {
         if pending.anew {
             scene.clear();
         }
-        if let Some(poses) = &pending.keyframes {
-            scene.place(poses.iter().map(placed));
-        }
+        scene.place(pending.keyframes.values().map(placed));
         chunks.into_iter().for_each(|(id, chunk)| scene.set_chunk(id, chunk));
         if let Some((from, steps)) = steps {
             scene.set_trajectory(from, steps);
@@ -114,13 +115,17 @@ impl Watcher {
 
     /// Keeps poses and frames; gives the part of the trajectory that they change.
     fn steps(&mut self, pending: &mut Pending) -> Option<(usize, Vec<Step>)> {
-        if let Some(poses) = &pending.keyframes {
-            self.poses = poses.iter().map(|pose| (pose.id, pose.world_from_keyframe)).collect();
+        let old = self.frames.len();
+        for (place, frame) in (old..).zip(&pending.frames) {
+            self.first_frames.entry(frame.reference).or_insert(place);
         }
-        let (from, mut tail) = pending.frames.take()?;
-        let from = from.min(self.frames.len());
-        self.frames.truncate(from);
-        self.frames.append(&mut tail);
+        self.frames.append(&mut pending.frames);
+        self.poses.extend(pending.keyframes.iter().map(|(id, pose)| (*id, pose.world_from_keyframe)));
+        let moved = pending.keyframes.keys().filter_map(|id| self.first_frames.get(id).copied());
+        let from = moved.min().map_or(old, |first| first.min(old));
+        if from == self.frames.len() {
+            return None;
+        }
         let mut reference = None;
         let mut steps = Vec::with_capacity(self.frames.len() - from);
         for frame in &self.frames[from..] {

@@ -1,0 +1,198 @@
+//! Going on in a map that an earlier run left: which map, whether it fits, and what is said of it.
+
+use crate::open::open_map;
+use anyhow::{Context, Result, bail};
+use geometry::Pinhole;
+use map::{AgentId, AgentInfo, Identity, Map, PlaceIndex};
+use place_recog::ThumbnailIndex;
+use serde::Serialize;
+use slam_direct::{Agent, Atlas, Going, Params};
+use std::path::{Path, PathBuf};
+
+/// The key of provenance under which an agent's map keeps what is left of its lens's distortion (see [`Agent::lens`]).
+const LENS: &str = "lens";
+/// Focal lengths and principal points that differ by less, pixels, are those of one camera: a thousandth of what the
+/// most exact calibration tells.
+const SAME: f64 = 1e-4;
+
+/// The map that a run is to go on in.
+#[derive(Clone, Debug)]
+pub struct Resume {
+    /// Its file, or the folder of results that holds it.
+    pub map: PathBuf,
+    /// Whether it is extended.
+    pub going: Going,
+}
+
+/// What `run.json` says of the map that the run went on in.
+#[derive(Clone, Debug, Serialize)]
+pub struct Resumed {
+    /// Its file.
+    pub map: String,
+    /// Who made it, `UUID/EPOCH`.
+    pub identity: Option<String>,
+    /// Keyframes it had.
+    pub keyframes: u64,
+    /// Frames with a pose it had.
+    pub frames: u64,
+    /// Whether it was left as it was, and frames only got poses in it.
+    pub localised_only: bool,
+}
+
+/// A map that fits the run.
+pub struct Kept {
+    file: PathBuf,
+    map: Map,
+    /// Whose map it is once this run has extended it.
+    about: AgentInfo,
+    /// What is done with it.
+    pub going: Going,
+}
+
+impl Kept {
+    /// Reads the map and makes sure that images of `camera` can be sought in it; `session` is who would map without it.
+    /// Gives what there is to know of the file as well, for people.
+    ///
+    /// # Errors
+    /// When there is no such map, or it is another camera's or several agents'.
+    pub fn open(resume: &Resume, camera: &Pinhole, session: &AgentInfo) -> Result<(Self, Vec<String>)> {
+        let opened = open_map(&resume.map)?;
+        let (file, map) = (opened.file, opened.map);
+        let Some(info) = map.agents.get(&AgentId::default()).filter(|_| map.agents.len() == 1) else {
+            bail!(
+                "{}: holds the maps of several agents\nhint: `loopbox unmerge` takes it apart, and one of them can be gone on \
+                 with",
+                file.display()
+            );
+        };
+        map.of_cameras().with_context(|| file.display().to_string())?;
+        if let Some(own) = info.camera().filter(|own| !is_same(own, camera)) {
+            bail!(
+                "{}: was made with a camera of {}, the images of {} are those of one of {}\nhint: a map is gone on with by the \
+                 camera that made it; --calib takes its calibration",
+                file.display(),
+                text(own),
+                session.name,
+                text(camera)
+            );
+        }
+        let about = extended(info, session, &map);
+        Ok((Self { file, map, about, going: resume.going }, opened.warnings))
+    }
+
+    /// Makes sure that results in `folder` do not take the place of a map that is to stay as it is.
+    ///
+    /// # Errors
+    /// When they would.
+    pub fn spare(&self, folder: &Path) -> Result<()> {
+        let whole = |path: &Path| path.canonicalize().unwrap_or_else(|_| path.to_owned());
+        if self.going == Going::Localising && whole(&self.file).starts_with(whole(folder)) {
+            bail!(
+                "{}: holds the map that is localised in, which is to stay as it is\nhint: give --out another folder",
+                folder.display()
+            );
+        }
+        Ok(())
+    }
+
+    /// The run that goes on in it.
+    ///
+    /// # Errors
+    /// When there is nothing to track against.
+    pub fn atlas(&self, params: &Params) -> Result<Atlas> {
+        let terms = self.about.provenance.get(LENS).and_then(|text| text.parse().ok()).map(|term| [term]);
+        let first = Agent::resume(self.map.clone(), places(), params.clone(), terms, self.going)
+            .with_context(|| self.file.display().to_string())?;
+        Ok(Atlas::resume(first, places, params.clone()))
+    }
+
+    /// What its agent is called once the map is extended.
+    pub fn about(&self) -> &AgentInfo {
+        &self.about
+    }
+
+    /// The index of the first frame that is new: frames are counted on.
+    pub fn first_index(&self) -> u64 {
+        self.map.frames.iter().map(|frame| frame.frame_index + 1).max().unwrap_or_default()
+    }
+
+    /// For `run.json`.
+    pub fn record(&self) -> Resumed {
+        Resumed {
+            map: self.file.display().to_string(),
+            identity: self.about.identity.as_ref().map(Identity::to_string),
+            keyframes: self.map.keyframes.len() as u64,
+            frames: self.map.frames.len() as u64,
+            localised_only: self.going == Going::Localising,
+        }
+    }
+}
+
+/// The index by which an agent finds its own places again.
+pub fn places() -> Box<dyn PlaceIndex> {
+    Box::new(ThumbnailIndex::default())
+}
+
+/// Notes what is left of the lens's distortion with an agent's map.
+pub fn note_lens(about: &mut AgentInfo, agent: &Agent) {
+    let [term] = agent.lens();
+    // The shortest text that reads as the same number.
+    about.provenance.insert(LENS.to_owned(), format!("{term:?}"));
+}
+
+/// An agent whose map a further session extends: where both came from is kept.
+fn extended(info: &AgentInfo, session: &AgentInfo, map: &Map) -> AgentInfo {
+    let mut about = info.clone();
+    let is_told = |number: &u32| about.provenance.contains_key(&format!("continued {number}: source"));
+    let number = (1..).take_while(is_told).count() + 1;
+    let of_session = session.provenance.iter().map(|(key, value)| (key.clone(), value.clone()));
+    let from = ["keyframe", "frame"].map(|what| format!("first {what}"));
+    let counts =
+        [map.keyframes.len() as u64, map.frames.iter().map(|f| f.frame_index + 1).max().unwrap_or(0)];
+    let counts = from.into_iter().zip(counts.map(|count| count.to_string()));
+    for (key, value) in of_session.chain(counts) {
+        about.provenance.insert(format!("continued {number}: {key}"), value);
+    }
+    about
+}
+
+fn is_same(one: &Pinhole, other: &Pinhole) -> bool {
+    let numbers = |c: &Pinhole| [c.fx, c.fy, c.cx, c.cy];
+    let alike = numbers(one).iter().zip(numbers(other)).all(|(a, b)| (a - b).abs() < SAME);
+    (one.width, one.height) == (other.width, other.height) && alike
+}
+
+fn text(camera: &Pinhole) -> String {
+    let Pinhole { width, height, fx, fy, cx, cy } = camera;
+    format!("{width} × {height} pixels with focal lengths {fx:.2} and {fy:.2} and centre {cx:.2}, {cy:.2}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const CAMERA: Pinhole = Pinhole { width: 8, height: 6, fx: 8.0, fy: 8.0, cx: 3.5, cy: 2.5 };
+
+    #[test]
+    fn every_session_is_kept_in_the_provenance() {
+        let session = |source: &str| AgentInfo {
+            provenance: [("source".to_owned(), source.to_owned())].into(),
+            ..AgentInfo::new(source, CAMERA)
+        };
+        let map = Map::of(session("one"));
+        let twice = extended(&extended(&session("one"), &session("two"), &map), &session("three"), &map);
+        let value = |key: &str| twice.provenance.get(key).map(String::as_str);
+        assert_eq!((twice.name.as_str(), value("source")), ("one", Some("one")));
+        assert_eq!(
+            (value("continued 1: source"), value("continued 2: source"), value("continued 2: first frame")),
+            (Some("two"), Some("three"), Some("0"))
+        );
+    }
+
+    #[test]
+    fn a_camera_is_the_same_to_the_last_digits_a_file_may_lose() {
+        assert!(is_same(&CAMERA, &Pinhole { fx: 8.0 + 1e-9, ..CAMERA }));
+        assert!(!is_same(&CAMERA, &Pinhole { fx: 8.01, ..CAMERA }));
+        assert!(!is_same(&CAMERA, &Pinhole { width: 9, ..CAMERA }));
+    }
+}

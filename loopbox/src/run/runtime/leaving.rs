@@ -1,0 +1,147 @@
+//! What a run leaves: its maps, whose they are, and its numbers.
+
+use super::{Run, guarded};
+use crate::run::record::{Cost, Fragment, FrameCounts, Latency, MapCounts, RunRecord, SourceRecord};
+use crate::run::resuming::{Kept, note_lens};
+use geometry::Pinhole;
+use map::{AgentId, AgentInfo, Identity, Map};
+use slam_direct::{Agent, Going};
+use sources::SourceInfo;
+use sources::ahead::Ahead;
+use view::process;
+
+impl Run<'_> {
+    /// The same with its edges and points, to be saved while the run goes on, as that of the agent `about`.
+    pub fn snapshot(&self, about: &AgentInfo) -> Map {
+        self.named(about, self.fragment, self.atlas.active().snapshot())
+    }
+
+    /// The maps of all fragments of the agent `about`, in the order they were begun, with the features of their
+    /// keyframes.
+    pub fn maps(&mut self, about: &AgentInfo) -> Vec<Map> {
+        let map = |(fragment, agent): (usize, &Agent)| {
+            let snapshot = || guarded("the map", || agent.snapshot(), &mut None);
+            let whole = if self.is_whole { None } else { snapshot() };
+            self.named(about, fragment, whole.unwrap_or_else(|| agent.map().clone()))
+        };
+        let maps = self.atlas.fragments().iter().enumerate().map(map);
+        let mut maps: Vec<Map> = maps.filter(|map| !map.frames.is_empty()).collect();
+        if let Some(mut describer) = self.describer.take() {
+            guarded("finding features", || describer.complete(&mut maps), &mut self.failure);
+        }
+        maps
+    }
+
+    /// A map that says whose it is.
+    fn named(&self, about: &AgentInfo, fragment: usize, mut map: Map) -> Map {
+        let about = self.kept.filter(|_| fragment == 0).map_or(about, Kept::about);
+        let mut about = AgentInfo { identity: self.identity_of(fragment), ..about.clone() };
+        note_lens(&mut about, &self.atlas.fragments()[fragment]);
+        map.agents.insert(AgentId::default(), about);
+        map
+    }
+
+    /// Who makes the map of a fragment: the first goes on in a map that was kept, the others are this run's own.
+    pub(super) fn identity_of(&self, fragment: usize) -> Option<Identity> {
+        match self.kept {
+            Some(kept) if fragment == 0 => kept.about().identity,
+            _ => self.identity.map(|first| first.later(fragment as u32)),
+        }
+    }
+
+    /// The index of the run's first frame.
+    pub(super) fn first_index(&self) -> u64 {
+        self.kept.map_or(0, Kept::first_index)
+    }
+
+    /// Whether frames only get poses in a map that was kept.
+    pub fn localises(&self) -> bool {
+        self.kept.is_some_and(|kept| kept.going == Going::Localising)
+    }
+
+    /// Takes out of the maps the one that was to be gone on in, if no frame of this run is in it: it lies where it lay.
+    /// Says so, if what was tracked is in another one.
+    pub fn leave_out_kept(&self, maps: &mut Vec<Map>) -> Option<String> {
+        let kept = self.kept?;
+        let first = kept.first_index();
+        maps.retain(|map| map.frames.iter().any(|frame| frame.frame_index >= first));
+        let is_in =
+            self.localises() || maps.iter().any(|map| map.frames.iter().any(|f| f.frame_index < first));
+        (!is_in && !maps.is_empty()).then(|| {
+            format!(
+                "no frame was found in {}, which is as it was; what was tracked is a map of its own\nhint: a recording goes on \
+                 in a map where it shows a place of it, from about where the camera was and in a light that still matches",
+                kept.record().map
+            )
+        })
+    }
+
+    /// Who makes the maps after those of this run.
+    pub fn next_identity(&self) -> Option<Identity> {
+        self.identity.map(|first| first.later(self.atlas.fragments().len() as u32))
+    }
+
+    /// Why a live source ended though nobody wished it.
+    pub fn failure(&self) -> Option<&str> {
+        self.failure.as_deref()
+    }
+
+    /// Why the map is empty, for people.
+    pub fn why_nothing_was_tracked(&self) -> String {
+        let why = self.statistics.why_nothing_was_tracked(self.last_reason);
+        match self.kept {
+            Some(kept) => format!("{why}\nnone was found in {}", kept.record().map),
+            None => why,
+        }
+    }
+
+    /// The numbers of the run.
+    pub fn record(
+        &self,
+        source: &SourceInfo,
+        camera: Pinhole,
+        ahead: &Ahead,
+        interrupted: bool,
+        maps: &[Map],
+    ) -> RunRecord {
+        let (processed, dropped_late) = (self.rows.len() as u64, ahead.dropped() - self.dropped_before);
+        let offered = processed + dropped_late + self.skipped.values().sum::<u64>();
+        let fragments: Vec<Fragment> =
+            maps.iter().enumerate().map(|(place, map)| Fragment::new(place, map)).collect();
+        let own =
+            |map: &Map| map.frames.iter().filter(|f| f.frame_index >= self.first_index()).count() as u64;
+        let tracked = maps.first().map_or(0, own);
+        let ms = self.rows.iter().map(|row| row.ms).collect();
+        RunRecord {
+            version: env!("CARGO_PKG_VERSION"),
+            source: SourceRecord {
+                path: source.path.display().to_string(),
+                kind: source.kind.to_owned(),
+                frames: source.frame_count,
+                duration_s: source.duration,
+            },
+            camera,
+            resumed: self.kept.map(Kept::record),
+            interrupted,
+            frames: FrameCounts {
+                offered,
+                processed,
+                dropped_late,
+                missed_by_driver: ahead.missed(),
+                skipped: self.skipped.clone(),
+                tracked,
+                tracked_apart: maps.iter().skip(1).map(own).sum(),
+                tracked_share: tracked as f64 / (offered - dropped_late).max(1) as f64,
+                losses: self.losses.count,
+            },
+            cost: Cost {
+                latency_ms: Latency::of(self.rows.iter().filter_map(|row| row.latency_ms).collect()),
+                ..Cost::new(ms, self.wall_s, process::cpu_seconds(), process::peak_memory_bytes())
+            },
+            map: maps.first().map(MapCounts::new).unwrap_or_default(),
+            fragments,
+            files: Vec::new(),
+            rows: self.rows.clone(),
+        }
+    }
+}

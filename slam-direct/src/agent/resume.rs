@@ -1,0 +1,178 @@
+//! Going on in a map that was kept: to extend it, or only to tell poses in it.
+
+use super::mapper::Mapper;
+use super::{Agent, AgentError, State, error};
+use crate::lens::TERMS;
+use crate::local_map::{KeyframeState, LocalMap, PointRef, PointState, SeenAt};
+use crate::params::Params;
+use crate::tracker::Tracker;
+use geometry::{Pinhole, Pyramid, Se3};
+use map::{Map, MapDelta, PlaceIndex};
+use std::sync::Arc;
+
+/// What is done with a map that was kept.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Going {
+    /// It is extended: frames and keyframes are added, and it is optimised as if there had been no break.
+    On,
+    /// It stays as it is; frames get poses in it.
+    Localising,
+}
+
+impl Agent {
+    /// An agent that goes on in a `map` it was given back: its camera must have made the map. The first frames are sought
+    /// among all of its keyframes, whatever was in between; until one is found, nothing changes.
+    ///
+    /// `terms` is what is left of the lens's distortion, as [`lens`](Self::lens) told it of the agent that made the map.
+    /// Frames are to be given indices behind those of the map. The first report tells the whole map as a delta.
+    ///
+    /// ```no_run
+    /// use place_recog::ThumbnailIndex;
+    /// use slam_direct::{Agent, Frame, Going, Params};
+    /// # fn frames() -> Vec<Frame> { Vec::new() }
+    ///
+    /// let map = map::load_map("out/map.mcap")?.map;
+    /// let places = Box::new(ThumbnailIndex::default());
+    /// let mut agent = Agent::resume(map, places, Params::default(), None, Going::On)?;
+    /// for frame in frames() {
+    ///     let report = agent.process(frame)?;
+    ///     println!("{:?}: {:?}", report.state, report.world_from_camera);
+    /// }
+    /// agent.finish();
+    /// map::save_map("out/extended.mcap", &agent.into_map())?;
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// # Errors
+    /// When the map is not one agent's with a camera, lacks keyframes, or has nothing to track against; those of
+    /// [`new`](Self::new).
+    pub fn resume(
+        mut map: Map,
+        mut places: Box<dyn PlaceIndex>,
+        params: Params,
+        terms: Option<[f64; TERMS]>,
+        going: Going,
+    ) -> Result<Self, AgentError> {
+        params.validate()?;
+        let camera = camera_of(&map)?;
+        error::check_camera(&camera)?;
+        let local = working_map(&map, camera, terms.unwrap_or_default(), params.align.pyramid_levels)?;
+        let reference = (0..local.keyframes.len()).rev().find(|&k| local.points_of(k).next().is_some());
+        let reference = reference.ok_or(AgentError::Map("it has no points to track against".into()))?;
+        places.clear();
+        for (index, state) in local.keyframes.iter().enumerate() {
+            places.add(LocalMap::id(index), state.pyramid.base());
+        }
+        let mut agent = Self::new(camera, places, params)?;
+        let last = local.keyframes[reference].camera_from_world;
+        let tracker = Tracker::new(&local, reference, last, Se3::identity(), &agent.params);
+        agent.state = State::Running(Box::new(tracker));
+        let mapper =
+            agent.mapper.take().map(|fresh| Box::new(Mapper::resume(local.clone(), fresh.places, &map)));
+        agent.first_open = local.keyframes.len();
+        agent.closed = mapper.as_ref().map_or(Vec::new(), |mapper| mapper.closed().to_vec());
+        agent.mapper = mapper;
+        agent.view = local;
+        if going == Going::Localising {
+            map.frames.clear();
+        }
+        agent.untold.push(MapDelta::whole(&map));
+        (agent.said, agent.map, agent.resumed, agent.is_sought) = (1, map, Some(going), true);
+        Ok(agent)
+    }
+
+    /// What is left of the lens's distortion after the calibration, as the map proved it: what an image's corner moves by
+    /// for it to fit, as a share of its distance from the middle.
+    pub fn lens(&self) -> [f64; TERMS] {
+        self.view.lens.terms
+    }
+
+    /// The camera of the frames.
+    pub fn camera(&self) -> Pinhole {
+        self.camera
+    }
+
+    /// Whether the map was given to the agent and is not its to give up or, while localising, to change.
+    pub(crate) fn resumed(&self) -> Option<Going> {
+        self.resumed
+    }
+}
+
+/// The camera of one agent's own map.
+fn camera_of(map: &Map) -> Result<Pinhole, AgentError> {
+    let refused = |what: &str| Err(AgentError::Map(what.to_owned()));
+    let mut agents = map.agents.values();
+    match (agents.next(), agents.next()) {
+        (Some(_), Some(_)) => refused(
+            "it holds the maps of several agents, and only one agent's can be gone on with: `loopbox unmerge` takes it apart",
+        ),
+        (Some(info), None) => {
+            info.camera().copied().ok_or_else(|| AgentError::Map("it is a LiDAR's".to_owned()))
+        }
+        (None, _) => refused("it is nobody's"),
+    }
+}
+
+/// The working map of a map that was handed out, for a lens of these terms.
+fn working_map(
+    map: &Map,
+    camera: Pinhole,
+    terms: [f64; TERMS],
+    levels: usize,
+) -> Result<LocalMap, AgentError> {
+    let mut local = LocalMap::new(camera);
+    local.lens.terms = terms;
+    for keyframe in map.keyframes.values() {
+        let index = local.keyframes.len();
+        if keyframe.id != LocalMap::id(index) {
+            return Err(AgentError::Map(format!("keyframe {index} is missing")));
+        }
+        let (width, height) = (keyframe.image.width(), keyframe.image.height());
+        if (width, height) != (camera.width, camera.height) {
+            return Err(AgentError::Map(format!(
+                "the image of keyframe {index} has {width} × {height} pixels"
+            )));
+        }
+        let pyramid = Pyramid::of(Arc::clone(&keyframe.image), levels);
+        let pose = keyframe.world_from_keyframe;
+        let state =
+            KeyframeState::new(keyframe.timestamp, keyframe.frame_index, pyramid, pose.rigid().inverse());
+        local.push(KeyframeState { unit: pose.scale, ..state });
+    }
+    let count = local.keyframes.len();
+    for (host, keyframe) in map.keyframes.values().enumerate() {
+        let unit = keyframe.world_from_keyframe.scale;
+        for (index, point) in keyframe.points.iter().enumerate() {
+            let known = |o: &&map::Observation| (o.keyframe.0 as usize) < count;
+            let seen: Vec<SeenAt> = point
+                .observations
+                .iter()
+                .filter(known)
+                .map(|o| SeenAt {
+                    keyframe: o.keyframe.0 as usize,
+                    pixel: o.pixel,
+                    information: o.information,
+                })
+                .collect();
+            for seen in &seen {
+                local.keyframes[seen.keyframe].seen.push(PointRef { host, index });
+            }
+            let alive = !seen.is_empty() && point.inverse_depth > 0.0;
+            let state = PointState {
+                pixel: point.pixel,
+                ray: local.lens.ray(point.pixel.map(f64::from)),
+                inverse_depth: f64::from(point.inverse_depth) / unit,
+                variance: f64::from(point.variance) / (unit * unit),
+                observations: seen,
+                alive,
+                sought: 0,
+                found: 0,
+            };
+            local.keyframes[host].points.push(state);
+        }
+    }
+    Ok(local)
+}
+
+#[cfg(test)]
+mod tests;

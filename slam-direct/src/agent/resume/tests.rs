@@ -1,0 +1,131 @@
+//! Going on in a map, on a short rendered drive.
+
+use super::*;
+use crate::agent::{Frame, FrameReport, TrackingState};
+use crate::test_scene::yard;
+use geometry::GrayImage;
+use loopbox_tests::{Recording, trajectory};
+use map::{AgentInfo, KeyframeId};
+use place_recog::ThumbnailIndex;
+use std::ops::Range;
+use std::sync::LazyLock;
+
+/// A drive past the row of boxes.
+fn drive() -> &'static Recording {
+    static DRIVE: LazyLock<Recording> = LazyLock::new(|| {
+        Recording::render(yard(), Recording::SMALL_CAMERA, &trajectory::sideways(60, 3.0), 20.0)
+    });
+    &DRIVE
+}
+
+fn feed(agent: &mut Agent, frames: Range<usize>) -> Vec<FrameReport> {
+    let frame = |i: usize| Frame {
+        index: i as u64,
+        timestamp: drive().shots[i].timestamp,
+        image: drive().shots[i].image.as_ref().clone(),
+    };
+    frames.map(|i| agent.process(frame(i)).unwrap()).collect()
+}
+
+fn places() -> Box<ThumbnailIndex> {
+    Box::new(ThumbnailIndex::default())
+}
+
+fn mapped(frames: Range<usize>) -> Agent {
+    let mut agent = Agent::new(Recording::SMALL_CAMERA, places(), Params::default()).unwrap();
+    feed(&mut agent, frames);
+    agent.finish();
+    agent
+}
+
+fn resumed(map: Map, lens: [f64; TERMS], going: Going) -> Agent {
+    Agent::resume(map, places(), Params::default(), Some(lens), going).unwrap()
+}
+
+/// Largest distance of the trajectory from the truth once world and unit are fitted, metres.
+fn error(map: &Map) -> f64 {
+    let found: Vec<_> = map.trajectory().iter().map(|p| p.world_from_camera.translation).collect();
+    let truth = |f: &map::FramePose| drive().shots[f.frame_index as usize].world_from_camera.translation;
+    let truth: Vec<_> = map.frames.iter().map(truth).collect();
+    let fit = geometry::umeyama::sim3(&found, &truth).unwrap();
+    found.iter().zip(&truth).map(|(f, t)| (fit * *f - t).norm()).fold(0.0, f64::max)
+}
+
+#[test]
+fn a_map_is_extended_as_if_there_had_been_no_break() {
+    let first = mapped(0..35);
+    let (lens, kept) = (first.lens(), first.into_map());
+    let mut agent = resumed(kept.clone(), lens, Going::On);
+    let reports = feed(&mut agent, 35..60);
+    assert!(reports.iter().all(|report| report.state == TrackingState::Tracking));
+    let mut told = Map::new(Recording::SMALL_CAMERA);
+    let deltas: Vec<MapDelta> = reports.into_iter().flat_map(|report| report.deltas).collect();
+    assert!(deltas.iter().zip(0..).all(|(delta, number)| delta.sequence == number));
+    deltas.into_iter().for_each(|delta| told.take_in(delta));
+    assert!(told.keyframes == agent.map().keyframes);
+    agent.finish();
+    let map = agent.into_map();
+    assert_eq!(map.frames.len(), drive().shots.len());
+    assert!(map.keyframes.len() > kept.keyframes.len());
+    for (id, keyframe) in &kept.keyframes {
+        let now = &map.keyframes[id];
+        assert!(now.image == keyframe.image && now.semi_dense == keyframe.semi_dense, "{id:?}");
+    }
+    let joins =
+        |e: &map::Edge| (e.to.0 as usize) < kept.keyframes.len() && e.from.0 as usize >= kept.keyframes.len();
+    assert!(map.edges.iter().any(joins), "new keyframes hang on old ones");
+    let whole = error(&mapped(0..60).into_map());
+    assert!(error(&map) < (1.2 * whole).max(0.01), "off by {} m, one run by {whole} m", error(&map));
+}
+
+#[test]
+fn who_localises_leaves_the_map_as_it_is() {
+    let first = mapped(0..60);
+    let (lens, kept) = (first.lens(), first.into_map());
+    let mut agent = resumed(kept.clone(), lens, Going::Localising);
+    // From the middle on, and then from the beginning.
+    feed(&mut agent, 30..60);
+    feed(&mut agent, 0..30);
+    agent.finish();
+    let map = agent.into_map();
+    assert!(map.keyframes == kept.keyframes && map.edges == kept.edges);
+    assert_eq!(map.frames.len(), 60);
+    let depth = 5.0;
+    for frame in &map.frames {
+        let there = kept.frames.iter().find(|f| f.frame_index == frame.frame_index).unwrap();
+        let [now, then] = [(&map, frame), (&kept, there)].map(|(m, f)| m.world_from_frame(f).unwrap());
+        let off = (now.translation - then.translation).norm();
+        assert!(off < 0.01 * depth * kept.keyframes[&KeyframeId(0)].world_from_keyframe.scale, "{off}");
+    }
+}
+
+#[test]
+fn what_is_found_nowhere_changes_nothing() {
+    let kept = mapped(0..35).into_map();
+    let mut agent = Agent::resume(kept.clone(), places(), Params::default(), None, Going::On).unwrap();
+    let image = GrayImage::filled(320, 240, 90);
+    for index in 0..100 {
+        let frame = Frame { index, timestamp: index as f64, image: image.clone() };
+        assert_eq!(agent.process(frame).unwrap().state, TrackingState::Lost);
+    }
+    agent.finish();
+    assert!(agent.into_map() == kept, "it is not given up either");
+}
+
+#[test]
+fn maps_that_cannot_be_gone_on_with_are_refused() {
+    let refuse = |map: Map| {
+        let agent = Agent::resume(map, places(), Params::default(), None, Going::On).map(|_| ());
+        agent.unwrap_err().to_string()
+    };
+    assert!(refuse(Map::new(Recording::SMALL_CAMERA)).contains("no points"));
+    let lidar = Map::of(AgentInfo::new("rover", map::Sensor::Lidar));
+    assert!(refuse(lidar).contains("LiDAR"));
+    let kept = mapped(0..35).into_map();
+    let mut without = kept.clone();
+    without.keyframes.remove(&KeyframeId(1));
+    assert!(refuse(without).contains("keyframe 1 is missing"));
+    let mut two = kept;
+    two.agents.insert(map::AgentId(1), AgentInfo::new("other", Recording::SMALL_CAMERA));
+    assert!(refuse(two).contains("several agents"));
+}
