@@ -8,6 +8,10 @@ use std::collections::{BTreeMap, BTreeSet};
 /// The name of an agent that was given none.
 const DEFAULT_NAME: &str = "agent";
 
+/// Where an agent's map came from: its unit, and that unit where it is known.
+const UNIT: &str = "unit";
+const METRE: &str = "metre";
+
 /// Names an agent within its map; 0 is the only agent of a map that was not merged.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct AgentId(pub u16);
@@ -41,6 +45,16 @@ impl AgentInfo {
             Sensor::Camera(camera) => Some(camera),
             Sensor::Lidar => None,
         }
+    }
+
+    /// Whether a unit of its own world is a metre: that of a LiDAR is, that of a camera where somebody told it so.
+    pub fn is_metric(&self) -> bool {
+        self.sensor == Sensor::Lidar || self.provenance.get(UNIT).is_some_and(|unit| unit == METRE)
+    }
+
+    /// Says that a unit of its own world is a metre.
+    pub fn set_metric(&mut self) {
+        self.provenance.insert(UNIT.to_owned(), METRE.to_owned());
     }
 
     /// An agent that nobody named.

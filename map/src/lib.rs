@@ -100,6 +100,11 @@ impl Map {
         self.agents.get(&keyframe.agent).and_then(AgentInfo::camera)
     }
 
+    /// Whether a unit of the map's world is a metre: a common world is that of its first agent.
+    pub fn is_metric(&self) -> bool {
+        self.agents.values().next().is_some_and(AgentInfo::is_metric)
+    }
+
     /// The agents' names made safe for files and topics: letters, digits, `.`, `-` and `_`, still unique.
     pub fn agent_labels(&self) -> BTreeMap<AgentId, String> {
         agent::labels(&self.agents)

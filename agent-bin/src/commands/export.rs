@@ -91,7 +91,8 @@ pub struct Outputs {
     /// Trajectory as KITTI text: the upper 3×4 of each pose, row by row; of several agents as --tum
     #[arg(long, value_name = "FILE")]
     pub kitti: Option<PathBuf>,
-    /// The map itself as a whole file, with everything viewers show: mends the file of a killed run
+    /// The map itself as a whole file, with everything viewers show: mends the file of a killed run. Of one agent in metres
+    /// it says so, and what it is merged with gets metres too
     #[arg(long, value_name = "FILE")]
     pub mcap: Option<PathBuf>,
     /// Folder of a COLMAP project: undistorted images, and cameras, poses and sparse points with their tracks as text
@@ -113,6 +114,11 @@ pub fn run(args: &ExportArgs) -> anyhow::Result<()> {
     let new_from_world = placement(&map, args.placing.metres().as_ref(), args.placing.up)?;
     if new_from_world != geometry::Sim3::identity() {
         map.transform(&new_from_world);
+        if let (Some(_), [only]) =
+            (args.placing.metres(), &mut map.agents.values_mut().collect::<Vec<_>>()[..])
+        {
+            only.set_metric();
+        }
         say!("a unit of the map is {} of what is written", new_from_world.scale);
     }
     if map.keyframes.values().all(|keyframe| keyframe.semi_dense.is_empty() && keyframe.scan.is_none()) {

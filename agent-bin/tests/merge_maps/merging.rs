@@ -185,3 +185,23 @@ fn numbers_are_printed_on_request_and_parameters_are_taken() {
     assert_eq!(numbers["params"]["further"]["max_closures"], 0);
     assert!(numbers["encounters"][0]["links"].as_u64().is_some_and(|links| links <= 3));
 }
+
+/// One of two agents knows its unit; the common map is in metres, whichever is given first.
+#[test]
+fn what_meets_a_map_in_metres_gets_metres() {
+    let (runs, case) = (Runs::get(), Case::new());
+    let (truth, metric) = (runs.truth("right"), case.out().with_file_name("right.mcap"));
+    let run = runs.run("right");
+    let outcome = loopbox(&["export", arg(&run), "--track", arg(&truth), "--mcap", arg(&metric)]);
+    outcome.assert_success();
+    assert!(!runs.map("right").is_metric() && load_map(&metric).unwrap().map.is_metric());
+    let out = case.out();
+    case.merge(&[&runs.run("left"), &metric]).assert_success();
+    let united = load_map(out.join("map.mcap")).unwrap().map;
+    assert!(united.is_metric());
+    let left = out.join("trajectory-left.txt");
+    let outcome =
+        loopbox(&["eval", arg(&left), "--gt", arg(&runs.truth("left")), "--align", "none", "--json"]);
+    let found: Value = serde_json::from_str(&outcome.stdout).unwrap();
+    assert!(found["ate"]["rmse"].as_f64().unwrap() < 0.1, "{found:#}");
+}

@@ -128,7 +128,8 @@ pub fn merge_maps_watched(
     Ok(Merged { inputs, merging, names, record, seconds: start.elapsed().as_secs_f64() })
 }
 
-/// Reads the maps with their features, and finds those that they lack. Maps of one name are told apart.
+/// Reads the maps with their features, and finds those that they lack. Maps of one name are told apart; those in metres
+/// come first.
 fn load(
     paths: &[PathBuf],
     vocabulary: &Arc<Vocabulary>,
@@ -149,5 +150,7 @@ fn load(
         }
         inputs.push(input);
     }
+    // The common world is that of the first: metres, where one knows them.
+    inputs.sort_by_key(|input| !input.map.is_metric());
     Ok(inputs)
 }

@@ -52,6 +52,8 @@ struct Columns {
     of_images: bool,
     /// Their agent: where there are several.
     agents: bool,
+    /// Lengths are in metres.
+    metric: bool,
 }
 
 impl Columns {
@@ -70,8 +72,11 @@ impl CloudFormat {
     /// Writes the cloud of a map, agents told apart where there are several: the header, then of each point
     /// the position as three little-endian floats and its attributes. Returns the number of points.
     fn write(&self, out: &mut impl Write, map: &Map, selection: CloudSelection) -> io::Result<usize> {
-        let columns =
-            Columns { of_images: map.sensor() != Some(SensorKind::Lidar), agents: map.agents.len() > 1 };
+        let columns = Columns {
+            of_images: map.sensor() != Some(SensorKind::Lidar),
+            agents: map.agents.len() > 1,
+            metric: map.is_metric(),
+        };
         let bound = selection.max_relative_variance;
         if let Some(voxel) = selection.voxel {
             let points: Vec<CloudPoint> = map.thinned_cloud(bound, voxel).collect();

@@ -7,7 +7,7 @@ use std::path::Path;
 
 const PLY: CloudFormat = CloudFormat { header, attributes };
 
-/// Writes the cloud as binary little-endian PLY: `x y z` float (map units), `intensity` uchar,
+/// Writes the cloud as binary little-endian PLY: `x y z` float (map units, or metres; a comment says which), `intensity` uchar,
 /// `confidence` float, `red green blue` uchar, which is the intensity, but of LiDARs alone none of these; of several agents
 /// `red green blue`, the agent's colour, and `agent` ushort, its id. Returns the number of points.
 pub fn write_ply(out: &mut impl Write, map: &Map, selection: impl Into<CloudSelection>) -> io::Result<usize> {
@@ -24,7 +24,7 @@ pub fn save_ply(
 }
 
 fn header(count: usize, columns: Columns) -> String {
-    let unit = if columns.of_images { "map units" } else { "metres" };
+    let unit = if columns.metric { "metres" } else { "map units" };
     let of_images =
         if columns.of_images { "property uchar intensity\nproperty float confidence\n" } else { "" };
     let colors =
