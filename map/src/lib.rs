@@ -26,7 +26,7 @@ pub use delta::{Described, MapDelta, Moved, Settled};
 pub use error::MapError;
 pub use export::{
     CloudPoint, CloudSelection, DEFAULT_MAX_RELATIVE_VARIANCE, agent_color, save_colmap, save_kitti,
-    save_nerfstudio, save_pcd, save_ply, save_tum, write_kitti, write_pcd, write_ply, write_tum,
+    save_las, save_nerfstudio, save_pcd, save_ply, save_tum, write_kitti, write_pcd, write_ply, write_tum,
 };
 pub use identity::{Identity, KeyframeName};
 pub use io::{FORMAT_VERSION, LoadedMap, MapWriter, is_map_file, load_map, save_map, sensors_of};

@@ -84,6 +84,9 @@ pub struct Outputs {
     /// Point cloud as binary PCD: x y z intensity confidence rgb, and of several agents label
     #[arg(long, value_name = "FILE")]
     pub pcd: Option<PathBuf>,
+    /// Point cloud as LAS, or as LAZ where FILE ends in .laz: with intensity and colours
+    #[arg(long, value_name = "FILE")]
+    pub las: Option<PathBuf>,
     /// Trajectory as TUM text: timestamp tx ty tz qx qy qz qw; of several agents a file each, FILE with the
     /// agent's name at the end of its own
     #[arg(long, value_name = "FILE")]
@@ -185,6 +188,10 @@ fn write_clouds(outputs: &Outputs, map: &Map, selection: CloudSelection) -> anyh
     }
     if let Some(path) = &outputs.pcd {
         let points = map::save_pcd(path, map, selection)?;
+        say!("{}: {points} points", path.display());
+    }
+    if let Some(path) = &outputs.las {
+        let points = map::save_las(path, map, selection)?;
         say!("{}: {points} points", path.display());
     }
     Ok(())

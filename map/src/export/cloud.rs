@@ -33,6 +33,16 @@ impl From<f32> for CloudSelection {
     }
 }
 
+impl CloudSelection {
+    /// The points of a map that are selected.
+    pub(super) fn points(self, map: &Map) -> Box<dyn Iterator<Item = CloudPoint> + '_> {
+        match self.voxel {
+            Some(voxel) => Box::new(map.thinned_cloud(self.max_relative_variance, voxel)),
+            None => Box::new(map.cloud(self.max_relative_variance)),
+        }
+    }
+}
+
 /// A point of the map in the world.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CloudPoint {

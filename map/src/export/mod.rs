@@ -1,4 +1,4 @@
-//! Maps in the formats of other tools: point clouds (PLY, PCD), trajectories (TUM, KITTI), and posed images with sparse
+//! Maps in the formats of other tools: point clouds (PLY, PCD, LAS), trajectories (TUM, KITTI), and posed images with sparse
 //! points (COLMAP, nerfstudio).
 //!
 //! Each format has a function that writes to any [`Write`] and one that makes a file which is either
@@ -7,6 +7,7 @@
 mod cloud;
 mod colmap;
 mod color;
+mod las;
 mod nerfstudio;
 mod pcd;
 mod ply;
@@ -16,6 +17,7 @@ mod trajectory;
 pub use cloud::{CloudPoint, CloudSelection, DEFAULT_MAX_RELATIVE_VARIANCE};
 pub use colmap::save_colmap;
 pub use color::agent_color;
+pub use las::save_las;
 pub use nerfstudio::save_nerfstudio;
 pub use pcd::{save_pcd, write_pcd};
 pub use ply::{save_ply, write_ply};
@@ -57,6 +59,14 @@ struct Columns {
 }
 
 impl Columns {
+    fn of(map: &Map) -> Self {
+        Self {
+            of_images: map.sensor() != Some(SensorKind::Lidar),
+            agents: map.agents.len() > 1,
+            metric: map.is_metric(),
+        }
+    }
+
     /// Whether points have a colour: LiDARs' have none unless agents are told apart by it.
     fn colors(self) -> bool {
         self.of_images || self.agents
@@ -72,11 +82,7 @@ impl CloudFormat {
     /// Writes the cloud of a map, agents told apart where there are several: the header, then of each point
     /// the position as three little-endian floats and its attributes. Returns the number of points.
     fn write(&self, out: &mut impl Write, map: &Map, selection: CloudSelection) -> io::Result<usize> {
-        let columns = Columns {
-            of_images: map.sensor() != Some(SensorKind::Lidar),
-            agents: map.agents.len() > 1,
-            metric: map.is_metric(),
-        };
+        let columns = Columns::of(map);
         let bound = selection.max_relative_variance;
         if let Some(voxel) = selection.voxel {
             let points: Vec<CloudPoint> = map.thinned_cloud(bound, voxel).collect();
