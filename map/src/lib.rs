@@ -28,7 +28,7 @@ pub use export::{
     write_kitti, write_pcd, write_ply, write_tum,
 };
 pub use identity::{Identity, KeyframeName};
-pub use io::{FORMAT_VERSION, LoadedMap, MapWriter, is_map_file, load_map, save_map, sensors_of};
+pub use io::{FORMAT_VERSION, LoadedMap, MapWriter, is_map_file, load_map, parts, save_map, sensors_of};
 pub use keyframe::{Edge, EdgeKind, Keyframe, KeyframeId, Observation, Point, SemiDense};
 pub use place::{PlaceCandidate, PlaceIndex};
 pub use scan::Scan;
