@@ -16,11 +16,11 @@ mod link;
 pub mod manifest;
 pub mod node;
 pub mod publishing;
-//S pub mod service;
+pub mod service;
 pub mod store;
-//S pub mod transport;
 #[cfg(test)]
 mod test_support;
 #[cfg(test)]
 mod tests;
+pub mod transport;
 pub mod wire;

@@ -9,6 +9,7 @@
 use crate::hash::ObjectHash;
 use crate::wire::{MAX_PART, Message};
 use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
 use std::time::Duration;
 
 /// What parts are made of, bytes: the smallest part but for an object's last.
@@ -142,14 +143,14 @@ impl Fetch {
             if room == 0 {
                 break;
             }
-            if !self.begun.contains_key(&want.hash) {
+            if let Entry::Vacant(free) = self.begun.entry(want.hash) {
                 let size = want.size as usize;
                 if begun_bytes > 0 && begun_bytes + size > LARGEST_BEGUN {
                     break;
                 }
                 begun_bytes += size;
                 let units = vec![Unit::Missing; size.div_ceil(UNIT).max(1)];
-                self.begun.insert(want.hash, Begun { bytes: vec![0; size], left: units.len(), units });
+                free.insert(Begun { bytes: vec![0; size], left: units.len(), units });
             }
             let Some(begun) = self.begun.get_mut(&want.hash) else { continue };
             while room > 0 {

@@ -91,6 +91,13 @@ pub enum Event {
     Tick,
     /// An agent who works here has a new version of its map.
     Publish(Box<Publication>),
+    /// What a neighbour told of this agent is not to be believed.
+    Distrust {
+        /// Whose map it told.
+        agent: Identity,
+        /// Why.
+        reason: String,
+    },
     /// Something new was found out about where agents are; `revision` is larger than before.
     Findings {
         /// Which version it is.
@@ -160,6 +167,8 @@ pub enum News {
 pub struct Heard {
     /// Whose.
     pub agent: Identity,
+    /// When the agent began to tell it, milliseconds since 1970.
+    pub begun: u64,
     /// All objects of its newest version.
     pub entries: Arc<[Entry]>,
     /// How many of them are not here yet.
@@ -179,6 +188,8 @@ pub struct Node {
     findings: Option<(FindingsRef, Vec<u8>)>,
     neighbours: BTreeMap<Uuid, Neighbour>,
     links: BTreeMap<LinkId, Link>,
+    /// Neighbours of whom nothing is believed, and why.
+    distrusted: BTreeMap<Uuid, String>,
     /// Nothing is fetched before.
     paused_until: Duration,
     actions: Vec<Action>,
@@ -218,9 +229,10 @@ struct Link {
 impl Node {
     /// A node that keeps objects in `store`; what is whole there is known again.
     pub fn new(config: Config, store: Arc<dyn Store>) -> Self {
-        let (own, told, neighbours, links, actions) = Default::default();
+        let (own, told, neighbours, links, distrusted, actions) = Default::default();
         let (findings, paused_until) = (None, Duration::ZERO);
-        let mut node = Self { config, store, own, told, findings, neighbours, links, paused_until, actions };
+        let mut node =
+            Self { config, store, own, told, findings, neighbours, links, distrusted, paused_until, actions };
         for (agent, head) in node.store.heads() {
             node.remember(agent, head);
         }
@@ -264,6 +276,7 @@ impl Node {
             },
             Event::Tick => {}
             Event::Publish(publication) => self.publish(now, *publication),
+            Event::Distrust { agent, reason } => self.distrust(agent, reason),
             Event::Findings { revision, bytes } => self.take_findings(now, revision, bytes),
         }
         self.beat(now);
@@ -345,6 +358,9 @@ impl Node {
         if node == self.config.node {
             return self.refuse(link, "it is this one itself: the address is one's own".into());
         }
+        if let Some(reason) = self.distrusted.get(&node) {
+            return self.refuse(link, reason.clone());
+        }
         let Some(known) = self.links.get_mut(&link) else { return };
         if known.node.is_some_and(|before| before != node) {
             return self.refuse(link, "it said that it is another one than before".into());
@@ -368,6 +384,17 @@ impl Node {
             self.actions.push(Action::News(News::Met { name, address }));
         }
         self.want(now, node);
+    }
+
+    /// Has nothing more to do with whoever told a map that is none, as long as the program runs.
+    fn distrust(&mut self, agent: Identity, reason: String) {
+        let Some(told) = self.told.remove(&agent) else { return };
+        let reason = format!("its map {agent} cannot be used: {reason}");
+        let link = self.neighbours.get(&told.teller).and_then(|neighbour| neighbour.link);
+        self.distrusted.insert(told.teller, reason.clone());
+        if let Some(link) = link {
+            self.refuse(link, reason);
+        }
     }
 
     /// Whether an object may be asked for: it is one of the maps that are told.

@@ -1,6 +1,7 @@
 //! How things are, for people.
 
-use super::Node;
+use super::{Heard, Node};
+use crate::assembling::entries_of;
 use crate::manifest::Manifest;
 use map::Identity;
 use std::time::Duration;
@@ -99,14 +100,14 @@ impl Node {
         linked.peek().is_some() && linked.all(holds)
     }
 
-    /// The versions of own maps, with what their manifests say.
-    pub fn own_maps(&self) -> Vec<Manifest> {
-        let manifests = self.own.values().filter_map(|own| self.store.get(&own.offer.hash));
-        manifests.filter_map(|bytes| Manifest::from_bytes(&bytes).ok()).collect()
-    }
-
-    /// Whether an agent's map is told here.
-    pub fn tells(&self, agent: Identity) -> bool {
-        self.own.contains_key(&agent)
+    /// Own maps, which are whole.
+    pub fn own_maps(&self) -> Vec<Heard> {
+        let heard = |own: &super::Own| {
+            let manifest = Manifest::from_bytes(&self.store.get(&own.offer.hash)?).ok()?;
+            let entries = entries_of(&manifest, &*self.store).ok()??.into();
+            let Manifest { agent, begun, finished, .. } = manifest;
+            Some(Heard { agent, begun, entries, missing: 0, finished })
+        };
+        self.own.values().filter_map(heard).collect()
     }
 }

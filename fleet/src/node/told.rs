@@ -73,7 +73,8 @@ impl Told {
     pub fn heard(&self) -> Option<Heard> {
         let entries = Arc::clone(self.entries.as_ref()?);
         let finished = self.manifest.as_ref().is_some_and(|manifest| manifest.finished);
-        Some(Heard { agent: self.offer.agent, entries, missing: self.missing.len(), finished })
+        let (agent, begun) = (self.offer.agent, self.offer.begun);
+        Some(Heard { agent, begun, entries, missing: self.missing.len(), finished })
     }
 
     /// Of how many keyframes the depth is listed.

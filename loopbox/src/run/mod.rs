@@ -1,7 +1,7 @@
 //! One agent's run, from a source of frames to a folder of results.
 //!
 //! In order: `options` (what is asked for, and the way from there to the results), `session` (one map after another, as long as somebody wants a new one), `runtime` (the loop around the
-//! agent), `lens` (a recording without a calibration), `lens_check` (whether the one given fits), `describing` (features of keyframes beside it), `fragments` (what was tracked after losses joined), `output` (the files), `record` (the numbers), `saving`
+//! agent), `lens` (a recording without a calibration), `lens_check` (whether the one given fits), `describing` (features of keyframes beside it), `fragments` (what was tracked after losses joined), `output` (the files), `record` (the numbers), `listening` (who is told how the map grows), `saving`
 //! (results on the way), `diagnosis` (why nothing was tracked).
 
 mod describing;
@@ -9,6 +9,7 @@ mod diagnosis;
 mod fragments;
 mod lens;
 mod lens_check;
+mod listening;
 mod options;
 mod output;
 mod progress;
@@ -18,7 +19,10 @@ mod saving;
 mod session;
 
 pub use describing::complete as find_features;
+#[cfg(feature = "fleet")]
+pub(crate) use describing::give_way;
 pub use lens::{FoundLens, find_lens};
+pub use listening::{Listener, MapListener};
 pub use options::{PreparedRun, RunOptions, run};
 pub use output::TrajectoryFormat;
 pub use progress::{Progress, Silent};

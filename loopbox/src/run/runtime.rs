@@ -4,19 +4,20 @@ use crate::run::Progress;
 use crate::run::describing::Describer;
 use crate::run::diagnosis::{ImageStatistics, Losses};
 use crate::run::lens_check::LensCheck;
+use crate::run::listening::Listener;
 use crate::run::output::Output;
 use crate::run::record::{
     Cost, Fragment, FrameCounts, FrameRow, Latency, MapCounts, RunRecord, SourceRecord,
 };
 use anyhow::Result;
 use geometry::Pinhole;
-use map::{AgentId, AgentInfo, Identity, Keyframe, KeyframeId, Map};
+use map::{AgentId, AgentInfo, Described, Identity, Keyframe, KeyframeId, Map, MapDelta};
 use slam_direct::{Agent, Atlas, Frame};
 use sources::ahead::{Ahead, Item, SkipReason};
 use sources::notice::Notice;
 use sources::{SourceInfo, Stop};
 use std::cell::RefCell;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -36,6 +37,10 @@ pub struct Run {
     describer: RefCell<Option<Describer>>,
     /// Asks whether the lens is the one of the images.
     check: Option<LensCheck>,
+    /// Who is told how the map grows.
+    listener: Listener,
+    /// Keyframes with depth of whose features it was not told yet.
+    undescribed: BTreeSet<KeyframeId>,
     /// The fragment that the newest frame was given to.
     fragment: usize,
     rows: Vec<FrameRow>,
@@ -61,6 +66,8 @@ impl Run {
             identity,
             describer: RefCell::default(),
             check: None,
+            listener: Listener::default(),
+            undescribed: BTreeSet::new(),
             fragment: 0,
             rows: Vec::new(),
             skipped: BTreeMap::new(),
@@ -78,6 +85,11 @@ impl Run {
     /// The same, whose keyframes' features `describer` finds, and whose lens `check` asks after.
     pub fn with(self, describer: Option<Describer>, check: Option<LensCheck>) -> Self {
         Self { describer: RefCell::new(describer), check, ..self }
+    }
+
+    /// The same, of whose map `listener` is told.
+    pub fn told_to(self, listener: Listener) -> Self {
+        Self { listener, ..self }
     }
 
     /// Gives the agent every frame until the recording ends, the user stops it, or who watches wants a new map; calls
@@ -118,6 +130,7 @@ impl Run {
                     let settled = settled?;
                     progress.lost(ahead.dropped(), ahead.missed());
                     run.describe(&settled);
+                    run.tell_features(&settled);
                     output.identify(run.identity);
                     output
                         .grow(run.fragment, run.map(), &settled, &|keyframe| run.known_features(keyframe))?;
@@ -192,6 +205,11 @@ impl Run {
         if report.fragment != self.fragment {
             self.fragment = report.fragment;
             watch.begin_anew();
+            self.undescribed.clear();
+        }
+        if let Some(identity) = self.identity.filter(|_| !report.deltas.is_empty()) {
+            let identity = identity.later(self.fragment as u32);
+            self.listener.tell(|listener| listener.changed(identity, report.deltas.clone()));
         }
         let latency_ms = taken.map(|taken| taken.elapsed().as_secs_f64() * 1e3);
         let ms = started.elapsed().as_secs_f64() * 1e3;
@@ -221,6 +239,26 @@ impl Run {
         let Some(describer) = describer.as_mut() else { return };
         let keyframes = settled.iter().filter_map(|id| self.map().keyframes.get(id));
         keyframes.for_each(|keyframe| describer.ask(keyframe));
+    }
+
+    /// Tells who listens of features that were found since.
+    fn tell_features(&mut self, settled: &[KeyframeId]) {
+        let Some(identity) = self.identity.filter(|_| self.listener.is_there()) else { return };
+        self.undescribed.extend(settled);
+        let waiting = self.undescribed.iter().filter_map(|id| self.map().keyframes.get(id));
+        let found = |keyframe: &Keyframe| {
+            Some(Described { keyframe: keyframe.id, features: self.known_features(keyframe)? })
+        };
+        let described: Vec<Described> = waiting.filter_map(found).collect();
+        if described.is_empty() {
+            return;
+        }
+        for described in &described {
+            self.undescribed.remove(&described.keyframe);
+        }
+        let delta = MapDelta { described, ..MapDelta::default() };
+        let identity = identity.later(self.fragment as u32);
+        self.listener.tell(|listener| listener.changed(identity, vec![delta]));
     }
 
     /// The features of a keyframe as far as they are known.

@@ -5,6 +5,7 @@ use crate::run::Progress;
 use crate::run::describing::Describer;
 use crate::run::fragments;
 use crate::run::lens_check::LensCheck;
+use crate::run::listening::Listener;
 use crate::run::output::Output;
 use crate::run::record::RunRecord;
 use crate::run::runtime::Run;
@@ -40,6 +41,8 @@ pub struct Session<'a> {
     pub progress: &'a dyn Progress,
     /// The lens and how often images are halved for it, where it is to be checked whether it is the one of the images.
     pub lens: Option<(Camera, usize)>,
+    /// Who is told how the maps grow.
+    pub listener: Listener,
 }
 
 /// The last map of a run.
@@ -73,6 +76,7 @@ impl Session<'_> {
                 self.features.then(Describer::start).transpose().context("cannot start a thread")?;
             let check = self.lens.map(|(lens, halvings)| LensCheck::new(lens, halvings));
             let run = Run::new(atlas, self.camera, identity, ahead).with(describer, check);
+            let run = run.told_to(self.listener.clone());
             let run = run.track(ahead, self.stop, self.progress, &mut output, watch, &save)?;
             let restart = run.is_to_restart();
             identity = run.next_identity();
@@ -101,6 +105,7 @@ impl Session<'_> {
             let why = run.failure().map_or_else(|| run.why_nothing_was_tracked(), str::to_owned);
             return Ok(Err(anyhow!("{}: no frame could be tracked: {why}", self.source.path.display())));
         }
+        self.listener.tell(|listener| listener.ended(&maps));
         self.progress.stage("writing the results");
         output.finish(&maps, &mut record, self.form.format, self.form.max_variance)?;
         Ok(Ok(record))
