@@ -13,6 +13,8 @@ mod eval_agents;
 mod eval_depth;
 mod export;
 pub(crate) mod features;
+#[cfg(feature = "fleet")]
+mod fleet;
 mod info;
 pub(crate) mod info_map;
 mod info_scans;
@@ -25,6 +27,8 @@ mod places;
 mod record;
 mod run;
 mod run_scans;
+#[cfg(feature = "fleet")]
+mod station;
 mod unmerge;
 #[cfg(feature = "view")]
 mod view;
@@ -64,6 +68,10 @@ pub enum Command {
     Merge(merge::MergeArgs),
     Places(places::PlacesArgs),
     Unmerge(unmerge::UnmergeArgs),
+    #[cfg(feature = "fleet")]
+    Station(station::StationArgs),
+    #[cfg(feature = "fleet")]
+    Fleet(fleet::FleetCommand),
     Vocab(vocab::VocabArgs),
     #[cfg(feature = "view")]
     View(view::ViewArgs),
@@ -89,6 +97,10 @@ impl Command {
             Command::Merge(args) => merge::run(&args),
             Command::Places(args) => places::run(&args),
             Command::Unmerge(args) => unmerge::run(&args),
+            #[cfg(feature = "fleet")]
+            Command::Station(args) => station::run(&args),
+            #[cfg(feature = "fleet")]
+            Command::Fleet(args) => fleet::run(&args),
             Command::Vocab(args) => vocab::run(&args),
             #[cfg(feature = "view")]
             Command::View(args) => view::execute(&args),

@@ -110,6 +110,9 @@ pub struct RunArgs {
     threads: Option<usize>,
     #[command(flatten)]
     view: ViewArgs,
+    #[cfg(feature = "fleet")]
+    #[command(flatten)]
+    pairing: super::fleet::PairingArgs,
 }
 
 /// When features are found.
@@ -156,7 +159,18 @@ pub fn execute(args: &RunArgs) -> Result<()> {
     let progress = Console::new(args.display(), prepared.frame_count());
     prepared.problems().iter().for_each(|problem| progress.warn(problem));
     let watched = |about: &_, frames, recording| args.view.start(about, frames, recording);
+    #[cfg(feature = "fleet")]
+    let fleet = args.pairing.start(&args.out, args.quiet)?;
+    #[cfg(feature = "fleet")]
+    let prepared = match &fleet {
+        Some(fleet) => prepared.told_to(fleet.teller()?),
+        None => prepared,
+    };
     let mapped = prepared.go(watched, &stop, &progress)?;
+    #[cfg(feature = "fleet")]
+    if let Some(fleet) = fleet {
+        args.pairing.end(fleet, &args.out, &stop, args.quiet)?;
+    }
     match (mapped.failure, mapped.apart) {
         (Some(failure), _) => bail!("the run ended early, what was tracked is saved: {failure}"),
         (None, Some(apart)) => bail!("{apart}"),
@@ -214,6 +228,10 @@ impl RunArgs {
         ];
         if let Some((_, name)) = given.into_iter().find(|(is_given, _)| *is_given) {
             bail!("{name} is for images, and {} holds scans of a LiDAR", source.info().path.display());
+        }
+        #[cfg(feature = "fleet")]
+        if self.pairing.is_wanted() {
+            bail!("--fleet is for images, and {} holds scans of a LiDAR", source.info().path.display());
         }
         self.take_threads()?;
         let run = ScanRun {

@@ -15,6 +15,8 @@ pub use names::{Names, listed};
 pub use options::{MergeOptions, MergeWatcher, Merged, merge_maps, merge_maps_watched};
 pub use output::{map_file, write_maps, write_results};
 pub use record::MergeRecord;
+#[cfg(feature = "fleet")]
+pub(crate) use verdict::refusal_of;
 pub use verdict::{verdict, without_company};
 
 use anyhow::{Context, Result};

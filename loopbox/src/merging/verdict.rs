@@ -24,6 +24,12 @@ pub fn without_company(merging: &Merging, names: &Names) -> Vec<String> {
     lonely.collect()
 }
 
+/// Why two inputs are not merged, be it that the merge was taken back; nothing where they are.
+#[cfg(feature = "fleet")]
+pub(crate) fn refusal_of(merging: &Merging, encounter: &Encounter) -> Option<String> {
+    encounter.refusal().or_else(|| merging.undone(encounter).map(|why| format!("taken back: {why}")))
+}
+
 /// The verdict on a pair of maps.
 fn of_pair(inputs: &[Input], merging: &Merging, encounter: &Encounter) -> String {
     let [first, second] = encounter.as_given().map(|input| &inputs[input].name);

@@ -117,7 +117,7 @@ fn described(image: &GrayImage) -> Arc<[u8]> {
 }
 
 /// Lets all other threads go first. Where the system does not know priorities of threads, they are equal.
-fn give_way() {
+pub(crate) fn give_way() {
     #[cfg(target_os = "linux")]
     let _ = rustix::process::setpriority_process(None, NICENESS);
 }

@@ -1,8 +1,10 @@
 //! One agent's run, from a source of frames to a folder of results.
 //!
 //! In order: `options` (what is asked for, and the way from there to the results), `session` (one map after another, as long as somebody wants a new one), `runtime` (the loop around the
-//! agent), `lens` (a recording without a calibration), `lens_check` (whether the one given fits), `describing` (features of keyframes beside it), `fragments` (what was tracked after losses joined), `output` (the files), `growing` (the map's on the way), `record` (the numbers), `saving`
-//! (results on the way), `resuming` (a map of an earlier run gone on with), `diagnosis` (why nothing was tracked).
+//! agent), `lens` (a recording without a calibration), `lens_check` (whether the one given fits), `describing` (features of
+//! keyframes beside it), `fragments` (what was tracked after losses joined), `output` (the files), `growing` (the map's on
+//! the way), `listening` (who is told how the map grows), `record` (the numbers), `saving` (results on the way), `resuming`
+//! (a map of an earlier run gone on with), `diagnosis` (why nothing was tracked).
 
 mod describing;
 mod diagnosis;
@@ -10,6 +12,7 @@ mod fragments;
 mod growing;
 mod lens;
 mod lens_check;
+mod listening;
 mod options;
 mod output;
 mod progress;
@@ -20,7 +23,10 @@ mod saving;
 mod session;
 
 pub use describing::complete as find_features;
+#[cfg(feature = "fleet")]
+pub(crate) use describing::give_way;
 pub use lens::{FoundLens, find_lens};
+pub use listening::{Listener, MapListener};
 pub use options::{PreparedRun, RunOptions, run};
 pub use output::TrajectoryFormat;
 pub use progress::{Progress, Silent};

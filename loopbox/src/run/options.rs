@@ -2,6 +2,7 @@
 
 use super::diagnosis::too_few_poses;
 use super::lens::{FoundLens, find_lens};
+use super::listening::{Listener, MapListener};
 use super::output::{Output, TrajectoryFormat};
 use super::resuming::{Kept, Resume};
 use super::saving::Form;
@@ -133,6 +134,7 @@ pub struct PreparedRun {
     /// What there is to know of the map that is gone on in.
     warnings: Vec<String>,
     options: RunOptions,
+    listener: Listener,
 }
 
 /// Tracks and maps the recording at `source` and writes the results; tells nobody how it goes.
@@ -185,7 +187,27 @@ impl PreparedRun {
             output.add("camera.yaml", lens.file());
         }
         let head = Head::new(&info, CalibrationFiles::gather(&options.camera, &info)?);
-        Ok(Self { source, info, about, camera, params, correction, head, output, kept, warnings, options })
+        let listener = Listener::default();
+        Ok(Self {
+            source,
+            info,
+            about,
+            camera,
+            params,
+            correction,
+            head,
+            output,
+            kept,
+            warnings,
+            options,
+            listener,
+        })
+    }
+
+    /// The same, of whose maps `listener` is told.
+    pub fn told_to(self, mut listener: impl MapListener + 'static) -> Self {
+        listener.begins(&self.about);
+        Self { listener: Listener::new(listener), ..self }
     }
 
     /// What is odd about the source and its calibration, for people.
@@ -211,7 +233,20 @@ impl PreparedRun {
         stop: &Stop,
         progress: &dyn Progress,
     ) -> Result<Mapped> {
-        let Self { source, info, about, camera, params, correction, head, output, kept, options, .. } = self;
+        let Self {
+            source,
+            info,
+            about,
+            camera,
+            params,
+            correction,
+            head,
+            output,
+            kept,
+            options,
+            listener,
+            ..
+        } = self;
         let recorder = Recorder::idle();
         if let Some(path) = &options.record {
             recorder.start(path, &head)?;
@@ -223,8 +258,9 @@ impl PreparedRun {
         let form = Form { format: options.trajectory, max_variance: options.max_variance };
         let lens = options.lens.is_none().then_some((lens, halvings));
         let features = options.features;
+        let source = info;
         let session =
-            Session { about, source: info, camera, params, features, form, stop, progress, lens, kept };
+            Session { about, source, camera, params, features, form, stop, progress, lens, kept, listener };
         let mapped = session.run(output, &ahead, &mut watch);
         // Tells the recorder which frames nobody took, so that a replay ends where this run did.
         drop(ahead);

@@ -6,6 +6,7 @@ use crate::run::Progress;
 use crate::run::describing::Describer;
 use crate::run::diagnosis::{ImageStatistics, Losses};
 use crate::run::lens_check::LensCheck;
+use crate::run::listening::Listener;
 use crate::run::output::Output;
 use crate::run::record::FrameRow;
 use crate::run::resuming::Kept;
@@ -36,6 +37,8 @@ pub struct Run<'a> {
     describer: Option<Describer>,
     /// Asks whether the lens is the one of the images.
     check: Option<LensCheck>,
+    /// Who is told how the map grows.
+    listener: Listener,
     /// The fragment that the newest frame was given to.
     fragment: usize,
     rows: Vec<FrameRow>,
@@ -63,6 +66,7 @@ impl<'a> Run<'a> {
             identity,
             describer: None,
             check: None,
+            listener: Listener::default(),
             fragment: 0,
             rows: Vec::new(),
             skipped: BTreeMap::new(),
@@ -86,6 +90,11 @@ impl<'a> Run<'a> {
     /// The same, which goes on in `kept`, as its atlas does.
     pub fn within(self, kept: Option<&'a Kept>) -> Self {
         Self { kept, ..self }
+    }
+
+    /// The same, of whose map `listener` is told.
+    pub fn told_to(self, listener: Listener) -> Self {
+        Self { listener, ..self }
     }
 
     /// Gives the agent every frame until the recording ends, the user stops it, or who watches wants a new map; calls
@@ -126,6 +135,7 @@ impl<'a> Run<'a> {
                     let deltas = deltas?;
                     progress.lost(ahead.dropped(), ahead.missed());
                     run.describe(&deltas);
+                    run.tell(&deltas);
                     output.identify(run.identity_of(run.fragment));
                     if !run.localises()
                         && let Err(error) = output.grow(run.fragment, run.map(), deltas)
@@ -241,6 +251,17 @@ impl<'a> Run<'a> {
         let settled = deltas.iter().flat_map(|delta| &delta.settled);
         let keyframes = settled.filter_map(|settled| self.map().keyframes.get(&settled.keyframe));
         keyframes.for_each(|keyframe| describer.ask(keyframe));
+    }
+
+    /// Tells who listens what was said of the map. Who only localises has no map of its own to tell of.
+    fn tell(&self, deltas: &[MapDelta]) {
+        if let Some(identity) = self.identity_of(self.fragment)
+            && self.listener.is_there()
+            && !deltas.is_empty()
+            && !self.localises()
+        {
+            self.listener.tell(|listener| listener.changed(identity, deltas.to_vec()));
+        }
     }
 
     /// Gives the agent the features that were found meanwhile.

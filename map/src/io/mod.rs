@@ -9,6 +9,7 @@ mod about;
 mod channels;
 mod convert;
 mod messages;
+pub mod parts;
 mod picture;
 mod reader;
 mod records;

@@ -403,15 +403,7 @@ fn drop_strangers(map: &mut Map) -> Option<String> {
 
 /// Takes out of a damaged map what refers to keyframes that were lost; says how much.
 fn drop_dangling(map: &mut Map) -> Option<String> {
-    let known: Vec<KeyframeId> = map.keyframes.keys().copied().collect();
-    let is_known = |id: &KeyframeId| known.binary_search(id).is_ok();
-    let before = (map.edges.len(), map.frames.len());
-    map.edges.retain(|edge| is_known(&edge.from) && is_known(&edge.to));
-    map.frames.retain(|frame| is_known(&frame.reference));
-    for point in map.keyframes.values_mut().flat_map(|keyframe| &mut keyframe.points) {
-        point.observations.retain(|observation| is_known(&observation.keyframe));
-    }
-    let (edges, frames) = (before.0 - map.edges.len(), before.1 - map.frames.len());
+    let (edges, frames) = map.drop_dangling();
     (edges + frames > 0)
         .then(|| format!("{edges} edges and {frames} frames belong to missing keyframes and were left out"))
 }

@@ -1,0 +1,189 @@
+//! `loopbox fleet`: how things are with agents that pair; and `run --fleet`.
+
+mod demo;
+
+use crate::console::{self, tell};
+use crate::interrupt::stop_on_ctrl_c;
+use anyhow::{Result, bail};
+use clap::Args;
+use loopbox::fleet::{Endpoint, Fleet, FleetOptions, StatusFile, read_status};
+use sources::Stop;
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// How long an agent whose run is over waits for others that it could not reach.
+const PATIENCE: Duration = Duration::from_secs(5);
+
+/// List the agents, links and verdicts of a station or an agent, or see two agents and a station pair
+#[derive(Debug, Args)]
+pub struct FleetCommand {
+    /// The folder of `loopbox station`, or of `loopbox run --fleet`
+    #[arg(value_name = "DIR", required_unless_present = "demo", conflicts_with = "demo")]
+    folder: Option<PathBuf>,
+    /// Tell the map in this folder, of a run whose neighbours were not there, to a station or an agent; may be given again
+    #[arg(long, value_name = "ADDRESS", conflicts_with_all = ["demo", "json"])]
+    connect: Vec<Endpoint>,
+    /// Print it as JSON
+    #[arg(long, conflicts_with = "demo")]
+    json: bool,
+    /// Run a station and two agents on this machine that replay the two recordings in this folder
+    #[arg(long, value_name = "RECORDINGS", num_args = 0..=1, default_missing_value = "demo")]
+    demo: Option<PathBuf>,
+    /// Folder for the results of --demo
+    #[arg(long, value_name = "DIR", default_value = "out/fleet", requires = "demo")]
+    out: PathBuf,
+}
+
+/// How a run pairs.
+#[derive(Debug, Args)]
+pub struct PairingArgs {
+    /// Tell the map to others while it grows, and merge it with theirs, under this name; default:
+    /// that of the folder --out
+    #[arg(long, value_name = "NAME", num_args = 0..=1)]
+    fleet: Option<Option<String>>,
+    /// With --fleet: where others reach this agent, tcp/127.0.0.1:PORT
+    #[arg(long, value_name = "ADDRESS", requires = "fleet")]
+    listen: Option<Endpoint>,
+    /// With --fleet: a station or an agent to dial; may be given again
+    #[arg(long, value_name = "ADDRESS", requires = "fleet")]
+    connect: Vec<Endpoint>,
+}
+
+impl PairingArgs {
+    /// Whether the run is to pair.
+    pub fn is_wanted(&self) -> bool {
+        self.fleet.is_some()
+    }
+
+    /// Starts what pairs, if that was asked for.
+    ///
+    /// # Errors
+    /// When nobody could reach it or be reached, or an address cannot be listened at.
+    pub fn start(&self, out: &Path, quiet: bool) -> Result<Option<Fleet>> {
+        let Some(name) = &self.fleet else { return Ok(None) };
+        if self.listen.is_none() && self.connect.is_empty() {
+            bail!(
+                "--fleet: nobody could be reached\nhint: --connect tcp/127.0.0.1:7447 dials a station or an agent, \
+                 --listen tcp/127.0.0.1:7447 lets one dial"
+            );
+        }
+        let of_folder =
+            || out.file_name().map_or_else(|| "agent".into(), |n| n.to_string_lossy().into_owned());
+        let options = FleetOptions {
+            out: out.to_owned(),
+            force: false,
+            name: name.clone().unwrap_or_else(of_folder),
+            is_station: false,
+            listen: self.listen,
+            dial: self.connect.clone(),
+        };
+        let fleet = Fleet::start(&options, None, move |text| {
+            if !quiet {
+                tell!("fleet: {text}");
+            }
+        })?;
+        if let Some(at) = fleet.listening().filter(|_| !quiet) {
+            tell!("fleet: others reach this agent by --connect {at}");
+        }
+        Ok(Some(fleet))
+    }
+
+    /// Ends it once the others hold the map, after `stop` at once.
+    ///
+    /// # Errors
+    /// When what was merged cannot be written.
+    pub fn end(&self, fleet: Fleet, out: &Path, stop: &Stop, quiet: bool) -> Result<()> {
+        if !fleet.hand_over(PATIENCE, stop) && !quiet {
+            tell!(
+                "fleet: not everybody holds all of the map; it is kept: `loopbox fleet {} --connect ADDRESS` tells it",
+                out.display()
+            );
+        }
+        fleet.wait(&ended())?;
+        Ok(())
+    }
+}
+
+/// Runs `loopbox fleet`.
+///
+/// # Errors
+/// When there is no party whose results are in the folder, or a process of the demonstration fails.
+pub fn run(args: &FleetCommand) -> Result<()> {
+    if let Some(recordings) = &args.demo {
+        return demo::run(recordings, &args.out);
+    }
+    let folder = args.folder.as_deref().unwrap_or(Path::new("."));
+    let status = read_status(folder)?;
+    if !args.connect.is_empty() {
+        return hand_over(folder, &status.name, &args.connect);
+    }
+    if args.json {
+        return console::print(&(serde_json::to_string_pretty(&status)? + "\n"));
+    }
+    console::print(&described(&status))
+}
+
+/// Tells what a run kept for neighbours that were not there.
+fn hand_over(folder: &Path, name: &str, dial: &[Endpoint]) -> Result<()> {
+    let options = FleetOptions {
+        out: folder.to_owned(),
+        force: false,
+        name: name.to_owned(),
+        is_station: false,
+        listen: None,
+        dial: dial.to_vec(),
+    };
+    let stop = stop_on_ctrl_c("stopping (Ctrl-C again to abort)")?;
+    let fleet = Fleet::start(&options, None, |text| tell!("{text}"))?;
+    let held = fleet.hand_over(PATIENCE, &stop);
+    fleet.wait(&ended())?;
+    if !held {
+        bail!(
+            "{}: nobody holds all of this map\nhint: is --connect where a station listens?",
+            folder.display()
+        );
+    }
+    Ok(())
+}
+
+/// The wish to stop, at once.
+fn ended() -> Stop {
+    let stop = Stop::default();
+    stop.request();
+    stop
+}
+
+/// How things are, for people.
+// Writing to a String cannot fail.
+pub(super) fn described(status: &StatusFile) -> String {
+    let mut text = String::new();
+    let at = status.listening.as_ref().map_or(String::new(), |at| format!(", listening at {at}"));
+    let _ = writeln!(text, "{}{at}", status.name);
+    for link in &status.links {
+        let place = link.address.as_deref().unwrap_or("not there");
+        let lacks = match link.lacks {
+            Some(0) => ", holds all that is told here".into(),
+            Some(count) => format!(", lacks {count} objects"),
+            None => String::new(),
+        };
+        let _ = writeln!(text, "  {}: {place}, sent {} kB{lacks}", link.name, link.received / 1000);
+    }
+    for agent in &status.agents {
+        let missing = match agent.missing {
+            0 => "all here".into(),
+            count => format!("{count} objects missing"),
+        };
+        let run = if agent.finished { "run over" } else { "under way" };
+        let _ = writeln!(text, "  map {}: {} keyframes, {missing}, {run}", agent.agent, agent.keyframes);
+    }
+    for meeting in &status.found.meetings {
+        let [a, b] = &meeting.names;
+        let why = meeting.why.as_ref().map_or(String::new(), |why| format!(": {why}"));
+        let _ = writeln!(text, "  {a} + {b}: {}{why}", meeting.verdict);
+    }
+    for trouble in &status.trouble {
+        let _ = writeln!(text, "  {trouble}");
+    }
+    text
+}

@@ -1,0 +1,68 @@
+//! `loopbox station`: collects the maps of agents and merges them as they come.
+
+use crate::console::{self, tell};
+use crate::interrupt::stop_on_ctrl_c;
+use anyhow::Result;
+use clap::Args;
+use loopbox::fleet::{Endpoint, Fleet, FleetOptions};
+use std::path::PathBuf;
+
+/// Collect the maps of agents that run with --fleet, and merge them as they come
+#[derive(Debug, Args)]
+pub struct StationArgs {
+    /// Where agents reach it: tcp/127.0.0.1:PORT; port 0 takes a free one. Without keys only this machine can be listened
+    /// at
+    #[arg(long, value_name = "ADDRESS")]
+    listen: Option<Endpoint>,
+    /// An agent to dial, which listens itself; may be given again
+    #[arg(long, value_name = "ADDRESS")]
+    connect: Vec<Endpoint>,
+    /// Folder for the common map and all that was collected; made if it is not there. A station started again goes on
+    /// with what it holds
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// What agents are told that it is called
+    #[arg(long, default_value = "station")]
+    name: String,
+    /// Replace results of a run in that folder
+    #[arg(long)]
+    force: bool,
+    /// End once the maps of so many agents are whole, their runs over and all is merged
+    #[arg(long, value_name = "COUNT")]
+    agents: Option<usize>,
+    /// Say nothing of what happens
+    #[arg(long)]
+    quiet: bool,
+}
+
+/// Runs `loopbox station`.
+///
+/// # Errors
+/// When nobody could reach it or be reached, an address cannot be listened at, or the results cannot be written.
+pub fn run(args: &StationArgs) -> Result<()> {
+    if args.listen.is_none() && args.connect.is_empty() {
+        anyhow::bail!(
+            "nobody could reach the station\nhint: --listen tcp/127.0.0.1:7447 lets agents dial it"
+        );
+    }
+    let options = FleetOptions {
+        out: args.out.clone(),
+        force: args.force,
+        name: args.name.clone(),
+        is_station: true,
+        listen: args.listen,
+        dial: args.connect.clone(),
+    };
+    let stop = stop_on_ctrl_c("stopping: writing what was merged so far (Ctrl-C again to abort)")?;
+    let quiet = args.quiet;
+    let fleet = Fleet::start(&options, args.agents, move |text| {
+        if !quiet {
+            tell!("{text}");
+        }
+    })?;
+    if let Some(at) = fleet.listening().filter(|_| !quiet) {
+        tell!("agents reach this station by: loopbox run … --fleet --connect {at}");
+    }
+    let status = fleet.wait(&stop)?;
+    console::print(&super::fleet::described(&status))
+}

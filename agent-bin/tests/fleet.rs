@@ -1,0 +1,202 @@
+//! Agents that pair over a network, through the binary: processes of their own on this machine.
+#![cfg(feature = "fleet")]
+
+mod common;
+
+use common::{arg, command, loopbox, stderr, stdout};
+use loopbox_tests::{Encoding, Recording, World, trajectory};
+use serde_json::Value;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Stdio};
+use std::sync::OnceLock;
+use std::time::{Duration, Instant};
+use tempfile::TempDir;
+
+/// Two recordings of drives past the same boxes, `a` and `b`, that share their middle.
+fn recordings() -> &'static Path {
+    static ROOM: OnceLock<TempDir> = OnceLock::new();
+    let room = ROOM.get_or_init(|| {
+        let room = tempfile::tempdir().expect("a folder");
+        let path = trajectory::sideways(180, 8.1);
+        let yard = World::yard(1);
+        for (name, part) in [("a", &path[..105]), ("b", &path[75..])] {
+            let recording = Recording::render(&yard, Recording::SMALL_CAMERA, part, 30.0);
+            recording.write(&room.path().join("r").join(name), Encoding::Png).expect("there is room");
+        }
+        room
+    });
+    room.path()
+}
+
+fn recording(name: &str) -> PathBuf {
+    recordings().join("r").join(name)
+}
+
+/// A process that is ended with the test.
+struct Process(Child);
+
+impl Process {
+    fn start(args: &[&str]) -> Self {
+        let child = command().args(args).stdout(Stdio::null()).stderr(Stdio::null()).spawn();
+        Self(child.expect("it starts"))
+    }
+
+    /// Waits for its end; whether it succeeded.
+    fn succeeded(mut self) -> bool {
+        let end = Instant::now() + Duration::from_secs(300);
+        while Instant::now() < end {
+            if let Some(status) = self.0.try_wait().expect("it is ours") {
+                return status.success();
+            }
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        false
+    }
+
+    /// As `kill -9`.
+    fn kill(mut self) {
+        self.0.kill().expect("it is ours");
+        self.0.wait().expect("it is ours");
+    }
+}
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+/// What `fleet.json` in a folder says, once it says what is asked for.
+fn status(folder: &Path, wanted: impl Fn(&Value) -> bool) -> Value {
+    let end = Instant::now() + Duration::from_secs(300);
+    loop {
+        let text = fs::read(folder.join("fleet.json")).unwrap_or_default();
+        let status: Value = serde_json::from_slice(&text).unwrap_or_default();
+        if wanted(&status) {
+            return status;
+        }
+        assert!(Instant::now() < end, "{status:#}");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
+fn address(folder: &Path) -> String {
+    let found = status(folder, |status| status["listening"].is_string());
+    found["listening"].as_str().expect("it is a text").to_owned()
+}
+
+fn run(name: &str, out: &Path, more: &[&str]) -> Process {
+    let (recording, named) = (recording(name), ["--quiet", "--fleet", name]);
+    Process::start(&[&["run", arg(&recording), "--out", arg(out)], &named[..], more].concat())
+}
+
+/// The folder of an agent's own map at a station.
+fn collected(station: &Path, name: &str) -> PathBuf {
+    let entries = fs::read_dir(station.join("agents")).expect("maps were collected").flatten();
+    let mut found = entries.filter(|e| e.file_name().to_string_lossy().starts_with(&format!("{name}-")));
+    found.next().expect("it was collected").path()
+}
+
+fn bytes(path: &Path) -> Vec<u8> {
+    fs::read(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
+}
+
+/// Fails unless the station has the agents' own maps, and the common map of a merge of these files, to the last bit.
+fn assert_is_the_merge_of_the_files(station: &Path, agents: [&Path; 2], names: [&str; 2]) {
+    for (own, name) in agents.iter().zip(names) {
+        let there = collected(station, name).join("map.mcap");
+        assert!(bytes(&there) == bytes(&own.join("map.mcap")), "{name}'s map is another one at the station");
+    }
+    let json: Value = serde_json::from_slice(&bytes(&station.join("merge.json"))).expect("numbers");
+    let inputs: Vec<&str> =
+        json["inputs"].as_array().expect("inputs").iter().filter_map(|i| i["path"].as_str()).collect();
+    let again = station.with_file_name("again");
+    let output = loopbox(&[&["merge"], &inputs[..], &["--out", arg(&again), "--quiet"]].concat());
+    assert!(output.status.success(), "{}", stderr(&output));
+    assert!(bytes(&again.join("map.mcap")) == bytes(&station.join("map.mcap")), "the common maps differ");
+}
+
+#[test]
+fn a_station_collects_and_merges_and_is_killed_meanwhile() {
+    let room = tempfile::tempdir().expect("a folder");
+    let [station, a, b] = ["station", "a", "b"].map(|name| room.path().join(name));
+    let listen = ["station", "--quiet", "--out", arg(&station), "--listen"];
+    let first = Process::start(&[&listen[..], &["tcp/127.0.0.1:0"]].concat());
+    let at = address(&station);
+    let one = run("a", &a, &["--connect", &at]);
+    // As soon as it holds something it dies, and comes back where it was.
+    status(&station, |status| status["agents"].as_array().is_some_and(|agents| !agents.is_empty()));
+    first.kill();
+    fs::remove_file(station.join("fleet.json")).expect("it was there");
+    let again = Process::start(&[&listen[..], &[&at, "--agents", "2"]].concat());
+    // A late joiner.
+    let other = run("b", &b, &["--connect", &at]);
+    assert!(one.succeeded() && other.succeeded());
+    assert!(again.succeeded());
+    let found = status(&station, |_| true);
+    assert_eq!(found["found"]["meetings"][0]["verdict"], "accepted", "{found:#}");
+    assert_is_the_merge_of_the_files(&station, [&a, &b], ["a", "b"]);
+    // The agents were told where they are.
+    let output = loopbox(&["fleet", arg(&station)]);
+    let said = stdout(&output);
+    assert!(["a + b: accepted", "all here", "run over"].iter().all(|words| said.contains(words)), "{said}");
+}
+
+#[test]
+fn the_station_off_the_result_is_as_alone_and_all_is_sent_when_it_is_back() {
+    let room = tempfile::tempdir().expect("a folder");
+    let [station, alone, beside] = ["station", "alone", "a"].map(|name| room.path().join(name));
+    let output = loopbox(&["run", arg(&recording("a")), "--out", arg(&alone), "--quiet"]);
+    assert!(output.status.success(), "{}", stderr(&output));
+    // Nobody listens there.
+    assert!(run("a", &beside, &["--connect", "tcp/127.0.0.1:9"]).succeeded());
+    for file in ["map.mcap", "trajectory.txt", "cloud.ply"] {
+        assert!(bytes(&alone.join(file)) == bytes(&beside.join(file)), "{file} is another one");
+    }
+    let listen = ["--listen", "tcp/127.0.0.1:0", "--agents", "1"];
+    let back = Process::start(&[&["station", "--quiet", "--out", arg(&station)], &listen[..]].concat());
+    let at = address(&station);
+    let telling = loopbox(&["fleet", arg(&beside), "--connect", &at]);
+    assert!(telling.status.success(), "{}", stderr(&telling));
+    assert!(back.succeeded());
+    assert!(bytes(&collected(&station, "a").join("map.mcap")) == bytes(&alone.join("map.mcap")));
+}
+
+#[test]
+fn two_agents_pair_without_a_station() {
+    let room = tempfile::tempdir().expect("a folder");
+    let [a, b] = ["a", "b"].map(|name| room.path().join(name));
+    let one = run("a", &a, &["--listen", "tcp/127.0.0.1:0"]);
+    let at = address(&a);
+    let other = run("b", &b, &["--connect", &at]);
+    assert!(one.succeeded() && other.succeeded());
+    // Who ends last has both maps.
+    let common = [&a, &b].map(|out| out.join("common/merge.json")).into_iter().find(|path| path.is_file());
+    let numbers: Value =
+        serde_json::from_slice(&bytes(&common.expect("one of them has the common map"))).unwrap();
+    assert_eq!(numbers["encounters"][0]["closure"]["travel"], "same", "{numbers:#}");
+}
+
+#[test]
+fn what_cannot_be_is_refused_by_name() {
+    let room = tempfile::tempdir().expect("a folder");
+    let out = room.path().join("out");
+    let recording = recording("a");
+    let station = ["station", "--out", arg(&out)];
+    let run = ["run", arg(&recording), "--out", arg(&out), "--fleet"];
+    let cases: [(&[&str], &[&str], &str); 4] = [
+        (&station, &[], "nobody could reach"),
+        (&station, &["--listen", "tcp/0.0.0.0:0"], "not of this machine alone"),
+        (&run, &[], "nobody could be reached"),
+        (&["fleet", arg(&out)], &[], "fleet.json"),
+    ];
+    for (args, more, words) in cases {
+        let output = loopbox(&[args, more].concat());
+        let said = stderr(&output);
+        assert_eq!(output.status.code(), Some(1), "{said}");
+        assert!(said.contains(words) && said.contains("hint"), "{said}");
+        assert!(!out.join("map.mcap").exists());
+    }
+}

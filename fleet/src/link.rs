@@ -1,0 +1,327 @@
+//! How objects are asked for over a link: in which order, how much at once, and when again.
+//!
+//! Under way at a time is what the link carried lately in half a second and a round trip (a window as of BBR, Cardwell et
+//! al. 2016: the measured rate times the time), so that a slow link is never filled for longer than that and what is
+//! urgent waits no longer. Without the round trip a link of two seconds' delay would starve itself: half a second's worth
+//! every two seconds is a quarter of the rate, and so on down. Where messages are lost, as much more is under way as it
+//! takes for as much to come back.
+
+use crate::hash::ObjectHash;
+use crate::wire::{MAX_PART, Message};
+use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
+use std::time::Duration;
+
+/// What parts are made of, bytes: the smallest part but for an object's last.
+const UNIT: usize = 4096;
+/// Time that the window covers beside a round trip.
+const WINDOW_TIME: Duration = Duration::from_millis(500);
+/// Time that a part should take on the link: a state that waits for one waits no longer.
+const PART_TIME: Duration = Duration::from_millis(50);
+/// The window before anything is known of a link, bytes: half a second of 256 kbit/s.
+const FIRST_WINDOW: usize = 4 * UNIT;
+/// Largest window, bytes: what a neighbour may be asked for at once.
+const LARGEST_WINDOW: usize = 4 << 20;
+/// Bytes of objects that are here in part, per neighbour: a neighbour that begins all and ends none is asked no more.
+const LARGEST_BEGUN: usize = 128 << 20;
+/// How long an answer may take before anything is known of the link, and at the least and most afterwards.
+const FIRST_PATIENCE: Duration = Duration::from_secs(2);
+const LEAST_PATIENCE: Duration = Duration::from_millis(200);
+const MOST_PATIENCE: Duration = Duration::from_secs(20);
+/// By how much the window is larger than what the link carried: without it a rate would never be found to be higher
+/// (BBR's gain).
+const PROBE: f64 = 1.25;
+/// Weight of a request in the share that is answered, and the least share that is reckoned with.
+const ANSWER_GAIN: f64 = 1.0 / 16.0;
+const LEAST_ANSWERED: f64 = 0.1;
+/// Time over which the rate is measured at the least.
+const RATE_TIME: Duration = Duration::from_millis(50);
+
+/// An object to be fetched.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Want {
+    /// Which.
+    pub hash: ObjectHash,
+    /// Its size, bytes.
+    pub size: u32,
+}
+
+/// What became of a part that came.
+#[derive(Debug, PartialEq, Eq)]
+pub enum Taken {
+    /// It was wanted, and more of the object is missing.
+    More,
+    /// The object is whole and what it should be.
+    Whole(Vec<u8>),
+    /// The object is whole and not what it is called: the neighbour is not to be trusted.
+    Wrong,
+    /// Nobody wants it (any more), or it is here already.
+    Unwanted,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Unit {
+    Missing,
+    UnderWay,
+    Here,
+}
+
+/// An object of which some is here.
+struct Begun {
+    bytes: Vec<u8>,
+    units: Vec<Unit>,
+    left: usize,
+}
+
+/// A request without an answer yet.
+struct Request {
+    hash: ObjectHash,
+    first: usize,
+    units: usize,
+    sent: Duration,
+}
+
+/// What is fetched from one neighbour.
+#[derive(Default)]
+pub struct Fetch {
+    wants: Vec<Want>,
+    begun: BTreeMap<ObjectHash, Begun>,
+    under_way: Vec<Request>,
+    pace: Pace,
+    /// Bytes of parts that came, wanted or not.
+    pub received: u64,
+    /// Bytes of them that were here already or nobody wanted.
+    pub useless: u64,
+}
+
+impl Fetch {
+    /// What is wanted from now on, the most urgent first. What is here of objects that are still wanted stays.
+    pub fn want(&mut self, wants: Vec<Want>) {
+        let wanted: std::collections::BTreeSet<ObjectHash> = wants.iter().map(|want| want.hash).collect();
+        self.begun.retain(|hash, _| wanted.contains(hash));
+        self.under_way.retain(|request| wanted.contains(&request.hash));
+        self.wants = wants;
+    }
+
+    /// How many objects are wanted.
+    pub fn wanted(&self) -> usize {
+        self.wants.len()
+    }
+
+    /// The measured rate, bytes a second.
+    pub fn rate(&self) -> f64 {
+        self.pace.rate
+    }
+
+    /// The link was lost: nothing is under way any more.
+    pub fn lost(&mut self) {
+        for request in std::mem::take(&mut self.under_way) {
+            self.release(&request);
+        }
+        self.pace = Pace::default();
+    }
+
+    /// The neighbour is heard again after a silence: what is late is asked for again at once.
+    pub fn heard_again(&mut self) {
+        self.pace.backoff = 0;
+    }
+
+    /// What to ask for now.
+    pub fn requests(&mut self, now: Duration) -> Vec<Message> {
+        let patience = self.pace.patience();
+        let late: Vec<Request> =
+            self.under_way.extract_if(.., |request| now.saturating_sub(request.sent) > patience).collect();
+        if !late.is_empty() {
+            self.pace.were_late(now, late.len());
+            late.iter().for_each(|request| self.release(request));
+        }
+        let mut room = self.pace.window().saturating_sub(self.bytes_under_way());
+        let longest = self.pace.part() / UNIT;
+        let mut begun_bytes: usize = self.begun.values().map(|begun| begun.bytes.len()).sum();
+        let mut asked = Vec::new();
+        for want in &self.wants {
+            if room == 0 {
+                break;
+            }
+            if let Entry::Vacant(free) = self.begun.entry(want.hash) {
+                let size = want.size as usize;
+                if begun_bytes > 0 && begun_bytes + size > LARGEST_BEGUN {
+                    break;
+                }
+                begun_bytes += size;
+                let units = vec![Unit::Missing; size.div_ceil(UNIT).max(1)];
+                free.insert(Begun { bytes: vec![0; size], left: units.len(), units });
+            }
+            let Some(begun) = self.begun.get_mut(&want.hash) else { continue };
+            while room > 0 {
+                let Some(first) = begun.units.iter().position(|unit| *unit == Unit::Missing) else { break };
+                let run =
+                    begun.units[first..].iter().take(longest).take_while(|unit| **unit == Unit::Missing);
+                let units = run.count();
+                begun.units[first..first + units].fill(Unit::UnderWay);
+                let length = (begun.bytes.len() - first * UNIT).min(units * UNIT);
+                self.under_way.push(Request { hash: want.hash, first, units, sent: now });
+                let (offset, length) = ((first * UNIT) as u32, length as u32);
+                asked.push(Message::Get { hash: want.hash, offset, length });
+                room = room.saturating_sub(units * UNIT);
+            }
+        }
+        asked
+    }
+
+    /// Takes a part that came.
+    pub fn take(&mut self, now: Duration, hash: &ObjectHash, offset: u32, part: &[u8]) -> Taken {
+        self.received += part.len() as u64;
+        let first = offset as usize / UNIT;
+        let matching = |request: &Request| request.hash == *hash && request.first == first;
+        let answered = self.under_way.iter().position(matching).map(|at| self.under_way.swap_remove(at));
+        let round_trip = answered.as_ref().map(|request| now.saturating_sub(request.sent));
+        self.pace.came(now, part.len(), round_trip, !self.under_way.is_empty());
+        let fits = |begun: &&mut Begun| {
+            let end = offset as usize + part.len();
+            let whole = end == begun.bytes.len() || part.len().is_multiple_of(UNIT);
+            (offset as usize).is_multiple_of(UNIT) && end <= begun.bytes.len() && whole
+        };
+        let Some(begun) = self.begun.get_mut(hash).filter(fits) else {
+            self.useless += part.len() as u64;
+            return Taken::Unwanted;
+        };
+        begun.bytes[offset as usize..offset as usize + part.len()].copy_from_slice(part);
+        let units = part.len().div_ceil(UNIT).max(1);
+        let mut news = false;
+        for unit in begun.units.iter_mut().skip(first).take(units) {
+            if *unit != Unit::Here {
+                news = true;
+                begun.left -= 1;
+            }
+            *unit = Unit::Here;
+        }
+        if let Some(request) = answered.filter(|request| request.units > units) {
+            // It sent less than was asked for.
+            self.release(&request);
+        }
+        if !news {
+            self.useless += part.len() as u64;
+            return Taken::Unwanted;
+        }
+        if self.begun.get(hash).is_some_and(|begun| begun.left > 0) {
+            return Taken::More;
+        }
+        self.drop_want(hash);
+        match self.begun.remove(hash) {
+            Some(begun) if ObjectHash::of(&begun.bytes) == *hash => Taken::Whole(begun.bytes),
+            _ => Taken::Wrong,
+        }
+    }
+
+    /// An object is not to be had from this neighbour, or not needed any more.
+    pub fn drop_object(&mut self, hash: &ObjectHash) {
+        self.drop_want(hash);
+        self.begun.remove(hash);
+        self.under_way.retain(|request| request.hash != *hash);
+    }
+
+    fn drop_want(&mut self, hash: &ObjectHash) {
+        self.wants.retain(|want| want.hash != *hash);
+        self.under_way.retain(|request| request.hash != *hash);
+    }
+
+    /// What a request asked for and is not here is missing again.
+    fn release(&mut self, request: &Request) {
+        let Some(begun) = self.begun.get_mut(&request.hash) else { return };
+        let units = begun.units.iter_mut().skip(request.first).take(request.units);
+        units.filter(|unit| **unit == Unit::UnderWay).for_each(|unit| *unit = Unit::Missing);
+    }
+
+    fn bytes_under_way(&self) -> usize {
+        self.under_way.iter().map(|request| request.units * UNIT).sum()
+    }
+}
+
+/// What is known of how fast a link is.
+struct Pace {
+    /// Bytes a second.
+    rate: f64,
+    /// Shortest round trip of a request.
+    least: Option<Duration>,
+    /// Mean round trip and its mean deviation, seconds (Jacobson 1988).
+    smoothed: Option<(f64, f64)>,
+    /// Share of requests that are answered in time.
+    answered: f64,
+    /// When the last answer came, or patience grew.
+    answer: Duration,
+    /// How often patience was doubled since the last answer.
+    backoff: u32,
+    since: Option<Duration>,
+    bytes: usize,
+    /// Whether something was under way all the time since.
+    busy: bool,
+}
+
+impl Default for Pace {
+    fn default() -> Self {
+        let (least, smoothed, since) = (None, None, None);
+        let answer = Duration::ZERO;
+        Self { rate: 0.0, least, smoothed, answered: 1.0, answer, backoff: 0, since, bytes: 0, busy: true }
+    }
+}
+
+impl Pace {
+    fn came(&mut self, now: Duration, bytes: usize, round_trip: Option<Duration>, busy: bool) {
+        if let Some(round_trip) = round_trip {
+            (self.backoff, self.answer) = (0, now);
+            self.answered += (1.0 - self.answered) * ANSWER_GAIN;
+            self.least = Some(self.least.map_or(round_trip, |least| least.min(round_trip)));
+            let seconds = round_trip.as_secs_f64();
+            self.smoothed = Some(match self.smoothed {
+                None => (seconds, seconds / 2.0),
+                Some((mean, deviation)) => {
+                    (mean + (seconds - mean) / 8.0, deviation + ((seconds - mean).abs() - deviation) / 4.0)
+                }
+            });
+        }
+        self.bytes += bytes;
+        // Time passes from the request on for the first part that comes.
+        let since = *self.since.get_or_insert(now.saturating_sub(round_trip.unwrap_or_default()));
+        self.busy &= busy;
+        let passed = now.saturating_sub(since);
+        if passed < RATE_TIME.max(self.least.unwrap_or_default()) {
+            return;
+        }
+        let found = self.bytes as f64 / passed.as_secs_f64();
+        if found > self.rate {
+            self.rate = found;
+        } else if self.busy {
+            // Idle time says nothing about the link.
+            self.rate += 0.2 * (found - self.rate);
+        }
+        (self.since, self.bytes, self.busy) = (busy.then_some(now), 0, true);
+    }
+
+    fn window(&self) -> usize {
+        let Some(least) = self.least else { return FIRST_WINDOW };
+        let bytes = PROBE * self.rate * (WINDOW_TIME + least).as_secs_f64() / self.answered;
+        (bytes as usize).clamp(2 * self.part(), LARGEST_WINDOW)
+    }
+
+    fn part(&self) -> usize {
+        let units = (self.rate * PART_TIME.as_secs_f64()) as usize / UNIT;
+        units.clamp(1, MAX_PART / UNIT) * UNIT
+    }
+
+    fn patience(&self) -> Duration {
+        let known = self.smoothed.map_or(FIRST_PATIENCE, |(mean, deviation)| {
+            Duration::from_secs_f64(mean + 4.0 * deviation) + LEAST_PATIENCE
+        });
+        (known * (1 << self.backoff)).min(MOST_PATIENCE)
+    }
+
+    /// So many requests were not answered in time. Where nothing at all is answered, one waits twice as long.
+    fn were_late(&mut self, now: Duration, count: usize) {
+        let share = self.answered * (1.0 - ANSWER_GAIN).powi(count.min(100) as i32);
+        self.answered = share.max(LEAST_ANSWERED);
+        if now.saturating_sub(self.answer) > self.patience() {
+            (self.backoff, self.answer) = ((self.backoff + 1).min(4), now);
+        }
+    }
+}

@@ -1,0 +1,532 @@
+//! What one party of the fleet says and does: a function of what comes and of the time, without sockets, threads and
+//! clocks.
+//!
+//! Every second it says on each link who it is, which maps of its own can be asked for and how much of the other's it
+//! holds; a link on which nothing is heard is closed, for whoever dials to open anew. What others tell is fetched
+//! ([`told`](self::told)), checked against its hash, kept in the store, and acknowledged when it is on the disk.
+
+mod status;
+mod told;
+
+pub use status::{AgentStatus, NeighbourStatus, Status};
+
+use crate::hash::ObjectHash;
+use crate::link::{Fetch, Taken};
+use crate::manifest::{Entry, Kind, MAX_LIST, Manifest};
+use crate::publishing::Publication;
+use crate::store::{Head, Store};
+use crate::wire::{FindingsRef, MAX_NAME, MAX_REASON, Message, Offer, Priority, Role, VERSION};
+use map::{Identity, Uuid};
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+use std::time::Duration;
+use told::Told;
+
+/// How often one says who one is and what one has.
+pub const BEAT: Duration = Duration::from_secs(1);
+/// A link on which nothing was heard for so long is closed. Eight beats: at 20 % loss one in 400,000 times by chance.
+pub const SILENCE: Duration = Duration::from_secs(8);
+/// After a silence so long what is late is asked for again at once: a link that was cut works again.
+const CUT: Duration = Duration::from_millis(2500);
+/// States of maps, of one's own and of those one holds, that are said in one beat: the others' turn comes later.
+const STATES: usize = 2;
+/// How long nothing is fetched after the disk refused.
+const DISK_PAUSE: Duration = Duration::from_secs(10);
+
+/// A connection to a neighbour, as its transport calls it; a new one for each time it is opened.
+pub type LinkId = u64;
+
+/// Who one is, and what one allows others.
+#[derive(Clone, Debug)]
+pub struct Config {
+    /// Oneself: the same after a restart.
+    pub node: Uuid,
+    /// What for.
+    pub role: Role,
+    /// What people call it; at most 64 bytes are told.
+    pub name: String,
+    /// What a map of another may take.
+    pub quota: Quota,
+}
+
+/// What another's map may take.
+#[derive(Clone, Copy, Debug)]
+pub struct Quota {
+    /// Bytes of all objects.
+    pub bytes: u64,
+    /// Keyframes.
+    pub keyframes: usize,
+}
+
+impl Default for Quota {
+    /// 16 GiB and 30,000 keyframes: some hours of driving.
+    fn default() -> Self {
+        Self { bytes: 16 << 30, keyframes: 30_000 }
+    }
+}
+
+/// What happens to a node.
+#[derive(Debug)]
+pub enum Event {
+    /// A link was opened, by whoever dialled.
+    Up {
+        /// Its name from now on.
+        link: LinkId,
+        /// Where the other one is, for people.
+        address: String,
+    },
+    /// A link is gone.
+    Down {
+        /// Which.
+        link: LinkId,
+    },
+    /// A message came.
+    Received {
+        /// On which link.
+        link: LinkId,
+        /// The message.
+        bytes: Vec<u8>,
+    },
+    /// Time passed. Comes ten times a second or more often.
+    Tick,
+    /// An agent who works here has a new version of its map.
+    Publish(Box<Publication>),
+    /// What a neighbour told of this agent is not to be believed.
+    Distrust {
+        /// Whose map it told.
+        agent: Identity,
+        /// Why.
+        reason: String,
+    },
+    /// Something new was found out about where agents are; `revision` is larger than before.
+    Findings {
+        /// Which version it is.
+        revision: u64,
+        /// What.
+        bytes: Vec<u8>,
+    },
+}
+
+/// What a node wants done.
+#[derive(Debug)]
+pub enum Action {
+    /// A message is to be sent; it may be dropped where the link has no room.
+    Send {
+        /// On which link.
+        link: LinkId,
+        /// What goes before what.
+        priority: Priority,
+        /// The message.
+        bytes: Vec<u8>,
+    },
+    /// A link is to be closed.
+    Close {
+        /// Which.
+        link: LinkId,
+        /// Why, for people.
+        reason: String,
+    },
+    /// Something people or other parts of the program may want to know.
+    News(News),
+}
+
+/// What there is to know.
+#[derive(Clone, Debug)]
+pub enum News {
+    /// A neighbour said who it is.
+    Met {
+        /// What people call it.
+        name: String,
+        /// Where it is.
+        address: String,
+    },
+    /// There is more of an agent's map than before.
+    Map(Heard),
+    /// A neighbour found something out about where agents are.
+    Findings {
+        /// Who.
+        from: Uuid,
+        /// What, not looked at.
+        bytes: Vec<u8>,
+    },
+    /// A neighbour holds all of an own map up to this version, on its disk.
+    Held {
+        /// Who.
+        by: String,
+        /// Whose map.
+        agent: Identity,
+        /// Which version, see [`Offer::version`].
+        version: (u64, u64),
+    },
+    /// Something was refused, by this one or the other, or did not work.
+    Trouble(String),
+}
+
+/// How much of another's map is here.
+#[derive(Clone, Debug)]
+pub struct Heard {
+    /// Whose.
+    pub agent: Identity,
+    /// When the agent began to tell it, milliseconds since 1970.
+    pub begun: u64,
+    /// All objects of its newest version.
+    pub entries: Arc<[Entry]>,
+    /// How many of them are not here yet.
+    pub missing: usize,
+    /// Whether the agent's run has ended.
+    pub finished: bool,
+}
+
+/// A party of the fleet.
+pub struct Node {
+    config: Config,
+    store: Arc<dyn Store>,
+    /// Maps that are told.
+    own: BTreeMap<Identity, Own>,
+    /// Maps that others tell.
+    told: BTreeMap<Identity, Told>,
+    findings: Option<(FindingsRef, Vec<u8>)>,
+    neighbours: BTreeMap<Uuid, Neighbour>,
+    links: BTreeMap<LinkId, Link>,
+    /// Neighbours of whom nothing is believed, and why.
+    distrusted: BTreeMap<Uuid, String>,
+    /// Nothing is fetched before.
+    paused_until: Duration,
+    actions: Vec<Action>,
+}
+
+/// A map of one's own.
+struct Own {
+    offer: Offer,
+    all: BTreeSet<ObjectHash>,
+    /// What the version before had: somebody may be fetching it.
+    before: BTreeSet<ObjectHash>,
+}
+
+/// Another party.
+#[derive(Default)]
+struct Neighbour {
+    name: String,
+    is_station: bool,
+    link: Option<LinkId>,
+    fetch: Fetch,
+    /// Of own maps, the last version that it holds whole, and how many objects of the newest it lacks.
+    holds: BTreeMap<Identity, ((u64, u64), u32)>,
+    /// What it found out, by its own word.
+    findings: Option<FindingsRef>,
+    /// The revision of what is here of that.
+    findings_here: u64,
+}
+
+struct Link {
+    address: String,
+    node: Option<Uuid>,
+    heard: Duration,
+    beat: Duration,
+    turn: usize,
+}
+
+impl Node {
+    /// A node that keeps objects in `store`; what is whole there is known again.
+    pub fn new(config: Config, store: Arc<dyn Store>) -> Self {
+        let (own, told, neighbours, links, distrusted, actions) = Default::default();
+        let (findings, paused_until) = (None, Duration::ZERO);
+        let mut node =
+            Self { config, store, own, told, findings, neighbours, links, distrusted, paused_until, actions };
+        for (agent, head) in node.store.heads() {
+            node.remember(agent, head);
+        }
+        node
+    }
+
+    /// Knows a map again that was whole when the program ended.
+    fn remember(&mut self, agent: Identity, head: Head) {
+        let Some(bytes) = self.store.get(&head.manifest) else { return };
+        let Ok(manifest) = Manifest::from_bytes(&bytes) else { return };
+        let Ok(Some(entries)) = crate::assembling::entries_of(&manifest, &*self.store) else { return };
+        let keyframes = entries.iter().filter(|entry| entry.kind == Kind::Depth);
+        let offer = Offer {
+            agent,
+            begun: manifest.begun,
+            revision: manifest.revision,
+            newest: keyframes.map(|entry| entry.number).max().unwrap_or(0),
+            size: bytes.len() as u32,
+            hash: head.manifest,
+        };
+        if head.own {
+            let pages = manifest.pages.iter().map(|page| page.hash);
+            let all = entries.iter().map(|entry| entry.hash).chain(pages).chain([head.manifest]).collect();
+            self.own.insert(agent, Own { offer, all, before: BTreeSet::new() });
+        } else {
+            self.told.insert(agent, Told::whole(offer, manifest, entries, &*self.store));
+        }
+    }
+
+    /// What is to be done now that this happened; `now` is the time since any moment, and never less than before.
+    pub fn handle(&mut self, now: Duration, event: Event) -> Vec<Action> {
+        match event {
+            Event::Up { link, address } => {
+                let beat = now.saturating_sub(BEAT);
+                self.links.insert(link, Link { address, node: None, heard: now, beat, turn: 0 });
+            }
+            Event::Down { link } => self.forget(link),
+            Event::Received { link, bytes } => match Message::from_bytes(&bytes) {
+                Ok(message) => self.received(now, link, message),
+                Err(what) => self.refuse(link, format!("it sent what is no message: {what}")),
+            },
+            Event::Tick => {}
+            Event::Publish(publication) => self.publish(now, *publication),
+            Event::Distrust { agent, reason } => self.distrust(agent, reason),
+            Event::Findings { revision, bytes } => self.take_findings(now, revision, bytes),
+        }
+        self.beat(now);
+        self.fetch(now);
+        std::mem::take(&mut self.actions)
+    }
+
+    /// Maps that are whole or in part here, of others.
+    pub fn heard(&self) -> impl Iterator<Item = Heard> + '_ {
+        self.told.values().filter_map(Told::heard)
+    }
+
+    fn received(&mut self, now: Duration, link: LinkId, message: Message) {
+        let Some(known) = self.links.get_mut(&link) else { return };
+        let silent = now.saturating_sub(known.heard);
+        known.heard = now;
+        let node = known.node;
+        if let Message::Hello { version, node, role, name, findings } = message {
+            return self.hello(now, link, (version, node, role == Role::Station), name, findings);
+        }
+        if let Message::Refused { reason } = message {
+            let name = node.and_then(|node| self.neighbours.get(&node)).map_or("a neighbour", |n| &n.name);
+            let text = format!("{name} refused this one: {reason}");
+            self.actions.push(Action::News(News::Trouble(text.clone())));
+            self.forget(link);
+            return self.actions.push(Action::Close { link, reason: text });
+        }
+        // Before it said who it is, nothing is believed; it will say it again.
+        let Some(node) = node else { return };
+        let Some(neighbour) = self.neighbours.get_mut(&node) else { return };
+        if silent > CUT {
+            neighbour.fetch.heard_again();
+        }
+        match message {
+            Message::Hello { .. } | Message::Refused { .. } => {}
+            Message::State(offer) => self.offered(link, node, offer),
+            Message::Held { agent, begun, revision, missing } => {
+                let version = (begun, revision);
+                let before = neighbour.holds.insert(agent, (version, missing));
+                let is_own = self.own.get(&agent).is_some_and(|own| own.offer.version() == version);
+                if is_own && before.map(|(before, _)| before) != Some(version) {
+                    let by = neighbour.name.clone();
+                    self.actions.push(Action::News(News::Held { by, agent, version }));
+                }
+            }
+            Message::Get { hash, offset, length } => {
+                let part = self.may_have(&hash).then(|| self.store.part(&hash, offset, length)).flatten();
+                let found = self.findings.as_ref().filter(|(known, _)| known.hash == hash);
+                let findings = found.map(|(_, bytes)| {
+                    let end = bytes.len().min((offset + length) as usize);
+                    bytes.get(offset as usize..end).unwrap_or_default().to_vec()
+                });
+                match findings.or(part) {
+                    Some(bytes) => self.send(link, &Message::Part { hash, offset, bytes }),
+                    None => self.send(link, &Message::Missing { hash }),
+                }
+            }
+            Message::Part { hash, offset, bytes } => match neighbour.fetch.take(now, &hash, offset, &bytes) {
+                Taken::More | Taken::Unwanted => {}
+                Taken::Whole(bytes) => self.object(now, link, node, hash, bytes),
+                Taken::Wrong => self.refuse(link, "it sent an object that is not what it is called".into()),
+            },
+            Message::Missing { hash } => neighbour.fetch.drop_object(&hash),
+        }
+    }
+
+    fn hello(
+        &mut self,
+        now: Duration,
+        link: LinkId,
+        (version, node, is_station): (u16, Uuid, bool),
+        name: String,
+        findings: Option<FindingsRef>,
+    ) {
+        if version != VERSION {
+            let reason = format!("it speaks version {version} of the protocol, this one {VERSION}");
+            return self.refuse(link, reason);
+        }
+        if node == self.config.node {
+            return self.refuse(link, "it is this one itself: the address is one's own".into());
+        }
+        if let Some(reason) = self.distrusted.get(&node) {
+            return self.refuse(link, reason.clone());
+        }
+        let Some(known) = self.links.get_mut(&link) else { return };
+        if known.node.is_some_and(|before| before != node) {
+            return self.refuse(link, "it said that it is another one than before".into());
+        }
+        let is_new = known.node.replace(node).is_none();
+        let address = known.address.clone();
+        let neighbour = self.neighbours.entry(node).or_default();
+        (neighbour.name, neighbour.is_station) = (name.clone(), is_station);
+        let newer = |known: &FindingsRef| findings.is_some_and(|new| new.revision > known.revision);
+        if neighbour.findings.as_ref().is_none_or(newer) {
+            neighbour.findings = findings;
+        }
+        if is_new {
+            let earlier = neighbour.link.replace(link).filter(|earlier| *earlier != link);
+            neighbour.fetch.lost();
+            if let Some(earlier) = earlier {
+                self.links.remove(&earlier);
+                let reason = "a newer link took its place".into();
+                self.actions.push(Action::Close { link: earlier, reason });
+            }
+            self.actions.push(Action::News(News::Met { name, address }));
+        }
+        self.want(now, node);
+    }
+
+    /// Has nothing more to do with whoever told a map that is none, as long as the program runs.
+    fn distrust(&mut self, agent: Identity, reason: String) {
+        let Some(told) = self.told.remove(&agent) else { return };
+        let reason = format!("its map {agent} cannot be used: {reason}");
+        let link = self.neighbours.get(&told.teller).and_then(|neighbour| neighbour.link);
+        self.distrusted.insert(told.teller, reason.clone());
+        if let Some(link) = link {
+            self.refuse(link, reason);
+        }
+    }
+
+    /// Whether an object may be asked for: it is one of the maps that are told.
+    fn may_have(&self, hash: &ObjectHash) -> bool {
+        self.own.values().any(|own| own.all.contains(hash) || own.before.contains(hash))
+    }
+
+    fn publish(&mut self, now: Duration, publication: Publication) {
+        let Publication { offer, objects, all } = publication;
+        let kept = objects.iter().try_for_each(|(hash, bytes)| self.store.put(hash, bytes));
+        let head = Head { manifest: offer.hash, own: true };
+        if let Err(error) = kept.and_then(|()| self.store.set_head(offer.agent, head)) {
+            // The version before stays; the next one is tried again.
+            let text = format!("what is new of the map cannot be kept and is not told: {error}");
+            return self.actions.push(Action::News(News::Trouble(text)));
+        }
+        self.told.remove(&offer.agent);
+        let before = self.own.remove(&offer.agent);
+        let (earlier, before) = before.map_or_else(Default::default, |own| (own.before, own.all));
+        self.own.insert(offer.agent, Own { offer, all, before });
+        self.discard(earlier);
+        for link in self.links.values_mut() {
+            link.beat = now.saturating_sub(BEAT);
+        }
+    }
+
+    fn take_findings(&mut self, now: Duration, revision: u64, bytes: Vec<u8>) {
+        if bytes.len() > MAX_LIST as usize {
+            let text = "what was found out is too much to be told";
+            return self.actions.push(Action::News(News::Trouble(text.into())));
+        }
+        let known = FindingsRef { revision, size: bytes.len() as u32, hash: ObjectHash::of(&bytes) };
+        self.findings = Some((known, bytes));
+        self.links.values_mut().for_each(|link| link.beat = now.saturating_sub(BEAT));
+    }
+
+    /// Removes those of some objects that no map has any more.
+    fn discard(&self, objects: BTreeSet<ObjectHash>) {
+        let used = |hash: &ObjectHash| self.may_have(hash) || self.told.values().any(|told| told.has(hash));
+        let unused: BTreeSet<ObjectHash> = objects.into_iter().filter(|hash| !used(hash)).collect();
+        self.store.remove(&unused);
+    }
+
+    /// Signs of life, and the end of links that give none.
+    fn beat(&mut self, now: Duration) {
+        let silent = |link: &Link| now.saturating_sub(link.heard) > SILENCE;
+        let dead: Vec<LinkId> =
+            self.links.iter().filter(|(_, link)| silent(link)).map(|(id, _)| *id).collect();
+        for link in dead {
+            self.forget(link);
+            let reason = format!("nothing was heard for {} s", SILENCE.as_secs());
+            self.actions.push(Action::Close { link, reason });
+        }
+        let due: Vec<LinkId> = self
+            .links
+            .iter_mut()
+            .filter(|(_, link)| now.saturating_sub(link.beat) >= BEAT)
+            .map(|(id, link)| {
+                (link.beat, link.turn) = (now, link.turn.wrapping_add(1));
+                *id
+            })
+            .collect();
+        if !due.is_empty() && now >= self.paused_until {
+            self.complete_all();
+        }
+        for link in due {
+            self.tell(link);
+        }
+    }
+
+    /// Says on a link who one is and what one has.
+    fn tell(&mut self, link: LinkId) {
+        let Some(Link { turn, node, .. }) = self.links.get(&link) else { return };
+        let end = (0..=self.config.name.len().min(MAX_NAME)).rev();
+        let end = end.into_iter().find(|&end| self.config.name.is_char_boundary(end)).unwrap_or(0);
+        let mut said = vec![Message::Hello {
+            version: VERSION,
+            node: self.config.node,
+            role: self.config.role,
+            name: self.config.name[..end].to_owned(),
+            findings: self.findings.as_ref().map(|(known, _)| *known),
+        }];
+        let own: Vec<Message> = self.own.values().map(|own| Message::State(own.offer)).collect();
+        let of_neighbour = self.told.values().filter(|told| Some(told.teller) == *node);
+        let held: Vec<Message> = of_neighbour.map(Told::held).collect();
+        for mut states in [own, held] {
+            let count = states.len().max(1);
+            states.rotate_left(turn.wrapping_mul(STATES) % count);
+            said.extend(states.into_iter().take(STATES));
+        }
+        said.iter().for_each(|message| self.send(link, message));
+    }
+
+    /// Asks for what is wanted.
+    fn fetch(&mut self, now: Duration) {
+        if now < self.paused_until {
+            return;
+        }
+        for neighbour in self.neighbours.values_mut() {
+            let Some(link) = neighbour.link else { continue };
+            for message in neighbour.fetch.requests(now) {
+                let (priority, bytes) = (message.priority(), message.to_bytes());
+                self.actions.push(Action::Send { link, priority, bytes });
+            }
+        }
+    }
+
+    /// Ends the business with a neighbour, who is told why.
+    fn refuse(&mut self, link: LinkId, reason: String) {
+        let Some(known) = self.links.get(&link) else { return };
+        let named = known.node.and_then(|node| self.neighbours.get(&node)).map(|n| n.name.clone());
+        let text = format!("{} is refused: {reason}", named.unwrap_or_else(|| known.address.clone()));
+        let mut told = reason;
+        while told.len() > MAX_REASON {
+            told.pop();
+        }
+        self.send(link, &Message::Refused { reason: told });
+        self.forget(link);
+        self.actions.push(Action::News(News::Trouble(text.clone())));
+        self.actions.push(Action::Close { link, reason: text });
+    }
+
+    fn forget(&mut self, link: LinkId) {
+        self.links.remove(&link);
+        for neighbour in self.neighbours.values_mut().filter(|neighbour| neighbour.link == Some(link)) {
+            neighbour.link = None;
+            neighbour.fetch.lost();
+        }
+    }
+
+    fn send(&mut self, link: LinkId, message: &Message) {
+        let (priority, bytes) = (message.priority(), message.to_bytes());
+        self.actions.push(Action::Send { link, priority, bytes });
+    }
+}

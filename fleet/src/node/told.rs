@@ -1,0 +1,298 @@
+//! Maps that others tell: which version is known, and what of it is to be fetched.
+
+use super::{Action, DISK_PAUSE, Heard, LinkId, News, Node, Quota};
+use crate::assembling::entries_of;
+use crate::hash::ObjectHash;
+use crate::link::Want;
+use crate::manifest::{Entry, Kind, Manifest};
+use crate::store::{Head, Store};
+use crate::wire::{Message, Offer};
+use map::Uuid;
+use std::collections::BTreeSet;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// Another's map.
+pub(super) struct Told {
+    /// Who tells it; nobody of one that was here when the program began.
+    pub teller: Uuid,
+    /// Its newest version.
+    pub offer: Offer,
+    /// The newest version of which the lists are here, if they are of the newest offered.
+    manifest: Option<Manifest>,
+    entries: Option<Arc<[Entry]>>,
+    /// Objects of these that are not here.
+    missing: BTreeSet<ObjectHash>,
+    /// All objects of these, lists among them.
+    all: BTreeSet<ObjectHash>,
+    /// The newest version that is whole here, and on the disk.
+    held: (u64, u64),
+    /// What the last whole version consists of.
+    held_objects: BTreeSet<ObjectHash>,
+}
+
+impl Told {
+    /// A map that was never heard of before.
+    fn new(teller: Uuid, offer: Offer) -> Self {
+        let (manifest, entries, missing, all, held, held_objects) = Default::default();
+        Self { teller, offer, manifest, entries, missing, all, held, held_objects }
+    }
+
+    /// A map that was whole when the program ended.
+    pub fn whole(offer: Offer, manifest: Manifest, entries: Vec<Entry>, store: &dyn Store) -> Self {
+        let mut told = Self::new(Uuid::nil(), offer);
+        told.set_lists(manifest, entries, store);
+        (told.held, told.held_objects) = (offer.version(), told.all.clone());
+        told
+    }
+
+    fn set_lists(&mut self, manifest: Manifest, entries: Vec<Entry>, store: &dyn Store) {
+        let lists = manifest.pages.iter().map(|page| page.hash).chain([self.offer.hash]);
+        self.all = entries.iter().map(|entry| entry.hash).chain(lists).collect();
+        self.missing = entries.iter().map(|entry| entry.hash).filter(|hash| !store.has(hash)).collect();
+        (self.manifest, self.entries) = (Some(manifest), Some(entries.into()));
+    }
+
+    /// Whether an object is one of the map's.
+    pub fn has(&self, hash: &ObjectHash) -> bool {
+        self.all.contains(hash) || self.held_objects.contains(hash)
+    }
+
+    /// What is said of it to whoever tells it.
+    pub fn held(&self) -> Message {
+        let missing = match &self.entries {
+            Some(_) => self.missing.len() as u32,
+            None if self.held == self.offer.version() => 0,
+            None => u32::MAX,
+        };
+        let (begun, revision) = self.held;
+        Message::Held { agent: self.offer.agent, begun, revision, missing }
+    }
+
+    /// How much of it is here; `None` before its lists are.
+    pub fn heard(&self) -> Option<Heard> {
+        let entries = Arc::clone(self.entries.as_ref()?);
+        let finished = self.manifest.as_ref().is_some_and(|manifest| manifest.finished);
+        let (agent, begun) = (self.offer.agent, self.offer.begun);
+        Some(Heard { agent, begun, entries, missing: self.missing.len(), finished })
+    }
+
+    /// Of how many keyframes the depth is listed.
+    pub fn keyframes(&self) -> usize {
+        let entries = self.entries.iter().flat_map(|entries| entries.iter());
+        entries.filter(|entry| entry.kind == Kind::Depth).count()
+    }
+
+    /// How many objects are not here yet.
+    pub fn missing(&self) -> usize {
+        self.missing.len()
+    }
+
+    /// What is to be fetched of it, the most urgent first.
+    fn wants(&self, store: &dyn Store) -> Vec<Want> {
+        // The lists of the newest version; as long as they are not here, what is known of the one before.
+        let newest = self.manifest.as_ref().filter(|manifest| self.is_newest(manifest));
+        let mut wants = Vec::new();
+        if newest.is_none() {
+            match store.get(&self.offer.hash).and_then(|bytes| Manifest::from_bytes(&bytes).ok()) {
+                None => wants.push(Want { hash: self.offer.hash, size: self.offer.size }),
+                Some(manifest) => {
+                    let pages = manifest.pages.iter().filter(|page| !store.has(&page.hash));
+                    wants.extend(pages.map(|page| Want { hash: page.hash, size: page.size }));
+                }
+            }
+        }
+        let entries = self.entries.iter().flat_map(|entries| entries.iter());
+        let mut entries: Vec<&Entry> = entries.filter(|entry| self.missing.contains(&entry.hash)).collect();
+        // Keyframe by keyframe, features before what they are aligned by; what only the whole map needs comes last.
+        entries.sort_by_key(|entry| (rank(entry.kind), entry.number, entry.kind));
+        wants.extend(entries.iter().map(|entry| Want { hash: entry.hash, size: entry.size }));
+        wants
+    }
+
+    fn is_newest(&self, manifest: &Manifest) -> bool {
+        (manifest.begun, manifest.revision) == self.offer.version()
+    }
+}
+
+/// What comes before what of a map's objects.
+fn rank(kind: Kind) -> u8 {
+    match kind {
+        Kind::Agent => 0,
+        Kind::Poses => 1,
+        Kind::Features => 2,
+        Kind::Depth | Kind::Image => 3,
+        Kind::Edges | Kind::Frames => 4,
+    }
+}
+
+/// Whether a map is not too large.
+fn check_quota(entries: &[Entry], quota: Quota) -> Result<(), String> {
+    let bytes: u64 = entries.iter().map(|entry| u64::from(entry.size)).sum();
+    let keyframes = entries.iter().filter(|entry| entry.kind == Kind::Depth).count();
+    if bytes > quota.bytes {
+        return Err(format!("its map takes {bytes} bytes, more than the {} that one may", quota.bytes));
+    }
+    if keyframes > quota.keyframes {
+        return Err(format!("its map has {keyframes} keyframes, more than the {} it may", quota.keyframes));
+    }
+    Ok(())
+}
+
+impl Node {
+    /// A neighbour says which version of a map it has.
+    pub(super) fn offered(&mut self, link: LinkId, node: Uuid, offer: Offer) {
+        if self.own.contains_key(&offer.agent) {
+            let agent = offer.agent;
+            let reason = format!(
+                "it tells the map of agent {agent}, which is told here: two runs of one recording are one agent"
+            );
+            return self.refuse(link, reason);
+        }
+        let is_linked = |teller: &Uuid| self.neighbours.get(teller).is_some_and(|n| n.link.is_some());
+        match self.told.get_mut(&offer.agent) {
+            None => drop(self.told.insert(offer.agent, Told::new(node, offer))),
+            Some(told) if told.teller != node && is_linked(&told.teller) => {
+                let agent = offer.agent;
+                return self
+                    .refuse(link, format!("it tells the map of agent {agent}, which another one tells"));
+            }
+            Some(told) => {
+                if offer.version() < told.offer.version() {
+                    // An older one, that comes late or is told again by who must not: the newer stays.
+                    return;
+                }
+                let is_new = offer.version() > told.offer.version();
+                if !is_new && offer.hash != told.offer.hash {
+                    let reason = "it tells two maps as the same version of one".into();
+                    return self.refuse(link, reason);
+                }
+                let is_told_again = told.teller != node;
+                told.teller = node;
+                if !is_new && !is_told_again {
+                    return;
+                }
+                told.offer = offer;
+            }
+        }
+        self.lists(link, offer.agent);
+        self.want(Duration::ZERO, node);
+    }
+
+    /// What is to be fetched from a neighbour by now.
+    pub(super) fn want(&mut self, _now: Duration, node: Uuid) {
+        let Some(neighbour) = self.neighbours.get_mut(&node) else { return };
+        let newer = neighbour.findings.filter(|findings| findings.revision > neighbour.findings_here);
+        let mut wants: Vec<Want> =
+            newer.iter().map(|findings| Want { hash: findings.hash, size: findings.size }).collect();
+        for told in self.told.values().filter(|told| told.teller == node) {
+            wants.extend(told.wants(&*self.store));
+        }
+        let mut seen = BTreeSet::new();
+        wants.retain(|want| seen.insert(want.hash));
+        neighbour.fetch.want(wants);
+    }
+
+    /// An object came.
+    pub(super) fn object(
+        &mut self,
+        now: Duration,
+        link: LinkId,
+        node: Uuid,
+        hash: ObjectHash,
+        bytes: Vec<u8>,
+    ) {
+        let Some(neighbour) = self.neighbours.get_mut(&node) else { return };
+        if let Some(findings) = neighbour.findings.filter(|findings| findings.hash == hash) {
+            neighbour.findings_here = findings.revision;
+            return self.actions.push(Action::News(News::Findings { from: node, bytes }));
+        }
+        if let Err(error) = self.store.put(&hash, &bytes) {
+            self.paused_until = now + DISK_PAUSE;
+            let text = format!("what others tell cannot be kept: {error}; it is tried again");
+            self.actions.push(Action::News(News::Trouble(text)));
+            return self.want(now, node);
+        }
+        let agents: Vec<_> =
+            self.told.iter().filter(|(_, told)| told.teller == node).map(|(agent, _)| *agent).collect();
+        let mut lists_came = false;
+        for agent in agents {
+            let Some(told) = self.told.get_mut(&agent) else { continue };
+            if told.missing.remove(&hash) {
+                self.actions.extend(told.heard().map(|heard| Action::News(News::Map(heard))));
+                self.complete(link, agent);
+            } else if !told.all.contains(&hash) {
+                lists_came |= self.lists(link, agent);
+            }
+        }
+        if lists_came {
+            self.want(now, node);
+        }
+    }
+
+    /// Takes the lists of a map's newest version, as far as they are here; whether there is more to fetch now.
+    fn lists(&mut self, link: LinkId, agent: map::Identity) -> bool {
+        let Some(told) = self.told.get_mut(&agent) else { return false };
+        if told.manifest.as_ref().is_some_and(|manifest| told.is_newest(manifest)) {
+            return false;
+        }
+        let Some(bytes) = self.store.get(&told.offer.hash) else { return false };
+        let manifest = match Manifest::from_bytes(&bytes) {
+            Ok(manifest) if manifest.agent == agent && told.is_newest(&manifest) => manifest,
+            Ok(_) => {
+                self.refuse(link, "it tells another map than it says".into());
+                return false;
+            }
+            Err(what) => {
+                self.refuse(link, format!("the list of its map's objects cannot be read: {what}"));
+                return false;
+            }
+        };
+        let entries = entries_of(&manifest, &*self.store);
+        match entries.and_then(|entries| {
+            entries.as_ref().map_or(Ok(()), |entries| check_quota(entries, self.config.quota))?;
+            Ok(entries)
+        }) {
+            Err(reason) => {
+                self.refuse(link, reason);
+                return false;
+            }
+            // Pages are missing, which are known now.
+            Ok(None) => return true,
+            Ok(Some(entries)) => told.set_lists(manifest, entries, &*self.store),
+        }
+        self.actions.extend(told.heard().map(|heard| Action::News(News::Map(heard))));
+        self.complete(link, agent);
+        true
+    }
+
+    /// Tries again what the disk refused before.
+    pub(super) fn complete_all(&mut self) {
+        let agents: Vec<_> = self.told.keys().copied().collect();
+        for agent in agents {
+            let teller = self.told.get(&agent).and_then(|told| self.neighbours.get(&told.teller));
+            if let Some(link) = teller.and_then(|neighbour| neighbour.link) {
+                self.complete(link, agent);
+            }
+        }
+    }
+
+    /// Acknowledges a map of which nothing is missing any more, once it is on the disk.
+    fn complete(&mut self, link: LinkId, agent: map::Identity) {
+        let Some(told) = self.told.get_mut(&agent) else { return };
+        let is_newest = told.manifest.as_ref().is_some_and(|manifest| told.is_newest(manifest));
+        if !told.missing.is_empty() || !is_newest || told.held == told.offer.version() {
+            return;
+        }
+        let head = Head { manifest: told.offer.hash, own: false };
+        if let Err(error) = self.store.set_head(agent, head) {
+            let text = format!("what others tell cannot be kept: {error}; it is tried again");
+            return self.actions.push(Action::News(News::Trouble(text)));
+        }
+        told.held = told.offer.version();
+        let before = std::mem::replace(&mut told.held_objects, told.all.clone());
+        let held = told.held();
+        self.discard(before);
+        self.send(link, &held);
+    }
+}

@@ -1,0 +1,194 @@
+//! An agent's own map as objects, and what is new among them.
+
+use crate::hash::ObjectHash;
+use crate::manifest::{ENTRIES, Entry, Kind, MAX_OBJECT, Manifest, PageRef, page_to_bytes};
+use crate::wire::Offer;
+use map::parts::{GraphPart, agent_to_bytes, depth_to_bytes, graph_to_bytes, image_to_bytes};
+use map::{AgentId, Edge, FramePose, Identity, Keyframe, KeyframeId, Map, MapError};
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+
+/// Poses in one object: 17 kB.
+const POSES: usize = 256;
+/// Edges in one object: 30 kB.
+const EDGES: usize = 64;
+/// Frames in one object: 36 kB.
+const FRAMES: usize = 512;
+
+/// A version of a map to be told.
+#[derive(Clone, Debug)]
+pub struct Publication {
+    /// What is told of it.
+    pub offer: Offer,
+    /// The objects that the version before did not have, the manifest and its pages among them.
+    pub objects: Vec<(ObjectHash, Arc<[u8]>)>,
+    /// All objects of this version.
+    pub all: BTreeSet<ObjectHash>,
+}
+
+/// Takes the map of an agent apart, again and again as it grows.
+pub struct Publisher {
+    agent: Identity,
+    begun: u64,
+    revision: u64,
+    /// The entries as they were told, by kind and number.
+    told: BTreeMap<(Kind, u32), Entry>,
+    /// The keyframes as they were told, without points: these are compared as part of the entry.
+    keyframes: BTreeMap<KeyframeId, Keyframe>,
+    pages: BTreeSet<ObjectHash>,
+    finished: bool,
+}
+
+impl Publisher {
+    /// Of the map of `agent`, which is told from `begun` on, milliseconds since 1970.
+    pub fn new(agent: Identity, begun: u64) -> Self {
+        let (told, keyframes, pages) = Default::default();
+        Self { agent, begun, revision: 0, told, keyframes, pages, finished: false }
+    }
+
+    /// The map as it is by now; `None` when nothing of it is new. Keyframes without depth are not told before the map
+    /// is `finished`: nothing can be recognised or aligned by them.
+    ///
+    /// # Errors
+    /// When it is not the map of one agent with a camera, or a keyframe cannot be written.
+    pub fn publish(&mut self, map: &Map, finished: bool) -> Result<Option<Publication>, MapError> {
+        map.of_cameras()?;
+        let refuse = |what: String| MapError::Union(what);
+        let Some(info) = map.agents.get(&AgentId::default()).filter(|_| map.agents.len() == 1) else {
+            return Err(refuse("only an agent's own map can be told".into()));
+        };
+        let mut step = Step { told: &self.told, entries: BTreeMap::new(), objects: Vec::new() };
+        step.add(Kind::Agent, 0, agent_to_bytes(info)).map_err(refuse)?;
+        let is_told = |keyframe: &&Keyframe| finished || !keyframe.semi_dense.is_empty();
+        let keyframes: Vec<&Keyframe> = map.keyframes.values().filter(is_told).collect();
+        for keyframe in &keyframes {
+            let before = self.keyframes.get(&keyframe.id);
+            step.keyframe(keyframe, before).map_err(refuse)?;
+        }
+        let poses: Vec<_> = keyframes.iter().map(|k| (k.id, k.world_from_keyframe)).collect();
+        for (number, poses) in (0..).zip(poses.chunks(POSES)) {
+            let part = GraphPart { poses: poses.to_vec(), ..GraphPart::default() };
+            step.add(Kind::Poses, number, graph_to_bytes(&part)).map_err(refuse)?;
+        }
+        for (number, edges) in (0..).zip(map.edges.chunks(EDGES)) {
+            step.add(Kind::Edges, number, edges_part(edges)).map_err(refuse)?;
+        }
+        for (number, frames) in (0..).zip(map.frames.chunks(FRAMES)) {
+            step.add(Kind::Frames, number, frames_part(frames)).map_err(refuse)?;
+        }
+        let Step { entries, mut objects, .. } = step;
+        if entries == self.told && finished == self.finished {
+            return Ok(None);
+        }
+        let newest = keyframes.last().map_or(0, |keyframe| keyframe.id.0);
+        // Points are told by the entry; a copy of the rest shares what it holds.
+        let bare = |k: &&Keyframe| (k.id, Keyframe { points: k.points.clone(), ..(*k).clone() });
+        self.keyframes = keyframes.iter().map(bare).collect();
+        (self.told, self.finished) = (entries, finished);
+        self.revision += 1;
+        Ok(Some(self.listed(newest, &mut objects)))
+    }
+
+    /// The lists of what is told by now, added to `objects`, and the whole of it.
+    fn listed(&mut self, newest: u32, objects: &mut Vec<(ObjectHash, Arc<[u8]>)>) -> Publication {
+        let mut pages = Vec::new();
+        let mut hashes = BTreeSet::new();
+        let mut page = |entries: &[Entry]| {
+            let bytes = page_to_bytes(entries);
+            let page = PageRef { size: bytes.len() as u32, hash: ObjectHash::of(&bytes) };
+            pages.push(page);
+            hashes.insert(page.hash);
+            if !self.pages.contains(&page.hash) {
+                objects.push((page.hash, bytes.into()));
+            }
+        };
+        // What is said of keyframes on pages of their own, so that old ones stay as they are.
+        let of_keyframes = |entry: &&Entry| matches!(entry.kind, Kind::Features | Kind::Depth | Kind::Image);
+        let general: Vec<Entry> = self.told.values().filter(|entry| !of_keyframes(entry)).copied().collect();
+        general.chunks(ENTRIES).for_each(&mut page);
+        let mut keyframes: Vec<Entry> = self.told.values().filter(of_keyframes).copied().collect();
+        keyframes.sort_by_key(|entry| (entry.number, entry.kind));
+        keyframes.chunks(ENTRIES).for_each(&mut page);
+        self.pages = hashes;
+        let manifest = Manifest {
+            agent: self.agent,
+            begun: self.begun,
+            revision: self.revision,
+            finished: self.finished,
+            pages,
+        };
+        let bytes = manifest.to_bytes();
+        let (size, hash) = (bytes.len() as u32, ObjectHash::of(&bytes));
+        objects.push((hash, bytes.into()));
+        let mut all: BTreeSet<ObjectHash> = self.told.values().map(|entry| entry.hash).collect();
+        all.extend(&self.pages);
+        all.insert(hash);
+        let (agent, begun, revision) = (self.agent, self.begun, self.revision);
+        let offer = Offer { agent, begun, revision, newest, size, hash };
+        Publication { offer, objects: std::mem::take(objects), all }
+    }
+}
+
+fn edges_part(edges: &[Edge]) -> Vec<u8> {
+    graph_to_bytes(&GraphPart { edges: edges.to_vec(), ..GraphPart::default() })
+}
+
+fn frames_part(frames: &[FramePose]) -> Vec<u8> {
+    graph_to_bytes(&GraphPart { frames: frames.to_vec(), ..GraphPart::default() })
+}
+
+/// A version as it is put together.
+struct Step<'a> {
+    told: &'a BTreeMap<(Kind, u32), Entry>,
+    entries: BTreeMap<(Kind, u32), Entry>,
+    objects: Vec<(ObjectHash, Arc<[u8]>)>,
+}
+
+impl Step<'_> {
+    /// The parts of a keyframe; those that are as `before` are not made again.
+    fn keyframe(&mut self, keyframe: &Keyframe, before: Option<&Keyframe>) -> Result<(), String> {
+        let number = keyframe.id.0;
+        let same_image = |before: &&Keyframe| Arc::ptr_eq(&before.image, &keyframe.image);
+        if !before.is_some_and(|before| same_image(&before)) || !self.keep(Kind::Image, number) {
+            let png = image_to_bytes(&keyframe.image)
+                .map_err(|error| format!("the image of keyframe {number} cannot be written: {error}"))?;
+            self.add(Kind::Image, number, png)?;
+        }
+        let same_depth = |before: &Keyframe| {
+            let shared = std::ptr::eq(&*before.semi_dense, &*keyframe.semi_dense);
+            let time = before.timestamp.to_bits() == keyframe.timestamp.to_bits();
+            shared && time && before.points == keyframe.points
+        };
+        if !before.is_some_and(same_depth) || !self.keep(Kind::Depth, number) {
+            self.add(Kind::Depth, number, depth_to_bytes(keyframe))?;
+        }
+        if let Some(features) = &keyframe.features {
+            let same = before.and_then(|before| before.features.as_ref());
+            if !same.is_some_and(|same| Arc::ptr_eq(same, features)) || !self.keep(Kind::Features, number) {
+                self.add(Kind::Features, number, features.to_vec())?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Tells an object as it was told before; false when it was not.
+    fn keep(&mut self, kind: Kind, number: u32) -> bool {
+        let told = self.told.get(&(kind, number));
+        told.is_some_and(|entry| self.entries.insert((kind, number), *entry).is_none())
+    }
+
+    /// Adds an object, which may turn out to be what it was.
+    fn add(&mut self, kind: Kind, number: u32, bytes: Vec<u8>) -> Result<(), String> {
+        let size = u32::try_from(bytes.len()).ok().filter(|&size| size <= MAX_OBJECT);
+        let size = size.ok_or_else(|| format!("{kind:?} {number} takes {} bytes: too many", bytes.len()))?;
+        let hash = ObjectHash::of(&bytes);
+        if self.told.get(&(kind, number)).is_none_or(|told| told.hash != hash) {
+            let revision = self.told.get(&(kind, number)).map_or(0, |told| told.revision + 1);
+            self.entries.insert((kind, number), Entry { kind, number, revision, size, hash });
+            self.objects.push((hash, bytes.into()));
+        } else {
+            self.keep(kind, number);
+        }
+        Ok(())
+    }
+}

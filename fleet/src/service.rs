@@ -1,0 +1,251 @@
+//! A node with its transport, its folder and its clock, in a thread of its own.
+
+use crate::node::{Action, Config, Event, Heard, News, Node, Quota, Status};
+use crate::publishing::Publication;
+use crate::store::{FolderStore, Store};
+use crate::transport::Transport;
+use crate::transport::tcp::Tcp;
+use crate::wire::Role;
+use anyhow::{Context, Result, anyhow, bail};
+use map::{Identity, Uuid};
+use std::fs;
+use std::net::{SocketAddr, ToSocketAddrs};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// How often the node learns that time passes.
+const TICK: Duration = Duration::from_millis(20);
+/// The file with the node's own name.
+const NODE: &str = "node";
+
+/// Where a node listens or whom it dials: `tcp/HOST:PORT`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Endpoint(pub SocketAddr);
+
+impl std::str::FromStr for Endpoint {
+    type Err = anyhow::Error;
+
+    fn from_str(text: &str) -> Result<Self> {
+        let hint = "hint: an address is tcp/HOST:PORT, such as tcp/127.0.0.1:7447";
+        let Some(address) = text.strip_prefix("tcp/") else {
+            bail!("{text} is no address that can be listened at or dialled\n{hint}");
+        };
+        let found = address.to_socket_addrs().with_context(|| format!("{text} is not found\n{hint}"))?;
+        // Of a name with several addresses the one that others of this kind of program listen at.
+        let mut found: Vec<SocketAddr> = found.collect();
+        found.sort_by_key(SocketAddr::is_ipv6);
+        found.first().map(|address| Self(*address)).with_context(|| format!("{text} has no address\n{hint}"))
+    }
+}
+
+impl std::fmt::Display for Endpoint {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "tcp/{}", self.0)
+    }
+}
+
+/// How a node is to be.
+#[derive(Clone, Debug)]
+pub struct ServiceOptions {
+    /// Where its objects are kept; made if it is not there.
+    pub folder: PathBuf,
+    /// What people call it.
+    pub name: String,
+    /// What it is there for.
+    pub role: Role,
+    /// Where it listens.
+    pub listen: Option<Endpoint>,
+    /// Whom it dials.
+    pub dial: Vec<Endpoint>,
+    /// What another's map may take.
+    pub quota: Quota,
+}
+
+/// A node at work; ends when it is dropped.
+pub struct Service {
+    commands: Option<Sender<Event>>,
+    shared: Arc<Shared>,
+    store: Arc<FolderStore>,
+    listening: Option<Endpoint>,
+    thread: Option<JoinHandle<()>>,
+}
+
+#[derive(Default)]
+struct Shared {
+    view: Mutex<View>,
+    /// Publications that were handed in.
+    given: AtomicU64,
+}
+
+/// What others may know of the node.
+#[derive(Clone, Default)]
+struct View {
+    status: Status,
+    heard: Vec<Heard>,
+    own: Vec<Heard>,
+    is_held: bool,
+    /// Publications that the node took in.
+    taken: u64,
+    ends: bool,
+}
+
+impl Service {
+    /// Starts a node; `news` is told what happens, in its thread.
+    ///
+    /// # Errors
+    /// When the folder cannot be used or an address not be listened at.
+    pub fn start(options: ServiceOptions, news: impl FnMut(News) + Send + 'static) -> Result<Self> {
+        let folder = &options.folder;
+        let store = FolderStore::open(folder)
+            .with_context(|| format!("{}: objects cannot be kept there", folder.display()))?;
+        let store = Arc::new(store);
+        let node = own_name(&folder.join(NODE))?;
+        let (commands, events) = channel();
+        let dial: Vec<SocketAddr> = options.dial.iter().map(|endpoint| endpoint.0).collect();
+        let tcp = Tcp::start(options.listen.map(|endpoint| endpoint.0), &dial, commands.clone())
+            .map_err(|error| anyhow!("{error}"))?;
+        let listening = tcp.listening().map(Endpoint);
+        let config = Config { node, role: options.role, name: options.name, quota: options.quota };
+        let node = Node::new(config, Arc::clone(&store) as Arc<dyn Store>);
+        let shared = Arc::new(Shared::default());
+        shared.look(&node, Duration::ZERO);
+        shared.view().own = node.own_maps();
+        let of_thread = Arc::clone(&shared);
+        let work = move || attend(node, &events, &tcp, &of_thread, news);
+        let thread = std::thread::Builder::new().name("fleet".into()).spawn(work);
+        let thread = Some(thread.context("cannot start a thread")?);
+        Ok(Self { commands: Some(commands), shared, store, listening, thread })
+    }
+
+    /// Where it listens, with the port that it got.
+    pub fn listening(&self) -> Option<Endpoint> {
+        self.listening
+    }
+
+    /// Tells a new version of a map; never waits.
+    pub fn publish(&self, publication: Publication) {
+        self.shared.given.fetch_add(1, Ordering::SeqCst);
+        self.tell(Event::Publish(Box::new(publication)));
+    }
+
+    /// Tells what was found out; `revision` is larger than before.
+    pub fn findings(&self, revision: u64, bytes: Vec<u8>) {
+        self.tell(Event::Findings { revision, bytes });
+    }
+
+    /// How things are.
+    pub fn status(&self) -> Status {
+        self.shared.view().status.clone()
+    }
+
+    /// Maps of others that are here, whole or in part.
+    pub fn heard(&self) -> Vec<Heard> {
+        self.shared.view().heard.clone()
+    }
+
+    /// Own maps.
+    pub fn own(&self) -> Vec<Heard> {
+        self.shared.view().own.clone()
+    }
+
+    /// What was told of an agent is not to be believed: whoever told it is refused.
+    pub fn distrust(&self, agent: Identity, reason: String) {
+        self.tell(Event::Distrust { agent, reason });
+    }
+
+    /// Whether all neighbours that are there hold all own maps as they were published last; false without one.
+    pub fn is_held(&self) -> bool {
+        let view = self.shared.view();
+        view.is_held && view.taken == self.shared.given.load(Ordering::SeqCst)
+    }
+
+    /// Where the objects are.
+    pub fn store(&self) -> Arc<FolderStore> {
+        Arc::clone(&self.store)
+    }
+
+    fn tell(&self, event: Event) {
+        if let Some(commands) = &self.commands {
+            // A thread that broke down tells nobody anything.
+            let _ = commands.send(event);
+        }
+    }
+}
+
+impl Drop for Service {
+    fn drop(&mut self) {
+        self.shared.view().ends = true;
+        self.commands = None;
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+impl Shared {
+    fn view(&self) -> std::sync::MutexGuard<'_, View> {
+        // Every section leaves it whole.
+        self.view.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Shows how the node is.
+    fn look(&self, node: &Node, now: Duration) {
+        let (status, heard, is_held) = (node.status(now), node.heard().collect(), node.is_held());
+        let mut view = self.view();
+        (view.status, view.heard, view.is_held) = (status, heard, is_held);
+    }
+}
+
+/// Gives the node what happens, and does what it wants done, until the end.
+fn attend(
+    mut node: Node,
+    events: &Receiver<Event>,
+    transport: &dyn Transport,
+    shared: &Shared,
+    mut news: impl FnMut(News),
+) {
+    let started = Instant::now();
+    let mut looked = Duration::ZERO;
+    while !shared.view().ends {
+        let event = match events.recv_timeout(TICK) {
+            Ok(event) => event,
+            Err(RecvTimeoutError::Timeout) => Event::Tick,
+            Err(RecvTimeoutError::Disconnected) => return,
+        };
+        let is_own = matches!(event, Event::Publish(_));
+        let now = started.elapsed();
+        for action in node.handle(now, event) {
+            match action {
+                Action::Send { link, priority, bytes } => transport.send(link, priority, bytes),
+                Action::Close { link, .. } => transport.close(link),
+                Action::News(what) => news(what),
+            }
+        }
+        if is_own {
+            let own = node.own_maps();
+            let mut view = shared.view();
+            (view.own, view.is_held) = (own, node.is_held());
+            view.taken += 1;
+        }
+        if is_own || now.saturating_sub(looked) > 5 * TICK {
+            shared.look(&node, now);
+            looked = now;
+        }
+    }
+}
+
+/// The node's own name, which it keeps: made when it is first asked for.
+fn own_name(path: &Path) -> Result<Uuid> {
+    if let Some(known) = fs::read_to_string(path).ok().and_then(|text| Uuid::try_parse(text.trim()).ok()) {
+        return Ok(known);
+    }
+    let mut bytes = [0; 16];
+    getrandom::fill(&mut bytes).map_err(|error| anyhow!("the system gives no random numbers: {error}"))?;
+    let made = map::Identity::random(bytes).uuid;
+    fs::write(path, format!("{made}\n")).with_context(|| format!("{}: cannot be written", path.display()))?;
+    Ok(made)
+}

@@ -1,0 +1,337 @@
+//! Small maps, and a network of which every fault is drawn from a seed.
+
+use crate::node::{Action, Config, Event, LinkId, News, Node, Quota};
+use crate::publishing::Publisher;
+use crate::store::{MemoryStore, Store};
+use crate::wire::{Message, Role};
+use geometry::{GrayImage, Pinhole, Se3, Sim3};
+use map::{
+    AgentId, AgentInfo, Edge, EdgeKind, FramePose, Identity, Keyframe, KeyframeId, Map, Observation, Point,
+    SemiDense, Uuid,
+};
+use nalgebra::{SMatrix, SVector, Vector6};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// Numbers that look random and are always the same: xorshift.
+pub struct Numbers(u64);
+
+impl Numbers {
+    pub fn new(seed: u64) -> Self {
+        Self(seed.wrapping_add(1).wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1)
+    }
+
+    /// In [0, 1).
+    pub fn next(&mut self) -> f64 {
+        self.0 ^= self.0 << 13;
+        self.0 ^= self.0 >> 7;
+        self.0 ^= self.0 << 17;
+        (self.0 >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    pub fn below(&mut self, limit: usize) -> usize {
+        (self.next() * limit as f64) as usize
+    }
+}
+
+pub fn agent(number: u128) -> Identity {
+    Identity { uuid: Uuid::from_u128(number), epoch: 0 }
+}
+
+/// A map of so many keyframes of 160×120 pixels, about 30 kB each.
+pub fn map(identity: Identity, keyframes: u32) -> Map {
+    let camera = Pinhole { width: 160, height: 120, fx: 140.0, fy: 141.0, cx: 79.4, cy: 59.7 };
+    let info = AgentInfo { identity: Some(identity), ..AgentInfo::new("tester", camera) };
+    let mut numbers = Numbers::new(identity.uuid.as_u128() as u64);
+    let mut map = Map::of(info);
+    for i in 0..keyframes {
+        grow(&mut map, i, &mut numbers);
+    }
+    map
+}
+
+fn grow(map: &mut Map, i: u32, numbers: &mut Numbers) {
+    let id = KeyframeId(2 * i + 1);
+    let pixels = (0..160 * 120).map(|_| (numbers.next() * 256.0) as u8).collect();
+    let mut semi_dense = SemiDense::default();
+    for pixel in (0..160 * 120).step_by(13) {
+        semi_dense.pixel.push(pixel);
+        semi_dense.inverse_depth.push(0.1 + numbers.next() as f32);
+        semi_dense.variance.push(1e-3 * numbers.next() as f32);
+    }
+    let observation = |numbers: &mut Numbers| Observation {
+        keyframe: KeyframeId(2 * (i / 2) + 1),
+        pixel: [numbers.next() as f32, 3.0],
+        information: [1.0, 0.0, 1.0],
+    };
+    let points = (0..5).map(|_| Point {
+        pixel: [numbers.next() as f32 * 100.0, 7.0],
+        inverse_depth: 0.5,
+        variance: 0.1,
+        observations: vec![observation(numbers)],
+    });
+    let points = points.collect();
+    let keyframe = Keyframe {
+        id,
+        agent: AgentId::default(),
+        timestamp: f64::from(i) / 3.0,
+        frame_index: u64::from(10 * i),
+        world_from_keyframe: Sim3::exp(&SVector::<f64, 7>::from_fn(|_, _| numbers.next() - 0.5)),
+        image: Arc::new(GrayImage::from_vec(160, 120, pixels).unwrap()),
+        scan: None,
+        semi_dense: semi_dense.into(),
+        points,
+        features: Some((0..3000).map(|k| (k * 7 + i) as u8).collect()),
+    };
+    map.keyframes.insert(id, keyframe);
+    map.frames.extend((0..10).map(|k| FramePose {
+        timestamp: f64::from(i) / 3.0 + f64::from(k) / 30.0,
+        frame_index: u64::from(10 * i + k),
+        reference: id,
+        keyframe_from_frame: Se3::exp(&Vector6::from_fn(|_, _| numbers.next() - 0.5)),
+    }));
+    if i > 0 {
+        map.edges.push(Edge {
+            from: KeyframeId(2 * i - 1),
+            to: id,
+            from_from_to: Sim3::exp(&SVector::<f64, 7>::from_fn(|_, _| numbers.next() - 0.5)),
+            information: SMatrix::from_fn(|_, _| numbers.next()),
+            kind: EdgeKind::Odometry,
+        });
+    }
+}
+
+/// What goes wrong on a network.
+#[derive(Clone, Copy, Debug)]
+pub struct Faults {
+    /// Share of messages that are lost.
+    pub loss: f64,
+    /// Share of messages that come twice.
+    pub twice: f64,
+    /// How long a message is under way, at the least and at the most: it may be overtaken.
+    pub delay: [Duration; 2],
+    /// Bytes a second that a direction of a link carries.
+    pub rate: f64,
+}
+
+impl Faults {
+    /// A network that does what it should, at 100 Mbit/s.
+    pub const NONE: Self =
+        Self { loss: 0.0, twice: 0.0, delay: [Duration::from_micros(500); 2], rate: 12.5e6 };
+}
+
+/// Nodes on a network, each linked with each as long as no partition is between them.
+pub struct Network {
+    pub now: Duration,
+    pub nodes: Vec<Node>,
+    pub stores: Vec<Arc<dyn Store>>,
+    pub faults: Faults,
+    /// From whom to whom nothing comes.
+    pub cut: Vec<(usize, usize)>,
+    pub news: Vec<Vec<News>>,
+    /// Bytes of parts of objects that were sent.
+    pub parts_sent: u64,
+    /// All bytes that were sent.
+    pub sent: u64,
+    pub closed: usize,
+    /// The longest that a message waited for the link to be free.
+    pub waited: Duration,
+    numbers: Numbers,
+    links: BTreeMap<LinkId, [usize; 2]>,
+    next_link: LinkId,
+    reopen: Vec<(Duration, [usize; 2])>,
+    free: BTreeMap<(LinkId, usize), Duration>,
+    under_way: BTreeMap<(Duration, u64), (LinkId, usize, Vec<u8>)>,
+    sequence: u64,
+    ticked: Duration,
+}
+
+pub fn config(number: usize, role: Role) -> Config {
+    let node = Uuid::from_u128(1000 + number as u128);
+    Config { node, role, name: format!("node {number}"), quota: Quota::default() }
+}
+
+const TICK: Duration = Duration::from_millis(50);
+
+impl Network {
+    /// So many nodes that know nothing.
+    pub fn new(count: usize, seed: u64, faults: Faults) -> Self {
+        let stores = (0..count).map(|_| Arc::new(MemoryStore::default()) as Arc<dyn Store>);
+        Self::with_stores(stores.collect(), seed, faults)
+    }
+
+    pub fn with_stores(stores: Vec<Arc<dyn Store>>, seed: u64, faults: Faults) -> Self {
+        let nodes = stores.iter().enumerate().map(|(i, store)| {
+            let role = if i == 0 { Role::Station } else { Role::Agent };
+            Node::new(config(i, role), Arc::clone(store))
+        });
+        let nodes: Vec<Node> = nodes.collect();
+        let count = nodes.len();
+        let pairs = (1..count).flat_map(|b| (0..b).map(move |a| [a, b]));
+        let reopen = pairs.map(|pair| (Duration::ZERO, pair)).collect();
+        Self {
+            now: Duration::ZERO,
+            news: nodes.iter().map(|_| Vec::new()).collect(),
+            nodes,
+            stores,
+            faults,
+            cut: Vec::new(),
+            parts_sent: 0,
+            sent: 0,
+            closed: 0,
+            waited: Duration::ZERO,
+            numbers: Numbers::new(seed),
+            links: BTreeMap::new(),
+            next_link: 1,
+            reopen,
+            free: BTreeMap::new(),
+            under_way: BTreeMap::new(),
+            sequence: 0,
+            ticked: Duration::ZERO,
+        }
+    }
+
+    /// Tells a version of a map.
+    pub fn publish(&mut self, node: usize, publisher: &mut Publisher, map: &Map, finished: bool) {
+        if let Some(publication) = publisher.publish(map, finished).unwrap() {
+            self.event(node, Event::Publish(Box::new(publication)));
+        }
+    }
+
+    pub fn event(&mut self, node: usize, event: Event) {
+        let actions = self.nodes[node].handle(self.now, event);
+        for action in actions {
+            match action {
+                Action::Send { link, bytes, .. } => self.send(node, link, bytes),
+                Action::Close { link, .. } => self.end(node, link),
+                Action::News(news) => self.news[node].push(news),
+            }
+        }
+    }
+
+    /// A message as if `node` had sent it to all its neighbours.
+    pub fn forge(&mut self, node: usize, bytes: &[u8]) {
+        let links: Vec<LinkId> =
+            self.links.iter().filter(|(_, ends)| ends.contains(&node)).map(|(link, _)| *link).collect();
+        links.into_iter().for_each(|link| self.send(node, link, bytes.to_vec()));
+    }
+
+    fn send(&mut self, from: usize, link: LinkId, bytes: Vec<u8>) {
+        let Some(&[a, b]) = self.links.get(&link) else { return };
+        let to = if from == a { b } else { a };
+        if let Ok(Message::Part { bytes, .. }) = Message::from_bytes(&bytes) {
+            self.parts_sent += bytes.len() as u64;
+        }
+        self.sent += bytes.len() as u64;
+        let free = self.free.entry((link, to)).or_default();
+        let begin = self.now.max(*free);
+        self.waited = self.waited.max(begin - self.now);
+        *free = begin + Duration::from_secs_f64(bytes.len() as f64 / self.faults.rate);
+        let there = *free;
+        let copies = 1 + usize::from(self.numbers.next() < self.faults.twice);
+        for _ in 0..copies {
+            if self.numbers.next() < self.faults.loss || self.cut.contains(&(from, to)) {
+                continue;
+            }
+            let [least, most] = self.faults.delay;
+            let at = there + least + (most - least).mul_f64(self.numbers.next());
+            self.sequence += 1;
+            self.under_way.insert((at, self.sequence), (link, to, bytes.clone()));
+        }
+    }
+
+    /// A node closes a link: the other end learns it after what was sent before.
+    fn end(&mut self, node: usize, link: LinkId) {
+        let Some(&[a, b]) = self.links.get(&link) else { return };
+        let to = if node == a { b } else { a };
+        let free = self.free.get(&(link, to)).copied().unwrap_or_default().max(self.now);
+        self.sequence += 1;
+        self.under_way.insert((free + self.faults.delay[1], self.sequence), (link, to, Vec::new()));
+    }
+
+    /// A link ends, for both.
+    fn close(&mut self, link: LinkId, by: Option<usize>) {
+        let Some(ends) = self.links.remove(&link) else { return };
+        self.closed += 1;
+        self.reopen.push((self.now + Duration::from_secs(1), ends));
+        for end in ends {
+            if Some(end) != by {
+                self.event(end, Event::Down { link });
+            }
+        }
+    }
+
+    /// A node is killed and started again with what its store holds.
+    pub fn restart(&mut self, node: usize) {
+        let role = if node == 0 { Role::Station } else { Role::Agent };
+        self.nodes[node] = Node::new(config(node, role), Arc::clone(&self.stores[node]));
+        let links: Vec<LinkId> =
+            self.links.iter().filter(|(_, ends)| ends.contains(&node)).map(|(link, _)| *link).collect();
+        links.into_iter().for_each(|link| self.close(link, Some(node)));
+    }
+
+    /// Lets time pass until `done`, but no longer than to `end`; whether it was.
+    pub fn run_until(&mut self, end: Duration, mut done: impl FnMut(&Self) -> bool) -> bool {
+        while self.now < end {
+            if done(self) {
+                return true;
+            }
+            self.open_links();
+            let next = self.under_way.first_key_value().map_or(Duration::MAX, |((at, _), _)| *at);
+            if next < self.ticked + TICK {
+                self.now = self.now.max(next);
+                match self.under_way.pop_first() {
+                    Some((_, (link, to, bytes))) if self.links.contains_key(&link) => {
+                        if bytes.is_empty() {
+                            let [a, b] = self.links[&link];
+                            self.close(link, Some(if to == a { b } else { a }));
+                        } else {
+                            self.event(to, Event::Received { link, bytes });
+                        }
+                    }
+                    _ => {}
+                }
+                continue;
+            }
+            self.ticked += TICK;
+            self.now = self.now.max(self.ticked);
+            for node in 0..self.nodes.len() {
+                self.event(node, Event::Tick);
+            }
+        }
+        done(self)
+    }
+
+    fn open_links(&mut self) {
+        let now = self.now;
+        let cut = &self.cut;
+        let can = |[a, b]: &[usize; 2]| !cut.contains(&(*a, *b)) && !cut.contains(&(*b, *a));
+        let due: Vec<_> = self.reopen.extract_if(.., |(at, ends)| *at <= now && can(ends)).collect();
+        for (_, ends) in due {
+            let link = self.next_link;
+            self.next_link += 1;
+            self.links.insert(link, ends);
+            for end in ends {
+                self.event(end, Event::Up { link, address: format!("link {link}") });
+            }
+        }
+    }
+
+    /// The map of an agent as a node has it, if it is whole there.
+    pub fn whole(&self, node: usize, agent: Identity) -> Option<Map> {
+        let heard = self.nodes[node].heard().find(|heard| heard.agent == agent && heard.missing == 0)?;
+        let mut assembler = crate::assembling::Assembler::default();
+        let made = assembler.assemble(agent, &heard.entries, &*self.stores[node]).unwrap()?;
+        made.whole.then_some(made.map)
+    }
+
+    /// What was told of trouble.
+    pub fn trouble(&self, node: usize) -> Vec<String> {
+        let trouble = self.news[node].iter().filter_map(|news| match news {
+            News::Trouble(text) => Some(text.clone()),
+            _ => None,
+        });
+        trouble.collect()
+    }
+}

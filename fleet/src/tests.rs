@@ -1,0 +1,321 @@
+//! The protocol over a network whose every fault is drawn from a seed.
+
+use crate::link;
+use crate::node::{Event, News};
+use crate::publishing::Publisher;
+use crate::store::{FolderStore, Store};
+use crate::test_support::{Faults, Network, Numbers, agent, map};
+use crate::wire::{Message, Offer};
+use map::{KeyframeId, Map};
+use std::sync::Arc;
+use std::time::Duration;
+
+const MILLIS: fn(u64) -> Duration = Duration::from_millis;
+const SECONDS: fn(u64) -> Duration = Duration::from_secs;
+
+/// A map as it was when it had so many keyframes.
+fn first(map: &Map, keyframes: usize) -> Map {
+    let mut map = map.clone();
+    let end = map.keyframes.keys().nth(keyframes).map_or(u32::MAX, |id| id.0);
+    map.keyframes.retain(|id, _| id.0 < end);
+    map.drop_dangling();
+    map
+}
+
+/// Two nodes, the second with a map of so many keyframes to tell.
+fn telling(keyframes: u32, seed: u64, faults: Faults) -> (Network, Map, Publisher) {
+    let mut network = Network::new(2, seed, faults);
+    let map = map(agent(7), keyframes);
+    let mut publisher = Publisher::new(agent(7), 100);
+    network.publish(1, &mut publisher, &map, true);
+    (network, map, publisher)
+}
+
+#[test]
+fn a_map_arrives_bit_by_bit_and_is_acknowledged() {
+    let (mut network, map, _) = telling(12, 1, Faults::NONE);
+    assert!(network.run_until(SECONDS(10), |network| network.nodes[1].is_held()), "{:?}", network.news);
+    assert!(network.whole(0, agent(7)).unwrap() == map);
+    let objects: u64 = 12 * 31_000;
+    assert!(network.parts_sent < objects * 2, "{}", network.parts_sent);
+    assert!(
+        network.sent as f64 <= 1.02 * network.parts_sent as f64,
+        "{} {}",
+        network.sent,
+        network.parts_sent
+    );
+    assert!(network.now < SECONDS(2), "{:?}", network.now);
+    assert!(network.news[1].iter().any(|news| matches!(news, News::Held { .. })));
+    assert_eq!(network.nodes[0].status(network.now).neighbours[0].useless, 0);
+}
+
+#[test]
+fn whatever_is_lost_late_twice_or_overtaken_the_same_map_arrives() {
+    for (seed, loss) in [(1, 0.05), (2, 0.2), (3, 0.5)] {
+        for delay in [20, 200, 2000] {
+            let delay = [MILLIS(delay / 2), MILLIS(delay)];
+            let faults = Faults { loss, twice: 0.05, delay, rate: 2e6 };
+            let (mut network, map, _) = telling(8, seed, faults);
+            let done = network.run_until(SECONDS(600), |network| network.nodes[1].is_held());
+            assert!(done, "{faults:?}: {:?}", network.nodes[0].status(network.now));
+            assert!(network.whole(0, agent(7)).unwrap() == map, "{faults:?}");
+        }
+    }
+}
+
+#[test]
+fn at_a_loss_of_a_fifth_not_much_more_is_sent() {
+    let (mut clean, ..) = telling(60, 1, Faults { rate: 2e6, ..Faults::NONE });
+    assert!(clean.run_until(SECONDS(100), |network| network.nodes[1].is_held()));
+    let faults = Faults { loss: 0.2, delay: [MILLIS(10), MILLIS(20)], rate: 2e6, ..Faults::NONE };
+    let (mut lossy, ..) = telling(60, 1, faults);
+    assert!(lossy.run_until(SECONDS(200), |network| network.nodes[1].is_held()));
+    // What is lost of parts alone makes 1.25.
+    let more = lossy.parts_sent as f64 / clean.parts_sent as f64;
+    assert!((1.15..1.3).contains(&more), "{more}");
+}
+
+#[test]
+fn a_map_that_grows_while_it_is_fetched_arrives_as_it_is_in_the_end() {
+    let faults = Faults { loss: 0.1, twice: 0.1, delay: [MILLIS(5), MILLIS(90)], rate: 100e3 };
+    let mut network = Network::new(2, 4, faults);
+    let mut map = map(agent(7), 14);
+    let mut publisher = Publisher::new(agent(7), 100);
+    for keyframes in 1..14 {
+        network.publish(1, &mut publisher, &first(&map, keyframes), false);
+        let until = network.now + MILLIS(400);
+        network.run_until(until, |_| false);
+    }
+    // A loop was closed: all moved, one is in another unit, one is gone.
+    for keyframe in map.keyframes.values_mut() {
+        keyframe.world_from_keyframe.scale *= 1.01;
+    }
+    map.keyframes.get_mut(&KeyframeId(5)).unwrap().semi_dense.scale(1.1);
+    map.keyframes.remove(&KeyframeId(9));
+    map.drop_dangling();
+    network.publish(1, &mut publisher, &map, true);
+    assert!(network.run_until(SECONDS(100), |network| network.nodes[1].is_held()));
+    assert!(network.whole(0, agent(7)).unwrap() == map);
+    let heard = network.nodes[0].heard().next().unwrap();
+    assert!(heard.finished);
+    // What only earlier versions had is not kept.
+    let gone = publisher_object(&first(&map, 3));
+    assert!(!network.stores[0].has(&gone), "an early version's manifest is kept");
+}
+
+/// The manifest of a map told for the first time.
+fn publisher_object(map: &Map) -> crate::hash::ObjectHash {
+    Publisher::new(agent(7), 100).publish(map, false).unwrap().unwrap().offer.hash
+}
+
+#[test]
+fn part_of_a_map_is_a_map() {
+    let (mut network, map, _) = telling(10, 5, Faults { rate: 60e3, ..Faults::NONE });
+    network.run_until(SECONDS(4), |_| false);
+    let heard = network.nodes[0].heard().next().expect("the lists are there");
+    assert!(heard.missing > 0);
+    let mut assembler = crate::assembling::Assembler::default();
+    let made = assembler.assemble(agent(7), &heard.entries, &*network.stores[0]).unwrap().unwrap();
+    assert!(!made.whole && made.missing > 0 && !made.map.keyframes.is_empty(), "{:?}", made.missing);
+    for (id, keyframe) in &made.map.keyframes {
+        assert_eq!(keyframe.semi_dense, map.keyframes[id].semi_dense);
+        assert_eq!(keyframe.world_from_keyframe, map.keyframes[id].world_from_keyframe);
+    }
+}
+
+#[test]
+fn what_was_cut_goes_on_where_it_was() {
+    // For 10 s, for 10 minutes, and one way each.
+    let cuts = [vec![(0, 1), (1, 0)], vec![(0, 1)], vec![(1, 0)]];
+    for (cut, seconds) in cuts.iter().flat_map(|cut| [(cut, 10), (cut, 600)]) {
+        let (mut network, map, _) = telling(30, 6, Faults { rate: 100e3, ..Faults::NONE });
+        network.run_until(SECONDS(3), |_| false);
+        let lacks = |network: &Network| network.nodes[0].heard().next().unwrap().missing;
+        let before = lacks(&network);
+        assert!(before > 20);
+        network.cut = cut.clone();
+        network.run_until(SECONDS(3 + seconds), |_| false);
+        network.cut.clear();
+        let healed = lacks(&network);
+        let since = network.now;
+        assert!(
+            network.run_until(since + SECONDS(5), |network| lacks(network) < healed),
+            "{cut:?} {seconds}"
+        );
+        assert!(network.run_until(since + SECONDS(60), |network| network.nodes[1].is_held()), "{cut:?}");
+        assert!(network.whole(0, agent(7)).unwrap() == map);
+        let useless = network.nodes[0].status(network.now).neighbours[0].useless;
+        assert!(useless <= crate::wire::MAX_PART as u64, "{useless} bytes came again");
+    }
+}
+
+#[test]
+fn a_slow_link_stays_open_and_states_come_through() {
+    // 64 kbit/s.
+    let (mut network, map, mut publisher) = telling(6, 7, Faults { rate: 8e3, ..Faults::NONE });
+    let mut grown = map.clone();
+    grown.keyframes.get_mut(&KeyframeId(1)).unwrap().world_from_keyframe.scale = 2.0;
+    network.run_until(SECONDS(10), |_| false);
+    network.publish(1, &mut publisher, &grown, true);
+    let since = network.now;
+    let knows = |network: &Network| {
+        let told = network.nodes[0].status(network.now).agents;
+        told[0].missing > 0 && network.whole(0, agent(7)).is_none()
+    };
+    assert!(network.run_until(since + SECONDS(5), knows));
+    assert!(network.run_until(SECONDS(100), |network| network.nodes[1].is_held()));
+    assert_eq!(network.closed, 0);
+    assert!(network.waited < SECONDS(3), "{:?}", network.waited);
+    assert!(network.whole(0, agent(7)).unwrap() == grown);
+}
+
+#[test]
+fn nothing_acknowledged_is_lost_however_often_somebody_is_killed() {
+    let rooms: Vec<_> = (0..2).map(|_| tempfile::tempdir().unwrap()).collect();
+    let open = |i: usize| Arc::new(FolderStore::open(rooms[i].path()).unwrap()) as Arc<dyn Store>;
+    let faults = Faults { loss: 0.05, twice: 0.05, delay: [MILLIS(1), MILLIS(30)], rate: 400e3 };
+    let mut network = Network::with_stores(vec![open(0), open(1)], 8, faults);
+    let map = map(agent(7), 20);
+    let mut publisher = Publisher::new(agent(7), 100);
+    let mut numbers = Numbers::new(9);
+    let mut acknowledged = 0;
+    for round in 1..=100 {
+        let keyframes = (round / 6).min(19);
+        network.publish(1, &mut publisher, &first(&map, keyframes), false);
+        let until = network.now + MILLIS(50 + numbers.below(4000) as u64);
+        network.run_until(until, |_| false);
+        let version = |news: &News| match news {
+            News::Held { version, .. } => Some(version.1),
+            _ => None,
+        };
+        acknowledged = network.news[1].iter().filter_map(version).max().unwrap_or(0).max(acknowledged);
+        let killed = numbers.below(2);
+        // The system lets go of what a killed process held.
+        network.stores[killed] = Arc::new(crate::store::MemoryStore::default());
+        network.nodes[killed] = crate::node::Node::new(
+            crate::test_support::config(killed, crate::wire::Role::Agent),
+            Arc::clone(&network.stores[killed]),
+        );
+        network.stores[killed] = open(killed);
+        network.restart(killed);
+        if killed == 0 {
+            let told = network.nodes[0].status(network.now).agents;
+            let has = network.nodes[0].heard().next();
+            assert!(acknowledged == 0 || (told.len() == 1 && has.is_some_and(|heard| heard.missing == 0)));
+        }
+    }
+    assert!(acknowledged > 3, "{acknowledged}");
+    network.publish(1, &mut publisher, &map, true);
+    let end = network.now + SECONDS(60);
+    assert!(network.run_until(end, |network| network.nodes[1].is_held()));
+    assert!(network.whole(0, agent(7)).unwrap() == map);
+}
+
+#[test]
+fn an_older_map_of_an_agent_does_not_take_the_place_of_a_newer() {
+    let (mut network, map, _) = telling(6, 10, Faults::NONE);
+    assert!(network.run_until(SECONDS(10), |network| network.nodes[1].is_held()));
+    // The run is repeated, by a clock that is right, and by one that is not.
+    for (begun, keyframes, expected) in [(200, 3, 3), (50, 5, 3)] {
+        let mut again = Publisher::new(agent(7), begun);
+        network.publish(1, &mut again, &first(&map, keyframes), false);
+        let until = network.now + SECONDS(5);
+        network.run_until(until, |_| false);
+        assert_eq!(network.whole(0, agent(7)).unwrap().keyframes.len(), expected);
+    }
+    // Another epoch is another map.
+    let later = agent(7).later(1);
+    let mut publisher = Publisher::new(later, 300);
+    network.publish(1, &mut publisher, &crate::test_support::map(later, 2), true);
+    let until = network.now + SECONDS(5);
+    network.run_until(until, |_| false);
+    assert_eq!(network.whole(0, later).unwrap().keyframes.len(), 2);
+    assert_eq!(network.whole(0, agent(7)).unwrap().keyframes.len(), 3);
+}
+
+#[test]
+fn a_neighbour_that_sends_rubbish_loses_its_own_link_and_is_told_why() {
+    let hash = crate::hash::ObjectHash::of(b"no object");
+    let state = |agent, hash, size| {
+        Message::State(Offer { agent, begun: 1 << 60, revision: 1, newest: 1, size, hash }).to_bytes()
+    };
+    let cases: [(Vec<u8>, &str); 3] = [
+        (vec![99; 50], "no message"),
+        (vec![0xff; 1 << 17], "no message"),
+        (state(agent(7), hash, 10), "which another one tells"),
+    ];
+    for (bytes, words) in cases {
+        // Node 1 tells a map, node 2 is hostile.
+        let mut network = Network::new(3, 11, Faults { rate: 300e3, ..Faults::NONE });
+        let map = map(agent(7), 10);
+        let mut publisher = Publisher::new(agent(7), 100);
+        network.publish(1, &mut publisher, &map, true);
+        network.run_until(SECONDS(2), |_| false);
+        network.forge(2, &bytes);
+        network.run_until(SECONDS(6), |_| false);
+        assert!(network.run_until(SECONDS(40), |network| network.nodes[1].is_held()), "{words}");
+        assert!(network.whole(0, agent(7)).unwrap() == map);
+        assert!(network.trouble(0).iter().any(|text| text.contains(words)), "{:?}", network.trouble(0));
+        assert!(network.trouble(2).iter().any(|text| text.contains(words)), "{:?}", network.trouble(2));
+        assert!(network.closed >= 1);
+    }
+}
+
+#[test]
+fn whoever_takes_ones_own_name_is_refused() {
+    let (mut network, map, _) = telling(3, 12, Faults::NONE);
+    network.run_until(SECONDS(2), |_| false);
+    let mut publisher = Publisher::new(agent(7), 1 << 50);
+    network.publish(0, &mut publisher, &map, true);
+    network.run_until(SECONDS(4), |_| false);
+    let said = [network.trouble(0), network.trouble(1)].concat();
+    assert!(said.iter().any(|text| text.contains("two runs of one recording")), "{said:?}");
+}
+
+#[test]
+fn a_map_beyond_the_quota_is_refused() {
+    let (mut network, _, _) = telling(8, 13, Faults::NONE);
+    let quota = crate::node::Quota { bytes: 1 << 30, keyframes: 7 };
+    let config = crate::node::Config { quota, ..crate::test_support::config(0, crate::wire::Role::Station) };
+    network.nodes[0] = crate::node::Node::new(config, Arc::clone(&network.stores[0]));
+    network.run_until(SECONDS(5), |_| false);
+    assert!(network.trouble(1).iter().any(|text| text.contains("8 keyframes")), "{:?}", network.trouble(1));
+}
+
+#[test]
+fn what_was_found_out_comes_to_all_and_only_the_newest_stays() {
+    let faults = Faults { loss: 0.2, twice: 0.1, delay: [MILLIS(5), MILLIS(50)], rate: 1e6 };
+    let mut network = Network::new(3, 14, faults);
+    network.run_until(SECONDS(3), |_| false);
+    for revision in 1..=5 {
+        let bytes = vec![revision as u8; 9000];
+        network.event(0, Event::Findings { revision, bytes });
+        let until = network.now + MILLIS(700);
+        network.run_until(until, |_| false);
+    }
+    let until = network.now + SECONDS(10);
+    network.run_until(until, |_| false);
+    for node in [1, 2] {
+        let last = network.news[node].iter().rev().find_map(|news| match news {
+            News::Findings { bytes, .. } => Some(bytes.clone()),
+            _ => None,
+        });
+        assert_eq!(last, Some(vec![5; 9000]));
+    }
+}
+
+#[test]
+fn a_part_that_does_not_fit_is_no_part() {
+    let bytes: Vec<u8> = (0..9000).map(|i| i as u8).collect();
+    let hash = crate::hash::ObjectHash::of(&bytes);
+    let mut fetch = link::Fetch::default();
+    fetch.want(vec![link::Want { hash, size: 9000 }]);
+    assert!(!fetch.requests(Duration::ZERO).is_empty());
+    let mut take = |offset: u32, part: &[u8]| fetch.take(MILLIS(1), &hash, offset, part);
+    for (offset, length) in [(8192, 4096), (u32::MAX, 10), (5, 4096), (0, 100), (4096, 5000)] {
+        assert_eq!(take(offset, &vec![0; length]), link::Taken::Unwanted, "{offset} {length}");
+    }
+    assert_eq!(take(8192, &bytes[8192..]), link::Taken::More);
+    assert_eq!(take(8192, &bytes[8192..]), link::Taken::Unwanted);
+    assert_eq!(take(0, &bytes[..8192]), link::Taken::Whole(bytes.clone()));
+}

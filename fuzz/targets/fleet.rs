@@ -1,0 +1,38 @@
+//! What neighbours of the fleet send: messages, lists and parts of maps. What is read is written and read again as it was.
+#![no_main]
+
+use fleet::manifest::{Manifest, page_from_bytes, page_to_bytes};
+use fleet::wire::Message;
+use geometry::{GrayImage, Pinhole};
+use map::AgentInfo;
+use map::parts::{agent_from_bytes, depth_from_bytes, graph_from_bytes, image_from_bytes};
+use std::sync::Arc;
+
+libfuzzer_sys::fuzz_target!(|data: &[u8]| {
+    let Some((kind, bytes)) = data.split_first() else { return };
+    let camera = Pinhole { width: 8, height: 6, fx: 8.0, fy: 8.0, cx: 3.5, cy: 2.5 };
+    match kind % 7 {
+        0 => {
+            if let Ok(message) = Message::from_bytes(bytes) {
+                assert_eq!(message.to_bytes(), bytes);
+            }
+        }
+        1 => {
+            if let Ok(manifest) = Manifest::from_bytes(bytes) {
+                assert_eq!(manifest.to_bytes(), bytes);
+            }
+        }
+        2 => {
+            if let Ok(entries) = page_from_bytes(bytes) {
+                assert_eq!(page_to_bytes(&entries), bytes);
+            }
+        }
+        3 => drop(agent_from_bytes(bytes)),
+        4 => drop(image_from_bytes(bytes, &camera)),
+        5 => {
+            let image = Arc::new(GrayImage::filled(8, 6, 7));
+            drop(depth_from_bytes(bytes, image, &AgentInfo::new("one", camera)));
+        }
+        _ => drop(graph_from_bytes(bytes)),
+    }
+});

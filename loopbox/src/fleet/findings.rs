@@ -1,0 +1,90 @@
+//! What was found out about where agents are, as it is told to all of them.
+
+use crate::merging::{Input, Merging, refusal_of};
+use map::AgentId;
+use serde::{Deserialize, Serialize};
+
+/// Where agents are, and who met whom.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Found {
+    /// Every agent whose map could be looked at.
+    pub agents: Vec<FoundAgent>,
+    /// Every two of them.
+    pub meetings: Vec<FoundMeeting>,
+}
+
+/// An agent.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FoundAgent {
+    /// Its identity, `UUID/EPOCH`.
+    pub agent: String,
+    /// What people call it.
+    pub name: String,
+    /// Keyframes of its map that were looked at.
+    pub keyframes: usize,
+    /// Whether that was all of its map.
+    pub whole: bool,
+    /// The eldest of the agents it hangs together with: the common frame is its world.
+    pub root: String,
+    /// Maps points of the agent's world to the common frame, `tx ty tz qx qy qz qw scale`.
+    pub root_from_agent: [f64; 8],
+}
+
+/// Two agents.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FoundMeeting {
+    /// Their names.
+    pub names: [String; 2],
+    /// `accepted`, `undecided` or `refused`.
+    pub verdict: String,
+    /// Why not, where they were not merged.
+    pub why: Option<String>,
+}
+
+impl Found {
+    /// What a merging of maps found; `whole` says of each whether it is all of the agent's map.
+    pub(super) fn of(inputs: &[Input], merging: &Merging, whole: &[bool]) -> Self {
+        let identity = |agent: AgentId| {
+            let own = merging.common.agents().get(&agent)?;
+            own.agents.values().next()?.identity.map(|identity| identity.to_string())
+        };
+        let agent = |(number, input): (usize, &Input)| {
+            let id = merging.addresses.get(number)?.agents().next()?;
+            let component = merging.fused.iter().map(|fused| &fused.component);
+            let (root, place) = component
+                .into_iter()
+                .find_map(|component| Some((component.root, component.agents.get(&id)?.root_from_agent)))?;
+            let [tx, ty, tz, qx, qy, qz, qw] = place.rigid().to_tum();
+            Some(FoundAgent {
+                agent: identity(id)?,
+                name: input.name.clone(),
+                keyframes: input.map.keyframes.len(),
+                whole: whole.get(number).copied().unwrap_or(false),
+                root: identity(root)?,
+                root_from_agent: [tx, ty, tz, qx, qy, qz, qw, place.scale],
+            })
+        };
+        let meetings = merging.encounters.iter().map(|encounter| FoundMeeting {
+            names: encounter.as_given().map(|input| inputs[input].name.clone()),
+            verdict: encounter.verdict().to_owned(),
+            why: refusal_of(merging, encounter),
+        });
+        Self { agents: inputs.iter().enumerate().filter_map(agent).collect(), meetings: meetings.collect() }
+    }
+
+    /// As it is told.
+    pub fn to_bytes(&self) -> Vec<u8> {
+        // Numbers and texts can always be written.
+        serde_json::to_vec(self).unwrap_or_default()
+    }
+
+    /// What others told; `None` when it is not to be understood.
+    pub fn from_bytes(bytes: &[u8]) -> Option<Self> {
+        serde_json::from_slice(bytes).ok()
+    }
+
+    /// How many pairs were merged.
+    pub fn accepted(&self) -> usize {
+        self.meetings.iter().filter(|meeting| meeting.verdict == "accepted").count()
+    }
+}

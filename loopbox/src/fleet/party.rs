@@ -1,0 +1,350 @@
+//! One party of the fleet: a node with what it tells and what it collects.
+
+use super::collecting::Collector;
+use super::findings::Found;
+use super::telling::{Teller, Telling};
+use anyhow::{Context, Result, anyhow};
+use fleet::node::{News, Quota, Status};
+use fleet::service::{Endpoint, Service, ServiceOptions};
+use fleet::wire::Role;
+use serde::{Deserialize, Serialize};
+use sources::Stop;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+
+/// Where objects are kept, in the folder of results.
+pub const OBJECTS: &str = "fleet";
+/// The file that says how things are.
+pub const STATUS: &str = "fleet.json";
+/// Where an agent keeps the common map, in the folder of its own results.
+const COMMON: &str = "common";
+/// How often that is looked after.
+const LOOK: Duration = Duration::from_millis(100);
+/// How often the file is written.
+const STATUS_INTERVAL: Duration = Duration::from_secs(1);
+
+/// How a party is to be.
+#[derive(Clone, Debug)]
+pub struct FleetOptions {
+    /// Folder for the results.
+    pub out: PathBuf,
+    /// Replace results of something else in that folder.
+    pub force: bool,
+    /// What people call it.
+    pub name: String,
+    /// Whether it has no map of its own, and is there to collect those of others.
+    pub is_station: bool,
+    /// Where it listens.
+    pub listen: Option<Endpoint>,
+    /// Whom it dials.
+    pub dial: Vec<Endpoint>,
+}
+
+/// How things are, as the file `fleet.json` says it.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+pub struct StatusFile {
+    /// What people call this party.
+    pub name: String,
+    /// Where it listens.
+    pub listening: Option<String>,
+    /// Whom it knows.
+    pub links: Vec<LinkLine>,
+    /// Maps of others that are told here.
+    pub agents: Vec<AgentLine>,
+    /// What was found out here about where agents are.
+    pub found: Found,
+    /// What others found out, by their names.
+    pub told: Vec<(String, Found)>,
+    /// The last that was refused or went wrong.
+    pub trouble: Vec<String>,
+}
+
+/// A neighbour.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct LinkLine {
+    /// What people call it.
+    pub name: String,
+    /// Where it is; nothing while there is no link.
+    pub address: Option<String>,
+    /// Bytes of objects that came from it.
+    pub received: u64,
+    /// Objects of own maps that it has not acknowledged; nothing while it has not said.
+    pub lacks: Option<u64>,
+}
+
+/// Another's map.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct AgentLine {
+    /// Its identity, `UUID/EPOCH`.
+    pub agent: String,
+    /// Keyframes of its newest version.
+    pub keyframes: usize,
+    /// Objects of it that are not here yet.
+    pub missing: usize,
+    /// Whether its run has ended.
+    pub finished: bool,
+}
+
+/// A party at work.
+pub struct Fleet {
+    service: Arc<Service>,
+    telling: Mutex<Option<Telling>>,
+    begun: u64,
+    shared: Arc<Shared>,
+    path: PathBuf,
+    thread: Option<JoinHandle<Result<Collector>>>,
+}
+
+#[derive(Default)]
+struct Shared {
+    status: Mutex<StatusFile>,
+    /// Ends the thread.
+    stop: Stop,
+    /// How many agents' maps are to be whole for the thread to end by itself.
+    enough: Option<usize>,
+    /// Where the thread tells people what happens.
+    tell: Option<Tell>,
+}
+
+/// Tells people what happens.
+type Tell = Box<dyn Fn(&str) + Send + Sync>;
+
+impl Fleet {
+    /// Starts a party, that ends by itself once the maps of `enough` agents are whole and merged; `tell` tells people
+    /// what happens.
+    ///
+    /// # Errors
+    /// When a folder cannot be used, or an address not be listened at.
+    pub fn start(
+        options: &FleetOptions,
+        enough: Option<usize>,
+        tell: impl Fn(&str) + Send + Sync + 'static,
+    ) -> Result<Self> {
+        let role = if options.is_station { Role::Station } else { Role::Agent };
+        let common = if options.is_station { options.out.clone() } else { options.out.join(COMMON) };
+        let collector = Collector::new(&common, options.force, !options.is_station)?;
+        let shared = Arc::new(Shared { enough, tell: Some(Box::new(tell)), ..Shared::default() });
+        let of_news = Arc::clone(&shared);
+        let service = ServiceOptions {
+            folder: options.out.join(OBJECTS),
+            name: options.name.clone(),
+            role,
+            listen: options.listen,
+            dial: options.dial.clone(),
+            quota: Quota::default(),
+        };
+        let service = Arc::new(Service::start(service, move |news| of_news.hear(news))?);
+        {
+            let mut status = shared.status();
+            status.name.clone_from(&options.name);
+            status.listening = service.listening().map(|endpoint| endpoint.to_string());
+        }
+        let (of_thread, seen) = (Arc::clone(&shared), Arc::clone(&service));
+        let path = options.out.join(STATUS);
+        let (at, is_beside) = (path.clone(), !options.is_station);
+        let work = move || {
+            if is_beside {
+                crate::run::give_way();
+            }
+            of_thread.attend(collector, &seen, &at)
+        };
+        let thread = std::thread::Builder::new().name("fleet-merge".into()).spawn(work);
+        let thread = Some(thread.context("cannot start a thread")?);
+        Ok(Self { service, telling: Mutex::new(None), begun: now_ms(), shared, path, thread })
+    }
+
+    /// Who is to be told of a run's map, so that it is told here.
+    ///
+    /// # Errors
+    /// When a thread cannot be started.
+    pub fn teller(&self) -> Result<Teller> {
+        let shared = Arc::clone(&self.shared);
+        let warn = move |text: &str| shared.trouble(text);
+        let (teller, telling) = Telling::start(Arc::clone(&self.service), self.begun, warn)?;
+        *self.telling.lock().unwrap_or_else(PoisonError::into_inner) = Some(telling);
+        Ok(teller)
+    }
+
+    /// Where it listens.
+    pub fn listening(&self) -> Option<Endpoint> {
+        self.service.listening()
+    }
+
+    /// Waits until all of the run's map is told and every neighbour that is there holds it, or `stop` is wished; a
+    /// neighbour that is not there is waited for no longer than `patience`. Whether all is held.
+    pub fn hand_over(&self, patience: Duration, stop: &Stop) -> bool {
+        if let Some(telling) = self.telling.lock().unwrap_or_else(PoisonError::into_inner).take() {
+            telling.finish();
+        }
+        let mut alone = Instant::now();
+        while !stop.requested() {
+            if self.service.is_held() {
+                return true;
+            }
+            if self.service.status().neighbours.iter().any(|neighbour| neighbour.address.is_some()) {
+                alone = Instant::now();
+            }
+            if alone.elapsed() > patience {
+                return false;
+            }
+            std::thread::sleep(LOOK);
+        }
+        false
+    }
+
+    /// Waits until it ends by itself or `stop` is wished, and writes what is not written yet. How things are then.
+    ///
+    /// # Errors
+    /// When the results cannot be written.
+    pub fn wait(mut self, stop: &Stop) -> Result<StatusFile> {
+        while !stop.requested() && self.thread.as_ref().is_some_and(|thread| !thread.is_finished()) {
+            std::thread::sleep(LOOK);
+        }
+        self.end()?;
+        Ok(self.shared.status().clone())
+    }
+
+    /// Ends it now.
+    fn end(&mut self) -> Result<()> {
+        self.shared.stop.request();
+        let Some(thread) = self.thread.take() else { return Ok(()) };
+        let ended = thread.join().map_err(|_| anyhow!("merging broke down, which is a fault of loopbox"))?;
+        // What is left is done here: the thread gave way to all others.
+        let found = ended?.finish(&self.service, &|text| self.shared.trouble(text))?;
+        if let Some(found) = found {
+            self.shared.status().found = found;
+        }
+        self.shared.show(&self.service.status(), &self.path)
+    }
+}
+
+impl Drop for Fleet {
+    fn drop(&mut self) {
+        // Who wants to know what went wrong waits for it.
+        let _ = self.end();
+    }
+}
+
+impl Shared {
+    fn status(&self) -> std::sync::MutexGuard<'_, StatusFile> {
+        // Every section leaves it whole.
+        self.status.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn say(&self, text: &str) {
+        if let Some(tell) = &self.tell {
+            tell(text);
+        }
+    }
+
+    fn trouble(&self, text: &str) {
+        let mut status = self.status();
+        let is_known = status.trouble.iter().any(|known| known == text);
+        if !is_known {
+            status.trouble.push(text.to_owned());
+            let many = status.trouble.len().saturating_sub(20);
+            status.trouble.drain(..many);
+            drop(status);
+            self.say(text);
+        }
+    }
+
+    fn hear(&self, news: News) {
+        match news {
+            News::Met { name, address } => self.say(&format!("{name} is there, at {address}")),
+            News::Trouble(text) => self.trouble(&text),
+            News::Held { by, .. } => self.say(&format!("{by} holds all of the map told so far")),
+            News::Findings { from, bytes } => {
+                let Some(found) = Found::from_bytes(&bytes) else {
+                    return self.trouble("a neighbour tells what is not to be understood");
+                };
+                let mut status = self.status();
+                let from = from.to_string();
+                let told = &mut status.told;
+                let accepted = found.accepted();
+                let before = told.iter().position(|(name, _)| *name == from);
+                let before = before.map(|at| told.swap_remove(at).1.accepted());
+                told.push((from, found));
+                drop(status);
+                if before != Some(accepted) {
+                    self.say(&format!("a neighbour has merged {accepted} pairs of maps"));
+                }
+            }
+            News::Map(_) => {}
+        }
+    }
+
+    /// Merges what comes, and says how things are, until the end.
+    fn attend(&self, mut collector: Collector, service: &Service, path: &Path) -> Result<Collector> {
+        let mut written = None::<Instant>;
+        let warn = |text: &str| self.trouble(text);
+        loop {
+            if let Some(found) = collector.step(service, &warn, &self.stop)? {
+                let before = self.status().found.accepted();
+                if found.accepted() != before {
+                    self.say(&format!("{} pairs of maps are merged", found.accepted()));
+                }
+                service.findings(now_ms(), found.to_bytes());
+                self.status().found = found;
+                written = None;
+            }
+            if written.is_none_or(|written| written.elapsed() > STATUS_INTERVAL) {
+                self.show(&service.status(), path)?;
+                written = Some(Instant::now());
+            }
+            let is_enough = self.enough.is_some_and(|agents| collector.is_done(agents));
+            if self.stop.requested() || is_enough {
+                return Ok(collector);
+            }
+            std::thread::sleep(LOOK);
+        }
+    }
+
+    /// Writes how things are.
+    fn show(&self, now: &Status, path: &Path) -> Result<()> {
+        let links = now.neighbours.iter().map(|neighbour| LinkLine {
+            name: neighbour.name.clone(),
+            address: neighbour.address.clone(),
+            received: neighbour.received,
+            lacks: neighbour.lacks,
+        });
+        let agents = now.agents.iter().map(|agent| AgentLine {
+            agent: agent.agent.to_string(),
+            keyframes: agent.keyframes,
+            missing: agent.missing,
+            finished: agent.finished,
+        });
+        let text = {
+            let mut status = self.status();
+            (status.links, status.agents) = (links.collect(), agents.collect());
+            serde_json::to_vec_pretty(&*status)?
+        };
+        let partial = path.with_extension("json.tmp");
+        fs::write(&partial, text)
+            .and_then(|()| fs::rename(&partial, path))
+            .with_context(|| format!("{}: cannot be written", path.display()))
+    }
+}
+
+/// How things are or were with the party whose results are in `folder`.
+///
+/// # Errors
+/// When there is none.
+pub fn read_status(folder: &Path) -> Result<StatusFile> {
+    let path = folder.join(STATUS);
+    let text = fs::read(&path).with_context(|| {
+        format!(
+            "{}: cannot be read\nhint: give the folder of `loopbox station` or of `loopbox run --fleet`",
+            path.display()
+        )
+    })?;
+    serde_json::from_slice(&text).with_context(|| format!("{}: is no such file", path.display()))
+}
+
+/// Milliseconds since 1970.
+fn now_ms() -> u64 {
+    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_millis() as u64)
+}
