@@ -8,6 +8,7 @@ use crate::transport::tcp::Tcp;
 use crate::wire::Role;
 use anyhow::{Context, Result, anyhow, bail};
 use map::{Identity, Uuid};
+use std::collections::BTreeSet;
 use std::fs;
 use std::net::{SocketAddr, ToSocketAddrs};
 use std::path::{Path, PathBuf};
@@ -150,6 +151,11 @@ impl Service {
     /// Own maps.
     pub fn own(&self) -> Vec<Heard> {
         self.shared.view().own.clone()
+    }
+
+    /// Images and depths of these keyframes of an agent are to come before those of others.
+    pub fn prefer(&self, agent: Identity, keyframes: BTreeSet<u32>) {
+        self.tell(Event::Prefer { agent, keyframes });
     }
 
     /// What was told of an agent is not to be believed: whoever told it is refused.

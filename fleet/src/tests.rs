@@ -124,6 +124,20 @@ fn part_of_a_map_is_a_map() {
 }
 
 #[test]
+fn keyframes_that_are_preferred_come_first() {
+    let (mut network, ..) = telling(30, 5, Faults { rate: 100e3, ..Faults::NONE });
+    assert!(network.run_until(SECONDS(4), |network| network.nodes[0].heard().next().is_some()));
+    network.event(0, Event::Prefer { agent: agent(7), keyframes: [41, 57].into() });
+    let has = |network: &Network, number: u32| {
+        let heard = network.nodes[0].heard().next().unwrap();
+        let mut parts = heard.entries.iter().filter(|entry| entry.number == number && entry.size > 5000);
+        parts.all(|entry| network.stores[0].has(&entry.hash))
+    };
+    assert!(network.run_until(SECONDS(60), |network| has(network, 41) && has(network, 57)));
+    assert!(!has(&network, 39) && !has(&network, 55));
+}
+
+#[test]
 fn what_was_cut_goes_on_where_it_was() {
     // For 10 s, for 10 minutes, and one way each.
     let cuts = [vec![(0, 1), (1, 0)], vec![(0, 1)], vec![(1, 0)]];

@@ -91,6 +91,13 @@ pub enum Event {
     Tick,
     /// An agent who works here has a new version of its map.
     Publish(Box<Publication>),
+    /// Depths and images of these keyframes of an agent are wanted before those of others.
+    Prefer {
+        /// Whose.
+        agent: Identity,
+        /// Their numbers.
+        keyframes: BTreeSet<u32>,
+    },
     /// What a neighbour told of this agent is not to be believed.
     Distrust {
         /// Whose map it told.
@@ -276,6 +283,7 @@ impl Node {
             },
             Event::Tick => {}
             Event::Publish(publication) => self.publish(now, *publication),
+            Event::Prefer { agent, keyframes } => self.prefer(now, agent, keyframes),
             Event::Distrust { agent, reason } => self.distrust(agent, reason),
             Event::Findings { revision, bytes } => self.take_findings(now, revision, bytes),
         }

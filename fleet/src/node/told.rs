@@ -29,13 +29,15 @@ pub(super) struct Told {
     held: (u64, u64),
     /// What the last whole version consists of.
     held_objects: BTreeSet<ObjectHash>,
+    /// Keyframes whose depths and images come before others'.
+    preferred: BTreeSet<u32>,
 }
 
 impl Told {
     /// A map that was never heard of before.
     fn new(teller: Uuid, offer: Offer) -> Self {
-        let (manifest, entries, missing, all, held, held_objects) = Default::default();
-        Self { teller, offer, manifest, entries, missing, all, held, held_objects }
+        let (manifest, entries, missing, all, held, held_objects, preferred) = Default::default();
+        Self { teller, offer, manifest, entries, missing, all, held, held_objects, preferred }
     }
 
     /// A map that was whole when the program ended.
@@ -105,7 +107,8 @@ impl Told {
         let entries = self.entries.iter().flat_map(|entries| entries.iter());
         let mut entries: Vec<&Entry> = entries.filter(|entry| self.missing.contains(&entry.hash)).collect();
         // Keyframe by keyframe, features before what they are aligned by; what only the whole map needs comes last.
-        entries.sort_by_key(|entry| (rank(entry.kind), entry.number, entry.kind));
+        let is_late = |entry: &Entry| rank(entry.kind) == 3 && !self.preferred.contains(&entry.number);
+        entries.sort_by_key(|entry| (rank(entry.kind), is_late(entry), entry.number, entry.kind));
         wants.extend(entries.iter().map(|entry| Want { hash: entry.hash, size: entry.size }));
         wants
     }
@@ -191,6 +194,14 @@ impl Node {
         let mut seen = BTreeSet::new();
         wants.retain(|want| seen.insert(want.hash));
         neighbour.fetch.want(wants);
+    }
+
+    /// Fetches some keyframes before others.
+    pub(super) fn prefer(&mut self, now: Duration, agent: map::Identity, keyframes: BTreeSet<u32>) {
+        let Some(told) = self.told.get_mut(&agent).filter(|told| told.preferred != keyframes) else { return };
+        told.preferred = keyframes;
+        let teller = told.teller;
+        self.want(now, teller);
     }
 
     /// An object came.

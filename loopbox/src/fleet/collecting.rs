@@ -5,6 +5,7 @@
 //! files is, bit by bit.
 
 use super::findings::Found;
+use super::sketching::{Sketch, likely};
 use crate::merging::{Input, MergeRecord, MergingParams, Names, merge, write_results};
 use crate::results::{Owner, Results};
 use crate::run::give_way;
@@ -25,7 +26,7 @@ use std::time::{Duration, Instant};
 /// Keyframes with which a map is looked at: three adjacent ones are what a closure rests on.
 const FEWEST: usize = 3;
 /// Time between merges at the least, and of the time that one took.
-const PAUSE: Duration = Duration::from_secs(1);
+const PAUSE: Duration = Duration::from_millis(250);
 const PAUSE_FACTOR: u32 = 2;
 /// How often the common map is written while maps still grow.
 const WRITE_INTERVAL: Duration = Duration::from_secs(30);
@@ -41,6 +42,8 @@ pub(super) struct Collector {
     /// Threads that give way to all others, where they do.
     pool: Option<rayon::ThreadPool>,
     agents: BTreeMap<Identity, Agent>,
+    /// Of all agents, as long as some of a map is missing.
+    sketches: BTreeMap<Identity, Sketch>,
     merged: Instant,
     took: Duration,
     written: Option<Instant>,
@@ -78,6 +81,7 @@ impl Collector {
             vocabulary: Vocabulary::shipped(),
             params: MergingParams::default(),
             agents: BTreeMap::new(),
+            sketches: BTreeMap::new(),
             merged: Instant::now(),
             took: Duration::ZERO,
             written: None,
@@ -108,14 +112,33 @@ impl Collector {
     fn take_all(&mut self, service: &Service, warn: &dyn Fn(&str)) {
         let store = service.store();
         let all: Vec<Heard> = service.heard().into_iter().chain(service.own()).collect();
-        if all.len() < 2 {
+        // An agent's own map alone is in its folder already.
+        let is_beside = self.pool.is_some();
+        if all.len() < 2 && (is_beside || !all.iter().any(|heard| heard.finished && heard.missing == 0)) {
             return;
         }
+        self.ask_for_the_likely(&all, service);
         for heard in all {
             if let Err(reason) = self.take(&heard, &*store) {
                 warn(&format!("the map of {} is left out: {reason}", heard.agent));
                 service.distrust(heard.agent, reason);
             }
+        }
+    }
+
+    /// Has keyframes fetched first at which agents may have met, as long as some are missing.
+    fn ask_for_the_likely(&mut self, all: &[Heard], service: &Service) {
+        if all.iter().all(|heard| heard.missing == 0) {
+            self.sketches.clear();
+            return;
+        }
+        let store = service.store();
+        for heard in all {
+            let sketch = self.sketches.entry(heard.agent).or_default();
+            sketch.take(heard, &*store, &self.vocabulary);
+        }
+        for (agent, keyframes) in likely(&self.sketches, &self.vocabulary) {
+            service.prefer(agent, keyframes.into_iter().map(|id| id.0).collect());
         }
     }
 

@@ -285,7 +285,12 @@ impl Shared {
             if let Some(found) = collector.step(service, &warn, &self.stop)? {
                 let before = self.status().found.accepted();
                 if found.accepted() != before {
-                    self.say(&format!("{} pairs of maps are merged", found.accepted()));
+                    let links = service.status().neighbours;
+                    let kilobytes = links.iter().map(|link| link.received).sum::<u64>() / 1000;
+                    let count = found.accepted();
+                    self.say(&format!(
+                        "{count} pairs of maps are merged, after {kilobytes} kB of objects came"
+                    ));
                 }
                 service.findings(now_ms(), found.to_bytes());
                 self.status().found = found;
