@@ -8,6 +8,7 @@ mod image;
 pub mod limits;
 mod photometric;
 mod pinhole;
+pub mod pnp;
 mod pyramid;
 mod se3;
 mod sim3;

@@ -95,6 +95,7 @@ impl Agent {
     pub fn new(camera: Pinhole, places: Box<dyn PlaceIndex>, params: Params) -> Result<Self, AgentError> {
         params.validate()?;
         error::check_camera(&camera)?;
+        let params = params.for_images_of(&camera);
         Ok(Self {
             camera,
             params,

@@ -14,6 +14,9 @@ params! {
         /// Points found, over the most found against the same reference, below which a keyframe is made at once:
         /// the view changes faster than the map knows it.
         pub fading: f32 = 0.5,
+        /// Share of the sought points found below which a keyframe is made at once: the map knows little of the view.
+        /// Range 0–1.
+        pub known: f32 = 0.25,
         /// Parts of the image that show points, over the most since the reference changed, below which a keyframe is made
         /// at once: a camera that backs away sees new things all around what it knows. Range 0–1; with 0 it is not asked.
         pub coverage: f32 = 0.75,
@@ -23,8 +26,9 @@ params! {
         pub give_up: usize = 20,
         /// Matched points below which tracking is lost.
         pub min_matched: usize = 30,
-        /// Share of sought points that must be matched.
-        pub min_share: f32 = 0.2,
+        /// Share of sought points that must be matched. Range 0.05–0.5. Foliage in hard light shows a fifth of them to a
+        /// camera that backs away, and the pose is right; what is found by chance does not agree with one pose.
+        pub min_share: f32 = 0.12,
     }
 }
 

@@ -36,7 +36,9 @@ mod tone;
 mod track;
 mod tracker;
 mod triangulate;
+mod turn;
 mod warp;
+mod wide;
 mod window;
 
 pub use agent::{Agent, AgentError, Frame, FrameReport, Going, TrackingState};

@@ -7,10 +7,13 @@ use crate::closing::ClosingParams;
 use crate::depth::DepthParams;
 use crate::keyframes::KeyframeParams;
 use crate::mapping::MappingParams;
+use crate::patch;
 use crate::relocalise::RelocaliseParams;
 use crate::track::TrackParams;
 use crate::triangulate::TriangulateParams;
+use crate::wide::WideParams;
 use backend::{ParameterError, check_parameters, params};
+use geometry::Pinhole;
 
 params! {
     /// Parameters of the direct SLAM agent.
@@ -25,6 +28,8 @@ params! {
         pub keyframes: KeyframeParams = KeyframeParams::default(),
         /// Points and window optimisation.
         pub mapping: MappingParams = MappingParams::default(),
+        /// Seeking a frame widely before it counts as lost.
+        pub wide: WideParams = WideParams::default(),
         /// Finding a lost frame again.
         pub relocalise: RelocaliseParams = RelocaliseParams::default(),
         /// Going on after a loss.
@@ -45,6 +50,21 @@ impl Params {
         self
     }
 
+    /// The same for images of a camera: what is spread over an image in blocks and cells is spread as densely over a small
+    /// one. A map needs some hundred points, however few pixels it is made of.
+    pub(crate) fn for_images_of(mut self, camera: &Pinhole) -> Self {
+        /// Pixels of an image from which on blocks and cells are those of the parameters.
+        const USUAL: f64 = 200_000.0;
+        let factor = ((camera.width * camera.height) as f64 / USUAL).sqrt().min(1.0);
+        // Patches of neighbouring blocks may overlap by half.
+        let least = patch::SIZE / 2 + 2;
+        let scaled = |pixels: usize| ((pixels as f64 * factor).round() as usize).max(least.min(pixels));
+        self.bootstrap.block = scaled(self.bootstrap.block);
+        self.mapping.block = scaled(self.mapping.block);
+        self.track.cell = scaled(self.track.cell);
+        self
+    }
+
     /// Refuses values that cannot be worked with: outside of the range that a parameter's documentation states, not
     /// finite, negative, or a count of zero.
     ///
@@ -58,6 +78,26 @@ impl Params {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn small_images_are_divided_as_finely_as_large_ones() {
+        let camera = |width: usize, height: usize| {
+            let f = width as f64;
+            Pinhole { width, height, fx: f, fy: f, cx: 0.5 * f, cy: 0.5 * height as f64 }
+        };
+        let params = Params::default();
+        let blocks = |width: usize, height: usize| {
+            let side = params.clone().for_images_of(&camera(width, height)).mapping.block;
+            (width / side) * (height / side)
+        };
+        assert_eq!(params.clone().for_images_of(&camera(640, 480)), params);
+        assert!(
+            blocks(320, 240) > 400 && blocks(160, 120) > 200,
+            "{} {}",
+            blocks(320, 240),
+            blocks(160, 120)
+        );
+    }
 
     #[test]
     fn values_that_would_divide_by_zero_are_refused() {

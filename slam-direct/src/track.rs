@@ -51,10 +51,10 @@ pub(crate) struct Matched {
 }
 
 /// A point to look for: where it should be and how it should look.
-struct Sought {
-    at: PointRef,
-    pixel: [f32; 2],
-    warp: Warp,
+pub(crate) struct Sought {
+    pub at: PointRef,
+    pub pixel: [f32; 2],
+    pub warp: Warp,
     /// Rank within its cell: seen often first, then well known.
     rank: (std::cmp::Reverse<usize>, f64),
 }
@@ -80,7 +80,7 @@ pub(crate) fn match_points(
 }
 
 /// The points expected in the frame, spread over its cells.
-fn choose(
+pub(crate) fn choose(
     map: &LocalMap,
     hosts: &[usize],
     view: &View,

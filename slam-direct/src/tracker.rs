@@ -7,6 +7,8 @@ use crate::mapping;
 use crate::params::Params;
 use crate::relocalise::relocalise;
 use crate::track::{self, Matched, View};
+use crate::turn::Glance;
+use crate::wide;
 use geometry::{Pyramid, Se3};
 use map::PlaceIndex;
 use std::collections::BTreeSet;
@@ -39,6 +41,8 @@ pub(crate) struct Tracker {
     brightness: Brightness,
     /// Frames in a row that were not found.
     lost: usize,
+    /// What the newest tracked frame looked like.
+    glance: Option<Glance>,
 }
 
 /// A frame's pose with the matches it rests on.
@@ -53,6 +57,8 @@ pub(crate) struct Located {
     pub excess: f64,
     brightness: Brightness,
     hosts: Vec<usize>,
+    /// Whether it took a wide search: the camera was not where it should have been, or looks at little that is known.
+    sought_widely: bool,
 }
 
 impl Located {
@@ -94,13 +100,14 @@ impl Tracker {
             velocity,
             brightness: Brightness::default(),
             lost: 0,
+            glance: None,
         }
     }
 
     /// Goes on against another reference.
     pub fn refer_to(&mut self, map: &LocalMap, reference: usize, params: &Params) {
-        let lost = self.lost;
-        *self = Self { lost, ..Self::new(map, reference, self.last, self.velocity, params) };
+        let (lost, glance) = (self.lost, self.glance.take());
+        *self = Self { lost, glance, ..Self::new(map, reference, self.last, self.velocity, params) };
     }
 
     /// Goes on in a map in which keyframes have moved: `last` is the newest frame's pose there, `factor` what lengths
@@ -124,28 +131,51 @@ impl Tracker {
         let guesses = [self.velocity * self.last * world_from_reference, self.last * world_from_reference];
         let aligned =
             track::align_from_guesses(&self.alignment, pyramid, &guesses, self.brightness, GOOD_ALIGNMENT);
-        let mut located = locate(map, &self.near, pyramid, aligned, self.reference, params);
+        let start = aligned.frame_from_reference * map.keyframes[self.reference].camera_from_world;
+        let mut located =
+            locate(map, &self.near, pyramid, &start, aligned.brightness, self.reference, params);
         let p = &params.keyframes;
         if !located.is_good(p.min_matched, p.min_share) {
             let places = places?;
-            let Some((reference, found)) = relocate(map, places, pyramid, self.reference, params) else {
+            if let Some(found) = self.seek_widely(map, pyramid, params) {
+                located = found;
+            } else if let Some((reference, found)) = relocate(map, places, pyramid, self.reference, params) {
+                self.lost += 1;
+                self.refer_to(map, reference, params);
+                located = found;
+            } else {
                 self.lost += 1;
                 self.velocity = Se3::identity();
                 return None;
-            };
-            self.lost += 1;
-            self.refer_to(map, reference, params);
-            located = found;
+            }
         }
         self.velocity =
             if self.lost > 0 { Se3::identity() } else { located.camera_from_world * self.last.inverse() };
         self.lost = 0;
         self.last = located.camera_from_world;
         self.brightness = located.brightness;
+        self.glance = Some(Glance::of(pyramid));
         self.most_sought = self.most_sought.max(located.sought.len());
         self.most_found = self.most_found.max(located.inliers);
         self.most_covered = self.most_covered.max(located.covered);
         Some(located)
+    }
+
+    /// Seeks the frame's patches one by one: around where it should be, where the camera was last, and where it would be
+    /// had it only turned since.
+    fn seek_widely(&self, map: &LocalMap, pyramid: &Pyramid, params: &Params) -> Option<Located> {
+        let p = &params.keyframes;
+        let turn = self.glance.as_ref().and_then(|before| before.turn_to(pyramid, &map.camera));
+        let turned = turn.map(|turn| turn * self.last);
+        let starts = [Some(self.velocity * self.last), Some(self.last), turned];
+        starts.iter().flatten().find_map(|start| {
+            let hosts = track::choose_hosts(map, &self.near, start, self.reference, params.track.max_hosts);
+            let view = View { pyramid, camera_from_world: *start };
+            let pose = wide::seek(map, &hosts, &view, &params.track, &params.wide, p.min_matched)?;
+            let brightness = Brightness::default();
+            let located = locate(map, &self.near, pyramid, &pose, brightness, self.reference, params);
+            located.is_good(p.min_matched, p.min_share).then_some(Located { sought_widely: true, ..located })
+        })
     }
 
     /// Whether the newest frame should become a keyframe.
@@ -154,7 +184,12 @@ impl Tracker {
         let overlap = located.sought.len() as f32 / self.most_sought.max(1) as f32;
         let fades = (located.inliers as f32) < p.fading * self.most_found as f32;
         let thins = (located.covered as f32) < p.coverage * self.most_covered as f32;
-        fades || thins || departure(map, self.reference, &self.last, overlap).is_none_or(|d| d.score(p) > 1.0)
+        let unknown = located.inlier_share() < p.known;
+        let near_loss = located.sought_widely || unknown;
+        near_loss
+            || fades
+            || thins
+            || departure(map, self.reference, &self.last, overlap).is_none_or(|d| d.score(p) > 1.0)
     }
 
     /// Frames in a row that were not found.
@@ -213,22 +248,23 @@ fn locate(
     map: &LocalMap,
     near: &[usize],
     pyramid: &Pyramid,
-    aligned: Alignment,
+    start: &Se3,
+    brightness: Brightness,
     reference: usize,
     params: &Params,
 ) -> Located {
     let p = &params.track;
-    let start = aligned.frame_from_reference * map.keyframes[reference].camera_from_world;
-    let hosts = track::choose_hosts(map, near, &start, reference, p.max_hosts);
-    let view = View { pyramid, camera_from_world: start };
+    let hosts = track::choose_hosts(map, near, start, reference, p.max_hosts);
+    let view = View { pyramid, camera_from_world: *start };
     let (mut matched, sought) = track::match_points(map, &hosts, &view, p, p.per_cell);
-    let (camera_from_world, excess) = track::refine_pose(map, &start, &mut matched);
+    let (camera_from_world, excess) = track::refine_pose(map, start, &mut matched);
     let inliers = matched.iter().filter(|m| m.inlier).count();
     let covered = covered(map, &matched);
     Located {
         camera_from_world,
-        brightness: aligned.brightness,
+        brightness,
         hosts,
+        sought_widely: false,
         matched,
         sought,
         inliers,
@@ -266,10 +302,12 @@ fn relocate(
         let pyramid_there = &map.keyframes[candidate].pyramid;
         let alignment = AlignmentReference::new(pyramid_there, &map.camera, &points, &params.align);
         let found = relocalise(pyramid, [(LocalMap::id(candidate), &alignment)], &params.relocalise).ok()?;
-        let located = locate(map, &near_candidate, pyramid, found.alignment, candidate, params);
+        let Alignment { frame_from_reference, brightness, .. } = found.alignment;
+        let start = frame_from_reference * map.keyframes[candidate].camera_from_world;
+        let located = locate(map, &near_candidate, pyramid, &start, brightness, candidate, params);
         // A frame placed wrongly poisons the map: more is asked than of a frame where it was expected.
         let p = &params.keyframes;
-        located.is_good(2 * p.min_matched, 1.5 * p.min_share).then_some((candidate, located))
+        located.is_good(2 * p.min_matched, 2.5 * p.min_share).then_some((candidate, located))
     })
 }
 
@@ -339,6 +377,22 @@ mod tests {
         let located =
             tracker.track(&map, Some(&places), &view.pyramid, &params).expect("it is near keyframe 2");
         assert!(error(&located.camera_from_world, &view) < 0.01);
+    }
+
+    #[test]
+    fn a_sudden_turn_in_other_light_is_followed() {
+        let keyframes = keyframes();
+        let (map, params) = (exact_map(&keyframes, 10), Params::default());
+        let start = map.keyframes[0].camera_from_world;
+        let mut tracker = Tracker::new(&map, 0, start, Se3::identity(), &params);
+        let none = ThumbnailIndex::default();
+        tracker.track(&map, Some(&none), &keyframes[0].pyramid, &params).expect("it is the keyframe");
+        let turned = Rendered::new(pose(0.02, 0.0, 0.0, 0.28, 0.05));
+        let dim: Vec<u8> = turned.pyramid.base().data().iter().map(|&v| v / 2 + 60).collect();
+        let dim = GrayImage::from_vec(CAMERA.width, CAMERA.height, dim).expect("as many pixels");
+        let located = tracker.track(&map, Some(&none), &Pyramid::new(dim, 5), &params).expect("it overlaps");
+        assert!(error(&located.camera_from_world, &turned) < 0.01);
+        assert!(located.sought_widely && tracker.wants_keyframe(&map, &located, &params));
     }
 
     #[test]

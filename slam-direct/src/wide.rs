@@ -1,0 +1,134 @@
+//! A wide search for a frame: where the direct alignment went astray, the map's patches are sought one by one over a
+//! large part of the image, from coarse to fine, and the pose is the one that most of them agree with.
+//!
+//! Each patch has a gain and an offset of its own, so neither an exposure that jumps nor a camera that does not go on as
+//! it moved hides the map; what is found by chance agrees with no pose.
+
+use crate::local_map::{LocalMap, PointRef};
+use crate::patch::Template;
+use crate::track::{Sought, TrackParams, View, choose};
+use backend::params;
+use geometry::Se3;
+use geometry::pnp::{Consensus, Sighting, pose_by_consensus};
+use rayon::prelude::*;
+
+params! {
+    /// Parameters of the wide search for a frame.
+    pub struct WideParams {
+        /// Pyramid levels over which a patch is sought. Range 1–5; each doubles how far from its prediction it is found.
+        pub levels: usize = 4,
+        /// How far it may be found from where the coarser level has it, pixels of the level. Range 2–12.
+        pub max_shift: f32 = 8.0,
+        /// Largest distance of a patch from where the pose has it, in focal lengths. Range 0.001–0.02; patches are
+        /// placed to about a pixel, and depths add to that.
+        pub max_error: f64 = 0.004,
+        /// Triples of patches that are tried at most. Range 50–5000.
+        pub max_samples: usize = 400,
+        /// Share of the sought patches that must agree, 0–1.
+        pub min_share: f32 = 0.15,
+    }
+}
+
+/// The pose `camera_from_world` that most of the map's patches agree with, sought around that of the `view`; `None`
+/// when too few do: `min_matched` at the least.
+pub(crate) fn seek(
+    map: &LocalMap,
+    hosts: &[usize],
+    view: &View,
+    track: &TrackParams,
+    params: &WideParams,
+    min_matched: usize,
+) -> Option<Se3> {
+    let sought = choose(map, hosts, view, track, track.per_cell);
+    let found: Vec<Option<Sighting>> = sought
+        .par_iter()
+        .with_min_len(32)
+        .map(|s| Some(sighting(map, s.at, find(map, s, view, track, params)?)))
+        .collect();
+    let found: Vec<Sighting> = found.into_iter().flatten().collect();
+    let share = (params.min_share * sought.len() as f32) as usize;
+    let consensus = Consensus {
+        max_error: params.max_error,
+        max_samples: params.max_samples,
+        min_agreeing: share.max(min_matched),
+    };
+    pose_by_consensus(&found, &consensus).map(|found| found.0)
+}
+
+/// Where a patch is found.
+fn find(
+    map: &LocalMap,
+    sought: &Sought,
+    view: &View,
+    track: &TrackParams,
+    params: &WideParams,
+) -> Option<[f32; 2]> {
+    let host = &map.keyframes[sought.at.host];
+    let pixel = host.points[sought.at.index].pixel;
+    let (mut at, mut found) = (sought.pixel, None);
+    for coarser in (0..params.levels.max(1)).rev() {
+        let warp = sought.warp.coarser(coarser);
+        if warp.view_level >= view.pyramid.len() || warp.host_level >= host.pyramid.len() {
+            continue;
+        }
+        let aligned = Template::cut(&host.pyramid, pixel, &warp)
+            .and_then(|template| template.align(view.pyramid, at, params.max_shift, 12));
+        if let Some(aligned) = aligned {
+            at = aligned.pixel;
+            if coarser <= 1 && aligned.unexplained <= track.max_unexplained {
+                found = Some(at);
+            }
+        }
+    }
+    found
+}
+
+/// A map point with the ray of the pixel at which it is seen.
+fn sighting(map: &LocalMap, at: PointRef, pixel: [f32; 2]) -> Sighting {
+    let point = map.point(at);
+    let host_from_world = &map.keyframes[at.host].camera_from_world;
+    Sighting {
+        point: host_from_world.inverse() * (point.ray / point.inverse_depth),
+        ray: map.lens.ray(pixel.map(f64::from)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::test_scene::{CAMERA, View as Rendered, exact_map, pose};
+    use geometry::{GrayImage, Pyramid};
+
+    const HOSTS: [usize; 2] = [0, 1];
+
+    fn map() -> LocalMap {
+        exact_map(&[0.0, 0.4].map(|x| Rendered::new(pose(x, 0.0, 0.0, 0.0, 0.0))), 10)
+    }
+
+    fn sought(map: &LocalMap, pyramid: &Pyramid, camera_from_world: Se3) -> Option<Se3> {
+        let view = View { pyramid, camera_from_world };
+        seek(map, &HOSTS, &view, &TrackParams::default(), &WideParams::default(), 30)
+    }
+
+    #[test]
+    fn a_frame_is_found_far_from_where_it_should_be() {
+        let map = map();
+        for (yaw, forward) in [(0.0, 0.0), (0.08, 0.15), (-0.06, -0.2)] {
+            let there = Rendered::new(pose(0.2, 0.05, forward, yaw, 0.02));
+            let found = sought(&map, &there.pyramid, map.keyframes[0].camera_from_world);
+            let error =
+                (found.unwrap_or_else(|| panic!("{yaw} {forward}")) * there.world_from_camera).log().norm();
+            assert!(error < 0.03, "{yaw} {forward}: {error}");
+        }
+    }
+
+    #[test]
+    fn a_frame_of_another_place_is_not_found() {
+        let map = map();
+        let start = map.keyframes[0].camera_from_world;
+        let elsewhere = Rendered::new(pose(0.0, 0.0, -9.0, 3.1, 0.0));
+        assert_eq!(sought(&map, &elsewhere.pyramid, start), None);
+        let flat = Pyramid::new(GrayImage::filled(CAMERA.width, CAMERA.height, 90), 5);
+        assert_eq!(sought(&map, &flat, start), None);
+    }
+}
