@@ -6,4 +6,5 @@
 pub mod commands;
 pub mod console;
 mod interrupt;
+pub mod memory;
 mod progress;

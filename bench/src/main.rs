@@ -9,6 +9,7 @@ mod merging;
 mod perturbed;
 mod report;
 mod targets;
+mod town;
 
 use anyhow::{Context, Result, bail};
 use clap::Parser;
@@ -54,6 +55,9 @@ struct Args {
     /// Measure only LiDAR agents, on the folders of scans with groundtruth.txt within --data
     #[arg(long, conflicts_with_all = ["merges", "live", "perturbed"])]
     lidar: bool,
+    /// Measure only a drive of so many frames through a rendered town: what costs when the map has grown
+    #[arg(long, value_name = "FRAMES", conflicts_with_all = ["merges", "live", "perturbed", "lidar"])]
+    long: Option<usize>,
     /// With --perturbed: from how many first frames each sequence is run
     #[arg(long, value_name = "N", default_value_t = 16, requires = "perturbed")]
     starts: usize,
@@ -91,6 +95,10 @@ fn main() -> Result<()> {
     if args.lidar {
         let text = lidar::measure(&args.loopbox, &args.data, &args.work)?;
         return write(&args.documents, &[("machine", report::machine()), ("lidar", text)]);
+    }
+    if let Some(frames) = args.long {
+        let drive = town::measure(&runner, frames)?;
+        return write(&args.documents, &[("long", town::section(&drive))]);
     }
     let found = sequences(&args.data, &args.only)?;
     if args.perturbed {

@@ -1,58 +1,81 @@
 //! Image pyramids: each level halves the one below it.
 
 use crate::GrayImage;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
+
+/// Least side of a level, pixels.
+const MIN_SIDE: usize = 16;
 
 /// An image and its successive halvings; level 0 is the image itself.
+///
+/// The halvings are made when the first of them is asked for. Copies share them.
 #[derive(Clone, Debug)]
 pub struct Pyramid {
-    levels: Vec<Arc<GrayImage>>,
+    base: Arc<GrayImage>,
+    levels: usize,
+    halvings: Arc<OnceLock<Vec<GrayImage>>>,
 }
 
 impl Pyramid {
-    /// Builds up to `levels` levels by 2×2 means; stops before a side would fall below 16 pixels.
+    /// Up to `levels` levels by 2×2 means; as many as have no side below 16 pixels.
     pub fn new(image: GrayImage, levels: usize) -> Self {
         Self::of(Arc::new(image), levels)
     }
 
     /// The same of an image that others hold as well.
-    pub fn of(image: Arc<GrayImage>, levels: usize) -> Self {
-        let mut all = vec![image];
-        while all.len() < levels {
-            let last = &all[all.len() - 1];
-            if last.width() < 32 || last.height() < 32 {
-                break;
-            }
-            let next = halved(last);
-            all.push(Arc::new(next));
+    pub fn of(base: Arc<GrayImage>, levels: usize) -> Self {
+        let (mut side, mut there) = (base.width().min(base.height()), 1);
+        while there < levels && side >= 2 * MIN_SIDE {
+            (side, there) = (side / 2, there + 1);
         }
-        Self { levels: all }
+        Self { base, levels: there, halvings: Arc::default() }
+    }
+
+    /// Gives the memory of the halvings back, unless a copy needs them; they are made again when they are asked for.
+    pub fn rest(&mut self) {
+        self.halvings = Arc::default();
+    }
+
+    /// Whether there are no halvings in memory.
+    pub fn is_resting(&self) -> bool {
+        self.halvings.get().is_none()
     }
 
     /// The number of levels there are.
     pub fn len(&self) -> usize {
-        self.levels.len()
+        self.levels
     }
 
     /// Never true: a pyramid has its level 0.
     pub fn is_empty(&self) -> bool {
-        self.levels.is_empty()
+        self.levels == 0
     }
 
     /// The image at `level`.
     #[inline]
     pub fn level(&self, level: usize) -> &GrayImage {
-        &self.levels[level]
+        match level.checked_sub(1) {
+            None => &self.base,
+            Some(halving) => &self.halvings.get_or_init(|| self.halved())[halving],
+        }
+    }
+
+    fn halved(&self) -> Vec<GrayImage> {
+        let mut all: Vec<GrayImage> = Vec::with_capacity(self.levels - 1);
+        while all.len() + 1 < self.levels {
+            all.push(halved(all.last().unwrap_or(&self.base)));
+        }
+        all
     }
 
     /// The image at level 0.
     pub fn base(&self) -> &GrayImage {
-        &self.levels[0]
+        &self.base
     }
 
     /// The image at level 0, to be kept beyond the pyramid without a copy.
     pub fn shared_base(&self) -> Arc<GrayImage> {
-        Arc::clone(&self.levels[0])
+        Arc::clone(&self.base)
     }
 }
 
@@ -69,4 +92,27 @@ pub fn halved(image: &GrayImage) -> GrayImage {
         );
     }
     GrayImage::from_vec(width, height, data).expect("one pixel is pushed per 2×2 block")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn halvings_come_back_after_a_rest() {
+        let image = GrayImage::from_vec(70, 64, (0..70 * 64).map(|i| (i * 7 % 251) as u8).collect()).unwrap();
+        let mut pyramid = Pyramid::new(image.clone(), 5);
+        assert!(pyramid.is_resting());
+        assert_eq!(pyramid.len(), 3, "a side of 8 pixels would be too small");
+        let expected = [image.clone(), halved(&image), halved(&halved(&image))];
+        let copy = pyramid.clone();
+        for _ in 0..2 {
+            assert!(expected.iter().enumerate().all(|(level, image)| pyramid.level(level) == image));
+            assert!(!pyramid.is_resting());
+            pyramid.rest();
+            assert!(pyramid.is_resting());
+        }
+        assert!(!copy.is_resting(), "a copy keeps what it has");
+        assert_eq!(Pyramid::new(GrayImage::filled(20, 31, 0), 5).len(), 1);
+    }
 }

@@ -99,10 +99,13 @@ pub fn self_calibrate(
         let camera = problem.lens(&problem.terms).ok_or(SelfCalibrationError::Undetermined)?;
         Ok((problem, solution, camera))
     };
-    let (problem, solution, camera) = solved(0..count)?;
+    let (keyframes, observations, points, solution, camera) = {
+        let (problem, solution, camera) = solved(0..count)?;
+        (problem.poses.len(), problem.observations.len(), problem.points.len(), solution, camera)
+    };
     // Observations of a point share the error of its host's pixel and are no independent witnesses: as many count as
     // there are points.
-    let shared = (problem.observations.len() as f64 / problem.points.len() as f64).sqrt();
+    let shared = (observations as f64 / points as f64).sqrt();
     // A rolling shutter or a lens of another model disturbs all observations of a motion alike, which no residual shows;
     // but two halves of the map then say different things. Half their difference is the deviation of their mean.
     let halves =
@@ -115,8 +118,8 @@ pub fn self_calibrate(
     Ok(SelfCalibration {
         camera,
         focal_deviation: (solution.deviations[0] * shared).max(between),
-        keyframes: problem.poses.len(),
-        observations: problem.observations.len(),
+        keyframes,
+        observations,
         residual: solution.residual,
     })
 }

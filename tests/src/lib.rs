@@ -17,4 +17,4 @@ mod world;
 pub use recording::{Encoding, Recording, Shot};
 pub use render::render;
 pub use texture::Texture;
-pub use world::{Cuboid, World};
+pub use world::{Cuboid, RING, World};

@@ -1,9 +1,10 @@
 //! Camera motions through [`World::yard`](crate::World::yard): `world_from_camera` of each frame, metres.
 
 use crate::random::Random;
+use crate::world::RING;
 use geometry::Se3;
 use nalgebra::{UnitQuaternion, Vector3};
-use std::f64::consts::TAU;
+use std::f64::consts::{PI, TAU};
 
 /// Height of the cameras above the ground, metres.
 const HEIGHT: f64 = 1.3;
@@ -46,6 +47,28 @@ pub fn orbit(count: usize, radius: f64, turns: f64) -> Vec<Se3> {
             let angle = TAU * turns * i as f64 / (count - 1).max(1) as f64;
             let position = Vector3::new(-radius * angle.sin(), -HEIGHT, -radius * angle.cos());
             look(position, angle, 0.2)
+        })
+        .collect()
+}
+
+/// A drive through [`World::town`](crate::World::town), a frame every `step` metres, looking to the left: one and a half
+/// times round every circle, so that each is a loop, and on to the next, of which the camera sees the middle where it saw
+/// the surroundings before, and the other way round; `count` frames.
+pub fn town(count: usize, step: f64) -> Vec<Se3> {
+    let per_ring = 3.0 * PI * RING;
+    (0..count)
+        .map(|i| {
+            let way = step * i as f64;
+            let ring = (way / per_ring).floor();
+            let sense = if ring % 2.0 == 0.0 { 1.0 } else { -1.0 };
+            let angle = PI + sense * (way - ring * per_ring) / RING;
+            let (sin, cos) = angle.sin_cos();
+            let bump = 0.03 * (0.9 * way).sin();
+            let position = Vector3::new(2.0 * RING * ring + RING * cos, bump - HEIGHT, RING * sin);
+            let heading = Vector3::new(-sense * sin, 0.0, sense * cos);
+            let left = Vector3::new(-heading.z, 0.0, heading.x);
+            let ahead = left * 0.94 + heading * 0.34;
+            look(position, ahead.x.atan2(ahead.z), 0.06)
         })
         .collect()
 }
@@ -100,6 +123,17 @@ mod tests {
             assert!(ahead.dot(&middle) > 0.97);
             assert!(ahead.y > 0.0, "y is down: the camera looks down at the boxes");
         }
+    }
+
+    #[test]
+    fn the_way_through_town_is_one() {
+        let path = town(4000, 0.1);
+        let steps = path.windows(2).map(|w| (w[1].translation - w[0].translation).norm());
+        assert!(steps.clone().all(|step| (0.09..0.11).contains(&step)));
+        let turns = path.windows(2).map(|w| w[0].rotation.angle_to(&w[1].rotation));
+        assert!(turns.clone().all(|turn| turn < 0.02), "{}", turns.fold(0.0, f64::max));
+        let round = (2.0 * PI * RING / 0.1).round() as usize;
+        assert!((path[round].translation - path[0].translation).norm() < 0.2, "a circle is a loop");
     }
 
     #[test]

@@ -5,6 +5,9 @@ use crate::random::Random;
 use geometry::Se3;
 use nalgebra::{UnitQuaternion, Vector3};
 
+/// Radius of the circles of [`World::town`], metres.
+pub const RING: f64 = 10.0;
+
 /// A textured box; one of zero thickness is a plane.
 #[derive(Clone, Copy, Debug)]
 pub struct Cuboid {
@@ -57,6 +60,45 @@ impl World {
             world.add_box(x, z, &mut random);
         }
         world
+    }
+
+    /// A long street of `rings` circles of radius [`RING`] metres, each touching the next along +x: a group of boxes in the
+    /// middle of each, and boxes before walls on either side. See [`trajectory::town`](crate::trajectory::town).
+    pub fn town(seed: u64, rings: usize) -> Self {
+        let textures = (0..8).map(|i| Texture::procedural(seed.wrapping_mul(131).wrapping_add(i))).collect();
+        let mut world = Self { cuboids: Vec::new(), textures };
+        let mut random = Random::new(seed ^ 0x7077);
+        for ring in 0..rings {
+            let x = 2.0 * RING * ring as f64;
+            world.add(Vector3::new(x, 0.0, 0.0), 0.0, Vector3::new(RING, 0.0, 3.0 * RING), 0.03, &mut random);
+            for i in 0..7 {
+                let angle = i as f64 / 7.0 * std::f64::consts::TAU;
+                let distance = random.uniform(1.5, 4.5) as f64;
+                world.add_house(x + distance * angle.cos(), distance * angle.sin(), &mut random);
+            }
+            for side in [-1.0, 1.0] {
+                let wall = Vector3::new(RING, 4.0, 0.0);
+                world.add(Vector3::new(x, -4.0, side * 2.0 * RING), 0.0, wall, 0.03, &mut random);
+                for i in 0..6 {
+                    let along = x + RING * ((i as f64 + 0.5) / 3.0 - 1.0);
+                    let z = side * RING * random.uniform(1.35, 1.8) as f64;
+                    world.add_house(along, z, &mut random);
+                }
+            }
+        }
+        for end in [-3.0, 2.0 * rings as f64 + 1.0] {
+            let wall = Vector3::new(0.0, 4.0, 3.0 * RING);
+            world.add(Vector3::new(RING * end, -4.0, 0.0), 0.0, wall, 0.03, &mut random);
+        }
+        world
+    }
+
+    /// A house of random size standing on the ground at `(x, z)`.
+    fn add_house(&mut self, x: f64, z: f64, random: &mut Random) {
+        let mut size = |low, high| random.uniform(low, high) as f64;
+        let half = Vector3::new(size(0.6, 1.4), size(0.7, 1.8), size(0.6, 1.4));
+        let yaw = size(-0.8, 0.8);
+        self.add(Vector3::new(x, -half.y, z), yaw, half, 0.015, random);
     }
 
     /// A room of random size around the origin, the ground at y = 0, with boxes of all sizes standing and hanging

@@ -36,6 +36,10 @@ pub(super) struct Update {
     pub first_open: usize,
 }
 
+/// Keyframes that are as new keep their pyramids: twice as many as a frame's points are sought in, for a camera that
+/// turns back.
+const RECENT: usize = 50;
+
 /// The owner of the map at work.
 pub(super) struct Mapper {
     pub local: LocalMap,
@@ -113,6 +117,7 @@ impl Mapper {
         let closed_loop = self.take_up_loop(&mut moved, &params);
         self.seek_loop(&settled, &params);
         self.settler.begin(&self.local, &companions, params.mapping.settle_after, &params.depth);
+        self.rest_pyramids(keyframe);
         self.update(moved, settled, closed_loop)
     }
 
@@ -166,6 +171,17 @@ impl Mapper {
         let moved = changes.into_iter().map(|change| change.keyframe).collect();
         self.note_moved(&moved);
         moved
+    }
+
+    /// Lets the pyramids rest of keyframes that are neither recent nor near `keyframe`, which it sees points with.
+    fn rest_pyramids(&mut self, keyframe: usize) {
+        let near: BTreeSet<usize> = self.local.covisible(keyframe).into_iter().map(|c| c.0).collect();
+        for far in 0..keyframe.saturating_sub(RECENT) {
+            // Looked at first: what is not changed stays shared.
+            if !self.local.keyframes[far].pyramid.is_resting() && !near.contains(&far) {
+                self.local.keyframes[far].pyramid.rest();
+            }
+        }
     }
 
     fn note_moved(&mut self, moved: &BTreeSet<usize>) {

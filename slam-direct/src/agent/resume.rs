@@ -57,14 +57,27 @@ impl Agent {
         let camera = camera_of(&map)?;
         error::check_camera(&camera)?;
         let local = working_map(&map, camera, terms.unwrap_or_default(), params.align.pyramid_levels)?;
-        let reference = (0..local.keyframes.len()).rev().find(|&k| local.points_of(k).next().is_some());
-        let reference = reference.ok_or(AgentError::Map("it has no points to track against".into()))?;
+        let can_be_tracked = |&k: &usize| local.points_of(k).next().is_some();
+        let newest = map.frames.last().map(|frame| frame.reference.0 as usize);
+        let newest = newest.filter(|&k| k < local.keyframes.len());
+        let mut references = newest.into_iter().chain((0..local.keyframes.len()).rev());
+        let reference = references
+            .find(can_be_tracked)
+            .ok_or(AgentError::Map("it has no points to track against".into()))?;
         places.clear();
         for (index, state) in local.keyframes.iter().enumerate() {
             places.add(LocalMap::id(index), state.pyramid.base());
         }
         let mut agent = Self::new(camera, places, params)?;
-        let last = local.keyframes[reference].camera_from_world;
+        let last = match map.frames.last().filter(|frame| LocalMap::id(reference) == frame.reference) {
+            // Where the camera was, it is soonest.
+            Some(frame) => {
+                let Se3 { rotation, translation } = frame.keyframe_from_frame;
+                let state = &local.keyframes[reference];
+                Se3::new(rotation, translation * state.unit).inverse() * state.camera_from_world
+            }
+            None => local.keyframes[reference].camera_from_world,
+        };
         let tracker = Tracker::new(&local, reference, last, Se3::identity(), &agent.params);
         agent.state = State::Running(Box::new(tracker));
         let mapper =

@@ -54,6 +54,8 @@ pub(super) fn solve(problem: &mut Problem) -> Option<Solution> {
         if improved {
             let share = (normal.cost - cost) / normal.cost;
             damping = (damping * 0.2_f64).max(1e-9);
+            // Large: one at a time.
+            drop(normal);
             normal = linearise(problem, damping)?;
             if share < CONVERGED {
                 break;
@@ -65,9 +67,11 @@ pub(super) fn solve(problem: &mut Problem) -> Option<Solution> {
             if damping > 1e6 {
                 break;
             }
+            drop(normal);
             normal = linearise(problem, damping)?;
         }
     }
+    drop(normal);
     let normal = linearise(problem, 0.0)?;
     let size = normal.hessian.nrows();
     let inverse = normal.hessian.clone().cholesky()?.inverse();
@@ -136,6 +140,8 @@ fn linearise(problem: &Problem, damping: f64) -> Option<Normal> {
             kept.1 += if same { next.1 } else { 0.0 };
             same
         });
+        // Half of it was the host's, once for each observation, and it is kept for all points.
+        eliminated.coupling.shrink_to_fit();
         points.push(eliminated);
     }
     damp(&mut hessian, damping);
