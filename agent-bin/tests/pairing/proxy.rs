@@ -107,7 +107,7 @@ impl Faults {
             Some(x ^ (x << 17))
         };
         let drawn = self.random.fetch_update(Ordering::Relaxed, Ordering::Relaxed, step);
-        if drawn.unwrap_or_default() % LOST == 0 {
+        if drawn.unwrap_or_default().is_multiple_of(LOST) {
             thread::sleep(PAUSE);
         }
         while self.is_cut.load(Ordering::Relaxed) && !self.ends.load(Ordering::Relaxed) {
