@@ -8,7 +8,6 @@ use crate::transport::tcp::Tcp;
 use crate::wire::Role;
 use anyhow::{Context, Result, anyhow, bail};
 use map::{Identity, Uuid};
-use std::collections::BTreeSet;
 use std::fs;
 use std::net::{SocketAddr, ToSocketAddrs};
 use std::path::{Path, PathBuf};
@@ -153,8 +152,9 @@ impl Service {
         self.shared.view().own.clone()
     }
 
-    /// Images and depths of these keyframes of an agent are to come before those of others.
-    pub fn prefer(&self, agent: Identity, keyframes: BTreeSet<u32>) {
+    /// Images and depths of these keyframes of an agent are to come before those of others, the most wanted
+    /// first.
+    pub fn prefer(&self, agent: Identity, keyframes: Vec<u32>) {
         self.tell(Event::Prefer { agent, keyframes });
     }
 

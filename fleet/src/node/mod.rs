@@ -3,19 +3,22 @@
 //!
 //! Every second it says on each link who it is, which maps of its own can be asked for and how much of the other's it
 //! holds; a link on which nothing is heard is closed, for whoever dials to open anew. What others tell is fetched
-//! ([`told`](self::told)), checked against its hash, kept in the store, and acknowledged when it is on the disk.
+//! (`told`), checked against its hash, kept in the store, and acknowledged when it is on the disk.
 
+mod saying;
 mod status;
 mod told;
+mod types;
 
 pub use status::{AgentStatus, NeighbourStatus, Status};
+pub use types::{Action, Config, Event, Heard, LinkId, News, Quota};
 
 use crate::hash::ObjectHash;
 use crate::link::{Fetch, Taken};
-use crate::manifest::{Entry, Kind, MAX_LIST, Manifest};
+use crate::manifest::{Kind, MAX_LIST, Manifest};
 use crate::publishing::Publication;
 use crate::store::{Head, Store};
-use crate::wire::{FindingsRef, MAX_NAME, MAX_REASON, Message, Offer, Priority, Role, VERSION};
+use crate::wire::{FindingsRef, Message, Offer, Role, VERSION};
 use map::{Identity, Uuid};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -32,157 +35,6 @@ const CUT: Duration = Duration::from_millis(2500);
 const STATES: usize = 2;
 /// How long nothing is fetched after the disk refused.
 const DISK_PAUSE: Duration = Duration::from_secs(10);
-
-/// A connection to a neighbour, as its transport calls it; a new one for each time it is opened.
-pub type LinkId = u64;
-
-/// Who one is, and what one allows others.
-#[derive(Clone, Debug)]
-pub struct Config {
-    /// Oneself: the same after a restart.
-    pub node: Uuid,
-    /// What for.
-    pub role: Role,
-    /// What people call it; at most 64 bytes are told.
-    pub name: String,
-    /// What a map of another may take.
-    pub quota: Quota,
-}
-
-/// What another's map may take.
-#[derive(Clone, Copy, Debug)]
-pub struct Quota {
-    /// Bytes of all objects.
-    pub bytes: u64,
-    /// Keyframes.
-    pub keyframes: usize,
-}
-
-impl Default for Quota {
-    /// 16 GiB and 30,000 keyframes: some hours of driving.
-    fn default() -> Self {
-        Self { bytes: 16 << 30, keyframes: 30_000 }
-    }
-}
-
-/// What happens to a node.
-#[derive(Debug)]
-pub enum Event {
-    /// A link was opened, by whoever dialled.
-    Up {
-        /// Its name from now on.
-        link: LinkId,
-        /// Where the other one is, for people.
-        address: String,
-    },
-    /// A link is gone.
-    Down {
-        /// Which.
-        link: LinkId,
-    },
-    /// A message came.
-    Received {
-        /// On which link.
-        link: LinkId,
-        /// The message.
-        bytes: Vec<u8>,
-    },
-    /// Time passed. Comes ten times a second or more often.
-    Tick,
-    /// An agent who works here has a new version of its map.
-    Publish(Box<Publication>),
-    /// Depths and images of these keyframes of an agent are wanted before those of others.
-    Prefer {
-        /// Whose.
-        agent: Identity,
-        /// Their numbers.
-        keyframes: BTreeSet<u32>,
-    },
-    /// What a neighbour told of this agent is not to be believed.
-    Distrust {
-        /// Whose map it told.
-        agent: Identity,
-        /// Why.
-        reason: String,
-    },
-    /// Something new was found out about where agents are; `revision` is larger than before.
-    Findings {
-        /// Which version it is.
-        revision: u64,
-        /// What.
-        bytes: Vec<u8>,
-    },
-}
-
-/// What a node wants done.
-#[derive(Debug)]
-pub enum Action {
-    /// A message is to be sent; it may be dropped where the link has no room.
-    Send {
-        /// On which link.
-        link: LinkId,
-        /// What goes before what.
-        priority: Priority,
-        /// The message.
-        bytes: Vec<u8>,
-    },
-    /// A link is to be closed.
-    Close {
-        /// Which.
-        link: LinkId,
-        /// Why, for people.
-        reason: String,
-    },
-    /// Something people or other parts of the program may want to know.
-    News(News),
-}
-
-/// What there is to know.
-#[derive(Clone, Debug)]
-pub enum News {
-    /// A neighbour said who it is.
-    Met {
-        /// What people call it.
-        name: String,
-        /// Where it is.
-        address: String,
-    },
-    /// There is more of an agent's map than before.
-    Map(Heard),
-    /// A neighbour found something out about where agents are.
-    Findings {
-        /// Who.
-        from: Uuid,
-        /// What, not looked at.
-        bytes: Vec<u8>,
-    },
-    /// A neighbour holds all of an own map up to this version, on its disk.
-    Held {
-        /// Who.
-        by: String,
-        /// Whose map.
-        agent: Identity,
-        /// Which version, see [`Offer::version`].
-        version: (u64, u64),
-    },
-    /// Something was refused, by this one or the other, or did not work.
-    Trouble(String),
-}
-
-/// How much of another's map is here.
-#[derive(Clone, Debug)]
-pub struct Heard {
-    /// Whose.
-    pub agent: Identity,
-    /// When the agent began to tell it, milliseconds since 1970.
-    pub begun: u64,
-    /// All objects of its newest version.
-    pub entries: Arc<[Entry]>,
-    /// How many of them are not here yet.
-    pub missing: usize,
-    /// Whether the agent's run has ended.
-    pub finished: bool,
-}
 
 /// A party of the fleet.
 pub struct Node {
@@ -444,97 +296,5 @@ impl Node {
         let used = |hash: &ObjectHash| self.may_have(hash) || self.told.values().any(|told| told.has(hash));
         let unused: BTreeSet<ObjectHash> = objects.into_iter().filter(|hash| !used(hash)).collect();
         self.store.remove(&unused);
-    }
-
-    /// Signs of life, and the end of links that give none.
-    fn beat(&mut self, now: Duration) {
-        let silent = |link: &Link| now.saturating_sub(link.heard) > SILENCE;
-        let dead: Vec<LinkId> =
-            self.links.iter().filter(|(_, link)| silent(link)).map(|(id, _)| *id).collect();
-        for link in dead {
-            self.forget(link);
-            let reason = format!("nothing was heard for {} s", SILENCE.as_secs());
-            self.actions.push(Action::Close { link, reason });
-        }
-        let due: Vec<LinkId> = self
-            .links
-            .iter_mut()
-            .filter(|(_, link)| now.saturating_sub(link.beat) >= BEAT)
-            .map(|(id, link)| {
-                (link.beat, link.turn) = (now, link.turn.wrapping_add(1));
-                *id
-            })
-            .collect();
-        if !due.is_empty() && now >= self.paused_until {
-            self.complete_all();
-        }
-        for link in due {
-            self.tell(link);
-        }
-    }
-
-    /// Says on a link who one is and what one has.
-    fn tell(&mut self, link: LinkId) {
-        let Some(Link { turn, node, .. }) = self.links.get(&link) else { return };
-        let end = (0..=self.config.name.len().min(MAX_NAME)).rev();
-        let end = end.into_iter().find(|&end| self.config.name.is_char_boundary(end)).unwrap_or(0);
-        let mut said = vec![Message::Hello {
-            version: VERSION,
-            node: self.config.node,
-            role: self.config.role,
-            name: self.config.name[..end].to_owned(),
-            findings: self.findings.as_ref().map(|(known, _)| *known),
-        }];
-        let own: Vec<Message> = self.own.values().map(|own| Message::State(own.offer)).collect();
-        let of_neighbour = self.told.values().filter(|told| Some(told.teller) == *node);
-        let held: Vec<Message> = of_neighbour.map(Told::held).collect();
-        for mut states in [own, held] {
-            let count = states.len().max(1);
-            states.rotate_left(turn.wrapping_mul(STATES) % count);
-            said.extend(states.into_iter().take(STATES));
-        }
-        said.iter().for_each(|message| self.send(link, message));
-    }
-
-    /// Asks for what is wanted.
-    fn fetch(&mut self, now: Duration) {
-        if now < self.paused_until {
-            return;
-        }
-        for neighbour in self.neighbours.values_mut() {
-            let Some(link) = neighbour.link else { continue };
-            for message in neighbour.fetch.requests(now) {
-                let (priority, bytes) = (message.priority(), message.to_bytes());
-                self.actions.push(Action::Send { link, priority, bytes });
-            }
-        }
-    }
-
-    /// Ends the business with a neighbour, who is told why.
-    fn refuse(&mut self, link: LinkId, reason: String) {
-        let Some(known) = self.links.get(&link) else { return };
-        let named = known.node.and_then(|node| self.neighbours.get(&node)).map(|n| n.name.clone());
-        let text = format!("{} is refused: {reason}", named.unwrap_or_else(|| known.address.clone()));
-        let mut told = reason;
-        while told.len() > MAX_REASON {
-            told.pop();
-        }
-        self.send(link, &Message::Refused { reason: told });
-        self.forget(link);
-        self.actions.push(Action::News(News::Trouble(text.clone())));
-        self.actions.push(Action::Close { link, reason: text });
-    }
-
-    fn forget(&mut self, link: LinkId) {
-        self.links.remove(&link);
-        for neighbour in self.neighbours.values_mut().filter(|neighbour| neighbour.link == Some(link)) {
-            neighbour.link = None;
-            neighbour.fetch.lost();
-        }
-    }
-
-    fn send(&mut self, link: LinkId, message: &Message) {
-        let (priority, bytes) = (message.priority(), message.to_bytes());
-        self.actions.push(Action::Send { link, priority, bytes });
     }
 }

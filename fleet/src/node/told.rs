@@ -8,7 +8,7 @@ use crate::manifest::{Entry, Kind, Manifest};
 use crate::store::{Head, Store};
 use crate::wire::{Message, Offer};
 use map::Uuid;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -29,8 +29,8 @@ pub(super) struct Told {
     held: (u64, u64),
     /// What the last whole version consists of.
     held_objects: BTreeSet<ObjectHash>,
-    /// Keyframes whose depths and images come before others'.
-    preferred: BTreeSet<u32>,
+    /// Keyframes whose depths and images come before others', the most wanted first.
+    preferred: Vec<u32>,
 }
 
 impl Told {
@@ -107,8 +107,12 @@ impl Told {
         let entries = self.entries.iter().flat_map(|entries| entries.iter());
         let mut entries: Vec<&Entry> = entries.filter(|entry| self.missing.contains(&entry.hash)).collect();
         // Keyframe by keyframe, features before what they are aligned by; what only the whole map needs comes last.
-        let is_late = |entry: &Entry| rank(entry.kind) == 3 && !self.preferred.contains(&entry.number);
-        entries.sort_by_key(|entry| (rank(entry.kind), is_late(entry), entry.number, entry.kind));
+        let places: BTreeMap<u32, usize> = self.preferred.iter().copied().zip(0..).collect();
+        let place = |entry: &Entry| match rank(entry.kind) {
+            3 => places.get(&entry.number).copied().unwrap_or(usize::MAX),
+            _ => 0,
+        };
+        entries.sort_by_key(|entry| (rank(entry.kind), place(entry), entry.number, entry.kind));
         wants.extend(entries.iter().map(|entry| Want { hash: entry.hash, size: entry.size }));
         wants
     }
@@ -197,7 +201,7 @@ impl Node {
     }
 
     /// Fetches some keyframes before others.
-    pub(super) fn prefer(&mut self, now: Duration, agent: map::Identity, keyframes: BTreeSet<u32>) {
+    pub(super) fn prefer(&mut self, now: Duration, agent: map::Identity, keyframes: Vec<u32>) {
         let Some(told) = self.told.get_mut(&agent).filter(|told| told.preferred != keyframes) else { return };
         told.preferred = keyframes;
         let teller = told.teller;

@@ -7,16 +7,13 @@ use fleet::node::Heard;
 use fleet::store::Store;
 use map::{Identity, KeyframeId};
 use place_recog::{
-    DirectIndex, Directed, ProposeParams, RankParams, Vocabulary, WordBag, propose, ranked, words,
+    DirectIndex, Directed, Proposal, ProposeParams, RankParams, Vocabulary, WordBag, propose, ranked, words,
 };
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// Places of a pair of agents that are fetched first: the first is the right one in most meetings, and a meeting that
-/// follows a wrong one goes on with the next.
-const PLACES: usize = 2;
 /// Keyframes before and after a place that are fetched with it: a closure rests on three adjacent pairs.
-const AROUND: usize = 2;
+const AROUND: usize = 1;
 
 /// What is known of an agent's keyframes by their features alone.
 #[derive(Default)]
@@ -62,22 +59,32 @@ impl Sketch {
     }
 }
 
-/// The keyframes of each agent that are worth fetching first. Agents of whom features are still to come are left out:
-/// the likeliest places may be among these.
+/// The keyframes of each agent in the order in which they are worth fetching: those of the likeliest places of all pairs,
+/// then of the next likely ones, which are also those that tell most about whether a motion is right. Agents of whom
+/// features are still to come are left out: the likeliest places may be among these.
 pub(super) fn likely(
     sketches: &BTreeMap<Identity, Sketch>,
     vocabulary: &Arc<Vocabulary>,
-) -> BTreeMap<Identity, BTreeSet<KeyframeId>> {
-    let mut wanted: BTreeMap<Identity, BTreeSet<KeyframeId>> = BTreeMap::new();
+) -> BTreeMap<Identity, Vec<KeyframeId>> {
+    let mut places: Vec<(usize, [(Identity, KeyframeId); 2])> = Vec::new();
     let known: Vec<(&Identity, &Sketch)> =
         sketches.iter().filter(|(_, sketch)| sketch.missing == 0 && !sketch.words.is_empty()).collect();
     for (number, (one, of_one)) in known.iter().enumerate() {
         for (other, of_other) in &known[..number] {
             let proposals = propose(&of_one.words, &of_other.words, vocabulary, &ProposeParams::default());
             let proposals = ranked(proposals, of_one.directed(), of_other.directed(), &RankParams::default());
-            for place in proposals.iter().take(PLACES) {
-                wanted.entry(**one).or_default().extend(of_one.around(place.keyframe));
-                wanted.entry(**other).or_default().extend(of_other.around(place.query));
+            let pair = |place: &Proposal| [(**one, place.keyframe), (**other, place.query)];
+            places.extend(proposals.iter().map(pair).enumerate());
+        }
+    }
+    // Stable: of pairs of agents the first place of each, then the second.
+    places.sort_by_key(|(place, _)| *place);
+    let mut wanted: BTreeMap<Identity, Vec<KeyframeId>> = BTreeMap::new();
+    for (agent, keyframe) in places.into_iter().flat_map(|(_, pair)| pair) {
+        let of_agent = wanted.entry(agent).or_default();
+        for near in sketches[&agent].around(keyframe) {
+            if !of_agent.contains(&near) {
+                of_agent.push(near);
             }
         }
     }

@@ -1,10 +1,13 @@
 //! Agents that pair over a network, through the binary: processes of their own on this machine.
 #![cfg(feature = "fleet")]
 
+#[path = "../common/mod.rs"]
 mod common;
+mod proxy;
 
 use common::{arg, command, loopbox, stderr, stdout};
 use loopbox_tests::{Encoding, Recording, World, trajectory};
+use proxy::Proxy;
 use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -162,6 +165,30 @@ fn the_station_off_the_result_is_as_alone_and_all_is_sent_when_it_is_back() {
     assert!(telling.status.success(), "{}", stderr(&telling));
     assert!(back.succeeded());
     assert!(bytes(&collected(&station, "a").join("map.mcap")) == bytes(&alone.join("map.mcap")));
+}
+
+#[test]
+fn a_link_that_loses_and_is_cut_off_carries_the_same_map() {
+    let room = tempfile::tempdir().expect("a folder");
+    let [station, a, b] = ["station", "a", "b"].map(|name| room.path().join(name));
+    let listen = ["--listen", "tcp/127.0.0.1:0", "--agents", "2"];
+    let there = Process::start(&[&["station", "--quiet", "--out", arg(&station)], &listen[..]].concat());
+    let proxies = [1, 2].map(|seed| Proxy::start(&address(&station), seed));
+    let [one, other] = [("a", &a, &proxies[0]), ("b", &b, &proxies[1])]
+        .map(|(name, out, proxy)| run(name, out, &["--connect", proxy.address()]));
+    let objects = |folder: &Path| {
+        let status = status(folder, |status| status["links"][0]["received"].is_u64());
+        status["links"][0]["received"].as_u64().expect("a number")
+    };
+    while objects(&station) < 50_000 {
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    // For longer than it takes to notice.
+    proxies.iter().for_each(|proxy| proxy.cut(true));
+    std::thread::sleep(Duration::from_secs(10));
+    proxies.iter().for_each(|proxy| proxy.cut(false));
+    assert!(one.succeeded() && other.succeeded() && there.succeeded());
+    assert_is_the_merge_of_the_files(&station, [&a, &b], ["a", "b"]);
 }
 
 #[test]

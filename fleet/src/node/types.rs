@@ -1,0 +1,158 @@
+//! What a node is told and what it wants done.
+
+use crate::manifest::Entry;
+use crate::publishing::Publication;
+use crate::wire::{Priority, Role};
+use map::{Identity, Uuid};
+use std::sync::Arc;
+
+/// A connection to a neighbour, as its transport calls it; a new one for each time it is opened.
+pub type LinkId = u64;
+
+/// Who one is, and what one allows others.
+#[derive(Clone, Debug)]
+pub struct Config {
+    /// Oneself: the same after a restart.
+    pub node: Uuid,
+    /// What for.
+    pub role: Role,
+    /// What people call it; at most 64 bytes are told.
+    pub name: String,
+    /// What a map of another may take.
+    pub quota: Quota,
+}
+
+/// What another's map may take.
+#[derive(Clone, Copy, Debug)]
+pub struct Quota {
+    /// Bytes of all objects.
+    pub bytes: u64,
+    /// Keyframes.
+    pub keyframes: usize,
+}
+
+impl Default for Quota {
+    /// 16 GiB and 30,000 keyframes: some hours of driving.
+    fn default() -> Self {
+        Self { bytes: 16 << 30, keyframes: 30_000 }
+    }
+}
+
+/// What happens to a node.
+#[derive(Debug)]
+pub enum Event {
+    /// A link was opened, by whoever dialled.
+    Up {
+        /// Its name from now on.
+        link: LinkId,
+        /// Where the other one is, for people.
+        address: String,
+    },
+    /// A link is gone.
+    Down {
+        /// Which.
+        link: LinkId,
+    },
+    /// A message came.
+    Received {
+        /// On which link.
+        link: LinkId,
+        /// The message.
+        bytes: Vec<u8>,
+    },
+    /// Time passed. Comes ten times a second or more often.
+    Tick,
+    /// An agent who works here has a new version of its map.
+    Publish(Box<Publication>),
+    /// Depths and images of these keyframes of an agent are wanted before those of others.
+    Prefer {
+        /// Whose.
+        agent: Identity,
+        /// Their numbers, the most wanted first.
+        keyframes: Vec<u32>,
+    },
+    /// What a neighbour told of this agent is not to be believed.
+    Distrust {
+        /// Whose map it told.
+        agent: Identity,
+        /// Why.
+        reason: String,
+    },
+    /// Something new was found out about where agents are; `revision` is larger than before.
+    Findings {
+        /// Which version it is.
+        revision: u64,
+        /// What.
+        bytes: Vec<u8>,
+    },
+}
+
+/// What a node wants done.
+#[derive(Debug)]
+pub enum Action {
+    /// A message is to be sent; it may be dropped where the link has no room.
+    Send {
+        /// On which link.
+        link: LinkId,
+        /// What goes before what.
+        priority: Priority,
+        /// The message.
+        bytes: Vec<u8>,
+    },
+    /// A link is to be closed.
+    Close {
+        /// Which.
+        link: LinkId,
+        /// Why, for people.
+        reason: String,
+    },
+    /// Something people or other parts of the program may want to know.
+    News(News),
+}
+
+/// What there is to know.
+#[derive(Clone, Debug)]
+pub enum News {
+    /// A neighbour said who it is.
+    Met {
+        /// What people call it.
+        name: String,
+        /// Where it is.
+        address: String,
+    },
+    /// There is more of an agent's map than before.
+    Map(Heard),
+    /// A neighbour found something out about where agents are.
+    Findings {
+        /// Who.
+        from: Uuid,
+        /// What, not looked at.
+        bytes: Vec<u8>,
+    },
+    /// A neighbour holds all of an own map up to this version, on its disk.
+    Held {
+        /// Who.
+        by: String,
+        /// Whose map.
+        agent: Identity,
+        /// Which version, see [`Offer::version`](crate::wire::Offer::version).
+        version: (u64, u64),
+    },
+    /// Something was refused, by this one or the other, or did not work.
+    Trouble(String),
+}
+
+/// How much of another's map is here.
+#[derive(Clone, Debug)]
+pub struct Heard {
+    /// Whose.
+    pub agent: Identity,
+    /// When the agent began to tell it, milliseconds since 1970.
+    pub begun: u64,
+    /// All objects of its newest version.
+    pub entries: Arc<[Entry]>,
+    /// How many of them are not here yet.
+    pub missing: usize,
+    /// Whether the agent's run has ended.
+    pub finished: bool,
+}
