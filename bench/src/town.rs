@@ -3,6 +3,7 @@
 use crate::measure::{Run, Runner, make_empty};
 use anyhow::{Context, Result, bail};
 use loopbox_tests::{Encoding, RING, Recording, World, trajectory};
+use measuring::median;
 use serde_json::Value;
 use std::fmt::Write;
 use std::io::{BufRead, BufReader};
@@ -16,7 +17,7 @@ const STEP: f64 = 0.1;
 const RATE: f64 = 30.0;
 /// Frames rendered together.
 const TOGETHER: usize = 256;
-/// Keyframes over which costs are means.
+/// Keyframes over which costs are medians.
 const SPAN: usize = 100;
 /// The number of keyframes that costs are compared with.
 const FIRST: usize = 200;
@@ -107,7 +108,7 @@ fn make_recording(frames: usize, folder: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Mean times around a number of keyframes, milliseconds.
+/// Median times around a number of keyframes, milliseconds.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Costs {
     keyframes: usize,
@@ -128,9 +129,8 @@ fn costs(rows: &[Value], keyframes: usize) -> Option<Costs> {
             if is_keyframe { &mut keys } else { &mut frames }.push(row["ms"].as_f64()?);
         }
     }
-    let mean = |all: Vec<f64>| (!all.is_empty()).then(|| all.iter().sum::<f64>() / all.len() as f64);
     (made >= keyframes).then_some(())?;
-    Some(Costs { keyframes, frame: mean(frames)?, keyframe: mean(keys)? })
+    Some(Costs { keyframes, frame: median(frames)?, keyframe: median(keys)? })
 }
 
 /// The section of the document.
@@ -151,7 +151,7 @@ pub fn section(drive: &Drive) -> String {
         number("/frames/tracked", 0),
         number("/map/loops", 0),
     );
-    text += "| keyframes in the map | ms a frame | ms a keyframe |\n|---|---|---|\n";
+    text += "| keyframes in the map | ms a frame, median | ms a keyframe, median |\n|---|---|---|\n";
     let mut marks = vec![FIRST];
     marks.extend((1..).map(|i| 500 * i).take_while(|&mark| mark < count));
     marks.push(count);
