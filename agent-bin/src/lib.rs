@@ -6,5 +6,4 @@
 pub mod commands;
 pub mod console;
 mod interrupt;
-pub mod memory;
 mod progress;

@@ -5,7 +5,6 @@ use clap::Parser;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    agent_bin::memory::give_back_large_blocks();
     match Cli::parse().command.execute() {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => agent_bin::console::report(&error),
