@@ -29,9 +29,6 @@ params! {
         pub max_relative_sigma: f64 = 0.08,
         /// Share of the points that must agree with the solution.
         pub min_inliers: f64 = 0.55,
-        /// Cost, over that of the best solution, below which a solution in which the camera goes another way is as good:
-        /// the start then waits for frames that tell them apart. Range 1–2; with 1 none ever is.
-        pub rival: f64 = 1.1,
     }
 }
 

@@ -26,7 +26,8 @@ params! {
         pub give_up: usize = 20,
         /// Matched points below which tracking is lost.
         pub min_matched: usize = 30,
-        /// Share of sought points that must be matched. Range 0.05–0.5. Foliage in hard light shows a fifth of them to a
+        /// Share of sought points that must be matched where they are placed exactly, and twice as many where to a pixel only
+        /// (`track.position_sigma`). Range 0.05–0.5. Foliage in hard light shows a fifth of them to a
         /// camera that backs away, and the pose is right; what is found by chance does not agree with one pose.
         pub min_share: f32 = 0.12,
     }

@@ -37,10 +37,12 @@ pub(crate) fn complete(map: &mut Map, local: &LocalMap, edges: Vec<Edge>) {
     }
 }
 
-/// The living points that a keyframe hosts, in its unit.
+/// The living points that a keyframe hosts, in its unit; without those that single precision cannot hold, of which a map
+/// that went astray may have some.
 pub(crate) fn points(local: &LocalMap, keyframe: usize) -> Vec<Point> {
     let state = &local.keyframes[keyframe];
-    state.points.iter().filter(|p| p.alive).map(|p| point(p, state.unit)).collect()
+    let living = state.points.iter().filter(|p| p.alive).map(|p| point(p, state.unit));
+    living.filter(|p| p.inverse_depth.is_finite() && p.variance.is_finite()).collect()
 }
 
 fn point(state: &PointState, unit: f64) -> Point {
@@ -125,5 +127,14 @@ mod tests {
         local.keyframes[1].points[1].inverse_depth = 0.75;
         let points = points(&local, 1);
         assert_eq!((points.len(), points[0].inverse_depth), (count - 1, 0.75));
+    }
+
+    #[test]
+    fn points_that_a_file_cannot_hold_are_not_handed_out() {
+        let mut local = local();
+        let count = local.keyframes[1].points.len();
+        local.keyframes[1].points[0].variance = 1e300;
+        local.keyframes[1].points[1].inverse_depth = f64::NAN;
+        assert_eq!(points(&local, 1).len(), count - 2);
     }
 }

@@ -135,7 +135,8 @@ impl Tracker {
         let mut located =
             locate(map, &self.near, pyramid, &start, aligned.brightness, self.reference, params);
         let p = &params.keyframes;
-        if !located.is_good(p.min_matched, p.min_share) {
+        let min_share = least_share(params);
+        if !located.is_good(p.min_matched, min_share) {
             let places = places?;
             if let Some(found) = self.seek_widely(map, pyramid, params) {
                 located = found;
@@ -174,7 +175,9 @@ impl Tracker {
             let pose = wide::seek(map, &hosts, &view, &params.track, &params.wide, p.min_matched)?;
             let brightness = Brightness::default();
             let located = locate(map, &self.near, pyramid, &pose, brightness, self.reference, params);
-            located.is_good(p.min_matched, p.min_share).then_some(Located { sought_widely: true, ..located })
+            located
+                .is_good(p.min_matched, least_share(params))
+                .then_some(Located { sought_widely: true, ..located })
         })
     }
 
@@ -217,6 +220,12 @@ impl Tracker {
             self.refer_to(map, best, params);
         }
     }
+}
+
+/// Share of the sought points that must be found. Where patches proved to be placed to no better than a pixel, more of them
+/// agree by chance, or with a map that is wrong: it then takes twice as many as where they are exact.
+fn least_share(params: &Params) -> f32 {
+    params.keyframes.min_share * (1.0 + params.track.position_sigma)
 }
 
 /// Pose and matches of a frame that becomes a keyframe, whose observations stay in the map.

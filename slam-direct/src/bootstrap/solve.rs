@@ -93,17 +93,8 @@ impl Bootstrap {
                 (cost, problem)
             })
             .collect();
-        let (least, best) = solved.iter().min_by(|a, b| a.0.total_cmp(&b.0))?;
-        if !acceptable(best, params) {
-            return None;
-        }
-        let is_rival = |(cost, other): &&(f64, Problem)| {
-            *cost < params.rival * least && !goes_alike(other, best) && acceptable(other, params)
-        };
-        if solved.iter().any(|s| is_rival(&s)) {
-            return None;
-        }
-        Some(best.clone())
+        let best = solved.into_iter().min_by(|a, b| a.0.total_cmp(&b.0))?.1;
+        acceptable(&best, params).then_some(best)
     }
 
     /// Poses of all frames of the start, with the solution's depths held.
@@ -122,15 +113,6 @@ impl Bootstrap {
             })
             .collect()
     }
-}
-
-/// Whether the camera goes about the same way in two solutions.
-fn goes_alike(a: &Problem, b: &Problem) -> bool {
-    /// Cosine of 20°: the direction of a start is no better known than this.
-    const ALIKE: f64 = 0.94;
-    let way = |solution: &Problem| solution.frames.last().map(|frame| frame.inverse().translation);
-    let (Some(a), Some(b)) = (way(a), way(b)) else { return true };
-    a.dot(&b) >= ALIKE * a.norm() * b.norm()
 }
 
 /// Gives the points of `problem` the depths that `solution` found for the same rays; others leave.
@@ -198,21 +180,6 @@ fn acceptable(solution: &Problem, params: &BootstrapParams) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn ways_of_less_than_twenty_degrees_apart_are_alike() {
-        let solution = |x: f64, z: f64| Problem {
-            camera: crate::test_scene::CAMERA,
-            frames: vec![Se3::identity(), Se3::new(Default::default(), Vector3::new(x, 0.0, z))],
-            fixed: vec![true, false],
-            points: Vec::new(),
-            observations: Vec::new(),
-            calibration: None,
-        };
-        assert!(goes_alike(&solution(1.0, 0.0), &solution(3.0, 0.3)), "the unit is free");
-        assert!(!goes_alike(&solution(1.0, 0.0), &solution(1.0, 0.5)));
-        assert!(!goes_alike(&solution(1.0, 0.0), &solution(-1.0, 0.0)), "the mirror goes the other way");
-    }
 
     #[test]
     fn agreement_widens_with_the_residuals_within_limits() {
