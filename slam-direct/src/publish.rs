@@ -42,7 +42,12 @@ pub(crate) fn complete(map: &mut Map, local: &LocalMap, edges: Vec<Edge>) {
 pub(crate) fn points(local: &LocalMap, keyframe: usize) -> Vec<Point> {
     let state = &local.keyframes[keyframe];
     let living = state.points.iter().filter(|p| p.alive).map(|p| point(p, state.unit));
-    living.filter(|p| p.inverse_depth.is_finite() && p.variance.is_finite()).collect()
+    living.filter(is_finite).collect()
+}
+
+fn is_finite(point: &Point) -> bool {
+    let seen = |o: &Observation| o.pixel.iter().chain(&o.information).all(|v| v.is_finite());
+    point.inverse_depth.is_finite() && point.variance.is_finite() && point.observations.iter().all(seen)
 }
 
 fn point(state: &PointState, unit: f64) -> Point {
@@ -135,6 +140,7 @@ mod tests {
         let count = local.keyframes[1].points.len();
         local.keyframes[1].points[0].variance = 1e300;
         local.keyframes[1].points[1].inverse_depth = f64::NAN;
-        assert_eq!(points(&local, 1).len(), count - 2);
+        local.keyframes[1].points[2].observations[0].information[1] = f32::INFINITY;
+        assert_eq!(points(&local, 1).len(), count - 3);
     }
 }
