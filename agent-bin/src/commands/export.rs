@@ -122,7 +122,7 @@ pub fn run(args: &ExportArgs) -> anyhow::Result<()> {
         {
             only.set_metric();
         }
-        say!("a unit of the map is {} of what is written", new_from_world.scale);
+        say!("lengths are {} times those of the map", new_from_world.scale);
     }
     if map.keyframes.values().all(|keyframe| keyframe.semi_dense.is_empty() && keyframe.scan.is_none()) {
         tell!("warning: {}: no keyframe has depth: clouds of it are empty", args.map.display());
