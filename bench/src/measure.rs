@@ -140,6 +140,15 @@ impl Runner {
         Ok(path)
     }
 
+    /// What `loopbox eval` says, or nothing where it says nothing, which is told: of runs that are worth their other
+    /// figures, too.
+    pub fn evaluate_if_possible(&self, sequence: &Path, out: &Path) -> Value {
+        self.evaluate(sequence, out).unwrap_or_else(|error| {
+            eprintln!("  no accuracy: {error:#}");
+            Value::Null
+        })
+    }
+
     /// What `loopbox eval` says of the results in `out` of a run over `sequence`.
     ///
     /// # Errors

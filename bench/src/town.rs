@@ -62,10 +62,7 @@ pub fn measure(runner: &Runner, frames: usize) -> Result<Drive> {
     if !status.success() {
         bail!("{}: loopbox run failed: {status}", recording.display());
     }
-    let evaluation = runner.evaluate(&recording, &out).unwrap_or_else(|error| {
-        eprintln!("  no accuracy: {error:#}");
-        Value::Null
-    });
+    let evaluation = runner.evaluate_if_possible(&recording, &out);
     let at = |name: &str| stages.iter().find(|(text, _)| text == name).map_or(ended, |(_, at)| *at);
     let (optimising, writing) = (at("last optimisation"), at("writing the results"));
     Ok(Drive {

@@ -51,8 +51,7 @@ impl Writer {
 
     /// A text of at most 65,535 bytes; what is longer is cut.
     pub fn text(&mut self, text: &str) {
-        let end = (0..=text.len().min(usize::from(u16::MAX))).rev().find(|&end| text.is_char_boundary(end));
-        let text = &text[..end.unwrap_or(0)];
+        let text = cut(text, usize::from(u16::MAX));
         self.u16(text.len() as u16);
         self.bytes(text.as_bytes());
     }
@@ -62,6 +61,12 @@ impl Writer {
         self.bytes(identity.uuid.as_bytes());
         self.u32(identity.epoch);
     }
+}
+
+/// The beginning of a text, of at most `longest` bytes.
+pub fn cut(text: &str, longest: usize) -> &str {
+    let end = (0..=text.len().min(longest)).rev().find(|&end| text.is_char_boundary(end));
+    &text[..end.unwrap_or(0)]
 }
 
 /// Reads what [`Writer`] wrote.

@@ -33,7 +33,7 @@ pub struct Publisher {
     revision: u64,
     /// The entries as they were told, by kind and number.
     told: BTreeMap<(Kind, u32), Entry>,
-    /// The keyframes as they were told, without points: these are compared as part of the entry.
+    /// The keyframes as they were told.
     keyframes: BTreeMap<KeyframeId, Keyframe>,
     pages: BTreeSet<ObjectHash>,
     finished: bool,
@@ -76,21 +76,19 @@ impl Publisher {
         for (number, frames) in (0..).zip(map.frames.chunks(FRAMES)) {
             step.add(Kind::Frames, number, frames_part(frames)).map_err(refuse)?;
         }
-        let Step { entries, mut objects, .. } = step;
+        let Step { entries, objects, .. } = step;
         if entries == self.told && finished == self.finished {
             return Ok(None);
         }
         let newest = keyframes.last().map_or(0, |keyframe| keyframe.id.0);
-        // Points are told by the entry; a copy of the rest shares what it holds.
-        let bare = |k: &&Keyframe| (k.id, Keyframe { points: k.points.clone(), ..(*k).clone() });
-        self.keyframes = keyframes.iter().map(bare).collect();
+        self.keyframes = keyframes.iter().map(|keyframe| (keyframe.id, (*keyframe).clone())).collect();
         (self.told, self.finished) = (entries, finished);
         self.revision += 1;
-        Ok(Some(self.listed(newest, &mut objects)))
+        Ok(Some(self.listed(newest, objects)))
     }
 
-    /// The lists of what is told by now, added to `objects`, and the whole of it.
-    fn listed(&mut self, newest: u32, objects: &mut Vec<(ObjectHash, Arc<[u8]>)>) -> Publication {
+    /// What is told by now: `objects` and the lists that are new.
+    fn listed(&mut self, newest: u32, mut objects: Vec<(ObjectHash, Arc<[u8]>)>) -> Publication {
         let mut pages = Vec::new();
         let mut hashes = BTreeSet::new();
         let mut page = |entries: &[Entry]| {
@@ -125,7 +123,7 @@ impl Publisher {
         all.insert(hash);
         let (agent, begun, revision) = (self.agent, self.begun, self.revision);
         let offer = Offer { agent, begun, revision, newest, size, hash };
-        Publication { offer, objects: std::mem::take(objects), all }
+        Publication { offer, objects, all }
     }
 }
 

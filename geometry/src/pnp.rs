@@ -1,6 +1,6 @@
 //! The pose of a camera that sees points of known position: from three of them, and from many of which some are wrong.
 
-use crate::{Se3, umeyama};
+use crate::{Sampler, Se3, umeyama};
 use nalgebra::{Complex, Matrix4, Vector3};
 
 /// A point and the direction in which the camera sees it.
@@ -105,19 +105,11 @@ pub fn pose_by_consensus(sightings: &[Sighting], params: &Consensus) -> Option<(
         return None;
     }
     let mut best: Option<(f64, Se3)> = None;
-    let mut random = 0x9E37_79B9_7F4A_7C15u64;
-    let mut below = || {
-        // xorshift64*
-        random ^= random >> 12;
-        random ^= random << 25;
-        random ^= random >> 27;
-        let high = random.wrapping_mul(0x2545_F491_4F6C_DD1D) >> 32;
-        ((high * count as u64) >> 32) as usize
-    };
+    let mut sampler = Sampler::new(0);
     let (mut drawn, mut needed) = (0, params.max_samples);
     while drawn < needed {
         drawn += 1;
-        let triple = [below(), below(), below()];
+        let triple = [0; 3].map(|_| sampler.below(count));
         if triple[0] == triple[1] || triple[1] == triple[2] || triple[0] == triple[2] {
             continue;
         }

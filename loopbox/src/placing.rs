@@ -122,7 +122,7 @@ fn upright(map: &Map, axis: Up) -> UnitQuaternion<f64> {
 mod tests {
     use super::*;
     use geometry::{GrayImage, Pinhole, Se3};
-    use map::{AgentId, AgentInfo, FramePose, Keyframe, SemiDense};
+    use map::{AgentInfo, FramePose, Keyframe};
     use nalgebra::Vector6;
     use std::sync::Arc;
 
@@ -134,21 +134,9 @@ mod tests {
             let (id, turn) = (KeyframeId(i), f64::from(i) * 0.2 + 0.3);
             let rotation = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), turn);
             let translation = Vector3::new(f64::from(i), 0.1 * turn.sin(), (f64::from(i) * 0.7).cos());
-            map.keyframes.insert(
-                id,
-                Keyframe {
-                    id,
-                    agent: AgentId::default(),
-                    timestamp: f64::from(i),
-                    frame_index: u64::from(i),
-                    world_from_keyframe: Sim3::new(rotation, translation, 1.0),
-                    image: Arc::new(GrayImage::filled(8, 6, 90)),
-                    scan: None,
-                    semi_dense: SemiDense::default().into(),
-                    points: Vec::new(),
-                    features: None,
-                },
-            );
+            let (pose, image) =
+                (Sim3::new(rotation, translation, 1.0), Arc::new(GrayImage::filled(8, 6, 90)));
+            map.keyframes.insert(id, Keyframe::of_image(id, f64::from(i), u64::from(i), pose, image));
             map.frames.push(FramePose {
                 timestamp: f64::from(i),
                 frame_index: u64::from(i),

@@ -38,6 +38,30 @@ pub struct Keyframe {
     pub features: Option<Arc<[u8]>>,
 }
 
+impl Keyframe {
+    /// A keyframe of an agent's own map as it begins: an image with its pose; depth, points and features come later.
+    pub fn of_image(
+        id: KeyframeId,
+        timestamp: f64,
+        frame_index: u64,
+        world_from_keyframe: Sim3,
+        image: Arc<GrayImage>,
+    ) -> Self {
+        Self {
+            id,
+            agent: AgentId::default(),
+            timestamp,
+            frame_index,
+            world_from_keyframe,
+            image,
+            scan: None,
+            semi_dense: SemiDense::default().into(),
+            points: Vec::new(),
+            features: None,
+        }
+    }
+}
+
 /// Inverse depth with variance for the pixels that have one, in memory order of the image.
 ///
 /// Inverse depth is 1/z along the optical axis, in 1/keyframe unit. The three vectors have one length.

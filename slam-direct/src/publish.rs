@@ -1,23 +1,13 @@
 //! The working map in the form that it is handed out in.
 
 use crate::local_map::{LocalMap, PointState};
-use map::{AgentId, Edge, Keyframe, Map, Moved, Observation, Point, SemiDense};
+use map::{Edge, Keyframe, Map, Moved, Observation, Point};
 
 /// A keyframe with its image and pose; depth and points follow when they are known.
 pub(crate) fn keyframe(local: &LocalMap, keyframe: usize) -> Keyframe {
     let state = &local.keyframes[keyframe];
-    Keyframe {
-        id: LocalMap::id(keyframe),
-        agent: AgentId::default(),
-        timestamp: state.timestamp,
-        frame_index: state.frame_index,
-        world_from_keyframe: local.world_from_keyframe(keyframe),
-        image: state.pyramid.shared_base(),
-        scan: None,
-        semi_dense: SemiDense::default().into(),
-        points: Vec::new(),
-        features: None,
-    }
+    let (id, pose) = (LocalMap::id(keyframe), local.world_from_keyframe(keyframe));
+    Keyframe::of_image(id, state.timestamp, state.frame_index, pose, state.pyramid.shared_base())
 }
 
 /// Where a keyframe is now.

@@ -36,7 +36,7 @@ pub struct PlacingArgs {
     pub scale: Option<f64>,
     /// Two keyframes (by their numbers) are so many metres apart: `--distance 12,80=2.4`
     #[arg(long, value_name = "FROM,TO=METRES", group = "unit", value_parser = parse_distance)]
-    pub distance: Option<Distance>,
+    pub distance: Option<Metres>,
     /// A trajectory in metres of the same times (GPS, odometry, ground truth; TUM format): its unit and its frame are taken
     #[arg(long, value_name = "FILE", group = "unit", conflicts_with = "up")]
     pub track: Option<PathBuf>,
@@ -45,20 +45,12 @@ pub struct PlacingArgs {
     pub up: Option<Up>,
 }
 
-/// Two keyframes and the metres between them.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Distance {
-    from: KeyframeId,
-    to: KeyframeId,
-    metres: f64,
-}
-
 /// `12,80=2.4`
-fn parse_distance(text: &str) -> anyhow::Result<Distance> {
+fn parse_distance(text: &str) -> anyhow::Result<Metres> {
     let parts = text.split_once('=').and_then(|(pair, metres)| Some((pair.split_once(',')?, metres)));
     let parsed = parts.and_then(|((from, to), metres)| {
         let id = |text: &str| text.trim().parse().ok().map(KeyframeId);
-        Some(Distance { from: id(from)?, to: id(to)?, metres: metres.trim().parse().ok()? })
+        Some(Metres::Distance { from: id(from)?, to: id(to)?, metres: metres.trim().parse().ok()? })
     });
     parsed.ok_or_else(|| anyhow::anyhow!("expected two numbers of keyframes and metres, as in `12,80=2.4`"))
 }
@@ -68,9 +60,7 @@ impl PlacingArgs {
     fn metres(&self) -> Option<Metres> {
         let max_diff = eval::DEFAULT_MAX_DIFF;
         let by_track = self.track.as_ref().map(|file| Metres::Track { file: file.clone(), max_diff });
-        let by_distance =
-            self.distance.map(|Distance { from, to, metres }| Metres::Distance { from, to, metres });
-        self.scale.map(Metres::Scale).or(by_distance).or(by_track)
+        self.scale.map(Metres::Scale).or(self.distance.clone()).or(by_track)
     }
 }
 
@@ -204,7 +194,7 @@ mod tests {
     #[test]
     fn distances_are_two_keyframes_and_metres() {
         let (from, to) = (KeyframeId(12), KeyframeId(80));
-        assert_eq!(parse_distance("12,80=2.4").unwrap(), Distance { from, to, metres: 2.4 });
+        assert_eq!(parse_distance("12,80=2.4").unwrap(), Metres::Distance { from, to, metres: 2.4 });
         for bad in ["", "12=2.4", "12,80", "a,80=2", "12,80=x"] {
             assert!(parse_distance(bad).is_err(), "{bad}");
         }

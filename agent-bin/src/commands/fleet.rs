@@ -119,7 +119,7 @@ pub fn run(args: &FleetCommand) -> Result<()> {
         return hand_over(folder, &status.name, &args.connect);
     }
     if args.json {
-        return console::print(&(serde_json::to_string_pretty(&status)? + "\n"));
+        return console::print_json(&status);
     }
     console::print(&described(&status))
 }

@@ -5,7 +5,6 @@ use crate::measure::{Run, Runner, make_empty};
 use anyhow::{Context, Result, bail};
 use eval::{Trajectory, read_trajectory};
 use measuring::median;
-use serde_json::Value;
 use std::fmt::Write;
 use std::path::Path;
 
@@ -54,11 +53,7 @@ pub fn measure(runner: &Runner, sequence: &Path, minutes: f64) -> Result<Long> {
     let (recording, out) = (folder.join("recording"), folder.join("out"));
     let period = make_recording(sequence, frames as usize, &recording)?;
     Task::new(&recording, &out, Pace::Camera).run(runner)?;
-    // So long a run is worth its other figures, too.
-    let evaluation = runner.evaluate(&recording, &out).unwrap_or_else(|error| {
-        eprintln!("  no accuracy: {error:#}");
-        Value::Null
-    });
+    let evaluation = runner.evaluate_if_possible(&recording, &out);
     let run = Run::read(&out, evaluation)?;
     let minutes = by_minute(&run, frames as u64);
     Ok(Long { run, period, minutes })
@@ -148,6 +143,7 @@ fn by_minute(run: &Run, frames: u64) -> Vec<Minute> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use serde_json::Value;
     use serde_json::json;
 
     #[test]

@@ -135,7 +135,7 @@ impl Node {
             },
             Event::Tick => {}
             Event::Publish(publication) => self.publish(now, *publication),
-            Event::Prefer { agent, keyframes } => self.prefer(now, agent, keyframes),
+            Event::Prefer { agent, keyframes } => self.prefer(agent, keyframes),
             Event::Distrust { agent, reason } => self.distrust(agent, reason),
             Event::Findings { revision, bytes } => self.take_findings(now, revision, bytes),
         }
@@ -155,7 +155,7 @@ impl Node {
         known.heard = now;
         let node = known.node;
         if let Message::Hello { version, node, role, name, findings } = message {
-            return self.hello(now, link, (version, node, role == Role::Station), name, findings);
+            return self.hello(link, (version, node, role == Role::Station), name, findings);
         }
         if let Message::Refused { reason } = message {
             let name = node.and_then(|node| self.neighbours.get(&node)).map_or("a neighbour", |n| &n.name);
@@ -205,7 +205,6 @@ impl Node {
 
     fn hello(
         &mut self,
-        now: Duration,
         link: LinkId,
         (version, node, is_station): (u16, Uuid, bool),
         name: String,
@@ -243,7 +242,7 @@ impl Node {
             }
             self.actions.push(Action::News(News::Met { name, address }));
         }
-        self.want(now, node);
+        self.want(node);
     }
 
     /// Has nothing more to do with whoever told a map that is none, as long as the program runs.

@@ -1,6 +1,7 @@
 //! What a node says by itself: signs of life, what it has, what it wants, and why it has nothing more to do with somebody.
 
 use super::{Action, BEAT, Link, LinkId, News, Node, SILENCE, STATES, Told};
+use crate::bytes::cut;
 use crate::wire::{MAX_NAME, MAX_REASON, Message, VERSION};
 use std::time::Duration;
 
@@ -35,13 +36,11 @@ impl Node {
     /// Says on a link who one is and what one has.
     pub(super) fn tell(&mut self, link: LinkId) {
         let Some(Link { turn, node, .. }) = self.links.get(&link) else { return };
-        let end = (0..=self.config.name.len().min(MAX_NAME)).rev();
-        let end = end.into_iter().find(|&end| self.config.name.is_char_boundary(end)).unwrap_or(0);
         let mut said = vec![Message::Hello {
             version: VERSION,
             node: self.config.node,
             role: self.config.role,
-            name: self.config.name[..end].to_owned(),
+            name: cut(&self.config.name, MAX_NAME).to_owned(),
             findings: self.findings.as_ref().map(|(known, _)| *known),
         }];
         let own: Vec<Message> = self.own.values().map(|own| Message::State(own.offer)).collect();
@@ -74,11 +73,7 @@ impl Node {
         let Some(known) = self.links.get(&link) else { return };
         let named = known.node.and_then(|node| self.neighbours.get(&node)).map(|n| n.name.clone());
         let text = format!("{} is refused: {reason}", named.unwrap_or_else(|| known.address.clone()));
-        let mut told = reason;
-        while told.len() > MAX_REASON {
-            told.pop();
-        }
-        self.send(link, &Message::Refused { reason: told });
+        self.send(link, &Message::Refused { reason: cut(&reason, MAX_REASON).to_owned() });
         self.forget(link);
         self.actions.push(Action::News(News::Trouble(text.clone())));
         self.actions.push(Action::Close { link, reason: text });

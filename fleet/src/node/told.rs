@@ -183,11 +183,11 @@ impl Node {
             }
         }
         self.lists(link, offer.agent);
-        self.want(Duration::ZERO, node);
+        self.want(node);
     }
 
     /// What is to be fetched from a neighbour by now.
-    pub(super) fn want(&mut self, _now: Duration, node: Uuid) {
+    pub(super) fn want(&mut self, node: Uuid) {
         let Some(neighbour) = self.neighbours.get_mut(&node) else { return };
         let newer = neighbour.findings.filter(|findings| findings.revision > neighbour.findings_here);
         let mut wants: Vec<Want> =
@@ -201,11 +201,11 @@ impl Node {
     }
 
     /// Fetches some keyframes before others.
-    pub(super) fn prefer(&mut self, now: Duration, agent: map::Identity, keyframes: Vec<u32>) {
+    pub(super) fn prefer(&mut self, agent: map::Identity, keyframes: Vec<u32>) {
         let Some(told) = self.told.get_mut(&agent).filter(|told| told.preferred != keyframes) else { return };
         told.preferred = keyframes;
         let teller = told.teller;
-        self.want(now, teller);
+        self.want(teller);
     }
 
     /// An object came.
@@ -226,7 +226,7 @@ impl Node {
             self.paused_until = now + DISK_PAUSE;
             let text = format!("what others tell cannot be kept: {error}; it is tried again");
             self.actions.push(Action::News(News::Trouble(text)));
-            return self.want(now, node);
+            return self.want(node);
         }
         let agents: Vec<_> =
             self.told.iter().filter(|(_, told)| told.teller == node).map(|(agent, _)| *agent).collect();
@@ -241,7 +241,7 @@ impl Node {
             }
         }
         if lists_came {
-            self.want(now, node);
+            self.want(node);
         }
     }
 

@@ -228,7 +228,7 @@ impl Collector {
         for (_, identity) in order {
             let Some(agent) = self.agents.get_mut(&identity) else { continue };
             let Some(mut input) = agent.input.take() else { continue };
-            input.name = unique_name(&input.map, &inputs);
+            input.name_apart_from(&inputs);
             inputs.push(input);
             whole.push(agent.whole);
             taken.push(identity);
@@ -297,18 +297,6 @@ fn label(agent: Identity, map: &Map) -> String {
         0 => format!("{name}-{}", &uuid[..8]),
         epoch => format!("{name}-{}-{epoch}", &uuid[..8]),
     }
-}
-
-/// The name of a map's agent, told apart from those of the maps before as a merge of files does.
-fn unique_name(map: &Map, before: &[Input]) -> String {
-    let name = map.agents.values().map(|agent| &*agent.name).collect::<Vec<_>>().join("+");
-    let mut unique = name.clone();
-    let mut number = 2;
-    while before.iter().any(|input| input.name == unique) {
-        unique = format!("{name}-{number}");
-        number += 1;
-    }
-    unique
 }
 
 /// Writes an agent's own map.

@@ -121,27 +121,28 @@ impl Work {
             Heard::Changed(identity, deltas) => {
                 let Some(about) = self.about.clone() else { return };
                 let about = AgentInfo { identity: Some(identity), ..about };
-                let growing = self.growing(identity, &Map::of(about));
+                let growing = self.growing(identity, about);
                 deltas.into_iter().for_each(|delta| growing.map.take_in(delta));
                 growing.is_new = true;
             }
             Heard::Ended(maps) => {
                 // Of parts that were joined each is told by itself: whoever collects them joins them again.
                 for map in maps.iter().flat_map(Map::split) {
-                    let identity = map.agents.get(&AgentId::default()).and_then(|info| info.identity);
-                    let Some(identity) = identity else { continue };
-                    let growing = self.growing(identity, &map);
+                    let Some(about) = map.agents.get(&AgentId::default()).cloned() else { continue };
+                    let Some(identity) = about.identity else { continue };
+                    let growing = self.growing(identity, about);
                     (growing.map, growing.is_new, growing.ended) = (map, true, true);
                 }
             }
         }
     }
 
-    fn growing(&mut self, identity: Identity, first: &Map) -> &mut Growing {
+    /// What is known of a map so far: of one that was never heard of that it is that of the agent `about`.
+    fn growing(&mut self, identity: Identity, about: AgentInfo) -> &mut Growing {
         let begun = self.begun;
         self.maps.entry(identity).or_insert_with(|| Growing {
             publisher: Publisher::new(identity, begun),
-            map: Map { keyframes: BTreeMap::new(), edges: Vec::new(), frames: Vec::new(), ..first.clone() },
+            map: Map::of(about),
             is_new: false,
             ended: false,
         })

@@ -68,16 +68,32 @@ impl Input {
             Err(why) => return Err(Refused { map: Box::new(map), why }),
         };
         let (words, direct) = words(&features, vocabulary);
-        let name = map.agents.values().map(|agent| &*agent.name).collect::<Vec<_>>().join("+");
+        let name = name_of(&map);
         let seconds = InputSeconds { reading: 0.0, features: start.elapsed().as_secs_f64() };
         let (path, warnings) = (path.to_owned(), Vec::new());
         Ok(Self { path, name, map, features, found, words, direct, warnings, seconds })
+    }
+
+    /// Calls it by its agents' names, told apart from the inputs before it.
+    pub fn name_apart_from(&mut self, before: &[Self]) {
+        let name = name_of(&self.map);
+        self.name.clone_from(&name);
+        let mut number = 2;
+        while before.iter().any(|other| other.name == self.name) {
+            self.name = format!("{name}-{number}");
+            number += 1;
+        }
     }
 
     /// The keyframes as the direct index needs them.
     pub fn directed(&self) -> Directed<'_> {
         Directed { features: &self.features, index: &self.direct }
     }
+}
+
+/// What to call a map: its agents' names.
+fn name_of(map: &Map) -> String {
+    map.agents.values().map(|agent| &*agent.name).collect::<Vec<_>>().join("+")
 }
 
 /// A map that cannot be merged.

@@ -142,12 +142,7 @@ fn load(
     for input in loaded {
         let mut input = input?;
         input.warnings.iter().for_each(|warning| watcher.warn(warning));
-        let name = input.name.clone();
-        let mut number = 2;
-        while inputs.iter().any(|other| other.name == input.name) {
-            input.name = format!("{name}-{number}");
-            number += 1;
-        }
+        input.name_apart_from(&inputs);
         inputs.push(input);
     }
     // The common world is that of the first: metres, where one knows them.

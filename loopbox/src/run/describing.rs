@@ -127,7 +127,7 @@ mod tests {
     use super::*;
     use geometry::Pinhole;
     use loopbox_tests::Texture;
-    use map::{AgentId, KeyframeId, SemiDense};
+    use map::{KeyframeId, SemiDense};
 
     /// A map of keyframes that see different parts of a texture; every third has no depth.
     fn map(count: u32) -> Map {
@@ -139,17 +139,10 @@ mod tests {
             };
             let image = GrayImage::from_vec(width, height, (0..width * height).map(pixel).collect());
             let depth = SemiDense { pixel: vec![5], inverse_depth: vec![1.0], variance: vec![0.1] };
+            let (image, pose) = (Arc::new(image.expect("so many pixels")), geometry::Sim3::identity());
             Keyframe {
-                id: KeyframeId(id),
-                agent: AgentId::default(),
-                timestamp: f64::from(id),
-                frame_index: u64::from(id),
-                world_from_keyframe: geometry::Sim3::identity(),
-                image: Arc::new(image.expect("so many pixels")),
                 semi_dense: if id % 3 == 2 { SemiDense::default() } else { depth }.into(),
-                scan: None,
-                points: Vec::new(),
-                features: None,
+                ..Keyframe::of_image(KeyframeId(id), f64::from(id), u64::from(id), pose, image)
             }
         };
         let mut map = Map::new(Pinhole { width, height, fx: 100.0, fy: 100.0, cx: 79.5, cy: 59.5 });

@@ -166,18 +166,8 @@ mod tests {
     use std::sync::Arc;
 
     fn keyframe(id: u32) -> Keyframe {
-        Keyframe {
-            id: KeyframeId(id),
-            agent: AgentId::default(),
-            timestamp: f64::from(id),
-            frame_index: u64::from(id),
-            world_from_keyframe: Sim3::identity(),
-            image: Arc::new(GrayImage::filled(8, 6, 90)),
-            scan: None,
-            semi_dense: SemiDense::default().into(),
-            points: Vec::new(),
-            features: None,
-        }
+        let image = Arc::new(GrayImage::filled(8, 6, 90));
+        Keyframe::of_image(KeyframeId(id), f64::from(id), u64::from(id), Sim3::identity(), image)
     }
 
     /// A map that grows by what is said of it, and its file.
@@ -237,6 +227,7 @@ mod tests {
         case.add_frame();
         case.say(added([0, 1])).expect("there is room");
         let size = case.size();
+        assert!(size > 0);
         for _ in 0..3 {
             case.grow(Vec::new()).expect("there is room");
         }

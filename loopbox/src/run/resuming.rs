@@ -47,6 +47,8 @@ pub struct Kept {
     about: AgentInfo,
     /// What is done with it.
     pub going: Going,
+    /// The index of the first frame that is new: frames are counted on.
+    pub first_index: u64,
 }
 
 impl Kept {
@@ -76,8 +78,9 @@ impl Kept {
                 text(camera)
             );
         }
-        let about = extended(info, session, &map);
-        Ok((Self { file, map, about, going: resume.going }, opened.warnings))
+        let first_index = map.frames.iter().map(|frame| frame.frame_index + 1).max().unwrap_or_default();
+        let about = extended(info, session, map.keyframes.len(), first_index);
+        Ok((Self { file, map, about, going: resume.going, first_index }, opened.warnings))
     }
 
     /// Makes sure that results in `folder` do not take the place of a map that is to stay as it is.
@@ -111,11 +114,6 @@ impl Kept {
         &self.about
     }
 
-    /// The index of the first frame that is new: frames are counted on.
-    pub fn first_index(&self) -> u64 {
-        self.map.frames.iter().map(|frame| frame.frame_index + 1).max().unwrap_or_default()
-    }
-
     /// For `run.json`.
     pub fn record(&self) -> Resumed {
         Resumed {
@@ -140,16 +138,15 @@ pub fn note_lens(about: &mut AgentInfo, agent: &Agent) {
     about.provenance.insert(LENS.to_owned(), format!("{term:?}"));
 }
 
-/// An agent whose map a further session extends: where both came from is kept.
-fn extended(info: &AgentInfo, session: &AgentInfo, map: &Map) -> AgentInfo {
+/// An agent whose map of so many keyframes a further session extends from frame `first_index` on: where both came from is
+/// kept.
+fn extended(info: &AgentInfo, session: &AgentInfo, keyframes: usize, first_index: u64) -> AgentInfo {
     let mut about = info.clone();
     let is_told = |number: &u32| about.provenance.contains_key(&format!("continued {number}: source"));
     let number = (1..).take_while(is_told).count() + 1;
     let of_session = session.provenance.iter().map(|(key, value)| (key.clone(), value.clone()));
-    let from = ["keyframe", "frame"].map(|what| format!("first {what}"));
-    let counts =
-        [map.keyframes.len() as u64, map.frames.iter().map(|f| f.frame_index + 1).max().unwrap_or(0)];
-    let counts = from.into_iter().zip(counts.map(|count| count.to_string()));
+    let counts = [("first keyframe", keyframes as u64), ("first frame", first_index)];
+    let counts = counts.map(|(key, count)| (key.to_owned(), count.to_string()));
     for (key, value) in of_session.chain(counts) {
         about.provenance.insert(format!("continued {number}: {key}"), value);
     }
@@ -179,8 +176,7 @@ mod tests {
             provenance: [("source".to_owned(), source.to_owned())].into(),
             ..AgentInfo::new(source, CAMERA)
         };
-        let map = Map::of(session("one"));
-        let twice = extended(&extended(&session("one"), &session("two"), &map), &session("three"), &map);
+        let twice = extended(&extended(&session("one"), &session("two"), 0, 0), &session("three"), 0, 0);
         let value = |key: &str| twice.provenance.get(key).map(String::as_str);
         assert_eq!((twice.name.as_str(), value("source")), ("one", Some("one")));
         assert_eq!(

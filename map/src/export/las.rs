@@ -1,7 +1,6 @@
 //! LAS and its compressed form LAZ, the formats of surveyors (ASPRS LAS 1.4, R15).
 
-use super::{CloudPoint, CloudSelection, Columns};
-use crate::atomic::write_atomically;
+use super::{CloudPoint, CloudSelection, Columns, save};
 use crate::{Map, MapError};
 use las::point::Format;
 use las::{Builder, Color, Header, Transform, Vector, Writer};
@@ -31,8 +30,7 @@ pub fn save_las(
     let columns = Columns::of(map);
     let points = || selection.points(map);
     let header = header(points(), columns, compressed);
-    write_atomically(path, |out| write(out.get_ref(), header.map_err(io::Error::other)?, points(), columns))
-        .map_err(|source| MapError::write(path, source))
+    save(path, |out| write(out.get_ref(), header.map_err(io::Error::other)?, points(), columns))
 }
 
 /// What stands before the points: their format, and how coordinates become whole numbers.

@@ -1,11 +1,13 @@
 //! A map as posed images with sparse points and their tracks: what structure-from-motion tools exchange.
 
+use super::save;
 use crate::io::encode_png;
-use crate::{AgentId, AgentInfo, Keyframe, KeyframeId, Map, MapError, SensorKind, atomic::write_atomically};
+use crate::{AgentId, AgentInfo, Keyframe, KeyframeId, Map, MapError, SensorKind};
 use geometry::{Pinhole, Se3};
 use nalgebra::{Vector2, Vector3};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
+use std::io::Write;
 use std::path::Path;
 
 /// The folder of the images within that of an export.
@@ -74,9 +76,7 @@ impl<'a> PosedImages<'a> {
     pub fn save_images(&self, folder: &Path) -> Result<(), MapError> {
         std::fs::create_dir_all(folder).map_err(|reason| MapError::write(folder, reason))?;
         self.images.par_iter().try_for_each(|image| {
-            let path = folder.join(&image.name);
-            let write = |out: &mut dyn std::io::Write| out.write_all(&encode_png(&image.keyframe.image)?);
-            write_atomically(&path, |out| write(out)).map_err(|reason| MapError::write(&path, reason))
+            save(&folder.join(&image.name), |out| out.write_all(&encode_png(&image.keyframe.image)?))
         })
     }
 }

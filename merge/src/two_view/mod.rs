@@ -20,11 +20,11 @@ mod search;
 mod tests;
 mod transfer;
 
+use geometry::Sampler;
 use linear::Pose;
 use model::Settled;
 use nalgebra::{Matrix3, Matrix3x2, Matrix5, Unit, UnitQuaternion, Vector3};
 use rays::Rays;
-use search::Sampler;
 use serde::{Deserialize, Serialize};
 
 /// Where two cameras see the same point: rays from the camera's centre in its own frame.

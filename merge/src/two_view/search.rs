@@ -6,39 +6,8 @@ use super::linear::{PlanePose, Pose, decompose, eight_point, essential_poses, fo
 use super::rays::Rays;
 use super::transfer::{self, PlaneFit};
 use super::{TwoViewParams, plane_limit};
+use geometry::Sampler;
 use nalgebra::{Matrix3, Vector3};
-
-/// Draws samples; the same seed draws the same ones (xorshift64*).
-pub(super) struct Sampler(u64);
-
-impl Sampler {
-    pub(super) fn new(seed: u64) -> Self {
-        // No state but zero is forbidden; the multiplication spreads small seeds.
-        Self(seed.wrapping_add(1).wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1)
-    }
-
-    fn below(&mut self, count: usize) -> usize {
-        self.0 ^= self.0 >> 12;
-        self.0 ^= self.0 << 25;
-        self.0 ^= self.0 >> 27;
-        let high = self.0.wrapping_mul(0x2545_F491_4F6C_DD1D) >> 32;
-        ((high * count as u64) >> 32) as usize
-    }
-
-    /// `N` different numbers below `count`, which must be at least `N`.
-    fn sample<const N: usize>(&mut self, count: usize) -> [usize; N] {
-        let mut sample = [usize::MAX; N];
-        for i in 0..N {
-            sample[i] = loop {
-                let candidate = self.below(count);
-                if !sample[..i].contains(&candidate) {
-                    break candidate;
-                }
-            };
-        }
-        sample
-    }
-}
 
 /// How many samples of `size` matches must be drawn so that one is free of wrong matches with `confidence`.
 fn samples_needed(inlier_share: f64, size: i32, params: &TwoViewParams) -> usize {

@@ -184,21 +184,11 @@ impl Pose {
 mod tests {
     use super::super::chunk::tests::{CAMERA, dense};
     use super::*;
-    use map::{AgentId, Moved, Settled};
+    use map::{Moved, Settled};
 
     fn keyframe(id: u32) -> Keyframe {
-        Keyframe {
-            id: KeyframeId(id),
-            agent: AgentId::default(),
-            timestamp: f64::from(id),
-            frame_index: u64::from(id),
-            world_from_keyframe: Sim3::identity(),
-            image: Arc::new(dense().0),
-            scan: None,
-            semi_dense: SemiDense::default().into(),
-            points: Vec::new(),
-            features: None,
-        }
+        let image = Arc::new(dense().0);
+        Keyframe::of_image(KeyframeId(id), f64::from(id), u64::from(id), Sim3::identity(), image)
     }
 
     /// A map and who hears of it.

@@ -51,7 +51,7 @@ impl Run<'_> {
 
     /// The index of the run's first frame.
     pub(super) fn first_index(&self) -> u64 {
-        self.kept.map_or(0, Kept::first_index)
+        self.kept.map_or(0, |kept| kept.first_index)
     }
 
     /// Whether frames only get poses in a map that was kept.
@@ -63,7 +63,7 @@ impl Run<'_> {
     /// Says so, if what was tracked is in another one.
     pub fn leave_out_kept(&self, maps: &mut Vec<Map>) -> Option<String> {
         let kept = self.kept?;
-        let first = kept.first_index();
+        let first = kept.first_index;
         maps.retain(|map| map.frames.iter().any(|frame| frame.frame_index >= first));
         let is_in =
             self.localises() || maps.iter().any(|map| map.frames.iter().any(|f| f.frame_index < first));
