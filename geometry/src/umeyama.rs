@@ -2,7 +2,7 @@
 //! parameters between two point patterns", PAMI 1991).
 
 use crate::{Se3, Sim3};
-use nalgebra::{DMatrix, Matrix3, Rotation3, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, Matrix4, Quaternion, UnitQuaternion, Vector3, Vector4};
 
 /// Why two point sets cannot be aligned.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
@@ -23,7 +23,7 @@ pub enum UmeyamaError {
     Degenerate,
 }
 
-/// Singular values below this share of the largest count as zero.
+/// The second and third singular value together, as a share of the first, below which they count as zero.
 const RANK_TOLERANCE: f64 = 1e-12;
 
 /// The rigid motion `target_from_source` that minimises `Σ |target − (R source + t)|²`.
@@ -79,24 +79,42 @@ impl Fit {
     }
 }
 
-/// The rotation `U S Vᵀ` nearest to `covariance = U D Vᵀ`, and `tr(D S)`; `None` when the rank is below 2.
+/// The rotation `U S Vᵀ` nearest to `covariance = U D Vᵀ`, and `tr(D S)`; `None` where the rotation is free.
+///
+/// They are the eigenvector and the eigenvalue of a symmetric 4×4 matrix (Horn, "Closed-form solution of absolute
+/// orientation using unit quaternions", JOSA A 1987, §4), which needs no care of reflections, and holds for three points
+/// and other sets on a plane, whose covariance is singular: iterative singular value decompositions may fail there.
 fn best_rotation(covariance: &Matrix3<f64>) -> Option<(UnitQuaternion<f64>, f64)> {
     if covariance.iter().any(|v| !v.is_finite()) {
         return None;
     }
-    // The dynamic matrix takes nalgebra's iterative SVD; the one for 3×3 squares the matrix first and
-    // loses the small singular values of nearly straight paths.
-    let svd = DMatrix::from_column_slice(3, 3, covariance.as_slice()).svd(true, true);
-    let (u, v_t, d) = (svd.u?, svd.v_t?, svd.singular_values);
-    if d[1] <= RANK_TOLERANCE * d[0] {
+    // Horn sums source · targetᵀ.
+    let s = covariance.transpose();
+    let (sum, difference) = (|i, j| s[(i, j)] + s[(j, i)], |i, j| s[(i, j)] - s[(j, i)]);
+    let [xx, yy, zz] = [s[(0, 0)], s[(1, 1)], s[(2, 2)]];
+    let mut matrix =
+        Matrix4::from_diagonal(&Vector4::new(xx + yy + zz, xx - yy - zz, yy - xx - zz, zz - xx - yy));
+    let above = [
+        (0, 1, difference(1, 2)),
+        (0, 2, difference(2, 0)),
+        (0, 3, difference(0, 1)),
+        (1, 2, sum(0, 1)),
+        (1, 3, sum(0, 2)),
+        (2, 3, sum(1, 2)),
+    ];
+    for (i, j, value) in above {
+        (matrix[(i, j)], matrix[(j, i)]) = (value, value);
+    }
+    let eigen = matrix.symmetric_eigen();
+    let (best, largest) = eigen.eigenvalues.argmax();
+    let others = (0..4).filter(|&i| i != best).map(|i| eigen.eigenvalues[i]);
+    let second = others.fold(f64::NEG_INFINITY, f64::max);
+    // Of singular values d and with s for a reflection, the difference is 2 (d₂ + s d₃) and the sum 2 d₁.
+    if largest - second <= RANK_TOLERANCE * (largest + second) {
         return None;
     }
-    // A reflection is undone along the weakest direction (Umeyama, Eq. 43).
-    let sign = if u.determinant() * v_t.determinant() < 0.0 { -1.0 } else { 1.0 };
-    let s = DMatrix::from_diagonal(&nalgebra::DVector::from_vec(vec![1.0, 1.0, sign]));
-    let product = u * s * v_t;
-    let rotation = Rotation3::from_matrix_unchecked(Matrix3::from_column_slice(product.as_slice()));
-    Some((UnitQuaternion::from_rotation_matrix(&rotation), d[0] + d[1] + sign * d[2]))
+    let q = eigen.eigenvectors.column(best);
+    Some((UnitQuaternion::from_quaternion(Quaternion::new(q[0], q[1], q[2], q[3])), largest))
 }
 
 #[cfg(test)]
@@ -140,6 +158,16 @@ mod tests {
             prop_assert!(cost(&found.into(), &source, &target).sqrt() < 1e-8);
         }
 
+        // Their covariance is singular.
+        #[test]
+        fn three_points_suffice(source in prop::collection::vec(vector(10.0), 3), truth in similarity()) {
+            let area = (source[1] - source[0]).cross(&(source[2] - source[0])).norm();
+            prop_assume!(area > 1.0);
+            let target: Vec<_> = source.iter().map(|x| truth.rigid() * *x).collect();
+            let found = se3(&source, &target).unwrap();
+            prop_assert!(cost(&found.into(), &source, &target).sqrt() < 1e-8);
+        }
+
         // At a minimum no small step improves; the optimum over proper rotations holds for mirrored sets too.
         #[test]
         fn no_small_step_improves(
@@ -171,6 +199,23 @@ mod tests {
         let line = [Vector3::zeros(), Vector3::x(), Vector3::x() * 2.0];
         assert_eq!(sim3(&line, &line), Err(UmeyamaError::Degenerate));
         assert_eq!(se3(&[Vector3::x(); 5], &[Vector3::x(); 5]), Err(UmeyamaError::Degenerate));
+    }
+
+    #[test]
+    fn a_covariance_of_rank_two_gives_its_rotation() {
+        // Of three points; nalgebra's iterative decomposition of it is a tenth off.
+        let source = [
+            Vector3::new(7.5279155027884626, -1.3090780960761843, -2.2939653621603693),
+            Vector3::new(2.6831061162845264, 3.5830364040042544, 1.5280795978310266),
+            Vector3::new(3.4019729334878015, -4.657638017405593, 3.70497839937914),
+        ];
+        let target = [
+            Vector3::new(5.723996625241288, 0.16556050310617698, 6.976141407410236),
+            Vector3::new(-0.6791529754974489, 3.191737034676475, 3.533043857240897),
+            Vector3::new(0.0, -5.1644124804648435, 5.2294781557660714),
+        ];
+        let found = se3(&source, &target).unwrap();
+        assert!(cost(&found.into(), &source, &target).sqrt() < 1e-12);
     }
 
     #[test]
