@@ -92,34 +92,93 @@ pub fn self_calibrate(
     free: FreeLens,
     prior: &LensPrior,
 ) -> Result<SelfCalibration, SelfCalibrationError> {
-    let count = map.keyframes.len().min(problem::MAX_KEYFRAMES);
-    let solved = |range: Range<usize>| {
-        let mut problem = Problem::new(map, range, guess, free, prior)?;
+    let question = Question { map, guess, free, prior, most: usize::MAX };
+    question.with_halves(question.solved(question.all())?)
+}
+
+/// Observations from which [`other_focal_length`] is found: so many leave it uncertain by far less than a percent.
+const SAMPLE: usize = 20_000;
+
+/// The lens that `map` asks for in place of `lens`, by which its images were undistorted, with the focal length alone
+/// free; nothing where the logarithms of both focal lengths differ by less than `harmless`. It is found from a sample of
+/// the points.
+///
+/// # Errors
+/// When the map is too small or does not determine the lens.
+pub fn other_focal_length(
+    map: &Map,
+    lens: &Camera,
+    harmless: f64,
+) -> Result<Option<SelfCalibration>, SelfCalibrationError> {
+    let prior = &LensPrior::default();
+    let question = Question { map, guess: lens, free: FreeLens::Focal, prior, most: SAMPLE };
+    let whole = question.solved(question.all())?;
+    if (logarithm(&whole.camera) - logarithm(lens)).abs() < harmless {
+        return Ok(None);
+    }
+    question.with_halves(whole).map(Some)
+}
+
+/// What a map is asked.
+struct Question<'a> {
+    map: &'a Map,
+    guess: &'a Camera,
+    free: FreeLens,
+    prior: &'a LensPrior,
+    /// Observations at most, of points spread evenly over the map.
+    most: usize,
+}
+
+/// What some of its keyframes answer.
+struct Answer {
+    camera: Camera,
+    solution: solve::Solution,
+    keyframes: usize,
+    observations: usize,
+    points: usize,
+}
+
+impl Question<'_> {
+    /// All keyframes that are asked, by their places.
+    fn all(&self) -> Range<usize> {
+        0..self.map.keyframes.len().min(problem::MAX_KEYFRAMES)
+    }
+
+    fn solved(&self, range: Range<usize>) -> Result<Answer, SelfCalibrationError> {
+        let mut problem = Problem::new(self.map, range, self.guess, self.free, self.prior)?;
+        problem.thin(self.most);
         let solution = solve::solve(&mut problem).ok_or(SelfCalibrationError::Undetermined)?;
         let camera = problem.lens(&problem.terms).ok_or(SelfCalibrationError::Undetermined)?;
-        Ok((problem, solution, camera))
-    };
-    let (keyframes, observations, points, solution, camera) = {
-        let (problem, solution, camera) = solved(0..count)?;
-        (problem.poses.len(), problem.observations.len(), problem.points.len(), solution, camera)
-    };
-    // Observations of a point share the error of its host's pixel and are no independent witnesses: as many count as
-    // there are points.
-    let shared = (observations as f64 / points as f64).sqrt();
-    // A rolling shutter or a lens of another model disturbs all observations of a motion alike, which no residual shows;
-    // but two halves of the map then say different things. Half their difference is the deviation of their mean.
-    let halves =
-        [0..count / 2, count / 2..count].map(|range| solved(range).map(|(_, _, camera)| camera).ok());
-    let logarithm = |camera: &Camera| camera.intrinsics().fx.ln();
-    let between = match &halves {
-        [Some(a), Some(b)] => 0.5 * (logarithm(a) - logarithm(b)).abs(),
-        _ => 0.0,
-    };
-    Ok(SelfCalibration {
-        camera,
-        focal_deviation: (solution.deviations[0] * shared).max(between),
-        keyframes,
-        observations,
-        residual: solution.residual,
-    })
+        let (keyframes, points) = (problem.poses.len(), problem.points.len());
+        Ok(Answer { camera, solution, keyframes, observations: problem.observations.len(), points })
+    }
+
+    /// The answer of all with what halves of them say of its deviation.
+    fn with_halves(&self, whole: Answer) -> Result<SelfCalibration, SelfCalibrationError> {
+        let Answer { camera, solution, keyframes, observations, points } = whole;
+        // Observations of a point share the error of its host's pixel and are no independent witnesses: as many count as
+        // there are points.
+        let shared = (observations as f64 / points as f64).sqrt();
+        // A rolling shutter or a lens of another model disturbs all observations of a motion alike, which no residual
+        // shows; but two halves of the map then say different things. Half their difference is the deviation of their mean.
+        let count = self.all().len();
+        let halves =
+            [0..count / 2, count / 2..count].map(|range| self.solved(range).map(|answer| answer.camera).ok());
+        let between = match &halves {
+            [Some(a), Some(b)] => 0.5 * (logarithm(a) - logarithm(b)).abs(),
+            _ => 0.0,
+        };
+        Ok(SelfCalibration {
+            camera,
+            focal_deviation: (solution.deviations[0] * shared).max(between),
+            keyframes,
+            observations,
+            residual: solution.residual,
+        })
+    }
+}
+
+/// Of the focal length.
+fn logarithm(camera: &Camera) -> f64 {
+    camera.intrinsics().fx.ln()
 }

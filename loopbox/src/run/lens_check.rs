@@ -3,7 +3,7 @@
 use super::Progress;
 use geometry::Camera;
 use map::Map;
-use slam_direct::self_calibration::{FreeLens, LensPrior, SelfCalibration, self_calibrate};
+use slam_direct::self_calibration::{SelfCalibration, other_focal_length};
 use std::thread::JoinHandle;
 
 /// The map is asked when it has so many keyframes, and again at four times as many.
@@ -60,11 +60,9 @@ impl LensCheck {
 
 /// What the map says against its lens.
 fn what_is_wrong(map: &Map, lens: &Camera, halvings: usize) -> Option<String> {
-    let found = self_calibrate(map, lens, FreeLens::Focal, &LensPrior::default()).ok()?;
-    let SelfCalibration { camera, focal_deviation, .. } = found;
+    let SelfCalibration { camera, focal_deviation, .. } = other_focal_length(map, lens, HARMLESS).ok()??;
     let ratio = lens.intrinsics().fx / camera.intrinsics().fx;
-    let off = ratio.ln().abs();
-    if off < HARMLESS || off < SIGNIFICANT * focal_deviation {
+    if ratio.ln().abs() < SIGNIFICANT * focal_deviation {
         return None;
     }
     let (percent, how) = match ratio {

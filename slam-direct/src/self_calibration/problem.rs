@@ -32,6 +32,7 @@ pub(super) struct FreePoint {
 }
 
 /// Where another keyframe sees a point.
+#[derive(Clone, Copy)]
 pub(super) struct FreeObservation {
     /// Index of the observing pose.
     pub frame: usize,
@@ -113,6 +114,26 @@ impl Problem {
         };
         let (guess, prior, terms) = (*guess, *prior, DVector::zeros(count));
         Ok(Self { guess, prior, poses, points, observations, terms })
+    }
+
+    /// Keeps points that are spread evenly over all and have about so many observations.
+    pub fn thin(&mut self, most: usize) {
+        let share = most as f64 / self.observations.len().max(1) as f64;
+        if share >= 1.0 {
+            return;
+        }
+        let all = std::mem::take(&mut self.observations);
+        let (mut number, observations) = (0u64, &mut self.observations);
+        self.points.retain_mut(|point| {
+            number += 1;
+            let is_kept = (number as f64 * share).floor() > ((number - 1) as f64 * share).floor();
+            if is_kept {
+                let first = observations.len();
+                observations.extend_from_slice(&all[point.observations.clone()]);
+                point.observations = first..observations.len();
+            }
+            is_kept
+        });
     }
 
     /// The lens with these terms; nothing where that is none.

@@ -120,6 +120,43 @@ fn a_focal_length_far_off_is_found() {
 }
 
 #[test]
+fn only_a_focal_length_that_is_off_is_contradicted() {
+    let truth = lens(500.0, 0.0);
+    let other = |guess: f64| {
+        let guess = lens(guess, 0.0);
+        let map = map_of(&truth, guess.intrinsics(), &around(), 0.2);
+        other_focal_length(&map, &guess, 0.06).unwrap()
+    };
+    assert_eq!(other(500.0), None);
+    assert_eq!(other(515.0), None);
+    let found = other(600.0).expect("a fifth too long");
+    assert!((found.camera.intrinsics().fx / 500.0 - 1.0).abs() < 0.01, "{found:?}");
+    assert!(found.focal_deviation < 0.01, "{found:?}");
+}
+
+#[test]
+fn a_sample_keeps_the_observations_of_its_points() {
+    let truth = lens(500.0, 0.0);
+    let map = map_of(&truth, truth.intrinsics(), &around(), 0.2);
+    let problem = || Problem::new(&map, 0..16, &truth, FreeLens::Focal, &LensPrior::default()).unwrap();
+    let (whole, mut sample) = (problem(), problem());
+    let most = whole.observations.len() / 3;
+    sample.thin(most);
+    assert!(sample.observations.len().abs_diff(most) < most / 10, "{}", sample.observations.len());
+    let seen = |problem: &Problem, i: usize| {
+        let point = &problem.points[i];
+        let seen = problem.observations[point.observations.clone()].iter();
+        (point.pixel, seen.map(|observation| observation.pixel).collect::<Vec<_>>())
+    };
+    let all: Vec<_> = (0..whole.points.len()).map(|i| seen(&whole, i)).collect();
+    for i in 0..sample.points.len() {
+        assert!(all.contains(&seen(&sample, i)), "point {i} of the sample");
+    }
+    sample.thin(usize::MAX);
+    assert!(sample.observations.len().abs_diff(most) < most / 10, "nothing is left out where all is wanted");
+}
+
+#[test]
 fn the_whole_lens_is_found() {
     let truth = lens(500.0, -0.12);
     let guess = lens(560.0, 0.0);
