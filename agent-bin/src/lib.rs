@@ -3,6 +3,7 @@
 // Whoever reads what the program says may leave: `console` goes on then, these end the program.
 #![cfg_attr(not(test), warn(clippy::print_stdout, clippy::print_stderr))]
 
+pub mod allocation;
 pub mod commands;
 pub mod console;
 mod interrupt;
