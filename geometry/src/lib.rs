@@ -6,6 +6,7 @@
 mod camera;
 mod image;
 pub mod limits;
+mod multiversion;
 mod photometric;
 mod pinhole;
 pub mod pnp;

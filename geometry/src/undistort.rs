@@ -113,19 +113,26 @@ impl Undistorter {
         if (output.width(), output.height()) != (self.pinhole.width, self.pinhole.height) {
             *output = GrayImage::filled(self.pinhole.width, self.pinhole.height, 0);
         }
-        let (source, width) = (image.data(), image.width());
-        for (pixel, tap) in output.data_mut().iter_mut().zip(&self.taps) {
+        remap(image, &self.taps, output.data_mut());
+        Ok(())
+    }
+}
+
+crate::multiversion! {
+    /// Takes each pixel from where it lies in the source.
+    fn remap(source: &GrayImage, taps: &[Tap], output: &mut [u8]) {
+        let (width, source) = (source.width(), source.data());
+        for (pixel, tap) in output.iter_mut().zip(taps) {
             let i = tap.offset as usize;
             let (top, bottom) = (&source[i..i + 2], &source[i + width..i + width + 2]);
             *pixel =
                 interpolate([top[0], top[1]], [bottom[0], bottom[1]], tap.right.into(), tap.below.into());
         }
-        Ok(())
     }
 }
 
 /// Rounded bilinear mean of four pixels.
-#[inline]
+#[inline(always)]
 fn interpolate(top: [u8; 2], bottom: [u8; 2], right: u32, below: u32) -> u8 {
     // Both columns at once, one in each half of a word: 255 · 256 fits in 16 bits.
     let pair = |row: [u8; 2]| u32::from(row[0]) | u32::from(row[1]) << 16;

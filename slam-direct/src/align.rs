@@ -149,10 +149,10 @@ impl AlignmentReference {
     fn align_level(&self, image: &Pyramid, level: usize, state: &mut (Se3, Brightness)) -> Sums {
         let mut lambda = 1e-3;
         let total = self.levels[level].points.len();
-        let mut sums = self.linearise(image, level, state);
+        let mut sums = linearise(self, image, level, state);
         for _ in 0..self.params.max_iterations {
             let Some(candidate) = step(&sums, lambda, state) else { break };
-            let trial = self.linearise(image, level, &candidate);
+            let trial = linearise(self, image, level, &candidate);
             let (old, new) = (sums.mean_cost(total), trial.mean_cost(total));
             if new < old {
                 *state = candidate;
@@ -170,17 +170,19 @@ impl AlignmentReference {
         }
         sums
     }
+}
 
-    fn linearise(&self, image: &Pyramid, level: usize, (pose, brightness): &(Se3, Brightness)) -> Sums {
-        let reference = &self.levels[level];
+geometry::multiversion! {
+    fn linearise(alignment: &AlignmentReference, image: &Pyramid, level: usize, state: &(Se3, Brightness)) -> Sums {
+        let (reference, (pose, brightness)) = (&alignment.levels[level], state);
         let (view, camera) = (image.level(level), &reference.camera);
         let rotation = pose.rotation_matrix().cast::<f32>();
         let translation = pose.translation.cast::<f32>();
         let (fx, fy) = (camera.fx as f32, camera.fy as f32);
         let (cx, cy) = (camera.cx as f32, camera.cy as f32);
         let gain = brightness.log_gain.exp();
-        let noise = 2.0 * self.params.intensity_sigma * self.params.intensity_sigma;
-        let huber = self.params.huber;
+        let noise = 2.0 * alignment.params.intensity_sigma * alignment.params.intensity_sigma;
+        let huber = alignment.params.huber;
         let mut sums = Accumulator::default();
         for point in &reference.points {
             let ray = Vector3::from(point.ray);
@@ -233,7 +235,7 @@ struct Accumulator {
 }
 
 impl Accumulator {
-    #[inline]
+    #[inline(always)]
     fn add(&mut self, j: &[f32; 8], residual: f32, weight: f32) {
         for a in 0..8 {
             let wa = weight * j[a];

@@ -233,14 +233,14 @@ impl LocalMap {
 
     /// Keyframes that share points with `keyframe`, most first: `(index, shared points)`.
     pub fn covisible(&self, keyframe: usize) -> Vec<(usize, usize)> {
-        let mut shared: BTreeMap<usize, usize> = BTreeMap::new();
+        let mut sharing = Vec::new();
         for at in self.points_of(keyframe) {
             let watchers = self.point(at).observations.iter().map(|o| o.keyframe);
-            for other in watchers.chain([at.host]).filter(|&k| k != keyframe) {
-                *shared.entry(other).or_default() += 1;
-            }
+            sharing.extend(watchers.chain([at.host]).filter(|&k| k != keyframe));
         }
-        let mut all: Vec<_> = shared.into_iter().collect();
+        sharing.sort_unstable();
+        let mut all: Vec<_> =
+            sharing.chunk_by(|a, b| a == b).map(|shared| (shared[0], shared.len())).collect();
         all.sort_by(|a, b| b.1.cmp(&a.1).then(b.0.cmp(&a.0)));
         all
     }

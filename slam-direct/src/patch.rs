@@ -17,21 +17,27 @@ const FIRST: f32 = -(SIZE as f32 - 1.0) / 2.0;
 /// Side of the sampled square: the patch and a rim for central differences.
 const RIM: usize = SIZE + 2;
 
-/// A host patch warped to the view it is looked for in.
-pub(crate) struct Template {
+/// What a host patch looks like in the view it is looked for in.
+pub(crate) struct Appearance {
     /// Intensities less their mean.
     intensity: [f32; AREA],
+    mean: f32,
+    /// Sum of their squares.
+    square: f32,
+    /// Level of the searched pyramid that matches the patch's resolution.
+    pub level: usize,
+}
+
+/// A host patch warped to the view it is looked for in, with what aligning it takes.
+pub(crate) struct Template {
+    appearance: Appearance,
     gradient_x: [f32; AREA],
     gradient_y: [f32; AREA],
-    mean: f32,
     moments: Moments,
-    /// Level of the searched pyramid that matches the template's resolution.
-    pub level: usize,
 }
 
 /// Central second moments of the template `T` and its gradient, summed over the patch.
 struct Moments {
-    tt: f32,
     tx: f32,
     ty: f32,
     /// Sums of the gradient.
@@ -55,53 +61,174 @@ pub(crate) struct PatchMatch {
     pub unexplained: f32,
 }
 
-impl Template {
-    /// Cuts the template around `pixel` (level 0 of `host`) for a view related by `warp`.
-    /// `None` when the patch leaves the host image.
+geometry::multiversion! {
+    /// Intensities of `host` around `pixel` (level 0) as a view related by `warp` shows them; `None` when the patch with
+    /// its rim leaves the image.
+    fn patch(host: &Pyramid, pixel: [f32; 2], warp: &Warp) -> Option<[[f32; SIZE]; SIZE]> {
+        sampled(host, pixel, warp)
+    }
+}
+
+geometry::multiversion! {
+    /// As [`patch`], with the rim.
+    fn patch_with_rim(host: &Pyramid, pixel: [f32; 2], warp: &Warp) -> Option<[[f32; RIM]; RIM]> {
+        sampled(host, pixel, warp)
+    }
+}
+
+/// A square of samples in the middle of the patch and its rim.
+#[inline(always)]
+fn sampled<const SIDE: usize>(host: &Pyramid, pixel: [f32; 2], warp: &Warp) -> Option<[[f32; SIDE]; SIDE]> {
+    let host_level = warp.host_level.min(host.len() - 1);
+    let image = host.level(host_level);
+    let down = 1.0 / (1u32 << host_level) as f32;
+    let up = (1u32 << warp.view_level) as f32;
+    // Steps in the host level for one pixel right / down in the view level.
+    let m = warp.host_from_view.map(|v| v * up * down);
+    let (cx, cy) = ((pixel[0] + 0.5) * down - 0.5, (pixel[1] + 0.5) * down - 0.5);
+    let reach = FIRST.abs() + 1.0;
+    let (rx, ry) = (reach * (m[0].abs() + m[1].abs()), reach * (m[2].abs() + m[3].abs()));
+    if !(image.contains(cx - rx, cy - ry, 0.0) && image.contains(cx + rx, cy + ry, 0.0)) {
+        return None;
+    }
+    let first = -(SIDE as f32 - 1.0) / 2.0;
+    let mut samples = [[0.0f32; SIDE]; SIDE];
+    for (j, row) in samples.iter_mut().enumerate() {
+        let dy = first + j as f32;
+        for (i, sample) in row.iter_mut().enumerate() {
+            let dx = first + i as f32;
+            let (x, y) = (cx + m[0] * dx + m[1] * dy, cy + m[2] * dx + m[3] * dy);
+            *sample = image.bilinear(x, y);
+        }
+    }
+    Some(samples)
+}
+
+impl Appearance {
+    /// How the patch around `pixel` (level 0 of `host`) looks in a view related by `warp`. `None` when it leaves the host
+    /// image.
     pub fn cut(host: &Pyramid, pixel: [f32; 2], warp: &Warp) -> Option<Self> {
-        let host_level = warp.host_level.min(host.len() - 1);
-        let image = host.level(host_level);
-        let down = 1.0 / (1u32 << host_level) as f32;
-        let up = (1u32 << warp.view_level) as f32;
-        // Steps in the host level for one pixel right / down in the view level.
-        let m = warp.host_from_view.map(|v| v * up * down);
-        let (cx, cy) = ((pixel[0] + 0.5) * down - 0.5, (pixel[1] + 0.5) * down - 0.5);
-        let reach = FIRST.abs() + 1.0;
-        let (rx, ry) = (reach * (m[0].abs() + m[1].abs()), reach * (m[2].abs() + m[3].abs()));
-        if !(image.contains(cx - rx, cy - ry, 0.0) && image.contains(cx + rx, cy + ry, 0.0)) {
-            return None;
-        }
-        let mut samples = [0.0f32; RIM * RIM];
-        for j in 0..RIM {
-            let dy = FIRST - 1.0 + j as f32;
-            for i in 0..RIM {
-                let dx = FIRST - 1.0 + i as f32;
-                let (x, y) = (cx + m[0] * dx + m[1] * dy, cy + m[2] * dx + m[3] * dy);
-                samples[j * RIM + i] = image.bilinear(x, y);
-            }
-        }
-        Some(Self::from_samples(&samples, warp.view_level))
+        Some(Self::new(patch(host, pixel, warp)?, warp.view_level))
     }
 
-    fn from_samples(samples: &[f32; RIM * RIM], level: usize) -> Self {
-        let mut intensity = [0.0; AREA];
-        let mut gradient_x = [0.0; AREA];
-        let mut gradient_y = [0.0; AREA];
-        for j in 0..SIZE {
-            for i in 0..SIZE {
-                let s = (j + 1) * RIM + i + 1;
-                let p = j * SIZE + i;
-                intensity[p] = samples[s];
-                gradient_x[p] = 0.5 * (samples[s + 1] - samples[s - 1]);
-                gradient_y[p] = 0.5 * (samples[s + RIM] - samples[s - RIM]);
-            }
-        }
+    fn new(samples: [[f32; SIZE]; SIZE], level: usize) -> Self {
+        let mut intensity: [f32; AREA] = std::array::from_fn(|p| samples[p / SIZE][p % SIZE]);
         let mean = intensity.iter().sum::<f32>() / AREA as f32;
         for v in &mut intensity {
             *v -= mean;
         }
-        let moments = Moments::new(&intensity, &gradient_x, &gradient_y);
-        Self { intensity, gradient_x, gradient_y, mean, moments, level }
+        Self { intensity, mean, square: dot(&intensity, &intensity), level }
+    }
+
+    /// Share of the image's variance that the patch leaves unexplained at each of `pixels` (level 0); `None` outside
+    /// of the image, and where it has nothing in common with the patch.
+    pub fn errors_at(&self, view: &Pyramid, pixels: &[[f32; 2]]) -> Vec<Option<f32>> {
+        errors_at(self, view, pixels)
+    }
+
+    /// The level of a pyramid that has the patch's resolution, and how many pixels of level 0 one of it is wide.
+    #[inline(always)]
+    fn level_of<'a>(&self, view: &'a Pyramid) -> (&'a GrayImage, f32) {
+        let level = self.level.min(view.len() - 1);
+        (view.level(level), (1u32 << level) as f32)
+    }
+
+    /// Sums over the patch around `at` (fixed bilinear weights: the grid is not rotated) of the image's intensities `v` less
+    /// the patch's mean: `[Σv, Σv², ΣvT]`, and `Σvg` for each of the images `g`. They run in eight fixed lanes, so
+    /// that the compiler may vectorise them.
+    #[inline(always)]
+    #[allow(clippy::needless_range_loop, reason = "lanes and images share the index")]
+    fn sums<const N: usize>(
+        &self,
+        image: &GrayImage,
+        at: [f32; 2],
+        others: [&[f32; AREA]; N],
+    ) -> Option<([f32; 3], [f32; N])> {
+        let (x, y) = (at[0] + FIRST, at[1] + FIRST);
+        if !(x >= 0.0 && y >= 0.0) {
+            return None;
+        }
+        let (x0, y0) = (x as usize, y as usize);
+        if x0 + SIZE + 1 > image.width() || y0 + SIZE + 1 > image.height() {
+            return None;
+        }
+        let (fx, fy) = (x - x0 as f32, y - y0 as f32);
+        let weights = [(1.0 - fx) * (1.0 - fy), fx * (1.0 - fy), (1.0 - fx) * fy, fx * fy];
+        let (mut lanes, mut by_others) = ([[0.0f32; SIZE]; 3], [[0.0f32; SIZE]; N]);
+        for j in 0..SIZE {
+            let top: &[u8; SIZE + 1] = image.row(y0 + j)[x0..x0 + SIZE + 1].try_into().ok()?;
+            let bottom: &[u8; SIZE + 1] = image.row(y0 + j + 1)[x0..x0 + SIZE + 1].try_into().ok()?;
+            for i in 0..SIZE {
+                let p = j * SIZE + i;
+                let v = weights[0] * top[i] as f32
+                    + weights[1] * top[i + 1] as f32
+                    + weights[2] * bottom[i] as f32
+                    + weights[3] * bottom[i + 1] as f32
+                    - self.mean;
+                lanes[0][i] += v;
+                lanes[1][i] += v * v;
+                lanes[2][i] += v * self.intensity[p];
+                for (lane, other) in by_others.iter_mut().zip(others) {
+                    lane[i] += v * other[p];
+                }
+            }
+        }
+        Some((lanes.map(|lane| lane.iter().sum()), by_others.map(|lane| lane.iter().sum())))
+    }
+
+    /// Fits gain and offset to such sums; `None` when the image has nothing in common with the patch.
+    #[inline(always)]
+    fn fit(&self, [sum, square, it]: [f32; 3]) -> Option<Fit> {
+        let mean = sum / AREA as f32;
+        let ii = square - mean * sum;
+        let gain = it / self.square.max(1e-3);
+        if !(MIN_GAIN..=1.0 / MIN_GAIN).contains(&gain) {
+            return None;
+        }
+        let left = (ii - gain * it).max(0.0);
+        Some(Fit { mean, gain, mean_square: left / AREA as f32, unexplained: left / ii.max(AREA as f32) })
+    }
+}
+
+geometry::multiversion! {
+    fn errors_at(patch: &Appearance, view: &Pyramid, pixels: &[[f32; 2]]) -> Vec<Option<f32>> {
+        let (image, scale) = patch.level_of(view);
+        let mut errors = Vec::with_capacity(pixels.len());
+        for pixel in pixels {
+            let sums = patch.sums(image, pixel.map(|v| (v + 0.5) / scale - 0.5), []);
+            errors.push(sums.and_then(|(sums, [])| patch.fit(sums)).map(|fit| fit.unexplained));
+        }
+        errors
+    }
+}
+
+impl Template {
+    /// Cuts the template around `pixel` (level 0 of `host`) for a view related by `warp`.
+    /// `None` when the patch leaves the host image.
+    pub fn cut(host: &Pyramid, pixel: [f32; 2], warp: &Warp) -> Option<Self> {
+        Some(Self::new(&patch_with_rim(host, pixel, warp)?, warp.view_level))
+    }
+
+    fn new(samples: &[[f32; RIM]; RIM], level: usize) -> Self {
+        let mut inner = [[0.0; SIZE]; SIZE];
+        let mut gradient_x = [0.0; AREA];
+        let mut gradient_y = [0.0; AREA];
+        for j in 0..SIZE {
+            let (above, row, below) = (&samples[j], &samples[j + 1], &samples[j + 2]);
+            for i in 0..SIZE {
+                inner[j][i] = row[i + 1];
+                gradient_x[j * SIZE + i] = 0.5 * (row[i + 2] - row[i]);
+                gradient_y[j * SIZE + i] = 0.5 * (below[i + 1] - above[i + 1]);
+            }
+        }
+        let appearance = Appearance::new(inner, level);
+        let moments = Moments::new(&appearance, &gradient_x, &gradient_y);
+        Self { appearance, gradient_x, gradient_y, moments }
+    }
+
+    /// Level of the searched pyramid that matches the template's resolution.
+    pub fn level(&self) -> usize {
+        self.appearance.level
     }
 
     /// Aligns the template in `view` from a start at level 0; `None` when it leaves the image, has no
@@ -113,11 +240,29 @@ impl Template {
         max_shift: f32,
         iterations: usize,
     ) -> Option<PatchMatch> {
-        let level = self.level.min(view.len() - 1);
-        let image = view.level(level);
-        let scale = (1u32 << level) as f32;
-        let origin = [(start[0] + 0.5) / scale - 0.5, (start[1] + 0.5) / scale - 0.5];
-        let [xx, xy, yy] = self.moments.position;
+        align(self, view, start, max_shift, iterations)
+    }
+
+    /// Gain and error of the image at the patch around `at`, with `Σ r ∇T`.
+    #[inline(always)]
+    fn residual(&self, image: &GrayImage, at: [f32; 2]) -> Option<(Fit, [f32; 2])> {
+        let (sums, [ix, iy]) = self.appearance.sums(image, at, [&self.gradient_x, &self.gradient_y])?;
+        let (fit, m) = (self.appearance.fit(sums)?, &self.moments);
+        Some((fit, [ix - fit.mean * m.x - fit.gain * m.tx, iy - fit.mean * m.y - fit.gain * m.ty]))
+    }
+}
+
+geometry::multiversion! {
+    fn align(
+        template: &Template,
+        view: &Pyramid,
+        start: [f32; 2],
+        max_shift: f32,
+        iterations: usize,
+    ) -> Option<PatchMatch> {
+        let (image, scale) = template.appearance.level_of(view);
+        let origin = start.map(|v| (v + 0.5) / scale - 0.5);
+        let [xx, xy, yy] = template.moments.position;
         // Along an edge the position is unknown: damping keeps the start there.
         let damping = 1e-3 * (xx + yy) + 1e-3;
         let (dxx, dyy) = (xx + damping, yy + damping);
@@ -126,94 +271,26 @@ impl Template {
             return None;
         }
         let mut at = origin;
-        let mut residual = self.residual(image, at)?;
+        let (mut fit, mut gradient) = template.residual(image, at)?;
         for _ in 0..iterations {
-            let (bx, by) = (residual.gradient.0 / residual.gain, residual.gradient.1 / residual.gain);
+            let (bx, by) = (gradient[0] / fit.gain, gradient[1] / fit.gain);
             let step = [(dyy * bx - xy * by) / det, (dxx * by - xy * bx) / det];
             at = [at[0] - step[0], at[1] - step[1]];
-            if (at[0] - origin[0]).hypot(at[1] - origin[1]) > max_shift {
+            let (dx, dy) = (at[0] - origin[0], at[1] - origin[1]);
+            if dx * dx + dy * dy > max_shift * max_shift {
                 return None;
             }
-            residual = self.residual(image, at)?;
+            (fit, gradient) = template.residual(image, at)?;
             if step[0] * step[0] + step[1] * step[1] < 0.01 * 0.01 {
                 break;
             }
         }
-        let inverse = residual.gain * residual.gain / (scale * scale);
+        let inverse = fit.gain * fit.gain / (scale * scale);
         Some(PatchMatch {
-            pixel: [(at[0] + 0.5) * scale - 0.5, (at[1] + 0.5) * scale - 0.5],
+            pixel: at.map(|v| (v + 0.5) * scale - 0.5),
             information: [xx * inverse, xy * inverse, yy * inverse],
-            rmse: residual.mean_square.sqrt(),
-            unexplained: residual.unexplained,
-        })
-    }
-
-    /// Share of the image's variance that the template leaves unexplained at `pixel` (level 0).
-    pub fn error_at(&self, view: &Pyramid, pixel: [f32; 2]) -> Option<f32> {
-        let level = self.level.min(view.len() - 1);
-        let scale = (1u32 << level) as f32;
-        let at = [(pixel[0] + 0.5) / scale - 0.5, (pixel[1] + 0.5) / scale - 0.5];
-        self.residual(view.level(level), at).map(|r| r.unexplained)
-    }
-
-    /// Samples the image at the patch around `at` (fixed bilinear weights: the grid is not rotated).
-    fn residual(&self, image: &GrayImage, at: [f32; 2]) -> Option<Residual> {
-        let (x, y) = (at[0] + FIRST, at[1] + FIRST);
-        if !(x >= 0.0 && y >= 0.0) {
-            return None;
-        }
-        let (x0, y0) = (x as usize, y as usize);
-        if x0 + SIZE + 1 > image.width() || y0 + SIZE + 1 > image.height() {
-            return None;
-        }
-        let (fx, fy) = (x - x0 as f32, y - y0 as f32);
-        let weights = [(1.0 - fx) * (1.0 - fy), fx * (1.0 - fy), (1.0 - fx) * fy, fx * fy];
-        let mut sampled = [0.0f32; AREA];
-        for j in 0..SIZE {
-            let top: &[u8; SIZE + 1] = image.row(y0 + j)[x0..x0 + SIZE + 1].try_into().ok()?;
-            let bottom: &[u8; SIZE + 1] = image.row(y0 + j + 1)[x0..x0 + SIZE + 1].try_into().ok()?;
-            let out = &mut sampled[j * SIZE..(j + 1) * SIZE];
-            for i in 0..SIZE {
-                out[i] = weights[0] * top[i] as f32
-                    + weights[1] * top[i + 1] as f32
-                    + weights[2] * bottom[i] as f32
-                    + weights[3] * bottom[i + 1] as f32
-                    - self.mean;
-            }
-        }
-        self.reduce(&sampled)
-    }
-
-    /// Fits gain and offset; `None` when the image has nothing in common with the template.
-    /// Sums run in eight fixed lanes, so that the compiler may vectorise them.
-    #[allow(clippy::needless_range_loop, reason = "five lanes and four images share the index")]
-    fn reduce(&self, sampled: &[f32; AREA]) -> Option<Residual> {
-        let mut lanes = [[0.0f32; SIZE]; 5];
-        for j in 0..SIZE {
-            for i in 0..SIZE {
-                let p = j * SIZE + i;
-                let v = sampled[p];
-                lanes[0][i] += v;
-                lanes[1][i] += v * v;
-                lanes[2][i] += v * self.intensity[p];
-                lanes[3][i] += v * self.gradient_x[p];
-                lanes[4][i] += v * self.gradient_y[p];
-            }
-        }
-        let [sum, square, it, ix, iy] = lanes.map(|lane| lane.iter().sum::<f32>());
-        let m = &self.moments;
-        let mean = sum / AREA as f32;
-        let (ii, ix, iy) = (square - mean * sum, ix - mean * m.x, iy - mean * m.y);
-        let gain = it / m.tt.max(1e-3);
-        if !(MIN_GAIN..=1.0 / MIN_GAIN).contains(&gain) {
-            return None;
-        }
-        let left = (ii - gain * it).max(0.0);
-        Some(Residual {
-            gradient: (ix - gain * m.tx, iy - gain * m.ty),
-            gain,
-            mean_square: left / AREA as f32,
-            unexplained: left / ii.max(AREA as f32),
+            rmse: fit.mean_square.sqrt(),
+            unexplained: fit.unexplained,
         })
     }
 }
@@ -222,10 +299,11 @@ impl Template {
 const MIN_GAIN: f32 = 0.25;
 
 /// The patch error at one position, gain and offset eliminated.
-struct Residual {
-    /// `Σ r ∇T`, central.
-    gradient: (f32, f32),
-    /// Contrast of the image relative to the template.
+#[derive(Clone, Copy)]
+struct Fit {
+    /// Mean of the image less that of the patch.
+    mean: f32,
+    /// Contrast of the image relative to the patch.
     gain: f32,
     /// Mean of `r²`.
     mean_square: f32,
@@ -234,15 +312,18 @@ struct Residual {
 }
 
 impl Moments {
-    fn new(t: &[f32; AREA], gx: &[f32; AREA], gy: &[f32; AREA]) -> Self {
-        let dot = |a: &[f32; AREA], b: &[f32; AREA]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f32>();
+    fn new(patch: &Appearance, gx: &[f32; AREA], gy: &[f32; AREA]) -> Self {
         let (x, y) = (gx.iter().sum::<f32>(), gy.iter().sum::<f32>());
         let n = AREA as f32;
-        let (tt, tx, ty) = (dot(t, t), dot(t, gx), dot(t, gy));
+        let (tx, ty) = (dot(&patch.intensity, gx), dot(&patch.intensity, gy));
         let (xx, xy, yy) = (dot(gx, gx) - x * x / n, dot(gx, gy) - x * y / n, dot(gy, gy) - y * y / n);
-        let s = tt.max(1e-3);
-        Self { tt, tx, ty, x, y, position: [xx - tx * tx / s, xy - tx * ty / s, yy - ty * ty / s] }
+        let s = patch.square.max(1e-3);
+        Self { tx, ty, x, y, position: [xx - tx * tx / s, xy - tx * ty / s, yy - ty * ty / s] }
     }
+}
+
+fn dot(a: &[f32; AREA], b: &[f32; AREA]) -> f32 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
 #[cfg(test)]

@@ -1,6 +1,8 @@
 //! Which pixels of a keyframe become points: well spread, each the most distinct of its cell.
 
 use geometry::GrayImage;
+use std::ops::Range;
+use std::slice::ChunksExact;
 
 /// A pixel worth a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -29,13 +31,14 @@ pub(crate) fn select(
 ) -> Vec<Candidate> {
     let (columns, rows) = (image.width() / cell, image.height() / cell);
     let mut all = Vec::new();
+    let mut sums = RowSums::default();
     for cy in 0..rows {
         for cx in 0..columns {
             if skip(cx, cy) {
                 continue;
             }
             if let Some(best) =
-                best_of_block(image, cx * cell, cy * cell, cell).filter(|c| c.score >= min_score)
+                best_of_block(image, cx * cell, cy * cell, cell, &mut sums).filter(|c| c.score >= min_score)
             {
                 all.push(best);
             }
@@ -44,39 +47,84 @@ pub(crate) fn select(
     all
 }
 
-fn best_of_block(image: &GrayImage, x0: usize, y0: usize, cell: usize) -> Option<Candidate> {
-    let (left, right) = (x0.max(BORDER), (x0 + cell).min(image.width() - BORDER));
-    let (top, bottom) = (y0.max(BORDER), (y0 + cell).min(image.height() - BORDER));
-    if left >= right || top >= bottom {
-        return None;
-    }
-    let mut best: Option<Candidate> = None;
-    // Every second pixel is scored: neighbours share most of their window.
-    for y in (top..bottom).step_by(2) {
-        for x in (left..right).step_by(2) {
-            let score = score(image, x, y);
-            if best.is_none_or(|b| score > b.score) {
-                best = Some(Candidate { pixel: [x as f32, y as f32], score });
+/// Every second pixel is scored: neighbours share most of their window.
+const STEP: usize = 2;
+
+geometry::multiversion! {
+    fn best_of_block(
+        image: &GrayImage,
+        x0: usize,
+        y0: usize,
+        cell: usize,
+        sums: &mut RowSums,
+    ) -> Option<Candidate> {
+        let (left, right) = (x0.max(BORDER), (x0 + cell).min(image.width() - BORDER));
+        let (top, bottom) = (y0.max(BORDER), (y0 + cell).min(image.height() - BORDER));
+        if left >= right || top >= bottom {
+            return None;
+        }
+        sums.fill(image, left..right, top - HALF_WINDOW..bottom + HALF_WINDOW);
+        let mut best: Option<Candidate> = None;
+        for (y, rows) in (top..bottom).zip(sums.windows()).step_by(STEP) {
+            for (i, x) in (left..right).step_by(STEP).enumerate() {
+                let tensor = rows.clone().map(|row| row[i]).fold([0; 3], add);
+                let score = score(tensor);
+                if best.is_none_or(|b| score > b.score) {
+                    best = Some(Candidate { pixel: [x as f32, y as f32], score });
+                }
             }
         }
+        best
     }
-    best
 }
 
-fn score(image: &GrayImage, x: usize, y: usize) -> f32 {
-    let (mut xx, mut xy, mut yy) = (0i32, 0i32, 0i32);
-    for v in y - HALF_WINDOW..=y + HALF_WINDOW {
-        let (above, row, below) = (image.row(v - 1), image.row(v), image.row(v + 1));
-        for u in x - HALF_WINDOW..=x + HALF_WINDOW {
-            let gx = row[u + 1] as i32 - row[u - 1] as i32;
-            let gy = below[u] as i32 - above[u] as i32;
-            xx += gx * gx;
-            xy += gx * gy;
-            yy += gy * gy;
+/// The structure tensor's terms `[Σgx², Σgxgy, Σgy²]` of every row of a block, summed over the columns of the windows
+/// around every second pixel. Gradients are differences over two pixels.
+#[derive(Default)]
+struct RowSums {
+    products: Vec<[i32; 3]>,
+    sums: Vec<[i32; 3]>,
+    /// Sums in a row.
+    width: usize,
+}
+
+impl RowSums {
+    #[inline(always)]
+    fn fill(&mut self, image: &GrayImage, columns: Range<usize>, rows: Range<usize>) {
+        self.width = columns.len().div_ceil(STEP);
+        self.sums.clear();
+        for y in rows {
+            let (above, row, below) = (image.row(y - 1), image.row(y), image.row(y + 1));
+            let reach = columns.start - HALF_WINDOW..columns.end + HALF_WINDOW;
+            self.products.clear();
+            self.products.extend(reach.map(|x| {
+                let gx = i32::from(row[x + 1]) - i32::from(row[x - 1]);
+                let gy = i32::from(below[x]) - i32::from(above[x]);
+                [gx * gx, gx * gy, gy * gy]
+            }));
+            let windows = self.products.windows(2 * HALF_WINDOW + 1).step_by(STEP);
+            self.sums.extend(windows.map(|window| window.iter().copied().fold([0; 3], add)));
         }
     }
+
+    /// The rows of the window around each row of the block.
+    #[inline(always)]
+    fn windows(&self) -> impl Iterator<Item = ChunksExact<'_, [i32; 3]>> {
+        let size = (2 * HALF_WINDOW + 1) * self.width;
+        let starts = (0..=self.sums.len() - size).step_by(self.width);
+        starts.map(move |start| self.sums[start..start + size].chunks_exact(self.width))
+    }
+}
+
+#[inline(always)]
+fn add(a: [i32; 3], b: [i32; 3]) -> [i32; 3] {
+    [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
+}
+
+/// The score of a structure tensor's terms, see [`RowSums`].
+fn score(tensor: [i32; 3]) -> f32 {
     let area = (4 * (2 * HALF_WINDOW + 1) * (2 * HALF_WINDOW + 1)) as f32;
-    let (xx, xy, yy) = (xx as f32 / area, xy as f32 / area, yy as f32 / area);
+    let [xx, xy, yy] = tensor.map(|sum| sum as f32 / area);
     let half_trace = 0.5 * (xx + yy);
     let root = (0.25 * (xx - yy) * (xx - yy) + xy * xy).sqrt();
     (half_trace - root) + EDGE_SHARE * (half_trace + root)

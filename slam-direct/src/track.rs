@@ -132,7 +132,7 @@ fn find(map: &LocalMap, sought: &Sought, view: &View, params: &TrackParams) -> O
         (found.unexplained <= params.max_unexplained).then(|| Matched {
             at: sought.at,
             pixel: found.pixel,
-            information: position_information(&found.information, found.rmse, template.level, params),
+            information: position_information(&found.information, found.rmse, template.level(), params),
             rmse: found.rmse,
             squared: 0.0,
             inlier: true,

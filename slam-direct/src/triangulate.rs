@@ -1,7 +1,7 @@
 //! Depth for new points: a search along the epipolar line in other keyframes, then verification.
 
 use crate::local_map::{LocalMap, PointState, SeenAt};
-use crate::patch::Template;
+use crate::patch::{Appearance, Template};
 use crate::track::{TrackParams, position_information};
 use crate::warp::Warp;
 use crate::window::predict;
@@ -108,19 +108,23 @@ impl<'a> Triangulator<'a> {
         let middle = 0.5 * (range.0 + range.1);
         let (warp, _) = Warp::new(&self.map.camera, &view.relative, &view.rotation, ray, middle)?;
         let host = &self.map.keyframes[self.host].pyramid;
-        let template = Template::cut(host, pixel, &warp)?;
+        let patch = Appearance::cut(host, pixel, &warp)?;
         let other = &self.map.keyframes[view.keyframe].pyramid;
-        let steps = (length / (1 << template.level) as f64 / 0.8).ceil().max(1.0) as usize;
-        let errors: Vec<(f64, Vector2<f64>, f32)> = (0..=steps)
+        let steps = (length / (1 << patch.level) as f64 / 0.8).ceil().max(1.0) as usize;
+        let places: Vec<(f64, Vector2<f64>)> = (0..=steps)
             .filter_map(|i| {
                 let d = range.0 + (range.1 - range.0) * i as f64 / steps as f64;
-                let at = project(d)?;
-                let error = template.error_at(other, [at.x as f32, at.y as f32])?;
-                Some((d, at, error))
+                Some((d, project(d)?))
             })
             .collect();
+        let pixels: Vec<[f32; 2]> = places.iter().map(|(_, at)| [at.x as f32, at.y as f32]).collect();
+        let errors: Vec<(f64, Vector2<f64>, f32)> = places
+            .into_iter()
+            .zip(patch.errors_at(other, &pixels))
+            .filter_map(|((d, at), error)| Some((d, at, error?)))
+            .collect();
         let best = errors.iter().min_by(|a, b| a.2.total_cmp(&b.2))?;
-        let apart = 3.0 * (1 << template.level) as f64;
+        let apart = 3.0 * (1 << patch.level) as f64;
         let rival = errors
             .iter()
             .filter(|e| (e.1 - best.1).norm() > apart)
@@ -161,8 +165,8 @@ impl<'a> Triangulator<'a> {
         let line = Vector2::from(p.by_inverse_depth);
         let norm = line.norm();
         let off = (p.residual[0] * line.y - p.residual[1] * line.x).abs() / norm.max(1e-9);
-        let information = position_information(&found.information, found.rmse, template.level, self.track);
-        (norm > 1e-6 && off < self.params.max_off_line * (1 << template.level) as f64).then_some(SeenAt {
+        let information = position_information(&found.information, found.rmse, template.level(), self.track);
+        (norm > 1e-6 && off < self.params.max_off_line * (1 << template.level()) as f64).then_some(SeenAt {
             keyframe: view.keyframe,
             pixel: found.pixel,
             information,

@@ -21,45 +21,28 @@ use gradient::Gradient;
 use scale_space::{LAYERS, Octave, Placed, SIGMA, first, octaves};
 use window::Window;
 
-/// Finds and describes the features of an image, strongest first.
-pub fn detect(image: &GrayImage, params: &SiftParams) -> Features {
-    #[cfg(target_arch = "x86_64")]
-    if std::arch::is_x86_feature_detected!("avx2") {
-        // SAFETY: the processor has what the function is compiled for.
-        return unsafe { detect_avx2(image, params) };
+geometry::multiversion! {
+    /// Finds and describes the features of an image, strongest first.
+    pub fn detect(image: &GrayImage, params: &SiftParams) -> Features {
+        // Halved and then doubled is the image itself, but sharper.
+        let double = params.halvings == 0;
+        let pyramid = Pyramid::new(image.clone(), params.halvings.max(1));
+        let level = pyramid.len() - 1;
+        let unit = (1usize << level) as f32;
+        let (first, placed) = first(pyramid.level(level), double);
+        let placed = Placed { scale: placed.scale * unit, offset: (placed.offset + 0.5) * unit - 0.5 };
+
+        // As OpenCV counts it: of a full scale of one, and divided by the layers.
+        let contrast = (params.contrast * 255.0 / LAYERS as f64) as f32;
+        let mut found = Vec::new();
+        let octaves = octaves(first, |octave, _, differences| extrema(octave, differences, contrast, &mut found));
+
+        // Of equal strength the first in the image, so that the order is one.
+        found.sort_by(|a, b| b.contrast.total_cmp(&a.contrast));
+        // Each has an orientation at least.
+        found.truncate(params.max_features);
+        described(&octaves, &found, placed, params.max_features)
     }
-    detect_plain(image, params)
-}
-
-/// The same, compiled for wider registers. Rust neither fuses nor reorders arithmetic, so the results are the same to
-/// the bit.
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-unsafe fn detect_avx2(image: &GrayImage, params: &SiftParams) -> Features {
-    detect_plain(image, params)
-}
-
-/// The same, for any processor.
-#[inline(always)]
-fn detect_plain(image: &GrayImage, params: &SiftParams) -> Features {
-    // Halved and then doubled is the image itself, but sharper.
-    let double = params.halvings == 0;
-    let pyramid = Pyramid::new(image.clone(), params.halvings.max(1));
-    let level = pyramid.len() - 1;
-    let unit = (1usize << level) as f32;
-    let (first, placed) = first(pyramid.level(level), double);
-    let placed = Placed { scale: placed.scale * unit, offset: (placed.offset + 0.5) * unit - 0.5 };
-
-    // As OpenCV counts it: of a full scale of one, and divided by the layers.
-    let contrast = (params.contrast * 255.0 / LAYERS as f64) as f32;
-    let mut found = Vec::new();
-    let octaves = octaves(first, |octave, _, differences| extrema(octave, differences, contrast, &mut found));
-
-    // Of equal strength the first in the image, so that the order is one.
-    found.sort_by(|a, b| b.contrast.total_cmp(&a.contrast));
-    // Each has an orientation at least.
-    found.truncate(params.max_features);
-    described(&octaves, &found, placed, params.max_features)
 }
 
 /// The features of extrema, in their order, at most `most`.

@@ -76,8 +76,8 @@ fn coarse_to_fine(
     for template in templates.iter().rev() {
         if let Some(found) = template.align(pyramid, at, 8.0, 12) {
             at = found.pixel;
-            if template.level <= 1 && found.unexplained < params.max_unexplained {
-                best = Some((found, template.level));
+            if template.level() <= 1 && found.unexplained < params.max_unexplained {
+                best = Some((found, template.level()));
             }
         }
     }

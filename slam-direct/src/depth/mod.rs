@@ -107,6 +107,22 @@ pub struct DepthFilter {
     failures: Vec<u8>,
 }
 
+geometry::multiversion! {
+    /// Observes all candidates and takes over what that tells.
+    fn observe_all(filter: &mut DepthFilter, observer: &Observer, stats: &mut UpdateStats) {
+        let mut looks = [Look::EMPTY; CHUNK];
+        for start in (0..filter.len()).step_by(CHUNK) {
+            let chunk = start..(start + CHUNK).min(filter.len());
+            let size = chunk.len();
+            let count = filter.plan(observer, chunk, &mut looks);
+            stats.skipped += size - count;
+            for look in &looks[..count] {
+                filter.apply(look.candidate as usize, observer.observe(look), stats);
+            }
+        }
+    }
+}
+
 impl DepthFilter {
     /// Selects the candidate pixels of a keyframe; nothing is known of their depth.
     ///
@@ -163,41 +179,8 @@ impl DepthFilter {
         let params = self.params.clone();
         let mut observer = Observer::new(image, reference, &self.camera, &params);
         observer.learn_noise(&mut self.sampled_residuals(&observer));
-        self.observe_all(&observer, &mut stats);
+        observe_all(self, &observer, &mut stats);
         stats
-    }
-
-    /// Observes all candidates and takes over what that tells.
-    fn observe_all(&mut self, observer: &Observer, stats: &mut UpdateStats) {
-        #[cfg(target_arch = "x86_64")]
-        if std::arch::is_x86_feature_detected!("avx2") {
-            // SAFETY: the processor has what the function is compiled for.
-            return unsafe { self.observe_all_avx2(observer, stats) };
-        }
-        self.observe_all_plain(observer, stats);
-    }
-
-    /// The same, compiled for wider registers. Rust neither fuses nor reorders arithmetic, so the results are
-    /// the same to the bit.
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2")]
-    unsafe fn observe_all_avx2(&mut self, observer: &Observer, stats: &mut UpdateStats) {
-        self.observe_all_plain(observer, stats);
-    }
-
-    /// The same, for any processor.
-    #[inline(always)]
-    fn observe_all_plain(&mut self, observer: &Observer, stats: &mut UpdateStats) {
-        let mut looks = [Look::EMPTY; CHUNK];
-        for start in (0..self.len()).step_by(CHUNK) {
-            let chunk = start..(start + CHUNK).min(self.len());
-            let size = chunk.len();
-            let count = self.plan(observer, chunk, &mut looks);
-            stats.skipped += size - count;
-            for look in &looks[..count] {
-                self.apply(look.candidate as usize, observer.observe(look), stats);
-            }
-        }
     }
 
     /// Writes the looks worth taking at `candidates` to the front of `looks` and returns their number.

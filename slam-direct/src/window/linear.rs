@@ -44,6 +44,54 @@ pub(super) struct Normal {
     border: Option<Border>,
 }
 
+geometry::multiversion! {
+    /// Adds what all points tell.
+    fn add_points(normal: &mut Normal, problem: &Problem, pairs: &Pairs, relative: &[Relative]) {
+        for index in 0..problem.points.len() {
+            normal.add_point(problem, pairs, relative, index);
+        }
+    }
+}
+
+geometry::multiversion! {
+    /// Schur complement over the depths.
+    fn eliminate_depths(normal: &mut Normal, problem: &Problem, pairs: &Pairs, lambda: f64) {
+        let mut rows: Vec<(usize, Vector6<f64>)> = Vec::new();
+        if let Some(border) = &mut normal.border {
+            border.damp();
+        }
+        for (index, (point, &(hessian, gradient))) in problem.points.iter().zip(&normal.depth).enumerate() {
+            if hessian <= 0.0 {
+                continue;
+            }
+            rows.clear();
+            let host_block = normal.block[point.host];
+            let mut host = Vector6::zeros();
+            for i in point.observations.clone() {
+                let e = normal.coupling[i];
+                if let Some(f) = normal.block[problem.observations[i].frame] {
+                    rows.push((f, e));
+                }
+                if host_block.is_some() {
+                    host -= normal.adjoint[pairs.of(i)].tr_mul(&e);
+                }
+            }
+            rows.extend(host_block.map(|o| (o, host)));
+            let inverse = 1.0 / (hessian * (1.0 + lambda));
+            if let Some(border) = &mut normal.border {
+                border.eliminate(index, inverse, gradient, &rows);
+            }
+            for &(bi, ei) in &rows {
+                let scaled = ei * -inverse;
+                normal.system.reduce_node(bi, &(scaled * ei.transpose()), &(scaled * gradient));
+                for &(bj, ej) in rows.iter().filter(|r| r.0 < bi) {
+                    normal.system.reduce_pair(normal.system.slot(bi, bj), &(scaled * ej.transpose()));
+                }
+            }
+        }
+    }
+}
+
 impl Normal {
     /// Makes room for a problem's equations.
     ///
@@ -82,12 +130,11 @@ impl Normal {
         if let (Some(border), Some(calibration)) = (&mut self.border, &problem.calibration) {
             border.begin(calibration);
         }
-        for index in 0..problem.points.len() {
-            self.add_point(problem, pairs, relative, index);
-        }
+        add_points(self, problem, pairs, relative);
         self.gather_pairs(pairs);
     }
 
+    #[inline(always)]
     fn add_point(&mut self, problem: &Problem, pairs: &Pairs, relative: &[Relative], index: usize) {
         let point = &problem.points[index];
         let mut depth = (0.0, 0.0);
@@ -160,7 +207,7 @@ impl Normal {
     /// `None` when the damped system is not positive definite.
     pub fn step(&mut self, problem: &Problem, pairs: &Pairs, lambda: f64) -> Option<Step> {
         self.system.damp(|diagonal| lambda * diagonal + 1e-9);
-        self.eliminate_depths(problem, pairs, lambda);
+        eliminate_depths(self, problem, pairs, lambda);
         let mut delta = self.system.solve()?;
         let lens = match &self.border {
             Some(border) => border.solve(&mut self.system, &mut delta, lambda)?,
@@ -173,43 +220,6 @@ impl Normal {
             .collect();
         let depth = self.depth_steps(problem, pairs, lambda, &pose, &lens);
         Some(Step { pose, depth, lens })
-    }
-
-    /// Schur complement over the depths.
-    fn eliminate_depths(&mut self, problem: &Problem, pairs: &Pairs, lambda: f64) {
-        let mut rows: Vec<(usize, Vector6<f64>)> = Vec::new();
-        if let Some(border) = &mut self.border {
-            border.damp();
-        }
-        for (index, (point, &(hessian, gradient))) in problem.points.iter().zip(&self.depth).enumerate() {
-            if hessian <= 0.0 {
-                continue;
-            }
-            rows.clear();
-            let host_block = self.block[point.host];
-            let mut host = Vector6::zeros();
-            for i in point.observations.clone() {
-                let e = self.coupling[i];
-                if let Some(f) = self.block[problem.observations[i].frame] {
-                    rows.push((f, e));
-                }
-                if host_block.is_some() {
-                    host -= self.adjoint[pairs.of(i)].tr_mul(&e);
-                }
-            }
-            rows.extend(host_block.map(|o| (o, host)));
-            let inverse = 1.0 / (hessian * (1.0 + lambda));
-            if let Some(border) = &mut self.border {
-                border.eliminate(index, inverse, gradient, &rows);
-            }
-            for &(bi, ei) in &rows {
-                let scaled = ei * -inverse;
-                self.system.reduce_node(bi, &(scaled * ei.transpose()), &(scaled * gradient));
-                for &(bj, ej) in rows.iter().filter(|r| r.0 < bi) {
-                    self.system.reduce_pair(self.system.slot(bi, bj), &(scaled * ej.transpose()));
-                }
-            }
-        }
     }
 
     fn depth_steps(

@@ -64,31 +64,33 @@ impl PoseSolver {
     }
 }
 
-/// Normal equations of the pose; a point behind the camera adds nothing.
-fn linearise(
-    camera: &Pinhole,
-    pose: &Se3,
-    points: &[SeenPoint],
-    widening: f64,
-) -> (Matrix6<f64>, Vector6<f64>) {
-    let mut h = Matrix6::<f64>::identity() * 1e-6;
-    let mut g = Vector6::<f64>::zeros();
-    let (rotation, translation) = (pose.rotation_matrix(), pose.translation);
-    for point in points {
-        let Some(p) =
-            predict(camera, &rotation, &translation, &point.direction, point.inverse_depth, &point.pixel)
-        else {
-            continue;
-        };
-        let weight = robust_weight(mahalanobis(&p.residual, &point.information) / widening);
-        let [a, b, c] = point.information.map(|v| v * weight);
-        let (ju, jv) = (Vector6::from(p.by_twist[0]), Vector6::from(p.by_twist[1]));
-        let (wu, wv) = (ju * a + jv * b, ju * b + jv * c);
-        h.ger(1.0, &wu, &ju, 1.0);
-        h.ger(1.0, &wv, &jv, 1.0);
-        g += wu * p.residual[0] + wv * p.residual[1];
+geometry::multiversion! {
+    /// Normal equations of the pose; a point behind the camera adds nothing.
+    fn linearise(
+        camera: &Pinhole,
+        pose: &Se3,
+        points: &[SeenPoint],
+        widening: f64,
+    ) -> (Matrix6<f64>, Vector6<f64>) {
+        let mut h = Matrix6::<f64>::identity() * 1e-6;
+        let mut g = Vector6::<f64>::zeros();
+        let (rotation, translation) = (pose.rotation_matrix(), pose.translation);
+        for point in points {
+            let Some(p) =
+                predict(camera, &rotation, &translation, &point.direction, point.inverse_depth, &point.pixel)
+            else {
+                continue;
+            };
+            let weight = robust_weight(mahalanobis(&p.residual, &point.information) / widening);
+            let [a, b, c] = point.information.map(|v| v * weight);
+            let (ju, jv) = (Vector6::from(p.by_twist[0]), Vector6::from(p.by_twist[1]));
+            let (wu, wv) = (ju * a + jv * b, ju * b + jv * c);
+            h.ger(1.0, &wu, &ju, 1.0);
+            h.ger(1.0, &wv, &jv, 1.0);
+            g += wu * p.residual[0] + wv * p.residual[1];
+        }
+        (h, g)
     }
-    (h, g)
 }
 
 #[cfg(test)]

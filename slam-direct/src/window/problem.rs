@@ -61,6 +61,36 @@ pub(crate) fn robust_cost(squared: f64) -> f64 {
     2.0 * squared.ln_1p()
 }
 
+/// The sum of many [`robust_cost`]s: the logarithm of a product is that of its factors, and one is taken of many.
+struct RobustCosts {
+    logarithms: f64,
+    product: f64,
+}
+
+impl Default for RobustCosts {
+    fn default() -> Self {
+        Self { logarithms: 0.0, product: 1.0 }
+    }
+}
+
+impl RobustCosts {
+    /// Factors and products beyond are held: the next product must not overflow.
+    const LARGE: f64 = 1e150;
+
+    #[inline]
+    fn add(&mut self, squared: f64) {
+        self.product *= 1.0 + squared.min(Self::LARGE);
+        if self.product > Self::LARGE {
+            self.logarithms += self.product.ln();
+            self.product = 1.0;
+        }
+    }
+
+    fn sum(&self) -> f64 {
+        2.0 * (self.logarithms + self.product.ln())
+    }
+}
+
 /// A predicted observation: residual and derivatives in the relative frame.
 pub(crate) struct Prediction {
     /// Predicted minus measured pixel.
@@ -113,13 +143,13 @@ impl Problem {
     /// Robust cost of all observations at the relative poses of its pairs; one that falls behind its camera costs as
     /// a large outlier.
     pub fn cost(&self, pairs: &Pairs, relative: &[Relative]) -> f64 {
-        let behind = robust_cost(1e4);
-        let cost = |i: usize, point: &WindowPoint| {
-            self.squared_residual(&relative[pairs.of(i)], point, i).map_or(behind, robust_cost)
-        };
-        let seen: f64 =
-            self.points.iter().map(|p| p.observations.clone().map(|i| cost(i, p)).sum::<f64>()).sum();
-        seen + self.calibration.as_ref().map_or(0.0, Calibration::prior_cost)
+        let mut seen = RobustCosts::default();
+        for point in &self.points {
+            for i in point.observations.clone() {
+                seen.add(self.squared_residual(&relative[pairs.of(i)], point, i).unwrap_or(1e4));
+            }
+        }
+        seen.sum() + self.calibration.as_ref().map_or(0.0, Calibration::prior_cost)
     }
 
     fn squared_residual(&self, relative: &Relative, point: &WindowPoint, observation: usize) -> Option<f64> {
@@ -151,6 +181,20 @@ impl Problem {
 mod tests {
     use super::*;
     use nalgebra::Vector6;
+
+    #[test]
+    fn costs_add_up() {
+        let squares =
+            (0..500).map(|i| f64::from(i % 17) * 1e3f64.powi(i % 5) * 1e-3).chain([1e300, 0.0, 1e-9]);
+        let (mut costs, mut sum) = (RobustCosts::default(), 0.0);
+        for squared in squares {
+            costs.add(squared);
+            sum += robust_cost(squared.min(RobustCosts::LARGE));
+        }
+        assert!((costs.sum() / sum - 1.0).abs() < 1e-12, "{} {sum}", costs.sum());
+        costs.add(f64::NAN);
+        assert!(costs.sum().is_finite(), "what is no number is as bad as can be");
+    }
 
     #[test]
     fn jacobians_agree_with_differences() {
