@@ -26,10 +26,12 @@ params! {
         pub give_up: usize = 20,
         /// Matched points below which tracking is lost.
         pub min_matched: usize = 30,
-        /// Share of sought points that must be matched where they are placed exactly, and twice as many where to a pixel only
-        /// (`track.position_sigma`). Range 0.05–0.5. Foliage in hard light shows a fifth of them to a
-        /// camera that backs away, and the pose is right; what is found by chance does not agree with one pose.
-        pub min_share: f32 = 0.12,
+        /// Share of sought points that agree with a wrong pose where patches are placed exactly, and twice as many where to a
+        /// pixel only (`track.position_sigma`). Tracking is lost where not significantly more agree: of few points it takes
+        /// a fifth, of many an eighth. Range 0.02–0.3.
+        pub chance: f32 = 0.07,
+        /// Share of sought points that must be matched where a lost frame is found again. Range 0.1–0.9.
+        pub found_again: f32 = 0.3,
     }
 }
 

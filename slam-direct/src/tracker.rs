@@ -18,6 +18,9 @@ const GOOD_ALIGNMENT: f32 = 0.6;
 /// Keyframes around the reference that a frame's cost depends on.
 const NEAR: usize = 40;
 
+/// Standard deviations by which more points agree with a pose than do by chance, of counts that are nearly Poisson's.
+const SIGNIFICANT: f32 = 3.0;
+
 /// Columns and rows of the parts that an image is divided into to tell how much of it shows points.
 const PARTS: (usize, usize) = (8, 6);
 
@@ -62,8 +65,11 @@ pub(crate) struct Located {
 }
 
 impl Located {
-    fn is_good(&self, min_matched: usize, min_share: f32) -> bool {
-        self.inliers >= min_matched && self.inliers as f32 >= min_share * self.sought.len() as f32
+    /// Whether more points agree with the pose than do by chance, and enough.
+    fn is_good(&self, params: &Params) -> bool {
+        let chance = by_chance(params) * self.sought.len() as f32;
+        self.inliers >= params.keyframes.min_matched
+            && self.inliers as f32 >= chance + SIGNIFICANT * chance.sqrt()
     }
 
     /// Share of the sought points that agree with the pose.
@@ -134,9 +140,7 @@ impl Tracker {
         let start = aligned.frame_from_reference * map.keyframes[self.reference].camera_from_world;
         let mut located =
             locate(map, &self.near, pyramid, &start, aligned.brightness, self.reference, params);
-        let p = &params.keyframes;
-        let min_share = least_share(params);
-        if !located.is_good(p.min_matched, min_share) {
+        if !located.is_good(params) {
             let places = places?;
             if let Some(found) = self.seek_widely(map, pyramid, params) {
                 located = found;
@@ -175,9 +179,7 @@ impl Tracker {
             let pose = wide::seek(map, &hosts, &view, &params.track, &params.wide, p.min_matched)?;
             let brightness = Brightness::default();
             let located = locate(map, &self.near, pyramid, &pose, brightness, self.reference, params);
-            located
-                .is_good(p.min_matched, least_share(params))
-                .then_some(Located { sought_widely: true, ..located })
+            located.is_good(params).then_some(Located { sought_widely: true, ..located })
         })
     }
 
@@ -222,10 +224,10 @@ impl Tracker {
     }
 }
 
-/// Share of the sought points that must be found. Where patches proved to be placed to no better than a pixel, more of them
-/// agree by chance, or with a map that is wrong: it then takes twice as many as where they are exact.
-fn least_share(params: &Params) -> f32 {
-    params.keyframes.min_share * (1.0 + params.track.position_sigma)
+/// Share of the sought points that agree with any pose. Where patches proved to be placed to no better than a pixel, more of
+/// them do, by chance or with a map that is wrong: twice as many as where they are exact.
+fn by_chance(params: &Params) -> f32 {
+    params.keyframes.chance * (1.0 + params.track.position_sigma)
 }
 
 /// Pose and matches of a frame that becomes a keyframe, whose observations stay in the map.
@@ -316,7 +318,8 @@ fn relocate(
         let located = locate(map, &near_candidate, pyramid, &start, brightness, candidate, params);
         // A frame placed wrongly poisons the map: more is asked than of a frame where it was expected.
         let p = &params.keyframes;
-        located.is_good(2 * p.min_matched, 2.5 * p.min_share).then_some((candidate, located))
+        let is_good = located.inliers >= 2 * p.min_matched && located.inlier_share() >= p.found_again;
+        is_good.then_some((candidate, located))
     })
 }
 
