@@ -1,7 +1,8 @@
 //! What happened to a map: said by whoever works on it, taken in by whoever keeps or shows it.
 
-use crate::{Edge, Keyframe, KeyframeId, Map, Point, SemiDense, Shared};
+use crate::{AgentId, Edge, Keyframe, KeyframeId, Map, Point, SemiDense, Shared};
 use geometry::Sim3;
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// What one step of work changed in an agent's map.
@@ -24,6 +25,8 @@ pub struct MapDelta {
     pub edges: Option<Vec<Edge>>,
     /// Keyframes that are gone.
     pub removed: Vec<KeyframeId>,
+    /// Entries of the agent's [`provenance`](crate::AgentInfo::provenance) that are new or others.
+    pub provenance: BTreeMap<String, String>,
 }
 
 /// A keyframe that was moved.
@@ -64,9 +67,9 @@ impl MapDelta {
 
     /// Whether nothing happened.
     pub fn is_empty(&self) -> bool {
-        let Self { sequence: _, added, moved, settled, described, edges, removed } = self;
+        let Self { sequence: _, added, moved, settled, described, edges, removed, provenance } = self;
         let keyframes = added.is_empty() && moved.is_empty() && settled.is_empty() && described.is_empty();
-        keyframes && edges.is_none() && removed.is_empty()
+        keyframes && edges.is_none() && removed.is_empty() && provenance.is_empty()
     }
 }
 
@@ -96,6 +99,10 @@ impl Map {
         }
         if let Some(edges) = delta.edges {
             self.edges = edges;
+        }
+        // Deltas are of one agent's own map.
+        if let Some(about) = self.agents.get_mut(&AgentId::default()) {
+            about.provenance.extend(delta.provenance);
         }
     }
 }

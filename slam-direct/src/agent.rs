@@ -372,11 +372,15 @@ impl Agent {
     }
 
     /// Changes the map that is handed out, and says so.
-    fn say(&mut self, delta: MapDelta) {
+    fn say(&mut self, mut delta: MapDelta) {
         if delta.is_empty() {
             return;
         }
-        let delta = MapDelta { sequence: self.said, ..delta };
+        let lens = self.view.lens.to_text();
+        if self.map.agents.values().all(|about| about.provenance.get(publish::LENS) != Some(&lens)) {
+            delta.provenance.insert(publish::LENS.into(), lens);
+        }
+        delta.sequence = self.said;
         self.said += 1;
         self.untold.push(delta.clone());
         self.map.take_in(delta);

@@ -19,7 +19,8 @@ pub(crate) const TERMS: usize = 1;
 /// the camera is known exactly came out worse.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Lens {
-    camera: Pinhole,
+    /// By the calibration.
+    pub camera: Pinhole,
     /// The `a` of above.
     pub terms: [f64; TERMS],
     /// One over the squared distance of the image's corner from the axis, at z = 1.
@@ -31,6 +32,18 @@ impl Lens {
     pub fn ideal(camera: Pinhole) -> Self {
         let (x, y) = (0.5 * camera.width as f64 / camera.fx, 0.5 * camera.height as f64 / camera.fy);
         Self { camera, terms: [0.0; TERMS], per_corner: 1.0 / (x * x + y * y) }
+    }
+
+    /// The terms as they are written with a map: the shortest text that reads as the same number.
+    pub fn to_text(self) -> String {
+        let [term] = self.terms;
+        format!("{term:?}")
+    }
+
+    /// The lens of these terms; nothing where the text has none.
+    pub fn from_text(camera: Pinhole, text: &str) -> Option<Self> {
+        let term: f64 = text.parse().ok()?;
+        term.is_finite().then(|| Self { terms: [term], ..Self::ideal(camera) })
     }
 
     fn is_ideal(&self) -> bool {

@@ -3,6 +3,9 @@
 use crate::local_map::{LocalMap, PointState};
 use map::{Edge, Keyframe, Map, Moved, Observation, Point};
 
+/// Where a map says what is left of its lens's distortion, in its agent's provenance.
+pub(crate) const LENS: &str = "lens";
+
 /// A keyframe with its image and pose; depth and points follow when they are known.
 pub(crate) fn keyframe(local: &LocalMap, keyframe: usize) -> Keyframe {
     let state = &local.keyframes[keyframe];

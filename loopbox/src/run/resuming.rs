@@ -9,8 +9,6 @@ use serde::Serialize;
 use slam_direct::{Agent, Atlas, Going, Params};
 use std::path::{Path, PathBuf};
 
-/// The key of provenance under which an agent's map keeps what is left of its lens's distortion (see [`Agent::lens`]).
-const LENS: &str = "lens";
 /// Focal lengths and principal points that differ by less, pixels, are those of one camera: a thousandth of what the
 /// most exact calibration tells.
 const SAME: f64 = 1e-4;
@@ -103,8 +101,7 @@ impl Kept {
     /// # Errors
     /// When there is nothing to track against.
     pub fn atlas(&self, params: &Params) -> Result<Atlas> {
-        let terms = self.about.provenance.get(LENS).and_then(|text| text.parse().ok()).map(|term| [term]);
-        let first = Agent::resume(self.map.clone(), places(), params.clone(), terms, self.going)
+        let first = Agent::resume(self.map.clone(), places(), params.clone(), self.going)
             .with_context(|| self.file.display().to_string())?;
         Ok(Atlas::resume(first, places, params.clone()))
     }
@@ -129,13 +126,6 @@ impl Kept {
 /// The index by which an agent finds its own places again.
 pub fn places() -> Box<dyn PlaceIndex> {
     Box::new(ThumbnailIndex::default())
-}
-
-/// Notes what is left of the lens's distortion with an agent's map.
-pub fn note_lens(about: &mut AgentInfo, agent: &Agent) {
-    let [term] = agent.lens();
-    // The shortest text that reads as the same number.
-    about.provenance.insert(LENS.to_owned(), format!("{term:?}"));
 }
 
 /// An agent whose map of so many keyframes a further session extends from frame `first_index` on: where both came from is

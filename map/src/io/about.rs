@@ -61,12 +61,18 @@ impl About {
         let mut records = vec![record(MAP_METADATA.into(), format)];
         for (id, info) in &self.agents {
             records.push(record(format!("{AGENT_METADATA}{}", id.0), agent_to_text(info)));
-            records.push(record(format!("{PROVENANCE_METADATA}{}", id.0), info.provenance.clone()));
         }
+        records.extend(self.provenance());
         if !self.merge_provenance.is_empty() {
             records.push(record(MERGE_METADATA.into(), self.merge_provenance.clone()));
         }
         records
+    }
+
+    /// Those of them that say where the agents' maps came from; the last of an agent holds.
+    pub(super) fn provenance(&self) -> impl Iterator<Item = Metadata> + '_ {
+        let name = |id: &AgentId| format!("{PROVENANCE_METADATA}{}", id.0);
+        self.agents.iter().map(move |(id, info)| record(name(id), info.provenance.clone()))
     }
 
     /// Takes a record as it was read; those that say nothing of a map are passed over.

@@ -218,6 +218,11 @@ impl<W: Write + Seek> MapSink<W> {
         self.mcap.flush().map_err(io_error)
     }
 
+    /// Writes anew where the agents' maps came from.
+    pub(super) fn provenance(&mut self, about: &About) -> io::Result<()> {
+        about.provenance().try_for_each(|record| self.mcap.write_metadata(&record).map_err(io_error))
+    }
+
     /// Ends the file with its index.
     pub(super) fn finish(&mut self) -> io::Result<()> {
         self.mcap.finish().map(drop).map_err(io_error)

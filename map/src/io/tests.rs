@@ -501,6 +501,11 @@ fn a_file_that_deltas_are_appended_to_is_the_map_they_make() {
     assert_eq!(fs::metadata(&path).unwrap().len(), size, "poses that are what they were cost nothing");
     tell(&mut map, MapDelta { edges: Some(whole.edges.clone()), ..MapDelta::default() }, &[]);
     assert!(map == whole);
+    for value in ["0.25", "-0.5"] {
+        let provenance = [("lens".to_owned(), value.to_owned())].into();
+        tell(&mut map, MapDelta { provenance, ..MapDelta::default() }, &[]);
+    }
+    assert_eq!(sole_agent(&map).provenance["lens"], "-0.5");
     let removed = map.keyframes.keys().next_back().copied().into_iter().collect();
     tell(&mut map, MapDelta { removed, ..MapDelta::default() }, &[]);
     assert_eq!(map.keyframes.len() + 1, whole.keyframes.len());

@@ -115,6 +115,11 @@ impl MapWriter {
             }
         }
         delta.removed.iter().for_each(|id| drop(self.known.remove(id)));
+        if !delta.provenance.is_empty() {
+            self.agent.provenance.extend(delta.provenance.clone());
+            let about = About::of_agent(&self.agent);
+            self.written(|sink| sink.provenance(&about))?;
+        }
         let newest = self.known.values().next_back().map(|known| known.timestamp);
         let time = frames.last().map(|frame| frame.timestamp).or(newest).unwrap_or(0.0);
         self.written(|sink| sink.changes(delta, frames, time))

@@ -1,8 +1,8 @@
 //! Going on in a map that was kept: to extend it, or only to tell poses in it.
 
 use super::mapper::Mapper;
-use super::{Agent, AgentError, State, error};
-use crate::lens::TERMS;
+use super::{Agent, AgentError, State, error, publish};
+use crate::lens::Lens;
 use crate::local_map::{KeyframeState, LocalMap, PointRef, PointState, SeenAt};
 use crate::params::Params;
 use crate::tracker::Tracker;
@@ -23,8 +23,8 @@ impl Agent {
     /// An agent that goes on in a `map` it was given back: its camera must have made the map. The first frames are sought
     /// among all of its keyframes, whatever was in between; until one is found, nothing changes.
     ///
-    /// `terms` is what is left of the lens's distortion, as [`lens`](Self::lens) told it of the agent that made the map.
-    /// Frames are to be given indices behind those of the map. The first report tells the whole map as a delta.
+    /// What is left of the lens's distortion is taken from the map's provenance, where its agent said it. Frames are to be
+    /// given indices behind those of the map. The first report tells the whole map as a delta.
     ///
     /// ```no_run
     /// use place_recog::ThumbnailIndex;
@@ -33,7 +33,7 @@ impl Agent {
     ///
     /// let map = map::load_map("out/map.mcap")?.map;
     /// let places = Box::new(ThumbnailIndex::default());
-    /// let mut agent = Agent::resume(map, places, Params::default(), None, Going::On)?;
+    /// let mut agent = Agent::resume(map, places, Params::default(), Going::On)?;
     /// for frame in frames() {
     ///     let report = agent.process(frame)?;
     ///     println!("{:?}: {:?}", report.state, report.world_from_camera);
@@ -50,13 +50,14 @@ impl Agent {
         mut map: Map,
         mut places: Box<dyn PlaceIndex>,
         params: Params,
-        terms: Option<[f64; TERMS]>,
         going: Going,
     ) -> Result<Self, AgentError> {
         params.validate()?;
         let camera = camera_of(&map)?;
         error::check_camera(&camera)?;
-        let local = working_map(&map, camera, terms.unwrap_or_default(), params.align.pyramid_levels)?;
+        let lens = map.agents.values().find_map(|about| about.provenance.get(publish::LENS));
+        let lens = lens.and_then(|text| Lens::from_text(camera, text)).unwrap_or(Lens::ideal(camera));
+        let local = working_map(&map, lens, params.align.pyramid_levels)?;
         let can_be_tracked = |&k: &usize| local.points_of(k).next().is_some();
         let newest = map.frames.last().map(|frame| frame.reference.0 as usize);
         let newest = newest.filter(|&k| k < local.keyframes.len());
@@ -94,12 +95,6 @@ impl Agent {
         Ok(agent)
     }
 
-    /// What is left of the lens's distortion after the calibration, as the map proved it: what an image's corner moves by
-    /// for it to fit, as a share of its distance from the middle.
-    pub fn lens(&self) -> [f64; TERMS] {
-        self.view.lens.terms
-    }
-
     /// The camera of the frames.
     pub fn camera(&self) -> Pinhole {
         self.camera
@@ -126,15 +121,10 @@ fn camera_of(map: &Map) -> Result<Pinhole, AgentError> {
     }
 }
 
-/// The working map of a map that was handed out, for a lens of these terms.
-fn working_map(
-    map: &Map,
-    camera: Pinhole,
-    terms: [f64; TERMS],
-    levels: usize,
-) -> Result<LocalMap, AgentError> {
-    let mut local = LocalMap::new(camera);
-    local.lens.terms = terms;
+/// The working map of a map that was handed out.
+fn working_map(map: &Map, lens: Lens, levels: usize) -> Result<LocalMap, AgentError> {
+    let camera = lens.camera;
+    let mut local = LocalMap { lens, ..LocalMap::new(camera) };
     for keyframe in map.keyframes.values() {
         let index = local.keyframes.len();
         if keyframe.id != LocalMap::id(index) {

@@ -2,7 +2,7 @@
 
 use super::{Run, guarded};
 use crate::run::record::{Cost, Fragment, FrameCounts, Latency, MapCounts, RunRecord, SourceRecord};
-use crate::run::resuming::{Kept, note_lens};
+use crate::run::resuming::Kept;
 use geometry::Pinhole;
 use map::{AgentId, AgentInfo, Identity, Map};
 use slam_direct::{Agent, Going};
@@ -36,7 +36,9 @@ impl Run<'_> {
     fn named(&self, about: &AgentInfo, fragment: usize, mut map: Map) -> Map {
         let about = self.kept.filter(|_| fragment == 0).map_or(about, Kept::about);
         let mut about = AgentInfo { identity: self.identity_of(fragment), ..about.clone() };
-        note_lens(&mut about, &self.atlas.fragments()[fragment]);
+        // The agent says what it found out of itself.
+        let own = map.agents.remove(&AgentId::default());
+        about.provenance.extend(own.into_iter().flat_map(|own| own.provenance));
         map.agents.insert(AgentId::default(), about);
         map
     }

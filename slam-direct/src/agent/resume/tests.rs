@@ -38,8 +38,8 @@ fn mapped(frames: Range<usize>) -> Agent {
     agent
 }
 
-fn resumed(map: Map, lens: [f64; TERMS], going: Going) -> Agent {
-    Agent::resume(map, places(), Params::default(), Some(lens), going).unwrap()
+fn resumed(map: Map, going: Going) -> Agent {
+    Agent::resume(map, places(), Params::default(), going).unwrap()
 }
 
 /// Largest distance of the trajectory from the truth once world and unit are fitted, metres.
@@ -53,9 +53,8 @@ fn error(map: &Map) -> f64 {
 
 #[test]
 fn a_map_is_extended_as_if_there_had_been_no_break() {
-    let first = mapped(0..35);
-    let (lens, kept) = (first.lens(), first.into_map());
-    let mut agent = resumed(kept.clone(), lens, Going::On);
+    let kept = mapped(0..35).into_map();
+    let mut agent = resumed(kept.clone(), Going::On);
     let reports = feed(&mut agent, 35..60);
     assert!(reports.iter().all(|report| report.state == TrackingState::Tracking));
     let mut told = Map::new(Recording::SMALL_CAMERA);
@@ -79,10 +78,26 @@ fn a_map_is_extended_as_if_there_had_been_no_break() {
 }
 
 #[test]
+fn the_lens_is_said_with_the_map() {
+    let mut params = Params::default();
+    params.mapping.calibrate_from = 3;
+    let mut agent = Agent::new(Recording::SMALL_CAMERA, places(), params).unwrap();
+    let mut told = Map::new(Recording::SMALL_CAMERA);
+    for report in feed(&mut agent, 0..60) {
+        report.deltas.into_iter().for_each(|delta| told.take_in(delta));
+    }
+    let said = |map: &Map| map.agents.values().next().and_then(|about| about.provenance.get("lens")).cloned();
+    let lens = said(agent.map()).expect("said from the first keyframes on");
+    assert_ne!(lens, "0.0", "there are keyframes enough to solve for it");
+    assert_eq!(said(&told), Some(lens.clone()));
+    let map = agent.into_map();
+    assert_eq!(resumed(map, Going::On).view.lens.to_text(), lens);
+}
+
+#[test]
 fn who_localises_leaves_the_map_as_it_is() {
-    let first = mapped(0..60);
-    let (lens, kept) = (first.lens(), first.into_map());
-    let mut agent = resumed(kept.clone(), lens, Going::Localising);
+    let kept = mapped(0..60).into_map();
+    let mut agent = resumed(kept.clone(), Going::Localising);
     // From the middle on, and then from the beginning.
     feed(&mut agent, 30..60);
     feed(&mut agent, 0..30);
@@ -102,7 +117,7 @@ fn who_localises_leaves_the_map_as_it_is() {
 #[test]
 fn what_is_found_nowhere_changes_nothing() {
     let kept = mapped(0..35).into_map();
-    let mut agent = Agent::resume(kept.clone(), places(), Params::default(), None, Going::On).unwrap();
+    let mut agent = Agent::resume(kept.clone(), places(), Params::default(), Going::On).unwrap();
     let image = GrayImage::filled(320, 240, 90);
     for index in 0..100 {
         let frame = Frame { index, timestamp: index as f64, image: image.clone() };
@@ -115,7 +130,7 @@ fn what_is_found_nowhere_changes_nothing() {
 #[test]
 fn maps_that_cannot_be_gone_on_with_are_refused() {
     let refuse = |map: Map| {
-        let agent = Agent::resume(map, places(), Params::default(), None, Going::On).map(|_| ());
+        let agent = Agent::resume(map, places(), Params::default(), Going::On).map(|_| ());
         agent.unwrap_err().to_string()
     };
     assert!(refuse(Map::new(Recording::SMALL_CAMERA)).contains("no points"));
