@@ -54,10 +54,27 @@ impl View {
         self.share_in(other).min(other.share_in(self))
     }
 
+    /// The same for points that both see from directions at most so many degrees apart: from farther aside a thing looks
+    /// different, and from behind it is another one.
+    pub fn overlap_within(&self, other: &Self, degrees: f64) -> f64 {
+        let cosine = degrees.to_radians().cos();
+        self.share_seen(other, cosine).min(other.share_seen(self, cosine))
+    }
+
     /// The share of this keyframe's points that lie in the image of another.
     fn share_in(&self, other: &Self) -> f64 {
+        self.share_seen(other, -1.0)
+    }
+
+    /// The same for those whose rays from both cameras have an angle of at least this cosine.
+    fn share_seen(&self, other: &Self, min_cosine: f64) -> f64 {
+        let centres = [self, other].map(|view| view.world_from_camera.translation);
         let camera_from_world = other.world_from_camera.inverse();
         let visible = |point: &&Vector3<f64>| {
+            let [here, there] = centres.map(|centre| (*point - centre).normalize());
+            if here.dot(&there) < min_cosine {
+                return false;
+            }
             let point = camera_from_world * **point;
             let pixel = other.camera.project(&point);
             let inside = |v: f64, size: usize| v >= 0.0 && v <= (size - 1) as f64;

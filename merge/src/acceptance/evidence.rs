@@ -9,7 +9,8 @@ use serde::Serialize;
 /// The numbers a verdict rests on.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Evidence {
-    /// γ over the agreeing pairs.
+    /// γ over the agreeing pairs; of keyframes matched together, the key points of either map that agree, each once. Where
+    /// these are too few to decide, with those of the further pairs that agree.
     pub matches: usize,
     /// Keyframe pairs that agree on the motion.
     pub pairs: usize,
@@ -68,7 +69,7 @@ impl Evidence {
             variances.max().sqrt()
         };
         Self {
-            matches: closure.agreeing().map(matches).sum(),
+            matches: closure.pooled.unwrap_or_else(|| closure.agreeing().map(matches).sum()),
             pairs: closure.agreeing().count(),
             inlier_share: mean(0),
             agreeing_share: mean(1),

@@ -8,7 +8,7 @@
 //! | line | what it catches | failing it |
 //! |---|---|---|
 //! | at least two keyframe pairs, each well known, agree on the motion | one view that looks alike by chance | undecided |
-//! | matches γ over the agreeing pairs | images that share a thing or two | undecided |
+//! | matches γ over the agreeing pairs, at need with the further ones that agree | images that share a thing or two | undecided |
 //! | pixels that agree after direct alignment, both ways, all agreeing pairs | places of the same shape with other texture, and the reverse | refused |
 //! | that share of all pixels, seen by both or not | things that repeat, shifted by one | refused |
 //! | standard deviations of rotation, translation and scale | closures that are right and useless | undecided |
