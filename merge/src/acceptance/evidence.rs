@@ -14,6 +14,8 @@ pub struct Evidence {
     pub matches: usize,
     /// Keyframe pairs that agree on the motion.
     pub pairs: usize,
+    /// Whether it is of keyframes matched together, as no pair of them sufficed alone.
+    pub pooled: bool,
     /// Share of agreeing pixels after direct alignment, mean of the agreeing pairs, 0–1; a pair that could not be
     /// aligned counts with 0.
     pub inlier_share: f32,
@@ -71,6 +73,7 @@ impl Evidence {
         Self {
             matches: closure.pooled.unwrap_or_else(|| closure.agreeing().map(matches).sum()),
             pairs: closure.agreeing().count(),
+            pooled: closure.pooled.is_some(),
             inlier_share: mean(0),
             agreeing_share: mean(1),
             rotation_deviation: deviation(3).to_degrees(),

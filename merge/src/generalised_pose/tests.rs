@@ -137,5 +137,5 @@ fn every_key_point_counts_once() {
     pool.matches.extend(again);
     assert_eq!(distinct(&pool, 0..20), 10);
     let refusal = generalised_pose(&pool, &GeneralisedPoseParams::default()).unwrap_err();
-    assert_eq!(refusal, GeneralisedPoseRefusal::FewInliers { inliers: 0, given: 10, needed: 12 });
+    assert_eq!(refusal, GeneralisedPoseRefusal::FewInliers { inliers: 10, given: 10, needed: 12 });
 }

@@ -142,6 +142,7 @@ fn evidence() -> Evidence {
     Evidence {
         matches: 60,
         pairs: 2,
+        pooled: false,
         inlier_share: 0.9,
         agreeing_share: 0.7,
         rotation_deviation: 0.02,
