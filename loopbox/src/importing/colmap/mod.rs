@@ -2,6 +2,8 @@
 //! (<https://colmap.github.io/format.html>).
 
 mod binary;
+#[cfg(test)]
+mod tests;
 mod text;
 
 use super::ImportOptions;

@@ -83,7 +83,7 @@ fn image(head: &str, points: &str) -> Result<Picture> {
     );
     let camera_from_world = pose_of(numbers::<4>(&words[1..])?, numbers::<3>(&words[5..])?)?;
     let points: Vec<&str> = points.split_whitespace().collect();
-    ensure!(points.len() % 3 == 0, "the key points, X Y POINT3D_ID each, are cut short");
+    ensure!(points.len().is_multiple_of(3), "the key points, X Y POINT3D_ID each, are cut short");
     let mut seen = Vec::new();
     for point in points.chunks_exact(3) {
         // -1: of no point.
