@@ -54,7 +54,7 @@ fn pool(seed: u64, depth: Depth, count: usize, wrong: f64, noise: f64) -> (Sim3,
         let known = match depth {
             Depth::Source => [true, false],
             Depth::Target => [false, true],
-            Depth::InTurn => [number % 2 == 0, number % 2 == 1],
+            Depth::InTurn => [number.is_multiple_of(2), !number.is_multiple_of(2)],
         };
         let sides = (side(0, point, known[0]), side(1, motion * point, known[1]));
         if let (Some(source), Some(target)) = sides {
