@@ -54,10 +54,27 @@ impl View {
         self.share_in(other).min(other.share_in(self))
     }
 
+    /// The same for points that both see from directions at most so many degrees apart: from farther aside a thing looks
+    /// different, and from behind it is another one.
+    pub fn overlap_within(&self, other: &Self, degrees: f64) -> f64 {
+        let cosine = degrees.to_radians().cos();
+        self.share_seen(other, cosine).min(other.share_seen(self, cosine))
+    }
+
     /// The share of this keyframe's points that lie in the image of another.
     fn share_in(&self, other: &Self) -> f64 {
+        self.share_seen(other, -1.0)
+    }
+
+    /// The same for those whose rays from both cameras have an angle of at least this cosine.
+    fn share_seen(&self, other: &Self, min_cosine: f64) -> f64 {
+        let centres = [self, other].map(|view| view.world_from_camera.translation);
         let camera_from_world = other.world_from_camera.inverse();
         let visible = |point: &&Vector3<f64>| {
+            let [here, there] = centres.map(|centre| (*point - centre).normalize());
+            if here.dot(&there) < min_cosine {
+                return false;
+            }
             let point = camera_from_world * **point;
             let pixel = other.camera.project(&point);
             let inside = |v: f64, size: usize| v >= 0.0 && v <= (size - 1) as f64;
@@ -131,6 +148,15 @@ mod tests {
         let half = wall(0.0).overlap(&wall(2.0));
         assert!((half - 0.5).abs() < 0.06, "{half}");
         assert_eq!(wall(0.0).overlap(&wall(4.5)), 0.0);
+    }
+
+    /// From 2 m aside of a wall 2 m ahead its points are seen from 38 to 53° apart.
+    #[test]
+    fn what_is_seen_from_far_aside_does_not_count() {
+        assert_eq!(wall(0.0).overlap_within(&wall(2.0), 90.0), wall(0.0).overlap(&wall(2.0)));
+        assert!(wall(0.0).overlap_within(&wall(0.0), 1.0) > 0.99);
+        let within = |degrees| wall(0.0).overlap_within(&wall(2.0), degrees);
+        assert!(within(50.0) > within(45.0) && within(45.0) > 0.0 && within(35.0) == 0.0);
     }
 
     #[test]

@@ -6,7 +6,7 @@
 //!
 //! [`mod@run`] takes frames from a source through an agent into a folder of results, [`merging`] brings maps of several
 //! agents together, [`calibrating`] makes a camera's calibration from images of a board; [`results`] keeps folders of
-//! results whole, [`placing`] brings maps to metres and upright. [`lidar`] does the same for LiDAR agents; `fleet` lets
+//! results whole, [`importing`] makes maps of posed images from elsewhere, [`placing`] brings maps to metres and upright. [`lidar`] does the same for LiDAR agents; `fleet` lets
 //! agents pair over a network.
 
 #[cfg(feature = "opencv")]
@@ -14,6 +14,7 @@ pub mod calibrating;
 pub mod evaluating;
 #[cfg(feature = "fleet")]
 pub mod fleet;
+pub mod importing;
 pub mod lidar;
 pub mod merging;
 pub mod open;

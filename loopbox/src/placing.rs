@@ -63,6 +63,23 @@ pub fn placement(map: &Map, metres: Option<&Metres>, up: Option<Up>) -> Result<S
     }
 }
 
+/// Brings a map to metres and upright, and has its agent say that its unit is a metre where `metres` told: the one agent of
+/// a map that is not united, as the own maps of united agents keep units of their own. Returns by how much lengths grew.
+///
+/// # Errors
+/// As [`placement`]; the map is then as it was.
+pub fn place(map: &mut Map, metres: Option<&Metres>, up: Option<Up>) -> Result<f64> {
+    let new_from_world = placement(map, metres, up)?;
+    // What stays where it is stays so to the last bit.
+    if new_from_world != Sim3::identity() {
+        map.transform(&new_from_world);
+    }
+    if let (Some(_), [only]) = (metres, &mut map.agents.values_mut().collect::<Vec<_>>()[..]) {
+        only.set_metric();
+    }
+    Ok(new_from_world.scale)
+}
+
 fn scaling(scale: f64) -> Result<Sim3> {
     ensure!(scale.is_finite() && scale > 0.0, "a scale of {scale} cannot be: lengths are positive numbers");
     Ok(Sim3::new(UnitQuaternion::identity(), Vector3::zeros(), scale))
@@ -176,6 +193,18 @@ mod tests {
             let error = placement(&map, Some(&metres), None).unwrap_err().to_string();
             assert!(error.contains(reason), "{error}");
         }
+    }
+
+    /// Whoever says that a unit is a metre knows the unit, though nothing moves.
+    #[test]
+    fn a_unit_that_is_a_metre_already_is_said_to_be_one() {
+        let (map, scale) = (map(), Metres::Scale(1.0));
+        let mut placed = map.clone();
+        assert_eq!(place(&mut placed, None, None).unwrap(), 1.0);
+        assert!(placed == map && !placed.is_metric());
+        assert_eq!(place(&mut placed, Some(&scale), None).unwrap(), 1.0);
+        assert!(placed.is_metric() && placed.keyframes == map.keyframes);
+        assert!(place(&mut placed, Some(&Metres::Scale(-1.0)), None).is_err());
     }
 
     #[test]

@@ -9,6 +9,7 @@
 use crate::closure::Closure;
 use crate::direct::refine_directly;
 use crate::estimate::Estimate;
+use crate::overlap::{sample, share_seen};
 use crate::prepared::PreparedMap;
 use backend::posegraph::{ConsistencyParams, MapGraph, PoseGraphError, consistent_set};
 use backend::sim3_align::{CompareParams, Comparison, Sim3AlignParams, compare};
@@ -28,8 +29,10 @@ pub struct FurtherParams {
     pub max_closures: usize,
     /// Least share of a keyframe's points that the other keyframe must see, by the motion. Default 0.5; 0 to 1.
     pub min_overlap: f64,
-    /// Largest angle between the rays from both keyframes to a point that still counts as seen, degrees. Default 60;
-    /// 0 to 180. From farther aside a surface looks different, and from behind it is another one.
+    /// Largest angle between the rays from both keyframes to a point that still counts as seen, degrees. Default 40;
+    /// 0 to 180. From farther aside a surface looks different, so that images of the same place cannot be aligned either
+    /// (half of what detectors find is lost there: Mikolajczyk et al., "A Comparison of Affine Region Detectors", IJCV
+    /// 2005, §4), and from behind it is another one.
     pub max_view_angle: f64,
     /// Alignment of the images.
     pub direct: Sim3AlignParams,
@@ -48,7 +51,7 @@ impl Default for FurtherParams {
         Self {
             max_closures: 8,
             min_overlap: 0.5,
-            max_view_angle: 60.0,
+            max_view_angle: 40.0,
             direct: Sim3AlignParams {
                 coarsest_level: 3,
                 // As for the first closure.
@@ -84,9 +87,6 @@ pub struct Joined {
     pub seen: Comparison,
 }
 
-/// Points of a keyframe that stand for its view.
-const SAMPLES: usize = 64;
-
 /// The edges of a first closure and of further ones along the maps, as far as they agree.
 ///
 /// # Errors
@@ -110,14 +110,7 @@ pub fn join(
     let own = edges.len();
     let pairs = overlapping(source, target, motion, params);
     let pairs = spread(pairs, params.max_closures, &edges);
-    let found: Vec<Option<Edge>> = pairs
-        .par_iter()
-        .map(|&(i, j)| {
-            let start = hypothesis(source, target, motion, (i, j))?;
-            let aligned = refine_directly(source.get(i)?, target.get(j)?, &[start], &params.direct).ok()?;
-            Some(edge(i, j, aligned.estimate))
-        })
-        .collect();
+    let found = align(source, target, motion, &pairs, params);
     let failed = found.iter().filter(|edge| edge.is_none()).count();
     edges.extend(found.into_iter().flatten());
     let (source_nodes, target_nodes) = (nodes(source), nodes(target));
@@ -145,6 +138,36 @@ pub fn join(
         seen,
         edges: selected,
     })
+}
+
+/// The edges of pairs that can be aligned from where the motion of the maps puts them; of those that cannot, from where
+/// the nearest one that could puts them. Maps drift: far from the first closure its motion is no start.
+fn align(
+    source: &PreparedMap,
+    target: &PreparedMap,
+    motion: &Sim3,
+    pairs: &[(KeyframeId, KeyframeId)],
+    params: &FurtherParams,
+) -> Vec<Option<Edge>> {
+    let aligned = |motion: &Sim3, (i, j): (KeyframeId, KeyframeId)| {
+        let start = hypothesis(source, target, motion, (i, j))?;
+        let found = refine_directly(source.get(i)?, target.get(j)?, &[start], &params.direct).ok()?;
+        Some(edge(i, j, found.estimate))
+    };
+    let first: Vec<Option<Edge>> = pairs.par_iter().map(|&pair| aligned(motion, pair)).collect();
+    let nearest = |index: usize| {
+        let found = first
+            .iter()
+            .enumerate()
+            .filter_map(|(other, edge)| Some((other.abs_diff(index), edge.as_ref()?)));
+        // Of two as near the earlier.
+        let (_, edge) = found.reduce(|best, next| if next.0 < best.0 { next } else { best })?;
+        Some(target.world_from(edge.from)? * edge.from_from_to * source.world_from(edge.to)?.inverse())
+    };
+    let again = |(index, edge): (usize, &Option<Edge>)| {
+        edge.clone().or_else(|| aligned(&nearest(index)?, pairs[index]))
+    };
+    first.par_iter().enumerate().map(again).collect()
 }
 
 /// target_from_source of two keyframes by the motion of the maps.
@@ -232,41 +255,6 @@ fn overlapping(
         targets.iter().filter_map(seen).reduce(better).map(|(_, j)| (*i, j))
     };
     sources.par_iter().filter_map(best).collect()
-}
-
-/// A few points of a keyframe, in its camera frame and unit; `None` when it has no depth.
-fn sample(map: &PreparedMap, id: KeyframeId) -> Option<Vec<Vector3<f64>>> {
-    let keyframe = map.map().keyframes.get(&id)?;
-    let camera = map.map().camera(keyframe);
-    let step = keyframe.semi_dense.len().div_ceil(SAMPLES).max(1);
-    let point = |(pixel, inverse_depth, _): (u32, f32, f32)| {
-        let pixel = pixel as usize;
-        let ray = camera.unproject((pixel % camera.width) as f64, (pixel / camera.width) as f64);
-        ray / f64::from(inverse_depth)
-    };
-    let points: Vec<_> = keyframe.semi_dense.iter().step_by(step).map(point).collect();
-    (!points.is_empty()).then_some(points)
-}
-
-/// Share of points, moved by `to_from`, that keyframe `id` has in its image, from a direction not too far off that of
-/// the other keyframe.
-fn share_seen(
-    points: &[Vector3<f64>],
-    to_from: &Sim3,
-    map: &PreparedMap,
-    id: KeyframeId,
-    min_cosine: f64,
-) -> Option<f64> {
-    let camera = map.map().camera(map.map().keyframes.get(&id)?);
-    let inside = |point: &&Vector3<f64>| {
-        let moved = *to_from * **point;
-        let pixel = camera.project(&moved);
-        let within = |v: f64, size: usize| v >= 0.0 && v <= size as f64 - 1.0;
-        let other = moved - to_from.translation;
-        let alike = moved.dot(&other) >= min_cosine * moved.norm() * other.norm();
-        alike && moved.z > 0.0 && within(pixel.x, camera.width) && within(pixel.y, camera.height)
-    };
-    Some(points.iter().filter(inside).count() as f64 / points.len() as f64)
 }
 
 /// At most `count` of the pairs, evenly spread, without those that have an edge already.

@@ -14,6 +14,7 @@
 //! | [`scale_filter`] | scale of one keyframe pair, by a Kalman filter | §IV-C2 |
 //! | [`point_alignment`] | all seven degrees of freedom over the same matches | ours |
 //! | [`pair`] | these three for one pair | §IV-C |
+//! | [`generalised_pose`] | the similarity from matches of several keyframes, where depth on one side suffices | ours |
 //! | [`optimal_scale`] | the scale σ* of three adjacent pairs | §IV-C3, Eqs. 4–5, Algorithm 1 |
 //! | [`alignment`] | clouds into one frame; the final transform; moving maps | §IV-D1, §IV-E, Eqs. 6–9 |
 //! | [`icp`] | fine registration of the clouds and its information matrix | §IV-D2, Eqs. 2–3 |
@@ -33,6 +34,7 @@ pub mod common_map;
 pub mod direct;
 pub mod estimate;
 pub mod further;
+pub mod generalised_pose;
 pub mod icp;
 pub mod key_points;
 pub mod matching;
@@ -40,6 +42,7 @@ pub mod meeting;
 pub mod merge_graph;
 pub mod method;
 pub mod optimal_scale;
+mod overlap;
 pub mod pair;
 pub mod pairing;
 pub mod point_alignment;

@@ -1,13 +1,16 @@
 //! From places proposed by place recognition to a loop closure that may be believed.
 
 use crate::acceptance::{AcceptanceParams, Decision, Evidence, Verdict, judge};
-use crate::closure::{Closure, ClosureParams, ClosureRefusal, close};
+use crate::closure::{
+    Closure, ClosureParams, ClosureRefusal, NeighbourhoodPose, close, close_neighbourhood, matches_at,
+    neighbourhood_pose,
+};
 use crate::further::{FurtherParams, Joined, join};
 use crate::pair::{ViewPair, view_pair};
 use crate::prepared::PreparedMap;
 use crate::two_view::TwoViewRefusal;
 use backend::posegraph::PoseGraphError;
-use map::KeyframeId;
+use map::{Edge, KeyframeId};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -23,6 +26,9 @@ pub struct MeetingParams {
     pub rounds: usize,
     /// Most matched places of a round that are followed through all steps. Default 3; at least 1.
     pub closures: usize,
+    /// When no place was accepted by itself: how many are looked at once more with the keyframes around them, those of
+    /// most matches first. Default 4; 0 or more, 0 for none. Each takes some 100 ms.
+    pub neighbourhoods: usize,
     /// How a closure is followed.
     pub closure: ClosureParams,
     /// What it must show.
@@ -35,6 +41,7 @@ impl Default for MeetingParams {
             places: 4,
             rounds: 6,
             closures: 3,
+            neighbourhoods: 4,
             closure: ClosureParams::default(),
             acceptance: AcceptanceParams::default(),
         }
@@ -101,7 +108,10 @@ impl Outcome {
 pub struct Tried {
     /// The place.
     pub place: Place,
-    /// γ of its images; 0 where they do not fit.
+    /// Key points of its images that are each other's nearest.
+    pub matched: usize,
+    /// γ of its images, those that agree with one pose; 0 where none do. Of keyframes matched together, the key points of
+    /// all that agree.
     pub match_count: usize,
     /// What became of it.
     pub outcome: Outcome,
@@ -112,6 +122,9 @@ pub struct Tried {
 ///
 /// The more places there are to try, the more often two of them look alike by chance: the false alarms expected of one
 /// ([`max_false_alarms`](crate::two_view::TwoViewParams::max_false_alarms)) are divided among them.
+///
+/// Where no place is accepted by its own pairs of keyframes, the keyframes around some are matched together
+/// ([`close_neighbourhood`]), which needs depth on one side only.
 pub fn meet(
     source: &PreparedMap,
     target: &PreparedMap,
@@ -123,13 +136,67 @@ pub fn meet(
     let mut params = params.clone();
     let count = places.len().min(params.places.max(1) * params.rounds.max(1));
     params.closure.pair.two_view.max_false_alarms /= count.max(1) as f64;
+    params.closure.neighbourhood.pose.max_false_alarms /= params.neighbourhoods.max(1) as f64;
     for round in places.chunks(params.places.max(1)).take(params.rounds.max(1)) {
         tried.extend(try_round(source, target, round, &params, further));
         if tried.iter().any(|tried: &Tried| tried.outcome.accepted().is_some()) {
+            return tried;
+        }
+    }
+    try_neighbourhoods(source, target, &mut tried, &params, further);
+    tried
+}
+
+/// Looks at the places of most matches once more, with the keyframes around them, until one closure is believed.
+fn try_neighbourhoods(
+    source: &PreparedMap,
+    target: &PreparedMap,
+    tried: &mut [Tried],
+    params: &MeetingParams,
+    further: &FurtherParams,
+) {
+    let mut order: Vec<usize> = (0..tried.len()).collect();
+    // Stable: of equals the one tried first.
+    order.sort_by_key(|&index| std::cmp::Reverse(tried[index].matched));
+    let mut spots: Vec<usize> = Vec::new();
+    let radius = params.closure.neighbourhood.radius;
+    for index in order {
+        let near = |map: &PreparedMap, a: KeyframeId, b: KeyframeId| map.around(a, radius).contains(&b);
+        let place = tried[index].place;
+        let covered = spots.iter().any(|&spot| {
+            let other = tried[spot].place;
+            near(source, other.source, place.source) && near(target, other.target, place.target)
+        });
+        if !covered && spots.len() < params.neighbourhoods {
+            spots.push(index);
+        }
+    }
+    let pose = |&index: &usize| {
+        let found = neighbourhood_pose(source, target, tried[index].place, &params.closure);
+        (index, found)
+    };
+    let mut poses: Vec<(usize, Result<NeighbourhoodPose, ClosureRefusal>)> =
+        spots.par_iter().map(pose).collect();
+    let count =
+        |found: &Result<NeighbourhoodPose, ClosureRefusal>| found.as_ref().map_or(0, |f| f.pose.distinct);
+    poses.sort_by_key(|(_, found)| std::cmp::Reverse(count(found)));
+    for (index, found) in poses {
+        let match_count = count(&found);
+        let outcome =
+            match found.and_then(|found| close_neighbourhood(source, target, &found, &params.closure)) {
+                Ok(closure) => decide(source, target, closure, params, further),
+                Err(refusal) => Outcome::NotClosed(refusal),
+            };
+        let accepted = outcome.accepted().is_some();
+        // What was found of the place alone stays where this found no more.
+        if accepted || outcome.judged().is_some() && tried[index].outcome.judged().is_none() {
+            tried[index].outcome = outcome;
+            tried[index].match_count = match_count;
+        }
+        if accepted {
             break;
         }
     }
-    tried
 }
 
 /// One round of [`meet`].
@@ -146,12 +213,16 @@ fn try_round(
     };
     let mut seen: Vec<_> = places.par_iter().filter_map(look).collect();
     let count = |views: &Result<ViewPair, TwoViewRefusal>| views.as_ref().map_or(0, ViewPair::match_count);
+    let matched = |views: &Result<ViewPair, TwoViewRefusal>| match views {
+        Ok(views) => views.matches.len(),
+        Err(refusal) => refusal.given(),
+    };
     // Stable: of equals the better proposal first.
     seen.sort_by_key(|(_, views)| std::cmp::Reverse(count(views)));
     let (mut followed, mut found) = (0, false);
     seen.into_iter()
         .map(|(place, views)| {
-            let match_count = count(&views);
+            let (matched, match_count) = (matched(&views), count(&views));
             let outcome = match views {
                 Err(refusal) => Outcome::NotMatched(refusal),
                 Ok(_) if found || followed == params.closures => Outcome::NotFollowed,
@@ -161,12 +232,12 @@ fn try_round(
                 }
             };
             found |= outcome.accepted().is_some();
-            Tried { place, match_count, outcome }
+            Tried { place, matched, match_count, outcome }
         })
         .collect()
 }
 
-/// Follows one matched place to its verdict. Both whole maps are asked too, but where no pair's images could be aligned.
+/// Follows one matched place to its verdict.
 fn follow(
     source: &PreparedMap,
     target: &PreparedMap,
@@ -174,10 +245,38 @@ fn follow(
     params: &MeetingParams,
     further: &FurtherParams,
 ) -> Outcome {
-    let closure = match close(source, target, views, &params.closure) {
-        Ok(closure) => closure,
-        Err(refusal) => return Outcome::NotClosed(refusal),
+    match close(source, target, views, &params.closure) {
+        Ok(closure) => decide(source, target, closure, params, further),
+        Err(refusal) => Outcome::NotClosed(refusal),
+    }
+}
+
+/// γ of the further pairs along both maps that agree: what matches there, where their images put them.
+fn matches_along(
+    source: &PreparedMap,
+    target: &PreparedMap,
+    closure: &Closure,
+    joined: &Joined,
+    params: &ClosureParams,
+) -> usize {
+    let own =
+        |edge: &&Edge| closure.agreeing().any(|pair| (pair.source, pair.target) == (edge.to, edge.from));
+    let further: Vec<&Edge> = joined.edges.iter().filter(|edge| !own(edge)).collect();
+    let count = |edge: &&Edge| {
+        let place = Place { source: edge.to, target: edge.from };
+        matches_at(source, target, place, &edge.from_from_to, params)
     };
+    further.par_iter().map(count).sum()
+}
+
+/// The verdict on a closure. Both whole maps are asked too, but where no pair's images could be aligned.
+fn decide(
+    source: &PreparedMap,
+    target: &PreparedMap,
+    closure: Closure,
+    params: &MeetingParams,
+    further: &FurtherParams,
+) -> Outcome {
     let alone = judge(Evidence::new(&closure, None), &params.acceptance);
     if matches!(alone.decision, Decision::Refused(_)) && alone.evidence.inlier_share <= 0.0 {
         return Outcome::Judged(Box::new(Judged { closure, joined: None, verdict: alone }));
@@ -185,7 +284,11 @@ fn follow(
     match join(source, target, &closure, further) {
         Err(error) => Outcome::Broken(error),
         Ok(joined) => {
-            let verdict = judge(Evidence::new(&closure, Some(&joined)), &params.acceptance);
+            let mut evidence = Evidence::new(&closure, Some(&joined));
+            if evidence.matches < params.acceptance.min_matches {
+                evidence.matches += matches_along(source, target, &closure, &joined, &params.closure);
+            }
+            let verdict = judge(evidence, &params.acceptance);
             Outcome::Judged(Box::new(Judged { closure, joined: Some(joined), verdict }))
         }
     }

@@ -88,6 +88,15 @@ impl<'a> PreparedMap<'a> {
         (before, self.order[position + 1..].iter().find(same).copied())
     }
 
+    /// The keyframe with up to `radius` before and after it in order of time, of the same agent.
+    pub fn around(&self, id: KeyframeId, radius: usize) -> Vec<KeyframeId> {
+        let agent = |id: &KeyframeId| self.map.keyframes.get(id).map(|keyframe| keyframe.agent);
+        let own: Vec<KeyframeId> =
+            self.order.iter().filter(|other| agent(other) == agent(&id)).copied().collect();
+        let Some(position) = own.iter().position(|other| *other == id) else { return Vec::new() };
+        own[position.saturating_sub(radius)..(position + radius + 1).min(own.len())].to_vec()
+    }
+
     /// World pose of a keyframe of the map.
     pub fn world_from(&self, id: KeyframeId) -> Option<Sim3> {
         Some(self.map.keyframes.get(&id)?.world_from_keyframe)

@@ -44,5 +44,7 @@ mod window;
 pub use agent::{Agent, AgentError, Frame, FrameReport, Going, TrackingState};
 pub use atlas::{Atlas, AtlasParams};
 pub use backend::{DocumentedParameter, Parameter, ParameterError, ParameterValue};
-pub use depth::{DepthFilter, DepthParams, SeedPoint, StereoFrame, UpdateStats, choose_references};
+pub use depth::{
+    DepthFilter, DepthParams, SeedPoint, StereoFrame, UpdateStats, candidate_pixels, choose_references,
+};
 pub use params::Params;

@@ -28,7 +28,7 @@ mod tum;
 #[cfg(feature = "video")]
 mod video;
 
-pub use image_list::{images_in, is_image};
+pub use image_list::{images_in, is_image, timed_images};
 pub use input::Input;
 pub use scan_recording::{ScanRecording, open_scans, scans_looked_for};
 pub use stop::Stop;

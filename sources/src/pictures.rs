@@ -1,7 +1,9 @@
 //! Pictures as they lie in files and messages, and how they become grey images.
 
+mod depth;
 mod jpeg;
 
+pub use depth::read_depth_image;
 pub use jpeg::{decode_jpeg, decode_mjpeg, whole_jpeg};
 
 use geometry::GrayImage;

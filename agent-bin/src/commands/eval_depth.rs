@@ -5,6 +5,7 @@ use eval::{DepthAccuracy, Trajectory, depth_accuracy, warp_inverse_depth};
 use geometry::{Image, Pinhole, Sim3};
 use map::{DEFAULT_MAX_RELATIVE_VARIANCE, Keyframe, Map, load_map};
 use serde::Serialize;
+use sources::pictures::read_depth_image;
 use std::collections::BTreeMap;
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -145,11 +146,8 @@ fn nearest_image(images: &BTreeMap<u64, PathBuf>, frame: u64) -> Option<(u64, &P
 
 /// A depth image as inverse depth, 1/m; 0 where there is none.
 fn read_inverse_depth(path: &Path, camera: &Pinhole) -> Result<Image<f32>> {
-    let image = image::open(path).with_context(|| format!("{}: cannot be read", path.display()))?;
-    let image::DynamicImage::ImageLuma16(image) = image else {
-        bail!("{}: is not a 16-bit grey image", path.display());
-    };
-    let (width, height) = (image.width() as usize, image.height() as usize);
+    let image = read_depth_image(path).map_err(anyhow::Error::msg)?;
+    let (width, height) = (image.width(), image.height());
     if (width, height) != (camera.width, camera.height) {
         bail!(
             "{}: is {width}×{height}, the map's keyframes are {}×{}",
@@ -159,7 +157,7 @@ fn read_inverse_depth(path: &Path, camera: &Pinhole) -> Result<Image<f32>> {
         );
     }
     let invert = |&depth: &u16| if depth == 0 { 0.0 } else { 1.0 / (f32::from(depth) * DEPTH_UNIT) };
-    Image::from_vec(width, height, image.as_raw().iter().map(invert).collect())
+    Image::from_vec(width, height, image.data().iter().map(invert).collect())
         .with_context(|| format!("{}: is cut short", path.display()))
 }
 

@@ -3,7 +3,7 @@
 use super::info_map::load_at;
 use crate::console::{say, tell};
 use anyhow::ensure;
-use loopbox::placing::{Metres, Up, placement};
+use loopbox::placing::{Metres, Up, place};
 use map::{CloudSelection, DEFAULT_MAX_RELATIVE_VARIANCE, KeyframeId, Map, MapError, StampedPose};
 use std::path::{Path, PathBuf};
 
@@ -104,15 +104,10 @@ pub fn run(args: &ExportArgs) -> anyhow::Result<()> {
     ensure!(args.max_variance > 0.0, "--max-variance is {}; give a number above 0", args.max_variance);
     ensure!(args.voxel.is_none_or(|edge| edge > 0.0), "--voxel must be a length above 0");
     let mut map = load_at(&args.map)?;
-    let new_from_world = placement(&map, args.placing.metres().as_ref(), args.placing.up)?;
-    if new_from_world != geometry::Sim3::identity() {
-        map.transform(&new_from_world);
-        if let (Some(_), [only]) =
-            (args.placing.metres(), &mut map.agents.values_mut().collect::<Vec<_>>()[..])
-        {
-            only.set_metric();
-        }
-        say!("lengths are {} times those of the map", new_from_world.scale);
+    let metres = args.placing.metres();
+    let growth = place(&mut map, metres.as_ref(), args.placing.up)?;
+    if metres.is_some() || growth != 1.0 {
+        say!("lengths are {growth} times those of the map");
     }
     if map.keyframes.values().all(|keyframe| keyframe.semi_dense.is_empty() && keyframe.scan.is_none()) {
         tell!("warning: {}: no keyframe has depth: clouds of it are empty", args.map.display());

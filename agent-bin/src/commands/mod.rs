@@ -15,6 +15,7 @@ mod export;
 pub(crate) mod features;
 #[cfg(feature = "fleet")]
 mod fleet;
+mod import;
 mod info;
 pub(crate) mod info_map;
 mod info_scans;
@@ -62,6 +63,7 @@ pub enum Command {
     /// Describe a recording or a map
     Info(info::InfoArgs),
     Export(export::ExportArgs),
+    Import(import::ImportArgs),
     Eval(eval::EvalArgs),
     #[cfg(feature = "opencv")]
     Calib(calib::CalibArgs),
@@ -91,6 +93,7 @@ impl Command {
             Command::Cameras(args) => cameras::run(&args),
             Command::Info(args) => info::execute(&args),
             Command::Export(args) => export::run(&args),
+            Command::Import(args) => import::execute(&args),
             Command::Eval(args) => eval::run(args),
             #[cfg(feature = "opencv")]
             Command::Calib(args) => calib::run(&args),

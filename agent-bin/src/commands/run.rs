@@ -117,11 +117,18 @@ pub struct RunArgs {
 
 /// When features are found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum FeatureTime {
-    /// Beside tracking.
+pub enum FeatureTime {
+    /// As the map is made.
     Now,
     /// When maps are merged.
     Later,
+}
+
+impl FeatureTime {
+    /// Whether they are found as the map is made.
+    pub fn is_now(self) -> bool {
+        self == Self::Now
+    }
 }
 
 /// Forms of a log.
@@ -305,7 +312,7 @@ impl RunArgs {
             record: self.record.clone(),
             trajectory: self.trajectory,
             max_variance: self.max_variance,
-            features: self.features == FeatureTime::Now,
+            features: self.features.is_now(),
         })
     }
 

@@ -5,6 +5,7 @@
 mod bad_input;
 #[path = "../common/documented.rs"]
 mod documented;
+mod importing;
 mod merging;
 mod support;
 mod unmerging;

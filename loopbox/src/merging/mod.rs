@@ -241,6 +241,7 @@ fn meeting_among(maps: usize, params: &MergingParams) -> MeetingParams {
     let mut meeting = params.meeting.clone();
     let pairs = (maps * maps.saturating_sub(1) / 2).max(1);
     meeting.closure.pair.two_view.max_false_alarms /= pairs as f64;
+    meeting.closure.neighbourhood.pose.max_false_alarms /= pairs as f64;
     meeting
 }
 

@@ -9,10 +9,13 @@ use serde::Serialize;
 /// The numbers a verdict rests on.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Evidence {
-    /// γ over the agreeing pairs.
+    /// γ over the agreeing pairs; of keyframes matched together, the key points of either map that agree, each once. Where
+    /// these are too few to decide, with those of the further pairs that agree.
     pub matches: usize,
     /// Keyframe pairs that agree on the motion.
     pub pairs: usize,
+    /// Whether it is of keyframes matched together, as no pair of them sufficed alone.
+    pub pooled: bool,
     /// Share of agreeing pixels after direct alignment, mean of the agreeing pairs, 0–1; a pair that could not be
     /// aligned counts with 0.
     pub inlier_share: f32,
@@ -68,8 +71,9 @@ impl Evidence {
             variances.max().sqrt()
         };
         Self {
-            matches: closure.agreeing().map(matches).sum(),
+            matches: closure.pooled.unwrap_or_else(|| closure.agreeing().map(matches).sum()),
             pairs: closure.agreeing().count(),
+            pooled: closure.pooled.is_some(),
             inlier_share: mean(0),
             agreeing_share: mean(1),
             rotation_deviation: deviation(3).to_degrees(),

@@ -8,8 +8,9 @@
 //! | line | what it catches | failing it |
 //! |---|---|---|
 //! | at least two keyframe pairs, each well known, agree on the motion | one view that looks alike by chance | undecided |
-//! | matches γ over the agreeing pairs | images that share a thing or two | undecided |
+//! | matches γ over the agreeing pairs, at need with the further ones that agree | images that share a thing or two | undecided |
 //! | pixels that agree after direct alignment, both ways, all agreeing pairs | places of the same shape with other texture, and the reverse | refused |
+//! | the same of keyframes matched together, with a higher limit | places that are alike in part, where no pair of keyframes speaks for them alone | undecided |
 //! | that share of all pixels, seen by both or not | things that repeat, shifted by one | refused |
 //! | standard deviations of rotation, translation and scale | closures that are right and useless | undecided |
 //! | further pairs that should overlap and can be aligned | a place that looks alike, in other surroundings | refused |
@@ -232,6 +233,11 @@ impl Test {
         );
         let (share, needed) = (evidence.inlier_share, params.min_inlier_share);
         self.least("pixels that agree", pair(share, needed), Says::Against, Doubt::Unlike { share, needed });
+        if evidence.pooled {
+            let needed = params.min_pooled_inlier_share;
+            let doubt = Doubt::Unlike { share, needed };
+            self.least("pixels that agree, keyframes together", pair(share, needed), Says::Open, doubt);
+        }
         let (share, needed) = (evidence.agreeing_share, params.min_agreeing_share);
         let doubt = Doubt::LittleAgrees { share, needed };
         self.least("of all pixels", pair(share, needed), Says::Against, doubt);

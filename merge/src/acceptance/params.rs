@@ -14,6 +14,9 @@ pub struct AcceptanceParams {
     /// Least share of pixels with depth that agree in intensity and depth after direct alignment, mean of the
     /// agreeing pairs. Default 0.6; 0 to 1.
     pub min_inlier_share: f32,
+    /// The same for a closure of keyframes matched together, which no pair of them alone speaks for, and of which more are
+    /// tried. Default 0.7; 0 to 1. Other houses over the same pavement reach 0.61.
+    pub min_pooled_inlier_share: f32,
     /// Least product of that share with the overlap, the share of pixels with depth that the other keyframe sees at
     /// all, mean of the agreeing pairs. Default 0.25; 0 to 1. Things that repeat (a fence, cars of one make) agree
     /// over a part of the view when shifted by one; the same place agrees over most of what both see.
@@ -48,6 +51,7 @@ impl Default for AcceptanceParams {
             min_matches: 60,
             min_pairs: 2,
             min_inlier_share: 0.6,
+            min_pooled_inlier_share: 0.7,
             min_agreeing_share: 0.25,
             min_aligned_share: 0.75,
             min_confirmed_share: 0.5,

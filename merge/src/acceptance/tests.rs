@@ -4,6 +4,7 @@ use super::*;
 const ENOUGH: Evidence = Evidence {
     matches: 60,
     pairs: 2,
+    pooled: false,
     inlier_share: 0.6,
     agreeing_share: 0.25,
     rotation_deviation: 0.35,
@@ -38,6 +39,16 @@ fn what_is_enough_passes_every_line() {
     assert_eq!((verdict.decision, verdict.lines.len()), (Decision::Accepted, 12));
     assert!(verdict.accepts() && verdict.doubt().is_none());
     assert!(verdict.lines.iter().all(|line| line.says == Says::For), "{:?}", verdict.lines);
+}
+
+/// No pair of keyframes speaks for it alone: their images must say more.
+#[test]
+fn keyframes_matched_together_must_look_more_alike() {
+    let pooled = Evidence { pooled: true, inlier_share: 0.7, ..ENOUGH };
+    assert!(verdict(pooled).accepts());
+    let doubt = Doubt::Unlike { share: 0.69, needed: 0.7 };
+    let verdict = verdict(Evidence { inlier_share: 0.69, ..pooled });
+    assert_eq!((verdict.decision, verdict.lines.len()), (Decision::Undecided(doubt), 13));
 }
 
 #[test]

@@ -8,10 +8,14 @@
 //! The paper ends with ICP on one pair. Here every pair is then refined on its images, and the motion of the maps is
 //! the mean of all that agree, weighted by information; the disagreement is evidence for or against the closure.
 
+mod neighbourhood;
 mod params;
 mod refusal;
 mod steps;
 
+pub use neighbourhood::{
+    NeighbourhoodParams, NeighbourhoodPose, close_neighbourhood, matches_at, neighbourhood_pose,
+};
 pub use params::ClosureParams;
 pub use refusal::ClosureRefusal;
 
@@ -54,6 +58,9 @@ pub struct Closure {
     pub pairs: [Option<PairOutcome>; 3],
     /// Which of them gave the initial guess, an index into `pairs`.
     pub chosen: usize,
+    /// Where no pair sufficed alone: how many key points of all keyframes around the place agree with the pose that gave
+    /// the initial guess, each counted once.
+    pub pooled: Option<usize>,
     /// σ_z of the three pairs, target world units per source world unit.
     pub scales: Neighbourhood,
     /// σ* by inverse variance, in the same unit.
@@ -94,14 +101,44 @@ pub fn close(
 ) -> Result<Closure, ClosureRefusal> {
     let keyframes = (place.source, place.target);
     let (travel, views) = steps::neighbours(source, target, place, params);
-    let mut pairs = steps::measure(source, target, views, params);
+    let pairs = steps::measure(source, target, views, params);
     let index = steps::choose(&pairs)?;
     let outcome = pairs[index].as_ref().ok_or(ClosureRefusal::NoMotion)?;
     let chosen = Chosen::new(source, target, outcome, params).ok_or(ClosureRefusal::NoMotion)?;
+    let scales = steps::scales(source, target, &pairs);
+    let scale = inverse_variance(&scales, steps::ratio_of_volumes(&chosen), &params.optimal_scale)?;
+    let travel = Some(travel).filter(|travel| *travel != Travel::Unknown);
+    finish(source, target, Start { keyframes, travel, pairs, index, chosen, scale, pooled: None }, params)
+}
 
+/// What the steps before registration gave.
+struct Start {
+    /// The keyframes of the place, source and target.
+    keyframes: (KeyframeId, KeyframeId),
+    /// How the agents travelled, where the matches tell.
+    travel: Option<Travel>,
+    /// The measured pairs.
+    pairs: [Option<PairOutcome>; 3],
+    /// Which of them is chosen.
+    index: usize,
+    /// That one.
+    chosen: Chosen,
+    /// σ*.
+    scale: OptimalScale,
+    /// As [`Closure::pooled`].
+    pooled: Option<usize>,
+}
+
+/// Registration, refinement on the images, and the motion on which the pairs agree.
+fn finish(
+    source: &PreparedMap,
+    target: &PreparedMap,
+    start: Start,
+    params: &ClosureParams,
+) -> Result<Closure, ClosureRefusal> {
+    let Start { keyframes, travel, mut pairs, index, chosen, scale, pooled } = start;
     let scales = steps::scales(source, target, &pairs);
     let volume_ratio = steps::ratio_of_volumes(&chosen);
-    let scale = inverse_variance(&scales, volume_ratio, &params.optimal_scale)?;
     let initial_guess = chosen.initial_guess(&scale);
     let registration = chosen.register(&scale, &initial_guess, params);
     // Clouds of few, far points may slide: the images then start from where the key points are.
@@ -115,14 +152,13 @@ pub fn close(
     steps::refine(source, target, &mut pairs, &starts, params);
     let at_keyframes = steps::motion(&chosen, &mut pairs, params)?;
     let motion = chosen.of_worlds(&at_keyframes).ok_or(ClosureRefusal::NoMotion)?;
-    let travel = match travel {
-        Travel::Unknown => steps::travel_of_paths(source, target, keyframes, &motion.a_from_b),
-        known => known,
-    };
+    let travel =
+        travel.unwrap_or_else(|| steps::travel_of_paths(source, target, keyframes, &motion.a_from_b));
     Ok(Closure {
         travel,
         pairs,
         chosen: index,
+        pooled,
         scales,
         scale,
         algorithm_1: algorithm_1(&scales, volume_ratio, &params.optimal_scale),

@@ -1,5 +1,6 @@
 //! How a closure is followed.
 
+use super::neighbourhood::NeighbourhoodParams;
 use crate::icp::{IcpParams, KeyframeCloudParams};
 use crate::optimal_scale::OptimalScaleParams;
 use crate::pair::PairParams;
@@ -13,6 +14,8 @@ use serde::{Deserialize, Serialize};
 pub struct ClosureParams {
     /// Matching, relative pose and scale of a pair.
     pub pair: PairParams,
+    /// The keyframes around a place together.
+    pub neighbourhood: NeighbourhoodParams,
     /// Direction of travel.
     pub pairing: PairingParams,
     /// The scale of three pairs.
@@ -39,6 +42,7 @@ impl Default for ClosureParams {
     fn default() -> Self {
         Self {
             pair: PairParams::default(),
+            neighbourhood: NeighbourhoodParams::default(),
             pairing: PairingParams::default(),
             optimal_scale: OptimalScaleParams::default(),
             cloud: KeyframeCloudParams::default(),

@@ -1,5 +1,6 @@
 //! Why a closure came to nothing.
 
+use crate::generalised_pose::GeneralisedPoseRefusal;
 use crate::optimal_scale::OptimalScaleRefusal;
 use crate::pair::PairRefusal;
 
@@ -9,6 +10,9 @@ pub enum ClosureRefusal {
     /// None of the pairs could be measured.
     #[error("no keyframe pair gives a scale: {0}")]
     NoPair(PairRefusal),
+    /// The keyframes around the place agree on no pose.
+    #[error("{0}")]
+    Neighbourhood(#[from] GeneralisedPoseRefusal),
     /// The pairs' scales contradict each other.
     #[error("{0}")]
     Scale(#[from] OptimalScaleRefusal),

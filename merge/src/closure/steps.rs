@@ -17,7 +17,7 @@ use rayon::prelude::*;
 use std::collections::BTreeMap;
 
 /// Two keyframes to be measured, and what their images gave.
-type Views = (KeyframeId, KeyframeId, Result<ViewPair, TwoViewRefusal>);
+pub(super) type Views = (KeyframeId, KeyframeId, Result<ViewPair, TwoViewRefusal>);
 
 /// The views of z = −1, 0, 1 (§IV-B): the centre, and its neighbours paired by the direction of travel.
 pub(super) fn neighbours(
@@ -173,21 +173,30 @@ impl Chosen {
         params: &ClosureParams,
     ) -> Option<Self> {
         let pair = outcome.measured.as_ref().ok()?;
-        let (i, j) = (source.get(outcome.source)?, target.get(outcome.target)?);
         let used = pair.points.iter().zip(&pair.alignment.inliers).filter(|(_, inlier)| **inlier);
         let sum: Vector3<f64> = used.map(|(point, _)| point.source.position).sum();
+        let centroid = sum / pair.alignment.inlier_count as f64;
+        let keyframes = (outcome.source, outcome.target);
+        Self::at(source, target, keyframes, pair.alignment.target_from_source, centroid, params)
+    }
+
+    /// Two keyframes at a similarity that matches gave. `None` where one is not in its map.
+    pub(super) fn at(
+        source: &PreparedMap,
+        target: &PreparedMap,
+        (i, j): (KeyframeId, KeyframeId),
+        target_from_source: Sim3,
+        centroid: Vector3<f64>,
+        params: &ClosureParams,
+    ) -> Option<Self> {
+        let poses = PairPoses {
+            source_world_from_source: source.world_from(i)?,
+            target_world_from_target: target.world_from(j)?,
+        };
+        let (i, j) = (source.get(i)?, target.get(j)?);
         let cloud = |k: &PreparedKeyframe| keyframe_cloud(&k.keyframe.semi_dense, k.camera, &params.cloud);
         let (source_cloud, target_cloud) = rayon::join(|| cloud(i), || cloud(j));
-        Some(Self {
-            target_from_source: pair.alignment.target_from_source,
-            centroid: sum / pair.alignment.inlier_count as f64,
-            poses: PairPoses {
-                source_world_from_source: source.world_from(outcome.source)?,
-                target_world_from_target: target.world_from(outcome.target)?,
-            },
-            source_cloud,
-            target_cloud,
-        })
+        Some(Self { target_from_source, centroid, poses, source_cloud, target_cloud })
     }
 
     /// How far the target's points are from its camera, target keyframe units: the median.

@@ -66,6 +66,8 @@ pub enum Basis {
     Single,
     /// The centre pair alone: the volumes of its clouds do not fit, or (Algorithm 1) no two scales were taken.
     Centre,
+    /// The matches of all keyframes around the place together, where no pair has enough.
+    Neighbourhood,
 }
 
 /// σ* with its evidence.

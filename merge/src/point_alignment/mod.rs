@@ -200,7 +200,7 @@ impl System {
 }
 
 /// Derivative of `exp(ε) p` by ε at 0, tangent order (υ, ω, λ).
-fn left_jacobian(point: &Vector3<f64>) -> SMatrix<f64, 3, 7> {
+pub(crate) fn left_jacobian(point: &Vector3<f64>) -> SMatrix<f64, 3, 7> {
     let mut jacobian = SMatrix::<f64, 3, 7>::zeros();
     jacobian.fixed_view_mut::<3, 3>(0, 0).fill_with_identity();
     jacobian.fixed_view_mut::<3, 3>(0, 3).copy_from(&(-hat(point)));

@@ -23,6 +23,7 @@ mod transfer;
 use geometry::Sampler;
 use linear::Pose;
 use model::Settled;
+pub(crate) use model::ln_choose;
 use nalgebra::{Matrix3, Matrix3x2, Matrix5, Unit, UnitQuaternion, Vector3};
 use rays::Rays;
 use serde::{Deserialize, Serialize};
@@ -192,6 +193,19 @@ pub enum TwoViewRefusal {
         /// Matches that agree.
         inliers: usize,
     },
+}
+
+impl TwoViewRefusal {
+    /// How many matches were given, where that is told.
+    pub fn given(&self) -> usize {
+        match *self {
+            Self::TooFewMatches { given, .. }
+            | Self::TooFewInliers { given, .. }
+            | Self::Chance { given, .. } => given,
+            Self::Degenerate { inliers } => inliers,
+            Self::InvalidMatch { .. } | Self::InvalidPixelAngle { .. } | Self::NoPose => 0,
+        }
+    }
 }
 
 /// Estimates R and t̂ of `p_t = R p_s + t` from matched rays (see the module).

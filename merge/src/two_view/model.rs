@@ -71,7 +71,7 @@ impl Settled {
 }
 
 /// ln of the binomial coefficient.
-fn ln_choose(of: usize, chosen: usize) -> f64 {
+pub(crate) fn ln_choose(of: usize, chosen: usize) -> f64 {
     (1..=chosen.min(of - chosen.min(of))).map(|k| ((of + 1 - k) as f64 / k as f64).ln()).sum()
 }
 

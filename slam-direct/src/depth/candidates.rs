@@ -63,6 +63,11 @@ pub(super) fn select(image: &GrayImage, params: &DepthParams) -> Candidates {
     all
 }
 
+/// The pixels of an image whose gradient is strong enough for a depth, as indices `y · width + x`, ascending.
+pub fn candidate_pixels(image: &GrayImage, params: &DepthParams) -> Vec<u32> {
+    select(image, params).pixel
+}
+
 /// The least doubled gradient of a candidate.
 fn threshold(histogram: &[u32; 256], params: &DepthParams, pixels: usize) -> u8 {
     let least = (2.0 * params.min_gradient).clamp(1.0, 255.0) as usize;

@@ -20,6 +20,7 @@ mod search;
 mod tests;
 mod update;
 
+pub use candidates::candidate_pixels;
 pub use params::DepthParams;
 pub use prior::SeedPoint;
 pub use references::choose_references;

@@ -93,7 +93,7 @@ pub struct OptimalScaleRecord {
     pub scale: f64,
     /// Its standard deviation.
     pub deviation: f64,
-    /// What it rests on: `agreement`, `single` or `centre`.
+    /// What it rests on: `agreement`, `single`, `centre` or `neighbourhood`.
     pub basis: &'static str,
     /// Which of the pairs went into it.
     pub used: [bool; 3],
@@ -196,6 +196,7 @@ impl OptimalScaleRecord {
                 Basis::Agreement => "agreement",
                 Basis::Single => "single",
                 Basis::Centre => "centre",
+                Basis::Neighbourhood => "neighbourhood",
             },
             used: found.used,
             scale_gap: found.scale_gap,

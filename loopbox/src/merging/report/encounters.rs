@@ -288,6 +288,7 @@ impl ScaleView {
                 Basis::Agreement => "pairs that agree",
                 Basis::Single => "the only pair that has a scale",
                 Basis::Centre => "the centre pair alone",
+                Basis::Neighbourhood => "the keyframes around the place together",
             },
         }
     }
@@ -296,6 +297,7 @@ impl ScaleView {
 /// What one of the three pairs came to.
 fn pair_words(outcome: &PairOutcome) -> String {
     match (&outcome.measured, &outcome.direct) {
+        (Err(_), Some(Ok(_))) if outcome.agrees => "Used, aligned on the images alone.".to_owned(),
         (Err(refusal), _) => format!("Not measured: {refusal}."),
         (Ok(_), Some(Err(refusal))) => {
             format!("By key points only; the images could not be aligned: {refusal}.")

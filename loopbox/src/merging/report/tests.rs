@@ -134,13 +134,15 @@ fn merging(names: [&str; 3], count: u32, spacing: usize) -> (Vec<Input>, Merging
 }
 
 fn tried(outcome: Outcome) -> Tried {
-    Tried { place: Place { source: KeyframeId(1), target: KeyframeId(1) }, match_count: 20, outcome }
+    let place = Place { source: KeyframeId(1), target: KeyframeId(1) };
+    Tried { place, matched: 30, match_count: 20, outcome }
 }
 
 fn evidence() -> Evidence {
     Evidence {
         matches: 60,
         pairs: 2,
+        pooled: false,
         inlier_share: 0.9,
         agreeing_share: 0.7,
         rotation_deviation: 0.02,
@@ -180,6 +182,7 @@ fn closure() -> Closure {
         travel: Travel::Opposite,
         pairs: [Some(outcome(Err(unmeasured))), Some(outcome(Ok(pair()))), None],
         chosen: 1,
+        pooled: None,
         scales: [None, Some(PairEstimate { scale: 1.3, variance: 1e-4, match_count: 20 }), None],
         scale,
         algorithm_1: Err(OptimalScaleRefusal::NoEstimate),

@@ -1,0 +1,114 @@
+//! Keyframes of posed images.
+
+use anyhow::{Result, bail};
+use geometry::{Camera, Crop, GrayImage, Image, Pinhole, Se3, Sim3, Undistorter};
+use map::{Edge, EdgeKind, FramePose, Keyframe, KeyframeId, SemiDense};
+use nalgebra::{SMatrix, SVector};
+use slam_direct::{DepthParams, candidate_pixels};
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// What a map is made of.
+pub(super) struct Built {
+    pub camera: Pinhole,
+    pub keyframes: BTreeMap<KeyframeId, Keyframe>,
+    pub edges: Vec<Edge>,
+    pub warnings: Vec<String>,
+}
+
+/// An image with its pose, before it is read.
+pub(super) struct Posed<'a> {
+    /// Its place among the keyframes.
+    pub index: usize,
+    /// Seconds.
+    pub timestamp: f64,
+    /// Which image of the folder it is, from 0.
+    pub frame_index: u64,
+    pub image: &'a Path,
+    pub world_from_camera: Se3,
+}
+
+/// How far the poses of successive keyframes may be off: translation in parts of the median depth, rotation in radians,
+/// scale in parts; what merging allows neighbouring keyframes of our own maps.
+const DEVIATIONS: [f64; 3] = [0.01, 0.005, 0.01];
+
+/// A grey image that has the camera's size and the lens taken out.
+pub(super) fn undistorted(path: &Path, undistorter: &Undistorter) -> Result<GrayImage> {
+    let image = sources::pictures::Picture::File(path.to_owned()).into_grey().map_err(anyhow::Error::msg)?;
+    match undistorter.undistort(&image) {
+        Ok(image) => Ok(image),
+        Err(problem) => bail!("{}: {problem}", path.display()),
+    }
+}
+
+/// The pinhole and the way to it for a camera; `pinhole` is the one to make where it is given.
+pub(super) fn undistorter(camera: &Camera, pinhole: Option<Pinhole>) -> Result<Undistorter> {
+    Ok(Undistorter::new(camera, pinhole.map_or(Crop::Valid, Crop::Explicit))?)
+}
+
+/// A keyframe without depth.
+pub(super) fn keyframe(posed: &Posed, image: GrayImage) -> Keyframe {
+    let pose = Sim3::from(posed.world_from_camera);
+    Keyframe::of_image(KeyframeId(posed.index as u32), posed.timestamp, posed.frame_index, pose, image.into())
+}
+
+/// The depths of a depth image where the image has contrast, as a map has them. `distance` is that along the optical axis
+/// of a pixel of the undistorted image, `None` where there is none; `deviation` the standard deviation of such an inverse
+/// depth.
+pub(super) fn semi_dense(
+    image: &GrayImage,
+    valid: &Image<bool>,
+    distance: impl Fn(usize, usize) -> Option<f64>,
+    deviation: impl Fn(f64) -> f64,
+) -> SemiDense {
+    let mut depths = SemiDense::default();
+    for pixel in candidate_pixels(image, &DepthParams::default()) {
+        let (x, y) = (pixel as usize % image.width(), pixel as usize / image.width());
+        if let Some(distance) = distance(x, y).filter(|_| valid.get(x, y)) {
+            let inverse_depth = distance.recip();
+            depths.pixel.push(pixel);
+            depths.inverse_depth.push(inverse_depth as f32);
+            depths.variance.push(deviation(inverse_depth).powi(2) as f32);
+        }
+    }
+    depths
+}
+
+/// Edges from each keyframe to the next, as their poses have it.
+pub(super) fn chain(keyframes: &BTreeMap<KeyframeId, Keyframe>) -> Vec<Edge> {
+    let mut median = 1.0;
+    keyframes
+        .values()
+        .zip(keyframes.values().skip(1))
+        .map(|(from, to)| {
+            // Without depth of its own a keyframe is as far from what it sees as the one before.
+            median = median_depth(&from.semi_dense).unwrap_or(median);
+            let [t, r, s] = DEVIATIONS;
+            let t = t * median;
+            let deviations = SVector::<f64, 7>::from([t, t, t, r, r, r, s]);
+            Edge {
+                from: from.id,
+                to: to.id,
+                from_from_to: from.world_from_keyframe.inverse() * to.world_from_keyframe,
+                information: SMatrix::from_diagonal(&deviations.map(|deviation| deviation.powi(-2))),
+                kind: EdgeKind::Odometry,
+            }
+        })
+        .collect()
+}
+
+fn median_depth(depths: &SemiDense) -> Option<f64> {
+    let mut sorted = depths.inverse_depth.clone();
+    sorted.sort_by(f32::total_cmp);
+    sorted.get(sorted.len() / 2).map(|depth| f64::from(*depth).recip())
+}
+
+/// The frame of a keyframe.
+pub(super) fn frame(keyframe: &Keyframe) -> FramePose {
+    FramePose {
+        timestamp: keyframe.timestamp,
+        frame_index: keyframe.frame_index,
+        reference: keyframe.id,
+        keyframe_from_frame: Se3::identity(),
+    }
+}
