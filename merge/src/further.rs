@@ -12,7 +12,7 @@ use crate::estimate::Estimate;
 use crate::prepared::PreparedMap;
 use backend::posegraph::{ConsistencyParams, MapGraph, PoseGraphError, consistent_set};
 use backend::sim3_align::{CompareParams, Comparison, Sim3AlignParams, compare};
-use geometry::Sim3;
+use geometry::{Pinhole, Sim3};
 use map::{Edge, EdgeKind, KeyframeId};
 use nalgebra::{SMatrix, SVector, Vector3};
 use rayon::prelude::*;
@@ -108,8 +108,7 @@ pub fn join(
         })
         .collect();
     let own = edges.len();
-    let pairs = overlapping(source, target, motion, params);
-    let pairs = spread(pairs, params.max_closures, &edges);
+    let pairs = worth_trying(&glimpses(source), &glimpses(target), motion, &edges, params);
     let found: Vec<Option<Edge>> = pairs
         .par_iter()
         .map(|&(i, j)| {
@@ -194,7 +193,7 @@ fn allow(edge: &mut Edge, target: &PreparedMap, drift: &[f64; 3]) {
 
 /// The median distance of what a keyframe sees, its unit.
 fn reach(map: &PreparedMap, id: KeyframeId) -> Option<f64> {
-    let mut distances: Vec<f64> = sample(map, id)?.iter().map(|point| point.norm()).collect();
+    let mut distances: Vec<f64> = glimpse(map, id)?.points.iter().map(|point| point.norm()).collect();
     distances.sort_by(f64::total_cmp);
     distances.get(distances.len() / 2).copied()
 }
@@ -203,61 +202,93 @@ fn nodes(map: &PreparedMap) -> BTreeMap<KeyframeId, Sim3> {
     map.map().keyframes.iter().map(|(id, keyframe)| (*id, keyframe.world_from_keyframe)).collect()
 }
 
+/// A keyframe by its place and some of its points: enough to see with which others it overlaps.
+#[derive(Clone, Debug)]
+pub struct Glimpse<'a> {
+    /// The keyframe.
+    pub id: KeyframeId,
+    /// Its pose in its map's world.
+    pub world_from_keyframe: Sim3,
+    /// Its camera.
+    pub camera: &'a Pinhole,
+    /// Points spread over its view, in its camera frame and unit.
+    pub points: Vec<Vector3<f64>>,
+}
+
+impl<'a> Glimpse<'a> {
+    /// Of a keyframe with these pixels and their inverse depths, 1/keyframe unit; `None` without any.
+    pub fn new(
+        id: KeyframeId,
+        world_from_keyframe: Sim3,
+        camera: &'a Pinhole,
+        samples: impl Iterator<Item = (u32, f32)>,
+    ) -> Option<Self> {
+        let point = |(pixel, inverse_depth): (u32, f32)| {
+            let pixel = pixel as usize;
+            let ray = camera.unproject((pixel % camera.width) as f64, (pixel / camera.width) as f64);
+            ray / f64::from(inverse_depth)
+        };
+        let points: Vec<_> = samples.map(point).collect();
+        (!points.is_empty()).then_some(Self { id, world_from_keyframe, camera, points })
+    }
+}
+
+/// Pairs of keyframes, of the source and of the target, that should overlap by a motion of the maps and are to be tried:
+/// at most [`max_closures`](FurtherParams::max_closures) without those that `known` has.
+pub fn worth_trying(
+    sources: &[Glimpse],
+    targets: &[Glimpse],
+    target_world_from_source_world: &Sim3,
+    known: &[Edge],
+    params: &FurtherParams,
+) -> Vec<(KeyframeId, KeyframeId)> {
+    let pairs = overlapping(sources, targets, target_world_from_source_world, params);
+    spread(pairs, params.max_closures, known)
+}
+
 /// For each keyframe of the source the one of the target that sees most of its points, both ways, where that is
 /// enough.
 fn overlapping(
-    source: &PreparedMap,
-    target: &PreparedMap,
+    sources: &[Glimpse],
+    targets: &[Glimpse],
     target_world_from_source_world: &Sim3,
     params: &FurtherParams,
 ) -> Vec<(KeyframeId, KeyframeId)> {
-    let samples = |map: &PreparedMap| -> Vec<(KeyframeId, Vec<Vector3<f64>>)> {
-        map.order().iter().filter_map(|&id| Some((id, sample(map, id)?))).collect()
-    };
-    let (sources, targets) = (samples(source), samples(target));
     let min_cosine = params.max_view_angle.to_radians().cos();
-    let best = |(i, points): &(KeyframeId, Vec<Vector3<f64>>)| -> Option<(KeyframeId, KeyframeId)> {
-        let world_from_i = *target_world_from_source_world * source.world_from(*i)?;
-        let seen = |(j, others): &(KeyframeId, Vec<Vector3<f64>>)| -> Option<(f64, KeyframeId)> {
-            let j_from_i = target.world_from(*j)?.inverse() * world_from_i;
-            let there = share_seen(points, &j_from_i, target, *j, min_cosine)?;
+    let best = |i: &Glimpse| -> Option<(KeyframeId, KeyframeId)> {
+        let world_from_i = *target_world_from_source_world * i.world_from_keyframe;
+        let seen = |j: &Glimpse| -> Option<(f64, KeyframeId)> {
+            let j_from_i = j.world_from_keyframe.inverse() * world_from_i;
+            let there = share_seen(&i.points, &j_from_i, j.camera, min_cosine);
             if there < params.min_overlap {
                 return None;
             }
-            let back = share_seen(others, &j_from_i.inverse(), source, *i, min_cosine)?;
-            Some((there.min(back), *j)).filter(|(share, _)| *share >= params.min_overlap)
+            let back = share_seen(&j.points, &j_from_i.inverse(), i.camera, min_cosine);
+            Some((there.min(back), j.id)).filter(|(share, _)| *share >= params.min_overlap)
         };
         // Of equals the first.
         let better = |a: (f64, KeyframeId), b: (f64, KeyframeId)| if b.0 > a.0 { b } else { a };
-        targets.iter().filter_map(seen).reduce(better).map(|(_, j)| (*i, j))
+        targets.iter().filter_map(seen).reduce(better).map(|(_, j)| (i.id, j))
     };
     sources.par_iter().filter_map(best).collect()
 }
 
-/// A few points of a keyframe, in its camera frame and unit; `None` when it has no depth.
-fn sample(map: &PreparedMap, id: KeyframeId) -> Option<Vec<Vector3<f64>>> {
-    let keyframe = map.map().keyframes.get(&id)?;
-    let camera = map.map().camera(keyframe);
-    let step = keyframe.semi_dense.len().div_ceil(SAMPLES).max(1);
-    let point = |(pixel, inverse_depth, _): (u32, f32, f32)| {
-        let pixel = pixel as usize;
-        let ray = camera.unproject((pixel % camera.width) as f64, (pixel / camera.width) as f64);
-        ray / f64::from(inverse_depth)
-    };
-    let points: Vec<_> = keyframe.semi_dense.iter().step_by(step).map(point).collect();
-    (!points.is_empty()).then_some(points)
+/// The keyframes of a map that have depth and features, in order of time.
+fn glimpses<'a>(map: &PreparedMap<'a>) -> Vec<Glimpse<'a>> {
+    map.order().iter().filter_map(|&id| glimpse(map, id)).collect()
 }
 
-/// Share of points, moved by `to_from`, that keyframe `id` has in its image, from a direction not too far off that of
-/// the other keyframe.
-fn share_seen(
-    points: &[Vector3<f64>],
-    to_from: &Sim3,
-    map: &PreparedMap,
-    id: KeyframeId,
-    min_cosine: f64,
-) -> Option<f64> {
-    let camera = map.map().camera(map.map().keyframes.get(&id)?);
+/// `None` when the keyframe has no depth.
+fn glimpse<'a>(map: &PreparedMap<'a>, id: KeyframeId) -> Option<Glimpse<'a>> {
+    let keyframe = map.map().keyframes.get(&id)?;
+    let step = keyframe.semi_dense.len().div_ceil(SAMPLES).max(1);
+    let samples = keyframe.semi_dense.iter().step_by(step).map(|(pixel, d, _)| (pixel, d));
+    Glimpse::new(id, keyframe.world_from_keyframe, map.map().camera(keyframe), samples)
+}
+
+/// Share of points, moved by `to_from`, that a keyframe with this camera has in its image, from a direction not too far
+/// off that of the other keyframe.
+fn share_seen(points: &[Vector3<f64>], to_from: &Sim3, camera: &Pinhole, min_cosine: f64) -> f64 {
     let inside = |point: &&Vector3<f64>| {
         let moved = *to_from * **point;
         let pixel = camera.project(&moved);
@@ -266,7 +297,7 @@ fn share_seen(
         let alike = moved.dot(&other) >= min_cosine * moved.norm() * other.norm();
         alike && moved.z > 0.0 && within(pixel.x, camera.width) && within(pixel.y, camera.height)
     };
-    Some(points.iter().filter(inside).count() as f64 / points.len() as f64)
+    points.iter().filter(inside).count() as f64 / points.len() as f64
 }
 
 /// At most `count` of the pairs, evenly spread, without those that have an edge already.
