@@ -78,6 +78,7 @@ impl PairingArgs {
             force: false,
             name: name.clone().unwrap_or_else(of_folder),
             is_station: false,
+            is_beside: true,
             listen: self.listen,
             dial: self.connect.clone(),
         };
@@ -134,6 +135,7 @@ fn hand_over(folder: &Path, name: &str, args: &FleetCommand) -> Result<()> {
         force: false,
         name: name.to_owned(),
         is_station: false,
+        is_beside: false,
         listen: args.listen,
         dial: args.connect.clone(),
     };

@@ -4,12 +4,12 @@
 //! it does not depend on the order in which things came, and once all is there it is what a merge of the agents' own
 //! files is, bit by bit.
 
-use super::agents::{Agent, Place};
+use super::agents::{Inputs, Maps, Place};
 use super::courtesy::Courtesy;
 use super::findings::Found;
-use super::remembering::{Content, Memory};
+use super::remembering::Content;
 use super::sketching::{Met, Plan, Sketches};
-use crate::merging::{Input, MergeRecord, Merging, MergingParams, Names, merge_knowing, write_results};
+use crate::merging::{MergeRecord, Merging, MergingParams, Names, merge_knowing, write_results};
 use crate::results::{Owner, Results};
 use crate::run::give_way;
 use anyhow::{Context, Result, anyhow};
@@ -40,10 +40,16 @@ pub(super) struct Collector {
     params: MergingParams,
     /// Threads that give way to all others, where they do.
     pool: Option<rayon::ThreadPool>,
-    agents: BTreeMap<Identity, Agent>,
+    /// Maps of which all is fetched, as far as it is here.
+    maps: Maps,
+    /// Parts of maps by which it is seen whether they met.
+    parts: Maps,
     sketches: Sketches,
     courtesy: Courtesy,
-    memory: Memory,
+    /// What was found by the maps, the parts aside.
+    found: Found,
+    /// Whether parts were merged last.
+    looked: bool,
     merged: Instant,
     took: Duration,
     written: Option<Instant>,
@@ -51,9 +57,6 @@ pub(super) struct Collector {
     is_new: bool,
     to_write: bool,
 }
-
-/// The keyframes of each agent whose images and depths are merged; all, where nothing is said.
-type Only = BTreeMap<Identity, BTreeSet<KeyframeId>>;
 
 impl Collector {
     /// One that writes into `out`; beside others it works on one core, and gives way to them until the end.
@@ -71,9 +74,11 @@ impl Collector {
             sketches: Sketches::new(Arc::clone(&vocabulary)),
             vocabulary,
             params: MergingParams::default(),
-            agents: BTreeMap::new(),
+            maps: Maps::default(),
+            parts: Maps::default(),
             courtesy: Courtesy::default(),
-            memory: Memory::default(),
+            found: Found::default(),
+            looked: false,
             merged: Instant::now(),
             took: Duration::ZERO,
             written: None,
@@ -96,19 +101,24 @@ impl Collector {
     ) -> Result<Option<Found>> {
         let all = heard(service);
         let plan = self.plan(&all, service, told, warn);
-        if let Some(only) = plan.ready {
-            // As long as there is more to be fetched than what is looked at, no more than that is looked at.
-            return self.look_at((!plan.all_released).then_some(&only), &all, service, warn, stop);
+        let is_due = self.merged.elapsed() >= PAUSE.max(self.took * PAUSE_FACTOR);
+        // In turns, so that neither waits for the other for long.
+        if let Some(only) = plan.ready.as_ref().filter(|_| !std::mem::take(&mut self.looked) || !is_due) {
+            self.looked = true;
+            return self.look_at(only, &all, service, warn, stop);
         }
-        if !plan.all_released || self.merged.elapsed() < PAUSE.max(self.took * PAUSE_FACTOR) {
+        if self.sketches.pending().is_empty() {
+            self.parts.clear();
+        }
+        if !is_due {
             return Ok(None);
         }
-        self.take_all(&all, None, service, warn);
+        self.take_all(&all, &plan.released, service, warn);
         if !std::mem::take(&mut self.is_new) {
             return Ok(None);
         }
         let start = Instant::now();
-        let found = self.merge(false, service, warn, stop);
+        let found = self.merge(warn, stop);
         (self.merged, self.took) = (Instant::now(), start.elapsed());
         found
     }
@@ -120,10 +130,7 @@ impl Collector {
         let known: Vec<Identity> = all.iter().map(|heard| heard.agent).collect();
         let elsewhere = self.courtesy.left_to_others(&known, &own, told);
         let sketches = &mut self.sketches;
-        let mut plan = match &self.pool {
-            Some(pool) => pool.install(|| sketches.plan(all, &*store, &elsewhere)),
-            None => sketches.plan(all, &*store, &elsewhere),
-        };
+        let mut plan = on_pool(self.pool.as_ref(), || sketches.plan(all, &*store, &elsewhere));
         for (agent, (objects, rest)) in std::mem::take(&mut plan.wanted) {
             service.prefer(agent, objects, rest);
         }
@@ -133,50 +140,73 @@ impl Collector {
         plan
     }
 
-    /// Looks at the parts of the maps by which it is to be seen who met whom. What was found; nothing is said yet of
-    /// those that are to be looked at more closely.
+    /// Looks at the parts of the maps by which it is to be seen who met whom. What was found, beside what is known of all
+    /// maps; nothing is said yet of those that are to be looked at more closely.
     fn look_at(
         &mut self,
-        only: Option<&Only>,
+        only: &BTreeMap<Identity, BTreeSet<KeyframeId>>,
         all: &[Heard],
         service: &Service,
         warn: &dyn Fn(&str),
         stop: &Stop,
     ) -> Result<Option<Found>> {
-        self.take_all(all, only, service, warn);
-        let mut found = self.merge(true, service, warn, stop)?;
-        self.is_new = true;
-        if let Some(found) = &mut found {
-            let names = |agents: &[String; 2]| {
-                let known = all.iter().map(|heard| heard.agent);
-                let mut names: Vec<Identity> =
-                    known.filter(|agent| agents.contains(&agent.to_string())).collect();
-                names.sort();
-                <[Identity; 2]>::try_from(names).ok()
-            };
-            found.postpone(|agents| names(agents).is_some_and(|names| self.sketches.is_pending(names)));
+        let store = service.store();
+        let place = Place { store: &*store, folder: &self.folder, vocabulary: &self.vocabulary };
+        for heard in all {
+            let Some(only) = only.get(&heard.agent) else { continue };
+            let parts = &mut self.parts;
+            if let Err(reason) = on_pool(self.pool.as_ref(), || parts.take(heard, Some(only), &place)) {
+                leave_out(heard.agent, reason, service, warn);
+            }
         }
+        let lent = self.parts.lend();
+        let merged = self.merged_anew(&lent, &self.parts, false, stop);
+        let found = match merged {
+            Err(error) => {
+                self.sketches.judged(&[], &*store);
+                if !stop.requested() {
+                    warn(&format!("parts of the maps are not merged: {error:#}"));
+                }
+                None
+            }
+            Ok((merging, recalled)) => {
+                self.parts.memory.keep(&lent.contents, &merging.encounters, |pair| recalled.contains(&pair));
+                self.sketches.judged(&met(&merging, &lent.contents), &*store);
+                Some(Found::of(&lent.inputs, &merging, &lent.whole))
+            }
+        };
+        self.parts.take_back(lent);
+        let found = found.map(|found| self.pending(found.beside(&self.found)));
         Ok(found)
     }
 
-    /// Puts together what is there of all maps.
-    fn take_all(&mut self, all: &[Heard], only: Option<&Only>, service: &Service, warn: &dyn Fn(&str)) {
+    /// What was found, where nothing is said yet of pairs that are looked at more closely.
+    fn pending(&self, mut found: Found) -> Found {
+        let pending = self.sketches.pending();
+        let names: Vec<[String; 2]> =
+            pending.into_iter().map(|pair| pair.map(|agent| agent.to_string())).collect();
+        found.postpone(|agents| names.iter().any(|names| agents.iter().all(|agent| names.contains(agent))));
+        found
+    }
+
+    /// Puts together what is there of the maps of which all is fetched.
+    fn take_all(
+        &mut self,
+        all: &[Heard],
+        released: &BTreeSet<Identity>,
+        service: &Service,
+        warn: &dyn Fn(&str),
+    ) {
         // An agent's own map alone is in its folder already.
-        let is_beside = self.pool.is_some();
-        if all.len() < 2 && (is_beside || !all.iter().any(|heard| heard.finished && heard.missing == 0)) {
+        let has_own = !service.own().is_empty();
+        if all.len() < 2 && (has_own || !all.iter().any(|heard| heard.finished && heard.missing == 0)) {
             return;
         }
-        let (store, none) = (service.store(), BTreeSet::new());
+        let store = service.store();
         let place = Place { store: &*store, folder: &self.folder, vocabulary: &self.vocabulary };
-        for heard in all {
-            let agent = self.agents.entry(heard.agent).or_insert_with(|| Agent::new(heard.begun));
-            let only = only.map(|only| only.get(&heard.agent).unwrap_or(&none));
-            let mut take = || agent.take(heard, only, &place);
-            let taken = match &self.pool {
-                Some(pool) => pool.install(take),
-                None => take(),
-            };
-            match taken {
+        for heard in all.iter().filter(|heard| released.contains(&heard.agent)) {
+            let maps = &mut self.maps;
+            match on_pool(self.pool.as_ref(), || maps.take(heard, None, &place)) {
                 Ok(is_new) => {
                     self.is_new |= is_new;
                     self.to_write |= is_new;
@@ -188,8 +218,7 @@ impl Collector {
 
     /// Whether so many agents' maps are whole and will not change any more, and all is merged and written.
     pub fn is_done(&self, agents: usize) -> bool {
-        let ended = self.agents.values().filter(|agent| agent.whole && agent.finished).count();
-        ended >= agents && !self.is_new && !self.to_write
+        self.maps.done() >= agents && !self.is_new && !self.to_write
     }
 
     /// Merges and writes what is not yet, in the thread that calls it. What was found, if anything was.
@@ -197,81 +226,66 @@ impl Collector {
     /// # Errors
     /// When that cannot be done.
     pub fn finish(&mut self, service: &Service, warn: &dyn Fn(&str)) -> Result<Option<Found>> {
-        self.take_all(&heard(service), None, service, warn);
+        let all = heard(service);
+        let agents = all.iter().map(|heard| heard.agent).collect();
+        self.take_all(&all, &agents, service, warn);
         self.pool = None;
         if self.to_write || self.is_new {
             (self.written, self.is_new) = (None, false);
             self.to_write = false;
-            return self.merge(false, service, warn, &Stop::default());
+            return self.merge(warn, &Stop::default());
         }
         Ok(None)
     }
 
-    /// Does something where merging is done.
-    fn on_pool<T: Send>(&self, work: impl FnOnce() -> T + Send) -> T {
-        match &self.pool {
-            Some(pool) => pool.install(work),
-            None => work(),
-        }
-    }
-
-    /// Merges all maps, and writes what came of it where it is time; nothing of a sketch.
-    fn merge(
-        &mut self,
-        is_sketch: bool,
-        service: &Service,
-        warn: &dyn Fn(&str),
-        stop: &Stop,
-    ) -> Result<Option<Found>> {
-        let mut inputs = Inputs::taken_from(&mut self.agents);
-        let result = self.merge_inputs(&mut inputs, is_sketch, service, stop);
+    /// Merges all maps, and writes what came of it where it is time.
+    fn merge(&mut self, warn: &dyn Fn(&str), stop: &Stop) -> Result<Option<Found>> {
+        let lent = self.maps.lend();
+        let result = self.merge_lent(&lent, stop);
         let is_interrupted = result.is_err() && stop.requested();
-        inputs.back_to(&mut self.agents);
+        self.maps.take_back(lent);
         match result {
             Err(Failed::Merge(_)) if is_interrupted => Ok(None),
             // What is wrong with these maps may be mended by more of them.
             Err(Failed::Merge(error)) => {
-                self.sketches.judged(&[], &*service.store());
                 warn(&format!("the maps are not merged: {error:#}"));
                 Ok(None)
             }
             Err(Failed::Write(error)) => Err(error),
-            Ok(found) => Ok(Some(found)),
+            Ok(found) => {
+                self.found = self.pending(found);
+                Ok(Some(self.found.clone()))
+            }
         }
     }
 
-    fn merge_inputs(
-        &mut self,
-        inputs: &mut Inputs,
-        is_sketch: bool,
-        service: &Service,
+    /// Merges maps that were lent by `maps`, and says which pairs of them were known before.
+    fn merged_anew(
+        &self,
+        lent: &Inputs,
+        maps: &Maps,
+        exactly: bool,
         stop: &Stop,
-    ) -> Result<Found, Failed> {
+    ) -> Result<(Merging, Vec<[usize; 2]>)> {
         let go_on = || if stop.requested() { Err(anyhow!("interrupted")) } else { Ok(()) };
-        let Inputs { inputs, contents, whole } = inputs;
+        let known = |pair: [usize; 2]| maps.memory.recall(&lent.contents, pair, exactly);
+        let merge = || merge_knowing(&lent.inputs, &self.vocabulary, &self.params, &known, &mut |_| go_on());
+        let merging = on_pool(self.pool.as_ref(), merge)?;
+        let pairs = merging.encounters.iter().map(|encounter| encounter.as_given());
+        let recalled = pairs.filter(|pair| known(*pair).is_some()).collect();
+        Ok((merging, recalled))
+    }
+
+    fn merge_lent(&mut self, lent: &Inputs, stop: &Stop) -> Result<Found, Failed> {
+        let Inputs { inputs, contents, whole } = lent;
         if inputs.is_empty() {
-            self.sketches.judged(&[], &*service.store());
             return Ok(Found::default());
         }
-        let at_rest = self.agents.values().all(|agent| agent.whole && agent.finished);
-        let (vocabulary, params, memory) = (&self.vocabulary, &self.params, &self.memory);
-        let known = |pair: [usize; 2]| memory.recall(contents, pair, at_rest);
-        let merged = self.on_pool(|| merge_knowing(inputs, vocabulary, params, &known, &mut |_| go_on()));
-        let merging = merged.map_err(Failed::Merge)?;
-        let recalled: Vec<[usize; 2]> = merging
-            .encounters
-            .iter()
-            .map(|encounter| encounter.as_given())
-            .filter(|pair| memory.recall(contents, *pair, at_rest).is_some())
-            .collect();
-        self.memory.keep(contents, &merging.encounters, |pair| recalled.contains(&pair));
+        let at_rest = self.maps.at_rest();
+        let (merging, recalled) = self.merged_anew(lent, &self.maps, at_rest, stop).map_err(Failed::Merge)?;
+        self.maps.memory.keep(contents, &merging.encounters, |pair| recalled.contains(&pair));
+        self.sketches.met(&met(&merging, contents));
         let found = Found::of(inputs, &merging, whole);
-        let met = met(&merging, contents);
-        if is_sketch {
-            self.sketches.judged(&met, &*service.store());
-            return Ok(found);
-        }
-        self.sketches.met(&met);
         let is_due = self.written.is_none_or(|written| written.elapsed() > WRITE_INTERVAL);
         if merging.anything_met() && (at_rest || is_due) {
             let mut write = || -> Result<()> {
@@ -291,40 +305,11 @@ impl Collector {
     }
 }
 
-/// The maps to be merged, in their order.
-struct Inputs {
-    inputs: Vec<Input>,
-    contents: Vec<Content>,
-    whole: Vec<bool>,
-}
-
-impl Inputs {
-    /// Of all agents of whom there is enough: those in metres first, as `loopbox merge` has it, then the eldest.
-    fn taken_from(agents: &mut BTreeMap<Identity, Agent>) -> Self {
-        let is_metric = |agent: &Agent| agent.input.as_ref().is_some_and(|input| input.map.is_metric());
-        let order = agents.iter().map(|(identity, agent)| (!is_metric(agent), agent.begun, *identity));
-        let mut order: Vec<_> = order.collect();
-        order.sort();
-        let mut all = Self { inputs: Vec::new(), contents: Vec::new(), whole: Vec::new() };
-        for (.., identity) in order {
-            let Some(agent) = agents.get_mut(&identity) else { continue };
-            let Some(content) = agent.content(identity) else { continue };
-            let Some(mut input) = agent.input.take() else { continue };
-            input.name_apart_from(&all.inputs);
-            all.inputs.push(input);
-            all.contents.push(content);
-            all.whole.push(agent.whole);
-        }
-        all
-    }
-
-    /// Gives the agents their maps back.
-    fn back_to(self, agents: &mut BTreeMap<Identity, Agent>) {
-        for (content, input) in self.contents.into_iter().zip(self.inputs) {
-            if let Some(agent) = agents.get_mut(&content.agent) {
-                agent.input = Some(input);
-            }
-        }
+/// Does something where merging is done.
+fn on_pool<T: Send>(pool: Option<&rayon::ThreadPool>, work: impl FnOnce() -> T + Send) -> T {
+    match pool {
+        Some(pool) => pool.install(work),
+        None => work(),
     }
 }
 

@@ -83,6 +83,20 @@ impl Found {
         Self { agents: inputs.iter().enumerate().filter_map(agent).collect(), meetings: meetings.collect() }
     }
 
+    /// What `other` found, and this of what that says nothing of.
+    pub(super) fn beside(self, other: &Self) -> Self {
+        let mut all = other.clone();
+        let agents =
+            self.agents.into_iter().filter(|new| other.agents.iter().all(|old| old.agent != new.agent));
+        all.agents.extend(agents);
+        let is_known = |new: &FoundMeeting| {
+            let of_both = |old: &FoundMeeting| new.agents.iter().all(|agent| old.agents.contains(agent));
+            other.meetings.iter().any(of_both)
+        };
+        all.meetings.extend(self.meetings.into_iter().filter(|new| !is_known(new)));
+        all
+    }
+
     /// Says of pairs that no more is known of them than that more is looked at.
     pub(super) fn postpone(&mut self, is_pending: impl Fn(&[String; 2]) -> bool) {
         for meeting in self.meetings.iter_mut().filter(|meeting| is_pending(&meeting.agents)) {

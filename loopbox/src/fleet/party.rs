@@ -35,6 +35,8 @@ pub struct FleetOptions {
     pub name: String,
     /// Whether it has no map of its own, and is there to collect those of others.
     pub is_station: bool,
+    /// Whether a run works beside it, to which it gives way.
+    pub is_beside: bool,
     /// Where it listens.
     pub listen: Option<Endpoint>,
     /// Whom it dials.
@@ -78,7 +80,7 @@ impl Fleet {
     ) -> Result<Self> {
         let role = if options.is_station { Role::Station } else { Role::Agent };
         let common = if options.is_station { options.out.clone() } else { options.out.join(COMMON) };
-        let collector = Collector::new(&common, options.force, !options.is_station)?;
+        let collector = Collector::new(&common, options.force, options.is_beside)?;
         let shared = Arc::new(Shared { enough, tell: Some(Box::new(tell)), ..Shared::default() });
         let of_news = Arc::clone(&shared);
         let service = ServiceOptions {
@@ -98,7 +100,7 @@ impl Fleet {
         }
         let (of_thread, seen) = (Arc::clone(&shared), Arc::clone(&service));
         let path = options.out.join(STATUS);
-        let (at, is_beside) = (path.clone(), !options.is_station);
+        let (at, is_beside) = (path.clone(), options.is_beside);
         let work = move || {
             if is_beside {
                 crate::run::give_way();

@@ -42,8 +42,8 @@ impl Memory {
         Some(Encounter { target, source, ..known.encounter.clone() })
     }
 
-    /// Keeps what all pairs of these maps made of each other, and nothing of others; `is_recalled` tells the pairs that
-    /// were known before.
+    /// Keeps what pairs of these maps made of each other, and nothing of others; `is_recalled` tells the pairs that were
+    /// known before.
     pub fn keep(
         &mut self,
         maps: &[Content],

@@ -43,8 +43,8 @@ pub(super) struct Plan {
     pub wanted: BTreeMap<Identity, (Vec<(Kind, u32)>, bool)>,
     /// The keyframes by which it is to be seen now who met whom; nothing while that takes more objects.
     pub ready: Option<BTreeMap<Identity, BTreeSet<KeyframeId>>>,
-    /// Whether all maps are fetched.
-    pub all_released: bool,
+    /// Maps of which all is fetched.
+    pub released: BTreeSet<Identity>,
     /// Who told what is none.
     pub wrong: Vec<(Identity, String)>,
 }
@@ -109,7 +109,8 @@ impl Sketches {
                         is_ready = true;
                     }
                 }
-                for (agent, keyframes) in names.into_iter().zip(pair.keyframes([&a, &b])) {
+                let keyframes = names.into_iter().zip(pair.keyframes([&a, &b]));
+                for (agent, keyframes) in keyframes.filter(|(_, keyframes)| !keyframes.is_empty()) {
                     subset.entry(agent).or_default().extend(keyframes);
                 }
                 self.agents.extend(names.into_iter().zip([a, b]));
@@ -120,7 +121,7 @@ impl Sketches {
         let is_done =
             |agent: &Identity| !busy.contains(agent) && (agents.len() < 2 || self.agents[agent].missing == 0);
         self.released.extend(agents.iter().filter(|agent| is_done(agent)));
-        plan.all_released = agents.iter().all(|agent| self.released.contains(agent));
+        plan.released.clone_from(&self.released);
         let mut of =
             |agent: &Identity| (wanted.remove(agent).unwrap_or_default(), self.released.contains(agent));
         plan.wanted = agents.iter().map(|agent| (*agent, of(agent))).collect();
@@ -148,9 +149,9 @@ impl Sketches {
         }
     }
 
-    /// Whether more of a pair's maps is to be looked at before anything is said of it.
-    pub fn is_pending(&self, names: [Identity; 2]) -> bool {
-        self.pairs.get(&names).is_some_and(Pair::is_pending)
+    /// Pairs of whose maps more is to be looked at before anything is said of them.
+    pub fn pending(&self) -> Vec<[Identity; 2]> {
+        self.pairs.iter().filter(|(_, pair)| pair.is_pending()).map(|(names, _)| *names).collect()
     }
 
     /// Takes note of pairs that met by all that is here.
