@@ -257,10 +257,8 @@ fn write(file: &Path, trajectory: &Trajectory, frame: &Sim3) -> Result<()> {
 
 fn errors(plan: &Plan, files: [PathBuf; 2], pair: [&str; 2]) -> Result<Errors> {
     let mut command = Command::new(plan.loopbox);
-    command.args(["eval", "--json"]);
-    for (file, name) in files.iter().zip(pair) {
-        command.arg(file).arg("--gt").arg(plan.data.join(name).join("groundtruth.txt"));
-    }
+    command.args(["eval", "--json"]).args(files).arg("--gt");
+    command.args(pair.map(|name| plan.data.join(name).join("groundtruth.txt")));
     let record: Value = serde_json::from_slice(&finish(&mut command)?)?;
     let number = |pointer: &str| record["agents"].get(1)?.pointer(pointer)?.as_f64();
     Ok(Errors([number("/ate/rmse"), number("/merge/scale_percent")]))

@@ -224,9 +224,13 @@ fn over_a_slow_link_maps_are_merged_by_a_part_of_them_as_by_all() {
     let all: u64 = [&a, &b].iter().map(|out| out.join("map.mcap").metadata().expect("a file").len()).sum();
     assert!(carried < all / 2, "{carried} of {all} bytes");
     // The agents lie to each other as all of both maps has it.
-    let whole = Path::new(&room.path().join("whole")).to_owned();
+    let whole = room.path().join("whole");
     let output = loopbox(&["merge", arg(&a), arg(&b), "--out", arg(&whole), "--quiet"]);
     assert!(output.status.success(), "{}", stderr(&output));
+    let merged: Value = serde_json::from_slice(&bytes(&whole.join("merge.json"))).expect("numbers");
+    let of_parts = found["found"]["agents"][1]["root_from_agent"][7].as_f64().expect("a scale");
+    let of_all = merged["agents"][1]["root_from_agent"]["scale"].as_f64().expect("a scale");
+    assert!((of_parts / of_all).ln().abs() < 0.02, "{of_parts} {of_all}");
     drop(there);
 }
 
