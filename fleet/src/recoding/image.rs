@@ -5,8 +5,8 @@ use image::codecs::jpeg::{JpegDecoder, JpegEncoder};
 use image::{ColorType, ExtendedColorType, ImageDecoder};
 use std::io::Cursor;
 
-/// Quality of the JPEG, of 100. Measured on the maps of the README's demonstration and of parking_a and _c: verdicts and
-/// numbers of closures are the same at 85, 75 and 60.
+/// Quality of the JPEG, of 100: 72 kB at 640×480. Merged by images of this quality and rounded depths, 7 keyframes of
+/// parking_a and of _c put the one 7.1 mm from where it belongs, the whole maps with exact ones 5.4 mm.
 const QUALITY: u8 = 75;
 
 /// An image as a JPEG file.

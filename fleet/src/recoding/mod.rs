@@ -4,9 +4,9 @@
 //!
 //! | what | bytes at 640×480 | for what |
 //! |---|---|---|
-//! | [`digest`] | 1.3 kB | which places look alike, and which keyframes overlap once a motion is known |
-//! | [`image`] | 60–80 kB | matching and alignment |
-//! | [`depth`] | 15–30 kB | the same |
+//! | [`digest`] | 1.2 kB | which places look alike, and which keyframes overlap once a motion is known |
+//! | [`image`] | 72 kB | matching and alignment |
+//! | [`depth`] | 24 kB | the same |
 //!
 //! They stand in for the exact ones where maps are merged before all of them is there, and are given up once it is.
 
