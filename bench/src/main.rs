@@ -2,6 +2,7 @@
 //!
 //! It knows the program only from outside: its command line and the files it writes.
 
+mod fleet;
 mod lidar;
 mod live;
 mod measure;
@@ -58,6 +59,10 @@ struct Args {
     /// Measure only a drive of so many frames through a rendered town: what costs when the map has grown
     #[arg(long, value_name = "FRAMES", conflicts_with_all = ["merges", "live", "perturbed", "lidar"])]
     long: Option<usize>,
+    /// Measure only agents that pair: bytes and seconds until two maps that meet over a network are merged. The machine
+    /// should have nothing else to do
+    #[arg(long, conflicts_with_all = ["merges", "live", "perturbed", "lidar", "long"])]
+    fleet: bool,
     /// With --perturbed: from how many first frames each sequence is run
     #[arg(long, value_name = "N", default_value_t = 16, requires = "perturbed")]
     starts: usize,
@@ -95,6 +100,12 @@ fn main() -> Result<()> {
     if args.lidar {
         let text = lidar::measure(&args.loopbox, &args.data, &args.work)?;
         return write(&args.documents, &[("machine", report::machine()), ("lidar", text)]);
+    }
+    if args.fleet {
+        let (data, work, only) = (&args.data, &args.work, &args.only);
+        let text =
+            fleet::measure(&fleet::Plan { loopbox: &args.loopbox, data, work, runs: args.runs, only })?;
+        return write(&args.documents, &[("fleet", text)]);
     }
     if let Some(frames) = args.long {
         let drive = town::measure(&runner, frames)?;

@@ -1,22 +1,34 @@
 //! Objects as the map that they are of.
 
+use crate::bytes::Writer;
 use crate::hash::ObjectHash;
 use crate::manifest::{Entry, Kind, Manifest, page_from_bytes};
+use crate::recoding::digest::Digest;
+use crate::recoding::{depth, image};
 use crate::store::Store;
+use geometry::{GrayImage, Pinhole, Sim3};
 use map::parts::{agent_from_bytes, depth_from_bytes, graph_from_bytes, image_from_bytes};
-use map::{Identity, Keyframe, KeyframeId, Map};
-use std::collections::BTreeMap;
+use map::{AgentInfo, Edge, EdgeKind, Identity, Keyframe, KeyframeId, Map};
+use nalgebra::{SMatrix, SVector};
+use place_recog::Vocabulary;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 /// A map put together of its objects.
+///
+/// Of a map in part some keyframes have images and depths, exact ones or those that stand in for them. The others have
+/// none, but their places and edges: by them the parts hang together, so that whether two closures agree is told from
+/// the same ways along the map as in the whole one.
 #[derive(Clone, Debug)]
 pub struct Assembled {
-    /// The map: of keyframes those of which image, depth and pose are there.
+    /// The map.
     pub map: Map,
-    /// Keyframes that are told of and not in the map yet.
+    /// Keyframes that are told of and have no image and depth in the map.
     pub missing: usize,
     /// Whether all of the map is there: it is the agent's own, bit by bit.
     pub whole: bool,
+    /// Stands for all of the map that merging looks at: equal when nothing of it changed.
+    pub content: ObjectHash,
 }
 
 /// All objects that a manifest lists; `None` while a page is not there.
@@ -41,15 +53,27 @@ pub fn entries_of(manifest: &Manifest, store: &dyn Store) -> Result<Option<Vec<E
 /// Puts the map of one agent together, again and again as objects come.
 #[derive(Default)]
 pub struct Assembler {
-    /// Keyframes at the world's origin, by what they were made of: image, depth and features.
+    /// Keyframes at the world's origin, by what they were made of.
     made: BTreeMap<KeyframeId, (Parts, Keyframe)>,
+    digests: BTreeMap<KeyframeId, (ObjectHash, Digest)>,
 }
 
-/// Image and depth of a keyframe, and its features if it has any.
-type Parts = (ObjectHash, ObjectHash, Option<ObjectHash>);
+/// What a keyframe is made of.
+#[derive(Clone, Copy, PartialEq, Eq)]
+struct Parts {
+    image: Entry,
+    depth: Entry,
+    features: Option<ObjectHash>,
+}
+
+/// How exactly the way from a keyframe to the next is taken to be known where its edge is not there: translation as a
+/// share of the way, rotation in radians, scale. As merging assumes of a map's drift from keyframe to keyframe
+/// (`ConsistencyParams`).
+const DRIFT: [f64; 3] = [0.02, 0.0035, 0.015];
 
 impl Assembler {
-    /// The map of `agent` of the objects listed that are in the store; `None` while nothing can be told of the agent.
+    /// The map of `agent` of the objects listed that are in the store, images and depths of the keyframes `only` alone;
+    /// `None` while nothing can be told of the agent.
     ///
     /// # Errors
     /// When an object is not what it should be, or they contradict each other: whoever tells it is not to be believed.
@@ -58,10 +82,10 @@ impl Assembler {
         agent: Identity,
         entries: &[Entry],
         store: &dyn Store,
+        only: Option<&BTreeSet<KeyframeId>>,
     ) -> Result<Option<Assembled>, String> {
-        let of_kind = |kind: Kind| entries.iter().filter(move |entry| entry.kind == kind);
-        let mut whole = true;
-        let Some(bytes) = of_kind(Kind::Agent).next().and_then(|entry| store.get(&entry.hash)) else {
+        let objects = Objects { entries, store };
+        let Some(bytes) = objects.of_kind(Kind::Agent).next().and_then(|entry| store.get(&entry.hash)) else {
             return Ok(None);
         };
         let info = agent_from_bytes(&bytes)?;
@@ -70,9 +94,185 @@ impl Assembler {
         }
         let camera = *info.camera().ok_or("it is not of a camera")?;
         let mut map = Map::of(info.clone());
-        let mut poses = BTreeMap::new();
-        for entry in entries.iter().filter(|e| matches!(e.kind, Kind::Poses | Kind::Edges | Kind::Frames)) {
-            let Some(bytes) = store.get(&entry.hash) else {
+        let (poses, mut whole) = objects.graph(&mut map)?;
+        let by_kind = objects.by_kind();
+        let exact = |kind: Kind, number: u32| by_kind.get(&(kind, number)).copied();
+        let blank = Arc::new(GrayImage::filled(camera.width, camera.height, 0));
+        let (mut missing, mut content) = (0, Writer::default());
+        let mut made = std::mem::take(&mut self.made);
+        for number in objects.of_kind(Kind::Depth).map(|entry| entry.number) {
+            let id = KeyframeId(number);
+            if exact(Kind::Image, number).is_none() {
+                return Err(format!("keyframe {number} has no image"));
+            }
+            let Some(pose) = poses.get(&id) else {
+                (missing, whole) = (missing + 1, false);
+                continue;
+            };
+            let wanted = only.is_none_or(|only| only.contains(&id));
+            let parts = objects.parts(&by_kind, number).filter(|_| wanted);
+            whole &=
+                parts.is_some_and(|parts| !parts.image.kind.is_stand_in() && !parts.depth.kind.is_stand_in());
+            let keyframe = match (parts, made.remove(&id)) {
+                (Some(parts), Some((known, keyframe))) if known == parts => (Some(parts), keyframe),
+                (Some(parts), _) => {
+                    (Some(parts), self.keyframe(id, parts, &info, &camera, &objects, &by_kind)?)
+                }
+                (None, _) => {
+                    missing += 1;
+                    let Some(digest) = self.digest(id, &objects, &by_kind)? else { continue };
+                    let origin = Sim3::identity();
+                    let (time, frame) = (digest.timestamp, digest.frame_index);
+                    (None, Keyframe::of_image(id, time, frame, origin, Arc::clone(&blank)))
+                }
+            };
+            let (parts, keyframe) = keyframe;
+            let placed = Keyframe { world_from_keyframe: *pose, ..keyframe.clone() };
+            note(&mut content, &placed, parts);
+            if let Some(parts) = parts {
+                self.made.insert(id, (parts, keyframe));
+            }
+            map.keyframes.insert(id, placed);
+        }
+        if !whole {
+            map.drop_dangling();
+            self.join(&mut map);
+        }
+        map.check()?;
+        for edge in &map.edges {
+            content.u32(edge.from.0);
+            content.u32(edge.to.0);
+            let numbers = edge.from_from_to.log();
+            numbers.iter().chain(edge.information.iter()).for_each(|number| content.u64(number.to_bits()));
+        }
+        Ok(Some(Assembled { map, missing, whole, content: ObjectHash::of(&content.0) }))
+    }
+
+    /// A keyframe of its parts, at the world's origin.
+    fn keyframe(
+        &mut self,
+        id: KeyframeId,
+        parts: Parts,
+        info: &AgentInfo,
+        camera: &Pinhole,
+        objects: &Objects,
+        by_kind: &BTreeMap<(Kind, u32), Entry>,
+    ) -> Result<Keyframe, String> {
+        let bytes = |hash: &ObjectHash| objects.store.get(hash).ok_or("an object is damaged");
+        let picture = bytes(&parts.image.hash)?;
+        let picture = match parts.image.kind {
+            Kind::LossyImage => image::decode(&picture, camera)?,
+            _ => image_from_bytes(&picture, camera)?,
+        };
+        let (picture, coded) = (Arc::new(picture), bytes(&parts.depth.hash)?);
+        let keyframe = match parts.depth.kind {
+            Kind::LossyDepth => {
+                let digest = self.digest(id, objects, by_kind)?.ok_or("a digest is damaged")?;
+                let (time, frame) = (digest.timestamp, digest.frame_index);
+                let semi_dense = depth::decode(&coded, camera)?.into();
+                Keyframe { semi_dense, ..Keyframe::of_image(id, time, frame, Sim3::identity(), picture) }
+            }
+            _ => depth_from_bytes(&coded, picture, info)?,
+        };
+        if keyframe.id != id {
+            return Err(format!("keyframe {} says that it is keyframe {}", id.0, keyframe.id.0));
+        }
+        let features = parts.features.as_ref().map(bytes).transpose()?;
+        Ok(Keyframe { features: features.map(Into::into), ..keyframe })
+    }
+
+    /// What is told of a keyframe first; `None` while it is not there.
+    fn digest(
+        &mut self,
+        id: KeyframeId,
+        objects: &Objects,
+        by_kind: &BTreeMap<(Kind, u32), Entry>,
+    ) -> Result<Option<&Digest>, String> {
+        let Some(entry) = by_kind.get(&(Kind::Digest, id.0)) else { return Ok(None) };
+        if self.digests.get(&id).is_none_or(|(hash, _)| *hash != entry.hash) {
+            let Some(bytes) = objects.get(entry) else { return Ok(None) };
+            let digest = Digest::from_bytes(&bytes, id, &Vocabulary::shipped())
+                .map_err(|what| format!("a digest cannot be read: {what}"))?;
+            self.digests.insert(id, (entry.hash, digest));
+        }
+        Ok(self.digests.get(&id).map(|(_, digest)| digest))
+    }
+
+    /// Adds edges between keyframes that share one and of which it is not there yet: as their poses have them.
+    fn join(&self, map: &mut Map) {
+        let known: BTreeSet<[KeyframeId; 2]> =
+            map.edges.iter().map(|edge| [edge.from.min(edge.to), edge.from.max(edge.to)]).collect();
+        let mut before = None;
+        let mut edges = Vec::new();
+        for (id, keyframe) in &map.keyframes {
+            let told = self.digests.get(id).map_or(&[][..], |(_, digest)| &digest.linked);
+            let linked = told.iter().copied().filter(|other| map.keyframes.contains_key(other));
+            // Of one that has no earlier neighbour here its predecessor: nothing else would hold it.
+            let mut linked: Vec<KeyframeId> = linked.collect();
+            if linked.is_empty() {
+                linked.extend(before);
+            }
+            for other in linked.into_iter().filter(|other| !known.contains(&[*other, *id])) {
+                edges.extend(map.keyframes.get(&other).map(|other| edge(other, keyframe)));
+            }
+            before = Some(*id);
+        }
+        map.edges.extend(edges);
+    }
+}
+
+/// An edge between two keyframes of a map as their poses have it.
+fn edge(from: &Keyframe, to: &Keyframe) -> Edge {
+    let from_from_to = from.world_from_keyframe.inverse() * to.world_from_keyframe;
+    let [translation, rotation, scale] = DRIFT;
+    // Where a camera only turned, as much as for a way of one of its units.
+    let way = from_from_to.translation.norm();
+    let translation = translation * if way > 0.0 { way } else { 1.0 };
+    let [t, r, s] = [translation, rotation, scale].map(|deviation| deviation.powi(-2));
+    let information = SMatrix::from_diagonal(&SVector::from([t, t, t, r, r, r, s]));
+    Edge { from: from.id, to: to.id, from_from_to, information, kind: EdgeKind::Odometry }
+}
+
+/// Notes what merging looks at of a keyframe.
+fn note(content: &mut Writer, keyframe: &Keyframe, parts: Option<Parts>) {
+    content.u32(keyframe.id.0);
+    let pose = &keyframe.world_from_keyframe;
+    let rotation = pose.rotation.coords;
+    let numbers = pose.translation.iter().chain(rotation.iter()).chain([&pose.scale]);
+    numbers.for_each(|number| content.u64(number.to_bits()));
+    if let Some(parts) = parts {
+        [Some(parts.image.hash), Some(parts.depth.hash), parts.features]
+            .into_iter()
+            .flatten()
+            .for_each(|hash| content.bytes(&hash.0));
+    }
+}
+
+/// What is listed, and where it is if it is here.
+struct Objects<'a> {
+    entries: &'a [Entry],
+    store: &'a dyn Store,
+}
+
+impl Objects<'_> {
+    fn of_kind(&self, kind: Kind) -> impl Iterator<Item = &Entry> {
+        self.entries.iter().filter(move |entry| entry.kind == kind)
+    }
+
+    fn by_kind(&self) -> BTreeMap<(Kind, u32), Entry> {
+        self.entries.iter().map(|entry| ((entry.kind, entry.number), *entry)).collect()
+    }
+
+    fn get(&self, entry: &Entry) -> Option<Vec<u8>> {
+        self.store.has(&entry.hash).then(|| self.store.get(&entry.hash)).flatten()
+    }
+
+    /// Takes edges and frames into a map; the poses, and whether all of it is here.
+    fn graph(&self, map: &mut Map) -> Result<(BTreeMap<KeyframeId, Sim3>, bool), String> {
+        let (mut poses, mut whole) = (BTreeMap::new(), true);
+        let is_graph = |entry: &&Entry| matches!(entry.kind, Kind::Poses | Kind::Edges | Kind::Frames);
+        for entry in self.entries.iter().filter(is_graph) {
+            let Some(bytes) = self.get(entry) else {
                 whole = false;
                 continue;
             };
@@ -81,46 +281,22 @@ impl Assembler {
             map.edges.extend(part.edges);
             map.frames.extend(part.frames);
         }
-        let by_number = |kind: Kind| -> BTreeMap<u32, ObjectHash> {
-            of_kind(kind).map(|entry| (entry.number, entry.hash)).collect()
+        Ok((poses, whole))
+    }
+
+    /// What a keyframe can be made of by now: of image and depth the exact one, else what stands in for it. Features
+    /// come first, and where there are none yet there is nothing to recognise the keyframe by.
+    fn parts(&self, by_kind: &BTreeMap<(Kind, u32), Entry>, number: u32) -> Option<Parts> {
+        let here =
+            |kind: Kind| by_kind.get(&(kind, number)).filter(|entry| self.store.has(&entry.hash)).copied();
+        let features = match by_kind.get(&(Kind::Features, number)) {
+            Some(_) => Some(here(Kind::Features)?.hash),
+            None => None,
         };
-        let (images, features) = (by_number(Kind::Image), by_number(Kind::Features));
-        let mut missing = 0;
-        let mut made = std::mem::take(&mut self.made);
-        for (number, depth) in by_number(Kind::Depth) {
-            let id = KeyframeId(number);
-            let described = features.get(&number).copied();
-            let image = images.get(&number).ok_or_else(|| format!("keyframe {number} has no image"))?;
-            // Features come first, and where there are none yet there is nothing to recognise the keyframe by.
-            let is_there =
-                [Some(*image), Some(depth), described].iter().flatten().all(|hash| store.has(hash));
-            let Some(pose) = poses.get(&id).filter(|_| is_there) else {
-                missing += 1;
-                continue;
-            };
-            let parts = (*image, depth, described);
-            let keyframe = match made.remove(&id).filter(|(known, _)| *known == parts) {
-                Some((_, keyframe)) => keyframe,
-                None => {
-                    let bytes = |hash: &ObjectHash| store.get(hash).ok_or("an object is damaged");
-                    let image = Arc::new(image_from_bytes(&bytes(image)?, &camera)?);
-                    let read = depth_from_bytes(&bytes(&depth)?, image, &info)?;
-                    if read.id != id {
-                        return Err(format!("keyframe {number} says that it is keyframe {}", read.id.0));
-                    }
-                    let features = described.as_ref().map(bytes).transpose()?;
-                    Keyframe { features: features.map(Into::into), ..read }
-                }
-            };
-            let placed = Keyframe { world_from_keyframe: *pose, ..keyframe.clone() };
-            self.made.insert(id, (parts, keyframe));
-            map.keyframes.insert(id, placed);
-        }
-        whole &= missing == 0;
-        if !whole {
-            map.drop_dangling();
-        }
-        map.check()?;
-        Ok(Some(Assembled { map, missing, whole }))
+        let image = here(Kind::Image).or_else(|| here(Kind::LossyImage))?;
+        // What stands in for a depth has no time of its own.
+        let lossy = || here(Kind::Digest).and_then(|_| here(Kind::LossyDepth));
+        let depth = here(Kind::Depth).or_else(lossy)?;
+        Some(Parts { image, depth, features })
     }
 }

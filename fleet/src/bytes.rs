@@ -44,6 +44,15 @@ impl Writer {
         self.0.extend(value.to_le_bytes());
     }
 
+    /// One to five, the fewer the smaller it is: seven bits each, the lowest first (LEB128).
+    pub fn varint(&mut self, mut value: u32) {
+        while value >= 0x80 {
+            self.u8(value as u8 | 0x80);
+            value >>= 7;
+        }
+        self.u8(value as u8);
+    }
+
     /// Bytes as they are.
     pub fn bytes(&mut self, bytes: &[u8]) {
         self.0.extend(bytes);
@@ -128,6 +137,22 @@ impl<'a> Reader<'a> {
     /// When there are fewer.
     pub fn u64(&mut self) -> Result<u64, Malformed> {
         Ok(u64::from_le_bytes(self.array()?))
+    }
+
+    /// One to five, as [`Writer::varint`] wrote them.
+    ///
+    /// # Errors
+    /// When there are too few, or more than a number of 32 bits has.
+    pub fn varint(&mut self) -> Result<u32, Malformed> {
+        let mut value = 0u64;
+        for shift in (0..35).step_by(7) {
+            let byte = self.u8()?;
+            value |= u64::from(byte & 0x7f) << shift;
+            if byte < 0x80 {
+                return u32::try_from(value).map_err(|_| Malformed::Range("a number", value));
+            }
+        }
+        Err(Malformed::Range("a number", value))
     }
 
     /// A text of at most `longest` bytes.

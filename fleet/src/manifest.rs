@@ -38,13 +38,38 @@ pub enum Kind {
     Edges = 5,
     /// Frames, likewise.
     Frames = 6,
+    /// A keyframe in a kilobyte, [`crate::recoding::digest`].
+    Digest = 7,
+    /// A keyframe's image with a little less in it, [`crate::recoding::image`].
+    LossyImage = 8,
+    /// A keyframe's depth likewise, [`crate::recoding::depth`].
+    LossyDepth = 9,
 }
 
 impl Kind {
-    /// All kinds, in the order in which they are fetched: what places are recognised by comes before what they are
-    /// aligned by, and both before what only the whole map needs.
-    pub const ALL: [Self; 7] =
-        [Self::Agent, Self::Poses, Self::Features, Self::Depth, Self::Image, Self::Edges, Self::Frames];
+    /// All kinds.
+    pub const ALL: [Self; 10] = [
+        Self::Agent,
+        Self::Poses,
+        Self::Digest,
+        Self::Features,
+        Self::LossyDepth,
+        Self::LossyImage,
+        Self::Depth,
+        Self::Image,
+        Self::Edges,
+        Self::Frames,
+    ];
+
+    /// Whether it stands in for another one, and only until that is there: the whole map needs none of it.
+    pub fn is_stand_in(self) -> bool {
+        matches!(self, Self::LossyImage | Self::LossyDepth)
+    }
+
+    /// Whether its number is a keyframe's.
+    pub fn is_of_keyframe(self) -> bool {
+        !matches!(self, Self::Agent | Self::Poses | Self::Edges | Self::Frames)
+    }
 
     fn from_number(number: u8) -> Result<Self, Malformed> {
         let found = Self::ALL.into_iter().find(|kind| *kind as u8 == number);
@@ -195,7 +220,7 @@ mod tests {
 
     fn entries(count: u32) -> Vec<Entry> {
         let entry = |i: u32| Entry {
-            kind: Kind::ALL[i as usize % 7],
+            kind: Kind::ALL[i as usize % Kind::ALL.len()],
             number: i,
             revision: i / 3,
             size: 1000 + i,

@@ -2,9 +2,14 @@
 
 use crate::hash::ObjectHash;
 use crate::manifest::{ENTRIES, Entry, Kind, MAX_OBJECT, Manifest, PageRef, page_to_bytes};
+use crate::recoding::digest::Digest;
+use crate::recoding::{depth, image};
 use crate::wire::Offer;
+use features::codec;
+use geometry::Pinhole;
 use map::parts::{GraphPart, agent_to_bytes, depth_to_bytes, graph_to_bytes, image_to_bytes};
 use map::{AgentId, Edge, FramePose, Identity, Keyframe, KeyframeId, Map, MapError};
+use place_recog::{Vocabulary, WordBag};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
@@ -35,6 +40,8 @@ pub struct Publisher {
     told: BTreeMap<(Kind, u32), Entry>,
     /// The keyframes as they were told.
     keyframes: BTreeMap<KeyframeId, Keyframe>,
+    /// Earlier keyframes that each shares edges with, as they were told.
+    linked: BTreeMap<KeyframeId, Vec<KeyframeId>>,
     pages: BTreeSet<ObjectHash>,
     finished: bool,
 }
@@ -42,8 +49,8 @@ pub struct Publisher {
 impl Publisher {
     /// Of the map of `agent`, which is told from `begun` on, milliseconds since 1970.
     pub fn new(agent: Identity, begun: u64) -> Self {
-        let (told, keyframes, pages) = Default::default();
-        Self { agent, begun, revision: 0, told, keyframes, pages, finished: false }
+        let (told, keyframes, linked, pages) = Default::default();
+        Self { agent, begun, revision: 0, told, keyframes, linked, pages, finished: false }
     }
 
     /// The map as it is by now; `None` when nothing of it is new. Keyframes without depth are not told before the map
@@ -57,13 +64,21 @@ impl Publisher {
         let Some(info) = map.agents.get(&AgentId::default()).filter(|_| map.agents.len() == 1) else {
             return Err(refuse("only an agent's own map can be told".into()));
         };
-        let mut step = Step { told: &self.told, entries: BTreeMap::new(), objects: Vec::new() };
+        let camera = *info.camera().ok_or_else(|| refuse("only a camera's map can be told".into()))?;
+        let vocabulary = Vocabulary::shipped();
+        let (entries, objects) = Default::default();
+        let mut step = Step { told: &self.told, linked: &self.linked, camera, vocabulary, entries, objects };
         step.add(Kind::Agent, 0, agent_to_bytes(info)).map_err(refuse)?;
         let is_told = |keyframe: &&Keyframe| finished || !keyframe.semi_dense.is_empty();
         let keyframes: Vec<&Keyframe> = map.keyframes.values().filter(is_told).collect();
+        let mut linked: BTreeMap<KeyframeId, Vec<KeyframeId>> = BTreeMap::new();
+        for edge in &map.edges {
+            linked.entry(edge.from.max(edge.to)).or_default().push(edge.from.min(edge.to));
+        }
         for keyframe in &keyframes {
             let before = self.keyframes.get(&keyframe.id);
-            step.keyframe(keyframe, before).map_err(refuse)?;
+            let linked = linked.get(&keyframe.id).map_or(&[][..], Vec::as_slice);
+            step.keyframe(keyframe, before, linked).map_err(refuse)?;
         }
         let poses: Vec<_> = keyframes.iter().map(|k| (k.id, k.world_from_keyframe)).collect();
         for (number, poses) in (0..).zip(poses.chunks(POSES)) {
@@ -82,7 +97,7 @@ impl Publisher {
         }
         let newest = keyframes.last().map_or(0, |keyframe| keyframe.id.0);
         self.keyframes = keyframes.iter().map(|keyframe| (keyframe.id, (*keyframe).clone())).collect();
-        (self.told, self.finished) = (entries, finished);
+        (self.told, self.linked, self.finished) = (entries, linked, finished);
         self.revision += 1;
         Ok(Some(self.listed(newest, objects)))
     }
@@ -101,7 +116,7 @@ impl Publisher {
             }
         };
         // What is said of keyframes on pages of their own, so that old ones stay as they are.
-        let of_keyframes = |entry: &&Entry| matches!(entry.kind, Kind::Features | Kind::Depth | Kind::Image);
+        let of_keyframes = |entry: &&Entry| entry.kind.is_of_keyframe();
         let general: Vec<Entry> = self.told.values().filter(|entry| !of_keyframes(entry)).copied().collect();
         general.chunks(ENTRIES).for_each(&mut page);
         let mut keyframes: Vec<Entry> = self.told.values().filter(of_keyframes).copied().collect();
@@ -138,33 +153,60 @@ fn frames_part(frames: &[FramePose]) -> Vec<u8> {
 /// A version as it is put together.
 struct Step<'a> {
     told: &'a BTreeMap<(Kind, u32), Entry>,
+    /// Earlier keyframes that each shared edges with, as they were told.
+    linked: &'a BTreeMap<KeyframeId, Vec<KeyframeId>>,
+    camera: Pinhole,
+    vocabulary: Arc<Vocabulary>,
     entries: BTreeMap<(Kind, u32), Entry>,
     objects: Vec<(ObjectHash, Arc<[u8]>)>,
 }
 
 impl Step<'_> {
-    /// The parts of a keyframe; those that are as `before` are not made again.
-    fn keyframe(&mut self, keyframe: &Keyframe, before: Option<&Keyframe>) -> Result<(), String> {
+    /// The parts of a keyframe; those that are as `before` are not made again. `linked` are earlier keyframes that it
+    /// shares edges with.
+    fn keyframe(
+        &mut self,
+        keyframe: &Keyframe,
+        before: Option<&Keyframe>,
+        linked: &[KeyframeId],
+    ) -> Result<(), String> {
         let number = keyframe.id.0;
-        let same_image = |before: &&Keyframe| Arc::ptr_eq(&before.image, &keyframe.image);
-        if !before.is_some_and(|before| same_image(&before)) || !self.keep(Kind::Image, number) {
-            let png = image_to_bytes(&keyframe.image)
-                .map_err(|error| format!("the image of keyframe {number} cannot be written: {error}"))?;
+        let same_image = before.is_some_and(|before| Arc::ptr_eq(&before.image, &keyframe.image));
+        if !same_image || !self.keep(Kind::Image, number) {
+            let unwritable =
+                |error: String| format!("the image of keyframe {number} cannot be written: {error}");
+            let png = image_to_bytes(&keyframe.image).map_err(|error| unwritable(error.to_string()))?;
             self.add(Kind::Image, number, png)?;
+            self.add(Kind::LossyImage, number, image::encode(&keyframe.image).map_err(unwritable)?)?;
+        } else {
+            self.keep(Kind::LossyImage, number);
         }
         let same_depth = |before: &Keyframe| {
             let shared = std::ptr::eq(&*before.semi_dense, &*keyframe.semi_dense);
             let time = before.timestamp.to_bits() == keyframe.timestamp.to_bits();
             shared && time && before.points == keyframe.points
         };
-        if !before.is_some_and(same_depth) || !self.keep(Kind::Depth, number) {
+        let same_depth = before.is_some_and(same_depth) && self.keep(Kind::Depth, number);
+        if !same_depth {
             self.add(Kind::Depth, number, depth_to_bytes(keyframe))?;
+            self.add(Kind::LossyDepth, number, depth::encode(&keyframe.semi_dense, &self.camera))?;
+        } else {
+            self.keep(Kind::LossyDepth, number);
         }
+        let mut same_features = true;
         if let Some(features) = &keyframe.features {
             let same = before.and_then(|before| before.features.as_ref());
-            if !same.is_some_and(|same| Arc::ptr_eq(same, features)) || !self.keep(Kind::Features, number) {
+            same_features = same.is_some_and(|same| Arc::ptr_eq(same, features));
+            if !same_features || !self.keep(Kind::Features, number) {
                 self.add(Kind::Features, number, features.to_vec())?;
             }
+        }
+        let known = self.linked.get(&keyframe.id).map_or(&[][..], Vec::as_slice) == linked;
+        if !(same_depth && same_features && known && self.keep(Kind::Digest, number)) {
+            let found = keyframe.features.as_deref().and_then(|bytes| codec::decode(bytes).ok());
+            let words = found.map_or_else(WordBag::default, |found| self.vocabulary.words(&found));
+            let digest = Digest::of(keyframe, words, linked);
+            self.add(Kind::Digest, number, digest.to_bytes(keyframe.id))?;
         }
         Ok(())
     }

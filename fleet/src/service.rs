@@ -1,5 +1,6 @@
 //! A node with its transport, its folder and its clock, in a thread of its own.
 
+use crate::manifest::Kind;
 use crate::node::{Action, Config, Event, Heard, News, Node, Quota, Status};
 use crate::publishing::Publication;
 use crate::store::{FolderStore, Store};
@@ -63,6 +64,8 @@ pub struct ServiceOptions {
     pub dial: Vec<Endpoint>,
     /// What another's map may take.
     pub quota: Quota,
+    /// Whether little of others' maps comes before it is asked for, see [`Config::waits`].
+    pub waits: bool,
 }
 
 /// A node at work; ends when it is dropped.
@@ -109,7 +112,8 @@ impl Service {
         let tcp = Tcp::start(options.listen.map(|endpoint| endpoint.0), &dial, commands.clone())
             .map_err(|error| anyhow!("{error}"))?;
         let listening = tcp.listening().map(Endpoint);
-        let config = Config { node, role: options.role, name: options.name, quota: options.quota };
+        let ServiceOptions { name, role, quota, waits, .. } = options;
+        let config = Config { node, role, name, quota, waits };
         let node = Node::new(config, Arc::clone(&store) as Arc<dyn Store>);
         let shared = Arc::new(Shared::default());
         shared.look(&node, Duration::ZERO);
@@ -152,10 +156,10 @@ impl Service {
         self.shared.view().own.clone()
     }
 
-    /// Images and depths of these keyframes of an agent are to come before those of others, the most wanted
-    /// first.
-    pub fn prefer(&self, agent: Identity, keyframes: Vec<u32>) {
-        self.tell(Event::Prefer { agent, keyframes });
+    /// These objects of keyframes of an agent are to come before others, the most wanted first, and if `rest` all
+    /// others after them. Before this is said, a node that waits gets lists and places of keyframes only.
+    pub fn prefer(&self, agent: Identity, objects: Vec<(Kind, u32)>, rest: bool) {
+        self.tell(Event::Prefer { agent, objects, rest });
     }
 
     /// What was told of an agent is not to be believed: whoever told it is refused.

@@ -149,7 +149,7 @@ pub struct Network {
 
 pub fn config(number: usize, role: Role) -> Config {
     let node = Uuid::from_u128(1000 + number as u128);
-    Config { node, role, name: format!("node {number}"), quota: Quota::default() }
+    Config { node, role, name: format!("node {number}"), quota: Quota::default(), waits: false }
 }
 
 const TICK: Duration = Duration::from_millis(50);
@@ -322,7 +322,7 @@ impl Network {
     pub fn whole(&self, node: usize, agent: Identity) -> Option<Map> {
         let heard = self.nodes[node].heard().find(|heard| heard.agent == agent && heard.missing == 0)?;
         let mut assembler = crate::assembling::Assembler::default();
-        let made = assembler.assemble(agent, &heard.entries, &*self.stores[node]).unwrap()?;
+        let made = assembler.assemble(agent, &heard.entries, &*self.stores[node], None).unwrap()?;
         made.whole.then_some(made.map)
     }
 

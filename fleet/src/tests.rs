@@ -1,6 +1,7 @@
 //! The protocol over a network whose every fault is drawn from a seed.
 
 use crate::link;
+use crate::manifest::Kind;
 use crate::node::{Event, News};
 use crate::publishing::Publisher;
 use crate::store::{FolderStore, Store};
@@ -115,22 +116,34 @@ fn part_of_a_map_is_a_map() {
     let heard = network.nodes[0].heard().next().expect("the lists are there");
     assert!(heard.missing > 0);
     let mut assembler = crate::assembling::Assembler::default();
-    let made = assembler.assemble(agent(7), &heard.entries, &*network.stores[0]).unwrap().unwrap();
+    let made = assembler.assemble(agent(7), &heard.entries, &*network.stores[0], None).unwrap().unwrap();
     assert!(!made.whole && made.missing > 0 && !made.map.keyframes.is_empty(), "{:?}", made.missing);
+    // Those of which image and depth are not here have their places, and all hang together as in the whole map.
+    let there = |keyframe: &&map::Keyframe| !keyframe.semi_dense.is_empty();
+    assert_eq!(made.map.keyframes.values().filter(there).count(), 10 - made.missing);
+    assert_eq!(made.map.keyframes.len(), 10);
     for (id, keyframe) in &made.map.keyframes {
-        assert_eq!(keyframe.semi_dense, map.keyframes[id].semi_dense);
-        assert_eq!(keyframe.world_from_keyframe, map.keyframes[id].world_from_keyframe);
+        let whole = &map.keyframes[id];
+        assert!(keyframe.semi_dense.is_empty() || keyframe.semi_dense == whole.semi_dense);
+        let placed = |keyframe: &map::Keyframe| {
+            (keyframe.world_from_keyframe, keyframe.timestamp, keyframe.frame_index)
+        };
+        assert_eq!(placed(keyframe), placed(whole));
     }
+    let ends = |map: &Map| map.edges.iter().map(|edge| (edge.from, edge.to)).collect::<Vec<_>>();
+    assert_eq!(ends(&made.map), ends(&map));
 }
 
 #[test]
 fn keyframes_that_are_preferred_come_first() {
     let (mut network, ..) = telling(30, 5, Faults { rate: 100e3, ..Faults::NONE });
     assert!(network.run_until(SECONDS(4), |network| network.nodes[0].heard().next().is_some()));
-    network.event(0, Event::Prefer { agent: agent(7), keyframes: vec![57, 41] });
+    let parts = [57, 41].map(|number| [(Kind::Depth, number), (Kind::Image, number)]);
+    network.event(0, Event::Prefer { agent: agent(7), objects: parts.concat(), rest: true });
     let has = |network: &Network, number: u32| {
         let heard = network.nodes[0].heard().next().unwrap();
-        let mut parts = heard.entries.iter().filter(|entry| entry.number == number && entry.size > 5000);
+        let is_exact = |kind: Kind| matches!(kind, Kind::Depth | Kind::Image);
+        let mut parts = heard.entries.iter().filter(|entry| entry.number == number && is_exact(entry.kind));
         parts.all(|entry| network.stores[0].has(&entry.hash))
     };
     assert!(network.run_until(SECONDS(60), |network| has(network, 57)));

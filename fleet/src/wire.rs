@@ -9,7 +9,7 @@ use crate::manifest::{MAX_LIST, MAX_OBJECT, flag, within};
 use map::{Identity, Uuid};
 
 /// The version of the protocol: neighbours of another one are refused.
-pub const VERSION: u16 = 1;
+pub const VERSION: u16 = 2;
 /// Largest message, bytes: the largest part of an object and what stands before it.
 pub const MAX_MESSAGE: usize = MAX_PART + 64;
 /// Largest part of an object that is asked for at once, bytes.

@@ -2,16 +2,18 @@
 #![no_main]
 
 use fleet::manifest::{Manifest, page_from_bytes, page_to_bytes};
+use fleet::recoding::{depth, digest::Digest, image};
 use fleet::wire::Message;
 use geometry::{GrayImage, Pinhole};
-use map::AgentInfo;
+use map::{AgentInfo, KeyframeId};
 use map::parts::{agent_from_bytes, depth_from_bytes, graph_from_bytes, image_from_bytes};
+use place_recog::Vocabulary;
 use std::sync::Arc;
 
 libfuzzer_sys::fuzz_target!(|data: &[u8]| {
     let Some((kind, bytes)) = data.split_first() else { return };
     let camera = Pinhole { width: 8, height: 6, fx: 8.0, fy: 8.0, cx: 3.5, cy: 2.5 };
-    match kind % 7 {
+    match kind % 10 {
         0 => {
             if let Ok(message) = Message::from_bytes(bytes) {
                 assert_eq!(message.to_bytes(), bytes);
@@ -33,6 +35,18 @@ libfuzzer_sys::fuzz_target!(|data: &[u8]| {
             let image = Arc::new(GrayImage::filled(8, 6, 7));
             drop(depth_from_bytes(bytes, image, &AgentInfo::new("one", camera)));
         }
-        _ => drop(graph_from_bytes(bytes)),
+        6 => drop(graph_from_bytes(bytes)),
+        7 => drop(image::decode(bytes, &camera)),
+        8 => {
+            if let Ok(read) = depth::decode(bytes, &camera) {
+                assert_eq!(depth::decode(&depth::encode(&read, &camera), &camera).as_ref(), Ok(&read));
+            }
+        }
+        _ => {
+            let (id, vocabulary) = (KeyframeId(9), Vocabulary::shipped());
+            if let Ok(read) = Digest::from_bytes(bytes, id, &vocabulary) {
+                assert_eq!(Digest::from_bytes(&read.to_bytes(id), id, &vocabulary), Ok(read));
+            }
+        }
     }
 });

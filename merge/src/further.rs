@@ -9,13 +9,13 @@
 use crate::closure::Closure;
 use crate::direct::refine_directly;
 use crate::estimate::Estimate;
-use crate::overlap::{sample, share_seen};
+use crate::overlap::Glimpse;
 use crate::prepared::PreparedMap;
 use backend::posegraph::{ConsistencyParams, MapGraph, PoseGraphError, consistent_set};
 use backend::sim3_align::{CompareParams, Comparison, Sim3AlignParams, compare};
 use geometry::Sim3;
 use map::{Edge, EdgeKind, KeyframeId};
-use nalgebra::{SMatrix, SVector, Vector3};
+use nalgebra::{SMatrix, SVector};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -108,8 +108,7 @@ pub fn join(
         })
         .collect();
     let own = edges.len();
-    let pairs = overlapping(source, target, motion, params);
-    let pairs = spread(pairs, params.max_closures, &edges);
+    let pairs = worth_trying(&glimpses(source), &glimpses(target), motion, &edges, params);
     let found = align(source, target, motion, &pairs, params);
     let failed = found.iter().filter(|edge| edge.is_none()).count();
     edges.extend(found.into_iter().flatten());
@@ -217,7 +216,7 @@ fn allow(edge: &mut Edge, target: &PreparedMap, drift: &[f64; 3]) {
 
 /// The median distance of what a keyframe sees, its unit.
 fn reach(map: &PreparedMap, id: KeyframeId) -> Option<f64> {
-    let mut distances: Vec<f64> = sample(map, id)?.iter().map(|point| point.norm()).collect();
+    let mut distances: Vec<f64> = Glimpse::of(map, id)?.points.iter().map(|point| point.norm()).collect();
     distances.sort_by(f64::total_cmp);
     distances.get(distances.len() / 2).copied()
 }
@@ -226,35 +225,43 @@ fn nodes(map: &PreparedMap) -> BTreeMap<KeyframeId, Sim3> {
     map.map().keyframes.iter().map(|(id, keyframe)| (*id, keyframe.world_from_keyframe)).collect()
 }
 
+/// Pairs of keyframes, of the source and of the target, that should overlap by a motion of the maps and are to be tried:
+/// at most [`max_closures`](FurtherParams::max_closures) without those that `known` has.
+pub fn worth_trying(
+    sources: &[Glimpse],
+    targets: &[Glimpse],
+    target_world_from_source_world: &Sim3,
+    known: &[Edge],
+    params: &FurtherParams,
+) -> Vec<(KeyframeId, KeyframeId)> {
+    let pairs = overlapping(sources, targets, target_world_from_source_world, params);
+    spread(pairs, params.max_closures, known)
+}
+
 /// For each keyframe of the source the one of the target that sees most of its points, both ways, where that is
 /// enough.
 fn overlapping(
-    source: &PreparedMap,
-    target: &PreparedMap,
+    sources: &[Glimpse],
+    targets: &[Glimpse],
     target_world_from_source_world: &Sim3,
     params: &FurtherParams,
 ) -> Vec<(KeyframeId, KeyframeId)> {
-    let samples = |map: &PreparedMap| -> Vec<(KeyframeId, Vec<Vector3<f64>>)> {
-        map.order().iter().filter_map(|&id| Some((id, sample(map, id)?))).collect()
-    };
-    let (sources, targets) = (samples(source), samples(target));
     let min_cosine = params.max_view_angle.to_radians().cos();
-    let best = |(i, points): &(KeyframeId, Vec<Vector3<f64>>)| -> Option<(KeyframeId, KeyframeId)> {
-        let world_from_i = *target_world_from_source_world * source.world_from(*i)?;
-        let seen = |(j, others): &(KeyframeId, Vec<Vector3<f64>>)| -> Option<(f64, KeyframeId)> {
-            let j_from_i = target.world_from(*j)?.inverse() * world_from_i;
-            let there = share_seen(points, &j_from_i, target, *j, min_cosine)?;
-            if there < params.min_overlap {
-                return None;
-            }
-            let back = share_seen(others, &j_from_i.inverse(), source, *i, min_cosine)?;
-            Some((there.min(back), *j)).filter(|(share, _)| *share >= params.min_overlap)
+    let best = |i: &Glimpse| -> Option<(KeyframeId, KeyframeId)> {
+        let seen = |j: &Glimpse| -> Option<(f64, KeyframeId)> {
+            let share = i.overlap(j, target_world_from_source_world, min_cosine, params.min_overlap)?;
+            Some((share, j.id))
         };
         // Of equals the first.
         let better = |a: (f64, KeyframeId), b: (f64, KeyframeId)| if b.0 > a.0 { b } else { a };
-        targets.iter().filter_map(seen).reduce(better).map(|(_, j)| (*i, j))
+        targets.iter().filter_map(seen).reduce(better).map(|(_, j)| (i.id, j))
     };
     sources.par_iter().filter_map(best).collect()
+}
+
+/// The keyframes of a map that have depth and features, in order of time.
+fn glimpses<'a>(map: &PreparedMap<'a>) -> Vec<Glimpse<'a>> {
+    map.order().iter().filter_map(|&id| Glimpse::of(map, id)).collect()
 }
 
 /// At most `count` of the pairs, evenly spread, without those that have an edge already.

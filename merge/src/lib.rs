@@ -42,7 +42,7 @@ pub mod meeting;
 pub mod merge_graph;
 pub mod method;
 pub mod optimal_scale;
-mod overlap;
+pub mod overlap;
 pub mod pair;
 pub mod pairing;
 pub mod point_alignment;

@@ -1,12 +1,13 @@
 //! A small world of textured boxes, a renderer with exact inverse depth, camera motions, and
 //! recordings written in loopbox's folder format: what tests track and map with the truth known. [`lidar`] does the same for
-//! a spinning LiDAR.
+//! a spinning LiDAR. [`proxy`] stands between processes that pair.
 //!
-//! Everything is a function of its arguments; the same call gives the same bytes on every machine.
+//! All that is rendered is a function of its arguments; the same call gives the same bytes on every machine.
 
 pub mod lidar;
 pub mod pages;
 mod patterns;
+pub mod proxy;
 mod random;
 mod recording;
 mod render;

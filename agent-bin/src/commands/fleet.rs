@@ -24,6 +24,9 @@ pub struct FleetCommand {
     /// Tell the map in this folder, of a run whose neighbours were not there, to a station or an agent; may be given again
     #[arg(long, value_name = "ADDRESS", conflicts_with_all = ["demo", "json"])]
     connect: Vec<Endpoint>,
+    /// Tell the map in this folder to whoever dials, and take theirs
+    #[arg(long, value_name = "ADDRESS", conflicts_with_all = ["demo", "json"])]
+    listen: Option<Endpoint>,
     /// Print it as JSON
     #[arg(long, conflicts_with = "demo")]
     json: bool,
@@ -75,6 +78,7 @@ impl PairingArgs {
             force: false,
             name: name.clone().unwrap_or_else(of_folder),
             is_station: false,
+            is_beside: true,
             listen: self.listen,
             dial: self.connect.clone(),
         };
@@ -115,8 +119,8 @@ pub fn run(args: &FleetCommand) -> Result<()> {
     }
     let folder = args.folder.as_deref().unwrap_or(Path::new("."));
     let status = read_status(folder)?;
-    if !args.connect.is_empty() {
-        return hand_over(folder, &status.name, &args.connect);
+    if !args.connect.is_empty() || args.listen.is_some() {
+        return hand_over(folder, &status.name, args);
     }
     if args.json {
         return console::print_json(&status);
@@ -124,19 +128,27 @@ pub fn run(args: &FleetCommand) -> Result<()> {
     console::print(&described(&status))
 }
 
-/// Tells what a run kept for neighbours that were not there.
-fn hand_over(folder: &Path, name: &str, dial: &[Endpoint]) -> Result<()> {
+/// Tells what a run kept for neighbours that were not there, and takes theirs.
+fn hand_over(folder: &Path, name: &str, args: &FleetCommand) -> Result<()> {
     let options = FleetOptions {
         out: folder.to_owned(),
         force: false,
         name: name.to_owned(),
         is_station: false,
-        listen: None,
-        dial: dial.to_vec(),
+        is_beside: false,
+        listen: args.listen,
+        dial: args.connect.clone(),
     };
     let stop = stop_on_ctrl_c("stopping (Ctrl-C again to abort)")?;
     let fleet = Fleet::start(&options, None, |text| tell!("{text}"))?;
-    let held = fleet.hand_over(PATIENCE, &stop);
+    if let Some(at) = fleet.listening() {
+        tell!("others reach this agent by --connect {at}");
+    }
+    // Who listens waits for others to come.
+    let patience = if args.listen.is_some() { Duration::MAX } else { PATIENCE };
+    let held = fleet.hand_over(patience, &stop);
+    // What is missing of others' maps is theirs to tell again.
+    fleet.take_over(&stop);
     fleet.wait(&ended())?;
     if !held {
         bail!(
@@ -167,7 +179,17 @@ pub(super) fn described(status: &StatusFile) -> String {
             Some(count) => format!(", lacks {count} objects"),
             None => String::new(),
         };
-        let _ = writeln!(text, "  {}: {place}, sent {} kB{lacks}", link.name, link.received / 1000);
+        let silent = link.silent_s.map_or(String::new(), |silent| format!(", heard {silent:.0} s ago"));
+        let twice = match link.useless / 1000 {
+            0 => String::new(),
+            kilobytes => format!(" ({kilobytes} of them twice)"),
+        };
+        let wanted = match link.wanted {
+            0 => String::new(),
+            count => format!(", is asked for {count} objects at {:.0} kB/s", link.rate / 1000.0),
+        };
+        let sent = link.received / 1000;
+        let _ = writeln!(text, "  {}: {place}{silent}, sent {sent} kB{twice}{wanted}{lacks}", link.name);
     }
     for agent in &status.agents {
         let missing = match agent.missing {
@@ -175,7 +197,9 @@ pub(super) fn described(status: &StatusFile) -> String {
             count => format!("{count} objects missing"),
         };
         let run = if agent.finished { "run over" } else { "under way" };
-        let _ = writeln!(text, "  map {}: {} keyframes, {missing}, {run}", agent.agent, agent.keyframes);
+        let teller = agent.teller.as_ref().map_or(String::new(), |teller| format!(" told by {teller}"));
+        let _ =
+            writeln!(text, "  map {}{teller}: {} keyframes, {missing}, {run}", agent.agent, agent.keyframes);
     }
     for meeting in &status.found.meetings {
         let [a, b] = &meeting.names;

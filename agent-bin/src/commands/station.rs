@@ -50,6 +50,7 @@ pub fn run(args: &StationArgs) -> Result<()> {
         force: args.force,
         name: args.name.clone(),
         is_station: true,
+        is_beside: false,
         listen: args.listen,
         dial: args.connect.clone(),
     };

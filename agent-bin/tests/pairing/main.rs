@@ -3,11 +3,10 @@
 
 #[path = "../common/mod.rs"]
 mod common;
-mod proxy;
 
 use common::{arg, command, loopbox, stderr, stdout};
+use loopbox_tests::proxy::{Link, Proxy};
 use loopbox_tests::{Encoding, Recording, World, trajectory};
-use proxy::Proxy;
 use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -173,7 +172,8 @@ fn a_link_that_loses_and_is_cut_off_carries_the_same_map() {
     let [station, a, b] = ["station", "a", "b"].map(|name| room.path().join(name));
     let listen = ["--listen", "tcp/127.0.0.1:0", "--agents", "2"];
     let there = Process::start(&[&["station", "--quiet", "--out", arg(&station)], &listen[..]].concat());
-    let proxies = [1, 2].map(|seed| Proxy::start(&address(&station), seed));
+    let link = Link { lost: 50, rate: None };
+    let proxies = [1, 2].map(|seed| Proxy::start(&address(&station), link, seed).expect("a port is free"));
     let [one, other] = [("a", &a, &proxies[0]), ("b", &b, &proxies[1])]
         .map(|(name, out, proxy)| run(name, out, &["--connect", proxy.address()]));
     let objects = |folder: &Path| {
@@ -189,6 +189,49 @@ fn a_link_that_loses_and_is_cut_off_carries_the_same_map() {
     proxies.iter().for_each(|proxy| proxy.cut(false));
     assert!(one.succeeded() && other.succeeded() && there.succeeded());
     assert_is_the_merge_of_the_files(&station, [&a, &b], ["a", "b"]);
+}
+
+/// Results of runs that reached nobody, with their maps kept to be told.
+fn kept(room: &Path) -> [PathBuf; 2] {
+    ["a", "b"].map(|name| {
+        let out = room.join(name);
+        assert!(run(name, &out, &["--connect", "tcp/127.0.0.1:9"]).succeeded());
+        out
+    })
+}
+
+/// At 256 kbit/s it takes a minute and more until all is there. Long before, maps in part are merged.
+#[test]
+fn over_a_slow_link_maps_are_merged_by_a_part_of_them_as_by_all() {
+    let room = tempfile::tempdir().expect("a folder");
+    let [a, b] = kept(room.path());
+    let station = room.path().join("station");
+    let listen = ["--listen", "tcp/127.0.0.1:0", "--agents", "2"];
+    let there = Process::start(&[&["station", "--quiet", "--out", arg(&station)], &listen[..]].concat());
+    let slow = Link { lost: 0, rate: Some(32e3) };
+    let proxies = [1, 2].map(|seed| Proxy::start(&address(&station), slow, seed).expect("a port is free"));
+    let _agents = [(&a, &proxies[0]), (&b, &proxies[1])]
+        .map(|(out, proxy)| Process::start(&["fleet", arg(out), "--connect", proxy.address()]));
+    let decided = |status: &Value| {
+        let mut meetings = status["found"]["meetings"].as_array().into_iter().flatten();
+        meetings.any(|meeting| meeting["pending"] == false)
+    };
+    let found = status(&station, decided);
+    let missing = |status: &Value| status["agents"][0]["missing"].as_u64().expect("a number");
+    assert_eq!(found["found"]["meetings"][0]["verdict"], "accepted", "{found:#}");
+    assert!(missing(&found) > 0, "{found:#}");
+    let carried: u64 = proxies.iter().map(Proxy::carried).sum();
+    let all: u64 = [&a, &b].iter().map(|out| out.join("map.mcap").metadata().expect("a file").len()).sum();
+    assert!(carried < all / 2, "{carried} of {all} bytes");
+    // The agents lie to each other as all of both maps has it.
+    let whole = room.path().join("whole");
+    let output = loopbox(&["merge", arg(&a), arg(&b), "--out", arg(&whole), "--quiet"]);
+    assert!(output.status.success(), "{}", stderr(&output));
+    let merged: Value = serde_json::from_slice(&bytes(&whole.join("merge.json"))).expect("numbers");
+    let of_parts = found["found"]["agents"][1]["root_from_agent"][7].as_f64().expect("a scale");
+    let of_all = merged["agents"][1]["root_from_agent"]["scale"].as_f64().expect("a scale");
+    assert!((of_parts / of_all).ln().abs() < 0.02, "{of_parts} {of_all}");
+    drop(there);
 }
 
 #[test]

@@ -99,10 +99,13 @@ impl Program {
         }
         let mut command = Command::new(&self.loopbox);
         command.args(["eval", "--json"]);
-        for (input, recording) in recordings.iter().enumerate() {
+        for input in 0..recordings.len() {
             command.arg(merged.trajectory_file(input)?);
-            command.arg("--gt").arg(data.join(recording.sequence).join("groundtruth.txt"));
         }
+        // It takes every file that follows.
+        command.arg("--gt");
+        command
+            .args(recordings.iter().map(|recording| data.join(recording.sequence).join("groundtruth.txt")));
         let record: Value = serde_json::from_slice(&finish(&mut command)?)
             .context("what `loopbox eval --json` printed is not JSON")?;
         let others = record["agents"].as_array().into_iter().flatten().skip(1);

@@ -31,7 +31,7 @@
 //! without, 97 % are kept of tum_fr1_xyz and _desk, 88 % of parking a and c, 81 % of b and c.
 
 mod basis;
-mod range;
+pub mod range;
 #[cfg(test)]
 mod tests;
 

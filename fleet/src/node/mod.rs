@@ -135,7 +135,7 @@ impl Node {
             },
             Event::Tick => {}
             Event::Publish(publication) => self.publish(now, *publication),
-            Event::Prefer { agent, keyframes } => self.prefer(agent, keyframes),
+            Event::Prefer { agent, objects, rest } => self.prefer(agent, objects, rest),
             Event::Distrust { agent, reason } => self.distrust(agent, reason),
             Event::Findings { revision, bytes } => self.take_findings(now, revision, bytes),
         }

@@ -106,7 +106,7 @@ impl Node {
             let manifest = Manifest::from_bytes(&self.store.get(&own.offer.hash)?).ok()?;
             let entries = entries_of(&manifest, &*self.store).ok()??.into();
             let Manifest { agent, begun, finished, .. } = manifest;
-            Some(Heard { agent, begun, entries, missing: 0, finished })
+            Some(Heard { agent, begun, entries, missing: 0, came: 0, finished })
         };
         self.own.values().filter_map(heard).collect()
     }

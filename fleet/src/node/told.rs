@@ -21,28 +21,48 @@ pub(super) struct Told {
     /// The newest version of which the lists are here, if they are of the newest offered.
     manifest: Option<Manifest>,
     entries: Option<Arc<[Entry]>>,
-    /// Objects of these that are not here.
+    /// Objects of these that are not here, but for those that stand in for others.
     missing: BTreeSet<ObjectHash>,
+    /// Those that stand in for others, until all others are here.
+    stand_ins: BTreeSet<ObjectHash>,
+    /// Objects that came.
+    came: u64,
     /// All objects of these, lists among them.
     all: BTreeSet<ObjectHash>,
     /// The newest version that is whole here, and on the disk.
     held: (u64, u64),
     /// What the last whole version consists of.
     held_objects: BTreeSet<ObjectHash>,
-    /// Keyframes whose depths and images come before others', the most wanted first.
-    preferred: Vec<u32>,
+    /// Objects of keyframes that come before others, the most wanted first.
+    preferred: Vec<(Kind, u32)>,
+    /// Whether all others come too.
+    rest: bool,
 }
 
 impl Told {
     /// A map that was never heard of before.
-    fn new(teller: Uuid, offer: Offer) -> Self {
-        let (manifest, entries, missing, all, held, held_objects, preferred) = Default::default();
-        Self { teller, offer, manifest, entries, missing, all, held, held_objects, preferred }
+    fn new(teller: Uuid, offer: Offer, rest: bool) -> Self {
+        let (manifest, entries, missing, stand_ins, all, held, held_objects, preferred) = Default::default();
+        let came = 0;
+        Self {
+            teller,
+            offer,
+            manifest,
+            entries,
+            missing,
+            stand_ins,
+            came,
+            all,
+            held,
+            held_objects,
+            preferred,
+            rest,
+        }
     }
 
     /// A map that was whole when the program ended.
     pub fn whole(offer: Offer, manifest: Manifest, entries: Vec<Entry>, store: &dyn Store) -> Self {
-        let mut told = Self::new(Uuid::nil(), offer);
+        let mut told = Self::new(Uuid::nil(), offer, true);
         told.set_lists(manifest, entries, store);
         (told.held, told.held_objects) = (offer.version(), told.all.clone());
         told
@@ -51,7 +71,10 @@ impl Told {
     fn set_lists(&mut self, manifest: Manifest, entries: Vec<Entry>, store: &dyn Store) {
         let lists = manifest.pages.iter().map(|page| page.hash).chain([self.offer.hash]);
         self.all = entries.iter().map(|entry| entry.hash).chain(lists).collect();
-        self.missing = entries.iter().map(|entry| entry.hash).filter(|hash| !store.has(hash)).collect();
+        let (stand_ins, needed): (Vec<&Entry>, _) =
+            entries.iter().partition(|entry| entry.kind.is_stand_in());
+        self.missing = needed.iter().map(|entry| entry.hash).filter(|hash| !store.has(hash)).collect();
+        self.stand_ins = stand_ins.iter().map(|entry| entry.hash).collect();
         (self.manifest, self.entries) = (Some(manifest), Some(entries.into()));
     }
 
@@ -76,7 +99,8 @@ impl Told {
         let entries = Arc::clone(self.entries.as_ref()?);
         let finished = self.manifest.as_ref().is_some_and(|manifest| manifest.finished);
         let (agent, begun) = (self.offer.agent, self.offer.begun);
-        Some(Heard { agent, begun, entries, missing: self.missing.len(), finished })
+        let (missing, came) = (self.missing.len(), self.came);
+        Some(Heard { agent, begun, entries, missing, came, finished })
     }
 
     /// Of how many keyframes the depth is listed.
@@ -104,16 +128,25 @@ impl Told {
                 }
             }
         }
+        let places: BTreeMap<(Kind, u32), usize> = self.preferred.iter().copied().zip(0..).collect();
         let entries = self.entries.iter().flat_map(|entries| entries.iter());
-        let mut entries: Vec<&Entry> = entries.filter(|entry| self.missing.contains(&entry.hash)).collect();
-        // Keyframe by keyframe, features before what they are aligned by; what only the whole map needs comes last.
-        let places: BTreeMap<u32, usize> = self.preferred.iter().copied().zip(0..).collect();
-        let place = |entry: &Entry| match rank(entry.kind) {
-            3 => places.get(&entry.number).copied().unwrap_or(usize::MAX),
-            _ => 0,
+        // What is chosen by, then what was chosen, keyframe by keyframe, then all that the whole map needs.
+        let turn = |entry: &&Entry| {
+            let place = places.get(&(entry.kind, entry.number)).copied();
+            let is_missing = match entry.kind.is_stand_in() {
+                true => place.is_some() && !self.missing.is_empty() && !store.has(&entry.hash),
+                false => self.missing.contains(&entry.hash),
+            };
+            let turn = match (tier(entry.kind), place) {
+                (0, _) => (0, entry.kind as usize),
+                (_, Some(place)) => (1, place),
+                (tier, None) => (tier, 0),
+            };
+            (is_missing && (turn.0 < 2 || self.rest)).then_some((turn, entry.number, entry.kind))
         };
-        entries.sort_by_key(|entry| (rank(entry.kind), place(entry), entry.number, entry.kind));
-        wants.extend(entries.iter().map(|entry| Want { hash: entry.hash, size: entry.size }));
+        let mut entries: Vec<_> = entries.filter_map(|entry| Some((turn(&entry)?, entry))).collect();
+        entries.sort_by_key(|(turn, _)| *turn);
+        wants.extend(entries.iter().map(|(_, entry)| Want { hash: entry.hash, size: entry.size }));
         wants
     }
 
@@ -122,13 +155,12 @@ impl Told {
     }
 }
 
-/// What comes before what of a map's objects.
-fn rank(kind: Kind) -> u8 {
+/// What comes before what of a map's objects; in between comes what is preferred.
+fn tier(kind: Kind) -> usize {
     match kind {
-        Kind::Agent => 0,
-        Kind::Poses => 1,
-        Kind::Features => 2,
-        Kind::Depth | Kind::Image => 3,
+        Kind::Agent | Kind::Poses => 0,
+        Kind::Digest | Kind::Features => 2,
+        Kind::LossyDepth | Kind::LossyImage | Kind::Depth | Kind::Image => 3,
         Kind::Edges | Kind::Frames => 4,
     }
 }
@@ -158,7 +190,7 @@ impl Node {
         }
         let is_linked = |teller: &Uuid| self.neighbours.get(teller).is_some_and(|n| n.link.is_some());
         match self.told.get_mut(&offer.agent) {
-            None => drop(self.told.insert(offer.agent, Told::new(node, offer))),
+            None => drop(self.told.insert(offer.agent, Told::new(node, offer, !self.config.waits))),
             Some(told) if told.teller != node && is_linked(&told.teller) => {
                 let agent = offer.agent;
                 return self
@@ -200,10 +232,13 @@ impl Node {
         neighbour.fetch.want(wants);
     }
 
-    /// Fetches some keyframes before others.
-    pub(super) fn prefer(&mut self, agent: map::Identity, keyframes: Vec<u32>) {
-        let Some(told) = self.told.get_mut(&agent).filter(|told| told.preferred != keyframes) else { return };
-        told.preferred = keyframes;
+    /// Fetches some objects before others, or others too.
+    pub(super) fn prefer(&mut self, agent: map::Identity, objects: Vec<(Kind, u32)>, rest: bool) {
+        let Some(told) = self.told.get_mut(&agent) else { return };
+        if told.preferred == objects && told.rest == rest {
+            return;
+        }
+        (told.preferred, told.rest) = (objects, rest);
         let teller = told.teller;
         self.want(teller);
     }
@@ -233,7 +268,8 @@ impl Node {
         let mut lists_came = false;
         for agent in agents {
             let Some(told) = self.told.get_mut(&agent) else { continue };
-            if told.missing.remove(&hash) {
+            if told.missing.remove(&hash) || told.stand_ins.contains(&hash) {
+                told.came += 1;
                 self.actions.extend(told.heard().map(|heard| Action::News(News::Map(heard))));
                 self.complete(link, agent);
             } else if !told.all.contains(&hash) {
@@ -305,7 +341,11 @@ impl Node {
             return self.actions.push(Action::News(News::Trouble(text)));
         }
         told.held = told.offer.version();
-        let before = std::mem::replace(&mut told.held_objects, told.all.clone());
+        // What stood in for others is needed no more.
+        let stand_ins = std::mem::take(&mut told.stand_ins);
+        told.all.retain(|hash| !stand_ins.contains(hash));
+        let mut before = std::mem::replace(&mut told.held_objects, told.all.clone());
+        before.extend(stand_ins);
         let held = told.held();
         self.discard(before);
         self.send(link, &held);

@@ -1,6 +1,6 @@
 //! What a node is told and what it wants done.
 
-use crate::manifest::Entry;
+use crate::manifest::{Entry, Kind};
 use crate::publishing::Publication;
 use crate::wire::{Priority, Role};
 use map::{Identity, Uuid};
@@ -20,6 +20,9 @@ pub struct Config {
     pub name: String,
     /// What a map of another may take.
     pub quota: Quota,
+    /// Of maps of others only lists and places of keyframes come by themselves, and all else once it is asked for by
+    /// [`Event::Prefer`].
+    pub waits: bool,
 }
 
 /// What another's map may take.
@@ -64,12 +67,14 @@ pub enum Event {
     Tick,
     /// An agent who works here has a new version of its map.
     Publish(Box<Publication>),
-    /// Depths and images of these keyframes of an agent are wanted before those of others.
+    /// These objects of an agent's keyframes are wanted before others.
     Prefer {
         /// Whose.
         agent: Identity,
-        /// Their numbers, the most wanted first.
-        keyframes: Vec<u32>,
+        /// Their kinds and the keyframes' numbers, the most wanted first.
+        objects: Vec<(Kind, u32)>,
+        /// Whether the others are wanted too, after them.
+        rest: bool,
     },
     /// What a neighbour told of this agent is not to be believed.
     Distrust {
@@ -151,8 +156,10 @@ pub struct Heard {
     pub begun: u64,
     /// All objects of its newest version.
     pub entries: Arc<[Entry]>,
-    /// How many of them are not here yet.
+    /// How many of them are not here yet, but for those that only stand in for others.
     pub missing: usize,
+    /// How many came so far: more, when there is more of it.
+    pub came: u64,
     /// Whether the agent's run has ended.
     pub finished: bool,
 }

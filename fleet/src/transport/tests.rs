@@ -21,6 +21,7 @@ fn start(folder: &Path, role: Role, listen: Option<&str>, dial: &[Endpoint]) -> 
         listen: listen.map(|text| text.parse().unwrap()),
         dial: dial.to_vec(),
         quota: Quota::default(),
+        waits: false,
     };
     let service = Service::start(options, move |news| drop(tell.send(news))).unwrap();
     (service, news)
@@ -53,7 +54,7 @@ fn a_map_goes_over_a_connection_and_what_was_told_is_told_again_after_a_restart(
     let heard = station.heard();
     assert_eq!((heard.len(), heard[0].missing, heard[0].finished), (1, 0, true));
     let mut assembler = crate::assembling::Assembler::default();
-    let made = assembler.assemble(agent(7), &heard[0].entries, &*station.store()).unwrap().unwrap();
+    let made = assembler.assemble(agent(7), &heard[0].entries, &*station.store(), None).unwrap().unwrap();
     assert!(made.whole && made.map == map);
 }
 
@@ -84,6 +85,7 @@ fn nothing_goes_beyond_this_machine() {
             listen: listen.map(|text| text.parse().unwrap()),
             dial: dial.iter().map(|text| text.parse().unwrap()).collect(),
             quota: Quota::default(),
+            waits: false,
         };
         let refused = Service::start(options, |_| {}).err().expect("it is refused").to_string();
         assert!(refused.contains("not of this machine alone"), "{refused}");

@@ -4,27 +4,25 @@
 //! it does not depend on the order in which things came, and once all is there it is what a merge of the agents' own
 //! files is, bit by bit.
 
+use super::agents::{Inputs, Maps, Place};
+use super::courtesy::Courtesy;
 use super::findings::Found;
-use super::sketching::{Sketch, likely};
-use crate::merging::{Input, MergeRecord, MergingParams, Names, merge, write_results};
+use super::remembering::Content;
+use super::sketching::{Met, Plan, Sketches};
+use crate::merging::{MergeRecord, Merging, MergingParams, Names, merge_knowing, write_results};
 use crate::results::{Owner, Results};
 use crate::run::give_way;
 use anyhow::{Context, Result, anyhow};
-use fleet::assembling::Assembler;
 use fleet::node::Heard;
 use fleet::service::Service;
-use fleet::store::Store;
-use map::{AgentId, Identity, Map};
+use map::{Identity, KeyframeId};
 use place_recog::Vocabulary;
 use sources::Stop;
-use std::collections::BTreeMap;
-use std::fs;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Keyframes with which a map is looked at: three adjacent ones are what a closure rests on.
-const FEWEST: usize = 3;
 /// Time between merges at the least, and of the time that one took.
 const PAUSE: Duration = Duration::from_millis(250);
 const PAUSE_FACTOR: u32 = 2;
@@ -35,35 +33,29 @@ const AGENTS: &str = "agents";
 
 /// Merges maps as they come.
 pub(super) struct Collector {
-    out: PathBuf,
+    /// The folder of the agents' own maps.
+    folder: PathBuf,
     results: Results,
     vocabulary: Arc<Vocabulary>,
     params: MergingParams,
     /// Threads that give way to all others, where they do.
     pool: Option<rayon::ThreadPool>,
-    agents: BTreeMap<Identity, Agent>,
-    /// Of all agents, as long as some of a map is missing.
-    sketches: BTreeMap<Identity, Sketch>,
+    /// Maps of which all is fetched, as far as it is here.
+    maps: Maps,
+    /// Parts of maps by which it is seen whether they met.
+    parts: Maps,
+    sketches: Sketches,
+    courtesy: Courtesy,
+    /// What was found by the maps, the parts aside.
+    found: Found,
+    /// Whether parts were merged last.
+    looked: bool,
     merged: Instant,
     took: Duration,
     written: Option<Instant>,
     /// Something came that is not merged yet, or merged and not written.
     is_new: bool,
     to_write: bool,
-}
-
-/// The map of an agent.
-struct Agent {
-    assembler: Assembler,
-    /// When it began to be told: the eldest comes first.
-    begun: u64,
-    /// The objects listed and how many of them are missing, as it was put together.
-    seen: (Arc<[fleet::manifest::Entry]>, usize),
-    /// Its place on disk, once it is whole.
-    path: PathBuf,
-    whole: bool,
-    finished: bool,
-    input: Option<Input>,
 }
 
 impl Collector {
@@ -74,14 +66,19 @@ impl Collector {
     pub fn new(out: &Path, force: bool, beside: bool) -> Result<Self> {
         let one = rayon::ThreadPoolBuilder::new().num_threads(1).start_handler(|_| give_way());
         let pool = beside.then(|| one.build()).transpose();
+        let vocabulary = Vocabulary::shipped();
         Ok(Self {
             pool: pool.context("cannot start threads")?,
-            out: out.to_owned(),
+            folder: out.join(AGENTS),
             results: Results::create(out, &Owner::Merge, force)?,
-            vocabulary: Vocabulary::shipped(),
+            sketches: Sketches::new(Arc::clone(&vocabulary)),
+            vocabulary,
             params: MergingParams::default(),
-            agents: BTreeMap::new(),
-            sketches: BTreeMap::new(),
+            maps: Maps::default(),
+            parts: Maps::default(),
+            courtesy: Courtesy::default(),
+            found: Found::default(),
+            looked: false,
             merged: Instant::now(),
             took: Duration::ZERO,
             written: None,
@@ -90,15 +87,33 @@ impl Collector {
         })
     }
 
-    /// Takes in what is new and merges it, where it is time. What was found, if anything was looked at.
+    /// Takes in what is new and merges it, where it is time. What was found, if anything was looked at; `told` is what
+    /// others found.
     ///
     /// # Errors
     /// When the results cannot be written.
-    pub fn step(&mut self, service: &Service, warn: &dyn Fn(&str), stop: &Stop) -> Result<Option<Found>> {
-        if self.merged.elapsed() < PAUSE.max(self.took * PAUSE_FACTOR) {
+    pub fn step(
+        &mut self,
+        service: &Service,
+        told: &[Found],
+        warn: &dyn Fn(&str),
+        stop: &Stop,
+    ) -> Result<Option<Found>> {
+        let all = heard(service);
+        let plan = self.plan(&all, service, told, warn);
+        let is_due = self.merged.elapsed() >= PAUSE.max(self.took * PAUSE_FACTOR);
+        // In turns, so that neither waits for the other for long.
+        if let Some(only) = plan.ready.as_ref().filter(|_| !std::mem::take(&mut self.looked) || !is_due) {
+            self.looked = true;
+            return self.look_at(only, &all, service, warn, stop);
+        }
+        if self.sketches.pending().is_empty() {
+            self.parts.clear();
+        }
+        if !is_due {
             return Ok(None);
         }
-        self.take_all(service, warn);
+        self.take_all(&all, &plan.released, service, warn);
         if !std::mem::take(&mut self.is_new) {
             return Ok(None);
         }
@@ -108,44 +123,102 @@ impl Collector {
         found
     }
 
-    /// Puts together what is there of all maps.
-    fn take_all(&mut self, service: &Service, warn: &dyn Fn(&str)) {
+    /// Has fetched what is worth fetching next.
+    fn plan(&mut self, all: &[Heard], service: &Service, told: &[Found], warn: &dyn Fn(&str)) -> Plan {
         let store = service.store();
-        let all: Vec<Heard> = service.heard().into_iter().chain(service.own()).collect();
-        // An agent's own map alone is in its folder already.
-        let is_beside = self.pool.is_some();
-        if all.len() < 2 && (is_beside || !all.iter().any(|heard| heard.finished && heard.missing == 0)) {
-            return;
+        let own: Vec<Identity> = service.own().iter().map(|heard| heard.agent).collect();
+        let known: Vec<Identity> = all.iter().map(|heard| heard.agent).collect();
+        let elsewhere = self.courtesy.left_to_others(&known, &own, told);
+        let sketches = &mut self.sketches;
+        let mut plan = on_pool(self.pool.as_ref(), || sketches.plan(all, &*store, &elsewhere));
+        for (agent, (objects, rest)) in std::mem::take(&mut plan.wanted) {
+            service.prefer(agent, objects, rest);
         }
-        self.ask_for_the_likely(&all, service);
-        for heard in all {
-            if let Err(reason) = self.take(&heard, &*store) {
-                warn(&format!("the map of {} is left out: {reason}", heard.agent));
-                service.distrust(heard.agent, reason);
-            }
+        for (agent, reason) in std::mem::take(&mut plan.wrong) {
+            leave_out(agent, reason, service, warn);
         }
+        plan
     }
 
-    /// Has keyframes fetched first at which agents may have met, as long as some are missing.
-    fn ask_for_the_likely(&mut self, all: &[Heard], service: &Service) {
-        if all.iter().all(|heard| heard.missing == 0) {
-            self.sketches.clear();
+    /// Looks at the parts of the maps by which it is to be seen who met whom. What was found, beside what is known of all
+    /// maps; nothing is said yet of those that are to be looked at more closely.
+    fn look_at(
+        &mut self,
+        only: &BTreeMap<Identity, BTreeSet<KeyframeId>>,
+        all: &[Heard],
+        service: &Service,
+        warn: &dyn Fn(&str),
+        stop: &Stop,
+    ) -> Result<Option<Found>> {
+        let store = service.store();
+        let place = Place { store: &*store, folder: &self.folder, vocabulary: &self.vocabulary };
+        for heard in all {
+            let Some(only) = only.get(&heard.agent) else { continue };
+            let parts = &mut self.parts;
+            if let Err(reason) = on_pool(self.pool.as_ref(), || parts.take(heard, Some(only), &place)) {
+                leave_out(heard.agent, reason, service, warn);
+            }
+        }
+        let lent = self.parts.lend();
+        let merged = self.merged_anew(&lent, &self.parts, false, stop);
+        let found = match merged {
+            Err(error) => {
+                self.sketches.judged(&[], &*store);
+                if !stop.requested() {
+                    warn(&format!("parts of the maps are not merged: {error:#}"));
+                }
+                None
+            }
+            Ok((merging, recalled)) => {
+                self.parts.memory.keep(&lent.contents, &merging.encounters, |pair| recalled.contains(&pair));
+                self.sketches.judged(&met(&merging, &lent.contents), &*store);
+                Some(Found::of(&lent.inputs, &merging, &lent.whole))
+            }
+        };
+        self.parts.take_back(lent);
+        let found = found.map(|found| self.pending(found.beside(&self.found)));
+        Ok(found)
+    }
+
+    /// What was found, where nothing is said yet of pairs that are looked at more closely.
+    fn pending(&self, mut found: Found) -> Found {
+        let pending = self.sketches.pending();
+        let names: Vec<[String; 2]> =
+            pending.into_iter().map(|pair| pair.map(|agent| agent.to_string())).collect();
+        found.postpone(|agents| names.iter().any(|names| agents.iter().all(|agent| names.contains(agent))));
+        found
+    }
+
+    /// Puts together what is there of the maps of which all is fetched.
+    fn take_all(
+        &mut self,
+        all: &[Heard],
+        released: &BTreeSet<Identity>,
+        service: &Service,
+        warn: &dyn Fn(&str),
+    ) {
+        // An agent's own map alone is in its folder already.
+        let has_own = !service.own().is_empty();
+        if all.len() < 2 && (has_own || !all.iter().any(|heard| heard.finished && heard.missing == 0)) {
             return;
         }
         let store = service.store();
-        for heard in all {
-            let sketch = self.sketches.entry(heard.agent).or_default();
-            sketch.take(heard, &*store, &self.vocabulary);
-        }
-        for (agent, keyframes) in likely(&self.sketches, &self.vocabulary) {
-            service.prefer(agent, keyframes.into_iter().map(|id| id.0).collect());
+        let place = Place { store: &*store, folder: &self.folder, vocabulary: &self.vocabulary };
+        for heard in all.iter().filter(|heard| released.contains(&heard.agent)) {
+            let maps = &mut self.maps;
+            match on_pool(self.pool.as_ref(), || maps.take(heard, None, &place)) {
+                Ok(is_new) => {
+                    self.is_new |= is_new;
+                    self.to_write |= is_new;
+                }
+                Err(reason) => leave_out(heard.agent, reason, service, warn),
+            }
         }
     }
 
     /// Whether so many agents' maps are whole and will not change any more, and all is merged and written.
     pub fn is_done(&self, agents: usize) -> bool {
-        let ended = self.agents.values().filter(|agent| agent.whole && agent.finished).count();
-        ended >= agents && !self.is_new && !self.to_write
+        self.maps.done() >= agents && !self.is_new && !self.to_write
     }
 
     /// Merges and writes what is not yet, in the thread that calls it. What was found, if anything was.
@@ -153,7 +226,9 @@ impl Collector {
     /// # Errors
     /// When that cannot be done.
     pub fn finish(&mut self, service: &Service, warn: &dyn Fn(&str)) -> Result<Option<Found>> {
-        self.take_all(service, warn);
+        let all = heard(service);
+        let agents = all.iter().map(|heard| heard.agent).collect();
+        self.take_all(&all, &agents, service, warn);
         self.pool = None;
         if self.to_write || self.is_new {
             (self.written, self.is_new) = (None, false);
@@ -163,83 +238,12 @@ impl Collector {
         Ok(None)
     }
 
-    /// Puts a map together of what is there of it.
-    fn take(&mut self, heard: &Heard, store: &dyn Store) -> Result<(), String> {
-        let agent = self.agents.entry(heard.agent).or_insert_with(|| Agent {
-            assembler: Assembler::default(),
-            begun: heard.begun,
-            seen: (Arc::new([]), usize::MAX),
-            path: PathBuf::new(),
-            whole: false,
-            finished: false,
-            input: None,
-        });
-        agent.begun = heard.begun;
-        let has_ended = agent.finished != heard.finished;
-        agent.finished = heard.finished;
-        let is_known = *agent.seen.0 == *heard.entries && agent.seen.1 == heard.missing;
-        if is_known && !has_ended {
-            return Ok(());
-        }
-        let Some(made) = agent.assembler.assemble(heard.agent, &heard.entries, store)? else { return Ok(()) };
-        let before = agent.input.as_ref().map(|input| &input.map);
-        agent.seen = (Arc::clone(&heard.entries), heard.missing);
-        let is_same = agent.whole == made.whole
-            && before.is_some_and(|before| before.keyframes.len() == made.map.keyframes.len())
-            && !made.whole
-            && !has_ended;
-        if is_same {
-            return Ok(());
-        }
-        agent.whole = made.whole;
-        agent.path = self.out.join(AGENTS).join(label(heard.agent, &made.map)).join("map.mcap");
-        if made.whole && heard.finished {
-            save(&agent.path, &made.map).map_err(|error| error.to_string())?;
-        }
-        let with_depth = made.map.keyframes.values().filter(|keyframe| !keyframe.semi_dense.is_empty());
-        if with_depth.count() < FEWEST {
-            return Ok(());
-        }
-        let (path, vocabulary, map) = (&agent.path, &self.vocabulary, made.map);
-        let input = || Input::of(map, path, vocabulary).ok();
-        agent.input = match &self.pool {
-            Some(pool) => pool.install(input),
-            None => input(),
-        };
-        self.is_new = true;
-        self.to_write = true;
-        Ok(())
-    }
-
-    /// Does something where merging is done.
-    fn on_pool<T: Send>(&self, work: impl FnOnce() -> T + Send) -> T {
-        match &self.pool {
-            Some(pool) => pool.install(work),
-            None => work(),
-        }
-    }
-
     /// Merges all maps, and writes what came of it where it is time.
     fn merge(&mut self, warn: &dyn Fn(&str), stop: &Stop) -> Result<Option<Found>> {
-        let mut order: Vec<(u64, Identity)> =
-            self.agents.iter().map(|(identity, agent)| (agent.begun, *identity)).collect();
-        order.sort();
-        let (mut inputs, mut whole, mut taken) = (Vec::new(), Vec::new(), Vec::new());
-        for (_, identity) in order {
-            let Some(agent) = self.agents.get_mut(&identity) else { continue };
-            let Some(mut input) = agent.input.take() else { continue };
-            input.name_apart_from(&inputs);
-            inputs.push(input);
-            whole.push(agent.whole);
-            taken.push(identity);
-        }
-        let result = self.merge_inputs(&inputs, &whole, stop);
+        let lent = self.maps.lend();
+        let result = self.merge_lent(&lent, stop);
         let is_interrupted = result.is_err() && stop.requested();
-        for (identity, input) in taken.into_iter().zip(inputs) {
-            if let Some(agent) = self.agents.get_mut(&identity) {
-                agent.input = Some(input);
-            }
-        }
+        self.maps.take_back(lent);
         match result {
             Err(Failed::Merge(_)) if is_interrupted => Ok(None),
             // What is wrong with these maps may be mended by more of them.
@@ -248,20 +252,40 @@ impl Collector {
                 Ok(None)
             }
             Err(Failed::Write(error)) => Err(error),
-            Ok(found) => Ok(Some(found)),
+            Ok(found) => {
+                self.found = self.pending(found);
+                Ok(Some(self.found.clone()))
+            }
         }
     }
 
-    fn merge_inputs(&mut self, inputs: &[Input], whole: &[bool], stop: &Stop) -> Result<Found, Failed> {
+    /// Merges maps that were lent by `maps`, and says which pairs of them were known before.
+    fn merged_anew(
+        &self,
+        lent: &Inputs,
+        maps: &Maps,
+        exactly: bool,
+        stop: &Stop,
+    ) -> Result<(Merging, Vec<[usize; 2]>)> {
         let go_on = || if stop.requested() { Err(anyhow!("interrupted")) } else { Ok(()) };
+        let known = |pair: [usize; 2]| maps.memory.recall(&lent.contents, pair, exactly);
+        let merge = || merge_knowing(&lent.inputs, &self.vocabulary, &self.params, &known, &mut |_| go_on());
+        let merging = on_pool(self.pool.as_ref(), merge)?;
+        let pairs = merging.encounters.iter().map(|encounter| encounter.as_given());
+        let recalled = pairs.filter(|pair| known(*pair).is_some()).collect();
+        Ok((merging, recalled))
+    }
+
+    fn merge_lent(&mut self, lent: &Inputs, stop: &Stop) -> Result<Found, Failed> {
+        let Inputs { inputs, contents, whole } = lent;
         if inputs.is_empty() {
             return Ok(Found::default());
         }
-        let (vocabulary, params) = (&self.vocabulary, &self.params);
-        let merged = self.on_pool(|| merge(inputs, vocabulary, params, &mut |_| go_on()));
-        let merging = merged.map_err(Failed::Merge)?;
+        let at_rest = self.maps.at_rest();
+        let (merging, recalled) = self.merged_anew(lent, &self.maps, at_rest, stop).map_err(Failed::Merge)?;
+        self.maps.memory.keep(contents, &merging.encounters, |pair| recalled.contains(&pair));
+        self.sketches.met(&met(&merging, contents));
         let found = Found::of(inputs, &merging, whole);
-        let at_rest = self.agents.values().all(|agent| agent.whole && agent.finished);
         let is_due = self.written.is_none_or(|written| written.elapsed() > WRITE_INTERVAL);
         if merging.anything_met() && (at_rest || is_due) {
             let mut write = || -> Result<()> {
@@ -281,6 +305,14 @@ impl Collector {
     }
 }
 
+/// Does something where merging is done.
+fn on_pool<T: Send>(pool: Option<&rayon::ThreadPool>, work: impl FnOnce() -> T + Send) -> T {
+    match pool {
+        Some(pool) => pool.install(work),
+        None => work(),
+    }
+}
+
 /// What went wrong.
 enum Failed {
     /// Maps cannot be merged.
@@ -289,18 +321,24 @@ enum Failed {
     Write(anyhow::Error),
 }
 
-/// What an agent's folder is called, which no other one's is.
-fn label(agent: Identity, map: &Map) -> String {
-    let name = map.agent_labels().remove(&AgentId::default()).unwrap_or_default();
-    let uuid = agent.uuid.simple().to_string();
-    match agent.epoch {
-        0 => format!("{name}-{}", &uuid[..8]),
-        epoch => format!("{name}-{}-{epoch}", &uuid[..8]),
-    }
+/// All maps that are here, whole or in part.
+fn heard(service: &Service) -> Vec<Heard> {
+    service.heard().into_iter().chain(service.own()).collect()
 }
 
-/// Writes an agent's own map.
-fn save(path: &Path, map: &Map) -> Result<()> {
-    path.parent().map_or(Ok(()), fs::create_dir_all)?;
-    Ok(map::save_map(path, map)?)
+/// Has nothing more to do with whoever told a map that is none.
+fn leave_out(agent: Identity, reason: String, service: &Service, warn: &dyn Fn(&str)) {
+    warn(&format!("the map of {agent} is left out: {reason}"));
+    service.distrust(agent, reason);
+}
+
+/// The pairs that met, and whose merge stands.
+fn met<'a>(merging: &'a Merging, contents: &[Content]) -> Vec<Met<'a>> {
+    let standing = merging.encounters.iter().filter(|encounter| merging.stands(encounter));
+    let met = standing.filter_map(|encounter| {
+        let agents = [encounter.target, encounter.source].map(|map| contents[map].agent);
+        let motion = encounter.accepted()?.closure.motion.a_from_b;
+        Some(Met { agents, motion, edges: &encounter.joined.as_ref()?.edges })
+    });
+    met.collect()
 }

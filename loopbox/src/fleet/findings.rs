@@ -35,10 +35,16 @@ pub struct FoundAgent {
 pub struct FoundMeeting {
     /// Their names.
     pub names: [String; 2],
+    /// Their identities, `UUID/EPOCH`.
+    #[serde(default)]
+    pub agents: [String; 2],
     /// `accepted`, `undecided` or `refused`.
     pub verdict: String,
     /// Why not, where they were not merged.
     pub why: Option<String>,
+    /// Whether more of their maps is being looked at before anything is said: they are undecided so far.
+    #[serde(default)]
+    pub pending: bool,
 }
 
 impl Found {
@@ -58,7 +64,7 @@ impl Found {
             Some(FoundAgent {
                 agent: identity(id)?,
                 name: input.name.clone(),
-                keyframes: input.map.keyframes.len(),
+                keyframes: input.features.len(),
                 whole: whole.get(number).copied().unwrap_or(false),
                 root: identity(root)?,
                 root_from_agent: [tx, ty, tz, qx, qy, qz, qw, place.scale],
@@ -66,10 +72,43 @@ impl Found {
         };
         let meetings = merging.encounters.iter().map(|encounter| FoundMeeting {
             names: encounter.as_given().map(|input| inputs[input].name.clone()),
+            agents: encounter.as_given().map(|input| {
+                let agent = merging.addresses.get(input).and_then(|addresses| addresses.agents().next());
+                agent.and_then(identity).unwrap_or_default()
+            }),
             verdict: encounter.verdict().to_owned(),
             why: refusal_of(merging, encounter),
+            pending: false,
         });
         Self { agents: inputs.iter().enumerate().filter_map(agent).collect(), meetings: meetings.collect() }
+    }
+
+    /// What `other` found, and this of what that says nothing of.
+    pub(super) fn beside(self, other: &Self) -> Self {
+        let mut all = other.clone();
+        let agents =
+            self.agents.into_iter().filter(|new| other.agents.iter().all(|old| old.agent != new.agent));
+        all.agents.extend(agents);
+        let is_known = |new: &FoundMeeting| {
+            let of_both = |old: &FoundMeeting| new.agents.iter().all(|agent| old.agents.contains(agent));
+            other.meetings.iter().any(of_both)
+        };
+        all.meetings.extend(self.meetings.into_iter().filter(|new| !is_known(new)));
+        all
+    }
+
+    /// Says of pairs that no more is known of them than that more is looked at.
+    pub(super) fn postpone(&mut self, is_pending: impl Fn(&[String; 2]) -> bool) {
+        for meeting in self.meetings.iter_mut().filter(|meeting| is_pending(&meeting.agents)) {
+            (meeting.pending, meeting.verdict) = (true, "undecided".into());
+            meeting.why = Some("more of both maps is being looked at".into());
+        }
+    }
+
+    /// Whether something was decided about two agents.
+    pub(super) fn has_decided(&self, agents: &[String; 2]) -> bool {
+        let of_both = |meeting: &&FoundMeeting| agents.iter().all(|agent| meeting.agents.contains(agent));
+        self.meetings.iter().filter(of_both).any(|meeting| !meeting.pending)
     }
 
     /// As it is told.

@@ -1,15 +1,22 @@
 //! Agents that pair over a network, with or without a station: what a run and a station do with the crate `fleet`.
 //!
-//! `telling` tells a run's map while it grows, `sketching` says what of others' is worth fetching first, `collecting` merges the maps that come and keeps the common map on disk,
-//! `findings` is what it tells the agents about where they are; `party` puts them together.
+//! `telling` tells a run's map while it grows. `sketching` says what of others' is worth fetching first and when enough of
+//! it is here, `courtesy` which of two agents looks at it, `collecting` merges the maps that come and keeps the common map on disk (`agents` are their maps,
+//! `remembering` what pairs of them made of each other), `findings` is what it tells the agents about where they are, `status` what people are told;
+//! `party` puts them together.
 
+mod agents;
 mod collecting;
+mod courtesy;
 mod findings;
 mod party;
+mod remembering;
 mod sketching;
+mod status;
 mod telling;
 
 pub use findings::{Found, FoundAgent, FoundMeeting};
 pub use fleet::service::Endpoint;
-pub use party::{AgentLine, Fleet, FleetOptions, LinkLine, OBJECTS, STATUS, StatusFile, read_status};
+pub use party::{Fleet, FleetOptions, OBJECTS};
+pub use status::{AgentLine, LinkLine, STATUS, StatusFile, read_status};
 pub use telling::Teller;

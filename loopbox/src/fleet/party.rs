@@ -2,12 +2,12 @@
 
 use super::collecting::Collector;
 use super::findings::Found;
+use super::status::{AgentLine, LinkLine, STATUS, StatusFile};
 use super::telling::{Teller, Telling};
 use anyhow::{Context, Result, anyhow};
 use fleet::node::{News, Quota, Status};
 use fleet::service::{Endpoint, Service, ServiceOptions};
 use fleet::wire::Role;
-use serde::{Deserialize, Serialize};
 use sources::Stop;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -17,8 +17,6 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 /// Where objects are kept, in the folder of results.
 pub const OBJECTS: &str = "fleet";
-/// The file that says how things are.
-pub const STATUS: &str = "fleet.json";
 /// Where an agent keeps the common map, in the folder of its own results.
 const COMMON: &str = "common";
 /// How often that is looked after.
@@ -37,55 +35,12 @@ pub struct FleetOptions {
     pub name: String,
     /// Whether it has no map of its own, and is there to collect those of others.
     pub is_station: bool,
+    /// Whether a run works beside it, to which it gives way.
+    pub is_beside: bool,
     /// Where it listens.
     pub listen: Option<Endpoint>,
     /// Whom it dials.
     pub dial: Vec<Endpoint>,
-}
-
-/// How things are, as the file `fleet.json` says it.
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
-pub struct StatusFile {
-    /// What people call this party.
-    pub name: String,
-    /// Where it listens.
-    pub listening: Option<String>,
-    /// Whom it knows.
-    pub links: Vec<LinkLine>,
-    /// Maps of others that are told here.
-    pub agents: Vec<AgentLine>,
-    /// What was found out here about where agents are.
-    pub found: Found,
-    /// What others found out, by their names.
-    pub told: Vec<(String, Found)>,
-    /// The last that was refused or went wrong.
-    pub trouble: Vec<String>,
-}
-
-/// A neighbour.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct LinkLine {
-    /// What people call it.
-    pub name: String,
-    /// Where it is; nothing while there is no link.
-    pub address: Option<String>,
-    /// Bytes of objects that came from it.
-    pub received: u64,
-    /// Objects of own maps that it has not acknowledged; nothing while it has not said.
-    pub lacks: Option<u64>,
-}
-
-/// Another's map.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct AgentLine {
-    /// Its identity, `UUID/EPOCH`.
-    pub agent: String,
-    /// Keyframes of its newest version.
-    pub keyframes: usize,
-    /// Objects of it that are not here yet.
-    pub missing: usize,
-    /// Whether its run has ended.
-    pub finished: bool,
 }
 
 /// A party at work.
@@ -125,7 +80,7 @@ impl Fleet {
     ) -> Result<Self> {
         let role = if options.is_station { Role::Station } else { Role::Agent };
         let common = if options.is_station { options.out.clone() } else { options.out.join(COMMON) };
-        let collector = Collector::new(&common, options.force, !options.is_station)?;
+        let collector = Collector::new(&common, options.force, options.is_beside)?;
         let shared = Arc::new(Shared { enough, tell: Some(Box::new(tell)), ..Shared::default() });
         let of_news = Arc::clone(&shared);
         let service = ServiceOptions {
@@ -135,6 +90,7 @@ impl Fleet {
             listen: options.listen,
             dial: options.dial.clone(),
             quota: Quota::default(),
+            waits: true,
         };
         let service = Arc::new(Service::start(service, move |news| of_news.hear(news))?);
         {
@@ -144,7 +100,7 @@ impl Fleet {
         }
         let (of_thread, seen) = (Arc::clone(&shared), Arc::clone(&service));
         let path = options.out.join(STATUS);
-        let (at, is_beside) = (path.clone(), !options.is_station);
+        let (at, is_beside) = (path.clone(), options.is_beside);
         let work = move || {
             if is_beside {
                 crate::run::give_way();
@@ -188,6 +144,22 @@ impl Fleet {
                 alone = Instant::now();
             }
             if alone.elapsed() > patience {
+                return false;
+            }
+            std::thread::sleep(LOOK);
+        }
+        false
+    }
+
+    /// Waits until all of the maps that neighbours tell is here, or `stop` is wished, or no neighbour is left. Whether all
+    /// is.
+    pub fn take_over(&self, stop: &Stop) -> bool {
+        while !stop.requested() {
+            let status = self.service.status();
+            if status.agents.iter().all(|agent| agent.missing == 0) {
+                return true;
+            }
+            if status.neighbours.iter().all(|neighbour| neighbour.address.is_none()) {
                 return false;
             }
             std::thread::sleep(LOOK);
@@ -282,7 +254,8 @@ impl Shared {
         let mut written = None::<Instant>;
         let warn = |text: &str| self.trouble(text);
         loop {
-            if let Some(found) = collector.step(service, &warn, &self.stop)? {
+            let told: Vec<Found> = self.status().told.iter().map(|(_, found)| found.clone()).collect();
+            if let Some(found) = collector.step(service, &told, &warn, &self.stop)? {
                 let before = self.status().found.accepted();
                 if found.accepted() != before {
                     let links = service.status().neighbours;
@@ -310,18 +283,8 @@ impl Shared {
 
     /// Writes how things are.
     fn show(&self, now: &Status, path: &Path) -> Result<()> {
-        let links = now.neighbours.iter().map(|neighbour| LinkLine {
-            name: neighbour.name.clone(),
-            address: neighbour.address.clone(),
-            received: neighbour.received,
-            lacks: neighbour.lacks,
-        });
-        let agents = now.agents.iter().map(|agent| AgentLine {
-            agent: agent.agent.to_string(),
-            keyframes: agent.keyframes,
-            missing: agent.missing,
-            finished: agent.finished,
-        });
+        let links = now.neighbours.iter().map(LinkLine::of);
+        let agents = now.agents.iter().map(AgentLine::of);
         let text = {
             let mut status = self.status();
             (status.links, status.agents) = (links.collect(), agents.collect());
@@ -332,21 +295,6 @@ impl Shared {
             .and_then(|()| fs::rename(&partial, path))
             .with_context(|| format!("{}: cannot be written", path.display()))
     }
-}
-
-/// How things are or were with the party whose results are in `folder`.
-///
-/// # Errors
-/// When there is none.
-pub fn read_status(folder: &Path) -> Result<StatusFile> {
-    let path = folder.join(STATUS);
-    let text = fs::read(&path).with_context(|| {
-        format!(
-            "{}: cannot be read\nhint: give the folder of `loopbox station` or of `loopbox run --fleet`",
-            path.display()
-        )
-    })?;
-    serde_json::from_slice(&text).with_context(|| format!("{}: is no such file", path.display()))
 }
 
 /// Milliseconds since 1970.

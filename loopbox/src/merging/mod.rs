@@ -59,6 +59,7 @@ pub struct MergingParams {
 
 /// What two maps made of each other. Which of them is the source and which the target follows from the maps
 /// themselves and not from the order in which they are given, so that no verdict depends on that.
+#[derive(Clone)]
 pub struct Encounter {
     /// Index of the target among the inputs.
     pub target: usize,
@@ -195,6 +196,20 @@ pub fn merge(
     params: &MergingParams,
     progress: &mut dyn FnMut(&str) -> Result<()>,
 ) -> Result<Merging> {
+    merge_knowing(inputs, vocabulary, params, &|_| None, progress)
+}
+
+/// The same where of some pairs of inputs, the earlier first, it is `known` what they made of each other.
+///
+/// # Errors
+/// As [`merge`].
+pub(crate) fn merge_knowing(
+    inputs: &[Input],
+    vocabulary: &Arc<Vocabulary>,
+    params: &MergingParams,
+    known: &(dyn Fn([usize; 2]) -> Option<Encounter> + Sync),
+    progress: &mut dyn FnMut(&str) -> Result<()>,
+) -> Result<Merging> {
     let maps: Vec<&map::Map> = inputs.iter().map(|input| &input.map).collect();
     let names = |a: usize, b: usize| format!("{} and {}", inputs[a].name, inputs[b].name);
     let (mut common, addresses) = CommonMap::from_maps(&maps).context("the maps cannot be merged")?;
@@ -207,9 +222,11 @@ pub fn merge(
     for later in 1..inputs.len() {
         for earlier in 0..later {
             progress(&format!("looking where {} met", names(earlier, later)))?;
-            let pair = in_their_order([earlier, later], inputs);
-            let encounter = encounter(pair, inputs, &prepared, vocabulary, &meeting, params);
-            let [target, source] = pair;
+            let encounter = known([earlier, later]).unwrap_or_else(|| {
+                let pair = in_their_order([earlier, later], inputs);
+                encounter(pair, inputs, &prepared, vocabulary, &meeting, params)
+            });
+            let Encounter { target, source, .. } = encounter;
             for edge in encounter.joined.iter().flat_map(|joined| &joined.edges) {
                 let address = |input: usize, id: KeyframeId| {
                     let agent: AgentId = inputs[input].map.keyframes.get(&id)?.agent;

@@ -135,8 +135,12 @@ impl Merging {
 
     /// Whether any two of the inputs were merged, and the merge stands.
     pub fn anything_met(&self) -> bool {
-        let stands = |encounter: &Encounter| encounter.joined.is_some() && self.undone(encounter).is_none();
-        self.encounters.iter().any(stands)
+        self.encounters.iter().any(|encounter| self.stands(encounter))
+    }
+
+    /// Whether two of the inputs were merged, and the merge stands.
+    pub(crate) fn stands(&self, encounter: &Encounter) -> bool {
+        encounter.joined.is_some() && self.undone(encounter).is_none()
     }
 
     /// Why the common map took back the merge of two inputs; nothing where it stands, or there was none.

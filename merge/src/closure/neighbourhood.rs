@@ -8,7 +8,7 @@ use crate::generalised_pose::{
 use crate::matching::match_features;
 use crate::meeting::Place;
 use crate::optimal_scale::{Basis, OptimalScale};
-use crate::overlap::{sample, share_seen};
+use crate::overlap::Glimpse;
 use crate::pair::view_pair;
 use crate::prepared::{PreparedKeyframe, PreparedMap};
 use geometry::Sim3;
@@ -16,7 +16,6 @@ use map::KeyframeId;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
 
 /// How the keyframes around a place are taken together.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -198,19 +197,13 @@ fn overlapping(
     params: &NeighbourhoodParams,
 ) -> Vec<(KeyframeId, KeyframeId)> {
     let (sources, targets) =
-        (samples(source, place.source, params.radius), samples(target, place.target, params.radius));
+        (glimpses(source, place.source, params.radius), glimpses(target, place.target, params.radius));
     let min_cosine = params.max_view_angle.to_radians().cos();
     let mut seen: Vec<(f64, KeyframeId, KeyframeId)> = Vec::new();
-    for (&i, points) in &sources {
-        for (&j, others) in &targets {
-            let Some((a, b)) = source.world_from(i).zip(target.world_from(j)) else { continue };
-            let j_from_i = b.inverse() * *target_world_from_source_world * a;
-            let there = share_seen(points, &j_from_i, target, j, min_cosine);
-            let back = share_seen(others, &j_from_i.inverse(), source, i, min_cosine);
-            let share = there.zip(back).map_or(0.0, |(there, back)| there.min(back));
-            if share >= params.min_overlap {
-                seen.push((share, i, j));
-            }
+    for i in &sources {
+        for j in &targets {
+            let share = i.overlap(j, target_world_from_source_world, min_cosine, params.min_overlap);
+            seen.extend(share.map(|share| (share, i.id, j.id)));
         }
     }
     seen.sort_by(|a, b| b.0.total_cmp(&a.0).then((a.1, a.2).cmp(&(b.1, b.2))));
@@ -223,7 +216,7 @@ fn overlapping(
     best
 }
 
-/// A few points of each keyframe around one.
-fn samples(map: &PreparedMap, id: KeyframeId, radius: usize) -> BTreeMap<KeyframeId, Vec<Vector3<f64>>> {
-    map.around(id, radius).iter().filter_map(|&id| Some((id, sample(map, id)?))).collect()
+/// The keyframes around one that have depth.
+fn glimpses<'a>(map: &PreparedMap<'a>, id: KeyframeId, radius: usize) -> Vec<Glimpse<'a>> {
+    map.around(id, radius).iter().filter_map(|&id| Glimpse::of(map, id)).collect()
 }

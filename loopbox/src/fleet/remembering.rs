@@ -1,0 +1,110 @@
+//! What pairs of maps made of each other, kept as long as neither changed: a map that changes is compared with all others
+//! again, and they are not with each other.
+
+use crate::merging::Encounter;
+use fleet::hash::ObjectHash;
+use map::Identity;
+use std::collections::BTreeMap;
+
+/// A map among others, by whose it is and what it holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Content {
+    /// Whose.
+    pub agent: Identity,
+    /// Stands for all of it that merging looks at.
+    pub hash: ObjectHash,
+}
+
+/// What is known of pairs.
+#[derive(Default)]
+pub(super) struct Memory {
+    pairs: BTreeMap<[Identity; 2], Known>,
+}
+
+struct Known {
+    /// Of the target and the source.
+    contents: [Content; 2],
+    /// Maps that were merged then: of more of them more look alike by chance, and each pair is believed less easily.
+    among: usize,
+    encounter: Encounter,
+}
+
+impl Memory {
+    /// What two of these maps made of each other, if both are as they were. As long as maps still come it does not
+    /// matter how many there were then; `exactly` as many have to be where the result is to last.
+    pub fn recall(&self, maps: &[Content], [a, b]: [usize; 2], exactly: bool) -> Option<Encounter> {
+        let known = self.pairs.get(&key(maps[a], maps[b]))?;
+        if exactly && known.among != maps.len() {
+            return None;
+        }
+        let now = |content: &Content| [a, b].into_iter().find(|&map| maps[map] == *content);
+        let [target, source] = [now(&known.contents[0])?, now(&known.contents[1])?];
+        Some(Encounter { target, source, ..known.encounter.clone() })
+    }
+
+    /// Keeps what pairs of these maps made of each other, and nothing of others; `is_recalled` tells the pairs that were
+    /// known before.
+    pub fn keep(
+        &mut self,
+        maps: &[Content],
+        encounters: &[Encounter],
+        is_recalled: impl Fn([usize; 2]) -> bool,
+    ) {
+        let mut before = std::mem::take(&mut self.pairs);
+        for encounter in encounters {
+            let contents = [encounter.target, encounter.source].map(|map| maps[map]);
+            let key = key(contents[0], contents[1]);
+            let known = match before.remove(&key).filter(|_| is_recalled(encounter.as_given())) {
+                Some(known) => known,
+                None => Known { contents, among: maps.len(), encounter: encounter.clone() },
+            };
+            self.pairs.insert(key, known);
+        }
+    }
+}
+
+fn key(a: Content, b: Content) -> [Identity; 2] {
+    [a.agent.min(b.agent), a.agent.max(b.agent)]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::merging::Seconds;
+    use map::Uuid;
+
+    fn content(agent: u128, version: u8) -> Content {
+        let agent = Identity { uuid: Uuid::from_u128(agent), epoch: 0 };
+        Content { agent, hash: ObjectHash::of(&[version]) }
+    }
+
+    fn encounter(target: usize, source: usize) -> Encounter {
+        let (tried, joined, error, seconds) = (Vec::new(), None, None, Seconds::default());
+        Encounter { target, source, proposed: 10 * target + source, tried, joined, error, seconds }
+    }
+
+    #[test]
+    fn pairs_of_unchanged_maps_are_known_wherever_they_stand() {
+        let maps = [content(1, 0), content(2, 0), content(3, 0)];
+        let mut memory = Memory::default();
+        memory.keep(&maps, &[encounter(1, 0), encounter(0, 2), encounter(2, 1)], |_| false);
+        // The second changed, and they stand in another order.
+        let now = [content(3, 0), content(2, 9), content(1, 0)];
+        let known = memory.recall(&now, [0, 2], true).expect("neither changed");
+        assert_eq!((known.target, known.source, known.proposed), (2, 0, 2));
+        assert!(memory.recall(&now, [0, 1], true).is_none() && memory.recall(&now, [1, 2], false).is_none());
+    }
+
+    #[test]
+    fn among_more_maps_a_pair_is_judged_anew_once_the_result_is_to_last() {
+        let maps = [content(1, 0), content(2, 0), content(3, 0)];
+        let mut memory = Memory::default();
+        memory.keep(&maps[..2], &[encounter(0, 1)], |_| false);
+        assert!(
+            memory.recall(&maps, [0, 1], false).is_some() && memory.recall(&maps, [0, 1], true).is_none()
+        );
+        // What was only recalled is still what was found among two.
+        memory.keep(&maps, &[encounter(0, 1), encounter(0, 2)], |pair| pair == [0, 1]);
+        assert!(memory.recall(&maps, [0, 1], true).is_none() && memory.recall(&maps, [0, 2], true).is_some());
+    }
+}

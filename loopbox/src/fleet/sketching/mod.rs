@@ -1,0 +1,196 @@
+//! Where agents met, found out by as few bytes as it takes: which objects of two maps are worth fetching next, and when
+//! there are enough of them to merge these parts.
+//!
+//! ```text
+//! digests of all keyframes → features of those whose words are alike → images and depths at the likeliest place,
+//! → merge → those of keyframes that overlap by the motion found → merge → the verdict
+//! ```
+//!
+//! A verdict on parts rests on the same lines as one on whole maps. What of these the rest of both maps is asked for
+//! would be empty where only the place itself is here, so that it is asked for before the verdict is told.
+
+mod pair;
+mod sketch;
+
+use fleet::manifest::Kind;
+use fleet::node::Heard;
+use fleet::store::Store;
+use geometry::Sim3;
+use map::{Identity, KeyframeId};
+use merge::further::{FurtherParams, worth_trying};
+use pair::{Pair, Step};
+use place_recog::Vocabulary;
+use sketch::Sketch;
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+
+/// Further keyframe pairs that are asked for at a motion that was found; at most as many as merging tries.
+const CONFIRMING: usize = 4;
+
+/// What is known of all agents' maps, and of every two of them.
+pub(super) struct Sketches {
+    vocabulary: Arc<Vocabulary>,
+    agents: BTreeMap<Identity, Sketch>,
+    pairs: BTreeMap<[Identity; 2], Pair>,
+    /// Agents of whom all is fetched.
+    released: BTreeSet<Identity>,
+}
+
+/// What is to be done next.
+#[derive(Default)]
+pub(super) struct Plan {
+    /// Objects to be fetched of each agent's map, the most urgent first, and whether all others too.
+    pub wanted: BTreeMap<Identity, (Vec<(Kind, u32)>, bool)>,
+    /// The keyframes by which it is to be seen now who met whom; nothing while that takes more objects.
+    pub ready: Option<BTreeMap<Identity, BTreeSet<KeyframeId>>>,
+    /// Maps of which all is fetched.
+    pub released: BTreeSet<Identity>,
+    /// Who told what is none.
+    pub wrong: Vec<(Identity, String)>,
+}
+
+/// Two agents that met, as merging has it.
+pub(super) struct Met<'a> {
+    /// Whose map is the target, and whose the source.
+    pub agents: [Identity; 2],
+    /// target_world_from_source_world.
+    pub motion: Sim3,
+    /// The closures that it rests on.
+    pub edges: &'a [map::Edge],
+}
+
+impl Sketches {
+    /// Of nobody yet.
+    pub fn new(vocabulary: Arc<Vocabulary>) -> Self {
+        let (agents, pairs, released) = Default::default();
+        Self { vocabulary, agents, pairs, released }
+    }
+
+    /// What to do, by what is here of all agents' maps. Pairs that are looked at `elsewhere`, the smaller identity
+    /// first, are left to whoever does.
+    pub fn plan(&mut self, all: &[Heard], store: &dyn Store, elsewhere: &BTreeSet<[Identity; 2]>) -> Plan {
+        let mut plan = Plan::default();
+        for heard in all {
+            let sketch = self.agents.entry(heard.agent).or_default();
+            if let Err(reason) = sketch.take(heard, store, &self.vocabulary) {
+                plan.wrong.push((heard.agent, reason));
+            }
+        }
+        self.agents.retain(|agent, _| all.iter().any(|heard| heard.agent == *agent));
+        let agents: Vec<Identity> = self.agents.keys().copied().collect();
+        let (mut busy, mut subset) = (BTreeSet::new(), BTreeMap::<_, BTreeSet<_>>::new());
+        let (mut wanted, mut is_ready) = (BTreeMap::<Identity, Vec<(Kind, u32)>>::new(), false);
+        for (number, one) in agents.iter().enumerate() {
+            for other in &agents[..number] {
+                let names = [*other, *one];
+                let pair = self.pairs.entry(names).or_default();
+                if elsewhere.contains(&names) {
+                    busy.extend(names);
+                    continue;
+                }
+                let [Some(mut a), Some(mut b)] = names.map(|name| self.agents.remove(&name)) else {
+                    continue;
+                };
+                match pair.step([&mut a, &mut b], store, &self.vocabulary) {
+                    Step::Idle => {}
+                    Step::Waits => {
+                        for (agent, sketch) in names.into_iter().zip([&a, &b]) {
+                            wanted.entry(agent).or_default().push_new(sketch.lacking_digests());
+                        }
+                    }
+                    Step::Wants(objects) => {
+                        busy.extend(names);
+                        for (agent, objects) in names.into_iter().zip(objects) {
+                            wanted.entry(agent).or_default().push_new(objects);
+                        }
+                    }
+                    Step::Ready => {
+                        busy.extend(names);
+                        is_ready = true;
+                    }
+                }
+                let keyframes = names.into_iter().zip(pair.keyframes([&a, &b]));
+                for (agent, keyframes) in keyframes.filter(|(_, keyframes)| !keyframes.is_empty()) {
+                    subset.entry(agent).or_default().extend(keyframes);
+                }
+                self.agents.extend(names.into_iter().zip([a, b]));
+            }
+        }
+        // A map whose digests are all here, and that is about to be compared with none, is fetched for good, and so is
+        // one alone.
+        let is_done =
+            |agent: &Identity| !busy.contains(agent) && (agents.len() < 2 || self.agents[agent].missing == 0);
+        self.released.extend(agents.iter().filter(|agent| is_done(agent)));
+        plan.released.clone_from(&self.released);
+        let mut of =
+            |agent: &Identity| (wanted.remove(agent).unwrap_or_default(), self.released.contains(agent));
+        plan.wanted = agents.iter().map(|agent| (*agent, of(agent))).collect();
+        plan.ready = is_ready.then_some(subset);
+        plan
+    }
+
+    /// Takes note of what a merge of the parts found of each pair that was ready: those that met.
+    pub fn judged(&mut self, met: &[Met], store: &dyn Store) {
+        let ready: Vec<[Identity; 2]> =
+            self.pairs.iter().filter(|(_, pair)| pair.is_ready()).map(|(names, _)| *names).collect();
+        for names in ready {
+            let found = met.iter().find(|met| names.iter().all(|name| met.agents.contains(name)));
+            let keyframes = found.map(|met| self.overlapping(names, met, store));
+            let [a, b] = names.map(|name| &self.agents[&name]);
+            let Some(pair) = self.pairs.get_mut(&names) else { continue };
+            let here = pair.keyframes([a, b]);
+            let has_all = |keyframes: &[Vec<KeyframeId>; 2]| {
+                keyframes.iter().zip(&here).all(|(wanted, here)| wanted.iter().all(|id| here.contains(id)))
+            };
+            match keyframes {
+                Some(keyframes) if has_all(&keyframes) => pair.met(),
+                keyframes => pair.judged(keyframes),
+            }
+        }
+    }
+
+    /// Pairs of whose maps more is to be looked at before anything is said of them.
+    pub fn pending(&self) -> Vec<[Identity; 2]> {
+        self.pairs.iter().filter(|(_, pair)| pair.is_pending()).map(|(names, _)| *names).collect()
+    }
+
+    /// Takes note of pairs that met by all that is here.
+    pub fn met(&mut self, met: &[Met]) {
+        for (names, pair) in &mut self.pairs {
+            if met.iter().any(|met| names.iter().all(|name| met.agents.contains(name))) {
+                pair.met();
+            }
+        }
+    }
+
+    /// The keyframes of both agents that overlap by their motion and are to be looked at.
+    fn overlapping(&self, names: [Identity; 2], met: &Met, store: &dyn Store) -> [Vec<KeyframeId>; 2] {
+        let [target, source] = met.agents.map(|agent| &self.agents[&agent]);
+        let (Some((to_camera, to_poses)), Some((from_camera, from_poses))) =
+            (target.places(store), source.places(store))
+        else {
+            return Default::default();
+        };
+        let (sources, targets) =
+            (source.glimpses(&from_camera, &from_poses), target.glimpses(&to_camera, &to_poses));
+        let params = FurtherParams { max_closures: CONFIRMING, ..FurtherParams::default() };
+        let pairs = worth_trying(&sources, &targets, &met.motion, met.edges, &params);
+        let (of_source, of_target): (Vec<_>, Vec<_>) = pairs.into_iter().unzip();
+        if names[0] == met.agents[0] { [of_target, of_source] } else { [of_source, of_target] }
+    }
+}
+
+/// A list in which everything is once.
+trait PushNew<T> {
+    fn push_new(&mut self, more: Vec<T>);
+}
+
+impl<T: PartialEq> PushNew<T> for Vec<T> {
+    fn push_new(&mut self, more: Vec<T>) {
+        more.into_iter().for_each(|one| {
+            if !self.contains(&one) {
+                self.push(one);
+            }
+        });
+    }
+}

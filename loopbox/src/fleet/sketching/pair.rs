@@ -1,0 +1,166 @@
+//! How far two maps are looked at, and what that takes next.
+
+use super::PushNew;
+use super::sketch::Sketch;
+use fleet::manifest::Kind;
+use fleet::store::Store;
+use map::KeyframeId;
+use place_recog::{Proposal, ProposeParams, RankParams, Vocabulary, propose, ranked};
+use std::collections::BTreeSet;
+use std::sync::Arc;
+
+/// Proposals by words whose features are looked at. Of opposite directions the best place is 25th and 30th by words
+/// (`place_recog::ranked`).
+const PROPOSALS: usize = 32;
+/// Places that are tried by parts of the maps at the most: as many as merging matches before it follows the best.
+const PLACES: usize = 4;
+
+/// A place of both maps.
+type Place = [KeyframeId; 2];
+
+/// Two maps.
+#[derive(Default)]
+pub(super) struct Pair {
+    /// The sketches as they were looked at.
+    seen: [u64; 2],
+    proposals: Vec<Proposal>,
+    places: Vec<Place>,
+    /// Places that were tried in vain.
+    vain: BTreeSet<Place>,
+    stage: Stage,
+}
+
+#[derive(Default, PartialEq)]
+enum Stage {
+    /// Not looked at yet, or not since one of the maps grew.
+    #[default]
+    New,
+    /// The features of the proposals are to be compared.
+    Choosing,
+    /// So many of the places are tried.
+    Trying { places: usize, is_ready: bool },
+    /// The motion found is looked at with more keyframes.
+    Confirming { keyframes: [Vec<KeyframeId>; 2], is_ready: bool },
+    /// They met.
+    Met,
+    /// They did not, as far as can be seen.
+    Apart,
+}
+
+/// What a pair takes next.
+pub(super) enum Step {
+    /// Nothing by now.
+    Idle,
+    /// The digests of all keyframes.
+    Waits,
+    /// Objects of either map.
+    Wants([Vec<(Kind, u32)>; 2]),
+    /// All is here that is to be merged.
+    Ready,
+}
+
+impl Pair {
+    /// What it takes next.
+    pub fn step(
+        &mut self,
+        [a, b]: [&mut Sketch; 2],
+        store: &dyn Store,
+        vocabulary: &Arc<Vocabulary>,
+    ) -> Step {
+        if a.missing > 0 || b.missing > 0 {
+            return Step::Waits;
+        }
+        if a.words.is_empty() || b.words.is_empty() {
+            return Step::Idle;
+        }
+        let now = [a.version, b.version];
+        if std::mem::replace(&mut self.seen, now) != now && self.stage != Stage::Met {
+            self.stage = Stage::New;
+        }
+        if self.stage == Stage::New {
+            self.proposals = propose(&a.words, &b.words, vocabulary, &ProposeParams::default());
+            self.proposals.truncate(PROPOSALS);
+            self.stage = Stage::Choosing;
+        }
+        if self.stage == Stage::Choosing {
+            let of = |keyframe: fn(&Proposal) -> KeyframeId| -> Vec<KeyframeId> {
+                self.proposals.iter().map(keyframe).collect()
+            };
+            let lacking = [
+                a.read(&of(|proposal| proposal.keyframe), store, vocabulary),
+                b.read(&of(|proposal| proposal.query), store, vocabulary),
+            ];
+            if lacking.iter().any(|lacking| !lacking.is_empty()) {
+                return Step::Wants(lacking);
+            }
+            let params = RankParams::default();
+            let ranked = ranked(std::mem::take(&mut self.proposals), a.directed(), b.directed(), &params);
+            let places = ranked.iter().map(|place| [place.keyframe, place.query]);
+            self.places = places.filter(|place| !self.vain.contains(place)).take(PLACES).collect();
+            self.stage = match self.places.len() {
+                0 => Stage::Apart,
+                _ => Stage::Trying { places: 1, is_ready: false },
+            };
+        }
+        let keyframes = self.keyframes([&*a, &*b]);
+        let lacking = [a.lacks(&keyframes[0], store), b.lacks(&keyframes[1], store)];
+        match &mut self.stage {
+            Stage::Trying { is_ready, .. } | Stage::Confirming { is_ready, .. } => {
+                *is_ready = lacking.iter().all(Vec::is_empty);
+                if *is_ready { Step::Ready } else { Step::Wants(lacking) }
+            }
+            _ => Step::Idle,
+        }
+    }
+
+    /// The keyframes of both maps by which it is seen whether they met, the most urgent first.
+    pub fn keyframes(&self, [a, b]: [&Sketch; 2]) -> [Vec<KeyframeId>; 2] {
+        let (places, more) = match &self.stage {
+            Stage::Trying { places, .. } => (*places, None),
+            Stage::Confirming { keyframes, .. } => (self.places.len(), Some(keyframes)),
+            _ => (0, None),
+        };
+        let of = |side: usize, sketch: &Sketch| {
+            let mut keyframes = Vec::new();
+            for place in &self.places[..places.min(self.places.len())] {
+                keyframes.push_new(sketch.around(place[side]).collect());
+            }
+            keyframes.push_new(more.map_or_else(Vec::new, |more| more[side].clone()));
+            keyframes
+        };
+        [of(0, a), of(1, b)]
+    }
+
+    /// Takes note of what the merge found: nothing, or that they met and which keyframes are to be looked at then.
+    pub fn judged(&mut self, met: Option<[Vec<KeyframeId>; 2]>) {
+        self.stage = match (&self.stage, met) {
+            (Stage::Trying { places, .. }, Some(keyframes)) => {
+                self.places.truncate(*places);
+                Stage::Confirming { keyframes, is_ready: false }
+            }
+            (Stage::Confirming { .. }, Some(_)) => Stage::Met,
+            (Stage::Trying { places, .. }, None) if *places < self.places.len() => {
+                Stage::Trying { places: (2 * places).min(self.places.len()), is_ready: false }
+            }
+            _ => {
+                self.vain.extend(self.places.drain(..));
+                Stage::Apart
+            }
+        };
+    }
+
+    /// They met by all that is here.
+    pub fn met(&mut self) {
+        self.stage = Stage::Met;
+    }
+
+    /// Whether all is here that is to be merged.
+    pub fn is_ready(&self) -> bool {
+        matches!(self.stage, Stage::Trying { is_ready: true, .. } | Stage::Confirming { is_ready: true, .. })
+    }
+
+    /// Whether more of the maps is to be looked at before anything is said.
+    pub fn is_pending(&self) -> bool {
+        matches!(self.stage, Stage::Choosing | Stage::Trying { .. } | Stage::Confirming { .. })
+    }
+}

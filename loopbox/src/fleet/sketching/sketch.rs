@@ -1,0 +1,155 @@
+//! What is known of an agent's map before its images and depths come.
+
+use features::{Features, codec};
+use fleet::hash::ObjectHash;
+use fleet::manifest::{Entry, Kind};
+use fleet::node::Heard;
+use fleet::recoding::digest::Digest;
+use fleet::store::Store;
+use geometry::{Pinhole, Sim3};
+use map::KeyframeId;
+use map::parts::{agent_from_bytes, graph_from_bytes};
+use merge::overlap::Glimpse;
+use place_recog::{DirectIndex, Directed, Vocabulary, WordBag, words};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// Keyframes before and after a place that are fetched with it: a closure rests on three adjacent pairs.
+const AROUND: usize = 1;
+/// What a keyframe is merged by, the features first: without them there is nothing to match.
+const PARTS: [Kind; 3] = [Kind::Features, Kind::LossyDepth, Kind::LossyImage];
+
+/// What is known of an agent's map.
+#[derive(Default)]
+pub(super) struct Sketch {
+    entries: Option<Arc<[Entry]>>,
+    listed: BTreeMap<(Kind, u32), ObjectHash>,
+    digests: BTreeMap<KeyframeId, (ObjectHash, Digest)>,
+    /// Of keyframes with depth.
+    pub words: BTreeMap<KeyframeId, WordBag>,
+    features: BTreeMap<KeyframeId, Features>,
+    index: BTreeMap<KeyframeId, DirectIndex>,
+    /// Keyframes whose digests are not here.
+    pub missing: usize,
+    /// How often it changed.
+    pub version: u64,
+}
+
+impl Sketch {
+    /// Takes in what came since.
+    ///
+    /// # Errors
+    /// When a digest is none.
+    pub fn take(&mut self, heard: &Heard, store: &dyn Store, vocabulary: &Vocabulary) -> Result<(), String> {
+        let same = self.entries.as_ref().is_some_and(|known| Arc::ptr_eq(known, &heard.entries));
+        if same && self.missing == 0 {
+            return Ok(());
+        }
+        self.listed = heard.entries.iter().map(|entry| ((entry.kind, entry.number), entry.hash)).collect();
+        self.entries = Some(Arc::clone(&heard.entries));
+        self.missing = 0;
+        for entry in heard.entries.iter().filter(|entry| entry.kind == Kind::Digest) {
+            let id = KeyframeId(entry.number);
+            if self.digests.get(&id).is_some_and(|(hash, _)| *hash == entry.hash) {
+                continue;
+            }
+            let Some(bytes) = store.has(&entry.hash).then(|| store.get(&entry.hash)).flatten() else {
+                self.missing += 1;
+                continue;
+            };
+            let digest = Digest::from_bytes(&bytes, id, vocabulary)
+                .map_err(|what| format!("the digest of keyframe {} cannot be read: {what}", id.0))?;
+            if !digest.samples.is_empty() {
+                self.words.insert(id, digest.words.clone());
+            }
+            self.digests.insert(id, (entry.hash, digest));
+            self.version += 1;
+        }
+        let is_listed = |id: &KeyframeId| self.listed.contains_key(&(Kind::Digest, id.0));
+        let before = self.digests.len();
+        self.digests.retain(|id, _| is_listed(id));
+        self.words.retain(|id, _| is_listed(id));
+        self.version += u64::from(self.digests.len() != before);
+        Ok(())
+    }
+
+    /// The digests that are not here.
+    pub fn lacking_digests(&self) -> Vec<(Kind, u32)> {
+        let listed = self.listed.range((Kind::Digest, 0)..=(Kind::Digest, u32::MAX));
+        let lacking = listed.filter(|((_, number), hash)| {
+            self.digests.get(&KeyframeId(*number)).is_none_or(|(known, _)| known != *hash)
+        });
+        lacking.map(|(object, _)| *object).collect()
+    }
+
+    /// Whether an object is here, or what it stands in for.
+    fn has(&self, kind: Kind, id: KeyframeId, store: &dyn Store) -> bool {
+        let has = |kind: Kind| self.listed.get(&(kind, id.0)).is_some_and(|hash| store.has(hash));
+        let exact = match kind {
+            Kind::LossyImage => has(Kind::Image),
+            Kind::LossyDepth => has(Kind::Depth),
+            _ => false,
+        };
+        exact || has(kind) || !self.listed.contains_key(&(kind, id.0))
+    }
+
+    /// Of the objects by which keyframes are merged, those that are not here.
+    pub fn lacks(&self, keyframes: &[KeyframeId], store: &dyn Store) -> Vec<(Kind, u32)> {
+        let parts = keyframes.iter().flat_map(|id| PARTS.map(|kind| (kind, *id)));
+        parts.filter(|(kind, id)| !self.has(*kind, *id, store)).map(|(kind, id)| (kind, id.0)).collect()
+    }
+
+    /// Reads the features of keyframes; those that are not here.
+    pub fn read(
+        &mut self,
+        keyframes: &[KeyframeId],
+        store: &dyn Store,
+        vocabulary: &Vocabulary,
+    ) -> Vec<(Kind, u32)> {
+        let (mut new, mut lacking) = (BTreeMap::new(), Vec::new());
+        for &id in keyframes.iter().filter(|id| !self.features.contains_key(id)) {
+            if !self.has(Kind::Features, id, store) {
+                lacking.push((Kind::Features, id.0));
+                continue;
+            }
+            // What cannot be read is found again from the image.
+            let bytes = self.listed.get(&(Kind::Features, id.0)).and_then(|hash| store.get(hash));
+            new.insert(id, bytes.and_then(|bytes| codec::decode(&bytes).ok()).unwrap_or_default());
+        }
+        let (_, index) = words(&new, vocabulary);
+        self.index.extend(index);
+        self.features.extend(new);
+        lacking
+    }
+
+    /// The keyframes that were read, as the direct index needs them.
+    pub fn directed(&self) -> Directed<'_> {
+        Directed { features: &self.features, index: &self.index }
+    }
+
+    /// The keyframe and those around it.
+    pub fn around(&self, id: KeyframeId) -> impl Iterator<Item = KeyframeId> + '_ {
+        let before = self.words.range(..id).rev().take(AROUND);
+        let after = self.words.range(id..).take(AROUND + 1);
+        after.chain(before).map(|(id, _)| *id)
+    }
+
+    /// The agent's camera and the poses of its keyframes, as far as they are here.
+    pub fn places(&self, store: &dyn Store) -> Option<(Pinhole, BTreeMap<KeyframeId, Sim3>)> {
+        let objects = |kind: Kind| {
+            let listed = self.listed.range((kind, 0)..=(kind, u32::MAX));
+            listed.filter_map(|(_, hash)| store.has(hash).then(|| store.get(hash)).flatten())
+        };
+        let camera = *agent_from_bytes(&objects(Kind::Agent).next()?).ok()?.camera()?;
+        let parts = objects(Kind::Poses).filter_map(|bytes| graph_from_bytes(&bytes).ok());
+        Some((camera, parts.flat_map(|part| part.poses).collect()))
+    }
+
+    /// The keyframes with depth as they are told of by their digests.
+    pub fn glimpses<'a>(&self, camera: &'a Pinhole, poses: &BTreeMap<KeyframeId, Sim3>) -> Vec<Glimpse<'a>> {
+        let glimpse = |(id, (_, digest)): (&KeyframeId, &(ObjectHash, Digest))| {
+            Glimpse::new(*id, *poses.get(id)?, camera, digest.samples.iter().copied())
+        };
+        self.digests.iter().filter_map(glimpse).collect()
+    }
+}
