@@ -1,8 +1,10 @@
 //! Pictures as they lie in files and messages, and how they become grey images.
 
 mod jpeg;
+mod metadata;
 
 pub use jpeg::{decode_jpeg, decode_mjpeg, whole_jpeg};
+pub use metadata::StatedFocal;
 
 use geometry::GrayImage;
 use geometry::limits::{MAX_BYTES, check_image_size};
