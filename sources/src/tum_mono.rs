@@ -41,7 +41,7 @@ pub fn open(folder: &Path) -> Result<Option<ImageList>> {
         .map(|(line, fields)| match fields.get(1).and_then(|field| time(field)) {
             Some(seconds) => {
                 let missing = || images.join(format!("{}.jpg", fields[0]));
-                Ok((seconds, by_number.get(&fields[0]).map_or_else(missing, |file| PathBuf::from(file))))
+                Ok((seconds, by_number.get(&fields[0]).map_or_else(missing, PathBuf::from)))
             }
             None => bail!("{}: line {line} is not 'number seconds': {}", table.display(), fields.join(" ")),
         })
