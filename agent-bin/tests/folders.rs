@@ -3,7 +3,8 @@
 mod common;
 
 use common::*;
-use image::{DynamicImage, ImageFormat};
+use image::{DynamicImage, GrayImage, ImageFormat};
+use std::path::Path;
 use tempfile::tempdir;
 
 #[test]
@@ -35,6 +36,75 @@ fn tum_folder() {
     assert_eq!(processed_times(&run), [1305031102.175304, 1305031102.211214]);
     let out = tempdir().unwrap();
     assert_refused(&["run", arg(folder.path()), "--out", arg(out.path())], &["no calibration", "--calib"]);
+}
+
+/// The folder of a public data set with one image of this size, which shows nothing.
+fn data_set(folder: &Path, image: &str, size: (u32, u32), table: &str, rows: &str) {
+    std::fs::create_dir_all(folder.join(image).parent().unwrap()).unwrap();
+    GrayImage::new(size.0, size.1).save(folder.join(image)).unwrap();
+    write(folder.join(table), rows);
+}
+
+#[test]
+fn public_data_sets_have_their_cameras() {
+    let room = tempdir().unwrap();
+    let vga = (640, 480);
+    let rows = "# color images\n# file: 'rgbd_dataset_freiburg3_walking.bag'\n1.5 rgb/a.png\n";
+    data_set(&room.path().join("walking"), "rgb/a.png", vga, "rgb.txt", rows);
+    for (name, size) in
+        [("rgbd_dataset_freiburg1_xyz", vga), ("fr2_desk", vga), ("fr1_small", (320, 240)), ("desk", vga)]
+    {
+        data_set(&room.path().join(name), "rgb/a.png", size, "rgb.txt", "1.5 rgb/a.png\n");
+    }
+    data_set(&room.path().join("07"), "image_0/0.png", (1226, 370), "times.txt", "0.0\n");
+    data_set(&room.path().join("other"), "image_0/0.png", (1226, 300), "times.txt", "0.0\n");
+    for (name, expected) in [
+        ("walking", Some("TUM RGB-D, freiburg3")),
+        ("rgbd_dataset_freiburg1_xyz", Some("TUM RGB-D, freiburg1")),
+        ("fr2_desk", Some("TUM RGB-D, freiburg2")),
+        ("fr1_small", None),
+        ("desk", None),
+        ("07", Some("KITTI odometry, sequences 04 to 12")),
+        ("other", None),
+    ] {
+        let said = info(&room.path().join(name), &[]);
+        let found = said["calibration"].as_str();
+        assert_eq!(found, expected.map(|of| format!("preset for {of}")).as_deref(), "{name}");
+    }
+
+    let (folder, out) = (room.path().join("fr2_desk"), room.path().join("out"));
+    let output = loopbox(&["run", arg(&folder), "--out", arg(&out)]);
+    assert!(stdout(&output).contains("preset for TUM RGB-D, freiburg2; --calib"), "{}", stdout(&output));
+    let own = room.path().join("camera.yaml");
+    write(own.clone(), CAMERA.replace("width: 96\nheight: 64", "width: 640\nheight: 480"));
+    let output = loopbox(&["run", arg(&folder), "--out", arg(&out), "--calib", arg(&own)]);
+    assert!(!stdout(&output).contains("preset"), "{}", stdout(&output));
+    write(folder.join("camera.yaml"), CAMERA);
+    assert!(info(&folder, &[])["calibration"].as_str().unwrap().ends_with("camera.yaml"));
+}
+
+#[test]
+fn tum_mono_folder() {
+    let folder = tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    write(path("times.txt"), "00000 1464081111.5 0.25\n00001 1464081111.55 0.3\n00002 1464081111.6 0.3\n");
+    write(path("images.zip"), "packed");
+    assert_refused(&["info", arg(folder.path())], &["still packed", "unzip"]);
+    for i in [0, 2] {
+        write(path(&format!("images/{i:05}.jpg")), encoded(i, ImageFormat::Jpeg));
+    }
+    write(path("camera.txt"), "0.8 1.25 0.5 0.5 0.0\n96 64\ncrop\n96 64\n");
+    let response: Vec<String> = (0..256).map(|i| i.to_string()).collect();
+    write(path("pcalib.txt"), response.join(" "));
+    let said = info(folder.path(), &[]);
+    assert_eq!((&said["frames"], said["kind"].as_str()), (&3.into(), Some("TUM monoVO folder")));
+    assert!(said["calibration"].as_str().unwrap().ends_with("camera.txt"));
+    let run = read_through(folder.path(), &[]);
+    assert_eq!(processed_times(&run), [1464081111.5, 1464081111.6]);
+    assert_eq!(run["frames"]["skipped"]["unreadable"], 1);
+    write(path("pcalib.txt"), "1 2 3");
+    let out = tempdir().unwrap();
+    assert_refused(&["run", arg(folder.path()), "--out", arg(out.path())], &["pcalib.txt"]);
 }
 
 #[test]
@@ -71,6 +141,13 @@ fn kitti_folder() {
     let run = read_through(folder.path(), &[]);
     assert_eq!(processed_times(&run), [0.0, 0.1036224, 0.207232]);
     assert_eq!(run["camera"]["width"], 96);
+    // The colour images alone.
+    std::fs::rename(folder.path().join("image_0"), folder.path().join("image_2")).unwrap();
+    write(
+        folder.path().join("calib.txt"),
+        "P0: 80 0 47.5 0 0 80 31.5 0 0 0 1 0\nP2: 70 0 40 9 0 70 31 9 0 0 1 9\n",
+    );
+    assert_eq!(read_through(folder.path(), &[])["camera"]["fx"], 70.0);
 }
 
 #[test]
@@ -122,4 +199,36 @@ fn skipped_frames_are_warned_of() {
     let out = tempdir().unwrap();
     let output = loopbox(&["run", arg(folder.path()), "--out", arg(out.path())]);
     assert!(stderr(&output).contains("warning: frame 1 is skipped"), "{}", stderr(&output));
+}
+
+#[test]
+fn ros2_folders_are_their_mcap_file() {
+    let room = tempdir().unwrap();
+    timed_folder(&room.path().join("frames"), 4);
+    let (bag, frames) = (room.path().join("bag"), room.path().join("frames"));
+    write(bag.join("metadata.yaml"), "rosbag2_bagfile_information:\n  version: 5\n");
+    write(bag.join("bag_0.db3"), "SQLite format 3");
+    for path in [bag.clone(), bag.join("bag_0.db3")] {
+        assert_refused(&["info", arg(&path)], &["SQLite", "rosbags-convert"]);
+    }
+    std::fs::remove_file(bag.join("bag_0.db3")).unwrap();
+    let output = loopbox(&["convert", arg(&frames), arg(&bag.join("bag_0.mcap"))]);
+    assert!(output.status.success(), "{}", stderr(&output));
+    assert_eq!(info(&bag, &[])["frames"], 4);
+    assert_eq!(read_through(&bag, &[])["frames"]["offered"], 4);
+    write(bag.join("bag_1.mcap"), "more");
+    assert_refused(&["info", arg(&bag)], &["2 MCAP files", "mcap merge"]);
+}
+
+#[test]
+fn what_is_asked_for_must_be_in_the_recording() {
+    let folder = tempdir().unwrap();
+    timed_folder(folder.path(), 4);
+    let out = folder.path().join("out");
+    let run = |more: &[&'static str], words: &[&str]| {
+        assert_refused(&[&["run", arg(folder.path()), "--out", arg(&out)], more].concat(), words);
+    };
+    run(&["--start", "100"], &["ends at 0.30 s", "--start 100"]);
+    run(&["--fps", "-5"], &["--fps -5 is not a frame rate"]);
+    assert!(!out.exists());
 }

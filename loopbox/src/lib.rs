@@ -12,6 +12,7 @@
 #[cfg(feature = "opencv")]
 pub mod calibrating;
 pub mod evaluating;
+mod explaining;
 #[cfg(feature = "fleet")]
 pub mod fleet;
 pub mod importing;
@@ -23,5 +24,6 @@ pub mod results;
 pub mod run;
 
 pub use evaluating::evaluate;
+pub use explaining::explained;
 pub use merging::{MergeOptions, merge_maps};
 pub use run::{RunOptions, run};

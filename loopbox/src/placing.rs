@@ -1,5 +1,7 @@
 //! Maps in metres and upright: the frame and the unit that a monocular map leaves open, taken from what else is known.
 
+pub mod board;
+
 use anyhow::{Result, bail, ensure};
 use eval::{AlignMode, Trajectory, align, associate, read_trajectory};
 use geometry::Sim3;

@@ -10,9 +10,9 @@ use geometry::{
 use std::path::PathBuf;
 
 /// Views wider than this, degrees, need a fisheye model: rectilinear lenses end near 120°.
-const WIDEST_VIEW: f64 = 130.0;
+pub const WIDEST_VIEW: f64 = 130.0;
 /// Views narrower than this, degrees, are those of telephoto lenses (above 200 mm on 35 mm film).
-const NARROWEST_VIEW: f64 = 10.0;
+pub const NARROWEST_VIEW: f64 = 10.0;
 /// Images wider than this are halved where nothing else is said: KITTI's are the widest that are common in benchmarks.
 pub const DEFAULT_MAX_WIDTH: usize = 1280;
 
@@ -150,9 +150,10 @@ pub fn correction(options: &CameraOptions, info: &SourceInfo) -> Result<ImageCor
             let file = read_camera(path)?;
             (file.camera, file.crop.unwrap_or_default(), path.display().to_string())
         }
-        (None, Some(FoundCalibration::Inside { origin, camera })) => {
-            (Camera::clone(camera), Crop::default(), origin.clone())
-        }
+        (
+            None,
+            Some(FoundCalibration::Inside { origin, camera } | FoundCalibration::Preset { origin, camera }),
+        ) => (Camera::clone(camera), Crop::default(), origin.clone()),
         (None, Some(FoundCalibration::Recorded { origin, files })) if files.camera.is_some() => {
             let Some(file) = files.camera().with_context(|| origin.clone())? else {
                 bail!("{origin}: no camera")

@@ -1,4 +1,5 @@
-//! EuRoC / ASL: `mav0/cam0/data.csv` (`nanoseconds,file`), `data/` and `sensor.yaml`.
+//! EuRoC / ASL: `mav0/cam0/data.csv` (`nanoseconds,file`), `data/` and `sensor.yaml`; TUM VI, which has `dso/camchain.yaml`
+//! beside `mav0` instead.
 
 use super::image_list::{ImageList, first_existing, read_table};
 use super::{FoundCalibration, time};
@@ -23,7 +24,7 @@ pub fn open(folder: &Path) -> Result<Option<ImageList>> {
         })
         .collect::<Result<Vec<(f64, PathBuf)>>>()?;
     let calibration = first_existing(folder, &["camera.yaml"])
-        .or_else(|| first_existing(&camera, &["sensor.yaml"]))
+        .or_else(|| first_existing(&camera, &["sensor.yaml", "../../dso/camchain.yaml"]))
         .map(FoundCalibration::File);
     ImageList::new("EuRoC folder", folder, &table, frames, calibration).map(Some)
 }

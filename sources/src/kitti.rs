@@ -1,7 +1,9 @@
-//! KITTI odometry: `image_0/NNNNNN.png`, `times.txt` (one time a line), `calib.txt` (`P0: …`).
+//! KITTI odometry: `image_0/NNNNNN.png` (grey) or `image_2/` (colour), `times.txt` (one time a line), `calib.txt` (`P0: …`,
+//! `P2: …`).
 
 use super::FoundCalibration;
 use super::image_list::{ImageList, first_existing, images_in, read_table};
+use super::presets;
 use anyhow::{Result, bail};
 use geometry::{Camera, Distortion, Pinhole};
 use std::path::{Path, PathBuf};
@@ -9,16 +11,24 @@ use std::path::{Path, PathBuf};
 /// Opens the folder if it is of this kind.
 ///
 /// # Errors
-/// When `times.txt` and `image_0/` do not go together.
+/// When `times.txt` and the folder of images do not go together.
 pub fn open(folder: &Path) -> Result<Option<ImageList>> {
-    let (images, table) = (folder.join("image_0"), folder.join("times.txt"));
-    if !(images.is_dir() && table.is_file()) {
+    let table = folder.join("times.txt");
+    let cameras = [("image_0", "P0:"), ("image_2", "P2:")].map(|(name, row)| (folder.join(name), row));
+    let Some((images, row)) = cameras.into_iter().find(|(images, _)| images.is_dir() && table.is_file())
+    else {
         return Ok(None);
-    }
+    };
     let files = images_in(&images)?;
     let times = read_table(&table)?;
     if files.len() > times.len() {
-        bail!("{}: {} times for {} images of image_0/", table.display(), times.len(), files.len());
+        bail!(
+            "{}: {} times for {} images of {}",
+            table.display(),
+            times.len(),
+            files.len(),
+            images.display()
+        );
     }
     let mut frames = Vec::with_capacity(files.len());
     for ((line, fields), file) in times.into_iter().zip(files) {
@@ -29,19 +39,20 @@ pub fn open(folder: &Path) -> Result<Option<ImageList>> {
     }
     let calibration = first_existing(folder, &["camera.yaml"])
         .map(FoundCalibration::File)
-        .or_else(|| first_existing(folder, &["calib.txt"]).map(|path| calibration_file(&path, &frames)));
+        .or_else(|| first_existing(folder, &["calib.txt"]).map(|path| calibration_file(&path, row, &frames)))
+        .or_else(|| presets::kitti(&frames.first()?.1));
     ImageList::new("KITTI odometry folder", folder, &images, frames, calibration).map(Some)
 }
 
-/// The rectified left camera of a `calib.txt`; the size, which is not in it, is the first image's.
-fn calibration_file(path: &Path, frames: &[(f64, PathBuf)]) -> FoundCalibration {
+/// The rectified left camera in this row of a `calib.txt`; the size, which is not in it, is the first image's.
+fn calibration_file(path: &Path, row: &str, frames: &[(f64, PathBuf)]) -> FoundCalibration {
     let origin = path.display().to_string();
     let read = || {
         let text = std::fs::read_to_string(path).map_err(|e| e.to_string())?;
         let (_, first) = frames.first().ok_or("there are no images")?;
         let (width, height) =
             image::image_dimensions(first).map_err(|e| format!("{}: {e}", first.display()))?;
-        parse_p0(&text, width as usize, height as usize)
+        parse_projection(&text, row, width as usize, height as usize)
     };
     match read() {
         Ok(camera) => FoundCalibration::Inside { origin, camera: Box::new(camera) },
@@ -50,12 +61,13 @@ fn calibration_file(path: &Path, frames: &[(f64, PathBuf)]) -> FoundCalibration 
 }
 
 /// `P0: fx 0 cx 0 0 fy cy 0 0 0 1 0`.
-fn parse_p0(text: &str, width: usize, height: usize) -> Result<Camera, String> {
-    let row = text.lines().find_map(|line| line.strip_prefix("P0:")).ok_or("it has no line 'P0:'")?;
-    let numbers = row.split_whitespace().map(str::parse).collect::<Result<Vec<f64>, _>>();
-    let numbers = numbers.map_err(|_| "P0 has a word for a number")?;
+fn parse_projection(text: &str, row: &str, width: usize, height: usize) -> Result<Camera, String> {
+    let numbers = text.lines().find_map(|line| line.strip_prefix(row));
+    let numbers = numbers.ok_or_else(|| format!("it has no line '{row}'"))?.split_whitespace();
+    let numbers = numbers.map(str::parse).collect::<Result<Vec<f64>, _>>();
+    let numbers = numbers.map_err(|_| format!("{row} there is a word for a number"))?;
     let &[fx, _, cx, _, _, fy, cy, ..] = numbers.as_slice() else {
-        return Err("P0 has not 12 numbers".into());
+        return Err(format!("{row} there are not 12 numbers"));
     };
     let pinhole = Pinhole { width, height, fx, fy, cx, cy };
     Camera::new(pinhole, Distortion::None).map_err(|error| error.to_string())
@@ -66,12 +78,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn p0_is_a_camera() {
+    fn a_projection_is_a_camera() {
         let text = "P0: 718.856 0 607.1928 0 0 718.9 185.2157 0 0 0 1 0\nP1: 1 0 0 0 0 1 0 0 0 0 1 0\n";
-        let camera = parse_p0(text, 1241, 376).unwrap();
+        let camera = parse_projection(text, "P0:", 1241, 376).unwrap();
         let Pinhole { fx, fy, cx, cy, .. } = *camera.intrinsics();
         assert_eq!([fx, fy, cx, cy], [718.856, 718.9, 607.1928, 185.2157]);
-        assert!(parse_p0("P1: 1", 1241, 376).is_err());
-        assert!(parse_p0("P0: 1 2", 1241, 376).is_err());
+        assert!(parse_projection(text, "P2:", 1241, 376).is_err());
+        assert!(parse_projection("P0: 1 2", "P0:", 1241, 376).is_err());
     }
 }

@@ -17,7 +17,9 @@ pub mod messages;
 pub mod notice;
 mod numbered;
 pub mod pictures;
+mod presets;
 pub mod recording;
+mod rosbag2;
 mod scan_recording;
 mod stop;
 mod survey;
@@ -25,6 +27,7 @@ pub mod time;
 mod timed;
 mod topics;
 mod tum;
+mod tum_mono;
 #[cfg(feature = "video")]
 mod video;
 
@@ -86,9 +89,16 @@ pub enum FoundCalibration {
         /// The camera.
         camera: Box<Camera>,
     },
-    /// The files that loopbox put into its recording.
+    /// The one that is published for a data set, by the recording's layout.
+    Preset {
+        /// Which data set, for people.
+        origin: String,
+        /// The camera.
+        camera: Box<Camera>,
+    },
+    /// Files of camera, response and vignette: those that loopbox put into its recording, or those beside the images.
     Recorded {
-        /// Where in the recording, for people.
+        /// Where, for people.
         origin: String,
         /// The files.
         files: Box<CalibrationFiles>,
@@ -190,11 +200,15 @@ pub fn open(path: &Path, options: &SourceOptions) -> Result<Box<dyn FrameSource>
         bail!("--fps {fps} is not a frame rate\nhint: give frames per second, such as --fps 30");
     }
     if path.is_dir() {
-        return open_folder(path, options);
+        return match rosbag2::file_in(path)? {
+            Some(file) => open(&file, options),
+            None => open_folder(path, options),
+        };
     }
     if !path.exists() {
         bail!("{}: there is no such file or folder", path.display());
     }
+    rosbag2::refuse_sqlite(path)?;
     if map::is_map_file(path) {
         bail!(
             "{}: this is a map, not a recording\nhint: `loopbox info` and `loopbox export` read it",
@@ -247,6 +261,8 @@ fn open_video(path: &Path, _options: &SourceOptions) -> Result<Box<dyn FrameSour
 fn open_folder(path: &Path, options: &SourceOptions) -> Result<Box<dyn FrameSource>> {
     let list = if let Some(list) = kitti::open(path)? {
         list
+    } else if let Some(list) = tum_mono::open(path)? {
+        list
     } else if let Some(list) = timed::open(path)? {
         list
     } else if let Some(list) = tum::open(path)? {
@@ -258,7 +274,7 @@ fn open_folder(path: &Path, options: &SourceOptions) -> Result<Box<dyn FrameSour
     } else {
         bail!(
             "{}: no recording here\nhint: looked for times.txt with images/, rgb.txt (TUM), mav0/cam0/data.csv \
-             (EuRoC), image_0/ with times.txt (KITTI), and .png, .jpg, .pgm, .tiff or .bmp files",
+             (EuRoC), image_0/ or image_2/ with times.txt (KITTI), metadata.yaml with an .mcap (ROS 2), and .png, .jpg, .pgm, .tiff or .bmp files",
             path.display()
         );
     };

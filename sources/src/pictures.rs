@@ -2,9 +2,11 @@
 
 mod depth;
 mod jpeg;
+mod metadata;
 
 pub use depth::read_depth_image;
 pub use jpeg::{decode_jpeg, decode_mjpeg, whole_jpeg};
+pub use metadata::StatedFocal;
 
 use geometry::GrayImage;
 use geometry::limits::{MAX_BYTES, check_image_size};

@@ -3,7 +3,7 @@
 use crate::bag::{self, BagReader};
 use crate::input::Input;
 use crate::topics::Topics;
-use crate::{bag_recording, mcap_recording, time};
+use crate::{bag_recording, mcap_recording, rosbag2, time};
 use anyhow::{Context, Result, bail};
 use geometry::limits::MAX_BYTES;
 use scans::{Encoding, MessageKind, NextScan, ScanError, ScanInfo, ScanSource};
@@ -39,6 +39,11 @@ pub struct ScanRecording {
 /// # Errors
 /// When the file cannot be read, or has several topics with scans and `topic` names none of them.
 pub fn open_scans(path: &Path, topic: Option<&str>) -> Result<Option<ScanRecording>> {
+    if path.is_dir()
+        && let Ok(Some(file)) = rosbag2::file_in(path)
+    {
+        return open_scans(&file, topic);
+    }
     let input = Input::File(path.to_owned());
     if !path.is_file() || map::is_map_file(path) {
         return Ok(None);

@@ -2,6 +2,7 @@
 
 use super::FoundCalibration;
 use super::image_list::{ImageList, first_existing, timed_images};
+use super::presets;
 use anyhow::Result;
 use std::path::Path;
 
@@ -15,7 +16,8 @@ pub fn open(folder: &Path) -> Result<Option<ImageList>> {
         return Ok(None);
     }
     let frames = timed_images(&table, folder)?;
-    let calibration =
-        first_existing(folder, &["camera.yaml", "camera.yml", "camera.txt"]).map(FoundCalibration::File);
+    let calibration = first_existing(folder, &["camera.yaml", "camera.yml", "camera.txt"])
+        .map(FoundCalibration::File)
+        .or_else(|| presets::tum(folder, &table, &frames.first()?.1));
     ImageList::new("TUM RGB-D folder", folder, &table, frames, calibration).map(Some)
 }

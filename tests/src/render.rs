@@ -1,5 +1,6 @@
 //! The renderer: one ray a pixel against boxes, mip-mapped textures, more rays where edges show.
 
+use crate::world::FACE_SHIFT;
 use crate::{Cuboid, World};
 use geometry::{GrayImage, Image, Pinhole, Se3};
 use nalgebra::{Matrix3, Vector3};
@@ -193,7 +194,7 @@ impl Caster<'_> {
             _ => (hit.point.x, hit.point.y),
         };
         // Opposite and neighbouring faces show other parts of the texture.
-        let shift = 171.0 * hit.face as f32;
+        let shift = FACE_SHIFT * hit.face as f32;
         let texels = 1.0 / cuboid.texel as f32;
         // A pixel covers depth/f across and that over the cosine along: the mip level takes their geometric mean.
         let footprint = hit.depth / self.camera.fx as f32 / hit.cosine.max(0.02).sqrt() * texels;

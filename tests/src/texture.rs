@@ -19,6 +19,9 @@ struct Level {
 }
 
 impl Texture {
+    /// Texels along a side of level 0.
+    pub const SIZE: usize = SIZE;
+
     /// Value noise of six octaves under a few hundred sharp-edged rectangles, discs and checkers:
     /// gradients of every direction and at every scale. Another `seed` gives another texture.
     pub fn procedural(seed: u64) -> Self {
@@ -44,6 +47,12 @@ impl Texture {
             amplitude *= fall;
         }
         Canvas::new(SIZE, &mut values).decorate(&mut random);
+        Self::with_levels(&values)
+    }
+
+    /// As `paint` says of each texel: grey levels 0 to 255 of column and row, from 0 to [`Texture::SIZE`].
+    pub fn painted(paint: impl Fn(usize, usize) -> f32) -> Self {
+        let values: Vec<f32> = (0..SIZE * SIZE).map(|i| paint(i % SIZE, i / SIZE)).collect();
         Self::with_levels(&values)
     }
 

@@ -8,6 +8,9 @@ use nalgebra::{UnitQuaternion, Vector3};
 /// Radius of the circles of [`World::town`], metres.
 pub const RING: f64 = 10.0;
 
+/// By how many texels the texture is shifted from face to face of a box.
+pub(crate) const FACE_SHIFT: f32 = 171.0;
+
 /// A textured box; one of zero thickness is a plane.
 #[derive(Clone, Copy, Debug)]
 pub struct Cuboid {
@@ -91,6 +94,23 @@ impl World {
             world.add(Vector3::new(RING * end, -4.0, 0.0), 0.0, wall, 0.03, &mut random);
         }
         world
+    }
+
+    /// Puts up a poster: a square of `side` metres, which shows all of `texture`. Its axes are x to the right, y down and z
+    /// away from who reads it.
+    pub fn put_up(&mut self, texture: Texture, world_from_poster: Se3, side: f64) {
+        let texel = side / Texture::SIZE as f64;
+        // The renderer shows other parts of a texture on each face of a box; this one is read from before.
+        let offset = [0.5 * Texture::SIZE as f32 - 4.0 * FACE_SHIFT; 2];
+        let half = Vector3::new(0.5 * side, 0.5 * side, 0.0);
+        self.cuboids.push(Cuboid {
+            world_from_cuboid: world_from_poster,
+            half,
+            texture: self.textures.len(),
+            texel,
+            offset,
+        });
+        self.textures.push(texture);
     }
 
     /// A house of random size standing on the ground at `(x, z)`.

@@ -3,6 +3,8 @@
 use super::info_map::load_at;
 use crate::console::{say, tell};
 use anyhow::ensure;
+#[cfg(feature = "opencv")]
+use loopbox::placing::board::scale_by_board;
 use loopbox::placing::{Metres, Up, place};
 use map::{CloudSelection, DEFAULT_MAX_RELATIVE_VARIANCE, KeyframeId, Map, MapError, StampedPose};
 use std::path::{Path, PathBuf};
@@ -40,6 +42,12 @@ pub struct PlacingArgs {
     /// A trajectory in metres of the same times (GPS, odometry, ground truth; TUM format): its unit and its frame are taken
     #[arg(long, value_name = "FILE", group = "unit", conflicts_with = "up")]
     pub track: Option<PathBuf>,
+    /// A board of known size stands in the recording: chessboard:9x6:0.025 (inner corners, side of a square in metres),
+    /// charuco:7x5:0.04:0.03[:DICT_4X4_50] (squares, sides of square and marker), aprilgrid:6x6:0.088:0.3 (tags, side, gap as
+    /// a share of it); a single AprilTag with number 0 is aprilgrid:1x1:SIDE:1
+    #[cfg(feature = "opencv")]
+    #[arg(long, value_name = "BOARD", group = "unit")]
+    pub board: Option<calib::Board>,
     /// The axis that points up, by what the cameras say of gravity; as it is, the world is that of the first camera: y down
     #[arg(long, value_enum)]
     pub up: Option<Up>,
@@ -56,11 +64,25 @@ fn parse_distance(text: &str) -> anyhow::Result<Metres> {
 }
 
 impl PlacingArgs {
-    /// What tells the unit.
-    fn metres(&self) -> Option<Metres> {
+    /// What tells the unit of `map`.
+    fn metres(&self, map: &Map) -> anyhow::Result<Option<Metres>> {
         let max_diff = eval::DEFAULT_MAX_DIFF;
         let by_track = self.track.as_ref().map(|file| Metres::Track { file: file.clone(), max_diff });
-        self.scale.map(Metres::Scale).or(self.distance.clone()).or(by_track)
+        let given = self.scale.map(Metres::Scale).or(self.distance.clone()).or(by_track);
+        Ok(given.or(self.by_board(map)?))
+    }
+
+    #[cfg(feature = "opencv")]
+    fn by_board(&self, map: &Map) -> anyhow::Result<Option<Metres>> {
+        let Some(board) = &self.board else { return Ok(None) };
+        let found = scale_by_board(board, &loopbox::calibrating::sightings(map, board)?)?;
+        say!("{board}: {found}");
+        Ok(Some(Metres::Scale(found.metres)))
+    }
+
+    #[cfg(not(feature = "opencv"))]
+    fn by_board(&self, _: &Map) -> anyhow::Result<Option<Metres>> {
+        Ok(None)
     }
 }
 
@@ -104,7 +126,7 @@ pub fn run(args: &ExportArgs) -> anyhow::Result<()> {
     ensure!(args.max_variance > 0.0, "--max-variance is {}; give a number above 0", args.max_variance);
     ensure!(args.voxel.is_none_or(|edge| edge > 0.0), "--voxel must be a length above 0");
     let mut map = load_at(&args.map)?;
-    let metres = args.placing.metres();
+    let metres = args.placing.metres(&map)?;
     let growth = place(&mut map, metres.as_ref(), args.placing.up)?;
     if metres.is_some() || growth != 1.0 {
         say!("lengths are {growth} times those of the map");

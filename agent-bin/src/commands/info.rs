@@ -84,9 +84,11 @@ impl Recording {
         };
         let calibration = match &info.calibration {
             Some(FoundCalibration::File(path)) => Some(path.display().to_string()),
-            Some(FoundCalibration::Inside { origin, .. } | FoundCalibration::Recorded { origin, .. }) => {
-                Some(origin.clone())
-            }
+            Some(
+                FoundCalibration::Inside { origin, .. }
+                | FoundCalibration::Preset { origin, .. }
+                | FoundCalibration::Recorded { origin, .. },
+            ) => Some(origin.clone()),
             Some(FoundCalibration::Unusable { origin, reason }) => {
                 problems.push(format!("{origin}: the calibration is unusable: {reason}"));
                 None
@@ -128,7 +130,9 @@ impl fmt::Display for Recording {
         writeln!(
             f,
             "calibration  {}",
-            self.calibration.as_deref().unwrap_or("none came with it: give --calib")
+            self.calibration
+                .as_deref()
+                .unwrap_or("none came with it: `run` finds one from the images, or takes that of --calib")
         )?;
         self.facts.iter().try_for_each(|(label, text)| writeln!(f, "{label:<12} {text}"))?;
         self.problems.iter().try_for_each(|problem| writeln!(f, "problem      {problem}"))

@@ -82,10 +82,10 @@ pub struct RunArgs {
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0, requires = "realtime")]
     speed: f64,
     /// Skip the first seconds of the recording
-    #[arg(long, value_name = "SECONDS")]
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true)]
     start: Option<f64>,
     /// Stop so many seconds into the recording
-    #[arg(long, value_name = "SECONDS")]
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true)]
     end: Option<f64>,
     /// Topic of an MCAP file or a bag with several
     #[arg(long)]
@@ -106,7 +106,7 @@ pub struct RunArgs {
     #[arg(long, value_name = "SHARE")]
     min_tracked: Option<f64>,
     /// Threads for mapping; default: one per core. The result does not depend on it
-    #[arg(long, value_name = "COUNT")]
+    #[arg(long, value_name = "COUNT", allow_negative_numbers = true)]
     threads: Option<usize>,
     #[command(flatten)]
     view: ViewArgs,

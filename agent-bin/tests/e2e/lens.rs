@@ -1,7 +1,9 @@
 //! Recordings without a calibration, or with a wrong one.
 
 use crate::support::{Accuracy, Case, RATE, drive, hand_held, world};
-use loopbox_tests::{Recording, trajectory};
+use geometry::{Pinhole, Se3};
+use loopbox_tests::{Encoding, Recording, trajectory};
+use nalgebra::{UnitQuaternion, Vector3};
 use std::fs;
 
 /// The focal length in a calibration file.
@@ -40,6 +42,57 @@ fn a_recording_without_a_calibration_is_calibrated_from_itself() {
     let measured = Accuracy::of(&case.out(), &case.source().join("groundtruth.txt"));
     assert!(measured.frames >= 118, "{} frames", measured.frames);
     assert!(measured.rmse < 0.004 * measured.path, "{} m of {} m", measured.rmse, measured.path);
+}
+
+/// Writes into the JPEGs of a recording that their lens is as long as this on 35 mm film.
+fn state_focal(case: &Case, mm: u16) {
+    // Its block of metadata: one entry that names a second table, whose one entry is the length.
+    let entry = |tag: u16, kind: u16, value: u32| {
+        let parts = [&tag.to_le_bytes()[..], &kind.to_le_bytes(), &1u32.to_le_bytes(), &value.to_le_bytes()];
+        [&1u16.to_le_bytes()[..], &parts.concat(), &[0; 4]].concat()
+    };
+    let tables = [entry(0x8769, 4, 26), entry(0xa405, 3, mm.into())].concat();
+    let block = [b"Exif\0\0II*\0\x08\0\0\0".as_slice(), &tables].concat();
+    let length = (block.len() as u16 + 2).to_be_bytes();
+    let segment = [&[0xff, 0xe1], &length[..], &block].concat();
+    for file in fs::read_dir(case.source().join("images")).expect("we wrote it") {
+        let file = file.expect("it is there").path();
+        let bytes = fs::read(&file).expect("an image");
+        fs::write(&file, [&bytes[..2], &segment, &bytes[2..]].concat()).expect("it can be written");
+    }
+}
+
+/// A lens that is none of the usual ones, of which only the images say how long it is.
+#[test]
+fn the_lens_in_the_images_metadata_is_begun_with() {
+    let camera = Pinhole { width: 320, height: 240, fx: 420.0, fy: 420.0, cx: 159.5, cy: 119.5 };
+    let recording = Recording::render(world(), camera, &trajectory::hand_held(90, 0.8), RATE);
+    let case = Case::with_encoding(&recording, Encoding::Jpeg);
+    fs::remove_file(case.source().join("camera.yaml")).expect("it is there");
+    // 420 pixels of a diagonal of 400 are 45.4 mm of one of 43.27 mm.
+    state_focal(&case, 45);
+    let outcome = case.run(&[]);
+    outcome.assert_success();
+    outcome.assert_says(&["begun with 45 mm on 35 mm film, by the images' Exif"]);
+    let found = focal(&fs::read_to_string(case.out().join("camera.yaml")).expect("the results hold it"));
+    assert!((found / camera.fx - 1.0).abs() < 0.02, "{found}\n{outcome}");
+}
+
+/// A short way straight ahead says little of the focal length: what is stated is kept.
+#[test]
+fn a_stated_lens_is_kept_where_the_motion_says_less() {
+    let ahead =
+        |i: usize| Se3::new(UnitQuaternion::identity(), Vector3::new(0.0, -1.3, 3.0 + 0.02 * i as f64));
+    let path: Vec<Se3> = (0..60).map(ahead).collect();
+    let recording = Recording::render(world(), Recording::SMALL_CAMERA, &path, RATE);
+    let case = Case::with_encoding(&recording, Encoding::Jpeg);
+    fs::remove_file(case.source().join("camera.yaml")).expect("it is there");
+    state_focal(&case, 23);
+    let outcome = case.run(&[]);
+    outcome.assert_success();
+    outcome.assert_says(&["begun with 23 mm", "a guess"]);
+    let found = focal(&fs::read_to_string(case.out().join("camera.yaml")).expect("the results hold it"));
+    assert!((found / 210.0 - 1.0).abs() < 0.02, "{found}\n{outcome}");
 }
 
 #[test]

@@ -56,7 +56,7 @@ fn normalisation(points: impl Iterator<Item = Vector2<f64>> + Clone) -> Option<M
 
 /// The pose camera_from_board of a homography from the board's plane to the plane z = 1 before the camera
 /// (Zhang 2000, §3.1); `None` when there is none.
-pub(crate) fn pose(homography: &Matrix3<f64>) -> Option<Se3> {
+pub fn pose(homography: &Matrix3<f64>) -> Option<Se3> {
     let scale = 2.0 / (homography.column(0).norm() + homography.column(1).norm());
     let scale = if homography[(2, 2)] < 0.0 { -scale } else { scale };
     let h = homography * scale;

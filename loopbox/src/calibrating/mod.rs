@@ -7,6 +7,7 @@ mod coaching;
 mod coaching;
 mod collect;
 mod detect;
+mod in_map;
 mod input;
 mod output;
 mod report;
@@ -14,6 +15,7 @@ mod summary;
 
 pub use coaching::Coaching;
 pub use collect::{Collected, Seen, collect};
+pub use in_map::sightings;
 pub use input::{Input, Shots};
 pub use output::{Output, camera_text};
 pub use report::render as render_report;

@@ -6,9 +6,12 @@ use calib::format_camera;
 use geometry::{Camera, Crop, Distortion, GrayImage, Pinhole, Undistorter};
 use map::Map;
 use place_recog::ThumbnailIndex;
-use slam_direct::self_calibration::{FreeLens, LensPrior, SelfCalibration, self_calibrate};
+use slam_direct::self_calibration::{
+    FreeLens, LensPrior, SelfCalibration, SelfCalibrationError, self_calibrate,
+};
 use slam_direct::{Agent, Frame, Params, TrackingState};
-use sources::correction::{doubled_camera, halved_image, halvings};
+use sources::correction::{NARROWEST_VIEW, WIDEST_VIEW, doubled_camera, halved_image, halvings};
+use sources::pictures::Picture;
 use sources::{FoundCalibration, FrameSource, Stop, time};
 
 /// Focal lengths over the image's longer side that are begun with, until one makes a map: those of telephones and webcams
@@ -16,8 +19,9 @@ use sources::{FoundCalibration, FrameSource, Stop, time};
 const USUAL: [f64; 3] = [0.8, 0.6, 1.1];
 /// How far, as a deviation of the logarithm, lenses spread around the usual ones.
 const USUAL_SPREAD: f64 = 0.35;
-/// The same around a field of view that the user gave.
-const GIVEN_SPREAD: f64 = 0.1;
+/// The same around a field of view that the user gave, or that images' metadata state: lengths rounded to millimetres, and
+/// videos that are a tenth or so of the view narrower than photographs.
+const STATED_SPREAD: f64 = 0.1;
 /// The map for it is large enough with so many keyframes,
 const ENOUGH_KEYFRAMES: usize = 60;
 /// and no more than so many frames are looked at.
@@ -37,6 +41,18 @@ pub struct FoundLens {
     pub camera: Camera,
     /// Standard deviation of its focal length over the focal length.
     pub focal_deviation: f64,
+    /// What was known of it before, for people.
+    pub stated: Option<String>,
+}
+
+/// A focal length to begin with.
+struct Guess {
+    /// Pixels of the images that are tracked.
+    focal: f64,
+    /// How far it may be off, as a deviation of the logarithm.
+    spread: f64,
+    /// Who says so, for people; `None` of usual lenses.
+    stated: Option<String>,
 }
 
 impl FoundLens {
@@ -54,8 +70,9 @@ impl FoundLens {
         } else {
             "a guess: the camera's motion does not determine it".into()
         };
+        let begun = self.stated.as_ref().map_or_else(String::new, |stated| format!(", begun with {stated}"));
         format!(
-            "no calibration came with it; found from its images: focal length {fx:.0} px (view of {view:.0}°), {known}"
+            "no calibration came with it; found from its images{begun}: focal length {fx:.0} px (view of {view:.0}°), {known}"
         )
     }
 
@@ -76,7 +93,9 @@ impl FoundLens {
 /// Finds the lens of a recording, which `open` opens each time from its first frame; `fov` is its horizontal field of
 /// view in degrees, where the user knows that.
 ///
-/// Makes a map of the first part with a guess, the lens from the map, a map with that lens, and so on until it stays.
+/// Makes a map of the first part with a guess, the lens from the map, a map with that lens, and so on until it stays. The
+/// guess is `fov`, else the focal length in the images' metadata, else a usual one. Where the map knows less of the focal
+/// length than was stated, that is kept.
 ///
 /// # Errors
 /// When the recording cannot be read, or no part of it can be mapped with any usual lens.
@@ -89,51 +108,112 @@ pub fn find_lens(
 ) -> Result<FoundLens> {
     let mut source = open()?;
     let path = source.info().path.display().to_string();
-    let Some(first) = images(source.as_mut()).next() else {
+    let pictures = std::iter::from_fn(|| source.next_frame()).map(|frame| frame.picture);
+    let Some((first, image)) = pictures
+        .filter_map(|picture| {
+            let image = picture.clone().into_grey().ok()?;
+            Some((picture, image))
+        })
+        .next()
+    else {
         bail!("{path}: there is no image to find the lens from")
     };
-    let whole = (first.1.width(), first.1.height());
+    let whole = (image.width(), image.height());
     let times = halvings(whole.0, options.camera.max_width);
-    let (width, height) = (whole.0 >> times, whole.1 >> times);
-    let focals: Vec<f64> = match fov {
-        Some(degrees) => vec![0.5 * width as f64 / (0.5 * degrees.to_radians()).tan()],
-        None => USUAL.map(|share| share * width.max(height) as f64).into(),
+    let map_with = |lens: &Camera, round: usize| {
+        progress.stage(&format!("finding the lens, round {}", round + 1));
+        map_with(lens, times, open()?.as_mut(), &options.params, stop)
     };
-    let prior =
-        LensPrior { focal: if fov.is_some() { GIVEN_SPREAD } else { USUAL_SPREAD }, ..LensPrior::default() };
-    let mut why = String::new();
-    for focal in focals {
-        let (cx, cy) = ((width as f64 - 1.0) / 2.0, (height as f64 - 1.0) / 2.0);
-        let mut camera =
-            Camera::new(Pinhole { width, height, fx: focal, fy: focal, cx, cy }, Distortion::None)?;
-        let mut found: Option<FoundLens> = None;
-        for round in 0..MAX_ROUNDS {
-            progress.stage(&format!("finding the lens, round {}", round + 1));
-            let map = map_with(&camera, times, open()?.as_mut(), &options.params, stop)?;
-            // Only the first guess is one of which the prior was made.
-            let prior = if round == 0 { prior } else { LensPrior { focal: f64::INFINITY, ..prior } };
-            let better = match self_calibrate(&map, &camera, FreeLens::All, &prior) {
-                Ok(SelfCalibration { camera, focal_deviation, .. }) => FoundLens { camera, focal_deviation },
-                Err(error) => {
-                    why = error.to_string();
-                    break;
-                }
-            };
-            let change = (better.camera.intrinsics().fx / camera.intrinsics().fx).ln().abs();
-            camera = better.camera;
-            found = Some(better);
-            if change < CONVERGED || stop.requested() {
-                break;
+    let (mut why, mut kept) = (String::new(), None);
+    for guess in guesses(fov, &first, whole, times) {
+        let start = centred(guess.focal, (whole.0 >> times, whole.1 >> times))?;
+        let as_found = |camera: &Camera, focal_deviation: f64| -> Result<FoundLens> {
+            let camera = doubled_camera(camera, whole, times)?;
+            Ok(FoundLens { camera, focal_deviation, stated: guess.stated.clone() })
+        };
+        match (refined(&start, guess.spread, &map_with, stop)?, guess.stated.is_some()) {
+            (Ok(found), true) if found.focal_deviation > guess.spread => {
+                return as_found(&start, guess.spread);
             }
+            (Ok(found), _) => return as_found(&found.camera, found.focal_deviation),
+            (Err(SelfCalibrationError::Undetermined), true) => return as_found(&start, guess.spread),
+            // Another lens may make a larger map.
+            (Err(_), true) => kept = Some(as_found(&start, guess.spread)?),
+            (Err(error), false) => why = error.to_string(),
         }
-        if let Some(found) = found {
-            return Ok(FoundLens { camera: doubled_camera(&found.camera, whole, times)?, ..found });
-        }
+    }
+    if let Some(stated) = kept {
+        return Ok(stated);
     }
     bail!(
         "{path}: no calibration came with this recording, and none was found from it: {why}\nhint: give one with --calib \
          FILE, or its horizontal field of view with --fov DEGREES"
     )
+}
+
+/// The lens by maps that are made with the one found before, beginning with `start`, until it stays; `spread` is how far that
+/// one's focal length may be off.
+fn refined(
+    start: &Camera,
+    spread: f64,
+    map_with: &dyn Fn(&Camera, usize) -> Result<Map>,
+    stop: &Stop,
+) -> Result<Result<SelfCalibration, SelfCalibrationError>> {
+    let mut found: Option<SelfCalibration> = None;
+    for round in 0..MAX_ROUNDS {
+        let lens = found.as_ref().map_or(*start, |found| found.camera);
+        // Only the first guess is one of which the prior was made.
+        let focal = if round == 0 { spread } else { f64::INFINITY };
+        let prior = LensPrior { focal, ..LensPrior::default() };
+        let better = match (self_calibrate(&map_with(&lens, round)?, &lens, FreeLens::All, &prior), found) {
+            (Ok(better), _) => better,
+            (Err(_), Some(found)) => return Ok(Ok(found)),
+            (Err(error), None) => return Ok(Err(error)),
+        };
+        let change = (better.camera.intrinsics().fx / lens.intrinsics().fx).ln().abs();
+        if change < CONVERGED || stop.requested() {
+            return Ok(Ok(better));
+        }
+        found = Some(better);
+    }
+    Ok(found.ok_or(SelfCalibrationError::Undetermined))
+}
+
+/// What to begin with, in this order, for images of `whole` size that are halved so often.
+fn guesses(
+    fov: Option<f64>,
+    first: &Picture,
+    whole: (usize, usize),
+    halvings: usize,
+) -> impl Iterator<Item = Guess> {
+    let (width, height) = (whole.0 >> halvings, whole.1 >> halvings);
+    let given = fov.map(|degrees| Guess {
+        focal: 0.5 * width as f64 / (0.5 * degrees.to_radians()).tan(),
+        spread: STATED_SPREAD,
+        stated: Some(format!("a view of {degrees}°")),
+    });
+    let view = |focal: f64| 2.0 * (0.5 * whole.0 as f64 / focal).atan().to_degrees();
+    let in_metadata = || {
+        let stated = first.stated_focal(whole)?;
+        (NARROWEST_VIEW..WIDEST_VIEW).contains(&view(stated.pixels)).then(|| Guess {
+            focal: stated.pixels / (1u64 << halvings) as f64,
+            spread: STATED_SPREAD,
+            stated: Some(stated.origin),
+        })
+    };
+    let usual = USUAL.map(|share| Guess {
+        focal: share * width.max(height) as f64,
+        spread: USUAL_SPREAD,
+        stated: None,
+    });
+    let is_given = given.is_some();
+    given.or_else(in_metadata).into_iter().chain(usual.into_iter().filter(move |_| !is_given))
+}
+
+/// A lens without distortion that looks through the middle of images of this size.
+fn centred(focal: f64, (width, height): (usize, usize)) -> Result<Camera> {
+    let (cx, cy) = ((width as f64 - 1.0) / 2.0, (height as f64 - 1.0) / 2.0);
+    Ok(Camera::new(Pinhole { width, height, fx: focal, fy: focal, cx, cy }, Distortion::None)?)
 }
 
 /// The images of a source that can be read, with index and time stamp.

@@ -9,7 +9,7 @@ use super::saving::Form;
 use super::session::{Mapped, Session};
 use super::{Progress, Silent};
 use crate::open::recording_name;
-use anyhow::{Result, anyhow};
+use anyhow::{Result, anyhow, bail};
 use geometry::Pinhole;
 use map::{AgentInfo, Identity};
 use slam_direct::Params;
@@ -88,7 +88,8 @@ impl RunOptions {
     }
 
     /// Where no calibration is given and none came with `source`, finds one from it, for which `open` opens it again from
-    /// its first frame; `fov` is its horizontal field of view in degrees, where that is known.
+    /// its first frame; `fov` is its horizontal field of view in degrees, where that is known. Says so where the calibration
+    /// of a public data set is taken.
     ///
     /// # Errors
     /// When the recording cannot be read, or says nothing about its lens.
@@ -105,6 +106,11 @@ impl RunOptions {
             Some(FoundCalibration::Recorded { files, .. }) => files.camera.is_some(),
             Some(_) => true,
         };
+        if let (None, Some(FoundCalibration::Preset { origin, .. })) =
+            (&self.camera.calibration, &source.calibration)
+        {
+            progress.note(&format!("{}: {origin}; --calib FILE takes another", source.path.display()));
+        }
         if self.camera.calibration.is_some() || comes_along {
             return Ok(());
         }
@@ -169,6 +175,11 @@ impl PreparedRun {
         let found = options.lens.as_ref().map(FoundLens::calibration);
         let calibration = found.or_else(|| source.info().calibration.clone());
         let info = SourceInfo { lag: (lag > 0).then_some(lag), calibration, ..source.info().clone() };
+        if let (Some(start), Some(duration)) = (options.start, info.duration)
+            && start > duration
+        {
+            bail!("{}: it ends at {duration:.2} s, before --start {start}", info.path.display());
+        }
         let params = options.params.clone().with_lag(lag);
         let correction = correction(&options.camera, &info)?;
         let camera = correction.camera();

@@ -16,7 +16,7 @@ pub struct CameraArgs {
     #[cfg_attr(feature = "clap", arg(long, value_name = "WxH", requires = "camera"))]
     pub size: Option<Size>,
     /// Frames per second: of the camera (default 30), or of images without time stamps
-    #[cfg_attr(feature = "clap", arg(long, value_name = "RATE"))]
+    #[cfg_attr(feature = "clap", arg(long, value_name = "RATE", allow_negative_numbers = true))]
     pub fps: Option<f64>,
     /// Pixel format of the camera: auto, GREY, Y16, YUYV, UYVY, NV12 or MJPG
     #[cfg_attr(

@@ -17,7 +17,7 @@ pub struct NamedFile {
 }
 
 impl NamedFile {
-    fn read(path: &Path) -> Result<Self> {
+    pub(crate) fn read(path: &Path) -> Result<Self> {
         let bytes = std::fs::read(path).with_context(|| format!("{}: cannot be read", path.display()))?;
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         Ok(Self { name, bytes })
@@ -48,7 +48,10 @@ impl CalibrationFiles {
         let photometric = Self::gather_photometric(options, info)?;
         let camera = match (&options.calibration, &info.calibration) {
             (Some(path), _) | (None, Some(FoundCalibration::File(path))) => Some(NamedFile::read(path)?),
-            (None, Some(FoundCalibration::Inside { camera, .. })) => Some(NamedFile {
+            (
+                None,
+                Some(FoundCalibration::Inside { camera, .. } | FoundCalibration::Preset { camera, .. }),
+            ) => Some(NamedFile {
                 name: "camera.yaml".into(),
                 bytes: calib::format_camera(camera, None).into_bytes(),
             }),
