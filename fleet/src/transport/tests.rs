@@ -51,6 +51,8 @@ fn a_map_goes_over_a_connection_and_what_was_told_is_told_again_after_a_restart(
     }
     let (again, _) = start(rooms[1].path(), Role::Agent, None, &[at]);
     wait(|| again.is_held());
+    // What others may know of a node is renewed ten times a second.
+    wait(|| station.heard().iter().all(|heard| heard.missing == 0));
     let heard = station.heard();
     assert_eq!((heard.len(), heard[0].missing, heard[0].finished), (1, 0, true));
     let mut assembler = crate::assembling::Assembler::default();

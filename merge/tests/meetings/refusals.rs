@@ -134,9 +134,28 @@ fn no_more_places_are_tried_than_asked_for() {
     assert_eq!(tried.len(), 3);
     assert!(tried.windows(2).all(|pair| pair[0].match_count >= pair[1].match_count), "most matches first");
     assert_eq!(tried.iter().filter(|t| t.outcome.accepted().is_some()).count(), 1);
-    let unwilling = MeetingParams { closures: 0, ..params };
+    let unwilling = MeetingParams { closures: 0, neighbourhoods: 0, ..params };
     let tried = meet(&source, &target, &places, &unwilling, &FurtherParams::default());
     assert!(tried.iter().all(|t| t.outcome == Outcome::NotFollowed));
+}
+
+/// Where no pair of keyframes is followed by itself, those around a place are matched together and say the same.
+#[test]
+fn keyframes_matched_together_say_what_their_pairs_do() {
+    let (of_here, of_there) = (features(here()), features(there()));
+    let key_points = KeyPointParams::default();
+    let target = PreparedMap::new(here(), &of_here, &key_points);
+    let source = PreparedMap::new(there(), &of_there, &key_points);
+    let places: Vec<Place> = (0..5).map(|k| Place { source: KeyframeId(k), target: KeyframeId(k) }).collect();
+    let found = |params: &MeetingParams| {
+        let tried = meet(&source, &target, &places, params, &FurtherParams::default());
+        tried.iter().find_map(|t| t.outcome.accepted().cloned()).expect("they meet")
+    };
+    let alone = found(&MeetingParams::default());
+    let together = found(&MeetingParams { closures: 0, ..MeetingParams::default() });
+    assert!(alone.closure.pooled.is_none() && together.closure.pooled.is_some_and(|count| count >= 60));
+    let apart = together.closure.motion.a_from_b * alone.closure.motion.a_from_b.inverse();
+    assert!(apart.log().norm() < 0.02, "{}", apart.log().norm());
 }
 
 /// A pose that is not a number is never believed, and named where maps are made of it.
