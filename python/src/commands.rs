@@ -1,0 +1,158 @@
+//! What the program `loopbox` does over files.
+
+use crate::agent::read_params;
+use crate::failed;
+use crate::maps::warn;
+use anyhow::{Result, bail};
+use eval::{AlignMode, Options};
+use loopbox::run::{FrameRow, PreparedRun, Progress, RunOptions, state_name};
+use loopbox::{MergeOptions, merge_maps};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use sources::{FrameSource, SourceOptions, Stop};
+use std::path::PathBuf;
+use std::sync::Mutex;
+use view::watch::Watch;
+
+/// Runs an agent over a recording; its folder of results, and `run.json`.
+#[pyfunction]
+#[pyo3(signature = (recording, out, *, calibration=None, fov=None, name=None, force=false, fps=None, topic=None, start=None, end=None, params=None, progress=None))]
+#[expect(clippy::too_many_arguments, reason = "they are keywords")]
+pub fn run(
+    py: Python<'_>,
+    recording: PathBuf,
+    out: PathBuf,
+    calibration: Option<PathBuf>,
+    fov: Option<f64>,
+    name: Option<String>,
+    force: bool,
+    fps: Option<f64>,
+    topic: Option<String>,
+    start: Option<f64>,
+    end: Option<f64>,
+    params: Option<&Bound<'_, PyDict>>,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<(PathBuf, String)> {
+    let mut options =
+        RunOptions { name, force, start, end, params: read_params(params)?, ..RunOptions::to(out) };
+    options.camera.calibration = calibration;
+    let told = Told { stop: Stop::default(), progress, error: Mutex::default(), said: Mutex::default() };
+    let result = py.detach(|| {
+        tracked(&recording, &SourceOptions { fps, topic, all_frames: false }, fov, options, &told)
+    });
+    warn(py, told.said.into_inner().unwrap_or_default())?;
+    if let Some(error) = told.error.into_inner().unwrap_or_default() {
+        return Err(error);
+    }
+    result.map_err(failed)
+}
+
+fn tracked(
+    recording: &std::path::Path,
+    source: &SourceOptions,
+    fov: Option<f64>,
+    mut options: RunOptions,
+    told: &Told,
+) -> Result<(PathBuf, String)> {
+    let open = || -> Result<Box<dyn FrameSource>> { sources::open(recording, source) };
+    let source = open()?;
+    options.without_calibration(source.info(), &open, fov, &told.stop, told)?;
+    let prepared = PreparedRun::new(source, options)?;
+    prepared.problems().iter().for_each(|problem| told.warn(problem));
+    let mapped = prepared.go(|_, _, _| Ok(Watch::none()), &told.stop, told)?;
+    match (mapped.failure, mapped.apart) {
+        (Some(failure), _) => bail!("the run ended early, what was tracked is saved: {failure}"),
+        (None, Some(apart)) => bail!("{apart}"),
+        (None, None) => Ok((mapped.folder, serde_json::to_string(&mapped.record)?)),
+    }
+}
+
+/// Tells Python how a run goes, and asks it whether to go on.
+struct Told {
+    stop: Stop,
+    progress: Option<Py<PyAny>>,
+    /// What Python raised meanwhile: Ctrl-C, or an error of the callable.
+    error: Mutex<Option<PyErr>>,
+    said: Mutex<Vec<String>>,
+}
+
+impl Progress for Told {
+    fn frame(&self, row: &FrameRow, _: usize, _: usize) {
+        if self.stop.requested() {
+            return;
+        }
+        let asked = Python::attach(|py| {
+            py.check_signals()?;
+            if let Some(progress) = &self.progress {
+                progress.call1(py, (row.index, row.timestamp, state_name(row.state)))?;
+            }
+            Ok(())
+        });
+        if let Err(error) = asked {
+            self.stop.request();
+            if let Ok(mut kept) = self.error.lock() {
+                *kept = Some(error);
+            }
+        }
+    }
+
+    fn stage(&self, _: &str) {
+        if let Err(error) = Python::attach(|py| py.check_signals()) {
+            self.stop.request();
+            if let Ok(mut kept) = self.error.lock() {
+                *kept = Some(error);
+            }
+        }
+    }
+
+    fn warn(&self, text: &str) {
+        if let Ok(mut said) = self.said.lock() {
+            said.push(text.to_owned());
+        }
+    }
+}
+
+/// Merges maps; whether any two met, the verdict for people, and `merge.json`.
+#[pyfunction]
+#[pyo3(signature = (maps, out, *, force=false))]
+pub fn merge(
+    py: Python<'_>,
+    maps: Vec<PathBuf>,
+    out: PathBuf,
+    force: bool,
+) -> PyResult<(bool, String, String)> {
+    let merged = py.detach(|| -> Result<(bool, String, String)> {
+        let merged = merge_maps(&maps, MergeOptions { force, ..MergeOptions::to(out) })?;
+        Ok((merged.anything_met(), merged.verdict(), serde_json::to_string(&merged.record)?))
+    });
+    merged.map_err(failed)
+}
+
+/// Compares a trajectory with its ground truth; all measures as JSON.
+#[pyfunction]
+#[pyo3(signature = (estimate, truth, *, frames=None, align="sim3", max_diff=eval::DEFAULT_MAX_DIFF))]
+pub fn evaluate(
+    py: Python<'_>,
+    estimate: PathBuf,
+    truth: PathBuf,
+    frames: Option<PathBuf>,
+    align: &str,
+    max_diff: f64,
+) -> PyResult<String> {
+    let align = match align {
+        "none" => AlignMode::None,
+        "se3" => AlignMode::Se3,
+        "sim3" => AlignMode::Sim3,
+        "scale" => AlignMode::Scale,
+        other => {
+            let text = format!("align={other:?}: give \"none\", \"se3\", \"sim3\" or \"scale\"");
+            return Err(PyValueError::new_err(text));
+        }
+    };
+    let options = Options { align, max_diff, ..Options::default() };
+    let measured = py.detach(|| -> Result<String> {
+        Ok(serde_json::to_string(&loopbox::evaluate(&estimate, &truth, frames.as_deref(), &options)?)?)
+    });
+    measured.map_err(failed)
+}

@@ -1,0 +1,43 @@
+//! loopbox for Python: what the package `loopbox` in this folder is made of.
+//!
+//! `commands` runs, merges and evaluates recordings in files, `agent` takes frames one by one, `maps` shows maps as
+//! NumPy arrays, without copies where the map has them in memory.
+
+mod agent;
+mod arrays;
+mod commands;
+mod maps;
+
+use pyo3::create_exception;
+use pyo3::exceptions::PyRuntimeError;
+use pyo3::prelude::*;
+
+create_exception!(
+    loopbox,
+    LoopboxError,
+    PyRuntimeError,
+    "What loopbox could not do; the text says why, and how to mend it."
+);
+
+/// An error as Python sees it.
+fn failed(error: impl Into<anyhow::Error>) -> PyErr {
+    LoopboxError::new_err(loopbox::explained(&error.into()))
+}
+
+#[pymodule]
+mod _loopbox {
+    #[pymodule_export]
+    use super::LoopboxError;
+    #[pymodule_export]
+    use super::agent::{Agent, Frame};
+    #[pymodule_export]
+    use super::commands::{evaluate, merge, run};
+    #[pymodule_export]
+    use super::maps::{Cloud, Keyframe, Map};
+    use pyo3::prelude::*;
+
+    #[pymodule_init]
+    fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        module.add("__version__", env!("CARGO_PKG_VERSION"))
+    }
+}

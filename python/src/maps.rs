@@ -1,0 +1,236 @@
+//! Maps.
+
+use crate::arrays::{image_view, matrix, table, view};
+use crate::failed;
+use loopbox::open::open_map;
+use map::{CloudSelection, KeyframeId};
+use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods};
+use pyo3::exceptions::{PyKeyError, PyUserWarning};
+use pyo3::prelude::*;
+use std::ffi::CString;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// A map of one agent or several; it does not change.
+#[pyclass(frozen)]
+pub struct Map(pub Arc<map::Map>);
+
+/// A keyframe of a map.
+#[pyclass(frozen)]
+pub struct Keyframe {
+    map: Arc<map::Map>,
+    id: KeyframeId,
+}
+
+/// Points of a map, a row each.
+#[pyclass(frozen, get_all)]
+pub struct Cloud {
+    positions: Py<PyArray2<f32>>,
+    intensities: Py<PyArray1<u8>>,
+    confidences: Py<PyArray1<f32>>,
+    agents: Py<PyArray1<u16>>,
+}
+
+/// Says warnings as Python does.
+pub fn warn(py: Python<'_>, texts: impl IntoIterator<Item = String>) -> PyResult<()> {
+    let category = py.get_type::<PyUserWarning>();
+    texts.into_iter().try_for_each(|text| {
+        let text = CString::new(text.replace('\0', " ")).unwrap_or_default();
+        PyErr::warn(py, &category, &text, 2)
+    })
+}
+
+#[pymethods]
+impl Map {
+    #[new]
+    fn new(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
+        let opened = py.detach(|| open_map(&path)).map_err(failed)?;
+        warn(py, opened.warnings)?;
+        Ok(Self(Arc::new(opened.map)))
+    }
+
+    #[getter]
+    fn agents(&self) -> Vec<String> {
+        self.0.agents.values().map(|agent| agent.name.clone()).collect()
+    }
+
+    #[getter]
+    fn metric(&self) -> bool {
+        self.0.is_metric()
+    }
+
+    fn __len__(&self) -> usize {
+        self.0.keyframes.len()
+    }
+
+    fn __repr__(&self) -> String {
+        format!(
+            "<loopbox.Map of {}: {} keyframes, {} frames>",
+            self.agents().join(", "),
+            self.__len__(),
+            self.0.frames.len()
+        )
+    }
+
+    fn __getitem__(&self, id: u32) -> PyResult<Keyframe> {
+        let id = KeyframeId(id);
+        match self.0.keyframes.contains_key(&id) {
+            true => Ok(Keyframe { map: self.0.clone(), id }),
+            false => Err(PyKeyError::new_err(id.0)),
+        }
+    }
+
+    #[getter]
+    fn keyframes(&self) -> Vec<Keyframe> {
+        self.0.keyframes.keys().map(|&id| Keyframe { map: self.0.clone(), id }).collect()
+    }
+
+    #[getter]
+    fn poses<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray3<f64>>> {
+        let keyframes = self.0.keyframes.values();
+        let values: Vec<f64> =
+            keyframes.flat_map(|keyframe| matrix(&keyframe.world_from_keyframe.rigid())).collect();
+        PyArray1::from_vec(py, values).reshape([self.0.keyframes.len(), 4, 4])
+    }
+
+    #[pyo3(signature = (agent=None))]
+    fn trajectory<'py>(&self, py: Python<'py>, agent: Option<&str>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let poses = match agent {
+            None => self.0.trajectory(),
+            Some(name) => {
+                let found = self.0.agents.iter().find(|(_, about)| about.name == name);
+                let (id, _) = found.ok_or_else(|| PyKeyError::new_err(name.to_owned()))?;
+                self.0.trajectory_of(*id)
+            }
+        };
+        let row =
+            |pose: &map::StampedPose| [pose.timestamp].into_iter().chain(pose.world_from_camera.to_tum());
+        table(py, poses.iter().flat_map(row).collect(), 8)
+    }
+
+    #[pyo3(signature = (max_variance=map::DEFAULT_MAX_RELATIVE_VARIANCE, voxel=None))]
+    fn cloud(&self, py: Python<'_>, max_variance: f32, voxel: Option<f64>) -> PyResult<Cloud> {
+        let (mut positions, mut intensities, mut confidences, mut agents) =
+            (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        py.detach(|| {
+            let mut add = |point: map::CloudPoint| {
+                positions.extend(point.position.iter().map(|&value| value as f32));
+                intensities.push(point.intensity);
+                confidences.push(point.confidence);
+                agents.push(point.agent.0);
+            };
+            match voxel {
+                Some(edge) => self.0.thinned_cloud(max_variance, edge).for_each(&mut add),
+                None => self.0.cloud(max_variance).for_each(&mut add),
+            }
+        });
+        Ok(Cloud {
+            positions: table(py, positions, 3)?.unbind(),
+            intensities: PyArray1::from_vec(py, intensities).unbind(),
+            confidences: PyArray1::from_vec(py, confidences).unbind(),
+            agents: PyArray1::from_vec(py, agents).unbind(),
+        })
+    }
+
+    fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
+        py.detach(|| map::save_map(path, &self.0)).map_err(failed)
+    }
+
+    #[pyo3(signature = (path, max_variance=map::DEFAULT_MAX_RELATIVE_VARIANCE, voxel=None))]
+    fn save_ply(
+        &self,
+        py: Python<'_>,
+        path: PathBuf,
+        max_variance: f32,
+        voxel: Option<f64>,
+    ) -> PyResult<usize> {
+        let selection = CloudSelection { max_relative_variance: max_variance, voxel };
+        py.detach(|| map::save_ply(&path, &self.0, selection)).map_err(failed)
+    }
+}
+
+impl Keyframe {
+    fn inner(&self) -> &map::Keyframe {
+        &self.map.keyframes[&self.id]
+    }
+}
+
+#[pymethods]
+impl Keyframe {
+    #[getter]
+    fn id(&self) -> u32 {
+        self.id.0
+    }
+
+    #[getter]
+    fn agent(&self) -> &str {
+        self.map.agents.get(&self.inner().agent).map_or("", |agent| &agent.name)
+    }
+
+    #[getter]
+    fn timestamp(&self) -> f64 {
+        self.inner().timestamp
+    }
+
+    #[getter]
+    fn frame_index(&self) -> u64 {
+        self.inner().frame_index
+    }
+
+    fn __repr__(&self) -> String {
+        format!("<loopbox.Keyframe {} of {} at {} s>", self.id(), self.agent(), self.timestamp())
+    }
+
+    #[getter]
+    fn pose<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        table(py, matrix(&self.inner().world_from_keyframe.rigid()), 4)
+    }
+
+    #[getter]
+    fn unit(&self) -> f64 {
+        self.inner().world_from_keyframe.scale
+    }
+
+    #[getter]
+    fn camera<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray2<f64>>>> {
+        let camera = self.map.camera_of(self.inner());
+        let rows = |c: &geometry::Pinhole| vec![c.fx, 0.0, c.cx, 0.0, c.fy, c.cy, 0.0, 0.0, 1.0];
+        camera.map(|camera| table(py, rows(camera), 3)).transpose()
+    }
+
+    #[getter]
+    fn image<'py>(this: Bound<'py, Self>) -> PyResult<Bound<'py, PyArray2<u8>>> {
+        // SAFETY: the keyframe holds the map, which nothing changes.
+        unsafe { image_view(&this.get().inner().image, this.clone().into_any()) }
+    }
+
+    #[getter]
+    fn pixels(this: Bound<'_, Self>) -> Bound<'_, PyArray1<u32>> {
+        // SAFETY: the keyframe holds the map, which nothing changes.
+        unsafe { view(&this.get().inner().semi_dense.pixel, this.clone().into_any()) }
+    }
+
+    #[getter]
+    fn inverse_depths(this: Bound<'_, Self>) -> Bound<'_, PyArray1<f32>> {
+        // SAFETY: the keyframe holds the map, which nothing changes.
+        unsafe { view(&this.get().inner().semi_dense.inverse_depth, this.clone().into_any()) }
+    }
+
+    #[getter]
+    fn variances(this: Bound<'_, Self>) -> Bound<'_, PyArray1<f32>> {
+        // SAFETY: the keyframe holds the map, which nothing changes.
+        unsafe { view(&this.get().inner().semi_dense.variance, this.clone().into_any()) }
+    }
+
+    fn depth<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f32>>> {
+        let (keyframe, unit) = (self.inner(), self.unit() as f32);
+        let (width, height) = (keyframe.image.width(), keyframe.image.height());
+        let mut depth = vec![f32::NAN; width * height];
+        for (pixel, inverse_depth, _) in keyframe.semi_dense.iter() {
+            if let Some(place) = depth.get_mut(pixel as usize) {
+                *place = unit / inverse_depth;
+            }
+        }
+        PyArray1::from_vec(py, depth).reshape([height, width])
+    }
+}
