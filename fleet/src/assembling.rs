@@ -8,8 +8,7 @@ use crate::recoding::{depth, image};
 use crate::store::Store;
 use geometry::{GrayImage, Pinhole, Sim3};
 use map::parts::{agent_from_bytes, depth_from_bytes, graph_from_bytes, image_from_bytes};
-use map::{AgentInfo, Edge, EdgeKind, Identity, Keyframe, KeyframeId, Map};
-use nalgebra::{SMatrix, SVector};
+use map::{AgentInfo, Edge, Identity, Keyframe, KeyframeId, Map};
 use place_recog::Vocabulary;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -84,7 +83,7 @@ impl Assembler {
         store: &dyn Store,
         only: Option<&BTreeSet<KeyframeId>>,
     ) -> Result<Option<Assembled>, String> {
-        let objects = Objects { entries, store };
+        let objects = Objects::new(entries, store);
         let Some(bytes) = objects.of_kind(Kind::Agent).next().and_then(|entry| store.get(&entry.hash)) else {
             return Ok(None);
         };
@@ -95,14 +94,12 @@ impl Assembler {
         let camera = *info.camera().ok_or("it is not of a camera")?;
         let mut map = Map::of(info.clone());
         let (poses, mut whole) = objects.graph(&mut map)?;
-        let by_kind = objects.by_kind();
-        let exact = |kind: Kind, number: u32| by_kind.get(&(kind, number)).copied();
         let blank = Arc::new(GrayImage::filled(camera.width, camera.height, 0));
         let (mut missing, mut content) = (0, Writer::default());
         let mut made = std::mem::take(&mut self.made);
         for number in objects.of_kind(Kind::Depth).map(|entry| entry.number) {
             let id = KeyframeId(number);
-            if exact(Kind::Image, number).is_none() {
+            if objects.entry(Kind::Image, number).is_none() {
                 return Err(format!("keyframe {number} has no image"));
             }
             let Some(pose) = poses.get(&id) else {
@@ -110,17 +107,15 @@ impl Assembler {
                 continue;
             };
             let wanted = only.is_none_or(|only| only.contains(&id));
-            let parts = objects.parts(&by_kind, number).filter(|_| wanted);
+            let parts = objects.parts(number).filter(|_| wanted);
             whole &=
                 parts.is_some_and(|parts| !parts.image.kind.is_stand_in() && !parts.depth.kind.is_stand_in());
             let keyframe = match (parts, made.remove(&id)) {
                 (Some(parts), Some((known, keyframe))) if known == parts => (Some(parts), keyframe),
-                (Some(parts), _) => {
-                    (Some(parts), self.keyframe(id, parts, &info, &camera, &objects, &by_kind)?)
-                }
+                (Some(parts), _) => (Some(parts), self.keyframe(id, parts, &info, &camera, &objects)?),
                 (None, _) => {
                     missing += 1;
-                    let Some(digest) = self.digest(id, &objects, &by_kind)? else { continue };
+                    let Some(digest) = self.digest(id, &objects)? else { continue };
                     let origin = Sim3::identity();
                     let (time, frame) = (digest.timestamp, digest.frame_index);
                     (None, Keyframe::of_image(id, time, frame, origin, Arc::clone(&blank)))
@@ -156,7 +151,6 @@ impl Assembler {
         info: &AgentInfo,
         camera: &Pinhole,
         objects: &Objects,
-        by_kind: &BTreeMap<(Kind, u32), Entry>,
     ) -> Result<Keyframe, String> {
         let bytes = |hash: &ObjectHash| objects.store.get(hash).ok_or("an object is damaged");
         let picture = bytes(&parts.image.hash)?;
@@ -167,7 +161,7 @@ impl Assembler {
         let (picture, coded) = (Arc::new(picture), bytes(&parts.depth.hash)?);
         let keyframe = match parts.depth.kind {
             Kind::LossyDepth => {
-                let digest = self.digest(id, objects, by_kind)?.ok_or("a digest is damaged")?;
+                let digest = self.digest(id, objects)?.ok_or("a digest is damaged")?;
                 let (time, frame) = (digest.timestamp, digest.frame_index);
                 let semi_dense = depth::decode(&coded, camera)?.into();
                 Keyframe { semi_dense, ..Keyframe::of_image(id, time, frame, Sim3::identity(), picture) }
@@ -182,15 +176,10 @@ impl Assembler {
     }
 
     /// What is told of a keyframe first; `None` while it is not there.
-    fn digest(
-        &mut self,
-        id: KeyframeId,
-        objects: &Objects,
-        by_kind: &BTreeMap<(Kind, u32), Entry>,
-    ) -> Result<Option<&Digest>, String> {
-        let Some(entry) = by_kind.get(&(Kind::Digest, id.0)) else { return Ok(None) };
+    fn digest(&mut self, id: KeyframeId, objects: &Objects) -> Result<Option<&Digest>, String> {
+        let Some(entry) = objects.entry(Kind::Digest, id.0) else { return Ok(None) };
         if self.digests.get(&id).is_none_or(|(hash, _)| *hash != entry.hash) {
-            let Some(bytes) = objects.get(entry) else { return Ok(None) };
+            let Some(bytes) = objects.store.get(&entry.hash) else { return Ok(None) };
             let digest = Digest::from_bytes(&bytes, id, &Vocabulary::shipped())
                 .map_err(|what| format!("a digest cannot be read: {what}"))?;
             self.digests.insert(id, (entry.hash, digest));
@@ -223,14 +212,12 @@ impl Assembler {
 
 /// An edge between two keyframes of a map as their poses have it.
 fn edge(from: &Keyframe, to: &Keyframe) -> Edge {
-    let from_from_to = from.world_from_keyframe.inverse() * to.world_from_keyframe;
     let [translation, rotation, scale] = DRIFT;
+    let from_from_to = from.world_from_keyframe.inverse() * to.world_from_keyframe;
     // Where a camera only turned, as much as for a way of one of its units.
     let way = from_from_to.translation.norm();
     let translation = translation * if way > 0.0 { way } else { 1.0 };
-    let [t, r, s] = [translation, rotation, scale].map(|deviation| deviation.powi(-2));
-    let information = SMatrix::from_diagonal(&SVector::from([t, t, t, r, r, r, s]));
-    Edge { from: from.id, to: to.id, from_from_to, information, kind: EdgeKind::Odometry }
+    Edge::odometry(from, to, [translation, rotation, scale])
 }
 
 /// Notes what merging looks at of a keyframe.
@@ -250,29 +237,30 @@ fn note(content: &mut Writer, keyframe: &Keyframe, parts: Option<Parts>) {
 
 /// What is listed, and where it is if it is here.
 struct Objects<'a> {
-    entries: &'a [Entry],
+    listed: BTreeMap<(Kind, u32), Entry>,
     store: &'a dyn Store,
 }
 
-impl Objects<'_> {
+impl<'a> Objects<'a> {
+    fn new(entries: &[Entry], store: &'a dyn Store) -> Self {
+        let listed = entries.iter().map(|entry| ((entry.kind, entry.number), *entry)).collect();
+        Self { listed, store }
+    }
+
     fn of_kind(&self, kind: Kind) -> impl Iterator<Item = &Entry> {
-        self.entries.iter().filter(move |entry| entry.kind == kind)
+        self.listed.range((kind, 0)..=(kind, u32::MAX)).map(|(_, entry)| entry)
     }
 
-    fn by_kind(&self) -> BTreeMap<(Kind, u32), Entry> {
-        self.entries.iter().map(|entry| ((entry.kind, entry.number), *entry)).collect()
-    }
-
-    fn get(&self, entry: &Entry) -> Option<Vec<u8>> {
-        self.store.has(&entry.hash).then(|| self.store.get(&entry.hash)).flatten()
+    fn entry(&self, kind: Kind, number: u32) -> Option<Entry> {
+        self.listed.get(&(kind, number)).copied()
     }
 
     /// Takes edges and frames into a map; the poses, and whether all of it is here.
     fn graph(&self, map: &mut Map) -> Result<(BTreeMap<KeyframeId, Sim3>, bool), String> {
         let (mut poses, mut whole) = (BTreeMap::new(), true);
-        let is_graph = |entry: &&Entry| matches!(entry.kind, Kind::Poses | Kind::Edges | Kind::Frames);
-        for entry in self.entries.iter().filter(is_graph) {
-            let Some(bytes) = self.get(entry) else {
+        for entry in [Kind::Poses, Kind::Edges, Kind::Frames].into_iter().flat_map(|kind| self.of_kind(kind))
+        {
+            let Some(bytes) = self.store.get(&entry.hash) else {
                 whole = false;
                 continue;
             };
@@ -286,10 +274,9 @@ impl Objects<'_> {
 
     /// What a keyframe can be made of by now: of image and depth the exact one, else what stands in for it. Features
     /// come first, and where there are none yet there is nothing to recognise the keyframe by.
-    fn parts(&self, by_kind: &BTreeMap<(Kind, u32), Entry>, number: u32) -> Option<Parts> {
-        let here =
-            |kind: Kind| by_kind.get(&(kind, number)).filter(|entry| self.store.has(&entry.hash)).copied();
-        let features = match by_kind.get(&(Kind::Features, number)) {
+    fn parts(&self, number: u32) -> Option<Parts> {
+        let here = |kind: Kind| self.entry(kind, number).filter(|entry| self.store.has(&entry.hash));
+        let features = match self.entry(Kind::Features, number) {
             Some(_) => Some(here(Kind::Features)?.hash),
             None => None,
         };

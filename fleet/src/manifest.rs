@@ -63,7 +63,16 @@ impl Kind {
 
     /// Whether it stands in for another one, and only until that is there: the whole map needs none of it.
     pub fn is_stand_in(self) -> bool {
-        matches!(self, Self::LossyImage | Self::LossyDepth)
+        self.stands_in_for().is_some()
+    }
+
+    /// What it stands in for.
+    pub fn stands_in_for(self) -> Option<Self> {
+        match self {
+            Self::LossyImage => Some(Self::Image),
+            Self::LossyDepth => Some(Self::Depth),
+            _ => None,
+        }
     }
 
     /// Whether its number is a keyframe's.

@@ -2,7 +2,7 @@
 
 use crate::{AgentId, Scan, Shared};
 use geometry::{GrayImage, Sim3};
-use nalgebra::SMatrix;
+use nalgebra::{SMatrix, SVector};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
@@ -144,4 +144,19 @@ pub struct Edge {
     pub information: SMatrix<f64, 7, 7>,
     /// What made it.
     pub kind: EdgeKind,
+}
+
+impl Edge {
+    /// Of successive keyframes as their poses have it; `deviations` are those of translation (units of `from`), rotation
+    /// (radians) and scale (its logarithm).
+    pub fn odometry(from: &Keyframe, to: &Keyframe, deviations: [f64; 3]) -> Self {
+        let [t, r, s] = deviations.map(|deviation| deviation.powi(-2));
+        Self {
+            from: from.id,
+            to: to.id,
+            from_from_to: from.world_from_keyframe.inverse() * to.world_from_keyframe,
+            information: SMatrix::from_diagonal(&SVector::from([t, t, t, r, r, r, s])),
+            kind: EdgeKind::Odometry,
+        }
+    }
 }

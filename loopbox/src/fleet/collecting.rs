@@ -169,8 +169,8 @@ impl Collector {
                 }
                 None
             }
-            Ok((merging, recalled)) => {
-                self.parts.memory.keep(&lent.contents, &merging.encounters, |pair| recalled.contains(&pair));
+            Ok(merging) => {
+                self.parts.memory.keep(&lent.contents, &merging.encounters, false);
                 self.sketches.judged(&met(&merging, &lent.contents), &*store);
                 Some(Found::of(&lent.inputs, &merging, &lent.whole))
             }
@@ -259,21 +259,12 @@ impl Collector {
         }
     }
 
-    /// Merges maps that were lent by `maps`, and says which pairs of them were known before.
-    fn merged_anew(
-        &self,
-        lent: &Inputs,
-        maps: &Maps,
-        exactly: bool,
-        stop: &Stop,
-    ) -> Result<(Merging, Vec<[usize; 2]>)> {
+    /// Merges maps that were lent by `maps`, but for the pairs that these remember.
+    fn merged_anew(&self, lent: &Inputs, maps: &Maps, exactly: bool, stop: &Stop) -> Result<Merging> {
         let go_on = || if stop.requested() { Err(anyhow!("interrupted")) } else { Ok(()) };
         let known = |pair: [usize; 2]| maps.memory.recall(&lent.contents, pair, exactly);
         let merge = || merge_knowing(&lent.inputs, &self.vocabulary, &self.params, &known, &mut |_| go_on());
-        let merging = on_pool(self.pool.as_ref(), merge)?;
-        let pairs = merging.encounters.iter().map(|encounter| encounter.as_given());
-        let recalled = pairs.filter(|pair| known(*pair).is_some()).collect();
-        Ok((merging, recalled))
+        on_pool(self.pool.as_ref(), merge)
     }
 
     fn merge_lent(&mut self, lent: &Inputs, stop: &Stop) -> Result<Found, Failed> {
@@ -282,8 +273,8 @@ impl Collector {
             return Ok(Found::default());
         }
         let at_rest = self.maps.at_rest();
-        let (merging, recalled) = self.merged_anew(lent, &self.maps, at_rest, stop).map_err(Failed::Merge)?;
-        self.maps.memory.keep(contents, &merging.encounters, |pair| recalled.contains(&pair));
+        let merging = self.merged_anew(lent, &self.maps, at_rest, stop).map_err(Failed::Merge)?;
+        self.maps.memory.keep(contents, &merging.encounters, at_rest);
         self.sketches.met(&met(&merging, contents));
         let found = Found::of(inputs, &merging, whole);
         let is_due = self.written.is_none_or(|written| written.elapsed() > WRITE_INTERVAL);

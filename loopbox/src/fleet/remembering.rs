@@ -34,32 +34,34 @@ impl Memory {
     /// matter how many there were then; `exactly` as many have to be where the result is to last.
     pub fn recall(&self, maps: &[Content], [a, b]: [usize; 2], exactly: bool) -> Option<Encounter> {
         let known = self.pairs.get(&key(maps[a], maps[b]))?;
-        if exactly && known.among != maps.len() {
-            return None;
-        }
-        let now = |content: &Content| [a, b].into_iter().find(|&map| maps[map] == *content);
-        let [target, source] = [now(&known.contents[0])?, now(&known.contents[1])?];
+        let [target, source] = known.holds(maps, [a, b], exactly)?;
         Some(Encounter { target, source, ..known.encounter.clone() })
     }
 
-    /// Keeps what pairs of these maps made of each other, and nothing of others; `is_recalled` tells the pairs that were
-    /// known before.
-    pub fn keep(
-        &mut self,
-        maps: &[Content],
-        encounters: &[Encounter],
-        is_recalled: impl Fn([usize; 2]) -> bool,
-    ) {
+    /// Keeps what pairs of these maps made of each other, and nothing of others. What was [recalled](Self::recall) of them,
+    /// `exactly` or not, stays as it was found.
+    pub fn keep(&mut self, maps: &[Content], encounters: &[Encounter], exactly: bool) {
         let mut before = std::mem::take(&mut self.pairs);
         for encounter in encounters {
             let contents = [encounter.target, encounter.source].map(|map| maps[map]);
             let key = key(contents[0], contents[1]);
-            let known = match before.remove(&key).filter(|_| is_recalled(encounter.as_given())) {
-                Some(known) => known,
-                None => Known { contents, among: maps.len(), encounter: encounter.clone() },
-            };
-            self.pairs.insert(key, known);
+            let pair = [encounter.target, encounter.source];
+            let known = before.remove(&key).filter(|known| known.holds(maps, pair, exactly).is_some());
+            let new = || Known { contents, among: maps.len(), encounter: encounter.clone() };
+            self.pairs.insert(key, known.unwrap_or_else(new));
         }
+    }
+}
+
+impl Known {
+    /// Which of two of these maps are its target and source, if both are as they were; where it has to be `exactly`, if
+    /// there were as many.
+    fn holds(&self, maps: &[Content], pair: [usize; 2], exactly: bool) -> Option<[usize; 2]> {
+        if exactly && self.among != maps.len() {
+            return None;
+        }
+        let now = |content: &Content| pair.into_iter().find(|&map| maps[map] == *content);
+        Some([now(&self.contents[0])?, now(&self.contents[1])?])
     }
 }
 
@@ -87,7 +89,7 @@ mod tests {
     fn pairs_of_unchanged_maps_are_known_wherever_they_stand() {
         let maps = [content(1, 0), content(2, 0), content(3, 0)];
         let mut memory = Memory::default();
-        memory.keep(&maps, &[encounter(1, 0), encounter(0, 2), encounter(2, 1)], |_| false);
+        memory.keep(&maps, &[encounter(1, 0), encounter(0, 2), encounter(2, 1)], false);
         // The second changed, and they stand in another order.
         let now = [content(3, 0), content(2, 9), content(1, 0)];
         let known = memory.recall(&now, [0, 2], true).expect("neither changed");
@@ -99,12 +101,12 @@ mod tests {
     fn among_more_maps_a_pair_is_judged_anew_once_the_result_is_to_last() {
         let maps = [content(1, 0), content(2, 0), content(3, 0)];
         let mut memory = Memory::default();
-        memory.keep(&maps[..2], &[encounter(0, 1)], |_| false);
+        memory.keep(&maps[..2], &[encounter(0, 1)], false);
         assert!(
             memory.recall(&maps, [0, 1], false).is_some() && memory.recall(&maps, [0, 1], true).is_none()
         );
         // What was only recalled is still what was found among two.
-        memory.keep(&maps, &[encounter(0, 1), encounter(0, 2)], |pair| pair == [0, 1]);
+        memory.keep(&maps, &[encounter(0, 1), encounter(0, 2)], false);
         assert!(memory.recall(&maps, [0, 1], true).is_none() && memory.recall(&maps, [0, 2], true).is_some());
     }
 }

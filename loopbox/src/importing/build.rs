@@ -2,8 +2,7 @@
 
 use anyhow::{Result, bail};
 use geometry::{Camera, Crop, GrayImage, Image, Pinhole, Se3, Sim3, Undistorter};
-use map::{Edge, EdgeKind, FramePose, Keyframe, KeyframeId, SemiDense};
-use nalgebra::{SMatrix, SVector};
+use map::{Edge, FramePose, Keyframe, KeyframeId, SemiDense};
 use slam_direct::{DepthParams, candidate_pixels};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -83,16 +82,8 @@ pub(super) fn chain(keyframes: &BTreeMap<KeyframeId, Keyframe>) -> Vec<Edge> {
         .map(|(from, to)| {
             // Without depth of its own a keyframe is as far from what it sees as the one before.
             median = median_depth(&from.semi_dense).unwrap_or(median);
-            let [t, r, s] = DEVIATIONS;
-            let t = t * median;
-            let deviations = SVector::<f64, 7>::from([t, t, t, r, r, r, s]);
-            Edge {
-                from: from.id,
-                to: to.id,
-                from_from_to: from.world_from_keyframe.inverse() * to.world_from_keyframe,
-                information: SMatrix::from_diagonal(&deviations.map(|deviation| deviation.powi(-2))),
-                kind: EdgeKind::Odometry,
-            }
+            let [translation, rotation, scale] = DEVIATIONS;
+            Edge::odometry(from, to, [translation * median, rotation, scale])
         })
         .collect()
 }

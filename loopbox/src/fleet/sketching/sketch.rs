@@ -53,7 +53,7 @@ impl Sketch {
             if self.digests.get(&id).is_some_and(|(hash, _)| *hash == entry.hash) {
                 continue;
             }
-            let Some(bytes) = store.has(&entry.hash).then(|| store.get(&entry.hash)).flatten() else {
+            let Some(bytes) = store.get(&entry.hash) else {
                 self.missing += 1;
                 continue;
             };
@@ -85,12 +85,7 @@ impl Sketch {
     /// Whether an object is here, or what it stands in for.
     fn has(&self, kind: Kind, id: KeyframeId, store: &dyn Store) -> bool {
         let has = |kind: Kind| self.listed.get(&(kind, id.0)).is_some_and(|hash| store.has(hash));
-        let exact = match kind {
-            Kind::LossyImage => has(Kind::Image),
-            Kind::LossyDepth => has(Kind::Depth),
-            _ => false,
-        };
-        exact || has(kind) || !self.listed.contains_key(&(kind, id.0))
+        kind.stands_in_for().is_some_and(has) || has(kind) || !self.listed.contains_key(&(kind, id.0))
     }
 
     /// Of the objects by which keyframes are merged, those that are not here.
@@ -138,7 +133,7 @@ impl Sketch {
     pub fn places(&self, store: &dyn Store) -> Option<(Pinhole, BTreeMap<KeyframeId, Sim3>)> {
         let objects = |kind: Kind| {
             let listed = self.listed.range((kind, 0)..=(kind, u32::MAX));
-            listed.filter_map(|(_, hash)| store.has(hash).then(|| store.get(hash)).flatten())
+            listed.filter_map(|(_, hash)| store.get(hash))
         };
         let camera = *agent_from_bytes(&objects(Kind::Agent).next()?).ok()?.camera()?;
         let parts = objects(Kind::Poses).filter_map(|bytes| graph_from_bytes(&bytes).ok());
