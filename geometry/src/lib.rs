@@ -22,7 +22,7 @@ pub use image::{GrayImage, Image};
 pub use photometric::{PhotometricCalibration, PhotometricError};
 pub use pinhole::Pinhole;
 pub use pyramid::{Pyramid, halved};
-pub use sampler::Sampler;
+pub use sampler::{Sampler, samples_needed};
 pub use se3::{Se3, hat};
 pub use sim3::Sim3;
 pub use undistort::{Crop, ImageSizeError, Undistorter};

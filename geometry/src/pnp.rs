@@ -1,6 +1,6 @@
 //! The pose of a camera that sees points of known position: from three of them, and from many of which some are wrong.
 
-use crate::{Sampler, Se3, umeyama};
+use crate::{Sampler, Se3, samples_needed, umeyama};
 use nalgebra::{Complex, Matrix4, Vector3};
 
 /// A point and the direction in which the camera sees it.
@@ -96,8 +96,6 @@ fn real_roots(coefficients: &[f64; 5]) -> Vec<f64> {
 /// The pose that most sightings agree with, and which these are (RANSAC; Fischler & Bolles 1981); `None` when too few
 /// do. The same sightings give the same pose.
 pub fn pose_by_consensus(sightings: &[Sighting], params: &Consensus) -> Option<(Se3, Vec<usize>)> {
-    /// Samples that are drawn beyond those that should suffice: noise spoils some of the right ones.
-    const SPARE: f64 = 3.0;
     /// How sure it should be that one sample was free of wrong sightings.
     const CONFIDENCE: f64 = 0.999;
     let count = sightings.len();
@@ -118,7 +116,7 @@ pub fn pose_by_consensus(sightings: &[Sighting], params: &Consensus) -> Option<(
             if best.as_ref().is_none_or(|b| cost < b.0) {
                 best = Some((cost, pose));
                 let share = agreeing(sightings, &pose, params.max_error).len() as f64 / count as f64;
-                let enough = SPARE * (1.0 - CONFIDENCE).ln() / (-share.powi(3)).ln_1p();
+                let enough = samples_needed(share, 3, CONFIDENCE);
                 needed = needed.min(enough.max(1.0).min(params.max_samples as f64) as usize);
             }
         }

@@ -1,5 +1,15 @@
 //! Random samples that are the same each time, for RANSAC.
 
+/// Samples that are drawn for each that should suffice: one free of outliers may still be poor, by noise, and the others
+/// pay for a second and third.
+const SPARE: f64 = 3.0;
+
+/// How many samples of `size` must be drawn so that with this `confidence` a good one is free of outliers, when a share of
+/// all are inliers (Fischler & Bolles 1981); infinite for none.
+pub fn samples_needed(inlier_share: f64, size: i32, confidence: f64) -> f64 {
+    SPARE * ((1.0 - confidence).ln() / (-inlier_share.powi(size)).ln_1p())
+}
+
 /// Draws samples; the same seed draws the same ones (xorshift64*).
 #[derive(Clone, Debug)]
 pub struct Sampler(u64);

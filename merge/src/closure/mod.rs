@@ -106,9 +106,11 @@ pub fn close(
     let outcome = pairs[index].as_ref().ok_or(ClosureRefusal::NoMotion)?;
     let chosen = Chosen::new(source, target, outcome, params).ok_or(ClosureRefusal::NoMotion)?;
     let scales = steps::scales(source, target, &pairs);
-    let scale = inverse_variance(&scales, steps::ratio_of_volumes(&chosen), &params.optimal_scale)?;
+    let volume_ratio = steps::ratio_of_volumes(&chosen);
+    let scale = inverse_variance(&scales, volume_ratio, &params.optimal_scale)?;
     let travel = Some(travel).filter(|travel| *travel != Travel::Unknown);
-    finish(source, target, Start { keyframes, travel, pairs, index, chosen, scale, pooled: None }, params)
+    let start = Start { keyframes, travel, pairs, index, chosen, scales, volume_ratio, scale, pooled: None };
+    finish(source, target, start, params)
 }
 
 /// What the steps before registration gave.
@@ -123,6 +125,10 @@ struct Start {
     index: usize,
     /// That one.
     chosen: Chosen,
+    /// σ_z of the pairs.
+    scales: Neighbourhood,
+    /// r_vol of the chosen one.
+    volume_ratio: f64,
     /// σ*.
     scale: OptimalScale,
     /// As [`Closure::pooled`].
@@ -136,9 +142,7 @@ fn finish(
     start: Start,
     params: &ClosureParams,
 ) -> Result<Closure, ClosureRefusal> {
-    let Start { keyframes, travel, mut pairs, index, chosen, scale, pooled } = start;
-    let scales = steps::scales(source, target, &pairs);
-    let volume_ratio = steps::ratio_of_volumes(&chosen);
+    let Start { keyframes, travel, mut pairs, index, chosen, scales, volume_ratio, scale, pooled } = start;
     let initial_guess = chosen.initial_guess(&scale);
     let registration = chosen.register(&scale, &initial_guess, params);
     // Clouds of few, far points may slide: the images then start from where the key points are.

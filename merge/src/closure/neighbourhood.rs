@@ -81,11 +81,8 @@ pub fn close_neighbourhood(
     let motion = target_pose * pose.estimate.a_from_b * source_pose.inverse();
     let best = overlapping(source, target, *place, &motion, &params.neighbourhood);
     let centre = *best.first().ok_or(ClosureRefusal::NoMotion)?;
-    let mut views = [None, Some(centre), None];
-    views[0] = best.get(1).copied();
-    views[2] = best.get(2).copied();
-    let views = views.map(|pair| {
-        let (i, j) = pair?;
+    let views = [best.get(1), Some(&centre), best.get(2)].map(|pair| {
+        let &(i, j) = pair?;
         Some((i, j, view_pair(source.get(i)?, target.get(j)?, &params.pair)))
     });
     let pairs = steps::measure(source, target, views, params);
@@ -105,6 +102,8 @@ pub fn close_neighbourhood(
     let start = Start {
         keyframes: centre,
         travel: None,
+        scales: steps::scales(source, target, &pairs),
+        volume_ratio: steps::ratio_of_volumes(&chosen),
         pairs,
         index: 1,
         chosen,

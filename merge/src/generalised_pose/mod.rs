@@ -19,7 +19,7 @@ mod tests;
 pub use error::{Located, Sighting, View};
 
 use crate::estimate::Estimate;
-use crate::two_view::ln_choose;
+use crate::two_view::ln_false_alarms;
 use geometry::{Sampler, Sim3};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
@@ -143,7 +143,7 @@ pub fn generalised_pose(
     }
     let chance = error::chance(pool, &estimate.a_from_b, params);
     // Written so that a NaN is refused.
-    let above_chance = ln_false_alarms(given, count, chance) < params.max_false_alarms.ln();
+    let above_chance = ln_false_alarms(given, count, FREE_MATCHES, chance) < params.max_false_alarms.ln();
     if !above_chance {
         return Err(GeneralisedPoseRefusal::Chance { inliers: count, given });
     }
@@ -171,13 +171,4 @@ fn distinct(pool: &Pool, indices: impl Iterator<Item = usize>) -> usize {
         fresh
     };
     indices.filter(fresh).count()
-}
-
-/// The logarithm of how many sets of `fits` of `given` matches may be expected to agree by chance, where one does with
-/// probability `chance` (Moisan & Stival, IJCV 2004, Eq. 8, for a pose that four matches settle).
-fn ln_false_alarms(given: usize, fits: usize, chance: f64) -> f64 {
-    (given as f64).ln()
-        + ln_choose(given, fits)
-        + ln_choose(fits, FREE_MATCHES)
-        + fits.saturating_sub(FREE_MATCHES) as f64 * chance.ln()
 }

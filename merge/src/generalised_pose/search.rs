@@ -3,7 +3,7 @@
 use super::error::{both_ways, projected, squared};
 use super::{GeneralisedPoseParams, Pool};
 use geometry::pnp::{self, p3p};
-use geometry::{Sampler, Sim3};
+use geometry::{Sampler, Sim3, samples_needed};
 use nalgebra::Vector3;
 use std::collections::BTreeMap;
 
@@ -17,8 +17,6 @@ const SCALES: usize = 6;
 const MAX_MATCHES: usize = 500;
 /// How sure it should be that one sample was free of wrong matches.
 const CONFIDENCE: f64 = 0.999;
-/// Samples that are drawn beyond those that should suffice: noise spoils some of the right ones.
-const SPARE: f64 = 3.0;
 
 /// The similarity target_from_source of least cost among those of all samples.
 pub(super) fn search(pool: &Pool, sampler: &mut Sampler, params: &GeneralisedPoseParams) -> Option<Sim3> {
@@ -50,7 +48,7 @@ pub(super) fn search(pool: &Pool, sampler: &mut Sampler, params: &GeneralisedPos
                     best = Some((cost, motion));
                     // Every match that does not agree costs the gate.
                     let share = 1.0 - cost / (params.gate * pool.matches.len() as f64);
-                    let enough = SPARE * (1.0 - CONFIDENCE).ln() / (-share.powi(4)).ln_1p();
+                    let enough = samples_needed(share, 4, CONFIDENCE);
                     needed = needed.min(enough.max(1.0).min(params.max_samples as f64) as usize);
                 }
             }

@@ -23,7 +23,7 @@ mod transfer;
 use geometry::Sampler;
 use linear::Pose;
 use model::Settled;
-pub(crate) use model::ln_choose;
+pub(crate) use model::ln_false_alarms;
 use nalgebra::{Matrix3, Matrix3x2, Matrix5, Unit, UnitQuaternion, Vector3};
 use rays::Rays;
 use serde::{Deserialize, Serialize};

@@ -62,16 +62,21 @@ impl Settled {
     pub(super) fn ln_false_alarms(&self, rays: &Rays, limit: f64) -> f64 {
         let (given, fits) = (rays.len(), self.inliers.len());
         let chance = epipolar::chance_share(rays, &self.pose, limit);
-        let free = FREE_MATCHES as usize;
-        (given as f64).ln()
-            + ln_choose(given, fits)
-            + ln_choose(fits, free)
-            + fits.saturating_sub(free) as f64 * chance.ln()
+        ln_false_alarms(given, fits, FREE_MATCHES as usize, chance)
     }
 }
 
+/// Logarithm of how many sets of `fits` of `given` matches may be expected to fit some model by chance, which `free` of them
+/// settle and one fits with probability `chance` (Moisan & Stival, IJCV 2004, Eq. 8).
+pub(crate) fn ln_false_alarms(given: usize, fits: usize, free: usize, chance: f64) -> f64 {
+    (given as f64).ln()
+        + ln_choose(given, fits)
+        + ln_choose(fits, free)
+        + fits.saturating_sub(free) as f64 * chance.ln()
+}
+
 /// ln of the binomial coefficient.
-pub(crate) fn ln_choose(of: usize, chosen: usize) -> f64 {
+fn ln_choose(of: usize, chosen: usize) -> f64 {
     (1..=chosen.min(of - chosen.min(of))).map(|k| ((of + 1 - k) as f64 / k as f64).ln()).sum()
 }
 

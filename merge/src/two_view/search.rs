@@ -6,18 +6,13 @@ use super::linear::{PlanePose, Pose, decompose, eight_point, essential_poses, fo
 use super::rays::Rays;
 use super::transfer::{self, PlaneFit};
 use super::{TwoViewParams, plane_limit};
-use geometry::Sampler;
+use geometry::{Sampler, samples_needed};
 use nalgebra::{Matrix3, Vector3};
 
 /// How many samples of `size` matches must be drawn so that one is free of wrong matches with `confidence`.
-fn samples_needed(inlier_share: f64, size: i32, params: &TwoViewParams) -> usize {
-    let all_right = inlier_share.powi(size);
-    if all_right >= 1.0 {
-        return 1;
-    }
-    let needed = (1.0 - params.confidence).ln() / (-all_right).ln_1p();
-    // A sample free of wrong matches may still be a poor one, by noise: the factor pays for a second and third.
-    (3.0 * needed).ceil().min(params.max_samples as f64) as usize
+fn enough(inlier_share: f64, size: i32, params: &TwoViewParams) -> usize {
+    let needed = samples_needed(inlier_share, size, params.confidence);
+    needed.ceil().min(params.max_samples as f64).max(1.0) as usize
 }
 
 /// The homography that most matches fit, if any.
@@ -46,7 +41,7 @@ pub(super) fn homography(
             (best, lowest) = (Some(polished), cost);
             fits = transfer::inliers(rays, &polished, limit);
         }
-        needed = needed.min(samples_needed(fits.len() as f64 / rays.len() as f64, 4, params));
+        needed = needed.min(enough(fits.len() as f64 / rays.len() as f64, 4, params));
     }
     best
 }
@@ -137,7 +132,7 @@ fn challenge(
         fits = epipolar::inliers(rays, &pose, limit);
     }
     *leader = Some(Leader { pose, cost });
-    samples_needed(fits.len() as f64 / rays.len() as f64, 8, params)
+    enough(fits.len() as f64 / rays.len() as f64, 8, params)
 }
 
 /// Of the four poses of an essential matrix the one with most of its inliers in front of both cameras.
