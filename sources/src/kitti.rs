@@ -84,6 +84,7 @@ mod tests {
         let Pinhole { fx, fy, cx, cy, .. } = *camera.intrinsics();
         assert_eq!([fx, fy, cx, cy], [718.856, 718.9, 607.1928, 185.2157]);
         assert!(parse_projection(text, "P2:", 1241, 376).is_err());
+        assert!(parse_projection("P1: 1", "P0:", 1241, 376).is_err());
         assert!(parse_projection("P0: 1 2", "P0:", 1241, 376).is_err());
     }
 }

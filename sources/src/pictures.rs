@@ -12,7 +12,7 @@ use geometry::GrayImage;
 use geometry::limits::{MAX_BYTES, check_image_size};
 use image::{DynamicImage, ImageBuffer};
 use std::io::Cursor;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// A picture before decoding.
 #[derive(Clone, Debug)]
@@ -51,20 +51,23 @@ impl Picture {
     /// high byte is kept.
     pub fn into_grey(self) -> Result<GrayImage, String> {
         match self {
-            Picture::File(path) => {
-                let of_file = |what: String| format!("{}: {what}", path.display());
-                let about = std::fs::metadata(&path).map_err(|e| of_file(e.to_string()))?;
-                if about.len() > MAX_BYTES as u64 {
-                    return Err(of_file(format!("{} bytes are no image", about.len())));
-                }
-                let bytes = std::fs::read(&path).map_err(|e| of_file(e.to_string()))?;
-                decode(&bytes).map_err(of_file)
-            }
+            Picture::File(path) => read_file(&path, decode),
             Picture::Encoded(bytes) => decode(&bytes),
             Picture::Raw(raw) => raw.into_grey(),
             Picture::Broken(reason) => Err(reason),
         }
     }
+}
+
+/// Reads an image's file as `read` does its bytes; what is wrong names the file.
+fn read_file<T>(path: &Path, read: impl FnOnce(&[u8]) -> Result<T, String>) -> Result<T, String> {
+    let of_file = |what: String| format!("{}: {what}", path.display());
+    let about = std::fs::metadata(path).map_err(|e| of_file(e.to_string()))?;
+    if about.len() > MAX_BYTES as u64 {
+        return Err(of_file(format!("{} bytes are no image", about.len())));
+    }
+    let bytes = std::fs::read(path).map_err(|e| of_file(e.to_string()))?;
+    read(&bytes).map_err(of_file)
 }
 
 /// Decodes the bytes of a PNG, JPEG, PNM, TIFF or BMP file.
@@ -74,13 +77,17 @@ fn decode(bytes: &[u8]) -> Result<GrayImage, String> {
     {
         return Ok(luma);
     }
-    let format =
-        image::guess_format(bytes).map_err(|_| "not a PNG, JPEG, PGM, TIFF or BMP image".to_owned())?;
+    to_grey(decode_any(bytes, "PNG, JPEG, PGM, TIFF or BMP")?)
+}
+
+/// Decodes the bytes of an image file of any kind that the program knows, once its size was found to be one; `kinds` are
+/// those that should have been given, for people.
+fn decode_any(bytes: &[u8], kinds: &str) -> Result<DynamicImage, String> {
+    let format = image::guess_format(bytes).map_err(|_| format!("not a {kinds} image"))?;
     let reader = || image::ImageReader::with_format(Cursor::new(bytes), format);
     let (width, height) = reader().into_dimensions().map_err(|e| e.to_string())?;
     check_image_size(width as usize, height as usize)?;
-    let image = reader().decode().map_err(|e| e.to_string())?;
-    to_grey(image)
+    reader().decode().map_err(|e| e.to_string())
 }
 
 fn to_grey(image: DynamicImage) -> Result<GrayImage, String> {

@@ -1,9 +1,8 @@
 //! Depth images: 16-bit grey, a fixed length a step, 0 where there is none.
 
+use super::{decode_any, read_file};
 use geometry::Image;
-use geometry::limits::{MAX_BYTES, check_image_size};
 use image::DynamicImage;
-use std::io::Cursor;
 use std::path::Path;
 
 /// Reads a depth image as its 16-bit values.
@@ -11,24 +10,15 @@ use std::path::Path;
 /// # Errors
 /// When it cannot be read, is cut short, or has no 16-bit grey values; the message names the file.
 pub fn read_depth_image(path: &Path) -> Result<Image<u16>, String> {
-    let of_file = |what: String| format!("{}: {what}", path.display());
-    let about = std::fs::metadata(path).map_err(|e| of_file(e.to_string()))?;
-    if about.len() > MAX_BYTES as u64 {
-        return Err(of_file(format!("{} bytes are no image", about.len())));
-    }
-    let bytes = std::fs::read(path).map_err(|e| of_file(e.to_string()))?;
-    decode(&bytes).map_err(of_file)
+    read_file(path, decode)
 }
 
 fn decode(bytes: &[u8]) -> Result<Image<u16>, String> {
-    let format = image::guess_format(bytes).map_err(|_| "not a PNG, PGM or TIFF image".to_owned())?;
-    let reader = || image::ImageReader::with_format(Cursor::new(bytes), format);
-    let (width, height) = reader().into_dimensions().map_err(|e| e.to_string())?;
-    check_image_size(width as usize, height as usize)?;
-    let DynamicImage::ImageLuma16(image) = reader().decode().map_err(|e| e.to_string())? else {
+    let DynamicImage::ImageLuma16(image) = decode_any(bytes, "PNG, PGM or TIFF")? else {
         return Err("is not a 16-bit grey image".into());
     };
-    Image::from_vec(width as usize, height as usize, image.into_raw()).ok_or_else(|| "is cut short".into())
+    let (width, height) = (image.width() as usize, image.height() as usize);
+    Image::from_vec(width, height, image.into_raw()).ok_or_else(|| "is cut short".into())
 }
 
 #[cfg(test)]

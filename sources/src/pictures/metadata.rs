@@ -1,8 +1,7 @@
 //! What an image's metadata say about the lens it was taken with (Exif 2.32).
 
-use super::Picture;
+use super::{Picture, read_file};
 use exif::{Exif, In, Reader, Tag, Value};
-use geometry::limits::MAX_BYTES;
 use std::io::Cursor;
 
 /// Diagonal of a frame of 35 mm film, 36 × 24 mm, by which equivalent focal lengths are stated (CIPA DCG-001).
@@ -23,10 +22,7 @@ impl Picture {
     /// there are no metadata, or they say nothing that could be.
     pub fn stated_focal(&self, size: (usize, usize)) -> Option<StatedFocal> {
         match self {
-            Picture::File(path) => {
-                let small = std::fs::metadata(path).ok()?.len() <= MAX_BYTES as u64;
-                stated_focal(&small.then(|| std::fs::read(path).ok()).flatten()?, size)
-            }
+            Picture::File(path) => read_file(path, |bytes| Ok(stated_focal(bytes, size))).ok()?,
             Picture::Encoded(bytes) => stated_focal(bytes, size),
             Picture::Raw(_) | Picture::Broken(_) => None,
         }

@@ -226,13 +226,15 @@ fn add_points(keyframes: &mut BTreeMap<KeyframeId, Keyframe>, views: &[View], mo
                 |other: &usize| (views[*other].parallax(position, &views[index]) / PIXEL_DEVIATION).powi(2);
             others.map(square).sum::<f64>().recip()
         };
-        for &index in track {
-            let (Some((pixel, depth)), variance) = (views[index].sight(position), variance(index)) else {
-                continue;
-            };
-            if !variance.is_finite() {
-                continue;
-            }
+        let sights: Vec<Option<(Vector2<f64>, f64, f64)>> = track
+            .iter()
+            .map(|&index| {
+                let (pixel, depth) = views[index].sight(position)?;
+                Some((pixel, depth, variance(index))).filter(|(.., variance)| variance.is_finite())
+            })
+            .collect();
+        for (&index, sight) in track.iter().zip(&sights) {
+            let &Some((pixel, depth, variance)) = sight else { continue };
             let at = pixel.y.round() as u32 * views[index].pinhole.width as u32 + pixel.x.round() as u32;
             let (inverse, spread) = (depth.recip() as f32, (variance / (depth * depth)) as f32);
             let kept = depths[index].entry(at).or_insert((inverse, spread));
@@ -242,9 +244,7 @@ fn add_points(keyframes: &mut BTreeMap<KeyframeId, Keyframe>, views: &[View], mo
             }
         }
         let Some(keyframe) = keyframes.get_mut(&KeyframeId(track[0] as u32)) else { continue };
-        if let Some((pixel, depth)) =
-            views[track[0]].sight(position).filter(|_| variance(track[0]).is_finite())
-        {
+        if let Some((pixel, depth, variance)) = sights[0] {
             let observation = |&other: &usize| Observation {
                 keyframe: KeyframeId(other as u32),
                 pixel: [views[other].seen[id].x as f32, views[other].seen[id].y as f32],
@@ -253,7 +253,7 @@ fn add_points(keyframes: &mut BTreeMap<KeyframeId, Keyframe>, views: &[View], mo
             keyframe.points.push(Point {
                 pixel: [pixel.x as f32, pixel.y as f32],
                 inverse_depth: depth.recip() as f32,
-                variance: (variance(track[0]) / (depth * depth)) as f32,
+                variance: (variance / (depth * depth)) as f32,
                 observations: track[1..].iter().map(observation).collect(),
             });
         }
