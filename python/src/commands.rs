@@ -77,6 +77,17 @@ struct Told {
     said: Mutex<Vec<String>>,
 }
 
+impl Told {
+    /// Stops for what Python raised, and keeps it.
+    fn heed(&self, asked: PyResult<()>) {
+        let Err(error) = asked else { return };
+        self.stop.request();
+        if let Ok(mut kept) = self.error.lock() {
+            *kept = Some(error);
+        }
+    }
+}
+
 impl Progress for Told {
     fn frame(&self, row: &FrameRow, _: usize, _: usize) {
         if self.stop.requested() {
@@ -89,21 +100,11 @@ impl Progress for Told {
             }
             Ok(())
         });
-        if let Err(error) = asked {
-            self.stop.request();
-            if let Ok(mut kept) = self.error.lock() {
-                *kept = Some(error);
-            }
-        }
+        self.heed(asked);
     }
 
     fn stage(&self, _: &str) {
-        if let Err(error) = Python::attach(|py| py.check_signals()) {
-            self.stop.request();
-            if let Ok(mut kept) = self.error.lock() {
-                *kept = Some(error);
-            }
-        }
+        self.heed(Python::attach(|py| py.check_signals()));
     }
 
     fn warn(&self, text: &str) {
