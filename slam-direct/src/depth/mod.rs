@@ -111,16 +111,7 @@ pub struct DepthFilter {
 geometry::multiversion! {
     /// Observes all candidates and takes over what that tells.
     fn observe_all(filter: &mut DepthFilter, observer: &Observer, stats: &mut UpdateStats) {
-        let mut looks = [Look::EMPTY; CHUNK];
-        for start in (0..filter.len()).step_by(CHUNK) {
-            let chunk = start..(start + CHUNK).min(filter.len());
-            let size = chunk.len();
-            let count = filter.plan(observer, chunk, &mut looks);
-            stats.skipped += size - count;
-            for look in &looks[..count] {
-                filter.apply(look.candidate as usize, observer.observe(look), stats);
-            }
-        }
+        filter.observe_all_plain(observer, stats);
     }
 }
 
@@ -182,6 +173,21 @@ impl DepthFilter {
         observer.learn_noise(&mut self.sampled_residuals(&observer));
         observe_all(self, &observer, &mut stats);
         stats
+    }
+
+    /// [`observe_all`] for any processor.
+    #[inline(always)]
+    fn observe_all_plain(&mut self, observer: &Observer, stats: &mut UpdateStats) {
+        let mut looks = [Look::EMPTY; CHUNK];
+        for start in (0..self.len()).step_by(CHUNK) {
+            let chunk = start..(start + CHUNK).min(self.len());
+            let size = chunk.len();
+            let count = self.plan(observer, chunk, &mut looks);
+            stats.skipped += size - count;
+            for look in &looks[..count] {
+                self.apply(look.candidate as usize, observer.observe(look), stats);
+            }
+        }
     }
 
     /// Writes the looks worth taking at `candidates` to the front of `looks` and returns their number.

@@ -246,6 +246,24 @@ fn motion_along_the_axis_is_measured_away_from_the_epipole() {
 }
 
 #[test]
+fn runs_repeat_to_the_bit_on_any_processor() {
+    let planes = [SLANTED, NEAR];
+    let (keyframe, mut first) = seeded(&planes, 2.0);
+    let image = render(&planes, &poses()[0], 2.0, (1.0, 0.0), 2);
+    let mut second = first.clone();
+    let frame = stereo(&image, poses()[0]);
+    let params = params();
+    let mut observer = Observer::new(&keyframe, &frame, &CAMERA, &params);
+    observer.learn_noise(&mut second.sampled_residuals(&observer));
+    let mut stats = UpdateStats::default();
+    second.observe_all_plain(&observer, &mut stats);
+    assert_eq!(first.update(&keyframe, &frame), stats);
+    let bits = |values: &[f32]| values.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
+    assert_eq!(bits(&first.inverse_depth), bits(&second.inverse_depth));
+    assert_eq!(bits(&first.variance), bits(&second.variance));
+}
+
+#[test]
 fn references_grow_in_baseline_and_see_the_keyframe() {
     let at = |x: f64, angle: f64| {
         Se3::new(UnitQuaternion::from_euler_angles(0.0, angle, 0.0), Vector3::new(x, 0.0, 0.0))
