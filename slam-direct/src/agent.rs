@@ -67,6 +67,8 @@ pub struct Agent {
     tone: Option<Tone>,
     /// Frames that came before the first map and are not in it.
     early: Vec<EarlyFrame>,
+    /// The start that the map came of, while more frames may contradict it.
+    provisional: Option<Box<Bootstrap>>,
     /// What is done with the map, if it was given to the agent.
     resumed: Option<Going>,
     /// No frame was found in it yet.
@@ -114,6 +116,7 @@ impl Agent {
             processed: 0,
             tone: None,
             early: Vec::new(),
+            provisional: None,
             resumed: None,
             is_sought: false,
         })
@@ -136,7 +139,13 @@ impl Agent {
         let report = match std::mem::replace(&mut self.state, State::Empty) {
             State::Empty => self.begin(pyramid, frame.timestamp, frame.index, "the camera has not moved yet"),
             State::Starting(bootstrap) => self.start(bootstrap, pyramid, frame.timestamp, frame.index),
-            State::Running(tracker) => self.track(tracker, pyramid, frame.timestamp, frame.index),
+            State::Running(tracker) => match self.provisional.take() {
+                None => self.track(tracker, pyramid, frame.timestamp, frame.index),
+                Some(start) => {
+                    let report = self.track(tracker, pyramid.clone(), frame.timestamp, frame.index);
+                    self.look_again(start, &pyramid, frame.timestamp, frame.index).unwrap_or(report)
+                }
+            },
         };
         Ok(self.told(report))
     }

@@ -4,6 +4,7 @@
 //! No essential matrix is needed: with inverse depths and small motions the joint problem converges from
 //! constant depth (Yu & Gallup, CVPR 2014); several directions of travel guard against its mirror solutions.
 
+mod again;
 mod finish;
 mod follow;
 mod solve;
@@ -13,6 +14,7 @@ use crate::track::TrackParams;
 use backend::params;
 use follow::Track;
 use geometry::{Pinhole, Pyramid, Se3};
+use solve::acceptable;
 
 params! {
     /// Parameters of the start.
@@ -29,6 +31,14 @@ params! {
         pub max_relative_sigma: f64 = 0.08,
         /// Share of the points that must agree with the solution.
         pub min_inliers: f64 = 0.55,
+        /// The first map is looked at again each time the parallax has grown by this factor. Range 1.05–2.
+        pub look_again: f32 = 1.25,
+        /// A solution found then contradicts the map when the map's poses cost so many times as much. Range 1.1–2; right
+        /// maps cost up to 1.17 times as much (hand-held, rolling shutter), wrong ones soon more than that.
+        pub contradiction: f64 = 1.15,
+        /// And when it has the camera travel in another direction, by degrees. Range 5–45; right maps differ by up to 5,
+        /// wrong ones, which take a turn for a way, by more than 25.
+        pub other_direction: f64 = 20.0,
     }
 }
 
@@ -48,6 +58,8 @@ pub(crate) struct Bootstrap {
     frame_index: u64,
     tracks: Vec<Track>,
     frames: Vec<Followed>,
+    /// Parallax at which a map was made or looked at again last, pixels.
+    looked: f32,
 }
 
 /// What a frame did to the start.
@@ -58,6 +70,16 @@ pub(crate) enum Progress {
     Restart(&'static str),
     /// There is a map: two keyframes, and the poses of the frames between relative to the first.
     Done(Box<Started>),
+}
+
+/// What a frame after the start says of the map that came of it.
+pub(crate) enum SecondLook {
+    /// Nothing new.
+    Nothing,
+    /// That no more can be learnt: too few of the points are still seen.
+    Over,
+    /// That it is wrong, and what is right.
+    Contradicted(Box<Started>),
 }
 
 /// The first map.
@@ -87,6 +109,7 @@ impl Bootstrap {
             frame_index,
             tracks,
             frames: Vec::new(),
+            looked: 0.0,
         })
     }
 
@@ -99,10 +122,7 @@ impl Bootstrap {
         params: &BootstrapParams,
         track: &TrackParams,
     ) -> Progress {
-        follow::follow(&mut self.tracks, pyramid, track);
-        let seen: Vec<_> = self.tracks.iter().map(|t| t.seen.filter(|_| !t.lost)).collect();
-        let count = seen.iter().flatten().count();
-        self.frames.push(Followed { timestamp, frame_index, seen });
+        let count = self.follow_into(pyramid, timestamp, frame_index, track);
         if (count as f32) < params.min_followed * self.tracks.len() as f32 || count < MIN_POINTS {
             return Progress::Restart("the view changed before the first map was made");
         }
@@ -113,11 +133,35 @@ impl Bootstrap {
             }
             return Progress::Waiting("waiting for the camera to move sideways");
         }
-        match self.attempt(&turn, params) {
-            Some(solution) => Progress::Done(Box::new(self.finish(&solution, pyramid))),
+        let solution = self.solve(&turn).filter(|solution| acceptable(&solution.problem, params));
+        match solution {
+            Some(solution) => {
+                self.looked = parallax;
+                Progress::Done(Box::new(self.finish(&solution.problem, pyramid)))
+            }
             None if self.frames.len() >= params.max_frames => Progress::Restart("no consistent first map"),
             None => Progress::Waiting("the first map is not certain yet"),
         }
+    }
+
+    /// Index of the frame that the start began with.
+    pub fn first_frame(&self) -> u64 {
+        self.frame_index
+    }
+
+    /// Follows the points into a frame; how many it shows.
+    fn follow_into(
+        &mut self,
+        pyramid: &Pyramid,
+        timestamp: f64,
+        frame_index: u64,
+        track: &TrackParams,
+    ) -> usize {
+        follow::follow(&mut self.tracks, pyramid, track);
+        let seen: Vec<_> = self.tracks.iter().map(|t| t.seen.filter(|_| !t.lost)).collect();
+        let count = seen.iter().flatten().count();
+        self.frames.push(Followed { timestamp, frame_index, seen });
+        count
     }
 }
 

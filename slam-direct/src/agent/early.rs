@@ -1,7 +1,7 @@
 //! Before there is a map and while it is young: the start, its frames, and giving up a map of no use.
 
 use super::{Agent, FrameReport, State, TrackingState};
-use crate::bootstrap::{Bootstrap, Progress, Started};
+use crate::bootstrap::{Bootstrap, Progress, SecondLook, Started};
 use crate::local_map::{Counts, LocalMap};
 use crate::publish;
 use crate::tracker::Tracker;
@@ -9,7 +9,7 @@ use geometry::{GrayImage, Pyramid, Se3};
 use map::{FramePose, Map, MapDelta};
 use std::sync::Arc;
 
-/// A frame from before the first map, kept to be tracked backwards once there is one.
+/// A frame from before the first map, kept to be tracked backwards once there is one, and while that may be replaced.
 pub(super) struct EarlyFrame {
     timestamp: f64,
     frame_index: u64,
@@ -57,8 +57,58 @@ impl Agent {
                 FrameReport { reason: Some(reason), ..FrameReport::of(TrackingState::Starting) }
             }
             Progress::Restart(reason) => self.begin(pyramid, timestamp, index, reason),
-            Progress::Done(started) => self.adopt(*started),
+            Progress::Done(started) => {
+                self.provisional = Some(start);
+                self.adopt(*started)
+            }
         }
+    }
+
+    /// Looks at the map again, now that this frame was tracked in it: a map that is contradicted gives way to what is seen
+    /// now, and the frame is then its newest.
+    pub(super) fn look_again(
+        &mut self,
+        mut start: Box<Bootstrap>,
+        pyramid: &Pyramid,
+        timestamp: f64,
+        index: u64,
+    ) -> Option<FrameReport> {
+        if !matches!(self.state, State::Running(_)) {
+            return None;
+        }
+        let look = {
+            let first = self.camera_from_world(start.first_frame());
+            let frame_from_first = |index: u64| Some(self.camera_from_world(index)? * first?.inverse());
+            let (p, track) = (&self.params.bootstrap, &self.params.track);
+            start.look_again(pyramid, (timestamp, index), &frame_from_first, p, track)
+        };
+        match look {
+            SecondLook::Over => {
+                self.early.clear();
+                None
+            }
+            SecondLook::Nothing => {
+                self.provisional = Some(start);
+                None
+            }
+            SecondLook::Contradicted(started) => {
+                if let State::Running(mut tracker) = std::mem::replace(&mut self.state, State::Empty) {
+                    self.land(&mut tracker, &mut FrameReport::of(TrackingState::Tracking));
+                }
+                self.forget();
+                self.provisional = Some(start);
+                Some(self.adopt(*started))
+            }
+        }
+    }
+
+    /// The pose that a frame has in the map.
+    fn camera_from_world(&self, frame_index: u64) -> Option<Se3> {
+        let frame = self.map.frames.iter().find(|frame| frame.frame_index == frame_index)?;
+        let keyframe = self.view.keyframes.get(frame.reference.0 as usize)?;
+        let relative = frame.keyframe_from_frame;
+        let frame_from_keyframe = Se3::new(relative.rotation, relative.translation * keyframe.unit).inverse();
+        Some(frame_from_keyframe * keyframe.camera_from_world)
     }
 
     /// Takes over the first map.
@@ -102,13 +152,12 @@ impl Agent {
     /// Tracks the frames before the first keyframe backwards from it, as far as they can be followed.
     fn track_early(&mut self) {
         let first = self.map.frames.first().map_or(0, |f| f.frame_index);
-        let mut early = std::mem::take(&mut self.early);
-        early.retain(|f| f.frame_index < first);
+        self.early.retain(|f| f.frame_index < first);
         let start = self.view.keyframes[0].camera_from_world;
         let mut tracker = Tracker::new(&self.view, 0, start, Se3::identity(), &self.params);
         let places = self.mapper.as_ref().map(|mapper| mapper.places.as_ref());
         let mut found = Vec::new();
-        for frame in early.iter().rev() {
+        for frame in self.early.iter().rev() {
             let pyramid = Pyramid::new(frame.image.as_ref().clone(), self.params.align.pyramid_levels);
             if tracker.track(&self.view, places, &pyramid, &self.params).is_none() {
                 break;
@@ -158,5 +207,6 @@ impl Agent {
         self.counts = Counts::default();
         self.companions.clear();
         self.first_open = 0;
+        self.provisional = None;
     }
 }

@@ -7,6 +7,15 @@ use geometry::Se3;
 use nalgebra::{Vector3, Vector6};
 use rayon::prelude::*;
 
+/// Steps of the optimisation at most.
+const MAX_ITERATIONS: usize = 40;
+
+/// A local minimum of the cost.
+pub(super) struct Solution {
+    pub cost: f64,
+    pub problem: Problem,
+}
+
 impl Bootstrap {
     /// The rotation that explains the newest frame best, and the median way that it leaves.
     pub(super) fn parallax(&self) -> (Se3, f32) {
@@ -60,13 +69,10 @@ impl Bootstrap {
         problem
     }
 
-    /// Solves for poses and depths from several directions of travel; the best solution if it is good.
-    pub(super) fn attempt(&self, turn: &Se3, params: &BootstrapParams) -> Option<Problem> {
+    /// Poses and depths, sought from several directions of travel; the solution that costs least.
+    pub(super) fn solve(&self, turn: &Se3) -> Option<Solution> {
+        let chosen = self.chosen();
         let count = self.frames.len();
-        let chosen: Vec<usize> = match count {
-            1..=5 => (0..count).collect(),
-            _ => (1..=5).map(|i| i * count / 5 - 1).collect(),
-        };
         let w = turn.rotation.scaled_axis();
         let starts = [
             Vector3::zeros(),
@@ -77,7 +83,7 @@ impl Bootstrap {
             Vector3::z(),
             -Vector3::z(),
         ];
-        let solved: Vec<(f64, Problem)> = starts
+        let solved: Vec<Solution> = starts
             .par_iter()
             .map(|direction| {
                 let poses: Vec<Se3> = chosen
@@ -89,12 +95,26 @@ impl Bootstrap {
                     })
                     .collect();
                 let mut problem = self.problem(&chosen, &poses, 1.0);
-                let cost = solve(&mut problem, 40);
-                (cost, problem)
+                let cost = solve(&mut problem, MAX_ITERATIONS);
+                Solution { cost, problem }
             })
             .collect();
-        let best = solved.into_iter().min_by(|a, b| a.0.total_cmp(&b.0))?.1;
-        acceptable(&best, params).then_some(best)
+        solved.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost))
+    }
+
+    /// What is left when the poses of the chosen frames are held and the depths fit them best.
+    pub(super) fn cost_of(&self, poses: &[Se3]) -> f64 {
+        let mut problem = self.problem(&self.chosen(), poses, 1.0);
+        problem.fixed.fill(true);
+        solve(&mut problem, MAX_ITERATIONS)
+    }
+
+    /// The frames that are solved for: at most five, evenly spaced, the newest the last.
+    pub(super) fn chosen(&self) -> Vec<usize> {
+        match self.frames.len() {
+            count @ 0..=5 => (0..count).collect(),
+            count => (1..=5).map(|i| i * count / 5 - 1).collect(),
+        }
     }
 
     /// Poses of all frames of the start, with the solution's depths held.
@@ -158,7 +178,7 @@ pub(super) fn agreement(squared: &[f64]) -> f64 {
 const MAX_WIDENING: f64 = 8.0;
 
 /// Whether a solution is one to build on: most points agree, lie in front and have certain depths.
-fn acceptable(solution: &Problem, params: &BootstrapParams) -> bool {
+pub(super) fn acceptable(solution: &Problem, params: &BootstrapParams) -> bool {
     let squared = solution.squared_residuals();
     let limit = agreement(&squared);
     let mut sigmas = Vec::new();

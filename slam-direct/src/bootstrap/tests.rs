@@ -156,3 +156,58 @@ fn a_plane_gives_a_right_map_or_none() {
         assert!(median < 0.04 && gross < 0.05, "{yaw} {per_frame:?}: median {median}, gross {gross}");
     }
 }
+
+/// Goes on with a start after its map, whose poses are those of `frame_from_first`; the map that contradicts it, and the
+/// frames it took.
+fn contradicted(
+    poses: &[Se3],
+    frame_from_first: impl Fn(usize) -> Se3,
+    params: &BootstrapParams,
+) -> (usize, Option<Started>) {
+    let view = |i: usize| View::new(poses[i]).pyramid;
+    let mut start = Bootstrap::new(CAMERA, view(0), 0.0, 0, params).expect("there is texture");
+    let (mut has_map, track) = (false, TrackParams::default());
+    for i in 1..poses.len() {
+        if !has_map {
+            has_map = matches!(start.add(&view(i), i as f64, i as u64, params, &track), Progress::Done(_));
+            continue;
+        }
+        let pose_of = |index: u64| Some(frame_from_first(index as usize));
+        match start.look_again(&view(i), (i as f64, i as u64), &pose_of, params, &track) {
+            SecondLook::Nothing => {}
+            SecondLook::Over => return (i, None),
+            SecondLook::Contradicted(started) => return (i, Some(*started)),
+        }
+    }
+    assert!(has_map);
+    (poses.len(), None)
+}
+
+#[test]
+fn a_right_map_is_never_contradicted_in_whatever_unit() {
+    let params = BootstrapParams::default();
+    for per_frame in [[0.03, 0.0, 0.0], [0.0, 0.0, 0.06], [-0.02, 0.01, 0.04]] {
+        let poses: Vec<Se3> = motion(40, per_frame).collect();
+        let truth = |i: usize| {
+            let pose = poses[i].inverse() * poses[0];
+            Se3::new(pose.rotation, pose.translation * 0.2)
+        };
+        assert!(contradicted(&poses, truth, &params).1.is_none(), "{per_frame:?}");
+    }
+}
+
+#[test]
+fn a_map_that_takes_the_way_for_another_is_replaced_by_the_right_one() {
+    let params = BootstrapParams::default();
+    let poses: Vec<Se3> = motion(40, [0.03, 0.0, 0.0]).collect();
+    // Part of the way sideways is taken for a turn, and the rest for one forward.
+    let mistaken = |i: usize| {
+        let turned = poses[i].inverse() * poses[0] * pose(0.0, 0.0, 0.0, 0.004 * i as f64, 0.0);
+        Se3::new(turned.rotation, Vector3::new(0.0, 0.0, -0.006 * i as f64))
+    };
+    let (frame, started) = contradicted(&poses, mistaken, &params);
+    let started = started.expect("the map is wrong");
+    assert_eq!(started.frames.len(), frame);
+    let (median, gross, _) = depth_errors(&started, &View::new(poses[0]));
+    assert!(median < 0.02 && gross < 0.05, "median {median}, gross {gross}");
+}
