@@ -21,6 +21,9 @@ const NEAR: usize = 40;
 /// Standard deviations by which more points agree with a pose than do by chance, of counts that are nearly Poisson's.
 const SIGNIFICANT: f32 = 3.0;
 
+/// Share of the points that agreed in the frame before that still do when a camera goes on as it moved.
+const SUDDEN: f32 = 0.5;
+
 /// Columns and rows of the parts that an image is divided into to tell how much of it shows points.
 const PARTS: (usize, usize) = (8, 6);
 
@@ -46,6 +49,8 @@ pub(crate) struct Tracker {
     lost: usize,
     /// What the newest tracked frame looked like.
     glance: Option<Glance>,
+    /// Share of the sought points that agreed in it.
+    share: f32,
 }
 
 /// A frame's pose with the matches it rests on.
@@ -70,6 +75,13 @@ impl Located {
         let chance = by_chance(params) * self.sought.len() as f32;
         self.inliers >= params.keyframes.min_matched
             && self.inliers as f32 >= chance + SIGNIFICANT * chance.sqrt()
+    }
+
+    /// Whether enough agree for a frame that was not where it should be. A frame placed wrongly poisons the map, and what is
+    /// sought in many places agrees with one of them by chance sooner than with one pose.
+    fn is_found_again(&self, params: &Params) -> bool {
+        let p = &params.keyframes;
+        self.inliers >= 2 * p.min_matched && self.inlier_share() >= p.found_again
     }
 
     /// Share of the sought points that agree with the pose.
@@ -107,13 +119,14 @@ impl Tracker {
             brightness: Brightness::default(),
             lost: 0,
             glance: None,
+            share: 0.0,
         }
     }
 
     /// Goes on against another reference.
     pub fn refer_to(&mut self, map: &LocalMap, reference: usize, params: &Params) {
-        let (lost, glance) = (self.lost, self.glance.take());
-        *self = Self { lost, glance, ..Self::new(map, reference, self.last, self.velocity, params) };
+        let (lost, glance, share) = (self.lost, self.glance.take(), self.share);
+        *self = Self { lost, glance, share, ..Self::new(map, reference, self.last, self.velocity, params) };
     }
 
     /// Goes on in a map in which keyframes have moved: `last` is the newest frame's pose there, `factor` what lengths
@@ -140,7 +153,8 @@ impl Tracker {
         let start = aligned.frame_from_reference * map.keyframes[self.reference].camera_from_world;
         let mut located =
             locate(map, &self.near, pyramid, &start, aligned.brightness, self.reference, params);
-        if !located.is_good(params) {
+        let is_there = if self.lost > 0 { located.is_found_again(params) } else { located.is_good(params) };
+        if !is_there || self.drops(&located, params) {
             let places = places?;
             if let Some(found) = self.seek_widely(map, pyramid, params) {
                 located = found;
@@ -148,7 +162,7 @@ impl Tracker {
                 self.lost += 1;
                 self.refer_to(map, reference, params);
                 located = found;
-            } else {
+            } else if !is_there {
                 self.lost += 1;
                 self.velocity = Se3::identity();
                 return None;
@@ -160,10 +174,17 @@ impl Tracker {
         self.last = located.camera_from_world;
         self.brightness = located.brightness;
         self.glance = Some(Glance::of(pyramid));
+        self.share = located.inlier_share();
         self.most_sought = self.most_sought.max(located.sought.len());
         self.most_found = self.most_found.max(located.inliers);
         self.most_covered = self.most_covered.max(located.covered);
         Some(located)
+    }
+
+    /// Whether so much less agrees than in the frame before that the camera may have jumped, and the few agree by chance:
+    /// then the frame is sought elsewhere too.
+    fn drops(&self, located: &Located, params: &Params) -> bool {
+        !located.is_found_again(params) && located.inlier_share() < SUDDEN * self.share
     }
 
     /// Seeks the frame's patches one by one: around where it should be, where the camera was last, and where it would be
@@ -179,7 +200,7 @@ impl Tracker {
             let pose = wide::seek(map, &hosts, &view, &params.track, &params.wide, p.min_matched)?;
             let brightness = Brightness::default();
             let located = locate(map, &self.near, pyramid, &pose, brightness, self.reference, params);
-            located.is_good(params).then_some(Located { sought_widely: true, ..located })
+            located.is_found_again(params).then_some(Located { sought_widely: true, ..located })
         })
     }
 
@@ -316,10 +337,7 @@ fn relocate(
         let Alignment { frame_from_reference, brightness, .. } = found.alignment;
         let start = frame_from_reference * map.keyframes[candidate].camera_from_world;
         let located = locate(map, &near_candidate, pyramid, &start, brightness, candidate, params);
-        // A frame placed wrongly poisons the map: more is asked than of a frame where it was expected.
-        let p = &params.keyframes;
-        let is_good = located.inliers >= 2 * p.min_matched && located.inlier_share() >= p.found_again;
-        is_good.then_some((candidate, located))
+        located.is_found_again(params).then_some((candidate, located))
     })
 }
 
@@ -389,6 +407,39 @@ mod tests {
         let located =
             tracker.track(&map, Some(&places), &view.pyramid, &params).expect("it is near keyframe 2");
         assert!(error(&located.camera_from_world, &view) < 0.01);
+    }
+
+    /// A frame of which so many points of those sought agree.
+    fn located(inliers: usize, sought: usize) -> Located {
+        Located {
+            camera_from_world: Se3::identity(),
+            matched: Vec::new(),
+            sought: vec![PointRef { host: 0, index: 0 }; sought],
+            inliers,
+            covered: 0,
+            excess: 1.0,
+            brightness: Brightness::default(),
+            hosts: Vec::new(),
+            sought_widely: false,
+        }
+    }
+
+    #[test]
+    fn few_points_are_enough_where_a_frame_is_expected_and_not_where_it_is_sought() {
+        let mut params = Params::default();
+        params.track.position_sigma = 0.1;
+        // Of a camera that drove on under a cover, among houses that look alike: placed 2 m beside its way.
+        let by_chance = located(72, 620);
+        assert!(by_chance.is_good(&params) && !by_chance.is_found_again(&params));
+        let keyframes = keyframes();
+        let map = exact_map(&keyframes, 10);
+        let mut tracker = Tracker::new(&map, 0, Se3::identity(), Se3::identity(), &params);
+        assert!(!tracker.drops(&by_chance, &params), "nothing is known of the frame before");
+        tracker.share = 0.73;
+        assert!(tracker.drops(&by_chance, &params));
+        assert!(!tracker.drops(&located(200, 620), &params), "as many as where a frame is found again");
+        tracker.share = 0.2;
+        assert!(!tracker.drops(&by_chance, &params), "it faded slowly");
     }
 
     #[test]
