@@ -1,7 +1,9 @@
 //! Trajectories in files compared with the truth in files, as people name them.
 
+use crate::run::{TRAJECTORY, numbered};
 use anyhow::{Result, bail};
 use eval::{Evaluation, Options, Trajectory, read_times, read_trajectory};
+use serde::Serialize;
 use std::path::{Path, PathBuf};
 
 /// Compares the trajectory at `estimate`, a file or the folder of a run, with the truth; `frames` names the times of the
@@ -28,6 +30,38 @@ pub fn evaluate(
     Ok(eval::evaluate(estimate, read_truth(truth)?, frames.as_deref(), options)?)
 }
 
+/// A part of a run that hangs together with no other, compared with the truth.
+#[derive(Clone, Debug, Serialize)]
+pub struct Fragment {
+    /// Its file in the folder of the run.
+    pub trajectory: String,
+    /// How far it is from the truth, aligned by itself: it has a world and a unit of its own. `None` where it has too few
+    /// poses, or none at the times of the truth.
+    #[serde(flatten)]
+    pub evaluation: Option<Evaluation>,
+}
+
+/// The other fragments of the run whose results are at `estimate`, each compared by itself; none where that is a file.
+///
+/// # Errors
+/// When a file cannot be read.
+pub fn other_fragments(
+    estimate: &Path,
+    truth: &Trajectory,
+    frames: Option<&[f64]>,
+    options: &Options,
+) -> Result<Vec<Fragment>> {
+    let names = (1..).map(|place| numbered(TRAJECTORY, place));
+    let there = names.take_while(|name| estimate.is_dir() && estimate.join(name).is_file());
+    there
+        .map(|trajectory| {
+            let poses = read_trajectory(&estimate.join(&trajectory))?;
+            let evaluation = eval::evaluate(poses, truth.clone(), frames, options).ok();
+            Ok(Fragment { trajectory, evaluation })
+        })
+        .collect()
+}
+
 /// Reads a true trajectory of a camera. EuRoC's ground truth is of the body: where it lies beside `cam0`, as
 /// in `mav0/state_groundtruth_estimate0/data.csv`, the camera's place on the body is taken from `cam0/sensor.yaml`.
 ///
@@ -52,7 +86,7 @@ pub fn read_truth(path: &Path) -> Result<Trajectory> {
 /// # Errors
 /// When the folder holds none.
 pub fn trajectory_at(path: &Path) -> Result<PathBuf> {
-    let file = path.join("trajectory.txt");
+    let file = path.join(TRAJECTORY);
     match (path.is_dir(), file.is_file()) {
         (false, _) => Ok(path.to_owned()),
         (true, true) => Ok(file),

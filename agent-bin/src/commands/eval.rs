@@ -9,7 +9,7 @@ use eval::{
     AgentTracks, AlignMode, Delta, Evaluation, Options, Statistics, evaluate, evaluate_agents, read_times,
     read_trajectory,
 };
-use loopbox::evaluating::{read_truth, trajectory_at};
+use loopbox::evaluating::{Fragment, other_fragments, read_truth, trajectory_at};
 use serde::Serialize;
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -95,6 +95,8 @@ struct Output {
     evaluation: Evaluation,
     #[serde(skip_serializing_if = "Option::is_none")]
     depth: Option<MapDepth>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    fragments: Vec<Fragment>,
 }
 
 /// Reads estimates and truths, compares them and prints the result.
@@ -161,7 +163,7 @@ fn read(args: &EvalArgs) -> Result<Vec<AgentTracks>> {
     args.estimates.iter().enumerate().map(agent).collect()
 }
 
-/// Compares one estimate and, if asked for, the depths of its map.
+/// Compares one estimate, the other fragments of its run and, if asked for, the depths of its map.
 fn run_one(args: &EvalArgs, agent: AgentTracks, options: &Options) -> Result<()> {
     let AgentTracks { estimate, truth, frames } = agent;
     let depth = match (&args.map, &args.depth, &frames) {
@@ -170,11 +172,15 @@ fn run_one(args: &EvalArgs, agent: AgentTracks, options: &Options) -> Result<()>
         }
         _ => None,
     };
+    let fragments = other_fragments(&args.estimates[0], &truth, frames.as_deref(), options)?;
     let evaluation = evaluate(estimate, truth, frames.as_deref(), options)?;
     if args.json {
-        console::print_json(&Output { evaluation, depth })?;
+        console::print_json(&Output { evaluation, depth, fragments })?;
     } else {
         console::print(&table(&evaluation, frames.is_some())?)?;
+        if !fragments.is_empty() {
+            console::print(&fragments_table(&fragments)?)?;
+        }
         depth.iter().try_for_each(|depth| console::print(&format!("\n{depth}")))?;
     }
     Ok(())
@@ -230,6 +236,21 @@ fn table(evaluation: &Evaluation, frames_given: bool) -> Result<String, std::fmt
         }
         let (t, r) = (segments.translation_percent, segments.rotation_deg_per_m);
         writeln!(out, "{:<16}{:>12}{t:>12.4}{r:>12.6}", "all", "")?;
+    }
+    Ok(out)
+}
+
+fn fragments_table(fragments: &[Fragment]) -> Result<String, std::fmt::Error> {
+    let mut out = String::from("\nother fragments, each aligned by itself\n");
+    writeln!(out, "{:<20}{:>8}{:>12}{:>12}{:>12}", "", "poses", "ATE rmse", "ATE median", "ATE max")?;
+    for Fragment { trajectory, evaluation } in fragments {
+        match evaluation {
+            Some(Evaluation { pairs, ate, .. }) => {
+                let [rmse, median, max] = [ate.rmse, ate.median, ate.max];
+                writeln!(out, "{trajectory:<20}{pairs:>8}{rmse:>12.6}{median:>12.6}{max:>12.6}")?;
+            }
+            None => writeln!(out, "{trajectory:<20} too few poses have a truth")?,
+        }
     }
     Ok(out)
 }

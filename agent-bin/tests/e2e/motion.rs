@@ -1,6 +1,7 @@
 //! Motion that leaves the map, comes back to it, or gives it no parallax.
 
-use crate::support::{Case, RATE, drive, hand_held, restamped, world};
+use crate::documented::assert_documented;
+use crate::support::{Case, Outcome, RATE, drive, hand_held, loopbox, restamped, world};
 use geometry::Se3;
 use loopbox_tests::{Recording, World, trajectory};
 
@@ -134,6 +135,20 @@ fn a_camera_carried_elsewhere_begins_a_second_fragment() {
     assert_eq!(apart.frames.len() as u64, frames);
     assert!(case.out().join("trajectory-2.txt").is_file());
     outcome.assert_says(&["trajectory-2.txt"]);
+    let evaluate = |more: &[&str]| {
+        let mut command = loopbox();
+        command.arg("eval").arg(case.out()).arg("--gt").arg(case.source().join("groundtruth.txt")).args(more);
+        Outcome::of(command)
+    };
+    let found: serde_json::Value = serde_json::from_str(&evaluate(&["--json"]).text).expect("it is JSON");
+    assert_documented(&found);
+    let [apart] = found["fragments"].as_array().expect("the other fragment is measured").as_slice() else {
+        panic!("there is one other: {found}")
+    };
+    assert_eq!((&apart["trajectory"], &apart["pairs"]), (&"trajectory-2.txt".into(), &frames.into()));
+    let errors = [&found["ate"]["rmse"], &apart["ate"]["rmse"]].map(|rmse| rmse.as_f64().expect("a number"));
+    assert!(errors.iter().all(|&rmse| rmse < 0.02), "{errors:?} m");
+    evaluate(&[]).assert_says(&["other fragments, each aligned by itself", "trajectory-2.txt"]);
 }
 
 /// The lens is covered while the camera is carried on; later it comes by where it was before: one map in the end.
