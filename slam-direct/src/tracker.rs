@@ -123,6 +123,11 @@ impl Tracker {
         }
     }
 
+    /// The tracker of a camera that may be anywhere.
+    pub fn seeking(self) -> Self {
+        Self { lost: 1, ..self }
+    }
+
     /// Goes on against another reference.
     pub fn refer_to(&mut self, map: &LocalMap, reference: usize, params: &Params) {
         let (lost, glance, share) = (self.lost, self.glance.take(), self.share);
@@ -440,6 +445,7 @@ mod tests {
         assert!(!tracker.drops(&located(200, 620), &params), "as many as where a frame is found again");
         tracker.share = 0.2;
         assert!(!tracker.drops(&by_chance, &params), "it faded slowly");
+        assert_eq!(tracker.seeking().lost_frames(), 1, "what may be anywhere is found as after a loss");
     }
 
     #[test]

@@ -79,7 +79,7 @@ impl Agent {
             }
             None => local.keyframes[reference].camera_from_world,
         };
-        let tracker = Tracker::new(&local, reference, last, Se3::identity(), &agent.params);
+        let tracker = Tracker::new(&local, reference, last, Se3::identity(), &agent.params).seeking();
         agent.state = State::Running(Box::new(tracker));
         let mapper =
             agent.mapper.take().map(|fresh| Box::new(Mapper::resume(local.clone(), fresh.places, &map)));
