@@ -1,8 +1,10 @@
 //! Maps that others tell: which version is known, and what of it is to be fetched.
 
-use super::{Action, DISK_PAUSE, Heard, LinkId, News, Node, Quota};
+use super::quota::Load;
+use super::{Action, DISK_PAUSE, Heard, LinkId, News, Node};
 use crate::assembling::entries_of;
 use crate::hash::ObjectHash;
+use crate::keys::Signature;
 use crate::link::Want;
 use crate::manifest::{Entry, Kind, Manifest};
 use crate::store::{Head, Store};
@@ -16,6 +18,8 @@ use std::time::Duration;
 pub(super) struct Told {
     /// Who tells it; nobody of one that was here when the program began.
     pub teller: Uuid,
+    /// Whose agent it is, where parties have keys.
+    pub party: Option<Uuid>,
     /// Its newest version.
     pub offer: Offer,
     /// The newest version of which the lists are here, if they are of the newest offered.
@@ -41,11 +45,12 @@ pub(super) struct Told {
 
 impl Told {
     /// A map that was never heard of before.
-    fn new(teller: Uuid, offer: Offer, rest: bool) -> Self {
+    fn new(teller: Uuid, party: Option<Uuid>, offer: Offer, rest: bool) -> Self {
         let (manifest, entries, missing, stand_ins, all, held, held_objects, preferred) = Default::default();
         let came = 0;
         Self {
             teller,
+            party,
             offer,
             manifest,
             entries,
@@ -61,8 +66,14 @@ impl Told {
     }
 
     /// A map that was whole when the program ended.
-    pub fn whole(offer: Offer, manifest: Manifest, entries: Vec<Entry>, store: &dyn Store) -> Self {
-        let mut told = Self::new(Uuid::nil(), offer, true);
+    pub fn whole(
+        offer: Offer,
+        party: Option<Uuid>,
+        manifest: Manifest,
+        entries: Vec<Entry>,
+        store: &dyn Store,
+    ) -> Self {
+        let mut told = Self::new(Uuid::nil(), party, offer, true);
         told.set_lists(manifest, entries, store);
         (told.held, told.held_objects) = (offer.version(), told.all.clone());
         told
@@ -76,6 +87,11 @@ impl Told {
         self.missing = needed.iter().map(|entry| entry.hash).filter(|hash| !store.has(hash)).collect();
         self.stand_ins = stand_ins.iter().map(|entry| entry.hash).collect();
         (self.manifest, self.entries) = (Some(manifest), Some(entries.into()));
+    }
+
+    /// Whether it is of this party, where parties have keys, or else of this neighbour.
+    fn is_of(&self, teller: Uuid, party: Option<Uuid>) -> bool {
+        if party.is_some() { self.party == party } else { self.teller == teller }
     }
 
     /// Whether an object is one of the map's.
@@ -165,22 +181,14 @@ fn tier(kind: Kind) -> usize {
     }
 }
 
-/// Whether a map is not too large.
-fn check_quota(entries: &[Entry], quota: Quota) -> Result<(), String> {
-    let bytes: u64 = entries.iter().map(|entry| u64::from(entry.size)).sum();
-    let keyframes = entries.iter().filter(|entry| entry.kind == Kind::Depth).count();
-    if bytes > quota.bytes {
-        return Err(format!("its map takes {bytes} bytes, more than the {} that one may", quota.bytes));
-    }
-    if keyframes > quota.keyframes {
-        return Err(format!("its map has {keyframes} keyframes, more than the {} it may", quota.keyframes));
-    }
-    Ok(())
-}
-
 impl Node {
     /// A neighbour says which version of a map it has.
-    pub(super) fn offered(&mut self, link: LinkId, node: Uuid, offer: Offer) {
+    pub(super) fn offered(&mut self, link: LinkId, node: Uuid, offer: Offer, signature: Option<Signature>) {
+        let Some(known) = self.links.get(&link) else { return };
+        if let Err(reason) = self.may_tell(known, &offer, signature.as_ref()) {
+            return self.refuse(link, reason);
+        }
+        let party = known.party.as_ref().map(|party| party.id);
         if self.own.contains_key(&offer.agent) {
             let agent = offer.agent;
             let reason = format!(
@@ -190,7 +198,14 @@ impl Node {
         }
         let is_linked = |teller: &Uuid| self.neighbours.get(teller).is_some_and(|n| n.link.is_some());
         match self.told.get_mut(&offer.agent) {
-            None => drop(self.told.insert(offer.agent, Told::new(node, offer, !self.config.waits))),
+            None => {
+                let told = self.told.values().filter(|told| told.is_of(node, party)).count();
+                if told >= self.config.quota.maps {
+                    return self.refuse(link, format!("it tells more than {told} maps, as many as one may"));
+                }
+                let told = Told::new(node, party, offer, !self.config.waits);
+                self.told.insert(offer.agent, told);
+            }
             Some(told) if told.teller != node && is_linked(&told.teller) => {
                 let agent = offer.agent;
                 return self
@@ -207,7 +222,7 @@ impl Node {
                     return self.refuse(link, reason);
                 }
                 let is_told_again = told.teller != node;
-                told.teller = node;
+                (told.teller, told.party) = (node, party.or(told.party));
                 if !is_new && !is_told_again {
                     return;
                 }
@@ -283,7 +298,7 @@ impl Node {
 
     /// Takes the lists of a map's newest version, as far as they are here; whether there is more to fetch now.
     fn lists(&mut self, link: LinkId, agent: map::Identity) -> bool {
-        let Some(told) = self.told.get_mut(&agent) else { return false };
+        let Some(told) = self.told.get(&agent) else { return false };
         if told.manifest.as_ref().is_some_and(|manifest| told.is_newest(manifest)) {
             return false;
         }
@@ -300,8 +315,11 @@ impl Node {
             }
         };
         let entries = entries_of(&manifest, &*self.store);
+        let (teller, party, quota) = (told.teller, told.party, self.config.quota);
+        let others = self.told.values().filter(|told| told.offer.agent != agent && told.is_of(teller, party));
+        let others = Load::of(others.flat_map(|told| told.entries.iter().flat_map(|entries| entries.iter())));
         match entries.and_then(|entries| {
-            entries.as_ref().map_or(Ok(()), |entries| check_quota(entries, self.config.quota))?;
+            quota.check(others + Load::of(entries.iter().flatten()))?;
             Ok(entries)
         }) {
             Err(reason) => {
@@ -310,8 +328,12 @@ impl Node {
             }
             // Pages are missing, which are known now.
             Ok(None) => return true,
-            Ok(Some(entries)) => told.set_lists(manifest, entries, &*self.store),
+            Ok(Some(entries)) => {
+                let Some(told) = self.told.get_mut(&agent) else { return false };
+                told.set_lists(manifest, entries, &*self.store);
+            }
         }
+        let Some(told) = self.told.get(&agent) else { return false };
         self.actions.extend(told.heard().map(|heard| Action::News(News::Map(heard))));
         self.complete(link, agent);
         true
@@ -335,7 +357,7 @@ impl Node {
         if !told.missing.is_empty() || !is_newest || told.held == told.offer.version() {
             return;
         }
-        let head = Head { manifest: told.offer.hash, own: false };
+        let head = Head { manifest: told.offer.hash, own: false, party: told.party };
         if let Err(error) = self.store.set_head(agent, head) {
             let text = format!("what others tell cannot be kept: {error}; it is tried again");
             return self.actions.push(Action::News(News::Trouble(text)));
