@@ -3,7 +3,7 @@
 //! A state is believed if the party at the other end of the link signed it, by the certificate that it showed there; so
 //! nobody tells another's map, a station no more than an agent. An agent belongs to the party that told it first, with all
 //! its epochs. What a party told once it cannot take back: an older version is
-//! refused. The signature holds for whoever gets the state by another way, too: who passes it on need not be believed.
+//! refused; it is no late one, as a link with TLS keeps the order. The signature holds for whoever gets the state by another way, too: who passes it on need not be believed.
 
 #[cfg(test)]
 mod tests;

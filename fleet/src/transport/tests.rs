@@ -90,7 +90,7 @@ fn a_map_goes_from_party_to_party_by_tls() {
     let [station, car] = keys(["Station", "car"]).map(Some);
     let (station, _) = start_with(rooms[0].path(), Role::Station, Some("tls/127.0.0.1:0"), &[], station);
     let at = Endpoint { host: "localhost".into(), ..station.listening().unwrap().clone() };
-    let map = map(agent(7), 30);
+    let map = map(agent(7), 6);
     let (agent_there, _) = start_with(rooms[1].path(), Role::Agent, None, &[&at], car);
     agent_there.publish(Publisher::new(agent(7), 5).publish(&map, true).unwrap().unwrap());
     wait(|| agent_there.is_held());
