@@ -78,6 +78,11 @@ pub fn cut(text: &str, longest: usize) -> &str {
     &text[..end.unwrap_or(0)]
 }
 
+/// A text of another's as it can be shown: what would do something to a terminal is replaced.
+pub fn printable(text: &str) -> String {
+    text.chars().map(|c| if c.is_control() { char::REPLACEMENT_CHARACTER } else { c }).collect()
+}
+
 /// Reads what [`Writer`] wrote.
 pub struct Reader<'a>(&'a [u8]);
 

@@ -1,53 +1,27 @@
 //! A node with its transport, its folder and its clock, in a thread of its own.
 
+use crate::keys::Keys;
 use crate::manifest::Kind;
 use crate::node::{Action, Config, Event, Heard, News, Node, Quota, Status};
 use crate::publishing::Publication;
 use crate::store::{FolderStore, Store};
-use crate::transport::Transport;
 use crate::transport::tcp::Tcp;
+use crate::transport::{Endpoint, Transport};
 use crate::wire::Role;
-use anyhow::{Context, Result, anyhow, bail};
+use anyhow::{Context, Result, anyhow};
 use map::{Identity, Uuid};
 use std::fs;
-use std::net::{SocketAddr, ToSocketAddrs};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
 
 /// How often the node learns that time passes.
 const TICK: Duration = Duration::from_millis(20);
 /// The file with the node's own name.
 const NODE: &str = "node";
-
-/// Where a node listens or whom it dials: `tcp/HOST:PORT`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Endpoint(pub SocketAddr);
-
-impl std::str::FromStr for Endpoint {
-    type Err = anyhow::Error;
-
-    fn from_str(text: &str) -> Result<Self> {
-        let hint = "hint: an address is tcp/HOST:PORT, such as tcp/127.0.0.1:7447";
-        let Some(address) = text.strip_prefix("tcp/") else {
-            bail!("{text} is no address that can be listened at or dialled\n{hint}");
-        };
-        let found = address.to_socket_addrs().with_context(|| format!("{text} is not found\n{hint}"))?;
-        // Of a name with several addresses the one that others of this kind of program listen at.
-        let mut found: Vec<SocketAddr> = found.collect();
-        found.sort_by_key(SocketAddr::is_ipv6);
-        found.first().map(|address| Self(*address)).with_context(|| format!("{text} has no address\n{hint}"))
-    }
-}
-
-impl std::fmt::Display for Endpoint {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "tcp/{}", self.0)
-    }
-}
 
 /// How a node is to be.
 #[derive(Clone, Debug)]
@@ -66,6 +40,8 @@ pub struct ServiceOptions {
     pub quota: Quota,
     /// Whether little of others' maps comes before it is asked for, see [`Config::waits`].
     pub waits: bool,
+    /// Its party's keys; without them it reaches nobody beyond this machine.
+    pub keys: Option<Keys>,
 }
 
 /// A node at work; ends when it is dropped.
@@ -108,12 +84,18 @@ impl Service {
         let store = Arc::new(store);
         let node = own_name(&folder.join(NODE))?;
         let (commands, events) = channel();
-        let dial: Vec<SocketAddr> = options.dial.iter().map(|endpoint| endpoint.0).collect();
-        let tcp = Tcp::start(options.listen.map(|endpoint| endpoint.0), &dial, commands.clone())
-            .map_err(|error| anyhow!("{error}"))?;
-        let listening = tcp.listening().map(Endpoint);
+        let keys = options.keys.as_ref();
+        if let Some(keys) = keys {
+            keys.check(SystemTime::now()).map_err(|what| {
+                let name = &keys.party().name;
+                anyhow!("the certificate of {name} cannot be used: {what}\nhint: `loopbox keys agent {name}` makes a new one")
+            })?;
+        }
+        let tcp = Tcp::start(options.listen.as_ref(), &options.dial, keys, commands.clone())?;
+        let listening = tcp.listening().cloned();
+        let signer = keys.map(Keys::signer);
         let ServiceOptions { name, role, quota, waits, .. } = options;
-        let config = Config { node, role, name, quota, waits };
+        let config = Config { node, role, name, quota, waits, signer };
         let node = Node::new(config, Arc::clone(&store) as Arc<dyn Store>);
         let shared = Arc::new(Shared::default());
         shared.look(&node, Duration::ZERO);
@@ -126,8 +108,8 @@ impl Service {
     }
 
     /// Where it listens, with the port that it got.
-    pub fn listening(&self) -> Option<Endpoint> {
-        self.listening
+    pub fn listening(&self) -> Option<&Endpoint> {
+        self.listening.as_ref()
     }
 
     /// Tells a new version of a map; never waits.
@@ -227,6 +209,10 @@ fn attend(
             Err(RecvTimeoutError::Disconnected) => return,
         };
         let is_own = matches!(event, Event::Publish(_));
+        let came = match &event {
+            Event::Received { link, bytes } => Some((*link, bytes.len())),
+            _ => None,
+        };
         let now = started.elapsed();
         for action in node.handle(now, event) {
             match action {
@@ -234,6 +220,9 @@ fn attend(
                 Action::Close { link, .. } => transport.close(link),
                 Action::News(what) => news(what),
             }
+        }
+        if let Some((link, bytes)) = came {
+            transport.looked_at(link, bytes);
         }
         if is_own {
             let own = node.own_maps();

@@ -2,7 +2,7 @@
 
 use crate::hash::ObjectHash;
 use crate::manifest::{MAX_OBJECT, Manifest};
-use map::Identity;
+use map::{Identity, Uuid};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{self, File};
 use std::io::{self, Read, Seek, SeekFrom, Write};
@@ -47,6 +47,8 @@ pub struct Head {
     pub manifest: ObjectHash,
     /// Whether it is an agent's who works here: told to others, and not by others.
     pub own: bool,
+    /// Whose agent told it, where parties have keys.
+    pub party: Option<Uuid>,
 }
 
 /// In memory: gone with the program.
@@ -113,7 +115,7 @@ struct State {
 
 const OBJECTS: &str = "objects";
 const HEADS: &str = "heads";
-/// What stands behind the manifest of an agent who works here.
+/// What stands behind the manifest of an agent who works here. Of another's its party follows, if it is known.
 const OWN: &str = "own";
 
 impl FolderStore {
@@ -144,11 +146,13 @@ impl FolderStore {
         let store = Self { folder: folder.to_owned(), state: Mutex::new(state), _lock: lock };
         for file in fs::read_dir(folder.join(HEADS))? {
             let Ok(text) = fs::read_to_string(file?.path()) else { continue };
-            let (hash, own) = text.trim().split_once(' ').unwrap_or((text.trim(), ""));
-            let Some(hash) = ObjectHash::parse(hash) else { continue };
+            let mut words = text.split_whitespace();
+            let Some(hash) = words.next().and_then(ObjectHash::parse) else { continue };
+            let own = words.next() == Some(OWN);
+            let party = words.next().and_then(|party| Uuid::try_parse(party).ok());
             // Whose it is its manifest says.
             if let Some(manifest) = store.get(&hash).and_then(|bytes| Manifest::from_bytes(&bytes).ok()) {
-                let head = Head { manifest: hash, own: own == OWN };
+                let head = Head { manifest: hash, own, party };
                 locked(&store.state).heads.insert(manifest.agent, head);
             }
         }
@@ -237,7 +241,8 @@ impl Store for FolderStore {
         let path = self.folder.join(HEADS).join(format!("{}-{}", agent.uuid, agent.epoch));
         let temporary = path.with_extension("tmp");
         let mut file = File::create(&temporary)?;
-        writeln!(file, "{} {}", head.manifest, if head.own { OWN } else { "told" })?;
+        let party = head.party.map_or(String::new(), |party| format!(" {party}"));
+        writeln!(file, "{} {}{party}", head.manifest, if head.own { OWN } else { "told" })?;
         file.sync_all()?;
         fs::rename(&temporary, &path)?;
         File::open(self.folder.join(HEADS))?.sync_all()?;
@@ -258,7 +263,6 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use map::Uuid;
 
     const AGENT: Identity = Identity { uuid: Uuid::from_u128(7), epoch: 2 };
 
@@ -275,7 +279,7 @@ mod tests {
             let store = FolderStore::open(room.path()).unwrap();
             store.put(&hash, &bytes).unwrap();
             store.put(&head, &list).unwrap();
-            store.set_head(AGENT, Head { manifest: head, own: true }).unwrap();
+            store.set_head(AGENT, Head { manifest: head, own: true, party: Some(AGENT.uuid) }).unwrap();
             assert!(FolderStore::open(room.path()).is_err(), "another one keeps out");
         }
         // What a killed program leaves.
@@ -283,7 +287,10 @@ mod tests {
         let store = FolderStore::open(room.path()).unwrap();
         assert_eq!(store.get(&hash).unwrap(), bytes);
         assert_eq!(store.part(&hash, 8000, 4096).unwrap(), bytes[8000..]);
-        assert_eq!(store.heads(), [(AGENT, Head { manifest: head, own: true })].into());
+        assert_eq!(
+            store.heads(),
+            [(AGENT, Head { manifest: head, own: true, party: Some(AGENT.uuid) })].into()
+        );
         store.remove(&[hash].into());
         assert!(!store.has(&hash) && store.has(&head) && store.get(&hash).is_none());
     }

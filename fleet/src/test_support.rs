@@ -1,5 +1,6 @@
 //! Small maps, and a network of which every fault is drawn from a seed.
 
+use crate::keys::Party;
 use crate::node::{Action, Config, Event, LinkId, News, Node, Quota};
 use crate::publishing::Publisher;
 use crate::store::{MemoryStore, Store};
@@ -137,6 +138,8 @@ pub struct Network {
     pub closed: usize,
     /// The longest that a message waited for the link to be free.
     pub waited: Duration,
+    /// Whose each node is, where parties have keys.
+    pub parties: Vec<Party>,
     numbers: Numbers,
     links: BTreeMap<LinkId, [usize; 2]>,
     next_link: LinkId,
@@ -149,7 +152,8 @@ pub struct Network {
 
 pub fn config(number: usize, role: Role) -> Config {
     let node = Uuid::from_u128(1000 + number as u128);
-    Config { node, role, name: format!("node {number}"), quota: Quota::default(), waits: false }
+    let name = format!("node {number}");
+    Config { node, role, name, quota: Quota::default(), waits: false, signer: None }
 }
 
 const TICK: Duration = Duration::from_millis(50);
@@ -181,6 +185,7 @@ impl Network {
             sent: 0,
             closed: 0,
             waited: Duration::ZERO,
+            parties: Vec::new(),
             numbers: Numbers::new(seed),
             links: BTreeMap::new(),
             next_link: 1,
@@ -313,7 +318,9 @@ impl Network {
             self.next_link += 1;
             self.links.insert(link, ends);
             for end in ends {
-                self.event(end, Event::Up { link, address: format!("link {link}") });
+                let other = if end == ends[0] { ends[1] } else { ends[0] };
+                let party = self.parties.get(other).cloned();
+                self.event(end, Event::Up { link, address: format!("link {link}"), party });
             }
         }
     }

@@ -266,7 +266,8 @@ fn an_older_map_of_an_agent_does_not_take_the_place_of_a_newer() {
 fn a_neighbour_that_sends_rubbish_loses_its_own_link_and_is_told_why() {
     let hash = crate::hash::ObjectHash::of(b"no object");
     let state = |agent, hash, size| {
-        Message::State(Offer { agent, begun: 1 << 60, revision: 1, newest: 1, size, hash }).to_bytes()
+        let offer = Offer { agent, begun: 1 << 60, revision: 1, newest: 1, size, hash };
+        Message::State { offer, signature: None }.to_bytes()
     };
     let cases: [(Vec<u8>, &str); 3] = [
         (vec![99; 50], "no message"),
@@ -304,7 +305,7 @@ fn whoever_takes_ones_own_name_is_refused() {
 #[test]
 fn a_map_beyond_the_quota_is_refused() {
     let (mut network, _, _) = telling(8, 13, Faults::NONE);
-    let quota = crate::node::Quota { bytes: 1 << 30, keyframes: 7 };
+    let quota = crate::node::Quota { bytes: 1 << 30, keyframes: 7, maps: 1 };
     let config = crate::node::Config { quota, ..crate::test_support::config(0, crate::wire::Role::Station) };
     network.nodes[0] = crate::node::Node::new(config, Arc::clone(&network.stores[0]));
     network.run_until(SECONDS(5), |_| false);

@@ -5,11 +5,12 @@
 
 use crate::bytes::{Malformed, Reader, Writer};
 use crate::hash::ObjectHash;
+use crate::keys::Signature;
 use crate::manifest::{MAX_LIST, MAX_OBJECT, flag, within};
 use map::{Identity, Uuid};
 
 /// The version of the protocol: neighbours of another one are refused.
-pub const VERSION: u16 = 2;
+pub const VERSION: u16 = 3;
 /// Largest message, bytes: the largest part of an object and what stands before it.
 pub const MAX_MESSAGE: usize = MAX_PART + 64;
 /// Largest part of an object that is asked for at once, bytes.
@@ -50,6 +51,16 @@ impl Offer {
     pub fn version(&self) -> (u64, u64) {
         (self.begun, self.revision)
     }
+
+    /// As bytes, that are said and signed.
+    pub(crate) fn write(&self, out: &mut Writer) {
+        out.identity(self.agent);
+        out.u64(self.begun);
+        out.u64(self.revision);
+        out.u32(self.newest);
+        out.u32(self.size);
+        out.bytes(&self.hash.0);
+    }
 }
 
 /// What was found out about where agents are, as an object to be asked for.
@@ -80,7 +91,12 @@ pub enum Message {
         findings: Option<FindingsRef>,
     },
     /// What can be asked for.
-    State(Offer),
+    State {
+        /// It.
+        offer: Offer,
+        /// The signature under it of the party whose agent it is, where parties have keys.
+        signature: Option<Signature>,
+    },
     /// How much of an agent's map is on the neighbour's disk.
     Held {
         /// Whose map.
@@ -157,14 +173,11 @@ impl Message {
                     out.bytes(&findings.hash.0);
                 }
             }
-            Self::State(offer) => {
+            Self::State { offer, signature } => {
                 out.u8(1);
-                out.identity(offer.agent);
-                out.u64(offer.begun);
-                out.u64(offer.revision);
-                out.u32(offer.newest);
-                out.u32(offer.size);
-                out.bytes(&offer.hash.0);
+                offer.write(&mut out);
+                out.u8(signature.is_some().into());
+                signature.iter().for_each(|signature| out.bytes(signature));
             }
             Self::Held { agent, begun, revision, missing } => {
                 out.u8(2);
@@ -221,14 +234,18 @@ impl Message {
                 };
                 Self::Hello { version, node, role, name, findings }
             }
-            1 => Self::State(Offer {
-                agent: from.identity()?,
-                begun: from.u64()?,
-                revision: from.u64()?,
-                newest: from.u32()?,
-                size: within("the size of a manifest", from.u32()?, MAX_LIST)?,
-                hash: ObjectHash(from.array()?),
-            }),
+            1 => {
+                let offer = Offer {
+                    agent: from.identity()?,
+                    begun: from.u64()?,
+                    revision: from.u64()?,
+                    newest: from.u32()?,
+                    size: within("the size of a manifest", from.u32()?, MAX_LIST)?,
+                    hash: ObjectHash(from.array()?),
+                };
+                let signature = flag(from.u8()?)?.then(|| from.array()).transpose()?;
+                Self::State { offer, signature }
+            }
             2 => Self::Held {
                 agent: from.identity()?,
                 begun: from.u64()?,
@@ -269,10 +286,12 @@ mod tests {
             name: "ü".repeat(MAX_NAME / 2),
             findings,
         };
+        let offer = Offer { agent, begun: 1 << 40, revision: 6, newest: 7, size: 8, hash };
         vec![
             hello(None),
             hello(findings),
-            Message::State(Offer { agent, begun: 1 << 40, revision: 6, newest: 7, size: 8, hash }),
+            Message::State { offer, signature: None },
+            Message::State { offer, signature: Some([9; 64]) },
             Message::Held { agent, begun: 1 << 40, revision: 6, missing: 2 },
             Message::Get { hash, offset: 4096, length: MAX_PART as u32 },
             Message::Part { hash, offset: 4096, bytes: vec![7; MAX_PART] },
@@ -287,7 +306,8 @@ mod tests {
             let bytes = message.to_bytes();
             assert_eq!(Message::from_bytes(&bytes), Ok(message.clone()));
             assert!(bytes.len() <= MAX_MESSAGE);
-            let pushed = matches!(message, Message::Hello { .. } | Message::State(_) | Message::Held { .. });
+            let pushed =
+                matches!(message, Message::Hello { .. } | Message::State { .. } | Message::Held { .. });
             assert!(!pushed || bytes.len() <= 200, "{} bytes", bytes.len());
         }
     }

@@ -1,6 +1,7 @@
-//! What neighbours of the fleet send: messages, lists and parts of maps. What is read is written and read again as it was.
+//! What neighbours of the fleet send: messages, lists, parts of maps and certificates. What is read is written and read again as it was.
 #![no_main]
 
+use fleet::keys::Party;
 use fleet::manifest::{Manifest, page_from_bytes, page_to_bytes};
 use fleet::recoding::{depth, digest::Digest, image};
 use fleet::wire::Message;
@@ -13,7 +14,7 @@ use std::sync::Arc;
 libfuzzer_sys::fuzz_target!(|data: &[u8]| {
     let Some((kind, bytes)) = data.split_first() else { return };
     let camera = Pinhole { width: 8, height: 6, fx: 8.0, fy: 8.0, cx: 3.5, cy: 2.5 };
-    match kind % 10 {
+    match kind % 11 {
         0 => {
             if let Ok(message) = Message::from_bytes(bytes) {
                 assert_eq!(message.to_bytes(), bytes);
@@ -42,6 +43,7 @@ libfuzzer_sys::fuzz_target!(|data: &[u8]| {
                 assert_eq!(depth::decode(&depth::encode(&read, &camera), &camera).as_ref(), Ok(&read));
             }
         }
+        9 => drop(Party::of_certificate(bytes)),
         _ => {
             let (id, vocabulary) = (KeyframeId(9), Vocabulary::shipped());
             if let Ok(read) = Digest::from_bytes(bytes, id, &vocabulary) {

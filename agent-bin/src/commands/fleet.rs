@@ -2,6 +2,7 @@
 
 mod demo;
 
+use super::keys::KeysArg;
 use crate::console::{self, tell};
 use crate::interrupt::stop_on_ctrl_c;
 use anyhow::{Result, bail};
@@ -27,6 +28,8 @@ pub struct FleetCommand {
     /// Tell the map in this folder to whoever dials, and take theirs
     #[arg(long, value_name = "ADDRESS", conflicts_with_all = ["demo", "json"])]
     listen: Option<Endpoint>,
+    #[command(flatten)]
+    keys: KeysArg,
     /// Print it as JSON
     #[arg(long, conflicts_with = "demo")]
     json: bool,
@@ -45,12 +48,14 @@ pub struct PairingArgs {
     /// that of the folder --out
     #[arg(long, value_name = "NAME", num_args = 0..=1)]
     fleet: Option<Option<String>>,
-    /// With --fleet: where others reach this agent, tcp/127.0.0.1:PORT
+    /// With --fleet: where others reach this agent, tls/0.0.0.0:PORT with --keys, or tcp/127.0.0.1:PORT
     #[arg(long, value_name = "ADDRESS", requires = "fleet")]
     listen: Option<Endpoint>,
     /// With --fleet: a station or an agent to dial; may be given again
     #[arg(long, value_name = "ADDRESS", requires = "fleet")]
     connect: Vec<Endpoint>,
+    #[command(flatten)]
+    keys: KeysArg,
 }
 
 impl PairingArgs {
@@ -79,8 +84,9 @@ impl PairingArgs {
             name: name.clone().unwrap_or_else(of_folder),
             is_station: false,
             is_beside: true,
-            listen: self.listen,
+            listen: self.listen.clone(),
             dial: self.connect.clone(),
+            keys: self.keys.folder(),
         };
         let fleet = Fleet::start(&options, None, move |text| {
             if !quiet {
@@ -88,7 +94,7 @@ impl PairingArgs {
             }
         })?;
         if let Some(at) = fleet.listening().filter(|_| !quiet) {
-            tell!("fleet: others reach this agent by --connect {at}");
+            tell!("fleet: others reach this agent by --connect {}", at.for_others());
         }
         Ok(Some(fleet))
     }
@@ -136,13 +142,14 @@ fn hand_over(folder: &Path, name: &str, args: &FleetCommand) -> Result<()> {
         name: name.to_owned(),
         is_station: false,
         is_beside: false,
-        listen: args.listen,
+        listen: args.listen.clone(),
         dial: args.connect.clone(),
+        keys: args.keys.folder(),
     };
     let stop = stop_on_ctrl_c("stopping (Ctrl-C again to abort)")?;
     let fleet = Fleet::start(&options, None, |text| tell!("{text}"))?;
     if let Some(at) = fleet.listening() {
-        tell!("others reach this agent by --connect {at}");
+        tell!("others reach this agent by --connect {}", at.for_others());
     }
     // Who listens waits for others to come.
     let patience = if args.listen.is_some() { Duration::MAX } else { PATIENCE };

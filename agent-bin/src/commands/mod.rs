@@ -19,6 +19,8 @@ mod import;
 mod info;
 pub(crate) mod info_map;
 mod info_scans;
+#[cfg(feature = "fleet")]
+mod keys;
 mod merge;
 mod merge_progress;
 mod merge_scans;
@@ -74,6 +76,8 @@ pub enum Command {
     Station(station::StationArgs),
     #[cfg(feature = "fleet")]
     Fleet(fleet::FleetCommand),
+    #[cfg(feature = "fleet")]
+    Keys(keys::KeysCommand),
     Vocab(vocab::VocabArgs),
     #[cfg(feature = "view")]
     View(view::ViewArgs),
@@ -104,6 +108,8 @@ impl Command {
             Command::Station(args) => station::run(&args),
             #[cfg(feature = "fleet")]
             Command::Fleet(args) => fleet::run(&args),
+            #[cfg(feature = "fleet")]
+            Command::Keys(args) => keys::run(&args),
             Command::Vocab(args) => vocab::run(&args),
             #[cfg(feature = "view")]
             Command::View(args) => view::execute(&args),

@@ -1,5 +1,6 @@
 //! `loopbox station`: collects the maps of agents and merges them as they come.
 
+use super::keys::KeysArg;
 use crate::console::{self, tell};
 use crate::interrupt::stop_on_ctrl_c;
 use anyhow::Result;
@@ -10,13 +11,15 @@ use std::path::PathBuf;
 /// Collect the maps of agents that run with --fleet, and merge them as they come
 #[derive(Debug, Args)]
 pub struct StationArgs {
-    /// Where agents reach it: tcp/127.0.0.1:PORT; port 0 takes a free one. Without keys only this machine can be listened
-    /// at
+    /// Where agents reach it: with --keys tls/0.0.0.0:PORT, from any machine; without, tcp/127.0.0.1:PORT, within this one
+    /// alone. Port 0 takes a free one
     #[arg(long, value_name = "ADDRESS")]
     listen: Option<Endpoint>,
     /// An agent to dial, which listens itself; may be given again
     #[arg(long, value_name = "ADDRESS")]
     connect: Vec<Endpoint>,
+    #[command(flatten)]
+    keys: KeysArg,
     /// Folder for the common map and all that was collected; made if it is not there. A station started again goes on
     /// with what it holds
     #[arg(long, value_name = "DIR")]
@@ -51,8 +54,9 @@ pub fn run(args: &StationArgs) -> Result<()> {
         name: args.name.clone(),
         is_station: true,
         is_beside: false,
-        listen: args.listen,
+        listen: args.listen.clone(),
         dial: args.connect.clone(),
+        keys: args.keys.folder(),
     };
     let stop = stop_on_ctrl_c("stopping: writing what was merged so far (Ctrl-C again to abort)")?;
     let quiet = args.quiet;
@@ -62,7 +66,7 @@ pub fn run(args: &StationArgs) -> Result<()> {
         }
     })?;
     if let Some(at) = fleet.listening().filter(|_| !quiet) {
-        tell!("agents reach this station by: loopbox run … --fleet --connect {at}");
+        tell!("agents reach this station by: loopbox run … --fleet --connect {}", at.for_others());
     }
     let status = fleet.wait(&stop)?;
     console::print(&super::fleet::described(&status))

@@ -3,6 +3,7 @@
 
 #[path = "../common/mod.rs"]
 mod common;
+mod trust;
 
 use common::{arg, command, loopbox, stderr, stdout};
 use loopbox_tests::proxy::{Link, Proxy};
@@ -256,9 +257,14 @@ fn what_cannot_be_is_refused_by_name() {
     let recording = recording("a");
     let station = ["station", "--out", arg(&out)];
     let run = ["run", arg(&recording), "--out", arg(&out), "--fleet"];
-    let cases: [(&[&str], &[&str], &str); 4] = [
+    let nowhere = out.join("no-keys");
+    let cases: [(&[&str], &[&str], &str); 8] = [
         (&station, &[], "nobody could reach"),
         (&station, &["--listen", "tcp/0.0.0.0:0"], "not of this machine alone"),
+        (&station, &["--listen", "tls/0.0.0.0:0"], "needs keys"),
+        (&station, &["--listen", "tls/0.0.0.0:0", "--keys", arg(&nowhere)], "agent.crt"),
+        (&run, &["--connect", "tls/station.invalid:1"], "needs keys"),
+        (&["keys", "agent", "x", "--authority", arg(&out), "--out", arg(&nowhere)], &[], "no authority"),
         (&run, &[], "nobody could be reached"),
         (&["fleet", arg(&out)], &[], "fleet.json"),
     ];

@@ -5,21 +5,27 @@
 //! holds; a link on which nothing is heard is closed, for whoever dials to open anew. What others tell is fetched
 //! (`told`), checked against its hash, kept in the store, and acknowledged when it is on the disk.
 
+mod believing;
+mod quota;
 mod saying;
 mod status;
 mod told;
 mod types;
 
+pub use quota::Quota;
 pub use status::{AgentStatus, NeighbourStatus, Status};
-pub use types::{Action, Config, Event, Heard, LinkId, News, Quota};
+pub use types::{Action, Config, Event, Heard, LinkId, News};
 
+use crate::bytes::printable;
 use crate::hash::ObjectHash;
+use crate::keys::{Party, Signature};
 use crate::link::{Fetch, Taken};
 use crate::manifest::{Kind, MAX_LIST, Manifest};
 use crate::publishing::Publication;
 use crate::store::{Head, Store};
 use crate::wire::{FindingsRef, Message, Offer, Role, VERSION};
 use map::{Identity, Uuid};
+use quota::Said;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Duration;
@@ -47,7 +53,7 @@ pub struct Node {
     findings: Option<(FindingsRef, Vec<u8>)>,
     neighbours: BTreeMap<Uuid, Neighbour>,
     links: BTreeMap<LinkId, Link>,
-    /// Neighbours of whom nothing is believed, and why.
+    /// Neighbours and parties of whom nothing is believed, and why.
     distrusted: BTreeMap<Uuid, String>,
     /// Nothing is fetched before.
     paused_until: Duration,
@@ -57,6 +63,8 @@ pub struct Node {
 /// A map of one's own.
 struct Own {
     offer: Offer,
+    /// The party's under it, if parties have keys.
+    signature: Option<Signature>,
     all: BTreeSet<ObjectHash>,
     /// What the version before had: somebody may be fetching it.
     before: BTreeSet<ObjectHash>,
@@ -66,6 +74,8 @@ struct Own {
 #[derive(Default)]
 struct Neighbour {
     name: String,
+    /// Whose node it is, where parties have keys.
+    party: Option<Party>,
     is_station: bool,
     link: Option<LinkId>,
     fetch: Fetch,
@@ -79,10 +89,13 @@ struct Neighbour {
 
 struct Link {
     address: String,
+    /// Whose certificate was shown there.
+    party: Option<Party>,
     node: Option<Uuid>,
     heard: Duration,
     beat: Duration,
     turn: usize,
+    said: Said,
 }
 
 impl Node {
@@ -115,19 +128,24 @@ impl Node {
         if head.own {
             let pages = manifest.pages.iter().map(|page| page.hash);
             let all = entries.iter().map(|entry| entry.hash).chain(pages).chain([head.manifest]).collect();
-            self.own.insert(agent, Own { offer, all, before: BTreeSet::new() });
+            let signature = self.signed(&offer);
+            self.own.insert(agent, Own { offer, signature, all, before: BTreeSet::new() });
         } else {
-            self.told.insert(agent, Told::whole(offer, manifest, entries, &*self.store));
+            self.told.insert(agent, Told::whole(offer, head.party, manifest, entries, &*self.store));
         }
     }
 
     /// What is to be done now that this happened; `now` is the time since any moment, and never less than before.
     pub fn handle(&mut self, now: Duration, event: Event) -> Vec<Action> {
         match event {
-            Event::Up { link, address } => {
+            Event::Up { link, address, party } => {
                 let beat = now.saturating_sub(BEAT);
-                self.links.insert(link, Link { address, node: None, heard: now, beat, turn: 0 });
+                self.links.insert(
+                    link,
+                    Link { address, party, node: None, heard: now, beat, turn: 0, said: Said::default() },
+                );
             }
+            Event::Trouble(text) => self.actions.push(Action::News(News::Trouble(text))),
             Event::Down { link } => self.forget(link),
             Event::Received { link, bytes } => match Message::from_bytes(&bytes) {
                 Ok(message) => self.received(now, link, message),
@@ -154,12 +172,16 @@ impl Node {
         let silent = now.saturating_sub(known.heard);
         known.heard = now;
         let node = known.node;
+        let is_push = matches!(message, Message::Hello { .. } | Message::State { .. } | Message::Held { .. });
+        if is_push && let Err(reason) = known.said.one_more(now) {
+            return self.refuse(link, reason);
+        }
         if let Message::Hello { version, node, role, name, findings } = message {
             return self.hello(link, (version, node, role == Role::Station), name, findings);
         }
         if let Message::Refused { reason } = message {
             let name = node.and_then(|node| self.neighbours.get(&node)).map_or("a neighbour", |n| &n.name);
-            let text = format!("{name} refused this one: {reason}");
+            let text = format!("{name} refused this one: {}", printable(&reason));
             self.actions.push(Action::News(News::Trouble(text.clone())));
             self.forget(link);
             return self.actions.push(Action::Close { link, reason: text });
@@ -172,7 +194,7 @@ impl Node {
         }
         match message {
             Message::Hello { .. } | Message::Refused { .. } => {}
-            Message::State(offer) => self.offered(link, node, offer),
+            Message::State { offer, signature } => self.offered(link, node, offer, signature),
             Message::Held { agent, begun, revision, missing } => {
                 let version = (begun, revision);
                 let before = neighbour.holds.insert(agent, (version, missing));
@@ -217,8 +239,14 @@ impl Node {
         if node == self.config.node {
             return self.refuse(link, "it is this one itself: the address is one's own".into());
         }
-        if let Some(reason) = self.distrusted.get(&node) {
-            return self.refuse(link, reason.clone());
+        let Some(known) = self.links.get(&link) else { return };
+        let party = known.party.as_ref().map(|party| party.id);
+        let node = match self.known_as(known, node) {
+            Ok(node) => node,
+            Err(reason) => return self.refuse(link, reason),
+        };
+        if !self.neighbours.contains_key(&node) {
+            self.forget_gone(party);
         }
         let Some(known) = self.links.get_mut(&link) else { return };
         if known.node.is_some_and(|before| before != node) {
@@ -227,7 +255,9 @@ impl Node {
         let is_new = known.node.replace(node).is_none();
         let address = known.address.clone();
         let neighbour = self.neighbours.entry(node).or_default();
-        (neighbour.name, neighbour.is_station) = (name.clone(), is_station);
+        neighbour.call(&name, known.party.as_ref());
+        neighbour.is_station = is_station;
+        let name = neighbour.name.clone();
         let newer = |known: &FindingsRef| findings.is_some_and(|new| new.revision > known.revision);
         if neighbour.findings.as_ref().is_none_or(newer) {
             neighbour.findings = findings;
@@ -250,7 +280,9 @@ impl Node {
         let Some(told) = self.told.remove(&agent) else { return };
         let reason = format!("its map {agent} cannot be used: {reason}");
         let link = self.neighbours.get(&told.teller).and_then(|neighbour| neighbour.link);
-        self.distrusted.insert(told.teller, reason.clone());
+        for whoever in [Some(told.teller), told.party].into_iter().flatten() {
+            self.distrusted.insert(whoever, reason.clone());
+        }
         if let Some(link) = link {
             self.refuse(link, reason);
         }
@@ -264,7 +296,7 @@ impl Node {
     fn publish(&mut self, now: Duration, publication: Publication) {
         let Publication { offer, objects, all } = publication;
         let kept = objects.iter().try_for_each(|(hash, bytes)| self.store.put(hash, bytes));
-        let head = Head { manifest: offer.hash, own: true };
+        let head = Head { manifest: offer.hash, own: true, party: None };
         if let Err(error) = kept.and_then(|()| self.store.set_head(offer.agent, head)) {
             // The version before stays; the next one is tried again.
             let text = format!("what is new of the map cannot be kept and is not told: {error}");
@@ -273,7 +305,8 @@ impl Node {
         self.told.remove(&offer.agent);
         let before = self.own.remove(&offer.agent);
         let (earlier, before) = before.map_or_else(Default::default, |own| (own.before, own.all));
-        self.own.insert(offer.agent, Own { offer, all, before });
+        let signature = self.signed(&offer);
+        self.own.insert(offer.agent, Own { offer, signature, all, before });
         self.discard(earlier);
         for link in self.links.values_mut() {
             link.beat = now.saturating_sub(BEAT);

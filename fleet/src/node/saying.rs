@@ -1,9 +1,16 @@
 //! What a node says by itself: signs of life, what it has, what it wants, and why it has nothing more to do with somebody.
 
-use super::{Action, BEAT, Link, LinkId, News, Node, SILENCE, STATES, Told};
+use super::{Action, BEAT, Link, LinkId, News, Node, Own, SILENCE, STATES, Told};
 use crate::bytes::cut;
 use crate::wire::{MAX_NAME, MAX_REASON, Message, VERSION};
 use std::time::Duration;
+
+impl Own {
+    /// What is said of it.
+    fn said(&self) -> Message {
+        Message::State { offer: self.offer, signature: self.signature }
+    }
+}
 
 impl Node {
     /// Signs of life, and the end of links that give none.
@@ -43,7 +50,7 @@ impl Node {
             name: cut(&self.config.name, MAX_NAME).to_owned(),
             findings: self.findings.as_ref().map(|(known, _)| *known),
         }];
-        let own: Vec<Message> = self.own.values().map(|own| Message::State(own.offer)).collect();
+        let own: Vec<Message> = self.own.values().map(Own::said).collect();
         let of_neighbour = self.told.values().filter(|told| Some(told.teller) == *node);
         let held: Vec<Message> = of_neighbour.map(Told::held).collect();
         for mut states in [own, held] {
@@ -71,8 +78,10 @@ impl Node {
     /// Ends the business with a neighbour, who is told why.
     pub(super) fn refuse(&mut self, link: LinkId, reason: String) {
         let Some(known) = self.links.get(&link) else { return };
+        let of_party = || known.party.as_ref().map(|party| party.name.clone());
         let named = known.node.and_then(|node| self.neighbours.get(&node)).map(|n| n.name.clone());
-        let text = format!("{} is refused: {reason}", named.unwrap_or_else(|| known.address.clone()));
+        let named = named.or_else(of_party).unwrap_or_else(|| known.address.clone());
+        let text = format!("{named} is refused: {reason}");
         self.send(link, &Message::Refused { reason: cut(&reason, MAX_REASON).to_owned() });
         self.forget(link);
         self.actions.push(Action::News(News::Trouble(text.clone())));

@@ -1,21 +1,23 @@
 //! Maps that others tell: which version is known, and what of it is to be fetched.
 
-use super::{Action, DISK_PAUSE, Heard, LinkId, News, Node, Quota};
-use crate::assembling::entries_of;
+mod taking;
+
+use super::Heard;
 use crate::hash::ObjectHash;
 use crate::link::Want;
 use crate::manifest::{Entry, Kind, Manifest};
-use crate::store::{Head, Store};
+use crate::store::Store;
 use crate::wire::{Message, Offer};
 use map::Uuid;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
-use std::time::Duration;
 
 /// Another's map.
 pub(super) struct Told {
     /// Who tells it; nobody of one that was here when the program began.
     pub teller: Uuid,
+    /// Whose agent it is, where parties have keys.
+    pub party: Option<Uuid>,
     /// Its newest version.
     pub offer: Offer,
     /// The newest version of which the lists are here, if they are of the newest offered.
@@ -41,11 +43,12 @@ pub(super) struct Told {
 
 impl Told {
     /// A map that was never heard of before.
-    fn new(teller: Uuid, offer: Offer, rest: bool) -> Self {
+    fn new(teller: Uuid, party: Option<Uuid>, offer: Offer, rest: bool) -> Self {
         let (manifest, entries, missing, stand_ins, all, held, held_objects, preferred) = Default::default();
         let came = 0;
         Self {
             teller,
+            party,
             offer,
             manifest,
             entries,
@@ -61,8 +64,14 @@ impl Told {
     }
 
     /// A map that was whole when the program ended.
-    pub fn whole(offer: Offer, manifest: Manifest, entries: Vec<Entry>, store: &dyn Store) -> Self {
-        let mut told = Self::new(Uuid::nil(), offer, true);
+    pub fn whole(
+        offer: Offer,
+        party: Option<Uuid>,
+        manifest: Manifest,
+        entries: Vec<Entry>,
+        store: &dyn Store,
+    ) -> Self {
+        let mut told = Self::new(Uuid::nil(), party, offer, true);
         told.set_lists(manifest, entries, store);
         (told.held, told.held_objects) = (offer.version(), told.all.clone());
         told
@@ -76,6 +85,11 @@ impl Told {
         self.missing = needed.iter().map(|entry| entry.hash).filter(|hash| !store.has(hash)).collect();
         self.stand_ins = stand_ins.iter().map(|entry| entry.hash).collect();
         (self.manifest, self.entries) = (Some(manifest), Some(entries.into()));
+    }
+
+    /// Whether it is of this party, where parties have keys, or else of this neighbour.
+    fn is_of(&self, teller: Uuid, party: Option<Uuid>) -> bool {
+        if party.is_some() { self.party == party } else { self.teller == teller }
     }
 
     /// Whether an object is one of the map's.
@@ -162,192 +176,5 @@ fn tier(kind: Kind) -> usize {
         Kind::Digest | Kind::Features => 2,
         Kind::LossyDepth | Kind::LossyImage | Kind::Depth | Kind::Image => 3,
         Kind::Edges | Kind::Frames => 4,
-    }
-}
-
-/// Whether a map is not too large.
-fn check_quota(entries: &[Entry], quota: Quota) -> Result<(), String> {
-    let bytes: u64 = entries.iter().map(|entry| u64::from(entry.size)).sum();
-    let keyframes = entries.iter().filter(|entry| entry.kind == Kind::Depth).count();
-    if bytes > quota.bytes {
-        return Err(format!("its map takes {bytes} bytes, more than the {} that one may", quota.bytes));
-    }
-    if keyframes > quota.keyframes {
-        return Err(format!("its map has {keyframes} keyframes, more than the {} it may", quota.keyframes));
-    }
-    Ok(())
-}
-
-impl Node {
-    /// A neighbour says which version of a map it has.
-    pub(super) fn offered(&mut self, link: LinkId, node: Uuid, offer: Offer) {
-        if self.own.contains_key(&offer.agent) {
-            let agent = offer.agent;
-            let reason = format!(
-                "it tells the map of agent {agent}, which is told here: two runs of one recording are one agent"
-            );
-            return self.refuse(link, reason);
-        }
-        let is_linked = |teller: &Uuid| self.neighbours.get(teller).is_some_and(|n| n.link.is_some());
-        match self.told.get_mut(&offer.agent) {
-            None => drop(self.told.insert(offer.agent, Told::new(node, offer, !self.config.waits))),
-            Some(told) if told.teller != node && is_linked(&told.teller) => {
-                let agent = offer.agent;
-                return self
-                    .refuse(link, format!("it tells the map of agent {agent}, which another one tells"));
-            }
-            Some(told) => {
-                if offer.version() < told.offer.version() {
-                    // An older one, that comes late or is told again by who must not: the newer stays.
-                    return;
-                }
-                let is_new = offer.version() > told.offer.version();
-                if !is_new && offer.hash != told.offer.hash {
-                    let reason = "it tells two maps as the same version of one".into();
-                    return self.refuse(link, reason);
-                }
-                let is_told_again = told.teller != node;
-                told.teller = node;
-                if !is_new && !is_told_again {
-                    return;
-                }
-                told.offer = offer;
-            }
-        }
-        self.lists(link, offer.agent);
-        self.want(node);
-    }
-
-    /// What is to be fetched from a neighbour by now.
-    pub(super) fn want(&mut self, node: Uuid) {
-        let Some(neighbour) = self.neighbours.get_mut(&node) else { return };
-        let newer = neighbour.findings.filter(|findings| findings.revision > neighbour.findings_here);
-        let mut wants: Vec<Want> =
-            newer.iter().map(|findings| Want { hash: findings.hash, size: findings.size }).collect();
-        for told in self.told.values().filter(|told| told.teller == node) {
-            wants.extend(told.wants(&*self.store));
-        }
-        let mut seen = BTreeSet::new();
-        wants.retain(|want| seen.insert(want.hash));
-        neighbour.fetch.want(wants);
-    }
-
-    /// Fetches some objects before others, or others too.
-    pub(super) fn prefer(&mut self, agent: map::Identity, objects: Vec<(Kind, u32)>, rest: bool) {
-        let Some(told) = self.told.get_mut(&agent) else { return };
-        if told.preferred == objects && told.rest == rest {
-            return;
-        }
-        (told.preferred, told.rest) = (objects, rest);
-        let teller = told.teller;
-        self.want(teller);
-    }
-
-    /// An object came.
-    pub(super) fn object(
-        &mut self,
-        now: Duration,
-        link: LinkId,
-        node: Uuid,
-        hash: ObjectHash,
-        bytes: Vec<u8>,
-    ) {
-        let Some(neighbour) = self.neighbours.get_mut(&node) else { return };
-        if let Some(findings) = neighbour.findings.filter(|findings| findings.hash == hash) {
-            neighbour.findings_here = findings.revision;
-            return self.actions.push(Action::News(News::Findings { from: node, bytes }));
-        }
-        if let Err(error) = self.store.put(&hash, &bytes) {
-            self.paused_until = now + DISK_PAUSE;
-            let text = format!("what others tell cannot be kept: {error}; it is tried again");
-            self.actions.push(Action::News(News::Trouble(text)));
-            return self.want(node);
-        }
-        let agents: Vec<_> =
-            self.told.iter().filter(|(_, told)| told.teller == node).map(|(agent, _)| *agent).collect();
-        let mut lists_came = false;
-        for agent in agents {
-            let Some(told) = self.told.get_mut(&agent) else { continue };
-            if told.missing.remove(&hash) || told.stand_ins.contains(&hash) {
-                told.came += 1;
-                self.actions.extend(told.heard().map(|heard| Action::News(News::Map(heard))));
-                self.complete(link, agent);
-            } else if !told.all.contains(&hash) {
-                lists_came |= self.lists(link, agent);
-            }
-        }
-        if lists_came {
-            self.want(node);
-        }
-    }
-
-    /// Takes the lists of a map's newest version, as far as they are here; whether there is more to fetch now.
-    fn lists(&mut self, link: LinkId, agent: map::Identity) -> bool {
-        let Some(told) = self.told.get_mut(&agent) else { return false };
-        if told.manifest.as_ref().is_some_and(|manifest| told.is_newest(manifest)) {
-            return false;
-        }
-        let Some(bytes) = self.store.get(&told.offer.hash) else { return false };
-        let manifest = match Manifest::from_bytes(&bytes) {
-            Ok(manifest) if manifest.agent == agent && told.is_newest(&manifest) => manifest,
-            Ok(_) => {
-                self.refuse(link, "it tells another map than it says".into());
-                return false;
-            }
-            Err(what) => {
-                self.refuse(link, format!("the list of its map's objects cannot be read: {what}"));
-                return false;
-            }
-        };
-        let entries = entries_of(&manifest, &*self.store);
-        match entries.and_then(|entries| {
-            entries.as_ref().map_or(Ok(()), |entries| check_quota(entries, self.config.quota))?;
-            Ok(entries)
-        }) {
-            Err(reason) => {
-                self.refuse(link, reason);
-                return false;
-            }
-            // Pages are missing, which are known now.
-            Ok(None) => return true,
-            Ok(Some(entries)) => told.set_lists(manifest, entries, &*self.store),
-        }
-        self.actions.extend(told.heard().map(|heard| Action::News(News::Map(heard))));
-        self.complete(link, agent);
-        true
-    }
-
-    /// Tries again what the disk refused before.
-    pub(super) fn complete_all(&mut self) {
-        let agents: Vec<_> = self.told.keys().copied().collect();
-        for agent in agents {
-            let teller = self.told.get(&agent).and_then(|told| self.neighbours.get(&told.teller));
-            if let Some(link) = teller.and_then(|neighbour| neighbour.link) {
-                self.complete(link, agent);
-            }
-        }
-    }
-
-    /// Acknowledges a map of which nothing is missing any more, once it is on the disk.
-    fn complete(&mut self, link: LinkId, agent: map::Identity) {
-        let Some(told) = self.told.get_mut(&agent) else { return };
-        let is_newest = told.manifest.as_ref().is_some_and(|manifest| told.is_newest(manifest));
-        if !told.missing.is_empty() || !is_newest || told.held == told.offer.version() {
-            return;
-        }
-        let head = Head { manifest: told.offer.hash, own: false };
-        if let Err(error) = self.store.set_head(agent, head) {
-            let text = format!("what others tell cannot be kept: {error}; it is tried again");
-            return self.actions.push(Action::News(News::Trouble(text)));
-        }
-        told.held = told.offer.version();
-        // What stood in for others is needed no more.
-        let stand_ins = std::mem::take(&mut told.stand_ins);
-        told.all.retain(|hash| !stand_ins.contains(hash));
-        let mut before = std::mem::replace(&mut told.held_objects, told.all.clone());
-        before.extend(stand_ins);
-        let held = told.held();
-        self.discard(before);
-        self.send(link, &held);
     }
 }

@@ -1,5 +1,7 @@
 //! What a node is told and what it wants done.
 
+use super::Quota;
+use crate::keys::{Party, Signer};
 use crate::manifest::{Entry, Kind};
 use crate::publishing::Publication;
 use crate::wire::{Priority, Role};
@@ -18,27 +20,13 @@ pub struct Config {
     pub role: Role,
     /// What people call it; at most 64 bytes are told.
     pub name: String,
-    /// What a map of another may take.
+    /// What the maps of another may take.
     pub quota: Quota,
     /// Of maps of others only lists and places of keyframes come by themselves, and all else once it is asked for by
     /// [`Event::Prefer`].
     pub waits: bool,
-}
-
-/// What another's map may take.
-#[derive(Clone, Copy, Debug)]
-pub struct Quota {
-    /// Bytes of all objects.
-    pub bytes: u64,
-    /// Keyframes.
-    pub keyframes: usize,
-}
-
-impl Default for Quota {
-    /// 16 GiB and 30,000 keyframes: some hours of driving.
-    fn default() -> Self {
-        Self { bytes: 16 << 30, keyframes: 30_000 }
-    }
+    /// Signs what is told, where parties have keys: then of others only what is signed is believed.
+    pub signer: Option<Arc<Signer>>,
 }
 
 /// What happens to a node.
@@ -50,7 +38,11 @@ pub enum Event {
         link: LinkId,
         /// Where the other one is, for people.
         address: String,
+        /// Whose certificate it showed, where parties have keys.
+        party: Option<Party>,
     },
+    /// A link could not be opened or broke, and why.
+    Trouble(String),
     /// A link is gone.
     Down {
         /// Which.

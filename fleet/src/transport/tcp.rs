@@ -1,102 +1,140 @@
-//! Plain TCP within one machine: for demonstrations and tests, and for programs on one robot. A message is its length
-//! (four bytes, little-endian) and its bytes.
+//! TCP connections: with TLS between parties that have keys, wherever they are, and plain within one machine, for
+//! demonstrations and tests, and for programs on one robot.
 //!
-//! Nothing is encrypted and nobody proves who he is, so neither end is ever another machine's.
+//! On a plain one nothing is encrypted and nobody proves who he is, so neither end is ever another machine's.
 
 use super::Transport;
-use super::queue::Queue;
+use super::endpoint::Endpoint;
+use super::stream::Stream;
+use super::tls::{Side, Tls, said};
+use crate::keys::{Keys, Party};
 use crate::node::{Event, LinkId};
 use crate::wire::{MAX_MESSAGE, Priority};
+use anyhow::{Context, Result, bail};
 use std::collections::BTreeMap;
-use std::io::{self, ErrorKind, Read, Write};
-use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream};
+use std::net::{IpAddr, SocketAddr, TcpListener, TcpStream};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::Sender;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
 /// Links at once: a hundred agents and some that are being replaced.
 const MOST_LINKS: usize = 256;
-/// How long dialling and the flushing of what is left may take.
+/// Connections at once of whom it is not known yet who they are, in all and from one address.
+const MOST_UNKNOWN: usize = 64;
+const MOST_UNKNOWN_OF_ONE: usize = 16;
+/// How long dialling may take.
 const PATIENCE: Duration = Duration::from_secs(2);
 /// How long one waits before dialling again, at first and at most.
 const REDIAL: [Duration; 2] = [Duration::from_millis(250), Duration::from_secs(4)];
 /// How often threads look whether they are to end.
 const LOOK: Duration = Duration::from_millis(100);
 
-/// Links to other programs on this machine.
+/// Links to other programs.
 pub struct Tcp {
     shared: Arc<Shared>,
     /// Where it listens, with the port that it got.
-    listening: Option<SocketAddr>,
+    listening: Option<Endpoint>,
 }
 
 struct Shared {
-    links: Mutex<BTreeMap<LinkId, Arc<Connection>>>,
+    tls: Option<Tls>,
+    links: Mutex<BTreeMap<LinkId, Arc<Stream>>>,
+    /// How many connections of each address are not links yet.
+    unknown: Mutex<BTreeMap<IpAddr, usize>>,
     next: AtomicU64,
     events: Sender<Event>,
     ends: AtomicBool,
 }
 
-struct Connection {
-    stream: TcpStream,
-    queue: Queue,
-}
-
 impl Tcp {
-    /// Listens at `listen` and dials `dial`, again and again where nobody answers or a link ends.
+    /// Listens at `listen` and dials `dial`, again and again where nobody answers or a link ends. With keys all of it is
+    /// TLS.
     ///
     /// # Errors
-    /// When an address is not of this machine alone, or cannot be listened at.
-    pub fn start(listen: Option<SocketAddr>, dial: &[SocketAddr], events: Sender<Event>) -> io::Result<Self> {
-        if let Some(foreign) = listen.iter().chain(dial).find(|address| !address.ip().is_loopback()) {
-            let what = format!(
-                "tcp/{foreign} is not of this machine alone, and without keys nothing goes beyond it: anyone could read \
-                 and write along\nhint: tcp/127.0.0.1:{} stays within this machine",
-                foreign.port()
-            );
-            return Err(io::Error::new(ErrorKind::PermissionDenied, what));
-        }
+    /// When a plain address is not of this machine alone, TLS is wanted without keys or the reverse, or an address
+    /// cannot be listened at.
+    pub fn start(
+        listen: Option<&Endpoint>,
+        dial: &[Endpoint],
+        keys: Option<&Keys>,
+        events: Sender<Event>,
+    ) -> Result<Self> {
+        listen.into_iter().chain(dial).try_for_each(|endpoint| check(endpoint, keys))?;
         let shared = Arc::new(Shared {
+            tls: keys.map(Tls::new).transpose()?,
             links: Mutex::default(),
+            unknown: Mutex::default(),
             next: AtomicU64::new(1),
             events,
             ends: AtomicBool::new(false),
         });
         let mut listening = None;
-        if let Some(address) = listen {
-            let listener = TcpListener::bind(address).map_err(|error| {
-                io::Error::new(error.kind(), format!("tcp/{address} cannot be listened at: {error}"))
-            })?;
+        if let Some(endpoint) = listen {
+            let what = || format!("{endpoint} cannot be listened at");
+            let listener = TcpListener::bind(&endpoint.resolve()?[..]).with_context(what)?;
             listener.set_nonblocking(true)?;
-            listening = Some(listener.local_addr()?);
+            listening = Some(endpoint.at_port(listener.local_addr()?.port()));
             let shared = Arc::clone(&shared);
             thread::Builder::new().name("fleet-listen".into()).spawn(move || accept(&shared, &listener))?;
         }
-        for address in dial {
-            let (shared, address) = (Arc::clone(&shared), *address);
-            thread::Builder::new().name("fleet-dial".into()).spawn(move || redial(&shared, address))?;
+        for endpoint in dial {
+            let (shared, endpoint) = (Arc::clone(&shared), endpoint.clone());
+            thread::Builder::new().name("fleet-dial".into()).spawn(move || redial(&shared, &endpoint))?;
         }
         Ok(Self { shared, listening })
     }
 
     /// Where it listens.
-    pub fn listening(&self) -> Option<SocketAddr> {
-        self.listening
+    pub fn listening(&self) -> Option<&Endpoint> {
+        self.listening.as_ref()
+    }
+}
+
+/// Whether one may listen there or dial it.
+fn check(endpoint: &Endpoint, keys: Option<&Keys>) -> Result<()> {
+    match (endpoint.secure, keys) {
+        (true, Some(_)) => Ok(()),
+        (true, None) => bail!(
+            "{endpoint} needs keys: --keys DIR\nhint: `loopbox keys init AUTHORITY` makes an authority, `loopbox keys \
+             agent NAME --authority AUTHORITY --out DIR` the keys of a machine"
+        ),
+        (false, Some(_)) => bail!(
+            "{endpoint} is not encrypted and nobody proves there who he is: with --keys all goes by TLS\nhint: \
+             tls/{}:{}",
+            endpoint.host,
+            endpoint.port
+        ),
+        (false, None) => match endpoint.resolve()?.iter().find(|address| !address.ip().is_loopback()) {
+            Some(_) => bail!(
+                "{endpoint} is not of this machine alone, and without keys nothing goes beyond it: anyone could read and \
+                 write along\nhint: tls/{}:{} with --keys DIR (`loopbox keys`), or tcp/127.0.0.1:{} within this machine",
+                endpoint.host,
+                endpoint.port,
+                endpoint.port
+            ),
+            None => Ok(()),
+        },
     }
 }
 
 impl Transport for Tcp {
     fn send(&self, link: LinkId, priority: Priority, bytes: Vec<u8>) {
-        if let Some(connection) = self.shared.links().get(&link) {
-            connection.queue.push(priority, bytes);
+        if let Some(stream) = self.shared.links().get(&link) {
+            stream.queue.push(priority, bytes);
+        }
+    }
+
+    fn looked_at(&self, link: LinkId, bytes: usize) {
+        if let Some(stream) = self.shared.links().get(&link) {
+            stream.backlog.take(bytes);
         }
     }
 
     fn close(&self, link: LinkId) {
-        if let Some(connection) = self.shared.links().get(&link) {
-            connection.queue.close();
+        if let Some(stream) = self.shared.links().get(&link) {
+            stream.queue.close();
         }
     }
 }
@@ -104,48 +142,114 @@ impl Transport for Tcp {
 impl Drop for Tcp {
     fn drop(&mut self) {
         self.shared.ends.store(true, Ordering::Relaxed);
-        self.shared.links().values().for_each(|connection| connection.queue.close());
+        self.shared.links().values().for_each(|stream| stream.queue.close());
     }
 }
 
 impl Shared {
-    fn links(&self) -> std::sync::MutexGuard<'_, BTreeMap<LinkId, Arc<Connection>>> {
+    fn links(&self) -> MutexGuard<'_, BTreeMap<LinkId, Arc<Stream>>> {
         // Every section leaves it whole.
         self.links.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn unknown(&self) -> MutexGuard<'_, BTreeMap<IpAddr, usize>> {
+        // Every section leaves it whole.
+        self.unknown.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn ends(&self) -> bool {
         self.ends.load(Ordering::Relaxed)
     }
 
-    /// Carries messages on a connection until it ends.
-    fn serve(self: &Arc<Self>, stream: TcpStream, address: SocketAddr) -> io::Result<()> {
-        stream.set_nodelay(true)?;
-        stream.set_nonblocking(false)?;
-        stream.set_write_timeout(Some(LOOK))?;
-        stream.set_read_timeout(Some(LOOK))?;
-        let mut reader = stream.try_clone()?;
-        let connection = Arc::new(Connection { stream, queue: Queue::default() });
-        let link = self.next.fetch_add(1, Ordering::Relaxed);
-        self.links().insert(link, Arc::clone(&connection));
-        let of_writer = Arc::clone(&connection);
-        let writer = thread::Builder::new().name("fleet-send".into()).spawn(move || {
-            write_all(&of_writer);
-            let _ = of_writer.stream.shutdown(Shutdown::Both);
-        })?;
-        // Without anyone to tell, the program ends.
-        let _ = self.events.send(Event::Up { link, address: format!("tcp/{address}") });
-        while let Ok(Some(bytes)) = read_message(&mut reader, &connection.queue) {
-            let is_too_long = bytes.len() > MAX_MESSAGE;
-            if self.events.send(Event::Received { link, bytes }).is_err() || is_too_long {
-                break;
-            }
+    /// Whether there is room for one more connection from there, which is counted then.
+    fn admit(&self, from: IpAddr) -> bool {
+        let links = self.links().len();
+        let mut unknown = self.unknown();
+        let all: usize = unknown.values().sum();
+        let of_one = unknown.get(&from).copied().unwrap_or(0);
+        let has_room = links + all < MOST_LINKS && all < MOST_UNKNOWN && of_one < MOST_UNKNOWN_OF_ONE;
+        if has_room {
+            unknown.insert(from, of_one + 1);
         }
-        connection.queue.close();
+        has_room
+    }
+
+    /// It is known who a connection from there is, or there will be none.
+    fn is_known(&self, from: IpAddr) {
+        let mut unknown = self.unknown();
+        match unknown.get_mut(&from) {
+            Some(count) if *count > 1 => *count -= 1,
+            _ => drop(unknown.remove(&from)),
+        }
+    }
+
+    /// Why a connection did not come about or broke; without anyone to tell, the program ends.
+    fn trouble(&self, text: Option<String>) {
+        if let Some(text) = text {
+            let _ = self.events.send(Event::Trouble(text));
+        }
+    }
+
+    /// Takes a connection that came.
+    fn take(self: &Arc<Self>, socket: TcpStream, from: SocketAddr) {
+        // Its port is another one each time, and says nothing to people.
+        let kind = if self.tls.is_some() { "tls" } else { "tcp" };
+        let place = format!("{kind}/{}", from.ip());
+        let opened = self.open(&socket, Side::Accepted);
+        self.is_known(from.ip());
+        match opened {
+            Ok((stream, party)) => self.serve(stream, party, &place, &format!("{kind}/{from}")),
+            Err(error) => self.trouble(said(&place, &error)),
+        }
+    }
+
+    /// Makes a connection one that messages can go over, and finds out who is at the other end.
+    fn open(&self, socket: &TcpStream, side: Side) -> std::io::Result<(Stream, Option<Party>)> {
+        socket.set_nodelay(true)?;
+        socket.set_nonblocking(false)?;
+        socket.set_write_timeout(Some(LOOK))?;
+        socket.set_read_timeout(Some(LOOK))?;
+        let Some(tls) = &self.tls else { return Ok((Stream::new(socket.try_clone()?, None), None)) };
+        let (session, party) = tls.shake(socket, side, || self.ends())?;
+        Ok((Stream::new(socket.try_clone()?, Some(session)), Some(party)))
+    }
+
+    /// Carries messages on a connection until it ends.
+    fn serve(self: &Arc<Self>, stream: Stream, party: Option<Party>, place: &str, address: &str) {
+        let stream = Arc::new(stream);
+        let link = self.next.fetch_add(1, Ordering::Relaxed);
+        let of_writer = Arc::clone(&stream);
+        let writer = thread::Builder::new().name("fleet-send".into()).spawn(move || of_writer.write_all());
+        // Without a thread the connection is dropped, and dialled again.
+        let Ok(writer) = writer else { return };
+        self.links().insert(link, Arc::clone(&stream));
+        // Without anyone to tell, the program ends.
+        let _ = self.events.send(Event::Up { link, address: address.to_owned(), party });
+        let mut reader = stream.reader();
+        let ended = loop {
+            if !stream.backlog.has_room(LOOK) {
+                if stream.queue.is_closing() {
+                    break None;
+                }
+                continue;
+            }
+            match reader.message() {
+                Ok(Some(bytes)) => {
+                    let is_too_long = bytes.len() > MAX_MESSAGE;
+                    stream.backlog.add(bytes.len());
+                    if self.events.send(Event::Received { link, bytes }).is_err() || is_too_long {
+                        break None;
+                    }
+                }
+                Ok(None) => break None,
+                Err(error) => break said(place, &error),
+            }
+        };
+        stream.queue.close();
         let _ = writer.join();
         self.links().remove(&link);
+        self.trouble(ended);
         let _ = self.events.send(Event::Down { link });
-        Ok(())
     }
 }
 
@@ -153,11 +257,12 @@ impl Shared {
 fn accept(shared: &Arc<Shared>, listener: &TcpListener) {
     while !shared.ends() {
         match listener.accept() {
-            Ok((stream, address)) if shared.links().len() < MOST_LINKS => {
-                let shared = Arc::clone(shared);
-                let serve = move || drop(shared.serve(stream, address));
-                // Without a thread the connection is dropped, and dialled again.
-                let _ = thread::Builder::new().name("fleet-receive".into()).spawn(serve);
+            Ok((socket, from)) if shared.admit(from.ip()) => {
+                let of_thread = Arc::clone(shared);
+                let take = move || of_thread.take(socket, from);
+                if thread::Builder::new().name("fleet-receive".into()).spawn(take).is_err() {
+                    shared.is_known(from.ip());
+                }
             }
             Ok(_) => {}
             Err(_) => thread::sleep(LOOK),
@@ -166,12 +271,20 @@ fn accept(shared: &Arc<Shared>, listener: &TcpListener) {
 }
 
 /// Dials until the end.
-fn redial(shared: &Arc<Shared>, address: SocketAddr) {
-    let mut pause = REDIAL[0];
+fn redial(shared: &Arc<Shared>, endpoint: &Endpoint) {
+    let (mut pause, place) = (REDIAL[0], endpoint.to_string());
     while !shared.ends() {
-        if let Ok(stream) = TcpStream::connect_timeout(&address, PATIENCE) {
+        let dialled = endpoint.resolve().map_err(|error| shared.trouble(Some(error.to_string())));
+        // A name without TLS may have come to be another machine's.
+        let may = |address: &SocketAddr| endpoint.secure || address.ip().is_loopback();
+        let addresses = dialled.unwrap_or_default().into_iter().filter(may);
+        let dial = |address: SocketAddr| TcpStream::connect_timeout(&address, PATIENCE).ok();
+        if let Some(socket) = addresses.filter_map(dial).next() {
             let since = Instant::now();
-            let _ = shared.serve(stream, address);
+            match shared.open(&socket, Side::Dialled) {
+                Ok((stream, party)) => shared.serve(stream, party, &place, &place),
+                Err(error) => shared.trouble(said(&place, &error)),
+            }
             if since.elapsed() > PATIENCE {
                 pause = REDIAL[0];
             }
@@ -182,60 +295,4 @@ fn redial(shared: &Arc<Shared>, address: SocketAddr) {
         }
         pause = (pause * 2).min(REDIAL[1]);
     }
-}
-
-/// The next message; `None` when the connection is to be closed. Of one that is too long only so much that it shows.
-fn read_message(stream: &mut TcpStream, queue: &Queue) -> io::Result<Option<Vec<u8>>> {
-    let mut length = [0; 4];
-    if !read_all(stream, &mut length, queue)? {
-        return Ok(None);
-    }
-    let length = (u32::from_le_bytes(length) as usize).min(MAX_MESSAGE + 1);
-    let mut bytes = vec![0; length];
-    if length <= MAX_MESSAGE && !read_all(stream, &mut bytes, queue)? {
-        return Ok(None);
-    }
-    Ok(Some(bytes))
-}
-
-/// Fills `bytes`; false when the connection is to be closed before.
-fn read_all(stream: &mut TcpStream, mut bytes: &mut [u8], queue: &Queue) -> io::Result<bool> {
-    while !bytes.is_empty() {
-        match stream.read(bytes) {
-            Ok(0) => return Err(ErrorKind::UnexpectedEof.into()),
-            Ok(count) => bytes = &mut bytes[count..],
-            Err(error) if is_patience(&error) && !queue.is_closing() => {}
-            Err(error) if is_patience(&error) => return Ok(false),
-            Err(error) => return Err(error),
-        }
-    }
-    Ok(true)
-}
-
-/// Sends what waits until the link is closed.
-fn write_all(connection: &Connection) {
-    let mut closing_since = None;
-    while let Some(message) = connection.queue.pop() {
-        let mut framed = (message.len() as u32).to_le_bytes().to_vec();
-        framed.extend(message);
-        let mut rest = &framed[..];
-        while !rest.is_empty() {
-            match (&connection.stream).write(rest) {
-                Ok(count) => rest = &rest[count..],
-                Err(error) if is_patience(&error) => {
-                    let closing = connection.queue.is_closing();
-                    let since = closing.then(|| *closing_since.get_or_insert_with(Instant::now));
-                    if since.is_some_and(|since| since.elapsed() > PATIENCE) {
-                        return;
-                    }
-                }
-                Err(_) => return connection.queue.close(),
-            }
-        }
-    }
-}
-
-/// Whether only time has passed.
-fn is_patience(error: &io::Error) -> bool {
-    matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted)
 }

@@ -1,27 +1,41 @@
 //! Nodes in one process over real connections.
 
-use crate::node::{News, Quota};
+use crate::keys::{Authority, Keys, Validity};
+use crate::node::{Event, News, Quota};
 use crate::publishing::Publisher;
-use crate::service::{Endpoint, Service, ServiceOptions};
+use crate::service::{Service, ServiceOptions};
 use crate::store::Store;
 use crate::test_support::{agent, map};
-use crate::wire::Role;
+use crate::transport::tcp::Tcp;
+use crate::transport::{Endpoint, Transport};
+use crate::wire::{MAX_MESSAGE, Priority, Role};
 use std::io::Write;
 use std::net::TcpStream;
 use std::path::Path;
 use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
 
-fn start(folder: &Path, role: Role, listen: Option<&str>, dial: &[Endpoint]) -> (Service, Receiver<News>) {
+fn start(folder: &Path, role: Role, listen: Option<&str>, dial: &[&Endpoint]) -> (Service, Receiver<News>) {
+    start_with(folder, role, listen, dial, None)
+}
+
+fn start_with(
+    folder: &Path,
+    role: Role,
+    listen: Option<&str>,
+    dial: &[&Endpoint],
+    keys: Option<Keys>,
+) -> (Service, Receiver<News>) {
     let (tell, news) = channel();
     let options = ServiceOptions {
         folder: folder.to_owned(),
         name: format!("{role:?}"),
         role,
         listen: listen.map(|text| text.parse().unwrap()),
-        dial: dial.to_vec(),
+        dial: dial.iter().map(|&endpoint| endpoint.clone()).collect(),
         quota: Quota::default(),
         waits: false,
+        keys,
     };
     let service = Service::start(options, move |news| drop(tell.send(news))).unwrap();
     (service, news)
@@ -60,13 +74,107 @@ fn a_map_goes_over_a_connection_and_what_was_told_is_told_again_after_a_restart(
     assert!(made.whole && made.map == map);
 }
 
+/// Keys of one fleet, by the parties' names.
+fn keys<const N: usize>(names: [&str; N]) -> [Keys; N] {
+    let room = tempfile::tempdir().unwrap();
+    let authority = Authority::init(room.path()).unwrap();
+    names.map(|name| {
+        authority.issue(name, Validity::days(1).unwrap(), &room.path().join(name)).unwrap();
+        Keys::open(&room.path().join(name)).unwrap()
+    })
+}
+
+#[test]
+fn a_map_goes_from_party_to_party_by_tls() {
+    let rooms: Vec<_> = (0..2).map(|_| tempfile::tempdir().unwrap()).collect();
+    let [station, car] = keys(["Station", "car"]).map(Some);
+    let (station, _) = start_with(rooms[0].path(), Role::Station, Some("tls/127.0.0.1:0"), &[], station);
+    let at = Endpoint { host: "localhost".into(), ..station.listening().unwrap().clone() };
+    let map = map(agent(7), 6);
+    let (agent_there, _) = start_with(rooms[1].path(), Role::Agent, None, &[&at], car);
+    agent_there.publish(Publisher::new(agent(7), 5).publish(&map, true).unwrap().unwrap());
+    wait(|| agent_there.is_held());
+    wait(|| station.heard().iter().any(|heard| heard.missing == 0));
+    let mut assembler = crate::assembling::Assembler::default();
+    let heard = station.heard();
+    let made = assembler.assemble(agent(7), &heard[0].entries, &*station.store(), None).unwrap().unwrap();
+    assert!(made.whole && made.map == map);
+    assert_eq!(station.status().neighbours[0].name, "Agent of car");
+    assert_eq!(agent_there.status().neighbours[0].name, "Station");
+}
+
+/// Links of their own, dialled to a node.
+fn dialled(at: &Endpoint, keys: Option<&Keys>) -> (Tcp, Receiver<Event>, u64) {
+    let (events, happened) = channel();
+    let tcp = Tcp::start(None, std::slice::from_ref(at), keys, events).unwrap();
+    let Ok(Event::Up { link, .. }) = happened.recv_timeout(Duration::from_secs(20)) else {
+        panic!("no link")
+    };
+    (tcp, happened, link)
+}
+
+#[test]
+fn who_sends_more_than_is_looked_at_waits() {
+    for secure in [false, true] {
+        let keys = secure.then(|| keys(["a", "b"]));
+        let [a, b] = [0, 1].map(|number| keys.as_ref().map(|keys| &keys[number]));
+        let at: Endpoint = if secure { "tls/127.0.0.1:0" } else { "tcp/127.0.0.1:0" }.parse().unwrap();
+        let (events, happened) = channel();
+        let there = Tcp::start(Some(&at), &[], a, events).unwrap();
+        let (flooding, _news, link) = dialled(there.listening().unwrap(), b);
+        let mut came = 0;
+        // Nobody looks at what comes.
+        let end = Instant::now() + Duration::from_secs(2);
+        while Instant::now() < end {
+            flooding.send(link, Priority::Object, vec![4; MAX_MESSAGE]);
+            std::thread::sleep(Duration::from_micros(100));
+        }
+        let mut first = None;
+        for event in happened.try_iter() {
+            if let Event::Received { link, bytes } = event {
+                first.get_or_insert(link);
+                came += bytes.len();
+            }
+        }
+        assert!((500_000..2_000_000).contains(&came), "{came} bytes came");
+        // What is looked at makes room.
+        there.looked_at(first.unwrap(), came);
+        wait(|| matches!(happened.recv_timeout(Duration::from_secs(9)), Ok(Event::Received { .. })));
+    }
+}
+
+#[test]
+fn hostile_lengths_and_floods_cost_their_own_link_only() {
+    let rooms: Vec<_> = (0..2).map(|_| tempfile::tempdir().unwrap()).collect();
+    let [station_keys, car, mallory] = keys(["station", "car", "mallory"]);
+    let (station, news) =
+        start_with(rooms[0].path(), Role::Station, Some("tls/127.0.0.1:0"), &[], Some(station_keys));
+    let at = station.listening().unwrap().clone();
+    let (hostile, _news, link) = dialled(&at, Some(&mallory));
+    // As many bytes as the largest message has, and more; then the same thing said for ever.
+    hostile.send(link, Priority::State, vec![4; MAX_MESSAGE + 1]);
+    let told = |words: &str| {
+        wait(|| news.try_iter().any(|news| matches!(&news, News::Trouble(text) if text.contains(words))))
+    };
+    told("no message");
+    drop(hostile);
+    let (hostile, _news, link) = dialled(&at, Some(&mallory));
+    let held = crate::wire::Message::Held { agent: agent(3), begun: 1, revision: 1, missing: 1 }.to_bytes();
+    (0..2000).for_each(|_| hostile.send(link, Priority::State, held.clone()));
+    told("mallory is refused: it says more than");
+    let (car, _) = start_with(rooms[1].path(), Role::Agent, None, &[&at], Some(car));
+    car.publish(Publisher::new(agent(7), 5).publish(&map(agent(7), 3), true).unwrap().unwrap());
+    wait(|| car.is_held());
+    drop(hostile);
+}
+
 #[test]
 fn rubbish_on_a_connection_ends_it_and_no_other() {
     let room = tempfile::tempdir().unwrap();
     let (station, news) = start(room.path(), Role::Station, Some("tcp/127.0.0.1:0"), &[]);
     let at = station.listening().unwrap();
     for rubbish in [&[0xff; 4][..], &[3, 0, 0, 0, 99, 99, 99], b"GET / HTTP/1.1\r\n\r\n"] {
-        let mut stream = TcpStream::connect(at.0).unwrap();
+        let mut stream = TcpStream::connect((&at.host[..], at.port)).unwrap();
         stream.write_all(rubbish).unwrap();
         let told = |news: News| matches!(&news, News::Trouble(text) if text.contains("no message"));
         wait(|| news.try_iter().any(told));
@@ -79,7 +187,14 @@ fn rubbish_on_a_connection_ends_it_and_no_other() {
 #[test]
 fn nothing_goes_beyond_this_machine() {
     let room = tempfile::tempdir().unwrap();
-    for (listen, dial) in [(Some("tcp/0.0.0.0:0"), None), (None, Some("tcp/192.0.2.1:7447"))] {
+    let cases = [
+        (Some("tcp/0.0.0.0:0"), None, "not of this machine alone"),
+        (None, Some("tcp/192.0.2.1:7447"), "not of this machine alone"),
+        (None, Some("tcp/nowhere.invalid:1"), "not found"),
+        (Some("tls/0.0.0.0:0"), None, "needs keys"),
+        (None, Some("tls/127.0.0.1:7447"), "needs keys"),
+    ];
+    for (listen, dial, words) in cases {
         let options = ServiceOptions {
             folder: room.path().to_owned(),
             name: "x".into(),
@@ -88,11 +203,9 @@ fn nothing_goes_beyond_this_machine() {
             dial: dial.iter().map(|text| text.parse().unwrap()).collect(),
             quota: Quota::default(),
             waits: false,
+            keys: None,
         };
         let refused = Service::start(options, |_| {}).err().expect("it is refused").to_string();
-        assert!(refused.contains("not of this machine alone"), "{refused}");
-    }
-    for text in ["7447", "tls/127.0.0.1:7447", "tcp/127.0.0.1", "tcp/nowhere.invalid:1"] {
-        assert!(text.parse::<Endpoint>().is_err(), "{text}");
+        assert!(refused.contains(words), "{refused}");
     }
 }

@@ -16,7 +16,8 @@ mod status;
 mod telling;
 
 pub use findings::{Found, FoundAgent, FoundMeeting};
-pub use fleet::service::Endpoint;
+pub use fleet::keys::{Authority, DAYS, Keys, Validity};
+pub use fleet::transport::Endpoint;
 pub use party::{Fleet, FleetOptions, OBJECTS};
 pub use status::{AgentLine, LinkLine, STATUS, StatusFile, read_status};
 pub use telling::Teller;

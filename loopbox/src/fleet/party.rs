@@ -5,8 +5,10 @@ use super::findings::Found;
 use super::status::{AgentLine, LinkLine, STATUS, StatusFile};
 use super::telling::{Teller, Telling};
 use anyhow::{Context, Result, anyhow};
+use fleet::keys::Keys;
 use fleet::node::{News, Quota, Status};
-use fleet::service::{Endpoint, Service, ServiceOptions};
+use fleet::service::{Service, ServiceOptions};
+use fleet::transport::Endpoint;
 use fleet::wire::Role;
 use sources::Stop;
 use std::fs;
@@ -41,6 +43,8 @@ pub struct FleetOptions {
     pub listen: Option<Endpoint>,
     /// Whom it dials.
     pub dial: Vec<Endpoint>,
+    /// The folder of its keys; without them it reaches nobody beyond this machine.
+    pub keys: Option<PathBuf>,
 }
 
 /// A party at work.
@@ -87,16 +91,17 @@ impl Fleet {
             folder: options.out.join(OBJECTS),
             name: options.name.clone(),
             role,
-            listen: options.listen,
+            listen: options.listen.clone(),
             dial: options.dial.clone(),
             quota: Quota::default(),
             waits: true,
+            keys: options.keys.as_deref().map(Keys::open).transpose()?,
         };
         let service = Arc::new(Service::start(service, move |news| of_news.hear(news))?);
         {
             let mut status = shared.status();
             status.name.clone_from(&options.name);
-            status.listening = service.listening().map(|endpoint| endpoint.to_string());
+            status.listening = service.listening().map(Endpoint::to_string);
         }
         let (of_thread, seen) = (Arc::clone(&shared), Arc::clone(&service));
         let path = options.out.join(STATUS);
@@ -125,7 +130,7 @@ impl Fleet {
     }
 
     /// Where it listens.
-    pub fn listening(&self) -> Option<Endpoint> {
+    pub fn listening(&self) -> Option<&Endpoint> {
         self.service.listening()
     }
 

@@ -1,0 +1,114 @@
+//! Who may take part: the fleet's authority, a certificate for each party, and signatures under what is told.
+//!
+//! A party is a machine or whoever else was given a certificate. It is called by a name and by a UUID made of the name and
+//! the authority, so that a certificate made anew for the same name is the same party's. What a party tells is under that
+//! UUID: no other party can tell it, or more of it.
+
+mod files;
+mod making;
+#[cfg(test)]
+mod tests;
+
+pub use files::{AUTHORITY, CERTIFICATE, KEY, Keys};
+pub use making::{Authority, DAYS, Validity};
+
+use crate::bytes::Writer;
+use crate::wire::Offer;
+use map::Uuid;
+use ring::signature::{ED25519, Ed25519KeyPair, UnparsedPublicKey};
+use rustls::pki_types::CertificateDer;
+use webpki::EndEntityCert;
+
+/// A signature (Ed25519, RFC 8032).
+pub type Signature = [u8; 64];
+/// Longest name of a party, bytes.
+pub const MAX_PARTY_NAME: usize = 48;
+/// The name that all certificates are valid for: parties are told apart by their own, not by where they are.
+pub(crate) const EVERY_PARTY: &str = "fleet.loopbox";
+/// What a party's own name begins with in its certificate.
+const SCHEME: &str = "loopbox-fleet:";
+/// What precedes an Ed25519 key in a certificate (RFC 8410, §4).
+const ED25519_KEY: [u8; 12] = [0x30, 0x2a, 0x30, 5, 6, 3, 0x2b, 0x65, 0x70, 3, 0x21, 0];
+/// What is signed begins with, so that no signature under it stands under anything else.
+const SIGNED: &[u8] = b"loopbox fleet state 1\0";
+
+/// Whose a certificate is.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Party {
+    /// The party, for programs: what it tells is under this.
+    pub id: Uuid,
+    /// The party, for people.
+    pub name: String,
+    /// By which its signatures are checked.
+    key: [u8; 32],
+}
+
+impl Party {
+    /// Whose a certificate is, in DER. Whether it is to be believed is not looked at.
+    ///
+    /// # Errors
+    /// When it is no certificate, or none of a fleet.
+    pub fn of_certificate(der: &[u8]) -> Result<Self, String> {
+        let der = CertificateDer::from(der);
+        let certificate = EndEntityCert::try_from(&der).map_err(|error| format!("it is damaged: {error}"))?;
+        let mut names = certificate.valid_uri_names().filter_map(|name| name.strip_prefix(SCHEME));
+        let name = names.next().ok_or("it names no party of a fleet")?;
+        let parted = name.split_once('/').filter(|(_, name)| is_party_name(name));
+        let (id, name) = parted
+            .and_then(|(id, name)| Some((Uuid::try_parse(id).ok()?, name)))
+            .ok_or_else(|| format!("it names a party {name:?}, which none is called"))?;
+        let key = certificate.subject_public_key_info();
+        let key = key.strip_prefix(&ED25519_KEY).and_then(|key| key.try_into().ok());
+        Ok(Self { id, name: name.to_owned(), key: key.ok_or("its key is none of Ed25519")? })
+    }
+
+    /// How it is named in its certificate.
+    fn uri(id: Uuid, name: &str) -> String {
+        format!("{SCHEME}{id}/{name}")
+    }
+
+    /// Whether the party told a version of a map.
+    pub fn has_signed(&self, offer: &Offer, signature: &Signature) -> bool {
+        UnparsedPublicKey::new(&ED25519, self.key).verify(&signed(self.id, offer), signature).is_ok()
+    }
+}
+
+/// Whether a party can be called so: letters and digits of ASCII, `-`, `_` and `.`, at most [`MAX_PARTY_NAME`].
+pub fn is_party_name(name: &str) -> bool {
+    let is_allowed = |c: char| c.is_ascii_alphanumeric() || "-_.".contains(c);
+    (1..=MAX_PARTY_NAME).contains(&name.len()) && name.chars().all(is_allowed)
+}
+
+/// Signs what a party tells.
+pub struct Signer {
+    party: Party,
+    key: Ed25519KeyPair,
+}
+
+impl Signer {
+    /// Whose.
+    pub fn party(&self) -> &Party {
+        &self.party
+    }
+
+    /// The signature under a version of a map: with it under the manifest's hash, and so under all of the map.
+    pub fn sign(&self, offer: &Offer) -> Signature {
+        let mut signature = [0; 64];
+        signature.copy_from_slice(self.key.sign(&signed(self.party.id, offer)).as_ref());
+        signature
+    }
+}
+
+impl std::fmt::Debug for Signer {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "Signer({})", self.party.name)
+    }
+}
+
+/// What is signed of a version of a map that `party` tells.
+fn signed(party: Uuid, offer: &Offer) -> Vec<u8> {
+    let mut out = Writer(SIGNED.to_vec());
+    out.bytes(party.as_bytes());
+    offer.write(&mut out);
+    out.0
+}
