@@ -98,8 +98,10 @@ fn main() -> Result<()> {
         return measure_live(&args, &runner);
     }
     if args.lidar {
-        let text = lidar::measure(&args.loopbox, &args.data, &args.work)?;
-        return write(&args.documents, &[("machine", report::machine()), ("lidar", text)]);
+        let (loopbox, data, work) = (&args.loopbox, &args.data, &args.work);
+        let plan = lidar::Plan { loopbox, data, work, reuse: args.reuse };
+        write(&args.documents, &[("machine", report::machine())])?;
+        return lidar::measure(&plan, |name, text| write(&args.documents, &[(name, text)]));
     }
     if args.fleet {
         let (data, work, only) = (&args.data, &args.work, &args.only);

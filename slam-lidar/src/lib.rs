@@ -11,6 +11,7 @@
 //! Frames: the sensor's x forward, y left, z up; metres, seconds. A pose belongs to an instant, which is stored with
 //! it: the middle of its sweep. Results do not depend on the number of cores or on the order of any hash.
 
+mod a_loam;
 pub mod closure;
 pub mod degeneracy;
 pub mod features;

@@ -89,6 +89,8 @@ pub struct Cost {
     pub scans_per_s: f64,
     /// Time the agent took for a scan, half of them are faster, milliseconds.
     pub median_ms: f64,
+    /// CPU time of the agent's thread for a scan, median, milliseconds; it does not depend on what else runs.
+    pub median_cpu_ms: f64,
     /// 99th percentile of it.
     pub p99_ms: f64,
     /// The longest: a loop, if there was one.
@@ -100,13 +102,22 @@ pub struct Cost {
 }
 
 impl Cost {
-    /// Of scans that took so long each, and the whole.
-    pub fn of(mut ms: Vec<f64>, wall_s: f64) -> Self {
+    /// Of scans that took so long each, by the clock and of the CPU, and the whole.
+    pub fn of(mut ms: Vec<f64>, mut cpu_ms: Vec<f64>, wall_s: f64) -> Self {
         ms.sort_by(f64::total_cmp);
-        let rank = |percent: usize| (ms.len() * percent).div_ceil(100).saturating_sub(1);
-        let at = |percent| ms.get(rank(percent)).copied().unwrap_or(0.0);
-        let scans_per_s = if wall_s > 0.0 { ms.len() as f64 / wall_s } else { 0.0 };
-        Self { wall_s, scans_per_s, median_ms: at(50), p99_ms: at(99), max_ms: at(100), ..Self::default() }
+        cpu_ms.sort_by(f64::total_cmp);
+        let at = |of: &[f64], percent: usize| {
+            of.get((of.len() * percent).div_ceil(100).saturating_sub(1)).copied().unwrap_or(0.0)
+        };
+        Self {
+            wall_s,
+            scans_per_s: if wall_s > 0.0 { ms.len() as f64 / wall_s } else { 0.0 },
+            median_ms: at(&ms, 50),
+            median_cpu_ms: at(&cpu_ms, 50),
+            p99_ms: at(&ms, 99),
+            max_ms: at(&ms, 100),
+            ..Self::default()
+        }
     }
 }
 
@@ -184,6 +195,8 @@ pub struct ScanRow {
     pub instant: f64,
     /// Milliseconds the agent took.
     pub ms: f64,
+    /// Of its thread's CPU time.
+    pub cpu_ms: f64,
     /// Its points.
     pub points: usize,
     /// Share of the points asked that agree with the map.
@@ -199,13 +212,14 @@ pub struct ScanRow {
 }
 
 impl ScanRow {
-    /// That of a scan which was taken.
-    pub fn of(index: u64, points: usize, ms: f64, taken: &Taken) -> Self {
+    /// That of a scan which was taken, with the milliseconds by the clock and of the CPU.
+    pub fn of(index: u64, points: usize, [ms, cpu_ms]: [f64; 2], taken: &Taken) -> Self {
         let sweep = &taken.sweep;
         Self {
             index,
             instant: sweep.instant,
             ms,
+            cpu_ms,
             points,
             inlier_share: sweep.inlier_share,
             rmse_m: sweep.rmse,

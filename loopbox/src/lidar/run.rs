@@ -5,6 +5,7 @@ use super::poses::GivenPoses;
 use super::record::{Cost, LidarRecord, LoopRow, MapCounts, ScanCounts, ScanRow, SourceRecord};
 use anyhow::{Result, bail};
 use map::{AgentInfo, Map, SensorKind};
+use rustix::time::{ClockId, clock_gettime};
 use scans::{NextScan, ScanError, ScanSource};
 use slam_lidar::mapping::{Agent, MappingParams};
 use std::ops::ControlFlow;
@@ -100,7 +101,11 @@ pub fn run(
         let why = scans.skipped_first.values().next().map_or("there is no scan".to_owned(), Clone::clone);
         bail!("{}: no scan could be used: {why}", info.path.display());
     }
-    let cost = Cost::of(rows.iter().map(|row| row.ms).collect(), begin.elapsed().as_secs_f64());
+    let cost = Cost::of(
+        rows.iter().map(|row| row.ms).collect(),
+        rows.iter().map(|row| row.cpu_ms).collect(),
+        begin.elapsed().as_secs_f64(),
+    );
     let (map, agent) = mapper.into_parts();
     let record = LidarRecord {
         version: env!("CARGO_PKG_VERSION"),
@@ -152,11 +157,17 @@ impl From<NotTaken> for Skip {
 /// Gives the agent a scan.
 fn take(mapper: &mut Mapper, next: NextScan, scans: &mut ScanCounts) -> Result<ScanRow, Skip> {
     let scan = next.scan?;
-    let begin = Instant::now();
+    let (begin, cpu) = (Instant::now(), thread_cpu_seconds());
     let taken = mapper.take(next.index, &scan)?;
-    let ms = 1e3 * begin.elapsed().as_secs_f64();
+    let took = [begin.elapsed().as_secs_f64(), thread_cpu_seconds() - cpu].map(|seconds| 1e3 * seconds);
     scans.tracked += 1;
     scans.timed += u64::from(!scan.times.is_empty());
     scans.degenerate += u64::from(taken.sweep.conditioning.weak > 0);
-    Ok(ScanRow::of(next.index, scan.points.len(), ms, &taken))
+    Ok(ScanRow::of(next.index, scan.points.len(), took, &taken))
+}
+
+/// CPU time of this thread so far, seconds.
+fn thread_cpu_seconds() -> f64 {
+    let time = clock_gettime(ClockId::ThreadCPUTime);
+    time.tv_sec as f64 + 1e-9 * time.tv_nsec as f64
 }

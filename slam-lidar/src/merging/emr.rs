@@ -34,6 +34,9 @@ const LEAST_SIDE: f64 = 3.0;
 
 type Descriptor = [f32; 3 * BINS];
 
+/// A key point of a map, metres, with its descriptor.
+pub(super) type KeyPoint = (Vector3<f64>, Descriptor);
+
 /// A pose found by the chain.
 #[derive(Clone, Copy, Debug)]
 pub struct Proposed {
@@ -47,11 +50,16 @@ pub struct Proposed {
 
 /// The chain up to RANSAC; `None` where fewer than three matches agree.
 pub fn propose(a: &RobotMap, b: &RobotMap) -> Option<Proposed> {
-    let (of_a, of_b) = rayon::join(|| Cloud::new(a).described(), || Cloud::new(b).described());
-    let matches = reciprocal(&of_a, &of_b);
+    let (of_a, of_b) = rayon::join(|| a.key_points(), || b.key_points());
+    let matches = reciprocal(of_a, of_b);
     let pairs: Vec<[Vector3<f64>; 2]> = matches.iter().map(|&(i, j)| [of_a[i].0, of_b[j].0]).collect();
     let (a_from_b, inliers) = ransac(&pairs)?;
     Some(Proposed { a_from_b, matches: pairs.len(), inliers })
+}
+
+/// The key points of a map with their descriptors, the strongest first.
+pub(super) fn key_points(map: &RobotMap) -> Vec<KeyPoint> {
+    Cloud::new(map).described()
 }
 
 /// A map's points with normals.
@@ -163,7 +171,7 @@ impl Cloud {
     }
 
     /// Key points with their descriptors.
-    fn described(&self) -> Vec<(Vector3<f64>, Descriptor)> {
+    fn described(&self) -> Vec<KeyPoint> {
         let simple: Vec<Descriptor> =
             (0..self.points.len()).into_par_iter().map(|i| self.simple(i)).collect();
         let describe = |i: usize| (self.points[i], self.descriptor(i, &simple));
@@ -217,10 +225,8 @@ impl Cloud {
 }
 
 /// Algorithm 1: pairs of which each is among the other's [`NEAREST`] nearest.
-fn reciprocal(a: &[(Vector3<f64>, Descriptor)], b: &[(Vector3<f64>, Descriptor)]) -> Vec<(usize, usize)> {
-    let nearest = |of: &[(Vector3<f64>, Descriptor)],
-                   among: &[(Vector3<f64>, Descriptor)]|
-     -> Vec<Vec<u32>> {
+fn reciprocal(a: &[KeyPoint], b: &[KeyPoint]) -> Vec<(usize, usize)> {
+    let nearest = |of: &[KeyPoint], among: &[KeyPoint]| -> Vec<Vec<u32>> {
         of.par_iter()
             .map(|(_, descriptor)| {
                 let squared = |other: &Descriptor| -> f32 {

@@ -1,9 +1,11 @@
 //! A robot's map, ready to be merged: as a whole, and in pieces that are independent of each other.
 
+use super::emr::{KeyPoint, key_points};
 use crate::keyframe::{Keyframe, Submap, transformed};
 use crate::scan_context::ScanContext;
 use crate::voxels::{VoxelTable, first_of_each_voxel};
 use geometry::Se3;
+use std::sync::OnceLock;
 
 /// A piece of a map: the keyframes along some metres of the way.
 #[derive(Clone, Debug)]
@@ -27,6 +29,8 @@ pub struct RobotMap {
     pub contexts: Vec<ScanContext>,
     /// Pieces along the way; no keyframe is in two of them.
     pub pieces: Vec<Piece>,
+    /// Key points, found when a merge first asks for them.
+    key_points: OnceLock<Vec<KeyPoint>>,
 }
 
 /// Length of way of a piece, metres: as far as loops reach on either side of a keyframe, and a few scans at least.
@@ -42,7 +46,13 @@ impl RobotMap {
             poses: keyframes.iter().map(|k| k.world_from_sensor).collect(),
             contexts: keyframes.iter().map(|k| k.context.clone()).collect(),
             pieces: spans(keyframes).into_iter().map(|span| piece(keyframes, span)).collect(),
+            key_points: OnceLock::new(),
         }
+    }
+
+    /// Its key points with their descriptors.
+    pub(super) fn key_points(&self) -> &[KeyPoint] {
+        self.key_points.get_or_init(|| key_points(self))
     }
 }
 
