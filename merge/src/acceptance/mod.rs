@@ -17,6 +17,7 @@
 //! | further pairs that should overlap and agree | the same, where single pairs look alike too | refused |
 //! | points that the other keyframe looks through | structure that is not there | refused |
 //! | points whose contrast the other keyframe lacks | the same, where there is no depth | refused |
+//! | patches that are looked through as a whole and look otherwise | places alike but for things that stand there | undecided |
 //! | closures that agree on another motion | things that repeat | undecided |
 //!
 //! The first five need the closure alone; the others need both whole maps ([`further`](crate::further)) and are asked of
@@ -178,6 +179,19 @@ pub enum Doubt {
         /// Largest share.
         limit: f64,
     },
+    /// Things that one map has and the other has not.
+    #[error(
+        "{patches} patches, {share:.4} of what keyframes see, are not there in the other map, which looks through them; \
+         {limit:.4} at most may be: another place that looks alike, or something moved"
+    )]
+    Absent {
+        /// Patches looked through.
+        patches: usize,
+        /// Share of the points that lie in them.
+        share: f64,
+        /// Largest share.
+        limit: f64,
+    },
     /// Another motion is nearly as good.
     #[error(
         "{closures} closures agree on this motion and {rival} on another: too few to tell which is right"
@@ -272,6 +286,11 @@ impl Test {
         self.most("seen through", [share, limit], Says::Against, Doubt::SeenThrough { share, limit });
         let (share, limit) = (beyond.missing_share, params.max_missing_share);
         self.most("missing", [share, limit], Says::Against, Doubt::Missing { share, limit });
+        let (patches, share, limit) = (beyond.absent_patches, beyond.absent_share, params.max_absent_share);
+        // So put, a share that is no number speaks.
+        let share = if patches < params.min_absent_patches { 0.0 } else { share };
+        let doubt = Doubt::Absent { patches, share, limit };
+        self.most("patches seen through", [share, limit], Says::Open, doubt);
         let doubt = Doubt::Rival { closures, rival };
         self.most("rival", [beyond.rival_share(), params.max_rival_share], Says::Open, doubt);
     }
