@@ -2,7 +2,9 @@
 //!
 //! What two keyframes of one place disagree in is noise, edges of what hides and what gleams: it lies scattered, and where
 //! depths contradict each other by mistake the images still look alike. A thing that one place has and the other has not
-//! is looked through as a whole, and what is seen instead looks otherwise.
+//! is looked through as a whole, and what is seen instead looks otherwise (*absent*). What is flat, a notice or a wall,
+//! looks otherwise alone (*unlike*): blur, noise and the angle of view make all patches of a pair less alike, so that a
+//! patch is unlike where it is an outlier among those of its pair.
 
 use super::KeyframeView;
 use super::compare::{CompareParams, Met, Window};
@@ -27,6 +29,15 @@ params! {
         /// It looks the same where its intensities correlate with those in the target at least so much, at the shift
         /// within the window that suits best. Range 0–1.
         pub min_correlation: f64 = 0.5,
+        /// A patch is unlike where one minus its correlation is above this, and above `outlier` times the median of its pair
+        /// of keyframes. Range 0–2.
+        pub min_dissimilarity: f64 = 0.6,
+        /// See `min_dissimilarity`. Range 1–100; of right pairs, held by hand or rendered, 0.4 % of the points at most lie in
+        /// such patches.
+        pub outlier: f64 = 8.0,
+        /// Least contrast of a patch whose look is asked, standard deviation of its intensities, grey levels. Range 0–100;
+        /// half again the image noise.
+        pub min_contrast: f64 = 6.0,
         /// Standard deviation of the image noise, grey levels, which lowers the correlation of what has no contrast. Range
         /// 0.5–20 (Engel 2014: 4).
         pub image_noise: f64 = 4.0,
@@ -44,6 +55,12 @@ pub struct PatchComparison {
     pub points: usize,
     /// Points of those that are absent.
     pub absent_points: usize,
+    /// Patches with contrast that are unlike.
+    pub unlike: usize,
+    /// Points of patches with contrast.
+    pub contrast_points: usize,
+    /// Points of those that are unlike.
+    pub unlike_points: usize,
 }
 
 impl PatchComparison {
@@ -54,12 +71,20 @@ impl PatchComparison {
             absent: self.absent + other.absent,
             points: self.points + other.points,
             absent_points: self.absent_points + other.absent_points,
+            unlike: self.unlike + other.unlike,
+            contrast_points: self.contrast_points + other.contrast_points,
+            unlike_points: self.unlike_points + other.unlike_points,
         }
     }
 
     /// Share of the points of all patches that lie in absent ones; 0 where there are none.
     pub fn absent_share(&self) -> f64 {
         self.absent_points as f64 / self.points.max(1) as f64
+    }
+
+    /// Share of the points of all patches with contrast that lie in unlike ones; 0 where there are none.
+    pub fn unlike_share(&self) -> f64 {
+        self.unlike_points as f64 / self.contrast_points.max(1) as f64
     }
 }
 
@@ -111,21 +136,56 @@ pub fn compare_patches(
             through: matches!(met, Some(Met::Behind)),
         });
     }
+    patches.retain(|patch| patch.len() >= params.min_points.max(1));
+    judge(&patches, image, compare.radius, params)
+}
+
+/// What becomes of patches, by where their points should be in an image.
+fn judge(patches: &[Vec<Seen>], image: &GrayImage, radius: usize, params: &PatchParams) -> PatchComparison {
     let mut found = PatchComparison::default();
-    for patch in patches.iter().filter(|patch| patch.len() >= params.min_points.max(1)) {
+    // Points and dissimilarity of each patch with contrast.
+    let mut looks: Vec<(usize, f64)> = Vec::new();
+    for patch in patches {
         found.patches += 1;
         found.points += patch.len();
         let through = patch.iter().filter(|seen| seen.through).count();
         let is_through = through as f64 > params.through_share * patch.len() as f64;
-        if is_through && correlation(patch, image, compare.radius, params) < params.min_correlation {
+        let has_contrast = contrast(patch) > params.min_contrast;
+        if !(is_through || has_contrast) {
+            continue;
+        }
+        let correlation = correlation(patch, image, radius, params);
+        if is_through && correlation < params.min_correlation {
             found.absent += 1;
             found.absent_points += patch.len();
+        }
+        if has_contrast {
+            looks.push((patch.len(), 1.0 - correlation));
+        }
+    }
+    let mut sorted: Vec<f64> = looks.iter().map(|(_, dissimilarity)| *dissimilarity).collect();
+    sorted.sort_by(f64::total_cmp);
+    let median = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
+    let limit = params.min_dissimilarity.max(params.outlier * median);
+    for (points, dissimilarity) in looks {
+        found.contrast_points += points;
+        if dissimilarity > limit {
+            found.unlike += 1;
+            found.unlike_points += points;
         }
     }
     found
 }
 
-/// The largest correlation of a patch's intensities with those of an image, −1 to 1, at shifts of up to `radius` pixels.
+/// Standard deviation of a patch's intensities, grey levels.
+fn contrast(patch: &[Seen]) -> f64 {
+    let n = patch.len().max(1) as f64;
+    let mean = patch.iter().map(|seen| seen.intensity).sum::<f64>() / n;
+    (patch.iter().map(|seen| (seen.intensity - mean).powi(2)).sum::<f64>() / n).sqrt()
+}
+
+/// The largest correlation of a patch's intensities with those of an image, −1 to 1, at shifts of up to `radius` pixels; any
+/// that is high enough that the rest would not matter.
 fn correlation(patch: &[Seen], image: &GrayImage, radius: usize, params: &PatchParams) -> f64 {
     let reach = radius as i32;
     let noise = params.image_noise * params.image_noise;
@@ -146,5 +206,14 @@ fn correlation(patch: &[Seen], image: &GrayImage, radius: usize, params: &PatchP
         let deviation = |k: usize| (squares[k] / n - (sum[k] / n).powi(2) + noise).sqrt();
         (product / n - sum[0] * sum[1] / (n * n)) / (deviation(0) * deviation(1))
     };
-    shifts.map(at).fold(-1.0, f64::max)
+    // Where half of the patches are more alike than this, the median does not decide; where not, it is another's.
+    let enough = params.min_correlation.max(1.0 - params.min_dissimilarity / params.outlier.max(1.0));
+    let mut best = at(Vector2::zeros());
+    for shift in shifts {
+        if best >= enough {
+            break;
+        }
+        best = best.max(at(shift));
+    }
+    best
 }

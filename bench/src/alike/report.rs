@@ -3,11 +3,7 @@
 use super::maps::name;
 use super::outcome::{Line, Outcome};
 use super::{Measured, WAYS};
-use std::collections::BTreeMap;
 use std::fmt::Write;
-
-/// Points of a curve.
-const STEPS: usize = 6;
 
 /// Counts of some pairs.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -93,15 +89,8 @@ fn curves(pairs: &[&Outcome]) -> String {
          other keeps out.\n\n| line | limit | 0.5 × | 0.75 × | 1 × | 1.25 × | 1.5 × | without | alone |\n|---|---|---|---|---|---|---|---|---|\n",
     );
     for (name, limit) in names {
-        let factors = [0.5, 0.75, 1.0, 1.25, 1.5].map(Some);
-        let cells: BTreeMap<usize, String> = factors
-            .into_iter()
-            .chain([None])
-            .take(STEPS)
-            .enumerate()
-            .map(|(i, factor)| (i, cell(pairs, &name, factor)))
-            .collect();
-        let cells: Vec<String> = cells.into_values().collect();
+        let factors = [Some(0.5), Some(0.75), Some(1.0), Some(1.25), Some(1.5), None];
+        let cells: Vec<String> = factors.map(|factor| cell(pairs, &name, factor)).into();
         let alone = pairs.iter().filter(|pair| !pair.one_place && passes(pair, &name, None)).count();
         let _ = writeln!(text, "| {name} | {limit} | {} | {alone} |", cells.join(" | "));
     }
@@ -111,8 +100,8 @@ fn curves(pairs: &[&Outcome]) -> String {
 /// Pairs of one place and of different ones that pass with so much of a line's limit, without it for nothing.
 fn cell(pairs: &[&Outcome], name: &str, factor: Option<f64>) -> String {
     let count = |one_place: bool| {
-        let of_it = pairs.iter().filter(|pair| if one_place { pair.related } else { !pair.one_place });
-        of_it.filter(|pair| passes(pair, name, factor)).count()
+        let asked = |pair: &&&Outcome| if one_place { pair.related } else { !pair.one_place };
+        pairs.iter().filter(asked).filter(|pair| passes(pair, name, factor)).count()
     };
     format!("{} · {}", count(true), count(false))
 }
@@ -130,4 +119,48 @@ fn passes(pair: &Outcome, name: &str, factor: Option<f64>) -> bool {
         }
     };
     pair.closures.iter().any(|lines| lines.iter().all(holds))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A pair of one place or of two with one closure, of lines with limit 1 that ask for at most so much.
+    fn pair(one_place: bool, values: [f64; 2]) -> Outcome {
+        let line = |(name, value): (&str, f64)| Line {
+            name: name.to_owned(),
+            value,
+            limit: 1.0,
+            passes: value <= 1.0,
+        };
+        let lines: Vec<Line> = ["a", "b"].into_iter().zip(values).map(line).collect();
+        let accepted = lines.iter().all(|line| line.passes);
+        Outcome {
+            maps: [(0, 0), (u64::from(!one_place), 1)],
+            related: one_place,
+            one_place,
+            verdict: if accepted { "accepted" } else { "refused" }.to_owned(),
+            right: one_place,
+            closures: vec![lines],
+        }
+    }
+
+    #[test]
+    fn a_limit_moved_lets_others_pass() {
+        let pairs = [pair(true, [0.6, 0.2]), pair(false, [1.2, 0.5]), pair(false, [1.2, 3.0])];
+        let pairs: Vec<&Outcome> = pairs.iter().collect();
+        assert_eq!(cell(&pairs, "a", Some(1.0)), "1 · 0");
+        assert_eq!(cell(&pairs, "a", Some(1.25)), "1 · 1");
+        assert_eq!(cell(&pairs, "a", Some(0.5)), "0 · 0");
+        assert_eq!(cell(&pairs, "a", None), "1 · 1");
+        assert!(curves(&pairs).contains("| a | 1 | 0 · 0 | 1 · 0 | 1 · 0 | 1 · 1 | 1 · 1 | 1 · 1 | 1 |"));
+    }
+
+    #[test]
+    fn a_wrong_merge_is_counted() {
+        let pairs = [pair(true, [0.1, 0.1]), pair(false, [0.1, 0.1]), pair(false, [2.0, 0.1])];
+        let counts = Counts::of(pairs.iter());
+        assert_eq!((counts.strangers, counts.hard, counts.wrong), (2, 2, 1));
+        assert_eq!((counts.related, counts.right), (1, 1));
+    }
 }

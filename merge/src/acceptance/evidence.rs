@@ -55,6 +55,10 @@ pub struct Beyond {
     pub absent_patches: usize,
     /// Share of the points of all patches that lie in them, 0–1.
     pub absent_share: f64,
+    /// Patches that look otherwise in the other keyframe, as no others of the pair do.
+    pub unlike_patches: usize,
+    /// Share of the points of all patches with contrast that lie in them, 0–1.
+    pub unlike_share: f64,
 }
 
 impl Evidence {
@@ -101,6 +105,8 @@ impl Beyond {
             missing_share: joined.seen.missing_share(),
             absent_patches: joined.patches.absent,
             absent_share: joined.patches.absent_share(),
+            unlike_patches: joined.patches.unlike,
+            unlike_share: joined.patches.unlike_share(),
         }
     }
 

@@ -18,6 +18,7 @@
 //! | points that the other keyframe looks through | structure that is not there | refused |
 //! | points whose contrast the other keyframe lacks | the same, where there is no depth | refused |
 //! | patches that are looked through as a whole and look otherwise | places alike but for things that stand there | undecided |
+//! | patches that look otherwise where all others look alike | the same, where what differs is flat | undecided |
 //! | closures that agree on another motion | things that repeat | undecided |
 //!
 //! The first five need the closure alone; the others need both whole maps ([`further`](crate::further)) and are asked of
@@ -192,6 +193,19 @@ pub enum Doubt {
         /// Largest share.
         limit: f64,
     },
+    /// Surfaces that look otherwise.
+    #[error(
+        "{patches} patches, {share:.3} of what keyframes see, look otherwise in the other map where all else looks alike; \
+         {limit:.3} at most may: another place that looks alike, or something changed"
+    )]
+    OtherLook {
+        /// Patches that look otherwise.
+        patches: usize,
+        /// Share of the points that lie in them.
+        share: f64,
+        /// Largest share.
+        limit: f64,
+    },
     /// Another motion is nearly as good.
     #[error(
         "{closures} closures agree on this motion and {rival} on another: too few to tell which is right"
@@ -286,11 +300,15 @@ impl Test {
         self.most("seen through", [share, limit], Says::Against, Doubt::SeenThrough { share, limit });
         let (share, limit) = (beyond.missing_share, params.max_missing_share);
         self.most("missing", [share, limit], Says::Against, Doubt::Missing { share, limit });
-        let (patches, share, limit) = (beyond.absent_patches, beyond.absent_share, params.max_absent_share);
-        // So put, a share that is no number speaks.
-        let share = if patches < params.min_absent_patches { 0.0 } else { share };
+        let enough = |patches: usize, share: f64| if patches < params.min_patches { 0.0 } else { share };
+        let (patches, limit) = (beyond.absent_patches, params.max_absent_share);
+        let share = enough(patches, beyond.absent_share);
         let doubt = Doubt::Absent { patches, share, limit };
         self.most("patches seen through", [share, limit], Says::Open, doubt);
+        let (patches, limit) = (beyond.unlike_patches, params.max_unlike_share);
+        let share = enough(patches, beyond.unlike_share);
+        let doubt = Doubt::OtherLook { patches, share, limit };
+        self.most("patches that look otherwise", [share, limit], Says::Open, doubt);
         let doubt = Doubt::Rival { closures, rival };
         self.most("rival", [beyond.rival_share(), params.max_rival_share], Says::Open, doubt);
     }
