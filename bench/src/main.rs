@@ -2,6 +2,7 @@
 //!
 //! It knows the program only from outside: its command line and the files it writes.
 
+mod alike;
 mod fleet;
 mod lidar;
 mod live;
@@ -63,6 +64,12 @@ struct Args {
     /// should have nothing else to do
     #[arg(long, conflicts_with_all = ["merges", "live", "perturbed", "lidar", "long"])]
     fleet: bool,
+    /// Measure only so many pairs of maps of rendered places that look alike: none of different places may be merged
+    #[arg(long, value_name = "PAIRS", conflicts_with_all = ["merges", "live", "perturbed", "lidar", "long", "fleet"])]
+    strangers: Option<usize>,
+    /// With --strangers: other places. What limits are set on must not be what they are measured on
+    #[arg(long, value_name = "N", default_value_t = 2, requires = "strangers")]
+    seed: u64,
     /// With --perturbed: from how many first frames each sequence is run
     #[arg(long, value_name = "N", default_value_t = 16, requires = "perturbed")]
     starts: usize,
@@ -112,6 +119,9 @@ fn main() -> Result<()> {
     if let Some(frames) = args.long {
         let drive = town::measure(&runner, frames)?;
         return write(&args.documents, &[("long", town::section(&drive))]);
+    }
+    if let Some(pairs) = args.strangers {
+        return measure_strangers(&args, pairs);
     }
     let found = sequences(&args.data, &args.only)?;
     if args.perturbed {
@@ -167,6 +177,18 @@ fn measure_part(plan: &live::Plan, part: LivePart) -> Result<()> {
     };
     println!("{text}");
     problem.map_or(Ok(()), |reason| bail!(reason))
+}
+
+/// Measures merges of places that look alike.
+fn measure_strangers(args: &Args, pairs: usize) -> Result<()> {
+    let program = merging::Program { loopbox: args.loopbox.clone() };
+    let plan = alike::Plan { program: &program, work: &args.work, pairs, seed: args.seed };
+    let measured = alike::measure(&plan)?;
+    write(&args.documents, &[("strangers", alike::report::section(&measured, args.seed))])?;
+    match alike::report::wrong(&measured) {
+        0 => Ok(()),
+        wrong => bail!("{wrong} pairs of maps were merged wrongly"),
+    }
 }
 
 /// Measures what concerns cameras.

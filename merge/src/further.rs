@@ -12,7 +12,9 @@ use crate::estimate::Estimate;
 use crate::overlap::Glimpse;
 use crate::prepared::PreparedMap;
 use backend::posegraph::{ConsistencyParams, MapGraph, PoseGraphError, consistent_set};
-use backend::sim3_align::{CompareParams, Comparison, Sim3AlignParams, compare};
+use backend::sim3_align::{
+    CompareParams, Comparison, PatchComparison, PatchParams, Sim3AlignParams, compare, compare_patches,
+};
 use geometry::Sim3;
 use map::{Edge, EdgeKind, KeyframeId};
 use nalgebra::{SMatrix, SVector};
@@ -38,6 +40,8 @@ pub struct FurtherParams {
     pub direct: Sim3AlignParams,
     /// What keyframes see at a given motion.
     pub compare: CompareParams,
+    /// What of each keyframe is not in the other, patch by patch.
+    pub patches: PatchParams,
     /// How far right closures may be off beyond their stated uncertainty, because keyframes share the errors of their
     /// depths with their neighbours: translation in parts of the keyframe's median distance, rotation in radians, scale
     /// in parts. Default 0.01, 0.005 and 0.01, as within one closure; above 0.
@@ -60,6 +64,7 @@ impl Default for FurtherParams {
                 ..Sim3AlignParams::default()
             },
             compare: CompareParams::default(),
+            patches: PatchParams::default(),
             drift: [0.01, 0.005, 0.01],
             consistency: ConsistencyParams::default(),
         }
@@ -85,6 +90,8 @@ pub struct Joined {
     /// What the keyframes of the first closure and of all pairs tried see of each other, both ways: those that agree
     /// at their own alignment, the others at the motion of the first closure.
     pub seen: Comparison,
+    /// The same patch by patch, of those that agree.
+    pub patches: PatchComparison,
 }
 
 /// The edges of a first closure and of further ones along the maps, as far as they agree.
@@ -128,6 +135,9 @@ pub fn join(
         see(source, target, pair, &there, &params.compare)
     });
     let seen = seen.flatten().collect::<Vec<_>>().into_iter().fold(Comparison::default(), Comparison::plus);
+    let patches = selected.par_iter().filter_map(|edge| see_patches(source, target, edge, params));
+    let patches =
+        patches.collect::<Vec<_>>().into_iter().fold(PatchComparison::default(), PatchComparison::plus);
     Ok(Joined {
         rejected: pick(&consistent.rejected),
         tried: pairs.len(),
@@ -135,6 +145,7 @@ pub fn join(
         confirmed: consistent.selected.iter().filter(|&&index| index >= own).count(),
         rival: consistent.rival,
         seen,
+        patches,
         edges: selected,
     })
 }
@@ -190,6 +201,19 @@ fn see(
     let (a, b) = (source.get(i)?.view(), target.get(j)?.view());
     let there = compare(a, b, target_from_source, params);
     Some(there.plus(compare(b, a, &target_from_source.inverse(), params)))
+}
+
+/// What of the keyframes of an edge is not in the other, both ways.
+fn see_patches(
+    source: &PreparedMap,
+    target: &PreparedMap,
+    edge: &Edge,
+    params: &FurtherParams,
+) -> Option<PatchComparison> {
+    let (a, b) = (source.get(edge.to)?.view(), target.get(edge.from)?.view());
+    let (there, back) = (edge.from_from_to, edge.from_from_to.inverse());
+    let found = compare_patches(a, b, &there, &params.compare, &params.patches);
+    Some(found.plus(compare_patches(b, a, &back, &params.compare, &params.patches)))
 }
 
 /// The edge of an aligned pair, from the target's keyframe.

@@ -4,6 +4,7 @@
 //!
 //! All that is rendered is a function of its arguments; the same call gives the same bytes on every machine.
 
+pub mod alike;
 pub mod lidar;
 pub mod lidar_sites;
 pub mod pages;

@@ -105,7 +105,7 @@ pub fn length(path: &[Se3]) -> f64 {
 }
 
 /// A level camera at `position`, turned right by `yaw` from +z and then down by `pitch`, radians.
-fn look(position: Vector3<f64>, yaw: f64, pitch: f64) -> Se3 {
+pub(crate) fn look(position: Vector3<f64>, yaw: f64, pitch: f64) -> Se3 {
     let yaw = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), yaw);
     let pitch = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), -pitch);
     Se3::new(yaw * pitch, position)

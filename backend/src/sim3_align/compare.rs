@@ -117,27 +117,33 @@ pub fn compare(
 }
 
 /// Where the target's depths lie, seen from a point.
-enum Met {
+pub(super) enum Met {
     Agrees,
     Behind,
     Before,
 }
 
 /// A window of an image.
-struct Window {
+pub(super) struct Window {
     x: std::ops::RangeInclusive<usize>,
     y: std::ops::RangeInclusive<usize>,
 }
 
 impl Window {
-    fn new([x, y]: [usize; 2], radius: usize, image: &GrayImage) -> Self {
+    pub(super) fn new([x, y]: [usize; 2], radius: usize, image: &GrayImage) -> Self {
         let range = |v: usize, size: usize| v.saturating_sub(radius)..=(v + radius).min(size - 1);
         Self { x: range(x, image.width()), y: range(y, image.height()) }
     }
 
     /// What the depths of the window are to an inverse depth; nothing where there are none. Where some agree, the
     /// others are of another surface beside it.
-    fn depth(&self, depth: &LevelDepth, here: f64, deviation: f64, params: &CompareParams) -> Option<Met> {
+    pub(super) fn depth(
+        &self,
+        depth: &LevelDepth,
+        here: f64,
+        deviation: f64,
+        params: &CompareParams,
+    ) -> Option<Met> {
         let (mut behind, mut before) = (0, 0);
         for y in self.y.clone() {
             for x in self.x.clone() {

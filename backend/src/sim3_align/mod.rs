@@ -7,6 +7,7 @@
 mod compare;
 mod level;
 mod params;
+mod patches;
 mod reciprocal;
 mod residual;
 mod view;
@@ -16,6 +17,7 @@ mod tests;
 
 pub use compare::{CompareParams, Comparison, compare};
 pub use params::Sim3AlignParams;
+pub use patches::{PatchComparison, PatchParams, compare_patches};
 pub use reciprocal::{ReciprocalVerdict, reciprocal};
 pub use view::KeyframeView;
 

@@ -153,7 +153,7 @@ impl<'a> Projector<'a> {
 
 /// Bilinear intensity and its exact gradient; `None` outside the image.
 #[inline]
-fn sample(image: &GrayImage, x: f64, y: f64) -> Option<(f64, f64, f64)> {
+pub(super) fn sample(image: &GrayImage, x: f64, y: f64) -> Option<(f64, f64, f64)> {
     let (right, bottom) = (image.width() as f64 - 1.0, image.height() as f64 - 1.0);
     if !(x >= 0.0 && y >= 0.0 && x < right && y < bottom) {
         return None;

@@ -11,12 +11,12 @@ fn camera() -> Pinhole {
     Pinhole { width: 320, height: 240, fx: 250.0, fy: 250.0, cx: 159.5, cy: 119.5 }
 }
 
-/// Depth along the ray and texture of a slanted wall with a box before it.
-fn scene(origin: &Vector3<f64>, ray: &Vector3<f64>) -> (f64, f64) {
+/// Depth along the ray and texture of a slanted wall with a box before it, whose middle is at `x`.
+fn scene(origin: &Vector3<f64>, ray: &Vector3<f64>, x: f64) -> (f64, f64) {
     let wall = (4.0 + 0.3 * origin.x - origin.z) / (ray.z - 0.3 * ray.x);
     let face = (2.8 - origin.z) / ray.z;
     let on_face = origin + ray * face;
-    let hit = on_face.x.abs() < 0.5 && (on_face.y - 0.2).abs() < 0.4 && face < wall;
+    let hit = (on_face.x - x).abs() < 0.5 && (on_face.y - 0.2).abs() < 0.4 && face < wall;
     let t = if hit { face } else { wall };
     let p = origin + ray * t;
     let texture = (3.1 * p.x + 1.3 * p.y).sin()
@@ -29,13 +29,18 @@ fn scene(origin: &Vector3<f64>, ray: &Vector3<f64>) -> (f64, f64) {
 /// A keyframe rendered from `world_from_camera` whose unit is `unit` world units; brightness
 /// `gain·I + offset`.
 fn render(world_from_camera: &Se3, unit: f64, gain: f64, offset: f64) -> (Pyramid, SemiDense) {
+    render_box(world_from_camera, unit, [gain, offset], 0.0)
+}
+
+/// The same with the box elsewhere.
+fn render_box(world_from_camera: &Se3, unit: f64, [gain, offset]: [f64; 2], at: f64) -> (Pyramid, SemiDense) {
     let camera = camera();
     let mut image = GrayImage::filled(camera.width, camera.height, 0);
     let mut depth = vec![0.0; camera.width * camera.height];
     for y in 0..camera.height {
         for x in 0..camera.width {
             let ray = world_from_camera.rotation * camera.unproject(x as f64, y as f64);
-            let (t, value) = scene(&world_from_camera.translation, &ray);
+            let (t, value) = scene(&world_from_camera.translation, &ray, at);
             image.set(x, y, (gain * value + offset).round().clamp(0.0, 255.0) as u8);
             depth[y * camera.width + x] = t;
         }
@@ -231,6 +236,31 @@ fn what_is_looked_through_is_told_from_what_is_hidden() {
     assert!(nearer.through_share() > 0.5, "{nearer:?}");
     let farther = compare(&here, &here, &ahead(1.5), &params);
     assert!(farther.hidden > farther.agree && farther.through_share() < 0.1, "{farther:?}");
+}
+
+/// A box that one keyframe sees and the other does not is absent there, both of one place lack nothing.
+#[test]
+fn a_thing_that_is_not_there_is_looked_through_as_a_whole() {
+    let (compare, params) = (CompareParams::default(), PatchParams::default());
+    let (from, to) = (pose(0.0, 0.0, 0.0, 0.0, 0.0), pose(0.25, -0.05, 0.1, -0.05, 0.03));
+    let motion = Sim3::from(to.inverse() * from);
+    let same = compare_patches(&view_from(&from), &view_from(&to), &motion, &compare, &params);
+    assert!(same.patches > 50 && same.absent == 0 && same.unlike == 0, "{same:?}");
+    let (alike, depth) = render(&to, 1.0, 1.0, 0.0);
+    let (_, of_wall) = render_box(&to, 1.0, [1.0, 0.0], 100.0);
+    let blank = Pyramid::new(GrayImage::filled(camera().width, camera().height, 128), 5);
+    let without = KeyframeView::new(&blank, &of_wall, &camera());
+    let other = compare_patches(&view_from(&from), &without, &motion, &compare, &params);
+    assert!(other.absent >= 3 && other.absent_share() > 0.01, "{other:?}");
+    // Where it looks the same a depth is wrong.
+    let mistaken = KeyframeView::new(&alike, &of_wall, &camera());
+    let found = compare_patches(&view_from(&from), &mistaken, &motion, &compare, &params);
+    assert!(found.absent < other.absent / 3, "{found:?}");
+    // What the box would hide is no contradiction.
+    let wall = KeyframeView::new(&alike, &of_wall, &camera());
+    let box_before = KeyframeView::new(&blank, &depth, &camera());
+    let back = compare_patches(&wall, &box_before, &Sim3::identity(), &compare, &params);
+    assert_eq!(back.absent, 0, "{back:?}");
 }
 
 /// Where the target shows nothing, what the source sees is missing.

@@ -8,14 +8,14 @@ mod program;
 pub mod report;
 mod rescaled;
 mod strangers;
-mod truth;
+pub mod truth;
 
 use crate::measure::Runner;
 use anyhow::{Result, bail};
 use cases::{CASES, Case, Measured, Numbers};
 use judge::{Judged, Verdict};
 use maps::{Known, Recording};
-use program::Program;
+pub use program::Program;
 use rescaled::Change;
 use std::path::Path;
 

@@ -78,6 +78,18 @@ impl Program {
         Ok(Attempt::Merged(Merged { record, folder: out.to_owned() }))
     }
 
+    /// merge.json of maps that are merged with a parameter file; the results go into the folder `out`.
+    ///
+    /// # Errors
+    /// When the program fails other than by refusing all.
+    pub fn record(&self, maps: &[PathBuf], out: &Path, params: &Path) -> Result<Value> {
+        let mut command = Command::new(&self.loopbox);
+        command.arg("merge").args(maps).arg("--out").arg(out).args(["--json", "--quiet"]);
+        let ran = output(command.arg("--params").arg(params))?;
+        let reason = || format!("{command:?}: {}", String::from_utf8_lossy(&ran.stderr).trim());
+        serde_json::from_slice(&ran.stdout).with_context(reason)
+    }
+
     /// The methods of merging that the program has, of those asked for.
     ///
     /// # Errors

@@ -51,6 +51,14 @@ pub struct Beyond {
     pub through_share: f64,
     /// Share of points seen whose contrast is missing in the other keyframe, 0–1.
     pub missing_share: f64,
+    /// Patches that the other keyframe looks through as a whole and that look otherwise there.
+    pub absent_patches: usize,
+    /// Share of the points of all patches that lie in them, 0–1.
+    pub absent_share: f64,
+    /// Patches that look otherwise in the other keyframe, as no others of the pair do.
+    pub unlike_patches: usize,
+    /// Share of the points of all patches with contrast that lie in them, 0–1.
+    pub unlike_share: f64,
 }
 
 impl Evidence {
@@ -95,6 +103,10 @@ impl Beyond {
             rival: joined.rival,
             through_share: joined.seen.through_share(),
             missing_share: joined.seen.missing_share(),
+            absent_patches: joined.patches.absent,
+            absent_share: joined.patches.absent_share(),
+            unlike_patches: joined.patches.unlike,
+            unlike_share: joined.patches.unlike_share(),
         }
     }
 

@@ -17,6 +17,8 @@
 //! | further pairs that should overlap and agree | the same, where single pairs look alike too | refused |
 //! | points that the other keyframe looks through | structure that is not there | refused |
 //! | points whose contrast the other keyframe lacks | the same, where there is no depth | refused |
+//! | patches that are looked through as a whole and look otherwise | places alike but for things that stand there | undecided |
+//! | patches that look otherwise where all others look alike | the same, where what differs is flat | undecided |
 //! | closures that agree on another motion | things that repeat | undecided |
 //!
 //! The first five need the closure alone; the others need both whole maps ([`further`](crate::further)) and are asked of
@@ -178,6 +180,32 @@ pub enum Doubt {
         /// Largest share.
         limit: f64,
     },
+    /// Things that one map has and the other has not.
+    #[error(
+        "{patches} patches, {share:.4} of what keyframes see, are not there in the other map, which looks through them; \
+         {limit:.4} at most may be: another place that looks alike, or something moved"
+    )]
+    Absent {
+        /// Patches looked through.
+        patches: usize,
+        /// Share of the points that lie in them.
+        share: f64,
+        /// Largest share.
+        limit: f64,
+    },
+    /// Surfaces that look otherwise.
+    #[error(
+        "{patches} patches, {share:.3} of what keyframes see, look otherwise in the other map where all else looks alike; \
+         {limit:.3} at most may: another place that looks alike, or something changed"
+    )]
+    OtherLook {
+        /// Patches that look otherwise.
+        patches: usize,
+        /// Share of the points that lie in them.
+        share: f64,
+        /// Largest share.
+        limit: f64,
+    },
     /// Another motion is nearly as good.
     #[error(
         "{closures} closures agree on this motion and {rival} on another: too few to tell which is right"
@@ -272,6 +300,15 @@ impl Test {
         self.most("seen through", [share, limit], Says::Against, Doubt::SeenThrough { share, limit });
         let (share, limit) = (beyond.missing_share, params.max_missing_share);
         self.most("missing", [share, limit], Says::Against, Doubt::Missing { share, limit });
+        let enough = |patches: usize, share: f64| if patches < params.min_patches { 0.0 } else { share };
+        let (patches, limit) = (beyond.absent_patches, params.max_absent_share);
+        let share = enough(patches, beyond.absent_share);
+        let doubt = Doubt::Absent { patches, share, limit };
+        self.most("patches seen through", [share, limit], Says::Open, doubt);
+        let (patches, limit) = (beyond.unlike_patches, params.max_unlike_share);
+        let share = enough(patches, beyond.unlike_share);
+        let doubt = Doubt::OtherLook { patches, share, limit };
+        self.most("patches that look otherwise", [share, limit], Says::Open, doubt);
         let doubt = Doubt::Rival { closures, rival };
         self.most("rival", [beyond.rival_share(), params.max_rival_share], Says::Open, doubt);
     }

@@ -23,6 +23,10 @@ const BEYOND: Beyond = Beyond {
     rival: 2,
     through_share: 0.05,
     missing_share: 0.1,
+    absent_patches: 3,
+    absent_share: 0.003,
+    unlike_patches: 3,
+    unlike_share: 0.01,
 };
 
 fn verdict(evidence: Evidence) -> Verdict {
@@ -36,7 +40,7 @@ fn beyond(beyond: Beyond) -> Evidence {
 #[test]
 fn what_is_enough_passes_every_line() {
     let verdict = verdict(ENOUGH);
-    assert_eq!((verdict.decision, verdict.lines.len()), (Decision::Accepted, 12));
+    assert_eq!((verdict.decision, verdict.lines.len()), (Decision::Accepted, 14));
     assert!(verdict.accepts() && verdict.doubt().is_none());
     assert!(verdict.lines.iter().all(|line| line.says == Says::For), "{:?}", verdict.lines);
 }
@@ -48,7 +52,7 @@ fn keyframes_matched_together_must_look_more_alike() {
     assert!(verdict(pooled).accepts());
     let doubt = Doubt::Unlike { share: 0.69, needed: 0.7 };
     let verdict = verdict(Evidence { inlier_share: 0.69, ..pooled });
-    assert_eq!((verdict.decision, verdict.lines.len()), (Decision::Undecided(doubt), 13));
+    assert_eq!((verdict.decision, verdict.lines.len()), (Decision::Undecided(doubt), 15));
 }
 
 #[test]
@@ -60,6 +64,14 @@ fn each_line_alone_says_what_it_says() {
         (Evidence { rotation_deviation: 0.36, ..ENOUGH }, vague(0.36, 0.03, 0.03)),
         (Evidence { translation_deviation: 0.031, ..ENOUGH }, vague(0.35, 0.031, 0.03)),
         (Evidence { scale_deviation: 0.031, ..ENOUGH }, vague(0.35, 0.03, 0.031)),
+        (
+            beyond(Beyond { absent_share: 0.004, ..BEYOND }),
+            Doubt::Absent { patches: 3, share: 0.004, limit: 0.003 },
+        ),
+        (
+            beyond(Beyond { unlike_share: 0.011, ..BEYOND }),
+            Doubt::OtherLook { patches: 3, share: 0.011, limit: 0.01 },
+        ),
         (beyond(Beyond { rival: 3, ..BEYOND }), Doubt::Rival { closures: 4, rival: 3 }),
     ];
     for (evidence, doubt) in left_open {
@@ -106,9 +118,18 @@ fn what_is_no_number_does_not_pass() {
         Evidence { rotation_deviation: f64::INFINITY, ..ENOUGH },
         beyond(Beyond { through_share: f64::NAN, ..BEYOND }),
         beyond(Beyond { missing_share: f64::NAN, ..BEYOND }),
+        beyond(Beyond { absent_share: f64::NAN, ..BEYOND }),
+        beyond(Beyond { unlike_share: f64::NAN, ..BEYOND }),
     ] {
         assert!(!verdict(evidence).accepts(), "{evidence:?}");
     }
+}
+
+/// Depths may be wrong in one view or two; a thing that is not there is missing in all.
+#[test]
+fn a_patch_or_two_say_nothing() {
+    assert!(verdict(beyond(Beyond { absent_patches: 2, absent_share: 0.5, ..BEYOND })).accepts());
+    assert!(verdict(beyond(Beyond { unlike_patches: 2, unlike_share: 0.5, ..BEYOND })).accepts());
 }
 
 #[test]

@@ -51,7 +51,7 @@ use crate::closure::Closure;
 use crate::estimate::Estimate;
 use crate::further::Joined;
 use crate::prepared::PreparedMap;
-use backend::sim3_align::Comparison;
+use backend::sim3_align::{Comparison, PatchComparison};
 use map::{Edge, EdgeKind, KeyframeId};
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -202,6 +202,7 @@ impl From<Placement> for Joined {
             confirmed: 0,
             rival: 0,
             seen: Comparison::default(),
+            patches: PatchComparison::default(),
         }
     }
 }
