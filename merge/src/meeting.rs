@@ -97,6 +97,16 @@ impl Outcome {
         self.judged().filter(|judged| judged.verdict.accepts())
     }
 
+    /// Whether no other place of the two maps is asked: maps are accepted, or kept apart by things that one has and the
+    /// other has not. Another closure of these would be believed because it sees less of them.
+    pub fn settles(&self) -> bool {
+        self.judged().is_some_and(|judged| match &judged.verdict.decision {
+            Decision::Accepted => true,
+            Decision::Undecided(doubt) => doubt.is_look_alike(),
+            Decision::Refused(_) => false,
+        })
+    }
+
     /// Whether there is a closure that nothing contradicts and of which too little is known.
     pub fn is_undecided(&self) -> bool {
         self.judged().is_some_and(|judged| matches!(judged.verdict.decision, Decision::Undecided(_)))
@@ -139,7 +149,7 @@ pub fn meet(
     params.closure.neighbourhood.pose.max_false_alarms /= params.neighbourhoods.max(1) as f64;
     for round in places.chunks(params.places.max(1)).take(params.rounds.max(1)) {
         tried.extend(try_round(source, target, round, &params, further));
-        if tried.iter().any(|tried: &Tried| tried.outcome.accepted().is_some()) {
+        if tried.iter().any(|tried: &Tried| tried.outcome.settles()) {
             return tried;
         }
     }
@@ -187,13 +197,13 @@ fn try_neighbourhoods(
                 Ok(closure) => decide(source, target, closure, params, further),
                 Err(refusal) => Outcome::NotClosed(refusal),
             };
-        let accepted = outcome.accepted().is_some();
+        let settled = outcome.settles();
         // What was found of the place alone stays where this found no more.
-        if accepted || outcome.judged().is_some() && tried[index].outcome.judged().is_none() {
+        if settled || outcome.judged().is_some() && tried[index].outcome.judged().is_none() {
             tried[index].outcome = outcome;
             tried[index].match_count = match_count;
         }
-        if accepted {
+        if settled {
             break;
         }
     }
@@ -231,7 +241,7 @@ fn try_round(
                     follow(source, target, views, params, further)
                 }
             };
-            found |= outcome.accepted().is_some();
+            found |= outcome.settles();
             Tried { place, matched, match_count, outcome }
         })
         .collect()

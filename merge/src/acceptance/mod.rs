@@ -218,6 +218,13 @@ pub enum Doubt {
     },
 }
 
+impl Doubt {
+    /// Whether the two places look alike and are not the same by things that one has and the other has not.
+    pub fn is_look_alike(&self) -> bool {
+        matches!(self, Self::Absent { .. } | Self::OtherLook { .. })
+    }
+}
+
 /// Judges by the closure alone, and by the rest of both maps where the evidence has it.
 pub fn judge(evidence: Evidence, params: &AcceptanceParams) -> Verdict {
     let mut test = Test { lines: Vec::new(), against: None, open: None };

@@ -125,6 +125,16 @@ fn what_is_no_number_does_not_pass() {
     }
 }
 
+/// What keeps places apart that look alike is no want of evidence, which another closure could bring.
+#[test]
+fn things_that_are_not_there_tell_places_that_look_alike() {
+    let doubt = |evidence| verdict(evidence).doubt().expect("it is kept open");
+    assert!(doubt(beyond(Beyond { absent_share: 0.004, ..BEYOND })).is_look_alike());
+    assert!(doubt(beyond(Beyond { unlike_share: 0.011, ..BEYOND })).is_look_alike());
+    assert!(!doubt(beyond(Beyond { rival: 3, ..BEYOND })).is_look_alike());
+    assert!(!doubt(Evidence { matches: 31, ..ENOUGH }).is_look_alike());
+}
+
 /// Depths may be wrong in one view or two; a thing that is not there is missing in all.
 #[test]
 fn a_patch_or_two_say_nothing() {
