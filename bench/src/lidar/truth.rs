@@ -116,19 +116,23 @@ mod tests {
 
     #[test]
     fn an_estimate_that_is_a_percent_too_long_drifts_by_a_percent() {
-        let at = |x: f64| Se3::new(UnitQuaternion::identity(), Vector3::new(x, 0.0, 0.0));
+        // Nearly straight, for a line leaves the rotation open.
+        let place = |step: f64| Vector3::new(step, 0.3 * (step / 4.0).sin(), 0.0);
+        let at = |place: Vector3<f64>| Se3::new(UnitQuaternion::identity(), place);
         let (mut truth, mut estimate) = (String::new(), String::new());
         for step in 0..41 {
-            line(&mut truth, f64::from(step), at(f64::from(step)));
+            let step = f64::from(step);
+            line(&mut truth, step, at(place(step)));
             // Half a second later than the truth's instants.
-            line(&mut estimate, f64::from(step) + 0.5, at(1.01 * (f64::from(step) + 0.5)));
+            line(&mut estimate, step + 0.5, at(1.01 * 0.5 * (place(step) + place(step + 1.0))));
         }
         let folder = tempfile::tempdir().unwrap();
         std::fs::write(folder.path().join("groundtruth.txt"), truth).unwrap();
         std::fs::write(folder.path().join("estimate.txt"), estimate).unwrap();
         let found = Truth::of(folder.path()).unwrap().errors(&folder.path().join("estimate.txt")).unwrap();
-        assert!((found.drift - 1.0).abs() < 1e-6 && found.turn < 1e-6, "{found:?}");
+        // Of the way, which is a little longer than what it leads to.
+        assert!((found.drift - 1.0).abs() < 5e-3 && found.turn < 1e-6, "{found:?}");
         // After alignment the ends are 1 % of half of the way off.
-        assert!((found.most - 0.195).abs() < 1e-3 && found.ate < found.most, "{found:?}");
+        assert!((found.most - 0.195).abs() < 2e-3 && found.ate < found.most, "{found:?}");
     }
 }
