@@ -19,6 +19,7 @@
 //! | points whose contrast the other keyframe lacks | the same, where there is no depth | refused |
 //! | patches that are looked through as a whole and look otherwise | places alike but for things that stand there | undecided |
 //! | patches that look otherwise where all others look alike | the same, where what differs is flat | undecided |
+//! | both together, each over its limit | the same, where a little of each differs | undecided |
 //! | closures that agree on another motion | things that repeat | undecided |
 //!
 //! The first five need the closure alone; the others need both whole maps ([`further`](crate::further)) and are asked of
@@ -206,6 +207,19 @@ pub enum Doubt {
         /// Largest share.
         limit: f64,
     },
+    /// Things that are not there and surfaces that look otherwise, both fewer than alone would tell.
+    #[error(
+        "{absent:.4} of what keyframes see lies in patches that are not there in the other map and {unlike:.3} in patches that \
+         look otherwise: together {sum:.2} of what may; another place that looks alike, or something changed"
+    )]
+    AbsentAndOtherLook {
+        /// Share of the points in patches looked through.
+        absent: f64,
+        /// Share of the points in patches that look otherwise.
+        unlike: f64,
+        /// The sum of both, each over its limit.
+        sum: f64,
+    },
     /// Another motion is nearly as good.
     #[error(
         "{closures} closures agree on this motion and {rival} on another: too few to tell which is right"
@@ -221,7 +235,7 @@ pub enum Doubt {
 impl Doubt {
     /// Whether the two places look alike and are not the same by things that one has and the other has not.
     pub fn is_look_alike(&self) -> bool {
-        matches!(self, Self::Absent { .. } | Self::OtherLook { .. })
+        matches!(self, Self::Absent { .. } | Self::OtherLook { .. } | Self::AbsentAndOtherLook { .. })
     }
 }
 
@@ -316,6 +330,11 @@ impl Test {
         let share = enough(patches, beyond.unlike_share);
         let doubt = Doubt::OtherLook { patches, share, limit };
         self.most("patches that look otherwise", [share, limit], Says::Open, doubt);
+        let (absent, unlike) = (beyond.absent_share, beyond.unlike_share);
+        let sum = absent / params.max_absent_share + unlike / params.max_unlike_share;
+        let sum = enough(beyond.absent_patches + beyond.unlike_patches, sum);
+        let doubt = Doubt::AbsentAndOtherLook { absent, unlike, sum };
+        self.most("patches of both sorts", [sum, 1.0], Says::Open, doubt);
         let doubt = Doubt::Rival { closures, rival };
         self.most("rival", [beyond.rival_share(), params.max_rival_share], Says::Open, doubt);
     }

@@ -24,9 +24,9 @@ const BEYOND: Beyond = Beyond {
     through_share: 0.05,
     missing_share: 0.1,
     absent_patches: 3,
-    absent_share: 0.003,
+    absent_share: 0.0015,
     unlike_patches: 3,
-    unlike_share: 0.01,
+    unlike_share: 0.005,
 };
 
 fn verdict(evidence: Evidence) -> Verdict {
@@ -40,7 +40,7 @@ fn beyond(beyond: Beyond) -> Evidence {
 #[test]
 fn what_is_enough_passes_every_line() {
     let verdict = verdict(ENOUGH);
-    assert_eq!((verdict.decision, verdict.lines.len()), (Decision::Accepted, 14));
+    assert_eq!((verdict.decision, verdict.lines.len()), (Decision::Accepted, 15));
     assert!(verdict.accepts() && verdict.doubt().is_none());
     assert!(verdict.lines.iter().all(|line| line.says == Says::For), "{:?}", verdict.lines);
 }
@@ -52,7 +52,7 @@ fn keyframes_matched_together_must_look_more_alike() {
     assert!(verdict(pooled).accepts());
     let doubt = Doubt::Unlike { share: 0.69, needed: 0.7 };
     let verdict = verdict(Evidence { inlier_share: 0.69, ..pooled });
-    assert_eq!((verdict.decision, verdict.lines.len()), (Decision::Undecided(doubt), 15));
+    assert_eq!((verdict.decision, verdict.lines.len()), (Decision::Undecided(doubt), 16));
 }
 
 #[test]
@@ -71,6 +71,10 @@ fn each_line_alone_says_what_it_says() {
         (
             beyond(Beyond { unlike_share: 0.011, ..BEYOND }),
             Doubt::OtherLook { patches: 3, share: 0.011, limit: 0.01 },
+        ),
+        (
+            beyond(Beyond { absent_share: 0.003, ..BEYOND }),
+            Doubt::AbsentAndOtherLook { absent: 0.003, unlike: 0.005, sum: 1.5 },
         ),
         (beyond(Beyond { rival: 3, ..BEYOND }), Doubt::Rival { closures: 4, rival: 3 }),
     ];
@@ -131,6 +135,7 @@ fn things_that_are_not_there_tell_places_that_look_alike() {
     let doubt = |evidence| verdict(evidence).doubt().expect("it is kept open");
     assert!(doubt(beyond(Beyond { absent_share: 0.004, ..BEYOND })).is_look_alike());
     assert!(doubt(beyond(Beyond { unlike_share: 0.011, ..BEYOND })).is_look_alike());
+    assert!(doubt(beyond(Beyond { absent_share: 0.003, ..BEYOND })).is_look_alike());
     assert!(!doubt(beyond(Beyond { rival: 3, ..BEYOND })).is_look_alike());
     assert!(!doubt(Evidence { matches: 31, ..ENOUGH }).is_look_alike());
 }
@@ -138,8 +143,10 @@ fn things_that_are_not_there_tell_places_that_look_alike() {
 /// Depths may be wrong in one view or two; a thing that is not there is missing in all.
 #[test]
 fn a_patch_or_two_say_nothing() {
-    assert!(verdict(beyond(Beyond { absent_patches: 2, absent_share: 0.5, ..BEYOND })).accepts());
-    assert!(verdict(beyond(Beyond { unlike_patches: 2, unlike_share: 0.5, ..BEYOND })).accepts());
+    let none =
+        Beyond { absent_patches: 0, absent_share: 0.0, unlike_patches: 0, unlike_share: 0.0, ..BEYOND };
+    assert!(verdict(beyond(Beyond { absent_patches: 2, absent_share: 0.5, ..none })).accepts());
+    assert!(verdict(beyond(Beyond { unlike_patches: 2, unlike_share: 0.5, ..none })).accepts());
 }
 
 #[test]
