@@ -7,7 +7,8 @@
 use super::KeyframeView;
 use super::view::{DepthPoint, LevelDepth};
 use crate::params;
-use geometry::{GrayImage, Sim3};
+use geometry::{GrayImage, Pinhole, Sim3};
+use nalgebra::Vector2;
 
 params! {
     /// Parameters of the comparison of two keyframes at a given relative pose.
@@ -89,21 +90,15 @@ pub fn compare(
     let mut found = Comparison::default();
     for point in all.iter().step_by(stride) {
         found.points += 1;
-        let inverse_depth = f64::from(point.inverse_depth);
-        let moved =
-            *target_from_source * (from.unproject(f64::from(point.x), f64::from(point.y)) / inverse_depth);
-        let pixel = to.project(&moved);
-        let (x, y) = (pixel.x.round(), pixel.y.round());
+        let Some(moved) = Moved::new(point, [&from, &to], target_from_source) else { continue };
+        let (x, y) = (moved.pixel.x.round(), moved.pixel.y.round());
         let inside = |v: f64, size: usize| v >= 0.0 && v < size as f64;
-        if !(moved.z > 0.0 && inside(x, image.width()) && inside(y, image.height())) {
+        if !(inside(x, image.width()) && inside(y, image.height())) {
             continue;
         }
         found.seen += 1;
         let window = Window::new([x as usize, y as usize], params.radius, image);
-        // The variance of the inverse depth where the point is now: its relative deviation stays with it.
-        let there = moved.z.recip();
-        let relative = f64::from(point.variance).sqrt() / inverse_depth;
-        match window.depth(depth, there, there * relative, params) {
+        match window.depth(depth, &moved, params) {
             Some(Met::Agrees) => found.agree += 1,
             Some(Met::Behind) => found.through += 1,
             Some(Met::Before) => found.hidden += 1,
@@ -114,6 +109,36 @@ pub fn compare(
         }
     }
     found
+}
+
+/// A source point where the target should see it.
+pub(super) struct Moved {
+    /// Pixel of the level; it may lie outside the image.
+    pub pixel: Vector2<f64>,
+    inverse_depth: f64,
+    /// Standard deviation of the inverse depth.
+    deviation: f64,
+}
+
+impl Moved {
+    /// The point by the cameras `[source, target]` of the level; `None` where it is behind the target.
+    pub(super) fn new(
+        point: &DepthPoint,
+        [from, to]: [&Pinhole; 2],
+        target_from_source: &Sim3,
+    ) -> Option<Self> {
+        let inverse_depth = f64::from(point.inverse_depth);
+        let moved =
+            *target_from_source * (from.unproject(f64::from(point.x), f64::from(point.y)) / inverse_depth);
+        // The relative deviation of the inverse depth stays with the point.
+        let relative = f64::from(point.variance).sqrt() / inverse_depth;
+        let there = moved.z.recip();
+        (moved.z > 0.0).then(|| Self {
+            pixel: to.project(&moved),
+            inverse_depth: there,
+            deviation: there * relative,
+        })
+    }
 }
 
 /// Where the target's depths lie, seen from a point.
@@ -135,15 +160,10 @@ impl Window {
         Self { x: range(x, image.width()), y: range(y, image.height()) }
     }
 
-    /// What the depths of the window are to an inverse depth; nothing where there are none. Where some agree, the
+    /// What the depths of the window are to a point's; nothing where there are none. Where some agree, the
     /// others are of another surface beside it.
-    pub(super) fn depth(
-        &self,
-        depth: &LevelDepth,
-        here: f64,
-        deviation: f64,
-        params: &CompareParams,
-    ) -> Option<Met> {
+    pub(super) fn depth(&self, depth: &LevelDepth, moved: &Moved, params: &CompareParams) -> Option<Met> {
+        let (here, deviation) = (moved.inverse_depth, moved.deviation);
         let (mut behind, mut before) = (0, 0);
         for y in self.y.clone() {
             for x in self.x.clone() {

@@ -7,7 +7,7 @@
 //! patch is unlike where it is an outlier among those of its pair.
 
 use super::KeyframeView;
-use super::compare::{CompareParams, Met, Window};
+use super::compare::{CompareParams, Met, Moved, Window};
 use super::residual::sample;
 use crate::params;
 use geometry::{GrayImage, Sim3};
@@ -113,26 +113,22 @@ pub fn compare_patches(
     let (columns, rows) = (own.width().div_ceil(side), own.height().div_ceil(side));
     let mut patches: Vec<Vec<Seen>> = (0..columns * rows).map(|_| Vec::new()).collect();
     for point in &source.depth(level).points {
-        let inverse_depth = f64::from(point.inverse_depth);
-        let moved =
-            *target_from_source * (from.unproject(f64::from(point.x), f64::from(point.y)) / inverse_depth);
-        let pixel = to.project(&moved);
+        let Some(moved) = Moved::new(point, [&from, &to], target_from_source) else { continue };
+        let pixel = moved.pixel;
         let margin = compare.radius as f64;
         let inside = |v: f64, size: usize| v >= margin && v < size as f64 - 1.0 - margin;
-        if !(moved.z > 0.0 && inside(pixel.x, image.width()) && inside(pixel.y, image.height())) {
+        if !(inside(pixel.x, image.width()) && inside(pixel.y, image.height())) {
             continue;
         }
         let window = Window::new([pixel.x.round() as usize, pixel.y.round() as usize], compare.radius, image);
-        let there = moved.z.recip();
-        let relative = f64::from(point.variance).sqrt() / inverse_depth;
-        let met = window.depth(depth, there, there * relative, compare);
+        let met = window.depth(depth, &moved, compare);
         if matches!(met, Some(Met::Before)) {
             continue;
         }
         let (x, y) = (usize::from(point.x), usize::from(point.y));
         patches[y / side * columns + x / side].push(Seen {
             intensity: f64::from(own.get(x, y)),
-            pixel: Vector2::new(pixel.x, pixel.y),
+            pixel,
             through: matches!(met, Some(Met::Behind)),
         });
     }
