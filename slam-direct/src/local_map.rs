@@ -172,6 +172,14 @@ impl LocalMap {
         Se3::new(relative.rotation, relative.translation / state.unit)
     }
 
+    /// The pose `camera_from_world` of a frame that is known relative to a keyframe, in the keyframe's unit: what
+    /// [`keyframe_from_frame`](Self::keyframe_from_frame) undoes.
+    pub fn camera_from_world(&self, keyframe: usize, keyframe_from_frame: &Se3) -> Se3 {
+        let state = &self.keyframes[keyframe];
+        let Se3 { rotation, translation } = *keyframe_from_frame;
+        Se3::new(rotation, translation * state.unit).inverse() * state.camera_from_world
+    }
+
     /// At most `count` keyframes that look at about what a keyframe looks at, in order; the keyframe among them.
     /// `depth` is the distance at which it looks, map units.
     pub fn around(&self, keyframe: usize, depth: f64, count: usize) -> Vec<usize> {

@@ -105,10 +105,9 @@ impl Agent {
     /// The pose that a frame has in the map.
     fn camera_from_world(&self, frame_index: u64) -> Option<Se3> {
         let frame = self.map.frames.iter().find(|frame| frame.frame_index == frame_index)?;
-        let keyframe = self.view.keyframes.get(frame.reference.0 as usize)?;
-        let relative = frame.keyframe_from_frame;
-        let frame_from_keyframe = Se3::new(relative.rotation, relative.translation * keyframe.unit).inverse();
-        Some(frame_from_keyframe * keyframe.camera_from_world)
+        let keyframe = frame.reference.0 as usize;
+        let is_known = keyframe < self.view.keyframes.len();
+        is_known.then(|| self.view.camera_from_world(keyframe, &frame.keyframe_from_frame))
     }
 
     /// Takes over the first map.

@@ -72,11 +72,7 @@ impl Agent {
         let mut agent = Self::new(camera, places, params)?;
         let last = match map.frames.last().filter(|frame| LocalMap::id(reference) == frame.reference) {
             // Where the camera was, it is soonest.
-            Some(frame) => {
-                let Se3 { rotation, translation } = frame.keyframe_from_frame;
-                let state = &local.keyframes[reference];
-                Se3::new(rotation, translation * state.unit).inverse() * state.camera_from_world
-            }
+            Some(frame) => local.camera_from_world(reference, &frame.keyframe_from_frame),
             None => local.keyframes[reference].camera_from_world,
         };
         let tracker = Tracker::new(&local, reference, last, Se3::identity(), &agent.params).seeking();
