@@ -52,7 +52,7 @@ pub fn other_fragments(
     options: &Options,
 ) -> Result<Vec<Fragment>> {
     let names = (1..).map(|place| numbered(TRAJECTORY, place));
-    let there = names.take_while(|name| estimate.is_dir() && estimate.join(name).is_file());
+    let there = names.take_while(|name| estimate.join(name).is_file());
     there
         .map(|trajectory| {
             let poses = read_trajectory(&estimate.join(&trajectory))?;

@@ -1,7 +1,6 @@
 //! How much others may have kept here.
 
 use crate::manifest::{Entry, Kind};
-use std::ops::Add;
 use std::time::Duration;
 
 /// How often a neighbour may say who it is and what it has, a second: some hundred times what one says. For a while it
@@ -28,7 +27,6 @@ impl Default for Quota {
 }
 
 /// What objects take.
-#[derive(Clone, Copy)]
 pub(super) struct Load {
     bytes: u64,
     keyframes: usize,
@@ -37,18 +35,10 @@ pub(super) struct Load {
 impl Load {
     /// Of these objects.
     pub fn of<'a>(entries: impl Iterator<Item = &'a Entry>) -> Self {
-        entries.fold(Self { bytes: 0, keyframes: 0 }, |sum, entry| {
-            let keyframes = usize::from(entry.kind == Kind::Depth);
-            sum + Self { bytes: entry.size.into(), keyframes }
+        entries.fold(Self { bytes: 0, keyframes: 0 }, |sum, entry| Self {
+            bytes: sum.bytes + u64::from(entry.size),
+            keyframes: sum.keyframes + usize::from(entry.kind == Kind::Depth),
         })
-    }
-}
-
-impl Add for Load {
-    type Output = Self;
-
-    fn add(self, other: Self) -> Self {
-        Self { bytes: self.bytes + other.bytes, keyframes: self.keyframes + other.keyframes }
     }
 }
 

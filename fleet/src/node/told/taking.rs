@@ -5,7 +5,7 @@ use crate::assembling::entries_of;
 use crate::hash::ObjectHash;
 use crate::keys::Signature;
 use crate::link::Want;
-use crate::manifest::{Kind, Manifest};
+use crate::manifest::{Entry, Kind, Manifest};
 use crate::node::quota::Load;
 use crate::node::{Action, DISK_PAUSE, LinkId, News, Node};
 use crate::store::Head;
@@ -153,29 +153,37 @@ impl Node {
                 return false;
             }
         };
-        let entries = entries_of(&manifest, &*self.store);
-        let (teller, party, quota) = (told.teller, told.party, self.config.quota);
-        let others = self.told.values().filter(|told| told.offer.agent != agent && told.is_of(teller, party));
-        let others = Load::of(others.flat_map(|told| told.entries.iter().flat_map(|entries| entries.iter())));
-        match entries.and_then(|entries| {
-            quota.check(others + Load::of(entries.iter().flatten()))?;
-            Ok(entries)
-        }) {
+        let (teller, party) = (told.teller, told.party);
+        let checked = match entries_of(&manifest, &*self.store) {
+            // Pages are missing, which are known now.
+            Ok(None) => return true,
+            Ok(Some(entries)) => self.check_quota(agent, (teller, party), &entries).map(|()| entries),
+            Err(reason) => Err(reason),
+        };
+        let entries = match checked {
+            Ok(entries) => entries,
             Err(reason) => {
                 self.refuse(link, reason);
                 return false;
             }
-            // Pages are missing, which are known now.
-            Ok(None) => return true,
-            Ok(Some(entries)) => {
-                let Some(told) = self.told.get_mut(&agent) else { return false };
-                told.set_lists(manifest, entries, &*self.store);
-            }
-        }
-        let Some(told) = self.told.get(&agent) else { return false };
+        };
+        let Some(told) = self.told.get_mut(&agent) else { return false };
+        told.set_lists(manifest, entries, &*self.store);
         self.actions.extend(told.heard().map(|heard| Action::News(News::Map(heard))));
         self.complete(link, agent);
         true
+    }
+
+    /// Whether whoever tells a map of these objects tells no more than one may, with all else that is of the same.
+    fn check_quota(
+        &self,
+        agent: map::Identity,
+        (teller, party): (Uuid, Option<Uuid>),
+        entries: &[Entry],
+    ) -> Result<(), String> {
+        let others = self.told.values().filter(|told| told.offer.agent != agent && told.is_of(teller, party));
+        let others = others.flat_map(|told| told.entries.iter().flat_map(|entries| entries.iter()));
+        self.config.quota.check(Load::of(others.chain(entries)))
     }
 
     /// Tries again what the disk refused before.
