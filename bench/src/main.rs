@@ -10,6 +10,7 @@ mod measure;
 mod merging;
 mod perturbed;
 mod report;
+mod side_by_side;
 mod targets;
 mod town;
 

@@ -3,6 +3,7 @@
 use crate::measure::{Runner, finish, make_empty, output};
 use crate::name;
 use crate::report::{MISSING, length, number};
+use crate::side_by_side::side_by_side;
 use anyhow::{Context, Result};
 use measuring::random::Random;
 use serde_json::Value;
@@ -10,8 +11,6 @@ use std::fmt::Write;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Frames between one first frame and the next: no divisor of the spacing of keyframes, and over 16 starts two to eight
 /// seconds of the recordings.
@@ -76,35 +75,17 @@ pub fn measure(plan: &Plan) -> Result<Vec<Perturbed>> {
     let changes: Vec<Change> = starts.chain((0..plan.seeds).map(|i| Change::Noise(i as u64))).collect();
     let jobs: Vec<(&PathBuf, Change)> =
         plan.sequences.iter().flat_map(|s| changes.iter().map(move |c| (s, *c))).collect();
-    let (next, done) = (AtomicUsize::new(0), Mutex::new(Vec::new()));
-    let work = || -> Result<()> {
-        while let Some((sequence, change)) = jobs.get(next.fetch_add(1, Ordering::Relaxed)) {
-            let outcome = measure_one(plan.runner, sequence, *change)
-                .with_context(|| format!("{}: {change:?}", sequence.display()))?;
-            let ate = outcome.ate.map_or(MISSING.to_owned(), length);
-            eprintln!("{} {change:?}: {ate}, {} of {}", name(sequence), outcome.tracked, outcome.frames);
-            let mut done = done.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
-            done.push((*sequence, *change, outcome));
-        }
-        Ok(())
-    };
-    let cores = std::thread::available_parallelism().map_or(1, usize::from);
-    std::thread::scope(|scope| {
-        let workers: Vec<_> = (0..cores).map(|_| scope.spawn(work)).collect();
-        workers
-            .into_iter()
-            .try_for_each(|worker| worker.join().unwrap_or_else(|e| std::panic::resume_unwind(e)))
+    let outcomes = side_by_side(&jobs, |(sequence, change)| {
+        let outcome = measure_one(plan.runner, sequence, *change)
+            .with_context(|| format!("{}: {change:?}", sequence.display()))?;
+        let ate = outcome.ate.map_or(MISSING.to_owned(), length);
+        eprintln!("{} {change:?}: {ate}, {} of {}", name(sequence), outcome.tracked, outcome.frames);
+        Ok(outcome)
     })?;
-    let done = done.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());
+    let mut outcomes = outcomes.into_iter();
     let of = |sequence: &PathBuf| Perturbed {
         name: name(sequence),
-        changes: changes
-            .iter()
-            .filter_map(|change| {
-                let found = done.iter().find(|(s, c, _)| *s == sequence && c == change)?;
-                Some((*change, found.2))
-            })
-            .collect(),
+        changes: changes.iter().copied().zip(&mut outcomes).collect(),
     };
     Ok(plan.sequences.iter().map(of).collect())
 }

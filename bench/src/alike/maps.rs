@@ -2,6 +2,7 @@
 
 use crate::merging::Program;
 use crate::merging::truth::Side;
+use crate::side_by_side::side_by_side;
 use anyhow::{Context, Result};
 use eval::{DEFAULT_MAX_DIFF, Trajectory, read_trajectory};
 use geometry::Sim3;
@@ -11,8 +12,6 @@ use map::load_map;
 use measuring::views::{View, metres_per_unit, views};
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Frames of a recording.
 const FRAMES: usize = 72;
@@ -56,21 +55,11 @@ pub fn make(
     program: &Program,
     folder: &Path,
 ) -> Result<Vec<AlikeMap>> {
-    let (next, made) = (AtomicUsize::new(0), Mutex::new(Vec::new()));
-    let work_off = || {
-        while let Some(&(place, pass)) = wanted.get(next.fetch_add(1, Ordering::Relaxed)) {
-            let home = folder.join(format!("{}-{place:02}-{pass}", name(kind)));
-            let found = make_one(kind, seed, (place, pass), program, &home);
-            // Another worker's panic leaves the list as whole as it was.
-            made.lock().unwrap_or_else(std::sync::PoisonError::into_inner).push(found);
-        }
-    };
-    let workers = std::thread::available_parallelism().map_or(1, usize::from);
-    std::thread::scope(|scope| (0..workers).for_each(|_| drop(scope.spawn(work_off))));
-    let made = made.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
-    let mut made: Vec<AlikeMap> = made.into_iter().filter_map(Result::transpose).collect::<Result<_>>()?;
-    made.sort_by_key(|map| (map.place, map.pass));
-    Ok(made)
+    let made = side_by_side(wanted, |&(place, pass)| {
+        let home = folder.join(format!("{}-{place:02}-{pass}", name(kind)));
+        make_one(kind, seed, (place, pass), program, &home)
+    })?;
+    Ok(made.into_iter().flatten().collect())
 }
 
 /// One map; nothing where the recording gives none.

@@ -1,5 +1,6 @@
 //! The program under measurement, and where its results go.
 
+use crate::measure::output;
 use anyhow::{Context, Result, bail};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -24,7 +25,7 @@ impl Program<'_> {
     /// # Errors
     /// When it fails.
     pub fn call(&self, args: &[&str]) -> Result<(bool, String)> {
-        let output = Command::new(self.loopbox).args(args).output().context("the program does not start")?;
+        let output = output(Command::new(self.loopbox).args(args))?;
         let code = output.status.code().unwrap_or(-1);
         if code != 0 && code != NOTHING_MET {
             bail!("loopbox {}: {}", args.join(" "), String::from_utf8_lossy(&output.stderr));

@@ -62,8 +62,7 @@ impl Program {
     /// # Errors
     /// When the program fails other than by refusing all.
     pub fn merge(&self, maps: &[PathBuf], out: &Path, method: Option<&str>) -> Result<Attempt> {
-        let mut command = Command::new(&self.loopbox);
-        command.arg("merge").args(maps).arg("--out").arg(out).args(["--json", "--quiet"]);
+        let mut command = self.merging(maps, out);
         command.args(method.iter().flat_map(|method| ["--method", *method]));
         let ran = output(&mut command)?;
         if !ran.status.success() {
@@ -83,11 +82,16 @@ impl Program {
     /// # Errors
     /// When the program fails other than by refusing all.
     pub fn record(&self, maps: &[PathBuf], out: &Path, params: &Path) -> Result<Value> {
-        let mut command = Command::new(&self.loopbox);
-        command.arg("merge").args(maps).arg("--out").arg(out).args(["--json", "--quiet"]);
+        let mut command = self.merging(maps, out);
         let ran = output(command.arg("--params").arg(params))?;
         let reason = || format!("{command:?}: {}", String::from_utf8_lossy(&ran.stderr).trim());
         serde_json::from_slice(&ran.stdout).with_context(reason)
+    }
+
+    fn merging(&self, maps: &[PathBuf], out: &Path) -> Command {
+        let mut command = Command::new(&self.loopbox);
+        command.arg("merge").args(maps).arg("--out").arg(out).args(["--json", "--quiet"]);
+        command
     }
 
     /// The methods of merging that the program has, of those asked for.

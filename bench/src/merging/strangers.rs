@@ -4,6 +4,7 @@ use super::cut::cut;
 use super::judge::{Judged, Part, Verdict, judge};
 use super::maps::Known;
 use super::program::{Attempt, Program};
+use crate::side_by_side::side_by_side;
 use anyhow::{Context, Result};
 use map::{Map, save_map};
 use measuring::random::Random;
@@ -11,8 +12,6 @@ use measuring::share_world;
 use measuring::views::{DIFFERENT, SAME};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Keyframes of the shortest and of the longest cut.
 const CUT: [usize; 2] = [10, 40];
@@ -60,21 +59,8 @@ pub fn random_cuts(known: &[Known], count: usize, program: &Program, work: &Path
     let mut random = Random::new(1);
     let pairs: Vec<[Cut; 2]> =
         (0..count).filter_map(|i| draw(known, &mut random, |cuts| wanted(i, known, cuts))).collect();
-    let (next, results) = (AtomicUsize::new(0), Mutex::new(Vec::new()));
-    let work_off = || {
-        loop {
-            let i = next.fetch_add(1, Ordering::Relaxed);
-            let Some(cuts) = pairs.get(i) else { return };
-            let judged = merged_cuts(known, cuts, program, &work.join(format!("cuts-{i}")));
-            // Another worker's panic leaves the list as whole as it was.
-            results.lock().unwrap_or_else(std::sync::PoisonError::into_inner).push((i, judged));
-        }
-    };
-    let workers = std::thread::available_parallelism().map_or(1, usize::from);
-    std::thread::scope(|scope| (0..workers).for_each(|_| drop(scope.spawn(work_off))));
-    let mut results = results.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
-    results.sort_by_key(|(i, _)| *i);
-    results.into_iter().map(|(_, judged)| judged).collect()
+    let numbered: Vec<(usize, [Cut; 2])> = pairs.into_iter().enumerate().collect();
+    side_by_side(&numbered, |(i, cuts)| merged_cuts(known, cuts, program, &work.join(format!("cuts-{i}"))))
 }
 
 /// Whether a drawn pair is of the kind that is number `i`'s turn.
