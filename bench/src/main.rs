@@ -3,6 +3,7 @@
 //! It knows the program only from outside: its command line and the files it writes.
 
 mod alike;
+mod faults;
 mod fleet;
 mod lidar;
 mod live;
@@ -68,8 +69,12 @@ struct Args {
     /// Measure only so many pairs of maps of rendered places that look alike: none of different places may be merged
     #[arg(long, value_name = "PAIRS", conflicts_with_all = ["merges", "live", "perturbed", "lidar", "long", "fleet"])]
     strangers: Option<usize>,
-    /// With --strangers: other places. What limits are set on must not be what they are measured on
-    #[arg(long, value_name = "N", default_value_t = 2, requires = "strangers")]
+    /// Measure only rendered recordings of so many seeds to which something happens: --only names what
+    #[arg(long, value_name = "SEEDS", conflicts_with_all = ["merges", "live", "perturbed", "lidar", "long", "fleet", "strangers"])]
+    faults: Option<u64>,
+    /// With --strangers and --faults: other places, from this seed on. What limits are set on must not be what they are
+    /// measured on
+    #[arg(long, value_name = "N", default_value_t = 2)]
     seed: u64,
     /// With --perturbed: from how many first frames each sequence is run
     #[arg(long, value_name = "N", default_value_t = 16, requires = "perturbed")]
@@ -123,6 +128,11 @@ fn main() -> Result<()> {
     }
     if let Some(pairs) = args.strangers {
         return measure_strangers(&args, pairs);
+    }
+    if let Some(seeds) = args.faults {
+        let seeds: Vec<u64> = (args.seed..args.seed.saturating_add(seeds)).collect();
+        let all = faults::measure(&runner, &seeds, &args.only)?;
+        return write(&args.documents, &[("faults", faults::section(&all))]);
     }
     let found = sequences(&args.data, &args.only)?;
     if args.perturbed {

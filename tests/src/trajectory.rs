@@ -8,6 +8,8 @@ use std::f64::consts::{PI, TAU};
 
 /// Height of the cameras above the ground, metres.
 const HEIGHT: f64 = 1.3;
+/// A whole turn, radians.
+const TURN: f32 = std::f32::consts::TAU;
 
 /// A drive of `length` metres to the right, looking at the row of boxes before the far wall, with the small
 /// bumps of a cart; `count` frames.
@@ -47,6 +49,32 @@ pub fn orbit(count: usize, radius: f64, turns: f64) -> Vec<Se3> {
             let angle = TAU * turns * i as f64 / (count - 1).max(1) as f64;
             let position = Vector3::new(-radius * angle.sin(), -HEIGHT, -radius * angle.cos());
             look(position, angle, 0.2)
+        })
+        .collect()
+}
+
+/// A hand-held camera that wanders before the row of boxes, all six degrees of freedom at once, up to 0.8 metres a second
+/// and 50° a second; `count` frames, `rate` a second. Another `seed` gives another way.
+pub fn walk(count: usize, rate: f64, seed: u64) -> Vec<Se3> {
+    let mut random = Random::new(seed ^ 0x3a1c);
+    // Of each: how far, and two sines of periods that have nothing to do with each other.
+    let mut sway = |reach: f64| {
+        let mut number = |low: f32, high: f32| f64::from(random.uniform(low, high));
+        let sines = [(0.65 * reach, number(5.0, 8.0)), (0.35 * reach, number(2.0, 3.5))];
+        let phases = [number(0.0, TURN), number(0.0, TURN)];
+        move |time: f64| {
+            let sine = |i: usize| sines[i].0 * (TAU * time / sines[i].1 + phases[i]).sin();
+            sine(0) + sine(1)
+        }
+    };
+    let (x, y, z) = (sway(0.9), sway(0.25), sway(0.5));
+    let (yaw, pitch, roll) = (sway(0.45), sway(0.12), sway(0.1));
+    (0..count)
+        .map(|i| {
+            let time = i as f64 / rate;
+            let position = Vector3::new(x(time), y(time) - HEIGHT, 5.0 + z(time));
+            let roll = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), roll(time));
+            look(position, yaw(time), 0.08 + pitch(time)) * Se3::new(roll, Vector3::zeros())
         })
         .collect()
 }
@@ -143,6 +171,17 @@ mod tests {
         assert_eq!(path[0], start);
         assert!(length(&path) < 1e-12);
         assert!((path[0].rotation.angle_to(&path[9].rotation) - 0.5).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_walk_is_no_faster_than_a_hand() {
+        for seed in 1..20 {
+            let path = walk(600, 30.0, seed);
+            let steps = path.windows(2).map(|w| (w[1].translation - w[0].translation).norm() * 30.0);
+            assert!(steps.fold(0.0, f64::max) < 2.0);
+            let turns = path.windows(2).map(|w| w[0].rotation.angle_to(&w[1].rotation) * 30.0);
+            assert!(turns.fold(0.0, f64::max) < 0.9, "50 degrees a second");
+        }
     }
 
     #[test]

@@ -1,0 +1,163 @@
+//! Recordings of a hand-held camera to which something happens half-way: 640 × 480 pixels, with noise and motion blur.
+
+use crate::random::Random;
+use crate::{Recording, Shot, World, render, trajectory};
+use geometry::{GrayImage, Pinhole, Se3};
+use rayon::prelude::*;
+use std::sync::Arc;
+
+/// Frames a second.
+const RATE: f64 = 30.0;
+/// Frames before something happens.
+const BEFORE: usize = 200;
+/// Frames after it.
+const AFTER: usize = 150;
+/// How long the shutter is open, share of the time from frame to frame; and of how many images a frame is the mean.
+const SHUTTER: (f64, usize) = (0.5, 4);
+/// Standard deviation of the noise, grey levels.
+const NOISE: f32 = 3.0;
+/// What a covered or blind camera shows, grey level.
+const DARK: u8 = 4;
+
+/// What happens.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Fault {
+    /// Nothing.
+    None,
+    /// The camera is blind for a second while it moves on.
+    Black,
+    /// The same image comes for a second while it moves on.
+    Frozen,
+    /// No image comes for a second while it moves on.
+    Dropped,
+    /// It turns by 90° on the spot, and back.
+    Turned,
+    /// Its lens is covered for five seconds while it moves on.
+    Covered,
+    /// It is carried elsewhere with its lens covered, is used there, and is carried back to where it was.
+    Carried,
+}
+
+impl Fault {
+    /// All of them.
+    pub const ALL: [Self; 7] =
+        [Self::None, Self::Black, Self::Frozen, Self::Dropped, Self::Turned, Self::Covered, Self::Carried];
+
+    /// The places that the recording shows, each of which makes a map.
+    pub fn places(self) -> usize {
+        1 + usize::from(self == Self::Carried)
+    }
+}
+
+/// What there is to see in a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Shows {
+    /// Where the camera is.
+    Place,
+    /// Where it was carried to.
+    Elsewhere,
+    /// Nothing, or not what is before the camera now.
+    Nothing,
+}
+
+/// A recording, and what there is to see in each of its frames.
+pub struct Faulty {
+    /// The frames. Poses elsewhere are in that world, which has nothing to do with the other.
+    pub recording: Recording,
+    /// What each shows.
+    pub shows: Vec<Shows>,
+}
+
+/// A recording with a fault; another seed gives another world and way.
+pub fn faulty(fault: Fault, seed: u64) -> Faulty {
+    let camera = Pinhole { width: 640, height: 480, fx: 420.0, fy: 420.0, cx: 319.5, cy: 239.5 };
+    let film = |world: &World, path: &[Se3]| Film { camera, seed }.shots(world, path);
+    let world = World::yard(seed);
+    let gap = match fault {
+        Fault::None | Fault::Turned | Fault::Carried => 0,
+        Fault::Black | Fault::Frozen | Fault::Dropped => 30,
+        Fault::Covered => 150,
+    };
+    let path = trajectory::walk(BEFORE + gap + AFTER, RATE, seed);
+    let mut made = Faulty { recording: Recording { camera, shots: Vec::new() }, shows: Vec::new() };
+    let (before, after) = (film(&world, &path[..BEFORE]), film(&world, &path[BEFORE + gap..]));
+    let blind = |pose: &Se3| Shot { timestamp: 0.0, world_from_camera: *pose, image: dark(&camera) };
+    let last = before.last().cloned();
+    made.add(before, Shows::Place);
+    match fault {
+        Fault::None | Fault::Dropped => {}
+        Fault::Black | Fault::Covered => {
+            made.add(path[BEFORE..BEFORE + gap].iter().map(blind), Shows::Nothing);
+        }
+        Fault::Frozen => {
+            let still = |pose: &Se3| Some(Shot { world_from_camera: *pose, ..last.clone()? });
+            made.add(path[BEFORE..BEFORE + gap].iter().filter_map(still), Shows::Nothing);
+        }
+        Fault::Turned => {
+            let there = trajectory::turning(path[BEFORE - 1], 46, std::f64::consts::FRAC_PI_2);
+            let back: Vec<Se3> = there.iter().rev().copied().collect();
+            made.add(film(&world, &[&there[1..], &back[1..]].concat()), Shows::Place);
+        }
+        Fault::Carried => {
+            let other = trajectory::walk(AFTER, RATE, seed + 1000);
+            made.add((0..15).map(|_| blind(&path[BEFORE])), Shows::Nothing);
+            made.add(film(&World::yard(seed + 1000), &other), Shows::Elsewhere);
+            made.add((0..15).map(|_| blind(&path[BEFORE])), Shows::Nothing);
+        }
+    }
+    made.add(after, Shows::Place);
+    let missing = if fault == Fault::Dropped { gap } else { 0 };
+    for (i, shot) in made.recording.shots.iter_mut().enumerate() {
+        let number = if i < BEFORE { i } else { i + missing };
+        shot.timestamp = number as f64 / RATE;
+    }
+    made
+}
+
+impl Faulty {
+    fn add(&mut self, shots: impl IntoIterator<Item = Shot>, shows: Shows) {
+        self.recording.shots.extend(shots);
+        self.shows.resize(self.recording.shots.len(), shows);
+    }
+}
+
+/// An image of nothing.
+fn dark(camera: &Pinhole) -> Arc<GrayImage> {
+    Arc::new(GrayImage::filled(camera.width, camera.height, DARK))
+}
+
+struct Film {
+    camera: Pinhole,
+    seed: u64,
+}
+
+impl Film {
+    /// Frames of a camera on this path, without time stamps.
+    fn shots(&self, world: &World, path: &[Se3]) -> Vec<Shot> {
+        let exposed = |(i, pose): (usize, &Se3)| {
+            let motion = path.get(i + 1).map_or_else(Se3::identity, |next| pose.inverse() * *next);
+            let open: Vec<GrayImage> = (0..SHUTTER.1)
+                .map(|part| {
+                    let share = SHUTTER.0 * (part as f64 / (SHUTTER.1 - 1) as f64 - 0.5);
+                    render(world, &self.camera, &(*pose * Se3::exp(&(motion.log() * share)))).0
+                })
+                .collect();
+            let image = self.noisy(&open, i as u64);
+            Shot { timestamp: 0.0, world_from_camera: *pose, image: Arc::new(image) }
+        };
+        path.par_iter().enumerate().map(exposed).collect()
+    }
+
+    /// The mean of images, with noise.
+    fn noisy(&self, open: &[GrayImage], frame: u64) -> GrayImage {
+        let mut random = Random::new(self.seed.wrapping_mul(0x2545_f491).wrapping_add(frame));
+        let mut image = GrayImage::filled(self.camera.width, self.camera.height, 0);
+        for (i, pixel) in image.data_mut().iter_mut().enumerate() {
+            let sum: u32 = open.iter().map(|image| u32::from(image.data()[i])).sum();
+            // Four uniform numbers are nearly normal; their variance is 4/12.
+            let normal = (0..4).map(|_| random.uniform(-0.5, 0.5)).sum::<f32>() * 3f32.sqrt();
+            *pixel = (sum as f32 / open.len() as f32 + NOISE * normal).round().clamp(0.0, 255.0) as u8;
+        }
+        image
+    }
+}
