@@ -26,6 +26,7 @@ use crate::local_map::{Companions, Counts, KeyframeState, LocalMap};
 use crate::mapping;
 use crate::params::Params;
 use crate::publish;
+use crate::sensor::Twist;
 use crate::tone::Tone;
 use crate::track::{Matched, learn_position_sigma};
 use crate::tracker::{Located, Tracker, match_keyframe};
@@ -58,6 +59,10 @@ pub struct Agent {
     threads: Option<Arc<rayon::ThreadPool>>,
     /// Of the frames since the last keyframe.
     counts: Counts,
+    /// The keyframe that the newest tracked frame became, if it did.
+    fresh: Option<usize>,
+    /// Motion of keyframes, now that the frame after is known; the mapper does not know it yet.
+    motions: Vec<(usize, Twist)>,
     companions: Companions,
     /// The first keyframe for which companions are of use.
     first_open: usize,
@@ -111,6 +116,8 @@ impl Agent {
             flight: None,
             threads: None,
             counts: Counts::default(),
+            fresh: None,
+            motions: Vec::new(),
             companions: Companions::new(),
             first_open: 0,
             processed: 0,
@@ -176,7 +183,7 @@ impl Agent {
         frame_index: u64,
     ) -> FrameReport {
         let mut report = FrameReport::of(TrackingState::Tracking);
-        match self.locate(&mut tracker, &pyramid, &mut report) {
+        match self.locate(&mut tracker, &pyramid, timestamp, &mut report) {
             Some(located) => self.go_on(tracker, &located, pyramid, timestamp, frame_index, report),
             None => self.lose(tracker, pyramid, timestamp, frame_index, report),
         }
@@ -198,7 +205,7 @@ impl Agent {
         self.processed += 1;
         let pyramid = self.pyramid(frame.image.clone());
         let mut report = FrameReport::of(TrackingState::Tracking);
-        let Some(located) = self.locate(&mut tracker, &pyramid, &mut report) else {
+        let Some(located) = self.locate(&mut tracker, &pyramid, frame.timestamp, &mut report) else {
             self.state = State::Running(tracker);
             return Ok(None);
         };
@@ -206,10 +213,10 @@ impl Agent {
         Ok(Some(self.told(report)))
     }
 
-    /// Takes over what another agent with this camera learnt of its lens, before there is a map.
-    pub(crate) fn know_lens_of(&mut self, other: &Agent) {
+    /// Takes over what another agent with this camera learnt of its sensor, before there is a map.
+    pub(crate) fn know_sensor_of(&mut self, other: &Agent) {
         if let Some(mapper) = &mut self.mapper {
-            mapper.local.lens = other.view.lens;
+            mapper.local.sensor = other.view.sensor;
         }
     }
 
@@ -230,6 +237,7 @@ impl Agent {
     ) -> FrameReport {
         self.params.track.position_sigma = learn_position_sigma(&self.params.track, located.excess);
         self.counts.add(&located.sought, &located.matched);
+        self.learn_motion(&located.motion);
         self.is_sought = false;
         self.map.frames.push(FramePose {
             timestamp,
@@ -257,26 +265,39 @@ impl Agent {
         report
     }
 
+    /// Takes the mean of a keyframe's motions before and after it for its own: `after` is that of the frame that follows.
+    fn learn_motion(&mut self, after: &Twist) {
+        let Some(keyframe) = self.fresh.take() else { return };
+        let state = &mut self.view.keyframes[keyframe];
+        let mut after = *after;
+        after.fixed_rows_mut::<3>(0).unscale_mut(state.unit);
+        if after != Twist::zeros() && state.motion != Twist::zeros() {
+            state.motion = (state.motion + after) * 0.5;
+            self.motions.push((keyframe, state.motion));
+        }
+    }
+
     /// Finds the frame in the map. What is being mapped is taken over before when it is time, or when the frame is not
     /// found without.
     fn locate(
         &mut self,
         tracker: &mut Tracker,
         pyramid: &Pyramid,
+        timestamp: f64,
         report: &mut FrameReport,
     ) -> Option<Located> {
         if self.flight.as_ref().is_some_and(|flight| flight.due <= self.processed) {
             self.land(tracker, report);
         }
         if self.flight.is_some() {
-            let located = tracker.track(&self.view, None, pyramid, &self.params);
+            let located = tracker.track(&self.view, None, pyramid, timestamp, &self.params);
             if located.is_some() {
                 return located;
             }
             self.land(tracker, report);
         }
         let places = self.mapper.as_ref().map(|mapper| mapper.places.as_ref());
-        tracker.track(&self.view, places, pyramid, &self.params)
+        tracker.track(&self.view, places, pyramid, timestamp, &self.params)
     }
 
     /// What becomes of a frame that was not found.
@@ -309,16 +330,20 @@ impl Agent {
     ) {
         let Some(mut mapper) = self.mapper.take() else { return };
         let (camera_from_world, matched) = match_keyframe(&self.view, &pyramid, located, &self.params);
-        let keyframe = KeyframeState::new(timestamp, frame_index, pyramid, camera_from_world);
+        let keyframe = KeyframeState {
+            motion: located.motion,
+            ..KeyframeState::new(timestamp, frame_index, pyramid, camera_from_world)
+        };
         let index = self.view.push(seeing(keyframe.clone(), &matched));
         let id = LocalMap::id(index);
         self.say(MapDelta { added: vec![publish::keyframe(&self.view, index)], ..MapDelta::default() });
         self.refer_newest_frame(index);
         report.new_keyframe = Some(id);
         (tracker.last, tracker.reference) = (camera_from_world, index);
-        let counts = std::mem::take(&mut self.counts);
+        self.fresh = Some(index);
+        let (counts, motions) = (std::mem::take(&mut self.counts), std::mem::take(&mut self.motions));
         let (companions, params) = (self.companions.clone(), self.params.clone());
-        let job = Job { keyframe, matched, counts, companions, params };
+        let job = Job { keyframe, matched, counts, motions, companions, params };
         let lag = self.params.mapping.lag as u64;
         if lag == 0 {
             let before = Before::of(&self.view, index);
@@ -385,9 +410,10 @@ impl Agent {
         if delta.is_empty() {
             return;
         }
-        let lens = self.view.lens.to_text();
-        if self.map.agents.values().all(|about| about.provenance.get(publish::LENS) != Some(&lens)) {
-            delta.provenance.insert(publish::LENS.into(), lens);
+        for (key, value) in publish::sensor(&self.view.sensor) {
+            if self.map.agents.values().all(|about| about.provenance.get(key) != Some(&value)) {
+                delta.provenance.insert(key.into(), value);
+            }
         }
         delta.sequence = self.said;
         self.said += 1;
@@ -423,7 +449,7 @@ impl Agent {
             if let Some(mut mapper) = self.mapper.take() {
                 let before = Before::of(&self.view, tracker.reference);
                 self.view = LocalMap::new(self.camera);
-                let (update, closed) = mapper.finish(&self.companions, &self.params, stop);
+                let (update, closed) = mapper.finish(&self.motions, &self.companions, &self.params, stop);
                 self.mapper = Some(mapper);
                 self.take_over(&mut tracker, update, &before, &mut report);
                 loops.extend(closed);

@@ -108,7 +108,7 @@ impl Atlas {
         let may_begin = self.fragments[self.active].resumed() != Some(Going::Localising);
         if may_begin && loss.next.is_none() && frame.timestamp - loss.since >= self.params.atlas.begin_after {
             let mut next = Agent::new(self.camera, (self.new_places)(), self.params.clone())?;
-            next.know_lens_of(&self.fragments[self.active]);
+            next.know_sensor_of(&self.fragments[self.active]);
             loss.next = Some(Box::new(next));
         }
         let Some(next) = &mut loss.next else {

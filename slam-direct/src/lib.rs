@@ -28,6 +28,7 @@ mod publish;
 pub mod relocalise;
 mod select;
 pub mod self_calibration;
+mod sensor;
 #[cfg(test)]
 mod test_data;
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! Keyframes as the agent works on them: image pyramids, points with observations, who sees what.
 
 use crate::align::ReferencePoint;
-use crate::lens::Lens;
+use crate::sensor::{Sensor, Twist};
 use crate::track::Matched;
 use geometry::{GrayImage, Pinhole, Pyramid, Se3, Sim3};
 use map::{KeyframeId, Shared};
@@ -68,6 +68,8 @@ pub(crate) struct KeyframeState {
     /// World units per unit of the keyframe. What is measured around it (frames, semi-dense depth) and handed out is
     /// in its unit and stays as it is when the world's scale here changes.
     pub unit: f64,
+    /// How the camera moved; its υ in the keyframe's unit.
+    pub motion: Twist,
     /// Points hosted here; depths in world units.
     pub points: Vec<PointState>,
     /// Points hosted elsewhere and seen here.
@@ -83,9 +85,17 @@ impl KeyframeState {
             pyramid,
             camera_from_world,
             unit: 1.0,
+            motion: Twist::zeros(),
             points: Vec::new(),
             seen: Vec::new(),
         }
+    }
+
+    /// How the camera moved, in map units.
+    pub fn motion_in_world(&self) -> Twist {
+        let mut motion = self.motion;
+        motion.fixed_rows_mut::<3>(0).scale_mut(self.unit);
+        motion
     }
 }
 
@@ -122,13 +132,13 @@ impl Counts {
 pub(crate) struct LocalMap {
     pub camera: Pinhole,
     /// The camera as the images proved to show it. Rays of points are by it; pixels are those of the images.
-    pub lens: Lens,
+    pub sensor: Sensor,
     pub keyframes: Vec<Shared<KeyframeState>>,
 }
 
 impl LocalMap {
     pub fn new(camera: Pinhole) -> Self {
-        Self { camera, lens: Lens::ideal(camera), keyframes: Vec::new() }
+        Self { camera, sensor: Sensor::ideal(camera), keyframes: Vec::new() }
     }
 
     pub fn point(&self, at: PointRef) -> &PointState {
@@ -139,12 +149,32 @@ impl LocalMap {
         &mut self.keyframes[at.host].points[at.index]
     }
 
-    /// Takes a lens over: the rays of all points follow.
-    pub fn set_lens(&mut self, lens: Lens) {
-        self.lens = lens;
-        for point in self.keyframes.iter_mut().flat_map(|keyframe| &mut keyframe.points) {
-            point.ray = lens.ray(point.pixel.map(f64::from));
+    /// Takes a sensor over: the rays of all points follow.
+    pub fn set_sensor(&mut self, sensor: Sensor) {
+        self.sensor = sensor;
+        for host in self.keyframes.iter_mut().map(|keyframe| &mut **keyframe) {
+            let motion = host.motion_in_world();
+            for point in &mut host.points {
+                point.ray = sensor.ray(point.pixel.map(f64::from), &motion, point.inverse_depth);
+            }
         }
+    }
+
+    /// Where an ideal camera at a keyframe sees what its image shows at `pixel`, of this inverse depth.
+    pub fn ideal_pixel(&self, keyframe: usize, pixel: [f32; 2], inverse_depth: f64) -> [f64; 2] {
+        let motion = self.keyframes[keyframe].motion_in_world();
+        self.sensor.ideal_pixel(pixel.map(f64::from), &motion, inverse_depth)
+    }
+
+    /// Where a keyframe's image shows what an ideal camera there sees at `pixel`, of this inverse depth.
+    pub fn shown_pixel(&self, keyframe: usize, pixel: [f64; 2], inverse_depth: f64) -> [f64; 2] {
+        self.sensor.shown_pixel(pixel, &self.keyframes[keyframe].motion_in_world(), inverse_depth)
+    }
+
+    /// The ray through a pixel of a keyframe, z = 1, of this inverse depth.
+    pub fn ray(&self, keyframe: usize, pixel: [f32; 2], inverse_depth: f64) -> Vector3<f64> {
+        let [x, y] = self.ideal_pixel(keyframe, pixel, inverse_depth);
+        self.camera.unproject(x, y)
     }
 
     /// Index → public name.
@@ -228,8 +258,8 @@ impl LocalMap {
                 if x.z < 0.02 {
                     return None;
                 }
-                let pixel = self.lens.distort(self.camera.project(&x).into());
                 let inverse_depth = point.inverse_depth / x.z;
+                let pixel = self.shown_pixel(keyframe, self.camera.project(&x).into(), inverse_depth);
                 Some(ReferencePoint {
                     pixel: pixel.map(|v| v as f32),
                     inverse_depth: inverse_depth as f32,

@@ -2,6 +2,7 @@
 
 use crate::local_map::{LocalMap, PointRef, SeenAt, median};
 use crate::select::select;
+use crate::sensor::{Sensor, UNKNOWNS};
 use crate::track::{Matched, TrackParams};
 use crate::triangulate::{TriangulateParams, Triangulator};
 use crate::window::{Limits, Problem, solve_within};
@@ -38,7 +39,10 @@ params! {
         /// its distance from the middle: what is left of the lens's radial distortion is solved for with this in mind.
         /// Range 0–0.1; with 0 it is not. Cameras of public recordings are off by up to 0.015.
         pub lens_sigma: f64 = 0.02,
-        /// Keyframes from which on it is solved for. Range 3–100; fewer do not tell it.
+        /// How long a camera may take to read an image, one standard deviation, seconds: whether it has a rolling shutter is
+        /// solved for with this in mind. Range 0–0.1; with 0 all images are taken to be read at once.
+        pub readout_sigma: f64 = 0.02,
+        /// Keyframes from which on both are solved for. Range 3–100; fewer do not tell it.
         pub calibrate_from: usize = 10,
         /// Keyframes up to which the whole map is optimised for it whenever they have doubled; later, only at the end
         /// and with loops. Range 0–200.
@@ -146,28 +150,72 @@ impl DepthPrior {
 pub(crate) fn optimise_around(map: &mut LocalMap, centre: usize, params: &MappingParams) -> Vec<UnitChange> {
     let neighbours = map.covisible(centre).into_iter().take(params.window - 1).map(|c| c.0);
     let active: BTreeSet<usize> = neighbours.chain([centre]).collect();
-    optimise(map, &active, params.fixed, 0.0, |_| Limits::steps(params.window_iterations))
+    optimise(map, &active, params.fixed, [0.0; UNKNOWNS], |_| Limits::steps(params.window_iterations))
 }
 
 /// Whether a map of so many keyframes is due to be optimised for its lens: each time they have doubled.
 pub(crate) fn calibration_is_due(keyframes: usize, params: &MappingParams) -> bool {
     let first = params.calibrate_from.max(1);
-    params.lens_sigma > 0.0
+    (params.lens_sigma > 0.0 || params.readout_sigma > 0.0)
         && keyframes <= params.calibrate_until
         && keyframes.is_multiple_of(first)
         && (keyframes / first).is_power_of_two()
 }
 
-/// Optimises all keyframes and points, and with enough of them the lens, in so many iterations at most as the effort
-/// (see [`MappingParams::final_effort`]) allows, and until `stop`.
+/// Optimises all keyframes and points, and with enough of them the lens, and the readout times of a rolling shutter, in so
+/// many iterations at most as the effort (see [`MappingParams::final_effort`]) allows, and until `stop`.
 pub(crate) fn optimise_all(
     map: &mut LocalMap,
     iterations: usize,
     params: &MappingParams,
     stop: &dyn Fn() -> bool,
 ) -> Vec<UnitChange> {
+    let readout = map.sensor.readout.map(|time| if time == 0.0 { 0.0 } else { params.readout_sigma });
+    let changes = optimise_whole(map, iterations, readout, params, stop);
+    if map.sensor.is_rolling() && map.sensor.plausible_readout() != map.sensor.readout {
+        map.set_sensor(Sensor { readout: [0.0; 2], ..map.sensor });
+        return together(changes, optimise_whole(map, iterations, [0.0; 2], params, stop));
+    }
+    changes
+}
+
+/// The same, and asks before whether the camera has a rolling shutter.
+pub(crate) fn calibrate(map: &mut LocalMap, params: &MappingParams) -> Vec<UnitChange> {
+    let (iterations, stop) = (params.calibration_iterations, || false);
+    if !map.sensor.is_rolling() && params.readout_sigma > 0.0 {
+        let mut trial = map.clone();
+        let changes = optimise_whole(&mut trial, iterations, [params.readout_sigma; 2], params, &stop);
+        let readout = trial.sensor.plausible_readout();
+        if readout != [0.0; 2] {
+            trial.set_sensor(Sensor { readout, ..trial.sensor });
+            *map = trial;
+            return together(changes, optimise_all(map, iterations, params, &stop));
+        }
+    }
+    optimise_all(map, iterations, params, &stop)
+}
+
+/// Changes that follow each other as one.
+fn together(mut first: Vec<UnitChange>, then: Vec<UnitChange>) -> Vec<UnitChange> {
+    for later in then {
+        match first.iter_mut().find(|change| change.keyframe == later.keyframe) {
+            Some(change) => change.factor *= later.factor,
+            None => first.push(later),
+        }
+    }
+    first
+}
+
+fn optimise_whole(
+    map: &mut LocalMap,
+    iterations: usize,
+    [columns, rows]: [f64; 2],
+    params: &MappingParams,
+    stop: &dyn Fn() -> bool,
+) -> Vec<UnitChange> {
     let active: BTreeSet<usize> = (0..map.keyframes.len()).collect();
-    let sigma = if active.len() < params.calibrate_from { 0.0 } else { params.lens_sigma };
+    let is_known = active.len() < params.calibrate_from;
+    let sigma = [params.lens_sigma, columns, rows].map(|sigma| if is_known { 0.0 } else { sigma });
     optimise(map, &active, 0, sigma, |problem| {
         let affordable = 1e6 * params.final_effort / problem.observations.len().max(1) as f64;
         Limits { iterations: iterations.min(affordable as usize).max(1), stop }
@@ -178,12 +226,12 @@ fn optimise<'a>(
     map: &mut LocalMap,
     active: &BTreeSet<usize>,
     max_fixed: usize,
-    lens_sigma: f64,
+    sensor_sigma: [f64; UNKNOWNS],
     limits: impl FnOnce(&Problem) -> Limits<'a>,
 ) -> Vec<UnitChange> {
     let mut window = Window::build(map, active, max_fixed);
-    if lens_sigma > 0.0 {
-        window.calibrate(map, [lens_sigma]);
+    if sensor_sigma.iter().any(|sigma| *sigma > 0.0) {
+        window.calibrate(map, sensor_sigma);
     }
     let before = window.frame_depths();
     let limits = limits(&window.problem);

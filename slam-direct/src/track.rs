@@ -4,6 +4,7 @@
 use crate::align::{AlignmentReference, Brightness};
 use crate::local_map::{LocalMap, PointRef, median};
 use crate::patch::Template;
+use crate::sensor::Twist;
 use crate::warp::Warp;
 use crate::window::{PoseSolver, SeenPoint, predict};
 use backend::params;
@@ -63,6 +64,8 @@ pub(crate) struct Sought {
 pub(crate) struct View<'a> {
     pub pyramid: &'a Pyramid,
     pub camera_from_world: Se3,
+    /// How the camera moves, in map units.
+    pub motion: Twist,
 }
 
 /// Seeks the map's points in the frame. Second value: how many were sought.
@@ -102,7 +105,9 @@ pub(crate) fn choose(
             else {
                 continue;
             };
-            let pixel = map.lens.distort(pixel.into()).map(|v| v as f32);
+            let depth = (rotation * point.ray + relative.translation * point.inverse_depth).z;
+            let pixel = map.sensor.shown_pixel(pixel.into(), &view.motion, point.inverse_depth / depth);
+            let pixel = pixel.map(|v| v as f32);
             if !view.pyramid.base().contains(pixel[0], pixel[1], 5.0) {
                 continue;
             }
@@ -206,9 +211,9 @@ const TRACKING: PoseSolver = PoseSolver { iterations: 12, wide: 5, settled: 1e-1
 /// of the matches is lowered to what the frame shows.
 ///
 /// Second value: the squared residuals' median over what was assumed.
-pub(crate) fn refine_pose(map: &LocalMap, camera_from_world: &Se3, matched: &mut [Matched]) -> (Se3, f64) {
-    let mut points: Vec<SeenPoint> = matched.iter().map(|m| world_point(map, camera_from_world, m)).collect();
-    let mut pose = *camera_from_world;
+pub(crate) fn refine_pose(map: &LocalMap, view: &View, matched: &mut [Matched]) -> (Se3, f64) {
+    let mut points: Vec<SeenPoint> = matched.iter().map(|m| world_point(map, view, m)).collect();
+    let mut pose = view.camera_from_world;
     let mut assumed = None;
     for _ in 0..2 {
         pose = TRACKING.solve(&map.camera, &pose, &points);
@@ -249,22 +254,19 @@ const MEDIAN_SQUARED: f64 = 4.0;
 const MAX_EXCESS: f64 = 9.0;
 
 /// A match prepared for pose refinement: its point in the world, uncertain depth in its information.
-fn world_point(map: &LocalMap, camera_from_world: &Se3, matched: &Matched) -> SeenPoint {
+fn world_point(map: &LocalMap, view: &View, matched: &Matched) -> SeenPoint {
     let host = &map.keyframes[matched.at.host];
     let point = map.point(matched.at);
     let world_from_host = host.camera_from_world.inverse();
     let direction = world_from_host.rotation * point.ray + world_from_host.translation * point.inverse_depth;
-    let pixel = map.lens.undistort(matched.pixel.map(f64::from));
     let mut information = matched.information.map(f64::from);
-    let relative = *camera_from_world * world_from_host;
-    let predicted = predict(
-        &map.camera,
-        &relative.rotation_matrix(),
-        &relative.translation,
-        &point.ray,
-        point.inverse_depth,
-        &pixel,
-    );
+    let relative = view.camera_from_world * world_from_host;
+    let rotation = relative.rotation_matrix();
+    let depth = (rotation * point.ray + relative.translation * point.inverse_depth).z;
+    let shown = matched.pixel.map(f64::from);
+    let pixel = map.sensor.ideal_pixel(shown, &view.motion, point.inverse_depth / depth);
+    let predicted =
+        predict(&map.camera, &rotation, &relative.translation, &point.ray, point.inverse_depth, &pixel);
     if let Some(p) = predicted {
         information = with_depth_variance(&information, &p.by_inverse_depth, point.variance);
     }

@@ -6,6 +6,7 @@ use crate::local_map::{LocalMap, PointRef, median};
 use crate::mapping;
 use crate::params::Params;
 use crate::relocalise::relocalise;
+use crate::sensor::{Twist, motion};
 use crate::track::{self, Matched, View};
 use crate::turn::Glance;
 use crate::wide;
@@ -44,6 +45,8 @@ pub(crate) struct Tracker {
     pub last: Se3,
     /// Motion of the last frame: `last = velocity * the one before`.
     velocity: Se3,
+    /// Time stamp of the newest tracked frame, seconds; unknown before there is one.
+    time: Option<f64>,
     brightness: Brightness,
     /// Frames in a row that were not found.
     lost: usize,
@@ -65,6 +68,8 @@ pub(crate) struct Located {
     pub excess: f64,
     brightness: Brightness,
     hosts: Vec<usize>,
+    /// How the camera moved, in map units.
+    pub motion: Twist,
     /// Whether it took a wide search: the camera was not where it should have been, or looks at little that is known.
     sought_widely: bool,
 }
@@ -116,6 +121,7 @@ impl Tracker {
             most_covered: 0,
             last,
             velocity,
+            time: None,
             brightness: Brightness::default(),
             lost: 0,
             glance: None,
@@ -128,10 +134,16 @@ impl Tracker {
         Self { lost: 1, ..self }
     }
 
+    /// The tracker of a camera whose last pose is of this time, seconds.
+    pub fn at(self, time: f64) -> Self {
+        Self { time: Some(time), ..self }
+    }
+
     /// Goes on against another reference.
     pub fn refer_to(&mut self, map: &LocalMap, reference: usize, params: &Params) {
-        let (lost, glance, share) = (self.lost, self.glance.take(), self.share);
-        *self = Self { lost, glance, share, ..Self::new(map, reference, self.last, self.velocity, params) };
+        let (time, lost, glance, share) = (self.time, self.lost, self.glance.take(), self.share);
+        *self =
+            Self { time, lost, glance, share, ..Self::new(map, reference, self.last, self.velocity, params) };
     }
 
     /// Goes on in a map in which keyframes have moved: `last` is the newest frame's pose there, `factor` what lengths
@@ -149,6 +161,7 @@ impl Tracker {
         map: &LocalMap,
         places: Option<&dyn PlaceIndex>,
         pyramid: &Pyramid,
+        timestamp: f64,
         params: &Params,
     ) -> Option<Located> {
         let world_from_reference = map.keyframes[self.reference].camera_from_world.inverse();
@@ -156,8 +169,8 @@ impl Tracker {
         let aligned =
             track::align_from_guesses(&self.alignment, pyramid, &guesses, self.brightness, GOOD_ALIGNMENT);
         let start = aligned.frame_from_reference * map.keyframes[self.reference].camera_from_world;
-        let mut located =
-            locate(map, &self.near, pyramid, &start, aligned.brightness, self.reference, params);
+        let view = View { pyramid, camera_from_world: start, motion: self.motion_to(&start, timestamp) };
+        let mut located = locate(map, &self.near, &view, aligned.brightness, self.reference, params);
         let is_there = if self.lost > 0 { located.is_found_again(params) } else { located.is_good(params) };
         if !is_there || self.drops(&located, params) {
             let places = places?;
@@ -173,9 +186,11 @@ impl Tracker {
                 return None;
             }
         }
+        located.motion = self.motion_to(&located.camera_from_world, timestamp);
         self.velocity =
             if self.lost > 0 { Se3::identity() } else { located.camera_from_world * self.last.inverse() };
         self.lost = 0;
+        self.time = Some(timestamp);
         self.last = located.camera_from_world;
         self.brightness = located.brightness;
         self.glance = Some(Glance::of(pyramid));
@@ -184,6 +199,12 @@ impl Tracker {
         self.most_found = self.most_found.max(located.inliers);
         self.most_covered = self.most_covered.max(located.covered);
         Some(located)
+    }
+
+    /// How the camera moves that is at a pose now; none when it was lost.
+    fn motion_to(&self, camera_from_world: &Se3, timestamp: f64) -> Twist {
+        let since = self.time.filter(|_| self.lost == 0).map(|before| timestamp - before);
+        since.map_or(Twist::zeros(), |since| motion(&self.last, camera_from_world, since))
     }
 
     /// Whether so much less agrees than in the frame before that the camera may have jumped, and the few agree by chance:
@@ -201,10 +222,11 @@ impl Tracker {
         let starts = [Some(self.velocity * self.last), Some(self.last), turned];
         starts.iter().flatten().find_map(|start| {
             let hosts = track::choose_hosts(map, &self.near, start, self.reference, params.track.max_hosts);
-            let view = View { pyramid, camera_from_world: *start };
+            let view = View { pyramid, camera_from_world: *start, motion: Twist::zeros() };
             let pose = wide::seek(map, &hosts, &view, &params.track, &params.wide, p.min_matched)?;
             let brightness = Brightness::default();
-            let located = locate(map, &self.near, pyramid, &pose, brightness, self.reference, params);
+            let view = View { camera_from_world: pose, ..view };
+            let located = locate(map, &self.near, &view, brightness, self.reference, params);
             located.is_found_again(params).then_some(Located { sought_widely: true, ..located })
         })
     }
@@ -267,10 +289,10 @@ pub(crate) fn match_keyframe(
     located: &Located,
     params: &Params,
 ) -> (Se3, Vec<Matched>) {
-    let view = View { pyramid, camera_from_world: located.camera_from_world };
+    let view = View { pyramid, camera_from_world: located.camera_from_world, motion: located.motion };
     let per_cell = params.track.keyframe_per_cell;
     let (mut matched, _) = track::match_points(map, &located.hosts, &view, &params.track, per_cell);
-    let (camera_from_world, _) = track::refine_pose(map, &located.camera_from_world, &mut matched);
+    let (camera_from_world, _) = track::refine_pose(map, &view, &mut matched);
     (camera_from_world, matched)
 }
 
@@ -284,23 +306,22 @@ fn median_inverse_depth(points: &[ReferencePoint]) -> f64 {
 fn locate(
     map: &LocalMap,
     near: &[usize],
-    pyramid: &Pyramid,
-    start: &Se3,
+    view: &View,
     brightness: Brightness,
     reference: usize,
     params: &Params,
 ) -> Located {
     let p = &params.track;
-    let hosts = track::choose_hosts(map, near, start, reference, p.max_hosts);
-    let view = View { pyramid, camera_from_world: *start };
-    let (mut matched, sought) = track::match_points(map, &hosts, &view, p, p.per_cell);
-    let (camera_from_world, excess) = track::refine_pose(map, start, &mut matched);
+    let hosts = track::choose_hosts(map, near, &view.camera_from_world, reference, p.max_hosts);
+    let (mut matched, sought) = track::match_points(map, &hosts, view, p, p.per_cell);
+    let (camera_from_world, excess) = track::refine_pose(map, view, &mut matched);
     let inliers = matched.iter().filter(|m| m.inlier).count();
     let covered = covered(map, &matched);
     Located {
         camera_from_world,
         brightness,
         hosts,
+        motion: view.motion,
         sought_widely: false,
         matched,
         sought,
@@ -340,8 +361,9 @@ fn relocate(
         let alignment = AlignmentReference::new(pyramid_there, &map.camera, &points, &params.align);
         let found = relocalise(pyramid, [(LocalMap::id(candidate), &alignment)], &params.relocalise).ok()?;
         let Alignment { frame_from_reference, brightness, .. } = found.alignment;
-        let start = frame_from_reference * map.keyframes[candidate].camera_from_world;
-        let located = locate(map, &near_candidate, pyramid, &start, brightness, candidate, params);
+        let camera_from_world = frame_from_reference * map.keyframes[candidate].camera_from_world;
+        let view = View { pyramid, camera_from_world, motion: Twist::zeros() };
+        let located = locate(map, &near_candidate, &view, brightness, candidate, params);
         located.is_found_again(params).then_some((candidate, located))
     })
 }
@@ -386,7 +408,7 @@ mod tests {
         for i in 1..=20 {
             let view = Rendered::new(pose(0.05 * i as f64, 0.0, 0.0, 0.01 * (i as f64 * 0.5).sin(), 0.0));
             let located =
-                tracker.track(&map, Some(&places), &view.pyramid, &params).expect("it is in the map");
+                tracker.track(&map, Some(&places), &view.pyramid, 0.0, &params).expect("it is in the map");
             assert!(error(&located.camera_from_world, &view) < 0.01, "{i}");
             assert!(located.inlier_share() > 0.6 && located.rmse() < 15.0, "{i}");
             assert_eq!(tracker.last, located.camera_from_world);
@@ -403,14 +425,14 @@ mod tests {
         let mut tracker = Tracker::new(&map, 0, start, Se3::identity(), &params);
         for value in [0, 90, 255] {
             let flat = Pyramid::new(GrayImage::filled(CAMERA.width, CAMERA.height, value), 5);
-            assert!(tracker.track(&map, Some(&places), &flat, &params).is_none(), "{value}");
+            assert!(tracker.track(&map, Some(&places), &flat, 0.0, &params).is_none(), "{value}");
             assert_eq!(tracker.last, start, "a lost frame has no pose");
         }
         let elsewhere = Rendered::new(pose(0.0, 0.0, -9.0, 3.1, 0.0));
-        assert!(tracker.track(&map, Some(&places), &elsewhere.pyramid, &params).is_none());
+        assert!(tracker.track(&map, Some(&places), &elsewhere.pyramid, 0.0, &params).is_none());
         let view = Rendered::new(pose(0.95, 0.0, 0.05, 0.02, 0.0));
         let located =
-            tracker.track(&map, Some(&places), &view.pyramid, &params).expect("it is near keyframe 2");
+            tracker.track(&map, Some(&places), &view.pyramid, 0.0, &params).expect("it is near keyframe 2");
         assert!(error(&located.camera_from_world, &view) < 0.01);
     }
 
@@ -425,6 +447,7 @@ mod tests {
             excess: 1.0,
             brightness: Brightness::default(),
             hosts: Vec::new(),
+            motion: Twist::zeros(),
             sought_widely: false,
         }
     }
@@ -455,11 +478,12 @@ mod tests {
         let start = map.keyframes[0].camera_from_world;
         let mut tracker = Tracker::new(&map, 0, start, Se3::identity(), &params);
         let none = ThumbnailIndex::default();
-        tracker.track(&map, Some(&none), &keyframes[0].pyramid, &params).expect("it is the keyframe");
+        tracker.track(&map, Some(&none), &keyframes[0].pyramid, 0.0, &params).expect("it is the keyframe");
         let turned = Rendered::new(pose(0.02, 0.0, 0.0, 0.28, 0.05));
         let dim: Vec<u8> = turned.pyramid.base().data().iter().map(|&v| v / 2 + 60).collect();
         let dim = GrayImage::from_vec(CAMERA.width, CAMERA.height, dim).expect("as many pixels");
-        let located = tracker.track(&map, Some(&none), &Pyramid::new(dim, 5), &params).expect("it overlaps");
+        let located =
+            tracker.track(&map, Some(&none), &Pyramid::new(dim, 5), 0.0, &params).expect("it overlaps");
         assert!(error(&located.camera_from_world, &turned) < 0.01);
         assert!(located.sought_widely && tracker.wants_keyframe(&map, &located, &params));
     }
@@ -474,7 +498,7 @@ mod tests {
         let mut wants = |x: f64| {
             let view = Rendered::new(pose(x, 0.0, 0.0, 0.0, 0.0));
             let located =
-                tracker.track(&map, Some(&places), &view.pyramid, &params).expect("it is in the map");
+                tracker.track(&map, Some(&places), &view.pyramid, 0.0, &params).expect("it is in the map");
             tracker.wants_keyframe(&map, &located, &params)
         };
         assert!(!wants(0.02));

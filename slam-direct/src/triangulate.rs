@@ -62,7 +62,8 @@ impl<'a> Triangulator<'a> {
     /// A point at `pixel` of the host with its depth and observations; `None` when no view shows it
     /// unambiguously. `range` is the inverse depth to expect, `(least, most)`.
     pub fn point(&self, pixel: [f32; 2], range: (f64, f64)) -> Option<PointState> {
-        let ray = self.map.lens.ray(pixel.map(f64::from));
+        // What the translation adds to the ray while the rows are read needs a depth.
+        let ray = self.map.ray(self.host, pixel, 0.5 * (range.0 + range.1));
         let mut observations: Vec<SeenAt> = Vec::new();
         let mut inverse_depth = None;
         for view in &self.views {
@@ -84,7 +85,7 @@ impl<'a> Triangulator<'a> {
         let accepted = worst < 9.21 && variance.sqrt() < self.params.max_relative_sigma * inverse_depth;
         accepted.then_some(PointState {
             pixel,
-            ray,
+            ray: self.map.ray(self.host, pixel, inverse_depth),
             inverse_depth,
             variance,
             observations,
@@ -98,7 +99,10 @@ impl<'a> Triangulator<'a> {
     fn search(&self, view: &View, pixel: [f32; 2], ray: &Vector3<f64>, range: (f64, f64)) -> Option<f64> {
         let project = |d: f64| {
             let x = view.rotation * ray + view.relative.translation * d;
-            (x.z > 0.05).then(|| Vector2::from(self.map.lens.distort(self.map.camera.project(&x).into())))
+            (x.z > 0.05).then(|| {
+                let ideal = self.map.camera.project(&x).into();
+                Vector2::from(self.map.shown_pixel(view.keyframe, ideal, d / x.z))
+            })
         };
         let (near, far) = (project(range.1)?, project(range.0)?);
         let length = (near - far).norm();
@@ -145,7 +149,8 @@ impl<'a> Triangulator<'a> {
         let (warp, at) = Warp::new(&self.map.camera, &view.relative, &view.rotation, ray, inverse_depth)?;
         let template = Template::cut(&self.map.keyframes[self.host].pyramid, pixel, &warp)?;
         let other = &self.map.keyframes[view.keyframe].pyramid;
-        let start = self.map.lens.distort(at.into()).map(|v| v as f32);
+        let depth = (view.rotation * ray + view.relative.translation * inverse_depth).z;
+        let start = self.map.shown_pixel(view.keyframe, at.into(), inverse_depth / depth).map(|v| v as f32);
         if !other.base().contains(start[0], start[1], 5.0) {
             return None;
         }
@@ -160,7 +165,7 @@ impl<'a> Triangulator<'a> {
             &view.relative.translation,
             ray,
             inverse_depth,
-            &self.map.lens.undistort(found.pixel.map(f64::from)),
+            &self.map.ideal_pixel(view.keyframe, found.pixel, inverse_depth / depth),
         )?;
         let line = Vector2::from(p.by_inverse_depth);
         let norm = line.norm();
@@ -183,13 +188,14 @@ impl<'a> Triangulator<'a> {
             worst = 0.0;
             for s in seen {
                 let view = self.views.iter().find(|v| v.keyframe == s.keyframe)?;
+                let depth = (view.rotation * ray + view.relative.translation * d).z;
                 let p = predict(
                     &self.map.camera,
                     &view.rotation,
                     &view.relative.translation,
                     ray,
                     d,
-                    &self.map.lens.undistort(s.pixel.map(f64::from)),
+                    &self.map.ideal_pixel(s.keyframe, s.pixel, d / depth),
                 )?;
                 let [a, b, c] = s.information.map(f64::from);
                 let (j, r) = (p.by_inverse_depth, p.residual);

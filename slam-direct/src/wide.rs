@@ -6,6 +6,7 @@
 
 use crate::local_map::{LocalMap, PointRef};
 use crate::patch::Template;
+use crate::sensor::Twist;
 use crate::track::{Sought, TrackParams, View, choose};
 use backend::params;
 use geometry::Se3;
@@ -89,7 +90,7 @@ fn sighting(map: &LocalMap, at: PointRef, pixel: [f32; 2]) -> Sighting {
     let host_from_world = &map.keyframes[at.host].camera_from_world;
     Sighting {
         point: host_from_world.inverse() * (point.ray / point.inverse_depth),
-        ray: map.lens.ray(pixel.map(f64::from)),
+        ray: map.sensor.ray(pixel.map(f64::from), &Twist::zeros(), point.inverse_depth),
     }
 }
 
@@ -106,7 +107,7 @@ mod tests {
     }
 
     fn sought(map: &LocalMap, pyramid: &Pyramid, camera_from_world: Se3) -> Option<Se3> {
-        let view = View { pyramid, camera_from_world };
+        let view = View { pyramid, camera_from_world, motion: Twist::zeros() };
         seek(map, &HOSTS, &view, &TrackParams::default(), &WideParams::default(), 30)
     }
 

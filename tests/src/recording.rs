@@ -86,6 +86,30 @@ impl Recording {
         Self { camera, shots: path.par_iter().enumerate().map(shot).collect() }
     }
 
+    /// The same by a rolling shutter, which takes `readout` seconds from the first row to the last; a pose of `path` is that
+    /// of the middle row.
+    pub fn render_rolling(world: &World, camera: Pinhole, path: &[Se3], rate: f64, readout: f64) -> Self {
+        // Within one of so many bands the camera stands still.
+        const BANDS: usize = 24;
+        let mut recording = Self::render(world, camera, path, rate);
+        let rolled = |(i, shot): (usize, &mut Shot)| {
+            let (before, after) = (i.saturating_sub(1), (i + 1).min(path.len() - 1));
+            let seconds = (after - before) as f64 / rate;
+            let motion = (path[before].inverse() * path[after]).log() / seconds.max(1e-9);
+            let mut image = shot.image.as_ref().clone();
+            for band in 0..BANDS {
+                let time = readout * ((band as f64 + 0.5) / BANDS as f64 - 0.5);
+                let seen = render(world, &camera, &(path[i] * Se3::exp(&(motion * time)))).0;
+                let row = |band: usize| camera.width * (camera.height * band / BANDS);
+                let rows = row(band)..row(band + 1);
+                image.data_mut()[rows.clone()].copy_from_slice(&seen.data()[rows]);
+            }
+            shot.image = Arc::new(image);
+        };
+        recording.shots.par_iter_mut().enumerate().for_each(rolled);
+        recording
+    }
+
     /// Length of the camera's path, metres.
     pub fn path_length(&self) -> f64 {
         let poses: Vec<Se3> = self.shots.iter().map(|s| s.world_from_camera).collect();

@@ -136,3 +136,33 @@ fn wide_images_are_worked_on_at_half_their_size() {
     assert!(measured.frames >= 58 && measured.rmse < 0.01 * measured.path, "{} m", measured.rmse);
     case.run(&["--max-width", "20"]).assert_refused(&["--max-width 20"]);
 }
+
+/// Rows that are read one after the other bend the images of a camera that moves: the recording tells by how much.
+#[test]
+fn a_rolling_shutter_is_found_and_costs_little() {
+    const READOUT: f64 = 0.025;
+    let path = trajectory::walk(150, RATE, 3);
+    let rolling =
+        Case::new(&Recording::render_rolling(world(), Recording::SMALL_CAMERA, &path, RATE, READOUT));
+    let mapped = |case: &Case, arguments: &[&str]| {
+        let outcome = case.run(arguments);
+        outcome.assert_success();
+        let map = case.map();
+        let said = map.agents.values().next().and_then(|about| about.provenance.get("readout rows"));
+        let readout: f64 = said.expect("it is said with the map").parse().expect("a number");
+        (readout, Accuracy::of(&case.out(), &case.source().join("groundtruth.txt")))
+    };
+    let (readout, solved) = mapped(&rolling, &[]);
+    assert!((readout / READOUT - 1.0).abs() < 0.1, "{readout} s");
+    let params = tempfile::NamedTempFile::new().expect("a temporary file");
+    fs::write(params.path(), "[mapping]\nreadout_sigma = 0.0\n").expect("it can be written");
+    let params = params.path().to_str().expect("a plain name");
+    let (none, ignored) = mapped(&rolling, &["--force", "--params", params]);
+    assert_eq!(none, 0.0);
+    assert!(solved.frames >= 148 && ignored.frames >= 140, "{} and {} frames", solved.frames, ignored.frames);
+    assert!(2.0 * solved.rmse < ignored.rmse, "{} m, and {} m without", solved.rmse, ignored.rmse);
+    let global = Case::new(&Recording::render(world(), Recording::SMALL_CAMERA, &path, RATE));
+    let (none, accuracy) = mapped(&global, &[]);
+    assert_eq!(none, 0.0, "a camera that exposes all rows at once");
+    assert!(accuracy.rmse < 0.002 * accuracy.path, "{} m of {} m", accuracy.rmse, accuracy.path);
+}

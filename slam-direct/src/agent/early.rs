@@ -138,7 +138,9 @@ impl Agent {
             [.., before, newest] => newest.2 * before.2.inverse(),
             _ => last,
         };
-        self.state = State::Running(Box::new(Tracker::new(&self.view, 1, last, velocity, &self.params)));
+        let time = self.view.keyframes[1].timestamp;
+        let tracker = Tracker::new(&self.view, 1, last, velocity, &self.params).at(time);
+        self.state = State::Running(Box::new(tracker));
         FrameReport {
             world_from_camera: Some(last.inverse()),
             new_keyframe: Some(LocalMap::id(1)),
@@ -153,12 +155,13 @@ impl Agent {
         let first = self.map.frames.first().map_or(0, |f| f.frame_index);
         self.early.retain(|f| f.frame_index < first);
         let start = self.view.keyframes[0].camera_from_world;
-        let mut tracker = Tracker::new(&self.view, 0, start, Se3::identity(), &self.params);
+        let time = self.view.keyframes[0].timestamp;
+        let mut tracker = Tracker::new(&self.view, 0, start, Se3::identity(), &self.params).at(time);
         let places = self.mapper.as_ref().map(|mapper| mapper.places.as_ref());
         let mut found = Vec::new();
         for frame in self.early.iter().rev() {
             let pyramid = Pyramid::new(frame.image.as_ref().clone(), self.params.align.pyramid_levels);
-            if tracker.track(&self.view, places, &pyramid, &self.params).is_none() {
+            if tracker.track(&self.view, places, &pyramid, frame.timestamp, &self.params).is_none() {
                 break;
             }
             found.push(FramePose {
@@ -204,6 +207,8 @@ impl Agent {
         self.closed.clear();
         self.mapper = self.mapper.take().map(|mapper| Box::new(mapper.forget()));
         self.counts = Counts::default();
+        self.fresh = None;
+        self.motions.clear();
         self.companions.clear();
         self.first_open = 0;
         self.provisional = None;

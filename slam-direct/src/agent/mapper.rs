@@ -6,6 +6,7 @@ use crate::local_map::{Companions, Counts, KeyframeState, LocalMap};
 use crate::mapping;
 use crate::params::Params;
 use crate::publish;
+use crate::sensor::Twist;
 use crate::track::Matched;
 use geometry::Pinhole;
 use map::{Edge, EdgeKind, Keyframe, KeyframeId, Map, MapDelta, PlaceIndex, Settled};
@@ -17,6 +18,8 @@ pub(super) struct Job {
     /// Points of the map that it sees.
     pub matched: Vec<Matched>,
     pub counts: Counts,
+    /// Motion of keyframes, as the frames on both sides of each tell it.
+    pub motions: Vec<(usize, Twist)>,
     pub companions: Companions,
     /// As they are now: some are learnt while tracking.
     pub params: Params,
@@ -82,20 +85,20 @@ impl Mapper {
         self.closer.closed()
     }
 
-    /// Drops the map to start anew; what it taught of the lens stays.
+    /// Drops the map to start anew; what it taught of the sensor stays.
     pub fn forget(self) -> Self {
         let mut places = self.places;
         places.clear();
         let mut fresh = Self::new(self.local.camera, places);
-        fresh.local.lens = self.local.lens;
+        fresh.local.sensor = self.local.sensor;
         fresh
     }
 
     /// Takes over a first map of two keyframes.
     pub fn adopt(&mut self, first: LocalMap, params: &Params) -> Update {
-        let lens = self.local.lens;
+        let sensor = self.local.sensor;
         self.local = first;
-        self.local.set_lens(lens);
+        self.local.set_sensor(sensor);
         for keyframe in 0..self.local.keyframes.len() {
             let keyframe = publish::keyframe(&self.local, keyframe);
             self.known.keyframes.insert(keyframe.id, keyframe);
@@ -107,7 +110,8 @@ impl Mapper {
 
     /// Extends the map by a keyframe; takes up what was begun in the background at the one before, and begins more.
     pub fn extend(&mut self, job: Job) -> Update {
-        let Job { keyframe, matched, counts, companions, params } = job;
+        let Job { keyframe, matched, counts, motions, companions, params } = job;
+        self.learn_motions(&motions);
         let keyframe = self.local.push(keyframe);
         let public = publish::keyframe(&self.local, keyframe);
         self.known.keyframes.insert(public.id, public);
@@ -121,14 +125,22 @@ impl Mapper {
         self.update(moved, settled, closed_loop)
     }
 
+    fn learn_motions(&mut self, motions: &[(usize, Twist)]) {
+        for &(keyframe, motion) in motions {
+            self.local.keyframes[keyframe].motion = motion;
+        }
+    }
+
     /// Ends the run: what is in the background, depth and loops of the last keyframes, the last optimisation of the
     /// whole map, which `stop` ends early. Gives the loops closed in doing so.
     pub fn finish(
         &mut self,
+        motions: &[(usize, Twist)],
         companions: &Companions,
         params: &Params,
         stop: &dyn Fn() -> bool,
     ) -> (Update, Vec<(KeyframeId, KeyframeId)>) {
+        self.learn_motions(motions);
         let mut moved = BTreeSet::new();
         let mut settled = self.take_up_depths();
         let mut loops: Vec<_> = self.take_up_loop(&mut moved, params).into_iter().collect();
@@ -162,8 +174,7 @@ impl Mapper {
         mapping::add_points(&mut self.local, keyframe, &others, &p.mapping, &p.triangulate, &p.track);
         let mut changes = mapping::optimise_around(&mut self.local, keyframe, &p.mapping);
         if mapping::calibration_is_due(self.local.keyframes.len(), &p.mapping) {
-            let iterations = p.mapping.calibration_iterations;
-            changes.extend(mapping::optimise_all(&mut self.local, iterations, &p.mapping, &|| false));
+            changes.extend(mapping::calibrate(&mut self.local, &p.mapping));
         }
         self.local.count(counts);
         mapping::cull_unfound(&mut self.local, counts.hosts(), 0.25);

@@ -2,12 +2,12 @@
 
 use super::mapper::Mapper;
 use super::{Agent, AgentError, State, error, publish};
-use crate::lens::Lens;
 use crate::local_map::{KeyframeState, LocalMap, PointRef, PointState, SeenAt};
 use crate::params::Params;
+use crate::sensor::{Sensor, Twist, motion};
 use crate::tracker::Tracker;
-use geometry::{Pinhole, Pyramid, Se3};
-use map::{Map, MapDelta, PlaceIndex};
+use geometry::{Pinhole, Pyramid, Se3, Sim3};
+use map::{FramePose, Keyframe, Map, MapDelta, PlaceIndex};
 use std::sync::Arc;
 
 /// What is done with a map that was kept.
@@ -55,9 +55,8 @@ impl Agent {
         params.validate()?;
         let camera = camera_of(&map)?;
         error::check_camera(&camera)?;
-        let lens = map.agents.values().find_map(|about| about.provenance.get(publish::LENS));
-        let lens = lens.and_then(|text| Lens::from_text(camera, text)).unwrap_or(Lens::ideal(camera));
-        let local = working_map(&map, lens, params.align.pyramid_levels)?;
+        let sensor = publish::said_sensor(&map, camera);
+        let local = working_map(&map, sensor, params.align.pyramid_levels)?;
         let can_be_tracked = |&k: &usize| local.points_of(k).next().is_some();
         let newest = map.frames.last().map(|frame| frame.reference.0 as usize);
         let newest = newest.filter(|&k| k < local.keyframes.len());
@@ -118,9 +117,9 @@ fn camera_of(map: &Map) -> Result<Pinhole, AgentError> {
 }
 
 /// The working map of a map that was handed out.
-fn working_map(map: &Map, lens: Lens, levels: usize) -> Result<LocalMap, AgentError> {
-    let camera = lens.camera;
-    let mut local = LocalMap { lens, ..LocalMap::new(camera) };
+fn working_map(map: &Map, sensor: Sensor, levels: usize) -> Result<LocalMap, AgentError> {
+    let camera = sensor.lens.camera;
+    let mut local = LocalMap { sensor, ..LocalMap::new(camera) };
     for keyframe in map.keyframes.values() {
         let index = local.keyframes.len();
         if keyframe.id != LocalMap::id(index) {
@@ -136,7 +135,7 @@ fn working_map(map: &Map, lens: Lens, levels: usize) -> Result<LocalMap, AgentEr
         let pose = keyframe.world_from_keyframe;
         let state =
             KeyframeState::new(keyframe.timestamp, keyframe.frame_index, pyramid, pose.rigid().inverse());
-        local.push(KeyframeState { unit: pose.scale, ..state });
+        local.push(KeyframeState { unit: pose.scale, motion: motion_at(map, keyframe), ..state });
     }
     let count = local.keyframes.len();
     for (host, keyframe) in map.keyframes.values().enumerate() {
@@ -156,11 +155,12 @@ fn working_map(map: &Map, lens: Lens, levels: usize) -> Result<LocalMap, AgentEr
             for seen in &seen {
                 local.keyframes[seen.keyframe].seen.push(PointRef { host, index });
             }
+            let inverse_depth = f64::from(point.inverse_depth) / unit;
             let alive = !seen.is_empty() && point.inverse_depth > 0.0;
             let state = PointState {
                 pixel: point.pixel,
-                ray: local.lens.ray(point.pixel.map(f64::from)),
-                inverse_depth: f64::from(point.inverse_depth) / unit,
+                ray: local.ray(host, point.pixel, inverse_depth),
+                inverse_depth,
                 variance: f64::from(point.variance) / (unit * unit),
                 observations: seen,
                 alive,
@@ -171,6 +171,23 @@ fn working_map(map: &Map, lens: Lens, levels: usize) -> Result<LocalMap, AgentEr
         }
     }
     Ok(local)
+}
+
+/// How the camera moved at a keyframe, in its unit: from the frame before it to the one after.
+fn motion_at(map: &Map, keyframe: &Keyframe) -> Twist {
+    let own = map.frames.partition_point(|frame| frame.timestamp < keyframe.timestamp);
+    let around = (own.checked_sub(1).and_then(|i| map.frames.get(i)), map.frames.get(own + 1));
+    let (Some(before), Some(after)) = around else { return Twist::zeros() };
+    let pose = |frame: &FramePose| {
+        let reference = map.keyframes.get(&frame.reference)?.world_from_keyframe;
+        let own_from_frame =
+            keyframe.world_from_keyframe.inverse() * reference * Sim3::from(frame.keyframe_from_frame);
+        Some(own_from_frame.rigid().inverse())
+    };
+    match (pose(before), pose(after)) {
+        (Some(from), Some(to)) => motion(&from, &to, after.timestamp - before.timestamp),
+        _ => Twist::zeros(),
+    }
 }
 
 #[cfg(test)]

@@ -3,6 +3,7 @@
 use super::solve::agreement;
 use super::{Bootstrap, Started};
 use crate::local_map::{KeyframeState, LocalMap, PointRef, PointState, SeenAt, median};
+use crate::sensor::{Twist, motion};
 use crate::window::{Problem, WindowPoint};
 use geometry::{Pinhole, Pyramid, Se3};
 
@@ -26,10 +27,20 @@ impl Bootstrap {
             pyramid.clone(),
             camera_from_world,
         ));
+        let frames = self.pose_all(solution, unit);
+        map.keyframes[0].motion = between((self.timestamp, Se3::identity()), frames.first());
+        if let [.., (time, _, pose), newest] = frames.as_slice() {
+            map.keyframes[1].motion = between((*time, *pose), Some(newest));
+        }
         map.keyframes[1].seen = (0..points.len()).map(|index| PointRef { host: 0, index }).collect();
         map.keyframes[0].points = points;
-        Started { map, frames: self.pose_all(solution, unit) }
+        Started { map, frames }
     }
+}
+
+/// The motion from one pose to the next.
+fn between((time, pose): (f64, Se3), next: Option<&(f64, u64, Se3)>) -> Twist {
+    next.map_or(Twist::zeros(), |(later, _, next)| motion(&pose, next, later - time))
 }
 
 /// The points that agree with the solution, are certain, and are seen in its last frame.

@@ -84,7 +84,9 @@ impl Directed {
 
     fn add(&mut self, map: &LocalMap, point: &PointState, seen: &SeenAt) {
         let translation = &self.observer_from_host.translation;
-        let (rho, pixel) = (point.inverse_depth, map.lens.undistort(seen.pixel.map(f64::from)));
+        let rho = point.inverse_depth;
+        let depth = (self.rotation * point.ray + translation * rho).z;
+        let pixel = map.ideal_pixel(seen.keyframe, seen.pixel, rho / depth);
         let Some(p) = predict(&map.camera, &self.rotation, translation, &point.ray, rho, &pixel) else {
             return;
         };

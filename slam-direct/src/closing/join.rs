@@ -33,9 +33,10 @@ pub(super) fn match_side(
     camera_from_world: Se3,
     params: &TrackParams,
 ) -> SideMatch {
-    let view = View { pyramid: &map.keyframes[keyframe].pyramid, camera_from_world };
+    let state = &map.keyframes[keyframe];
+    let view = View { pyramid: &state.pyramid, camera_from_world, motion: state.motion_in_world() };
     let (mut matched, sought) = track::match_points(map, hosts, &view, params, params.per_cell);
-    let (camera_from_world, _) = track::refine_pose(map, &camera_from_world, &mut matched);
+    let (camera_from_world, _) = track::refine_pose(map, &view, &mut matched);
     SideMatch { camera_from_world, matched, sought }
 }
 

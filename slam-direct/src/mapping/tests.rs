@@ -136,7 +136,7 @@ fn an_optimisation_that_undoes_a_wrong_unit_reports_it() {
     for point in &mut map.keyframes[3].points {
         point.inverse_depth /= 1.2;
     }
-    let changes = optimise(&mut map, &BTreeSet::from([3]), 25, 0.0, |_| Limits::steps(30));
+    let changes = optimise(&mut map, &BTreeSet::from([3]), 25, [0.0; UNKNOWNS], |_| Limits::steps(30));
     assert_eq!(changes.len(), 1);
     assert_eq!(changes[0].keyframe, 3);
     let (found, exact) = (map.keyframes[3].camera_from_world, truth.keyframes[3].camera_from_world);

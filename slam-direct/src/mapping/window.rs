@@ -1,9 +1,9 @@
 //! Keyframes and points of the map as a joint optimisation, and its result carried back.
 
 use super::UnitChange;
-use crate::lens::TERMS;
-use crate::local_map::{LocalMap, PointRef, median};
-use crate::window::{Calibration, Pairs, Problem, WindowObservation, WindowPoint};
+use crate::local_map::{LocalMap, PointRef, PointState, SeenAt, median};
+use crate::sensor::UNKNOWNS;
+use crate::window::{Calibration, Pairs, Problem, Shown, WindowObservation, WindowPoint};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Squared normalised residual above which the joint optimisation gives an observation up.
@@ -49,7 +49,7 @@ impl Window {
             let first = problem.observations.len();
             for (index, o) in point.observations.iter().enumerate() {
                 let Some(frame) = frame(o.keyframe) else { continue };
-                let pixel = map.lens.undistort(o.pixel.map(f64::from));
+                let pixel = map.ideal_pixel(o.keyframe, o.pixel, seen_inverse_depth(map, at.host, point, o));
                 let information = o.information.map(f64::from);
                 problem.observations.push(WindowObservation { frame, pixel, information });
                 seen.push(index as u32);
@@ -67,22 +67,28 @@ impl Window {
         Self { problem, pairs, keyframes, active: is_active, points, seen }
     }
 
-    /// Makes the lens an unknown, a priori uncertain by `sigma`.
-    pub fn calibrate(&mut self, map: &LocalMap, sigma: [f64; TERMS]) {
-        let hosts = self.points.iter().map(|&at| map.point(at).pixel.map(f64::from)).collect();
+    /// Makes the sensor unknown, a priori uncertain by `sigma`.
+    pub fn calibrate(&mut self, map: &LocalMap, sigma: [f64; UNKNOWNS]) {
+        let shown = |keyframe: usize, pixel: [f32; 2], inverse_depth: f64| {
+            let (pixel, motion) = (pixel.map(f64::from), map.keyframes[keyframe].motion_in_world());
+            Shown { pixel, velocity: map.sensor.velocity(pixel, &motion, inverse_depth) }
+        };
+        let host = |&at: &PointRef| shown(at.host, map.point(at).pixel, map.point(at).inverse_depth);
+        let hosts = self.points.iter().map(host).collect();
         let of_point = |(solved, &at): (&WindowPoint, &PointRef)| {
-            let seen = &map.point(at).observations;
-            let own = &self.seen[solved.observations.clone()];
-            own.iter()
-                .map(|&i| {
-                    (seen[i as usize].pixel.map(f64::from), seen[i as usize].information.map(f64::from))
-                })
-                .collect::<Vec<_>>()
+            let point = map.point(at);
+            let own = self.seen[solved.observations.clone()].iter();
+            own.map(|&i| {
+                let seen = &point.observations[i as usize];
+                let inverse_depth = seen_inverse_depth(map, at.host, point, seen);
+                (shown(seen.keyframe, seen.pixel, inverse_depth), seen.information.map(f64::from))
+            })
+            .collect::<Vec<_>>()
         };
         let seen = self.problem.points.iter().zip(&self.points).flat_map(of_point).collect();
-        let lens = map.lens;
-        self.problem.calibration = Some(Calibration { lens, sigma, hosts, seen });
-        self.problem.set_lens(lens.terms);
+        let sensor = map.sensor;
+        self.problem.calibration = Some(Calibration { sensor, sigma, hosts, seen });
+        self.problem.set_sensor(sensor.unknowns());
     }
 
     /// Depth of each observed point in the frame that is moved, in order of points and observations, the host first.
@@ -123,9 +129,7 @@ impl Window {
         for (frame, &keyframe) in problem.frames.iter().zip(keyframes) {
             map.keyframes[keyframe].camera_from_world = *frame;
         }
-        if let Some(calibration) = &problem.calibration {
-            map.set_lens(calibration.lens);
-        }
+        let sensor = problem.calibration.as_ref().map(|calibration| calibration.sensor);
         let squared = problem.squared_residuals();
         let mut dropped: BTreeSet<(usize, PointRef)> = BTreeSet::new();
         for (solved, &at) in problem.points.iter().zip(&self.points) {
@@ -142,12 +146,31 @@ impl Window {
             }
             point.alive = !point.observations.is_empty() && point.inverse_depth > 0.0;
         }
+        match sensor {
+            Some(sensor) => map.set_sensor(sensor),
+            // How far a point moves while the image is read depends on its depth.
+            None if map.sensor.is_rolling() => {
+                for &at in &self.points {
+                    let point = map.point(at);
+                    map.point_mut(at).ray = map.ray(at.host, point.pixel, point.inverse_depth);
+                }
+            }
+            None => {}
+        }
         for &keyframe in keyframes {
             let mut seen = std::mem::take(&mut map.keyframes[keyframe].seen);
             seen.retain(|&at| map.point(at).alive && !dropped.contains(&(keyframe, at)));
             map.keyframes[keyframe].seen = seen;
         }
     }
+}
+
+/// Inverse depth of a point in a keyframe that sees it.
+fn seen_inverse_depth(map: &LocalMap, host: usize, point: &PointState, seen: &SeenAt) -> f64 {
+    let seen_from_host =
+        map.keyframes[seen.keyframe].camera_from_world * map.keyframes[host].camera_from_world.inverse();
+    let x = seen_from_host.rotation * point.ray + seen_from_host.translation * point.inverse_depth;
+    point.inverse_depth / x.z
 }
 
 /// The keyframes of a window, ascending.

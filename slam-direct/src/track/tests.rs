@@ -15,6 +15,11 @@ fn error(camera_from_world: &Se3, truth: &Rendered) -> (f64, f64) {
     (off.translation.norm(), off.rotation.angle())
 }
 
+/// A frame of a camera that does not move.
+fn still(pyramid: &Pyramid, camera_from_world: Se3) -> View<'_> {
+    View { pyramid, camera_from_world, motion: Twist::zeros() }
+}
+
 fn nearby() -> Se3 {
     Se3::exp(&Vector6::new(0.02, -0.015, 0.03, 0.004, -0.005, 0.003))
 }
@@ -25,7 +30,7 @@ fn a_perturbed_pose_is_refined() {
     let frame = Rendered::new(pose(0.2, 0.05, 0.15, 0.04, -0.01));
     let start = nearby() * frame.world_from_camera.inverse();
     let params = TrackParams::default();
-    let view = View { pyramid: &frame.pyramid, camera_from_world: start };
+    let view = still(&frame.pyramid, start);
     let (mut matched, sought) = match_points(&map, &[0, 1], &view, &params, params.per_cell);
     assert!(
         sought.len() > 100 && matched.len() * 10 > sought.len() * 7,
@@ -33,7 +38,7 @@ fn a_perturbed_pose_is_refined() {
         matched.len(),
         sought.len()
     );
-    let (found, excess) = refine_pose(&map, &start, &mut matched);
+    let (found, excess) = refine_pose(&map, &view, &mut matched);
     let depths = frame.inverse_depth.data().iter().filter(|&&d| d > 0.0).map(|&d| 1.0 / d as f64);
     let depth = quantile(depths.collect(), 0.5);
     let (metres, radians) = error(&found, &frame);
@@ -49,13 +54,13 @@ fn wrong_matches_are_told_from_right_ones() {
     let frame = Rendered::new(pose(0.2, 0.0, 0.1, 0.02, 0.0));
     let start = nearby() * frame.world_from_camera.inverse();
     let params = TrackParams::default();
-    let view = View { pyramid: &frame.pyramid, camera_from_world: start };
+    let view = still(&frame.pyramid, start);
     let (mut matched, _) = match_points(&map, &[0, 1], &view, &params, params.per_cell);
     for (i, m) in matched.iter_mut().enumerate().filter(|(i, _)| i % 5 == 0) {
         let (x, y) = [(25.0, 9.0), (-14.0, 22.0), (-21.0, -12.0), (11.0, -24.0)][i / 5 % 4];
         m.pixel = [m.pixel[0] + x, m.pixel[1] + y];
     }
-    let (found, _) = refine_pose(&map, &start, &mut matched);
+    let (found, _) = refine_pose(&map, &view, &mut matched);
     let (metres, radians) = error(&found, &frame);
     assert!(metres < 0.02 && radians < 0.002, "off by {metres} m, {radians} rad");
     let accepted =
@@ -67,9 +72,10 @@ fn wrong_matches_are_told_from_right_ones() {
 fn no_matches_leave_the_pose() {
     let map = exact_map(&views(), 40);
     let start = pose(1.0, 0.0, 0.0, 0.0, 0.0);
-    assert_eq!(refine_pose(&map, &start, &mut []), (start, 1.0));
     let black = Pyramid::new(GrayImage::filled(CAMERA.width, CAMERA.height, 0), 5);
-    let view = View { pyramid: &black, camera_from_world: map.keyframes[0].camera_from_world };
+    let view = still(&black, map.keyframes[0].camera_from_world);
+    let elsewhere = still(&black, start);
+    assert_eq!(refine_pose(&map, &elsewhere, &mut []), (start, 1.0));
     let (matched, sought) = match_points(&map, &[0, 1], &view, &TrackParams::default(), 2);
     assert!(matched.is_empty() && !sought.is_empty());
 }
@@ -79,7 +85,7 @@ fn sought_points_are_spread_and_those_out_of_sight_are_not_sought() {
     let map = exact_map(&views(), 10);
     let params = TrackParams::default();
     let pyramid = &map.keyframes[0].pyramid;
-    let look = |camera_from_world| choose(&map, &[0, 1], &View { pyramid, camera_from_world }, &params, 1);
+    let look = |camera_from_world| choose(&map, &[0, 1], &still(pyramid, camera_from_world), &params, 1);
     let sought = look(map.keyframes[0].camera_from_world);
     let cell = |s: &Sought| (s.pixel[0] as usize / params.cell, s.pixel[1] as usize / params.cell);
     let cells: std::collections::BTreeSet<_> = sought.iter().map(cell).collect();

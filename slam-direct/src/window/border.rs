@@ -1,30 +1,30 @@
-//! The part of the normal equations that couples the lens with poses and depths: a few dense columns beside the sparse
+//! The part of the normal equations that couples the sensor with poses and depths: a few dense columns beside the sparse
 //! system, solved for by its Schur complement.
 
-use super::calibration::{ByTerms, Calibration};
+use super::calibration::{ByUnknowns, Calibration};
 use super::pairs::Pairs;
 use super::problem::Prediction;
-use crate::lens::TERMS;
+use crate::sensor::UNKNOWNS;
 use backend::BlockSystem;
 use nalgebra::{Matrix2, Matrix6, SMatrix, SVector, Vector2, Vector6};
 
-type Terms = SVector<f64, TERMS>;
-type PoseByTerms = SMatrix<f64, 6, TERMS>;
+type Unknowns = SVector<f64, UNKNOWNS>;
+type PoseByUnknowns = SMatrix<f64, 6, UNKNOWNS>;
 
-/// The columns of the lens's terms.
+/// The columns of the sensor's unknowns.
 pub(super) struct Border {
-    hessian: SMatrix<f64, TERMS, TERMS>,
-    gradient: Terms,
+    hessian: SMatrix<f64, UNKNOWNS, UNKNOWNS>,
+    gradient: Unknowns,
     /// Per pair, of its relative pose.
-    pairs: Vec<PoseByTerms>,
+    pairs: Vec<PoseByUnknowns>,
     /// Per block of the system.
-    poses: Vec<PoseByTerms>,
+    poses: Vec<PoseByUnknowns>,
     /// Per point.
-    depths: Vec<Terms>,
+    depths: Vec<Unknowns>,
     /// The same with the depths eliminated.
-    reduced_hessian: SMatrix<f64, TERMS, TERMS>,
-    reduced_gradient: Terms,
-    reduced_poses: Vec<PoseByTerms>,
+    reduced_hessian: SMatrix<f64, UNKNOWNS, UNKNOWNS>,
+    reduced_gradient: Unknowns,
+    reduced_poses: Vec<PoseByUnknowns>,
 }
 
 impl Border {
@@ -32,27 +32,29 @@ impl Border {
     pub fn new(blocks: usize, pairs: usize, points: usize) -> Self {
         Self {
             hessian: SMatrix::zeros(),
-            gradient: Terms::zeros(),
-            pairs: vec![PoseByTerms::zeros(); pairs],
-            poses: vec![PoseByTerms::zeros(); blocks],
-            depths: vec![Terms::zeros(); points],
+            gradient: Unknowns::zeros(),
+            pairs: vec![PoseByUnknowns::zeros(); pairs],
+            poses: vec![PoseByUnknowns::zeros(); blocks],
+            depths: vec![Unknowns::zeros(); points],
             reduced_hessian: SMatrix::zeros(),
-            reduced_gradient: Terms::zeros(),
-            reduced_poses: vec![PoseByTerms::zeros(); blocks],
+            reduced_gradient: Unknowns::zeros(),
+            reduced_poses: vec![PoseByUnknowns::zeros(); blocks],
         }
     }
 
-    /// Begins a linearisation with what was known of the lens before.
+    /// Begins a linearisation with what was known of the sensor before.
     pub fn begin(&mut self, calibration: &Calibration) {
-        let information = Terms::from(calibration.sigma).map(|sigma| 1.0 / (sigma * sigma));
-        self.hessian = SMatrix::from_diagonal(&information);
-        self.gradient = information.component_mul(&Terms::from(calibration.lens.terms));
-        self.pairs.fill(PoseByTerms::zeros());
-        self.depths.fill(Terms::zeros());
+        let prior = Unknowns::from(calibration.prior());
+        self.hessian = SMatrix::from_diagonal(&prior);
+        let free = |k: usize, value: f64| if calibration.sigma[k] > 0.0 { value } else { 0.0 };
+        let values = calibration.sensor.unknowns();
+        self.gradient = Unknowns::from_fn(|k, _| free(k, prior[k] * values[k]));
+        self.pairs.fill(PoseByUnknowns::zeros());
+        self.depths.fill(Unknowns::zeros());
     }
 
     /// Adds an observation of weighted information `[a, b, c]`.
-    pub fn add(&mut self, p: &Prediction, by: &ByTerms, [a, b, c]: [f64; 3], pair: usize, point: usize) {
+    pub fn add(&mut self, p: &Prediction, by: &ByUnknowns, [a, b, c]: [f64; 3], pair: usize, point: usize) {
         let weighted = Matrix2::new(a, b, b, c) * by;
         self.hessian += by.transpose() * weighted;
         self.gradient += weighted.tr_mul(&Vector2::from(p.residual));
@@ -63,7 +65,7 @@ impl Border {
 
     /// Carries each pair's columns to its poses: `δ_frame·host = δ_frame − Ad δ_host`.
     pub fn gather(&mut self, pairs: &Pairs, adjoint: &[Matrix6<f64>], block: &[Option<usize>]) {
-        self.poses.fill(PoseByTerms::zeros());
+        self.poses.fill(PoseByUnknowns::zeros());
         for (&(host, frame), (sum, ad)) in pairs.ends.iter().zip(self.pairs.iter().zip(adjoint)) {
             if let Some(frame) = block[frame] {
                 self.poses[frame] += sum;
@@ -91,9 +93,14 @@ impl Border {
         }
     }
 
-    /// The step of the terms; `delta`, the step of the poses without them, becomes the one with them.
-    pub fn solve(&self, system: &mut BlockSystem<6>, delta: &mut [f64], lambda: f64) -> Option<[f64; TERMS]> {
-        let columns: [Vec<f64>; TERMS] = std::array::from_fn(|k| {
+    /// The step of the unknowns; `delta`, the step of the poses without them, becomes the one with them.
+    pub fn solve(
+        &self,
+        system: &mut BlockSystem<6>,
+        delta: &mut [f64],
+        lambda: f64,
+    ) -> Option<[f64; UNKNOWNS]> {
+        let columns: [Vec<f64>; UNKNOWNS] = std::array::from_fn(|k| {
             self.reduced_poses
                 .iter()
                 .flat_map(|block| block.column(k).iter().copied().collect::<Vec<_>>())
@@ -103,11 +110,11 @@ impl Border {
         solved.iter_mut().for_each(|column| system.solve_again(column));
         let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
         let mut hessian = self.reduced_hessian;
-        for k in 0..TERMS {
+        for k in 0..UNKNOWNS {
             hessian[(k, k)] += lambda * self.hessian[(k, k)];
         }
         let hessian = hessian - SMatrix::from_fn(|k, l| dot(&columns[k], &solved[l]));
-        let gradient = self.reduced_gradient + Terms::from_fn(|k, _| dot(&columns[k], delta));
+        let gradient = self.reduced_gradient + Unknowns::from_fn(|k, _| dot(&columns[k], delta));
         let step = -hessian.cholesky()?.solve(&gradient);
         for (column, step) in solved.iter().zip(step.iter()) {
             delta.iter_mut().zip(column).for_each(|(delta, column)| *delta -= column * step);
@@ -115,8 +122,8 @@ impl Border {
         step.iter().all(|v| v.is_finite()).then_some(step.into())
     }
 
-    /// What a step of the terms adds to a point's gradient.
-    pub fn of_depth(&self, point: usize, lens: &[f64; TERMS]) -> f64 {
-        self.depths[point].dot(&Terms::from(*lens))
+    /// What a step of the unknowns adds to a point's gradient.
+    pub fn of_depth(&self, point: usize, sensor: &[f64; UNKNOWNS]) -> f64 {
+        self.depths[point].dot(&Unknowns::from(*sensor))
     }
 }

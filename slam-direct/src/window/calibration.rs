@@ -1,74 +1,110 @@
-//! The lens as unknowns of the joint optimisation.
+//! The sensor as unknowns of the joint optimisation: its lens, and how long it takes to be read.
 
 use super::pairs::Relative;
 use super::problem::{Problem, WindowPoint};
-use crate::lens::{Lens, TERMS};
+use crate::sensor::{Sensor, UNKNOWNS};
 use nalgebra::{Matrix2, SMatrix, Vector2};
 
-/// A problem's lens and what the images show; [`Problem::set_lens`] derives rays and pixels from it.
+/// A problem's sensor and what the images show; [`Problem::set_sensor`] derives rays and pixels from it.
 #[derive(Clone, Debug)]
 pub(crate) struct Calibration {
-    /// The lens as it stands.
-    pub lens: Lens,
-    /// Standard deviations of its terms before anything is seen: how well the camera was calibrated.
-    pub sigma: [f64; TERMS],
-    /// Host pixel of each point in the image.
-    pub hosts: Vec<[f64; 2]>,
-    /// Pixel of each observation in the image, and its information there.
-    pub seen: Vec<([f64; 2], [f64; 3])>,
+    /// The sensor as it stands.
+    pub sensor: Sensor,
+    /// Standard deviations of its unknowns before anything is seen; one of zero is no unknown but known.
+    pub sigma: [f64; UNKNOWNS],
+    /// Each point in its host's image.
+    pub hosts: Vec<Shown>,
+    /// Each observation in its image, and its information there.
+    pub seen: Vec<(Shown, [f64; 3])>,
 }
 
-/// Derivative of a residual by the lens's terms, a column each.
-pub(super) type ByTerms = SMatrix<f64, 2, TERMS>;
+/// Where an image shows a point.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Shown {
+    pub pixel: [f64; 2],
+    /// How fast it moves there, pixels a second (see [`Sensor::velocity`]).
+    pub velocity: Vector2<f64>,
+}
 
-impl Calibration {
-    /// What the terms cost: they are a priori zero.
-    pub fn prior_cost(&self) -> f64 {
-        self.lens.terms.iter().zip(&self.sigma).map(|(term, sigma)| (term / sigma).powi(2)).sum()
+impl Shown {
+    /// The pixel had all of the image been read at once.
+    fn still(&self, sensor: &Sensor) -> [f64; 2] {
+        (Vector2::from(self.pixel) - self.velocity * sensor.delay(self.pixel)).into()
     }
 
-    /// Derivative by the terms of an observation's residual, brought back to pixels of the image: a lens that makes the
+    /// Derivatives by the unknowns of where an ideal camera sees it, pixels.
+    fn by_unknowns(&self, sensor: &Sensor) -> [Vector2<f64>; UNKNOWNS] {
+        let still = self.still(sensor);
+        let [radial] = sensor.lens.by_terms(still);
+        let moved = -(sensor.lens.magnification(still) * self.velocity);
+        let [columns, rows] = sensor.order(self.pixel).map(|order| moved * order);
+        [radial, columns, rows]
+    }
+}
+
+/// Derivative of a residual by the unknowns of the sensor, a column each.
+pub(super) type ByUnknowns = SMatrix<f64, 2, UNKNOWNS>;
+
+impl Calibration {
+    /// Information about the unknowns before anything is seen.
+    pub fn prior(&self) -> [f64; UNKNOWNS] {
+        // What is known is coupled with nothing, and any number does.
+        self.sigma.map(|sigma| if sigma > 0.0 { 1.0 / (sigma * sigma) } else { 1.0 })
+    }
+
+    /// What the unknowns cost: they are a priori zero.
+    pub fn prior_cost(&self) -> f64 {
+        let free = self.sensor.unknowns().into_iter().zip(&self.sigma).filter(|(_, sigma)| **sigma > 0.0);
+        free.map(|(value, sigma)| (value / sigma).powi(2)).sum()
+    }
+
+    /// Derivative by the unknowns of an observation's residual, brought back to pixels of the image: a lens that makes the
     /// image smaller does not make its errors smaller.
-    pub fn by_terms(
+    pub fn by_unknowns(
         &self,
         problem: &Problem,
         relative: &Relative,
         (index, point): (usize, &WindowPoint),
         observation: usize,
         residual: &[f64; 2],
-    ) -> ByTerms {
+    ) -> ByUnknowns {
         let camera = &problem.camera;
         let x = relative.transform(&point.ray, point.inverse_depth);
         let iz = 1.0 / x.z;
         let (px, py) = (x.x * iz, x.y * iz);
-        let host = self.lens.by_terms(self.hosts[index]);
-        let shown = self.seen[observation].0;
-        let seen = self.lens.by_terms(shown);
-        let magnification = self.lens.magnification_by_terms(shown);
+        let host = self.hosts[index].by_unknowns(&self.sensor);
+        let shown = &self.seen[observation].0;
+        let seen = shown.by_unknowns(&self.sensor);
+        let [by_radial] = self.sensor.lens.magnification_by_terms(shown.still(&self.sensor));
+        // By the readout times it changes by next to nothing.
+        let magnification = [by_radial, Matrix2::zeros(), Matrix2::zeros()];
         let residual = Vector2::from(*residual);
-        let columns: [Vector2<f64>; TERMS] = std::array::from_fn(|k| {
+        let columns: [Vector2<f64>; UNKNOWNS] = std::array::from_fn(|k| {
             let ray = relative.rotation.column(0) * (host[k].x / camera.fx)
                 + relative.rotation.column(1) * (host[k].y / camera.fy);
             let predicted =
                 Vector2::new(camera.fx * iz * (ray.x - px * ray.z), camera.fy * iz * (ray.y - py * ray.z));
-            predicted - seen[k] - magnification[k] * residual
+            // What is known stays as it is, to the last bit.
+            let is_free = f64::from(u8::from(self.sigma[k] > 0.0));
+            (predicted - seen[k] - magnification[k] * residual) * is_free
         });
-        ByTerms::from_columns(&columns)
+        ByUnknowns::from_columns(&columns)
     }
 }
 
 impl Problem {
-    /// Derives rays, pixels and information from a lens with these terms; nothing without a calibration.
-    pub fn set_lens(&mut self, terms: [f64; TERMS]) {
+    /// Derives rays, pixels and information from a sensor with these values; nothing without a calibration.
+    pub fn set_sensor(&mut self, unknowns: [f64; UNKNOWNS]) {
         let Some(calibration) = &mut self.calibration else { return };
-        calibration.lens.terms = terms;
-        let lens = &calibration.lens;
-        for (point, &shown) in self.points.iter_mut().zip(&calibration.hosts) {
-            point.ray = lens.ray(shown);
+        calibration.sensor = calibration.sensor.with(unknowns);
+        let sensor = &calibration.sensor;
+        for (point, shown) in self.points.iter_mut().zip(&calibration.hosts) {
+            point.ray = sensor.lens.ray(shown.still(sensor));
         }
-        for (observation, &(shown, [a, b, c])) in self.observations.iter_mut().zip(&calibration.seen) {
-            observation.pixel = lens.undistort(shown);
-            let Some(back) = lens.magnification(shown).try_inverse() else { continue };
+        for (observation, (shown, [a, b, c])) in self.observations.iter_mut().zip(&calibration.seen) {
+            let (shown, [a, b, c]) = (shown.still(sensor), [*a, *b, *c]);
+            observation.pixel = sensor.lens.undistort(shown);
+            let Some(back) = sensor.lens.magnification(shown).try_inverse() else { continue };
             let information = back.transpose() * Matrix2::new(a, b, b, c) * back;
             observation.information = [information[(0, 0)], information[(0, 1)], information[(1, 1)]];
         }

@@ -3,7 +3,7 @@
 use super::border::Border;
 use super::pairs::{Pairs, Relative};
 use super::problem::{Problem, mahalanobis, predict, robust_weight};
-use crate::lens::TERMS;
+use crate::sensor::UNKNOWNS;
 use backend::{BlockSystem, SystemError};
 use nalgebra::{Matrix6, Vector6};
 
@@ -23,8 +23,8 @@ pub(super) struct Step {
     pub pose: Vec<Vector6<f64>>,
     /// Of each point's inverse depth.
     pub depth: Vec<f64>,
-    /// Of the lens's terms; zero where it is not solved for.
-    pub lens: [f64; TERMS],
+    /// Of the sensor's unknowns; zero where they are not solved for.
+    pub sensor: [f64; UNKNOWNS],
 }
 
 /// The linearised window.
@@ -40,7 +40,7 @@ pub(super) struct Normal {
     coupling: Vec<Coupling>,
     /// Per point: `Σ J_ρᵀ W J_ρ` and `Σ J_ρᵀ W r`.
     depth: Vec<(f64, f64)>,
-    /// What couples the lens with the rest, where it is solved for.
+    /// What couples the sensor with the rest, where it is solved for.
     border: Option<Border>,
 }
 
@@ -159,7 +159,7 @@ impl Normal {
             depth.0 += jr[0] * wj[0] + jr[1] * wj[1];
             depth.1 += jr[0] * wr[0] + jr[1] * wr[1];
             if let (Some(border), Some(calibration)) = (&mut self.border, &problem.calibration) {
-                let by = calibration.by_terms(problem, &relative[pair], (index, point), i, &p.residual);
+                let by = calibration.by_unknowns(problem, &relative[pair], (index, point), i, &p.residual);
                 border.add(&p, &by, [a, b, c], pair, index);
             }
             if self.block[point.host].or(self.block[seen.frame]).is_none() {
@@ -209,17 +209,17 @@ impl Normal {
         self.system.damp(|diagonal| lambda * diagonal + 1e-9);
         eliminate_depths(self, problem, pairs, lambda);
         let mut delta = self.system.solve()?;
-        let lens = match &self.border {
+        let sensor = match &self.border {
             Some(border) => border.solve(&mut self.system, &mut delta, lambda)?,
-            None => [0.0; TERMS],
+            None => [0.0; UNKNOWNS],
         };
         let pose: Vec<Vector6<f64>> = self
             .block
             .iter()
             .map(|b| b.map_or(Vector6::zeros(), |b| Vector6::from_column_slice(&delta[6 * b..6 * b + 6])))
             .collect();
-        let depth = self.depth_steps(problem, pairs, lambda, &pose, &lens);
-        Some(Step { pose, depth, lens })
+        let depth = self.depth_steps(problem, pairs, lambda, &pose, &sensor);
+        Some(Step { pose, depth, sensor })
     }
 
     fn depth_steps(
@@ -228,7 +228,7 @@ impl Normal {
         pairs: &Pairs,
         lambda: f64,
         pose: &[Vector6<f64>],
-        lens: &[f64; TERMS],
+        sensor: &[f64; UNKNOWNS],
     ) -> Vec<f64> {
         let relative: Vec<Vector6<f64>> = pairs
             .ends
@@ -245,8 +245,8 @@ impl Normal {
             }
             let coupled: f64 =
                 point.observations.clone().map(|i| self.coupling[i].dot(&relative[pairs.of(i)])).sum();
-            let by_lens = self.border.as_ref().map_or(0.0, |border| border.of_depth(index, lens));
-            -(gradient + coupled + by_lens) / (hessian * (1.0 + lambda))
+            let by_sensor = self.border.as_ref().map_or(0.0, |border| border.of_depth(index, sensor));
+            -(gradient + coupled + by_sensor) / (hessian * (1.0 + lambda))
         };
         problem.points.iter().zip(&self.depth).enumerate().map(step).collect()
     }

@@ -4,7 +4,7 @@
 //! minimum: `E ≈ ½ (π(x) − z)ᵀ Λ (π(x) − z)`, with z where the patch was found and Λ from the photometric
 //! Hessian there. The optimum over poses and depths is the same to second order as that of the
 //! photometric error (Engel 2018, Eq. 4–8), but no image is touched while iterating, edges keep their
-//! one-dimensional information, and geometric disturbance (rolling shutter, calibration) enters Λ as
+//! one-dimensional information, and geometric disturbance (motion that changes while rows are read, calibration) enters Λ as
 //! what it is: an uncertainty of position.
 //!
 //! Depths are eliminated by the Schur complement, one scalar per point; what is left couples keyframes that share
@@ -21,7 +21,7 @@ mod solve;
 #[cfg(test)]
 mod tests;
 
-pub(crate) use calibration::Calibration;
+pub(crate) use calibration::{Calibration, Shown};
 pub(crate) use pairs::Pairs;
 pub(crate) use pose::{PoseSolver, SeenPoint};
 pub(crate) use problem::{

@@ -3,7 +3,7 @@
 use super::linear::{Normal, Step};
 use super::pairs::Pairs;
 use super::problem::{Problem, WindowPoint};
-use crate::lens::TERMS;
+use crate::sensor::UNKNOWNS;
 use backend::SystemError;
 use geometry::Se3;
 
@@ -79,14 +79,14 @@ pub(crate) fn solve_within(
 struct Before {
     frames: Vec<Se3>,
     inverse_depths: Vec<f64>,
-    lens: Option<[f64; TERMS]>,
+    sensor: Option<[f64; UNKNOWNS]>,
 }
 
 impl Before {
     fn restore(self, problem: &mut Problem) {
         problem.frames = self.frames;
-        if let Some(terms) = self.lens {
-            problem.set_lens(terms);
+        if let Some(unknowns) = self.sensor {
+            problem.set_sensor(unknowns);
         }
         for (point, inverse_depth) in problem.points.iter_mut().zip(self.inverse_depths) {
             point.inverse_depth = inverse_depth;
@@ -95,11 +95,11 @@ impl Before {
 }
 
 /// Takes a step; gives what was before it.
-fn advance(problem: &mut Problem, Step { pose, depth, lens: by }: &Step) -> Before {
+fn advance(problem: &mut Problem, Step { pose, depth, sensor: by }: &Step) -> Before {
     let frames = problem.frames.clone();
-    let lens = problem.calibration.as_ref().map(|calibration| calibration.lens.terms);
-    if let Some(terms) = lens {
-        problem.set_lens(std::array::from_fn(|k| terms[k] + by[k]));
+    let sensor = problem.calibration.as_ref().map(|calibration| calibration.sensor.unknowns());
+    if let Some(unknowns) = sensor {
+        problem.set_sensor(std::array::from_fn(|k| unknowns[k] + by[k]));
     }
     for ((frame, delta), fixed) in problem.frames.iter_mut().zip(pose).zip(&problem.fixed) {
         if !fixed {
@@ -111,5 +111,5 @@ fn advance(problem: &mut Problem, Step { pose, depth, lens: by }: &Step) -> Befo
         std::mem::replace(&mut point.inverse_depth, moved)
     };
     let inverse_depths = problem.points.iter_mut().zip(depth).map(step).collect();
-    Before { frames, inverse_depths, lens }
+    Before { frames, inverse_depths, sensor }
 }

@@ -1,9 +1,9 @@
 //! The joint optimisation on made-up scenes of which everything is known.
 
 use super::*;
-use crate::lens::Lens;
+use crate::sensor::{Sensor, UNKNOWNS};
 use geometry::{Pinhole, Se3};
-use nalgebra::Vector6;
+use nalgebra::{Vector2, Vector6};
 
 /// Repeatable numbers in ±1 that fill the interval evenly; `series` tells sequences apart.
 pub(super) fn spread(index: usize, series: usize) -> f64 {
@@ -252,44 +252,74 @@ fn a_wish_to_stop_leaves_what_is_reached() {
     assert_eq!(asked.get(), 3, "no step after the wish");
 }
 
-/// The scene as a camera shows it whose lens is bent by `term` beyond its calibration.
-pub(super) fn bent(truth: &Problem, term: f64) -> Problem {
-    let mut lens = Lens::ideal(truth.camera);
-    lens.terms = [term];
-    let host = |p: &WindowPoint| lens.distort(truth.camera.project(&p.ray).into());
-    let hosts = truth.points.iter().map(host).collect();
-    let seen = truth.observations.iter().map(|o| (lens.distort(o.pixel), o.information)).collect();
-    let calibration = Calibration { lens: Lens::ideal(truth.camera), sigma: [0.02], hosts, seen };
+/// The scene as a sensor of these values shows it, of which nothing is known, while its image moves by hundreds of pixels a
+/// second.
+pub(super) fn bent(truth: &Problem, unknowns: [f64; UNKNOWNS]) -> Problem {
+    let sensor = Sensor::ideal(truth.camera).with(unknowns);
+    let shown = |ideal: [f64; 2], index: usize| {
+        let velocity = Vector2::new(400.0 * spread(index, 2), 300.0 * spread(index, 3));
+        let still = Vector2::from(sensor.lens.distort(ideal));
+        let mut pixel = still;
+        for _ in 0..5 {
+            pixel = still + velocity * sensor.delay(pixel.into());
+        }
+        Shown { pixel: pixel.into(), velocity }
+    };
+    let host = |(i, p): (usize, &WindowPoint)| shown(truth.camera.project(&p.ray).into(), 31 * i + 7);
+    let hosts = truth.points.iter().enumerate().map(host).collect();
+    let seen =
+        truth.observations.iter().enumerate().map(|(i, o)| (shown(o.pixel, i), o.information)).collect();
+    let calibration =
+        Calibration { sensor: Sensor::ideal(truth.camera), sigma: [0.02; UNKNOWNS], hosts, seen };
     let mut problem = Problem { calibration: Some(calibration), ..truth.clone() };
-    problem.set_lens([0.0]);
+    problem.set_sensor([0.0; UNKNOWNS]);
     problem
 }
 
+/// What is found of the sensor.
+fn found(problem: &Problem) -> [f64; UNKNOWNS] {
+    problem.calibration.as_ref().unwrap().sensor.unknowns()
+}
+
 #[test]
-fn a_bent_lens_is_straightened() {
+fn a_bent_lens_is_straightened_and_a_rolling_shutter_found() {
     let truth = scene(6, 200, &[0, 1]);
-    for term in [-0.02, 0.0, 0.015] {
-        let mut problem = perturbed(&bent(&truth, term), 0.03, 0.01, 0.1);
+    for unknowns in [[-0.02, 0.0, 0.0], [0.0; 3], [0.015, 0.0, 0.02], [0.0, 0.0, -0.03], [-0.01, 0.015, 0.0]]
+    {
+        let mut problem = perturbed(&bent(&truth, unknowns), 0.03, 0.01, 0.1);
         solve(&mut problem, 30);
-        let found = problem.calibration.as_ref().unwrap().lens.terms[0];
-        assert!((found - term).abs() < 0.02 * term.abs() + 1e-6, "{found} for {term}");
+        for (found, truth) in found(&problem).into_iter().zip(unknowns) {
+            assert!((found - truth).abs() < 0.02 * truth.abs() + 1e-4, "{found} for {unknowns:?}");
+        }
         let (pose, depth) = errors(&problem, &truth, 1.0);
-        assert!(pose < 1e-3 && depth < 1e-2, "{term}: poses off by {pose}, depths by {depth}");
+        assert!(pose < 1e-3 && depth < 1e-2, "{unknowns:?}: poses off by {pose}, depths by {depth}");
     }
-    let mut held = bent(&truth, -0.02);
+    for unknowns in [[-0.02, 0.0, 0.0], [0.0, 0.0, 0.02]] {
+        let mut problem = bent(&truth, unknowns);
+        problem.calibration.as_mut().unwrap().sigma =
+            unknowns.map(|value| if value == 0.0 { 0.02 } else { 0.0 });
+        solve(&mut problem, 30);
+        for (found, truth) in found(&problem).into_iter().zip(unknowns) {
+            assert!(truth == 0.0 || found == 0.0, "what is known is not changed: {found}");
+        }
+    }
+    let mut held = bent(&truth, [-0.02, 0.0, 0.0]);
     held.calibration = None;
     solve(&mut held, 30);
     assert!(errors(&held, &truth, 1.0).1 > 0.01, "what it costs not to ask");
 }
 
 #[test]
-fn few_sightings_leave_the_lens_as_it_was_calibrated() {
-    let mut problem = bent(&scene(3, 4, &[0, 1]), 0.0);
+fn few_sightings_leave_the_sensor_as_it_was_calibrated() {
+    let mut problem = bent(&scene(3, 4, &[0, 1]), [0.0; 3]);
     for (i, (_, information)) in problem.calibration.as_mut().unwrap().seen.iter_mut().enumerate() {
         *information = [0.01 + 1e-4 * spread(i, 0), 0.0, 0.01];
     }
-    problem.set_lens([0.015]);
+    for (shown, _) in &mut problem.calibration.as_mut().unwrap().seen {
+        shown.velocity *= 0.01;
+    }
+    problem.set_sensor([0.015, 0.0, 0.01]);
     solve(&mut problem, 30);
-    let found = problem.calibration.as_ref().unwrap().lens.terms[0];
-    assert!(found.abs() < 1e-4, "{found}");
+    let found = found(&problem);
+    assert!(found.iter().all(|value| value.abs() < 2e-4), "{found:?}");
 }

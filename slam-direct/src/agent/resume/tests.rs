@@ -78,7 +78,7 @@ fn a_map_is_extended_as_if_there_had_been_no_break() {
 }
 
 #[test]
-fn the_lens_is_said_with_the_map() {
+fn the_sensor_is_said_with_the_map() {
     let mut params = Params::default();
     params.mapping.calibrate_from = 3;
     let mut agent = Agent::new(Recording::SMALL_CAMERA, places(), params).unwrap();
@@ -90,8 +90,19 @@ fn the_lens_is_said_with_the_map() {
     let lens = said(agent.map()).expect("said from the first keyframes on");
     assert_ne!(lens, "0.0", "there are keyframes enough to solve for it");
     assert_eq!(said(&told), Some(lens.clone()));
-    let map = agent.into_map();
-    assert_eq!(resumed(map, Going::On).view.lens.to_text(), lens);
+    let mut map = agent.into_map();
+    let about = map.agents.values_mut().next().unwrap();
+    about.provenance.insert(publish::READOUT[1].into(), "0.02".into());
+    let resumed = resumed(map, Going::On).view;
+    assert_eq!(resumed.sensor.lens.to_text(), lens);
+    assert_eq!(resumed.sensor.readout, [0.0, 0.02]);
+    // The camera drives to the right.
+    let between = &resumed.keyframes[resumed.keyframes.len() / 2];
+    assert!(
+        between.motion[0] < -0.01 && between.motion.fixed_rows::<3>(3).norm() < 0.2,
+        "{}",
+        between.motion
+    );
 }
 
 #[test]

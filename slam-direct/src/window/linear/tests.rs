@@ -118,8 +118,10 @@ fn eliminating_the_depths_gives_the_step_of_the_full_system() {
 fn shown(problem: &Problem) -> DVector<f64> {
     let calibration = problem.calibration.as_ref().unwrap();
     let mut all = residuals(problem);
-    for (i, (pixel, _)) in calibration.seen.iter().enumerate() {
-        let back = calibration.lens.magnification(*pixel).try_inverse().unwrap();
+    let sensor = &calibration.sensor;
+    for (i, (shown, _)) in calibration.seen.iter().enumerate() {
+        let still = nalgebra::Vector2::from(shown.pixel) - shown.velocity * sensor.delay(shown.pixel);
+        let back = sensor.lens.magnification(still.into()).try_inverse().unwrap();
         let residual = back * all.fixed_rows::<2>(2 * i);
         all.fixed_rows_mut::<2>(2 * i).copy_from(&residual);
     }
@@ -128,21 +130,22 @@ fn shown(problem: &Problem) -> DVector<f64> {
 
 /// Up to the square of the distortion.
 #[test]
-fn the_lens_is_solved_for_with_all_else() {
-    let (mut problem, h) = (bent(&small(), 0.01), 1e-6);
+fn the_sensor_is_solved_for_with_all_else() {
+    const NOW: [f64; UNKNOWNS] = [0.002, 0.003, -0.004];
+    let (mut problem, h) = (bent(&small(), [0.01, 0.0, 0.01]), 1e-6);
     // Two frames that hold the scale as well.
     problem.fixed[1] = true;
-    problem.set_lens([0.002]);
+    problem.set_sensor(NOW);
     let n = parameters(&problem);
-    let with_lens = |by: f64| {
+    let with_sensor = |k: usize, by: f64| {
         let mut moved = problem.clone();
-        moved.set_lens([0.002 + by]);
+        moved.set_sensor(std::array::from_fn(|l| NOW[l] + if k == l { by } else { 0.0 }));
         shown(&moved)
     };
     let mut columns: Vec<DVector<f64>> = (0..n)
         .map(|i| (shown(&moved(&problem, i, h)) - shown(&moved(&problem, i, -h))) / (2.0 * h))
         .collect();
-    columns.push((with_lens(h) - with_lens(-h)) / (2.0 * h));
+    columns.extend((0..UNKNOWNS).map(|k| (with_sensor(k, h) - with_sensor(k, -h)) / (2.0 * h)));
     let jacobian = DMatrix::from_columns(&columns);
     let residual = shown(&problem);
     let mut weight = DMatrix::zeros(residual.len(), residual.len());
@@ -154,12 +157,16 @@ fn the_lens_is_solved_for_with_all_else() {
     let mut full = jacobian.transpose() * &weight * &jacobian;
     let mut right = jacobian.transpose() * &weight * &residual;
     let prior = 1.0 / (0.02 * 0.02);
-    full[(n, n)] += prior;
-    right[n] += 0.002 * prior;
+    for (k, value) in NOW.into_iter().enumerate() {
+        full[(n + k, n + k)] += prior;
+        right[n + k] += value * prior;
+    }
     let expected = -full.lu().solve(&right).unwrap();
     let step = linearised(&problem).step(&problem, &Pairs::new(&problem), 0.0).unwrap();
     let off = |found: f64, expected: f64| (found - expected).abs() > 0.01 * expected.abs() + 1e-4;
-    assert!(!off(step.lens[0], expected[n]), "{} {}", step.lens[0], expected[n]);
+    for (k, &by) in step.sensor.iter().enumerate() {
+        assert!(!off(by, expected[n + k]), "{k}: {by} {}", expected[n + k]);
+    }
     for (i, &depth) in step.depth.iter().enumerate() {
         let expected = expected[n - problem.points.len() + i];
         assert!(!off(depth, expected), "{i}: {depth} {expected}");

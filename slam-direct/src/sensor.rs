@@ -1,0 +1,192 @@
+//! The camera as its images proved to show the world: what the calibration leaves of the lens's distortion, and the time in
+//! which the rows of an image are read one after the other.
+//!
+//! A camera that moves while its sensor is read bends its images: what the upper rows show was seen earlier than what the
+//! lower ones show (rolling shutter; Meingast et al., OMNIVIS 2005). A frame's pose is that of its middle row, and a pixel is
+//! put back to where that row's time would have shown it, by the motion from frame to frame (constant velocity; Hedborg et
+//! al., CVPR 2012). How long a sensor takes is told by the recording itself: it is an unknown of the joint optimisation, as
+//! the lens is. Of a telephone held upright it is the columns of the video that are read one after the other.
+
+use crate::lens::{self, Lens};
+use crate::window::predict;
+use geometry::{Pinhole, Se3};
+use nalgebra::{Matrix3, Vector2, Vector3, Vector6};
+
+/// Unknowns of a sensor: those of its lens, and the readout times.
+pub(crate) const UNKNOWNS: usize = lens::TERMS + 2;
+
+/// Shortest readout time of a rolling shutter, seconds: sensors take 5 to 35 milliseconds. Recordings of cameras that expose
+/// all rows at once come out within 1.5.
+const LEAST_READOUT: f64 = 0.003;
+
+/// Longest time between frames over which a camera is taken to move evenly, seconds: hands turn back within a few tenths.
+const EVEN: f64 = 0.2;
+
+/// Motion of a camera: left-multiplicative twist (υ, ω) of `camera_from_world` a second; υ in map units.
+pub(crate) type Twist = Vector6<f64>;
+
+/// The motion from one pose `camera_from_world` to another that comes `seconds` later, or earlier if they are negative; none
+/// where they are too far apart in time to tell it.
+pub(crate) fn motion(from: &Se3, to: &Se3, seconds: f64) -> Twist {
+    // Below a tenth of a millisecond, stamps tell nothing of velocities.
+    if !(1e-4..EVEN).contains(&seconds.abs()) {
+        return Twist::zeros();
+    }
+    (*to * from.inverse()).log() / seconds
+}
+
+/// A lens and a shutter.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Sensor {
+    /// What is left of the lens's distortion.
+    pub lens: Lens,
+    /// Time from reading the first column to reading the last, and from the first row to the last, seconds; negative where
+    /// the last comes first. One of them is zero.
+    pub readout: [f64; 2],
+}
+
+impl Sensor {
+    /// A lens of which the calibration says all, and all rows read at once.
+    pub fn ideal(camera: Pinhole) -> Self {
+        Self { lens: Lens::ideal(camera), readout: [0.0; 2] }
+    }
+
+    /// The values of the unknowns.
+    pub fn unknowns(&self) -> [f64; UNKNOWNS] {
+        let ([radial], [columns, rows]) = (self.lens.terms, self.readout);
+        [radial, columns, rows]
+    }
+
+    /// The sensor with these values of the unknowns.
+    pub fn with(mut self, [radial, columns, rows]: [f64; UNKNOWNS]) -> Self {
+        (self.lens.terms, self.readout) = ([radial], [columns, rows]);
+        self
+    }
+
+    /// Whether not all of an image is read at once.
+    pub fn is_rolling(&self) -> bool {
+        self.readout != [0.0; 2]
+    }
+
+    /// The readout times as far as a rolling shutter has such: the longer one if it is long enough, and nothing else.
+    pub fn plausible_readout(&self) -> [f64; 2] {
+        let [columns, rows] = self.readout;
+        let longest = columns.abs().max(rows.abs());
+        [columns, rows].map(|time| if time.abs() == longest && longest >= LEAST_READOUT { time } else { 0.0 })
+    }
+
+    /// How fast what the image shows at a pixel moves in it, pixels a second; the point has this inverse depth in the moving
+    /// camera.
+    pub fn velocity(&self, pixel: [f64; 2], motion: &Twist, inverse_depth: f64) -> Vector2<f64> {
+        let camera = &self.lens.camera;
+        let ray = camera.unproject(pixel[0], pixel[1]);
+        let seen = predict(camera, &Matrix3::identity(), &Vector3::zeros(), &ray, inverse_depth, &pixel);
+        let along = |by: [f64; 6]| Vector6::from(by).dot(motion);
+        seen.map_or(Vector2::zeros(), |seen| Vector2::new(along(seen.by_twist[0]), along(seen.by_twist[1])))
+    }
+
+    /// Where a pixel lies between the first and the last column, and row: −½ to ½.
+    pub fn order(&self, [x, y]: [f64; 2]) -> [f64; 2] {
+        let camera = &self.lens.camera;
+        [(x + 0.5) / camera.width as f64 - 0.5, (y + 0.5) / camera.height as f64 - 0.5]
+    }
+
+    /// When a pixel is read, seconds after the middle of the image.
+    pub fn delay(&self, pixel: [f64; 2]) -> f64 {
+        let ([x, y], [columns, rows]) = (self.order(pixel), self.readout);
+        x * columns + y * rows
+    }
+
+    /// Where an ideal pinhole camera that reads all rows at once sees what the image shows at `pixel`.
+    pub fn ideal_pixel(&self, pixel: [f64; 2], motion: &Twist, inverse_depth: f64) -> [f64; 2] {
+        if !self.is_rolling() {
+            return self.lens.undistort(pixel);
+        }
+        let still = Vector2::from(pixel) - self.velocity(pixel, motion, inverse_depth) * self.delay(pixel);
+        self.lens.undistort(still.into())
+    }
+
+    /// Where the image shows what that camera sees at `pixel`; exact to the third power of
+    /// the shift.
+    pub fn shown_pixel(&self, pixel: [f64; 2], motion: &Twist, inverse_depth: f64) -> [f64; 2] {
+        let still = self.lens.distort(pixel);
+        if !self.is_rolling() {
+            return still;
+        }
+        let mut shown = still;
+        for _ in 0..2 {
+            let moved = self.velocity(shown, motion, inverse_depth) * self.delay(shown);
+            shown = (Vector2::from(still) + moved).into();
+        }
+        shown
+    }
+
+    /// The ray through what the image shows at `pixel`, z = 1.
+    pub fn ray(&self, pixel: [f64; 2], motion: &Twist, inverse_depth: f64) -> Vector3<f64> {
+        let [x, y] = self.ideal_pixel(pixel, motion, inverse_depth);
+        self.lens.camera.unproject(x, y)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const CAMERA: Pinhole = Pinhole { width: 640, height: 480, fx: 420.0, fy: 410.0, cx: 310.0, cy: 250.0 };
+
+    fn twist() -> Twist {
+        Twist::new(0.4, -0.3, 0.5, 0.6, -0.9, 0.4)
+    }
+
+    /// A point before a moving camera is shown where it is when its pixel is read, and brought back to where it was in the
+    /// middle of the image.
+    #[test]
+    fn what_moves_while_it_is_read_is_put_back() {
+        for readout in [[0.0, 0.025], [0.02, 0.0], [0.0, -0.02]] {
+            let sensor = Sensor { readout, ..Sensor::ideal(CAMERA) };
+            for (u, v, depth) in [(40.0, 30.0, 2.0), (600.0, 450.0, 1.0), (320.0, 100.0, 5.0)] {
+                let point = CAMERA.unproject(u, v) * depth;
+                let at = |seconds: f64| -> [f64; 2] {
+                    CAMERA.project(&(Se3::exp(&(twist() * seconds)) * point)).into()
+                };
+                let mut shown = [u, v];
+                for _ in 0..20 {
+                    shown = at(sensor.delay(shown));
+                }
+                let moved = (shown[0] - u).hypot(shown[1] - v);
+                let back = sensor.ideal_pixel(shown, &twist(), 1.0 / depth);
+                let off = (back[0] - u).hypot(back[1] - v);
+                assert!(off < 0.03 * moved + 1e-6, "{readout:?} {u} {v}: {off} of {moved} pixels");
+                let there = sensor.shown_pixel([u, v], &twist(), 1.0 / depth);
+                let off = (there[0] - shown[0]).hypot(there[1] - shown[1]);
+                assert!(off < 0.03 * moved + 1e-6, "{readout:?} {u} {v}: {off} of {moved} pixels");
+            }
+        }
+    }
+
+    #[test]
+    fn a_sensor_that_is_read_at_once_shows_what_its_lens_shows() {
+        let sensor = Sensor::ideal(CAMERA).with([-0.02, 0.0, 0.0]);
+        let pixel = [60.0, 400.0];
+        assert_eq!(sensor.ideal_pixel(pixel, &twist(), 0.5), sensor.lens.undistort(pixel));
+        assert_eq!(sensor.shown_pixel(pixel, &twist(), 0.5), sensor.lens.distort(pixel));
+        assert_eq!(sensor.unknowns(), [-0.02, 0.0, 0.0]);
+    }
+
+    #[test]
+    fn a_readout_time_that_no_sensor_has_is_none() {
+        let plausible = |readout| Sensor { readout, ..Sensor::ideal(CAMERA) }.plausible_readout();
+        assert_eq!(plausible([0.001, -0.0014]), [0.0, 0.0]);
+        assert_eq!(plausible([0.001, 0.02]), [0.0, 0.02]);
+        assert_eq!(plausible([-0.024, 0.004]), [-0.024, 0.0], "of one sensor, either rows or columns");
+    }
+
+    #[test]
+    fn motion_is_a_second_s_and_none_over_long_gaps() {
+        let (from, to) = (Se3::exp(&(twist() * 0.3)), Se3::exp(&(twist() * 0.4)));
+        assert!((motion(&from, &to, 0.1) - twist()).norm() < 1e-9);
+        assert!((motion(&to, &from, -0.1) - twist()).norm() < 1e-9, "backwards in time it is the same");
+        assert_eq!(motion(&from, &to, 0.5), Twist::zeros());
+        assert_eq!(motion(&from, &to, 0.0), Twist::zeros());
+    }
+}
