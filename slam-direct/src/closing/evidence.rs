@@ -48,6 +48,14 @@ pub(crate) enum NoLoop {
     /// The pose graph cannot be optimised.
     #[error("the pose graph cannot be optimised: {0}")]
     Graph(PoseGraphError),
+    /// The joint optimisation gave up what the loop had joined.
+    #[error("{left} of {joined} observations across the loop agree with the rest of the map")]
+    TakenBack {
+        /// Observations across when the loop was closed.
+        joined: usize,
+        /// Those left after the joint optimisation.
+        left: usize,
+    },
     /// The rest of the map speaks against the loop.
     #[error("the rest of the map speaks against the loop")]
     Contradicted,

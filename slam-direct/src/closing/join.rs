@@ -40,17 +40,22 @@ pub(super) fn match_side(
     SideMatch { camera_from_world, matched, sought }
 }
 
-/// Lets the keyframes of each side observe the other side's points; gives how many observations there are now
-/// across.
-pub(super) fn join(map: &mut LocalMap, new: &[usize], old: &[usize], params: &TrackParams) -> usize {
-    let mut found = 0;
+/// Lets the keyframes of each side observe the other side's points.
+pub(super) fn join(map: &mut LocalMap, new: &[usize], old: &[usize], params: &TrackParams) {
     for (observers, hosts) in [(new, old), (old, new)] {
         for &keyframe in observers {
             let pose = map.keyframes[keyframe].camera_from_world;
             let side = match_side(map, hosts, keyframe, pose, params);
-            found += side.inliers().count();
             mapping::add_observations(map, keyframe, &side.matched);
         }
     }
-    found
+}
+
+/// Observations of each side's living points by keyframes of the other.
+pub(super) fn across(map: &LocalMap, new: &[usize], old: &[usize]) -> usize {
+    let by = |observers: &[usize], hosts: &[usize]| -> usize {
+        let seen = observers.iter().flat_map(|&keyframe| &map.keyframes[keyframe].seen);
+        seen.filter(|at| hosts.contains(&at.host) && map.point(**at).alive).count()
+    };
+    by(new, old) + by(old, new)
 }

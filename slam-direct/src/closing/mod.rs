@@ -53,6 +53,9 @@ params! {
         pub max_scale: f64 = 2.0,
         /// Largest drift in orientation, degrees. Range 2–180.
         pub max_turn: f64 = 30.0,
+        /// Least share of the observations across a closed loop that must be left after the joint optimisation, 0–1: a loop
+        /// whose two ends it pulls apart again is taken back.
+        pub min_kept: f32 = 0.8,
         /// Keyframes on each side of the loop that are tested and joined. Range 2–20.
         pub side: usize = 6,
         /// Iterations of the joint optimisation of the whole map after a loop. Range 1–50.
@@ -202,6 +205,7 @@ impl LoopCloser {
     ) -> Option<Result<(FoundLoop, BTreeSet<usize>), NoLoop>> {
         let p = &params.closing;
         let (found, task) = self.pending.take()?;
+        let before = local.clone();
         let correction = match task.join() {
             Ok(correction) => correction.apply(local),
             Err(refusal) => {
@@ -209,14 +213,21 @@ impl LoopCloser {
                 return Some(Err(refusal));
             }
         };
-        self.closed.push(found.edge.clone());
         join::join(local, &found.new_side, &found.old_side, &params.track);
+        let joined = join::across(local, &found.new_side, &found.old_side);
         let polish = if local.keyframes.len() <= p.whole_map {
             mapping::optimise_all(local, p.iterations, &params.mapping, &|| false)
         } else {
             let ends = [found.edge.to, found.edge.from].map(|id| id.0 as usize);
             ends.map(|end| mapping::optimise_around(local, end, &params.mapping)).concat()
         };
+        let left = join::across(local, &found.new_side, &found.old_side);
+        if (left as f32) < p.min_kept * joined as f32 {
+            *local = before;
+            self.note_futile(found.edge.from.0 as usize, found.edge.to.0 as usize, p);
+            return Some(Err(NoLoop::TakenBack { joined, left }));
+        }
+        self.closed.push(found.edge.clone());
         let moved = correction.into_iter().chain(polish).map(|change| change.keyframe).collect();
         Some(Ok((found, moved)))
     }

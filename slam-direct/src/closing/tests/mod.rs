@@ -77,6 +77,28 @@ fn a_look_alike_beyond_any_drift_is_refused() {
 }
 
 #[test]
+fn a_loop_that_pulls_a_map_apart_is_taken_back() {
+    let mut scene = Scene::render(&World::yard(1), &trajectory::sideways(40, 12.0), 4);
+    (0..8).for_each(|i| scene.copy_appearance(i, 30 + i));
+    let mut params = Params::default();
+    params.closing.max_drift = 10.0;
+    let mut closer = LoopCloser::default();
+    let found = (30..38).find_map(|k| find(&scene, &mut closer, k, &params)).expect("it looks alike");
+    let before = centres(&scene.local);
+    closer.start(&scene.local, found, &params);
+    let refusal = closer.finish(&mut scene.local, &params).unwrap().unwrap_err();
+    assert!(matches!(refusal, NoLoop::TakenBack { .. }), "{refusal}");
+    assert_eq!(centres(&scene.local), before);
+    assert!(closer.closed().is_empty());
+    // Without that line the copy is as good as the place itself.
+    params.closing.min_kept = 0.0;
+    let found = (30..38).find_map(|k| find(&scene, &mut LoopCloser::default(), k, &params));
+    closer.start(&scene.local, found.expect("as before"), &params);
+    assert!(closer.finish(&mut scene.local, &params).unwrap().is_ok());
+    assert_ne!(centres(&scene.local), before);
+}
+
+#[test]
 fn a_single_view_of_a_look_alike_is_refused() {
     let mut scene = Scene::render(&World::yard(1), &trajectory::sideways(40, 12.0), 4);
     scene.copy_appearance(4, 34);
