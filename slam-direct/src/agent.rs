@@ -59,8 +59,8 @@ pub struct Agent {
     threads: Option<Arc<rayon::ThreadPool>>,
     /// Of the frames since the last keyframe.
     counts: Counts,
-    /// The keyframe that the newest tracked frame became, if it did.
-    fresh: Option<usize>,
+    /// The keyframe that the newest tracked frame became, if it did, and its mean motion since the frame before.
+    fresh: Option<(usize, Twist)>,
     /// Motion of keyframes, now that the frame after is known; the mapper does not know it yet.
     motions: Vec<(usize, Twist)>,
     companions: Companions,
@@ -237,7 +237,7 @@ impl Agent {
     ) -> FrameReport {
         self.params.track.position_sigma = learn_position_sigma(&self.params.track, located.excess);
         self.counts.add(&located.sought, &located.matched);
-        self.learn_motion(&located.motion);
+        self.learn_motion(&located.mean_motion);
         self.is_sought = false;
         self.map.frames.push(FramePose {
             timestamp,
@@ -267,12 +267,12 @@ impl Agent {
 
     /// Takes the mean of a keyframe's motions before and after it for its own: `after` is that of the frame that follows.
     fn learn_motion(&mut self, after: &Twist) {
-        let Some(keyframe) = self.fresh.take() else { return };
+        let Some((keyframe, before)) = self.fresh.take() else { return };
         let state = &mut self.view.keyframes[keyframe];
         let mut after = *after;
         after.fixed_rows_mut::<3>(0).unscale_mut(state.unit);
-        if after != Twist::zeros() && state.motion != Twist::zeros() {
-            state.motion = (state.motion + after) * 0.5;
+        if after != Twist::zeros() && before != Twist::zeros() {
+            state.motion = (before + after) * 0.5;
             self.motions.push((keyframe, state.motion));
         }
     }
@@ -340,7 +340,7 @@ impl Agent {
         self.refer_newest_frame(index);
         report.new_keyframe = Some(id);
         (tracker.last, tracker.reference) = (camera_from_world, index);
-        self.fresh = Some(index);
+        self.fresh = Some((index, located.mean_motion));
         let (counts, motions) = (std::mem::take(&mut self.counts), std::mem::take(&mut self.motions));
         let (companions, params) = (self.companions.clone(), self.params.clone());
         let job = Job { keyframe, matched, counts, motions, companions, params };

@@ -16,6 +16,11 @@ mod window;
 /// Squared normalised residual below which a match binds a new keyframe to a point.
 const OBSERVED: f64 = 9.21;
 
+/// Share of itself by which a readout time that has settled still changes; of what it puts back, as much is left.
+const SETTLED_READOUT: f64 = 0.03;
+/// Keyframes that are waited for before it is asked for again: about a window's half.
+const WAITED: usize = 4;
+
 params! {
     /// Parameters of the mapping.
     pub struct MappingParams {
@@ -153,13 +158,23 @@ pub(crate) fn optimise_around(map: &mut LocalMap, centre: usize, params: &Mappin
     optimise(map, &active, params.fixed, [0.0; UNKNOWNS], |_| Limits::steps(params.window_iterations))
 }
 
-/// Whether a map of so many keyframes is due to be optimised for its lens: each time they have doubled.
-pub(crate) fn calibration_is_due(keyframes: usize, params: &MappingParams) -> bool {
+/// Whether a map of so many keyframes is due to be optimised for its sensor: each time they have doubled, and `again` at so
+/// many.
+pub(crate) fn calibration_is_due(keyframes: usize, again: Option<usize>, params: &MappingParams) -> bool {
     let first = params.calibrate_from.max(1);
+    let doubled = keyframes.is_multiple_of(first) && (keyframes / first).is_power_of_two();
     (params.lens_sigma > 0.0 || params.readout_sigma > 0.0)
         && keyframes <= params.calibrate_until
-        && keyframes.is_multiple_of(first)
-        && (keyframes / first).is_power_of_two()
+        && (doubled || again.is_some_and(|again| keyframes >= again))
+}
+
+/// How many keyframes to wait for before readout times that changed so in a map of so many `keyframes` are asked for again;
+/// nothing where they have settled. What was mapped before a rolling shutter was known of agrees with images that are read
+/// at once and holds the first answers back, the more so the fewer keyframes came after.
+pub(crate) fn calibrate_again(keyframes: usize, before: &Sensor, after: &Sensor) -> Option<usize> {
+    let change = before.readout.iter().zip(&after.readout).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    let time = after.readout.iter().map(|time| time.abs()).fold(0.0, f64::max);
+    (change > SETTLED_READOUT * time).then_some(keyframes + WAITED)
 }
 
 /// Optimises all keyframes and points, and with enough of them the lens, and the readout times of a rolling shutter, in so

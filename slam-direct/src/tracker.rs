@@ -47,6 +47,8 @@ pub(crate) struct Tracker {
     velocity: Se3,
     /// Time stamp of the newest tracked frame, seconds; unknown before there is one.
     time: Option<f64>,
+    /// Mean motion from the frame before to it, in map units, and the seconds between.
+    mean_motion: (Twist, f64),
     brightness: Brightness,
     /// Frames in a row that were not found.
     lost: usize,
@@ -68,8 +70,10 @@ pub(crate) struct Located {
     pub excess: f64,
     brightness: Brightness,
     hosts: Vec<usize>,
-    /// How the camera moved, in map units.
+    /// How the camera moves, in map units.
     pub motion: Twist,
+    /// Its mean motion since the frame before.
+    pub mean_motion: Twist,
     /// Whether it took a wide search: the camera was not where it should have been, or looks at little that is known.
     sought_widely: bool,
 }
@@ -122,6 +126,7 @@ impl Tracker {
             last,
             velocity,
             time: None,
+            mean_motion: (Twist::zeros(), 0.0),
             brightness: Brightness::default(),
             lost: 0,
             glance: None,
@@ -141,9 +146,10 @@ impl Tracker {
 
     /// Goes on against another reference.
     pub fn refer_to(&mut self, map: &LocalMap, reference: usize, params: &Params) {
-        let (time, lost, glance, share) = (self.time, self.lost, self.glance.take(), self.share);
-        *self =
-            Self { time, lost, glance, share, ..Self::new(map, reference, self.last, self.velocity, params) };
+        let (time, mean_motion) = (self.time, self.mean_motion);
+        let (lost, glance, share) = (self.lost, self.glance.take(), self.share);
+        let fresh = Self::new(map, reference, self.last, self.velocity, params);
+        *self = Self { time, mean_motion, lost, glance, share, ..fresh };
     }
 
     /// Goes on in a map in which keyframes have moved: `last` is the newest frame's pose there, `factor` what lengths
@@ -151,6 +157,7 @@ impl Tracker {
     pub fn follow_reference(&mut self, map: &LocalMap, last: Se3, factor: f64, params: &Params) {
         self.last = last;
         self.velocity.translation *= factor;
+        self.mean_motion.0.fixed_rows_mut::<3>(0).scale_mut(factor);
         self.refer_to(map, self.reference, params);
     }
 
@@ -169,8 +176,9 @@ impl Tracker {
         let aligned =
             track::align_from_guesses(&self.alignment, pyramid, &guesses, self.brightness, GOOD_ALIGNMENT);
         let start = aligned.frame_from_reference * map.keyframes[self.reference].camera_from_world;
-        let view = View { pyramid, camera_from_world: start, motion: self.motion_to(&start, timestamp) };
-        let mut located = locate(map, &self.near, &view, aligned.brightness, self.reference, params);
+        let view = View { pyramid, camera_from_world: start, motion: self.mean_motion_to(&start, timestamp) };
+        let motion = |pose: &Se3| self.mean_motion_to(pose, timestamp);
+        let mut located = locate(map, &self.near, &view, motion, aligned.brightness, self.reference, params);
         let is_there = if self.lost > 0 { located.is_found_again(params) } else { located.is_good(params) };
         if !is_there || self.drops(&located, params) {
             let places = places?;
@@ -186,10 +194,12 @@ impl Tracker {
                 return None;
             }
         }
-        located.motion = self.motion_to(&located.camera_from_world, timestamp);
+        located.mean_motion = self.mean_motion_to(&located.camera_from_world, timestamp);
+        located.motion = self.motion_at(&located.mean_motion, timestamp);
         self.velocity =
             if self.lost > 0 { Se3::identity() } else { located.camera_from_world * self.last.inverse() };
         self.lost = 0;
+        self.mean_motion = (located.mean_motion, self.time.map_or(0.0, |before| timestamp - before));
         self.time = Some(timestamp);
         self.last = located.camera_from_world;
         self.brightness = located.brightness;
@@ -201,10 +211,22 @@ impl Tracker {
         Some(located)
     }
 
-    /// How the camera moves that is at a pose now; none when it was lost.
-    fn motion_to(&self, camera_from_world: &Se3, timestamp: f64) -> Twist {
+    /// Mean motion to a pose from the newest tracked frame; none of a camera that was lost.
+    fn mean_motion_to(&self, camera_from_world: &Se3, timestamp: f64) -> Twist {
         let since = self.time.filter(|_| self.lost == 0).map(|before| timestamp - before);
         since.map_or(Twist::zeros(), |since| motion(&self.last, camera_from_world, since))
+    }
+
+    /// How a camera moves now whose `mean` motion since the frame before is known, were its motion to change as evenly as it
+    /// did: means belong to the middle of the time that they are taken over.
+    fn motion_at(&self, mean: &Twist, timestamp: f64) -> Twist {
+        let (earlier, span) = self.mean_motion;
+        match self.time.map(|before| timestamp - before) {
+            Some(since) if *mean != Twist::zeros() && earlier != Twist::zeros() => {
+                mean + (mean - earlier) * (since / (since + span))
+            }
+            _ => *mean,
+        }
     }
 
     /// Whether so much less agrees than in the frame before that the camera may have jumped, and the few agree by chance:
@@ -226,7 +248,7 @@ impl Tracker {
             let pose = wide::seek(map, &hosts, &view, &params.track, &params.wide, p.min_matched)?;
             let brightness = Brightness::default();
             let view = View { camera_from_world: pose, ..view };
-            let located = locate(map, &self.near, &view, brightness, self.reference, params);
+            let located = locate(map, &self.near, &view, unmoved, brightness, self.reference, params);
             located.is_found_again(params).then_some(Located { sought_widely: true, ..located })
         })
     }
@@ -302,11 +324,17 @@ fn median_inverse_depth(points: &[ReferencePoint]) -> f64 {
     median(&mut depths).unwrap_or(1.0).into()
 }
 
-/// Finds a directly aligned frame's pose by the points of the map.
+/// The motion of a camera of which none is known.
+fn unmoved(_: &Se3) -> Twist {
+    Twist::zeros()
+}
+
+/// Finds a directly aligned frame's pose by the points of the map; `motion` tells how a camera moves that is at a pose now.
 fn locate(
     map: &LocalMap,
     near: &[usize],
     view: &View,
+    motion: impl Fn(&Se3) -> Twist,
     brightness: Brightness,
     reference: usize,
     params: &Params,
@@ -314,14 +342,22 @@ fn locate(
     let p = &params.track;
     let hosts = track::choose_hosts(map, near, &view.camera_from_world, reference, p.max_hosts);
     let (mut matched, sought) = track::match_points(map, &hosts, view, p, p.per_cell);
-    let (camera_from_world, excess) = track::refine_pose(map, view, &mut matched);
+    let found = if map.sensor.is_rolling() { matched.clone() } else { Vec::new() };
+    let (mut camera_from_world, mut excess) = track::refine_pose(map, view, &mut matched);
+    let better = motion(&camera_from_world);
+    if map.sensor.is_rolling() && better != view.motion {
+        matched = found;
+        let view = View { camera_from_world, motion: better, ..*view };
+        (camera_from_world, excess) = track::refine_pose(map, &view, &mut matched);
+    }
     let inliers = matched.iter().filter(|m| m.inlier).count();
     let covered = covered(map, &matched);
     Located {
         camera_from_world,
         brightness,
         hosts,
-        motion: view.motion,
+        motion: better,
+        mean_motion: Twist::zeros(),
         sought_widely: false,
         matched,
         sought,
@@ -363,7 +399,7 @@ fn relocate(
         let Alignment { frame_from_reference, brightness, .. } = found.alignment;
         let camera_from_world = frame_from_reference * map.keyframes[candidate].camera_from_world;
         let view = View { pyramid, camera_from_world, motion: Twist::zeros() };
-        let located = locate(map, &near_candidate, &view, brightness, candidate, params);
+        let located = locate(map, &near_candidate, &view, unmoved, brightness, candidate, params);
         located.is_found_again(params).then_some((candidate, located))
     })
 }
@@ -448,6 +484,7 @@ mod tests {
             brightness: Brightness::default(),
             hosts: Vec::new(),
             motion: Twist::zeros(),
+            mean_motion: Twist::zeros(),
             sought_widely: false,
         }
     }

@@ -51,6 +51,8 @@ pub(super) struct Mapper {
     known: Map,
     closer: LoopCloser,
     settler: Settler,
+    /// Keyframes from which on the sensor is asked after again.
+    calibrate_again: Option<usize>,
 }
 
 /// The threads that mapping beside the tracking uses, so that the tracker does not queue behind it: all cores but one.
@@ -65,7 +67,7 @@ impl Mapper {
     pub fn new(camera: Pinhole, places: Box<dyn PlaceIndex>) -> Self {
         let (known, local) = (Map::new(camera), LocalMap::new(camera));
         let (closer, settler) = (LoopCloser::default(), Settler::default());
-        Self { local, places, known, closer, settler }
+        Self { local, places, known, closer, settler, calibrate_again: None }
     }
 
     /// A mapper that goes on in a map: `local` is the working form of `map`.
@@ -77,7 +79,7 @@ impl Mapper {
         }
         let closed = map.edges.iter().filter(|edge| edge.kind == EdgeKind::Loop).cloned().collect();
         let (closer, settler) = (LoopCloser::of(closed), Settler::from(local.keyframes.len()));
-        Self { local, places, known, closer, settler }
+        Self { local, places, known, closer, settler, calibrate_again: None }
     }
 
     /// The loops that were closed.
@@ -173,8 +175,11 @@ impl Mapper {
         }
         mapping::add_points(&mut self.local, keyframe, &others, &p.mapping, &p.triangulate, &p.track);
         let mut changes = mapping::optimise_around(&mut self.local, keyframe, &p.mapping);
-        if mapping::calibration_is_due(self.local.keyframes.len(), &p.mapping) {
+        let count = self.local.keyframes.len();
+        if mapping::calibration_is_due(count, self.calibrate_again, &p.mapping) {
+            let before = self.local.sensor;
             changes.extend(mapping::calibrate(&mut self.local, &p.mapping));
+            self.calibrate_again = mapping::calibrate_again(count, &before, &self.local.sensor);
         }
         self.local.count(counts);
         mapping::cull_unfound(&mut self.local, counts.hosts(), 0.25);
