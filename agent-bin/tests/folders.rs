@@ -207,11 +207,11 @@ fn ros2_folders_are_their_mcap_file() {
     timed_folder(&room.path().join("frames"), 4);
     let (bag, frames) = (room.path().join("bag"), room.path().join("frames"));
     write(bag.join("metadata.yaml"), "rosbag2_bagfile_information:\n  version: 5\n");
-    write(bag.join("bag_0.db3"), "SQLite format 3");
-    for path in [bag.clone(), bag.join("bag_0.db3")] {
-        assert_refused(&["info", arg(&path)], &["SQLite", "rosbags-convert"]);
+    write(bag.join("bag_0.db3.zstd"), "packed");
+    for path in [bag.clone(), bag.join("bag_0.db3.zstd")] {
+        assert_refused(&["info", arg(&path)], &["compressed as a whole", "zstd -d"]);
     }
-    std::fs::remove_file(bag.join("bag_0.db3")).unwrap();
+    std::fs::remove_file(bag.join("bag_0.db3.zstd")).unwrap();
     let output = loopbox(&["convert", arg(&frames), arg(&bag.join("bag_0.mcap"))]);
     assert!(output.status.success(), "{}", stderr(&output));
     assert_eq!(info(&bag, &[])["frames"], 4);
