@@ -2,12 +2,13 @@
 
 use super::mapper::Mapper;
 use super::{Agent, AgentError, State, error, publish};
+use crate::closing::edges;
 use crate::lens::Lens;
 use crate::local_map::{KeyframeState, LocalMap, PointRef, PointState, SeenAt};
 use crate::params::Params;
 use crate::tracker::Tracker;
 use geometry::{Pinhole, Pyramid, Se3};
-use map::{Map, MapDelta, PlaceIndex};
+use map::{Edge, Map, MapDelta, PlaceIndex};
 use std::sync::Arc;
 
 /// What is done with a map that was kept.
@@ -55,9 +56,7 @@ impl Agent {
         params.validate()?;
         let camera = camera_of(&map)?;
         error::check_camera(&camera)?;
-        let lens = map.agents.values().find_map(|about| about.provenance.get(publish::LENS));
-        let lens = lens.and_then(|text| Lens::from_text(camera, text)).unwrap_or(Lens::ideal(camera));
-        let local = working_map(&map, lens, params.align.pyramid_levels)?;
+        let local = working_map(&map, lens_of(&map, camera), params.align.pyramid_levels)?;
         let can_be_tracked = |&k: &usize| local.points_of(k).next().is_some();
         let newest = map.frames.last().map(|frame| frame.reference.0 as usize);
         let newest = newest.filter(|&k| k < local.keyframes.len());
@@ -100,6 +99,23 @@ impl Agent {
     pub(crate) fn resumed(&self) -> Option<Going> {
         self.resumed
     }
+}
+
+/// The edges that the points of one agent's map make between its keyframes. An agent says them when it ends, so that the map
+/// of a run that was killed has none. Loops are not among them.
+///
+/// # Errors
+/// When the map is not one agent's with a camera, or lacks keyframes.
+pub fn edges_of(map: &Map) -> Result<Vec<Edge>, AgentError> {
+    let camera = camera_of(map)?;
+    error::check_camera(&camera)?;
+    Ok(edges::all(&working_map(map, lens_of(map, camera), 1)?, &[]))
+}
+
+/// What is left of the lens's distortion in a map's images, as its agent said it.
+fn lens_of(map: &Map, camera: Pinhole) -> Lens {
+    let text = map.agents.values().find_map(|about| about.provenance.get(publish::LENS));
+    text.and_then(|text| Lens::from_text(camera, text)).unwrap_or(Lens::ideal(camera))
 }
 
 /// The camera of one agent's own map.
