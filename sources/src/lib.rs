@@ -261,7 +261,9 @@ fn open_sqlite(_path: &Path, files: &[PathBuf], _options: &SourceOptions) -> Res
 
 #[cfg(feature = "video")]
 fn open_video(path: &Path, options: &SourceOptions) -> Result<Box<dyn FrameSource>> {
-    Ok(Box::new(video::open(path, options.fps)?))
+    let video = video::open(path, options.fps)?;
+    refuse_topic(path, options)?;
+    Ok(Box::new(video))
 }
 
 #[cfg(not(feature = "video"))]
@@ -293,5 +295,17 @@ fn open_folder(path: &Path, options: &SourceOptions) -> Result<Box<dyn FrameSour
             path.display()
         );
     };
+    refuse_topic(path, options)?;
     Ok(Box::new(list))
+}
+
+/// Refuses to choose among the topics of a recording that has none.
+fn refuse_topic(path: &Path, options: &SourceOptions) -> Result<()> {
+    match &options.topic {
+        Some(topic) => bail!(
+            "{}: has no topics, so not {topic} either\nhint: leave --topic out; it is for MCAP files and bags",
+            path.display()
+        ),
+        None => Ok(()),
+    }
 }
