@@ -42,7 +42,7 @@ export function surveyScene() {
   }
   [...samples, codes].forEach((list) => list.sort((a, b) => a - b));
   const bulk = (share) => samples.map((s) => (s.length ? quantile(s, share) : Infinity * (share < 0.5 ? 1 : -1)));
-  const box = { low: bulk(0.02), high: bulk(0.98) }, whole = { low: bulk(0.005), high: bulk(0.995) };
+  const box = { low: bulk(0.02), high: bulk(0.98) }, whole = { low: bulk(0.002), high: bulk(0.998) };
   const widen = (p) => [box, whole].forEach(({ low, high }) => p.forEach((v, i) => {
     low[i] = Math.min(low[i], v);
     high[i] = Math.max(high[i], v);
