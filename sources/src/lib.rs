@@ -18,6 +18,8 @@ pub mod notice;
 mod numbered;
 pub mod pictures;
 mod presets;
+#[cfg(feature = "video")]
+mod quicktime;
 pub mod recording;
 mod rosbag2;
 mod scan_recording;
@@ -37,7 +39,7 @@ pub use input::Input;
 pub use scan_recording::{ScanRecording, open_scans, scans_looked_for};
 pub use stop::Stop;
 
-use crate::pictures::Picture;
+use crate::pictures::{Picture, StatedFocal};
 use crate::recording::CalibrationFiles;
 use anyhow::{Result, bail};
 use geometry::Camera;
@@ -147,6 +149,11 @@ pub trait FrameSource: Send {
     /// What can be seen to be wrong with the recording before its frames are taken in turn.
     fn problems(&self) -> Vec<String> {
         Vec::new()
+    }
+
+    /// The focal length that the recording itself states for images of this width and height, apart from its pictures.
+    fn stated_focal(&self, _size: (usize, usize)) -> Option<StatedFocal> {
+        None
     }
 
     /// What else there is to say of it, as label and text.
