@@ -71,7 +71,7 @@ impl Progress for Console {
             Display::Bar => {
                 self.bar.set_position(row.index + 1);
                 self.bar.set_message(format!(
-                    "{}  {keyframes} keyframes  {points} points{}",
+                    "{}  {keyframes} keyframes  {points} sparse points{}",
                     state_name(row.state),
                     self.losses.borrow()
                 ));
@@ -203,7 +203,7 @@ fn summary(record: &RunRecord, out: &str) -> String {
         frames.offered - frames.dropped_late,
         100.0 * frames.tracked_share,
         map.keyframes,
-        map.points,
+        map.semi_dense,
         map.loops,
         cost.frames_per_s,
         cost.mean_ms,

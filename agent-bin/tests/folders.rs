@@ -207,11 +207,11 @@ fn ros2_folders_are_their_mcap_file() {
     timed_folder(&room.path().join("frames"), 4);
     let (bag, frames) = (room.path().join("bag"), room.path().join("frames"));
     write(bag.join("metadata.yaml"), "rosbag2_bagfile_information:\n  version: 5\n");
-    write(bag.join("bag_0.db3"), "SQLite format 3");
-    for path in [bag.clone(), bag.join("bag_0.db3")] {
-        assert_refused(&["info", arg(&path)], &["SQLite", "rosbags-convert"]);
+    write(bag.join("bag_0.db3.zstd"), "packed");
+    for path in [bag.clone(), bag.join("bag_0.db3.zstd")] {
+        assert_refused(&["info", arg(&path)], &["compressed as a whole", "zstd -d"]);
     }
-    std::fs::remove_file(bag.join("bag_0.db3")).unwrap();
+    std::fs::remove_file(bag.join("bag_0.db3.zstd")).unwrap();
     let output = loopbox(&["convert", arg(&frames), arg(&bag.join("bag_0.mcap"))]);
     assert!(output.status.success(), "{}", stderr(&output));
     assert_eq!(info(&bag, &[])["frames"], 4);
@@ -230,5 +230,10 @@ fn what_is_asked_for_must_be_in_the_recording() {
     };
     run(&["--start", "100"], &["ends at 0.30 s", "--start 100"]);
     run(&["--fps", "-5"], &["--fps -5 is not a frame rate"]);
+    run(&["--topic", "/cam0"], &["has no topics", "/cam0"]);
+    run(&["--threads", "0"], &["--threads 0", "one per core"]);
+    run(&["--record", "walk.txt"], &["walk.txt", ".mcap"]);
+    assert_refused(&["record", arg(folder.path()), "--out", "walk.bag"], &["walk.bag", "loopbox convert"]);
+    assert_refused(&["export", "no.mcap", "--ply", "o.pcd"], &["--ply does not write .pcd", "--pcd does"]);
     assert!(!out.exists());
 }

@@ -237,6 +237,10 @@ fn scans_in_mcap_files_and_bags_give_the_map_of_their_folder() {
     }
     mcap.finish().unwrap();
 
+    let messages: Vec<_> =
+        (0..).zip(&stamps).map(|scan| (0, nanoseconds(scan.1) as i64, cloud(scan, true))).collect();
+    common::write_db3(&hall.at("a.db3"), &[("/points", "sensor_msgs/msg/PointCloud2")], &messages);
+
     let kind = sources::bag::MessageType { name: "sensor_msgs/PointCloud2", md5sum: "", definition: "" };
     let mut bag = sources::bag::BagWriter::create(fs::File::create(hall.at("a.bag")).unwrap()).unwrap();
     let connection = bag.connect("/points", kind);
@@ -250,7 +254,13 @@ fn scans_in_mcap_files_and_bags_give_the_map_of_their_folder() {
     let (said, _) = hall.run(0, "info @a.bag --json");
     assert!(said.contains("ROS 1 bag of scans"), "{said}");
     hall.run(0, "run @a --out @out/folder --end 2.95 --quiet");
-    for kind in ["mcap", "bag"] {
+    let mut kinds = vec!["mcap", "bag"];
+    if cfg!(feature = "sqlite") {
+        kinds.push("db3");
+        let (said, _) = hall.run(0, "info @a.db3");
+        assert!(said.contains("ROS 2 bag of scans") && said.contains("point times  known"), "{said}");
+    }
+    for kind in kinds {
         hall.run(0, &format!("run @a.{kind} --out @out/{kind} --quiet"));
         let trajectory = |name: &str| -> Vec<f64> {
             let text = fs::read_to_string(hall.at(&format!("out/{name}/trajectory.txt"))).unwrap();

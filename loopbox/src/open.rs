@@ -41,7 +41,16 @@ pub fn open_map(path: &Path) -> Result<OpenedMap> {
     let loaded = load_map(&file)?;
     let of_file = loaded.warnings.iter().map(|warning| format!("{}: {warning}", file.display()));
     let warnings = note.into_iter().chain(of_file).collect();
-    Ok(OpenedMap { file, map: loaded.map, warnings })
+    Ok(OpenedMap { file, map: with_edges(loaded.map), warnings })
+}
+
+/// A map with edges: an agent says them when it ends, and the map of a run that was killed has those that its points make.
+fn with_edges(mut map: Map) -> Map {
+    if map.edges.is_empty() && map.keyframes.len() > 1 {
+        // A map that lacks more than edges says so where more is asked of it.
+        map.edges = slam_direct::edges_of(&map).unwrap_or_default();
+    }
+    map
 }
 
 /// What people call a recording: the last part of its path, of a file without the extension.

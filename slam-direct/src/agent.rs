@@ -16,7 +16,7 @@ mod settle;
 
 pub use error::AgentError;
 pub use frame::{Frame, FrameReport, TrackingState};
-pub use resume::Going;
+pub use resume::{Going, edges_of};
 
 use crate::background::Task;
 use crate::bootstrap::Bootstrap;

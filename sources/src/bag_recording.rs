@@ -1,12 +1,12 @@
 //! ROS 1 bags as sources.
 
 use super::input::{Bytes, Input};
-use super::messages::{self, Content, Form};
+use super::messages::{self, Content};
+use super::topic_recording::{Stamped, TopicRecording};
 use super::topics::Topics;
-use super::{FoundCalibration, FrameSource, SourceFrame, SourceInfo, SourceOptions, time};
+use super::{FoundCalibration, SourceInfo, SourceOptions};
 pub use crate::bag::MAGIC;
 use crate::bag::{self, BagReader, Message};
-use crate::pictures::Picture;
 use anyhow::{Context, Result};
 use geometry::limits::MAX_BYTES;
 use std::fs::File;
@@ -18,17 +18,6 @@ const LOOKED_FOR: &str = "sensor_msgs/Image and sensor_msgs/CompressedImage";
 
 type Reader = BagReader<BufReader<Box<dyn Bytes>>>;
 
-/// A recording in a ROS 1 bag: the images of one topic.
-pub struct BagRecording {
-    info: SourceInfo,
-    facts: Vec<(&'static str, String)>,
-    topic: String,
-    form: Form,
-    messages: Reader,
-    next_index: u64,
-    warning: Option<String>,
-}
-
 /// Whether the file starts as bags do.
 pub fn is_bag(path: &Path) -> bool {
     let mut start = [0; MAGIC.len()];
@@ -39,7 +28,7 @@ pub fn is_bag(path: &Path) -> bool {
 ///
 /// # Errors
 /// When it cannot be read, or has no images or not exactly one topic to take them from.
-pub fn open(input: Input, options: &SourceOptions) -> Result<BagRecording> {
+pub fn open(input: Input, options: &SourceOptions) -> Result<TopicRecording> {
     let mut messages = reader(&input)?;
     let topics = match messages.content() {
         Some(content) => of_index(&content),
@@ -59,49 +48,12 @@ pub fn open(input: Input, options: &SourceOptions) -> Result<BagRecording> {
         lag: None,
     };
     let form = topics.image_form(&topic).context("the topic holds no images")?;
-    let facts = topics.facts();
-    Ok(BagRecording { info, facts, topic, form, messages, next_index: 0, warning: None })
-}
-
-impl FrameSource for BagRecording {
-    fn info(&self) -> &SourceInfo {
-        &self.info
-    }
-
-    fn next_frame(&mut self) -> Option<SourceFrame> {
-        loop {
-            let message = match self.messages.next()? {
-                Ok(message) => message,
-                Err(error) => {
-                    self.warning = Some(format!(
-                        "{}: the bag is damaged or ends early; its {} whole images are used ({error:#})",
-                        self.info.path.display(),
-                        self.next_index
-                    ));
-                    return None;
-                }
-            };
-            if message.connection.topic != self.topic {
-                continue;
-            }
-            let index = self.next_index;
-            self.next_index += 1;
-            let (stamp, picture) = match messages::read_image(self.form, &message.data) {
-                Ok(image) => (image.stamp, image.picture),
-                Err(error) => (None, Picture::Broken(format!("{error:#}"))),
-            };
-            let timestamp = stamp.unwrap_or_else(|| time::seconds(message.time));
-            return Some(SourceFrame { index, timestamp, captured: None, picture });
-        }
-    }
-
-    fn warning(&self) -> Option<String> {
-        self.warning.clone()
-    }
-
-    fn facts(&self) -> Vec<(&'static str, String)> {
-        self.facts.clone()
-    }
+    // What cannot be read has no topic, and is told.
+    let of_topic =
+        messages.filter(move |m| m.as_ref().map_or(true, |message| message.connection.topic == topic));
+    let stamped =
+        of_topic.map(|message| message.map(|message| Stamped { time: message.time, data: message.data }));
+    Ok(TopicRecording::new(info, topics.facts(), form, stamped))
 }
 
 /// The topics of a bag.

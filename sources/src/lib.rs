@@ -1,4 +1,4 @@
-//! Where frames come from and where they are kept: folders, MCAP files, ROS 1 bags, videos and cameras, one file per kind
+//! Where frames come from and where they are kept: folders, MCAP files, ROS bags, videos and cameras, one file per kind
 //! of recording behind [`FrameSource`]; [`ahead`] decodes them in a thread, [`correction`] undoes the lens,
 //! [`recording`] keeps what was captured, [`convert`] writes it in other forms.
 
@@ -18,6 +18,8 @@ pub mod notice;
 mod numbered;
 pub mod pictures;
 mod presets;
+#[cfg(feature = "video")]
+mod quicktime;
 pub mod recording;
 mod rosbag2;
 mod scan_recording;
@@ -25,6 +27,7 @@ mod stop;
 mod survey;
 pub mod time;
 mod timed;
+mod topic_recording;
 mod topics;
 mod tum;
 mod tum_mono;
@@ -36,11 +39,12 @@ pub use input::Input;
 pub use scan_recording::{ScanRecording, open_scans, scans_looked_for};
 pub use stop::Stop;
 
-use crate::pictures::Picture;
+use crate::pictures::{Picture, StatedFocal};
 use crate::recording::CalibrationFiles;
 use anyhow::{Result, bail};
 use geometry::Camera;
 use notice::Listener;
+use rosbag2::Files;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -147,6 +151,11 @@ pub trait FrameSource: Send {
         Vec::new()
     }
 
+    /// The focal length that the recording itself states for images of this width and height, apart from its pictures.
+    fn stated_focal(&self, _size: (usize, usize)) -> Option<StatedFocal> {
+        None
+    }
+
     /// What else there is to say of it, as label and text.
     fn facts(&self) -> Vec<(&'static str, String)> {
         Vec::new()
@@ -200,15 +209,18 @@ pub fn open(path: &Path, options: &SourceOptions) -> Result<Box<dyn FrameSource>
         bail!("--fps {fps} is not a frame rate\nhint: give frames per second, such as --fps 30");
     }
     if path.is_dir() {
-        return match rosbag2::file_in(path)? {
-            Some(file) => open(&file, options),
+        return match rosbag2::files_at(path)? {
+            Some(Files::Mcap(file)) => open(&file, options),
+            Some(Files::Sqlite(files)) => open_sqlite(path, &files, options),
             None => open_folder(path, options),
         };
     }
     if !path.exists() {
         bail!("{}: there is no such file or folder", path.display());
     }
-    rosbag2::refuse_sqlite(path)?;
+    if let Some(Files::Sqlite(files)) = rosbag2::files_at(path)? {
+        return open_sqlite(path, &files, options);
+    }
     if map::is_map_file(path) {
         bail!(
             "{}: this is a map, not a recording\nhint: `loopbox info` and `loopbox export` read it",
@@ -244,9 +256,21 @@ pub fn read_foxglove_calibration(message: &[u8]) -> Result<Camera> {
     messages::read_calibration(messages::Form::FoxgloveCalibration, message)
 }
 
+#[cfg(feature = "sqlite")]
+fn open_sqlite(path: &Path, files: &[PathBuf], options: &SourceOptions) -> Result<Box<dyn FrameSource>> {
+    Ok(Box::new(rosbag2::open(path, files, options)?))
+}
+
+#[cfg(not(feature = "sqlite"))]
+fn open_sqlite(_path: &Path, files: &[PathBuf], _options: &SourceOptions) -> Result<Box<dyn FrameSource>> {
+    rosbag2::refuse(files)
+}
+
 #[cfg(feature = "video")]
 fn open_video(path: &Path, options: &SourceOptions) -> Result<Box<dyn FrameSource>> {
-    Ok(Box::new(video::open(path, options.fps)?))
+    let video = video::open(path, options.fps)?;
+    refuse_topic(path, options)?;
+    Ok(Box::new(video))
 }
 
 #[cfg(not(feature = "video"))]
@@ -274,9 +298,21 @@ fn open_folder(path: &Path, options: &SourceOptions) -> Result<Box<dyn FrameSour
     } else {
         bail!(
             "{}: no recording here\nhint: looked for times.txt with images/, rgb.txt (TUM), mav0/cam0/data.csv \
-             (EuRoC), image_0/ or image_2/ with times.txt (KITTI), metadata.yaml with an .mcap (ROS 2), and .png, .jpg, .pgm, .tiff or .bmp files",
+             (EuRoC), image_0/ or image_2/ with times.txt (KITTI), metadata.yaml with .mcap or .db3 (ROS 2), and .png, .jpg, .pgm, .tiff or .bmp files",
             path.display()
         );
     };
+    refuse_topic(path, options)?;
     Ok(Box::new(list))
+}
+
+/// Refuses to choose among the topics of a recording that has none.
+fn refuse_topic(path: &Path, options: &SourceOptions) -> Result<()> {
+    match &options.topic {
+        Some(topic) => bail!(
+            "{}: has no topics, so not {topic} either\nhint: leave --topic out; it is for MCAP files and bags",
+            path.display()
+        ),
+        None => Ok(()),
+    }
 }

@@ -1,13 +1,14 @@
-//! Scans of a LiDAR in MCAP files and ROS 1 bags.
+//! Scans of a LiDAR in MCAP files and ROS bags.
 
 use crate::bag::{self, BagReader};
 use crate::input::Input;
+use crate::rosbag2::Files;
 use crate::topics::Topics;
 use crate::{bag_recording, mcap_recording, rosbag2, time};
 use anyhow::{Context, Result, bail};
 use geometry::limits::MAX_BYTES;
 use scans::{Encoding, MessageKind, NextScan, ScanError, ScanInfo, ScanSource};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// What would do as scans, for people.
 const LOOKED_FOR: &str =
@@ -39,16 +40,19 @@ pub struct ScanRecording {
 /// # Errors
 /// When the file cannot be read, or has several topics with scans and `topic` names none of them.
 pub fn open_scans(path: &Path, topic: Option<&str>) -> Result<Option<ScanRecording>> {
-    if path.is_dir()
-        && let Ok(Some(file)) = rosbag2::file_in(path)
-    {
-        return open_scans(&file, topic);
+    // What is wrong with a folder is told by who opens it as images.
+    let of_ros2 = if path.exists() { rosbag2::files_at(path).ok().flatten() } else { None };
+    if let Some(Files::Mcap(file)) = &of_ros2 {
+        return open_scans(file, topic);
     }
     let input = Input::File(path.to_owned());
-    if !path.is_file() || map::is_map_file(path) {
+    if of_ros2.is_none() && (!path.is_file() || map::is_map_file(path)) {
         return Ok(None);
     }
-    let (kind, topics): (_, Topics) = if mcap_recording::is_mcap(path) {
+    let (kind, topics): (_, Topics) = if let Some(Files::Sqlite(files)) = &of_ros2 {
+        let Some(topics) = topics_of_sqlite(files)? else { return Ok(None) };
+        ("ROS 2 bag", topics)
+    } else if mcap_recording::is_mcap(path) {
         ("MCAP recording", mcap_recording::topics(&input)?)
     } else if bag_recording::is_bag(path) {
         ("ROS 1 bag", bag_recording::topics(&input)?)
@@ -69,7 +73,11 @@ pub fn open_scans(path: &Path, topic: Option<&str>) -> Result<Option<ScanRecordi
             names.join(", ")
         );
     };
-    let messages = if kind == "ROS 1 bag" { of_bag(&input)? } else { of_mcap(&input)? };
+    let messages = match (&of_ros2, kind) {
+        (Some(Files::Sqlite(files)), _) => of_sqlite(files, topic)?,
+        (_, "ROS 1 bag") => of_bag(&input)?,
+        _ => of_mcap(&input)?,
+    };
     let info = ScanInfo {
         path: path.to_owned(),
         kind: format!("{kind} of scans"),
@@ -84,16 +92,21 @@ pub fn scans_looked_for() -> &'static str {
     LOOKED_FOR
 }
 
+/// How messages are written, by what recordings call it.
+fn encoding_of(name: &str) -> Option<Encoding> {
+    match name {
+        "cdr" => Some(Encoding::Cdr),
+        "ros1" => Some(Encoding::Ros1),
+        "protobuf" => Some(Encoding::Protobuf),
+        _ => None,
+    }
+}
+
 fn of_mcap(input: &Input) -> Result<Messages> {
     let raw = |message: mcap::Message<'static>| {
         let channel = &message.channel;
         let kind = channel.schema.as_ref().and_then(|schema| MessageKind::of_schema(&schema.name));
-        let encoding = match channel.message_encoding.as_str() {
-            "cdr" => Some(Encoding::Cdr),
-            "ros1" => Some(Encoding::Ros1),
-            "protobuf" => Some(Encoding::Protobuf),
-            _ => None,
-        };
+        let encoding = encoding_of(&channel.message_encoding);
         Raw {
             topic: channel.topic.clone(),
             kind: kind.zip(encoding),
@@ -103,6 +116,35 @@ fn of_mcap(input: &Input) -> Result<Messages> {
     };
     let messages = mcap_recording::linear(input)?;
     Ok(Box::new(messages.map(move |message| message.map(raw).map_err(anyhow::Error::from))))
+}
+
+/// The topics of a bag in SQLite; `None` where this program was built without.
+#[cfg(feature = "sqlite")]
+fn topics_of_sqlite(files: &[PathBuf]) -> Result<Option<Topics>> {
+    Ok(Some(rosbag2::SqliteBag::open(files)?.topics()))
+}
+
+#[cfg(not(feature = "sqlite"))]
+fn topics_of_sqlite(_files: &[PathBuf]) -> Result<Option<Topics>> {
+    Ok(None)
+}
+
+#[cfg(feature = "sqlite")]
+fn of_sqlite(files: &[PathBuf], topic: &str) -> Result<Messages> {
+    let name = topic.to_owned();
+    let raw = move |message: rosbag2::Message| Raw {
+        topic: name.clone(),
+        kind: MessageKind::of_schema(&message.kind).zip(encoding_of(&message.encoding)),
+        time: message.time,
+        data: message.data,
+    };
+    let messages = rosbag2::SqliteBag::open(files)?.messages(topic);
+    Ok(Box::new(messages.map(move |message| message.map(&raw))))
+}
+
+#[cfg(not(feature = "sqlite"))]
+fn of_sqlite(files: &[PathBuf], _topic: &str) -> Result<Messages> {
+    rosbag2::refuse(files)
 }
 
 fn of_bag(input: &Input) -> Result<Messages> {

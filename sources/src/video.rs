@@ -1,8 +1,8 @@
 //! Video files, through the system's OpenCV.
 
 use super::image_list::first_existing;
-use super::{FoundCalibration, FrameSource, SourceFrame, SourceInfo};
-use crate::pictures::{Picture, RawPicture};
+use super::{FoundCalibration, FrameSource, SourceFrame, SourceInfo, quicktime};
+use crate::pictures::{Picture, RawPicture, StatedFocal};
 use anyhow::{Context, Result, anyhow, bail};
 use geometry::limits::check_image_size;
 use opencv::core::Mat;
@@ -119,6 +119,11 @@ impl Video {
 impl FrameSource for Video {
     fn info(&self) -> &SourceInfo {
         &self.info
+    }
+
+    fn stated_focal(&self, size: (usize, usize)) -> Option<StatedFocal> {
+        let mm = quicktime::focal_on_film(&self.info.path)?;
+        Some(StatedFocal::of_film(mm, size, "video's metadata"))
     }
 
     fn next_frame(&mut self) -> Option<SourceFrame> {

@@ -2,7 +2,7 @@
 
 use super::info_map::load_at;
 use crate::console::{say, tell};
-use anyhow::ensure;
+use anyhow::{bail, ensure};
 #[cfg(feature = "opencv")]
 use loopbox::placing::board::scale_by_board;
 use loopbox::placing::{Metres, Up, place};
@@ -118,6 +118,27 @@ pub struct Outputs {
     pub nerfstudio: Option<PathBuf>,
 }
 
+impl Outputs {
+    /// Refuses names that say another form than the option does.
+    fn check_names(&self) -> anyhow::Result<()> {
+        let forms = [
+            ("--ply", &self.ply, &["ply"][..]),
+            ("--pcd", &self.pcd, &["pcd"]),
+            ("--las", &self.las, &["las", "laz"]),
+            ("--mcap", &self.mcap, &["mcap"]),
+        ];
+        for (option, path, own) in forms {
+            let Some(path) = path else { continue };
+            let ending = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+            let other = forms.iter().find(|(.., endings)| endings.contains(&&*ending));
+            if let Some((right, ..)) = other.filter(|_| !own.contains(&&*ending)) {
+                bail!("{}: {option} does not write .{ending}\nhint: {right} does", path.display());
+            }
+        }
+        Ok(())
+    }
+}
+
 /// Runs `loopbox export`.
 ///
 /// # Errors
@@ -125,6 +146,7 @@ pub struct Outputs {
 pub fn run(args: &ExportArgs) -> anyhow::Result<()> {
     ensure!(args.max_variance > 0.0, "--max-variance is {}; give a number above 0", args.max_variance);
     ensure!(args.voxel.is_none_or(|edge| edge > 0.0), "--voxel must be a length above 0");
+    args.outputs.check_names()?;
     let mut map = load_at(&args.map)?;
     let metres = args.placing.metres(&map)?;
     let growth = place(&mut map, metres.as_ref(), args.placing.up)?;

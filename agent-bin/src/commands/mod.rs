@@ -41,7 +41,7 @@ mod watching;
 use anyhow::Result;
 use clap::{Parser, Subcommand};
 
-/// Direct monocular SLAM: one camera's recording in, trajectory and semi-dense map out.
+/// SLAM for several agents: each maps by itself what its camera or LiDAR sees, and maps that show one place become one.
 #[derive(Debug, Parser)]
 #[command(name = "loopbox", version, about)]
 pub struct Cli {

@@ -8,7 +8,7 @@ use clap::Args;
 use sources::Stop;
 use sources::camera::{CameraArgs, open_camera};
 use sources::correction::CameraOptions;
-use sources::recording::{CalibrationFiles, Head, Recorder, refuse_existing};
+use sources::recording::{CalibrationFiles, Head, Recorder, check_name, refuse_existing};
 use sources::{FrameSource, SourceOptions, time};
 use std::path::{Path, PathBuf};
 
@@ -49,6 +49,7 @@ pub struct RecordArgs {
 /// When the source cannot be opened, or the file is there already or cannot be written.
 pub fn execute(args: &RecordArgs) -> Result<()> {
     args.camera.check()?;
+    check_name(&args.out)?;
     if !args.force {
         refuse_existing(&args.out).map_err(|error| error.context("the recording is not begun"))?;
     }

@@ -13,7 +13,7 @@ use scans::ScanSource;
 use sources::ahead::Pace;
 use sources::camera::{CameraArgs, open_camera};
 use sources::correction::{CameraOptions, DEFAULT_MAX_WIDTH};
-use sources::recording::refuse_existing;
+use sources::recording::{check_name, refuse_existing};
 use sources::{FrameSource, SourceOptions};
 use std::path::{Path, PathBuf};
 
@@ -203,7 +203,11 @@ impl RunArgs {
             bail!("--min-tracked {share} is not a share\nhint: 0.9 asks for 90 % of the frames");
         }
         if let Some(path) = &self.record {
+            check_name(path)?;
             refuse_existing(path)?;
+        }
+        if self.threads == Some(0) {
+            bail!("--threads 0 leaves nobody to map\nhint: give 1 or more; without it there is one per core");
         }
         if let (Some(start), Some(end)) = (self.start, self.end)
             && start >= end

@@ -111,3 +111,27 @@ pub fn assert_refused(args: &[&str], words: &[&str]) {
     }
     assert!(!message.contains("panicked"), "{message}");
 }
+
+/// Writes a file of a ROS 2 bag in SQLite: topics as name and type, messages as topic's index, nanoseconds and CDR.
+pub fn write_db3(path: &Path, topics: &[(&str, &str)], messages: &[(usize, i64, Vec<u8>)]) {
+    let database = rusqlite::Connection::open(path).unwrap();
+    database
+        .execute_batch(
+            "CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT NOT NULL, type TEXT NOT NULL,
+                 serialization_format TEXT NOT NULL, offered_qos_profiles TEXT NOT NULL);
+             CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER NOT NULL, timestamp INTEGER NOT NULL,
+                 data BLOB NOT NULL);
+             CREATE INDEX timestamp_idx ON messages (timestamp ASC); BEGIN;",
+        )
+        .unwrap();
+    for (id, (name, kind)) in topics.iter().enumerate() {
+        database
+            .execute("INSERT INTO topics VALUES (?1, ?2, ?3, 'cdr', '')", (id as i64, name, kind))
+            .unwrap();
+    }
+    for (topic, time, data) in messages {
+        let row = "INSERT INTO messages(topic_id, timestamp, data) VALUES (?1, ?2, ?3)";
+        database.execute(row, (*topic as i64, time, data)).unwrap();
+    }
+    database.execute_batch("COMMIT").unwrap();
+}

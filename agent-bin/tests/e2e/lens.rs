@@ -1,6 +1,8 @@
 //! Recordings without a calibration, or with a wrong one.
 
 use crate::support::{Accuracy, Case, RATE, drive, hand_held, world};
+#[cfg(feature = "opencv")]
+use crate::support::{Outcome, loopbox};
 use geometry::{Pinhole, Se3};
 use loopbox_tests::{Encoding, Recording, trajectory};
 use nalgebra::{UnitQuaternion, Vector3};
@@ -76,6 +78,33 @@ fn the_lens_in_the_images_metadata_is_begun_with() {
     outcome.assert_says(&["begun with 45 mm on 35 mm film, by the images' Exif"]);
     let found = focal(&fs::read_to_string(case.out().join("camera.yaml")).expect("the results hold it"));
     assert!((found / camera.fx - 1.0).abs() < 0.02, "{found}\n{outcome}");
+}
+
+/// The same of a video: telephones write their lens's length into its metadata.
+#[cfg(feature = "opencv")]
+#[test]
+fn the_lens_in_a_videos_metadata_is_begun_with() {
+    let camera = Pinhole { width: 320, height: 240, fx: 420.0, fy: 420.0, cx: 159.5, cy: 119.5 };
+    let case = Case::new(&Recording::render(world(), camera, &trajectory::hand_held(90, 0.8), RATE));
+    fs::remove_file(case.source().join("camera.yaml")).expect("it is there");
+    let video = case.source().with_file_name("walk.mp4");
+    let mut convert = loopbox();
+    convert.arg("convert").arg(case.source()).arg(&video).arg("--fps").arg(RATE.to_string());
+    Outcome::of(convert).assert_success();
+    let boxed = |kind: &[u8], content: &[&[u8]]| {
+        let content = content.concat();
+        [&(content.len() as u32 + 8).to_be_bytes()[..], kind, &content].concat()
+    };
+    let key = boxed(b"mdta", &[b"com.apple.quicktime.camera.focal_length.35mm_equivalent"]);
+    let keys = boxed(b"keys", &[&[0, 0, 0, 0, 0, 0, 0, 1], &key]);
+    let value = boxed(b"data", &[&[0, 0, 0, 21, 0, 0, 0, 0], &45i32.to_be_bytes()]);
+    let list = boxed(b"ilst", &[&boxed(&[0, 0, 0, 1], &[&value])]);
+    let metadata = boxed(b"meta", &[&boxed(b"hdlr", &[&[0; 24]]), &keys, &list]);
+    let bytes = fs::read(&video).expect("it was written");
+    fs::write(&video, [bytes, boxed(b"moov", &[&metadata])].concat()).expect("it can be written");
+    let outcome = Outcome::of(case.command_on(&video, &[]));
+    outcome.assert_success();
+    outcome.assert_says(&["begun with 45 mm on 35 mm film, by the video's metadata"]);
 }
 
 /// A short way straight ahead says little of the focal length: what is stated is kept.

@@ -64,6 +64,15 @@ fn a_truncated_map_is_used_as_far_as_it_is_whole() {
     }
 }
 
+/// An agent says its edges when it ends: without them maps hung together by nothing, and all other keyframe pairs failed.
+#[test]
+fn the_map_of_a_killed_run_has_no_edges_and_is_merged() {
+    let (runs, case) = (Runs::get(), Case::new());
+    let edgeless = case.map("edgeless.mcap", &Map { edges: Vec::new(), ..runs.map("left") });
+    let outcome = case.merge(&[&edgeless, &runs.run("right")]);
+    assert_eq!(outcome.code, Some(0), "{outcome:#?}");
+}
+
 #[test]
 fn a_map_without_keyframes() {
     let empty = |case: &Case| {

@@ -11,8 +11,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use view::report::page::Template;
+use view::script;
 use view::watch::Picture;
-use view::watch::web::{Address, FEED_SCRIPT, Message, Server, Teller, picture_message};
+use view::watch::web::{Address, FEED_SCRIPTS, Message, Server, Teller, picture_message};
 
 /// How often it is looked whether the user has seen enough.
 const LOOK: Duration = Duration::from_millis(50);
@@ -26,7 +27,7 @@ const TEMPLATE: Template = Template {
     style: include_str!("assets/coach.css"),
     policy: "; connect-src 'self'",
     scene: false,
-    scripts: &[FEED_SCRIPT, include_str!("assets/coach.js")],
+    scripts: &[FEED_SCRIPTS[0], FEED_SCRIPTS[1], script!("assets/coach.js")],
 };
 
 /// What the page's script starts from.

@@ -9,6 +9,7 @@ use serde::Serialize;
 use view::report::gallery::encode;
 use view::report::pack::Packed;
 use view::report::page::Template;
+use view::script;
 
 /// Most images that are shown.
 const MAX_SHOTS: usize = 12;
@@ -20,7 +21,7 @@ const TEMPLATE: Template = Template {
     style: include_str!("assets/calib.css"),
     policy: "",
     scene: false,
-    scripts: &[include_str!("assets/calib.js")],
+    scripts: &[script!("assets/calib.js")],
 };
 
 /// What the page's script reads.

@@ -12,13 +12,14 @@ use slam_lidar::scan_context::ScanContext;
 use std::path::Path;
 use view::report::pack::Packed;
 use view::report::page::{Template, save};
+use view::script;
 
 const TEMPLATE: Template = Template {
     body: include_str!("assets/report.html"),
     style: include_str!("assets/report.css"),
     policy: "",
     scene: false,
-    scripts: &[include_str!("assets/report.js")],
+    scripts: &[script!("assets/report.js")],
 };
 
 /// Points of a page's cloud: a megabyte of text.

@@ -11,7 +11,7 @@ use slam_direct::self_calibration::{
 };
 use slam_direct::{Agent, Frame, Params, TrackingState};
 use sources::correction::{NARROWEST_VIEW, WIDEST_VIEW, doubled_camera, halved_image, halvings};
-use sources::pictures::Picture;
+use sources::pictures::StatedFocal;
 use sources::{FoundCalibration, FrameSource, Stop, time};
 
 /// Focal lengths over the image's longer side that are begun with, until one makes a map: those of telephones and webcams
@@ -94,7 +94,7 @@ impl FoundLens {
 /// view in degrees, where the user knows that.
 ///
 /// Makes a map of the first part with a guess, the lens from the map, a map with that lens, and so on until it stays. The
-/// guess is `fov`, else the focal length in the images' metadata, else a usual one. Where the map knows less of the focal
+/// guess is `fov`, else the focal length in the metadata of the images or the video, else a usual one. Where the map knows less of the focal
 /// length than was stated, that is kept.
 ///
 /// # Errors
@@ -125,7 +125,8 @@ pub fn find_lens(
         map_with(lens, times, open()?.as_mut(), &options.params, stop)
     };
     let (mut why, mut kept) = (String::new(), None);
-    for guess in guesses(fov, &first, whole, times) {
+    let stated = first.stated_focal(whole).or_else(|| source.stated_focal(whole));
+    for guess in guesses(fov, stated, whole, times) {
         let start = centred(guess.focal, (whole.0 >> times, whole.1 >> times))?;
         let as_found = |camera: &Camera, focal_deviation: f64| -> Result<FoundLens> {
             let camera = doubled_camera(camera, whole, times)?;
@@ -182,7 +183,7 @@ fn refined(
 /// What to begin with, in this order, for images of `whole` size that are halved so often.
 fn guesses(
     fov: Option<f64>,
-    first: &Picture,
+    stated: Option<StatedFocal>,
     whole: (usize, usize),
     halvings: usize,
 ) -> impl Iterator<Item = Guess> {
@@ -194,7 +195,7 @@ fn guesses(
     });
     let view = |focal: f64| 2.0 * (0.5 * whole.0 as f64 / focal).atan().to_degrees();
     let in_metadata = || {
-        let stated = first.stated_focal(whole)?;
+        let stated = stated?;
         (NARROWEST_VIEW..WIDEST_VIEW).contains(&view(stated.pixels)).then(|| Guess {
             focal: stated.pixels / (1u64 << halvings) as f64,
             spread: STATED_SPREAD,

@@ -51,16 +51,16 @@ impl RunRecord {
         let missed = (frames.missed_by_driver > 0)
             .then(|| ("frames missed by the driver", frames.missed_by_driver.to_string()));
         let numbers = [
-            ("frames tracked", format!("{} of {}", frames.tracked, frames.offered)),
+            ("frames tracked", format!("{} of {}", grouped(frames.tracked), grouped(frames.offered))),
             ("fragments", self.fragments.len().to_string()),
             ("frames per second", format!("{:.1}", cost.frames_per_s)),
             ("ms per frame, mean", format!("{:.1}", cost.mean_ms)),
-            ("keyframes", map.keyframes.to_string()),
-            ("points", map.points.to_string()),
+            ("keyframes", grouped(map.keyframes)),
+            ("points", grouped(map.semi_dense)),
             ("peak memory", memory),
             ("ms per frame, 99 %", format!("{:.1}", cost.p99_ms)),
             ("ms per frame, worst", format!("{:.1}", cost.max_ms)),
-            ("semi-dense pixels", map.semi_dense.to_string()),
+            ("sparse points, tracked by", grouped(map.points)),
             ("loops closed", map.loops.to_string()),
             ("times lost", frames.losses.to_string()),
             ("frames skipped", skipped.to_string()),
@@ -147,6 +147,19 @@ impl Latency {
         ms.sort_by(f64::total_cmp);
         Some(Self { median: percentile(&ms, 50)?, p99: percentile(&ms, 99)?, max: *ms.last()? })
     }
+}
+
+/// A number with commas between thousands, as the pages write them.
+fn grouped(number: u64) -> String {
+    let digits = number.to_string();
+    let mut out = String::new();
+    for (i, digit) in digits.chars().enumerate() {
+        if i > 0 && (digits.len() - i).is_multiple_of(3) {
+            out.push(',');
+        }
+        out.push(digit);
+    }
+    out
 }
 
 /// The nearest-rank percentile of sorted values: the smallest that `percent` % of them do not exceed.
@@ -323,6 +336,14 @@ mod tests {
         assert_eq!(numbered("map.mcap", 0), "map.mcap");
         assert_eq!(numbered("map.mcap", 1), "map-2.mcap");
         assert_eq!(numbered("trajectory.txt", 2), "trajectory-3.txt");
+    }
+
+    #[test]
+    fn thousands_are_parted() {
+        assert_eq!(
+            [0, 999, 1000, 21_918, 2_942_060].map(grouped),
+            ["0", "999", "1,000", "21,918", "2,942,060"]
+        );
     }
 
     #[test]

@@ -2,12 +2,13 @@
 
 use super::mapper::Mapper;
 use super::{Agent, AgentError, State, error, publish};
+use crate::closing::edges;
 use crate::local_map::{KeyframeState, LocalMap, PointRef, PointState, SeenAt};
 use crate::params::Params;
 use crate::sensor::{Sensor, Twist, motion};
 use crate::tracker::Tracker;
 use geometry::{Pinhole, Pyramid, Se3, Sim3};
-use map::{FramePose, Keyframe, Map, MapDelta, PlaceIndex};
+use map::{Edge, FramePose, Keyframe, Map, MapDelta, PlaceIndex};
 use std::sync::Arc;
 
 /// What is done with a map that was kept.
@@ -99,6 +100,17 @@ impl Agent {
     pub(crate) fn resumed(&self) -> Option<Going> {
         self.resumed
     }
+}
+
+/// The edges that the points of one agent's map make between its keyframes. An agent says them when it ends, so that the map
+/// of a run that was killed has none. Loops are not among them.
+///
+/// # Errors
+/// When the map is not one agent's with a camera, or lacks keyframes.
+pub fn edges_of(map: &Map) -> Result<Vec<Edge>, AgentError> {
+    let camera = camera_of(map)?;
+    error::check_camera(&camera)?;
+    Ok(edges::all(&working_map(map, publish::said_sensor(map, camera), 1)?, &[]))
 }
 
 /// The camera of one agent's own map.

@@ -17,6 +17,14 @@ pub struct StatedFocal {
     pub origin: String,
 }
 
+impl StatedFocal {
+    /// From the length that has the same view on 35 mm film, for images of this width and height; `whose` metadata said it.
+    pub fn of_film(mm: f64, (width, height): (usize, usize), whose: &str) -> Self {
+        let pixels = mm / FILM_DIAGONAL_MM * (width as f64).hypot(height as f64);
+        Self { pixels, origin: format!("{mm:.0} mm on 35 mm film, by the {whose}") }
+    }
+}
+
 impl Picture {
     /// The focal length that the metadata of a JPEG, PNG or TIFF state, for an image of this width and height; `None` where
     /// there are no metadata, or they say nothing that could be.
@@ -35,10 +43,8 @@ fn stated_focal(bytes: &[u8], size: (usize, usize)) -> Option<StatedFocal> {
 }
 
 /// From the length that has the same view on 35 mm film.
-fn by_film(exif: &Exif, (width, height): (usize, usize)) -> Option<StatedFocal> {
-    let mm = number(exif, Tag::FocalLengthIn35mmFilm)?;
-    let pixels = mm / FILM_DIAGONAL_MM * (width as f64).hypot(height as f64);
-    Some(StatedFocal { pixels, origin: format!("{mm:.0} mm on 35 mm film, by the images' Exif") })
+fn by_film(exif: &Exif, size: (usize, usize)) -> Option<StatedFocal> {
+    Some(StatedFocal::of_film(number(exif, Tag::FocalLengthIn35mmFilm)?, size, "images' Exif"))
 }
 
 /// From the length itself and the sensor's pixels per unit of length, which are those of the image as it was taken.

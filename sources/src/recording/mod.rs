@@ -13,7 +13,7 @@ pub use calibration::{CalibrationFiles, NamedFile};
 pub use numbers::NumberSet;
 pub use picture::{EncodedPicture, encode};
 pub use reader::{RecordedHead, dropped_number, read_head};
-pub use recorder::{Recorder, Summary, refuse_existing};
+pub use recorder::{Recorder, Summary, check_name, refuse_existing};
 pub use writer::{Head, RecordingWriter};
 
 /// What MCAP's header calls a recording of loopbox.

@@ -172,6 +172,20 @@ impl Recorder {
     }
 }
 
+/// Refuses a name that another kind of file goes by; without an ending it is taken.
+///
+/// # Errors
+/// When it ends in anything but `.mcap`.
+pub fn check_name(path: &Path) -> Result<()> {
+    if path.extension().is_some_and(|extension| !extension.eq_ignore_ascii_case("mcap")) {
+        bail!(
+            "{}: recordings are MCAP files\nhint: end the name in .mcap; `loopbox convert` makes other forms of it",
+            path.display()
+        );
+    }
+    Ok(())
+}
+
 /// Refuses to record over a file.
 ///
 /// # Errors

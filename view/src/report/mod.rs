@@ -11,9 +11,11 @@ pub mod gallery;
 pub mod pack;
 pub mod page;
 pub mod scene;
+pub mod script;
 #[cfg(test)]
 mod tests;
 
+use crate::script;
 use map::Map;
 use pack::Packed;
 use page::Template;
@@ -27,11 +29,7 @@ const TEMPLATE: Template = Template {
     style: "",
     policy: "",
     scene: true,
-    scripts: &[
-        include_str!("assets/plots.js"),
-        include_str!("assets/gallery.js"),
-        include_str!("assets/start.js"),
-    ],
+    scripts: &[script!("assets/plots.js"), script!("assets/gallery.js"), script!("assets/start.js")],
 };
 
 /// What became of one frame, a row of the per-frame plots.

@@ -1,5 +1,7 @@
 //! A page that holds everything it needs: what every report is made of.
 
+use super::script::{Script, link};
+use crate::script;
 use anyhow::Context;
 use serde::Serialize;
 use std::path::Path;
@@ -10,17 +12,27 @@ const SHELL: &str = include_str!("assets/shell.html");
 const STYLE: &str = include_str!("assets/page.css");
 /// The 3-D view.
 const VIEWER: &str = include_str!("assets/viewer.html");
-/// The script of every page: data, colours, drawing.
-const SCRIPT: &str = include_str!("assets/page.js");
-/// Scripts of pages that show a scene: what is known of it, the 3-D view, plots.
-const SCENE_SCRIPTS: [&str; 7] = [
-    include_str!("assets/scene.js"),
-    include_str!("assets/gl.js"),
-    include_str!("assets/cloud.js"),
-    include_str!("assets/camera.js"),
-    include_str!("assets/viewer.js"),
-    include_str!("assets/controls.js"),
-    include_str!("assets/chart.js"),
+/// The scripts of every page: numbers, colours, data, drawing.
+const SCRIPTS: [Script; 3] =
+    [script!("assets/numbers.js"), script!("assets/colours.js"), script!("assets/page.js")];
+/// Scripts of pages that show a scene: what is known of it, the 3-D view and its tools, plots.
+const SCENE_SCRIPTS: [Script; 16] = [
+    script!("assets/vectors.js"),
+    script!("assets/scene.js"),
+    script!("assets/gl.js"),
+    script!("assets/cloud.js"),
+    script!("assets/survey.js"),
+    script!("assets/camera.js"),
+    script!("assets/points.js"),
+    script!("assets/measure.js"),
+    script!("assets/playing.js"),
+    script!("assets/files.js"),
+    script!("assets/overlays.js"),
+    script!("assets/viewer.js"),
+    script!("assets/player.js"),
+    script!("assets/tools.js"),
+    script!("assets/controls.js"),
+    script!("assets/chart.js"),
 ];
 
 /// What one page has beyond the others.
@@ -35,19 +47,19 @@ pub struct Template {
     /// Whether it shows a scene, which its data then hold.
     pub scene: bool,
     /// Scripts of its own, in their order; the last one starts the page.
-    pub scripts: &'static [&'static str],
+    pub scripts: &'static [Script],
 }
 
 impl Template {
     /// The whole page as text.
     ///
     /// # Errors
-    /// When the data cannot be written as JSON.
+    /// When the data cannot be written as JSON, or the scripts do not fit each other.
     pub fn filled(&self, title: &str, data: &impl Serialize) -> anyhow::Result<String> {
         let json = serde_json::to_string(data).context("the report's data cannot be written as JSON")?;
         let title = html_escaped(title);
-        let of_scene: &[&str] = if self.scene { &SCENE_SCRIPTS } else { &[] };
-        let scripts: String = [SCRIPT].iter().chain(of_scene).chain(self.scripts).copied().collect();
+        let of_scene: &[Script] = if self.scene { &SCENE_SCRIPTS } else { &[] };
+        let scripts = link(SCRIPTS.iter().chain(of_scene).chain(self.scripts))?;
         let values = [
             ("title", &*title),
             ("policy", self.policy),

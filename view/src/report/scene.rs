@@ -12,6 +12,8 @@ use std::collections::BTreeMap;
 pub struct Scene {
     /// Whose keyframes these are, in the order of their ids.
     agents: Vec<Agent>,
+    /// Whether a unit of length is a metre.
+    metric: bool,
     /// Unit vector against gravity, as guessed from the cameras.
     up: [f64; 3],
     /// Mean viewing direction; short when the cameras look all around.
@@ -58,6 +60,8 @@ struct Trajectory {
     timestamp: Packed,
     /// Camera centres, f32 × 3.
     position: Packed,
+    /// World from camera as quaternions x, y, z, w, f32 × 4.
+    rotation: Packed,
 }
 
 /// A tracked frame whose pose can be drawn.
@@ -108,6 +112,7 @@ impl Scene {
         let (up, forward) = map::level(keyframes.iter().map(|k| &k.world_from_keyframe));
         Self {
             agents: map.agents.iter().filter_map(agent).collect(),
+            metric: map.is_metric(),
             up: up.into(),
             forward: forward.into(),
             keyframes: Keyframes {
@@ -128,6 +133,11 @@ impl Scene {
                 timestamp: Packed::f64(frames.iter().map(|frame| frame.timestamp)),
                 position: Packed::f32(
                     frames.iter().flat_map(|frame| single(frame.world_from_frame.translation)),
+                ),
+                rotation: Packed::f32(
+                    frames
+                        .iter()
+                        .flat_map(|f| <[f32; 4]>::from(f.world_from_frame.rotation.coords.cast::<f32>())),
                 ),
             },
             edges: edges(map, keyframes),

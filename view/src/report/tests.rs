@@ -161,3 +161,53 @@ fn a_browser_shows_it() {
         assert_eq!(dom.matches("aria-pressed=\"true\"").count(), usize::from(!map.keyframes.is_empty()));
     }
 }
+
+/// Uses the tools as people do, and leaves what came of it on the page.
+const HANDS: &str = r#"<script>
+setTimeout(() => {
+  const { dataset } = document.documentElement, canvas = document.getElementById("scene"), box = canvas.getBoundingClientRect();
+  const press = (id) => document.getElementById(id).click();
+  const at = (x, y) => ["pointerdown", "pointerup"].forEach((kind) => canvas.dispatchEvent(new PointerEvent(kind,
+    { pointerId: 1, button: 0, clientX: box.left + x * box.width, clientY: box.top + y * box.height })));
+  canvas.setPointerCapture = () => {};
+  press("measure");
+  for (let y = 0.1; y < 0.95; y += 0.04) for (const x of [0.45, 0.7]) at(x, y);
+  press("save-cloud");
+  dataset.whole = dataset.saved;
+  const slider = document.querySelector("[id=cut-sides] input");
+  slider.value = 100;
+  slider.dispatchEvent(new Event("input", { bubbles: true }));
+  press("save-cloud");
+  press("fold");
+  dataset.folded = document.getElementById("panel").hidden;
+  press("play");
+  const time = document.getElementById("player-at");
+  time.value = time.max;
+  time.dispatchEvent(new Event("input", { bubbles: true }));
+}, 300);
+</script></body>"#;
+
+#[test]
+fn its_tools_work_in_a_browser() {
+    let page = page_of("run", &bend(6, 5), &rows(30)).replace("</body>", HANDS);
+    let Some(dom) = opened(&page) else {
+        eprintln!("SKIPPED: no Chromium here, the tools were not used in a browser");
+        return;
+    };
+    let number = |name: &str| -> f64 {
+        let (_, rest) = dom.split_once(&format!("data-{name}=\"")).unwrap_or_else(|| panic!("no {name}"));
+        rest.split_once('"').unwrap().0.parse().unwrap()
+    };
+    if dom.contains(r#"data-report="without-3d""#) {
+        eprintln!("SKIPPED: this Chromium draws no 3-D, its tools were not used");
+        return;
+    }
+    // The scene is some twenty units long.
+    let measured = number("measured");
+    assert!(measured > 0.01 && measured < 100.0, "{measured}");
+    assert_eq!(number("whole"), 6.0 * (160.0 * 120.0 / 5.0));
+    assert!(number("saved") > 0.0 && number("saved") < number("whole"), "half of it was cut away");
+    assert!(dom.contains(r#"data-folded="true""#));
+    // The last of the frames.
+    assert_eq!(number("played"), 5.0);
+}

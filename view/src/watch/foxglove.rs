@@ -7,12 +7,12 @@ use super::{Chunk, Picture, Shared, Status};
 use anyhow::{Context as _, Result};
 use foxglove::messages::packed_element_field::NumericType;
 use foxglove::messages::{
-    FrameTransform, FrameTransforms, PackedElementField, PointCloud, Pose, PosesInFrame, Quaternion,
-    RawImage, Vector3,
+    CameraCalibration, FrameTransform, FrameTransforms, PackedElementField, PointCloud, Pose, PosesInFrame,
+    Quaternion, RawImage, Vector3,
 };
 use foxglove::websocket::{ChannelView, Client, ServerListener};
 use foxglove::{Channel, Context, FoxgloveError, WebSocketServer};
-use geometry::Sim3;
+use geometry::{Pinhole, Sim3};
 use std::net::{Ipv4Addr, SocketAddr};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -35,6 +35,7 @@ pub fn start(shared: &Arc<Shared>, port: u16) -> Result<String> {
     let context = Context::new();
     let sink = Sink {
         image: context.channel_builder("/camera/image").build(),
+        calibration: context.channel_builder("/camera/calibration").build(),
         transforms: context.channel_builder("/tf").build(),
         cloud: context.channel_builder("/keyframes/cloud").build(),
         trajectory: context.channel_builder("/trajectory").build(),
@@ -81,6 +82,7 @@ impl ServerListener for Joined {
 /// The channels.
 struct Sink {
     image: Channel<RawImage>,
+    calibration: Channel<CameraCalibration>,
     transforms: Channel<FrameTransforms>,
     cloud: Channel<PointCloud>,
     trajectory: Channel<PosesInFrame>,
@@ -98,21 +100,26 @@ impl Sink {
             }
             let wanted = self.image.has_sinks();
             seat = if wanted { seat.or_else(|| Some(shared.join())) } else { None };
-            let news = shared.scene().news(&mut cursor, 1 << 20);
-            self.publish(&news, &mut trajectory);
+            let (news, camera) = {
+                let scene = shared.scene();
+                let camera = scene.agents.first().map(|agent| agent.camera);
+                (scene.news(&mut cursor, 1 << 20), camera)
+            };
+            self.publish(&news, camera.as_ref(), &mut trajectory);
             std::thread::sleep(ROUND);
         }
     }
 
-    fn publish(&self, news: &News, trajectory: &mut Vec<Step>) {
+    fn publish(&self, news: &News, camera: Option<&Pinhole>, trajectory: &mut Vec<Step>) {
         if let Some((from, steps)) = &news.trajectory {
             trajectory.truncate(*from);
             trajectory.extend(steps);
             let pose = |step: &Step| {
-                let [x, y, z] = step.position.map(f64::from);
+                let ([x, y, z], [qx, qy, qz, qw]) =
+                    (step.position.map(f64::from), step.rotation.map(f64::from));
                 Pose {
                     position: Some(Vector3 { x, y, z }),
-                    orientation: Some(Quaternion { w: 1.0, ..Quaternion::default() }),
+                    orientation: Some(Quaternion { x: qx, y: qy, z: qz, w: qw }),
                 }
             };
             let poses = trajectory.iter().map(pose).collect();
@@ -125,6 +132,9 @@ impl Sink {
         }
         if let Some(picture) = &news.picture {
             self.image.log(&image(picture));
+            if let Some(camera) = camera {
+                self.calibration.log(&calibration(camera, picture));
+            }
         }
         for (placed, chunk) in &news.chunks {
             self.cloud.log(&cloud(placed, chunk));
@@ -172,6 +182,23 @@ fn image(picture: &Picture) -> RawImage {
     }
 }
 
+/// The camera of a live image, which may be smaller than those it takes.
+fn calibration(camera: &Pinhole, picture: &Picture) -> CameraCalibration {
+    let shrink = picture.width as f64 / camera.width.max(1) as f64;
+    let [fx, fy] = [camera.fx, camera.fy].map(|v| v * shrink);
+    // Pixel centres are at integers.
+    let [cx, cy] = [camera.cx, camera.cy].map(|v| (v + 0.5) * shrink - 0.5);
+    CameraCalibration {
+        frame_id: CAMERA.into(),
+        width: picture.width as u32,
+        height: picture.height as u32,
+        k: vec![fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0],
+        r: vec![1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+        p: vec![fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0],
+        ..CameraCalibration::default()
+    }
+}
+
 /// A keyframe's points in its coordinate frame, in map units: Foxglove's frames have no scale.
 fn cloud(placed: &Placed, chunk: &Chunk) -> PointCloud {
     let scale = placed.world_from_keyframe.scale;
@@ -203,8 +230,20 @@ fn cloud(placed: &Placed, chunk: &Chunk) -> PointCloud {
 
 #[cfg(test)]
 mod tests {
+    use super::super::chunk::tests::CAMERA;
     use super::super::scene::tests::{chunk, placed};
     use super::*;
+    use geometry::GrayImage;
+
+    #[test]
+    fn a_live_images_camera_is_as_large_as_it() {
+        let mut picture =
+            Picture::new(0, 0.0, &GrayImage::from_vec(100, 80, vec![0; 8000]).expect("it fits"));
+        assert_eq!(calibration(&CAMERA, &picture).k[..3], [90.0, 0.0, 49.5]);
+        (picture.width, picture.height) = (50, 40);
+        let halved = calibration(&CAMERA, &picture);
+        assert_eq!((halved.width, halved.k[0], halved.k[2], halved.k[5]), (50, 45.0, 24.5, 19.5));
+    }
 
     #[test]
     fn a_cloud_is_in_its_keyframes_frame_and_map_units() {

@@ -73,7 +73,7 @@ impl Watch {
         }
         let (sender, commands) = sync_channel(COMMANDS);
         let camera = *agent.camera().context("only runs of cameras can be watched")?;
-        let agents = vec![Agent { name: agent.name.clone(), camera }];
+        let agents = vec![Agent { name: agent.name.clone(), camera, metric: agent.is_metric() }];
         let shared = Arc::new(Shared::new(Scene::of(agents), Some(sender)));
         let mut first = super::Status { state: "starting", frames: options.frames, ..Default::default() };
         first.recording = options.recording.as_ref().map(|recording| recording.is_on());

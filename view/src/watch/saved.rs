@@ -15,10 +15,9 @@ use std::collections::BTreeMap;
 pub fn scene(map: &Map) -> Result<Scene, MapError> {
     map.of_cameras()?;
     let index: BTreeMap<AgentId, u16> = map.agents.keys().copied().zip(0..).collect();
-    let agents = map
-        .agents
-        .values()
-        .filter_map(|info| Some(Agent { name: info.name.clone(), camera: *info.camera()? }));
+    let agents = map.agents.values().filter_map(|info| {
+        Some(Agent { name: info.name.clone(), camera: *info.camera()?, metric: info.is_metric() })
+    });
     let mut scene = Scene::of(agents.collect());
     scene.place(map.keyframes.values().map(|keyframe| Placed {
         id: keyframe.id.0,
@@ -38,8 +37,7 @@ pub fn scene(map: &Map) -> Result<Scene, MapError> {
         .iter()
         .filter_map(|frame| {
             let agent = *index.get(&map.keyframes.get(&frame.reference)?.agent)?;
-            let centre = map.world_from_frame(frame)?.translation;
-            Some(Step { frame_index: frame.frame_index, agent, position: centre.cast::<f32>().into() })
+            Some(Step::new(frame, agent, &map.world_from_frame(frame)?))
         })
         .collect();
     steps.sort_by_key(|step| step.agent);

@@ -7,6 +7,7 @@ use super::chunk::Chunk;
 use super::picture::Picture;
 use super::status::Status;
 use geometry::{Pinhole, Sim3};
+use map::FramePose;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -17,6 +18,8 @@ pub struct Agent {
     pub name: String,
     /// Its camera.
     pub camera: Pinhole,
+    /// Whether a unit of its own world is a metre.
+    pub metric: bool,
 }
 
 /// A keyframe in the world.
@@ -39,8 +42,25 @@ pub struct Step {
     pub frame_index: u64,
     /// Index of its agent.
     pub agent: u16,
+    /// Seconds.
+    pub timestamp: f64,
     /// Centre of the camera in the world.
     pub position: [f32; 3],
+    /// World from camera, as a quaternion x, y, z, w.
+    pub rotation: [f32; 4],
+}
+
+impl Step {
+    /// The frame of an agent.
+    pub fn new(frame: &FramePose, agent: u16, world_from_frame: &Sim3) -> Self {
+        Self {
+            frame_index: frame.frame_index,
+            agent,
+            timestamp: frame.timestamp,
+            position: world_from_frame.translation.cast::<f32>().into(),
+            rotation: world_from_frame.rotation.coords.cast::<f32>().into(),
+        }
+    }
 }
 
 struct Entry {
@@ -264,14 +284,20 @@ pub(super) mod tests {
     }
 
     pub fn scene(count: u32) -> Scene {
-        let mut scene = Scene::of(vec![Agent { name: "yard".into(), camera: CAMERA }]);
+        let mut scene = Scene::of(vec![Agent { name: "yard".into(), camera: CAMERA, metric: false }]);
         scene.place((0..count).map(|id| placed(id, f64::from(id))));
         (0..count).for_each(|id| scene.set_chunk(id, chunk()));
         scene
     }
 
     fn step(frame_index: u64) -> Step {
-        Step { frame_index, agent: 0, position: [frame_index as f32, 0.0, 0.0] }
+        Step {
+            frame_index,
+            agent: 0,
+            timestamp: frame_index as f64 / 30.0,
+            position: [frame_index as f32, 0.0, 0.0],
+            rotation: [0.0, 0.0, 0.0, 1.0],
+        }
     }
 
     #[test]

@@ -135,12 +135,7 @@ impl Watcher {
                 _ => *self.poses.get(&frame.reference)?,
             };
             reference = Some((frame.reference, pose));
-            let centre = pose * frame.keyframe_from_frame.translation;
-            steps.push(Step {
-                frame_index: frame.frame_index,
-                agent: 0,
-                position: centre.cast::<f32>().into(),
-            });
+            steps.push(Step::new(frame, 0, &(pose * Sim3::from(frame.keyframe_from_frame))));
         }
         Some((from, steps))
     }

@@ -43,7 +43,7 @@ fn foxglove_gets_image_poses_cloud_and_trajectory() {
     let (mut socket, _) = tungstenite::client(request, stream).expect("it agrees");
     let (mut topics, mut seen) = (BTreeMap::new(), BTreeSet::new());
     let began = Instant::now();
-    while seen.len() < 4 {
+    while seen.len() < 5 {
         assert!(began.elapsed() < PATIENCE, "only {seen:?} of {topics:?}");
         match socket.read().expect("it goes on") {
             Message::Text(text) => {
@@ -64,6 +64,6 @@ fn foxglove_gets_image_poses_cloud_and_trajectory() {
             _ => {}
         }
     }
-    let expected = ["/camera/image", "/keyframes/cloud", "/tf", "/trajectory"];
+    let expected = ["/camera/calibration", "/camera/image", "/keyframes/cloud", "/tf", "/trajectory"];
     assert_eq!(seen.into_iter().collect::<Vec<_>>(), expected);
 }

@@ -56,6 +56,7 @@ fn the_page_shows_a_run_and_its_buttons_work() {
     }
     page.screenshot(&Path::new(env!("CARGO_TARGET_TMPDIR")).join("view.png"));
 
+    use_tools(&mut page);
     page.click("restart");
     page.until("a new map", |p| p.number("points") == 0.0 || p.text("number-keyframes") == "0");
     page.click("pause");
@@ -66,4 +67,30 @@ fn the_page_shows_a_run_and_its_buttons_work() {
     assert!(page.text("banner").contains("out-2"), "{}", page.text("banner"));
     assert!(run.wait().success());
     assert!(page.errors.is_empty(), "{:?}", page.errors);
+}
+
+/// Measures between two points, cuts, writes the points and plays the frames, as in the report.
+fn use_tools(page: &mut Browser) {
+    page.click("measure");
+    page.value(
+        "const canvas = document.getElementById('scene'), box = canvas.getBoundingClientRect();
+         canvas.setPointerCapture = () => {};
+         for (let y = 0.1; y < 0.95; y += 0.05) for (let x = 0.4; x < 0.95; x += 0.1)
+           ['pointerdown', 'pointerup'].forEach((kind) => canvas.dispatchEvent(new PointerEvent(kind, { pointerId: 1,
+             button: 0, clientX: box.left + x * box.width, clientY: box.top + y * box.height })));",
+    );
+    page.until("a length", |p| p.number("measured") > 0.0);
+    page.click("measure");
+    page.click("save-cloud");
+    let whole = page.number("saved");
+    page.value(
+        "const slider = document.querySelector('#cut-sides input'); slider.value = 100;
+         slider.dispatchEvent(new Event('input', { bubbles: true }))",
+    );
+    page.click("save-cloud");
+    let cut = page.number("saved");
+    assert!(cut > 0.0 && cut < whole, "{cut} of {whole} points after a cut in the middle");
+    page.click("play");
+    page.until("frames played", |p| p.number("played") >= 0.0);
+    page.click("play");
 }

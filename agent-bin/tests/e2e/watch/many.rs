@@ -14,7 +14,7 @@ const CAMERA: Pinhole = Pinhole { width: 640, height: 480, fx: 500.0, fy: 500.0,
 
 /// `keyframes` along a winding road, each with so many points of a wall with windows.
 fn road(keyframes: u32, points: usize) -> Scene {
-    let mut scene = Scene::of(vec![Agent { name: "road".into(), camera: CAMERA }]);
+    let mut scene = Scene::of(vec![Agent { name: "road".into(), camera: CAMERA, metric: false }]);
     for id in 0..keyframes {
         let t = f64::from(id) * 0.35;
         let centre = Vector3::new(t, 0.4 * (t * 0.11).sin(), 6.0 * (t * 0.07).sin());

@@ -1,5 +1,9 @@
 // The page of a calibration.
 
+import { COLOURS } from "../../../../view/src/report/assets/colours.js";
+import { figures, unpack } from "../../../../view/src/report/assets/numbers.js";
+import { byId, data, element } from "../../../../view/src/report/assets/page.js";
+
 const views = data.views.map((view) => ({ ...view, corners: unpack(view.corners, Float32Array) }));
 /** Each corner is x, y, dx, dy, used. */
 const STRIDE = 5;

@@ -1,5 +1,8 @@
 // The page of a calibration that is going on.
 
+import { Drawing, byId, data, element } from "../../../../view/src/report/assets/page.js";
+import { Feed } from "../../../../view/src/watch/assets/feed.js";
+
 const STATE_NAMES = { collecting: "collecting views", solving: "calibrating", done: "calibrated", failed: "not calibrated" };
 /** Of an image of no use, one like others, one that was taken: `coaching.rs` numbers them. */
 const MARKS = ["#ff3b46", "#3d9bff", "#2fd85c"];
@@ -35,7 +38,11 @@ class LiveBoard extends Drawing {
 class CoverageMap extends Drawing {
   constructor(canvas) {
     super(canvas);
-    Object.assign(this, { views: [], cells: [], size: [4, 3] });
+    /** Corners of each view, x and y by turns as shares of the image. @type {number[][]} */
+    this.views = [];
+    /** Corners in each cell. @type {number[]} */
+    this.cells = [];
+    this.size = [4, 3];
   }
 
   draw() {

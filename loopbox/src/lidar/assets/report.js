@@ -1,5 +1,9 @@
 // The page of a LiDAR run or merge: a cloud to turn, paths, matrices, tables, plots.
 
+import { COLOURS } from "../../../../view/src/report/assets/colours.js";
+import { figures, quantile, unpack } from "../../../../view/src/report/assets/numbers.js";
+import { byId, data, element } from "../../../../view/src/report/assets/page.js";
+
 for (const [label, value] of data.tiles) byId("tiles").append(element("div", null, element("dt", label), element("dd", value)));
 
 const points = unpack(data.cloud.points, Uint16Array);

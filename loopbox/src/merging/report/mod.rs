@@ -23,6 +23,7 @@ use std::path::Path;
 use view::report::cloud::Cloud;
 use view::report::page::{self, Template};
 use view::report::scene::{PlacedFrame, Scene, placed_frames, placed_keyframes};
+use view::script;
 
 /// Most points of the cloud; ten bytes each, before base64.
 const MAX_POINTS: usize = 400_000;
@@ -36,10 +37,10 @@ const TEMPLATE: Template = Template {
     policy: "",
     scene: true,
     scripts: &[
-        include_str!("assets/matches.js"),
-        include_str!("assets/paths.js"),
-        include_str!("assets/tables.js"),
-        include_str!("assets/start.js"),
+        script!("assets/matches.js"),
+        script!("assets/tables.js"),
+        script!("assets/paths.js"),
+        script!("assets/start.js"),
     ],
 };
 

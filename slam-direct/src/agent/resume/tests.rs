@@ -78,6 +78,25 @@ fn a_map_is_extended_as_if_there_had_been_no_break() {
 }
 
 #[test]
+fn the_edges_of_a_map_without_are_made_of_its_points() {
+    let map = mapped(0..60).into_map();
+    let anew = edges_of(&Map { edges: Vec::new(), ..map.clone() }).unwrap();
+    let ends = |edges: &[Edge]| edges.iter().map(|e| (e.from, e.to, e.kind)).collect::<Vec<_>>();
+    assert!(!anew.is_empty());
+    assert_eq!(ends(&anew), ends(&map.edges));
+    for (a, b) in anew.iter().zip(&map.edges) {
+        let apart = (a.from_from_to * b.from_from_to.inverse()).translation.norm();
+        assert!(apart < 1e-6, "{:?} to {:?}: {apart}", a.from, a.to);
+        // Numbers are kept as single precision in a map.
+        let ratio = a.information.trace() / b.information.trace();
+        assert!((ratio - 1.0).abs() < 1e-2, "{:?} to {:?}: {ratio}", a.from, a.to);
+    }
+    let mut gap = map;
+    gap.keyframes.remove(&KeyframeId(1));
+    assert!(edges_of(&gap).is_err());
+}
+
+#[test]
 fn the_sensor_is_said_with_the_map() {
     let mut params = Params::default();
     params.mapping.calibrate_from = 3;

@@ -1,33 +1,17 @@
-// The levelled frame (z up) in which the map is shown, and the camera that orbits in it.
+// The camera that orbits in the levelled frame (z up).
+
+import { add, cross, dot, multiply, perspective, scaled, viewMatrix } from "./vectors.js";
 
 const FIELD_OF_VIEW = 0.8; // radians, vertical
 
-/** Rows of the rotation that levels the world: ahead, left, up. */
-function levelledAxes() {
-  const up = unit(data.scene.up);
-  const flat = (v) => add(v, up, -dot(v, up));
-  let ahead = flat(data.scene.forward);
-  if (norm(ahead) < 0.2) ahead = cross(up, flat(longestDirection()));
-  if (norm(ahead) < 1e-9) ahead = cross(up, Math.abs(up[0]) < 0.9 ? [1, 0, 0] : [0, 1, 0]);
-  ahead = unit(ahead);
-  return [ahead, cross(up, ahead), up];
-}
-
-/** The direction from the first camera to the one farthest from it. */
-function longestDirection() {
-  const at = (i) => keyframes.column(i, 3);
-  let best = [0, 0, 0];
-  for (let i = 1; i < keyframes.count; i++) {
-    const direction = add(at(i), at(0), -1);
-    if (norm(direction) > norm(best)) best = direction;
-  }
-  return best;
-}
-
 /** A turntable camera: looks at `target` from `distance`, angles in radians. */
-class OrbitCamera {
+export class OrbitCamera {
   constructor() {
-    Object.assign(this, { target: [0, 0, 0], azimuth: Math.PI, elevation: 0.5, distance: 10, fov: FIELD_OF_VIEW });
+    this.target = [0, 0, 0];
+    this.azimuth = Math.PI;
+    this.elevation = 0.5;
+    this.distance = 10;
+    this.fov = FIELD_OF_VIEW;
   }
 
   /** Right, up and back (from the target to the eye). */

@@ -1,17 +1,21 @@
 // Panels of plots on one canvas that share the x axis.
 
-const PANEL = { height: 112, head: 24, gap: 6, left: 52, right: 14, band: 12, axis: 26 };
+import { roundStep } from "./numbers.js";
+import { Drawing } from "./page.js";
+import { shared } from "./scene.js";
 
-/**
- * Draws panels `{ title, unit, low, high }`. What is plotted, what lies below the panels and what pointing does is
- * for those who extend it: `drawCurves`, `readout`, `drawBelow`, `cursor`, `point`, `pick`, `walk` and
- * `least`.
- */
-class Chart extends Drawing {
+export const PANEL = { height: 112, head: 24, gap: 6, left: 52, right: 14, band: 12, axis: 26 };
+
+/** Draws panels `{ title, unit, low, high }`. What is plotted, what lies below and what pointing does is for those who extend it. */
+export class Chart extends Drawing {
   /** `full` is the span of x; `below` the pixels between the panels and the axis; `axis` the name of x. */
   constructor(canvas, panels, full, below, axis) {
     super(canvas);
-    Object.assign(this, { panels, full, range: full, axis, leastTick: 0 });
+    this.panels = panels;
+    this.full = full;
+    this.range = full;
+    this.axis = axis;
+    this.leastTick = 0;
     this.bottom = panels.length * (PANEL.height + PANEL.gap) + 4 + below;
     this.height = this.bottom + PANEL.axis;
     canvas.style.height = `${this.height}px`;
@@ -184,5 +188,37 @@ class Chart extends Drawing {
       event.preventDefault();
       this.walk(direction);
     });
+  }
+
+  // What is for those who extend it.
+
+  /** Draws a panel's curves; `at` gives the height of a value. */
+  drawCurves(_context, _panel, _at, _colour) {}
+
+  /** What a panel says at its right: `[text, colour, weight]` each. @returns {any[][]} */
+  readout(_panel, _colour) {
+    return [];
+  }
+
+  /** Draws what lies below the panels. */
+  drawBelow(_context, _colour) {}
+
+  /** The place pointed at. @returns {{ at: number, text: string } | null} */
+  cursor() {
+    return null;
+  }
+
+  /** The pointer is at a value of x. */
+  point(_value) {}
+
+  /** A value of x was clicked. */
+  pick(_value) {}
+
+  /** An arrow key was pressed. */
+  walk(_direction) {}
+
+  /** The shortest span worth a look. */
+  least() {
+    return 0;
   }
 }

@@ -1,32 +1,61 @@
 // Mouse, touch, keys and the panel of the 3-D view.
 
-class Controls {
+import { OrbitCamera } from "./camera.js";
+import { cloud } from "./cloud.js";
+import { COLOURS } from "./colours.js";
+import { figures } from "./numbers.js";
+import { byId, data, element, paintBar } from "./page.js";
+import { LENGTH_UNIT, agentColour, agents, keyframes, shared } from "./scene.js";
+import { Tools } from "./tools.js";
+import { add, dot } from "./vectors.js";
+import { Viewer } from "./viewer.js";
+
+/** Pixels of width below which the panel is folded at first, and never moves the view aside. */
+const NARROW = 640;
+
+export class Controls {
   constructor(viewer) {
     this.viewer = viewer;
     this.pointers = new Map();
+    /** Who takes clicks instead of the choice of keyframes, and says whether it did. @type {((place: number[]) => boolean) | null} */
+    this.taker = null;
     this.bindPanel();
     this.bindPointers();
     this.bindKeys();
-    viewer.covered = this.coveredWidth();
+    this.untouched = true;
+    this.fold(viewer.canvas.clientWidth <= NARROW);
+    byId("fold").addEventListener("click", () => this.fold(!this.folded));
     new ResizeObserver(() => {
       viewer.covered = this.coveredWidth();
       if (this.untouched) Object.assign(viewer.camera, this.view("fit"));
       viewer.redraw();
     }).observe(viewer.canvas);
-    this.untouched = true;
-    Object.assign(viewer.camera, this.view("fit"));
   }
 
-  /** Pixels on the left under the panel; on narrow screens the panel may cover what it covers. */
+  /** Pixels on the left under the panel; folded, and on narrow screens, it may cover what it covers. */
   coveredWidth() {
-    return this.viewer.canvas.clientWidth > 640 ? byId("controls").offsetWidth + 12 : 0;
+    const { folded } = this;
+    return this.viewer.canvas.clientWidth > NARROW && !folded ? byId("controls").offsetWidth + 12 : 0;
+  }
+
+  /** Folds the panel, or unfolds it. */
+  fold(folded) {
+    const { viewer } = this;
+    this.folded = folded;
+    byId("panel").hidden = folded;
+    byId("controls").classList.toggle("folded", folded);
+    byId("fold").setAttribute("aria-expanded", String(!folded));
+    byId("fold").title = folded ? "Unfold the panel" : "Fold the panel";
+    viewer.covered = this.coveredWidth();
+    if (this.untouched) Object.assign(viewer.camera, this.view("fit"));
+    viewer.redraw();
   }
 
   /** The camera state of a named view. */
   view(name) {
     const { canvas, camera, scene } = this.viewer;
     const [azimuth, elevation] = { fit: [Math.PI + 0.45, 0.5], top: [Math.PI, 1.5607], side: [Math.PI, 0.03] }[name];
-    return camera.fitted(scene.box, azimuth, elevation, Math.max(0.2, (canvas.clientWidth - this.viewer.covered) / (canvas.clientHeight || 1)));
+    return camera.fitted(scene.whole, azimuth, elevation, Math.max(0.2, (canvas.clientWidth - this.viewer.covered) / (canvas.clientHeight || 1)));
   }
 
   /** Moves the camera to a state, smoothly where motion is welcome. */
@@ -48,13 +77,20 @@ class Controls {
   /** Looks out of the selected keyframe with its field of view. */
   lookThrough() {
     const { viewer } = this, index = shared.selected;
-    if (index < 0) return;
-    const { width, height, fx, fy } = keyframes.camera(index);
-    const { clientWidth, clientHeight } = viewer.canvas;
+    if (index >= 0) this.lookOutOf(keyframes.camera(index), viewer.centre(index), viewer.scene.level(keyframes.column(index, 2)), false);
+  }
+
+  /** Looks out of a camera in the levelled world with its field of view, by a flight or at once. */
+  lookOutOf({ width, height, fx, fy }, centre, forward, atOnce) {
+    const { viewer } = this, { clientWidth, clientHeight } = viewer.canvas;
     const narrow = (clientWidth - viewer.covered) / clientHeight;
     const tan = Math.max(height / 2 / fy, width / 2 / fx / narrow) * 1.05;
-    const forward = viewer.scene.level(keyframes.column(index, 2));
-    this.go(viewer.camera.through(viewer.centre(index), forward, viewer.frustumSize * 3, 2 * Math.atan(tan)));
+    const goal = viewer.camera.through(centre, forward, viewer.frustumSize * 3, 2 * Math.atan(tan));
+    if (!atOnce) return this.go(goal);
+    this.untouched = false;
+    cancelAnimationFrame(this.flight);
+    Object.assign(viewer.camera, goal);
+    return viewer.redraw();
   }
 
   bindPanel() {
@@ -137,16 +173,21 @@ class Controls {
       const at = this.pointers.get(event.pointerId);
       this.pointers.delete(event.pointerId);
       canvas.classList.toggle("dragging", this.pointers.size > 0);
-      if (at && event.type === "pointerup" && event.button === 0 && this.moved < 4) shared.select(this.keyframeAt(at));
+      if (at && event.type === "pointerup" && event.button === 0 && this.moved < 4) this.click(at);
     };
     canvas.addEventListener("pointerup", release);
     canvas.addEventListener("pointercancel", release);
-    canvas.addEventListener("dblclick", (event) => this.centreOn(place(event)));
+    canvas.addEventListener("dblclick", (event) => this.taker || this.centreOn(place(event)));
     canvas.addEventListener("wheel", (event) => {
       event.preventDefault();
       const pixels = event.deltaY * [1, 16, 400][event.deltaMode];
       this.zoom(Math.exp(Math.max(-200, Math.min(200, pixels)) * 0.0015), place(event));
     }, { passive: false });
+  }
+
+  /** A place was clicked: the keyframe there is selected. Tools may take it instead. */
+  click(place) {
+    if (!this.taker || !this.taker(place)) shared.select(this.keyframeAt(place));
   }
 
   /** One pointer orbits (or pans with right button or shift); two pan and pinch. */
@@ -169,6 +210,7 @@ class Controls {
     viewer.redraw();
   }
 
+  /** Zooms about a place on the canvas. @param {number} factor @param {number[]} place */
   zoom(factor, [x, y]) {
     const { viewer } = this, { clientWidth, clientHeight } = viewer.canvas;
     this.untouched = false;
@@ -176,7 +218,7 @@ class Controls {
     viewer.redraw();
   }
 
-  /** The keyframe drawn within a few pixels of a place, or −1. */
+  /** The keyframe drawn within a few pixels of a place, or −1. @param {number[]} place */
   keyframeAt([x, y]) {
     const { viewer } = this;
     if (!viewer.settings.layers.has("keyframes")) return -1;
@@ -191,25 +233,10 @@ class Controls {
     return best;
   }
 
-  /** Makes the cloud's point nearest to a place on the screen the centre of orbits. */
-  centreOn([x, y]) {
-    const { viewer } = this, { clientWidth, clientHeight } = viewer.canvas;
-    const matrix = multiply(viewer.matrix(), viewer.worldFromBox);
-    let best = -1, lowest = Infinity;
-    const hidden = agents.map((_, agent) => agent).filter((agent) => !viewer.settings.agents.has(agent))
-      .map((agent) => viewer.keyframeSpans[agent].map((keyframe) => cloud.starts[keyframe]));
-    for (let i = 0; i < cloud.count; i++) {
-      if (cloud.value[i * 2 + 1] > viewer.settings.sigma || hidden.some(([first, end]) => i >= first && i < end)) continue;
-      const box = [0, 1, 2].map((c) => cloud.position[i * 4 + c] / 65535);
-      const [cx, cy, , w] = transform(matrix, box);
-      if (w < viewer.camera.near()) continue;
-      const off = Math.hypot((cx / w * 0.5 + 0.5) * clientWidth - x, (0.5 - cy / w * 0.5) * clientHeight - y);
-      // Within the pointer's reach the nearer point wins.
-      const cost = off < 6 ? w * 1e-6 : off;
-      if (off < 30 && cost < lowest) [best, lowest] = [i, cost];
-    }
-    if (best < 0) return;
-    const target = viewer.scene.level(cloud.world(best));
+  /** Makes the point that a place on the screen means the centre of orbits. */
+  centreOn(place) {
+    const { viewer } = this, target = viewer.pointAt(place);
+    if (!target) return;
     const distance = dot(add(viewer.camera.eye(), target, -1), viewer.camera.axes().back);
     this.go({ ...viewer.camera.state(), target, distance: Math.max(distance * 0.7, viewer.frustumSize) });
   }
@@ -229,19 +256,20 @@ class Controls {
   }
 }
 
-function toggleFullScreen(node) {
+export function toggleFullScreen(node) {
   if (document.fullscreenElement) document.exitFullscreen();
   else if (node.requestFullscreen) node.requestFullscreen().catch(() => {});
 }
 
 /** Explains the colours in use. */
-function showLegend(colour, scene) {
+export function showLegend(colour, scene) {
   const legends = {
-    1: ["Height, map units", COLOURS.ordered, scene.heights.map((h) => figures(h))],
-    2: ["Depth in its keyframe, map units", COLOURS.depth, [0, 0.5, 1].map((t) => figures(cloud.depth(t)))],
+    1: [`Height, ${LENGTH_UNIT}`, COLOURS.ordered, scene.heights.map((h) => figures(h))],
+    2: [`Depth in its keyframe, ${LENGTH_UNIT}`, COLOURS.depth, [0, 0.5, 1].map((t) => figures(cloud.depth(t)))],
     3: ["Relative σ of inverse depth", COLOURS.ordered, [1, 0.5, 0].map((t) => `${figures(cloud.sigma(scene.codes[0] + t * (scene.codes[1] - scene.codes[0])) * 100)} %`)],
   };
   byId("legend").hidden = !legends[colour];
+  byId("viewer").classList.toggle("has-legend", Boolean(legends[colour]));
   if (!legends[colour]) return;
   const [title, table, ticks] = legends[colour];
   byId("legend-title").textContent = title;
@@ -249,22 +277,35 @@ function showLegend(colour, scene) {
   byId("legend-ticks").replaceChildren(...ticks.map((t) => element("span", t)));
 }
 
+/** Says what is drawn, and how to move in it. */
+export function noteScene(parts) {
+  const help = element("span", "drag orbits  ·  right-drag pans  ·  wheel zooms  ·  double-click centres");
+  help.className = "help";
+  byId("scene-note").replaceChildren(`${parts.join("  ·  ")}\n`, help);
+}
+
+/** Says that there is no 3-D view, and why. */
+export function sceneFailed(error) {
+  byId("scene-failure").hidden = false;
+  byId("scene-failure").textContent = `The 3-D view cannot start: ${error.message} The rest of the page does not need it.`;
+  byId("controls").hidden = true;
+}
+
 /** The 3-D view, as its controls; nothing without WebGL: the rest of the page still serves. */
-function startViewer() {
+export function startViewer() {
   try {
     const viewer = new Viewer(byId("scene"));
     const controls = new Controls(viewer);
-    byId("scene-note").textContent = [
+    noteScene([
       cloud.count < data.cloud.total ? `${cloud.count.toLocaleString("en")} of ${data.cloud.total.toLocaleString("en")} points` : `${cloud.count.toLocaleString("en")} points`,
       `${keyframes.count.toLocaleString("en")} keyframes`,
-      `grid spacing ${viewer.gridStep.toLocaleString("en", { maximumSignificantDigits: 1 })}`,
-    ].join("  ·  ") + "\ndrag orbits  ·  right-drag pans  ·  wheel zooms  ·  double-click centres";
+      `grid spacing ${viewer.gridStep.toLocaleString("en", { maximumSignificantDigits: 1 })}${data.scene.metric ? " m" : ""}`,
+    ]);
+    new Tools(controls);
     shared.onChange((what) => (what === "selected" ? viewer.selectionChanged() : viewer.redraw()));
     return controls;
   } catch (error) {
-    byId("scene-failure").hidden = false;
-    byId("scene-failure").textContent = `The 3-D view cannot start: ${error.message} The rest of the page does not need it.`;
-    byId("controls").hidden = true;
+    sceneFailed(error);
     return null;
   }
 }

@@ -1,10 +1,16 @@
 // Key images with their inverse depth, the selected keyframe's card and the enlarged picture.
 
-const pictures = data.gallery;
+import { cloud } from "./cloud.js";
+import { COLOURS } from "./colours.js";
+import { figures, unpack } from "./numbers.js";
+import { byId, data, element, paintBar } from "./page.js";
+import { LENGTH_UNIT, keyframes, pictureImages, shared, takeImage } from "./scene.js";
+
+export const pictures = data.gallery;
 pictures.forEach(takeImage);
 
 /** Colour of each pixel with a depth (1–255), 0 elsewhere. */
-function depthColours(picture) {
+export function depthColours(picture) {
   if (!picture.colours) {
     const pairs = unpack(picture.depth, Uint8Array);
     picture.colours = new Uint8Array(picture.width * picture.height);
@@ -19,7 +25,7 @@ function depthColours(picture) {
 }
 
 /** The picture with its depth on top, as children for a `.picture` element. */
-function drawnPicture(picture) {
+export function drawnPicture(picture) {
   const image = pictureImages.get(picture.keyframe).cloneNode();
   image.alt = `Key image, frame ${keyframes.frame[picture.keyframe]}`;
   image.draggable = false;
@@ -38,7 +44,7 @@ function drawnPicture(picture) {
 }
 
 /** The depth at or next to a place of a picture, map units; `null` where none is known. */
-function depthNear(picture, x, y) {
+export function depthNear(picture, x, y) {
   const colours = depthColours(picture);
   let best = null, nearest = 10;
   for (let v = Math.max(0, y - 3); v <= Math.min(picture.height - 1, y + 3); v++) {
@@ -50,7 +56,7 @@ function depthNear(picture, x, y) {
   return best;
 }
 
-class Gallery {
+export class Gallery {
   constructor() {
     this.thumbs = pictures.map((picture) => this.thumb(picture));
     byId("strip").append(...this.thumbs);
@@ -59,7 +65,7 @@ class Gallery {
     paintBar(byId("depth-bar"), COLOURS.depth);
     byId("far").textContent = figures(cloud.depth(0));
     byId("near").textContent = figures(cloud.depth(1));
-    byId("depth-bar").parentElement.replaceChildren(byId("far"), byId("depth-bar"), byId("near"), element("span", "depth, map units"));
+    byId("depth-bar").parentElement.replaceChildren(byId("far"), byId("depth-bar"), byId("near"), element("span", `depth, ${LENGTH_UNIT}`));
     this.bind();
   }
 
@@ -133,7 +139,7 @@ class Gallery {
   bind() {
     const overlay = byId("overlay"), dialog = byId("enlarged");
     const blend = () => {
-      document.body.style.setProperty("--overlay", overlay.value / 100);
+      document.body.style.setProperty("--overlay", String(overlay.value / 100));
       byId("overlay-value").textContent = `${overlay.value} %`;
     };
     overlay.addEventListener("input", blend);

@@ -1,42 +1,11 @@
-// Vectors, matrices (column-major arrays of 16) and the WebGL 2 programs of the 3-D view.
+// The WebGL 2 programs of the 3-D view, and lines.
 
-const add = (a, b, s = 1) => [a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]];
-const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
-const scaled = (a, s) => [a[0] * s, a[1] * s, a[2] * s];
-const norm = (a) => Math.hypot(a[0], a[1], a[2]);
-const unit = (a) => scaled(a, 1 / (norm(a) || 1));
-
-/** The matrix product a·b. */
-function multiply(a, b) {
-  const out = new Array(16).fill(0);
-  for (let c = 0; c < 4; c++) for (let r = 0; r < 4; r++) for (let k = 0; k < 4; k++) out[c * 4 + r] += a[k * 4 + r] * b[c * 4 + k];
-  return out;
-}
-
-/** A point through a matrix, to `[x, y, z, w]`. */
-function transform(m, p) {
-  const out = [0, 0, 0, 0];
-  for (let r = 0; r < 4; r++) out[r] = m[r] * p[0] + m[4 + r] * p[1] + m[8 + r] * p[2] + m[12 + r];
-  return out;
-}
-
-/** Perspective projection for a vertical field of view in radians. */
-function perspective(fov, aspect, near, far) {
-  const f = 1 / Math.tan(fov / 2);
-  return [f / aspect, 0, 0, 0, 0, f, 0, 0, 0, 0, (far + near) / (near - far), -1, 0, 0, (2 * far * near) / (near - far), 0];
-}
-
-/** The matrix whose rows are the axes of a view at `eye`: right, up, back. */
-function viewMatrix(right, up, back, eye) {
-  return [right[0], up[0], back[0], 0, right[1], up[1], back[1], 0, right[2], up[2], back[2], 0, -dot(right, eye), -dot(up, eye), -dot(back, eye), 1];
-}
-
-const POINT_VERTEX = `#version 300 es
+export const POINT_VERTEX = `#version 300 es
 layout(location = 0) in vec4 a_position;  // x, y, z over the box; inverse depth over its range
 layout(location = 1) in vec2 a_value;     // intensity, code of the relative sigma
-uniform mat4 u_clip_from_box;
-uniform vec4 u_height, u_weight;          // height over its range = dot(u_height, (box, 1)) / dot(u_weight, (box, 1))
+uniform mat4 u_clip_from_box, u_world_from_box;
+uniform vec3 u_low, u_high;               // the part of the levelled world that is not cut away
+uniform vec2 u_heights;                   // heights that the colours span
 uniform vec3 u_depth;                     // inverse depth over its range = dot(u_depth, (box z, a_position.w, 1))
 uniform float u_size, u_sigma;
 uniform vec2 u_codes;                     // codes that the colours of confidence span
@@ -47,15 +16,17 @@ out vec3 v_colour;
 void main() {
   gl_Position = u_clip_from_box * vec4(a_position.xyz, 1.0);
   gl_PointSize = u_size;
-  if (a_value.y > u_sigma) gl_Position = vec4(2.0, 2.0, 2.0, 1.0);
-  vec4 place = vec4(a_position.xyz, 1.0);
-  float t = u_mode == 1 ? dot(u_height, place) / dot(u_weight, place) : u_mode == 2 ? dot(u_depth, vec3(a_position.zw, 1.0)) : (u_codes.y - a_value.y) / (u_codes.y - u_codes.x);
+  vec4 homogeneous = u_world_from_box * vec4(a_position.xyz, 1.0);
+  vec3 place = homogeneous.xyz / homogeneous.w;
+  bool cut = any(lessThan(place, u_low)) || any(greaterThan(place, u_high));
+  if (cut || a_value.y > u_sigma) gl_Position = vec4(2.0, 2.0, 2.0, 1.0);
+  float t = u_mode == 1 ? (place.z - u_heights.x) / (u_heights.y - u_heights.x) : u_mode == 2 ? dot(u_depth, vec3(a_position.zw, 1.0)) : (u_codes.y - a_value.y) / (u_codes.y - u_codes.x);
   vec3 mapped = texture(u_colours, vec2(clamp(t, 0.0, 1.0) * 255.0 / 256.0 + 0.5 / 256.0, u_mode == 2 ? 0.75 : 0.25)).rgb;
   if (u_mode == 4) mapped = min(u_agent * (0.40 + 1.1 * a_value.x), 1.0);
   v_colour = u_mode == 0 ? vec3(0.10) + 0.90 * vec3(a_value.x) : mapped;
 }`;
 
-const POINT_FRAGMENT = `#version 300 es
+export const POINT_FRAGMENT = `#version 300 es
 precision mediump float;
 in vec3 v_colour;
 uniform bool u_round;
@@ -67,7 +38,7 @@ void main() {
 }`;
 
 // Lines of any width: four corners per segment, moved apart on the screen.
-const LINE_VERTEX = `#version 300 es
+export const LINE_VERTEX = `#version 300 es
 layout(location = 0) in vec3 a_from;
 layout(location = 1) in vec3 a_to;
 layout(location = 2) in vec4 a_colour;
@@ -90,7 +61,7 @@ void main() {
   gl_Position = p + vec4(normal * side * u_width / u_viewport * p.w, 0.0, 0.0);
 }`;
 
-const LINE_FRAGMENT = `#version 300 es
+export const LINE_FRAGMENT = `#version 300 es
 precision mediump float;
 in vec4 v_colour;
 out vec4 colour;
@@ -113,7 +84,7 @@ out vec4 colour;
 void main() { colour = vec4(texture(u_picture, v_texture).rgb, 1.0) * 0.93; }`;
 
 /** A linked program with its uniforms' locations by name. */
-function program(gl, vertex, fragment) {
+export function program(gl, vertex, fragment) {
   const handle = gl.createProgram();
   for (const [type, source] of [[gl.VERTEX_SHADER, vertex], [gl.FRAGMENT_SHADER, fragment]]) {
     const shader = gl.createShader(type);
@@ -133,7 +104,7 @@ function program(gl, vertex, fragment) {
 }
 
 /** Segments of one width in a buffer: pushed on the machine, drawn as instances of four corners. */
-class Lines {
+export class Lines {
   constructor(gl) {
     this.gl = gl;
     this.array = gl.createVertexArray();
@@ -171,5 +142,58 @@ class Lines {
     gl.uniform1f(lineProgram.uniforms.u_width, width);
     gl.bindVertexArray(this.array);
     gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, this.count);
+  }
+}
+
+/** How the texture that is bound is read between its pixels. */
+export function setSampling(gl, filter) {
+  for (const [name, value] of [[gl.TEXTURE_MIN_FILTER, filter], [gl.TEXTURE_MAG_FILTER, filter], [gl.TEXTURE_WRAP_S, gl.CLAMP_TO_EDGE], [gl.TEXTURE_WRAP_T, gl.CLAMP_TO_EDGE]]) {
+    gl.texParameteri(gl.TEXTURE_2D, name, value);
+  }
+}
+
+/** A picture in the world, by its four corners. */
+export class PictureQuad {
+  constructor(gl) {
+    this.gl = gl;
+    this.program = program(gl, PICTURE_VERTEX, PICTURE_FRAGMENT);
+    this.held = null;
+  }
+
+  /** Shows an image, its corners top left, top right, bottom left, bottom right. */
+  show(image, corners) {
+    const { gl } = this;
+    this.clear();
+    const texture = gl.createTexture(), array = gl.createVertexArray(), buffer = gl.createBuffer();
+    gl.bindTexture(gl.TEXTURE_2D, texture);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGB, gl.RGB, gl.UNSIGNED_BYTE, image);
+    setSampling(gl, gl.LINEAR);
+    gl.bindVertexArray(array);
+    gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
+    gl.bufferData(gl.ARRAY_BUFFER, new Float32Array(corners.flat()), gl.STATIC_DRAW);
+    gl.enableVertexAttribArray(0);
+    gl.vertexAttribPointer(0, 3, gl.FLOAT, false, 0, 0);
+    gl.bindVertexArray(null);
+    this.held = { texture, array, buffer };
+  }
+
+  /** Shows nothing. */
+  clear() {
+    const { gl, held } = this;
+    if (!held) return;
+    gl.deleteTexture(held.texture);
+    gl.deleteVertexArray(held.array);
+    gl.deleteBuffer(held.buffer);
+    this.held = null;
+  }
+
+  draw(matrix) {
+    const { gl, held } = this;
+    if (!held) return;
+    gl.useProgram(this.program.handle);
+    gl.uniformMatrix4fv(this.program.uniforms.u_clip_from_world, false, matrix);
+    gl.bindTexture(gl.TEXTURE_2D, held.texture);
+    gl.bindVertexArray(held.array);
+    gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);
   }
 }

@@ -1,8 +1,13 @@
 // Plots per frame; the state lies in a band below.
 
-const STATE_NAMES = ["starting", "tracking", "lost"];
+import { Chart, PANEL } from "./chart.js";
+import { figures, quantile, unpack } from "./numbers.js";
+import { data } from "./page.js";
+import { keyframes, shared, trajectory } from "./scene.js";
 
-const rows = {
+export const STATE_NAMES = ["starting", "tracking", "lost"];
+
+export const rows = {
   count: data.rows.count,
   frame: unpack(data.rows.frame, Float64Array),
   timestamp: unpack(data.rows.timestamp, Float64Array),
@@ -10,7 +15,7 @@ const rows = {
 };
 
 /** The panels: title, unit, values, colour variable, reference lines `[label, value]`. */
-function plotPanels() {
+export function plotPanels() {
   const column = (name) => unpack(data.rows[name], Float32Array);
   const ms = column("ms");
   const sorted = ms.filter(Number.isFinite).sort();
@@ -27,19 +32,17 @@ function plotPanels() {
 }
 
 /** The top of an axis from 0: all values, unless a few would flatten the others. */
-function axisTop(values) {
+export function axisTop(values) {
   const sorted = values.filter(Number.isFinite).sort();
   if (!sorted.length) return 1;
   const [most, high] = [sorted[sorted.length - 1], quantile(sorted, 0.985)];
   return (most > high * 3 ? high * 1.8 : most) * 1.08 || 1;
 }
 
-/** The frame of an agent that is pointed at, an index into the trajectory, or −1. */
-function framePointedAt() {
-  return trajectory.frame.indexOf(shared.hoverAt);
-}
+shared.framePointedAt = () => trajectory.frame.indexOf(shared.hoverAt);
+shared.placeOfTime = (_, [frame]) => (frame < 0 ? null : trajectory.frame[frame]);
 
-class Plots extends Chart {
+export class Plots extends Chart {
   constructor(canvas) {
     const full = rows.count ? [rows.frame[0], Math.max(rows.frame[rows.count - 1], rows.frame[0] + 1)] : [0, 1];
     super(canvas, plotPanels(), full, PANEL.band, "frame");
@@ -63,7 +66,7 @@ class Plots extends Chart {
     return after > 0 && frame - rows.frame[after - 1] < rows.frame[after] - frame ? after - 1 : after;
   }
 
-  /** First and end of the rows within the range, and one more to either side. */
+  /** First and end of the rows within the range, and one more to either side. @returns {[number, number]} */
   shown() {
     return [Math.max(0, this.rowFrom(this.range[0]) - 1), Math.min(rows.count, this.rowFrom(this.range[1]) + 1)];
   }

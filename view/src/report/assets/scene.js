@@ -1,8 +1,11 @@
 // What is known of a scene before it is drawn, and what is selected in it.
 
-const agents = data.scene.agents;
+import { unpack } from "./numbers.js";
+import { data } from "./page.js";
 
-const keyframes = {
+export const agents = data.scene.agents;
+
+export const keyframes = {
   count: data.scene.keyframes.count,
   agent: unpack(data.scene.keyframes.agent, Uint32Array),
   id: unpack(data.scene.keyframes.id, Uint32Array),
@@ -28,29 +31,33 @@ const keyframes = {
   },
 };
 
-const trajectory = {
+export const trajectory = {
   count: data.scene.trajectory.count,
   agent: unpack(data.scene.trajectory.agent, Uint32Array),
   frame: unpack(data.scene.trajectory.frame, Float64Array),
   timestamp: unpack(data.scene.trajectory.timestamp, Float64Array),
   position: unpack(data.scene.trajectory.position, Float32Array),
+  rotation: unpack(data.scene.trajectory.rotation, Float32Array),
 };
 
-/** First and end index of each agent's run in an ascending array of agents. */
-function spans(owners) {
+/** What lengths are told in. */
+export const LENGTH_UNIT = data.scene.metric ? "m" : "map units";
+
+/** First and end index of each agent's run in an ascending array of `count` agents. */
+export function spans(owners, count) {
   const found = agents.map(() => [0, 0]);
-  owners.forEach((agent, i) => {
-    if (i === 0 || owners[i - 1] !== agent) found[agent][0] = i;
-    found[agent][1] = i + 1;
-  });
+  for (let i = 0; i < count; i++) {
+    if (i === 0 || owners[i - 1] !== owners[i]) found[owners[i]][0] = i;
+    found[owners[i]][1] = i + 1;
+  }
   return found;
 }
 
 /** An agent's colour, as CSS reads it. */
-const agentColour = (agent) => `rgb(${agents[agent].color.join(" ")})`;
+export const agentColour = (agent) => `rgb(${agents[agent].color.join(" ")})`;
 
 /** What is selected and pointed at (a place on the plots' x axis); parts of the page listen for changes. */
-const shared = {
+export const shared = {
   selected: -1,
   hoverAt: null,
   listeners: [],
@@ -62,6 +69,10 @@ const shared = {
     this.selected = keyframe;
     this.listeners.forEach((f) => f("selected"));
   },
+  /** The frame of an agent at the place pointed at, an index into the trajectory, or −1; pages with plots say it. */
+  framePointedAt: (_agent) => -1,
+  /** The place on the plots' x axis of a time since each agent's first frame, where frames are played. */
+  placeOfTime: (_seconds, _frames) => null,
   hover(at) {
     if (at === this.hoverAt) return;
     this.hoverAt = at;
@@ -70,10 +81,10 @@ const shared = {
 };
 
 /** The image of each keyframe that has one, for the 3-D view and elsewhere. */
-const pictureImages = new Map();
+export const pictureImages = new Map();
 
 /** The image of a picture; its text is given up. */
-function takeImage(picture) {
+export function takeImage(picture) {
   const image = new Image();
   image["src"] = "data:image/jpeg;base64," + picture.jpeg;
   picture.jpeg = null;

@@ -1,5 +1,11 @@
 // Puts the page together.
 
+import { startViewer } from "./controls.js";
+import { Gallery, pictures } from "./gallery.js";
+import { byId, data, element } from "./page.js";
+import { Plots } from "./plots.js";
+import { shared } from "./scene.js";
+
 function fillTables() {
   const row = ([label, value]) => {
     const head = element("th", label);

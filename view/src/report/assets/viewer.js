@@ -1,42 +1,41 @@
 // Draws cloud, trajectory, keyframes and edges.
 
-const LINE_COLOURS = {
-  trajectory: [1, 0.72, 0.2, 1],
-  keyframe: [0.46, 0.73, 1, 0.7],
-  selected: [1, 0.36, 0.74, 1],
-  grid: [0.55, 0.63, 0.74, 0.16],
-  closure: [1, 1, 1, 1],
-  edges: [[0.6, 0.66, 0.74, 0.5], [0.35, 0.85, 0.72, 0.45], [1, 0.33, 0.36, 1], [0.78, 0.55, 1, 1]],
-};
+import { OrbitCamera } from "./camera.js";
+import { cloud } from "./cloud.js";
+import { COLOURS } from "./colours.js";
+import { LINE_FRAGMENT, LINE_VERTEX, Lines, POINT_FRAGMENT, POINT_VERTEX, PictureQuad, program, setSampling } from "./gl.js";
+import { quantile, roundStep, unpack } from "./numbers.js";
+import { LINE_COLOURS, Overlays, marker } from "./overlays.js";
+import { Drawing, data } from "./page.js";
+import { pointAt } from "./points.js";
+import { agents, keyframes, pictureImages, shared, spans, trajectory } from "./scene.js";
+import { surveyScene } from "./survey.js";
+import { add, dot, multiply, norm, transform } from "./vectors.js";
 
-/** The largest of 1, 2, 5 · 10ⁿ that is at most `value`. */
-function roundStep(value) {
-  const power = Math.pow(10, Math.floor(Math.log10(value)));
-  return [5, 2, 1].map((m) => m * power).find((v) => v <= value * 1.0001) || power;
-}
+/** The box in which nothing is cut away. */
+const EVERYWHERE = { low: [-Infinity, -Infinity, -Infinity], high: [Infinity, Infinity, Infinity] };
 
 /** Kind of the edges between two agents. */
-const MERGE_EDGE = 3;
+export const MERGE_EDGE = 3;
 
-class Viewer extends Drawing {
+export class Viewer extends Drawing {
   constructor(canvas) {
     super(canvas);
     this.gl = canvas.getContext("webgl2", { antialias: true, alpha: false, powerPreference: "high-performance" });
     if (!this.gl) throw new Error("This browser offers no WebGL 2.");
     this.scene = surveyScene();
     this.camera = new OrbitCamera();
-    this.settings = { colour: 0, size: 2, sigma: 255, isolate: false, layers: new Set(), agents: new Set(agents.keys()) };
+    this.settings = { colour: 0, size: 2, sigma: 255, isolate: false, layers: new Set(), agents: new Set(agents.keys()), cut: null };
     this.covered = 0;
+    /** Called when the scene was surveyed anew. @type {(() => void) | null} */
+    this.onSurvey = null;
+    /** Takes the next image. @type {((image: Blob | null) => void) | null} */
+    this.imageTaker = null;
+    this.overlays = new Overlays();
     this.frustumSize = this.chooseFrustumSize();
-    this.keyframeSpans = spans(keyframes.agent);
-    this.frameSpans = spans(trajectory.agent);
+    this.keyframeSpans = spans(keyframes.agent, keyframes.count);
     this.edges = unpack(data.scene.edges, Uint32Array);
-    this.markers = agents.map(() => ["start", "end", "here"].map((name) => {
-      const node = element("div");
-      node.className = `marker ${name}`;
-      canvas.after(node);
-      return node;
-    }));
+    this.markers = agents.map(() => ["start", "end", "here"].map((name) => marker(name, canvas)));
     this.createResources();
     canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
     canvas.addEventListener("webglcontextrestored", () => {
@@ -65,11 +64,10 @@ class Viewer extends Drawing {
     const gl = this.gl;
     this.pointProgram = program(gl, POINT_VERTEX, POINT_FRAGMENT);
     this.lineProgram = program(gl, LINE_VERTEX, LINE_FRAGMENT);
-    this.pictureProgram = program(gl, PICTURE_VERTEX, PICTURE_FRAGMENT);
+    this.picture = new PictureQuad(gl);
     this.lines = {};
     for (const name of ["grid", "edges", "closures", "selected"]) this.lines[name] = new Lines(gl);
     for (const name of ["trajectory", "keyframes"]) this.lines[name] = agents.map(() => new Lines(gl));
-    this.pictureQuad = null;
     this.createCloud();
     this.createColours();
     this.createTrajectory();
@@ -77,8 +75,15 @@ class Viewer extends Drawing {
     this.lines.keyframes.forEach((lines) => lines.upload());
     this.createEdges();
     this.createGrid();
+    this.overlays.create(gl);
     gl.enable(gl.DEPTH_TEST);
     gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
+  }
+
+  /** Draws segments `[from, to, colour]` of the levelled world over all else, in place of those of that name. */
+  setOverlay(name, segments) {
+    this.overlays.set(name, segments);
+    this.redraw();
   }
 
   createCloud() {
@@ -92,13 +97,11 @@ class Viewer extends Drawing {
       gl.vertexAttribPointer(location, size, type, true, 0, 0);
     });
     gl.bindVertexArray(null);
-    const { axes, heights } = this.scene;
+    const { axes } = this.scene;
     const { box_min: low, box_size: size } = data.cloud;
     const columns = [0, 1, 2].map((c) => axes.map((axis) => axis[c] * size[c]));
     const origin = axes.map((axis) => dot(axis, low));
     this.worldFromBox = [...columns[0], 0, ...columns[1], 0, ...columns[2], 0, ...origin, 1];
-    const span = heights[1] - heights[0];
-    this.heightFromBox = [...columns.map((c) => c[2] / span), (origin[2] - heights[0]) / span];
   }
 
   createColours() {
@@ -107,20 +110,13 @@ class Viewer extends Drawing {
     const rows = new Uint8Array([...COLOURS.ordered, ...COLOURS.depth]);
     gl.bindTexture(gl.TEXTURE_2D, this.colours);
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGB, 256, 2, 0, gl.RGB, gl.UNSIGNED_BYTE, rows);
-    this.setSampling(gl.NEAREST);
-  }
-
-  setSampling(filter) {
-    const gl = this.gl;
-    for (const [name, value] of [[gl.TEXTURE_MIN_FILTER, filter], [gl.TEXTURE_MAG_FILTER, filter], [gl.TEXTURE_WRAP_S, gl.CLAMP_TO_EDGE], [gl.TEXTURE_WRAP_T, gl.CLAMP_TO_EDGE]]) {
-      gl.texParameteri(gl.TEXTURE_2D, name, value);
-    }
+    setSampling(gl, gl.NEAREST);
   }
 
   /** Joins successive frames; where frames are missing (loss) the line breaks. */
   createTrajectory() {
-    const at = (i) => this.scene.level(Array.from(trajectory.position.subarray(i * 3, i * 3 + 3)));
-    this.frameSpans.forEach(([first, end], agent) => {
+    const at = (i) => this.trajectoryAt(i);
+    this.frameSpans().forEach(([first, end], agent) => {
       const gaps = Array.from(trajectory.frame.slice(first + 1, end), (f, i) => f - trajectory.frame[first + i]);
       const longest = 8 * (gaps.length ? quantile([...gaps].sort((a, b) => a - b), 0.5) : 1);
       const colour = this.lineColour(agent, LINE_COLOURS.trajectory);
@@ -129,7 +125,16 @@ class Viewer extends Drawing {
       });
       this.lines.trajectory[agent].upload();
     });
-    this.trajectoryAt = at;
+  }
+
+  /** First and end of each agent's frames. */
+  frameSpans() {
+    return spans(trajectory.agent, trajectory.count);
+  }
+
+  /** Where the camera of a frame was, in the levelled world. */
+  trajectoryAt(frame) {
+    return this.scene.level(Array.from(trajectory.position.subarray(frame * 3, frame * 3 + 3)));
   }
 
   /** The graph, and the closures between agents with the keyframes they match; of the agents shown. */
@@ -175,51 +180,42 @@ class Viewer extends Drawing {
 
   /** Corners of a keyframe's image at depth `size`: top left, top right, bottom left, bottom right. */
   corners(index, size) {
-    const { width, height, fx, fy, cx, cy } = keyframes.camera(index);
-    const [x, y, z, c] = [0, 1, 2, 3].map((i) => keyframes.column(index, i));
+    return this.cornersOf(keyframes.camera(index), [0, 1, 2, 3].map((i) => keyframes.column(index, i)), size);
+  }
+
+  /** The same of a camera by its axes and its centre in the world. @param {any} camera @param {number[][]} pose @param {number} size */
+  cornersOf({ width, height, fx, fy, cx, cy }, [x, y, z, centre], size) {
     return [[0, 0], [width, 0], [0, height], [width, height]].map(([u, v]) =>
-      this.scene.level(add(add(add(c, x, ((u - 0.5 - cx) / fx) * size), y, ((v - 0.5 - cy) / fy) * size), z, size)));
+      this.scene.level(add(add(add(centre, x, ((u - 0.5 - cx) / fx) * size), y, ((v - 0.5 - cy) / fy) * size), z, size)));
+  }
+
+  /** The edges of a camera's view as far as its image at depth `size`: pairs of points. */
+  frustumEdges(camera, pose, size) {
+    const [a, b, c, d] = this.cornersOf(camera, pose, size), eye = this.scene.level(pose[3]);
+    return [[a, b], [b, d], [d, c], [c, a], [eye, a], [eye, b], [eye, c], [eye, d]];
   }
 
   pushFrustum(lines, index, size, colour) {
-    const [a, b, c, d] = this.corners(index, size);
-    const centre = this.centre(index);
-    [[a, b], [b, d], [d, c], [c, a]].forEach(([p, q]) => lines.push(p, q, colour));
-    [a, b, c, d].forEach((p) => lines.push(centre, p, colour));
+    const pose = [0, 1, 2, 3].map((i) => keyframes.column(index, i));
+    this.frustumEdges(keyframes.camera(index), pose, size).forEach(([p, q]) => lines.push(p, q, colour));
   }
 
   /** Brings the selected keyframe's frustum and picture up to date. */
   selectionChanged() {
     const index = shared.selected;
-    this.pictureQuad = null;
+    this.picture.clear();
     if (index >= 0) {
       const size = this.frustumSize * 3;
       this.pushFrustum(this.lines.selected, index, size, LINE_COLOURS.selected);
       const image = pictureImages.get(index);
-      if (image) image.decode().then(() => index === shared.selected && this.createPicture(image, this.corners(index, size)), () => {});
+      if (image) image.decode().then(() => index === shared.selected && this.showPicture(image, this.corners(index, size)), () => {});
     }
     this.lines.selected.upload();
     this.redraw();
   }
 
-  createPicture(image, corners) {
-    const gl = this.gl;
-    const texture = gl.createTexture(), array = gl.createVertexArray(), buffer = gl.createBuffer();
-    gl.bindTexture(gl.TEXTURE_2D, texture);
-    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGB, gl.RGB, gl.UNSIGNED_BYTE, image);
-    this.setSampling(gl.LINEAR);
-    gl.bindVertexArray(array);
-    gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
-    gl.bufferData(gl.ARRAY_BUFFER, new Float32Array(corners.flat()), gl.STATIC_DRAW);
-    gl.enableVertexAttribArray(0);
-    gl.vertexAttribPointer(0, 3, gl.FLOAT, false, 0, 0);
-    gl.bindVertexArray(null);
-    if (this.picture) {
-      gl.deleteTexture(this.picture.texture);
-      gl.deleteVertexArray(this.picture.array);
-      gl.deleteBuffer(this.picture.buffer);
-    }
-    this.picture = this.pictureQuad = { texture, array, buffer };
+  showPicture(image, corners) {
+    this.picture.show(image, corners);
     this.redraw();
   }
 
@@ -244,13 +240,27 @@ class Viewer extends Drawing {
     if (layers.has("keyframes") && layers.has("picture")) this.drawPicture(matrix);
     this.drawLines(matrix, width, height, ratio);
     this.placeMarkers(matrix);
+    if (this.imageTaker) canvas.toBlob(this.imageTaker);
+    this.imageTaker = null;
+  }
+
+  /** Hands the next image to `take` as a file; a canvas keeps it only until the browser has shown it. */
+  image(take) {
+    this.imageTaker = take;
+    this.redraw();
   }
 
   /** Makes ready to draw points: what is the same for all of them. */
   beginCloud(ratio) {
     const gl = this.gl, { uniforms, handle } = this.pointProgram, { settings } = this;
-    const { codes } = this.scene;
+    const { codes, heights } = this.scene;
+    const { low, high } = settings.cut || EVERYWHERE;
+    // Infinity does not reach a shader on every card.
+    const bounds = (corner) => corner.map((v) => Math.max(-1e30, Math.min(1e30, v)));
     gl.useProgram(handle);
+    gl.uniform3fv(uniforms.u_low, bounds(low));
+    gl.uniform3fv(uniforms.u_high, bounds(high));
+    gl.uniform2f(uniforms.u_heights, heights[0], heights[1]);
     gl.uniform1f(uniforms.u_size, settings.size * ratio);
     gl.uniform1f(uniforms.u_sigma, (settings.sigma + 0.5) / 255);
     gl.uniform2f(uniforms.u_codes, codes[0] / 255, codes[1] / 255);
@@ -260,31 +270,41 @@ class Viewer extends Drawing {
   }
 
   drawCloud(matrix, ratio) {
-    const gl = this.gl, { uniforms } = this.pointProgram, { settings } = this;
+    const gl = this.gl, { uniforms } = this.pointProgram;
     this.beginCloud(ratio);
     gl.uniformMatrix4fv(uniforms.u_clip_from_box, false, multiply(matrix, this.worldFromBox));
-    gl.uniform4fv(uniforms.u_height, this.heightFromBox);
-    gl.uniform4f(uniforms.u_weight, 0, 0, 0, 1);
+    gl.uniformMatrix4fv(uniforms.u_world_from_box, false, this.worldFromBox);
     gl.uniform3f(uniforms.u_depth, 0, 1, 0);
     gl.bindVertexArray(this.cloudArray);
-    const draw = (agent, [first, end]) => {
+    for (const { agent, first, end } of this.shownPoints()) {
       gl.uniform3fv(uniforms.u_agent, agents[agent].color.map((v) => v / 255));
-      gl.drawArrays(gl.POINTS, cloud.starts[first], cloud.starts[end] - cloud.starts[first]);
-    };
+      gl.drawArrays(gl.POINTS, first, end - first);
+    }
+  }
+
+  /** The points shown, but for the cut and the uncertain ones: of each agent the first and the end. */
+  shownPoints() {
     const { selected } = shared;
-    if (settings.isolate && selected >= 0) draw(keyframes.agent[selected], [selected, selected + 1]);
-    else this.shownAgents().forEach((agent) => draw(agent, this.keyframeSpans[agent]));
+    const row = (agent, [first, end]) => ({ agent, first: cloud.starts[first], end: cloud.starts[end] });
+    if (this.settings.isolate && selected >= 0) return [row(keyframes.agent[selected], [selected, selected + 1])];
+    return this.shownAgents().map((agent) => row(agent, this.keyframeSpans[agent]));
+  }
+
+  /** The points shown as blocks (`points.js`). */
+  blocks() {
+    const held = { matrix: this.worldFromBox, words: cloud.position, wordStride: 4, bytes: cloud.value, byteStride: 2, grey: 0, code: 1 };
+    return this.settings.layers.has("cloud") ? this.shownPoints().map(({ first, end }) => ({ ...held, first, end })) : [];
+  }
+
+  /** The point shown that a place on the canvas means, in the levelled world, or `null`. */
+  pointAt(place) {
+    const { clientWidth: width, clientHeight: height } = this.canvas, { sigma, cut } = this.settings;
+    return pointAt(this.blocks(), sigma, cut, { clip: this.matrix(), width, height, near: this.camera.near() }, place);
   }
 
   /** The selected keyframe's picture in its frustum, unless the view is from inside it. */
   drawPicture(matrix) {
-    if (!this.pictureQuad || this.isInsideSelected()) return;
-    const gl = this.gl;
-    gl.useProgram(this.pictureProgram.handle);
-    gl.uniformMatrix4fv(this.pictureProgram.uniforms.u_clip_from_world, false, matrix);
-    gl.bindTexture(gl.TEXTURE_2D, this.pictureQuad.texture);
-    gl.bindVertexArray(this.pictureQuad.array);
-    gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);
+    if (!this.isInsideSelected()) this.picture.draw(matrix);
   }
 
   isInsideSelected() {
@@ -306,6 +326,7 @@ class Viewer extends Drawing {
     gl.disable(gl.DEPTH_TEST);
     if (layers.has("closures") && !this.isInsideSelected()) this.lines.closures.draw(this.lineProgram, 1.3 * ratio);
     if (!this.isInsideSelected()) this.lines.selected.draw(this.lineProgram, 2 * ratio);
+    this.overlays.draw(this.lineProgram, ratio);
     gl.enable(gl.DEPTH_TEST);
     gl.depthMask(true);
     gl.disable(gl.BLEND);
@@ -321,10 +342,10 @@ class Viewer extends Drawing {
 
   /** Dots at each agent's start, its end and its frame pointed at in the plots. */
   placeMarkers(matrix) {
-    this.frameSpans.forEach(([first, end], agent) => {
+    this.frameSpans().forEach(([first, end], agent) => {
       const visible = this.settings.agents.has(agent);
       const ends = visible && this.settings.layers.has("trajectory") && end - first > 1;
-      const places = [ends ? first : -1, ends ? end - 1 : -1, visible && shared.hoverAt !== null ? framePointedAt(agent) : -1];
+      const places = [ends ? first : -1, ends ? end - 1 : -1, visible && shared.hoverAt !== null ? shared.framePointedAt(agent) : -1];
       places.forEach((index, i) => {
         const at = index >= 0 ? this.project(matrix, this.trajectoryAt(index)) : null;
         this.markers[agent][i].hidden = !at;

@@ -1,10 +1,14 @@
 // Level of detail: which chunks are seen, and how many points of each are worth drawing.
 
+import { quantile } from "../../report/assets/numbers.js";
+import { add, dot, norm } from "../../report/assets/vectors.js";
+import { chunkPoint } from "./store.js";
+
 /** Points of an image, and the milliseconds that it may take. */
 const BUDGET = { start: 400000, least: 40000, most: 4000000, goal: 24 };
 
 /** A sphere around the bulk of a chunk, in its keyframe's frame and unit; any beginning of a chunk is a fair sample. */
-function chunkSphere(chunk) {
+export function chunkSphere(chunk) {
   const sample = [];
   for (let i = 0; i < Math.min(160, chunk.count); i++) sample.push(chunkPoint(chunk, i));
   const middle = [0, 1, 2].map((axis) => quantile(sample.map((p) => p[axis]).sort((a, b) => a - b), 0.5));
@@ -13,7 +17,7 @@ function chunkSphere(chunk) {
 }
 
 /** The planes that bound what is seen, as `[a, b, c, d]` with a·x + b·y + c·z + d ≥ 0 inside. */
-function frustum(matrix) {
+export function frustum(matrix) {
   const row = (r) => [0, 1, 2, 3].map((c) => matrix[c * 4 + r]);
   const w = row(3);
   return [0, 1].flatMap((r) => [1, -1].map((sign) => {
@@ -23,13 +27,13 @@ function frustum(matrix) {
 }
 
 /** Whether a sphere reaches into the frustum. */
-const isSeen = (planes, centre, radius) => planes.every((plane) => dot(plane, centre) + plane[3] > -radius);
+export const isSeen = (planes, centre, radius) => planes.every((plane) => dot(plane, centre) + plane[3] > -radius);
 
 /**
  * How many points to draw of each: near and large ones get more, none more than it has, all together the
  * budget. `chunks` are `{ count, weight }`; the shares that full ones leave over go to the rest.
  */
-function shares(chunks, budget) {
+export function shares(chunks, budget) {
   const out = new Array(chunks.length).fill(0);
   let open = chunks.map((_, i) => i), left = budget;
   for (let round = 0; round < 4 && open.length && left > 0; round++) {
@@ -49,7 +53,7 @@ function shares(chunks, budget) {
 }
 
 /** Keeps the time of a frame near its goal by the number of points that may be drawn. */
-class Budget {
+export class Budget {
   constructor() {
     this.points = BUDGET.start;
     this.ms = 0;

@@ -1,6 +1,9 @@
 // Lines that grow: segments are set by index, and only what changed goes to the graphics card.
 
-class GrowingLines extends Lines {
+import { Lines } from "../../report/assets/gl.js";
+import { grown } from "./store.js";
+
+export class GrowingLines extends Lines {
   constructor(gl) {
     super(gl);
     this.values = new Float32Array(0);

@@ -1,5 +1,15 @@
 // Puts the page together.
 
+import { noteScene, sceneFailed } from "../../report/assets/controls.js";
+import { byId, data } from "../../report/assets/page.js";
+import { shared } from "../../report/assets/scene.js";
+import { Tools } from "../../report/assets/tools.js";
+import { add } from "../../report/assets/vectors.js";
+import { Feed } from "./feed.js";
+import { Panel } from "./panel.js";
+import { forget, place, setChunk, setSteps, store } from "./store.js";
+import { LiveControls, LiveViewer } from "./view.js";
+
 /** Prepares the viewer's panel for a scene that is still to come. */
 function prepareControls() {
   data.cloud.sigma = data.sigma;
@@ -20,12 +30,11 @@ function startLiveViewer() {
   try {
     const viewer = new LiveViewer(byId("scene"));
     const controls = prepareSigma(new LiveControls(viewer));
+    new Tools(controls);
     shared.onChange(() => viewer.redraw());
     return { viewer, controls };
   } catch (error) {
-    byId("scene-failure").hidden = false;
-    byId("scene-failure").textContent = `The 3-D view cannot start: ${error.message} The rest of the page does not need it.`;
-    byId("controls").hidden = true;
+    sceneFailed(error);
     return { viewer: null, controls: null };
   }
 }
@@ -48,11 +57,11 @@ function follow(viewer, camera) {
 }
 
 function note(viewer) {
-  byId("scene-note").textContent = [
+  noteScene([
     `${(viewer.drawn || 0).toLocaleString("en")} of ${store.points.toLocaleString("en")} points drawn`,
     `${viewer.budget.ms.toFixed(0)} ms per image`,
-    `grid spacing ${viewer.gridStep.toLocaleString("en", { maximumSignificantDigits: 1 })}`,
-  ].join("  ·  ") + "\ndrag orbits  ·  right-drag pans  ·  wheel zooms  ·  double-click centres";
+    `grid spacing ${viewer.gridStep.toLocaleString("en", { maximumSignificantDigits: 1 })}${data.scene.metric ? " m" : ""}`,
+  ]);
 }
 
 byId("mode").textContent = data.live ? "live" : "maps";
@@ -64,16 +73,31 @@ let feed = null;
 const panel = new Panel(() => feed);
 const on3d = (action) => viewer && action();
 const handlers = {
-  reset: () => on3d(() => {
-    viewer.surveyed = null;
-    viewer.live = null;
-    viewer.redoLines();
-  }),
-  level: () => {},
-  keyframes: (slots) => on3d(() => viewer.moved(slots)),
-  trajectory: (from) => on3d(() => viewer.createTrajectory(from)),
-  edges: () => on3d(() => viewer.createEdges()),
-  chunk: () => on3d(() => viewer.redraw()),
+  reset: () => {
+    forget();
+    on3d(() => {
+      viewer.surveyed = null;
+      viewer.live = null;
+      viewer.redoLines();
+    });
+  },
+  level: ({ up, forward }) => Object.assign(data.scene, { up, forward }),
+  keyframes: (placed) => {
+    const slots = placed.map(place);
+    on3d(() => viewer.moved(slots));
+  },
+  trajectory: (steps) => {
+    const from = setSteps(steps);
+    on3d(() => viewer.createTrajectory(from));
+  },
+  edges: (edges) => {
+    store.edges = edges;
+    on3d(() => viewer.createEdges());
+  },
+  chunk: (chunk) => {
+    setChunk(chunk);
+    on3d(() => viewer.redraw());
+  },
   picture: (picture) => panel.picture.show(picture),
   link: (open) => panel.link(open),
   status: ({ status }) => {

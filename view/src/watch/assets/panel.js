@@ -1,5 +1,9 @@
 // Numbers, buttons, the live image and the trends beside the 3-D view.
 
+import { COLOURS } from "../../report/assets/colours.js";
+import { figures, quantile } from "../../report/assets/numbers.js";
+import { Drawing, byId, data, element, paintBar } from "../../report/assets/page.js";
+
 /** How long trends reach back, milliseconds. */
 const TREND_SPAN = 60000;
 const STATE_NAMES = { starting: "starting", tracking: "tracking", lost: "lost", done: "finished", saved: "saved map" };
@@ -54,7 +58,10 @@ class Numbers {
 class Trend extends Drawing {
   constructor(canvas, colour, top) {
     super(canvas);
-    Object.assign(this, { colour, top, values: [] });
+    this.colour = colour;
+    this.top = top;
+    /** Moments and values. @type {[number, number][]} */
+    this.values = [];
   }
 
   push(value) {
@@ -137,7 +144,7 @@ class LivePicture extends Drawing {
 }
 
 /** Everything beside the 3-D view. */
-class Panel {
+export class Panel {
   constructor(feed) {
     this.feed = feed;
     this.tiles = new Numbers(byId("tiles"), data.live ? TILES : { keyframes: TILES.keyframes, points: TILES.points });
@@ -156,7 +163,7 @@ class Panel {
     byId("restart").addEventListener("click", () => this.feed().command("restart"));
     byId("record").addEventListener("click", () => this.status && this.feed().command("record", !this.status.recording));
     document.addEventListener("keydown", (event) => {
-      if (event.ctrlKey || event.metaKey || event.altKey || event.target.tagName === "INPUT") return;
+      if (event.ctrlKey || event.metaKey || event.altKey || /** @type {HTMLElement} */ (event.target).tagName === "INPUT") return;
       if (event.key === "p") toggle();
     });
   }

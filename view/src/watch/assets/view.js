@@ -1,24 +1,36 @@
 // The report's 3-D view on a scene that grows: chunks of points with level of detail, lines that follow.
 
+import { Controls } from "../../report/assets/controls.js";
+import { LINE_FRAGMENT, LINE_VERTEX, Lines, POINT_FRAGMENT, POINT_VERTEX, PictureQuad, program } from "../../report/assets/gl.js";
+import { LINE_COLOURS } from "../../report/assets/overlays.js";
+import { data } from "../../report/assets/page.js";
+import { agents, keyframes, trajectory } from "../../report/assets/scene.js";
+import { surveyScene } from "../../report/assets/survey.js";
+import { add, multiply, norm } from "../../report/assets/vectors.js";
+import { MERGE_EDGE, Viewer } from "../../report/assets/viewer.js";
+import { Budget, chunkSphere, frustum, isSeen, shares } from "./detail.js";
+import { GrowingLines } from "./lines.js";
+import { sampleCloud, store, toWorld } from "./store.js";
+
 const LIVE_CAMERA = [1, 0.36, 0.74, 1];
 /** Milliseconds between surveys of a growing scene. */
 const SURVEY_INTERVAL = 1200;
 
-class LiveViewer extends Viewer {
+export class LiveViewer extends Viewer {
   createResources() {
     const gl = this.gl;
     this.budget = this.budget || new Budget();
     this.fence = null;
     this.pointProgram = program(gl, POINT_VERTEX, POINT_FRAGMENT);
     this.lineProgram = program(gl, LINE_VERTEX, LINE_FRAGMENT);
-    this.pictureProgram = program(gl, PICTURE_VERTEX, PICTURE_FRAGMENT);
+    this.picture = new PictureQuad(gl);
     this.lines = {};
     for (const name of ["grid", "edges", "closures", "selected"]) this.lines[name] = new Lines(gl);
     for (const name of ["trajectory", "keyframes"]) this.lines[name] = agents.map(() => new GrowingLines(gl));
-    this.pictureQuad = null;
     store.chunks.forEach((chunk) => delete chunk.array);
     this.createColours();
     this.redoLines();
+    this.overlays.create(gl);
     gl.enable(gl.DEPTH_TEST);
     gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
   }
@@ -32,6 +44,7 @@ class LiveViewer extends Viewer {
     store.chunks.forEach((chunk) => (chunk.matrix = null));
     this.redoLines();
     this.setCamera(this.live);
+    if (this.onSurvey) this.onSurvey();
   }
 
   /** Surveys when the scene has outgrown the last one; the level stays once many keyframes agree on it. */
@@ -82,10 +95,10 @@ class LiveViewer extends Viewer {
       this.lines.trajectory[0].cut(next[0]);
     }
     for (let i = Math.max(1, first); i < trajectory.count; i++) {
-      const agent = store.stepAgent[i];
-      const joined = agent === store.stepAgent[i - 1] && trajectory.frame[i] - trajectory.frame[i - 1] <= 12;
+      const agent = trajectory.agent[i];
+      const joined = agent === trajectory.agent[i - 1] && trajectory.frame[i] - trajectory.frame[i - 1] <= 12;
       const here = place(i);
-      if (agent === store.stepAgent[i - 1]) this.lines.trajectory[agent].set(next[agent]++, joined ? place(i - 1) : here, here, this.lineColour(agent, LINE_COLOURS.trajectory));
+      if (agent === trajectory.agent[i - 1]) this.lines.trajectory[agent].set(next[agent]++, joined ? place(i - 1) : here, here, this.lineColour(agent, LINE_COLOURS.trajectory));
     }
     this.redraw();
   }
@@ -105,12 +118,8 @@ class LiveViewer extends Viewer {
   setCamera(camera) {
     this.live = camera;
     if (camera) {
-      const [x, y, z, centre] = [0, 3, 6, 9].map((at) => camera.slice(at, at + 3));
-      const { width, height, fx, fy, cx, cy } = agents[0].camera, size = this.frustumSize * 1.8;
-      const [a, b, c, d] = [[0, 0], [width, 0], [0, height], [width, height]].map(([u, v]) =>
-        this.scene.level(add(add(add(centre, x, ((u - 0.5 - cx) / fx) * size), y, ((v - 0.5 - cy) / fy) * size), z, size)));
-      const eye = this.scene.level(centre);
-      [[a, b], [b, d], [d, c], [c, a], [eye, a], [eye, b], [eye, c], [eye, d]].forEach(([p, q]) => this.lines.selected.push(p, q, LIVE_CAMERA));
+      const pose = [0, 3, 6, 9].map((at) => camera.slice(at, at + 3));
+      this.frustumEdges(agents[0].camera, pose, this.frustumSize * 1.8).forEach(([p, q]) => this.lines.selected.push(p, q, LIVE_CAMERA));
     }
     this.lines.selected.upload();
     this.redraw();
@@ -177,7 +186,6 @@ class LiveViewer extends Viewer {
     const seen = this.seenChunks(matrix);
     const counts = shares(seen, this.budget.points);
     this.beginCloud(ratio);
-    const { heights } = this.scene, span = heights[1] - heights[0];
     const [low, high] = data.cloud.inverse_depth, range = high - low;
     this.drawn = 0;
     seen.forEach(({ chunk }, i) => {
@@ -185,8 +193,7 @@ class LiveViewer extends Viewer {
       if (!chunk.array) this.uploadChunk(chunk);
       const m = chunk.matrix, weight = [0, 1, 2, 3].map((c) => m[c * 4 + 3]);
       gl.uniformMatrix4fv(uniforms.u_clip_from_box, false, multiply(matrix, m));
-      gl.uniform4fv(uniforms.u_height, weight.map((w, c) => (m[c * 4 + 2] - heights[0] * w) / span));
-      gl.uniform4fv(uniforms.u_weight, weight);
+      gl.uniformMatrix4fv(uniforms.u_world_from_box, false, m);
       gl.uniform3f(uniforms.u_depth, weight[2] / range, 0, (weight[3] - low) / range);
       gl.uniform3fv(uniforms.u_agent, agents[chunk.agent].color.map((v) => v / 255));
       gl.bindVertexArray(chunk.array);
@@ -194,6 +201,15 @@ class LiveViewer extends Viewer {
       this.drawn += counts[i];
     });
     gl.bindVertexArray(null);
+  }
+
+  /** The points of the agents shown as blocks (`points.js`): all of them, drawn at the moment or not. */
+  blocks() {
+    const chunks = [...store.chunks.values()].filter((chunk) => chunk.count && this.settings.agents.has(chunk.agent));
+    return chunks.map((chunk) => ({
+      matrix: chunk.matrix || this.chunkMatrix(chunk), first: 0, end: chunk.count,
+      words: chunk.words, wordStride: 4, bytes: chunk.bytes, byteStride: 8, grey: 6, code: 7,
+    }));
   }
 
   /** Draws, and measures how long the graphics card takes for it; meanwhile no further frame is begun. */
@@ -225,20 +241,8 @@ class LiveViewer extends Viewer {
 }
 
 /** The report's controls, for a scene in which nothing is selected. */
-class LiveControls extends Controls {
+export class LiveControls extends Controls {
   keyframeAt() {
     return -1;
-  }
-
-  /** Makes the sampled point nearest to a place on the screen the centre of orbits. */
-  centreOn([x, y]) {
-    const { viewer } = this, matrix = viewer.matrix();
-    let best = null, lowest = 40;
-    for (let i = 0; i < cloud.count; i++) {
-      const point = viewer.scene.level(cloud.world(i)), at = viewer.project(matrix, point);
-      const off = at ? Math.hypot(at[0] - x, at[1] - y) : Infinity;
-      if (off < lowest) [best, lowest] = [point, off];
-    }
-    if (best) this.go({ ...viewer.camera.state(), target: best, distance: viewer.camera.distance * 0.7 });
   }
 }

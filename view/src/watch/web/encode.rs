@@ -1,6 +1,6 @@
 //! The scene as messages to the page: numbers as JSON, all else as little-endian words that typed arrays read.
 //!
-//! The first word of a binary message is its kind; `assets/feed.js` reads what is written here.
+//! The first word of a binary message is its kind; `assets/decode.js` reads what is written here.
 
 use super::Message;
 use crate::report::scene::pose_numbers;
@@ -75,12 +75,14 @@ fn keyframes(placed: &[Placed]) -> Vec<u8> {
     out
 }
 
-/// `kind, first step, count`; of each `agent, frame, x, y, z`.
+/// `kind, first step, count`; of each `agent, frame`, seconds as f64, centre, rotation as a quaternion: 11 words.
 fn trajectory(from: usize, steps: &[Step]) -> Vec<u8> {
-    let mut out = begun(&[TRAJECTORY, from as u32, steps.len() as u32], steps.len() * 20);
+    let mut out = begun(&[TRAJECTORY, from as u32, steps.len() as u32], steps.len() * 44);
     for step in steps {
         put(&mut out, &[step.agent.into(), step.frame_index as u32]);
+        out.extend(step.timestamp.to_le_bytes());
         put_floats(&mut out, &step.position);
+        put_floats(&mut out, &step.rotation);
     }
     out
 }
@@ -145,7 +147,14 @@ mod tests {
     #[test]
     fn a_scene_is_told_in_words() {
         let mut scene = scene(2);
-        scene.set_trajectory(0, [Step { frame_index: 9, agent: 0, position: [1.0, 2.0, 3.0] }]);
+        let step = Step {
+            frame_index: 9,
+            agent: 0,
+            timestamp: 1.5,
+            position: [1.0, 2.0, 3.0],
+            rotation: [0.0, 0.6, 0.0, 0.8],
+        };
+        scene.set_trajectory(0, [step]);
         scene.set_edges(vec![[1, 0, 2]]);
         let news = scene.news(&mut Cursor::default(), usize::MAX);
         let sent: Vec<Message> = messages(&news, Some([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0]]));
@@ -159,7 +168,8 @@ mod tests {
         // The second keyframe stands at x = 1.
         assert_eq!((word(keyframes, 1), word(keyframes, 2 + 16)), (2, 1));
         assert_eq!(float(keyframes, 2 + 16 + 4 + 9), 1.0);
-        assert_eq!((word(trajectory, 4), float(trajectory, 7)), (9, 3.0));
+        assert_eq!((word(trajectory, 4), float(trajectory, 9), float(trajectory, 11)), (9, 3.0, 0.6));
+        assert_eq!(trajectory[20..28], 1.5f64.to_le_bytes());
         assert_eq!((word(edges, 2), word(edges, 4)), (1, 2));
         assert_eq!(chunk.len(), 12 * 4 + word(chunk, 3) as usize * POINT_BYTES);
         assert_eq!((word(chunk, 1), word(chunk, 4)), (1, 100));

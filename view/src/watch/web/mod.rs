@@ -13,6 +13,8 @@ pub use encode::picture as picture_message;
 pub use tungstenite::Message;
 
 use super::Shared;
+use crate::report::script::Script;
+use crate::script;
 use anyhow::{Context, Result};
 use http::Request;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpListener, TcpStream, UdpSocket};
@@ -20,8 +22,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
-/// The script with which a page takes in what it is sent.
-pub const FEED_SCRIPT: &str = include_str!("../assets/feed.js");
+/// The scripts with which a page takes in what it is sent.
+pub const FEED_SCRIPTS: [Script; 2] = [script!("../assets/decode.js"), script!("../assets/feed.js")];
 
 /// The port where none is given and it is free.
 pub const USUAL_PORT: u16 = 7171;

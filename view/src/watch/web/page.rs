@@ -3,6 +3,7 @@
 use crate::report::cloud::Cloud;
 use crate::report::page::Template;
 use crate::report::scene::Scene as ReportScene;
+use crate::script;
 use crate::watch::chunk::SIGMA_RANGE;
 use crate::watch::scene::Scene;
 use anyhow::{Context, Result};
@@ -16,13 +17,14 @@ const TEMPLATE: Template = Template {
     policy: "; connect-src 'self'",
     scene: true,
     scripts: &[
-        include_str!("../assets/store.js"),
-        include_str!("../assets/feed.js"),
-        include_str!("../assets/lines.js"),
-        include_str!("../assets/detail.js"),
-        include_str!("../assets/view.js"),
-        include_str!("../assets/panel.js"),
-        include_str!("../assets/live.js"),
+        script!("../assets/store.js"),
+        script!("../assets/decode.js"),
+        script!("../assets/feed.js"),
+        script!("../assets/lines.js"),
+        script!("../assets/detail.js"),
+        script!("../assets/view.js"),
+        script!("../assets/panel.js"),
+        script!("../assets/live.js"),
     ],
 };
 
@@ -39,7 +41,13 @@ struct Data {
 
 /// The page of a scene, which is still to come over the WebSocket.
 pub fn render(title: &str, scene: &Scene, live: bool) -> Result<String> {
-    let mut agents = scene.agents.iter().map(|agent| AgentInfo::new(agent.name.clone(), agent.camera));
+    let mut agents = scene.agents.iter().map(|agent| {
+        let mut info = AgentInfo::new(agent.name.clone(), agent.camera);
+        if agent.metric {
+            info.set_metric();
+        }
+        info
+    });
     let first = agents.next().context("there is no agent to show")?;
     let mut map = Map::of(first);
     map.agents.extend((1..).map(AgentId).zip(agents));

@@ -1,16 +1,22 @@
 // Key-point matches of keyframe pairs, side by side.
 
-const MATCH_COLOURS = { depth: "#56b4e9", none: "#e69f00" };
-/** Pixels between the two images. */
-const MATCH_GAP = 12;
+import { toggleFullScreen } from "../../../../../view/src/report/assets/controls.js";
+import { unpack } from "../../../../../view/src/report/assets/numbers.js";
+import { data, element } from "../../../../../view/src/report/assets/page.js";
+import { takeImage } from "../../../../../view/src/report/assets/scene.js";
 
-const pictures = data.pictures;
-const images = pictures.map(takeImage);
+export const MATCH_COLOURS = { depth: "#56b4e9", none: "#e69f00" };
+/** Pixels between the two images. */
+export const MATCH_GAP = 12;
+
+export const pictures = data.pictures;
+export const images = pictures.map(takeImage);
 
 /** A pair's figure: the earlier map's image on the left, the joining map's on the right, matches as lines. */
-class MatchFigure {
+export class MatchFigure {
   constructor(meeting, pair, title) {
-    Object.assign(this, { pair, lines: 60 });
+    this.pair = pair;
+    this.lines = 60;
     this.node = element("figure");
     const [source, target] = [meeting.source, meeting.target].map((input) => data.inputs[input]);
     const { keyframes: ids, matches, pictures: shown } = pair;
@@ -71,7 +77,7 @@ class MatchFigure {
 }
 
 /** The three pairs of a meeting: the place itself large, its neighbours beside it. */
-function matchFigures(meeting) {
+export function matchFigures(meeting) {
   const titles = ["z = −1: the keyframes before.", "z = 0: the place.", "z = 1: the keyframes after."];
   const { pairs } = meeting.closure;
   const figures = pairs.map((pair, z) => pair && new MatchFigure(meeting, pair, titles[z]));

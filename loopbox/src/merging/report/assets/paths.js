@@ -1,31 +1,30 @@
 // The agents' paths over time: position per axis, and roll, pitch, yaw.
 
-const paths = {
+import { nameOf } from "./tables.js";
+import { Chart } from "../../../../../view/src/report/assets/chart.js";
+import { figures, quantile, unpack } from "../../../../../view/src/report/assets/numbers.js";
+import { byId, data, element } from "../../../../../view/src/report/assets/page.js";
+import { nearestTime } from "../../../../../view/src/report/assets/playing.js";
+import { LENGTH_UNIT, agentColour, agents, keyframes, shared, spans, trajectory } from "../../../../../view/src/report/assets/scene.js";
+import { MERGE_EDGE } from "../../../../../view/src/report/assets/viewer.js";
+
+export const paths = {
   seconds: unpack(data.paths.seconds, Float32Array),
   position: unpack(data.paths.position, Float32Array),
   turns: unpack(data.paths.turns, Float32Array),
-  spans: spans(trajectory.agent),
+  spans: spans(trajectory.agent, trajectory.count),
   /** The frame of an agent nearest to a time; −1 outside of its recording. */
   near(agent, seconds) {
     const [first, end] = this.spans[agent];
-    let low = first, high = end;
-    while (low < high) {
-      const middle = (low + high) >> 1;
-      if (this.seconds[middle] < seconds) low = middle + 1;
-      else high = middle;
-    }
-    if (low === end) return -1;
-    return low > first && seconds - this.seconds[low - 1] < this.seconds[low] - seconds ? low - 1 : low;
+    return end > first && seconds <= this.seconds[end - 1] ? nearestTime(this.seconds, first, end, seconds) : -1;
   },
 };
 
-/** The frame of an agent that is pointed at, an index into the trajectory, or −1. */
-function framePointedAt(agent) {
-  return paths.near(agent, shared.hoverAt);
-}
+shared.framePointedAt = (agent) => paths.near(agent, shared.hoverAt);
+shared.placeOfTime = (seconds) => seconds;
 
 /** The frames at the keyframes that closures match, by agent. */
-function matchedFrames() {
+export function matchedFrames() {
   const edges = unpack(data.scene.edges, Uint32Array), found = agents.map(() => new Set());
   for (let i = 0; i < edges.length; i += 3) {
     if (edges[i + 2] !== MERGE_EDGE) continue;
@@ -40,7 +39,7 @@ function matchedFrames() {
 }
 
 /** Panels of three columns of numbers. */
-function pathPanels(titles, unit, numbers) {
+export function pathPanels(titles, unit, numbers) {
   return titles.map((title, column) => {
     const values = numbers.filter((_, i) => i % 3 === column);
     const [low, high] = values.reduce(([low, high], v) => (Number.isFinite(v) ? [Math.min(low, v), Math.max(high, v)] : [low, high]), [Infinity, -Infinity]);
@@ -49,11 +48,16 @@ function pathPanels(titles, unit, numbers) {
   });
 }
 
-class PathPlots extends Chart {
+export class PathPlots extends Chart {
   constructor(canvas, panels) {
     const last = paths.seconds.reduce((a, b) => Math.max(a, b), 0);
     super(canvas, panels, [0, last || 1], 0, "s");
     this.matched = matchedFrames();
+    /** The median step between the frame indices of each agent. @type {number[]} */
+    this.steps = paths.spans.map(([first, end]) => {
+      const steps = trajectory.frame.slice(first + 1, end).map((f, i) => f - trajectory.frame[first + i]).sort();
+      return steps.length ? Math.max(1, quantile(steps, 0.5)) : 1;
+    });
   }
 
   drawCurves(context, panel, at) {
@@ -66,14 +70,14 @@ class PathPlots extends Chart {
       let pen = false;
       for (let i = first; i < end; i++) {
         const value = panel.values[i];
-        const lost = i > first && trajectory.frame[i] - trajectory.frame[i - 1] > 8 * this.usualStep(agent);
+        const lost = i > first && trajectory.frame[i] - trajectory.frame[i - 1] > 8 * this.steps[agent];
         if (pen && !lost) context.lineTo(this.x(paths.seconds[i]), at(value));
         else context.moveTo(this.x(paths.seconds[i]), at(value));
         pen = Number.isFinite(value);
       }
       context.stroke();
       this.matched[agent].forEach((i) => this.drawRing(context, this.x(paths.seconds[i]), at(panel.values[i]), colour));
-      const here = shared.hoverAt === null ? -1 : framePointedAt(agent);
+      const here = shared.hoverAt === null ? -1 : shared.framePointedAt(agent);
       if (here >= 0) this.drawDot(context, this.x(paths.seconds[here]), at(panel.values[here]), colour);
     });
   }
@@ -85,18 +89,9 @@ class PathPlots extends Chart {
     context.stroke();
   }
 
-  /** The median step between an agent's frame indices. */
-  usualStep(agent) {
-    this.steps ||= paths.spans.map(([first, end]) => {
-      const steps = trajectory.frame.slice(first + 1, end).map((f, i) => f - trajectory.frame[first + i]).sort();
-      return steps.length ? Math.max(1, quantile(steps, 0.5)) : 1;
-    });
-    return this.steps[agent];
-  }
-
   readout(panel) {
     if (shared.hoverAt === null) return [];
-    const texts = agents.map((_, agent) => [framePointedAt(agent), agentColour(agent)]);
+    const texts = agents.map((_, agent) => [shared.framePointedAt(agent), agentColour(agent)]);
     return texts.filter(([frame]) => frame >= 0).map(([frame, colour]) => [figures(panel.values[frame]), colour, 650]);
   }
 
@@ -106,8 +101,6 @@ class PathPlots extends Chart {
     this.redraw();
   }
 
-  drawBelow() {}
-
   cursor() {
     return shared.hoverAt === null ? null : { at: shared.hoverAt, text: `${shared.hoverAt.toFixed(2)} s` };
   }
@@ -115,8 +108,6 @@ class PathPlots extends Chart {
   point(seconds) {
     shared.hover(seconds);
   }
-
-  pick() {}
 
   walk(direction) {
     const [low, high] = this.range;
@@ -130,13 +121,13 @@ class PathPlots extends Chart {
 }
 
 /** Both columns of plots; nothing where there are no frames. */
-function startPaths() {
+export function startPaths() {
   byId("paths-section").hidden = !trajectory.count;
   if (!trajectory.count) return;
   byId("paths-note").textContent = `World of ${agents[0].name}, the first map: x right, y down, z ahead at its start. Time runs from each agent's first frame; rings mark keyframes that closures match. Hover for values, drag to zoom, double-click to reset.`;
   byId("paths-legend").append(...agents.map((_, agent) => element("li", null, ...nameOf(agent))));
   const columns = [
-    new PathPlots(byId("positions"), pathPanels(["x", "y", "z"], "map units", paths.position)),
+    new PathPlots(byId("positions"), pathPanels(["x", "y", "z"], LENGTH_UNIT, paths.position)),
     new PathPlots(byId("turns"), pathPanels(["Roll", "Pitch", "Yaw"], "degrees", paths.turns)),
   ];
   // Both show one span.

@@ -1,5 +1,11 @@
 // Puts the page together.
 
+import { startPaths } from "./paths.js";
+import { fillAgents, fillHead, fillNumbers, fillPairs, fillTimes, meetingSection, plural } from "./tables.js";
+import { startViewer } from "../../../../../view/src/report/assets/controls.js";
+import { Drawing, byId, data } from "../../../../../view/src/report/assets/page.js";
+import { agentColour, agents, keyframes, shared } from "../../../../../view/src/report/assets/scene.js";
+
 /** The merges as a graph: agents on a circle, lines between those that were merged. */
 class MergeGraph extends Drawing {
   draw() {
@@ -64,7 +70,7 @@ fillAgents();
 fillPairs();
 fillNumbers();
 fillTimes();
-byId("meetings").append(...[...data.meetings].sort((a, b) => Boolean(a.refusal) - Boolean(b.refusal)).map(meetingSection));
+byId("meetings").append(...[...data.meetings].sort((a, b) => Number(Boolean(a.refusal)) - Number(Boolean(b.refusal))).map(meetingSection));
 const controls = startViewer();
 const graph = new MergeGraph(byId("graph"));
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => graph.redraw());

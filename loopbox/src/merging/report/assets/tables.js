@@ -1,24 +1,29 @@
 // Tables and words of a merging.
 
-const percent = (share) => (share === null || share === undefined ? "–" : `${(share * 100).toFixed(0)} %`);
+import { matchFigures } from "./matches.js";
+import { figures } from "../../../../../view/src/report/assets/numbers.js";
+import { byId, data, element } from "../../../../../view/src/report/assets/page.js";
+import { agentColour, agents, keyframes, trajectory } from "../../../../../view/src/report/assets/scene.js";
+
+export const percent = (share) => (share === null || share === undefined ? "–" : `${(share * 100).toFixed(0)} %`);
 /** A small share in per cent; what is not finite came as null. */
-const fine = (share) => figures(share === null ? NaN : share * 100);
-const fixed = (value) => (Number.isFinite(value) ? value.toFixed(4) : "–");
-const plusMinus = (value, sigma) => `${fixed(value)} ± ${fixed(sigma)}`;
-const plural = (count, one, many = `${one}s`) => `${count.toLocaleString("en")} ${count === 1 ? one : many}`;
+export const fine = (share) => figures(share === null ? NaN : share * 100);
+export const fixed = (value) => (Number.isFinite(value) ? value.toFixed(4) : "–");
+export const plusMinus = (value, sigma) => `${fixed(value)} ± ${fixed(sigma)}`;
+export const plural = (count, one, many = `${one}s`) => `${count.toLocaleString("en")} ${count === 1 ? one : many}`;
 
 /** Words as people list them. */
-const listed = (words) => (words.length < 2 ? words.join("") : `${words.slice(0, -1).join(", ")} and ${words[words.length - 1]}`);
+export const listed = (words) => (words.length < 2 ? words.join("") : `${words.slice(0, -1).join(", ")} and ${words[words.length - 1]}`);
 
 /** An agent's name with its colour, as children of a node. */
-function nameOf(agent) {
+export function nameOf(agent) {
   const swatch = Object.assign(element("span"), { className: "swatch" });
   swatch.style.background = agentColour(agent);
   return [swatch, agents[agent].name];
 }
 
 /** Fills a table: columns `[head, explanation, class]`, rows of texts or nodes. */
-function fillTable(table, columns, rows) {
+export function fillTable(table, columns, rows) {
   const heads = columns.map(([head, explanation, kind]) => {
     const cell = Object.assign(element("th", head), { title: explanation, className: kind || "" });
     cell.scope = "col";
@@ -36,18 +41,18 @@ function fillTable(table, columns, rows) {
   return table;
 }
 
-const newTable = () => Object.assign(element("table"), { className: "grid" });
-const verdictOf = (good, text) => Object.assign(element("span", text), { className: `verdict ${good ? "good" : "bad"}` });
-const inputName = (index) => data.inputs[index];
-const secondsOf = ({ places, meeting, method }) => places + meeting + method;
+export const newTable = () => Object.assign(element("table"), { className: "grid" });
+export const verdictOf = (good, text) => Object.assign(element("span", text), { className: `verdict ${good ? "good" : "bad"}` });
+export const inputName = (index) => data.inputs[index];
+export const secondsOf = ({ places, meeting, method }) => places + meeting + method;
 
 /** The direct alignment with most agreeing pixels among the pairs used: what the verdict rests on. */
-function bestDirect(closure) {
+export function bestDirect(closure) {
   const used = closure.pairs.filter((pair) => pair && pair.agrees && pair.direct);
   return used.reduce((best, { direct }) => (!best || direct.inlier_share > best.inlier_share ? direct : best), null);
 }
 
-function fillPairs() {
+export function fillPairs() {
   const columns = [
     ["Maps", "The map that was searched, and the one whose keyframes were looked for"],
     ["Verdict", "Whether they were merged"],
@@ -83,7 +88,7 @@ function fillPairs() {
 }
 
 /** The table of the pairs z = −1, 0, 1. */
-function tripleTable({ closure }) {
+export function tripleTable({ closure }) {
   const columns = [
     ["Pair", "Position along the joining map, from the place"],
     ["Keyframes", "Of the first map and of the joining one", "number"],
@@ -110,7 +115,7 @@ function tripleTable({ closure }) {
 }
 
 /** σ* by both estimators, and the registration of the clouds. */
-function scaleTable({ closure }) {
+export function scaleTable({ closure }) {
   const names = (used) => listed(["−1", "0", "1"].filter((_, i) => used[i])) || "none";
   const row = (title, { scale, deviation, scale_gap: gap, used, basis }) => [title, plusMinus(scale, deviation), figures(gap), `z = ${names(used)}: ${basis}`];
   const { Ok: paper, Err: none } = closure.algorithm_1;
@@ -118,7 +123,7 @@ function scaleTable({ closure }) {
   return fillTable(newTable(), [["Scale σ* by", "How the scales of the three pairs are made one"], ["σ*", "With standard deviation", "number"], ["Δ", "Largest difference between the scales used", "number"], ["Rests on", "The pairs used", "wrap"]], rows);
 }
 
-function registrationText({ closure }) {
+export function registrationText({ closure }) {
   const { Ok: found, Err: none } = closure.registration;
   if (!found) return `The clouds of the chosen pair could not be registered point by point: ${none}. The images were aligned from where the key points put them.`;
   const end = found.converged ? "" : " It still moved then.";
@@ -126,7 +131,7 @@ function registrationText({ closure }) {
 }
 
 /** The places tried, folded away. */
-function placesTried(meeting) {
+export function placesTried(meeting) {
   const columns = [["Keyframes", "Of the first map and of the joining one", "number"], ["γ", "Key points that match and fit one relative pose", "number"], ["Outcome", "What became of it", "wrap"]];
   const rows = meeting.places.map(({ keyframes: ids, match_count: count, outcome }) => [`${ids.target} · ${ids.source}`, count || "–", outcome]);
   const summary = element("summary", `${plural(meeting.places.length, "place")} tried of ${meeting.proposed.toLocaleString("en")} proposed`);
@@ -136,7 +141,7 @@ function placesTried(meeting) {
 }
 
 /** What happened between two maps. */
-function meetingStory(meeting) {
+export function meetingStory(meeting) {
   const { closure, closures, refusal } = meeting;
   const [first, second] = [meeting.target, meeting.source].map(inputName);
   if (!closure) return `${refusal} Nothing of ${second} was joined to ${first} here.`;
@@ -146,7 +151,7 @@ function meetingStory(meeting) {
   return closures ? `${story} ${plural(closures.used, "closure")} along both maps agree and join them; ${closures.rejected} more disagreed, ${closures.failed} could not be aligned.` : story;
 }
 
-function meetingSection(meeting) {
+export function meetingSection(meeting) {
   const { closure, refusal } = meeting;
   const names = [meeting.target, meeting.source].map(inputName);
   const title = refusal ? `${names[0]} and ${names[1]} were not merged` : `Where ${names[1]} met ${names[0]}`;
@@ -158,7 +163,7 @@ function meetingSection(meeting) {
   return Object.assign(element("section", null, head, card), { className: "meeting" });
 }
 
-function fillTimes() {
+export function fillTimes() {
   const seconds = (value) => value.toFixed(3);
   const rows = data.meetings.map(({ target, source, seconds: { places, meeting, method } }) => [`${inputName(target)} + ${inputName(source)}`, seconds(places), seconds(meeting), seconds(method)]);
   rows.push(["Common map", "", "", seconds(data.fusion_seconds)]);
@@ -166,13 +171,13 @@ function fillTimes() {
 }
 
 /** A row of a table of labels and values. */
-function labelled([label, value]) {
+export function labelled([label, value]) {
   const head = element("th", label);
   head.scope = "row";
   return element("tr", null, head, element("td", value));
 }
 
-function fillNumbers() {
+export function fillNumbers() {
   const { pose_graph: graph } = data.graph;
   const rows = [
     ["Agents", listed(agents.map((agent) => agent.name))],
@@ -188,7 +193,7 @@ function fillNumbers() {
   byId("numbers").append(...rows.map(labelled));
 }
 
-function fillAgents() {
+export function fillAgents() {
   byId("agent-list").append(...data.graph.agents.map((agent, index) => {
     const { way, scale, deviation: sigma, confidence } = agent;
     const lines = [`${plural(agent.keyframes, "keyframe")}.`];
@@ -202,7 +207,7 @@ function fillAgents() {
   }));
 }
 
-function fillHead() {
+export function fillHead() {
   const merged = data.meetings.filter((meeting) => !meeting.refusal).length;
   const closures = data.graph.merges.reduce((sum, merge) => sum + merge.closures, 0);
   const seconds = data.meetings.reduce((sum, meeting) => sum + secondsOf(meeting.seconds), data.fusion_seconds);

@@ -1,0 +1,52 @@
+//! ROS 2 bags in SQLite as sources.
+
+use super::SqliteBag;
+use crate::messages::{self, Content};
+use crate::topic_recording::{Stamped, TopicRecording};
+use crate::{FoundCalibration, SourceInfo, SourceOptions};
+use anyhow::{Context, Result};
+use std::path::{Path, PathBuf};
+
+/// What would do as images, for people.
+const LOOKED_FOR: &str = "sensor_msgs/msg/Image and sensor_msgs/msg/CompressedImage";
+
+/// Opens a bag by its files, at the topic of `options` if it has several with images; `path` is what the user named.
+///
+/// # Errors
+/// When it cannot be read, or has no images or not exactly one topic to take them from.
+pub fn open(path: &Path, files: &[PathBuf], options: &SourceOptions) -> Result<TopicRecording> {
+    let bag = SqliteBag::open(files)?;
+    let topics = bag.topics();
+    let (topic, count) = topics.choose(path, options.topic.as_deref(), LOOKED_FOR)?;
+    let calibration = match topics.calibration(&topic) {
+        Some(wanted) => first_calibration(path, files, &wanted)?,
+        None => None,
+    };
+    let info = SourceInfo {
+        kind: "ROS 2 bag",
+        path: path.to_owned(),
+        frame_count: Some(count),
+        duration: topics.duration(),
+        calibration,
+        lag: None,
+    };
+    let form = topics.image_form(&topic).context("the topic holds no images")?;
+    let stamped = bag
+        .messages(&topic)
+        .map(|message| message.map(|message| Stamped { time: message.time, data: message.data }));
+    Ok(TopicRecording::new(info, topics.facts(), form, stamped))
+}
+
+/// The first calibration on `topic`.
+fn first_calibration(path: &Path, files: &[PathBuf], topic: &str) -> Result<Option<FoundCalibration>> {
+    for message in SqliteBag::open(files)?.messages(topic) {
+        let message = message?;
+        let Some(Content::Calibration(form)) = Content::of(&message.kind, &message.encoding) else {
+            continue;
+        };
+        let origin = format!("topic {topic} of {}", path.display());
+        let camera = messages::read_calibration(form, &message.data);
+        return Ok(Some(FoundCalibration::of_message(origin, camera)));
+    }
+    Ok(None)
+}

@@ -1,0 +1,29 @@
+// Numbers: packed ones, quantiles, and as people read them.
+
+/** Bytes of a base64 text, as the given typed array (little-endian). */
+export function unpack(text, Type) {
+  const binary = atob(text);
+  const bytes = new Uint8Array(binary.length);
+  for (let i = 0; i < bytes.length; i++) bytes[i] = binary.charCodeAt(i);
+  return new Type(bytes.buffer);
+}
+
+/** A number with about three figures. */
+export function figures(value) {
+  if (!Number.isFinite(value)) return "–";
+  const size = Math.abs(value);
+  if (size >= 1000) return Math.round(value).toLocaleString("en");
+  if (size >= 100) return value.toFixed(0);
+  if (size >= 10) return value.toFixed(1);
+  if (size >= 1 || size === 0) return value.toFixed(2);
+  return value.toPrecision(2);
+}
+
+/** The `share` quantile of sorted numbers. */
+export const quantile = (sorted, share) => sorted[Math.round((sorted.length - 1) * share)];
+
+/** The largest of 1, 2, 5 · 10ⁿ that is at most `value`. */
+export function roundStep(value) {
+  const power = Math.pow(10, Math.floor(Math.log10(value)));
+  return [5, 2, 1].map((m) => m * power).find((v) => v <= value * 1.0001) || power;
+}

@@ -1,0 +1,55 @@
+// What is drawn over the scene: colours of lines, segments that tools set, and dots.
+
+import { Lines } from "./gl.js";
+import { element } from "./page.js";
+
+export const LINE_COLOURS = {
+  trajectory: [1, 0.72, 0.2, 1],
+  keyframe: [0.46, 0.73, 1, 0.7],
+  selected: [1, 0.36, 0.74, 1],
+  grid: [0.55, 0.63, 0.74, 0.16],
+  closure: [1, 1, 1, 1],
+  cut: [1, 1, 1, 0.55],
+  measured: [0.4, 1, 0.55, 1],
+  played: [1, 0.95, 0.6, 1],
+  edges: [[0.6, 0.66, 0.74, 0.5], [0.35, 0.85, 0.72, 0.45], [1, 0.33, 0.36, 1], [0.78, 0.55, 1, 1]],
+};
+
+/** Widths of the lines that tools set, pixels. */
+const WIDTHS = { cut: 1, played: 2, measured: 2.4 };
+
+/** Segments that tools set, by what they show; kept, so that they outlive the graphics card's memory. */
+export class Overlays {
+  constructor() {
+    /** `[from, to, colour]` each. @type {Object<string, number[][][]>} */
+    this.segments = { cut: [], played: [], measured: [] };
+    /** @type {Object<string, Lines>} */
+    this.lines = {};
+  }
+
+  /** Makes what lives on the graphics card. */
+  create(gl) {
+    for (const name of Object.keys(this.segments)) {
+      this.lines[name] = new Lines(gl);
+      this.set(name, this.segments[name]);
+    }
+  }
+
+  set(name, segments) {
+    this.segments[name] = segments;
+    segments.forEach(([from, to, colour]) => this.lines[name].push(from, to, colour));
+    this.lines[name].upload();
+  }
+
+  draw(lineProgram, ratio) {
+    for (const [name, lines] of Object.entries(this.lines)) lines.draw(lineProgram, WIDTHS[name] * ratio);
+  }
+}
+
+/** A dot of a kind, to be moved over a canvas. */
+export function marker(kind, canvas) {
+  const node = element("div");
+  node.className = `marker ${kind}`;
+  canvas.after(node);
+  return node;
+}
