@@ -313,6 +313,7 @@ impl RunArgs {
             trajectory: self.trajectory,
             max_variance: self.max_variance,
             features: self.features.is_now(),
+            unattended: false,
         })
     }
 
@@ -320,7 +321,7 @@ impl RunArgs {
     fn resume(&self) -> Option<Resume> {
         let on = self.continued.iter().map(|map| (map, Going::On));
         let given = on.chain(self.localise.iter().map(|map| (map, Going::Localising))).next();
-        given.map(|(map, going)| Resume { map: map.clone(), going })
+        given.map(|(map, going)| Resume { map: map.clone(), going, opened: None })
     }
 
     /// The size of the first image, if the calibration is to be scaled to it.
