@@ -298,11 +298,9 @@ impl RunArgs {
             max_width: self.max_width,
         };
         Ok(RunOptions {
-            out: self.out.clone(),
             name: self.name.clone(),
             force: self.force,
             camera,
-            lens: None,
             params: self.params.as_deref().map(params::read).transpose()?.unwrap_or_default(),
             pace: self.pace(),
             rate: self.camera.fps,
@@ -313,7 +311,7 @@ impl RunArgs {
             trajectory: self.trajectory,
             max_variance: self.max_variance,
             features: self.features.is_now(),
-            unattended: false,
+            ..RunOptions::to(&self.out)
         })
     }
 

@@ -23,6 +23,8 @@ enum Message {
     Begin(usize, PathBuf, Box<AgentInfo>),
     /// The map of a fragment has changed: deltas and new frames.
     Grown(usize, Vec<MapDelta>, Vec<FramePose>),
+    /// A part of what follows in `Grown`: the file does not get its name by it.
+    Piece(usize, Vec<MapDelta>, Vec<FramePose>),
     /// Everything so far is to be with the system, and then this to be answered.
     Flush(Sender<()>),
 }
@@ -41,9 +43,9 @@ pub struct Growing {
 }
 
 impl Growing {
-    /// The same, where what finds no room on the disk waits in memory until there is some.
-    pub fn that_waits(self) -> Self {
-        Self { waits: true, ..self }
+    /// Says whether what finds no room on the disk waits in memory until there is some, before anything is handed on.
+    pub fn wait_for_room(&mut self, waits: bool) {
+        self.waits = waits;
     }
 
     /// Whether anything waits in memory for room on the disk.

@@ -63,9 +63,8 @@ pub struct RunOptions {
     /// Whether the keyframes' features are found beside tracking, so that merging need not. Without them the map is
     /// smaller, and merging finds them at each call.
     pub features: bool,
-    /// Nobody looks after the run, which may go on for months: a full disk is waited out, with what the map has grown by in
-    /// memory; rows of old frames are forgotten; and when it is to stop, the map is left as it has grown, within seconds,
-    /// without trajectory, cloud and report.
+    /// Nobody looks after the run, for months: a full disk is waited out, with the map growing in memory; rows of old frames
+    /// are forgotten; and when it is to stop, the map is left as it has grown, without trajectory, cloud and report.
     pub unattended: bool,
 }
 
@@ -199,9 +198,7 @@ impl PreparedRun {
             kept.spare(&options.out)?;
         }
         let mut output = Output::create(&options.out, about.clone(), &info.path, options.force)?;
-        if options.unattended {
-            output = output.that_waits_for_room();
-        }
+        output.wait_for_room(options.unattended);
         if let Some(lens) = &options.lens {
             output.add("camera.yaml", lens.file());
         }

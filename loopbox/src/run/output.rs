@@ -52,9 +52,10 @@ impl Output {
         Ok(Self { results, agent, growing, beside, others })
     }
 
-    /// The same, where a full disk does not end the run: what the map has grown by waits in memory until there is room.
-    pub fn that_waits_for_room(self) -> Self {
-        Self { growing: self.growing.that_waits(), ..self }
+    /// Says whether a full disk is waited out: what the map has grown by waits in memory until there is room; else it ends
+    /// the run.
+    pub fn wait_for_room(&mut self, waits: bool) {
+        self.growing.wait_for_room(waits);
     }
 
     /// Whether something waits in memory for room on the disk.

@@ -126,7 +126,8 @@ impl Session<'_> {
         if !leaves {
             maps = fragments::joined(maps, self.progress);
         }
-        let apart = run.leave_out_kept(&mut maps);
+        // Where nobody looks, what it went on in may not be anywhere else by now.
+        let apart = if self.unattended { None } else { run.leave_out_kept(&mut maps) };
         let mut record = run.record(&self.source, self.camera, ahead, self.stop.requested(), &maps);
         if record.frames.tracked == 0 {
             output.fail(&record)?;

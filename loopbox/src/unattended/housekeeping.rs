@@ -5,7 +5,6 @@ use super::room::{Plan, Room, plan};
 use super::sessions::Sessions;
 use super::vitals::{Vitals, Why};
 use crate::run::free_bytes;
-use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -18,6 +17,7 @@ const INTERVAL: Duration = Duration::from_secs(2);
 /// How soon it ends.
 const LOOK: Duration = Duration::from_millis(20);
 const MIB: u64 = 1 << 20;
+const MAP: &str = "map.mcap";
 
 /// Whoever keeps house.
 pub struct Housekeeping {
@@ -28,8 +28,8 @@ pub struct Housekeeping {
     spare: u64,
     records: bool,
     file_bytes: u64,
-    /// The folders of the sessions in use: that which runs, and that whose map it goes on in.
-    in_use: Mutex<BTreeSet<PathBuf>>,
+    /// The folders in use: that of the session which runs, and that whose map it goes on in.
+    in_use: Mutex<Vec<PathBuf>>,
 }
 
 /// The thread; it ends when this is dropped.
@@ -55,19 +55,27 @@ impl Housekeeping {
         })
     }
 
-    /// Says which sessions are in use from now on.
+    /// Says which folders are in use from now on: that of the session first. That whose map it goes on in is in use until the
+    /// session's own file holds all of it.
     pub fn use_only(&self, folders: impl IntoIterator<Item = PathBuf>) {
         *self.in_use.lock().unwrap_or_else(PoisonError::into_inner) = folders.into_iter().collect();
     }
 
     /// Makes room once, and says what there is.
     pub fn make_room(&self) {
-        let in_use = self.in_use.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        let mut in_use = self.in_use.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        let is_placed = in_use.first().is_some_and(|folder| folder.join(MAP).is_file());
+        // What the growing map lacks is at most the map that it goes on in.
+        let lacking = in_use.get(1).filter(|_| !is_placed).map_or(0, |before| map_bytes(before));
+        if is_placed {
+            in_use.truncate(1);
+        }
         let recorded = self.vitals.now().button.as_ref().and_then(|button| button.path());
-        let stays = |path: &Path| in_use.contains(path) || recorded.as_deref() == Some(path);
+        let stays =
+            |path: &Path| in_use.iter().any(|folder| folder == path) || recorded.as_deref() == Some(path);
         let others = self.sessions.other_bytes();
         let room =
-            Room { limit: self.limit.saturating_sub(others), free: free_bytes(&self.out), spare: self.spare };
+            Room { limit: self.limit.saturating_sub(others), free: free_bytes(&self.out), spare: self.spare + lacking };
         let Plan { delete, kept, is_over, is_short } = plan(&self.sessions.kept(&stays), room);
         for path in delete {
             let removed = if path.is_dir() { fs::remove_dir_all(&path) } else { fs::remove_file(&path) };
@@ -97,8 +105,8 @@ impl Housekeeping {
             now.disk_trouble = trouble;
         }
         self.record(self.records && !is_over && !is_short);
-        if is_over && !is_recording {
-            // Nothing but maps in use is left: the one that grows is ended, and with the next it may go when it is old.
+        if is_over && is_placed && !is_recording {
+            // Nothing but the map is left.
             self.vitals.end_session(Why::Disk);
         }
     }
@@ -144,6 +152,10 @@ impl Housekeeping {
         let thread = std::thread::Builder::new().name("housekeeping".into()).spawn(work)?;
         Ok(Keeper { ends, thread: Some(thread) })
     }
+}
+
+fn map_bytes(folder: &Path) -> u64 {
+    fs::metadata(folder.join(MAP)).map_or(0, |about| about.len())
 }
 
 impl Drop for Keeper {

@@ -21,8 +21,9 @@ pub struct Found {
     pub resume: Resume,
 }
 
-/// Finds the map to go on in, but not those of the sessions `passed`. One that cannot be read is set aside.
-pub fn find_map(sessions: &Sessions, passed: &BTreeSet<u32>, vitals: &Vitals) -> Option<Found> {
+/// Finds the map to go on in, but not those of the sessions `passed`. One that cannot be read is set aside; one of more than
+/// `most` bytes is left, and a new one begun: a session writes all of the map that it goes on in.
+pub fn find_map(sessions: &Sessions, passed: &BTreeSet<u32>, most: u64, vitals: &Vitals) -> Option<Found> {
     let mut history = sessions.history();
     let earlier = sessions.all().into_iter().rev().filter(|session| !passed.contains(&session.number));
     for session in earlier {
@@ -37,6 +38,14 @@ pub fn find_map(sessions: &Sessions, passed: &BTreeSet<u32>, vitals: &Vitals) ->
             continue;
         }
         for map in session.maps() {
+            let bytes = std::fs::metadata(&map).map_or(0, |about| about.len());
+            if bytes > most {
+                let map = map.display();
+                vitals
+                    .trouble(&format!("{map}: takes more than half of limits.disk_mib, a new map is begun"));
+                sessions.keep_history(&history.leaving(session.number));
+                return None;
+            }
             history = history.reading(session.number);
             sessions.keep_history(&history);
             match open_map(&map) {

@@ -125,6 +125,14 @@ impl Agent<'_> {
                 (ended, None) if self.config.recording.is_some() && !begins_anew => {
                     return ended.map(|()| Over::SourceEnded);
                 }
+                (ended, Some(Why::Disk)) => {
+                    let session = self.vitals.now().beat.session;
+                    self.sessions.keep_history(&self.sessions.history().leaving(session));
+                    let outcome = ended.map_or_else(|error| explained(&error), |()| "it is saved".into());
+                    self.vitals.trouble(&format!(
+                        "the map of session {session} takes all of limits.disk_mib, a new one is begun: {outcome}"
+                    ));
+                }
                 (Ok(()), _) => failures = 0,
                 (Err(error), _) => {
                     failures = if frames >= WENT_WELL { 1 } else { failures + 1 };
@@ -178,7 +186,14 @@ impl Agent<'_> {
     }
 
     fn found_map(&self) -> Option<Found> {
-        self.config.map.goes_on.then(|| find_map(&self.sessions, &self.passed, &self.vitals)).flatten()
+        self.config
+            .map
+            .goes_on
+            .then(|| {
+                let most = (self.config.limits.disk_mib << 20) / 2;
+                find_map(&self.sessions, &self.passed, most, &self.vitals)
+            })
+            .flatten()
     }
 
     fn map(

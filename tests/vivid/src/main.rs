@@ -28,6 +28,9 @@ enum Command {
     Agent {
         /// How long
         minutes: f64,
+        /// Pictures a second; an emulated processor tracks two or three
+        #[arg(default_value_t = 15.0)]
+        rate: f64,
     },
     /// Play a folder of pictures into the driver's output until it is interrupted
     Play {
@@ -45,7 +48,7 @@ enum Command {
 fn main() -> ExitCode {
     match Command::parse() {
         Command::Check { words } => check(&words),
-        Command::Agent { minutes } => match trial::run(minutes) {
+        Command::Agent { minutes, rate } => match trial::run(minutes, rate) {
             Ok(()) => {
                 println!("\ntest result: ok. The agent was always back");
                 ExitCode::SUCCESS

@@ -17,12 +17,12 @@ use std::time::{Duration, Instant};
 
 /// The word: always back within so many seconds.
 const BACK: f64 = 5.0;
-/// Pictures a second, as they were taken.
-const RATE: f64 = 15.0;
 /// Pictures of the sequence, there and back again.
 const PICTURES: usize = 90;
-/// Seconds of pictures that are played at a time.
-const PLAYED: f64 = 90.0;
+/// Pictures that are played at a time: more than come between two events.
+const PLAYED: usize = 1350;
+/// How long an emulated processor may take to begin, and to see that there is room again, seconds.
+const PATIENCE: f64 = 240.0;
 /// As the service manager waits (`RestartSec`).
 const RESTART: Duration = Duration::from_secs(1);
 /// The disk, MiB, of which the agent may keep [`BUDGET`].
@@ -74,21 +74,23 @@ struct Trial {
     broken: Vec<String>,
 }
 
-/// Runs it for so many minutes.
+/// Runs it for so many minutes, with so many pictures a second.
 ///
 /// # Errors
 /// When a rule was broken, or the machine does not do what is asked of it.
-pub fn run(minutes: f64) -> Result<()> {
+pub fn run(minutes: f64, rate: f64) -> Result<()> {
     ensure!(minutes.is_finite() && minutes > 0.0, "{minutes} minutes are no time");
+    ensure!(rate.is_finite() && rate > 0.0, "{rate} pictures a second are no rate");
     let (pictures, mode) = sequence_of(PICTURES)?;
     let there = pictures.iter().chain(pictures.iter().rev());
-    let pictures: Vec<GrayImage> = there.cycle().take((PLAYED * RATE) as usize).cloned().collect();
+    let pictures: Vec<GrayImage> = there.cycle().take(PLAYED).cloned().collect();
     prepare()?;
     let began = Instant::now();
     let mut trial = Trial::default();
-    let mut player = Player::start(&pictures, &mode, Pace::PerSecond(RATE))?;
+    let play = || Player::start(&pictures, &mode, Pace::PerSecond(rate));
+    let mut player = Some(play()?);
     let mut agent = Agent::start()?;
-    agent.wait("tracking", 60.0, |beat| beat["state"] == "tracking")?;
+    agent.wait("tracking", PATIENCE, |beat| beat["state"] == "tracking")?;
     for round in 0.. {
         if began.elapsed().as_secs_f64() > 60.0 * minutes {
             break;
@@ -99,19 +101,23 @@ pub fn run(minutes: f64) -> Result<()> {
         let (back, tracking) = match event {
             Event::Unplug => {
                 unplug()?;
-                let _ = player.stop();
-                agent.wait("waiting", 10.0, |beat| beat["state"] == "waiting")?;
+                // Its device is gone too.
+                let _ = player.take().map(Player::stop);
+                agent.wait("waiting", PATIENCE, |beat| beat["state"] == "waiting")?;
                 sleep(Duration::from_secs(3));
                 plug_in()?;
                 let plugged = Instant::now();
-                player = Player::start(&pictures, &mode, Pace::PerSecond(RATE))?;
+                player = Some(play()?);
                 agent.back(plugged)?
             }
-            _ => {
-                let times = trial.disturb(event, &mut agent)?;
-                player.stop()?;
-                player = Player::start(&pictures, &mode, Pace::PerSecond(RATE))?;
-                times
+            Event::Fill => trial.fill(&mut agent)?,
+            Event::Kill | Event::Stop => {
+                trial.end(event, &mut agent, || {
+                    // The driver changes its format for nobody while it is captured from.
+                    player.take().map(Player::stop).transpose()?;
+                    player = Some(play()?);
+                    Ok(())
+                })?
             }
         };
         trial.note(event, back, tracking);
@@ -119,7 +125,7 @@ pub fn run(minutes: f64) -> Result<()> {
     let (code, took) = agent.stop()?;
     ensure!(code == Some(0), "the last stop: {code:?}");
     trial.stopping = trial.stopping.max(took);
-    player.stop()?;
+    player.map(Player::stop).transpose()?;
     trial.tell(began.elapsed())
 }
 
@@ -147,11 +153,14 @@ impl Trial {
         Ok(())
     }
 
-    /// An event other than unplugging; seconds until frames come again, and until they have poses.
-    fn disturb(&mut self, event: Event, agent: &mut Agent) -> Result<(f64, f64)> {
-        if event == Event::Fill {
-            return self.fill(agent);
-        }
+    /// Ends the agent and starts it anew, with `meanwhile` between; seconds until frames come again, and until they have
+    /// poses.
+    fn end(
+        &mut self,
+        event: Event,
+        agent: &mut Agent,
+        meanwhile: impl FnOnce() -> Result<()>,
+    ) -> Result<(f64, f64)> {
         let before = beat().context("no heartbeat")?;
         let folder = PathBuf::from(before["folder"].as_str().unwrap_or_default());
         if event == Event::Kill {
@@ -168,6 +177,7 @@ impl Trial {
         let told = before["keyframes"].as_u64().unwrap_or_default();
         let there = keyframes_in(&folder);
         self.behind = self.behind.max(told.saturating_sub(there.unwrap_or_default()));
+        meanwhile()?;
         sleep(RESTART.saturating_sub(died.elapsed()));
         let started = Instant::now();
         *agent = Agent::start()?;
@@ -199,7 +209,7 @@ impl Trial {
             sleep(Duration::from_millis(100));
         }
         let later = beat().and_then(|beat| beat["frames"].as_u64()).unwrap_or_default();
-        if later < frames + 20 {
+        if later < frames + 3 {
             self.broken.push(format!("on a full disk {} frames were processed in 10 s", later - frames));
         }
         if !was_said {
@@ -208,7 +218,7 @@ impl Trial {
         drop(others);
         fs::remove_file(path)?;
         let freed = Instant::now();
-        agent.wait("well", 30.0, |beat| beat["healthy"] == true)?;
+        agent.wait("well", PATIENCE, |beat| beat["healthy"] == true)?;
         let seconds = freed.elapsed().as_secs_f64();
         Ok((seconds, seconds))
     }

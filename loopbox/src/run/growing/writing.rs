@@ -17,6 +17,9 @@ use std::time::{Duration, Instant};
 /// Frames between keyframes are written so often, and all that is written is brought to the disk: a killed run and a
 /// power cut lose no more.
 const FLUSH_INTERVAL: Duration = Duration::from_secs(1);
+/// Keyframes that are written at a time, each time if there is room for them: a run that goes on in a map says all of it at
+/// once.
+const TOGETHER: usize = 8;
 /// How often room is looked for where there was none.
 const LOOK: Duration = Duration::from_millis(500);
 /// Bytes that stay free beside what is to be written, so that no record is torn by a full disk.
@@ -78,12 +81,24 @@ impl Writing {
     }
 
     fn write_what_has_room(&mut self) -> Result<()> {
-        while let Some(message) = self.held.pop_front() {
-            if self.waits && !self.has_room(&message) {
+        while let Some(mut message) = self.held.pop_front() {
+            if !self.waits {
+                self.take(message)?;
+                continue;
+            }
+            let piece = message.split_off();
+            if !self.has_room(piece.as_ref().unwrap_or(&message)) {
+                message.put_back(piece);
                 self.held.push_front(message);
                 break;
             }
-            self.take(message)?;
+            match piece {
+                Some(piece) => {
+                    self.take(piece)?;
+                    self.held.push_front(message);
+                }
+                None => self.take(message)?,
+            }
         }
         self.is_held.store(!self.held.is_empty(), Ordering::Relaxed);
         Ok(())
@@ -93,7 +108,7 @@ impl Writing {
     fn has_room(&self, message: &Message) -> bool {
         let (path, bytes) = match message {
             Message::Begin(_, path, _) => (Some(path), 0),
-            Message::Grown(fragment, deltas, frames) => (
+            Message::Grown(fragment, deltas, frames) | Message::Piece(fragment, deltas, frames) => (
                 self.growths.get(fragment).map(|growth| &growth.path),
                 deltas.iter().map(size).sum::<u64>() + frames.len() as u64 * POSE_BYTES,
             ),
@@ -114,6 +129,11 @@ impl Writing {
                     growth.take_in(&deltas, frames)?;
                 }
             }
+            Message::Piece(fragment, deltas, _) => {
+                if let Some(growth) = self.growths.get_mut(&fragment) {
+                    growth.append(&deltas)?;
+                }
+            }
             Message::Flush(answer) => {
                 self.growths.values_mut().try_for_each(Growth::flush)?;
                 // Whoever asked may have given up.
@@ -121,6 +141,26 @@ impl Writing {
             }
         }
         Ok(())
+    }
+}
+
+impl Message {
+    /// Takes some keyframes off a delta of many, to be written before the rest.
+    fn split_off(&mut self) -> Option<Self> {
+        let Self::Grown(fragment, deltas, _) = self else { return None };
+        let first = deltas.first_mut().filter(|delta| delta.added.len() > TOGETHER)?;
+        let added = first.added.drain(..TOGETHER).collect();
+        Some(Self::Piece(*fragment, vec![MapDelta { added, ..MapDelta::default() }], Vec::new()))
+    }
+
+    /// Puts back what was taken off.
+    fn put_back(&mut self, piece: Option<Self>) {
+        if let (Self::Grown(_, deltas, _), Some(Self::Piece(_, mut pieces, _))) = (self, piece)
+            && let (Some(first), Some(piece)) = (deltas.first_mut(), pieces.first_mut())
+        {
+            piece.added.append(&mut first.added);
+            std::mem::swap(&mut first.added, &mut piece.added);
+        }
     }
 }
 
@@ -171,8 +211,13 @@ impl Growth {
 
     fn take_in(&mut self, deltas: &[MapDelta], frames: Vec<FramePose>) -> Result<()> {
         self.frames.extend(frames);
-        deltas.iter().try_for_each(|delta| self.writer.append(delta, &[]))?;
+        self.append(deltas)?;
         if !deltas.is_empty() || self.flushed.elapsed() >= FLUSH_INTERVAL { self.flush() } else { Ok(()) }
+    }
+
+    fn append(&mut self, deltas: &[MapDelta]) -> Result<()> {
+        deltas.iter().try_for_each(|delta| self.writer.append(delta, &[]))?;
+        Ok(self.writer.flush()?)
     }
 
     fn flush(&mut self) -> Result<()> {

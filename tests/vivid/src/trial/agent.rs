@@ -16,8 +16,8 @@ pub const PLACE: &str = "/tmp/robot";
 const FILE: &str = "/tmp/agent.toml";
 const HEARTBEAT: &str = "/tmp/heartbeat.json";
 const LOG: &str = "/tmp/agent.log";
-/// Longer than anything takes.
-const PATIENCE: f64 = 60.0;
+/// Longer than anything takes, emulated.
+const PATIENCE: f64 = 240.0;
 
 /// Writes the agent's file: a budget of disk and memory, MiB.
 pub fn write_file(disk: u64, memory: u64) -> Result<()> {
