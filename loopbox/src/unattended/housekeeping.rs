@@ -18,6 +18,8 @@ const INTERVAL: Duration = Duration::from_secs(2);
 const LOOK: Duration = Duration::from_millis(20);
 const MIB: u64 = 1 << 20;
 const MAP: &str = "map.mcap";
+/// What it is called until all of the map that it goes on in is there.
+const GROWING: &str = "map.mcap.tmp";
 
 /// Whoever keeps house.
 pub struct Housekeeping {
@@ -65,8 +67,13 @@ impl Housekeeping {
     pub fn make_room(&self) {
         let mut in_use = self.in_use.lock().unwrap_or_else(PoisonError::into_inner).clone();
         let is_placed = in_use.first().is_some_and(|folder| folder.join(MAP).is_file());
-        // What the growing map lacks is at most the map that it goes on in.
-        let lacking = in_use.get(1).filter(|_| !is_placed).map_or(0, |before| map_bytes(before));
+        // What the growing map lacks is at most the map that it goes on in: room for that is made before it is written.
+        let lacking = match &in_use[..] {
+            [own, before] if !is_placed => {
+                bytes_of(&before.join(MAP)).saturating_sub(bytes_of(&own.join(GROWING)))
+            }
+            _ => 0,
+        };
         if is_placed {
             in_use.truncate(1);
         }
@@ -74,8 +81,11 @@ impl Housekeeping {
         let stays =
             |path: &Path| in_use.iter().any(|folder| folder == path) || recorded.as_deref() == Some(path);
         let others = self.sessions.other_bytes();
-        let room =
-            Room { limit: self.limit.saturating_sub(others), free: free_bytes(&self.out), spare: self.spare + lacking };
+        let room = Room {
+            limit: self.limit.saturating_sub(others + lacking),
+            free: free_bytes(&self.out),
+            spare: self.spare + lacking,
+        };
         let Plan { delete, kept, is_over, is_short } = plan(&self.sessions.kept(&stays), room);
         for path in delete {
             let removed = if path.is_dir() { fs::remove_dir_all(&path) } else { fs::remove_file(&path) };
@@ -154,8 +164,8 @@ impl Housekeeping {
     }
 }
 
-fn map_bytes(folder: &Path) -> u64 {
-    fs::metadata(folder.join(MAP)).map_or(0, |about| about.len())
+fn bytes_of(path: &Path) -> u64 {
+    fs::metadata(path).map_or(0, |about| about.len())
 }
 
 impl Drop for Keeper {

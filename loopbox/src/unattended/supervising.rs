@@ -168,6 +168,7 @@ impl Agent<'_> {
         let stop = self.vitals.begin(session.number, &session.folder, continues);
         let before = found.as_ref().map(|found| found.session.folder.clone());
         self.house.use_only([session.folder.clone()].into_iter().chain(before));
+        self.house.make_room();
         let gone_on = found.as_ref().map(|found| found.session.number);
         let ended = self.map(source, &session, found, &stop);
         self.vitals.now().button = None;
