@@ -65,7 +65,9 @@ impl Housekeeping {
 
     /// Makes room once, and says what there is.
     pub fn make_room(&self) {
-        let mut in_use = self.in_use.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        // Held to the end: a session that begins meanwhile makes its folder after this.
+        let used = self.in_use.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut in_use = used.clone();
         let is_placed = in_use.first().is_some_and(|folder| folder.join(MAP).is_file());
         // What the growing map lacks is at most the map that it goes on in: room for that is made before it is written.
         let lacking = match &in_use[..] {
