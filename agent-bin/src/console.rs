@@ -68,6 +68,8 @@ pub(crate) enum Ending {
     NotMet = 3,
     /// What was tracked is saved, but it is less than was asked for.
     TooLittleTracked = 4,
+    /// The agent that was asked after is not well, or not there.
+    NotWell = 5,
 }
 
 /// An error that is told by an exit code of its own.

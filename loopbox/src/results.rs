@@ -103,6 +103,11 @@ impl Results {
         }
     }
 
+    /// Leaves the growing map as the result.
+    pub fn leave_growing(&mut self) {
+        (self.made, self.growing) = (None, None);
+    }
+
     /// Where to write the file `name`, relative to the folder; its own folder is made.
     ///
     /// # Errors
@@ -231,7 +236,10 @@ pub fn keep_from(folder: &Path, maps: &[PathBuf]) -> Result<()> {
 }
 
 /// Keeps others from writing into a folder. Nothing where its file system has no locks.
-fn lock(folder: &Path) -> Result<Option<File>> {
+///
+/// # Errors
+/// When another program writes there.
+pub(crate) fn lock(folder: &Path) -> Result<Option<File>> {
     let Ok(file) = File::open(folder) else { return Ok(None) };
     match file.try_lock() {
         Ok(()) => Ok(Some(file)),

@@ -155,6 +155,11 @@ impl Atlas {
         &self.fragments[self.active]
     }
 
+    /// The place of the active fragment in the order they were begun.
+    pub fn active_index(&self) -> usize {
+        self.active
+    }
+
     /// The fragments, in the order they were begun; without a map there is one, empty.
     pub fn fragments(&self) -> &[Agent] {
         &self.fragments

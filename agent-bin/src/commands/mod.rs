@@ -1,5 +1,6 @@
 //! The command line: one file per command.
 
+mod agent;
 #[cfg(feature = "opencv")]
 mod calib;
 #[cfg(feature = "opencv")]
@@ -32,6 +33,7 @@ mod run;
 mod run_scans;
 #[cfg(feature = "fleet")]
 mod station;
+mod status;
 mod unmerge;
 #[cfg(feature = "view")]
 mod view;
@@ -56,6 +58,8 @@ pub struct Cli {
 pub enum Command {
     /// Track and map a recording
     Run(Box<run::RunArgs>),
+    Agent(agent::AgentArgs),
+    Status(status::StatusArgs),
     /// Record a camera or any recording into an MCAP file
     Record(record::RecordArgs),
     /// Turn a recording into an MCAP file, a ROS 1 bag, a video or a folder of images
@@ -92,6 +96,8 @@ impl Command {
     pub fn execute(self) -> Result<()> {
         match self {
             Command::Run(args) => run::execute(&args),
+            Command::Agent(args) => agent::execute(&args),
+            Command::Status(args) => status::execute(&args),
             Command::Record(args) => record::execute(&args),
             Command::Convert(args) => convert::execute(&args),
             Command::Cameras(args) => cameras::run(&args),

@@ -302,11 +302,9 @@ impl RunArgs {
             max_width: self.max_width,
         };
         Ok(RunOptions {
-            out: self.out.clone(),
             name: self.name.clone(),
             force: self.force,
             camera,
-            lens: None,
             params: self.params.as_deref().map(params::read).transpose()?.unwrap_or_default(),
             pace: self.pace(),
             rate: self.camera.fps,
@@ -317,6 +315,7 @@ impl RunArgs {
             trajectory: self.trajectory,
             max_variance: self.max_variance,
             features: self.features.is_now(),
+            ..RunOptions::to(&self.out)
         })
     }
 
@@ -324,7 +323,7 @@ impl RunArgs {
     fn resume(&self) -> Option<Resume> {
         let on = self.continued.iter().map(|map| (map, Going::On));
         let given = on.chain(self.localise.iter().map(|map| (map, Going::Localising))).next();
-        given.map(|(map, going)| Resume { map: map.clone(), going })
+        given.map(|(map, going)| Resume { map: map.clone(), going, opened: None })
     }
 
     /// The size of the first image, if the calibration is to be scaled to it.

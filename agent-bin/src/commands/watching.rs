@@ -96,8 +96,8 @@ mod with_view {
             recording: RecordButton,
         ) -> Result<Watch> {
             let page = self.serve.address()?;
-            let options =
-                WatchOptions { page, foxglove: self.foxglove(), recording: Some(recording), frames };
+            let (foxglove, recording) = (self.foxglove(), Some(recording));
+            let options = WatchOptions { page, server: None, foxglove, recording, frames };
             let watch = Watch::start(agent, options)?;
             watch.places().iter().for_each(|place| tell!("{place}"));
             Ok(watch)

@@ -1,18 +1,21 @@
-//! The growing maps of a run: written in a thread of its own, as the agent says what happened, so that a killed run
-//! leaves them and the tracker does not wait for the disk.
+//! The growing maps of a run: written in a thread of its own (`writing`), as the agent says what happened, so that a
+//! killed run leaves them and the tracker does not wait for the disk.
+
+mod writing;
 
 use anyhow::{Context, Result, anyhow};
-use map::{AgentInfo, FramePose, Map, MapDelta, MapWriter};
+use map::{AgentInfo, FramePose, Map, MapDelta};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
-use std::sync::mpsc::{Receiver, Sender, SyncSender, channel, sync_channel};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Sender, SyncSender, channel, sync_channel};
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use writing::Writing;
+pub(crate) use writing::free_bytes;
 
 /// Frames that may wait to be written: two seconds of video. A tracker that is so much faster than the disk waits.
 const WAITING: usize = 64;
-/// Frames between keyframes are written so often; a killed run loses no more of them.
-const FLUSH_INTERVAL: Duration = Duration::from_secs(1);
 
 /// What goes to the thread.
 enum Message {
@@ -20,6 +23,8 @@ enum Message {
     Begin(usize, PathBuf, Box<AgentInfo>),
     /// The map of a fragment has changed: deltas and new frames.
     Grown(usize, Vec<MapDelta>, Vec<FramePose>),
+    /// A part of what follows in `Grown`: the file does not get its name by it.
+    Piece(usize, Vec<MapDelta>, Vec<FramePose>),
     /// Everything so far is to be with the system, and then this to be answered.
     Flush(Sender<()>),
 }
@@ -27,6 +32,10 @@ enum Message {
 /// The tracker's end: hands on what is new.
 #[derive(Default)]
 pub struct Growing {
+    /// Whether what finds no room on the disk waits in memory until there is some; else it ends the run.
+    waits: bool,
+    /// Whether anything waits for room.
+    is_held: Arc<AtomicBool>,
     messages: Option<SyncSender<Message>>,
     thread: Option<JoinHandle<Result<()>>>,
     /// Frames handed on of each fragment's map.
@@ -34,6 +43,16 @@ pub struct Growing {
 }
 
 impl Growing {
+    /// Says whether what finds no room on the disk waits in memory until there is some, before anything is handed on.
+    pub fn wait_for_room(&mut self, waits: bool) {
+        self.waits = waits;
+    }
+
+    /// Whether anything waits in memory for room on the disk.
+    pub fn is_held(&self) -> bool {
+        self.is_held.load(Ordering::Relaxed)
+    }
+
     /// Hands on what was said of the map of a fragment, and its frames since the last call. `file` says where a map
     /// that is begun is written to, and whose it is.
     ///
@@ -98,7 +117,8 @@ impl Growing {
     fn send(&mut self, message: Message) -> Result<()> {
         if self.thread.is_none() {
             let (messages, waiting) = sync_channel(WAITING);
-            let thread = std::thread::Builder::new().name("map".into()).spawn(move || write(&waiting));
+            let writing = Writing::new(self.waits, Arc::clone(&self.is_held));
+            let thread = std::thread::Builder::new().name("map".into()).spawn(move || writing.run(&waiting));
             self.thread = Some(thread.context("cannot start a thread")?);
             self.messages = Some(messages);
         }
@@ -107,53 +127,6 @@ impl Growing {
             Some(Ok(())) => Ok(()),
             _ => self.end(),
         }
-    }
-}
-
-/// The map of one fragment.
-struct Growth {
-    writer: MapWriter,
-    /// Frames that are not written yet.
-    frames: Vec<FramePose>,
-    flushed: Instant,
-}
-
-/// Writes until nobody sends any more.
-fn write(messages: &Receiver<Message>) -> Result<()> {
-    let mut growths: BTreeMap<usize, Growth> = BTreeMap::new();
-    for message in messages {
-        match message {
-            Message::Begin(fragment, path, about) => {
-                let writer = MapWriter::create(path, &about)?;
-                growths.insert(fragment, Growth { writer, frames: Vec::new(), flushed: Instant::now() });
-            }
-            Message::Grown(fragment, deltas, frames) => {
-                if let Some(growth) = growths.get_mut(&fragment) {
-                    growth.take_in(&deltas, frames)?;
-                }
-            }
-            Message::Flush(answer) => {
-                growths.values_mut().try_for_each(Growth::flush)?;
-                // Whoever asked may have given up.
-                let _ = answer.send(());
-            }
-        }
-    }
-    growths.values_mut().try_for_each(Growth::flush)
-}
-
-impl Growth {
-    fn take_in(&mut self, deltas: &[MapDelta], frames: Vec<FramePose>) -> Result<()> {
-        self.frames.extend(frames);
-        deltas.iter().try_for_each(|delta| self.writer.append(delta, &[]))?;
-        if !deltas.is_empty() || self.flushed.elapsed() >= FLUSH_INTERVAL { self.flush() } else { Ok(()) }
-    }
-
-    fn flush(&mut self) -> Result<()> {
-        self.writer.append(&MapDelta::default(), &self.frames)?;
-        self.frames.clear();
-        self.flushed = Instant::now();
-        Ok(self.writer.flush()?)
     }
 }
 

@@ -25,6 +25,7 @@ mod session;
 pub use describing::complete as find_features;
 #[cfg(feature = "fleet")]
 pub(crate) use describing::give_way;
+pub(crate) use growing::free_bytes;
 pub use lens::{FoundLens, find_lens};
 pub use listening::{Listener, MapListener};
 pub use options::{PreparedRun, RunOptions, run};

@@ -63,6 +63,9 @@ pub struct RunOptions {
     /// Whether the keyframes' features are found beside tracking, so that merging need not. Without them the map is
     /// smaller, and merging finds them at each call.
     pub features: bool,
+    /// Nobody looks after the run, for months: a full disk is waited out, with the map growing in memory; rows of old frames
+    /// are forgotten; and when it is to stop, the map is left as it has grown, without trajectory, cloud and report.
+    pub unattended: bool,
 }
 
 impl RunOptions {
@@ -84,6 +87,7 @@ impl RunOptions {
             trajectory: TrajectoryFormat::Tum,
             max_variance: map::DEFAULT_MAX_RELATIVE_VARIANCE,
             features: true,
+            unattended: false,
         }
     }
 
@@ -169,7 +173,7 @@ impl PreparedRun {
     /// # Errors
     /// When there is no usable calibration, or the folder of results cannot be written to or holds those of something
     /// else.
-    pub fn new(source: Box<dyn FrameSource>, options: RunOptions) -> Result<Self> {
+    pub fn new(source: Box<dyn FrameSource>, mut options: RunOptions) -> Result<Self> {
         let pace = if source.is_live() { Pace::Live } else { options.pace };
         let lag = lag(source.info(), options.params.mapping.lag, pace, options.rate);
         let found = options.lens.as_ref().map(FoundLens::calibration);
@@ -188,12 +192,13 @@ impl PreparedRun {
         let identity = source.is_live().then(random_identity).transpose()?;
         let name = options.name.clone().unwrap_or_else(|| recording_name(&info.path));
         let about = AgentInfo { provenance, identity, ..AgentInfo::new(name, camera) };
-        let kept = options.resume.as_ref().map(|resume| Kept::open(resume, &camera, &about)).transpose()?;
+        let kept = options.resume.take().map(|resume| Kept::open(resume, &camera, &about)).transpose()?;
         let (kept, warnings) = kept.map_or((None, Vec::new()), |(kept, warnings)| (Some(kept), warnings));
         if let Some(kept) = &kept {
             kept.spare(&options.out)?;
         }
         let mut output = Output::create(&options.out, about.clone(), &info.path, options.force)?;
+        output.wait_for_room(options.unattended);
         if let Some(lens) = &options.lens {
             output.add("camera.yaml", lens.file());
         }
@@ -268,10 +273,22 @@ impl PreparedRun {
         let mut watch = watched(&about, info.frame_count, RecordButton::new(&recorder, head, &options.out))?;
         let form = Form { format: options.trajectory, max_variance: options.max_variance };
         let lens = options.lens.is_none().then_some((lens, halvings));
-        let features = options.features;
+        let (features, unattended) = (options.features, options.unattended);
         let source = info;
-        let session =
-            Session { about, source, camera, params, features, form, stop, progress, lens, kept, listener };
+        let session = Session {
+            about,
+            source,
+            camera,
+            params,
+            features,
+            unattended,
+            form,
+            stop,
+            progress,
+            lens,
+            kept,
+            listener,
+        };
         let mapped = session.run(output, &ahead, &mut watch);
         // Tells the recorder which frames nobody took, so that a replay ends where this run did.
         drop(ahead);

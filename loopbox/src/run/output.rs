@@ -52,6 +52,17 @@ impl Output {
         Ok(Self { results, agent, growing, beside, others })
     }
 
+    /// Says whether a full disk is waited out: what the map has grown by waits in memory until there is room; else it ends
+    /// the run.
+    pub fn wait_for_room(&mut self, waits: bool) {
+        self.growing.wait_for_room(waits);
+    }
+
+    /// Whether something waits in memory for room on the disk.
+    pub fn is_held(&self) -> bool {
+        self.growing.is_held()
+    }
+
     /// A file of its own that is to be among the results.
     pub fn add(&mut self, name: &str, text: String) {
         self.others.push((name.to_owned(), text));
@@ -91,6 +102,16 @@ impl Output {
     /// When a map file could not be written; what was written before still loads.
     pub fn flush(&mut self) -> Result<()> {
         self.growing.flush()
+    }
+
+    /// Leaves the growing maps as the results: soon, however large they are.
+    ///
+    /// # Errors
+    /// When a map file could not be written; what was written before still loads.
+    pub fn leave(&mut self) -> Result<()> {
+        self.growing.end()?;
+        self.results.leave_growing();
+        Ok(())
     }
 
     /// Writes all results of a run that made maps, in the place of earlier ones: a map, a trajectory and a cloud of each

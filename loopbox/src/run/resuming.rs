@@ -1,6 +1,6 @@
 //! Going on in a map that an earlier run left: which map, whether it fits, and what is said of it.
 
-use crate::open::open_map;
+use crate::open::{OpenedMap, open_map};
 use anyhow::{Context, Result, bail};
 use geometry::Pinhole;
 use map::{AgentId, AgentInfo, Identity, Map, PlaceIndex};
@@ -20,6 +20,8 @@ pub struct Resume {
     pub map: PathBuf,
     /// Whether it is extended.
     pub going: Going,
+    /// What was read of it, where that was done before.
+    pub opened: Option<Box<OpenedMap>>,
 }
 
 /// What `run.json` says of the map that the run went on in.
@@ -55,8 +57,8 @@ impl Kept {
     ///
     /// # Errors
     /// When there is no such map, or it is another camera's or several agents'.
-    pub fn open(resume: &Resume, camera: &Pinhole, session: &AgentInfo) -> Result<(Self, Vec<String>)> {
-        let opened = open_map(&resume.map)?;
+    pub fn open(resume: Resume, camera: &Pinhole, session: &AgentInfo) -> Result<(Self, Vec<String>)> {
+        let opened = resume.opened.map_or_else(|| open_map(&resume.map), |opened| Ok(*opened))?;
         let (file, map) = (opened.file, opened.map);
         let Some(info) = map.agents.get(&AgentId::default()).filter(|_| map.agents.len() == 1) else {
             bail!(

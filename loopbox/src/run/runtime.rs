@@ -24,6 +24,10 @@ use view::watch::{Command, Watch};
 
 /// How long the last optimisation may take once the user wishes to stop.
 const LAST_WORK: Duration = Duration::from_secs(4);
+/// The same where nobody looks after the run, and the machine may be about to be switched off.
+const LAST_WORK_ALONE: Duration = Duration::from_secs(1);
+/// Rows that are kept of a run that nobody looks after: those of the last hours.
+const ROWS_ALONE: usize = 1 << 18;
 
 /// A run whose frames are processed.
 pub struct Run<'a> {
@@ -42,6 +46,10 @@ pub struct Run<'a> {
     /// The fragment that the newest frame was given to.
     fragment: usize,
     rows: Vec<FrameRow>,
+    /// Rows of frames before those of `rows`, which are not kept.
+    forgotten_rows: u64,
+    /// Whether nobody looks after the run.
+    is_alone: bool,
     skipped: BTreeMap<SkipReason, u64>,
     losses: Losses,
     has_tracked: bool,
@@ -69,6 +77,8 @@ impl<'a> Run<'a> {
             listener: Listener::default(),
             fragment: 0,
             rows: Vec::new(),
+            forgotten_rows: 0,
+            is_alone: false,
             skipped: BTreeMap::new(),
             losses: Losses::default(),
             has_tracked: false,
@@ -97,6 +107,11 @@ impl<'a> Run<'a> {
         Self { listener, ..self }
     }
 
+    /// The same, after which nobody looks if `is_alone`.
+    pub fn left_alone(self, is_alone: bool) -> Self {
+        Self { is_alone, ..self }
+    }
+
     /// Gives the agent every frame until the recording ends, the user stops it, or who watches wants a new map; calls
     /// `save` when who watches wants the results so far.
     ///
@@ -113,7 +128,7 @@ impl<'a> Run<'a> {
     ) -> Result<Self> {
         let started = Instant::now();
         let mut run = self;
-        let mut broken = None;
+        let (mut broken, mut held) = (None, false);
         loop {
             run.wall_s = started.elapsed().as_secs_f64();
             while !run.restart
@@ -143,6 +158,7 @@ impl<'a> Run<'a> {
                         run.failure = Some(format!("{error:#}"));
                         break;
                     }
+                    held = told_of_room(held, output.is_held(), progress);
                     run.check_lens(progress);
                 }
                 Item::Skipped(skip) => {
@@ -169,7 +185,8 @@ impl<'a> Run<'a> {
         progress.stage("last optimisation");
         if broken.is_none() {
             let hurry = Instant::now();
-            let stop = || stop.requested() && hurry.elapsed() > LAST_WORK;
+            let patience = if run.is_alone { LAST_WORK_ALONE } else { LAST_WORK };
+            let stop = || stop.requested() && hurry.elapsed() > patience;
             guarded("the last optimisation", || run.atlas.finish_until(&stop), &mut broken);
         }
         if let Some(mut check) = run.check.take() {
@@ -181,6 +198,13 @@ impl<'a> Run<'a> {
         }
         let last = run.atlas.take_deltas();
         watch.finished(&last, run.map());
+        if run.leaves_its_maps(stop) && broken.is_none() {
+            let fragment = run.atlas.active_index();
+            output.identify(run.identity_of(fragment));
+            if let Err(error) = output.grow(fragment, run.map(), last) {
+                run.failure = Some(format!("{error:#}"));
+            }
+        }
         run.is_whole = broken.is_none();
         run.failure = broken.or(run.failure);
         run.wall_s = started.elapsed().as_secs_f64();
@@ -231,8 +255,17 @@ impl<'a> Run<'a> {
         let deltas = std::mem::take(&mut report.deltas);
         let map = self.atlas.active().map();
         watch.after((index, timestamp, row.ms), latency_ms, report, (&deltas, map), dropped);
-        self.rows.push(row);
+        self.keep(row);
         Ok(deltas)
+    }
+
+    /// Keeps the row of a frame; of a run that may go on for ever, those of the last hours.
+    fn keep(&mut self, row: FrameRow) {
+        if self.is_alone && self.rows.len() >= ROWS_ALONE {
+            self.rows.drain(..ROWS_ALONE / 2);
+            self.forgotten_rows += (ROWS_ALONE / 2) as u64;
+        }
+        self.rows.push(row);
     }
 
     /// Whether who watches wants a new map.
@@ -270,6 +303,18 @@ impl<'a> Run<'a> {
         let found = describer.iter().flat_map(Describer::found);
         found.for_each(|found| atlas.describe(found.keyframe, &found.image, &found.features));
     }
+}
+
+/// Tells when the map begins and ends to wait for room on the disk; gives whether it does.
+fn told_of_room(held: bool, is_held: bool, progress: &dyn Progress) -> bool {
+    match (held, is_held) {
+        (false, true) => {
+            progress.warn_of("disk", "the disk is full: the map grows in memory until there is room")
+        }
+        (true, false) => progress.note_of("disk", "the disk has room again: all of the map is written"),
+        _ => {}
+    }
+    is_held
 }
 
 /// Does a part of the run; a panic in it, or in a thread that it waited for, becomes the reason in `broken`.

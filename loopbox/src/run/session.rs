@@ -33,6 +33,8 @@ pub struct Session<'a> {
     pub params: Params,
     /// Whether the keyframes' features are found beside tracking.
     pub features: bool,
+    /// Whether nobody looks after the run (see [`RunOptions::unattended`](super::RunOptions::unattended)).
+    pub unattended: bool,
     /// The form of results.
     pub form: Form,
     /// The user's wish to stop.
@@ -91,7 +93,7 @@ impl Session<'_> {
             let check =
                 self.lens.filter(|_| !localises).map(|(lens, halvings)| LensCheck::new(lens, halvings));
             let run = Run::new(atlas, self.camera, identity, ahead).with(describer, check).within(kept);
-            let run = run.told_to(self.listener.clone());
+            let run = run.told_to(self.listener.clone()).left_alone(self.unattended);
             let run = run.track(ahead, self.stop, self.progress, &mut output, watch, &save)?;
             let restart = run.is_to_restart();
             identity = run.next_identity();
@@ -119,9 +121,13 @@ impl Session<'_> {
         ahead: &Ahead,
         output: &mut Output,
     ) -> Result<Result<(RunRecord, Option<String>)>> {
-        let maps = run.maps(&self.about);
-        let mut maps = fragments::joined(maps, self.progress);
-        let apart = run.leave_out_kept(&mut maps);
+        let leaves = run.leaves_its_maps(self.stop);
+        let mut maps = run.maps(&self.about, !leaves);
+        if !leaves {
+            maps = fragments::joined(maps, self.progress);
+        }
+        // Where nobody looks, what it went on in may not be anywhere else by now.
+        let apart = if self.unattended { None } else { run.leave_out_kept(&mut maps) };
         let mut record = run.record(&self.source, self.camera, ahead, self.stop.requested(), &maps);
         if record.frames.tracked == 0 {
             output.fail(&record)?;
@@ -133,6 +139,7 @@ impl Session<'_> {
         }
         self.progress.stage("writing the results");
         let written = match maps.first() {
+            _ if leaves => output.leave(),
             Some(map) if run.localises() => output.finish_localised(map, &mut record, self.form.format),
             _ => output.finish(&maps, &mut record, self.form.format, self.form.max_variance),
         };

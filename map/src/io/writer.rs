@@ -61,6 +61,8 @@ pub fn save_map(path: impl AsRef<Path>, map: &Map) -> Result<(), MapError> {
 /// besides the images; let it replace the file at the end of the run, after this is dropped.
 pub struct MapWriter {
     path: PathBuf,
+    /// The same file as that of `sink`.
+    file: File,
     agent: AgentInfo,
     sink: MapSink<BufWriter<File>>,
     /// The keyframes that [`append`](Self::append) wrote, without depth, points and features.
@@ -76,10 +78,20 @@ impl MapWriter {
         let path = path.as_ref();
         check::agent(agent).map_err(|what| MapError::invalid(path, what))?;
         let about = About::of_agent(agent);
-        let sink = File::create(path)
-            .and_then(|file| MapSink::create(BufWriter::new(file), &about))
-            .map_err(|source| MapError::write(path, source))?;
-        Ok(Self { path: path.to_owned(), agent: agent.clone(), sink, known: BTreeMap::new() })
+        let begin = |file: File| Ok((file.try_clone()?, MapSink::create(BufWriter::new(file), &about)?));
+        let begun = File::create(path).and_then(begin);
+        let (file, sink) = begun.map_err(|source| MapError::write(path, source))?;
+        Ok(Self { path: path.to_owned(), file, agent: agent.clone(), sink, known: BTreeMap::new() })
+    }
+
+    /// Gives the file another name in the same folder, in place of a file of that name.
+    ///
+    /// # Errors
+    /// [`MapError::Write`] when the system refuses.
+    pub fn rename(&mut self, to: &Path) -> Result<(), MapError> {
+        std::fs::rename(&self.path, to).map_err(|source| MapError::write(to, source))?;
+        self.path = to.to_owned();
+        Ok(())
     }
 
     /// Appends what happened to the map, and the frames that were tracked since the last call: all that a delta says is
@@ -162,12 +174,21 @@ impl MapWriter {
         self.written(MapSink::flush)
     }
 
-    /// Ends the file with an index, for a run that does not replace it with [`save_map`].
+    /// Brings everything that was flushed to the disk: it survives a power cut.
+    ///
+    /// # Errors
+    /// [`MapError::Write`] when the system refuses.
+    pub fn sync(&self) -> Result<(), MapError> {
+        self.file.sync_data().map_err(|source| MapError::write(&self.path, source))
+    }
+
+    /// Ends the file with an index, for a run that does not replace it with [`save_map`], and brings it to the disk.
     ///
     /// # Errors
     /// [`MapError::Write`], on a full disk say.
     pub fn finish(mut self) -> Result<(), MapError> {
-        self.written(MapSink::finish)
+        self.written(MapSink::finish)?;
+        self.file.sync_all().map_err(|source| MapError::write(&self.path, source))
     }
 
     /// Names the file in errors of `write`.

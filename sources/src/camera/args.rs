@@ -93,6 +93,16 @@ impl Lockable {
     }
 }
 
+impl FromStr for Lockable {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let all = [Self::All].into_iter().chain(Self::EACH);
+        let found = all.into_iter().find(|each| each.name().replace(' ', "-") == text);
+        found.ok_or_else(|| "not exposure, gain, white-balance, focus or all".into())
+    }
+}
+
 impl CameraArgs {
     /// The camera's device node; a bare number is that of `/dev/video`.
     pub fn path(&self) -> Option<PathBuf> {
@@ -191,6 +201,8 @@ mod tests {
         assert_eq!("yuyv".parse(), Ok(Wanted(Some(PixelFormat::Yuyv))));
         assert_eq!("Y16".parse(), Ok(Wanted(Some(PixelFormat::Y16))));
         assert!("H264".parse::<Wanted>().is_err());
+        assert_eq!("white-balance".parse(), Ok(Lockable::WhiteBalance));
+        assert_eq!(("all".parse(), "iris".parse::<Lockable>().is_err()), (Ok(Lockable::All), true));
         assert!("kitti".parse::<Wanted>().unwrap_err().contains("--trajectory kitti"));
         let args = |camera: &str| CameraArgs { camera: Some(camera.into()), ..CameraArgs::default() };
         assert_eq!(args("2").path().unwrap(), PathBuf::from("/dev/video2"));

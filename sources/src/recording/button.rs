@@ -4,7 +4,8 @@ use super::{Head, Recorder};
 use anyhow::Result;
 use std::path::{Path, PathBuf};
 
-/// Begins and ends recordings beside a run's results.
+/// Begins and ends recordings beside a run's results. Clones drive the same recorder.
+#[derive(Clone)]
 pub struct RecordButton {
     recorder: Recorder,
     head: Head,
@@ -17,14 +18,22 @@ impl RecordButton {
         Self { recorder: recorder.clone(), head, folder: folder.to_owned() }
     }
 
-    /// The first of `recording-1.mcap`, `recording-2.mcap`, … that is not there yet.
+    /// `recording-1.mcap`, `recording-2.mcap`, …: the one after the last that is there.
     fn next_path(&self) -> PathBuf {
-        let numbered = |number: u32| self.folder.join(format!("recording-{number}.mcap"));
-        let mut number = 1;
-        while numbered(number).exists() {
-            number += 1;
-        }
-        numbered(number)
+        let names = std::fs::read_dir(&self.folder).into_iter().flatten().flatten();
+        let numbers = names.filter_map(|entry| number_of(&entry.file_name().to_string_lossy()));
+        let number = numbers.max().unwrap_or_default().saturating_add(1);
+        self.folder.join(format!("recording-{number}.mcap"))
+    }
+
+    /// The file that is being recorded to.
+    pub fn path(&self) -> Option<PathBuf> {
+        self.recorder.path()
+    }
+
+    /// Whether the file could not be written on; ending the recording says why.
+    pub fn has_failed(&self) -> bool {
+        self.recorder.has_failed()
     }
 
     /// Begins or ends recording; says where to, for people.
@@ -48,4 +57,9 @@ impl RecordButton {
     pub fn is_on(&self) -> bool {
         self.recorder.is_recording()
     }
+}
+
+/// The number of a recording beside a run's results, by its name.
+pub fn number_of(name: &str) -> Option<u32> {
+    name.strip_prefix("recording-")?.strip_suffix(".mcap")?.parse().ok()
 }

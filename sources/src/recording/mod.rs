@@ -8,7 +8,7 @@ mod reader;
 mod recorder;
 mod writer;
 
-pub use button::RecordButton;
+pub use button::{RecordButton, number_of};
 pub use calibration::{CalibrationFiles, NamedFile};
 pub use numbers::NumberSet;
 pub use picture::{EncodedPicture, encode};

@@ -135,6 +135,11 @@ impl Recorder {
         self.lock().is_some()
     }
 
+    /// The file that is being recorded to.
+    pub fn path(&self) -> Option<PathBuf> {
+        self.lock().as_ref().map(|active| active.path.clone())
+    }
+
     /// Records a frame; where the disk is too slow, leaves it out rather than wait.
     pub fn frame(&self, frame: &SourceFrame) {
         if let Some(active) = &mut *self.lock() {

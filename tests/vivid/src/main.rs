@@ -9,6 +9,7 @@ mod layout;
 mod player;
 mod program;
 mod stream;
+mod trial;
 
 use anyhow::{Result, ensure};
 use clap::Parser;
@@ -22,6 +23,14 @@ enum Command {
     Check {
         /// Parts of names
         words: Vec<String>,
+    },
+    /// Try `loopbox agent` for so many minutes: kills, unplugging, stops, a full disk
+    Agent {
+        /// How long
+        minutes: f64,
+        /// Pictures a second; an emulated processor tracks two or three
+        #[arg(default_value_t = 15.0)]
+        rate: f64,
     },
     /// Play a folder of pictures into the driver's output until it is interrupted
     Play {
@@ -39,6 +48,16 @@ enum Command {
 fn main() -> ExitCode {
     match Command::parse() {
         Command::Check { words } => check(&words),
+        Command::Agent { minutes, rate } => match trial::run(minutes, rate) {
+            Ok(()) => {
+                println!("\ntest result: ok. The agent was always back");
+                ExitCode::SUCCESS
+            }
+            Err(error) => {
+                println!("{error:?}\n\ntest result: FAILED.");
+                ExitCode::FAILURE
+            }
+        },
         Command::Play { folder, pace, format } => match play(&folder, pace, &format) {
             Ok(()) => ExitCode::SUCCESS,
             Err(error) => {

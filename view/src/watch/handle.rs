@@ -29,6 +29,8 @@ const PAUSED_INTERVAL: Duration = Duration::from_millis(50);
 pub struct WatchOptions {
     /// Serve the page there.
     pub page: Option<Address>,
+    /// Show the run on a page that is served already and outlives it, to be looked at only: nobody commands the run.
+    pub server: Option<web::Server>,
     /// Serve Foxglove on this port of the machine's own address.
     pub foxglove: Option<u16>,
     /// What the button for recording drives.
@@ -51,6 +53,8 @@ struct Inner {
     recording: Option<RecordButton>,
     watcher: Option<JoinHandle<()>>,
     page: Option<web::Server>,
+    /// What outlives the run.
+    server: Option<web::Server>,
     places: Vec<String>,
 }
 
@@ -68,17 +72,21 @@ impl Watch {
     /// # Errors
     /// When an address cannot be listened at or a thread not be started.
     pub fn start(agent: &AgentInfo, mut options: WatchOptions) -> Result<Self> {
-        if options.page.is_none() && options.foxglove.is_none() {
+        if options.page.is_none() && options.server.is_none() && options.foxglove.is_none() {
             return Ok(Self::none());
         }
         let (sender, commands) = sync_channel(COMMANDS);
         let camera = *agent.camera().context("only runs of cameras can be watched")?;
         let agents = vec![Agent { name: agent.name.clone(), camera, metric: agent.is_metric() }];
-        let shared = Arc::new(Shared::new(Scene::of(agents), Some(sender)));
+        let obeys = options.server.is_none().then_some(sender);
+        let shared = Arc::new(Shared::new(Scene::of(agents), obeys));
         let mut first = super::Status { state: "starting", frames: options.frames, ..Default::default() };
         first.recording = options.recording.as_ref().map(|recording| recording.is_on());
         shared.scene().set_status(first);
         let page = options.page.take().map(|at| web::Server::start(&shared, at, &agent.name)).transpose()?;
+        if let Some(server) = &options.server {
+            server.show(&shared, &agent.name)?;
+        }
         #[cfg(feature = "foxglove-server")]
         let foxglove = options.foxglove.map(|port| super::foxglove::start(&shared, port)).transpose()?;
         #[cfg(not(feature = "foxglove-server"))]
@@ -102,6 +110,7 @@ impl Watch {
             recording: options.recording,
             watcher: Some(watcher),
             page,
+            server: options.server,
             places,
         })))
     }
@@ -219,15 +228,8 @@ impl Watch {
     /// Lets viewers have the last of the run, then ends what serves them.
     pub fn end(mut self, Ended(note): Ended) {
         let Some(inner) = &mut self.0 else { return };
-        inner.shared.slot.leave(|pending| {
-            pending.note = Some(note.to_owned());
-            pending.ended = true;
-        });
-        if let Some(watcher) = inner.watcher.take() {
-            // A panic of the thread was printed by itself; there is nobody left to tell.
-            let _ = watcher.join();
-        }
-        inner.shared.over.store(true, Ordering::Release);
+        inner.shared.slot.leave(|pending| pending.note = Some(note.to_owned()));
+        inner.close();
         if let Some(page) = &inner.page {
             page.wait_for_clients();
         }
@@ -235,6 +237,19 @@ impl Watch {
 }
 
 impl Inner {
+    /// Lets the watcher take in what is left; nothing is news after it.
+    fn close(&mut self) {
+        if let Some(watcher) = self.watcher.take() {
+            self.shared.slot.leave(|pending| pending.ended = true);
+            // A panic of the thread was printed by itself; there is nobody left to tell.
+            let _ = watcher.join();
+            self.shared.over.store(true, Ordering::Release);
+            if let Some(server) = &self.server {
+                server.hide();
+            }
+        }
+    }
+
     fn pause(&mut self, paused: bool) {
         self.paused = paused;
         self.shared.slot.leave(|pending| pending.paused = Some(paused));
@@ -251,6 +266,13 @@ impl Inner {
             pending.note = Some(note);
             pending.recording = Some(is_on);
         });
+    }
+}
+
+impl Drop for Inner {
+    fn drop(&mut self) {
+        // A run that ended by an error says nothing more.
+        self.close();
     }
 }
 

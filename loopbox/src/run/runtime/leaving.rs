@@ -6,8 +6,8 @@ use crate::run::resuming::Kept;
 use geometry::Pinhole;
 use map::{AgentId, AgentInfo, Identity, Map};
 use slam_direct::{Agent, Going};
-use sources::SourceInfo;
 use sources::ahead::Ahead;
+use sources::{SourceInfo, Stop};
 use view::process;
 
 impl Run<'_> {
@@ -16,9 +16,14 @@ impl Run<'_> {
         self.named(about, self.fragment, self.atlas.active().snapshot())
     }
 
-    /// The maps of all fragments of the agent `about`, in the order they were begun, with the features of their
-    /// keyframes.
-    pub fn maps(&mut self, about: &AgentInfo) -> Vec<Map> {
+    /// Whether the maps are left as they have grown, because the run is to end soon and nobody looks after it.
+    pub fn leaves_its_maps(&self, stop: &Stop) -> bool {
+        self.is_alone && stop.requested() && !self.localises()
+    }
+
+    /// The maps of all fragments of the agent `about`, in the order they were begun; `described`: with the features of all
+    /// of their keyframes.
+    pub fn maps(&mut self, about: &AgentInfo, described: bool) -> Vec<Map> {
         let map = |(fragment, agent): (usize, &Agent)| {
             let snapshot = || guarded("the map", || agent.snapshot(), &mut None);
             let whole = if self.is_whole { None } else { snapshot() };
@@ -26,7 +31,7 @@ impl Run<'_> {
         };
         let maps = self.atlas.fragments().iter().enumerate().map(map);
         let mut maps: Vec<Map> = maps.filter(|map| !map.frames.is_empty()).collect();
-        if let Some(mut describer) = self.describer.take() {
+        if let Some(mut describer) = self.describer.take().filter(|_| described) {
             guarded("finding features", || describer.complete(&mut maps), &mut self.failure);
         }
         maps
@@ -106,7 +111,8 @@ impl Run<'_> {
         interrupted: bool,
         maps: &[Map],
     ) -> RunRecord {
-        let (processed, dropped_late) = (self.rows.len() as u64, ahead.dropped() - self.dropped_before);
+        let processed = self.forgotten_rows + self.rows.len() as u64;
+        let dropped_late = ahead.dropped() - self.dropped_before;
         let offered = processed + dropped_late + self.skipped.values().sum::<u64>();
         let fragments: Vec<Fragment> =
             maps.iter().enumerate().map(|(place, map)| Fragment::new(place, map)).collect();

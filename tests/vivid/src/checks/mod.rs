@@ -8,6 +8,9 @@ mod slam;
 mod truth;
 mod unplugging;
 
+pub use slam::{CALIBRATION, sequence_of};
+pub use unplugging::{plug_in, unplug};
+
 use anyhow::Result;
 use image::{GrayImage, Luma};
 

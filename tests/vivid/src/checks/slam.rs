@@ -20,16 +20,24 @@ const SHOWN_AFTER: f64 = 0.1;
 /// Pictures of it that are played.
 const PICTURES: usize = 45;
 /// Calibration of the pictures at half their size.
-const CALIBRATION: &str = "/tmp/half.yaml";
+pub const CALIBRATION: &str = "/tmp/half.yaml";
+
+/// The first pictures of the sequence, as many as are played.
+///
+/// # Errors
+/// When the sequence is not there.
+pub fn sequence() -> Result<(Vec<GrayImage>, Mode)> {
+    sequence_of(PICTURES)
+}
 
 /// The first pictures of the sequence at half their size, of which an emulated processor tracks four times as many,
 /// and how they go through the driver. Writes the calibration of that size, too.
 ///
 /// # Errors
 /// When the sequence is not there.
-pub fn sequence() -> Result<(Vec<GrayImage>, Mode)> {
+pub fn sequence_of(count: usize) -> Result<(Vec<GrayImage>, Mode)> {
     let mut pictures = player::pictures(&Path::new(SEQUENCE).join("images"))?;
-    pictures.truncate(PICTURES);
+    pictures.truncate(count);
     let halves: Vec<GrayImage> = pictures.iter().map(half).collect();
     let (width, height) = halves.first().context("no pictures")?.dimensions();
     let file = read_camera(&Path::new(SEQUENCE).join("camera.yaml"))?;

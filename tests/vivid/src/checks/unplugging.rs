@@ -17,12 +17,18 @@ const INSTANCE: &str = "vivid.0";
 const TRACKED: &str = "\"state\":\"tracking\"";
 
 /// Takes the device away.
-fn unplug() -> Result<()> {
+///
+/// # Errors
+/// When the system refuses.
+pub fn unplug() -> Result<()> {
     fs::write(Path::new(DRIVER).join("unbind"), INSTANCE).context("unbinding the driver")
 }
 
 /// Gives it back, to root alone, as it is until udev has had its say.
-fn plug_in() -> Result<()> {
+///
+/// # Errors
+/// When it does not come back.
+pub fn plug_in() -> Result<()> {
     fs::write(Path::new(DRIVER).join("bind"), INSTANCE).context("binding the driver")?;
     let start = Instant::now();
     while !Path::new(CAPTURE).exists() {

@@ -18,8 +18,8 @@ use crate::script;
 use anyhow::{Context, Result};
 use http::Request;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpListener, TcpStream, UdpSocket};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 /// The scripts with which a page takes in what it is sent.
@@ -36,18 +36,38 @@ const FAREWELL: Duration = Duration::from_secs(2);
 /// Guesses at a token are slowed down by this.
 const REFUSAL_DELAY: Duration = Duration::from_millis(200);
 
-/// A page being served, by threads that end with the process.
+/// What `/health` says: whether all is well, and how things are as JSON.
+pub type Health = Box<dyn Fn() -> (bool, String) + Send + Sync>;
+
+/// A page being served, by threads that end with the process. Clones are one.
+#[derive(Clone)]
 pub struct Server {
     url: String,
-    connections: Arc<AtomicUsize>,
+    site: Arc<Site>,
 }
 
 /// What every connection needs.
 struct Site {
     address: Address,
+    /// What there is to see at the moment.
+    shown: Mutex<Option<Arc<Shown>>>,
+    health: Option<Health>,
+    connections: AtomicUsize,
+}
+
+/// A page, and what gives each client what is to be told to it.
+struct Shown {
     page: String,
     open: Box<dyn Fn() -> Box<dyn Teller> + Send + Sync>,
-    connections: Arc<AtomicUsize>,
+}
+
+impl Shown {
+    /// A scene.
+    fn of(shared: &Arc<Shared>, title: &str) -> Result<Self> {
+        let page = page::render(title, &shared.scene(), shared.commands.is_some())?;
+        let shared = Arc::clone(shared);
+        Ok(Self { page, open: Box::new(move || Box::new(run::Audience::join(&shared))) })
+    }
 }
 
 impl Server {
@@ -56,9 +76,29 @@ impl Server {
     /// # Errors
     /// When the address cannot be listened at.
     pub fn start(shared: &Arc<Shared>, address: Address, title: &str) -> Result<Self> {
-        let page = page::render(title, &shared.scene(), shared.commands.is_some())?;
-        let shared = Arc::clone(shared);
-        Self::serve(address, page, move || Box::new(run::Audience::join(&shared)))
+        Self::begin(address, Some(Shown::of(shared, title)?), None)
+    }
+
+    /// Begins to serve `/health`, and no page until one is [shown](Self::show).
+    ///
+    /// # Errors
+    /// When the address cannot be listened at.
+    pub fn with_health(address: Address, health: Health) -> Result<Self> {
+        Self::begin(address, None, Some(health))
+    }
+
+    /// Shows a scene in place of what was shown.
+    ///
+    /// # Errors
+    /// When it has no agent.
+    pub fn show(&self, shared: &Arc<Shared>, title: &str) -> Result<()> {
+        *self.site.shown() = Some(Arc::new(Shown::of(shared, title)?));
+        Ok(())
+    }
+
+    /// Shows nothing any more.
+    pub fn hide(&self) {
+        *self.site.shown() = None;
     }
 
     /// Begins to serve a page; `open` gives each client what is to be told to it.
@@ -70,17 +110,21 @@ impl Server {
         page: String,
         open: impl Fn() -> Box<dyn Teller> + Send + Sync + 'static,
     ) -> Result<Self> {
+        Self::begin(address, Some(Shown { page, open: Box::new(open) }), None)
+    }
+
+    fn begin(address: Address, shown: Option<Shown>, health: Option<Health>) -> Result<Self> {
         let listener = listen(&address)?;
         let at = listener.local_addr().context("the page's address is not known")?;
         let url = format!("http://{}/{}", SocketAddr::new(reachable(at.ip()), at.port()), address.query());
-        let connections = Arc::new(AtomicUsize::new(0));
-        let site =
-            Arc::new(Site { address, page, open: Box::new(open), connections: Arc::clone(&connections) });
+        let (shown, connections) = (Mutex::new(shown.map(Arc::new)), AtomicUsize::new(0));
+        let site = Arc::new(Site { address, shown, health, connections });
+        let of_thread = Arc::clone(&site);
         std::thread::Builder::new()
             .name("page".into())
-            .spawn(move || accept(&listener, &site))
+            .spawn(move || accept(&listener, &of_thread))
             .context("cannot start the thread that serves the page")?;
-        Ok(Self { url, connections })
+        Ok(Self { url, site })
     }
 
     /// Where to open it.
@@ -91,7 +135,7 @@ impl Server {
     /// Waits until all clients have got the last of it and left, but not long.
     pub fn wait_for_clients(&self) {
         let began = Instant::now();
-        while self.connections.load(Ordering::Acquire) > 0 && began.elapsed() < FAREWELL {
+        while self.site.connections.load(Ordering::Acquire) > 0 && began.elapsed() < FAREWELL {
             std::thread::sleep(Duration::from_millis(10));
         }
     }
@@ -158,6 +202,10 @@ impl Drop for Connection {
 }
 
 impl Site {
+    fn shown(&self) -> std::sync::MutexGuard<'_, Option<Arc<Shown>>> {
+        self.shown.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     fn answer(&self, mut stream: TcpStream) -> std::io::Result<()> {
         stream.set_read_timeout(Some(READ_PATIENCE))?;
         stream.set_write_timeout(Some(READ_PATIENCE))?;
@@ -166,13 +214,27 @@ impl Site {
             std::thread::sleep(REFUSAL_DELAY);
             return http::answer(&mut stream, "403 Forbidden", "text/plain", reason.as_bytes());
         }
-        match (&*request.method, &*request.path, &request.websocket_key) {
-            ("GET", "/ws", Some(key)) => {
+        let shown = self.shown().clone();
+        match (&*request.method, &*request.path, &request.websocket_key, &shown, &self.health) {
+            ("GET", "/health", _, _, Some(health)) => {
+                let (is_well, text) = health();
+                let status = if is_well { "200 OK" } else { "503 Service Unavailable" };
+                http::answer(&mut stream, status, "application/json", text.as_bytes())
+            }
+            ("GET", "/ws", Some(key), Some(shown), _) => {
                 http::upgrade(&mut stream, key)?;
-                client::serve(stream, &mut *(self.open)());
+                client::serve(stream, &mut *(shown.open)());
                 Ok(())
             }
-            ("GET", "/", _) => http::answer(&mut stream, "200 OK", "text/html", self.page.as_bytes()),
+            ("GET", "/", _, Some(shown), _) => {
+                http::answer(&mut stream, "200 OK", "text/html", shown.page.as_bytes())
+            }
+            ("GET", "/" | "/ws", _, None, _) => http::answer(
+                &mut stream,
+                "503 Service Unavailable",
+                "text/plain",
+                b"there is no run at the moment, of /health there is more: load this page again in a while",
+            ),
             ("GET", ..) => {
                 http::answer(&mut stream, "404 Not Found", "text/plain", b"there is only one page: /")
             }
