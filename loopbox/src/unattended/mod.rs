@@ -1,6 +1,6 @@
 //! An agent that nobody looks after, on a robot say: sessions one after another, for ever.
 //!
-//! [`AgentConfig`] is what it is told (`agent.toml`). [`supervise`] opens the camera, or waits for it, and [runs](crate::run)
+//! [`AgentConfig`] is what it is told (`agent.toml`). [`supervise`] opens the camera, or waits for it, and [runs](crate::run())
 //! session after session, each in a folder of its own (`sessions`), going on in the newest map that can be read
 //! (`resuming`). Beside them `pulse` writes the [`heartbeat`], feeds the service manager's watchdog (`manager`) and watches
 //! the memory, and `housekeeping` keeps what is kept within the disk's budget (`room`). All of them share `vitals`. `page` and
