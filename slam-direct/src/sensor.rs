@@ -106,8 +106,7 @@ impl Sensor {
         self.lens.undistort(still.into())
     }
 
-    /// Where the image shows what that camera sees at `pixel`; exact to the third power of
-    /// the shift.
+    /// Where the image shows what that camera sees at `pixel`; exact but for how the point's velocity changes over the shift.
     pub fn shown_pixel(&self, pixel: [f64; 2], motion: &Twist, inverse_depth: f64) -> [f64; 2] {
         let still = self.lens.distort(pixel);
         if !self.is_rolling() {
