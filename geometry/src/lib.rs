@@ -13,6 +13,7 @@ pub mod pnp;
 mod pyramid;
 mod sampler;
 mod se3;
+pub mod sensor;
 mod sim3;
 pub mod umeyama;
 mod undistort;

@@ -12,6 +12,7 @@ mod io;
 mod keyframe;
 mod level;
 mod place;
+mod rectified;
 mod scan;
 mod sensor;
 mod shared;
@@ -33,6 +34,7 @@ pub use io::{FORMAT_VERSION, LoadedMap, MapWriter, is_map_file, load_map, parts,
 pub use keyframe::{Edge, EdgeKind, Keyframe, KeyframeId, Observation, Point, SemiDense};
 pub use level::level;
 pub use place::{PlaceCandidate, PlaceIndex};
+pub use rectified::{Rectified, rectified, sensor_entries};
 pub use scan::Scan;
 pub use sensor::{Sensor, SensorKind};
 pub use shared::Shared;

@@ -126,7 +126,7 @@ pub fn view_pair(
     target: &PreparedKeyframe,
     params: &PairParams,
 ) -> Result<ViewPair, TwoViewRefusal> {
-    let matches = match_features(source.features, target.features, &params.matching);
+    let matches = match_features(&source.features, &target.features, &params.matching);
     let bearings: Vec<BearingMatch> = matches
         .iter()
         .map(|m| BearingMatch {

@@ -4,9 +4,10 @@ use crate::key_points::{DepthGrid, KeyPointParams, measure};
 use crate::scale_filter::MeasuredPoint;
 use backend::sim3_align::KeyframeView;
 use geometry::{Pinhole, Pyramid, Sim3};
-use map::{Keyframe, KeyframeId, Map};
+use map::{Keyframe, KeyframeId, Map, Rectified};
 use nalgebra::Vector3;
 use place_recog::features::Features;
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::sync::OnceLock;
 
@@ -25,12 +26,12 @@ pub struct PreparedMap<'a> {
 
 /// A keyframe with its features, the 3-D points at them, and its pyramid.
 pub struct PreparedKeyframe<'a> {
-    /// The keyframe.
-    pub keyframe: &'a Keyframe,
+    /// The keyframe as an ideal camera would have taken it.
+    pub keyframe: Cow<'a, Keyframe>,
     /// Its camera.
     pub camera: &'a Pinhole,
-    /// Its features.
-    pub features: &'a Features,
+    /// Its features, where that camera would have found them.
+    pub features: Cow<'a, Features>,
     params: &'a KeyPointParams,
     // Each made when first asked for: most places need no more than bearings, further closures no more than a view.
     bearings: OnceLock<Vec<Vector3<f64>>>,
@@ -72,9 +73,7 @@ impl<'a> PreparedMap<'a> {
         let slot = self.keyframes.get(&id)?;
         let keyframe = self.map.keyframes.get(&id)?;
         let features = self.features.get(&id)?;
-        Some(slot.get_or_init(|| {
-            PreparedKeyframe::new(keyframe, self.map.camera(keyframe), features, self.params)
-        }))
+        Some(slot.get_or_init(|| PreparedKeyframe::new(keyframe, self.map, features, self.params)))
     }
 
     /// The keyframes before and after `id` in order of time, of the same agent.
@@ -104,12 +103,18 @@ impl<'a> PreparedMap<'a> {
 }
 
 impl<'a> PreparedKeyframe<'a> {
-    fn new(
-        keyframe: &'a Keyframe,
-        camera: &'a Pinhole,
-        features: &'a Features,
-        params: &'a KeyPointParams,
-    ) -> Self {
+    fn new(keyframe: &'a Keyframe, map: &'a Map, features: &'a Features, params: &'a KeyPointParams) -> Self {
+        let camera = map.camera(keyframe);
+        let (keyframe, features) = match map.rectified(keyframe) {
+            None => (Cow::Borrowed(keyframe), Cow::Borrowed(features)),
+            Some(Rectified { keyframe, rectification }) => {
+                let mut features = features.clone();
+                for keypoint in &mut features.keypoints {
+                    keypoint.pixel = rectification.pixel(keypoint.pixel);
+                }
+                (Cow::Owned(keyframe), Cow::Owned(features))
+            }
+        };
         let (bearings, points, view) = (OnceLock::new(), OnceLock::new(), OnceLock::new());
         Self { keyframe, camera, features, params, bearings, points, view }
     }

@@ -10,6 +10,7 @@
 #[path = "../tests/support/parking.rs"]
 mod parking;
 
+use geometry::sensor::Shift;
 use geometry::{GrayImage, Image, Se3};
 use parking::{Random, Result, Sequence, backbone};
 use slam_direct::{DepthFilter, DepthParams, StereoFrame, UpdateStats, choose_references};
@@ -107,7 +108,7 @@ fn map_keyframe(
         .iter()
         .map(|&i| sequence.world_from_camera[i].inverse() * sequence.world_from_camera[index])
         .collect();
-    let chosen = choose_references(&poses, mean, &sequence.camera, params);
+    let chosen = choose_references(&poses, mean, &sequence.camera, shift, params);
     let images: Result<Vec<GrayImage>> = chosen.iter().map(|&c| sequence.image(around[c])).collect();
     let images = images?;
     let points = backbone(truth, &mut Random::new(index as u64 + 1));
@@ -126,6 +127,7 @@ fn map_keyframe(
             frame_from_keyframe: poses[c],
             brightness: (0.0, 0.0),
             pose_sigma_px: 0.05,
+            shift,
         };
         let before = now();
         stats.push((filter.update(&image, &frame), now() - before));

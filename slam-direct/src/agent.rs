@@ -26,11 +26,11 @@ use crate::local_map::{Companions, Counts, KeyframeState, LocalMap};
 use crate::mapping;
 use crate::params::Params;
 use crate::publish;
-use crate::sensor::Twist;
 use crate::tone::Tone;
 use crate::track::{Matched, learn_position_sigma};
 use crate::tracker::{Located, Tracker, match_keyframe};
 use early::EarlyFrame;
+use geometry::sensor::Twist;
 use geometry::{GrayImage, Pinhole, Pyramid, Se3};
 use map::{Described, Edge, FramePose, KeyframeId, Map, MapDelta, PlaceIndex};
 use mapper::{Job, Mapper, Update};
@@ -258,7 +258,10 @@ impl Agent {
                 self.view.keyframe_from_frame(tracker.reference, &tracker.last).inverse();
             let companions = self.companions.entry(tracker.reference).or_default();
             let parallax = tracker.parallax(&self.view);
-            dense::keep_companion(companions, pyramid.shared_base(), frame_from_keyframe, parallax);
+            let mut motion = located.motion;
+            motion.fixed_rows_mut::<3>(0).unscale_mut(self.view.keyframes[tracker.reference].unit);
+            let image = pyramid.shared_base();
+            dense::keep_companion(companions, image, frame_from_keyframe, motion, parallax);
         }
         report.world_from_camera = Some(tracker.last.inverse());
         self.state = State::Running(tracker);
@@ -410,7 +413,7 @@ impl Agent {
         if delta.is_empty() {
             return;
         }
-        for (key, value) in publish::sensor(&self.view.sensor) {
+        for (key, value) in map::sensor_entries(&self.view.sensor) {
             if self.map.agents.values().all(|about| about.provenance.get(key) != Some(&value)) {
                 delta.provenance.insert(key.into(), value);
             }

@@ -2,6 +2,7 @@
 
 use crate::depth::{DepthFilter, DepthParams, SeedPoint, StereoFrame, choose_references};
 use crate::local_map::{Companion, LocalMap, median};
+use geometry::sensor::{Shift, Twist};
 use geometry::{GrayImage, Pinhole, Se3};
 use map::SemiDense;
 use std::sync::Arc;
@@ -13,16 +14,17 @@ const COMPANION_GROWTH: f64 = 1.8;
 
 /// Keeps a frame as companion of a keyframe when its baseline continues the ladder.
 ///
-/// `frame_from_keyframe` has its translation in the keyframe's unit.
+/// `frame_from_keyframe` and the frame's `motion` have their translations in the keyframe's unit.
 pub(crate) fn keep_companion(
     companions: &mut Vec<Companion>,
     image: Arc<GrayImage>,
     frame_from_keyframe: Se3,
+    motion: Twist,
     parallax: f64,
 ) {
     let least = companions.last().map_or(0.0, |c| COMPANION_GROWTH * c.parallax);
     if COMPANION_PARALLAX.contains(&parallax) && parallax >= least {
-        companions.push(Companion { image, frame_from_keyframe, parallax });
+        companions.push(Companion { image, frame_from_keyframe, motion, parallax });
     }
 }
 
@@ -31,14 +33,26 @@ const NEIGHBOURS: usize = 16;
 /// Uncertainty of the epipolar lines from the window's poses, pixels.
 const POSE_SIGMA_PX: f32 = 0.2;
 
+/// A frame to find a keyframe's pixels in.
+#[derive(Clone)]
+struct Reference {
+    image: Arc<GrayImage>,
+    /// World units.
+    frame_from_keyframe: Se3,
+    /// How far the image is off an ideal camera's.
+    shift: Shift,
+}
+
 /// All that the semi-dense depth of one keyframe is computed from, owned, so that it can be computed beside
 /// the tracking.
 pub(crate) struct StereoJob {
     camera: Pinhole,
     image: Arc<GrayImage>,
+    /// How far the image is off an ideal camera's.
+    shift: Shift,
     seeds: Vec<SeedPoint>,
-    /// References in the order of their use: image, `frame_from_keyframe`.
-    references: Vec<(Arc<GrayImage>, Se3)>,
+    /// References in the order of their use.
+    references: Vec<Reference>,
     /// World units per unit of the keyframe.
     unit: f64,
     params: DepthParams,
@@ -51,19 +65,35 @@ impl StereoJob {
         let points = map.reference_points(keyframe);
         let mut depths: Vec<f32> = points.iter().map(|p| p.inverse_depth).collect();
         let mean = median(&mut depths).unwrap_or(1.0);
+        let shift = |motion: &Twist| match map.sensor.is_ideal() {
+            true => Shift::none(map.camera),
+            false => Shift::new(&map.sensor, motion),
+        };
         let world_from_keyframe = state.camera_from_world.inverse();
         let neighbours = map.covisible(keyframe).into_iter().take(NEIGHBOURS).map(|(n, _)| {
             let neighbour = &map.keyframes[n];
-            (neighbour.pyramid.shared_base(), neighbour.camera_from_world * world_from_keyframe)
+            Reference {
+                image: neighbour.pyramid.shared_base(),
+                frame_from_keyframe: neighbour.camera_from_world * world_from_keyframe,
+                shift: shift(&neighbour.motion_in_world()),
+            }
         });
-        let in_world = |pose: &Se3| Se3::new(pose.rotation, pose.translation * state.unit);
-        let companions = companions.iter().map(|c| (Arc::clone(&c.image), in_world(&c.frame_from_keyframe)));
-        let candidates: Vec<(Arc<GrayImage>, Se3)> = neighbours.chain(companions).collect();
-        let poses: Vec<Se3> = candidates.iter().map(|c| c.1).collect();
+        let companions = companions.iter().map(|companion| {
+            let (pose, mut motion) = (companion.frame_from_keyframe, companion.motion);
+            motion.fixed_rows_mut::<3>(0).scale_mut(state.unit);
+            Reference {
+                image: Arc::clone(&companion.image),
+                frame_from_keyframe: Se3::new(pose.rotation, pose.translation * state.unit),
+                shift: shift(&motion),
+            }
+        });
+        let candidates: Vec<Reference> = neighbours.chain(companions).collect();
+        let poses: Vec<Se3> = candidates.iter().map(|c| c.frame_from_keyframe).collect();
         let chosen = choose_references(&poses, mean, &map.camera, params);
         Self {
             camera: map.camera,
             image: state.pyramid.shared_base(),
+            shift: shift(&state.motion_in_world()),
             seeds: points
                 .iter()
                 .map(|p| SeedPoint { pixel: p.pixel, inverse_depth: p.inverse_depth, variance: p.variance })
@@ -76,16 +106,17 @@ impl StereoJob {
 
     /// The keyframe's semi-dense inverse depth, in the keyframe's unit.
     pub fn run(&self) -> SemiDense {
-        let mut filter = DepthFilter::new(&self.image, &self.camera, &self.params);
+        let mut filter = DepthFilter::new(&self.image, &self.camera, self.shift, &self.params);
         filter.seed(&self.seeds);
-        for (image, frame_from_keyframe) in &self.references {
-            let reference = StereoFrame {
-                image,
-                frame_from_keyframe: *frame_from_keyframe,
-                brightness: self.brightness(image, frame_from_keyframe),
+        for reference in &self.references {
+            let frame = StereoFrame {
+                image: &reference.image,
+                frame_from_keyframe: reference.frame_from_keyframe,
+                brightness: self.brightness(reference),
                 pose_sigma_px: POSE_SIGMA_PX,
+                shift: reference.shift,
             };
-            filter.update(&self.image, &reference);
+            filter.update(&self.image, &frame);
         }
         filter.regularise();
         let mut depth = filter.to_semi_dense();
@@ -95,16 +126,20 @@ impl StereoJob {
 
     /// Affine brightness `(a, b)` of a neighbour relative to the keyframe, from the intensities of the points
     /// both see: the gain from their median deviations, the offset from their medians.
-    fn brightness(&self, image: &GrayImage, frame_from_keyframe: &Se3) -> (f32, f32) {
-        let own = &self.image;
+    fn brightness(&self, reference: &Reference) -> (f32, f32) {
+        let (own, image) = (&self.image, &reference.image);
         let pairs = self.seeds.iter().filter_map(|p| {
-            let ray = self.camera.unproject(p.pixel[0] as f64, p.pixel[1] as f64);
-            let x =
-                frame_from_keyframe.rotation * ray + frame_from_keyframe.translation * p.inverse_depth as f64;
+            let [dx, dy] = self.shift.to_ideal(p.pixel, p.inverse_depth);
+            let ray = self.camera.unproject((p.pixel[0] + dx) as f64, (p.pixel[1] + dy) as f64);
+            let pose = &reference.frame_from_keyframe;
+            let x = pose.rotation * ray + pose.translation * p.inverse_depth as f64;
             let at = self.camera.project(&x);
-            let visible = x.z > 0.0 && image.contains(at.x as f32, at.y as f32, 0.0);
+            let at = [at.x as f32, at.y as f32];
+            let [dx, dy] = reference.shift.to_shown(at, p.inverse_depth / x.z as f32);
+            let at = [at[0] + dx, at[1] + dy];
+            let visible = x.z > 0.0 && image.contains(at[0], at[1], 0.0);
             (visible && own.contains(p.pixel[0], p.pixel[1], 0.0))
-                .then(|| (own.bilinear(p.pixel[0], p.pixel[1]), image.bilinear(at.x as f32, at.y as f32)))
+                .then(|| (own.bilinear(p.pixel[0], p.pixel[1]), image.bilinear(at[0], at[1])))
         });
         let (mut a, mut b): (Vec<f32>, Vec<f32>) = pairs.unzip();
         let spread = |values: &mut Vec<f32>| {
@@ -153,11 +188,17 @@ mod tests {
         let views = views();
         let map = exact_map(&views, 12);
         let mut job = StereoJob::new(&map, 0, &[], &DepthParams::default());
-        let (image, motion) = (views[1].pyramid.base(), views[0].to(&views[1]));
-        let (a, b) = job.brightness(&brightened(image, 0.7, 25.0), &motion);
+        let image = views[1].pyramid.base();
+        let reference = |image: GrayImage| Reference {
+            image: Arc::new(image),
+            frame_from_keyframe: views[0].to(&views[1]),
+            shift: job.shift,
+        };
+        let (plain, bright) = (reference(image.clone()), reference(brightened(image, 0.7, 25.0)));
+        let (a, b) = job.brightness(&bright);
         assert!((a.exp() / 0.7 - 1.0).abs() < 0.08 && (b - 25.0).abs() < 8.0, "{} {b}", a.exp());
         job.seeds.clear();
-        assert_eq!(job.brightness(image, &motion), (0.0, 0.0));
+        assert_eq!(job.brightness(&plain), (0.0, 0.0));
     }
 
     #[test]
@@ -166,7 +207,7 @@ mod tests {
         let mut companions = Vec::new();
         let expected = pose(0.2, 0.0, 0.0, 0.05, 0.0).inverse() * view.world_from_camera;
         for parallax in [0.001, 0.014, 0.02, 0.021, 0.03, 0.037, 0.05, 0.09, 0.4] {
-            keep_companion(&mut companions, view.pyramid.shared_base(), expected, parallax);
+            keep_companion(&mut companions, view.pyramid.shared_base(), expected, Twist::zeros(), parallax);
         }
         let kept: Vec<f64> = companions.iter().map(|c| c.parallax).collect();
         assert_eq!(kept, [0.02, 0.037, 0.09]);

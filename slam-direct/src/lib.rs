@@ -18,7 +18,6 @@ mod closing;
 mod dense;
 mod depth;
 mod keyframes;
-mod lens;
 mod local_map;
 pub mod loops;
 mod mapping;
@@ -28,7 +27,6 @@ mod publish;
 pub mod relocalise;
 mod select;
 pub mod self_calibration;
-mod sensor;
 #[cfg(test)]
 mod test_data;
 #[cfg(test)]

@@ -1,8 +1,8 @@
 //! Keyframes as the agent works on them: image pyramids, points with observations, who sees what.
 
 use crate::align::ReferencePoint;
-use crate::sensor::{Sensor, Twist};
 use crate::track::Matched;
+use geometry::sensor::{Sensor, Twist};
 use geometry::{GrayImage, Pinhole, Pyramid, Se3, Sim3};
 use map::{KeyframeId, Shared};
 use nalgebra::Vector3;
@@ -51,6 +51,8 @@ pub(crate) struct Companion {
     pub image: Arc<GrayImage>,
     /// Translation in the keyframe's unit.
     pub frame_from_keyframe: Se3,
+    /// How the camera moved; its υ in the keyframe's unit.
+    pub motion: Twist,
     /// Baseline over the keyframe's median depth.
     pub parallax: f64,
 }

@@ -2,11 +2,11 @@
 
 use crate::local_map::{LocalMap, PointRef, SeenAt, median};
 use crate::select::select;
-use crate::sensor::{Sensor, UNKNOWNS};
 use crate::track::{Matched, TrackParams};
 use crate::triangulate::{TriangulateParams, Triangulator};
 use crate::window::{Limits, Problem, solve_within};
 use backend::params;
+use geometry::sensor::{Sensor, UNKNOWNS};
 use rayon::prelude::*;
 use std::collections::BTreeSet;
 use window::Window;

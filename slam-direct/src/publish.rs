@@ -1,30 +1,7 @@
 //! The working map in the form that it is handed out in.
 
-use crate::lens::Lens;
 use crate::local_map::{LocalMap, PointState};
-use crate::sensor::Sensor;
-use geometry::Pinhole;
 use map::{Edge, Keyframe, Map, Moved, Observation, Point};
-
-/// Where a map says what is left of its lens's distortion, in its agent's provenance.
-pub(crate) const LENS: &str = "lens";
-/// Where it says how long its camera takes to read an image, from the first column to the last and from the first row to the
-/// last, seconds.
-pub(crate) const READOUT: [&str; 2] = ["readout columns", "readout rows"];
-
-/// What a map says of its sensor.
-pub(crate) fn sensor(sensor: &Sensor) -> [(&'static str, String); 3] {
-    let [columns, rows] = sensor.readout.map(|time| format!("{time:?}"));
-    [(LENS, sensor.lens.to_text()), (READOUT[0], columns), (READOUT[1], rows)]
-}
-
-/// The sensor that a map says its camera has.
-pub(crate) fn said_sensor(map: &Map, camera: Pinhole) -> Sensor {
-    let said = |key: &str| map.agents.values().find_map(|about| about.provenance.get(key));
-    let lens = said(LENS).and_then(|text| Lens::from_text(camera, text)).unwrap_or(Lens::ideal(camera));
-    let seconds = |text: &String| text.parse().ok().filter(|time: &f64| time.is_finite());
-    Sensor { lens, readout: READOUT.map(|key| said(key).and_then(seconds).unwrap_or(0.0)) }
-}
 
 /// A keyframe with its image and pose; depth and points follow when they are known.
 pub(crate) fn keyframe(local: &LocalMap, keyframe: usize) -> Keyframe {

@@ -4,10 +4,10 @@
 use crate::align::{AlignmentReference, Brightness};
 use crate::local_map::{LocalMap, PointRef, median};
 use crate::patch::Template;
-use crate::sensor::Twist;
 use crate::warp::Warp;
 use crate::window::{PoseSolver, SeenPoint, predict};
 use backend::params;
+use geometry::sensor::Twist;
 use geometry::{Pyramid, Se3};
 use nalgebra::{Vector3, Vector6};
 use rayon::prelude::*;

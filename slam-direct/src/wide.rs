@@ -6,11 +6,11 @@
 
 use crate::local_map::{LocalMap, PointRef};
 use crate::patch::Template;
-use crate::sensor::Twist;
 use crate::track::{Sought, TrackParams, View, choose};
 use backend::params;
 use geometry::Se3;
 use geometry::pnp::{Consensus, Sighting, pose_by_consensus};
+use geometry::sensor::Twist;
 use rayon::prelude::*;
 
 params! {

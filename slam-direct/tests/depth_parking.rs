@@ -3,6 +3,7 @@
 #[path = "support/parking.rs"]
 mod parking;
 
+use geometry::sensor::Shift;
 use parking::{Random, Sequence, backbone};
 use slam_direct::{DepthFilter, DepthParams, StereoFrame, choose_references};
 use std::path::Path;
@@ -27,7 +28,8 @@ fn parking_depth_is_accurate_dense_and_honest() -> parking::Result<()> {
             .collect();
         let mean =
             truth.data().iter().sum::<f32>() / truth.data().iter().filter(|&&d| d > 0.0).count() as f32;
-        let mut filter = DepthFilter::new(&image, &sequence.camera, &params);
+        let shift = Shift::none(sequence.camera);
+        let mut filter = DepthFilter::new(&image, &sequence.camera, shift, &params);
         filter.seed(&backbone(&truth, &mut Random::new(keyframe as u64)));
         for chosen in choose_references(&poses, mean, &sequence.camera, &params) {
             let reference = sequence.image(around[chosen])?;
@@ -38,6 +40,7 @@ fn parking_depth_is_accurate_dense_and_honest() -> parking::Result<()> {
                     frame_from_keyframe: poses[chosen],
                     brightness: (0.0, 0.0),
                     pose_sigma_px: 0.05,
+                    shift,
                 },
             );
         }

@@ -1,6 +1,7 @@
 //! The map as a cloud of points.
 
 use crate::{AgentId, Keyframe, Map};
+use geometry::sensor::Shift;
 use geometry::{Pinhole, Sim3};
 use nalgebra::Vector3;
 use std::collections::BTreeMap;
@@ -63,10 +64,12 @@ impl Keyframe {
     ///
     /// The ratio is the squared relative error of the depth, free of any unit, so that one bound
     /// serves near and far points and keyframes of any scale; 0.01 is a depth known to 10 %.
-    /// `camera` is the agent's camera, [`Map::camera`].
+    /// `camera` is the agent's camera, [`Map::camera`], and `shift` how far its image is off an ideal one's,
+    /// [`Map::image_shift`].
     pub fn cloud(
         &self,
         camera: &Pinhole,
+        shift: Shift,
         max_relative_variance: f32,
     ) -> impl Iterator<Item = CloudPoint> + '_ {
         let (camera, agent) = (*camera, self.agent);
@@ -76,22 +79,25 @@ impl Keyframe {
             // Written so that a NaN is refused.
             let kept = relative_variance <= max_relative_variance;
             let &intensity = intensities.get(pixel as usize).filter(|_| kept)?;
-            let ray = camera.unproject(f64::from(pixel % width), f64::from(pixel / width));
+            let [x, y] = [(pixel % width) as f32, (pixel / width) as f32];
+            let [dx, dy] = shift.to_ideal([x, y], inverse_depth);
+            let ray = camera.unproject(f64::from(x + dx), f64::from(y + dy));
             let confidence = relative_variance.sqrt().recip().min(MAX_CONFIDENCE);
             Some(CloudPoint { position: ray / f64::from(inverse_depth), intensity, confidence, agent })
         })
     }
 
-    /// The same points and those of a scan, in the world; `camera` is that of the agent, if it has one.
+    /// The same points and those of a scan, in the world of the map that the keyframe is in.
     pub(super) fn world_cloud(
         &self,
-        camera: Option<&Pinhole>,
+        map: &Map,
         max_relative_variance: f32,
     ) -> impl Iterator<Item = CloudPoint> + '_ {
         let Sim3 { rotation, translation, scale } = self.world_from_keyframe;
         // Of millions of points a matrix moves each faster than a quaternion.
         let turned = rotation.to_rotation_matrix().into_inner() * scale;
-        let of_image = camera.map(|camera| self.cloud(camera, max_relative_variance));
+        let taken_by = map.camera_of(self).zip(map.image_shift(self));
+        let of_image = taken_by.map(|(camera, shift)| self.cloud(camera, shift, max_relative_variance));
         of_image
             .into_iter()
             .flatten()
@@ -126,8 +132,7 @@ impl Map {
     /// [`Keyframe::cloud`] keeps, and `world_from_keyframe * point` for each of a scan.
     pub fn cloud(&self, max_relative_variance: f32) -> impl Iterator<Item = CloudPoint> + '_ {
         let keyframes = self.keyframes.values();
-        keyframes
-            .flat_map(move |keyframe| keyframe.world_cloud(self.camera_of(keyframe), max_relative_variance))
+        keyframes.flat_map(move |keyframe| keyframe.world_cloud(self, max_relative_variance))
     }
 
     /// The surest point of [`cloud`](Self::cloud) in each cube of edge `voxel` (map units), of equally sure ones the

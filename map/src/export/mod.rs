@@ -94,9 +94,7 @@ impl CloudFormat {
         let count = keyframes.par_iter().map(|keyframe| keyframe.cloud_size(bound)).sum();
         out.write_all((self.header)(count, columns).as_bytes())?;
         for together in keyframes.chunks(KEYFRAMES_TOGETHER) {
-            let points = |keyframe: &&Keyframe| {
-                self.points(keyframe.world_cloud(map.camera_of(keyframe), bound), columns)
-            };
+            let points = |keyframe: &&Keyframe| self.points(keyframe.world_cloud(map, bound), columns);
             for bytes in together.par_iter().map(points).collect::<Vec<_>>() {
                 out.write_all(&bytes)?;
             }

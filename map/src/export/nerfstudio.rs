@@ -42,7 +42,7 @@ pub fn save_nerfstudio(folder: impl AsRef<Path>, map: &Map) -> Result<(usize, us
     posed.save_images(&folder.join(IMAGES))?;
     save(&folder.join(POINTS), |out| write_points(out, &posed))?;
     let frame = |image: &super::posed_images::PosedImage| {
-        let camera = map.camera(image.keyframe);
+        let camera = map.camera(&image.keyframe);
         Frame {
             file_path: format!("{IMAGES}/{}", image.name),
             w: camera.width,

@@ -3,9 +3,11 @@
 use super::save;
 use crate::io::encode_png;
 use crate::{AgentId, AgentInfo, Keyframe, KeyframeId, Map, MapError, SensorKind};
+use geometry::sensor::Shift;
 use geometry::{Pinhole, Se3};
 use nalgebra::{Vector2, Vector3};
 use rayon::prelude::*;
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::Path;
@@ -28,7 +30,8 @@ pub(super) struct PosedImages<'a> {
 
 /// An image with its pose.
 pub(super) struct PosedImage<'a> {
-    pub keyframe: &'a Keyframe,
+    /// As an ideal camera would have taken it: what takes this in knows pinhole cameras.
+    pub keyframe: Cow<'a, Keyframe>,
     /// Its file within [`IMAGES`].
     pub name: String,
     pub camera_from_world: Se3,
@@ -60,15 +63,21 @@ impl<'a> PosedImages<'a> {
         };
         let cameras = map.agents.iter().map(camera).collect::<Result<_, _>>()?;
         let labels = map.agent_labels();
-        let image = |keyframe: &'a Keyframe| PosedImage {
-            keyframe,
+        let image = |keyframe: &&'a Keyframe| PosedImage {
+            keyframe: match map.rectified(keyframe) {
+                Some(rectified) => Cow::Owned(rectified.keyframe),
+                None => Cow::Borrowed(keyframe),
+            },
             name: format!("{}-{:06}.png", labels[&keyframe.agent], keyframe.frame_index),
             camera_from_world: keyframe.world_from_keyframe.rigid().inverse(),
         };
-        let images: Vec<PosedImage> = map.keyframes.values().map(image).collect();
+        let keyframes: Vec<&Keyframe> = map.keyframes.values().collect();
+        let images: Vec<PosedImage> = keyframes.par_iter().map(image).collect();
         let places: BTreeMap<KeyframeId, usize> =
             images.iter().enumerate().map(|(place, image)| (image.keyframe.id, place)).collect();
-        let points = images.iter().enumerate().flat_map(|(host, _)| points_of(map, &images, host, &places));
+        let shifts: Vec<Shift> = keyframes.iter().filter_map(|keyframe| map.image_shift(keyframe)).collect();
+        let hosts = 0..images.len();
+        let points = hosts.flat_map(|host| points_of(map, &images, &shifts, host, &places));
         Ok(Self { cameras, points: points.collect(), images })
     }
 
@@ -85,10 +94,11 @@ impl<'a> PosedImages<'a> {
 fn points_of(
     map: &Map,
     images: &[PosedImage],
+    shifts: &[Shift],
     host: usize,
     places: &BTreeMap<KeyframeId, usize>,
 ) -> Vec<SparsePoint> {
-    let keyframe = images[host].keyframe;
+    let keyframe = &images[host].keyframe;
     let point = |point: &crate::Point| {
         let [x, y] = point.pixel.map(f64::from);
         let ray = map.camera(keyframe).unproject(x, y);
@@ -98,12 +108,16 @@ fn points_of(
             if let Some(&place) = places.get(&seen.keyframe)
                 && track.iter().all(|(other, _)| *other != place)
             {
-                track.push((place, Vector2::new(f64::from(seen.pixel[0]), f64::from(seen.pixel[1]))));
+                let image = &images[place];
+                let unit = image.keyframe.world_from_keyframe.scale;
+                let inverse_depth = unit / (image.camera_from_world * position).z;
+                let shift = shifts[place].to_ideal(seen.pixel, inverse_depth as f32);
+                track.push((place, Vector2::from([0, 1].map(|i| f64::from(seen.pixel[i] + shift[i])))));
             }
         }
         let squared_error = |(place, pixel): &(usize, Vector2<f64>)| {
             let local = images[*place].camera_from_world * position;
-            (map.camera(images[*place].keyframe).project(&local) - pixel).norm_squared()
+            (map.camera(&images[*place].keyframe).project(&local) - pixel).norm_squared()
         };
         let error = (track.iter().map(squared_error).sum::<f64>() / track.len() as f64).sqrt();
         let at = (x.round() as usize, y.round() as usize);
@@ -132,7 +146,7 @@ mod tests {
             let (host, pixel) = point.track[0];
             let image = &posed.images[host];
             let local = image.camera_from_world * point.position;
-            assert!((map.camera(image.keyframe).project(&local) - pixel).norm() < 1e-6);
+            assert!((map.camera(&image.keyframe).project(&local) - pixel).norm() < 1e-6);
             let mut seen: Vec<usize> = point.track.iter().map(|(place, _)| *place).collect();
             seen.sort();
             seen.dedup();

@@ -7,6 +7,7 @@ use foxglove::messages::{
     CameraCalibration, CompressedImage, FrameTransform, FrameTransforms, PackedElementField, PointCloud,
     Pose, PosesInFrame, Quaternion, Timestamp, Vector3,
 };
+use geometry::sensor::Shift;
 use geometry::{Pinhole, Se3};
 
 /// The world's coordinate frame.
@@ -69,7 +70,8 @@ pub(super) fn image(keyframe: &Keyframe, png: Vec<u8>) -> CompressedImage {
 /// A keyframe's cloud, thinned, in its coordinate frame. Foxglove's frames have no scale, so the
 /// points are in map units.
 pub(super) fn cloud(keyframe: &Keyframe, camera: &Pinhole) -> PointCloud {
-    let points = || keyframe.cloud(camera, DEFAULT_MAX_RELATIVE_VARIANCE);
+    // To look at, the image as it is will do.
+    let points = || keyframe.cloud(camera, Shift::none(*camera), DEFAULT_MAX_RELATIVE_VARIANCE);
     let step = points().count().div_ceil(VIEW_POINTS).max(1);
     let scale = keyframe.world_from_keyframe.scale;
     let mut data = Vec::with_capacity(VIEW_POINTS * POINT_STRIDE as usize);
@@ -169,7 +171,9 @@ mod tests {
         let (id, keyframe) = map.keyframes.iter().next_back().unwrap();
         let cloud = cloud(keyframe, map.camera(keyframe));
         let shown = cloud.data.len() / POINT_STRIDE as usize;
-        let expected: Vec<_> = keyframe.cloud(map.camera(keyframe), DEFAULT_MAX_RELATIVE_VARIANCE).collect();
+        let camera = map.camera(keyframe);
+        let expected: Vec<_> =
+            keyframe.cloud(camera, Shift::none(*camera), DEFAULT_MAX_RELATIVE_VARIANCE).collect();
         assert_eq!(shown, expected.len());
         let float = |at: usize| f64::from(f32::from_le_bytes(cloud.data[at..at + 4].try_into().unwrap()));
         let local = nalgebra::Vector3::new(float(0), float(4), float(8));

@@ -1,5 +1,6 @@
 use super::*;
 use crate::test_support::Numbers;
+use geometry::sensor::Shift;
 use geometry::{GrayImage, Pinhole};
 use map::{Edge, EdgeKind, FramePose, Keyframe, KeyframeId, SemiDense};
 use nalgebra::SMatrix;
@@ -62,7 +63,7 @@ fn pose(map: &Map, id: KeyframeId) -> Sim3 {
 
 fn cloud(map: &Map, id: KeyframeId) -> Vec<Vector3<f64>> {
     map.keyframes[&id]
-        .cloud(map.camera(&map.keyframes[&id]), f32::INFINITY)
+        .cloud(map.camera(&map.keyframes[&id]), Shift::none(*map.camera(&map.keyframes[&id])), f32::INFINITY)
         .map(|point| point.position)
         .collect()
 }

@@ -145,7 +145,7 @@ fn pool(source: &PreparedMap, target: &PreparedMap, place: Place, params: &Closu
             let (Some(a), Some(b)) = (source.get(of_source[s]), target.get(of_target[t])) else {
                 return Vec::new();
             };
-            let found = match_features(a.features, b.features, &params.pair.matching);
+            let found = match_features(&a.features, &b.features, &params.pair.matching);
             let pair = found.iter().map(|m| Match {
                 sides: [
                     sighting(a, m.source, s, &views[0][s].side_from_view, min_deviation),

@@ -6,9 +6,9 @@ use crate::local_map::{Companions, Counts, KeyframeState, LocalMap};
 use crate::mapping;
 use crate::params::Params;
 use crate::publish;
-use crate::sensor::Twist;
 use crate::track::Matched;
 use geometry::Pinhole;
+use geometry::sensor::Twist;
 use map::{Edge, EdgeKind, Keyframe, KeyframeId, Map, MapDelta, PlaceIndex, Settled};
 use std::collections::BTreeSet;
 
@@ -42,6 +42,9 @@ pub(super) struct Update {
 /// Keyframes that are as new keep their pyramids: twice as many as a frame's points are sought in, for a camera that
 /// turns back.
 const RECENT: usize = 50;
+
+/// Depths that are computed again before it is asked whether to stop.
+const AT_ONCE: usize = 16;
 
 /// The owner of the map at work.
 pub(super) struct Mapper {
@@ -160,6 +163,13 @@ impl Mapper {
             mapping::optimise_all(&mut self.local, p.final_iterations, p, stop);
             moved = (0..self.local.keyframes.len()).collect();
             self.note_moved(&moved);
+        }
+        for again in self.settler.outdated(&self.local.sensor).chunks(AT_ONCE) {
+            if stop() {
+                break;
+            }
+            self.settler.begin_again(&self.local, again, &params.depth);
+            settled.extend(self.take_up_depths());
         }
         (self.update(moved, settled, None), loops)
     }

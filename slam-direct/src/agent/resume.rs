@@ -1,14 +1,14 @@
 //! Going on in a map that was kept: to extend it, or only to tell poses in it.
 
 use super::mapper::Mapper;
-use super::{Agent, AgentError, State, error, publish};
+use super::{Agent, AgentError, State, error};
 use crate::closing::edges;
 use crate::local_map::{KeyframeState, LocalMap, PointRef, PointState, SeenAt};
 use crate::params::Params;
-use crate::sensor::{Sensor, Twist, motion};
 use crate::tracker::Tracker;
-use geometry::{Pinhole, Pyramid, Se3, Sim3};
-use map::{Edge, FramePose, Keyframe, Map, MapDelta, PlaceIndex};
+use geometry::sensor::Sensor;
+use geometry::{Pinhole, Pyramid, Se3};
+use map::{Edge, Map, MapDelta, PlaceIndex};
 use std::sync::Arc;
 
 /// What is done with a map that was kept.
@@ -54,9 +54,9 @@ impl Agent {
         going: Going,
     ) -> Result<Self, AgentError> {
         params.validate()?;
-        let camera = camera_of(&map)?;
+        let sensor = sensor_of(&map)?;
+        let camera = sensor.lens.camera;
         error::check_camera(&camera)?;
-        let sensor = publish::said_sensor(&map, camera);
         let local = working_map(&map, sensor, params.align.pyramid_levels)?;
         let can_be_tracked = |&k: &usize| local.points_of(k).next().is_some();
         let newest = map.frames.last().map(|frame| frame.reference.0 as usize);
@@ -108,13 +108,13 @@ impl Agent {
 /// # Errors
 /// When the map is not one agent's with a camera, or lacks keyframes.
 pub fn edges_of(map: &Map) -> Result<Vec<Edge>, AgentError> {
-    let camera = camera_of(map)?;
-    error::check_camera(&camera)?;
-    Ok(edges::all(&working_map(map, publish::said_sensor(map, camera), 1)?, &[]))
+    let sensor = sensor_of(map)?;
+    error::check_camera(&sensor.lens.camera)?;
+    Ok(edges::all(&working_map(map, sensor, 1)?, &[]))
 }
 
-/// The camera of one agent's own map.
-fn camera_of(map: &Map) -> Result<Pinhole, AgentError> {
+/// The sensor of one agent's own map.
+fn sensor_of(map: &Map) -> Result<Sensor, AgentError> {
     let refused = |what: &str| Err(AgentError::Map(what.to_owned()));
     let mut agents = map.agents.values();
     match (agents.next(), agents.next()) {
@@ -122,7 +122,7 @@ fn camera_of(map: &Map) -> Result<Pinhole, AgentError> {
             "it holds the maps of several agents, and only one agent's can be gone on with: `loopbox unmerge` takes it apart",
         ),
         (Some(info), None) => {
-            info.camera().copied().ok_or_else(|| AgentError::Map("it is a LiDAR's".to_owned()))
+            info.image_sensor().ok_or_else(|| AgentError::Map("it is a LiDAR's".to_owned()))
         }
         (None, _) => refused("it is nobody's"),
     }
@@ -147,7 +147,7 @@ fn working_map(map: &Map, sensor: Sensor, levels: usize) -> Result<LocalMap, Age
         let pose = keyframe.world_from_keyframe;
         let state =
             KeyframeState::new(keyframe.timestamp, keyframe.frame_index, pyramid, pose.rigid().inverse());
-        local.push(KeyframeState { unit: pose.scale, motion: motion_at(map, keyframe), ..state });
+        local.push(KeyframeState { unit: pose.scale, motion: map.motion_at(keyframe), ..state });
     }
     let count = local.keyframes.len();
     for (host, keyframe) in map.keyframes.values().enumerate() {
@@ -183,23 +183,6 @@ fn working_map(map: &Map, sensor: Sensor, levels: usize) -> Result<LocalMap, Age
         }
     }
     Ok(local)
-}
-
-/// How the camera moved at a keyframe, in its unit: from the frame before it to the one after.
-fn motion_at(map: &Map, keyframe: &Keyframe) -> Twist {
-    let own = map.frames.partition_point(|frame| frame.timestamp < keyframe.timestamp);
-    let around = (own.checked_sub(1).and_then(|i| map.frames.get(i)), map.frames.get(own + 1));
-    let (Some(before), Some(after)) = around else { return Twist::zeros() };
-    let pose = |frame: &FramePose| {
-        let reference = map.keyframes.get(&frame.reference)?.world_from_keyframe;
-        let own_from_frame =
-            keyframe.world_from_keyframe.inverse() * reference * Sim3::from(frame.keyframe_from_frame);
-        Some(own_from_frame.rigid().inverse())
-    };
-    match (pose(before), pose(after)) {
-        (Some(from), Some(to)) => motion(&from, &to, after.timestamp - before.timestamp),
-        _ => Twist::zeros(),
-    }
 }
 
 #[cfg(test)]

@@ -3,8 +3,10 @@
 use crate::background::Task;
 use crate::dense::StereoJob;
 use crate::depth::DepthParams;
-use crate::local_map::{Companions, LocalMap};
+use crate::local_map::{Companion, Companions, LocalMap};
+use geometry::sensor::Sensor;
 use map::SemiDense;
+use std::collections::BTreeMap;
 
 /// Computes the semi-dense depths, keyframe after keyframe.
 #[derive(Default)]
@@ -13,6 +15,8 @@ pub(super) struct Settler {
     next: usize,
     /// Depths being computed, in order of their keyframes.
     settling: Vec<(usize, Task<SemiDense>)>,
+    /// The sensor by which the depth of each keyframe was begun; nothing of those that had theirs.
+    by: BTreeMap<usize, Sensor>,
 }
 
 impl Settler {
@@ -31,10 +35,25 @@ impl Settler {
         let ready = local.keyframes.len().saturating_sub(behind);
         for keyframe in self.next..ready {
             let near = companions.get(&keyframe).map_or(&[][..], Vec::as_slice);
-            let job = StereoJob::new(local, keyframe, near, params);
-            self.settling.push((keyframe, Task::spawn(move || job.run())));
+            self.begin_one(local, keyframe, near, params);
         }
         self.next = self.next.max(ready);
+    }
+
+    /// The keyframes whose images prove to be off an ideal camera's by otherwise than was known when their depth was begun.
+    pub fn outdated(&self, sensor: &Sensor) -> Vec<usize> {
+        self.by.iter().filter(|(_, by)| sensor.differs(by)).map(|(&keyframe, _)| keyframe).collect()
+    }
+
+    /// Begins the depths of keyframes again.
+    pub fn begin_again(&mut self, local: &LocalMap, keyframes: &[usize], params: &DepthParams) {
+        keyframes.iter().for_each(|&keyframe| self.begin_one(local, keyframe, &[], params));
+    }
+
+    fn begin_one(&mut self, local: &LocalMap, keyframe: usize, near: &[Companion], params: &DepthParams) {
+        let job = StereoJob::new(local, keyframe, near, params);
+        self.by.insert(keyframe, local.sensor);
+        self.settling.push((keyframe, Task::spawn(move || job.run())));
     }
 
     /// Takes up the depths begun before, waiting for them.

@@ -3,8 +3,8 @@
 use super::solve::agreement;
 use super::{Bootstrap, Started};
 use crate::local_map::{KeyframeState, LocalMap, PointRef, PointState, SeenAt, median};
-use crate::sensor::{Twist, motion};
 use crate::window::{Problem, WindowPoint};
+use geometry::sensor::{Twist, motion};
 use geometry::{Pinhole, Pyramid, Se3};
 
 /// Largest standard deviation of an inverse depth, relative to it, that makes a point of the map.

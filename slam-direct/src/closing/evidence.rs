@@ -10,8 +10,8 @@ use crate::params::Params;
 use crate::track;
 use backend::posegraph::PoseGraphError;
 use backend::sim3_align::KeyframeView;
-use geometry::{Se3, Sim3};
-use map::{Keyframe, Map, SemiDense};
+use geometry::{Pyramid, Se3, Sim3};
+use map::{Keyframe, Map, Rectified, SemiDense};
 use thiserror::Error;
 
 /// A loop to be tested.
@@ -184,8 +184,14 @@ fn reciprocal(
     params: &ClosingParams,
 ) -> Result<map::Edge, NoLoop> {
     let view = |keyframe: &Keyframe| {
-        let pyramid = &local.keyframes[keyframe.id.0 as usize].pyramid;
-        KeyframeView::new(pyramid, &keyframe.semi_dense, &local.camera)
+        let state = &local.keyframes[keyframe.id.0 as usize];
+        match map::rectified(keyframe, &local.sensor, &state.motion) {
+            None => KeyframeView::new(&state.pyramid, &keyframe.semi_dense, &local.camera),
+            Some(Rectified { keyframe, .. }) => {
+                let pyramid = Pyramid::of(keyframe.image, state.pyramid.len());
+                KeyframeView::new(&pyramid, &keyframe.semi_dense, &local.camera)
+            }
+        }
     };
     let (current_view, old_view) = (view(current), view(old));
     let closed = loops::close((current.id, &current_view), &old_view, candidate, &params.search)?;

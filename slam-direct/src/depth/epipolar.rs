@@ -30,7 +30,7 @@ pub(super) struct Projection {
     /// Pixel.
     pub u: [f32; 2],
     /// Depth in the keyframe over depth in the reference.
-    iz: f32,
+    pub iz: f32,
 }
 
 impl Projection {

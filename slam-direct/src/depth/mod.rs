@@ -26,6 +26,7 @@ pub use prior::SeedPoint;
 pub use references::choose_references;
 
 use candidates::Candidates;
+use geometry::sensor::Shift;
 use geometry::{GrayImage, Pinhole, Se3};
 use map::SemiDense;
 use prior::PriorRanges;
@@ -50,6 +51,8 @@ pub struct StereoFrame<'a> {
     pub brightness: (f32, f32),
     /// Standard deviation of the epipolar line's position from the poses' error, pixels.
     pub pose_sigma_px: f32,
+    /// How far it is off an ideal camera's image.
+    pub shift: Shift,
 }
 
 /// What became of a keyframe's pixels in one update.
@@ -95,6 +98,8 @@ impl Hypothesis {
 #[derive(Clone, Debug)]
 pub struct DepthFilter {
     camera: Pinhole,
+    /// How far the keyframe is off an ideal camera's image: pixels are its own, rays and depths those of that camera.
+    shift: Shift,
     params: DepthParams,
     candidates: Candidates,
     ranges: PriorRanges,
@@ -118,13 +123,14 @@ geometry::multiversion! {
 impl DepthFilter {
     /// Selects the candidate pixels of a keyframe; nothing is known of their depth.
     ///
-    /// An image whose size is not the camera's gets no candidates.
-    pub fn new(image: &GrayImage, camera: &Pinhole, params: &DepthParams) -> Self {
+    /// An image whose size is not the camera's gets no candidates. `shift` says how far it is off an ideal camera's.
+    pub fn new(image: &GrayImage, camera: &Pinhole, shift: Shift, params: &DepthParams) -> Self {
         let fits = image.width() == camera.width && image.height() == camera.height;
         let candidates = if fits { candidates::select(image, params) } else { Candidates::default() };
         let count = candidates.pixel.len();
         Self {
             camera: *camera,
+            shift,
             params: params.clone(),
             ranges: PriorRanges::unknown(camera, params),
             prior: vec![[params.min_inverse_depth, params.max_inverse_depth]; count],
@@ -169,7 +175,7 @@ impl DepthFilter {
             return UpdateStats { skipped: self.len(), ..stats };
         }
         let params = self.params.clone();
-        let mut observer = Observer::new(image, reference, &self.camera, &params);
+        let mut observer = Observer::new((image, self.shift), reference, &self.camera, &params);
         observer.learn_noise(&mut self.sampled_residuals(&observer));
         observe_all(self, &observer, &mut stats);
         stats
@@ -178,11 +184,25 @@ impl DepthFilter {
     /// [`observe_all`] for any processor.
     #[inline(always)]
     fn observe_all_plain(&mut self, observer: &Observer, stats: &mut UpdateStats) {
+        match observer.shifts() {
+            [false, false] => self.observe_by::<false, false>(observer, stats),
+            [true, false] => self.observe_by::<true, false>(observer, stats),
+            [_, true] => self.observe_by::<true, true>(observer, stats),
+        }
+    }
+
+    /// The same for what shifts the images' pixels (see [`Observer::shifts`]).
+    #[inline(always)]
+    fn observe_by<const BENT: bool, const ROLLING: bool>(
+        &mut self,
+        observer: &Observer,
+        stats: &mut UpdateStats,
+    ) {
         let mut looks = [Look::EMPTY; CHUNK];
         for start in (0..self.len()).step_by(CHUNK) {
             let chunk = start..(start + CHUNK).min(self.len());
             let size = chunk.len();
-            let count = self.plan(observer, chunk, &mut looks);
+            let count = self.plan::<BENT, ROLLING>(observer, chunk, &mut looks);
             stats.skipped += size - count;
             for look in &looks[..count] {
                 self.apply(look.candidate as usize, observer.observe(look), stats);
@@ -192,7 +212,7 @@ impl DepthFilter {
 
     /// Writes the looks worth taking at `candidates` to the front of `looks` and returns their number.
     #[inline(always)]
-    fn plan(
+    fn plan<const BENT: bool, const ROLLING: bool>(
         &self,
         observer: &Observer,
         candidates: impl Iterator<Item = usize>,
@@ -208,7 +228,7 @@ impl DepthFilter {
         for &candidate in &open[..open_count] {
             let i = candidate as usize;
             let (position, gradient) = (self.candidates.position[i], self.candidates.gradient[i]);
-            let (look, worthwhile) = observer.look(position, gradient, &self.hypothesis(i));
+            let (look, worthwhile) = observer.look::<BENT, ROLLING>(position, gradient, &self.hypothesis(i));
             looks[count] = look;
             looks[count].candidate = candidate;
             count += worthwhile as usize;
@@ -221,7 +241,7 @@ impl DepthFilter {
         let tolerant = observer.tolerant();
         let mut looks = [Look::EMPTY; CHUNK];
         let stride = self.len().div_ceil(CHUNK).max(1);
-        let count = self.plan(observer, (0..self.len()).step_by(stride), &mut looks);
+        let count = self.plan::<true, true>(observer, (0..self.len()).step_by(stride), &mut looks);
         let residual = |look: &Look| match tolerant.observe(look) {
             Outcome::Observed { residual, .. } => Some(residual),
             _ => None,

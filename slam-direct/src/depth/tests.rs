@@ -1,6 +1,7 @@
 //! The filter on analytically rendered planes with exact depth.
 
 use super::*;
+use geometry::sensor::{Sensor, Twist};
 use nalgebra::{UnitQuaternion, Vector3};
 
 /// A textured plane `normal · X = distance` in the keyframe's frame, seen where `x < right` on the plane.
@@ -90,13 +91,14 @@ fn seeds(planes: &[Plane]) -> Vec<SeedPoint> {
 }
 
 fn stereo(image: &GrayImage, frame_from_keyframe: Se3) -> StereoFrame<'_> {
-    StereoFrame { image, frame_from_keyframe, brightness: (0.0, 0.0), pose_sigma_px: 0.02 }
+    let shift = Shift::none(CAMERA);
+    StereoFrame { image, frame_from_keyframe, brightness: (0.0, 0.0), pose_sigma_px: 0.02, shift }
 }
 
 /// The keyframe of the planes, and its filter with the backbone points.
 fn seeded(planes: &[Plane], noise: f64) -> (GrayImage, DepthFilter) {
     let keyframe = render(planes, &Se3::identity(), noise, (1.0, 0.0), 1);
-    let mut filter = DepthFilter::new(&keyframe, &CAMERA, &params());
+    let mut filter = DepthFilter::new(&keyframe, &CAMERA, Shift::none(CAMERA), &params());
     filter.seed(&seeds(planes));
     (keyframe, filter)
 }
@@ -195,7 +197,7 @@ fn works_without_backbone_when_the_range_is_known() {
     let planes = [SLANTED];
     let keyframe = render(&planes, &Se3::identity(), 1.0, (1.0, 0.0), 1);
     let range = DepthParams { min_inverse_depth: 0.2, max_inverse_depth: 1.5, ..params() };
-    let mut filter = DepthFilter::new(&keyframe, &CAMERA, &range);
+    let mut filter = DepthFilter::new(&keyframe, &CAMERA, Shift::none(CAMERA), &range);
     for pose in poses() {
         filter.update(&keyframe, &stereo(&render(&planes, &pose, 1.0, (1.0, 0.0), 2), pose));
     }
@@ -209,17 +211,17 @@ fn works_without_backbone_when_the_range_is_known() {
 fn featureless_and_unfit_images_give_nothing() {
     let black = GrayImage::filled(CAMERA.width, CAMERA.height, 0);
     let small = GrayImage::filled(8, 8, 0);
-    let mut filter = DepthFilter::new(&black, &CAMERA, &params());
+    let mut filter = DepthFilter::new(&black, &CAMERA, Shift::none(CAMERA), &params());
     filter.seed(&seeds(&[SLANTED]));
     filter.update(&black, &stereo(&black, poses()[0]));
     filter.regularise();
     assert!(filter.is_empty() && filter.to_semi_dense().is_empty());
-    assert!(DepthFilter::new(&small, &CAMERA, &params()).is_empty());
+    assert!(DepthFilter::new(&small, &CAMERA, Shift::none(CAMERA), &params()).is_empty());
     let tiny = Pinhole { width: 8, height: 8, ..CAMERA };
-    assert!(DepthFilter::new(&small, &tiny, &params()).is_empty());
+    assert!(DepthFilter::new(&small, &tiny, Shift::none(tiny), &params()).is_empty());
 
     let keyframe = render(&[SLANTED], &Se3::identity(), 0.0, (1.0, 0.0), 1);
-    let mut filter = DepthFilter::new(&keyframe, &CAMERA, &params());
+    let mut filter = DepthFilter::new(&keyframe, &CAMERA, Shift::none(CAMERA), &params());
     let skipped = UpdateStats { skipped: filter.len(), ..UpdateStats::default() };
     assert_eq!(filter.update(&keyframe, &stereo(&small, poses()[0])), skipped);
     let nan = Se3::new(UnitQuaternion::identity(), Vector3::new(f64::NAN, 0.0, 0.0));
@@ -253,7 +255,7 @@ fn runs_repeat_to_the_bit_on_any_processor() {
     let mut second = first.clone();
     let frame = stereo(&image, poses()[0]);
     let params = params();
-    let mut observer = Observer::new(&keyframe, &frame, &CAMERA, &params);
+    let mut observer = Observer::new((&keyframe, Shift::none(CAMERA)), &frame, &CAMERA, &params);
     observer.learn_noise(&mut second.sampled_residuals(&observer));
     let mut stats = UpdateStats::default();
     second.observe_all_plain(&observer, &mut stats);
@@ -274,4 +276,51 @@ fn references_grow_in_baseline_and_see_the_keyframe() {
     let chosen = choose_references(&candidates, 1.0, &CAMERA, &DepthParams::default());
     assert_eq!(chosen, [2, 4, 1]);
     assert!(choose_references(&[], 1.0, &CAMERA, &DepthParams::default()).is_empty());
+}
+
+/// What a sensor makes of the planes from a pose, where its camera moves so.
+fn bent(planes: &[Plane], pose: &Se3, sensor: &Sensor, motion: &Twist) -> GrayImage {
+    let mut image = GrayImage::filled(CAMERA.width, CAMERA.height, 0);
+    for y in 0..CAMERA.height {
+        for x in 0..CAMERA.width {
+            let mut seen = trace(planes, pose, x as f64, y as f64);
+            for _ in 0..2 {
+                let [u, v] = sensor.ideal_pixel([x as f64, y as f64], motion, seen.0);
+                seen = trace(planes, pose, u, v);
+            }
+            image.set(x, y, seen.1.round() as u8);
+        }
+    }
+    image
+}
+
+/// Lens and shutter bend keyframe and references by some pixels, each by others; depth does not suffer.
+#[test]
+fn what_lens_and_shutter_do_is_undone() {
+    let sensor = Sensor::ideal(CAMERA).with([-0.03, 0.0, 0.025]);
+    let motion = |k: usize| Twist::new(0.5, 0.4, -0.2, 0.8, -0.5, 0.6) * (1.0 - 0.5 * k as f64);
+    let keyframe = bent(&[SLANTED], &Se3::identity(), &sensor, &motion(0));
+    let seeds: Vec<SeedPoint> =
+        seeds(&[SLANTED]).into_iter().map(|s| SeedPoint { variance: 0.01, ..s }).collect();
+    let median = |by: &dyn Fn(usize) -> Shift| {
+        let mut filter = DepthFilter::new(&keyframe, &CAMERA, by(0), &params());
+        filter.seed(&seeds);
+        for (k, pose) in (1..).zip(poses()) {
+            let image = bent(&[SLANTED], &pose, &sensor, &motion(k));
+            filter.update(&keyframe, &StereoFrame { shift: by(k), ..stereo(&image, pose) });
+        }
+        let mut errors = Vec::new();
+        for (pixel, d, _) in filter.to_semi_dense().iter() {
+            let (x, y) = (pixel as usize % CAMERA.width, pixel as usize / CAMERA.width);
+            let [u, v] = sensor.ideal_pixel([x as f64, y as f64], &motion(0), d as f64);
+            let exact = trace(&[SLANTED], &Se3::identity(), u, v).0 as f32;
+            errors.push((d - exact).abs() / exact);
+        }
+        errors.sort_by(f32::total_cmp);
+        (errors.len(), errors[errors.len() / 2])
+    };
+    let (count, error) = median(&|k| Shift::new(&sensor, &motion(k)));
+    let (count_without, error_without) = median(&|_| Shift::none(CAMERA));
+    assert!(error < 0.005 && error < 0.2 * error_without, "{error}, without {error_without}");
+    assert!(count > count_without, "{count} pixels, without {count_without}");
 }

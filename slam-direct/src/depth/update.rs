@@ -4,6 +4,7 @@ use super::epipolar::{EpipolarGeometry, Line};
 use super::observation::{geometric_variance, photometric_variance};
 use super::search::{COMPARED, Miss, Task, Template};
 use super::{DepthParams, Hypothesis, StereoFrame};
+use geometry::sensor::Shift;
 use geometry::{GrayImage, Pinhole};
 
 /// Steps between keyframe and reference along the line beyond which the views differ too much in scale.
@@ -40,6 +41,8 @@ pub(super) enum Outcome {
 #[derive(Clone)]
 pub(super) struct Observer<'a> {
     image: &'a GrayImage,
+    /// How far the keyframe is off an ideal camera's image.
+    shift: Shift,
     reference: &'a StereoFrame<'a>,
     geometry: EpipolarGeometry,
     gain: f32,
@@ -58,8 +61,12 @@ pub(super) struct Look {
     pub candidate: u32,
     /// The pixel in the keyframe and the direction of its epipolar line there, one pixel long.
     own: Line,
+    /// The same pixel as an ideal camera sees it.
+    ideal_own: [f32; 2],
     /// The line in the reference; μ = 0 is the one end of the stretch.
     line: Line,
+    /// The line as an ideal camera sees it.
+    ideal_line: Line,
     /// Length in template samples.
     length: f32,
     /// Squared inverse depth per template sample.
@@ -73,7 +80,9 @@ impl Look {
     pub const EMPTY: Self = Self {
         candidate: 0,
         own: Line { origin: [0.0; 2], step: [0.0; 2] },
+        ideal_own: [0.0; 2],
         line: Line { origin: [0.0; 2], step: [0.0; 2] },
+        ideal_line: Line { origin: [0.0; 2], step: [0.0; 2] },
         length: 0.0,
         alpha2: 0.0,
         alignment2: 0.0,
@@ -81,9 +90,9 @@ impl Look {
 }
 
 impl<'a> Observer<'a> {
-    /// Prepares the observation of keyframe `image` in `reference`.
+    /// Prepares the observation of a keyframe's image, so far off an ideal camera's, in `reference`.
     pub fn new(
-        image: &'a GrayImage,
+        (image, shift): (&'a GrayImage, Shift),
         reference: &'a StereoFrame<'a>,
         camera: &Pinhole,
         params: &'a DepthParams,
@@ -91,12 +100,19 @@ impl<'a> Observer<'a> {
         let geometry = EpipolarGeometry::new(camera, &reference.frame_from_keyframe);
         Self {
             image,
+            shift,
             reference,
             geometry,
             gain: reference.brightness.0.exp(),
             noise: params.image_noise,
             params,
         }
+    }
+
+    /// Whether a lens, and whether a rolling shutter, shifts pixels of one of the images.
+    pub fn shifts(&self) -> [bool; 2] {
+        let both = [self.shift, self.reference.shift];
+        [both.iter().any(Shift::is_bent), both.iter().any(Shift::is_rolling)]
     }
 
     /// The same observer for noise four times as large: it refuses little.
@@ -129,26 +145,48 @@ impl<'a> Observer<'a> {
     /// Where to look for the pixel `(x, y)` with `gradient`, given what is known of it, and whether to look:
     /// not behind the camera, over too long a stretch, or for no gain.
     ///
-    /// Free of branches: which pixels are worth a look is not predictable.
+    /// Free of branches: which pixels are worth a look is not predictable. What shifts pixels is told by
+    /// `BENT` and `ROLLING` (see [`shifts`](Self::shifts)), so that nothing is worked out for what does not.
     #[inline(always)]
-    pub fn look(&self, [x, y]: [f32; 2], [gx, gy]: [f32; 2], known: &Hypothesis) -> (Look, bool) {
+    pub fn look<const BENT: bool, const ROLLING: bool>(
+        &self,
+        [x, y]: [f32; 2],
+        [gx, gy]: [f32; 2],
+        known: &Hypothesis,
+    ) -> (Look, bool) {
         let params = self.params;
         let geometry = &self.geometry;
-        let [lx, ly] = geometry.direction(x, y);
+        let [low, high] = known.range(params.search_sigmas);
+        let [dx, dy] = match (BENT, ROLLING) {
+            (_, true) => self.shift.to_ideal([x, y], 0.5 * (low + high)),
+            (true, false) => self.shift.lens_to_ideal([x, y]),
+            (false, false) => [0.0; 2],
+        };
+        let ideal_own = [x + dx, y + dy];
+        let [lx, ly] = geometry.direction(ideal_own[0], ideal_own[1]);
         let inverse_norm = 1.0 / (lx * lx + ly * ly).sqrt();
         let direction = [lx * inverse_norm, ly * inverse_norm];
         let along = gx * direction[0] + gy * direction[1];
         let alignment2 = along * along / (gx * gx + gy * gy);
 
-        let ray = geometry.ray(x, y, direction);
-        let [low, high] = known.range(params.search_sigmas);
+        let ray = geometry.ray(ideal_own[0], ideal_own[1], direction);
         let (centre, near) = (geometry.project(&ray, 0.5 * (low + high)), geometry.project(&ray, high));
         let far = geometry.project(&ray, low);
         let step = geometry.step(&ray, &centre);
         let step2 = step[0] * step[0] + step[1] * step[1];
         // Template samples from far to near; negative when the step points to falling inverse depth.
         let signed = ((near.u[0] - far.u[0]) * step[0] + (near.u[1] - far.u[1]) * step[1]) / step2;
-        let origin = if signed >= 0.0 { far.u } else { near.u };
+        let (far_end, near_end) = ((far.u, low * far.iz), (near.u, high * near.iz));
+        let (first, last) = if signed >= 0.0 { (far_end, near_end) } else { (near_end, far_end) };
+        let shown = |(u, inverse_depth)| match (BENT, ROLLING) {
+            (_, true) => self.reference.shift.to_shown(u, inverse_depth),
+            (true, false) => self.reference.shift.lens_to_shown(u),
+            (false, false) => [0.0; 2],
+        };
+        let (begin, end) = (shown(first), shown(last));
+        // Over less than a sample shifts do not change.
+        let samples = signed.abs().max(1.0);
+        let bent = [0, 1].map(|i: usize| step[i] + (end[i] - begin[i]) / samples);
         let depth_per_sample = (high - low) / signed;
         let alpha2 = depth_per_sample * depth_per_sample;
         let expected = alpha2 * self.variance(alignment2, along * along * COMPARED as f32);
@@ -163,7 +201,9 @@ impl<'a> Observer<'a> {
         let look = Look {
             candidate: 0,
             own: Line { origin: [x, y], step: direction },
-            line: Line { origin, step },
+            ideal_own,
+            line: Line { origin: [first.0[0] + begin[0], first.0[1] + begin[1]], step: bent },
+            ideal_line: Line { origin: first.0, step },
             length: signed.abs(),
             alpha2,
             alignment2,
@@ -194,8 +234,8 @@ impl<'a> Observer<'a> {
         if found.residual > self.params.max_residual * (self.noise2() + interpolation2) {
             return Outcome::Failed;
         }
-        let ray = self.geometry.ray(look.own.origin[0], look.own.origin[1], look.own.step);
-        let inverse_depth = self.geometry.inverse_depth(&ray, look.line.at(found.mu));
+        let ray = self.geometry.ray(look.ideal_own[0], look.ideal_own[1], look.own.step);
+        let inverse_depth = self.geometry.inverse_depth(&ray, look.ideal_line.at(found.mu));
         if !(inverse_depth > 0.0 && inverse_depth.is_finite()) {
             return Outcome::Failed;
         }

@@ -2,8 +2,8 @@
 
 use super::UnitChange;
 use crate::local_map::{LocalMap, PointRef, PointState, SeenAt, median};
-use crate::sensor::UNKNOWNS;
 use crate::window::{Calibration, Pairs, Problem, Shown, WindowObservation, WindowPoint};
+use geometry::sensor::UNKNOWNS;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Squared normalised residual above which the joint optimisation gives an observation up.

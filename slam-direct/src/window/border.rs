@@ -4,8 +4,8 @@
 use super::calibration::{ByUnknowns, Calibration};
 use super::pairs::Pairs;
 use super::problem::Prediction;
-use crate::sensor::UNKNOWNS;
 use backend::BlockSystem;
+use geometry::sensor::UNKNOWNS;
 use nalgebra::{Matrix2, Matrix6, SMatrix, SVector, Vector2, Vector6};
 
 type Unknowns = SVector<f64, UNKNOWNS>;

@@ -2,7 +2,7 @@
 
 use super::pairs::Relative;
 use super::problem::{Problem, WindowPoint};
-use crate::sensor::{Sensor, UNKNOWNS};
+use geometry::sensor::{Sensor, UNKNOWNS};
 use nalgebra::{Matrix2, SMatrix, Vector2};
 
 /// A problem's sensor and what the images show; [`Problem::set_sensor`] derives rays and pixels from it.

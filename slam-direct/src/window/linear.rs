@@ -3,8 +3,8 @@
 use super::border::Border;
 use super::pairs::{Pairs, Relative};
 use super::problem::{Problem, mahalanobis, predict, robust_weight};
-use crate::sensor::UNKNOWNS;
 use backend::{BlockSystem, SystemError};
+use geometry::sensor::UNKNOWNS;
 use nalgebra::{Matrix6, Vector6};
 
 /// What the observations of a pair add, in terms of its relative pose.

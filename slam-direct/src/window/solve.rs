@@ -3,9 +3,9 @@
 use super::linear::{Normal, Step};
 use super::pairs::Pairs;
 use super::problem::{Problem, WindowPoint};
-use crate::sensor::UNKNOWNS;
 use backend::SystemError;
 use geometry::Se3;
+use geometry::sensor::UNKNOWNS;
 
 /// Inverse depths stay above this share of their value per step, so that no point jumps through infinity.
 const MIN_DEPTH_FACTOR: f64 = 0.2;

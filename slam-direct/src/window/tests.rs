@@ -1,7 +1,7 @@
 //! The joint optimisation on made-up scenes of which everything is known.
 
 use super::*;
-use crate::sensor::{Sensor, UNKNOWNS};
+use geometry::sensor::{Sensor, UNKNOWNS};
 use geometry::{Pinhole, Se3};
 use nalgebra::{Vector2, Vector6};
 

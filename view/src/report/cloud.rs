@@ -1,6 +1,7 @@
 //! The cloud of the 3-D view: world points, thinned to a budget and quantised.
 
 use super::pack::Packed;
+use geometry::sensor::Shift;
 use map::{Keyframe, Map};
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -96,13 +97,16 @@ fn gather(map: &Map, keyframes: &[&Keyframe], step: usize) -> Vec<CloudPoint> {
     let points = |(index, keyframe): (usize, &&Keyframe)| -> Vec<CloudPoint> {
         let (image, pose) = (&keyframe.image, &keyframe.world_from_keyframe);
         let (camera, width) = (map.camera(keyframe), image.width().max(1) as u32);
+        let shift = map.image_shift(keyframe).unwrap_or(Shift::none(*camera));
         let turned = pose.rotation.to_rotation_matrix().into_inner() * pose.scale;
         let depths = &keyframe.semi_dense;
         let point = |at: usize| {
             let (pixel, inverse_depth, variance) =
                 (*depths.pixel.get(at)?, *depths.inverse_depth.get(at)?, *depths.variance.get(at)?);
             let intensity = *image.data().get(pixel as usize)?;
-            let ray = camera.unproject(f64::from(pixel % width), f64::from(pixel / width));
+            let [x, y] = [(pixel % width) as f32, (pixel / width) as f32];
+            let [dx, dy] = shift.to_ideal([x, y], inverse_depth);
+            let ray = camera.unproject(f64::from(x + dx), f64::from(y + dy));
             let world = turned * (ray / f64::from(inverse_depth)) + pose.translation;
             let position = world.cast::<f32>();
             let possible = inverse_depth > 0.0 && inverse_depth.is_finite();

@@ -111,7 +111,7 @@ fn the_sensor_is_said_with_the_map() {
     assert_eq!(said(&told), Some(lens.clone()));
     let mut map = agent.into_map();
     let about = map.agents.values_mut().next().unwrap();
-    about.provenance.insert(publish::READOUT[1].into(), "0.02".into());
+    about.provenance.insert("readout rows".into(), "0.02".into());
     let resumed = resumed(map, Going::On).view;
     assert_eq!(resumed.sensor.lens.to_text(), lens);
     assert_eq!(resumed.sensor.readout, [0.0, 0.02]);

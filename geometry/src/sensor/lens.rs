@@ -5,11 +5,11 @@
 //! too short, always in the same sense (Krešo & Šegvić, VISAPP 2015, on the KITTI cameras). Points seen from many places
 //! tell this error, so the joint optimisation solves for it.
 
-use geometry::Pinhole;
+use crate::Pinhole;
 use nalgebra::{Matrix2, Vector2, Vector3};
 
 /// Unknowns of a lens.
-pub(crate) const TERMS: usize = 1;
+pub const TERMS: usize = 1;
 
 /// The camera as the images show it: `x = x' (1 + a ρ)`, x' on the image plane at z = 1 by the calibration and ρ the square
 /// of its distance from the axis over that of the image's corner, so that `a` is what the corner moves by, as a share of its
@@ -18,7 +18,7 @@ pub(crate) const TERMS: usize = 1;
 /// An error of the focal length is not solved for: motion straight ahead does not tell it, and with it free scenes of which
 /// the camera is known exactly came out worse.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Lens {
+pub struct Lens {
     /// By the calibration.
     pub camera: Pinhole,
     /// The `a` of above.
@@ -44,6 +44,17 @@ impl Lens {
     pub fn from_text(camera: Pinhole, text: &str) -> Option<Self> {
         let term: f64 = text.parse().ok()?;
         term.is_finite().then(|| Self { terms: [term], ..Self::ideal(camera) })
+    }
+
+    /// Share of its distance from the middle by which a point at distance one of the image plane moves.
+    pub(super) fn bend(&self) -> f64 {
+        self.terms[0] * self.per_corner
+    }
+
+    /// How far an ideal camera sees the image's corner farther from the middle than the image shows it, pixels.
+    pub(super) fn corner_shift(&self) -> f64 {
+        let (width, height) = (self.camera.width as f64, self.camera.height as f64);
+        self.terms[0] * 0.5 * width.hypot(height)
     }
 
     fn is_ideal(&self) -> bool {

@@ -7,27 +7,42 @@
 //! al., CVPR 2012). How long a sensor takes is told by the recording itself: it is an unknown of the joint optimisation, as
 //! the lens is. Of a telephone held upright it is the columns of the video that are read one after the other.
 
-use crate::lens::{self, Lens};
-use crate::window::predict;
-use geometry::{Pinhole, Se3};
-use nalgebra::{Matrix3, Vector2, Vector3, Vector6};
+mod lens;
+mod rectify;
+mod shift;
+
+pub use lens::Lens;
+pub use rectify::{CoarseDepth, Rectification};
+pub use shift::Shift;
+
+use crate::{Pinhole, Se3};
+use nalgebra::{Vector2, Vector3, Vector6};
 
 /// Unknowns of a sensor: those of its lens, and the readout times.
-pub(crate) const UNKNOWNS: usize = lens::TERMS + 2;
+pub const UNKNOWNS: usize = lens::TERMS + 2;
 
 /// Shortest readout time of a rolling shutter, seconds: sensors take 5 to 35 milliseconds. Recordings of cameras that expose
 /// all rows at once come out within 1.5.
 const LEAST_READOUT: f64 = 0.003;
 
+/// Largest shift of pixels that is not worth to be undone, pixels: images are aligned to about twice that.
+const LEAST_SHIFT: f64 = 0.05;
+
+/// Share of a readout time by which another one differs from it much: as much of what moves is left.
+const MUCH_READOUT: f64 = 0.25;
+/// Share of its distance from the middle by which an image's corner lies elsewhere if two lenses differ much: about a pixel of
+/// an image of 640 × 480.
+const MUCH_LENS: f64 = 2e-3;
+
 /// Longest time between frames over which a camera is taken to move evenly, seconds: hands turn back within a few tenths.
 const EVEN: f64 = 0.2;
 
 /// Motion of a camera: left-multiplicative twist (υ, ω) of `camera_from_world` a second; υ in map units.
-pub(crate) type Twist = Vector6<f64>;
+pub type Twist = Vector6<f64>;
 
 /// The motion from one pose `camera_from_world` to another that comes `seconds` later, or earlier if they are negative; none
 /// where they are too far apart in time to tell it.
-pub(crate) fn motion(from: &Se3, to: &Se3, seconds: f64) -> Twist {
+pub fn motion(from: &Se3, to: &Se3, seconds: f64) -> Twist {
     // Below a tenth of a millisecond, stamps tell nothing of velocities.
     if !(1e-4..EVEN).contains(&seconds.abs()) {
         return Twist::zeros();
@@ -37,7 +52,7 @@ pub(crate) fn motion(from: &Se3, to: &Se3, seconds: f64) -> Twist {
 
 /// A lens and a shutter.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Sensor {
+pub struct Sensor {
     /// What is left of the lens's distortion.
     pub lens: Lens,
     /// Time from reading the first column to reading the last, and from the first row to the last, seconds; negative where
@@ -68,6 +83,19 @@ impl Sensor {
         self.readout != [0.0; 2]
     }
 
+    /// Whether images show all as an ideal camera would, as far as it matters.
+    pub fn is_ideal(&self) -> bool {
+        !self.is_rolling() && self.lens.corner_shift().abs() < LEAST_SHIFT
+    }
+
+    /// Whether depths found by another sensor of the same camera are off by it, by more than what else they are off.
+    pub fn differs(&self, other: &Self) -> bool {
+        let longest = |times: [f64; 2]| times.iter().map(|time| time.abs()).fold(0.0, f64::max);
+        let change = longest([0, 1].map(|i| self.readout[i] - other.readout[i]));
+        let corner = (self.lens.terms[0] - other.lens.terms[0]).abs();
+        change > MUCH_READOUT * longest(self.readout).max(longest(other.readout)) || corner > MUCH_LENS
+    }
+
     /// The readout times as far as a rolling shutter has such: the longer one if it is long enough, and nothing else.
     pub fn plausible_readout(&self) -> [f64; 2] {
         let [columns, rows] = self.readout;
@@ -78,11 +106,14 @@ impl Sensor {
     /// How fast what the image shows at a pixel moves in it, pixels a second; the point has this inverse depth in the moving
     /// camera.
     pub fn velocity(&self, pixel: [f64; 2], motion: &Twist, inverse_depth: f64) -> Vector2<f64> {
-        let camera = &self.lens.camera;
-        let ray = camera.unproject(pixel[0], pixel[1]);
-        let seen = predict(camera, &Matrix3::identity(), &Vector3::zeros(), &ray, inverse_depth, &pixel);
+        let Pinhole { fx, fy, .. } = self.lens.camera;
+        let ray = self.lens.camera.unproject(pixel[0], pixel[1]);
+        let (x, y, rho) = (ray.x, ray.y, inverse_depth);
         let along = |by: [f64; 6]| Vector6::from(by).dot(motion);
-        seen.map_or(Vector2::zeros(), |seen| Vector2::new(along(seen.by_twist[0]), along(seen.by_twist[1])))
+        Vector2::new(
+            along([fx * rho, 0.0, -fx * x * rho, -fx * x * y, fx * (1.0 + x * x), -fx * y]),
+            along([0.0, fy * rho, -fy * y * rho, -fy * (1.0 + y * y), fy * x * y, fy * x]),
+        )
     }
 
     /// Where a pixel lies between the first and the last column, and row: −½ to ½.
@@ -178,6 +209,16 @@ mod tests {
         assert_eq!(plausible([0.001, -0.0014]), [0.0, 0.0]);
         assert_eq!(plausible([0.001, 0.02]), [0.0, 0.02]);
         assert_eq!(plausible([-0.024, 0.004]), [-0.024, 0.0], "of one sensor, either rows or columns");
+    }
+
+    #[test]
+    fn sensors_differ_by_what_their_images_show() {
+        let sensor = |unknowns| Sensor::ideal(CAMERA).with(unknowns);
+        assert!(!sensor([1e-3, 0.0, 0.024]).differs(&sensor([0.0, 0.0, 0.021])));
+        assert!(sensor([0.0, 0.0, 0.024]).differs(&sensor([0.0; 3])));
+        assert!(sensor([0.0, 0.0, 0.024]).differs(&sensor([0.0, 0.0, 0.017])));
+        assert!(sensor([-2e-3, 0.0, 0.0]).differs(&sensor([1e-3, 0.0, 0.0])));
+        assert!(sensor([1e-5, 0.0, 0.0]).is_ideal() && !sensor([1e-3, 0.0, 0.0]).is_ideal());
     }
 
     #[test]

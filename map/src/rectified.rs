@@ -1,0 +1,191 @@
+//! Keyframes as an ideal camera would have taken them.
+//!
+//! A map keeps images as they were given, undistorted by the calibration, and says of its agent's camera what the recording
+//! told beyond that: what is left of the lens's distortion, and how long the sensor takes to read an image. Whoever compares
+//! places in two images needs both undone.
+
+use crate::{AgentInfo, FramePose, Keyframe, Map, SemiDense};
+use geometry::sensor::{CoarseDepth, Lens, Rectification, Sensor, Shift, Twist, motion};
+use geometry::{Pinhole, Sim3};
+use std::sync::Arc;
+
+/// Where a map says what is left of its lens's distortion, in its agent's provenance.
+const LENS: &str = "lens";
+/// Where it says how long its camera takes to read an image, from the first column to the last and from the first row to the
+/// last, seconds.
+const READOUT: [&str; 2] = ["readout columns", "readout rows"];
+
+impl AgentInfo {
+    /// What takes its images, as they proved to show the world; ideal where nothing is said. `None` of a LiDAR.
+    pub fn image_sensor(&self) -> Option<Sensor> {
+        let camera = *self.camera()?;
+        let said = |key: &str| self.provenance.get(key);
+        let lens = said(LENS).and_then(|text| Lens::from_text(camera, text)).unwrap_or(Lens::ideal(camera));
+        let seconds = |text: &String| text.parse().ok().filter(|time: &f64| time.is_finite());
+        Some(Sensor { lens, readout: READOUT.map(|key| said(key).and_then(seconds).unwrap_or(0.0)) })
+    }
+}
+
+/// What an agent's provenance says of a sensor.
+pub fn sensor_entries(sensor: &Sensor) -> [(&'static str, String); 3] {
+    let [columns, rows] = sensor.readout.map(|time| format!("{time:?}"));
+    [(LENS, sensor.lens.to_text()), (READOUT[0], columns), (READOUT[1], rows)]
+}
+
+/// A keyframe as an ideal pinhole camera that reads all rows at once would have taken it.
+#[derive(Clone, Debug)]
+pub struct Rectified {
+    /// The keyframe; image, depths and points are in their places, features are left out.
+    pub keyframe: Keyframe,
+    /// What put them there.
+    pub rectification: Rectification,
+}
+
+impl Map {
+    /// How the camera moved at a keyframe, in its unit: from the frame before it to the one after; not at all where one of
+    /// them is not known.
+    pub fn motion_at(&self, keyframe: &Keyframe) -> Twist {
+        let [before, after] = self.frames_around(keyframe);
+        let pose = |frame: &FramePose| {
+            let reference = self.keyframes.get(&frame.reference)?.world_from_keyframe;
+            let own_from_frame =
+                keyframe.world_from_keyframe.inverse() * reference * Sim3::from(frame.keyframe_from_frame);
+            Some(own_from_frame.rigid().inverse())
+        };
+        let (Some(before), Some(after)) = (before, after) else { return Twist::zeros() };
+        match (pose(before), pose(after)) {
+            (Some(from), Some(to)) => motion(&from, &to, after.timestamp - before.timestamp),
+            _ => Twist::zeros(),
+        }
+    }
+
+    /// How far a keyframe's image is off an ideal camera's, not at all where it does not matter; `None` of a LiDAR's.
+    pub fn image_shift(&self, keyframe: &Keyframe) -> Option<Shift> {
+        let sensor = self.agents.get(&keyframe.agent)?.image_sensor()?;
+        Some(match sensor.is_ideal() {
+            true => Shift::none(sensor.lens.camera),
+            false => Shift::new(&sensor, &self.motion_at(keyframe)),
+        })
+    }
+
+    /// The frames of a keyframe's agent before and after it.
+    fn frames_around(&self, keyframe: &Keyframe) -> [Option<&FramePose>; 2] {
+        if self.agents.len() == 1 {
+            let own = self.frames.partition_point(|frame| frame.timestamp < keyframe.timestamp);
+            return [own.checked_sub(1).and_then(|i| self.frames.get(i)), self.frames.get(own + 1)];
+        }
+        let agent = |frame: &&FramePose| {
+            self.keyframes.get(&frame.reference).map(|k| k.agent) == Some(keyframe.agent)
+        };
+        let frames = || self.frames.iter().filter(agent);
+        let before = frames().take_while(|frame| frame.timestamp < keyframe.timestamp).last();
+        [before, frames().find(|frame| frame.timestamp > keyframe.timestamp)]
+    }
+
+    /// A camera's keyframe as an ideal camera would have taken it; `None` where its own did, as far as it matters, and of a
+    /// LiDAR's.
+    pub fn rectified(&self, keyframe: &Keyframe) -> Option<Rectified> {
+        let sensor = self.agents.get(&keyframe.agent)?.image_sensor()?;
+        rectified(keyframe, &sensor, &self.motion_at(keyframe))
+    }
+}
+
+/// A keyframe whose camera moved so, in its unit, as an ideal camera would have taken it; `None` where its own did, as far
+/// as it matters.
+pub fn rectified(keyframe: &Keyframe, sensor: &Sensor, motion: &Twist) -> Option<Rectified> {
+    if sensor.is_ideal() {
+        return None;
+    }
+    let camera = &sensor.lens.camera;
+    let place = |pixel: u32| [(pixel as usize % camera.width) as f32, (pixel as usize / camera.width) as f32];
+    let depths = keyframe.semi_dense.iter().map(|(pixel, inverse_depth, _)| (place(pixel), inverse_depth));
+    let rectification = Rectification::new(sensor, motion, CoarseDepth::new(camera, depths));
+    let mut points = keyframe.points.clone();
+    for point in &mut points {
+        point.pixel = rectification.pixel_at(point.pixel, point.inverse_depth);
+    }
+    let keyframe = Keyframe {
+        image: Arc::new(rectification.image(&keyframe.image)),
+        semi_dense: moved(&keyframe.semi_dense, camera, &rectification).into(),
+        scan: None,
+        points,
+        features: None,
+        ..*keyframe
+    };
+    Some(Rectified { keyframe, rectification })
+}
+
+/// Depths at the pixels in which the ideal camera sees them; where two meet, that of the smaller variance.
+fn moved(depths: &SemiDense, camera: &Pinhole, rectification: &Rectification) -> SemiDense {
+    let width = camera.width;
+    let mut all: Vec<(u32, f32, f32)> = depths
+        .iter()
+        .filter_map(|(pixel, inverse_depth, variance)| {
+            let shown = [(pixel as usize % width) as f32, (pixel as usize / width) as f32];
+            let [x, y] = rectification.pixel_at(shown, inverse_depth).map(f32::round);
+            let is_inside = x >= 0.0 && y >= 0.0 && x < width as f32 && y < camera.height as f32;
+            is_inside.then(|| ((y as usize * width + x as usize) as u32, inverse_depth, variance))
+        })
+        .collect();
+    all.sort_by(|a, b| a.0.cmp(&b.0).then(a.2.total_cmp(&b.2)));
+    all.dedup_by_key(|depth| depth.0);
+    SemiDense {
+        pixel: all.iter().map(|depth| depth.0).collect(),
+        inverse_depth: all.iter().map(|depth| depth.1).collect(),
+        variance: all.iter().map(|depth| depth.2).collect(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::test_support::sample_map;
+
+    fn said(map: &mut Map, sensor: &Sensor) {
+        let about = map.agents.values_mut().next().unwrap();
+        about.provenance.extend(sensor_entries(sensor).map(|(key, value)| (key.to_owned(), value)));
+    }
+
+    #[test]
+    fn a_sensor_is_said_and_read() {
+        let mut map = sample_map(4);
+        let camera = *map.agents.values().next().unwrap().camera().unwrap();
+        assert_eq!(map.agents.values().next().unwrap().image_sensor(), Some(Sensor::ideal(camera)));
+        let sensor = Sensor::ideal(camera).with([-0.0123, 0.0, 0.0241]);
+        said(&mut map, &sensor);
+        assert_eq!(map.agents.values().next().unwrap().image_sensor(), Some(sensor));
+    }
+
+    #[test]
+    fn what_an_ideal_camera_took_stays_as_it_is() {
+        let map = sample_map(4);
+        assert!(map.keyframes.values().all(|keyframe| map.rectified(keyframe).is_none()));
+    }
+
+    /// A pixel with depth is the same point of the world before and after.
+    #[test]
+    fn depths_and_points_go_where_an_ideal_camera_sees_them() {
+        let mut map = sample_map(4);
+        let camera = *map.agents.values().next().unwrap().camera().unwrap();
+        // The corner moves by two pixels.
+        let corner = 0.5 * (camera.width as f64).hypot(camera.height as f64);
+        said(&mut map, &Sensor::ideal(camera).with([-2.0 / corner, 0.0, 0.0]));
+        for keyframe in map.keyframes.values() {
+            let ideal = map.rectified(keyframe).expect("two pixels matter").keyframe;
+            assert!(!ideal.semi_dense.is_empty() && ideal.semi_dense.pixel.is_sorted());
+            let shift = map.image_shift(keyframe).unwrap();
+            let exact: Vec<_> =
+                keyframe.cloud(&camera, shift, f32::INFINITY).map(|point| point.position).collect();
+            for point in ideal.cloud(&camera, Shift::none(camera), f32::INFINITY) {
+                let apart = exact.iter().map(|other| (other - point.position).norm() / other.z);
+                // Depths lie on whole pixels.
+                assert!(apart.fold(f64::INFINITY, f64::min) < 0.75 / camera.fx);
+            }
+            for (before, after) in keyframe.points.iter().zip(&ideal.points) {
+                let middle = [camera.cx as f32, camera.cy as f32];
+                let reach = |[x, y]: [f32; 2]| (x - middle[0]).hypot(y - middle[1]);
+                assert!(reach(after.pixel) <= reach(before.pixel), "all goes towards the middle");
+            }
+        }
+    }
+}
