@@ -37,6 +37,11 @@ impl Settler {
         self.next = self.next.max(ready);
     }
 
+    /// Goes on behind the `count` keyframes that came before those of the map it was of.
+    pub fn behind(count: usize, other: &Self) -> Self {
+        Self::from(count + other.next)
+    }
+
     /// Takes up the depths begun before, waiting for them.
     pub fn take_up(&mut self) -> impl Iterator<Item = (usize, SemiDense)> + '_ {
         self.settling.drain(..).map(|(keyframe, depth)| (keyframe, depth.join()))
