@@ -86,12 +86,13 @@ impl Default for Recogniser {
 
 impl Recognise for Recogniser {
     fn recognise(&mut self, image: &GrayImage, camera: &Pinhole, views: &[KnownView]) -> Vec<Hypothesis> {
+        // Whatever this image shows: a covered camera leaves time for it.
+        self.prepare(camera, views);
         // As those of keyframes are: written and read.
         let features = codec::decode(&described(image)).unwrap_or_default();
         if features.len() < LEAST_FEATURES {
             return Vec::new();
         }
-        self.prepare(camera, views);
         let (index, words) = DirectIndex::with_words(&features, &self.vocabulary);
         let seen = Seen { features: &features, index: &index, words: &words };
         let mut found: Vec<(usize, Hypothesis)> = Vec::new();
