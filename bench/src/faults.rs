@@ -57,6 +57,8 @@ fn label(fault: Fault) -> &'static str {
         Fault::Turned => "turned",
         Fault::Covered => "covered",
         Fault::Carried => "carried",
+        Fault::Alike => "alike",
+        Fault::Aside => "aside",
     }
 }
 

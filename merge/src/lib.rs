@@ -22,6 +22,7 @@
 //! | [`closure`] | one loop closure through all of these | §IV |
 //! | [`acceptance`] | whether it may be believed | ours |
 //! | [`meeting`] | from places proposed to a closure accepted or refused | §IV-B |
+//! | [`frame_pose`] | the pose of one image in a map, to be found again from elsewhere | ours |
 //! | [`further`] | more closures once the motion is known | ours |
 //! | [`method`] | the paper's baselines, at the same closure | §V-B, Appendix A |
 //! | [`merge_graph`] | every agent's place, by the maximum spanning tree of the merges | §V-D |
@@ -33,6 +34,7 @@ pub mod closure;
 pub mod common_map;
 pub mod direct;
 pub mod estimate;
+pub mod frame_pose;
 pub mod further;
 pub mod generalised_pose;
 pub mod icp;

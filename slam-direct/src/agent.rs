@@ -10,12 +10,15 @@
 mod early;
 mod error;
 mod frame;
+mod joining;
 mod mapper;
+mod recognised;
 mod resume;
 mod settle;
 
 pub use error::AgentError;
 pub use frame::{Frame, FrameReport, TrackingState};
+pub(crate) use joining::{Joining, Sighting};
 pub use resume::{Going, edges_of};
 
 use crate::background::Task;

@@ -5,10 +5,14 @@
 //! joined like the maps of several agents, by the crate `merge`, which needs no more than that the camera sees one
 //! place again.
 
+mod joining;
+
 use crate::agent::{Agent, AgentError, Frame, FrameReport, Going, TrackingState};
 use crate::params::Params;
+use crate::recognise::{Recognise, Recognition};
 use backend::params;
 use geometry::{GrayImage, Pinhole};
+use joining::Meeting;
 use map::{KeyframeId, Map, MapDelta, PlaceIndex};
 use std::sync::Arc;
 
@@ -21,6 +25,12 @@ params! {
         /// Frames between searches in the earlier fragments while a new one is tracked but still young. Range 1–30; each
         /// search costs about as much as tracking five frames.
         pub seek_interval: usize = 5,
+        /// Frames after which it is taken up where a frame may have been taken by its features; at the least five times those
+        /// of mapping. Range 1–30; fewer are waited for, and more are to be caught up with once it is known.
+        pub recognition_lag: usize = 5,
+        /// Frames after which a map is taken up that was made of two fragments; at the least ten times those of mapping. Range
+        /// 1–60; no keyframes are made meanwhile.
+        pub joining_lag: usize = 10,
     }
 }
 
@@ -34,6 +44,10 @@ pub struct Atlas {
     /// The fragment that the newest frame was given to.
     active: usize,
     loss: Option<Loss>,
+    /// Who recognises places from elsewhere.
+    recognition: Recognition,
+    /// Of the active fragment's keyframes in earlier ones, which are joined by them.
+    meeting: Meeting,
 }
 
 /// What is done about a loss.
@@ -57,13 +71,41 @@ impl Atlas {
         params: Params,
     ) -> Result<Self, AgentError> {
         let first = Agent::new(camera, new_places(), params.clone())?;
-        Ok(Self { camera, new_places, params, fragments: vec![first], active: 0, loss: None })
+        Ok(Self {
+            camera,
+            new_places,
+            params,
+            fragments: vec![first],
+            active: 0,
+            loss: None,
+            recognition: Recognition::none(),
+            meeting: Meeting::default(),
+        })
     }
 
     /// A run that goes on in the map of `first`, which was resumed. As long as no frame is found there, a new fragment
     /// is begun beside the search, as after a loss; an agent that only localises goes on seeking.
     pub fn resume(first: Agent, new_places: fn() -> Box<dyn PlaceIndex>, params: Params) -> Self {
-        Self { camera: first.camera(), new_places, params, fragments: vec![first], active: 0, loss: None }
+        Self {
+            camera: first.camera(),
+            new_places,
+            params,
+            fragments: vec![first],
+            active: 0,
+            loss: None,
+            recognition: Recognition::none(),
+            meeting: Meeting::default(),
+        }
+    }
+
+    /// The same, which has `recogniser` propose where frames were taken.
+    pub fn recognising(self, recogniser: Box<dyn Recognise>) -> Self {
+        Self { recognition: Recognition::by(recogniser), ..self }
+    }
+
+    /// Frames after which what was proposed is taken up. Where mapping takes time, so does this: five times as much.
+    fn recognition_lag(&self) -> usize {
+        self.params.atlas.recognition_lag.max(5 * self.params.mapping.lag)
     }
 
     /// Tracks a frame in the fragment where the camera is, or in the one where it is found again, and maps what it adds.
@@ -82,7 +124,12 @@ impl Atlas {
     /// A frame of a camera that was not lost.
     fn follow(&mut self, frame: Frame) -> Result<FrameReport, AgentError> {
         let timestamp = frame.timestamp;
-        let report = self.fragments[self.active].process(frame)?;
+        let report = if self.active == 0 {
+            self.recognition.pass(self.recognition_lag());
+            self.fragments[0].process(frame)?
+        } else {
+            self.follow_apart(frame)?
+        };
         if report.state == TrackingState::Lost {
             self.loss = Some(Loss { since: timestamp, frames: 1, next: None });
         }
@@ -93,6 +140,9 @@ impl Atlas {
     fn recover(&mut self, mut loss: Loss, frame: Frame) -> Result<FrameReport, AgentError> {
         let tracked = loss.next.as_ref().is_some_and(|next| !next.map().frames.is_empty());
         let mut report = FrameReport::lost();
+        if let Some(found) = self.recognised(&frame)? {
+            return Ok(found);
+        }
         if !tracked || loss.frames.is_multiple_of(self.params.atlas.seek_interval.max(1)) {
             report = self.fragments[self.active].process(frame.clone())?;
             if report.state != TrackingState::Lost {
@@ -126,6 +176,31 @@ impl Atlas {
         Ok(report)
     }
 
+    /// Has it proposed by features where a lost frame was taken, and takes up what was proposed for an earlier one.
+    fn recognised(&mut self, frame: &Frame) -> Result<Option<FrameReport>, AgentError> {
+        if let Some(answer) = self.recognition.next(frame, self.recognition_lag()) {
+            for hypothesis in &answer.hypotheses {
+                let Some(agent) = self.fragments.get_mut(hypothesis.fragment) else { continue };
+                if let Some(found) = agent.take_up(hypothesis, &answer)? {
+                    self.activate(hypothesis.fragment);
+                    return Ok(Some(found));
+                }
+            }
+        }
+        if self.recognition.is_idle() {
+            self.ask(frame, self.fragments.len());
+        }
+        Ok(None)
+    }
+
+    /// Has a frame recognised in the first so many fragments.
+    fn ask(&mut self, frame: &Frame, fragments: usize) {
+        let views = |(fragment, agent): (usize, &Agent)| agent.known_views(fragment);
+        let views = self.fragments.iter().enumerate().take(fragments).flat_map(views).collect();
+        let image = self.fragments[self.active].toned(&frame.image);
+        self.recognition.ask(frame, image, self.camera, views);
+    }
+
     /// Seeks the frame in one of the fragments that the camera has left, another one with every search.
     fn seek_elsewhere(&mut self, loss: &Loss, frame: &Frame) -> Result<Option<FrameReport>, AgentError> {
         let others = self.fragments.len() - 1;
@@ -136,7 +211,7 @@ impl Atlas {
         let index = if turn < self.active { turn } else { turn + 1 };
         let report = self.fragments[index].relocalise(frame)?;
         if report.is_some() {
-            self.active = index;
+            self.activate(index);
         }
         Ok(report)
     }
@@ -147,7 +222,13 @@ impl Atlas {
             self.fragments.remove(self.active);
         }
         self.fragments.extend(loss.next.map(|next| *next));
-        self.active = self.fragments.len() - 1;
+        self.activate(self.fragments.len() - 1);
+    }
+
+    /// Goes on in a fragment.
+    fn activate(&mut self, fragment: usize) {
+        self.active = fragment;
+        self.meeting = Meeting::default();
     }
 
     /// The agent of the fragment that the newest frame was given to.
@@ -174,6 +255,8 @@ impl Atlas {
         {
             self.begin_fragment(loss);
         }
+        // What cannot be made anew for want of an agent stays apart.
+        let _ = self.end_joining();
         for fragment in &mut self.fragments {
             fragment.finish_until(stop);
         }
@@ -192,7 +275,9 @@ impl Atlas {
 
     /// Gives the maps of the fragments away, in the order they were begun.
     pub fn into_maps(self) -> Vec<Map> {
-        self.fragments.into_iter().map(Agent::into_map).collect()
+        let maps = self.fragments.into_iter().map(Agent::into_map);
+        // Of a fragment that was joined with an earlier one nothing is left.
+        maps.filter(|map| !map.keyframes.is_empty()).collect()
     }
 }
 

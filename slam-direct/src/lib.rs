@@ -24,6 +24,7 @@ mod mapping;
 mod params;
 mod patch;
 mod publish;
+mod recognise;
 pub mod relocalise;
 mod select;
 pub mod self_calibration;
@@ -47,3 +48,4 @@ pub use depth::{
     DepthFilter, DepthParams, SeedPoint, StereoFrame, UpdateStats, candidate_pixels, choose_references,
 };
 pub use params::Params;
+pub use recognise::{Hypothesis, KnownView, Recognise};

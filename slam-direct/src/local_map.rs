@@ -190,6 +190,31 @@ impl LocalMap {
         self.keyframes.len() - 1
     }
 
+    /// Takes in the keyframes of another map of the same camera, behind its own, with all their points: `own_from_other` maps
+    /// that map's world into this one's.
+    pub fn append(&mut self, other: LocalMap, own_from_other: &Sim3) {
+        let (count, scale) = (self.keyframes.len(), own_from_other.scale);
+        let other_from_own = own_from_other.rigid().inverse();
+        let behind = |at: &PointRef| PointRef { host: at.host + count, ..*at };
+        for mut state in other.keyframes {
+            let inner = &mut *state;
+            // Lengths of the other world are multiplied by the scale, then it is turned and moved.
+            inner.camera_from_world.translation *= scale;
+            inner.camera_from_world = (inner.camera_from_world * other_from_own).renormalized();
+            inner.unit *= scale;
+            for point in &mut inner.points {
+                point.inverse_depth /= scale;
+                point.variance /= scale * scale;
+                point.observations.iter_mut().for_each(|seen| seen.keyframe += count);
+            }
+            inner.seen = inner.seen.iter().map(behind).collect();
+            self.keyframes.push(state);
+        }
+        if other.sensor != self.sensor {
+            self.set_sensor(self.sensor);
+        }
+    }
+
     /// Pose and unit of a keyframe.
     pub fn world_from_keyframe(&self, keyframe: usize) -> Sim3 {
         let state = &self.keyframes[keyframe];
@@ -271,6 +296,12 @@ impl LocalMap {
             .collect()
     }
 
+    /// Median distance of what a keyframe looks at, map units.
+    pub fn median_depth(&self, keyframe: usize) -> Option<f64> {
+        let mut depths: Vec<f32> = self.reference_points(keyframe).iter().map(|p| p.inverse_depth).collect();
+        median(&mut depths).map(|inverse| 1.0 / f64::from(inverse))
+    }
+
     /// Keyframes that share points with `keyframe`, most first: `(index, shared points)`.
     pub fn covisible(&self, keyframe: usize) -> Vec<(usize, usize)> {
         let mut sharing = Vec::new();
@@ -319,6 +350,40 @@ mod tests {
 
     fn views() -> Vec<View> {
         [0.0, 0.4].iter().map(|&x| View::new(pose(x, 0.0, 0.1 * x, -0.1 * x, 0.0))).collect()
+    }
+
+    #[test]
+    fn a_map_that_is_appended_looks_the_same_from_its_keyframes() {
+        let views = views();
+        let (mut map, mut other) = (exact_map(&views, 16), exact_map(&views, 16));
+        // The other map in a world and a unit of its own: a third as long, turned and moved.
+        let other_from_own = Sim3::new(
+            nalgebra::UnitQuaternion::from_euler_angles(0.2, -0.5, 0.1),
+            Vector3::new(0.7, -2.0, 0.3),
+            1.0 / 3.0,
+        );
+        for state in other.keyframes.iter_mut().map(|state| &mut **state) {
+            let world = other_from_own * Sim3::from(state.camera_from_world.inverse());
+            state.camera_from_world = world.rigid().inverse();
+            state.unit = world.scale;
+            state.points.iter_mut().for_each(|point| point.inverse_depth *= 3.0);
+        }
+        map.append(other, &other_from_own.inverse());
+        assert_eq!(map.keyframes.len(), 4);
+        for (own, appended) in [(0, 2), (1, 3)] {
+            let [a, b] = [own, appended].map(|k| &map.keyframes[k]);
+            assert!((a.camera_from_world * b.camera_from_world.inverse()).log().norm() < 1e-12);
+            assert!((a.unit - b.unit).abs() < 1e-12);
+            let [a, b] = [own, appended].map(|k| map.reference_points(k));
+            assert_eq!(a.len(), b.len());
+            let gap = |(a, b): (&ReferencePoint, &ReferencePoint)| (a.inverse_depth - b.inverse_depth).abs();
+            assert!(a.iter().zip(&b).map(gap).fold(0.0, f32::max) < 1e-5);
+        }
+        assert_eq!(
+            map.covisible(2),
+            [(3, map.covisible(0)[0].1)],
+            "they share points with none of the first"
+        );
     }
 
     #[test]

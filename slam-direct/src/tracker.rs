@@ -194,6 +194,25 @@ impl Tracker {
                 return None;
             }
         }
+        Some(self.follow(located, pyramid, timestamp))
+    }
+
+    /// Finds a frame around a pose at which it is supposed to be, where a map is sought by something else than this tracker;
+    /// as strictly as after a loss.
+    pub fn find_at(
+        &mut self,
+        map: &LocalMap,
+        supposed: &Se3,
+        pyramid: &Pyramid,
+        timestamp: f64,
+        params: &Params,
+    ) -> Option<Located> {
+        let located = self.seek_from(map, supposed, pyramid, params)?;
+        Some(self.follow(located, pyramid, timestamp))
+    }
+
+    /// Goes on from a frame that was found.
+    fn follow(&mut self, mut located: Located, pyramid: &Pyramid, timestamp: f64) -> Located {
         located.mean_motion = self.mean_motion_to(&located.camera_from_world, timestamp);
         located.motion = self.motion_at(&located.mean_motion, timestamp);
         self.velocity =
@@ -208,7 +227,7 @@ impl Tracker {
         self.most_sought = self.most_sought.max(located.sought.len());
         self.most_found = self.most_found.max(located.inliers);
         self.most_covered = self.most_covered.max(located.covered);
-        Some(located)
+        located
     }
 
     /// Mean motion to a pose from the newest tracked frame; none of a camera that was lost.
@@ -238,19 +257,22 @@ impl Tracker {
     /// Seeks the frame's patches one by one: around where it should be, where the camera was last, and where it would be
     /// had it only turned since.
     fn seek_widely(&self, map: &LocalMap, pyramid: &Pyramid, params: &Params) -> Option<Located> {
-        let p = &params.keyframes;
         let turn = self.glance.as_ref().and_then(|before| before.turn_to(pyramid, &map.camera));
         let turned = turn.map(|turn| turn * self.last);
         let starts = [Some(self.velocity * self.last), Some(self.last), turned];
-        starts.iter().flatten().find_map(|start| {
-            let hosts = track::choose_hosts(map, &self.near, start, self.reference, params.track.max_hosts);
-            let view = View { pyramid, camera_from_world: *start, motion: Twist::zeros() };
-            let pose = wide::seek(map, &hosts, &view, &params.track, &params.wide, p.min_matched)?;
-            let brightness = Brightness::default();
-            let view = View { camera_from_world: pose, ..view };
-            let located = locate(map, &self.near, &view, unmoved, brightness, self.reference, params);
-            located.is_found_again(params).then_some(Located { sought_widely: true, ..located })
-        })
+        starts.iter().flatten().find_map(|start| self.seek_from(map, start, pyramid, params))
+    }
+
+    /// Seeks the frame's patches one by one around a pose.
+    fn seek_from(&self, map: &LocalMap, start: &Se3, pyramid: &Pyramid, params: &Params) -> Option<Located> {
+        let hosts = track::choose_hosts(map, &self.near, start, self.reference, params.track.max_hosts);
+        let view = View { pyramid, camera_from_world: *start, motion: Twist::zeros() };
+        let least = params.keyframes.min_matched;
+        let pose = wide::seek(map, &hosts, &view, &params.track, &params.wide, least)?;
+        let brightness = Brightness::default();
+        let view = View { camera_from_world: pose, ..view };
+        let located = locate(map, &self.near, &view, unmoved, brightness, self.reference, params);
+        located.is_found_again(params).then_some(Located { sought_widely: true, ..located })
     }
 
     /// Whether the newest frame should become a keyframe.

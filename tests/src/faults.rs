@@ -1,8 +1,10 @@
 //! Recordings of a hand-held camera to which something happens half-way: 640 × 480 pixels, with noise and motion blur.
 
+use crate::alike::Kind;
 use crate::random::Random;
 use crate::{Recording, Shot, World, render, trajectory};
 use geometry::{GrayImage, Pinhole, Se3};
+use nalgebra::{UnitQuaternion, Vector3};
 use rayon::prelude::*;
 use std::sync::Arc;
 
@@ -36,16 +38,30 @@ pub enum Fault {
     Covered,
     /// It is carried elsewhere with its lens covered, is used there, and is carried back to where it was.
     Carried,
+    /// With its lens covered for two seconds it is carried to another place that looks like the one it knows, and is used
+    /// there: kinds of places in turn ([`Kind`]).
+    Alike,
+    /// With its lens covered for two seconds it is moved aside, nearer or farther, and rolled: it sees the place from there.
+    Aside,
 }
 
 impl Fault {
     /// All of them.
-    pub const ALL: [Self; 7] =
-        [Self::None, Self::Black, Self::Frozen, Self::Dropped, Self::Turned, Self::Covered, Self::Carried];
+    pub const ALL: [Self; 9] = [
+        Self::None,
+        Self::Black,
+        Self::Frozen,
+        Self::Dropped,
+        Self::Turned,
+        Self::Covered,
+        Self::Carried,
+        Self::Alike,
+        Self::Aside,
+    ];
 
     /// The places that the recording shows, each of which makes a map.
     pub fn places(self) -> usize {
-        1 + usize::from(self == Self::Carried)
+        1 + usize::from(matches!(self, Self::Carried | Self::Alike))
     }
 }
 
@@ -72,13 +88,22 @@ pub struct Faulty {
 pub fn faulty(fault: Fault, seed: u64) -> Faulty {
     let camera = Pinhole { width: 640, height: 480, fx: 420.0, fy: 420.0, cx: 319.5, cy: 239.5 };
     let film = |world: &World, path: &[Se3]| Film { camera, seed }.shots(world, path);
-    let world = World::yard(seed);
+    let kind = Kind::ALL[seed as usize % Kind::ALL.len()];
+    let world = if fault == Fault::Alike { kind.place(seed, 0) } else { World::yard(seed) };
     let gap = match fault {
-        Fault::None | Fault::Turned | Fault::Carried => 0,
+        Fault::None | Fault::Turned | Fault::Carried | Fault::Alike => 0,
         Fault::Black | Fault::Frozen | Fault::Dropped => 30,
         Fault::Covered => 150,
+        Fault::Aside => 60,
     };
-    let path = trajectory::walk(BEFORE + gap + AFTER, RATE, seed);
+    let mut path = trajectory::walk(BEFORE + gap + AFTER, RATE, seed);
+    if fault == Fault::Aside {
+        let moved = aside(seed);
+        path[BEFORE + gap..].iter_mut().for_each(|pose| *pose = *pose * moved);
+    }
+    if fault == Fault::Alike {
+        path = kind.way(seed, 0, 0, BEFORE);
+    }
     let mut made = Faulty { recording: Recording { camera, shots: Vec::new() }, shows: Vec::new() };
     let (before, after) = (film(&world, &path[..BEFORE]), film(&world, &path[BEFORE + gap..]));
     let blind = |pose: &Se3| Shot { timestamp: 0.0, world_from_camera: *pose, image: dark(&camera) };
@@ -86,7 +111,7 @@ pub fn faulty(fault: Fault, seed: u64) -> Faulty {
     made.add(before, Shows::Place);
     match fault {
         Fault::None | Fault::Dropped => {}
-        Fault::Black | Fault::Covered => {
+        Fault::Black | Fault::Covered | Fault::Aside => {
             made.add(path[BEFORE..BEFORE + gap].iter().map(blind), Shows::Nothing);
         }
         Fault::Frozen => {
@@ -104,6 +129,10 @@ pub fn faulty(fault: Fault, seed: u64) -> Faulty {
             made.add(film(&World::yard(seed + 1000), &other), Shows::Elsewhere);
             made.add((0..15).map(|_| blind(&path[BEFORE])), Shows::Nothing);
         }
+        Fault::Alike => {
+            made.add((0..60).map(|_| blind(&path[BEFORE - 1])), Shows::Nothing);
+            made.add(film(&kind.place(seed, 1), &kind.way(seed, 1, 0, AFTER)), Shows::Elsewhere);
+        }
     }
     made.add(after, Shows::Place);
     let missing = if fault == Fault::Dropped { gap } else { 0 };
@@ -119,6 +148,18 @@ impl Faulty {
         self.recording.shots.extend(shots);
         self.shows.resize(self.recording.shots.len(), shows);
     }
+}
+
+/// How a camera is moved that sees a place again from elsewhere, `before_from_after`: 1 to 1.6 metres to the side, looking
+/// back at the boxes 4 metres ahead, 0.3 to 1 metre nearer or farther, and rolled by 20 to 40°.
+fn aside(seed: u64) -> Se3 {
+    let mut random = Random::new(seed ^ 0x0a51de);
+    let mut number = |low: f32, high: f32| f64::from(random.uniform(low, high));
+    let mut either = |low: f32, high: f32| number(low, high) * number(-1.0, 1.0).signum();
+    let (right, ahead, roll) = (either(1.0, 1.6), either(0.3, 1.0), either(20.0, 40.0).to_radians());
+    let yaw = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), -(right / 4.0).atan());
+    let roll = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), roll);
+    Se3::new(yaw * roll, Vector3::new(right, 0.0, ahead))
 }
 
 /// An image of nothing.

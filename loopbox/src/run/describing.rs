@@ -112,7 +112,7 @@ pub fn complete(map: &mut Map) -> usize {
 }
 
 /// Finds the features of an image. Images of maps have pixels; one without would have no features.
-fn described(image: &GrayImage) -> Arc<[u8]> {
+pub(crate) fn described(image: &GrayImage) -> Arc<[u8]> {
     codec::encode(&sift(image, &SiftParams::default()).unwrap_or_default()).into()
 }
 

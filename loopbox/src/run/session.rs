@@ -7,6 +7,7 @@ use crate::run::fragments;
 use crate::run::lens_check::LensCheck;
 use crate::run::listening::Listener;
 use crate::run::output::Output;
+use crate::run::recognising::Recogniser;
 use crate::run::record::RunRecord;
 use crate::run::resuming::{Kept, places};
 use crate::run::runtime::Run;
@@ -83,6 +84,9 @@ impl Session<'_> {
                 Some(kept) => kept.atlas(&self.params)?,
                 None => Atlas::new(self.camera, places, self.params.clone())?,
             };
+            let recogniser =
+                if self.params.mapping.lag > 0 { Recogniser::in_time() } else { Recogniser::default() };
+            let atlas = atlas.recognising(Box::new(recogniser));
             let localises = kept.is_some_and(|kept| kept.going == Going::Localising);
             // Who only localises begins anew in the same map.
             next = kept.filter(|_| localises);

@@ -1,5 +1,9 @@
 //! Mapping: what a new keyframe sets off, as a function of the map and a [`Job`]. It may run beside the tracking.
 
+mod absorb;
+
+pub(super) use absorb::{Absorbed, Link};
+
 use super::settle::Settler;
 use crate::closing::LoopCloser;
 use crate::local_map::{Companions, Counts, KeyframeState, LocalMap};

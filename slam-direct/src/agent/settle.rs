@@ -56,6 +56,12 @@ impl Settler {
         self.settling.push((keyframe, Task::spawn(move || job.run())));
     }
 
+    /// Goes on behind the `count` keyframes that came before those of the map that the other was of.
+    pub fn take_in(&mut self, other: Self, count: usize) {
+        self.next = count + other.next;
+        self.by.extend(other.by.into_iter().map(|(keyframe, by)| (count + keyframe, by)));
+    }
+
     /// Takes up the depths begun before, waiting for them.
     pub fn take_up(&mut self) -> impl Iterator<Item = (usize, SemiDense)> + '_ {
         self.settling.drain(..).map(|(keyframe, depth)| (keyframe, depth.join()))

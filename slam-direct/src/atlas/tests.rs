@@ -5,6 +5,8 @@ use geometry::{GrayImage, Se3, umeyama};
 use loopbox_tests::{Recording, World, trajectory};
 use place_recog::ThumbnailIndex;
 
+mod recognised;
+
 const RATE: f64 = 20.0;
 
 fn atlas() -> Atlas {

@@ -98,7 +98,7 @@ pub(super) fn test(
 }
 
 /// A keyframe and those that see the same, as far as they are nearer in time to it than to the `other` end.
-fn side(local: &LocalMap, keyframe: usize, other: usize, count: usize) -> Vec<usize> {
+pub(super) fn side(local: &LocalMap, keyframe: usize, other: usize, count: usize) -> Vec<usize> {
     let mut side = vec![keyframe];
     let near = local.covisible(keyframe).into_iter().map(|c| c.0);
     side.extend(near.filter(|k| k.abs_diff(keyframe) < k.abs_diff(other)).take(count.saturating_sub(1)));

@@ -213,29 +213,72 @@ impl LoopCloser {
                 return Some(Err(refusal));
             }
         };
-        join::join(local, &found.new_side, &found.old_side, &params.track);
-        let joined = join::across(local, &found.new_side, &found.old_side);
-        let polish = if local.keyframes.len() <= p.whole_map {
-            mapping::optimise_all(local, p.iterations, &params.mapping, &|| false)
-        } else {
-            let ends = [found.edge.to, found.edge.from].map(|id| id.0 as usize);
-            ends.map(|end| mapping::optimise_around(local, end, &params.mapping)).concat()
-        };
-        let left = join::across(local, &found.new_side, &found.old_side);
-        if (left as f32) < p.min_kept * joined as f32 {
-            *local = before;
-            self.note_futile(found.edge.from.0 as usize, found.edge.to.0 as usize, p);
-            return Some(Err(NoLoop::TakenBack { joined, left }));
+        let ends = [&found.new_side, &found.old_side];
+        match join_and_optimise(local, ends, 0, params) {
+            Ok(polish) => {
+                self.closed.push(found.edge.clone());
+                let corrected = correction.into_iter().map(|change| change.keyframe);
+                Some(Ok((found, corrected.chain(polish).collect())))
+            }
+            Err(refusal) => {
+                *local = before;
+                self.note_futile(found.edge.from.0 as usize, found.edge.to.0 as usize, p);
+                Some(Err(refusal))
+            }
         }
-        self.closed.push(found.edge.clone());
-        let moved = correction.into_iter().chain(polish).map(|change| change.keyframe).collect();
-        Some(Ok((found, moved)))
+    }
+
+    /// Takes in the loops of a map whose keyframes came behind the `count` of this one. What was being closed is left.
+    pub fn take_in(&mut self, other: Self, count: usize) {
+        let behind = |id: KeyframeId| KeyframeId(id.0 + count as u32);
+        let moved = |edge: Edge| Edge { from: behind(edge.from), to: behind(edge.to), ..edge };
+        self.closed.extend(other.closed.into_iter().map(moved));
+        self.pending = None;
     }
 
     /// The loops that were closed.
     pub fn closed(&self) -> &[Edge] {
         &self.closed
     }
+}
+
+/// Lets the keyframes around two that show one place, and lie where they belong, see each other's points, and optimises;
+/// tells which keyframes moved. Refuses when the rest of the map pulls the two apart again: what was changed is then to be
+/// dropped.
+pub(crate) fn join_places(
+    local: &mut LocalMap,
+    newer: usize,
+    older: usize,
+    params: &Params,
+) -> Result<BTreeSet<usize>, NoLoop> {
+    let p = &params.closing;
+    let ends = [(newer, older), (older, newer)].map(|(k, other)| evidence::side(local, k, other, p.side));
+    join_and_optimise(local, ends.each_ref(), p.min_matched, params)
+}
+
+/// Joins the `[newer, older]` ends of a loop, of which at `least` so many points are to be found across.
+fn join_and_optimise(
+    local: &mut LocalMap,
+    [newer, older]: [&Vec<usize>; 2],
+    least: usize,
+    params: &Params,
+) -> Result<BTreeSet<usize>, NoLoop> {
+    let p = &params.closing;
+    join::join(local, newer, older, &params.track);
+    let joined = join::across(local, newer, older);
+    if joined < least {
+        return Err(NoLoop::FewMatches { found: joined, sought: least });
+    }
+    let polish = if local.keyframes.len() <= p.whole_map {
+        mapping::optimise_all(local, p.iterations, &params.mapping, &|| false)
+    } else {
+        [older[0], newer[0]].map(|end| mapping::optimise_around(local, end, &params.mapping)).concat()
+    };
+    let left = join::across(local, newer, older);
+    if (left as f32) < p.min_kept * joined as f32 {
+        return Err(NoLoop::TakenBack { joined, left });
+    }
+    Ok(polish.into_iter().map(|change| change.keyframe).collect())
 }
 
 /// Keyframes that a keyframe sees one place with already: those it shares points with, and what the nearest and

@@ -1,0 +1,173 @@
+//! Two fragments that show one place become one: the earlier one's agent takes the later one's map in and goes on for it.
+
+use super::mapper::{Absorbed, Link, Mapper, Update};
+use super::{Agent, AgentError, Before, Frame, FrameReport, Going, State, TrackingState};
+use crate::background::Task;
+use crate::local_map::LocalMap;
+use crate::publish;
+use crate::recognise::Hypothesis;
+use crate::tracker::Tracker;
+use geometry::{Se3, Sim3};
+use map::{FramePose, Keyframe, MapDelta, PlaceIndex};
+
+/// A keyframe of one fragment found in another.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Sighting {
+    /// The fragment that it was found in.
+    pub fragment: usize,
+    /// A keyframe there.
+    own: usize,
+    /// Its pose relative to that one, in its unit.
+    own_from_keyframe: Se3,
+    /// The keyframe that was found.
+    other: usize,
+}
+
+/// Largest difference of the turn between two keyframes in both fragments, degrees: a frame that is found again is turned
+/// right to a few pixels, which is a third of a degree.
+const MAX_TURN: f64 = 2.0;
+/// Largest angle between the ways from one to the other in both, degrees.
+const MAX_COURSE: f64 = 10.0;
+/// Least length of that way over the distance of what is seen: positions are known to some thousandths of it, and so the
+/// scale to some hundredths.
+const MIN_PARALLAX: f64 = 0.05;
+
+/// Two maps being made one.
+pub(crate) struct Joining {
+    task: Task<Absorbed>,
+    /// Keyframes of the map that takes in.
+    count: usize,
+}
+
+impl Agent {
+    /// Finds a keyframe of the agent `other`, which this frame became, where it is supposed to be in this agent's map.
+    pub(crate) fn sight(&self, hypothesis: &Hypothesis, frame: &Frame, other: &Agent) -> Option<Sighting> {
+        let keyframe = other.view.keyframes.iter().rposition(|state| state.frame_index == frame.index)?;
+        let own = hypothesis.keyframe.0 as usize;
+        if own >= self.view.keyframes.len() || !matches!(self.state, State::Running(_)) {
+            return None;
+        }
+        let supposed = self.view.camera_from_world(own, &hypothesis.keyframe_from_frame);
+        let tracker = Tracker::new(&self.view, own, supposed, Se3::identity(), &self.params);
+        let pyramid = self.pyramid(frame.image.clone());
+        let mut tracker = tracker.seeking();
+        tracker.find_at(&self.view, &supposed, &pyramid, frame.timestamp, &self.params)?;
+        let own_from_keyframe = self.view.keyframe_from_frame(own, &tracker.last);
+        Some(Sighting { fragment: hypothesis.fragment, own, own_from_keyframe, other: keyframe })
+    }
+
+    /// How the world of `other` lies to this agent's, by the newest sighting of its keyframes and an earlier one that says
+    /// the same.
+    fn link(&self, other: &Agent, sightings: &[Sighting]) -> Option<Link> {
+        let (newest, earlier) = sightings.split_last()?;
+        let poses = |sighting: &Sighting| {
+            let own = self.view.camera_from_world(sighting.own, &sighting.own_from_keyframe);
+            (own, other.view.keyframes[sighting.other].camera_from_world)
+        };
+        let (own, there) = poses(newest);
+        let depth = self.view.median_depth(newest.own)?;
+        let scales =
+            earlier.iter().filter(|before| before.fragment == newest.fragment).filter_map(|before| {
+                let (own_before, there_before) = poses(before);
+                let moved = [own * own_before.inverse(), there * there_before.inverse()];
+                let [a, b] = moved.map(|moved| moved.translation);
+                let agree = moved[0].rotation.angle_to(&moved[1].rotation) <= MAX_TURN.to_radians()
+                    && a.norm() >= MIN_PARALLAX * depth
+                    && a.angle(&b) <= MAX_COURSE.to_radians();
+                agree.then(|| (a.norm(), a.norm() / b.norm()))
+            });
+        // The longest way tells the scale best.
+        let (_, scale) = scales.max_by(|a, b| a.0.total_cmp(&b.0))?;
+        let unit = Sim3::new(Default::default(), Default::default(), scale);
+        let own_from_other = Sim3::from(own.inverse()) * unit * Sim3::from(there);
+        Some(Link { own: newest.own, other: newest.other, own_from_other })
+    }
+
+    /// Begins to take in the map of `other`, where the sightings of its keyframes agree: beside the tracking, which goes on
+    /// in it.
+    pub(crate) fn begin_joining(&mut self, other: &mut Agent, sightings: &[Sighting]) -> Option<Joining> {
+        if self.resumed == Some(Going::Localising) {
+            return None;
+        }
+        let link = self.link(other, sightings)?;
+        // Keyframes and frames are in order of time.
+        let (last, first) = (self.map.frames.last()?, other.map.frames.first()?);
+        if last.frame_index >= first.frame_index || other.provisional.is_some() {
+            return None;
+        }
+        if let State::Running(mut tracker) = std::mem::replace(&mut self.state, State::Empty) {
+            self.land(&mut tracker, &mut FrameReport::of(TrackingState::Tracking));
+            self.state = State::Running(tracker);
+        }
+        let other_mapper = other.mapper.take()?;
+        let Some(mapper) = self.mapper.take() else {
+            other.mapper = Some(other_mapper);
+            return None;
+        };
+        let (companions, params) = (self.companions.clone(), other.params.clone());
+        let count = self.view.keyframes.len();
+        let task = Task::spawn(move || mapper.absorb(other_mapper, &link, &companions, &params));
+        Some(Joining { task, count })
+    }
+
+    /// Ends joining, waiting for it: `other` becomes part of this agent, which goes on from where it is, and is empty then;
+    /// an agent with `places` to find;
+    /// both stay as they were where the maps proved not to fit. Tells whether they are one.
+    ///
+    /// # Errors
+    /// Those of [`new`](Self::new).
+    pub(crate) fn end_joining(
+        &mut self,
+        other: &mut Agent,
+        joining: Joining,
+        places: Box<dyn PlaceIndex>,
+    ) -> Result<bool, AgentError> {
+        match joining.task.join() {
+            Absorbed::Two([own, others]) => {
+                (self.mapper, other.mapper) = (Some(own), Some(others));
+                Ok(false)
+            }
+            Absorbed::One(mapper, update) => {
+                let empty = Agent::new(self.camera, places, self.params.clone())?;
+                let other = std::mem::replace(other, empty);
+                self.go_on_for(other, mapper, *update, joining.count);
+                Ok(true)
+            }
+        }
+    }
+
+    /// Goes on from where `other` is, whose keyframes came behind the `count` of this agent.
+    fn go_on_for(&mut self, other: Agent, mapper: Box<Mapper>, update: Update, count: usize) {
+        self.mapper = Some(mapper);
+        // Who was joined was tracking.
+        let State::Running(mut tracker) = other.state else { return };
+        let before = Before::of(&other.view, tracker.reference);
+        tracker.reference += count;
+        let keyframe = |(id, keyframe): (usize, Keyframe)| Keyframe {
+            id: LocalMap::id(id),
+            world_from_keyframe: update.view.world_from_keyframe(id),
+            points: publish::points(&update.view, id),
+            ..keyframe
+        };
+        let added = (count..).zip(other.map.keyframes.into_values()).map(keyframe).collect();
+        let behind = |keyframe: usize| keyframe + count;
+        self.companions.extend(other.companions.into_iter().map(|(k, kept)| (behind(k), kept)));
+        self.motions.extend(other.motions.into_iter().map(|(k, motion)| (behind(k), motion)));
+        self.fresh = other.fresh.map(|(k, motion)| (behind(k), motion));
+        self.counts = Default::default();
+        (self.params, self.tone) = (other.params, other.tone);
+        self.threads = self.threads.take().or(other.threads);
+        (self.processed, self.is_sought) = (self.processed.max(other.processed), false);
+        self.view = update.view.clone();
+        self.say(MapDelta { added, ..MapDelta::default() });
+        self.map.frames.extend(
+            other.map.frames.into_iter().map(|frame| FramePose {
+                reference: LocalMap::id(behind(frame.reference.0 as usize)),
+                ..frame
+            }),
+        );
+        let mut report = FrameReport::of(TrackingState::Tracking);
+        self.take_over(&mut tracker, update, &before, &mut report);
+        self.state = State::Running(tracker);
+    }
+}

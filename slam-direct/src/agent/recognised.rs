@@ -1,0 +1,125 @@
+//! Taking up a camera that was recognised from elsewhere.
+
+use super::{Agent, AgentError, Frame, FrameReport, State, TrackingState};
+use crate::local_map::LocalMap;
+use crate::recognise::{Answer, Hypothesis, KnownView};
+use crate::tracker::{Located, Tracker};
+use geometry::{GrayImage, Pyramid, Se3};
+use map::FramePose;
+
+/// A frame that was found, and how.
+struct Found {
+    tracker: Box<Tracker>,
+    located: Located,
+    pyramid: Pyramid,
+    newest: Frame,
+    /// Of the frames before it.
+    poses: Vec<FramePose>,
+}
+
+impl Agent {
+    /// The keyframes with depth, as those of `fragment`.
+    pub(crate) fn known_views(&self, fragment: usize) -> Vec<KnownView> {
+        let with_depth = self.map.keyframes.values().filter(|keyframe| !keyframe.semi_dense.is_empty());
+        let view = |keyframe: &map::Keyframe| KnownView {
+            fragment,
+            keyframe: keyframe.id,
+            image: keyframe.image.clone(),
+            world_from_keyframe: keyframe.world_from_keyframe,
+            semi_dense: keyframe.semi_dense.clone(),
+            features: keyframe.features.clone(),
+        };
+        with_depth.map(view).collect()
+    }
+
+    /// An image as the keyframes are: brightened where they are.
+    pub(crate) fn toned(&self, image: &GrayImage) -> GrayImage {
+        self.tone.as_ref().map_or_else(|| image.clone(), |tone| tone.apply(image))
+    }
+
+    /// Finds a frame where it is supposed to have been taken, follows the camera from there to those before and after it, and
+    /// takes the newest into the map. Nothing changes when the frame or the newest is not there.
+    ///
+    /// # Errors
+    /// Those of [`process`](Self::process).
+    pub(crate) fn take_up(
+        &mut self,
+        hypothesis: &Hypothesis,
+        answer: &Answer,
+    ) -> Result<Option<FrameReport>, AgentError> {
+        let frame = &answer.frame;
+        self.check_size(frame.index, &frame.image)?;
+        let mut former = match std::mem::replace(&mut self.state, State::Empty) {
+            State::Running(tracker) => tracker,
+            other => {
+                self.state = other;
+                return Ok(None);
+            }
+        };
+        let mut report = FrameReport::of(TrackingState::Tracking);
+        // All that is known of the map is to be sought.
+        self.land(&mut former, &mut report);
+        let Some(found) = self.find(hypothesis, answer) else {
+            self.state = State::Running(former);
+            return Ok(None);
+        };
+        self.processed += 1;
+        self.map.frames.extend(found.poses);
+        let Frame { timestamp, index, .. } = found.newest;
+        let report = self.go_on(found.tracker, &found.located, found.pyramid, timestamp, index, report);
+        Ok(Some(self.told(report)))
+    }
+
+    /// The newest frame, tracked from the one that is supposed to be at a place.
+    fn find(&self, hypothesis: &Hypothesis, answer: &Answer) -> Option<Found> {
+        let reference = hypothesis.keyframe.0 as usize;
+        if reference >= self.view.keyframes.len() {
+            return None;
+        }
+        let Answer { frame, before, after, .. } = answer;
+        let supposed = self.view.camera_from_world(reference, &hypothesis.keyframe_from_frame);
+        let tracker = Tracker::new(&self.view, reference, supposed, Se3::identity(), &self.params);
+        let mut tracker = Box::new(tracker.seeking());
+        let mut pyramid = self.pyramid(frame.image.clone());
+        let mut located = tracker.find_at(&self.view, &supposed, &pyramid, frame.timestamp, &self.params)?;
+        let mut poses = self.followed_back(&tracker, frame, before);
+        poses.push(self.pose_of(frame, &tracker));
+        for frame in after {
+            tracker.change_reference(&self.view, &located, &self.params);
+            pyramid = self.pyramid(frame.image.clone());
+            let places = self.mapper.as_ref().map(|mapper| mapper.places.as_ref());
+            located = tracker.track(&self.view, places, &pyramid, frame.timestamp, &self.params)?;
+            poses.push(self.pose_of(frame, &tracker));
+        }
+        // The newest gets its place in the map by going on from it.
+        poses.pop();
+        let newest = after.last().unwrap_or(frame).clone();
+        Some(Found { tracker, located, pyramid, newest, poses })
+    }
+
+    /// Poses of the frames before one that was found, as far as the camera can be followed back.
+    fn followed_back(&self, found: &Tracker, frame: &Frame, before: &[Frame]) -> Vec<FramePose> {
+        let still = Se3::identity();
+        let tracker = Tracker::new(&self.view, found.reference, found.last, still, &self.params);
+        let mut tracker = tracker.at(frame.timestamp);
+        let places = self.mapper.as_ref().map(|mapper| mapper.places.as_ref());
+        let follow = |frame: &Frame| {
+            let pyramid = self.pyramid(frame.image.clone());
+            tracker.track(&self.view, places, &pyramid, frame.timestamp, &self.params)?;
+            Some(self.pose_of(frame, &tracker))
+        };
+        let mut poses: Vec<FramePose> = before.iter().rev().map_while(follow).collect();
+        poses.reverse();
+        poses
+    }
+
+    /// The newest pose of a tracker, which is a frame's.
+    fn pose_of(&self, frame: &Frame, tracker: &Tracker) -> FramePose {
+        FramePose {
+            timestamp: frame.timestamp,
+            frame_index: frame.index,
+            reference: LocalMap::id(tracker.reference),
+            keyframe_from_frame: self.view.keyframe_from_frame(tracker.reference, &tracker.last),
+        }
+    }
+}

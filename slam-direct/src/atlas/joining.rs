@@ -1,0 +1,106 @@
+//! Fragments that meet are joined while the run goes on: a keyframe of the one that is tracked is recognised in an earlier
+//! one, as a lost frame would be, and once two of them agree on how the worlds lie to each other, the maps become one.
+
+use super::Atlas;
+use crate::agent::{AgentError, Frame, FrameReport, Joining, Sighting, TrackingState};
+use crate::recognise::Answer;
+
+/// Most sightings that are remembered.
+const REMEMBERED: usize = 40;
+
+/// How many times the frames of a keyframe's mapping joining takes at the least.
+const JOINING: usize = 10;
+
+/// How far it is between the active fragment and those before it.
+#[derive(Default)]
+pub(super) struct Meeting {
+    /// Keyframes of the active fragment that were found in earlier ones, the newest last.
+    sightings: Vec<Sighting>,
+    joining: Option<Underway>,
+}
+
+/// Maps being joined.
+struct Underway {
+    joining: Joining,
+    /// The earlier fragment, which takes in the later one.
+    into: usize,
+    of: usize,
+    /// Frames until the result is taken up.
+    left: usize,
+}
+
+impl Atlas {
+    /// A frame of a camera that is tracked in another fragment than the first.
+    pub(super) fn follow_apart(&mut self, frame: Frame) -> Result<FrameReport, AgentError> {
+        if let Some(underway) = &mut self.meeting.joining {
+            underway.left = underway.left.saturating_sub(1);
+            if underway.left == 0 {
+                self.end_joining()?;
+            }
+        }
+        let report = self.fragments[self.active].process(frame.clone())?;
+        if report.state == TrackingState::Tracking {
+            self.seek_meeting(&frame, report.new_keyframe.is_some());
+            return Ok(report);
+        }
+        self.recognition.pass(self.recognition_lag());
+        if self.meeting.joining.is_none() {
+            return Ok(report);
+        }
+        // Its map was away, and it was sought in the view of it only.
+        let left = self.active;
+        self.end_joining()?;
+        if self.active == left {
+            self.fragments[left].tell_again(report.deltas);
+        }
+        self.fragments[self.active].process(frame)
+    }
+
+    /// Has keyframes recognised in earlier fragments, and begins to join when what was found suffices.
+    fn seek_meeting(&mut self, frame: &Frame, is_keyframe: bool) {
+        if self.meeting.joining.is_some() {
+            self.recognition.pass(self.recognition_lag());
+            return;
+        }
+        let answer = self.recognition.next(frame, self.recognition_lag());
+        if let Some(answer) = answer {
+            self.take_in_sightings(&answer);
+        }
+        if is_keyframe && self.recognition.is_idle() && self.meeting.joining.is_none() {
+            self.ask(frame, self.active);
+        }
+    }
+
+    /// Looks after what was proposed for a keyframe.
+    fn take_in_sightings(&mut self, answer: &Answer) {
+        let (earlier, rest) = self.fragments.split_at_mut(self.active);
+        let Some(active) = rest.first_mut() else { return };
+        for hypothesis in &answer.hypotheses {
+            let Some(agent) = earlier.get_mut(hypothesis.fragment) else { continue };
+            let Some(sighting) = agent.sight(hypothesis, &answer.frame, active) else { continue };
+            let sightings = &mut self.meeting.sightings;
+            if sightings.len() == REMEMBERED {
+                sightings.remove(0);
+            }
+            sightings.push(sighting);
+            if let Some(joining) = agent.begin_joining(active, sightings) {
+                let (into, of) = (sighting.fragment, self.active);
+                let left = self.params.atlas.joining_lag.max(JOINING * self.params.mapping.lag);
+                self.meeting.joining = Some(Underway { joining, into, of, left });
+                return;
+            }
+        }
+    }
+
+    /// Takes up the map that two fragments were made, or goes on in both as before.
+    pub(super) fn end_joining(&mut self) -> Result<(), AgentError> {
+        let Some(Underway { joining, into, of, .. }) = self.meeting.joining.take() else { return Ok(()) };
+        self.meeting.sightings.clear();
+        let (earlier, rest) = self.fragments.split_at_mut(of);
+        let (Some(first), Some(second)) = (earlier.get_mut(into), rest.first_mut()) else { return Ok(()) };
+        if first.end_joining(second, joining, (self.new_places)())? && self.active == of {
+            self.active = into;
+        }
+        Ok(())
+    }
+}
