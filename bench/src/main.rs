@@ -3,6 +3,7 @@
 //! It knows the program only from outside: its command line and the files it writes.
 
 mod alike;
+mod crowd;
 mod faults;
 mod fleet;
 mod lidar;
@@ -72,6 +73,12 @@ struct Args {
     /// Measure only rendered recordings of so many seeds to which something happens: --only names what
     #[arg(long, value_name = "SEEDS", conflicts_with_all = ["merges", "live", "perturbed", "lidar", "long", "fleet", "strangers"])]
     faults: Option<u64>,
+    /// Measure only how merging grows: so many maps of rendered ways through one town merged at once, and then one more
+    #[arg(long, value_name = "AGENTS", conflicts_with_all = ["merges", "live", "perturbed", "lidar", "long", "fleet", "strangers", "faults"])]
+    crowd: Option<usize>,
+    /// With --crowd: keyframes of each map
+    #[arg(long, value_name = "N", default_value_t = 500, requires = "crowd")]
+    keyframes: usize,
     /// With --strangers and --faults: other places, from this seed on. What limits are set on must not be what they are
     /// measured on
     #[arg(long, value_name = "N", default_value_t = 2)]
@@ -128,6 +135,13 @@ fn main() -> Result<()> {
     }
     if let Some(pairs) = args.strangers {
         return measure_strangers(&args, pairs);
+    }
+    if let Some(agents) = args.crowd {
+        let program = merging::Program { loopbox: args.loopbox.clone() };
+        let plan = crowd::Plan { program: &program, work: &args.work, agents, keyframes: args.keyframes };
+        let measured = crowd::measure(&plan)?;
+        let text = crowd::report::section(&measured, agents, args.keyframes);
+        return write(&args.documents, &[("crowd", text)]);
     }
     if let Some(seeds) = args.faults {
         let seeds: Vec<u64> = (args.seed..args.seed.saturating_add(seeds)).collect();

@@ -32,6 +32,29 @@ pub trait PlaceIndex<View: ?Sized = GrayImage>: Send {
         admissible: &dyn Fn(KeyframeId) -> bool,
     ) -> Vec<PlaceCandidate>;
 
+    /// The `count` keyframes most like `view` of each of so many groups, best first: one query for the places of several
+    /// maps in one index. `group` says of which group, from 0 on, a keyframe is; those of none are left out. An index that
+    /// does not know better asks for as many as all may have together, so that one may come short.
+    fn query_each(
+        &self,
+        view: &View,
+        count: usize,
+        groups: usize,
+        group: &dyn Fn(KeyframeId) -> Option<usize>,
+    ) -> Vec<PlaceCandidate> {
+        let mut taken = vec![0; groups];
+        let mut found =
+            self.query_among(view, count.saturating_mul(groups), &|keyframe| group(keyframe).is_some());
+        found.retain(|candidate| {
+            let taken = group(candidate.keyframe).and_then(|group| taken.get_mut(group));
+            taken.is_some_and(|taken| {
+                *taken += 1;
+                *taken <= count
+            })
+        });
+        found
+    }
+
     /// The `count` keyframes most like `view`, best first.
     fn query(&self, view: &View, count: usize) -> Vec<PlaceCandidate> {
         self.query_among(view, count, &|_| true)

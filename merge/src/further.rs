@@ -9,7 +9,7 @@
 use crate::closure::Closure;
 use crate::direct::refine_directly;
 use crate::estimate::Estimate;
-use crate::overlap::Glimpse;
+use crate::overlap::{Glimpse, Placed};
 use crate::prepared::PreparedMap;
 use backend::posegraph::{ConsistencyParams, MapGraph, PoseGraphError, consistent_set};
 use backend::sim3_align::{
@@ -115,7 +115,7 @@ pub fn join(
         })
         .collect();
     let own = edges.len();
-    let pairs = worth_trying(&glimpses(source), &glimpses(target), motion, &edges, params);
+    let pairs = worth_trying(source.glimpses(), target.glimpses(), motion, &edges, params);
     let found = align(source, target, motion, &pairs, params);
     let failed = found.iter().filter(|edge| edge.is_none()).count();
     edges.extend(found.into_iter().flatten());
@@ -271,21 +271,19 @@ fn overlapping(
     params: &FurtherParams,
 ) -> Vec<(KeyframeId, KeyframeId)> {
     let min_cosine = params.max_view_angle.to_radians().cos();
+    let placed: Vec<Placed> =
+        targets.iter().map(|j| Placed::new(j, &Sim3::identity(), target_world_from_source_world)).collect();
     let best = |i: &Glimpse| -> Option<(KeyframeId, KeyframeId)> {
-        let seen = |j: &Glimpse| -> Option<(f64, KeyframeId)> {
-            let share = i.overlap(j, target_world_from_source_world, min_cosine, params.min_overlap)?;
-            Some((share, j.id))
+        let here = Placed::new(i, target_world_from_source_world, &Sim3::identity());
+        let seen = |j: &Placed| -> Option<(f64, KeyframeId)> {
+            let share = here.overlap(j, min_cosine, params.min_overlap)?;
+            Some((share, j.glimpse.id))
         };
         // Of equals the first.
         let better = |a: (f64, KeyframeId), b: (f64, KeyframeId)| if b.0 > a.0 { b } else { a };
-        targets.iter().filter_map(seen).reduce(better).map(|(_, j)| (i.id, j))
+        placed.iter().filter_map(seen).reduce(better).map(|(_, j)| (i.id, j))
     };
     sources.par_iter().filter_map(best).collect()
-}
-
-/// The keyframes of a map that have depth and features, in order of time.
-fn glimpses<'a>(map: &PreparedMap<'a>) -> Vec<Glimpse<'a>> {
-    map.order().iter().filter_map(|&id| Glimpse::of(map, id)).collect()
 }
 
 /// At most `count` of the pairs, evenly spread, without those that have an edge already.

@@ -1,10 +1,11 @@
 //! What merging needs of a map: its keyframes, each made ready once, when first asked for.
 
 use crate::key_points::{DepthGrid, KeyPointParams, measure};
+use crate::overlap::Glimpse;
 use crate::scale_filter::MeasuredPoint;
 use backend::sim3_align::KeyframeView;
 use geometry::{Pinhole, Pyramid, Sim3};
-use map::{Keyframe, KeyframeId, Map, Rectified};
+use map::{AgentId, Keyframe, KeyframeId, Map, Rectified};
 use nalgebra::Vector3;
 use place_recog::features::Features;
 use std::borrow::Cow;
@@ -21,6 +22,12 @@ pub struct PreparedMap<'a> {
     params: &'a KeyPointParams,
     /// The keyframes in order of time.
     order: Vec<KeyframeId>,
+    /// Those of each agent, in order of time.
+    own: BTreeMap<AgentId, Vec<KeyframeId>>,
+    /// Where each is among its agent's.
+    position: BTreeMap<KeyframeId, (AgentId, usize)>,
+    /// What they see, made when first asked for.
+    glimpses: OnceLock<Vec<Glimpse<'a>>>,
     keyframes: BTreeMap<KeyframeId, OnceLock<PreparedKeyframe<'a>>>,
 }
 
@@ -54,7 +61,14 @@ impl<'a> PreparedMap<'a> {
         order
             .sort_by(|a, b| map.keyframes[a].timestamp.total_cmp(&map.keyframes[b].timestamp).then(a.cmp(b)));
         let keyframes = order.iter().map(|&id| (id, OnceLock::new())).collect();
-        Self { map, features, params, order, keyframes }
+        let (mut own, mut position) = (BTreeMap::<AgentId, Vec<KeyframeId>>::new(), BTreeMap::new());
+        for &id in &order {
+            let agent = map.keyframes[&id].agent;
+            let of_agent = own.entry(agent).or_default();
+            position.insert(id, (agent, of_agent.len()));
+            of_agent.push(id);
+        }
+        Self { map, features, params, order, own, position, glimpses: OnceLock::new(), keyframes }
     }
 
     /// The map.
@@ -76,24 +90,37 @@ impl<'a> PreparedMap<'a> {
         Some(slot.get_or_init(|| PreparedKeyframe::new(keyframe, self.map, features, self.params)))
     }
 
+    /// Gives back the memory of the keyframes made ready, where they are more than `most`: they are made ready again when
+    /// asked for.
+    pub fn forget_beyond(&mut self, most: usize) {
+        let ready = self.keyframes.values().filter(|slot| slot.get().is_some()).count();
+        if ready > most {
+            self.keyframes.values_mut().for_each(|slot| drop(slot.take()));
+        }
+    }
+
     /// The keyframes before and after `id` in order of time, of the same agent.
     pub fn neighbours(&self, id: KeyframeId) -> (Option<KeyframeId>, Option<KeyframeId>) {
-        let agent = |id: &KeyframeId| self.map.keyframes.get(id).map(|keyframe| keyframe.agent);
-        let own = agent(&id);
-        let position = self.order.iter().position(|other| *other == id);
-        let Some(position) = position else { return (None, None) };
-        let same = |other: &&KeyframeId| agent(other) == own;
-        let before = self.order[..position].iter().rev().find(same).copied();
-        (before, self.order[position + 1..].iter().find(same).copied())
+        let Some((own, position)) = self.among_its_own(id) else { return (None, None) };
+        let before = position.checked_sub(1).map(|before| own[before]);
+        (before, own.get(position + 1).copied())
+    }
+
+    /// The keyframes of the agent whose keyframe this is, in order of time, and where it is among them.
+    fn among_its_own(&self, id: KeyframeId) -> Option<(&[KeyframeId], usize)> {
+        let (agent, position) = *self.position.get(&id)?;
+        Some((self.own.get(&agent)?, position))
     }
 
     /// The keyframe with up to `radius` before and after it in order of time, of the same agent.
     pub fn around(&self, id: KeyframeId, radius: usize) -> Vec<KeyframeId> {
-        let agent = |id: &KeyframeId| self.map.keyframes.get(id).map(|keyframe| keyframe.agent);
-        let own: Vec<KeyframeId> =
-            self.order.iter().filter(|other| agent(other) == agent(&id)).copied().collect();
-        let Some(position) = own.iter().position(|other| *other == id) else { return Vec::new() };
+        let Some((own, position)) = self.among_its_own(id) else { return Vec::new() };
         own[position.saturating_sub(radius)..(position + radius + 1).min(own.len())].to_vec()
+    }
+
+    /// What the keyframes see, in order of time; those without depth are left out.
+    pub(crate) fn glimpses(&self) -> &[Glimpse<'a>] {
+        self.glimpses.get_or_init(|| self.order.iter().filter_map(|&id| Glimpse::of(self, id)).collect())
     }
 
     /// World pose of a keyframe of the map.

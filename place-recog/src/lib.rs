@@ -1,6 +1,7 @@
 //! Place recognition: finds the keyframes that show the same place as an image.
 
 mod bow;
+mod common;
 mod direct;
 mod fabmap;
 mod propose;
@@ -9,6 +10,7 @@ mod thumbnail;
 mod vocabulary;
 
 pub use bow::{BowIndex, BowParams};
+pub use common::{Appearance, CommonIndex, IndexMethod};
 pub use direct::{DirectIndex, Directed, RankParams, ranked, shared_features, words};
 pub use fabmap::{FabMap, FabMapParams, Location};
 pub use features;

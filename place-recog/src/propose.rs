@@ -1,19 +1,27 @@
 //! Places that two maps may share: queries of all keyframes of the one in the other, with the support of their
 //! neighbours, thinned so that the best few are not all of one spot.
 
-use crate::{BowIndex, BowParams, SequenceParams, Vocabulary, WordBag, supported};
-use map::{KeyframeId, PlaceIndex};
-use rayon::prelude::*;
+use crate::{
+    Appearance, BowParams, CommonIndex, FabMapParams, IndexMethod, SequenceParams, ThumbnailParams,
+    Vocabulary, WordBag, supported,
+};
+use map::{KeyframeId, PlaceCandidate};
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 use std::sync::Arc;
 
 /// How places are proposed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ProposeParams {
-    /// The index.
+    /// By what keyframes are found. Default bag-of-words; fab-map and thumbnails are there to compare it with.
+    pub method: IndexMethod,
+    /// The index by the words that keyframes share.
     pub bow: BowParams,
+    /// The one by the probability of one place.
+    pub fab_map: FabMapParams,
+    /// The one by small blurred images.
+    pub thumbnails: ThumbnailParams,
     /// Support by neighbouring keyframes.
     pub sequence: SequenceParams,
     /// Candidates of each keyframe before its neighbours have their say. Default 10; at least 1.
@@ -25,7 +33,15 @@ pub struct ProposeParams {
 
 impl Default for ProposeParams {
     fn default() -> Self {
-        Self { bow: BowParams::default(), sequence: SequenceParams::default(), candidates: 10, apart: 2 }
+        Self {
+            method: IndexMethod::default(),
+            bow: BowParams::default(),
+            fab_map: FabMapParams::default(),
+            thumbnails: ThumbnailParams::default(),
+            sequence: SequenceParams::default(),
+            candidates: 10,
+            apart: 2,
+        }
     }
 }
 
@@ -42,7 +58,8 @@ pub struct Proposal {
     pub shared: Option<usize>,
 }
 
-/// Proposes the places that two maps may share, best first.
+/// Proposes the places that two maps may share by the words of their keyframes, best first: what a [`CommonIndex`] does
+/// with one map in it.
 ///
 /// Ids are taken to grow with time, as those of an agent do.
 pub fn propose(
@@ -51,14 +68,22 @@ pub fn propose(
     vocabulary: &Arc<Vocabulary>,
     params: &ProposeParams,
 ) -> Vec<Proposal> {
-    let mut index = BowIndex::new(Arc::clone(vocabulary), params.bow.clone());
-    map.iter().for_each(|(&id, bag)| index.add(id, bag));
-    let ids: Vec<KeyframeId> = map.keys().copied().collect();
-    let asked: Vec<(&KeyframeId, &WordBag)> = queries.iter().collect();
-    let single: Vec<_> = asked.par_iter().map(|(_, bag)| index.query(*bag, params.candidates)).collect();
-    let mut proposals: Vec<Proposal> = queries
-        .keys()
-        .zip(supported(&single, &ids, &params.sequence))
+    let mut index = CommonIndex::new(vocabulary, params);
+    index.add(map.iter().map(|(id, words)| (*id, Appearance { words, image: None })));
+    let queries = queries.iter().map(|(id, words)| (*id, Appearance { words, image: None })).collect();
+    index.propose(&queries, &[0]).pop().unwrap_or_default()
+}
+
+/// The proposals of successive keyframes `names` from the candidates `found` of each among `ids`, both in order of time.
+pub(crate) fn proposals(
+    found: &[Vec<PlaceCandidate>],
+    names: &[KeyframeId],
+    ids: &[KeyframeId],
+    params: &ProposeParams,
+) -> Vec<Proposal> {
+    let mut proposals: Vec<Proposal> = names
+        .iter()
+        .zip(supported(found, ids, &params.sequence))
         .flat_map(|(&query, candidates)| {
             candidates.into_iter().map(move |c| Proposal {
                 keyframe: c.keyframe,
@@ -70,7 +95,7 @@ pub fn propose(
         .collect();
     proposals
         .sort_by(|a, b| b.score.total_cmp(&a.score).then((a.query, a.keyframe).cmp(&(b.query, b.keyframe))));
-    thinned(proposals, &ids, &queries.keys().copied().collect::<Vec<_>>(), params.apart)
+    thinned(proposals, ids, names, params.apart)
 }
 
 /// The proposals that are no closer than `apart` to a better one in both maps.
@@ -84,15 +109,15 @@ fn thinned(
         return proposals;
     }
     let rank = |all: &[KeyframeId], id| all.binary_search(&id).unwrap_or_default();
-    let mut kept: Vec<(Proposal, usize, usize)> = Vec::new();
-    for proposal in proposals {
+    let mut taken: HashSet<(usize, usize)> = HashSet::new();
+    let mut kept = proposals;
+    kept.retain(|proposal| {
         let (a, b) = (rank(ids, proposal.keyframe), rank(queries, proposal.query));
-        let near = |&(_, x, y): &(Proposal, usize, usize)| x.abs_diff(a) < apart && y.abs_diff(b) < apart;
-        if !kept.iter().any(near) {
-            kept.push((proposal, a, b));
-        }
-    }
-    kept.into_iter().map(|(proposal, _, _)| proposal).collect()
+        let around = |at: usize| at.saturating_sub(apart - 1)..at + apart;
+        let is_near = around(a).any(|x| around(b).any(|y| taken.contains(&(x, y))));
+        !is_near && taken.insert((a, b))
+    });
+    kept
 }
 
 #[cfg(test)]

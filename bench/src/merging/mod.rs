@@ -13,6 +13,7 @@ pub mod truth;
 use crate::measure::Runner;
 use anyhow::{Result, bail};
 use cases::{CASES, Case, Measured, Numbers};
+pub use cut::moved;
 use judge::{Judged, Verdict};
 use maps::{Known, Recording};
 pub use program::Program;

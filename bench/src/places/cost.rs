@@ -1,68 +1,138 @@
-//! What a query costs in a large map, with made-up words.
+//! What a query costs in a large map, with made-up keyframes of real words.
 
 use map::{KeyframeId, PlaceIndex};
-use measuring::median;
-use measuring::random::mix;
-use place_recog::{BowIndex, BowParams, FabMap, FabMapParams, Vocabulary, WordBag, WordId};
+use measuring::random::Random;
+use place_recog::{BowIndex, BowParams, Vocabulary, WordBag, WordId};
 use std::fmt::Write;
 use std::sync::Arc;
-use std::time::Instant;
 
-/// Words of a made-up keyframe, as many as SIFT finds with default parameters.
-const WORDS: u64 = 1200;
 /// Queries that are timed at each size.
-const QUERIES: usize = 100;
+const QUERIES: usize = 200;
+/// Those of them that are compared with all keyframes as well.
+const COMPARED: usize = 16;
+/// Candidates asked for, as merging asks.
+const CANDIDATES: usize = 10;
+/// Share of a made-up keyframe's features that are those of one real keyframe: thousands are of its kind.
+const OF_ITS_KIND: f64 = 0.3;
 
-/// A table of time and memory over the number of keyframes, up to `most`.
-pub fn report(vocabulary: &Arc<Vocabulary>, most: usize) -> String {
+/// Words of real keyframes, of which others are made.
+struct Pool<'a> {
+    keyframes: &'a [&'a WordBag],
+    /// Every feature's word.
+    words: Vec<WordId>,
+}
+
+/// A table of time, memory and what is found over the number of keyframes, up to `most`; made of the words of real ones.
+pub fn report(vocabulary: &Arc<Vocabulary>, real: &[&WordBag], most: usize) -> String {
+    let pool = Pool::new(real);
     let mut out = format!(
-        "Made-up keyframes of {WORDS} features, whose words are as uneven as those of images; a query is a keyframe \
-         of the map of which two features in three became other words. Median of {QUERIES} queries on one core.\n\n\
-         | keyframes | bag of words | found first | FAB-MAP | memory a keyframe |\n|---|---|---|---|---|\n"
+        "Made-up keyframes: each has as many features as one of {} real ones (of {} on average) and {:.0} % of its words, so that \
+         thousands are of its kind; the others are words of all real keyframes, as often as there. A query is a keyframe of the map \
+         of which so many features became other words. Means of {QUERIES} queries for {CANDIDATES} keyframes, processor time of one core; *as \
+         by all* is how many of {COMPARED} queries have the best candidate that comparing with every keyframe has, *found* how many \
+         of {QUERIES} have the keyframe asked for first.\n\n\
+         | keyframes | query | comparing with all | as by all, 2 of 3 features other | found | as by all, 4 of 5 other | \
+         found | adding one | memory a keyframe |\n|---|---|---|---|---|---|---|---|---|\n",
+        real.len(),
+        pool.words.len() / real.len().max(1),
+        100.0 * OF_ITS_KIND
     );
-    let mut bow = BowIndex::new(Arc::clone(vocabulary), BowParams::default());
-    let mut fab_map = FabMap::new(Arc::clone(vocabulary), FabMapParams::default());
+    let mut index = BowIndex::new(Arc::clone(vocabulary), BowParams::default());
     let mut added = 0;
-    for count in [500, 1000, 2000, 5000, 10_000, 20_000, 50_000].into_iter().filter(|&n| n <= most) {
+    for count in [1000, 10_000, 100_000, 1_000_000].into_iter().filter(|&n| n <= most) {
+        let (mut adding, before) = (0.0, added);
         while added < count {
-            let words = keyframe(vocabulary, added as u64, None);
-            bow.add(KeyframeId(added as u32), &words);
-            fab_map.add(KeyframeId(added as u32), &words);
+            let words = pool.keyframe(added as u64, None);
+            let start = processor_ms();
+            index.add(KeyframeId(added as u32), &words);
+            adding += processor_ms() - start;
             added += 1;
         }
-        let asked: Vec<u64> = (0..QUERIES as u64).map(|i| mix(i) % count as u64).collect();
-        let queries: Vec<WordBag> = asked.iter().map(|&k| keyframe(vocabulary, k, Some(1))).collect();
-        let (mut bow_ms, mut fab_ms, mut right) = (Vec::new(), Vec::new(), 0);
-        for (query, keyframe) in queries.iter().zip(&asked) {
-            let start = Instant::now();
-            let found = bow.query(query, 5);
-            bow_ms.push(1e3 * start.elapsed().as_secs_f64());
-            right += usize::from(found.first().is_some_and(|c| u64::from(c.keyframe.0) == *keyframe));
-            let start = Instant::now();
-            fab_map.query(query, 5);
-            fab_ms.push(1e3 * start.elapsed().as_secs_f64());
-        }
-        let [bow_ms, fab_ms] = [bow_ms, fab_ms].map(|ms| median(ms).unwrap_or(f64::NAN));
-        let bytes = bow.bytes() / count;
+        let adding = adding / (count - before).max(1) as f64;
+        let few = asked(&index, &pool, count, 1.0 / 3.0);
+        let hard = asked(&index, &pool, count, 0.2);
         let _ = writeln!(
             out,
-            "| {count} | {bow_ms:.2} ms | {right} of {QUERIES} | {fab_ms:.2} ms | {:.1} kB |",
-            bytes as f64 / 1e3
+            "| {count} | {:.2} ms | {:.1} ms | {} of {COMPARED} | {} of {QUERIES} | {} of {COMPARED} | {} of {QUERIES} | \
+             {adding:.3} ms | {:.2} kB |",
+            few.mean,
+            few.all,
+            few.as_by_all,
+            few.found,
+            hard.as_by_all,
+            hard.found,
+            index.bytes() as f64 / count as f64 / 1e3
         );
+        eprintln!("{}", out.lines().last().unwrap_or_default());
     }
     out
 }
 
-/// The words of keyframe `id`; with `look` another look at it, of which a third of the words stayed.
-fn keyframe(vocabulary: &Vocabulary, id: u64, look: Option<u64>) -> WordBag {
-    let words = vocabulary.len() as f64;
-    // The square makes the first words common: the most common is in every other keyframe.
-    let word = |bits: u64| {
-        let uniform = (bits >> 11) as f64 / (1u64 << 53) as f64;
-        WordId((uniform.powi(2) * words) as u32)
-    };
-    WordBag::new((0..WORDS).map(|i| {
-        let stays = look.is_none_or(|look| mix(id ^ mix(i ^ mix(look))).is_multiple_of(3));
-        word(if stays { mix(mix(id) ^ i) } else { mix(mix(id) ^ mix(i) ^ 0x5eed) })
-    }))
+/// What came of the queries of a map.
+struct Asked {
+    /// Milliseconds, and of comparing with all.
+    mean: f64,
+    all: f64,
+    as_by_all: usize,
+    found: usize,
+}
+
+/// Asks for keyframes of which a share of the features stayed.
+fn asked(index: &BowIndex, pool: &Pool, count: usize, stays: f64) -> Asked {
+    let mut random = Random::new(7);
+    let (mut took, mut all, mut as_by_all, mut right) = (Vec::new(), Vec::new(), 0, 0);
+    for query in 0..QUERIES {
+        let keyframe = random.below(count) as u64;
+        let words = pool.keyframe(keyframe, Some(stays));
+        let start = processor_ms();
+        let found = index.query(&words, CANDIDATES);
+        took.push(processor_ms() - start);
+        let best = found.first().map(|candidate| candidate.keyframe);
+        right += usize::from(best == Some(KeyframeId(keyframe as u32)));
+        if query < COMPARED {
+            let start = processor_ms();
+            let exact = index.query_all(&words, CANDIDATES);
+            all.push(processor_ms() - start);
+            as_by_all += usize::from(best == exact.first().map(|candidate| candidate.keyframe));
+        }
+    }
+    let mean = |times: Vec<f64>| times.iter().sum::<f64>() / times.len().max(1) as f64;
+    Asked { mean: mean(took), all: mean(all), as_by_all, found: right }
+}
+
+impl<'a> Pool<'a> {
+    fn new(keyframes: &'a [&'a WordBag]) -> Self {
+        let of = |bag: &&'a WordBag| every(bag);
+        Self { keyframes, words: keyframes.iter().flat_map(of).collect() }
+    }
+
+    /// The words of keyframe `id`; or another look at it, of which a share of the words stayed.
+    fn keyframe(&self, id: u64, stays: Option<f64>) -> WordBag {
+        let mut random = Random::new(id.wrapping_mul(0x9e37_79b9).wrapping_add(1));
+        let kind: Vec<WordId> = every(self.keyframes[random.below(self.keyframes.len())]).collect();
+        let any = |random: &mut Random| self.words[random.below(self.words.len())];
+        let mut other = Random::new(id ^ 0x5eed_0000);
+        let word = |own: &WordId| {
+            // Drawn whether it is used or not, so that what comes after does not depend on it.
+            let (unit, drawn) = (random.unit(), any(&mut random));
+            let word = if unit < OF_ITS_KIND { *own } else { drawn };
+            match stays {
+                Some(stays) if other.unit() >= stays => any(&mut other),
+                _ => word,
+            }
+        };
+        WordBag::new(kind.iter().map(word).collect::<Vec<_>>())
+    }
+}
+
+/// The words of a bag, each as often as it occurs.
+fn every(bag: &WordBag) -> impl Iterator<Item = WordId> + '_ {
+    bag.counts().iter().flat_map(|&(word, count)| std::iter::repeat_n(word, count as usize))
+}
+
+/// Milliseconds that this thread has run for: others on the machine do not count.
+fn processor_ms() -> f64 {
+    let text = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
+    let nanoseconds: Option<f64> = text.split_whitespace().next().and_then(|word| word.parse().ok());
+    nanoseconds.map_or(f64::NAN, |nanoseconds| nanoseconds / 1e6)
 }

@@ -5,6 +5,7 @@ mod input;
 mod names;
 mod options;
 mod output;
+mod places;
 mod record;
 mod report;
 mod verdict;
@@ -30,8 +31,10 @@ use merge::meeting::{Judged, MeetingParams, Outcome, Place, Tried, meet};
 use merge::merge_graph::MergeGraph;
 use merge::method::{BaselineParams, Method};
 use merge::prepared::PreparedMap;
-use place_recog::{ProposeParams, RankParams, Vocabulary, propose, ranked};
+use place_recog::{ProposeParams, RankParams, Vocabulary, ranked};
+use places::{Places, places};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -56,6 +59,9 @@ pub struct MergingParams {
     /// The common map.
     pub fusion: FusionParams,
 }
+
+/// Keyframes of a map that stay ready for the next pair, at the most: of 640 × 480 pixels each takes some 4 MB.
+const READY: usize = 24;
 
 /// What two maps made of each other. Which of them is the source and which the target follows from the maps
 /// themselves and not from the order in which they are given, so that no verdict depends on that.
@@ -213,33 +219,42 @@ pub(crate) fn merge_knowing(
     let maps: Vec<&map::Map> = inputs.iter().map(|input| &input.map).collect();
     let names = |a: usize, b: usize| format!("{} and {}", inputs[a].name, inputs[b].name);
     let (mut common, addresses) = CommonMap::from_maps(&maps).context("the maps cannot be merged")?;
-    let prepared: Vec<PreparedMap> = inputs
+    let mut prepared: Vec<PreparedMap> = inputs
         .iter()
         .map(|input| PreparedMap::new(&input.map, &input.features, &params.key_points))
         .collect();
     let meeting = meeting_among(inputs.len(), params);
+    let mut recalled: BTreeMap<[usize; 2], Encounter> =
+        pairs(inputs.len()).filter_map(|pair| Some((pair, known(pair)?))).collect();
+    progress("looking for places that the maps share")?;
+    let mut shared = places(inputs, vocabulary, params, &|pair| !recalled.contains_key(&pair));
     let mut encounters = Vec::new();
-    for later in 1..inputs.len() {
-        for earlier in 0..later {
-            progress(&format!("looking where {} met", names(earlier, later)))?;
-            let encounter = known([earlier, later]).unwrap_or_else(|| {
-                let pair = in_their_order([earlier, later], inputs);
-                encounter(pair, inputs, &prepared, vocabulary, &meeting, params)
-            });
-            let Encounter { target, source, .. } = encounter;
-            for edge in encounter.joined.iter().flat_map(|joined| &joined.edges) {
-                let address = |input: usize, id: KeyframeId| {
-                    let agent: AgentId = inputs[input].map.keyframes.get(&id)?.agent;
-                    addresses[input].of(agent, id)
-                };
-                if let (Some(from), Some(to)) = (address(target, edge.from), address(source, edge.to)) {
-                    let from_from_to =
-                        Estimate { a_from_b: edge.from_from_to, information: edge.information };
-                    common.link(Link { from, to, from_from_to });
-                }
+    for [earlier, later] in pairs(inputs.len()) {
+        progress(&format!("looking where {} met", names(earlier, later)))?;
+        let encounter = match recalled.remove(&[earlier, later]) {
+            Some(encounter) => encounter,
+            None => {
+                let mut take = |pair| Some((pair, shared.remove(&pair)?));
+                let found = take([earlier, later]).or_else(|| take([later, earlier]));
+                let (pair, places) = found.unwrap_or(([earlier, later], Places::default()));
+                let encounter = encounter(pair, places, inputs, &prepared, &meeting, params);
+                // What every pair leaves behind would be as much as all images.
+                pair.into_iter().for_each(|map| prepared[map].forget_beyond(READY));
+                encounter
             }
-            encounters.push(encounter);
+        };
+        let Encounter { target, source, .. } = encounter;
+        for edge in encounter.joined.iter().flat_map(|joined| &joined.edges) {
+            let address = |input: usize, id: KeyframeId| {
+                let agent: AgentId = inputs[input].map.keyframes.get(&id)?.agent;
+                addresses[input].of(agent, id)
+            };
+            if let (Some(from), Some(to)) = (address(target, edge.from), address(source, edge.to)) {
+                let from_from_to = Estimate { a_from_b: edge.from_from_to, information: edge.information };
+                common.link(Link { from, to, from_from_to });
+            }
         }
+        encounters.push(encounter);
     }
     progress("making the common map")?;
     let start = Instant::now();
@@ -262,35 +277,26 @@ fn meeting_among(maps: usize, params: &MergingParams) -> MeetingParams {
     meeting
 }
 
-/// Target and source of two inputs, the same whichever is given first: by when they were recorded, then by what
-/// they hold. Maps alike in all of this are one map, which is not merged with itself.
-fn in_their_order(pair: [usize; 2], inputs: &[Input]) -> [usize; 2] {
-    fn key(input: &Input) -> (u64, usize, &[u8]) {
-        let first = input.map.keyframes.values().next();
-        let time = first.map_or(0, |keyframe| keyframe.timestamp.to_bits());
-        let pixels = first.map_or(&[][..], |keyframe| keyframe.image.data());
-        (time, input.map.keyframes.len(), pixels)
-    }
-    let [a, b] = pair;
-    if key(&inputs[b]) < key(&inputs[a]) { [b, a] } else { [a, b] }
+/// Every two of so many inputs, the earlier first: (0, 1), (0, 2), (1, 2), (0, 3), …
+fn pairs(inputs: usize) -> impl Iterator<Item = [usize; 2]> {
+    (1..inputs).flat_map(|later| (0..later).map(move |earlier| [earlier, later]))
 }
 
 /// One pair of inputs.
 fn encounter(
     [target, source]: [usize; 2],
+    places: Places,
     inputs: &[Input],
     prepared: &[PreparedMap],
-    vocabulary: &Arc<Vocabulary>,
     meeting: &MeetingParams,
     params: &MergingParams,
 ) -> Encounter {
     let start = Instant::now();
     let (of_target, of_source) = (&inputs[target], &inputs[source]);
-    let proposals = propose(&of_target.words, &of_source.words, vocabulary, &params.places);
-    let proposals = ranked(proposals, of_target.directed(), of_source.directed(), &params.rank);
-    let places: Vec<Place> =
-        proposals.iter().map(|p| Place { source: p.query, target: p.keyframe }).collect();
-    let recognised = start.elapsed().as_secs_f64();
+    let proposals = ranked(places.proposals, of_target.directed(), of_source.directed(), &params.rank);
+    let (places_s, places): (f64, Vec<Place>) =
+        (places.seconds, proposals.iter().map(|p| Place { source: p.query, target: p.keyframe }).collect());
+    let ranked = start.elapsed().as_secs_f64();
     let tried = meet(&prepared[source], &prepared[target], &places, meeting, &params.further);
     let met = start.elapsed().as_secs_f64();
     let accepted = tried.iter().find_map(|tried| tried.outcome.accepted());
@@ -301,8 +307,8 @@ fn encounter(
         Some(Err(error)) => (None, Some(format!("{error:#}"))),
     };
     let seconds = Seconds {
-        places: recognised,
-        meeting: met - recognised,
+        places: places_s + ranked,
+        meeting: met - ranked,
         method: start.elapsed().as_secs_f64() - met,
     };
     Encounter { target, source, proposed: places.len(), tried, joined, error, seconds }

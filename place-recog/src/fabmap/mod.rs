@@ -84,19 +84,26 @@ impl FabMap {
     /// An empty index; what words depend on each other comes with the vocabulary.
     pub fn new(vocabulary: Arc<Vocabulary>, params: FabMapParams) -> Self {
         let model = Arc::new(Model::new(&vocabulary, &params));
-        let nearest = BowIndex::new(
-            vocabulary,
-            BowParams { min_score: 0.0, rescored_per_result: 2, ..BowParams::default() },
-        );
+        let nearest = BowIndex::new(vocabulary, BowParams { min_score: 0.0, ..BowParams::default() });
         Self { params, model, nearest, words: BTreeMap::new() }
     }
 
     /// Where an image with these words may have been taken, if only places for which `admissible` holds are known.
     pub fn locate(&self, bag: &WordBag, admissible: &dyn Fn(KeyframeId) -> bool) -> Location {
+        let shortlist = self.nearest.query_among(bag, self.params.shortlist.max(1), admissible);
+        self.weigh(bag, &shortlist, admissible)
+    }
+
+    /// The same with this shortlist.
+    fn weigh(
+        &self,
+        bag: &WordBag,
+        shortlist: &[PlaceCandidate],
+        admissible: &dyn Fn(KeyframeId) -> bool,
+    ) -> Location {
         let known = self.words.keys().filter(|&&id| admissible(id)).count();
         let seen: Vec<WordId> = bag.counts().iter().map(|&(word, _)| word).collect();
         let query = Observed::new(&self.model, &seen);
-        let shortlist = self.nearest.query_among(bag, self.params.shortlist.max(1), admissible);
         let new_place = self.params.new_place.clamp(1e-12, 1.0 - 1e-12);
         if known == 0 {
             return Location { new_place: 1.0, elsewhere: 0.0, places: Vec::new() };
@@ -138,6 +145,29 @@ impl PlaceIndex<WordBag> for FabMap {
     ) -> Vec<PlaceCandidate> {
         let candidate = |(keyframe, probability)| PlaceCandidate { keyframe, score: probability as f32 };
         self.locate(bag, admissible).places.into_iter().take(count).map(candidate).collect()
+    }
+
+    /// Each group has its share of the shortlist.
+    fn query_each(
+        &self,
+        bag: &WordBag,
+        count: usize,
+        groups: usize,
+        group: &dyn Fn(KeyframeId) -> Option<usize>,
+    ) -> Vec<PlaceCandidate> {
+        let share = self.params.shortlist.div_ceil(groups.max(1)).max(count);
+        let shortlist = self.nearest.query_each(bag, share, groups, group);
+        let location = self.weigh(bag, &shortlist, &|id| group(id).is_some());
+        let mut taken = vec![0; groups];
+        let fits = |&(id, _): &(KeyframeId, f64)| {
+            let taken = group(id).and_then(|group| taken.get_mut(group));
+            taken.is_some_and(|taken| {
+                *taken += 1;
+                *taken <= count
+            })
+        };
+        let candidate = |(keyframe, probability)| PlaceCandidate { keyframe, score: probability as f32 };
+        location.places.into_iter().filter(fits).map(candidate).collect()
     }
 }
 
