@@ -108,7 +108,7 @@ fn map_keyframe(
         .iter()
         .map(|&i| sequence.world_from_camera[i].inverse() * sequence.world_from_camera[index])
         .collect();
-    let chosen = choose_references(&poses, mean, &sequence.camera, shift, params);
+    let chosen = choose_references(&poses, mean, &sequence.camera, params);
     let images: Result<Vec<GrayImage>> = chosen.iter().map(|&c| sequence.image(around[c])).collect();
     let images = images?;
     let points = backbone(truth, &mut Random::new(index as u64 + 1));
@@ -116,7 +116,8 @@ fn map_keyframe(
     let clock = Instant::now();
     let now = || cpu_milliseconds(clock);
     let start = now();
-    let mut filter = DepthFilter::new(&image, &sequence.camera, params);
+    let shift = Shift::none(sequence.camera);
+    let mut filter = DepthFilter::new(&image, &sequence.camera, shift, params);
     let made = now();
     filter.seed(&points);
     let seeded = now();
