@@ -110,9 +110,8 @@ impl Agent {
         Some(Joining { task, count })
     }
 
-    /// Ends joining, waiting for it: `other` becomes part of this agent, which goes on from where it is, and is empty then;
-    /// an agent with `places` to find;
-    /// both stay as they were where the maps proved not to fit. Tells whether they are one.
+    /// Ends joining, waiting for it: this agent goes on with the map and from the place of `other`, which is left empty, with
+    /// `places` to find; both stay as they were where the maps proved not to fit. Tells whether they are one.
     ///
     /// # Errors
     /// Those of [`new`](Self::new).
