@@ -70,8 +70,10 @@ impl MergeError {
 /// alone and applied to all, so that the errors of the others contain that of the merge.
 ///
 /// # Errors
-/// [`EvalError::Agent`] with the reason, [`EvalError::Stranger`] among them; [`EvalError::Setting`] without agents.
+/// [`EvalError::Agent`] with the reason, [`EvalError::Stranger`] and [`EvalError::Mistaken`] among them;
+/// [`EvalError::Setting`] without agents.
 pub fn evaluate_agents(agents: Vec<AgentTracks>, options: &Options) -> Result<AgentsEvaluation, EvalError> {
+    let tracks = agents.clone();
     let mut matched = Vec::with_capacity(agents.len());
     for (i, agent) in agents.into_iter().enumerate() {
         let AgentTracks { estimate, truth, frames } = agent;
@@ -84,7 +86,8 @@ pub fn evaluate_agents(agents: Vec<AgentTracks>, options: &Options) -> Result<Ag
     let truth_from_estimate =
         alignment(&first.pairs, options.align).map_err(|reason| of_agent(0, reason.into()))?;
     for (i, matched) in matched.iter().enumerate() {
-        follows(matched).map_err(|reason| of_agent(i, reason))?;
+        let strangeness = follows(matched).map_err(|reason| of_agent(i, reason))?;
+        not_another_s(i, strangeness, &tracks, options).map_err(|reason| of_agent(i, reason))?;
     }
     let first_alone = alone(first);
     let measure = |(i, matched): (usize, &Matched)| {
@@ -108,15 +111,41 @@ fn alone(matched: &Matched) -> Option<Sim3> {
 /// positions that have nothing to do with it shrinks them to the middle of the truth and comes near 1.
 const STRANGE: f64 = 0.7;
 
-/// Refuses an estimate that has nothing to do with its ground truth, however it is turned, moved and scaled.
-fn follows(matched: &Matched) -> Result<(), EvalError> {
-    let Some(truth_from_estimate) = alone(matched) else { return Ok(()) };
+/// An estimate whose error is this share of the spread of its truth, or less, is taken to be of it.
+const OWN: f64 = 0.05;
+/// One that fits another agent's truth so many times better is taken to be that agent's.
+const BETTER: f64 = 4.0;
+
+/// How far an estimate is from its truth, aligned alone and as a share of that truth's spread; 0 where its path does not show
+/// it. Refuses one that has nothing to do with its truth, however it is turned, moved and scaled.
+fn follows(matched: &Matched) -> Result<f64, EvalError> {
+    let Some(truth_from_estimate) = alone(matched) else { return Ok(0.0) };
     let (estimated, truth) = matched.pairs.transformed(&truth_from_estimate).positions();
     let middle = middle(&truth);
     let rms = |squares: f64| (squares / truth.len().max(1) as f64).sqrt();
     let rmse = rms(estimated.iter().zip(&truth).map(|(a, b)| (a - b).norm_squared()).sum());
     let spread = rms(truth.iter().map(|p| (p - middle).norm_squared()).sum());
-    if rmse >= STRANGE * spread { Err(EvalError::Stranger { rmse, spread }) } else { Ok(()) }
+    if rmse >= STRANGE * spread { Err(EvalError::Stranger { rmse, spread }) } else { Ok(rmse / spread) }
+}
+
+/// Refuses an estimate that is so far from its own truth and fits another agent's better by far: the truths are mixed up.
+fn not_another_s(
+    own: usize,
+    strangeness: f64,
+    tracks: &[AgentTracks],
+    options: &Options,
+) -> Result<(), EvalError> {
+    if strangeness <= OWN {
+        return Ok(());
+    }
+    for (other, AgentTracks { truth, .. }) in tracks.iter().enumerate().filter(|(other, _)| *other != own) {
+        let estimate = tracks[own].estimate.clone();
+        let Ok(matched) = Matched::new(estimate, truth.clone(), None, options.max_diff) else { continue };
+        if alone(&matched).is_some() && follows(&matched).is_ok_and(|there| BETTER * there < strangeness) {
+            return Err(EvalError::Mistaken { other: other + 1 });
+        }
+    }
+    Ok(())
 }
 
 /// The mean of positions.
@@ -220,6 +249,29 @@ mod tests {
         }
         let error = evaluate_agents(vec![good, other], &Options::default()).unwrap_err().to_string();
         assert!(error.contains("agent 2: it does not follow") && error.contains("--gt A B"), "{error}");
+    }
+
+    #[test]
+    fn truths_that_are_swapped_are_refused() {
+        let agents = |swapped: bool| {
+            let mut agents = vec![agent(0.0, &Sim3::identity(), &Sim3::identity()); 2];
+            for (estimate, truth) in
+                agents.iter_mut().map(|tracks| (&mut tracks.estimate, &mut tracks.truth)).skip(1)
+            {
+                for (i, pose) in truth.world_from_camera.iter_mut().enumerate() {
+                    pose.translation.y = 0.3 * (i as f64 / 7.0).cos();
+                }
+                estimate.world_from_camera.clone_from(&truth.world_from_camera);
+            }
+            if swapped {
+                let [a, b] = &mut agents[..] else { unreachable!("two were made") };
+                std::mem::swap(&mut a.truth, &mut b.truth);
+            }
+            agents
+        };
+        assert!(evaluate_agents(agents(false), &Options::default()).is_ok());
+        let error = evaluate_agents(agents(true), &Options::default()).unwrap_err().to_string();
+        assert!(error.contains("agent 1: it follows the ground truth of agent 2"), "{error}");
     }
 
     #[test]

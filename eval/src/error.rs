@@ -68,6 +68,15 @@ pub enum EvalError {
         /// Why not.
         reason: Box<EvalError>,
     },
+    /// An estimate that is another agent's by its path.
+    #[error(
+        "it follows the ground truth of agent {other}, and its own not nearly as well: are the truths given in the order of \
+         the estimates? Give one for each: --gt A B"
+    )]
+    Mistaken {
+        /// That agent, from 1.
+        other: usize,
+    },
     /// An estimate that has nothing in common with the ground truth it was compared with.
     #[error(
         "it does not follow its ground truth: aligned alone, its positions are {rmse:.3} m off, where the truth itself \

@@ -136,7 +136,7 @@ impl fmt::Display for Summary {
         if has(SensorKind::Camera) {
             let share = 100.0 * self.density;
             writeln!(f, "depth        {} pixels ({share:.1} % of the keyframes' pixels)", self.depth_pixels)?;
-            writeln!(f, "points       {} ({} observations)", self.points, self.observations)?;
+            writeln!(f, "sparse       {} points ({} observations)", self.points, self.observations)?;
         }
         writeln!(
             f,
