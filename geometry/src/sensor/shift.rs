@@ -82,7 +82,7 @@ impl Shift {
         let [x, y] = self.plane(ideal);
         // The root of f (1 + e f²) = 1 near one, as a series.
         let e = self.bend * (x * x + y * y);
-        let less = e * (1.0 - e * (3.0 - 12.0 * e));
+        let less = e * (1.0 - e * (3.0 - e * (12.0 - 55.0 * e)));
         [-self.focal[0] * x * less, -self.focal[1] * y * less]
     }
 
