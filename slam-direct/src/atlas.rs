@@ -71,16 +71,7 @@ impl Atlas {
         params: Params,
     ) -> Result<Self, AgentError> {
         let first = Agent::new(camera, new_places(), params.clone())?;
-        Ok(Self {
-            camera,
-            new_places,
-            params,
-            fragments: vec![first],
-            active: 0,
-            loss: None,
-            recognition: Recognition::none(),
-            meeting: Meeting::default(),
-        })
+        Ok(Self::resume(first, new_places, params))
     }
 
     /// A run that goes on in the map of `first`, which was resumed. As long as no frame is found there, a new fragment
