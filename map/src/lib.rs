@@ -34,7 +34,7 @@ pub use io::{FORMAT_VERSION, LoadedMap, MapWriter, is_map_file, load_map, parts,
 pub use keyframe::{Edge, EdgeKind, Keyframe, KeyframeId, Observation, Point, SemiDense};
 pub use level::level;
 pub use place::{PlaceCandidate, PlaceIndex};
-pub use rectified::{Rectified, rectified, sensor_entries};
+pub use rectified::{Rectified, rectified, rectified_depths, sensor_entries};
 pub use scan::Scan;
 pub use sensor::{Sensor, SensorKind};
 pub use shared::Shared;

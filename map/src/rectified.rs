@@ -88,25 +88,26 @@ impl Map {
         let sensor = self.agents.get(&keyframe.agent)?.image_sensor()?;
         rectified(keyframe, &sensor, &self.motion_at(keyframe))
     }
+
+    /// What makes a keyframe's image that of an ideal camera, for those who need it only; `None` as with
+    /// [`rectified`](Self::rectified).
+    pub fn rectification(&self, keyframe: &Keyframe) -> Option<Rectification> {
+        let sensor = self.agents.get(&keyframe.agent)?.image_sensor()?;
+        rectification(keyframe, &sensor, &self.motion_at(keyframe))
+    }
 }
 
 /// A keyframe whose camera moved so, in its unit, as an ideal camera would have taken it; `None` where its own did, as far
 /// as it matters.
 pub fn rectified(keyframe: &Keyframe, sensor: &Sensor, motion: &Twist) -> Option<Rectified> {
-    if sensor.is_ideal() {
-        return None;
-    }
-    let camera = &sensor.lens.camera;
-    let place = |pixel: u32| [(pixel as usize % camera.width) as f32, (pixel as usize / camera.width) as f32];
-    let depths = keyframe.semi_dense.iter().map(|(pixel, inverse_depth, _)| (place(pixel), inverse_depth));
-    let rectification = Rectification::new(sensor, motion, CoarseDepth::new(camera, depths));
+    let rectification = rectification(keyframe, sensor, motion)?;
     let mut points = keyframe.points.clone();
     for point in &mut points {
         point.pixel = rectification.pixel_at(point.pixel, point.inverse_depth);
     }
     let keyframe = Keyframe {
         image: Arc::new(rectification.image(&keyframe.image)),
-        semi_dense: moved(&keyframe.semi_dense, camera, &rectification).into(),
+        semi_dense: rectified_depths(&keyframe.semi_dense, &sensor.lens.camera, &rectification).into(),
         scan: None,
         points,
         features: None,
@@ -115,8 +116,16 @@ pub fn rectified(keyframe: &Keyframe, sensor: &Sensor, motion: &Twist) -> Option
     Some(Rectified { keyframe, rectification })
 }
 
+/// What makes a keyframe's image that of an ideal camera; `None` where it is, as far as it matters.
+fn rectification(keyframe: &Keyframe, sensor: &Sensor, motion: &Twist) -> Option<Rectification> {
+    let camera = &sensor.lens.camera;
+    let place = |pixel: u32| [(pixel as usize % camera.width) as f32, (pixel as usize / camera.width) as f32];
+    let depths = keyframe.semi_dense.iter().map(|(pixel, inverse_depth, _)| (place(pixel), inverse_depth));
+    (!sensor.is_ideal()).then(|| Rectification::new(sensor, motion, CoarseDepth::new(camera, depths)))
+}
+
 /// Depths at the pixels in which the ideal camera sees them; where two meet, that of the smaller variance.
-fn moved(depths: &SemiDense, camera: &Pinhole, rectification: &Rectification) -> SemiDense {
+pub fn rectified_depths(depths: &SemiDense, camera: &Pinhole, rectification: &Rectification) -> SemiDense {
     let width = camera.width;
     let mut all: Vec<(u32, f32, f32)> = depths
         .iter()

@@ -4,8 +4,9 @@ use crate::key_points::{DepthGrid, KeyPointParams, measure};
 use crate::overlap::Glimpse;
 use crate::scale_filter::MeasuredPoint;
 use backend::sim3_align::KeyframeView;
+use geometry::sensor::Rectification;
 use geometry::{Pinhole, Pyramid, Sim3};
-use map::{AgentId, Keyframe, KeyframeId, Map, Rectified};
+use map::{AgentId, Keyframe, KeyframeId, Map, SemiDense, rectified_depths};
 use nalgebra::Vector3;
 use place_recog::features::Features;
 use std::borrow::Cow;
@@ -33,12 +34,15 @@ pub struct PreparedMap<'a> {
 
 /// A keyframe with its features, the 3-D points at them, and its pyramid.
 pub struct PreparedKeyframe<'a> {
-    /// The keyframe as an ideal camera would have taken it.
-    pub keyframe: Cow<'a, Keyframe>,
+    /// The keyframe.
+    pub keyframe: &'a Keyframe,
+    /// Its depth, where an ideal camera sees it.
+    pub depth: Cow<'a, SemiDense>,
     /// Its camera.
     pub camera: &'a Pinhole,
     /// Its features, where that camera would have found them.
     pub features: Cow<'a, Features>,
+    rectification: Option<Rectification>,
     params: &'a KeyPointParams,
     // Each made when first asked for: most places need no more than bearings, further closures no more than a view.
     bearings: OnceLock<Vec<Vector3<f64>>>,
@@ -132,18 +136,20 @@ impl<'a> PreparedMap<'a> {
 impl<'a> PreparedKeyframe<'a> {
     fn new(keyframe: &'a Keyframe, map: &'a Map, features: &'a Features, params: &'a KeyPointParams) -> Self {
         let camera = map.camera(keyframe);
-        let (keyframe, features) = match map.rectified(keyframe) {
-            None => (Cow::Borrowed(keyframe), Cow::Borrowed(features)),
-            Some(Rectified { keyframe, rectification }) => {
+        let rectification = map.rectification(keyframe);
+        let (depth, features) = match &rectification {
+            None => (Cow::Borrowed(&*keyframe.semi_dense), Cow::Borrowed(features)),
+            Some(rectification) => {
                 let mut features = features.clone();
                 for keypoint in &mut features.keypoints {
                     keypoint.pixel = rectification.pixel(keypoint.pixel);
                 }
-                (Cow::Owned(keyframe), Cow::Owned(features))
+                let depth = rectified_depths(&keyframe.semi_dense, camera, rectification);
+                (Cow::Owned(depth), Cow::Owned(features))
             }
         };
         let (bearings, points, view) = (OnceLock::new(), OnceLock::new(), OnceLock::new());
-        Self { keyframe, camera, features, params, bearings, points, view }
+        Self { keyframe, depth, camera, features, rectification, params, bearings, points, view }
     }
 
     fn pixels(&self) -> impl Iterator<Item = [f32; 2]> {
@@ -159,16 +165,17 @@ impl<'a> PreparedKeyframe<'a> {
     /// The 3-D points of the features, in the keyframe's camera frame and unit, where there is depth.
     pub fn points(&self) -> &[Option<MeasuredPoint>] {
         self.points.get_or_init(|| {
-            let depth = DepthGrid::new(&self.keyframe.semi_dense, self.camera);
+            let depth = DepthGrid::new(&self.depth, self.camera);
             self.pixels().map(|pixel| measure(pixel, &depth, self.camera, self.params)).collect()
         })
     }
 
-    /// The keyframe as direct alignment takes it.
+    /// The keyframe as direct alignment takes it: as an ideal camera would have taken it.
     pub fn view(&self) -> &KeyframeView {
         self.view.get_or_init(|| {
-            let pyramid = Pyramid::new((*self.keyframe.image).clone(), LEVELS);
-            KeyframeView::new(&pyramid, &self.keyframe.semi_dense, self.camera)
+            let image = &*self.keyframe.image;
+            let image = self.rectification.as_ref().map_or_else(|| image.clone(), |by| by.image(image));
+            KeyframeView::new(&Pyramid::new(image, LEVELS), &self.depth, self.camera)
         })
     }
 }
