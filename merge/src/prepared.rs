@@ -36,8 +36,6 @@ pub struct PreparedMap<'a> {
 pub struct PreparedKeyframe<'a> {
     /// The keyframe.
     pub keyframe: &'a Keyframe,
-    /// Its depth, where an ideal camera sees it.
-    pub depth: Cow<'a, SemiDense>,
     /// Its camera.
     pub camera: &'a Pinhole,
     /// Its features, where that camera would have found them.
@@ -46,6 +44,7 @@ pub struct PreparedKeyframe<'a> {
     params: &'a KeyPointParams,
     // Each made when first asked for: most places need no more than bearings, further closures no more than a view.
     bearings: OnceLock<Vec<Vector3<f64>>>,
+    depth: OnceLock<Cow<'a, SemiDense>>,
     points: OnceLock<Vec<Option<MeasuredPoint>>>,
     view: OnceLock<KeyframeView>,
 }
@@ -137,19 +136,29 @@ impl<'a> PreparedKeyframe<'a> {
     fn new(keyframe: &'a Keyframe, map: &'a Map, features: &'a Features, params: &'a KeyPointParams) -> Self {
         let camera = map.camera(keyframe);
         let rectification = map.rectification(keyframe);
-        let (depth, features) = match &rectification {
-            None => (Cow::Borrowed(&*keyframe.semi_dense), Cow::Borrowed(features)),
+        let features = match &rectification {
+            None => Cow::Borrowed(features),
             Some(rectification) => {
                 let mut features = features.clone();
                 for keypoint in &mut features.keypoints {
                     keypoint.pixel = rectification.pixel(keypoint.pixel);
                 }
-                let depth = rectified_depths(&keyframe.semi_dense, camera, rectification);
-                (Cow::Owned(depth), Cow::Owned(features))
+                Cow::Owned(features)
             }
         };
-        let (bearings, points, view) = (OnceLock::new(), OnceLock::new(), OnceLock::new());
-        Self { keyframe, depth, camera, features, rectification, params, bearings, points, view }
+        let (bearings, depth, points, view) =
+            (OnceLock::new(), OnceLock::new(), OnceLock::new(), OnceLock::new());
+        Self { keyframe, camera, features, rectification, params, bearings, depth, points, view }
+    }
+
+    /// Its depth, where an ideal camera sees it.
+    pub fn depth(&self) -> &SemiDense {
+        self.depth.get_or_init(|| {
+            let depth = &*self.keyframe.semi_dense;
+            self.rectification
+                .as_ref()
+                .map_or(Cow::Borrowed(depth), |by| Cow::Owned(rectified_depths(depth, self.camera, by)))
+        })
     }
 
     fn pixels(&self) -> impl Iterator<Item = [f32; 2]> {
@@ -165,7 +174,7 @@ impl<'a> PreparedKeyframe<'a> {
     /// The 3-D points of the features, in the keyframe's camera frame and unit, where there is depth.
     pub fn points(&self) -> &[Option<MeasuredPoint>] {
         self.points.get_or_init(|| {
-            let depth = DepthGrid::new(&self.depth, self.camera);
+            let depth = DepthGrid::new(self.depth(), self.camera);
             self.pixels().map(|pixel| measure(pixel, &depth, self.camera, self.params)).collect()
         })
     }
@@ -175,7 +184,7 @@ impl<'a> PreparedKeyframe<'a> {
         self.view.get_or_init(|| {
             let image = &*self.keyframe.image;
             let image = self.rectification.as_ref().map_or_else(|| image.clone(), |by| by.image(image));
-            KeyframeView::new(&Pyramid::new(image, LEVELS), &self.depth, self.camera)
+            KeyframeView::new(&Pyramid::new(image, LEVELS), self.depth(), self.camera)
         })
     }
 }

@@ -194,7 +194,7 @@ impl Chosen {
             target_world_from_target: target.world_from(j)?,
         };
         let (i, j) = (source.get(i)?, target.get(j)?);
-        let cloud = |k: &PreparedKeyframe| keyframe_cloud(&k.depth, k.camera, &params.cloud);
+        let cloud = |k: &PreparedKeyframe| keyframe_cloud(k.depth(), k.camera, &params.cloud);
         let (source_cloud, target_cloud) = rayon::join(|| cloud(i), || cloud(j));
         Some(Self { target_from_source, centroid, poses, source_cloud, target_cloud })
     }

@@ -108,7 +108,7 @@ impl Side {
         let ids: BTreeSet<KeyframeId> = ids.collect();
         let cloud = |id: KeyframeId| {
             let keyframe = map.get(id)?;
-            Some((id, keyframe_cloud(&keyframe.depth, keyframe.camera, &with_clouds?.cloud)))
+            Some((id, keyframe_cloud(keyframe.depth(), keyframe.camera, &with_clouds?.cloud)))
         };
         let among =
             |edge: &&Edge| edge.kind != EdgeKind::Merge && ids.contains(&edge.from) && ids.contains(&edge.to);
