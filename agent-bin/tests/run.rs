@@ -31,6 +31,9 @@ fn a_run_leaves_all_its_results() {
     assert!(numbers["frames"]["tracked_share"].as_f64().unwrap() > 0.9, "{}", numbers["frames"]);
     assert!(numbers["cost"]["peak_memory_bytes"].as_u64().unwrap() > 1 << 20);
     assert_eq!(lines(&folder.join("trajectory.txt")) as u64, tracked);
+    // The first frames have no pose yet when they come.
+    let handed_out = lines(&folder.join("trajectory-live.txt")) as u64;
+    assert!((tracked - 10..=tracked).contains(&handed_out), "{handed_out} of {tracked}");
     let report = std::fs::read_to_string(folder.join("report.html")).unwrap();
     assert!(report.contains("</html>"));
     assert!(std::fs::read(folder.join("cloud.ply")).unwrap().starts_with(b"ply"));

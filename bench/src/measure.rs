@@ -71,6 +71,8 @@ impl Measurement {
     }
 }
 
+const NOT_JSON: &str = "what `loopbox eval --json` printed is not JSON";
+
 /// The files of a run that must not depend on the run.
 const RESULTS: [&str; 3] = ["trajectory.txt", "map.mcap", "cloud.ply"];
 
@@ -149,32 +151,44 @@ impl Runner {
         })
     }
 
+    /// `loopbox eval` of a trajectory over `sequence`.
+    fn evaluation(&self, sequence: &Path, trajectory: &Path) -> Result<Command> {
+        let mut command = Command::new(&self.loopbox);
+        command.arg("eval").arg(trajectory).arg("--json");
+        command.arg("--gt").arg(self.truth(sequence)?);
+        command.arg("--frames").arg(sequence.join("times.txt"));
+        Ok(command)
+    }
+
+    /// The ATE, metres, of the poses as a run over `sequence` with results in `out` handed them out frame by frame.
+    ///
+    /// # Errors
+    /// When `loopbox eval` fails.
+    pub fn ate_handed_out(&self, sequence: &Path, out: &Path) -> Result<Option<f64>> {
+        let text = finish(&mut self.evaluation(sequence, &out.join("trajectory-live.txt"))?)?;
+        let said: Value = serde_json::from_slice(&text).context(NOT_JSON)?;
+        Ok(said.pointer("/ate/rmse").and_then(Value::as_f64))
+    }
+
     /// What `loopbox eval` says of the results in `out` of a run over `sequence`.
     ///
     /// # Errors
     /// When it fails.
     pub fn evaluate(&self, sequence: &Path, out: &Path) -> Result<Value> {
-        let truth = self.truth(sequence)?;
-        let command = || {
-            let mut command = Command::new(&self.loopbox);
-            command.arg("eval").arg(out.join("trajectory.txt")).arg("--json");
-            command.arg("--gt").arg(&truth);
-            command.arg("--frames").arg(sequence.join("times.txt"));
-            command
-        };
+        let command = || self.evaluation(sequence, &out.join("trajectory.txt"));
         let (map, depth) = (out.join("map.mcap"), sequence.join("depth"));
         let with_depth = (map.is_file() && depth.is_dir())
-            .then(|| finish(command().arg("--map").arg(map).arg("--depth").arg(depth)));
+            .then(|| finish(command()?.arg("--map").arg(map).arg("--depth").arg(depth)));
         let text = match with_depth {
             Some(Ok(text)) => text,
             // The trajectory is measured even when the map's depth cannot be.
             Some(Err(error)) => {
                 eprintln!("no depth figures for {}: {error:#}", out.display());
-                finish(&mut command())?
+                finish(&mut command()?)?
             }
-            None => finish(&mut command())?,
+            None => finish(&mut command()?)?,
         };
-        serde_json::from_slice(&text).context("what `loopbox eval --json` printed is not JSON")
+        serde_json::from_slice(&text).context(NOT_JSON)
     }
 }
 

@@ -17,6 +17,8 @@ pub struct Timed {
     pub offline: Run,
     /// At the speed of the camera.
     pub live: Vec<Run>,
+    /// The ATE of these runs' poses as they were handed out, metres.
+    pub handed_out: Vec<Option<f64>>,
 }
 
 impl Timed {
@@ -47,7 +49,10 @@ pub fn measure(runner: &Runner, sequence: &Path, name: &str) -> Result<Timed> {
     let offline = offline.evaluated(runner, sequence)?;
     let live = |number: usize| {
         let out = runner.work.join(name).join(format!("live-{number}"));
-        Task::new(sequence, &out, Pace::Camera).evaluated(runner, sequence)
+        let run = Task::new(sequence, &out, Pace::Camera).evaluated(runner, sequence)?;
+        Ok((run, runner.ate_handed_out(sequence, &out)?))
     };
-    Ok(Timed { name: name.to_owned(), offline, live: (1..=runner.runs).map(live).collect::<Result<_>>()? })
+    let live: Vec<(Run, Option<f64>)> = (1..=runner.runs).map(live).collect::<Result<_>>()?;
+    let (live, handed_out) = live.into_iter().unzip();
+    Ok(Timed { name: name.to_owned(), offline, live, handed_out })
 }

@@ -9,6 +9,7 @@ use super::shares::{Cost, Extra, SEQUENCE as COST_SEQUENCE};
 use super::{Live, Part};
 use crate::measure::Run;
 use crate::report::{MISSING, length, number};
+use measuring::median;
 use std::fmt::Write;
 
 /// The page's share of the CPU time must stay below this, percent.
@@ -65,6 +66,7 @@ fn latency(all: &[Timed]) -> String {
             number(timed.worst(ms("max")), 1, " ms"),
             share(timed.median(|run| run.record("/frames/dropped_late")), &timed.live[0]),
             number(timed.worst(|run| run.record("/frames/losses")), 0, ""),
+            of_ate(timed.handed_out.iter().copied().collect::<Option<_>>().and_then(median)),
             of_ate(timed.median(ate)),
             of_ate(ate(&timed.offline)),
         ]
@@ -77,7 +79,8 @@ fn latency(all: &[Timed]) -> String {
         "longest",
         "frames dropped",
         "losses",
-        "ATE RMSE",
+        "ATE RMSE, as handed out",
+        "in the end",
         "with all frames",
     ];
     table(&columns, all.iter().map(row))

@@ -1,10 +1,10 @@
 //! The folder a run writes into.
 
 use super::growing::Growing;
-use super::record::{RunRecord, numbered};
+use super::record::{RunRecord, handed_out, numbered};
 use crate::results::{Owner, Results};
 use anyhow::{Context, Result};
-use map::{AgentInfo, Identity, Map, MapDelta};
+use map::{AgentInfo, Identity, Map, MapDelta, StampedPose};
 use std::collections::BTreeSet;
 use std::fs::File;
 use std::io::{BufWriter, Write};
@@ -23,6 +23,7 @@ pub enum TrajectoryFormat {
 
 pub const MAP: &str = "map.mcap";
 pub const TRAJECTORY: &str = "trajectory.txt";
+const HANDED_OUT: &str = "trajectory-live.txt";
 const CLOUD: &str = "cloud.ply";
 const REPORT: &str = "report.html";
 const NUMBERS: &str = "run.json";
@@ -130,10 +131,11 @@ impl Output {
         let _ = self.growing.end();
         for (place, map) in fragments.iter().enumerate() {
             map::save_map(self.results.file(numbered(MAP, place))?, map)?;
-            self.save_trajectory(place, map, format)?;
+            self.save_trajectory(numbered(TRAJECTORY, place), &map.trajectory(), format)?;
             map::save_ply(self.results.file(numbered(CLOUD, place))?, map, max_variance)?;
         }
         let Some(map) = fragments.first() else { return Ok(()) };
+        self.save_trajectory(HANDED_OUT.to_owned(), &handed_out(&record.rows), format)?;
         let rows: Vec<report::FrameRow> = record.rows.iter().map(|row| row.for_report()).collect();
         let input =
             ReportInput { title: &record.source.path, map, rows: &rows, numbers: &record.headline_numbers() };
@@ -151,15 +153,20 @@ impl Output {
         record: &mut RunRecord,
         format: TrajectoryFormat,
     ) -> Result<()> {
-        self.save_trajectory(0, map, format)?;
+        self.save_trajectory(TRAJECTORY.to_owned(), &map.trajectory(), format)?;
         self.complete(record)
     }
 
-    fn save_trajectory(&mut self, place: usize, map: &Map, format: TrajectoryFormat) -> Result<()> {
-        let (trajectory, path) = (map.trajectory(), self.results.file(numbered(TRAJECTORY, place))?);
+    fn save_trajectory(
+        &mut self,
+        name: String,
+        trajectory: &[StampedPose],
+        format: TrajectoryFormat,
+    ) -> Result<()> {
+        let path = self.results.file(name)?;
         match format {
-            TrajectoryFormat::Tum => map::save_tum(path, &trajectory)?,
-            TrajectoryFormat::Kitti => map::save_kitti(path, &trajectory)?,
+            TrajectoryFormat::Tum => map::save_tum(path, trajectory)?,
+            TrajectoryFormat::Kitti => map::save_kitti(path, trajectory)?,
         }
         Ok(())
     }

@@ -2,10 +2,12 @@
 
 use crate::run::output::{MAP, TRAJECTORY};
 use crate::run::resuming::Resumed;
-use geometry::Pinhole;
+use geometry::{Pinhole, Se3};
+use map::StampedPose;
 use serde::{Serialize, Serializer};
 use slam_direct::{FrameReport, TrackingState};
 use sources::ahead::SkipReason;
+use std::cmp::Reverse;
 use std::collections::BTreeMap;
 use view::report;
 
@@ -222,6 +224,17 @@ pub fn numbered(name: &str, place: usize) -> String {
     }
 }
 
+/// The poses as they were handed out, of the fragment in which most frames have one: each fragment has a world of its own.
+pub fn handed_out(rows: &[FrameRow]) -> Vec<StampedPose> {
+    let found = || rows.iter().filter_map(|row| Some((row.fragment, row.timestamp, row.handed_out?)));
+    let mut counts = BTreeMap::<usize, usize>::new();
+    found().for_each(|(fragment, ..)| *counts.entry(fragment).or_default() += 1);
+    // Of equals the earliest.
+    let most = counts.into_iter().max_by_key(|&(fragment, count)| (count, Reverse(fragment)));
+    let of_most = found().filter(|(fragment, ..)| Some(*fragment) == most.map(|(fragment, _)| fragment));
+    of_most.map(|(_, timestamp, world_from_camera)| StampedPose { timestamp, world_from_camera }).collect()
+}
+
 /// One processed frame.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct FrameRow {
@@ -249,6 +262,10 @@ pub struct FrameRow {
     pub keyframe: Option<u32>,
     /// Loop closed after it: newer and older keyframe.
     pub loop_closed: Option<(u32, u32)>,
+    /// world_from_camera as it was handed out after the frame, in the fragment's world as it was then; nothing where the frame
+    /// was not found. Later frames and loops move poses; who steers a robot has had this one.
+    #[serde(skip)]
+    pub handed_out: Option<Se3>,
 }
 
 impl FrameRow {
@@ -266,6 +283,7 @@ impl FrameRow {
             matched_points: report.matched_points,
             keyframe: report.new_keyframe.map(|id| id.0),
             loop_closed: report.closed_loop.map(|(newer, older)| (newer.0, older.0)),
+            handed_out: report.world_from_camera,
         }
     }
 
@@ -330,6 +348,31 @@ impl MapCounts {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use nalgebra::{UnitQuaternion, Vector3};
+
+    #[test]
+    fn poses_handed_out_are_those_of_one_world() {
+        let row = |fragment: usize, second: u32, x: f64| FrameRow {
+            index: u64::from(second),
+            timestamp: f64::from(second),
+            fragment,
+            state: TrackingState::Tracking,
+            ms: 1.0,
+            latency_ms: None,
+            inlier_share: 1.0,
+            rmse: 1.0,
+            matched_points: 100,
+            keyframe: None,
+            loop_closed: None,
+            handed_out: Some(Se3::new(UnitQuaternion::identity(), Vector3::new(x, 0.0, 0.0))),
+        };
+        let lost = FrameRow { handed_out: None, ..row(0, 2, 0.0) };
+        let rows = [row(0, 0, 0.0), row(0, 1, 0.1), lost, row(1, 3, 7.0), row(0, 4, 0.4), row(1, 5, 7.1)];
+        let times: Vec<f64> = handed_out(&rows).iter().map(|pose| pose.timestamp).collect();
+        assert_eq!(times, [0.0, 1.0, 4.0]);
+        assert_eq!(handed_out(&rows)[2].world_from_camera.translation.x, 0.4);
+        assert!(handed_out(&[]).is_empty());
+    }
 
     #[test]
     fn fragments_have_files_of_their_own() {
