@@ -4,7 +4,9 @@
 //! depths contradict each other by mistake the images still look alike. A thing that one place has and the other has not
 //! is looked through as a whole, and what is seen instead looks otherwise (*absent*). What is flat, a notice or a wall,
 //! looks otherwise alone (*unlike*): blur, noise and the angle of view make all patches of a pair less alike, so that a
-//! patch is unlike where it is an outlier among those of its pair.
+//! patch is unlike where it is an outlier among those of its pair, and so are most around it: fine stripes seen from aside
+//! are unlike in strips at the border of what is seen. Every point is the middle of a patch of its own: of a thing
+//! as small as a patch, most patches of a fixed grid would hold half of it and half of what it stands before.
 
 use super::KeyframeView;
 use super::compare::{CompareParams, Met, Moved, Window};
@@ -16,13 +18,13 @@ use nalgebra::Vector2;
 params! {
     /// Parameters of the comparison of two keyframes patch by patch.
     pub struct PatchParams {
-        /// Patches, which are square, along the width of an image. Range 4–64; fewer overlook small things, more leave
-        /// too few points in each.
+        /// Patches, which are square, that the width of an image has room for. Range 4–64; fewer overlook small things, more
+        /// leave too few points in each.
         pub columns: usize = 16,
         /// The finest pyramid level whose image is at most so wide is looked at, pixels. Range 40–2000; ten pixels a
         /// patch tell one look from another.
         pub max_width: usize = 200,
-        /// Fewest points of a patch that are seen and not hidden. Range 4–1000; a tenth of a patch of ten pixels.
+        /// Fewest points of a patch that are seen and not hidden. Range 4–1000; a tenth of a patch of eleven pixels.
         pub min_points: usize = 12,
         /// A patch is looked through where more than this share of its points is. Range 0–1.
         pub through_share: f64 = 0.5,
@@ -32,9 +34,11 @@ params! {
         /// A patch is unlike where one minus its correlation is above this, and above `outlier` times the median of its pair
         /// of keyframes. Range 0–2.
         pub min_dissimilarity: f64 = 0.6,
-        /// See `min_dissimilarity`. Range 1–100; of right pairs, held by hand or rendered, 0.4 % of the points at most lie in
-        /// such patches.
+        /// See `min_dissimilarity`. Range 1–100.
         pub outlier: f64 = 8.0,
+        /// Least share of the patches around a point, as far apart as one is wide, that must be unlike with its own. Range 0–1.
+        /// Of right pairs, held by hand or rendered, 0.5 % of the points at most are left, without this 2 %.
+        pub unlike_around: f64 = 0.6,
         /// Least contrast of a patch whose look is asked, standard deviation of its intensities, grey levels. Range 0–100;
         /// half again the image noise.
         pub min_contrast: f64 = 6.0,
@@ -44,53 +48,53 @@ params! {
     }
 }
 
-/// How many patches of a source are not in the target.
+/// How much of sources is not in their targets.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PatchComparison {
-    /// Patches compared.
-    pub patches: usize,
-    /// Those that the target looks through, and that look otherwise there.
-    pub absent: usize,
-    /// Points of the patches compared.
+    /// Points with a patch around them.
     pub points: usize,
-    /// Points of those that are absent.
-    pub absent_points: usize,
-    /// Patches with contrast that are unlike.
+    /// Those whose patches the target looks through, and that look otherwise there.
+    pub absent: usize,
+    /// Comparisons, each one way, in which there are such.
+    pub absent_views: usize,
+    /// Points whose patches have contrast.
+    pub with_contrast: usize,
+    /// Of these, those whose patches are unlike, with most around them.
     pub unlike: usize,
-    /// Points of patches with contrast.
-    pub contrast_points: usize,
-    /// Points of those that are unlike.
-    pub unlike_points: usize,
+    /// Comparisons, each one way, in which there are such.
+    pub unlike_views: usize,
 }
 
 impl PatchComparison {
     /// Both together.
     pub fn plus(self, other: Self) -> Self {
         Self {
-            patches: self.patches + other.patches,
-            absent: self.absent + other.absent,
             points: self.points + other.points,
-            absent_points: self.absent_points + other.absent_points,
+            absent: self.absent + other.absent,
+            absent_views: self.absent_views + other.absent_views,
+            with_contrast: self.with_contrast + other.with_contrast,
             unlike: self.unlike + other.unlike,
-            contrast_points: self.contrast_points + other.contrast_points,
-            unlike_points: self.unlike_points + other.unlike_points,
+            unlike_views: self.unlike_views + other.unlike_views,
         }
     }
 
-    /// Share of the points of all patches that lie in absent ones; 0 where there are none.
+    /// Share of the points whose patches are absent; 0 where there are none.
     pub fn absent_share(&self) -> f64 {
-        self.absent_points as f64 / self.points.max(1) as f64
+        self.absent as f64 / self.points.max(1) as f64
     }
 
-    /// Share of the points of all patches with contrast that lie in unlike ones; 0 where there are none.
+    /// Share of the points with contrast around them whose patches are unlike; 0 where there are none.
     pub fn unlike_share(&self) -> f64 {
-        self.unlike_points as f64 / self.contrast_points.max(1) as f64
+        self.unlike as f64 / self.with_contrast.max(1) as f64
     }
 }
 
-/// A point of a patch: its intensity, and where the target should see it.
+/// A point of the source that the target sees.
 struct Seen {
+    /// Its place in the source's image, by rows.
+    slot: usize,
     intensity: f64,
+    /// Where the target should see it.
     pixel: Vector2<f64>,
     through: bool,
 }
@@ -109,107 +113,178 @@ pub fn compare_patches(
     let (from, to) = (source.camera().at_level(level), target.camera().at_level(level));
     let (own, image) = (source.pyramid().level(level), target.pyramid().level(level));
     let depth = target.depth(level);
-    let side = own.width().div_ceil(params.columns.max(1)).max(1);
-    let (columns, rows) = (own.width().div_ceil(side), own.height().div_ceil(side));
-    let mut patches: Vec<Vec<Seen>> = (0..columns * rows).map(|_| Vec::new()).collect();
-    for point in &source.depth(level).points {
-        let Some(moved) = Moved::new(point, [&from, &to], target_from_source) else { continue };
+    let seen = source.depth(level).points.iter().filter_map(|point| {
+        let moved = Moved::new(point, [&from, &to], target_from_source)?;
         let pixel = moved.pixel;
         let margin = compare.radius as f64;
         let inside = |v: f64, size: usize| v >= margin && v < size as f64 - 1.0 - margin;
         if !(inside(pixel.x, image.width()) && inside(pixel.y, image.height())) {
-            continue;
+            return None;
         }
         let window = Window::new([pixel.x.round() as usize, pixel.y.round() as usize], compare.radius, image);
         let met = window.depth(depth, &moved, compare);
-        if matches!(met, Some(Met::Before)) {
-            continue;
-        }
         let (x, y) = (usize::from(point.x), usize::from(point.y));
-        patches[y / side * columns + x / side].push(Seen {
+        // What a nearer surface hides is no contradiction.
+        (!matches!(met, Some(Met::Before))).then(|| Seen {
+            slot: y * own.width() + x,
             intensity: f64::from(own.get(x, y)),
             pixel,
             through: matches!(met, Some(Met::Behind)),
-        });
-    }
-    patches.retain(|patch| patch.len() >= params.min_points.max(1));
+        })
+    });
+    let radius = own.width().div_ceil(params.columns.max(1)) / 2;
+    let patches = Patches { seen: seen.collect(), width: own.width(), height: own.height(), radius };
     judge(&patches, image, compare.radius, params)
 }
 
+/// Points, each with those around it: its patch.
+struct Patches {
+    seen: Vec<Seen>,
+    width: usize,
+    height: usize,
+    /// Half the width of a patch, pixels.
+    radius: usize,
+}
+
+impl Patches {
+    /// Sums of the points' values over the patch of each.
+    fn sums(&self, values: impl Iterator<Item = f64>) -> Vec<f64> {
+        let mut sums = vec![0.0; self.width * self.height];
+        for (seen, value) in self.seen.iter().zip(values) {
+            sums[seen.slot] = value;
+        }
+        let mut before = vec![0.0; self.width + 1];
+        for row in sums.chunks_exact_mut(self.width) {
+            for (i, value) in row.iter().enumerate() {
+                before[i + 1] = before[i] + value;
+            }
+            for (i, value) in row.iter_mut().enumerate() {
+                let end = (i + self.radius + 1).min(self.width);
+                *value = before[end] - before[i.saturating_sub(self.radius)];
+            }
+        }
+        // All columns at a time.
+        let mut above = vec![0.0; self.width * (self.height + 1)];
+        for (y, row) in sums.chunks_exact(self.width).enumerate() {
+            let (done, next) = above.split_at_mut((y + 1) * self.width);
+            for ((next, done), value) in next.iter_mut().zip(&done[y * self.width..]).zip(row) {
+                *next = done + value;
+            }
+        }
+        let at = |slot: usize| {
+            let (x, y) = (slot % self.width, slot / self.width);
+            let [top, end] = [y.saturating_sub(self.radius), (y + self.radius + 1).min(self.height)];
+            above[end * self.width + x] - above[top * self.width + x]
+        };
+        self.seen.iter().map(|seen| at(seen.slot)).collect()
+    }
+}
+
 /// What becomes of patches, by where their points should be in an image.
-fn judge(patches: &[Vec<Seen>], image: &GrayImage, radius: usize, params: &PatchParams) -> PatchComparison {
-    let mut found = PatchComparison::default();
-    // Points and dissimilarity of each patch with contrast.
-    let mut looks: Vec<(usize, f64)> = Vec::new();
-    for patch in patches {
-        found.patches += 1;
-        found.points += patch.len();
-        let through = patch.iter().filter(|seen| seen.through).count();
-        let is_through = through as f64 > params.through_share * patch.len() as f64;
-        let has_contrast = contrast(patch) > params.min_contrast;
-        if !(is_through || has_contrast) {
-            continue;
-        }
-        let correlation = correlation(patch, image, radius, params);
-        if is_through && correlation < params.min_correlation {
-            found.absent += 1;
-            found.absent_points += patch.len();
-        }
-        if has_contrast {
-            looks.push((patch.len(), 1.0 - correlation));
-        }
-    }
-    let mut sorted: Vec<f64> = looks.iter().map(|(_, dissimilarity)| *dissimilarity).collect();
-    sorted.sort_by(f64::total_cmp);
-    let median = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
+fn judge(patches: &Patches, image: &GrayImage, radius: usize, params: &PatchParams) -> PatchComparison {
+    let share = |of: &dyn Fn(usize) -> bool| {
+        patches.sums((0..patches.seen.len()).map(|i| f64::from(u8::from(of(i)))))
+    };
+    let counts = share(&|_| true);
+    let through = share(&|i| patches.seen[i].through);
+    let own = Moments::new(patches, &counts, || patches.seen.iter().map(|seen| seen.intensity));
+    let alike = correlations(patches, &own, &counts, image, radius, params);
+    let is_patch = |i: usize| counts[i] >= params.min_points as f64;
+    let is_absent = |i: usize| {
+        is_patch(i) && through[i] > params.through_share * counts[i] && alike[i] < params.min_correlation
+    };
+    let has_contrast = |i: usize| is_patch(i) && own.variance[i] > params.min_contrast.powi(2);
+    let all = || 0..patches.seen.len();
+    let mut looks: Vec<f64> = all().filter(|&i| has_contrast(i)).map(|i| 1.0 - alike[i]).collect();
+    looks.sort_by(f64::total_cmp);
+    let median = looks.get(looks.len() / 2).copied().unwrap_or(0.0);
     let limit = params.min_dissimilarity.max(params.outlier * median);
-    for (points, dissimilarity) in looks {
-        found.contrast_points += points;
-        if dissimilarity > limit {
-            found.unlike += 1;
-            found.unlike_points += points;
-        }
+    let is_unlike = |i: usize| has_contrast(i) && 1.0 - alike[i] > limit;
+    let (unlike, with_contrast) = (share(&is_unlike), share(&has_contrast));
+    let is_unlike_around = |i: usize| is_unlike(i) && unlike[i] > params.unlike_around * with_contrast[i];
+    let count = |of: &dyn Fn(usize) -> bool| all().filter(|&i| of(i)).count();
+    let (absent, unlike) = (count(&is_absent), count(&is_unlike_around));
+    PatchComparison {
+        points: count(&is_patch),
+        absent,
+        absent_views: usize::from(absent > 0),
+        with_contrast: looks.len(),
+        unlike,
+        unlike_views: usize::from(unlike > 0),
     }
-    found
 }
 
-/// Standard deviation of a patch's intensities, grey levels.
-fn contrast(patch: &[Seen]) -> f64 {
-    let n = patch.len().max(1) as f64;
-    let mean = patch.iter().map(|seen| seen.intensity).sum::<f64>() / n;
-    (patch.iter().map(|seen| (seen.intensity - mean).powi(2)).sum::<f64>() / n).sqrt()
+/// Mean and variance of something over each patch.
+struct Moments {
+    mean: Vec<f64>,
+    variance: Vec<f64>,
 }
 
-/// The largest correlation of a patch's intensities with those of an image, −1 to 1, at shifts of up to `radius` pixels; any
-/// that is high enough that the rest would not matter.
-fn correlation(patch: &[Seen], image: &GrayImage, radius: usize, params: &PatchParams) -> f64 {
+impl Moments {
+    fn new<V: Iterator<Item = f64>>(patches: &Patches, counts: &[f64], values: impl Fn() -> V) -> Self {
+        let mut mean = patches.sums(values());
+        mean.iter_mut().zip(counts).for_each(|(sum, count)| *sum /= count);
+        let mut variance = patches.sums(values().map(|value| value * value));
+        let both = variance.iter_mut().zip(counts).zip(&mean);
+        both.for_each(|((sum, count), mean)| *sum = (*sum / count - mean * mean).max(0.0));
+        Self { mean, variance }
+    }
+}
+
+/// The largest correlation of each patch's intensities with those of an image, −1 to 1, at shifts of up to `radius` pixels.
+fn correlations(
+    patches: &Patches,
+    own: &Moments,
+    counts: &[f64],
+    image: &GrayImage,
+    radius: usize,
+    params: &PatchParams,
+) -> Vec<f64> {
     let reach = radius as i32;
     let noise = params.image_noise * params.image_noise;
-    let shifts = (-reach..=reach).flat_map(|y| (-reach..=reach).map(move |x| Vector2::new(x, y)));
-    let at = |shift: Vector2<i32>| {
-        let pairs = patch.iter().filter_map(|seen| {
+    let mut best = vec![-1.0f64; patches.seen.len()];
+    for shift in (-reach..=reach).flat_map(|y| (-reach..=reach).map(move |x| Vector2::new(x, y))) {
+        let there = patches.seen.iter().map(|seen| {
             let pixel = seen.pixel + shift.cast::<f64>();
-            Some([seen.intensity, sample(image, pixel.x, pixel.y)?.0])
+            sample(image, pixel.x, pixel.y).map_or(0.0, |(value, ..)| value)
         });
-        let (mut n, mut sum, mut squares, mut product) = (0.0, [0.0; 2], [0.0; 2], 0.0);
-        for [a, b] in pairs {
-            n += 1.0;
-            sum = [sum[0] + a, sum[1] + b];
-            squares = [squares[0] + a * a, squares[1] + b * b];
-            product += a * b;
+        let there: Vec<f64> = there.collect();
+        let other = Moments::new(patches, counts, || there.iter().copied());
+        let product =
+            patches.sums(patches.seen.iter().zip(&there).map(|(seen, there)| seen.intensity * there));
+        for (i, best) in best.iter_mut().enumerate() {
+            let covariance = product[i] / counts[i] - own.mean[i] * other.mean[i];
+            let variances = (own.variance[i] + noise) * (other.variance[i] + noise);
+            *best = best.max(covariance / variances.sqrt());
         }
-        let n = f64::max(n, 1.0);
-        let deviation = |k: usize| (squares[k] / n - (sum[k] / n).powi(2) + noise).sqrt();
-        (product / n - sum[0] * sum[1] / (n * n)) / (deviation(0) * deviation(1))
-    };
-    // Where half of the patches are more alike than this, the median does not decide; where not, it is another's.
-    let enough = params.min_correlation.max(1.0 - params.min_dissimilarity / params.outlier.max(1.0));
-    let mut best = at(Vector2::zeros());
-    for shift in shifts {
-        if best >= enough {
-            break;
-        }
-        best = best.max(at(shift));
     }
     best
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A patch holds what is at most its radius away, in rows and columns, and no more at the image's border.
+    #[test]
+    fn sums_are_over_the_square_around_each_point() {
+        let (width, height, radius) = (7, 5, 2);
+        let value = |slot: usize| ((slot * 37) % 11) as f64;
+        let points: Vec<usize> = (0..width * height).filter(|slot| slot % 3 != 1).collect();
+        let seen = points.iter().map(|&slot| Seen {
+            slot,
+            intensity: value(slot),
+            pixel: Vector2::zeros(),
+            through: false,
+        });
+        let patches = Patches { seen: seen.collect(), width, height, radius };
+        let sums = patches.sums(patches.seen.iter().map(|seen| seen.intensity));
+        for (&slot, sum) in points.iter().zip(sums) {
+            let near = |other: &&usize| {
+                let rows = (**other / width).abs_diff(slot / width);
+                rows.max((**other % width).abs_diff(slot % width)) <= radius
+            };
+            assert_eq!(sum, points.iter().filter(near).map(|&other| value(other)).sum::<f64>());
+        }
+    }
 }

@@ -245,13 +245,13 @@ fn a_thing_that_is_not_there_is_looked_through_as_a_whole() {
     let (from, to) = (pose(0.0, 0.0, 0.0, 0.0, 0.0), pose(0.25, -0.05, 0.1, -0.05, 0.03));
     let motion = Sim3::from(to.inverse() * from);
     let same = compare_patches(&view_from(&from), &view_from(&to), &motion, &compare, &params);
-    assert!(same.patches > 50 && same.absent == 0 && same.unlike == 0, "{same:?}");
+    assert!(same.points > 1000 && same.absent == 0 && same.unlike == 0, "{same:?}");
     let (alike, depth) = render(&to, 1.0, 1.0, 0.0);
     let (_, of_wall) = render_box(&to, 1.0, [1.0, 0.0], 100.0);
     let blank = Pyramid::new(GrayImage::filled(camera().width, camera().height, 128), 5);
     let without = KeyframeView::new(&blank, &of_wall, &camera());
     let other = compare_patches(&view_from(&from), &without, &motion, &compare, &params);
-    assert!(other.absent >= 3 && other.absent_share() > 0.01, "{other:?}");
+    assert!(other.absent_views == 1 && other.absent_share() > 0.01, "{other:?}");
     // Where it looks the same a depth is wrong.
     let mistaken = KeyframeView::new(&alike, &of_wall, &camera());
     let found = compare_patches(&view_from(&from), &mistaken, &motion, &compare, &params);

@@ -51,13 +51,13 @@ pub struct Beyond {
     pub through_share: f64,
     /// Share of points seen whose contrast is missing in the other keyframe, 0–1.
     pub missing_share: f64,
-    /// Patches that the other keyframe looks through as a whole and that look otherwise there.
-    pub absent_patches: usize,
-    /// Share of the points of all patches that lie in them, 0–1.
+    /// Views, of the one keyframe of a pair in the other, with patches that are looked through as a whole and look otherwise.
+    pub absent_views: usize,
+    /// Share of all points that are the middle of such a patch, 0–1.
     pub absent_share: f64,
-    /// Patches that look otherwise in the other keyframe, as no others of the pair do.
-    pub unlike_patches: usize,
-    /// Share of the points of all patches with contrast that lie in them, 0–1.
+    /// Views with patches that look otherwise as no others of the view do.
+    pub unlike_views: usize,
+    /// Share of all points with contrast around them that are the middle of such a patch, 0–1.
     pub unlike_share: f64,
 }
 
@@ -103,9 +103,9 @@ impl Beyond {
             rival: joined.rival,
             through_share: joined.seen.through_share(),
             missing_share: joined.seen.missing_share(),
-            absent_patches: joined.patches.absent,
+            absent_views: joined.patches.absent_views,
             absent_share: joined.patches.absent_share(),
-            unlike_patches: joined.patches.unlike,
+            unlike_views: joined.patches.unlike_views,
             unlike_share: joined.patches.unlike_share(),
         }
     }

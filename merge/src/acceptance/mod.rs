@@ -183,39 +183,39 @@ pub enum Doubt {
     },
     /// Things that one map has and the other has not.
     #[error(
-        "{patches} patches, {share:.4} of what keyframes see, are not there in the other map, which looks through them; \
+        "{share:.4} of what keyframes see, in {views} views, is not there in the other map, which looks through it; \
          {limit:.4} at most may be: another place that looks alike, or something moved"
     )]
     Absent {
-        /// Patches looked through.
-        patches: usize,
-        /// Share of the points that lie in them.
+        /// Views with something that is not there.
+        views: usize,
+        /// Share of the points whose patches are looked through.
         share: f64,
         /// Largest share.
         limit: f64,
     },
     /// Surfaces that look otherwise.
     #[error(
-        "{patches} patches, {share:.3} of what keyframes see, look otherwise in the other map where all else looks alike; \
+        "{share:.3} of what keyframes see, in {views} views, looks otherwise in the other map where all else looks alike; \
          {limit:.3} at most may: another place that looks alike, or something changed"
     )]
     OtherLook {
-        /// Patches that look otherwise.
-        patches: usize,
-        /// Share of the points that lie in them.
+        /// Views with something that looks otherwise.
+        views: usize,
+        /// Share of the points whose patches look otherwise.
         share: f64,
         /// Largest share.
         limit: f64,
     },
     /// Things that are not there and surfaces that look otherwise, both fewer than alone would tell.
     #[error(
-        "{absent:.4} of what keyframes see lies in patches that are not there in the other map and {unlike:.3} in patches that \
-         look otherwise: together {sum:.2} of what may; another place that looks alike, or something changed"
+        "{absent:.4} of what keyframes see is not there in the other map and {unlike:.3} looks otherwise: together {sum:.2} of \
+         what may; another place that looks alike, or something changed"
     )]
     AbsentAndOtherLook {
-        /// Share of the points in patches looked through.
+        /// Share of the points whose patches are looked through.
         absent: f64,
-        /// Share of the points in patches that look otherwise.
+        /// Share of the points whose patches look otherwise.
         unlike: f64,
         /// The sum of both, each over its limit.
         sum: f64,
@@ -321,18 +321,18 @@ impl Test {
         self.most("seen through", [share, limit], Says::Against, Doubt::SeenThrough { share, limit });
         let (share, limit) = (beyond.missing_share, params.max_missing_share);
         self.most("missing", [share, limit], Says::Against, Doubt::Missing { share, limit });
-        let enough = |patches: usize, share: f64| if patches < params.min_patches { 0.0 } else { share };
-        let (patches, limit) = (beyond.absent_patches, params.max_absent_share);
-        let share = enough(patches, beyond.absent_share);
-        let doubt = Doubt::Absent { patches, share, limit };
+        let enough = |views: usize, share: f64| if views < params.min_views { 0.0 } else { share };
+        let (views, limit) = (beyond.absent_views, params.max_absent_share);
+        let share = enough(views, beyond.absent_share);
+        let doubt = Doubt::Absent { views, share, limit };
         self.most("patches seen through", [share, limit], Says::Open, doubt);
-        let (patches, limit) = (beyond.unlike_patches, params.max_unlike_share);
-        let share = enough(patches, beyond.unlike_share);
-        let doubt = Doubt::OtherLook { patches, share, limit };
+        let (views, limit) = (beyond.unlike_views, params.max_unlike_share);
+        let share = enough(views, beyond.unlike_share);
+        let doubt = Doubt::OtherLook { views, share, limit };
         self.most("patches that look otherwise", [share, limit], Says::Open, doubt);
         let (absent, unlike) = (beyond.absent_share, beyond.unlike_share);
         let sum = absent / params.max_absent_share + unlike / params.max_unlike_share;
-        let sum = enough(beyond.absent_patches + beyond.unlike_patches, sum);
+        let sum = enough(beyond.absent_views + beyond.unlike_views, sum);
         let doubt = Doubt::AbsentAndOtherLook { absent, unlike, sum };
         self.most("patches of both sorts", [sum, 1.0], Says::Open, doubt);
         let doubt = Doubt::Rival { closures, rival };

@@ -32,17 +32,16 @@ pub struct AcceptanceParams {
     pub max_through_share: f64,
     /// Largest share of points seen whose contrast is missing in the other keyframe. Default 0.1; 0 to 1.
     pub max_missing_share: f64,
-    /// Largest share of points that lie in patches which the other keyframe looks through as a whole and which look otherwise
-    /// there. Default 0.003; 0 to 1. Of right closures 0.0012 at most do, on cameras held by hand and rendered ones; past
-    /// equal houses with other things before them 0.005 and more.
+    /// Largest share of points around which the other keyframe looks through all and shows something else. Default 0.0014; 0 to
+    /// 1. Of right closures, held by hand or rendered, 0.0009 at most; past equal houses with other things before them 0.0008 to
+    /// 0.012, where the next line says the more the less this one does.
     pub max_absent_share: f64,
-    /// Largest share of points that lie in patches which look otherwise in the other keyframe as no others of the pair do.
-    /// Default 0.01; 0 to 1. Of right closures 0.004 at most do, on the same cameras; in corridors of equal doors with other
-    /// notices 0.03.
+    /// Largest share of points around which the other keyframe looks otherwise as nowhere else. Default 0.01; 0 to 1.
+    /// Of right closures 0.005 at most; past the same houses 0.002 to 0.02, in corridors of equal doors with other notices more.
     pub max_unlike_share: f64,
-    /// Fewest patches of either sort that say something. Default 3; 1 or more. A thing that is not there is missing in every view of
-    /// it; in one or two, depths may be wrong.
-    pub min_patches: usize,
+    /// Fewest views, of one keyframe in another, in which either must be. Default 3; 1 or more. A thing that is not there is
+    /// missing in every view of it; in one or two, depths may be wrong.
+    pub min_views: usize,
     /// Largest set of closures that agree with each other on another motion, as a share of the set that is believed.
     /// Default 0.5; 0 to 1. At 1 two motions are as likely.
     pub max_rival_share: f64,
@@ -68,9 +67,9 @@ impl Default for AcceptanceParams {
             min_confirmed_share: 0.5,
             max_through_share: 0.05,
             max_missing_share: 0.1,
-            max_absent_share: 0.003,
+            max_absent_share: 0.0014,
             max_unlike_share: 0.01,
-            min_patches: 3,
+            min_views: 3,
             max_rival_share: 0.5,
             max_rotation_deviation: 0.35,
             max_translation_deviation: 0.03,

@@ -23,9 +23,9 @@ const BEYOND: Beyond = Beyond {
     rival: 2,
     through_share: 0.05,
     missing_share: 0.1,
-    absent_patches: 3,
-    absent_share: 0.0015,
-    unlike_patches: 3,
+    absent_views: 3,
+    absent_share: 0.0007,
+    unlike_views: 3,
     unlike_share: 0.005,
 };
 
@@ -65,16 +65,16 @@ fn each_line_alone_says_what_it_says() {
         (Evidence { translation_deviation: 0.031, ..ENOUGH }, vague(0.35, 0.031, 0.03)),
         (Evidence { scale_deviation: 0.031, ..ENOUGH }, vague(0.35, 0.03, 0.031)),
         (
-            beyond(Beyond { absent_share: 0.004, ..BEYOND }),
-            Doubt::Absent { patches: 3, share: 0.004, limit: 0.003 },
+            beyond(Beyond { absent_share: 0.0015, ..BEYOND }),
+            Doubt::Absent { views: 3, share: 0.0015, limit: 0.0014 },
         ),
         (
             beyond(Beyond { unlike_share: 0.011, ..BEYOND }),
-            Doubt::OtherLook { patches: 3, share: 0.011, limit: 0.01 },
+            Doubt::OtherLook { views: 3, share: 0.011, limit: 0.01 },
         ),
         (
-            beyond(Beyond { absent_share: 0.003, ..BEYOND }),
-            Doubt::AbsentAndOtherLook { absent: 0.003, unlike: 0.005, sum: 1.5 },
+            beyond(Beyond { absent_share: 0.0014, ..BEYOND }),
+            Doubt::AbsentAndOtherLook { absent: 0.0014, unlike: 0.005, sum: 1.5 },
         ),
         (beyond(Beyond { rival: 3, ..BEYOND }), Doubt::Rival { closures: 4, rival: 3 }),
     ];
@@ -133,20 +133,19 @@ fn what_is_no_number_does_not_pass() {
 #[test]
 fn things_that_are_not_there_tell_places_that_look_alike() {
     let doubt = |evidence| verdict(evidence).doubt().expect("it is kept open");
-    assert!(doubt(beyond(Beyond { absent_share: 0.004, ..BEYOND })).is_look_alike());
+    assert!(doubt(beyond(Beyond { absent_share: 0.0015, ..BEYOND })).is_look_alike());
     assert!(doubt(beyond(Beyond { unlike_share: 0.011, ..BEYOND })).is_look_alike());
-    assert!(doubt(beyond(Beyond { absent_share: 0.003, ..BEYOND })).is_look_alike());
+    assert!(doubt(beyond(Beyond { absent_share: 0.0014, ..BEYOND })).is_look_alike());
     assert!(!doubt(beyond(Beyond { rival: 3, ..BEYOND })).is_look_alike());
     assert!(!doubt(Evidence { matches: 31, ..ENOUGH }).is_look_alike());
 }
 
 /// Depths may be wrong in one view or two; a thing that is not there is missing in all.
 #[test]
-fn a_patch_or_two_say_nothing() {
-    let none =
-        Beyond { absent_patches: 0, absent_share: 0.0, unlike_patches: 0, unlike_share: 0.0, ..BEYOND };
-    assert!(verdict(beyond(Beyond { absent_patches: 2, absent_share: 0.5, ..none })).accepts());
-    assert!(verdict(beyond(Beyond { unlike_patches: 2, unlike_share: 0.5, ..none })).accepts());
+fn a_view_or_two_say_nothing() {
+    let none = Beyond { absent_views: 0, absent_share: 0.0, unlike_views: 0, unlike_share: 0.0, ..BEYOND };
+    assert!(verdict(beyond(Beyond { absent_views: 2, absent_share: 0.5, ..none })).accepts());
+    assert!(verdict(beyond(Beyond { unlike_views: 2, unlike_share: 0.5, ..none })).accepts());
 }
 
 #[test]

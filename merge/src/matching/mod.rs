@@ -38,31 +38,99 @@ pub struct FeatureMatch {
     pub squared_distance: u32,
 }
 
-/// The nearest and second nearest so far.
+/// The nearest and second nearest of the other side.
 #[derive(Clone, Copy)]
 struct Nearest {
     index: u32,
-    first: u32,
-    second: u32,
+    first: f32,
+    second: f32,
 }
 
 impl Nearest {
-    const NONE: Self = Self { index: u32::MAX, first: u32::MAX, second: u32::MAX };
+    const NONE: Self = Self { index: u32::MAX, first: f32::INFINITY, second: f32::INFINITY };
 
-    /// Of equals the earlier stays.
-    #[inline]
-    fn offer(&mut self, index: u32, distance: u32) {
-        if distance < self.first {
-            *self = Self { index, first: distance, second: self.first };
-        } else if distance < self.second {
-            self.second = distance;
-        }
+    /// Of the candidates of both. Of equals the earlier one.
+    fn or(self, other: Self) -> Self {
+        let (near, far) =
+            if (other.first, other.index) < (self.first, self.index) { (other, self) } else { (self, other) };
+        Self { second: near.second.min(far.first), ..near }
     }
 
     /// Whether the nearest is clearly nearer than the second. Equals never are, and one alone is.
     fn is_distinct(&self, squared_ratio: f64) -> bool {
         let clear = self.first < self.second || squared_ratio >= 1.0;
-        clear && (self.second == u32::MAX || f64::from(self.first) <= squared_ratio * f64::from(self.second))
+        clear
+            && (self.second == f32::INFINITY
+                || f64::from(self.first) <= squared_ratio * f64::from(self.second))
+    }
+}
+
+/// The nearest of each of many, number by number, so that several are compared at a time.
+struct NearestOfEach {
+    index: Vec<u32>,
+    first: Vec<f32>,
+    second: Vec<f32>,
+}
+
+impl NearestOfEach {
+    fn new(count: usize) -> Self {
+        let Nearest { index, first, second } = Nearest::NONE;
+        Self { index: vec![index; count], first: vec![first; count], second: vec![second; count] }
+    }
+
+    fn get(&self, i: usize) -> Option<Nearest> {
+        let (index, first, second) = (*self.index.get(i)?, *self.first.get(i)?, *self.second.get(i)?);
+        Some(Nearest { index, first, second })
+    }
+}
+
+/// Offers each of `distances` to those who stand at its place, candidate `index(place)`. Of equals the one that was there stays.
+#[inline(always)]
+fn offer(
+    distances: &[f32],
+    candidate: impl Fn(usize) -> u32,
+    indices: &mut [u32],
+    firsts: &mut [f32],
+    seconds: &mut [f32],
+) {
+    let places = distances.iter().zip(indices).zip(firsts).zip(seconds).enumerate();
+    for (place, (((&distance, index), first), second)) in places {
+        let nearer = distance < *first;
+        *second = if nearer { *first } else { second.min(distance) };
+        *first = if nearer { distance } else { *first };
+        *index = if nearer { candidate(place) } else { *index };
+    }
+}
+
+/// Targets compared at a time.
+const LANES: usize = 16;
+
+geometry::multiversion! {
+    /// The nearest target of a source, by the products of their descriptors and the squares of their lengths; and the source
+    /// offered to each of the targets.
+    fn nearest_of(
+        dots: &[f32],
+        target_norms: &[f32],
+        source: u32,
+        source_norm: f32,
+        of_targets: &mut NearestOfEach,
+    ) -> Nearest {
+        let NearestOfEach { index, first, second } = of_targets;
+        let Nearest { index: none, first: far, .. } = Nearest::NONE;
+        let (mut indices, mut firsts, mut seconds) = ([none; LANES], [far; LANES], [far; LANES]);
+        let dots = dots.chunks(LANES).zip(target_norms.chunks(LANES));
+        let of_targets = index.chunks_mut(LANES).zip(first.chunks_mut(LANES)).zip(second.chunks_mut(LANES));
+        for (block, ((dots, norms), ((index, first), second))) in dots.zip(of_targets).enumerate() {
+            // Those beyond the last target are farther than all.
+            let mut distances = [far; LANES];
+            for ((distance, dot), norm) in distances.iter_mut().zip(dots).zip(norms) {
+                *distance = source_norm + norm - 2.0 * dot;
+            }
+            offer(&distances, |place| (block * LANES + place) as u32, &mut indices, &mut firsts, &mut seconds);
+            offer(&distances, |_| source, index, first, second);
+        }
+        let lane = |k: usize| Nearest { index: indices[k], first: firsts[k], second: seconds[k] };
+        (0..LANES).map(lane).fold(Nearest::NONE, Nearest::or)
     }
 }
 
@@ -86,30 +154,27 @@ pub fn match_features(source: &Features, target: &Features, params: &MatchParams
         let mutual = back.index as usize == index;
         if mutual && near.is_distinct(squared_ratio) && back.is_distinct(squared_ratio) {
             let (source, target) = (index as u32, near.index);
-            matches.push(FeatureMatch { source, target, squared_distance: near.first });
+            matches.push(FeatureMatch { source, target, squared_distance: near.first as u32 });
         }
     }
     matches
 }
 
 /// The nearest of the other side for each descriptor of both sides, from one pass over all pairs.
-fn nearest(source: &[Descriptor], target: &[Descriptor]) -> (Vec<Nearest>, Vec<Nearest>) {
+fn nearest(source: &[Descriptor], target: &[Descriptor]) -> (Vec<Nearest>, NearestOfEach) {
     let (of_targets, target_norms) = columns(target);
-    let mut of_source = vec![Nearest::NONE; source.len()];
-    let mut of_target = vec![Nearest::NONE; target.len()];
+    let mut of_source = Vec::with_capacity(source.len());
+    let mut of_target = NearestOfEach::new(target.len());
     let mut dots = Mat::zeros(target.len(), BLOCK);
-    for (block, descriptors) in source.chunks(BLOCK).enumerate() {
+    for descriptors in source.chunks(BLOCK) {
         let (of_sources, source_norms) = columns(descriptors);
         let mut dots = dots.subcols_mut(0, descriptors.len());
         matmul(&mut dots, Accum::Replace, of_targets.transpose(), &of_sources, 1.0f32, Par::Seq);
-        for (column, source_norm) in source_norms.iter().enumerate() {
-            let i = block * BLOCK + column;
+        for (column, &source_norm) in source_norms.iter().enumerate() {
             let others = dots.as_ref().col(column);
-            for (j, (dot, target_norm)) in others.iter().zip(&target_norms).enumerate() {
-                let distance = (source_norm + target_norm - 2.0 * dot) as u32;
-                of_source[i].offer(j as u32, distance);
-                of_target[j].offer(i as u32, distance);
-            }
+            let Some(others) = others.try_as_col_major() else { continue };
+            let i = of_source.len() as u32;
+            of_source.push(nearest_of(others.as_slice(), &target_norms, i, source_norm, &mut of_target));
         }
     }
     (of_source, of_target)
