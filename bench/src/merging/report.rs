@@ -191,6 +191,7 @@ pub fn refusals(merging: &Merging) -> String {
     for (name, pairs) in groups {
         let _ = writeln!(out, "| {} {name} | {} |", pairs.len(), counts(pairs).join(" | "));
     }
+    out.push_str(&recall(&merging.cuts));
     let misses: Vec<&Judged> =
         groups.iter().flat_map(|(_, pairs)| pairs.iter()).filter(|judged| judged.is_missed()).collect();
     for (title, list) in [("Wrong", merging.wrong().collect()), ("Missed", misses)] {
@@ -205,6 +206,17 @@ pub fn refusals(merging: &Merging) -> String {
         let _ = writeln!(out, "| {reason} | {strangers} | {others} |");
     }
     out
+}
+
+/// How many of the pairs that share a view and so much path were merged rightly.
+fn recall(pairs: &[Judged]) -> String {
+    let shared = [0.0, 0.5, 1.0, ENOUGH].map(|metres| {
+        let related = || pairs.iter().filter(|judged| judged.is_related() && judged.common.metres >= metres);
+        let right = related().filter(|judged| matches!(judged.verdict, Verdict::Right(_))).count();
+        let all = related().count();
+        format!("{right} of {all} with {metres} m of path or more")
+    });
+    format!("\nOf the random parts that show a place alike were merged {}.\n", shared.join(", "))
 }
 
 /// Counts of the columns of the table of refusals.

@@ -26,6 +26,9 @@ pub const SYMBOLS: usize = 2 * MOST as usize + 1;
 /// Sum of the frequencies of an axis.
 pub const TOTAL: u32 = 1 << 14;
 
+/// Parts of [`TOTAL`] of which it is known where to begin to look for a coordinate.
+const HINTS: u32 = 256;
+
 /// A coordinate frame for descriptors.
 pub struct Basis {
     step: f32,
@@ -36,6 +39,8 @@ pub struct Basis {
     components: Vec<f32>,
     /// Of each axis where each coordinate's part of [`TOTAL`] begins, and the end.
     starts: Vec<[u32; SYMBOLS + 1]>,
+    /// Of each axis the coordinate whose part holds the begin of each of [`HINTS`] parts.
+    hints: Vec<[u8; HINTS as usize]>,
     /// Of each axis what each coordinate stands for.
     values: Vec<[f32; SYMBOLS]>,
 }
@@ -77,8 +82,9 @@ impl Basis {
             starts.push(of_axis);
         }
         let mean = std::array::from_fn(|i| f32::from(u16::from_le_bytes(mean[i])) / 256.0);
+        let hints = starts.iter().map(hints).collect();
         let values = starts.iter().map(|starts| values(starts, step)).collect();
-        Some(Self { step, mean, axes, components, starts, values })
+        Some(Self { step, mean, axes, components, starts, hints, values })
     }
 
     /// Number of axes.
@@ -103,15 +109,7 @@ impl Basis {
 
     /// The descriptor at coordinates.
     pub fn descriptor(&self, coordinates: &[i32]) -> Descriptor {
-        let mut sums = self.mean;
-        for ((axis, values), &coordinate) in self.axes.iter().zip(&self.values).zip(coordinates) {
-            let length = values[(coordinate + MOST) as usize];
-            for (sum, component) in sums.iter_mut().zip(axis) {
-                *sum += length * component;
-            }
-        }
-        // Saturates at 0 and 255.
-        sums.map(|sum| sum.round() as u8)
+        sum_along(self, coordinates)
     }
 
     /// The part of a coordinate along an axis.
@@ -123,10 +121,36 @@ impl Basis {
 
     /// The coordinate along an axis whose part holds a place below [`TOTAL`].
     pub fn coordinate(&self, axis: usize, place: u32) -> (Part, i32) {
-        let symbol = self.starts[axis].partition_point(|&start| start <= place) - 1;
+        let starts = &self.starts[axis];
+        let mut symbol = usize::from(self.hints[axis][(place / (TOTAL / HINTS)) as usize]);
+        while starts[symbol + 1] <= place {
+            symbol += 1;
+        }
         let coordinate = symbol as i32 - MOST;
         (self.part(axis, coordinate), coordinate)
     }
+}
+
+geometry::multiversion! {
+    /// The mean and what the coordinates add along the axes; saturates at 0 and 255.
+    fn sum_along(basis: &Basis, coordinates: &[i32]) -> Descriptor {
+        let mut sums = basis.mean;
+        for ((axis, values), &coordinate) in basis.axes.iter().zip(&basis.values).zip(coordinates) {
+            let length = values[(coordinate + MOST) as usize];
+            for (sum, component) in sums.iter_mut().zip(axis) {
+                *sum += length * component;
+            }
+        }
+        sums.map(|sum| sum.round() as u8)
+    }
+}
+
+/// Where to begin to look for the coordinates of an axis.
+fn hints(starts: &[u32; SYMBOLS + 1]) -> [u8; HINTS as usize] {
+    std::array::from_fn(|hint| {
+        let place = hint as u32 * (TOTAL / HINTS);
+        (starts.partition_point(|&start| start <= place) - 1) as u8
+    })
 }
 
 /// What coordinates stand for: not the middle of their step but its centroid, where the probability along the step is
