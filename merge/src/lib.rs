@@ -49,6 +49,7 @@ pub mod pair;
 pub mod pairing;
 pub mod point_alignment;
 pub mod prepared;
+pub mod rivals;
 pub mod scale_filter;
 pub mod two_view;
 

@@ -8,6 +8,7 @@ use crate::closure::{
 use crate::further::{FurtherParams, Joined, join};
 use crate::pair::{ViewPair, view_pair};
 use crate::prepared::PreparedMap;
+use crate::rivals::rival_share;
 use crate::two_view::TwoViewRefusal;
 use backend::posegraph::PoseGraphError;
 use map::{Edge, KeyframeId};
@@ -148,7 +149,7 @@ pub fn meet(
     params.closure.pair.two_view.max_false_alarms /= count.max(1) as f64;
     params.closure.neighbourhood.pose.max_false_alarms /= params.neighbourhoods.max(1) as f64;
     for round in places.chunks(params.places.max(1)).take(params.rounds.max(1)) {
-        tried.extend(try_round(source, target, round, &params, further));
+        tried.extend(try_round(source, target, round, places, &params, further));
         if tried.iter().any(|tried: &Tried| tried.outcome.settles()) {
             return tried;
         }
@@ -194,7 +195,7 @@ fn try_neighbourhoods(
         let match_count = count(&found);
         let outcome =
             match found.and_then(|found| close_neighbourhood(source, target, &found, &params.closure)) {
-                Ok(closure) => decide(source, target, closure, params, further),
+                Ok(closure) => decide(source, target, closure, Others::default(), params, further),
                 Err(refusal) => Outcome::NotClosed(refusal),
             };
         let settled = outcome.settles();
@@ -209,11 +210,12 @@ fn try_neighbourhoods(
     }
 }
 
-/// One round of [`meet`].
+/// One round of [`meet`], with `places` of all that are `proposed`.
 fn try_round(
     source: &PreparedMap,
     target: &PreparedMap,
     places: &[Place],
+    proposed: &[Place],
     params: &MeetingParams,
     further: &FurtherParams,
 ) -> Vec<Tried> {
@@ -229,6 +231,8 @@ fn try_round(
     };
     // Stable: of equals the better proposal first.
     seen.sort_by_key(|(_, views)| std::cmp::Reverse(count(views)));
+    let pairs: Vec<ViewPair> = seen.iter().filter_map(|(_, views)| views.as_ref().ok().cloned()).collect();
+    let others = Others { matched: &pairs, proposed };
     let (mut followed, mut found) = (0, false);
     seen.into_iter()
         .map(|(place, views)| {
@@ -238,7 +242,7 @@ fn try_round(
                 Ok(_) if found || followed == params.closures => Outcome::NotFollowed,
                 Ok(views) => {
                     followed += 1;
-                    follow(source, target, views, params, further)
+                    follow(source, target, views, others, params, further)
                 }
             };
             found |= outcome.settles();
@@ -247,16 +251,26 @@ fn try_round(
         .collect()
 }
 
+/// The other places of two maps.
+#[derive(Clone, Copy, Default)]
+struct Others<'a> {
+    /// Those matched with the one that is followed, itself among them.
+    matched: &'a [ViewPair],
+    /// All that are proposed.
+    proposed: &'a [Place],
+}
+
 /// Follows one matched place to its verdict.
 fn follow(
     source: &PreparedMap,
     target: &PreparedMap,
     views: ViewPair,
+    others: Others,
     params: &MeetingParams,
     further: &FurtherParams,
 ) -> Outcome {
     match close(source, target, views, &params.closure) {
-        Ok(closure) => decide(source, target, closure, params, further),
+        Ok(closure) => decide(source, target, closure, others, params, further),
         Err(refusal) => Outcome::NotClosed(refusal),
     }
 }
@@ -279,11 +293,13 @@ fn matches_along(
     further.par_iter().map(count).sum()
 }
 
-/// The verdict on a closure. Both whole maps are asked too, but where no pair's images could be aligned.
+/// The verdict on a closure. Both whole maps are asked too, but where no pair's images could be aligned; and the others, where
+/// all else speaks for it.
 fn decide(
     source: &PreparedMap,
     target: &PreparedMap,
     closure: Closure,
+    others: Others,
     params: &MeetingParams,
     further: &FurtherParams,
 ) -> Outcome {
@@ -298,7 +314,12 @@ fn decide(
             if evidence.matches < params.acceptance.min_matches {
                 evidence.matches += matches_along(source, target, &closure, &joined, &params.closure);
             }
-            let verdict = judge(evidence, &params.acceptance);
+            let mut verdict = judge(evidence, &params.acceptance);
+            if verdict.accepts() {
+                let Others { matched, proposed } = others;
+                let share = rival_share(source, target, &closure, matched, proposed, &params.closure.pair);
+                verdict = judge(Evidence { rival_place: Some(share), ..evidence }, &params.acceptance);
+            }
             Outcome::Judged(Box::new(Judged { closure, joined: Some(joined), verdict }))
         }
     }

@@ -32,6 +32,9 @@ pub struct Evidence {
     pub icp_overlap: Option<f64>,
     /// What the rest of both maps says; nothing where the closure itself was not worth asking.
     pub beyond: Option<Beyond>,
+    /// Matches of the place that speaks most for another motion, over those of the one that speaks most for this
+    /// ([`rival_share`](crate::rivals::rival_share)); nothing where it was not asked, as other lines decided.
+    pub rival_place: Option<f64>,
 }
 
 /// What the rest of both maps says of a closure.
@@ -89,6 +92,7 @@ impl Evidence {
             scale_deviation: covariance[(6, 6)].sqrt(),
             icp_overlap: closure.registration.as_ref().ok().map(|found| found.overlap),
             beyond: joined.map(Beyond::new),
+            rival_place: None,
         }
     }
 }

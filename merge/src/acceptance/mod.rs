@@ -21,6 +21,7 @@
 //! | patches that look otherwise where all others look alike | the same, where what differs is flat | undecided |
 //! | both together, each over its limit | the same, where a little of each differs | undecided |
 //! | closures that agree on another motion | things that repeat | undecided |
+//! | places that match nearly as well and speak for another motion | a row of equal houses, shifted by one | undecided |
 //!
 //! The first five need the closure alone; the others need both whole maps ([`further`](crate::further)) and are asked of
 //! every closure of which some pair's images could be aligned, so that one that is refused is refused by all that speaks
@@ -230,12 +231,30 @@ pub enum Doubt {
         /// Closures that agree on another.
         rival: usize,
     },
+    /// Another place matches nearly as well.
+    #[error(
+        "another place that would lay the maps otherwise has {share:.2} of the matches of this one; {limit:.2} at most may be: \
+         things that repeat look like that"
+    )]
+    OtherPlace {
+        /// Its share of the matches.
+        share: f64,
+        /// Largest share.
+        limit: f64,
+    },
 }
 
 impl Doubt {
-    /// Whether the two places look alike and are not the same by things that one has and the other has not.
+    /// Whether places look alike that are not the same: by things that one has and the other has not, or as more than one
+    /// matches.
     pub fn is_look_alike(&self) -> bool {
-        matches!(self, Self::Absent { .. } | Self::OtherLook { .. } | Self::AbsentAndOtherLook { .. })
+        matches!(
+            self,
+            Self::Absent { .. }
+                | Self::OtherLook { .. }
+                | Self::AbsentAndOtherLook { .. }
+                | Self::OtherPlace { .. }
+        )
     }
 }
 
@@ -245,6 +264,10 @@ pub fn judge(evidence: Evidence, params: &AcceptanceParams) -> Verdict {
     test.closure(&evidence, params);
     if let Some(beyond) = &evidence.beyond {
         test.beyond(beyond, params);
+    }
+    if let Some(share) = evidence.rival_place {
+        let limit = params.max_rival_place;
+        test.most("rival place", [share, limit], Says::Open, Doubt::OtherPlace { share, limit });
     }
     let decision = match (test.against, test.open) {
         (Some(doubt), _) => Decision::Refused(doubt),

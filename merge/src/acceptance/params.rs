@@ -45,6 +45,10 @@ pub struct AcceptanceParams {
     /// Largest set of closures that agree with each other on another motion, as a share of the set that is believed.
     /// Default 0.5; 0 to 1. At 1 two motions are as likely.
     pub max_rival_share: f64,
+    /// Most matches of a place that speaks for another motion, over those of the one that speaks most for this. Default 0.75; 0
+    /// to 1. Past equal houses 24 wrong closures that all other lines let pass have 0.76 and more, the 20 right ones 0.46 to
+    /// 0.72; right ones elsewhere 0.14 at most.
+    pub max_rival_place: f64,
     /// Largest standard deviation of the rotation, degrees. Default 0.35; above 0. A turn by that moves what is
     /// 10 m away by 6 cm.
     pub max_rotation_deviation: f64,
@@ -71,6 +75,7 @@ impl Default for AcceptanceParams {
             max_unlike_share: 0.01,
             min_views: 3,
             max_rival_share: 0.5,
+            max_rival_place: 0.75,
             max_rotation_deviation: 0.35,
             max_translation_deviation: 0.03,
             max_scale_deviation: 0.03,

@@ -11,6 +11,7 @@ const ENOUGH: Evidence = Evidence {
     translation_deviation: 0.03,
     scale_deviation: 0.03,
     icp_overlap: None,
+    rival_place: None,
     beyond: Some(BEYOND),
 };
 
@@ -77,6 +78,7 @@ fn each_line_alone_says_what_it_says() {
             Doubt::AbsentAndOtherLook { absent: 0.0014, unlike: 0.005, sum: 1.5 },
         ),
         (beyond(Beyond { rival: 3, ..BEYOND }), Doubt::Rival { closures: 4, rival: 3 }),
+        (Evidence { rival_place: Some(0.76), ..ENOUGH }, Doubt::OtherPlace { share: 0.76, limit: 0.75 }),
     ];
     for (evidence, doubt) in left_open {
         assert_eq!(verdict(evidence).decision, Decision::Undecided(doubt));
@@ -136,6 +138,7 @@ fn things_that_are_not_there_tell_places_that_look_alike() {
     assert!(doubt(beyond(Beyond { absent_share: 0.0015, ..BEYOND })).is_look_alike());
     assert!(doubt(beyond(Beyond { unlike_share: 0.011, ..BEYOND })).is_look_alike());
     assert!(doubt(beyond(Beyond { absent_share: 0.0014, ..BEYOND })).is_look_alike());
+    assert!(doubt(Evidence { rival_place: Some(0.8), ..ENOUGH }).is_look_alike());
     assert!(!doubt(beyond(Beyond { rival: 3, ..BEYOND })).is_look_alike());
     assert!(!doubt(Evidence { matches: 31, ..ENOUGH }).is_look_alike());
 }

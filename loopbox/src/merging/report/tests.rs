@@ -149,6 +149,7 @@ fn evidence() -> Evidence {
         translation_deviation: 0.01,
         scale_deviation: f64::INFINITY,
         icp_overlap: None,
+        rival_place: None,
         beyond: None,
     }
 }
