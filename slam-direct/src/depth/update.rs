@@ -230,9 +230,8 @@ impl<'a> Observer<'a> {
             let position = [pixels.position[0][lane], pixels.position[1][lane]];
             let gradient = [pixels.gradient[0][lane], pixels.gradient[1][lane]];
             let (look, worthwhile) = self.look::<BENT, ROLLING>(position, gradient, &pixels.hypothesis(lane));
-            let numbers = look.to_numbers();
-            for number in 0..Look::NUMBERS {
-                looks.numbers[number][lane] = numbers[number];
+            for (row, number) in looks.numbers.iter_mut().zip(look.to_numbers()) {
+                row[lane] = number;
             }
             looks.worthwhile[lane] = worthwhile;
         }
