@@ -94,7 +94,14 @@ impl<const DIM: usize> BlockSystem<DIM> {
     /// The slot of a pair given to [`BlockSystem::new`], `greater` > `smaller`.
     #[inline]
     pub fn slot(&self, greater: usize, smaller: usize) -> BlockSlot {
-        let position = self.rows[smaller].partition_point(|&row| (row as usize) < greater);
+        let rows = &self.rows[smaller];
+        // Where each node is coupled with those that follow it, as poses along a path are, this is the place.
+        let likely = (greater - smaller).min(rows.len() - 1);
+        let position = if rows[likely] as usize == greater {
+            likely
+        } else {
+            rows.partition_point(|&row| (row as usize) < greater)
+        };
         BlockSlot { column: smaller as u32, position: position as u32 }
     }
 
@@ -127,7 +134,7 @@ impl<const DIM: usize> BlockSystem<DIM> {
     }
 
     /// Adds to a node's block and gradient in the damped copy.
-    #[inline]
+    #[inline(always)]
     pub fn reduce_node(&mut self, node: usize, block: &SMatrix<f64, DIM, DIM>, gradient: &SVector<f64, DIM>) {
         let starts = &self.pattern.col_ptr()[node * DIM..];
         add_diagonal(&mut self.damped, starts, block);
@@ -135,7 +142,7 @@ impl<const DIM: usize> BlockSystem<DIM> {
     }
 
     /// Adds to the block of a pair in the damped copy.
-    #[inline]
+    #[inline(always)]
     pub fn reduce_pair(&mut self, slot: BlockSlot, block: &SMatrix<f64, DIM, DIM>) {
         let starts = &self.pattern.col_ptr()[slot.column as usize * DIM..];
         add_block(&mut self.damped, starts, slot.position as usize, block);
@@ -200,7 +207,7 @@ impl<const DIM: usize> BlockSystem<DIM> {
 }
 
 /// Adds the lower triangle of a diagonal block; `starts` are those of its scalar columns.
-#[inline]
+#[inline(always)]
 fn add_diagonal<const DIM: usize>(values: &mut [f64], starts: &[u32], block: &SMatrix<f64, DIM, DIM>) {
     for c in 0..DIM {
         let column = &mut values[starts[c] as usize..][..DIM - c];
@@ -209,7 +216,7 @@ fn add_diagonal<const DIM: usize>(values: &mut [f64], starts: &[u32], block: &SM
 }
 
 /// Adds a block below the diagonal, the one at `position` in its column of blocks.
-#[inline]
+#[inline(always)]
 fn add_block<const DIM: usize>(
     values: &mut [f64],
     starts: &[u32],

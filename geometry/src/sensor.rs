@@ -79,8 +79,10 @@ impl Sensor {
     }
 
     /// Whether not all of an image is read at once.
+    #[inline(always)]
     pub fn is_rolling(&self) -> bool {
-        self.readout != [0.0; 2]
+        let [columns, rows] = self.readout;
+        columns != 0.0 || rows != 0.0
     }
 
     /// Whether images show all as an ideal camera would, as far as it matters.
@@ -105,11 +107,13 @@ impl Sensor {
 
     /// How fast what the image shows at a pixel moves in it, pixels a second; the point has this inverse depth in the moving
     /// camera.
+    #[inline(always)]
     pub fn velocity(&self, pixel: [f64; 2], motion: &Twist, inverse_depth: f64) -> Vector2<f64> {
         let Pinhole { fx, fy, .. } = self.lens.camera;
         let ray = self.lens.camera.unproject(pixel[0], pixel[1]);
         let (x, y, rho) = (ray.x, ray.y, inverse_depth);
-        let along = |by: [f64; 6]| Vector6::from(by).dot(motion);
+        let along =
+            |by: [f64; 6]| by.iter().zip(motion.as_slice()).map(|(by, motion)| by * motion).sum::<f64>();
         Vector2::new(
             along([fx * rho, 0.0, -fx * x * rho, -fx * x * y, fx * (1.0 + x * x), -fx * y]),
             along([0.0, fy * rho, -fy * y * rho, -fy * (1.0 + y * y), fy * x * y, fy * x]),
@@ -117,18 +121,21 @@ impl Sensor {
     }
 
     /// Where a pixel lies between the first and the last column, and row: −½ to ½.
+    #[inline(always)]
     pub fn order(&self, [x, y]: [f64; 2]) -> [f64; 2] {
         let camera = &self.lens.camera;
         [(x + 0.5) / camera.width as f64 - 0.5, (y + 0.5) / camera.height as f64 - 0.5]
     }
 
     /// When a pixel is read, seconds after the middle of the image.
+    #[inline(always)]
     pub fn delay(&self, pixel: [f64; 2]) -> f64 {
         let ([x, y], [columns, rows]) = (self.order(pixel), self.readout);
         x * columns + y * rows
     }
 
     /// Where an ideal pinhole camera that reads all rows at once sees what the image shows at `pixel`.
+    #[inline(always)]
     pub fn ideal_pixel(&self, pixel: [f64; 2], motion: &Twist, inverse_depth: f64) -> [f64; 2] {
         if !self.is_rolling() {
             return self.lens.undistort(pixel);
@@ -138,6 +145,7 @@ impl Sensor {
     }
 
     /// Where the image shows what that camera sees at `pixel`; exact but for how the point's velocity changes over the shift.
+    #[inline(always)]
     pub fn shown_pixel(&self, pixel: [f64; 2], motion: &Twist, inverse_depth: f64) -> [f64; 2] {
         let still = self.lens.distort(pixel);
         if !self.is_rolling() {

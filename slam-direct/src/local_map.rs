@@ -267,6 +267,7 @@ impl LocalMap {
     /// The keyframe's points as it sees them, for direct alignment.
     pub fn reference_points(&self, keyframe: usize) -> Vec<ReferencePoint> {
         let state = &self.keyframes[keyframe];
+        let motion = state.motion_in_world();
         let mut from_host: BTreeMap<usize, Se3> = BTreeMap::new();
         self.points_of(keyframe)
             .filter_map(|at| {
@@ -286,7 +287,7 @@ impl LocalMap {
                     return None;
                 }
                 let inverse_depth = point.inverse_depth / x.z;
-                let pixel = self.shown_pixel(keyframe, self.camera.project(&x).into(), inverse_depth);
+                let pixel = self.sensor.shown_pixel(self.camera.project(&x).into(), &motion, inverse_depth);
                 Some(ReferencePoint {
                     pixel: pixel.map(|v| v as f32),
                     inverse_depth: inverse_depth as f32,

@@ -92,16 +92,51 @@ fn sampled<const SIDE: usize>(host: &Pyramid, pixel: [f32; 2], warp: &Warp) -> O
         return None;
     }
     let first = -(SIDE as f32 - 1.0) / 2.0;
-    let mut samples = [[0.0f32; SIDE]; SIDE];
-    for (j, row) in samples.iter_mut().enumerate() {
+    let (mut xs, mut ys) = ([[0.0f32; SIDE]; SIDE], [[0.0f32; SIDE]; SIDE]);
+    for j in 0..SIDE {
         let dy = first + j as f32;
-        for (i, sample) in row.iter_mut().enumerate() {
+        for i in 0..SIDE {
             let dx = first + i as f32;
-            let (x, y) = (cx + m[0] * dx + m[1] * dy, cy + m[2] * dx + m[3] * dy);
-            *sample = image.bilinear(x, y);
+            (xs[j][i], ys[j][i]) = (cx + m[0] * dx + m[1] * dy, cy + m[2] * dx + m[3] * dy);
         }
     }
+    let mut samples = [[0.0f32; SIDE]; SIDE];
+    // SAFETY: the corners of a larger square lie in the image.
+    unsafe { bilinear(image, xs.as_flattened(), ys.as_flattened(), samples.as_flattened_mut()) };
     Some(samples)
+}
+
+/// [`GrayImage::bilinear`] at as many places, in steps in which the processor can work on several side by side.
+///
+/// # Safety
+/// All places must be finite, and lie in the image but for rounding.
+#[inline(always)]
+unsafe fn bilinear(image: &GrayImage, xs: &[f32], ys: &[f32], samples: &mut [f32]) {
+    const MOST: usize = RIM * RIM;
+    let count = samples.len().min(MOST);
+    let (width, data) = (image.width(), image.data());
+    let last = [width as i32 - 2, image.height() as i32 - 2];
+    let mut first = [0i32; MOST];
+    let (mut dx, mut dy) = ([0.0f32; MOST], [0.0f32; MOST]);
+    for i in 0..count {
+        // SAFETY: places in an image are finite and small.
+        let at = unsafe { [xs[i].to_int_unchecked::<i32>(), ys[i].to_int_unchecked::<i32>()] };
+        let (x, y) = (at[0].min(last[0]), at[1].min(last[1]));
+        first[i] = y * width as i32 + x;
+        (dx[i], dy[i]) = (xs[i] - x as f32, ys[i] - y as f32);
+    }
+    let mut corners = [[0u8; MOST]; 4];
+    for (i, &first) in first[..count].iter().enumerate() {
+        let first = first as usize;
+        let (top, bottom) = (&data[first..first + 2], &data[first + width..first + width + 2]);
+        (corners[0][i], corners[1][i]) = (top[0], top[1]);
+        (corners[2][i], corners[3][i]) = (bottom[0], bottom[1]);
+    }
+    for i in 0..count {
+        let [a, b, c, d] = [0, 1, 2, 3].map(|corner: usize| f32::from(corners[corner][i]));
+        let (top, bottom) = (a + dx[i] * (b - a), c + dx[i] * (d - c));
+        samples[i] = top + dy[i] * (bottom - top);
+    }
 }
 
 impl Appearance {

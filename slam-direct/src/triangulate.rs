@@ -7,6 +7,7 @@ use crate::warp::Warp;
 use crate::window::predict;
 use backend::params;
 use geometry::Se3;
+use geometry::sensor::Twist;
 use nalgebra::{Matrix3, Vector2, Vector3};
 
 params! {
@@ -28,6 +29,46 @@ struct View {
     keyframe: usize,
     relative: Se3,
     rotation: Matrix3<f64>,
+    /// How the other's camera moved, in map units.
+    motion: Twist,
+}
+
+/// Where a view shows a ray at one inverse depth.
+#[derive(Clone, Copy, Default)]
+struct Place {
+    inverse_depth: f64,
+    /// Depth in the view over that in the host.
+    depth: f64,
+    pixel: [f64; 2],
+}
+
+/// Least depth in a view over that in the host of what it shows.
+const LEAST_DEPTH: f64 = 0.05;
+
+geometry::multiversion! {
+    /// Where a view shows a ray of the host at inverse depths spread evenly over `range`, from its one end in so many steps
+    /// to the other.
+    fn places(
+        map: &LocalMap,
+        view: &View,
+        ray: &Vector3<f64>,
+        range: (f64, f64),
+        steps: usize,
+    ) -> Vec<Place> {
+        // Copies, which no place that is written can change: so that processors work on several side by side.
+        let (camera, sensor, motion) = (map.camera, map.sensor, view.motion);
+        let (at_infinity, shift) = (view.rotation * ray, view.relative.translation);
+        let mut all = vec![Place::default(); steps + 1];
+        for (i, place) in (0i32..).zip(&mut all) {
+            let inverse_depth = range.0 + (range.1 - range.0) * f64::from(i) / steps as f64;
+            let x = at_infinity + shift * inverse_depth;
+            let ideal = camera.project(&x).into();
+            let pixel = sensor.shown_pixel(ideal, &motion, inverse_depth / x.z);
+            *place = Place { inverse_depth, depth: x.z, pixel };
+        }
+        all.retain(|place| place.depth > LEAST_DEPTH);
+        all
+    }
 }
 
 /// Finds a candidate's depth by searching `others` in order. The result holds all observations that agree.
@@ -53,7 +94,8 @@ impl<'a> Triangulator<'a> {
             .map(|&keyframe| {
                 let other = &map.keyframes[keyframe];
                 let relative = other.camera_from_world * state.camera_from_world.inverse();
-                View { keyframe, rotation: relative.rotation_matrix(), relative }
+                let (rotation, motion) = (relative.rotation_matrix(), other.motion_in_world());
+                View { keyframe, relative, rotation, motion }
             })
             .collect();
         Self { map, host, views, params, track }
@@ -97,15 +139,9 @@ impl<'a> Triangulator<'a> {
 
     /// Best inverse depth along the epipolar segment, to about a pixel.
     fn search(&self, view: &View, pixel: [f32; 2], ray: &Vector3<f64>, range: (f64, f64)) -> Option<f64> {
-        let project = |d: f64| {
-            let x = view.rotation * ray + view.relative.translation * d;
-            (x.z > 0.05).then(|| {
-                let ideal = self.map.camera.project(&x).into();
-                Vector2::from(self.map.shown_pixel(view.keyframe, ideal, d / x.z))
-            })
-        };
-        let (near, far) = (project(range.1)?, project(range.0)?);
-        let length = (near - far).norm();
+        let ends = places(self.map, view, ray, range, 1);
+        let [far, near] = ends.as_slice() else { return None };
+        let length = distance(near, far);
         if length > self.params.max_length {
             return None;
         }
@@ -115,27 +151,16 @@ impl<'a> Triangulator<'a> {
         let patch = Appearance::cut(host, pixel, &warp)?;
         let other = &self.map.keyframes[view.keyframe].pyramid;
         let steps = (length / (1 << patch.level) as f64 / 0.8).ceil().max(1.0) as usize;
-        let places: Vec<(f64, Vector2<f64>)> = (0..=steps)
-            .filter_map(|i| {
-                let d = range.0 + (range.1 - range.0) * i as f64 / steps as f64;
-                Some((d, project(d)?))
-            })
-            .collect();
-        let pixels: Vec<[f32; 2]> = places.iter().map(|(_, at)| [at.x as f32, at.y as f32]).collect();
-        let errors: Vec<(f64, Vector2<f64>, f32)> = places
-            .into_iter()
-            .zip(patch.errors_at(other, &pixels))
-            .filter_map(|((d, at), error)| Some((d, at, error?)))
-            .collect();
-        let best = errors.iter().min_by(|a, b| a.2.total_cmp(&b.2))?;
+        let places = places(self.map, view, ray, range, steps);
+        let pixels: Vec<[f32; 2]> = places.iter().map(|place| place.pixel.map(|v| v as f32)).collect();
+        let errors = patch.errors_at(other, &pixels);
+        let seen = || places.iter().zip(&errors).filter_map(|(place, error)| Some((place, (*error)?)));
+        let (best, least) = seen().min_by(|a, b| a.1.total_cmp(&b.1))?;
         let apart = 3.0 * (1 << patch.level) as f64;
-        let rival = errors
-            .iter()
-            .filter(|e| (e.1 - best.1).norm() > apart)
-            .map(|e| e.2)
-            .fold(f32::INFINITY, f32::min);
-        let unique = rival > self.params.uniqueness * best.2.max(0.02);
-        (unique && best.2 < 0.5).then_some(best.0)
+        let rivals = seen().filter(|(place, _)| distance(place, best) > apart);
+        let rival = rivals.map(|(_, error)| error).fold(f32::INFINITY, f32::min);
+        let unique = rival > self.params.uniqueness * least.max(0.02);
+        (unique && least < 0.5).then_some(best.inverse_depth)
     }
 
     /// The point's exact position in a view, near the epipolar line.
@@ -212,6 +237,11 @@ impl<'a> Triangulator<'a> {
         }
         (d > 0.0 && d.is_finite()).then_some((d, 1.0 / information, worst))
     }
+}
+
+/// Of two places in the image, pixels.
+fn distance(a: &Place, b: &Place) -> f64 {
+    (Vector2::from(a.pixel) - Vector2::from(b.pixel)).norm()
 }
 
 #[cfg(test)]

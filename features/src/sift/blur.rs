@@ -44,12 +44,7 @@ impl Kernel {
     /// The blur along the columns of row `y`.
     #[inline(always)]
     fn down(&self, source: &Image<f32>, y: usize, output: &mut [f32]) {
-        let (width, height) = (source.width(), source.height());
-        let rows = |i: usize| {
-            let above = mirrored(y as isize - i as isize, height);
-            let below = mirrored((y + i) as isize, height);
-            (source.row(above), source.row(below))
-        };
+        let width = source.width();
         let mut start = 0;
         // The last block overlaps the one before.
         while width >= BLOCK && start < width {
@@ -59,7 +54,7 @@ impl Kernel {
                 *sum = self.0[0] * v;
             }
             for (i, weight) in self.0.iter().enumerate().skip(1) {
-                let (above, below) = rows(i);
+                let (above, below) = rows(source, y, i);
                 add(&mut sums, *weight, &above[x..x + BLOCK], &below[x..x + BLOCK]);
             }
             output[x..x + BLOCK].copy_from_slice(&sums);
@@ -69,7 +64,7 @@ impl Kernel {
             for (x, output) in output.iter_mut().enumerate() {
                 *output = self.0[0] * source.get(x, y);
                 for (i, weight) in self.0.iter().enumerate().skip(1) {
-                    let (above, below) = rows(i);
+                    let (above, below) = rows(source, y, i);
                     *output += weight * (above[x] + below[x]);
                 }
             }
@@ -106,6 +101,14 @@ impl Kernel {
     }
 }
 
+/// The rows `i` above and below `y`.
+#[inline(always)]
+fn rows(image: &Image<f32>, y: usize, i: usize) -> (&[f32], &[f32]) {
+    let above = mirrored(y as isize - i as isize, image.height());
+    let below = mirrored((y + i) as isize, image.height());
+    (image.row(above), image.row(below))
+}
+
 /// Adds a weighted pair of neighbours to each sum.
 #[inline(always)]
 fn add(sums: &mut [f32; BLOCK], weight: f32, a: &[f32], b: &[f32]) {
@@ -115,7 +118,11 @@ fn add(sums: &mut [f32; BLOCK], weight: f32, a: &[f32], b: &[f32]) {
 }
 
 /// The index of a pixel mirrored at the borders of `size` pixels, which are not repeated.
+#[inline(always)]
 fn mirrored(i: isize, size: usize) -> usize {
+    if (0..size as isize).contains(&i) {
+        return i as usize;
+    }
     let period = (2 * size as isize - 2).max(1);
     let i = i.rem_euclid(period);
     i.min(period - i).clamp(0, size as isize - 1) as usize

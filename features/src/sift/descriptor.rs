@@ -1,7 +1,7 @@
 //! The descriptor of a key point: 4 × 4 histograms of 8 gradient directions (Lowe 2004, §6).
 
 use super::gradient::Gradient;
-use super::window::Window;
+use super::window::{LANES, Window};
 use crate::Descriptor;
 use crate::numbers::sin_cos;
 
@@ -19,6 +19,72 @@ const LARGEST: f32 = 0.2;
 
 /// Cells along a side with those around, which take what is interpolated beyond the border.
 const PADDED: usize = CELLS + 2;
+
+/// Samples of a row that follow each other, worked out side by side.
+#[derive(Default)]
+struct Samples {
+    /// Whether it lies in the padded cells.
+    counts: [bool; LANES],
+    /// Its direction, in bins.
+    direction: [f32; LANES],
+    /// The upper left one of the four cells that share it.
+    corner: [f32; LANES],
+    /// What each of the four gets of it.
+    weights: [[f32; LANES]; 4],
+}
+
+/// What the samples of a row share.
+struct Row {
+    /// The first sample's column and row of cells.
+    u: f32,
+    v: f32,
+    /// How `u` grows and `v` falls from sample to sample.
+    along_x: f32,
+    along_y: f32,
+    /// The window's weight of the row.
+    weight: f32,
+    /// The key point's orientation.
+    turns: f32,
+}
+
+impl Row {
+    /// [`LANES`] samples from one on, with the gradient there and the window's weights of the columns.
+    #[inline(always)]
+    fn samples(
+        &self,
+        first: usize,
+        lengths: &[f32; LANES],
+        directions: &[f32; LANES],
+        across: &[f32; LANES],
+    ) -> Samples {
+        let mut samples = Samples::default();
+        for k in 0..LANES {
+            let x = first as f32 + k as f32;
+            let (u, v) = (self.u + self.along_x * x, self.v - self.along_y * x);
+            let size = (CELLS + 1) as f32;
+            samples.counts[k] = (u >= 0.0) & (v >= 0.0) & (u < size) & (v < size);
+            let length = lengths[k] * (self.weight * across[k]);
+            let relative = self.turns - directions[k];
+            let relative = if relative < 0.0 { relative + 1.0 } else { relative };
+            samples.direction[k] = relative * DIRECTIONS as f32;
+            let (column, row) = (u.floor(), v.floor());
+            let (right, lower) = (u - column, v - row);
+            let (of_lower, of_upper) = (length * lower, length - length * lower);
+            samples.corner[k] = row * PADDED as f32 + column;
+            samples.weights[0][k] = of_upper - of_upper * right;
+            samples.weights[1][k] = of_upper * right;
+            samples.weights[2][k] = of_lower - of_lower * right;
+            samples.weights[3][k] = of_lower * right;
+        }
+        samples
+    }
+}
+
+/// The first numbers of a slice that has as many.
+#[inline(always)]
+fn first_chunk(numbers: &[f32]) -> &[f32; LANES] {
+    numbers.first_chunk().expect("the window and the image reach so far")
+}
 
 /// Describes the surroundings of `pixel` with blur `sigma`, both in pixels of the octave, seen along `turns`.
 #[inline(always)]
@@ -50,32 +116,19 @@ pub fn describe(
         let inside = inside(u, along_x, columns.len());
         let also = self::inside(v, -along_y, columns.len());
         let (first, end) = (inside.0.max(also.0), inside.1.min(also.1));
-        if first >= end {
-            continue;
-        }
-        let start = columns.start + first;
-        let lengths = &image.row(y)[start..columns.start + end];
-        let directions = &gradient.turns.row(y)[start..columns.start + end];
-        let across = &window.across[first..end];
-        for (i, ((length, direction), across)) in lengths.iter().zip(directions).zip(across).enumerate() {
-            let x = (first + i) as f32;
-            let (u, v) = (u + along_x * x, v - along_y * x);
-            let size = (CELLS + 1) as f32;
-            if !(u >= 0.0 && v >= 0.0 && u < size && v < size) {
-                continue;
+        let row = Row { u, v, along_x, along_y, weight, turns };
+        for start in (first..end).step_by(LANES) {
+            // What lies beyond the window has no weight; the last rows of the images are not in it.
+            let at = y * image.width() + columns.start + start;
+            let lengths = first_chunk(&image.data()[at..]);
+            let directions = first_chunk(&gradient.turns.data()[at..]);
+            let samples = row.samples(start, lengths, directions, first_chunk(&window.across[start..]));
+            for k in (0..LANES.min(end - start)).filter(|&k| samples.counts[k]) {
+                let (shares, corner) = (shares(samples.direction[k]), samples.corner[k] as usize);
+                for (cell, weights) in [0, 1, PADDED, PADDED + 1].into_iter().zip(&samples.weights) {
+                    add(&mut histograms[corner + cell], weights[k], &shares);
+                }
             }
-            let length = length * (weight * across);
-            let relative = turns - direction;
-            let relative = if relative < 0.0 { relative + 1.0 } else { relative };
-            let shares = shares(relative * DIRECTIONS as f32);
-            let (column, row) = (u as usize, v as usize);
-            let (right, lower) = (u - column as f32, v - row as f32);
-            let (of_lower, of_upper) = (length * lower, length - length * lower);
-            let corner = row * PADDED + column;
-            add(&mut histograms[corner], of_upper - of_upper * right, &shares);
-            add(&mut histograms[corner + 1], of_upper * right, &shares);
-            add(&mut histograms[corner + PADDED], of_lower - of_lower * right, &shares);
-            add(&mut histograms[corner + PADDED + 1], of_lower * right, &shares);
         }
     }
     let mut histogram = [0.0f32; 128];

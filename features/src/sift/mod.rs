@@ -18,7 +18,7 @@ use crate::{Features, Keypoint, SiftParams};
 use extrema::{Extremum, extrema};
 use geometry::{GrayImage, Pyramid};
 use gradient::Gradient;
-use scale_space::{LAYERS, Octave, Placed, SIGMA, first, octaves};
+use scale_space::{LAYERS, Octave, Placed, SIGMA, Scales, first};
 use window::Window;
 
 geometry::multiversion! {
@@ -34,8 +34,13 @@ geometry::multiversion! {
 
         // As OpenCV counts it: of a full scale of one, and divided by the layers.
         let contrast = (params.contrast * 255.0 / LAYERS as f64) as f32;
-        let mut found = Vec::new();
-        let octaves = octaves(first, |octave, _, differences| extrema(octave, differences, contrast, &mut found));
+        let (mut octaves, mut found) = (Vec::new(), Vec::new());
+        let (mut scales, mut next) = (Scales::new(), first);
+        while let Some((octave, differences)) = scales.octave(next) {
+            extrema(octaves.len(), &differences, contrast, &mut found);
+            next = octave.next();
+            octaves.push(octave);
+        }
 
         // Of equal strength the first in the image, so that the order is one.
         found.sort_by(|a, b| b.contrast.total_cmp(&a.contrast));

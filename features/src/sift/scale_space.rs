@@ -18,7 +18,7 @@ const SMALLEST: usize = 12;
 
 /// The blurred images of one octave; image i has blur [`SIGMA`]·2^(i / [`LAYERS`]).
 pub struct Octave {
-    /// [`LAYERS`] + 3 images; of the last two only the differences are asked.
+    /// [`LAYERS`] + 1 images; of two more only the differences are asked.
     pub images: Vec<Image<f32>>,
 }
 
@@ -48,33 +48,47 @@ pub fn first(image: &GrayImage, double: bool) -> (Image<f32>, Placed) {
     (blurred, placed)
 }
 
-/// All octaves from the first image; `each` sees an octave's number, its images and its differences.
-#[inline(always)]
-pub fn octaves(first: Image<f32>, mut each: impl FnMut(usize, &[Image<f32>], &[Image<f32>])) -> Vec<Octave> {
-    // From blur σ·2^((i−1)/layers) to σ·2^(i/layers).
-    let step = |i: usize| {
-        let before = SIGMA * exp2((i as f64 - 1.0) / LAYERS as f64);
-        Kernel::new(before * (exp2(2.0 / LAYERS as f64) - 1.0).sqrt())
-    };
-    let kernels: Vec<Kernel> = (1..LAYERS + 3).map(step).collect();
-    let (mut octaves, mut differences, mut line) = (Vec::new(), Vec::new(), Vec::new());
-    let mut next = first;
-    while next.width().min(next.height()) >= SMALLEST {
-        let (width, height) = (next.width(), next.height());
-        let mut images = vec![next];
-        differences.resize_with(LAYERS + 2, || Image::filled(0, 0, 0.0));
-        for (i, kernel) in kernels.iter().enumerate() {
+/// What makes octaves of their first images.
+pub struct Scales {
+    /// From blur σ·2^((i−1)/layers) to σ·2^(i/layers).
+    kernels: Vec<Kernel>,
+    line: Vec<f32>,
+}
+
+impl Scales {
+    /// The same for all octaves.
+    pub fn new() -> Self {
+        let step = |i: usize| {
+            let before = SIGMA * exp2((i as f64 - 1.0) / LAYERS as f64);
+            Kernel::new(before * (exp2(2.0 / LAYERS as f64) - 1.0).sqrt())
+        };
+        Self { kernels: (1..LAYERS + 3).map(step).collect(), line: Vec::new() }
+    }
+
+    /// The octave that begins with an image, and its [`LAYERS`] + 2 differences; nothing where the image is too small.
+    #[inline(always)]
+    pub fn octave(&mut self, first: Image<f32>) -> Option<(Octave, Vec<Image<f32>>)> {
+        let (width, height) = (first.width(), first.height());
+        if width.min(height) < SMALLEST {
+            return None;
+        }
+        let (mut images, mut differences) = (vec![first], Vec::with_capacity(self.kernels.len()));
+        for (i, kernel) in self.kernels.iter().enumerate() {
             let mut blurred = Image::filled(width, height, 0.0);
-            kernel.blur(&images[i], &mut blurred, &mut line);
-            differences[i] = difference(&blurred, &images[i]);
+            kernel.blur(&images[i], &mut blurred, &mut self.line);
+            differences.push(difference(&blurred, &images[i]));
             images.push(blurred);
         }
-        each(octaves.len(), &images, &differences);
-        next = thinned(&images[LAYERS]);
         images.truncate(LAYERS + 1);
-        octaves.push(Octave { images });
+        Some((Octave { images }, differences))
     }
-    octaves
+}
+
+impl Octave {
+    /// The first image of the next octave.
+    pub fn next(&self) -> Image<f32> {
+        thinned(&self.images[LAYERS])
+    }
 }
 
 /// `a − b`.

@@ -57,25 +57,31 @@ impl Lens {
         self.terms[0] * 0.5 * width.hypot(height)
     }
 
+    #[inline(always)]
     fn is_ideal(&self) -> bool {
-        self.terms == [0.0; TERMS]
+        let [radial] = self.terms;
+        radial == 0.0
     }
 
+    #[inline(always)]
     fn plane(&self, pixel: [f64; 2]) -> Vector2<f64> {
         let c = &self.camera;
         Vector2::new((pixel[0] - c.cx) / c.fx, (pixel[1] - c.cy) / c.fy)
     }
 
+    #[inline(always)]
     fn pixel(&self, plane: Vector2<f64>) -> [f64; 2] {
         let c = &self.camera;
         [c.fx * plane.x + c.cx, c.fy * plane.y + c.cy]
     }
 
+    #[inline(always)]
     fn factor(&self, rho: f64) -> f64 {
         1.0 + self.terms[0] * rho
     }
 
     /// Where an ideal pinhole camera sees what the image shows at `pixel`.
+    #[inline(always)]
     pub fn undistort(&self, pixel: [f64; 2]) -> [f64; 2] {
         if self.is_ideal() {
             return pixel;
@@ -85,6 +91,7 @@ impl Lens {
     }
 
     /// Where the image shows what an ideal pinhole camera sees at `pixel`; exact to 1e-6 of the distortion's square.
+    #[inline(always)]
     pub fn distort(&self, pixel: [f64; 2]) -> [f64; 2] {
         if self.is_ideal() {
             return pixel;

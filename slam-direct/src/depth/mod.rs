@@ -30,7 +30,7 @@ use geometry::sensor::Shift;
 use geometry::{GrayImage, Pinhole, Se3};
 use map::SemiDense;
 use prior::PriorRanges;
-use update::{Look, Observer, Outcome};
+use update::{LANES, Look, Observer, Outcome, PixelBlock};
 
 /// Failed searches after which a pixel that was never observed is given up.
 const HOPELESS: u8 = 2;
@@ -225,13 +225,18 @@ impl DepthFilter {
             open_count += (aligned & !self.is_settled(i)) as usize;
         }
         let mut count = 0;
-        for &candidate in &open[..open_count] {
-            let i = candidate as usize;
-            let (position, gradient) = (self.candidates.position[i], self.candidates.gradient[i]);
-            let (look, worthwhile) = observer.look::<BENT, ROLLING>(position, gradient, &self.hypothesis(i));
-            looks[count] = look;
-            looks[count].candidate = candidate;
-            count += worthwhile as usize;
+        let mut pixels = PixelBlock::default();
+        for block in open[..open_count].chunks(LANES) {
+            for (lane, &candidate) in block.iter().enumerate() {
+                let i = candidate as usize;
+                let (position, gradient) = (self.candidates.position[i], self.candidates.gradient[i]);
+                pixels.set(lane, position, gradient, &self.hypothesis(i));
+            }
+            let looked = observer.look_at::<BENT, ROLLING>(&pixels);
+            for (lane, &candidate) in block.iter().enumerate() {
+                looks[count] = looked.get(lane, candidate);
+                count += looked.worthwhile[lane] as usize;
+            }
         }
         count
     }

@@ -87,6 +87,86 @@ impl Look {
         alpha2: 0.0,
         alignment2: 0.0,
     };
+
+    /// Numbers of a look, and those of them that [`LookBlock`] holds.
+    const NUMBERS: usize = 17;
+
+    #[inline(always)]
+    fn to_numbers(self) -> [f32; Self::NUMBERS] {
+        let Self { own, ideal_own, line, ideal_line, length, alpha2, alignment2, .. } = self;
+        let ([a, b], [c, d], [e, f]) = (own.origin, own.step, ideal_own);
+        let ([g, h], [i, j]) = (line.origin, line.step);
+        let ([k, l], [m, n]) = (ideal_line.origin, ideal_line.step);
+        [a, b, c, d, e, f, g, h, i, j, k, l, m, n, length, alpha2, alignment2]
+    }
+
+    #[inline(always)]
+    fn from_numbers(candidate: u32, numbers: [f32; Self::NUMBERS]) -> Self {
+        let [a, b, c, d, e, f, g, h, i, j, k, l, m, n, length, alpha2, alignment2] = numbers;
+        Self {
+            candidate,
+            own: Line { origin: [a, b], step: [c, d] },
+            ideal_own: [e, f],
+            line: Line { origin: [g, h], step: [i, j] },
+            ideal_line: Line { origin: [k, l], step: [m, n] },
+            length,
+            alpha2,
+            alignment2,
+        }
+    }
+}
+
+/// Pixels that the processor can work on side by side.
+pub(super) const LANES: usize = 8;
+
+/// Some pixels and what is known of them, number by number.
+#[derive(Default)]
+pub(super) struct PixelBlock {
+    position: [[f32; LANES]; 2],
+    gradient: [[f32; LANES]; 2],
+    inverse_depth: [f32; LANES],
+    variance: [f32; LANES],
+    prior: [[f32; LANES]; 2],
+    successes: [u8; LANES],
+}
+
+impl PixelBlock {
+    /// Puts a pixel at a place of the block.
+    #[inline(always)]
+    pub fn set(&mut self, lane: usize, position: [f32; 2], gradient: [f32; 2], known: &Hypothesis) {
+        for axis in 0..2 {
+            self.position[axis][lane] = position[axis];
+            self.gradient[axis][lane] = gradient[axis];
+            self.prior[axis][lane] = known.prior[axis];
+        }
+        (self.inverse_depth[lane], self.variance[lane]) = (known.inverse_depth, known.variance);
+        self.successes[lane] = known.successes;
+    }
+
+    #[inline(always)]
+    fn hypothesis(&self, lane: usize) -> Hypothesis {
+        Hypothesis {
+            inverse_depth: self.inverse_depth[lane],
+            variance: self.variance[lane],
+            prior: [self.prior[0][lane], self.prior[1][lane]],
+            successes: self.successes[lane],
+        }
+    }
+}
+
+/// The looks at the pixels of a block, number by number, and which of them to take.
+pub(super) struct LookBlock {
+    numbers: [[f32; LANES]; Look::NUMBERS],
+    /// Whether each is worth to be taken.
+    pub worthwhile: [bool; LANES],
+}
+
+impl LookBlock {
+    /// The look at a place of the block, which is that of `candidate`.
+    #[inline(always)]
+    pub fn get(&self, lane: usize, candidate: u32) -> Look {
+        Look::from_numbers(candidate, std::array::from_fn(|number| self.numbers[number][lane]))
+    }
 }
 
 impl<'a> Observer<'a> {
@@ -142,13 +222,29 @@ impl<'a> Observer<'a> {
         along * along > least * (gx * gx + gy * gy) * (lx * lx + ly * ly)
     }
 
+    /// [`look`](Self::look) for a block of pixels side by side.
+    #[inline(always)]
+    pub fn look_at<const BENT: bool, const ROLLING: bool>(&self, pixels: &PixelBlock) -> LookBlock {
+        let mut looks = LookBlock { numbers: [[0.0; LANES]; Look::NUMBERS], worthwhile: [false; LANES] };
+        for lane in 0..LANES {
+            let position = [pixels.position[0][lane], pixels.position[1][lane]];
+            let gradient = [pixels.gradient[0][lane], pixels.gradient[1][lane]];
+            let (look, worthwhile) = self.look::<BENT, ROLLING>(position, gradient, &pixels.hypothesis(lane));
+            for (row, number) in looks.numbers.iter_mut().zip(look.to_numbers()) {
+                row[lane] = number;
+            }
+            looks.worthwhile[lane] = worthwhile;
+        }
+        looks
+    }
+
     /// Where to look for the pixel `(x, y)` with `gradient`, given what is known of it, and whether to look:
     /// not behind the camera, over too long a stretch, or for no gain.
     ///
     /// Free of branches: which pixels are worth a look is not predictable. What shifts pixels is told by
     /// `BENT` and `ROLLING` (see [`shifts`](Self::shifts)), so that nothing is worked out for what does not.
     #[inline(always)]
-    pub fn look<const BENT: bool, const ROLLING: bool>(
+    fn look<const BENT: bool, const ROLLING: bool>(
         &self,
         [x, y]: [f32; 2],
         [gx, gy]: [f32; 2],

@@ -54,12 +54,12 @@ pub(super) fn solve(problem: &mut Problem) -> Option<Solution> {
         if improved {
             let share = (normal.cost - cost) / normal.cost;
             damping = (damping * 0.2_f64).max(1e-9);
-            // Large: one at a time.
-            drop(normal);
-            normal = linearise(problem, damping)?;
             if share < CONVERGED {
                 break;
             }
+            // Large: one at a time.
+            drop(normal);
+            normal = linearise(problem, damping)?;
         } else {
             (problem.poses, problem.terms) = (before.0, before.2);
             problem.points.iter_mut().zip(before.1).for_each(|(point, depth)| point.inverse_depth = depth);
@@ -150,10 +150,13 @@ fn linearise(problem: &Problem, damping: f64) -> Option<Normal> {
         if point.information <= 0.0 {
             continue;
         }
-        for (i, a) in &point.coupling {
-            gradient[*i] -= a * point.gradient / point.information;
-            for (j, b) in point.coupling.iter().take_while(|(j, _)| j <= i) {
-                hessian[(*i, *j)] -= a * b / point.information;
+        for (at, (j, b)) in point.coupling.iter().enumerate() {
+            let by_depth = b / point.information;
+            gradient[*j] -= by_depth * point.gradient;
+            // Column by column, as the matrix lies in memory.
+            let mut column = hessian.column_mut(*j);
+            for (i, a) in &point.coupling[at..] {
+                column[*i] -= a * by_depth;
             }
         }
     }
