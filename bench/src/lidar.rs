@@ -30,7 +30,7 @@ pub struct Plan<'a> {
     pub work: &'a Path,
     /// Whether maps that lie there are taken in place of new ones.
     pub reuse: bool,
-    /// Which sites are rendered, from this number on: bounds are set on those of 1.
+    /// Which sites are rendered: bounds are set on those of 1.
     pub seed: u64,
 }
 

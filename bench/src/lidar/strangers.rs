@@ -31,7 +31,7 @@ fn sites(first: u64) -> Vec<(String, Site)> {
     found
 }
 
-/// Numbers of sites from one seed to the next.
+/// Numbers of sites from one lot to the next.
 const SITES: u64 = 100;
 
 /// What became of a pair.
@@ -70,15 +70,16 @@ pub fn of_recordings(program: &Program, recordings: &[Recording]) -> Result<(Str
     Ok(told(&merged(program, &parts, "recorded")?))
 }
 
-/// Records drives through rendered sites of two lots, from that of `seed` on, and merges every two stretches of a lot.
+/// Records drives through rendered sites of two lots, which the seed names, and merges every two stretches of a lot.
 pub fn of_sites(program: &Program, seed: u64) -> Result<(String, usize)> {
     let mut pairs = Vec::new();
-    for seed in [seed, seed.saturating_add(1)] {
+    let last = seed.saturating_mul(2);
+    for lot in [last.saturating_sub(1), last] {
         let mut parts = Vec::new();
-        for (name, site) in sites(seed.saturating_mul(SITES)) {
+        for (name, site) in sites(lot.saturating_mul(SITES)) {
             parts.extend(of_site(program, &name, &site)?);
         }
-        pairs.extend(merged(program, &parts, &format!("rendered-{seed}"))?);
+        pairs.extend(merged(program, &parts, &format!("rendered-{lot}"))?);
     }
     Ok(told(&pairs))
 }

@@ -101,6 +101,8 @@ fn a_place_that_lacks_a_thing_or_of_which_little_is_shared_is_left_open() {
     };
     assert_eq!(decided(|_| ()).0, Decision::Accepted);
     assert_eq!(decided(|e| e.things.absent = 0.5), (Decision::Undecided, Test::Absent));
+    let cart = |e: &mut MergeEvidence| (e.things.absent, e.things.shared) = (1.4, 2250.0);
+    assert_eq!(decided(cart).0, Decision::Accepted, "a cart that was moved in a hall");
     assert_eq!(decided(|e| e.things.shared = 100.0).0, Decision::Accepted, "most of a small place is shared");
     let little = |e: &mut MergeEvidence| (e.things.shared, e.overlap) = (100.0, 0.5);
     assert_eq!(decided(little), (Decision::Undecided, Test::Shared));
