@@ -19,8 +19,6 @@ use truth::Truth;
 const SPARSE: f64 = 0.5;
 /// The odometries that are measured, the default first.
 const METHODS: [&str; 3] = ["planes", "floam", "a-loam"];
-/// Number of the first rendered site; what bounds were tried on has others.
-const SITES: u64 = 100;
 
 /// What to measure.
 pub struct Plan<'a> {
@@ -32,6 +30,17 @@ pub struct Plan<'a> {
     pub work: &'a Path,
     /// Whether maps that lie there are taken in place of new ones.
     pub reuse: bool,
+    /// Which sites are rendered: bounds are set on those of 1.
+    pub seed: u64,
+}
+
+/// Maps of which every two are merged.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Lot {
+    /// Stretches of the recordings, as they are and mirrored.
+    Recorded,
+    /// Stretches of drives through rendered sites.
+    Rendered,
 }
 
 /// A recording of scans with its truth.
@@ -48,20 +57,44 @@ struct Recording {
 /// # Errors
 /// When there are no recordings, a run or merge fails where it should not, `section` fails, or a merge was wrong.
 pub fn measure(plan: &Plan, mut section: impl FnMut(&str, String) -> Result<()>) -> Result<()> {
-    let mut recordings = Vec::new();
-    find(plan.data, plan.data, &mut recordings)?;
-    if recordings.is_empty() {
-        bail!("{}: holds no folder of scans with groundtruth.txt", plan.data.display());
-    }
-    recordings.sort_by(|a, b| a.name.cmp(&b.name));
-    let program = Program { loopbox: plan.loopbox, work: plan.work, reuse: plan.reuse };
+    let (recordings, program) = (recordings(plan.data)?, plan.program());
     section("lidar", odometry(&program, &recordings)? + "\n" + &merges(&program, &recordings)?)?;
-    let (text, wrong) = strangers::measure(&program, &recordings, SITES)?;
-    section("lidar-strangers", text)?;
-    if wrong > 0 {
-        bail!("{wrong} pairs of stretches were merged wrongly");
+    let (recorded, wrong) = strangers::of_recordings(&program, &recordings)?;
+    section("lidar-recorded", recorded)?;
+    let (rendered, also) = strangers::of_sites(&program, plan.seed)?;
+    section("lidar-rendered", rendered)?;
+    match wrong + also {
+        0 => Ok(()),
+        wrong => bail!("{wrong} pairs of stretches were merged wrongly"),
     }
-    Ok(())
+}
+
+/// Merges every two of a lot of maps; returns the table, and how many were merged wrongly.
+///
+/// # Errors
+/// As [`measure`], but for wrong merges.
+pub fn strangers(plan: &Plan, lot: Lot) -> Result<(String, usize)> {
+    match lot {
+        Lot::Recorded => strangers::of_recordings(&plan.program(), &recordings(plan.data)?),
+        Lot::Rendered => strangers::of_sites(&plan.program(), plan.seed),
+    }
+}
+
+impl Plan<'_> {
+    fn program(&self) -> Program<'_> {
+        Program { loopbox: self.loopbox, work: self.work, reuse: self.reuse }
+    }
+}
+
+/// The recordings in a folder, by name.
+fn recordings(data: &Path) -> Result<Vec<Recording>> {
+    let mut found = Vec::new();
+    find(data, data, &mut found)?;
+    if found.is_empty() {
+        bail!("{}: holds no folder of scans with groundtruth.txt", data.display());
+    }
+    found.sort_by(|a, b| a.name.cmp(&b.name));
+    Ok(found)
 }
 
 fn find(root: &Path, folder: &Path, found: &mut Vec<Recording>) -> Result<()> {
@@ -87,6 +120,13 @@ fn find(root: &Path, folder: &Path, found: &mut Vec<Recording>) -> Result<()> {
     Ok(())
 }
 
+/// Maps a recording by a method, or on its true poses; returns the folder of the results.
+fn mapped(program: &Program, recording: &Recording, method: &str) -> Result<PathBuf> {
+    let given = recording.path.join("groundtruth.txt").display().to_string();
+    let how = if recording.given { ["--poses", &given] } else { ["--odometry", method] };
+    program.run(&recording.path, &format!("{}-{method}", recording.name), &how)
+}
+
 /// Every recording by every method, and by the peers right after.
 fn odometry(program: &Program, recordings: &[Recording]) -> Result<String> {
     let peers = Peers::installed();
@@ -98,9 +138,7 @@ fn odometry(program: &Program, recordings: &[Recording]) -> Result<String> {
         let truth = Truth::of(&recording.path)?;
         let mut own = f64::NAN;
         for method in METHODS.into_iter().take(if recording.given { 1 } else { METHODS.len() }) {
-            let given = recording.path.join("groundtruth.txt").display().to_string();
-            let how = if recording.given { ["--poses", &given] } else { ["--odometry", method] };
-            let out = program.run(&recording.path, &format!("{}-{method}", recording.name), &how)?;
+            let out = mapped(program, recording, method)?;
             let (errors, run) = (truth.errors(&out.join("trajectory.txt"))?, record(&out.join("run.json"))?);
             let shown = if recording.given { "given poses" } else { method };
             let cpu = run["cost"]["median_cpu_ms"].as_f64().unwrap_or(f64::NAN);

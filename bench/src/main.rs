@@ -79,8 +79,8 @@ struct Args {
     /// With --crowd: keyframes of each map
     #[arg(long, value_name = "N", default_value_t = 500, requires = "crowd")]
     keyframes: usize,
-    /// With --strangers and --faults: other places, from this seed on. What limits are set on must not be what they are
-    /// measured on
+    /// With --strangers, --faults and --lidar: other places, from this seed on. What limits are set on must not be what they
+    /// are measured on
     #[arg(long, value_name = "N", default_value_t = 2)]
     seed: u64,
     /// With --perturbed: from how many first frames each sequence is run
@@ -89,9 +89,9 @@ struct Args {
     /// With --perturbed: with how many draws of noise each sequence is run
     #[arg(long, value_name = "N", default_value_t = 8, requires = "perturbed")]
     seeds: usize,
-    /// With --live: this part only, and print its tables instead of writing them
-    #[arg(long, requires = "live")]
-    part: Option<LivePart>,
+    /// With --live and --lidar: this part of it only, and print its tables instead of writing them
+    #[arg(long)]
+    part: Option<Part>,
     /// With --live: minutes of the longest run
     #[arg(long, value_name = "N", default_value_t = 5.0, requires = "live")]
     minutes: f64,
@@ -99,13 +99,27 @@ struct Args {
     documents: Vec<PathBuf>,
 }
 
-/// Parts of what concerns cameras that can be measured alone.
-#[derive(Clone, Copy, Debug, clap::ValueEnum)]
-enum LivePart {
-    /// Calibrations against known ones.
+/// Parts of a measurement that can be measured alone.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum Part {
+    /// Of --live: calibrations against known ones.
     Calibration,
-    /// The cost of recording and watching.
+    /// Of --live: the cost of recording and watching.
     Costs,
+    /// Of --lidar: pairs of stretches of the recordings.
+    Recorded,
+    /// Of --lidar: pairs of stretches of drives through rendered sites.
+    Rendered,
+}
+
+impl Part {
+    /// Whether it is of the measurement that is asked for.
+    fn suits(self, args: &Args) -> bool {
+        match self {
+            Self::Calibration | Self::Costs => args.live,
+            Self::Recorded | Self::Rendered => args.lidar,
+        }
+    }
 }
 
 fn main() -> Result<()> {
@@ -113,13 +127,19 @@ fn main() -> Result<()> {
     if args.runs == 0 {
         bail!("--runs 0 measures nothing");
     }
+    if args.part.is_some_and(|part| !part.suits(&args)) {
+        bail!("--part: calibration and costs are parts of --live, recorded and rendered of --lidar");
+    }
     let runner = Runner { loopbox: args.loopbox.clone(), work: args.work.clone(), runs: args.runs };
     if args.live {
         return measure_live(&args, &runner);
     }
     if args.lidar {
         let (loopbox, data, work) = (&args.loopbox, &args.data, &args.work);
-        let plan = lidar::Plan { loopbox, data, work, reuse: args.reuse };
+        let plan = lidar::Plan { loopbox, data, work, reuse: args.reuse, seed: args.seed };
+        if let Some(part) = args.part {
+            return print_lidar(&plan, part);
+        }
         write(&args.documents, &[("machine", report::machine())])?;
         return lidar::measure(&plan, |name, text| write(&args.documents, &[(name, text)]));
     }
@@ -189,19 +209,27 @@ fn main() -> Result<()> {
 }
 
 /// Measures one part of what concerns cameras, and prints it.
-fn measure_part(plan: &live::Plan, part: LivePart) -> Result<()> {
-    let (text, problem) = match part {
-        LivePart::Calibration => {
-            let found = live::measure_calibrations(plan)?;
-            (live::report::calibrations(&found), found.err())
-        }
-        LivePart::Costs => {
-            let found = live::measure_costs(plan)?;
-            (live::report::costs(&found), found.err())
-        }
+fn measure_part(plan: &live::Plan, part: Part) -> Result<()> {
+    let (text, problem) = if part == Part::Calibration {
+        let found = live::measure_calibrations(plan)?;
+        (live::report::calibrations(&found), found.err())
+    } else {
+        let found = live::measure_costs(plan)?;
+        (live::report::costs(&found), found.err())
     };
     println!("{text}");
     problem.map_or(Ok(()), |reason| bail!(reason))
+}
+
+/// Measures one lot of pairs of LiDAR maps, and prints it.
+fn print_lidar(plan: &lidar::Plan, part: Part) -> Result<()> {
+    let lot = if part == Part::Recorded { lidar::Lot::Recorded } else { lidar::Lot::Rendered };
+    let (text, wrong) = lidar::strangers(plan, lot)?;
+    println!("{text}");
+    match wrong {
+        0 => Ok(()),
+        wrong => bail!("{wrong} pairs of stretches were merged wrongly"),
+    }
 }
 
 /// Measures merges of places that look alike.

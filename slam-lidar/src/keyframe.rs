@@ -53,6 +53,7 @@ const RING_SPACING: usize = 3;
 #[derive(Clone, Debug)]
 pub struct Sight {
     sensor_from_submap: Se3,
+    submap_position: Vector3<f64>,
     /// Nearest and farthest return of each cell, metres; infinite and 0 where there is none.
     ranges: Vec<(f32, f32)>,
 }
@@ -79,16 +80,21 @@ impl Sight {
             let slot = &mut ranges[cell.1 * COLUMNS + cell.0];
             *slot = (slot.0.min(range), slot.1.max(range));
         }
-        Self { sensor_from_submap, ranges }
+        Self { sensor_from_submap, submap_position: sensor_from_submap.inverse().translation, ranges }
     }
 
     /// What a point of the submap's frame is to this keyframe.
     pub fn look(&self, point: [f32; 3]) -> Seen {
+        self.look_beyond(point).0
+    }
+
+    /// As [`look`](Self::look), and how far beyond a point it saw where that is free, metres along the ray.
+    pub fn look_beyond(&self, point: [f32; 3]) -> (Seen, f32) {
         let ((column, row), range) = cell(transformed(&self.sensor_from_submap, point));
         let margin = MARGIN.0 + MARGIN.1 * range;
         let own = self.ranges[row * COLUMNS + column];
         if own.1 == 0.0 {
-            return Seen::Hidden;
+            return (Seen::Hidden, 0.0);
         }
         // Beside a nearer surface the neighbours decide: a cell may look past an edge.
         let (mut near, mut far) = own;
@@ -100,13 +106,23 @@ impl Sight {
             }
         }
         if range >= near - margin {
-            return if range <= far + margin { Seen::Surface } else { Seen::Hidden };
+            return (if range <= far + margin { Seen::Surface } else { Seen::Hidden }, 0.0);
         }
         // Between two rings the sensor saw nothing: along the ground a ring meets it metres behind the one below.
-        let beyond = |next: Option<f32>| next.is_some_and(|nearest| range < nearest - margin);
+        let beyond = |next: f32| range < next - margin;
         let above = (row + 1..ROWS.min(row + 1 + RING_SPACING)).find_map(|y| self.nearest(column, y));
         let below = (row.saturating_sub(RING_SPACING)..row).rev().find_map(|y| self.nearest(column, y));
-        if beyond(above) && beyond(below) { Seen::Free } else { Seen::Hidden }
+        let (Some(above), Some(below)) = (above, below) else { return (Seen::Hidden, 0.0) };
+        if beyond(above) && beyond(below) {
+            (Seen::Free, near.min(above).min(below) - range)
+        } else {
+            (Seen::Hidden, 0.0)
+        }
+    }
+
+    /// Where the keyframe is in the submap's frame, metres.
+    pub fn position(&self) -> Vector3<f64> {
+        self.submap_position
     }
 
     /// The nearest return of a cell, if it has any.

@@ -1,10 +1,10 @@
 //! Many pairs of maps that have nothing in common, and of maps that overlap: none may be merged wrongly, and most that
 //! overlap should be.
 
-use super::Recording;
 use super::parts::{Part, Whole, cut};
 use super::program::Program;
 use super::truth::Truth;
+use super::{METHODS, Recording, mapped};
 use anyhow::{Context, Result};
 use geometry::Se3;
 use loopbox_tests::lidar::{walk, write_recording};
@@ -31,6 +31,9 @@ fn sites(first: u64) -> Vec<(String, Site)> {
     found
 }
 
+/// Numbers of sites from one lot to the next.
+const SITES: u64 = 100;
+
 /// What became of a pair.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Outcome {
@@ -47,28 +50,43 @@ struct Pair {
     outcome: Outcome,
 }
 
-/// Cuts the recordings and rendered sites into stretches, merges every two of each lot, and returns the table and how many
-/// were merged wrongly.
-pub fn measure(program: &Program, recordings: &[Recording], first: u64) -> Result<(String, usize)> {
+/// Cuts the recordings into stretches, those tracked also mirrored, and merges every two; returns the table and how many were
+/// merged wrongly.
+pub fn of_recordings(program: &Program, recordings: &[Recording]) -> Result<(String, usize)> {
     let home = program.at("parts");
-    let mut recorded = Vec::new();
+    let mut parts = Vec::new();
     for recording in recordings {
-        let (truth, map) =
-            (Truth::of(&recording.path)?, program.at(&format!("{}-planes", recording.name)).join("map.mcap"));
+        // The run that drew this recording's figures, where there is one, else a new one.
+        let program = Program { reuse: true, ..*program };
+        let map = mapped(&program, recording, METHODS[0])?.join("map.mcap");
+        let truth = Truth::of(&recording.path)?;
         let world = recording.name.split('/').next().unwrap_or_default();
         let whole = Whole { map: &map, truth: &truth, name: &recording.name, world };
-        recorded.extend(cut(&whole, &home, false)?);
+        parts.extend(cut(&whole, &home, false)?);
         if !recording.given {
-            recorded.extend(cut(&whole, &home, true)?);
+            parts.extend(cut(&whole, &home, true)?);
         }
     }
-    let mut pairs = merged(program, &recorded, "recorded")?;
-    let mut rendered = Vec::new();
-    for (name, site) in sites(first) {
-        rendered.extend(of_site(program, &name, &site)?);
+    Ok(told(&merged(program, &parts, "recorded")?))
+}
+
+/// Records drives through rendered sites of two lots, which the seed names, and merges every two stretches of a lot.
+pub fn of_sites(program: &Program, seed: u64) -> Result<(String, usize)> {
+    let mut pairs = Vec::new();
+    let last = seed.saturating_mul(2);
+    for lot in [last.saturating_sub(1), last] {
+        let mut parts = Vec::new();
+        for (name, site) in sites(lot.saturating_mul(SITES)) {
+            parts.extend(of_site(program, &name, &site)?);
+        }
+        pairs.extend(merged(program, &parts, &format!("rendered-{lot}"))?);
     }
-    pairs.extend(merged(program, &rendered, "rendered")?);
-    Ok((table(&pairs), pairs.iter().filter(|pair| pair.outcome == Outcome::Wrong).count()))
+    Ok(told(&pairs))
+}
+
+/// The table, and how many were merged wrongly.
+fn told(pairs: &[Pair]) -> (String, usize) {
+    (table(pairs), pairs.iter().filter(|pair| pair.outcome == Outcome::Wrong).count())
 }
 
 /// Records drives through a site, maps them and cuts the maps.

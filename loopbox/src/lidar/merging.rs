@@ -295,11 +295,11 @@ pub struct EncounterRecord {
 pub struct EvidenceRecord {
     /// The second map in the frame of the first, `tx ty tz qx qy qz qw`.
     pub first_from_second: [f64; 7],
-    /// Pieces of the second map that come back to this pose when displaced.
+    /// Pieces of one of the maps that come back to this pose when displaced.
     pub pieces: usize,
     /// Of them, those that Scan Context brought here.
     pub finding: usize,
-    /// Pieces it has.
+    /// Pieces that map has.
     pub of_pieces: usize,
     /// Share of points on surfaces that the other saw.
     pub overlap: f64,
@@ -307,6 +307,10 @@ pub struct EvidenceRecord {
     pub agreeing: f64,
     /// Share of the points in space that the other saw free.
     pub violated: f64,
+    /// Surface that both maps saw, square metres.
+    pub shared_m2: f64,
+    /// The largest thing that one map holds and the other looks through, square metres.
+    pub absent_m2: f64,
     /// Root mean square distance from surfaces, metres.
     pub rmse_m: f64,
     /// Directions of the pose that are weak.
@@ -323,6 +327,8 @@ impl EvidenceRecord {
             overlap: evidence.overlap,
             agreeing: evidence.agreeing,
             violated: evidence.violated,
+            shared_m2: evidence.things.shared,
+            absent_m2: evidence.things.absent,
             rmse_m: evidence.rmse,
             weak: evidence.conditioning.weak,
         }

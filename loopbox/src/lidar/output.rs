@@ -187,14 +187,16 @@ impl LidarMerged {
                 let _ = writeln!(
                     text,
                     "  {} of {} pieces agree ({} found by Scan Context); overlap {:.2}, {:.2} of the shared points agree to \
-                     {:.0} mm, {:.3} lie in space seen free",
+                     {:.0} mm, {:.3} lie in space seen free; of {:.0} m² that both saw {:.2} m² in one piece are there in one only",
                     best.pieces,
                     best.of_pieces,
                     best.finding,
                     best.overlap,
                     best.agreeing,
                     1e3 * best.rmse,
-                    best.violated
+                    best.violated,
+                    best.things.shared,
+                    best.things.absent
                 );
             }
         }

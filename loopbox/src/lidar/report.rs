@@ -262,8 +262,20 @@ fn encounters(record: &LidarMergeRecord) -> Table {
             number(best.map(|b| b.overlap)),
             number(best.map(|b| b.agreeing)),
             number(best.map(|b| b.violated)),
+            number(best.map(|b| b.shared_m2)),
+            number(best.map(|b| b.absent_m2)),
         ]
     };
-    let head = vec!["maps", "decision", "by", "pieces", "overlap", "agreeing", "in free space"];
+    let head = vec![
+        "maps",
+        "decision",
+        "by",
+        "pieces",
+        "overlap",
+        "agreeing",
+        "in free space",
+        "shared m²",
+        "absent m²",
+    ];
     Table { name: "Every two maps".into(), head, rows: record.encounters.iter().map(row).collect() }
 }

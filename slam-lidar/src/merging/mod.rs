@@ -1,13 +1,15 @@
 //! Two maps brought together without a guess, and whether to believe it.
 //!
 //! In the order of the steps: [`robot_map`] (a map cut into independent pieces), [`mod@candidates`] (places that may be
-//! the same, by Scan Context), [`mod@hypotheses`] (pieces registered there; those that agree), [`verdict`] (evidence of
-//! the whole maps), [`graph`] (more than two maps in one frame); [`mod@emr`] is the paper's way to a pose, to compare with. All is metric, in SE(3): there is no scale to find.
+//! the same, by Scan Context), [`mod@hypotheses`] (pieces registered there; those that agree), [`mod@correlation`] (walls
+//! on walls), [`verdict`] (evidence of the whole maps), [`absent`] (what stands in one of them only), [`graph`] (more than two maps in one frame); [`mod@emr`] is the paper's way to a pose, to compare with. All is metric, in SE(3): there is no scale to find.
 //!
 //! The paper registers key points of whole clouds once and believes a mean distance. Here several pieces must find
 //! the same pose by themselves, and what is believed is what each map saw as free and as filled.
 
+pub mod absent;
 pub mod candidates;
+pub mod correlation;
 pub mod emr;
 pub mod graph;
 pub mod hypotheses;
@@ -26,8 +28,8 @@ use verdict::{MergeEvidence, Verdict, evidence, judged};
 
 /// So many clusters of hypotheses are registered with whole maps, thinned.
 const FOLLOWED: usize = 16;
-/// Of these so many, the ones that fit best, are judged.
-const JUDGED: usize = 3;
+/// Of these so many, the ones that fit best, are judged: at a site that repeats itself others fit better than the right one.
+const JUDGED: usize = 8;
 /// Grid on which whole maps are compared to rank clusters, metres.
 const RANKED_ON: f32 = 1.5;
 
@@ -76,12 +78,20 @@ fn proposed(a: &RobotMap, b: &RobotMap) -> Option<Cluster> {
 
 /// Brings `b` into the frame of `a`. The result depends on the maps alone, not on the number of cores.
 pub fn merge(a: &RobotMap, b: &RobotMap) -> Verdict {
+    let ranked = ranked(a, b, proposals(a, b));
+    judged(ranked.par_iter().take(JUDGED).map(|cluster| whole(a, b, cluster)).collect())
+}
+
+/// Where the maps may belong together, by all that proposes poses.
+fn proposals(a: &RobotMap, b: &RobotMap) -> Vec<Cluster> {
     let (mut found, by_key_points) = rayon::join(|| clusters(&hypotheses(a, b), b), || proposed(a, b));
     found.truncate(FOLLOWED);
     // Key points see what descriptors of places do not: two ways with a row of racks between them.
     found.extend(by_key_points);
-    let ranked = ranked(a, b, found);
-    judged(ranked.par_iter().take(JUDGED).map(|cluster| whole(a, b, cluster)).collect())
+    // Walls are seen from everywhere: they propose also what was seen from far apart, and every repetition.
+    let alone = |a_from_b| Cluster { a_from_b, pieces: Vec::new(), support: 0.0 };
+    found.extend(correlation::peaks(a, b).into_iter().map(alone));
+    found
 }
 
 /// Clusters by how well whole maps fit there: repeated structure misleads pieces, the whole less.

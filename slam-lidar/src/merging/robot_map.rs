@@ -1,5 +1,6 @@
 //! A robot's map, ready to be merged: as a whole, and in pieces that are independent of each other.
 
+use super::absent::Settled;
 use super::emr::{KeyPoint, key_points};
 use crate::keyframe::{Keyframe, Submap, transformed};
 use crate::scan_context::ScanContext;
@@ -29,6 +30,8 @@ pub struct RobotMap {
     pub contexts: Vec<ScanContext>,
     /// Pieces along the way; no keyframe is in two of them.
     pub pieces: Vec<Piece>,
+    /// What it holds for certain.
+    pub settled: Settled,
     /// Key points, found when a merge first asks for them.
     key_points: OnceLock<Vec<KeyPoint>>,
 }
@@ -41,8 +44,10 @@ const GRID: f32 = 0.5;
 impl RobotMap {
     /// Prepares keyframes, whose poses are in one frame.
     pub fn new(keyframes: &[Keyframe]) -> Self {
+        let whole = Submap::new(keyframes.iter(), &Se3::identity());
         Self {
-            whole: Submap::new(keyframes.iter(), &Se3::identity()),
+            settled: Settled::new(keyframes, &whole),
+            whole,
             poses: keyframes.iter().map(|k| k.world_from_sensor).collect(),
             contexts: keyframes.iter().map(|k| k.context.clone()).collect(),
             pieces: spans(keyframes).into_iter().map(|span| piece(keyframes, span)).collect(),

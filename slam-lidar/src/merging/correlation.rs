@@ -1,0 +1,155 @@
+//! Poses at which walls lie on walls, wherever the maps were seen from.
+//!
+//! Descriptors of places find what was seen from nearby; a hall is seen from both of its ends. Every two pieces of wall, one of
+//! each map, vote for the turn about the vertical that makes them parallel and for the translation that brings them together
+//! (the generalised Hough transform, Ballard 1981); peaks are poses at which much coincides. A site that repeats itself has a
+//! peak for each repetition, so that rivals of a pose are among them.
+
+use super::robot_map::RobotMap;
+use crate::keyframe::Submap;
+use crate::voxels::{VoxelTable, cell_at, key_of};
+use geometry::Se3;
+use nalgebra::{UnitQuaternion, Vector2, Vector3};
+use std::f64::consts::{PI, TAU};
+
+/// Sine of the steepest slope of a wall's normal.
+const LEVEL: f32 = 0.3;
+/// Edge of the columns in which walls are counted, metres: the grid on which maps are compared.
+const COLUMN: f32 = 0.5;
+/// Pieces of wall that vote, the highest.
+const WALLS: usize = 1200;
+/// Turns a round.
+const TURNS: usize = 180;
+/// Bins of translations, metres, and how far they reach from where the middles meet.
+const BIN: f64 = 1.0;
+const REACH: f64 = 60.0;
+/// Poses that are handed on.
+const PEAKS: usize = 24;
+/// Peaks lie farther apart than this along an axis, bins, or are turned farther, turns.
+const APART: (i32, i32) = (1, 3);
+
+/// A column with a wall in it.
+#[derive(Clone, Copy, Debug)]
+struct Wall {
+    place: Vector2<f64>,
+    /// Heading of the normal, radians in [0, π).
+    heading: f64,
+    /// Points in the column.
+    height: usize,
+}
+
+/// The walls of a submap around their middle, the highest.
+fn walls(map: &Submap) -> (Vector2<f64>, Vec<Wall>) {
+    let mut table = VoxelTable::default();
+    // Sums of places, of doubled headings, and counts.
+    let mut columns: Vec<(Vector2<f64>, Vector2<f64>, usize)> = Vec::new();
+    for &p in &map.points {
+        let Some(surface) = map.fine.surface_at(p).filter(|s| s.constraints() == 1) else { continue };
+        let [nx, ny, nz] = surface.axes[0];
+        if nz.abs() > LEVEL {
+            continue;
+        }
+        let (index, new) = table.get_or_insert(key_of(cell_at([p[0], p[1], 0.0], 1.0 / COLUMN)));
+        if new {
+            columns.push((Vector2::zeros(), Vector2::zeros(), 0));
+        }
+        let doubled = 2.0 * f64::from(ny).atan2(f64::from(nx));
+        let sums = &mut columns[index as usize];
+        sums.0 += Vector2::new(f64::from(p[0]), f64::from(p[1]));
+        sums.1 += Vector2::new(doubled.cos(), doubled.sin());
+        sums.2 += 1;
+    }
+    let wall = |&(place, doubled, height): &(Vector2<f64>, Vector2<f64>, usize)| Wall {
+        place: place / height as f64,
+        heading: (0.5 * doubled.y.atan2(doubled.x)).rem_euclid(PI),
+        height,
+    };
+    let mut found: Vec<Wall> = columns.iter().map(wall).collect();
+    // Stable: of equals the one seen first.
+    found.sort_by_key(|wall| std::cmp::Reverse(wall.height));
+    found.truncate(WALLS);
+    let middle = found.iter().map(|wall| wall.place).sum::<Vector2<f64>>() / found.len().max(1) as f64;
+    found.iter_mut().for_each(|wall| wall.place -= middle);
+    (middle, found)
+}
+
+/// Poses `a_from_b` at which most walls coincide, the best first.
+pub fn peaks(a: &RobotMap, b: &RobotMap) -> Vec<Se3> {
+    let ((middle_a, of_a), (middle_b, of_b)) = (walls(&a.whole), walls(&b.whole));
+    let side = (2.0 * REACH / BIN) as i32;
+    let step = TAU / TURNS as f64;
+    let turns: Vec<(f64, f64)> = (0..TURNS).map(|k| (step * k as f64).sin_cos()).collect();
+    let mut votes = vec![0u32; TURNS * (side * side) as usize];
+    for wall in &of_b {
+        let turned: Vec<Vector2<f64>> = turns
+            .iter()
+            .map(|(sin, cos)| {
+                let p = wall.place;
+                Vector2::new(cos * p.x - sin * p.y, sin * p.x + cos * p.y)
+            })
+            .collect();
+        for other in &of_a {
+            let parallel = ((other.heading - wall.heading) / step).round() as i32;
+            for turn in [-1, 0, 1].into_iter().flat_map(|d| [parallel + d, parallel + d + TURNS as i32 / 2]) {
+                let turn = turn.rem_euclid(TURNS as i32) as usize;
+                let bin = (other.place - turned[turn]).map(|v| ((v + REACH) / BIN).floor() as i32);
+                if bin.x >= 0 && bin.x < side && bin.y >= 0 && bin.y < side {
+                    votes[turn * (side * side) as usize + (bin.y * side + bin.x) as usize] +=
+                        wall.height.min(other.height) as u32;
+                }
+            }
+        }
+    }
+    let mut order: Vec<usize> = (0..votes.len()).filter(|&i| votes[i] > 0).collect();
+    let best = order.len().min(PEAKS * 200);
+    if best > 0 && best < order.len() {
+        order.select_nth_unstable_by_key(best - 1, |&i| (std::cmp::Reverse(votes[i]), i));
+    }
+    order.truncate(best);
+    order.sort_by_key(|&i| (std::cmp::Reverse(votes[i]), i));
+    let mut found: Vec<[i32; 3]> = Vec::new();
+    for index in order {
+        let (turn, bin) = (index as i32 / (side * side), index as i32 % (side * side));
+        let at = [bin % side, bin / side, turn];
+        let is_same = |other: &[i32; 3]| {
+            let turned = (at[2] - other[2]).rem_euclid(TURNS as i32);
+            (at[0] - other[0]).abs() <= APART.0
+                && (at[1] - other[1]).abs() <= APART.0
+                && turned.min(TURNS as i32 - turned) <= APART.1
+        };
+        if found.len() < PEAKS && !found.iter().any(is_same) {
+            found.push(at);
+        }
+    }
+    let pose = |[x, y, turn]: [i32; 3]| {
+        let rotation = UnitQuaternion::from_scaled_axis(Vector3::z() * step * f64::from(turn));
+        let bin = Vector2::new(x, y).map(|v| (f64::from(v) + 0.5) * BIN - REACH) + middle_a;
+        let moved = rotation * Vector3::new(middle_b.x, middle_b.y, 0.0);
+        Se3::new(rotation, Vector3::new(bin.x, bin.y, 0.0) - moved)
+    };
+    found.into_iter().map(pose).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::seen_along;
+    use super::*;
+    use loopbox_tests::lidar::HALL;
+
+    #[test]
+    fn a_hall_is_recognised_from_its_other_end() {
+        let (west, east) = (seen_along(&HALL, -13.0, -7.0), seen_along(&HALL, 7.0, 13.0));
+        let found = peaks(&west, &east);
+        let right = |pose: &&Se3| {
+            (pose.translation - Vector3::new(20.0, 0.0, 0.0)).norm() < 1.5 && pose.rotation.angle() < 0.1
+        };
+        assert!(found.iter().any(|pose| right(&pose)), "{found:?}");
+        assert_eq!(found.len(), PEAKS);
+    }
+
+    #[test]
+    fn without_walls_nothing_is_proposed() {
+        let empty = RobotMap::new(&[]);
+        assert!(peaks(&empty, &empty).is_empty());
+    }
+}
