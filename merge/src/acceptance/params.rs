@@ -32,9 +32,8 @@ pub struct AcceptanceParams {
     pub max_through_share: f64,
     /// Largest share of points seen whose contrast is missing in the other keyframe. Default 0.1; 0 to 1.
     pub max_missing_share: f64,
-    /// Largest share of points around which the other keyframe looks through all and shows something else. Default 0.0014; 0 to
-    /// 1. Of right closures, held by hand or rendered, 0.0009 at most; past equal houses with other things before them 0.0008 to
-    /// 0.012, where the next line says the more the less this one does.
+    /// Largest share of points around which the other keyframe looks through all and shows something else. Default 0.0014; 0 to 1. Of
+    /// right closures, held by hand or rendered, 0.0009 at most; past equal houses with other things before them up to 0.012.
     pub max_absent_share: f64,
     /// Largest share of points around which the other keyframe looks otherwise as nowhere else. Default 0.01; 0 to 1.
     /// Of right closures 0.005 at most; past the same houses 0.002 to 0.02, in corridors of equal doors with other notices more.
