@@ -317,7 +317,7 @@ fn decide(
             let mut verdict = judge(evidence, &params.acceptance);
             if verdict.accepts() {
                 let Others { matched, proposed } = others;
-                let share = rival_share(source, target, &closure, matched, proposed, &params.closure.pair);
+                let share = rival_share(source, target, &closure, matched, proposed, &params.closure);
                 verdict = judge(Evidence { rival_place: Some(share), ..evidence }, &params.acceptance);
             }
             Outcome::Judged(Box::new(Judged { closure, joined: Some(joined), verdict }))

@@ -4,9 +4,9 @@
 //! the maps then confirm each of these closures, and where nothing stands before the houses nothing contradicts. What tells is
 //! that another place matches nearly as well: of maps that show one place most matches are where the closure has them.
 
-use crate::closure::Closure;
+use crate::closure::{Closure, ClosureParams, matches_at};
 use crate::meeting::Place;
-use crate::pair::{PairParams, ViewPair, measure_pair, view_pair};
+use crate::pair::{ViewPair, measure_pair, view_pair};
 use crate::prepared::PreparedMap;
 use geometry::Sim3;
 use map::KeyframeId;
@@ -33,7 +33,7 @@ pub fn rival_share(
     closure: &Closure,
     matched: &[ViewPair],
     proposed: &[Place],
-    params: &PairParams,
+    params: &ClosureParams,
 ) -> f64 {
     let is_matched = |place: &Place| {
         matched.iter().any(|views| (views.source, views.target) == (place.source, place.target))
@@ -46,7 +46,8 @@ pub fn rival_share(
         .filter(|place| !is_matched(place) && is_elsewhere(place))
         .take(LOOKED_AT)
         .collect();
-    let look = |place: &Place| view_pair(source.get(place.source)?, target.get(place.target)?, params).ok();
+    let look =
+        |place: &Place| view_pair(source.get(place.source)?, target.get(place.target)?, &params.pair).ok();
     let found: Vec<ViewPair> = elsewhere.par_iter().filter_map(look).collect();
     let of_closure =
         closure.agreeing().filter_map(|pair| Some(pair.measured.as_ref().ok()?.views.match_count()));
@@ -98,17 +99,25 @@ impl At {
         self.supposed.translation.norm() > MAX_DRIFT * self.ways + ELSEWHERE * self.depth
     }
 
-    /// Whether its matches speak for the closure's motion; nothing where they have no similarity.
+    /// Whether its matches speak for the closure's motion: by their own similarity, or where they have none, as most lie where
+    /// the closure has them.
     fn agrees(
         &self,
         source: &PreparedMap,
         target: &PreparedMap,
         views: &ViewPair,
-        params: &PairParams,
+        params: &ClosureParams,
     ) -> Option<bool> {
         let (i, j) = (source.get(self.place.source)?, target.get(self.place.target)?);
-        let found = measure_pair(i, j, views.clone(), params).ok()?.alignment.target_from_source;
-        Some(agree(&found, &self.supposed, MAX_DRIFT * self.ways + MAX_OFFSET * self.depth))
+        Some(match measure_pair(i, j, views.clone(), &params.pair) {
+            Ok(pair) => {
+                let length = MAX_DRIFT * self.ways + MAX_OFFSET * self.depth;
+                agree(&pair.alignment.target_from_source, &self.supposed, length)
+            }
+            Err(_) => {
+                2 * matches_at(source, target, self.place, &self.supposed, params) >= views.match_count()
+            }
+        })
     }
 }
 

@@ -1,11 +1,12 @@
 //! What must not merge, and maps with something wrong in them.
 
-use crate::merging::{encounter, encounter_everywhere, features, reasons};
+use crate::merging::{Encounter, encounter, encounter_everywhere, features, reasons};
 use crate::rendered::rendered_map;
 use crate::yard::{past, yard};
 use backend::posegraph::PoseGraphError;
 use geometry::{GrayImage, Se3};
 use loopbox_tests::World;
+use loopbox_tests::alike::Kind;
 use map::{KeyframeId, Map, MapError, SemiDense};
 use merge::common_map::{CommonMap, FusionError, FusionParams};
 use merge::further::{FurtherParams, join};
@@ -63,6 +64,25 @@ fn yards_that_share_nothing_stay_apart() {
 }
 
 /// One yard in one recording, first ahead, then back: nothing is seen twice.
+/// A map of one way past a place of equal houses.
+fn houses(place: u64, pass: u64) -> Map {
+    let way = Kind::Houses.way(2, place, pass, 72);
+    rendered_map(&Kind::Houses.place(2, place), &way.into_iter().step_by(6).collect::<Vec<_>>())
+}
+
+/// Before these houses nothing stands where the maps see the same: shifted by a house they fit in all that is asked but that
+/// they fit elsewhere as well.
+#[test]
+fn a_row_of_equal_houses_is_no_place() {
+    let one = houses(5, 1);
+    let others = [(8, 1), (3, 1), (8, 0)].map(|(place, pass)| encounter(&houses(place, pass), &one));
+    for other in &others {
+        assert!(other.closure().is_none(), "{:?}", reasons(other));
+    }
+    let elsewhere = |other: &Encounter| reasons(other).iter().any(|reason| reason.contains("another place"));
+    assert!(others.iter().any(elsewhere), "{:?}", others.each_ref().map(reasons));
+}
+
 #[test]
 fn halves_without_overlap_stay_apart() {
     let behind = rendered_map(yard(), &past(-1.0, 1.0, 0.5, &turned(PI)));
