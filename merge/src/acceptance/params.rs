@@ -46,7 +46,7 @@ pub struct AcceptanceParams {
     pub max_rival_share: f64,
     /// Most matches of a place that speaks for another motion, over those of the one that speaks most for this. Default 0.75; 0
     /// to 1. Past equal houses 24 wrong closures that all other lines let pass have 0.76 and more, the 20 right ones 0.46 to
-    /// 0.72; right ones elsewhere 0.14 at most.
+    /// 0.72; right ones elsewhere 0.73 at most, but for one car park.
     pub max_rival_place: f64,
     /// Largest standard deviation of the rotation, degrees. Default 0.35; above 0. A turn by that moves what is
     /// 10 m away by 6 cm.
