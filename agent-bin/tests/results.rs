@@ -9,6 +9,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Stdio};
 use tempfile::tempdir;
 
+/// What a run leaves: map, cloud, report, numbers, and the trajectory as it is in the end and as it was handed out.
+const FILES: usize = 6;
 const PART: &[&str] = &["--end", "2.5", "--quiet"];
 
 /// All files of a folder and those within it, with what they hold.
@@ -51,7 +53,7 @@ fn a_run_that_fails_keeps_the_earlier_results() {
     let out = room.path().join("out");
     run_demo(&out, PART);
     let before = content(&out);
-    assert_eq!(before.len(), 5, "{:?}", before.keys());
+    assert_eq!(before.len(), FILES, "{:?}", before.keys());
     let source = demo();
     let fails = |more: &[&str], words: &[&str]| {
         assert_refused(&[&["run", arg(&source), "--out", arg(&out)], more].concat(), words);
@@ -89,7 +91,7 @@ fn a_killed_run_keeps_the_earlier_results_and_leaves_its_own_beside_them() {
     assert!(stdout(&said).contains("keyframes") && stderr(&said).contains("unfinished/map.mcap"));
     assert!(loopbox(&["info", arg(&left)]).status.success());
     run_demo(&out, PART);
-    assert_eq!(content(&out).len(), 5, "{:?}", content(&out).keys());
+    assert_eq!(content(&out).len(), FILES, "{:?}", content(&out).keys());
 }
 
 #[test]
@@ -105,7 +107,7 @@ fn nobody_who_listens_can_end_a_run() {
     // As `| head -0` does.
     drop((child.stdout.take(), child.stderr.take()));
     assert!(child.wait().unwrap().success());
-    assert_eq!(content(out.path()).len(), 5);
+    assert_eq!(content(out.path()).len(), FILES);
 }
 
 #[test]
