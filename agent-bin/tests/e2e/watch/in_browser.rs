@@ -87,7 +87,11 @@ fn use_tools(page: &mut Browser) {
         "const slider = document.querySelector('#cut-sides input'); slider.value = 100;
          slider.dispatchEvent(new Event('input', { bubbles: true }))",
     );
-    page.click("save-cloud");
+    // The cut takes effect with the next picture that is drawn.
+    page.until("a cut", |p| {
+        p.click("save-cloud");
+        p.number("saved") < whole
+    });
     let cut = page.number("saved");
     assert!(cut > 0.0 && cut < whole, "{cut} of {whole} points after a cut in the middle");
     page.click("play");
