@@ -231,22 +231,22 @@ fn try_round(
     };
     // Stable: of equals the better proposal first.
     seen.sort_by_key(|(_, views)| std::cmp::Reverse(count(views)));
-    let pairs: Vec<ViewPair> = seen.iter().filter_map(|(_, views)| views.as_ref().ok().cloned()).collect();
+    let pairs: Vec<&ViewPair> = seen.iter().filter_map(|(_, views)| views.as_ref().ok()).collect();
     let others = Others { matched: &pairs, proposed };
     let (mut followed, mut found) = (0, false);
-    seen.into_iter()
+    seen.iter()
         .map(|(place, views)| {
-            let (matched, match_count) = (matched(&views), count(&views));
+            let (matched, match_count) = (matched(views), count(views));
             let outcome = match views {
-                Err(refusal) => Outcome::NotMatched(refusal),
+                Err(refusal) => Outcome::NotMatched(*refusal),
                 Ok(_) if found || followed == params.closures => Outcome::NotFollowed,
                 Ok(views) => {
                     followed += 1;
-                    follow(source, target, views, others, params, further)
+                    follow(source, target, views.clone(), others, params, further)
                 }
             };
             found |= outcome.settles();
-            Tried { place, matched, match_count, outcome }
+            Tried { place: *place, matched, match_count, outcome }
         })
         .collect()
 }
@@ -255,7 +255,7 @@ fn try_round(
 #[derive(Clone, Copy, Default)]
 struct Others<'a> {
     /// Those matched with the one that is followed, itself among them.
-    matched: &'a [ViewPair],
+    matched: &'a [&'a ViewPair],
     /// All that are proposed.
     proposed: &'a [Place],
 }

@@ -6,6 +6,7 @@
 
 use crate::closure::{Closure, ClosureParams, matches_at};
 use crate::meeting::Place;
+use crate::overlap::median_depth;
 use crate::pair::{ViewPair, measure_pair, view_pair};
 use crate::prepared::PreparedMap;
 use geometry::Sim3;
@@ -31,7 +32,7 @@ pub fn rival_share(
     source: &PreparedMap,
     target: &PreparedMap,
     closure: &Closure,
-    matched: &[ViewPair],
+    matched: &[&ViewPair],
     proposed: &[Place],
     params: &ClosureParams,
 ) -> f64 {
@@ -52,7 +53,7 @@ pub fn rival_share(
     let of_closure =
         closure.agreeing().filter_map(|pair| Some(pair.measured.as_ref().ok()?.views.match_count()));
     let (mut own, mut rival) = (of_closure.max().unwrap_or(0), 0);
-    for views in matched.iter().chain(&found) {
+    for views in matched.iter().copied().chain(&found) {
         let place = Place { source: views.source, target: views.target };
         match at(place).and_then(|at| at.agrees(source, target, views, params)) {
             Some(true) => own = own.max(views.match_count()),
@@ -86,10 +87,8 @@ impl At {
         let ways = way(source, place.source, chosen.source)? * in_target
             + way(target, place.target, chosen.target)? / target_pose.scale;
         let depths = &target.map().keyframes.get(&place.target)?.semi_dense.inverse_depth;
-        let mut sample: Vec<f32> =
-            depths.iter().step_by(depths.len().div_ceil(256).max(1)).copied().collect();
-        sample.sort_by(f32::total_cmp);
-        let depth = f64::from(*sample.get(sample.len() / 2)?).recip();
+        let sample: Vec<f32> = depths.iter().step_by(depths.len().div_ceil(256).max(1)).copied().collect();
+        let depth = median_depth(&sample)?;
         let supposed = target_pose.inverse() * closure.motion.a_from_b * source_pose;
         Some(Self { place, supposed, ways, depth })
     }

@@ -182,11 +182,12 @@ impl Patches {
 
 /// What becomes of patches, by where their points should be in an image.
 fn judge(patches: &Patches, image: &GrayImage, radius: usize, params: &PatchParams) -> PatchComparison {
-    let share = |of: &dyn Fn(usize) -> bool| {
+    // How many points of each patch are so.
+    let around = |of: &dyn Fn(usize) -> bool| {
         patches.sums((0..patches.seen.len()).map(|i| f64::from(u8::from(of(i)))))
     };
-    let counts = share(&|_| true);
-    let through = share(&|i| patches.seen[i].through);
+    let counts = around(&|_| true);
+    let through = around(&|i| patches.seen[i].through);
     let own = Moments::new(patches, &counts, || patches.seen.iter().map(|seen| seen.intensity));
     let alike = correlations(patches, &own, &counts, image, radius, params);
     let is_patch = |i: usize| counts[i] >= params.min_points as f64;
@@ -200,7 +201,7 @@ fn judge(patches: &Patches, image: &GrayImage, radius: usize, params: &PatchPara
     let median = looks.get(looks.len() / 2).copied().unwrap_or(0.0);
     let limit = params.min_dissimilarity.max(params.outlier * median);
     let is_unlike = |i: usize| has_contrast(i) && 1.0 - alike[i] > limit;
-    let (unlike, with_contrast) = (share(&is_unlike), share(&has_contrast));
+    let (unlike, with_contrast) = (around(&is_unlike), around(&has_contrast));
     let is_unlike_around = |i: usize| is_unlike(i) && unlike[i] > params.unlike_around * with_contrast[i];
     let count = |of: &dyn Fn(usize) -> bool| all().filter(|&i| of(i)).count();
     let (absent, unlike) = (count(&is_absent), count(&is_unlike_around));

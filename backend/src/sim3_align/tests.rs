@@ -251,7 +251,8 @@ fn a_thing_that_is_not_there_is_looked_through_as_a_whole() {
     let blank = Pyramid::new(GrayImage::filled(camera().width, camera().height, 128), 5);
     let without = KeyframeView::new(&blank, &of_wall, &camera());
     let other = compare_patches(&view_from(&from), &without, &motion, &compare, &params);
-    assert!(other.absent_views == 1 && other.absent_share() > 0.01, "{other:?}");
+    assert!(other.absent >= 3 * params.min_points && other.absent_share() > 0.01, "{other:?}");
+    assert_eq!(other.absent_views, 1);
     // Where it looks the same a depth is wrong.
     let mistaken = KeyframeView::new(&alike, &of_wall, &camera());
     let found = compare_patches(&view_from(&from), &mistaken, &motion, &compare, &params);

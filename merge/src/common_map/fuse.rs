@@ -5,6 +5,7 @@ use super::{CommonMap, FusionParams, Link};
 use crate::alignment;
 use crate::estimate::{Estimate, mean};
 use crate::merge_graph::{Component, Merge, MergeGraph, MergeGraphError, confidence};
+use crate::overlap::median_depth;
 use backend::posegraph::{PoseGraphError, PoseGraphReport, optimise};
 use geometry::Sim3;
 use map::{AgentId, Edge, EdgeKind, KeyframeId, Map, MapError};
@@ -193,11 +194,4 @@ fn place(map: &mut Map, agents: &[AgentId], component: &Component) {
         .filter_map(|(united, agent)| Some((*united, component.agents.get(agent)?.root_from_agent)))
         .collect();
     alignment::apply(map, &motions);
-}
-
-/// The median depth, keyframe units; `None` where there is no depth.
-fn median_depth(inverse_depths: &[f32]) -> Option<f64> {
-    let mut sorted = inverse_depths.to_vec();
-    sorted.sort_by(f32::total_cmp);
-    sorted.get(sorted.len() / 2).map(|d| 1.0 / f64::from(*d))
 }

@@ -63,7 +63,6 @@ fn yards_that_share_nothing_stay_apart() {
     assert_strangers(here(), &room);
 }
 
-/// One yard in one recording, first ahead, then back: nothing is seen twice.
 /// A map of one way past a place of equal houses.
 fn houses(place: u64, pass: u64) -> Map {
     let way = Kind::Houses.way(2, place, pass, 72);
@@ -83,6 +82,7 @@ fn a_row_of_equal_houses_is_no_place() {
     assert!(others.iter().any(elsewhere), "{:?}", others.each_ref().map(reasons));
 }
 
+/// One yard in one recording, first ahead, then back: nothing is seen twice.
 #[test]
 fn halves_without_overlap_stay_apart() {
     let behind = rendered_map(yard(), &past(-1.0, 1.0, 0.5, &turned(PI)));
