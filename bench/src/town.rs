@@ -11,8 +11,8 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// Metres between frames.
-const STEP: f64 = 0.1;
+/// Metres between frames: 27 km/h.
+const STEP: f64 = 0.25;
 /// Frames a second.
 const RATE: f64 = 30.0;
 /// Frames rendered together.

@@ -19,8 +19,9 @@ const SHADE: [f32; 6] = [0.82, 0.9, 1.0, 0.6, 0.96, 0.76];
 /// What a pinhole camera at `world_from_camera` sees: the grey image, and the exact inverse depth 1/z [1/m]
 /// along the ray of each pixel's centre, 0 where there is only sky.
 pub fn render(world: &World, camera: &Pinhole, world_from_camera: &Se3) -> (GrayImage, Image<f32>) {
-    let views: Vec<View> =
+    let mut views: Vec<View> =
         world.cuboids.iter().filter_map(|c| View::new(c, camera, world_from_camera)).collect();
+    views.sort_by(|a, b| a.nearest.total_cmp(&b.nearest));
     let (width, height) = (camera.width, camera.height);
     let mut intensity = Image::filled(width, height, SKY);
     let mut inverse_depth = Image::filled(width, height, 0.0f32);
@@ -82,35 +83,45 @@ struct View<'a> {
     half: Vector3<f32>,
     /// Pixels it may cover: left, top, right, bottom.
     bounds: [f64; 4],
+    /// Depth that no point of it is nearer than, metres.
+    nearest: f32,
 }
 
 impl<'a> View<'a> {
     /// `None` when the box is out of sight.
     fn new(cuboid: &'a Cuboid, camera: &Pinhole, world_from_camera: &Se3) -> Option<Self> {
         let cuboid_from_camera = cuboid.world_from_cuboid.inverse() * *world_from_camera;
-        let bounds = bounds(cuboid, camera, &cuboid_from_camera.inverse())?;
+        let corners = corners(cuboid, &cuboid_from_camera.inverse());
+        let bounds = bounds(camera, &corners)?;
+        // What single precision rounds is less than a thousandth of it.
+        let nearest = 0.999 * corners.iter().map(|c| c.z).fold(f64::INFINITY, f64::min).max(0.0);
         Some(Self {
             cuboid,
             rotation: cuboid_from_camera.rotation_matrix().cast(),
             origin: cuboid_from_camera.translation.cast(),
             half: cuboid.half.cast(),
             bounds,
+            nearest: nearest as f32,
         })
     }
 }
 
-/// The rectangle of pixels a box may cover; `None` when it lies outside the image or behind the camera.
-fn bounds(cuboid: &Cuboid, camera: &Pinhole, camera_from_cuboid: &Se3) -> Option<[f64; 4]> {
+/// The corners of a box in the camera's frame.
+fn corners(cuboid: &Cuboid, camera_from_cuboid: &Se3) -> [Vector3<f64>; 8] {
     let sign = |bit: usize, i: usize| if i >> bit & 1 == 0 { -1.0 } else { 1.0 };
-    let corners: [Vector3<f64>; 8] = std::array::from_fn(|i| {
+    std::array::from_fn(|i| {
         let signs = Vector3::new(sign(0, i), sign(1, i), sign(2, i));
         *camera_from_cuboid * cuboid.half.component_mul(&signs)
-    });
+    })
+}
+
+/// The rectangle of pixels a box with these corners may cover; `None` when it lies outside the image or behind the camera.
+fn bounds(camera: &Pinhole, corners: &[Vector3<f64>; 8]) -> Option<[f64; 4]> {
     if corners.iter().all(|c| c.z < NEAR) {
         return None;
     }
     let mut bounds = [f64::INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY];
-    for corner in &corners {
+    for corner in corners {
         if corner.z < NEAR {
             return Some([0.0, 0.0, camera.width as f64, camera.height as f64]);
         }
@@ -145,7 +156,7 @@ struct Caster<'a> {
 }
 
 impl Caster<'_> {
-    /// The boxes that a pixel of the tile at `(x0, y0)` may show.
+    /// The boxes that a pixel of the tile at `(x0, y0)` may show, the nearest first.
     fn candidates(&self, x0: usize, y0: usize, candidates: &mut Vec<usize>) {
         let (left, top) = (x0 as f64 - 1.0, y0 as f64 - 1.0);
         let (right, bottom) = ((x0 + TILE) as f64, (y0 + TILE) as f64);
@@ -167,6 +178,9 @@ impl Caster<'_> {
         let mut nearest: Option<(usize, usize, f32)> = None;
         for &i in candidates {
             let view = &self.views[i];
+            if nearest.is_some_and(|(_, _, depth)| depth < view.nearest) {
+                break;
+            }
             let direction = view.rotation * ray;
             let Some((axis, depth)) = enter(&view.origin, &direction, &view.half) else { continue };
             if nearest.is_none_or(|(_, _, d)| depth < d) {
