@@ -1,5 +1,6 @@
 //! Spreading a loop's drift over the keyframes.
 
+use super::edges;
 use super::evidence::NoLoop;
 use crate::local_map::LocalMap;
 use crate::mapping::UnitChange;
@@ -12,38 +13,48 @@ use std::collections::{BTreeMap, BTreeSet};
 pub(super) struct GraphJob {
     nodes: BTreeMap<KeyframeId, Sim3>,
     edges: Vec<Edge>,
+    /// Those before it stay where they are.
+    first: KeyframeId,
     params: PoseGraphParams,
 }
 
-/// How the world moves at each keyframe: `corrected world from world before`.
+/// How the world moves at each keyframe that does: `corrected world from world before`.
 pub(super) struct Correction(BTreeMap<KeyframeId, Sim3>);
 
 impl GraphJob {
-    /// The map's keyframes under `edges`.
-    pub fn new(map: &LocalMap, edges: Vec<Edge>, params: &PoseGraphParams) -> Self {
+    /// The map's keyframes under the edges that its points make, its `closed` loops and a new one. Those before `first`
+    /// stay where they are, and so does the very first; they are in it as far as later ones have edges with them.
+    pub fn new(map: &LocalMap, first: usize, closed: &[Edge], new: Edge, params: &PoseGraphParams) -> Self {
+        let mut edges = edges::since(map, first, closed);
+        edges.push(new);
+        let ends = edges.iter().flat_map(|edge| [edge.from, edge.to]).map(|id| id.0 as usize);
+        let indices: BTreeSet<usize> = ends.chain(first..map.keyframes.len()).collect();
         let node = |index| (LocalMap::id(index), map.world_from_keyframe(index));
-        Self { nodes: (0..map.keyframes.len()).map(node).collect(), edges, params: params.clone() }
+        let nodes = indices.into_iter().map(node).collect();
+        Self { nodes, edges, first: LocalMap::id(first), params: params.clone() }
     }
 
-    /// Optimises the keyframes' similarities, the first one held. Refuses when the loops contradict each other.
+    /// Optimises the keyframes' similarities. Refuses when the loops contradict each other.
     pub fn solve(self) -> Result<Correction, NoLoop> {
-        let first = BTreeSet::from([LocalMap::id(0)]);
-        let edges = believable(&self.nodes, &self.edges, &first, &self.params)?;
+        let held = self.nodes.range(..self.first.max(LocalMap::id(1))).map(|(id, _)| *id).collect();
+        let edges = believable(&self.nodes, &self.edges, &held, &self.params)?;
         let mut nodes = self.nodes.clone();
-        let report = posegraph::optimise(&mut nodes, &edges, &first, &self.params).map_err(NoLoop::Graph)?;
+        let report = posegraph::optimise(&mut nodes, &edges, &held, &self.params).map_err(NoLoop::Graph)?;
         let loses_a_loop = report.suppressed.iter().any(|&i| edges[i].kind == EdgeKind::Loop);
         if loses_a_loop || nodes.values().any(|node| !node.is_valid()) {
             return Err(NoLoop::Contradicted);
         }
+        let moved = nodes.into_iter().filter(|(id, _)| *id >= self.first);
         let correction = |(id, after): (KeyframeId, Sim3)| (id, after * self.nodes[&id].inverse());
-        Ok(Correction(nodes.into_iter().map(correction).collect()))
+        Ok(Correction(moved.map(correction).collect()))
     }
 }
 
 impl Correction {
     /// Moves the map: each keyframe's scale goes into its unit and the depths of its points. Keyframes made since the graph was taken go along with the last one it knew.
     pub fn apply(&self, map: &mut LocalMap) -> Vec<UnitChange> {
-        (0..map.keyframes.len())
+        let Some(first) = self.0.keys().next().map(|id| id.0 as usize) else { return Vec::new() };
+        (first..map.keyframes.len())
             .filter_map(|keyframe| {
                 let (_, correction) = self.0.range(..=LocalMap::id(keyframe)).next_back()?;
                 let now = map.world_from_keyframe(keyframe);

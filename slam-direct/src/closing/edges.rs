@@ -6,7 +6,7 @@ use crate::window::{mahalanobis, predict, robust_weight};
 use geometry::{Se3, Sim3};
 use map::{Edge, EdgeKind};
 use nalgebra::{Matrix3, SMatrix, SVector};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 type Matrix7 = SMatrix<f64, 7, 7>;
 type Vector7 = SVector<f64, 7>;
@@ -30,8 +30,14 @@ struct Directed {
 
 /// All edges of the map as it stands: successive keyframes, those that share points, closed loops.
 pub(crate) fn all(map: &LocalMap, closed: &[Edge]) -> Vec<Edge> {
-    let mut edges = covisibility(map);
-    edges.extend(closed.iter().map(|edge| {
+    since(map, 0, closed)
+}
+
+/// The edges that have an end among the keyframes from `first` on.
+pub(super) fn since(map: &LocalMap, first: usize, closed: &[Edge]) -> Vec<Edge> {
+    let mut edges = covisibility(map, first);
+    let closed = closed.iter().filter(|edge| edge.from.max(edge.to) >= LocalMap::id(first));
+    edges.extend(closed.map(|edge| {
         let [from, to] = [edge.from, edge.to].map(|id| map.world_from_keyframe(id.0 as usize));
         Edge { from_from_to: from.inverse() * to, ..edge.clone() }
     }));
@@ -43,12 +49,15 @@ pub(crate) fn all(map: &LocalMap, closed: &[Edge]) -> Vec<Edge> {
 ///
 /// Each observation counts in the one edge between its host and its observer, so no evidence counts twice: the
 /// reprojection Hessian for the six entries of the pose, with the point's depth as uncertain as it is, and the
-/// point's relative depth variance, once for either side, for the scale.
-pub(super) fn covisibility(map: &LocalMap) -> Vec<Edge> {
+/// point's relative depth variance, once for either side, for the scale. Of those that have an end among the keyframes from
+/// `first` on.
+pub(super) fn covisibility(map: &LocalMap, first: usize) -> Vec<Edge> {
+    let seen_later = map.keyframes[first..].iter().flat_map(|state| &state.seen).map(|at| at.host);
+    let hosts: BTreeSet<usize> = seen_later.chain(first..map.keyframes.len()).collect();
     let mut directed: BTreeMap<(usize, usize), Directed> = BTreeMap::new();
-    for (host, state) in map.keyframes.iter().enumerate() {
-        for point in state.points.iter().filter(|p| p.alive) {
-            for seen in &point.observations {
+    for host in hosts {
+        for point in map.keyframes[host].points.iter().filter(|p| p.alive) {
+            for seen in point.observations.iter().filter(|seen| host.max(seen.keyframe) >= first) {
                 let pair = directed
                     .entry((host, seen.keyframe))
                     .or_insert_with(|| Directed::new(map, host, seen.keyframe));
@@ -67,7 +76,7 @@ pub(super) fn covisibility(map: &LocalMap) -> Vec<Edge> {
         .filter(|(_, (_, observations))| *observations >= MIN_OBSERVATIONS)
         .map(|((newer, older), (information, _))| edge(map, newer, older, information))
         .collect();
-    edges.extend(loose_edges(map, &edges));
+    edges.extend(loose_edges(map, first, &edges));
     edges
 }
 
@@ -133,8 +142,8 @@ fn edge(map: &LocalMap, newer: usize, older: usize, mut information: Matrix7) ->
     }
 }
 
-/// Weak edges to the keyframe before for those that nothing joins with an older one.
-fn loose_edges(map: &LocalMap, edges: &[Edge]) -> Vec<Edge> {
+/// Weak edges to the keyframe before for those from `first` on that nothing joins with an older one.
+fn loose_edges(map: &LocalMap, first: usize, edges: &[Edge]) -> Vec<Edge> {
     let mut joined = vec![false; map.keyframes.len()];
     for edge in edges {
         joined[edge.from.0 as usize] = true;
@@ -154,5 +163,5 @@ fn loose_edges(map: &LocalMap, edges: &[Edge]) -> Vec<Edge> {
         let information = Matrix7::from_diagonal(&Vector7::from_fn(|k, _| 1.0 / (sigma(k) * sigma(k))));
         edge(map, newer, newer - 1, information)
     };
-    (1..map.keyframes.len()).filter(|&k| !joined[k]).map(loose).collect()
+    (first.max(1)..map.keyframes.len()).filter(|&k| !joined[k]).map(loose).collect()
 }

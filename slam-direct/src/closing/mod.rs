@@ -60,8 +60,8 @@ params! {
         pub side: usize = 6,
         /// Iterations of the joint optimisation of the whole map after a loop. Range 1–50.
         pub iterations: usize = 8,
-        /// Maps of more keyframes than this are optimised around the two ends of the loop only: the time of the
-        /// whole grows with the cube. Range 10–2000.
+        /// Maps of more keyframes than this are optimised around the two ends of the loop only, and the pose graph moves no
+        /// keyframe that is older than the loop: the time of the whole grows with the map. Range 10–2000.
         pub whole_map: usize = 250,
         /// Candidates and their reciprocal alignment. It starts where patches were found, so a single start,
         /// half the coarseness and little common depth do.
@@ -182,12 +182,15 @@ impl LoopCloser {
         self.futile.push((keyframe, old));
     }
 
-    /// Begins to close a found loop: its pose graph is solved in the background.
+    /// Begins to close a found loop: its pose graph is made and solved in the background. In a large map keyframes older
+    /// than the loop stay where they are, so that it costs what lies between its ends.
     pub fn start(&mut self, local: &LocalMap, found: FoundLoop, params: &Params) {
-        let mut edges = edges::all(local, &self.closed);
-        edges.push(found.edge.clone());
-        let job = GraphJob::new(local, edges, &params.closing.graph);
-        self.pending = Some((found, Task::spawn(move || job.solve())));
+        let is_large = local.keyframes.len() > params.closing.whole_map;
+        let oldest = found.old_side.iter().copied().min().filter(|_| is_large).unwrap_or(0);
+        let (local, closed, edge) = (local.clone(), self.closed.clone(), found.edge.clone());
+        let graph = params.closing.graph.clone();
+        let job = move || GraphJob::new(&local, oldest, &closed, edge, &graph).solve();
+        self.pending = Some((found, Task::spawn(job)));
     }
 
     /// Whether a loop is being closed.

@@ -65,6 +65,29 @@ fn a_loop_pulls_a_drifted_map_together() {
 }
 
 #[test]
+fn in_a_large_map_what_is_older_than_the_loop_stays() {
+    let mut scene = Scene::render(&World::yard(1), &trajectory::orbit(70, 4.0, 1.3), 4);
+    let truth = centres(&scene.local);
+    scene.drift(&drift());
+    let before = centres(&scene.local);
+    let mut params = Params::default();
+    params.closing.whole_map = 40;
+    let mut closer = LoopCloser::default();
+    let found = (66..70).find_map(|k| find(&scene, &mut closer, k, &params)).expect("the loop is found");
+    let oldest = *found.old_side.iter().min().unwrap();
+    assert!(oldest > 2, "{found:?}");
+    closer.start(&scene.local, found, &params);
+    let (_, graph) = closer.pending.take().unwrap();
+    graph.join().map_err(|refusal| refusal.to_string()).unwrap().apply(&mut scene.local);
+    let after = centres(&scene.local);
+    assert_eq!(after[..oldest], before[..oldest]);
+    assert!((oldest + 1..70).all(|k| after[k] != before[k]));
+    // From the oldest of the loop on the map is right to what it was before.
+    let [before, after] = [&before, &after].map(|centres| error(&centres[oldest..], &truth[oldest..]));
+    assert!(before > 0.15 && after < 0.15 * before, "{before} m before, {after} m after");
+}
+
+#[test]
 fn a_look_alike_beyond_any_drift_is_refused() {
     let mut scene = Scene::render(&World::yard(1), &trajectory::sideways(40, 12.0), 4);
     (0..8).for_each(|i| scene.copy_appearance(i, 30 + i));
@@ -117,7 +140,7 @@ fn a_single_view_of_a_look_alike_is_refused() {
 #[test]
 fn edges_hold_what_the_points_say() {
     let scene = Scene::render(&World::yard(1), &trajectory::sideways(8, 1.6), 3);
-    let edges = edges::covisibility(&scene.local);
+    let edges = edges::covisibility(&scene.local, 0);
     assert!((1..8).all(|k| edges.iter().any(|e| (e.from.0, e.to.0) == (k, k - 1))));
     for edge in &edges {
         assert!(edge.from > edge.to && edge.from.0 - edge.to.0 <= 3);
