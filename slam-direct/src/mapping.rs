@@ -1,6 +1,6 @@
 //! What a new keyframe sets off: new points, the joint optimisation of its surroundings, culling.
 
-use crate::local_map::{LocalMap, PointRef, SeenAt, median};
+use crate::local_map::{KeyframeState, LocalMap, PointRef, SeenAt, median};
 use crate::select::select;
 use crate::track::{Matched, TrackParams};
 use crate::triangulate::{TriangulateParams, Triangulator};
@@ -8,7 +8,8 @@ use crate::window::{Limits, Problem, solve_within};
 use backend::params;
 use geometry::sensor::{Sensor, UNKNOWNS};
 use rayon::prelude::*;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Range;
 use window::Window;
 
 mod window;
@@ -40,6 +41,9 @@ params! {
         /// Observations that the last optimisation looks at in all its iterations together, millions; fewer
         /// iterations are made of a map that has more. Range 1–1000; bounds the time at the end of a long run.
         pub final_effort: f64 = 60.0,
+        /// Observations of a map up to which it is optimised as a whole, millions; one that has more is in parts of half as
+        /// many, one after another, each held by what surrounds it. Range 0.01–100; a million take 0.2 GB.
+        pub whole: f64 = 2.0,
         /// How far the corner of an image may lie from where the calibration has it, one standard deviation, as a share of
         /// its distance from the middle: what is left of the lens's radial distortion is solved for with this in mind.
         /// Range 0–0.1; with 0 it is not. Cameras of public recordings are off by up to 0.015.
@@ -210,15 +214,13 @@ pub(crate) fn calibrate(map: &mut LocalMap, params: &MappingParams) -> Vec<UnitC
     optimise_all(map, iterations, params, &stop)
 }
 
-/// Changes that follow each other as one.
-fn together(mut first: Vec<UnitChange>, then: Vec<UnitChange>) -> Vec<UnitChange> {
-    for later in then {
-        match first.iter_mut().find(|change| change.keyframe == later.keyframe) {
-            Some(change) => change.factor *= later.factor,
-            None => first.push(later),
-        }
+/// Changes that follow each other as one, in order of the keyframes.
+fn together(first: Vec<UnitChange>, then: Vec<UnitChange>) -> Vec<UnitChange> {
+    let mut factors = BTreeMap::new();
+    for UnitChange { keyframe, factor } in first.into_iter().chain(then) {
+        *factors.entry(keyframe).or_insert(1.0) *= factor;
     }
-    first
+    factors.into_iter().map(|(keyframe, factor)| UnitChange { keyframe, factor }).collect()
 }
 
 fn optimise_whole(
@@ -228,6 +230,11 @@ fn optimise_whole(
     params: &MappingParams,
     stop: &dyn Fn() -> bool,
 ) -> Vec<UnitChange> {
+    let observations = observations(map);
+    let all: usize = observations.iter().sum();
+    if all as f64 > 1e6 * params.whole {
+        return optimise_parts(map, &observations, iterations, params, stop);
+    }
     let active: BTreeSet<usize> = (0..map.keyframes.len()).collect();
     let is_known = active.len() < params.calibrate_from;
     let sigma = [params.lens_sigma, columns, rows].map(|sigma| if is_known { 0.0 } else { sigma });
@@ -235,6 +242,55 @@ fn optimise_whole(
         let affordable = 1e6 * params.final_effort / problem.observations.len().max(1) as f64;
         Limits { iterations: iterations.min(affordable as usize).max(1), stop }
     })
+}
+
+/// Optimises all keyframes and points in parts of successive keyframes, each held by what surrounds it, and then once more in
+/// parts that begin in the middle of the first ones. What was learnt of the sensor from so large a map stays.
+fn optimise_parts(
+    map: &mut LocalMap,
+    observations: &[usize],
+    iterations: usize,
+    params: &MappingParams,
+    stop: &dyn Fn() -> bool,
+) -> Vec<UnitChange> {
+    const SWEEPS: usize = 2;
+    let size = (0.5e6 * params.whole) as usize;
+    let all: usize = observations.iter().sum();
+    let affordable = 1e6 * params.final_effort / (SWEEPS * all) as f64;
+    let limits = || Limits { iterations: iterations.min(affordable as usize).max(1), stop };
+    let mut changes = Vec::new();
+    for first in [0, size / 2] {
+        for part in parts(observations, first, size) {
+            if stop() {
+                return changes;
+            }
+            let of_part = optimise(map, &part.collect(), usize::MAX, [0.0; UNKNOWNS], |_| limits());
+            changes = together(changes, of_part);
+        }
+    }
+    changes
+}
+
+/// How many observations the points of each keyframe have.
+fn observations(map: &LocalMap) -> Vec<usize> {
+    let of = |keyframe: &KeyframeState| keyframe.points.iter().map(|point| point.observations.len()).sum();
+    map.keyframes.iter().map(|keyframe| of(keyframe)).collect()
+}
+
+/// Successive keyframes in parts of `size` observations or somewhat more, but of `first` in the first part, if that is any.
+fn parts(observations: &[usize], first: usize, size: usize) -> Vec<Range<usize>> {
+    let (mut parts, mut begun, mut count) =
+        (Vec::new(), 0, size.saturating_sub(first) * usize::from(first > 0));
+    for (keyframe, own) in observations.iter().enumerate() {
+        count += own;
+        if count >= size {
+            parts.push(begun..keyframe + 1);
+            (begun, count) = (keyframe + 1, 0);
+        }
+    }
+    parts.push(begun..observations.len());
+    parts.retain(|part| !part.is_empty());
+    parts
 }
 
 fn optimise<'a>(

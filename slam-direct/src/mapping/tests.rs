@@ -100,6 +100,41 @@ fn a_disturbed_map_is_put_right() {
 }
 
 #[test]
+fn a_large_map_is_put_right_in_parts() {
+    let views: Vec<View> = (0..9).map(|i| View::new(pose(0.15 * i as f64, 0.0, 0.0, 0.0, 0.0))).collect();
+    let truth = exact_map(&views, 16);
+    let mut map = truth.clone();
+    disturb(&mut map, 8);
+    let count: usize = observations(&map).iter().sum();
+    let params = MappingParams { whole: 0.999e-6 * count as f64, ..MappingParams::default() };
+    let steps = |map: &LocalMap| -> Vec<f64> {
+        let relative =
+            |k: usize| map.keyframes[k].camera_from_world * map.keyframes[k - 1].camera_from_world.inverse();
+        let ideal = |k: usize| {
+            truth.keyframes[k].camera_from_world * truth.keyframes[k - 1].camera_from_world.inverse()
+        };
+        (1..9).map(|k| relative(k).rotation.angle_to(&ideal(k).rotation)).collect()
+    };
+    let worst = |map: &LocalMap| steps(map).into_iter().fold(0.0, f64::max);
+    let before = worst(&map);
+    let stopped = optimise_all(&mut map.clone(), 30, &params, &|| true);
+    assert!(stopped.is_empty(), "it is left when that is asked for");
+    let changes = optimise_all(&mut map, 30, &params, &|| false);
+    assert!(changes.iter().map(|change| change.keyframe).eq(0..9), "each keyframe once: {changes:?}");
+    let after = worst(&map);
+    assert!(before > 0.005 && after < 0.3 * before, "{before} before, {after} after");
+}
+
+#[test]
+fn parts_are_of_successive_keyframes_and_about_as_large() {
+    let observations = [30, 40, 50, 10, 90, 0, 20];
+    assert_eq!(parts(&observations, 0, 100), [0..3, 3..5, 5..7]);
+    assert_eq!(parts(&observations, 50, 100), [0..2, 2..5, 5..7]);
+    assert_eq!(parts(&observations, 0, 1000), [0..7]);
+    assert_eq!(parts(&[5, 5], 0, 5), [0..1, 1..2]);
+}
+
+#[test]
 fn unit_changes_tell_the_factor_of_each_keyframe() {
     let views = views();
     let truth = exact_map(&views, 20);
