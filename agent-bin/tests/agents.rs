@@ -21,7 +21,12 @@ fn small_map(name: &str, width: usize) -> Map {
             world_from_keyframe: Sim3::new(Default::default(), [x, 0.0, 0.0].into(), 1.0),
             image: Arc::new(GrayImage::filled(width, 8, width as u8)),
             scan: None,
-            semi_dense: SemiDense { pixel: vec![7], inverse_depth: vec![0.5], variance: vec![1e-6] }.into(),
+            semi_dense: SemiDense {
+                pixel: vec![7].into(),
+                inverse_depth: vec![0.5].into(),
+                variance: vec![1e-6].into(),
+            }
+            .into(),
             points: Vec::new(),
             features: None,
         };

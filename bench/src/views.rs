@@ -132,8 +132,12 @@ mod tests {
             world_from_keyframe: Sim3::new(UnitQuaternion::identity(), Vector3::zeros(), 0.5),
             image: Arc::new(GrayImage::filled(40, 30, 0)),
             scan: None,
-            semi_dense: map::SemiDense { inverse_depth: vec![1.0; 1200], variance: vec![0.01; 1200], pixel }
-                .into(),
+            semi_dense: map::SemiDense {
+                inverse_depth: vec![1.0; 1200].into(),
+                variance: vec![0.01; 1200].into(),
+                pixel: pixel.into(),
+            }
+            .into(),
             points: Vec::new(),
             features: None,
         };

@@ -1,11 +1,14 @@
 //! Images in memory order.
 
+use crate::{Buffer, Swap};
+use bytemuck::Pod;
+
 /// A row-major image of `width × height` pixels; pixel centres lie at integer coordinates.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Image<T> {
     width: usize,
     height: usize,
-    data: Vec<T>,
+    data: Buffer<T>,
 }
 
 /// An 8-bit grey image, intensities 0–255.
@@ -14,12 +17,12 @@ pub type GrayImage = Image<u8>;
 impl<T: Copy> Image<T> {
     /// An image filled with one value.
     pub fn filled(width: usize, height: usize, value: T) -> Self {
-        Self { width, height, data: vec![value; width * height] }
+        Self { width, height, data: vec![value; width * height].into() }
     }
 
     /// An image from its pixels, row by row; `None` when their number is not `width × height`.
     pub fn from_vec(width: usize, height: usize, data: Vec<T>) -> Option<Self> {
-        (data.len() == width * height).then_some(Self { width, height, data })
+        (data.len() == width * height).then(|| Self { width, height, data: data.into() })
     }
 
     /// Number of columns.
@@ -67,6 +70,18 @@ impl<T: Copy> Image<T> {
             && y >= border
             && x <= self.width as f32 - 1.0 - border
             && y <= self.height as f32 - 1.0 - border
+    }
+}
+
+impl<T: Pod> Image<T> {
+    /// The same image with its pixels where `swap` keeps them; nothing where it has no room, or has them already.
+    pub fn swapped_out(&self, swap: &dyn Swap) -> Option<Self> {
+        Some(Self { data: self.data.swapped_out(swap)?, ..*self })
+    }
+
+    /// Gives back the memory of pixels that are swapped out, until they are looked at again.
+    pub fn rest(&self) {
+        self.data.rest();
     }
 }
 

@@ -3,6 +3,7 @@
 //! Frames follow one convention everywhere: camera x right, y down, z forward, pixel centres at
 //! integers. A transform is named by what it does: `a_from_b * b_from_c = a_from_c`.
 
+mod buffer;
 mod camera;
 mod image;
 pub mod limits;
@@ -18,6 +19,7 @@ mod sim3;
 pub mod umeyama;
 mod undistort;
 
+pub use buffer::{Buffer, Swap, Swapped};
 pub use camera::{Camera, CameraError, Distortion, Fov, KannalaBrandt, RadTan};
 pub use image::{GrayImage, Image};
 pub use photometric::{PhotometricCalibration, PhotometricError};

@@ -1,6 +1,6 @@
 //! Image pyramids: each level halves the one below it.
 
-use crate::GrayImage;
+use crate::{GrayImage, Swap};
 use std::sync::{Arc, OnceLock};
 
 /// Least side of a level, pixels.
@@ -31,9 +31,18 @@ impl Pyramid {
         Self { base, levels: there, halvings: Arc::default() }
     }
 
-    /// Gives the memory of the halvings back, unless a copy needs them; they are made again when they are asked for.
+    /// Gives the memory of the halvings back, unless a copy needs them, and that of an image that is swapped out; they are
+    /// made and read again when they are asked for.
     pub fn rest(&mut self) {
         self.halvings = Arc::default();
+        self.base.rest();
+    }
+
+    /// Keeps the image, of which others have no copy yet, where `swap` has room for it.
+    pub fn swap_out(&mut self, swap: &dyn Swap) {
+        if let Some(base) = self.base.swapped_out(swap) {
+            self.base = Arc::new(base);
+        }
     }
 
     /// Whether there are no halvings in memory.

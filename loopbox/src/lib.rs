@@ -22,6 +22,7 @@ pub mod open;
 pub mod placing;
 pub mod results;
 pub mod run;
+mod swapping;
 pub mod unattended;
 
 pub use evaluating::evaluate;

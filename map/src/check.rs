@@ -14,6 +14,7 @@ pub(crate) fn map(map: &Map) -> Result<(), String> {
     agents(map)?;
     for (id, keyframe) in &map.keyframes {
         self::keyframe(keyframe, &map.agents[&keyframe.agent].sensor)?;
+        keyframe.rest();
         if *id != keyframe.id {
             return Err(format!("keyframe {} is filed under {}", keyframe.id.0, id.0));
         }

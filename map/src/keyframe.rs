@@ -1,7 +1,7 @@
 //! Keyframes, their inverse depth, and the edges between them.
 
 use crate::{AgentId, Scan, Shared};
-use geometry::{GrayImage, Sim3};
+use geometry::{Buffer, GrayImage, Sim3, Swap};
 use nalgebra::{SMatrix, SVector};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
@@ -60,19 +60,33 @@ impl Keyframe {
             features: None,
         }
     }
+
+    /// Keeps image and depth, of which others have no copies yet, where `swap` has room for them.
+    pub fn swap_out(&mut self, swap: &dyn Swap) {
+        if let Some(image) = self.image.swapped_out(swap) {
+            self.image = Arc::new(image);
+        }
+        self.semi_dense = std::mem::take(&mut *self.semi_dense).swapped_out(swap).into();
+    }
+
+    /// Gives back the memory of image and depth, as far as they are swapped out, until they are looked at again.
+    pub fn rest(&self) {
+        self.image.rest();
+        self.semi_dense.rest();
+    }
 }
 
 /// Inverse depth with variance for the pixels that have one, in memory order of the image.
 ///
-/// Inverse depth is 1/z along the optical axis, in 1/keyframe unit. The three vectors have one length.
+/// Inverse depth is 1/z along the optical axis, in 1/keyframe unit. The three columns have one length.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SemiDense {
     /// Pixel indices `y · width + x`, strictly ascending.
-    pub pixel: Vec<u32>,
+    pub pixel: Buffer<u32>,
     /// Inverse depths, > 0.
-    pub inverse_depth: Vec<f32>,
+    pub inverse_depth: Buffer<f32>,
     /// Variances of the inverse depths.
-    pub variance: Vec<f32>,
+    pub variance: Buffer<f32>,
 }
 
 impl SemiDense {
@@ -84,6 +98,22 @@ impl SemiDense {
     /// Whether no pixel has a depth.
     pub fn is_empty(&self) -> bool {
         self.pixel.is_empty()
+    }
+
+    /// The same with its numbers where `swap` keeps them, as far as it has room.
+    pub fn swapped_out(self, swap: &dyn Swap) -> Self {
+        Self {
+            pixel: self.pixel.swapped_out(swap).unwrap_or(self.pixel),
+            inverse_depth: self.inverse_depth.swapped_out(swap).unwrap_or(self.inverse_depth),
+            variance: self.variance.swapped_out(swap).unwrap_or(self.variance),
+        }
+    }
+
+    /// Gives back the memory of what is swapped out, until it is looked at again.
+    pub fn rest(&self) {
+        self.pixel.rest();
+        self.inverse_depth.rest();
+        self.variance.rest();
     }
 
     /// `(pixel index, inverse depth, variance)` of each pixel in order.

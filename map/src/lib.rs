@@ -42,7 +42,7 @@ pub use summary::{AgentSummary, Summary};
 pub use trajectory::{FramePose, StampedPose};
 pub use uuid::Uuid;
 
-use geometry::{Pinhole, Sim3};
+use geometry::{Pinhole, Sim3, Swap};
 use std::collections::BTreeMap;
 
 /// A map built by one agent, or the maps of several in one.
@@ -72,6 +72,18 @@ impl Map {
     /// An empty map of one agent.
     pub fn of(agent: AgentInfo) -> Self {
         Self { agents: [(AgentId::default(), agent)].into(), ..Self::without_agents() }
+    }
+
+    /// Keeps images and depths of all keyframes, of which others have no copies yet, where `swap` has room for them; they
+    /// are in memory again when they are looked at.
+    pub fn swap_out(&mut self, swap: &dyn Swap) {
+        self.keyframes.values_mut().for_each(|keyframe| keyframe.swap_out(swap));
+        self.rest();
+    }
+
+    /// Gives back the memory of images and depths that are swapped out, until they are looked at again.
+    pub fn rest(&self) {
+        self.keyframes.values().for_each(Keyframe::rest);
     }
 
     /// A map to which agents are yet to come.

@@ -34,7 +34,7 @@ use crate::track::{Matched, learn_position_sigma};
 use crate::tracker::{Located, Tracker, match_keyframe};
 use early::EarlyFrame;
 use geometry::sensor::Twist;
-use geometry::{GrayImage, Pinhole, Pyramid, Se3};
+use geometry::{GrayImage, Pinhole, Pyramid, Se3, Swap};
 use map::{Described, Edge, FramePose, KeyframeId, Map, MapDelta, PlaceIndex};
 use mapper::{Job, Mapper, Update};
 use std::sync::Arc;
@@ -81,6 +81,8 @@ pub struct Agent {
     resumed: Option<Going>,
     /// No frame was found in it yet.
     is_sought: bool,
+    /// Where images of keyframes are kept, as far as it has room.
+    swap: Option<Arc<dyn Swap>>,
 }
 
 enum State {
@@ -129,7 +131,17 @@ impl Agent {
             provisional: None,
             resumed: None,
             is_sought: false,
+            swap: None,
         })
+    }
+
+    /// Has images and depths of new keyframes kept by `swap`, as far as it has room: those that are far are not in memory
+    /// then until they are looked at. Results do not depend on it.
+    pub fn swap_to(&mut self, swap: Arc<dyn Swap>) {
+        if let Some(mapper) = &mut self.mapper {
+            mapper.swap_to(Arc::clone(&swap));
+        }
+        self.swap = Some(swap);
     }
 
     /// Tracks a frame and maps what it adds.
@@ -329,12 +341,15 @@ impl Agent {
         &mut self,
         tracker: &mut Tracker,
         located: &Located,
-        pyramid: Pyramid,
+        mut pyramid: Pyramid,
         timestamp: f64,
         frame_index: u64,
         report: &mut FrameReport,
     ) {
         let Some(mut mapper) = self.mapper.take() else { return };
+        if let Some(swap) = &self.swap {
+            pyramid.swap_out(&**swap);
+        }
         let (camera_from_world, matched) = match_keyframe(&self.view, &pyramid, located, &self.params);
         let keyframe = KeyframeState {
             motion: located.motion,
@@ -424,6 +439,9 @@ impl Agent {
         delta.sequence = self.said;
         self.said += 1;
         self.untold.push(delta.clone());
+        // The points are in the working map; they are handed out with it, at the end or in a snapshot.
+        delta.settled.iter_mut().for_each(|settled| settled.points = Vec::new());
+        delta.added.iter_mut().for_each(|added| added.points = Vec::new());
         self.map.take_in(delta);
     }
 
@@ -486,12 +504,19 @@ impl Agent {
     }
 
     /// Gives the map away.
-    pub fn into_map(self) -> Map {
-        self.map
+    pub fn into_map(mut self) -> Map {
+        self.take_map()
     }
 
-    /// The map as it stands: poses, and the depth of the keyframes that have settled. Edges and the points of the
-    /// latest keyframes come with [`finish`](Self::finish), or in a [`snapshot`](Self::snapshot).
+    /// Gives the map away, and the memory of all that it was made by back: the agent is left without a map.
+    pub fn take_map(&mut self) -> Map {
+        (self.state, self.mapper, self.flight, self.provisional) = (State::Empty, None, None, None);
+        (self.view, self.companions, self.early) =
+            (LocalMap::new(self.camera), Companions::new(), Vec::new());
+        std::mem::replace(&mut self.map, Map::new(self.camera))
+    }
+
+    /// The map as it stands: poses, and the depth of the keyframes that have settled. Edges and points come with [`finish`](Self::finish), or in a [`snapshot`](Self::snapshot).
     pub fn map(&self) -> &Map {
         &self.map
     }

@@ -11,7 +11,7 @@ use crate::agent::{Agent, AgentError, Frame, FrameReport, Going, TrackingState};
 use crate::params::Params;
 use crate::recognise::{Recognise, Recognition};
 use backend::params;
-use geometry::{GrayImage, Pinhole};
+use geometry::{GrayImage, Pinhole, Swap};
 use joining::Meeting;
 use map::{KeyframeId, Map, MapDelta, PlaceIndex};
 use std::sync::Arc;
@@ -48,6 +48,8 @@ pub struct Atlas {
     recognition: Recognition,
     /// Of the active fragment's keyframes in earlier ones, which are joined by them.
     meeting: Meeting,
+    /// Where the keyframes' images and depths are kept, as far as it has room.
+    swap: Option<Arc<dyn Swap>>,
 }
 
 /// What is done about a loss.
@@ -86,12 +88,21 @@ impl Atlas {
             loss: None,
             recognition: Recognition::none(),
             meeting: Meeting::default(),
+            swap: None,
         }
     }
 
     /// The same, which has `recogniser` propose where frames were taken.
     pub fn recognising(self, recogniser: Box<dyn Recognise>) -> Self {
         Self { recognition: Recognition::by(recogniser), ..self }
+    }
+
+    /// The same, which has keyframes kept by `swap` (see [`Agent::swap_to`]).
+    pub fn swapping_to(mut self, swap: Arc<dyn Swap>) -> Self {
+        for agent in &mut self.fragments {
+            agent.swap_to(Arc::clone(&swap));
+        }
+        Self { swap: Some(swap), ..self }
     }
 
     /// Frames after which what was proposed is taken up. Where mapping takes time, so does this: five times as much.
@@ -150,6 +161,9 @@ impl Atlas {
         if may_begin && loss.next.is_none() && frame.timestamp - loss.since >= self.params.atlas.begin_after {
             let mut next = Agent::new(self.camera, (self.new_places)(), self.params.clone())?;
             next.know_sensor_of(&self.fragments[self.active]);
+            if let Some(swap) = &self.swap {
+                next.swap_to(Arc::clone(swap));
+            }
             loss.next = Some(Box::new(next));
         }
         let Some(next) = &mut loss.next else {
@@ -235,6 +249,11 @@ impl Atlas {
     /// The fragments, in the order they were begun; without a map there is one, empty.
     pub fn fragments(&self) -> &[Agent] {
         &self.fragments
+    }
+
+    /// The same, to give their maps away.
+    pub fn fragments_mut(&mut self) -> &mut [Agent] {
+        &mut self.fragments
     }
 
     /// Ends the run: what is in the background, and the last optimisation of every fragment, until `stop` (see

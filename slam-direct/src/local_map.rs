@@ -93,6 +93,14 @@ impl KeyframeState {
         }
     }
 
+    /// Gives back what memory the keyframe does not need while nothing is mapped here.
+    pub fn rest(&mut self) {
+        self.pyramid.rest();
+        self.points.iter_mut().for_each(|point| point.observations.shrink_to_fit());
+        self.points.shrink_to_fit();
+        self.seen.shrink_to_fit();
+    }
+
     /// How the camera moved, in map units.
     pub fn motion_in_world(&self) -> Twist {
         let mut motion = self.motion;

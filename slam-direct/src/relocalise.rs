@@ -152,7 +152,11 @@ mod tests {
         let camera = wall_camera();
         let pixel: Vec<u32> = (0..320 * 240).filter(|p| p % 5 == 0).collect();
         let count = pixel.len();
-        let depth = map::SemiDense { pixel, inverse_depth: vec![0.5; count], variance: vec![1e-4; count] };
+        let depth = map::SemiDense {
+            pixel: pixel.into(),
+            inverse_depth: vec![0.5; count].into(),
+            variance: vec![1e-4; count].into(),
+        };
         reference(&wall(0.0, seed), &depth, &camera)
     }
 

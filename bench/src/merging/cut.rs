@@ -106,8 +106,12 @@ mod tests {
                 world_from_keyframe: pose(id.0),
                 image: Arc::new(GrayImage::filled(4, 3, 0)),
                 scan: None,
-                semi_dense: SemiDense { pixel: vec![5], inverse_depth: vec![0.5], variance: vec![0.01] }
-                    .into(),
+                semi_dense: SemiDense {
+                    pixel: vec![5].into(),
+                    inverse_depth: vec![0.5].into(),
+                    variance: vec![0.01].into(),
+                }
+                .into(),
                 points: vec![point],
                 features: None,
             };

@@ -4,6 +4,7 @@ use crate::open::open_map;
 use crate::run::find_features;
 use anyhow::{Context, Result, bail};
 use features::{Features, SiftParams, codec, sift};
+use geometry::Swap;
 use map::{Keyframe, KeyframeId, Map};
 use place_recog::{DirectIndex, Directed, Vocabulary, WordBag, words};
 use rayon::prelude::*;
@@ -43,13 +44,15 @@ pub struct InputSeconds {
 }
 
 impl Input {
-    /// Reads a map, a `map.mcap` or the folder that holds it, and finds the features of its keyframes.
+    /// Reads a map, a `map.mcap` or the folder that holds it, and finds the features of its keyframes, whose images and
+    /// depths `swap` keeps, as far as it has room.
     ///
     /// # Errors
     /// When it cannot be read, or holds nothing that could be merged: no keyframes, or none with depth.
-    pub fn load(path: &Path, vocabulary: &Vocabulary) -> Result<Self> {
+    pub fn load(path: &Path, vocabulary: &Vocabulary, swap: &dyn Swap) -> Result<Self> {
         let start = Instant::now();
-        let opened = open_map(path)?;
+        let mut opened = open_map(path)?;
+        opened.map.swap_out(swap);
         let reading = start.elapsed().as_secs_f64();
         let mut input = Self::of(opened.map, path, vocabulary).map_err(|refused| refused.why)?;
         input.warnings = opened.warnings;

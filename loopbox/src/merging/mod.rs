@@ -239,7 +239,10 @@ pub(crate) fn merge_knowing(
                 let (pair, places) = found.unwrap_or(([earlier, later], Places::default()));
                 let encounter = encounter(pair, places, inputs, &prepared, &meeting, params);
                 // What every pair leaves behind would be as much as all images.
-                pair.into_iter().for_each(|map| prepared[map].forget_beyond(READY));
+                for map in pair {
+                    prepared[map].forget_beyond(READY);
+                    inputs[map].map.rest();
+                }
                 encounter
             }
         };

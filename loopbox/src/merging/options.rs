@@ -5,6 +5,7 @@ use super::{
     write_results,
 };
 use crate::results::{Owner, Results};
+use crate::swapping::SwapFiles;
 use anyhow::{Result, anyhow, bail};
 use place_recog::Vocabulary;
 use rayon::prelude::*;
@@ -110,7 +111,8 @@ pub fn merge_maps_watched(
         go_on()
     };
     let vocabulary = Vocabulary::shipped();
-    let inputs = load(paths, &vocabulary, watcher, &mut stage)?;
+    let swap = SwapFiles::new(options.out.clone());
+    let inputs = load(paths, &vocabulary, &swap, watcher, &mut stage)?;
     let merging = merge(&inputs, &vocabulary, &options.params, &mut stage)?;
     let names = Names::new(&merging.common);
     let mut record = MergeRecord::new(&inputs, &merging, &options.params, &names)?;
@@ -133,11 +135,13 @@ pub fn merge_maps_watched(
 fn load(
     paths: &[PathBuf],
     vocabulary: &Arc<Vocabulary>,
+    swap: &SwapFiles,
     watcher: &dyn MergeWatcher,
     stage: &mut dyn FnMut(&str) -> Result<()>,
 ) -> Result<Vec<Input>> {
     stage(&format!("reading {} maps, and finding the features that they lack", paths.len()))?;
-    let loaded: Vec<Result<Input>> = paths.par_iter().map(|path| Input::load(path, vocabulary)).collect();
+    let loaded: Vec<Result<Input>> =
+        paths.par_iter().map(|path| Input::load(path, vocabulary, swap)).collect();
     let mut inputs: Vec<Input> = Vec::new();
     for input in loaded {
         let mut input = input?;

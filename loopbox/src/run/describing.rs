@@ -138,7 +138,11 @@ mod tests {
                 texture.sample((i % width + 90 * id as usize) as f32, (i / width) as f32, 1.0) as u8
             };
             let image = GrayImage::from_vec(width, height, (0..width * height).map(pixel).collect());
-            let depth = SemiDense { pixel: vec![5], inverse_depth: vec![1.0], variance: vec![0.1] };
+            let depth = SemiDense {
+                pixel: vec![5].into(),
+                inverse_depth: vec![1.0].into(),
+                variance: vec![0.1].into(),
+            };
             let (image, pose) = (Arc::new(image.expect("so many pixels")), geometry::Sim3::identity());
             Keyframe {
                 semi_dense: if id % 3 == 2 { SemiDense::default() } else { depth }.into(),

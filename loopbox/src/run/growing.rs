@@ -207,7 +207,8 @@ mod tests {
         assert_eq!(case.size(), size, "a camera that stands still writes nothing");
         case.add_frame();
         case.grow(Vec::new()).expect("there is room");
-        let semi_dense = SemiDense { pixel: vec![7], inverse_depth: vec![0.5], variance: vec![0.01] };
+        let semi_dense =
+            SemiDense { pixel: vec![7].into(), inverse_depth: vec![0.5].into(), variance: vec![0.01].into() };
         let settled =
             vec![Settled { keyframe: KeyframeId(0), semi_dense: semi_dense.into(), points: Vec::new() }];
         case.say(MapDelta { settled, ..added([2]) }).expect("there is room");

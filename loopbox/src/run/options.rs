@@ -9,6 +9,7 @@ use super::saving::Form;
 use super::session::{Mapped, Session};
 use super::{Progress, Silent};
 use crate::open::recording_name;
+use crate::swapping::SwapFiles;
 use anyhow::{Result, anyhow, bail};
 use geometry::Pinhole;
 use map::{AgentInfo, Identity};
@@ -19,6 +20,7 @@ use sources::recording::{CalibrationFiles, Head, RecordButton, Recorder};
 use sources::{FoundCalibration, FrameSource, SourceInfo, SourceOptions, Stop};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use view::watch::{Ended, Watch};
 
 /// Time that the mapping of a keyframe may take beside the tracking where frames come at their own time, seconds: two
@@ -258,7 +260,7 @@ impl PreparedRun {
             correction,
             head,
             output,
-            kept,
+            mut kept,
             options,
             listener,
             ..
@@ -275,6 +277,11 @@ impl PreparedRun {
         let lens = options.lens.is_none().then_some((lens, halvings));
         let (features, unattended) = (options.features, options.unattended);
         let source = info;
+        // Who looks after its own memory and disk has both counted.
+        let swap = (!unattended).then(|| Arc::new(SwapFiles::new(options.out.clone())));
+        if let (Some(kept), Some(swap)) = (&mut kept, &swap) {
+            kept.swap_out(&**swap);
+        }
         let session = Session {
             about,
             source,
@@ -288,6 +295,7 @@ impl PreparedRun {
             lens,
             kept,
             listener,
+            swap,
         };
         let mapped = session.run(output, &ahead, &mut watch);
         // Tells the recorder which frames nobody took, so that a replay ends where this run did.

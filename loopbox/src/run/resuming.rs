@@ -2,7 +2,7 @@
 
 use crate::open::{OpenedMap, open_map};
 use anyhow::{Context, Result, bail};
-use geometry::Pinhole;
+use geometry::{Pinhole, Swap};
 use map::{AgentId, AgentInfo, Identity, Map, PlaceIndex};
 use place_recog::ThumbnailIndex;
 use serde::Serialize;
@@ -96,6 +96,11 @@ impl Kept {
             );
         }
         Ok(())
+    }
+
+    /// Keeps its keyframes' images and depths where `swap` has room for them.
+    pub fn swap_out(&mut self, swap: &dyn Swap) {
+        self.map.swap_out(swap);
     }
 
     /// The run that goes on in it.

@@ -12,6 +12,7 @@ use crate::run::record::RunRecord;
 use crate::run::resuming::{Kept, places};
 use crate::run::runtime::Run;
 use crate::run::saving::{self, Form, Saver};
+use crate::swapping::SwapFiles;
 use anyhow::{Context, Result, anyhow};
 use geometry::{Camera, Pinhole};
 use map::AgentInfo;
@@ -20,6 +21,7 @@ use sources::SourceInfo;
 use sources::Stop;
 use sources::ahead::Ahead;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use view::watch::Watch;
 
 /// What the maps of a run have in common.
@@ -48,6 +50,8 @@ pub struct Session<'a> {
     pub lens: Option<(Camera, usize)>,
     /// Who is told how the maps grow.
     pub listener: Listener,
+    /// Where keyframes are kept that are too many for memory, if they may be.
+    pub swap: Option<Arc<SwapFiles>>,
 }
 
 /// The last map of a run.
@@ -86,7 +90,10 @@ impl Session<'_> {
             };
             let recogniser =
                 if self.params.mapping.lag > 0 { Recogniser::in_time() } else { Recogniser::default() };
-            let atlas = atlas.recognising(Box::new(recogniser));
+            let mut atlas = atlas.recognising(Box::new(recogniser));
+            if let Some(swap) = &self.swap {
+                atlas = atlas.swapping_to(Arc::<SwapFiles>::clone(swap));
+            }
             let localises = kept.is_some_and(|kept| kept.going == Going::Localising);
             // Who only localises begins anew in the same map.
             next = kept.filter(|_| localises);

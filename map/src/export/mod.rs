@@ -91,10 +91,19 @@ impl CloudFormat {
             return Ok(points.len());
         }
         let keyframes: Vec<&Keyframe> = map.keyframes.values().collect();
-        let count = keyframes.par_iter().map(|keyframe| keyframe.cloud_size(bound)).sum();
+        let size = |keyframe: &&Keyframe| {
+            let size = keyframe.cloud_size(bound);
+            keyframe.rest();
+            size
+        };
+        let count = keyframes.par_iter().map(size).sum();
         out.write_all((self.header)(count, columns).as_bytes())?;
         for together in keyframes.chunks(KEYFRAMES_TOGETHER) {
-            let points = |keyframe: &&Keyframe| self.points(keyframe.world_cloud(map, bound), columns);
+            let points = |keyframe: &&Keyframe| {
+                let points = self.points(keyframe.world_cloud(map, bound), columns);
+                keyframe.rest();
+                points
+            };
             for bytes in together.par_iter().map(points).collect::<Vec<_>>() {
                 out.write_all(&bytes)?;
             }

@@ -18,8 +18,8 @@ pub(super) fn keyframe_to_message(keyframe: &Keyframe, own_pose: Option<&Sim3>) 
         frame_index: keyframe.frame_index,
         world_from_keyframe: sim3_to_numbers(&keyframe.world_from_keyframe).to_vec(),
         pixel_step,
-        inverse_depth: depth.inverse_depth.clone(),
-        variance: depth.variance.clone(),
+        inverse_depth: depth.inverse_depth.to_vec(),
+        variance: depth.variance.to_vec(),
         agent: keyframe.agent.0.into(),
         own_world_from_keyframe: own_pose.map_or(Vec::new(), |pose| sim3_to_numbers(pose).to_vec()),
         ..Default::default()
@@ -55,7 +55,11 @@ pub(super) fn keyframe_from_message(
             .ok_or_else(|| format!("keyframe {name}: a pixel of its depth map lies outside of the image"))?;
         *step = previous;
     }
-    let semi_dense = SemiDense { pixel, inverse_depth: message.inverse_depth, variance: message.variance };
+    let semi_dense = SemiDense {
+        pixel: pixel.into(),
+        inverse_depth: message.inverse_depth.into(),
+        variance: message.variance.into(),
+    };
     let observations = observations(
         &message.observation_keyframe,
         &message.observation_pixel,

@@ -206,6 +206,7 @@ impl<W: Write + Seek> MapSink<W> {
                     (None, Some(camera)) => views::cloud(keyframe, camera),
                     (None, None) => continue,
                 };
+                keyframe.rest();
                 self.message(channels.cloud, keyframe.timestamp, &cloud)?;
                 self.flush()?;
             }

@@ -45,6 +45,7 @@ pub fn save_map(path: impl AsRef<Path>, map: &Map) -> Result<(), MapError> {
                     Some(image) => sink.keyframe_with_image(keyframe, image, own_pose)?,
                     None => sink.keyframe(keyframe, own_pose)?,
                 }
+                keyframe.rest();
                 sink.flush()?;
             }
         }

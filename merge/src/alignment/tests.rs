@@ -29,8 +29,8 @@ fn synthetic_map() -> Map {
                 scan: None,
                 semi_dense: SemiDense {
                     inverse_depth: pixel.iter().map(|_| numbers.uniform(0.1, 1.0) as f32).collect(),
-                    variance: vec![1e-4; pixel.len()],
-                    pixel,
+                    variance: vec![1e-4; pixel.len()].into(),
+                    pixel: pixel.into(),
                 }
                 .into(),
                 points: Vec::new(),

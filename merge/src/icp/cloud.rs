@@ -140,7 +140,7 @@ mod tests {
         let pixel: Vec<u32> = (0..64 * 48).collect();
         let inverse_depth = vec![0.5; pixel.len()];
         let variance = pixel.iter().map(|&p| variance(p)).collect();
-        SemiDense { pixel, inverse_depth, variance }
+        SemiDense { pixel: pixel.into(), inverse_depth: inverse_depth.into(), variance }
     }
 
     #[test]

@@ -9,6 +9,7 @@ use crate::recognise::Hypothesis;
 use crate::tracker::Tracker;
 use geometry::{Se3, Sim3};
 use map::{FramePose, Keyframe, MapDelta, PlaceIndex};
+use std::sync::Arc;
 
 /// A keyframe of one fragment found in another.
 #[derive(Clone, Copy, Debug)]
@@ -127,7 +128,10 @@ impl Agent {
                 Ok(false)
             }
             Absorbed::One(mapper, update) => {
-                let empty = Agent::new(self.camera, places, self.params.clone())?;
+                let mut empty = Agent::new(self.camera, places, self.params.clone())?;
+                if let Some(swap) = &self.swap {
+                    empty.swap_to(Arc::clone(swap));
+                }
                 let other = std::mem::replace(other, empty);
                 self.go_on_for(other, mapper, *update, joining.count);
                 Ok(true)

@@ -11,10 +11,11 @@ use crate::mapping;
 use crate::params::Params;
 use crate::publish;
 use crate::track::Matched;
-use geometry::Pinhole;
 use geometry::sensor::Twist;
+use geometry::{Pinhole, Swap};
 use map::{Edge, EdgeKind, Keyframe, KeyframeId, Map, MapDelta, PlaceIndex, Settled};
 use std::collections::BTreeSet;
+use std::sync::Arc;
 
 /// A frame that becomes a keyframe, and what was learnt since the one before.
 pub(super) struct Job {
@@ -89,6 +90,11 @@ impl Mapper {
         Self { local, places, known, closer, settler, calibrate_again: None }
     }
 
+    /// Has the keyframes' depths kept by `swap`.
+    pub fn swap_to(&mut self, swap: Arc<dyn Swap>) {
+        self.settler.swap_to(swap);
+    }
+
     /// The loops that were closed.
     pub fn closed(&self) -> &[Edge] {
         self.closer.closed()
@@ -100,6 +106,9 @@ impl Mapper {
         places.clear();
         let mut fresh = Self::new(self.local.camera, places);
         fresh.local.sensor = self.local.sensor;
+        if let Some(swap) = self.settler.swap() {
+            fresh.swap_to(swap);
+        }
         fresh
     }
 
@@ -130,7 +139,7 @@ impl Mapper {
         let closed_loop = self.take_up_loop(&mut moved, &params);
         self.seek_loop(&settled, &params);
         self.settler.begin(&self.local, &companions, params.mapping.settle_after, &params.depth);
-        self.rest_pyramids(keyframe);
+        self.rest_far(keyframe);
         self.update(moved, settled, closed_loop)
     }
 
@@ -203,13 +212,19 @@ impl Mapper {
         moved
     }
 
-    /// Lets the pyramids rest of keyframes that are neither recent nor near `keyframe`, which it sees points with.
-    fn rest_pyramids(&mut self, keyframe: usize) {
+    /// Lets the pyramids and depths rest of keyframes that are neither recent nor near `keyframe`, which it sees points
+    /// with. What was looked at since, in search of a loop say, rests again some keyframes later.
+    fn rest_far(&mut self, keyframe: usize) {
         let near: BTreeSet<usize> = self.local.covisible(keyframe).into_iter().map(|c| c.0).collect();
-        for far in 0..keyframe.saturating_sub(RECENT) {
+        for far in (0..keyframe.saturating_sub(RECENT)).filter(|far| !near.contains(far)) {
             // Looked at first: what is not changed stays shared.
-            if !self.local.keyframes[far].pyramid.is_resting() && !near.contains(&far) {
-                self.local.keyframes[far].pyramid.rest();
+            if !self.local.keyframes[far].pyramid.is_resting() {
+                self.local.keyframes[far].rest();
+            }
+            if far % RECENT == keyframe % RECENT
+                && let Some(known) = self.known.keyframes.get(&LocalMap::id(far))
+            {
+                known.rest();
             }
         }
     }

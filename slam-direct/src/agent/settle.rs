@@ -4,9 +4,11 @@ use crate::background::Task;
 use crate::dense::StereoJob;
 use crate::depth::DepthParams;
 use crate::local_map::{Companion, Companions, LocalMap};
+use geometry::Swap;
 use geometry::sensor::Sensor;
 use map::SemiDense;
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 /// Computes the semi-dense depths, keyframe after keyframe.
 #[derive(Default)]
@@ -17,12 +19,24 @@ pub(super) struct Settler {
     settling: Vec<(usize, Task<SemiDense>)>,
     /// The sensor by which the depth of each keyframe was begun; nothing of those that had theirs.
     by: BTreeMap<usize, Sensor>,
+    /// Where depths are kept, as far as it has room.
+    swap: Option<Arc<dyn Swap>>,
 }
 
 impl Settler {
     /// Of a map whose first keyframes, so many, have their depth.
     pub fn from(settled: usize) -> Self {
         Self { next: settled, ..Self::default() }
+    }
+
+    /// Has depths kept by `swap`.
+    pub fn swap_to(&mut self, swap: Arc<dyn Swap>) {
+        self.swap = Some(swap);
+    }
+
+    /// Who keeps them.
+    pub fn swap(&self) -> Option<Arc<dyn Swap>> {
+        self.swap.clone()
     }
 
     /// The first keyframe whose depth is still to be begun, so that companions are of use to it.
@@ -53,7 +67,12 @@ impl Settler {
     fn begin_one(&mut self, local: &LocalMap, keyframe: usize, near: &[Companion], params: &DepthParams) {
         let job = StereoJob::new(local, keyframe, near, params);
         self.by.insert(keyframe, local.sensor);
-        self.settling.push((keyframe, Task::spawn(move || job.run())));
+        let swap = self.swap.clone();
+        let work = move || match swap {
+            Some(swap) => job.run().swapped_out(&*swap),
+            None => job.run(),
+        };
+        self.settling.push((keyframe, Task::spawn(work)));
     }
 
     /// Goes on behind the `count` keyframes that came before those of the map that the other was of.

@@ -256,13 +256,12 @@ impl DepthFilter {
 
     /// The pixels that several references agree on, with small enough variance.
     pub fn to_semi_dense(&self) -> SemiDense {
-        let mut out = SemiDense::default();
-        for i in (0..self.len()).filter(|&i| self.is_converged(i)) {
-            out.pixel.push(self.candidates.pixel[i]);
-            out.inverse_depth.push(self.inverse_depth[i]);
-            out.variance.push(self.variance[i]);
+        let converged: Vec<usize> = (0..self.len()).filter(|&i| self.is_converged(i)).collect();
+        SemiDense {
+            pixel: converged.iter().map(|&i| self.candidates.pixel[i]).collect(),
+            inverse_depth: converged.iter().map(|&i| self.inverse_depth[i]).collect(),
+            variance: converged.iter().map(|&i| self.variance[i]).collect(),
         }
-        out
     }
 
     /// Whether the pixel is good enough for the map.

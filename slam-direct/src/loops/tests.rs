@@ -25,7 +25,12 @@ fn keyframe(id: u32, x: f64, yaw: f64) -> Keyframe {
         ),
         image: Arc::new(GrayImage::filled(64, 48, 0)),
         scan: None,
-        semi_dense: SemiDense { pixel, inverse_depth: vec![0.5; count], variance: vec![1e-4; count] }.into(),
+        semi_dense: SemiDense {
+            pixel: pixel.into(),
+            inverse_depth: vec![0.5; count].into(),
+            variance: vec![1e-4; count].into(),
+        }
+        .into(),
         points: Vec::new(),
         features: None,
     }

@@ -118,7 +118,9 @@ fn gather(map: &Map, keyframes: &[&Keyframe], step: usize) -> Vec<CloudPoint> {
                 keyframe: index as u32,
             })
         };
-        (0..depths.len()).step_by(step).filter_map(point).collect()
+        let points = (0..depths.len()).step_by(step).filter_map(point).collect();
+        keyframe.rest();
+        points
     };
     let of_keyframes: Vec<Vec<CloudPoint>> = keyframes.par_iter().enumerate().map(points).collect();
     of_keyframes.concat()

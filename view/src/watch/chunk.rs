@@ -114,7 +114,7 @@ pub(super) mod tests {
         let depth = SemiDense {
             pixel: (0..count).collect(),
             inverse_depth: (0..count).map(|i| 0.1 + i as f32 * 1e-4).collect(),
-            variance: vec![1e-6; count as usize],
+            variance: vec![1e-6; count as usize].into(),
         };
         (image.expect("the numbers fit"), depth)
     }

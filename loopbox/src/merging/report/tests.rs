@@ -48,7 +48,8 @@ fn line(name: &str, count: u32, spacing: usize, seed: u64) -> Map {
             world_from_keyframe: Sim3::new(rotation, Vector3::new(at, 0.0, 0.1 * at), 1.0),
             image: Arc::new(GrayImage::from_vec(80, 60, pixels).unwrap()),
             scan: None,
-            semi_dense: SemiDense { pixel, inverse_depth, variance }.into(),
+            semi_dense: SemiDense { pixel: pixel.into(), inverse_depth: inverse_depth.into(), variance }
+                .into(),
             points: Vec::new(),
             features: None,
         };

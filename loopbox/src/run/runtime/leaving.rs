@@ -21,15 +21,18 @@ impl Run<'_> {
         self.is_alone && stop.requested() && !self.localises()
     }
 
-    /// The maps of all fragments of the agent `about`, in the order they were begun; `described`: with the features of all
-    /// of their keyframes.
+    /// Gives away the maps of all fragments of the agent `about`, in the order they were begun; `described`: with the
+    /// features of all of their keyframes.
     pub fn maps(&mut self, about: &AgentInfo, described: bool) -> Vec<Map> {
-        let map = |(fragment, agent): (usize, &Agent)| {
+        let is_whole = self.is_whole;
+        let map = |agent: &mut Agent| {
             let snapshot = || guarded("the map", || agent.snapshot(), &mut None);
-            let whole = if self.is_whole { None } else { snapshot() };
-            self.named(about, fragment, whole.unwrap_or_else(|| agent.map().clone()))
+            let as_it_stands = if is_whole { None } else { snapshot() };
+            let map = agent.take_map();
+            as_it_stands.unwrap_or(map)
         };
-        let maps = self.atlas.fragments().iter().enumerate().map(map);
+        let maps: Vec<Map> = self.atlas.fragments_mut().iter_mut().map(map).collect();
+        let maps = maps.into_iter().enumerate().map(|(fragment, map)| self.named(about, fragment, map));
         let mut maps: Vec<Map> = maps.filter(|map| !map.frames.is_empty()).collect();
         if let Some(mut describer) = self.describer.take().filter(|_| described) {
             guarded("finding features", || describer.complete(&mut maps), &mut self.failure);

@@ -81,9 +81,9 @@ impl Traveller {
             let (frame_index, timestamp) = (k as u64, self.seed as f64 * 100.0 + k as f64);
             let pixel = vec![0, 9, 20, 40];
             let semi_dense = SemiDense {
-                inverse_depth: vec![(unit / DEPTH) as f32; pixel.len()],
-                variance: vec![1e-4; pixel.len()],
-                pixel,
+                inverse_depth: vec![(unit / DEPTH) as f32; pixel.len()].into(),
+                variance: vec![1e-4; pixel.len()].into(),
+                pixel: pixel.into(),
             };
             let image = Arc::new(GrayImage::filled(CAMERA.width, CAMERA.height, k as u8));
             let (agent, points) = (AgentId(0), Vec::new());
