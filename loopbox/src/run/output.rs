@@ -143,6 +143,24 @@ impl Output {
         self.complete(record)
     }
 
+    /// Writes the results of a run that is to end soon: its only map as it has grown, the trajectory and the numbers.
+    ///
+    /// # Errors
+    /// Names the file that could not be written.
+    pub fn finish_grown(
+        &mut self,
+        map: &Map,
+        record: &mut RunRecord,
+        format: TrajectoryFormat,
+    ) -> Result<()> {
+        self.growing.end()?;
+        let (grown, file) = (self.results.growing()?.to_owned(), self.results.file(MAP)?);
+        std::fs::rename(&grown, &file).with_context(|| format!("{}: cannot be moved", grown.display()))?;
+        self.save_trajectory(TRAJECTORY.to_owned(), &map.trajectory(), format)?;
+        self.save_trajectory(HANDED_OUT.to_owned(), &handed_out(&record.rows), format)?;
+        self.complete(record)
+    }
+
     /// Writes the results of a run that told poses in a map of an earlier one: the frames of `map`, and the numbers.
     ///
     /// # Errors
@@ -221,4 +239,80 @@ fn write_numbers(path: &Path, record: &RunRecord) -> Result<()> {
         Ok(out.get_ref().sync_all()?)
     };
     write().with_context(|| format!("{}: cannot be written", path.display()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::run::record::{Cost, FrameCounts, MapCounts, SourceRecord};
+    use geometry::{GrayImage, Pinhole, Se3, Sim3};
+    use map::{FramePose, Keyframe, KeyframeId};
+    use std::sync::Arc;
+
+    const CAMERA: Pinhole = Pinhole { width: 8, height: 6, fx: 8.0, fy: 8.0, cx: 3.5, cy: 2.5 };
+
+    fn record() -> RunRecord {
+        RunRecord {
+            version: "1",
+            source: SourceRecord {
+                path: "monday".into(),
+                kind: "folder".into(),
+                frames: None,
+                duration_s: None,
+            },
+            camera: CAMERA,
+            resumed: None,
+            interrupted: true,
+            frames: FrameCounts::default(),
+            cost: Cost::default(),
+            map: MapCounts::default(),
+            fragments: Vec::new(),
+            files: Vec::new(),
+            rows: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn a_map_left_as_it_has_grown_takes_the_place_of_earlier_results() {
+        let room = tempfile::tempdir().expect("a folder");
+        let folder = room.path().join("out");
+        let about = AgentInfo::new("one", CAMERA);
+        for (run, keyframes) in [(0, 1), (1, 3)] {
+            let mut output =
+                Output::create(&folder, about.clone(), Path::new("monday"), false).expect("room");
+            let mut map = Map::of(about.clone());
+            for (sequence, id) in (0..keyframes).map(KeyframeId).enumerate() {
+                let image = Arc::new(GrayImage::filled(8, 6, 90));
+                let (time, index) = (f64::from(id.0), u64::from(id.0));
+                let added = vec![Keyframe::of_image(id, time, index, Sim3::identity(), image)];
+                let delta = MapDelta { sequence: sequence as u64, added, ..MapDelta::default() };
+                map.take_in(delta.clone());
+                let keyframe_from_frame = Se3::identity();
+                map.frames.push(FramePose {
+                    timestamp: time,
+                    frame_index: index,
+                    reference: id,
+                    keyframe_from_frame,
+                });
+                output.grow(0, &map, vec![delta]).expect("room");
+            }
+            let mut record = record();
+            if run == 0 {
+                let maps = [map];
+                output.finish(&maps, &mut record, TrajectoryFormat::Tum, 0.01).expect("room");
+                assert!(folder.join(REPORT).exists());
+                continue;
+            }
+            output.finish_grown(&map, &mut record, TrajectoryFormat::Tum).expect("room");
+            assert!(map::load_map(folder.join(MAP)).expect("it loads").map == map);
+            let trajectory = std::fs::read_to_string(folder.join(TRAJECTORY)).expect("it is there");
+            assert_eq!(trajectory.lines().filter(|line| !line.starts_with('#')).count(), 3);
+            let mut names: Vec<String> = std::fs::read_dir(&folder)
+                .expect("a folder")
+                .map(|entry| entry.expect("a file").file_name().to_string_lossy().into_owned())
+                .collect();
+            names.sort();
+            assert_eq!(names, [MAP, NUMBERS, HANDED_OUT, TRAJECTORY], "of the earlier run nothing is left");
+        }
+    }
 }

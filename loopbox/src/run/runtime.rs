@@ -186,7 +186,8 @@ impl<'a> Run<'a> {
         if broken.is_none() {
             let hurry = Instant::now();
             let patience = if run.is_alone { LAST_WORK_ALONE } else { LAST_WORK };
-            let stop = || stop.requested() && hurry.elapsed() > patience;
+            let is_large = run.is_large();
+            let stop = || stop.requested() && (is_large || hurry.elapsed() > patience);
             guarded("the last optimisation", || run.atlas.finish_until(&stop), &mut broken);
         }
         if let Some(mut check) = run.check.take() {

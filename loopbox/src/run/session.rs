@@ -150,7 +150,8 @@ impl Session<'_> {
         }
         self.progress.stage("writing the results");
         let written = match maps.first() {
-            _ if leaves => output.leave(),
+            _ if leaves && self.unattended => output.leave(),
+            Some(map) if leaves => output.finish_grown(map, &mut record, self.form.format),
             Some(map) if run.localises() => output.finish_localised(map, &mut record, self.form.format),
             _ => output.finish(&maps, &mut record, self.form.format, self.form.max_variance),
         };

@@ -171,7 +171,7 @@ impl Mapper {
             self.seek_loop(&[keyframe], params);
             loops.extend(self.take_up_loop(&mut moved, params));
         }
-        if self.local.keyframes.len() > 1 {
+        if self.local.keyframes.len() > 1 && !stop() {
             let p = &params.mapping;
             mapping::optimise_all(&mut self.local, p.final_iterations, p, stop);
             moved = (0..self.local.keyframes.len()).collect();

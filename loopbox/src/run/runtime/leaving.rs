@@ -10,15 +10,25 @@ use sources::ahead::Ahead;
 use sources::{SourceInfo, Stop};
 use view::process;
 
+/// Keyframes of a map that takes some seconds to write.
+const LARGE: usize = 500;
+
 impl Run<'_> {
     /// The same with its edges and points, to be saved while the run goes on, as that of the agent `about`.
     pub fn snapshot(&self, about: &AgentInfo) -> Map {
         self.named(about, self.fragment, self.atlas.active().snapshot())
     }
 
-    /// Whether the maps are left as they have grown, because the run is to end soon and nobody looks after it.
+    /// Whether the maps are left as they have grown, because the run is to end soon: nobody looks after it, or the map is
+    /// [large](Self::is_large).
     pub fn leaves_its_maps(&self, stop: &Stop) -> bool {
-        self.is_alone && stop.requested() && !self.localises()
+        (self.is_alone || self.is_large()) && stop.requested() && !self.localises()
+    }
+
+    /// Whether optimising and writing the map as a whole takes longer than somebody waits who wishes to stop.
+    pub(super) fn is_large(&self) -> bool {
+        let [only] = self.atlas.fragments() else { return false };
+        only.map().keyframes.len() > LARGE
     }
 
     /// Gives away the maps of all fragments of the agent `about`, in the order they were begun; `described`: with the
