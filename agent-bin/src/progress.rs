@@ -241,6 +241,9 @@ fn summary(record: &RunRecord, out: &str) -> String {
     }
     if record.interrupted {
         text += "interrupted: what was tracked so far is saved\n";
+        if !record.files.is_empty() && !record.files.iter().any(|name| name.ends_with(".ply")) {
+            text += &format!("the map is left as it has grown: `loopbox export {out}` makes its cloud\n");
+        }
     }
     text + &format!("written to {out}\n")
 }

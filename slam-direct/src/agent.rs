@@ -365,7 +365,9 @@ impl Agent {
         let (counts, motions) = (std::mem::take(&mut self.counts), std::mem::take(&mut self.motions));
         let (companions, params) = (self.companions.clone(), self.params.clone());
         let job = Job { keyframe, matched, counts, motions, companions, params };
-        let lag = self.params.mapping.lag as u64;
+        let p = &self.params.mapping;
+        let times = if mapper.has_much_to_do(&self.params) { p.whole_lag } else { 1 };
+        let lag = (p.lag * times) as u64;
         if lag == 0 {
             let before = Before::of(&self.view, index);
             // What nobody else holds is changed in place.

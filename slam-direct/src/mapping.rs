@@ -63,6 +63,9 @@ params! {
         /// How many frames after a keyframe what was mapped of it is tracked against. Range 0–10: with 0 each keyframe
         /// waits for its mapping; more leave it more time beside the tracking, and the map is that much older.
         pub lag: usize = 0,
+        /// Times so many where all of the map is optimised: when a loop is closed, or the sensor asked after. Range 1–20; no
+        /// keyframes are made meanwhile.
+        pub whole_lag: usize = 5,
         /// Keyframes in which a new point's depth is sought.
         pub search_views: usize = 12,
     }

@@ -142,3 +142,9 @@ pub(crate) fn quantile(mut values: Vec<f64>, share: f64) -> f64 {
     values.sort_by(f64::total_cmp);
     values[(share * (values.len() - 1) as f64) as usize]
 }
+
+/// The keyframes of a map without their points, which an agent keeps in its working map.
+pub(crate) fn without_points(map: &map::Map) -> Vec<map::Keyframe> {
+    let keyframes = map.keyframes.values().cloned();
+    keyframes.map(|keyframe| map::Keyframe { points: Vec::new(), ..keyframe }).collect()
+}

@@ -126,6 +126,13 @@ impl Mapper {
         self.update(moved, Vec::new(), None)
     }
 
+    /// Whether the next keyframe sets off more than what concerns its surroundings: the end of a loop's closing, or an
+    /// optimisation of the whole map for its sensor.
+    pub fn has_much_to_do(&self, params: &Params) -> bool {
+        let next = self.local.keyframes.len() + 1;
+        self.closer.is_busy() || mapping::calibration_is_due(next, self.calibrate_again, &params.mapping)
+    }
+
     /// Extends the map by a keyframe; takes up what was begun in the background at the one before, and begins more.
     pub fn extend(&mut self, job: Job) -> Update {
         let Job { keyframe, matched, counts, motions, companions, params } = job;

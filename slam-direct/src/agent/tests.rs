@@ -1,7 +1,7 @@
 //! The agent on a short rendered drive.
 
 use super::*;
-use crate::test_scene::yard;
+use crate::test_scene::{without_points, yard};
 use geometry::{GrayImage, umeyama};
 use loopbox_tests::{Recording, trajectory};
 use place_recog::ThumbnailIndex;
@@ -145,7 +145,10 @@ fn a_map_adopted_later_is_as_good_and_the_same_each_time() {
         let adopted = reports.iter().enumerate().filter_map(|(at, r)| Some((at, r.adopted?)));
         let waits: Vec<usize> = adopted.map(|(at, id)| at - made(id).unwrap()).collect();
         assert_eq!(waits.is_empty(), lag == 0);
-        assert!(waits.iter().all(|&wait| wait == lag), "{waits:?}");
+        // The sensor is asked after at ten keyframes: the whole map is optimised.
+        let (long, short): (Vec<usize>, Vec<usize>) = waits.iter().partition(|&&wait| wait > lag);
+        assert!(short.iter().all(|&wait| wait == lag), "{waits:?}");
+        assert!(long.len() <= 2 && long.iter().all(|&wait| wait == 5 * lag), "{waits:?}");
     }
 }
 
@@ -162,7 +165,7 @@ fn who_takes_in_all_deltas_has_the_map() {
                 next += 1;
                 told.take_in(delta);
             }
-            assert!(told.keyframes == agent.map().keyframes, "lag {lag}: frame {i}");
+            assert!(without_points(&told) == without_points(agent.map()), "lag {lag}: frame {i}");
             let known = |f: &FramePose| told.keyframes.contains_key(&f.reference);
             assert!(agent.map().frames.iter().all(known), "lag {lag}: each frame's keyframe is there");
         }

@@ -109,7 +109,7 @@ fn the_sensor_is_said_with_the_map() {
     let lens = said(agent.map()).expect("said from the first keyframes on");
     assert_ne!(lens, "0.0", "there are keyframes enough to solve for it");
     assert_eq!(said(&told), Some(lens.clone()));
-    let mut map = agent.into_map();
+    let mut map = agent.snapshot();
     let about = map.agents.values_mut().next().unwrap();
     about.provenance.insert("readout rows".into(), "0.02".into());
     let resumed = resumed(map, Going::On).view;

@@ -123,7 +123,7 @@ fn fragments_that_meet_become_one() {
     let mut told = Map::new(Recording::SMALL_CAMERA);
     let deltas = reports.iter().filter(|report| report.fragment == 0).flat_map(|report| &report.deltas);
     deltas.cloned().for_each(|delta| told.take_in(delta));
-    assert!(told.keyframes == atlas.active().map().keyframes);
+    assert!(without_points(&told) == without_points(atlas.active().map()));
     assert!(atlas.active().map().keyframes.values().any(|keyframe| keyframe.frame_index > 72));
     atlas.finish_until(&|| false);
     let maps = atlas.into_maps();
