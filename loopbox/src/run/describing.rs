@@ -107,7 +107,10 @@ pub fn complete(map: &mut Map) -> usize {
     let lacks = |keyframe: &&mut Keyframe| keyframe.features.is_none() && !keyframe.semi_dense.is_empty();
     let lacking: Vec<&mut Keyframe> = map.keyframes.values_mut().filter(lacks).collect();
     let count = lacking.len();
-    lacking.into_par_iter().for_each(|keyframe| keyframe.features = Some(described(&keyframe.image)));
+    lacking.into_par_iter().for_each(|keyframe| {
+        keyframe.features = Some(described(&keyframe.image));
+        keyframe.image.rest();
+    });
     count
 }
 

@@ -6,8 +6,10 @@ use map::Map;
 use slam_direct::self_calibration::{SelfCalibration, other_focal_length};
 use std::thread::JoinHandle;
 
-/// The map is asked when it has so many keyframes, and again at four times as many.
+/// The map is asked when it has so many keyframes, and again at four times as many, ...
 const KEYFRAMES: usize = 30;
+/// ... up to so many: what these do not tell, more do not either.
+const ENOUGH: usize = 480;
 /// Focal lengths that are off by less do no harm that anybody sees: the scale of depth against width is off by as much.
 const HARMLESS: f64 = 0.06;
 /// By so many deviations the map must contradict the calibration.
@@ -30,7 +32,7 @@ impl LensCheck {
 
     /// Whether the map, of so many keyframes, is to be asked now.
     pub fn is_due(&self, keyframes: usize) -> bool {
-        keyframes >= self.next && self.thread.is_none()
+        keyframes >= self.next && self.next <= ENOUGH && self.thread.is_none()
     }
 
     /// Whether no map was asked yet.
