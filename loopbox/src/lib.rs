@@ -29,3 +29,4 @@ pub use evaluating::evaluate;
 pub use explaining::explained;
 pub use merging::{MergeOptions, merge_maps};
 pub use run::{RunOptions, run};
+pub use swapping::SwapFiles;

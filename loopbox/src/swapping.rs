@@ -4,6 +4,7 @@
 use crate::run::free_bytes;
 use geometry::{Swap, Swapped};
 use memmap2::{MmapOptions, MmapRaw, UncheckedAdvice};
+use std::fmt;
 use std::io;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -22,11 +23,31 @@ pub struct SwapFiles {
     /// Bytes that are still left in memory.
     spare: AtomicU64,
     open: Mutex<Option<Open>>,
+    /// Bytes of all files there are.
+    on_disk: Arc<AtomicU64>,
+}
+
+impl fmt::Debug for SwapFiles {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.debug_struct("SwapFiles").field("folder", &self.folder).finish_non_exhaustive()
+    }
+}
+
+/// A file without a name, in the memory of the program.
+struct SwapFile {
+    pages: MmapRaw,
+    on_disk: Arc<AtomicU64>,
+}
+
+impl Drop for SwapFile {
+    fn drop(&mut self) {
+        self.on_disk.fetch_sub(self.pages.len() as u64, Ordering::Relaxed);
+    }
 }
 
 /// The file that is being filled.
 struct Open {
-    file: Arc<MmapRaw>,
+    file: Arc<SwapFile>,
     used: usize,
 }
 
@@ -38,7 +59,13 @@ impl SwapFiles {
 
     /// The same, for what is more than `in_memory` bytes.
     pub fn beyond(folder: PathBuf, in_memory: u64) -> Self {
-        Self { folder, spare: in_memory.into(), open: Mutex::default() }
+        let (open, on_disk) = Default::default();
+        Self { folder, spare: in_memory.into(), open, on_disk }
+    }
+
+    /// Bytes that the files take on the disk: they are in no folder's listing.
+    pub fn on_disk(&self) -> u64 {
+        self.on_disk.load(Ordering::Relaxed)
     }
 
     /// A file without a name. All its room is taken at once: a disk that is full later would end the program when its
@@ -49,7 +76,9 @@ impl SwapFiles {
         }
         let file = tempfile::tempfile_in(&self.folder)?;
         rustix::fs::fallocate(&file, rustix::fs::FallocateFlags::empty(), 0, size as u64)?;
-        Ok(Open { file: Arc::new(MmapOptions::new().len(size).map_raw(&file)?), used: 0 })
+        let pages = MmapOptions::new().len(size).map_raw(&file)?;
+        self.on_disk.fetch_add(size as u64, Ordering::Relaxed);
+        Ok(Open { file: Arc::new(SwapFile { pages, on_disk: Arc::clone(&self.on_disk) }), used: 0 })
     }
 }
 
@@ -63,14 +92,19 @@ impl Swap for SwapFiles {
         // From page to page, so that one piece can rest while the next does not.
         let room = bytes.len().next_multiple_of(rustix::param::page_size());
         let mut open = self.open.lock().unwrap_or_else(PoisonError::into_inner);
-        if open.as_ref().is_none_or(|open| open.used + room > open.file.len()) {
+        if open.as_ref().is_none_or(|open| open.used + room > open.file.pages.len()) {
             *open = Some(self.begin(room.max(FILE)).ok()?);
         }
         let open = open.as_mut()?;
         let piece = Piece { file: Arc::clone(&open.file), start: open.used, len: bytes.len() };
         // Safety: within the file, and nobody else's part of it.
         unsafe {
-            piece.file.as_mut_ptr().add(piece.start).copy_from_nonoverlapping(bytes.as_ptr(), bytes.len())
+            piece
+                .file
+                .pages
+                .as_mut_ptr()
+                .add(piece.start)
+                .copy_from_nonoverlapping(bytes.as_ptr(), bytes.len())
         };
         open.used += room;
         Some(Arc::new(piece))
@@ -79,7 +113,7 @@ impl Swap for SwapFiles {
 
 /// A part of a file, which lives as long as its parts.
 struct Piece {
-    file: Arc<MmapRaw>,
+    file: Arc<SwapFile>,
     start: usize,
     len: usize,
 }
@@ -88,12 +122,14 @@ struct Piece {
 unsafe impl Swapped for Piece {
     fn bytes(&self) -> &[u8] {
         // Safety: within the mapping, and written once.
-        unsafe { std::slice::from_raw_parts(self.file.as_ptr().add(self.start), self.len) }
+        unsafe { std::slice::from_raw_parts(self.file.pages.as_ptr().add(self.start), self.len) }
     }
 
     fn rest(&self) {
         // Safety: a file's pages are not lost with the memory they take. Whether it is given back is the system's affair.
-        let _ = unsafe { self.file.unchecked_advise_range(UncheckedAdvice::DontNeed, self.start, self.len) };
+        let _ = unsafe {
+            self.file.pages.unchecked_advise_range(UncheckedAdvice::DontNeed, self.start, self.len)
+        };
     }
 }
 
@@ -115,8 +151,11 @@ mod tests {
             (0..3).map(|k| (0..3_000_000).map(|i| (i * 7 + k) as f32).collect()).collect();
         let out: Vec<Buffer<f32>> = many.iter().map(|values| values.swapped_out(&swap).unwrap()).collect();
         out.iter().for_each(Buffer::rest);
-        drop(swap);
+        assert!(swap.on_disk() >= 3 * 12_000_000);
         assert!(out == many);
+        drop(out);
+        // The file that is being filled stays.
+        assert!(swap.on_disk() <= FILE as u64);
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0, "no file is left behind");
     }
 

@@ -68,6 +68,8 @@ pub struct RunOptions {
     /// Nobody looks after the run, for months: a full disk is waited out, with the map growing in memory; rows of old frames
     /// are forgotten; and when it is to stop, the map is left as it has grown, without trajectory, cloud and report.
     pub unattended: bool,
+    /// Where keyframes are kept that are too many for memory; `None` for [files](SwapFiles::new) beside the results.
+    pub swap: Option<Arc<SwapFiles>>,
 }
 
 impl RunOptions {
@@ -90,6 +92,7 @@ impl RunOptions {
             max_variance: map::DEFAULT_MAX_RELATIVE_VARIANCE,
             features: true,
             unattended: false,
+            swap: None,
         }
     }
 
@@ -277,10 +280,9 @@ impl PreparedRun {
         let lens = options.lens.is_none().then_some((lens, halvings));
         let (features, unattended) = (options.features, options.unattended);
         let source = info;
-        // Who looks after its own memory and disk has both counted.
-        let swap = (!unattended).then(|| Arc::new(SwapFiles::new(options.out.clone())));
-        if let (Some(kept), Some(swap)) = (&mut kept, &swap) {
-            kept.swap_out(&**swap);
+        let swap = options.swap.unwrap_or_else(|| Arc::new(SwapFiles::new(options.out.clone())));
+        if let Some(kept) = &mut kept {
+            kept.swap_out(&*swap);
         }
         let session = Session {
             about,

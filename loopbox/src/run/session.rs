@@ -50,8 +50,8 @@ pub struct Session<'a> {
     pub lens: Option<(Camera, usize)>,
     /// Who is told how the maps grow.
     pub listener: Listener,
-    /// Where keyframes are kept that are too many for memory, if they may be.
-    pub swap: Option<Arc<SwapFiles>>,
+    /// Where keyframes are kept that are too many for memory.
+    pub swap: Arc<SwapFiles>,
 }
 
 /// The last map of a run.
@@ -90,10 +90,8 @@ impl Session<'_> {
             };
             let recogniser =
                 if self.params.mapping.lag > 0 { Recogniser::in_time() } else { Recogniser::default() };
-            let mut atlas = atlas.recognising(Box::new(recogniser));
-            if let Some(swap) = &self.swap {
-                atlas = atlas.swapping_to(Arc::<SwapFiles>::clone(swap));
-            }
+            let swap = Arc::<SwapFiles>::clone(&self.swap);
+            let atlas = atlas.recognising(Box::new(recogniser)).swapping_to(swap);
             let localises = kept.is_some_and(|kept| kept.going == Going::Localising);
             // Who only localises begins anew in the same map.
             next = kept.filter(|_| localises);

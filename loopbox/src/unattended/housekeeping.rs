@@ -2,13 +2,14 @@
 
 use super::config::AgentConfig;
 use super::room::{Plan, Room, plan};
-use super::sessions::Sessions;
+use super::sessions::{Session, Sessions};
 use super::vitals::{Vitals, Why};
+use crate::SwapFiles;
 use crate::run::free_bytes;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError, Weak};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -32,6 +33,8 @@ pub struct Housekeeping {
     file_bytes: u64,
     /// The folders in use: that of the session which runs, and that whose map it goes on in.
     in_use: Mutex<Vec<PathBuf>>,
+    /// Where the session that runs keeps what is too much for memory.
+    swap: Mutex<Weak<SwapFiles>>,
 }
 
 /// The thread; it ends when this is dropped.
@@ -54,6 +57,7 @@ impl Housekeeping {
             records: config.record.enabled,
             file_bytes: config.record.file_mib.saturating_mul(MIB),
             in_use: Mutex::default(),
+            swap: Mutex::default(),
         })
     }
 
@@ -61,6 +65,18 @@ impl Housekeeping {
     /// session's own file holds all of it.
     pub fn use_only(&self, folders: impl IntoIterator<Item = PathBuf>) {
         *self.in_use.lock().unwrap_or_else(PoisonError::into_inner) = folders.into_iter().collect();
+    }
+
+    /// Where a session keeps keyframes that are too many for memory: it counts as what is kept.
+    pub fn swap_for(&self, session: &Session) -> Arc<SwapFiles> {
+        let swap = Arc::new(SwapFiles::new(session.folder.clone()));
+        *self.swap.lock().unwrap_or_else(PoisonError::into_inner) = Arc::downgrade(&swap);
+        swap
+    }
+
+    fn swapped(&self) -> u64 {
+        let swap = self.swap.lock().unwrap_or_else(PoisonError::into_inner).upgrade();
+        swap.map_or(0, |swap| swap.on_disk())
     }
 
     /// Makes room once, and says what there is.
@@ -82,7 +98,7 @@ impl Housekeeping {
         let recorded = self.vitals.now().button.as_ref().and_then(|button| button.path());
         let stays =
             |path: &Path| in_use.iter().any(|folder| folder == path) || recorded.as_deref() == Some(path);
-        let others = self.sessions.other_bytes();
+        let others = self.sessions.other_bytes() + self.swapped();
         let room = Room {
             limit: self.limit.saturating_sub(others + lacking),
             free: free_bytes(&self.out),

@@ -214,6 +214,7 @@ impl Agent<'_> {
             resume: found.map(|found| found.resume),
             features: self.config.map.features,
             unattended: true,
+            swap: Some(self.house.swap_for(session)),
             ..RunOptions::to(&session.folder)
         };
         let begun = || self.sessions.keep_history(&self.sessions.history().read());
