@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 /// Keeps what is too much for memory: in files, say.
 pub trait Swap: Send + Sync {
-    /// Keeps a copy of `bytes`, of an address that is a multiple of 16; `None` where there is no room, so that they stay
+    /// Keeps a copy of `bytes`, at an address that is a multiple of 16; `None` where there is no room, so that they stay
     /// where they are.
     fn keep(&self, bytes: &[u8]) -> Option<Arc<dyn Swapped>>;
 }
@@ -38,7 +38,7 @@ enum Owner<T> {
     Swap(Arc<dyn Swapped>),
 }
 
-// What is pointed at is the owner's, who may go to other threads and be looked at from several.
+// Safety: what is pointed at is the owner's, who may go to other threads and be looked at from several.
 unsafe impl<T: Send> Send for Buffer<T> {}
 unsafe impl<T: Sync> Sync for Buffer<T> {}
 
@@ -71,9 +71,9 @@ impl<T: Copy> Buffer<T> {
 
     /// Changes the values, in memory of their own.
     fn change(&mut self, change: impl FnOnce(&mut Vec<T>)) {
-        let mut values = match &mut self.owner {
-            Owner::Memory(values) => std::mem::take(values),
-            Owner::Swap(_) => self.to_vec(),
+        let mut values = match std::mem::take(self) {
+            Self { owner: Owner::Memory(values), .. } => values,
+            swapped => swapped.to_vec(),
         };
         change(&mut values);
         *self = values.into();
