@@ -23,6 +23,8 @@ const LEAST_FEATURES: usize = 30;
 /// Keyframes that are made ready for an image that does not wait: at 10 ms where their features were found before, and 40 where
 /// not.
 const IN_TIME: usize = 8;
+/// The same for one that waits: some seconds' work. A map of thousands is made ready with as many images.
+const WAITED_FOR: usize = 256;
 
 /// Recognises images among the keyframes of a run. What it made of a keyframe is kept.
 pub struct Recogniser {
@@ -48,8 +50,8 @@ struct Prepared {
 }
 
 impl Recogniser {
-    /// For images that do not wait: of keyframes that are not ready yet, the newest are sought first, and others with the next
-    /// images.
+    /// For images that do not wait: fewer keyframes are made ready for each. Of those that are not ready yet, the newest are
+    /// sought first, and others with the next images.
     pub fn in_time() -> Self {
         Self { most: IN_TIME, ..Self::default() }
     }
@@ -80,7 +82,7 @@ impl Recogniser {
 
 impl Default for Recogniser {
     fn default() -> Self {
-        Self { vocabulary: Vocabulary::shipped(), fragments: BTreeMap::new(), most: usize::MAX }
+        Self { vocabulary: Vocabulary::shipped(), fragments: BTreeMap::new(), most: WAITED_FOR }
     }
 }
 
