@@ -172,6 +172,19 @@ fn wrong_usage_has_its_own_status() {
 }
 
 #[cfg(target_os = "linux")]
+/// Before anything is written.
+#[cfg(not(feature = "ros2"))]
+#[test]
+fn a_program_without_zenoh_says_how_to_get_it() {
+    let folder = tempdir().unwrap();
+    let out = folder.path().join("out");
+    assert_refused(
+        &["run", arg(&demo()), "--out", arg(&out), "--ros2"],
+        &["built without zenoh", "--features ros2", "loopbox export"],
+    );
+    assert!(!out.exists());
+}
+
 #[test]
 fn a_full_disk_is_said() {
     let (folder, out) = (tempdir().unwrap(), tempdir().unwrap());

@@ -7,7 +7,7 @@
 //! [`mod@run`] takes frames from a source through an agent into a folder of results, [`merging`] brings maps of several
 //! agents together, [`calibrating`] makes a camera's calibration from images of a board; [`results`] keeps folders of
 //! results whole, [`importing`] makes maps of posed images from elsewhere, [`placing`] brings maps to metres and upright. [`lidar`] does the same for LiDAR agents; `fleet` lets
-//! agents pair over a network. [`unattended`] runs an agent for ever, session after session.
+//! agents pair over a network, [`ros`] publishes a run to ROS 2. [`unattended`] runs an agent for ever, session after session.
 
 #[cfg(feature = "opencv")]
 pub mod calibrating;
@@ -21,6 +21,7 @@ pub mod merging;
 pub mod open;
 pub mod placing;
 pub mod results;
+pub mod ros;
 pub mod run;
 mod swapping;
 pub mod unattended;

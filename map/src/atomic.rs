@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 /// the disk and the file renamed. On any error the temporary file is removed and `path` is as before.
 ///
 /// Where `path` is something other than a file (a pipe, a terminal), it is written directly.
-pub(crate) fn write_atomically<T>(
+pub fn write_atomically<T>(
     path: &Path,
     fill: impl FnOnce(&mut BufWriter<File>) -> io::Result<T>,
 ) -> io::Result<T> {

@@ -91,7 +91,7 @@ impl MapError {
     }
 
     /// A failure to write `path`.
-    pub(crate) fn write(path: &Path, source: io::Error) -> Self {
+    pub fn write(path: &Path, source: io::Error) -> Self {
         Self::Write { path: path.to_owned(), reason: source }
     }
 

@@ -23,6 +23,7 @@ mod trajectory;
 mod unite;
 
 pub use agent::{AgentId, AgentInfo, OwnMap};
+pub use atomic::write_atomically;
 pub use delta::{Described, MapDelta, Moved, Settled};
 pub use error::MapError;
 pub use export::{

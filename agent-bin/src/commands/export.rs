@@ -7,6 +7,7 @@ use anyhow::{bail, ensure};
 use loopbox::placing::board::scale_by_board;
 use loopbox::placing::{Metres, Up, place};
 use map::{CloudSelection, DEFAULT_MAX_RELATIVE_VARIANCE, KeyframeId, Map, MapError, StampedPose};
+use ros2::frames::Axes;
 use std::path::{Path, PathBuf};
 
 /// Write a map's cloud, trajectory or posed images in the format of another tool; in metres and upright where asked
@@ -72,6 +73,18 @@ impl PlacingArgs {
         Ok(given.or(self.by_board(map)?))
     }
 
+    /// How the axes of the map's world lie, once it is placed.
+    fn axes(&self, map: &Map) -> Axes {
+        let own = map.agents.values().next().map_or(Axes::Body, |info| Axes::of(&info.sensor));
+        match self.up {
+            Some(Up::Z) => Axes::Body,
+            Some(Up::Y) => Axes::Graphics,
+            // A track has a frame of its own, which stays as it is.
+            None if self.track.is_some() => Axes::Body,
+            None => own,
+        }
+    }
+
     #[cfg(feature = "opencv")]
     fn by_board(&self, map: &Map) -> anyhow::Result<Option<Metres>> {
         let Some(board) = &self.board else { return Ok(None) };
@@ -110,6 +123,10 @@ pub struct Outputs {
     /// it says so, and what it is merged with gets metres too
     #[arg(long, value_name = "FILE")]
     pub mcap: Option<PathBuf>,
+    /// A bag for ROS 2 (MCAP): trajectories as /tf and odometry, the points of each keyframe as PointCloud2, thinned by --voxel
+    /// as one cloud; x forward, y left, z up, level with --up z
+    #[arg(long, value_name = "FILE")]
+    pub ros2: Option<PathBuf>,
     /// Folder of a COLMAP project: undistorted images, and cameras, poses and sparse points with their tracks as text
     #[arg(long, value_name = "DIR")]
     pub colmap: Option<PathBuf>,
@@ -126,6 +143,7 @@ impl Outputs {
             ("--pcd", &self.pcd, &["pcd"]),
             ("--las", &self.las, &["las", "laz"]),
             ("--mcap", &self.mcap, &["mcap"]),
+            ("--ros2", &self.ros2, &["mcap"]),
         ];
         for (option, path, own) in forms {
             let Some(path) = path else { continue };
@@ -156,11 +174,11 @@ pub fn run(args: &ExportArgs) -> anyhow::Result<()> {
     if map.keyframes.values().all(|keyframe| keyframe.semi_dense.is_empty() && keyframe.scan.is_none()) {
         tell!("warning: {}: no keyframe has depth: clouds of it are empty", args.map.display());
     }
-    write_clouds(
-        &args.outputs,
-        &map,
-        CloudSelection { max_relative_variance: args.max_variance, voxel: args.voxel },
-    )?;
+    let selection = CloudSelection { max_relative_variance: args.max_variance, voxel: args.voxel };
+    write_clouds(&args.outputs, &map, selection)?;
+    if let Some(path) = &args.outputs.ros2 {
+        write_bag(path, &map, args.placing.axes(&map), selection)?;
+    }
     if let Some(path) = &args.outputs.tum {
         write_trajectories(path, &map, |path, trajectory| map::save_tum(path, trajectory))?;
     }
@@ -195,6 +213,14 @@ fn write_trajectories(
         save(&path, &trajectory)?;
         say!("{}: {} poses", path.display(), trajectory.len());
     }
+    Ok(())
+}
+
+/// Writes the bag for ROS 2.
+fn write_bag(path: &Path, map: &Map, world: Axes, selection: CloudSelection) -> anyhow::Result<()> {
+    let counts = map::write_atomically(path, |out| ros2::bag::write_bag(out, map, world, selection));
+    let counts = counts.map_err(|source| MapError::write(path, source))?;
+    say!("{}: {} poses, {} points in {} clouds", path.display(), counts.poses, counts.points, counts.clouds);
     Ok(())
 }
 

@@ -88,11 +88,16 @@ impl PairingArgs {
             dial: self.connect.clone(),
             keys: self.keys.folder(),
         };
-        let fleet = Fleet::start(&options, None, move |text| {
-            if !quiet {
-                tell!("fleet: {text}");
-            }
-        })?;
+        let fleet = Fleet::start(
+            &options,
+            None,
+            move |text| {
+                if !quiet {
+                    tell!("fleet: {text}");
+                }
+            },
+            None,
+        )?;
         if let Some(at) = fleet.listening().filter(|_| !quiet) {
             tell!("fleet: others reach this agent by --connect {}", at.for_others());
         }
@@ -147,7 +152,7 @@ fn hand_over(folder: &Path, name: &str, args: &FleetCommand) -> Result<()> {
         keys: args.keys.folder(),
     };
     let stop = stop_on_ctrl_c("stopping (Ctrl-C again to abort)")?;
-    let fleet = Fleet::start(&options, None, |text| tell!("{text}"))?;
+    let fleet = Fleet::start(&options, None, |text| tell!("{text}"), None)?;
     if let Some(at) = fleet.listening() {
         tell!("others reach this agent by --connect {}", at.for_others());
     }

@@ -28,6 +28,7 @@ mod merge_scans;
 mod method;
 mod params;
 mod places;
+mod publishing;
 mod record;
 mod run;
 mod run_scans;

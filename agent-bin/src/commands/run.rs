@@ -1,6 +1,7 @@
 //! `loopbox run`: tracks and maps a recording.
 
 use super::params;
+use super::publishing::{self, Ros2Args};
 use super::run_scans::{self, ScanArgs, ScanRun};
 use super::watching::ViewArgs;
 use crate::console::{Ended, Ending};
@@ -113,6 +114,8 @@ pub struct RunArgs {
     #[cfg(feature = "fleet")]
     #[command(flatten)]
     pairing: super::fleet::PairingArgs,
+    #[command(flatten)]
+    publishing: Ros2Args,
 }
 
 /// When features are found.
@@ -145,6 +148,7 @@ enum LogForm {
 /// results cannot be written.
 pub fn execute(args: &RunArgs) -> Result<()> {
     args.check()?;
+    args.publishing.check()?;
     let found = |source: &Path| run_scans::open(source, args.topic.as_deref(), &args.scans).transpose();
     if let Some(scans) = args.source.as_deref().and_then(found).transpose()? {
         return args.over_scans(scans);
@@ -173,7 +177,13 @@ pub fn execute(args: &RunArgs) -> Result<()> {
         Some(fleet) => prepared.told_to(fleet.teller()?),
         None => prepared,
     };
-    let mapped = prepared.go(watched, &stop, &progress)?;
+    let (prepared, publishing) = match args.publishing.start()? {
+        Some((follower, publishing)) => (prepared.told_to(follower), Some(publishing)),
+        None => (prepared, None),
+    };
+    let mapped = prepared.go(watched, &stop, &progress);
+    publishing.map(|publishing| publishing::end(publishing, args.quiet)).transpose()?;
+    let mapped = mapped?;
     #[cfg(feature = "fleet")]
     if let Some(fleet) = fleet {
         args.pairing.end(fleet, &args.out, &stop, args.quiet)?;
@@ -236,6 +246,7 @@ impl RunArgs {
             (self.all_frames, "--all-frames"),
             (self.continued.is_some(), "--continue"),
             (self.localise.is_some(), "--localise"),
+            (self.publishing.is_wanted(), "--ros2"),
         ];
         if let Some((_, name)) = given.into_iter().find(|(is_given, _)| *is_given) {
             bail!("{name} is for images, and {} holds scans of a LiDAR", source.info().path.display());

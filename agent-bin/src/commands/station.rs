@@ -1,6 +1,7 @@
 //! `loopbox station`: collects the maps of agents and merges them as they come.
 
 use super::keys::KeysArg;
+use super::publishing::Ros2Args;
 use crate::console::{self, tell};
 use crate::interrupt::stop_on_ctrl_c;
 use anyhow::Result;
@@ -36,6 +37,8 @@ pub struct StationArgs {
     /// Say nothing of what happens
     #[arg(long)]
     quiet: bool,
+    #[command(flatten)]
+    publishing: Ros2Args,
 }
 
 /// Runs `loopbox station`.
@@ -48,6 +51,7 @@ pub fn run(args: &StationArgs) -> Result<()> {
             "nobody could reach the station\nhint: --listen tcp/127.0.0.1:7447 lets agents dial it"
         );
     }
+    args.publishing.check()?;
     let options = FleetOptions {
         out: args.out.clone(),
         force: args.force,
@@ -60,11 +64,17 @@ pub fn run(args: &StationArgs) -> Result<()> {
     };
     let stop = stop_on_ctrl_c("stopping: writing what was merged so far (Ctrl-C again to abort)")?;
     let quiet = args.quiet;
-    let fleet = Fleet::start(&options, args.agents, move |text| {
-        if !quiet {
-            tell!("{text}");
-        }
-    })?;
+    let common = args.publishing.common()?;
+    let fleet = Fleet::start(
+        &options,
+        args.agents,
+        move |text| {
+            if !quiet {
+                tell!("{text}");
+            }
+        },
+        common,
+    )?;
     if let Some(at) = fleet.listening().filter(|_| !quiet) {
         tell!("agents reach this station by: loopbox run … --fleet --connect {}", at.for_others());
     }

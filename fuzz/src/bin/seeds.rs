@@ -39,9 +39,9 @@ fn small_map() -> Map {
                 image: Arc::new(image),
                 scan: None,
                 semi_dense: SemiDense {
-                    pixel: vec![3, 9],
-                    inverse_depth: vec![0.5, 0.7],
-                    variance: vec![0.1, 0.2],
+                    pixel: vec![3, 9].into(),
+                    inverse_depth: vec![0.5, 0.7].into(),
+                    variance: vec![0.1, 0.2].into(),
                 }
                 .into(),
                 points: vec![Point {

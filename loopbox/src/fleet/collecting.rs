@@ -11,6 +11,7 @@ use super::remembering::Content;
 use super::sketching::{Met, Plan, Sketches};
 use crate::merging::{MergeRecord, Merging, MergingParams, Names, merge_knowing, write_results};
 use crate::results::{Owner, Results};
+use crate::ros::Common;
 use crate::run::give_way;
 use anyhow::{Context, Result, anyhow};
 use fleet::node::Heard;
@@ -56,6 +57,8 @@ pub(super) struct Collector {
     /// Something came that is not merged yet, or merged and not written.
     is_new: bool,
     to_write: bool,
+    /// Where the common map is published, if it is.
+    common: Option<Common>,
 }
 
 impl Collector {
@@ -84,7 +87,20 @@ impl Collector {
             written: None,
             is_new: false,
             to_write: false,
+            common: None,
         })
+    }
+
+    /// The same, of which `common` publishes the common map.
+    pub fn published_by(self, common: Option<Common>) -> Self {
+        Self { common, ..self }
+    }
+
+    /// Has the common map published again for those who come late, when it is time.
+    pub fn remind(&mut self) {
+        if let Some(common) = &mut self.common {
+            common.remind();
+        }
     }
 
     /// Takes in what is new and merges it, where it is time. What was found, if anything was looked at; `told` is what
@@ -277,6 +293,9 @@ impl Collector {
         self.maps.memory.keep(contents, &merging.encounters, at_rest);
         self.sketches.met(&met(&merging, contents));
         let found = Found::of(inputs, &merging, whole);
+        if let Some(common) = &mut self.common {
+            common.say(&merging.fused);
+        }
         let is_due = self.written.is_none_or(|written| written.elapsed() > WRITE_INTERVAL);
         if merging.anything_met() && (at_rest || is_due) {
             let mut write = || -> Result<()> {

@@ -4,6 +4,7 @@ use super::collecting::Collector;
 use super::findings::Found;
 use super::status::{AgentLine, LinkLine, STATUS, StatusFile};
 use super::telling::{Teller, Telling};
+use crate::ros::Common;
 use anyhow::{Context, Result, anyhow};
 use fleet::keys::Keys;
 use fleet::node::{News, Quota, Status};
@@ -73,7 +74,7 @@ type Tell = Box<dyn Fn(&str) + Send + Sync>;
 
 impl Fleet {
     /// Starts a party, that ends by itself once the maps of `enough` agents are whole and merged; `tell` tells people
-    /// what happens.
+    /// what happens, `common` is told the common map.
     ///
     /// # Errors
     /// When a folder cannot be used, or an address not be listened at.
@@ -81,10 +82,11 @@ impl Fleet {
         options: &FleetOptions,
         enough: Option<usize>,
         tell: impl Fn(&str) + Send + Sync + 'static,
+        common: Option<Common>,
     ) -> Result<Self> {
         let role = if options.is_station { Role::Station } else { Role::Agent };
-        let common = if options.is_station { options.out.clone() } else { options.out.join(COMMON) };
-        let collector = Collector::new(&common, options.force, options.is_beside)?;
+        let folder = if options.is_station { options.out.clone() } else { options.out.join(COMMON) };
+        let collector = Collector::new(&folder, options.force, options.is_beside)?.published_by(common);
         let shared = Arc::new(Shared { enough, tell: Some(Box::new(tell)), ..Shared::default() });
         let of_news = Arc::clone(&shared);
         let service = ServiceOptions {
@@ -274,6 +276,7 @@ impl Shared {
                 self.status().found = found;
                 written = None;
             }
+            collector.remind();
             if written.is_none_or(|written| written.elapsed() > STATUS_INTERVAL) {
                 self.show(&service.status(), path)?;
                 written = Some(Instant::now());

@@ -1,5 +1,6 @@
 //! Whoever wants to know how the map of a run grows, while it does.
 
+use geometry::Se3;
 use map::{AgentInfo, Identity, Map, MapDelta};
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -13,28 +14,48 @@ pub trait MapListener: Send {
     /// nothing of tracked frames.
     fn changed(&mut self, agent: Identity, deltas: Vec<MapDelta>);
 
+    /// A frame was looked at. Runs that only localise say this, and nothing of how the map changes.
+    fn looked(&mut self, seen: &Seen<'_>) {
+        let _ = seen;
+    }
+
     /// The run has ended with these maps, which are all that there is to know of them.
     fn ended(&mut self, maps: &[Map]);
 }
 
-/// Somebody who listens, or nobody.
-#[derive(Clone, Default)]
-pub struct Listener(Option<Arc<Mutex<dyn MapListener>>>);
+/// A frame that was looked at, and what there is to know then.
+#[derive(Clone, Copy, Debug)]
+pub struct Seen<'a> {
+    /// Who makes the map that the frame belongs to; another epoch is another map, with a world of its own.
+    pub agent: Identity,
+    /// The frame's time stamp, seconds.
+    pub timestamp: f64,
+    /// Its pose as known now, if it has one; then it is the last of the map's frames.
+    pub world_from_camera: Option<Se3>,
+    /// What was said of the map since the frame before.
+    pub deltas: &'a [MapDelta],
+    /// The map as it is after these.
+    pub map: &'a Map,
+}
 
-impl Listener {
-    /// Somebody.
-    pub fn new(listener: impl MapListener + 'static) -> Self {
-        Self(Some(Arc::new(Mutex::new(listener))))
+/// Those who listen, if anybody does.
+#[derive(Clone, Default)]
+pub struct Listeners(Vec<Arc<Mutex<dyn MapListener>>>);
+
+impl Listeners {
+    /// Somebody more.
+    pub fn add(&mut self, listener: impl MapListener + 'static) {
+        self.0.push(Arc::new(Mutex::new(listener)));
     }
 
     /// Whether anybody listens.
-    pub fn is_there(&self) -> bool {
-        self.0.is_some()
+    pub fn are_there(&self) -> bool {
+        !self.0.is_empty()
     }
 
-    /// Tells whoever listens.
-    pub fn tell(&self, what: impl FnOnce(&mut dyn MapListener)) {
-        if let Some(listener) = &self.0 {
+    /// Tells everybody who listens.
+    pub fn tell(&self, what: impl Fn(&mut dyn MapListener)) {
+        for listener in &self.0 {
             what(&mut *listener.lock().unwrap_or_else(PoisonError::into_inner));
         }
     }

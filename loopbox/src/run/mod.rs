@@ -24,11 +24,10 @@ mod saving;
 mod session;
 
 pub use describing::complete as find_features;
-#[cfg(feature = "fleet")]
 pub(crate) use describing::give_way;
 pub(crate) use growing::free_bytes;
 pub use lens::{FoundLens, find_lens};
-pub use listening::{Listener, MapListener};
+pub use listening::{Listeners, MapListener, Seen};
 pub use options::{PreparedRun, RunOptions, run};
 pub(crate) use output::TRAJECTORY;
 pub use output::TrajectoryFormat;

@@ -2,7 +2,7 @@
 
 use super::diagnosis::too_few_poses;
 use super::lens::{FoundLens, find_lens};
-use super::listening::{Listener, MapListener};
+use super::listening::{Listeners, MapListener};
 use super::output::{Output, TrajectoryFormat};
 use super::resuming::{Kept, Resume};
 use super::saving::Form;
@@ -149,7 +149,7 @@ pub struct PreparedRun {
     /// What there is to know of the map that is gone on in.
     warnings: Vec<String>,
     options: RunOptions,
-    listener: Listener,
+    listeners: Listeners,
 }
 
 /// Tracks and maps the recording at `source` and writes the results; tells nobody how it goes.
@@ -208,7 +208,7 @@ impl PreparedRun {
             output.add("camera.yaml", lens.file());
         }
         let head = Head::new(&info, CalibrationFiles::gather(&options.camera, &info)?);
-        let listener = Listener::default();
+        let listeners = Listeners::default();
         Ok(Self {
             source,
             info,
@@ -221,14 +221,15 @@ impl PreparedRun {
             kept,
             warnings,
             options,
-            listener,
+            listeners,
         })
     }
 
-    /// The same, of whose maps `listener` is told.
-    pub fn told_to(self, mut listener: impl MapListener + 'static) -> Self {
+    /// The same, of whose maps `listener` is told as well.
+    pub fn told_to(mut self, mut listener: impl MapListener + 'static) -> Self {
         listener.begins(&self.about);
-        Self { listener: Listener::new(listener), ..self }
+        self.listeners.add(listener);
+        self
     }
 
     /// What is odd about the source and its calibration, for people.
@@ -265,7 +266,7 @@ impl PreparedRun {
             output,
             mut kept,
             options,
-            listener,
+            listeners,
             ..
         } = self;
         let recorder = Recorder::idle();
@@ -296,7 +297,7 @@ impl PreparedRun {
             progress,
             lens,
             kept,
-            listener,
+            listeners,
             swap,
         };
         let mapped = session.run(output, &ahead, &mut watch);

@@ -6,7 +6,7 @@ use crate::run::Progress;
 use crate::run::describing::Describer;
 use crate::run::diagnosis::{ImageStatistics, Losses};
 use crate::run::lens_check::LensCheck;
-use crate::run::listening::Listener;
+use crate::run::listening::{Listeners, Seen};
 use crate::run::output::Output;
 use crate::run::record::FrameRow;
 use crate::run::resuming::Kept;
@@ -41,8 +41,8 @@ pub struct Run<'a> {
     describer: Option<Describer>,
     /// Asks whether the lens is the one of the images.
     check: Option<LensCheck>,
-    /// Who is told how the map grows.
-    listener: Listener,
+    /// Who are told how the map grows.
+    listeners: Listeners,
     /// The fragment that the newest frame was given to.
     fragment: usize,
     rows: Vec<FrameRow>,
@@ -74,7 +74,7 @@ impl<'a> Run<'a> {
             identity,
             describer: None,
             check: None,
-            listener: Listener::default(),
+            listeners: Listeners::default(),
             fragment: 0,
             rows: Vec::new(),
             forgotten_rows: 0,
@@ -102,9 +102,9 @@ impl<'a> Run<'a> {
         Self { kept, ..self }
     }
 
-    /// The same, of whose map `listener` is told.
-    pub fn told_to(self, listener: Listener) -> Self {
-        Self { listener, ..self }
+    /// The same, of whose map `listeners` are told.
+    pub fn told_to(self, listeners: Listeners) -> Self {
+        Self { listeners, ..self }
     }
 
     /// The same, after which nobody looks if `is_alone`.
@@ -255,6 +255,11 @@ impl<'a> Run<'a> {
         self.losses.take_in(&report, &row, progress);
         let deltas = std::mem::take(&mut report.deltas);
         let map = self.atlas.active().map();
+        if let Some(agent) = self.identity_of(self.fragment) {
+            let world_from_camera = report.world_from_camera;
+            let seen = Seen { agent, timestamp, world_from_camera, deltas: &deltas, map };
+            self.listeners.tell(|listener| listener.looked(&seen));
+        }
         watch.after((index, timestamp, row.ms), latency_ms, report, (&deltas, map), dropped);
         self.keep(row);
         Ok(deltas)
@@ -290,11 +295,11 @@ impl<'a> Run<'a> {
     /// Tells who listens what was said of the map. Who only localises has no map of its own to tell of.
     fn tell(&self, deltas: &[MapDelta]) {
         if let Some(identity) = self.identity_of(self.fragment)
-            && self.listener.is_there()
+            && self.listeners.are_there()
             && !deltas.is_empty()
             && !self.localises()
         {
-            self.listener.tell(|listener| listener.changed(identity, deltas.to_vec()));
+            self.listeners.tell(|listener| listener.changed(identity, deltas.to_vec()));
         }
     }
 

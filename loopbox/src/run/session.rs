@@ -5,7 +5,7 @@ use crate::run::Progress;
 use crate::run::describing::Describer;
 use crate::run::fragments;
 use crate::run::lens_check::LensCheck;
-use crate::run::listening::Listener;
+use crate::run::listening::Listeners;
 use crate::run::output::Output;
 use crate::run::recognising::Recogniser;
 use crate::run::record::RunRecord;
@@ -48,8 +48,8 @@ pub struct Session<'a> {
     pub kept: Option<Kept>,
     /// The lens and how often images are halved for it, where it is to be checked whether it is the one of the images.
     pub lens: Option<(Camera, usize)>,
-    /// Who is told how the maps grow.
-    pub listener: Listener,
+    /// Who are told how the maps grow.
+    pub listeners: Listeners,
     /// Where keyframes are kept that are too many for memory.
     pub swap: Arc<SwapFiles>,
 }
@@ -102,7 +102,7 @@ impl Session<'_> {
             let check =
                 self.lens.filter(|_| !localises).map(|(lens, halvings)| LensCheck::new(lens, halvings));
             let run = Run::new(atlas, self.camera, identity, ahead).with(describer, check).within(kept);
-            let run = run.told_to(self.listener.clone()).left_alone(self.unattended);
+            let run = run.told_to(self.listeners.clone()).left_alone(self.unattended);
             let run = run.track(ahead, self.stop, self.progress, &mut output, watch, &save)?;
             let restart = run.is_to_restart();
             identity = run.next_identity();
@@ -144,7 +144,7 @@ impl Session<'_> {
             return Ok(Err(anyhow!("{}: no frame could be tracked: {why}", self.source.path.display())));
         }
         if !run.localises() {
-            self.listener.tell(|listener| listener.ended(&maps));
+            self.listeners.tell(|listener| listener.ended(&maps));
         }
         self.progress.stage("writing the results");
         let written = match maps.first() {

@@ -39,7 +39,7 @@ impl Pairing {
             keys: fleet.keys.clone(),
         };
         let told = Arc::clone(vitals);
-        let fleet = Fleet::start(&options, None, move |text| told.tell(&format!("fleet: {text}")))?;
+        let fleet = Fleet::start(&options, None, move |text| told.tell(&format!("fleet: {text}")), None)?;
         Ok(Self(Some(fleet)))
     }
 

@@ -130,7 +130,7 @@ fn parts_are_of_successive_keyframes_and_about_as_large() {
     let observations = [30, 40, 50, 10, 90, 0, 20];
     assert_eq!(parts(&observations, 0, 100), [0..3, 3..5, 5..7]);
     assert_eq!(parts(&observations, 50, 100), [0..2, 2..5, 5..7]);
-    assert_eq!(parts(&observations, 0, 1000), [0..7]);
+    assert!(parts(&observations, 0, 1000).into_iter().eq(std::iter::once(0..7)));
     assert_eq!(parts(&[5, 5], 0, 5), [0..1, 1..2]);
 }
 

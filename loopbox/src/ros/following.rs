@@ -1,0 +1,213 @@
+//! From the run to the thread that publishes: what is new is left in a slot, and taken when that thread gets to it.
+
+use crate::run::{MapListener, Seen};
+use geometry::sensor::Shift;
+use geometry::{GrayImage, Pinhole, Se3, Sim3};
+use map::{AgentInfo, FramePose, Identity, Keyframe, KeyframeId, Map, MapDelta, SemiDense, Shared};
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+/// Poses that wait at the most: those of half a minute.
+const MAX_POSES: usize = 1000;
+
+/// What was not published yet.
+#[derive(Default)]
+pub(super) struct News {
+    /// Who maps, once that is known.
+    pub about: Option<AgentInfo>,
+    /// Poses of frames in order.
+    pub poses: VecDeque<Tracked>,
+    /// Poses that came when too many waited.
+    pub dropped: u64,
+    /// What follows is of another map than before, or of the same with fewer keyframes.
+    pub anew: bool,
+    /// Keyframes that are new or were moved, with their units.
+    pub moved: BTreeMap<KeyframeId, Sim3>,
+    /// Keyframes whose depth is new.
+    pub depths: BTreeMap<KeyframeId, Depth>,
+    /// Which of the run's worlds keyframes are in, from 0.
+    pub world: usize,
+    /// Nothing comes after this.
+    pub ended: bool,
+    /// Something was left since it was taken.
+    fresh: bool,
+}
+
+/// A frame that has a pose.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Tracked {
+    /// Seconds.
+    pub timestamp: f64,
+    /// Which of the run's worlds it is in, from 0.
+    pub world: usize,
+    /// Its pose.
+    pub world_from_camera: Se3,
+    /// The pose of the frame before it that had one, as it is known now; `None` where that was in another world.
+    pub world_from_before: Option<Se3>,
+}
+
+/// The depth of a keyframe.
+pub(super) struct Depth {
+    /// Seconds.
+    pub timestamp: f64,
+    pub image: Arc<GrayImage>,
+    pub semi_dense: Shared<SemiDense>,
+    pub camera: Pinhole,
+    pub shift: Shift,
+}
+
+/// Where news waits.
+#[derive(Default)]
+pub(super) struct Slot {
+    news: Mutex<News>,
+    left: Condvar,
+}
+
+impl Slot {
+    fn open(&self) -> MutexGuard<'_, News> {
+        // Every section leaves it whole, so a panic elsewhere does not spoil it.
+        self.news.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Leaves something and wakes who takes it.
+    pub fn leave(&self, change: impl FnOnce(&mut News)) {
+        let mut news = self.open();
+        change(&mut news);
+        news.fresh = true;
+        drop(news);
+        self.left.notify_one();
+    }
+
+    /// Takes what was left; waits for it, at most so long.
+    pub fn take(&self, patience: Duration) -> News {
+        let waited = self.left.wait_timeout_while(self.open(), patience, |news| !news.fresh);
+        let mut news = waited.unwrap_or_else(PoisonError::into_inner).0;
+        let world = news.world;
+        std::mem::replace(&mut *news, News { world, ..News::default() })
+    }
+}
+
+/// Is told by a run how it goes, and leaves in the slot what is new. It does no work but to copy what little is not shared.
+pub struct Follower {
+    slot: Arc<Slot>,
+    /// The worlds of the run so far, in the order they were first seen.
+    worlds: Vec<Identity>,
+    /// The world whose map was handed on.
+    current: Option<usize>,
+    /// The frame before that had a pose, and its world.
+    before: Option<(usize, FramePose)>,
+}
+
+impl Follower {
+    pub(super) fn new(slot: Arc<Slot>) -> Self {
+        Self { slot, worlds: Vec::new(), current: None, before: None }
+    }
+
+    /// The number of a world.
+    fn world(&mut self, agent: Identity) -> usize {
+        self.worlds.iter().position(|known| *known == agent).unwrap_or_else(|| {
+            self.worlds.push(agent);
+            self.worlds.len() - 1
+        })
+    }
+
+    /// Where the frame is, if it has a pose.
+    fn tracked(&mut self, seen: &Seen<'_>, world: usize) -> Option<Tracked> {
+        let world_from_camera = seen.world_from_camera?;
+        let before = self.before.filter(|(of, _)| *of == world);
+        let world_from_before =
+            before.and_then(|(_, frame)| seen.map.world_from_frame(&frame)).map(|pose| pose.rigid());
+        // The map has the newest frame last.
+        self.before = seen.map.frames.last().map(|frame| (world, *frame));
+        Some(Tracked { timestamp: seen.timestamp, world, world_from_camera, world_from_before })
+    }
+}
+
+impl MapListener for Follower {
+    fn begins(&mut self, about: &AgentInfo) {
+        self.slot.leave(|news| news.about = Some(about.clone()));
+    }
+
+    fn changed(&mut self, _: Identity, _: Vec<MapDelta>) {
+        // `looked` says it, and in runs that only localise as well.
+    }
+
+    fn looked(&mut self, seen: &Seen<'_>) {
+        let world = self.world(seen.agent);
+        let tracked = self.tracked(seen, world);
+        let is_other = self.current != Some(world) || seen.deltas.iter().any(|delta| delta.sequence == 0);
+        let anew = is_other || seen.deltas.iter().any(|delta| !delta.removed.is_empty());
+        self.current = Some(world);
+        if tracked.is_none() && seen.deltas.is_empty() && !anew {
+            return;
+        }
+        self.slot.leave(|news| {
+            if anew {
+                news.begin(world);
+                seen.map.keyframes.values().for_each(|keyframe| news.hand_on(keyframe, seen.map));
+            }
+            for delta in seen.deltas {
+                let moved = delta.moved.iter().map(|moved| moved.keyframe);
+                for id in moved.chain(delta.added.iter().map(|keyframe| keyframe.id)) {
+                    if let Some(keyframe) = seen.map.keyframes.get(&id) {
+                        news.moved.insert(id, keyframe.world_from_keyframe);
+                    }
+                }
+                for settled in &delta.settled {
+                    if let Some(keyframe) = seen.map.keyframes.get(&settled.keyframe) {
+                        news.hand_on(keyframe, seen.map);
+                    }
+                }
+            }
+            if news.poses.len() >= MAX_POSES && tracked.is_some() {
+                news.poses.pop_front();
+                news.dropped += 1;
+            }
+            news.poses.extend(tracked);
+        });
+    }
+
+    fn ended(&mut self, maps: &[Map]) {
+        // Maps that were joined at the end are in a world of their own, in which nobody was told to be.
+        let own = |map: &&Map| map.agents.len() == 1 && map.agents.values().any(|a| a.identity.is_some());
+        let Some(map) = maps.first().filter(own) else { return };
+        let Some(identity) = map.agents.values().find_map(|agent| agent.identity) else { return };
+        let world = self.world(identity);
+        self.slot.leave(|news| {
+            if self.current != Some(world) {
+                news.begin(world);
+            }
+            map.keyframes.values().for_each(|keyframe| news.hand_on(keyframe, map));
+        });
+        self.current = Some(world);
+    }
+}
+
+impl News {
+    /// Forgets what waits of another map.
+    fn begin(&mut self, world: usize) {
+        (self.anew, self.world) = (true, world);
+        self.moved.clear();
+        self.depths.clear();
+    }
+
+    /// Hands on where a keyframe is and what depth it has.
+    fn hand_on(&mut self, keyframe: &Keyframe, map: &Map) {
+        self.moved.insert(keyframe.id, keyframe.world_from_keyframe);
+        let (Some(camera), Some(shift)) = (map.camera_of(keyframe), map.image_shift(keyframe)) else {
+            return;
+        };
+        if keyframe.semi_dense.is_empty() {
+            return;
+        }
+        let depth = Depth {
+            timestamp: keyframe.timestamp,
+            image: Arc::clone(&keyframe.image),
+            semi_dense: keyframe.semi_dense.clone(),
+            camera: *camera,
+            shift,
+        };
+        self.depths.insert(keyframe.id, depth);
+    }
+}
