@@ -154,13 +154,17 @@ pub struct Submap {
 
 /// Smallest voxels of a submap's surfaces, metres.
 const FINE: f32 = 0.25;
+/// Least extent of a submap's planes, as [`SurfaceParams::width`]: half of a voxel. Poses are known here, so that a strip has the
+/// slope of its surface, and its normal tells what a tilt does to a floor that few rings saw.
+const WIDTH: f32 = 0.15;
 /// Grid on which a submap's points are compared, metres.
 const COMPARED: f32 = 0.5;
 
 impl Submap {
     /// Joins keyframes by their poses; `origin` is the pose whose frame the submap takes.
     pub fn new<'a>(keyframes: impl Iterator<Item = &'a Keyframe>, origin: &Se3) -> Self {
-        let surfaces = |voxel| SurfaceMap::new(SurfaceParams { voxel, ..SurfaceParams::default() });
+        let surfaces =
+            |voxel| SurfaceMap::new(SurfaceParams { voxel, width: WIDTH, ..SurfaceParams::default() });
         let mut submap = Self {
             points: Vec::new(),
             fine: surfaces(FINE),
