@@ -18,13 +18,13 @@ pub mod robot_map;
 mod tests;
 pub mod verdict;
 
-use crate::closure::{search, sketch};
+use crate::closure::{Found, search, sketch};
 use crate::voxels::{VoxelTable, first_of_each_voxel};
 use hypotheses::{Cluster, clusters, hypotheses};
 use rayon::prelude::*;
 use robot_map::RobotMap;
 use serde::{Deserialize, Serialize};
-use verdict::{MergeEvidence, Verdict, evidence, judged};
+use verdict::{Verdict, distinct, evidence, judged};
 
 /// So many clusters of hypotheses are registered with whole maps, thinned.
 const FOLLOWED: usize = 16;
@@ -67,7 +67,7 @@ pub fn merge_by(method: MergeMethod, a: &RobotMap, b: &RobotMap) -> Verdict {
 
 /// The paper's chain, its one pose refined and judged.
 fn merge_emr(a: &RobotMap, b: &RobotMap) -> Verdict {
-    judged(proposed(a, b).iter().map(|cluster| whole(a, b, cluster)).collect())
+    followed(a, b, proposed(a, b).as_slice())
 }
 
 /// The pose of the paper's chain, which no piece has found by itself.
@@ -78,8 +78,9 @@ fn proposed(a: &RobotMap, b: &RobotMap) -> Option<Cluster> {
 
 /// Brings `b` into the frame of `a`. The result depends on the maps alone, not on the number of cores.
 pub fn merge(a: &RobotMap, b: &RobotMap) -> Verdict {
-    let ranked = ranked(a, b, proposals(a, b));
-    judged(ranked.par_iter().take(JUDGED).map(|cluster| whole(a, b, cluster)).collect())
+    let mut ranked = ranked(a, b, proposals(a, b));
+    ranked.truncate(JUDGED);
+    followed(a, b, &ranked)
 }
 
 /// Where the maps may belong together, by all that proposes poses.
@@ -120,8 +121,11 @@ fn ranked(a: &RobotMap, b: &RobotMap, found: Vec<Cluster>) -> Vec<Cluster> {
     distinct
 }
 
-/// Whole maps registered from what a cluster says.
-fn whole(a: &RobotMap, b: &RobotMap, cluster: &Cluster) -> MergeEvidence {
-    let found = search(&a.whole, &b.whole.points, &cluster.a_from_b, false);
-    evidence(a, b, cluster, &found)
+/// Whole maps registered from what each cluster says, and judged where they come to.
+fn followed(a: &RobotMap, b: &RobotMap, clusters: &[Cluster]) -> Verdict {
+    let register = |cluster: &Cluster| search(&a.whole, &b.whole.points, &cluster.a_from_b, false);
+    let found: Vec<Found> = clusters.par_iter().map(register).collect();
+    // Those that come to one pose are judged once: evidence costs more than the registration.
+    let found = distinct(clusters.iter().zip(found).collect(), |(_, found)| found.pose);
+    judged(found.par_iter().map(|(cluster, found)| evidence(a, b, cluster, found)).collect())
 }

@@ -240,12 +240,12 @@ fn failed(e: &MergeEvidence) -> Option<(Line, Decision)> {
 /// the same place, to millimetres, while rivals lie metres apart.
 const ONE_POSE: (f64, f64) = (0.1, 0.01);
 
-/// The first of each group of poses that are one.
-fn distinct(found: Vec<MergeEvidence>) -> Vec<MergeEvidence> {
-    let mut kept: Vec<MergeEvidence> = Vec::new();
+/// The first of each group whose poses are one.
+pub(super) fn distinct<T>(found: Vec<T>, pose: impl Fn(&T) -> Se3) -> Vec<T> {
+    let mut kept: Vec<T> = Vec::new();
     for next in found {
-        let is_one = |other: &MergeEvidence| {
-            let apart = other.a_from_b.inverse() * next.a_from_b;
+        let is_one = |other: &T| {
+            let apart = pose(other).inverse() * pose(&next);
             apart.translation.norm() < ONE_POSE.0 && apart.rotation.angle() < ONE_POSE.1
         };
         if !kept.iter().any(is_one) {
@@ -255,10 +255,9 @@ fn distinct(found: Vec<MergeEvidence>) -> Vec<MergeEvidence> {
     kept
 }
 
-/// Decides between poses, the best supported first. One that is believed comes before one that may be, and that before those
-/// which are contradicted.
-pub(super) fn judged(found: Vec<MergeEvidence>) -> Verdict {
-    let mut found = distinct(found);
+/// Decides between [`distinct`] poses, the best supported first. One that is believed comes before one that may be, and that
+/// before those which are contradicted.
+pub(super) fn judged(mut found: Vec<MergeEvidence>) -> Verdict {
     let standing: Vec<usize> = (0..found.len()).filter(|&i| failed(&found[i]).is_none()).collect();
     let rivals = Line { test: Test::Rivals, value: standing.len().saturating_sub(1) as f64, bound: 0.0 };
     let is_open = |e: &MergeEvidence| failed(e).is_some_and(|(_, decision)| decision == Decision::Undecided);
