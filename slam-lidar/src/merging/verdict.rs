@@ -134,10 +134,10 @@ pub mod bounds {
     pub const AGREEING: f64 = 0.82;
     /// Most violated free space.
     pub const VIOLATED: f64 = 0.02;
-    /// Largest thing that is not there in the other map, square metres: a side of half a metre. Of rendered sites right poses leave
-    /// no more, but for three of 108; floors of one plan and sites shifted by a repetition, where they share as much
-    /// as is asked, 0.31 and more.
-    pub const ABSENT: f64 = 0.25;
+    /// Largest thing that is not there in the other map, square metres: two cells. Of rendered sites no right pose leaves more,
+    /// since maps begin level; of floors of one plan and sites shifted by a repetition that share as much as is asked, none leaves
+    /// less than 0.19.
+    pub const ABSENT: f64 = 0.125;
     /// Where much is shared, so large a share of it: one cart that was moved is 0.0006 of what two drives through a hall saw, and
     /// of what repeats none was accepted by this.
     pub const ABSENT_SHARE: f64 = 0.00075;
