@@ -24,7 +24,7 @@ use hypotheses::{Cluster, clusters, hypotheses};
 use rayon::prelude::*;
 use robot_map::RobotMap;
 use serde::{Deserialize, Serialize};
-use verdict::{Verdict, distinct, evidence, judged};
+use verdict::{Verdict, bounds, distinct, evidence, judged, seen};
 
 /// So many clusters of hypotheses are registered with whole maps, thinned.
 const FOLLOWED: usize = 16;
@@ -95,7 +95,8 @@ fn proposals(a: &RobotMap, b: &RobotMap) -> Vec<Cluster> {
     found
 }
 
-/// Clusters by how well whole maps fit there: repeated structure misleads pieces, the whole less.
+/// Clusters by how well whole maps fit there, those last that free space contradicts or that share little: repeated structure
+/// misleads pieces, the whole less.
 fn ranked(a: &RobotMap, b: &RobotMap, found: Vec<Cluster>) -> Vec<Cluster> {
     let mut kept = Vec::new();
     first_of_each_voxel(&b.whole.points, RANKED_ON, &mut VoxelTable::default(), &mut kept);
@@ -118,7 +119,17 @@ fn ranked(a: &RobotMap, b: &RobotMap, found: Vec<Cluster>) -> Vec<Cluster> {
             None => distinct.push(cluster),
         }
     }
-    distinct
+    // What one of the maps saw through does not stand there, however well the rest fits: in a hall that is seen from both ends,
+    // half-turned poses fit more than the right one. And where little is shared a pose will be refused.
+    let is_open = |cluster: &Cluster| {
+        let (shared, violated) = seen(&a.whole, &thinned, &cluster.a_from_b);
+        shared >= bounds::OVERLAP && violated <= bounds::VIOLATED
+    };
+    let open: Vec<bool> = distinct.par_iter().map(is_open).collect();
+    let mut marked: Vec<(bool, Cluster)> = open.into_iter().zip(distinct).collect();
+    // Stable: of either kind those that fit best come first.
+    marked.sort_by_key(|(is_open, _)| !is_open);
+    marked.into_iter().map(|(_, cluster)| cluster).collect()
 }
 
 /// Whole maps registered from what each cluster says, and judged where they come to.

@@ -153,7 +153,8 @@ pub mod bounds {
 /// all points do not refuse it already.
 pub(super) fn evidence(a: &RobotMap, b: &RobotMap, cluster: &Cluster, found: &Found) -> MergeEvidence {
     let back = found.pose.inverse();
-    let (one, other) = (seen(&a.whole, &b.whole, &found.pose), seen(&b.whole, &a.whole, &back));
+    let of = |map: &RobotMap| -> Vec<[f32; 3]> { map.whole.points.iter().copied().step_by(EVERY).collect() };
+    let (one, other) = (seen(&a.whole, &of(b), &found.pose), seen(&b.whole, &of(a), &back));
     let mut evidence = MergeEvidence {
         a_from_b: found.pose,
         information: found.information,
@@ -186,9 +187,9 @@ pub(super) fn evidence(a: &RobotMap, b: &RobotMap, cluster: &Cluster, found: &Fo
 /// Every so many points are asked: some thousands tell shares to a hundredth.
 const EVERY: usize = 4;
 
-/// Share of the source's points on surfaces that the target saw, and of those it can judge the share in free space.
+/// Share of points on surfaces that the target saw, and of those it can judge the share in free space.
 /// Over a whole map poses drift and some view looks past every edge: the majority of views decides.
-fn seen(target: &Submap, source: &Submap, target_from_source: &Se3) -> (f64, f64) {
+pub(super) fn seen(target: &Submap, points: &[[f32; 3]], target_from_source: &Se3) -> (f64, f64) {
     let look = |p: &[f32; 3]| {
         let q = transformed(target_from_source, *p);
         let (mut free, mut surface) = (0usize, 0usize);
@@ -203,10 +204,9 @@ fn seen(target: &Submap, source: &Submap, target_from_source: &Se3) -> (f64, f64
     };
     // Counts are whole numbers: their sum does not depend on its order.
     let add = |x: (usize, usize), y: (usize, usize)| (x.0 + y.0, x.1 + y.1);
-    let asked = source.points.len().div_ceil(EVERY);
-    let (surface, free) = source.points.par_iter().step_by(EVERY).map(look).reduce(|| (0, 0), add);
+    let (surface, free) = points.par_iter().map(look).reduce(|| (0, 0), add);
     let share = |part: usize, of: usize| part as f64 / of.max(1) as f64;
-    (share(surface, asked), share(free, surface + free))
+    (share(surface, points.len()), share(free, surface + free))
 }
 
 /// The tests in their order, each with whether it holds and what its failure means.
