@@ -138,9 +138,11 @@ pub mod bounds {
     /// since maps begin level; of floors of one plan and sites shifted by a repetition that share as much as is asked, none leaves
     /// less than 0.19.
     pub const ABSENT: f64 = 0.125;
-    /// Where much is shared, so large a share of it: one cart that was moved is 0.0006 of what two drives through a hall saw, and
-    /// of what repeats none was accepted by this.
+    /// And so large a share of what both saw beyond [`MUCH`]: one cart that was moved is 0.0006 of what two drives through a hall
+    /// saw, and of what repeats none was accepted by this.
     pub const ABSENT_SHARE: f64 = 0.00075;
+    /// What stretches of some metres share on the median, square metres.
+    pub const MUCH: f64 = 400.0;
     /// Least surface that both saw, square metres, where it is less than [`MOST`] of what each saw: a few doors of a corridor
     /// look like those of the next. Sites that repeat themselves agreed without a contradiction on up to 202 m².
     pub const SHARED: f64 = 250.0;
@@ -214,7 +216,7 @@ fn tests(e: &MergeEvidence) -> [(Line, bool, Decision); 7] {
     use Decision::{Refused, Undecided};
     let line = |test, value, bound| Line { test, value, bound };
     let Comparison { shared, absent } = e.things;
-    let moved = bounds::ABSENT.max(bounds::ABSENT_SHARE * shared);
+    let moved = bounds::ABSENT + bounds::ABSENT_SHARE * (shared - bounds::MUCH).max(0.0);
     let pieces = line(Test::Pieces, e.pieces as f64, bounds::PIECES as f64);
     [
         (line(Test::Overlap, e.overlap, bounds::OVERLAP), e.overlap >= bounds::OVERLAP, Refused),
