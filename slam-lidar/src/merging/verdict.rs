@@ -144,8 +144,8 @@ pub mod bounds {
     /// What stretches of some metres share on the median, square metres.
     pub const MUCH: f64 = 400.0;
     /// Least surface that both saw, square metres, where it is less than [`MOST`] of what each saw: a few doors of a corridor
-    /// look like those of the next. Sites that repeat themselves agreed without a contradiction on up to 202 m².
-    pub const SHARED: f64 = 250.0;
+    /// look like those of the next. Sites that repeat themselves agreed without a contradiction on up to 176 m².
+    pub const SHARED: f64 = 200.0;
     /// From this overlap on the maps are of one place or of its double, however small it is: what agreed without a contradiction
     /// overlapped by up to 0.56.
     pub const MOST: f64 = 0.7;
