@@ -134,9 +134,9 @@ pub mod bounds {
     pub const AGREEING: f64 = 0.82;
     /// Most violated free space.
     pub const VIOLATED: f64 = 0.02;
-    /// Largest thing that is not there in the other map, square metres: two cells. Of rendered sites no right pose leaves more,
-    /// since maps begin level; of floors of one plan and sites shifted by a repetition that share as much as is asked, none leaves
-    /// less than 0.19.
+    /// Largest thing that is not there in the other map, square metres: two cells. Since maps begin level three of 382 right poses
+    /// of rendered sites leave more; floors of one plan and sites shifted by a repetition that share as much as is asked leave
+    /// 0.19 and more where this was set.
     pub const ABSENT: f64 = 0.125;
     /// And so large a share of what both saw beyond [`MUCH`]: one cart that was moved is 0.0006 of what two drives through a hall
     /// saw, and of what repeats none was accepted by this.
