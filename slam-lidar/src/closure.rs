@@ -176,16 +176,22 @@ fn judge(target: &Submap, source: &Submap, pose: &Se3) -> (f64, f64) {
 
 /// Of the points within voxels that know a surface, the share within three standard deviations of it.
 pub(crate) fn held(target: &Submap, source: &Submap, pose: &Se3) -> f64 {
-    let (mut asked, mut within) = (0.0, 0.0);
-    for &p in &source.points {
+    let (asked, within) = counted(target, &source.points, pose);
+    within as f64 / asked.max(1) as f64
+}
+
+/// Points within voxels of the target that know a surface, and of these, those within three standard deviations of it.
+pub(crate) fn counted(target: &Submap, points: &[[f32; 3]], pose: &Se3) -> (usize, usize) {
+    let (mut asked, mut within) = (0, 0);
+    for &p in points {
         let q = transformed(pose, p);
         let Some(surface) = target.fine.surface_at(q) else { continue };
-        asked += 1.0;
+        asked += 1;
         let off = |n: [f32; 3]| (0..3).map(|i| n[i] * (q[i] - surface.mean[i])).sum::<f32>();
         let fits = (0..3).all(|k| {
             surface.variances[k] == 0.0 || off(surface.axes[k]).powi(2) < 9.0 * surface.variances[k]
         });
-        within += f64::from(u8::from(fits));
+        within += usize::from(fits);
     }
-    within / f64::max(asked, 1.0)
+    (asked, within)
 }

@@ -48,7 +48,7 @@ impl Default for OdometryParams {
             registered: 1.6,
             mapped: 0.4,
             radius: 120.0,
-            surfaces: SurfaceParams::default(),
+            surfaces: SurfaceParams { long: true, ..SurfaceParams::default() },
             registration: RegistrationParams::default(),
         }
     }

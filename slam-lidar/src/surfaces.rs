@@ -3,6 +3,11 @@
 //! A point is compared with the largest flat voxel that holds it. Large voxels have seen the most points and are not
 //! misled by the pattern of rings; where the world is not flat at their size, smaller ones are asked. Voxels in which
 //! nothing is flat at any size give their mean, of which little is asked (see `registration`).
+//!
+//! Where a sensor begins, each ring leaves one line on the floor. A plane through the strip that few sweeps make of it
+//! has the slope that the poses happened to have, and the next sweeps, which lie beside it, carry that slope on: maps began
+//! tilted by degrees. So a plane must span most of its voxel, and until one does, points are compared with planes of longer
+//! voxels, in which several rings lie.
 
 use crate::voxels::{VoxelKey, VoxelTable, cell_at, cell_of, key_of};
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
@@ -22,15 +27,26 @@ pub struct SurfaceParams {
     pub least_points: u32,
     /// A plane must extend so many times its thickness in its narrower direction: points of a single ring do not.
     pub aspect: f32,
-    /// A plane extends so many times the edge of its voxel in its narrower direction, standard deviation.
+    /// A plane extends so many times the shortest edge of its voxel in its narrower direction, standard deviation: 0.29 fills it
+    /// evenly, 0.2 does so over seven tenths.
     pub width: f32,
+    /// Whether points that no voxel's plane holds are compared with planes of longer voxels: what a sensor sees first.
+    pub long: bool,
     /// Points after which a voxel learns no more: what was mapped first drifted least.
     pub most_points: u32,
 }
 
 impl Default for SurfaceParams {
     fn default() -> Self {
-        Self { voxel: 0.25, thickness: 0.04, least_points: 6, aspect: 3.0, width: 0.1, most_points: 400 }
+        Self {
+            voxel: 0.25,
+            thickness: 0.04,
+            least_points: 6,
+            aspect: 3.0,
+            width: 0.2,
+            long: false,
+            most_points: 400,
+        }
     }
 }
 
@@ -63,7 +79,9 @@ struct Sums {
 /// Voxels of one size.
 #[derive(Clone, Debug)]
 struct Level {
-    size: f32,
+    /// Edges, metres, and one over them.
+    edges: [f32; 3],
+    inverse: [f32; 3],
     table: VoxelTable,
     keys: Vec<VoxelKey>,
     sums: Vec<Sums>,
@@ -75,19 +93,40 @@ struct Level {
 
 /// Sizes of voxels, each twice the one before.
 pub const LEVELS: usize = 3;
+/// Edges of longer voxels, in the smallest ones': three of the largest in a row, as a floor between walls, and cubes.
+const LONG: [[f32; 3]; 5] = [[12.0, 4.0, 4.0], [4.0, 12.0, 4.0], [4.0, 4.0, 12.0], [8.0; 3], [16.0; 3]];
 /// A surface is fitted again once its voxel holds so many times as many points.
 const REFIT: f32 = 1.25;
 /// Least standard deviation that a plane is believed to have, metres: below it calibration, not noise, decides.
 const LEAST_DEVIATION: f32 = 0.01;
 
 impl Level {
-    fn new(size: f32) -> Self {
-        let table = VoxelTable::default();
-        Self { size, table, keys: vec![], sums: vec![], surfaces: vec![], fitted: vec![], changed: vec![] }
+    fn new(edges: [f32; 3]) -> Self {
+        Self {
+            edges,
+            inverse: edges.map(|edge| 1.0 / edge),
+            table: VoxelTable::default(),
+            keys: vec![],
+            sums: vec![],
+            surfaces: vec![],
+            fitted: vec![],
+            changed: vec![],
+        }
     }
 
-    fn insert(&mut self, point: [f32; 3], most: f32) {
-        let cell = cell_at(point, 1.0 / self.size);
+    fn cell(&self, point: [f32; 3]) -> [i32; 3] {
+        cell_at([0, 1, 2].map(|i| point[i] * self.inverse[i]), 1.0)
+    }
+
+    /// What the voxel of a point tells; none where it is empty.
+    #[inline]
+    fn surface_at(&self, point: [f32; 3]) -> Option<&Surface> {
+        self.table.get(key_of(self.cell(point))).map(|index| &self.surfaces[index as usize])
+    }
+
+    /// Adds a point; returns its voxel.
+    fn insert(&mut self, point: [f32; 3], most: f32) -> usize {
+        let cell = self.cell(point);
         let (index, new) = self.table.get_or_insert(key_of(cell));
         let index = index as usize;
         if new {
@@ -98,9 +137,9 @@ impl Level {
         }
         let sums = &mut self.sums[index];
         if sums.count >= most {
-            return;
+            return index;
         }
-        let [x, y, z] = [0, 1, 2].map(|i| point[i] - (cell[i] as f32 + 0.5) * self.size);
+        let [x, y, z] = [0, 1, 2].map(|i| point[i] - (cell[i] as f32 + 0.5) * self.edges[i]);
         let was_due = sums.count >= REFIT * self.fitted[index];
         sums.count += 1.0;
         sums.first = [sums.first[0] + x, sums.first[1] + y, sums.first[2] + z];
@@ -109,19 +148,23 @@ impl Level {
         if !was_due && sums.count >= REFIT * self.fitted[index] || new {
             self.changed.push(index as u32);
         }
+        index
     }
 
     fn refit(&mut self, smallest: bool, params: &SurfaceParams) {
         for index in std::mem::take(&mut self.changed) {
             let i = index as usize;
-            self.surfaces[i] = fit(&self.sums[i], self.keys[i], self.size, smallest, params);
+            self.surfaces[i] = fit(&self.sums[i], self.keys[i], self.edges, smallest, params);
             self.fitted[i] = self.sums[i].count;
         }
     }
 
     /// Keeps the voxels for which `keep` holds, in their order.
     fn retain(&mut self, keep: impl Fn([f32; 3]) -> bool) {
-        let centre = |key: VoxelKey| cell_of(key).map(|c| (c as f32 + 0.5) * self.size);
+        let centre = |key: VoxelKey| {
+            let cell = cell_of(key);
+            [0, 1, 2].map(|i| (cell[i] as f32 + 0.5) * self.edges[i])
+        };
         let kept: Vec<usize> = (0..self.keys.len()).filter(|&i| keep(centre(self.keys[i]))).collect();
         self.keys = kept.iter().map(|&i| self.keys[i]).collect();
         self.sums = kept.iter().map(|&i| self.sums[i]).collect();
@@ -142,11 +185,12 @@ pub(crate) fn sorted_eigen(covariance: Matrix3<f64>) -> ([f64; 3], Matrix3<f64>)
 }
 
 /// Fits what a voxel's points are: a plane, on the smallest level also a line or a scatter, or nothing.
-fn fit(sums: &Sums, key: VoxelKey, size: f32, smallest: bool, params: &SurfaceParams) -> Surface {
+fn fit(sums: &Sums, key: VoxelKey, edges: [f32; 3], smallest: bool, params: &SurfaceParams) -> Surface {
     let n = f64::from(sums.count);
     let mean = Vector3::from(sums.first.map(|v| f64::from(v) / n));
     let cell = cell_of(key);
-    let world = |i: usize| mean[i] as f32 + (cell[i] as f32 + 0.5) * size;
+    let size = edges[0].min(edges[1]).min(edges[2]);
+    let world = |i: usize| mean[i] as f32 + (cell[i] as f32 + 0.5) * edges[i];
     let mut surface = Surface { mean: [world(0), world(1), world(2)], ..Surface::default() };
     if sums.count < params.least_points as f32 {
         return surface;
@@ -185,12 +229,16 @@ const UPRIGHT: f32 = 0.7;
 pub struct SurfaceMap {
     params: SurfaceParams,
     levels: [Level; LEVELS],
+    /// Longer voxels, which hold what came before the largest one of its place was flat.
+    long: Vec<Level>,
 }
 
 impl SurfaceMap {
     /// An empty map.
     pub fn new(params: SurfaceParams) -> Self {
-        Self { params, levels: [4.0, 2.0, 1.0].map(|scale| Level::new(scale * params.voxel)) }
+        let level = |edges: [f32; 3]| Level::new(edges.map(|edge| edge * params.voxel));
+        let long = if params.long { LONG.map(level).into() } else { Vec::new() };
+        Self { params, levels: [4.0, 2.0, 1.0].map(|scale| level([scale; 3])), long }
     }
 
     /// Edge of the smallest voxels, metres.
@@ -207,40 +255,42 @@ impl SurfaceMap {
     pub fn insert(&mut self, points: impl Iterator<Item = [f32; 3]>) {
         let most = self.params.most_points as f32;
         for point in points {
-            for level in &mut self.levels {
-                level.insert(point, most);
+            let [largest, others @ ..] = &mut self.levels;
+            let index = largest.insert(point, most);
+            others.iter_mut().for_each(|level| _ = level.insert(point, most));
+            if largest.surfaces[index].constraints() == 0 {
+                self.long.iter_mut().for_each(|level| _ = level.insert(point, most));
             }
         }
         for (i, level) in self.levels.iter_mut().enumerate() {
             level.refit(i + 1 == LEVELS, &self.params);
         }
+        self.long.iter_mut().for_each(|level| level.refit(false, &self.params));
     }
 
-    /// The surface that holds a point: that of its largest flat voxel, or what its smallest one holds.
+    /// The surface that holds a point: that of its largest flat voxel, or what its smallest one holds, or the plane of a
+    /// longer one.
     #[inline]
     pub fn surface_at(&self, point: [f32; 3]) -> Option<&Surface> {
         for level in &self.levels {
-            let Some(index) = level.table.get(key_of(cell_at(point, 1.0 / level.size))) else {
-                // Where a large voxel is empty its parts are.
-                return None;
-            };
-            let surface = &level.surfaces[index as usize];
+            // Where a large voxel is empty its parts are.
+            let surface = level.surface_at(point)?;
             if surface.variances[0] > 0.0 {
                 return Some(surface);
             }
         }
-        None
+        self.long.iter().filter_map(|level| level.surface_at(point)).find(|s| s.variances[0] > 0.0)
     }
 
     /// Forgets all that lies farther than `radius` metres from `centre`.
     pub fn keep_near(&mut self, centre: [f32; 3], radius: f32) {
-        for level in &mut self.levels {
+        for level in self.levels.iter_mut().chain(&mut self.long) {
             level.retain(|p| (0..3).map(|i| (p[i] - centre[i]).powi(2)).sum::<f32>() <= radius * radius);
         }
     }
 
     /// Number of voxels of all sizes.
     pub fn len(&self) -> usize {
-        self.levels.iter().map(|level| level.keys.len()).sum()
+        self.levels.iter().chain(&self.long).map(|level| level.keys.len()).sum()
     }
 }

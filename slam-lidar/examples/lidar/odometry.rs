@@ -1,7 +1,7 @@
 //! Errors and time of odometries.
 
 use crate::Failure;
-use crate::truth::{Recording, ate, drift};
+use crate::truth::{Recording, ate, beginning, drift};
 use slam_lidar::odometry::OdometryParams;
 use slam_lidar::tracking::{Method, Tracker};
 use std::path::Path;
@@ -34,5 +34,10 @@ pub fn run(method: &str, path: &Path) -> Result<(), Failure> {
         100.0 * share,
         times[times.len() / 2]
     );
+    for metres in [2.0, 10.0] {
+        if let Some((off, turned)) = beginning(&pairs, metres) {
+            println!("    after the first {metres} m: {off:.4} m, {turned:.3} deg");
+        }
+    }
     Ok(())
 }

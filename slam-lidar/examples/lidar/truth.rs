@@ -69,3 +69,16 @@ pub fn drift(pairs: &[(Se3, Se3)]) -> (f64, f64) {
     }
     (sum.0 / f64::max(count, 1.0), sum.1 / f64::max(count, 1.0))
 }
+
+/// Error of the pose after the first `metres` of the way in the frame of the first pose: metres and degrees.
+pub fn beginning(pairs: &[(Se3, Se3)], metres: f64) -> Option<(f64, f64)> {
+    let first = pairs.first()?;
+    let mut way = 0.0;
+    let reached = |step: &&[(Se3, Se3)]| {
+        way += (step[1].1.translation - step[0].1.translation).norm();
+        way >= metres
+    };
+    let end = pairs.windows(2).find(reached)?[1];
+    let error = (first.1.inverse() * end.1).inverse() * (first.0.inverse() * end.0);
+    Some((error.translation.norm(), error.rotation.angle().to_degrees()))
+}

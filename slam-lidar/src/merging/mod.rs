@@ -18,13 +18,13 @@ pub mod robot_map;
 mod tests;
 pub mod verdict;
 
-use crate::closure::{search, sketch};
+use crate::closure::{Found, search, sketch};
 use crate::voxels::{VoxelTable, first_of_each_voxel};
 use hypotheses::{Cluster, clusters, hypotheses};
 use rayon::prelude::*;
 use robot_map::RobotMap;
 use serde::{Deserialize, Serialize};
-use verdict::{MergeEvidence, Verdict, evidence, judged};
+use verdict::{Verdict, bounds, distinct, evidence, judged, seen};
 
 /// So many clusters of hypotheses are registered with whole maps, thinned.
 const FOLLOWED: usize = 16;
@@ -67,7 +67,7 @@ pub fn merge_by(method: MergeMethod, a: &RobotMap, b: &RobotMap) -> Verdict {
 
 /// The paper's chain, its one pose refined and judged.
 fn merge_emr(a: &RobotMap, b: &RobotMap) -> Verdict {
-    judged(proposed(a, b).iter().map(|cluster| whole(a, b, cluster)).collect())
+    followed(a, b, proposed(a, b).as_slice())
 }
 
 /// The pose of the paper's chain, which no piece has found by itself.
@@ -78,8 +78,9 @@ fn proposed(a: &RobotMap, b: &RobotMap) -> Option<Cluster> {
 
 /// Brings `b` into the frame of `a`. The result depends on the maps alone, not on the number of cores.
 pub fn merge(a: &RobotMap, b: &RobotMap) -> Verdict {
-    let ranked = ranked(a, b, proposals(a, b));
-    judged(ranked.par_iter().take(JUDGED).map(|cluster| whole(a, b, cluster)).collect())
+    let mut ranked = ranked(a, b, proposals(a, b));
+    ranked.truncate(JUDGED);
+    followed(a, b, &ranked)
 }
 
 /// Where the maps may belong together, by all that proposes poses.
@@ -94,7 +95,8 @@ fn proposals(a: &RobotMap, b: &RobotMap) -> Vec<Cluster> {
     found
 }
 
-/// Clusters by how well whole maps fit there: repeated structure misleads pieces, the whole less.
+/// Clusters by how well whole maps fit there, those last that free space contradicts or that share little: repeated structure
+/// misleads pieces, the whole less.
 fn ranked(a: &RobotMap, b: &RobotMap, found: Vec<Cluster>) -> Vec<Cluster> {
     let mut kept = Vec::new();
     first_of_each_voxel(&b.whole.points, RANKED_ON, &mut VoxelTable::default(), &mut kept);
@@ -117,11 +119,24 @@ fn ranked(a: &RobotMap, b: &RobotMap, found: Vec<Cluster>) -> Vec<Cluster> {
             None => distinct.push(cluster),
         }
     }
-    distinct
+    // What one of the maps saw through does not stand there, however well the rest fits: in a hall that is seen from both ends,
+    // half-turned poses fit more than the right one. And where little is shared a pose will be refused.
+    let is_open = |cluster: &Cluster| {
+        let (shared, violated) = seen(&a.whole, &thinned, &cluster.a_from_b);
+        shared >= bounds::OVERLAP && violated <= bounds::VIOLATED
+    };
+    let open: Vec<bool> = distinct.par_iter().map(is_open).collect();
+    let mut marked: Vec<(bool, Cluster)> = open.into_iter().zip(distinct).collect();
+    // Stable: of either kind those that fit best come first.
+    marked.sort_by_key(|(is_open, _)| !is_open);
+    marked.into_iter().map(|(_, cluster)| cluster).collect()
 }
 
-/// Whole maps registered from what a cluster says.
-fn whole(a: &RobotMap, b: &RobotMap, cluster: &Cluster) -> MergeEvidence {
-    let found = search(&a.whole, &b.whole.points, &cluster.a_from_b, false);
-    evidence(a, b, cluster, &found)
+/// Whole maps registered from what each cluster says, and judged where they come to.
+fn followed(a: &RobotMap, b: &RobotMap, clusters: &[Cluster]) -> Verdict {
+    let register = |cluster: &Cluster| search(&a.whole, &b.whole.points, &cluster.a_from_b, false);
+    let found: Vec<Found> = clusters.par_iter().map(register).collect();
+    // Those that come to one pose are judged once: evidence costs more than the registration.
+    let found = distinct(clusters.iter().zip(found).collect(), |(_, found)| found.pose);
+    judged(found.par_iter().map(|(cluster, found)| evidence(a, b, cluster, found)).collect())
 }

@@ -4,7 +4,7 @@ use super::absent::Comparison;
 use super::graph::{Merge, joined};
 use super::merge;
 use super::robot_map::RobotMap;
-use super::verdict::{Decision, MergeEvidence, Test, judged};
+use super::verdict::{Decision, MergeEvidence, Test, distinct, judged};
 use crate::degeneracy::Conditioning;
 use crate::keyframe::Keyframe;
 use geometry::Se3;
@@ -85,9 +85,10 @@ fn standing(a_from_b: Se3) -> MergeEvidence {
 #[test]
 fn a_pose_that_was_found_twice_is_no_rival_of_itself() {
     let again = pose(1) * Se3::exp(&Vector6::new(0.002, 0.0, 0.001, 0.0, 0.0, 0.0003));
-    let twice = judged(vec![standing(pose(1)), standing(again)]);
+    let decided = |poses: [Se3; 2]| judged(distinct(poses.map(standing).into(), |e| e.a_from_b));
+    let twice = decided([pose(1), again]);
     assert_eq!((twice.decision, twice.rivals.len()), (Decision::Accepted, 0));
-    let rivals = judged(vec![standing(pose(1)), standing(pose(2))]);
+    let rivals = decided([pose(1), pose(2)]);
     assert_eq!((rivals.decision, rivals.line.test), (Decision::Undecided, Test::Rivals));
 }
 

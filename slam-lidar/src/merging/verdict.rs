@@ -134,16 +134,18 @@ pub mod bounds {
     pub const AGREEING: f64 = 0.82;
     /// Most violated free space.
     pub const VIOLATED: f64 = 0.02;
-    /// Largest thing that is not there in the other map, square metres: a side of half a metre. Of rendered sites right poses leave
-    /// no more, but for three of 108; floors of one plan and sites shifted by a repetition, where they share as much
-    /// as is asked, 0.31 and more.
-    pub const ABSENT: f64 = 0.25;
-    /// Where much is shared, so large a share of it: one cart that was moved is 0.0006 of what two drives through a hall saw, and
-    /// of what repeats none was accepted by this.
+    /// Largest thing that is not there in the other map, square metres: two cells. Since maps begin level three of 382 right poses
+    /// of rendered sites leave more; floors of one plan and sites shifted by a repetition that share as much as is asked leave
+    /// 0.19 and more where this was set.
+    pub const ABSENT: f64 = 0.125;
+    /// And so large a share of what both saw beyond [`MUCH`]: one cart that was moved is 0.0006 of what two drives through a hall
+    /// saw, and of what repeats none was accepted by this.
     pub const ABSENT_SHARE: f64 = 0.00075;
+    /// What stretches of some metres share on the median, square metres.
+    pub const MUCH: f64 = 400.0;
     /// Least surface that both saw, square metres, where it is less than [`MOST`] of what each saw: a few doors of a corridor
-    /// look like those of the next. Sites that repeat themselves agreed without a contradiction on up to 202 m².
-    pub const SHARED: f64 = 250.0;
+    /// look like those of the next. Sites that repeat themselves agreed without a contradiction on up to 176 m².
+    pub const SHARED: f64 = 200.0;
     /// From this overlap on the maps are of one place or of its double, however small it is: what agreed without a contradiction
     /// overlapped by up to 0.56.
     pub const MOST: f64 = 0.7;
@@ -153,7 +155,8 @@ pub mod bounds {
 /// all points do not refuse it already.
 pub(super) fn evidence(a: &RobotMap, b: &RobotMap, cluster: &Cluster, found: &Found) -> MergeEvidence {
     let back = found.pose.inverse();
-    let (one, other) = (seen(&a.whole, &b.whole, &found.pose), seen(&b.whole, &a.whole, &back));
+    let of = |map: &RobotMap| -> Vec<[f32; 3]> { map.whole.points.iter().copied().step_by(EVERY).collect() };
+    let (one, other) = (seen(&a.whole, &of(b), &found.pose), seen(&b.whole, &of(a), &back));
     let mut evidence = MergeEvidence {
         a_from_b: found.pose,
         information: found.information,
@@ -186,9 +189,9 @@ pub(super) fn evidence(a: &RobotMap, b: &RobotMap, cluster: &Cluster, found: &Fo
 /// Every so many points are asked: some thousands tell shares to a hundredth.
 const EVERY: usize = 4;
 
-/// Share of the source's points on surfaces that the target saw, and of those it can judge the share in free space.
+/// Share of points on surfaces that the target saw, and of those it can judge the share in free space.
 /// Over a whole map poses drift and some view looks past every edge: the majority of views decides.
-fn seen(target: &Submap, source: &Submap, target_from_source: &Se3) -> (f64, f64) {
+pub(super) fn seen(target: &Submap, points: &[[f32; 3]], target_from_source: &Se3) -> (f64, f64) {
     let look = |p: &[f32; 3]| {
         let q = transformed(target_from_source, *p);
         let (mut free, mut surface) = (0usize, 0usize);
@@ -203,10 +206,9 @@ fn seen(target: &Submap, source: &Submap, target_from_source: &Se3) -> (f64, f64
     };
     // Counts are whole numbers: their sum does not depend on its order.
     let add = |x: (usize, usize), y: (usize, usize)| (x.0 + y.0, x.1 + y.1);
-    let asked = source.points.len().div_ceil(EVERY);
-    let (surface, free) = source.points.par_iter().step_by(EVERY).map(look).reduce(|| (0, 0), add);
+    let (surface, free) = points.par_iter().map(look).reduce(|| (0, 0), add);
     let share = |part: usize, of: usize| part as f64 / of.max(1) as f64;
-    (share(surface, asked), share(free, surface + free))
+    (share(surface, points.len()), share(free, surface + free))
 }
 
 /// The tests in their order, each with whether it holds and what its failure means.
@@ -214,7 +216,7 @@ fn tests(e: &MergeEvidence) -> [(Line, bool, Decision); 7] {
     use Decision::{Refused, Undecided};
     let line = |test, value, bound| Line { test, value, bound };
     let Comparison { shared, absent } = e.things;
-    let moved = bounds::ABSENT.max(bounds::ABSENT_SHARE * shared);
+    let moved = bounds::ABSENT + bounds::ABSENT_SHARE * (shared - bounds::MUCH).max(0.0);
     let pieces = line(Test::Pieces, e.pieces as f64, bounds::PIECES as f64);
     [
         (line(Test::Overlap, e.overlap, bounds::OVERLAP), e.overlap >= bounds::OVERLAP, Refused),
@@ -240,12 +242,12 @@ fn failed(e: &MergeEvidence) -> Option<(Line, Decision)> {
 /// the same place, to millimetres, while rivals lie metres apart.
 const ONE_POSE: (f64, f64) = (0.1, 0.01);
 
-/// The first of each group of poses that are one.
-fn distinct(found: Vec<MergeEvidence>) -> Vec<MergeEvidence> {
-    let mut kept: Vec<MergeEvidence> = Vec::new();
+/// The first of each group whose poses are one.
+pub(super) fn distinct<T>(found: Vec<T>, pose: impl Fn(&T) -> Se3) -> Vec<T> {
+    let mut kept: Vec<T> = Vec::new();
     for next in found {
-        let is_one = |other: &MergeEvidence| {
-            let apart = other.a_from_b.inverse() * next.a_from_b;
+        let is_one = |other: &T| {
+            let apart = pose(other).inverse() * pose(&next);
             apart.translation.norm() < ONE_POSE.0 && apart.rotation.angle() < ONE_POSE.1
         };
         if !kept.iter().any(is_one) {
@@ -255,10 +257,9 @@ fn distinct(found: Vec<MergeEvidence>) -> Vec<MergeEvidence> {
     kept
 }
 
-/// Decides between poses, the best supported first. One that is believed comes before one that may be, and that before those
-/// which are contradicted.
-pub(super) fn judged(found: Vec<MergeEvidence>) -> Verdict {
-    let mut found = distinct(found);
+/// Decides between [`distinct`] poses, the best supported first. One that is believed comes before one that may be, and that
+/// before those which are contradicted.
+pub(super) fn judged(mut found: Vec<MergeEvidence>) -> Verdict {
     let standing: Vec<usize> = (0..found.len()).filter(|&i| failed(&found[i]).is_none()).collect();
     let rivals = Line { test: Test::Rivals, value: standing.len().saturating_sub(1) as f64, bound: 0.0 };
     let is_open = |e: &MergeEvidence| failed(e).is_some_and(|(_, decision)| decision == Decision::Undecided);
