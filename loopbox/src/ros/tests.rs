@@ -17,9 +17,12 @@ use std::time::Instant;
 const CAMERA: Pinhole = Pinhole { width: 4, height: 3, fx: 2.0, fy: 2.0, cx: 1.5, cy: 1.0 };
 const AGENT: &str = "the yard";
 
+/// A topic and a message's bytes.
+type Published = (String, Vec<u8>);
+
 /// Keeps what is published.
 #[derive(Clone, Default)]
-struct Kept(Arc<Mutex<Vec<(String, Vec<u8>)>>>);
+struct Kept(Arc<Mutex<Vec<Published>>>);
 
 impl Kept {
     /// The messages of a topic.
