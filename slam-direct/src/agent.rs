@@ -266,7 +266,10 @@ impl Agent {
         tracker.change_reference(&self.view, located, &self.params);
         if self.resumed == Some(Going::Localising) {
             // The map stays as it is.
-        } else if self.mapper.is_some() && tracker.wants_keyframe(&self.view, located, &self.params) {
+        } else if self.mapper.is_some()
+            && tracker.wants_keyframe(&self.view, located, &self.params)
+            && !tracker.returns(&self.view, located, &self.params)
+        {
             self.extend(&mut tracker, located, pyramid, timestamp, frame_index, &mut report);
         } else if tracker.reference >= self.first_open {
             let frame_from_keyframe =

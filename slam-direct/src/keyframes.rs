@@ -20,6 +20,9 @@ params! {
         /// Parts of the image that show points, over the most since the reference changed, below which a keyframe is made
         /// at once: a camera that backs away sees new things all around what it knows. Range 0–1; with 0 it is not asked.
         pub coverage: f32 = 0.75,
+        /// Departure from a keyframe that sees the same, below which a frame does not become one too. Range 0–1: a keyframe is
+        /// made at 1; with 0 each time again where the camera comes back to what it has seen.
+        pub known_view: f32 = 0.5,
         /// A map of at most this many keyframes is given up when it proves of no use. Range 2–20.
         pub young_map: usize = 3,
         /// Lost frames in a row after which it is. Range 3–100.

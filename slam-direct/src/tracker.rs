@@ -12,12 +12,14 @@ use crate::wide;
 use geometry::sensor::{Twist, motion};
 use geometry::{Pyramid, Se3};
 use map::PlaceIndex;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Inlier share of an alignment above which no further guess is tried.
 const GOOD_ALIGNMENT: f32 = 0.6;
 /// Keyframes around the reference that a frame's cost depends on.
 const NEAR: usize = 40;
+/// A keyframe is nearer than another one when a frame has departed from it less than so many times as far.
+const NEARER: f32 = 0.6;
 
 /// Standard deviations by which more points agree with a pose than do by chance, of counts that are nearly Poisson's.
 const SIGNIFICANT: f32 = 3.0;
@@ -310,10 +312,46 @@ impl Tracker {
             .filter(|&&host| host != self.reference)
             .filter_map(|&host| Some((score(host)?, host)))
             .min_by(|a, b| a.0.total_cmp(&b.0));
-        if let Some((_, best)) = nearest.filter(|n| n.0 < 0.6 * now) {
+        if let Some((_, best)) = nearest.filter(|n| n.0 < NEARER * now) {
             self.refer_to(map, best, params);
         }
     }
+
+    /// Changes to a keyframe that sees what the frame sees, from nearly where it is, if there is one that is nearer than the
+    /// reference; tells whether it did. A view that is in the map needs no further keyframe (Engel 2014, §3.5): a camera
+    /// that stays somewhere would make them for ever. Those whose points are sought are not all that look at a place that is
+    /// seen from many sides.
+    pub fn returns(&mut self, map: &LocalMap, located: &Located, params: &Params) -> bool {
+        if located.sought_widely || located.inlier_share() < params.keyframes.known {
+            return false;
+        }
+        let score = |k: usize| departure(map, k, &self.last, 1.0).map(|d| d.score(&params.keyframes));
+        let Some(now) = score(self.reference) else { return false };
+        let seeing = covisible(map, located).into_iter().filter(|&(k, shared)| {
+            k != self.reference && shared as f32 >= params.keyframes.found_again * located.inliers as f32
+        });
+        let nearest =
+            seeing.take(NEAR).filter_map(|(k, _)| Some((score(k)?, k))).min_by(|a, b| a.0.total_cmp(&b.0));
+        match nearest.filter(|n| n.0 < params.keyframes.known_view.min(NEARER * now)) {
+            Some((_, known)) => {
+                self.refer_to(map, known, params);
+                true
+            }
+            None => false,
+        }
+    }
+}
+
+/// Keyframes that see points that agree with a frame, those with most of them first: `(keyframe, points)`.
+fn covisible(map: &LocalMap, located: &Located) -> Vec<(usize, usize)> {
+    let mut shared: BTreeMap<usize, usize> = BTreeMap::new();
+    for at in located.matched.iter().filter(|m| m.inlier).map(|m| m.at) {
+        let watchers = map.point(at).observations.iter().map(|seen| seen.keyframe);
+        watchers.chain([at.host]).for_each(|keyframe| *shared.entry(keyframe).or_default() += 1);
+    }
+    let mut all: Vec<(usize, usize)> = shared.into_iter().collect();
+    all.sort_by(|a, b| b.1.cmp(&a.1).then(b.0.cmp(&a.0)));
+    all
 }
 
 /// Share of the sought points that agree with any pose. Where patches proved to be placed to no better than a pixel, more of
