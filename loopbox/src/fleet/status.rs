@@ -1,11 +1,12 @@
 //! How things are with a party of the fleet, as its file says it.
 
-use super::findings::Found;
+use super::findings::{Found, FoundMeeting};
 use anyhow::{Context, Result};
 use fleet::node::{AgentStatus, NeighbourStatus};
 use serde::{Deserialize, Serialize};
 use std::fs;
 use std::path::Path;
+use view::watch::{Meeting, Neighbour, Neighbourhood};
 
 /// The file that says how things are.
 pub const STATUS: &str = "fleet.json";
@@ -93,6 +94,33 @@ impl AgentLine {
             missing: agent.missing,
             finished: agent.finished,
         }
+    }
+}
+
+impl StatusFile {
+    /// The same as pages show it: what was found here, and what others say of pairs that were not looked at here.
+    pub(super) fn neighbourhood(&self) -> Neighbourhood {
+        let link = |link: &LinkLine| Neighbour {
+            name: link.name.clone(),
+            address: link.address.clone(),
+            received: link.received,
+            wanted: link.wanted,
+            rate: link.rate,
+            lacks: link.lacks,
+        };
+        let mut meetings: Vec<Meeting> = Vec::new();
+        let told = self.told.iter().map(|(_, found)| (true, found));
+        for (is_told, found) in std::iter::once((false, &self.found)).chain(told) {
+            for FoundMeeting { names, verdict, why, .. } in &found.meetings {
+                let of_both = |known: &Meeting| names.iter().all(|name| known.names.contains(name));
+                if !meetings.iter().any(of_both) {
+                    let (names, verdict, why) = (names.clone(), verdict.clone(), why.clone());
+                    meetings.push(Meeting { names, verdict, why, is_told });
+                }
+            }
+        }
+        let (listening, trouble) = (self.listening.clone(), self.trouble.clone());
+        Neighbourhood { listening, links: self.links.iter().map(link).collect(), meetings, trouble }
     }
 }
 
