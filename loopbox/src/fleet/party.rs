@@ -270,9 +270,13 @@ impl Shared {
     fn attend(&self, mut collector: Collector, service: &Service, path: &Path) -> Result<Collector> {
         let mut written = None::<Instant>;
         let warn = |text: &str| self.trouble(text);
+        let mut arrivals = 0;
         loop {
             let told: Vec<Found> = self.status().told.iter().map(|(_, found)| found.clone()).collect();
-            if let Some(found) = collector.step(service, &told, &warn, &self.stop)? {
+            let found = collector.step(service, &told, &warn, &self.stop)?;
+            // What was found says what is next.
+            let patience = if found.is_some() { Duration::ZERO } else { LOOK };
+            if let Some(found) = found {
                 let before = self.status().found.accepted();
                 if found.accepted() != before {
                     let links = service.status().neighbours;
@@ -295,7 +299,7 @@ impl Shared {
             if self.stop.requested() || is_enough {
                 return Ok(collector);
             }
-            std::thread::sleep(LOOK);
+            arrivals = service.wait_for_arrivals(arrivals, patience);
         }
     }
 
