@@ -23,6 +23,9 @@ fn the_page_of_an_agent_shows_who_is_near_and_who_is_refused() {
     let case = long_case();
     let run = Served::start(case.command(&["--view=0", "--fleet", "car", "--listen", "tcp/127.0.0.1:0"]));
     let mut client = Client::connect(&run.url);
+    // It does not end meanwhile.
+    client.command("pause");
+    client.until("the pause", |c| c.status["paused"] == true);
     client.until("where it listens", |c| c.status["neighbourhood"]["listening"].is_string());
     let at = client.status["neighbourhood"]["listening"].as_str().expect("a text").to_owned();
     assert_eq!(client.status["neighbourhood"]["links"].as_array().map(Vec::len), Some(0));
