@@ -1,5 +1,7 @@
 //! Agents that pair: what it takes until two maps that meet over a network are merged, and how that merge lies beside one
-//! of the whole files.
+//! of the whole files; and what a link costs the tracker (`beside`).
+
+mod beside;
 
 use crate::measure::{finish, make_empty};
 use anyhow::{Context, Result, bail};
@@ -25,6 +27,8 @@ const LINKS: [(&str, Option<f64>); 2] = [("not bounded", None), ("256 kbit/s", S
 /// Where nobody listens.
 const NOBODY: &str = "tcp/127.0.0.1:9";
 const LOOK: Duration = Duration::from_millis(10);
+/// How often it is looked whether maps were merged: all the rest of them is sent then, as fast as the link carries it.
+const LOOK_CLOSELY: Duration = Duration::from_millis(1);
 /// How long two maps have to meet.
 const PATIENCE: Duration = Duration::from_secs(300);
 
@@ -97,6 +101,7 @@ pub fn measure(plan: &Plan) -> Result<String> {
             eprintln!("{} + {}, {name}: {megabytes:.2} MB, {seconds:.1} s", pair[0], pair[1]);
         }
     }
+    text.push_str(&beside::measure(plan)?);
     Ok(text)
 }
 
@@ -170,23 +175,23 @@ fn meet(plan: &Plan, maps: &[PathBuf; 2], rate: Option<f64>) -> Result<Meeting> 
         if let Some(address) = status(&copies[0]).as_ref().and_then(listening) {
             break address;
         }
-        wait(begun, "nobody listens")?;
+        wait(begun, LOOK, "nobody listens")?;
     };
     let proxy = Proxy::start(&address, Link { lost: 0, rate }, 1)?;
     let other = tell(plan, &copies[1], ["--connect", proxy.address()])?;
-    let found = loop {
+    let (found, bytes) = loop {
+        let carried = proxy.carried() as f64;
         let accepted = |status: &Value| {
             let meetings = status["found"]["meetings"].as_array().into_iter().flatten();
             meetings.clone().any(|meeting| meeting["verdict"] == "accepted").then(|| status["found"].clone())
         };
         let found = copies.iter().find_map(|copy| status(copy).as_ref().and_then(accepted));
         if let Some(found) = found {
-            break found;
+            break (found, carried);
         }
-        wait(begun, "two maps of one place do not meet")?;
+        wait(begun, LOOK_CLOSELY, "two maps of one place do not meet")?;
     };
-    let (bytes, opened) = (proxy.carried() as f64, proxy.opened().context("nobody dialled")?);
-    let seconds = opened.elapsed().as_secs_f64();
+    let seconds = proxy.opened().context("nobody dialled")?.elapsed().as_secs_f64();
     drop((one, other));
     let agents: Vec<&Value> = found["agents"].as_array().into_iter().flatten().collect();
     let looked_at = agents.iter().filter_map(|agent| agent["keyframes"].as_f64()).sum();
@@ -199,11 +204,11 @@ fn status(folder: &Path) -> Option<Value> {
     serde_json::from_slice(&std::fs::read(folder.join("fleet.json")).ok()?).ok()
 }
 
-fn wait(begun: Instant, otherwise: &str) -> Result<()> {
+fn wait(begun: Instant, pause: Duration, otherwise: &str) -> Result<()> {
     if begun.elapsed() > PATIENCE {
         bail!("{otherwise} within {} s", PATIENCE.as_secs());
     }
-    std::thread::sleep(LOOK);
+    std::thread::sleep(pause);
     Ok(())
 }
 

@@ -14,7 +14,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant, SystemTime};
 
@@ -56,6 +56,8 @@ pub struct Service {
 #[derive(Default)]
 struct Shared {
     view: Mutex<View>,
+    /// Told when there is something to be looked at at once.
+    changed: Condvar,
     /// Publications that were handed in.
     given: AtomicU64,
 }
@@ -69,6 +71,8 @@ struct View {
     is_held: bool,
     /// Publications that the node took in.
     taken: u64,
+    /// How often something came that somebody waits for: all that was asked for, or what others found.
+    arrivals: u64,
     ends: bool,
 }
 
@@ -155,6 +159,14 @@ impl Service {
         view.is_held && view.taken == self.shared.given.load(Ordering::SeqCst)
     }
 
+    /// Waits until something comes that somebody waits for, all that was asked for or what others found, and for
+    /// `patience` at the most; `seen` is what the last call returned.
+    pub fn wait_for_arrivals(&self, seen: u64, patience: Duration) -> u64 {
+        let view = self.shared.view();
+        let waited = self.shared.changed.wait_timeout_while(view, patience, |view| view.arrivals == seen);
+        waited.unwrap_or_else(PoisonError::into_inner).0.arrivals
+    }
+
     /// Where the objects are.
     pub fn store(&self) -> Arc<FolderStore> {
         Arc::clone(&self.store)
@@ -201,7 +213,7 @@ fn attend(
     mut news: impl FnMut(News),
 ) {
     let started = Instant::now();
-    let mut looked = Duration::ZERO;
+    let (mut looked, mut wanted) = (Duration::ZERO, 0);
     while !shared.view().ends {
         let event = match events.recv_timeout(TICK) {
             Ok(event) => event,
@@ -214,11 +226,15 @@ fn attend(
             _ => None,
         };
         let now = started.elapsed();
+        let mut is_arrival = false;
         for action in node.handle(now, event) {
             match action {
                 Action::Send { link, priority, bytes } => transport.send(link, priority, bytes),
                 Action::Close { link, .. } => transport.close(link),
-                Action::News(what) => news(what),
+                Action::News(what) => {
+                    is_arrival |= matches!(what, News::Findings { .. });
+                    news(what);
+                }
             }
         }
         if let Some((link, bytes)) = came {
@@ -230,9 +246,16 @@ fn attend(
             (view.own, view.is_held) = (own, node.is_held());
             view.taken += 1;
         }
-        if is_own || now.saturating_sub(looked) > 5 * TICK {
+        // Whoever asked for objects to decide what is next has them all: the next step need not wait for its turn.
+        let before = std::mem::replace(&mut wanted, node.wanted());
+        is_arrival |= before > 0 && wanted == 0;
+        if is_own || is_arrival || now.saturating_sub(looked) > 5 * TICK {
             shared.look(&node, now);
             looked = now;
+        }
+        if is_arrival {
+            shared.view().arrivals += 1;
+            shared.changed.notify_all();
         }
     }
 }

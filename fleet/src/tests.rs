@@ -50,6 +50,16 @@ fn a_map_arrives_bit_by_bit_and_is_acknowledged() {
     assert_eq!(network.nodes[0].status(network.now).neighbours[0].useless, 0);
 }
 
+/// A program that has just been started says who it is as soon as there is a link, and not a beat later.
+#[test]
+fn who_is_there_is_said_at_once() {
+    let (mut network, ..) = telling(1, 1, Faults::NONE);
+    let met = |network: &Network| {
+        network.news.iter().all(|news| news.iter().any(|news| matches!(news, News::Met { .. })))
+    };
+    assert!(network.run_until(MILLIS(500), met), "{:?}", network.news);
+}
+
 #[test]
 fn whatever_is_lost_late_twice_or_overtaken_the_same_map_arrives() {
     for (seed, loss) in [(1, 0.05), (2, 0.2), (3, 0.5)] {

@@ -169,9 +169,16 @@ pub fn execute(args: &RunArgs) -> Result<()> {
     let prepared = PreparedRun::new(source, options)?;
     let progress = Console::new(args.display(), prepared.frame_count());
     prepared.problems().iter().for_each(|problem| progress.warn(problem));
-    let watched = |about: &_, frames, recording| args.view.start(about, frames, recording);
     #[cfg(feature = "fleet")]
     let fleet = args.pairing.start(&args.out, args.quiet)?;
+    let watched = |about: &_, frames, recording| {
+        let watch = args.view.start(about, frames, recording)?;
+        #[cfg(feature = "fleet")]
+        if let Some(fleet) = &fleet {
+            fleet.shown_by(watch.neighbourhood());
+        }
+        Ok(watch)
+    };
     #[cfg(feature = "fleet")]
     let prepared = match &fleet {
         Some(fleet) => prepared.told_to(fleet.teller()?),

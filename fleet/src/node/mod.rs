@@ -93,7 +93,8 @@ struct Link {
     party: Option<Party>,
     node: Option<Uuid>,
     heard: Duration,
-    beat: Duration,
+    /// When it was last told who one is; nothing where it is to be told at once.
+    beat: Option<Duration>,
     turn: usize,
     said: Said,
 }
@@ -139,11 +140,8 @@ impl Node {
     pub fn handle(&mut self, now: Duration, event: Event) -> Vec<Action> {
         match event {
             Event::Up { link, address, party } => {
-                let beat = now.saturating_sub(BEAT);
-                self.links.insert(
-                    link,
-                    Link { address, party, node: None, heard: now, beat, turn: 0, said: Said::default() },
-                );
+                let (node, beat, said) = Default::default();
+                self.links.insert(link, Link { address, party, node, heard: now, beat, turn: 0, said });
             }
             Event::Trouble(text) => self.actions.push(Action::News(News::Trouble(text))),
             Event::Down { link } => self.forget(link),
@@ -152,10 +150,10 @@ impl Node {
                 Err(what) => self.refuse(link, format!("it sent what is no message: {what}")),
             },
             Event::Tick => {}
-            Event::Publish(publication) => self.publish(now, *publication),
+            Event::Publish(publication) => self.publish(*publication),
             Event::Prefer { agent, objects, rest } => self.prefer(agent, objects, rest),
             Event::Distrust { agent, reason } => self.distrust(agent, reason),
-            Event::Findings { revision, bytes } => self.take_findings(now, revision, bytes),
+            Event::Findings { revision, bytes } => self.take_findings(revision, bytes),
         }
         self.beat(now);
         self.fetch(now);
@@ -165,6 +163,11 @@ impl Node {
     /// Maps that are whole or in part here, of others.
     pub fn heard(&self) -> impl Iterator<Item = Heard> + '_ {
         self.told.values().filter_map(Told::heard)
+    }
+
+    /// How many objects are to be fetched by now, of all neighbours.
+    pub fn wanted(&self) -> usize {
+        self.neighbours.values().map(|neighbour| neighbour.fetch.wanted()).sum()
     }
 
     fn received(&mut self, now: Duration, link: LinkId, message: Message) {
@@ -293,7 +296,7 @@ impl Node {
         self.own.values().any(|own| own.all.contains(hash) || own.before.contains(hash))
     }
 
-    fn publish(&mut self, now: Duration, publication: Publication) {
+    fn publish(&mut self, publication: Publication) {
         let Publication { offer, objects, all } = publication;
         let kept = objects.iter().try_for_each(|(hash, bytes)| self.store.put(hash, bytes));
         let head = Head { manifest: offer.hash, own: true, party: None };
@@ -308,19 +311,17 @@ impl Node {
         let signature = self.signed(&offer);
         self.own.insert(offer.agent, Own { offer, signature, all, before });
         self.discard(earlier);
-        for link in self.links.values_mut() {
-            link.beat = now.saturating_sub(BEAT);
-        }
+        self.links.values_mut().for_each(|link| link.beat = None);
     }
 
-    fn take_findings(&mut self, now: Duration, revision: u64, bytes: Vec<u8>) {
+    fn take_findings(&mut self, revision: u64, bytes: Vec<u8>) {
         if bytes.len() > MAX_LIST as usize {
             let text = "what was found out is too much to be told";
             return self.actions.push(Action::News(News::Trouble(text.into())));
         }
         let known = FindingsRef { revision, size: bytes.len() as u32, hash: ObjectHash::of(&bytes) };
         self.findings = Some((known, bytes));
-        self.links.values_mut().for_each(|link| link.beat = now.saturating_sub(BEAT));
+        self.links.values_mut().for_each(|link| link.beat = None);
     }
 
     /// Removes those of some objects that no map has any more.

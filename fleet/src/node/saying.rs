@@ -26,9 +26,9 @@ impl Node {
         let due: Vec<LinkId> = self
             .links
             .iter_mut()
-            .filter(|(_, link)| now.saturating_sub(link.beat) >= BEAT)
+            .filter(|(_, link)| link.beat.is_none_or(|beat| now.saturating_sub(beat) >= BEAT))
             .map(|(id, link)| {
-                (link.beat, link.turn) = (now, link.turn.wrapping_add(1));
+                (link.beat, link.turn) = (Some(now), link.turn.wrapping_add(1));
                 *id
             })
             .collect();

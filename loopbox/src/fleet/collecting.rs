@@ -131,7 +131,9 @@ impl Collector {
         }
         self.take_all(&all, &plan.released, service, warn);
         if !std::mem::take(&mut self.is_new) {
-            return Ok(None);
+            let Some(only) = &plan.ready else { return Ok(None) };
+            self.looked = true;
+            return self.look_at(only, &all, service, warn, stop);
         }
         let start = Instant::now();
         let found = self.merge(warn, stop);
@@ -146,7 +148,7 @@ impl Collector {
         let known: Vec<Identity> = all.iter().map(|heard| heard.agent).collect();
         let elsewhere = self.courtesy.left_to_others(&known, &own, told);
         let sketches = &mut self.sketches;
-        let mut plan = on_pool(self.pool.as_ref(), || sketches.plan(all, &*store, &elsewhere));
+        let mut plan = on_pool(self.pool.as_ref(), || sketches.plan(all, &own, &*store, &elsewhere));
         for (agent, (objects, rest)) in std::mem::take(&mut plan.wanted) {
             service.prefer(agent, objects, rest);
         }

@@ -1,8 +1,13 @@
 //! What was found out about where agents are, as it is told to all of them.
 
 use crate::merging::{Input, Merging, refusal_of};
+use geometry::{Se3, Sim3};
 use map::AgentId;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
+
+/// Where an agent is in its own world, `tx ty tz qx qy qz qw scale`.
+const ALONE: [f64; 8] = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0];
 
 /// Where agents are, and who met whom.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -60,14 +65,13 @@ impl Found {
             let (root, place) = component
                 .into_iter()
                 .find_map(|component| Some((component.root, component.agents.get(&id)?.root_from_agent)))?;
-            let [tx, ty, tz, qx, qy, qz, qw] = place.rigid().to_tum();
             Some(FoundAgent {
                 agent: identity(id)?,
                 name: input.name.clone(),
                 keyframes: input.features.len(),
                 whole: whole.get(number).copied().unwrap_or(false),
                 root: identity(root)?,
-                root_from_agent: [tx, ty, tz, qx, qy, qz, qw, place.scale],
+                root_from_agent: numbers(&place),
             })
         };
         let meetings = merging.encounters.iter().map(|encounter| FoundMeeting {
@@ -83,18 +87,61 @@ impl Found {
         Self { agents: inputs.iter().enumerate().filter_map(agent).collect(), meetings: meetings.collect() }
     }
 
-    /// What `other` found, and this of what that says nothing of.
+    /// What `other` found, and this of what that says nothing of. Agents that only this joins stand in one frame
+    /// afterwards, that of the most of them.
     pub(super) fn beside(self, other: &Self) -> Self {
         let mut all = other.clone();
-        let agents =
-            self.agents.into_iter().filter(|new| other.agents.iter().all(|old| old.agent != new.agent));
-        all.agents.extend(agents);
+        for new in &self.agents {
+            if all.place(&new.agent).is_none() {
+                all.agents.push(FoundAgent {
+                    root: new.agent.clone(),
+                    root_from_agent: ALONE,
+                    ..new.clone()
+                });
+            }
+        }
+        let roots: BTreeSet<&String> = self.agents.iter().map(|agent| &agent.root).collect();
+        for root in roots {
+            all.join(self.agents.iter().filter(|agent| agent.root == *root).collect());
+        }
         let is_known = |new: &FoundMeeting| {
             let of_both = |old: &FoundMeeting| new.agents.iter().all(|agent| old.agents.contains(agent));
             other.meetings.iter().any(of_both)
         };
         all.meetings.extend(self.meetings.into_iter().filter(|new| !is_known(new)));
         all
+    }
+
+    /// Brings agents that hang together, placed in a frame of their own, into one frame here: that in which the most
+    /// already are, of equals the one that is theirs as well, together with all who hang together with one of them.
+    fn join(&mut self, together: Vec<&FoundAgent>) {
+        let size = |root: &String| self.agents.iter().filter(|agent| agent.root == *root).count();
+        let rank = |new: &&&FoundAgent| {
+            let size = self.place(&new.agent).map_or(0, |(root, _)| size(root));
+            (size, new.agent == new.root)
+        };
+        let Some(anchor) = together.iter().max_by_key(rank) else { return };
+        let Some((root, root_from_anchor)) = self.place(&anchor.agent) else { return };
+        let root = root.clone();
+        let root_from_new = root_from_anchor * transform(&anchor.root_from_agent).inverse();
+        for new in together {
+            let Some((old_root, old_from_agent)) = self.place(&new.agent) else { continue };
+            let old_root = old_root.clone();
+            if old_root == root {
+                continue;
+            }
+            let root_from_old = root_from_new * transform(&new.root_from_agent) * old_from_agent.inverse();
+            for agent in self.agents.iter_mut().filter(|agent| agent.root == old_root) {
+                agent.root.clone_from(&root);
+                agent.root_from_agent = numbers(&(root_from_old * transform(&agent.root_from_agent)));
+            }
+        }
+    }
+
+    /// The root of an agent, and root_from_agent.
+    fn place(&self, agent: &str) -> Option<(&String, Sim3)> {
+        let found = self.agents.iter().find(|found| found.agent == agent)?;
+        Some((&found.root, transform(&found.root_from_agent)))
     }
 
     /// Says of pairs that no more is known of them than that more is looked at.
@@ -125,5 +172,65 @@ impl Found {
     /// How many pairs were merged.
     pub fn accepted(&self) -> usize {
         self.meetings.iter().filter(|meeting| meeting.verdict == "accepted").count()
+    }
+}
+
+/// `tx ty tz qx qy qz qw scale` of a transform.
+fn numbers(transform: &Sim3) -> [f64; 8] {
+    let [tx, ty, tz, qx, qy, qz, qw] = transform.rigid().to_tum();
+    [tx, ty, tz, qx, qy, qz, qw, transform.scale]
+}
+
+/// The transform of `tx ty tz qx qy qz qw scale`.
+fn transform(numbers: &[f64; 8]) -> Sim3 {
+    let [tx, ty, tz, qx, qy, qz, qw, scale] = *numbers;
+    let rigid = Se3::from_tum([tx, ty, tz, qx, qy, qz, qw]);
+    Sim3::new(rigid.rotation, rigid.translation, scale)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Agents by name, each with its root and how far along x and by which scale it stands in the root's world.
+    fn found(agents: &[(&str, &str, f64, f64)]) -> Found {
+        let agent = |(agent, root, x, scale): &(&str, &str, f64, f64)| FoundAgent {
+            agent: (*agent).into(),
+            name: (*agent).into(),
+            keyframes: 9,
+            whole: true,
+            root: (*root).into(),
+            root_from_agent: [*x, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, *scale],
+        };
+        Found { agents: agents.iter().map(agent).collect(), meetings: Vec::new() }
+    }
+
+    fn places(found: &Found) -> Vec<(&str, &str, f64, f64)> {
+        let place = |agent: &FoundAgent| agent.root_from_agent;
+        let agents = found.agents.iter();
+        agents.map(|a| (a.agent.as_str(), a.root.as_str(), place(a)[0], place(a)[7])).collect()
+    }
+
+    /// The map of one agent is whole and was looked at alone, then parts of it and of another's meet.
+    #[test]
+    fn who_was_alone_is_placed_by_whom_it_meets() {
+        let alone = found(&[("b", "b", 0.0, 1.0)]);
+        let parts = found(&[("a", "a", 0.0, 1.0), ("b", "a", 4.0, 2.0)]);
+        assert_eq!(places(&parts.beside(&alone)), [("b", "a", 4.0, 2.0), ("a", "a", 0.0, 1.0)]);
+    }
+
+    #[test]
+    fn components_that_meet_by_parts_become_one() {
+        let whole =
+            found(&[("a", "a", 0.0, 1.0), ("b", "a", 4.0, 2.0), ("c", "c", 0.0, 1.0), ("d", "c", 1.0, 1.0)]);
+        // d's world begins one of b's units, two of a's, from b's, and has b's scale.
+        let parts = found(&[("b", "b", 0.0, 1.0), ("d", "b", 1.0, 1.0)]);
+        let together =
+            [("a", "a", 0.0, 1.0), ("b", "a", 4.0, 2.0), ("c", "a", 4.0, 2.0), ("d", "a", 6.0, 2.0)];
+        assert_eq!(places(&parts.beside(&whole)), together);
+        // What whole maps say of each other stands.
+        let other = found(&[("a", "a", 0.0, 1.0), ("b", "a", 5.0, 3.0)]);
+        assert_eq!(places(&other.beside(&whole)), places(&whole));
+        assert_eq!(places(&Found::default().beside(&whole)), places(&whole));
     }
 }

@@ -17,6 +17,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use view::watch::Neighbourhood;
 
 /// Where objects are kept, in the folder of results.
 pub const OBJECTS: &str = "fleet";
@@ -67,10 +68,14 @@ struct Shared {
     enough: Option<usize>,
     /// Where the thread tells people what happens.
     tell: Option<Tell>,
+    /// Where it shows how things are.
+    shows: Mutex<Option<Shows>>,
 }
 
 /// Tells people what happens.
 type Tell = Box<dyn Fn(&str) + Send + Sync>;
+/// Shows how things are, on a page say.
+type Shows = Box<dyn Fn(Neighbourhood) + Send + Sync>;
 
 impl Fleet {
     /// Starts a party, that ends by itself once the maps of `enough` agents are whole and merged; `tell` tells people
@@ -129,6 +134,11 @@ impl Fleet {
         let (teller, telling) = Telling::start(Arc::clone(&self.service), self.begun, warn)?;
         *self.telling.lock().unwrap_or_else(PoisonError::into_inner) = Some(telling);
         Ok(teller)
+    }
+
+    /// Has shown how things are from now on, once a second and whenever something was found.
+    pub fn shown_by(&self, shows: impl Fn(Neighbourhood) + Send + Sync + 'static) {
+        *self.shared.shows.lock().unwrap_or_else(PoisonError::into_inner) = Some(Box::new(shows));
     }
 
     /// Where it listens.
@@ -260,9 +270,13 @@ impl Shared {
     fn attend(&self, mut collector: Collector, service: &Service, path: &Path) -> Result<Collector> {
         let mut written = None::<Instant>;
         let warn = |text: &str| self.trouble(text);
+        let mut arrivals = 0;
         loop {
             let told: Vec<Found> = self.status().told.iter().map(|(_, found)| found.clone()).collect();
-            if let Some(found) = collector.step(service, &told, &warn, &self.stop)? {
+            let found = collector.step(service, &told, &warn, &self.stop)?;
+            // What was found says what is next.
+            let patience = if found.is_some() { Duration::ZERO } else { LOOK };
+            if let Some(found) = found {
                 let before = self.status().found.accepted();
                 if found.accepted() != before {
                     let links = service.status().neighbours;
@@ -285,7 +299,7 @@ impl Shared {
             if self.stop.requested() || is_enough {
                 return Ok(collector);
             }
-            std::thread::sleep(LOOK);
+            arrivals = service.wait_for_arrivals(arrivals, patience);
         }
     }
 
@@ -296,6 +310,9 @@ impl Shared {
         let text = {
             let mut status = self.status();
             (status.links, status.agents) = (links.collect(), agents.collect());
+            if let Some(shows) = &*self.shows.lock().unwrap_or_else(PoisonError::into_inner) {
+                shows(status.neighbourhood());
+            }
             serde_json::to_vec_pretty(&*status)?
         };
         let partial = path.with_extension("json.tmp");

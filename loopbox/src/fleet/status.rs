@@ -1,12 +1,16 @@
 //! How things are with a party of the fleet, as its file says it.
 
-use super::findings::Found;
+use super::findings::{Found, FoundMeeting};
 use anyhow::{Context, Result};
 use fleet::node::{AgentStatus, NeighbourStatus};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
+use view::watch::{Meeting, Neighbour, Neighbourhood};
 
+/// Pairs of maps that a page shows at the most: what others found may be any number.
+const SHOWN: usize = 200;
 /// The file that says how things are.
 pub const STATUS: &str = "fleet.json";
 
@@ -96,6 +100,39 @@ impl AgentLine {
     }
 }
 
+impl StatusFile {
+    /// The same as pages show it: what was found here, and what others say of pairs that were not looked at here.
+    pub(super) fn neighbourhood(&self) -> Neighbourhood {
+        let link = |link: &LinkLine| Neighbour {
+            name: link.name.clone(),
+            address: link.address.clone(),
+            received: link.received,
+            wanted: link.wanted,
+            rate: link.rate,
+            lacks: link.lacks,
+        };
+        let told = self.told.iter().map(|(_, found)| (true, found));
+        let all = std::iter::once((false, &self.found)).chain(told);
+        let mut seen = BTreeSet::new();
+        let is_new = |(_, meeting): &(bool, &FoundMeeting)| {
+            let mut both = [&meeting.agents, &meeting.names].map(|both| both.clone());
+            both.iter_mut().for_each(|both| both.sort());
+            // What earlier versions found has no identities.
+            let [agents, names] = both;
+            seen.insert(if agents[0].is_empty() { names } else { agents })
+        };
+        let each =
+            all.flat_map(|(is_told, found)| found.meetings.iter().map(move |meeting| (is_told, meeting)));
+        let meeting = |(is_told, meeting): (bool, &FoundMeeting)| {
+            let FoundMeeting { names, verdict, why, .. } = meeting.clone();
+            Meeting { names, verdict, why, is_told }
+        };
+        let meetings = each.filter(is_new).take(SHOWN).map(meeting).collect();
+        let (listening, trouble) = (self.listening.clone(), self.trouble.clone());
+        Neighbourhood { listening, links: self.links.iter().map(link).collect(), meetings, trouble }
+    }
+}
+
 /// How things are or were with the party whose results are in `folder`.
 ///
 /// # Errors
@@ -109,4 +146,32 @@ pub fn read_status(folder: &Path) -> Result<StatusFile> {
         )
     })?;
     serde_json::from_slice(&text).with_context(|| format!("{}: is no such file", path.display()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn found(pairs: impl Iterator<Item = [u32; 2]>, verdict: &str) -> Found {
+        let meeting = |pair: [u32; 2]| FoundMeeting {
+            names: ["one".into(), "other".into()],
+            agents: pair.map(|agent| agent.to_string()),
+            verdict: verdict.into(),
+            why: None,
+            pending: false,
+        };
+        Found { agents: Vec::new(), meetings: pairs.map(meeting).collect() }
+    }
+
+    #[test]
+    fn a_page_shows_what_was_found_here_and_of_other_pairs_what_others_found_within_limits() {
+        let mut status =
+            StatusFile { found: found([[1, 2]].into_iter(), "accepted"), ..StatusFile::default() };
+        status.told = vec![("x".into(), found([[2, 1], [1, 3]].into_iter(), "refused"))];
+        let shown: Vec<(String, bool)> =
+            status.neighbourhood().meetings.into_iter().map(|m| (m.verdict, m.is_told)).collect();
+        assert_eq!(shown, [("accepted".into(), false), ("refused".into(), true)]);
+        status.told.push(("y".into(), found((10..100_000).map(|other| [1, other]), "refused")));
+        assert_eq!(status.neighbourhood().meetings.len(), SHOWN);
+    }
 }

@@ -1,6 +1,7 @@
 //! From the tracker to the watcher: the tracker leaves what is new in a slot and goes on; the watcher takes it
 //! when it gets to it.
 
+use super::Neighbourhood;
 use super::handle::loops_of;
 use super::status::Facts;
 use geometry::{GrayImage, Se3, Sim3};
@@ -40,6 +41,8 @@ pub struct Pending {
     pub recording: Option<bool>,
     /// The folder of results, when that changed.
     pub folder: Option<String>,
+    /// Who is near, when that changed.
+    pub neighbourhood: Option<Neighbourhood>,
     /// The run has ended, and nothing comes after this.
     pub ended: bool,
     /// Nothing was left since the watcher last took it.

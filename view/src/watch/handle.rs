@@ -4,7 +4,7 @@ use super::feed::{Gatherer, LiveImage, Pending};
 use super::scene::{Agent, Scene};
 use super::status::Facts;
 use super::web::{self, Address};
-use super::{Command, Shared, watcher};
+use super::{Command, Neighbourhood, Shared, watcher};
 use crate::report::scene::kind_number;
 use anyhow::{Context, Result};
 use map::{AgentInfo, Edge, EdgeKind, Map, MapDelta};
@@ -203,6 +203,7 @@ impl Watch {
                 paused: kept.paused,
                 recording: kept.recording,
                 folder: kept.folder,
+                neighbourhood: kept.neighbourhood,
                 ..Pending::default()
             };
         });
@@ -221,6 +222,16 @@ impl Watch {
         move |note| {
             if let Some(shared) = &shared {
                 shared.slot.leave(|pending| pending.note = Some(note));
+            }
+        }
+    }
+
+    /// Shows who is near and what became of meeting them, from any thread.
+    pub fn neighbourhood(&self) -> impl Fn(Neighbourhood) + Send + Sync + 'static + use<> {
+        let shared = self.0.as_ref().map(|inner| Arc::clone(&inner.shared));
+        move |near| {
+            if let Some(shared) = &shared {
+                shared.slot.leave(|pending| pending.neighbourhood = Some(near));
             }
         }
     }

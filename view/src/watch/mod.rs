@@ -10,6 +10,7 @@ mod feed;
 #[cfg(feature = "foxglove-server")]
 mod foxglove;
 mod handle;
+mod neighbourhood;
 mod picture;
 pub mod saved;
 mod scene;
@@ -19,6 +20,7 @@ pub mod web;
 
 pub use chunk::{Chunk, POINT_BYTES};
 pub use handle::{Ended, Watch, WatchOptions};
+pub use neighbourhood::{Meeting, Neighbour, Neighbourhood};
 pub use picture::Picture;
 pub use scene::{Agent, Cursor, News, Placed, Scene, Step};
 pub use status::Status;

@@ -1,9 +1,14 @@
 //! Watching, in a program built without it: the same calls, which do nothing.
 
+#[path = "neighbourhood.rs"]
+mod neighbourhood;
+
 use map::{Map, MapDelta};
 use slam_direct::{Frame, FrameReport};
 use sources::Stop;
 use std::path::Path;
+
+pub use neighbourhood::{Meeting, Neighbour, Neighbourhood};
 
 /// What the user wants of the run; here nobody does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -56,6 +61,11 @@ impl Watch {
 
     /// Tells nobody.
     pub fn teller(&self) -> impl Fn(String) + Send + 'static + use<> {
+        |_| {}
+    }
+
+    /// Shows nobody.
+    pub fn neighbourhood(&self) -> impl Fn(Neighbourhood) + Send + Sync + 'static + use<> {
         |_| {}
     }
 

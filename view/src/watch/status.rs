@@ -1,5 +1,6 @@
 //! The numbers shown while a run goes on.
 
+use super::Neighbourhood;
 use serde::Serialize;
 use slam_direct::{FrameReport, TrackingState};
 
@@ -54,6 +55,8 @@ pub struct Status {
     pub note: String,
     /// The folder that results go to.
     pub folder: String,
+    /// Who is near, of an agent that pairs.
+    pub neighbourhood: Option<Neighbourhood>,
 }
 
 /// What the tracker says of a frame.

@@ -164,6 +164,9 @@ impl Watcher {
         if let Some(note) = pending.note.take() {
             status.note = note;
         }
+        if let Some(near) = pending.neighbourhood.take() {
+            status.neighbourhood = Some(near);
+        }
         if pending.ended {
             status.state = "done";
         }

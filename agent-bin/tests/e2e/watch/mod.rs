@@ -5,6 +5,8 @@ mod browser;
 mod foxglove;
 mod in_browser;
 mod many;
+#[cfg(feature = "fleet")]
+mod near;
 mod page;
 mod served;
 mod socket;

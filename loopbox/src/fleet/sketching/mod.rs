@@ -67,8 +67,14 @@ impl Sketches {
     }
 
     /// What to do, by what is here of all agents' maps. Pairs that are looked at `elsewhere`, the smaller identity
-    /// first, are left to whoever does.
-    pub fn plan(&mut self, all: &[Heard], store: &dyn Store, elsewhere: &BTreeSet<[Identity; 2]>) -> Plan {
+    /// first, are left to whoever does; some of the maps are one's `own`.
+    pub fn plan(
+        &mut self,
+        all: &[Heard],
+        own: &[Identity],
+        store: &dyn Store,
+        elsewhere: &BTreeSet<[Identity; 2]>,
+    ) -> Plan {
         let mut plan = Plan::default();
         for heard in all {
             let sketch = self.agents.entry(heard.agent).or_default();
@@ -117,10 +123,15 @@ impl Sketches {
             }
         }
         // A map whose digests are all here, and that is about to be compared with none, is fetched for good, and so is
-        // one alone.
-        let is_done =
-            |agent: &Identity| !busy.contains(agent) && (agents.len() < 2 || self.agents[agent].missing == 0);
-        self.released.extend(agents.iter().filter(|agent| is_done(agent)));
+        // one alone. What is one's own is here anyway, and is put together when it is to be merged with others.
+        let is_here = |agent: &Identity| agents.len() < 2 || self.agents[agent].missing == 0;
+        let is_done = |agent: &&Identity| !busy.contains(*agent) && is_here(agent);
+        let (own, others): (Vec<Identity>, Vec<Identity>) =
+            agents.iter().filter(is_done).partition(|agent| own.contains(agent));
+        self.released.extend(others);
+        if self.released.iter().any(|agent| !own.contains(agent)) {
+            self.released.extend(own);
+        }
         plan.released.clone_from(&self.released);
         let mut of =
             |agent: &Identity| (wanted.remove(agent).unwrap_or_default(), self.released.contains(agent));

@@ -27,6 +27,11 @@ pub(super) struct Pair {
     places: Vec<Place>,
     /// Places that were tried in vain.
     vain: BTreeSet<Place>,
+    /// Whether a map that is here as a whole is looked at as a whole, after places that came to nothing by parts of both:
+    /// what is here costs the link nothing, and gives the lines of the acceptance more to ask.
+    by_wholes: bool,
+    /// Which of the maps are.
+    wholes: [bool; 2],
     stage: Stage,
 }
 
@@ -78,6 +83,7 @@ impl Pair {
             self.stage = Stage::New;
         }
         if self.stage == Stage::New {
+            self.by_wholes = false;
             self.proposals = propose(&a.words, &b.words, vocabulary, &ProposeParams::default());
             self.proposals.truncate(PROPOSALS);
             self.stage = Stage::Choosing;
@@ -102,6 +108,13 @@ impl Pair {
                 _ => Stage::Trying { places: 1, is_ready: false },
             };
         }
+        if self.by_wholes && self.is_pending() {
+            self.wholes = [&*a, &*b].map(|map| map.lacks(&map.all(), store).is_empty());
+            // Where both are here, they are merged as wholes anyway.
+            if self.wholes[0] == self.wholes[1] {
+                self.give_up();
+            }
+        }
         let keyframes = self.keyframes([&*a, &*b]);
         let lacking = [a.lacks(&keyframes[0], store), b.lacks(&keyframes[1], store)];
         match &mut self.stage {
@@ -122,6 +135,9 @@ impl Pair {
         };
         let of = |side: usize, sketch: &Sketch| {
             let mut keyframes = Vec::new();
+            if self.by_wholes && self.wholes[side] && places > 0 {
+                return sketch.all();
+            }
             for place in &self.places[..places.min(self.places.len())] {
                 keyframes.push_new(sketch.around(place[side]).collect());
             }
@@ -142,11 +158,17 @@ impl Pair {
             (Stage::Trying { places, .. }, None) if *places < self.places.len() => {
                 Stage::Trying { places: (2 * places).min(self.places.len()), is_ready: false }
             }
-            _ => {
-                self.vain.extend(self.places.drain(..));
-                Stage::Apart
+            (Stage::Trying { places, .. }, None) if !self.by_wholes => {
+                self.by_wholes = true;
+                Stage::Trying { places: *places, is_ready: false }
             }
+            _ => return self.give_up(),
         };
+    }
+
+    fn give_up(&mut self) {
+        self.vain.extend(self.places.drain(..));
+        self.stage = Stage::Apart;
     }
 
     /// They met by all that is here.
@@ -162,5 +184,45 @@ impl Pair {
     /// Whether more of the maps is to be looked at before anything is said.
     pub fn is_pending(&self) -> bool {
         matches!(self.stage, Stage::Choosing | Stage::Trying { .. } | Stage::Confirming { .. })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use place_recog::WordBag;
+
+    fn place(number: u32) -> Place {
+        [KeyframeId(number), KeyframeId(100 + number)]
+    }
+
+    #[test]
+    fn a_pair_is_given_up_after_all_places_by_parts_and_by_what_is_here_as_a_whole() {
+        let stage = Stage::Trying { places: 1, is_ready: true };
+        let mut pair = Pair { places: (0..3).map(place).collect(), stage, ..Pair::default() };
+        for (places, by_wholes) in [(2, false), (3, false), (3, true)] {
+            pair.judged(None);
+            assert!(pair.stage == Stage::Trying { places, is_ready: false } && pair.by_wholes == by_wholes);
+        }
+        pair.judged(None);
+        assert!(pair.stage == Stage::Apart && pair.vain.len() == 3 && !pair.is_pending());
+    }
+
+    #[test]
+    fn who_met_by_wholes_is_looked_at_by_wholes_until_it_is_decided() {
+        let stage = Stage::Trying { places: 1, is_ready: true };
+        let mut pair =
+            Pair { places: vec![place(0)], by_wholes: true, wholes: [true, false], stage, ..Pair::default() };
+        pair.judged(Some([vec![KeyframeId(5)], vec![KeyframeId(105)]]));
+        let (mut here, mut told) = (Sketch::default(), Sketch::default());
+        for number in 0..9 {
+            here.words.insert(KeyframeId(number), WordBag::default());
+            told.words.insert(KeyframeId(100 + number), WordBag::default());
+        }
+        let [all, some] = pair.keyframes([&here, &told]);
+        assert_eq!(all, (0..9).map(KeyframeId).collect::<Vec<_>>());
+        assert_eq!(some, [100, 101, 105].map(KeyframeId));
+        pair.judged(None);
+        assert!(pair.stage == Stage::Apart);
     }
 }

@@ -122,6 +122,11 @@ impl Sketch {
         Directed { features: &self.features, index: &self.index }
     }
 
+    /// All keyframes with depth.
+    pub fn all(&self) -> Vec<KeyframeId> {
+        self.words.keys().copied().collect()
+    }
+
     /// The keyframe and those around it.
     pub fn around(&self, id: KeyframeId) -> impl Iterator<Item = KeyframeId> + '_ {
         let before = self.words.range(..id).rev().take(AROUND);

@@ -3,6 +3,7 @@
 import { COLOURS } from "../../report/assets/colours.js";
 import { figures, quantile } from "../../report/assets/numbers.js";
 import { Drawing, byId, data, element, paintBar } from "../../report/assets/page.js";
+import { nearLines } from "./near.js";
 
 /** How long trends reach back, milliseconds. */
 const TREND_SPAN = 60000;
@@ -153,6 +154,8 @@ export class Panel {
     this.ms = new Trend(byId("trend-ms"), "--plot-1", 0);
     this.picture = new LivePicture();
     this.status = null;
+    /** What was last shown of who is near. */
+    this.nearSaid = "";
     if (data.live) this.bind();
   }
 
@@ -188,8 +191,19 @@ export class Panel {
     byId("record").setAttribute("aria-pressed", Boolean(status.recording));
     const reason = status.reason && status.state !== "tracking" ? `No pose: ${status.reason}. ` : "";
     byId("note").textContent = reason + status.note;
+    this.near(status.neighbourhood);
     this.enable(status.state !== "done");
     if (status.state === "done") this.say(status.note, false);
+  }
+
+  /** Shows who is near, of an agent that pairs. */
+  near(neighbourhood) {
+    byId("near-by").hidden = !neighbourhood;
+    if (!neighbourhood) return;
+    const lines = nearLines(neighbourhood), said = JSON.stringify(lines);
+    if (said === this.nearSaid) return;
+    this.nearSaid = said;
+    byId("near-list").replaceChildren(...lines.map(({ kind, text }) => Object.assign(element("li", null, element("span", text)), { className: kind })));
   }
 
   enable(on) {

@@ -23,6 +23,7 @@ const TEMPLATE: Template = Template {
         script!("../assets/lines.js"),
         script!("../assets/detail.js"),
         script!("../assets/view.js"),
+        script!("../assets/near.js"),
         script!("../assets/panel.js"),
         script!("../assets/live.js"),
     ],

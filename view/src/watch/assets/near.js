@@ -1,0 +1,32 @@
+// Who is near an agent that pairs, in words.
+
+const kilobytes = (bytes) => `${Math.round(bytes / 1e3).toLocaleString("en")} kB`;
+
+/** @param {{ name: string, address: string | null, received: number, wanted: number, rate: number, lacks: number | null }} link */
+function neighbour({ name, address, received, wanted, rate, lacks }) {
+  const parts = [address === null ? "not there" : address];
+  if (received > 0) parts.push(`sent ${kilobytes(received)}`);
+  if (wanted > 0) parts.push(`is asked for ${wanted} objects at ${kilobytes(rate)}/s`);
+  if (lacks === 0) parts.push("holds all of this map");
+  else if (lacks !== null) parts.push(`lacks ${lacks} objects of this map`);
+  return { kind: address === null ? "gone" : "there", text: `${name}: ${parts.join(", ")}` };
+}
+
+/** @param {{ names: string[], verdict: string, why: string | null, is_told: boolean }} meeting */
+function meeting({ names, verdict, why, is_told }) {
+  const said = is_told ? `${verdict}, as another found` : verdict;
+  return { kind: verdict, text: `${names.join(" + ")}: ${said}${why === null ? "" : ` – ${why}`}` };
+}
+
+/**
+ * Lines for people, the kind of each a word that colours it: neighbours first, then what became of meeting them, then
+ * what was refused.
+ * @param {{ listening: string | null, links: any[], meetings: any[], trouble: string[] }} near
+ * @returns {{ kind: string, text: string }[]}
+ */
+export function nearLines({ listening, links, meetings, trouble }) {
+  const place = listening === null ? [] : [{ kind: "place", text: `reached at ${listening}` }];
+  const nobody = links.length === 0 ? [{ kind: "gone", text: "nobody is near" }] : [];
+  const refused = trouble.map((text) => ({ kind: "trouble", text }));
+  return [...place, ...nobody, ...links.map(neighbour), ...meetings.map(meeting), ...refused];
+}

@@ -1,0 +1,27 @@
+import assert from "node:assert/strict";
+import test from "node:test";
+import { nearLines } from "./near.js";
+
+const link = { name: "car-7", address: "10.0.0.7:7447", received: 1234567, wanted: 3, rate: 32000, lacks: 5 };
+
+test("a neighbour, a refusal and its reason are said", () => {
+  const meetings = [
+    { names: ["a", "b"], verdict: "accepted", why: null, is_told: false },
+    { names: ["a", "c"], verdict: "refused", why: "too few points agree", is_told: true },
+  ];
+  const lines = nearLines({ listening: "tls/0.0.0.0:7447", links: [link], meetings, trouble: ["x is refused: its certificate has expired"] });
+  assert.deepEqual(lines, [
+    { kind: "place", text: "reached at tls/0.0.0.0:7447" },
+    { kind: "there", text: "car-7: 10.0.0.7:7447, sent 1,235 kB, is asked for 3 objects at 32 kB/s, lacks 5 objects of this map" },
+    { kind: "accepted", text: "a + b: accepted" },
+    { kind: "refused", text: "a + c: refused, as another found – too few points agree" },
+    { kind: "trouble", text: "x is refused: its certificate has expired" },
+  ]);
+});
+
+test("who is gone is not there, and nobody is said too", () => {
+  const gone = { ...link, address: null, received: 0, wanted: 0, lacks: 0 };
+  const lines = nearLines({ listening: null, links: [gone], meetings: [], trouble: [] });
+  assert.deepEqual(lines, [{ kind: "gone", text: "car-7: not there, holds all of this map" }]);
+  assert.deepEqual(nearLines({ listening: null, links: [], meetings: [], trouble: [] }), [{ kind: "gone", text: "nobody is near" }]);
+});

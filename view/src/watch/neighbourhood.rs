@@ -1,0 +1,46 @@
+//! Who is near an agent that pairs, and what became of meeting them, as pages show it.
+
+use serde::Serialize;
+
+/// The neighbours of an agent, and what was found with their maps.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Neighbourhood {
+    /// Where others reach this agent.
+    pub listening: Option<String>,
+    /// Whom it knows.
+    pub links: Vec<Neighbour>,
+    /// Pairs of maps that were looked at, here or by others.
+    pub meetings: Vec<Meeting>,
+    /// The last that was refused or went wrong, for people.
+    pub trouble: Vec<String>,
+}
+
+/// A neighbour.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Neighbour {
+    /// What people call it.
+    pub name: String,
+    /// Where it is; nothing while there is no link.
+    pub address: Option<String>,
+    /// Bytes of its maps that came.
+    pub received: u64,
+    /// Objects that are to be fetched from it by now.
+    pub wanted: usize,
+    /// The measured rate at which it sends them, bytes a second.
+    pub rate: f64,
+    /// Objects of the own map that it does not hold yet; nothing while it has not said.
+    pub lacks: Option<u64>,
+}
+
+/// Two agents.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Meeting {
+    /// Their names.
+    pub names: [String; 2],
+    /// `accepted`, `undecided` or `refused`.
+    pub verdict: String,
+    /// Why not, where they were not merged.
+    pub why: Option<String>,
+    /// Whether another one found that, and not this agent.
+    pub is_told: bool,
+}
