@@ -11,6 +11,7 @@ mod multiversion;
 mod photometric;
 mod pinhole;
 pub mod pnp;
+pub mod pose_alignment;
 mod pyramid;
 mod sampler;
 mod se3;

@@ -1,10 +1,12 @@
 //! Maps in metres and upright: the frame and the unit that a monocular map leaves open, taken from what else is known.
 
 pub mod board;
+pub mod rig;
 
+use crate::open::open_map;
 use anyhow::{Result, bail, ensure};
 use eval::{AlignMode, Trajectory, align, associate, read_trajectory};
-use geometry::Sim3;
+use geometry::{Se3, Sim3};
 use map::{KeyframeId, Map};
 use nalgebra::{UnitQuaternion, Vector3};
 use std::path::{Path, PathBuf};
@@ -31,6 +33,20 @@ pub enum Metres {
         /// Largest difference of times that belong together, seconds.
         max_diff: f64,
     },
+    /// The map of a LiDAR on the same robot at the same time ([`rig::tie`]): frame and unit are its own.
+    Lidar {
+        /// Its file, or the folder of its run.
+        map: PathBuf,
+        /// Where the camera is on the LiDAR, metres.
+        lidar_from_camera: Se3,
+    },
+}
+
+impl Metres {
+    /// Whether it brings a frame of its own, and not the unit alone.
+    fn brings_frame(&self) -> bool {
+        matches!(self, Self::Track { .. } | Self::Lidar { .. })
+    }
 }
 
 /// The axis of the exported world that points against gravity.
@@ -44,21 +60,27 @@ pub enum Up {
 }
 
 /// What brings a map to metres and upright: the similarity `new_from_world`. Of `up` nothing is left to say where a track
-/// gives the whole frame.
+/// or a LiDAR's map gives the whole frame.
 ///
 /// # Errors
 /// When keyframes are not in the map, the track cannot be read or has too few positions in common with the map, which must
-/// not lie on one line, or a length is not a positive number.
+/// not lie on one line, a length is not a positive number, or as [`rig::tie`] says.
 pub fn placement(map: &Map, metres: Option<&Metres>, up: Option<Up>) -> Result<Sim3> {
     let metres_from_world = match metres {
         None => Sim3::identity(),
         Some(Metres::Scale(scale)) => scaling(*scale)?,
         Some(Metres::Distance { from, to, metres }) => scaling(metres / distance(map, *from, *to)?)?,
         Some(Metres::Track { file, max_diff }) => track_from_world(map, file, *max_diff)?,
+        Some(Metres::Lidar { map: lidar, lidar_from_camera }) => {
+            let lidar = open_map(lidar)?.map;
+            rig::tie(map, &lidar, lidar_from_camera)?.lidar_world_from_camera_world
+        }
     };
     match (up, metres) {
-        (Some(_), Some(Metres::Track { .. })) => {
-            bail!("a track brings its own frame: what is up in it stands in its file, so leave out --up")
+        (Some(_), Some(metres)) if metres.brings_frame() => {
+            bail!(
+                "a track and a LiDAR's map bring their own frame: what is up in it is said there, so leave out --up"
+            )
         }
         (Some(up), _) => Ok(metres_from_world * Sim3::new(upright(map, up), Vector3::zeros(), 1.0)),
         (None, _) => Ok(metres_from_world),

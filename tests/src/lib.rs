@@ -21,4 +21,4 @@ mod world;
 pub use recording::{Encoding, Recording, Shot};
 pub use render::render;
 pub use texture::Texture;
-pub use world::{Cuboid, RING, World};
+pub use world::{Cuboid, RING, World, world_from_hall};

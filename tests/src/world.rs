@@ -1,12 +1,19 @@
 //! The world: boxes with textures.
 
 use crate::Texture;
+use crate::lidar::HALL;
 use crate::random::Random;
 use geometry::Se3;
 use nalgebra::{UnitQuaternion, Vector3};
 
 /// Radius of the circles of [`World::town`], metres.
 pub const RING: f64 = 10.0;
+
+/// From a hall's axes (x forward, y left, z up) to those of a level camera.
+pub fn world_from_hall() -> Se3 {
+    let columns = [Vector3::z(), -Vector3::x(), -Vector3::y()];
+    Se3::new(UnitQuaternion::from_matrix(&nalgebra::Matrix3::from_columns(&columns)), Vector3::zeros())
+}
 
 /// By how many texels the texture is shifted from face to face of a box.
 pub(crate) const FACE_SHIFT: f32 = 171.0;
@@ -62,6 +69,29 @@ impl World {
             let z = random.uniform(8.0, 10.5) as f64;
             world.add_box(x, z, &mut random);
         }
+        world
+    }
+
+    /// The hall that LiDARs see ([`HALL`]), its walls and boxes textured for cameras; [`world_from_hall`] is between the axes.
+    pub fn hall(seed: u64) -> Self {
+        let textures = (0..4).map(|i| Texture::procedural(seed.wrapping_mul(31).wrapping_add(i))).collect();
+        let mut world = Self { cuboids: Vec::new(), textures };
+        let mut random = Random::new(seed ^ 0x4a11);
+        let mut add = |least: [f64; 3], most: [f64; 3]| {
+            let middle = |axis: usize| 0.5 * (least[axis] + most[axis]);
+            let half = |axis: usize| 0.5 * (most[axis] - least[axis]);
+            let centre = world_from_hall() * Vector3::new(middle(0), middle(1), middle(2));
+            world.add(centre, 0.0, Vector3::new(half(1), half(2), half(0)), 0.02, &mut random);
+        };
+        let [walls, boxes @ ..] = HALL;
+        for axis in 0..3 {
+            for side in walls {
+                let (mut least, mut most) = (walls[0], walls[1]);
+                (least[axis], most[axis]) = (side[axis], side[axis]);
+                add(least, most);
+            }
+        }
+        boxes.into_iter().for_each(|[least, most]| add(least, most));
         world
     }
 

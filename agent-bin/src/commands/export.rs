@@ -3,8 +3,10 @@
 use super::info_map::load_at;
 use crate::console::{say, tell};
 use anyhow::{bail, ensure};
+use geometry::Se3;
 #[cfg(feature = "opencv")]
 use loopbox::placing::board::scale_by_board;
+use loopbox::placing::rig::extrinsic;
 use loopbox::placing::{Metres, Up, place};
 use map::{CloudSelection, DEFAULT_MAX_RELATIVE_VARIANCE, KeyframeId, Map, MapError, StampedPose};
 use ros2::frames::Axes;
@@ -43,6 +45,13 @@ pub struct PlacingArgs {
     /// A trajectory in metres of the same times (GPS, odometry, ground truth; TUM format): its unit and its frame are taken
     #[arg(long, value_name = "FILE", group = "unit", conflicts_with = "up")]
     pub track: Option<PathBuf>,
+    /// The map of a LiDAR that was on the same robot at the same time, by the same clock: its unit and its frame are taken
+    #[arg(long, value_name = "MAP", group = "unit", conflicts_with = "up", requires = "extrinsic")]
+    pub lidar: Option<PathBuf>,
+    /// Where the camera is on that LiDAR, lidar_from_camera: tx,ty,tz,qx,qy,qz,qw in metres, or a file of these or of the
+    /// upper 3×4 of the matrix. A LiDAR has x forward, y left, z up; a camera x right, y down, z forward
+    #[arg(long, value_name = "POSE", requires = "lidar", value_parser = extrinsic, allow_hyphen_values = true)]
+    pub extrinsic: Option<Se3>,
     /// A board of known size stands in the recording: chessboard:9x6:0.025 (inner corners, side of a square in metres),
     /// charuco:7x5:0.04:0.03[:DICT_4X4_50] (squares, sides of square and marker), aprilgrid:6x6:0.088:0.3 (tags, side, gap as
     /// a share of it); a single AprilTag with number 0 is aprilgrid:1x1:SIDE:1
@@ -69,7 +78,9 @@ impl PlacingArgs {
     fn metres(&self, map: &Map) -> anyhow::Result<Option<Metres>> {
         let max_diff = eval::DEFAULT_MAX_DIFF;
         let by_track = self.track.as_ref().map(|file| Metres::Track { file: file.clone(), max_diff });
-        let given = self.scale.map(Metres::Scale).or(self.distance.clone()).or(by_track);
+        let by_lidar = self.lidar.clone().zip(self.extrinsic);
+        let by_lidar = by_lidar.map(|(map, lidar_from_camera)| Metres::Lidar { map, lidar_from_camera });
+        let given = self.scale.map(Metres::Scale).or(self.distance.clone()).or(by_track).or(by_lidar);
         Ok(given.or(self.by_board(map)?))
     }
 
@@ -79,8 +90,8 @@ impl PlacingArgs {
         match self.up {
             Some(Up::Z) => Axes::Body,
             Some(Up::Y) => Axes::Graphics,
-            // A track has a frame of its own, which stays as it is.
-            None if self.track.is_some() => Axes::Body,
+            // A track and a LiDAR have frames of their own, which stay as they are.
+            None if self.track.is_some() || self.lidar.is_some() => Axes::Body,
             None => own,
         }
     }

@@ -4,11 +4,13 @@ use super::merge_progress::MergeProgress;
 use super::merge_scans::{self, any_lidar};
 use super::method::{AnyMethod, method_parser};
 use super::params;
-use crate::console::{self, Ended, Ending};
+use crate::console::{self, Ended, Ending, tell};
 use crate::interrupt::stop_on_ctrl_c;
 use anyhow::{Result, bail};
 use clap::Args;
-use loopbox::merging::{MergeOptions, Merged, MergingParams, merge_maps_watched};
+use geometry::Se3;
+use loopbox::merging::{MergeOptions, Merged, MergingParams, merge_maps_watched, merge_rig};
+use loopbox::placing::rig::extrinsic;
 use slam_lidar::merging::MergeMethod;
 use std::path::PathBuf;
 
@@ -32,6 +34,12 @@ pub struct MergeArgs {
     /// Parameter file (TOML); `loopbox params --merge` prints the defaults
     #[arg(long, value_name = "FILE")]
     params: Option<PathBuf>,
+    /// Of two maps, a camera's and that of a LiDAR on the same robot at the same time: where the camera is on the LiDAR,
+    /// lidar_from_camera, as tx,ty,tz,qx,qy,qz,qw in metres, or a file of these or of the upper 3×4 of the matrix. The
+    /// camera's map gets place and metres of the LiDAR's
+    #[arg(long, value_name = "POSE", value_parser = extrinsic, allow_hyphen_values = true,
+        conflicts_with_all = ["method", "params"])]
+    extrinsic: Option<Se3>,
     /// Print all numbers as JSON, as they are in merge.json, instead of the verdicts
     #[arg(long)]
     pub(super) json: bool,
@@ -46,6 +54,9 @@ pub struct MergeArgs {
 /// When a map cannot be read, no two of the maps met, the common map cannot be made or written, or the user ended
 /// it. Then nothing is written.
 pub fn run(args: &MergeArgs) -> Result<()> {
+    if let Some(lidar_from_camera) = &args.extrinsic {
+        return args.of_a_rig(lidar_from_camera);
+    }
     if any_lidar(&args.maps) {
         return args.of_lidars();
     }
@@ -75,6 +86,35 @@ pub fn run(args: &MergeArgs) -> Result<()> {
 }
 
 impl MergeArgs {
+    /// The same for the maps of a camera and a LiDAR on one robot.
+    fn of_a_rig(&self, lidar_from_camera: &Se3) -> Result<()> {
+        let stop =
+            stop_on_ctrl_c("stopping after this step; nothing will be written (Ctrl-C again to abort)")?;
+        let progress = MergeProgress::new(self.quiet);
+        let merged = merge_rig(&self.maps, lidar_from_camera, (&self.out, self.force), &stop, &progress)?;
+        progress.finish();
+        merged.warnings.iter().for_each(|warning| tell!("warning: {warning}"));
+        let record = &merged.record;
+        if self.json {
+            return console::print(&(serde_json::to_string_pretty(record)? + "\n"));
+        }
+        let names: Vec<&str> = record.inputs.iter().map(|input| &*input.name).collect();
+        console::print(&format!(
+            "{}: tied at {} keyframes, {} of them not believed\n  {} images, {:.2} m about their middle: the ways are {:.3} m \
+             and {:.2}° apart (median), a unit of the camera's map is {:.4} m\n{}: {}\n",
+            names.join(" + "),
+            record.ties,
+            record.suppressed,
+            record.images,
+            record.reach_m,
+            record.distance_m,
+            record.angle_deg,
+            record.metres_per_unit,
+            self.out.join("map.mcap").display(),
+            names.join(", "),
+        ))
+    }
+
     /// The same for maps of LiDARs.
     fn of_lidars(&self) -> Result<()> {
         if self.params.is_some() {

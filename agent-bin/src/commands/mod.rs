@@ -69,7 +69,8 @@ pub enum Command {
     Cameras(cameras::CamerasArgs),
     /// Describe a recording or a map
     Info(info::InfoArgs),
-    Export(export::ExportArgs),
+    /// Write a map's cloud, trajectory or posed images in the format of another tool; in metres and upright where asked
+    Export(Box<export::ExportArgs>),
     Import(import::ImportArgs),
     Eval(eval::EvalArgs),
     #[cfg(feature = "opencv")]

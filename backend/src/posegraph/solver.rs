@@ -12,6 +12,9 @@ use std::collections::{BTreeMap, BTreeSet};
 /// Damping beyond which no step can lower the cost by more than rounding.
 const MAX_DAMPING: f64 = 1e8;
 
+/// Where λ is in a tangent.
+const SCALE: usize = 6;
+
 /// Fewest edges that are worth a thread of their own.
 const EDGES_AT_A_TIME: usize = 32;
 
@@ -40,6 +43,8 @@ pub(super) struct Solver<'a> {
     poses: Vec<Sim3>,
     /// Index among the free nodes.
     free: Vec<Option<usize>>,
+    /// Whether a node's scale stays as it is.
+    known_unit: Vec<bool>,
     constraints: Vec<Constraint>,
     system: BlockSystem<7>,
 }
@@ -50,6 +55,7 @@ impl<'a> Solver<'a> {
         nodes: &BTreeMap<KeyframeId, Sim3>,
         edges: &[Edge],
         fixed: &BTreeSet<KeyframeId>,
+        known_unit: &BTreeSet<KeyframeId>,
         params: &'a PoseGraphParams,
     ) -> Result<Self, PoseGraphError> {
         let index: BTreeMap<KeyframeId, usize> = nodes.keys().enumerate().map(|(i, &id)| (id, i)).collect();
@@ -80,7 +86,8 @@ impl<'a> Solver<'a> {
             constraint.slot = coupled(constraint).map(|(greater, smaller)| system.slot(greater, smaller));
         }
         let poses = nodes.values().map(Sim3::inverse).collect();
-        Ok(Self { params, poses, free, constraints, system })
+        let known_unit = nodes.keys().map(|id| known_unit.contains(id)).collect();
+        Ok(Self { params, poses, free, known_unit, constraints, system })
     }
 
     /// The nodes as they stand, in order of id.
@@ -240,10 +247,21 @@ impl<'a> Solver<'a> {
         // by_to is by_from followed by −Ad, so the other blocks follow from the first.
         let block = edge.by_from.transpose() * information * edge.by_from;
         let gradient = edge.by_from.transpose() * weighted;
-        let coupling = block * edge.adjoint;
+        let mut coupling = block * edge.adjoint;
+        let mut of_from = (block, gradient);
+        let mut of_to = (edge.adjoint.transpose() * coupling, -(edge.adjoint.transpose() * gradient));
+        // Without any part in λ a node's scale stays: the floor below is all that its equation has.
+        if self.known_unit[constraint.from] {
+            without_scale(&mut of_from);
+            coupling.row_mut(SCALE).fill(0.0);
+        }
+        if self.known_unit[constraint.to] {
+            without_scale(&mut of_to);
+            coupling.column_mut(SCALE).fill(0.0);
+        }
         Some(Contribution {
-            from: from.map(|_| (block, gradient)),
-            to: to.map(|_| (edge.adjoint.transpose() * coupling, -(edge.adjoint.transpose() * gradient))),
+            from: from.map(|_| of_from),
+            to: to.map(|_| of_to),
             pair: constraint.slot.map(|_| if from > to { -coupling } else { -coupling.transpose() }),
         })
     }
@@ -259,4 +277,11 @@ impl<'a> Solver<'a> {
         let costs: Vec<f64> = self.constraints.par_iter().with_min_len(EDGES_AT_A_TIME).map(cost).collect();
         costs.into_iter().sum()
     }
+}
+
+/// Takes λ out of a node's part of the normal equations.
+fn without_scale((block, gradient): &mut (SMatrix<f64, 7, 7>, SVector<f64, 7>)) {
+    block.row_mut(SCALE).fill(0.0);
+    block.column_mut(SCALE).fill(0.0);
+    gradient[SCALE] = 0.0;
 }

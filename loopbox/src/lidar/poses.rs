@@ -42,6 +42,23 @@ impl GivenPoses {
         Some(*a * Se3::exp(&((a.inverse() * *b).log() * ((time - t0) / (t1 - t0)))))
     }
 
+    /// The pose at a time between two that are at most `max_gap` seconds apart.
+    pub fn between(&self, time: f64, max_gap: f64) -> Option<Se3> {
+        let [first, last] = self.span();
+        if !(first..=last).contains(&time) {
+            return None;
+        }
+        let after = self.0.partition_point(|(t, _)| *t < time);
+        let gap = after.checked_sub(1).map_or(0.0, |before| self.0[after].0 - self.0[before].0);
+        self.at(time).filter(|_| gap <= max_gap)
+    }
+
+    /// The times of the first and the last pose.
+    pub fn span(&self) -> [f64; 2] {
+        // There is one at least.
+        [self.0.first(), self.0.last()].map(|end| end.map_or(0.0, |(time, _)| *time))
+    }
+
     /// The motion of a sweep between two instants. At the ends of the poses, where only a part of the sweep is
     /// known, the sensor rests at `stamp`; `None` where that has no pose either.
     pub fn motion(&self, instants: (f64, f64), stamp: f64) -> Option<SweepMotion> {
@@ -71,6 +88,9 @@ mod tests {
         let motion = poses.motion((1.95, 2.05), 2.0).unwrap();
         assert!((motion.displacement().translation.x).abs() < 1e-9, "the sweep ends after the poses");
         assert!(poses.motion((1.5, 1.6), 1.5).unwrap().displacement().translation.x > 0.39);
+        assert_eq!(poses.between(1.25, 1.0).unwrap().translation.x, 1.0);
+        assert!(poses.between(1.25, 0.9).is_none() && poses.between(2.01, 1.0).is_none());
+        assert!(poses.between(1.0, 0.0).is_some(), "a pose that is there needs no other");
         let one = GivenPoses::new(vec![(1.0, at(3.0))]).unwrap();
         assert_eq!(one.at(1.0).unwrap().translation.x, 3.0);
     }

@@ -8,6 +8,7 @@ mod output;
 mod places;
 mod record;
 mod report;
+mod rig;
 mod verdict;
 
 pub use crate::results::keep_from;
@@ -16,6 +17,7 @@ pub use names::{Names, listed};
 pub use options::{MergeOptions, MergeWatcher, Merged, merge_maps, merge_maps_watched};
 pub use output::{map_file, write_maps, write_results};
 pub use record::MergeRecord;
+pub use rig::{RigInput, RigMerged, RigRecord, merge_rig};
 #[cfg(feature = "fleet")]
 pub(crate) use verdict::refusal_of;
 pub use verdict::{verdict, without_company};

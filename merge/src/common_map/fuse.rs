@@ -6,9 +6,9 @@ use crate::alignment;
 use crate::estimate::{Estimate, mean};
 use crate::merge_graph::{Component, Merge, MergeGraph, MergeGraphError, confidence};
 use crate::overlap::median_depth;
-use backend::posegraph::{PoseGraphError, PoseGraphReport, optimise};
+use backend::posegraph::{PoseGraphError, PoseGraphReport, optimise_with_units};
 use geometry::Sim3;
-use map::{AgentId, Edge, EdgeKind, KeyframeId, Map, MapError};
+use map::{AgentId, Edge, EdgeKind, Keyframe, KeyframeId, Map, MapError, Sensor};
 use nalgebra::Vector3;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -92,8 +92,9 @@ impl CommonMap {
             let of_b = self.agents.get(&b)?.keyframes.get(&link.to.keyframe)?;
             let (a_pose, b_pose) = (of_a.world_from_keyframe, of_b.world_from_keyframe);
             estimates.push(link.from_from_to.carried(&a_pose, &b_pose.inverse())?);
-            let depth = median_depth(&of_a.semi_dense.inverse_depth)? * a_pose.scale;
-            centre += (a_pose.translation + a_pose.rotation * Vector3::z() * depth) / links.len() as f64;
+            let (ahead, depth) = seen_by(of_a)?;
+            let depth = depth * a_pose.scale;
+            centre += (a_pose.translation + a_pose.rotation * ahead * depth) / links.len() as f64;
             extent += depth / links.len() as f64;
         }
         let joint = mean(&estimates)?;
@@ -106,7 +107,7 @@ impl CommonMap {
     /// One component's map.
     fn fuse_component(
         &self,
-        component: Component,
+        mut component: Component,
         closures: &Closures,
         params: &FusionParams,
     ) -> Result<Fused, FusionError> {
@@ -122,6 +123,13 @@ impl CommonMap {
             Some(own)
         });
         let mut map = Map::unite(placed.collect())?;
+        // Metres are metres, whatever the merges on the way say of it.
+        if map.is_metric() {
+            for (agent, info) in agents.iter().zip(map.agents.values()) {
+                let placement = component.agents.get_mut(agent).filter(|_| info.sensor == Sensor::Lidar);
+                placement.into_iter().for_each(|placement| placement.root_from_agent.scale = 1.0);
+            }
+        }
         place(&mut map, &agents, &component);
         let is_here = |link: &&Link| agents.contains(&link.from.agent);
         let suppressed = closures.contradicting.iter().filter(is_here).copied().collect();
@@ -137,11 +145,13 @@ impl CommonMap {
 impl Fused {
     /// Moves all keyframes to the minimum of the joint pose graph; the first keyframe of the root stays.
     fn optimise(&mut self, links: &BTreeMap<usize, Link>, params: &FusionParams) -> Result<(), FusionError> {
+        let known_unit = of_known_unit(&self.map);
         let keyframes = &mut self.map.keyframes;
         let mut nodes: BTreeMap<KeyframeId, Sim3> =
             keyframes.iter().map(|(id, keyframe)| (*id, keyframe.world_from_keyframe)).collect();
         let fixed: BTreeSet<KeyframeId> = nodes.keys().next().copied().into_iter().collect();
-        let report = optimise(&mut nodes, &self.map.edges, &fixed, &params.pose_graph)?;
+        let edges = &self.map.edges;
+        let report = optimise_with_units(&mut nodes, edges, &fixed, &known_unit, &params.pose_graph)?;
         for (id, world_from_keyframe) in nodes {
             if let Some(keyframe) = keyframes.get_mut(&id) {
                 keyframe.world_from_keyframe = world_from_keyframe;
@@ -183,6 +193,32 @@ fn add_edges<'a>(
         map.edges.push(edge);
     }
     links
+}
+
+/// Towards where a keyframe sees, nowhere for a LiDAR, which sees all around itself; and how far it sees (median), keyframe
+/// units. `None` where there is no depth.
+fn seen_by(keyframe: &Keyframe) -> Option<(Vector3<f64>, f64)> {
+    if let Some(depth) = median_depth(&keyframe.semi_dense.inverse_depth) {
+        return Some((Vector3::z(), depth));
+    }
+    let points = keyframe.scan.iter().flat_map(|scan| scan.points());
+    let mut ranges: Vec<f32> = points.map(|[x, y, z]| (x * x + y * y + z * z).sqrt()).collect();
+    let middle = ranges.len() / 2;
+    if ranges.is_empty() {
+        return None;
+    }
+    let range = f64::from(*ranges.select_nth_unstable_by(middle, f32::total_cmp).1);
+    (range > 0.0).then_some((Vector3::zeros(), range))
+}
+
+/// The keyframes of a common map whose unit is known: those of LiDARs, where the common world is in metres. Of a camera
+/// whose map is in metres each keyframe has a unit of its own, which drifts.
+fn of_known_unit(map: &Map) -> BTreeSet<KeyframeId> {
+    let is_metric = map.is_metric();
+    let of_lidar = |keyframe: &&Keyframe| {
+        map.agents.get(&keyframe.agent).is_some_and(|info| info.sensor == Sensor::Lidar)
+    };
+    map.keyframes.values().filter(|_| is_metric).filter(of_lidar).map(|keyframe| keyframe.id).collect()
 }
 
 /// Moves every agent of a united map to its place in the root's world (§IV-E).

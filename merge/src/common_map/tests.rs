@@ -5,7 +5,10 @@ mod agents;
 use super::*;
 use crate::test_support::Numbers;
 use agents::{Traveller, assert_near, exact, far_off};
+use geometry::GrayImage;
+use map::{Scan, Sensor};
 use proptest::prelude::*;
+use std::sync::Arc;
 
 /// The common map of travellers, as they are.
 fn common(travellers: &[&Traveller]) -> CommonMap {
@@ -350,4 +353,43 @@ proptest! {
             }
         }
     }
+}
+
+/// The map of a traveller with a LiDAR: exact, in metres, and it sees as far as the cameras do.
+fn lidar_map(lidar: &Traveller) -> Map {
+    let mut map = lidar.own_map();
+    map.agents.values_mut().for_each(|info| info.sensor = Sensor::Lidar);
+    for keyframe in map.keyframes.values_mut() {
+        keyframe.image = Arc::new(GrayImage::filled(0, 0, 0));
+        keyframe.semi_dense = Default::default();
+        keyframe.scan = Some(Arc::new(Scan::new([[5.0, 0.0, 0.0], [0.0, -5.0, 0.0], [3.0, 0.0, 4.0]])));
+    }
+    map
+}
+
+/// Maps in metres and without: a camera's, whose scale runs away, is held by the LiDAR's beside it, and a second LiDAR that
+/// is known over the camera alone stays in metres.
+#[test]
+fn known_and_unknown_units_come_together_in_metres() {
+    let [lidar, camera, other] = [Traveller::new(1, 12), Traveller::new(2, 12), Traveller::new(3, 12)];
+    let (lidar, other) = (lidar.in_metres(), other.in_metres());
+    let maps = [lidar_map(&lidar), camera.drifted_map(0.02), lidar_map(&other)];
+    let (mut common, _) = CommonMap::from_maps(&maps.iter().collect::<Vec<_>>()).unwrap();
+    let all = [&lidar, &camera, &other];
+    for number in [0, 3, 6, 9, 11] {
+        let address = |agent| Address { agent: AgentId(agent), keyframe: KeyframeId(number) };
+        for ends in [[0, 1], [1, 2]] {
+            assert!(common.link(exact(&all, address(ends[0]), address(ends[1]))));
+        }
+    }
+    let (fused, taken_back) = common.settle(&FusionParams::default()).unwrap();
+    let [one] = &fused[..] else { panic!("all hang together") };
+    assert!(taken_back.is_empty() && one.suppressed.is_empty(), "{taken_back:?} {:?}", one.suppressed);
+    assert!(one.map.is_metric());
+    for keyframe in one.map.keyframes.values().filter(|keyframe| keyframe.scan.is_some()) {
+        assert_eq!(keyframe.world_from_keyframe.scale, 1.0, "metres are metres");
+    }
+    assert_eq!(one.component.agents[&AgentId(2)].root_from_agent.scale, 1.0);
+    assert_near(&one.map, &all, 0.03);
+    assert_eq!(one.map.split(), maps, "a merge can be undone");
 }

@@ -150,6 +150,50 @@ fn a_false_loop_among_true_ones_is_suppressed() {
     assert!(with_all < 1.2 * without + 0.01, "with the false loop {with_all}, without {without}");
 }
 
+/// Of a drifting chain with ties to keyframes in metres: these stay in metres to the last bit, and tell the others theirs.
+#[test]
+fn known_units_stay_and_tell_others_theirs() {
+    let metric: BTreeMap<KeyframeId, Sim3> =
+        ring(40).into_iter().map(|(id, pose)| (id, Sim3 { scale: 1.0, ..pose })).collect();
+    let mut truth = metric.clone();
+    truth.extend(ring(40).into_iter().map(|(id, pose)| (KeyframeId(id.0 + 100), pose)));
+    let mut noise = Noise(7);
+    let mut edges = Vec::new();
+    for first in [0, 100] {
+        for i in first..first + 39 {
+            let mut step = edge(&truth, i, i + 1, EdgeKind::Odometry, 0.01);
+            // The camera's scale runs away, and the LiDAR's edges say a little about theirs that is wrong.
+            let scale = if first == 100 { 0.02 } else { 0.002 };
+            let drift = Sim3::new(Default::default(), Vector3::zeros(), f64::exp(scale));
+            step.from_from_to = Sim3::exp(&noise.tangent(0.005, 0.002, 0.0)) * drift * step.from_from_to;
+            edges.push(step);
+        }
+    }
+    for i in (0..40).step_by(3) {
+        edges.push(edge(&truth, i, i + 100, EdgeKind::Merge, 0.01));
+    }
+    let mut nodes = integrate(&metric, &edges[..39]);
+    for pose in nodes.values_mut() {
+        pose.scale = 1.0;
+    }
+    let camera = edges[39..78].iter().fold(vec![truth[&KeyframeId(100)]], |mut poses, edge| {
+        poses.push(poses[poses.len() - 1] * edge.from_from_to);
+        poses
+    });
+    nodes.extend((100..).map(KeyframeId).zip(camera));
+    let known: BTreeSet<KeyframeId> = metric.keys().copied().collect();
+    let mut free = nodes.clone();
+    optimise(&mut free, &edges, &first(), &PoseGraphParams::default()).unwrap();
+    optimise_with_units(&mut nodes, &edges, &first(), &known, &PoseGraphParams::default()).unwrap();
+    assert!(known.iter().all(|id| nodes[id].scale == 1.0));
+    let off = |found: &BTreeMap<KeyframeId, Sim3>| {
+        let scales = found.iter().map(|(id, pose)| (pose.scale / truth[id].scale).ln().abs());
+        scales.fold(0.0, f64::max)
+    };
+    // Less than two steps drift, of 39.
+    assert!(off(&nodes) < 0.04 && off(&free) > 2.0 * off(&nodes), "{} {}", off(&nodes), off(&free));
+}
+
 #[test]
 fn without_fixed_nodes_the_graph_settles_where_it_is() {
     let truth = ring(12);

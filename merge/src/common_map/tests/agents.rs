@@ -43,6 +43,12 @@ impl Traveller {
         Self { own_from_truth, ..self.clone() }
     }
 
+    /// The same way where every keyframe's unit is the true one, and its world's too: a LiDAR's.
+    pub fn in_metres(&self) -> Self {
+        let truth_from_keyframe = self.truth_from_keyframe.iter().map(|pose| pose.rigid().into()).collect();
+        Self { truth_from_keyframe, own_from_truth: self.own_from_truth.rigid().into(), ..self.clone() }
+    }
+
     /// The agent when it had that many keyframes.
     pub fn first(&self, count: usize) -> Self {
         Self { truth_from_keyframe: self.truth_from_keyframe[..count].to_vec(), ..self.clone() }

@@ -1,0 +1,111 @@
+//! A camera and a LiDAR on one robot, in a hall that is rendered for the one and ray-cast for the other.
+
+mod common;
+
+use common::{arg, loopbox, stderr, stdout, write};
+use geometry::Se3;
+use loopbox_tests::lidar::{HALL, walk, write_recording};
+use loopbox_tests::{Encoding, Recording, World, world_from_hall};
+use serde_json::Value;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Along the northern row of boxes, which the camera looks at from the robot's left side.
+const WAY: [[f64; 2]; 3] = [[-11.0, 4.5], [-3.0, 4.5], [4.0, 5.5]];
+/// `lidar_from_camera`: 30 cm ahead of the LiDAR, 20 cm to its left and 20 cm below.
+const EXTRINSIC: [f64; 7] =
+    [0.3, 0.2, -0.2, -std::f64::consts::FRAC_1_SQRT_2, 0.0, 0.0, std::f64::consts::FRAC_1_SQRT_2];
+/// Images a second.
+const RATE: f64 = 30.0;
+
+/// Runs the program; what it said.
+#[track_caller]
+fn run(code: i32, args: &[&str]) -> String {
+    let output = loopbox(args);
+    let said = stdout(&output) + &stderr(&output);
+    assert_eq!(output.status.code(), Some(code), "{args:?}\n{said}");
+    said
+}
+
+/// Recordings `camera` and `lidar` of one drive, and their truth in the hall's axes.
+fn record(folder: &Path) {
+    let (pose, duration) = walk(&WAY);
+    write_recording(&folder.join("lidar"), &HALL, &pose, duration).unwrap();
+    let camera = |i: usize| pose(i as f64 / RATE) * Se3::from_tum(EXTRINSIC);
+    let count = (duration * RATE) as usize;
+    let path: Vec<Se3> = (0..count).map(|i| world_from_hall() * camera(i)).collect();
+    let recording = Recording::render(&World::hall(3), Recording::SMALL_CAMERA, &path, RATE);
+    recording.write(&folder.join("camera"), Encoding::Png).unwrap();
+    let line = |i: usize| {
+        let numbers = camera(i).to_tum().map(|number| format!("{number:.9}")).join(" ");
+        format!("{:.6} {numbers}\n", i as f64 / RATE)
+    };
+    write(folder.join("camera/truth.txt"), (0..count).map(line).collect::<String>());
+}
+
+/// A number of JSON that was printed.
+fn number(said: &str, path: &str) -> f64 {
+    let json: Value = serde_json::from_str(said).unwrap_or_else(|_| panic!("{said}"));
+    json.pointer(path).and_then(Value::as_f64).unwrap_or_else(|| panic!("{path} in {json:#}"))
+}
+
+#[test]
+fn a_cameras_map_gets_metres_from_the_lidar_beside_it() {
+    let room = tempfile::tempdir().unwrap();
+    record(room.path());
+    let at = |name: &str| -> PathBuf { room.path().join(name) };
+    for name in ["camera", "lidar"] {
+        run(0, &["run", arg(&at(name)), "--out", arg(&at(&format!("out/{name}"))), "--quiet"]);
+    }
+    let (camera, lidar) = (at("out/camera"), at("out/lidar"));
+    let pose = EXTRINSIC.map(|number| number.to_string());
+    let extrinsic = format!("--extrinsic={}", pose.join(","));
+    write(at("extrinsic.txt"), pose.join(" "));
+
+    // The unit alone is right where nothing is scaled any more.
+    let track = at("metres.txt");
+    let place = ["export", arg(&camera), "--lidar", arg(&lidar), "--tum", arg(&track), "--mcap"];
+    run(0, &[&place[..], &[arg(&at("metres.mcap")), &extrinsic]].concat());
+    let truth = at("camera/truth.txt");
+    let said = run(0, &["eval", arg(&track), "--gt", arg(&truth), "--align", "se3", "--json"]);
+    println!("export: ATE {} m", number(&said, "/ate/rmse"));
+    assert!(number(&said, "/ate/rmse") < 0.05, "{said}");
+    let file = ["--extrinsic", arg(&at("extrinsic.txt"))].map(str::to_owned);
+    let again = at("again.mcap");
+    run(0, &[&place[..], &[arg(&again), &file[0], &file[1]]].concat());
+    assert!(fs::read(&again).unwrap() == fs::read(at("metres.mcap")).unwrap(), "a file says the same pose");
+
+    // Both agents in one map, where they truly are to each other.
+    let both = at("both");
+    let merge = ["merge", arg(&camera), arg(&lidar), "--out", arg(&both), "--quiet"];
+    let said = run(0, &[&merge[..], &[&extrinsic, "--json"]].concat());
+    println!("merge: {said}");
+    assert!(number(&said, "/scale_doubt") < 0.01 && number(&said, "/suppressed") == 0.0, "{said}");
+    let tracks = ["lidar", "camera"].map(|name| both.join(format!("trajectory-{name}.txt")));
+    let truths = [at("lidar/groundtruth.txt"), truth];
+    let eval = ["eval", arg(&tracks[0]), arg(&tracks[1]), "--gt", arg(&truths[0]), arg(&truths[1])];
+    let said = run(0, &[&eval[..], &["--align", "se3", "--json"]].concat());
+    println!("eval: {said}");
+    assert!(number(&said, "/agents/0/ate/rmse") < 0.03, "{said}");
+    assert!(number(&said, "/agents/1/ate/rmse") < 0.05, "{said}");
+    let common = map::load_map(both.join("map.mcap")).unwrap().map;
+    assert!(common.is_metric() && common.sensor().is_none());
+    for keyframe in common.keyframes.values().filter(|keyframe| keyframe.scan.is_some()) {
+        assert_eq!(keyframe.world_from_keyframe.scale, 1.0, "a LiDAR's keyframes stay in metres");
+    }
+    run(0, &["unmerge", arg(&both), "--out", arg(&at("apart"))]);
+    for (name, own) in [("camera", &camera), ("lidar", &lidar)] {
+        let again = fs::read(at("apart").join(name).join("map.mcap")).unwrap();
+        assert!(again == fs::read(own.join("map.mcap")).unwrap(), "{name} as it was");
+    }
+
+    // What is wrong with an extrinsic is said, and nothing is written.
+    let nothing = at("nothing");
+    let merge = ["merge", arg(&camera), arg(&lidar), "--out", arg(&nothing), "--quiet"];
+    let looks_ahead = "--extrinsic=0.3,0.2,-0.2,-0.5,0.5,-0.5,0.5";
+    let said = run(1, &[&merge[..], &[looks_ahead]].concat());
+    assert!(said.contains("hint: "), "{said}");
+    let said = run(1, &["merge", arg(&camera), arg(&camera), "--out", arg(&nothing), &extrinsic]);
+    assert!(said.contains("taken from a LiDAR's map"), "{said}");
+    assert!(!nothing.join("map.mcap").exists());
+}
