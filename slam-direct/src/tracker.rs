@@ -513,6 +513,29 @@ mod tests {
         assert_eq!(tracker.reference, 2, "the nearest keyframe is the reference");
     }
 
+    /// Keyframes that see a frame's points are known by these, also when none of the points sought is theirs.
+    #[test]
+    fn a_view_that_the_map_has_is_returned_to() {
+        let keyframes = keyframes();
+        let (map, params) = (exact_map(&keyframes, 10), Params::default());
+        let start = map.keyframes[0].camera_from_world;
+        let at = |x: f64, params: &Params| {
+            let mut tracker = Tracker::new(&map, 0, start, Se3::identity(), params);
+            let view = Rendered::new(pose(x, 0.0, 0.0, 0.0, 0.0));
+            let mut located = tracker.track(&map, None, &view.pyramid, 0.0, params).expect("it is in the map");
+            located.hosts = vec![0];
+            tracker.change_reference(&map, &located, params);
+            assert_eq!(tracker.reference, 0, "no other host is known");
+            (tracker.returns(&map, &located, params), tracker.reference)
+        };
+        assert_eq!(at(0.48, &params), (true, 1));
+        assert_eq!(at(0.02, &params), (false, 0), "no keyframe is much nearer");
+        assert_eq!(at(0.25, &params), (false, 0), "none is near");
+        let mut never = params.clone();
+        never.keyframes.known_view = 0.0;
+        assert_eq!(at(0.48, &never), (false, 0));
+    }
+
     #[test]
     fn a_lost_camera_is_found_near_another_keyframe() {
         let keyframes = keyframes();

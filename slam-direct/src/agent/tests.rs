@@ -187,6 +187,25 @@ fn who_takes_in_all_deltas_has_the_map() {
     }
 }
 
+/// A camera that goes to and fro knows what it sees after some time; keyframes were made for ever.
+#[test]
+fn a_camera_that_stays_somewhere_makes_no_more_keyframes() {
+    let mut agent = agent();
+    let (count, mut made) = (drive().shots.len(), Vec::new());
+    for pass in 0..8 {
+        let mut of_pass = 0;
+        for i in 0..count {
+            let shot = &drive().shots[if pass % 2 == 0 { i } else { count - 1 - i }];
+            let (index, timestamp) = ((pass * count + i) as u64, (pass * count + i) as f64 / 20.0);
+            let image = shot.image.as_ref().clone();
+            let report = agent.process(Frame { index, timestamp, image }).unwrap();
+            of_pass += usize::from(report.new_keyframe.is_some());
+        }
+        made.push(of_pass);
+    }
+    assert!(made[0] >= 3 && made[6..] == [0, 0], "{made:?}");
+}
+
 #[test]
 fn a_wish_to_stop_leaves_a_whole_map() {
     let mut agent = agent();
