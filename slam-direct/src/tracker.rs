@@ -318,9 +318,9 @@ impl Tracker {
     }
 
     /// Changes to a keyframe that sees what the frame sees, from nearly where it is, if there is one that is nearer than the
-    /// reference; tells whether it did. A view that is in the map needs no further keyframe (Engel 2014, §3.5): a camera
-    /// that stays somewhere would make them for ever. Those whose points are sought are not all that look at a place that is
-    /// seen from many sides.
+    /// reference; tells whether it did. A view that is in the map needs no further keyframe: a camera that stays
+    /// somewhere would make them for ever. Asked are those that share points with the frame (Mur-Artal 2015, §V-D); of
+    /// a place that is seen from many sides they are more than those whose points are sought.
     pub fn returns(&mut self, map: &LocalMap, located: &Located, params: &Params) -> bool {
         if located.sought_widely || located.inlier_share() < params.keyframes.known {
             return false;
