@@ -522,7 +522,8 @@ mod tests {
         let at = |x: f64, params: &Params| {
             let mut tracker = Tracker::new(&map, 0, start, Se3::identity(), params);
             let view = Rendered::new(pose(x, 0.0, 0.0, 0.0, 0.0));
-            let mut located = tracker.track(&map, None, &view.pyramid, 0.0, params).expect("it is in the map");
+            let mut located =
+                tracker.track(&map, None, &view.pyramid, 0.0, params).expect("it is in the map");
             located.hosts = vec![0];
             tracker.change_reference(&map, &located, params);
             assert_eq!(tracker.reference, 0, "no other host is known");
