@@ -20,6 +20,14 @@ pub fn update(path: &Path, sections: &[(&str, String)]) -> Result<()> {
     Ok(())
 }
 
+/// That documents can be read, said before hours are measured.
+///
+/// # Errors
+/// When one cannot be.
+pub fn check(paths: &[impl AsRef<Path>]) -> Result<()> {
+    paths.iter().try_for_each(|path| update(path.as_ref(), &[]))
+}
+
 fn replaced(document: &str, name: &str, text: &str) -> Result<String> {
     let (open, close) = (format!("<!-- bench:{name} -->"), format!("<!-- /bench:{name} -->"));
     let Some((before, rest)) = document.split_once(&open) else { return Ok(document.to_owned()) };
@@ -32,6 +40,12 @@ fn replaced(document: &str, name: &str, text: &str) -> Result<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_document_that_is_not_there_is_named() {
+        let error = check(&["/there/is/none.md"]).unwrap_err();
+        assert!(error.to_string().contains("/there/is/none.md"), "{error}");
+    }
 
     #[test]
     fn only_what_lies_between_the_markers_changes() {

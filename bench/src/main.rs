@@ -130,6 +130,7 @@ fn main() -> Result<()> {
     if args.part.is_some_and(|part| !part.suits(&args)) {
         bail!("--part: calibration and costs are parts of --live, recorded and rendered of --lidar");
     }
+    document::check(&args.documents)?;
     let runner = Runner { loopbox: args.loopbox.clone(), work: args.work.clone(), runs: args.runs };
     if args.live {
         return measure_live(&args, &runner);

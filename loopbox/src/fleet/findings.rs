@@ -164,9 +164,16 @@ impl Found {
         serde_json::to_vec(self).unwrap_or_default()
     }
 
-    /// What others told; `None` when it is not to be understood.
-    pub fn from_bytes(bytes: &[u8]) -> Option<Self> {
-        serde_json::from_slice(bytes).ok()
+    /// What others told.
+    ///
+    /// # Errors
+    /// When it is not to be understood, or places an agent where none can be.
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, String> {
+        let told: Self = serde_json::from_slice(bytes).map_err(|error| error.to_string())?;
+        match told.agents.iter().find(|agent| !is_place(&agent.root_from_agent)) {
+            Some(agent) => Err(format!("the place of {:?} is none: {:?}", agent.name, agent.root_from_agent)),
+            None => Ok(told),
+        }
     }
 
     /// How many pairs were merged.
@@ -179,6 +186,13 @@ impl Found {
 fn numbers(transform: &Sim3) -> [f64; 8] {
     let [tx, ty, tz, qx, qy, qz, qw] = transform.rigid().to_tum();
     [tx, ty, tz, qx, qy, qz, qw, transform.scale]
+}
+
+/// Whether `tx ty tz qx qy qz qw scale` is a transform: finite numbers, a unit quaternion, a scale above 0.
+fn is_place(numbers: &[f64; 8]) -> bool {
+    let [_, _, _, qx, qy, qz, qw, scale] = *numbers;
+    let norm = [qx, qy, qz, qw].iter().map(|q| q * q).sum::<f64>();
+    numbers.iter().all(|number| number.is_finite()) && (norm - 1.0).abs() < 1e-6 && scale > 0.0
 }
 
 /// The transform of `tx ty tz qx qy qz qw scale`.
@@ -232,5 +246,23 @@ mod tests {
         let other = found(&[("a", "a", 0.0, 1.0), ("b", "a", 5.0, 3.0)]);
         assert_eq!(places(&other.beside(&whole)), places(&whole));
         assert_eq!(places(&Found::default().beside(&whole)), places(&whole));
+    }
+
+    #[test]
+    fn places_where_none_can_be_are_refused() {
+        let read = |found: &Found| Found::from_bytes(&found.to_bytes());
+        let told = found(&[("a", "a", 0.0, 1.0), ("b", "a", 4.0, 2.0)]);
+        assert_eq!(read(&told), Ok(told.clone()));
+        for (number, value) in [(6, 0.0), (6, 2.0), (7, 0.0), (7, -1.0)] {
+            let mut wrong = told.clone();
+            wrong.agents[1].root_from_agent[number] = value;
+            assert!(read(&wrong).unwrap_err().contains("the place of \"b\" is none"), "{number} {value}");
+        }
+        // What JSON has no number for is written as null.
+        let mut wrong = told.clone();
+        wrong.agents[1].root_from_agent[0] = f64::NAN;
+        assert!(read(&wrong).is_err());
+        let huge = String::from_utf8(told.to_bytes()).unwrap().replace("4.0", "4e999");
+        assert!(Found::from_bytes(huge.as_bytes()).is_err());
     }
 }

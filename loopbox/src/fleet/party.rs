@@ -247,8 +247,11 @@ impl Shared {
             News::Trouble(text) => self.trouble(&text),
             News::Held { by, .. } => self.say(&format!("{by} holds all of the map told so far")),
             News::Findings { from, bytes } => {
-                let Some(found) = Found::from_bytes(&bytes) else {
-                    return self.trouble("a neighbour tells what is not to be understood");
+                let found = match Found::from_bytes(&bytes) {
+                    Ok(found) => found,
+                    Err(why) => {
+                        return self.trouble(&format!("a neighbour tells what is not to be understood: {why}"));
+                    }
                 };
                 let mut status = self.status();
                 let from = from.to_string();
