@@ -27,6 +27,7 @@ use crate::closing::edges;
 use crate::dense;
 use crate::local_map::{Companions, Counts, KeyframeState, LocalMap};
 use crate::mapping;
+use crate::mask::{LearnerView, MaskLearner};
 use crate::params::Params;
 use crate::publish;
 use crate::tone::Tone;
@@ -75,6 +76,8 @@ pub struct Agent {
     tone: Option<Tone>,
     /// Frames that came before the first map and are not in it.
     early: Vec<EarlyFrame>,
+    /// What moves with the camera.
+    learner: MaskLearner,
     /// The start that the map came of, while more frames may contradict it.
     provisional: Option<Box<Bootstrap>>,
     /// What is done with the map, if it was given to the agent.
@@ -128,6 +131,7 @@ impl Agent {
             processed: 0,
             tone: None,
             early: Vec::new(),
+            learner: MaskLearner::default(),
             provisional: None,
             resumed: None,
             is_sought: false,
@@ -155,7 +159,9 @@ impl Agent {
             self.tone = Tone::following(self.tone.take(), &frame.image);
         }
         let pyramid = self.pyramid(frame.image);
-        if !matches!(self.state, State::Running(_)) {
+        let is_new = self.learner.is_new();
+        let view = LearnerView::of(&pyramid);
+        if is_new || !matches!(self.state, State::Running(_)) {
             self.keep_early(frame.timestamp, frame.index, pyramid.shared_base());
         }
         let report = match std::mem::replace(&mut self.state, State::Empty) {
@@ -169,6 +175,15 @@ impl Agent {
                 }
             },
         };
+        let rotation = report.world_from_camera.map(|pose| pose.rotation.inverse());
+        let is_spoilt = self.learner.look(&view, &self.camera, rotation) && is_new && self.resumed.is_none();
+        let report = match is_spoilt {
+            true => self.begin_unspoilt(frame.timestamp, frame.index).unwrap_or(report),
+            false => report,
+        };
+        if is_new && matches!(self.state, State::Running(_)) {
+            self.drop_early();
+        }
         Ok(self.told(report))
     }
 
@@ -233,6 +248,8 @@ impl Agent {
         if let Some(mapper) = &mut self.mapper {
             mapper.local.sensor = other.view.sensor;
         }
+        self.learner = other.learner.clone();
+        self.learner.change_world();
     }
 
     /// Whether the map has not come beyond its start, so that it may prove useless yet.
@@ -367,7 +384,8 @@ impl Agent {
         self.fresh = Some((index, located.mean_motion));
         let (counts, motions) = (std::mem::take(&mut self.counts), std::mem::take(&mut self.motions));
         let (companions, params) = (self.companions.clone(), self.params.clone());
-        let job = Job { keyframe, matched, counts, motions, companions, params };
+        let mask = Arc::clone(self.learner.mask());
+        let job = Job { keyframe, matched, counts, motions, companions, mask, params };
         let p = &self.params.mapping;
         let times = if mapper.has_much_to_do(&self.params) { p.whole_lag } else { 1 };
         let lag = (p.lag * times) as u64;

@@ -10,6 +10,7 @@ mod follow;
 mod solve;
 
 use crate::local_map::LocalMap;
+use crate::mask::Mask;
 use crate::track::TrackParams;
 use backend::params;
 use follow::Track;
@@ -99,9 +100,10 @@ impl Bootstrap {
         pyramid: Pyramid,
         timestamp: f64,
         frame_index: u64,
+        mask: &Mask,
         params: &BootstrapParams,
     ) -> Option<Self> {
-        let tracks = follow::choose(&pyramid, params.block);
+        let tracks = follow::choose(&pyramid, params.block, mask);
         (tracks.len() >= MIN_POINTS).then_some(Self {
             camera,
             first: pyramid,
@@ -142,6 +144,14 @@ impl Bootstrap {
             None if self.frames.len() >= params.max_frames => Progress::Restart("no consistent first map"),
             None => Progress::Waiting("the first map is not certain yet"),
         }
+    }
+
+    /// Leaves out the points that prove to move with the camera.
+    pub fn leave_out(&mut self, mask: &Mask) {
+        self.tracks
+            .iter_mut()
+            .filter(|track| mask.covers_at(track.pixel))
+            .for_each(|track| track.lost = true);
     }
 
     /// Index of the frame that the start began with.

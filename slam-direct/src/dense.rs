@@ -2,6 +2,7 @@
 
 use crate::depth::{DepthFilter, DepthParams, SeedPoint, StereoFrame, choose_references};
 use crate::local_map::{Companion, LocalMap, median};
+use crate::mask::Mask;
 use geometry::sensor::{Shift, Twist};
 use geometry::{GrayImage, Pinhole, Se3};
 use map::SemiDense;
@@ -55,6 +56,8 @@ pub(crate) struct StereoJob {
     references: Vec<Reference>,
     /// World units per unit of the keyframe.
     unit: f64,
+    /// What of the image moves with the camera: it has no depth.
+    mask: Arc<Mask>,
     params: DepthParams,
 }
 
@@ -100,6 +103,7 @@ impl StereoJob {
                 .collect(),
             references: chosen.into_iter().map(|i| candidates[i].clone()).collect(),
             unit: state.unit,
+            mask: Arc::clone(&map.mask),
             params: params.clone(),
         }
     }
@@ -119,9 +123,24 @@ impl StereoJob {
             filter.update(&self.image, &frame);
         }
         filter.regularise();
-        let mut depth = filter.to_semi_dense();
+        let mut depth = self.unmasked(filter.to_semi_dense());
         depth.scale(1.0 / self.unit as f32);
         depth
+    }
+
+    /// The depths that the mask does not cover.
+    fn unmasked(&self, depth: SemiDense) -> SemiDense {
+        if self.mask.is_empty() {
+            return depth;
+        }
+        let width = self.image.width();
+        let free = |pixel: u32| !self.mask.covers(pixel as usize % width, pixel as usize / width);
+        let kept: Vec<_> = depth.iter().filter(|(pixel, ..)| free(*pixel)).collect();
+        SemiDense {
+            pixel: kept.iter().map(|kept| kept.0).collect(),
+            inverse_depth: kept.iter().map(|kept| kept.1).collect(),
+            variance: kept.iter().map(|kept| kept.2).collect(),
+        }
     }
 
     /// Affine brightness `(a, b)` of a neighbour relative to the keyframe, from the intensities of the points

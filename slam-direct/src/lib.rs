@@ -21,6 +21,7 @@ mod keyframes;
 mod local_map;
 pub mod loops;
 mod mapping;
+mod mask;
 mod params;
 mod patch;
 mod publish;

@@ -1,6 +1,7 @@
 //! Keyframes as the agent works on them: image pyramids, points with observations, who sees what.
 
 use crate::align::ReferencePoint;
+use crate::mask::Mask;
 use crate::track::Matched;
 use geometry::sensor::{Sensor, Twist};
 use geometry::{GrayImage, Pinhole, Pyramid, Se3, Sim3};
@@ -143,12 +144,14 @@ pub(crate) struct LocalMap {
     pub camera: Pinhole,
     /// The camera as the images proved to show it. Rays of points are by it; pixels are those of the images.
     pub sensor: Sensor,
+    /// What of the images moves with the camera; no new points are there.
+    pub mask: Arc<Mask>,
     pub keyframes: Vec<Shared<KeyframeState>>,
 }
 
 impl LocalMap {
     pub fn new(camera: Pinhole) -> Self {
-        Self { camera, sensor: Sensor::ideal(camera), keyframes: Vec::new() }
+        Self { camera, sensor: Sensor::ideal(camera), mask: Arc::default(), keyframes: Vec::new() }
     }
 
     pub fn point(&self, at: PointRef) -> &PointState {

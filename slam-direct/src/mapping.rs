@@ -1,6 +1,6 @@
 //! What a new keyframe sets off: new points, the joint optimisation of its surroundings, culling.
 
-use crate::local_map::{KeyframeState, LocalMap, PointRef, SeenAt, median};
+use crate::local_map::{KeyframeState, LocalMap, PointRef, PointState, SeenAt, median};
 use crate::select::select;
 use crate::track::{Matched, TrackParams};
 use crate::triangulate::{TriangulateParams, Triangulator};
@@ -10,6 +10,7 @@ use geometry::sensor::{Sensor, UNKNOWNS};
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
+use std::sync::Arc;
 use window::Window;
 
 mod window;
@@ -102,7 +103,7 @@ pub(crate) fn add_points(
         .map(|p| (p.pixel[0].max(0.0) as usize / block, p.pixel[1].max(0.0) as usize / block))
         .collect();
     let image = map.keyframes[host].pyramid.base();
-    let candidates = select(image, block, params.min_score, |cx, cy| occupied.contains(&(cx, cy)));
+    let candidates = select(image, block, params.min_score, &map.mask, |cx, cy| occupied.contains(&(cx, cy)));
     let depths = DepthPrior::new(&known);
     let triangulator = Triangulator::new(map, host, others, search, track);
     let points: Vec<_> = candidates
@@ -338,6 +339,23 @@ pub(crate) fn cull_unfound(map: &mut LocalMap, hosts: impl IntoIterator<Item = u
             if (point.found as f32) < share * point.sought as f32 {
                 point.alive = false;
             }
+        }
+    }
+}
+
+/// Drops the points of keyframes that share points with `keyframe`, and its own, that prove to move with the camera.
+pub(crate) fn cull_masked(map: &mut LocalMap, keyframe: usize) {
+    if map.mask.is_empty() {
+        return;
+    }
+    let mask = Arc::clone(&map.mask);
+    let is_masked = |point: &PointState| point.alive && mask.covers_at(point.pixel);
+    let hosts: Vec<usize> = map.covisible(keyframe).into_iter().map(|c| c.0).chain([keyframe]).collect();
+    for host in hosts {
+        // What is not changed stays shared.
+        if map.keyframes[host].points.iter().any(is_masked) {
+            let points = map.keyframes[host].points.iter_mut();
+            points.filter(|point| is_masked(point)).for_each(|point| point.alive = false);
         }
     }
 }

@@ -1,5 +1,6 @@
 //! Which pixels of a keyframe become points: well spread, each the most distinct of its cell.
 
+use crate::mask::Mask;
 use geometry::GrayImage;
 use std::ops::Range;
 use std::slice::ChunksExact;
@@ -22,11 +23,12 @@ const EDGE_SHARE: f32 = 0.05;
 const HALF_WINDOW: usize = 2;
 
 /// The most distinct pixel of each `cell × cell` block with a score of at least `min_score`;
-/// `skip(cx, cy)` names blocks to leave out. In row order of the blocks.
+/// `skip(cx, cy)` names blocks to leave out; none is where the `mask` covers. In row order of the blocks.
 pub(crate) fn select(
     image: &GrayImage,
     cell: usize,
     min_score: f32,
+    mask: &Mask,
     skip: impl Fn(usize, usize) -> bool,
 ) -> Vec<Candidate> {
     let (columns, rows) = (image.width() / cell, image.height() / cell);
@@ -37,8 +39,8 @@ pub(crate) fn select(
             if skip(cx, cy) {
                 continue;
             }
-            if let Some(best) =
-                best_of_block(image, cx * cell, cy * cell, cell, &mut sums).filter(|c| c.score >= min_score)
+            if let Some(best) = best_of_block(image, mask, cx * cell, cy * cell, cell, &mut sums)
+                .filter(|c| c.score >= min_score)
             {
                 all.push(best);
             }
@@ -53,6 +55,7 @@ const STEP: usize = 2;
 geometry::multiversion! {
     fn best_of_block(
         image: &GrayImage,
+        mask: &Mask,
         x0: usize,
         y0: usize,
         cell: usize,
@@ -69,7 +72,7 @@ geometry::multiversion! {
             for (i, x) in (left..right).step_by(STEP).enumerate() {
                 let tensor = rows.clone().map(|row| row[i]).fold([0; 3], add);
                 let score = score(tensor);
-                if best.is_none_or(|b| score > b.score) {
+                if best.is_none_or(|b| score > b.score) && !mask.covers(x, y) {
                     best = Some(Candidate { pixel: [x as f32, y as f32], score });
                 }
             }
@@ -142,7 +145,7 @@ mod tests {
                 image.set(x, y, 200);
             }
         }
-        let found = select(&image, 32, 5.0, |_, _| false);
+        let found = select(&image, 32, 5.0, &Mask::default(), |_, _| false);
         assert!(!found.is_empty());
         for c in &found {
             let near = |v: f32, a: f32| (v - a).abs() <= 4.0;
@@ -152,6 +155,6 @@ mod tests {
                 "{c:?}"
             );
         }
-        assert!(select(&GrayImage::filled(64, 64, 50), 32, 5.0, |_, _| false).is_empty());
+        assert!(select(&GrayImage::filled(64, 64, 50), 32, 5.0, &Mask::default(), |_, _| false).is_empty());
     }
 }

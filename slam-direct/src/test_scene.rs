@@ -2,6 +2,7 @@
 
 use crate::align::ReferencePoint;
 use crate::local_map::{KeyframeState, LocalMap, PointRef, PointState, SeenAt};
+use crate::mask::Mask;
 use crate::select::select;
 use geometry::{GrayImage, Image, Pinhole, Pyramid, Se3};
 use loopbox_tests::{Recording, World, render};
@@ -55,7 +56,7 @@ impl View {
     /// Distinct pixels with their exact depth, one for each `block × block` pixels; those at a jump of the
     /// depth are left out: there a patch shows two surfaces.
     pub fn points(&self, block: usize) -> Vec<ReferencePoint> {
-        let candidates = select(self.pyramid.base(), block, 12.0, |_, _| false);
+        let candidates = select(self.pyramid.base(), block, 12.0, &Mask::default(), |_, _| false);
         let pixels = candidates.into_iter().map(|c| c.pixel).filter(|&pixel| self.smooth_around(pixel));
         pixels
             .map(|pixel| {

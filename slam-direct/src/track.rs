@@ -108,7 +108,8 @@ pub(crate) fn choose(
             let depth = (rotation * point.ray + relative.translation * point.inverse_depth).z;
             let pixel = map.sensor.shown_pixel(pixel.into(), &view.motion, point.inverse_depth / depth);
             let pixel = pixel.map(|v| v as f32);
-            if !view.pyramid.base().contains(pixel[0], pixel[1], 5.0) {
+            // What moves with the camera hides what is behind it.
+            if !view.pyramid.base().contains(pixel[0], pixel[1], 5.0) || map.mask.covers_at(pixel) {
                 continue;
             }
             let cell = (pixel[1] as usize / params.cell) * columns + pixel[0] as usize / params.cell;

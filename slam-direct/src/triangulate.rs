@@ -248,6 +248,7 @@ fn distance(a: &Place, b: &Place) -> f64 {
 mod tests {
     use super::*;
     use crate::local_map::PointState;
+    use crate::mask::Mask;
     use crate::select::select;
     use crate::test_scene::{View, bare_map, pose, quantile};
 
@@ -260,7 +261,7 @@ mod tests {
         let others: Vec<usize> = (1..views.len()).collect();
         let (params, track) = (TriangulateParams::default(), TrackParams::default());
         let triangulator = Triangulator::new(&map, 0, &others, &params, &track);
-        let sought = select(views[0].pyramid.base(), 12, 12.0, |_, _| false);
+        let sought = select(views[0].pyramid.base(), 12, 12.0, &Mask::default(), |_, _| false);
         let found = sought.iter().filter_map(|c| triangulator.point(c.pixel, RANGE)).collect();
         (found, sought.len())
     }

@@ -36,11 +36,17 @@ impl Agent {
         index: u64,
         mut reason: &'static str,
     ) -> FrameReport {
-        match Bootstrap::new(self.camera, pyramid, timestamp, index, &self.params.bootstrap) {
+        match self.fresh_start(pyramid, timestamp, index) {
             Some(start) => self.state = State::Starting(Box::new(start)),
             None => reason = "the image has too little texture",
         }
         FrameReport { reason: Some(reason), ..FrameReport::of(TrackingState::Starting) }
+    }
+
+    /// A start that begins with a frame; nothing when it has too little texture.
+    fn fresh_start(&self, pyramid: Pyramid, timestamp: f64, index: u64) -> Option<Bootstrap> {
+        let (mask, params) = (self.learner.mask(), &self.params.bootstrap);
+        Bootstrap::new(self.camera, pyramid, timestamp, index, mask, params)
     }
 
     /// Takes a frame into the start; the first map when it suffices.
@@ -51,6 +57,7 @@ impl Agent {
         timestamp: f64,
         index: u64,
     ) -> FrameReport {
+        start.leave_out(self.learner.mask());
         match start.add(&pyramid, timestamp, index, &self.params.bootstrap, &self.params.track) {
             Progress::Waiting(reason) => {
                 self.state = State::Starting(start);
@@ -76,6 +83,7 @@ impl Agent {
         if !matches!(self.state, State::Running(_)) {
             return None;
         }
+        start.leave_out(self.learner.mask());
         let look = {
             let first = self.camera_from_world(start.first_frame());
             let frame_from_first = |index: u64| Some(self.camera_from_world(index)? * first?.inverse());
@@ -84,7 +92,7 @@ impl Agent {
         };
         match look {
             SecondLook::Over => {
-                self.early.clear();
+                self.drop_early();
                 None
             }
             SecondLook::Nothing => {
@@ -128,6 +136,7 @@ impl Agent {
             .collect();
         self.refer_newest_frame(1);
         if let Some(mapper) = &mut self.mapper {
+            let map = LocalMap { mask: Arc::clone(self.learner.mask()), ..map };
             let update = mapper.adopt(map, &self.params);
             self.view = update.view;
             self.say(update.delta);
@@ -189,12 +198,34 @@ impl Agent {
         frame_index: u64,
     ) -> Option<FrameReport> {
         let image = pyramid.shared_base();
-        let fresh = Bootstrap::new(self.camera, pyramid, timestamp, frame_index, &self.params.bootstrap)?;
+        let fresh = self.fresh_start(pyramid, timestamp, frame_index)?;
         self.forget();
         self.keep_early(timestamp, frame_index, image);
         self.state = State::Starting(Box::new(fresh));
         let reason = Some("the first map was of no use");
         Some(FrameReport { reason, ..FrameReport::of(TrackingState::Starting) })
+    }
+
+    /// Gives up a map that was begun before it was known that something moves with the camera: its points were in it and said
+    /// that the camera stands still. The frames so far are found in the map that comes of this one.
+    pub(super) fn begin_unspoilt(&mut self, timestamp: f64, frame_index: u64) -> Option<FrameReport> {
+        if !matches!(self.state, State::Running(_)) {
+            return None;
+        }
+        let image = Arc::clone(&self.early.last()?.image);
+        if let State::Running(mut tracker) = std::mem::replace(&mut self.state, State::Empty) {
+            self.land(&mut tracker, &mut FrameReport::of(TrackingState::Tracking));
+        }
+        self.forget();
+        let pyramid = Pyramid::of(image, self.params.align.pyramid_levels);
+        Some(self.begin(pyramid, timestamp, frame_index, "something in the image moves with the camera"))
+    }
+
+    /// Drops the frames from before the first map, once neither it nor what moves with the camera is in question.
+    pub(super) fn drop_early(&mut self) {
+        if self.provisional.is_none() && !self.learner.is_new() {
+            self.early.clear();
+        }
     }
 
     /// Drops the map to start anew.
@@ -212,5 +243,6 @@ impl Agent {
         self.companions.clear();
         self.first_open = 0;
         self.provisional = None;
+        self.learner.change_world();
     }
 }

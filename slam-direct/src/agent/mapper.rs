@@ -8,6 +8,7 @@ use super::settle::Settler;
 use crate::closing::LoopCloser;
 use crate::local_map::{Companions, Counts, KeyframeState, LocalMap};
 use crate::mapping;
+use crate::mask::Mask;
 use crate::params::Params;
 use crate::publish;
 use crate::track::Matched;
@@ -26,6 +27,8 @@ pub(super) struct Job {
     /// Motion of keyframes, as the frames on both sides of each tell it.
     pub motions: Vec<(usize, Twist)>,
     pub companions: Companions,
+    /// What moves with the camera.
+    pub mask: Arc<Mask>,
     /// As they are now: some are learnt while tracking.
     pub params: Params,
 }
@@ -135,12 +138,14 @@ impl Mapper {
 
     /// Extends the map by a keyframe; takes up what was begun in the background at the one before, and begins more.
     pub fn extend(&mut self, job: Job) -> Update {
-        let Job { keyframe, matched, counts, motions, companions, params } = job;
+        let Job { keyframe, matched, counts, motions, companions, mask, params } = job;
+        self.local.mask = mask;
         self.learn_motions(&motions);
         let keyframe = self.local.push(keyframe);
         let public = publish::keyframe(&self.local, keyframe);
         self.known.keyframes.insert(public.id, public);
         mapping::add_observations(&mut self.local, keyframe, &matched);
+        mapping::cull_masked(&mut self.local, keyframe);
         let mut moved = self.map_around(keyframe, &counts, &params);
         let settled = self.take_up_depths();
         let closed_loop = self.take_up_loop(&mut moved, &params);

@@ -233,6 +233,39 @@ fn dark_frames_lose_the_agent_and_light_finds_it_again() {
     assert!(trajectory_error(agent.map()) < 0.01 * drive().path_length());
 }
 
+/// Bars above and below, and letters in a row.
+fn with_bars_and_letters(_: usize, image: &GrayImage) -> GrayImage {
+    let mut shown = image.clone();
+    let (width, height) = (image.width(), image.height());
+    for y in 0..height {
+        for x in 0..width {
+            let is_bar = y < height / 8 || y >= height - height / 8;
+            let is_letter =
+                (0.7..0.8).contains(&(y as f32 / height as f32)) && x % 16 < 10 && (x / 16 + y / 7) % 3 > 0;
+            match (is_bar, is_letter) {
+                (true, _) => shown.set(x, y, 0),
+                (_, true) => shown.set(x, y, 250),
+                _ => {}
+            }
+        }
+    }
+    shown
+}
+
+#[test]
+fn what_moves_with_the_camera_does_not_say_that_it_stands() {
+    for lag in [0, 3] {
+        let mut agent = agent_with_lag(lag);
+        feed(&mut agent, with_bars_and_letters);
+        agent.finish();
+        let map = agent.map();
+        let frames: Vec<u64> = map.frames.iter().map(|frame| frame.frame_index).collect();
+        assert!(10 * frames.len() >= 9 * drive().shots.len(), "{frames:?}");
+        let error = trajectory_error(map);
+        assert!(error < 0.01 * drive().path_length(), "off by {error} m, lag {lag}");
+    }
+}
+
 #[test]
 fn changing_light_is_followed() {
     let mut agent = agent();

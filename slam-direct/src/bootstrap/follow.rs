@@ -1,5 +1,6 @@
 //! Following patches of the first frame from frame to frame.
 
+use crate::mask::Mask;
 use crate::patch::{PatchMatch, Template};
 use crate::select::select;
 use crate::track::{TrackParams, position_information};
@@ -25,7 +26,7 @@ pub(super) struct Track {
 const LEVELS: usize = 4;
 
 /// The points of the first frame that are to be followed, at most one per block of `block` pixels.
-pub(super) fn choose(pyramid: &Pyramid, block: usize) -> Vec<Track> {
+pub(super) fn choose(pyramid: &Pyramid, block: usize, mask: &Mask) -> Vec<Track> {
     let template = |pixel: [f32; 2], level: usize| {
         let warp = Warp { host_from_view: [1.0, 0.0, 0.0, 1.0], host_level: level, view_level: level };
         Template::cut(pyramid, pixel, &warp)
@@ -42,7 +43,7 @@ pub(super) fn choose(pyramid: &Pyramid, block: usize) -> Vec<Track> {
             lost: false,
         })
     };
-    select(pyramid.base(), block, 12.0, |_, _| false).iter().filter_map(|c| begin(c.pixel)).collect()
+    select(pyramid.base(), block, 12.0, mask, |_, _| false).iter().filter_map(|c| begin(c.pixel)).collect()
 }
 
 /// Follows the points into the next frame; those that are not found are lost for good.

@@ -1,6 +1,7 @@
 //! First maps from rendered motions of which the truth is known.
 
 use super::*;
+use crate::mask::Mask;
 use crate::test_scene::{CAMERA, View, pose, quantile, yard};
 use geometry::GrayImage;
 use loopbox_tests::{Cuboid, World};
@@ -21,14 +22,14 @@ fn run(views: impl IntoIterator<Item = Pyramid>, params: &BootstrapParams) -> Ru
         let (time, index) = (0.1 * run.frames as f64, run.frames as u64);
         run.frames += 1;
         let Some(mut bootstrap) = start.take() else {
-            start = Bootstrap::new(CAMERA, pyramid, time, index, params);
+            start = Bootstrap::new(CAMERA, pyramid, time, index, &Mask::default(), params);
             continue;
         };
         match Bootstrap::add(&mut bootstrap, &pyramid, time, index, params, &TrackParams::default()) {
             Progress::Waiting(_) => start = Some(bootstrap),
             Progress::Restart(_) => {
                 run.restarts += 1;
-                start = Bootstrap::new(CAMERA, pyramid, time, index, params);
+                start = Bootstrap::new(CAMERA, pyramid, time, index, &Mask::default(), params);
             }
             Progress::Done(started) => {
                 run.started = Some(*started);
@@ -114,8 +115,8 @@ fn a_still_camera_waits_and_begins_anew() {
 fn black_and_flat_frames_are_refused_or_begin_anew() {
     let flat = |value| Pyramid::new(GrayImage::filled(CAMERA.width, CAMERA.height, value), 5);
     let params = BootstrapParams::default();
-    assert!(Bootstrap::new(CAMERA, flat(0), 0.0, 0, &params).is_none());
-    assert!(Bootstrap::new(CAMERA, flat(255), 0.0, 0, &params).is_none());
+    assert!(Bootstrap::new(CAMERA, flat(0), 0.0, 0, &Mask::default(), &params).is_none());
+    assert!(Bootstrap::new(CAMERA, flat(255), 0.0, 0, &Mask::default(), &params).is_none());
     let seen = |x| View::new(pose(x, 0.0, 0.0, 0.0, 0.0)).pyramid;
     let run = run([seen(0.0), seen(0.02), flat(0), flat(0), seen(0.06), flat(255)], &params);
     assert!(run.started.is_none());
@@ -165,7 +166,8 @@ fn contradicted(
     params: &BootstrapParams,
 ) -> (usize, Option<Started>) {
     let view = |i: usize| View::new(poses[i]).pyramid;
-    let mut start = Bootstrap::new(CAMERA, view(0), 0.0, 0, params).expect("there is texture");
+    let mut start =
+        Bootstrap::new(CAMERA, view(0), 0.0, 0, &Mask::default(), params).expect("there is texture");
     let (mut has_map, track) = (false, TrackParams::default());
     for i in 1..poses.len() {
         if !has_map {

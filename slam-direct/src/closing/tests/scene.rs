@@ -1,6 +1,7 @@
 //! A working map as a perfect tracker would leave it: rendered keyframes with exact depth.
 
 use crate::local_map::{KeyframeState, LocalMap, PointRef, PointState, SeenAt};
+use crate::mask::Mask;
 use crate::publish;
 use crate::select::select;
 use geometry::{GrayImage, Image, Pyramid, Se3, Sim3};
@@ -108,7 +109,7 @@ impl Scene {
 }
 
 fn points(map: &LocalMap, state: &KeyframeState, depth: &Image<f32>) -> Vec<PointState> {
-    select(state.pyramid.base(), 12, 12.0, |_, _| false)
+    select(state.pyramid.base(), 12, 12.0, &Mask::default(), |_, _| false)
         .into_iter()
         .filter_map(|candidate| {
             let [x, y] = candidate.pixel;

@@ -1,0 +1,430 @@
+//! Parts of the image that move with the camera: a bonnet, a burnt-in clock, black bars, the border that rectifying leaves, dirt
+//! on the lens. Their edges say in every frame that the camera stands still, all of them the same, so that they outvote a
+//! world whose points come and go.
+//!
+//! They stay at their pixels, in the same direction, while the other edges around come and go, and although the camera turns in
+//! a way that moves all edges of their direction. Without a turn they are as what is far away. What borders on black that
+//! reaches the border of the image is not waited for: many edges of few directions, they can keep a turn from being seen.
+
+use geometry::{GrayImage, Pinhole, Pyramid};
+use nalgebra::UnitQuaternion;
+use std::sync::Arc;
+
+/// Least difference of grey levels over two pixels of an edge.
+const STRONG: i32 = 12;
+/// Cosine of the angle up to which two gradients are of one direction: a seventh of all directions, so that edges of the world
+/// agree so often by chance.
+const ALIKE: f32 = 0.9;
+/// Columns and rows of the parts that an image is divided into to tell whether the camera has moved. Who passes a camera that
+/// stands moves in some of them.
+const PARTS: (usize, usize) = (8, 6);
+/// Share of a part's edges that may be where they were when it counts as another view.
+const STAYING: f32 = 0.5;
+/// Share of the parts that are other views when the camera has moved.
+const MOVED: f32 = 0.5;
+/// Frames in which an edge must have been seen as before, and how many times fewer may show another one: by chance one of
+/// 10⁶ edges is.
+const SEEN: u8 = 8;
+const RARELY: u8 = 8;
+/// Frames of them in which the camera had turned so that an edge far away would have left, by so many pixels across.
+const TURNED: u8 = 3;
+const LEFT: f32 = 2.0;
+/// Grey levels that are black: what video codes as such.
+const BLACK: u8 = 16;
+/// Frames that count; what was before fades.
+const MEMORY: u8 = 24;
+/// Such edges among the nine pixels of a neighbourhood: they hang together.
+const TOGETHER: usize = 4;
+/// Pixels from one edge to the next that hangs together with it, in each direction.
+const LINKED: usize = 2;
+/// Pixels around such an edge in which the world has to move, in each direction: what is far ahead stays too, all of it.
+const AROUND: usize = 6;
+/// Edges of the world that are asked for there, at the least.
+const ASKED: usize = 8;
+/// Share of an image's edges that has to be fixed to the camera to be told. Fewer are outvoted by the world.
+const LEAST: f32 = 0.005;
+/// Share of an image's edges that can be fixed to the camera. Of more it is likelier that the camera stands and all that
+/// moves is before it.
+const MOST: f32 = 0.5;
+/// Pixels of the pyramid's level that is looked at, at the most: edges are sought as in 400 × 300 pixels whatever the camera.
+const PIXELS: usize = 160_000;
+/// Every so many edges are asked whether the camera has moved.
+const EVERY: usize = 4;
+
+/// The pixels of an image that do not show the world.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Mask {
+    /// Level of the pyramid whose pixels these are, and their number in a row.
+    level: usize,
+    width: usize,
+    covered: Vec<bool>,
+}
+
+impl Mask {
+    /// Whether the pixel is covered.
+    pub fn covers(&self, x: usize, y: usize) -> bool {
+        // Most images have none.
+        !self.covered.is_empty() && {
+            let (x, y) = (x >> self.level, y >> self.level);
+            x < self.width && self.covered.get(y * self.width + x).is_some_and(|covered| *covered)
+        }
+    }
+
+    /// The same of a position.
+    pub fn covers_at(&self, [x, y]: [f32; 2]) -> bool {
+        x >= 0.0 && y >= 0.0 && self.covers(x as usize, y as usize)
+    }
+
+    /// Whether it covers nothing.
+    pub fn is_empty(&self) -> bool {
+        self.covered.is_empty()
+    }
+}
+
+/// An edge of an image: its pixel and its gradient, over two pixels.
+#[derive(Clone, Copy, Debug)]
+struct Edge {
+    at: u32,
+    gradient: [i32; 2],
+}
+
+/// What is known of a pixel's edges.
+#[derive(Clone, Copy, Debug, Default)]
+struct Known {
+    /// Mean direction; zero before there was one.
+    direction: [f32; 2],
+    /// Frames that showed an edge of this direction, and of another one.
+    same: u8,
+    other: u8,
+    /// Of the former, those of a camera that had turned across it.
+    turned: u8,
+}
+
+impl Known {
+    /// Takes an edge in; `way` is how far the turn since the frame before moves what is far away, pixels.
+    #[inline]
+    fn see(&mut self, [x, y]: [i32; 2], way: [f32; 2]) {
+        let (x, y) = (x as f32, y as f32);
+        let norm = (x * x + y * y).sqrt();
+        let (x, y) = (x / norm, y / norm);
+        let [u, v] = self.direction;
+        if u == 0.0 && v == 0.0 {
+            self.direction = [x, y];
+            return;
+        }
+        match x * u + y * v >= ALIKE * (u * u + v * v).sqrt() {
+            true => {
+                self.same += 1;
+                self.turned += u8::from((x * way[0] + y * way[1]).abs() >= LEFT);
+            }
+            false => self.other += 1,
+        }
+        self.direction = [0.7 * u + 0.3 * x, 0.7 * v + 0.3 * y];
+        if self.same + self.other > MEMORY {
+            (self.same, self.other) = (self.same / 2, self.other / 2);
+            self.turned = self.turned.min(TURNED);
+        }
+    }
+
+    /// Whether its edge stays.
+    fn stays(&self) -> bool {
+        self.same >= SEEN && self.other * RARELY <= self.same
+    }
+}
+
+/// The level of a frame's pyramid that is looked at.
+pub(crate) struct LearnerView {
+    image: GrayImage,
+    level: usize,
+}
+
+impl LearnerView {
+    pub fn of(pyramid: &Pyramid) -> Self {
+        let base = pyramid.base();
+        let is_small = |level: &usize| (base.width() * base.height()) >> (2 * level) <= PIXELS;
+        let level = (1..pyramid.len()).find(is_small).unwrap_or(pyramid.len().saturating_sub(1));
+        Self { image: pyramid.level(level).clone(), level }
+    }
+}
+
+/// How far a turn of the camera moves what is far away in the middle of each part of the image, pixels of the level; nothing
+/// where it is not known.
+fn ways(turn: Option<UnitQuaternion<f64>>, camera: &Pinhole, level: usize) -> Vec<[f32; 2]> {
+    let part = |part: usize| {
+        let [column, row] = [part % PARTS.0, part / PARTS.0].map(|index| index as f64 + 0.5);
+        let (x, y) =
+            (camera.width as f64 * column / PARTS.0 as f64, camera.height as f64 * row / PARTS.1 as f64);
+        let moved = camera.project(&(turn? * camera.unproject(x, y)));
+        Some([moved.x - x, moved.y - y].map(|way| way as f32 / (1 << level) as f32))
+    };
+    (0..PARTS.0 * PARTS.1).map(|index| part(index).unwrap_or_default()).collect()
+}
+
+/// Learns from frame to frame what moves with the camera.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct MaskLearner {
+    known: Vec<Known>,
+    /// Edges of each part of the newest frame that counted, some of them.
+    edges: Vec<Vec<Edge>>,
+    mask: Arc<Mask>,
+    /// Pixels that were black in all frames that counted.
+    black: Vec<bool>,
+    /// Frames that counted.
+    frames: usize,
+    /// `camera_from_world` of the newest of them; unknown where the camera was not tracked.
+    rotation: Option<UnitQuaternion<f64>>,
+}
+
+impl MaskLearner {
+    /// What is known so far.
+    pub fn mask(&self) -> &Arc<Mask> {
+        &self.mask
+    }
+
+    /// Whether so few frames counted that what moves with the camera may not be known yet.
+    pub fn is_new(&self) -> bool {
+        self.frames < 4 * usize::from(SEEN)
+    }
+
+    /// Goes on in another world.
+    pub fn change_world(&mut self) {
+        self.rotation = None;
+    }
+
+    /// Looks at a frame, which the camera `camera` took in this rotation, `camera_from_world`, if it was tracked; tells
+    /// whether it is now known for the first time that something moves with the camera.
+    pub fn look(
+        &mut self,
+        view: &LearnerView,
+        camera: &Pinhole,
+        rotation: Option<UnitQuaternion<f64>>,
+    ) -> bool {
+        let before = self.mask.is_empty();
+        let LearnerView { image, level } = view;
+        if self.known.len() != image.width() * image.height() {
+            let count = image.width() * image.height();
+            let (known, black) = (vec![Known::default(); count], vec![true; count]);
+            *self = Self { known, black, ..Self::default() };
+        }
+        if self.edges.is_empty() || self.has_moved(image) {
+            let since = self.rotation.zip(rotation).map(|(before, now)| now * before.inverse());
+            self.take(image, *level, &ways(since, camera, *level));
+            self.rotation = rotation;
+        }
+        before && !self.mask.is_empty()
+    }
+
+    /// Whether in most parts most edges are not where they were.
+    fn has_moved(&self, image: &GrayImage) -> bool {
+        let stays = |edge: &&Edge| {
+            let (x, y) = (edge.at as usize % image.width(), edge.at as usize / image.width());
+            let ([a, b], [c, d]) = (gradient(image, x, y), edge.gradient);
+            let [dot, now, then] = [a * c + b * d, a * a + b * b, c * c + d * d].map(|v| v as f32);
+            dot > ALIKE * (now * then).sqrt() && 4.0 * now >= then
+        };
+        let is_other =
+            |part: &&Vec<Edge>| (part.iter().filter(stays).count() as f32) < STAYING * part.len() as f32;
+        let others = self.edges.iter().filter(is_other).count();
+        others as f32 >= MOVED * self.edges.len() as f32
+    }
+
+    /// Takes in the edges of a frame of a camera that has moved.
+    fn take(&mut self, image: &GrayImage, level: usize, ways: &[[f32; 2]]) {
+        self.frames += 1;
+        self.black.iter_mut().zip(image.data()).for_each(|(black, value)| *black &= *value <= BLACK);
+        let (width, mut count) = (image.width(), 0);
+        let (mut some, mut staying) = (vec![Vec::new(); PARTS.0 * PARTS.1], Vec::new());
+        for y in 1..image.height().saturating_sub(1) {
+            let (above, row, below) = (image.row(y - 1), image.row(y), image.row(y + 1));
+            for x in 1..width.saturating_sub(1) {
+                let gradient = [
+                    i32::from(row[x + 1]) - i32::from(row[x - 1]),
+                    i32::from(below[x]) - i32::from(above[x]),
+                ];
+                if gradient[0] * gradient[0] + gradient[1] * gradient[1] < STRONG * STRONG {
+                    continue;
+                }
+                let at = y * width + x;
+                let part = y * PARTS.1 / image.height() * PARTS.0 + x * PARTS.0 / width;
+                self.known[at].see(gradient, ways[part]);
+                let known = &self.known[at];
+                if known.stays() && (known.turned >= TURNED || self.is_beside_border(at, image)) {
+                    staying.push(at);
+                } else if count % EVERY == 0 {
+                    some[part].push(Edge { at: at as u32, gradient });
+                }
+                count += 1;
+            }
+        }
+        some.retain(|part| !part.is_empty());
+        self.edges = some;
+        staying.retain(|&at| self.world_moves_around(at, width));
+        let mut mask = Mask::default();
+        if staying.len() as f32 >= LEAST * count as f32 {
+            self.follow(&mut staying, width);
+            if (staying.len() as f32) < MOST * count as f32 {
+                mask = covering(image, level, &staying);
+            }
+        }
+        if *self.mask != mask {
+            self.mask = Arc::new(mask);
+        }
+    }
+
+    /// Adds the edges that stay and hang together with those given: a letter has strokes that the camera has not turned
+    /// across.
+    fn follow(&self, staying: &mut Vec<usize>, width: usize) {
+        let mut is_in = vec![false; if staying.is_empty() { 0 } else { self.known.len() }];
+        staying.iter().for_each(|&at| is_in[at] = true);
+        let mut next = 0;
+        while let Some(&at) = staying.get(next) {
+            next += 1;
+            for near in square(at, width, self.known.len() / width, LINKED) {
+                if !is_in[near] && self.known[near].stays() {
+                    is_in[near] = true;
+                    staying.push(near);
+                }
+            }
+        }
+    }
+
+    /// Whether all is black from an edge to the border of the image.
+    fn is_beside_border(&self, at: usize, image: &GrayImage) -> bool {
+        let (x, y) = ((at % image.width()) as i32, (at / image.width()) as i32);
+        let [u, v] = self.known[at].direction;
+        let (dx, dy) = if u.abs() > v.abs() { (-u.signum() as i32, 0) } else { (0, -v.signum() as i32) };
+        let within = |x: i32, y: i32| {
+            (0..image.width() as i32).contains(&x) && (0..image.height() as i32).contains(&y)
+        };
+        // The edge itself is two pixels wide.
+        let ahead = (2..).map(|step| (x + step * dx, y + step * dy)).take_while(|&(x, y)| within(x, y));
+        let mut ahead = ahead.map(|(x, y)| self.black[y as usize * image.width() + x as usize]);
+        ahead.all(|black| black)
+    }
+
+    /// Whether the other edges around a pixel come and go.
+    fn world_moves_around(&self, at: usize, width: usize) -> bool {
+        let near = square(at, width, self.known.len() / width, AROUND);
+        let world = near.map(|near| &self.known[near]).filter(|known| !known.stays());
+        let (same, other) =
+            world.fold((0, 0), |(s, o), known| (s + usize::from(known.same), o + usize::from(known.other)));
+        other >= same && same + other >= ASKED
+    }
+}
+
+/// The pixels that are at most so many away from one, in each direction.
+fn square(at: usize, width: usize, height: usize, away: usize) -> impl Iterator<Item = usize> {
+    let (x, y) = (at % width, at / width);
+    let columns = x.saturating_sub(away)..(x + away + 1).min(width);
+    (y.saturating_sub(away)..(y + away + 1).min(height))
+        .flat_map(move |y| columns.clone().map(move |x| y * width + x))
+}
+
+/// Difference of grey levels over two pixels, of a pixel that is not at the border.
+fn gradient(image: &GrayImage, x: usize, y: usize) -> [i32; 2] {
+    let difference = |a: u8, b: u8| i32::from(b) - i32::from(a);
+    let row = image.row(y);
+    [difference(row[x - 1], row[x + 1]), difference(image.row(y - 1)[x], image.row(y + 1)[x])]
+}
+
+/// The mask of edges that hang together, with the pixels around them.
+fn covering(image: &GrayImage, level: usize, staying: &[usize]) -> Mask {
+    let (width, height) = (image.width(), image.height());
+    let around = |at: usize| square(at, width, height, 1);
+    let mut is_staying = vec![false; if staying.is_empty() { 0 } else { width * height }];
+    staying.iter().for_each(|&at| is_staying[at] = true);
+    let mut covered = vec![false; is_staying.len()];
+    let mut is_any = false;
+    for &at in staying {
+        if around(at).filter(|&near| is_staying[near]).count() >= TOGETHER {
+            around(at).for_each(|near| covered[near] = true);
+            is_any = true;
+        }
+    }
+    if is_any { Mask { level, width, covered } } else { Mask::default() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SIZE: (usize, usize) = (320, 240);
+
+    /// A world of blobs, moved by so many pixels, behind what `front` shows where it is something.
+    fn view(shift: f32, front: impl Fn(usize, usize) -> Option<u8>) -> Pyramid {
+        let mut image = GrayImage::filled(SIZE.0, SIZE.1, 0);
+        for y in 0..SIZE.1 {
+            for x in 0..SIZE.0 {
+                let (u, v) = (x as f32 + shift, y as f32 + 0.3 * shift);
+                let world = (0.31 * u + 0.9 * (0.11 * v).sin()).sin() + (0.27 * v + (0.07 * u).cos()).sin();
+                image.set(x, y, front(x, y).unwrap_or((127.0 + 25.0 * world) as u8));
+            }
+        }
+        Pyramid::new(image, 3)
+    }
+
+    fn bars(_: usize, y: usize) -> Option<u8> {
+        (!(20..100).contains(&y)).then_some(0)
+    }
+
+    const CAMERA: Pinhole = Pinhole { width: 320, height: 240, fx: 300.0, fy: 300.0, cx: 159.5, cy: 119.5 };
+
+    /// The rotation of a camera that sees what is far away moved by so many pixels to the left and up.
+    fn turned(shift: f32) -> Option<UnitQuaternion<f64>> {
+        let angle = f64::from(shift) / CAMERA.fx;
+        Some(UnitQuaternion::from_euler_angles(0.3 * angle, -angle, 0.0))
+    }
+
+    fn look(learner: &mut MaskLearner, shift: f32, front: impl Fn(usize, usize) -> Option<u8>) -> bool {
+        learner.look(&LearnerView::of(&view(shift, front)), &CAMERA, turned(shift))
+    }
+
+    fn learnt(frames: usize, front: impl Fn(usize, usize) -> Option<u8> + Copy, step: f32) -> Arc<Mask> {
+        let mut learner = MaskLearner::default();
+        for i in 0..frames {
+            look(&mut learner, step * (i as f32 + 3.0 * (i as f32).sin()), front);
+        }
+        Arc::clone(learner.mask())
+    }
+
+    #[test]
+    fn what_moves_with_the_camera_is_covered_and_the_world_is_not() {
+        let mask = learnt(40, bars, 5.0);
+        let along = |y: usize| (4..156).filter(|&x| mask.covers(x, y)).count();
+        assert!(along(20) > 130 && along(99) > 130, "{} {}", along(20), along(99));
+        let inside: usize = (30..90).map(along).sum();
+        assert!(inside < 60 * 152 / 100, "{inside}");
+        assert!(!mask.covers_at([-1.0, 20.0]) && !mask.covers_at([1e6, 20.0]));
+    }
+
+    #[test]
+    fn a_world_without_is_not_covered() {
+        assert!(learnt(60, |_, _| None, 5.0).covered.iter().filter(|c| **c).count() < 20);
+    }
+
+    #[test]
+    fn a_camera_that_stands_learns_nothing() {
+        assert!(learnt(60, |_, _| None, 0.0).is_empty());
+        // Someone walks by.
+        let mut learner = MaskLearner::default();
+        for i in 0..60 {
+            let passer = move |x: usize, y: usize| {
+                let behind = x.checked_sub(3 * i).filter(|behind| *behind < 30);
+                behind.map(|behind| ((behind * 37 + y * 53) % 200) as u8)
+            };
+            look(&mut learner, 0.0, passer);
+        }
+        assert!(learner.mask().is_empty());
+    }
+
+    #[test]
+    fn what_is_gone_is_forgotten() {
+        let mut learner = MaskLearner::default();
+        let at = |i: usize| 5.0 * (i as f32 + 3.0 * (i as f32).sin());
+        let known = (0..30).filter(|&i| look(&mut learner, at(i), bars)).count();
+        assert_eq!(known, 1);
+        (30..90).for_each(|i| assert!(!look(&mut learner, at(i), |_, _| None)));
+        let left = learner.mask().covered.iter().filter(|covered| **covered).count();
+        assert!(left < 20, "{left}");
+    }
+}
