@@ -107,6 +107,14 @@ fn a_station_merges_lidars_as_their_files_beside_a_camera() {
     );
     assert_eq!(said.matches("of a LiDAR").count(), 2, "{said}");
 
+    // Without a station they find the same.
+    let _listens = Process::start(&["fleet", arg(&one), "--listen", "tcp/127.0.0.1:0"]);
+    let output = loopbox(&["fleet", arg(&other), "--connect", &address(&one)]);
+    assert!(output.status.success(), "{}", stderr(&output));
+    status(&one, |status| status["found"]["meetings"][0]["verdict"] == "accepted");
+    let between = json(&one.join("common/lidar"));
+    assert_eq!(between["encounters"][0]["best"], found["encounters"][0]["best"]);
+
     // It can be taken apart, by agents; not by the merge of two of them.
     let apart = at("apart");
     let output = loopbox(&["unmerge", arg(&common), "--out", arg(&apart)]);
