@@ -250,7 +250,8 @@ impl Shared {
                 let found = match Found::from_bytes(&bytes) {
                     Ok(found) => found,
                     Err(why) => {
-                        return self.trouble(&format!("a neighbour tells what is not to be understood: {why}"));
+                        return self
+                            .trouble(&format!("a neighbour tells what is not to be understood: {why}"));
                     }
                 };
                 let mut status = self.status();
