@@ -142,6 +142,10 @@ fn bad_scans_are_skipped_with_the_reason_and_what_does_not_fit_is_refused() {
     assert_eq!(record["scans"]["skipped"]["too_few_points"], 1);
     let (_, told) = hall.run(1, "run @a --out @x --calib @nothing.yaml");
     assert!(told.contains("--calib is for images"), "{told}");
+    if cfg!(feature = "view") {
+        let (_, told) = hall.run(1, "run @a --out @x --view");
+        assert!(told.contains("--view is for images"), "{told}");
+    }
     let (_, told) = hall.run(1, "run @a --out @x --times @none.txt");
     assert!(told.contains("none.txt: cannot be read"), "{told}");
     assert!(!hall.at("x").exists());

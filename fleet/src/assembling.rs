@@ -7,8 +7,10 @@ use crate::recoding::digest::Digest;
 use crate::recoding::{depth, image};
 use crate::store::Store;
 use geometry::{GrayImage, Pinhole, Sim3};
-use map::parts::{agent_from_bytes, depth_from_bytes, graph_from_bytes, image_from_bytes};
-use map::{AgentInfo, Edge, Identity, Keyframe, KeyframeId, Map};
+use map::parts::{
+    agent_from_bytes, depth_from_bytes, graph_from_bytes, image_from_bytes, scan_from_bytes, time_from_bytes,
+};
+use map::{AgentInfo, Edge, Identity, Keyframe, KeyframeId, Map, Sensor};
 use place_recog::Vocabulary;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -17,12 +19,13 @@ use std::sync::Arc;
 ///
 /// Of a map in part some keyframes have images and depths, exact ones or those that stand in for them. The others have
 /// none, but their places and edges: by them the parts hang together, so that whether two closures agree is told from
-/// the same ways along the map as in the whole one.
+/// the same ways along the map as in the whole one. Of a LiDAR's map in part the others are not there at all: what it is
+/// merged by are the poses of its keyframes.
 #[derive(Clone, Debug)]
 pub struct Assembled {
     /// The map.
     pub map: Map,
-    /// Keyframes that are told of and have no image and depth in the map.
+    /// Keyframes that are told of and have no image and depth, or no scan, in the map.
     pub missing: usize,
     /// Whether all of the map is there: it is the agent's own, bit by bit.
     pub whole: bool,
@@ -60,7 +63,8 @@ pub struct Assembler {
 /// What a keyframe is made of.
 #[derive(Clone, Copy, PartialEq, Eq)]
 struct Parts {
-    image: Entry,
+    /// Image or scan.
+    view: Entry,
     depth: Entry,
     features: Option<ObjectHash>,
 }
@@ -91,28 +95,30 @@ impl Assembler {
         if info.identity != Some(agent) {
             return Err("it says that it is another agent's".into());
         }
-        let camera = *info.camera().ok_or("it is not of a camera")?;
         let mut map = Map::of(info.clone());
         let (poses, mut whole) = objects.graph(&mut map)?;
-        let blank = Arc::new(GrayImage::filled(camera.width, camera.height, 0));
+        let (width, height) = info.camera().map_or((0, 0), |camera| (camera.width, camera.height));
+        let blank = Arc::new(GrayImage::filled(width, height, 0));
+        let is_lidar = info.sensor == Sensor::Lidar;
+        let (view, named) = if is_lidar { (Kind::Scan, "scan") } else { (Kind::Image, "image") };
         let (mut missing, mut content) = (0, Writer::default());
         let mut made = std::mem::take(&mut self.made);
         for number in objects.of_kind(Kind::Depth).map(|entry| entry.number) {
             let id = KeyframeId(number);
-            if objects.entry(Kind::Image, number).is_none() {
-                return Err(format!("keyframe {number} has no image"));
+            if objects.entry(view, number).is_none() {
+                return Err(format!("keyframe {number} has no {named}"));
             }
             let Some(pose) = poses.get(&id) else {
                 (missing, whole) = (missing + 1, false);
                 continue;
             };
             let wanted = only.is_none_or(|only| only.contains(&id));
-            let parts = objects.parts(number).filter(|_| wanted);
+            let parts = objects.parts(view, number).filter(|_| wanted);
             whole &=
-                parts.is_some_and(|parts| !parts.image.kind.is_stand_in() && !parts.depth.kind.is_stand_in());
+                parts.is_some_and(|parts| !parts.view.kind.is_stand_in() && !parts.depth.kind.is_stand_in());
             let keyframe = match (parts, made.remove(&id)) {
                 (Some(parts), Some((known, keyframe))) if known == parts => (Some(parts), keyframe),
-                (Some(parts), _) => (Some(parts), self.keyframe(id, parts, &info, &camera, &objects)?),
+                (Some(parts), _) => (Some(parts), self.keyframe(id, parts, &info, &objects)?),
                 (None, _) => {
                     missing += 1;
                     let Some(digest) = self.digest(id, &objects)? else { continue };
@@ -131,7 +137,9 @@ impl Assembler {
         }
         if !whole {
             map.drop_dangling();
-            self.join(&mut map);
+            if !is_lidar {
+                self.join(&mut map);
+            }
         }
         map.check()?;
         for edge in &map.edges {
@@ -149,24 +157,26 @@ impl Assembler {
         id: KeyframeId,
         parts: Parts,
         info: &AgentInfo,
-        camera: &Pinhole,
         objects: &Objects,
     ) -> Result<Keyframe, String> {
         let bytes = |hash: &ObjectHash| objects.store.get(hash).ok_or("an object is damaged");
-        let picture = bytes(&parts.image.hash)?;
-        let picture = match parts.image.kind {
-            Kind::LossyImage => image::decode(&picture, camera)?,
-            _ => image_from_bytes(&picture, camera)?,
-        };
-        let (picture, coded) = (Arc::new(picture), bytes(&parts.depth.hash)?);
-        let keyframe = match parts.depth.kind {
-            Kind::LossyDepth => {
+        let (view, coded) = (bytes(&parts.view.hash)?, bytes(&parts.depth.hash)?);
+        let keyframe = match (info.camera(), parts.depth.kind) {
+            (None, _) => {
+                let (of, scan) = scan_from_bytes(&view)?;
+                if of != id {
+                    return Err(format!("the scan of keyframe {} is listed as that of {}", of.0, id.0));
+                }
+                time_from_bytes(&coded, Arc::new(scan), info)?
+            }
+            (Some(camera), Kind::LossyDepth) => {
+                let picture = picture(&view, parts.view.kind, camera)?;
                 let digest = self.digest(id, objects)?.ok_or("a digest is damaged")?;
                 let (time, frame) = (digest.timestamp, digest.frame_index);
                 let semi_dense = depth::decode(&coded, camera)?.into();
                 Keyframe { semi_dense, ..Keyframe::of_image(id, time, frame, Sim3::identity(), picture) }
             }
-            _ => depth_from_bytes(&coded, picture, info)?,
+            (Some(camera), _) => depth_from_bytes(&coded, picture(&view, parts.view.kind, camera)?, info)?,
         };
         if keyframe.id != id {
             return Err(format!("keyframe {} says that it is keyframe {}", id.0, keyframe.id.0));
@@ -220,6 +230,15 @@ fn edge(from: &Keyframe, to: &Keyframe) -> Edge {
     Edge::odometry(from, to, [translation, rotation, scale])
 }
 
+/// An image of its bytes.
+fn picture(bytes: &[u8], kind: Kind, camera: &Pinhole) -> Result<Arc<GrayImage>, String> {
+    let picture = match kind {
+        Kind::LossyImage => image::decode(bytes, camera)?,
+        _ => image_from_bytes(bytes, camera)?,
+    };
+    Ok(Arc::new(picture))
+}
+
 /// Notes what merging looks at of a keyframe.
 fn note(content: &mut Writer, keyframe: &Keyframe, parts: Option<Parts>) {
     content.u32(keyframe.id.0);
@@ -228,7 +247,7 @@ fn note(content: &mut Writer, keyframe: &Keyframe, parts: Option<Parts>) {
     let numbers = pose.translation.iter().chain(rotation.iter()).chain([&pose.scale]);
     numbers.for_each(|number| content.u64(number.to_bits()));
     if let Some(parts) = parts {
-        [Some(parts.image.hash), Some(parts.depth.hash), parts.features]
+        [Some(parts.view.hash), Some(parts.depth.hash), parts.features]
             .into_iter()
             .flatten()
             .for_each(|hash| content.bytes(&hash.0));
@@ -273,17 +292,19 @@ impl<'a> Objects<'a> {
     }
 
     /// What a keyframe can be made of by now: of image and depth the exact one, else what stands in for it. Features
-    /// come first, and where there are none yet there is nothing to recognise the keyframe by.
-    fn parts(&self, number: u32) -> Option<Parts> {
+    /// come first, and where there are none yet there is nothing to recognise the keyframe by. `view` is what it is to have,
+    /// an image or a scan.
+    fn parts(&self, view: Kind, number: u32) -> Option<Parts> {
         let here = |kind: Kind| self.entry(kind, number).filter(|entry| self.store.has(&entry.hash));
         let features = match self.entry(Kind::Features, number) {
             Some(_) => Some(here(Kind::Features)?.hash),
             None => None,
         };
-        let image = here(Kind::Image).or_else(|| here(Kind::LossyImage))?;
+        let lossy_image = || here(Kind::LossyImage).filter(|_| view == Kind::Image);
+        let view = here(view).or_else(lossy_image)?;
         // What stands in for a depth has no time of its own.
         let lossy = || here(Kind::Digest).and_then(|_| here(Kind::LossyDepth));
         let depth = here(Kind::Depth).or_else(lossy)?;
-        Some(Parts { image, depth, features })
+        Some(Parts { view, depth, features })
     }
 }

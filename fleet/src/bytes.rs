@@ -14,6 +14,9 @@ pub enum Malformed {
     /// A number is outside of what it may be.
     #[error("{0} may not be {1}")]
     Range(&'static str, u64),
+    /// An object is of a kind that is not known here.
+    #[error("objects of kind {0} are not known here\nhint: is it told by a newer version of loopbox?")]
+    Kind(u8),
     /// A text is no text.
     #[error("a text is not UTF-8")]
     Text,

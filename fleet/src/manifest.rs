@@ -6,7 +6,7 @@
 
 use crate::bytes::{Malformed, Reader, Writer};
 use crate::hash::ObjectHash;
-use map::Identity;
+use map::{Identity, SensorKind};
 
 /// Largest object, bytes: an image of 16 megapixels that packs badly, or its depths.
 pub const MAX_OBJECT: u32 = 64 << 20;
@@ -30,7 +30,7 @@ pub enum Kind {
     Poses = 1,
     /// A keyframe's features, as the crate `features` encodes them; the number is the keyframe's.
     Features = 2,
-    /// A keyframe's time, depth and points, [`map::parts::depth_to_bytes`].
+    /// A keyframe's time, depth and points, [`map::parts::depth_to_bytes`]; of a LiDAR's the time alone.
     Depth = 3,
     /// A keyframe's image, [`map::parts::image_to_bytes`].
     Image = 4,
@@ -44,11 +44,13 @@ pub enum Kind {
     LossyImage = 8,
     /// A keyframe's depth likewise, [`crate::recoding::depth`].
     LossyDepth = 9,
+    /// The points of a LiDAR's keyframe, [`map::parts::scan_to_bytes`].
+    Scan = 10,
 }
 
 impl Kind {
     /// All kinds.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 11] = [
         Self::Agent,
         Self::Poses,
         Self::Digest,
@@ -57,6 +59,7 @@ impl Kind {
         Self::LossyImage,
         Self::Depth,
         Self::Image,
+        Self::Scan,
         Self::Edges,
         Self::Frames,
     ];
@@ -82,8 +85,17 @@ impl Kind {
 
     fn from_number(number: u8) -> Result<Self, Malformed> {
         let found = Self::ALL.into_iter().find(|kind| *kind as u8 == number);
-        found.ok_or(Malformed::Range("a kind of object", number.into()))
+        found.ok_or(Malformed::Kind(number))
     }
+}
+
+/// The kind of an agent's sensor by the objects of its map, once a keyframe is among them.
+pub fn sensor_of(entries: &[Entry]) -> Option<SensorKind> {
+    entries.iter().find_map(|entry| match entry.kind {
+        Kind::Image => Some(SensorKind::Camera),
+        Kind::Scan => Some(SensorKind::Lidar),
+        _ => None,
+    })
 }
 
 /// An object of a map.
@@ -267,6 +279,16 @@ mod tests {
         let mut huge = list;
         huge[41..45].fill(0xff);
         assert!(matches!(Manifest::from_bytes(&huge), Err(Malformed::Range("the number of pages", _))));
+    }
+
+    /// What a version that knows one kind of object less makes of it.
+    #[test]
+    fn a_kind_that_is_not_known_is_refused_by_its_number() {
+        let mut page = page_to_bytes(&entries(3));
+        page[6] = 99;
+        let error = page_from_bytes(&page).unwrap_err();
+        assert_eq!(error, Malformed::Kind(99));
+        assert!(error.to_string().contains("kind 99") && error.to_string().contains("newer version"));
     }
 
     #[test]

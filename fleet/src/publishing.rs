@@ -7,8 +7,8 @@ use crate::recoding::{depth, image};
 use crate::wire::Offer;
 use features::codec;
 use geometry::Pinhole;
-use map::parts::{GraphPart, agent_to_bytes, depth_to_bytes, graph_to_bytes, image_to_bytes};
-use map::{AgentId, Edge, FramePose, Identity, Keyframe, KeyframeId, Map, MapError};
+use map::parts::{GraphPart, agent_to_bytes, depth_to_bytes, graph_to_bytes, image_to_bytes, scan_to_bytes};
+use map::{AgentId, Edge, FramePose, Identity, Keyframe, KeyframeId, Map, MapError, Scan, Sensor};
 use place_recog::{Vocabulary, WordBag};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -57,19 +57,18 @@ impl Publisher {
     /// is `finished`: nothing can be recognised or aligned by them.
     ///
     /// # Errors
-    /// When it is not the map of one agent with a camera, or a keyframe cannot be written.
+    /// When it is not the map of one agent, or a keyframe cannot be written.
     pub fn publish(&mut self, map: &Map, finished: bool) -> Result<Option<Publication>, MapError> {
-        map.of_cameras()?;
         let refuse = |what: String| MapError::Union(what);
         let Some(info) = map.agents.get(&AgentId::default()).filter(|_| map.agents.len() == 1) else {
             return Err(refuse("only an agent's own map can be told".into()));
         };
-        let camera = *info.camera().ok_or_else(|| refuse("only a camera's map can be told".into()))?;
         let vocabulary = Vocabulary::shipped();
         let (entries, objects) = Default::default();
-        let mut step = Step { told: &self.told, linked: &self.linked, camera, vocabulary, entries, objects };
+        let mut step = Step { told: &self.told, linked: &self.linked, vocabulary, entries, objects };
         step.add(Kind::Agent, 0, agent_to_bytes(info)).map_err(refuse)?;
-        let is_told = |keyframe: &&Keyframe| finished || !keyframe.semi_dense.is_empty();
+        let is_told =
+            |keyframe: &&Keyframe| finished || keyframe.scan.is_some() || !keyframe.semi_dense.is_empty();
         let keyframes: Vec<&Keyframe> = map.keyframes.values().filter(is_told).collect();
         let mut linked: BTreeMap<KeyframeId, Vec<KeyframeId>> = BTreeMap::new();
         for edge in &map.edges {
@@ -78,7 +77,12 @@ impl Publisher {
         for keyframe in &keyframes {
             let before = self.keyframes.get(&keyframe.id);
             let linked = linked.get(&keyframe.id).map_or(&[][..], Vec::as_slice);
-            step.keyframe(keyframe, before, linked).map_err(refuse)?;
+            match (&info.sensor, &keyframe.scan) {
+                (Sensor::Camera(camera), None) => step.keyframe(keyframe, before, (linked, camera)),
+                (Sensor::Lidar, Some(scan)) => step.scan(keyframe, scan, before),
+                _ => Err(format!("keyframe {} is not of its agent's sensor", keyframe.id.0)),
+            }
+            .map_err(refuse)?;
         }
         let poses: Vec<_> = keyframes.iter().map(|k| (k.id, k.world_from_keyframe)).collect();
         for (number, poses) in (0..).zip(poses.chunks(POSES)) {
@@ -155,20 +159,35 @@ struct Step<'a> {
     told: &'a BTreeMap<(Kind, u32), Entry>,
     /// Earlier keyframes that each shared edges with, as they were told.
     linked: &'a BTreeMap<KeyframeId, Vec<KeyframeId>>,
-    camera: Pinhole,
     vocabulary: Arc<Vocabulary>,
     entries: BTreeMap<(Kind, u32), Entry>,
     objects: Vec<(ObjectHash, Arc<[u8]>)>,
 }
 
 impl Step<'_> {
-    /// The parts of a keyframe; those that are as `before` are not made again. `linked` are earlier keyframes that it
-    /// shares edges with.
+    /// The parts of a LiDAR's keyframe, which does not change but for its pose: its time and its points.
+    fn scan(
+        &mut self,
+        keyframe: &Keyframe,
+        scan: &Arc<Scan>,
+        before: Option<&Keyframe>,
+    ) -> Result<(), String> {
+        let number = keyframe.id.0;
+        let same = before.and_then(|before| before.scan.as_ref()).is_some_and(|same| Arc::ptr_eq(same, scan));
+        if same && self.keep(Kind::Scan, number) && self.keep(Kind::Depth, number) {
+            return Ok(());
+        }
+        self.add(Kind::Scan, number, scan_to_bytes(keyframe.id, scan))?;
+        self.add(Kind::Depth, number, depth_to_bytes(keyframe))
+    }
+
+    /// The parts of a camera's keyframe; those that are as `before` are not made again. `linked` are earlier keyframes that
+    /// it shares edges with.
     fn keyframe(
         &mut self,
         keyframe: &Keyframe,
         before: Option<&Keyframe>,
-        linked: &[KeyframeId],
+        (linked, camera): (&[KeyframeId], &Pinhole),
     ) -> Result<(), String> {
         let number = keyframe.id.0;
         let same_image = before.is_some_and(|before| Arc::ptr_eq(&before.image, &keyframe.image));
@@ -189,7 +208,7 @@ impl Step<'_> {
         let same_depth = before.is_some_and(same_depth) && self.keep(Kind::Depth, number);
         if !same_depth {
             self.add(Kind::Depth, number, depth_to_bytes(keyframe))?;
-            self.add(Kind::LossyDepth, number, depth::encode(&keyframe.semi_dense, &self.camera))?;
+            self.add(Kind::LossyDepth, number, depth::encode(&keyframe.semi_dense, camera))?;
         } else {
             self.keep(Kind::LossyDepth, number);
         }

@@ -8,7 +8,7 @@ use crate::wire::{Message, Role};
 use geometry::{GrayImage, Pinhole, Se3, Sim3};
 use map::{
     AgentId, AgentInfo, Edge, EdgeKind, FramePose, Identity, Keyframe, KeyframeId, Map, Observation, Point,
-    SemiDense, Uuid,
+    Scan, SemiDense, Sensor, Uuid,
 };
 use nalgebra::{SMatrix, SVector, Vector6};
 use std::collections::BTreeMap;
@@ -48,6 +48,21 @@ pub fn map(identity: Identity, keyframes: u32) -> Map {
     let mut map = Map::of(info);
     for i in 0..keyframes {
         grow(&mut map, i, &mut numbers);
+    }
+    map
+}
+
+/// A LiDAR's map of so many keyframes of 500 points, about 3 kB each.
+pub fn lidar_map(identity: Identity, keyframes: u32) -> Map {
+    let mut map = map(identity, keyframes);
+    let mut numbers = Numbers::new(identity.uuid.as_u128() as u64);
+    map.agents.values_mut().for_each(|info| info.sensor = Sensor::Lidar);
+    for keyframe in map.keyframes.values_mut() {
+        let points = (0..500).map(|_| [0, 1, 2].map(|_| 20.0 * numbers.next() as f32 - 10.0));
+        keyframe.scan = Some(Arc::new(Scan::new(points)));
+        keyframe.image = Arc::new(GrayImage::filled(0, 0, 0));
+        keyframe.world_from_keyframe.scale = 1.0;
+        (keyframe.semi_dense, keyframe.points, keyframe.features) = Default::default();
     }
     map
 }

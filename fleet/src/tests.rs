@@ -5,7 +5,7 @@ use crate::manifest::Kind;
 use crate::node::{Event, News};
 use crate::publishing::Publisher;
 use crate::store::{FolderStore, Store};
-use crate::test_support::{Faults, Network, Numbers, agent, map};
+use crate::test_support::{Faults, Network, Numbers, agent, lidar_map, map};
 use crate::wire::{Message, Offer};
 use map::{KeyframeId, Map};
 use std::sync::Arc;
@@ -58,6 +58,62 @@ fn who_is_there_is_said_at_once() {
         network.news.iter().all(|news| news.iter().any(|news| matches!(news, News::Met { .. })))
     };
     assert!(network.run_until(MILLIS(500), met), "{:?}", network.news);
+}
+
+#[test]
+fn a_lidars_map_arrives_bit_by_bit_while_it_grows() {
+    let faults = Faults { loss: 0.1, twice: 0.1, delay: [MILLIS(5), MILLIS(90)], rate: 20e3 };
+    let mut network = Network::new(2, 9, faults);
+    let mut map = lidar_map(agent(7), 12);
+    let mut publisher = Publisher::new(agent(7), 100);
+    for keyframes in 1..12 {
+        network.publish(1, &mut publisher, &first(&map, keyframes), false);
+        let until = network.now + MILLIS(100);
+        network.run_until(until, |_| false);
+    }
+    // What is here is a map, of whole keyframes alone.
+    let part = |network: &Network| {
+        let heard = network.nodes[0].heard().next()?;
+        let mut assembler = crate::assembling::Assembler::default();
+        let part = assembler.assemble(agent(7), &heard.entries, &*network.stores[0], None).unwrap()?;
+        (!part.whole && part.missing > 0 && !part.map.keyframes.is_empty()).then_some(part.map)
+    };
+    assert!(network.run_until(SECONDS(20), |network| part(network).is_some()));
+    let part = part(&network).unwrap();
+    assert!(part.keyframes.iter().all(|(id, keyframe)| *keyframe == map.keyframes[id]));
+    // A loop was closed: all moved, and no scan is sent again.
+    map.keyframes.values_mut().for_each(|keyframe| keyframe.world_from_keyframe.translation.x += 0.5);
+    let last = publisher.publish(&map, true).unwrap().unwrap();
+    let is_scan = |bytes: &[u8]| map::parts::scan_from_bytes(bytes).is_ok_and(|(_, scan)| scan.len() > 400);
+    let scans = last.objects.iter().filter(|(_, bytes)| is_scan(bytes));
+    assert_eq!(scans.count(), 1, "only the last keyframe is new");
+    let mut again = Publisher::new(agent(7), 200);
+    network.publish(1, &mut again, &map, true);
+    assert!(network.run_until(SECONDS(100), |network| network.nodes[1].is_held()));
+    assert!(network.whole(0, agent(7)).unwrap() == map);
+}
+
+/// A LiDAR's keyframe without a scan is none, and neither is one with another's.
+#[test]
+fn scans_that_are_not_there_or_of_another_keyframe_are_refused() {
+    let map = lidar_map(agent(7), 2);
+    let told = Publisher::new(agent(7), 1).publish(&map, true).unwrap().unwrap();
+    let store = crate::store::MemoryStore::default();
+    for (hash, bytes) in &told.objects {
+        store.put(hash, bytes).unwrap();
+    }
+    let manifest = crate::manifest::Manifest::from_bytes(&store.get(&told.offer.hash).unwrap()).unwrap();
+    let entries = crate::assembling::entries_of(&manifest, &store).unwrap().unwrap();
+    let assemble = |entries: &[crate::manifest::Entry]| {
+        crate::assembling::Assembler::default().assemble(agent(7), entries, &store, None)
+    };
+    assert!(assemble(&entries).unwrap().unwrap().map == map);
+    let without: Vec<_> = entries.iter().copied().filter(|entry| entry.kind != Kind::Scan).collect();
+    assert!(assemble(&without).unwrap_err().contains("has no scan"));
+    let mut swapped = entries.clone();
+    let scans: Vec<usize> = (0..entries.len()).filter(|&i| entries[i].kind == Kind::Scan).collect();
+    swapped[scans[0]].hash = entries[scans[1]].hash;
+    assert!(assemble(&swapped).unwrap_err().contains("is listed as that of"));
 }
 
 #[test]
@@ -301,6 +357,40 @@ fn a_neighbour_that_sends_rubbish_loses_its_own_link_and_is_told_why() {
     }
 }
 
+/// A version of a map whose first list has an object of a kind that only newer versions know.
+fn of_a_newer_version(agent: map::Identity) -> crate::publishing::Publication {
+    use crate::hash::ObjectHash;
+    use crate::manifest::{Manifest, PageRef};
+    let mut told = Publisher::new(agent, 1).publish(&lidar_map(agent, 3), true).unwrap().unwrap();
+    let bytes_of = |hash: ObjectHash| told.objects.iter().find(|(name, _)| *name == hash).unwrap().1.to_vec();
+    let mut manifest = Manifest::from_bytes(&bytes_of(told.offer.hash)).unwrap();
+    let mut page = bytes_of(manifest.pages[0].hash);
+    page[6] = 99;
+    manifest.pages[0] = PageRef { size: page.len() as u32, hash: ObjectHash::of(&page) };
+    let list = manifest.to_bytes();
+    told.offer = Offer { size: list.len() as u32, hash: ObjectHash::of(&list), ..told.offer };
+    for bytes in [page, list] {
+        let hash = ObjectHash::of(&bytes);
+        told.all.insert(hash);
+        told.objects.push((hash, bytes.into()));
+    }
+    told
+}
+
+#[test]
+fn a_map_of_a_newer_version_is_refused_by_name_and_others_are_not() {
+    let mut network = Network::new(3, 15, Faults { rate: 300e3, ..Faults::NONE });
+    let map = lidar_map(agent(7), 4);
+    network.publish(1, &mut Publisher::new(agent(7), 100), &map, true);
+    network.event(2, Event::Publish(Box::new(of_a_newer_version(agent(8)))));
+    assert!(network.run_until(SECONDS(20), |network| network.whole(0, agent(7)).is_some()));
+    assert!(network.whole(0, agent(7)).unwrap() == map);
+    for node in [0, 2] {
+        let said = network.trouble(node);
+        assert!(said.iter().any(|text| text.contains("objects of kind 99 are not known")), "{said:?}");
+    }
+}
+
 #[test]
 fn whoever_takes_ones_own_name_is_refused() {
     let (mut network, map, _) = telling(3, 12, Faults::NONE);
@@ -320,6 +410,19 @@ fn a_map_beyond_the_quota_is_refused() {
     network.nodes[0] = crate::node::Node::new(config, Arc::clone(&network.stores[0]));
     network.run_until(SECONDS(5), |_| false);
     assert!(network.trouble(1).iter().any(|text| text.contains("8 keyframes")), "{:?}", network.trouble(1));
+    // A LiDAR's keyframes count as a camera's, those of all its maps together, and so do their bytes.
+    for (keyframes, bytes, words) in [(9, 1 << 30, "10 keyframes"), (99, 9000, "bytes, more than the 9000")] {
+        let mut network = Network::new(2, 13, Faults::NONE);
+        let quota = crate::node::Quota { bytes, keyframes, maps: 2 };
+        let config =
+            crate::node::Config { quota, ..crate::test_support::config(0, crate::wire::Role::Station) };
+        network.nodes[0] = crate::node::Node::new(config, Arc::clone(&network.stores[0]));
+        for name in [7, 8] {
+            network.publish(1, &mut Publisher::new(agent(name), 1), &lidar_map(agent(name), 5), true);
+        }
+        network.run_until(SECONDS(5), |_| false);
+        assert!(network.trouble(1).iter().any(|text| text.contains(words)), "{:?}", network.trouble(1));
+    }
 }
 
 #[test]

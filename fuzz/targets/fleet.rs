@@ -6,15 +6,15 @@ use fleet::manifest::{Manifest, page_from_bytes, page_to_bytes};
 use fleet::recoding::{depth, digest::Digest, image};
 use fleet::wire::Message;
 use geometry::{GrayImage, Pinhole};
-use map::{AgentInfo, KeyframeId};
-use map::parts::{agent_from_bytes, depth_from_bytes, graph_from_bytes, image_from_bytes};
+use map::{AgentInfo, KeyframeId, Scan, Sensor};
+use map::parts::{agent_from_bytes, depth_from_bytes, graph_from_bytes, image_from_bytes, scan_from_bytes, scan_to_bytes, time_from_bytes};
 use place_recog::Vocabulary;
 use std::sync::Arc;
 
 libfuzzer_sys::fuzz_target!(|data: &[u8]| {
     let Some((kind, bytes)) = data.split_first() else { return };
     let camera = Pinhole { width: 8, height: 6, fx: 8.0, fy: 8.0, cx: 3.5, cy: 2.5 };
-    match kind % 11 {
+    match kind % 13 {
         0 => {
             if let Ok(message) = Message::from_bytes(bytes) {
                 assert_eq!(message.to_bytes(), bytes);
@@ -44,6 +44,12 @@ libfuzzer_sys::fuzz_target!(|data: &[u8]| {
             }
         }
         9 => drop(Party::of_certificate(bytes)),
+        10 => {
+            if let Ok((id, scan)) = scan_from_bytes(bytes) {
+                assert_eq!(scan_from_bytes(&scan_to_bytes(id, &scan)), Ok((id, scan)));
+            }
+        }
+        11 => drop(time_from_bytes(bytes, Arc::new(Scan::default()), &AgentInfo::new("one", Sensor::Lidar))),
         _ => {
             let (id, vocabulary) = (KeyframeId(9), Vocabulary::shipped());
             if let Ok(read) = Digest::from_bytes(bytes, id, &vocabulary) {

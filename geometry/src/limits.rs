@@ -8,6 +8,9 @@ pub const MAX_PIXELS: usize = 64_000_000;
 /// widest pixel (RGBA of 16 bits).
 pub const MAX_BYTES: usize = 8 * MAX_PIXELS;
 
+/// Points of a LiDAR's scan: some times what the densest send in a turn (128 rings of 4096).
+pub const MAX_SCAN_POINTS: usize = 2_000_000;
+
 /// Whether there are images of this size; says what is wrong with it.
 ///
 /// # Errors

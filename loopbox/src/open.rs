@@ -1,6 +1,6 @@
 //! Maps as people name them: a file, or the folder of results that holds one.
 
-use crate::results::map_in;
+use crate::results::{COMMON_OF_LIDARS, map_in};
 use anyhow::{Result, bail};
 use map::{Map, load_map};
 use std::path::{Path, PathBuf};
@@ -24,6 +24,11 @@ pub struct OpenedMap {
 pub fn map_file_at(path: &Path) -> Result<(PathBuf, Option<String>)> {
     let found = if path.is_dir() { map_in(path) } else { path.is_file().then(|| (path.to_owned(), None)) };
     let Some((file, note)) = found else {
+        let of_lidars = path.join(COMMON_OF_LIDARS);
+        if map_in(&of_lidars).is_some() {
+            let (path, of_lidars) = (path.display(), of_lidars.display());
+            bail!("{path}: there is no map of cameras\nhint: that of the LiDARs is in {of_lidars}");
+        }
         bail!(
             "{}: there is no map\nhint: give a map.mcap, or the folder that `loopbox run` or `loopbox merge` wrote",
             path.display()

@@ -20,6 +20,8 @@ use anyhow::{Context, Result, bail};
 use std::fs::{self, File, TryLockError};
 use std::path::{Path, PathBuf};
 
+/// The folder, among the results of a station, of what LiDARs' maps make: the common map beside it is of cameras.
+pub(crate) const COMMON_OF_LIDARS: &str = "lidar";
 const MAP: &str = "map.mcap";
 const PARTIAL: &str = "partial.tmp";
 const COMPLETE: &str = "complete.tmp";

@@ -53,6 +53,14 @@ impl Identity {
         Self::first(Uuid::new_v5(&NAMESPACE, &content))
     }
 
+    /// The same of a LiDAR's recording: of its first scan that can be used, `points` in metres, and its time stamp.
+    pub fn of_scans(timestamp: f64, points: &[[f32; 3]]) -> Self {
+        let mut content = b"scan".to_vec();
+        content.extend(timestamp.to_le_bytes());
+        content.extend(points.iter().flatten().flat_map(|number| number.to_le_bytes()));
+        Self::first(Uuid::new_v5(&NAMESPACE, &content))
+    }
+
     /// An agent of which no more is known than its name and its camera: a UUID (version 5) of these.
     pub(crate) fn of_name(name: &str, camera: &Pinhole) -> Self {
         let Pinhole { width, height, fx, fy, cx, cy } = camera;
@@ -109,6 +117,14 @@ mod tests {
         ];
         assert!(others.iter().all(|other| *other != one));
         assert_eq!(others[4].uuid.get_version_num(), 4);
+    }
+
+    #[test]
+    fn scans_that_differ_or_were_taken_at_another_time_are_another_agents() {
+        let points = [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]];
+        let one = Identity::of_scans(1.5, &points);
+        assert_eq!((one, one.epoch), (Identity::of_scans(1.5, &points), 0));
+        assert!(one != Identity::of_scans(1.75, &points) && one != Identity::of_scans(1.5, &points[..1]));
     }
 
     #[test]

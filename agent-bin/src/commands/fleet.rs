@@ -8,6 +8,7 @@ use crate::interrupt::stop_on_ctrl_c;
 use anyhow::{Result, bail};
 use clap::Args;
 use loopbox::fleet::{Endpoint, Fleet, FleetOptions, StatusFile, read_status};
+use map::SensorKind;
 use sources::Stop;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -59,11 +60,6 @@ pub struct PairingArgs {
 }
 
 impl PairingArgs {
-    /// Whether the run is to pair.
-    pub fn is_wanted(&self) -> bool {
-        self.fleet.is_some()
-    }
-
     /// Starts what pairs, if that was asked for.
     ///
     /// # Errors
@@ -210,8 +206,9 @@ pub(super) fn described(status: &StatusFile) -> String {
         };
         let run = if agent.finished { "run over" } else { "under way" };
         let teller = agent.teller.as_ref().map_or(String::new(), |teller| format!(" told by {teller}"));
-        let _ =
-            writeln!(text, "  map {}{teller}: {} keyframes, {missing}, {run}", agent.agent, agent.keyframes);
+        let sensor = if agent.sensor == Some(SensorKind::Lidar) { " of a LiDAR" } else { "" };
+        let (agent, keyframes) = (&agent.agent, agent.keyframes);
+        let _ = writeln!(text, "  map {agent}{teller}: {keyframes} keyframes{sensor}, {missing}, {run}");
     }
     for meeting in &status.found.meetings {
         let [a, b] = &meeting.names;

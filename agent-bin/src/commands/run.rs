@@ -9,7 +9,7 @@ use crate::interrupt::stop_on_ctrl_c;
 use crate::progress::{Console, Display};
 use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
-use loopbox::run::{Going, PreparedRun, Progress, Resume, RunOptions, TrajectoryFormat};
+use loopbox::run::{Going, Listeners, PreparedRun, Progress, Resume, RunOptions, TrajectoryFormat};
 use scans::ScanSource;
 use sources::ahead::Pace;
 use sources::camera::{CameraArgs, open_camera};
@@ -255,14 +255,20 @@ impl RunArgs {
             (self.localise.is_some(), "--localise"),
             (self.publishing.is_wanted(), "--ros2"),
         ];
-        if let Some((_, name)) = given.into_iter().find(|(is_given, _)| *is_given) {
+        let given = given.into_iter().find(|(is_given, _)| *is_given).map(|(_, name)| name);
+        if let Some(name) = given.or(self.view.given()) {
             bail!("{name} is for images, and {} holds scans of a LiDAR", source.info().path.display());
         }
-        #[cfg(feature = "fleet")]
-        if self.pairing.is_wanted() {
-            bail!("--fleet is for images, and {} holds scans of a LiDAR", source.info().path.display());
-        }
         self.take_threads()?;
+        let stop = stop_on_ctrl_c("stopping: saving what was mapped so far (Ctrl-C again to abort)")?;
+        #[cfg_attr(not(feature = "fleet"), expect(unused_mut, reason = "only a fleet listens"))]
+        let mut listeners = Listeners::default();
+        #[cfg(feature = "fleet")]
+        let fleet = self.pairing.start(&self.out, self.quiet)?;
+        #[cfg(feature = "fleet")]
+        if let Some(fleet) = &fleet {
+            listeners.add(fleet.teller()?);
+        }
         let run = ScanRun {
             out: &self.out,
             name: self.name.as_deref(),
@@ -273,8 +279,18 @@ impl RunArgs {
             params: self.params.as_deref(),
             quiet: self.quiet,
             json: self.log.is_some(),
+            listeners,
+            stop: &stop,
         };
-        self.judge(run_scans::execute(source.as_mut(), &run, &self.scans)?)
+        let share = run_scans::execute(source.as_mut(), &run, &self.scans);
+        // Whoever listens learns by this that no more comes.
+        drop(run);
+        let share = share?;
+        #[cfg(feature = "fleet")]
+        if let Some(fleet) = fleet {
+            self.pairing.end(fleet, &self.out, &stop, self.quiet)?;
+        }
+        self.judge(share)
     }
 
     fn take_threads(&self) -> Result<()> {

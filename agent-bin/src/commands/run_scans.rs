@@ -2,7 +2,6 @@
 
 use super::params;
 use crate::console::{say, tell};
-use crate::interrupt::stop_on_ctrl_c;
 use anyhow::{Context, Result, bail};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use eval::read_trajectory;
@@ -12,11 +11,12 @@ use loopbox::lidar::poses::GivenPoses;
 use loopbox::lidar::record::LidarRecord;
 use loopbox::lidar::run::Event;
 use loopbox::lidar::{LidarOptions, Mapped, map_recording};
+use loopbox::run::Listeners;
 use nalgebra::UnitQuaternion;
 use scans::{Folder, FolderOptions, FolderSource, ScanSource, SweepTiming, is_folder_of_scans};
 use serde_json::json;
 use slam_lidar::tracking::Method;
-use sources::open_scans;
+use sources::{Stop, open_scans};
 use std::path::{Path, PathBuf};
 
 /// What only recordings of LiDARs take.
@@ -94,6 +94,10 @@ pub struct ScanRun<'a> {
     pub quiet: bool,
     /// A JSON object a line.
     pub json: bool,
+    /// Who is told how the map grows.
+    pub listeners: Listeners,
+    /// Ends it.
+    pub stop: &'a Stop,
 }
 
 /// Runs it; returns the share of the scans that have a pose.
@@ -113,10 +117,10 @@ pub fn execute(source: &mut dyn ScanSource, run: &ScanRun<'_>, args: &ScanArgs) 
         start: run.start,
         end: run.end,
         kitti: run.kitti,
+        listeners: run.listeners.clone(),
     };
-    let stop = stop_on_ctrl_c("stopping: saving what was mapped so far (Ctrl-C again to abort)")?;
     let console = Console::new(run, source.info().count);
-    let mapped = map_recording(source, options, &stop, &mut |event| console.tell(event));
+    let mapped = map_recording(source, options, run.stop, &mut |event| console.tell(event));
     console.bar.finish_and_clear();
     let Mapped { record, failure } = mapped?;
     if run.json {

@@ -18,6 +18,11 @@ pub struct ViewArgs {}
 
 #[cfg(not(feature = "view"))]
 impl ViewArgs {
+    /// None was given.
+    pub fn given(&self) -> Option<&'static str> {
+        None
+    }
+
     /// Nobody watches.
     pub fn start(&self, _agent: &AgentInfo, _frames: Option<u64>, _recording: RecordButton) -> Result<Watch> {
         Ok(Watch::none())
@@ -85,6 +90,12 @@ mod with_view {
     }
 
     impl ViewArgs {
+        /// The first that was given, by its name on the command line.
+        pub fn given(&self) -> Option<&'static str> {
+            let foxglove = self.foxglove().map(|_| "--foxglove");
+            self.serve.view.map(|_| "--view").or(foxglove)
+        }
+
         /// Starts what was asked for, for a run of this agent over so many frames, which `recording` records.
         ///
         /// # Errors

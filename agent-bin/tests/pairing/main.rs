@@ -3,6 +3,7 @@
 
 #[path = "../common/mod.rs"]
 mod common;
+mod lidar;
 mod trust;
 
 use common::{arg, command, loopbox, stderr, stdout};

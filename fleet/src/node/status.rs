@@ -3,7 +3,7 @@
 use super::{Heard, Node};
 use crate::assembling::entries_of;
 use crate::manifest::Manifest;
-use map::Identity;
+use map::{Identity, SensorKind};
 use std::time::Duration;
 
 /// How things are.
@@ -45,6 +45,8 @@ pub struct AgentStatus {
     pub agent: Identity,
     /// Who tells it, by name; nothing of one that was here when the program began.
     pub teller: Option<String>,
+    /// The kind of its sensor; nothing while no keyframe is told of.
+    pub sensor: Option<SensorKind>,
     /// Keyframes of its newest version.
     pub keyframes: usize,
     /// Objects of it that are not here yet.
@@ -78,6 +80,7 @@ impl Node {
         let agent = |told: &super::Told| AgentStatus {
             agent: told.offer.agent,
             teller: self.neighbours.get(&told.teller).map(|neighbour| neighbour.name.clone()),
+            sensor: told.sensor(),
             keyframes: told.keyframes(),
             missing: told.missing(),
             finished: told.heard().is_some_and(|heard| heard.finished),

@@ -5,10 +5,10 @@ mod taking;
 use super::Heard;
 use crate::hash::ObjectHash;
 use crate::link::Want;
-use crate::manifest::{Entry, Kind, Manifest};
+use crate::manifest::{Entry, Kind, Manifest, sensor_of};
 use crate::store::Store;
 use crate::wire::{Message, Offer};
-use map::Uuid;
+use map::{SensorKind, Uuid};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
@@ -123,6 +123,11 @@ impl Told {
         entries.filter(|entry| entry.kind == Kind::Depth).count()
     }
 
+    /// The kind of the agent's sensor, once a keyframe is listed.
+    pub fn sensor(&self) -> Option<SensorKind> {
+        sensor_of(self.entries.as_deref().unwrap_or_default())
+    }
+
     /// How many objects are not here yet.
     pub fn missing(&self) -> usize {
         self.missing.len()
@@ -174,7 +179,7 @@ fn tier(kind: Kind) -> usize {
     match kind {
         Kind::Agent | Kind::Poses => 0,
         Kind::Digest | Kind::Features => 2,
-        Kind::LossyDepth | Kind::LossyImage | Kind::Depth | Kind::Image => 3,
+        Kind::LossyDepth | Kind::LossyImage | Kind::Depth | Kind::Image | Kind::Scan => 3,
         Kind::Edges | Kind::Frames => 4,
     }
 }

@@ -1,20 +1,21 @@
 //! The maps of the agents that are told here, as far as they came.
 
 use super::remembering::{Content, Memory};
+use crate::lidar::merging::Input as ScanInput;
 use crate::merging::Input;
 use anyhow::Result;
 use fleet::assembling::Assembler;
 use fleet::hash::ObjectHash;
 use fleet::node::Heard;
 use fleet::store::Store;
-use map::{AgentId, Identity, KeyframeId, Map};
+use map::{AgentId, Identity, KeyframeId, Map, SensorKind};
 use place_recog::Vocabulary;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Keyframes with which a map is looked at: three adjacent ones are what a closure rests on.
+/// Keyframes with which a camera's map is looked at: three adjacent ones are what a closure rests on.
 const FEWEST: usize = 3;
 
 /// Maps that are merged with each other.
@@ -22,7 +23,7 @@ const FEWEST: usize = 3;
 pub(super) struct Maps {
     /// Whose.
     agents: BTreeMap<Identity, Agent>,
-    /// What pairs of them made of each other.
+    /// What pairs of cameras' made of each other.
     pub memory: Memory,
 }
 
@@ -31,6 +32,8 @@ struct Agent {
     assembler: Assembler,
     /// When it began to be told: the eldest comes first.
     begun: u64,
+    /// The kind of its sensor, once that is known.
+    sensor: Option<SensorKind>,
     /// What it was put together of.
     seen: Option<Seen>,
     /// All of it that merging looks at, as it was put together.
@@ -39,8 +42,10 @@ struct Agent {
     whole: bool,
     /// Whether the agent's run is over.
     finished: bool,
-    /// The map to be merged; nothing while there is too little of it.
-    input: Option<Input>,
+    /// A camera's map to be merged; nothing while there is too little of it, and while it is lent.
+    images: Option<Input>,
+    /// The same of a LiDAR's.
+    scans: Option<ScanInput>,
 }
 
 /// What a map was put together of.
@@ -64,8 +69,8 @@ pub(super) struct Place<'a> {
 }
 
 impl Maps {
-    /// Takes in what there is of a map, of images and depths those of the keyframes `only`. Whether there is anything
-    /// new to merge.
+    /// Takes in what there is of a map, of images and depths those of the keyframes `only`. Of which sensors' maps there is
+    /// something new to merge, if of any.
     ///
     /// # Errors
     /// When what was told is no map, or it cannot be written.
@@ -74,8 +79,13 @@ impl Maps {
         heard: &Heard,
         only: Option<&BTreeSet<KeyframeId>>,
         place: &Place,
-    ) -> Result<bool, String> {
-        self.agents.entry(heard.agent).or_insert_with(|| Agent::new(heard.begun)).take(heard, only, place)
+    ) -> Result<Option<SensorKind>, String> {
+        let agent = self.agents.entry(heard.agent).or_insert_with(|| Agent::new(heard.begun));
+        let taken = agent.take(heard, only, place);
+        if taken.is_err() {
+            self.agents.remove(&heard.agent);
+        }
+        taken
     }
 
     /// Forgets all.
@@ -88,22 +98,44 @@ impl Maps {
         self.agents.values().filter(|agent| agent.whole && agent.finished).count()
     }
 
-    /// Whether all maps are whole and their runs over.
-    pub fn at_rest(&self) -> bool {
-        self.done() == self.agents.len()
+    /// Whether all maps of such sensors are whole and their runs over.
+    pub fn at_rest(&self, sensor: SensorKind) -> bool {
+        // One of which nothing is known yet may be of any.
+        let mut such = self.agents.values().filter(|agent| agent.sensor.is_none_or(|kind| kind == sensor));
+        such.all(|agent| agent.whole && agent.finished)
     }
 
-    /// Takes the maps out of which there is enough: those in metres first, as `loopbox merge` has it, then the eldest.
-    pub fn lend(&mut self) -> Inputs {
-        let is_metric = |agent: &Agent| agent.input.as_ref().is_some_and(|input| input.map.is_metric());
-        let order = self.agents.iter().map(|(identity, agent)| (!is_metric(agent), agent.begun, *identity));
-        let mut order: Vec<_> = order.collect();
+    /// Takes the cameras' maps out of which there is enough: those in metres first, as `loopbox merge` has it, then the
+    /// eldest.
+    pub fn lend(&mut self) -> Inputs<Input> {
+        let is_metric = |agent: &Agent| agent.images.as_ref().is_some_and(|input| input.map.is_metric());
+        let mut all = self.lend_in_order(|agent| (!is_metric(agent), agent.begun), |agent| &mut agent.images);
+        for number in 1..all.inputs.len() {
+            let (before, after) = all.inputs.split_at_mut(number);
+            after[0].name_apart_from(before);
+        }
+        all
+    }
+
+    /// Takes the LiDARs' maps out, the eldest first.
+    pub fn lend_scans(&mut self) -> Inputs<ScanInput> {
+        let mut all = self.lend_in_order(|agent| agent.begun, |agent| &mut agent.scans);
+        ScanInput::name_apart(&mut all.inputs);
+        all
+    }
+
+    fn lend_in_order<T, K: Ord>(
+        &mut self,
+        key: impl Fn(&Agent) -> K,
+        input: impl Fn(&mut Agent) -> &mut Option<T>,
+    ) -> Inputs<T> {
+        let mut order: Vec<_> = self.agents.iter().map(|(identity, agent)| (key(agent), *identity)).collect();
         order.sort();
-        let mut all = Inputs { inputs: Vec::new(), contents: Vec::new(), whole: Vec::new() };
-        for (.., identity) in order {
+        let (inputs, contents, whole) = Default::default();
+        let mut all = Inputs { inputs, contents, whole };
+        for (_, identity) in order {
             let Some(agent) = self.agents.get_mut(&identity) else { continue };
-            let Some((hash, mut input)) = agent.content.zip(agent.input.take()) else { continue };
-            input.name_apart_from(&all.inputs);
+            let Some((hash, input)) = agent.content.zip(input(agent).take()) else { continue };
             all.inputs.push(input);
             all.contents.push(Content { agent: identity, hash });
             all.whole.push(agent.whole);
@@ -111,20 +143,29 @@ impl Maps {
         all
     }
 
-    /// Takes the maps back.
-    pub fn take_back(&mut self, lent: Inputs) {
+    /// Takes cameras' maps back.
+    pub fn take_back(&mut self, lent: Inputs<Input>) {
+        self.put_back(lent, |agent| &mut agent.images);
+    }
+
+    /// Takes LiDARs' maps back.
+    pub fn take_scans_back(&mut self, lent: Inputs<ScanInput>) {
+        self.put_back(lent, |agent| &mut agent.scans);
+    }
+
+    fn put_back<T>(&mut self, lent: Inputs<T>, place: impl Fn(&mut Agent) -> &mut Option<T>) {
         for (content, input) in lent.contents.into_iter().zip(lent.inputs) {
             if let Some(agent) = self.agents.get_mut(&content.agent) {
-                agent.input = Some(input);
+                *place(agent) = Some(input);
             }
         }
     }
 }
 
 /// The maps to be merged, in their order.
-pub(super) struct Inputs {
+pub(super) struct Inputs<T> {
     /// The maps.
-    pub inputs: Vec<Input>,
+    pub inputs: Vec<T>,
     /// Whose they are, and what stands for them.
     pub contents: Vec<Content>,
     /// Whether each is all of an agent's map.
@@ -134,8 +175,8 @@ pub(super) struct Inputs {
 impl Agent {
     /// One of whom nothing is here yet.
     fn new(begun: u64) -> Self {
-        let (assembler, seen, content, input) = Default::default();
-        Self { assembler, begun, seen, content, whole: false, finished: false, input }
+        let (assembler, sensor, seen, content, images, scans) = Default::default();
+        Self { assembler, begun, sensor, seen, content, whole: false, finished: false, images, scans }
     }
 
     /// Puts the map together of what is there. A map whose run is over is written once it is whole.
@@ -144,33 +185,38 @@ impl Agent {
         heard: &Heard,
         only: Option<&BTreeSet<KeyframeId>>,
         place: &Place,
-    ) -> Result<bool, String> {
+    ) -> Result<Option<SensorKind>, String> {
         let Heard { missing, came, finished, .. } = *heard;
         (self.begun, self.finished) = (heard.begun, finished);
         let entries = Arc::clone(&heard.entries);
         let seen = Some(Seen { entries, came, missing, finished, only: only.cloned() });
         if self.seen == seen {
-            return Ok(false);
+            return Ok(None);
         }
         let made = self.assembler.assemble(heard.agent, &heard.entries, place.store, only)?;
-        let Some(made) = made else { return Ok(false) };
+        let Some(made) = made else { return Ok(None) };
         self.seen = seen;
         // Frames are no matter for merging, and are written once the run is over.
         let is_done = made.whole && finished;
         if self.content == Some(made.content) && self.whole == made.whole && !is_done {
-            return Ok(false);
+            return Ok(None);
         }
         (self.content, self.whole) = (Some(made.content), made.whole);
         let path = place.folder.join(label(heard.agent, &made.map)).join("map.mcap");
         if is_done {
             save(&path, &made.map).map_err(|error| error.to_string())?;
         }
-        let with_depth = made.map.keyframes.values().filter(|keyframe| !keyframe.semi_dense.is_empty());
-        self.input = match with_depth.count() < FEWEST {
-            true => None,
-            false => Input::of(made.map, &path, place.vocabulary).ok(),
-        };
-        Ok(self.input.is_some())
+        self.sensor = made.map.sensor();
+        (self.images, self.scans) = (None, None);
+        if made.map.keyframes.is_empty() {
+            return Ok(None);
+        }
+        if self.sensor == Some(SensorKind::Lidar) {
+            self.scans = Some(ScanInput::of(path, made.map).map_err(|error| format!("{error:#}"))?);
+        } else if made.map.keyframes.values().filter(|k| !k.semi_dense.is_empty()).count() >= FEWEST {
+            self.images = Input::of(made.map, &path, place.vocabulary).ok();
+        }
+        Ok(self.sensor.filter(|_| self.images.is_some() || self.scans.is_some()))
     }
 }
 

@@ -8,15 +8,16 @@ use super::agents::{Inputs, Maps, Place};
 use super::courtesy::Courtesy;
 use super::findings::Found;
 use super::remembering::Content;
+use super::scans::ScanCollector;
 use super::sketching::{Met, Plan, Sketches};
-use crate::merging::{MergeRecord, Merging, MergingParams, Names, merge_knowing, write_results};
+use crate::merging::{Input, MergeRecord, Merging, MergingParams, Names, merge_knowing, write_results};
 use crate::results::{Owner, Results};
 use crate::ros::Common;
 use crate::run::give_way;
 use anyhow::{Context, Result, anyhow};
 use fleet::node::Heard;
 use fleet::service::Service;
-use map::{Identity, KeyframeId};
+use map::{Identity, KeyframeId, SensorKind};
 use place_recog::Vocabulary;
 use sources::Stop;
 use std::collections::{BTreeMap, BTreeSet};
@@ -24,11 +25,11 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Time between merges at the least, and of the time that one took.
+/// Time between merges at the least, and of the time that one took while maps grow.
 const PAUSE: Duration = Duration::from_millis(250);
 const PAUSE_FACTOR: u32 = 2;
 /// How often the common map is written while maps still grow.
-const WRITE_INTERVAL: Duration = Duration::from_secs(30);
+pub(super) const WRITE_INTERVAL: Duration = Duration::from_secs(30);
 /// The folder of the agents' own maps.
 const AGENTS: &str = "agents";
 
@@ -37,6 +38,8 @@ pub(super) struct Collector {
     /// The folder of the agents' own maps.
     folder: PathBuf,
     results: Results,
+    /// The maps of LiDARs.
+    scans: ScanCollector,
     vocabulary: Arc<Vocabulary>,
     params: MergingParams,
     /// Threads that give way to all others, where they do.
@@ -47,14 +50,14 @@ pub(super) struct Collector {
     parts: Maps,
     sketches: Sketches,
     courtesy: Courtesy,
-    /// What was found by the maps, the parts aside.
+    /// What was found by cameras' maps, the parts aside.
     found: Found,
     /// Whether parts were merged last.
     looked: bool,
     merged: Instant,
     took: Duration,
     written: Option<Instant>,
-    /// Something came that is not merged yet, or merged and not written.
+    /// Something of cameras' came that is not merged yet, or merged and not written.
     is_new: bool,
     to_write: bool,
     /// Where the common map is published, if it is.
@@ -74,6 +77,7 @@ impl Collector {
             pool: pool.context("cannot start threads")?,
             folder: out.join(AGENTS),
             results: Results::create(out, &Owner::Merge, force)?,
+            scans: ScanCollector::new(out, force)?,
             sketches: Sketches::new(Arc::clone(&vocabulary)),
             vocabulary,
             params: MergingParams::default(),
@@ -117,7 +121,10 @@ impl Collector {
     ) -> Result<Option<Found>> {
         let all = heard(service);
         let plan = self.plan(&all, service, told, warn);
-        let is_due = self.merged.elapsed() >= PAUSE.max(self.took * PAUSE_FACTOR);
+        // Who waits for runs that are over takes no time from any.
+        let is_over = all.iter().all(|heard| heard.finished && heard.missing == 0);
+        let pause = if is_over { PAUSE } else { PAUSE.max(self.took * PAUSE_FACTOR) };
+        let is_due = self.merged.elapsed() >= pause;
         // In turns, so that neither waits for the other for long.
         if let Some(only) = plan.ready.as_ref().filter(|_| !std::mem::take(&mut self.looked) || !is_due) {
             self.looked = true;
@@ -130,7 +137,7 @@ impl Collector {
             return Ok(None);
         }
         self.take_all(&all, &plan.released, service, warn);
-        if !std::mem::take(&mut self.is_new) {
+        if !self.is_new && !self.scans.has_new() {
             let Some(only) = &plan.ready else { return Ok(None) };
             self.looked = true;
             return self.look_at(only, &all, service, warn, stop);
@@ -194,8 +201,13 @@ impl Collector {
             }
         };
         self.parts.take_back(lent);
-        let found = found.map(|found| self.pending(found.beside(&self.found)));
+        let found = found.map(|found| self.pending(found.beside(&self.known())));
         Ok(found)
+    }
+
+    /// What was found by all maps.
+    fn known(&self) -> Found {
+        self.found.clone().and(self.scans.found().clone())
     }
 
     /// What was found, where nothing is said yet of pairs that are looked at more closely.
@@ -225,10 +237,9 @@ impl Collector {
         for heard in all.iter().filter(|heard| released.contains(&heard.agent)) {
             let maps = &mut self.maps;
             match on_pool(self.pool.as_ref(), || maps.take(heard, None, &place)) {
-                Ok(is_new) => {
-                    self.is_new |= is_new;
-                    self.to_write |= is_new;
-                }
+                Ok(Some(SensorKind::Camera)) => (self.is_new, self.to_write) = (true, true),
+                Ok(Some(SensorKind::Lidar)) => self.scans.came(),
+                Ok(None) => {}
                 Err(reason) => leave_out(heard.agent, reason, service, warn),
             }
         }
@@ -236,7 +247,7 @@ impl Collector {
 
     /// Whether so many agents' maps are whole and will not change any more, and all is merged and written.
     pub fn is_done(&self, agents: usize) -> bool {
-        self.maps.done() >= agents && !self.is_new && !self.to_write
+        self.maps.done() >= agents && !self.is_new && !self.to_write && self.scans.is_done()
     }
 
     /// Merges and writes what is not yet, in the thread that calls it. What was found, if anything was.
@@ -248,53 +259,58 @@ impl Collector {
         let agents = all.iter().map(|heard| heard.agent).collect();
         self.take_all(&all, &agents, service, warn);
         self.pool = None;
-        if self.to_write || self.is_new {
-            (self.written, self.is_new) = (None, false);
-            self.to_write = false;
-            return self.merge(warn, &Stop::default());
-        }
-        Ok(None)
+        (self.is_new, self.written) = (self.to_write, None);
+        self.scans.urge();
+        self.merge(warn, &Stop::default())
     }
 
-    /// Merges all maps, and writes what came of it where it is time.
+    /// Merges the maps of either kind of which something is new, and writes what came of it where it is time. What was
+    /// found, if anything was merged.
     fn merge(&mut self, warn: &dyn Fn(&str), stop: &Stop) -> Result<Option<Found>> {
-        let lent = self.maps.lend();
-        let result = self.merge_lent(&lent, stop);
-        let is_interrupted = result.is_err() && stop.requested();
-        self.maps.take_back(lent);
-        match result {
-            Err(Failed::Merge(_)) if is_interrupted => Ok(None),
-            // What is wrong with these maps may be mended by more of them.
-            Err(Failed::Merge(error)) => {
-                warn(&format!("the maps are not merged: {error:#}"));
-                Ok(None)
-            }
-            Err(Failed::Write(error)) => Err(error),
-            Ok(found) => {
-                self.found = self.pending(found);
-                Ok(Some(self.found.clone()))
+        let mut done = Vec::new();
+        if std::mem::take(&mut self.is_new) {
+            let lent = self.maps.lend();
+            done.push(self.merge_lent(&lent, stop));
+            self.maps.take_back(lent);
+        }
+        if self.scans.has_new() {
+            let (lent, at_rest) = (self.maps.lend_scans(), self.maps.at_rest(SensorKind::Lidar));
+            let scans = &mut self.scans;
+            done.push(on_pool(self.pool.as_ref(), || scans.merge(&lent, at_rest, stop)));
+            self.maps.take_scans_back(lent);
+        }
+        let mut is_merged = false;
+        for result in done {
+            match result {
+                Ok(()) => is_merged = true,
+                Err(Failed::Merge(_)) if stop.requested() => {}
+                // What is wrong with these maps may be mended by more of them.
+                Err(Failed::Merge(error)) => warn(&format!("the maps are not merged: {error:#}")),
+                Err(Failed::Write(error)) => return Err(error),
             }
         }
+        Ok(is_merged.then(|| self.pending(self.known())))
     }
 
     /// Merges maps that were lent by `maps`, but for the pairs that these remember.
-    fn merged_anew(&self, lent: &Inputs, maps: &Maps, exactly: bool, stop: &Stop) -> Result<Merging> {
+    fn merged_anew(&self, lent: &Inputs<Input>, maps: &Maps, exactly: bool, stop: &Stop) -> Result<Merging> {
         let go_on = || if stop.requested() { Err(anyhow!("interrupted")) } else { Ok(()) };
         let known = |pair: [usize; 2]| maps.memory.recall(&lent.contents, pair, exactly);
         let merge = || merge_knowing(&lent.inputs, &self.vocabulary, &self.params, &known, &mut |_| go_on());
         on_pool(self.pool.as_ref(), merge)
     }
 
-    fn merge_lent(&mut self, lent: &Inputs, stop: &Stop) -> Result<Found, Failed> {
+    fn merge_lent(&mut self, lent: &Inputs<Input>, stop: &Stop) -> Result<(), Failed> {
         let Inputs { inputs, contents, whole } = lent;
         if inputs.is_empty() {
-            return Ok(Found::default());
+            self.to_write = false;
+            return Ok(());
         }
-        let at_rest = self.maps.at_rest();
+        let at_rest = self.maps.at_rest(SensorKind::Camera);
         let merging = self.merged_anew(lent, &self.maps, at_rest, stop).map_err(Failed::Merge)?;
         self.maps.memory.keep(contents, &merging.encounters, at_rest);
         self.sketches.met(&met(&merging, contents));
-        let found = Found::of(inputs, &merging, whole);
+        self.found = Found::of(inputs, &merging, whole);
         if let Some(common) = &mut self.common {
             common.say(&merging.fused);
         }
@@ -313,7 +329,7 @@ impl Collector {
         if !merging.anything_met() {
             self.to_write = false;
         }
-        Ok(found)
+        Ok(())
     }
 }
 
@@ -326,7 +342,7 @@ fn on_pool<T: Send>(pool: Option<&rayon::ThreadPool>, work: impl FnOnce() -> T +
 }
 
 /// What went wrong.
-enum Failed {
+pub(super) enum Failed {
     /// Maps cannot be merged.
     Merge(anyhow::Error),
     /// Results cannot be written.

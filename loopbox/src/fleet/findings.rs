@@ -112,6 +112,13 @@ impl Found {
         all
     }
 
+    /// This, and what was found of other agents.
+    pub(super) fn and(mut self, other: Self) -> Self {
+        self.agents.extend(other.agents);
+        self.meetings.extend(other.meetings);
+        self
+    }
+
     /// Brings agents that hang together, placed in a frame of their own, into one frame here: that in which the most
     /// already are, of equals the one that is theirs as well, together with all who hang together with one of them.
     fn join(&mut self, together: Vec<&FoundAgent>) {

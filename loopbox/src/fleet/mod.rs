@@ -1,9 +1,9 @@
 //! Agents that pair over a network, with or without a station: what a run and a station do with the crate `fleet`.
 //!
 //! `telling` tells a run's map while it grows. `sketching` says what of others' is worth fetching first and when enough of
-//! it is here, `courtesy` which of two agents looks at it, `collecting` merges the maps that come and keeps the common map on disk (`agents` are their maps,
-//! `remembering` what pairs of them made of each other), `findings` is what it tells the agents about where they are, `status` what people are told;
-//! `party` puts them together.
+//! it is here, `courtesy` which of two agents looks at it, `collecting` merges the maps that come and keeps the common map
+//! on disk (`scans` those of LiDARs; `agents` are their maps, `remembering` what pairs of them made of each other), `findings`
+//! is what it tells the agents about where they are, `status` what people are told; `party` puts them together.
 
 mod agents;
 mod collecting;
@@ -11,6 +11,7 @@ mod courtesy;
 mod findings;
 mod party;
 mod remembering;
+mod scans;
 mod sketching;
 mod status;
 mod telling;

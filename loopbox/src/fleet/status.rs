@@ -3,6 +3,7 @@
 use super::findings::{Found, FoundMeeting};
 use anyhow::{Context, Result};
 use fleet::node::{AgentStatus, NeighbourStatus};
+use map::SensorKind;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use std::fs;
@@ -63,6 +64,8 @@ pub struct AgentLine {
     pub agent: String,
     /// Who tells it; nothing of one that was here when the program began.
     pub teller: Option<String>,
+    /// The kind of its sensor; nothing while no keyframe is told of.
+    pub sensor: Option<SensorKind>,
     /// Keyframes of its newest version.
     pub keyframes: usize,
     /// Objects of it that are not here yet.
@@ -93,6 +96,7 @@ impl AgentLine {
         Self {
             agent: agent.agent.to_string(),
             teller: agent.teller.clone(),
+            sensor: agent.sensor,
             keyframes: agent.keyframes,
             missing: agent.missing,
             finished: agent.finished,

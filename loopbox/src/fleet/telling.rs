@@ -5,7 +5,7 @@ use crate::run::{MapListener, give_way};
 use anyhow::{Context, Result};
 use fleet::publishing::Publisher;
 use fleet::service::Service;
-use map::{AgentId, AgentInfo, Identity, Map, MapDelta};
+use map::{AgentId, AgentInfo, Identity, Keyframe, Map, MapDelta};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
@@ -152,7 +152,8 @@ impl Work {
     fn tell(&mut self, warn: &dyn Fn(&str)) {
         for growing in self.maps.values_mut().filter(|growing| growing.is_new) {
             growing.is_new = false;
-            let is_empty = growing.map.keyframes.values().all(|keyframe| keyframe.semi_dense.is_empty());
+            let has_none = |keyframe: &Keyframe| keyframe.semi_dense.is_empty() && keyframe.scan.is_none();
+            let is_empty = growing.map.keyframes.values().all(has_none);
             if is_empty && !growing.ended {
                 continue;
             }

@@ -3,7 +3,7 @@
 use super::convert::{edge, frame, id, to_keyframe};
 use super::poses::GivenPoses;
 use geometry::Sim3;
-use map::{AgentInfo, EdgeKind, Map};
+use map::{AgentId, AgentInfo, EdgeKind, Identity, Map};
 use scans::Scan;
 use slam_lidar::floam::NoRings;
 use slam_lidar::mapping::{Agent, Loop, MappingParams};
@@ -68,6 +68,10 @@ impl Mapper {
             }
         };
         self.last = Some(scan.stamp);
+        // Who made the map follows from the recording, as of a camera's: run again it is the same agent.
+        if let Some(about) = self.map.agents.get_mut(&AgentId::default()) {
+            about.identity.get_or_insert_with(|| Identity::of_scans(scan.stamp, &scan.points));
+        }
         let is_keyframe = self.agent.keyframes().len() > before;
         if is_keyframe {
             self.add_keyframe(index);

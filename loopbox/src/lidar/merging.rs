@@ -1,10 +1,13 @@
 //! LiDAR maps of several agents brought into one.
 
+mod record;
+
+pub use record::{EncounterRecord, EvidenceRecord, InputRecord, LidarMergeRecord, MergeCost};
+
 use super::convert::{edge, keyframes};
 use anyhow::{Context, Result, bail};
 use geometry::{Se3, Sim3};
-use map::{AgentId, Edge, EdgeKind, KeyframeId, Map};
-use serde::Serialize;
+use map::{AgentId, Edge, EdgeKind, Keyframe, KeyframeId, Map};
 use slam_lidar::keyframe;
 use slam_lidar::merging::graph::{Joined, Merge, joined};
 use slam_lidar::merging::robot_map::RobotMap;
@@ -18,6 +21,10 @@ use std::time::Instant;
 const DEVIATION: (f64, f64) = (0.02, 0.002);
 /// A merge that the others contradict ends with a weight below this, and is taken back.
 const OUTVOTED: f64 = 0.5;
+
+/// Keyframes lie no farther than this from their map's origin, metres: single precision tells 8 mm apart there, and grids
+/// of 0.15 m reach 157 km.
+const FARTHEST: f64 = 1e5;
 
 /// A map to be merged.
 pub struct Input {
@@ -36,7 +43,7 @@ impl Input {
     /// The agents of the maps in `given`, each with its own map: what was merged before is taken apart.
     ///
     /// # Errors
-    /// Names the map that is not of LiDARs, or that has no keyframes; and those of [`Map::can_unite`].
+    /// Names the map that is not of LiDARs, or that has no keyframes or some too far away; and those of [`Map::can_unite`].
     pub fn all(given: Vec<(PathBuf, Map)>) -> Result<Vec<Self>> {
         let mut inputs: Vec<Self> = Vec::new();
         Map::can_unite(&given.iter().map(|(_, map)| map).collect::<Vec<_>>())?;
@@ -47,26 +54,53 @@ impl Input {
                 inputs.push(Self::of(path.clone(), own)?);
             }
         }
+        Self::name_apart(&mut inputs);
+        Ok(inputs)
+    }
+
+    /// Gives inputs the names of their agents, those that occur again with a number.
+    pub(crate) fn name_apart(inputs: &mut [Self]) {
         let mut taken = BTreeSet::new();
-        for input in &mut inputs {
-            let (name, mut number) = (input.name.clone(), 2);
+        for input in inputs {
+            let (name, mut number) = (name_of(&input.map), 2);
+            input.name.clone_from(&name);
             while !taken.insert(input.name.clone()) {
                 input.name = format!("{name}-{number}");
                 number += 1;
             }
         }
-        Ok(inputs)
     }
 
-    fn of(path: PathBuf, map: Map) -> Result<Self> {
+    /// The own map of an agent; `path` says where it came from.
+    ///
+    /// # Errors
+    /// When it has no keyframes, or one that lies too far away.
+    pub(crate) fn of(path: PathBuf, map: Map) -> Result<Self> {
+        let is_far = |keyframe: &&Keyframe| keyframe.world_from_keyframe.translation.norm() > FARTHEST;
+        if let Some(far) = map.keyframes.values().find(is_far) {
+            let (way, id) = (far.world_from_keyframe.translation.norm(), far.id.0);
+            bail!(
+                "{}: keyframe {id} lies {way:.1e} m from the map's origin, farther than the {FARTHEST:.0} m that maps may reach",
+                path.display()
+            );
+        }
         let (names, keyframes) = keyframes(&map);
         if keyframes.is_empty() {
             bail!("{}: the map has no keyframes: there is nothing to merge", path.display());
         }
-        let name = map.agents.values().next().map_or_else(String::new, |info| info.name.clone());
         let ready = RobotMap::new(&keyframes);
-        Ok(Self { path, name, map, names, keyframes, ready })
+        Ok(Self { path, name: name_of(&map), map, names, keyframes, ready })
     }
+
+    /// How many keyframes it is merged by.
+    pub fn keyframe_count(&self) -> usize {
+        self.keyframes.len()
+    }
+}
+
+/// What to call an agent's own map.
+fn name_of(map: &Map) -> String {
+    map.agents.values().next().map_or_else(String::new, |info| info.name.clone())
 }
 
 /// What came of a pair of maps.
@@ -135,6 +169,19 @@ pub fn merge(
     method: MergeMethod,
     stage: &mut dyn FnMut(&str) -> Result<()>,
 ) -> Result<LidarMerging> {
+    merge_knowing(inputs, method, &|_| None, stage)
+}
+
+/// The same where of some pairs of inputs, the earlier first, the verdict is `known`, and the seconds that it took.
+///
+/// # Errors
+/// As [`merge`].
+pub(crate) fn merge_knowing(
+    inputs: &[Input],
+    method: MergeMethod,
+    known: &dyn Fn([usize; 2]) -> Option<(Verdict, f64)>,
+    stage: &mut dyn FnMut(&str) -> Result<()>,
+) -> Result<LidarMerging> {
     if inputs.len() < 2 {
         bail!("there is one map only; there is nothing to merge it with");
     }
@@ -143,9 +190,13 @@ pub fn merge(
     for b in 1..inputs.len() {
         for a in 0..b {
             stage(&format!("comparing {} and {}", inputs[a].name, inputs[b].name))?;
-            let begin = Instant::now();
-            let verdict = merge_by(method, &inputs[a].ready, &inputs[b].ready);
-            pairs.push(Pair { a, b, verdict, weight: None, seconds: begin.elapsed().as_secs_f64() });
+            let judge = || {
+                let begin = Instant::now();
+                let verdict = merge_by(method, &inputs[a].ready, &inputs[b].ready);
+                (verdict, begin.elapsed().as_secs_f64())
+            };
+            let (verdict, seconds) = known([a, b]).unwrap_or_else(judge);
+            pairs.push(Pair { a, b, verdict, weight: None, seconds });
         }
     }
     let joined = join(inputs.len(), &mut pairs);
@@ -237,147 +288,6 @@ fn meeting(map: &Map, inputs: &[Input], pair: &Pair, agents: [usize; 2]) -> Opti
     Some(edge(ends, &from_from_to, DEVIATION, EdgeKind::Merge))
 }
 
-/// The numbers of a merging: what `merge.json` holds.
-#[derive(Clone, Debug, Serialize)]
-pub struct LidarMergeRecord {
-    /// Version of the program.
-    pub version: &'static str,
-    /// The kind of the agents' sensors.
-    pub sensor: map::SensorKind,
-    /// How poses between maps were found.
-    pub method: MergeMethod,
-    /// The maps given.
-    pub inputs: Vec<InputRecord>,
-    /// Every two of them.
-    pub encounters: Vec<EncounterRecord>,
-    /// Names of the inputs that hang together.
-    pub groups: Vec<Vec<String>>,
-    /// Time and memory.
-    pub cost: MergeCost,
-    /// The files of results, by names relative to their folder.
-    pub files: Vec<String>,
-}
-
-/// A map given.
-#[derive(Clone, Debug, Serialize)]
-pub struct InputRecord {
-    /// Its path as given.
-    pub path: String,
-    /// What it is called.
-    pub name: String,
-    /// Its keyframes.
-    pub keyframes: usize,
-    /// Points of their scans.
-    pub points: usize,
-    /// `world_from_map` as `tx ty tz qx qy qz qw`: its place in the common map.
-    pub world_from_map: [f64; 7],
-}
-
-/// What came of two maps.
-#[derive(Clone, Debug, Serialize)]
-pub struct EncounterRecord {
-    /// Their names.
-    pub maps: [String; 2],
-    /// `accepted`, `undecided` or `refused`.
-    pub decision: &'static str,
-    /// The line that decided.
-    pub reason: String,
-    /// The pose that was judged, with its evidence.
-    pub best: Option<EvidenceRecord>,
-    /// Other poses that were followed.
-    pub rivals: Vec<EvidenceRecord>,
-    /// Seconds it took.
-    pub seconds: f64,
-}
-
-/// What speaks for a pose between two maps.
-#[derive(Clone, Debug, Serialize)]
-pub struct EvidenceRecord {
-    /// The second map in the frame of the first, `tx ty tz qx qy qz qw`.
-    pub first_from_second: [f64; 7],
-    /// Pieces of one of the maps that come back to this pose when displaced.
-    pub pieces: usize,
-    /// Of them, those that Scan Context brought here.
-    pub finding: usize,
-    /// Pieces that map has.
-    pub of_pieces: usize,
-    /// Share of points on surfaces that the other saw.
-    pub overlap: f64,
-    /// Share of the points that agree with them.
-    pub agreeing: f64,
-    /// Share of the points in space that the other saw free.
-    pub violated: f64,
-    /// Surface that both maps saw, square metres.
-    pub shared_m2: f64,
-    /// The largest thing that one map holds and the other looks through, square metres.
-    pub absent_m2: f64,
-    /// Root mean square distance from surfaces, metres.
-    pub rmse_m: f64,
-    /// Directions of the pose that are weak.
-    pub weak: usize,
-}
-
-impl EvidenceRecord {
-    fn of(evidence: &MergeEvidence) -> Self {
-        Self {
-            first_from_second: evidence.a_from_b.to_tum(),
-            pieces: evidence.pieces,
-            finding: evidence.finding,
-            of_pieces: evidence.of_pieces,
-            overlap: evidence.overlap,
-            agreeing: evidence.agreeing,
-            violated: evidence.violated,
-            shared_m2: evidence.things.shared,
-            absent_m2: evidence.things.absent,
-            rmse_m: evidence.rmse,
-            weak: evidence.conditioning.weak,
-        }
-    }
-}
-
-/// Time and memory of a merging.
-#[derive(Clone, Debug, Default, Serialize)]
-pub struct MergeCost {
-    /// Seconds for all pairs and the common map.
-    pub merge_s: f64,
-    /// CPU seconds of the process; who runs the program fills it in, as what follows.
-    pub cpu_s: Option<f64>,
-    /// Largest resident memory, bytes.
-    pub peak_memory_bytes: Option<u64>,
-}
-
-impl LidarMergeRecord {
-    /// The numbers of a merging of `inputs`.
-    pub fn of(inputs: &[Input], merging: &LidarMerging) -> Self {
-        let name = |input: usize| inputs[input].name.clone();
-        let encounter = |pair: &Pair| EncounterRecord {
-            maps: [name(pair.a), name(pair.b)],
-            decision: decision(pair),
-            reason: pair.reason(),
-            best: pair.verdict.best.as_ref().map(EvidenceRecord::of),
-            rivals: pair.verdict.rivals.iter().map(EvidenceRecord::of).collect(),
-            seconds: pair.seconds,
-        };
-        let input = |(index, input): (usize, &Input)| InputRecord {
-            path: input.path.display().to_string(),
-            name: input.name.clone(),
-            keyframes: input.keyframes.len(),
-            points: input.keyframes.iter().map(|keyframe| keyframe.points.len()).sum(),
-            world_from_map: place_of(merging, input, index).to_tum(),
-        };
-        Self {
-            version: env!("CARGO_PKG_VERSION"),
-            sensor: map::SensorKind::Lidar,
-            method: merging.method,
-            inputs: inputs.iter().enumerate().map(input).collect(),
-            encounters: merging.pairs.iter().map(encounter).collect(),
-            groups: merging.groups.iter().map(|g| g.members.iter().map(|&m| name(m)).collect()).collect(),
-            cost: MergeCost { merge_s: merging.seconds, ..MergeCost::default() },
-            files: Vec::new(),
-        }
-    }
-}
-
 /// `accepted`, `undecided` or `refused`.
 pub fn decision(pair: &Pair) -> &'static str {
     match pair.verdict.decision {
@@ -388,7 +298,7 @@ pub fn decision(pair: &Pair) -> &'static str {
 }
 
 /// Where an input's map lies in its group's.
-fn place_of(merging: &LidarMerging, input: &Input, index: usize) -> Se3 {
+pub(crate) fn place_of(merging: &LidarMerging, input: &Input, index: usize) -> Se3 {
     let found = merging.groups.iter().find_map(|group| {
         let place = group.members.iter().position(|member| *member == index)?;
         let agent = AgentId(u16::try_from(place).ok()?);

@@ -12,7 +12,10 @@ pub mod poses;
 pub mod record;
 mod report;
 pub mod run;
+mod telling;
 
+#[cfg(feature = "fleet")]
+pub(crate) use output::write_merged;
 pub use output::{LidarMerged, LidarOptions, Mapped, map_recording, merge_maps};
 
 #[cfg(test)]

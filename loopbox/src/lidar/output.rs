@@ -5,8 +5,10 @@ use super::poses::GivenPoses;
 use super::record::LidarRecord;
 use super::report;
 use super::run::{Event, LidarRun, RunOptions, run};
+use super::telling::Told;
 use crate::open::{open_map, recording_name};
 use crate::results::{Owner, Results, keep_from};
+use crate::run::Listeners;
 use anyhow::{Context, Result, anyhow, bail};
 use map::{AgentInfo, DEFAULT_MAX_RELATIVE_VARIANCE, Map, MapWriter, Sensor};
 use scans::ScanSource;
@@ -44,6 +46,8 @@ pub struct LidarOptions {
     pub end: Option<f64>,
     /// Trajectory as KITTI's rows of 3×4 numbers in place of TUM's.
     pub kitti: bool,
+    /// Who is told how the map grows.
+    pub listeners: Listeners,
 }
 
 /// What came of a run.
@@ -65,21 +69,23 @@ pub fn map_recording(
     stop: &Stop,
     observe: &mut dyn FnMut(Event<'_>),
 ) -> Result<Mapped> {
-    let LidarOptions { out, name, force, params, poses, start, end, kitti } = options;
+    let LidarOptions { out, name, force, params, poses, start, end, kitti, listeners } = options;
     let info = source.info().clone();
     let about = AgentInfo {
         provenance: provenance(&info, &params, poses.as_ref().map(|(path, _)| path.as_path()))?,
         ..AgentInfo::new(name.unwrap_or_else(|| recording_name(&info.path)), Sensor::Lidar)
     };
     let mut results = Results::create(&out, &Owner::Run(info.path), force)?;
-    let mut growing = Growing { about: about.clone(), writer: None, keyframes: 0, failure: None };
+    let mut told = Told::begins(listeners, &about);
+    let mut growing = Growing { writer: None, keyframes: 0, failure: None };
     let options = RunOptions { about, params, poses: poses.map(|(_, poses)| poses), start, end };
     let done = run(source, options, &mut |event| {
         observe(event);
-        if let Event::Scan { row, map } = event
-            && let Err(error) = growing.grow(&mut results, map, row.closed)
-        {
-            growing.failure = Some(format!("{error:#}"));
+        if let Event::Scan { row, map } = event {
+            told.changed(map, row.closed);
+            if let Err(error) = growing.grow(&mut results, map, row.closed) {
+                growing.failure = Some(format!("{error:#}"));
+            }
         }
         let ended = stop.requested() || growing.failure.is_some();
         Ok(if ended { ControlFlow::Break(()) } else { ControlFlow::Continue(()) })
@@ -87,13 +93,13 @@ pub fn map_recording(
     let failure = growing.failure.take();
     drop(growing);
     let done = done.inspect_err(|_| results.forget_growing())?;
+    told.ended(&done.map);
     let record = write(&mut results, done, kitti)?;
     Ok(Mapped { record, failure })
 }
 
 /// The map as it grows in the folder.
 struct Growing {
-    about: AgentInfo,
     writer: Option<MapWriter>,
     keyframes: usize,
     failure: Option<String>,
@@ -105,9 +111,10 @@ impl Growing {
         if map.keyframes.len() == self.keyframes && !closed {
             return Ok(());
         }
+        let Some(about) = map.agents.values().next() else { return Ok(()) };
         let writer = match &mut self.writer {
             Some(writer) => writer,
-            none => none.insert(MapWriter::create(results.growing()?, &self.about)?),
+            none => none.insert(MapWriter::create(results.growing()?, about)?),
         };
         for keyframe in map.keyframes.values().skip(self.keyframes) {
             writer.append_keyframe(keyframe)?;
@@ -251,8 +258,11 @@ pub fn merge_maps(
     Ok(LidarMerged { inputs, merging, record, warnings })
 }
 
-/// Writes what came of a merge.
-fn write_merged(
+/// Writes what came of a merge; `record` learns the files' names and is written last.
+///
+/// # Errors
+/// Names the file that cannot be written.
+pub(crate) fn write_merged(
     results: &mut Results,
     inputs: &[Input],
     merging: &LidarMerging,

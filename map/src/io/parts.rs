@@ -1,5 +1,5 @@
 //! The parts of an agent's own map as bytes of their own, to be kept and sent one by one: who the agent is, and of each
-//! keyframe the image, the depth with the points, and the pose; edges and frames.
+//! keyframe the image, the depth with the points, or the scan, and the pose; edges and frames.
 //!
 //! They are the messages of the map's file (`docs/map-format.md`), the image is the PNG alone and a keyframe's message
 //! has no pose, so that a keyframe that was only moved is the same part. What is read is checked as a file is, and a map
@@ -7,8 +7,10 @@
 
 use super::about::{About, AboutError};
 use super::messages::{GraphMessage, KeyframeMessage};
+use super::scan::{self, ScanMessage};
 use super::{convert, picture};
-use crate::{AgentInfo, Edge, FramePose, Keyframe, KeyframeId, Map, check};
+use crate::{AgentInfo, Edge, FramePose, Keyframe, KeyframeId, Map, Scan, check};
+use geometry::limits::MAX_SCAN_POINTS;
 use geometry::{GrayImage, Pinhole, Sim3};
 use prost::Message;
 use std::collections::BTreeMap;
@@ -100,7 +102,25 @@ pub fn image_from_bytes(bytes: &[u8], camera: &Pinhole) -> Result<GrayImage, Str
         .map_err(|what| format!("an image cannot be used: {what}"))
 }
 
-/// A keyframe without image, features and pose: its time, depth and points.
+/// The points of a LiDAR's keyframe.
+pub fn scan_to_bytes(id: KeyframeId, points: &Scan) -> Vec<u8> {
+    scan::to_message(id, points).encode_to_vec()
+}
+
+/// The inverse of [`scan_to_bytes`]: which keyframe's, and its points.
+///
+/// # Errors
+/// Says what is wrong with the bytes.
+pub fn scan_from_bytes(bytes: &[u8]) -> Result<(KeyframeId, Scan), String> {
+    // A step takes ten bytes at the most, and what is read of it eight.
+    if bytes.len() > 10 * MAX_SCAN_POINTS {
+        return Err(format!("a scan takes {} bytes, more than any may", bytes.len()));
+    }
+    let message = ScanMessage::decode(bytes).map_err(|error| format!("a scan cannot be read: {error}"))?;
+    scan::from_message(message)
+}
+
+/// A keyframe without image, scan, features and pose: its time, depth and points.
 pub fn depth_to_bytes(keyframe: &Keyframe) -> Vec<u8> {
     let mut message = convert::keyframe_to_message(keyframe, None);
     message.world_from_keyframe = convert::sim3_to_numbers(&Sim3::identity()).to_vec();
@@ -112,9 +132,26 @@ pub fn depth_to_bytes(keyframe: &Keyframe) -> Vec<u8> {
 /// # Errors
 /// Says what is wrong with the bytes, and what of them does not fit the agent.
 pub fn depth_from_bytes(bytes: &[u8], image: Arc<GrayImage>, agent: &AgentInfo) -> Result<Keyframe, String> {
+    keyframe_from_bytes(bytes, image, None, agent)
+}
+
+/// The same of a LiDAR's keyframe with `scan`, which [`depth_to_bytes`] says no more of than its time.
+///
+/// # Errors
+/// As [`depth_from_bytes`].
+pub fn time_from_bytes(bytes: &[u8], scan: Arc<Scan>, agent: &AgentInfo) -> Result<Keyframe, String> {
+    keyframe_from_bytes(bytes, Arc::new(GrayImage::filled(0, 0, 0)), Some(scan), agent)
+}
+
+fn keyframe_from_bytes(
+    bytes: &[u8],
+    image: Arc<GrayImage>,
+    scan: Option<Arc<Scan>>,
+    agent: &AgentInfo,
+) -> Result<Keyframe, String> {
     let message =
         KeyframeMessage::decode(bytes).map_err(|error| format!("a keyframe cannot be read: {error}"))?;
-    let (keyframe, own_pose) = convert::keyframe_from_message(message, image, None)?;
+    let (keyframe, own_pose) = convert::keyframe_from_message(message, image, scan)?;
     if own_pose.is_some() || keyframe.agent.0 != 0 {
         return Err(format!("keyframe {} is not of an agent's own map", keyframe.id.0));
     }
@@ -182,7 +219,7 @@ impl Map {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::test_support::{Numbers, sample_map};
+    use crate::test_support::{Numbers, lidar_map, sample_map};
     use crate::{AgentId, Map};
 
     /// A map taken apart and put together again.
@@ -213,6 +250,30 @@ mod tests {
         let again = through_parts(&map);
         assert!(again == map);
         assert_eq!(again.check(), Ok(()));
+    }
+
+    #[test]
+    fn the_parts_of_a_lidars_keyframe_make_the_keyframe() {
+        let map = lidar_map(2);
+        let agent = &map.agents[&AgentId(0)];
+        for keyframe in map.keyframes.values() {
+            let points = scan_to_bytes(keyframe.id, keyframe.scan.as_ref().unwrap());
+            let (id, scan) = scan_from_bytes(&points).unwrap();
+            let read = time_from_bytes(&depth_to_bytes(keyframe), Arc::new(scan), agent).unwrap();
+            assert_eq!(id, keyframe.id);
+            let (pose, features) = (keyframe.world_from_keyframe, keyframe.features.clone());
+            assert!(Keyframe { world_from_keyframe: pose, features, ..read } == *keyframe);
+            // A camera's keyframe has no scan, and a LiDAR's no image.
+            let image = Arc::new(GrayImage::filled(4, 3, 0));
+            assert!(depth_from_bytes(&depth_to_bytes(keyframe), image, agent).is_err());
+            for end in 0..points.len() {
+                let _ = scan_from_bytes(&points[..end]);
+            }
+        }
+        assert!(scan_from_bytes(&[0xff; 9]).is_err());
+        assert!(
+            scan_from_bytes(&vec![0; 10 * MAX_SCAN_POINTS + 1]).unwrap_err().contains("more than any may")
+        );
     }
 
     #[test]

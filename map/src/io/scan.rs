@@ -1,6 +1,7 @@
 //! Scans of LiDAR keyframes: a topic of their own, written once a keyframe as images are.
 
 use crate::{KeyframeId, Scan};
+use geometry::limits::MAX_SCAN_POINTS;
 use prost_types::field_descriptor_proto::Type;
 
 /// Where scans lie in a file that has a LiDAR agent.
@@ -32,6 +33,13 @@ pub(super) fn to_message(id: KeyframeId, scan: &Scan) -> ScanMessage {
 /// The scan of a message; says what is wrong with it.
 pub(super) fn from_message(message: ScanMessage) -> Result<(KeyframeId, Scan), String> {
     let wrong = || format!("the scan of keyframe {}: a point lies outside of its grid", message.id);
+    let count = message.cell_step.len();
+    if count > MAX_SCAN_POINTS {
+        let (id, most) = (message.id, MAX_SCAN_POINTS);
+        return Err(format!(
+            "the scan of keyframe {id} has {count} points, more than the {most} that one may have"
+        ));
+    }
     let mut cells = message.cell_step;
     let mut previous = 0u64;
     for step in &mut cells {
@@ -78,5 +86,12 @@ mod tests {
             let error = from_message(ScanMessage { id: 9, cell_step }).unwrap_err();
             assert!(error.contains("keyframe 9"), "{error}");
         }
+    }
+
+    #[test]
+    fn scans_of_more_points_than_any_lidar_has_are_refused() {
+        let scan = |points: usize| from_message(ScanMessage { id: 9, cell_step: vec![1; points] });
+        assert!(scan(MAX_SCAN_POINTS).is_ok());
+        assert!(scan(MAX_SCAN_POINTS + 1).unwrap_err().contains("2000001 points"));
     }
 }

@@ -88,6 +88,9 @@ impl Sketches {
         let (mut wanted, mut is_ready) = (BTreeMap::<Identity, Vec<(Kind, u32)>>::new(), false);
         for (number, one) in agents.iter().enumerate() {
             for other in &agents[..number] {
+                if !self.may_meet(one, other) {
+                    continue;
+                }
                 let names = [*other, *one];
                 let pair = self.pairs.entry(names).or_default();
                 if elsewhere.contains(&names) {
@@ -123,21 +126,34 @@ impl Sketches {
             }
         }
         // A map whose digests are all here, and that is about to be compared with none, is fetched for good, and so is
-        // one alone. What is one's own is here anyway, and is put together when it is to be merged with others.
-        let is_here = |agent: &Identity| agents.len() < 2 || self.agents[agent].missing == 0;
+        // one that can meet none. What is one's own is here anyway, and is put together when it is to be merged with others.
+        let is_alone = |agent: &Identity| {
+            let mut others = agents.iter().filter(|other| *other != agent);
+            !others.any(|other| self.may_meet(agent, other))
+        };
+        let is_here = |agent: &Identity| self.agents[agent].missing == 0 || is_alone(agent);
         let is_done = |agent: &&Identity| !busy.contains(*agent) && is_here(agent);
-        let (own, others): (Vec<Identity>, Vec<Identity>) =
+        let (ready_own, others): (Vec<Identity>, Vec<Identity>) =
             agents.iter().filter(is_done).partition(|agent| own.contains(agent));
         self.released.extend(others);
-        if self.released.iter().any(|agent| !own.contains(agent)) {
-            self.released.extend(own);
-        }
+        let meets = |one: &Identity| {
+            let mut others = self.released.iter().filter(|other| !own.contains(other));
+            others.any(|other| self.may_meet(one, other))
+        };
+        let meeting: Vec<Identity> = ready_own.into_iter().filter(meets).collect();
+        self.released.extend(meeting);
         plan.released.clone_from(&self.released);
         let mut of =
             |agent: &Identity| (wanted.remove(agent).unwrap_or_default(), self.released.contains(agent));
         plan.wanted = agents.iter().map(|agent| (*agent, of(agent))).collect();
         plan.ready = is_ready.then_some(subset);
         plan
+    }
+
+    /// Whether two agents may meet; cameras do not meet LiDARs.
+    fn may_meet(&self, one: &Identity, other: &Identity) -> bool {
+        let sketches = self.agents.get(one).zip(self.agents.get(other));
+        sketches.is_none_or(|(one, other)| one.may_meet(other))
     }
 
     /// Takes note of what a merge of the parts found of each pair that was ready: those that met.
@@ -203,5 +219,67 @@ impl<T: PartialEq> PushNew<T> for Vec<T> {
                 self.push(one);
             }
         });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use fleet::hash::ObjectHash;
+    use fleet::manifest::Entry;
+    use fleet::store::MemoryStore;
+    use map::Uuid;
+
+    fn agent(number: u128) -> Identity {
+        Identity { uuid: Uuid::from_u128(number), epoch: 0 }
+    }
+
+    /// A map of one keyframe of which nothing is here but its lists.
+    fn told(number: u128, kinds: &[Kind]) -> Heard {
+        let object = |&kind: &Kind| {
+            let hash = ObjectHash::of(&[kind as u8, number as u8]);
+            Entry { kind, number: 0, revision: 0, size: 9, hash }
+        };
+        let entries: Vec<Entry> = kinds.iter().map(object).collect();
+        let missing = entries.len();
+        Heard { agent: agent(number), begun: 0, entries: entries.into(), missing, came: 0, finished: false }
+    }
+
+    const CAMERA: [Kind; 3] = [Kind::Digest, Kind::Depth, Kind::Image];
+    const LIDAR: [Kind; 2] = [Kind::Depth, Kind::Scan];
+
+    fn plan(all: &[Heard], own: &[Identity], elsewhere: &[[Identity; 2]]) -> Plan {
+        let mut sketches = Sketches::new(Vocabulary::shipped());
+        sketches.plan(all, own, &MemoryStore::default(), &elsewhere.iter().copied().collect())
+    }
+
+    #[test]
+    fn who_can_meet_nobody_is_fetched_and_cameras_do_not_meet_lidars() {
+        let (camera, lidar) = (told(1, &CAMERA), told(2, &LIDAR));
+        // To whomever the pair is left, there is nothing to look at.
+        let both = plan(&[camera.clone(), lidar.clone()], &[], &[[agent(1), agent(2)]]);
+        assert_eq!(both.released, [agent(1), agent(2)].into());
+        assert!(
+            both.ready.is_none() && both.wanted.values().all(|(objects, rest)| objects.is_empty() && *rest)
+        );
+        // What is one's own is needed where another comes that it may meet.
+        let own = [agent(2)];
+        let beside = plan(&[camera.clone(), lidar.clone()], &own, &[]);
+        assert_eq!(beside.released, [agent(1)].into());
+        let beside = plan(&[camera.clone(), lidar, told(3, &LIDAR)], &own, &[]);
+        assert_eq!(beside.released, [agent(1), agent(2), agent(3)].into());
+        // Cameras are asked for their digests first.
+        let cameras = plan(&[camera, told(4, &CAMERA)], &[], &[]);
+        assert!(cameras.released.is_empty());
+        assert_eq!(cameras.wanted[&agent(4)], (vec![(Kind::Digest, 0)], false));
+    }
+
+    /// Two agents of LiDARs without a station: one looks, and the other waits for what it finds.
+    #[test]
+    fn lidars_that_another_one_looks_at_are_left_to_it() {
+        let pair = [agent(2), agent(3)];
+        let (own, other) = (told(3, &LIDAR), told(2, &LIDAR));
+        assert!(plan(&[own.clone(), other.clone()], &[agent(3)], &[pair]).released.is_empty());
+        assert_eq!(plan(&[own, other], &[agent(3)], &[]).released, pair.into());
     }
 }

@@ -2,13 +2,13 @@
 
 use features::{Features, codec};
 use fleet::hash::ObjectHash;
-use fleet::manifest::{Entry, Kind};
+use fleet::manifest::{Entry, Kind, sensor_of};
 use fleet::node::Heard;
 use fleet::recoding::digest::Digest;
 use fleet::store::Store;
 use geometry::{Pinhole, Sim3};
-use map::KeyframeId;
 use map::parts::{agent_from_bytes, graph_from_bytes};
+use map::{KeyframeId, SensorKind};
 use merge::overlap::Glimpse;
 use place_recog::{DirectIndex, Directed, Vocabulary, WordBag, words};
 use std::collections::BTreeMap;
@@ -23,6 +23,7 @@ const PARTS: [Kind; 3] = [Kind::Features, Kind::LossyDepth, Kind::LossyImage];
 #[derive(Default)]
 pub(super) struct Sketch {
     entries: Option<Arc<[Entry]>>,
+    sensor: Option<SensorKind>,
     listed: BTreeMap<(Kind, u32), ObjectHash>,
     digests: BTreeMap<KeyframeId, (ObjectHash, Digest)>,
     /// Of keyframes with depth.
@@ -47,6 +48,7 @@ impl Sketch {
         }
         self.listed = heard.entries.iter().map(|entry| ((entry.kind, entry.number), entry.hash)).collect();
         self.entries = Some(Arc::clone(&heard.entries));
+        self.sensor = sensor_of(&heard.entries);
         self.missing = 0;
         for entry in heard.entries.iter().filter(|entry| entry.kind == Kind::Digest) {
             let id = KeyframeId(entry.number);
@@ -71,6 +73,11 @@ impl Sketch {
         self.words.retain(|id, _| is_listed(id));
         self.version += u64::from(self.digests.len() != before);
         Ok(())
+    }
+
+    /// Whether agents may meet: their sensors are of one kind, as far as is known.
+    pub fn may_meet(&self, other: &Self) -> bool {
+        self.sensor.zip(other.sensor).is_none_or(|(one, other)| one == other)
     }
 
     /// The digests that are not here.

@@ -1,0 +1,147 @@
+//! The numbers of a merging of LiDAR maps.
+
+use super::{Input, LidarMerging, Pair, decision, place_of};
+use serde::Serialize;
+use slam_lidar::merging::MergeMethod;
+use slam_lidar::merging::verdict::MergeEvidence;
+
+/// The numbers of a merging: what `merge.json` holds.
+#[derive(Clone, Debug, Serialize)]
+pub struct LidarMergeRecord {
+    /// Version of the program.
+    pub version: &'static str,
+    /// The kind of the agents' sensors.
+    pub sensor: map::SensorKind,
+    /// How poses between maps were found.
+    pub method: MergeMethod,
+    /// The maps given.
+    pub inputs: Vec<InputRecord>,
+    /// Every two of them.
+    pub encounters: Vec<EncounterRecord>,
+    /// Names of the inputs that hang together.
+    pub groups: Vec<Vec<String>>,
+    /// Time and memory.
+    pub cost: MergeCost,
+    /// The files of results, by names relative to their folder.
+    pub files: Vec<String>,
+}
+
+/// A map given.
+#[derive(Clone, Debug, Serialize)]
+pub struct InputRecord {
+    /// Its path as given.
+    pub path: String,
+    /// What it is called.
+    pub name: String,
+    /// Its keyframes.
+    pub keyframes: usize,
+    /// Points of their scans.
+    pub points: usize,
+    /// `world_from_map` as `tx ty tz qx qy qz qw`: its place in the common map.
+    pub world_from_map: [f64; 7],
+}
+
+/// What came of two maps.
+#[derive(Clone, Debug, Serialize)]
+pub struct EncounterRecord {
+    /// Their names.
+    pub maps: [String; 2],
+    /// `accepted`, `undecided` or `refused`.
+    pub decision: &'static str,
+    /// The line that decided.
+    pub reason: String,
+    /// The pose that was judged, with its evidence.
+    pub best: Option<EvidenceRecord>,
+    /// Other poses that were followed.
+    pub rivals: Vec<EvidenceRecord>,
+    /// Seconds it took.
+    pub seconds: f64,
+}
+
+/// What speaks for a pose between two maps.
+#[derive(Clone, Debug, Serialize)]
+pub struct EvidenceRecord {
+    /// The second map in the frame of the first, `tx ty tz qx qy qz qw`.
+    pub first_from_second: [f64; 7],
+    /// Pieces of one of the maps that come back to this pose when displaced.
+    pub pieces: usize,
+    /// Of them, those that Scan Context brought here.
+    pub finding: usize,
+    /// Pieces that map has.
+    pub of_pieces: usize,
+    /// Share of points on surfaces that the other saw.
+    pub overlap: f64,
+    /// Share of the points that agree with them.
+    pub agreeing: f64,
+    /// Share of the points in space that the other saw free.
+    pub violated: f64,
+    /// Surface that both maps saw, square metres.
+    pub shared_m2: f64,
+    /// The largest thing that one map holds and the other looks through, square metres.
+    pub absent_m2: f64,
+    /// Root mean square distance from surfaces, metres.
+    pub rmse_m: f64,
+    /// Directions of the pose that are weak.
+    pub weak: usize,
+}
+
+impl EvidenceRecord {
+    fn of(evidence: &MergeEvidence) -> Self {
+        Self {
+            first_from_second: evidence.a_from_b.to_tum(),
+            pieces: evidence.pieces,
+            finding: evidence.finding,
+            of_pieces: evidence.of_pieces,
+            overlap: evidence.overlap,
+            agreeing: evidence.agreeing,
+            violated: evidence.violated,
+            shared_m2: evidence.things.shared,
+            absent_m2: evidence.things.absent,
+            rmse_m: evidence.rmse,
+            weak: evidence.conditioning.weak,
+        }
+    }
+}
+
+/// Time and memory of a merging.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct MergeCost {
+    /// Seconds for all pairs and the common map.
+    pub merge_s: f64,
+    /// CPU seconds of the process; who runs the program fills it in, as what follows.
+    pub cpu_s: Option<f64>,
+    /// Largest resident memory, bytes.
+    pub peak_memory_bytes: Option<u64>,
+}
+
+impl LidarMergeRecord {
+    /// The numbers of a merging of `inputs`.
+    pub fn of(inputs: &[Input], merging: &LidarMerging) -> Self {
+        let name = |input: usize| inputs[input].name.clone();
+        let encounter = |pair: &Pair| EncounterRecord {
+            maps: [name(pair.a), name(pair.b)],
+            decision: decision(pair),
+            reason: pair.reason(),
+            best: pair.verdict.best.as_ref().map(EvidenceRecord::of),
+            rivals: pair.verdict.rivals.iter().map(EvidenceRecord::of).collect(),
+            seconds: pair.seconds,
+        };
+        let input = |(index, input): (usize, &Input)| InputRecord {
+            path: input.path.display().to_string(),
+            name: input.name.clone(),
+            keyframes: input.keyframes.len(),
+            points: input.keyframes.iter().map(|keyframe| keyframe.points.len()).sum(),
+            world_from_map: place_of(merging, input, index).to_tum(),
+        };
+        Self {
+            version: env!("CARGO_PKG_VERSION"),
+            sensor: map::SensorKind::Lidar,
+            method: merging.method,
+            inputs: inputs.iter().enumerate().map(input).collect(),
+            encounters: merging.pairs.iter().map(encounter).collect(),
+            groups: merging.groups.iter().map(|g| g.members.iter().map(|&m| name(m)).collect()).collect(),
+            cost: MergeCost { merge_s: merging.seconds, ..MergeCost::default() },
+            files: Vec::new(),
+        }
+    }
+}
