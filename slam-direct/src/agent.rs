@@ -27,7 +27,7 @@ use crate::closing::edges;
 use crate::dense;
 use crate::local_map::{Companions, Counts, KeyframeState, LocalMap};
 use crate::mapping;
-use crate::mask::{LearnerView, MaskLearner};
+use crate::mask::MaskLearner;
 use crate::params::Params;
 use crate::publish;
 use crate::tone::Tone;
@@ -160,7 +160,7 @@ impl Agent {
         }
         let pyramid = self.pyramid(frame.image);
         let is_new = self.learner.is_new();
-        let view = LearnerView::of(&pyramid);
+        let view = self.learner.view(&pyramid);
         if is_new || !matches!(self.state, State::Running(_)) {
             self.keep_early(frame.timestamp, frame.index, pyramid.shared_base());
         }
@@ -176,8 +176,8 @@ impl Agent {
             },
         };
         let rotation = report.world_from_camera.map(|pose| pose.rotation.inverse());
-        let is_spoilt = self.learner.look(&view, &self.camera, rotation) && is_new && self.resumed.is_none();
-        let report = match is_spoilt {
+        let is_spoilt = view.is_some_and(|view| self.learner.look(&view, &self.camera, rotation));
+        let report = match is_spoilt && is_new && self.resumed.is_none() {
             true => self.begin_unspoilt(frame.timestamp, frame.index).unwrap_or(report),
             false => report,
         };
