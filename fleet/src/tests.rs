@@ -402,21 +402,22 @@ fn whoever_takes_ones_own_name_is_refused() {
     assert!(said.iter().any(|text| text.contains("two runs of one recording")), "{said:?}");
 }
 
+/// Makes the first of a network a station that takes no more of an agent than this.
+fn limit(network: &mut Network, quota: crate::node::Quota) {
+    let config = crate::node::Config { quota, ..crate::test_support::config(0, crate::wire::Role::Station) };
+    network.nodes[0] = crate::node::Node::new(config, Arc::clone(&network.stores[0]));
+}
+
 #[test]
 fn a_map_beyond_the_quota_is_refused() {
     let (mut network, _, _) = telling(8, 13, Faults::NONE);
-    let quota = crate::node::Quota { bytes: 1 << 30, keyframes: 7, maps: 1 };
-    let config = crate::node::Config { quota, ..crate::test_support::config(0, crate::wire::Role::Station) };
-    network.nodes[0] = crate::node::Node::new(config, Arc::clone(&network.stores[0]));
+    limit(&mut network, crate::node::Quota { bytes: 1 << 30, keyframes: 7, maps: 1 });
     network.run_until(SECONDS(5), |_| false);
     assert!(network.trouble(1).iter().any(|text| text.contains("8 keyframes")), "{:?}", network.trouble(1));
     // A LiDAR's keyframes count as a camera's, those of all its maps together, and so do their bytes.
     for (keyframes, bytes, words) in [(9, 1 << 30, "10 keyframes"), (99, 9000, "bytes, more than the 9000")] {
         let mut network = Network::new(2, 13, Faults::NONE);
-        let quota = crate::node::Quota { bytes, keyframes, maps: 2 };
-        let config =
-            crate::node::Config { quota, ..crate::test_support::config(0, crate::wire::Role::Station) };
-        network.nodes[0] = crate::node::Node::new(config, Arc::clone(&network.stores[0]));
+        limit(&mut network, crate::node::Quota { bytes, keyframes, maps: 2 });
         for name in [7, 8] {
             network.publish(1, &mut Publisher::new(agent(name), 1), &lidar_map(agent(name), 5), true);
         }

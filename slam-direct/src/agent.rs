@@ -160,7 +160,8 @@ impl Agent {
         }
         let pyramid = self.pyramid(frame.image);
         let is_new = self.learner.is_new();
-        let view = self.learner.view(&pyramid);
+        // Copies share what is made of an image.
+        let seen = pyramid.clone();
         if is_new || !matches!(self.state, State::Running(_)) {
             self.keep_early(frame.timestamp, frame.index, pyramid.shared_base());
         }
@@ -176,9 +177,9 @@ impl Agent {
             },
         };
         let rotation = report.world_from_camera.map(|pose| pose.rotation.inverse());
-        let is_spoilt = view.is_some_and(|view| self.learner.look(&view, &self.camera, rotation));
-        let report = match is_spoilt && is_new && self.resumed.is_none() {
-            true => self.begin_unspoilt(frame.timestamp, frame.index).unwrap_or(report),
+        let is_spoilt = self.learner.look(&seen, &self.camera, rotation) && is_new && self.resumed.is_none();
+        let report = match is_spoilt && matches!(self.state, State::Running(_)) {
+            true => self.begin_unspoilt(seen, frame.timestamp, frame.index),
             false => report,
         };
         if is_new && matches!(self.state, State::Running(_)) {

@@ -6,6 +6,7 @@
 //! a way that moves all edges of their direction. Without a turn they are as what is far away. What borders on black that
 //! reaches the border of the image is not waited for: many edges of few directions, they can keep a turn from being seen.
 
+use crate::depth::doubled_gradient;
 use geometry::{GrayImage, Pinhole, Pyramid};
 use nalgebra::UnitQuaternion;
 use std::sync::Arc;
@@ -87,7 +88,7 @@ impl Mask {
 #[derive(Clone, Copy, Debug)]
 struct Edge {
     at: u32,
-    gradient: [i32; 2],
+    gradient: (i32, i32),
 }
 
 /// What is known of a pixel's edges.
@@ -105,7 +106,7 @@ struct Known {
 impl Known {
     /// Takes an edge in; `way` is how far the turn since the frame before moves what is far away, pixels.
     #[inline]
-    fn see(&mut self, [x, y]: [i32; 2], way: [f32; 2]) {
+    fn see(&mut self, (x, y): (i32, i32), way: [f32; 2]) {
         let (x, y) = (x as f32, y as f32);
         let norm = (x * x + y * y).sqrt();
         let (x, y) = (x / norm, y / norm);
@@ -131,21 +132,6 @@ impl Known {
     /// Whether its edge stays.
     fn stays(&self) -> bool {
         self.same >= SEEN && self.other * RARELY <= self.same
-    }
-}
-
-/// The level of a frame's pyramid that is looked at.
-pub(crate) struct LearnerView {
-    image: GrayImage,
-    level: usize,
-}
-
-impl LearnerView {
-    fn of(pyramid: &Pyramid) -> Self {
-        let base = pyramid.base();
-        let is_small = |level: &usize| (base.width() * base.height()) >> (2 * level) <= PIXELS;
-        let level = (1..pyramid.len()).find(is_small).unwrap_or(pyramid.len().saturating_sub(1));
-        Self { image: pyramid.level(level).clone(), level }
     }
 }
 
@@ -190,31 +176,29 @@ impl MaskLearner {
         self.frames < 4 * usize::from(SEEN)
     }
 
-    /// What is to be looked at of a frame; nothing where it is not this one's turn.
-    pub fn view(&mut self, pyramid: &Pyramid) -> Option<LearnerView> {
-        self.passed += 1;
-        let is_due = self.is_new() || self.passed >= LATER;
-        is_due.then(|| {
-            self.passed = 0;
-            LearnerView::of(pyramid)
-        })
-    }
-
     /// Goes on in another world.
     pub fn change_world(&mut self) {
         self.rotation = None;
     }
 
-    /// Looks at a frame, which the camera `camera` took in this rotation, `camera_from_world`, if it was tracked; tells
-    /// whether it is now known for the first time that something moves with the camera.
+    /// Looks at a frame, if it is its turn, which the camera `camera` took in this rotation, `camera_from_world`, if it was
+    /// tracked; tells whether it is now known for the first time that something moves with the camera.
     pub fn look(
         &mut self,
-        view: &LearnerView,
+        pyramid: &Pyramid,
         camera: &Pinhole,
         rotation: Option<UnitQuaternion<f64>>,
     ) -> bool {
+        self.passed += 1;
+        if !self.is_new() && self.passed < LATER {
+            return false;
+        }
+        self.passed = 0;
         let before = self.mask.is_empty();
-        let LearnerView { image, level } = view;
+        let base = pyramid.base();
+        let is_small = |level: &usize| (base.width() * base.height()) >> (2 * level) <= PIXELS;
+        let level = (1..pyramid.len()).find(is_small).unwrap_or(pyramid.len().saturating_sub(1));
+        let image = pyramid.level(level);
         if self.known.len() != image.width() * image.height() {
             let count = image.width() * image.height();
             let (known, black) = (vec![Known::default(); count], vec![true; count]);
@@ -222,7 +206,7 @@ impl MaskLearner {
         }
         if self.edges.is_empty() || self.has_moved(image) {
             let since = self.rotation.zip(rotation).map(|(before, now)| now * before.inverse());
-            self.take(image, *level, &ways(since, camera, *level));
+            self.take(image, level, &ways(since, camera, level));
             self.rotation = rotation;
         }
         before && !self.mask.is_empty()
@@ -232,7 +216,7 @@ impl MaskLearner {
     fn has_moved(&self, image: &GrayImage) -> bool {
         let stays = |edge: &&Edge| {
             let (x, y) = (edge.at as usize % image.width(), edge.at as usize / image.width());
-            let ([a, b], [c, d]) = (gradient(image, x, y), edge.gradient);
+            let ((a, b), (c, d)) = (doubled_gradient(rows_around(image, y), x), edge.gradient);
             let [dot, now, then] = [a * c + b * d, a * a + b * b, c * c + d * d].map(|v| v as f32);
             dot > ALIKE * (now * then).sqrt() && 4.0 * now >= then
         };
@@ -249,13 +233,10 @@ impl MaskLearner {
         let (width, mut count) = (image.width(), 0);
         let (mut some, mut staying) = (vec![Vec::new(); PARTS.0 * PARTS.1], Vec::new());
         for y in 1..image.height().saturating_sub(1) {
-            let (above, row, below) = (image.row(y - 1), image.row(y), image.row(y + 1));
+            let rows = rows_around(image, y);
             for x in 1..width.saturating_sub(1) {
-                let gradient = [
-                    i32::from(row[x + 1]) - i32::from(row[x - 1]),
-                    i32::from(below[x]) - i32::from(above[x]),
-                ];
-                if gradient[0] * gradient[0] + gradient[1] * gradient[1] < STRONG * STRONG {
+                let gradient = doubled_gradient(rows, x);
+                if gradient.0 * gradient.0 + gradient.1 * gradient.1 < STRONG * STRONG {
                     continue;
                 }
                 let at = y * width + x;
@@ -274,10 +255,10 @@ impl MaskLearner {
         self.edges = some;
         staying.retain(|&at| self.world_moves_around(at, width));
         let mut mask = Mask::default();
-        if staying.len() as f32 >= LEAST * count as f32 {
-            self.follow(&mut staying, width);
+        if !staying.is_empty() && staying.len() as f32 >= LEAST * count as f32 {
+            let is_staying = self.follow(&mut staying, width);
             if (staying.len() as f32) < MOST * count as f32 {
-                mask = covering(image, level, &staying);
+                mask = covering(&staying, &is_staying, level, width);
             }
         }
         if *self.mask != mask {
@@ -286,20 +267,21 @@ impl MaskLearner {
     }
 
     /// Adds the edges that stay and hang together with those given: a letter has strokes that the camera has not turned
-    /// across.
-    fn follow(&self, staying: &mut Vec<usize>, width: usize) {
-        let mut is_in = vec![false; if staying.is_empty() { 0 } else { self.known.len() }];
-        staying.iter().for_each(|&at| is_in[at] = true);
+    /// across. Says of every pixel whether it is among them.
+    fn follow(&self, staying: &mut Vec<usize>, width: usize) -> Vec<bool> {
+        let mut is_staying = vec![false; self.known.len()];
+        staying.iter().for_each(|&at| is_staying[at] = true);
         let mut next = 0;
         while let Some(&at) = staying.get(next) {
             next += 1;
             for near in square(at, width, self.known.len() / width, LINKED) {
-                if !is_in[near] && self.known[near].stays() {
-                    is_in[near] = true;
+                if !is_staying[near] && self.known[near].stays() {
+                    is_staying[near] = true;
                     staying.push(near);
                 }
             }
         }
+        is_staying
     }
 
     /// Whether all is black from an edge to the border of the image.
@@ -334,28 +316,21 @@ fn square(at: usize, width: usize, height: usize, away: usize) -> impl Iterator<
         .flat_map(move |y| columns.clone().map(move |x| y * width + x))
 }
 
-/// Difference of grey levels over two pixels, of a pixel that is not at the border.
-fn gradient(image: &GrayImage, x: usize, y: usize) -> [i32; 2] {
-    let difference = |a: u8, b: u8| i32::from(b) - i32::from(a);
-    let row = image.row(y);
-    [difference(row[x - 1], row[x + 1]), difference(image.row(y - 1)[x], image.row(y + 1)[x])]
+/// A row of an image that is not at the border, with those above and below.
+fn rows_around(image: &GrayImage, y: usize) -> [&[u8]; 3] {
+    [image.row(y - 1), image.row(y), image.row(y + 1)]
 }
 
-/// The mask of edges that hang together, with the pixels around them.
-fn covering(image: &GrayImage, level: usize, staying: &[usize]) -> Mask {
-    let (width, height) = (image.width(), image.height());
-    let around = |at: usize| square(at, width, height, 1);
-    let mut is_staying = vec![false; if staying.is_empty() { 0 } else { width * height }];
-    staying.iter().for_each(|&at| is_staying[at] = true);
+/// The mask of the edges `staying` that hang together, with the pixels around them.
+fn covering(staying: &[usize], is_staying: &[bool], level: usize, width: usize) -> Mask {
+    let around = |at: usize| square(at, width, is_staying.len() / width, 1);
     let mut covered = vec![false; is_staying.len()];
-    let mut is_any = false;
     for &at in staying {
         if around(at).filter(|&near| is_staying[near]).count() >= TOGETHER {
             around(at).for_each(|near| covered[near] = true);
-            is_any = true;
         }
     }
-    if is_any { Mask { level, width, covered } } else { Mask::default() }
+    if covered.contains(&true) { Mask { level, width, covered } } else { Mask::default() }
 }
 
 #[cfg(test)]
@@ -390,8 +365,7 @@ mod tests {
     }
 
     fn look(learner: &mut MaskLearner, shift: f32, front: impl Fn(usize, usize) -> Option<u8>) -> bool {
-        let seen = learner.view(&view(shift, front));
-        seen.is_some_and(|seen| learner.look(&seen, &CAMERA, turned(shift)))
+        learner.look(&view(shift, front), &CAMERA, turned(shift))
     }
 
     fn learnt(frames: usize, front: impl Fn(usize, usize) -> Option<u8> + Copy, step: f32) -> Arc<Mask> {

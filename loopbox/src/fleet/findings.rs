@@ -190,16 +190,15 @@ impl Found {
 }
 
 /// `tx ty tz qx qy qz qw scale` of a transform.
-fn numbers(transform: &Sim3) -> [f64; 8] {
+pub(super) fn numbers(transform: &Sim3) -> [f64; 8] {
     let [tx, ty, tz, qx, qy, qz, qw] = transform.rigid().to_tum();
     [tx, ty, tz, qx, qy, qz, qw, transform.scale]
 }
 
 /// Whether `tx ty tz qx qy qz qw scale` is a transform: finite numbers, a unit quaternion, a scale above 0.
 fn is_place(numbers: &[f64; 8]) -> bool {
-    let [_, _, _, qx, qy, qz, qw, scale] = *numbers;
-    let norm = [qx, qy, qz, qw].iter().map(|q| q * q).sum::<f64>();
-    numbers.iter().all(|number| number.is_finite()) && (norm - 1.0).abs() < 1e-6 && scale > 0.0
+    let norm = numbers[3..7].iter().map(|q| q * q).sum::<f64>();
+    (norm - 1.0).abs() < 1e-6 && transform(numbers).is_valid()
 }
 
 /// The transform of `tx ty tz qx qy qz qw scale`.

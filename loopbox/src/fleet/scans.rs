@@ -4,7 +4,7 @@
 
 use super::agents::Inputs;
 use super::collecting::{Failed, WRITE_INTERVAL};
-use super::findings::{Found, FoundAgent, FoundMeeting};
+use super::findings::{Found, FoundAgent, FoundMeeting, numbers};
 use super::remembering::Verdicts;
 use crate::lidar::merging::{Input, LidarMergeRecord, LidarMerging, decision, merge_knowing, place_of};
 use crate::lidar::write_merged;
@@ -118,14 +118,13 @@ fn found(lent: &Inputs<Input>, merging: Option<&LidarMerging>) -> Found {
     };
     let agent = |(number, input): (usize, &Input)| {
         let place = merging.map_or_else(Se3::identity, |merging| place_of(merging, input, number));
-        let [tx, ty, tz, qx, qy, qz, qw] = place.to_tum();
         FoundAgent {
             agent: identity(number),
             name: input.name.clone(),
             keyframes: input.keyframe_count(),
             whole: lent.whole[number],
             root: identity(root(number)),
-            root_from_agent: [tx, ty, tz, qx, qy, qz, qw, 1.0],
+            root_from_agent: numbers(&place.into()),
         }
     };
     let meetings = merging.into_iter().flat_map(|merging| &merging.pairs).map(|pair| FoundMeeting {

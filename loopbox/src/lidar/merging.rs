@@ -5,6 +5,7 @@ mod record;
 pub use record::{EncounterRecord, EvidenceRecord, InputRecord, LidarMergeRecord, MergeCost};
 
 use super::convert::{edge, keyframes};
+use crate::merging::{name_of, untaken};
 use anyhow::{Context, Result, bail};
 use geometry::{Se3, Sim3};
 use map::{AgentId, Edge, EdgeKind, Keyframe, KeyframeId, Map};
@@ -62,12 +63,8 @@ impl Input {
     pub(crate) fn name_apart(inputs: &mut [Self]) {
         let mut taken = BTreeSet::new();
         for input in inputs {
-            let (name, mut number) = (name_of(&input.map), 2);
-            input.name.clone_from(&name);
-            while !taken.insert(input.name.clone()) {
-                input.name = format!("{name}-{number}");
-                number += 1;
-            }
+            input.name = untaken(&name_of(&input.map), |name| taken.contains(name));
+            taken.insert(input.name.clone());
         }
     }
 
@@ -96,11 +93,6 @@ impl Input {
     pub fn keyframe_count(&self) -> usize {
         self.keyframes.len()
     }
-}
-
-/// What to call an agent's own map.
-fn name_of(map: &Map) -> String {
-    map.agents.values().next().map_or_else(String::new, |info| info.name.clone())
 }
 
 /// What came of a pair of maps.

@@ -1,5 +1,6 @@
 //! A map to be merged, with the features and words of its keyframes.
 
+use super::names::untaken;
 use crate::open::open_map;
 use crate::run::find_features;
 use anyhow::{Context, Result, bail};
@@ -79,13 +80,7 @@ impl Input {
 
     /// Calls it by its agents' names, told apart from the inputs before it.
     pub fn name_apart_from(&mut self, before: &[Self]) {
-        let name = name_of(&self.map);
-        self.name.clone_from(&name);
-        let mut number = 2;
-        while before.iter().any(|other| other.name == self.name) {
-            self.name = format!("{name}-{number}");
-            number += 1;
-        }
+        self.name = untaken(&name_of(&self.map), |name| before.iter().any(|other| other.name == name));
     }
 
     /// The keyframes as the direct index needs them.
@@ -95,7 +90,7 @@ impl Input {
 }
 
 /// What to call a map: its agents' names.
-fn name_of(map: &Map) -> String {
+pub(crate) fn name_of(map: &Map) -> String {
     map.agents.values().map(|agent| &*agent.name).collect::<Vec<_>>().join("+")
 }
 

@@ -12,7 +12,9 @@ mod rig;
 mod verdict;
 
 pub use crate::results::keep_from;
+pub(crate) use input::name_of;
 pub use input::{Input, features_of_keyframes};
+pub(crate) use names::untaken;
 pub use names::{Names, listed};
 pub use options::{MergeOptions, MergeWatcher, Merged, merge_maps, merge_maps_watched};
 pub use output::{map_file, write_maps, write_results};

@@ -31,6 +31,14 @@ impl Names {
     }
 }
 
+/// A name with the least number that makes it one that is not taken; the name itself where it is not.
+pub(crate) fn untaken(name: &str, is_taken: impl Fn(&str) -> bool) -> String {
+    let numbered = (2..).map(|number| format!("{name}-{number}"));
+    let mut names = std::iter::once(name.to_owned()).chain(numbered);
+    // Names do not end.
+    names.find(|name| !is_taken(name)).unwrap_or_default()
+}
+
 /// Words as people list them: `a`, `a and b`, `a, b and c`.
 pub fn listed(words: &[&str]) -> String {
     match words {

@@ -100,10 +100,7 @@ impl Agent {
                 None
             }
             SecondLook::Contradicted(started) => {
-                if let State::Running(mut tracker) = std::mem::replace(&mut self.state, State::Empty) {
-                    self.land(&mut tracker, &mut FrameReport::of(TrackingState::Tracking));
-                }
-                self.forget();
+                self.give_up();
                 self.provisional = Some(start);
                 Some(self.adopt(*started))
             }
@@ -208,17 +205,14 @@ impl Agent {
 
     /// Gives up a map that was begun before it was known that something moves with the camera: its points were in it and said
     /// that the camera stands still. The frames so far are found in the map that comes of this one.
-    pub(super) fn begin_unspoilt(&mut self, timestamp: f64, frame_index: u64) -> Option<FrameReport> {
-        if !matches!(self.state, State::Running(_)) {
-            return None;
-        }
-        let image = Arc::clone(&self.early.last()?.image);
-        if let State::Running(mut tracker) = std::mem::replace(&mut self.state, State::Empty) {
-            self.land(&mut tracker, &mut FrameReport::of(TrackingState::Tracking));
-        }
-        self.forget();
-        let pyramid = Pyramid::of(image, self.params.align.pyramid_levels);
-        Some(self.begin(pyramid, timestamp, frame_index, "something in the image moves with the camera"))
+    pub(super) fn begin_unspoilt(
+        &mut self,
+        pyramid: Pyramid,
+        timestamp: f64,
+        frame_index: u64,
+    ) -> FrameReport {
+        self.give_up();
+        self.begin(pyramid, timestamp, frame_index, "something in the image moves with the camera")
     }
 
     /// Drops the frames from before the first map, once neither it nor what moves with the camera is in question.
@@ -226,6 +220,14 @@ impl Agent {
         if self.provisional.is_none() && !self.learner.is_new() {
             self.early.clear();
         }
+    }
+
+    /// Ends the tracking, waits for what is being mapped, and drops the map.
+    fn give_up(&mut self) {
+        if let State::Running(mut tracker) = std::mem::replace(&mut self.state, State::Empty) {
+            self.land(&mut tracker, &mut FrameReport::of(TrackingState::Tracking));
+        }
+        self.forget();
     }
 
     /// Drops the map to start anew.

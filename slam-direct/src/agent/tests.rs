@@ -267,6 +267,30 @@ fn what_moves_with_the_camera_does_not_say_that_it_stands() {
 }
 
 #[test]
+fn what_moves_with_a_camera_that_turns_gets_neither_points_nor_depth() {
+    let camera = Recording::SMALL_CAMERA;
+    let walk = Recording::render(yard(), camera, &trajectory::walk(90, 30.0, 5), 30.0);
+    let mut agent = agent();
+    for (i, shot) in walk.shots.iter().enumerate() {
+        let (index, timestamp) = (i as u64, shot.timestamp);
+        let image = with_bars_and_letters(i, &shot.image);
+        agent.process(Frame { index, timestamp, image }).unwrap();
+    }
+    agent.finish();
+    let edges = [camera.height / 8, camera.height - camera.height / 8];
+    let on_edge = |y: f32| edges.iter().any(|edge| (y - *edge as f32).abs() < 2.0);
+    let (mut points, mut depths) = (0, 0);
+    for keyframe in agent.map().keyframes.values() {
+        points += keyframe.points.iter().filter(|point| on_edge(point.pixel[1])).count();
+        let rows = keyframe.semi_dense.iter().map(|depth| (depth.0 / camera.width as u32) as f32);
+        depths += rows.filter(|row| on_edge(*row)).count();
+    }
+    // Without the mask 82 points and 801 depths.
+    assert!(points < 8 && depths < 80, "{points} points and {depths} depths");
+    assert!(agent.map().frames.len() >= 80, "{} frames", agent.map().frames.len());
+}
+
+#[test]
 fn changing_light_is_followed() {
     let mut agent = agent();
     let reports = feed(&mut agent, |i, image| {

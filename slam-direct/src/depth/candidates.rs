@@ -19,7 +19,7 @@ pub(super) struct Candidates {
 
 /// Central-difference gradient, doubled, of pixel `x` of the middle row.
 #[inline]
-fn doubled_gradient(rows: [&[u8]; 3], x: usize) -> (i32, i32) {
+pub(crate) fn doubled_gradient(rows: [&[u8]; 3], x: usize) -> (i32, i32) {
     (rows[1][x + 1] as i32 - rows[1][x - 1] as i32, rows[2][x] as i32 - rows[0][x] as i32)
 }
 

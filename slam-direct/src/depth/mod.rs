@@ -21,6 +21,7 @@ mod tests;
 mod update;
 
 pub use candidates::candidate_pixels;
+pub(crate) use candidates::doubled_gradient;
 pub use params::DepthParams;
 pub use prior::SeedPoint;
 pub use references::choose_references;
