@@ -15,6 +15,7 @@ mod mapper;
 mod recognised;
 mod resume;
 mod settle;
+mod shutter;
 
 pub use error::AgentError;
 pub use frame::{Frame, FrameReport, TrackingState};
@@ -38,6 +39,7 @@ use geometry::sensor::Twist;
 use geometry::{GrayImage, Pinhole, Pyramid, Se3, Swap};
 use map::{Described, Edge, FramePose, KeyframeId, Map, MapDelta, PlaceIndex};
 use mapper::{Job, Mapper, Update};
+use shutter::ShutterQuestion;
 use std::sync::Arc;
 
 /// One camera's tracker and map: give it frames in order of time.
@@ -84,6 +86,8 @@ pub struct Agent {
     resumed: Option<Going>,
     /// No frame was found in it yet.
     is_sought: bool,
+    /// Whether the camera has a rolling shutter.
+    shutter: ShutterQuestion,
     /// Where images of keyframes are kept, as far as it has room.
     swap: Option<Arc<dyn Swap>>,
 }
@@ -135,6 +139,7 @@ impl Agent {
             provisional: None,
             resumed: None,
             is_sought: false,
+            shutter: ShutterQuestion::default(),
             swap: None,
         })
     }
@@ -278,6 +283,7 @@ impl Agent {
             reference: LocalMap::id(tracker.reference),
             keyframe_from_frame: self.view.keyframe_from_frame(tracker.reference, &tracker.last),
         });
+        self.ask_for_shutter(&pyramid, timestamp, frame_index, &located.mean_motion);
         report.inlier_share = located.inlier_share();
         report.rmse = located.rmse();
         report.matched_points = located.inliers;
@@ -386,9 +392,10 @@ impl Agent {
         let (counts, motions) = (std::mem::take(&mut self.counts), std::mem::take(&mut self.motions));
         let (companions, params) = (self.companions.clone(), self.params.clone());
         let mask = Arc::clone(self.learner.mask());
-        let job = Job { keyframe, matched, counts, motions, companions, mask, params };
+        let readout = self.shutter.answer.take();
+        let job = Job { keyframe, matched, counts, motions, companions, mask, readout, params };
         let p = &self.params.mapping;
-        let times = if mapper.has_much_to_do(&self.params) { p.whole_lag } else { 1 };
+        let times = if readout.is_some() || mapper.has_much_to_do(&self.params) { p.whole_lag } else { 1 };
         let lag = (p.lag * times) as u64;
         if lag == 0 {
             let before = Before::of(&self.view, index);

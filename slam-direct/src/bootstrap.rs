@@ -8,14 +8,19 @@ mod again;
 mod finish;
 mod follow;
 mod solve;
+mod turn;
 
 use crate::local_map::LocalMap;
 use crate::mask::Mask;
+use crate::params::Params;
 use crate::track::TrackParams;
 use backend::params;
 use follow::Track;
+use geometry::sensor::Sensor;
 use geometry::{Pinhole, Pyramid, Se3};
 use solve::acceptable;
+
+pub(crate) use turn::Turned;
 
 params! {
     /// Parameters of the start.
@@ -47,6 +52,8 @@ params! {
 struct Followed {
     timestamp: f64,
     frame_index: u64,
+    /// How the camera turned since the first frame.
+    turn: Se3,
     /// Per followed point: where it is.
     seen: Vec<Option<([f32; 2], [f32; 3])>>,
 }
@@ -54,6 +61,8 @@ struct Followed {
 /// A start in progress.
 pub(crate) struct Bootstrap {
     camera: Pinhole,
+    /// What is known of it.
+    sensor: Sensor,
     first: Pyramid,
     timestamp: f64,
     frame_index: u64,
@@ -94,18 +103,20 @@ pub(crate) struct Started {
 const MIN_POINTS: usize = 60;
 
 impl Bootstrap {
-    /// Begins with a frame; `None` when it has too little texture.
+    /// Begins with a frame, of which one point in each block of `block` pixels is followed; `None` when it has too little
+    /// texture.
     pub fn new(
-        camera: Pinhole,
+        sensor: Sensor,
         pyramid: Pyramid,
         timestamp: f64,
         frame_index: u64,
         mask: &Mask,
-        params: &BootstrapParams,
+        block: usize,
     ) -> Option<Self> {
-        let tracks = follow::choose(&pyramid, params.block, mask);
+        let tracks = follow::choose(&pyramid, block, mask);
         (tracks.len() >= MIN_POINTS).then_some(Self {
-            camera,
+            camera: sensor.lens.camera,
+            sensor,
             first: pyramid,
             timestamp,
             frame_index,
@@ -116,15 +127,10 @@ impl Bootstrap {
     }
 
     /// Follows the points into a frame and tries for a map when they have moved enough.
-    pub fn add(
-        &mut self,
-        pyramid: &Pyramid,
-        timestamp: f64,
-        frame_index: u64,
-        params: &BootstrapParams,
-        track: &TrackParams,
-    ) -> Progress {
-        let count = self.follow_into(pyramid, timestamp, frame_index, track);
+    pub fn add(&mut self, pyramid: &Pyramid, timestamp: f64, frame_index: u64, params: &Params) -> Progress {
+        let count = self.follow_into(pyramid, timestamp, frame_index, &params.track);
+        let readout_sigma = params.mapping.readout_sigma;
+        let params = &params.bootstrap;
         if (count as f32) < params.min_followed * self.tracks.len() as f32 || count < MIN_POINTS {
             return Progress::Restart("the view changed before the first map was made");
         }
@@ -135,11 +141,13 @@ impl Bootstrap {
             }
             return Progress::Waiting("waiting for the camera to move sideways");
         }
-        let solution = self.solve(&turn).filter(|solution| acceptable(&solution.problem, params));
+        let solution = self.solve(&turn, readout_sigma);
+        let solution = solution.filter(|solution| acceptable(&solution.problem, params));
         match solution {
             Some(solution) => {
                 self.looked = parallax;
-                Progress::Done(Box::new(self.finish(&solution.problem, pyramid)))
+                self.sensor = solution.sensor;
+                Progress::Done(Box::new(self.finish(&solution, pyramid)))
             }
             None if self.frames.len() >= params.max_frames => Progress::Restart("no consistent first map"),
             None => Progress::Waiting("the first map is not certain yet"),
@@ -170,7 +178,7 @@ impl Bootstrap {
         follow::follow(&mut self.tracks, pyramid, track);
         let seen: Vec<_> = self.tracks.iter().map(|t| t.seen.filter(|_| !t.lost)).collect();
         let count = seen.iter().flatten().count();
-        self.frames.push(Followed { timestamp, frame_index, seen });
+        self.frames.push(Followed { timestamp, frame_index, turn: Se3::identity(), seen });
         count
     }
 }

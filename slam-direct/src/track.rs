@@ -5,11 +5,11 @@ use crate::align::{AlignmentReference, Brightness};
 use crate::local_map::{LocalMap, PointRef, median};
 use crate::patch::Template;
 use crate::warp::Warp;
-use crate::window::{PoseSolver, SeenPoint, predict};
+use crate::window::{PoseSolver, SeenPoint, mahalanobis, predict, robust_weight};
 use backend::params;
 use geometry::sensor::Twist;
 use geometry::{Pyramid, Se3};
-use nalgebra::{Vector3, Vector6};
+use nalgebra::{SMatrix, SVector, Vector2, Vector3, Vector6};
 use rayon::prelude::*;
 
 params! {
@@ -33,6 +33,10 @@ params! {
         /// Uncertainty of position that no intensity explains (rolling shutter, lens), pixels: the value at
         /// the start, then learnt from the residuals of the tracked frames.
         pub position_sigma: f32 = 0.5,
+        /// How much a camera's turn changes, one standard deviation, radians per second squared: with this in mind the rows of
+        /// a rolling shutter are asked how it turns while they are read. Range 0–200; with 0 it is taken to turn as it did
+        /// since the frame before. Hands change theirs by up to 40.
+        pub turn_change: f32 = 40.0,
         /// Keyframes whose points are sought at most.
         pub max_hosts: usize = 14,
     }
@@ -235,6 +239,52 @@ pub(crate) fn refine_pose(map: &LocalMap, view: &View, matched: &mut [Matched]) 
         m.inlier = m.squared < INLIER;
     }
     (pose, assumed.unwrap_or(1.0))
+}
+
+/// How the camera turns while this frame is read, told by its rows: the motion of the `view` with another turn, a priori the
+/// same but for `sigma` radians a second.
+pub(crate) fn motion_by_rows(map: &LocalMap, view: &View, matched: &[Matched], sigma: f64) -> Twist {
+    let mut h = SMatrix::<f64, 9, 9>::identity() * 1e-6;
+    let mut g = SVector::<f64, 9>::zeros();
+    (6..9).for_each(|k| h[(k, k)] = 1.0 / (sigma * sigma));
+    let (rotation, translation) =
+        (view.camera_from_world.rotation_matrix(), view.camera_from_world.translation);
+    for m in matched.iter().filter(|m| m.inlier) {
+        let point = world_point(map, view, m);
+        let seen = predict(
+            &map.camera,
+            &rotation,
+            &translation,
+            &point.direction,
+            point.inverse_depth,
+            &point.pixel,
+        );
+        let Some(seen) = seen else { continue };
+        let shown = m.pixel.map(f64::from);
+        let delay = map.sensor.delay(shown);
+        let by_turn: [Vector2<f64>; 3] = std::array::from_fn(|k| {
+            let mut turn = Twist::zeros();
+            turn[3 + k] = 1.0;
+            map.sensor.velocity(shown, &turn, 0.0) * delay
+        });
+        let row = |r: usize| {
+            let [a, b, c, d, e, f] = seen.by_twist[r];
+            SVector::<f64, 9>::from([a, b, c, d, e, f, by_turn[0][r], by_turn[1][r], by_turn[2][r]])
+        };
+        let weight = robust_weight(mahalanobis(&seen.residual, &point.information));
+        let [a, b, c] = point.information.map(|v| v * weight);
+        let (ju, jv) = (row(0), row(1));
+        let (wu, wv) = (ju * a + jv * b, ju * b + jv * c);
+        h.ger(1.0, &wu, &ju, 1.0);
+        h.ger(1.0, &wv, &jv, 1.0);
+        g += wu * seen.residual[0] + wv * seen.residual[1];
+    }
+    let mut motion = view.motion;
+    if let Some(factor) = h.cholesky() {
+        let step = -factor.solve(&g);
+        (0..3).for_each(|k| motion[3 + k] += step[6 + k]);
+    }
+    motion
 }
 
 /// The positional uncertainty learnt from one more frame: it follows what the frames show, slowly, within

@@ -179,12 +179,12 @@ impl Tracker {
             track::align_from_guesses(&self.alignment, pyramid, &guesses, self.brightness, GOOD_ALIGNMENT);
         let start = aligned.frame_from_reference * map.keyframes[self.reference].camera_from_world;
         let view = View { pyramid, camera_from_world: start, motion: self.mean_motion_to(&start, timestamp) };
-        let motion = |pose: &Se3| self.mean_motion_to(pose, timestamp);
+        let motion = |pose: &Se3| self.motion_to(pose, timestamp, params);
         let mut located = locate(map, &self.near, &view, motion, aligned.brightness, self.reference, params);
         let is_there = if self.lost > 0 { located.is_found_again(params) } else { located.is_good(params) };
         if !is_there || self.drops(&located, params) {
             let places = places?;
-            if let Some(found) = self.seek_widely(map, pyramid, params) {
+            if let Some(found) = self.seek_widely(map, pyramid, timestamp, params) {
                 located = found;
             } else if let Some((reference, found)) = relocate(map, places, pyramid, self.reference, params) {
                 self.lost += 1;
@@ -196,7 +196,7 @@ impl Tracker {
                 return None;
             }
         }
-        Some(self.follow(located, pyramid, timestamp))
+        Some(self.follow(map, located, pyramid, timestamp))
     }
 
     /// Finds a frame around a pose at which it is supposed to be, where a map is sought by something else than this tracker;
@@ -209,14 +209,17 @@ impl Tracker {
         timestamp: f64,
         params: &Params,
     ) -> Option<Located> {
-        let located = self.seek_from(map, supposed, pyramid, params)?;
-        Some(self.follow(located, pyramid, timestamp))
+        let located = self.seek_from(map, supposed, pyramid, timestamp, params)?;
+        Some(self.follow(map, located, pyramid, timestamp))
     }
 
     /// Goes on from a frame that was found.
-    fn follow(&mut self, mut located: Located, pyramid: &Pyramid, timestamp: f64) -> Located {
+    fn follow(&mut self, map: &LocalMap, mut located: Located, pyramid: &Pyramid, timestamp: f64) -> Located {
         located.mean_motion = self.mean_motion_to(&located.camera_from_world, timestamp);
-        located.motion = self.motion_at(&located.mean_motion, timestamp);
+        // Of a rolling shutter the rows have told it.
+        if !map.sensor.is_rolling() {
+            located.motion = self.motion_at(&located.mean_motion, timestamp);
+        }
         self.velocity =
             if self.lost > 0 { Se3::identity() } else { located.camera_from_world * self.last.inverse() };
         self.lost = 0;
@@ -236,6 +239,14 @@ impl Tracker {
     fn mean_motion_to(&self, camera_from_world: &Se3, timestamp: f64) -> Twist {
         let since = self.time.filter(|_| self.lost == 0).map(|before| timestamp - before);
         since.map_or(Twist::zeros(), |since| motion(&self.last, camera_from_world, since))
+    }
+
+    /// The same, and how uncertain the turn is: a mean belongs to the middle of the time that it is taken over, from which on
+    /// the turn may have changed.
+    fn motion_to(&self, camera_from_world: &Se3, timestamp: f64, params: &Params) -> (Twist, f64) {
+        let since = self.time.map_or(0.0, |before| timestamp - before);
+        let sigma = 0.5 * since * f64::from(params.track.turn_change);
+        (self.mean_motion_to(camera_from_world, timestamp), sigma)
     }
 
     /// How a camera moves now whose `mean` motion since the frame before is known, were its motion to change as evenly as it
@@ -258,22 +269,36 @@ impl Tracker {
 
     /// Seeks the frame's patches one by one: around where it should be, where the camera was last, and where it would be
     /// had it only turned since.
-    fn seek_widely(&self, map: &LocalMap, pyramid: &Pyramid, params: &Params) -> Option<Located> {
+    fn seek_widely(
+        &self,
+        map: &LocalMap,
+        pyramid: &Pyramid,
+        timestamp: f64,
+        params: &Params,
+    ) -> Option<Located> {
         let turn = self.glance.as_ref().and_then(|before| before.turn_to(pyramid, &map.camera));
         let turned = turn.map(|turn| turn * self.last);
         let starts = [Some(self.velocity * self.last), Some(self.last), turned];
-        starts.iter().flatten().find_map(|start| self.seek_from(map, start, pyramid, params))
+        starts.iter().flatten().find_map(|start| self.seek_from(map, start, pyramid, timestamp, params))
     }
 
     /// Seeks the frame's patches one by one around a pose.
-    fn seek_from(&self, map: &LocalMap, start: &Se3, pyramid: &Pyramid, params: &Params) -> Option<Located> {
+    fn seek_from(
+        &self,
+        map: &LocalMap,
+        start: &Se3,
+        pyramid: &Pyramid,
+        timestamp: f64,
+        params: &Params,
+    ) -> Option<Located> {
         let hosts = track::choose_hosts(map, &self.near, start, self.reference, params.track.max_hosts);
-        let view = View { pyramid, camera_from_world: *start, motion: Twist::zeros() };
+        let motion = |pose: &Se3| self.motion_to(pose, timestamp, params);
+        let view = View { pyramid, camera_from_world: *start, motion: motion(start).0 };
         let least = params.keyframes.min_matched;
         let pose = wide::seek(map, &hosts, &view, &params.track, &params.wide, least)?;
         let brightness = Brightness::default();
-        let view = View { camera_from_world: pose, ..view };
-        let located = locate(map, &self.near, &view, unmoved, brightness, self.reference, params);
+        let view = View { camera_from_world: pose, motion: motion(&pose).0, ..view };
+        let located = locate(map, &self.near, &view, motion, brightness, self.reference, params);
         located.is_found_again(params).then_some(Located { sought_widely: true, ..located })
     }
 
@@ -385,16 +410,17 @@ fn median_inverse_depth(points: &[ReferencePoint]) -> f64 {
 }
 
 /// The motion of a camera of which none is known.
-fn unmoved(_: &Se3) -> Twist {
-    Twist::zeros()
+fn unmoved(_: &Se3) -> (Twist, f64) {
+    (Twist::zeros(), 0.0)
 }
 
-/// Finds a directly aligned frame's pose by the points of the map; `motion` tells how a camera moves that is at a pose now.
+/// Finds a directly aligned frame's pose by the points of the map; `motion` tells how a camera moves that is at a pose now,
+/// and how uncertain its turn is, radians a second.
 fn locate(
     map: &LocalMap,
     near: &[usize],
     view: &View,
-    motion: impl Fn(&Se3) -> Twist,
+    motion: impl Fn(&Se3) -> (Twist, f64),
     brightness: Brightness,
     reference: usize,
     params: &Params,
@@ -404,11 +430,18 @@ fn locate(
     let (mut matched, sought) = track::match_points(map, &hosts, view, p, p.per_cell);
     let found = if map.sensor.is_rolling() { matched.clone() } else { Vec::new() };
     let (mut camera_from_world, mut excess) = track::refine_pose(map, view, &mut matched);
-    let better = motion(&camera_from_world);
+    let (mut better, turn_sigma) = motion(&camera_from_world);
     if map.sensor.is_rolling() && better != view.motion {
-        matched = found;
+        matched.clone_from(&found);
         let view = View { camera_from_world, motion: better, ..*view };
         (camera_from_world, excess) = track::refine_pose(map, &view, &mut matched);
+        if turn_sigma > 0.0 {
+            let view = View { camera_from_world, ..view };
+            better = track::motion_by_rows(map, &view, &matched, turn_sigma);
+            matched = found;
+            (camera_from_world, excess) =
+                track::refine_pose(map, &View { motion: better, ..view }, &mut matched);
+        }
     }
     let inliers = matched.iter().filter(|m| m.inlier).count();
     let covered = covered(map, &matched);

@@ -44,7 +44,7 @@ pub(crate) fn seek(
     let found: Vec<Option<Sighting>> = sought
         .par_iter()
         .with_min_len(32)
-        .map(|s| Some(sighting(map, s.at, find(map, s, view, track, params)?)))
+        .map(|s| Some(sighting(map, s.at, find(map, s, view, track, params)?, &view.motion)))
         .collect();
     let found: Vec<Sighting> = found.into_iter().flatten().collect();
     let share = (params.min_share * sought.len() as f32) as usize;
@@ -85,12 +85,12 @@ fn find(
 }
 
 /// A map point with the ray of the pixel at which it is seen.
-fn sighting(map: &LocalMap, at: PointRef, pixel: [f32; 2]) -> Sighting {
+fn sighting(map: &LocalMap, at: PointRef, pixel: [f32; 2], motion: &Twist) -> Sighting {
     let point = map.point(at);
     let host_from_world = &map.keyframes[at.host].camera_from_world;
     Sighting {
         point: host_from_world.inverse() * (point.ray / point.inverse_depth),
-        ray: map.sensor.ray(pixel.map(f64::from), &Twist::zeros(), point.inverse_depth),
+        ray: map.sensor.ray(pixel.map(f64::from), motion, point.inverse_depth),
     }
 }
 

@@ -45,8 +45,9 @@ impl Agent {
 
     /// A start that begins with a frame; nothing when it has too little texture.
     fn fresh_start(&self, pyramid: Pyramid, timestamp: f64, index: u64) -> Option<Bootstrap> {
-        let (mask, params) = (self.learner.mask(), &self.params.bootstrap);
-        Bootstrap::new(self.camera, pyramid, timestamp, index, mask, params)
+        let (mask, block) = (self.learner.mask(), self.params.bootstrap.block);
+        let sensor = self.mapper.as_ref().map_or(self.view.sensor, |mapper| mapper.local.sensor);
+        Bootstrap::new(sensor, pyramid, timestamp, index, mask, block)
     }
 
     /// Takes a frame into the start; the first map when it suffices.
@@ -58,7 +59,7 @@ impl Agent {
         index: u64,
     ) -> FrameReport {
         start.leave_out(self.learner.mask());
-        match start.add(&pyramid, timestamp, index, &self.params.bootstrap, &self.params.track) {
+        match start.add(&pyramid, timestamp, index, &self.params) {
             Progress::Waiting(reason) => {
                 self.state = State::Starting(start);
                 FrameReport { reason: Some(reason), ..FrameReport::of(TrackingState::Starting) }
@@ -87,8 +88,7 @@ impl Agent {
         let look = {
             let first = self.camera_from_world(start.first_frame());
             let frame_from_first = |index: u64| Some(self.camera_from_world(index)? * first?.inverse());
-            let (p, track) = (&self.params.bootstrap, &self.params.track);
-            start.look_again(pyramid, (timestamp, index), &frame_from_first, p, track)
+            start.look_again(pyramid, (timestamp, index), &frame_from_first, &self.params)
         };
         match look {
             SecondLook::Over => {

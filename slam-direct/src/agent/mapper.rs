@@ -12,7 +12,7 @@ use crate::mask::Mask;
 use crate::params::Params;
 use crate::publish;
 use crate::track::Matched;
-use geometry::sensor::Twist;
+use geometry::sensor::{Sensor, Twist};
 use geometry::{Pinhole, Swap};
 use map::{Edge, EdgeKind, Keyframe, KeyframeId, Map, MapDelta, PlaceIndex, Settled};
 use std::collections::BTreeSet;
@@ -29,6 +29,8 @@ pub(super) struct Job {
     pub companions: Companions,
     /// What moves with the camera.
     pub mask: Arc<Mask>,
+    /// Readout times of a rolling shutter that was found since.
+    pub readout: Option<[f64; 2]>,
     /// As they are now: some are learnt while tracking.
     pub params: Params,
 }
@@ -115,11 +117,9 @@ impl Mapper {
         fresh
     }
 
-    /// Takes over a first map of two keyframes.
+    /// Takes over a first map of two keyframes, and its sensor.
     pub fn adopt(&mut self, first: LocalMap, params: &Params) -> Update {
-        let sensor = self.local.sensor;
         self.local = first;
-        self.local.set_sensor(sensor);
         for keyframe in 0..self.local.keyframes.len() {
             let keyframe = publish::keyframe(&self.local, keyframe);
             self.known.keyframes.insert(keyframe.id, keyframe);
@@ -138,7 +138,7 @@ impl Mapper {
 
     /// Extends the map by a keyframe; takes up what was begun in the background at the one before, and begins more.
     pub fn extend(&mut self, job: Job) -> Update {
-        let Job { keyframe, matched, counts, motions, companions, mask, params } = job;
+        let Job { keyframe, matched, counts, motions, companions, mask, readout, params } = job;
         self.local.mask = mask;
         self.learn_motions(&motions);
         let keyframe = self.local.push(keyframe);
@@ -147,12 +147,26 @@ impl Mapper {
         mapping::add_observations(&mut self.local, keyframe, &matched);
         mapping::cull_masked(&mut self.local, keyframe);
         let mut moved = self.map_around(keyframe, &counts, &params);
+        moved.extend(self.learn_readout(readout, &params));
         let settled = self.take_up_depths();
         let closed_loop = self.take_up_loop(&mut moved, &params);
         self.seek_loop(&settled, &params);
         self.settler.begin(&self.local, &companions, params.mapping.settle_after, &params.depth);
         self.rest_far(keyframe);
         self.update(moved, settled, closed_loop)
+    }
+
+    /// Takes over the readout times of a sensor that was taken to be read at once; gives the keyframes that it moved.
+    fn learn_readout(&mut self, readout: Option<[f64; 2]>, params: &Params) -> Vec<usize> {
+        let Some(readout) = readout.filter(|_| !self.local.sensor.is_rolling()) else { return Vec::new() };
+        let (p, before) = (&params.mapping, self.local.sensor);
+        self.local.set_sensor(Sensor { readout, ..before });
+        let changes = mapping::optimise_all(&mut self.local, p.calibration_iterations, p, &|| false);
+        let count = self.local.keyframes.len();
+        self.calibrate_again = mapping::calibrate_again(count, &before, &self.local.sensor);
+        let moved: BTreeSet<usize> = changes.into_iter().map(|change| change.keyframe).collect();
+        self.note_moved(&moved);
+        moved.into_iter().collect()
     }
 
     fn learn_motions(&mut self, motions: &[(usize, Twist)]) {

@@ -4,8 +4,8 @@
 //! The points of the start are followed on, by themselves, so what they say does not depend on the map.
 
 use super::solve::acceptable;
-use super::{Bootstrap, BootstrapParams, MIN_POINTS, SecondLook, Started};
-use crate::track::TrackParams;
+use super::{Bootstrap, MIN_POINTS, SecondLook, Started};
+use crate::params::Params;
 use geometry::{Pyramid, Se3};
 
 impl Bootstrap {
@@ -16,11 +16,10 @@ impl Bootstrap {
         pyramid: &Pyramid,
         (timestamp, frame_index): (f64, u64),
         frame_from_first: &dyn Fn(u64) -> Option<Se3>,
-        params: &BootstrapParams,
-        track: &TrackParams,
+        params: &Params,
     ) -> SecondLook {
-        let count = self.follow_into(pyramid, timestamp, frame_index, track);
-        if count < MIN_POINTS || self.frames.len() > params.max_frames {
+        let count = self.follow_into(pyramid, timestamp, frame_index, &params.track);
+        if count < MIN_POINTS || self.frames.len() > params.bootstrap.max_frames {
             return SecondLook::Over;
         }
         match self.contradiction(pyramid, frame_from_first, params) {
@@ -34,19 +33,27 @@ impl Bootstrap {
         &mut self,
         pyramid: &Pyramid,
         frame_from_first: &dyn Fn(u64) -> Option<Se3>,
-        params: &BootstrapParams,
+        params: &Params,
     ) -> Option<Started> {
+        let p = &params.bootstrap;
         let (turn, parallax) = self.parallax();
-        if parallax < params.look_again * self.looked {
+        if parallax < p.look_again * self.looked {
             return None;
         }
         let indices = self.chosen().into_iter().map(|frame| self.frames[frame].frame_index);
         let poses: Vec<Se3> = indices.map(frame_from_first).collect::<Option<_>>()?;
         self.looked = parallax;
-        let solution = self.solve(&turn).filter(|solution| acceptable(&solution.problem, params))?;
+        let solution = self.solve(&turn, params.mapping.readout_sigma);
+        let solution = solution.filter(|solution| acceptable(&solution.problem, p))?;
         let (seen, had) = (solution.problem.frames.last()?, poses.last()?);
-        let differs = seen.translation.angle(&had.translation).to_degrees() > params.other_direction
-            && self.cost_of(&poses) > params.contradiction * solution.cost;
-        differs.then(|| self.finish(&solution.problem, pyramid))
+        // What was mapped of images that are bent while they are read is bent too.
+        let is_bent = solution.sensor.is_rolling() && !self.sensor.is_rolling();
+        let differs = is_bent
+            || seen.translation.angle(&had.translation).to_degrees() > p.other_direction
+                && self.cost_of(&poses) > p.contradiction * solution.cost;
+        differs.then(|| {
+            self.sensor = solution.sensor;
+            self.finish(&solution, pyramid)
+        })
     }
 }

@@ -4,7 +4,7 @@ use super::*;
 use crate::mask::Mask;
 use crate::test_scene::{CAMERA, View, pose, quantile, yard};
 use geometry::GrayImage;
-use loopbox_tests::{Cuboid, World};
+use loopbox_tests::{Cuboid, Recording, World};
 use nalgebra::Vector3;
 
 /// Ends of a run through the views.
@@ -17,19 +17,28 @@ struct Run {
 
 /// Follows the views until there is a map. Restarts go on with the frame that caused them.
 fn run(views: impl IntoIterator<Item = Pyramid>, params: &BootstrapParams) -> Run {
+    let all = Params { bootstrap: params.clone(), ..Params::default() };
     let (mut start, mut run) = (None, Run { started: None, frames: 0, restarts: 0 });
     for pyramid in views {
         let (time, index) = (0.1 * run.frames as f64, run.frames as u64);
         run.frames += 1;
         let Some(mut bootstrap) = start.take() else {
-            start = Bootstrap::new(CAMERA, pyramid, time, index, &Mask::default(), params);
+            start =
+                Bootstrap::new(Sensor::ideal(CAMERA), pyramid, time, index, &Mask::default(), params.block);
             continue;
         };
-        match Bootstrap::add(&mut bootstrap, &pyramid, time, index, params, &TrackParams::default()) {
+        match Bootstrap::add(&mut bootstrap, &pyramid, time, index, &all) {
             Progress::Waiting(_) => start = Some(bootstrap),
             Progress::Restart(_) => {
                 run.restarts += 1;
-                start = Bootstrap::new(CAMERA, pyramid, time, index, &Mask::default(), params);
+                start = Bootstrap::new(
+                    Sensor::ideal(CAMERA),
+                    pyramid,
+                    time,
+                    index,
+                    &Mask::default(),
+                    params.block,
+                );
             }
             Progress::Done(started) => {
                 run.started = Some(*started);
@@ -115,8 +124,10 @@ fn a_still_camera_waits_and_begins_anew() {
 fn black_and_flat_frames_are_refused_or_begin_anew() {
     let flat = |value| Pyramid::new(GrayImage::filled(CAMERA.width, CAMERA.height, value), 5);
     let params = BootstrapParams::default();
-    assert!(Bootstrap::new(CAMERA, flat(0), 0.0, 0, &Mask::default(), &params).is_none());
-    assert!(Bootstrap::new(CAMERA, flat(255), 0.0, 0, &Mask::default(), &params).is_none());
+    assert!(Bootstrap::new(Sensor::ideal(CAMERA), flat(0), 0.0, 0, &Mask::default(), params.block).is_none());
+    assert!(
+        Bootstrap::new(Sensor::ideal(CAMERA), flat(255), 0.0, 0, &Mask::default(), params.block).is_none()
+    );
     let seen = |x| View::new(pose(x, 0.0, 0.0, 0.0, 0.0)).pyramid;
     let run = run([seen(0.0), seen(0.02), flat(0), flat(0), seen(0.06), flat(255)], &params);
     assert!(run.started.is_none());
@@ -166,16 +177,16 @@ fn contradicted(
     params: &BootstrapParams,
 ) -> (usize, Option<Started>) {
     let view = |i: usize| View::new(poses[i]).pyramid;
-    let mut start =
-        Bootstrap::new(CAMERA, view(0), 0.0, 0, &Mask::default(), params).expect("there is texture");
-    let (mut has_map, track) = (false, TrackParams::default());
+    let mut start = Bootstrap::new(Sensor::ideal(CAMERA), view(0), 0.0, 0, &Mask::default(), params.block)
+        .expect("there is texture");
+    let (mut has_map, all) = (false, Params { bootstrap: params.clone(), ..Params::default() });
     for i in 1..poses.len() {
         if !has_map {
-            has_map = matches!(start.add(&view(i), i as f64, i as u64, params, &track), Progress::Done(_));
+            has_map = matches!(start.add(&view(i), i as f64, i as u64, &all), Progress::Done(_));
             continue;
         }
         let pose_of = |index: u64| Some(frame_from_first(index as usize));
-        match start.look_again(&view(i), (i as f64, i as u64), &pose_of, params, &track) {
+        match start.look_again(&view(i), (i as f64, i as u64), &pose_of, &all) {
             SecondLook::Nothing => {}
             SecondLook::Over => return (i, None),
             SecondLook::Contradicted(started) => return (i, Some(*started)),
@@ -212,4 +223,33 @@ fn a_map_that_takes_the_way_for_another_is_replaced_by_the_right_one() {
     assert_eq!(started.frames.len(), frame);
     let (median, gross, _) = depth_errors(&started, &View::new(poses[0]));
     assert!(median < 0.02 && gross < 0.05, "median {median}, gross {gross}");
+}
+
+/// What a camera that swings says of its shutter, asked from its first frame on, when it reads an image in so many seconds.
+fn told(readout: f64) -> Option<[f64; 2]> {
+    let camera = Recording::SMALL_CAMERA;
+    let swing = |i: usize| {
+        let time = i as f64 / 30.0;
+        pose(0.01 * i as f64, 0.0, 0.0, 0.12 * (12.0 * time).sin(), 0.05 * (9.0 * time).cos())
+    };
+    let path: Vec<Se3> = (0..20).map(swing).collect();
+    let recording = Recording::render_rolling(yard(), camera, &path, 30.0, readout);
+    let pyramid = |i: usize| Pyramid::new(recording.shots[i].image.as_ref().clone(), 5);
+    let mut turning = Bootstrap::new(Sensor::ideal(camera), pyramid(0), 0.0, 0, &Mask::default(), 16)
+        .expect("there is texture");
+    (1..recording.shots.len()).find_map(|i| {
+        match turning.turn_on(&pyramid(i), recording.shots[i].timestamp, i as u64, &Params::default()) {
+            Turned::Told(readout) => Some(readout),
+            Turned::On | Turned::Nothing => None,
+        }
+    })
+}
+
+#[test]
+fn a_rolling_shutter_is_told_from_one_that_is_read_at_once_while_the_camera_turns() {
+    assert_eq!(told(0.0), Some([0.0; 2]));
+    for readout in [0.02, -0.02] {
+        let [columns, rows] = told(readout).expect("it turns for long enough");
+        assert!(columns == 0.0 && (rows / readout - 1.0).abs() < 0.3, "{columns} {rows} of {readout}");
+    }
 }

@@ -167,3 +167,30 @@ fn the_positional_uncertainty_is_learnt_slowly_and_within_bounds() {
     assert_eq!(learnt(1e9), 1.0);
     assert_eq!(learnt(0.0), TrackParams::default().least_position_sigma);
 }
+
+#[test]
+fn the_rows_of_a_rolling_shutter_tell_how_the_camera_turns() {
+    let mut map = exact_map(&views(), 10);
+    map.sensor.readout = [0.0, 0.02];
+    let frame = Rendered::new(pose(0.2, 0.0, 0.1, 0.02, 0.0));
+    let turn = Twist::new(0.0, 0.0, 0.0, 0.8, -1.5, 0.4);
+    let camera_from_world = frame.world_from_camera.inverse();
+    let relative = camera_from_world * map.keyframes[0].camera_from_world.inverse();
+    let matched: Vec<Matched> = map.keyframes[0]
+        .points
+        .iter()
+        .enumerate()
+        .map(|(index, point)| {
+            let x = relative.rotation * point.ray + relative.translation * point.inverse_depth;
+            let ideal = map.camera.project(&x).into();
+            let pixel = map.sensor.shown_pixel(ideal, &turn, point.inverse_depth / x.z).map(|v| v as f32);
+            let at = PointRef { host: 0, index };
+            Matched { at, pixel, information: [4.0, 0.0, 4.0], rmse: 1.0, squared: 0.0, inlier: true }
+        })
+        .collect();
+    let view = View { pyramid: &frame.pyramid, camera_from_world, motion: turn * 0.5 };
+    let found = motion_by_rows(&map, &view, &matched, 1.0);
+    assert!((found - turn).norm() < 0.05 * turn.norm(), "{found}");
+    let held = motion_by_rows(&map, &view, &matched, 1e-4);
+    assert!((held - view.motion).norm() < 0.01, "{held}");
+}
