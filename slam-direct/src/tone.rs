@@ -1,7 +1,7 @@
-//! Dark recordings brought to the contrast that thresholds in grey levels are meant for.
+//! Dark and hazy recordings brought to the contrast that thresholds in grey levels are meant for.
 //!
 //! Gradients that make a point, the noise of a patch and what passes for agreement are all measured in grey levels of a
-//! well exposed image. A dark one is brightened by one monotone curve, the same for all frames of a map, which patches
+//! well exposed image. A dark or hazy one is stretched by one monotone curve, the same for all frames of a map, which patches
 //! with gain and offset of their own do not notice; a well exposed one stays as it is, bit for bit.
 
 use geometry::GrayImage;
@@ -9,8 +9,8 @@ use geometry::GrayImage;
 /// A curve of intensities.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Tone {
-    /// Intensity that is brought to white.
-    white: f32,
+    /// Intensities that are brought to black and to white.
+    range: [f32; 2],
     curve: [u8; 256],
 }
 
@@ -20,6 +20,15 @@ const DARK: (f32, f32) = (128.0, 32.0);
 const BRIGHT: (f32, f32) = (192.0, 48.0);
 /// Below this there is nothing to see.
 const BLACK: f32 = 16.0;
+/// An image that is not dark and whose darkest and brightest hundredth are nearer than this is hazy; grey levels. Public recordings
+/// of twenty cameras have them at 132 and more.
+const HAZY: f32 = 96.0;
+/// The same above which it is hazy no more.
+const CLEAR: f32 = 128.0;
+/// What later frames may exceed the range of a hazy one by on either side, as a share of it.
+const MARGIN: f32 = 0.125;
+/// Below this haze hides everything.
+const BLANK: f32 = 16.0;
 /// Gain at most: quantisation grows with it.
 const MAX_GAIN: f32 = 8.0;
 /// What the median is brought to.
@@ -32,31 +41,51 @@ const HYSTERESIS: f32 = 1.5;
 impl Tone {
     /// The curve for an image, after the one before it; `None` where none is needed.
     pub fn following(before: Option<Self>, image: &GrayImage) -> Option<Self> {
-        let (white, median) = quantiles(image);
-        if white < BLACK {
+        let [black, median, white] = quantiles(image);
+        let (was_dark, was_hazy) =
+            before.as_ref().map_or((false, false), |tone| (!tone.is_hazy(), tone.is_hazy()));
+        let limits = if was_dark { BRIGHT } else { DARK };
+        let is_dark = white < limits.0 || median < limits.1;
+        let is_hazy = white - black < if was_hazy { CLEAR } else { HAZY };
+        if white < BLACK || !is_dark && white - black < BLANK {
             return before;
         }
-        let dark = |limits: (f32, f32)| white < limits.0 || median < limits.1;
-        match before {
-            None => dark(DARK).then(|| Self::new(white, median)),
-            Some(_) if !dark(BRIGHT) => None,
-            Some(tone) if (white / tone.white).max(tone.white / white) <= HYSTERESIS => Some(tone),
-            Some(_) => Some(Self::new(white, median)),
-        }
+        let range = match (is_dark, is_hazy) {
+            (true, _) => [0.0, white],
+            (false, true) => {
+                let margin = MARGIN * (white - black);
+                [(black - margin).max(1.0), white + margin]
+            }
+            (false, false) => return None,
+        };
+        before.filter(|tone| tone.is_near(range)).or_else(|| Some(Self::new(range, median)))
     }
 
-    fn new(white: f32, median: f32) -> Self {
-        let white = white.clamp(255.0 / MAX_GAIN, 255.0);
-        let share = (median / white).clamp(0.01, 0.9);
+    fn new([black, white]: [f32; 2], median: f32) -> Self {
+        let width = (white - black).clamp(255.0 / MAX_GAIN, 255.0);
+        let share = ((median - black) / width).clamp(0.01, 0.9);
         let exponent = ((MIDDLE / 255.0).ln() / share.ln()).clamp(MIN_EXPONENT, 1.0);
         // The curve begins where its slope is bounded: black is mostly noise.
-        let begin = 0.03 * white + 1.0;
+        let begin = 0.03 * width + 1.0;
         let raised = |v: f32| (v + begin).powf(exponent);
-        let (low, high) = (raised(0.0), raised(white));
+        let (low, high) = (raised(0.0), raised(width));
         let curve = std::array::from_fn(|v| {
-            (255.0 * (raised(v as f32) - low) / (high - low)).round().clamp(0.0, 255.0) as u8
+            let v = (v as f32 - black).max(0.0);
+            (255.0 * (raised(v) - low) / (high - low)).round().clamp(0.0, 255.0) as u8
         });
-        Self { white, curve }
+        Self { range: [black, black + width], curve }
+    }
+
+    /// Whether it was made for haze.
+    fn is_hazy(&self) -> bool {
+        self.range[0] > 0.0
+    }
+
+    /// Whether it does for an image of this range too.
+    fn is_near(&self, [black, white]: [f32; 2]) -> bool {
+        let (own, other) = (self.range[1] - self.range[0], white - black);
+        let shift = (black - self.range[0]).abs();
+        (own / other).max(other / own) <= HYSTERESIS && shift <= (HYSTERESIS - 1.0) * own
     }
 
     /// The image by the curve.
@@ -66,8 +95,8 @@ impl Tone {
     }
 }
 
-/// The intensity that a hundredth of the pixels exceeds, and the median.
-fn quantiles(image: &GrayImage) -> (f32, f32) {
+/// The intensity that a hundredth of the pixels stays below, the median, and the one that a hundredth exceeds.
+fn quantiles(image: &GrayImage) -> [f32; 3] {
     let mut counts = [0usize; 256];
     let mut total = 0;
     for &v in image.data().iter().step_by(7) {
@@ -83,7 +112,7 @@ fn quantiles(image: &GrayImage) -> (f32, f32) {
         })
     };
     let value = |share| at(share).unwrap_or(255) as f32;
-    (value(0.99), value(0.5))
+    [0.01, 0.5, 0.99].map(value)
 }
 
 #[cfg(test)]
@@ -107,12 +136,28 @@ mod tests {
         let dark = ramp(2, 50);
         let tone = Tone::following(None, &dark).expect("it is dark");
         assert!(tone.curve.windows(2).all(|pair| pair[0] <= pair[1]));
-        let (white, median) = quantiles(&tone.apply(&dark));
+        let [_, median, white] = quantiles(&tone.apply(&dark));
         assert!(white > 220.0 && median > 60.0, "{white} {median}");
         let kept = Tone::following(Some(tone.clone()), &ramp(2, 60));
         assert_eq!(kept, Some(tone.clone()), "a little more light changes nothing");
         assert_eq!(Tone::following(Some(tone.clone()), &ramp(0, 4)), Some(tone.clone()), "nor does a cover");
         assert_eq!(Tone::following(Some(tone), &ramp(10, 240)), None);
         assert_eq!(Tone::following(None, &ramp(0, 4)), None);
+    }
+    #[test]
+    fn haze_is_stretched_and_what_is_blank_stays() {
+        let haze = ramp(100, 160);
+        let tone = Tone::following(None, &haze).expect("it is hazy");
+        assert!(tone.curve.windows(2).all(|pair| pair[0] <= pair[1]));
+        let [black, _, white] = quantiles(&tone.apply(&haze));
+        assert!(black < 32.0 && white > 223.0, "{black} {white}");
+        for near in [ramp(106, 160), ramp(95, 170), ramp(130, 138)] {
+            assert_eq!(Tone::following(Some(tone.clone()), &near), Some(tone.clone()));
+        }
+        let dark = Tone::following(Some(tone.clone()), &ramp(2, 50)).expect("it is dark");
+        assert!(!dark.is_hazy());
+        assert_ne!(Tone::following(Some(dark), &haze), Some(tone.clone()), "its white is still dark");
+        assert_eq!(Tone::following(Some(tone), &ramp(20, 180)), None);
+        assert_eq!(Tone::following(None, &ramp(130, 138)), None);
     }
 }
