@@ -151,6 +151,25 @@ fn kitti_folder() {
 }
 
 #[test]
+fn times_alone_are_those_of_the_images_in_order() {
+    for images in ["images", "."] {
+        let folder = tempdir().unwrap();
+        for i in 0..3 {
+            write(folder.path().join(format!("{images}/{}.png", 8 + i)), encoded(i, ImageFormat::Png));
+        }
+        write(folder.path().join("camera.yaml"), CAMERA);
+        write(folder.path().join("times.txt"), "# seconds\n0.5\n0.6\n0.75\n");
+        assert_eq!(processed_times(&read_through(folder.path(), &[])), [0.5, 0.6, 0.75]);
+        write(folder.path().join("times.txt"), "0.5\n0.6\n0.75\n0.9\n");
+        let out = tempdir().unwrap();
+        assert_refused(
+            &["run", arg(folder.path()), "--out", arg(out.path())],
+            &["4 times for 3 images", "times.txt", "seconds image"],
+        );
+    }
+}
+
+#[test]
 fn numbered_images_of_every_kind() {
     let folder = tempdir().unwrap();
     write(folder.path().join("f2.jpg"), encoded(0, ImageFormat::Jpeg));

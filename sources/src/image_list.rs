@@ -98,6 +98,29 @@ pub fn timed_images(table: &Path, folder: &Path) -> Result<Vec<(f64, PathBuf)>> 
         .collect()
 }
 
+/// The images of a folder, in the order of their names, with the times that a table says one a line, of which there may be more.
+///
+/// # Errors
+/// Names the line that is no time; when there are more images than times.
+pub fn images_by_times(table: &Path, images: &Path) -> Result<Vec<(f64, PathBuf)>> {
+    let files = images_in(images)?;
+    let times = read_table(table)?;
+    if files.len() > times.len() {
+        bail!(
+            "{}: {} times for {} images of {}",
+            table.display(),
+            times.len(),
+            files.len(),
+            images.display()
+        );
+    }
+    let of_line = |((line, fields), file): ((usize, Vec<String>), PathBuf)| match fields[0].parse::<f64>() {
+        Ok(time) if time.is_finite() => Ok((time, file)),
+        _ => bail!("{}: line {line} is not a time in seconds: {}", table.display(), fields[0]),
+    };
+    times.into_iter().zip(files).map(of_line).collect()
+}
+
 /// The first of `names` that exists in `folder`.
 pub fn first_existing(folder: &Path, names: &[&str]) -> Option<PathBuf> {
     names.iter().map(|name| folder.join(name)).find(|path| path.is_file())

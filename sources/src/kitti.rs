@@ -2,9 +2,9 @@
 //! `P2: …`).
 
 use super::FoundCalibration;
-use super::image_list::{ImageList, first_existing, images_in, read_table};
+use super::image_list::{ImageList, first_existing, images_by_times};
 use super::presets;
-use anyhow::{Result, bail};
+use anyhow::Result;
 use geometry::{Camera, Distortion, Pinhole};
 use std::path::{Path, PathBuf};
 
@@ -19,24 +19,7 @@ pub fn open(folder: &Path) -> Result<Option<ImageList>> {
     else {
         return Ok(None);
     };
-    let files = images_in(&images)?;
-    let times = read_table(&table)?;
-    if files.len() > times.len() {
-        bail!(
-            "{}: {} times for {} images of {}",
-            table.display(),
-            times.len(),
-            files.len(),
-            images.display()
-        );
-    }
-    let mut frames = Vec::with_capacity(files.len());
-    for ((line, fields), file) in times.into_iter().zip(files) {
-        match fields[0].parse::<f64>() {
-            Ok(time) if time.is_finite() => frames.push((time, file)),
-            _ => bail!("{}: line {line} is not a time in seconds: {}", table.display(), fields[0]),
-        }
-    }
+    let frames = images_by_times(&table, &images)?;
     let calibration = first_existing(folder, &["camera.yaml"])
         .map(FoundCalibration::File)
         .or_else(|| first_existing(folder, &["calib.txt"]).map(|path| calibration_file(&path, row, &frames)))

@@ -1,21 +1,39 @@
-//! loopbox's own folder: `times.txt` (`seconds image`), `images/`, `camera.yaml`.
+//! loopbox's own folder: `times.txt` (`seconds image`), `images/`, `camera.yaml`; or times alone, one for each image.
 
 use super::FoundCalibration;
-use super::image_list::{ImageList, first_existing, timed_images};
-use anyhow::Result;
-use std::path::Path;
+use super::image_list::{ImageList, first_existing, images_by_times, images_in, read_table, timed_images};
+use anyhow::{Result, bail};
+use std::path::{Path, PathBuf};
 
 /// Opens the folder if it is of this kind.
 ///
 /// # Errors
-/// When `times.txt` is there but not a table of time stamps and images.
+/// When `times.txt` is there but not a table of time stamps and images, or of one time for each image.
 pub fn open(folder: &Path) -> Result<Option<ImageList>> {
     let table = folder.join("times.txt");
     if !table.is_file() {
         return Ok(None);
     }
-    let frames = timed_images(&table, folder)?;
+    let frames = match read_table(&table)?.iter().all(|(_, fields)| fields.len() == 1) {
+        true => timed_alone(&table, folder)?,
+        false => timed_images(&table, folder)?,
+    };
     let calibration =
         first_existing(folder, &["camera.yaml", "camera.yml", "camera.txt"]).map(FoundCalibration::File);
     ImageList::new("image folder with times.txt", folder, &table, frames, calibration).map(Some)
+}
+
+/// The images of the folder, or of its `images/`, each with its line's time.
+fn timed_alone(table: &Path, folder: &Path) -> Result<Vec<(f64, PathBuf)>> {
+    let nested = folder.join("images");
+    let images = if nested.is_dir() { nested } else { folder.to_owned() };
+    let (times, count) = (read_table(table)?.len(), images_in(&images)?.len());
+    if times != count {
+        bail!(
+            "{}: {times} times for {count} images of {}\nhint: give each its line, 'seconds image' where some are left out",
+            table.display(),
+            images.display()
+        );
+    }
+    images_by_times(table, &images)
 }
