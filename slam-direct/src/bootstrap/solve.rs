@@ -29,6 +29,13 @@ pub(super) struct Solution {
     pub sensor: Sensor,
 }
 
+impl Solution {
+    /// Poses of the chosen frames.
+    fn poses(&self) -> Vec<Se3> {
+        self.problem.frames[1..].to_vec()
+    }
+}
+
 impl Bootstrap {
     /// The rotation that explains the newest frame best, and the median way that it leaves.
     pub(super) fn parallax(&mut self) -> (Se3, f32) {
@@ -127,10 +134,12 @@ impl Bootstrap {
     /// Poses and depths by the sensor as it is known, or as one that reads all rows at once, or one after the other, where
     /// that leaves much less.
     pub(super) fn solve(&self, turn: &Se3, readout_sigma: f64) -> Option<Solution> {
-        let mut best = self.solve_with(turn, &self.sensor, [0.0; UNKNOWNS])?;
+        let ways = self.ways(turn);
+        let mut best = self.solve_from(&ways, &self.sensor, [0.0; UNKNOWNS])?;
         let at_once = Sensor { readout: [0.0; 2], ..self.sensor };
-        let known = self.sensor.is_rolling().then(|| self.solve_with(turn, &at_once, [0.0; UNKNOWNS]));
-        for other in [known.flatten(), self.solve_rolling(turn, readout_sigma)].into_iter().flatten() {
+        let known = self.sensor.is_rolling().then(|| self.solve_from(&ways, &at_once, [0.0; UNKNOWNS]));
+        let rolling = self.solve_rolling(&[best.poses(), ways[0].clone()], readout_sigma);
+        for other in [known.flatten(), rolling].into_iter().flatten() {
             if other.cost < OTHER_SHUTTER * best.cost {
                 best = other;
             }
@@ -139,7 +148,7 @@ impl Bootstrap {
     }
 
     /// Poses, depths and the readout time, if it is one that a camera of so many frames a second can have.
-    fn solve_rolling(&self, turn: &Se3, sigma: f64) -> Option<Solution> {
+    fn solve_rolling(&self, ways: &[Vec<Se3>], sigma: f64) -> Option<Solution> {
         let at_once = Sensor { readout: [0.0; 2], ..self.sensor };
         let readout = |solution: &Solution| {
             let readout = solution.sensor.plausible_readout();
@@ -149,10 +158,11 @@ impl Bootstrap {
         if sigma == 0.0 {
             return None;
         }
-        let both = self.solve_with(turn, &at_once, [0.0, sigma, sigma])?;
+        let both = self.solve_from(ways, &at_once, [0.0, sigma, sigma])?;
         let rolling = Sensor { readout: readout(&both)?, ..both.sensor };
         let [columns, rows] = rolling.readout.map(|time| if time == 0.0 { 0.0 } else { sigma });
-        self.solve_with(turn, &rolling, [0.0, columns, rows]).filter(|solution| readout(solution).is_some())
+        let solution = self.solve_from(&[both.poses()], &rolling, [0.0, columns, rows])?;
+        readout(&solution).is_some().then_some(solution)
     }
 
     /// Mean time between frames, seconds.
@@ -161,12 +171,11 @@ impl Bootstrap {
         (last - self.timestamp) / self.frames.len().max(1) as f64
     }
 
-    /// Poses and depths, sought from several directions of travel; the solution that costs least.
-    fn solve_with(&self, turn: &Se3, sensor: &Sensor, sigma: [f64; UNKNOWNS]) -> Option<Solution> {
+    /// Poses of the chosen frames to seek a solution from: the camera turns only, or travels in one of six directions besides.
+    fn ways(&self, turn: &Se3) -> Vec<Vec<Se3>> {
         let chosen = self.chosen();
-        let count = self.frames.len();
         let w = turn.rotation.scaled_axis();
-        let starts = [
+        let directions = [
             Vector3::zeros(),
             Vector3::x(),
             -Vector3::x(),
@@ -175,18 +184,22 @@ impl Bootstrap {
             Vector3::z(),
             -Vector3::z(),
         ];
-        let solved: Vec<Solution> = starts
+        let pose = |direction: &Vector3<f64>, frame: usize| {
+            let share = (frame + 1) as f64 / self.frames.len() as f64;
+            let (v, w) = (direction * 0.1 * share, w * share);
+            Se3::exp(&Vector6::new(v.x, v.y, v.z, w.x, w.y, w.z))
+        };
+        let way = |direction| chosen.iter().map(|&frame| pose(direction, frame)).collect();
+        directions.iter().map(way).collect()
+    }
+
+    /// Poses and depths, sought from several ways; the solution that costs least.
+    fn solve_from(&self, ways: &[Vec<Se3>], sensor: &Sensor, sigma: [f64; UNKNOWNS]) -> Option<Solution> {
+        let chosen = self.chosen();
+        let solved: Vec<Solution> = ways
             .par_iter()
-            .map(|direction| {
-                let poses: Vec<Se3> = chosen
-                    .iter()
-                    .map(|&frame| {
-                        let share = (frame + 1) as f64 / count as f64;
-                        let (v, w) = (direction * 0.1 * share, w * share);
-                        Se3::exp(&Vector6::new(v.x, v.y, v.z, w.x, w.y, w.z))
-                    })
-                    .collect();
-                let mut problem = self.problem_of(&chosen, &poses, 1.0, sensor, sigma);
+            .map(|poses| {
+                let mut problem = self.problem_of(&chosen, poses, 1.0, sensor, sigma);
                 if sigma == [0.0; UNKNOWNS] {
                     problem.calibration = None;
                 }
