@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// Keyframes with which a camera's map is looked at: three adjacent ones are what a closure rests on.
-const FEWEST: usize = 3;
+pub(super) const FEWEST: usize = 3;
 
 /// Maps that are merged with each other.
 #[derive(Default)]

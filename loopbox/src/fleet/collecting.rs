@@ -185,6 +185,11 @@ impl Collector {
             }
         }
         let lent = self.parts.lend();
+        if lent.inputs.len() < 2 {
+            self.parts.take_back(lent);
+            self.sketches.judged(&[], &*store);
+            return Ok(None);
+        }
         let merged = self.merged_anew(&lent, &self.parts, false, stop);
         let found = match merged {
             Err(error) => {

@@ -2,6 +2,7 @@
 
 use super::PushNew;
 use super::sketch::Sketch;
+use crate::fleet::agents::FEWEST;
 use fleet::manifest::Kind;
 use fleet::store::Store;
 use map::KeyframeId;
@@ -75,7 +76,7 @@ impl Pair {
         if a.missing > 0 || b.missing > 0 {
             return Step::Waits;
         }
-        if a.words.is_empty() || b.words.is_empty() {
+        if [&a.words, &b.words].iter().any(|words| words.len() < FEWEST) {
             return Step::Idle;
         }
         let now = [a.version, b.version];
@@ -139,7 +140,7 @@ impl Pair {
                 return sketch.all();
             }
             for place in &self.places[..places.min(self.places.len())] {
-                keyframes.push_new(sketch.around(place[side]).collect());
+                keyframes.push_new(sketch.around(place[side]));
             }
             keyframes.push_new(more.map_or_else(Vec::new, |more| more[side].clone()));
             keyframes
@@ -221,7 +222,8 @@ mod tests {
         }
         let [all, some] = pair.keyframes([&here, &told]);
         assert_eq!(all, (0..9).map(KeyframeId).collect::<Vec<_>>());
-        assert_eq!(some, [100, 101, 105].map(KeyframeId));
+        // Three adjacent ones around the first, without which nothing can be looked at.
+        assert_eq!(some, [100, 101, 102, 105].map(KeyframeId));
         pair.judged(None);
         assert!(pair.stage == Stage::Apart);
     }

@@ -1,5 +1,6 @@
 //! What is known of an agent's map before its images and depths come.
 
+use crate::fleet::agents::FEWEST;
 use features::{Features, codec};
 use fleet::hash::ObjectHash;
 use fleet::manifest::{Entry, Kind, sensor_of};
@@ -14,8 +15,8 @@ use place_recog::{DirectIndex, Directed, Vocabulary, WordBag, words};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// Keyframes before and after a place that are fetched with it: a closure rests on three adjacent pairs.
-const AROUND: usize = 1;
+/// Keyframes before and after a place that are fetched with it: [`FEWEST`] adjacent ones.
+const AROUND: usize = (FEWEST - 1) / 2;
 /// What a keyframe is merged by, the features first: without them there is nothing to match.
 const PARTS: [Kind; 3] = [Kind::Features, Kind::LossyDepth, Kind::LossyImage];
 
@@ -134,11 +135,14 @@ impl Sketch {
         self.words.keys().copied().collect()
     }
 
-    /// The keyframe and those around it.
-    pub fn around(&self, id: KeyframeId) -> impl Iterator<Item = KeyframeId> + '_ {
-        let before = self.words.range(..id).rev().take(AROUND);
-        let after = self.words.range(id..).take(AROUND + 1);
-        after.chain(before).map(|(id, _)| *id)
+    /// The keyframe and those around it: [`FEWEST`] adjacent ones, also at the first and at the last.
+    pub fn around(&self, id: KeyframeId) -> Vec<KeyframeId> {
+        let before: Vec<KeyframeId> =
+            self.words.range(..id).rev().take(FEWEST - 1).map(|(id, _)| *id).collect();
+        let after: Vec<KeyframeId> = self.words.range(id..).take(FEWEST).map(|(id, _)| *id).collect();
+        let back = before.len().min(AROUND.max(FEWEST.saturating_sub(after.len())));
+        let ahead = after.len().min(FEWEST - back);
+        [&after[..ahead], &before[..back]].concat()
     }
 
     /// The agent's camera and the poses of its keyframes, as far as they are here.
@@ -158,5 +162,28 @@ impl Sketch {
             Glimpse::new(*id, *poses.get(id)?, camera, digest.samples.iter().copied())
         };
         self.digests.iter().filter_map(glimpse).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn around_every_keyframe_there_are_as_many_as_a_closure_rests_on() {
+        let mut sketch = Sketch::default();
+        let numbers = [2, 3, 7, 8, 9];
+        for (number, expected) in [(2, vec![2]), (3, vec![3, 2])] {
+            sketch.words.insert(KeyframeId(number), WordBag::default());
+            assert_eq!(
+                sketch.around(KeyframeId(number)),
+                expected.into_iter().map(KeyframeId).collect::<Vec<_>>()
+            );
+        }
+        sketch.words.extend(numbers.map(|number| (KeyframeId(number), WordBag::default())));
+        let cases = [(2, [2, 3, 7]), (3, [3, 7, 2]), (8, [8, 9, 7]), (9, [9, 8, 7])];
+        for (number, expected) in cases {
+            assert_eq!(sketch.around(KeyframeId(number)), expected.map(KeyframeId));
+        }
     }
 }
