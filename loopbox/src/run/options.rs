@@ -1,6 +1,6 @@
 //! A run as it is asked for, and its way from there to the results.
 
-use super::diagnosis::too_few_poses;
+use super::diagnosis::{doubtful, too_few_poses};
 use super::lens::{FoundLens, find_lens};
 use super::listening::{Listeners, MapListener};
 use super::output::{Output, TrajectoryFormat};
@@ -309,6 +309,10 @@ impl PreparedRun {
             progress.note(&summary.text());
         }
         if let Some(warning) = too_few_poses(&mapped.record.frames) {
+            progress.warn(&warning);
+        }
+        let fragments = mapped.record.fragments.iter();
+        for warning in fragments.filter_map(|one| doubtful(&one.map, one.without_depth.as_ref())) {
             progress.warn(&warning);
         }
         progress.mapped(&mapped.record, &mapped.folder);

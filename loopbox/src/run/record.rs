@@ -1,5 +1,6 @@
 //! The numbers of a run: what `run.json` holds and the report shows.
 
+use crate::run::diagnosis::{WithoutDepth, without_depth};
 use crate::run::output::{MAP, TRAJECTORY};
 use crate::run::resuming::Resumed;
 use geometry::{Pinhole, Se3};
@@ -70,7 +71,11 @@ impl RunRecord {
             ("wall time", format!("{:.1} s", cost.wall_s)),
             ("CPU time", cpu),
         ];
-        let all = numbers.into_iter().chain(latency).chain(missed);
+        let without = self.fragments.first().and_then(|first| first.without_depth);
+        let without = without
+            .filter(WithoutDepth::is_much)
+            .map(|without| ("keyframes without depth", format!("{:.0} %", 100.0 * without.share)));
+        let all = numbers.into_iter().chain(latency).chain(missed).chain(without);
         all.map(|(label, value)| (label.to_owned(), value)).collect()
     }
 }
@@ -199,6 +204,9 @@ pub struct Fragment {
     pub last_frame: u64,
     /// Keyframes.
     pub keyframes: u64,
+    /// Those of them whose images have hardly any depth: poses there are not to be relied on.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub without_depth: Option<WithoutDepth>,
 }
 
 impl Fragment {
@@ -212,6 +220,7 @@ impl Fragment {
             first_frame: index(map.frames.first()),
             last_frame: index(map.frames.last()),
             keyframes: map.keyframes.len() as u64,
+            without_depth: without_depth(map),
         }
     }
 }
