@@ -14,7 +14,8 @@ pub fn open(folder: &Path) -> Result<Option<ImageList>> {
     if !table.is_file() {
         return Ok(None);
     }
-    let frames = match read_table(&table)?.iter().all(|(_, fields)| fields.len() == 1) {
+    let lines = read_table(&table)?;
+    let frames = match !lines.is_empty() && lines.iter().all(|(_, fields)| fields.len() == 1) {
         true => timed_alone(&table, folder)?,
         false => timed_images(&table, folder)?,
     };
