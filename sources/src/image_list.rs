@@ -60,11 +60,14 @@ impl FrameSource for ImageList {
     }
 }
 
+/// Lines of a text table: their numbers, from 1, and their fields, of which there is at least one.
+pub type Lines = Vec<(usize, Vec<String>)>;
+
 /// The fields of each line of a text table, without comments (`#`) and empty lines, with line numbers from 1.
 ///
 /// # Errors
 /// When the file cannot be read as text.
-pub fn read_table(path: &Path) -> Result<Vec<(usize, Vec<String>)>> {
+pub fn read_table(path: &Path) -> Result<Lines> {
     let text =
         std::fs::read_to_string(path).with_context(|| format!("{}: cannot be read", path.display()))?;
     let rows = text.lines().enumerate().filter_map(|(i, line)| {
@@ -84,7 +87,15 @@ pub fn read_table(path: &Path) -> Result<Vec<(usize, Vec<String>)>> {
 /// # Errors
 /// Names the line that is not `time stamp, image`.
 pub fn timed_images(table: &Path, folder: &Path) -> Result<Vec<(f64, PathBuf)>> {
-    read_table(table)?
+    images_of_lines(table, read_table(table)?, folder)
+}
+
+/// The same of the table's lines.
+///
+/// # Errors
+/// Those of [`timed_images`].
+pub fn images_of_lines(table: &Path, lines: Lines, folder: &Path) -> Result<Vec<(f64, PathBuf)>> {
+    lines
         .into_iter()
         .map(|(line, fields)| {
             let timestamp = fields[0].parse::<f64>().ok().filter(|t| t.is_finite());
@@ -98,22 +109,17 @@ pub fn timed_images(table: &Path, folder: &Path) -> Result<Vec<(f64, PathBuf)>> 
         .collect()
 }
 
-/// The images of a folder, in the order of their names, with the times that a table says one a line, of which there may be more.
+/// How many times a table holds for the images of a folder, where these do not go together.
+pub fn mismatch(table: &Path, times: &Lines, images: &Path, files: &[PathBuf]) -> String {
+    let (times, files) = (times.len(), files.len());
+    format!("{}: {times} times for {files} images of {}", table.display(), images.display())
+}
+
+/// Images with the times that a table says one a line; of what there are more, the last are left out.
 ///
 /// # Errors
-/// Names the line that is no time; when there are more images than times.
-pub fn images_by_times(table: &Path, images: &Path) -> Result<Vec<(f64, PathBuf)>> {
-    let files = images_in(images)?;
-    let times = read_table(table)?;
-    if files.len() > times.len() {
-        bail!(
-            "{}: {} times for {} images of {}",
-            table.display(),
-            times.len(),
-            files.len(),
-            images.display()
-        );
-    }
+/// Names the line that is no time.
+pub fn images_by_times(table: &Path, times: Lines, files: Vec<PathBuf>) -> Result<Vec<(f64, PathBuf)>> {
     let of_line = |((line, fields), file): ((usize, Vec<String>), PathBuf)| match fields[0].parse::<f64>() {
         Ok(time) if time.is_finite() => Ok((time, file)),
         _ => bail!("{}: line {line} is not a time in seconds: {}", table.display(), fields[0]),

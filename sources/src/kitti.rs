@@ -2,9 +2,9 @@
 //! `P2: …`).
 
 use super::FoundCalibration;
-use super::image_list::{ImageList, first_existing, images_by_times};
+use super::image_list::{ImageList, first_existing, images_by_times, images_in, mismatch, read_table};
 use super::presets;
-use anyhow::Result;
+use anyhow::{Result, bail};
 use geometry::{Camera, Distortion, Pinhole};
 use std::path::{Path, PathBuf};
 
@@ -19,7 +19,11 @@ pub fn open(folder: &Path) -> Result<Option<ImageList>> {
     else {
         return Ok(None);
     };
-    let frames = images_by_times(&table, &images)?;
+    let (files, times) = (images_in(&images)?, read_table(&table)?);
+    if files.len() > times.len() {
+        bail!(mismatch(&table, &times, &images, &files));
+    }
+    let frames = images_by_times(&table, times, files)?;
     let calibration = first_existing(folder, &["camera.yaml"])
         .map(FoundCalibration::File)
         .or_else(|| first_existing(folder, &["calib.txt"]).map(|path| calibration_file(&path, row, &frames)))

@@ -1,7 +1,9 @@
 //! loopbox's own folder: `times.txt` (`seconds image`), `images/`, `camera.yaml`; or times alone, one for each image.
 
 use super::FoundCalibration;
-use super::image_list::{ImageList, first_existing, images_by_times, images_in, read_table, timed_images};
+use super::image_list::{
+    ImageList, Lines, first_existing, images_by_times, images_in, images_of_lines, mismatch, read_table,
+};
 use anyhow::{Result, bail};
 use std::path::{Path, PathBuf};
 
@@ -16,8 +18,8 @@ pub fn open(folder: &Path) -> Result<Option<ImageList>> {
     }
     let lines = read_table(&table)?;
     let frames = match !lines.is_empty() && lines.iter().all(|(_, fields)| fields.len() == 1) {
-        true => timed_alone(&table, folder)?,
-        false => timed_images(&table, folder)?,
+        true => timed_alone(&table, lines, folder)?,
+        false => images_of_lines(&table, lines, folder)?,
     };
     let calibration =
         first_existing(folder, &["camera.yaml", "camera.yml", "camera.txt"]).map(FoundCalibration::File);
@@ -25,16 +27,13 @@ pub fn open(folder: &Path) -> Result<Option<ImageList>> {
 }
 
 /// The images of the folder, or of its `images/`, each with its line's time.
-fn timed_alone(table: &Path, folder: &Path) -> Result<Vec<(f64, PathBuf)>> {
+fn timed_alone(table: &Path, times: Lines, folder: &Path) -> Result<Vec<(f64, PathBuf)>> {
     let nested = folder.join("images");
     let images = if nested.is_dir() { nested } else { folder.to_owned() };
-    let (times, count) = (read_table(table)?.len(), images_in(&images)?.len());
-    if times != count {
-        bail!(
-            "{}: {times} times for {count} images of {}\nhint: give each its line, 'seconds image' where some are left out",
-            table.display(),
-            images.display()
-        );
+    let files = images_in(&images)?;
+    if times.len() != files.len() {
+        let what = mismatch(table, &times, &images, &files);
+        bail!("{what}\nhint: give each its line, 'seconds image' where some are left out");
     }
-    images_by_times(table, &images)
+    images_by_times(table, times, files)
 }

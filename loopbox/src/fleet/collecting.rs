@@ -185,21 +185,18 @@ impl Collector {
             }
         }
         let lent = self.parts.lend();
-        if lent.inputs.len() < 2 {
-            self.parts.take_back(lent);
-            self.sketches.judged(&[], &*store);
-            return Ok(None);
-        }
-        let merged = self.merged_anew(&lent, &self.parts, false, stop);
+        // Parts may have too little depth to be looked at.
+        let is_any = lent.inputs.len() > 1;
+        let merged = is_any.then(|| self.merged_anew(&lent, &self.parts, false, stop)).transpose();
         let found = match merged {
-            Err(error) => {
+            Ok(None) | Err(_) => {
                 self.sketches.judged(&[], &*store);
-                if !stop.requested() {
+                if let (Err(error), false) = (merged, stop.requested()) {
                     warn(&format!("parts of the maps are not merged: {error:#}"));
                 }
                 None
             }
-            Ok(merging) => {
+            Ok(Some(merging)) => {
                 self.parts.memory.keep(&lent.contents, &merging.encounters, false);
                 self.sketches.judged(&met(&merging, &lent.contents), &*store);
                 Some(Found::of(&lent.inputs, &merging, &lent.whole))

@@ -15,8 +15,6 @@ use place_recog::{DirectIndex, Directed, Vocabulary, WordBag, words};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// Keyframes before and after a place that are fetched with it: [`FEWEST`] adjacent ones.
-const AROUND: usize = (FEWEST - 1) / 2;
 /// What a keyframe is merged by, the features first: without them there is nothing to match.
 const PARTS: [Kind; 3] = [Kind::Features, Kind::LossyDepth, Kind::LossyImage];
 
@@ -135,14 +133,14 @@ impl Sketch {
         self.words.keys().copied().collect()
     }
 
-    /// The keyframe and those around it: [`FEWEST`] adjacent ones, also at the first and at the last.
+    /// The keyframe and those next to it, after it and before it in turn: [`FEWEST`] adjacent ones, also at the first and
+    /// at the last.
     pub fn around(&self, id: KeyframeId) -> Vec<KeyframeId> {
-        let before: Vec<KeyframeId> =
-            self.words.range(..id).rev().take(FEWEST - 1).map(|(id, _)| *id).collect();
-        let after: Vec<KeyframeId> = self.words.range(id..).take(FEWEST).map(|(id, _)| *id).collect();
-        let back = before.len().min(AROUND.max(FEWEST.saturating_sub(after.len())));
-        let ahead = after.len().min(FEWEST - back);
-        [&after[..ahead], &before[..back]].concat()
+        let after = self.words.range(id..).take(FEWEST).enumerate().map(|(far, (id, _))| (2 * far, *id));
+        let before =
+            self.words.range(..id).rev().take(FEWEST).enumerate().map(|(far, (id, _))| (2 * far + 3, *id));
+        let nearest: BTreeMap<usize, KeyframeId> = after.chain(before).collect();
+        nearest.into_values().take(FEWEST).collect()
     }
 
     /// The agent's camera and the poses of its keyframes, as far as they are here.
