@@ -23,6 +23,16 @@ pub(crate) fn doubled_gradient(rows: [&[u8]; 3], x: usize) -> (i32, i32) {
     (rows[1][x + 1] as i32 - rows[1][x - 1] as i32, rows[2][x] as i32 - rows[0][x] as i32)
 }
 
+geometry::multiversion! {
+    /// Doubled magnitudes of the gradient along the middle of three rows, which are longer by a pixel at each end.
+    fn magnitudes(rows: [&[u8]; 3], out: &mut [u8]) {
+        for (x, out) in out.iter_mut().enumerate() {
+            let (gx, gy) = doubled_gradient(rows, x + 1);
+            *out = ((gx * gx + gy * gy) as f32).sqrt().min(255.0) as u8;
+        }
+    }
+}
+
 /// Selects the pixels whose gradient passes `params.min_gradient`, at most `params.max_candidate_share`
 /// of the image: a threshold from the histogram of gradients keeps the strongest.
 pub(super) fn select(image: &GrayImage, params: &DepthParams) -> Candidates {
@@ -33,34 +43,28 @@ pub(super) fn select(image: &GrayImage, params: &DepthParams) -> Candidates {
     let mut histogram = [0u32; 256];
     let mut magnitude = vec![0u8; width * height];
     for y in BORDER..height - BORDER {
-        let rows = [image.row(y - 1), image.row(y), image.row(y + 1)];
-        let out = &mut magnitude[y * width..(y + 1) * width];
-        for (x, out) in (BORDER..width - BORDER).zip(&mut out[BORDER..]) {
-            let (gx, gy) = doubled_gradient(rows, x);
-            *out = ((gx * gx + gy * gy) as f32).sqrt().min(255.0) as u8;
-        }
-        out[BORDER..width - BORDER].iter().for_each(|&m| histogram[m as usize] += 1);
+        let inner = BORDER..width - BORDER;
+        let rows = [y - 1, y, y + 1].map(|y| &image.row(y)[inner.start - 1..inner.end + 1]);
+        let out = &mut magnitude[y * width..(y + 1) * width][inner];
+        magnitudes(rows, out);
+        out.iter().for_each(|&m| histogram[m as usize] += 1);
     }
     let threshold = threshold(&histogram, params, width * height);
     let count: u32 = histogram[threshold as usize..].iter().sum();
-    let mut all = Candidates {
-        pixel: Vec::with_capacity(count as usize),
-        position: Vec::with_capacity(count as usize),
-        gradient: Vec::with_capacity(count as usize),
-    };
-    for y in BORDER..height - BORDER {
-        let rows = [image.row(y - 1), image.row(y), image.row(y + 1)];
-        let row = &magnitude[y * width..(y + 1) * width];
-        for (x, &magnitude) in (BORDER..width - BORDER).zip(&row[BORDER..]) {
-            if magnitude >= threshold {
-                let (gx, gy) = doubled_gradient(rows, x);
-                all.pixel.push((y * width + x) as u32);
-                all.position.push([x as f32, y as f32]);
-                all.gradient.push([0.5 * gx as f32, 0.5 * gy as f32]);
-            }
-        }
+    // One place more than there are: each pixel is put down, and the next one over it unless it is a candidate.
+    let (mut pixel, mut found) = (vec![0; count as usize + 1], 0);
+    for at in BORDER * width..(height - BORDER) * width {
+        pixel[found] = at as u32;
+        found += usize::from(magnitude[at] >= threshold);
     }
-    all
+    pixel.truncate(found);
+    let at = |&pixel: &u32| (pixel as usize % width, pixel as usize / width);
+    let position = pixel.iter().map(at).map(|(x, y)| [x as f32, y as f32]).collect();
+    let gradient = pixel.iter().map(at).map(|(x, y)| {
+        let (gx, gy) = doubled_gradient([image.row(y - 1), image.row(y), image.row(y + 1)], x);
+        [0.5 * gx as f32, 0.5 * gy as f32]
+    });
+    Candidates { gradient: gradient.collect(), position, pixel }
 }
 
 /// The pixels of an image whose gradient is strong enough for a depth, as indices `y · width + x`, ascending.
