@@ -14,9 +14,9 @@ params! {
         /// Points found, over the most found against the same reference, below which a keyframe is made at once:
         /// the view changes faster than the map knows it.
         pub fading: f32 = 0.5,
-        /// Share of the sought points found below which a keyframe is made at once: the map knows little of the view.
-        /// Range 0–1.
-        pub known: f32 = 0.25,
+        /// Share of the sought points found below which a keyframe is made at once: the map knows little of the view, and
+        /// were the next frame lost, it would not be found again (`found_again`). Range 0–1.
+        pub known: f32 = 0.3,
         /// Parts of the image that show points, over the most since the reference changed, below which a keyframe is made
         /// at once: a camera that backs away sees new things all around what it knows. Range 0–1; with 0 it is not asked.
         pub coverage: f32 = 0.75,
