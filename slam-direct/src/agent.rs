@@ -354,7 +354,7 @@ impl Agent {
         frame_index: u64,
         report: FrameReport,
     ) -> FrameReport {
-        if self.was_bad_start(&tracker)
+        if self.was_bad_start(&tracker, timestamp)
             && let Some(report) = self.begin_anew(pyramid, timestamp, frame_index)
         {
             return report;

@@ -31,8 +31,10 @@ params! {
         pub min_parallax: f32 = 0.008,
         /// Share of the points that must still be followed, else the start begins anew.
         pub min_followed: f32 = 0.3,
-        /// Frames after which the start begins anew.
-        pub max_frames: usize = 60,
+        /// Seconds after which the start begins anew. Range 1–10; shorter, slow cameras never move enough.
+        pub max_seconds: f64 = 2.0,
+        /// Frames that it is given at the least, of cameras that take few a second. Range 10–100.
+        pub least_frames: usize = 60,
         /// Median standard deviation of the inverse depths, relative to them, that a good start has.
         pub max_relative_sigma: f64 = 0.08,
         /// Share of the points that must agree with the solution.
@@ -136,7 +138,7 @@ impl Bootstrap {
         }
         let (turn, parallax) = self.parallax();
         if parallax < params.min_parallax * self.camera.width as f32 {
-            if self.frames.len() >= params.max_frames {
+            if self.is_over(params) {
                 return Progress::Restart("the camera hardly moved");
             }
             return Progress::Waiting("waiting for the camera to move sideways");
@@ -149,9 +151,15 @@ impl Bootstrap {
                 self.sensor = solution.sensor;
                 Progress::Done(Box::new(self.finish(&solution, pyramid)))
             }
-            None if self.frames.len() >= params.max_frames => Progress::Restart("no consistent first map"),
+            None if self.is_over(params) => Progress::Restart("no consistent first map"),
             None => Progress::Waiting("the first map is not certain yet"),
         }
+    }
+
+    /// Whether the start has had its time.
+    fn is_over(&self, params: &BootstrapParams) -> bool {
+        let last = self.frames.last().map_or(self.timestamp, |frame| frame.timestamp);
+        self.frames.len() >= params.least_frames && last - self.timestamp >= params.max_seconds
     }
 
     /// Leaves out the points that prove to move with the camera.

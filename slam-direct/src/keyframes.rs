@@ -25,8 +25,10 @@ params! {
         pub known_view: f32 = 0.5,
         /// A map of at most this many keyframes is given up when it proves of no use. Range 2–20.
         pub young_map: usize = 3,
-        /// Lost frames in a row after which it is. Range 3–100.
-        pub give_up: usize = 20,
+        /// Seconds without a pose after which it is, and lost frames in a row at the least. Range 0.1–3.
+        pub give_up_after: f64 = 0.65,
+        /// Range 3–100.
+        pub give_up: usize = 5,
         /// Matched points below which tracking is lost.
         pub min_matched: usize = 30,
         /// Share of sought points that agree with a wrong pose where patches are placed exactly, and twice as many where to a

@@ -321,6 +321,11 @@ impl Tracker {
         self.lost
     }
 
+    /// Seconds since the newest tracked frame; none where there is no such frame.
+    pub fn seconds_lost(&self, now: f64) -> f64 {
+        self.time.map_or(0.0, |tracked| now - tracked)
+    }
+
     /// Distance of the newest frame from the reference over the reference's median depth.
     pub fn parallax(&self, map: &LocalMap) -> f64 {
         let relative = self.last * map.keyframes[self.reference].camera_from_world.inverse();

@@ -182,8 +182,11 @@ impl Agent {
     }
 
     /// Whether a young map has proved useless: nothing that follows fits it.
-    pub(super) fn was_bad_start(&self, tracker: &Tracker) -> bool {
-        self.is_young() && tracker.lost_frames() >= self.params.keyframes.give_up
+    pub(super) fn was_bad_start(&self, tracker: &Tracker, timestamp: f64) -> bool {
+        let p = &self.params.keyframes;
+        let is_given_up =
+            tracker.lost_frames() >= p.give_up && tracker.seconds_lost(timestamp) >= p.give_up_after;
+        self.is_young() && is_given_up
     }
 
     /// Gives the map up and begins a start with this frame; `None` when it has too little texture: a dark image

@@ -19,7 +19,7 @@ impl Bootstrap {
         params: &Params,
     ) -> SecondLook {
         let count = self.follow_into(pyramid, timestamp, frame_index, &params.track);
-        if count < MIN_POINTS || self.frames.len() > params.bootstrap.max_frames {
+        if count < MIN_POINTS || self.is_over(&params.bootstrap) {
             return SecondLook::Over;
         }
         match self.contradiction(pyramid, frame_from_first, params) {

@@ -15,12 +15,17 @@ struct Run {
     restarts: usize,
 }
 
-/// Follows the views until there is a map. Restarts go on with the frame that caused them.
+/// Follows the views, ten a second, until there is a map. Restarts go on with the frame that caused them.
 fn run(views: impl IntoIterator<Item = Pyramid>, params: &BootstrapParams) -> Run {
+    run_at(10.0, views, params)
+}
+
+/// The same of so many views a second.
+fn run_at(rate: f64, views: impl IntoIterator<Item = Pyramid>, params: &BootstrapParams) -> Run {
     let all = Params { bootstrap: params.clone(), ..Params::default() };
     let (mut start, mut run) = (None, Run { started: None, frames: 0, restarts: 0 });
     for pyramid in views {
-        let (time, index) = (0.1 * run.frames as f64, run.frames as u64);
+        let (time, index) = (run.frames as f64 / rate, run.frames as u64);
         run.frames += 1;
         let Some(mut bootstrap) = start.take() else {
             start =
@@ -113,11 +118,20 @@ fn a_turn_is_never_taken_for_a_map() {
 
 #[test]
 fn a_still_camera_waits_and_begins_anew() {
-    let params = BootstrapParams { max_frames: 12, ..BootstrapParams::default() };
+    let params = BootstrapParams { max_seconds: 1.15, least_frames: 12, ..BootstrapParams::default() };
     let still = View::new(pose(0.0, 0.0, 0.0, 0.0, 0.0));
     let run = run((0..40).map(|_| still.pyramid.clone()), &params);
     assert!(run.started.is_none());
     assert_eq!(run.restarts, 3);
+}
+
+#[test]
+fn a_slow_camera_starts_at_any_rate() {
+    for (rate, frames) in [(10.0, 20), (120.0, 240)] {
+        let poses = (0..frames).map(|i| pose(0.5 * i as f64 / frames as f64, 0.0, 0.0, 0.0, 0.0));
+        let run = run_at(rate, poses.map(|p| View::new(p).pyramid), &BootstrapParams::default());
+        assert!(run.started.is_some() && run.restarts == 0, "{rate} Hz: {} restarts", run.restarts);
+    }
 }
 
 #[test]
