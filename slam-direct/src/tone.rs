@@ -35,18 +35,17 @@ const MAX_GAIN: f32 = 8.0;
 const MIDDLE: f32 = 90.0;
 /// Least exponent of the curve.
 const MIN_EXPONENT: f32 = 0.45;
-/// A curve is kept until white changes by more than this factor.
+/// A curve is kept until the range that it is made for grows or shrinks by more than this factor, or shifts by as much of itself.
 const HYSTERESIS: f32 = 1.5;
 
 impl Tone {
     /// The curve for an image, after the one before it; `None` where none is needed.
     pub fn following(before: Option<Self>, image: &GrayImage) -> Option<Self> {
         let [black, median, white] = quantiles(image);
-        let (was_dark, was_hazy) =
-            before.as_ref().map_or((false, false), |tone| (!tone.is_hazy(), tone.is_hazy()));
-        let limits = if was_dark { BRIGHT } else { DARK };
+        let was_hazy = before.as_ref().map(Self::is_hazy);
+        let limits = if was_hazy == Some(false) { BRIGHT } else { DARK };
         let is_dark = white < limits.0 || median < limits.1;
-        let is_hazy = white - black < if was_hazy { CLEAR } else { HAZY };
+        let is_hazy = white - black < if was_hazy == Some(true) { CLEAR } else { HAZY };
         if white < BLACK || !is_dark && white - black < BLANK {
             return before;
         }
@@ -144,6 +143,7 @@ mod tests {
         assert_eq!(Tone::following(Some(tone), &ramp(10, 240)), None);
         assert_eq!(Tone::following(None, &ramp(0, 4)), None);
     }
+
     #[test]
     fn haze_is_stretched_and_what_is_blank_stays() {
         let haze = ramp(100, 160);
