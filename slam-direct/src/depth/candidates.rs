@@ -53,9 +53,10 @@ pub(super) fn select(image: &GrayImage, params: &DepthParams) -> Candidates {
     let count: u32 = histogram[threshold as usize..].iter().sum();
     // One place more than there are: each pixel is put down, and the next one over it unless it is a candidate.
     let (mut pixel, mut found) = (vec![0; count as usize + 1], 0);
-    for at in BORDER * width..(height - BORDER) * width {
+    let rows = BORDER * width..(height - BORDER) * width;
+    for (at, &magnitude) in rows.clone().zip(&magnitude[rows]) {
         pixel[found] = at as u32;
-        found += usize::from(magnitude[at] >= threshold);
+        found += usize::from(magnitude >= threshold);
     }
     pixel.truncate(found);
     let at = |&pixel: &u32| (pixel as usize % width, pixel as usize / width);
