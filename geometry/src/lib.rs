@@ -6,6 +6,7 @@
 mod buffer;
 mod camera;
 mod image;
+pub mod lanes;
 pub mod limits;
 mod multiversion;
 mod photometric;

@@ -14,6 +14,20 @@
 /// }
 /// assert_eq!(dot(&[1.0, 2.0], &[3.0, 4.0]), 11.0);
 /// ```
+///
+/// A function that names a first parameter in brackets is given what makes [`Lanes`](crate::lanes::Lanes) on that processor:
+///
+/// ```
+/// use geometry::lanes::{Lanes, Processor};
+///
+/// geometry::multiversion! {
+///     /// The sum of eight products.
+///     pub fn dot_of_eight[processor](a: &[f32; 8], b: &[f32; 8]) -> f32 {
+///         (processor.load(a) * processor.load(b)).sum()
+///     }
+/// }
+/// assert_eq!(dot_of_eight(&[1.0; 8], &[2.0; 8]), 16.0);
+/// ```
 #[macro_export]
 macro_rules! multiversion {
     (
@@ -37,6 +51,30 @@ macro_rules! multiversion {
                 }
             }
             plain($($argument),*)
+        }
+    };
+    (
+        $(#[$attribute:meta])*
+        $visibility:vis fn $name:ident[$processor:ident]($($argument:ident: $kind:ty),* $(,)?) $(-> $result:ty)? $body:block
+    ) => {
+        $(#[$attribute])*
+        $visibility fn $name($($argument: $kind),*) $(-> $result)? {
+            #[inline(always)]
+            fn plain($processor: impl $crate::lanes::Processor, $($argument: $kind),*) $(-> $result)? $body
+
+            #[cfg(target_arch = "x86_64")]
+            {
+                #[target_feature(enable = "avx2")]
+                fn wide($($argument: $kind),*) $(-> $result)? {
+                    // SAFETY: called where there is such a processor only.
+                    plain(unsafe { $crate::lanes::Avx2::new() }, $($argument),*)
+                }
+                if std::arch::is_x86_feature_detected!("avx2") {
+                    // SAFETY: the processor has what the function is compiled for.
+                    return unsafe { wide($($argument),*) };
+                }
+            }
+            plain($crate::lanes::Portable, $($argument),*)
         }
     };
 }

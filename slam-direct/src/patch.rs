@@ -7,10 +7,11 @@
 //! the window optimisation as the observation's information.
 
 use crate::warp::Warp;
+use geometry::lanes::{LANES, Lanes, Processor};
 use geometry::{GrayImage, Pyramid};
 
 /// Patches are `SIZE × SIZE` pixels.
-pub(crate) const SIZE: usize = 8;
+pub(crate) const SIZE: usize = LANES;
 const AREA: usize = SIZE * SIZE;
 /// Offset of the first pixel from the patch's centre.
 const FIRST: f32 = -(SIZE as f32 - 1.0) / 2.0;
@@ -169,12 +170,11 @@ impl Appearance {
     }
 
     /// Sums over the patch around `at` (fixed bilinear weights: the grid is not rotated) of the image's intensities `v` less
-    /// the patch's mean: `[Σv, Σv², ΣvT]`, and `Σvg` for each of the images `g`. They run in eight fixed lanes, so
-    /// that the compiler may vectorise them.
+    /// the patch's mean: `[Σv, Σv², ΣvT]`, and `Σvg` for each of the images `g`, each in as many lanes as a row has pixels.
     #[inline(always)]
-    #[allow(clippy::needless_range_loop, reason = "lanes and images share the index")]
     fn sums<const N: usize>(
         &self,
+        processor: impl Processor,
         image: &GrayImage,
         at: [f32; 2],
         others: [&[f32; AREA]; N],
@@ -183,32 +183,40 @@ impl Appearance {
         if !(x >= 0.0 && y >= 0.0) {
             return None;
         }
-        let (x0, y0) = (x as usize, y as usize);
-        if x0 + SIZE + 1 > image.width() || y0 + SIZE + 1 > image.height() {
+        let (x0, y0, width) = (x as u32, y as u32, image.width());
+        let (left, top) = (x0 as usize, y0 as usize);
+        if left + SIZE + 1 > width || top + SIZE + 1 > image.height() {
             return None;
         }
         let (fx, fy) = (x - x0 as f32, y - y0 as f32);
         let weights = [(1.0 - fx) * (1.0 - fy), fx * (1.0 - fy), (1.0 - fx) * fy, fx * fy];
-        let (mut lanes, mut by_others) = ([[0.0f32; SIZE]; 3], [[0.0f32; SIZE]; N]);
+        let [w00, w01, w10, w11] = weights.map(|weight| processor.splat(weight));
+        let mean = processor.splat(self.mean);
+        // From the first pixel to the last: looked up once, as looking up each row takes as long as working on it.
+        let block = &image.data()[top * width + left..][..SIZE * width + SIZE + 1];
+        let row = |j: usize| {
+            // SAFETY: the first pixel of row `j` ≤ SIZE and the SIZE pixels behind it lie in the block.
+            let [own, next] = unsafe {
+                let first = block.as_ptr().add(j * width);
+                [&*first.cast(), &*first.add(1).cast()]
+            };
+            (processor.load_bytes(own), processor.load_bytes(next))
+        };
+        let (intensity, others) = (rows(&self.intensity), others.map(rows));
+        let zero = processor.splat(0.0);
+        let (mut sum, mut square, mut product, mut by_others) = (zero, zero, zero, [zero; N]);
+        let mut upper = row(0);
         for j in 0..SIZE {
-            let top: &[u8; SIZE + 1] = image.row(y0 + j)[x0..x0 + SIZE + 1].try_into().ok()?;
-            let bottom: &[u8; SIZE + 1] = image.row(y0 + j + 1)[x0..x0 + SIZE + 1].try_into().ok()?;
-            for i in 0..SIZE {
-                let p = j * SIZE + i;
-                let v = weights[0] * top[i] as f32
-                    + weights[1] * top[i + 1] as f32
-                    + weights[2] * bottom[i] as f32
-                    + weights[3] * bottom[i + 1] as f32
-                    - self.mean;
-                lanes[0][i] += v;
-                lanes[1][i] += v * v;
-                lanes[2][i] += v * self.intensity[p];
-                for (lane, other) in by_others.iter_mut().zip(others) {
-                    lane[i] += v * other[p];
-                }
+            let lower = row(j + 1);
+            let v = w00 * upper.0 + w01 * upper.1 + w10 * lower.0 + w11 * lower.1 - mean;
+            (sum, square) = (sum + v, square + v * v);
+            product = product + v * processor.load(&intensity[j]);
+            for (sum, other) in by_others.iter_mut().zip(&others) {
+                *sum = *sum + v * processor.load(&other[j]);
             }
+            upper = lower;
         }
-        Some((lanes.map(|lane| lane.iter().sum()), by_others.map(|lane| lane.iter().sum())))
+        Some(([sum, square, product].map(Lanes::sum), by_others.map(Lanes::sum)))
     }
 
     /// Fits gain and offset to such sums; `None` when the image has nothing in common with the patch.
@@ -226,11 +234,11 @@ impl Appearance {
 }
 
 geometry::multiversion! {
-    fn errors_at(patch: &Appearance, view: &Pyramid, pixels: &[[f32; 2]]) -> Vec<Option<f32>> {
+    fn errors_at[processor](patch: &Appearance, view: &Pyramid, pixels: &[[f32; 2]]) -> Vec<Option<f32>> {
         let (image, scale) = patch.level_of(view);
         let mut errors = Vec::with_capacity(pixels.len());
         for pixel in pixels {
-            let sums = patch.sums(image, pixel.map(|v| (v + 0.5) / scale - 0.5), []);
+            let sums = patch.sums(processor, image, pixel.map(|v| (v + 0.5) / scale - 0.5), []);
             errors.push(sums.and_then(|(sums, [])| patch.fit(sums)).map(|fit| fit.unexplained));
         }
         errors
@@ -280,15 +288,21 @@ impl Template {
 
     /// Gain and error of the image at the patch around `at`, with `Σ r ∇T`.
     #[inline(always)]
-    fn residual(&self, image: &GrayImage, at: [f32; 2]) -> Option<(Fit, [f32; 2])> {
-        let (sums, [ix, iy]) = self.appearance.sums(image, at, [&self.gradient_x, &self.gradient_y])?;
+    fn residual(
+        &self,
+        processor: impl Processor,
+        image: &GrayImage,
+        at: [f32; 2],
+    ) -> Option<(Fit, [f32; 2])> {
+        let gradient = [&self.gradient_x, &self.gradient_y];
+        let (sums, [ix, iy]) = self.appearance.sums(processor, image, at, gradient)?;
         let (fit, m) = (self.appearance.fit(sums)?, &self.moments);
         Some((fit, [ix - fit.mean * m.x - fit.gain * m.tx, iy - fit.mean * m.y - fit.gain * m.ty]))
     }
 }
 
 geometry::multiversion! {
-    fn align(
+    fn align[processor](
         template: &Template,
         view: &Pyramid,
         start: [f32; 2],
@@ -306,7 +320,7 @@ geometry::multiversion! {
             return None;
         }
         let mut at = origin;
-        let (mut fit, mut gradient) = template.residual(image, at)?;
+        let (mut fit, mut gradient) = template.residual(processor, image, at)?;
         for _ in 0..iterations {
             let (bx, by) = (gradient[0] / fit.gain, gradient[1] / fit.gain);
             let step = [(dyy * bx - xy * by) / det, (dxx * by - xy * bx) / det];
@@ -315,7 +329,7 @@ geometry::multiversion! {
             if dx * dx + dy * dy > max_shift * max_shift {
                 return None;
             }
-            (fit, gradient) = template.residual(image, at)?;
+            (fit, gradient) = template.residual(processor, image, at)?;
             if step[0] * step[0] + step[1] * step[1] < 0.01 * 0.01 {
                 break;
             }
@@ -355,6 +369,12 @@ impl Moments {
         let s = patch.square.max(1e-3);
         Self { tx, ty, x, y, position: [xx - tx * tx / s, xy - tx * ty / s, yy - ty * ty / s] }
     }
+}
+
+/// The rows of a patch.
+#[inline(always)]
+fn rows(patch: &[f32; AREA]) -> &[[f32; SIZE]] {
+    patch.as_chunks().0
 }
 
 fn dot(a: &[f32; AREA], b: &[f32; AREA]) -> f32 {
