@@ -102,10 +102,12 @@ impl Sums {
 }
 
 impl AlignmentReference {
-    /// Prepares the keyframe's points at all levels.
+    /// Prepares the keyframe's points at all levels that images are aligned at, which have as many levels.
     pub fn new(pyramid: &Pyramid, camera: &Pinhole, points: &[ReferencePoint], params: &AlignParams) -> Self {
-        let levels = (0..pyramid.len()).map(|level| Level::new(pyramid, camera, points, level)).collect();
-        Self { levels, params: params.clone() }
+        let finest = params.finest_level.min(pyramid.len() - 1);
+        let points_at = |level: usize| if level < finest { &[] } else { points };
+        let level = |level: usize| Level::new(pyramid, camera, points_at(level), level);
+        Self { levels: (0..pyramid.len()).map(level).collect(), params: params.clone() }
     }
 
     /// Number of points at the finest level.

@@ -3,7 +3,6 @@
 use crate::mask::Mask;
 use geometry::GrayImage;
 use std::ops::Range;
-use std::slice::ChunksExact;
 
 /// A pixel worth a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -33,13 +32,13 @@ pub(crate) fn select(
 ) -> Vec<Candidate> {
     let (columns, rows) = (image.width() / cell, image.height() / cell);
     let mut all = Vec::new();
-    let mut sums = RowSums::default();
+    let mut tensors = Tensors::default();
     for cy in 0..rows {
         for cx in 0..columns {
             if skip(cx, cy) {
                 continue;
             }
-            if let Some(best) = best_of_block(image, mask, cx * cell, cy * cell, cell, &mut sums)
+            if let Some(best) = best_of_block(image, mask, cx * cell, cy * cell, cell, &mut tensors)
                 .filter(|c| c.score >= min_score)
             {
                 all.push(best);
@@ -59,19 +58,18 @@ geometry::multiversion! {
         x0: usize,
         y0: usize,
         cell: usize,
-        sums: &mut RowSums,
+        tensors: &mut Tensors,
     ) -> Option<Candidate> {
         let (left, right) = (x0.max(BORDER), (x0 + cell).min(image.width() - BORDER));
         let (top, bottom) = (y0.max(BORDER), (y0 + cell).min(image.height() - BORDER));
         if left >= right || top >= bottom {
             return None;
         }
-        sums.fill(image, left..right, top - HALF_WINDOW..bottom + HALF_WINDOW);
+        tensors.fill(image, left..right, top - HALF_WINDOW..bottom + HALF_WINDOW);
         let mut best: Option<Candidate> = None;
-        for (y, rows) in (top..bottom).zip(sums.windows()).step_by(STEP) {
-            for (i, x) in (left..right).step_by(STEP).enumerate() {
-                let tensor = rows.clone().map(|row| row[i]).fold([0; 3], add);
-                let score = score(tensor);
+        for y in (top..bottom).step_by(STEP) {
+            let scores = tensors.scores(y - top);
+            for (x, &score) in (left..right).zip(scores).step_by(STEP) {
                 if best.is_none_or(|b| score > b.score) && !mask.covers(x, y) {
                     best = Some(Candidate { pixel: [x as f32, y as f32], score });
                 }
@@ -81,52 +79,77 @@ geometry::multiversion! {
     }
 }
 
-/// The structure tensor's terms `[Σgx², Σgxgy, Σgy²]` of every row of a block, summed over the columns of the windows
-/// around every second pixel. Gradients are differences over two pixels.
+/// Pixels of a window along a side.
+const WINDOW: usize = 2 * HALF_WINDOW + 1;
+
+/// The structure tensor's terms `[Σgx², Σgxgy, Σgy²]` of the pixels of a block. Gradients are differences over two pixels.
+/// Each term has an array of its own, so that the processor works on several pixels side by side.
 #[derive(Default)]
-struct RowSums {
-    products: Vec<[i32; 3]>,
-    sums: Vec<[i32; 3]>,
-    /// Sums in a row.
+struct Tensors {
+    /// Of the pixels of one row.
+    products: [Vec<i32>; 3],
+    /// Summed over the columns of the window around each pixel, row by row.
+    sums: [Vec<i32>; 3],
+    /// Pixels in a row.
     width: usize,
+    /// Summed over the whole windows, and scores, of the row last asked for.
+    totals: [Vec<i32>; 3],
+    scores: Vec<f32>,
 }
 
-impl RowSums {
+impl Tensors {
     #[inline(always)]
     fn fill(&mut self, image: &GrayImage, columns: Range<usize>, rows: Range<usize>) {
-        self.width = columns.len().div_ceil(STEP);
-        self.sums.clear();
-        for y in rows {
-            let (above, row, below) = (image.row(y - 1), image.row(y), image.row(y + 1));
-            let reach = columns.start - HALF_WINDOW..columns.end + HALF_WINDOW;
-            self.products.clear();
-            self.products.extend(reach.map(|x| {
-                let gx = i32::from(row[x + 1]) - i32::from(row[x - 1]);
-                let gy = i32::from(below[x]) - i32::from(above[x]);
-                [gx * gx, gx * gy, gy * gy]
-            }));
-            let windows = self.products.windows(2 * HALF_WINDOW + 1).step_by(STEP);
-            self.sums.extend(windows.map(|window| window.iter().copied().fold([0; 3], add)));
+        let (width, reach) = (columns.len(), columns.start - HALF_WINDOW..columns.end + HALF_WINDOW);
+        self.width = width;
+        self.scores.resize(width, 0.0);
+        self.totals.iter_mut().for_each(|totals| totals.resize(width, 0));
+        self.products.iter_mut().for_each(|products| products.resize(reach.len(), 0));
+        self.sums.iter_mut().for_each(|sums| sums.resize(rows.len() * width, 0));
+        for (at, y) in rows.enumerate() {
+            let left = &image.row(y)[reach.start - 1..reach.end - 1];
+            let right = &image.row(y)[reach.start + 1..reach.end + 1];
+            let (above, below) = (&image.row(y - 1)[reach.clone()], &image.row(y + 1)[reach.clone()]);
+            let [xx, xy, yy] = &mut self.products;
+            let products = xx.iter_mut().zip(xy).zip(yy);
+            for ((((a, b), c), d), ((xx, xy), yy)) in
+                left.iter().zip(right).zip(above).zip(below).zip(products)
+            {
+                let (gx, gy) = (i32::from(*b) - i32::from(*a), i32::from(*d) - i32::from(*c));
+                (*xx, *xy, *yy) = (gx * gx, gx * gy, gy * gy);
+            }
+            for (products, sums) in self.products.iter().zip(&mut self.sums) {
+                let sums = &mut sums[at * width..(at + 1) * width];
+                for (sum, window) in sums.iter_mut().zip(products.array_windows::<WINDOW>()) {
+                    *sum = window.iter().sum();
+                }
+            }
         }
     }
 
-    /// The rows of the window around each row of the block.
+    /// The scores of the pixels of a row of the block.
     #[inline(always)]
-    fn windows(&self) -> impl Iterator<Item = ChunksExact<'_, [i32; 3]>> {
-        let size = (2 * HALF_WINDOW + 1) * self.width;
-        let starts = (0..=self.sums.len() - size).step_by(self.width);
-        starts.map(move |start| self.sums[start..start + size].chunks_exact(self.width))
+    fn scores(&mut self, row: usize) -> &[f32] {
+        let width = self.width;
+        for (total, sums) in self.totals.iter_mut().zip(&self.sums) {
+            let rows: [&[i32]; WINDOW] = std::array::from_fn(|k| &sums[(row + k) * width..][..width]);
+            let total = &mut total[..width];
+            for i in 0..width {
+                total[i] = rows.iter().map(|row| row[i]).sum();
+            }
+        }
+        let [xx, xy, yy] = &self.totals;
+        for (((score, xx), xy), yy) in self.scores.iter_mut().zip(xx).zip(xy).zip(yy) {
+            *score = self::score([*xx, *xy, *yy]);
+        }
+        &self.scores
     }
 }
 
+/// The score of a structure tensor's terms, see [`Tensors`].
 #[inline(always)]
-fn add(a: [i32; 3], b: [i32; 3]) -> [i32; 3] {
-    [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
-}
-
-/// The score of a structure tensor's terms, see [`RowSums`].
 fn score(tensor: [i32; 3]) -> f32 {
-    let area = (4 * (2 * HALF_WINDOW + 1) * (2 * HALF_WINDOW + 1)) as f32;
+    let area = (4 * WINDOW * WINDOW) as f32;
     let [xx, xy, yy] = tensor.map(|sum| sum as f32 / area);
     let half_trace = 0.5 * (xx + yy);
     let root = (0.25 * (xx - yy) * (xx - yy) + xy * xy).sqrt();

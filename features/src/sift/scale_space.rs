@@ -94,8 +94,11 @@ impl Octave {
 /// `a − b`.
 #[inline(always)]
 fn difference(a: &Image<f32>, b: &Image<f32>) -> Image<f32> {
-    let data = a.data().iter().zip(b.data()).map(|(a, b)| a - b).collect();
-    Image::from_vec(a.width(), a.height(), data).expect("as many pixels")
+    let mut difference = Image::filled(a.width(), a.height(), 0.0);
+    for ((difference, a), b) in difference.data_mut().iter_mut().zip(a.data()).zip(b.data()) {
+        *difference = a - b;
+    }
+    difference
 }
 
 /// Every second pixel of every second row.

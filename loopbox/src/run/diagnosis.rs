@@ -147,8 +147,10 @@ pub fn without_depth(map: &Map) -> Option<WithoutDepth> {
     let stride = settled.len().div_ceil(LOOKED_AT).max(1);
     let (looked_at, params) = (settled.len().div_ceil(stride), DepthParams::default());
     let has_hardly_any = |keyframe: &&&Keyframe| {
-        let edges = candidate_pixels(&keyframe.image, &params).len();
-        (keyframe.semi_dense.len() as f64) < HARDLY_ANY * edges as f64
+        let is_less_than = |count: f64| (keyframe.semi_dense.len() as f64) < HARDLY_ANY * count;
+        let most_edges = f64::from(params.max_candidate_share) * keyframe.image.data().len() as f64;
+        // Most keyframes have so many that nobody needs to count the edges.
+        is_less_than(most_edges) && is_less_than(candidate_pixels(&keyframe.image, &params).len() as f64)
     };
     let found: Vec<u64> =
         settled.iter().step_by(stride).filter(has_hardly_any).map(|keyframe| keyframe.frame_index).collect();

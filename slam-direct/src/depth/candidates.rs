@@ -51,21 +51,37 @@ pub(super) fn select(image: &GrayImage, params: &DepthParams) -> Candidates {
     }
     let threshold = threshold(&histogram, params, width * height);
     let count: u32 = histogram[threshold as usize..].iter().sum();
-    // One place more than there are: each pixel is put down, and the next one over it unless it is a candidate.
-    let (mut pixel, mut found) = (vec![0; count as usize + 1], 0);
-    let rows = BORDER * width..(height - BORDER) * width;
-    for (at, &magnitude) in rows.clone().zip(&magnitude[rows]) {
-        pixel[found] = at as u32;
-        found += usize::from(magnitude >= threshold);
+    let mut candidates = Candidates::with_capacity(count as usize);
+    // One place more than there are in a row: each pixel is put down, and the next one over it unless it is a candidate.
+    let mut columns = vec![0; width + 1];
+    for y in BORDER..height - BORDER {
+        let mut found = 0;
+        for (x, &magnitude) in (0..).zip(&magnitude[y * width..(y + 1) * width]) {
+            columns[found] = x;
+            found += usize::from(magnitude >= threshold);
+        }
+        let rows = [y - 1, y, y + 1].map(|y| image.row(y));
+        candidates.extend(y, &columns[..found], rows);
     }
-    pixel.truncate(found);
-    let at = |&pixel: &u32| (pixel as usize % width, pixel as usize / width);
-    let position = pixel.iter().map(at).map(|(x, y)| [x as f32, y as f32]).collect();
-    let gradient = pixel.iter().map(at).map(|(x, y)| {
-        let (gx, gy) = doubled_gradient([image.row(y - 1), image.row(y), image.row(y + 1)], x);
-        [0.5 * gx as f32, 0.5 * gy as f32]
-    });
-    Candidates { gradient: gradient.collect(), position, pixel }
+    candidates
+}
+
+impl Candidates {
+    fn with_capacity(count: usize) -> Self {
+        let (position, gradient) = (Vec::with_capacity(count), Vec::with_capacity(count));
+        Self { pixel: Vec::with_capacity(count), position, gradient }
+    }
+
+    /// Adds pixels of row `y`, which is the middle one of three.
+    fn extend(&mut self, y: usize, columns: &[u32], rows: [&[u8]; 3]) {
+        let start = (y * rows[1].len()) as u32;
+        self.pixel.extend(columns.iter().map(|x| start + x));
+        self.position.extend(columns.iter().map(|&x| [x as f32, y as f32]));
+        self.gradient.extend(columns.iter().map(|&x| {
+            let (gx, gy) = doubled_gradient(rows, x as usize);
+            [0.5 * gx as f32, 0.5 * gy as f32]
+        }));
+    }
 }
 
 /// The pixels of an image whose gradient is strong enough for a depth, as indices `y · width + x`, ascending.

@@ -160,8 +160,8 @@ impl DepthFilter {
     /// bounds hold.
     pub fn seed(&mut self, points: &[SeedPoint]) {
         self.ranges = PriorRanges::from_points(&self.camera, points, &self.params);
-        for (i, &pixel) in self.candidates.pixel.iter().enumerate() {
-            self.prior[i] = self.ranges.at(pixel);
+        for (prior, &pixel) in self.prior.iter_mut().zip(&self.candidates.position) {
+            *prior = self.ranges.at(pixel);
         }
     }
 
@@ -329,7 +329,7 @@ impl DepthFilter {
         self.variance[i] *= FAILURE_GROWTH;
         if self.failures[i] >= self.successes[i] {
             self.successes[i] = 0;
-            self.prior[i] = self.ranges.at(self.candidates.pixel[i]);
+            self.prior[i] = self.ranges.at(self.candidates.position[i]);
         }
     }
 }

@@ -24,7 +24,6 @@ pub struct SeedPoint {
 #[derive(Clone, Debug)]
 pub(super) struct PriorRanges {
     columns: usize,
-    width: usize,
     ranges: Vec<[f32; 2]>,
 }
 
@@ -34,7 +33,7 @@ impl PriorRanges {
         let columns = camera.width.div_ceil(CELL).max(1);
         let rows = camera.height.div_ceil(CELL).max(1);
         let all = [params.min_inverse_depth, params.max_inverse_depth];
-        Self { columns, width: camera.width.max(1), ranges: vec![all; columns * rows] }
+        Self { columns, ranges: vec![all; columns * rows] }
     }
 
     /// Ranges around `points`; invalid points are left out.
@@ -74,11 +73,11 @@ impl PriorRanges {
         all
     }
 
-    /// The range for the pixel with index `pixel`.
+    /// The range for a pixel of the image.
     #[inline]
-    pub fn at(&self, pixel: u32) -> [f32; 2] {
-        let (x, y) = (pixel as usize % self.width, pixel as usize / self.width);
-        self.ranges[(y / CELL) * self.columns + x / CELL]
+    pub fn at(&self, pixel: [f32; 2]) -> [f32; 2] {
+        let [column, row] = pixel.map(|v| v as u32 as usize / CELL);
+        self.ranges[row * self.columns + column]
     }
 }
 
