@@ -93,7 +93,7 @@ pub fn self_calibrate(
     prior: &LensPrior,
 ) -> Result<SelfCalibration, SelfCalibrationError> {
     let question = Question { map, guess, free, prior, most: usize::MAX };
-    question.with_halves(question.solved(question.all())?)
+    question.answer(&question.solved(question.all())?)
 }
 
 /// Observations from which [`other_focal_length`] is found: so many leave it uncertain by far less than a percent.
@@ -113,10 +113,10 @@ pub fn other_focal_length(
     let prior = &LensPrior::default();
     let question = Question { map, guess: lens, free: FreeLens::Focal, prior, most: SAMPLE };
     let whole = question.solved(question.all())?;
-    if (logarithm(&whole.camera) - logarithm(lens)).abs() < harmless {
+    if (logarithm(&camera(&whole)?) - logarithm(lens)).abs() < harmless {
         return Ok(None);
     }
-    question.with_halves(whole).map(Some)
+    question.answer(&whole).map(Some)
 }
 
 /// What a map is asked.
@@ -129,53 +129,49 @@ struct Question<'a> {
     most: usize,
 }
 
-/// What some of its keyframes answer.
-struct Answer {
-    camera: Camera,
-    solution: solve::Solution,
-    keyframes: usize,
-    observations: usize,
-    points: usize,
-}
-
 impl Question<'_> {
     /// All keyframes that are asked, by their places.
     fn all(&self) -> Range<usize> {
         0..self.map.keyframes.len().min(problem::MAX_KEYFRAMES)
     }
 
-    fn solved(&self, range: Range<usize>) -> Result<Answer, SelfCalibrationError> {
+    /// The problem that keyframes pose, solved.
+    fn solved(&self, range: Range<usize>) -> Result<Problem, SelfCalibrationError> {
         let mut problem = Problem::new(self.map, range, self.guess, self.free, self.prior)?;
         problem.thin(self.most);
-        let solution = solve::solve(&mut problem).ok_or(SelfCalibrationError::Undetermined)?;
-        let camera = problem.lens(&problem.terms).ok_or(SelfCalibrationError::Undetermined)?;
-        let (keyframes, points) = (problem.poses.len(), problem.points.len());
-        Ok(Answer { camera, solution, keyframes, observations: problem.observations.len(), points })
+        solve::solve(&mut problem).ok_or(SelfCalibrationError::Undetermined)?;
+        Ok(problem)
     }
 
-    /// The answer of all with what halves of them say of its deviation.
-    fn with_halves(&self, whole: Answer) -> Result<SelfCalibration, SelfCalibrationError> {
-        let Answer { camera, solution, keyframes, observations, points } = whole;
+    /// What the solved problem of all keyframes says, and what halves of them say of its deviation.
+    fn answer(&self, whole: &Problem) -> Result<SelfCalibration, SelfCalibrationError> {
+        let solution = solve::solution(whole).ok_or(SelfCalibrationError::Undetermined)?;
+        let (keyframes, observations) = (whole.poses.len(), whole.observations.len());
         // Observations of a point share the error of its host's pixel and are no independent witnesses: as many count as
         // there are points.
-        let shared = (observations as f64 / points as f64).sqrt();
+        let shared = (observations as f64 / whole.points.len() as f64).sqrt();
         // A rolling shutter or a lens of another model disturbs all observations of a motion alike, which no residual
         // shows; but two halves of the map then say different things. Half their difference is the deviation of their mean.
         let count = self.all().len();
-        let halves =
-            [0..count / 2, count / 2..count].map(|range| self.solved(range).map(|answer| answer.camera).ok());
+        let halves = [0..count / 2, count / 2..count]
+            .map(|range| self.solved(range).and_then(|problem| camera(&problem)).ok());
         let between = match &halves {
             [Some(a), Some(b)] => 0.5 * (logarithm(a) - logarithm(b)).abs(),
             _ => 0.0,
         };
         Ok(SelfCalibration {
-            camera,
+            camera: camera(whole)?,
             focal_deviation: (solution.deviations[0] * shared).max(between),
             keyframes,
             observations,
             residual: solution.residual,
         })
     }
+}
+
+/// The lens of a problem that is solved.
+fn camera(problem: &Problem) -> Result<Camera, SelfCalibrationError> {
+    problem.lens(&problem.terms).ok_or(SelfCalibrationError::Undetermined)
 }
 
 /// Of the focal length.

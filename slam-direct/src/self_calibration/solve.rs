@@ -38,7 +38,7 @@ struct Eliminated {
 }
 
 /// Solves the problem in place; nothing where the equations are singular.
-pub(super) fn solve(problem: &mut Problem) -> Option<Solution> {
+pub(super) fn solve(problem: &mut Problem) -> Option<()> {
     let mut damping = 1e-3;
     let mut normal = linearise(problem, damping)?;
     for _ in 0..MAX_STEPS {
@@ -71,7 +71,11 @@ pub(super) fn solve(problem: &mut Problem) -> Option<Solution> {
             normal = linearise(problem, damping)?;
         }
     }
-    drop(normal);
+    Some(())
+}
+
+/// What a problem that is solved says of its solution; nothing where the equations are singular.
+pub(super) fn solution(problem: &Problem) -> Option<Solution> {
     let normal = linearise(problem, 0.0)?;
     let size = normal.hessian.nrows();
     let inverse = normal.hessian.clone().cholesky()?.inverse();
@@ -101,7 +105,9 @@ fn linearise(problem: &Problem, damping: f64) -> Option<Normal> {
     let mut gradient = DVector::zeros(size);
     let mut points = Vec::with_capacity(problem.points.len());
     let (mut cost, mut weighted) = (0.0, 0.0);
+    let mut columns = Vec::new();
     for point in &problem.points {
+        let world_from_host = problem.poses[point.host].inverse();
         let mut eliminated = Eliminated { information: 0.0, gradient: 0.0, coupling: Vec::new() };
         let Some(rays) = lenses.rays(&point.pixel) else {
             cost += crate::window::robust_cost(UNSEEN) * point.observations.len() as f64;
@@ -109,7 +115,7 @@ fn linearise(problem: &Problem, damping: f64) -> Option<Normal> {
             continue;
         };
         for observation in &problem.observations[point.observations.clone()] {
-            let frame_from_host = problem.poses[observation.frame] * problem.poses[point.host].inverse();
+            let frame_from_host = problem.poses[observation.frame] * world_from_host;
             let predicted = lenses.predict(&frame_from_host, &rays, point.inverse_depth, &observation.pixel);
             let Some(predicted) = predicted else {
                 cost += crate::window::robust_cost(UNSEEN);
@@ -121,7 +127,15 @@ fn linearise(problem: &Problem, damping: f64) -> Option<Normal> {
             weighted += weight * squared;
             let [xx, xy, yy] = observation.information.map(|value| weight * value);
             let inform = |v: &Vector2<f64>| Vector2::new(xx * v.x + xy * v.y, xy * v.x + yy * v.y);
-            let columns = columns(&predicted, &frame_from_host, observation.frame, point.host, first_term);
+            columns.clear();
+            add_columns(
+                &mut columns,
+                &predicted,
+                &frame_from_host,
+                observation.frame,
+                point.host,
+                first_term,
+            );
             let by_depth = inform(&predicted.by_inverse_depth);
             eliminated.information += by_depth.dot(&predicted.by_inverse_depth);
             eliminated.gradient += by_depth.dot(&predicted.residual);
@@ -171,15 +185,15 @@ fn damp(hessian: &mut DMatrix<f64>, damping: f64) {
     }
 }
 
-/// The unknowns that an observation depends on but its depth, with the derivatives of the pixel by them.
-fn columns(
+/// Adds the unknowns that an observation depends on but its depth, with the derivatives of the pixel by them.
+fn add_columns(
+    columns: &mut Vec<(usize, Vector2<f64>)>,
     predicted: &Predicted,
     frame_from_host: &Se3,
     frame: usize,
     host: usize,
     first_term: usize,
-) -> Vec<(usize, Vector2<f64>)> {
-    let mut columns = Vec::with_capacity(12 + predicted.by_terms.len());
+) {
     if let Some(at) = of_pose(frame) {
         columns.extend(predicted.by_twist.iter().enumerate().map(|(k, column)| (at + k, *column)));
     }
@@ -191,7 +205,6 @@ fn columns(
         columns.extend((0..6).map(|k| (at + k, column(k))));
     }
     columns.extend(predicted.by_terms.iter().enumerate().map(|(k, column)| (first_term + k, *column)));
-    columns
 }
 
 /// What is known before of the lens; and the unit of the world, which no observation tells, held by the distance of the
@@ -255,8 +268,9 @@ fn cost(problem: &Problem) -> Option<f64> {
     let mut cost = 0.0;
     for point in &problem.points {
         let ray = ray(&lenses.middle, &point.pixel);
+        let world_from_host = problem.poses[point.host].inverse();
         for observation in &problem.observations[point.observations.clone()] {
-            let frame_from_host = problem.poses[observation.frame] * problem.poses[point.host].inverse();
+            let frame_from_host = problem.poses[observation.frame] * world_from_host;
             let residual = ray.and_then(|ray| {
                 lenses.residual(&frame_from_host, &ray, point.inverse_depth, &observation.pixel)
             });
