@@ -2,7 +2,6 @@
 //! by their true poses.
 
 pub mod document;
-pub mod random;
 pub mod shared;
 pub mod views;
 
@@ -15,8 +14,7 @@ pub fn map_of(runs: &Path, sequence: &str) -> PathBuf {
 
 /// The median of numbers, the larger of the two in the middle; `None` without any.
 pub fn median(mut values: Vec<f64>) -> Option<f64> {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied()
+    geometry::median(&mut values)
 }
 
 /// Whether two sequences were recorded in one world, which the first part of their names tells.

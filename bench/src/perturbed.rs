@@ -5,7 +5,7 @@ use crate::name;
 use crate::report::{MISSING, length, number};
 use crate::side_by_side::side_by_side;
 use anyhow::{Context, Result};
-use measuring::random::Random;
+use geometry::Random;
 use serde_json::Value;
 use std::fmt::Write;
 use std::fs;
@@ -167,7 +167,7 @@ fn add_noise(from: &Path, to: &Path, seed: u64) -> Result<()> {
     let mut image = image::open(from).with_context(|| format!("{}", from.display()))?.into_luma8();
     let mut random = Random::new(seed);
     for pixel in image.iter_mut() {
-        let change = random.below((2 * NOISE + 1) as usize) as i16 - NOISE;
+        let change = random.index((2 * NOISE + 1) as usize) as i16 - NOISE;
         *pixel = (i16::from(*pixel) + change).clamp(0, 255) as u8;
     }
     image.save(to).with_context(|| format!("{}", to.display()))

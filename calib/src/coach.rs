@@ -156,7 +156,7 @@ mod tests {
     fn view(position: [f64; 3], tilt: [f64; 3]) -> View {
         let pinhole = Pinhole { width: 640, height: 480, fx: 500.0, fy: 500.0, cx: 319.5, cy: 239.5 };
         let camera = Camera::new(pinhole, Distortion::None).unwrap();
-        seen(&camera, &board(), &placed(&board(), position, tilt), 0.0, &mut Noise(1))
+        seen(&camera, &board(), &placed(&board(), position, tilt), 0.0, &mut Random::new(1))
     }
 
     #[test]

@@ -165,7 +165,7 @@ mod tests {
     }
 
     fn surface(gamma: f64, dust: bool) -> Vec<GrayImage> {
-        let mut noise = Noise(3);
+        let mut noise = Random::new(3);
         (0..5)
             .map(|i| {
                 let data = (0..160 * 120).map(|p| {

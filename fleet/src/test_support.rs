@@ -5,6 +5,7 @@ use crate::node::{Action, Config, Event, LinkId, News, Node, Quota};
 use crate::publishing::Publisher;
 use crate::store::{MemoryStore, Store};
 use crate::wire::{Message, Role};
+pub use geometry::Random;
 use geometry::{GrayImage, Pinhole, Se3, Sim3};
 use map::{
     AgentId, AgentInfo, Edge, EdgeKind, FramePose, Identity, Keyframe, KeyframeId, Map, Observation, Point,
@@ -15,27 +16,6 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// Numbers that look random and are always the same: xorshift.
-pub struct Numbers(u64);
-
-impl Numbers {
-    pub fn new(seed: u64) -> Self {
-        Self(seed.wrapping_add(1).wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1)
-    }
-
-    /// In [0, 1).
-    pub fn next(&mut self) -> f64 {
-        self.0 ^= self.0 << 13;
-        self.0 ^= self.0 >> 7;
-        self.0 ^= self.0 << 17;
-        (self.0 >> 11) as f64 / (1u64 << 53) as f64
-    }
-
-    pub fn below(&mut self, limit: usize) -> usize {
-        (self.next() * limit as f64) as usize
-    }
-}
-
 pub fn agent(number: u128) -> Identity {
     Identity { uuid: Uuid::from_u128(number), epoch: 0 }
 }
@@ -44,7 +24,7 @@ pub fn agent(number: u128) -> Identity {
 pub fn map(identity: Identity, keyframes: u32) -> Map {
     let camera = Pinhole { width: 160, height: 120, fx: 140.0, fy: 141.0, cx: 79.4, cy: 59.7 };
     let info = AgentInfo { identity: Some(identity), ..AgentInfo::new("tester", camera) };
-    let mut numbers = Numbers::new(identity.uuid.as_u128() as u64);
+    let mut numbers = Random::new(identity.uuid.as_u128() as u64);
     let mut map = Map::of(info);
     for i in 0..keyframes {
         grow(&mut map, i, &mut numbers);
@@ -55,10 +35,10 @@ pub fn map(identity: Identity, keyframes: u32) -> Map {
 /// A LiDAR's map of so many keyframes of 500 points, about 3 kB each.
 pub fn lidar_map(identity: Identity, keyframes: u32) -> Map {
     let mut map = map(identity, keyframes);
-    let mut numbers = Numbers::new(identity.uuid.as_u128() as u64);
+    let mut numbers = Random::new(identity.uuid.as_u128() as u64);
     map.agents.values_mut().for_each(|info| info.sensor = Sensor::Lidar);
     for keyframe in map.keyframes.values_mut() {
-        let points = (0..500).map(|_| [0, 1, 2].map(|_| 20.0 * numbers.next() as f32 - 10.0));
+        let points = (0..500).map(|_| [0, 1, 2].map(|_| 20.0 * numbers.unit() as f32 - 10.0));
         keyframe.scan = Some(Arc::new(Scan::new(points)));
         keyframe.image = Arc::new(GrayImage::filled(0, 0, 0));
         keyframe.world_from_keyframe.scale = 1.0;
@@ -67,22 +47,22 @@ pub fn lidar_map(identity: Identity, keyframes: u32) -> Map {
     map
 }
 
-fn grow(map: &mut Map, i: u32, numbers: &mut Numbers) {
+fn grow(map: &mut Map, i: u32, numbers: &mut Random) {
     let id = KeyframeId(2 * i + 1);
-    let pixels = (0..160 * 120).map(|_| (numbers.next() * 256.0) as u8).collect();
+    let pixels = (0..160 * 120).map(|_| (numbers.unit() * 256.0) as u8).collect();
     let mut semi_dense = SemiDense::default();
     for pixel in (0..160 * 120).step_by(13) {
         semi_dense.pixel.push(pixel);
-        semi_dense.inverse_depth.push(0.1 + numbers.next() as f32);
-        semi_dense.variance.push(1e-3 * numbers.next() as f32);
+        semi_dense.inverse_depth.push(0.1 + numbers.unit() as f32);
+        semi_dense.variance.push(1e-3 * numbers.unit() as f32);
     }
-    let observation = |numbers: &mut Numbers| Observation {
+    let observation = |numbers: &mut Random| Observation {
         keyframe: KeyframeId(2 * (i / 2) + 1),
-        pixel: [numbers.next() as f32, 3.0],
+        pixel: [numbers.unit() as f32, 3.0],
         information: [1.0, 0.0, 1.0],
     };
     let points = (0..5).map(|_| Point {
-        pixel: [numbers.next() as f32 * 100.0, 7.0],
+        pixel: [numbers.unit() as f32 * 100.0, 7.0],
         inverse_depth: 0.5,
         variance: 0.1,
         observations: vec![observation(numbers)],
@@ -93,7 +73,7 @@ fn grow(map: &mut Map, i: u32, numbers: &mut Numbers) {
         agent: AgentId::default(),
         timestamp: f64::from(i) / 3.0,
         frame_index: u64::from(10 * i),
-        world_from_keyframe: Sim3::exp(&SVector::<f64, 7>::from_fn(|_, _| numbers.next() - 0.5)),
+        world_from_keyframe: Sim3::exp(&SVector::<f64, 7>::from_fn(|_, _| numbers.unit() - 0.5)),
         image: Arc::new(GrayImage::from_vec(160, 120, pixels).unwrap()),
         scan: None,
         semi_dense: semi_dense.into(),
@@ -105,14 +85,14 @@ fn grow(map: &mut Map, i: u32, numbers: &mut Numbers) {
         timestamp: f64::from(i) / 3.0 + f64::from(k) / 30.0,
         frame_index: u64::from(10 * i + k),
         reference: id,
-        keyframe_from_frame: Se3::exp(&Vector6::from_fn(|_, _| numbers.next() - 0.5)),
+        keyframe_from_frame: Se3::exp(&Vector6::from_fn(|_, _| numbers.unit() - 0.5)),
     }));
     if i > 0 {
         map.edges.push(Edge {
             from: KeyframeId(2 * i - 1),
             to: id,
-            from_from_to: Sim3::exp(&SVector::<f64, 7>::from_fn(|_, _| numbers.next() - 0.5)),
-            information: SMatrix::from_fn(|_, _| numbers.next()),
+            from_from_to: Sim3::exp(&SVector::<f64, 7>::from_fn(|_, _| numbers.unit() - 0.5)),
+            information: SMatrix::from_fn(|_, _| numbers.unit()),
             kind: EdgeKind::Odometry,
         });
     }
@@ -201,7 +181,7 @@ impl Network {
             closed: 0,
             waited: Duration::ZERO,
             parties: Vec::new(),
-            numbers: Numbers::new(seed),
+            numbers: Random::new(seed),
             links: BTreeMap::new(),
             next_link: 1,
             reopen,
@@ -249,13 +229,13 @@ impl Network {
         self.waited = self.waited.max(begin - self.now);
         *free = begin + Duration::from_secs_f64(bytes.len() as f64 / self.faults.rate);
         let there = *free;
-        let copies = 1 + usize::from(self.numbers.next() < self.faults.twice);
+        let copies = 1 + usize::from(self.numbers.unit() < self.faults.twice);
         for _ in 0..copies {
-            if self.numbers.next() < self.faults.loss || self.cut.contains(&(from, to)) {
+            if self.numbers.unit() < self.faults.loss || self.cut.contains(&(from, to)) {
                 continue;
             }
             let [least, most] = self.faults.delay;
-            let at = there + least + (most - least).mul_f64(self.numbers.next());
+            let at = there + least + (most - least).mul_f64(self.numbers.unit());
             self.sequence += 1;
             self.under_way.insert((at, self.sequence), (link, to, bytes.clone()));
         }

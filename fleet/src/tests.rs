@@ -5,7 +5,7 @@ use crate::manifest::Kind;
 use crate::node::{Event, News};
 use crate::publishing::Publisher;
 use crate::store::{FolderStore, Store};
-use crate::test_support::{Faults, Network, Numbers, agent, lidar_map, map};
+use crate::test_support::{Faults, Network, Random, agent, lidar_map, map};
 use crate::wire::{Message, Offer};
 use map::{KeyframeId, Map};
 use std::sync::Arc;
@@ -272,7 +272,7 @@ fn nothing_acknowledged_is_lost_however_often_somebody_is_killed() {
     let mut network = Network::with_stores(vec![open(0), open(1)], 8, faults);
     let map = map(agent(7), 20);
     let mut publisher = Publisher::new(agent(7), 100);
-    let mut numbers = Numbers::new(9);
+    let mut numbers = Random::new(9);
     let mut acknowledged = 0;
     for round in 1..=100 {
         let keyframes = (round / 6).min(19);

@@ -14,10 +14,12 @@ mod pinhole;
 pub mod pnp;
 pub mod pose_alignment;
 mod pyramid;
+mod random;
 mod sampler;
 mod se3;
 pub mod sensor;
 mod sim3;
+mod statistics;
 pub mod umeyama;
 mod undistort;
 
@@ -27,9 +29,11 @@ pub use image::{GrayImage, Image};
 pub use photometric::{PhotometricCalibration, PhotometricError};
 pub use pinhole::Pinhole;
 pub use pyramid::{Pyramid, halved};
+pub use random::Random;
 pub use sampler::{Sampler, samples_needed};
 pub use se3::{Se3, hat};
 pub use sim3::Sim3;
+pub use statistics::median;
 pub use undistort::{Crop, ImageSizeError, Undistorter};
 
 #[cfg(test)]

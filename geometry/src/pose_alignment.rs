@@ -5,7 +5,7 @@
 //! on, then all seven degrees of freedom are refined together with Cauchy's weights,
 //! whose widths are told from the residuals themselves.
 
-use crate::{Se3, Sim3, hat};
+use crate::{Se3, Sim3, hat, median};
 use nalgebra::{SMatrix, SVector, UnitQuaternion, Vector3};
 
 /// Pairs that the search begins with, spread over all.
@@ -86,8 +86,8 @@ pub fn align_poses(pairs: &[PosePair]) -> Result<PoseAlignment, PoseAlignmentErr
         target_from_source,
         pairs: pairs.len(),
         reach: square.sqrt(),
-        distance: median(residuals.iter().map(|r| r.position.norm())),
-        angle: median(residuals.iter().map(|r| r.turn.norm())),
+        distance: median_of(residuals.iter().map(|r| r.position.norm())),
+        angle: median_of(residuals.iter().map(|r| r.turn.norm())),
     })
 }
 
@@ -100,7 +100,7 @@ fn rotation_of(pair: &PosePair) -> UnitQuaternion<f64> {
 fn rotation(pairs: &[PosePair]) -> UnitQuaternion<f64> {
     let step = pairs.len().div_ceil(STARTS).max(1);
     let starts = || pairs.iter().step_by(step).map(rotation_of);
-    let off = |start: &UnitQuaternion<f64>| median(starts().map(|other| start.angle_to(&other)));
+    let off = |start: &UnitQuaternion<f64>| median_of(starts().map(|other| start.angle_to(&other)));
     starts().min_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or_default()
 }
 
@@ -118,8 +118,9 @@ fn scale_and_translation(pairs: &[PosePair], rotation: UnitQuaternion<f64>) -> O
         let start = Sim3::new(rotation, a[1] - a[0] * scale, scale);
         (scale.is_finite() && scale > 0.0).then_some(start)
     };
-    let off =
-        |start: &Sim3| median(points.iter().map(|p| (p[0] * start.scale + start.translation - p[1]).norm()));
+    let off = |start: &Sim3| {
+        median_of(points.iter().map(|p| (p[0] * start.scale + start.translation - p[1]).norm()))
+    };
     let aparts = [points.len() / 2, points.len().div_ceil(3)];
     let starts = (0..points.len()).flat_map(|i| aparts.map(|apart| from(i, apart)));
     starts.flatten().min_by(|a, b| off(a).total_cmp(&off(b)))
@@ -153,7 +154,7 @@ fn refined(pairs: &[PosePair], start: Sim3) -> Option<Sim3> {
         let reach = residuals.iter().map(|r| (r.at - middle).norm()).fold(0.0, f64::max);
         // Exact poses have widths of rounding; no width at all would divide by zero.
         let width = |residuals: &mut dyn Iterator<Item = f64>, unit: f64| {
-            (CAUCHY * BY_MEDIAN_LENGTH * median(residuals)).max(1e-9 * unit)
+            (CAUCHY * BY_MEDIAN_LENGTH * median_of(residuals)).max(1e-9 * unit)
         };
         let far = width(&mut residuals.iter().map(|r| r.position.norm()), reach);
         let turned = width(&mut residuals.iter().map(|r| r.turn.norm()), 1.0);
@@ -191,11 +192,9 @@ fn refined(pairs: &[PosePair], start: Sim3) -> Option<Sim3> {
     target_from_source.is_valid().then_some(target_from_source)
 }
 
-/// The middle one, the upper of two; 0 of none.
-fn median(values: impl Iterator<Item = f64>) -> f64 {
-    let mut values: Vec<f64> = values.collect();
-    let middle = values.len() / 2;
-    if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(middle, f64::total_cmp).1 }
+/// The median; 0 of none.
+fn median_of(values: impl Iterator<Item = f64>) -> f64 {
+    median(&mut values.collect::<Vec<_>>()).unwrap_or(0.0)
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! Keyframes, their inverse depth, and the edges between them.
 
 use crate::{AgentId, Scan, Shared};
-use geometry::{Buffer, GrayImage, Sim3, Swap};
+use geometry::{Buffer, GrayImage, Sim3, Swap, median};
 use nalgebra::{SMatrix, SVector};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
@@ -107,6 +107,11 @@ impl SemiDense {
             inverse_depth: self.inverse_depth.swapped_out(swap).unwrap_or(self.inverse_depth),
             variance: self.variance.swapped_out(swap).unwrap_or(self.variance),
         }
+    }
+
+    /// Median depth, keyframe units; `None` without any.
+    pub fn median_depth(&self) -> Option<f64> {
+        median(&mut self.inverse_depth.to_vec()).map(|inverse| f64::from(inverse).recip())
     }
 
     /// Gives back the memory of what is swapped out, until it is looked at again.

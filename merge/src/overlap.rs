@@ -75,13 +75,6 @@ impl<'a> Glimpse<'a> {
     }
 }
 
-/// The median depth, keyframe units; `None` where there is no depth.
-pub(crate) fn median_depth(inverse_depths: &[f32]) -> Option<f64> {
-    let mut sorted = inverse_depths.to_vec();
-    sorted.sort_by(f32::total_cmp);
-    sorted.get(sorted.len() / 2).map(|d| 1.0 / f64::from(*d))
-}
-
 /// A keyframe among many that may see it, in the world of these.
 pub(crate) struct Placed<'g, 'a> {
     /// The keyframe.

@@ -6,10 +6,9 @@
 
 use crate::closure::{Closure, ClosureParams, matches_at};
 use crate::meeting::Place;
-use crate::overlap::median_depth;
 use crate::pair::{ViewPair, measure_pair, view_pair};
 use crate::prepared::PreparedMap;
-use geometry::Sim3;
+use geometry::{Sim3, median};
 use map::KeyframeId;
 use rayon::prelude::*;
 
@@ -87,8 +86,9 @@ impl At {
         let ways = way(source, place.source, chosen.source)? * in_target
             + way(target, place.target, chosen.target)? / target_pose.scale;
         let depths = &target.map().keyframes.get(&place.target)?.semi_dense.inverse_depth;
-        let sample: Vec<f32> = depths.iter().step_by(depths.len().div_ceil(256).max(1)).copied().collect();
-        let depth = median_depth(&sample)?;
+        let mut sample: Vec<f32> =
+            depths.iter().step_by(depths.len().div_ceil(256).max(1)).copied().collect();
+        let depth = f64::from(median(&mut sample)?).recip();
         let supposed = target_pose.inverse() * closure.motion.a_from_b * source_pose;
         Some(Self { place, supposed, ways, depth })
     }

@@ -167,14 +167,9 @@ mod tests {
 
     /// Three groups of features that fall under nodes of their own, from random descriptors.
     fn image(seed: u64, count: usize) -> Features {
-        // xorshift64*: bytes of the size that RootSIFT descriptors have.
-        let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
-        let mut byte = move || {
-            state ^= state >> 12;
-            state ^= state << 25;
-            state ^= state >> 27;
-            (state.wrapping_mul(0x2545_F491_4F6C_DD1D) >> 59) as u8
-        };
+        // Bytes of the size that RootSIFT descriptors have.
+        let mut random = geometry::Random::new(seed);
+        let mut byte = move || random.below(32) as u8;
         let keypoint = crate::features::Keypoint { pixel: [0.0; 2], size: 1.0, angle: 0.0 };
         Features {
             keypoints: vec![keypoint; count],

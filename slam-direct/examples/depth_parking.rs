@@ -12,7 +12,7 @@ mod parking;
 
 use geometry::sensor::Shift;
 use geometry::{GrayImage, Image, Se3};
-use parking::{Random, Result, Sequence, backbone};
+use parking::{Result, Sequence, backbone};
 use slam_direct::{DepthFilter, DepthParams, StereoFrame, UpdateStats, choose_references};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -111,7 +111,7 @@ fn map_keyframe(
     let chosen = choose_references(&poses, mean, &sequence.camera, params);
     let images: Result<Vec<GrayImage>> = chosen.iter().map(|&c| sequence.image(around[c])).collect();
     let images = images?;
-    let points = backbone(truth, &mut Random::new(index as u64 + 1));
+    let points = backbone(truth, &mut geometry::Random::new(index as u64 + 1));
 
     let clock = Instant::now();
     let now = || cpu_milliseconds(clock);

@@ -1,10 +1,10 @@
 //! Semi-dense depth of a keyframe that has neighbours before and after it.
 
 use crate::depth::{DepthFilter, DepthParams, SeedPoint, StereoFrame, choose_references};
-use crate::local_map::{Companion, LocalMap, median};
+use crate::local_map::{Companion, LocalMap};
 use crate::mask::Mask;
 use geometry::sensor::{Shift, Twist};
-use geometry::{GrayImage, Pinhole, Se3};
+use geometry::{GrayImage, Pinhole, Se3, median};
 use map::SemiDense;
 use std::sync::Arc;
 

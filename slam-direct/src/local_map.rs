@@ -4,7 +4,7 @@ use crate::align::ReferencePoint;
 use crate::mask::Mask;
 use crate::track::Matched;
 use geometry::sensor::{Sensor, Twist};
-use geometry::{GrayImage, Pinhole, Pyramid, Se3, Sim3};
+use geometry::{GrayImage, Pinhole, Pyramid, Se3, Sim3, median};
 use map::{KeyframeId, Shared};
 use nalgebra::Vector3;
 use std::collections::BTreeMap;
@@ -346,15 +346,6 @@ impl LocalMap {
     }
 }
 
-/// The median; `None` of nothing. Reorders its input.
-pub(crate) fn median(values: &mut [f32]) -> Option<f32> {
-    if values.is_empty() {
-        return None;
-    }
-    let middle = values.len() / 2;
-    Some(*values.select_nth_unstable_by(middle, f32::total_cmp).1)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -487,12 +478,5 @@ mod tests {
         map.count(&frame);
         let counts: Vec<_> = map.keyframes[0].points[..3].iter().map(|p| (p.sought, p.found)).collect();
         assert_eq!(counts, [(1, 1), (1, 0), (1, 0)]);
-    }
-
-    #[test]
-    fn the_median_of_few() {
-        assert_eq!(median(&mut []), None);
-        assert_eq!(median(&mut [3.0]), Some(3.0));
-        assert_eq!(median(&mut [5.0, 1.0, 3.0]), Some(3.0));
     }
 }

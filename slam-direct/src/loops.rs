@@ -4,7 +4,7 @@ use backend::params;
 use backend::sim3_align::{
     AlignRefusal, KeyframeView, Sim3AlignParams, Sim3Alignment, align_from, reciprocal, turned_starts,
 };
-use geometry::{Pinhole, Sim3};
+use geometry::{Pinhole, Sim3, median};
 use map::{Edge, EdgeKind, Keyframe, KeyframeId, Map, PlaceCandidate};
 use std::collections::{BTreeMap, BTreeSet};
 use thiserror::Error;
@@ -169,8 +169,7 @@ fn median_depth(keyframe: &Keyframe) -> Option<f64> {
     // The width does not matter for the depths alone.
     let mut depths: Vec<f64> =
         sample_points(keyframe, 1).iter().map(|p| 1.0 / p[2]).filter(|d| d.is_finite() && *d > 0.0).collect();
-    depths.sort_by(f64::total_cmp);
-    depths.get(depths.len() / 2).copied()
+    median(&mut depths)
 }
 
 /// A loop that was closed.

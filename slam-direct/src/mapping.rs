@@ -1,11 +1,12 @@
 //! What a new keyframe sets off: new points, the joint optimisation of its surroundings, culling.
 
-use crate::local_map::{KeyframeState, LocalMap, PointRef, PointState, SeenAt, median};
+use crate::local_map::{KeyframeState, LocalMap, PointRef, PointState, SeenAt};
 use crate::select::select;
 use crate::track::{Matched, TrackParams};
 use crate::triangulate::{TriangulateParams, Triangulator};
 use crate::window::{Limits, Problem, solve_within};
 use backend::params;
+use geometry::median;
 use geometry::sensor::{Sensor, UNKNOWNS};
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};

@@ -35,7 +35,7 @@ pub(crate) fn keyframe(sequence: &Path, index: usize, unit: f64, sigma: f32) -> 
     let (width, height) = (gray.width() as usize, gray.height() as usize);
     let image = GrayImage::from_vec(width, height, gray.into_raw()).unwrap();
     let mut semi_dense = SemiDense::default();
-    let mut seed = index as u64;
+    let mut random = geometry::Random::new(index as u64);
     for y in 1..height - 1 {
         for x in 1..width - 1 {
             let gx = image.get(x + 1, y) as f32 - image.get(x - 1, y) as f32;
@@ -44,12 +44,7 @@ pub(crate) fn keyframe(sequence: &Path, index: usize, unit: f64, sigma: f32) -> 
             if gx.hypot(gy) < 16.0 || millimetres == 0 {
                 continue;
             }
-            // Sum of four uniform numbers: near enough to a normal of unit variance.
-            let mut noise = 0.0;
-            for _ in 0..4 {
-                seed = seed.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-                noise += ((seed >> 40) as f32 / (1u64 << 24) as f32 - 0.5) * 1.732;
-            }
+            let noise = random.normal() as f32;
             let inverse_depth = (unit * 1000.0 / millimetres as f64) as f32;
             semi_dense.pixel.push((y * width + x) as u32);
             semi_dense.inverse_depth.push(inverse_depth * (1.0 + sigma * noise).max(0.1));

@@ -2,13 +2,13 @@
 //! is the one that agrees best with where they were found.
 
 use crate::align::{AlignmentReference, Brightness};
-use crate::local_map::{LocalMap, PointRef, median};
+use crate::local_map::{LocalMap, PointRef};
 use crate::patch::Template;
 use crate::warp::Warp;
 use crate::window::{PoseSolver, SeenPoint, mahalanobis, predict, robust_weight};
 use backend::params;
 use geometry::sensor::Twist;
-use geometry::{Pyramid, Se3};
+use geometry::{Pyramid, Se3, median};
 use nalgebra::{SMatrix, SVector, Vector2, Vector3, Vector6};
 use rayon::prelude::*;
 

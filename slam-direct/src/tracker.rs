@@ -2,7 +2,7 @@
 
 use crate::align::{Alignment, AlignmentReference, Brightness, ReferencePoint};
 use crate::keyframes::Departure;
-use crate::local_map::{LocalMap, PointRef, median};
+use crate::local_map::{LocalMap, PointRef};
 use crate::mapping;
 use crate::params::Params;
 use crate::relocalise::relocalise;
@@ -10,7 +10,7 @@ use crate::track::{self, Matched, View};
 use crate::turn::Glance;
 use crate::wide;
 use geometry::sensor::{Twist, motion};
-use geometry::{Pyramid, Se3};
+use geometry::{Pyramid, Se3, median};
 use map::PlaceIndex;
 use std::collections::{BTreeMap, BTreeSet};
 

@@ -4,7 +4,7 @@
 mod parking;
 
 use geometry::sensor::Shift;
-use parking::{Random, Sequence, backbone};
+use parking::{Sequence, backbone};
 use slam_direct::{DepthFilter, DepthParams, StereoFrame, choose_references};
 use std::path::Path;
 
@@ -30,7 +30,7 @@ fn parking_depth_is_accurate_dense_and_honest() -> parking::Result<()> {
             truth.data().iter().sum::<f32>() / truth.data().iter().filter(|&&d| d > 0.0).count() as f32;
         let shift = Shift::none(sequence.camera);
         let mut filter = DepthFilter::new(&image, &sequence.camera, shift, &params);
-        filter.seed(&backbone(&truth, &mut Random::new(keyframe as u64)));
+        filter.seed(&backbone(&truth, &mut geometry::Random::new(keyframe as u64)));
         for chosen in choose_references(&poses, mean, &sequence.camera, &params) {
             let reference = sequence.image(around[chosen])?;
             filter.update(

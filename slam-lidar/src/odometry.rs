@@ -11,7 +11,7 @@ use crate::registration::{Prediction, Registration, RegistrationParams, register
 use crate::start::first_displacement;
 use crate::surfaces::{SurfaceMap, SurfaceParams};
 use crate::voxels::{VoxelTable, first_of_each_voxel};
-use geometry::Se3;
+use geometry::{Se3, median};
 use nalgebra::{Matrix6, Vector6};
 use scans::Scan;
 use serde::{Deserialize, Serialize};
@@ -271,6 +271,5 @@ impl Odometry {
 /// Median distance of points from the sensor, metres; 0 of none.
 fn median_range(points: &[[f32; 3]]) -> f32 {
     let mut ranges: Vec<f32> = points.iter().map(|p| p.iter().map(|v| v * v).sum::<f32>().sqrt()).collect();
-    let middle = ranges.len() / 2;
-    if ranges.is_empty() { 0.0 } else { *ranges.select_nth_unstable_by(middle, f32::total_cmp).1 }
+    median(&mut ranges).unwrap_or(0.0)
 }

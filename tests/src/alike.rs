@@ -1,8 +1,8 @@
 //! Places that look alike: of one kind, they have much in common and are yet different places.
 
-use crate::random::Random;
 use crate::trajectory::look;
 use crate::{Cuboid, Texture, World};
+use geometry::Random;
 use geometry::Se3;
 use nalgebra::{UnitQuaternion, Vector3};
 

@@ -1,8 +1,8 @@
 //! Recordings of a hand-held camera to which something happens half-way: 640 × 480 pixels, with noise and motion blur.
 
 use crate::alike::Kind;
-use crate::random::Random;
 use crate::{Recording, Shot, World, render, trajectory};
+use geometry::Random;
 use geometry::{GrayImage, Pinhole, Se3};
 use nalgebra::{UnitQuaternion, Vector3};
 use rayon::prelude::*;

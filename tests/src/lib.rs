@@ -11,7 +11,6 @@ pub mod lidar_sites;
 pub mod pages;
 mod patterns;
 pub mod proxy;
-mod random;
 mod recording;
 mod render;
 mod texture;

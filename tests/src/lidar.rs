@@ -4,7 +4,7 @@
 //! The sensor has 16 rings and turns clockwise, ten times a second; each point is seen from where the sensor is at its own
 //! instant, so that sweeps are distorted as real ones are. x forward, y left, z up; metres and seconds.
 
-use crate::random::Random;
+use geometry::Random;
 use geometry::Se3;
 use nalgebra::{UnitQuaternion, Vector3};
 use std::fmt::Write;

@@ -2,7 +2,7 @@
 //! in them, each drawn from a number of its own. Two sites of one plan are two floors of a building: alike, and not the same.
 
 use crate::lidar::Corners;
-use crate::random::Random;
+use geometry::Random;
 
 /// A site, and ways through it.
 #[derive(Clone, Debug, PartialEq)]

@@ -1,6 +1,6 @@
 //! Surfaces of many kinds, for training: what a vocabulary learns from must look like more than one yard.
 
-use crate::random::Random;
+use geometry::Random;
 use std::f32::consts::TAU;
 
 /// A square grey picture that is drawn upon; it tiles.

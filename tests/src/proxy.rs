@@ -1,10 +1,11 @@
 //! A proxy between two processes whose faults are drawn from a seed, and that carries no more than a link would. What TCP
 //! carries is never lost: a lost packet shows as a pause, in which it is sent again.
 
+use geometry::Random;
 use std::io::{ErrorKind, Read, Write};
 use std::net::{Shutdown, TcpListener, TcpStream};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -34,7 +35,7 @@ struct State {
     link: Link,
     is_cut: AtomicBool,
     ends: AtomicBool,
-    random: AtomicU64,
+    random: Mutex<Random>,
     carried: AtomicU64,
     opened: OnceLock<Instant>,
 }
@@ -52,7 +53,7 @@ impl Proxy {
             link,
             is_cut: AtomicBool::new(false),
             ends: AtomicBool::new(false),
-            random: AtomicU64::new(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1),
+            random: Mutex::new(Random::new(seed)),
             carried: AtomicU64::new(0),
             opened: OnceLock::new(),
         });
@@ -141,13 +142,8 @@ impl State {
 
     /// Waits for what was lost to be sent again, and for the link to work.
     fn delay(&self) {
-        let step = |x: u64| {
-            let x = x ^ (x << 13);
-            let x = x ^ (x >> 7);
-            Some(x ^ (x << 17))
-        };
-        let drawn = self.random.fetch_update(Ordering::Relaxed, Ordering::Relaxed, step);
-        if self.link.lost > 0 && drawn.unwrap_or_default().is_multiple_of(self.link.lost) {
+        let drawn = self.random.lock().unwrap_or_else(PoisonError::into_inner).below(self.link.lost);
+        if self.link.lost > 0 && drawn == 0 {
             thread::sleep(PAUSE);
         }
         while self.is_cut.load(Ordering::Relaxed) && !self.ends.load(Ordering::Relaxed) {

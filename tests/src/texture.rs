@@ -1,7 +1,7 @@
 //! Procedural textures with mip levels.
 
 use crate::patterns::Canvas;
-use crate::random::Random;
+use geometry::Random;
 
 /// Side of level 0 in texels, a power of two.
 const SIZE: usize = 1024;

@@ -1,7 +1,7 @@
 //! Camera motions through [`World::yard`](crate::World::yard): `world_from_camera` of each frame, metres.
 
-use crate::random::Random;
 use crate::world::RING;
+use geometry::Random;
 use geometry::Se3;
 use nalgebra::{UnitQuaternion, Vector3};
 use std::f64::consts::{PI, TAU};

@@ -2,7 +2,7 @@
 
 use crate::Texture;
 use crate::lidar::HALL;
-use crate::random::Random;
+use geometry::Random;
 use geometry::Se3;
 use nalgebra::{UnitQuaternion, Vector3};
 

@@ -5,11 +5,11 @@ use crate::merging::Program;
 use crate::merging::moved;
 use anyhow::{Context, Result};
 use eval::{DEFAULT_MAX_DIFF, read_trajectory};
+use geometry::Random;
 use geometry::{GrayImage, Image, Se3, Sim3};
 use image::{ImageBuffer, Luma};
 use loopbox_tests::{Encoding, RING, Recording, Shot, World, render, trajectory};
 use map::{AgentInfo, Edge, KeyframeId, Map, Shared};
-use measuring::random::Random;
 use measuring::views::{View, views};
 use nalgebra::{SVector, UnitQuaternion, Vector3};
 use rayon::prelude::*;
@@ -208,9 +208,7 @@ fn drift(map: &mut Map, random: &mut Random) {
     }
     let keyframes: Vec<_> = map.keyframes.values().collect();
     let edge = |pair: &[&map::Keyframe]| {
-        let mut depths = pair[0].semi_dense.inverse_depth.clone();
-        depths.sort_by(f32::total_cmp);
-        let median = depths.get(depths.len() / 2).map_or(1.0, |depth| f64::from(*depth).recip());
+        let median = pair[0].semi_dense.median_depth().unwrap_or(1.0);
         Edge::odometry(pair[0], pair[1], [EDGE[0] * median, EDGE[1], EDGE[2]])
     };
     let edges = keyframes.windows(2).map(edge).collect();

@@ -5,9 +5,9 @@ use super::cut::moved;
 use super::program::{Attempt, Merged, Program};
 use anyhow::{Context, Result, bail};
 use eval::{DEFAULT_MAX_DIFF, Trajectory};
+use geometry::Random;
 use geometry::{Sim3, umeyama};
 use map::{load_map, save_map};
-use measuring::random::Random;
 use nalgebra::{SVector, Vector3};
 use std::path::{Path, PathBuf};
 

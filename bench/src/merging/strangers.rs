@@ -6,8 +6,8 @@ use super::maps::Known;
 use super::program::{Attempt, Program};
 use crate::side_by_side::side_by_side;
 use anyhow::{Context, Result};
+use geometry::Random;
 use map::{Map, save_map};
-use measuring::random::Random;
 use measuring::share_world;
 use measuring::views::{DIFFERENT, SAME};
 use std::ops::Range;
@@ -82,10 +82,10 @@ fn draw(known: &[Known], random: &mut Random, wanted: impl Fn(&[Cut; 2]) -> bool
 
 /// A random cut of a random map.
 fn one(known: &[Known], random: &mut Random) -> Cut {
-    let map = random.below(known.len());
+    let map = random.index(known.len());
     let count = known[map].map.keyframes.len();
-    let length = (CUT[0] + random.below(CUT[1] - CUT[0] + 1)).min(count);
-    let start = random.below(count - length + 1);
+    let length = (CUT[0] + random.index(CUT[1] - CUT[0] + 1)).min(count);
+    let start = random.index(count - length + 1);
     (map, start..start + length)
 }
 

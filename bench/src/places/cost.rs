@@ -1,7 +1,7 @@
 //! What a query costs in a large map, with made-up keyframes of real words.
 
+use geometry::Random;
 use map::{KeyframeId, PlaceIndex};
-use measuring::random::Random;
 use place_recog::{BowIndex, BowParams, Vocabulary, WordBag, WordId};
 use std::fmt::Write;
 use std::sync::Arc;
@@ -82,7 +82,7 @@ fn asked(index: &BowIndex, pool: &Pool, count: usize, stays: f64) -> Asked {
     let mut random = Random::new(7);
     let (mut took, mut all, mut as_by_all, mut right) = (Vec::new(), Vec::new(), 0, 0);
     for query in 0..QUERIES {
-        let keyframe = random.below(count) as u64;
+        let keyframe = random.index(count) as u64;
         let words = pool.keyframe(keyframe, Some(stays));
         let start = processor_ms();
         let found = index.query(&words, CANDIDATES);
@@ -109,8 +109,8 @@ impl<'a> Pool<'a> {
     /// The words of keyframe `id`; or another look at it, of which a share of the words stayed.
     fn keyframe(&self, id: u64, stays: Option<f64>) -> WordBag {
         let mut random = Random::new(id.wrapping_mul(0x9e37_79b9).wrapping_add(1));
-        let kind: Vec<WordId> = every(self.keyframes[random.below(self.keyframes.len())]).collect();
-        let any = |random: &mut Random| self.words[random.below(self.words.len())];
+        let kind: Vec<WordId> = every(self.keyframes[random.index(self.keyframes.len())]).collect();
+        let any = |random: &mut Random| self.words[random.index(self.words.len())];
         let mut other = Random::new(id ^ 0x5eed_0000);
         let word = |own: &WordId| {
             // Drawn whether it is used or not, so that what comes after does not depend on it.

@@ -1,11 +1,11 @@
 //! How well a calibration fits views that it was not made from.
 
 use super::bundle::{Problem, State};
-use super::pipeline::{check_corners, median};
+use super::pipeline::check_corners;
 use super::planar::MIN_CORNERS;
 use super::{LensModel, Refusal, View, initial};
 use crate::Board;
-use geometry::Camera;
+use geometry::{Camera, median};
 use nalgebra::Vector3;
 
 /// Residuals beyond this count linearly for the board's place, pixels: a corner found wrongly must not move it.
@@ -30,7 +30,7 @@ impl Check {
 
     /// Median of the distances, pixels, which corners found wrongly do not change.
     pub fn median(&self) -> f64 {
-        median(&mut self.distances.iter().flatten().copied().collect::<Vec<f64>>())
+        median(&mut self.distances.iter().flatten().copied().collect::<Vec<f64>>()).unwrap_or(0.0)
     }
 
     /// Number of corners.

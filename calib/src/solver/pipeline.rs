@@ -5,7 +5,7 @@ use super::planar::{MIN_CORNERS, homography};
 use super::uncertainty::{Estimate, covariance, estimates};
 use super::{Corner, LensModel, Refusal, View, initial};
 use crate::Board;
-use geometry::{Camera, Se3};
+use geometry::{Camera, Se3, median};
 use nalgebra::{DMatrix, Vector2, Vector3};
 
 /// Rounds of adjusting and setting aside what does not fit.
@@ -266,7 +266,7 @@ impl<'a> Work<'a> {
         let Ok(camera) = self.model.camera(self.size, &state.parameters) else { return 1.0 };
         let of_view = |(&i, pose): (&usize, &Se3)| self.lengths(&camera, pose, i);
         let mut all: Vec<f64> = indices.iter().zip(&state.poses).flat_map(of_view).collect();
-        median(&mut all) / RAYLEIGH_MEDIAN
+        median(&mut all).unwrap_or(0.0) / RAYLEIGH_MEDIAN
     }
 
     /// Decides anew which corners and views are used.
@@ -284,7 +284,7 @@ impl<'a> Work<'a> {
             lengths[i] = self.lengths(&camera, &pose, i);
         }
         let rms = |lengths: &[f64]| mean_square(lengths.iter().copied()).sqrt();
-        let typical = median(&mut all.iter().map(|&i| rms(&lengths[i])).collect::<Vec<f64>>());
+        let typical = median(&mut all.iter().map(|&i| rms(&lengths[i])).collect::<Vec<f64>>()).unwrap_or(0.0);
         for i in all {
             let outliers = lengths[i].iter().filter(|length| **length > gate).count();
             let (count, of_view) = (lengths[i].len(), rms(&lengths[i]));
@@ -400,11 +400,6 @@ fn mean_square(values: impl Iterator<Item = f64>) -> f64 {
         .filter(|v| v.is_finite() && *v < f64::MAX)
         .fold((0.0, 0usize), |(sum, count), v| (sum + v * v, count + 1));
     sum / count.max(1) as f64
-}
-
-pub(super) fn median(values: &mut [f64]) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(0.0)
 }
 
 fn shown(pixels: f64) -> String {

@@ -1,5 +1,5 @@
 use super::{depth, digest::Digest, image};
-use crate::test_support::{Numbers, agent, map};
+use crate::test_support::{Random, agent, map};
 use geometry::{GrayImage, Pinhole};
 use map::{Keyframe, KeyframeId, SemiDense};
 use place_recog::{Vocabulary, WordBag, WordId};
@@ -8,7 +8,7 @@ const CAMERA: Pinhole = Pinhole { width: 96, height: 64, fx: 90.0, fy: 90.0, cx:
 
 /// Depths along lines, as those of edges are: two surfaces with noise.
 fn lines() -> SemiDense {
-    let mut numbers = Numbers::new(5);
+    let mut numbers = Random::new(5);
     let mut depth = SemiDense::default();
     for y in 0..CAMERA.height {
         for x in 0..CAMERA.width {
@@ -16,8 +16,8 @@ fn lines() -> SemiDense {
             if near || y % 20 == 7 {
                 let surface = if x < 50 { 0.2 + 0.001 * y as f64 } else { 0.9 };
                 depth.pixel.push((y * CAMERA.width + x) as u32);
-                depth.inverse_depth.push((surface * (1.0 + 0.004 * numbers.next())) as f32);
-                depth.variance.push((surface * surface * 1e-4 * (0.5 + numbers.next())) as f32);
+                depth.inverse_depth.push((surface * (1.0 + 0.004 * numbers.unit())) as f32);
+                depth.variance.push((surface * surface * 1e-4 * (0.5 + numbers.unit())) as f32);
             }
         }
     }
@@ -112,7 +112,7 @@ fn changed_bytes_never_panic_and_cut_ones_are_refused() {
     }
     let longer = [&coded[..], &[0]].concat();
     assert!(depth::decode(&longer, &CAMERA).is_err());
-    let mut numbers = Numbers::new(8);
+    let mut numbers = Random::new(8);
     for round in 0..600 {
         let mut changed = [&coded, &written, &picture][round % 3].clone();
         for _ in 0..=numbers.below(3) {

@@ -81,17 +81,11 @@ pub(super) fn chain(keyframes: &BTreeMap<KeyframeId, Keyframe>) -> Vec<Edge> {
         .zip(keyframes.values().skip(1))
         .map(|(from, to)| {
             // Without depth of its own a keyframe is as far from what it sees as the one before.
-            median = median_depth(&from.semi_dense).unwrap_or(median);
+            median = from.semi_dense.median_depth().unwrap_or(median);
             let [translation, rotation, scale] = DEVIATIONS;
             Edge::odometry(from, to, [translation * median, rotation, scale])
         })
         .collect()
-}
-
-fn median_depth(depths: &SemiDense) -> Option<f64> {
-    let mut sorted = depths.inverse_depth.clone();
-    sorted.sort_by(f32::total_cmp);
-    sorted.get(sorted.len() / 2).map(|depth| f64::from(*depth).recip())
 }
 
 /// The frame of a keyframe.

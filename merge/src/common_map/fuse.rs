@@ -5,9 +5,8 @@ use super::{CommonMap, FusionParams, Link};
 use crate::alignment;
 use crate::estimate::{Estimate, mean};
 use crate::merge_graph::{Component, Merge, MergeGraph, MergeGraphError, confidence};
-use crate::overlap::median_depth;
 use backend::posegraph::{PoseGraphError, PoseGraphReport, optimise_with_units};
-use geometry::Sim3;
+use geometry::{Sim3, median};
 use map::{AgentId, Edge, EdgeKind, Keyframe, KeyframeId, Map, MapError, Sensor};
 use nalgebra::Vector3;
 use std::collections::{BTreeMap, BTreeSet};
@@ -198,16 +197,12 @@ fn add_edges<'a>(
 /// Towards where a keyframe sees, nowhere for a LiDAR, which sees all around itself; and how far it sees (median), keyframe
 /// units. `None` where there is no depth.
 fn seen_by(keyframe: &Keyframe) -> Option<(Vector3<f64>, f64)> {
-    if let Some(depth) = median_depth(&keyframe.semi_dense.inverse_depth) {
+    if let Some(depth) = keyframe.semi_dense.median_depth() {
         return Some((Vector3::z(), depth));
     }
     let points = keyframe.scan.iter().flat_map(|scan| scan.points());
     let mut ranges: Vec<f32> = points.map(|[x, y, z]| (x * x + y * y + z * z).sqrt()).collect();
-    let middle = ranges.len() / 2;
-    if ranges.is_empty() {
-        return None;
-    }
-    let range = f64::from(*ranges.select_nth_unstable_by(middle, f32::total_cmp).1);
+    let range = f64::from(median(&mut ranges)?);
     (range > 0.0).then_some((Vector3::zeros(), range))
 }
 

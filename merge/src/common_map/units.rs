@@ -1,7 +1,7 @@
 //! Closures of agents whose keyframes changed their units.
 
 use super::{Address, Link};
-use geometry::Sim3;
+use geometry::{Sim3, median};
 use map::{AgentId, Map, SemiDense};
 use std::cmp::Ordering;
 
@@ -37,10 +37,5 @@ fn factor(old: &SemiDense, new: &SemiDense) -> Option<f64> {
             }
         }
     }
-    let middle = ratios.len() / 2;
-    if ratios.is_empty() {
-        return None;
-    }
-    let median = *ratios.select_nth_unstable_by(middle, f64::total_cmp).1;
-    (median.is_finite() && median > 0.0 && median != 1.0).then_some(median)
+    median(&mut ratios).filter(|m| m.is_finite() && *m > 0.0 && *m != 1.0)
 }

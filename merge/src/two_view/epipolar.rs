@@ -7,6 +7,7 @@
 use super::least_squares::{Problem, Sink};
 use super::linear::Pose;
 use super::rays::{BLOCK, Rays, tangent_basis};
+use geometry::median;
 use nalgebra::{Matrix3, Matrix3x2, Rotation3, SMatrix, SVector, Vector1, Vector2, Vector3};
 
 /// Keeps the error of a ray through the epipole finite, squared radians.
@@ -158,12 +159,8 @@ pub(super) fn moved(direction: &Vector3<f64>, by: &Vector2<f64>) -> Vector3<f64>
 pub(super) fn deviation(rays: &Rays, pose: &Pose, matches: &[usize]) -> f64 {
     let error = |&i: &usize| linearise(rays, i, &pose.rotation, &pose.direction).0.abs();
     let mut errors: Vec<f64> = matches.iter().map(error).collect();
-    if errors.is_empty() {
-        return 0.0;
-    }
-    let middle = errors.len() / 2;
-    let (_, median, _) = errors.select_nth_unstable_by(middle, f64::total_cmp);
+    let Some(median) = median(&mut errors) else { return 0.0 };
     // The fit has taken five unknowns out of the errors.
     let freedom = matches.len() as f64 / matches.len().saturating_sub(5).max(1) as f64;
-    1.4826 * *median * freedom.sqrt()
+    1.4826 * median * freedom.sqrt()
 }

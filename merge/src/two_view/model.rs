@@ -6,6 +6,7 @@ use super::linear::{PlanePose, Pose, nearest_rotation};
 use super::rays::{Rays, tangent_basis};
 use super::transfer::{self, PlaneFit, RotationFit, pose_by_plane};
 use super::{Direction, RelativePose, Scene, TwoViewParams, plane_limit};
+use geometry::median;
 use nalgebra::{Matrix3, Matrix5, Rotation3, Unit, UnitQuaternion, Vector3};
 
 /// Residuals above this many standard deviations pull no harder: Huber's bound, for 95 % efficiency.
@@ -302,11 +303,7 @@ impl Chooser<'_> {
             source.cross(&target).norm().atan2(source.dot(&target))
         };
         let mut angles: Vec<f64> = matches.iter().map(angle).collect();
-        if angles.is_empty() {
-            return 0.0;
-        }
-        let middle = angles.len() / 2;
-        *angles.select_nth_unstable_by(middle, f64::total_cmp).1
+        median(&mut angles).unwrap_or(0.0)
     }
 }
 

@@ -1,8 +1,8 @@
 //! k-means of descriptors: seeded by k-means++ (Arthur & Vassilvitskii 2007), refined by Lloyd's iteration.
 //! All sums are of integers, so the result does not depend on how the work was divided.
 
-use super::random::Random;
 use crate::features::{Descriptor, squared_distance};
+use geometry::Random;
 use rayon::prelude::*;
 
 /// Descriptors that one task handles.

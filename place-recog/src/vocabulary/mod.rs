@@ -23,7 +23,6 @@
 mod chow_liu;
 mod cluster;
 mod file;
-mod random;
 #[cfg(test)]
 mod tests;
 mod tree;

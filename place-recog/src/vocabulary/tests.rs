@@ -1,7 +1,7 @@
 use super::chow_liu::Occurrence;
-use super::random::Random;
 use super::*;
 use crate::features::Keypoint;
+use geometry::Random;
 
 /// Features around `kinds` different descriptors, each a little changed; the same seed gives the same.
 pub(crate) fn image(kinds: &[u64], each: usize, seed: u64) -> Features {

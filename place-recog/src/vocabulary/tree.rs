@@ -2,8 +2,8 @@
 
 use super::TrainParams;
 use super::cluster::{cluster, nearest};
-use super::random::Random;
 use crate::features::Descriptor;
+use geometry::Random;
 use rayon::prelude::*;
 use std::collections::VecDeque;
 

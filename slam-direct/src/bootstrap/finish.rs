@@ -2,10 +2,10 @@
 
 use super::solve::{Solution, agreement};
 use super::{Bootstrap, Started};
-use crate::local_map::{KeyframeState, LocalMap, PointRef, PointState, SeenAt, median};
+use crate::local_map::{KeyframeState, LocalMap, PointRef, PointState, SeenAt};
 use crate::window::{Problem, WindowPoint};
 use geometry::sensor::{Twist, motion};
-use geometry::{Pyramid, Se3};
+use geometry::{Pyramid, Se3, median};
 
 /// Largest standard deviation of an inverse depth, relative to it, that makes a point of the map.
 const MAX_RELATIVE_SIGMA: f64 = 0.3;

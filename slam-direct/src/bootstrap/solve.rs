@@ -1,11 +1,11 @@
 //! Poses and depths from the followed points, and whether a map can be built on them.
 
 use super::{Bootstrap, BootstrapParams, MIN_POINTS};
-use crate::local_map::median;
 use crate::window::{
     Calibration, PoseSolver, Problem, SeenPoint, Shown, WindowObservation, WindowPoint, solve,
 };
 use geometry::Se3;
+use geometry::median;
 use geometry::sensor::{Sensor, Twist, UNKNOWNS, motion};
 use nalgebra::{Vector3, Vector6};
 use rayon::prelude::*;

@@ -1,8 +1,8 @@
 //! How much drift a loop may reveal: what is far away by the map is no place to come back to.
 
 use super::ClosingParams;
-use crate::local_map::{LocalMap, median};
-use geometry::Sim3;
+use crate::local_map::LocalMap;
+use geometry::{Sim3, median};
 use thiserror::Error;
 
 /// What a loop says against the map's own opinion of where a keyframe is.

@@ -4,13 +4,13 @@ use super::drift::{self, Drift};
 use super::join::{SideMatch, match_side};
 use super::{ClosingParams, FoundLoop};
 use crate::align::{AlignmentReference, Brightness};
-use crate::local_map::{LocalMap, median};
+use crate::local_map::LocalMap;
 use crate::loops::{self, LoopCandidate, LoopRefusal};
 use crate::params::Params;
 use crate::track;
 use backend::posegraph::PoseGraphError;
 use backend::sim3_align::KeyframeView;
-use geometry::{Pyramid, Se3, Sim3};
+use geometry::{Pyramid, Se3, Sim3, median};
 use map::{Keyframe, Map, Rectified, SemiDense};
 use thiserror::Error;
 

@@ -48,16 +48,11 @@ fn trace(planes: &[Plane], camera_from_keyframe: &Se3, x: f64, y: f64) -> (f64, 
 
 /// An image with Gaussian noise of standard deviation `noise`, and `gain · I + bias` before it.
 fn render(planes: &[Plane], pose: &Se3, noise: f64, (gain, bias): (f64, f64), seed: u64) -> GrayImage {
-    let mut state = seed;
-    let mut uniform = || {
-        state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-        (state >> 40) as f64 / (1u64 << 24) as f64
-    };
+    let mut random = geometry::Random::new(seed);
     let mut image = GrayImage::filled(CAMERA.width, CAMERA.height, 0);
     for y in 0..CAMERA.height {
         for x in 0..CAMERA.width {
-            let normal = (0..12).map(|_| uniform()).sum::<f64>() - 6.0;
-            let value = gain * trace(planes, pose, x as f64, y as f64).1 + bias + noise * normal;
+            let value = gain * trace(planes, pose, x as f64, y as f64).1 + bias + noise * random.normal();
             image.set(x, y, value.round().clamp(0.0, 255.0) as u8);
         }
     }

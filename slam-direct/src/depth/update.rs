@@ -5,7 +5,7 @@ use super::observation::{geometric_variance, photometric_variance};
 use super::search::{COMPARED, Miss, Task, Template};
 use super::{DepthParams, Hypothesis, StereoFrame};
 use geometry::sensor::Shift;
-use geometry::{GrayImage, Pinhole};
+use geometry::{GrayImage, Pinhole, median};
 
 /// Steps between keyframe and reference along the line beyond which the views differ too much in scale.
 const STEP_RANGE: std::ops::Range<f32> = 0.6..1.7;
@@ -206,8 +206,7 @@ impl<'a> Observer<'a> {
         if residuals.len() < LEAST_RESIDUALS {
             return;
         }
-        let middle = residuals.len() / 2;
-        let (_, &mut median, _) = residuals.select_nth_unstable_by(middle, f32::total_cmp);
+        let median = median(residuals).unwrap_or(0.0);
         let least = self.params.image_noise;
         self.noise = (0.5 * median.max(0.0) / CHI2_MEDIAN).sqrt().clamp(least, 4.0 * least);
     }

@@ -9,11 +9,8 @@ use nalgebra::SVector;
 #[ignore = "needs the sequences with ground truth"]
 fn sim3_basin_and_accuracy_on_rendered_keyframes() {
     let params = Sim3AlignParams::default();
-    let mut seed = 3u64;
-    let mut uniform = || {
-        seed = seed.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-        (seed >> 11) as f64 / (1u64 << 52) as f64 - 1.0
-    };
+    let mut random = geometry::Random::new(3);
+    let mut uniform = || 2.0 * random.unit() - 1.0;
     for (name, gap) in [("parking_a", 10), ("parking_a", 20), ("parking_c", 10)] {
         let sequence = data().join(name);
         let poses = poses(&sequence);

@@ -1,8 +1,9 @@
 //! Keyframes and points of the map as a joint optimisation, and its result carried back.
 
 use super::UnitChange;
-use crate::local_map::{LocalMap, PointRef, PointState, SeenAt, median};
+use crate::local_map::{LocalMap, PointRef, PointState, SeenAt};
 use crate::window::{Calibration, Pairs, Problem, Shown, WindowObservation, WindowPoint};
+use geometry::median;
 use geometry::sensor::UNKNOWNS;
 use std::collections::{BTreeMap, BTreeSet};
 

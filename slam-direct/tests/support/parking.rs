@@ -1,6 +1,6 @@
 //! Reads the rendered sequences with exact depth.
 
-use geometry::{GrayImage, Image, Pinhole, Se3};
+use geometry::{GrayImage, Image, Pinhole, Random, Se3};
 use slam_direct::SeedPoint;
 use std::path::{Path, PathBuf};
 
@@ -79,37 +79,18 @@ impl Sequence {
     }
 }
 
-/// A small generator, so that runs repeat.
-pub struct Random(u64);
-
-impl Random {
-    /// A generator that starts from `seed`.
-    pub fn new(seed: u64) -> Self {
-        Self(seed)
-    }
-
-    fn uniform(&mut self) -> f32 {
-        self.0 = self.0.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-        (self.0 >> 40) as f32 / (1u64 << 24) as f32
-    }
-
-    fn normal(&mut self) -> f32 {
-        (0..12).map(|_| self.uniform()).sum::<f32>() - 6.0
-    }
-}
-
 /// Points as a tracker would have them: 1 % noise, 2 % wrong.
 pub fn backbone(truth: &Image<f32>, random: &mut Random) -> Vec<SeedPoint> {
     let mut points = Vec::new();
     while points.len() < BACKBONE {
-        let x = random.uniform() * (truth.width() - 1) as f32;
-        let y = random.uniform() * (truth.height() - 1) as f32;
+        let x = random.unit() as f32 * (truth.width() - 1) as f32;
+        let y = random.unit() as f32 * (truth.height() - 1) as f32;
         let exact = truth.get(x as usize, y as usize);
         if exact == 0.0 {
             continue;
         }
-        let wrong = random.uniform() < 0.02;
-        let factor = if wrong { 0.5 + random.uniform() } else { 1.0 + 0.01 * random.normal() };
+        let wrong = random.unit() < 0.02;
+        let factor = if wrong { 0.5 + random.unit() as f32 } else { 1.0 + 0.01 * random.normal() as f32 };
         let variance = (0.01 * exact) * (0.01 * exact);
         points.push(SeedPoint { pixel: [x, y], inverse_depth: exact * factor, variance });
     }

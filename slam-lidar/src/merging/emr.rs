@@ -7,7 +7,7 @@
 use super::robot_map::RobotMap;
 use crate::surfaces::sorted_eigen;
 use crate::voxels::{VoxelTable, cell_at, key_of};
-use geometry::{Se3, umeyama};
+use geometry::{Random, Se3, umeyama};
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 
@@ -263,8 +263,12 @@ fn ransac(pairs: &[[Vector3<f64>; 2]]) -> Option<(Se3, usize)> {
         let side = |k: usize| -> Vec<Vector3<f64>> { used.iter().map(|&i| pairs[i][k]).collect() };
         umeyama::se3(&side(1), &side(0)).ok()
     };
+    let drawn = |sample: usize| {
+        let mut random = Random::new(sample as u64);
+        [(); 3].map(|()| random.index(pairs.len()))
+    };
     let tried = |sample: usize| -> Option<(usize, usize)> {
-        let chosen = [0, 1, 2].map(|k| mixed(3 * sample as u64 + k) as usize % pairs.len());
+        let chosen = drawn(sample);
         let alike = [(0, 1), (1, 2), (2, 0)].into_iter().all(|(x, y)| {
             let [one, other] = [0, 1].map(|k| (pairs[chosen[x]][k] - pairs[chosen[y]][k]).norm());
             one.min(other) > LEAST_SIDE && one.min(other) > SIMILAR * one.max(other)
@@ -277,21 +281,13 @@ fn ransac(pairs: &[[Vector3<f64>; 2]]) -> Option<(Se3, usize)> {
         if (y.0, std::cmp::Reverse(y.1)) > (x.0, std::cmp::Reverse(x.1)) { y } else { x }
     };
     let (count, sample) = (0..SAMPLES).into_par_iter().filter_map(tried).reduce_with(better)?;
-    let mut pose = fit(&[0, 1, 2].map(|k| mixed(3 * sample as u64 + k) as usize % pairs.len()))?;
+    let mut pose = fit(&drawn(sample))?;
     let mut used = inliers(&pose);
     for _ in 0..5 {
         let Some(refined) = (used.len() >= 3).then(|| fit(&used)).flatten() else { break };
         (pose, used) = (refined, inliers(&refined));
     }
     (count >= 3).then_some((pose, used.len()))
-}
-
-/// SplitMix64's step: numbers that look random and are always the same.
-fn mixed(index: u64) -> u64 {
-    let mut z = index.wrapping_mul(0x9e37_79b9_7f4a_7c15).wrapping_add(0x9e37_79b9_7f4a_7c15);
-    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    z ^ (z >> 31)
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! A keyframe's points as viewers get them: small, and in an order that any beginning of is an even sample.
 
-use geometry::{GrayImage, Pinhole};
+use geometry::{GrayImage, Pinhole, Random};
 use map::{DEFAULT_MAX_RELATIVE_VARIANCE, SemiDense};
 use nalgebra::Vector3;
 
@@ -89,14 +89,11 @@ fn sigma_code(sigma: f32) -> u8 {
     if t.is_nan() { 255 } else { (t.clamp(0.0, 1.0) * 255.0).round() as u8 }
 }
 
-/// Fisher and Yates's shuffle with Marsaglia's xorshift (2003), the same each time.
+/// Fisher and Yates's shuffle, the same each time.
 fn shuffle<T>(items: &mut [T]) {
-    let mut state = 0x2545_f491_u32;
+    let mut random = Random::new(0);
     for i in (1..items.len()).rev() {
-        state ^= state << 13;
-        state ^= state >> 17;
-        state ^= state << 5;
-        items.swap(i, state as usize % (i + 1));
+        items.swap(i, random.index(i + 1));
     }
 }
 

@@ -4,16 +4,20 @@ mod robust;
 pub(crate) mod two_maps;
 
 use super::*;
+use geometry::Random;
 use map::EdgeKind;
 use nalgebra::{SMatrix, SVector, Vector3};
 
-/// A small deterministic generator of numbers in −1…1.
-pub(crate) struct Noise(u64);
+/// Random numbers in −1…1.
+pub(crate) struct Noise(Random);
 
 impl Noise {
+    fn new(seed: u64) -> Self {
+        Self(Random::new(seed))
+    }
+
     fn next(&mut self) -> f64 {
-        self.0 = self.0.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-        (self.0 >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+        2.0 * self.0.unit() - 1.0
     }
 
     fn tangent(&mut self, translation: f64, rotation: f64, scale: f64) -> SVector<f64, 7> {
@@ -75,7 +79,7 @@ fn exact_edges_pull_disturbed_nodes_back_to_the_truth() {
     let mut edges = chain(&truth);
     edges.push(edge(&truth, 29, 0, EdgeKind::Loop, 0.01));
     edges.push(edge(&truth, 3, 17, EdgeKind::Covisibility, 0.01));
-    let mut noise = Noise(1);
+    let mut noise = Noise::new(1);
     let mut nodes = truth.clone();
     for (_, pose) in nodes.iter_mut().skip(1) {
         *pose = *pose * Sim3::exp(&noise.tangent(0.5, 0.2, 0.2));

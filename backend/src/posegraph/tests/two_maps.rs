@@ -38,7 +38,7 @@ const CLOSURE_NOISE: [f64; 3] = [0.03, 0.01, 0.02];
 impl TwoMaps {
     /// A scene with `count` closures, at most 20, of which `wrong` are wrong, spread evenly among the others.
     pub(crate) fn new(seed: u64, count: u32, wrong: u32, how: Wrong) -> Self {
-        let mut noise = Noise(seed);
+        let mut noise = Noise::new(seed);
         // The second map's unit is 2.5 of the first's; its cameras go the other way.
         let second_from_common = Sim3::exp(&noise.tangent(20.0, 1.5, 0.0)) * similarity([0.0; 3], 0.0, 0.4);
         let first_path = path(0, |i| i as f64, 1.0);
