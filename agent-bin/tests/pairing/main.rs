@@ -4,6 +4,8 @@
 #[path = "../common/mod.rs"]
 mod common;
 mod lidar;
+#[cfg(feature = "view")]
+mod page;
 mod trust;
 
 use common::{arg, command, loopbox, stderr, stdout};

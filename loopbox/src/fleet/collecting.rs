@@ -7,12 +7,12 @@
 use super::agents::{Inputs, Maps, Place};
 use super::courtesy::Courtesy;
 use super::findings::Found;
+use super::listening::CommonListener;
 use super::remembering::Content;
 use super::scans::ScanCollector;
 use super::sketching::{Met, Plan, Sketches};
 use crate::merging::{Input, MergeRecord, Merging, MergingParams, Names, merge_knowing, write_results};
 use crate::results::{Owner, Results};
-use crate::ros::Common;
 use crate::run::give_way;
 use anyhow::{Context, Result, anyhow};
 use fleet::node::Heard;
@@ -60,8 +60,8 @@ pub(super) struct Collector {
     /// Something of cameras' came that is not merged yet, or merged and not written.
     is_new: bool,
     to_write: bool,
-    /// Where the common map is published, if it is.
-    common: Option<Common>,
+    /// Who hears of the common maps.
+    listeners: Vec<Box<dyn CommonListener>>,
 }
 
 impl Collector {
@@ -91,20 +91,18 @@ impl Collector {
             written: None,
             is_new: false,
             to_write: false,
-            common: None,
+            listeners: Vec::new(),
         })
     }
 
-    /// The same, of which `common` publishes the common map.
-    pub fn published_by(self, common: Option<Common>) -> Self {
-        Self { common, ..self }
+    /// The same, with who is told of the common maps.
+    pub fn heard_by(self, listeners: Vec<Box<dyn CommonListener>>) -> Self {
+        Self { listeners, ..self }
     }
 
-    /// Has the common map published again for those who come late, when it is time.
+    /// Tells those who hear of the common maps that some time went by.
     pub fn remind(&mut self) {
-        if let Some(common) = &mut self.common {
-            common.remind();
-        }
+        self.listeners.iter_mut().for_each(|listener| listener.remind());
     }
 
     /// Takes in what is new and merges it, where it is time. What was found, if anything was looked at; `told` is what
@@ -277,8 +275,8 @@ impl Collector {
         }
         if self.scans.has_new() {
             let (lent, at_rest) = (self.maps.lend_scans(), self.maps.at_rest(SensorKind::Lidar));
-            let scans = &mut self.scans;
-            done.push(on_pool(self.pool.as_ref(), || scans.merge(&lent, at_rest, stop)));
+            let (scans, listeners) = (&mut self.scans, &mut self.listeners);
+            done.push(on_pool(self.pool.as_ref(), || scans.merge(&lent, at_rest, listeners, stop)));
             self.maps.take_scans_back(lent);
         }
         let mut is_merged = false;
@@ -313,9 +311,7 @@ impl Collector {
         self.maps.memory.keep(contents, &merging.encounters, at_rest);
         self.sketches.met(&met(&merging, contents));
         self.found = Found::of(inputs, &merging, whole);
-        if let Some(common) = &mut self.common {
-            common.say(&merging.fused);
-        }
+        self.listeners.iter_mut().for_each(|listener| listener.cameras(&merging.fused));
         let is_due = self.written.is_none_or(|written| written.elapsed() > WRITE_INTERVAL);
         if merging.anything_met() && (at_rest || is_due) {
             let mut write = || -> Result<()> {

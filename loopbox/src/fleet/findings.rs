@@ -151,6 +151,12 @@ impl Found {
         Some((&found.root, transform(&found.root_from_agent)))
     }
 
+    /// Whether an agent hangs together with another one.
+    pub(super) fn is_joined(&self, agent: &str) -> bool {
+        let root = self.agents.iter().find(|about| about.agent == agent).map(|about| &about.root);
+        root.is_some_and(|root| self.agents.iter().any(|other| other.root == *root && other.agent != agent))
+    }
+
     /// Says of pairs that no more is known of them than that more is looked at.
     pub(super) fn postpone(&mut self, is_pending: impl Fn(&[String; 2]) -> bool) {
         for meeting in self.meetings.iter_mut().filter(|meeting| is_pending(&meeting.agents)) {

@@ -2,9 +2,9 @@
 
 use super::collecting::Collector;
 use super::findings::Found;
+use super::listening::CommonListener;
 use super::status::{AgentLine, LinkLine, STATUS, StatusFile};
 use super::telling::{Teller, Telling};
-use crate::ros::Common;
 use anyhow::{Context, Result, anyhow};
 use fleet::keys::Keys;
 use fleet::node::{News, Quota, Status};
@@ -79,7 +79,7 @@ type Shows = Box<dyn Fn(Neighbourhood) + Send + Sync>;
 
 impl Fleet {
     /// Starts a party, that ends by itself once the maps of `enough` agents are whole and merged; `tell` tells people
-    /// what happens, `common` is told the common map.
+    /// what happens, `listeners` hear of the common maps.
     ///
     /// # Errors
     /// When a folder cannot be used, or an address not be listened at.
@@ -87,11 +87,11 @@ impl Fleet {
         options: &FleetOptions,
         enough: Option<usize>,
         tell: impl Fn(&str) + Send + Sync + 'static,
-        common: Option<Common>,
+        listeners: Vec<Box<dyn CommonListener>>,
     ) -> Result<Self> {
         let role = if options.is_station { Role::Station } else { Role::Agent };
         let folder = if options.is_station { options.out.clone() } else { options.out.join(COMMON) };
-        let collector = Collector::new(&folder, options.force, options.is_beside)?.published_by(common);
+        let collector = Collector::new(&folder, options.force, options.is_beside)?.heard_by(listeners);
         let shared = Arc::new(Shared { enough, tell: Some(Box::new(tell)), ..Shared::default() });
         let of_news = Arc::clone(&shared);
         let service = ServiceOptions {
