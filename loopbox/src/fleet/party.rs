@@ -5,6 +5,7 @@ use super::findings::Found;
 use super::listening::CommonListener;
 use super::status::{AgentLine, LinkLine, STATUS, StatusFile};
 use super::telling::{Teller, Telling};
+use crate::results::is_of_the_disk;
 use anyhow::{Context, Result, anyhow};
 use fleet::keys::Keys;
 use fleet::node::{News, Quota, Status};
@@ -296,7 +297,11 @@ impl Shared {
             }
             collector.remind();
             if written.is_none_or(|written| written.elapsed() > STATUS_INTERVAL) {
-                self.show(&service.status(), path)?;
+                match self.show(&service.status(), path) {
+                    // It will say more when there is room.
+                    Err(error) if is_of_the_disk(&error) => self.trouble(&format!("{error:#}")),
+                    shown => shown?,
+                }
                 written = Some(Instant::now());
             }
             let is_enough = self.enough.is_some_and(|agents| collector.is_done(agents));
