@@ -6,7 +6,7 @@
 
 use super::agents::{Inputs, Maps, NotTaken, Place};
 use super::courtesy::Courtesy;
-use super::findings::Found;
+use super::findings::found;
 use super::listening::CommonListener;
 use super::remembering::Content;
 use super::scans::ScanCollector;
@@ -15,6 +15,7 @@ use crate::merging::{Input, MergeRecord, Merging, MergingParams, Names, merge_kn
 use crate::results::{Owner, Results, is_of_the_disk};
 use crate::run::give_way;
 use anyhow::{Context, Result, anyhow};
+use fleet::findings::Found;
 use fleet::node::Heard;
 use fleet::service::Service;
 use map::{Identity, KeyframeId, SensorKind};
@@ -233,7 +234,7 @@ impl Collector {
             Ok(Some(merging)) => {
                 self.parts.memory.keep(&lent.contents, &merging.encounters, false);
                 self.sketches.judged(&met(&merging, &lent.contents), &*store);
-                Some(Found::of(&lent.inputs, &merging, &lent.whole))
+                Some(found(&lent.inputs, &merging, &lent.whole))
             }
         };
         self.parts.take_back(lent);
@@ -347,7 +348,7 @@ impl Collector {
         let merging = self.merged_anew(lent, &self.maps, at_rest, stop).map_err(Failed::Merge)?;
         self.maps.memory.keep(contents, &merging.encounters, at_rest);
         self.sketches.met(&met(&merging, contents));
-        self.found = Found::of(inputs, &merging, whole);
+        self.found = found(inputs, &merging, whole);
         self.listeners.iter_mut().for_each(|listener| listener.cameras(&merging.fused));
         let is_due = self.written.is_none_or(|written| written.elapsed() > WRITE_INTERVAL);
         if merging.anything_met() && (at_rest || is_due) {

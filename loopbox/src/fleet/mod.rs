@@ -17,7 +17,7 @@ mod sketching;
 mod status;
 mod telling;
 
-pub use findings::{Found, FoundAgent, FoundMeeting};
+pub use fleet::findings::{Found, FoundAgent, FoundMeeting};
 pub use fleet::keys::{Authority, DAYS, Keys, Validity};
 pub use fleet::transport::Endpoint;
 pub use listening::CommonListener;

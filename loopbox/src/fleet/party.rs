@@ -1,12 +1,12 @@
 //! One party of the fleet: a node with what it tells and what it collects.
 
 use super::collecting::Collector;
-use super::findings::Found;
 use super::listening::CommonListener;
 use super::status::{AgentLine, LinkLine, STATUS, StatusFile};
 use super::telling::{Teller, Telling};
 use crate::results::is_of_the_disk;
 use anyhow::{Context, Result, anyhow};
+use fleet::findings::Found;
 use fleet::keys::Keys;
 use fleet::node::{News, Quota, Status};
 use fleet::service::{Service, ServiceOptions};

@@ -4,13 +4,13 @@
 
 use super::agents::Inputs;
 use super::collecting::{Failed, WRITE_INTERVAL};
-use super::findings::{Found, FoundAgent, FoundMeeting, numbers};
 use super::listening::CommonListener;
 use super::remembering::Verdicts;
 use crate::lidar::merging::{Input, LidarMergeRecord, LidarMerging, decision, merge_knowing, place_of};
 use crate::lidar::write_merged;
 use crate::results::{COMMON_OF_LIDARS, Owner, Results};
 use anyhow::{Result, anyhow};
+use fleet::findings::{Found, FoundAgent, FoundMeeting, numbers};
 use geometry::Se3;
 use slam_lidar::merging::MergeMethod;
 use sources::Stop;

@@ -1,7 +1,7 @@
 //! How things are with a party of the fleet, as its file says it.
 
-use super::findings::{Found, FoundMeeting};
 use anyhow::{Context, Result};
+use fleet::findings::{Found, FoundMeeting};
 use fleet::node::{AgentStatus, NeighbourStatus};
 use map::SensorKind;
 use serde::{Deserialize, Serialize};
@@ -171,8 +171,8 @@ pub fn read_status(folder: &Path) -> Result<StatusFile> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::findings::FoundAgent;
     use super::*;
+    use fleet::findings::FoundAgent;
 
     fn found(pairs: impl Iterator<Item = [u32; 2]>, verdict: &str) -> Found {
         let meeting = |pair: [u32; 2]| FoundMeeting {
