@@ -1,7 +1,8 @@
 //! Agents that pair: what it takes until two maps that meet over a network are merged, and how that merge lies beside one
-//! of the whole files; and what a link costs the tracker (`beside`).
+//! of the whole files; what a link costs the tracker (`beside`), and what holds when things break (`breaking`).
 
-mod beside;
+pub mod beside;
+pub mod breaking;
 
 use crate::measure::{finish, make_empty};
 use anyhow::{Context, Result, bail};
@@ -101,7 +102,6 @@ pub fn measure(plan: &Plan) -> Result<String> {
             eprintln!("{} + {}, {name}: {megabytes:.2} MB, {seconds:.1} s", pair[0], pair[1]);
         }
     }
-    text.push_str(&beside::measure(plan)?);
     Ok(text)
 }
 

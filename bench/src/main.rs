@@ -89,7 +89,7 @@ struct Args {
     /// With --perturbed: with how many draws of noise each sequence is run
     #[arg(long, value_name = "N", default_value_t = 8, requires = "perturbed")]
     seeds: usize,
-    /// With --live and --lidar: this part of it only, and print its tables instead of writing them
+    /// With --live, --lidar and --fleet: this part of it only, and print its tables instead of writing them
     #[arg(long)]
     part: Option<Part>,
     /// With --live: minutes of the longest run
@@ -110,6 +110,12 @@ enum Part {
     Recorded,
     /// Of --lidar: pairs of stretches of drives through rendered sites.
     Rendered,
+    /// Of --fleet: two maps that meet.
+    Meetings,
+    /// Of --fleet: frame times beside a link.
+    Links,
+    /// Of --fleet: programs killed or standing still, a full disk.
+    Breaking,
 }
 
 impl Part {
@@ -118,6 +124,7 @@ impl Part {
         match self {
             Self::Calibration | Self::Costs => args.live,
             Self::Recorded | Self::Rendered => args.lidar,
+            Self::Meetings | Self::Links | Self::Breaking => args.fleet,
         }
     }
 }
@@ -128,7 +135,10 @@ fn main() -> Result<()> {
         bail!("--runs 0 measures nothing");
     }
     if args.part.is_some_and(|part| !part.suits(&args)) {
-        bail!("--part: calibration and costs are parts of --live, recorded and rendered of --lidar");
+        bail!(
+            "--part: calibration and costs are parts of --live, recorded and rendered of --lidar, meetings, links and \
+             breaking of --fleet"
+        );
     }
     document::check(&args.documents)?;
     let runner = Runner { loopbox: args.loopbox.clone(), work: args.work.clone(), runs: args.runs };
@@ -146,8 +156,14 @@ fn main() -> Result<()> {
     }
     if args.fleet {
         let (data, work, only) = (&args.data, &args.work, &args.only);
-        let text =
-            fleet::measure(&fleet::Plan { loopbox: &args.loopbox, data, work, runs: args.runs, only })?;
+        let plan = fleet::Plan { loopbox: &args.loopbox, data, work, runs: args.runs, only };
+        if let Some(part) = args.part {
+            println!("{}", fleet_part(&plan, part)?);
+            return Ok(());
+        }
+        let parts = [Part::Meetings, Part::Links, Part::Breaking];
+        let parts = parts.into_iter().map(|part| fleet_part(&plan, part)).collect::<Result<Vec<_>>>()?;
+        let text = parts.concat();
         return write(&args.documents, &[("fleet", text)]);
     }
     if let Some(frames) = args.long {
@@ -220,6 +236,15 @@ fn measure_part(plan: &live::Plan, part: Part) -> Result<()> {
     };
     println!("{text}");
     problem.map_or(Ok(()), |reason| bail!(reason))
+}
+
+/// Measures one part of what concerns agents that pair.
+fn fleet_part(plan: &fleet::Plan, part: Part) -> Result<String> {
+    match part {
+        Part::Links => fleet::beside::measure(plan),
+        Part::Breaking => fleet::breaking::measure(plan),
+        _ => fleet::measure(plan),
+    }
 }
 
 /// Measures one lot of pairs of LiDAR maps, and prints it.

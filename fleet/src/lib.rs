@@ -6,12 +6,13 @@
 //! goes on where it was.
 //!
 //! To read in this order: `manifest` (what a map consists of), `publishing` and `assembling` (a map as objects and back),
-//! `recoding` (the few bytes by which maps meet), `store` (where they are kept), `wire` (what neighbours say), `keys` (who is
+//! `recoding` (the few bytes by which maps meet), `store` (where they are kept), `wire` (what neighbours say), `findings` (what they found out), `keys` (who is
 //! believed), `node` (what one says and does, as a function of what
 //! comes and of the time), `link` (how much is asked for at once), `transport` and `service` (sockets, threads, clocks).
 
 pub mod assembling;
 pub mod bytes;
+pub mod findings;
 pub mod hash;
 pub mod keys;
 mod link;

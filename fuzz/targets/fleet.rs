@@ -1,6 +1,7 @@
-//! What neighbours of the fleet send: messages, lists, parts of maps and certificates. What is read is written and read again as it was.
+//! What neighbours of the fleet send: messages, lists, parts of maps, what they found out, and certificates. What is read is written and read again as it was.
 #![no_main]
 
+use fleet::findings::Found;
 use fleet::keys::Party;
 use fleet::manifest::{Manifest, page_from_bytes, page_to_bytes};
 use fleet::recoding::{depth, digest::Digest, image};
@@ -14,7 +15,7 @@ use std::sync::Arc;
 libfuzzer_sys::fuzz_target!(|data: &[u8]| {
     let Some((kind, bytes)) = data.split_first() else { return };
     let camera = Pinhole { width: 8, height: 6, fx: 8.0, fy: 8.0, cx: 3.5, cy: 2.5 };
-    match kind % 13 {
+    match kind % 14 {
         0 => {
             if let Ok(message) = Message::from_bytes(bytes) {
                 assert_eq!(message.to_bytes(), bytes);
@@ -50,6 +51,7 @@ libfuzzer_sys::fuzz_target!(|data: &[u8]| {
             }
         }
         11 => drop(time_from_bytes(bytes, Arc::new(Scan::default()), &AgentInfo::new("one", Sensor::Lidar))),
+        12 => told(bytes),
         _ => {
             let (id, vocabulary) = (KeyframeId(9), Vocabulary::shipped());
             if let Ok(read) = Digest::from_bytes(bytes, id, &vocabulary) {
@@ -58,3 +60,17 @@ libfuzzer_sys::fuzz_target!(|data: &[u8]| {
         }
     }
 });
+
+/// What a neighbour found out, put beside other things and told on.
+fn told(bytes: &[u8]) {
+    let Ok(found) = Found::from_bytes(bytes) else { return };
+    let again = Found::from_bytes(&found.to_bytes()).map(|again| (again.agents.len(), again.meetings));
+    assert_eq!(again, Ok((found.agents.len(), found.meetings.clone())));
+    let all = found.clone().beside(&Found::default());
+    assert!(all.agents.len() <= found.agents.len() && all.accepted() == found.accepted());
+    for agent in &found.agents {
+        let _ = found.is_joined(&agent.agent);
+    }
+    let pair = [String::new(), String::new()];
+    assert_eq!(found.has_decided(&pair), found.beside(&all).has_decided(&pair));
+}

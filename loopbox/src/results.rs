@@ -16,8 +16,10 @@ mod earlier;
 
 pub use earlier::{Owner, map_in};
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Error, Result, bail};
+use map::MapError;
 use std::fs::{self, File, TryLockError};
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 /// The folder, among the results of a station, of what LiDARs' maps make: the common map beside it is of cameras.
@@ -28,6 +30,16 @@ const COMPLETE: &str = "complete.tmp";
 const UNFINISHED: &str = "unfinished";
 const UNFINISHED_BEFORE: &str = "unfinished-before";
 const HINT: &str = "hint: --out must name a folder that can be made and written to";
+
+/// Whether an error is the disk's, which passes.
+pub(crate) fn is_of_the_disk(error: &Error) -> bool {
+    let kinds = [ErrorKind::StorageFull, ErrorKind::QuotaExceeded, ErrorKind::ReadOnlyFilesystem];
+    let reason = |cause: &'_ (dyn std::error::Error + 'static)| match cause.downcast_ref::<MapError>() {
+        Some(MapError::Write { reason, .. }) => Some(reason.kind()),
+        _ => cause.downcast_ref::<std::io::Error>().map(std::io::Error::kind),
+    };
+    error.chain().filter_map(reason).any(|kind| kinds.contains(&kind))
+}
 
 /// A folder of results that this program writes.
 pub struct Results {

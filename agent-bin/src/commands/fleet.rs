@@ -92,7 +92,7 @@ impl PairingArgs {
                     tell!("fleet: {text}");
                 }
             },
-            None,
+            Vec::new(),
         )?;
         if let Some(at) = fleet.listening().filter(|_| !quiet) {
             tell!("fleet: others reach this agent by --connect {}", at.for_others());
@@ -148,7 +148,7 @@ fn hand_over(folder: &Path, name: &str, args: &FleetCommand) -> Result<()> {
         keys: args.keys.folder(),
     };
     let stop = stop_on_ctrl_c("stopping (Ctrl-C again to abort)")?;
-    let fleet = Fleet::start(&options, None, |text| tell!("{text}"), None)?;
+    let fleet = Fleet::start(&options, None, |text| tell!("{text}"), Vec::new())?;
     if let Some(at) = fleet.listening() {
         tell!("others reach this agent by --connect {}", at.for_others());
     }

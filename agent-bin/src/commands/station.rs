@@ -2,11 +2,13 @@
 
 use super::keys::KeysArg;
 use super::publishing::Ros2Args;
+#[cfg(feature = "view")]
+use super::watching::ServeArgs;
 use crate::console::{self, tell};
 use crate::interrupt::stop_on_ctrl_c;
 use anyhow::Result;
 use clap::Args;
-use loopbox::fleet::{Endpoint, Fleet, FleetOptions};
+use loopbox::fleet::{CommonListener, Endpoint, Fleet, FleetOptions};
 use std::path::PathBuf;
 
 /// Collect the maps of agents that run with --fleet, and merge them as they come
@@ -39,6 +41,9 @@ pub struct StationArgs {
     quiet: bool,
     #[command(flatten)]
     publishing: Ros2Args,
+    #[cfg(feature = "view")]
+    #[command(flatten)]
+    page: ServeArgs,
 }
 
 /// Runs `loopbox station`.
@@ -65,6 +70,12 @@ pub fn run(args: &StationArgs) -> Result<()> {
     let stop = stop_on_ctrl_c("stopping: writing what was merged so far (Ctrl-C again to abort)")?;
     let quiet = args.quiet;
     let common = args.publishing.common()?;
+    let mut listeners: Vec<Box<dyn CommonListener>> = Vec::new();
+    listeners.extend(common.map(|common| Box::new(common) as Box<dyn CommonListener>));
+    #[cfg(feature = "view")]
+    let watch = args.watch()?;
+    #[cfg(feature = "view")]
+    listeners.extend(watch.iter().map(|watch| Box::new(watch.map()) as Box<dyn CommonListener>));
     let fleet = Fleet::start(
         &options,
         args.agents,
@@ -73,11 +84,28 @@ pub fn run(args: &StationArgs) -> Result<()> {
                 tell!("{text}");
             }
         },
-        common,
+        listeners,
     )?;
+    #[cfg(feature = "view")]
+    watch.iter().for_each(|watch| fleet.shown_by(watch.neighbourhood()));
     if let Some(at) = fleet.listening().filter(|_| !quiet) {
         tell!("agents reach this station by: loopbox run … --fleet --connect {}", at.for_others());
     }
     let status = fleet.wait(&stop)?;
+    #[cfg(feature = "view")]
+    if let Some(watch) = watch {
+        watch.end(&format!("the station has ended: what it merged is in {}", args.out.display()));
+    }
     console::print(&super::fleet::described(&status))
+}
+
+#[cfg(feature = "view")]
+impl StationArgs {
+    /// Begins to serve the page, if it was asked for.
+    fn watch(&self) -> Result<Option<view::watch::StationWatch>> {
+        let Some(address) = self.page.address()? else { return Ok(None) };
+        let watch = view::watch::StationWatch::start(address, &self.name, &self.out)?;
+        tell!("watch at {}", watch.url());
+        Ok(Some(watch))
+    }
 }

@@ -39,7 +39,7 @@ struct Times {
 ///
 /// # Errors
 /// When a run fails.
-pub(super) fn measure(plan: &Plan) -> Result<String> {
+pub fn measure(plan: &Plan) -> Result<String> {
     let mut text = String::from(HEAD);
     let is_wanted = |name: &&str| plan.only.is_empty() || plan.only.iter().any(|only| only == name);
     let is_there = |name: &&str| plan.data.join(name).is_dir();

@@ -34,7 +34,7 @@ pub struct NeighbourStatus {
     pub wanted: usize,
     /// The measured rate, bytes a second.
     pub rate: f64,
-    /// Objects of own maps that it lacks; nothing while it has not said.
+    /// Objects of own maps that it lacks; nothing while it has not said, or without an own map.
     pub lacks: Option<u64>,
 }
 
@@ -74,7 +74,7 @@ impl Node {
                 useless: neighbour.fetch.useless,
                 wanted: neighbour.fetch.wanted(),
                 rate: neighbour.fetch.rate(),
-                lacks: lacks.sum(),
+                lacks: lacks.sum::<Option<u64>>().filter(|_| !self.own.is_empty()),
             }
         };
         let agent = |told: &super::Told| AgentStatus {

@@ -48,6 +48,14 @@ struct Agent {
     scans: Option<ScanInput>,
 }
 
+/// Why a map was not taken in.
+pub(super) enum NotTaken {
+    /// What was told is none.
+    Wrong(String),
+    /// It cannot be written here.
+    Unwritten(anyhow::Error),
+}
+
 /// What a map was put together of.
 #[derive(PartialEq)]
 struct Seen {
@@ -79,7 +87,7 @@ impl Maps {
         heard: &Heard,
         only: Option<&BTreeSet<KeyframeId>>,
         place: &Place,
-    ) -> Result<Option<SensorKind>, String> {
+    ) -> Result<Option<SensorKind>, NotTaken> {
         let agent = self.agents.entry(heard.agent).or_insert_with(|| Agent::new(heard.begun));
         let taken = agent.take(heard, only, place);
         if taken.is_err() {
@@ -185,7 +193,7 @@ impl Agent {
         heard: &Heard,
         only: Option<&BTreeSet<KeyframeId>>,
         place: &Place,
-    ) -> Result<Option<SensorKind>, String> {
+    ) -> Result<Option<SensorKind>, NotTaken> {
         let Heard { missing, came, finished, .. } = *heard;
         (self.begun, self.finished) = (heard.begun, finished);
         let entries = Arc::clone(&heard.entries);
@@ -193,7 +201,8 @@ impl Agent {
         if self.seen == seen {
             return Ok(None);
         }
-        let made = self.assembler.assemble(heard.agent, &heard.entries, place.store, only)?;
+        let made = self.assembler.assemble(heard.agent, &heard.entries, place.store, only);
+        let made = made.map_err(NotTaken::Wrong)?;
         let Some(made) = made else { return Ok(None) };
         self.seen = seen;
         // Frames are no matter for merging, and are written once the run is over.
@@ -204,7 +213,7 @@ impl Agent {
         (self.content, self.whole) = (Some(made.content), made.whole);
         let path = place.folder.join(label(heard.agent, &made.map)).join("map.mcap");
         if is_done {
-            save(&path, &made.map).map_err(|error| error.to_string())?;
+            save(&path, &made.map).map_err(NotTaken::Unwritten)?;
         }
         self.sensor = made.map.sensor();
         (self.images, self.scans) = (None, None);
@@ -212,7 +221,8 @@ impl Agent {
             return Ok(None);
         }
         if self.sensor == Some(SensorKind::Lidar) {
-            self.scans = Some(ScanInput::of(path, made.map).map_err(|error| format!("{error:#}"))?);
+            let input = ScanInput::of(path, made.map);
+            self.scans = Some(input.map_err(|error| NotTaken::Wrong(format!("{error:#}")))?);
         } else if made.map.keyframes.values().filter(|k| !k.semi_dense.is_empty()).count() >= FEWEST {
             self.images = Input::of(made.map, &path, place.vocabulary).ok();
         }

@@ -4,17 +4,18 @@
 //! it does not depend on the order in which things came, and once all is there it is what a merge of the agents' own
 //! files is, bit by bit.
 
-use super::agents::{Inputs, Maps, Place};
+use super::agents::{Inputs, Maps, NotTaken, Place};
 use super::courtesy::Courtesy;
-use super::findings::Found;
+use super::findings::found;
+use super::listening::CommonListener;
 use super::remembering::Content;
 use super::scans::ScanCollector;
 use super::sketching::{Met, Plan, Sketches};
 use crate::merging::{Input, MergeRecord, Merging, MergingParams, Names, merge_knowing, write_results};
-use crate::results::{Owner, Results};
-use crate::ros::Common;
+use crate::results::{Owner, Results, is_of_the_disk};
 use crate::run::give_way;
 use anyhow::{Context, Result, anyhow};
+use fleet::findings::Found;
 use fleet::node::Heard;
 use fleet::service::Service;
 use map::{Identity, KeyframeId, SensorKind};
@@ -30,6 +31,8 @@ const PAUSE: Duration = Duration::from_millis(250);
 const PAUSE_FACTOR: u32 = 2;
 /// How often the common map is written while maps still grow.
 pub(super) const WRITE_INTERVAL: Duration = Duration::from_secs(30);
+/// How long nothing is tried again after the disk was full.
+const RETRY: Duration = Duration::from_secs(5);
 /// The folder of the agents' own maps.
 const AGENTS: &str = "agents";
 
@@ -60,8 +63,10 @@ pub(super) struct Collector {
     /// Something of cameras' came that is not merged yet, or merged and not written.
     is_new: bool,
     to_write: bool,
-    /// Where the common map is published, if it is.
-    common: Option<Common>,
+    /// When it is tried again to write what the disk had no room for.
+    retried: Option<Instant>,
+    /// Who hears of the common maps.
+    listeners: Vec<Box<dyn CommonListener>>,
 }
 
 impl Collector {
@@ -91,28 +96,53 @@ impl Collector {
             written: None,
             is_new: false,
             to_write: false,
-            common: None,
+            retried: None,
+            listeners: Vec::new(),
         })
     }
 
-    /// The same, of which `common` publishes the common map.
-    pub fn published_by(self, common: Option<Common>) -> Self {
-        Self { common, ..self }
+    /// The same, with who is told of the common maps.
+    pub fn heard_by(self, listeners: Vec<Box<dyn CommonListener>>) -> Self {
+        Self { listeners, ..self }
     }
 
-    /// Has the common map published again for those who come late, when it is time.
+    /// Tells those who hear of the common maps that some time went by.
     pub fn remind(&mut self) {
-        if let Some(common) = &mut self.common {
-            common.remind();
-        }
+        self.listeners.iter_mut().for_each(|listener| listener.remind());
     }
 
     /// Takes in what is new and merges it, where it is time. What was found, if anything was looked at; `told` is what
-    /// others found.
+    /// others found. Where the disk is full it waits for room.
     ///
     /// # Errors
-    /// When the results cannot be written.
+    /// When the results cannot be written, for another reason than that.
     pub fn step(
+        &mut self,
+        service: &Service,
+        told: &[Found],
+        warn: &dyn Fn(&str),
+        stop: &Stop,
+    ) -> Result<Option<Found>> {
+        match self.go_on(service, told, warn, stop) {
+            Err(error) if is_of_the_disk(&error) => {
+                warn(&format!("it is waited until there is room on the disk: {error:#}"));
+                self.retried = Some(Instant::now() + RETRY);
+                // Merged or not, all that is not written is merged anew.
+                self.urge();
+                Ok(None)
+            }
+            done => done,
+        }
+    }
+
+    /// Has all that is not written merged and written next.
+    fn urge(&mut self) {
+        (self.is_new, self.written) = (self.to_write, None);
+        self.scans.urge();
+    }
+
+    /// As [`step`](Self::step), but for full disks.
+    fn go_on(
         &mut self,
         service: &Service,
         told: &[Found],
@@ -121,6 +151,9 @@ impl Collector {
     ) -> Result<Option<Found>> {
         let all = heard(service);
         let plan = self.plan(&all, service, told, warn);
+        if self.retried.is_some_and(|when| Instant::now() < when) {
+            return Ok(None);
+        }
         // Who waits for runs that are over takes no time from any.
         let is_over = all.iter().all(|heard| heard.finished && heard.missing == 0);
         let pause = if is_over { PAUSE } else { PAUSE.max(self.took * PAUSE_FACTOR) };
@@ -136,7 +169,7 @@ impl Collector {
         if !is_due {
             return Ok(None);
         }
-        self.take_all(&all, &plan.released, service, warn);
+        self.take_all(&all, &plan.released, service, warn)?;
         if !self.is_new && !self.scans.has_new() {
             let Some(only) = &plan.ready else { return Ok(None) };
             self.looked = true;
@@ -180,8 +213,10 @@ impl Collector {
         for heard in all {
             let Some(only) = only.get(&heard.agent) else { continue };
             let parts = &mut self.parts;
-            if let Err(reason) = on_pool(self.pool.as_ref(), || parts.take(heard, Some(only), &place)) {
-                leave_out(heard.agent, reason, service, warn);
+            match on_pool(self.pool.as_ref(), || parts.take(heard, Some(only), &place)) {
+                Ok(_) => {}
+                Err(NotTaken::Wrong(reason)) => leave_out(heard.agent, reason, service, warn),
+                Err(NotTaken::Unwritten(error)) => return Err(error),
             }
         }
         let lent = self.parts.lend();
@@ -199,7 +234,7 @@ impl Collector {
             Ok(Some(merging)) => {
                 self.parts.memory.keep(&lent.contents, &merging.encounters, false);
                 self.sketches.judged(&met(&merging, &lent.contents), &*store);
-                Some(Found::of(&lent.inputs, &merging, &lent.whole))
+                Some(found(&lent.inputs, &merging, &lent.whole))
             }
         };
         self.parts.take_back(lent);
@@ -221,18 +256,18 @@ impl Collector {
         found
     }
 
-    /// Puts together what is there of the maps of which all is fetched.
+    /// Puts together what is there of the maps of which all is fetched, and writes those that are whole.
     fn take_all(
         &mut self,
         all: &[Heard],
         released: &BTreeSet<Identity>,
         service: &Service,
         warn: &dyn Fn(&str),
-    ) {
+    ) -> Result<()> {
         // An agent's own map alone is in its folder already.
         let has_own = !service.own().is_empty();
         if all.len() < 2 && (has_own || !all.iter().any(|heard| heard.finished && heard.missing == 0)) {
-            return;
+            return Ok(());
         }
         let store = service.store();
         let place = Place { store: &*store, folder: &self.folder, vocabulary: &self.vocabulary };
@@ -242,9 +277,11 @@ impl Collector {
                 Ok(Some(SensorKind::Camera)) => (self.is_new, self.to_write) = (true, true),
                 Ok(Some(SensorKind::Lidar)) => self.scans.came(),
                 Ok(None) => {}
-                Err(reason) => leave_out(heard.agent, reason, service, warn),
+                Err(NotTaken::Wrong(reason)) => leave_out(heard.agent, reason, service, warn),
+                Err(NotTaken::Unwritten(error)) => return Err(error),
             }
         }
+        Ok(())
     }
 
     /// Whether so many agents' maps are whole and will not change any more, and all is merged and written.
@@ -259,10 +296,9 @@ impl Collector {
     pub fn finish(&mut self, service: &Service, warn: &dyn Fn(&str)) -> Result<Option<Found>> {
         let all = heard(service);
         let agents = all.iter().map(|heard| heard.agent).collect();
-        self.take_all(&all, &agents, service, warn);
+        self.take_all(&all, &agents, service, warn)?;
         self.pool = None;
-        (self.is_new, self.written) = (self.to_write, None);
-        self.scans.urge();
+        self.urge();
         self.merge(warn, &Stop::default())
     }
 
@@ -277,8 +313,8 @@ impl Collector {
         }
         if self.scans.has_new() {
             let (lent, at_rest) = (self.maps.lend_scans(), self.maps.at_rest(SensorKind::Lidar));
-            let scans = &mut self.scans;
-            done.push(on_pool(self.pool.as_ref(), || scans.merge(&lent, at_rest, stop)));
+            let (scans, listeners) = (&mut self.scans, &mut self.listeners);
+            done.push(on_pool(self.pool.as_ref(), || scans.merge(&lent, at_rest, listeners, stop)));
             self.maps.take_scans_back(lent);
         }
         let mut is_merged = false;
@@ -312,10 +348,8 @@ impl Collector {
         let merging = self.merged_anew(lent, &self.maps, at_rest, stop).map_err(Failed::Merge)?;
         self.maps.memory.keep(contents, &merging.encounters, at_rest);
         self.sketches.met(&met(&merging, contents));
-        self.found = Found::of(inputs, &merging, whole);
-        if let Some(common) = &mut self.common {
-            common.say(&merging.fused);
-        }
+        self.found = found(inputs, &merging, whole);
+        self.listeners.iter_mut().for_each(|listener| listener.cameras(&merging.fused));
         let is_due = self.written.is_none_or(|written| written.elapsed() > WRITE_INTERVAL);
         if merging.anything_met() && (at_rest || is_due) {
             let mut write = || -> Result<()> {

@@ -1,6 +1,6 @@
 //! Which of two agents that meet looks at the places of both: one of them, so that what it takes goes one way only.
 
-use super::findings::Found;
+use fleet::findings::Found;
 use map::Identity;
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::{Duration, Instant};
@@ -35,8 +35,8 @@ impl Courtesy {
 
 #[cfg(test)]
 mod tests {
-    use super::super::findings::FoundMeeting;
     use super::*;
+    use fleet::findings::FoundMeeting;
     use map::Uuid;
 
     fn agent(number: u128) -> Identity {

@@ -3,12 +3,13 @@
 //! `telling` tells a run's map while it grows. `sketching` says what of others' is worth fetching first and when enough of
 //! it is here, `courtesy` which of two agents looks at it, `collecting` merges the maps that come and keeps the common map
 //! on disk (`scans` those of LiDARs; `agents` are their maps, `remembering` what pairs of them made of each other), `findings`
-//! is what it tells the agents about where they are, `status` what people are told; `party` puts them together.
+//! is what it tells the agents about where they are, `listening` who else hears of the common maps, `status` what people are told; `party` puts them together.
 
 mod agents;
 mod collecting;
 mod courtesy;
 mod findings;
+mod listening;
 mod party;
 mod remembering;
 mod scans;
@@ -16,9 +17,10 @@ mod sketching;
 mod status;
 mod telling;
 
-pub use findings::{Found, FoundAgent, FoundMeeting};
+pub use fleet::findings::{Found, FoundAgent, FoundMeeting};
 pub use fleet::keys::{Authority, DAYS, Keys, Validity};
 pub use fleet::transport::Endpoint;
+pub use listening::CommonListener;
 pub use party::{Fleet, FleetOptions, OBJECTS};
 pub use status::{AgentLine, LinkLine, STATUS, StatusFile, read_status};
 pub use telling::Teller;

@@ -1,11 +1,12 @@
 //! One party of the fleet: a node with what it tells and what it collects.
 
 use super::collecting::Collector;
-use super::findings::Found;
+use super::listening::CommonListener;
 use super::status::{AgentLine, LinkLine, STATUS, StatusFile};
 use super::telling::{Teller, Telling};
-use crate::ros::Common;
+use crate::results::is_of_the_disk;
 use anyhow::{Context, Result, anyhow};
+use fleet::findings::Found;
 use fleet::keys::Keys;
 use fleet::node::{News, Quota, Status};
 use fleet::service::{Service, ServiceOptions};
@@ -79,7 +80,7 @@ type Shows = Box<dyn Fn(Neighbourhood) + Send + Sync>;
 
 impl Fleet {
     /// Starts a party, that ends by itself once the maps of `enough` agents are whole and merged; `tell` tells people
-    /// what happens, `common` is told the common map.
+    /// what happens, `listeners` hear of the common maps.
     ///
     /// # Errors
     /// When a folder cannot be used, or an address not be listened at.
@@ -87,11 +88,11 @@ impl Fleet {
         options: &FleetOptions,
         enough: Option<usize>,
         tell: impl Fn(&str) + Send + Sync + 'static,
-        common: Option<Common>,
+        listeners: Vec<Box<dyn CommonListener>>,
     ) -> Result<Self> {
         let role = if options.is_station { Role::Station } else { Role::Agent };
         let folder = if options.is_station { options.out.clone() } else { options.out.join(COMMON) };
-        let collector = Collector::new(&folder, options.force, options.is_beside)?.published_by(common);
+        let collector = Collector::new(&folder, options.force, options.is_beside)?.heard_by(listeners);
         let shared = Arc::new(Shared { enough, tell: Some(Box::new(tell)), ..Shared::default() });
         let of_news = Arc::clone(&shared);
         let service = ServiceOptions {
@@ -296,7 +297,11 @@ impl Shared {
             }
             collector.remind();
             if written.is_none_or(|written| written.elapsed() > STATUS_INTERVAL) {
-                self.show(&service.status(), path)?;
+                match self.show(&service.status(), path) {
+                    // It will say more when there is room.
+                    Err(error) if is_of_the_disk(&error) => self.trouble(&format!("{error:#}")),
+                    shown => shown?,
+                }
                 written = Some(Instant::now());
             }
             let is_enough = self.enough.is_some_and(|agents| collector.is_done(agents));

@@ -4,12 +4,13 @@
 
 use super::agents::Inputs;
 use super::collecting::{Failed, WRITE_INTERVAL};
-use super::findings::{Found, FoundAgent, FoundMeeting, numbers};
+use super::listening::CommonListener;
 use super::remembering::Verdicts;
 use crate::lidar::merging::{Input, LidarMergeRecord, LidarMerging, decision, merge_knowing, place_of};
 use crate::lidar::write_merged;
 use crate::results::{COMMON_OF_LIDARS, Owner, Results};
 use anyhow::{Result, anyhow};
+use fleet::findings::{Found, FoundAgent, FoundMeeting, numbers};
 use geometry::Se3;
 use slam_lidar::merging::MergeMethod;
 use sources::Stop;
@@ -68,11 +69,17 @@ impl ScanCollector {
     }
 
     /// Merges the maps, but for pairs as they were merged before, and writes them where it is time: when they are
-    /// `at_rest`, and every now and then before.
+    /// `at_rest`, and every now and then before. `listeners` hear of it.
     ///
     /// # Errors
     /// When the maps cannot be merged or results not be written.
-    pub fn merge(&mut self, lent: &Inputs<Input>, at_rest: bool, stop: &Stop) -> Result<(), Failed> {
+    pub fn merge(
+        &mut self,
+        lent: &Inputs<Input>,
+        at_rest: bool,
+        listeners: &mut [Box<dyn CommonListener>],
+        stop: &Stop,
+    ) -> Result<(), Failed> {
         self.is_new = false;
         let Inputs { inputs, contents, .. } = lent;
         if inputs.len() < 2 {
@@ -88,6 +95,7 @@ impl ScanCollector {
             said.map(|pair| ([pair.a, pair.b].map(|map| contents[map]), pair.verdict.clone(), pair.seconds)),
         );
         self.found = found(lent, Some(&merging));
+        listeners.iter_mut().for_each(|listener| listener.lidars(inputs, &merging));
         let is_due = at_rest || self.written.is_none_or(|written| written.elapsed() > WRITE_INTERVAL);
         if merging.anything_met() && is_due {
             self.write(inputs, &merging).map_err(Failed::Write)?;
@@ -148,7 +156,7 @@ mod tests {
     use map::{AgentInfo, Identity, Keyframe, KeyframeId, Map, Scan, Sensor, Uuid};
     use nalgebra::Vector3;
     use std::fs;
-    use std::sync::Arc;
+    use std::sync::{Arc, Mutex};
 
     fn agent(name: &str) -> Identity {
         Identity { uuid: Uuid::from_u128(name.as_bytes()[0].into()), epoch: 0 }
@@ -198,8 +206,38 @@ mod tests {
         Inputs { inputs, contents, whole: vec![true; maps.len()] }
     }
 
+    /// Keeps the topics of what is published to ROS 2.
+    #[derive(Clone, Default)]
+    struct Topics(Arc<Mutex<Vec<(String, usize)>>>);
+
+    impl ros2::Outlet for Topics {
+        fn publish(&mut self, topic: &str, message: Vec<u8>) {
+            self.0.lock().unwrap().push((topic.to_owned(), message.len()));
+        }
+    }
+
+    #[test]
+    fn a_common_map_of_lidars_is_heard_of_and_published() {
+        let room = tempfile::tempdir().unwrap();
+        let (a, b) = (along("a", -12.0, 9), along("b", -8.0, 9));
+        let mut collector = ScanCollector::new(room.path(), false).unwrap();
+        let topics = Topics::default();
+        let mut listeners: Vec<Box<dyn CommonListener>> =
+            vec![Box::new(crate::ros::Common::new(topics.clone()))];
+        let both = lent(room.path(), &[(&a, 0), (&b, 0)]);
+        assert!(collector.merge(&both, true, &mut listeners, &Stop::default()).is_ok());
+        let said = topics.0.lock().unwrap().clone();
+        let names: Vec<&str> = said.iter().map(|(topic, _)| &**topic).collect();
+        // Nobody has said where they are since: these maps have no frames.
+        assert_eq!(names, ["/a/common_points", "/tf_static"]);
+        // Three floats a point, of at most 65536.
+        let points: usize = both.inputs.iter().map(|i| i.map.cloud(1.0).count()).sum();
+        let cloud = said[0].1;
+        assert!(cloud > 12 * points.min(1 << 16) / 2 && cloud < 13 * (1 << 16), "{cloud} {points}");
+    }
+
     fn merged(collector: &mut ScanCollector, lent: &Inputs<Input>, at_rest: bool) {
-        assert!(collector.merge(lent, at_rest, &Stop::default()).is_ok());
+        assert!(collector.merge(lent, at_rest, &mut [], &Stop::default()).is_ok());
     }
 
     #[test]

@@ -1,16 +1,16 @@
 //! How things are with a party of the fleet, as its file says it.
 
-use super::findings::{Found, FoundMeeting};
 use anyhow::{Context, Result};
+use fleet::findings::{Found, FoundMeeting};
 use fleet::node::{AgentStatus, NeighbourStatus};
 use map::SensorKind;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
-use view::watch::{Meeting, Neighbour, Neighbourhood};
+use view::watch::{Meeting, Neighbour, Neighbourhood, ToldMap};
 
-/// Pairs of maps that a page shows at the most: what others found may be any number.
+/// Maps and pairs of them that a page shows at the most: what others found may be any number.
 const SHOWN: usize = 200;
 /// The file that says how things are.
 pub const STATUS: &str = "fleet.json";
@@ -133,7 +133,24 @@ impl StatusFile {
         };
         let meetings = each.filter(is_new).take(SHOWN).map(meeting).collect();
         let (listening, trouble) = (self.listening.clone(), self.trouble.clone());
-        Neighbourhood { listening, links: self.links.iter().map(link).collect(), meetings, trouble }
+        let links = self.links.iter().map(link).collect();
+        let maps = self.agents.iter().take(SHOWN).map(|line| self.told_map(line)).collect();
+        Neighbourhood { listening, links, maps, meetings, trouble }
+    }
+
+    /// Another's map, as pages show it; its agent's name is known once the map was looked at.
+    fn told_map(&self, line: &AgentLine) -> ToldMap {
+        let all = || std::iter::once(&self.found).chain(self.told.iter().map(|(_, found)| found));
+        let about = all().find_map(|found| found.agents.iter().find(|about| about.agent == line.agent));
+        let name = about.map(|about| &about.name).or(line.teller.as_ref()).unwrap_or(&line.agent);
+        ToldMap {
+            name: name.clone(),
+            keyframes: line.keyframes,
+            missing: line.missing,
+            finished: line.finished,
+            is_lidar: line.sensor == Some(SensorKind::Lidar),
+            is_joined: all().any(|found| found.is_joined(&line.agent)),
+        }
     }
 }
 
@@ -155,6 +172,7 @@ pub fn read_status(folder: &Path) -> Result<StatusFile> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use fleet::findings::FoundAgent;
 
     fn found(pairs: impl Iterator<Item = [u32; 2]>, verdict: &str) -> Found {
         let meeting = |pair: [u32; 2]| FoundMeeting {
@@ -165,6 +183,33 @@ mod tests {
             pending: false,
         };
         Found { agents: Vec::new(), meetings: pairs.map(meeting).collect() }
+    }
+
+    #[test]
+    fn a_page_shows_maps_by_the_names_of_their_agents_and_whether_they_hang_together() {
+        let line = |agent: &str, missing| AgentLine {
+            agent: agent.into(),
+            teller: Some("car".into()),
+            missing,
+            ..AgentLine::default()
+        };
+        let about = |agent: &str, root: &str| FoundAgent {
+            agent: agent.into(),
+            name: format!("the {agent}"),
+            keyframes: 3,
+            whole: true,
+            root: root.into(),
+            root_from_agent: [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0],
+        };
+        let agents = vec![about("a", "a"), about("b", "a"), about("c", "c")];
+        let status = StatusFile {
+            agents: vec![line("a", 0), line("b", 4), line("c", 0), line("d", 0)],
+            found: Found { agents, meetings: Vec::new() },
+            ..StatusFile::default()
+        };
+        let shown = status.neighbourhood().maps;
+        let said: Vec<_> = shown.iter().map(|map| (&*map.name, map.missing, map.is_joined)).collect();
+        assert_eq!(said, [("the a", 0, true), ("the b", 4, true), ("the c", 0, false), ("car", 0, false)]);
     }
 
     #[test]

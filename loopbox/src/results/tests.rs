@@ -129,3 +129,14 @@ fn the_growing_map_lies_where_nothing_is_in_its_way() {
     third.commit().expect("there is room");
     assert_eq!(names(room.path()), ["map.mcap"]);
 }
+
+#[test]
+fn a_full_disk_is_not_the_fault_of_the_map() {
+    let full = std::io::Error::from(std::io::ErrorKind::StorageFull);
+    assert!(is_of_the_disk(&anyhow::Error::new(full).context("map.mcap: cannot be written")));
+    assert!(!is_of_the_disk(&anyhow::Error::msg("was made with another camera")));
+    let of_map =
+        |kind: std::io::ErrorKind| map::MapError::Write { path: "map.mcap".into(), reason: kind.into() };
+    assert!(is_of_the_disk(&of_map(std::io::ErrorKind::StorageFull).into()));
+    assert!(!is_of_the_disk(&of_map(std::io::ErrorKind::PermissionDenied).into()));
+}

@@ -1,11 +1,12 @@
-//! The common map of several agents, published to ROS 2: where their maps lie in it, where they are, and its points.
+//! The common maps of several agents, published to ROS 2: where their maps lie in them, where they are, and the points.
 //!
 //! The common frame is the map of the component's eldest agent, `ROOT/map`; it has his unit. Transforms of ROS have no scale, so
 //! the map of another agent, in a unit of its own, lies where and as it should and not as large as it should; what is said
 //! here in the common frame is as large.
 
+use crate::lidar::merging::{Input, LidarMerging, place_of};
 use geometry::Se3;
-use map::{DEFAULT_MAX_RELATIVE_VARIANCE, Map};
+use map::{DEFAULT_MAX_RELATIVE_VARIANCE, Map, SensorKind};
 use merge::common_map::Fused;
 use ros2::cdr::encode;
 use ros2::cloud::cloud;
@@ -21,23 +22,56 @@ const MAX_POINTS: usize = 1 << 16;
 /// How often all is said again for those who come late.
 const INTERVAL: Duration = Duration::from_secs(5);
 
-/// Publishes the common map.
+/// A topic and a message.
+type Said = (String, Vec<u8>);
+
+/// Publishes the common maps.
 pub struct Common {
     outlet: Box<dyn Outlet + Sync>,
-    /// Topics and messages, as they were said last.
-    said: Vec<(String, Vec<u8>)>,
+    /// What was said last of cameras.
+    of_cameras: Vec<Said>,
+    /// The same of LiDARs.
+    of_lidars: Vec<Said>,
     when: Instant,
+}
+
+/// Agents that hang together.
+struct Together<'a> {
+    /// Their maps in the world of the first.
+    map: &'a Map,
+    /// Where their own worlds lie in that, in their order.
+    root_from_agent: Vec<Option<Se3>>,
+}
+
+impl<'a> Together<'a> {
+    /// Of cameras.
+    fn of(fused: &'a Fused) -> Self {
+        let place = |agent| Some(fused.component.agents.get(agent)?.root_from_agent.rigid());
+        Self { map: &fused.map, root_from_agent: fused.agents.iter().map(place).collect() }
+    }
 }
 
 impl Common {
     /// One that publishes on `outlet`.
     pub fn new(outlet: impl Outlet + Sync + 'static) -> Self {
-        Self { outlet: Box::new(outlet), said: Vec::new(), when: Instant::now() }
+        let (of_cameras, of_lidars) = Default::default();
+        Self { outlet: Box::new(outlet), of_cameras, of_lidars, when: Instant::now() }
     }
 
-    /// Says what was merged.
+    /// Says what was merged of cameras.
     pub fn say(&mut self, merged: &[Fused]) {
-        self.said = messages(merged);
+        self.of_cameras = messages(&merged.iter().map(Together::of).collect::<Vec<_>>());
+        self.publish();
+    }
+
+    /// Says what was merged of LiDARs.
+    pub fn say_lidars(&mut self, inputs: &[Input], merging: &LidarMerging) {
+        let place = |number: &usize| Some(place_of(merging, inputs.get(*number)?, *number));
+        let together = merging.groups.iter().map(|group| {
+            let root_from_agent = group.members.iter().map(place).collect();
+            Together { map: &group.map, root_from_agent }
+        });
+        self.of_lidars = messages(&together.collect::<Vec<_>>());
         self.publish();
     }
 
@@ -50,31 +84,35 @@ impl Common {
 
     fn publish(&mut self) {
         self.when = Instant::now();
-        for (topic, message) in &self.said {
+        for (topic, message) in self.of_cameras.iter().chain(&self.of_lidars) {
             self.outlet.publish(topic, message.clone());
         }
     }
 }
 
-/// What there is to say of components of several agents.
-fn messages(merged: &[Fused]) -> Vec<(String, Vec<u8>)> {
+/// What there is to say of several agents that hang together.
+fn messages(all: &[Together]) -> Vec<Said> {
     let mut messages = Vec::new();
     let mut transforms = Vec::new();
-    for fused in merged.iter().filter(|fused| fused.agents.len() > 1) {
-        let names = Names::of_map(&fused.map);
+    for together in all.iter().filter(|together| together.root_from_agent.len() > 1) {
+        let (map, names) = (together.map, Names::of_map(together.map));
         let Some(root) = names.values().next() else { continue };
-        transforms.extend(places(fused, root, names.values()));
+        transforms.extend(places(together, root, names.values()));
         for (agent, names) in &names {
-            let Some(pose) = fused.map.trajectory_of(*agent).pop() else { continue };
-            let axes = Axes::of(&fused.map.agents[agent].sensor);
+            let Some(pose) = map.trajectory_of(*agent).pop() else { continue };
+            let axes = Axes::of(&map.agents[agent].sensor);
             let (stamp, pose) = (Time::of_seconds(pose.timestamp), axes.pose(axes, &pose.world_from_camera));
             let message = odometry(&root.map(), &names.body(), stamp, &pose, Twist::default());
             add(&mut messages, names.topic(COMMON_ODOMETRY_TOPIC), &message);
         }
-        let (points, axes) = (points(&fused.map), axes(&fused.map));
+        let (points, axes) = (points(map), axes(map));
         let turned = points.iter().map(|point| (axes.body_from_own() * point.position, point.intensity));
-        let stamp = Time::of_seconds(fused.map.frames.last().map_or(0.0, |frame| frame.timestamp));
-        add(&mut messages, root.topic(COMMON_POINTS_TOPIC), &cloud(&root.map(), stamp, turned, true));
+        let stamp = Time::of_seconds(map.frames.last().map_or(0.0, |frame| frame.timestamp));
+        add(
+            &mut messages,
+            root.topic(COMMON_POINTS_TOPIC),
+            &cloud(&root.map(), stamp, turned, map.sensor() == Some(SensorKind::Camera)),
+        );
     }
     if !transforms.is_empty() {
         add(&mut messages, TF_STATIC_TOPIC.into(), &TfMessage { transforms });
@@ -88,15 +126,18 @@ fn axes(map: &Map) -> Axes {
 }
 
 /// Where the maps of all but the root lie in the root's.
-fn places<'a>(fused: &Fused, root: &Names, names: impl Iterator<Item = &'a Names>) -> Vec<TransformStamped> {
-    let axes = axes(&fused.map);
-    let place = |(agent, names): (&map::AgentId, &Names)| {
-        let root_from_agent = fused.component.agents.get(agent)?.root_from_agent.rigid();
-        let root_from_agent: Se3 = axes.pose(axes, &root_from_agent);
+fn places<'a>(
+    together: &Together,
+    root: &Names,
+    names: impl Iterator<Item = &'a Names>,
+) -> Vec<TransformStamped> {
+    let axes = axes(together.map);
+    let place = |(root_from_agent, names): (&Option<Se3>, &Names)| {
+        let root_from_agent: Se3 = axes.pose(axes, root_from_agent.as_ref()?);
         // It holds until another is said, whenever that is asked for.
         Some(transform(&root.map(), &names.map(), Time { sec: 0, nanosec: 0 }, &root_from_agent))
     };
-    fused.agents.iter().zip(names).skip(1).filter_map(place).collect()
+    together.root_from_agent.iter().zip(names).skip(1).filter_map(place).collect()
 }
 
 /// An even sample of a map's points.
@@ -105,7 +146,7 @@ fn points(map: &Map) -> Vec<map::CloudPoint> {
     map.cloud(DEFAULT_MAX_RELATIVE_VARIANCE).step_by(count.div_ceil(MAX_POINTS).max(1)).collect()
 }
 
-fn add(messages: &mut Vec<(String, Vec<u8>)>, topic: String, message: &impl Serialize) {
+fn add(messages: &mut Vec<Said>, topic: String, message: &impl Serialize) {
     // Nothing here is as long as what cannot be encoded.
     messages.extend(encode(message).ok().map(|bytes| (topic, bytes)));
 }

@@ -39,7 +39,8 @@ impl Pairing {
             keys: fleet.keys.clone(),
         };
         let told = Arc::clone(vitals);
-        let fleet = Fleet::start(&options, None, move |text| told.tell(&format!("fleet: {text}")), None)?;
+        let fleet =
+            Fleet::start(&options, None, move |text| told.tell(&format!("fleet: {text}")), Vec::new())?;
         Ok(Self(Some(fleet)))
     }
 

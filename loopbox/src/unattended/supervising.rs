@@ -11,6 +11,7 @@ use super::sessions::{Session, Sessions};
 use super::vitals::{Listening, Tell, Vitals, Why};
 use crate::explained;
 use crate::open::recording_name;
+use crate::results::is_of_the_disk;
 use crate::run::{PreparedRun, RunOptions};
 use anyhow::{Context, Error, Result};
 use slam_direct::Params;
@@ -18,7 +19,6 @@ use sources::ahead::Pace;
 use sources::camera::{CameraArgs, open_camera};
 use sources::{FrameSource, SourceOptions, Stop};
 use std::collections::BTreeSet;
-use std::io::ErrorKind;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -273,15 +273,6 @@ fn pause_after(failures: u32) -> Duration {
     FIRST_PAUSE.saturating_mul(1 << failures.saturating_sub(1).min(16)).min(LONGEST_PAUSE)
 }
 
-/// Whether an error is the disk's, which passes.
-fn is_of_the_disk(error: &Error) -> bool {
-    let kinds = [ErrorKind::StorageFull, ErrorKind::QuotaExceeded, ErrorKind::ReadOnlyFilesystem];
-    error
-        .chain()
-        .filter_map(|cause| cause.downcast_ref::<std::io::Error>())
-        .any(|io| kinds.contains(&io.kind()))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -291,12 +282,5 @@ mod tests {
         let pauses: Vec<u128> = (1..7).map(|failures| pause_after(failures).as_millis()).collect();
         assert_eq!(pauses, [500, 1000, 2000, 4000, 4000, 4000]);
         assert_eq!(pause_after(u32::MAX), LONGEST_PAUSE);
-    }
-
-    #[test]
-    fn a_full_disk_is_not_the_fault_of_the_map() {
-        let full = std::io::Error::from(ErrorKind::StorageFull);
-        assert!(is_of_the_disk(&Error::new(full).context("map.mcap: cannot be written")));
-        assert!(!is_of_the_disk(&Error::msg("was made with another camera")));
     }
 }

@@ -85,7 +85,7 @@ impl Watch {
         shared.scene().set_status(first);
         let page = options.page.take().map(|at| web::Server::start(&shared, at, &agent.name)).transpose()?;
         if let Some(server) = &options.server {
-            server.show(&shared, &agent.name)?;
+            server.show(&shared, &agent.name);
         }
         #[cfg(feature = "foxglove-server")]
         let foxglove = options.foxglove.map(|port| super::foxglove::start(&shared, port)).transpose()?;

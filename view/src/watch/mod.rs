@@ -3,7 +3,8 @@
 //! The run's loop calls [`Watch`]: it leaves what is new in a slot (`feed`) and takes the user's commands. A thread
 //! of low priority (`watcher`) keeps the `scene` up to date; each sink has its own thread and takes from the scene
 //! what is news to it: the page in the browser (`web`), Foxglove (`foxglove`). So no sink slows the tracker down, and
-//! a slow one skips what it could not show anyway.
+//! a slow one skips what it could not show anyway. A station has no run: what it collects is put into a scene by
+//! `station`, and maps that are saved by [`saved`].
 
 mod chunk;
 mod feed;
@@ -14,15 +15,17 @@ mod neighbourhood;
 mod picture;
 pub mod saved;
 mod scene;
+mod station;
 mod status;
 mod watcher;
 pub mod web;
 
 pub use chunk::{Chunk, POINT_BYTES};
 pub use handle::{Ended, Watch, WatchOptions};
-pub use neighbourhood::{Meeting, Neighbour, Neighbourhood};
+pub use neighbourhood::{Meeting, Neighbour, Neighbourhood, ToldMap};
 pub use picture::Picture;
 pub use scene::{Agent, Cursor, News, Placed, Scene, Step};
+pub use station::{CommonMap, StationWatch};
 pub use status::Status;
 
 use feed::Slot;

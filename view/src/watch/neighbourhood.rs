@@ -1,4 +1,4 @@
-//! Who is near an agent that pairs, and what became of meeting them, as pages show it.
+//! Who is near an agent or a station, what is told of maps and what became of meeting, as pages show it.
 
 use serde::Serialize;
 
@@ -9,6 +9,8 @@ pub struct Neighbourhood {
     pub listening: Option<String>,
     /// Whom it knows.
     pub links: Vec<Neighbour>,
+    /// Maps that others tell.
+    pub maps: Vec<ToldMap>,
     /// Pairs of maps that were looked at, here or by others.
     pub meetings: Vec<Meeting>,
     /// The last that was refused or went wrong, for people.
@@ -30,6 +32,23 @@ pub struct Neighbour {
     pub rate: f64,
     /// Objects of the own map that it does not hold yet; nothing while it has not said.
     pub lacks: Option<u64>,
+}
+
+/// A map that is told here.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct ToldMap {
+    /// What people call its agent, as far as that is known.
+    pub name: String,
+    /// Keyframes of its newest version.
+    pub keyframes: usize,
+    /// Objects of it that are not here yet.
+    pub missing: usize,
+    /// Whether its run is over.
+    pub finished: bool,
+    /// Whether it is a LiDAR's.
+    pub is_lidar: bool,
+    /// Whether it hangs together with another one.
+    pub is_joined: bool,
 }
 
 /// Two agents.

@@ -8,7 +8,7 @@ use slam_direct::{Frame, FrameReport};
 use sources::Stop;
 use std::path::Path;
 
-pub use neighbourhood::{Meeting, Neighbour, Neighbourhood};
+pub use neighbourhood::{Meeting, Neighbour, Neighbourhood, ToldMap};
 
 /// What the user wants of the run; here nobody does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

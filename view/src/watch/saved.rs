@@ -2,7 +2,8 @@
 
 use super::chunk::Chunk;
 use super::handle::loops_of;
-use super::scene::{Agent, Placed, Scene, Step};
+use super::scene::{Agent, Placed, Scene};
+use super::station::steps;
 use super::status::Status;
 use map::{AgentId, Map, MapError};
 use rayon::prelude::*;
@@ -32,16 +33,7 @@ pub fn scene(map: &Map) -> Result<Scene, MapError> {
         .map(|k| (k.id.0, Chunk::new(map.camera(k), &k.image, &k.semi_dense)))
         .collect();
     chunks.into_iter().for_each(|(id, chunk)| scene.set_chunk(id, chunk));
-    let mut steps: Vec<Step> = map
-        .frames
-        .iter()
-        .filter_map(|frame| {
-            let agent = *index.get(&map.keyframes.get(&frame.reference)?.agent)?;
-            Some(Step::new(frame, agent, &map.world_from_frame(frame)?))
-        })
-        .collect();
-    steps.sort_by_key(|step| step.agent);
-    scene.set_trajectory(0, steps);
+    scene.set_trajectory(0, steps(map, &index));
     scene.set_edges(loops_of(&map.edges));
     let (keyframes, points) = (scene.keyframes().count(), scene.points());
     scene.set_status(Status { state: "saved", keyframes, points, ..Status::default() });

@@ -102,8 +102,8 @@ pub struct Cursor {
 /// What a sink has not seen.
 #[derive(Default)]
 pub struct News {
-    /// Forget everything first.
-    pub reset: bool,
+    /// Forget everything first; whose keyframes follow, by their names.
+    pub reset: Option<Vec<String>>,
     /// The numbers.
     pub status: Option<Arc<Status>>,
     /// The newest image.
@@ -124,6 +124,14 @@ impl Scene {
     /// An empty scene.
     pub fn of(agents: Vec<Agent>) -> Self {
         Self { agents, ..Self::default() }
+    }
+
+    /// Sets whose keyframes these are: viewers are told all anew.
+    pub fn set_agents(&mut self, agents: Vec<Agent>) {
+        if self.agents != agents {
+            self.agents = agents;
+            self.epoch += 1;
+        }
     }
 
     /// Begins anew: the map was given up.
@@ -239,7 +247,7 @@ impl Scene {
             self.keyframes.values().filter(|entry| entry.moved > since).map(|entry| entry.placed).collect();
         let first = self.trajectory_changes.iter().find(|(tick, _)| *tick > since);
         let mut news = News {
-            reset,
+            reset: reset.then(|| self.agents.iter().map(|agent| agent.name.clone()).collect()),
             status: (self.status.0 > since || reset).then(|| Arc::clone(&self.status.1)),
             picture: self.picture.1.clone().filter(|_| self.picture.0 > since),
             keyframes,
@@ -305,10 +313,15 @@ pub(super) mod tests {
         let mut scene = scene(4);
         let mut cursor = Cursor::default();
         let first = scene.news(&mut cursor, usize::MAX);
-        assert!(first.reset);
+        assert_eq!(first.reset, Some(vec!["yard".to_owned()]));
         assert_eq!((first.keyframes.len(), first.chunks.len()), (4, 4));
         let none = scene.news(&mut cursor, usize::MAX);
-        assert!(!none.reset && none.keyframes.is_empty() && none.chunks.is_empty() && none.status.is_none());
+        assert!(
+            none.reset.is_none()
+                && none.keyframes.is_empty()
+                && none.chunks.is_empty()
+                && none.status.is_none()
+        );
         // A closed loop moves two keyframes: poses, no points.
         assert!(scene.place([placed(0, 0.0), placed(1, 1.0), placed(2, 2.5), placed(3, 3.5)]));
         let moved = scene.news(&mut cursor, usize::MAX);
@@ -367,7 +380,21 @@ pub(super) mod tests {
         scene.clear();
         scene.place([placed(0, 7.0)]);
         let news = scene.news(&mut cursor, usize::MAX);
-        assert!(news.reset && news.chunks.is_empty());
+        assert!(news.reset.is_some() && news.chunks.is_empty());
         assert_eq!(news.keyframes, [placed(0, 7.0)]);
+    }
+
+    #[test]
+    fn who_sees_others_join_is_told_all_anew() {
+        let mut scene = scene(2);
+        let mut cursor = Cursor::default();
+        scene.news(&mut cursor, usize::MAX);
+        scene.set_agents(scene.agents.clone());
+        assert!(scene.news(&mut cursor, usize::MAX).reset.is_none(), "nobody joined");
+        let other = Agent { name: "lane".into(), ..scene.agents[0].clone() };
+        scene.set_agents(vec![scene.agents[0].clone(), other]);
+        let news = scene.news(&mut cursor, usize::MAX);
+        assert_eq!(news.reset, Some(vec!["yard".to_owned(), "lane".to_owned()]));
+        assert_eq!((news.keyframes.len(), news.chunks.len()), (2, 2));
     }
 }

@@ -64,16 +64,20 @@ function note(viewer) {
   ]);
 }
 
-byId("mode").textContent = data.live ? "live" : "maps";
-byId("side").hidden = !data.live;
-byId("stage").classList.toggle("alone", !data.live);
+const MODES = { live: "live", maps: "maps", station: "station" };
+byId("mode").textContent = MODES[data.mode];
+byId("side").hidden = data.mode === "maps";
+byId("stage").classList.toggle("alone", data.mode === "maps");
+document.querySelectorAll(".of-run").forEach((part) => part.classList.toggle("absent", data.mode !== "live"));
 prepareControls();
 const { viewer, controls } = startLiveViewer();
 let feed = null;
 const panel = new Panel(() => feed);
 const on3d = (action) => viewer && action();
 const handlers = {
-  reset: () => {
+  reset: ({ agents }) => {
+    // Everything here is made for the agents that it was loaded with.
+    if (agents.join("\n") !== data.scene.agents.map(({ name }) => name).join("\n")) return location.reload();
     forget();
     on3d(() => {
       viewer.surveyed = null;

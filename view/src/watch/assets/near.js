@@ -1,4 +1,4 @@
-// Who is near an agent that pairs, in words.
+// Who is near an agent or a station, in words.
 
 const kilobytes = (bytes) => `${Math.round(bytes / 1e3).toLocaleString("en")} kB`;
 
@@ -12,6 +12,14 @@ function neighbour({ name, address, received, wanted, rate, lacks }) {
   return { kind: address === null ? "gone" : "there", text: `${name}: ${parts.join(", ")}` };
 }
 
+/** @param {{ name: string, keyframes: number, missing: number, finished: boolean, is_lidar: boolean, is_joined: boolean }} map */
+function told({ name, keyframes, missing, finished, is_lidar, is_joined }) {
+  const parts = [`${keyframes} keyframes${is_lidar ? " of a LiDAR" : ""}`, missing === 0 ? "all here" : `${missing} objects missing`];
+  parts.push(finished ? "run over" : "under way");
+  if (is_joined) parts.push("in the common map");
+  return { kind: is_joined ? "joined" : "apart", text: `map of ${name}: ${parts.join(", ")}` };
+}
+
 /** @param {{ names: string[], verdict: string, why: string | null, is_told: boolean }} meeting */
 function meeting({ names, verdict, why, is_told }) {
   const said = is_told ? `${verdict}, as another found` : verdict;
@@ -19,14 +27,14 @@ function meeting({ names, verdict, why, is_told }) {
 }
 
 /**
- * Lines for people, the kind of each a word that colours it: neighbours first, then what became of meeting them, then
- * what was refused.
- * @param {{ listening: string | null, links: any[], meetings: any[], trouble: string[] }} near
+ * Lines for people, the kind of each a word that colours it: neighbours first, then their maps, what became of meeting
+ * and what was refused.
+ * @param {{ listening: string | null, links: any[], maps: any[], meetings: any[], trouble: string[] }} near
  * @returns {{ kind: string, text: string }[]}
  */
-export function nearLines({ listening, links, meetings, trouble }) {
+export function nearLines({ listening, links, maps, meetings, trouble }) {
   const place = listening === null ? [] : [{ kind: "place", text: `reached at ${listening}` }];
   const nobody = links.length === 0 ? [{ kind: "gone", text: "nobody is near" }] : [];
   const refused = trouble.map((text) => ({ kind: "trouble", text }));
-  return [...place, ...nobody, ...links.map(neighbour), ...meetings.map(meeting), ...refused];
+  return [...place, ...nobody, ...links.map(neighbour), ...maps.map(told), ...meetings.map(meeting), ...refused];
 }

@@ -9,10 +9,16 @@ test("a neighbour, a refusal and its reason are said", () => {
     { names: ["a", "b"], verdict: "accepted", why: null, is_told: false },
     { names: ["a", "c"], verdict: "refused", why: "too few points agree", is_told: true },
   ];
-  const lines = nearLines({ listening: "tls/0.0.0.0:7447", links: [link], meetings, trouble: ["x is refused: its certificate has expired"] });
+  const maps = [
+    { name: "a", keyframes: 31, missing: 0, finished: true, is_lidar: false, is_joined: true },
+    { name: "c", keyframes: 9, missing: 12, finished: false, is_lidar: true, is_joined: false },
+  ];
+  const lines = nearLines({ listening: "tls/0.0.0.0:7447", links: [link], maps, meetings, trouble: ["x is refused: its certificate has expired"] });
   assert.deepEqual(lines, [
     { kind: "place", text: "reached at tls/0.0.0.0:7447" },
     { kind: "there", text: "car-7: 10.0.0.7:7447, sent 1,235 kB, is asked for 3 objects at 32 kB/s, lacks 5 objects of this map" },
+    { kind: "joined", text: "map of a: 31 keyframes, all here, run over, in the common map" },
+    { kind: "apart", text: "map of c: 9 keyframes of a LiDAR, 12 objects missing, under way" },
     { kind: "accepted", text: "a + b: accepted" },
     { kind: "refused", text: "a + c: refused, as another found – too few points agree" },
     { kind: "trouble", text: "x is refused: its certificate has expired" },
@@ -21,7 +27,7 @@ test("a neighbour, a refusal and its reason are said", () => {
 
 test("who is gone is not there, and nobody is said too", () => {
   const gone = { ...link, address: null, received: 0, wanted: 0, lacks: 0 };
-  const lines = nearLines({ listening: null, links: [gone], meetings: [], trouble: [] });
+  const lines = nearLines({ listening: null, links: [gone], maps: [], meetings: [], trouble: [] });
   assert.deepEqual(lines, [{ kind: "gone", text: "car-7: not there, holds all of this map" }]);
-  assert.deepEqual(nearLines({ listening: null, links: [], meetings: [], trouble: [] }), [{ kind: "gone", text: "nobody is near" }]);
+  assert.deepEqual(nearLines({ listening: null, links: [], maps: [], meetings: [], trouble: [] }), [{ kind: "gone", text: "nobody is near" }]);
 });

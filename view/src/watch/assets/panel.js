@@ -7,7 +7,7 @@ import { nearLines } from "./near.js";
 
 /** How long trends reach back, milliseconds. */
 const TREND_SPAN = 60000;
-const STATE_NAMES = { starting: "starting", tracking: "tracking", lost: "lost", done: "finished", saved: "saved map" };
+const STATE_NAMES = { starting: "starting", tracking: "tracking", lost: "lost", done: "finished", saved: "saved map", collecting: "collecting" };
 
 const whole = (value) => Math.round(value).toLocaleString("en");
 const points = (value) => (value < 1e4 ? whole(value) : value < 1e6 ? `${(value / 1e3).toFixed(0)} k` : `${(value / 1e6).toFixed(2)} M`);
@@ -32,6 +32,15 @@ const FACTS = {
   cpu: ["CPU, cores", (s) => (s.cpu === null ? null : s.cpu.toFixed(2))],
   folder: ["Results", (s) => s.folder],
 };
+
+/** What of these is shown of what is no run. */
+const SHOWN = {
+  live: { tiles: Object.keys(TILES), facts: Object.keys(FACTS) },
+  maps: { tiles: ["keyframes", "points"], facts: [] },
+  station: { tiles: ["keyframes", "points", "memory"], facts: ["folder"] },
+};
+
+const chosen = (all, names) => Object.fromEntries(names.map((name) => [name, all[name]]));
 
 /** A list of named numbers. */
 class Numbers {
@@ -148,15 +157,16 @@ class LivePicture extends Drawing {
 export class Panel {
   constructor(feed) {
     this.feed = feed;
-    this.tiles = new Numbers(byId("tiles"), data.live ? TILES : { keyframes: TILES.keyframes, points: TILES.points });
-    this.facts = new Numbers(byId("facts"), FACTS);
+    const { tiles, facts } = SHOWN[data.mode];
+    this.tiles = new Numbers(byId("tiles"), chosen(TILES, tiles));
+    this.facts = new Numbers(byId("facts"), chosen(FACTS, facts));
     this.share = new Trend(byId("trend-share"), "--plot-2", 1);
     this.ms = new Trend(byId("trend-ms"), "--plot-1", 0);
     this.picture = new LivePicture();
     this.status = null;
     /** What was last shown of who is near. */
     this.nearSaid = "";
-    if (data.live) this.bind();
+    if (data.mode === "live") this.bind();
   }
 
   bind() {
@@ -229,6 +239,7 @@ export class Panel {
     if (done) return;
     this.enable(on);
     if (!on) Object.assign(byId("state"), { className: "state lost", textContent: "cut off" });
-    this.say(on ? "" : data.live ? "The program does not answer: it has ended, or this machine is cut off. Trying again …" : "The program has ended. What was loaded can still be looked at.", !on && data.live);
+    const lives = data.mode !== "maps";
+    this.say(on ? "" : lives ? "The program does not answer: it has ended, or this machine is cut off. Trying again …" : "The program has ended. What was loaded can still be looked at.", !on && lives);
   }
 }

@@ -18,8 +18,8 @@ const EDGES: u32 = 5;
 /// News as messages, in the order in which the page must take them. `level` is up and the mean direction of view.
 pub fn messages(news: &News, level: Option<[[f64; 3]; 2]>) -> Vec<Message> {
     let mut out = Vec::new();
-    if news.reset {
-        out.push(text(&json!({ "kind": "reset" })));
+    if let Some(agents) = &news.reset {
+        out.push(text(&json!({ "kind": "reset", "agents": agents })));
     }
     if let Some([up, forward]) = level {
         out.push(text(&json!({ "kind": "level", "up": up, "forward": forward })));

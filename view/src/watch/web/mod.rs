@@ -17,6 +17,7 @@ use crate::report::script::Script;
 use crate::script;
 use anyhow::{Context, Result};
 use http::Request;
+use page::Mode;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpListener, TcpStream, UdpSocket};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -57,16 +58,21 @@ struct Site {
 
 /// A page, and what gives each client what is to be told to it.
 struct Shown {
-    page: String,
+    page: Box<dyn Fn() -> Result<String> + Send + Sync>,
     open: Box<dyn Fn() -> Box<dyn Teller> + Send + Sync>,
 }
 
 impl Shown {
-    /// A scene.
-    fn of(shared: &Arc<Shared>, title: &str) -> Result<Self> {
-        let page = page::render(title, &shared.scene(), shared.commands.is_some())?;
-        let shared = Arc::clone(shared);
-        Ok(Self { page, open: Box::new(move || Box::new(run::Audience::join(&shared))) })
+    /// A scene, with whom it shows when the page is asked for.
+    fn of(shared: &Arc<Shared>, title: &str, mode: Mode) -> Self {
+        let (title, seen, shared) = (title.to_owned(), Arc::clone(shared), Arc::clone(shared));
+        let page = move || page::render(&title, &seen.scene(), mode);
+        Self { page: Box::new(page), open: Box::new(move || Box::new(run::Audience::join(&shared))) }
+    }
+
+    /// A run that takes commands, or a scene of which nobody does.
+    fn of_run(shared: &Arc<Shared>, title: &str) -> Self {
+        Self::of(shared, title, if shared.commands.is_some() { Mode::Live } else { Mode::Maps })
     }
 }
 
@@ -76,7 +82,15 @@ impl Server {
     /// # Errors
     /// When the address cannot be listened at.
     pub fn start(shared: &Arc<Shared>, address: Address, title: &str) -> Result<Self> {
-        Self::begin(address, Some(Shown::of(shared, title)?), None)
+        Self::begin(address, Some(Shown::of_run(shared, title)), None)
+    }
+
+    /// Begins to serve a scene of maps that somebody collects, to which agents may yet come.
+    ///
+    /// # Errors
+    /// When the address cannot be listened at.
+    pub fn of_station(shared: &Arc<Shared>, address: Address, title: &str) -> Result<Self> {
+        Self::begin(address, Some(Shown::of(shared, title, Mode::Station)), None)
     }
 
     /// Begins to serve `/health`, and no page until one is [shown](Self::show).
@@ -88,12 +102,8 @@ impl Server {
     }
 
     /// Shows a scene in place of what was shown.
-    ///
-    /// # Errors
-    /// When it has no agent.
-    pub fn show(&self, shared: &Arc<Shared>, title: &str) -> Result<()> {
-        *self.site.shown() = Some(Arc::new(Shown::of(shared, title)?));
-        Ok(())
+    pub fn show(&self, shared: &Arc<Shared>, title: &str) {
+        *self.site.shown() = Some(Arc::new(Shown::of_run(shared, title)));
     }
 
     /// Shows nothing any more.
@@ -110,7 +120,8 @@ impl Server {
         page: String,
         open: impl Fn() -> Box<dyn Teller> + Send + Sync + 'static,
     ) -> Result<Self> {
-        Self::begin(address, Some(Shown { page, open: Box::new(open) }), None)
+        let page = move || Ok(page.clone());
+        Self::begin(address, Some(Shown { page: Box::new(page), open: Box::new(open) }), None)
     }
 
     fn begin(address: Address, shown: Option<Shown>, health: Option<Health>) -> Result<Self> {
@@ -226,9 +237,13 @@ impl Site {
                 client::serve(stream, &mut *(shown.open)());
                 Ok(())
             }
-            ("GET", "/", _, Some(shown), _) => {
-                http::answer(&mut stream, "200 OK", "text/html", shown.page.as_bytes())
-            }
+            ("GET", "/", _, Some(shown), _) => match (shown.page)() {
+                Ok(page) => http::answer(&mut stream, "200 OK", "text/html", page.as_bytes()),
+                Err(error) => {
+                    let text = format!("the page cannot be made: {error:#}");
+                    http::answer(&mut stream, "500 Internal Server Error", "text/plain", text.as_bytes())
+                }
+            },
             ("GET", "/" | "/ws", _, None, _) => http::answer(
                 &mut stream,
                 "503 Service Unavailable",

@@ -6,7 +6,8 @@ use crate::report::scene::Scene as ReportScene;
 use crate::script;
 use crate::watch::chunk::SIGMA_RANGE;
 use crate::watch::scene::Scene;
-use anyhow::{Context, Result};
+use anyhow::Result;
+use geometry::Pinhole;
 use map::{AgentId, AgentInfo, Map};
 use serde::Serialize;
 
@@ -29,33 +30,46 @@ const TEMPLATE: Template = Template {
     ],
 };
 
+/// The camera of a map to which agents are yet to come.
+const NOBODYS: Pinhole = Pinhole { width: 1, height: 1, fx: 1.0, fy: 1.0, cx: 0.0, cy: 0.0 };
+
+/// What is behind a page.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Mode {
+    /// A run that takes commands.
+    Live,
+    /// Maps, and nobody who would take any.
+    Maps,
+    /// One who collects the maps of others.
+    Station,
+}
+
 /// What the page's scripts start from.
 #[derive(Serialize)]
 struct Data {
     scene: ReportScene,
     cloud: Cloud,
-    /// Whether there is a run behind it that takes commands.
-    live: bool,
+    mode: Mode,
     /// Relative σ of codes 0 and 255.
     sigma: [f32; 2],
 }
 
 /// The page of a scene, which is still to come over the WebSocket.
-pub fn render(title: &str, scene: &Scene, live: bool) -> Result<String> {
-    let mut agents = scene.agents.iter().map(|agent| {
+pub fn render(title: &str, scene: &Scene, mode: Mode) -> Result<String> {
+    let agents = scene.agents.iter().map(|agent| {
         let mut info = AgentInfo::new(agent.name.clone(), agent.camera);
         if agent.metric {
             info.set_metric();
         }
         info
     });
-    let first = agents.next().context("there is no agent to show")?;
-    let mut map = Map::of(first);
-    map.agents.extend((1..).map(AgentId).zip(agents));
+    let mut map = Map::new(NOBODYS);
+    map.agents = (0..).map(AgentId).zip(agents).collect();
     let data = Data {
         scene: ReportScene::new(&map, &[], &[]),
         cloud: Cloud::new(&map, &[], 0),
-        live,
+        mode,
         sigma: SIGMA_RANGE,
     };
     TEMPLATE.filled(title, &data)
@@ -68,10 +82,16 @@ mod tests {
 
     #[test]
     fn the_page_needs_nothing_from_outside() {
-        let page = render("yard <b>", &scene(1), true).expect("it renders");
+        let page = render("yard <b>", &scene(1), Mode::Live).expect("it renders");
         assert!(page.contains("connect-src 'self'") && page.contains("yard &lt;b&gt;"));
         for outside in ["https://", "src=\"http", "href=\"http", "@import", "url("] {
             assert!(!page.contains(outside), "{outside}");
         }
+    }
+
+    #[test]
+    fn a_page_can_be_asked_for_before_anybody_is_there() {
+        let page = render("base", &Scene::default(), Mode::Station).expect("it renders");
+        assert!(page.contains("\"agents\":[]") && page.contains("\"mode\":\"station\""));
     }
 }
