@@ -90,12 +90,17 @@ impl Sensor {
         !self.is_rolling() && self.lens.corner_shift().abs() < LEAST_SHIFT
     }
 
-    /// Whether depths found by another sensor of the same camera are off by it, by more than what else they are off.
-    pub fn differs(&self, other: &Self) -> bool {
+    /// From which distance from the middle on, as a share of the corner's, depths found by another sensor of the same camera
+    /// are off by it, by more than what else they are off; nothing where they are nowhere.
+    pub fn differs_beyond(&self, other: &Self) -> Option<f64> {
         let longest = |times: [f64; 2]| times.iter().map(|time| time.abs()).fold(0.0, f64::max);
         let change = longest([0, 1].map(|i| self.readout[i] - other.readout[i]));
+        if change > MUCH_READOUT * longest(self.readout).max(longest(other.readout)) {
+            return Some(0.0);
+        }
+        // What a lens moves its pixels by grows with the third power of the distance.
         let corner = (self.lens.terms[0] - other.lens.terms[0]).abs();
-        change > MUCH_READOUT * longest(self.readout).max(longest(other.readout)) || corner > MUCH_LENS
+        (corner > MUCH_LENS).then(|| (MUCH_LENS / corner).cbrt())
     }
 
     /// The readout times as far as a rolling shutter has such: the longer one if it is long enough, and nothing else.
@@ -222,10 +227,22 @@ mod tests {
     #[test]
     fn sensors_differ_by_what_their_images_show() {
         let sensor = |unknowns| Sensor::ideal(CAMERA).with(unknowns);
-        assert!(!sensor([1e-3, 0.0, 0.024]).differs(&sensor([0.0, 0.0, 0.021])));
-        assert!(sensor([0.0, 0.0, 0.024]).differs(&sensor([0.0; 3])));
-        assert!(sensor([0.0, 0.0, 0.024]).differs(&sensor([0.0, 0.0, 0.017])));
-        assert!(sensor([-2e-3, 0.0, 0.0]).differs(&sensor([1e-3, 0.0, 0.0])));
+        let beyond = |a, b| sensor(a).differs_beyond(&sensor(b));
+        assert_eq!(beyond([1e-3, 0.0, 0.024], [0.0, 0.0, 0.021]), None);
+        assert_eq!(beyond([0.0, 0.0, 0.024], [0.0; 3]), Some(0.0));
+        assert_eq!(beyond([0.0, 0.0, 0.024], [0.0, 0.0, 0.017]), Some(0.0));
+        assert_eq!(beyond([9e-3, 0.0, 0.024], [0.0, 0.0, 0.0]), Some(0.0));
+        // Where the two move a pixel by as much apart as the corner may be.
+        let (new, old) = (sensor([-6e-3, 0.0, 0.0]), sensor([1e-3, 0.0, 0.0]));
+        let share = new.differs_beyond(&old).expect("seven thousandths at the corner");
+        let Pinhole { fx, fy, cx, cy, .. } = CAMERA;
+        let corner = (0.5 * CAMERA.width as f64 / fx).hypot(0.5 * CAMERA.height as f64 / fy);
+        let off = [0.6 * share * corner * fx, -0.8 * share * corner * fy];
+        let pixel = [cx + off[0], cy + off[1]];
+        let [a, b] = [new, old].map(|sensor| sensor.lens.undistort(pixel));
+        let moved = (a[0] - b[0]).hypot(a[1] - b[1]) / off[0].hypot(off[1]);
+        assert!((moved * share - MUCH_LENS).abs() < 1e-9, "{moved}");
+        assert!((new.lens.share_of_corner(pixel) - share).abs() < 1e-9);
         assert!(sensor([1e-5, 0.0, 0.0]).is_ideal() && !sensor([1e-3, 0.0, 0.0]).is_ideal());
     }
 

@@ -3,9 +3,9 @@
 use crate::depth::{DepthFilter, DepthParams, SeedPoint, StereoFrame, choose_references};
 use crate::local_map::{Companion, LocalMap};
 use crate::mask::Mask;
-use geometry::sensor::{Shift, Twist};
+use geometry::sensor::{Lens, Shift, Twist};
 use geometry::{GrayImage, Pinhole, Se3, median};
-use map::SemiDense;
+use map::{SemiDense, Shared};
 use std::sync::Arc;
 
 /// Baselines, over the median depth, at which frames are kept as companions.
@@ -58,7 +58,39 @@ pub(crate) struct StereoJob {
     unit: f64,
     /// What of the image moves with the camera: it has no depth.
     mask: Arc<Mask>,
+    /// What is known and stays.
+    known: Option<Known>,
     params: DepthParams,
+}
+
+/// Depths that stay up to a distance from the middle of the image.
+struct Known {
+    depth: Shared<SemiDense>,
+    lens: Lens,
+    /// The distance, as a share of the corner's.
+    within: f64,
+}
+
+/// Pixels beyond what stays that depths are computed of as well: they support their neighbours.
+const RIM: f64 = 3.0;
+
+impl Known {
+    /// Whether a pixel lies nearer to the middle, by so many pixels, than the distance up to which depths stay.
+    fn holds(&self, x: usize, y: usize, nearer: f64) -> bool {
+        let camera = &self.lens.camera;
+        let nearer = 2.0 * nearer / (camera.width as f64).hypot(camera.height as f64);
+        self.lens.share_of_corner([x as f64, y as f64]) < self.within - nearer
+    }
+
+    /// What stays, and beyond it the `fresh` depths.
+    fn with(&self, fresh: &SemiDense) -> SemiDense {
+        let width = self.lens.camera.width;
+        let stays = |pixel: u32| self.holds(pixel as usize % width, pixel as usize / width, 0.0);
+        let kept = self.depth.iter().filter(|(pixel, ..)| stays(*pixel));
+        let mut all: Vec<_> = kept.chain(fresh.iter().filter(|(pixel, ..)| !stays(*pixel))).collect();
+        all.sort_unstable_by_key(|(pixel, ..)| *pixel);
+        of_pixels(&all)
+    }
 }
 
 impl StereoJob {
@@ -104,13 +136,23 @@ impl StereoJob {
             references: chosen.into_iter().map(|i| candidates[i].clone()).collect(),
             unit: state.unit,
             mask: Arc::clone(&map.mask),
+            known: None,
             params: params.clone(),
         }
+    }
+
+    /// The job of computing the depth again from a distance from the middle on, as a share of the corner's; up to there the
+    /// `known` one stays.
+    pub fn beyond(self, lens: Lens, distance: f64, known: Shared<SemiDense>) -> Self {
+        Self { known: Some(Known { depth: known, lens, within: distance }), ..self }
     }
 
     /// The keyframe's semi-dense inverse depth, in the keyframe's unit.
     pub fn run(&self) -> SemiDense {
         let mut filter = DepthFilter::new(&self.image, &self.camera, self.shift, &self.params);
+        if let Some(known) = &self.known {
+            filter.retain(|[x, y]| !known.holds(x as usize, y as usize, RIM));
+        }
         filter.seed(&self.seeds);
         for reference in &self.references {
             let frame = StereoFrame {
@@ -123,9 +165,12 @@ impl StereoJob {
             filter.update(&self.image, &frame);
         }
         filter.regularise();
-        let mut depth = self.unmasked(filter.to_semi_dense());
+        let mut depth = filter.to_semi_dense();
         depth.scale(1.0 / self.unit as f32);
-        depth
+        if let Some(known) = &self.known {
+            depth = known.with(&depth);
+        }
+        self.unmasked(depth)
     }
 
     /// The depths that the mask does not cover.
@@ -136,11 +181,7 @@ impl StereoJob {
         let width = self.image.width();
         let free = |pixel: u32| !self.mask.covers(pixel as usize % width, pixel as usize / width);
         let kept: Vec<_> = depth.iter().filter(|(pixel, ..)| free(*pixel)).collect();
-        SemiDense {
-            pixel: kept.iter().map(|kept| kept.0).collect(),
-            inverse_depth: kept.iter().map(|kept| kept.1).collect(),
-            variance: kept.iter().map(|kept| kept.2).collect(),
-        }
+        of_pixels(&kept)
     }
 
     /// Affine brightness `(a, b)` of a neighbour relative to the keyframe, from the intensities of the points
@@ -172,6 +213,15 @@ impl StereoJob {
     }
 }
 
+/// The depths of pixels that come with their inverse depths and variances, in order.
+fn of_pixels(pixels: &[(u32, f32, f32)]) -> SemiDense {
+    SemiDense {
+        pixel: pixels.iter().map(|pixel| pixel.0).collect(),
+        inverse_depth: pixels.iter().map(|pixel| pixel.1).collect(),
+        variance: pixels.iter().map(|pixel| pixel.2).collect(),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -195,6 +245,36 @@ mod tests {
             depth.iter().map(|(p, d, _)| (d as f64 / truth[p as usize] as f64 - 1.0).abs()).collect();
         let median = quantile(errors, 0.5);
         assert!(median < 0.02, "{median}");
+    }
+
+    #[test]
+    fn depth_that_is_computed_again_beyond_a_distance_stays_up_to_there() {
+        let views = views();
+        let (map, params) = (exact_map(&views, 16), DepthParams::default());
+        let again = |known: &SemiDense, beyond: f64| {
+            let job = StereoJob::new(&map, 0, &[], &params);
+            job.beyond(map.sensor.lens, beyond, known.clone().into()).run()
+        };
+        let fresh = StereoJob::new(&map, 0, &[], &params).run();
+        assert_eq!(again(&SemiDense::default(), 0.0), fresh, "beyond nothing all is computed");
+        // What was known is told by its depth, which nothing shows.
+        let mut known = fresh.clone();
+        known.scale(3.0);
+        let (both, width) = (again(&known, 0.6), map.camera.width as u32);
+        assert!(both.pixel.windows(2).all(|pair| pair[0] < pair[1]));
+        let (mut stayed, mut computed) = (0, 0);
+        for (pixel, depth, _) in both.iter() {
+            let at = [f64::from(pixel % width), f64::from(pixel / width)];
+            let is_known = known.iter().any(|known| (known.0, known.1) == (pixel, depth));
+            assert_eq!(is_known, map.sensor.lens.share_of_corner(at) < 0.6, "{at:?}");
+            *(if is_known { &mut stayed } else { &mut computed }) += 1;
+        }
+        let count = |within: bool| {
+            let at = |p: u32| [f64::from(p % width), f64::from(p / width)];
+            fresh.iter().filter(|d| (map.sensor.lens.share_of_corner(at(d.0)) < 0.6) == within).count()
+        };
+        assert_eq!(stayed, count(true), "of these nothing is lost");
+        assert!(computed.abs_diff(count(false)) * 20 < computed, "{computed} of {}", count(false));
     }
 
     #[test]

@@ -1,13 +1,14 @@
 //! What a new keyframe sets off: new points, the joint optimisation of its surroundings, culling.
 
+use crate::align::ReferencePoint;
 use crate::local_map::{KeyframeState, LocalMap, PointRef, PointState, SeenAt};
 use crate::select::select;
 use crate::track::{Matched, TrackParams};
 use crate::triangulate::{TriangulateParams, Triangulator};
 use crate::window::{Limits, Problem, solve_within};
 use backend::params;
-use geometry::median;
 use geometry::sensor::{Sensor, UNKNOWNS};
+use geometry::{Pinhole, Se3, median};
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
@@ -130,7 +131,7 @@ struct DepthPrior {
 }
 
 impl DepthPrior {
-    fn new(points: &[crate::align::ReferencePoint]) -> Self {
+    fn new(points: &[ReferencePoint]) -> Self {
         let mut depths: Vec<f32> = points.iter().map(|p| p.inverse_depth).collect();
         depths.sort_by(f32::total_cmp);
         let at = |share: f64| {
@@ -364,14 +365,13 @@ pub(crate) fn cull_masked(map: &mut LocalMap, keyframe: usize) {
 /// Median length of the matched points' way from the keyframe to the frame, pixels: in all, and what is
 /// left of it without the turn.
 pub(crate) fn median_flow(
-    map: &LocalMap,
-    reference: usize,
-    frame_from_reference: &geometry::Se3,
+    camera: &Pinhole,
+    points: &[ReferencePoint],
+    frame_from_reference: &Se3,
 ) -> Option<(f32, f32)> {
     let rotation = frame_from_reference.rotation_matrix();
-    let camera = &map.camera;
     let (mut all, mut moved): (Vec<f32>, Vec<f32>) = (Vec::new(), Vec::new());
-    for point in map.reference_points(reference) {
+    for point in points {
         let ray = camera.unproject(point.pixel[0] as f64, point.pixel[1] as f64);
         let turned = rotation * ray;
         let x = turned + frame_from_reference.translation * point.inverse_depth as f64;

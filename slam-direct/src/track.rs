@@ -166,39 +166,51 @@ pub(crate) fn position_information(
     [(xx * myy - xy * mxy) / det, (xy * mxx - xx * mxy) / det, (yy * mxx - xy * mxy) / det]
 }
 
+/// A keyframe by whose points frames may see, with a sample of these.
+pub(crate) struct Near {
+    pub keyframe: usize,
+    /// How many points it has.
+    points: usize,
+    /// The ray and the inverse depth of some.
+    probes: Vec<(Vector3<f64>, f64)>,
+}
+
+impl Near {
+    /// A keyframe of a map as it is.
+    pub fn of(map: &LocalMap, keyframe: usize) -> Self {
+        const PROBES: usize = 24;
+        let alive: Vec<_> = map.keyframes[keyframe].points.iter().filter(|p| p.alive).collect();
+        let stride = alive.len().div_ceil(PROBES).max(1);
+        let probes = alive.iter().step_by(stride).map(|point| (point.ray, point.inverse_depth)).collect();
+        Self { keyframe, points: alive.len(), probes }
+    }
+}
+
 /// Those of the keyframes `near` by whose points the frame may see, most promising first.
 pub(crate) fn choose_hosts(
     map: &LocalMap,
-    near: &[usize],
+    near: &[Near],
     view_camera_from_world: &Se3,
     reference: usize,
     count: usize,
 ) -> Vec<usize> {
-    const PROBES: usize = 24;
     let mut scored: Vec<(usize, usize)> = Vec::new();
-    for (index, state) in near.iter().map(|&index| (index, &map.keyframes[index])) {
-        let relative = *view_camera_from_world * state.camera_from_world.inverse();
+    for Near { keyframe, points, probes } in near {
+        let relative = *view_camera_from_world * map.keyframes[*keyframe].camera_from_world.inverse();
         let rotation = relative.rotation_matrix();
-        let alive: Vec<&_> = state.points.iter().filter(|p| p.alive).collect();
-        let stride = alive.len().div_ceil(PROBES).max(1);
-        let visible = alive
-            .iter()
-            .step_by(stride)
-            .filter(|point| {
-                Warp::new(&map.camera, &relative, &rotation, &point.ray, point.inverse_depth).is_some_and(
-                    |(_, p)| {
-                        p.x >= 5.0
-                            && p.y >= 5.0
-                            && p.x < map.camera.width as f64 - 5.0
-                            && p.y < map.camera.height as f64 - 5.0
-                    },
-                )
+        let is_visible = |(ray, inverse_depth): &&(Vector3<f64>, f64)| {
+            let seen = Warp::new(&map.camera, &relative, &rotation, ray, *inverse_depth);
+            seen.is_some_and(|(_, p)| {
+                p.x >= 5.0
+                    && p.y >= 5.0
+                    && p.x < map.camera.width as f64 - 5.0
+                    && p.y < map.camera.height as f64 - 5.0
             })
-            .count();
+        };
         // What counts is how many points may be seen, not their share.
-        let score = visible * alive.len() / alive.len().div_ceil(stride).max(1);
-        if score > 0 || index == reference {
-            scored.push((index, score));
+        let score = probes.iter().filter(is_visible).count() * points / probes.len().max(1);
+        if score > 0 || *keyframe == reference {
+            scored.push((*keyframe, score));
         }
     }
     scored

@@ -51,6 +51,11 @@ impl Lens {
         self.terms[0] * self.per_corner
     }
 
+    /// How far from the middle a pixel lies, as a share of the corner's distance.
+    pub fn share_of_corner(&self, pixel: [f64; 2]) -> f64 {
+        (self.plane(pixel).norm_squared() * self.per_corner).sqrt()
+    }
+
     /// How far an ideal camera sees the image's corner farther from the middle than the image shows it, pixels.
     pub(super) fn corner_shift(&self) -> f64 {
         let (width, height) = (self.camera.width as f64, self.camera.height as f64);

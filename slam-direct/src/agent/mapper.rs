@@ -207,7 +207,11 @@ impl Mapper {
             if stop() {
                 break;
             }
-            self.settler.begin_again(&self.local, again, &params.depth);
+            for &(keyframe, beyond) in again {
+                let Some(known) = self.known.keyframes.get(&LocalMap::id(keyframe)) else { continue };
+                let known = known.semi_dense.clone();
+                self.settler.begin_again(&self.local, keyframe, known, beyond, &params.depth);
+            }
             settled.extend(self.take_up_depths());
         }
         (self.update(moved, settled, None), loops)

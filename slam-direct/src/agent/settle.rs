@@ -6,7 +6,7 @@ use crate::depth::DepthParams;
 use crate::local_map::{Companion, Companions, LocalMap};
 use geometry::Swap;
 use geometry::sensor::Sensor;
-use map::SemiDense;
+use map::{SemiDense, Shared};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -54,18 +54,31 @@ impl Settler {
         self.next = self.next.max(ready);
     }
 
-    /// The keyframes whose images prove to be off an ideal camera's by otherwise than was known when their depth was begun.
-    pub fn outdated(&self, sensor: &Sensor) -> Vec<usize> {
-        self.by.iter().filter(|(_, by)| sensor.differs(by)).map(|(&keyframe, _)| keyframe).collect()
+    /// The keyframes whose images prove to be off an ideal camera's by otherwise than was known when their depth was begun,
+    /// and from which distance from the middle on (see [`Sensor::differs_beyond`]).
+    pub fn outdated(&self, sensor: &Sensor) -> Vec<(usize, f64)> {
+        let beyond = |(&keyframe, by): (&usize, &Sensor)| Some((keyframe, sensor.differs_beyond(by)?));
+        self.by.iter().filter_map(beyond).collect()
     }
 
-    /// Begins the depths of keyframes again.
-    pub fn begin_again(&mut self, local: &LocalMap, keyframes: &[usize], params: &DepthParams) {
-        keyframes.iter().for_each(|&keyframe| self.begin_one(local, keyframe, &[], params));
+    /// Begins the depth of a keyframe again, beyond this distance from the middle: up to there what is `known` of it stays.
+    pub fn begin_again(
+        &mut self,
+        local: &LocalMap,
+        keyframe: usize,
+        known: Shared<SemiDense>,
+        beyond: f64,
+        params: &DepthParams,
+    ) {
+        let job = StereoJob::new(local, keyframe, &[], params).beyond(local.sensor.lens, beyond, known);
+        self.spawn(local, keyframe, job);
     }
 
     fn begin_one(&mut self, local: &LocalMap, keyframe: usize, near: &[Companion], params: &DepthParams) {
-        let job = StereoJob::new(local, keyframe, near, params);
+        self.spawn(local, keyframe, StereoJob::new(local, keyframe, near, params));
+    }
+
+    fn spawn(&mut self, local: &LocalMap, keyframe: usize, job: StereoJob) {
         self.by.insert(keyframe, local.sensor);
         let swap = self.swap.clone();
         let work = move || match swap {

@@ -72,6 +72,14 @@ impl Candidates {
         Self { pixel: Vec::with_capacity(count), position, gradient }
     }
 
+    /// Leaves out the candidates whose positions do not count.
+    pub fn retain(&mut self, counts: impl Fn([f32; 2]) -> bool) {
+        let kept: Vec<usize> = (0..self.pixel.len()).filter(|&i| counts(self.position[i])).collect();
+        self.pixel = kept.iter().map(|&i| self.pixel[i]).collect();
+        self.gradient = kept.iter().map(|&i| self.gradient[i]).collect();
+        self.position = kept.iter().map(|&i| self.position[i]).collect();
+    }
+
     /// Adds pixels of row `y`, which is the middle one of three.
     fn extend(&mut self, y: usize, columns: &[u32], rows: [&[u8]; 3]) {
         let start = (y * rows[1].len()) as u32;

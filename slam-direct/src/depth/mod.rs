@@ -144,6 +144,19 @@ impl DepthFilter {
         }
     }
 
+    /// Leaves out the pixels that do not count. To be asked before anything is known of their depth.
+    pub fn retain(&mut self, counts: impl Fn([f32; 2]) -> bool) {
+        self.candidates.retain(counts);
+        let count = self.candidates.pixel.len();
+        self.prior.truncate(count);
+        for column in [&mut self.inverse_depth, &mut self.variance, &mut self.floor] {
+            column.truncate(count);
+        }
+        for column in [&mut self.successes, &mut self.failures] {
+            column.truncate(count);
+        }
+    }
+
     /// How many pixels have a hypothesis, observed or not.
     pub fn len(&self) -> usize {
         self.candidates.pixel.len()

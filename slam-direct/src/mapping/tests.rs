@@ -1,9 +1,7 @@
 //! New points and the optimisation of their surroundings on rendered views.
 
 use super::*;
-use crate::align::ReferencePoint;
 use crate::test_scene::{View, exact_map, point_state, pose, quantile};
-use geometry::Se3;
 
 fn views() -> Vec<View> {
     [(0.0, 0.0), (0.35, 0.05), (-0.3, 0.1)]
@@ -244,14 +242,14 @@ fn flow_is_split_into_turn_and_parallax() {
     let views = views();
     let map = exact_map(&views, 20);
     let turn = Se3::exp(&nalgebra::Vector6::new(0.0, 0.0, 0.0, 0.0, 0.1, 0.0));
-    let (all, parallax) = median_flow(&map, 0, &turn).unwrap();
+    let (all, parallax) = median_flow(&map.camera, &map.reference_points(0), &turn).unwrap();
     assert!((18.0..26.0).contains(&all) && parallax < 1e-3, "{all} {parallax}");
     let aside = Se3::exp(&nalgebra::Vector6::new(0.2, 0.0, 0.0, 0.0, 0.0, 0.0));
-    let (all, parallax) = median_flow(&map, 0, &aside).unwrap();
+    let (all, parallax) = median_flow(&map.camera, &map.reference_points(0), &aside).unwrap();
     assert!((all - parallax).abs() < 1e-3);
     let mut depths: Vec<f32> = map.reference_points(0).iter().map(|p| p.inverse_depth).collect();
     let expected = 0.2 * 210.0 * median(&mut depths).unwrap();
     assert!((parallax / expected - 1.0).abs() < 0.01, "{parallax} {expected}");
     let empty = crate::test_scene::bare_map(&views);
-    assert_eq!(median_flow(&empty, 0, &turn), None);
+    assert_eq!(median_flow(&empty.camera, &empty.reference_points(0), &turn), None);
 }

@@ -103,16 +103,16 @@ fn hosts_are_those_whose_points_are_in_sight() {
     let mut all = views();
     all.push(Rendered::new(pose(0.0, 0.0, -8.0, 3.1, 0.0)));
     let map = exact_map(&all, 12);
-    let seen_from = |k: usize, reference| {
-        choose_hosts(&map, &[0, 1, 2], &map.keyframes[k].camera_from_world, reference, 5)
-    };
+    let near = [0, 1, 2].map(|keyframe| Near::of(&map, keyframe));
+    let seen_from =
+        |k: usize, reference| choose_hosts(&map, &near, &map.keyframes[k].camera_from_world, reference, 5);
     let mut hosts = seen_from(0, 0);
     assert_eq!(hosts[0], 0, "the reference leads");
     hosts.sort_unstable();
     assert_eq!(hosts, [0, 1]);
     assert_eq!(seen_from(2, 2), [2]);
     assert_eq!(seen_from(2, 0)[0], 0, "the reference is there even out of sight");
-    assert_eq!(choose_hosts(&map, &[0, 1, 2], &map.keyframes[0].camera_from_world, 1, 1), [1]);
+    assert_eq!(choose_hosts(&map, &near, &map.keyframes[0].camera_from_world, 1, 1), [1]);
 }
 
 #[test]

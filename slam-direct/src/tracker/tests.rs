@@ -1,0 +1,149 @@
+use super::*;
+use crate::local_map::PointRef;
+use crate::test_scene::{CAMERA, View as Rendered, exact_map, pose};
+use geometry::GrayImage;
+use place_recog::ThumbnailIndex;
+
+fn keyframes() -> Vec<Rendered> {
+    [0.0, 0.5, 1.0].iter().map(|&x| Rendered::new(pose(x, 0.0, 0.0, 0.0, 0.0))).collect()
+}
+
+fn places(keyframes: &[Rendered]) -> ThumbnailIndex {
+    let mut places = ThumbnailIndex::default();
+    for (index, view) in keyframes.iter().enumerate() {
+        places.add(LocalMap::id(index), view.pyramid.base());
+    }
+    places
+}
+
+fn error(found: &Se3, view: &Rendered) -> f64 {
+    (*found * view.world_from_camera).log().norm()
+}
+
+#[test]
+fn follows_a_moving_camera_and_changes_its_reference() {
+    let keyframes = keyframes();
+    let (map, places, params) = (exact_map(&keyframes, 10), places(&keyframes), Params::default());
+    let start = map.keyframes[0].camera_from_world;
+    let mut tracker = Tracker::new(&map, 0, start, Se3::identity(), &params);
+    for i in 1..=20 {
+        let view = Rendered::new(pose(0.05 * i as f64, 0.0, 0.0, 0.01 * (i as f64 * 0.5).sin(), 0.0));
+        let located =
+            tracker.track(&map, Some(&places), &view.pyramid, 0.0, &params).expect("it is in the map");
+        assert!(error(&located.camera_from_world, &view) < 0.01, "{i}");
+        assert!(located.inlier_share() > 0.6 && located.rmse() < 15.0, "{i}");
+        assert_eq!(tracker.last, located.camera_from_world);
+        tracker.change_reference(&map, &located, &params);
+    }
+    assert_eq!(tracker.reference, 2, "the nearest keyframe is the reference");
+}
+
+/// Keyframes that see a frame's points are known by these, also when none of the points sought is theirs.
+#[test]
+fn a_view_that_the_map_has_is_returned_to() {
+    let keyframes = keyframes();
+    let (map, params) = (exact_map(&keyframes, 10), Params::default());
+    let start = map.keyframes[0].camera_from_world;
+    let at = |x: f64, params: &Params| {
+        let mut tracker = Tracker::new(&map, 0, start, Se3::identity(), params);
+        let view = Rendered::new(pose(x, 0.0, 0.0, 0.0, 0.0));
+        let mut located = tracker.track(&map, None, &view.pyramid, 0.0, params).expect("it is in the map");
+        located.hosts = vec![0];
+        tracker.change_reference(&map, &located, params);
+        assert_eq!(tracker.reference, 0, "no other host is known");
+        (tracker.returns(&map, &located, params), tracker.reference)
+    };
+    assert_eq!(at(0.48, &params), (true, 1));
+    assert_eq!(at(0.02, &params), (false, 0), "no keyframe is much nearer");
+    assert_eq!(at(0.25, &params), (false, 0), "none is near");
+    let mut never = params.clone();
+    never.keyframes.known_view = 0.0;
+    assert_eq!(at(0.48, &never), (false, 0));
+}
+
+#[test]
+fn a_lost_camera_is_found_near_another_keyframe() {
+    let keyframes = keyframes();
+    let (map, places, params) = (exact_map(&keyframes, 10), places(&keyframes), Params::default());
+    let start = map.keyframes[0].camera_from_world;
+    let mut tracker = Tracker::new(&map, 0, start, Se3::identity(), &params);
+    for value in [0, 90, 255] {
+        let flat = Pyramid::new(GrayImage::filled(CAMERA.width, CAMERA.height, value), 5);
+        assert!(tracker.track(&map, Some(&places), &flat, 0.0, &params).is_none(), "{value}");
+        assert_eq!(tracker.last, start, "a lost frame has no pose");
+    }
+    let elsewhere = Rendered::new(pose(0.0, 0.0, -9.0, 3.1, 0.0));
+    assert!(tracker.track(&map, Some(&places), &elsewhere.pyramid, 0.0, &params).is_none());
+    let view = Rendered::new(pose(0.95, 0.0, 0.05, 0.02, 0.0));
+    let located =
+        tracker.track(&map, Some(&places), &view.pyramid, 0.0, &params).expect("it is near keyframe 2");
+    assert!(error(&located.camera_from_world, &view) < 0.01);
+}
+
+/// A frame of which so many points of those sought agree.
+fn located(inliers: usize, sought: usize) -> Located {
+    Located {
+        camera_from_world: Se3::identity(),
+        matched: Vec::new(),
+        sought: vec![PointRef { host: 0, index: 0 }; sought],
+        inliers,
+        covered: 0,
+        excess: 1.0,
+        brightness: Brightness::default(),
+        hosts: Vec::new(),
+        motion: Twist::zeros(),
+        mean_motion: Twist::zeros(),
+        sought_widely: false,
+    }
+}
+
+#[test]
+fn few_points_are_enough_where_a_frame_is_expected_and_not_where_it_is_sought() {
+    let mut params = Params::default();
+    params.track.position_sigma = 0.1;
+    // Of a camera that drove on under a cover, among houses that look alike: placed 2 m beside its way.
+    let by_chance = located(72, 620);
+    assert!(by_chance.is_good(&params) && !by_chance.is_found_again(&params));
+    let keyframes = keyframes();
+    let map = exact_map(&keyframes, 10);
+    let mut tracker = Tracker::new(&map, 0, Se3::identity(), Se3::identity(), &params);
+    assert!(!tracker.drops(&by_chance, &params), "nothing is known of the frame before");
+    tracker.share = 0.73;
+    assert!(tracker.drops(&by_chance, &params));
+    assert!(!tracker.drops(&located(200, 620), &params), "as many as where a frame is found again");
+    tracker.share = 0.2;
+    assert!(!tracker.drops(&by_chance, &params), "it faded slowly");
+    assert_eq!(tracker.seeking().lost_frames(), 1, "what may be anywhere is found as after a loss");
+}
+
+#[test]
+fn a_sudden_turn_in_other_light_is_followed() {
+    let keyframes = keyframes();
+    let (map, params) = (exact_map(&keyframes, 10), Params::default());
+    let start = map.keyframes[0].camera_from_world;
+    let mut tracker = Tracker::new(&map, 0, start, Se3::identity(), &params);
+    let none = ThumbnailIndex::default();
+    tracker.track(&map, Some(&none), &keyframes[0].pyramid, 0.0, &params).expect("it is the keyframe");
+    let turned = Rendered::new(pose(0.02, 0.0, 0.0, 0.28, 0.05));
+    let dim: Vec<u8> = turned.pyramid.base().data().iter().map(|&v| v / 2 + 60).collect();
+    let dim = GrayImage::from_vec(CAMERA.width, CAMERA.height, dim).expect("as many pixels");
+    let located = tracker.track(&map, Some(&none), &Pyramid::new(dim, 5), 0.0, &params).expect("it overlaps");
+    assert!(error(&located.camera_from_world, &turned) < 0.01);
+    assert!(located.sought_widely && tracker.wants_keyframe(&map, &located, &params));
+}
+
+#[test]
+fn a_keyframe_is_wanted_far_from_the_reference_and_not_beside_it() {
+    let keyframes = keyframes();
+    let (map, places, params) = (exact_map(&keyframes[..1], 10), places(&keyframes[..1]), Params::default());
+    let start = map.keyframes[0].camera_from_world;
+    let mut tracker = Tracker::new(&map, 0, start, Se3::identity(), &params);
+    let mut wants = |x: f64| {
+        let view = Rendered::new(pose(x, 0.0, 0.0, 0.0, 0.0));
+        let located =
+            tracker.track(&map, Some(&places), &view.pyramid, 0.0, &params).expect("it is in the map");
+        tracker.wants_keyframe(&map, &located, &params)
+    };
+    assert!(!wants(0.02));
+    assert!((1..=8).map(|i| 0.02 + 0.1 * i as f64).any(wants), "eight tenths of a metre at five metres");
+}
