@@ -12,6 +12,7 @@ mod error;
 mod frame;
 mod joining;
 mod mapper;
+mod masking;
 mod recognised;
 mod resume;
 mod settle;

@@ -11,7 +11,7 @@ use crate::agent::{Agent, AgentError, Frame, FrameReport, Going, TrackingState};
 use crate::params::Params;
 use crate::recognise::{Recognise, Recognition};
 use backend::params;
-use geometry::{GrayImage, Pinhole, Swap};
+use geometry::{GrayImage, Image, Pinhole, Swap};
 use joining::Meeting;
 use map::{KeyframeId, Map, MapDelta, PlaceIndex};
 use std::sync::Arc;
@@ -103,6 +103,17 @@ impl Atlas {
             agent.swap_to(Arc::clone(&swap));
         }
         Self { swap: Some(swap), ..self }
+    }
+
+    /// The same, which leaves pixels of the images out (see [`Agent::leave_out`]); agents that come later know it of those
+    /// before.
+    ///
+    /// # Errors
+    /// When the mask is not of the camera's size.
+    pub fn leaving_out(mut self, unused: &Image<bool>) -> Result<Self, AgentError> {
+        let unused = Arc::new(unused.clone());
+        self.fragments.iter_mut().try_for_each(|agent| agent.leave_out(Arc::clone(&unused)))?;
+        Ok(self)
     }
 
     /// Frames after which what was proposed is taken up. Where mapping takes time, so does this: five times as much.

@@ -48,5 +48,6 @@ pub use backend::{DocumentedParameter, Parameter, ParameterError, ParameterValue
 pub use depth::{
     DepthFilter, DepthParams, SeedPoint, StereoFrame, UpdateStats, candidate_pixels, choose_references,
 };
+pub use mask::LeftOut;
 pub use params::Params;
 pub use recognise::{Hypothesis, KnownView, Recognise};

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::test_scene::{without_points, yard};
-use geometry::{GrayImage, umeyama};
+use geometry::{GrayImage, Image, umeyama};
 use loopbox_tests::{Recording, trajectory};
 use place_recog::ThumbnailIndex;
 use std::sync::LazyLock;
@@ -340,6 +340,8 @@ fn images_of_another_size_are_refused_and_do_no_harm() {
         let AgentError::Size { image, camera, .. } = error else { panic!("{error}") };
         assert_eq!((image, camera), ((width, height), (320, 240)));
     }
+    let error = agent.leave_out(Arc::new(Image::filled(640, 480, true))).unwrap_err();
+    assert!(error.to_string().contains("the mask has 640 × 480 pixels, the camera 320 × 240"), "{error}");
     feed(&mut agent, as_it_is);
     agent.finish();
     assert!(agent.into_map() == finished().0);
