@@ -47,6 +47,7 @@ pub use atlas::{Atlas, AtlasParams};
 pub use backend::{DocumentedParameter, Parameter, ParameterError, ParameterValue};
 pub use depth::{
     DepthFilter, DepthParams, SeedPoint, StereoFrame, UpdateStats, candidate_pixels, choose_references,
+    has_hardly_any as has_hardly_any_depth,
 };
 pub use mask::LeftOut;
 pub use params::Params;

@@ -291,6 +291,29 @@ fn what_moves_with_a_camera_that_turns_gets_neither_points_nor_depth() {
 }
 
 #[test]
+fn a_map_whose_first_keyframes_found_no_depth_is_begun_again() {
+    let mut agent = agent();
+    let mut begun = Vec::new();
+    for (i, shot) in drive().shots.iter().enumerate() {
+        if begun.is_empty() && agent.view.keyframes.len() >= 4 {
+            // As if its poses were wrong.
+            agent.promise = Promise::Broken;
+        }
+        let image = shot.image.as_ref().clone();
+        let report = agent.process(Frame { index: i as u64, timestamp: shot.timestamp, image }).unwrap();
+        begun.extend((report.reason == Some("its first keyframes found no depth")).then_some(i));
+    }
+    assert!(matches!(begun[..], [frame] if frame > 5), "{begun:?}");
+    agent.finish();
+    let map = agent.map();
+    assert_eq!(map.keyframes.keys().next(), Some(&KeyframeId(0)));
+    // 43 of 50: the first have left the view by then.
+    assert!(5 * map.frames.len() >= 4 * drive().shots.len(), "{} frames", map.frames.len());
+    let error = trajectory_error(map);
+    assert!(error < 0.01 * drive().path_length(), "off by {error} m");
+}
+
+#[test]
 fn changing_light_is_followed() {
     let mut agent = agent();
     let reports = feed(&mut agent, |i, image| {
