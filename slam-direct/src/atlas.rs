@@ -8,6 +8,7 @@
 mod joining;
 
 use crate::agent::{Agent, AgentError, Frame, FrameReport, Going, TrackingState};
+use crate::exposure::Exposure;
 use crate::params::Params;
 use crate::recognise::{Recognise, Recognition};
 use backend::params;
@@ -48,6 +49,7 @@ pub struct Atlas {
     recognition: Recognition,
     /// Of the active fragment's keyframes in earlier ones, which are joined by them.
     meeting: Meeting,
+    exposure: Exposure,
     /// Where the keyframes' images and depths are kept, as far as it has room.
     swap: Option<Arc<dyn Swap>>,
 }
@@ -88,6 +90,7 @@ impl Atlas {
             loss: None,
             recognition: Recognition::none(),
             meeting: Meeting::default(),
+            exposure: Exposure::default(),
             swap: None,
         }
     }
@@ -127,6 +130,7 @@ impl Atlas {
     /// # Errors
     /// Those of [`Agent::process`].
     pub fn process(&mut self, frame: Frame) -> Result<FrameReport, AgentError> {
+        let frame = Frame { image: self.exposure.even(frame.image), ..frame };
         let report = match self.loss.take() {
             None => self.follow(frame),
             Some(loss) => self.recover(loss, frame),

@@ -17,6 +17,7 @@ mod bootstrap;
 mod closing;
 mod dense;
 mod depth;
+mod exposure;
 mod keyframes;
 mod local_map;
 pub mod loops;
