@@ -218,6 +218,9 @@ fn summary(record: &RunRecord, out: &str) -> String {
         let kinds: Vec<String> = frames.skipped.iter().map(|(reason, n)| format!("{n} {reason}")).collect();
         text += &format!("{skipped} frames skipped: {}\n", kinds.join(", "));
     }
+    if let Some(left_out) = record.left_out {
+        text += &format!("{}\n", left_out.text());
+    }
     for apart in record.fragments.iter().skip(1) {
         text += &format!(
             "{} more frames, of {} to {}, are in {}: they saw no place of the others again\n",

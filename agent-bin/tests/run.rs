@@ -1,8 +1,11 @@
 //! Whole runs on the recording that lies in the repository, and what can go wrong with them.
 
 mod common;
+#[path = "common/documented.rs"]
+mod documented;
 
 use common::*;
+use documented::assert_documented;
 use std::path::Path;
 use std::process::Stdio;
 use tempfile::tempdir;
@@ -150,6 +153,38 @@ fn bad_folders_and_calibrations_are_said() {
     let file = out.path().join("file");
     write(file.clone(), "");
     assert_refused(&["run", arg(folder.path()), "--out", arg(&file)], &["file", "--out"]);
+}
+
+#[test]
+fn what_a_mask_covers_is_left_out_and_said() {
+    let out = tempdir().unwrap();
+    let (folder, file) = (out.path().join("masked"), out.path().join("mask.pgm"));
+    let draw = |width: usize, height: usize| {
+        let row = (0..width).map(|x| if x < width / 4 { 0 } else { 255 });
+        let head = format!("P5\n{width} {height}\n255\n").into_bytes();
+        std::fs::write(&file, [head, row.collect::<Vec<u8>>().repeat(height)].concat()).unwrap();
+    };
+    draw(640, 480);
+    let output = run(&folder, &["--mask", arg(&file)]);
+    assert!(output.status.success(), "{}", stderr(&output));
+    assert!(stdout(&output).contains("25.0 % of the image is not used, by the mask"), "{}", stdout(&output));
+    let numbers = numbers(&folder);
+    assert_documented(&numbers);
+    assert_eq!((&numbers["left_out"]["share"], &numbers["left_out"]["found"]), (&0.25.into(), &0.0.into()));
+    assert!(numbers["frames"]["tracked_share"].as_f64().unwrap() > 0.9, "{}", numbers["frames"]);
+    let map = map::load_map(&folder.join("map.mcap")).unwrap().map;
+    for keyframe in map.keyframes.values() {
+        assert!(keyframe.points.iter().all(|point| point.pixel[0] >= 160.0), "{:?}", keyframe.id);
+        assert!(keyframe.semi_dense.iter().all(|depth| depth.0 % 640 >= 160), "{:?}", keyframe.id);
+    }
+    assert!(std::fs::read_to_string(folder.join("report.html")).unwrap().contains("of the image not used"));
+    draw(320, 240);
+    let refused = run(&folder, &["--mask", arg(&file)]);
+    let said = stderr(&refused);
+    assert!(
+        ["mask.pgm", "320×240", "640×480", "hint: draw"].iter().all(|part| said.contains(part)),
+        "{said}"
+    );
 }
 
 #[test]

@@ -12,6 +12,7 @@ mod error;
 mod frame;
 mod joining;
 mod mapper;
+mod masking;
 mod recognised;
 mod resume;
 mod settle;
@@ -38,7 +39,7 @@ use early::EarlyFrame;
 use geometry::sensor::Twist;
 use geometry::{GrayImage, Pinhole, Pyramid, Se3, Swap};
 use map::{Described, Edge, FramePose, KeyframeId, Map, MapDelta, PlaceIndex};
-use mapper::{Job, Mapper, Update};
+use mapper::{Job, Mapper, Promise, Update};
 use shutter::ShutterQuestion;
 use std::sync::Arc;
 
@@ -80,6 +81,8 @@ pub struct Agent {
     early: Vec<EarlyFrame>,
     /// What moves with the camera.
     learner: MaskLearner,
+    /// Whether the map is of use, as far as its first keyframes have said.
+    promise: Promise,
     /// The start that the map came of, while more frames may contradict it.
     provisional: Option<Box<Bootstrap>>,
     /// What is done with the map, if it was given to the agent.
@@ -136,6 +139,7 @@ impl Agent {
             tone: None,
             early: Vec::new(),
             learner: MaskLearner::default(),
+            promise: Promise::Open,
             provisional: None,
             resumed: None,
             is_sought: false,
@@ -164,10 +168,10 @@ impl Agent {
             self.tone = Tone::following(self.tone.take(), &frame.image);
         }
         let pyramid = self.pyramid(frame.image);
-        let is_new = self.learner.is_new();
+        let (is_new, is_open) = (self.learner.is_new(), self.promise == Promise::Open);
         // Copies share what is made of an image.
         let seen = pyramid.clone();
-        if is_new || !matches!(self.state, State::Running(_)) {
+        if is_new || is_open || !matches!(self.state, State::Running(_)) {
             self.keep_early(frame.timestamp, frame.index, pyramid.shared_base());
         }
         let report = match std::mem::replace(&mut self.state, State::Empty) {
@@ -183,11 +187,14 @@ impl Agent {
         };
         let rotation = report.world_from_camera.map(|pose| pose.rotation.inverse());
         let is_spoilt = self.learner.look(&seen, &self.camera, rotation) && is_new && self.resumed.is_none();
-        let report = match is_spoilt && matches!(self.state, State::Running(_)) {
-            true => self.begin_unspoilt(seen, frame.timestamp, frame.index),
-            false => report,
+        let wrong = is_spoilt
+            .then_some("something in the image moves with the camera")
+            .or((self.promise == Promise::Broken).then_some("its first keyframes found no depth"));
+        let report = match wrong.filter(|_| matches!(self.state, State::Running(_))) {
+            Some(why) => self.begin_again(seen, frame.timestamp, frame.index, why),
+            None => report,
         };
-        if is_new && matches!(self.state, State::Running(_)) {
+        if (is_new || is_open) && matches!(self.state, State::Running(_)) {
             self.drop_early();
         }
         Ok(self.told(report))
@@ -450,6 +457,7 @@ impl Agent {
         };
         tracker.follow_reference(&self.view, last, factor, &self.params);
         self.first_open = update.first_open;
+        self.promise = update.promise;
         self.companions = self.companions.split_off(&update.first_open);
         self.closed = update.closed;
         report.settled_keyframes = update.delta.settled.iter().map(|settled| settled.keyframe).collect();

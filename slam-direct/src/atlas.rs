@@ -8,10 +8,11 @@
 mod joining;
 
 use crate::agent::{Agent, AgentError, Frame, FrameReport, Going, TrackingState};
+use crate::exposure::Exposure;
 use crate::params::Params;
 use crate::recognise::{Recognise, Recognition};
 use backend::params;
-use geometry::{GrayImage, Pinhole, Swap};
+use geometry::{GrayImage, Image, Pinhole, Swap};
 use joining::Meeting;
 use map::{KeyframeId, Map, MapDelta, PlaceIndex};
 use std::sync::Arc;
@@ -48,6 +49,7 @@ pub struct Atlas {
     recognition: Recognition,
     /// Of the active fragment's keyframes in earlier ones, which are joined by them.
     meeting: Meeting,
+    exposure: Exposure,
     /// Where the keyframes' images and depths are kept, as far as it has room.
     swap: Option<Arc<dyn Swap>>,
 }
@@ -88,6 +90,7 @@ impl Atlas {
             loss: None,
             recognition: Recognition::none(),
             meeting: Meeting::default(),
+            exposure: Exposure::default(),
             swap: None,
         }
     }
@@ -105,6 +108,17 @@ impl Atlas {
         Self { swap: Some(swap), ..self }
     }
 
+    /// The same, which leaves pixels of the images out (see [`Agent::leave_out`]); agents that come later know it of those
+    /// before.
+    ///
+    /// # Errors
+    /// When the mask is not of the camera's size.
+    pub fn leaving_out(mut self, unused: &Image<bool>) -> Result<Self, AgentError> {
+        let unused = Arc::new(unused.clone());
+        self.fragments.iter_mut().try_for_each(|agent| agent.leave_out(Arc::clone(&unused)))?;
+        Ok(self)
+    }
+
     /// Frames after which what was proposed is taken up. Where mapping takes time, so does this: five times as much.
     fn recognition_lag(&self) -> usize {
         self.params.atlas.recognition_lag.max(5 * self.params.mapping.lag)
@@ -116,6 +130,7 @@ impl Atlas {
     /// # Errors
     /// Those of [`Agent::process`].
     pub fn process(&mut self, frame: Frame) -> Result<FrameReport, AgentError> {
+        let frame = Frame { image: self.exposure.even(frame.image), ..frame };
         let report = match self.loss.take() {
             None => self.follow(frame),
             Some(loss) => self.recover(loss, frame),

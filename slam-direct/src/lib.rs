@@ -17,6 +17,7 @@ mod bootstrap;
 mod closing;
 mod dense;
 mod depth;
+mod exposure;
 mod keyframes;
 mod local_map;
 pub mod loops;
@@ -47,6 +48,8 @@ pub use atlas::{Atlas, AtlasParams};
 pub use backend::{DocumentedParameter, Parameter, ParameterError, ParameterValue};
 pub use depth::{
     DepthFilter, DepthParams, SeedPoint, StereoFrame, UpdateStats, candidate_pixels, choose_references,
+    has_hardly_any as has_hardly_any_depth,
 };
+pub use mask::LeftOut;
 pub use params::Params;
 pub use recognise::{Hypothesis, KnownView, Recognise};

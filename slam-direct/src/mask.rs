@@ -7,7 +7,7 @@
 //! reaches the border of the image is not waited for: many edges of few directions, they can keep a turn from being seen.
 
 use crate::depth::doubled_gradient;
-use geometry::{GrayImage, Pinhole, Pyramid};
+use geometry::{GrayImage, Image, Pinhole, Pyramid};
 use nalgebra::UnitQuaternion;
 use std::sync::Arc;
 
@@ -54,9 +54,20 @@ const LATER: usize = 4;
 /// Every so many edges are asked whether the camera has moved.
 const EVERY: usize = 4;
 
+/// How much of the images an agent does not use: shares of their pixels, none of which is counted twice.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct LeftOut {
+    /// By the mask that it was given.
+    pub given: f64,
+    /// Because it was found to move with the camera.
+    pub found: f64,
+}
+
 /// The pixels of an image that do not show the world.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct Mask {
+    /// What somebody said is not to be used, pixel by pixel.
+    given: Option<Arc<Image<bool>>>,
     /// Level of the pyramid whose pixels these are, and their number in a row.
     level: usize,
     width: usize,
@@ -67,10 +78,28 @@ impl Mask {
     /// Whether the pixel is covered.
     pub fn covers(&self, x: usize, y: usize) -> bool {
         // Most images have none.
-        !self.covered.is_empty() && {
-            let (x, y) = (x >> self.level, y >> self.level);
-            x < self.width && self.covered.get(y * self.width + x).is_some_and(|covered| *covered)
+        !self.is_empty() && (self.is_given(x, y) || self.is_found(x, y))
+    }
+
+    fn is_given(&self, x: usize, y: usize) -> bool {
+        self.given.as_ref().is_some_and(|given| x < given.width() && y < given.height() && given.get(x, y))
+    }
+
+    fn is_found(&self, x: usize, y: usize) -> bool {
+        let (x, y) = (x >> self.level, y >> self.level);
+        x < self.width && self.covered.get(y * self.width + x).is_some_and(|covered| *covered)
+    }
+
+    /// How much it covers of an image of this size.
+    fn share_of(&self, width: usize, height: usize) -> LeftOut {
+        let mut counts = [0_usize; 2];
+        for (x, y) in (0..height).flat_map(|y| (0..width).map(move |x| (x, y))) {
+            let is_given = self.is_given(x, y);
+            counts[0] += usize::from(is_given);
+            counts[1] += usize::from(!is_given && self.is_found(x, y));
         }
+        let [given, found] = counts.map(|count| count as f64 / (width * height).max(1) as f64);
+        LeftOut { given, found }
     }
 
     /// The same of a position.
@@ -80,7 +109,7 @@ impl Mask {
 
     /// Whether it covers nothing.
     pub fn is_empty(&self) -> bool {
-        self.covered.is_empty()
+        self.given.is_none() && self.covered.is_empty()
     }
 }
 
@@ -166,6 +195,16 @@ pub(crate) struct MaskLearner {
 }
 
 impl MaskLearner {
+    /// Leaves out these pixels whatever is found.
+    pub fn leave_out(&mut self, given: Arc<Image<bool>>) {
+        self.mask = Arc::new(Mask { given: Some(given), ..Mask::clone(&self.mask) });
+    }
+
+    /// How much of the camera's images is left out.
+    pub fn left_out(&self, camera: &Pinhole) -> LeftOut {
+        self.mask.share_of(camera.width, camera.height)
+    }
+
     /// What is known so far.
     pub fn mask(&self) -> &Arc<Mask> {
         &self.mask
@@ -194,7 +233,7 @@ impl MaskLearner {
             return false;
         }
         self.passed = 0;
-        let before = self.mask.is_empty();
+        let before = self.mask.covered.is_empty();
         let base = pyramid.base();
         let is_small = |level: &usize| (base.width() * base.height()) >> (2 * level) <= PIXELS;
         let level = (1..pyramid.len()).find(is_small).unwrap_or(pyramid.len().saturating_sub(1));
@@ -202,14 +241,15 @@ impl MaskLearner {
         if self.known.len() != image.width() * image.height() {
             let count = image.width() * image.height();
             let (known, black) = (vec![Known::default(); count], vec![true; count]);
-            *self = Self { known, black, ..Self::default() };
+            let mask = Arc::new(Mask { given: self.mask.given.clone(), ..Mask::default() });
+            *self = Self { known, black, mask, ..Self::default() };
         }
         if self.edges.is_empty() || self.has_moved(image) {
             let since = self.rotation.zip(rotation).map(|(before, now)| now * before.inverse());
             self.take(image, level, &ways(since, camera, level));
             self.rotation = rotation;
         }
-        before && !self.mask.is_empty()
+        before && !self.mask.covered.is_empty()
     }
 
     /// Whether in most parts most edges are not where they were.
@@ -239,6 +279,10 @@ impl MaskLearner {
                 if gradient.0 * gradient.0 + gradient.1 * gradient.1 < STRONG * STRONG {
                     continue;
                 }
+                // It says nothing of what moves; nor is it to be found.
+                if self.mask.is_given(x << level, y << level) {
+                    continue;
+                }
                 let at = y * width + x;
                 let part = y * PARTS.1 / image.height() * PARTS.0 + x * PARTS.0 / width;
                 self.known[at].see(gradient, ways[part]);
@@ -261,7 +305,8 @@ impl MaskLearner {
                 mask = covering(&staying, &is_staying, level, width);
             }
         }
-        if *self.mask != mask {
+        mask.given = self.mask.given.clone();
+        if self.mask.covered != mask.covered {
             self.mask = Arc::new(mask);
         }
     }
@@ -330,90 +375,8 @@ fn covering(staying: &[usize], is_staying: &[bool], level: usize, width: usize) 
             around(at).for_each(|near| covered[near] = true);
         }
     }
-    if covered.contains(&true) { Mask { level, width, covered } } else { Mask::default() }
+    if covered.contains(&true) { Mask { given: None, level, width, covered } } else { Mask::default() }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    const SIZE: (usize, usize) = (320, 240);
-
-    /// A world of blobs, moved by so many pixels, behind what `front` shows where it is something.
-    fn view(shift: f32, front: impl Fn(usize, usize) -> Option<u8>) -> Pyramid {
-        let mut image = GrayImage::filled(SIZE.0, SIZE.1, 0);
-        for y in 0..SIZE.1 {
-            for x in 0..SIZE.0 {
-                let (u, v) = (x as f32 + shift, y as f32 + 0.3 * shift);
-                let world = (0.31 * u + 0.9 * (0.11 * v).sin()).sin() + (0.27 * v + (0.07 * u).cos()).sin();
-                image.set(x, y, front(x, y).unwrap_or((127.0 + 25.0 * world) as u8));
-            }
-        }
-        Pyramid::new(image, 3)
-    }
-
-    fn bars(_: usize, y: usize) -> Option<u8> {
-        (!(20..100).contains(&y)).then_some(0)
-    }
-
-    const CAMERA: Pinhole = Pinhole { width: 320, height: 240, fx: 300.0, fy: 300.0, cx: 159.5, cy: 119.5 };
-
-    /// The rotation of a camera that sees what is far away moved by so many pixels to the left and up.
-    fn turned(shift: f32) -> Option<UnitQuaternion<f64>> {
-        let angle = f64::from(shift) / CAMERA.fx;
-        Some(UnitQuaternion::from_euler_angles(0.3 * angle, -angle, 0.0))
-    }
-
-    fn look(learner: &mut MaskLearner, shift: f32, front: impl Fn(usize, usize) -> Option<u8>) -> bool {
-        learner.look(&view(shift, front), &CAMERA, turned(shift))
-    }
-
-    fn learnt(frames: usize, front: impl Fn(usize, usize) -> Option<u8> + Copy, step: f32) -> Arc<Mask> {
-        let mut learner = MaskLearner::default();
-        for i in 0..frames {
-            look(&mut learner, step * (i as f32 + 3.0 * (i as f32).sin()), front);
-        }
-        Arc::clone(learner.mask())
-    }
-
-    #[test]
-    fn what_moves_with_the_camera_is_covered_and_the_world_is_not() {
-        let mask = learnt(40, bars, 5.0);
-        let along = |y: usize| (4..156).filter(|&x| mask.covers(x, y)).count();
-        assert!(along(20) > 130 && along(99) > 130, "{} {}", along(20), along(99));
-        let inside: usize = (30..90).map(along).sum();
-        assert!(inside < 60 * 152 / 100, "{inside}");
-        assert!(!mask.covers_at([-1.0, 20.0]) && !mask.covers_at([1e6, 20.0]));
-    }
-
-    #[test]
-    fn a_world_without_is_not_covered() {
-        assert!(learnt(60, |_, _| None, 5.0).covered.iter().filter(|c| **c).count() < 20);
-    }
-
-    #[test]
-    fn a_camera_that_stands_learns_nothing() {
-        assert!(learnt(60, |_, _| None, 0.0).is_empty());
-        // Someone walks by.
-        let mut learner = MaskLearner::default();
-        for i in 0..60 {
-            let passer = move |x: usize, y: usize| {
-                let behind = x.checked_sub(3 * i).filter(|behind| *behind < 30);
-                behind.map(|behind| ((behind * 37 + y * 53) % 200) as u8)
-            };
-            look(&mut learner, 0.0, passer);
-        }
-        assert!(learner.mask().is_empty());
-    }
-
-    #[test]
-    fn what_is_gone_is_forgotten() {
-        let mut learner = MaskLearner::default();
-        let at = |i: usize| 5.0 * (i as f32 + 3.0 * (i as f32).sin());
-        let known = (0..30).filter(|&i| look(&mut learner, at(i), bars)).count();
-        assert_eq!(known, 1);
-        (30..230).for_each(|i| assert!(!look(&mut learner, at(i), |_, _| None)));
-        let left = learner.mask().covered.iter().filter(|covered| **covered).count();
-        assert!(left < 20, "{left}");
-    }
-}
+mod tests;

@@ -1,11 +1,16 @@
 //! The calibration of a run, and what it does to each image.
 
+mod mask;
+
+pub use mask::DrawnMask;
+
 use crate::recording::CalibrationFiles;
 use crate::{FoundCalibration, SourceInfo};
 use anyhow::{Context, Result, bail};
 use calib::read_camera;
 use geometry::{
-    Camera, Crop, Distortion, GrayImage, ImageSizeError, PhotometricCalibration, Pinhole, Undistorter, halved,
+    Camera, Crop, Distortion, GrayImage, Image, ImageSizeError, PhotometricCalibration, Pinhole, Undistorter,
+    halved,
 };
 use std::path::PathBuf;
 
@@ -25,6 +30,8 @@ pub struct CameraOptions {
     pub response: Option<PathBuf>,
     /// Vignette of the lens.
     pub vignette: Option<PathBuf>,
+    /// A grey image of the camera's size, black where its images are not to be used: a bonnet, a gripper.
+    pub mask: Option<PathBuf>,
     /// The size of the images, to which the calibration is to be scaled.
     pub scale_to: Option<(usize, usize)>,
     /// Images wider than this are halved until they are not: a direct method gains nothing from more pixels than its lens
@@ -38,9 +45,20 @@ impl Default for CameraOptions {
             calibration: None,
             response: None,
             vignette: None,
+            mask: None,
             scale_to: None,
             max_width: DEFAULT_MAX_WIDTH,
         }
+    }
+}
+
+impl CameraOptions {
+    /// What of images of this size is not to be used, where that is given.
+    ///
+    /// # Errors
+    /// Those of [`DrawnMask::read`].
+    pub fn drawn_mask(&self, size: (usize, usize)) -> Result<Option<DrawnMask>> {
+        self.mask.as_deref().map(|path| DrawnMask::read(path, size)).transpose()
     }
 }
 
@@ -82,6 +100,8 @@ pub struct ImageCorrection {
     lens: Camera,
     /// Where the calibration came from, for people.
     origin: String,
+    /// Pixels of the corrected images that are not to be used.
+    unused: Option<Image<bool>>,
 }
 
 impl ImageCorrection {
@@ -103,6 +123,11 @@ impl ImageCorrection {
     /// Where the calibration came from, for people.
     pub fn origin(&self) -> &str {
         &self.origin
+    }
+
+    /// Which pixels of the corrected images are not to be used, where somebody has said so.
+    pub fn unused(&self) -> Option<&Image<bool>> {
+        self.unused.as_ref()
     }
 
     /// What is odd about the calibration: a view that lenses of its model do not have.
@@ -179,9 +204,13 @@ pub fn correction(options: &CameraOptions, info: &SourceInfo) -> Result<ImageCor
         Crop::Explicit(pinhole) => Crop::Explicit(pinhole.at_level(times)),
         other => other,
     };
+    let undistorter = Undistorter::new(&lens, crop).with_context(|| origin.clone())?;
+    let mask = options.drawn_mask((camera.intrinsics().width, camera.intrinsics().height))?;
+    let unused = mask.map(|mask| mask.undistorted(times, &undistorter)).transpose()?;
     Ok(ImageCorrection {
         photometric: CalibrationFiles::gather_photometric(options, info)?.photometric()?,
-        undistorter: Undistorter::new(&lens, crop).with_context(|| origin.clone())?,
+        undistorter,
+        unused,
         calibrated: camera,
         halvings: times,
         lens,

@@ -48,6 +48,9 @@ pub struct RunArgs {
     /// Vignette of the lens (grey image), to undo it
     #[arg(long, value_name = "FILE")]
     vignette: Option<PathBuf>,
+    /// What of the images is not to be used: a grey image of the camera's size, black there
+    #[arg(long, value_name = "FILE")]
+    mask: Option<PathBuf>,
     /// Go on in this map of an earlier run with the same camera, and extend it: a map file or a folder of results
     #[arg(long = "continue", value_name = "MAP", conflicts_with = "localise")]
     continued: Option<PathBuf>,
@@ -247,6 +250,7 @@ impl RunArgs {
             (self.scale_calib, "--scale-calib"),
             (self.response.is_some(), "--response"),
             (self.vignette.is_some(), "--vignette"),
+            (self.mask.is_some(), "--mask"),
             (self.realtime, "--realtime"),
             (self.record.is_some(), "--record"),
             (self.camera.fps.is_some(), "--fps"),
@@ -332,6 +336,7 @@ impl RunArgs {
             calibration: self.calib.clone(),
             response: self.response.clone(),
             vignette: self.vignette.clone(),
+            mask: self.mask.clone(),
             scale_to: self.scale_to()?,
             max_width: self.max_width,
         };

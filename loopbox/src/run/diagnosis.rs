@@ -5,7 +5,7 @@ use crate::run::record::{FrameCounts, FrameRow};
 use geometry::GrayImage;
 use map::{Keyframe, Map};
 use serde::Serialize;
-use slam_direct::{DepthParams, FrameReport, TrackingState, candidate_pixels};
+use slam_direct::{FrameReport, TrackingState, has_hardly_any_depth};
 
 /// Every how many pixels one is looked at: cheap, and enough for means.
 const STRIDE: usize = 13;
@@ -109,10 +109,6 @@ pub fn too_few_poses(frames: &FrameCounts) -> Option<String> {
     (!hints.is_empty()).then(|| format!("{without} of {taken} frames have no pose{dropped}\nhint: {hints}"))
 }
 
-/// A keyframe of which a smaller share of the edges has a depth says nothing for its pose. Of twenty recordings' maps
-/// that agree with a ground truth or with those from other first frames less than one in ten is such, but where the camera only turned; of
-/// most wrong ones one in seven or more.
-const HARDLY_ANY: f64 = 0.01;
 /// The share of such keyframes from which a map is doubtful.
 const MANY: f64 = 0.1;
 /// Keyframes that are looked at: of more every n-th, for they are read from their files.
@@ -145,13 +141,9 @@ pub fn without_depth(map: &Map) -> Option<WithoutDepth> {
     let unsettled = all.iter().rev().take(UNSETTLED).take_while(|k| k.semi_dense.is_empty()).count();
     let settled = &all[..all.len() - unsettled];
     let stride = settled.len().div_ceil(LOOKED_AT).max(1);
-    let (looked_at, params) = (settled.len().div_ceil(stride), DepthParams::default());
-    let has_hardly_any = |keyframe: &&&Keyframe| {
-        let is_less_than = |count: f64| (keyframe.semi_dense.len() as f64) < HARDLY_ANY * count;
-        let most_edges = f64::from(params.max_candidate_share) * keyframe.image.data().len() as f64;
-        // Most keyframes have so many that nobody needs to count the edges.
-        is_less_than(most_edges) && is_less_than(candidate_pixels(&keyframe.image, &params).len() as f64)
-    };
+    let looked_at = settled.len().div_ceil(stride);
+    let has_hardly_any =
+        |keyframe: &&&Keyframe| has_hardly_any_depth(&keyframe.image, keyframe.semi_dense.len());
     let found: Vec<u64> =
         settled.iter().step_by(stride).filter(has_hardly_any).map(|keyframe| keyframe.frame_index).collect();
     let (first, last) = (found.iter().min()?, found.iter().max()?);
@@ -175,6 +167,7 @@ mod tests {
     use super::*;
     use geometry::{Pinhole, Sim3};
     use map::{AgentInfo, KeyframeId, SemiDense};
+    use slam_direct::{DepthParams, candidate_pixels};
     use std::sync::Arc;
 
     /// A map of one image over and over, with so many depths for each keyframe.

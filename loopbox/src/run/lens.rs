@@ -10,9 +10,10 @@ use slam_direct::self_calibration::{
     FreeLens, LensPrior, SelfCalibration, SelfCalibrationError, self_calibrate,
 };
 use slam_direct::{Agent, Frame, Params, TrackingState};
-use sources::correction::{NARROWEST_VIEW, WIDEST_VIEW, doubled_camera, halved_image, halvings};
+use sources::correction::{DrawnMask, NARROWEST_VIEW, WIDEST_VIEW, doubled_camera, halved_image, halvings};
 use sources::pictures::StatedFocal;
 use sources::{FoundCalibration, FrameSource, Stop, time};
+use std::sync::Arc;
 
 /// Focal lengths over the image's longer side that are begun with, until one makes a map: those of telephones and webcams
 /// (a view of 64°), of wide angles (80°), and of narrow lenses (49°).
@@ -120,9 +121,10 @@ pub fn find_lens(
     };
     let whole = (image.width(), image.height());
     let times = halvings(whole.0, options.camera.max_width);
+    let mask = options.camera.drawn_mask(whole)?;
     let map_with = |lens: &Camera, round: usize| {
         progress.stage(&format!("finding the lens, round {}", round + 1));
-        map_with(lens, times, open()?.as_mut(), &options.params, stop)
+        map_with((lens, times, mask.as_ref()), open()?.as_mut(), &options.params, stop)
     };
     let (mut why, mut kept) = (String::new(), None);
     let stated = first.stated_focal(whole).or_else(|| source.stated_focal(whole));
@@ -224,10 +226,10 @@ fn images(source: &mut dyn FrameSource) -> impl Iterator<Item = (u64, GrayImage,
     })
 }
 
-/// The largest map of the first part of a recording, made with this lens of its images halved so often.
+/// The largest map of the first part of a recording, made with this lens of its images halved so often, of which those are not
+/// used that the mask covers.
 fn map_with(
-    lens: &Camera,
-    halvings: usize,
+    (lens, halvings, mask): (&Camera, usize, Option<&DrawnMask>),
     source: &mut dyn FrameSource,
     params: &Params,
     stop: &Stop,
@@ -236,7 +238,13 @@ fn map_with(
     let mut params = params.clone();
     // What contradicts the guess is to stay in the map.
     params.mapping.lens_sigma = 0.0;
-    let begin = || Agent::new(*undistorter.pinhole(), Box::new(ThumbnailIndex::default()), params.clone());
+    let unused = mask.map(|mask| mask.undistorted(halvings, &undistorter)).transpose()?.map(Arc::new);
+    let begin = || -> Result<Agent> {
+        let mut agent =
+            Agent::new(*undistorter.pinhole(), Box::new(ThumbnailIndex::default()), params.clone())?;
+        unused.iter().try_for_each(|unused| agent.leave_out(Arc::clone(unused)))?;
+        Ok(agent)
+    };
     let (mut agent, mut best, mut lost) = (begin()?, None::<Map>, 0);
     let size = |map: &Map| map.keyframes.len();
     let finished = |mut agent: Agent, best: Option<Map>| {

@@ -274,6 +274,7 @@ impl PreparedRun {
             recorder.start(path, &head)?;
         }
         let (lens, halvings) = (*correction.lens(), correction.halvings());
+        let unused = correction.unused().cloned();
         let preparation = Preparation::new(correction, options.start, options.end);
         let ahead = Ahead::start(source, preparation, options.pace, recorder.clone())?;
         let mut watch = watched(&about, info.frame_count, RecordButton::new(&recorder, head, &options.out))?;
@@ -290,6 +291,7 @@ impl PreparedRun {
             source,
             camera,
             params,
+            unused,
             features,
             unattended,
             form,

@@ -261,6 +261,7 @@ mod tests {
                 duration_s: None,
             },
             camera: CAMERA,
+            left_out: None,
             resumed: None,
             interrupted: true,
             frames: FrameCounts::default(),

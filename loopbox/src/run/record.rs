@@ -6,7 +6,7 @@ use crate::run::resuming::Resumed;
 use geometry::{Pinhole, Se3};
 use map::StampedPose;
 use serde::{Serialize, Serializer};
-use slam_direct::{FrameReport, TrackingState};
+use slam_direct::{FrameReport, LeftOut, TrackingState};
 use sources::ahead::SkipReason;
 use std::cmp::Reverse;
 use std::collections::BTreeMap;
@@ -21,6 +21,9 @@ pub struct RunRecord {
     pub source: SourceRecord,
     /// The camera of the undistorted images.
     pub camera: Pinhole,
+    /// How much of the images was not used; nothing where all of them were.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub left_out: Option<LeftOutRecord>,
     /// The map of an earlier run that it went on in. Frames are counted on from there.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub resumed: Option<Resumed>,
@@ -75,8 +78,47 @@ impl RunRecord {
         let without = without
             .filter(WithoutDepth::is_much)
             .map(|without| ("keyframes without depth", format!("{:.0} %", 100.0 * without.share)));
-        let all = numbers.into_iter().chain(latency).chain(missed).chain(without);
+        let left_out = self.left_out.map(|left_out| ("of the image not used", percent(left_out.share)));
+        let all = numbers.into_iter().chain(latency).chain(missed).chain(without).chain(left_out);
         all.map(|(label, value)| (label.to_owned(), value)).collect()
+    }
+}
+
+/// How much of the images of a run was not used.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct LeftOutRecord {
+    /// The share of their pixels, 0–1.
+    pub share: f64,
+    /// That of the pixels which were found to move with the camera, and which no mask covers.
+    pub found: f64,
+}
+
+impl LeftOutRecord {
+    /// Of what an agent says; nothing where it used all of its images.
+    pub fn new(left_out: LeftOut) -> Option<Self> {
+        let LeftOut { given, found } = left_out;
+        (given + found > 0.0).then_some(Self { share: given + found, found })
+    }
+
+    /// For people.
+    pub fn text(self) -> String {
+        let (share, found) = (percent(self.share), percent(self.found));
+        match self {
+            Self { found, .. } if found == 0.0 => format!("{share} of the image is not used, by the mask"),
+            Self { share: all, found: of_it } if all == of_it => {
+                format!("{share} of the image is not used: it moves with the camera")
+            }
+            _ => format!(
+                "{share} of the image is not used: {found} moves with the camera, the rest by the mask"
+            ),
+        }
+    }
+}
+
+fn percent(share: f64) -> String {
+    match 100.0 * share {
+        ..0.1 if share > 0.0 => "under 0.1 %".into(),
+        percent => format!("{percent:.1} %"),
     }
 }
 
@@ -381,6 +423,19 @@ mod tests {
         assert_eq!(times, [0.0, 1.0, 4.0]);
         assert_eq!(handed_out(&rows)[2].world_from_camera.translation.x, 0.4);
         assert!(handed_out(&[]).is_empty());
+    }
+
+    #[test]
+    fn what_is_not_used_is_said_with_its_reason() {
+        let text = |given, found| LeftOutRecord::new(LeftOut { given, found }).map(LeftOutRecord::text);
+        assert_eq!(text(0.0, 0.0), None);
+        let said = |given, found| text(given, found).unwrap_or_default();
+        assert_eq!(said(0.1, 0.0), "10.0 % of the image is not used, by the mask");
+        assert_eq!(said(0.0, 0.02), "2.0 % of the image is not used: it moves with the camera");
+        assert_eq!(
+            said(0.1, 0.02),
+            "12.0 % of the image is not used: 2.0 % moves with the camera, the rest by the mask"
+        );
     }
 
     #[test]

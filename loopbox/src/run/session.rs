@@ -14,7 +14,7 @@ use crate::run::runtime::Run;
 use crate::run::saving::{self, Form, Saver};
 use crate::swapping::SwapFiles;
 use anyhow::{Context, Result, anyhow};
-use geometry::{Camera, Pinhole};
+use geometry::{Camera, Image, Pinhole};
 use map::AgentInfo;
 use slam_direct::{Atlas, Going, Params};
 use sources::SourceInfo;
@@ -44,6 +44,8 @@ pub struct Session<'a> {
     pub stop: &'a Stop,
     /// Where progress is shown.
     pub progress: &'a dyn Progress,
+    /// Which pixels of the images are not to be used, where somebody has said so.
+    pub unused: Option<Image<bool>>,
     /// The map of an earlier run that the first map goes on in.
     pub kept: Option<Kept>,
     /// The lens and how often images are halved for it, where it is to be checked whether it is the one of the images.
@@ -92,6 +94,10 @@ impl Session<'_> {
                 if self.params.mapping.lag > 0 { Recogniser::in_time() } else { Recogniser::default() };
             let swap = Arc::<SwapFiles>::clone(&self.swap);
             let atlas = atlas.recognising(Box::new(recogniser)).swapping_to(swap);
+            let atlas = match &self.unused {
+                Some(unused) => atlas.leaving_out(unused)?,
+                None => atlas,
+            };
             let localises = kept.is_some_and(|kept| kept.going == Going::Localising);
             // Who only localises begins anew in the same map.
             next = kept.filter(|_| localises);

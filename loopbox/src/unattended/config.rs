@@ -57,6 +57,8 @@ pub struct CameraConfig {
     pub response: Option<PathBuf>,
     /// Vignette of the lens.
     pub vignette: Option<PathBuf>,
+    /// A grey image of the camera's size, black where its images are not to be used.
+    pub mask: Option<PathBuf>,
     /// Frames per second.
     pub fps: Option<f64>,
     /// Pixel format.
@@ -191,7 +193,7 @@ impl AgentConfig {
         paths.extend(self.heartbeat.iter_mut().chain(&mut self.params));
         if let Some(camera) = &mut self.camera {
             paths.push(&mut camera.calibration);
-            paths.extend(camera.response.iter_mut().chain(&mut camera.vignette));
+            paths.extend(camera.response.iter_mut().chain(&mut camera.vignette).chain(&mut camera.mask));
         }
         if let Some(recording) = &mut self.recording {
             paths.push(&mut recording.path);
@@ -281,6 +283,7 @@ impl AgentConfig {
             calibration: camera.map(|camera| camera.calibration.clone()).or(of_recording),
             response: camera.and_then(|camera| camera.response.clone()),
             vignette: camera.and_then(|camera| camera.vignette.clone()),
+            mask: camera.and_then(|camera| camera.mask.clone()),
             max_width: self.max_width(),
             ..CameraOptions::default()
         }

@@ -1,5 +1,6 @@
 //! Before there is a map and while it is young: the start, its frames, and giving up a map of no use.
 
+use super::mapper::Promise;
 use super::{Agent, FrameReport, State, TrackingState};
 use crate::bootstrap::{Bootstrap, Progress, SecondLook, Started};
 use crate::local_map::{Counts, LocalMap};
@@ -206,21 +207,24 @@ impl Agent {
         Some(FrameReport { reason, ..FrameReport::of(TrackingState::Starting) })
     }
 
-    /// Gives up a map that was begun before it was known that something moves with the camera: its points were in it and said
-    /// that the camera stands still. The frames so far are found in the map that comes of this one.
-    pub(super) fn begin_unspoilt(
+    /// Gives up a map that proves wrong for this reason: it was begun before it was known that something moves with the camera, whose
+    /// points said that the camera stands still, or of a motion that was none. The frames so far are found in the map that comes of this
+    /// one.
+    pub(super) fn begin_again(
         &mut self,
         pyramid: Pyramid,
         timestamp: f64,
         frame_index: u64,
+        why: &'static str,
     ) -> FrameReport {
         self.give_up();
-        self.begin(pyramid, timestamp, frame_index, "something in the image moves with the camera")
+        self.begin(pyramid, timestamp, frame_index, why)
     }
 
     /// Drops the frames from before the first map, once neither it nor what moves with the camera is in question.
     pub(super) fn drop_early(&mut self) {
-        if self.provisional.is_none() && !self.learner.is_new() {
+        let is_open = self.learner.is_new() || self.promise == Promise::Open;
+        if self.provisional.is_none() && !is_open {
             self.early.clear();
         }
     }
@@ -248,6 +252,7 @@ impl Agent {
         self.companions.clear();
         self.first_open = 0;
         self.provisional = None;
+        self.promise = Promise::Open;
         self.learner.change_world();
     }
 }

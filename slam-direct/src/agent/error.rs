@@ -29,6 +29,17 @@ pub enum AgentError {
     /// A map that was kept cannot be gone on with.
     #[error("the map cannot be gone on with: {0}")]
     Map(String),
+    /// A mask is not of the size of the camera.
+    #[error(
+        "the mask has {} × {} pixels, the camera {} × {}: undistort or scale it as the images are",
+        mask.0, mask.1, camera.0, camera.1
+    )]
+    MaskSize {
+        /// Width and height of the mask, pixels.
+        mask: (usize, usize),
+        /// Those of the camera.
+        camera: (usize, usize),
+    },
     /// An image is not of the size of the camera.
     #[error(
         "frame {index} has {} × {} pixels, the camera {} × {}: undistort or scale it to the camera",

@@ -6,6 +6,7 @@ pub(super) use absorb::{Absorbed, Link};
 
 use super::settle::Settler;
 use crate::closing::LoopCloser;
+use crate::depth::has_hardly_any;
 use crate::local_map::{Companions, Counts, KeyframeState, LocalMap};
 use crate::mapping;
 use crate::mask::Mask;
@@ -14,7 +15,7 @@ use crate::publish;
 use crate::track::Matched;
 use geometry::sensor::{Sensor, Twist};
 use geometry::{Pinhole, Swap};
-use map::{Edge, EdgeKind, Keyframe, KeyframeId, Map, MapDelta, PlaceIndex, Settled};
+use map::{Edge, EdgeKind, Keyframe, KeyframeId, Map, MapDelta, PlaceIndex, SemiDense, Settled};
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
@@ -47,11 +48,17 @@ pub(super) struct Update {
     pub closed_loop: Option<(KeyframeId, KeyframeId)>,
     /// The first keyframe for which companions are of use.
     pub first_open: usize,
+    /// Whether it is of use.
+    pub promise: Promise,
 }
 
 /// Keyframes that are as new keep their pyramids: twice as many as a frame's points are sought in, for a camera that
 /// turns back.
 const RECENT: usize = 50;
+
+/// Keyframes at the begin of a map whose depths say whether it is of use: where the poses are wrong, edges are found at no place that
+/// agrees with them. One such keyframe may be blurred, or come of a turn.
+const JUDGED: usize = 3;
 
 /// Depths that are computed again before it is asked whether to stop.
 const AT_ONCE: usize = 16;
@@ -66,6 +73,21 @@ pub(super) struct Mapper {
     settler: Settler,
     /// Keyframes from which on the sensor is asked after again.
     calibrate_again: Option<usize>,
+    /// How many of its first keyframes were looked at for whether the map is of use, and how many of them have hardly any depth.
+    judged: usize,
+    barren: usize,
+}
+
+/// What the first keyframes' depths say of a map.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) enum Promise {
+    /// They are not known yet.
+    #[default]
+    Open,
+    /// It is of use.
+    Kept,
+    /// Its poses are wrong: none of them found depth.
+    Broken,
 }
 
 /// The threads that mapping beside the tracking uses, so that the tracker does not queue behind it: all cores but one.
@@ -80,7 +102,7 @@ impl Mapper {
     pub fn new(camera: Pinhole, places: Box<dyn PlaceIndex>) -> Self {
         let (known, local) = (Map::new(camera), LocalMap::new(camera));
         let (closer, settler) = (LoopCloser::default(), Settler::default());
-        Self { local, places, known, closer, settler, calibrate_again: None }
+        Self { local, places, known, closer, settler, calibrate_again: None, judged: 0, barren: 0 }
     }
 
     /// A mapper that goes on in a map: `local` is the working form of `map`.
@@ -92,7 +114,7 @@ impl Mapper {
         }
         let closed = map.edges.iter().filter(|edge| edge.kind == EdgeKind::Loop).cloned().collect();
         let (closer, settler) = (LoopCloser::of(closed), Settler::from(local.keyframes.len()));
-        Self { local, places, known, closer, settler, calibrate_again: None }
+        Self { local, places, known, closer, settler, calibrate_again: None, judged: JUDGED, barren: 0 }
     }
 
     /// Has the keyframes' depths kept by `swap`.
@@ -270,13 +292,32 @@ impl Mapper {
     /// Takes up the depths begun before; gives their keyframes.
     fn take_up_depths(&mut self) -> Vec<usize> {
         let mut settled = Vec::new();
-        for (keyframe, depth) in self.settler.take_up() {
+        let depths: Vec<_> = self.settler.take_up().collect();
+        for (keyframe, depth) in depths {
+            if keyframe == self.judged && keyframe < JUDGED {
+                self.judge(keyframe, &depth);
+            }
             if let Some(known) = self.known.keyframes.get_mut(&LocalMap::id(keyframe)) {
                 known.semi_dense = depth.into();
                 settled.push(keyframe);
             }
         }
         settled
+    }
+
+    /// Looks at whether one of the first keyframes has depth.
+    fn judge(&mut self, keyframe: usize, depth: &SemiDense) {
+        self.judged += 1;
+        let image = self.local.keyframes[keyframe].pyramid.shared_base();
+        self.barren += usize::from(has_hardly_any(&image, depth.len()));
+    }
+
+    fn promise(&self) -> Promise {
+        match (self.judged, self.barren) {
+            (..JUDGED, _) => Promise::Open,
+            (_, JUDGED..) => Promise::Broken,
+            _ => Promise::Kept,
+        }
     }
 
     /// Seeks a loop from keyframes that have just settled, and begins to close it.
@@ -320,6 +361,37 @@ impl Mapper {
             ..MapDelta::default()
         };
         let (closed, first_open) = (self.closer.closed().to_vec(), self.settler.first_open());
-        Update { view: self.local.clone(), delta, closed, closed_loop, first_open }
+        Update { view: self.local.clone(), delta, closed, closed_loop, first_open, promise: self.promise() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use geometry::{GrayImage, Pyramid, Se3};
+
+    /// What a map promises whose first keyframes have so many depths.
+    fn promised(depths: &[usize]) -> Promise {
+        let camera = Pinhole { width: 64, height: 48, fx: 60.0, fy: 60.0, cx: 31.5, cy: 23.5 };
+        let data = (0..64 * 48).map(|i| ((i * 31) % 251) as u8).collect();
+        let image = GrayImage::from_vec(64, 48, data).expect("an image");
+        let mut mapper = Mapper::new(camera, Box::new(place_recog::ThumbnailIndex::default()));
+        for (keyframe, &count) in depths.iter().enumerate() {
+            let pyramid = Pyramid::new(image.clone(), 2);
+            mapper.local.push(KeyframeState::new(0.1 * keyframe as f64, 0, pyramid, Se3::identity()));
+            let (pixel, depth) = ((0..count as u32).collect(), vec![0.5; count]);
+            let depth = SemiDense { pixel, inverse_depth: depth.clone().into(), variance: depth.into() };
+            mapper.judge(keyframe, &depth);
+        }
+        mapper.promise()
+    }
+
+    #[test]
+    fn a_map_none_of_whose_first_keyframes_has_depth_is_wrong() {
+        assert_eq!(promised(&[]), Promise::Open);
+        assert_eq!(promised(&[0, 0]), Promise::Open);
+        assert_eq!(promised(&[0, 3, 0]), Promise::Broken);
+        assert_eq!(promised(&[0, 3, 400]), Promise::Kept);
+        assert_eq!(promised(&[400, 400, 400]), Promise::Kept);
     }
 }

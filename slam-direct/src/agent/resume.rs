@@ -1,6 +1,6 @@
 //! Going on in a map that was kept: to extend it, or only to tell poses in it.
 
-use super::mapper::Mapper;
+use super::mapper::{Mapper, Promise};
 use super::{Agent, AgentError, State, error};
 use crate::closing::edges;
 use crate::local_map::{KeyframeState, LocalMap, PointRef, PointState, SeenAt};
@@ -82,6 +82,7 @@ impl Agent {
         agent.first_open = local.keyframes.len();
         agent.closed = mapper.as_ref().map_or(Vec::new(), |mapper| mapper.closed().to_vec());
         agent.mapper = mapper;
+        agent.promise = Promise::Kept;
         agent.view = local;
         if going == Going::Localising {
             map.frames.clear();

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::test_scene::{without_points, yard};
-use geometry::{GrayImage, umeyama};
+use geometry::{GrayImage, Image, umeyama};
 use loopbox_tests::{Recording, trajectory};
 use place_recog::ThumbnailIndex;
 use std::sync::LazyLock;
@@ -291,6 +291,29 @@ fn what_moves_with_a_camera_that_turns_gets_neither_points_nor_depth() {
 }
 
 #[test]
+fn a_map_whose_first_keyframes_found_no_depth_is_begun_again() {
+    let mut agent = agent();
+    let mut begun = Vec::new();
+    for (i, shot) in drive().shots.iter().enumerate() {
+        if begun.is_empty() && agent.view.keyframes.len() >= 4 {
+            // As if its poses were wrong.
+            agent.promise = Promise::Broken;
+        }
+        let image = shot.image.as_ref().clone();
+        let report = agent.process(Frame { index: i as u64, timestamp: shot.timestamp, image }).unwrap();
+        begun.extend((report.reason == Some("its first keyframes found no depth")).then_some(i));
+    }
+    assert!(matches!(begun[..], [frame] if frame > 5), "{begun:?}");
+    agent.finish();
+    let map = agent.map();
+    assert_eq!(map.keyframes.keys().next(), Some(&KeyframeId(0)));
+    // 43 of 50: the first have left the view by then.
+    assert!(5 * map.frames.len() >= 4 * drive().shots.len(), "{} frames", map.frames.len());
+    let error = trajectory_error(map);
+    assert!(error < 0.01 * drive().path_length(), "off by {error} m");
+}
+
+#[test]
 fn changing_light_is_followed() {
     let mut agent = agent();
     let reports = feed(&mut agent, |i, image| {
@@ -340,6 +363,8 @@ fn images_of_another_size_are_refused_and_do_no_harm() {
         let AgentError::Size { image, camera, .. } = error else { panic!("{error}") };
         assert_eq!((image, camera), ((width, height), (320, 240)));
     }
+    let error = agent.leave_out(Arc::new(Image::filled(640, 480, true))).unwrap_err();
+    assert!(error.to_string().contains("the mask has 640 × 480 pixels, the camera 320 × 240"), "{error}");
     feed(&mut agent, as_it_is);
     agent.finish();
     assert!(agent.into_map() == finished().0);

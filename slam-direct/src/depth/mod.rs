@@ -20,8 +20,8 @@ mod search;
 mod tests;
 mod update;
 
-pub use candidates::candidate_pixels;
 pub(crate) use candidates::doubled_gradient;
+pub use candidates::{candidate_pixels, has_hardly_any};
 pub use params::DepthParams;
 pub use prior::SeedPoint;
 pub use references::choose_references;

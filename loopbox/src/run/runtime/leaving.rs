@@ -1,7 +1,9 @@
 //! What a run leaves: its maps, whose they are, and its numbers.
 
 use super::{Run, guarded};
-use crate::run::record::{Cost, Fragment, FrameCounts, Latency, MapCounts, RunRecord, SourceRecord};
+use crate::run::record::{
+    Cost, Fragment, FrameCounts, Latency, LeftOutRecord, MapCounts, RunRecord, SourceRecord,
+};
 use crate::run::resuming::Kept;
 use geometry::Pinhole;
 use map::{AgentId, AgentInfo, Identity, Map};
@@ -142,6 +144,7 @@ impl Run<'_> {
                 duration_s: source.duration,
             },
             camera,
+            left_out: LeftOutRecord::new(self.atlas.active().left_out()),
             resumed: self.kept.map(Kept::record),
             interrupted,
             frames: FrameCounts {
