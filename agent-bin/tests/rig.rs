@@ -5,6 +5,7 @@ mod common;
 use common::{arg, loopbox, stderr, stdout, write};
 use geometry::Se3;
 use loopbox_tests::lidar::{HALL, walk, write_recording};
+use loopbox_tests::pages::{embedded, opened};
 use loopbox_tests::{Encoding, Recording, World, world_from_hall};
 use serde_json::Value;
 use std::fs;
@@ -92,6 +93,21 @@ fn a_cameras_map_gets_metres_from_the_lidar_beside_it() {
     assert!(common.is_metric() && common.sensor().is_none());
     for keyframe in common.keyframes.values().filter(|keyframe| keyframe.scan.is_some()) {
         assert_eq!(keyframe.world_from_keyframe.scale, 1.0, "a LiDAR's keyframes stay in metres");
+    }
+    let page = fs::read_to_string(both.join("report.html")).unwrap();
+    let data = embedded(&page);
+    let sees = |agent: usize| data["scene"]["agents"][agent]["camera"].is_object();
+    assert!(!sees(0) && sees(1), "the LiDAR comes first");
+    assert_eq!(data["scene"]["keyframes"]["count"], common.keyframes.len());
+    let points = |keyframe: &map::Keyframe| {
+        keyframe.semi_dense.len() + keyframe.scan.as_ref().map_or(0, |scan| scan.len())
+    };
+    let held: usize = common.keyframes.values().map(points).sum();
+    assert_eq!(data["cloud"]["total"], held, "scans and depths");
+    assert!(page.contains("a unit of the camera's map"), "{page:.300}");
+    if let Some(dom) = opened(&page) {
+        let works = |how| dom.contains(&format!(r#"data-report="{how}""#));
+        assert!(works("complete") || works("without-3d"), "the page's scripts did not run to their end");
     }
     run(0, &["unmerge", arg(&both), "--out", arg(&at("apart"))]);
     for (name, own) in [("camera", &camera), ("lidar", &lidar)] {
