@@ -115,6 +115,32 @@ fn a_cameras_map_gets_metres_from_the_lidar_beside_it() {
         assert!(again == fs::read(own.join("map.mcap")).unwrap(), "{name} as it was");
     }
 
+    // A LiDAR that comes the other way joins the LiDAR of the rig, whose camera comes along.
+    let (pose, duration) = walk(&[[6.0, 5.5], [-1.0, 4.5], [-8.0, 5.0]]);
+    write_recording(&at("other"), &HALL, &pose, duration).unwrap();
+    run(0, &["run", arg(&at("other")), "--out", arg(&at("out/other")), "--quiet"]);
+    let all = at("all");
+    let said = run(0, &["merge", arg(&at("out/other")), arg(&both), "--out", arg(&all), "--quiet"]);
+    assert!(said.contains("other + lidar: accepted") && said.contains("other, lidar, camera"), "{said}");
+    let agents = ["lidar", "camera", "other"];
+    let tracks = agents.map(|name| all.join(format!("trajectory-{name}.txt")));
+    let truths = [at("lidar/groundtruth.txt"), at("camera/truth.txt"), at("other/groundtruth.txt")];
+    let mut eval = vec!["eval"];
+    eval.extend(tracks.iter().map(|track| arg(track)));
+    eval.push("--gt");
+    eval.extend(truths.iter().map(|truth| arg(truth)));
+    let said = run(0, &[&eval[..], &["--align", "se3", "--json"]].concat());
+    for agent in 0..agents.len() {
+        assert!(number(&said, &format!("/agents/{agent}/ate/rmse")) < 0.03, "{said}");
+    }
+    let page = embedded(&fs::read_to_string(all.join("report.html")).unwrap());
+    assert_eq!(page["scene"]["agents"].as_array().unwrap().len(), 3);
+    run(0, &["unmerge", arg(&all), "--out", arg(&at("all-apart"))]);
+    for (name, own) in [("camera", &camera), ("lidar", &lidar), ("other", &at("out/other"))] {
+        let again = fs::read(at("all-apart").join(name).join("map.mcap")).unwrap();
+        assert!(again == fs::read(own.join("map.mcap")).unwrap(), "{name} as it was");
+    }
+
     // What is wrong with an extrinsic is said, and nothing is written.
     let nothing = at("nothing");
     let merge = ["merge", arg(&camera), arg(&lidar), "--out", arg(&nothing), "--quiet"];
