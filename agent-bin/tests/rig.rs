@@ -5,6 +5,7 @@ mod common;
 use common::{arg, loopbox, stderr, stdout, write};
 use geometry::Se3;
 use loopbox_tests::lidar::{HALL, walk, write_recording};
+use loopbox_tests::pages::{embedded, opened};
 use loopbox_tests::{Encoding, Recording, World, world_from_hall};
 use serde_json::Value;
 use std::fs;
@@ -93,9 +94,50 @@ fn a_cameras_map_gets_metres_from_the_lidar_beside_it() {
     for keyframe in common.keyframes.values().filter(|keyframe| keyframe.scan.is_some()) {
         assert_eq!(keyframe.world_from_keyframe.scale, 1.0, "a LiDAR's keyframes stay in metres");
     }
+    let page = fs::read_to_string(both.join("report.html")).unwrap();
+    let data = embedded(&page);
+    let sees = |agent: usize| data["scene"]["agents"][agent]["camera"].is_object();
+    assert!(!sees(0) && sees(1), "the LiDAR comes first");
+    assert_eq!(data["scene"]["keyframes"]["count"], common.keyframes.len());
+    let points = |keyframe: &map::Keyframe| {
+        keyframe.semi_dense.len() + keyframe.scan.as_ref().map_or(0, |scan| scan.len())
+    };
+    let held: usize = common.keyframes.values().map(points).sum();
+    assert_eq!(data["cloud"]["total"], held, "scans and depths");
+    assert!(page.contains("a unit of the camera's map"), "{page:.300}");
+    if let Some(dom) = opened(&page) {
+        let works = |how| dom.contains(&format!(r#"data-report="{how}""#));
+        assert!(works("complete") || works("without-3d"), "the page's scripts did not run to their end");
+    }
     run(0, &["unmerge", arg(&both), "--out", arg(&at("apart"))]);
     for (name, own) in [("camera", &camera), ("lidar", &lidar)] {
         let again = fs::read(at("apart").join(name).join("map.mcap")).unwrap();
+        assert!(again == fs::read(own.join("map.mcap")).unwrap(), "{name} as it was");
+    }
+
+    // A LiDAR that comes the other way joins the LiDAR of the rig, whose camera comes along.
+    let (pose, duration) = walk(&[[6.0, 5.5], [-1.0, 4.5], [-8.0, 5.0]]);
+    write_recording(&at("other"), &HALL, &pose, duration).unwrap();
+    run(0, &["run", arg(&at("other")), "--out", arg(&at("out/other")), "--quiet"]);
+    let all = at("all");
+    let said = run(0, &["merge", arg(&at("out/other")), arg(&both), "--out", arg(&all), "--quiet"]);
+    assert!(said.contains("other + lidar: accepted") && said.contains("other, lidar, camera"), "{said}");
+    let agents = ["lidar", "camera", "other"];
+    let tracks = agents.map(|name| all.join(format!("trajectory-{name}.txt")));
+    let truths = [at("lidar/groundtruth.txt"), at("camera/truth.txt"), at("other/groundtruth.txt")];
+    let mut eval = vec!["eval"];
+    eval.extend(tracks.iter().map(|track| arg(track)));
+    eval.push("--gt");
+    eval.extend(truths.iter().map(|truth| arg(truth)));
+    let said = run(0, &[&eval[..], &["--align", "se3", "--json"]].concat());
+    for agent in 0..agents.len() {
+        assert!(number(&said, &format!("/agents/{agent}/ate/rmse")) < 0.03, "{said}");
+    }
+    let page = embedded(&fs::read_to_string(all.join("report.html")).unwrap());
+    assert_eq!(page["scene"]["agents"].as_array().unwrap().len(), 3);
+    run(0, &["unmerge", arg(&all), "--out", arg(&at("all-apart"))]);
+    for (name, own) in [("camera", &camera), ("lidar", &lidar), ("other", &at("out/other"))] {
+        let again = fs::read(at("all-apart").join(name).join("map.mcap")).unwrap();
         assert!(again == fs::read(own.join("map.mcap")).unwrap(), "{name} as it was");
     }
 

@@ -1,7 +1,7 @@
 //! `loopbox merge`: several agents' maps into one.
 
 use super::merge_progress::MergeProgress;
-use super::merge_scans::{self, any_lidar};
+use super::merge_scans::{self, Kind, kind_of};
 use super::method::{AnyMethod, method_parser};
 use super::params;
 use crate::console::{self, Ended, Ending, tell};
@@ -57,8 +57,10 @@ pub fn run(args: &MergeArgs) -> Result<()> {
     if let Some(lidar_from_camera) = &args.extrinsic {
         return args.of_a_rig(lidar_from_camera);
     }
-    if any_lidar(&args.maps) {
-        return args.of_lidars();
+    match kind_of(&args.maps) {
+        Kind::Mixed => return merge_scans::run_mixed(args, args.lidar_method()?),
+        Kind::Lidars => return merge_scans::run(args, args.lidar_method()?),
+        Kind::Cameras => {}
     }
     let mut params: MergingParams =
         args.params.as_deref().map(params::read_merging).transpose()?.unwrap_or_default();
@@ -115,8 +117,8 @@ impl MergeArgs {
         ))
     }
 
-    /// The same for maps of LiDARs.
-    fn of_lidars(&self) -> Result<()> {
+    /// How maps with a LiDAR's among them are merged.
+    fn lidar_method(&self) -> Result<MergeMethod> {
         if self.params.is_some() {
             bail!("--params is for maps of cameras, and there is a LiDAR's among these");
         }
@@ -124,8 +126,8 @@ impl MergeArgs {
             Some(AnyMethod::Camera(method)) => {
                 bail!("--method {} is for maps of cameras, and there is a LiDAR's among these", method.name())
             }
-            Some(AnyMethod::Lidar(method)) => merge_scans::run(self, method),
-            None => merge_scans::run(self, MergeMethod::default()),
+            Some(AnyMethod::Lidar(method)) => Ok(method),
+            None => Ok(MergeMethod::default()),
         }
     }
 }

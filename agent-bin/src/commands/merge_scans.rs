@@ -1,23 +1,39 @@
-//! `loopbox merge` of LiDAR maps.
+//! `loopbox merge` of LiDAR maps, and of maps that hold both kinds of sensors.
 
 use super::merge::MergeArgs;
+use super::merge_progress::MergeProgress;
 use crate::console::{self, Ended, Ending, tell};
 use crate::interrupt::stop_on_ctrl_c;
 use anyhow::Result;
 use loopbox::lidar::{LidarMerged, merge_maps};
+use loopbox::merging::merge_mixed;
 use loopbox::open::map_file_at;
 use map::SensorKind;
 use slam_lidar::merging::MergeMethod;
-use std::path::{Path, PathBuf};
+use std::collections::BTreeSet;
+use std::path::PathBuf;
 
-/// Whether any of the maps is a LiDAR's, by the first lines of their files.
-pub fn any_lidar(maps: &[PathBuf]) -> bool {
-    maps.iter().any(|path| is_lidar(path))
+/// What is merged, by the first lines of the maps' files.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// Maps of cameras, or none that can be read.
+    Cameras,
+    /// A LiDAR's among them.
+    Lidars,
+    /// One that holds agents of both kinds.
+    Mixed,
 }
 
-fn is_lidar(path: &Path) -> bool {
-    let Ok((file, _)) = map_file_at(path) else { return false };
-    map::sensors_of(file).is_ok_and(|kinds| kinds.contains(&SensorKind::Lidar))
+/// Which of them the maps at these paths are.
+pub fn kind_of(maps: &[PathBuf]) -> Kind {
+    let kinds = |path: &PathBuf| map::sensors_of(map_file_at(path).ok()?.0).ok();
+    let of_maps: Vec<_> = maps.iter().filter_map(kinds).collect();
+    let has_lidar = |kinds: &BTreeSet<SensorKind>| kinds.contains(&SensorKind::Lidar);
+    match of_maps.iter().any(has_lidar) {
+        true if of_maps.iter().any(|kinds| kinds.len() > 1) => Kind::Mixed,
+        true => Kind::Lidars,
+        false => Kind::Cameras,
+    }
 }
 
 /// Merges them, their poses found by `method`.
@@ -43,6 +59,34 @@ pub fn run(args: &MergeArgs, method: MergeMethod) -> Result<()> {
         return Err(Ended { ending: Ending::NotMet, text }.into());
     }
     if args.json { Ok(()) } else { console::print(&summary(args, &merged)) }
+}
+
+/// Merges maps of which one at least has agents of both kinds.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_mixed(args: &MergeArgs, method: MergeMethod) -> Result<()> {
+    let stop = stop_on_ctrl_c("stopping after this step; nothing will be written (Ctrl-C again to abort)")?;
+    let progress = MergeProgress::new(args.quiet);
+    let merged = merge_mixed(&args.maps, method, (&args.out, args.force), &stop, &progress)?;
+    progress.finish();
+    merged.warnings.iter().for_each(|warning| tell!("warning: {warning}"));
+    if args.json {
+        console::print(&(serde_json::to_string_pretty(&merged.record)? + "\n"))?;
+    }
+    let mut text = merged.verdict();
+    if !merged.anything_met() {
+        let text = format!("no two of the maps met, so there is no new common map\n{}", text.trim_end());
+        return Err(Ended { ending: Ending::NotMet, text }.into());
+    }
+    if args.json {
+        return Ok(());
+    }
+    let maps = merged.record.files.iter().filter(|file| file.starts_with("map"));
+    for (file, names) in maps.zip(&merged.record.groups) {
+        text += &format!("{}: {}\n", args.out.join(file).display(), names.join(", "));
+    }
+    console::print(&text)
 }
 
 /// What came of it, for people.

@@ -247,37 +247,53 @@ fn united(inputs: &[Input], pairs: &[Pair], joined: &Joined, members: &[usize]) 
         .filter(|pair| pair.holds())
         .filter_map(|pair| {
             let (a, b) = (place(pair.a)?, place(pair.b)?);
-            meeting(&map, inputs, pair, [a, b])
+            meeting_edge(&map, inputs, pair, [a, b])
         })
         .collect();
     map.edges.extend(edges);
     Ok(map)
 }
 
-/// The edge of a merge, where the two ways come nearest: there its error is smallest.
-fn meeting(map: &Map, inputs: &[Input], pair: &Pair, agents: [usize; 2]) -> Option<Edge> {
+/// Where two maps were found to belong together: a keyframe of each, by its id in its own map.
+pub(crate) struct Meeting {
+    /// Of the first map.
+    pub from: KeyframeId,
+    /// Of the second.
+    pub to: KeyframeId,
+    /// The second keyframe in the frame of the first.
+    pub from_from_to: Se3,
+    /// What that errs by, metres and radians.
+    pub deviation: (f64, f64),
+}
+
+/// The meeting of an accepted pair, where the two ways come nearest: there its error is smallest.
+pub(crate) fn meeting(inputs: &[Input], pair: &Pair) -> Option<Meeting> {
     let a_from_b = accepted(pair)?.a_from_b;
     let (a, b) = (&inputs[pair.a], &inputs[pair.b]);
     let (mut nearest, mut found) = (f64::INFINITY, None);
-    for (j, other) in b.keyframes.iter().enumerate() {
+    for (to, other) in b.names.iter().zip(&b.keyframes) {
         let a_from_other = a_from_b * other.world_from_sensor;
-        for (i, own) in a.keyframes.iter().enumerate() {
+        for (from, own) in a.names.iter().zip(&a.keyframes) {
             let apart = (own.world_from_sensor.translation - a_from_other.translation).norm();
             if apart < nearest {
-                (nearest, found) = (apart, Some((i, j, own.world_from_sensor.inverse() * a_from_other)));
+                let from_from_to = own.world_from_sensor.inverse() * a_from_other;
+                nearest = apart;
+                found = Some(Meeting { from: *from, to: *to, from_from_to, deviation: DEVIATION });
             }
         }
     }
-    let (i, j, from_from_to): (usize, usize, Se3) = found?;
+    found
+}
+
+/// The edge of a merge between agents of a united map.
+fn meeting_edge(map: &Map, inputs: &[Input], pair: &Pair, agents: [usize; 2]) -> Option<Edge> {
+    let met = meeting(inputs, pair)?;
     let first = |agent: usize| {
         let info = map.agents.get(&AgentId(u16::try_from(agent).ok()?))?;
         Some(info.own.as_ref()?.first_keyframe)
     };
-    let ends = [
-        KeyframeId(a.names.get(i)?.0 + first(agents[0])?),
-        KeyframeId(b.names.get(j)?.0 + first(agents[1])?),
-    ];
-    Some(edge(ends, &from_from_to, DEVIATION, EdgeKind::Merge))
+    let ends = [KeyframeId(met.from.0 + first(agents[0])?), KeyframeId(met.to.0 + first(agents[1])?)];
+    Some(edge(ends, &met.from_from_to, met.deviation, EdgeKind::Merge))
 }
 
 /// `accepted`, `undecided` or `refused`.

@@ -8,6 +8,7 @@ mod convert;
 pub mod mapper;
 pub mod merging;
 mod output;
+pub(crate) mod page;
 pub mod poses;
 pub mod record;
 mod report;

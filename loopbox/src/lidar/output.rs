@@ -6,10 +6,11 @@ use super::record::LidarRecord;
 use super::report;
 use super::run::{Event, LidarRun, RunOptions, run};
 use super::telling::Told;
+use crate::merging::refuse_one;
 use crate::open::{open_map, recording_name};
 use crate::results::{Owner, Results, keep_from};
 use crate::run::Listeners;
-use anyhow::{Context, Result, anyhow, bail};
+use anyhow::{Context, Result, anyhow};
 use map::{AgentInfo, DEFAULT_MAX_RELATIVE_VARIANCE, Map, MapWriter, Sensor};
 use scans::ScanSource;
 use slam_lidar::mapping::MappingParams;
@@ -225,12 +226,7 @@ pub fn merge_maps(
     stop: &Stop,
     stage: &mut dyn FnMut(&str),
 ) -> Result<LidarMerged> {
-    if let [map] = paths {
-        bail!(
-            "{}: is one map; there is nothing to merge it with\nhint: give two or more: loopbox merge A B --out DIR",
-            map.display()
-        );
-    }
+    refuse_one(paths)?;
     keep_from(out, paths)?;
     let mut results = Results::create(out, &Owner::Merge, force)?;
     let mut step = |text: &str| {

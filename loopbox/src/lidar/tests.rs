@@ -5,6 +5,7 @@ use super::poses::GivenPoses;
 use super::run::{Event, LidarRun, RunOptions, run};
 use geometry::Se3;
 use loopbox_tests::lidar::{HALL, PERIOD, Return, sweep, walk};
+use loopbox_tests::pages::{assert_points_nowhere, embedded, opened};
 use map::{AgentInfo, Map, Sensor};
 use scans::{NextScan, Scan, ScanError, ScanInfo, ScanSource};
 use slam_lidar::mapping::MappingParams;
@@ -166,5 +167,39 @@ fn maps_of_cameras_are_refused() {
     assert!(
         format!("{error:#}").contains("yard.mcap") && format!("{error:#}").contains("has a camera"),
         "{error:#}"
+    );
+}
+
+#[test]
+fn the_report_shows_scans_with_the_tools_of_all_maps() {
+    let (done, _) = mapped("a", &[[-11.0, 4.5], [-6.0, 4.5]]);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("report.html");
+    super::report::of_run(&path, &done.map, &done.agent, &done.record).unwrap();
+    let page = std::fs::read_to_string(path).unwrap();
+    assert_points_nowhere(&page);
+    for tool in ["measure", "cut-sides", "save-cloud", "save-path"] {
+        assert!(page.contains(&format!(r#"id="{tool}""#)), "{tool}");
+    }
+    let data = embedded(&page);
+    let points: usize = done.map.keyframes.values().filter_map(|k| k.scan.as_ref()).map(|s| s.len()).sum();
+    assert_eq!(data["cloud"]["total"], points);
+    assert_eq!(data["scene"]["keyframes"]["count"], done.map.keyframes.len());
+    assert!(data["scene"]["agents"][0]["camera"].is_null() && data["scene"]["metric"] == true, "{data}");
+    // It stands upright and looks ahead, from where its map begins.
+    let direction = |name: &str| {
+        let axes = data["scene"][name].as_array().unwrap().iter().map(|v| v.as_f64().unwrap());
+        nalgebra::Vector3::from_iterator(axes)
+    };
+    assert!(direction("up").z > 0.99 && direction("forward").x > 0.99, "{}", direction("forward"));
+    let Some(dom) = opened(&page) else {
+        eprintln!("SKIPPED: no Chromium here, the report was not opened in a browser");
+        return;
+    };
+    let works = ["complete", "without-3d"].iter().any(|how| dom.contains(&format!(r#"data-report="{how}""#)));
+    assert!(works, "the page's scripts did not run to their end");
+    assert!(
+        dom.contains("Places refused") && dom.contains("milliseconds a scan"),
+        "tables and plots are there"
     );
 }

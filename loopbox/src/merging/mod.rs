@@ -2,6 +2,7 @@
 //! the other, with their times. The steps themselves are in the crate `merge`.
 
 mod input;
+mod mixed;
 mod names;
 mod options;
 mod output;
@@ -14,8 +15,10 @@ mod verdict;
 pub use crate::results::keep_from;
 pub(crate) use input::name_of;
 pub use input::{Input, features_of_keyframes};
+pub use mixed::{MixedAgent, MixedEncounter, MixedMerged, MixedRecord, merge_mixed};
 pub(crate) use names::untaken;
 pub use names::{Names, listed};
+pub(crate) use options::refuse_one;
 pub use options::{MergeOptions, MergeWatcher, Merged, merge_maps, merge_maps_watched};
 pub use output::{map_file, write_maps, write_results};
 pub use record::MergeRecord;

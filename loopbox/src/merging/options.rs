@@ -96,12 +96,7 @@ pub fn merge_maps_watched(
     stop: &Stop,
     watcher: &dyn MergeWatcher,
 ) -> Result<Merged> {
-    if let [map] = paths {
-        bail!(
-            "{}: is one map; there is nothing to merge it with\nhint: give two or more: loopbox merge A B --out DIR",
-            map.display()
-        );
-    }
+    refuse_one(paths)?;
     let start = Instant::now();
     keep_from(&options.out, paths)?;
     let mut output = Results::create(&options.out, &Owner::Merge, options.force)?;
@@ -128,6 +123,15 @@ pub fn merge_maps_watched(
         }
     }
     Ok(Merged { inputs, merging, names, record, seconds: start.elapsed().as_secs_f64() })
+}
+
+/// Refuses one map alone.
+pub(crate) fn refuse_one(paths: &[PathBuf]) -> Result<()> {
+    let [map] = paths else { return Ok(()) };
+    bail!(
+        "{}: is one map; there is nothing to merge it with\nhint: give two or more: loopbox merge A B --out DIR",
+        map.display()
+    )
 }
 
 /// Reads the maps with their features, and finds those that they lack. Maps of one name are told apart; those in metres

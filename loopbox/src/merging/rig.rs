@@ -5,6 +5,8 @@
 //! ([`tie`]), and go into the graph of merges as closures do. The LiDAR's keyframes are in metres and stay so; the
 //! camera's get place and unit by the ties, wherever its scale went meanwhile.
 
+mod report;
+
 use super::options::MergeWatcher;
 use super::output::write_maps;
 use super::{Names, keep_from};
@@ -27,6 +29,7 @@ const TIES: usize = 64;
 /// What a tie errs by, metres, radians and share of the scale: as LiDAR merges, and an extrinsic that was measured by hand.
 const DEVIATION: [f64; 3] = [0.02, 0.005, 0.02];
 const NUMBERS: &str = "merge.json";
+const REPORT: &str = "report.html";
 
 /// What came of a rig's maps.
 pub struct RigMerged {
@@ -81,7 +84,7 @@ pub struct RigInput {
 }
 
 /// Brings the maps of a camera and of a LiDAR on one robot together, in whichever order they are at `paths`, and writes the
-/// common map into the folder `out`: `map.mcap`, `cloud.ply`, a trajectory for each, and `merge.json`.
+/// common map into the folder `out`: `map.mcap`, `cloud.ply`, a trajectory for each, `report.html` and `merge.json`.
 /// `lidar_from_camera` is as in [`tie`].
 ///
 /// # Errors
@@ -143,8 +146,10 @@ pub fn merge_rig(
         ("lidar_from_camera".to_owned(), record.lidar_from_camera.map(|number| number.to_string()).join(" ")),
     ];
     write_maps(&mut output, std::slice::from_ref(&fused), &names, &provenance)?;
+    let page = output.file(REPORT)?;
     let path = output.file(NUMBERS)?;
     record.files = output.names();
+    report::write(&page, &fused.map, &tied, &record)?;
     let text = serde_json::to_vec_pretty(&record).context("the numbers cannot be written as JSON")?;
     fs::write(&path, text).with_context(|| format!("{}: cannot be written", path.display()))?;
     go_on()?;

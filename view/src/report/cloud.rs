@@ -1,6 +1,7 @@
 //! The cloud of the 3-D view: world points, thinned to a budget and quantised.
 
 use super::pack::Packed;
+use geometry::Pinhole;
 use geometry::sensor::Shift;
 use map::{Keyframe, Map};
 use nalgebra::Vector3;
@@ -12,6 +13,8 @@ pub const MAX_POINTS: usize = 400_000;
 
 /// So many times the points that are held are looked at.
 const CHOICE: usize = 2;
+/// How bright a point of a scan is, which has no intensity.
+const SCANNED: u8 = 160;
 /// Most points that a range is found by.
 const RANGE_POINTS: usize = 200_000;
 
@@ -23,7 +26,7 @@ const SIGMA_RANGE: [f32; 2] = [1e-3, 1.0];
 pub struct Cloud {
     /// Points held.
     count: usize,
-    /// Pixels of the map that have a depth.
+    /// Pixels of the map that have a depth, and points of its scans.
     total: usize,
     /// Corner of the box that the coordinates are quantised in, world.
     box_min: [f32; 3],
@@ -55,7 +58,7 @@ impl Cloud {
     /// The cloud of some `keyframes` of a map, each agent's in a row, thinned to at most `budget` points: all agents
     /// alike.
     pub fn new(map: &Map, keyframes: &[&Keyframe], budget: usize) -> Self {
-        let total = keyframes.iter().map(|keyframe| keyframe.semi_dense.len()).sum::<usize>();
+        let total = keyframes.iter().map(|keyframe| points_of(keyframe)).sum::<usize>();
         let mut points = gather(map, keyframes, (total / (CHOICE * budget).max(1)).max(1));
         let (low, high) = robust_box(&points);
         points.retain(|p| (0..3).all(|i| p.position[i] >= low[i] && p.position[i] <= high[i]));
@@ -92,38 +95,70 @@ impl Cloud {
     }
 }
 
+/// Pixels of a keyframe that have a depth, or the points of its scan.
+pub(super) fn points_of(keyframe: &Keyframe) -> usize {
+    keyframe.scan.as_ref().map_or_else(|| keyframe.semi_dense.len(), |scan| scan.len())
+}
+
 /// The world points of all keyframes, of each every `step`-th; impossible depths and pixels are passed over.
 fn gather(map: &Map, keyframes: &[&Keyframe], step: usize) -> Vec<CloudPoint> {
     let points = |(index, keyframe): (usize, &&Keyframe)| -> Vec<CloudPoint> {
-        let (image, pose) = (&keyframe.image, &keyframe.world_from_keyframe);
-        let (camera, width) = (map.camera(keyframe), image.width().max(1) as u32);
-        let shift = map.image_shift(keyframe).unwrap_or(Shift::none(*camera));
-        let turned = pose.rotation.to_rotation_matrix().into_inner() * pose.scale;
-        let depths = &keyframe.semi_dense;
-        let point = |at: usize| {
-            let (pixel, inverse_depth, variance) =
-                (*depths.pixel.get(at)?, *depths.inverse_depth.get(at)?, *depths.variance.get(at)?);
-            let intensity = *image.data().get(pixel as usize)?;
-            let [x, y] = [(pixel % width) as f32, (pixel / width) as f32];
-            let [dx, dy] = shift.to_ideal([x, y], inverse_depth);
-            let ray = camera.unproject(f64::from(x + dx), f64::from(y + dy));
-            let world = turned * (ray / f64::from(inverse_depth)) + pose.translation;
-            let position = world.cast::<f32>();
-            let possible = inverse_depth > 0.0 && inverse_depth.is_finite();
-            (possible && position.iter().all(|v| v.is_finite())).then(|| CloudPoint {
-                position,
-                inverse_depth: inverse_depth / pose.scale as f32,
-                intensity,
-                sigma_code: sigma_code(variance.sqrt() / inverse_depth),
-                keyframe: index as u32,
-            })
+        let points = match map.camera_of(keyframe) {
+            Some(camera) => of_image(map, camera, keyframe, index as u32, step),
+            None => of_scan(keyframe, index as u32, step),
         };
-        let points = (0..depths.len()).step_by(step).filter_map(point).collect();
         keyframe.rest();
         points
     };
     let of_keyframes: Vec<Vec<CloudPoint>> = keyframes.par_iter().enumerate().map(points).collect();
     of_keyframes.concat()
+}
+
+/// The points of an image's depths.
+fn of_image(map: &Map, camera: &Pinhole, keyframe: &Keyframe, index: u32, step: usize) -> Vec<CloudPoint> {
+    let (image, pose) = (&keyframe.image, &keyframe.world_from_keyframe);
+    let width = image.width().max(1) as u32;
+    let shift = map.image_shift(keyframe).unwrap_or(Shift::none(*camera));
+    let turned = pose.rotation.to_rotation_matrix().into_inner() * pose.scale;
+    let depths = &keyframe.semi_dense;
+    let point = |at: usize| {
+        let (pixel, inverse_depth, variance) =
+            (*depths.pixel.get(at)?, *depths.inverse_depth.get(at)?, *depths.variance.get(at)?);
+        let intensity = *image.data().get(pixel as usize)?;
+        let [x, y] = [(pixel % width) as f32, (pixel / width) as f32];
+        let [dx, dy] = shift.to_ideal([x, y], inverse_depth);
+        let ray = camera.unproject(f64::from(x + dx), f64::from(y + dy));
+        let world = turned * (ray / f64::from(inverse_depth)) + pose.translation;
+        let position = world.cast::<f32>();
+        let possible = inverse_depth > 0.0 && inverse_depth.is_finite();
+        (possible && position.iter().all(|v| v.is_finite())).then(|| CloudPoint {
+            position,
+            inverse_depth: inverse_depth / pose.scale as f32,
+            intensity,
+            sigma_code: sigma_code(variance.sqrt() / inverse_depth),
+            keyframe: index,
+        })
+    };
+    (0..depths.len()).step_by(step).filter_map(point).collect()
+}
+
+/// The points of a scan; their depth is the range.
+fn of_scan(keyframe: &Keyframe, index: u32, step: usize) -> Vec<CloudPoint> {
+    let pose = &keyframe.world_from_keyframe;
+    let turned = pose.rotation.to_rotation_matrix().into_inner() * pose.scale;
+    let point = |point: map::CloudPoint| {
+        let range = (point.position.norm() * pose.scale) as f32;
+        let position = (turned * point.position + pose.translation).cast::<f32>();
+        let possible = range > 0.0 && position.iter().all(|v| v.is_finite());
+        possible.then(|| CloudPoint {
+            position,
+            inverse_depth: range.recip(),
+            intensity: SCANNED,
+            sigma_code: 0,
+            keyframe: index,
+        })
+    };
+    keyframe.scan_cloud().step_by(step).filter_map(point).collect()
 }
 
 /// The code of a relative standard deviation; unknown (NaN) counts as the worst.

@@ -1,9 +1,10 @@
 //! Poses for the 3-D view: keyframes, trajectory, edges, and which way is up.
 
+use super::cloud::points_of;
 use super::pack::Packed;
 use geometry::{Pinhole, Sim3};
 use map::{AgentId, EdgeKind, Keyframe, KeyframeId, Map, agent_color};
-use nalgebra::Vector3;
+use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -14,7 +15,7 @@ pub struct Scene {
     agents: Vec<Agent>,
     /// Whether a unit of length is a metre.
     metric: bool,
-    /// Unit vector against gravity, as guessed from the cameras.
+    /// Unit vector against gravity, as guessed from the cameras; of LiDARs, where there are any, which stand upright.
     up: [f64; 3],
     /// Mean viewing direction; short when the cameras look all around.
     forward: [f64; 3],
@@ -29,7 +30,8 @@ struct Agent {
     name: String,
     /// Red, green, blue in sRGB, as everywhere that agents are told apart.
     color: [u8; 3],
-    camera: Pinhole,
+    /// None of a LiDAR.
+    camera: Option<Pinhole>,
 }
 
 #[derive(Serialize)]
@@ -43,9 +45,9 @@ struct Keyframes {
     frame: Packed,
     /// Seconds, f64.
     timestamp: Packed,
-    /// The camera's x, y, z axes and its centre, f32 × 12.
+    /// The camera's x, y, z axes and its centre, f32 × 12; of a LiDAR those of a camera that looks ahead.
     pose: Packed,
-    /// Pixels with a depth, u32.
+    /// Pixels with a depth, or points of the scan, u32.
     depths: Packed,
 }
 
@@ -58,9 +60,9 @@ struct Trajectory {
     frame: Packed,
     /// Seconds, f64.
     timestamp: Packed,
-    /// Camera centres, f32 × 3.
+    /// Centres of the sensors, f32 × 3.
     position: Packed,
-    /// World from camera as quaternions x, y, z, w, f32 × 4.
+    /// World from sensor as quaternions x, y, z, w, f32 × 4.
     rotation: Packed,
 }
 
@@ -109,9 +111,13 @@ impl Scene {
     /// The scene of a map with its placed keyframes and frames.
     pub fn new(map: &Map, keyframes: &[&Keyframe], frames: &[PlacedFrame]) -> Self {
         let agents = agent_indices(map);
-        let (up, forward) = map::level(keyframes.iter().map(|k| &k.world_from_keyframe));
+        let poses: Vec<Sim3> = keyframes.iter().map(|keyframe| looking_ahead(keyframe)).collect();
+        let of_lidars =
+            || keyframes.iter().zip(&poses).filter(|(k, _)| k.scan.is_some()).map(|(_, pose)| pose);
+        let (up, forward) =
+            if of_lidars().next().is_some() { map::level(of_lidars()) } else { map::level(poses.iter()) };
         Self {
-            agents: map.agents.iter().filter_map(agent).collect(),
+            agents: map.agents.iter().map(agent).collect(),
             metric: map.is_metric(),
             up: up.into(),
             forward: forward.into(),
@@ -123,8 +129,8 @@ impl Scene {
                 id: Packed::u32(keyframes.iter().map(|k| k.id.0)),
                 frame: Packed::f64(keyframes.iter().map(|k| k.frame_index as f64)),
                 timestamp: Packed::f64(keyframes.iter().map(|k| k.timestamp)),
-                pose: Packed::f32(keyframes.iter().flat_map(|k| pose_numbers(&k.world_from_keyframe))),
-                depths: Packed::u32(keyframes.iter().map(|k| k.semi_dense.len() as u32)),
+                pose: Packed::f32(poses.iter().flat_map(pose_numbers)),
+                depths: Packed::u32(keyframes.iter().map(|k| points_of(k) as u32)),
             },
             trajectory: Trajectory {
                 count: frames.len(),
@@ -146,8 +152,18 @@ impl Scene {
 }
 
 /// An agent as the page shows it.
-fn agent((id, info): (&AgentId, &map::AgentInfo)) -> Option<Agent> {
-    Some(Agent { name: info.name.clone(), color: agent_color(*id), camera: *info.camera()? })
+fn agent((id, info): (&AgentId, &map::AgentInfo)) -> Agent {
+    Agent { name: info.name.clone(), color: agent_color(*id), camera: info.camera().copied() }
+}
+
+/// The pose of a keyframe's camera; of a LiDAR (x forward, y left, z up) that of a camera in it that looks ahead.
+fn looking_ahead(keyframe: &Keyframe) -> Sim3 {
+    let pose = keyframe.world_from_keyframe;
+    if keyframe.scan.is_none() {
+        return pose;
+    }
+    let lidar_from_camera = Rotation3::from_basis_unchecked(&[-Vector3::y(), -Vector3::z(), Vector3::x()]);
+    Sim3 { rotation: pose.rotation * UnitQuaternion::from_rotation_matrix(&lidar_from_camera), ..pose }
 }
 
 /// The axes and the centre of a camera.

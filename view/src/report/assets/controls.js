@@ -101,6 +101,7 @@ export class Controls {
     const slider = byId("sigma");
     if (span[0] <= span[1]) [slider.min, slider.max, slider.value] = [span[0], span[1], span[1]];
     slider.disabled = span[0] >= span[1];
+    this.withoutImages(form);
     this.offerAgents(form);
     const read = () => {
       const { settings } = viewer;
@@ -125,6 +126,13 @@ export class Controls {
       if (name === "full") toggleFullScreen(byId("viewer"));
       else if (name) this.go(this.view(name));
     });
+  }
+
+  /** What only images have is not offered where there are LiDARs alone. */
+  withoutImages(form) {
+    if (!agents.every((agent) => agent.isLidar)) return;
+    form.querySelectorAll("[data-of=images]").forEach((node) => (node.hidden = true));
+    form.elements.colour.value = "1";
   }
 
   /** Several agents are told apart by colour and shown one by one. */

@@ -1,4 +1,4 @@
-// What is drawn over the scene: colours of lines, segments that tools set, and dots.
+// What is drawn over the scene: colours of lines, segments that tools and pages set, and dots.
 
 import { Lines } from "./gl.js";
 import { element } from "./page.js";
@@ -12,17 +12,18 @@ export const LINE_COLOURS = {
   cut: [1, 1, 1, 0.55],
   measured: [0.4, 1, 0.55, 1],
   played: [1, 0.95, 0.6, 1],
+  odometry: [0.94, 0.59, 0.29, 0.8],
   edges: [[0.6, 0.66, 0.74, 0.5], [0.35, 0.85, 0.72, 0.45], [1, 0.33, 0.36, 1], [0.78, 0.55, 1, 1]],
 };
 
-/** Widths of the lines that tools set, pixels. */
-const WIDTHS = { cut: 1, played: 2, measured: 2.4 };
+/** Their widths, pixels. */
+const WIDTHS = { odometry: 1.4, cut: 1, played: 2, measured: 2.4 };
 
-/** Segments that tools set, by what they show; kept, so that they outlive the graphics card's memory. */
+/** Segments that tools and pages set, by what they show; kept, so that they outlive the graphics card's memory. */
 export class Overlays {
   constructor() {
     /** `[from, to, colour]` each. @type {Object<string, number[][][]>} */
-    this.segments = { cut: [], played: [], measured: [] };
+    this.segments = { odometry: [], cut: [], played: [], measured: [] };
     /** @type {Object<string, Lines>} */
     this.lines = {};
   }

@@ -2,7 +2,7 @@
 
 import { LINE_COLOURS } from "./overlays.js";
 import { byId } from "./page.js";
-import { axesOf, framesAt, playedSeconds } from "./playing.js";
+import { aheadOf, axesOf, framesAt, playedSeconds } from "./playing.js";
 import { agents, keyframes, shared, trajectory } from "./scene.js";
 
 export class Player {
@@ -79,10 +79,11 @@ export class Player {
     document.documentElement.dataset.played = String(frames[shown[0]] ?? -1);
   }
 
-  /** Axes and centre of a frame's camera in the world. */
+  /** Axes and centre of a frame's camera in the world; of a LiDAR those of one that looks ahead. */
   pose(frame) {
     const centre = Array.from(trajectory.position.subarray(frame * 3, frame * 3 + 3));
-    return [...axesOf(trajectory.rotation.subarray(frame * 4, frame * 4 + 4)), centre];
+    const axes = axesOf(trajectory.rotation.subarray(frame * 4, frame * 4 + 4));
+    return [...(agents[trajectory.agent[frame]].isLidar ? aheadOf(axes) : axes), centre];
   }
 
   /** Selects the keyframe that was taken last. */

@@ -14,6 +14,9 @@ export function axesOf(quaternion) {
   ];
 }
 
+/** The axes of a camera in a LiDAR (x forward, y left, z up) that looks ahead, by the LiDAR's. @param {number[][]} axes */
+export const aheadOf = ([x, y, z]) => [y.map((v) => -v), z.map((v) => -v), x];
+
 /**
  * Of the ascending times from `first` to before `end` the index of the one nearest to `time`; −1 where there are none.
  * @param {ArrayLike<number>} times @param {number} first @param {number} end @param {number} time

@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import test from "node:test";
-import { axesOf, framesAt, nearestTime, playedSeconds } from "./playing.js";
+import { aheadOf, axesOf, framesAt, nearestTime, playedSeconds } from "./playing.js";
 
 test("a quaternion's axes are the columns of its rotation", () => {
   const half = Math.SQRT1_2;
@@ -12,6 +12,11 @@ test("a quaternion's axes are the columns of its rotation", () => {
   close(z, [0, 0, 1]);
   // A quarter turn about x brings y to z.
   close(axesOf([half, 0, 0, half])[1], [0, 0, 1]);
+});
+
+test("a LiDAR that stands upright looks along its x, with its left to the left and up above", () => {
+  const [right, down, ahead] = aheadOf(axesOf([0, 0, 0, 1]));
+  assert.deepEqual([right, down, ahead].map((v) => v.map((c) => c + 0)), [[0, -1, 0], [0, 0, -1], [1, 0, 0]]);
 });
 
 test("the nearest time of a part is found", () => {

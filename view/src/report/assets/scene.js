@@ -3,7 +3,10 @@
 import { unpack } from "./numbers.js";
 import { data } from "./page.js";
 
-export const agents = data.scene.agents;
+/** What stands for the view of a LiDAR, which sees all around: ahead, 90° wide. */
+const AHEAD = { width: 4, height: 3, fx: 2, fy: 2, cx: 1.5, cy: 1 };
+
+export const agents = data.scene.agents.map((agent) => ({ ...agent, camera: agent.camera ?? AHEAD, isLidar: !agent.camera }));
 
 export const keyframes = {
   count: data.scene.keyframes.count,
@@ -13,7 +16,7 @@ export const keyframes = {
   timestamp: unpack(data.scene.keyframes.timestamp, Float64Array),
   pose: unpack(data.scene.keyframes.pose, Float32Array),
   depths: unpack(data.scene.keyframes.depths, Uint32Array),
-  /** The camera that took a keyframe. */
+  /** The camera that took a keyframe; of a LiDAR's what stands for it. */
   camera(index) {
     return agents[this.agent[index]].camera;
   },
@@ -39,6 +42,12 @@ export const trajectory = {
   position: unpack(data.scene.trajectory.position, Float32Array),
   rotation: unpack(data.scene.trajectory.rotation, Float32Array),
 };
+
+/** A keyframe in words: whose it is, when it was taken, and what it holds. @param {number} index */
+export function keyframeInWords(index) {
+  const agent = agents[keyframes.agent[index]], [one, many] = agent.isLidar ? ["scan", "points"] : ["frame", "pixels with depth"];
+  return `${one} ${keyframes.frame[index]} of ${agent.name}, ${keyframes.timestamp[index].toFixed(2)} s, ${keyframes.depths[index].toLocaleString("en")} ${many}`;
+}
 
 /** What lengths are told in. */
 export const LENGTH_UNIT = data.scene.metric ? "m" : "map units";

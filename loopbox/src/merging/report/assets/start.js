@@ -4,7 +4,7 @@ import { startPaths } from "./paths.js";
 import { fillAgents, fillHead, fillNumbers, fillPairs, fillTimes, meetingSection, plural } from "./tables.js";
 import { startViewer } from "../../../../../view/src/report/assets/controls.js";
 import { Drawing, byId, data } from "../../../../../view/src/report/assets/page.js";
-import { agentColour, agents, keyframes, shared } from "../../../../../view/src/report/assets/scene.js";
+import { agentColour, agents, keyframeInWords, shared } from "../../../../../view/src/report/assets/scene.js";
 
 /** The merges as a graph: agents on a circle, lines between those that were merged. */
 class MergeGraph extends Drawing {
@@ -61,8 +61,7 @@ function showSelection() {
   const index = shared.selected;
   byId("selection").hidden = index < 0;
   if (index < 0) return;
-  const name = agents[keyframes.agent[index]].name;
-  byId("selection").textContent = `Selected: frame ${keyframes.frame[index]} of ${name}, ${keyframes.timestamp[index].toFixed(2)} s, ${keyframes.depths[index].toLocaleString("en")} pixels with depth`;
+  byId("selection").textContent = `Selected: ${keyframeInWords(index)}`;
 }
 
 fillHead();
