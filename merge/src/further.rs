@@ -92,6 +92,9 @@ pub struct Joined {
     pub seen: Comparison,
     /// The same patch by patch, of those that agree.
     pub patches: PatchComparison,
+    /// What the further pairs that agree know of the closure's motion where its keyframes are: information that adds to that of
+    /// [`Closure::at_keyframes`].
+    pub information: SMatrix<f64, 7, 7>,
 }
 
 /// The edges of a first closure and of further ones along the maps, as far as they agree.
@@ -138,16 +141,31 @@ pub fn join(
     let patches = selected.par_iter().filter_map(|edge| see_patches(source, target, edge, params));
     let patches =
         patches.collect::<Vec<_>>().into_iter().fold(PatchComparison::default(), PatchComparison::plus);
+    let confirmed: Vec<&Edge> =
+        consistent.selected.iter().filter(|&&index| index >= own).map(|&index| &edges[index]).collect();
+    let target_from_world = first.poses.target_world_from_target.inverse();
+    let from_edge = |edge: &Edge| Some(target_from_world * target.world_from(edge.from)?);
     Ok(Joined {
         rejected: pick(&consistent.rejected),
         tried: pairs.len(),
         failed,
-        confirmed: consistent.selected.iter().filter(|&&index| index >= own).count(),
+        confirmed: confirmed.len(),
         rival: consistent.rival,
         seen,
         patches,
+        information: information_at(&confirmed, from_edge),
         edges: selected,
     })
+}
+
+/// What edges know together of a motion where one keyframe of the target is; `from_edge` leads there from the keyframe of an
+/// edge, of which it gives nothing where that has no pose.
+fn information_at(edges: &[&Edge], from_edge: impl Fn(&Edge) -> Option<Sim3>) -> SMatrix<f64, 7, 7> {
+    let carried = |edge: &&Edge| {
+        let known = Estimate { a_from_b: edge.from_from_to, information: edge.information };
+        Some(known.carried(&from_edge(edge)?, &Sim3::identity())?.information)
+    };
+    edges.iter().filter_map(carried).sum()
 }
 
 /// The edges of pairs that can be aligned from where the motion of the maps puts them; of those that cannot, from where
@@ -321,6 +339,29 @@ mod tests {
         assert_eq!(sources(spread(pairs(3), 8, &[])), [0, 1, 2]);
         assert_eq!(sources(spread(pairs(3), 1, &[])), [0]);
         assert!(spread(pairs(3), 0, &[]).is_empty() && spread(pairs(0), 0, &[]).is_empty());
+    }
+
+    /// Where an edge is, all that it knows counts; from farther away its turns blur the motion, and its own offset does not.
+    #[test]
+    fn edges_know_less_of_a_motion_far_away() {
+        let estimate = Estimate { a_from_b: Sim3::identity(), information: SMatrix::identity() };
+        let edge = edge(KeyframeId(0), KeyframeId(100), estimate);
+        let from = |x: f64| Sim3 { translation: nalgebra::Vector3::new(x, 0.0, 0.0), ..Sim3::identity() };
+        let deviations = |edges: &[&Edge], x: f64| {
+            let covariance = information_at(edges, |_| Some(from(x))).try_inverse().unwrap();
+            covariance.diagonal().map(f64::sqrt)
+        };
+        let (here, twice) = (deviations(&[&edge], 0.0), deviations(&[&edge, &edge], 0.0));
+        assert!((here - SVector::repeat(1.0)).norm() < 1e-12);
+        assert!((twice - SVector::repeat(0.5f64.sqrt())).norm() < 1e-12);
+        let there = deviations(&[&edge], 3.0);
+        // What is left unknown of the turn moves it aside, of the scale along the way.
+        let offset = 10f64.sqrt();
+        assert!(
+            (there - SVector::from([offset, offset, offset, 1.0, 1.0, 1.0, 1.0])).norm() < 1e-9,
+            "{there}"
+        );
+        assert_eq!(information_at(&[&edge], |_| None), SMatrix::zeros());
     }
 
     #[test]

@@ -21,7 +21,7 @@ pub struct Evidence {
     pub inlier_share: f32,
     /// Share of all pixels with depth that agree, mean of the same pairs, 0–1.
     pub agreeing_share: f32,
-    /// Standard deviation of the rotation, degrees.
+    /// Standard deviation of the rotation, degrees: by the closure and the further pairs that agree with it, as are the next two.
     pub rotation_deviation: f64,
     /// Standard deviation of the translation, the largest of three axes, parts of the scene's median depth.
     pub translation_deviation: f64,
@@ -75,7 +75,8 @@ impl Evidence {
             .collect();
         let mean = |of: usize| shares.iter().map(|share| share[of]).sum::<f32>() / shares.len().max(1) as f32;
         // At the keyframes: seen from the worlds' origins a turn shifts everything.
-        let covariance = closure.at_keyframes.information.try_inverse();
+        let information = joined.map_or_else(SMatrix::zeros, |joined| joined.information);
+        let covariance = (closure.at_keyframes.information + information).try_inverse();
         let covariance = covariance.unwrap_or(SMatrix::repeat(f64::INFINITY));
         let deviation = |first: usize| -> f64 {
             let variances: Vector3<f64> = covariance.fixed_view::<3, 3>(first, first).diagonal();

@@ -12,7 +12,7 @@
 //! | pixels that agree after direct alignment, both ways, all agreeing pairs | places of the same shape with other texture, and the reverse | refused |
 //! | the same of keyframes matched together, with a higher limit | places that are alike in part, where no pair of keyframes speaks for them alone | undecided |
 //! | that share of all pixels, seen by both or not | things that repeat, shifted by one | refused |
-//! | standard deviations of rotation, translation and scale | closures that are right and useless | undecided |
+//! | standard deviations of rotation, translation and scale, by all pairs that agree along both maps | closures that are right and useless | undecided |
 //! | further pairs that should overlap and can be aligned | a place that looks alike, in other surroundings | refused |
 //! | further pairs that should overlap and agree | the same, where single pairs look alike too | refused |
 //! | points that the other keyframe looks through | structure that is not there | refused |

@@ -53,6 +53,7 @@ use crate::further::Joined;
 use crate::prepared::PreparedMap;
 use backend::sim3_align::{Comparison, PatchComparison};
 use map::{Edge, EdgeKind, KeyframeId};
+use nalgebra::SMatrix;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::str::FromStr;
@@ -203,6 +204,7 @@ impl From<Placement> for Joined {
             rival: 0,
             seen: Comparison::default(),
             patches: PatchComparison::default(),
+            information: SMatrix::zeros(),
         }
     }
 }

@@ -3,6 +3,7 @@
 use crate::merging::{encounter, first_and_opposite, first_and_second, fused, merged, second_and_first};
 use crate::yard::{assert_near_truth, first, opposite, second};
 use map::AgentId;
+use merge::acceptance::Evidence;
 use merge::common_map::FusionParams;
 use merge::pairing::Travel;
 
@@ -19,6 +20,19 @@ fn opposite_ways_of_travel_are_told_and_merged() {
 fn the_same_way_of_travel_is_told() {
     let met = first_and_second();
     assert_eq!(met.closure().map(|closure| closure.travel), Some(Travel::Same));
+}
+
+/// A motion that pairs along both maps agree on is known better than its first closure says.
+#[test]
+fn further_pairs_that_agree_say_how_well_the_motion_is_known() {
+    let met = first_and_second();
+    let found = met.tried.iter().find_map(|tried| tried.outcome.accepted()).expect("they meet");
+    let beyond = found.verdict.evidence.beyond.expect("both maps were asked");
+    assert!(beyond.confirmed > 0, "{beyond:?}");
+    let deviations = |e: &Evidence| [e.rotation_deviation, e.translation_deviation, e.scale_deviation];
+    let alone = deviations(&Evidence::new(&found.closure, None));
+    let together = deviations(&found.verdict.evidence);
+    assert!(alone.iter().zip(&together).all(|(a, t)| t < a && *t > 0.0), "{alone:?} {together:?}");
 }
 
 /// b – a – c, where b and c are never compared.
