@@ -172,7 +172,7 @@ fn what_a_mask_covers_is_left_out_and_said() {
     assert_documented(&numbers);
     assert_eq!((&numbers["left_out"]["share"], &numbers["left_out"]["found"]), (&0.25.into(), &0.0.into()));
     assert!(numbers["frames"]["tracked_share"].as_f64().unwrap() > 0.9, "{}", numbers["frames"]);
-    let map = map::load_map(&folder.join("map.mcap")).unwrap().map;
+    let map = map::load_map(folder.join("map.mcap")).unwrap().map;
     for keyframe in map.keyframes.values() {
         assert!(keyframe.points.iter().all(|point| point.pixel[0] >= 160.0), "{:?}", keyframe.id);
         assert!(keyframe.semi_dense.iter().all(|depth| depth.0 % 640 >= 160), "{:?}", keyframe.id);

@@ -148,8 +148,8 @@ pub fn is_new_view(views: &[View], view: &View, size: (usize, usize)) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::solver::tests::{Noise, board, placed, seen, usual_poses};
-    use geometry::{Camera, Distortion, Pinhole};
+    use crate::solver::tests::{board, placed, seen, usual_poses};
+    use geometry::{Camera, Distortion, Pinhole, Random};
 
     const SIZE: (usize, usize) = (640, 480);
 

@@ -231,7 +231,7 @@ fn growing(values: &[f64; 256]) -> [f64; 256] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::solver::tests::Noise;
+    use geometry::Random;
 
     /// A scene of irradiance 0.02 to 1 seen through `response` (of 0–1 to 0–1); what is brighter than white is white in
     /// spite of the noise.

@@ -156,7 +156,7 @@ fn row(x: usize, y: usize, width: usize, height: usize) -> DVector<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::solver::tests::Noise;
+    use geometry::Random;
 
     fn truth(x: usize, y: usize) -> f64 {
         let (dx, dy) = ((x as f64 - 79.5) / 100.0, (y as f64 - 59.5) / 100.0);

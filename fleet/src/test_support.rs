@@ -135,7 +135,7 @@ pub struct Network {
     pub waited: Duration,
     /// Whose each node is, where parties have keys.
     pub parties: Vec<Party>,
-    numbers: Numbers,
+    numbers: Random,
     links: BTreeMap<LinkId, [usize; 2]>,
     next_link: LinkId,
     reopen: Vec<(Duration, [usize; 2])>,

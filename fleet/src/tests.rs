@@ -277,14 +277,14 @@ fn nothing_acknowledged_is_lost_however_often_somebody_is_killed() {
     for round in 1..=100 {
         let keyframes = (round / 6).min(19);
         network.publish(1, &mut publisher, &first(&map, keyframes), false);
-        let until = network.now + MILLIS(50 + numbers.below(4000) as u64);
+        let until = network.now + MILLIS(50 + numbers.below(4000));
         network.run_until(until, |_| false);
         let version = |news: &News| match news {
             News::Held { version, .. } => Some(version.1),
             _ => None,
         };
         acknowledged = network.news[1].iter().filter_map(version).max().unwrap_or(0).max(acknowledged);
-        let killed = numbers.below(2);
+        let killed = numbers.index(2);
         // The system lets go of what a killed process held.
         network.stores[killed] = Arc::new(crate::store::MemoryStore::default());
         network.nodes[killed] = crate::node::Node::new(

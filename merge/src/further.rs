@@ -361,7 +361,7 @@ mod tests {
             (there - SVector::from([offset, offset, offset, 1.0, 1.0, 1.0, 1.0])).norm() < 1e-9,
             "{there}"
         );
-        assert_eq!(information_at(&[&edge], |_| None), SMatrix::zeros());
+        assert_eq!(information_at(&[&edge], |_| None), SMatrix::<f64, 7, 7>::zeros());
     }
 
     #[test]

@@ -120,7 +120,7 @@ impl Tensors {
             }
             for (products, sums) in self.products.iter().zip(&mut self.sums) {
                 let sums = &mut sums[at * width..(at + 1) * width];
-                for (sum, window) in sums.iter_mut().zip(products.array_windows::<WINDOW>()) {
+                for (sum, window) in sums.iter_mut().zip(products.windows(WINDOW)) {
                     *sum = window.iter().sum();
                 }
             }

@@ -116,7 +116,7 @@ fn changed_bytes_never_panic_and_cut_ones_are_refused() {
     for round in 0..600 {
         let mut changed = [&coded, &written, &picture][round % 3].clone();
         for _ in 0..=numbers.below(3) {
-            let at = numbers.below(changed.len());
+            let at = numbers.index(changed.len());
             changed[at] = numbers.below(256) as u8;
         }
         match round % 3 {

@@ -103,15 +103,14 @@ impl LeftOutRecord {
     /// For people.
     pub fn text(self) -> String {
         let (share, found) = (percent(self.share), percent(self.found));
-        match self {
-            Self { found, .. } if found == 0.0 => format!("{share} of the image is not used, by the mask"),
-            Self { share: all, found: of_it } if all == of_it => {
-                format!("{share} of the image is not used: it moves with the camera")
-            }
-            _ => format!(
-                "{share} of the image is not used: {found} moves with the camera, the rest by the mask"
-            ),
-        }
+        let why = if self.found == 0.0 {
+            ", by the mask".to_owned()
+        } else if self.found == self.share {
+            ": it moves with the camera".to_owned()
+        } else {
+            format!(": {found} moves with the camera, the rest by the mask")
+        };
+        format!("{share} of the image is not used{why}")
     }
 }
 

@@ -298,7 +298,7 @@ mod tests {
     #[test]
     fn ransac_finds_the_pose_of_a_fifth_of_the_pairs() {
         let pose = Se3::exp(&Vector6::new(7.0, -3.0, 0.4, 0.02, -0.01, 2.0));
-        let number = |i: u64| (mixed(i) % 10_000) as f64 / 10_000.0;
+        let number = |i: u64| Random::new(i).unit();
         let point =
             |i: u64| Vector3::new(40.0 * number(3 * i), 30.0 * number(3 * i + 1), 5.0 * number(3 * i + 2));
         let pairs: Vec<_> = (0..200)
@@ -313,10 +313,8 @@ mod tests {
     #[test]
     fn a_descriptor_does_not_change_with_the_pose() {
         let point = |i: u64| {
-            let (u, v) = (
-                6.0 * (mixed(2 * i) % 1000) as f64 / 1000.0,
-                6.0 * (mixed(2 * i + 1) % 1000) as f64 / 1000.0,
-            );
+            let mut random = Random::new(i);
+            let (u, v) = (6.0 * random.unit(), 6.0 * random.unit());
             match i % 3 {
                 0 => Vector3::new(u, v, 0.0),
                 1 => Vector3::new(u, 0.0, v),

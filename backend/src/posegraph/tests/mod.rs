@@ -133,7 +133,7 @@ fn the_optimum_of_two_disagreeing_edges_is_their_weighted_mean() {
 fn a_false_loop_among_true_ones_is_suppressed() {
     let truth = ring(60);
     let mut edges = chain(&truth);
-    let mut noise = Noise(5);
+    let mut noise = Noise::new(5);
     for edge in &mut edges {
         edge.from_from_to = Sim3::exp(&noise.tangent(0.02, 0.005, 0.005)) * edge.from_from_to;
     }
@@ -161,7 +161,7 @@ fn known_units_stay_and_tell_others_theirs() {
         ring(40).into_iter().map(|(id, pose)| (id, Sim3 { scale: 1.0, ..pose })).collect();
     let mut truth = metric.clone();
     truth.extend(ring(40).into_iter().map(|(id, pose)| (KeyframeId(id.0 + 100), pose)));
-    let mut noise = Noise(7);
+    let mut noise = Noise::new(7);
     let mut edges = Vec::new();
     for first in [0, 100] {
         for i in first..first + 39 {
@@ -252,7 +252,7 @@ fn poisoned_input_is_refused_and_leaves_the_nodes() {
 #[test]
 fn two_thousand_keyframes_settle_within_few_iterations() {
     let truth = ring(2000);
-    let mut noise = Noise(9);
+    let mut noise = Noise::new(9);
     let mut edges = chain(&truth);
     for i in 0..2000u32 {
         for ahead in 2..5 {

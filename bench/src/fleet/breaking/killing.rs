@@ -3,8 +3,8 @@
 use super::super::{Plan, status};
 use super::{Yard, end};
 use anyhow::{Result, ensure};
+use geometry::Random;
 use measuring::median;
-use measuring::random::Random;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -84,7 +84,7 @@ fn session(plan: &Plan, maps: &[PathBuf], seed: u64, kills: usize) -> Result<Ses
     let mut made = Session { kills: 0, checked: 0, lost: 0, bytes: 0.0, is_same: false };
     while made.kills < kills {
         std::thread::sleep(Duration::from_secs_f64(GAPS[0] * (GAPS[1] / GAPS[0]).powf(random.unit())));
-        let victim = random.below(maps.len() + 1);
+        let victim = random.index(maps.len() + 1);
         if station.0.try_wait()?.is_some() {
             break;
         }

@@ -104,7 +104,7 @@ pub(super) fn off(plan: &Plan, map: &Path) -> Result<[String; 3]> {
     let files = ["map.mcap", "trajectory.txt", "cloud.ply"];
     let is_same =
         |file: &&str| -> Result<bool> { Ok(fs::read(folder.join(file))? == fs::read(map.join(file))?) };
-    let same = files.iter().map(|file| is_same(file)).collect::<Result<Vec<_>>>()?;
+    let same = files.iter().map(is_same).collect::<Result<Vec<_>>>()?;
     let same = same.into_iter().filter(|same| *same).count();
     let mut yard = Yard::new(plan, &[map.to_owned()])?;
     let mut station = yard.start_station(1)?;
