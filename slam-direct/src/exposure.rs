@@ -5,7 +5,7 @@
 //! of another picture. Two frames in a row show nearly the same, so that such a jump is seen in the images alone: the
 //! same factor all over. It is undone until it is taken back; of a recording without jumps no pixel is changed.
 
-use geometry::GrayImage;
+use geometry::{GrayImage, median};
 
 /// Columns and rows of the parts of an image whose brightness is compared: the camera moves by a small part of one from frame to
 /// frame.
@@ -62,8 +62,7 @@ fn jump(before: &[f32], now: &[f32]) -> Option<f32> {
     if (changes.len() as f32) < ENOUGH * (PARTS.0 * PARTS.1) as f32 {
         return None;
     }
-    changes.sort_by(f32::total_cmp);
-    let middle = changes[changes.len() / 2];
+    let middle = median(&mut changes)?;
     let alike = changes.iter().filter(|change| **change * middle.signum() >= 0.5 * JUMP.ln()).count();
     (middle.abs() >= JUMP.ln() && alike as f32 >= ALL_OVER * changes.len() as f32).then_some(middle)
 }
