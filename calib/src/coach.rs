@@ -148,15 +148,15 @@ pub fn is_new_view(views: &[View], view: &View, size: (usize, usize)) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::solver::tests::{board, placed, seen, usual_poses};
-    use geometry::{Camera, Distortion, Pinhole, Random};
+    use crate::solver::tests::{Noise, board, placed, seen, usual_poses};
+    use geometry::{Camera, Distortion, Pinhole};
 
     const SIZE: (usize, usize) = (640, 480);
 
     fn view(position: [f64; 3], tilt: [f64; 3]) -> View {
         let pinhole = Pinhole { width: 640, height: 480, fx: 500.0, fy: 500.0, cx: 319.5, cy: 239.5 };
         let camera = Camera::new(pinhole, Distortion::None).unwrap();
-        seen(&camera, &board(), &placed(&board(), position, tilt), 0.0, &mut Random::new(1))
+        seen(&camera, &board(), &placed(&board(), position, tilt), 0.0, &mut Noise::new(1))
     }
 
     #[test]

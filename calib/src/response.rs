@@ -231,13 +231,13 @@ fn growing(values: &[f64; 256]) -> [f64; 256] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use geometry::Random;
+    use crate::solver::tests::Noise;
 
     /// A scene of irradiance 0.02 to 1 seen through `response` (of 0–1 to 0–1); what is brighter than white is white in
     /// spite of the noise.
     fn sweep(response: impl Fn(f64) -> f64, noise: f64) -> Vec<(GrayImage, f64)> {
-        let mut random = Random::new(11);
-        let scene: Vec<f64> = (0..64 * 48).map(|_| 0.02 + 0.98 * random.unit().powi(2)).collect();
+        let mut random = Noise::new(11);
+        let scene: Vec<f64> = (0..64 * 48).map(|_| 0.02 + 0.98 * random.uniform().powi(2)).collect();
         (0..40)
             .map(|i| {
                 let exposure = 0.05 * 1.13f64.powi(i);

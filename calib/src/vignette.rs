@@ -156,7 +156,7 @@ fn row(x: usize, y: usize, width: usize, height: usize) -> DVector<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use geometry::Random;
+    use crate::solver::tests::Noise;
 
     fn truth(x: usize, y: usize) -> f64 {
         let (dx, dy) = ((x as f64 - 79.5) / 100.0, (y as f64 - 59.5) / 100.0);
@@ -165,7 +165,7 @@ mod tests {
     }
 
     fn surface(gamma: f64, dust: bool) -> Vec<GrayImage> {
-        let mut noise = Random::new(3);
+        let mut noise = Noise::new(3);
         (0..5)
             .map(|i| {
                 let data = (0..160 * 120).map(|p| {

@@ -4,10 +4,27 @@ use crate::{
     AgentId, AgentInfo, Edge, EdgeKind, FramePose, Identity, Keyframe, KeyframeId, Map, Observation, Point,
     Scan, SemiDense, Sensor,
 };
-pub(crate) use geometry::Random;
 use geometry::{GrayImage, Pinhole, Se3, Sim3};
 use nalgebra::{SMatrix, SVector, Vector6};
 use std::sync::Arc;
+
+/// Numbers that look random and are always the same: xorshift, values in [0, 1).
+pub(crate) struct Numbers(u64);
+
+impl Numbers {
+    /// A series; another seed gives another one.
+    pub(crate) fn new(seed: u64) -> Self {
+        Self(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1)
+    }
+
+    /// The next number.
+    pub(crate) fn next(&mut self) -> f64 {
+        self.0 ^= self.0 << 13;
+        self.0 ^= self.0 >> 7;
+        self.0 ^= self.0 << 17;
+        (self.0 >> 11) as f64 / (1u64 << 53) as f64
+    }
+}
 
 /// A map of `keyframes` keyframes of 24×18 pixels, five frames each, with every kind of edge.
 pub(crate) fn sample_map(keyframes: u32) -> Map {
@@ -24,9 +41,9 @@ pub(crate) fn lidar_map(keyframes: u32) -> Map {
     let mut map =
         Map { edges: Vec::new(), ..random_map(AgentInfo::new("rover", sample_camera()), keyframes, 11) };
     map.agents.values_mut().for_each(|info| info.sensor = Sensor::Lidar);
-    let numbers = &mut Random::new(12);
+    let numbers = &mut Numbers::new(12);
     for keyframe in map.keyframes.values_mut() {
-        let mut point = || [0, 1, 2].map(|_| 40.0 * numbers.unit() as f32 - 20.0);
+        let mut point = || [0, 1, 2].map(|_| 40.0 * numbers.next() as f32 - 20.0);
         let scan = Scan::new((0..1000).map(|_| point()));
         *keyframe = Keyframe {
             image: Arc::new(GrayImage::filled(0, 0, 0)),
@@ -51,13 +68,13 @@ pub(crate) fn united() -> Map {
         random_map(AgentInfo::new("other", other), 1, 9),
     ];
     let mut map = Map::unite(maps).unwrap();
-    let numbers = &mut Random::new(3);
+    let numbers = &mut Numbers::new(3);
     let own = |agent| map.keyframes.values().filter(move |k| k.agent == AgentId(agent)).map(|k| k.id);
     let joins: Vec<_> = own(0).zip(own(1)).collect();
     for (from, to) in joins {
         map.edges.push(Edge { from, to, ..edge(1, EdgeKind::Merge, numbers) });
     }
-    let motion = Sim3::exp(&SVector::<f64, 7>::from_fn(|_, _| numbers.unit() - 0.5));
+    let motion = Sim3::exp(&SVector::<f64, 7>::from_fn(|_, _| numbers.next() - 0.5));
     for keyframe in map.keyframes.values_mut().filter(|keyframe| keyframe.agent == AgentId(1)) {
         keyframe.world_from_keyframe = motion * keyframe.world_from_keyframe;
     }
@@ -67,7 +84,7 @@ pub(crate) fn united() -> Map {
 
 /// An agent's map with numbers of its own, see [`sample_map`].
 pub(crate) fn random_map(agent: AgentInfo, keyframes: u32, seed: u64) -> Map {
-    let mut numbers = Random::new(seed);
+    let mut numbers = Numbers::new(seed);
     let camera = *agent.camera().expect("an agent with a camera");
     let mut map = Map::of(agent);
     for i in 0..keyframes {
@@ -86,18 +103,18 @@ pub(crate) fn random_map(agent: AgentInfo, keyframes: u32, seed: u64) -> Map {
 }
 
 /// A keyframe with a third of its pixels deep and four points.
-fn keyframe(id: KeyframeId, camera: &Pinhole, numbers: &mut Random) -> Keyframe {
+fn keyframe(id: KeyframeId, camera: &Pinhole, numbers: &mut Numbers) -> Keyframe {
     let count = camera.width * camera.height;
-    let pixels = (0..count).map(|_| (numbers.unit() * 256.0) as u8).collect();
+    let pixels = (0..count).map(|_| (numbers.next() * 256.0) as u8).collect();
     let mut semi_dense = SemiDense::default();
     for pixel in 0..count as u32 {
-        if numbers.unit() < 0.3 {
+        if numbers.next() < 0.3 {
             semi_dense.pixel.push(pixel);
-            semi_dense.inverse_depth.push(0.2 + numbers.unit() as f32);
-            semi_dense.variance.push(1e-3 * numbers.unit() as f32);
+            semi_dense.inverse_depth.push(0.2 + numbers.next() as f32);
+            semi_dense.variance.push(1e-3 * numbers.next() as f32);
         }
     }
-    let tangent = SVector::<f64, 7>::from_fn(|_, _| numbers.unit() - 0.5);
+    let tangent = SVector::<f64, 7>::from_fn(|_, _| numbers.next() - 0.5);
     Keyframe {
         id,
         agent: AgentId::default(),
@@ -114,8 +131,8 @@ fn keyframe(id: KeyframeId, camera: &Pinhole, numbers: &mut Random) -> Keyframe 
 }
 
 /// A point with `observations` observations.
-fn point(observations: u32, numbers: &mut Random) -> Point {
-    let mut number = || numbers.unit() as f32;
+fn point(observations: u32, numbers: &mut Numbers) -> Point {
+    let mut number = || numbers.next() as f32;
     let observation = |i| Observation {
         keyframe: KeyframeId(3 * i + 1),
         pixel: [20.0 * number(), 15.0 * number()],
@@ -131,22 +148,22 @@ fn point(observations: u32, numbers: &mut Random) -> Point {
 }
 
 /// A frame tracked against `reference`.
-fn frame(reference: KeyframeId, index: u32, numbers: &mut Random) -> FramePose {
+fn frame(reference: KeyframeId, index: u32, numbers: &mut Numbers) -> FramePose {
     FramePose {
         timestamp: 1_305_031_102.175_304 + f64::from(index) / 30.0,
         frame_index: u64::from(index),
         reference,
-        keyframe_from_frame: Se3::exp(&Vector6::from_fn(|_, _| numbers.unit() - 0.5)),
+        keyframe_from_frame: Se3::exp(&Vector6::from_fn(|_, _| numbers.next() - 0.5)),
     }
 }
 
 /// An edge between the keyframes number `index − 1` and `index`.
-fn edge(index: u32, kind: EdgeKind, numbers: &mut Random) -> Edge {
+fn edge(index: u32, kind: EdgeKind, numbers: &mut Numbers) -> Edge {
     Edge {
         from: KeyframeId(3 * index - 2),
         to: KeyframeId(3 * index + 1),
-        from_from_to: Sim3::exp(&SVector::<f64, 7>::from_fn(|_, _| numbers.unit() - 0.5)),
-        information: SMatrix::from_fn(|_, _| numbers.unit()),
+        from_from_to: Sim3::exp(&SVector::<f64, 7>::from_fn(|_, _| numbers.next() - 0.5)),
+        information: SMatrix::from_fn(|_, _| numbers.next()),
         kind,
     }
 }

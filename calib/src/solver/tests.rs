@@ -6,6 +6,24 @@ use crate::Board;
 use geometry::{Camera, Random, Se3};
 use nalgebra::{UnitQuaternion, Vector3};
 
+/// Random numbers, and normal ones from them by Box and Muller.
+pub(crate) struct Noise(Random);
+
+impl Noise {
+    pub fn new(seed: u64) -> Self {
+        Self(Random::new(seed))
+    }
+
+    pub fn uniform(&mut self) -> f64 {
+        self.0.unit()
+    }
+
+    pub fn normal(&mut self) -> f64 {
+        let radius = (-2.0 * self.uniform().max(1e-300).ln()).sqrt();
+        radius * (std::f64::consts::TAU * self.uniform()).cos()
+    }
+}
+
 pub(crate) fn board() -> Board {
     "chessboard:9x6:0.03".parse().unwrap()
 }
@@ -19,7 +37,7 @@ pub(crate) fn placed(board: &Board, position: [f64; 3], tilt: [f64; 3]) -> Se3 {
 }
 
 /// What the camera finds of the board, with noise of `sigma` pixels in each direction.
-pub(crate) fn seen(camera: &Camera, board: &Board, pose: &Se3, sigma: f64, noise: &mut Random) -> View {
+pub(crate) fn seen(camera: &Camera, board: &Board, pose: &Se3, sigma: f64, noise: &mut Noise) -> View {
     let points = board.points();
     let corners = points.iter().enumerate().filter_map(|(index, point)| {
         let pixel = camera.project(&(*pose * *point)).filter(|pixel| camera.contains(pixel))?;
@@ -30,20 +48,20 @@ pub(crate) fn seen(camera: &Camera, board: &Board, pose: &Se3, sigma: f64, noise
 
 /// A usual set of views: all over the image, tilted each way, near and far.
 pub(crate) fn usual_poses(board: &Board) -> Vec<Se3> {
-    let mut noise = Random::new(5);
+    let mut noise = Noise::new(5);
     (0..14)
         .map(|i| {
             let distance = 0.32 + 0.02 * (i % 7) as f64;
             let across = [(i % 3) as f64 - 1.0, (i / 3 % 3) as f64 - 1.0];
             let position = [0.16 * across[0] * distance / 0.4, 0.08 * across[1] * distance / 0.4, distance];
-            let tilt = std::array::from_fn(|_| (noise.unit() - 0.5) * 1.2);
+            let tilt = std::array::from_fn(|_| (noise.uniform() - 0.5) * 1.2);
             placed(board, position, tilt)
         })
         .collect()
 }
 
 fn usual_views(camera: &Camera, sigma: f64, seed: u64) -> Vec<View> {
-    let (board, mut noise) = (board(), Random::new(seed));
+    let (board, mut noise) = (board(), Noise::new(seed));
     usual_poses(&board).iter().map(|pose| seen(camera, &board, pose, sigma, &mut noise)).collect()
 }
 
@@ -97,15 +115,15 @@ fn uncertainty_is_consistent() {
 #[test]
 fn uncertainty_holds_for_a_lens_that_the_model_does_not_fit() {
     let (_, camera) = cameras()[3];
-    let (board, mut noise) = (board(), Random::new(11));
-    let mut place = |from: f64, to: f64| from + (to - from) * noise.unit();
+    let (board, mut noise) = (board(), Noise::new(11));
+    let mut place = |from: f64, to: f64| from + (to - from) * noise.uniform();
     let poses: Vec<Se3> = (0..48)
         .map(|_| {
             let position = [place(-0.2, 0.2), place(-0.12, 0.12), place(0.3, 0.5)];
             placed(&board, position, std::array::from_fn(|_| place(-0.6, 0.6)))
         })
         .collect();
-    let mut noise = Random::new(12);
+    let mut noise = Noise::new(12);
     let views: Vec<View> = poses.iter().map(|pose| seen(&camera, &board, pose, 0.05, &mut noise)).collect();
     let whole = solved(&views, LensModel::RadTan4).unwrap();
     assert!(whole.rms > 1.3 * whole.most_flexible.1, "{} and {:?}", whole.rms, whole.most_flexible);
@@ -144,7 +162,7 @@ fn wrong_corners_and_a_wrong_view_are_set_aside() {
     for (k, view) in views.iter_mut().take(5).enumerate() {
         view.corners[7 * k].pixel += Vector2::new(6.0, -4.0);
     }
-    let mut noise = Random::new(9);
+    let mut noise = Noise::new(9);
     for corner in &mut views[9].corners {
         corner.pixel += Vector2::new(noise.normal(), noise.normal()) * 3.0;
     }
@@ -162,7 +180,7 @@ fn wrong_corners_and_a_wrong_view_are_set_aside() {
 #[test]
 fn views_from_one_direction_are_refused() {
     let (model, camera) = cameras()[1];
-    let (board, mut noise) = (board(), Random::new(2));
+    let (board, mut noise) = (board(), Noise::new(2));
     let mut view = |position: [f64; 3], tilt: [f64; 3]| {
         seen(&camera, &board, &placed(&board, position, tilt), 0.2, &mut noise)
     };
@@ -181,11 +199,14 @@ fn corners_that_make_no_sense_are_refused() {
     let mut views = usual_views(&camera, 0.2, 4);
     views[3].corners[0].index = 999;
     assert!(matches!(solved(&views, model), Err(Refusal::NoSuchCorner { index: 999, .. })));
-    let mut noise = Random::new(1);
+    let mut noise = Noise::new(1);
     let random = (0..5).map(|_| View {
         name: String::new(),
         corners: (0..54)
-            .map(|index| Corner { index, pixel: Vector2::new(752.0 * noise.unit(), 480.0 * noise.unit()) })
+            .map(|index| Corner {
+                index,
+                pixel: Vector2::new(752.0 * noise.uniform(), 480.0 * noise.uniform()),
+            })
             .collect(),
     });
     let message = solved(&random.collect::<Vec<_>>(), model).unwrap_err().to_string();

@@ -219,7 +219,7 @@ impl Map {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::test_support::{Random, lidar_map, sample_map};
+    use crate::test_support::{Numbers, lidar_map, sample_map};
     use crate::{AgentId, Map};
 
     /// A map taken apart and put together again.
@@ -297,8 +297,8 @@ mod tests {
             depth_to_bytes(keyframe),
             graph_to_bytes(&graph),
         ];
-        let mut numbers = Random::new(3);
-        let mut below = |limit: usize| (numbers.unit() * limit as f64) as usize;
+        let mut numbers = Numbers::new(3);
+        let mut below = |limit: usize| (numbers.next() * limit as f64) as usize;
         let mut outcomes = [0, 0];
         for round in 0..4000 {
             let mut changed = parts[round % 4].clone();

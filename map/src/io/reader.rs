@@ -411,7 +411,7 @@ fn drop_dangling(map: &mut Map) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::test_support::{Random, sample_map};
+    use crate::test_support::{Numbers, sample_map};
 
     /// Messages behind a right checksum may still be nonsense: whatever they hold, loading says yes
     /// or no.
@@ -426,8 +426,8 @@ mod tests {
         map.frames.iter().for_each(|frame| convert::push_frame(&mut graph, frame));
         let graph = graph.encode_to_vec();
         let features = FeaturesMessage { keyframe: 1, data: vec![7; 40] }.encode_to_vec();
-        let mut numbers = Random::new(5);
-        let mut below = |limit: usize| (numbers.unit() * limit as f64) as usize;
+        let mut numbers = Numbers::new(5);
+        let mut below = |limit: usize| (numbers.next() * limit as f64) as usize;
         let mut outcomes = [0, 0];
         for round in 0..3000 {
             let mut messages = [image.clone(), depth.clone(), graph.clone(), features.clone()];

@@ -53,16 +53,16 @@ pub(super) fn from_message(message: ScanMessage) -> Result<(KeyframeId, Scan), S
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::test_support::Random;
+    use crate::test_support::Numbers;
     use prost::Message;
 
     /// A room's walls seen by 16 rings, thinned as a keyframe's scan is: about one point in each cube of 15 cm.
     fn room() -> Scan {
-        let numbers = &mut Random::new(4);
+        let numbers = &mut Numbers::new(4);
         let mut points = Vec::new();
         for i in 0..100 {
             for k in 0..60 {
-                let mut noise = || 0.15 * numbers.unit() as f32;
+                let mut noise = || 0.15 * numbers.next() as f32;
                 let (along, up) = (0.15 * i as f32 - 7.5, 0.15 * k as f32 - 1.5);
                 points.push([along + noise(), 5.0 + 0.2 * noise(), up + noise()]);
                 points.push([-7.5 + 0.2 * noise(), along + noise(), up + noise()]);

@@ -1,7 +1,7 @@
 //! What a map file survives.
 
 use super::*;
-use crate::test_support::{Random, lidar_map, sample_map, united};
+use crate::test_support::{Numbers, lidar_map, sample_map, united};
 use crate::{
     AgentId, AgentInfo, Described, FramePose, Identity, Keyframe, KeyframeId, Map, MapDelta, MapError, Moved,
     Sensor, Settled,
@@ -214,13 +214,13 @@ fn a_changed_byte_never_panics_and_is_always_noticed() {
 fn assert_notices_changes(map: &Map, step: usize) {
     let folder = Folder::new();
     let bytes = folder.bytes(map);
-    let mut numbers = Random::new(3);
+    let mut numbers = Numbers::new(3);
     let (mut partial, mut refused) = (0, 0);
     // All of the first bytes (header, version, agents), then samples.
     let positions = (0..1000).step_by(step).chain((1000..bytes.len()).step_by(61 * step));
     for position in positions {
         let mut changed = bytes.clone();
-        changed[position] ^= 1 + (numbers.unit() * 255.0) as u8;
+        changed[position] ^= 1 + (numbers.next() * 255.0) as u8;
         match folder.load(&changed) {
             // The index at the end repeats what the data say and is not needed.
             Ok(loaded) if loaded.complete => assert_eq!(loaded.map, *map, "byte {position}"),
@@ -238,13 +238,13 @@ fn assert_notices_changes(map: &Map, step: usize) {
 fn bytes_between_records_never_panic() {
     let folder = Folder::new();
     let bytes = folder.bytes(&sample_map(2));
-    let mut numbers = Random::new(11);
+    let mut numbers = Numbers::new(11);
     for _ in 0..300 {
         let mut changed = bytes.clone();
-        let at = (numbers.unit() * changed.len() as f64) as usize;
-        let count = (numbers.unit() * 40.0) as usize;
+        let at = (numbers.next() * changed.len() as f64) as usize;
+        let count = (numbers.next() * 40.0) as usize;
         let end = (at + count).min(changed.len());
-        if numbers.unit() < 0.5 {
+        if numbers.next() < 0.5 {
             changed.drain(at..end);
         } else {
             changed.splice(at..at, vec![0xff; count]);

@@ -1,5 +1,5 @@
 use super::*;
-use crate::test_support::{Random, random_map, sample_map, united};
+use crate::test_support::{Numbers, random_map, sample_map, united};
 use crate::{EdgeKind, KeyframeName, Observation, Sensor};
 use geometry::{Pinhole, Sim3};
 use nalgebra::SVector;
@@ -26,9 +26,9 @@ fn own_maps() -> impl Strategy<Value = Vec<Map>> {
 }
 
 /// Moves every keyframe and joins agents by edges and observations, as a merge does.
-fn merge(map: &mut Map, numbers: &mut Random) {
+fn merge(map: &mut Map, numbers: &mut Numbers) {
     for keyframe in map.keyframes.values_mut() {
-        let motion = Sim3::exp(&SVector::<f64, 7>::from_fn(|_, _| numbers.unit() - 0.5));
+        let motion = Sim3::exp(&SVector::<f64, 7>::from_fn(|_, _| numbers.next() - 0.5));
         keyframe.world_from_keyframe = motion * keyframe.world_from_keyframe;
     }
     let ids: Vec<_> = map.keyframes.values().map(|keyframe| (keyframe.id, keyframe.agent)).collect();
@@ -45,7 +45,7 @@ fn merge(map: &mut Map, numbers: &mut Random) {
 proptest! {
     #[test]
     fn splitting_undoes_uniting(maps in own_maps(), parts in 1usize..4, seed in 1u64..1000) {
-        let numbers = &mut Random::new(seed);
+        let numbers = &mut Numbers::new(seed);
         let mut one = Map::unite(maps.clone()).unwrap();
         check::map(&one).unwrap();
         merge(&mut one, numbers);

@@ -2,26 +2,34 @@
 
 pub(crate) mod point_scene;
 
-use geometry::Random;
 use nalgebra::{UnitQuaternion, Vector3};
 
-/// Random numbers, vectors and rotations.
-pub(crate) struct Numbers(Random);
+/// Numbers that look random and are always the same: xorshift.
+pub(crate) struct Numbers(u64);
 
 impl Numbers {
     /// A series; another seed gives another one.
     pub(crate) fn new(seed: u64) -> Self {
-        Self(Random::new(seed))
+        let mut numbers = Self((seed + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1);
+        // The first few still show the seed.
+        for _ in 0..8 {
+            numbers.uniform(0.0, 1.0);
+        }
+        numbers
     }
 
     /// The next number of a uniform distribution over [low, high).
     pub(crate) fn uniform(&mut self, low: f64, high: f64) -> f64 {
-        low + (high - low) * self.0.unit()
+        self.0 ^= self.0 << 13;
+        self.0 ^= self.0 >> 7;
+        self.0 ^= self.0 << 17;
+        low + (high - low) * ((self.0 >> 11) as f64 / (1u64 << 53) as f64)
     }
 
-    /// The next number of a standard normal distribution.
+    /// The next number of a standard normal distribution (Box and Muller).
     pub(crate) fn normal(&mut self) -> f64 {
-        self.0.normal()
+        let radius = (-2.0 * (1.0 - self.uniform(0.0, 1.0)).ln()).sqrt();
+        radius * self.uniform(0.0, std::f64::consts::TAU).cos()
     }
 
     /// A vector with entries in [−size, size).

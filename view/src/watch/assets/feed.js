@@ -30,6 +30,11 @@ export class Feed {
     this.socket.send(JSON.stringify(on === undefined ? { command: name } : { command: name, on }));
   }
 
+  /** Takes nothing any more: what comes while the page is left is for the next one. */
+  end() {
+    this.on = () => {};
+  }
+
   takeText(message) {
     // The server waits for this before it sends more: a page that is busy drawing must not fall behind.
     if (message.kind === "round") this.socket.send(JSON.stringify({ answer: message.round }));

@@ -77,7 +77,11 @@ const on3d = (action) => viewer && action();
 const handlers = {
   reset: ({ agents }) => {
     // Everything here is made for the agents that it was loaded with.
-    if (agents.join("\n") !== data.scene.agents.map(({ name }) => name).join("\n")) return location.reload();
+    if (agents.join("\n") !== data.scene.agents.map(({ name }) => name).join("\n")) {
+      feed.end();
+      location.reload();
+      return;
+    }
     forget();
     on3d(() => {
       viewer.surveyed = null;
