@@ -34,7 +34,7 @@ pub struct NeighbourStatus {
     pub wanted: usize,
     /// The measured rate, bytes a second.
     pub rate: f64,
-    /// Objects of own maps that it lacks; nothing while it has not said, or without an own map.
+    /// Objects of own maps that it lacks; nothing while it has not said.
     pub lacks: Option<u64>,
 }
 
@@ -74,7 +74,7 @@ impl Node {
                 useless: neighbour.fetch.useless,
                 wanted: neighbour.fetch.wanted(),
                 rate: neighbour.fetch.rate(),
-                lacks: lacks.sum::<Option<u64>>().filter(|_| !self.own.is_empty()),
+                lacks: lacks.sum(),
             }
         };
         let agent = |told: &super::Told| AgentStatus {

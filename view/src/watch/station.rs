@@ -43,7 +43,9 @@ impl StationWatch {
     /// Shows who is near and what became of meeting them, from any thread.
     pub fn neighbourhood(&self) -> impl Fn(Neighbourhood) + Send + Sync + 'static + use<> {
         let shared = Arc::clone(&self.shared);
-        move |near| {
+        move |mut near| {
+            // It has no map of its own of which others could lack anything.
+            near.links.iter_mut().for_each(|link| link.lacks = None);
             set(&shared, |status| {
                 status.neighbourhood = Some(near);
                 status.memory_bytes = process::memory_bytes();

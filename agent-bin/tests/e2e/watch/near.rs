@@ -23,8 +23,6 @@ fn the_page_of_an_agent_shows_who_is_near_and_who_is_refused() {
     let case = long_case();
     let run = Served::start(case.command(&["--view=0", "--fleet", "car", "--listen", "tcp/127.0.0.1:0"]));
     let mut client = Client::connect(&run.url);
-    // There is a map of which the others may lack something.
-    client.until("a map", |c| c.status["keyframes"].as_u64() > Some(1));
     // It does not end meanwhile.
     client.command("pause");
     client.until("the pause", |c| c.status["paused"] == true);
