@@ -3,7 +3,7 @@
 use rand_xoshiro::SplitMix64;
 use rand_xoshiro::rand_core::{Rng, SeedableRng};
 
-/// The one generator of random numbers: SplitMix64 (Steele, Lea, Flood, OOPSLA 2014). The same seed gives the same numbers everywhere;
+/// SplitMix64 (Steele, Lea, Flood, OOPSLA 2014). The same seed gives the same numbers everywhere;
 /// they are no secrets.
 #[derive(Clone, Debug)]
 pub struct Random(SplitMix64);
