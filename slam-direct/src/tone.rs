@@ -1,18 +1,42 @@
-//! Dark and hazy recordings brought to the contrast that thresholds in grey levels are meant for.
+//! Dark, hazy and noisy recordings brought to the contrast and the noise that thresholds in grey levels are meant for.
 //!
 //! Gradients that make a point, the noise of a patch and what passes for agreement are all measured in grey levels of a
 //! well exposed image. A dark or hazy one is stretched by one monotone curve, the same for all frames of a map, which patches
-//! with gain and offset of their own do not notice; a well exposed one stays as it is, bit for bit.
+//! with gain and offset of their own do not notice. Noise is stretched along: where there is more than recordings have, images
+//! are smoothed, which costs them the finest detail. A well exposed image without such noise stays as it is, bit for bit.
 
 use geometry::GrayImage;
 
-/// A curve of intensities.
+/// What is done to the images of a map.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Tone {
+    exposure: Exposure,
     /// Intensities that are brought to black and to white.
     range: [f32; 2],
-    curve: [u8; 256],
+    /// Of every intensity in steps of one [`FINE`]th.
+    curve: Vec<u8>,
+    /// Whether images are smoothed before.
+    smooths: bool,
 }
+
+/// What is wrong with the light in an image.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Exposure {
+    Dark,
+    Hazy,
+    Good,
+}
+
+/// Steps of the curve to one grey level: smoothed images have levels in between.
+const FINE: usize = 16;
+/// Deviation of the noise after stretching, grey levels, above which images are smoothed. Recordings have less: a hand-held camera
+/// 0.7, a street from a car 1.7 at most, rendered pavement whose grain looks like noise 4.7. With noise of 4 drawn into them
+/// smoothing makes four of five recordings more exact and none less, with 2 two of five less.
+const NOISY: f32 = 5.0;
+/// The same below which they are smoothed no more.
+const CALM: f32 = 4.0;
+/// The median of the absolute values of a normal distribution, in deviations.
+const MEDIAN_OF_NORMAL: f32 = 0.6745;
 
 /// An image whose brightest hundredth lies below this, or whose median below the other, is dark; grey levels.
 const DARK: (f32, f32) = (128.0, 32.0);
@@ -39,59 +63,113 @@ const MIN_EXPONENT: f32 = 0.45;
 const HYSTERESIS: f32 = 1.5;
 
 impl Tone {
-    /// The curve for an image, after the one before it; `None` where none is needed.
+    /// What is to be done to an image, after what was done to the one before it; `None` where nothing is.
     pub fn following(before: Option<Self>, image: &GrayImage) -> Option<Self> {
         let [black, median, white] = quantiles(image);
-        let was_hazy = before.as_ref().map(Self::is_hazy);
-        let limits = if was_hazy == Some(false) { BRIGHT } else { DARK };
+        let was = before.as_ref().map(|tone| tone.exposure);
+        let limits = if was == Some(Exposure::Dark) { BRIGHT } else { DARK };
         let is_dark = white < limits.0 || median < limits.1;
-        let is_hazy = white - black < if was_hazy == Some(true) { CLEAR } else { HAZY };
+        let is_hazy = white - black < if was == Some(Exposure::Hazy) { CLEAR } else { HAZY };
         if white < BLACK || !is_dark && white - black < BLANK {
             return before;
         }
-        let range = match (is_dark, is_hazy) {
-            (true, _) => [0.0, white],
+        let (exposure, range) = match (is_dark, is_hazy) {
+            (true, _) => (Exposure::Dark, [0.0, white]),
             (false, true) => {
                 let margin = MARGIN * (white - black);
-                [(black - margin).max(1.0), white + margin]
+                (Exposure::Hazy, [(black - margin).max(1.0), white + margin])
             }
-            (false, false) => return None,
+            (false, false) => (Exposure::Good, [0.0, 255.0]),
         };
-        before.filter(|tone| tone.is_near(range)).or_else(|| Some(Self::new(range, median)))
+        let noise = noise(image);
+        let is_near = |tone: &Self| tone.exposure == exposure && tone.is_near(range, noise);
+        if let Some(tone) = before.filter(is_near) {
+            return Some(tone);
+        }
+        let tone = Self::new(exposure, range, median, noise);
+        (exposure != Exposure::Good || tone.smooths).then_some(tone)
     }
 
-    fn new([black, white]: [f32; 2], median: f32) -> Self {
+    fn new(exposure: Exposure, [black, white]: [f32; 2], median: f32, noise: f32) -> Self {
         let width = (white - black).clamp(255.0 / MAX_GAIN, 255.0);
         let share = ((median - black) / width).clamp(0.01, 0.9);
-        let exponent = ((MIDDLE / 255.0).ln() / share.ln()).clamp(MIN_EXPONENT, 1.0);
+        let exponent = match exposure {
+            Exposure::Good => 1.0,
+            _ => ((MIDDLE / 255.0).ln() / share.ln()).clamp(MIN_EXPONENT, 1.0),
+        };
         // The curve begins where its slope is bounded: black is mostly noise.
         let begin = 0.03 * width + 1.0;
         let raised = |v: f32| (v + begin).powf(exponent);
         let (low, high) = (raised(0.0), raised(width));
-        let curve = std::array::from_fn(|v| {
-            let v = (v as f32 - black).max(0.0);
+        let of = |step: usize| {
+            let v = (step as f32 / FINE as f32 - black).max(0.0);
             (255.0 * (raised(v) - low) / (high - low)).round().clamp(0.0, 255.0) as u8
-        });
-        Self { range: [black, black + width], curve }
+        };
+        let curve = (0..=255 * FINE).map(of).collect();
+        Self { exposure, range: [black, black + width], curve, smooths: stretched(noise, width) > NOISY }
     }
 
-    /// Whether it was made for haze.
-    fn is_hazy(&self) -> bool {
-        self.range[0] > 0.0
-    }
-
-    /// Whether it does for an image of this range too.
-    fn is_near(&self, [black, white]: [f32; 2]) -> bool {
+    /// Whether it does for an image of this range and noise too.
+    fn is_near(&self, [black, white]: [f32; 2], noise: f32) -> bool {
         let (own, other) = (self.range[1] - self.range[0], white - black);
         let shift = (black - self.range[0]).abs();
-        (own / other).max(other / own) <= HYSTERESIS && shift <= (HYSTERESIS - 1.0) * own
+        let is_like = (own / other).max(other / own) <= HYSTERESIS && shift <= (HYSTERESIS - 1.0) * own;
+        let noise = stretched(noise, own);
+        is_like && if self.smooths { noise > CALM } else { noise <= NOISY }
     }
 
     /// The image by the curve.
     pub fn apply(&self, image: &GrayImage) -> GrayImage {
-        let data = image.data().iter().map(|&v| self.curve[usize::from(v)]).collect();
+        let data = match self.smooths {
+            true => smoothed(image).into_iter().map(|step| self.curve[usize::from(step)]).collect(),
+            false => image.data().iter().map(|&v| self.curve[FINE * usize::from(v)]).collect(),
+        };
         GrayImage::from_vec(image.width(), image.height(), data).unwrap_or_else(|| image.clone())
     }
+}
+
+/// What becomes of noise where a range of so many grey levels is brought to all there are.
+fn stretched(noise: f32, width: f32) -> f32 {
+    noise * 255.0 / width
+}
+
+/// An image smoothed by 1-2-1 in both directions, in steps of one [`FINE`]th, its sum of weights; the border repeats itself.
+fn smoothed(image: &GrayImage) -> Vec<u16> {
+    let (width, height) = (image.width(), image.height());
+    let three = |before: u16, here: u16, after: u16| before + 2 * here + after;
+    let mut out = Vec::with_capacity(width * height);
+    let mut columns = vec![0_u16; width];
+    for y in 0..height {
+        let rows = [y.saturating_sub(1), y, (y + 1).min(height - 1)].map(|y| image.row(y));
+        for (x, sum) in columns.iter_mut().enumerate() {
+            *sum = three(rows[0][x].into(), rows[1][x].into(), rows[2][x].into());
+        }
+        let at = |x: usize| three(columns[x.saturating_sub(1)], columns[x], columns[(x + 1).min(width - 1)]);
+        out.extend((0..width).map(at));
+    }
+    out
+}
+
+/// Deviation of an image's noise, grey levels: what the mask of Immerkær (CVIU 1996), which straight edges and even slopes do not
+/// pass, leaves in the median.
+fn noise(image: &GrayImage) -> f32 {
+    let inner = |size: usize| (1..size.saturating_sub(1)).step_by(3);
+    let mut left = Vec::new();
+    for y in inner(image.height()) {
+        let rows = [y - 1, y, y + 1].map(|y| image.row(y));
+        let second =
+            |row: &[u8], x: usize| i32::from(row[x - 1]) - 2 * i32::from(row[x]) + i32::from(row[x + 1]);
+        left.extend(
+            inner(image.width())
+                .map(|x| (second(rows[0], x) - 2 * second(rows[1], x) + second(rows[2], x)).unsigned_abs()),
+        );
+    }
+    let middle = left.len() / 2;
+    if left.is_empty() {
+        return 0.0;
+    }
+    // The squares of the mask's weights sum up to 36.
+    *left.select_nth_unstable(middle).1 as f32 / 6.0 / MEDIAN_OF_NORMAL
 }
 
 /// The intensity that a hundredth of the pixels stays below, the median, and the one that a hundredth exceeds.
@@ -120,8 +198,10 @@ mod tests {
 
     fn ramp(least: u8, most: u8) -> GrayImage {
         let (width, height) = (64, 48);
-        let value =
-            |i: usize| least + ((i * 37 % 4001) as f32 / 4001.0 * (f32::from(most) - f32::from(least))) as u8;
+        let value = |i: usize| {
+            let share = i as f32 / (width * height) as f32;
+            least + (share * (f32::from(most) - f32::from(least))) as u8
+        };
         GrayImage::from_vec(width, height, (0..width * height).map(value).collect()).unwrap()
     }
 
@@ -144,6 +224,63 @@ mod tests {
         assert_eq!(Tone::following(None, &ramp(0, 4)), None);
     }
 
+    /// A scene as bright as this, with noise of this deviation (a sum of four evenly spread numbers).
+    fn scene(gain: f32, deviation: f32) -> GrayImage {
+        let (width, height, mut state) = (160, 120, 1_u32);
+        let mut random = || {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (state >> 8) as f32 / (1 << 24) as f32 - 0.5
+        };
+        let value = |i: usize| {
+            let (x, y) = ((i % width) as f32, (i / width) as f32);
+            let edges = if (x / 20.0) as u32 % 2 == (y / 15.0) as u32 % 2 { 60.0 } else { 0.0 };
+            120.0 + edges + 40.0 * (0.07 * x + 0.05 * y).sin()
+        };
+        let noisy = |i| {
+            let noise: f32 = (0..4).map(|_| random()).sum::<f32>() * 3.0_f32.sqrt();
+            (gain * value(i) + deviation * noise).round().clamp(0.0, 255.0) as u8
+        };
+        GrayImage::from_vec(width, height, (0..width * height).map(noisy).collect()).unwrap()
+    }
+
+    #[test]
+    fn noise_is_told_from_edges() {
+        for deviation in [0.0, 1.0, 2.0, 4.0] {
+            let found = noise(&scene(1.0, deviation));
+            assert!((found - deviation).abs() < 0.25 * deviation + 0.3, "{found} of {deviation}");
+        }
+    }
+
+    #[test]
+    fn dark_images_are_smoothed_where_their_noise_would_be_stretched_beyond_what_is_borne() {
+        let clean = Tone::following(None, &scene(0.125, 0.0)).expect("it is dark");
+        assert!(!clean.smooths);
+        let image = scene(0.125, 1.0);
+        let tone = Tone::following(None, &image).expect("it is dark");
+        let stretched = Tone { smooths: false, ..tone.clone() };
+        let (smooth, raw) = (noise(&tone.apply(&image)), noise(&stretched.apply(&image)));
+        assert!(tone.smooths && raw > NOISY && smooth < 0.5 * raw, "{smooth} of {raw}");
+        // What is even stays what it is, to the border.
+        let even = GrayImage::filled(160, 120, 20);
+        assert!(tone.apply(&even) == stretched.apply(&even));
+    }
+
+    #[test]
+    fn a_noisy_image_is_smoothed_and_nothing_else() {
+        assert_eq!(Tone::following(None, &scene(1.0, 2.0)), None);
+        let noisy = scene(1.0, 8.0);
+        let tone = Tone::following(None, &noisy).expect("it is noisy");
+        let smooth = tone.apply(&noisy);
+        assert!(tone.smooths && noise(&smooth) < 0.5 * noise(&noisy));
+        let mean = |image: &GrayImage| {
+            image.data().iter().map(|&v| f64::from(v)).sum::<f64>() / image.data().len() as f64
+        };
+        assert!((mean(&smooth) - mean(&noisy)).abs() < 0.5, "it is as bright as before");
+        assert_eq!(Tone::following(Some(tone.clone()), &scene(1.0, 4.7)), Some(tone.clone()));
+        assert_eq!(Tone::following(None, &scene(1.0, 4.7)), None);
+        assert_eq!(Tone::following(Some(tone), &scene(1.0, 2.0)), None);
+    }
+
     #[test]
     fn haze_is_stretched_and_what_is_blank_stays() {
         let haze = ramp(100, 160);
@@ -155,7 +292,7 @@ mod tests {
             assert_eq!(Tone::following(Some(tone.clone()), &near), Some(tone.clone()));
         }
         let dark = Tone::following(Some(tone.clone()), &ramp(2, 50)).expect("it is dark");
-        assert!(!dark.is_hazy());
+        assert_eq!(dark.exposure, Exposure::Dark);
         assert_ne!(Tone::following(Some(dark), &haze), Some(tone.clone()), "its white is still dark");
         assert_eq!(Tone::following(Some(tone), &ramp(20, 180)), None);
         assert_eq!(Tone::following(None, &ramp(130, 138)), None);
