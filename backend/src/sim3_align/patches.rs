@@ -51,6 +51,8 @@ params! {
 /// How much of sources is not in their targets.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PatchComparison {
+    /// Comparisons, each one way, in which there are points with a patch around them.
+    pub views: usize,
     /// Points with a patch around them.
     pub points: usize,
     /// Those whose patches the target looks through, and that look otherwise there.
@@ -69,6 +71,7 @@ impl PatchComparison {
     /// Both together.
     pub fn plus(self, other: Self) -> Self {
         Self {
+            views: self.views + other.views,
             points: self.points + other.points,
             absent: self.absent + other.absent,
             absent_views: self.absent_views + other.absent_views,
@@ -205,8 +208,10 @@ fn judge(patches: &Patches, image: &GrayImage, radius: usize, params: &PatchPara
     let is_unlike_around = |i: usize| is_unlike(i) && unlike[i] > params.unlike_around * with_contrast[i];
     let count = |of: &dyn Fn(usize) -> bool| all().filter(|&i| of(i)).count();
     let (absent, unlike) = (count(&is_absent), count(&is_unlike_around));
+    let points = count(&is_patch);
     PatchComparison {
-        points: count(&is_patch),
+        views: usize::from(points > 0),
+        points,
         absent,
         absent_views: usize::from(absent > 0),
         with_contrast: looks.len(),

@@ -54,11 +54,13 @@ pub struct Beyond {
     pub through_share: f64,
     /// Share of points seen whose contrast is missing in the other keyframe, 0–1.
     pub missing_share: f64,
-    /// Views, of the one keyframe of a pair in the other, with patches that are looked through as a whole and look otherwise.
+    /// Views, of the one keyframe of a pair in the other, that were compared patch by patch.
+    pub views: usize,
+    /// Of these, those with patches that are looked through as a whole and look otherwise.
     pub absent_views: usize,
     /// Share of all points that are the middle of such a patch, 0–1.
     pub absent_share: f64,
-    /// Views with patches that look otherwise as no others of the view do.
+    /// Of the same, those with patches that look otherwise as no others of the view do.
     pub unlike_views: usize,
     /// Share of all points with contrast around them that are the middle of such a patch, 0–1.
     pub unlike_share: f64,
@@ -108,6 +110,7 @@ impl Beyond {
             rival: joined.rival,
             through_share: joined.seen.through_share(),
             missing_share: joined.seen.missing_share(),
+            views: joined.patches.views,
             absent_views: joined.patches.absent_views,
             absent_share: joined.patches.absent_share(),
             unlike_views: joined.patches.unlike_views,
@@ -123,6 +126,12 @@ impl Beyond {
     /// Share of the pairs tried that confirm the closure; 1 where none should overlap.
     pub fn confirmed_share(&self) -> f64 {
         if self.tried == 0 { 1.0 } else { self.confirmed as f64 / self.tried as f64 }
+    }
+
+    /// Share of the views with patches that are not there and of those with patches that look otherwise, the mean of both; 0
+    /// without views.
+    pub fn differing_share(&self) -> f64 {
+        (self.absent_views + self.unlike_views) as f64 / (2 * self.views).max(1) as f64
     }
 
     /// The rival's size as a share of the set that is believed.

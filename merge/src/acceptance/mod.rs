@@ -20,6 +20,7 @@
 //! | patches that are looked through as a whole and look otherwise | places alike but for things that stand there | undecided |
 //! | patches that look otherwise where all others look alike | the same, where what differs is flat | undecided |
 //! | both together, each over its limit | the same, where a little of each differs | undecided |
+//! | views with something of either sort | the same, where it is small and in every view | undecided |
 //! | closures that agree on another motion | things that repeat | undecided |
 //! | places that match nearly as well and speak for another motion | a row of equal houses, shifted by one | undecided |
 //!
@@ -221,6 +222,21 @@ pub enum Doubt {
         /// The sum of both, each over its limit.
         sum: f64,
     },
+    /// Something differs in view after view.
+    #[error(
+        "of {views} views of one map's keyframes in the other's something is not there in {absent} and looks otherwise in {unlike}; \
+         in {limit:.2} of both at most may it: another place that looks alike, or something changed"
+    )]
+    InManyViews {
+        /// Views compared.
+        views: usize,
+        /// Those with something that is not there.
+        absent: usize,
+        /// Those with something that looks otherwise.
+        unlike: usize,
+        /// Largest share, the mean of both.
+        limit: f64,
+    },
     /// Another motion is nearly as good.
     #[error(
         "{closures} closures agree on this motion and {rival} on another: too few to tell which is right"
@@ -253,6 +269,7 @@ impl Doubt {
             Self::Absent { .. }
                 | Self::OtherLook { .. }
                 | Self::AbsentAndOtherLook { .. }
+                | Self::InManyViews { .. }
                 | Self::OtherPlace { .. }
         )
     }
@@ -358,6 +375,10 @@ impl Test {
         let sum = enough(beyond.absent_views + beyond.unlike_views, sum);
         let doubt = Doubt::AbsentAndOtherLook { absent, unlike, sum };
         self.most("patches of both sorts", [sum, 1.0], Says::Open, doubt);
+        let (absent, unlike, limit) = (beyond.absent_views, beyond.unlike_views, params.max_differing_share);
+        let share = enough(absent + unlike, beyond.differing_share());
+        let doubt = Doubt::InManyViews { views: beyond.views, absent, unlike, limit };
+        self.most("views that differ", [share, limit], Says::Open, doubt);
         let doubt = Doubt::Rival { closures, rival };
         self.most("rival", [beyond.rival_share(), params.max_rival_share], Says::Open, doubt);
     }

@@ -24,6 +24,7 @@ const BEYOND: Beyond = Beyond {
     rival: 2,
     through_share: 0.05,
     missing_share: 0.1,
+    views: 8,
     absent_views: 3,
     absent_share: 0.0007,
     unlike_views: 3,
@@ -41,7 +42,7 @@ fn beyond(beyond: Beyond) -> Evidence {
 #[test]
 fn what_is_enough_passes_every_line() {
     let verdict = verdict(ENOUGH);
-    assert_eq!((verdict.decision, verdict.lines.len()), (Decision::Accepted, 15));
+    assert_eq!((verdict.decision, verdict.lines.len()), (Decision::Accepted, 16));
     assert!(verdict.accepts() && verdict.doubt().is_none());
     assert!(verdict.lines.iter().all(|line| line.says == Says::For), "{:?}", verdict.lines);
 }
@@ -53,7 +54,7 @@ fn keyframes_matched_together_must_look_more_alike() {
     assert!(verdict(pooled).accepts());
     let doubt = Doubt::Unlike { share: 0.69, needed: 0.7 };
     let verdict = verdict(Evidence { inlier_share: 0.69, ..pooled });
-    assert_eq!((verdict.decision, verdict.lines.len()), (Decision::Undecided(doubt), 16));
+    assert_eq!((verdict.decision, verdict.lines.len()), (Decision::Undecided(doubt), 17));
 }
 
 #[test]
@@ -76,6 +77,10 @@ fn each_line_alone_says_what_it_says() {
         (
             beyond(Beyond { absent_share: 0.0014, ..BEYOND }),
             Doubt::AbsentAndOtherLook { absent: 0.0014, unlike: 0.005, sum: 1.5 },
+        ),
+        (
+            beyond(Beyond { absent_views: 4, ..BEYOND }),
+            Doubt::InManyViews { views: 8, absent: 4, unlike: 3, limit: 0.375 },
         ),
         (beyond(Beyond { rival: 3, ..BEYOND }), Doubt::Rival { closures: 4, rival: 3 }),
         (Evidence { rival_place: Some(0.76), ..ENOUGH }, Doubt::OtherPlace { share: 0.76, limit: 0.75 }),
@@ -138,6 +143,7 @@ fn things_that_are_not_there_tell_places_that_look_alike() {
     assert!(doubt(beyond(Beyond { absent_share: 0.0015, ..BEYOND })).is_look_alike());
     assert!(doubt(beyond(Beyond { unlike_share: 0.011, ..BEYOND })).is_look_alike());
     assert!(doubt(beyond(Beyond { absent_share: 0.0014, ..BEYOND })).is_look_alike());
+    assert!(doubt(beyond(Beyond { unlike_views: 6, ..BEYOND })).is_look_alike());
     assert!(doubt(Evidence { rival_place: Some(0.8), ..ENOUGH }).is_look_alike());
     assert!(!doubt(beyond(Beyond { rival: 3, ..BEYOND })).is_look_alike());
     assert!(!doubt(Evidence { matches: 31, ..ENOUGH }).is_look_alike());
