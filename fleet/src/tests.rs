@@ -228,8 +228,12 @@ fn what_was_cut_goes_on_where_it_was() {
         let lacks = |network: &Network| network.nodes[0].heard().next().unwrap().missing;
         let before = lacks(&network);
         assert!(before > 20);
+        let is_near = |network: &Network| network.nodes[0].heard().next().unwrap().is_near;
+        assert!(is_near(&network));
         network.cut = cut.clone();
         network.run_until(SECONDS(3 + seconds), |_| false);
+        // Who is not heard is not there, however the link looks.
+        assert!(!is_near(&network), "{cut:?}");
         network.cut.clear();
         let healed = lacks(&network);
         let since = network.now;

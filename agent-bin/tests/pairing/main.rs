@@ -14,7 +14,7 @@ use loopbox_tests::{Encoding, Recording, World, trajectory};
 use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
@@ -58,6 +58,12 @@ impl Process {
             std::thread::sleep(Duration::from_millis(20));
         }
         false
+    }
+
+    /// Sends it a signal.
+    fn signal(&self, name: &str) {
+        let sent = Command::new("kill").args([format!("-{name}"), self.0.id().to_string()]).status();
+        assert!(sent.expect("kill can be run").success());
     }
 
     /// As `kill -9`.
@@ -192,6 +198,33 @@ fn a_link_that_loses_and_is_cut_off_carries_the_same_map() {
     std::thread::sleep(Duration::from_secs(10));
     proxies.iter().for_each(|proxy| proxy.cut(false));
     assert!(one.succeeded() && other.succeeded() && there.succeeded());
+    assert_is_the_merge_of_the_files(&station, [&a, &b], ["a", "b"]);
+}
+
+/// An agent that answers no more, and holds its connection open, keeps no other one from being collected.
+#[test]
+fn one_that_stands_still_keeps_nobody() {
+    let room = tempfile::tempdir().expect("a folder");
+    let [a, b] = kept(room.path());
+    let station = room.path().join("station");
+    let listen = ["--listen", "tcp/127.0.0.1:0", "--agents", "2"];
+    let there = Process::start(&[&["station", "--quiet", "--out", arg(&station)], &listen[..]].concat());
+    let slow = Link { lost: 0, rate: Some(200e3) };
+    let proxy = Proxy::start(&address(&station), slow, 1).expect("a port is free");
+    let still = Process::start(&["fleet", arg(&a), "--connect", proxy.address()]);
+    while proxy.carried() < 50_000 {
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    still.signal("STOP");
+    let other = Process::start(&["fleet", arg(&b), "--connect", &address(&station)]);
+    let is_whole = |agent: &Value| agent["missing"] == 0 && agent["finished"] == true;
+    let found = status(&station, |status| {
+        status["agents"].as_array().is_some_and(|agents| agents.len() == 2 && agents.iter().any(is_whole))
+    });
+    let whole = found["agents"].as_array().expect("agents").iter().filter(|agent| is_whole(agent)).count();
+    assert_eq!(whole, 1, "that of the other one is not there yet: {found:#}");
+    still.signal("CONT");
+    assert!(there.succeeded() && still.succeeded() && other.succeeded());
     assert_is_the_merge_of_the_files(&station, [&a, &b], ["a", "b"]);
 }
 

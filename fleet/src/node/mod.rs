@@ -162,7 +162,12 @@ impl Node {
 
     /// Maps that are whole or in part here, of others.
     pub fn heard(&self) -> impl Iterator<Item = Heard> + '_ {
-        self.told.values().filter_map(Told::heard)
+        self.told.values().filter_map(|told| told.heard(self.is_near(told)))
+    }
+
+    /// Whether there is a link to whoever tells a map; one on which nothing is heard is closed.
+    fn is_near(&self, told: &Told) -> bool {
+        self.neighbours.get(&told.teller).is_some_and(|teller| teller.link.is_some())
     }
 
     /// How many objects are to be fetched by now, of all neighbours.

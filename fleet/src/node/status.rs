@@ -83,7 +83,7 @@ impl Node {
             sensor: told.sensor(),
             keyframes: told.keyframes(),
             missing: told.missing(),
-            finished: told.heard().is_some_and(|heard| heard.finished),
+            finished: told.is_finished(),
         };
         Status {
             neighbours: self.neighbours.values().map(neighbour).collect(),
@@ -109,7 +109,7 @@ impl Node {
             let manifest = Manifest::from_bytes(&self.store.get(&own.offer.hash)?).ok()?;
             let entries = entries_of(&manifest, &*self.store).ok()??.into();
             let Manifest { agent, begun, finished, .. } = manifest;
-            Some(Heard { agent, begun, entries, missing: 0, came: 0, finished })
+            Some(Heard { agent, begun, entries, missing: 0, came: 0, finished, is_near: true })
         };
         self.own.values().filter_map(heard).collect()
     }

@@ -108,13 +108,17 @@ impl Told {
         Message::Held { agent: self.offer.agent, begun, revision, missing }
     }
 
-    /// How much of it is here; `None` before its lists are.
-    pub fn heard(&self) -> Option<Heard> {
+    /// How much of it is here, whoever tells it being near or not; `None` before its lists are.
+    pub fn heard(&self, is_near: bool) -> Option<Heard> {
         let entries = Arc::clone(self.entries.as_ref()?);
-        let finished = self.manifest.as_ref().is_some_and(|manifest| manifest.finished);
-        let (agent, begun) = (self.offer.agent, self.offer.begun);
+        let (agent, begun, finished) = (self.offer.agent, self.offer.begun, self.is_finished());
         let (missing, came) = (self.missing.len(), self.came);
-        Some(Heard { agent, begun, entries, missing, came, finished })
+        Some(Heard { agent, begun, entries, missing, came, finished, is_near })
+    }
+
+    /// Whether the agent's run has ended, by the newest lists that are here.
+    pub fn is_finished(&self) -> bool {
+        self.manifest.as_ref().is_some_and(|manifest| manifest.finished)
     }
 
     /// Of how many keyframes the depth is listed.

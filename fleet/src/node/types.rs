@@ -154,4 +154,7 @@ pub struct Heard {
     pub came: u64,
     /// Whether the agent's run has ended.
     pub finished: bool,
+    /// Whether what is missing can be had by now: there is a link to whoever tells it, and something was heard on it for
+    /// the last [`SILENCE`](super::SILENCE).
+    pub is_near: bool,
 }

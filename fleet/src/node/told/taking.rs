@@ -35,7 +35,7 @@ impl Node {
             );
             return self.refuse(link, reason);
         }
-        let is_linked = |teller: &Uuid| self.neighbours.get(teller).is_some_and(|n| n.link.is_some());
+        let is_linked = self.told.get(&offer.agent).is_some_and(|told| self.is_near(told));
         match self.told.get_mut(&offer.agent) {
             None => {
                 let told = self.told.values().filter(|told| told.is_of(node, party)).count();
@@ -45,7 +45,7 @@ impl Node {
                 let told = Told::new(node, party, offer, !self.config.waits);
                 self.told.insert(offer.agent, told);
             }
-            Some(told) if told.teller != node && is_linked(&told.teller) => {
+            Some(told) if told.teller != node && is_linked => {
                 let agent = offer.agent;
                 return self
                     .refuse(link, format!("it tells the map of agent {agent}, which another one tells"));
@@ -124,7 +124,7 @@ impl Node {
             let Some(told) = self.told.get_mut(&agent) else { continue };
             if told.missing.remove(&hash) || told.stand_ins.contains(&hash) {
                 told.came += 1;
-                self.actions.extend(told.heard().map(|heard| Action::News(News::Map(heard))));
+                self.actions.extend(told.heard(true).map(|heard| Action::News(News::Map(heard))));
                 self.complete(link, agent);
             } else if !told.all.contains(&hash) {
                 lists_came |= self.lists(link, agent);
@@ -169,7 +169,7 @@ impl Node {
         };
         let Some(told) = self.told.get_mut(&agent) else { return false };
         told.set_lists(manifest, entries, &*self.store);
-        self.actions.extend(told.heard().map(|heard| Action::News(News::Map(heard))));
+        self.actions.extend(told.heard(true).map(|heard| Action::News(News::Map(heard))));
         self.complete(link, agent);
         true
     }

@@ -84,6 +84,8 @@ impl Sketches {
         }
         self.agents.retain(|agent, _| all.iter().any(|heard| heard.agent == *agent));
         let agents: Vec<Identity> = self.agents.keys().copied().collect();
+        let is_away = |agent: &Identity| all.iter().any(|heard| heard.agent == *agent && !heard.is_near);
+        let away: BTreeSet<Identity> = agents.iter().copied().filter(is_away).collect();
         let (mut busy, mut subset) = (BTreeSet::new(), BTreeMap::<_, BTreeSet<_>>::new());
         let (mut wanted, mut is_ready) = (BTreeMap::<Identity, Vec<(Kind, u32)>>::new(), false);
         for (number, one) in agents.iter().enumerate() {
@@ -94,7 +96,7 @@ impl Sketches {
                 let names = [*other, *one];
                 let pair = self.pairs.entry(names).or_default();
                 if elsewhere.contains(&names) {
-                    busy.extend(names);
+                    busy.extend(kept(names, &away));
                     continue;
                 }
                 let [Some(mut a), Some(mut b)] = names.map(|name| self.agents.remove(&name)) else {
@@ -108,7 +110,10 @@ impl Sketches {
                         }
                     }
                     Step::Wants(objects) => {
-                        busy.extend(names);
+                        let lacking =
+                            names.into_iter().zip(&objects).filter(|(_, lacking)| !lacking.is_empty());
+                        let awaited = lacking.map(|(agent, _)| agent).filter(|agent| away.contains(agent));
+                        busy.extend(kept(names, &awaited.collect()));
                         for (agent, objects) in names.into_iter().zip(objects) {
                             wanted.entry(agent).or_default().push_new(objects);
                         }
@@ -207,6 +212,13 @@ impl Sketches {
     }
 }
 
+/// Who of two agents is kept for what is to be seen of both, where some are `awaited` who are not there: these, if any of
+/// the two is. When they come back nobody knows, and the other one is not to wait for it.
+fn kept(names: [Identity; 2], awaited: &BTreeSet<Identity>) -> impl Iterator<Item = Identity> {
+    let is_any = names.iter().any(|agent| awaited.contains(agent));
+    names.into_iter().filter(move |agent| !is_any || awaited.contains(agent))
+}
+
 /// A list in which everything is once.
 trait PushNew<T> {
     fn push_new(&mut self, more: Vec<T>);
@@ -227,8 +239,10 @@ mod tests {
     use super::*;
     use fleet::hash::ObjectHash;
     use fleet::manifest::Entry;
+    use fleet::recoding::digest::Digest;
     use fleet::store::MemoryStore;
     use map::Uuid;
+    use place_recog::{WordBag, WordId};
 
     fn agent(number: u128) -> Identity {
         Identity { uuid: Uuid::from_u128(number), epoch: 0 }
@@ -242,7 +256,30 @@ mod tests {
         };
         let entries: Vec<Entry> = kinds.iter().map(object).collect();
         let missing = entries.len();
-        Heard { agent: agent(number), begun: 0, entries: entries.into(), missing, came: 0, finished: false }
+        heard(number, entries, missing)
+    }
+
+    fn heard(number: u128, entries: Vec<Entry>, missing: usize) -> Heard {
+        let (agent, entries) = (agent(number), entries.into());
+        Heard { agent, begun: 0, entries, missing, came: 0, finished: false, is_near: true }
+    }
+
+    /// A map of three keyframes that look like those of every other such map, of which nothing but the digests is here.
+    fn digested(number: u128, store: &MemoryStore) -> Heard {
+        let mut entries = Vec::new();
+        for keyframe in 0..3 {
+            let words = WordBag::new((0..40).map(|word| WordId(100 * keyframe + word)));
+            let (timestamp, linked, samples) = (f64::from(keyframe), Vec::new(), vec![(9, 0.5)]);
+            let digest = Digest { timestamp, frame_index: 0, linked, words, samples };
+            let digest = digest.to_bytes(KeyframeId(keyframe));
+            store.put(&ObjectHash::of(&digest), &digest).unwrap();
+            let features = [number as u8, keyframe as u8];
+            for (kind, bytes) in [(Kind::Digest, &digest[..]), (Kind::Features, &features)] {
+                let (hash, size) = (ObjectHash::of(bytes), bytes.len() as u32);
+                entries.push(Entry { kind, number: keyframe, revision: 0, size, hash });
+            }
+        }
+        heard(number, entries, 3)
     }
 
     const CAMERA: [Kind; 3] = [Kind::Digest, Kind::Depth, Kind::Image];
@@ -281,5 +318,40 @@ mod tests {
         let (own, other) = (told(3, &LIDAR), told(2, &LIDAR));
         assert!(plan(&[own.clone(), other.clone()], &[agent(3)], &[pair]).released.is_empty());
         assert_eq!(plan(&[own, other], &[agent(3)], &[]).released, pair.into());
+    }
+
+    /// One is gone or stands still, and nobody knows for how long: what is asked of it stays asked, and all of the other is
+    /// fetched meanwhile.
+    #[test]
+    fn who_is_not_there_keeps_nobody() {
+        let store = MemoryStore::default();
+        let maps = [1, 2].map(|number| digested(number, &store));
+        let mut sketches = Sketches::new(Vocabulary::shipped());
+        let mut plan = |near: [bool; 2]| {
+            let maps = maps.iter().zip(near).map(|(heard, is_near)| Heard { is_near, ..heard.clone() });
+            sketches.plan(&maps.collect::<Vec<_>>(), &[], &store, &BTreeSet::new())
+        };
+        let features: Vec<(Kind, u32)> = (0..3).map(|number| (Kind::Features, number)).collect();
+        let wants = |plan: &Plan, number: u128| {
+            let (objects, rest) = &plan.wanted[&agent(number)];
+            (objects.iter().all(|object| features.contains(object)) && !objects.is_empty(), *rest)
+        };
+        // While both are there, all else of either waits for what is to be seen of both.
+        let both = plan([true, true]);
+        assert_eq!((wants(&both, 1), wants(&both, 2)), ((true, false), (true, false)));
+        let one = plan([true, false]);
+        assert_eq!((wants(&one, 1), wants(&one, 2)), ((true, true), (true, false)));
+        assert_eq!(one.released, [agent(1)].into());
+        // The pair is not forgotten when it is back.
+        assert_eq!(wants(&plan([true, true]), 2), (true, false));
+    }
+
+    /// Without a station: a pair is left to one that is not there.
+    #[test]
+    fn who_is_to_look_and_is_not_there_keeps_nobody() {
+        let away = Heard { is_near: false, ..told(1, &LIDAR) };
+        let maps = [away, told(2, &LIDAR), told(3, &LIDAR)];
+        let released = plan(&maps, &[agent(2)], &[[agent(1), agent(2)]]).released;
+        assert_eq!(released, [agent(2), agent(3)].into());
     }
 }
