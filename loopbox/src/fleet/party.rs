@@ -153,18 +153,20 @@ impl Fleet {
         if let Some(telling) = self.telling.lock().unwrap_or_else(PoisonError::into_inner).take() {
             telling.finish();
         }
-        let mut alone = Instant::now();
+        // Time in which this program was stopped is none in which a neighbour could have come.
+        let mut alone = Duration::ZERO;
         while !stop.requested() {
             if self.service.is_held() {
                 return true;
             }
             if self.service.status().neighbours.iter().any(|neighbour| neighbour.address.is_some()) {
-                alone = Instant::now();
+                alone = Duration::ZERO;
             }
-            if alone.elapsed() > patience {
+            if alone >= patience {
                 return false;
             }
             std::thread::sleep(LOOK);
+            alone += LOOK;
         }
         false
     }
