@@ -43,6 +43,8 @@ pub struct Plan<'a> {
     pub work: &'a Path,
     /// How often each meeting is measured.
     pub runs: usize,
+    /// How often a program is killed, in all.
+    pub kills: usize,
     /// Only pairs of these recordings; all where there are none.
     pub only: &'a [String],
 }

@@ -92,6 +92,9 @@ struct Args {
     /// With --live, --lidar and --fleet: this part of it only, and print its tables instead of writing them
     #[arg(long)]
     part: Option<Part>,
+    /// With --fleet: how often a program is killed, in all
+    #[arg(long, value_name = "N", default_value_t = 100, requires = "fleet")]
+    kills: usize,
     /// With --live: minutes of the longest run
     #[arg(long, value_name = "N", default_value_t = 5.0, requires = "live")]
     minutes: f64,
@@ -156,7 +159,8 @@ fn main() -> Result<()> {
     }
     if args.fleet {
         let (data, work, only) = (&args.data, &args.work, &args.only);
-        let plan = fleet::Plan { loopbox: &args.loopbox, data, work, runs: args.runs, only };
+        let plan =
+            fleet::Plan { loopbox: &args.loopbox, data, work, runs: args.runs, kills: args.kills, only };
         if let Some(part) = args.part {
             println!("{}", fleet_part(&plan, part)?);
             return Ok(());

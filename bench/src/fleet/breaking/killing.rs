@@ -9,8 +9,6 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// Kills in all.
-const KILLS: usize = 100;
 /// Sessions that they are spread over at the most.
 const SESSIONS: u64 = 40;
 /// Kills in a session at the most: it comes to an end afterwards.
@@ -41,10 +39,10 @@ pub(super) fn killed(plan: &Plan, maps: &[PathBuf]) -> Result<[String; 3]> {
     let bytes_alone = session(plan, maps, 0, 0)?.bytes;
     let (mut kills, mut sessions, mut same, mut checked, mut lost, mut bytes) = (0, 0, 0, 0, 0, Vec::new());
     for seed in 1..=SESSIONS {
-        if kills >= KILLS {
+        if kills >= plan.kills {
             break;
         }
-        let session = session(plan, maps, seed, KILLS_A_SESSION.min(KILLS - kills))?;
+        let session = session(plan, maps, seed, KILLS_A_SESSION.min(plan.kills - kills))?;
         kills += session.kills;
         sessions += 1;
         same += usize::from(session.is_same);
