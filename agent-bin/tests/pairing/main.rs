@@ -3,6 +3,7 @@
 
 #[path = "../common/mod.rs"]
 mod common;
+mod disk;
 mod lidar;
 #[cfg(feature = "view")]
 mod page;
