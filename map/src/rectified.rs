@@ -4,9 +4,10 @@
 //! told beyond that: what is left of the lens's distortion, and how long the sensor takes to read an image. Whoever compares
 //! places in two images needs both undone.
 
-use crate::{AgentInfo, FramePose, Keyframe, Map, SemiDense};
+use crate::{AgentId, AgentInfo, FramePose, Keyframe, Map, SemiDense};
 use geometry::sensor::{CoarseDepth, Lens, Rectification, Sensor, Shift, Twist, motion};
 use geometry::{Pinhole, Sim3};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// Where a map says what is left of its lens's distortion, in its agent's provenance.
@@ -45,7 +46,27 @@ impl Map {
     /// How the camera moved at a keyframe, in its unit: from the frame before it to the one after; not at all where one of
     /// them is not known.
     pub fn motion_at(&self, keyframe: &Keyframe) -> Twist {
-        let [before, after] = self.frames_around(keyframe);
+        match self.agents.len() {
+            1 => self.motion_among(&self.frames, keyframe),
+            _ => self.motion_among(&self.frames_of(keyframe.agent), keyframe),
+        }
+    }
+
+    /// The same at every keyframe, in their order.
+    pub fn motions(&self) -> Vec<Twist> {
+        if self.agents.len() == 1 {
+            return self.keyframes.values().map(|k| self.motion_among(&self.frames, k)).collect();
+        }
+        let frames: BTreeMap<AgentId, Vec<FramePose>> =
+            self.agents.keys().map(|&agent| (agent, self.frames_of(agent))).collect();
+        let of = |keyframe: &Keyframe| frames.get(&keyframe.agent).map_or(&[][..], Vec::as_slice);
+        self.keyframes.values().map(|keyframe| self.motion_among(of(keyframe), keyframe)).collect()
+    }
+
+    /// How the camera moved at a keyframe among its agent's `frames`.
+    fn motion_among(&self, frames: &[FramePose], keyframe: &Keyframe) -> Twist {
+        let own = frames.partition_point(|frame| frame.timestamp < keyframe.timestamp);
+        let (before, after) = (own.checked_sub(1).and_then(|i| frames.get(i)), frames.get(own + 1));
         let pose = |frame: &FramePose| {
             let reference = self.keyframes.get(&frame.reference)?.world_from_keyframe;
             let own_from_frame =
@@ -59,6 +80,13 @@ impl Map {
         }
     }
 
+    /// An agent's frames.
+    fn frames_of(&self, agent: AgentId) -> Vec<FramePose> {
+        let is_own =
+            |frame: &&FramePose| self.keyframes.get(&frame.reference).map(|k| k.agent) == Some(agent);
+        self.frames.iter().filter(is_own).copied().collect()
+    }
+
     /// How far a keyframe's image is off an ideal camera's, not at all where it does not matter; `None` of a LiDAR's.
     pub fn image_shift(&self, keyframe: &Keyframe) -> Option<Shift> {
         let sensor = self.agents.get(&keyframe.agent)?.image_sensor()?;
@@ -66,20 +94,6 @@ impl Map {
             true => Shift::none(sensor.lens.camera),
             false => Shift::new(&sensor, &self.motion_at(keyframe)),
         })
-    }
-
-    /// The frames of a keyframe's agent before and after it.
-    fn frames_around(&self, keyframe: &Keyframe) -> [Option<&FramePose>; 2] {
-        if self.agents.len() == 1 {
-            let own = self.frames.partition_point(|frame| frame.timestamp < keyframe.timestamp);
-            return [own.checked_sub(1).and_then(|i| self.frames.get(i)), self.frames.get(own + 1)];
-        }
-        let agent = |frame: &&FramePose| {
-            self.keyframes.get(&frame.reference).map(|k| k.agent) == Some(keyframe.agent)
-        };
-        let frames = || self.frames.iter().filter(agent);
-        let before = frames().take_while(|frame| frame.timestamp < keyframe.timestamp).last();
-        [before, frames().find(|frame| frame.timestamp > keyframe.timestamp)]
     }
 
     /// A camera's keyframe as an ideal camera would have taken it; `None` where its own did, as far as it matters, and of a
@@ -148,7 +162,7 @@ pub fn rectified_depths(depths: &SemiDense, camera: &Pinhole, rectification: &Re
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::test_support::sample_map;
+    use crate::test_support::{random_map, sample_camera, sample_map};
 
     fn said(map: &mut Map, sensor: &Sensor) {
         let about = map.agents.values_mut().next().unwrap();
@@ -163,6 +177,17 @@ mod tests {
         let sensor = Sensor::ideal(camera).with([-0.0123, 0.0, 0.0241]);
         said(&mut map, &sensor);
         assert_eq!(map.agents.values().next().unwrap().image_sensor(), Some(sensor));
+    }
+
+    #[test]
+    fn agents_move_in_a_common_map_as_they_did_in_their_own() {
+        let [one, other] = [sample_map(4), random_map(AgentInfo::new("other", sample_camera()), 3, 8)];
+        let united = Map::unite(vec![one.clone(), other.clone()]).unwrap();
+        let own: Vec<Twist> = [&one, &other].iter().flat_map(|map| map.motions()).collect();
+        assert!(own.iter().any(|motion| *motion != Twist::zeros()));
+        assert_eq!(united.motions(), own);
+        let alone = |keyframe| united.motion_at(keyframe);
+        assert_eq!(united.keyframes.values().map(alone).collect::<Vec<_>>(), own);
     }
 
     #[test]

@@ -32,7 +32,7 @@ pub(crate) fn sample_map(keyframes: u32) -> Map {
 }
 
 /// The camera of [`sample_map`].
-fn sample_camera() -> Pinhole {
+pub(crate) fn sample_camera() -> Pinhole {
     Pinhole { width: 24, height: 18, fx: 20.1, fy: 20.3, cx: 11.4, cy: 8.7 }
 }
 

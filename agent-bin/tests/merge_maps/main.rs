@@ -5,6 +5,7 @@
 mod bad_input;
 #[path = "../common/documented.rs"]
 mod documented;
+mod going_on;
 mod importing;
 mod merging;
 mod support;

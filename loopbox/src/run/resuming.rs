@@ -3,7 +3,7 @@
 use crate::open::{OpenedMap, open_map};
 use anyhow::{Context, Result, bail};
 use geometry::{Pinhole, Swap};
-use map::{AgentId, AgentInfo, Identity, Map, PlaceIndex};
+use map::{AgentInfo, Map, PlaceIndex};
 use place_recog::ThumbnailIndex;
 use serde::Serialize;
 use slam_direct::{Agent, Atlas, Going, Params};
@@ -29,8 +29,10 @@ pub struct Resume {
 pub struct Resumed {
     /// Its file.
     pub map: String,
-    /// Who made it, `UUID/EPOCH`.
+    /// Who made it, `UUID/EPOCH`; nobody alone a common map.
     pub identity: Option<String>,
+    /// The names of its agents.
+    pub agents: Vec<String>,
     /// Keyframes it had.
     pub keyframes: u64,
     /// Frames with a pose it had.
@@ -43,8 +45,8 @@ pub struct Resumed {
 pub struct Kept {
     file: PathBuf,
     map: Map,
-    /// Whose map it is once this run has extended it.
-    about: AgentInfo,
+    /// Whose map it is once this run has extended it; nobody's alone of a common map.
+    about: Option<AgentInfo>,
     /// What is done with it.
     pub going: Going,
     /// The index of the first frame that is new: frames are counted on.
@@ -56,30 +58,25 @@ impl Kept {
     /// Gives what there is to know of the file as well, for people.
     ///
     /// # Errors
-    /// When there is no such map, or it is another camera's or several agents'.
+    /// When there is no such map, it is not of this camera alone, or several agents' and to be extended.
     pub fn open(resume: Resume, camera: &Pinhole, session: &AgentInfo) -> Result<(Self, Vec<String>)> {
         let opened = resume.opened.map_or_else(|| open_map(&resume.map), |opened| Ok(*opened))?;
         let (file, map) = (opened.file, opened.map);
-        let Some(info) = map.agents.get(&AgentId::default()).filter(|_| map.agents.len() == 1) else {
+        map.of_cameras().with_context(|| {
+            let hint = "hint: of a common map of both, `loopbox unmerge` gives each agent's own";
+            format!("{}: is not a map of cameras\n{hint}", file.display())
+        })?;
+        if resume.going == Going::On && map.agents.len() > 1 {
             bail!(
                 "{}: holds the maps of several agents\nhint: `loopbox unmerge` takes it apart, and one of them can be gone on \
-                 with",
+                 with; --localise tells poses in all of it",
                 file.display()
             );
-        };
-        map.of_cameras().with_context(|| file.display().to_string())?;
-        if let Some(own) = info.camera().filter(|own| !is_same(own, camera)) {
-            bail!(
-                "{}: was made with a camera of {}, the images of {} are those of one of {}\nhint: a map is gone on with by the \
-                 camera that made it; --calib takes its calibration",
-                file.display(),
-                text(own),
-                session.name,
-                text(camera)
-            );
         }
+        refuse_other_cameras(&file, &map, camera, session)?;
         let first_index = map.frames.iter().map(|frame| frame.frame_index + 1).max().unwrap_or_default();
-        let about = extended(info, session, map.keyframes.len(), first_index);
+        let only = map.agents.values().next().filter(|_| map.agents.len() == 1);
+        let about = only.map(|info| extended(info, session, map.keyframes.len(), first_index));
         Ok((Self { file, map, about, going: resume.going, first_index }, opened.warnings))
     }
 
@@ -113,16 +110,21 @@ impl Kept {
         Ok(Atlas::resume(first, places, params.clone()))
     }
 
-    /// What its agent is called once the map is extended.
-    pub fn about(&self) -> &AgentInfo {
-        &self.about
+    /// What its agent is called once the map is extended; `None` of a common map.
+    pub fn about(&self) -> Option<&AgentInfo> {
+        self.about.as_ref()
     }
 
     /// For `run.json`.
     pub fn record(&self) -> Resumed {
         Resumed {
             map: self.file.display().to_string(),
-            identity: self.about.identity.as_ref().map(Identity::to_string),
+            identity: self
+                .about
+                .as_ref()
+                .and_then(|about| about.identity)
+                .map(|identity| identity.to_string()),
+            agents: self.map.agents.values().map(|info| info.name.clone()).collect(),
             keyframes: self.map.keyframes.len() as u64,
             frames: self.map.frames.len() as u64,
             localised_only: self.going == Going::Localising,
@@ -148,6 +150,24 @@ fn extended(info: &AgentInfo, session: &AgentInfo, keyframes: usize, first_index
         about.provenance.insert(format!("continued {number}: {key}"), value);
     }
     about
+}
+
+/// Makes sure that all of a map was made with the camera of the images.
+fn refuse_other_cameras(file: &Path, map: &Map, camera: &Pinhole, session: &AgentInfo) -> Result<()> {
+    for info in map.agents.values() {
+        let Some(own) = info.camera().filter(|own| !is_same(own, camera)) else { continue };
+        let part =
+            if map.agents.len() == 1 { String::new() } else { format!("the part of {} in it ", info.name) };
+        bail!(
+            "{}: {part}was made with a camera of {}, the images of {} are those of one of {}\nhint: a map is gone on with by the \
+             camera that made it; --calib takes its calibration",
+            file.display(),
+            text(own),
+            session.name,
+            text(camera)
+        );
+    }
+    Ok(())
 }
 
 fn is_same(one: &Pinhole, other: &Pinhole) -> bool {

@@ -22,7 +22,8 @@ pub enum Going {
 
 impl Agent {
     /// An agent that goes on in a `map` it was given back: its camera must have made the map. The first frames are sought
-    /// among all of its keyframes, whatever was in between; until one is found, nothing changes.
+    /// among all of its keyframes, whatever was in between; until one is found, nothing changes. Who localises may be given
+    /// the common map of several agents, whose cameras are the same.
     ///
     /// What is left of the lens's distortion is taken from the map's provenance, where its agent said it. Frames are to be
     /// given indices behind those of the map. The first report tells the whole map as a delta.
@@ -45,7 +46,7 @@ impl Agent {
     /// ```
     ///
     /// # Errors
-    /// When the map is not one agent's with a camera, lacks keyframes, or has nothing to track against; those of
+    /// When the map is not that of agents with one camera, lacks keyframes, or has nothing to track against; those of
     /// [`new`](Self::new).
     pub fn resume(
         mut map: Map,
@@ -54,6 +55,11 @@ impl Agent {
         going: Going,
     ) -> Result<Self, AgentError> {
         params.validate()?;
+        if going == Going::On && map.agents.len() > 1 {
+            return Err(AgentError::Map(
+                "it holds the maps of several agents, and only one agent's can be extended".into(),
+            ));
+        }
         let sensor = sensor_of(&map)?;
         let camera = sensor.lens.camera;
         error::check_camera(&camera)?;
@@ -109,31 +115,44 @@ impl Agent {
 /// # Errors
 /// When the map is not one agent's with a camera, or lacks keyframes.
 pub fn edges_of(map: &Map) -> Result<Vec<Edge>, AgentError> {
+    if map.agents.len() > 1 {
+        return Err(AgentError::Map("it holds the maps of several agents, which have their edges".into()));
+    }
     let sensor = sensor_of(map)?;
     error::check_camera(&sensor.lens.camera)?;
     Ok(edges::all(&working_map(map, sensor, 1)?, &[]))
 }
 
-/// The sensor of one agent's own map.
+/// The sensor of the agents of a map: of one camera, as the agent with most keyframes has seen it. Each has found out for
+/// itself what is left of its lens's distortion, and the rays of all points are to be by one.
 fn sensor_of(map: &Map) -> Result<Sensor, AgentError> {
-    let refused = |what: &str| Err(AgentError::Map(what.to_owned()));
-    let mut agents = map.agents.values();
-    match (agents.next(), agents.next()) {
-        (Some(_), Some(_)) => refused(
-            "it holds the maps of several agents, and only one agent's can be gone on with: `loopbox unmerge` takes it apart",
-        ),
-        (Some(info), None) => {
-            info.image_sensor().ok_or_else(|| AgentError::Map("it is a LiDAR's".to_owned()))
-        }
-        (None, _) => refused("it is nobody's"),
+    let refused = |what: String| Err(AgentError::Map(what));
+    let mut sensors = Vec::new();
+    for (id, about) in &map.agents {
+        let Some(sensor) = about.image_sensor() else {
+            return refused(match map.agents.len() {
+                1 => "it is a LiDAR's".into(),
+                _ => format!("its agent \"{}\" has a LiDAR", about.name),
+            });
+        };
+        let keyframes = map.keyframes.values().filter(|keyframe| keyframe.agent == *id).count();
+        sensors.push((keyframes, sensor, &about.name));
     }
+    let Some((_, first, name)) = sensors.first().copied() else { return refused("it is nobody's".into()) };
+    if let Some((_, _, other)) = sensors.iter().find(|(_, sensor, _)| sensor.lens.camera != first.lens.camera)
+    {
+        return refused(format!("its agents \"{name}\" and \"{other}\" have different cameras"));
+    }
+    // Of equals the first.
+    let most = sensors.iter().rev().max_by_key(|(keyframes, ..)| *keyframes);
+    Ok(most.map_or(first, |(_, sensor, _)| *sensor))
 }
 
 /// The working map of a map that was handed out.
 fn working_map(map: &Map, sensor: Sensor, levels: usize) -> Result<LocalMap, AgentError> {
     let camera = sensor.lens.camera;
     let mut local = LocalMap { sensor, ..LocalMap::new(camera) };
-    for keyframe in map.keyframes.values() {
+    for (keyframe, motion) in map.keyframes.values().zip(map.motions()) {
         let index = local.keyframes.len();
         if keyframe.id != LocalMap::id(index) {
             return Err(AgentError::Map(format!("keyframe {index} is missing")));
@@ -148,7 +167,7 @@ fn working_map(map: &Map, sensor: Sensor, levels: usize) -> Result<LocalMap, Age
         let pose = keyframe.world_from_keyframe;
         let state =
             KeyframeState::new(keyframe.timestamp, keyframe.frame_index, pyramid, pose.rigid().inverse());
-        local.push(KeyframeState { unit: pose.scale, motion: map.motion_at(keyframe), ..state });
+        local.push(KeyframeState { unit: pose.scale, motion, ..state });
     }
     let count = local.keyframes.len();
     for (host, keyframe) in map.keyframes.values().enumerate() {

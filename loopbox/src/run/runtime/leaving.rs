@@ -52,9 +52,12 @@ impl Run<'_> {
         maps
     }
 
-    /// A map that says whose it is.
+    /// A map that says whose it is. A common map does.
     fn named(&self, about: &AgentInfo, fragment: usize, mut map: Map) -> Map {
-        let about = self.kept.filter(|_| fragment == 0).map_or(about, Kept::about);
+        if map.agents.len() > 1 {
+            return map;
+        }
+        let about = self.kept.filter(|_| fragment == 0).and_then(Kept::about).unwrap_or(about);
         let mut about = AgentInfo { identity: self.identity_of(fragment), ..about.clone() };
         // The agent says what it found out of itself.
         let own = map.agents.remove(&AgentId::default());
@@ -66,7 +69,7 @@ impl Run<'_> {
     /// Who makes the map of a fragment: the first goes on in a map that was kept, the others are this run's own.
     pub(super) fn identity_of(&self, fragment: usize) -> Option<Identity> {
         match self.kept {
-            Some(kept) if fragment == 0 => kept.about().identity,
+            Some(kept) if fragment == 0 && kept.about().is_some() => kept.about()?.identity,
             _ => self.identity.map(|first| first.later(fragment as u32)),
         }
     }

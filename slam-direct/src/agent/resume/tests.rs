@@ -3,9 +3,9 @@
 use super::*;
 use crate::agent::{Frame, FrameReport, TrackingState};
 use crate::test_scene::yard;
-use geometry::GrayImage;
+use geometry::{GrayImage, Sim3};
 use loopbox_tests::{Recording, trajectory};
-use map::{AgentInfo, KeyframeId};
+use map::{AgentId, AgentInfo, KeyframeId};
 use place_recog::ThumbnailIndex;
 use std::ops::Range;
 use std::sync::LazyLock;
@@ -144,6 +144,40 @@ fn who_localises_leaves_the_map_as_it_is() {
     }
 }
 
+/// Two drives, the second from the middle of the first on, each in a unit of its own, in the world of the first.
+fn common() -> Map {
+    let maps = [0..35, 25..60].map(|frames: Range<usize>| mapped(frames).into_map());
+    let [one, other] = maps.each_ref().map(|map| {
+        let [first, last] = [&map.frames[0], &map.frames[map.frames.len() - 1]].map(|frame| {
+            let truth = drive().shots[frame.frame_index as usize].world_from_camera;
+            (map.world_from_frame(frame).unwrap().rigid(), truth)
+        });
+        let way = |from: Se3, to: Se3| (to.translation - from.translation).norm();
+        let scale = way(first.1, last.1) / way(first.0, last.0);
+        let metres = Sim3::new(Default::default(), Default::default(), scale);
+        Sim3::from(first.1) * metres * Sim3::from(first.0).inverse()
+    });
+    let mut map = Map::unite(maps.into()).unwrap();
+    for keyframe in map.keyframes.values_mut().filter(|keyframe| keyframe.agent == AgentId(1)) {
+        keyframe.world_from_keyframe = one.inverse() * other * keyframe.world_from_keyframe;
+    }
+    map
+}
+
+#[test]
+fn poses_are_told_in_the_common_map_of_several_agents() {
+    let kept = common();
+    let mut agent = resumed(kept.clone(), Going::Localising);
+    let reports = feed(&mut agent, 0..60);
+    assert!(reports.iter().all(|report| report.state == TrackingState::Tracking));
+    agent.finish();
+    let map = agent.into_map();
+    assert!(map.keyframes == kept.keyframes && map.edges == kept.edges && map.agents == kept.agents);
+    let whose: Vec<u16> = map.frames.iter().map(|frame| map.keyframes[&frame.reference].agent.0).collect();
+    assert!(whose.first() == Some(&0) && whose.last() == Some(&1), "{whose:?}");
+    assert!(error(&map) < 0.02, "off by {} m", error(&map));
+}
+
 #[test]
 fn what_is_found_nowhere_changes_nothing() {
     let kept = mapped(0..35).into_map();
@@ -170,7 +204,13 @@ fn maps_that_cannot_be_gone_on_with_are_refused() {
     let mut without = kept.clone();
     without.keyframes.remove(&KeyframeId(1));
     assert!(refuse(without).contains("keyframe 1 is missing"));
-    let mut two = kept;
-    two.agents.insert(map::AgentId(1), AgentInfo::new("other", Recording::SMALL_CAMERA));
-    assert!(refuse(two).contains("several agents"));
+    let of_two = |camera| Map::unite(vec![kept.clone(), Map::of(AgentInfo::new("other", camera))]).unwrap();
+    assert!(refuse(of_two(map::Sensor::Lidar)).contains("several agents"));
+    let localise = |map: Map| {
+        let agent = Agent::resume(map, places(), Params::default(), Going::Localising).map(|_| ());
+        agent.unwrap_err().to_string()
+    };
+    assert!(localise(of_two(map::Sensor::Lidar)).contains("\"other\" has a LiDAR"));
+    let wide = geometry::Pinhole { fx: 100.0, ..Recording::SMALL_CAMERA };
+    assert!(localise(of_two(wide.into())).contains("different cameras"));
 }
