@@ -7,6 +7,7 @@
 //!
 //! [`MappingParams::lag`]: crate::mapping::MappingParams::lag
 
+mod common;
 mod early;
 mod error;
 mod frame;
@@ -18,6 +19,7 @@ mod resume;
 mod settle;
 mod shutter;
 
+pub use common::Joint;
 pub use error::AgentError;
 pub use frame::{Frame, FrameReport, TrackingState};
 pub(crate) use joining::{Joining, Sighting};
@@ -25,7 +27,6 @@ pub use resume::{Going, edges_of};
 
 use crate::background::Task;
 use crate::bootstrap::Bootstrap;
-use crate::closing::edges;
 use crate::dense;
 use crate::local_map::{Companions, Counts, KeyframeState, LocalMap};
 use crate::mapping;
@@ -87,6 +88,8 @@ pub struct Agent {
     provisional: Option<Box<Bootstrap>>,
     /// What is done with the map, if it was given to the agent.
     resumed: Option<Going>,
+    /// The common map of several agents that it goes on in, as one more of them, as it was given.
+    common: Option<Box<Map>>,
     /// No frame was found in it yet.
     is_sought: bool,
     /// Whether the camera has a rolling shutter.
@@ -103,7 +106,7 @@ enum State {
 
 /// A keyframe being mapped beside the tracking.
 struct Flight {
-    keyframe: KeyframeId,
+    keyframe: Option<KeyframeId>,
     task: Task<(Box<Mapper>, Update)>,
     /// Before which frame its result is taken over, as counted by `Agent::processed`.
     due: u64,
@@ -142,6 +145,7 @@ impl Agent {
             promise: Promise::Open,
             provisional: None,
             resumed: None,
+            common: None,
             is_sought: false,
             shutter: ShutterQuestion::default(),
             swap: None,
@@ -284,12 +288,12 @@ impl Agent {
         self.counts.add(&located.sought, &located.matched);
         self.learn_motion(&located.mean_motion);
         self.is_sought = false;
-        self.map.frames.push(FramePose {
+        self.map.frames.extend(self.own_frame(FramePose {
             timestamp,
             frame_index,
             reference: LocalMap::id(tracker.reference),
             keyframe_from_frame: self.view.keyframe_from_frame(tracker.reference, &tracker.last),
-        });
+        }));
         self.ask_for_shutter(&pyramid, timestamp, frame_index, &located.mean_motion);
         report.inlier_share = located.inlier_share();
         report.rmse = located.rmse();
@@ -298,8 +302,9 @@ impl Agent {
         if self.resumed == Some(Going::Localising) {
             // The map stays as it is.
         } else if self.mapper.is_some()
-            && tracker.wants_keyframe(&self.view, located, &self.params)
-            && !tracker.returns(&self.view, located, &self.params)
+            && (self.lacks_keyframes()
+                || tracker.wants_keyframe(&self.view, located, &self.params)
+                    && !tracker.returns(&self.view, located, &self.params))
         {
             self.extend(&mut tracker, located, pyramid, timestamp, frame_index, &mut report);
         } else if tracker.reference >= self.first_open {
@@ -390,10 +395,11 @@ impl Agent {
             ..KeyframeState::new(timestamp, frame_index, pyramid, camera_from_world)
         };
         let index = self.view.push(seeing(keyframe.clone(), &matched));
-        let id = LocalMap::id(index);
-        self.say(MapDelta { added: vec![publish::keyframe(&self.view, index)], ..MapDelta::default() });
-        self.refer_newest_frame(index);
-        report.new_keyframe = Some(id);
+        let added = vec![publish::keyframe(&self.view, index)];
+        self.say(self.own_delta(MapDelta { added, ..MapDelta::default() }));
+        self.refer_newest_frame(index, (timestamp, frame_index));
+        let id = self.own_id(LocalMap::id(index));
+        report.new_keyframe = id;
         (tracker.last, tracker.reference) = (camera_from_world, index);
         self.fresh = Some((index, located.mean_motion));
         let (counts, motions) = (std::mem::take(&mut self.counts), std::mem::take(&mut self.motions));
@@ -434,7 +440,7 @@ impl Agent {
         let before = Before::of(&self.view, tracker.reference);
         let (mapper, update) = flight.task.join();
         self.mapper = Some(mapper);
-        report.adopted = Some(flight.keyframe);
+        report.adopted = flight.keyframe;
         self.take_over(tracker, update, &before, report);
     }
 
@@ -460,12 +466,13 @@ impl Agent {
         self.promise = update.promise;
         self.companions = self.companions.split_off(&update.first_open);
         self.closed = update.closed;
-        report.settled_keyframes = update.delta.settled.iter().map(|settled| settled.keyframe).collect();
-        report.closed_loop = update.closed_loop;
-        self.say(update.delta);
+        let delta = self.own_delta(update.delta);
+        report.settled_keyframes = delta.settled.iter().map(|settled| settled.keyframe).collect();
+        report.closed_loop = update.closed_loop.and_then(|closed| self.own_loop(closed));
+        self.say(delta);
     }
 
-    /// Changes the map that is handed out, and says so.
+    /// Changes the map that is handed out, and says so: all is called as there.
     fn say(&mut self, mut delta: MapDelta) {
         if delta.is_empty() {
             return;
@@ -484,12 +491,13 @@ impl Agent {
         self.map.take_in(delta);
     }
 
-    /// The newest tracked frame is this keyframe.
-    fn refer_newest_frame(&mut self, keyframe: usize) {
-        if let Some(frame) = self.map.frames.last_mut() {
-            frame.reference = LocalMap::id(keyframe);
-            frame.keyframe_from_frame = Se3::identity();
-        }
+    /// The newest tracked frame, of this time and index, is this keyframe of the working map.
+    fn refer_newest_frame(&mut self, keyframe: usize, (timestamp, frame_index): (f64, u64)) {
+        let Some(reference) = self.own_id(LocalMap::id(keyframe)) else { return };
+        // The agent's first keyframe in a common map is the first frame that it has a pose of.
+        self.map.frames.pop_if(|frame| frame.frame_index == frame_index);
+        let keyframe_from_frame = Se3::identity();
+        self.map.frames.push(FramePose { timestamp, frame_index, reference, keyframe_from_frame });
     }
 
     /// Ends the run: what is in the background, depth and loops of the last keyframes, the last optimisation of
@@ -515,12 +523,12 @@ impl Agent {
                 let (update, closed) = mapper.finish(&self.motions, &self.companions, &self.params, stop);
                 self.mapper = Some(mapper);
                 self.take_over(&mut tracker, update, &before, &mut report);
-                loops.extend(closed);
+                loops.extend(closed.into_iter().filter_map(|closed| self.own_loop(closed)));
             }
             self.state = State::Running(tracker);
         }
-        let edges = edges::all(&self.view, &self.closed);
-        publish::complete(&mut self.map, &self.view, edges.clone());
+        let (edges, first) = (self.edges(), self.others());
+        publish::complete(&mut self.map, &self.view, first, edges.clone());
         self.say(MapDelta { edges: Some(edges), ..MapDelta::default() });
         loops
     }
@@ -550,6 +558,7 @@ impl Agent {
     /// Gives the map away, and the memory of all that it was made by back: the agent is left without a map.
     pub fn take_map(&mut self) -> Map {
         (self.state, self.mapper, self.flight, self.provisional) = (State::Empty, None, None, None);
+        self.common = None;
         (self.view, self.companions, self.early) =
             (LocalMap::new(self.camera), Companions::new(), Vec::new());
         std::mem::replace(&mut self.map, Map::new(self.camera))
@@ -564,7 +573,7 @@ impl Agent {
     /// this one goes on. The latest keyframes have no semi-dense depth yet.
     pub fn snapshot(&self) -> Map {
         let mut map = self.map.clone();
-        publish::complete(&mut map, &self.view, edges::all(&self.view, &self.closed));
+        publish::complete(&mut map, &self.view, self.others(), self.edges());
         map
     }
 }

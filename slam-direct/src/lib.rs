@@ -43,7 +43,7 @@ mod warp;
 mod wide;
 mod window;
 
-pub use agent::{Agent, AgentError, Frame, FrameReport, Going, TrackingState, edges_of};
+pub use agent::{Agent, AgentError, Frame, FrameReport, Going, Joint, TrackingState, edges_of};
 pub use atlas::{Atlas, AtlasParams};
 pub use backend::{DocumentedParameter, Parameter, ParameterError, ParameterValue};
 pub use depth::{

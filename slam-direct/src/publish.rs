@@ -15,16 +15,30 @@ pub(crate) fn moved(local: &LocalMap, keyframe: usize) -> Moved {
     Moved { keyframe: LocalMap::id(keyframe), world_from_keyframe: local.world_from_keyframe(keyframe) }
 }
 
-/// Brings poses, points and edges to where they stand.
-pub(crate) fn complete(map: &mut Map, local: &LocalMap, edges: Vec<Edge>) {
+/// Brings poses, points and edges to where they stand: of a map whose keyframes begin with the `first` of the working map.
+pub(crate) fn complete(map: &mut Map, local: &LocalMap, first: usize, edges: Vec<Edge>) {
     map.edges = edges;
     for (id, keyframe) in &mut map.keyframes {
-        let index = id.0 as usize;
+        let index = id.0 as usize + first;
         if index < local.keyframes.len() {
             keyframe.world_from_keyframe = local.world_from_keyframe(index);
-            keyframe.points = points(local, index);
+            keyframe.points = own_points(points(local, index), first);
         }
     }
+}
+
+/// Points without what keyframes before the `first` of the working map observe of them, which is the first of a map.
+pub(crate) fn own_points(mut points: Vec<Point>, first: usize) -> Vec<Point> {
+    for point in points.iter_mut().filter(|_| first > 0) {
+        point.observations.retain_mut(|seen| {
+            let own = (seen.keyframe.0 as usize).checked_sub(first).map(LocalMap::id);
+            own.is_some_and(|own| {
+                seen.keyframe = own;
+                true
+            })
+        });
+    }
+    points
 }
 
 /// The living points that a keyframe hosts, in its unit; without those that single precision cannot hold, of which a map
@@ -74,7 +88,7 @@ mod tests {
             assert!(keyframe.points.is_empty() && keyframe.semi_dense.is_empty());
             map.keyframes.insert(keyframe.id, keyframe);
         }
-        complete(&mut map, &local, Vec::new());
+        complete(&mut map, &local, 0, Vec::new());
         for (index, state) in local.keyframes.iter().enumerate() {
             let public = &map.keyframes[&LocalMap::id(index)];
             let pose = public.world_from_keyframe;

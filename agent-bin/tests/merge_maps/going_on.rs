@@ -1,4 +1,4 @@
-//! Runs in a common map: poses told in it.
+//! Runs in a common map: poses told in it, and one more agent that extends it.
 
 use crate::support::{Case, Runs, arg, loopbox};
 use eval::{AgentTracks, Options, evaluate_agents, read_trajectory};
@@ -29,6 +29,20 @@ fn third(case: &Case, camera: geometry::Pinhole) -> PathBuf {
         path.iter().step_by(2).map(|pose| Se3::new(pose.rotation, pose.translation + aside)).collect();
     let folder = case.path("third");
     let recording = Recording::render(&World::yard(1), camera, &path, 15.0);
+    recording.write(&folder, Encoding::Png).expect("the temporary folder takes the recording");
+    folder
+}
+
+/// A recording that goes from the middle back and up, where nobody was.
+fn leaving(case: &Case) -> PathBuf {
+    let path = &trajectory::sideways(180, 8.1)[60..130];
+    let away = |(i, pose): (usize, &Se3)| {
+        let way = Vector3::new(0.0, -0.004, -0.014) * i as f64;
+        Se3::new(pose.rotation, pose.translation + way)
+    };
+    let path: Vec<Se3> = path.iter().enumerate().map(away).collect();
+    let folder = case.path("leaving");
+    let recording = Recording::render(&World::yard(1), Recording::SMALL_CAMERA, &path, 30.0);
     recording.write(&folder, Encoding::Png).expect("the temporary folder takes the recording");
     folder
 }
@@ -67,6 +81,53 @@ fn poses_are_told_in_a_common_map_that_stays_as_it_is() {
     assert_eq!(record["frames"]["tracked"], 50);
     assert_eq!(record["resumed"]["agents"], serde_json::json!(["left", "right"]));
     assert_eq!(record["resumed"]["localised_only"], true);
+}
+
+#[test]
+fn a_common_map_is_extended_by_one_more_agent() {
+    let case = Case::new();
+    let (common, leaving) = (common(&case), leaving(&case));
+    let (kept, out) = (fs::read(common.join("map.mcap")).expect("it was written"), case.path("extended"));
+    let go_on = |map: &Path, options: &[&str]| {
+        let args = ["run", arg(&leaving), "--continue", arg(map), "--out", arg(&out), "--quiet"];
+        loopbox(&[&args, options].concat())
+    };
+    go_on(&common, &[]).assert_success();
+    assert!(kept == fs::read(common.join("map.mcap")).expect("it is there"), "the map before stays");
+    assert_right(&out.join("trajectory.txt"), &leaving, &common);
+    let record = numbers(&out);
+    assert_eq!((&record["frames"]["tracked"], &record["frames"]["tracked_share"]), (&70.into(), &1.0.into()));
+    let load = |folder: &Path| map::load_map(folder.join("map.mcap")).expect("it loads").map;
+    let (before, map) = (load(&common), load(&out));
+    let names: Vec<&str> = map.agents.values().map(|info| &*info.name).collect();
+    assert_eq!(names, ["left", "right", "leaving"]);
+    let [.., own] = &map.split()[..] else { panic!("there are agents") };
+    assert!(map.split()[..2] == before.split(), "of the others nothing but poses changes");
+    assert_eq!((own.frames.len(), own.frames[0].frame_index), (70, 0));
+    assert_eq!(map.merge_provenance.get("joined 1: agent").map(String::as_str), Some("leaving"));
+    let first = map.find(map::KeyframeName {
+        agent: own.agents[&map::AgentId(0)].identity.expect("it has one"),
+        number: 0,
+    });
+    assert_eq!(first.map(|id| map.keyframes[&id].agent), Some(map::AgentId(2)), "its keyframes have names");
+    // The same again gives the same, to the last bit.
+    let bytes = fs::read(out.join("map.mcap")).expect("it is there");
+    go_on(&common, &["--threads", "1"]).assert_success();
+    assert!(bytes == fs::read(out.join("map.mcap")).expect("it is there"));
+    // Whose map is in it already cannot come again, and the results so far stay.
+    let extended = case.path("extended before");
+    fs::rename(&out, &extended).expect("it can be moved");
+    go_on(&extended, &[]).assert_refused(&["this very recording", "--localise"]);
+    assert!(!out.join("map.mcap").exists());
+    // What joins the new agent to the others is like what a merge finds: without left it hangs on right.
+    let apart = case.path("apart");
+    let unmerge =
+        |options: &[&str]| loopbox(&[&["unmerge", arg(&extended), "--out", arg(&apart)], options].concat());
+    unmerge(&["--between", "left", "leaving"]).assert_success();
+    assert_eq!(load(&apart).agents.len(), 3);
+    unmerge(&["--force"]).assert_success();
+    assert!(load(&apart.join("left")) == Runs::get().map("left"));
+    assert!(load(&apart.join("leaving")) == *own);
 }
 
 #[test]

@@ -115,7 +115,7 @@ impl Output {
         Ok(())
     }
 
-    /// Writes all results of a run that made maps, in the place of earlier ones: a map, a trajectory and a cloud of each
+    /// Writes all results of a run that made maps, in the place of earlier ones: a map, its trajectory and a cloud of each
     /// fragment, and a report of the first.
     ///
     /// # Errors
@@ -123,15 +123,16 @@ impl Output {
     pub fn finish(
         &mut self,
         fragments: &[Map],
+        trajectories: &[Vec<StampedPose>],
         record: &mut RunRecord,
         format: TrajectoryFormat,
         max_variance: f32,
     ) -> Result<()> {
         // What could not be written then is written whole now, or said.
         let _ = self.growing.end();
-        for (place, map) in fragments.iter().enumerate() {
+        for (place, (map, trajectory)) in fragments.iter().zip(trajectories).enumerate() {
             map::save_map(self.results.file(numbered(MAP, place))?, map)?;
-            self.save_trajectory(numbered(TRAJECTORY, place), &map.trajectory(), format)?;
+            self.save_trajectory(numbered(TRAJECTORY, place), trajectory, format)?;
             map::save_ply(self.results.file(numbered(CLOUD, place))?, map, max_variance)?;
         }
         let Some(map) = fragments.first() else { return Ok(()) };
@@ -300,7 +301,8 @@ mod tests {
             let mut record = record();
             if run == 0 {
                 let maps = [map];
-                output.finish(&maps, &mut record, TrajectoryFormat::Tum, 0.01).expect("room");
+                let trajectories = [maps[0].trajectory()];
+                output.finish(&maps, &trajectories, &mut record, TrajectoryFormat::Tum, 0.01).expect("room");
                 assert!(folder.join(REPORT).exists());
                 continue;
             }

@@ -3,10 +3,11 @@
 use crate::open::{OpenedMap, open_map};
 use anyhow::{Context, Result, bail};
 use geometry::{Pinhole, Swap};
-use map::{AgentInfo, Map, PlaceIndex};
+use map::{AgentInfo, Identity, Map, MapError, PlaceIndex};
+use merge::common_map::{CommonMap, Fused, FusionParams};
 use place_recog::ThumbnailIndex;
 use serde::Serialize;
-use slam_direct::{Agent, Atlas, Going, Params};
+use slam_direct::{Agent, Atlas, Going, Joint, Params};
 use std::path::{Path, PathBuf};
 
 /// Focal lengths and principal points that differ by less, pixels, are those of one camera: a thousandth of what the
@@ -49,7 +50,7 @@ pub struct Kept {
     about: Option<AgentInfo>,
     /// What is done with it.
     pub going: Going,
-    /// The index of the first frame that is new: frames are counted on.
+    /// The index of the first frame that is new: frames are counted on. Who extends a common map counts from 0.
     pub first_index: u64,
 }
 
@@ -58,7 +59,7 @@ impl Kept {
     /// Gives what there is to know of the file as well, for people.
     ///
     /// # Errors
-    /// When there is no such map, it is not of this camera alone, or several agents' and to be extended.
+    /// When there is no such map, or it is not of this camera alone.
     pub fn open(resume: Resume, camera: &Pinhole, session: &AgentInfo) -> Result<(Self, Vec<String>)> {
         let opened = resume.opened.map_or_else(|| open_map(&resume.map), |opened| Ok(*opened))?;
         let (file, map) = (opened.file, opened.map);
@@ -66,15 +67,10 @@ impl Kept {
             let hint = "hint: of a common map of both, `loopbox unmerge` gives each agent's own";
             format!("{}: is not a map of cameras\n{hint}", file.display())
         })?;
-        if resume.going == Going::On && map.agents.len() > 1 {
-            bail!(
-                "{}: holds the maps of several agents\nhint: `loopbox unmerge` takes it apart, and one of them can be gone on \
-                 with; --localise tells poses in all of it",
-                file.display()
-            );
-        }
         refuse_other_cameras(&file, &map, camera, session)?;
-        let first_index = map.frames.iter().map(|frame| frame.frame_index + 1).max().unwrap_or_default();
+        let is_extended = resume.going == Going::On && map.agents.len() > 1;
+        let of_map = map.frames.iter().map(|frame| frame.frame_index + 1);
+        let first_index = of_map.max().filter(|_| !is_extended).unwrap_or_default();
         let only = map.agents.values().next().filter(|_| map.agents.len() == 1);
         let about = only.map(|info| extended(info, session, map.keyframes.len(), first_index));
         Ok((Self { file, map, about, going: resume.going, first_index }, opened.warnings))
@@ -115,6 +111,48 @@ impl Kept {
         self.about.as_ref()
     }
 
+    /// Whether the map is a common one that the run extends, as one more of its agents.
+    pub fn is_joined(&self) -> bool {
+        self.going == Going::On && self.about.is_none()
+    }
+
+    /// Makes sure that who comes to a common map is not in it already.
+    ///
+    /// # Errors
+    /// When it is.
+    pub fn refuse_again(&self, identity: &Identity) -> Result<()> {
+        let is_same = |info: &&AgentInfo| info.identity.is_some_and(|known| known.uuid == identity.uuid);
+        match self.map.agents.values().find(is_same).filter(|_| self.is_joined()) {
+            None => Ok(()),
+            Some(info) => bail!(
+                "{}: holds the map of this very recording, as that of {}\nhint: a common map is extended by other recordings; \
+                 --localise tells poses in it",
+                self.file.display(),
+                info.name
+            ),
+        }
+    }
+
+    /// The map once the run of the agent `own` has joined it. It is made anew like that of a merge: what joined the others
+    /// before counts as what joins the new one to them.
+    ///
+    /// # Errors
+    /// When the two cannot be in one.
+    pub fn joined(&self, joint: Joint, own: Map) -> Result<Map, MapError> {
+        let about: Vec<AgentInfo> = own.agents.values().cloned().collect();
+        let united = joint.united(own)?;
+        let mut map = made_anew(&united).unwrap_or(united);
+        let is_told = |number: &u32| map.merge_provenance.contains_key(&format!("joined {number}: agent"));
+        let number = (1..).take_while(is_told).count() + 1;
+        for info in about {
+            let entries = [("agent", Some(&info.name)), ("program", info.provenance.get("program"))];
+            let entries = entries.into_iter().filter_map(|(key, value)| Some((key, value?)));
+            map.merge_provenance
+                .extend(entries.map(|(key, value)| (format!("joined {number}: {key}"), value.clone())));
+        }
+        Ok(map)
+    }
+
     /// For `run.json`.
     pub fn record(&self) -> Resumed {
         Resumed {
@@ -150,6 +188,13 @@ fn extended(info: &AgentInfo, session: &AgentInfo, keyframes: usize, first_index
         about.provenance.insert(format!("continued {number}: {key}"), value);
     }
     about
+}
+
+/// A common map made anew of its agents' own maps and the closures between them; `None` where these do not join all of them.
+fn made_anew(map: &Map) -> Option<Map> {
+    let (common, _) = CommonMap::from_maps(&[map]).ok()?;
+    let [fused] = <[Fused; 1]>::try_from(common.fuse(&FusionParams::default()).ok()?).ok()?;
+    Some(Map { merge_provenance: map.merge_provenance.clone(), ..fused.map })
 }
 
 /// Makes sure that all of a map was made with the camera of the images.

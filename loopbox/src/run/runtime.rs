@@ -237,7 +237,11 @@ impl<'a> Run<'a> {
         frame.index += self.first_index();
         watch.before(&frame);
         let of_recording = || Identity::of_recording(&self.camera, frame.timestamp, &frame.image);
-        self.identity = self.identity.or_else(|| Some(of_recording()));
+        if self.identity.is_none() {
+            let identity = of_recording();
+            self.kept.map_or(Ok(()), |kept| kept.refuse_again(&identity))?;
+            self.identity = Some(identity);
+        }
         self.take_in_features();
         let (index, timestamp) = (frame.index, frame.timestamp);
         let started = Instant::now();

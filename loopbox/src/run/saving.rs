@@ -86,7 +86,8 @@ impl Drop for Saver {
 /// Writes a folder of results that appear when they are whole.
 fn write_whole(target: &Path, agent: AgentInfo, map: Map, mut record: RunRecord, form: Form) -> Result<()> {
     let mut output = Output::create(target, agent, Path::new(&record.source.path), true)?;
-    output.finish(&[map], &mut record, form.format, form.max_variance)
+    let trajectories = [map.trajectory()];
+    output.finish(&[map], &trajectories, &mut record, form.format, form.max_variance)
 }
 
 /// The folder for the next map of a run that began with `first`: the first of `first-2`, `first-3`, … that is not

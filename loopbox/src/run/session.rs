@@ -150,14 +150,18 @@ impl Session<'_> {
             return Ok(Err(anyhow!("{}: no frame could be tracked: {why}", self.source.path.display())));
         }
         if !run.localises() {
-            self.listeners.tell(|listener| listener.ended(&maps));
+            let own = run.own_maps(&maps);
+            self.listeners.tell(|listener| listener.ended(&own));
         }
         self.progress.stage("writing the results");
         let written = match maps.first() {
             _ if leaves && self.unattended => output.leave(),
             Some(map) if leaves => output.finish_grown(map, &mut record, self.form.format),
             Some(map) if run.localises() => output.finish_localised(map, &mut record, self.form.format),
-            _ => output.finish(&maps, &mut record, self.form.format, self.form.max_variance),
+            _ => {
+                let trajectories: Vec<_> = maps.iter().map(|map| run.trajectory(map)).collect();
+                output.finish(&maps, &trajectories, &mut record, self.form.format, self.form.max_variance)
+            }
         };
         match run.failure() {
             Some(failure) => written.with_context(|| failure.to_owned())?,

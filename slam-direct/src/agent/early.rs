@@ -132,7 +132,8 @@ impl Agent {
                 keyframe_from_frame: frame_from_first.inverse(),
             })
             .collect();
-        self.refer_newest_frame(1);
+        let newest = &map.keyframes[1];
+        self.refer_newest_frame(1, (newest.timestamp, newest.frame_index));
         if let Some(mapper) = &mut self.mapper {
             let map = LocalMap { mask: Arc::clone(self.learner.mask()), ..map };
             let update = mapper.adopt(map, &self.params);

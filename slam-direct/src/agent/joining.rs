@@ -92,8 +92,9 @@ impl Agent {
         }
         let link = self.link(other, sightings)?;
         // Keyframes and frames are in order of time.
-        let (last, first) = (self.map.frames.last()?, other.map.frames.first()?);
-        if last.frame_index >= first.frame_index || other.provisional.is_some() {
+        let first = other.map.frames.first()?.frame_index;
+        let is_behind = self.map.frames.last().is_none_or(|last| last.frame_index < first);
+        if !is_behind || other.provisional.is_some() {
             return None;
         }
         if let State::Running(mut tracker) = std::mem::replace(&mut self.state, State::Empty) {
@@ -162,13 +163,12 @@ impl Agent {
         self.threads = self.threads.take().or(other.threads);
         (self.processed, self.is_sought) = (self.processed.max(other.processed), false);
         self.view = update.view.clone();
-        self.say(MapDelta { added, ..MapDelta::default() });
-        self.map.frames.extend(
-            other.map.frames.into_iter().map(|frame| FramePose {
-                reference: LocalMap::id(behind(frame.reference.0 as usize)),
-                ..frame
-            }),
-        );
+        self.say(self.own_delta(MapDelta { added, ..MapDelta::default() }));
+        let frames = other.map.frames.into_iter().filter_map(|frame| {
+            self.own_frame(FramePose { reference: LocalMap::id(behind(frame.reference.0 as usize)), ..frame })
+        });
+        let frames: Vec<FramePose> = frames.collect();
+        self.map.frames.extend(frames);
         let mut report = FrameReport::of(TrackingState::Tracking);
         self.take_over(&mut tracker, update, &before, &mut report);
         self.state = State::Running(tracker);

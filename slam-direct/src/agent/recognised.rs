@@ -18,14 +18,18 @@ struct Found {
 }
 
 impl Agent {
-    /// The keyframes with depth, as those of `fragment`.
+    /// The keyframes with depth, as those of `fragment`, called as in the working map.
     pub(crate) fn known_views(&self, fragment: usize) -> Vec<KnownView> {
-        let with_depth = self.map.keyframes.values().filter(|keyframe| !keyframe.semi_dense.is_empty());
-        let view = |keyframe: &map::Keyframe| KnownView {
+        let of_others = self.common.iter().flat_map(|common| common.keyframes.values());
+        let of_others = of_others.map(|k| (k.id, self.view.world_from_keyframe(k.id.0 as usize), k));
+        let own = self.map.keyframes.values();
+        let own = own.map(|k| (self.working_id(k.id), k.world_from_keyframe, k));
+        let with_depth = of_others.chain(own).filter(|(.., keyframe)| !keyframe.semi_dense.is_empty());
+        let view = |(id, world_from_keyframe, keyframe): (_, _, &map::Keyframe)| KnownView {
             fragment,
-            keyframe: keyframe.id,
+            keyframe: id,
             image: keyframe.image.clone(),
-            world_from_keyframe: keyframe.world_from_keyframe,
+            world_from_keyframe,
             semi_dense: keyframe.semi_dense.clone(),
             features: keyframe.features.clone(),
         };
@@ -64,9 +68,13 @@ impl Agent {
             return Ok(None);
         };
         self.processed += 1;
-        self.map.frames.extend(found.poses);
         let Frame { timestamp, index, .. } = found.newest;
+        let known = self.map.frames.len();
         let report = self.go_on(found.tracker, &found.located, found.pyramid, timestamp, index, report);
+        // The newest may have become the keyframe that those before it are told by.
+        let before: Vec<FramePose> =
+            found.poses.into_iter().filter_map(|frame| self.own_frame(frame)).collect();
+        self.map.frames.splice(known..known, before);
         Ok(Some(self.told(report)))
     }
 

@@ -22,8 +22,10 @@ pub enum Going {
 
 impl Agent {
     /// An agent that goes on in a `map` it was given back: its camera must have made the map. The first frames are sought
-    /// among all of its keyframes, whatever was in between; until one is found, nothing changes. Who localises may be given
-    /// the common map of several agents, whose cameras are the same.
+    /// among all of its keyframes, whatever was in between; until one is found, nothing changes.
+    ///
+    /// The map may be the common one of several agents, whose cameras are the same. Who extends it is one more of them: the
+    /// map that is handed out is its own, in the world of the common one, and [`joint`](Self::joint) makes one of both.
     ///
     /// What is left of the lens's distortion is taken from the map's provenance, where its agent said it. Frames are to be
     /// given indices behind those of the map. The first report tells the whole map as a delta.
@@ -55,11 +57,6 @@ impl Agent {
         going: Going,
     ) -> Result<Self, AgentError> {
         params.validate()?;
-        if going == Going::On && map.agents.len() > 1 {
-            return Err(AgentError::Map(
-                "it holds the maps of several agents, and only one agent's can be extended".into(),
-            ));
-        }
         let sensor = sensor_of(&map)?;
         let camera = sensor.lens.camera;
         error::check_camera(&camera)?;
@@ -92,6 +89,10 @@ impl Agent {
         agent.view = local;
         if going == Going::Localising {
             map.frames.clear();
+        }
+        if going == Going::On && map.agents.len() > 1 {
+            agent.common = Some(Box::new(map));
+            map = Map::new(camera);
         }
         agent.untold.push(MapDelta::whole(&map));
         (agent.said, agent.map, agent.resumed, agent.is_sought) = (1, map, Some(going), true);

@@ -36,12 +36,23 @@ pub(crate) fn all(map: &LocalMap, closed: &[Edge]) -> Vec<Edge> {
 /// The edges that have an end among the keyframes from `first` on.
 pub(super) fn since(map: &LocalMap, first: usize, closed: &[Edge]) -> Vec<Edge> {
     let mut edges = covisibility(map, first);
-    let closed = closed.iter().filter(|edge| edge.from.max(edge.to) >= LocalMap::id(first));
-    edges.extend(closed.map(|edge| {
+    edges.extend(closed_since(map, first, closed));
+    edges
+}
+
+/// The same without those that only keep the graph in one piece.
+pub(crate) fn measured(map: &LocalMap, first: usize, closed: &[Edge]) -> Vec<Edge> {
+    let mut edges = of_shared_points(map, first);
+    edges.extend(closed_since(map, first, closed));
+    edges
+}
+
+fn closed_since(map: &LocalMap, first: usize, closed: &[Edge]) -> impl Iterator<Item = Edge> {
+    let closed = closed.iter().filter(move |edge| edge.from.max(edge.to) >= LocalMap::id(first));
+    closed.map(|edge| {
         let [from, to] = [edge.from, edge.to].map(|id| map.world_from_keyframe(id.0 as usize));
         Edge { from_from_to: from.inverse() * to, ..edge.clone() }
-    }));
-    edges
+    })
 }
 
 /// Edges between successive keyframes and between those that see each other's points, from the newer to the
@@ -52,6 +63,13 @@ pub(super) fn since(map: &LocalMap, first: usize, closed: &[Edge]) -> Vec<Edge> 
 /// point's relative depth variance, once for either side, for the scale. Of those that have an end among the keyframes from
 /// `first` on.
 pub(super) fn covisibility(map: &LocalMap, first: usize) -> Vec<Edge> {
+    let mut edges = of_shared_points(map, first);
+    edges.extend(loose(map, first, &edges));
+    edges
+}
+
+/// The same without weak ones for keyframes that share no points with an older one.
+fn of_shared_points(map: &LocalMap, first: usize) -> Vec<Edge> {
     let seen_later = map.keyframes[first..].iter().flat_map(|state| &state.seen).map(|at| at.host);
     let hosts: BTreeSet<usize> = seen_later.chain(first..map.keyframes.len()).collect();
     let mut directed: BTreeMap<(usize, usize), Directed> = BTreeMap::new();
@@ -71,13 +89,11 @@ pub(super) fn covisibility(map: &LocalMap, first: usize) -> Vec<Edge> {
         entry.0 += if observer > host { pair.information } else { pair.as_seen_by_host() };
         entry.1 += pair.observations;
     }
-    let mut edges: Vec<Edge> = joined
+    joined
         .into_iter()
         .filter(|(_, (_, observations))| *observations >= MIN_OBSERVATIONS)
         .map(|((newer, older), (information, _))| edge(map, newer, older, information))
-        .collect();
-    edges.extend(loose_edges(map, first, &edges));
-    edges
+        .collect()
 }
 
 impl Directed {
@@ -143,7 +159,7 @@ fn edge(map: &LocalMap, newer: usize, older: usize, mut information: Matrix7) ->
 }
 
 /// Weak edges to the keyframe before for those from `first` on that nothing joins with an older one.
-fn loose_edges(map: &LocalMap, first: usize, edges: &[Edge]) -> Vec<Edge> {
+pub(crate) fn loose(map: &LocalMap, first: usize, edges: &[Edge]) -> Vec<Edge> {
     let mut joined = vec![false; map.keyframes.len()];
     for edge in edges {
         joined[edge.from.0 as usize] = true;

@@ -6,10 +6,11 @@ use crate::run::record::{
 };
 use crate::run::resuming::Kept;
 use geometry::Pinhole;
-use map::{AgentId, AgentInfo, Identity, Map};
+use map::{AgentId, AgentInfo, FramePose, Identity, Map, StampedPose};
 use slam_direct::{Agent, Going};
 use sources::ahead::Ahead;
 use sources::{SourceInfo, Stop};
+use std::borrow::Cow;
 use view::process;
 
 /// Keyframes of a map that takes some seconds to write.
@@ -22,9 +23,9 @@ impl Run<'_> {
     }
 
     /// Whether the maps are left as they have grown, because the run is to end soon: nobody looks after it, or the map is
-    /// [large](Self::is_large).
+    /// [large](Self::is_large). Of a common map that is extended only the agent's own part grows.
     pub fn leaves_its_maps(&self, stop: &Stop) -> bool {
-        (self.is_alone || self.is_large()) && stop.requested() && !self.localises()
+        (self.is_alone || self.is_large()) && stop.requested() && !self.localises() && !self.joins()
     }
 
     /// Whether optimising and writing the map as a whole takes longer than somebody waits who wishes to stop.
@@ -34,9 +35,11 @@ impl Run<'_> {
     }
 
     /// Gives away the maps of all fragments of the agent `about`, in the order they were begun; `described`: with the
-    /// features of all of their keyframes.
+    /// features of all of their keyframes. In place of the first there is the common map with it, if it went on in one.
     pub fn maps(&mut self, about: &AgentInfo, described: bool) -> Vec<Map> {
         let is_whole = self.is_whole;
+        let first = self.atlas.fragments().first().filter(|first| !first.map().frames.is_empty());
+        let joint = first.and_then(|first| guarded("the map", || first.joint(), &mut None)).flatten();
         let map = |agent: &mut Agent| {
             let snapshot = || guarded("the map", || agent.snapshot(), &mut None);
             let as_it_stands = if is_whole { None } else { snapshot() };
@@ -49,7 +52,54 @@ impl Run<'_> {
         if let Some(mut describer) = self.describer.take().filter(|_| described) {
             guarded("finding features", || describer.complete(&mut maps), &mut self.failure);
         }
+        if let (Some(kept), Some(joint), Some(own)) = (self.kept, joint, maps.first_mut()) {
+            match kept.joined(joint, own.clone()) {
+                Ok(common) => *own = common,
+                Err(error) => self.failure = Some(error.to_string()),
+            }
+        }
         maps
+    }
+
+    /// Whether the run goes on in a common map, as one more of its agents.
+    fn joins(&self) -> bool {
+        self.kept.is_some_and(Kept::is_joined)
+    }
+
+    /// Whether a frame of a map is this run's, and not of the map that it went on in.
+    fn is_own(&self, map: &Map, frame: &FramePose) -> bool {
+        if !self.joins() {
+            return frame.frame_index >= self.first_index();
+        }
+        let agent = map.keyframes.get(&frame.reference).and_then(|keyframe| map.agents.get(&keyframe.agent));
+        self.is_of_run(agent.and_then(|about| about.identity))
+    }
+
+    /// Whether an agent is this run's, in whichever of its maps.
+    fn is_of_run(&self, agent: Option<Identity>) -> bool {
+        agent.is_some_and(|agent| self.identity.is_some_and(|own| own.uuid == agent.uuid))
+    }
+
+    /// The trajectory of a map: of a common one that was extended, this run's.
+    pub fn trajectory(&self, map: &Map) -> Vec<StampedPose> {
+        if !self.joins() {
+            return map.trajectory();
+        }
+        let own = map.frames.iter().filter(|frame| self.is_own(map, frame));
+        let pose = |frame: &FramePose| {
+            let world_from_camera = map.world_from_frame(frame)?.rigid();
+            Some(StampedPose { timestamp: frame.timestamp, world_from_camera })
+        };
+        own.filter_map(pose).collect()
+    }
+
+    /// The maps that others are told of: of common ones those of this run's agents.
+    pub fn own_maps<'m>(&self, maps: &'m [Map]) -> Cow<'m, [Map]> {
+        if !self.joins() {
+            return Cow::Borrowed(maps);
+        }
+        let is_own = |map: &Map| map.agents.values().any(|about| self.is_of_run(about.identity));
+        Cow::Owned(maps.iter().flat_map(Map::split).filter(is_own).collect())
     }
 
     /// A map that says whose it is. A common map does.
@@ -88,10 +138,9 @@ impl Run<'_> {
     /// Says so, if what was tracked is in another one.
     pub fn leave_out_kept(&self, maps: &mut Vec<Map>) -> Option<String> {
         let kept = self.kept?;
-        let first = kept.first_index;
-        maps.retain(|map| map.frames.iter().any(|frame| frame.frame_index >= first));
-        let is_in =
-            self.localises() || maps.iter().any(|map| map.frames.iter().any(|f| f.frame_index < first));
+        maps.retain(|map| map.frames.iter().any(|frame| self.is_own(map, frame)));
+        let is_in = self.localises()
+            || maps.iter().any(|map| map.frames.iter().any(|frame| !self.is_own(map, frame)));
         (!is_in && !maps.is_empty()).then(|| {
             format!(
                 "no frame was found in {}, which is as it was; what was tracked is a map of its own\nhint: a recording goes on \
@@ -134,8 +183,7 @@ impl Run<'_> {
         let offered = processed + dropped_late + self.skipped.values().sum::<u64>();
         let fragments: Vec<Fragment> =
             maps.iter().enumerate().map(|(place, map)| Fragment::new(place, map)).collect();
-        let own =
-            |map: &Map| map.frames.iter().filter(|f| f.frame_index >= self.first_index()).count() as u64;
+        let own = |map: &Map| map.frames.iter().filter(|frame| self.is_own(map, frame)).count() as u64;
         let tracked = maps.first().map_or(0, own);
         let ms = self.rows.iter().map(|row| row.ms).collect();
         RunRecord {

@@ -145,8 +145,8 @@ fn who_localises_leaves_the_map_as_it_is() {
 }
 
 /// Two drives, the second from the middle of the first on, each in a unit of its own, in the world of the first.
-fn common() -> Map {
-    let maps = [0..35, 25..60].map(|frames: Range<usize>| mapped(frames).into_map());
+fn common(drives: [Range<usize>; 2]) -> Map {
+    let maps = drives.map(|frames: Range<usize>| mapped(frames).into_map());
     let [one, other] = maps.each_ref().map(|map| {
         let [first, last] = [&map.frames[0], &map.frames[map.frames.len() - 1]].map(|frame| {
             let truth = drive().shots[frame.frame_index as usize].world_from_camera;
@@ -166,7 +166,7 @@ fn common() -> Map {
 
 #[test]
 fn poses_are_told_in_the_common_map_of_several_agents() {
-    let kept = common();
+    let kept = common([0..35, 25..60]);
     let mut agent = resumed(kept.clone(), Going::Localising);
     let reports = feed(&mut agent, 0..60);
     assert!(reports.iter().all(|report| report.state == TrackingState::Tracking));
@@ -176,6 +176,45 @@ fn poses_are_told_in_the_common_map_of_several_agents() {
     let whose: Vec<u16> = map.frames.iter().map(|frame| map.keyframes[&frame.reference].agent.0).collect();
     assert!(whose.first() == Some(&0) && whose.last() == Some(&1), "{whose:?}");
     assert!(error(&map) < 0.02, "off by {} m", error(&map));
+}
+
+#[test]
+fn who_extends_a_common_map_is_one_more_of_its_agents() {
+    let kept = common([0..25, 12..35]);
+    let mut agent = resumed(kept.clone(), Going::On);
+    let reports = feed(&mut agent, 28..60);
+    assert!(reports.iter().all(|report| report.state == TrackingState::Tracking));
+    assert_eq!(
+        reports[0].new_keyframe,
+        Some(KeyframeId(0)),
+        "the first frame is a keyframe, whatever is known"
+    );
+    let mut told = Map::new(Recording::SMALL_CAMERA);
+    reports.into_iter().flat_map(|report| report.deltas).for_each(|delta| told.take_in(delta));
+    assert!(told.keyframes == agent.map().keyframes);
+    agent.finish();
+    let joint = agent.joint().unwrap();
+    let own = agent.into_map();
+    assert_eq!(own.frames.len(), 32);
+    assert!(own.keyframes.keys().copied().eq((0..own.keyframes.len() as u32).map(KeyframeId)));
+    assert!(own.frames.iter().all(|frame| own.keyframes.contains_key(&frame.reference)));
+    let observers = own.keyframes.values().flat_map(|k| &k.points).flat_map(|p| &p.observations);
+    assert!(
+        observers.clone().count() > 100 && observers.clone().all(|o| own.keyframes.contains_key(&o.keyframe))
+    );
+    // In the world of the common map.
+    let map = joint.united(own.clone()).unwrap();
+    assert!(error(&map) < 0.02, "off by {} m", error(&map));
+    let alone = [kept.split(), vec![own]].concat();
+    assert!(map.split() == alone, "every agent's own map comes out of it bit by bit");
+    let is_tie = |edge: &&Edge| {
+        let [from, to] = [edge.from, edge.to].map(|id| map.keyframes[&id].agent);
+        edge.kind == map::EdgeKind::Merge && from == AgentId(2) && to != AgentId(2)
+    };
+    assert!(map.edges.iter().filter(is_tie).count() > 2, "its first keyframes hang on the others'");
+    // And it is a common map, that can be gone on in.
+    let mut agent = resumed(map, Going::Localising);
+    assert!(feed(&mut agent, 0..60).iter().all(|report| report.state == TrackingState::Tracking));
 }
 
 #[test]
@@ -205,12 +244,7 @@ fn maps_that_cannot_be_gone_on_with_are_refused() {
     without.keyframes.remove(&KeyframeId(1));
     assert!(refuse(without).contains("keyframe 1 is missing"));
     let of_two = |camera| Map::unite(vec![kept.clone(), Map::of(AgentInfo::new("other", camera))]).unwrap();
-    assert!(refuse(of_two(map::Sensor::Lidar)).contains("several agents"));
-    let localise = |map: Map| {
-        let agent = Agent::resume(map, places(), Params::default(), Going::Localising).map(|_| ());
-        agent.unwrap_err().to_string()
-    };
-    assert!(localise(of_two(map::Sensor::Lidar)).contains("\"other\" has a LiDAR"));
+    assert!(refuse(of_two(map::Sensor::Lidar)).contains("\"other\" has a LiDAR"));
     let wide = geometry::Pinhole { fx: 100.0, ..Recording::SMALL_CAMERA };
-    assert!(localise(of_two(wide.into())).contains("different cameras"));
+    assert!(refuse(of_two(wide.into())).contains("different cameras"));
 }
