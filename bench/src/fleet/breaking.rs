@@ -35,12 +35,15 @@ pub fn measure(plan: &Plan) -> Result<String> {
     }
     let maps = NAMES.iter().map(|name| map_of(plan, name)).collect::<Result<Vec<_>>>()?;
     let mut text = String::from(HEAD);
-    for [what, often, held] in [
-        killing::killed(plan, &maps[..2])?,
-        waiting::stalled(plan, &maps)?,
-        waiting::off(plan, &maps[0])?,
-        waiting::full(plan, &maps[..2])?,
-    ] {
+    // One after the other: what held is said even where a later one does not come to its end.
+    let parts: [&dyn Fn() -> Result<[String; 3]>; 4] = [
+        &|| killing::killed(plan, &maps[..2]),
+        &|| waiting::stalled(plan, &maps),
+        &|| waiting::off(plan, &maps[0]),
+        &|| waiting::full(plan, &maps[..2]),
+    ];
+    for part in parts {
+        let [what, often, held] = part()?;
         let _ = writeln!(text, "| {what} | {often} | {held} |");
         eprintln!("{what}, {often}: {held}");
     }

@@ -37,12 +37,14 @@ impl ImageStatistics {
         self.previous = Some(image.clone());
     }
 
-    /// What about the images kept a map from being made; `last_reason` is the agent's own word.
-    pub fn why_nothing_was_tracked(&self, last_reason: Option<&str>) -> String {
+    /// What about the images kept a map from being made; `last_reason` is the agent's own word, `first_skip` what was wrong
+    /// with the first frame that was skipped.
+    pub fn why_nothing_was_tracked(&self, last_reason: Option<&str>, first_skip: Option<&str>) -> String {
         let per_frame = |sum: f64| sum / self.count.max(1) as f64;
         let agent = last_reason.map(|reason| format!(" ({reason})")).unwrap_or_default();
         if self.count == 0 {
-            "no image could be used".into()
+            let first = first_skip.map(|detail| format!("; of the first: {detail}")).unwrap_or_default();
+            format!("no image could be used{first}")
         } else if per_frame(self.mean) < 2.0 {
             "the images are black".into()
         } else if per_frame(self.contrast) < 2.0 {
@@ -224,13 +226,13 @@ mod tests {
     fn why(images: &[GrayImage]) -> String {
         let mut statistics = ImageStatistics::default();
         images.iter().for_each(|image| statistics.add(image));
-        statistics.why_nothing_was_tracked(Some("too little parallax"))
+        statistics.why_nothing_was_tracked(Some("too little parallax"), Some("a.jpg: it is truncated"))
     }
 
     #[test]
     fn each_cause_is_named() {
         let (black, grey) = (GrayImage::filled(64, 48, 0), GrayImage::filled(64, 48, 90));
-        assert!(why(&[]).contains("no image"));
+        assert_eq!(why(&[]), "no image could be used; of the first: a.jpg: it is truncated");
         assert!(why(&[black.clone(), black]).contains("black"));
         assert!(why(&[grey.clone(), grey]).contains("even colour"));
         assert!(why(&[pattern(0)]).contains("only one"));

@@ -51,6 +51,8 @@ pub struct Run<'a> {
     /// Whether nobody looks after the run.
     is_alone: bool,
     skipped: BTreeMap<SkipReason, u64>,
+    /// What was wrong with the first frame that was skipped.
+    first_skip: Option<String>,
     losses: Losses,
     has_tracked: bool,
     /// Whether the agent ended its map itself.
@@ -80,6 +82,7 @@ impl<'a> Run<'a> {
             forgotten_rows: 0,
             is_alone: false,
             skipped: BTreeMap::new(),
+            first_skip: None,
             losses: Losses::default(),
             has_tracked: false,
             is_whole: true,
@@ -164,6 +167,7 @@ impl<'a> Run<'a> {
                 Item::Skipped(skip) => {
                     progress.skipped(&skip);
                     *run.skipped.entry(skip.reason).or_default() += 1;
+                    run.first_skip.get_or_insert_with(|| skip.detail.clone());
                 }
                 Item::Warning(text) => progress.warn(&text),
                 Item::Notice(notice) => {

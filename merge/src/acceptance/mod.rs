@@ -224,8 +224,8 @@ pub enum Doubt {
     },
     /// Something differs in view after view.
     #[error(
-        "of {views} views of one map's keyframes in the other's something is not there in {absent} and looks otherwise in {unlike}; \
-         in {limit:.2} of both at most may it: another place that looks alike, or something changed"
+        "of {views} views of one map's keyframes in the other's {absent} lack something and in {unlike} something looks otherwise, \
+         a share of {share:.2}; {limit:.2} at most may: another place that looks alike, or something changed"
     )]
     InManyViews {
         /// Views compared.
@@ -234,7 +234,9 @@ pub enum Doubt {
         absent: usize,
         /// Those with something that looks otherwise.
         unlike: usize,
-        /// Largest share, the mean of both.
+        /// Their share, the mean of both.
+        share: f64,
+        /// Largest share.
         limit: f64,
     },
     /// Another motion is nearly as good.
@@ -377,7 +379,7 @@ impl Test {
         self.most("patches of both sorts", [sum, 1.0], Says::Open, doubt);
         let (absent, unlike, limit) = (beyond.absent_views, beyond.unlike_views, params.max_differing_share);
         let share = enough(absent + unlike, beyond.differing_share());
-        let doubt = Doubt::InManyViews { views: beyond.views, absent, unlike, limit };
+        let doubt = Doubt::InManyViews { views: beyond.views, absent, unlike, share, limit };
         self.most("views that differ", [share, limit], Says::Open, doubt);
         let doubt = Doubt::Rival { closures, rival };
         self.most("rival", [beyond.rival_share(), params.max_rival_share], Says::Open, doubt);

@@ -80,7 +80,7 @@ fn each_line_alone_says_what_it_says() {
         ),
         (
             beyond(Beyond { absent_views: 4, ..BEYOND }),
-            Doubt::InManyViews { views: 8, absent: 4, unlike: 3, limit: 0.375 },
+            Doubt::InManyViews { views: 8, absent: 4, unlike: 3, share: 0.4375, limit: 0.375 },
         ),
         (beyond(Beyond { rival: 3, ..BEYOND }), Doubt::Rival { closures: 4, rival: 3 }),
         (Evidence { rival_place: Some(0.76), ..ENOUGH }, Doubt::OtherPlace { share: 0.76, limit: 0.75 }),

@@ -162,7 +162,7 @@ impl Run<'_> {
 
     /// Why the map is empty, for people.
     pub fn why_nothing_was_tracked(&self) -> String {
-        let why = self.statistics.why_nothing_was_tracked(self.last_reason);
+        let why = self.statistics.why_nothing_was_tracked(self.last_reason, self.first_skip.as_deref());
         match self.kept {
             Some(kept) => format!("{why}\nnone was found in {}", kept.record().map),
             None => why,
