@@ -148,16 +148,16 @@ impl Map {
 
     /// The world pose of every tracked frame, each agent's in order of time.
     pub fn trajectory(&self) -> Vec<StampedPose> {
-        self.stamped(|_| true)
+        self.trajectory_by(|_| true)
     }
 
     /// The trajectory of one agent: the world pose of its every tracked frame in order of time.
     pub fn trajectory_of(&self, agent: AgentId) -> Vec<StampedPose> {
-        self.stamped(|keyframe| keyframe.agent == agent)
+        self.trajectory_by(|keyframe| keyframe.agent == agent)
     }
 
-    /// World poses of the frames whose reference keyframe is `wanted`.
-    fn stamped(&self, wanted: impl Fn(&Keyframe) -> bool) -> Vec<StampedPose> {
+    /// World poses of the frames whose reference keyframe is `wanted`, in their order.
+    pub fn trajectory_by(&self, wanted: impl Fn(&Keyframe) -> bool) -> Vec<StampedPose> {
         let pose = |frame: &FramePose| {
             let keyframe = self.keyframes.get(&frame.reference).filter(|keyframe| wanted(keyframe))?;
             let world_from_frame = keyframe.world_from_keyframe * Sim3::from(frame.keyframe_from_frame);

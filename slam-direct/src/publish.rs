@@ -1,7 +1,7 @@
 //! The working map in the form that it is handed out in.
 
 use crate::local_map::{LocalMap, PointState};
-use map::{Edge, Keyframe, Map, Moved, Observation, Point};
+use map::{Edge, Keyframe, KeyframeId, Map, Moved, Observation, Point};
 
 /// A keyframe with its image and pose; depth and points follow when they are known.
 pub(crate) fn keyframe(local: &LocalMap, keyframe: usize) -> Keyframe {
@@ -27,16 +27,17 @@ pub(crate) fn complete(map: &mut Map, local: &LocalMap, first: usize, edges: Vec
     }
 }
 
+/// What a map whose keyframes begin with the `first` of the working map calls one of these; `None` of those before.
+pub(crate) fn own_id(id: KeyframeId, first: usize) -> Option<KeyframeId> {
+    (id.0 as usize).checked_sub(first).map(LocalMap::id)
+}
+
 /// Points without what keyframes before the `first` of the working map observe of them, which is the first of a map.
 pub(crate) fn own_points(mut points: Vec<Point>, first: usize) -> Vec<Point> {
     for point in points.iter_mut().filter(|_| first > 0) {
-        point.observations.retain_mut(|seen| {
-            let own = (seen.keyframe.0 as usize).checked_sub(first).map(LocalMap::id);
-            own.is_some_and(|own| {
-                seen.keyframe = own;
-                true
-            })
-        });
+        let seen = std::mem::take(&mut point.observations);
+        let own = |o: Observation| Some(Observation { keyframe: own_id(o.keyframe, first)?, ..o });
+        point.observations = seen.into_iter().filter_map(own).collect();
     }
     points
 }

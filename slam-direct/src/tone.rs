@@ -86,8 +86,8 @@ impl Tone {
         if let Some(tone) = before.filter(is_near) {
             return Some(tone);
         }
-        let tone = Self::new(exposure, range, median, noise);
-        (exposure != Exposure::Good || tone.smooths).then_some(tone)
+        let is_fine = exposure == Exposure::Good && stretched(noise, range[1] - range[0]) <= NOISY;
+        (!is_fine).then(|| Self::new(exposure, range, median, noise))
     }
 
     fn new(exposure: Exposure, [black, white]: [f32; 2], median: f32, noise: f32) -> Self {
@@ -224,22 +224,16 @@ mod tests {
         assert_eq!(Tone::following(None, &ramp(0, 4)), None);
     }
 
-    /// A scene as bright as this, with noise of this deviation (a sum of four evenly spread numbers).
+    /// A scene as bright as this, with noise of this deviation.
     fn scene(gain: f32, deviation: f32) -> GrayImage {
-        let (width, height, mut state) = (160, 120, 1_u32);
-        let mut random = || {
-            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            (state >> 8) as f32 / (1 << 24) as f32 - 0.5
-        };
+        let (width, height, mut random) = (160, 120, geometry::Random::new(1));
         let value = |i: usize| {
             let (x, y) = ((i % width) as f32, (i / width) as f32);
             let edges = if (x / 20.0) as u32 % 2 == (y / 15.0) as u32 % 2 { 60.0 } else { 0.0 };
             120.0 + edges + 40.0 * (0.07 * x + 0.05 * y).sin()
         };
-        let noisy = |i| {
-            let noise: f32 = (0..4).map(|_| random()).sum::<f32>() * 3.0_f32.sqrt();
-            (gain * value(i) + deviation * noise).round().clamp(0.0, 255.0) as u8
-        };
+        let noisy =
+            |i| (gain * value(i) + deviation * random.normal() as f32).round().clamp(0.0, 255.0) as u8;
         GrayImage::from_vec(width, height, (0..width * height).map(noisy).collect()).unwrap()
     }
 

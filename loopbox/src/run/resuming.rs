@@ -8,6 +8,7 @@ use merge::common_map::{CommonMap, Fused, FusionParams};
 use place_recog::ThumbnailIndex;
 use serde::Serialize;
 use slam_direct::{Agent, Atlas, Going, Joint, Params};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Focal lengths and principal points that differ by less, pixels, are those of one camera: a thousandth of what the
@@ -142,8 +143,7 @@ impl Kept {
         let about: Vec<AgentInfo> = own.agents.values().cloned().collect();
         let united = joint.united(own)?;
         let mut map = made_anew(&united).unwrap_or(united);
-        let is_told = |number: &u32| map.merge_provenance.contains_key(&format!("joined {number}: agent"));
-        let number = (1..).take_while(is_told).count() + 1;
+        let number = next_number(&map.merge_provenance, "joined", "agent");
         for info in about {
             let entries = [("agent", Some(&info.name)), ("program", info.provenance.get("program"))];
             let entries = entries.into_iter().filter_map(|(key, value)| Some((key, value?)));
@@ -157,11 +157,7 @@ impl Kept {
     pub fn record(&self) -> Resumed {
         Resumed {
             map: self.file.display().to_string(),
-            identity: self
-                .about
-                .as_ref()
-                .and_then(|about| about.identity)
-                .map(|identity| identity.to_string()),
+            identity: self.about().and_then(|about| about.identity.as_ref()).map(Identity::to_string),
             agents: self.map.agents.values().map(|info| info.name.clone()).collect(),
             keyframes: self.map.keyframes.len() as u64,
             frames: self.map.frames.len() as u64,
@@ -179,8 +175,7 @@ pub fn places() -> Box<dyn PlaceIndex> {
 /// kept.
 fn extended(info: &AgentInfo, session: &AgentInfo, keyframes: usize, first_index: u64) -> AgentInfo {
     let mut about = info.clone();
-    let is_told = |number: &u32| about.provenance.contains_key(&format!("continued {number}: source"));
-    let number = (1..).take_while(is_told).count() + 1;
+    let number = next_number(&about.provenance, "continued", "source");
     let of_session = session.provenance.iter().map(|(key, value)| (key.clone(), value.clone()));
     let counts = [("first keyframe", keyframes as u64), ("first frame", first_index)];
     let counts = counts.map(|(key, count)| (key.to_owned(), count.to_string()));
@@ -188,6 +183,12 @@ fn extended(info: &AgentInfo, session: &AgentInfo, keyframes: usize, first_index
         about.provenance.insert(format!("continued {number}: {key}"), value);
     }
     about
+}
+
+/// The number of what is `done` next to a map, whose provenance tells `key` of each time before.
+fn next_number(provenance: &BTreeMap<String, String>, done: &str, key: &str) -> usize {
+    let is_told = |number: &usize| provenance.contains_key(&format!("{done} {number}: {key}"));
+    (1..).take_while(is_told).count() + 1
 }
 
 /// A common map made anew of its agents' own maps and the closures between them; `None` where these do not join all of them.

@@ -243,7 +243,9 @@ impl<'a> Run<'a> {
         let of_recording = || Identity::of_recording(&self.camera, frame.timestamp, &frame.image);
         if self.identity.is_none() {
             let identity = of_recording();
-            self.kept.map_or(Ok(()), |kept| kept.refuse_again(&identity))?;
+            if let Some(kept) = self.kept {
+                kept.refuse_again(&identity)?;
+            }
             self.identity = Some(identity);
         }
         self.take_in_features();

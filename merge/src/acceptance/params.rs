@@ -39,8 +39,9 @@ pub struct AcceptanceParams {
     /// Of right closures 0.005 at most; past the same houses 0.002 to 0.02, in corridors of equal doors with other notices more.
     pub max_unlike_share: f64,
     /// Largest share of the views, of one keyframe in another, with something of either sort, the mean of both sorts. Default
-    /// 0.375; 0 to 1. Of 123 right closures of recordings 0.19 at most, but for one of three keyframe pairs with 0.33, of rendered ones 0.11; in
-    /// corridors of equal doors with other notices, where little differs and always the same, 0.52 and more.
+    /// 0.375; 0 to 1. Of 123 right closures of recordings 0.19 at most, but for one of three keyframe pairs with 0.33, of
+    /// rendered ones 0.11; in corridors of equal doors with other notices, where little differs and always the same, 0.52 and
+    /// more.
     pub max_differing_share: f64,
     /// Fewest views, of one keyframe in another, in which either must be. Default 3; 1 or more. A thing that is not there is
     /// missing in every view of it; in one or two, depths may be wrong.

@@ -55,7 +55,7 @@ impl Agent {
 
     /// What the agent's own map calls a keyframe of the working map; `None` of another's.
     pub(super) fn own_id(&self, id: KeyframeId) -> Option<KeyframeId> {
-        (id.0 as usize).checked_sub(self.others()).map(LocalMap::id)
+        publish::own_id(id, self.others())
     }
 
     /// A closed loop, `(newer, older)` keyframe, in the agent's own map; `None` where it ends at another's keyframe.
@@ -140,28 +140,23 @@ impl Agent {
         }
         let crosses = |edge: &Edge| self.own_id(edge.from).is_some() != self.own_id(edge.to).is_some();
         let measured = edges::measured(&self.view, self.others(), &self.closed);
-        let all = measured.into_iter().filter(crosses);
-        // One between each keyframe and each other agent: what is known best. Those of one keyframe are in its unit.
-        let mut best: BTreeMap<(AgentId, KeyframeId), (f64, Edge)> = BTreeMap::new();
-        for edge in all {
+        // One between each other agent and each keyframe: what is known best. Those of one keyframe are in its unit.
+        let mut best: BTreeMap<AgentId, BTreeMap<KeyframeId, (f64, Edge)>> = BTreeMap::new();
+        for edge in measured.into_iter().filter(crosses) {
             let whose = common.keyframes.get(&edge.to).map(|keyframe| keyframe.agent);
             // What says nothing of one of the seven degrees of freedom ties nothing.
             let certainty = edge.information.cholesky().map(|root| root.determinant());
             let (Some(whose), Some(certainty)) = (whose, certainty) else { continue };
-            let known = best.get(&(whose, edge.from));
-            if known.is_none_or(|(known, _)| *known < certainty) {
-                best.insert((whose, edge.from), (certainty, Edge { kind: EdgeKind::Merge, ..edge }));
+            let best = best.entry(whose).or_default();
+            if best.get(&edge.from).is_none_or(|(known, _)| *known < certainty) {
+                best.insert(edge.from, (certainty, Edge { kind: EdgeKind::Merge, ..edge }));
             }
         }
-        let mut ties = Vec::new();
-        for agent in common.agents.keys() {
-            let of_agent: Vec<Edge> = best
-                .iter()
-                .filter(|((whose, _), _)| whose == agent)
-                .map(|(_, (_, edge))| edge.clone())
-                .collect();
-            ties.extend(of_agent.iter().step_by(of_agent.len().div_ceil(MOST_TIES).max(1)).cloned());
-        }
+        let spread = |ties: BTreeMap<KeyframeId, (f64, Edge)>| {
+            let step = ties.len().div_ceil(MOST_TIES);
+            ties.into_values().map(|(_, edge)| edge).step_by(step)
+        };
+        let ties = best.into_values().flat_map(spread).collect();
         Some(Joint { common, ties })
     }
 }

@@ -84,8 +84,8 @@ impl Sketches {
         }
         self.agents.retain(|agent, _| all.iter().any(|heard| heard.agent == *agent));
         let agents: Vec<Identity> = self.agents.keys().copied().collect();
-        let is_away = |agent: &Identity| all.iter().any(|heard| heard.agent == *agent && !heard.is_near);
-        let away: BTreeSet<Identity> = agents.iter().copied().filter(is_away).collect();
+        let away: BTreeSet<Identity> =
+            all.iter().filter(|heard| !heard.is_near).map(|heard| heard.agent).collect();
         let (mut busy, mut subset) = (BTreeSet::new(), BTreeMap::<_, BTreeSet<_>>::new());
         let (mut wanted, mut is_ready) = (BTreeMap::<Identity, Vec<(Kind, u32)>>::new(), false);
         for (number, one) in agents.iter().enumerate() {

@@ -71,13 +71,16 @@ impl Run<'_> {
         if !self.joins() {
             return frame.frame_index >= self.first_index();
         }
-        let agent = map.keyframes.get(&frame.reference).and_then(|keyframe| map.agents.get(&keyframe.agent));
-        self.is_of_run(agent.and_then(|about| about.identity))
+        map.keyframes
+            .get(&frame.reference)
+            .is_some_and(|keyframe| self.is_of_run(map.agents.get(&keyframe.agent)))
     }
 
     /// Whether an agent is this run's, in whichever of its maps.
-    fn is_of_run(&self, agent: Option<Identity>) -> bool {
-        agent.is_some_and(|agent| self.identity.is_some_and(|own| own.uuid == agent.uuid))
+    fn is_of_run(&self, agent: Option<&AgentInfo>) -> bool {
+        let uuid = |identity: Identity| identity.uuid;
+        let agent = agent.and_then(|about| about.identity).map(uuid);
+        agent.is_some() && agent == self.identity.map(uuid)
     }
 
     /// The trajectory of a map: of a common one that was extended, this run's.
@@ -85,12 +88,7 @@ impl Run<'_> {
         if !self.joins() {
             return map.trajectory();
         }
-        let own = map.frames.iter().filter(|frame| self.is_own(map, frame));
-        let pose = |frame: &FramePose| {
-            let world_from_camera = map.world_from_frame(frame)?.rigid();
-            Some(StampedPose { timestamp: frame.timestamp, world_from_camera })
-        };
-        own.filter_map(pose).collect()
+        map.trajectory_by(|keyframe| self.is_of_run(map.agents.get(&keyframe.agent)))
     }
 
     /// The maps that others are told of: of common ones those of this run's agents.
@@ -98,7 +96,7 @@ impl Run<'_> {
         if !self.joins() {
             return Cow::Borrowed(maps);
         }
-        let is_own = |map: &Map| map.agents.values().any(|about| self.is_of_run(about.identity));
+        let is_own = |map: &Map| map.agents.values().any(|about| self.is_of_run(Some(about)));
         Cow::Owned(maps.iter().flat_map(Map::split).filter(is_own).collect())
     }
 
@@ -107,7 +105,7 @@ impl Run<'_> {
         if map.agents.len() > 1 {
             return map;
         }
-        let about = self.kept.filter(|_| fragment == 0).and_then(Kept::about).unwrap_or(about);
+        let about = self.continued(fragment).unwrap_or(about);
         let mut about = AgentInfo { identity: self.identity_of(fragment), ..about.clone() };
         // The agent says what it found out of itself.
         let own = map.agents.remove(&AgentId::default());
@@ -118,10 +116,15 @@ impl Run<'_> {
 
     /// Who makes the map of a fragment: the first goes on in a map that was kept, the others are this run's own.
     pub(super) fn identity_of(&self, fragment: usize) -> Option<Identity> {
-        match self.kept {
-            Some(kept) if fragment == 0 && kept.about().is_some() => kept.about()?.identity,
-            _ => self.identity.map(|first| first.later(fragment as u32)),
+        match self.continued(fragment) {
+            Some(about) => about.identity,
+            None => self.identity.map(|first| first.later(fragment as u32)),
         }
+    }
+
+    /// The agent whose map that was kept a fragment goes on in; none goes on in a common one as one of its agents.
+    fn continued(&self, fragment: usize) -> Option<&AgentInfo> {
+        self.kept.filter(|_| fragment == 0)?.about()
     }
 
     /// The index of the run's first frame.
