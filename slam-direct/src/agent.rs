@@ -7,6 +7,7 @@
 //!
 //! [`MappingParams::lag`]: crate::mapping::MappingParams::lag
 
+mod across;
 mod common;
 mod early;
 mod error;

@@ -251,19 +251,30 @@ impl LocalMap {
     /// At most `count` keyframes that look at about what a keyframe looks at, in order; the keyframe among them.
     /// `depth` is the distance at which it looks, map units.
     pub fn around(&self, keyframe: usize, depth: f64, count: usize) -> Vec<usize> {
-        if self.keyframes.len() <= count {
-            return (0..self.keyframes.len()).collect();
-        }
+        self.around_among(keyframe, depth, count, |_| true)
+    }
+
+    /// The same of those that are `admitted`.
+    pub fn around_among(
+        &self,
+        keyframe: usize,
+        depth: f64,
+        count: usize,
+        admitted: impl Fn(usize) -> bool,
+    ) -> Vec<usize> {
+        let candidates = (0..self.keyframes.len()).filter(|&index| admitted(index));
         let focus = |state: &KeyframeState| {
             let ahead = Vector3::z() * depth - state.camera_from_world.translation;
             state.camera_from_world.rotation.inverse() * ahead
         };
         let here = focus(&self.keyframes[keyframe]);
-        let away =
-            |(index, state): (usize, &Shared<KeyframeState>)| ((focus(state) - here).norm_squared(), index);
-        let mut all: Vec<(f64, usize)> = self.keyframes.iter().enumerate().map(away).collect();
-        all.select_nth_unstable_by(count - 1, |a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));
-        let mut near: Vec<usize> = all[..count].iter().map(|a| a.1).collect();
+        let mut all: Vec<(f64, usize)> =
+            candidates.map(|index| ((focus(&self.keyframes[index]) - here).norm_squared(), index)).collect();
+        if all.len() > count && count > 0 {
+            all.select_nth_unstable_by(count - 1, |a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));
+            all.truncate(count);
+        }
+        let mut near: Vec<usize> = all.iter().map(|a| a.1).collect();
         near.sort_unstable();
         near
     }

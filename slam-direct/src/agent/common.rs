@@ -8,11 +8,11 @@ use super::Agent;
 use crate::closing::edges;
 use crate::local_map::LocalMap;
 use crate::publish;
-use map::{AgentId, Edge, EdgeKind, FramePose, Keyframe, KeyframeId, Map, MapDelta, MapError, Moved};
 use map::{Described, Settled};
+use map::{Edge, EdgeKind, FramePose, Keyframe, KeyframeId, Map, MapDelta, MapError, Moved};
 use std::collections::BTreeMap;
 
-/// Ties to each other agent that are kept, spread over the way: whoever makes a map of them compares any two of them.
+/// Ties of two agents that are kept, spread over the way: whoever makes a map of them compares any two of them.
 const MOST_TIES: usize = 100;
 
 /// The common map that an agent went on in, and how the agent's keyframes hang on those of the others.
@@ -20,7 +20,7 @@ const MOST_TIES: usize = 100;
 pub struct Joint {
     /// With keyframes where they are by now.
     common: Map,
-    /// From the agent's keyframes, called as if they were the common map's next ones, to the others'.
+    /// Between keyframes of different agents, the agent's called as if they were the common map's next ones.
     ties: Vec<Edge>,
 }
 
@@ -131,23 +131,24 @@ impl Agent {
         Some(Edge { from: self.own_id(edge.from)?, to: self.own_id(edge.to)?, ..edge })
     }
 
-    /// How the agent's keyframes hang together with the common map that it went on in, if it did: asked after
+    /// How the agent's keyframes and those of the others in the common map that it went on in hang together, if it did: asked after
     /// [`finish`](Self::finish), and before the map is given away.
     pub fn joint(&self) -> Option<Joint> {
         let mut common = Map::clone(self.common.as_ref()?);
         for (index, keyframe) in common.keyframes.values_mut().enumerate() {
             keyframe.world_from_keyframe = self.view.world_from_keyframe(index);
         }
-        let crosses = |edge: &Edge| self.own_id(edge.from).is_some() != self.own_id(edge.to).is_some();
-        let measured = edges::measured(&self.view, self.others(), &self.closed);
-        // One between each other agent and each keyframe: what is known best. Those of one keyframe are in its unit.
-        let mut best: BTreeMap<AgentId, BTreeMap<KeyframeId, (f64, Edge)>> = BTreeMap::new();
-        for edge in measured.into_iter().filter(crosses) {
-            let whose = common.keyframes.get(&edge.to).map(|keyframe| keyframe.agent);
+        let whose = |id: KeyframeId| common.keyframes.get(&id).map(|keyframe| keyframe.agent);
+        // Of the others too: what only they saw of each other must not be outweighed by what the agent saw of each.
+        let measured = edges::measured(&self.view, 0, &self.closed);
+        // One between each keyframe and each agent whose are older: what is known best. Those of one keyframe are in its unit.
+        let mut best: BTreeMap<_, BTreeMap<KeyframeId, (f64, Edge)>> = BTreeMap::new();
+        for edge in measured {
+            let (from, to) = (whose(edge.from), whose(edge.to));
             // What says nothing of one of the seven degrees of freedom ties nothing.
             let certainty = edge.information.cholesky().map(|root| root.determinant());
-            let (Some(whose), Some(certainty)) = (whose, certainty) else { continue };
-            let best = best.entry(whose).or_default();
+            let Some(certainty) = certainty.filter(|_| from != to) else { continue };
+            let best = best.entry((from, to)).or_default();
             if best.get(&edge.from).is_none_or(|(known, _)| *known < certainty) {
                 best.insert(edge.from, (certainty, Edge { kind: EdgeKind::Merge, ..edge }));
             }

@@ -1,5 +1,6 @@
 //! Going on in a map that was kept: to extend it, or only to tell poses in it.
 
+use super::across::observe_others;
 use super::mapper::{Mapper, Promise};
 use super::{Agent, AgentError, State, error};
 use crate::closing::edges;
@@ -60,7 +61,11 @@ impl Agent {
         let sensor = sensor_of(&map)?;
         let camera = sensor.lens.camera;
         error::check_camera(&camera)?;
-        let local = working_map(&map, sensor, params.align.pyramid_levels)?;
+        let mut local = working_map(&map, sensor, params.align.pyramid_levels)?;
+        let is_extended_common = going == Going::On && map.agents.len() > 1;
+        if is_extended_common {
+            observe_others(&mut local, &map, &params);
+        }
         let can_be_tracked = |&k: &usize| local.points_of(k).next().is_some();
         let newest = map.frames.last().map(|frame| frame.reference.0 as usize);
         let newest = newest.filter(|&k| k < local.keyframes.len());
@@ -90,7 +95,7 @@ impl Agent {
         if going == Going::Localising {
             map.frames.clear();
         }
-        if going == Going::On && map.agents.len() > 1 {
+        if is_extended_common {
             agent.common = Some(Box::new(map));
             map = Map::new(camera);
         }

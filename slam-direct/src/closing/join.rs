@@ -6,7 +6,7 @@ use crate::track::{self, Matched, TrackParams, View};
 use geometry::Se3;
 
 /// Points of some keyframes found in another, and the pose that agrees best with them.
-pub(super) struct SideMatch {
+pub(crate) struct SideMatch {
     pub camera_from_world: Se3,
     pub matched: Vec<Matched>,
     pub sought: Vec<PointRef>,
@@ -26,7 +26,7 @@ impl SideMatch {
 }
 
 /// Seeks the points of `hosts` in a keyframe, were it at `camera_from_world`.
-pub(super) fn match_side(
+pub(crate) fn match_side(
     map: &LocalMap,
     hosts: &[usize],
     keyframe: usize,

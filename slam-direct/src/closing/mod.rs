@@ -25,6 +25,7 @@ use backend::sim3_align::Sim3AlignParams;
 use correct::{Correction, GraphJob};
 use drift::Reach;
 use evidence::{NoLoop, Proposal};
+pub(crate) use join::match_side;
 use map::{Edge, KeyframeId, Map, PlaceIndex};
 use std::collections::BTreeSet;
 

@@ -218,6 +218,35 @@ fn who_extends_a_common_map_is_one_more_of_its_agents() {
 }
 
 #[test]
+fn agents_of_a_common_map_that_is_extended_observe_each_other() {
+    let (kept, params) = (common([0..25, 12..35]), Params::default());
+    let first = kept.keyframes.values().filter(|keyframe| keyframe.agent == AgentId(0)).count();
+    let across = |local: &LocalMap| {
+        let seen = |host: usize| local.keyframes[host].points.iter().flat_map(|p| &p.observations);
+        let crosses =
+            |host: usize| seen(host).filter(move |o| (o.keyframe < first) != (host < first)).count();
+        (0..local.keyframes.len()).map(crosses).sum::<usize>()
+    };
+    let local = |map: &Map| {
+        let sensor = sensor_of(map).unwrap();
+        working_map(map, sensor, params.align.pyramid_levels).unwrap()
+    };
+    let mut together = local(&kept);
+    assert_eq!(across(&together), 0, "a merge says how they lie to each other and no more");
+    observe_others(&mut together, &kept, &params);
+    assert!(across(&together) > 200, "{}", across(&together));
+    // Another place shows nothing of it: the second agent looks the other way.
+    let mut turned = kept;
+    let back = Sim3::from(crate::test_scene::pose(0.0, 0.0, 0.0, std::f64::consts::PI, 0.0));
+    for keyframe in turned.keyframes.values_mut().filter(|keyframe| keyframe.agent == AgentId(1)) {
+        keyframe.world_from_keyframe = keyframe.world_from_keyframe * back;
+    }
+    let mut apart = local(&turned);
+    observe_others(&mut apart, &turned, &params);
+    assert_eq!(across(&apart), 0);
+}
+
+#[test]
 fn what_is_found_nowhere_changes_nothing() {
     let kept = mapped(0..35).into_map();
     let mut agent = Agent::resume(kept.clone(), places(), Params::default(), Going::On).unwrap();
