@@ -262,19 +262,19 @@ impl LocalMap {
         count: usize,
         admitted: impl Fn(usize) -> bool,
     ) -> Vec<usize> {
-        let candidates = (0..self.keyframes.len()).filter(|&index| admitted(index));
+        let candidates: Vec<usize> = (0..self.keyframes.len()).filter(|&index| admitted(index)).collect();
+        if candidates.len() <= count {
+            return candidates;
+        }
         let focus = |state: &KeyframeState| {
             let ahead = Vector3::z() * depth - state.camera_from_world.translation;
             state.camera_from_world.rotation.inverse() * ahead
         };
         let here = focus(&self.keyframes[keyframe]);
-        let mut all: Vec<(f64, usize)> =
-            candidates.map(|index| ((focus(&self.keyframes[index]) - here).norm_squared(), index)).collect();
-        if all.len() > count && count > 0 {
-            all.select_nth_unstable_by(count - 1, |a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));
-            all.truncate(count);
-        }
-        let mut near: Vec<usize> = all.iter().map(|a| a.1).collect();
+        let away = |index: usize| ((focus(&self.keyframes[index]) - here).norm_squared(), index);
+        let mut all: Vec<(f64, usize)> = candidates.into_iter().map(away).collect();
+        all.select_nth_unstable_by(count - 1, |a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));
+        let mut near: Vec<usize> = all[..count].iter().map(|a| a.1).collect();
         near.sort_unstable();
         near
     }

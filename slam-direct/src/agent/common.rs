@@ -15,7 +15,7 @@ use std::collections::BTreeMap;
 /// Ties of two agents that are kept, spread over the way: whoever makes a map of them compares any two of them.
 const MOST_TIES: usize = 100;
 
-/// The common map that an agent went on in, and how the agent's keyframes hang on those of the others.
+/// The common map that an agent went on in, and how its keyframes and those of the others hang together.
 #[derive(Clone, Debug)]
 pub struct Joint {
     /// With keyframes where they are by now.
@@ -131,7 +131,7 @@ impl Agent {
         Some(Edge { from: self.own_id(edge.from)?, to: self.own_id(edge.to)?, ..edge })
     }
 
-    /// How the agent's keyframes and those of the others in the common map that it went on in hang together, if it did: asked after
+    /// How the agent's keyframes and those of the others hang together, if it went on in a common map: asked after
     /// [`finish`](Self::finish), and before the map is given away.
     pub fn joint(&self) -> Option<Joint> {
         let mut common = Map::clone(self.common.as_ref()?);
