@@ -13,6 +13,7 @@ mod early;
 mod error;
 mod frame;
 mod joining;
+mod joint_optimisation;
 mod mapper;
 mod masking;
 mod recognised;
@@ -24,6 +25,7 @@ pub use common::Joint;
 pub use error::AgentError;
 pub use frame::{Frame, FrameReport, TrackingState};
 pub(crate) use joining::{Joining, Sighting};
+pub use joint_optimisation::optimise_jointly;
 pub use resume::{Going, edges_of};
 
 use crate::background::Task;

@@ -43,7 +43,9 @@ mod warp;
 mod wide;
 mod window;
 
-pub use agent::{Agent, AgentError, Frame, FrameReport, Going, Joint, TrackingState, edges_of};
+pub use agent::{
+    Agent, AgentError, Frame, FrameReport, Going, Joint, TrackingState, edges_of, optimise_jointly,
+};
 pub use atlas::{Atlas, AtlasParams};
 pub use backend::{DocumentedParameter, Parameter, ParameterError, ParameterValue};
 pub use depth::{

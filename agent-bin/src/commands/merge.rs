@@ -31,6 +31,10 @@ pub struct MergeArgs {
     /// pieces, loopbox's own, or emr, the paper's
     #[arg(long, value_name = "METHOD", value_parser = method_parser())]
     method: Option<AnyMethod>,
+    /// Optimise all that the agents observe, of each other's points too, jointly in the end: mostly more exact, and slower. Of
+    /// agents with one camera
+    #[arg(long, conflicts_with = "extrinsic")]
+    optimise: bool,
     /// Parameter file (TOML); `loopbox params --merge` prints the defaults
     #[arg(long, value_name = "FILE")]
     params: Option<PathBuf>,
@@ -70,6 +74,12 @@ pub fn run(args: &MergeArgs) -> Result<()> {
             bail!("--method {} is for maps of LiDARs, and these are of cameras", method.name());
         }
         None => {}
+    }
+    params.joint |= args.optimise;
+    if params.joint && params.method.baseline().is_some() {
+        bail!(
+            "a common map is optimised jointly (--optimise) where maps are joined by --method direct, the default"
+        );
     }
     let options = MergeOptions { out: args.out.clone(), force: args.force, params };
     let stop = stop_on_ctrl_c("stopping after this step; nothing will be written (Ctrl-C again to abort)")?;
@@ -119,6 +129,9 @@ impl MergeArgs {
 
     /// How maps with a LiDAR's among them are merged.
     fn lidar_method(&self) -> Result<MergeMethod> {
+        if self.optimise {
+            bail!("--optimise is for maps of cameras, and there is a LiDAR's among these");
+        }
         if self.params.is_some() {
             bail!("--params is for maps of cameras, and there is a LiDAR's among these");
         }

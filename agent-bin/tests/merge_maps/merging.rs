@@ -60,6 +60,33 @@ fn two_agents_that_met_get_one_map() {
     check_again(&case);
 }
 
+#[test]
+fn a_common_map_is_optimised_jointly_where_that_is_asked_for() {
+    let (case, plain, runs) = (Case::new(), Case::new(), Runs::get());
+    let maps = ["left", "right"].map(|name| runs.run(name));
+    let out = case.out();
+    let args = ["merge", "--optimise", arg(&maps[0]), arg(&maps[1]), "--out", arg(&out)];
+    let outcome = loopbox(&args);
+    outcome.assert_success();
+    assert!(outcome.stderr.contains("optimising the common map jointly"), "{outcome:#?}");
+    assert_accurate(&out);
+    let numbers: Value = serde_json::from_slice(&fs::read(out.join("merge.json")).unwrap()).unwrap();
+    assert_eq!(numbers["params"]["joint"], true);
+    plain.merge(&maps.each_ref().map(|map| map.as_path())).assert_success();
+    let [optimised, merged] =
+        [&out, &plain.out()].map(|out| load_map(out.join("map.mcap")).expect("it was written").map);
+    assert!(optimised.edges == merged.edges && optimised.agents == merged.agents);
+    let moved = merged
+        .keyframes
+        .iter()
+        .filter(|(id, keyframe)| optimised.keyframes[id].world_from_keyframe != keyframe.world_from_keyframe);
+    assert!(moved.count() > merged.keyframes.len() / 2, "nothing moved");
+    assert!(optimised.split() == merged.split(), "the agents' own maps come out of it bit by bit");
+    let outcome =
+        loopbox(&["merge", "--optimise", "--method", "pcr-pro", arg(&maps[0]), arg(&maps[1]), "--out", "x"]);
+    assert!(outcome.code == Some(1) && outcome.stderr.contains("--method direct"), "{outcome:#?}");
+}
+
 /// The numbers hold what the verdict rests on.
 fn check_numbers(case: &Case) {
     let text = fs::read_to_string(case.out().join("merge.json")).unwrap();

@@ -2,6 +2,7 @@
 //! the other, with their times. The steps themselves are in the crate `merge`.
 
 mod input;
+mod joint;
 mod mixed;
 mod names;
 mod options;
@@ -65,6 +66,9 @@ pub struct MergingParams {
     pub further: FurtherParams,
     /// The common map.
     pub fusion: FusionParams,
+    /// Whether all that the agents of a common map observe, of each other's points too, is optimised jointly in the end
+    /// (`merge --optimise`). Default false: it takes longer than all else, seconds for maps of a hundred keyframes.
+    pub joint: bool,
 }
 
 /// Keyframes of a map that stay ready for the next pair, at the most: of 640 × 480 pixels each takes some 4 MB.

@@ -1,5 +1,6 @@
 //! A merge as it is asked for, and its way from there to the results.
 
+use super::joint::optimised;
 use super::{
     Input, MergeRecord, Merging, MergingParams, Names, keep_from, listed, merge, verdict, without_company,
     write_results,
@@ -108,8 +109,14 @@ pub fn merge_maps_watched(
     let vocabulary = Vocabulary::shipped();
     let swap = SwapFiles::new(options.out.clone());
     let inputs = load(paths, &vocabulary, &swap, watcher, &mut stage)?;
-    let merging = merge(&inputs, &vocabulary, &options.params, &mut stage)?;
+    let mut merging = merge(&inputs, &vocabulary, &options.params, &mut stage)?;
     let names = Names::new(&merging.common);
+    if options.params.joint && merging.anything_met() {
+        stage("optimising the common map jointly")?;
+        for (fused, why) in optimised(&mut merging.fused, &|| stop.requested()) {
+            watcher.warn(&format!("the common map of {} is not optimised: {why}", names.list(&fused.agents)));
+        }
+    }
     let mut record = MergeRecord::new(&inputs, &merging, &options.params, &names)?;
     if merging.anything_met() {
         stage("writing the results")?;

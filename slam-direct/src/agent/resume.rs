@@ -131,7 +131,7 @@ pub fn edges_of(map: &Map) -> Result<Vec<Edge>, AgentError> {
 
 /// The sensor of the agents of a map: of one camera, as the agent with most keyframes has seen it. Each has found out for
 /// itself what is left of its lens's distortion, and the rays of all points are to be by one.
-fn sensor_of(map: &Map) -> Result<Sensor, AgentError> {
+pub(super) fn sensor_of(map: &Map) -> Result<Sensor, AgentError> {
     let refused = |what: String| Err(AgentError::Map(what));
     let mut sensors = Vec::new();
     for (id, about) in &map.agents {
@@ -155,7 +155,7 @@ fn sensor_of(map: &Map) -> Result<Sensor, AgentError> {
 }
 
 /// The working map of a map that was handed out.
-fn working_map(map: &Map, sensor: Sensor, levels: usize) -> Result<LocalMap, AgentError> {
+pub(super) fn working_map(map: &Map, sensor: Sensor, levels: usize) -> Result<LocalMap, AgentError> {
     let camera = sensor.lens.camera;
     let mut local = LocalMap { sensor, ..LocalMap::new(camera) };
     for (keyframe, motion) in map.keyframes.values().zip(map.motions()) {

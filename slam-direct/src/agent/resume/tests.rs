@@ -1,7 +1,7 @@
 //! Going on in a map, on a short rendered drive.
 
 use super::*;
-use crate::agent::{Frame, FrameReport, TrackingState};
+use crate::agent::{Frame, FrameReport, TrackingState, optimise_jointly};
 use crate::test_scene::yard;
 use geometry::{GrayImage, Sim3};
 use loopbox_tests::{Recording, trajectory};
@@ -244,6 +244,43 @@ fn agents_of_a_common_map_that_is_extended_observe_each_other() {
     let mut apart = local(&turned);
     observe_others(&mut apart, &turned, &params);
     assert_eq!(across(&apart), 0);
+}
+
+#[test]
+fn agents_of_a_common_map_are_optimised_jointly() {
+    let (kept, params) = (common([0..35, 15..60]), Params::default());
+    let error_of = |map: &Map| error(map);
+    // The second agent's map is put down a little beside where it belongs, and a little too large.
+    let mut off = kept.clone();
+    let beside = Sim3::new(Default::default(), nalgebra::Vector3::new(0.02, 0.01, 0.0), 1.01);
+    for keyframe in off.keyframes.values_mut().filter(|keyframe| keyframe.agent == AgentId(1)) {
+        keyframe.world_from_keyframe = beside * keyframe.world_from_keyframe;
+    }
+    let mut map = off.clone();
+    optimise_jointly(&mut map, &params, &|| false).unwrap();
+    let [before, after, least] = [&off, &map, &kept].map(error_of);
+    assert!(before > 3.0 * least && after < 0.4 * before, "{before} to {after} m, {least} at the least");
+    let first = |map: &Map| map.keyframes[&KeyframeId(0)].world_from_keyframe;
+    let (was, is) = (first(&off), first(&map));
+    assert!((was.translation - is.translation).norm() < 0.01 && (is.scale / was.scale - 1.0).abs() < 0.01);
+    assert!(map.split() == off.split(), "the agents' own maps stay bit by bit");
+    let mut stopped = off.clone();
+    optimise_jointly(&mut stopped, &params, &|| true).unwrap();
+    assert!(error(&stopped) > 0.9 * before, "an optimisation that was stopped moved what it had not asked");
+}
+
+#[test]
+fn a_common_map_whose_first_agent_holds_no_world_stays_as_it_is() {
+    let kept = common([0..35, 25..60]);
+    let mut map = kept.clone();
+    let first = |id: &KeyframeId, map: &Map| map.keyframes[id].agent == AgentId(0);
+    let here = map.keyframes[&KeyframeId(0)].world_from_keyframe;
+    for id in kept.keyframes.keys().filter(|id| first(id, &kept)) {
+        map.keyframes.get_mut(id).unwrap().world_from_keyframe = here;
+    }
+    let before = map.clone();
+    assert!(matches!(optimise_jointly(&mut map, &Params::default(), &|| false), Err(AgentError::Map(_))));
+    assert!(map == before);
 }
 
 #[test]
