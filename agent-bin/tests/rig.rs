@@ -120,7 +120,15 @@ fn a_cameras_map_gets_metres_from_the_lidar_beside_it() {
     write_recording(&at("other"), &HALL, &pose, duration).unwrap();
     run(0, &["run", arg(&at("other")), "--out", arg(&at("out/other")), "--quiet"]);
     let all = at("all");
-    let said = run(0, &["merge", arg(&at("out/other")), arg(&both), "--out", arg(&all), "--quiet"]);
+    let merge = ["merge", arg(&at("out/other")), arg(&both), "--out", arg(&all), "--quiet"];
+    let params = at("merge.toml");
+    fs::write(&params, "joint = true").unwrap();
+    let said = run(1, &[&merge[..], &["--params", arg(&params)]].concat());
+    assert!(said.contains("joint = false") && !all.join("map.mcap").exists(), "{said}");
+    fs::write(&params, "[fusion]\nmax_cycle_error = 4.8").unwrap();
+    let said = run(0, &[&merge[..], &["--params", arg(&params)]].concat());
+    let record = fs::read_to_string(all.join("merge.json")).unwrap();
+    assert_eq!(number(&record, "/params/fusion/max_cycle_error"), 4.8);
     assert!(said.contains("other + lidar: accepted") && said.contains("other, lidar, camera"), "{said}");
     let agents = ["lidar", "camera", "other"];
     let tracks = agents.map(|name| all.join(format!("trajectory-{name}.txt")));

@@ -34,6 +34,8 @@ pub struct Summary {
     pub duration: f64,
     /// Length of the trajectories, map units, the sum over the agents.
     pub path_length: f64,
+    /// Whether a map unit is a metre.
+    pub metric: bool,
     /// Size of the file, bytes, where the map came from one.
     pub file_bytes: Option<u64>,
     /// The agents in order.
@@ -63,6 +65,8 @@ pub struct AgentSummary {
     pub duration: f64,
     /// Length of the trajectory, map units.
     pub path_length: f64,
+    /// Whether a map unit is a metre.
+    pub metric: bool,
     /// Where its map came from.
     pub provenance: BTreeMap<String, String>,
 }
@@ -91,6 +95,7 @@ impl Map {
             // An empty `sum` would be −0.
             duration: agents.iter().fold(0.0, |sum, agent| sum + agent.duration),
             path_length: agents.iter().fold(0.0, |sum, agent| sum + agent.path_length),
+            metric: self.is_metric(),
             file_bytes,
             agents,
             merge_provenance: self.merge_provenance.clone(),
@@ -114,6 +119,7 @@ impl Map {
             duration: times.map_or(0.0, |(first, last)| last.timestamp - first.timestamp),
             path_length: (1..trajectory.len())
                 .fold(0.0, |sum, i| sum + (position(i) - position(i - 1)).norm()),
+            metric: self.is_metric(),
             provenance: info.provenance.clone(),
         }
     }
@@ -144,8 +150,7 @@ impl fmt::Display for Summary {
             self.odometry_edges, self.covisibility_edges, self.loop_edges, self.merge_edges
         )?;
         writeln!(f, "frames       {} in {:.2} s", self.frames, self.duration)?;
-        let unit = if has(SensorKind::Camera) { "map units" } else { "m" };
-        writeln!(f, "path         {:.3} {unit}", self.path_length)?;
+        writeln!(f, "path         {:.3} {}", self.path_length, unit(self.metric))?;
         if let Some(bytes) = self.file_bytes {
             write!(f, "file         {:.2} MB", bytes as f64 / 1e6)?;
             match self.keyframes {
@@ -183,10 +188,14 @@ impl fmt::Display for AgentSummary {
         writeln!(f, "{}", self.seen_with())?;
         writeln!(f, "keyframes    {}", self.keyframes)?;
         writeln!(f, "frames       {} in {:.2} s", self.frames, self.duration)?;
-        let unit = if self.sensor == SensorKind::Lidar { "m" } else { "map units" };
-        writeln!(f, "path         {:.3} {unit}", self.path_length)?;
+        writeln!(f, "path         {:.3} {}", self.path_length, unit(self.metric))?;
         provenance(f, &self.provenance)
     }
+}
+
+/// What lengths are in, for people.
+fn unit(metric: bool) -> &'static str {
+    if metric { "m" } else { "map units" }
 }
 
 /// Writes a text of several lines beside each key.
@@ -239,6 +248,15 @@ mod tests {
     }
 
     #[test]
+    fn lengths_are_in_metres_where_the_first_agent_knows_them() {
+        let mut map = united();
+        let first = map.agents.values_mut().next().unwrap();
+        first.set_metric();
+        let text = map.summary(None).to_string();
+        assert!(text.matches(" m\n").count() == 4 && !text.contains("map units"), "{text}");
+    }
+
+    #[test]
     fn agents_are_told_apart() {
         let summary = united().summary(None);
         let of_agents: Vec<_> = summary.agents.iter().map(|a| (&*a.name, a.keyframes, a.frames)).collect();
@@ -246,6 +264,7 @@ mod tests {
         assert_eq!((summary.keyframes, summary.frames), (6, 30));
         let sum = summary.agents.iter().map(|a| a.path_length).sum::<f64>();
         assert!((summary.path_length - sum).abs() < 1e-9);
+        assert!(!summary.metric && summary.to_string().matches("map units").count() == 4);
         let text = summary.to_string();
         assert!(text.contains("agents       3\n") && text.contains("\nagent        other\n"), "{text}");
         assert!(text.contains("images       30×20 pixels\n"), "{text}");

@@ -9,7 +9,7 @@ use crate::interrupt::stop_on_ctrl_c;
 use anyhow::{Result, bail};
 use clap::Args;
 use geometry::Se3;
-use loopbox::merging::{MergeOptions, Merged, MergingParams, merge_maps_watched, merge_rig};
+use loopbox::merging::{MergeOptions, Merged, MergingParams, MixedOptions, merge_maps_watched, merge_rig};
 use loopbox::placing::rig::extrinsic;
 use slam_lidar::merging::MergeMethod;
 use std::path::PathBuf;
@@ -62,12 +62,14 @@ pub fn run(args: &MergeArgs) -> Result<()> {
         return args.of_a_rig(lidar_from_camera);
     }
     match kind_of(&args.maps) {
-        Kind::Mixed => return merge_scans::run_mixed(args, args.lidar_method()?),
+        Kind::Mixed => return merge_scans::run_mixed(args, &args.mixed()?),
+        Kind::Lidars if args.params.is_some() => {
+            bail!("--params is for maps of cameras, and these are of LiDARs");
+        }
         Kind::Lidars => return merge_scans::run(args, args.lidar_method()?),
         Kind::Cameras => {}
     }
-    let mut params: MergingParams =
-        args.params.as_deref().map(params::read_merging).transpose()?.unwrap_or_default();
+    let mut params = args.params()?;
     match args.method {
         Some(AnyMethod::Camera(method)) => params.method = method,
         Some(AnyMethod::Lidar(method)) => {
@@ -127,13 +129,24 @@ impl MergeArgs {
         ))
     }
 
+    /// The parameters of maps of cameras.
+    fn params(&self) -> Result<MergingParams> {
+        Ok(self.params.as_deref().map(params::read_merging).transpose()?.unwrap_or_default())
+    }
+
+    /// How maps of cameras and LiDARs are merged.
+    fn mixed(&self) -> Result<MixedOptions> {
+        let (lidars, cameras) = (self.lidar_method()?, self.params()?);
+        if cameras.joint || cameras.method.baseline().is_some() {
+            bail!("maps with a LiDAR's among them are merged with `joint = false` and `method = \"direct\"`");
+        }
+        Ok(MixedOptions { out: self.out.clone(), force: self.force, lidars, cameras })
+    }
+
     /// How maps with a LiDAR's among them are merged.
     fn lidar_method(&self) -> Result<MergeMethod> {
         if self.optimise {
             bail!("--optimise is for maps of cameras, and there is a LiDAR's among these");
-        }
-        if self.params.is_some() {
-            bail!("--params is for maps of cameras, and there is a LiDAR's among these");
         }
         match self.method {
             Some(AnyMethod::Camera(method)) => {

@@ -6,7 +6,7 @@ use crate::console::{self, Ended, Ending, tell};
 use crate::interrupt::stop_on_ctrl_c;
 use anyhow::Result;
 use loopbox::lidar::{LidarMerged, merge_maps};
-use loopbox::merging::merge_mixed;
+use loopbox::merging::{MixedOptions, merge_mixed};
 use loopbox::open::map_file_at;
 use map::SensorKind;
 use slam_lidar::merging::MergeMethod;
@@ -61,14 +61,14 @@ pub fn run(args: &MergeArgs, method: MergeMethod) -> Result<()> {
     if args.json { Ok(()) } else { console::print(&summary(args, &merged)) }
 }
 
-/// Merges maps of which one at least has agents of both kinds.
+/// Merges maps of which one at least has agents of both kinds, as `options` say.
 ///
 /// # Errors
 /// As [`run`].
-pub fn run_mixed(args: &MergeArgs, method: MergeMethod) -> Result<()> {
+pub fn run_mixed(args: &MergeArgs, options: &MixedOptions) -> Result<()> {
     let stop = stop_on_ctrl_c("stopping after this step; nothing will be written (Ctrl-C again to abort)")?;
     let progress = MergeProgress::new(args.quiet);
-    let merged = merge_mixed(&args.maps, method, (&args.out, args.force), &stop, &progress)?;
+    let merged = merge_mixed(&args.maps, options, &stop, &progress)?;
     progress.finish();
     merged.warnings.iter().for_each(|warning| tell!("warning: {warning}"));
     if args.json {

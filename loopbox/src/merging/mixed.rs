@@ -15,7 +15,7 @@ use crate::results::{Owner, Results};
 use anyhow::{Context, Result, anyhow};
 use geometry::Sim3;
 use map::{AgentId, Map, SensorKind};
-use merge::common_map::{Address, CommonMap, Fused, FusionParams, Link};
+use merge::common_map::{Address, CommonMap, Fused, Link};
 use merge::estimate::Estimate;
 use nalgebra::{SMatrix, SVector};
 use place_recog::Vocabulary;
@@ -57,6 +57,8 @@ pub struct MixedRecord {
     pub groups: Vec<Vec<String>>,
     /// Merges that the common map took back, and why.
     pub taken_back: Vec<String>,
+    /// The parameters of the cameras' part.
+    pub params: MergingParams,
     /// The files of results, by names relative to their folder.
     pub files: Vec<String>,
 }
@@ -101,21 +103,33 @@ impl MixedMerged {
     }
 }
 
-/// Merges the maps at `paths`, of which at least one has agents of both kinds, and writes the common map into the folder `out`:
-/// maps, clouds and trajectories as of any merge, `report.html` and `merge.json`. Where no two agents met, nothing is written.
+/// How maps of cameras and LiDARs are to be merged.
+#[derive(Clone, Debug)]
+pub struct MixedOptions {
+    /// Folder for the results; made if it is not there.
+    pub out: PathBuf,
+    /// Replace results of a run in that folder.
+    pub force: bool,
+    /// How LiDARs' maps are brought together.
+    pub lidars: MergeMethod,
+    /// All parameters of cameras' merges; its `fusion` is that of the common map of both. Nothing is optimised jointly.
+    pub cameras: MergingParams,
+}
+
+/// Merges the maps at `paths`, of which at least one has agents of both kinds, and writes the common map: maps, clouds and
+/// trajectories as of any merge, `report.html` and `merge.json`. Where no two agents met, nothing is written.
 ///
 /// # Errors
 /// When a map cannot be read, the common map cannot be made, results cannot be written, or `stop` was wished.
 pub fn merge_mixed(
     paths: &[PathBuf],
-    method: MergeMethod,
-    (out, force): (&Path, bool),
+    options: &MixedOptions,
     stop: &Stop,
     watcher: &dyn MergeWatcher,
 ) -> Result<MixedMerged> {
     refuse_one(paths)?;
-    keep_from(out, paths)?;
-    let mut output = Results::create(out, &Owner::Merge, force)?;
+    keep_from(&options.out, paths)?;
+    let mut output = Results::create(&options.out, &Owner::Merge, options.force)?;
     let mut stage = |text: &str| {
         watcher.stage(text);
         if stop.requested() { Err(anyhow!("interrupted: nothing was written")) } else { Ok(()) }
@@ -133,13 +147,14 @@ pub fn merge_mixed(
         CommonMap::from_maps(&maps.iter().collect::<Vec<_>>()).context("the maps cannot be merged")?;
     let names = Names::new(&common);
     let before = common.merged();
-    let (scanned, mut encounters) = meetings_of_lidars(&common, &names, method, &mut stage)?;
-    let (seen, of_cameras) = meetings_of_cameras(&common, &names, &mut stage, &mut warnings)?;
+    let (scanned, mut encounters) = meetings_of_lidars(&common, &names, options.lidars, &mut stage)?;
+    let (seen, of_cameras) =
+        meetings_of_cameras(&common, &names, &options.cameras, &mut stage, &mut warnings)?;
     encounters.extend(of_cameras);
     scanned.into_iter().chain(seen).for_each(|link| _ = common.link(link));
     stage("making the common map")?;
     let (fused, taken_back) =
-        common.settle(&FusionParams::default()).context("the common map cannot be made")?;
+        common.settle(&options.cameras.fusion).context("the common map cannot be made")?;
     let name = |agent: AgentId| names.of(agent).to_owned();
     let mut record = MixedRecord {
         version: env!("CARGO_PKG_VERSION"),
@@ -151,6 +166,7 @@ pub fn merge_mixed(
             .iter()
             .map(|taken| format!("{} + {}: {}", name(taken.agents.0), name(taken.agents.1), taken.why))
             .collect(),
+        params: options.cameras.clone(),
         files: Vec::new(),
     };
     if common.merged().difference(&before).next().is_some() {
@@ -211,6 +227,7 @@ fn meetings_of_lidars(
 fn meetings_of_cameras(
     common: &CommonMap,
     names: &Names,
+    params: &MergingParams,
     stage: &mut dyn FnMut(&str) -> Result<()>,
     warnings: &mut Vec<String>,
 ) -> Result<(Vec<Link>, Vec<MixedEncounter>)> {
@@ -228,7 +245,7 @@ fn meetings_of_cameras(
             Err(refused) => warnings.push(format!("{:#}", refused.why)),
         }
     }
-    let merging = merge(&inputs, &vocabulary, &MergingParams::default(), stage)?;
+    let merging = merge(&inputs, &vocabulary, params, stage)?;
     // There every input is one agent, whose keyframes are called as they are here.
     let owners: Vec<Option<AgentId>> = merging.addresses.iter().map(|of| of.agents().next()).collect();
     let here = |address: Address| {

@@ -16,7 +16,7 @@ mod verdict;
 pub use crate::results::keep_from;
 pub(crate) use input::name_of;
 pub use input::{Input, features_of_keyframes};
-pub use mixed::{MixedAgent, MixedEncounter, MixedMerged, MixedRecord, merge_mixed};
+pub use mixed::{MixedAgent, MixedEncounter, MixedMerged, MixedOptions, MixedRecord, merge_mixed};
 pub(crate) use names::untaken;
 pub use names::{Names, listed};
 pub(crate) use options::refuse_one;
