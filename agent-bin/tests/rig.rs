@@ -120,7 +120,8 @@ fn a_cameras_map_gets_metres_from_the_lidar_beside_it() {
     write_recording(&at("other"), &HALL, &pose, duration).unwrap();
     run(0, &["run", arg(&at("other")), "--out", arg(&at("out/other")), "--quiet"]);
     let all = at("all");
-    let merge = ["merge", arg(&at("out/other")), arg(&both), "--out", arg(&all), "--quiet"];
+    let other = at("out/other");
+    let merge = ["merge", arg(&other), arg(&both), "--out", arg(&all), "--quiet"];
     let params = at("merge.toml");
     fs::write(&params, "joint = true").unwrap();
     let said = run(1, &[&merge[..], &["--params", arg(&params)]].concat());
@@ -144,7 +145,7 @@ fn a_cameras_map_gets_metres_from_the_lidar_beside_it() {
     let page = embedded(&fs::read_to_string(all.join("report.html")).unwrap());
     assert_eq!(page["scene"]["agents"].as_array().unwrap().len(), 3);
     run(0, &["unmerge", arg(&all), "--out", arg(&at("all-apart"))]);
-    for (name, own) in [("camera", &camera), ("lidar", &lidar), ("other", &at("out/other"))] {
+    for (name, own) in [("camera", &camera), ("lidar", &lidar), ("other", &other)] {
         let again = fs::read(at("all-apart").join(name).join("map.mcap")).unwrap();
         assert!(again == fs::read(own.join("map.mcap")).unwrap(), "{name} as it was");
     }

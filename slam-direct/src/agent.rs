@@ -287,6 +287,13 @@ impl Agent {
         frame_index: u64,
         mut report: FrameReport,
     ) -> FrameReport {
+        if self.resumed == Some(Going::Localising)
+            && located.position_deviation(&self.view) > f64::from(self.params.track.max_deviation)
+        {
+            self.state = State::Running(tracker);
+            let reason = Some("the view shows too little of the map to tell where it is");
+            return FrameReport { reason, ..FrameReport::lost() };
+        }
         self.params.track.position_sigma = learn_position_sigma(&self.params.track, located.excess);
         self.counts.add(&located.sought, &located.matched);
         self.learn_motion(&located.mean_motion);

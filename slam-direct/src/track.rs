@@ -5,7 +5,7 @@ use crate::align::{AlignmentReference, Brightness};
 use crate::local_map::{LocalMap, PointRef};
 use crate::patch::Template;
 use crate::warp::Warp;
-use crate::window::{PoseSolver, SeenPoint, mahalanobis, predict, robust_weight};
+use crate::window::{PoseSolver, SeenPoint, covariance, mahalanobis, predict, robust_weight};
 use backend::params;
 use geometry::sensor::Twist;
 use geometry::{Pyramid, Se3, median};
@@ -39,6 +39,10 @@ params! {
         pub turn_change: f32 = 40.0,
         /// Keyframes whose points are sought at most.
         pub max_hosts: usize = 14,
+        /// Standard deviation of a position, over the median depth of what is seen, above which it is not told of a camera that is
+        /// localised only: five of them are 1 % of the depth. In maps of hand-held recordings frames have 0.0016 at the most;
+        /// where the map ends and a hundredth of the depth is missed, 0.002 to 0.007.
+        pub max_deviation: f32 = 0.002,
     }
 }
 
@@ -229,7 +233,8 @@ const TRACKING: PoseSolver = PoseSolver { iterations: 12, wide: 5, settled: 1e-1
 ///
 /// Second value: the squared residuals' median over what was assumed.
 pub(crate) fn refine_pose(map: &LocalMap, view: &View, matched: &mut [Matched]) -> (Se3, f64) {
-    let mut points: Vec<SeenPoint> = matched.iter().map(|m| world_point(map, view, m)).collect();
+    let mut points: Vec<SeenPoint> =
+        matched.iter().map(|m| world_point(map, &view.camera_from_world, &view.motion, m)).collect();
     let mut pose = view.camera_from_world;
     let mut assumed = None;
     for _ in 0..2 {
@@ -253,6 +258,29 @@ pub(crate) fn refine_pose(map: &LocalMap, view: &View, matched: &mut [Matched]) 
     (pose, assumed.unwrap_or(1.0))
 }
 
+/// Standard deviation of the position of a camera at a pose, along the axis that is known least, by the points that agree and over their
+/// median depth; infinite where they leave a motion open.
+pub(crate) fn position_deviation(
+    map: &LocalMap,
+    camera_from_world: &Se3,
+    motion: &Twist,
+    matched: &[Matched],
+) -> f64 {
+    let agreeing = matched.iter().filter(|m| m.inlier);
+    let points: Vec<SeenPoint> = agreeing.map(|m| world_point(map, camera_from_world, motion, m)).collect();
+    let depth = |p: &SeenPoint| {
+        let direction =
+            camera_from_world.rotation * p.direction + camera_from_world.translation * p.inverse_depth;
+        (direction.z / p.inverse_depth) as f32
+    };
+    let depth = median(&mut points.iter().map(depth).collect::<Vec<f32>>());
+    let Some((depth, covariance)) = depth.zip(covariance(&map.camera, camera_from_world, &points)) else {
+        return f64::INFINITY;
+    };
+    let of_position = covariance.fixed_view::<3, 3>(0, 0).into_owned();
+    of_position.symmetric_eigenvalues().max().sqrt() / f64::from(depth)
+}
+
 /// How the camera turns while this frame is read, told by its rows: the motion of the `view` with another turn, a priori the
 /// same but for `sigma` radians a second.
 pub(crate) fn motion_by_rows(map: &LocalMap, view: &View, matched: &[Matched], sigma: f64) -> Twist {
@@ -262,7 +290,7 @@ pub(crate) fn motion_by_rows(map: &LocalMap, view: &View, matched: &[Matched], s
     let (rotation, translation) =
         (view.camera_from_world.rotation_matrix(), view.camera_from_world.translation);
     for m in matched.iter().filter(|m| m.inlier) {
-        let point = world_point(map, view, m);
+        let point = world_point(map, &view.camera_from_world, &view.motion, m);
         let seen = predict(
             &map.camera,
             &rotation,
@@ -317,17 +345,17 @@ const MEDIAN_SQUARED: f64 = 4.0;
 const MAX_EXCESS: f64 = 9.0;
 
 /// A match prepared for pose refinement: its point in the world, uncertain depth in its information.
-fn world_point(map: &LocalMap, view: &View, matched: &Matched) -> SeenPoint {
+fn world_point(map: &LocalMap, camera_from_world: &Se3, motion: &Twist, matched: &Matched) -> SeenPoint {
     let host = &map.keyframes[matched.at.host];
     let point = map.point(matched.at);
     let world_from_host = host.camera_from_world.inverse();
     let direction = world_from_host.rotation * point.ray + world_from_host.translation * point.inverse_depth;
     let mut information = matched.information.map(f64::from);
-    let relative = view.camera_from_world * world_from_host;
+    let relative = *camera_from_world * world_from_host;
     let rotation = relative.rotation_matrix();
     let depth = (rotation * point.ray + relative.translation * point.inverse_depth).z;
     let shown = matched.pixel.map(f64::from);
-    let pixel = map.sensor.ideal_pixel(shown, &view.motion, point.inverse_depth / depth);
+    let pixel = map.sensor.ideal_pixel(shown, motion, point.inverse_depth / depth);
     let predicted =
         predict(&map.camera, &rotation, &relative.translation, &point.ray, point.inverse_depth, &pixel);
     if let Some(p) = predicted {

@@ -57,6 +57,11 @@ impl Located {
         self.inliers as f32 / self.sought.len().max(1) as f32
     }
 
+    /// Standard deviation of the camera's position along the axis that is known least, over the median depth of the points that agree.
+    pub fn position_deviation(&self, map: &LocalMap) -> f64 {
+        track::position_deviation(map, &self.camera_from_world, &self.motion, &self.matched)
+    }
+
     /// Root mean square photometric residual of the agreeing points, grey levels.
     pub fn rmse(&self) -> f32 {
         let sum: f32 = self.matched.iter().filter(|m| m.inlier).map(|m| m.rmse * m.rmse).sum();

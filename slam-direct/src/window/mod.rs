@@ -23,7 +23,7 @@ mod tests;
 
 pub(crate) use calibration::{Calibration, Shown};
 pub(crate) use pairs::Pairs;
-pub(crate) use pose::{PoseSolver, SeenPoint};
+pub(crate) use pose::{PoseSolver, SeenPoint, covariance};
 pub(crate) use problem::{
     Problem, WindowObservation, WindowPoint, mahalanobis, predict, robust_cost, robust_weight,
 };

@@ -37,6 +37,12 @@ pub(crate) struct PoseSolver {
     pub rotation_only: bool,
 }
 
+/// Covariance of a frame's pose `camera_from_world` by the points it sees, of its left perturbation `(υ, ω)`; `None` where they leave
+/// a motion open.
+pub(crate) fn covariance(camera: &Pinhole, pose: &Se3, points: &[SeenPoint]) -> Option<Matrix6<f64>> {
+    Some(linearise(camera, pose, points, 1.0).0.cholesky()?.inverse())
+}
+
 /// Squared residuals are divided by this under the wide kernel.
 const WIDENING: f64 = 30.0;
 

@@ -6,6 +6,7 @@ use crate::test_scene::yard;
 use geometry::{GrayImage, Sim3};
 use loopbox_tests::{Recording, trajectory};
 use map::{AgentId, AgentInfo, KeyframeId};
+use nalgebra::{UnitQuaternion, Vector3};
 use place_recog::ThumbnailIndex;
 use std::ops::Range;
 use std::sync::LazyLock;
@@ -144,6 +145,39 @@ fn who_localises_leaves_the_map_as_it_is() {
     }
 }
 
+#[test]
+fn a_pose_of_which_too_little_is_seen_is_not_told() {
+    // From the end of the drive the camera moves on and turns away from what was mapped.
+    let drive = trajectory::sideways(35, 1.75);
+    let away = (1..30).map(|i| {
+        let turn = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), 0.035 * f64::from(i));
+        drive[34] * Se3::new(turn, Vector3::new(0.05 * f64::from(i), 0.0, 0.0))
+    });
+    let path: Vec<Se3> = drive.iter().copied().chain(away).collect();
+    let recording = Recording::render(yard(), Recording::SMALL_CAMERA, &path, 20.0);
+    let frame = |i: usize| Frame {
+        index: i as u64,
+        timestamp: recording.shots[i].timestamp,
+        image: recording.shots[i].image.as_ref().clone(),
+    };
+    let mut agent = Agent::new(Recording::SMALL_CAMERA, places(), Params::default()).unwrap();
+    (0..35).for_each(|i| _ = agent.process(frame(i)).unwrap());
+    agent.finish();
+    let mut params = Params::default();
+    // Images without noise tell more.
+    params.track.max_deviation = 0.0005;
+    let mut agent = Agent::resume(agent.into_map(), places(), params, Going::Localising).unwrap();
+    let reports: Vec<FrameReport> = (0..path.len()).map(|i| agent.process(frame(i)).unwrap()).collect();
+    let is_told = |report: &&FrameReport| report.world_from_camera.is_some();
+    assert!(reports[..40].iter().all(|report| report.state == TrackingState::Tracking));
+    let uncertain: Vec<&FrameReport> = reports
+        .iter()
+        .filter(|report| report.reason.is_some_and(|why| why.contains("too little of the map")))
+        .collect();
+    assert!(!uncertain.is_empty() && !uncertain.iter().any(|r| is_told(r) || r.state != TrackingState::Lost));
+    assert_eq!(agent.map().frames.len(), reports.iter().filter(is_told).count());
+}
+
 /// Two drives, the second from the middle of the first on, each in a unit of its own, in the world of the first.
 fn common(drives: [Range<usize>; 2]) -> Map {
     let maps = drives.map(|frames: Range<usize>| mapped(frames).into_map());
@@ -252,7 +286,7 @@ fn agents_of_a_common_map_are_optimised_jointly() {
     let error_of = |map: &Map| error(map);
     // The second agent's map is put down a little beside where it belongs, and a little too large.
     let mut off = kept.clone();
-    let beside = Sim3::new(Default::default(), nalgebra::Vector3::new(0.02, 0.01, 0.0), 1.01);
+    let beside = Sim3::new(Default::default(), Vector3::new(0.02, 0.01, 0.0), 1.01);
     for keyframe in off.keyframes.values_mut().filter(|keyframe| keyframe.agent == AgentId(1)) {
         keyframe.world_from_keyframe = beside * keyframe.world_from_keyframe;
     }
