@@ -119,6 +119,7 @@ impl FeatureOdometry {
             inlier_share: fit.matched as f64 / (found.edges.len() + found.planes.len()).max(1) as f64,
             rmse: fit.rmse,
             steps: fit.steps,
+            lost: false,
         })
     }
 

@@ -126,12 +126,16 @@ impl Agent {
         }
     }
 
-    /// Takes the next scan; returns what the odometry made of it and the loop that it closed.
+    /// Takes the next scan; returns what the odometry made of it and the loop that it closed. One that is
+    /// [`lost`](TrackedSweep::lost) changes nothing.
     ///
     /// # Errors
     /// A scan that the odometry refuses changes nothing.
     pub fn take(&mut self, scan: &Scan) -> Result<(TrackedSweep, Option<Loop>), NoRings> {
         let sweep = self.tracker.track(scan)?;
+        if sweep.lost {
+            return Ok((sweep, None));
+        }
         let closed = if self.add(scan, &sweep) { self.look_for_loop() } else { None };
         Ok((sweep, closed))
     }
@@ -149,6 +153,7 @@ impl Agent {
             inlier_share: 1.0,
             rmse: 0.0,
             steps: 0,
+            lost: false,
         };
         self.add(scan, &sweep);
         sweep

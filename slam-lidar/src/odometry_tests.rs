@@ -111,6 +111,21 @@ fn the_same_scans_give_the_same_bits() {
 }
 
 #[test]
+fn a_sensor_that_was_carried_away_is_lost_and_changes_nothing() {
+    let mut odometry = Odometry::new(OdometryParams::default());
+    assert!((0..8).all(|i| !odometry.track(&scan(i)).lost));
+    let before = odometry.clone();
+    // What no place of the room shows.
+    let mut elsewhere = scan(8);
+    elsewhere.points.iter_mut().for_each(|p| *p = [p[1] + 3.0, p[0] - 2.0, p[2] * 1.5]);
+    assert!(odometry.track(&elsewhere).lost);
+    assert_eq!(odometry.map().len(), before.map().len());
+    let found = odometry.track(&scan(9));
+    let expected = before.clone().track(&scan(9));
+    assert!(!found.lost && found.world_from_sensor.to_tum() == expected.world_from_sensor.to_tum());
+}
+
+#[test]
 fn a_start_at_speed_is_found() {
     // The same room at 12 m/s straight ahead: 1.2 m between the first two sweeps.
     let speed = Vector6::new(12.0, 0.0, 0.0, 0.0, 0.0, 0.0);

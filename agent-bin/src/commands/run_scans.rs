@@ -8,7 +8,7 @@ use eval::read_trajectory;
 use geometry::Se3;
 use indicatif::{ProgressBar, ProgressStyle};
 use loopbox::lidar::poses::GivenPoses;
-use loopbox::lidar::record::LidarRecord;
+use loopbox::lidar::record::{FragmentRow, LidarRecord};
 use loopbox::lidar::run::Event;
 use loopbox::lidar::{LidarOptions, Mapped, map_recording};
 use loopbox::run::Listeners;
@@ -175,7 +175,7 @@ impl Console {
 
     fn tell(&self, event: Event<'_>) {
         match event {
-            Event::Scan { row, map } => {
+            Event::Scan { row, map, .. } => {
                 self.bar.set_position(row.index + 1);
                 self.bar.set_message(format!("{} keyframes", map.keyframes.len()));
                 if self.json {
@@ -203,12 +203,33 @@ fn summary(record: &LidarRecord, out: &Path) {
     for (reason, first) in &scans.skipped_first {
         say!("             {} {}: {first}", scans.skipped[reason], reason.replace('_', " "));
     }
-    let without = scans.tracked - scans.timed;
+    let without = (scans.tracked + scans.tracked_apart).saturating_sub(scans.timed);
     if without > 0 {
         say!("rigid        {without} scans have no times of points and were taken as undistorted");
     }
     if scans.degenerate > 0 {
         say!("open         {} scans leave a direction of the pose open", scans.degenerate);
+    }
+    if scans.losses > 0 {
+        let times = if scans.losses == 1 { "once" } else { &*format!("{} times", scans.losses) };
+        let what = match &record.fragments[..] {
+            [_] => "; where it went on is in the map too".to_owned(),
+            [_, apart @ ..] => {
+                let of = |(place, row): (usize, &FragmentRow)| {
+                    format!(
+                        "{} scans from {:.1} to {:.1} s in map-{}.mcap",
+                        row.scans,
+                        row.from_s,
+                        row.to_s,
+                        place + 2
+                    )
+                };
+                let parts: Vec<String> = apart.iter().enumerate().map(of).collect();
+                format!("; what saw no place of the map is apart: {}", parts.join(", "))
+            }
+            [] => String::new(),
+        };
+        say!("lost         {times}{what}");
     }
     say!("way          {:.2} m", map.path_m);
     say!("keyframes    {} with {} points", map.keyframes, map.points);

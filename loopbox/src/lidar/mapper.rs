@@ -10,14 +10,30 @@ use slam_lidar::mapping::{Agent, Loop, MappingParams};
 use slam_lidar::motion::Sweep;
 use slam_lidar::odometry::TrackedSweep;
 
-/// An agent whose map is kept as [`map::Map`] all along.
+/// An agent whose map is kept as [`map::Map`] all along. Where its sensor was carried away it begins another one, a fragment with a world
+/// of its own.
 pub struct Mapper {
     params: MappingParams,
+    about: AgentInfo,
     poses: Option<GivenPoses>,
-    agent: Agent,
-    map: Map,
+    /// Those that a loss ended.
+    ended: Vec<Fragment>,
+    fragment: Fragment,
     last: Option<f64>,
+    /// Scans in a row that were lost.
+    lost: usize,
 }
+
+/// A map between two losses, and the agent that made it.
+pub struct Fragment {
+    /// The map.
+    pub map: Map,
+    /// The agent behind it.
+    pub agent: Agent,
+}
+
+/// Scans in a row that are lost before another fragment begins: one alone may be bad itself.
+const GIVE_UP: usize = 3;
 
 /// What became of a scan.
 #[derive(Clone, Copy, Debug)]
@@ -39,6 +55,11 @@ pub enum NotTaken {
     /// It is older than the scan before, or as old.
     #[error("its time {0} does not come after that of the scan before, {1}")]
     OutOfOrder(f64, f64),
+    /// The sensor is not where it should be.
+    #[error(
+        "hardly anything of the map is where it should be: the sensor was carried away, or scans are missing"
+    )]
+    Lost,
     /// There is no pose for it among those given.
     #[error("the poses that are given do not span its time {0}")]
     NoPose(f64),
@@ -47,7 +68,16 @@ pub enum NotTaken {
 impl Mapper {
     /// An agent with an empty map; with `poses` it does not track, but takes these.
     pub fn new(about: AgentInfo, params: MappingParams, poses: Option<GivenPoses>) -> Self {
-        Self { params, poses, agent: Agent::new(params), map: Map::of(about), last: None }
+        let fragment = Fragment::new(about.clone(), params);
+        Self { params, about, poses, ended: Vec::new(), fragment, last: None, lost: 0 }
+    }
+
+    /// Begins a map: of the same agent, in its next epoch.
+    fn begin(&mut self) {
+        let before = self.fragment.map.agents.get(&AgentId::default()).and_then(|about| about.identity);
+        let identity = before.map(|before| Identity { epoch: before.epoch + 1, ..before });
+        let fresh = Fragment::new(AgentInfo { identity, ..self.about.clone() }, self.params);
+        self.ended.push(std::mem::replace(&mut self.fragment, fresh));
     }
 
     /// Takes the scan number `index` of the recording.
@@ -58,59 +88,77 @@ impl Mapper {
         if let Some(last) = self.last.filter(|last| scan.stamp <= *last) {
             return Err(NotTaken::OutOfOrder(scan.stamp, last));
         }
-        let before = self.agent.keyframes().len();
-        let (sweep, closed) = match &self.poses {
-            None => self.agent.take(scan)?,
-            Some(poses) => {
-                let instants = Sweep::of(scan, self.params.odometry.range).instants;
-                let motion = poses.motion(instants, scan.stamp).ok_or(NotTaken::NoPose(scan.stamp))?;
-                (self.agent.place(scan, motion), None)
+        let mut taken = self.give(scan)?;
+        if taken.0.lost {
+            self.lost += 1;
+            if self.lost < GIVE_UP {
+                self.last = Some(scan.stamp);
+                return Err(NotTaken::Lost);
             }
-        };
-        self.last = Some(scan.stamp);
+            self.begin();
+            taken = self.give(scan)?;
+        }
+        let (sweep, closed) = taken;
+        (self.last, self.lost) = (Some(scan.stamp), 0);
+        let fragment = &mut self.fragment;
         // Who made the map follows from the recording, as of a camera's: run again it is the same agent.
-        if let Some(about) = self.map.agents.get_mut(&AgentId::default()) {
+        if let Some(about) = fragment.map.agents.get_mut(&AgentId::default()) {
             about.identity.get_or_insert_with(|| Identity::of_scans(scan.stamp, &scan.points));
         }
-        let is_keyframe = self.agent.keyframes().len() > before;
+        let is_keyframe = fragment.agent.keyframes().len() > fragment.map.keyframes.len();
         if is_keyframe {
-            self.add_keyframe(index);
+            fragment.add_keyframe(index, &self.params);
         }
         if let Some(found) = &closed {
-            self.add_loop(found);
+            fragment.add_loop(found, &self.params);
         }
-        self.map.frames.extend(self.agent.sweeps().last().map(|tracked| frame(index, tracked)));
+        fragment.map.frames.extend(fragment.agent.sweeps().last().map(|tracked| frame(index, tracked)));
         Ok(Taken { sweep, is_keyframe, closed })
     }
 
-    /// The map.
-    pub fn map(&self) -> &Map {
-        &self.map
+    /// Gives a scan to the agent of the newest fragment.
+    fn give(&mut self, scan: &Scan) -> Result<(TrackedSweep, Option<Loop>), NotTaken> {
+        let agent = &mut self.fragment.agent;
+        Ok(match &self.poses {
+            None => agent.take(scan)?,
+            Some(poses) => {
+                let instants = Sweep::of(scan, self.params.odometry.range).instants;
+                let motion = poses.motion(instants, scan.stamp).ok_or(NotTaken::NoPose(scan.stamp))?;
+                (agent.place(scan, motion), None)
+            }
+        })
     }
 
-    /// The agent behind it.
-    pub fn agent(&self) -> &Agent {
-        &self.agent
+    /// The fragment that grows: which one it is, from 0, and its map.
+    pub fn growing(&self) -> (usize, &Map) {
+        (self.ended.len(), &self.fragment.map)
     }
 
-    /// Map and agent, for the end.
-    pub fn into_parts(self) -> (Map, Agent) {
-        (self.map, self.agent)
+    /// All fragments in order, for the end.
+    pub fn into_fragments(mut self) -> Vec<Fragment> {
+        self.ended.push(self.fragment);
+        self.ended
+    }
+}
+
+impl Fragment {
+    fn new(about: AgentInfo, params: MappingParams) -> Self {
+        Self { map: Map::of(about), agent: Agent::new(params) }
     }
 
-    fn add_keyframe(&mut self, frame_index: u64) {
+    fn add_keyframe(&mut self, frame_index: u64, params: &MappingParams) {
         let Some((last, keyframe)) = self.agent.keyframes().iter().enumerate().next_back() else { return };
         self.map.keyframes.insert(id(last), to_keyframe(last, frame_index, keyframe));
         if let (Some(before), Some(step)) = (last.checked_sub(1), self.agent.steps().last()) {
-            let deviation = self.params.odometry_deviation;
+            let deviation = params.odometry_deviation;
             self.map.edges.push(edge([id(before), id(last)], step, deviation, EdgeKind::Odometry));
         }
     }
 
-    fn add_loop(&mut self, found: &Loop) {
+    fn add_loop(&mut self, found: &Loop, params: &MappingParams) {
         let ends = [id(found.from), id(found.to)];
         let measured = &found.alignment.target_from_source;
-        self.map.edges.push(edge(ends, measured, self.params.loop_deviation, EdgeKind::Loop));
+        self.map.edges.push(edge(ends, measured, params.loop_deviation, EdgeKind::Loop));
         for (keyframe, smoothed) in self.map.keyframes.values_mut().zip(self.agent.keyframes()) {
             keyframe.world_from_keyframe = Sim3::from(smoothed.world_from_sensor);
         }

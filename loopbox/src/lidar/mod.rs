@@ -5,6 +5,7 @@
 //! results. Nothing here prints: whoever calls is told by callbacks.
 
 mod convert;
+mod fragments;
 pub mod mapper;
 pub mod merging;
 mod output;

@@ -9,7 +9,7 @@ use super::telling::Told;
 use crate::merging::refuse_one;
 use crate::open::{open_map, recording_name};
 use crate::results::{Owner, Results, keep_from};
-use crate::run::Listeners;
+use crate::run::{Listeners, numbered};
 use anyhow::{Context, Result, anyhow};
 use map::{AgentInfo, DEFAULT_MAX_RELATIVE_VARIANCE, Map, MapWriter, Sensor};
 use scans::ScanSource;
@@ -78,13 +78,13 @@ pub fn map_recording(
     };
     let mut results = Results::create(&out, &Owner::Run(info.path), force)?;
     let mut told = Told::begins(listeners, &about);
-    let mut growing = Growing { writer: None, keyframes: 0, failure: None };
+    let mut growing = Growing::default();
     let options = RunOptions { about, params, poses: poses.map(|(_, poses)| poses), start, end };
     let done = run(source, options, &mut |event| {
         observe(event);
-        if let Event::Scan { row, map } = event {
+        if let Event::Scan { row, fragment, map } = event {
             told.changed(map, row.closed);
-            if let Err(error) = growing.grow(&mut results, map, row.closed) {
+            if let Err(error) = growing.grow(&mut results, fragment, map, row.closed) {
                 growing.failure = Some(format!("{error:#}"));
             }
         }
@@ -92,30 +92,52 @@ pub fn map_recording(
         Ok(if ended { ControlFlow::Break(()) } else { ControlFlow::Continue(()) })
     });
     let failure = growing.failure.take();
-    drop(growing);
-    let done = done.inspect_err(|_| results.forget_growing())?;
-    told.ended(&done.map);
-    let record = write(&mut results, done, kitti)?;
-    Ok(Mapped { record, failure })
+    let beside = growing.end();
+    let done = done.inspect_err(|_| results.forget_growing());
+    let record = done.and_then(|done| {
+        told.ended(&std::iter::once(&done.map).chain(&done.apart).cloned().collect::<Vec<_>>());
+        write(&mut results, done, kitti)
+    });
+    let files = record.as_ref().map_or(Vec::new(), |record| record.files.clone());
+    let is_complete = |path: &PathBuf| files.iter().any(|name| *path == results.folder().join(name));
+    for path in beside.into_iter().filter(|path| !is_complete(path)) {
+        // Nobody is hurt by what stays.
+        let _ = fs::remove_file(&path);
+        let _ = path.parent().filter(|home| *home != results.folder()).map(fs::remove_dir);
+    }
+    Ok(Mapped { record: record?, failure })
 }
 
 /// The map as it grows in the folder.
+#[derive(Default)]
 struct Growing {
+    fragment: usize,
     writer: Option<MapWriter>,
     keyframes: usize,
+    /// The files of fragments after the first.
+    beside: Vec<PathBuf>,
     failure: Option<String>,
 }
 
 impl Growing {
-    /// Writes what is new once there is a keyframe more.
-    fn grow(&mut self, results: &mut Results, map: &Map, closed: bool) -> Result<()> {
+    /// Writes what is new of the map of a fragment once there is a keyframe more.
+    fn grow(&mut self, results: &mut Results, fragment: usize, map: &Map, closed: bool) -> Result<()> {
+        if fragment != self.fragment {
+            (self.fragment, self.writer, self.keyframes) = (fragment, None, 0);
+        }
         if map.keyframes.len() == self.keyframes && !closed {
             return Ok(());
         }
         let Some(about) = map.agents.values().next() else { return Ok(()) };
         let writer = match &mut self.writer {
             Some(writer) => writer,
-            none => none.insert(MapWriter::create(results.growing()?, about)?),
+            none => {
+                let path = results.growing()?.with_file_name(numbered(MAP, fragment));
+                if fragment > 0 {
+                    self.beside.push(path.clone());
+                }
+                none.insert(MapWriter::create(&path, about)?)
+            }
         };
         for keyframe in map.keyframes.values().skip(self.keyframes) {
             writer.append_keyframe(keyframe)?;
@@ -123,6 +145,11 @@ impl Growing {
         self.keyframes = map.keyframes.len();
         writer.append_poses(map)?;
         Ok(writer.flush()?)
+    }
+
+    /// Ends writing; gives the files of fragments after the first.
+    fn end(self) -> Vec<PathBuf> {
+        self.beside
     }
 }
 
@@ -145,14 +172,12 @@ fn provenance(
 
 /// Writes all results of a run in the place of earlier ones.
 fn write(results: &mut Results, done: LidarRun, kitti: bool) -> Result<LidarRecord> {
-    let LidarRun { map, agent, mut record } = done;
-    map::save_map(results.file(MAP)?, &map)?;
-    let trajectory = results.file(TRAJECTORY)?;
-    let poses = map.trajectory();
-    if kitti {
-        map::save_kitti(trajectory, &poses)?
-    } else {
-        map::save_tum(trajectory, &poses)?
+    let LidarRun { map, agent, apart, mut record } = done;
+    for (place, map) in std::iter::once(&map).chain(&apart).enumerate() {
+        map::save_map(results.file(numbered(MAP, place))?, map)?;
+        let trajectory = results.file(numbered(TRAJECTORY, place))?;
+        let poses = map.trajectory();
+        if kitti { map::save_kitti(trajectory, &poses)? } else { map::save_tum(trajectory, &poses)? }
     }
     map::save_ply(results.file(CLOUD)?, &map, DEFAULT_MAX_RELATIVE_VARIANCE)?;
     record.cost.cpu_s = view::process::cpu_seconds();

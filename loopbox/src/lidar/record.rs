@@ -28,6 +28,8 @@ pub struct LidarRecord {
     pub cost: Cost,
     /// The map at the end.
     pub map: MapCounts,
+    /// The maps of the run, that of most scans first: more than one where the sensor was carried away and nothing joins them.
+    pub fragments: Vec<FragmentRow>,
     /// Loops closed.
     pub loops: Vec<LoopRow>,
     /// Places that were registered and refused.
@@ -68,11 +70,15 @@ impl SourceRecord {
 pub struct ScanCounts {
     /// Scans that the source gave.
     pub offered: u64,
-    /// Scans with a pose.
+    /// Scans with a pose in the first map.
     pub tracked: u64,
-    /// Of these, scans whose points had times: the others were taken as rigid.
+    /// Scans with a pose in another.
+    pub tracked_apart: u64,
+    /// How often the sensor was lost and another map begun.
+    pub losses: u64,
+    /// Of all with a pose, scans whose points had times: the others were taken as rigid.
     pub timed: u64,
-    /// Of these, scans that leave a direction of the pose open; along it the sensor is taken to keep its motion.
+    /// Of all with a pose, scans that leave a direction of the pose open; along it the sensor is taken to keep its motion.
     pub degenerate: u64,
     /// Scans skipped, by reason.
     pub skipped: BTreeMap<&'static str, u64>,
@@ -139,14 +145,41 @@ impl MapCounts {
     pub fn of(map: &Map, agent: &Agent) -> Self {
         let scans = map.keyframes.values().filter_map(|keyframe| keyframe.scan.as_ref());
         let (smoothed, tracked) = (agent.trajectory(), agent.odometry());
-        let way = smoothed.windows(2).map(|pair| (pair[1].1.translation - pair[0].1.translation).norm());
         let ends = smoothed.last().zip(tracked.last());
         Self {
             keyframes: map.keyframes.len(),
             points: scans.map(|scan| scan.len()).sum(),
-            // An empty `sum` would be −0.
-            path_m: way.fold(0.0, |sum, step| sum + step),
+            path_m: map.summary(None).path_length,
             corrected_m: ends.map_or(0.0, |((_, a), (_, b))| (a.translation - b.translation).norm()),
+        }
+    }
+}
+
+/// A map of a run.
+#[derive(Clone, Debug, Serialize)]
+pub struct FragmentRow {
+    /// Scans with a pose in it.
+    pub scans: usize,
+    /// Instants of the first and the last of them, seconds.
+    pub from_s: f64,
+    /// See `from_s`.
+    pub to_s: f64,
+    /// Its keyframes.
+    pub keyframes: usize,
+    /// How many maps that a loss ended are joined in it.
+    pub joined: usize,
+}
+
+impl FragmentRow {
+    /// That of a map.
+    pub fn of(map: &Map) -> Self {
+        let time = |frame: Option<&map::FramePose>| frame.map_or(0.0, |frame| frame.timestamp);
+        Self {
+            scans: map.frames.len(),
+            from_s: time(map.frames.first()),
+            to_s: time(map.frames.last()),
+            keyframes: map.keyframes.len(),
+            joined: map.agents.len(),
         }
     }
 }

@@ -1,8 +1,9 @@
 //! A recording of scans into a map.
 
+use super::fragments::joined;
 use super::mapper::{Mapper, NotTaken};
 use super::poses::GivenPoses;
-use super::record::{Cost, LidarRecord, LoopRow, MapCounts, ScanCounts, ScanRow, SourceRecord};
+use super::record::{Cost, FragmentRow, LidarRecord, LoopRow, MapCounts, ScanCounts, ScanRow, SourceRecord};
 use anyhow::{Result, bail};
 use map::{AgentInfo, Map, SensorKind};
 use rustix::time::{ClockId, clock_gettime};
@@ -32,7 +33,9 @@ pub enum Event<'a> {
     Scan {
         /// The scan.
         row: &'a ScanRow,
-        /// The map.
+        /// Which fragment grows, from 0.
+        fragment: usize,
+        /// Its map.
         map: &'a Map,
     },
     /// A scan was skipped.
@@ -48,10 +51,12 @@ pub enum Event<'a> {
 
 /// What came of a run.
 pub struct LidarRun {
-    /// The map.
+    /// The map that most scans have a pose in.
     pub map: Map,
-    /// The agent that made it.
+    /// The agent that made most of it.
     pub agent: Agent,
+    /// What does not hang together with it, each in a world of its own.
+    pub apart: Vec<Map>,
     /// The numbers; CPU time, memory and files are not filled in.
     pub record: LidarRecord,
 }
@@ -84,7 +89,8 @@ pub fn run(
         let flow = match take(&mut mapper, next, &mut scans) {
             Ok(row) => {
                 rows.push(row);
-                observe(Event::Scan { row: &row, map: mapper.map() })?
+                let (fragment, map) = mapper.growing();
+                observe(Event::Scan { row: &row, fragment, map })?
             }
             Err(Skip { reason, detail }) => {
                 *scans.skipped.entry(reason).or_default() += 1;
@@ -106,7 +112,16 @@ pub fn run(
         rows.iter().map(|row| row.cpu_ms).collect(),
         begin.elapsed().as_secs_f64(),
     );
-    let (map, agent) = mapper.into_parts();
+    let fragments = mapper.into_fragments();
+    let losses = fragments.len() as u64 - 1;
+    let (maps, agents): (Vec<Map>, Vec<Agent>) = fragments.into_iter().map(|f| (f.map, f.agent)).unzip();
+    let mut maps = joined(maps).into_iter();
+    let most = agents.into_iter().reduce(|a, b| if b.sweeps().len() > a.sweeps().len() { b } else { a });
+    let (Some(map), Some(agent)) = (maps.next(), most) else { bail!("there is no map") };
+    let apart: Vec<Map> = maps.collect();
+    scans.losses = losses;
+    scans.tracked_apart = apart.iter().map(|map| map.frames.len() as u64).sum();
+    scans.tracked -= scans.tracked_apart;
     let record = LidarRecord {
         version: env!("CARGO_PKG_VERSION"),
         sensor: SensorKind::Lidar,
@@ -117,12 +132,13 @@ pub fn run(
         scans,
         cost,
         map: MapCounts::of(&map, &agent),
+        fragments: std::iter::once(&map).chain(&apart).map(FragmentRow::of).collect(),
         loops: agent.loops().iter().map(LoopRow::of).collect(),
         refused_loops: agent.refused().iter().map(LoopRow::of).collect(),
         files: Vec::new(),
         rows,
     };
-    Ok(LidarRun { map, agent, record })
+    Ok(LidarRun { map, agent, apart, record })
 }
 
 /// Why a scan was skipped.
@@ -148,6 +164,7 @@ impl From<NotTaken> for Skip {
         let reason = match error {
             NotTaken::NoRings(_) => "no_rings",
             NotTaken::OutOfOrder(..) => "out_of_order",
+            NotTaken::Lost => "lost",
             NotTaken::NoPose(_) => "no_pose",
         };
         Self { reason, detail: error.to_string() }

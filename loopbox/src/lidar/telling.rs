@@ -1,11 +1,13 @@
 //! Whoever listens to a run is told how its map grows.
 
 use crate::run::Listeners;
-use map::{AgentId, AgentInfo, Map, MapDelta, Moved};
+use map::{AgentId, AgentInfo, Identity, Map, MapDelta, Moved};
 
 /// Tells listeners what is new of a map.
 pub(super) struct Told {
     listeners: Listeners,
+    /// Whose map it is.
+    identity: Option<Identity>,
     keyframes: usize,
     sequence: u64,
 }
@@ -14,13 +16,16 @@ impl Told {
     /// The run of this agent begins.
     pub fn begins(listeners: Listeners, about: &AgentInfo) -> Self {
         listeners.tell(|listener| listener.begins(about));
-        Self { listeners, keyframes: 0, sequence: 0 }
+        Self { listeners, identity: None, keyframes: 0, sequence: 0 }
     }
 
-    /// Tells the keyframes that are new since; all have moved where a loop was `closed`.
+    /// Tells the keyframes that are new since; all have moved where a loop was `closed`. Another fragment is another map.
     pub fn changed(&mut self, map: &Map, closed: bool) {
         let identity = map.agents.get(&AgentId::default()).and_then(|about| about.identity);
         let Some(identity) = identity.filter(|_| self.listeners.are_there()) else { return };
+        if self.identity.replace(identity).is_some_and(|before| before != identity) {
+            (self.keyframes, self.sequence) = (0, 0);
+        }
         if map.keyframes.len() == self.keyframes && !closed {
             return;
         }
@@ -39,9 +44,9 @@ impl Told {
         self.listeners.tell(|listener| listener.changed(identity, vec![delta.clone()]));
     }
 
-    /// The run has ended with this map.
-    pub fn ended(&self, map: &Map) {
-        self.listeners.tell(|listener| listener.ended(std::slice::from_ref(map)));
+    /// The run has ended with these maps.
+    pub fn ended(&self, maps: &[Map]) {
+        self.listeners.tell(|listener| listener.ended(maps));
     }
 }
 
@@ -50,7 +55,7 @@ mod tests {
     use super::*;
     use crate::run::MapListener;
     use geometry::{GrayImage, Sim3};
-    use map::{Identity, Keyframe, KeyframeId, Scan, Sensor};
+    use map::{Keyframe, KeyframeId, Scan, Sensor};
     use std::sync::{Arc, Mutex};
 
     /// The map as it was told.
@@ -92,6 +97,6 @@ mod tests {
             told.changed(&map, false);
             assert!(heard.lock().unwrap().as_ref() == Some(&map), "after keyframe {number}");
         }
-        told.ended(&map);
+        told.ended(std::slice::from_ref(&map));
     }
 }

@@ -117,6 +117,53 @@ fn agents_map_a_hall_and_their_maps_come_together() {
     assert!((off.inverse() * found).translation.norm() < 0.05);
 }
 
+/// The same agent along two ways, between which it is carried from the end of the one to the begin of the other.
+fn carried(ways: [&[[f64; 2]]; 2]) -> (LidarRun, impl Fn(f64) -> Se3) {
+    let [(one, first), (other, second)] = ways.map(walk);
+    let change = (first / PERIOD).ceil() * PERIOD;
+    let pose = move |time: f64| if time < change { one(time) } else { other(time - change) };
+    let done =
+        run(&mut Cast::new(&pose, change + second), options("a"), &mut |_| Ok(ControlFlow::Continue(())));
+    (done.unwrap(), pose)
+}
+
+#[test]
+fn a_sensor_that_is_carried_to_where_it_was_ends_with_one_map() {
+    let (done, pose) = carried([&A, &B]);
+    let scans = &done.record.scans;
+    assert_eq!((scans.losses, scans.tracked_apart, scans.skipped["lost"]), (1, 0, 2), "{scans:?}");
+    assert!(
+        done.apart.is_empty() && done.record.fragments.len() == 1 && done.record.fragments[0].joined == 2
+    );
+    assert_eq!(scans.tracked, done.map.frames.len() as u64);
+    let world = pose(0.5 * PERIOD);
+    let trajectory = done.map.trajectory();
+    assert!(trajectory.windows(2).all(|pair| pair[0].timestamp < pair[1].timestamp));
+    for found in trajectory {
+        let off = (world.inverse() * pose(found.timestamp)).translation - found.world_from_camera.translation;
+        assert!(off.norm() < 0.05, "{:.3} m at {:.1} s", off.norm(), found.timestamp);
+    }
+}
+
+#[test]
+fn a_sensor_that_is_carried_to_where_nothing_is_known_has_two_maps() {
+    // Two scans' way from where the first one ends, and back to the far end of the hall: too short for a merge.
+    let (done, pose) = carried([&A, &[[9.0, -5.0], [7.0, -5.0]]]);
+    let [other] = &done.apart[..] else { panic!("{:?}", done.record.fragments) };
+    let scans = &done.record.scans;
+    assert_eq!((scans.losses, scans.tracked_apart), (1, other.frames.len() as u64));
+    let ids = [&done.map, other].map(|map| map.agents.values().next().unwrap().identity.unwrap());
+    assert!(ids[0].uuid == ids[1].uuid && (ids[0].epoch, ids[1].epoch) == (0, 1));
+    for map in [&done.map, other] {
+        let trajectory = map.trajectory();
+        let world = pose(trajectory[0].timestamp) * trajectory[0].world_from_camera.inverse();
+        let off = |p: &map::StampedPose| {
+            (world.inverse() * pose(p.timestamp)).translation - p.world_from_camera.translation
+        };
+        assert!(trajectory.iter().all(|p| off(p).norm() < 0.05));
+    }
+}
+
 #[test]
 fn a_map_on_given_poses_is_where_these_are() {
     let (pose, duration) = walk(&[[-11.0, 4.5], [-5.0, 4.5]]);
@@ -138,7 +185,7 @@ fn bad_scans_are_counted_with_their_reason_and_a_run_can_be_ended() {
     let mut skipped = Vec::new();
     let mut observe = |event: Event<'_>| {
         Ok(match event {
-            Event::Scan { row, map } => {
+            Event::Scan { row, map, .. } => {
                 assert_eq!(map.frames.last().map(|frame| frame.frame_index), Some(row.index));
                 if row.index == 9 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
             }

@@ -1,0 +1,32 @@
+//! The maps that a LiDAR's run made after losses, joined where they show one place: as the maps of several agents are.
+
+use super::merging::{Input, merge};
+use map::Map;
+use slam_lidar::merging::MergeMethod;
+use std::path::PathBuf;
+
+/// Joins the fragments of a run where they hang together; the map that most frames have a pose in comes first. One alone stays as it
+/// is, to the last bit.
+pub(super) fn joined(fragments: Vec<Map>) -> Vec<Map> {
+    if fragments.len() < 2 {
+        return fragments;
+    }
+    // A fragment of nothing, or one that reaches too far, is a result all the same.
+    let (mut inputs, mut apart) = (Vec::new(), Vec::new());
+    for map in fragments {
+        match Input::of(PathBuf::new(), map.clone()) {
+            Ok(input) => inputs.push(input),
+            Err(_) => apart.push(map),
+        }
+    }
+    let merging = merge(&inputs, MergeMethod::default(), &mut |_| Ok(()));
+    let mut maps: Vec<Map> = match merging {
+        Ok(merging) => merging.groups.into_iter().map(|group| group.map).collect(),
+        Err(_) => inputs.into_iter().map(|input| input.map).collect(),
+    };
+    maps.extend(apart);
+    maps.iter_mut().for_each(|map| map.frames.sort_by_key(|frame| frame.frame_index));
+    // Stable: of equals the earlier one comes first.
+    maps.sort_by_key(|map| std::cmp::Reverse(map.frames.len()));
+    maps
+}
