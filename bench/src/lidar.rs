@@ -1,6 +1,7 @@
 //! LiDAR agents through the program: every recording run, beside other odometries; every two of one place merged; and
 //! many maps that have nothing in common.
 
+mod hour;
 mod parts;
 mod peers;
 mod program;
@@ -8,6 +9,7 @@ mod strangers;
 mod truth;
 
 use anyhow::{Context, Result, bail};
+pub use hour::measure as hour;
 use peers::Peers;
 use program::{Program, record};
 use serde_json::Value;

@@ -113,6 +113,8 @@ enum Part {
     Recorded,
     /// Of --lidar: pairs of stretches of drives through rendered sites.
     Rendered,
+    /// Of --lidar: an hour along one way.
+    Hour,
     /// Of --fleet: two maps that meet.
     Meetings,
     /// Of --fleet: frame times beside a link.
@@ -126,7 +128,7 @@ impl Part {
     fn suits(self, args: &Args) -> bool {
         match self {
             Self::Calibration | Self::Costs => args.live,
-            Self::Recorded | Self::Rendered => args.lidar,
+            Self::Recorded | Self::Rendered | Self::Hour => args.lidar,
             Self::Meetings | Self::Links | Self::Breaking => args.fleet,
         }
     }
@@ -139,8 +141,8 @@ fn main() -> Result<()> {
     }
     if args.part.is_some_and(|part| !part.suits(&args)) {
         bail!(
-            "--part: calibration and costs are parts of --live, recorded and rendered of --lidar, meetings, links and \
-             breaking of --fleet"
+            "--part: calibration and costs are parts of --live, recorded, rendered and hour of --lidar, meetings, links \
+             and breaking of --fleet"
         );
     }
     document::check(&args.documents)?;
@@ -251,8 +253,12 @@ fn fleet_part(plan: &fleet::Plan, part: Part) -> Result<String> {
     }
 }
 
-/// Measures one lot of pairs of LiDAR maps, and prints it.
+/// Measures one part of what concerns LiDARs, and prints it.
 fn print_lidar(plan: &lidar::Plan, part: Part) -> Result<()> {
+    if part == Part::Hour {
+        println!("{}", lidar::hour(plan)?);
+        return Ok(());
+    }
     let lot = if part == Part::Recorded { lidar::Lot::Recorded } else { lidar::Lot::Rendered };
     let (text, wrong) = lidar::strangers(plan, lot)?;
     println!("{text}");

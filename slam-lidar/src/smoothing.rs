@@ -3,7 +3,7 @@
 //! Keyframes hang on each other by the odometry's steps, and every loop says what the steps between its ends must add
 //! up to. The unknowns are the steps' errors y with covariance Σ, the loops' residuals are `r + A y` with covariance
 //! R, and the minimum is `y = −Σ Aᵀ (A Σ Aᵀ + R)⁻¹ r`: a system of six unknowns a loop, whatever the length of the
-//! way. So a further loop costs the length of the way it closes and not a new solution of the whole graph. Motions are
+//! way, whose blocks are differences of sums along it. So a further loop costs one walk along the way and no solution of the whole graph. Motions are
 //! in SE(3); nothing here has a scale.
 
 use geometry::Se3;
@@ -36,21 +36,18 @@ pub fn smooth(steps: &[Se3], deviation: (f64, f64), constraints: &[Constraint]) 
     let mut weights = vec![1.0; constraints.len()];
     let covariance = variances(deviation);
     for round in 0..ROUNDS {
-        let rows: Vec<Row> = constraints.iter().map(|c| Row::new(c, &current, &errors)).collect();
-        let Some(duals) = solve(&rows, constraints, &weights, &covariance) else { break };
-        errors.iter_mut().for_each(|e| *e = Vector6::zeros());
-        for (row, dual) in rows.iter().zip(&duals) {
-            for (k, a) in (row.from..).zip(&row.jacobians) {
-                errors[k] -= covariance.component_mul(&(a.transpose() * dual));
-            }
-        }
+        let way = Way::new(&current, &errors, &covariance);
+        let rows: Vec<Row> = constraints.iter().map(|c| Row::new(c, &way)).collect();
+        let Some(duals) = solve(&rows, constraints, &weights, &way) else { break };
+        errors = way.errors(&rows, &duals, &covariance);
         for ((step, measured), error) in current.iter_mut().zip(steps).zip(&errors) {
             *step = *measured * Se3::exp(error);
         }
         // Graduated: the kernel narrows round by round, so that a true loop after a long way is not lost.
         let width = KERNEL * f64::max(1.0, 64.0 * 0.25f64.powi(round as i32));
+        let poses = poses(&current);
         for (weight, c) in weights.iter_mut().zip(constraints) {
-            let residual = residual(c, &current);
+            let residual = residual(c, &poses);
             let squared = residual.component_div(&variances(c.deviation)).dot(&residual);
             *weight = (width * width / (width * width + squared)).powi(2);
         }
@@ -63,56 +60,94 @@ fn variances((translation, rotation): (f64, f64)) -> Vector6<f64> {
     Vector6::new(t, t, t, r, r, r)
 }
 
-fn residual(constraint: &Constraint, steps: &[Se3]) -> Vector6<f64> {
-    let predicted = steps[constraint.from..constraint.to].iter().fold(Se3::identity(), |p, step| p * *step);
+/// The poses that steps lead to, the first at the origin.
+fn poses(steps: &[Se3]) -> Vec<Se3> {
+    let mut poses = vec![Se3::identity()];
+    for (k, step) in steps.iter().enumerate() {
+        poses.push(poses[k] * *step);
+    }
+    poses
+}
+
+fn residual(constraint: &Constraint, poses: &[Se3]) -> Vector6<f64> {
+    let predicted = poses[constraint.from].inverse() * poses[constraint.to];
     (constraint.from_from_to.inverse() * predicted).log()
 }
 
-/// A loop's residual without the errors that the steps have now, and its derivatives by them.
+/// A way, and sums along it. A right increment of step k is carried through the steps after it to the end of a loop: its derivative there
+/// is Ad(X_to⁻¹ X_(k+1)), with the poses X, of which the second factor is the same for all loops.
+struct Way {
+    poses: Vec<Se3>,
+    /// Of the steps before each pose, the sum of Ad(X) Σ Ad(X)ᵀ.
+    covariances: Vec<Matrix6<f64>>,
+    /// The same of Ad(X) y.
+    errors: Vec<Vector6<f64>>,
+}
+
+impl Way {
+    fn new(steps: &[Se3], errors: &[Vector6<f64>], covariance: &Vector6<f64>) -> Self {
+        let poses = poses(steps);
+        let (mut covariances, mut sums) = (vec![Matrix6::zeros()], vec![Vector6::zeros()]);
+        for (k, error) in errors.iter().enumerate() {
+            let adjoint = poses[k + 1].adjoint();
+            covariances
+                .push(covariances[k] + adjoint * Matrix6::from_diagonal(covariance) * adjoint.transpose());
+            sums.push(sums[k] + adjoint * error);
+        }
+        Self { poses, covariances, errors: sums }
+    }
+
+    /// The steps' errors `−Σ Aᵀ` duals.
+    fn errors(&self, rows: &[Row], duals: &[Vector6<f64>], covariance: &Vector6<f64>) -> Vec<Vector6<f64>> {
+        let mut changes = vec![Vector6::zeros(); self.poses.len()];
+        for (row, dual) in rows.iter().zip(duals) {
+            let pulled = row.to_end.transpose() * dual;
+            changes[row.from] += pulled;
+            changes[row.to] -= pulled;
+        }
+        let mut pulled = Vector6::zeros();
+        let error = |(pose, change): (&Se3, &Vector6<f64>)| {
+            pulled += change;
+            -covariance.component_mul(&(pose.adjoint().transpose() * pulled))
+        };
+        self.poses[1..].iter().zip(&changes).map(error).collect()
+    }
+}
+
+/// A loop's residual without the errors that the steps have now, and where it begins and ends.
 struct Row {
     from: usize,
+    to: usize,
     residual: Vector6<f64>,
-    jacobians: Vec<Matrix6<f64>>,
+    /// Ad(X_to⁻¹).
+    to_end: Matrix6<f64>,
 }
 
 impl Row {
-    fn new(constraint: &Constraint, steps: &[Se3], errors: &[Vector6<f64>]) -> Self {
+    fn new(constraint: &Constraint, way: &Way) -> Self {
         let (from, to) = (constraint.from, constraint.to);
-        let mut jacobians = vec![Matrix6::zeros(); to - from];
-        let mut rest = Se3::identity();
-        // A right increment of a step is carried through the steps after it.
-        for k in (from..to).rev() {
-            jacobians[k - from] = rest.inverse().adjoint();
-            rest = steps[k] * rest;
-        }
-        let now: Vector6<f64> = jacobians.iter().zip(&errors[from..to]).map(|(a, e)| a * e).sum();
-        Self { from, residual: residual(constraint, steps) - now, jacobians }
+        let to_end = way.poses[to].inverse().adjoint();
+        let now = to_end * (way.errors[to] - way.errors[from]);
+        Self { from, to, residual: residual(constraint, &way.poses) - now, to_end }
     }
 
     /// `A Σ Bᵀ` over the steps that both loops go through.
-    fn shared(&self, other: &Self, covariance: &Vector6<f64>) -> Matrix6<f64> {
-        let start = self.from.max(other.from);
-        let end = (self.from + self.jacobians.len()).min(other.from + other.jacobians.len());
-        let product = |k: usize| {
-            let (a, b) = (&self.jacobians[k - self.from], &other.jacobians[k - other.from]);
-            a * Matrix6::from_diagonal(covariance) * b.transpose()
-        };
-        (start..end).map(product).sum()
+    fn shared(&self, other: &Self, way: &Way) -> Matrix6<f64> {
+        let (start, end) = (self.from.max(other.from), self.to.min(other.to));
+        if start >= end {
+            return Matrix6::zeros();
+        }
+        self.to_end * (way.covariances[end] - way.covariances[start]) * other.to_end.transpose()
     }
 }
 
 /// `(A Σ Aᵀ + R)⁻¹ r`, loop by loop; none when there is no loop or rounding makes the system indefinite.
-fn solve(
-    rows: &[Row],
-    constraints: &[Constraint],
-    weights: &[f64],
-    covariance: &Vector6<f64>,
-) -> Option<Vec<Vector6<f64>>> {
+fn solve(rows: &[Row], constraints: &[Constraint], weights: &[f64], way: &Way) -> Option<Vec<Vector6<f64>>> {
     let n = rows.len();
     let (mut system, mut right) = (DMatrix::zeros(6 * n, 6 * n), DVector::zeros(6 * n));
     for i in 0..n {
         for j in 0..=i {
-            let mut block = rows[i].shared(&rows[j], covariance);
+            let mut block = rows[i].shared(&rows[j], way);
             if i == j {
                 block +=
                     Matrix6::from_diagonal(&(variances(constraints[i].deviation) / weights[i].max(1e-9)));
@@ -149,6 +184,50 @@ mod tests {
 
     fn ends(steps: &[Se3]) -> f64 {
         steps.iter().fold(Se3::identity(), |p, s| p * *s).translation.norm()
+    }
+
+    /// As the sums have it, step by step.
+    #[test]
+    fn sums_along_the_way_are_those_of_its_steps() {
+        let (_, steps) = ring();
+        let covariance = variances((0.01, 0.002));
+        let errors: Vec<Vector6<f64>> =
+            (0..steps.len()).map(|k| Vector6::from_fn(|i, _| 1e-3 * ((k * 7 + i * 3) % 11) as f64)).collect();
+        let way = Way::new(&steps, &errors, &covariance);
+        let deviation = (0.01, 0.002);
+        let loops = [(5, 60), (20, 90), (70, 95)].map(|(from, to)| Constraint {
+            from,
+            to,
+            from_from_to: Se3::identity(),
+            deviation,
+        });
+        let rows = loops.each_ref().map(|c| Row::new(c, &way));
+        let jacobian = |c: &Constraint, k: usize| {
+            steps[k + 1..c.to].iter().fold(Se3::identity(), |p, step| p * *step).inverse().adjoint()
+        };
+        let within = |c: &Constraint| c.from..c.to;
+        for (i, a) in loops.iter().enumerate() {
+            let now: Vector6<f64> = within(a).map(|k| jacobian(a, k) * errors[k]).sum();
+            let expected = residual(a, &way.poses) - now;
+            assert!((rows[i].residual - expected).norm() < 1e-9);
+            for (j, b) in loops.iter().enumerate() {
+                let both = within(a).filter(|k| within(b).contains(k));
+                let sum: Matrix6<f64> = both
+                    .map(|k| {
+                        jacobian(a, k) * Matrix6::from_diagonal(&covariance) * jacobian(b, k).transpose()
+                    })
+                    .sum();
+                assert!((rows[i].shared(&rows[j], &way) - sum).norm() < 1e-9 * sum.norm().max(1.0));
+            }
+        }
+        let duals = [1.0, -2.0, 0.5].map(|scale| Vector6::from_fn(|i, _| scale * (i as f64 - 2.0)));
+        let found = way.errors(&rows, &duals, &covariance);
+        for k in 0..steps.len() {
+            let pulls = loops.iter().zip(&duals).filter(|(c, _)| within(c).contains(&k));
+            let pull: Vector6<f64> = pulls.map(|(c, dual)| jacobian(c, k).transpose() * dual).sum();
+            let expected: Vector6<f64> = -covariance.component_mul(&pull);
+            assert!((found[k] - expected).norm() < 1e-12 + 1e-9 * expected.norm(), "step {k}");
+        }
     }
 
     #[test]

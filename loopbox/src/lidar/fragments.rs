@@ -5,14 +5,21 @@ use map::Map;
 use slam_lidar::merging::MergeMethod;
 use std::path::PathBuf;
 
+/// Fragments that are compared with each other, those of most frames: every two take up to a second.
+const MOST: usize = 12;
+
 /// Joins the fragments of a run where they hang together; the map that most frames have a pose in comes first. One alone stays as it
 /// is, to the last bit.
-pub(super) fn joined(fragments: Vec<Map>) -> Vec<Map> {
+pub(super) fn joined(mut fragments: Vec<Map>) -> Vec<Map> {
     if fragments.len() < 2 {
         return fragments;
     }
+    fragments.sort_by_key(|map| std::cmp::Reverse(map.frames.len()));
+    let rest = fragments.split_off(fragments.len().min(MOST));
+    // In the world of the earliest.
+    fragments.sort_by_key(|map| map.frames.first().map(|frame| frame.frame_index));
     // A fragment of nothing, or one that reaches too far, is a result all the same.
-    let (mut inputs, mut apart) = (Vec::new(), Vec::new());
+    let (mut inputs, mut apart) = (Vec::new(), rest);
     for map in fragments {
         match Input::of(PathBuf::new(), map.clone()) {
             Ok(input) => inputs.push(input),

@@ -108,12 +108,17 @@ pub fn map_recording(
     Ok(Mapped { record: record?, failure })
 }
 
+/// All poses are written anew into a growing map once there is a further one for so many keyframes.
+const POSED_EVERY: usize = 16;
+
 /// The map as it grows in the folder.
 #[derive(Default)]
 struct Growing {
     fragment: usize,
     writer: Option<MapWriter>,
     keyframes: usize,
+    /// Keyframes when all poses and edges were written last.
+    posed: usize,
     /// The files of fragments after the first.
     beside: Vec<PathBuf>,
     failure: Option<String>,
@@ -123,7 +128,7 @@ impl Growing {
     /// Writes what is new of the map of a fragment once there is a keyframe more.
     fn grow(&mut self, results: &mut Results, fragment: usize, map: &Map, closed: bool) -> Result<()> {
         if fragment != self.fragment {
-            (self.fragment, self.writer, self.keyframes) = (fragment, None, 0);
+            (self.fragment, self.writer, self.keyframes, self.posed) = (fragment, None, 0, 0);
         }
         if map.keyframes.len() == self.keyframes && !closed {
             return Ok(());
@@ -143,7 +148,11 @@ impl Growing {
             writer.append_keyframe(keyframe)?;
         }
         self.keyframes = map.keyframes.len();
-        writer.append_poses(map)?;
+        // All poses, edges and frames each time would be a file that grows with the square of the way.
+        if self.keyframes > self.posed + self.posed / POSED_EVERY {
+            self.posed = self.keyframes;
+            writer.append_poses(map)?;
+        }
         Ok(writer.flush()?)
     }
 
