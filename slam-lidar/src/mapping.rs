@@ -166,6 +166,11 @@ impl Agent {
         sweep
     }
 
+    /// No more scans come: gives up what only these would be tracked with.
+    pub fn end_tracking(&mut self) {
+        self.tracker = Tracker::new(self.params.method, self.params.odometry);
+    }
+
     /// Adds a sweep, and says whether it became a keyframe.
     fn add(&mut self, scan: &Scan, sweep: &TrackedSweep) -> bool {
         let pose = sweep.world_from_sensor;

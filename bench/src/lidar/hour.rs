@@ -13,7 +13,7 @@ use std::os::unix::fs::symlink;
 /// Seconds of the recording.
 const HOUR: f64 = 3600.0;
 /// Around the hall, from the middle of one leg to there again, so that each lap goes on where the one before ends.
-const LAP: [[f64; 2]; 6] = [[0.0, 5.0], [9.0, 5.0], [9.0, -5.0], [-9.0, -5.0], [-9.0, 5.0], [0.0, 5.0]];
+const LAP: [[f64; 2]; 6] = [[0.0, 5.0], [13.0, 5.0], [13.0, -5.0], [-14.0, -5.0], [-14.0, 5.0], [0.0, 5.0]];
 /// Parts of the recording whose costs are compared.
 const PARTS: usize = 6;
 

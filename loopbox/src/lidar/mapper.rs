@@ -77,7 +77,9 @@ impl Mapper {
         let before = self.fragment.map.agents.get(&AgentId::default()).and_then(|about| about.identity);
         let identity = before.map(|before| Identity { epoch: before.epoch + 1, ..before });
         let fresh = Fragment::new(AgentInfo { identity, ..self.about.clone() }, self.params);
-        self.ended.push(std::mem::replace(&mut self.fragment, fresh));
+        let mut ended = std::mem::replace(&mut self.fragment, fresh);
+        ended.agent.end_tracking();
+        self.ended.push(ended);
     }
 
     /// Takes the scan number `index` of the recording.
