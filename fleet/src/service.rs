@@ -167,6 +167,11 @@ impl Service {
         waited.unwrap_or_else(PoisonError::into_inner).0.arrivals
     }
 
+    /// How often something came that somebody waits for, as [`wait_for_arrivals`](Self::wait_for_arrivals) counts it.
+    pub fn arrivals(&self) -> u64 {
+        self.shared.view().arrivals
+    }
+
     /// Where the objects are.
     pub fn store(&self) -> Arc<FolderStore> {
         Arc::clone(&self.store)

@@ -117,7 +117,7 @@ fn bytes(path: &Path) -> Vec<u8> {
 }
 
 /// Fails unless the station has the agents' own maps, and the common map of a merge of these files, to the last bit.
-fn assert_is_the_merge_of_the_files(station: &Path, agents: [&Path; 2], names: [&str; 2]) {
+fn assert_is_the_merge_of_the_files<const N: usize>(station: &Path, agents: [&Path; N], names: [&str; N]) {
     for (own, name) in agents.iter().zip(names) {
         let there = collected(station, name).join("map.mcap");
         assert!(bytes(&there) == bytes(&own.join("map.mcap")), "{name}'s map is another one at the station");
@@ -270,6 +270,36 @@ fn over_a_slow_link_maps_are_merged_by_a_part_of_them_as_by_all() {
     let of_all = merged["agents"][1]["root_from_agent"]["scale"].as_f64().expect("a scale");
     assert!((of_parts / of_all).ln().abs() < 0.02, "{of_parts} {of_all}");
     drop(there);
+}
+
+/// More than fit into one go: what pairs are looked at first makes no difference to what comes of all of them.
+#[test]
+fn some_that_come_at_once_are_merged_as_their_files() {
+    let room = tempfile::tempdir().expect("a folder");
+    let station = room.path().join("station");
+    let yard = World::yard(1);
+    let path = trajectory::sideways(180, 8.1);
+    let names = ["one", "two", "three", "four", "five"];
+    let folders = names.map(|name| room.path().join(name));
+    for (number, (name, out)) in names.iter().zip(&folders).enumerate() {
+        let part = &path[25 * number..25 * number + 75];
+        let recording = Recording::render(&yard, Recording::SMALL_CAMERA, part, 30.0);
+        let folder = room.path().join("r").join(name);
+        recording.write(&folder, Encoding::Png).expect("there is room");
+        let run = ["run", arg(&folder), "--out", arg(out), "--quiet", "--fleet", name];
+        let kept = Process::start(&[&run[..], &["--connect", "tcp/127.0.0.1:9"]].concat());
+        assert!(kept.succeeded());
+    }
+    let listen = ["--listen", "tcp/127.0.0.1:0", "--agents", "5"];
+    let there = Process::start(&[&["station", "--quiet", "--out", arg(&station)], &listen[..]].concat());
+    let at = address(&station);
+    let telling = folders.each_ref().map(|folder| Process::start(&["fleet", arg(folder), "--connect", &at]));
+    assert!(telling.into_iter().all(Process::succeeded) && there.succeeded());
+    let found = status(&station, |_| true);
+    let agents = found["found"]["agents"].as_array().expect("agents");
+    assert!(agents.len() == 5 && agents.iter().all(|agent| agent["root"] == agents[0]["root"]), "{found:#}");
+    assert_eq!(found["found"]["meetings"].as_array().map(Vec::len), Some(10), "{found:#}");
+    assert_is_the_merge_of_the_files(&station, folders.each_ref().map(PathBuf::as_path), names);
 }
 
 #[test]

@@ -1,12 +1,13 @@
 //! Agents that pair over a network, with or without a station: what a run and a station do with the crate `fleet`.
 //!
 //! `telling` tells a run's map while it grows. `sketching` says what of others' is worth fetching first and when enough of
-//! it is here, `courtesy` which of two agents looks at it, `collecting` merges the maps that come and keeps the common map
-//! on disk (`scans` those of LiDARs; `agents` are their maps, `remembering` what pairs of them made of each other), `findings`
+//! it is here, `courtesy` which of two agents looks at it, `company` who hangs together, `collecting`
+//! merges the maps that come, in goes, and keeps the common map on disk (`scans` those of LiDARs; `agents` are their maps, `remembering` what pairs of them made of each other), `findings`
 //! is what it tells the agents about where they are, `listening` who else hears of the common maps, `status` what people are told; `party` puts them together.
 
 mod agents;
 mod collecting;
+mod company;
 mod courtesy;
 mod findings;
 mod listening;

@@ -282,7 +282,7 @@ impl Shared {
             let told: Vec<Found> = self.status().told.iter().map(|(_, found)| found.clone()).collect();
             let found = collector.step(service, &told, &warn, &self.stop)?;
             // What was found says what is next.
-            let patience = if found.is_some() { Duration::ZERO } else { LOOK };
+            let patience = if found.is_some() || collector.has_more() { Duration::ZERO } else { LOOK };
             if let Some(found) = found {
                 let before = self.status().found.accepted();
                 if found.accepted() != before {

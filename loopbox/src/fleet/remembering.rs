@@ -1,11 +1,11 @@
 //! What pairs of maps made of each other, kept as long as neither changed: a map that changes is compared with all others
 //! again, and they are not with each other.
 
-use crate::merging::Encounter;
+use crate::merging::{Encounter, Known, Places};
 use fleet::hash::ObjectHash;
 use map::Identity;
 use slam_lidar::merging::verdict::Verdict;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// A map among others, by whose it is and what it holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -19,10 +19,12 @@ pub(super) struct Content {
 /// What is known of pairs.
 #[derive(Default)]
 pub(super) struct Memory {
-    pairs: BTreeMap<[Identity; 2], Known>,
+    pairs: BTreeMap<[Identity; 2], Met>,
+    /// Places that two maps may share, of pairs that are still to be looked at, by target and source.
+    places: Vec<([Content; 2], Places)>,
 }
 
-struct Known {
+struct Met {
     /// Of the target and the source.
     contents: [Content; 2],
     /// Maps that were merged then: of more of them more look alike by chance, and each pair is believed less easily.
@@ -31,38 +33,46 @@ struct Known {
 }
 
 impl Memory {
-    /// What two of these maps made of each other, if both are as they were. As long as maps still come it does not
-    /// matter how many there were then; `exactly` as many have to be where the result is to last.
-    pub fn recall(&self, maps: &[Content], [a, b]: [usize; 2], exactly: bool) -> Option<Encounter> {
-        let known = self.pairs.get(&key(maps[a], maps[b]))?;
-        let [target, source] = known.holds(maps, [a, b], exactly)?;
-        Some(Encounter { target, source, ..known.encounter.clone() })
+    /// What two of these maps made of each other. It is due again where one of them is not as it was; as long as maps still
+    /// come it does not matter how many there were then, `exactly` as many have to be where the result is to last.
+    pub fn recall(&self, maps: &[Content], [a, b]: [usize; 2], exactly: bool) -> Option<Known> {
+        let met = self.pairs.get(&key(maps[a], maps[b]))?;
+        let is_source_first = met.contents[1].agent == maps[a].agent;
+        let [target, source] = if is_source_first { [b, a] } else { [a, b] };
+        let is_same = met.contents == [maps[target], maps[source]];
+        let is_due = !is_same || exactly && met.among != maps.len();
+        Some(Known { encounter: Encounter { target, source, ..met.encounter.clone() }, is_due })
     }
 
-    /// Keeps what pairs of these maps made of each other, and nothing of others. What was [recalled](Self::recall) of them,
-    /// `exactly` or not, stays as it was found.
-    pub fn keep(&mut self, maps: &[Content], encounters: &[Encounter], exactly: bool) {
-        let mut before = std::mem::take(&mut self.pairs);
+    /// Keeps what pairs of these maps made of each other now, beside what is known of others of them, and nothing of others.
+    pub fn keep<'a>(&mut self, maps: &[Content], encounters: impl Iterator<Item = &'a Encounter>) {
+        let agents: BTreeSet<Identity> = maps.iter().map(|map| map.agent).collect();
+        self.pairs.retain(|pair, _| pair.iter().all(|agent| agents.contains(agent)));
         for encounter in encounters {
             let contents = [encounter.target, encounter.source].map(|map| maps[map]);
-            let key = key(contents[0], contents[1]);
-            let pair = [encounter.target, encounter.source];
-            let known = before.remove(&key).filter(|known| known.holds(maps, pair, exactly).is_some());
-            let new = || Known { contents, among: maps.len(), encounter: encounter.clone() };
-            self.pairs.insert(key, known.unwrap_or_else(new));
+            let met = Met { contents, among: maps.len(), encounter: encounter.clone() };
+            self.pairs.insert(key(contents[0], contents[1]), met);
         }
     }
-}
 
-impl Known {
-    /// Which of two of these maps are its target and source, if both are as they were; where it has to be `exactly`, if
-    /// there were as many.
-    fn holds(&self, maps: &[Content], pair: [usize; 2], exactly: bool) -> Option<[usize; 2]> {
-        if exactly && self.among != maps.len() {
-            return None;
-        }
-        let now = |content: &Content| pair.into_iter().find(|&map| maps[map] == *content);
-        Some([now(&self.contents[0])?, now(&self.contents[1])?])
+    /// Places that these maps may share, by target and source, as far as both are as they were. They are not kept here
+    /// any more.
+    pub fn take_places(&mut self, maps: &[Content]) -> BTreeMap<[usize; 2], Places> {
+        let numbers: BTreeMap<Identity, usize> =
+            maps.iter().enumerate().map(|(number, map)| (map.agent, number)).collect();
+        let number = |content: &Content| {
+            let number = *numbers.get(&content.agent)?;
+            (maps[number] == *content).then_some(number)
+        };
+        let known = std::mem::take(&mut self.places).into_iter();
+        let of_these = known
+            .filter_map(|([target, source], places)| Some(([number(&target)?, number(&source)?], places)));
+        of_these.collect()
+    }
+
+    /// Keeps places that these maps may share.
+    pub fn keep_places(&mut self, maps: &[Content], places: BTreeMap<[usize; 2], Places>) {
+        self.places = places.into_iter().map(|(pair, places)| (pair.map(|map| maps[map]), places)).collect();
     }
 }
 
@@ -103,16 +113,36 @@ mod tests {
         Encounter { target, source, proposed: 10 * target + source, tried, joined, error, seconds }
     }
 
+    fn is_due(memory: &Memory, maps: &[Content], pair: [usize; 2], exactly: bool) -> Option<bool> {
+        memory.recall(maps, pair, exactly).map(|known| known.is_due)
+    }
+
     #[test]
-    fn pairs_of_unchanged_maps_are_known_wherever_they_stand() {
+    fn pairs_of_unchanged_maps_are_known_wherever_they_stand_and_those_of_changed_ones_are_due() {
         let maps = [content(1, 0), content(2, 0), content(3, 0)];
         let mut memory = Memory::default();
-        memory.keep(&maps, &[encounter(1, 0), encounter(0, 2), encounter(2, 1)], false);
+        memory.keep(&maps, [encounter(1, 0), encounter(0, 2), encounter(2, 1)].iter());
         // The second changed, and they stand in another order.
         let now = [content(3, 0), content(2, 9), content(1, 0)];
         let known = memory.recall(&now, [0, 2], true).expect("neither changed");
-        assert_eq!((known.target, known.source, known.proposed), (2, 0, 2));
-        assert!(memory.recall(&now, [0, 1], true).is_none() && memory.recall(&now, [1, 2], false).is_none());
+        let Known { encounter: met, is_due: false } = known else { panic!("neither changed") };
+        assert_eq!((met.target, met.source, met.proposed), (2, 0, 2));
+        let changed = memory.recall(&now, [0, 1], false).expect("they met before");
+        assert!(changed.is_due && is_due(&memory, &now, [1, 2], false) == Some(true));
+        assert_eq!([changed.encounter.target, changed.encounter.source], [0, 1]);
+        // Nothing is kept of one that is not there any more.
+        memory.keep(&maps[..2], std::iter::empty());
+        assert_eq!(is_due(&memory, &maps, [0, 2], false), None);
+    }
+
+    #[test]
+    fn places_are_kept_of_maps_as_they_are() {
+        let maps = [content(1, 0), content(2, 0), content(3, 0)];
+        let mut memory = Memory::default();
+        memory.keep_places(&maps, [[1, 0], [2, 1], [0, 2]].map(|pair| (pair, Places::default())).into());
+        let now = [content(3, 0), content(1, 0), content(2, 9)];
+        let known: Vec<[usize; 2]> = memory.take_places(&now).into_keys().collect();
+        assert_eq!(known, [[1, 0]]);
     }
 
     #[test]
@@ -133,12 +163,11 @@ mod tests {
     fn among_more_maps_a_pair_is_judged_anew_once_the_result_is_to_last() {
         let maps = [content(1, 0), content(2, 0), content(3, 0)];
         let mut memory = Memory::default();
-        memory.keep(&maps[..2], &[encounter(0, 1)], false);
-        assert!(
-            memory.recall(&maps, [0, 1], false).is_some() && memory.recall(&maps, [0, 1], true).is_none()
-        );
-        // What was only recalled is still what was found among two.
-        memory.keep(&maps, &[encounter(0, 1), encounter(0, 2)], false);
-        assert!(memory.recall(&maps, [0, 1], true).is_none() && memory.recall(&maps, [0, 2], true).is_some());
+        memory.keep(&maps[..2], [encounter(0, 1)].iter());
+        let due = |memory: &Memory, exactly: bool| is_due(memory, &maps, [0, 1], exactly);
+        assert_eq!((due(&memory, false), due(&memory, true)), (Some(false), Some(true)));
+        // What was not looked at again is still what was found among two.
+        memory.keep(&maps, [encounter(0, 2)].iter());
+        assert_eq!((due(&memory, true), is_due(&memory, &maps, [0, 2], true)), (Some(true), Some(false)));
     }
 }

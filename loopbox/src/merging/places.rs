@@ -9,7 +9,7 @@ use std::time::Instant;
 
 /// The places of two maps.
 #[derive(Default)]
-pub(super) struct Places {
+pub(crate) struct Places {
     /// Best first.
     pub proposals: Vec<Proposal>,
     /// What its part of the queries took, seconds.

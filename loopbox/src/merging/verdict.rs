@@ -144,7 +144,7 @@ impl Merging {
     }
 
     /// Why the common map took back the merge of two inputs; nothing where it stands, or there was none.
-    fn undone(&self, encounter: &Encounter) -> Option<&str> {
+    pub(crate) fn undone(&self, encounter: &Encounter) -> Option<&str> {
         let [a, b] = [encounter.target, encounter.source].map(|input| &self.addresses[input]);
         let between = |(one, other): (AgentId, AgentId)| {
             let of = |agent: AgentId, addresses: &Addresses| addresses.agents().any(|own| own == agent);

@@ -12,13 +12,14 @@
 mod pair;
 mod sketch;
 
+use super::company::Company;
 use fleet::manifest::Kind;
 use fleet::node::Heard;
 use fleet::store::Store;
 use geometry::Sim3;
 use map::{Identity, KeyframeId};
 use merge::further::{FurtherParams, worth_trying};
-use pair::{Pair, Step};
+use pair::{Budget, Pair, Step};
 use place_recog::Vocabulary;
 use sketch::Sketch;
 use std::collections::{BTreeMap, BTreeSet};
@@ -26,6 +27,8 @@ use std::sync::Arc;
 
 /// Further keyframe pairs that are asked for at a motion that was found; at most as many as merging tries.
 const CONFIRMING: usize = 4;
+/// What is looked at in one go of maps that are new: with features that were read before it takes some 0.1 s.
+const GO: Budget = Budget { keyframes: 2000, choices: 6 };
 
 /// What is known of all agents' maps, and of every two of them.
 pub(super) struct Sketches {
@@ -43,6 +46,10 @@ pub(super) struct Plan {
     pub wanted: BTreeMap<Identity, (Vec<(Kind, u32)>, bool)>,
     /// The keyframes by which it is to be seen now who met whom; nothing while that takes more objects.
     pub ready: Option<BTreeMap<Identity, BTreeSet<KeyframeId>>>,
+    /// The pairs of which it is to be seen, the smaller identity first, and how likely each is.
+    pub pairs: Vec<([Identity; 2], f32)>,
+    /// Whether there is more to look at than fits into one go.
+    pub is_cut: bool,
     /// Maps of which all is fetched.
     pub released: BTreeSet<Identity>,
     /// Who told what is none.
@@ -67,13 +74,15 @@ impl Sketches {
     }
 
     /// What to do, by what is here of all agents' maps. Pairs that are looked at `elsewhere`, the smaller identity
-    /// first, are left to whoever does; some of the maps are one's `own`.
+    /// first, are left to whoever does; some of the maps are one's `own`. Of agents that are in one `company` no more is to be
+    /// seen by parts of their maps: all of these says how they lie to each other.
     pub fn plan(
         &mut self,
         all: &[Heard],
         own: &[Identity],
         store: &dyn Store,
         elsewhere: &BTreeSet<[Identity; 2]>,
+        company: &Company,
     ) -> Plan {
         let mut plan = Plan::default();
         for heard in all {
@@ -87,56 +96,60 @@ impl Sketches {
         let away: BTreeSet<Identity> =
             all.iter().filter(|heard| !heard.is_near).map(|heard| heard.agent).collect();
         let (mut busy, mut subset) = (BTreeSet::new(), BTreeMap::<_, BTreeSet<_>>::new());
-        let (mut wanted, mut is_ready) = (BTreeMap::<Identity, Vec<(Kind, u32)>>::new(), false);
-        for (number, one) in agents.iter().enumerate() {
-            for other in &agents[..number] {
-                if !self.may_meet(one, other) {
-                    continue;
-                }
-                let names = [*other, *one];
-                let pair = self.pairs.entry(names).or_default();
-                if elsewhere.contains(&names) {
-                    busy.extend(kept(names, &away));
-                    continue;
-                }
-                let [Some(mut a), Some(mut b)] = names.map(|name| self.agents.remove(&name)) else {
-                    continue;
-                };
-                match pair.step([&mut a, &mut b], store, &self.vocabulary) {
-                    Step::Idle => {}
-                    Step::Waits => {
-                        for (agent, sketch) in names.into_iter().zip([&a, &b]) {
-                            wanted.entry(agent).or_default().push_new(sketch.lacking_digests());
-                        }
-                    }
-                    Step::Wants(objects) => {
-                        let lacking =
-                            names.into_iter().zip(&objects).filter(|(_, lacking)| !lacking.is_empty());
-                        let awaited = lacking.map(|(agent, _)| agent).filter(|agent| away.contains(agent));
-                        busy.extend(kept(names, &awaited.collect()));
-                        for (agent, objects) in names.into_iter().zip(objects) {
-                            wanted.entry(agent).or_default().push_new(objects);
-                        }
-                    }
-                    Step::Ready => {
-                        busy.extend(names);
-                        is_ready = true;
-                    }
-                }
-                let keyframes = names.into_iter().zip(pair.keyframes([&a, &b]));
-                for (agent, keyframes) in keyframes.filter(|(_, keyframes)| !keyframes.is_empty()) {
-                    subset.entry(agent).or_default().extend(keyframes);
-                }
-                self.agents.extend(names.into_iter().zip([a, b]));
+        let mut wanted = BTreeMap::<Identity, Vec<(Kind, u32)>>::new();
+        let mut budget = GO;
+        let here = all.iter().filter(|heard| heard.missing == 0 && self.released.contains(&heard.agent));
+        let here: BTreeSet<Identity> = here.map(|heard| heard.agent).collect();
+        for names in self.in_order(&agents, &here, company) {
+            let pair = self.pairs.entry(names).or_default();
+            if elsewhere.contains(&names) {
+                busy.extend(kept(names, &away));
+                continue;
             }
+            let [Some(mut a), Some(mut b)] = names.map(|name| self.agents.remove(&name)) else {
+                continue;
+            };
+            // Who has company is fetched for good: it is not waited for what others make of it.
+            let is_kept = pair.is_confirming();
+            let is_kept = |agent: &Identity| is_kept || !company.is_joined(agent);
+            match pair.step([&mut a, &mut b], store, &self.vocabulary, &mut budget) {
+                Step::Idle => {}
+                Step::Later => {
+                    plan.is_cut = true;
+                    busy.extend(names.into_iter().filter(is_kept));
+                }
+                Step::Waits => {
+                    for (agent, sketch) in names.into_iter().zip([&a, &b]) {
+                        wanted.entry(agent).or_default().push_new(sketch.lacking_digests());
+                    }
+                }
+                Step::Wants(objects) => {
+                    let lacking = names.into_iter().zip(&objects).filter(|(_, lacking)| !lacking.is_empty());
+                    let awaited = lacking.map(|(agent, _)| agent).filter(|agent| away.contains(agent));
+                    busy.extend(kept(names, &awaited.collect()).filter(is_kept));
+                    for (agent, objects) in names.into_iter().zip(objects) {
+                        wanted.entry(agent).or_default().push_new(objects);
+                    }
+                }
+                Step::Ready => {
+                    busy.extend(names.into_iter().filter(is_kept));
+                    plan.pairs.push((names, pair.urgency().1));
+                }
+            }
+            let keyframes = names.into_iter().zip(pair.keyframes([&a, &b]));
+            for (agent, keyframes) in keyframes.filter(|(_, keyframes)| !keyframes.is_empty()) {
+                subset.entry(agent).or_default().extend(keyframes);
+            }
+            self.agents.extend(names.into_iter().zip([a, b]));
         }
         // A map whose digests are all here, and that is about to be compared with none, is fetched for good, and so is
-        // one that can meet none. What is one's own is here anyway, and is put together when it is to be merged with others.
+        // one that can meet none, or that goes on and met one: nobody asks for its further digests then. What is one's own is here anyway, and is put together when it is to be merged with others.
         let is_alone = |agent: &Identity| {
             let mut others = agents.iter().filter(|other| *other != agent);
             !others.any(|other| self.may_meet(agent, other))
         };
-        let is_here = |agent: &Identity| self.agents[agent].missing == 0 || is_alone(agent);
+        let is_here =
+            |agent: &Identity| self.agents[agent].missing == 0 || is_alone(agent) || company.is_joined(agent);
         let is_done = |agent: &&Identity| !busy.contains(*agent) && is_here(agent);
         let (ready_own, others): (Vec<Identity>, Vec<Identity>) =
             agents.iter().filter(is_done).partition(|agent| own.contains(agent));
@@ -151,8 +164,40 @@ impl Sketches {
         let mut of =
             |agent: &Identity| (wanted.remove(agent).unwrap_or_default(), self.released.contains(agent));
         plan.wanted = agents.iter().map(|agent| (*agent, of(agent))).collect();
-        plan.ready = is_ready.then_some(subset);
+        plan.ready = (!plan.pairs.is_empty()).then_some(subset);
         plan
+    }
+
+    /// The pairs that are to be looked at, those aside of whom all is `here` or who are in one `company`; the smaller identity first, the most urgent before all others.
+    fn in_order(
+        &mut self,
+        agents: &[Identity],
+        here: &BTreeSet<Identity>,
+        company: &Company,
+    ) -> Vec<[Identity; 2]> {
+        let firsts = company.firsts(agents);
+        let are_here: Vec<bool> = agents.iter().map(|agent| here.contains(agent)).collect();
+        let mut order = Vec::new();
+        for (number, one) in agents.iter().enumerate() {
+            for (at, (other, first)) in agents[..number].iter().zip(&firsts).enumerate() {
+                if !self.may_meet(one, other) {
+                    continue;
+                }
+                let pair = self.pairs.entry([*other, *one]).or_default();
+                // Where all of both is here, they are merged as wholes anyway.
+                let are_whole = are_here[number] && are_here[at];
+                if are_whole || *first == firsts[number] && !pair.is_confirming() {
+                    if pair.is_pending() {
+                        pair.give_up();
+                    }
+                    continue;
+                }
+                order.push((pair.urgency(), [*other, *one]));
+            }
+        }
+        // Stable: of equals the first.
+        order.sort_by(|(a, _), (b, _)| b.0.cmp(&a.0).then(b.1.total_cmp(&a.1)));
+        order.into_iter().map(|(_, names)| names).collect()
     }
 
     /// Whether two agents may meet; cameras do not meet LiDARs.
@@ -161,10 +206,11 @@ impl Sketches {
         sketches.is_none_or(|(one, other)| one.may_meet(other))
     }
 
-    /// Takes note of what a merge of the parts found of each pair that was ready: those that met.
-    pub fn judged(&mut self, met: &[Met], store: &dyn Store) {
-        let ready: Vec<[Identity; 2]> =
-            self.pairs.iter().filter(|(_, pair)| pair.is_ready()).map(|(names, _)| *names).collect();
+    /// Takes note of what a merge of the parts found of each pair that was ready, but for those that are `left` to be looked
+    /// at: those that met.
+    pub fn judged(&mut self, met: &[Met], left: &BTreeSet<[Identity; 2]>, store: &dyn Store) {
+        let ready = self.pairs.iter().filter(|(names, pair)| pair.is_ready() && !left.contains(*names));
+        let ready: Vec<[Identity; 2]> = ready.map(|(names, _)| *names).collect();
         for names in ready {
             let found = met.iter().find(|met| names.iter().all(|name| met.agents.contains(name)));
             let keyframes = found.map(|met| self.overlapping(names, met, store));
@@ -287,7 +333,8 @@ mod tests {
 
     fn plan(all: &[Heard], own: &[Identity], elsewhere: &[[Identity; 2]]) -> Plan {
         let mut sketches = Sketches::new(Vocabulary::shipped());
-        sketches.plan(all, own, &MemoryStore::default(), &elsewhere.iter().copied().collect())
+        let elsewhere = elsewhere.iter().copied().collect();
+        sketches.plan(all, own, &MemoryStore::default(), &elsewhere, &Company::default())
     }
 
     #[test]
@@ -329,7 +376,8 @@ mod tests {
         let mut sketches = Sketches::new(Vocabulary::shipped());
         let mut plan = |near: [bool; 2]| {
             let maps = maps.iter().zip(near).map(|(heard, is_near)| Heard { is_near, ..heard.clone() });
-            sketches.plan(&maps.collect::<Vec<_>>(), &[], &store, &BTreeSet::new())
+            let company = Company::default();
+            sketches.plan(&maps.collect::<Vec<_>>(), &[], &store, &BTreeSet::new(), &company)
         };
         let features: Vec<(Kind, u32)> = (0..3).map(|number| (Kind::Features, number)).collect();
         let wants = |plan: &Plan, number: u128| {
@@ -344,6 +392,40 @@ mod tests {
         assert_eq!(one.released, [agent(1)].into());
         // The pair is not forgotten when it is back.
         assert_eq!(wants(&plan([true, true]), 2), (true, false));
+    }
+
+    /// Nobody is fetched for good before it was looked at what it may be compared with.
+    #[test]
+    fn many_maps_that_come_at_once_are_looked_at_in_goes() {
+        let store = MemoryStore::default();
+        let maps: Vec<Heard> = (1..=40).map(|number| digested(number, &store)).collect();
+        let mut sketches = Sketches::new(Vocabulary::shipped());
+        let mut plan = || sketches.plan(&maps, &[], &store, &BTreeSet::new(), &Company::default());
+        let first = plan();
+        assert!(first.is_cut && first.released.is_empty());
+        let second = plan();
+        assert!(!second.is_cut && second.released.is_empty());
+        assert!(second.wanted.values().all(|(objects, _)| !objects.is_empty()));
+    }
+
+    /// All of their maps says how they lie to each other; of who is alone a part may say where it is.
+    #[test]
+    fn who_hang_together_are_fetched_and_compared_with_others_only() {
+        let store = MemoryStore::default();
+        let maps = [1, 2, 3].map(|number| digested(number, &store));
+        let company = Company::of_one(&[agent(1), agent(2)]);
+        let mut sketches = Sketches::new(Vocabulary::shipped());
+        let plan = sketches.plan(&maps, &[], &store, &BTreeSet::new(), &company);
+        assert_eq!(plan.released, [agent(1), agent(2)].into());
+        let all = plan.wanted.values().map(|(objects, rest)| (objects.is_empty(), *rest));
+        assert_eq!(all.collect::<Vec<_>>(), [(false, true), (false, true), (false, false)]);
+        let pair = sketches.plan(&maps[..2], &[], &store, &BTreeSet::new(), &company);
+        assert!(pair.wanted.values().all(|(objects, rest)| objects.is_empty() && *rest));
+        // Also while they grow: nobody asks for further digests.
+        let grown = [told(1, &CAMERA), told(2, &CAMERA)];
+        let mut sketches = Sketches::new(Vocabulary::shipped());
+        let grown = sketches.plan(&grown, &[], &store, &BTreeSet::new(), &company);
+        assert_eq!(grown.released, [agent(1), agent(2)].into());
     }
 
     /// Without a station: a pair is left to one that is not there.

@@ -33,6 +33,8 @@ pub(super) struct Pair {
     by_wholes: bool,
     /// Which of the maps are.
     wholes: [bool; 2],
+    /// How much the maps look alike at their best place: by the words, 0–1, and then by the features they share, 1 and more.
+    likeness: f32,
     stage: Stage,
 }
 
@@ -57,12 +59,23 @@ enum Stage {
 pub(super) enum Step {
     /// Nothing by now.
     Idle,
+    /// To be looked at further in the next go.
+    Later,
     /// The digests of all keyframes.
     Waits,
     /// Objects of either map.
     Wants([Vec<(Kind, u32)>; 2]),
     /// All is here that is to be merged.
     Ready,
+}
+
+/// How much more is looked at in one go.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Budget {
+    /// Keyframes that are looked for in another map: some 15 µs each.
+    pub keyframes: usize,
+    /// Pairs whose places are compared by their features: some ms each.
+    pub choices: usize,
 }
 
 impl Pair {
@@ -72,6 +85,7 @@ impl Pair {
         [a, b]: [&mut Sketch; 2],
         store: &dyn Store,
         vocabulary: &Arc<Vocabulary>,
+        budget: &mut Budget,
     ) -> Step {
         if a.missing > 0 || b.missing > 0 {
             return Step::Waits;
@@ -84,9 +98,14 @@ impl Pair {
             self.stage = Stage::New;
         }
         if self.stage == Stage::New {
+            if budget.keyframes == 0 {
+                return Step::Later;
+            }
+            budget.keyframes = budget.keyframes.saturating_sub(b.words.len());
             self.by_wholes = false;
             self.proposals = propose(&a.words, &b.words, vocabulary, &ProposeParams::default());
             self.proposals.truncate(PROPOSALS);
+            self.likeness = self.proposals.first().map_or(0.0, |best| best.score);
             self.stage = Stage::Choosing;
         }
         if self.stage == Stage::Choosing {
@@ -100,8 +119,14 @@ impl Pair {
             if lacking.iter().any(|lacking| !lacking.is_empty()) {
                 return Step::Wants(lacking);
             }
+            if budget.choices == 0 {
+                return Step::Later;
+            }
+            budget.choices -= 1;
             let params = RankParams::default();
             let ranked = ranked(std::mem::take(&mut self.proposals), a.directed(), b.directed(), &params);
+            let shared = ranked.first().and_then(|best| best.shared);
+            self.likeness = shared.map_or(self.likeness, |shared| 1.0 + shared as f32);
             let places = ranked.iter().map(|place| [place.keyframe, place.query]);
             self.places = places.filter(|place| !self.vain.contains(place)).take(PLACES).collect();
             self.stage = match self.places.len() {
@@ -167,7 +192,8 @@ impl Pair {
         };
     }
 
-    fn give_up(&mut self) {
+    /// Looks no further at parts of the maps.
+    pub fn give_up(&mut self) {
         self.vain.extend(self.places.drain(..));
         self.stage = Stage::Apart;
     }
@@ -180,6 +206,16 @@ impl Pair {
     /// Whether all is here that is to be merged.
     pub fn is_ready(&self) -> bool {
         matches!(self.stage, Stage::Trying { is_ready: true, .. } | Stage::Confirming { is_ready: true, .. })
+    }
+
+    /// Whether they met by parts of the maps, and more of them is to be looked at.
+    pub fn is_confirming(&self) -> bool {
+        matches!(self.stage, Stage::Confirming { .. })
+    }
+
+    /// How urgent it is: what was not looked at yet, then the likeliest.
+    pub fn urgency(&self) -> (bool, f32) {
+        (self.stage == Stage::New, self.likeness)
     }
 
     /// Whether more of the maps is to be looked at before anything is said.

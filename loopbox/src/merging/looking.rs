@@ -1,0 +1,257 @@
+//! What pairs of maps make of each other, looked at all at once or in goes.
+
+use super::goes::{Groups, Known, Share, Waiting, next};
+use super::places::{Places, places};
+use super::{Encounter, Input, MergingParams, Seconds};
+use anyhow::{Context, Result};
+use map::Map;
+use merge::further::Joined;
+use merge::meeting::{Judged, MeetingParams, Place, meet};
+use merge::prepared::PreparedMap;
+use place_recog::{Vocabulary, ranked};
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+use std::time::Instant;
+
+/// Keyframes of a map that stay ready for the next pair, at the most: of 640 × 480 pixels each takes some 4 MB.
+const READY: usize = 24;
+/// Keyframes that are looked for in others' maps in one go, each of them once for every map: at 15 µs a third of a second.
+const QUERIES: usize = 20_000;
+
+/// What is to be looked at.
+pub(crate) struct Go<'a> {
+    /// What is known of a pair of inputs, the earlier first.
+    pub known: &'a (dyn Fn([usize; 2]) -> Option<Known> + Sync),
+    /// The pairs to look at and how likely each is; every pair, by their words, where nothing is said.
+    pub wanted: Option<BTreeMap<[usize; 2], f32>>,
+    /// Which inputs hang together by what else is known.
+    pub groups: Groups,
+    /// Places that were found before of pairs that were not looked at, by target and source.
+    pub places: BTreeMap<[usize; 2], Places>,
+    /// How much is looked at; everything, in the order of the inputs, where nothing is said.
+    pub share: Option<Share>,
+    /// Whether something comes first that is more urgent than pairs whose agents have their places.
+    pub is_awaited: &'a (dyn Fn() -> bool + Sync),
+}
+
+/// What came of it.
+#[cfg_attr(not(feature = "fleet"), expect(dead_code, reason = "only a fleet is merged in goes"))]
+pub(crate) struct Looked {
+    /// What pairs made of each other, now or before, in the order of the inputs.
+    pub encounters: Vec<Encounter>,
+    /// Pairs that were looked at now.
+    now: Vec<[usize; 2]>,
+    /// Pairs that are still to be looked at.
+    pub left: Vec<[usize; 2]>,
+    /// Whether one of these may join agents that do not hang together, and was never looked at.
+    pub may_join: bool,
+    /// Whether now groups were joined, or a merge of before does not stand any more.
+    pub is_news: bool,
+    /// Places of the pairs that are left, as far as they were found.
+    pub places: BTreeMap<[usize; 2], Places>,
+}
+
+#[cfg(feature = "fleet")]
+impl Looked {
+    /// What the pairs that were looked at now made of each other.
+    pub fn now(&self) -> impl Iterator<Item = &Encounter> {
+        let now: BTreeSet<[usize; 2]> = self.now.iter().copied().collect();
+        self.encounters.iter().filter(move |encounter| now.contains(&encounter.as_given()))
+    }
+}
+
+impl<'a> Go<'a> {
+    /// All pairs of which nothing is known.
+    pub fn whole(known: &'a (dyn Fn([usize; 2]) -> Option<Known> + Sync)) -> Self {
+        let (groups, places) = (Groups::new(0), BTreeMap::new());
+        Self { known, wanted: None, groups, places, share: None, is_awaited: &|| false }
+    }
+}
+
+/// Looks for meetings of pairs of inputs. `progress` is told what comes next, and ends it with an error of its own. What goes
+/// wrong with one pair of maps is noted there, and the others are looked at.
+///
+/// # Errors
+/// When the inputs cannot be in one map (two are of one run, say), or `progress` will not go on.
+pub(crate) fn look(
+    inputs: &[Input],
+    vocabulary: &Arc<Vocabulary>,
+    params: &MergingParams,
+    go: Go,
+    progress: &mut dyn FnMut(&str) -> Result<()>,
+) -> Result<Looked> {
+    let maps: Vec<&Map> = inputs.iter().map(|input| &input.map).collect();
+    Map::can_unite(&maps).context("the maps cannot be merged")?;
+    let names = |[a, b]: [usize; 2]| format!("{} and {}", inputs[a].name, inputs[b].name);
+    let mut prepared: Vec<PreparedMap> = inputs
+        .iter()
+        .map(|input| PreparedMap::new(&input.map, &input.features, &params.key_points))
+        .collect();
+    let meeting = meeting_among(inputs.len(), params);
+    let Go { known, wanted, mut groups, places: mut shared, share, is_awaited } = go;
+    let mut encounters = BTreeMap::new();
+    let mut waiting = Vec::new();
+    for pair in pairs(inputs.len()) {
+        let known = known(pair);
+        let is_due = known.as_ref().is_none_or(|known| known.is_due);
+        let likeness = wanted.as_ref().map_or(Some(0.0), |wanted| wanted.get(&pair).copied());
+        if let Some(likeness) = likeness.filter(|_| is_due) {
+            waiting.push(Waiting { pair, likeness, is_again: known.is_some() });
+        }
+        if let Some(Known { encounter, .. }) = known {
+            if encounter.joined.is_some() && share.is_some() {
+                groups.join(pair);
+            }
+            encounters.insert(pair, encounter);
+        }
+    }
+    progress("looking for places that the maps share")?;
+    let start = Instant::now();
+    find_places(inputs, vocabulary, params, &waiting, share.map(|_| &groups), &mut shared);
+    if wanted.is_none() {
+        waiting.iter_mut().for_each(|one| one.likeness = likeness(one.pair, &shared));
+    }
+    let (mut now, mut left, mut is_news) = (Vec::new(), Vec::new(), false);
+    if share.is_some() {
+        let (with, without): (Vec<_>, Vec<_>) =
+            waiting.into_iter().partition(|one| key(one.pair, &shared).is_some());
+        (waiting, left) = (with, without);
+    } else {
+        // Taken from the end.
+        waiting.reverse();
+    }
+    while !waiting.is_empty() {
+        let one = match share {
+            None => waiting.pop(),
+            Some(share) if share.is_used_up(now.len(), start) => None,
+            Some(_) => next(&waiting, &groups)
+                .filter(|&index| {
+                    now.is_empty() || !groups.are_one(waiting[index].pair) || !is_news && !is_awaited()
+                })
+                .map(|index| waiting.swap_remove(index)),
+        };
+        let Some(Waiting { pair, .. }) = one else { break };
+        progress(&format!("looking where {} met", names(pair)))?;
+        let found = key(pair, &shared).and_then(|key| Some((key, shared.remove(&key)?)));
+        let (directed, places) = found.unwrap_or((pair, Places::default()));
+        let encounter = encounter(directed, places, inputs, &prepared, &meeting, params);
+        // What every pair leaves behind would be as much as all images.
+        for map in pair {
+            prepared[map].forget_beyond(READY);
+            inputs[map].map.rest();
+        }
+        let is_joined = encounter.joined.is_some();
+        let before = encounters.insert(pair, encounter);
+        if share.is_some() {
+            is_news |= before.is_some_and(|before| before.joined.is_some() && !is_joined);
+            is_news |= is_joined && groups.join(pair);
+        }
+        now.push(pair);
+    }
+    left.extend(waiting);
+    let may_join = share.is_some() && left.iter().any(|one| !one.is_again && !groups.are_one(one.pair));
+    let left = left.into_iter().map(|one| one.pair).collect();
+    // In the order of all pairs: the later of the two, then the earlier.
+    let mut encounters: Vec<([usize; 2], Encounter)> = encounters.into_iter().collect();
+    encounters.sort_by_key(|([earlier, later], _)| [*later, *earlier]);
+    let encounters = encounters.into_iter().map(|(_, encounter)| encounter).collect();
+    Ok(Looked { encounters, now, left, may_join, is_news, places: shared })
+}
+
+/// By target and source, whichever of two inputs is which, where their places are known.
+fn key([a, b]: [usize; 2], places: &BTreeMap<[usize; 2], Places>) -> Option<[usize; 2]> {
+    [[a, b], [b, a]].into_iter().find(|key| places.contains_key(key))
+}
+
+/// How much two maps look alike by their best place, 0 where they have none.
+fn likeness(pair: [usize; 2], places: &BTreeMap<[usize; 2], Places>) -> f32 {
+    let places = key(pair, places).and_then(|key| places.get(&key));
+    places.and_then(|places| places.proposals.first()).map_or(0.0, |best| best.score)
+}
+
+/// Finds the places of pairs that have none yet: of all, or where they are looked at in goes of as many as fit into one, those
+/// that would join `groups` before all others.
+fn find_places(
+    inputs: &[Input],
+    vocabulary: &Arc<Vocabulary>,
+    params: &MergingParams,
+    waiting: &[Waiting],
+    groups: Option<&Groups>,
+    shared: &mut BTreeMap<[usize; 2], Places>,
+) {
+    let joins = |one: &Waiting| groups.is_some_and(|groups| !groups.are_one(one.pair));
+    let mut lacking: Vec<&Waiting> = waiting.iter().filter(|one| key(one.pair, shared).is_none()).collect();
+    if lacking.iter().any(|one| joins(one)) {
+        lacking.retain(|one| joins(one));
+    }
+    let mut queries = 0;
+    let wanted: BTreeSet<[usize; 2]> = lacking
+        .into_iter()
+        .take_while(|one| {
+            let is_in = groups.is_none() || queries < QUERIES;
+            queries += one.pair.iter().map(|&input| inputs[input].words.len()).max().unwrap_or(0);
+            is_in
+        })
+        .map(|one| one.pair)
+        .collect();
+    shared.extend(places(inputs, vocabulary, params, &|pair| wanted.contains(&pair)));
+}
+
+/// How meetings are looked for among so many maps: of many pairs more look alike by chance, so the false alarms that
+/// are expected of one are divided among them.
+fn meeting_among(maps: usize, params: &MergingParams) -> MeetingParams {
+    let mut meeting = params.meeting.clone();
+    let pairs = (maps * maps.saturating_sub(1) / 2).max(1);
+    meeting.closure.pair.two_view.max_false_alarms /= pairs as f64;
+    meeting.closure.neighbourhood.pose.max_false_alarms /= pairs as f64;
+    meeting
+}
+
+/// Every two of so many inputs, the earlier first: (0, 1), (0, 2), (1, 2), (0, 3), …
+fn pairs(inputs: usize) -> impl Iterator<Item = [usize; 2]> {
+    (1..inputs).flat_map(|later| (0..later).map(move |earlier| [earlier, later]))
+}
+
+/// One pair of inputs.
+fn encounter(
+    [target, source]: [usize; 2],
+    places: Places,
+    inputs: &[Input],
+    prepared: &[PreparedMap],
+    meeting: &MeetingParams,
+    params: &MergingParams,
+) -> Encounter {
+    let start = Instant::now();
+    let (of_target, of_source) = (&inputs[target], &inputs[source]);
+    let proposals = ranked(places.proposals, of_target.directed(), of_source.directed(), &params.rank);
+    let (places_s, places): (f64, Vec<Place>) =
+        (places.seconds, proposals.iter().map(|p| Place { source: p.query, target: p.keyframe }).collect());
+    let ranked = start.elapsed().as_secs_f64();
+    let tried = meet(&prepared[source], &prepared[target], &places, meeting, &params.further);
+    let met = start.elapsed().as_secs_f64();
+    let accepted = tried.iter().find_map(|tried| tried.outcome.accepted());
+    let joined = accepted.map(|judged| joined([&prepared[target], &prepared[source]], judged, params));
+    let (joined, error) = match joined {
+        None => (None, None),
+        Some(Ok(joined)) => (joined, None),
+        Some(Err(error)) => (None, Some(format!("{error:#}"))),
+    };
+    let seconds = Seconds {
+        places: places_s + ranked,
+        meeting: met - ranked,
+        method: start.elapsed().as_secs_f64() - met,
+    };
+    Encounter { target, source, proposed: places.len(), tried, joined, error, seconds }
+}
+
+/// What joins two maps at an accepted closure, by the method asked for.
+fn joined(
+    [target, source]: [&PreparedMap; 2],
+    judged: &Judged,
+    params: &MergingParams,
+) -> Result<Option<Joined>> {
+    let Some(baseline) = params.method.baseline() else { return Ok(judged.joined.clone()) };
+    let placement = baseline.place(source, target, &judged.closure, &params.baseline);
+    let context = || format!("they met, but the method {} does not join them", params.method);
+    Ok(Some(placement.with_context(context)?.into()))
+}
