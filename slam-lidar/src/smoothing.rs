@@ -222,11 +222,11 @@ mod tests {
         }
         let duals = [1.0, -2.0, 0.5].map(|scale| Vector6::from_fn(|i, _| scale * (i as f64 - 2.0)));
         let found = way.errors(&rows, &duals, &covariance);
-        for k in 0..steps.len() {
+        for (k, error) in found.iter().enumerate() {
             let pulls = loops.iter().zip(&duals).filter(|(c, _)| within(c).contains(&k));
             let pull: Vector6<f64> = pulls.map(|(c, dual)| jacobian(c, k).transpose() * dual).sum();
             let expected: Vector6<f64> = -covariance.component_mul(&pull);
-            assert!((found[k] - expected).norm() < 1e-12 + 1e-9 * expected.norm(), "step {k}");
+            assert!((error - expected).norm() < 1e-12 + 1e-9 * expected.norm(), "step {k}");
         }
     }
 
