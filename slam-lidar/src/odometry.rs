@@ -113,6 +113,8 @@ const STARTING_GRID: f32 = 2.0;
 /// should be: the sensor was carried away, or much is missing in between. Drives by robots and a car have 0.87 and more from sweep to
 /// sweep, a sensor that was carried 3 m off and turned 0.22.
 const SUDDEN: (f64, usize) = (0.6, 5);
+/// Turns beyond the predicted one, to either side, at which a sweep is sought that is not where it should be, radians.
+const SOUGHT: [f64; 4] = [0.0, 0.1, 0.2, 0.4];
 /// Sweeps follow each other without a gap when their instants leave less than this share of a sweep between them.
 const CONTIGUOUS: f64 = 0.3;
 /// Sweeps after which what lies far away is forgotten, again and again.
@@ -202,11 +204,31 @@ impl Odometry {
     }
 
     fn follow(&mut self, sweep: &Sweep, last: &Last) -> Registration {
-        let registration = self.locate(sweep, last, (0.0, 0.0));
+        let mut registration = self.locate(sweep, last, (0.0, 0.0));
+        if self.is_lost(&registration) {
+            registration = self.seek(sweep, last, registration);
+        }
         if !self.is_lost(&registration) {
             self.insert(sweep, &registration.motion);
         }
         registration
+    }
+
+    /// Seeks a sweep that is not where it should be, turned more or less than predicted; the best of what is found.
+    fn seek(&mut self, sweep: &Sweep, last: &Last, before: Registration) -> Registration {
+        let turned = |angle: f64| {
+            let turn = Se3::exp(&Vector6::new(0.0, 0.0, 0.0, 0.0, 0.0, angle));
+            let motion = SweepMotion { begin: last.motion.begin * turn, end: last.motion.end * turn };
+            Last { motion, ..*last }
+        };
+        let found: Vec<Registration> = SOUGHT
+            .iter()
+            .flat_map(|angle| [*angle, -angle])
+            .map(|angle| self.locate(sweep, &turned(angle), STARTING_DOUBT))
+            .collect();
+        found
+            .into_iter()
+            .fold(before, |best, next| if next.inlier_share > best.inlier_share { next } else { best })
     }
 
     /// Whether so much less agrees than did in the sweeps before that the sensor is somewhere else.

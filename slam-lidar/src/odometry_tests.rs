@@ -126,6 +126,16 @@ fn a_sensor_that_was_carried_away_is_lost_and_changes_nothing() {
 }
 
 #[test]
+fn a_sensor_that_turned_on_while_sweeps_are_missing_is_found() {
+    let mut odometry = Odometry::new(OdometryParams::default());
+    let tracked: Vec<TrackedSweep> = (0..10).map(|i| odometry.track(&scan(i))).collect();
+    let found = odometry.track(&scan(19));
+    let truth = truth(tracked[0].instant).inverse() * truth(found.instant);
+    let off = truth.inverse() * found.world_from_sensor;
+    assert!(!found.lost && off.translation.norm() < 0.05 && off.rotation.angle() < 0.01, "{off:?}");
+}
+
+#[test]
 fn a_start_at_speed_is_found() {
     // The same room at 12 m/s straight ahead: 1.2 m between the first two sweeps.
     let speed = Vector6::new(12.0, 0.0, 0.0, 0.0, 0.0, 0.0);
