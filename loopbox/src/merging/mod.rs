@@ -107,7 +107,7 @@ pub struct Seconds {
 
 /// A merging with all that led to it.
 pub struct Merging {
-    /// Every pair of inputs that was looked at, in their order: of a [`merge`] all.
+    /// Every pair of inputs that was looked at, in their order: of a [`merge`](fn@merge) all.
     pub encounters: Vec<Encounter>,
     /// Where the inputs' keyframes are in the common map.
     pub addresses: Vec<Addresses>,
