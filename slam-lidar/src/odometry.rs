@@ -114,7 +114,7 @@ const STARTING_GRID: f32 = 2.0;
 /// sweep, a sensor that was carried 3 m off and turned 0.22.
 const SUDDEN: (f64, usize) = (0.6, 5);
 /// Turns beyond the predicted one, to either side, at which a sweep is sought that is not where it should be, radians.
-const SOUGHT: [f64; 4] = [0.0, 0.1, 0.2, 0.4];
+const SOUGHT: [f64; 7] = [0.0, 0.1, -0.1, 0.2, -0.2, 0.4, -0.4];
 /// Sweeps follow each other without a gap when their instants leave less than this share of a sweep between them.
 const CONTIGUOUS: f64 = 0.3;
 /// Sweeps after which what lies far away is forgotten, again and again.
@@ -221,11 +221,8 @@ impl Odometry {
             let motion = SweepMotion { begin: last.motion.begin * turn, end: last.motion.end * turn };
             Last { motion, ..*last }
         };
-        let found: Vec<Registration> = SOUGHT
-            .iter()
-            .flat_map(|angle| [*angle, -angle])
-            .map(|angle| self.locate(sweep, &turned(angle), STARTING_DOUBT))
-            .collect();
+        let found: Vec<Registration> =
+            SOUGHT.iter().map(|angle| self.locate(sweep, &turned(*angle), STARTING_DOUBT)).collect();
         found
             .into_iter()
             .fold(before, |best, next| if next.inlier_share > best.inlier_share { next } else { best })

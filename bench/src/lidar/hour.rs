@@ -1,6 +1,7 @@
 //! An hour of a LiDAR that drives the same way again and again: what it costs in the end, and what it costs in memory.
 
 use super::Plan;
+use super::program::record;
 use super::truth::Truth;
 use crate::measure::make_empty;
 use anyhow::{Context, Result, ensure};
@@ -52,8 +53,7 @@ pub fn measure(plan: &Plan) -> Result<String> {
     fs::write(whole.join("times.txt"), times)?;
     fs::write(whole.join("groundtruth.txt"), truth)?;
     let out = plan.program().run(&whole, "hour-run", &[])?;
-    let text = fs::read_to_string(out.join("run.json")).context("run.json")?;
-    let record: Value = serde_json::from_str(&text).context("run.json")?;
+    let record = record(&out.join("run.json"))?;
     let rows = record["rows"].as_array().context("run.json has no rows")?;
     ensure!(rows.len() >= PARTS, "{} scans were tracked", rows.len());
     let median = |rows: &[Value]| {

@@ -128,7 +128,8 @@ mod tests {
         let Known { encounter: met, is_due: false } = known else { panic!("neither changed") };
         assert_eq!((met.target, met.source, met.proposed), (2, 0, 2));
         let changed = memory.recall(&now, [0, 1], false).expect("they met before");
-        assert!(changed.is_due && is_due(&memory, &now, [1, 2], false) == Some(true));
+        assert!(changed.is_due && is_due(&memory, &now, [0, 1], true) == Some(true));
+        assert_eq!(is_due(&memory, &now, [1, 2], false), Some(true));
         assert_eq!([changed.encounter.target, changed.encounter.source], [0, 1]);
         // Nothing is kept of one that is not there any more.
         memory.keep(&maps[..2], std::iter::empty());

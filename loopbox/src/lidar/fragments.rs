@@ -1,6 +1,7 @@
 //! The maps that a LiDAR's run made after losses, joined where they show one place: as the maps of several agents are.
 
 use super::merging::{Input, merge};
+use crate::run::{in_order, most_frames_first};
 use map::Map;
 use slam_lidar::merging::MergeMethod;
 use std::path::PathBuf;
@@ -14,7 +15,7 @@ pub(super) fn joined(mut fragments: Vec<Map>) -> Vec<Map> {
     if fragments.len() < 2 {
         return fragments;
     }
-    fragments.sort_by_key(|map| std::cmp::Reverse(map.frames.len()));
+    fragments = most_frames_first(fragments);
     let rest = fragments.split_off(fragments.len().min(MOST));
     // In the world of the earliest.
     fragments.sort_by_key(|map| map.frames.first().map(|frame| frame.frame_index));
@@ -27,13 +28,9 @@ pub(super) fn joined(mut fragments: Vec<Map>) -> Vec<Map> {
         }
     }
     let merging = merge(&inputs, MergeMethod::default(), &mut |_| Ok(()));
-    let mut maps: Vec<Map> = match merging {
+    let maps: Vec<Map> = match merging {
         Ok(merging) => merging.groups.into_iter().map(|group| group.map).collect(),
         Err(_) => inputs.into_iter().map(|input| input.map).collect(),
     };
-    maps.extend(apart);
-    maps.iter_mut().for_each(|map| map.frames.sort_by_key(|frame| frame.frame_index));
-    // Stable: of equals the earlier one comes first.
-    maps.sort_by_key(|map| std::cmp::Reverse(map.frames.len()));
-    maps
+    most_frames_first(maps.into_iter().map(in_order).chain(apart).collect())
 }

@@ -10,7 +10,7 @@ use crate::merging::refuse_one;
 use crate::open::{open_map, recording_name};
 use crate::results::{Owner, Results, keep_from};
 use crate::run::{Listeners, numbered};
-use anyhow::{Context, Result, anyhow};
+use anyhow::{Context, Result, anyhow, bail};
 use map::{AgentInfo, DEFAULT_MAX_RELATIVE_VARIANCE, Map, MapWriter, Sensor};
 use scans::ScanSource;
 use slam_lidar::mapping::MappingParams;
@@ -91,11 +91,10 @@ pub fn map_recording(
         let ended = stop.requested() || growing.failure.is_some();
         Ok(if ended { ControlFlow::Break(()) } else { ControlFlow::Continue(()) })
     });
-    let failure = growing.failure.take();
-    let beside = growing.end();
+    let Growing { failure, beside, .. } = growing;
     let done = done.inspect_err(|_| results.forget_growing());
     let record = done.and_then(|done| {
-        told.ended(&std::iter::once(&done.map).chain(&done.apart).cloned().collect::<Vec<_>>());
+        told.ended(&done.maps);
         write(&mut results, done, kitti)
     });
     let files = record.as_ref().map_or(Vec::new(), |record| record.files.clone());
@@ -155,11 +154,6 @@ impl Growing {
         }
         Ok(writer.flush()?)
     }
-
-    /// Ends writing; gives the files of fragments after the first.
-    fn end(self) -> Vec<PathBuf> {
-        self.beside
-    }
 }
 
 /// Where a map came from.
@@ -181,20 +175,21 @@ fn provenance(
 
 /// Writes all results of a run in the place of earlier ones.
 fn write(results: &mut Results, done: LidarRun, kitti: bool) -> Result<LidarRecord> {
-    let LidarRun { map, agent, apart, mut record } = done;
-    for (place, map) in std::iter::once(&map).chain(&apart).enumerate() {
+    let LidarRun { maps, agent, mut record } = done;
+    let Some(first) = maps.first() else { bail!("there is no map") };
+    for (place, map) in maps.iter().enumerate() {
         map::save_map(results.file(numbered(MAP, place))?, map)?;
         let trajectory = results.file(numbered(TRAJECTORY, place))?;
         let poses = map.trajectory();
         if kitti { map::save_kitti(trajectory, &poses)? } else { map::save_tum(trajectory, &poses)? }
     }
-    map::save_ply(results.file(CLOUD)?, &map, DEFAULT_MAX_RELATIVE_VARIANCE)?;
+    map::save_ply(results.file(CLOUD)?, first, DEFAULT_MAX_RELATIVE_VARIANCE)?;
     record.cost.cpu_s = view::process::cpu_seconds();
     record.cost.peak_memory_bytes = view::process::peak_memory_bytes();
     let page = results.file(REPORT)?;
     let path = results.file(RUN)?;
     record.files = results.names();
-    report::of_run(&page, &map, &agent, &record)?;
+    report::of_run(&page, first, &agent, &record)?;
     write_json(&path, &record)?;
     results.commit()?;
     Ok(record)

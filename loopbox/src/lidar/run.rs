@@ -51,12 +51,10 @@ pub enum Event<'a> {
 
 /// What came of a run.
 pub struct LidarRun {
-    /// The map that most scans have a pose in.
-    pub map: Map,
-    /// The agent that made most of it.
+    /// The map that most scans have a pose in, then what does not hang together with it, each in a world of its own.
+    pub maps: Vec<Map>,
+    /// The agent that made most of the first.
     pub agent: Agent,
-    /// What does not hang together with it, each in a world of its own.
-    pub apart: Vec<Map>,
     /// The numbers; CPU time, memory and files are not filled in.
     pub record: LidarRecord,
 }
@@ -115,10 +113,9 @@ pub fn run(
     let fragments = mapper.into_fragments();
     let losses = fragments.len() as u64 - 1;
     let (maps, agents): (Vec<Map>, Vec<Agent>) = fragments.into_iter().map(|f| (f.map, f.agent)).unzip();
-    let mut maps = joined(maps).into_iter();
+    let maps = joined(maps);
     let most = agents.into_iter().reduce(|a, b| if b.sweeps().len() > a.sweeps().len() { b } else { a });
-    let (Some(map), Some(agent)) = (maps.next(), most) else { bail!("there is no map") };
-    let apart: Vec<Map> = maps.collect();
+    let (Some((map, apart)), Some(agent)) = (maps.split_first(), most) else { bail!("there is no map") };
     scans.losses = losses;
     scans.tracked_apart = apart.iter().map(|map| map.frames.len() as u64).sum();
     scans.tracked -= scans.tracked_apart;
@@ -131,14 +128,14 @@ pub fn run(
         interrupted,
         scans,
         cost,
-        map: MapCounts::of(&map, &agent),
-        fragments: std::iter::once(&map).chain(&apart).map(FragmentRow::of).collect(),
+        map: MapCounts::of(map, &agent),
+        fragments: maps.iter().map(FragmentRow::of).collect(),
         loops: agent.loops().iter().map(LoopRow::of).collect(),
         refused_loops: agent.refused().iter().map(LoopRow::of).collect(),
         files: Vec::new(),
         rows,
     };
-    Ok(LidarRun { map, agent, apart, record })
+    Ok(LidarRun { maps, agent, record })
 }
 
 /// Why a scan was skipped.

@@ -63,7 +63,7 @@ fn mapped(name: &str, corners: &[[f64; 2]]) -> (LidarRun, f64) {
     let (pose, duration) = walk(corners);
     let done = run(&mut Cast::new(&pose, duration), options(name), &mut |_| Ok(ControlFlow::Continue(())));
     let done = done.unwrap();
-    let trajectory = done.map.trajectory();
+    let trajectory = done.maps[0].trajectory();
     let world = pose(trajectory[0].timestamp);
     let off = |found: &map::StampedPose| {
         let truth = world.inverse() * pose(found.timestamp);
@@ -84,12 +84,12 @@ fn agents_map_a_hall_and_their_maps_come_together() {
     for (name, corners) in [("a", A), ("b", B)] {
         let (done, worst) = mapped(name, &corners);
         assert!(worst < 0.05, "{name}: {worst:.3} m");
-        assert_eq!(done.record.scans.tracked, done.map.frames.len() as u64);
-        assert!(done.map.keyframes.len() >= 14, "{}", done.map.keyframes.len());
+        assert_eq!(done.record.scans.tracked, done.maps[0].frames.len() as u64);
+        assert!(done.maps[0].keyframes.len() >= 14, "{}", done.maps[0].keyframes.len());
         let path = folder.path().join(format!("{name}.mcap"));
-        map::save_map(&path, &done.map).unwrap();
+        map::save_map(&path, &done.maps[0]).unwrap();
         let loaded = map::load_map(&path).unwrap().map;
-        assert_eq!(loaded, done.map);
+        assert_eq!(loaded, done.maps[0]);
         // The whole file, views of at most 8192 points among it; the format says three bytes a point.
         let bytes = std::fs::metadata(&path).unwrap().len() as usize;
         assert!(bytes < 20 * done.record.map.points, "{bytes} bytes, {} points", done.record.map.points);
@@ -132,12 +132,10 @@ fn a_sensor_that_is_carried_to_where_it_was_ends_with_one_map() {
     let (done, pose) = carried([&A, &B]);
     let scans = &done.record.scans;
     assert_eq!((scans.losses, scans.tracked_apart, scans.skipped["lost"]), (1, 0, 2), "{scans:?}");
-    assert!(
-        done.apart.is_empty() && done.record.fragments.len() == 1 && done.record.fragments[0].joined == 2
-    );
-    assert_eq!(scans.tracked, done.map.frames.len() as u64);
+    assert!(done.maps.len() == 1 && done.record.fragments.len() == 1 && done.record.fragments[0].joined == 2);
+    assert_eq!(scans.tracked, done.maps[0].frames.len() as u64);
     let world = pose(0.5 * PERIOD);
-    let trajectory = done.map.trajectory();
+    let trajectory = done.maps[0].trajectory();
     assert!(trajectory.windows(2).all(|pair| pair[0].timestamp < pair[1].timestamp));
     for found in trajectory {
         let off = (world.inverse() * pose(found.timestamp)).translation - found.world_from_camera.translation;
@@ -149,12 +147,12 @@ fn a_sensor_that_is_carried_to_where_it_was_ends_with_one_map() {
 fn a_sensor_that_is_carried_to_where_nothing_is_known_has_two_maps() {
     // Two scans' way from where the first one ends, and back to the far end of the hall: too short for a merge.
     let (done, pose) = carried([&A, &[[9.0, -5.0], [7.0, -5.0]]]);
-    let [other] = &done.apart[..] else { panic!("{:?}", done.record.fragments) };
+    let [first, other] = &done.maps[..] else { panic!("{:?}", done.record.fragments) };
     let scans = &done.record.scans;
     assert_eq!((scans.losses, scans.tracked_apart), (1, other.frames.len() as u64));
-    let ids = [&done.map, other].map(|map| map.agents.values().next().unwrap().identity.unwrap());
+    let ids = [first, other].map(|map| map.agents.values().next().unwrap().identity.unwrap());
     assert!(ids[0].uuid == ids[1].uuid && (ids[0].epoch, ids[1].epoch) == (0, 1));
-    for map in [&done.map, other] {
+    for map in [first, other] {
         let trajectory = map.trajectory();
         let world = pose(trajectory[0].timestamp) * trajectory[0].world_from_camera.inverse();
         let off = |p: &map::StampedPose| {
@@ -171,7 +169,7 @@ fn a_map_on_given_poses_is_where_these_are() {
     let options = RunOptions { poses: Some(GivenPoses::new(poses).unwrap()), ..options("a") };
     let done = run(&mut Cast::new(&pose, duration), options, &mut |_| Ok(ControlFlow::Continue(()))).unwrap();
     assert!(done.record.given_poses && done.record.scans.skipped.is_empty());
-    for keyframe in done.map.keyframes.values() {
+    for keyframe in done.maps[0].keyframes.values() {
         let off = pose(keyframe.timestamp).inverse() * keyframe.world_from_keyframe.rigid();
         // Between a sweep's ends the sensor is taken to keep its speed.
         assert!(off.log().norm() < 5e-3, "{off:?}");
@@ -222,16 +220,17 @@ fn the_report_shows_scans_with_the_tools_of_all_maps() {
     let (done, _) = mapped("a", &[[-11.0, 4.5], [-6.0, 4.5]]);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("report.html");
-    super::report::of_run(&path, &done.map, &done.agent, &done.record).unwrap();
+    super::report::of_run(&path, &done.maps[0], &done.agent, &done.record).unwrap();
     let page = std::fs::read_to_string(path).unwrap();
     assert_points_nowhere(&page);
     for tool in ["measure", "cut-sides", "save-cloud", "save-path"] {
         assert!(page.contains(&format!(r#"id="{tool}""#)), "{tool}");
     }
     let data = embedded(&page);
-    let points: usize = done.map.keyframes.values().filter_map(|k| k.scan.as_ref()).map(|s| s.len()).sum();
+    let points: usize =
+        done.maps[0].keyframes.values().filter_map(|k| k.scan.as_ref()).map(|s| s.len()).sum();
     assert_eq!(data["cloud"]["total"], points);
-    assert_eq!(data["scene"]["keyframes"]["count"], done.map.keyframes.len());
+    assert_eq!(data["scene"]["keyframes"]["count"], done.maps[0].keyframes.len());
     assert!(data["scene"]["agents"][0]["camera"].is_null() && data["scene"]["metric"] == true, "{data}");
     // It stands upright and looks ahead, from where its map begins.
     let direction = |name: &str| {

@@ -283,7 +283,6 @@ fn agents_of_a_common_map_that_is_extended_observe_each_other() {
 #[test]
 fn agents_of_a_common_map_are_optimised_jointly() {
     let (kept, params) = (common([0..35, 15..60]), Params::default());
-    let error_of = |map: &Map| error(map);
     // The second agent's map is put down a little beside where it belongs, and a little too large.
     let mut off = kept.clone();
     let beside = Sim3::new(Default::default(), Vector3::new(0.02, 0.01, 0.0), 1.01);
@@ -292,7 +291,7 @@ fn agents_of_a_common_map_are_optimised_jointly() {
     }
     let mut map = off.clone();
     optimise_jointly(&mut map, &params, &|| false).unwrap();
-    let [before, after, least] = [&off, &map, &kept].map(error_of);
+    let [before, after, least] = [&off, &map, &kept].map(error);
     assert!(before > 3.0 * least && after < 0.4 * before, "{before} to {after} m, {least} at the least");
     let first = |map: &Map| map.keyframes[&KeyframeId(0)].world_from_keyframe;
     let (was, is) = (first(&off), first(&map));
