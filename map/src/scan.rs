@@ -10,11 +10,14 @@ const ORIGIN: i32 = 1 << (BITS - 1);
 /// The points of a scan in its keyframe's frame: x forward, y left, z up, metres.
 ///
 /// They lie on a grid of 4 mm and come cell by cell along a Morton curve (G. M. Morton, 1966), no two in one cell. So a
-/// scan is a list of ascending numbers, whose steps are short: three bytes a point of a scan thinned to 15 cm.
+/// scan is a list of ascending numbers, whose steps are short: three bytes a point of a scan thinned to 15 cm, in memory as in a file.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Scan {
-    /// Cells, ascending: the coordinates' bits interlaced, x lowest.
-    cells: Vec<u64>,
+    /// The first cell, then each one's distance from the one before, as variable-length integers (LEB128). A cell is the
+    /// coordinates' bits interlaced, x lowest.
+    steps: Box<[u8]>,
+    /// How many cells these are.
+    count: usize,
 }
 
 impl Scan {
@@ -24,33 +27,58 @@ impl Scan {
         let mut cells: Vec<u64> = points.into_iter().filter_map(cell_of).collect();
         cells.sort_unstable();
         cells.dedup();
-        Self { cells }
+        Self::of_ascending(&cells)
     }
 
     /// The scan of cells as [`cells`](Self::cells) gives them; `None` when they do not ascend or there are no such cells.
-    pub(crate) fn from_cells(cells: Vec<u64>) -> Option<Self> {
+    pub(crate) fn from_cells(cells: &[u64]) -> Option<Self> {
         let ascends = cells.windows(2).all(|pair| pair[0] < pair[1]);
-        (ascends && cells.last().is_none_or(|last| last >> (3 * BITS) == 0)).then_some(Self { cells })
+        (ascends && cells.last().is_none_or(|last| last >> (3 * BITS) == 0))
+            .then(|| Self::of_ascending(cells))
+    }
+
+    fn of_ascending(cells: &[u64]) -> Self {
+        let (mut steps, mut previous) = (Vec::with_capacity(4 * cells.len()), 0);
+        for &cell in cells {
+            let mut step = cell - std::mem::replace(&mut previous, cell);
+            while step >= 1 << 7 {
+                steps.push(step as u8 | 1 << 7);
+                step >>= 7;
+            }
+            steps.push(step as u8);
+        }
+        Self { steps: steps.into(), count: cells.len() }
     }
 
     /// Numbers of the points' cells, ascending.
-    pub(crate) fn cells(&self) -> &[u64] {
-        &self.cells
+    pub(crate) fn cells(&self) -> impl ExactSizeIterator<Item = u64> + '_ {
+        let (mut bytes, mut cell) = (self.steps.iter(), 0);
+        (0..self.count).map(move |_| {
+            let mut shift = 0;
+            for &byte in bytes.by_ref() {
+                cell += u64::from(byte & 0x7f) << shift;
+                shift += 7;
+                if byte & 0x80 == 0 {
+                    break;
+                }
+            }
+            cell
+        })
     }
 
     /// How many points there are.
     pub fn len(&self) -> usize {
-        self.cells.len()
+        self.count
     }
 
     /// Whether there is no point.
     pub fn is_empty(&self) -> bool {
-        self.cells.is_empty()
+        self.count == 0
     }
 
     /// The points, metres.
     pub fn points(&self) -> impl ExactSizeIterator<Item = [f32; 3]> + '_ {
-        self.cells.iter().map(|&cell| [0, 1, 2].map(|axis| (gathered(cell >> axis) - ORIGIN) as f32 * GRID))
+        self.cells().map(|cell| [0, 1, 2].map(|axis| (gathered(cell >> axis) - ORIGIN) as f32 * GRID))
     }
 }
 
@@ -117,7 +145,7 @@ mod tests {
             // What lies on the grid stays as it is, to the bit.
             let again = Scan::new(scan.points());
             prop_assert_eq!(&again, &scan);
-            prop_assert_eq!(Scan::from_cells(scan.cells().to_vec()), Some(scan));
+            prop_assert_eq!(Scan::from_cells(&scan.cells().collect::<Vec<_>>()), Some(scan));
         }
     }
 
@@ -127,7 +155,7 @@ mod tests {
         assert!(Scan::new(odd).is_empty());
         assert_eq!(Scan::new([[4000.0, -4000.0, 0.0]]).len(), 1);
         for cells in [vec![3, 3], vec![5, 4], vec![1 << 63]] {
-            assert_eq!(Scan::from_cells(cells), None);
+            assert_eq!(Scan::from_cells(&cells), None);
         }
     }
 }

@@ -26,7 +26,7 @@ pub(super) struct ScanMessage {
 /// The message of a keyframe's scan.
 pub(super) fn to_message(id: KeyframeId, scan: &Scan) -> ScanMessage {
     let mut previous = 0;
-    let step = scan.cells().iter().map(|&cell| cell - std::mem::replace(&mut previous, cell));
+    let step = scan.cells().map(|cell| cell - std::mem::replace(&mut previous, cell));
     ScanMessage { id: id.0, cell_step: step.collect() }
 }
 
@@ -46,7 +46,7 @@ pub(super) fn from_message(message: ScanMessage) -> Result<(KeyframeId, Scan), S
         previous = previous.checked_add(*step).ok_or_else(wrong)?;
         *step = previous;
     }
-    let scan = Scan::from_cells(cells).ok_or_else(wrong)?;
+    let scan = Scan::from_cells(&cells).ok_or_else(wrong)?;
     Ok((KeyframeId(message.id), scan))
 }
 
