@@ -72,19 +72,46 @@ impl Keyframe {
         shift: Shift,
         max_relative_variance: f32,
     ) -> impl Iterator<Item = CloudPoint> + '_ {
+        self.depths_within(max_relative_variance).map(self.point_of(camera, shift))
+    }
+
+    /// About `count` points of [`cloud`](Self::cloud), evenly along it, of the image as it is.
+    pub(crate) fn sparse_cloud(
+        &self,
+        camera: &Pinhole,
+        max_relative_variance: f32,
+        count: usize,
+    ) -> impl Iterator<Item = CloudPoint> + '_ {
+        let depths = || self.depths_within(max_relative_variance);
+        let step = depths().count().div_ceil(count).max(1);
+        depths().step_by(step).map(self.point_of(camera, Shift::none(*camera)))
+    }
+
+    /// Pixel, inverse depth and variance where the ratio that [`cloud`](Self::cloud) asks for is within the bound.
+    fn depths_within(&self, max_relative_variance: f32) -> impl Iterator<Item = (u32, f32, f32)> + '_ {
+        let pixels = self.image.data().len();
+        // Written so that a NaN is refused.
+        self.semi_dense
+            .iter()
+            .filter(move |&(pixel, d, v)| v / (d * d) <= max_relative_variance && (pixel as usize) < pixels)
+    }
+
+    /// How a depth of the keyframe becomes a point in its own frame.
+    fn point_of(&self, camera: &Pinhole, shift: Shift) -> impl Fn((u32, f32, f32)) -> CloudPoint + use<'_> {
         let (camera, agent) = (*camera, self.agent);
         let (intensities, width) = (self.image.data(), camera.width as u32);
-        self.semi_dense.iter().filter_map(move |(pixel, inverse_depth, variance)| {
+        move |(pixel, inverse_depth, variance)| {
             let relative_variance = variance / (inverse_depth * inverse_depth);
-            // Written so that a NaN is refused.
-            let kept = relative_variance <= max_relative_variance;
-            let &intensity = intensities.get(pixel as usize).filter(|_| kept)?;
             let [x, y] = [(pixel % width) as f32, (pixel / width) as f32];
             let [dx, dy] = shift.to_ideal([x, y], inverse_depth);
             let ray = camera.unproject(f64::from(x + dx), f64::from(y + dy));
-            let confidence = relative_variance.sqrt().recip().min(MAX_CONFIDENCE);
-            Some(CloudPoint { position: ray / f64::from(inverse_depth), intensity, confidence, agent })
-        })
+            CloudPoint {
+                position: ray / f64::from(inverse_depth),
+                intensity: intensities[pixel as usize],
+                confidence: relative_variance.sqrt().recip().min(MAX_CONFIDENCE),
+                agent,
+            }
+        }
     }
 
     /// The same points and those of a scan, in the world of the map that the keyframe is in.
@@ -107,11 +134,8 @@ impl Keyframe {
 
     /// How many points [`world_cloud`](Self::world_cloud) gives.
     pub(super) fn cloud_size(&self, max_relative_variance: f32) -> usize {
-        let pixels = self.image.data().len();
-        let depths = self.semi_dense.iter();
-        let of_image =
-            depths.filter(|&(p, d, v)| v / (d * d) <= max_relative_variance && (p as usize) < pixels);
-        of_image.count() + self.scan.as_ref().map_or(0, |scan| scan.len())
+        let of_image = self.depths_within(max_relative_variance).count();
+        of_image + self.scan.as_ref().map_or(0, |scan| scan.len())
     }
 
     /// The points of a LiDAR's keyframe in its own frame; none of a camera's.

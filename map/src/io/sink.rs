@@ -4,7 +4,7 @@ use super::about::About;
 use super::channels::Channels;
 use super::messages::{FeaturesMessage, GraphMessage};
 use super::{PROFILE, convert, picture, scan, views};
-use crate::{Edge, FramePose, Keyframe, KeyframeId, Map, MapDelta, Moved};
+use crate::{Edge, FramePose, Keyframe, KeyframeId, Map, MapDelta, Moved, SensorKind};
 use geometry::Sim3;
 use mcap::records::MessageHeader;
 use mcap::{McapError, WriteOptions};
@@ -16,6 +16,16 @@ use std::sync::Arc;
 const EDGES_PER_MESSAGE: usize = 1 << 14;
 /// Frames in one message.
 const FRAMES_PER_MESSAGE: usize = 1 << 16;
+
+/// How chunks are compressed. Of a camera's map nearly all is images, features and depth that are compressed already: LZ4 would save
+/// 1.4 % and take a tenth of the time of a merge, most of it for a second checksum. Of a LiDAR's it saves 16 %.
+fn compression(about: &About) -> Option<mcap::Compression> {
+    about
+        .agents
+        .values()
+        .any(|agent| agent.sensor.kind() == SensorKind::Lidar)
+        .then_some(mcap::Compression::Lz4)
+}
 
 /// Writes a map message by message and knows what it has written.
 pub(super) struct MapSink<W: Write + Seek> {
@@ -40,7 +50,7 @@ impl<W: Write + Seek> MapSink<W> {
         // Chunks are put together in memory and end where `flush` says: what is on the stream is
         // whole at any time, and a chunk holds a keyframe.
         let options = WriteOptions::new()
-            .compression(Some(mcap::Compression::Lz4))
+            .compression(compression(about))
             .chunk_size(None)
             .disable_seeking(true)
             .profile(PROFILE)

@@ -7,7 +7,6 @@ use foxglove::messages::{
     CameraCalibration, CompressedImage, FrameTransform, FrameTransforms, PackedElementField, PointCloud,
     Pose, PosesInFrame, Quaternion, Timestamp, Vector3,
 };
-use geometry::sensor::Shift;
 use geometry::{Pinhole, Se3};
 
 /// The world's coordinate frame.
@@ -70,12 +69,10 @@ pub(super) fn image(keyframe: &Keyframe, png: Vec<u8>) -> CompressedImage {
 /// A keyframe's cloud, thinned, in its coordinate frame. Foxglove's frames have no scale, so the
 /// points are in map units.
 pub(super) fn cloud(keyframe: &Keyframe, camera: &Pinhole) -> PointCloud {
-    // To look at, the image as it is will do.
-    let points = || keyframe.cloud(camera, Shift::none(*camera), DEFAULT_MAX_RELATIVE_VARIANCE);
-    let step = points().count().div_ceil(VIEW_POINTS).max(1);
     let scale = keyframe.world_from_keyframe.scale;
-    let mut data = Vec::with_capacity(VIEW_POINTS * POINT_STRIDE as usize);
-    for point in points().step_by(step) {
+    let mut data = Vec::with_capacity(2 * VIEW_POINTS * POINT_STRIDE as usize);
+    // To look at, the image as it is will do.
+    for point in keyframe.sparse_cloud(camera, DEFAULT_MAX_RELATIVE_VARIANCE, VIEW_POINTS) {
         for value in point.position.iter() {
             data.extend(((value * scale) as f32).to_le_bytes());
         }
@@ -164,6 +161,7 @@ fn pose(motion: &Se3) -> Pose {
 mod tests {
     use super::*;
     use crate::test_support::sample_map;
+    use geometry::sensor::Shift;
 
     #[test]
     fn cloud_and_transform_agree_with_the_map() {
