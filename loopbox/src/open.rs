@@ -2,7 +2,8 @@
 
 use crate::results::{COMMON_OF_LIDARS, map_in};
 use anyhow::{Result, bail};
-use map::{Map, load_map};
+use geometry::Swap;
+use map::{LoadedMap, Map, MapError, load_map, load_map_swapped};
 use std::path::{Path, PathBuf};
 
 /// A map that was read.
@@ -42,8 +43,20 @@ pub fn map_file_at(path: &Path) -> Result<(PathBuf, Option<String>)> {
 /// # Errors
 /// When there is none, or it cannot be read.
 pub fn open_map(path: &Path) -> Result<OpenedMap> {
+    opened(path, |file| load_map(file))
+}
+
+/// [`open_map`] of a map whose images and depths `swap` keeps, as far as it has room, from when they are read.
+///
+/// # Errors
+/// As [`open_map`].
+pub(crate) fn open_map_swapped(path: &Path, swap: &dyn Swap) -> Result<OpenedMap> {
+    opened(path, |file| load_map_swapped(file, swap))
+}
+
+fn opened(path: &Path, load: impl FnOnce(&Path) -> Result<LoadedMap, MapError>) -> Result<OpenedMap> {
     let (file, note) = map_file_at(path)?;
-    let loaded = load_map(&file)?;
+    let loaded = load(&file)?;
     let of_file = loaded.warnings.iter().map(|warning| format!("{}: {warning}", file.display()));
     let warnings = note.into_iter().chain(of_file).collect();
     Ok(OpenedMap { file, map: with_edges(loaded.map), warnings })

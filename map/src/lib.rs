@@ -31,7 +31,10 @@ pub use export::{
     save_las, save_nerfstudio, save_pcd, save_ply, save_tum, write_kitti, write_pcd, write_ply, write_tum,
 };
 pub use identity::{Identity, KeyframeName};
-pub use io::{FORMAT_VERSION, LoadedMap, MapWriter, is_map_file, load_map, parts, save_map, sensors_of};
+pub use io::{
+    FORMAT_VERSION, LoadedMap, MapWriter, is_map_file, load_map, load_map_swapped, parts, save_map,
+    sensors_of,
+};
 pub use keyframe::{Edge, EdgeKind, Keyframe, KeyframeId, Observation, Point, SemiDense};
 pub use level::level;
 pub use place::{PlaceCandidate, PlaceIndex};

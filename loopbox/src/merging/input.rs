@@ -1,7 +1,7 @@
 //! A map to be merged, with the features and words of its keyframes.
 
 use super::names::untaken;
-use crate::open::open_map;
+use crate::open::open_map_swapped;
 use crate::run::find_features;
 use anyhow::{Context, Result, bail};
 use features::{Features, SiftParams, codec, sift};
@@ -52,8 +52,7 @@ impl Input {
     /// When it cannot be read, or holds nothing that could be merged: no keyframes, or none with depth.
     pub fn load(path: &Path, vocabulary: &Vocabulary, swap: &dyn Swap) -> Result<Self> {
         let start = Instant::now();
-        let mut opened = open_map(path)?;
-        opened.map.swap_out(swap);
+        let opened = open_map_swapped(path, swap)?;
         let reading = start.elapsed().as_secs_f64();
         let mut input = Self::of(opened.map, path, vocabulary).map_err(|refused| refused.why)?;
         input.warnings = opened.warnings;

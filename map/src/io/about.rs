@@ -55,6 +55,12 @@ impl About {
         unknown.map(|(id, _)| *id).collect()
     }
 
+    /// Width and height of the cameras' images, pixels.
+    pub(super) fn image_sizes(&self) -> Vec<(usize, usize)> {
+        let cameras = self.agents.values().filter_map(AgentInfo::camera);
+        cameras.map(|camera| (camera.width, camera.height)).collect()
+    }
+
     /// The records to write.
     pub(super) fn records(&self) -> Vec<Metadata> {
         let format = [("format".to_owned(), FORMAT_VERSION.to_string())].into();

@@ -22,7 +22,7 @@ mod views;
 mod writer;
 
 pub(crate) use picture::encode_png;
-pub use reader::{LoadedMap, is_map_file, load_map, sensors_of};
+pub use reader::{LoadedMap, is_map_file, load_map, load_map_swapped, sensors_of};
 pub use writer::{MapWriter, save_map};
 
 /// The version of the file format that is written.

@@ -9,11 +9,10 @@ use super::{
     views,
 };
 use crate::{
-    AgentId, AgentInfo, Edge, FramePose, Identity, Keyframe, KeyframeId, Map, MapError, Scan, Sensor,
-    SensorKind, check,
+    AgentId, Edge, FramePose, Identity, Keyframe, KeyframeId, Map, MapError, Scan, Sensor, SensorKind, check,
 };
 use foxglove::messages::CompressedImage;
-use geometry::{GrayImage, Sim3};
+use geometry::{GrayImage, Sim3, Swap};
 use mcap::records::{Record, op};
 use mcap::{McapError, parse_record};
 use prost::Message;
@@ -42,13 +41,24 @@ pub struct LoadedMap {
 /// [`MapError::Read`], [`MapError::Empty`], [`MapError::NotMcap`], [`MapError::NotAMap`],
 /// [`MapError::Version`]; [`MapError::Invalid`] when what is whole contradicts itself.
 pub fn load_map(path: impl AsRef<Path>) -> Result<LoadedMap, MapError> {
-    let path = path.as_ref();
+    load(path.as_ref(), None)
+}
+
+/// [`load_map`] of a map that memory may not hold: `swap` keeps images and depths, as far as it has room, from when they are read.
+///
+/// # Errors
+/// As [`load_map`].
+pub fn load_map_swapped(path: impl AsRef<Path>, swap: &dyn Swap) -> Result<LoadedMap, MapError> {
+    load(path.as_ref(), Some(swap))
+}
+
+fn load(path: &Path, swap: Option<&dyn Swap>) -> Result<LoadedMap, MapError> {
     let opened = File::open(path).and_then(|file| file.metadata().map(|about| (file, about.len())));
     let (file, length) = opened.map_err(|source| MapError::read(path, source))?;
     if length == 0 {
         return Err(MapError::Empty { path: path.to_owned() });
     }
-    let mut contents = Contents::default();
+    let mut contents = Contents { swap, ..Default::default() };
     let end = read_file(&mut BufReader::new(file), length, &mut |opcode, data| contents.record(opcode, data));
     match end {
         Ok(()) => {}
@@ -146,14 +156,20 @@ enum Kind {
     Graph,
 }
 
+/// Files of images that are decoded together, on all cores.
+const IMAGES_TOGETHER: usize = 64;
+
 /// What was read so far.
 #[derive(Default)]
-struct Contents {
+struct Contents<'a> {
     has_header: bool,
     about: About,
     channels: BTreeMap<u16, Kind>,
-    /// The files of the keyframes' images: they are decoded together when all is read.
-    images: BTreeMap<KeyframeId, Vec<u8>>,
+    /// What keeps images and depths in memory's place.
+    swap: Option<&'a dyn Swap>,
+    /// The files of images that are not decoded yet.
+    undecoded: BTreeMap<KeyframeId, Vec<u8>>,
+    images: BTreeMap<KeyframeId, Arc<GrayImage>>,
     scans: BTreeMap<KeyframeId, Arc<Scan>>,
     keyframes: BTreeMap<KeyframeId, Keyframe>,
     features: BTreeMap<KeyframeId, Arc<[u8]>>,
@@ -167,7 +183,7 @@ struct Contents {
     warnings: Vec<String>,
 }
 
-impl Contents {
+impl Contents<'_> {
     /// Remembers that something is missing.
     fn damage(&mut self, what: String) {
         self.warnings.push(what);
@@ -237,8 +253,28 @@ impl Contents {
             CompressedImage::decode(data).map_err(|error| format!("an image cannot be read: {error}"))?;
         let id = views::keyframe_of_frame(&message.frame_id)
             .ok_or_else(|| format!("an image belongs to \"{}\", which is no keyframe", message.frame_id))?;
-        self.images.insert(id, message.data.into());
+        self.images.remove(&id);
+        self.undecoded.insert(id, message.data.into());
+        if self.undecoded.len().is_multiple_of(IMAGES_TOGETHER) {
+            self.decode_images();
+        }
         Ok(())
+    }
+
+    /// Decodes the images whose files were read. Those that cannot be used stay, for when all is known: they may be of no keyframe.
+    fn decode_images(&mut self) {
+        let sizes = self.about.image_sizes();
+        let decode = |(id, file): (&KeyframeId, &Vec<u8>)| {
+            let image = picture::decode_png(file, sizes.iter().copied()).ok()?;
+            let image = self.swap.and_then(|swap| image.swapped_out(swap)).unwrap_or(image);
+            image.rest();
+            Some((*id, Arc::new(image)))
+        };
+        let decoded: Vec<_> = self.undecoded.par_iter().filter_map(decode).collect();
+        decoded.iter().for_each(|(id, _)| {
+            self.undecoded.remove(id);
+        });
+        self.images.extend(decoded);
     }
 
     /// Takes a LiDAR keyframe's scan.
@@ -264,7 +300,8 @@ impl Contents {
             let scan = self.scans.get(&id).cloned();
             (scan.is_none().then_some("scan"), scan)
         } else {
-            ((!self.images.contains_key(&id)).then_some("image"), None)
+            let is_there = self.images.contains_key(&id) || self.undecoded.contains_key(&id);
+            ((!is_there).then_some("image"), None)
         };
         if let Some(missing) = missing {
             let what = format!("keyframe {} has no {missing}", id.0);
@@ -275,7 +312,12 @@ impl Contents {
                 Err(what)
             };
         }
-        let (keyframe, own_pose) = convert::keyframe_from_message(message, Arc::clone(&self.no_image), scan)?;
+        let no_image = Arc::clone(&self.no_image);
+        let (mut keyframe, own_pose) = convert::keyframe_from_message(message, no_image, scan)?;
+        if let Some(swap) = self.swap {
+            keyframe.swap_out(swap);
+            keyframe.rest();
+        }
         self.own_poses.extend(own_pose.map(|pose| (id, pose)));
         self.poses.insert(id, keyframe.world_from_keyframe);
         self.keyframes.insert(id, keyframe);
@@ -318,7 +360,8 @@ impl Contents {
     /// The map, checked.
     fn into_map(mut self) -> Result<LoadedMap, Refusal> {
         let is_damaged = self.is_damaged();
-        let unknown = self.about.unknown();
+        self.decode_images();
+        let (unknown, sizes) = (self.about.unknown(), self.about.image_sizes());
         let About { agents, merge_provenance, .. } = self.about;
         let (edges, frames, keyframes) = (self.edges, self.frames, self.keyframes);
         let mut map = Map { agents, keyframes, edges, frames, merge_provenance };
@@ -326,8 +369,14 @@ impl Contents {
         if is_damaged {
             warnings.extend(drop_strangers(&mut map));
         }
-        decode_images(&self.images, &mut map)?;
         for (id, keyframe) in &mut map.keyframes {
+            if keyframe.scan.is_none() {
+                let image = self
+                    .images
+                    .remove(id)
+                    .map_or_else(|| decoded(*id, self.undecoded.get(id), &sizes).map(Arc::new), Ok);
+                keyframe.image = image?;
+            }
             if let Some(pose) = self.poses.get(id) {
                 keyframe.world_from_keyframe = *pose;
             }
@@ -347,23 +396,11 @@ impl Contents {
     }
 }
 
-/// Gives every keyframe its image.
-fn decode_images(images: &BTreeMap<KeyframeId, Vec<u8>>, map: &mut Map) -> Result<(), String> {
-    let cameras = map.agents.values().filter_map(AgentInfo::camera);
-    let sizes: Vec<(usize, usize)> = cameras.map(|camera| (camera.width, camera.height)).collect();
-    let decode = |(id, keyframe): (&KeyframeId, &mut Keyframe)| {
-        if keyframe.scan.is_some() {
-            return Ok(());
-        }
-        let file = images.get(id).map_or(&[][..], |file| file);
-        let image = picture::decode_png(file, sizes.iter().copied())
-            .map_err(|what| format!("the image of keyframe {} cannot be used: {what}", id.0))?;
-        keyframe.image = Arc::new(image);
-        Ok(())
-    };
-    // Collected, so that of several errors the first is told, whichever core comes upon one first.
-    let decoded: Vec<Result<(), String>> = map.keyframes.par_iter_mut().map(decode).collect();
-    decoded.into_iter().collect()
+/// The image of a keyframe, of one of the known sizes (width, height), from its file; says what is wrong with it.
+fn decoded(id: KeyframeId, file: Option<&Vec<u8>>, sizes: &[(usize, usize)]) -> Result<GrayImage, String> {
+    let file = file.map_or(&[][..], |file| file);
+    picture::decode_png(file, sizes.iter().copied())
+        .map_err(|what| format!("the image of keyframe {} cannot be used: {what}", id.0))
 }
 
 /// Gives agents of files from before there were identities those that follow from what they saw first, which is the same

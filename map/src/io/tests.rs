@@ -6,9 +6,11 @@ use crate::{
     AgentId, AgentInfo, Described, FramePose, Identity, Keyframe, KeyframeId, Map, MapDelta, MapError, Moved,
     Sensor, Settled,
 };
+use geometry::{Swap, Swapped};
 use std::fs;
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// A folder that goes away with the test.
 struct Folder(tempfile::TempDir);
@@ -50,6 +52,31 @@ fn agent(map: &mut Map) -> &mut AgentInfo {
 /// What a map's only agent is.
 fn sole_agent(map: &Map) -> AgentInfo {
     map.agents[&AgentId::default()].clone()
+}
+
+/// Counts the bytes that it is offered and has no room for any.
+#[derive(Default)]
+struct Full {
+    offered: AtomicUsize,
+}
+
+impl Swap for Full {
+    fn keep(&self, bytes: &[u8]) -> Option<Arc<dyn Swapped>> {
+        self.offered.fetch_add(bytes.len(), Ordering::Relaxed);
+        None
+    }
+}
+
+#[test]
+fn a_map_beyond_memory_is_offered_to_what_keeps_it_while_it_is_read() {
+    let folder = Folder::new();
+    // More than are decoded together.
+    let (map, path) = (sample_map(80), folder.file("map.mcap"));
+    save_map(&path, &map).unwrap();
+    let full = Full::default();
+    assert_eq!(load_map_swapped(&path, &full).unwrap().map, map);
+    let bytes = |keyframe: &Keyframe| keyframe.image.data().len() + 12 * keyframe.semi_dense.len();
+    assert_eq!(full.offered.into_inner(), map.keyframes.values().map(bytes).sum::<usize>());
 }
 
 #[test]
