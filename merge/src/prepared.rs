@@ -123,7 +123,13 @@ impl<'a> PreparedMap<'a> {
 
     /// What the keyframes see, in order of time; those without depth are left out.
     pub(crate) fn glimpses(&self) -> &[Glimpse<'a>] {
-        self.glimpses.get_or_init(|| self.order.iter().filter_map(|&id| Glimpse::of(self, id)).collect())
+        let glimpse = |id: &KeyframeId| {
+            let glimpse = Glimpse::of(self, *id);
+            // All keyframes are looked at, of which few are needed further.
+            self.map.keyframes.get(id).into_iter().for_each(Keyframe::rest);
+            glimpse
+        };
+        self.glimpses.get_or_init(|| self.order.iter().filter_map(glimpse).collect())
     }
 
     /// World pose of a keyframe of the map.
