@@ -5,7 +5,7 @@ use crate::failed;
 use crate::maps::warn;
 use anyhow::{Result, bail};
 use eval::{AlignMode, Options};
-use loopbox::run::{FrameRow, PreparedRun, Progress, RunOptions, state_name};
+use loopbox::run::{FrameRow, PreparedRun, Progress, Recording, RunOptions, state_name};
 use loopbox::{MergeOptions, merge_maps};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -55,9 +55,9 @@ fn tracked(
     mut options: RunOptions,
     told: &Told,
 ) -> Result<(PathBuf, String)> {
-    let open = || -> Result<Box<dyn FrameSource>> { sources::open(recording, source) };
-    let source = open()?;
-    options.without_calibration(source.info(), &open, fov, &told.stop, told)?;
+    let recording = Recording { path: recording.to_owned(), options: source.clone() };
+    let source = recording.open()?;
+    options.without_calibration(source.info(), recording, fov, &told.stop, told)?;
     let prepared = PreparedRun::new(source, options)?;
     prepared.problems().iter().for_each(|problem| told.warn(problem));
     let mapped = prepared.go(|_, _, _| Ok(Watch::none()), &told.stop, told)?;

@@ -9,7 +9,9 @@ use crate::interrupt::stop_on_ctrl_c;
 use crate::progress::{Console, Display};
 use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
-use loopbox::run::{Going, Listeners, PreparedRun, Progress, Resume, RunOptions, TrajectoryFormat};
+use loopbox::run::{
+    Going, Listeners, PreparedRun, Progress, Recording, Resume, RunOptions, TrajectoryFormat,
+};
 use scans::ScanSource;
 use sources::ahead::Pace;
 use sources::camera::{CameraArgs, open_camera};
@@ -165,9 +167,9 @@ pub fn execute(args: &RunArgs) -> Result<()> {
     let mut options = args.options()?;
     args.take_threads()?;
     let source = args.open()?;
-    if !source.is_live() {
+    if let Some(recording) = args.recording() {
         let progress = Console::new(args.display(), None);
-        options.without_calibration(source.info(), &|| args.open(), args.fov, &stop, &progress)?;
+        options.without_calibration(source.info(), recording, args.fov, &stop, &progress)?;
     }
     let prepared = PreparedRun::new(source, options)?;
     let progress = Console::new(args.display(), prepared.frame_count());
@@ -319,16 +321,22 @@ impl RunArgs {
 
     /// The recording, or the camera that is to be used instead.
     fn open(&self) -> Result<Box<dyn FrameSource>> {
-        let Some(source) = &self.source else {
+        let Some(recording) = self.recording() else {
             self.camera.needed()?;
             return open_camera(&self.camera.clone().for_calibration(self.calib.as_deref())?);
         };
-        let (fps, topic) = (self.camera.fps, self.topic.clone());
         self.camera.not_needed()?;
         if self.camera.duration.is_some() {
             bail!("--duration is for cameras\nhint: of a recording, take --start and --end");
         }
-        sources::open(source, &SourceOptions { fps, topic, all_frames: self.all_frames })
+        recording.open()
+    }
+
+    /// The recording, where it is one.
+    fn recording(&self) -> Option<Recording> {
+        let (fps, topic) = (self.camera.fps, self.topic.clone());
+        let options = SourceOptions { fps, topic, all_frames: self.all_frames };
+        Some(Recording { path: self.source.clone()?, options })
     }
 
     fn options(&self) -> Result<RunOptions> {

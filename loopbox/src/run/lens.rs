@@ -12,7 +12,8 @@ use slam_direct::self_calibration::{
 use slam_direct::{Agent, Frame, Params, TrackingState};
 use sources::correction::{DrawnMask, NARROWEST_VIEW, WIDEST_VIEW, doubled_camera, halved_image, halvings};
 use sources::pictures::StatedFocal;
-use sources::{FoundCalibration, FrameSource, Stop, time};
+use sources::{FoundCalibration, FrameSource, SourceOptions, Stop, time};
+use std::path::PathBuf;
 use std::sync::Arc;
 
 /// Focal lengths over the image's longer side that are begun with, until one makes a map: those of telephones and webcams
@@ -44,6 +45,50 @@ pub struct FoundLens {
     pub focal_deviation: f64,
     /// What was known of it before, for people.
     pub stated: Option<String>,
+}
+
+/// A recording that can be opened again.
+#[derive(Clone, Debug)]
+pub struct Recording {
+    /// Its file or folder.
+    pub path: PathBuf,
+    /// How it is read.
+    pub options: SourceOptions,
+}
+
+impl Recording {
+    /// The recording from its first frame.
+    ///
+    /// # Errors
+    /// When it cannot be opened.
+    pub fn open(&self) -> Result<Box<dyn FrameSource>> {
+        sources::open(&self.path, &self.options)
+    }
+}
+
+/// The first part of a recording, to be mapped anew with other lenses.
+#[derive(Clone)]
+pub(super) struct FirstPart {
+    pub recording: Recording,
+    /// How often its images are halved.
+    pub halvings: usize,
+    /// What of them is not used.
+    pub mask: Option<DrawnMask>,
+    pub params: Params,
+    pub stop: Stop,
+}
+
+impl FirstPart {
+    /// Its map with a lens.
+    fn map(&self, lens: &Camera) -> Result<Map> {
+        let lens = (lens, self.halvings, self.mask.as_ref());
+        map_with(lens, self.recording.open()?.as_mut(), &self.params, &self.stop)
+    }
+
+    /// Its lens, begun with one that is known to be wrong; nothing where it does not tell.
+    pub fn lens_from(&self, wrong: &Camera) -> Option<SelfCalibration> {
+        refined(wrong, USUAL_SPREAD, &|lens, _| self.map(lens), &self.stop).ok()?.ok()
+    }
 }
 
 /// A focal length to begin with.
@@ -91,8 +136,7 @@ impl FoundLens {
     }
 }
 
-/// Finds the lens of a recording, which `open` opens each time from its first frame; `fov` is its horizontal field of
-/// view in degrees, where the user knows that.
+/// Finds the lens of a recording; `fov` is its horizontal field of view in degrees, where the user knows that.
 ///
 /// Makes a map of the first part with a guess, the lens from the map, a map with that lens, and so on until it stays. The
 /// guess is `fov`, else the focal length in the metadata of the images or the video, else a usual one. Where the map knows less of the focal
@@ -101,13 +145,13 @@ impl FoundLens {
 /// # Errors
 /// When the recording cannot be read, or no part of it can be mapped with any usual lens.
 pub fn find_lens(
-    open: &dyn Fn() -> Result<Box<dyn FrameSource>>,
+    recording: &Recording,
     fov: Option<f64>,
     options: &RunOptions,
     stop: &Stop,
     progress: &dyn Progress,
 ) -> Result<FoundLens> {
-    let mut source = open()?;
+    let mut source = recording.open()?;
     let path = source.info().path.display().to_string();
     let pictures = std::iter::from_fn(|| source.next_frame()).map(|frame| frame.picture);
     let Some((first, image)) = pictures
@@ -121,10 +165,16 @@ pub fn find_lens(
     };
     let whole = (image.width(), image.height());
     let times = halvings(whole.0, options.camera.max_width);
-    let mask = options.camera.drawn_mask(whole)?;
+    let first_part = FirstPart {
+        recording: recording.clone(),
+        halvings: times,
+        mask: options.camera.drawn_mask(whole)?,
+        params: options.params.clone(),
+        stop: stop.clone(),
+    };
     let map_with = |lens: &Camera, round: usize| {
         progress.stage(&format!("finding the lens, round {}", round + 1));
-        map_with((lens, times, mask.as_ref()), open()?.as_mut(), &options.params, stop)
+        first_part.map(lens)
     };
     let (mut why, mut kept) = (String::new(), None);
     let stated = first.stated_focal(whole).or_else(|| source.stated_focal(whole));

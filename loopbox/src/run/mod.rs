@@ -27,7 +27,7 @@ pub use describing::complete as find_features;
 pub(crate) use describing::give_way;
 pub(crate) use fragments::{in_order, most_frames_first};
 pub(crate) use growing::free_bytes;
-pub use lens::{FoundLens, find_lens};
+pub use lens::{FoundLens, Recording, find_lens};
 pub use listening::{Listeners, MapListener, Seen};
 pub use options::{PreparedRun, RunOptions, run};
 pub(crate) use output::TRAJECTORY;

@@ -1,7 +1,8 @@
 //! A run as it is asked for, and its way from there to the results.
 
 use super::diagnosis::{doubtful, too_few_poses};
-use super::lens::{FoundLens, find_lens};
+use super::lens::{FirstPart, FoundLens, Recording, find_lens};
+use super::lens_check::GivenLens;
 use super::listening::{Listeners, MapListener};
 use super::output::{Output, TrajectoryFormat};
 use super::resuming::{Kept, Resume};
@@ -44,6 +45,8 @@ pub struct RunOptions {
     pub camera: CameraOptions,
     /// The lens, where it was found from the recording.
     pub lens: Option<FoundLens>,
+    /// How the recording is opened once more, where it is one: by how much a wrong calibration is off is found from its first part.
+    pub recording: Option<Recording>,
     /// How the agent tracks and maps.
     pub params: Params,
     /// Every frame, or as they come.
@@ -81,6 +84,7 @@ impl RunOptions {
             force: false,
             camera: CameraOptions::default(),
             lens: None,
+            recording: None,
             params: Params::default(),
             pace: Pace::EveryFrame,
             rate: None,
@@ -96,16 +100,15 @@ impl RunOptions {
         }
     }
 
-    /// Where no calibration is given and none came with `source`, finds one from it, for which `open` opens it again from
-    /// its first frame; `fov` is its horizontal field of view in degrees, where that is known. Says so where the calibration
-    /// of a public data set is taken.
+    /// Where no calibration is given and none came with `source`, finds one from it, the `recording`; `fov` is its horizontal field
+    /// of view in degrees, where that is known. Says so where the calibration of a public data set is taken.
     ///
     /// # Errors
     /// When the recording cannot be read, or says nothing about its lens.
     pub fn without_calibration(
         &mut self,
         source: &SourceInfo,
-        open: &dyn Fn() -> Result<Box<dyn FrameSource>>,
+        recording: Recording,
         fov: Option<f64>,
         stop: &Stop,
         progress: &dyn Progress,
@@ -121,9 +124,10 @@ impl RunOptions {
             progress.note(&format!("{}: {origin}; --calib FILE takes another", source.path.display()));
         }
         if self.camera.calibration.is_some() || comes_along {
+            self.recording = Some(recording);
             return Ok(());
         }
-        let lens = find_lens(open, fov, self, stop, progress)?;
+        let lens = find_lens(&recording, fov, self, stop, progress)?;
         let said = format!("{}: {}", source.path.display(), lens.text());
         if lens.is_determined() {
             progress.note(&said)
@@ -165,10 +169,10 @@ pub struct PreparedRun {
 /// # Errors
 /// When the recording or its calibration cannot be used, nothing could be tracked, or the results cannot be written.
 pub fn run(source: &Path, options: RunOptions) -> Result<Mapped> {
-    let open = || sources::open(source, &SourceOptions::default());
+    let recording = Recording { path: source.to_owned(), options: SourceOptions::default() };
     let mut options = options;
-    let source = open()?;
-    options.without_calibration(source.info(), &open, None, &Stop::default(), &Silent)?;
+    let source = recording.open()?;
+    options.without_calibration(source.info(), recording, None, &Stop::default(), &Silent)?;
     PreparedRun::new(source, options)?.go(|_, _, _| Ok(Watch::none()), &Stop::default(), &Silent)
 }
 
@@ -279,7 +283,13 @@ impl PreparedRun {
         let ahead = Ahead::start(source, preparation, options.pace, recorder.clone())?;
         let mut watch = watched(&about, info.frame_count, RecordButton::new(&recorder, head, &options.out))?;
         let form = Form { format: options.trajectory, max_variance: options.max_variance };
-        let lens = options.lens.is_none().then_some((lens, halvings));
+        let whole = (lens.intrinsics().width << halvings, lens.intrinsics().height << halvings);
+        let first_part = options.recording.map(|recording| -> Result<FirstPart> {
+            let (mask, params, stop) = (options.camera.drawn_mask(whole)?, params.clone(), stop.clone());
+            Ok(FirstPart { recording, halvings, mask, params, stop })
+        });
+        let first_part = first_part.transpose()?;
+        let lens = options.lens.is_none().then_some(GivenLens { lens, halvings, first_part });
         let (features, unattended) = (options.features, options.unattended);
         let source = info;
         let swap = options.swap.unwrap_or_else(|| Arc::new(SwapFiles::new(options.out.clone())));

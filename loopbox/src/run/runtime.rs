@@ -195,8 +195,8 @@ impl<'a> Run<'a> {
             guarded("the last optimisation", || run.atlas.finish_until(&stop), &mut broken);
         }
         if let Some(mut check) = run.check.take() {
-            // A short recording has said all it will say.
-            if check.is_open() && broken.is_none() {
+            check.tell(progress, true);
+            if check.is_due_at_the_end(run.map().keyframes.len(), run.losses.count > 0) && broken.is_none() {
                 check.ask(run.atlas.active().snapshot());
             }
             check.tell(progress, true);

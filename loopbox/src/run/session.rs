@@ -4,7 +4,7 @@
 use crate::run::Progress;
 use crate::run::describing::Describer;
 use crate::run::fragments;
-use crate::run::lens_check::LensCheck;
+use crate::run::lens_check::{GivenLens, LensCheck};
 use crate::run::listening::Listeners;
 use crate::run::output::Output;
 use crate::run::recognising::Recogniser;
@@ -14,7 +14,7 @@ use crate::run::runtime::Run;
 use crate::run::saving::{self, Form, Saver};
 use crate::swapping::SwapFiles;
 use anyhow::{Context, Result, anyhow};
-use geometry::{Camera, Image, Pinhole};
+use geometry::{Image, Pinhole};
 use map::AgentInfo;
 use slam_direct::{Atlas, Going, Params};
 use sources::SourceInfo;
@@ -48,8 +48,8 @@ pub struct Session<'a> {
     pub unused: Option<Image<bool>>,
     /// The map of an earlier run that the first map goes on in.
     pub kept: Option<Kept>,
-    /// The lens and how often images are halved for it, where it is to be checked whether it is the one of the images.
-    pub lens: Option<(Camera, usize)>,
+    /// The lens, where it is to be checked whether it is the one of the images.
+    pub lens: Option<GivenLens>,
     /// Who are told how the maps grow.
     pub listeners: Listeners,
     /// Where keyframes are kept that are too many for memory.
@@ -105,8 +105,7 @@ impl Session<'_> {
                 .then(Describer::start)
                 .transpose()
                 .context("cannot start a thread")?;
-            let check =
-                self.lens.filter(|_| !localises).map(|(lens, halvings)| LensCheck::new(lens, halvings));
+            let check = self.lens.as_ref().filter(|_| !localises).map(|lens| LensCheck::new(lens.clone()));
             let run = Run::new(atlas, self.camera, identity, ahead).with(describer, check).within(kept);
             let run = run.told_to(self.listeners.clone()).left_alone(self.unattended);
             let run = run.track(ahead, self.stop, self.progress, &mut output, watch, &save)?;

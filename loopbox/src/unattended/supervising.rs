@@ -12,7 +12,7 @@ use super::vitals::{Listening, Tell, Vitals, Why};
 use crate::explained;
 use crate::open::recording_name;
 use crate::results::is_of_the_disk;
-use crate::run::{PreparedRun, RunOptions};
+use crate::run::{PreparedRun, Recording, RunOptions};
 use anyhow::{Context, Error, Result};
 use slam_direct::Params;
 use sources::ahead::Pace;
@@ -220,8 +220,8 @@ impl Agent<'_> {
         let begun = || self.sessions.keep_history(&self.sessions.history().read());
         let listening = Listening { vitals: &self.vitals, begun: &begun };
         if let Some(recording) = &self.config.recording {
-            let again = || sources::open(&recording.path, &SourceOptions::default());
-            options.without_calibration(source.info(), &again, None, stop, &listening)?;
+            let again = Recording { path: recording.path.clone(), options: SourceOptions::default() };
+            options.without_calibration(source.info(), again, None, stop, &listening)?;
         }
         let run = PreparedRun::new(source, options)?;
         run.problems().iter().for_each(|problem| self.vitals.tell(problem));
