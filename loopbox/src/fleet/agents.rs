@@ -42,9 +42,9 @@ struct Agent {
     whole: bool,
     /// Whether the agent's run is over.
     finished: bool,
-    /// A camera's map to be merged; nothing while there is too little of it, and while it is lent.
+    /// A camera's map to be merged; nothing while there is too little of it.
     images: Option<Input>,
-    /// The same of a LiDAR's.
+    /// The same of a LiDAR's; nothing while it is lent.
     scans: Option<ScanInput>,
 }
 
@@ -113,11 +113,14 @@ impl Maps {
         such.all(|agent| agent.whole && agent.finished)
     }
 
-    /// Takes the cameras' maps out of which there is enough: those in metres first, as `loopbox merge` has it, then the
-    /// eldest.
-    pub fn lend(&mut self) -> Inputs<Input> {
-        let is_metric = |agent: &Agent| agent.images.as_ref().is_some_and(|input| input.map.is_metric());
-        let mut all = self.lend_in_order(|agent| (!is_metric(agent), agent.begun), |agent| &mut agent.images);
+    /// The cameras' maps of which there is enough: those in metres first, as `loopbox merge` has it, then the eldest.
+    pub fn of_cameras(&self) -> Inputs<Input> {
+        let of_agents = self.agents.iter().filter_map(|(identity, agent)| {
+            let (hash, input) = agent.content.zip(agent.images.clone())?;
+            let key = (!input.map.is_metric(), agent.begun);
+            Some((key, Content { agent: *identity, hash }, agent.whole, input))
+        });
+        let mut all = Inputs::in_order(of_agents);
         for number in 1..all.inputs.len() {
             let (before, after) = all.inputs.split_at_mut(number);
             after[0].name_apart_from(before);
@@ -127,44 +130,20 @@ impl Maps {
 
     /// Takes the LiDARs' maps out, the eldest first.
     pub fn lend_scans(&mut self) -> Inputs<ScanInput> {
-        let mut all = self.lend_in_order(|agent| agent.begun, |agent| &mut agent.scans);
+        let of_agents = self.agents.iter_mut().filter_map(|(identity, agent)| {
+            let (hash, input) = agent.content.zip(agent.scans.take())?;
+            Some((agent.begun, Content { agent: *identity, hash }, agent.whole, input))
+        });
+        let mut all = Inputs::in_order(of_agents);
         ScanInput::name_apart(&mut all.inputs);
         all
     }
 
-    fn lend_in_order<T, K: Ord>(
-        &mut self,
-        key: impl Fn(&Agent) -> K,
-        input: impl Fn(&mut Agent) -> &mut Option<T>,
-    ) -> Inputs<T> {
-        let mut order: Vec<_> = self.agents.iter().map(|(identity, agent)| (key(agent), *identity)).collect();
-        order.sort();
-        let (inputs, contents, whole) = Default::default();
-        let mut all = Inputs { inputs, contents, whole };
-        for (_, identity) in order {
-            let Some(agent) = self.agents.get_mut(&identity) else { continue };
-            let Some((hash, input)) = agent.content.zip(input(agent).take()) else { continue };
-            all.inputs.push(input);
-            all.contents.push(Content { agent: identity, hash });
-            all.whole.push(agent.whole);
-        }
-        all
-    }
-
-    /// Takes cameras' maps back.
-    pub fn take_back(&mut self, lent: Inputs<Input>) {
-        self.put_back(lent, |agent| &mut agent.images);
-    }
-
     /// Takes LiDARs' maps back.
     pub fn take_scans_back(&mut self, lent: Inputs<ScanInput>) {
-        self.put_back(lent, |agent| &mut agent.scans);
-    }
-
-    fn put_back<T>(&mut self, lent: Inputs<T>, place: impl Fn(&mut Agent) -> &mut Option<T>) {
         for (content, input) in lent.contents.into_iter().zip(lent.inputs) {
             if let Some(agent) = self.agents.get_mut(&content.agent) {
-                *place(agent) = Some(input);
+                agent.scans = Some(input);
             }
         }
     }
@@ -178,6 +157,23 @@ pub(super) struct Inputs<T> {
     pub contents: Vec<Content>,
     /// Whether each is all of an agent's map.
     pub whole: Vec<bool>,
+}
+
+impl<T> Inputs<T> {
+    /// Those of agents by their keys, of equal ones the smaller identity first; each with what stands for it and whether it
+    /// is whole.
+    fn in_order<K: Ord>(all: impl Iterator<Item = (K, Content, bool, T)>) -> Self {
+        let mut all: Vec<_> = all.collect();
+        all.sort_by(|(a, of_a, ..), (b, of_b, ..)| a.cmp(b).then(of_a.agent.cmp(&of_b.agent)));
+        let (inputs, contents, whole) = Default::default();
+        let mut ordered = Self { inputs, contents, whole };
+        for (_, content, whole, input) in all {
+            ordered.inputs.push(input);
+            ordered.contents.push(content);
+            ordered.whole.push(whole);
+        }
+        ordered
+    }
 }
 
 impl Agent {

@@ -100,7 +100,6 @@ fn key(a: Content, b: Content) -> [Identity; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::merging::Seconds;
     use map::Uuid;
 
     fn content(agent: u128, version: u8) -> Content {
@@ -109,7 +108,7 @@ mod tests {
     }
 
     fn encounter(target: usize, source: usize) -> Encounter {
-        let (tried, joined, error, seconds) = (Vec::new(), None, None, Seconds::default());
+        let (tried, joined, error, seconds) = Default::default();
         Encounter { target, source, proposed: 10 * target + source, tried, joined, error, seconds }
     }
 

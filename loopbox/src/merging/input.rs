@@ -11,24 +11,26 @@ use place_recog::{DirectIndex, Directed, Vocabulary, WordBag, words};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Instant;
 
-/// A map to be merged.
+/// A map to be merged. Copies share all that is large.
+#[derive(Clone)]
 pub struct Input {
     /// The file or folder it was given as.
     pub path: PathBuf,
     /// What to call it: its agents' names.
     pub name: String,
     /// The map.
-    pub map: Map,
+    pub map: Arc<Map>,
     /// The features of its keyframes that have depth.
-    pub features: BTreeMap<KeyframeId, Features>,
+    pub features: Arc<BTreeMap<KeyframeId, Features>>,
     /// Of how many keyframes they were found now; those of the others were in the map.
     pub found: usize,
     /// Their words.
-    pub words: BTreeMap<KeyframeId, WordBag>,
+    pub words: Arc<BTreeMap<KeyframeId, WordBag>>,
     /// Their features by nodes of the vocabulary's tree.
-    pub direct: BTreeMap<KeyframeId, DirectIndex>,
+    pub direct: Arc<BTreeMap<KeyframeId, DirectIndex>>,
     /// What is missing from it, for people.
     pub warnings: Vec<String>,
     /// How long it took to get all this.
@@ -74,6 +76,8 @@ impl Input {
         let name = name_of(&map);
         let seconds = InputSeconds { reading: 0.0, features: start.elapsed().as_secs_f64() };
         let (path, warnings) = (path.to_owned(), Vec::new());
+        let (map, features) = (Arc::new(map), Arc::new(features));
+        let (words, direct) = (Arc::new(words), Arc::new(direct));
         Ok(Self { path, name, map, features, found, words, direct, warnings, seconds })
     }
 

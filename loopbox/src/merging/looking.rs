@@ -80,7 +80,7 @@ pub(crate) fn look(
     go: Go,
     progress: &mut dyn FnMut(&str) -> Result<()>,
 ) -> Result<Looked> {
-    let maps: Vec<&Map> = inputs.iter().map(|input| &input.map).collect();
+    let maps: Vec<&Map> = inputs.iter().map(|input| &*input.map).collect();
     Map::can_unite(&maps).context("the maps cannot be merged")?;
     let names = |[a, b]: [usize; 2]| format!("{} and {}", inputs[a].name, inputs[b].name);
     let mut prepared: Vec<PreparedMap> = inputs
@@ -241,7 +241,15 @@ fn encounter(
         meeting: met - ranked,
         method: start.elapsed().as_secs_f64() - met,
     };
-    Encounter { target, source, proposed: places.len(), tried, joined, error, seconds }
+    Encounter {
+        target,
+        source,
+        proposed: places.len(),
+        tried: tried.into(),
+        joined: joined.map(Arc::new),
+        error,
+        seconds,
+    }
 }
 
 /// What joins two maps at an accepted closure, by the method asked for.

@@ -20,7 +20,7 @@ pub(crate) fn common_map(
     optimise: bool,
     undone: &[([usize; 2], String)],
 ) -> Result<Merging> {
-    let maps: Vec<&map::Map> = inputs.iter().map(|input| &input.map).collect();
+    let maps: Vec<&map::Map> = inputs.iter().map(|input| &*input.map).collect();
     let (mut common, addresses) = CommonMap::from_maps(&maps).context("the maps cannot be merged")?;
     let mut before = Vec::new();
     for encounter in &encounters {

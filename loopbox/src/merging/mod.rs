@@ -75,7 +75,8 @@ pub struct MergingParams {
 }
 
 /// What two maps made of each other. Which of them is the source and which the target follows from the maps
-/// themselves and not from the order in which they are given, so that no verdict depends on that.
+/// themselves and not from the order in which they are given, so that no verdict depends on that. Copies share all that is
+/// large.
 #[derive(Clone)]
 pub struct Encounter {
     /// Index of the target among the inputs.
@@ -85,9 +86,9 @@ pub struct Encounter {
     /// How many places were proposed.
     pub proposed: usize,
     /// The places tried, and what became of them; at most one is accepted.
-    pub tried: Vec<Tried>,
+    pub tried: Arc<[Tried]>,
     /// The closures along both maps; nothing where none was accepted.
-    pub joined: Option<Joined>,
+    pub joined: Option<Arc<Joined>>,
     /// What went wrong, where a closure was accepted and yet the maps are not joined.
     pub error: Option<String>,
     /// Seconds each step took.

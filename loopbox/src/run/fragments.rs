@@ -2,6 +2,7 @@
 
 use crate::run::Progress;
 use map::Map;
+use std::sync::Arc;
 
 /// Joins the fragments of a run where they hang together. The map that most frames have a pose in comes first; those
 /// that saw no place of another stay apart. A fragment alone stays as it is, to the last bit.
@@ -30,7 +31,7 @@ pub fn joined(fragments: Vec<Map>, progress: &dyn Progress) -> Vec<Map> {
     };
     let maps = match joined {
         Some(merging) => merging.fused.into_iter().map(|fused| in_order(fused.map)).collect(),
-        None => inputs.into_iter().map(|input| input.map).collect::<Vec<_>>(),
+        None => inputs.into_iter().map(|input| Arc::unwrap_or_clone(input.map)).collect::<Vec<_>>(),
     };
     most_frames_first(maps.into_iter().chain(apart).collect())
 }

@@ -20,7 +20,6 @@ use merge::scale_filter::{MeasuredPoint, PairScale, PointMatch};
 use merge::two_view::{RelativePose, Scene as SceneKind, TwoViewRefusal};
 use nalgebra::{Matrix3, Matrix4, SMatrix, UnitQuaternion, Vector2, Vector3};
 use place_recog::features::{Features, Keypoint};
-use std::collections::BTreeMap;
 use std::sync::Arc;
 
 const HOSTILE: &str = "</script><script>alert('x')</script>\"&<!-- {{data}} \u{2028}";
@@ -87,10 +86,10 @@ fn input(name: &str, map: Map) -> Input {
         found: 0,
         path: name.into(),
         name: name.to_owned(),
-        map,
-        features,
-        words: BTreeMap::new(),
-        direct: BTreeMap::new(),
+        map: map.into(),
+        features: Arc::new(features),
+        words: Arc::default(),
+        direct: Arc::default(),
         warnings: Vec::new(),
         seconds: InputSeconds::default(),
     }
@@ -100,7 +99,7 @@ fn input(name: &str, map: Map) -> Input {
 fn merging(names: [&str; 3], count: u32, spacing: usize) -> (Vec<Input>, Merging) {
     let inputs: Vec<Input> =
         names.iter().zip(1..).map(|(name, seed)| input(name, line(name, count, spacing, seed))).collect();
-    let maps: Vec<&Map> = inputs.iter().map(|input| &input.map).collect();
+    let maps: Vec<&Map> = inputs.iter().map(|input| &*input.map).collect();
     let (mut common, addresses) = CommonMap::from_maps(&maps).unwrap();
     for i in 0..count.min(3) {
         let address = |input: usize| addresses[input].of(AgentId::default(), KeyframeId(i)).unwrap();
@@ -113,13 +112,13 @@ fn merging(names: [&str; 3], count: u32, spacing: usize) -> (Vec<Input>, Merging
         target,
         source: 2,
         proposed: 5,
-        tried: vec![tried(Outcome::NotMatched(TwoViewRefusal::TooFewMatches { given: 3, needed: 16 }))],
+        tried: [tried(Outcome::NotMatched(TwoViewRefusal::TooFewMatches { given: 3, needed: 16 }))].into(),
         joined: None,
         error: None,
         seconds: Seconds::default(),
     };
     let accepted = judged(Decision::Accepted);
-    let met = Encounter { source: 1, tried: vec![tried(accepted)], ..refused(0) };
+    let met = Encounter { source: 1, tried: [tried(accepted)].into(), ..refused(0) };
     (
         inputs,
         Merging {
@@ -308,7 +307,7 @@ fn every_meeting_has_its_verdict() {
 fn a_doubted_closure_is_shown_with_its_doubt() {
     let mut merging = merging(NAMES, 4, 9);
     let doubt = Doubt::Unconfirmed { pairs: 1, needed: 2 };
-    merging.1.encounters[0].tried = vec![tried(judged(Decision::Undecided(doubt)))];
+    merging.1.encounters[0].tried = [tried(judged(Decision::Undecided(doubt)))].into();
     let data = embedded(&page_of(&merging));
     assert_eq!(data["meetings"][0]["closure"]["accepted"], false);
     assert_eq!(data["meetings"][0]["refusal"].as_str().unwrap().chars().next(), Some('O'));
@@ -326,7 +325,8 @@ fn odd_and_empty_maps_make_pages_too() {
     let keyframe = odd.1.fused[0].map.keyframes.values_mut().next().unwrap();
     keyframe.world_from_keyframe.scale = f64::NAN;
     for input in &mut odd.0 {
-        input.map.keyframes.values_mut().for_each(|keyframe| keyframe.image = Arc::default());
+        let map = Arc::make_mut(&mut input.map);
+        map.keyframes.values_mut().for_each(|keyframe| keyframe.image = Arc::default());
     }
     let data = embedded(&page_of(&odd));
     assert_eq!(data["scene"]["keyframes"]["count"], 5);

@@ -1,0 +1,118 @@
+//! How maps of cameras are merged here: by what, and on which threads.
+
+use crate::fleet::agents::Inputs;
+use crate::fleet::company::Company;
+use crate::fleet::remembering::Content;
+use crate::fleet::remembering::Memory;
+use crate::fleet::sketching::Met;
+use crate::merging::{
+    Encounter, Go, Groups, Input, Looked, Merging, MergingParams, Places, Share, common_map, look,
+};
+use crate::run::give_way;
+use anyhow::{Context, Result, anyhow};
+use map::Identity;
+use place_recog::Vocabulary;
+use sources::Stop;
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// Merges maps of cameras.
+pub(super) struct Merger {
+    /// By whose words places are recognised.
+    pub vocabulary: Arc<Vocabulary>,
+    /// How.
+    pub params: MergingParams,
+    /// Threads that give way to all others, where they do.
+    pool: Option<rayon::ThreadPool>,
+}
+
+/// What is looked at, as [`Go`] has it.
+pub(super) struct Looking<'a> {
+    pub wanted: Option<BTreeMap<[usize; 2], f32>>,
+    pub places: BTreeMap<[usize; 2], Places>,
+    pub share: Option<Share>,
+    /// Whether the result is to last.
+    pub exactly: bool,
+    pub is_awaited: &'a (dyn Fn() -> bool + Sync),
+}
+
+impl Looking<'_> {
+    /// A share of all pairs, of which no places are known, for now, whatever else comes.
+    pub fn share(share: Share) -> Self {
+        let places = BTreeMap::new();
+        Self { wanted: None, places, share: Some(share), exactly: false, is_awaited: &|| false }
+    }
+}
+
+impl Merger {
+    /// One that works on one core and gives way to what is `beside` it, if anything is.
+    ///
+    /// # Errors
+    /// When threads cannot be started.
+    pub fn new(beside: bool) -> Result<Self> {
+        let one = rayon::ThreadPoolBuilder::new().num_threads(1).start_handler(|_| give_way());
+        let pool = beside.then(|| one.build()).transpose().context("cannot start threads")?;
+        Ok(Self { vocabulary: Vocabulary::shipped(), params: MergingParams::default(), pool })
+    }
+
+    /// Whether it gives way to nobody.
+    pub fn is_alone(&self) -> bool {
+        self.pool.is_none()
+    }
+
+    /// Gives way to nobody any more.
+    pub fn make_haste(&mut self) {
+        self.pool = None;
+    }
+
+    /// Does something where merging is done.
+    pub fn on_pool<T: Send>(&self, work: impl FnOnce() -> T + Send) -> T {
+        match &self.pool {
+            Some(pool) => pool.install(work),
+            None => work(),
+        }
+    }
+
+    /// Looks at pairs of maps, but for those that are remembered.
+    pub fn look(
+        &self,
+        maps: &Inputs<Input>,
+        memory: &Memory,
+        company: &Company,
+        looking: Looking,
+        stop: &Stop,
+    ) -> Result<Looked> {
+        let Looking { wanted, places, share, exactly, is_awaited } = looking;
+        let go_on = || if stop.requested() { Err(anyhow!("interrupted")) } else { Ok(()) };
+        let known = |pair: [usize; 2]| memory.recall(&maps.contents, pair, exactly);
+        let agents: Vec<Identity> = maps.contents.iter().map(|content| content.agent).collect();
+        let mut groups = Groups::new(agents.len());
+        company.firsts(&agents).into_iter().enumerate().for_each(|(number, first)| {
+            groups.join([first, number]);
+        });
+        let go = Go { known: &known, wanted, groups, places, share, is_awaited };
+        self.on_pool(|| look(&maps.inputs, &self.vocabulary, &self.params, go, &mut |_| go_on()))
+    }
+
+    /// The common map of what pairs of maps made of each other.
+    pub fn made(
+        &self,
+        maps: &Inputs<Input>,
+        encounters: Vec<Encounter>,
+        optimise: bool,
+        undone: &[([usize; 2], String)],
+    ) -> Result<Merging> {
+        self.on_pool(|| common_map(&maps.inputs, encounters, &self.params, optimise, undone))
+    }
+}
+
+/// The pairs that met, and whose merge stands.
+pub(super) fn met<'a>(merging: &'a Merging, contents: &[Content]) -> Vec<Met<'a>> {
+    let standing = merging.encounters.iter().filter(|encounter| merging.stands(encounter));
+    let met = standing.filter_map(|encounter| {
+        let agents = [encounter.target, encounter.source].map(|map| contents[map].agent);
+        let motion = encounter.accepted()?.closure.motion.a_from_b;
+        Some(Met { agents, motion, edges: &encounter.joined.as_ref()?.edges })
+    });
+    met.collect()
+}

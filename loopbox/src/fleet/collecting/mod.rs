@@ -1,0 +1,327 @@
+//! The maps of all agents that are told here, merged as they come.
+//!
+//! What is there of each map is put together and all of them are merged anew, as `loopbox merge` would: so what comes of
+//! it does not depend on the order in which things came, and once all is there it is what a merge of the agents' own
+//! files is, bit by bit. That is done in goes ([`Share`]): a few pairs are looked at, the agents are told where they are by
+//! then, and the next few follow.
+//!
+//! `parts` looks at parts of maps before all of them is here, `whole` merges all that is here, both by the `merger`;
+//! `timetable` says what is due and when.
+
+mod merger;
+mod parts;
+mod step;
+mod timetable;
+mod whole;
+
+pub(super) use timetable::WRITE_INTERVAL;
+
+use super::agents::NotTaken;
+use super::company::Company;
+use super::courtesy::Courtesy;
+use super::listening::CommonListener;
+use super::scans::ScanCollector;
+use super::sketching::Plan;
+use crate::merging::Share;
+use crate::results::{Owner, Results, is_of_the_disk};
+use anyhow::Result;
+use fleet::findings::Found;
+use fleet::service::Service;
+use map::{Identity, SensorKind};
+use merger::Merger;
+use parts::Parts;
+use sources::Stop;
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+use step::Step;
+use timetable::{Load, Timetable};
+use whole::{Round, Whole};
+
+/// How much is looked at in a go, of whole maps and of parts.
+const SHARE: Share = Share { pairs: 64, time: Duration::from_millis(500) };
+/// How long maps are taken in before they are merged, and how long it is looked for what to fetch before that is fetched.
+const TAKING: Duration = Duration::from_millis(500);
+const PLANNING: Duration = Duration::from_millis(200);
+/// The folder of the agents' own maps.
+const AGENTS: &str = "agents";
+
+/// Merges maps as they come.
+pub(super) struct Collector {
+    /// The folder of the agents' own maps.
+    folder: PathBuf,
+    merger: Merger,
+    parts: Parts,
+    whole: Whole,
+    /// The maps of LiDARs.
+    scans: ScanCollector,
+    courtesy: Courtesy,
+    /// Who hangs together by all that was found.
+    company: Company,
+    table: Timetable,
+    /// Whether parts were merged last.
+    looked: bool,
+    /// Whether there is more to do at once.
+    has_more: bool,
+    /// Who hears of the common maps.
+    listeners: Vec<Box<dyn CommonListener>>,
+}
+
+/// What went wrong.
+pub(super) enum Failed {
+    /// Maps cannot be merged.
+    Merge(anyhow::Error),
+    /// Results cannot be written.
+    Write(anyhow::Error),
+}
+
+impl Collector {
+    /// One that writes into `out`; beside others it works on one core, and gives way to them until the end.
+    ///
+    /// # Errors
+    /// When the folder cannot be written to, or holds results of something else.
+    pub fn new(out: &Path, force: bool, beside: bool) -> Result<Self> {
+        let merger = Merger::new(beside)?;
+        let (courtesy, company, listeners) = Default::default();
+        Ok(Self {
+            folder: out.join(AGENTS),
+            parts: Parts::new(merger.vocabulary.clone()),
+            merger,
+            whole: Whole::new(Results::create(out, &Owner::Merge, force)?),
+            scans: ScanCollector::new(out, force)?,
+            courtesy,
+            company,
+            table: Timetable::new(Instant::now()),
+            looked: false,
+            has_more: false,
+            listeners,
+        })
+    }
+
+    /// The same, with who is told of the common maps.
+    pub fn heard_by(self, listeners: Vec<Box<dyn CommonListener>>) -> Self {
+        Self { listeners, ..self }
+    }
+
+    /// Tells those who hear of the common maps that some time went by.
+    pub fn remind(&mut self) {
+        self.listeners.iter_mut().for_each(|listener| listener.remind());
+    }
+
+    /// Takes in what is new and merges it, where it is time. What was found, if anything was looked at; `told` is what
+    /// others found. Where the disk is full it waits for room.
+    ///
+    /// # Errors
+    /// When the results cannot be written, for another reason than that.
+    pub fn step(
+        &mut self,
+        service: &Service,
+        told: &[Found],
+        warn: &dyn Fn(&str),
+        stop: &Stop,
+    ) -> Result<Option<Found>> {
+        match self.go_on(&Step::new(service, warn, stop), told) {
+            Err(error) if is_of_the_disk(&error) => {
+                warn(&format!("it is waited until there is room on the disk: {error:#}"));
+                self.table.found_full(Instant::now());
+                // Merged or not, all that is not written is merged anew.
+                self.urge();
+                Ok(None)
+            }
+            done => {
+                if let Ok(Some(found)) = &done {
+                    self.company = Company::of(found);
+                }
+                done
+            }
+        }
+    }
+
+    /// Whether there is more to do, whatever comes.
+    pub fn has_more(&self) -> bool {
+        self.has_more
+    }
+
+    /// Whether so many agents' maps are whole and will not change any more, and all is merged and written.
+    pub fn is_done(&self, agents: usize) -> bool {
+        self.whole.maps.done() >= agents && self.whole.is_done() && self.scans.is_done()
+    }
+
+    /// Merges and writes what is not yet, in the thread that calls it. What was found, if anything was.
+    ///
+    /// # Errors
+    /// When that cannot be done.
+    pub fn finish(&mut self, service: &Service, warn: &dyn Fn(&str)) -> Result<Option<Found>> {
+        let stop = Stop::default();
+        let step = Step::new(service, warn, &stop);
+        let agents = step.all.iter().map(|heard| heard.agent).collect();
+        self.take_all(&step, &agents, None)?;
+        self.merger.make_haste();
+        self.urge();
+        self.merge(&step, None, true, &|| false)
+    }
+
+    /// Has all that is not written merged and written next.
+    fn urge(&mut self) {
+        self.table.urge();
+        self.whole.urge();
+        self.scans.urge();
+    }
+
+    /// As [`step`](Self::step), but for full disks.
+    fn go_on(&mut self, step: &Step, told: &[Found]) -> Result<Option<Found>> {
+        let plan = self.plan(step, told);
+        self.has_more = plan.is_cut;
+        if self.table.waits_for_room(Instant::now()) {
+            self.has_more = false;
+            return Ok(None);
+        }
+        let is_due = self.table.may_merge(self.load(step, &plan), Instant::now());
+        if plan.ready.is_some() && (!std::mem::take(&mut self.looked) || !is_due) {
+            return self.look_at(step, &plan);
+        }
+        self.parts.tidy();
+        if !is_due {
+            return Ok(None);
+        }
+        let is_taken = self.take_all(step, &plan.released, Some(TAKING))?;
+        if !self.whole.is_new && !self.whole.is_left && !self.scans.has_new() {
+            return if plan.ready.is_none() { Ok(None) } else { self.look_at(step, &plan) };
+        }
+        let start = Instant::now();
+        let arrivals = step.service.arrivals();
+        let is_awaited = || plan.ready.is_some() || plan.is_cut || step.service.arrivals() != arrivals;
+        let found = self.merge(step, Some(SHARE), is_taken, &is_awaited);
+        self.table.merged(start, Instant::now());
+        // What is not taken in yet may be as it was, and yet none of it was merged as that which is to last.
+        self.whole.is_new |= !is_taken;
+        // One may wait for the other.
+        let is_next = self.whole.is_left && self.table.pause(self.load(step, &plan)).is_zero();
+        self.has_more |= !is_taken || plan.ready.is_some() || is_next;
+        found
+    }
+
+    /// What there is to do.
+    fn load(&self, step: &Step, plan: &Plan) -> Load {
+        Load {
+            is_over: step.is_over(),
+            is_alone: self.merger.is_alone(),
+            is_left: self.whole.is_left,
+            may_join: self.whole.may_join,
+            may_place: plan.pairs.iter().any(|(names, _)| !self.company.are_one(names)),
+        }
+    }
+
+    /// Has fetched what is worth fetching next.
+    fn plan(&mut self, step: &Step, told: &[Found]) -> Plan {
+        let own: Vec<Identity> = step.service.own().iter().map(|heard| heard.agent).collect();
+        let known: Vec<Identity> = step.all.iter().map(|heard| heard.agent).collect();
+        let elsewhere = self.courtesy.left_to_others(&known, &own, told);
+        let (sketches, company) = (&mut self.parts.sketches, &self.company);
+        let (all, store) = (&step.all, &*step.store);
+        let begun = Instant::now();
+        let mut plan = self.merger.on_pool(|| {
+            let mut plan = || sketches.plan(all, &own, store, &elsewhere, company);
+            let mut last = plan();
+            while last.is_cut && last.ready.is_none() && begun.elapsed() < PLANNING {
+                last = plan();
+            }
+            last
+        });
+        for (agent, (objects, rest)) in std::mem::take(&mut plan.wanted) {
+            step.service.prefer(agent, objects, rest);
+        }
+        for (agent, reason) in std::mem::take(&mut plan.wrong) {
+            step.leave_out(agent, reason);
+        }
+        plan
+    }
+
+    /// Looks at the parts of the maps by which it is to be seen who met whom. What was found, beside what is known of all
+    /// maps.
+    fn look_at(&mut self, step: &Step, plan: &Plan) -> Result<Option<Found>> {
+        (self.looked, self.has_more) = (true, true);
+        let is_news = self.parts.look(plan, &self.company, &self.merger, &self.folder, step)?;
+        Ok(is_news.then(|| self.all_found()))
+    }
+
+    /// What was found by all maps and beside that by parts, as it is told.
+    fn all_found(&self) -> Found {
+        self.parts.beside(&self.whole.found.clone().and(self.scans.found().clone()))
+    }
+
+    /// Puts together what is there of the maps of which all is fetched, and writes those that are whole; no further one once
+    /// that took so long. Whether all are.
+    fn take_all(
+        &mut self,
+        step: &Step,
+        released: &BTreeSet<Identity>,
+        time: Option<Duration>,
+    ) -> Result<bool> {
+        let all = &step.all;
+        // An agent's own map alone is in its folder already.
+        let has_own = !step.service.own().is_empty();
+        if all.len() < 2 && (has_own || !all.iter().any(|heard| heard.finished && heard.missing == 0)) {
+            return Ok(true);
+        }
+        let begun = Instant::now();
+        let place = step.place(&self.folder, &self.merger.vocabulary);
+        for heard in all.iter().filter(|heard| released.contains(&heard.agent)) {
+            if time.is_some_and(|time| begun.elapsed() >= time) {
+                return Ok(false);
+            }
+            match self.merger.on_pool(|| self.whole.maps.take(heard, None, &place)) {
+                Ok(Some(SensorKind::Camera)) => self.whole.came(),
+                Ok(Some(SensorKind::Lidar)) => self.scans.came(),
+                Ok(None) => {}
+                Err(NotTaken::Wrong(reason)) => step.leave_out(heard.agent, reason),
+                Err(NotTaken::Unwritten(error)) => return Err(error),
+            }
+        }
+        Ok(true)
+    }
+
+    /// Merges the maps of either kind of which something is new, of cameras' a `share` of what is left or all, and writes what
+    /// came of it where it is time. What was found, if anything was that is to be told. Not all of the maps may be `is_taken`
+    /// in; it `is_awaited` where something else is more urgent than agents that have their places.
+    fn merge(
+        &mut self,
+        step: &Step,
+        share: Option<Share>,
+        is_taken: bool,
+        is_awaited: &(dyn Fn() -> bool + Sync),
+    ) -> Result<Option<Found>> {
+        let mut done = Vec::new();
+        if self.whole.is_new || self.whole.is_left {
+            let round = Round { share, is_taken, is_awaited, company: &self.company, stop: step.stop };
+            let (table, sketches) = (&mut self.table, &mut self.parts.sketches);
+            let merged = self.whole.merge(&self.merger, &round, table, sketches, &mut self.listeners);
+            if let Ok(true) = merged
+                && !self.whole.is_left
+                && !self.whole.found.agents.is_empty()
+            {
+                self.parts.give_way_to(&self.whole.found, share.is_none());
+            }
+            done.push(merged);
+        }
+        if self.scans.has_new() {
+            let at_rest = self.whole.maps.at_rest(SensorKind::Lidar);
+            let lent = self.whole.maps.lend_scans();
+            let (scans, listeners) = (&mut self.scans, &mut self.listeners);
+            let merged = self.merger.on_pool(|| scans.merge(&lent, at_rest, listeners, step.stop));
+            done.push(merged.map(|()| true));
+            self.whole.maps.take_scans_back(lent);
+        }
+        let mut is_merged = false;
+        for result in done {
+            match result {
+                Ok(is_news) => is_merged |= is_news,
+                Err(Failed::Merge(_)) if step.stop.requested() => {}
+                // What is wrong with these maps may be mended by more of them.
+                Err(Failed::Merge(error)) => (step.warn)(&format!("the maps are not merged: {error:#}")),
+                Err(Failed::Write(error)) => return Err(error),
+            }
+        }
+        Ok(is_merged.then(|| self.all_found()))
+    }
+}

@@ -1,0 +1,146 @@
+//! Parts of maps by which it is seen whether they met, before all of them is here.
+
+use super::SHARE;
+use super::merger::{Looking, Merger, met};
+use super::step::Step;
+use crate::fleet::agents::{Inputs, Maps, NotTaken};
+use crate::fleet::company::Company;
+use crate::fleet::findings::found;
+use crate::fleet::remembering::Content;
+use crate::fleet::sketching::{Plan, Sketches};
+use crate::merging::{Input, Merging};
+use anyhow::Result;
+use fleet::findings::{Found, FoundAgent};
+use map::{Identity, KeyframeId};
+use place_recog::Vocabulary;
+use sources::Stop;
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+use std::sync::Arc;
+
+/// What is known by parts.
+pub(super) struct Parts {
+    /// What is worth fetching of every map.
+    pub sketches: Sketches,
+    maps: Maps,
+    /// Keyframes by which parts were looked at; what was looked at once is not taken away from them.
+    only: BTreeMap<Identity, BTreeSet<KeyframeId>>,
+    found: Found,
+}
+
+impl Parts {
+    /// Of nobody yet.
+    pub fn new(vocabulary: Arc<Vocabulary>) -> Self {
+        let (maps, only, found) = Default::default();
+        Self { sketches: Sketches::new(vocabulary), maps, only, found }
+    }
+
+    /// What was found by parts beside all that is `known` of whole maps, where nothing is said yet of pairs that are looked at
+    /// more closely.
+    pub fn beside(&self, known: &Found) -> Found {
+        let mut found = self.found.clone().beside(known);
+        let pending = self.sketches.pending();
+        let names: Vec<[String; 2]> =
+            pending.into_iter().map(|pair| pair.map(|agent| agent.to_string())).collect();
+        found.postpone(|agents| names.iter().any(|names| agents.iter().all(|agent| names.contains(agent))));
+        found
+    }
+
+    /// Forgets the maps where none is to be looked at.
+    pub fn tidy(&mut self) {
+        if self.sketches.pending().is_empty() {
+            self.maps.clear();
+            self.only.clear();
+        }
+    }
+
+    /// What whole maps say stands, once they say it of as much of every map as was looked at here, or `anyway`.
+    pub fn give_way_to(&mut self, whole: &Found, anyway: bool) {
+        let is_whole = |part: &FoundAgent| {
+            let mut whole = whole.agents.iter().filter(|whole| whole.agent == part.agent);
+            whole.any(|whole| whole.keyframes >= part.keyframes)
+        };
+        if anyway || self.found.agents.iter().all(is_whole) {
+            self.found = Found::default();
+        }
+    }
+
+    /// Looks at those parts of the maps by which it is to be seen who met whom. Whether anything came of it.
+    ///
+    /// # Errors
+    /// When a map cannot be written.
+    pub fn look(
+        &mut self,
+        plan: &Plan,
+        company: &Company,
+        merger: &Merger,
+        folder: &Path,
+        step: &Step,
+    ) -> Result<bool> {
+        let arrivals = step.service.arrivals();
+        let is_awaited = || plan.is_cut || step.service.arrivals() != arrivals;
+        for (agent, keyframes) in plan.ready.iter().flatten() {
+            self.only.entry(*agent).or_default().extend(keyframes);
+        }
+        let place = step.place(folder, &merger.vocabulary);
+        for heard in &step.all {
+            let Some(only) = self.only.get(&heard.agent) else { continue };
+            match merger.on_pool(|| self.maps.take(heard, Some(only), &place)) {
+                Ok(_) => {}
+                Err(NotTaken::Wrong(reason)) => step.leave_out(heard.agent, reason),
+                Err(NotTaken::Unwritten(error)) => return Err(error),
+            }
+        }
+        let maps = self.maps.of_cameras();
+        // Parts may have too little depth to be looked at.
+        let is_any = maps.inputs.len() > 1;
+        let wanted = numbered(&plan.pairs, &maps.contents);
+        let looking = Looking { wanted: Some(wanted), is_awaited: &is_awaited, ..Looking::share(SHARE) };
+        let looked = is_any.then(|| self.look_at(&maps, company, looking, merger, step.stop)).transpose();
+        match looked {
+            Ok(Some((left, merging))) => {
+                self.sketches.judged(&met(&merging, &maps.contents), &left, &*step.store);
+                self.found = found(&maps.inputs, &merging, &maps.whole);
+                Ok(true)
+            }
+            nothing => {
+                self.sketches.judged(&[], &BTreeSet::new(), &*step.store);
+                if let (Err(error), false) = (nothing, step.stop.requested()) {
+                    (step.warn)(&format!("parts of the maps are not merged: {error:#}"));
+                }
+                Ok(false)
+            }
+        }
+    }
+
+    /// Looks at some of the pairs. Those that are left, and what came of all of them.
+    fn look_at(
+        &mut self,
+        maps: &Inputs<Input>,
+        company: &Company,
+        looking: Looking,
+        merger: &Merger,
+        stop: &Stop,
+    ) -> Result<(BTreeSet<[Identity; 2]>, Merging)> {
+        let looked = merger.look(maps, &self.maps.memory, company, looking, stop)?;
+        self.maps.memory.keep(&maps.contents, looked.now());
+        let left = looked.left.iter().map(|pair| {
+            let [a, b] = pair.map(|map| maps.contents[map].agent);
+            [a.min(b), a.max(b)]
+        });
+        let left = left.collect();
+        let merging = merger.made(maps, looked.encounters, false, &[])?;
+        Ok((left, merging))
+    }
+}
+
+/// Pairs of agents with how likely each is, by the numbers of their maps.
+fn numbered(pairs: &[([Identity; 2], f32)], contents: &[Content]) -> BTreeMap<[usize; 2], f32> {
+    let numbers: BTreeMap<Identity, usize> =
+        contents.iter().enumerate().map(|(number, content)| (content.agent, number)).collect();
+    let numbered = |(names, likeness): &([Identity; 2], f32)| {
+        let (a, b) = (*numbers.get(&names[0])?, *numbers.get(&names[1])?);
+        Some(([a.min(b), a.max(b)], *likeness))
+    };
+    pairs.iter().filter_map(numbered).collect()
+}

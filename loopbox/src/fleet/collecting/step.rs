@@ -1,0 +1,49 @@
+//! What a step of the collector works with.
+
+use crate::fleet::agents::Place;
+use fleet::node::Heard;
+use fleet::service::Service;
+use fleet::store::FolderStore;
+use map::Identity;
+use place_recog::Vocabulary;
+use sources::Stop;
+use std::path::Path;
+use std::sync::Arc;
+
+/// What is there of others, and who is told what is wrong with it.
+pub(super) struct Step<'a> {
+    /// All maps that are here, whole or in part.
+    pub all: Vec<Heard>,
+    /// The objects.
+    pub store: Arc<FolderStore>,
+    /// The node.
+    pub service: &'a Service,
+    /// Is told what people should know.
+    pub warn: &'a dyn Fn(&str),
+    /// Ends what takes long.
+    pub stop: &'a Stop,
+}
+
+impl<'a> Step<'a> {
+    /// By what is here now.
+    pub fn new(service: &'a Service, warn: &'a dyn Fn(&str), stop: &'a Stop) -> Self {
+        let all = service.heard().into_iter().chain(service.own()).collect();
+        Self { all, store: service.store(), service, warn, stop }
+    }
+
+    /// Where maps are put together.
+    pub fn place<'b>(&'b self, folder: &'b Path, vocabulary: &'b Vocabulary) -> Place<'b> {
+        Place { store: &*self.store, folder, vocabulary }
+    }
+
+    /// Whether all runs are over and all of their maps is here.
+    pub fn is_over(&self) -> bool {
+        self.all.iter().all(|heard| heard.finished && heard.missing == 0)
+    }
+
+    /// Has nothing more to do with whoever told a map that is none.
+    pub fn leave_out(&self, agent: Identity, reason: String) {
+        (self.warn)(&format!("the map of {agent} is left out: {reason}"));
+        self.service.distrust(agent, reason);
+    }
+}

@@ -1,0 +1,208 @@
+//! What is due and when, by what was done last and how long that took. It is told the time.
+
+use std::time::{Duration, Instant};
+
+/// Time between merges at the least, and of the time that one took while maps grow.
+const PAUSE: Duration = Duration::from_millis(250);
+const PAUSE_FACTOR: u32 = 2;
+/// How often the common map is written while maps still grow.
+pub(in crate::fleet) const WRITE_INTERVAL: Duration = Duration::from_secs(30);
+/// How long whole maps wait where parts may give an agent its place.
+const TURN: Duration = Duration::from_secs(3);
+/// How often is told what moves nobody.
+const TELL_INTERVAL: Duration = Duration::from_secs(2);
+/// Time between joint pose graphs in terms of that which one takes, while pairs are left.
+const SETTLE_FACTOR: u32 = 10;
+/// How much longer neither is done where somebody waits for a place.
+const PATIENCE_FACTOR: u32 = 3;
+/// How long nothing is tried again after the disk was full.
+const RETRY: Duration = Duration::from_secs(5);
+
+/// When what was done last.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Timetable {
+    begun: Instant,
+    merged: Done,
+    told: Instant,
+    settled: Done,
+    written: Option<Instant>,
+    /// When the disk was found full.
+    full: Option<Instant>,
+}
+
+/// When something was over, and how long it took.
+#[derive(Clone, Copy, Debug)]
+struct Done {
+    at: Instant,
+    took: Duration,
+}
+
+/// What there is to do.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Load {
+    /// Whether all runs are over and all of their maps is here.
+    pub is_over: bool,
+    /// Whether no run goes on beside the merging, which gives way to it.
+    pub is_alone: bool,
+    /// Whether pairs of whole maps are left to be looked at.
+    pub is_left: bool,
+    /// Whether some of these may give an agent its place.
+    pub may_join: bool,
+    /// Whether parts of maps may.
+    pub may_place: bool,
+}
+
+impl Timetable {
+    /// Of one that begins.
+    pub fn new(now: Instant) -> Self {
+        let nothing = Done { at: now, took: Duration::ZERO };
+        Self { begun: now, merged: nothing, told: now, settled: nothing, written: None, full: None }
+    }
+
+    /// How long it is not merged after it was.
+    pub fn pause(&self, load: Load) -> Duration {
+        // Who waits for runs that are over takes no time from any, and no more does a station that has pairs left which may
+        // give an agent its place.
+        match load.is_left && (load.is_over || load.is_alone && load.may_join) {
+            true => Duration::ZERO,
+            false if load.is_over => PAUSE,
+            false => PAUSE.max(self.merged.took * PAUSE_FACTOR),
+        }
+    }
+
+    /// Whether whole maps may be merged: they and parts in turns, so that neither waits for the other for long; whole maps for
+    /// longer where an agent waits for the place that parts may give it.
+    pub fn may_merge(&self, load: Load, now: Instant) -> bool {
+        let turn = if load.may_place && !load.may_join { TURN } else { Duration::ZERO };
+        since(self.merged.at, now) >= self.pause(load).max(turn)
+    }
+
+    /// Whether what moves nobody is to be told.
+    pub fn may_tell(&self, now: Instant) -> bool {
+        since(self.told, now) >= TELL_INTERVAL
+    }
+
+    /// Whether the common map is to be written while maps grow. `is_patient` where somebody waits for a place, who is not kept
+    /// waiting by it, unless that would be for ever.
+    pub fn may_write(&self, is_left: bool, is_patient: bool, now: Instant) -> bool {
+        let patience = WRITE_INTERVAL * if is_patient { PATIENCE_FACTOR } else { 1 };
+        match (is_left, self.written) {
+            (false, None) => true,
+            (_, written) => since(written.unwrap_or(self.begun), now) > patience,
+        }
+    }
+
+    /// Whether the joint pose graph had its time of rest.
+    pub fn may_settle(&self, now: Instant) -> bool {
+        since(self.settled.at, now) >= self.settled.took * SETTLE_FACTOR
+    }
+
+    /// Whether the disk was full a short while ago.
+    pub fn waits_for_room(&self, now: Instant) -> bool {
+        self.full.is_some_and(|full| since(full, now) < RETRY)
+    }
+
+    /// Whole maps were merged, from `begun` on.
+    pub fn merged(&mut self, begun: Instant, now: Instant) {
+        self.merged = Done { at: now, took: since(begun, now) };
+    }
+
+    /// What was found was told.
+    pub fn told(&mut self, now: Instant) {
+        self.told = now;
+    }
+
+    /// The joint pose graph was made, from `begun` on.
+    pub fn settled(&mut self, begun: Instant, now: Instant) {
+        self.settled = Done { at: now, took: since(begun, now) };
+    }
+
+    /// The common map was written.
+    pub fn written(&mut self, now: Instant) {
+        self.written = Some(now);
+    }
+
+    /// The disk had no room.
+    pub fn found_full(&mut self, now: Instant) {
+        self.full = Some(now);
+    }
+
+    /// What is not written is written next, whenever that was done last.
+    pub fn urge(&mut self) {
+        self.written = None;
+    }
+}
+
+fn since(then: Instant, now: Instant) -> Duration {
+    now.saturating_duration_since(then)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MS: Duration = Duration::from_millis(1);
+    const S: Duration = Duration::from_secs(1);
+
+    #[test]
+    fn between_merges_is_a_pause_unless_somebody_may_get_a_place_or_all_runs_are_over() {
+        let start = Instant::now();
+        let mut table = Timetable::new(start);
+        let growing = Load { is_alone: true, ..Load::default() };
+        assert!(!table.may_merge(growing, start) && table.may_merge(growing, start + 250 * MS));
+        table.merged(start, start + S);
+        // Twice the second that it took.
+        assert!(!table.may_merge(growing, start + 2999 * MS) && table.may_merge(growing, start + 3 * S));
+        let over = Load { is_over: true, ..growing };
+        assert!(!table.may_merge(over, start + 1249 * MS) && table.may_merge(over, start + 1250 * MS));
+        let joining = Load { is_left: true, may_join: true, ..growing };
+        assert!(table.may_merge(joining, start + S));
+        // Beside a run it takes its time from that.
+        assert!(!table.may_merge(Load { is_alone: false, ..joining }, start + 2 * S));
+        assert!(table.may_merge(Load { is_left: true, ..over }, start + S));
+    }
+
+    #[test]
+    fn whole_maps_wait_for_parts_that_give_places_but_not_for_good() {
+        let start = Instant::now();
+        let table = Timetable::new(start);
+        let parts = Load { is_over: true, is_left: true, may_place: true, ..Load::default() };
+        assert!(!table.may_merge(parts, start + 2999 * MS) && table.may_merge(parts, start + 3 * S));
+        assert!(table.may_merge(Load { may_join: true, ..parts }, start));
+    }
+
+    #[test]
+    fn a_map_is_written_at_once_and_then_now_and_then() {
+        let start = Instant::now();
+        let mut table = Timetable::new(start);
+        assert!(table.may_write(false, false, start) && !table.may_write(true, false, start));
+        assert!(table.may_write(true, false, start + 31 * S) && !table.may_write(true, true, start + 89 * S));
+        assert!(table.may_write(true, true, start + 91 * S));
+        table.written(start + S);
+        assert!(!table.may_write(false, false, start + 31 * S));
+        assert!(table.may_write(false, false, start + 32 * S));
+        table.urge();
+        assert!(table.may_write(false, false, start + 2 * S));
+    }
+
+    #[test]
+    fn what_costs_much_rests_ten_times_as_long() {
+        let start = Instant::now();
+        let mut table = Timetable::new(start);
+        assert!(table.may_settle(start));
+        table.settled(start, start + 2 * S);
+        assert!(!table.may_settle(start + 21 * S) && table.may_settle(start + 22 * S));
+    }
+
+    #[test]
+    fn a_full_disk_is_tried_again_after_some_seconds() {
+        let start = Instant::now();
+        let mut table = Timetable::new(start);
+        assert!(!table.waits_for_room(start));
+        table.found_full(start);
+        assert!(table.waits_for_room(start + 4 * S) && !table.waits_for_room(start + 5 * S));
+        assert!(table.may_tell(start + 2 * S) && !table.may_tell(start + S));
+        table.told(start + S);
+        assert!(!table.may_tell(start + 2 * S));
+    }
+}
