@@ -1,8 +1,9 @@
 //! Agents that pair: what it takes until two maps that meet over a network are merged, and how that merge lies beside one
-//! of the whole files; what a link costs the tracker (`beside`), and what holds when things break (`breaking`).
+//! of the whole files; what a link costs the tracker (`beside`), what holds when things break (`breaking`), and how long a hundred wait (`hundred`).
 
 pub mod beside;
 pub mod breaking;
+pub mod hundred;
 
 use crate::measure::{finish, make_empty};
 use anyhow::{Context, Result, bail};
@@ -141,6 +142,13 @@ fn map_of(plan: &Plan, name: &str) -> Result<PathBuf> {
 
 /// A process that is ended when nobody wants it any more.
 struct Process(Child);
+
+impl Process {
+    /// Sends it a signal by its name.
+    fn signal(&self, name: &str) -> Result<()> {
+        finish(Command::new("kill").arg(format!("-{name}")).arg(self.0.id().to_string())).map(drop)
+    }
+}
 
 impl Drop for Process {
     fn drop(&mut self) {

@@ -121,6 +121,8 @@ enum Part {
     Links,
     /// Of --fleet: programs killed or standing still, a full disk.
     Breaking,
+    /// Of --fleet: a hundred agents that come one a second.
+    Hundred,
 }
 
 impl Part {
@@ -129,7 +131,7 @@ impl Part {
         match self {
             Self::Calibration | Self::Costs => args.live,
             Self::Recorded | Self::Rendered | Self::Hour => args.lidar,
-            Self::Meetings | Self::Links | Self::Breaking => args.fleet,
+            Self::Meetings | Self::Links | Self::Breaking | Self::Hundred => args.fleet,
         }
     }
 }
@@ -141,8 +143,8 @@ fn main() -> Result<()> {
     }
     if args.part.is_some_and(|part| !part.suits(&args)) {
         bail!(
-            "--part: calibration and costs are parts of --live, recorded, rendered and hour of --lidar, meetings, links \
-             and breaking of --fleet"
+            "--part: calibration and costs are parts of --live, recorded, rendered and hour of --lidar, meetings, links, \
+             breaking and hundred of --fleet"
         );
     }
     document::check(&args.documents)?;
@@ -167,7 +169,7 @@ fn main() -> Result<()> {
             println!("{}", fleet_part(&plan, part)?);
             return Ok(());
         }
-        let parts = [Part::Meetings, Part::Links, Part::Breaking];
+        let parts = [Part::Meetings, Part::Links, Part::Breaking, Part::Hundred];
         let parts = parts.into_iter().map(|part| fleet_part(&plan, part)).collect::<Result<Vec<_>>>()?;
         let text = parts.concat();
         return write(&args.documents, &[("fleet", text)]);
@@ -249,6 +251,7 @@ fn fleet_part(plan: &fleet::Plan, part: Part) -> Result<String> {
     match part {
         Part::Links => fleet::beside::measure(plan),
         Part::Breaking => fleet::breaking::measure(plan),
+        Part::Hundred => fleet::hundred::measure(plan),
         _ => fleet::measure(plan),
     }
 }

@@ -1,6 +1,6 @@
 //! Many agents in one place: what merging all their maps costs, from nothing and one more at a time, and whether it is right.
 
-mod maps;
+pub mod maps;
 pub mod report;
 
 use crate::merging::Program;

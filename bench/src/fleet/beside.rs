@@ -100,7 +100,7 @@ fn run(plan: &Plan, name: &str, link: Beside) -> Result<Times> {
 }
 
 /// A station, and where it listens.
-fn station(plan: &Plan, out: &Path) -> Result<(Process, String)> {
+pub(super) fn station(plan: &Plan, out: &Path) -> Result<(Process, String)> {
     let mut command = Command::new(plan.loopbox);
     command.args(["station", "--quiet", "--listen", "tcp/127.0.0.1:0", "--out"]).arg(out);
     let child = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn();

@@ -139,11 +139,6 @@ impl Process {
         self.0.wait()?;
         Ok(())
     }
-
-    /// Sends it a signal by its name.
-    fn signal(&self, name: &str) -> Result<()> {
-        finish(Command::new("kill").arg(format!("-{name}")).arg(self.0.id().to_string())).map(drop)
-    }
 }
 
 /// Waits until a program ended well.

@@ -4,6 +4,7 @@ use super::collecting::Collector;
 use super::listening::CommonListener;
 use super::status::{AgentLine, LinkLine, STATUS, StatusFile};
 use super::telling::{Teller, Telling};
+use super::waiting::Waits;
 use crate::results::is_of_the_disk;
 use anyhow::{Context, Result, anyhow};
 use fleet::findings::Found;
@@ -205,11 +206,12 @@ impl Fleet {
         let Some(thread) = self.thread.take() else { return Ok(()) };
         let ended = thread.join().map_err(|_| anyhow!("merging broke down, which is a fault of loopbox"))?;
         // What is left is done here: the thread gave way to all others.
-        let found = ended?.finish(&self.service, &|text| self.shared.trouble(text))?;
+        let mut collector = ended?;
+        let found = collector.finish(&self.service, &|text| self.shared.trouble(text))?;
         if let Some(found) = found {
             self.shared.status().found = found;
         }
-        self.shared.show(&self.service.status(), &self.path)
+        self.shared.show(&self.service.status(), collector.waits(), &self.path)
     }
 }
 
@@ -299,7 +301,7 @@ impl Shared {
             }
             collector.remind();
             if written.is_none_or(|written| written.elapsed() > STATUS_INTERVAL) {
-                match self.show(&service.status(), path) {
+                match self.show(&service.status(), collector.waits(), path) {
                     // It will say more when there is room.
                     Err(error) if is_of_the_disk(&error) => self.trouble(&format!("{error:#}")),
                     shown => shown?,
@@ -315,9 +317,9 @@ impl Shared {
     }
 
     /// Writes how things are.
-    fn show(&self, now: &Status, path: &Path) -> Result<()> {
+    fn show(&self, now: &Status, waits: &Waits, path: &Path) -> Result<()> {
         let links = now.neighbours.iter().map(LinkLine::of);
-        let agents = now.agents.iter().map(AgentLine::of);
+        let agents = now.agents.iter().map(|agent| AgentLine::of(agent, waits));
         let text = {
             let mut status = self.status();
             (status.links, status.agents) = (links.collect(), agents.collect());

@@ -1,5 +1,6 @@
 //! How things are with a party of the fleet, as its file says it.
 
+use super::waiting::{Waited, Waits};
 use anyhow::{Context, Result};
 use fleet::findings::{Found, FoundMeeting};
 use fleet::node::{AgentStatus, NeighbourStatus};
@@ -72,6 +73,10 @@ pub struct AgentLine {
     pub missing: usize,
     /// Whether its run has ended.
     pub finished: bool,
+    /// Seconds from hearing of it until it was told its place; nothing while it has none.
+    pub heard_to_place_s: Option<f64>,
+    /// The same from having the parts of its map by which its place was to be seen; nothing where all of it was here first.
+    pub parts_to_place_s: Option<f64>,
 }
 
 impl LinkLine {
@@ -92,7 +97,8 @@ impl LinkLine {
 
 impl AgentLine {
     /// Of an agent.
-    pub(super) fn of(agent: &AgentStatus) -> Self {
+    pub(super) fn of(agent: &AgentStatus, waits: &Waits) -> Self {
+        let Waited { heard_s, parts_s } = waits.of(&agent.agent);
         Self {
             agent: agent.agent.to_string(),
             teller: agent.teller.clone(),
@@ -100,6 +106,8 @@ impl AgentLine {
             keyframes: agent.keyframes,
             missing: agent.missing,
             finished: agent.finished,
+            heard_to_place_s: heard_s,
+            parts_to_place_s: parts_s,
         }
     }
 }

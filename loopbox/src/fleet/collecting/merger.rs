@@ -50,8 +50,7 @@ impl Merger {
     /// # Errors
     /// When threads cannot be started.
     pub fn new(beside: bool) -> Result<Self> {
-        let one = rayon::ThreadPoolBuilder::new().num_threads(1).start_handler(|_| give_way());
-        let pool = beside.then(|| one.build()).transpose().context("cannot start threads")?;
+        let pool = beside.then(|| on_threads(1, true)).transpose()?;
         Ok(Self { vocabulary: Vocabulary::shipped(), params: MergingParams::default(), pool })
     }
 
@@ -94,16 +93,27 @@ impl Merger {
         self.on_pool(|| look(&maps.inputs, &self.vocabulary, &self.params, go, &mut |_| go_on()))
     }
 
-    /// The common map of what pairs of maps made of each other.
-    pub fn made(
+    /// Where the agents are by what pairs of maps made of each other, merges `undone` aside: the common map without its joint
+    /// pose graph.
+    pub fn placed(
         &self,
         maps: &Inputs<Input>,
         encounters: Vec<Encounter>,
-        optimise: bool,
         undone: &[([usize; 2], String)],
     ) -> Result<Merging> {
-        self.on_pool(|| common_map(&maps.inputs, encounters, &self.params, optimise, undone))
+        self.on_pool(|| common_map(&maps.inputs, encounters, &self.params, false, undone))
     }
+}
+
+/// So many threads, that give way to all others where that is asked for.
+pub(super) fn on_threads(count: usize, gives_way: bool) -> Result<rayon::ThreadPool> {
+    let threads = rayon::ThreadPoolBuilder::new().num_threads(count);
+    let threads = threads.start_handler(move |_| {
+        if gives_way {
+            give_way()
+        }
+    });
+    threads.build().context("cannot start threads")
 }
 
 /// The pairs that met, and whose merge stands.

@@ -6,13 +6,16 @@
 //! then, and the next few follow.
 //!
 //! `parts` looks at parts of maps before all of them is here, `whole` merges all that is here, both by the `merger`;
-//! `timetable` says what is due and when.
+//! `timetable` says what is due and when. The joint pose graph, which takes seconds of many maps, and the writing of the common
+//! map are done in a thread beside that (`settling`).
 
 mod merger;
 mod parts;
+mod settling;
 mod step;
 mod timetable;
 mod whole;
+mod worker;
 
 pub(super) use timetable::WRITE_INTERVAL;
 
@@ -22,6 +25,7 @@ use super::courtesy::Courtesy;
 use super::listening::CommonListener;
 use super::scans::ScanCollector;
 use super::sketching::Plan;
+use super::waiting::Waits;
 use crate::merging::Share;
 use crate::results::{Owner, Results, is_of_the_disk};
 use anyhow::Result;
@@ -59,6 +63,8 @@ pub(super) struct Collector {
     /// Who hangs together by all that was found.
     company: Company,
     table: Timetable,
+    /// How long agents waited for their places.
+    waits: Waits,
     /// Whether parts were merged last.
     looked: bool,
     /// Whether there is more to do at once.
@@ -82,16 +88,17 @@ impl Collector {
     /// When the folder cannot be written to, or holds results of something else.
     pub fn new(out: &Path, force: bool, beside: bool) -> Result<Self> {
         let merger = Merger::new(beside)?;
-        let (courtesy, company, listeners) = Default::default();
+        let (courtesy, company, waits, listeners) = Default::default();
         Ok(Self {
             folder: out.join(AGENTS),
             parts: Parts::new(merger.vocabulary.clone()),
             merger,
-            whole: Whole::new(Results::create(out, &Owner::Merge, force)?),
+            whole: Whole::new(Results::create(out, &Owner::Merge, force)?, beside)?,
             scans: ScanCollector::new(out, force)?,
             courtesy,
             company,
             table: Timetable::new(Instant::now()),
+            waits,
             looked: false,
             has_more: false,
             listeners,
@@ -131,10 +138,16 @@ impl Collector {
             done => {
                 if let Ok(Some(found)) = &done {
                     self.company = Company::of(found);
+                    self.waits.told(&self.company, Instant::now());
                 }
                 done
             }
         }
+    }
+
+    /// How long agents waited for their places.
+    pub fn waits(&self) -> &Waits {
+        &self.waits
     }
 
     /// Whether there is more to do, whatever comes.
@@ -147,18 +160,25 @@ impl Collector {
         self.whole.maps.done() >= agents && self.whole.is_done() && self.scans.is_done()
     }
 
-    /// Merges and writes what is not yet, in the thread that calls it. What was found, if anything was.
+    /// Merges and writes what is not yet, in the thread that calls it, once what is on its way is done. What was found, if
+    /// anything was.
     ///
     /// # Errors
     /// When that cannot be done.
     pub fn finish(&mut self, service: &Service, warn: &dyn Fn(&str)) -> Result<Option<Found>> {
         let stop = Stop::default();
         let step = Step::new(service, warn, &stop);
+        let settled = match self.settled(&step, true) {
+            // It is written again.
+            Err(error) if is_of_the_disk(&error) => true,
+            settled => settled?,
+        };
         let agents = step.all.iter().map(|heard| heard.agent).collect();
         self.take_all(&step, &agents, None)?;
         self.merger.make_haste();
         self.urge();
-        self.merge(&step, None, true, &|| false)
+        let merged = self.merge(&step, None, true, &|| false)?;
+        Ok(merged.or_else(|| settled.then(|| self.all_found())))
     }
 
     /// Has all that is not written merged and written next.
@@ -170,8 +190,17 @@ impl Collector {
 
     /// As [`step`](Self::step), but for full disks.
     fn go_on(&mut self, step: &Step, told: &[Found]) -> Result<Option<Found>> {
+        let settled = self.settled(step, false)?;
+        let merged = self.merge_next(step, told)?;
+        Ok(merged.or_else(|| settled.then(|| self.all_found())))
+    }
+
+    /// Merges what is next, where it is time.
+    fn merge_next(&mut self, step: &Step, told: &[Found]) -> Result<Option<Found>> {
         let plan = self.plan(step, told);
         self.has_more = plan.is_cut;
+        let heard = step.all.iter().filter(|heard| !heard.entries.is_empty()).map(|heard| heard.agent);
+        self.waits.look(heard, plan.pairs.iter().flat_map(|(pair, _)| pair), Instant::now());
         if self.table.waits_for_room(Instant::now()) {
             self.has_more = false;
             return Ok(None);
@@ -185,6 +214,7 @@ impl Collector {
             return Ok(None);
         }
         let is_taken = self.take_all(step, &plan.released, Some(TAKING))?;
+        self.whole.look_after(&self.table, Instant::now());
         if !self.whole.is_new && !self.whole.is_left && !self.scans.has_new() {
             return if plan.ready.is_none() { Ok(None) } else { self.look_at(step, &plan) };
         }
@@ -314,14 +344,13 @@ impl Collector {
         }
         let mut is_merged = false;
         for result in done {
-            match result {
-                Ok(is_news) => is_merged |= is_news,
-                Err(Failed::Merge(_)) if step.stop.requested() => {}
-                // What is wrong with these maps may be mended by more of them.
-                Err(Failed::Merge(error)) => (step.warn)(&format!("the maps are not merged: {error:#}")),
-                Err(Failed::Write(error)) => return Err(error),
-            }
+            is_merged |= step.merged(result)?;
         }
         Ok(is_merged.then(|| self.all_found()))
+    }
+
+    /// Takes the common map that was made beside, if it is, or waits for it. Whether anything is to be told.
+    fn settled(&mut self, step: &Step, waits: bool) -> Result<bool> {
+        step.merged(self.whole.take_settled(waits, &mut self.table, &mut self.listeners))
     }
 }

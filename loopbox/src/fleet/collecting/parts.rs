@@ -129,7 +129,7 @@ impl Parts {
             [a.min(b), a.max(b)]
         });
         let left = left.collect();
-        let merging = merger.made(maps, looked.encounters, false, &[])?;
+        let merging = merger.placed(maps, looked.encounters, &[])?;
         Ok((left, merging))
     }
 }

@@ -1,6 +1,8 @@
 //! What a step of the collector works with.
 
+use super::Failed;
 use crate::fleet::agents::Place;
+use anyhow::Result;
 use fleet::node::Heard;
 use fleet::service::Service;
 use fleet::store::FolderStore;
@@ -39,6 +41,21 @@ impl<'a> Step<'a> {
     /// Whether all runs are over and all of their maps is here.
     pub fn is_over(&self) -> bool {
         self.all.iter().all(|heard| heard.finished && heard.missing == 0)
+    }
+
+    /// Whether a merge has something to tell; says what went wrong with it.
+    ///
+    /// # Errors
+    /// When the results cannot be written.
+    pub fn merged(&self, result: Result<bool, Failed>) -> Result<bool> {
+        match result {
+            Ok(is_news) => return Ok(is_news),
+            Err(Failed::Merge(_)) if self.stop.requested() => {}
+            // What is wrong with these maps may be mended by more of them.
+            Err(Failed::Merge(error)) => (self.warn)(&format!("the maps are not merged: {error:#}")),
+            Err(Failed::Write(error)) => return Err(error),
+        }
+        Ok(false)
     }
 
     /// Has nothing more to do with whoever told a map that is none.

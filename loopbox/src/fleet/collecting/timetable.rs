@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-/// Time between merges at the least, and of the time that one took while maps grow.
+/// Time between merges at the least, and in terms of that which one took while maps grow.
 const PAUSE: Duration = Duration::from_millis(250);
 const PAUSE_FACTOR: u32 = 2;
 /// How often the common map is written while maps still grow.
@@ -13,8 +13,6 @@ const TURN: Duration = Duration::from_secs(3);
 const TELL_INTERVAL: Duration = Duration::from_secs(2);
 /// Time between joint pose graphs in terms of that which one takes, while pairs are left.
 const SETTLE_FACTOR: u32 = 10;
-/// How much longer neither is done where somebody waits for a place.
-const PATIENCE_FACTOR: u32 = 3;
 /// How long nothing is tried again after the disk was full.
 const RETRY: Duration = Duration::from_secs(5);
 
@@ -82,19 +80,18 @@ impl Timetable {
         since(self.told, now) >= TELL_INTERVAL
     }
 
-    /// Whether the common map is to be written while maps grow. `is_patient` where somebody waits for a place, who is not kept
-    /// waiting by it, unless that would be for ever.
-    pub fn may_write(&self, is_left: bool, is_patient: bool, now: Instant) -> bool {
-        let patience = WRITE_INTERVAL * if is_patient { PATIENCE_FACTOR } else { 1 };
+    /// Whether the common map is to be written while maps grow.
+    pub fn may_write(&self, is_left: bool, now: Instant) -> bool {
         match (is_left, self.written) {
             (false, None) => true,
-            (_, written) => since(written.unwrap_or(self.begun), now) > patience,
+            (_, written) => since(written.unwrap_or(self.begun), now) > WRITE_INTERVAL,
         }
     }
 
-    /// Whether the joint pose graph had its time of rest.
-    pub fn may_settle(&self, now: Instant) -> bool {
-        since(self.settled.at, now) >= self.settled.took * SETTLE_FACTOR
+    /// Whether the joint pose graph had its time of rest, which is longer while pairs are left.
+    pub fn may_settle(&self, is_left: bool, now: Instant) -> bool {
+        let factor = if is_left { SETTLE_FACTOR } else { PAUSE_FACTOR };
+        since(self.settled.at, now) >= self.settled.took * factor
     }
 
     /// Whether the disk was full a short while ago.
@@ -112,9 +109,9 @@ impl Timetable {
         self.told = now;
     }
 
-    /// The joint pose graph was made, from `begun` on.
-    pub fn settled(&mut self, begun: Instant, now: Instant) {
-        self.settled = Done { at: now, took: since(begun, now) };
+    /// The joint pose graph was made, which took so long.
+    pub fn settled(&mut self, took: Duration, now: Instant) {
+        self.settled = Done { at: now, took };
     }
 
     /// The common map was written.
@@ -175,23 +172,22 @@ mod tests {
     fn a_map_is_written_at_once_and_then_now_and_then() {
         let start = Instant::now();
         let mut table = Timetable::new(start);
-        assert!(table.may_write(false, false, start) && !table.may_write(true, false, start));
-        assert!(table.may_write(true, false, start + 31 * S) && !table.may_write(true, true, start + 89 * S));
-        assert!(table.may_write(true, true, start + 91 * S));
+        assert!(table.may_write(false, start) && !table.may_write(true, start));
+        assert!(!table.may_write(true, start + 30 * S) && table.may_write(true, start + 31 * S));
         table.written(start + S);
-        assert!(!table.may_write(false, false, start + 31 * S));
-        assert!(table.may_write(false, false, start + 32 * S));
+        assert!(!table.may_write(false, start + 31 * S) && table.may_write(false, start + 32 * S));
         table.urge();
-        assert!(table.may_write(false, false, start + 2 * S));
+        assert!(table.may_write(false, start + 2 * S));
     }
 
     #[test]
-    fn what_costs_much_rests_ten_times_as_long() {
+    fn the_joint_pose_graph_rests_for_longer_while_pairs_are_left() {
         let start = Instant::now();
         let mut table = Timetable::new(start);
-        assert!(table.may_settle(start));
-        table.settled(start, start + 2 * S);
-        assert!(!table.may_settle(start + 21 * S) && table.may_settle(start + 22 * S));
+        assert!(table.may_settle(true, start));
+        table.settled(2 * S, start);
+        assert!(!table.may_settle(true, start + 19 * S) && table.may_settle(true, start + 20 * S));
+        assert!(!table.may_settle(false, start + 3 * S) && table.may_settle(false, start + 4 * S));
     }
 
     #[test]

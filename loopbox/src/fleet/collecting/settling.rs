@@ -1,0 +1,89 @@
+//! The joint pose graph of all maps, and the writing of the common map, by copies that share all that is large: so it can be
+//! done while more is merged.
+
+use crate::fleet::agents::Inputs;
+use crate::fleet::findings::found;
+use crate::fleet::remembering::Content;
+use crate::merging::{
+    Encounter, Input, MergeRecord, Merging, MergingParams, Names, common_map, write_results,
+};
+use crate::results::Results;
+use anyhow::Result;
+use fleet::findings::Found;
+use map::Identity;
+use merge::common_map::Fused;
+use std::time::{Duration, Instant};
+
+/// What is to be settled.
+pub(super) struct Job {
+    /// Counts what the merging looked at: which state of it this is.
+    pub revision: u64,
+    /// The maps.
+    pub maps: Inputs<Input>,
+    /// What they made of each other.
+    pub encounters: Vec<Encounter>,
+    /// How they are merged.
+    pub params: MergingParams,
+    /// Where the common map is written.
+    pub results: Results,
+    /// Whether it is.
+    pub writes: bool,
+}
+
+/// What came of it.
+pub(super) struct Outcome {
+    /// Of which state.
+    pub revision: u64,
+    /// Where common maps are written.
+    pub results: Results,
+    /// How long the joint pose graph took.
+    pub took: Duration,
+    /// The common maps.
+    pub settled: Result<Settled>,
+}
+
+/// The common maps of all agents.
+pub(super) struct Settled {
+    /// A map for each group of agents that hang together.
+    pub fused: Vec<Fused>,
+    /// Where the agents are.
+    pub found: Found,
+    /// Merges that the joint pose graph took back, and why.
+    pub undone: Vec<([Identity; 2], String)>,
+    /// Whether any two met; otherwise there is nothing to write.
+    pub has_met: bool,
+    /// How it was written, if it was to be.
+    pub written: Option<Result<()>>,
+}
+
+/// Makes the joint pose graph, and writes the common map where that is to be done.
+pub(super) fn settle(mut job: Job) -> Outcome {
+    let begun = Instant::now();
+    let made = common_map(&job.maps.inputs, std::mem::take(&mut job.encounters), &job.params, true, &[]);
+    let took = begun.elapsed();
+    let settled = made.map(|merging| Settled {
+        found: found(&job.maps.inputs, &merging, &job.maps.whole),
+        undone: undone_by(&merging, &job.maps.contents),
+        has_met: merging.anything_met(),
+        written: (job.writes && merging.anything_met()).then(|| write(&mut job, &merging)),
+        fused: merging.fused,
+    });
+    Outcome { revision: job.revision, results: job.results, took, settled }
+}
+
+fn write(job: &mut Job, merging: &Merging) -> Result<()> {
+    let names = Names::new(&merging.common);
+    let mut record = MergeRecord::new(&job.maps.inputs, merging, &job.params, &names)?;
+    write_results(&mut job.results, &job.maps.inputs, merging, &names, &mut record)?;
+    job.results.commit()
+}
+
+/// The merges that were taken back, by whose maps they were of, and why.
+fn undone_by(merging: &Merging, contents: &[Content]) -> Vec<([Identity; 2], String)> {
+    let joined = merging.encounters.iter().filter(|encounter| encounter.joined.is_some());
+    let undone = joined.filter_map(|encounter| {
+        let why = merging.undone(encounter)?.to_owned();
+        Some((encounter.as_given().map(|map| contents[map].agent), why))
+    });
+    undone.collect()
+}
