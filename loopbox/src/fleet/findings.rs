@@ -3,6 +3,7 @@
 use crate::merging::{Input, Merging, refusal_of};
 use fleet::findings::{Found, FoundAgent, FoundMeeting, numbers};
 use map::AgentId;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// What a merging of maps found; `whole` says of each whether it is all of the agent's map.
 pub(super) fn found(inputs: &[Input], merging: &Merging, whole: &[bool]) -> Found {
@@ -36,4 +37,89 @@ pub(super) fn found(inputs: &[Input], merging: &Merging, whole: &[bool]) -> Foun
         pending: false,
     });
     Found { agents: inputs.iter().enumerate().filter_map(agent).collect(), meetings: meetings.collect() }
+}
+
+/// Of what `parts` of maps found what `whole` maps do not say yet. Of agents that hang together by parts one of those that do
+/// so by whole maps too is kept, the others beside it: they stand where it does.
+pub(super) fn lacking(parts: Found, whole: &Found) -> Found {
+    let root_of = |agent: &str| Some(&*whole.agents.iter().find(|known| known.agent == agent)?.root);
+    let mut groups = BTreeMap::<&str, Vec<&FoundAgent>>::new();
+    parts.agents.iter().for_each(|agent| groups.entry(&agent.root).or_default().push(agent));
+    let mut kept = BTreeSet::new();
+    for group in groups.values() {
+        let mut sizes = BTreeMap::<&str, usize>::new();
+        group
+            .iter()
+            .filter_map(|agent| root_of(&agent.agent))
+            .for_each(|root| *sizes.entry(root).or_default() += 1);
+        let most = sizes.into_iter().max_by_key(|(_, size)| *size).map(|(root, _)| root);
+        let is_known = |agent: &&&FoundAgent| most.is_some() && root_of(&agent.agent) == most;
+        let others: Vec<&str> =
+            group.iter().filter(|agent| !is_known(agent)).map(|agent| &*agent.agent).collect();
+        let anchor = group.iter().find(is_known).filter(|_| !others.is_empty());
+        kept.extend(others.into_iter().chain(anchor.map(|agent| &*agent.agent)).map(str::to_owned));
+    }
+    let is_said = |meeting: &FoundMeeting| {
+        let is_same = |known: &FoundMeeting| meeting.agents.iter().all(|agent| known.agents.contains(agent));
+        whole.meetings.iter().any(is_same)
+    };
+    let mut lacking = parts;
+    lacking.agents.retain(|agent| kept.contains(&agent.agent));
+    lacking.meetings.retain(|meeting| !is_said(meeting));
+    lacking
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Agents with their roots and where they are along it; pairs that were looked at.
+    fn found(agents: &[(&str, &str, f64)], pairs: &[[&str; 2]]) -> Found {
+        let agent = |&(agent, root, x): &(&str, &str, f64)| FoundAgent {
+            agent: agent.into(),
+            name: agent.into(),
+            keyframes: 3,
+            whole: false,
+            root: root.into(),
+            root_from_agent: [x, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0],
+        };
+        let meeting = |pair: &[&str; 2]| FoundMeeting {
+            names: pair.map(str::to_owned),
+            agents: pair.map(str::to_owned),
+            verdict: "accepted".into(),
+            why: None,
+            pending: false,
+        };
+        Found { agents: agents.iter().map(agent).collect(), meetings: pairs.iter().map(meeting).collect() }
+    }
+
+    fn agents(found: &Found) -> Vec<(&str, &str, f64)> {
+        let mut all: Vec<_> =
+            found.agents.iter().map(|a| (&*a.agent, &*a.root, a.root_from_agent[0])).collect();
+        all.sort_by(|a, b| a.0.cmp(b.0));
+        all
+    }
+
+    #[test]
+    fn places_by_parts_stand_until_whole_maps_say_them() {
+        let parts = found(
+            &[("a", "a", 0.0), ("b", "a", 1.0), ("c", "a", 2.0), ("d", "a", 3.0), ("e", "e", 0.0)],
+            &[["a", "b"], ["b", "c"], ["c", "d"]],
+        );
+        // Of a and b whole maps say it, c is looked at and alone so far, of d and e nothing is known.
+        let whole = found(&[("a", "b", -1.0), ("b", "b", 0.0), ("c", "c", 0.0)], &[["b", "a"]]);
+        let left = lacking(parts.clone(), &whole);
+        assert_eq!(agents(&left).into_iter().map(|agent| agent.0).collect::<Vec<_>>(), ["a", "c", "d", "e"]);
+        assert_eq!(left.meetings.len(), 2);
+        let all = left.beside(&whole);
+        assert_eq!(
+            agents(&all),
+            [("a", "b", -1.0), ("b", "b", 0.0), ("c", "b", 1.0), ("d", "b", 2.0), ("e", "e", 0.0)]
+        );
+        assert_eq!(agents(&all), agents(&parts.clone().beside(&whole)));
+        // Once whole maps say all of it nothing is left, and while they say nothing all is.
+        let whole = found(&["a", "b", "c", "d", "e"].map(|agent| (agent, "a", 0.0)), &[["a", "b"]]);
+        assert!(lacking(parts.clone(), &whole).agents.is_empty());
+        assert_eq!(lacking(parts.clone(), &Found::default()), parts);
+    }
 }

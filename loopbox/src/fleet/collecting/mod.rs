@@ -326,11 +326,8 @@ impl Collector {
             let round = Round { share, is_taken, is_awaited, company: &self.company, stop: step.stop };
             let (table, sketches) = (&mut self.table, &mut self.parts.sketches);
             let merged = self.whole.merge(&self.merger, &round, table, sketches, &mut self.listeners);
-            if let Ok(true) = merged
-                && !self.whole.is_left
-                && !self.whole.found.agents.is_empty()
-            {
-                self.parts.give_way_to(&self.whole.found, share.is_none());
+            if let Ok(true) = merged {
+                self.parts.give_way_to(&self.whole.found, self.whole.is_left);
             }
             done.push(merged);
         }

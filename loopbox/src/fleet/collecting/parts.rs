@@ -5,7 +5,7 @@ use super::merger::{Looking, Merger, met};
 use super::step::Step;
 use crate::fleet::agents::{Inputs, Maps, NotTaken};
 use crate::fleet::company::Company;
-use crate::fleet::findings::found;
+use crate::fleet::findings::{found, lacking};
 use crate::fleet::remembering::Content;
 use crate::fleet::sketching::{Plan, Sketches};
 use crate::merging::{Input, Merging};
@@ -54,14 +54,16 @@ impl Parts {
         }
     }
 
-    /// What whole maps say stands, once they say it of as much of every map as was looked at here, or `anyway`.
-    pub fn give_way_to(&mut self, whole: &Found, anyway: bool) {
+    /// What whole maps say stands; of what they do not say yet what was found here, while pairs of them `is_left` or they say it
+    /// of less of a map than was looked at here.
+    pub fn give_way_to(&mut self, whole: &Found, is_left: bool) {
         let is_whole = |part: &FoundAgent| {
             let mut whole = whole.agents.iter().filter(|whole| whole.agent == part.agent);
             whole.any(|whole| whole.keyframes >= part.keyframes)
         };
-        if anyway || self.found.agents.iter().all(is_whole) {
-            self.found = Found::default();
+        let found = std::mem::take(&mut self.found);
+        if is_left || !found.agents.iter().all(is_whole) {
+            self.found = lacking(found, whole);
         }
     }
 
@@ -100,7 +102,12 @@ impl Parts {
         match looked {
             Ok(Some((left, merging))) => {
                 self.sketches.judged(&met(&merging, &maps.contents), &left, &*step.store);
-                self.found = found(&maps.inputs, &merging, &maps.whole);
+                // Pairs that were forgotten since they were looked at are not among these.
+                let mut before = std::mem::take(&mut self.found);
+                let there: BTreeSet<String> = step.all.iter().map(|heard| heard.agent.to_string()).collect();
+                before.agents.retain(|agent| there.contains(&agent.agent));
+                before.meetings.retain(|meeting| meeting.agents.iter().all(|agent| there.contains(agent)));
+                self.found = before.beside(&found(&maps.inputs, &merging, &maps.whole));
                 Ok(true)
             }
             nothing => {
