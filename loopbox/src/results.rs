@@ -74,10 +74,19 @@ impl Results {
         if !force {
             earlier::refuse_others(folder, owner)?;
         }
-        results.clear_partial()?;
-        fs::create_dir(results.at(PARTIAL))
-            .with_context(|| format!("{}: the folder cannot be written to\n{HINT}", folder.display()))?;
+        results.make_partial()?;
         Ok(results)
+    }
+
+    /// Forgets what was written since the last [`commit`](Self::commit): an attempt that failed leaves files that are none of
+    /// the next one's, and takes their room.
+    ///
+    /// # Errors
+    /// When the folder cannot be written to.
+    #[cfg(feature = "fleet")]
+    pub fn start_over(&mut self) -> Result<()> {
+        self.files.clear();
+        self.make_partial()
     }
 
     /// The folder.
@@ -200,6 +209,13 @@ impl Results {
     fn remove_unfinished(&self, name: &str) {
         let _ = fs::remove_file(self.at(name).join(MAP));
         let _ = fs::remove_dir(self.at(name));
+    }
+
+    /// An empty folder for what is on its way.
+    fn make_partial(&self) -> Result<()> {
+        self.clear_partial()?;
+        let context = || format!("{}: the folder cannot be written to\n{HINT}", self.folder.display());
+        fs::create_dir(self.at(PARTIAL)).with_context(context)
     }
 
     fn clear_partial(&self) -> Result<()> {

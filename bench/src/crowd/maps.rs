@@ -47,6 +47,13 @@ pub struct CrowdMap {
     pub metres: f64,
 }
 
+/// The files of a map: the map and the true poses, and metres per unit of its keyframes.
+struct Files {
+    map: PathBuf,
+    truth: PathBuf,
+    metres: f64,
+}
+
 /// The map of agent `number` with so many keyframes, made unless it is there.
 ///
 /// # Errors
@@ -58,6 +65,32 @@ pub fn make(
     program: &Program,
     folder: &Path,
 ) -> Result<CrowdMap> {
+    let Files { map: file, truth, metres } = files(number, agents, keyframes, program, folder)?;
+    let (map, truth) = (map::load_map(&file)?.map, read_trajectory(&truth)?);
+    let own = map.keyframes.values().map(|keyframe| (keyframe.timestamp, keyframe.world_from_keyframe));
+    let own = own.collect();
+    // Views take the unit of the map's world, which drifts here; that of the keyframes does not.
+    let mut upright = map.clone();
+    upright.keyframes.values_mut().for_each(|keyframe| keyframe.world_from_keyframe.scale = 1.0);
+    let views = views(&upright, &truth, metres);
+    Ok(CrowdMap { name: name_of(number), file, own, views, metres })
+}
+
+/// The file of the map of agent `number` with so many keyframes, made unless it is there.
+///
+/// # Errors
+/// When files cannot be written or read, or the program fails.
+pub fn file(
+    number: usize,
+    agents: usize,
+    keyframes: usize,
+    program: &Program,
+    folder: &Path,
+) -> Result<PathBuf> {
+    Ok(files(number, agents, keyframes, program, folder)?.map)
+}
+
+fn files(number: usize, agents: usize, keyframes: usize, program: &Program, folder: &Path) -> Result<Files> {
     let home = folder.join(name_of(number));
     let (file, truth) = (home.join("map.mcap"), home.join("truth.txt"));
     let mut random = Random::new(0xc0de + number as u64);
@@ -81,17 +114,11 @@ pub fn make(
         std::fs::copy(recording.join("groundtruth.txt"), &truth).with_context(context)?;
         std::fs::remove_dir_all(&recording).with_context(context)?;
     }
-    let (map, truth) = (map::load_map(&file)?.map, read_trajectory(&truth)?);
-    let own = map.keyframes.values().map(|keyframe| (keyframe.timestamp, keyframe.world_from_keyframe));
-    let own = own.collect();
-    // Views take the unit of the map's world, which drifts here; that of the keyframes does not.
-    let mut upright = map.clone();
-    upright.keyframes.values_mut().for_each(|keyframe| keyframe.world_from_keyframe.scale = 1.0);
-    let views = views(&upright, &truth, metres);
-    Ok(CrowdMap { name: name_of(number), file, own, views, metres })
+    Ok(Files { map: file, truth, metres })
 }
 
-fn name_of(number: usize) -> String {
+/// What an agent is called.
+pub fn name_of(number: usize) -> String {
     format!("agent-{number:03}")
 }
 

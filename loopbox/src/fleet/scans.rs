@@ -110,6 +110,7 @@ impl ScanCollector {
             Some(results) => results,
             none => none.insert(Results::create(&self.folder, &Owner::Merge, self.force)?),
         };
+        results.start_over()?;
         let mut record = LidarMergeRecord::of(inputs, merging);
         write_merged(results, inputs, merging, &mut record)?;
         results.commit()

@@ -140,3 +140,19 @@ fn a_full_disk_is_not_the_fault_of_the_map() {
     assert!(is_of_the_disk(&of_map(std::io::ErrorKind::StorageFull).into()));
     assert!(!is_of_the_disk(&of_map(std::io::ErrorKind::PermissionDenied).into()));
 }
+
+#[cfg(feature = "fleet")]
+#[test]
+fn of_an_attempt_that_failed_nothing_is_among_the_next_results() {
+    let room = tempfile::tempdir().expect("a folder");
+    let mut results = Results::create(room.path(), &Owner::Merge, false).expect("it is free");
+    for name in ["map.mcap", "map-c.mcap"] {
+        fs::write(results.file(name).expect("there is room"), "half of it").expect("there is room");
+    }
+    results.start_over().expect("there is room");
+    fs::write(results.file("map.mcap").expect("there is room"), "all of it").expect("there is room");
+    assert_eq!(results.names(), ["map.mcap"]);
+    results.commit().expect("there is room");
+    assert_eq!(names(room.path()), ["map.mcap"]);
+    assert_eq!(fs::read(room.path().join("map.mcap")).expect("it is there"), b"all of it");
+}

@@ -30,14 +30,14 @@ pub(super) fn maps(plan: &Plan) -> Result<Vec<Told>> {
     let crowd = plan.work.join(format!("crowd-{AGENTS}x{KEYFRAMES}"));
     (0..AGENTS)
         .map(|number| {
-            let made = maps::make(number, AGENTS + 1, KEYFRAMES, &program, &crowd)?;
-            let map = map::load_map(&made.file)?.map;
+            let file = maps::file(number, AGENTS + 1, KEYFRAMES, &program, &crowd)?;
+            let (map, name) = (map::load_map(&file)?.map, maps::name_of(number));
             let about = map.agents.get(&AgentId::default()).context("a map without an agent")?;
             let identity = about.identity.context("an agent without an identity")?;
-            let home = plan.work.join("fleet").join("told").join(&made.name);
+            let home = plan.work.join("fleet").join("told").join(&name);
             if !home.join("fleet.json").is_file() {
                 make_empty(&home)?;
-                keep(&map, Publisher::new(identity, number as u64), &made.name, &home)?;
+                keep(&map, Publisher::new(identity, number as u64), &name, &home)?;
             }
             Ok(Told { agent: identity.to_string(), home })
         })

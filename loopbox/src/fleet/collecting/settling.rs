@@ -72,6 +72,7 @@ pub(super) fn settle(mut job: Job) -> Outcome {
 }
 
 fn write(job: &mut Job, merging: &Merging) -> Result<()> {
+    job.results.start_over()?;
     let names = Names::new(&merging.common);
     let mut record = MergeRecord::new(&job.maps.inputs, merging, &job.params, &names)?;
     write_results(&mut job.results, &job.maps.inputs, merging, &names, &mut record)?;
