@@ -3,10 +3,7 @@
 use super::company::Company;
 use map::Identity;
 use std::collections::BTreeMap;
-use std::time::{Duration, Instant};
-
-/// How long an agent of which anything was heard is expected to get its place at once.
-const EXPECTED: Duration = Duration::from_secs(5);
+use std::time::Instant;
 
 /// Since when agents wait, until when they did. It is looked now and then, so what is there at a look came after the look
 /// before: from that on it is counted.
@@ -62,12 +59,6 @@ impl Waits {
         }
     }
 
-    /// Whether an agent was heard of a short while ago that has no place yet.
-    pub fn is_any_expected(&self, now: Instant) -> bool {
-        let is_new = |wait: &Wait| now.saturating_duration_since(wait.heard) < EXPECTED;
-        self.agents.values().any(|wait| wait.placed.is_none() && is_new(wait))
-    }
-
     /// How long an agent waited that has its place.
     pub fn of(&self, agent: &Identity) -> Waited {
         let Some(wait) = self.agents.get(agent) else { return Waited::default() };
@@ -80,6 +71,7 @@ impl Waits {
 mod tests {
     use super::*;
     use map::Uuid;
+    use std::time::Duration;
 
     #[test]
     fn an_agent_waits_from_the_look_before_it_was_there_until_it_is_told_its_place_first() {
@@ -93,12 +85,9 @@ mod tests {
         waits.look(all.into_iter(), all[..1].iter(), at(3));
         waits.look(all.into_iter(), all[..1].iter(), at(4));
         assert_eq!(waits.of(&agent(1)), Waited::default());
-        // Heard of after the look at 0.
-        assert!(waits.is_any_expected(at(4)) && !waits.is_any_expected(at(5)));
         waits.told(&Company::of_one(&all), at(6));
         waits.told(&Company::of_one(&all), at(9));
         assert_eq!(waits.of(&agent(1)), Waited { heard_s: Some(6.0), parts_s: Some(5.0) });
-        assert!(!waits.is_any_expected(at(4)));
         assert_eq!(waits.of(&agent(2)), Waited { heard_s: Some(6.0), parts_s: None });
         assert_eq!(waits.of(&agent(3)), Waited::default());
     }

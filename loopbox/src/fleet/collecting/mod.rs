@@ -239,7 +239,6 @@ impl Collector {
             is_left: self.whole.is_left,
             may_join: self.whole.may_join,
             may_place: plan.pairs.iter().any(|(names, _)| !self.company.are_one(names)),
-            is_expected: self.waits.is_any_expected(Instant::now()),
         }
     }
 

@@ -48,8 +48,6 @@ pub(super) struct Load {
     pub may_join: bool,
     /// Whether parts of maps may.
     pub may_place: bool,
-    /// Whether an agent came a short while ago that has no place yet: parts of its map are on their way.
-    pub is_expected: bool,
 }
 
 impl Timetable {
@@ -71,10 +69,9 @@ impl Timetable {
     }
 
     /// Whether whole maps may be merged: they and parts in turns, so that neither waits for the other for long; whole maps for
-    /// longer where an agent waits for the place that parts may give it, or will at once, and they give nobody one.
+    /// longer where an agent waits for the place that parts may give it.
     pub fn may_merge(&self, load: Load, now: Instant) -> bool {
-        let is_awaited = load.may_place || load.is_left && load.is_expected;
-        let turn = if is_awaited && !load.may_join { TURN } else { Duration::ZERO };
+        let turn = if load.may_place && !load.may_join { TURN } else { Duration::ZERO };
         since(self.merged.at, now) >= self.pause(load).max(turn)
     }
 
@@ -169,11 +166,6 @@ mod tests {
         let parts = Load { is_over: true, is_left: true, may_place: true, ..Load::default() };
         assert!(!table.may_merge(parts, start + 2999 * MS) && table.may_merge(parts, start + 3 * S));
         assert!(table.may_merge(Load { may_join: true, ..parts }, start));
-        let coming = Load { may_place: false, is_expected: true, ..parts };
-        assert!(!table.may_merge(coming, start + 2999 * MS) && table.may_merge(coming, start + 3 * S));
-        // Only what is left of maps that were looked at waits for who is on its way.
-        assert!(table.may_merge(Load { is_left: false, ..coming }, start + 250 * MS));
-        assert!(table.may_merge(Load { may_join: true, ..coming }, start));
     }
 
     #[test]
