@@ -30,7 +30,7 @@ pub(super) struct Merger {
 pub(super) struct Looking<'a> {
     pub wanted: Option<BTreeMap<[usize; 2], f32>>,
     pub places: BTreeMap<[usize; 2], Places>,
-    pub share: Option<Share>,
+    pub share: Share,
     /// Whether the result is to last.
     pub exactly: bool,
     pub is_awaited: &'a (dyn Fn() -> bool + Sync),
@@ -40,7 +40,7 @@ impl Looking<'_> {
     /// A share of all pairs, of which no places are known, for now, whatever else comes.
     pub fn share(share: Share) -> Self {
         let places = BTreeMap::new();
-        Self { wanted: None, places, share: Some(share), exactly: false, is_awaited: &|| false }
+        Self { wanted: None, places, share, exactly: false, is_awaited: &|| false }
     }
 }
 
@@ -89,7 +89,7 @@ impl Merger {
         company.firsts(&agents).into_iter().enumerate().for_each(|(number, first)| {
             groups.join([first, number]);
         });
-        let go = Go { known: &known, wanted, groups, places, share, is_awaited };
+        let go = Go { known: &known, wanted, groups, places, share: Some(share), is_awaited };
         self.on_pool(|| look(&maps.inputs, &self.vocabulary, &self.params, go, &mut |_| go_on()))
     }
 

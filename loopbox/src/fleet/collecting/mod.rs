@@ -40,13 +40,15 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use step::Step;
 use timetable::{Load, Timetable};
-use whole::{Round, Whole};
+use whole::{Round, Settling, Whole};
 
 /// How much is looked at in a go, of whole maps and of parts.
 const SHARE: Share = Share { pairs: 64, time: Duration::from_millis(500) };
 /// How long maps are taken in before they are merged, and how long it is looked for what to fetch before that is fetched.
 const TAKING: Duration = Duration::from_millis(500);
 const PLANNING: Duration = Duration::from_millis(200);
+/// How long pairs that are left are looked at in the end.
+const ENDING: Duration = Duration::from_secs(10);
 /// The folder of the agents' own maps.
 const AGENTS: &str = "agents";
 
@@ -160,8 +162,8 @@ impl Collector {
         self.whole.maps.done() >= agents && self.whole.is_done() && self.scans.is_done()
     }
 
-    /// Merges and writes what is not yet, in the thread that calls it, once what is on its way is done. What was found, if
-    /// anything was.
+    /// Merges what is not yet, for some seconds at the most, and writes it, in the thread that calls it, once what is on its way is
+    /// done. What was found, if anything was.
     ///
     /// # Errors
     /// When that cannot be done.
@@ -176,8 +178,15 @@ impl Collector {
         let agents = step.all.iter().map(|heard| heard.agent).collect();
         self.take_all(&step, &agents, None)?;
         self.merger.make_haste();
+        // Whoever ends it does not wait for hundreds of pairs: they are looked at when it goes on.
+        let begun = Instant::now();
         self.urge();
-        let merged = self.merge(&step, None, true, &|| false)?;
+        let mut merged = self.merge(&step, Settling::Later, true, &|| false)?;
+        while self.whole.is_left && begun.elapsed() < ENDING {
+            merged = self.merge(&step, Settling::Later, true, &|| false)?.or(merged);
+        }
+        self.urge();
+        merged = self.merge(&step, Settling::Now, true, &|| false)?.or(merged);
         Ok(merged.or_else(|| settled.then(|| self.all_found())))
     }
 
@@ -221,7 +230,7 @@ impl Collector {
         let start = Instant::now();
         let arrivals = step.service.arrivals();
         let is_awaited = || plan.ready.is_some() || plan.is_cut || step.service.arrivals() != arrivals;
-        let found = self.merge(step, Some(SHARE), is_taken, &is_awaited);
+        let found = self.merge(step, Settling::Beside, is_taken, &is_awaited);
         self.table.merged(start, Instant::now());
         // What is not taken in yet may be as it was, and yet none of it was merged as that which is to last.
         self.whole.is_new |= !is_taken;
@@ -311,19 +320,20 @@ impl Collector {
         Ok(true)
     }
 
-    /// Merges the maps of either kind of which something is new, of cameras' a `share` of what is left or all, and writes what
+    /// Merges the maps of either kind of which something is new, of cameras' a share of what is left, and writes what
     /// came of it where it is time. What was found, if anything was that is to be told. Not all of the maps may be `is_taken`
     /// in; it `is_awaited` where something else is more urgent than agents that have their places.
     fn merge(
         &mut self,
         step: &Step,
-        share: Option<Share>,
+        settling: Settling,
         is_taken: bool,
         is_awaited: &(dyn Fn() -> bool + Sync),
     ) -> Result<Option<Found>> {
         let mut done = Vec::new();
         if self.whole.is_new || self.whole.is_left {
-            let round = Round { share, is_taken, is_awaited, company: &self.company, stop: step.stop };
+            let (share, company, stop) = (SHARE, &self.company, step.stop);
+            let round = Round { share, settling, is_taken, is_awaited, company, stop };
             let (table, sketches) = (&mut self.table, &mut self.parts.sketches);
             let merged = self.whole.merge(&self.merger, &round, table, sketches, &mut self.listeners);
             if let Ok(true) = merged {

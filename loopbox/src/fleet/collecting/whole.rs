@@ -53,8 +53,9 @@ struct States {
 
 /// How whole maps are merged this time.
 pub(super) struct Round<'a> {
-    /// How much is looked at; all of it, and what comes of it in the thread that calls, where nothing is said.
-    pub share: Option<Share>,
+    /// How much is looked at.
+    pub share: Share,
+    pub settling: Settling,
     /// Whether all that is here of the maps is taken in.
     pub is_taken: bool,
     /// Whether something is more urgent than agents that have their places.
@@ -62,6 +63,17 @@ pub(super) struct Round<'a> {
     /// Who hangs together by all that was found.
     pub company: &'a Company,
     pub stop: &'a Stop,
+}
+
+/// Where what the pairs made of each other is settled.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Settling {
+    /// In a thread beside, when it is due.
+    Beside,
+    /// In the thread that calls, now.
+    Now,
+    /// Later.
+    Later,
 }
 
 impl Whole {
@@ -149,11 +161,11 @@ impl Whole {
         (self.is_left, self.may_join) = (!looked.left.is_empty(), looked.may_join);
         let at_rest = exactly && !self.is_left;
         let now = Instant::now();
-        let writes = self.states.written != self.states.now
-            && (share.is_none() || at_rest || table.may_write(self.is_left, now));
-        let settles = self.states.settled != self.states.now
-            && (share.is_none() || at_rest || table.may_settle(self.is_left, now));
-        let settles = (settles || writes) && self.settler.is_idle();
+        let is_due = at_rest || round.settling == Settling::Now;
+        let writes = self.states.written != self.states.now && (is_due || table.may_write(self.is_left, now));
+        let settles =
+            self.states.settled != self.states.now && (is_due || table.may_settle(self.is_left, now));
+        let settles = (settles || writes) && self.settler.is_idle() && round.settling != Settling::Later;
         let is_told = !looked.is_news && self.told_of == *contents && !table.may_tell(now);
         if self.is_left && is_told && !settles {
             return Ok(false);
@@ -167,7 +179,7 @@ impl Whole {
         let Some(results) = self.results.take_if(|_| settles) else { return Ok(true) };
         let (revision, params) = (self.states.now, merger.params.clone());
         let job = Job { revision, maps, encounters: merging.encounters, params, results, writes };
-        if share.is_some() {
+        if round.settling == Settling::Beside {
             self.settler.start(move || settle(job)).map_err(Failed::Write)?;
         } else {
             let outcome = merger.on_pool(|| settle(job));
