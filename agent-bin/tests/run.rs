@@ -155,6 +155,23 @@ fn bad_folders_and_calibrations_are_said() {
     assert_refused(&["run", arg(folder.path()), "--out", arg(&file)], &["file", "--out"]);
 }
 
+/// Halving loses the last column and row of such images: the mask is still that of the whole ones.
+#[test]
+fn a_mask_is_of_the_images_before_they_are_halved() {
+    let (folder, out) = (tempdir().unwrap(), tempdir().unwrap());
+    let (width, height) = (2 * WIDTH + 1, 2 * HEIGHT + 1);
+    timed_folder(folder.path(), 3);
+    let camera = CAMERA.replace("width: 96", &format!("width: {width}"));
+    write(folder.path().join("camera.yaml"), camera.replace("height: 64", &format!("height: {height}")));
+    let large = image::imageops::resize(&picture(0), width, height, image::imageops::FilterType::Triangle);
+    (0..3).for_each(|i| large.save(folder.path().join(format!("images/{i:06}.png"))).unwrap());
+    let mask = folder.path().join("mask.png");
+    image::GrayImage::from_pixel(width, height, image::Luma([255])).save(&mask).unwrap();
+    let args =
+        ["run", arg(folder.path()), "--out", arg(out.path()), "--max-width", "100", "--mask", arg(&mask)];
+    assert_refused(&args, &["did not move"]);
+}
+
 #[test]
 fn what_a_mask_covers_is_left_out_and_said() {
     let out = tempdir().unwrap();

@@ -100,6 +100,8 @@ pub struct ImageCorrection {
     lens: Camera,
     /// Where the calibration came from, for people.
     origin: String,
+    /// What of the camera's images is not to be used.
+    drawn_mask: Option<DrawnMask>,
     /// Pixels of the corrected images that are not to be used.
     unused: Option<Image<bool>>,
 }
@@ -123,6 +125,11 @@ impl ImageCorrection {
     /// Where the calibration came from, for people.
     pub fn origin(&self) -> &str {
         &self.origin
+    }
+
+    /// What of the camera's images, before they are halved, is not to be used, where somebody has said so.
+    pub fn drawn_mask(&self) -> Option<&DrawnMask> {
+        self.drawn_mask.as_ref()
     }
 
     /// Which pixels of the corrected images are not to be used, where somebody has said so.
@@ -205,11 +212,12 @@ pub fn correction(options: &CameraOptions, info: &SourceInfo) -> Result<ImageCor
         other => other,
     };
     let undistorter = Undistorter::new(&lens, crop).with_context(|| origin.clone())?;
-    let mask = options.drawn_mask((camera.intrinsics().width, camera.intrinsics().height))?;
-    let unused = mask.map(|mask| mask.undistorted(times, &undistorter)).transpose()?;
+    let drawn_mask = options.drawn_mask((camera.intrinsics().width, camera.intrinsics().height))?;
+    let unused = drawn_mask.as_ref().map(|mask| mask.undistorted(times, &undistorter)).transpose()?;
     Ok(ImageCorrection {
         photometric: CalibrationFiles::gather_photometric(options, info)?.photometric()?,
         undistorter,
+        drawn_mask,
         unused,
         calibrated: camera,
         halvings: times,

@@ -279,16 +279,14 @@ impl PreparedRun {
         }
         let (lens, halvings) = (*correction.lens(), correction.halvings());
         let unused = correction.unused().cloned();
+        let first_part = options.recording.map(|recording| {
+            let mask = correction.drawn_mask().cloned();
+            FirstPart { recording, halvings, mask, params: params.clone(), stop: stop.clone() }
+        });
         let preparation = Preparation::new(correction, options.start, options.end);
         let ahead = Ahead::start(source, preparation, options.pace, recorder.clone())?;
         let mut watch = watched(&about, info.frame_count, RecordButton::new(&recorder, head, &options.out))?;
         let form = Form { format: options.trajectory, max_variance: options.max_variance };
-        let whole = (lens.intrinsics().width << halvings, lens.intrinsics().height << halvings);
-        let first_part = options.recording.map(|recording| -> Result<FirstPart> {
-            let (mask, params, stop) = (options.camera.drawn_mask(whole)?, params.clone(), stop.clone());
-            Ok(FirstPart { recording, halvings, mask, params, stop })
-        });
-        let first_part = first_part.transpose()?;
         let lens = options.lens.is_none().then_some(GivenLens { lens, halvings, first_part });
         let (features, unattended) = (options.features, options.unattended);
         let source = info;
