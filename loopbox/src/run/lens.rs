@@ -307,7 +307,10 @@ fn map_with(
     };
     let mut newest = f64::NEG_INFINITY;
     for (index, image, timestamp) in images(source).take(MAX_FRAMES) {
-        if timestamp <= newest || stop.requested() {
+        if stop.requested() {
+            break;
+        }
+        if timestamp <= newest {
             continue;
         }
         newest = timestamp;

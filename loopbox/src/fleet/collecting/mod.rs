@@ -332,8 +332,8 @@ impl Collector {
     ) -> Result<Option<Found>> {
         let mut done = Vec::new();
         if self.whole.is_new || self.whole.is_left {
-            let (share, company, stop) = (SHARE, &self.company, step.stop);
-            let round = Round { share, settling, is_taken, is_awaited, company, stop };
+            let (company, stop) = (&self.company, step.stop);
+            let round = Round { settling, is_taken, is_awaited, company, stop };
             let (table, sketches) = (&mut self.table, &mut self.parts.sketches);
             let merged = self.whole.merge(&self.merger, &round, table, sketches, &mut self.listeners);
             if let Ok(true) = merged {

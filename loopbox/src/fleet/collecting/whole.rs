@@ -1,17 +1,16 @@
 //! Maps of cameras of which all is fetched: merged as far as it is here, and settled beside that.
 
-use super::Failed;
 use super::merger::{Looking, Merger, met};
 use super::settling::{Job, Outcome, settle};
 use super::timetable::Timetable;
 use super::worker::Worker;
+use super::{Failed, SHARE};
 use crate::fleet::agents::Maps;
 use crate::fleet::company::Company;
 use crate::fleet::findings::found;
 use crate::fleet::listening::CommonListener;
 use crate::fleet::remembering::Content;
 use crate::fleet::sketching::Sketches;
-use crate::merging::Share;
 use crate::results::Results;
 use anyhow::Result;
 use fleet::findings::Found;
@@ -53,8 +52,6 @@ struct States {
 
 /// How whole maps are merged this time.
 pub(super) struct Round<'a> {
-    /// How much is looked at.
-    pub share: Share,
     pub settling: Settling,
     /// Whether all that is here of the maps is taken in.
     pub is_taken: bool,
@@ -126,22 +123,6 @@ impl Whole {
         listeners: &mut [Box<dyn CommonListener>],
     ) -> Result<bool, Failed> {
         (self.is_new, self.is_left) = (false, false);
-        let merged = self.merge_now(merger, round, table, sketches, listeners);
-        if let Err(Failed::Merge(_)) = &merged {
-            // It is not tried again before something changes.
-            self.states.settled = self.states.now;
-        }
-        merged
-    }
-
-    fn merge_now(
-        &mut self,
-        merger: &Merger,
-        round: &Round,
-        table: &mut Timetable,
-        sketches: &mut Sketches,
-        listeners: &mut [Box<dyn CommonListener>],
-    ) -> Result<bool, Failed> {
         let maps = self.maps.of_cameras();
         let contents = &maps.contents;
         if maps.inputs.is_empty() {
@@ -150,10 +131,10 @@ impl Whole {
         }
         let exactly = round.is_taken && self.maps.at_rest(SensorKind::Camera);
         let places = self.maps.memory.take_places(contents);
-        let (share, is_awaited) = (round.share, round.is_awaited);
-        let looking = Looking { wanted: None, places, share, exactly, is_awaited };
+        let is_awaited = round.is_awaited;
+        let looking = Looking { wanted: None, places, share: SHARE, exactly, is_awaited };
         let looked = merger.look(&maps, &self.maps.memory, round.company, looking, round.stop);
-        let mut looked = looked.map_err(Failed::Merge)?;
+        let mut looked = looked.map_err(|error| self.not_merged(error))?;
         self.maps.memory.keep(contents, looked.now());
         self.maps.memory.keep_places(contents, std::mem::take(&mut looked.places));
         let is_changed = looked.now().next().is_some() || self.told_of != *contents;
@@ -171,7 +152,8 @@ impl Whole {
             return Ok(false);
         }
         let undone = self.undone_of(contents);
-        let merging = merger.placed(&maps, looked.encounters, &undone).map_err(Failed::Merge)?;
+        let merging = merger.placed(&maps, looked.encounters, &undone);
+        let merging = merging.map_err(|error| self.not_merged(error))?;
         table.told(Instant::now());
         self.told_of.clone_from(contents);
         self.found = found(&maps.inputs, &merging, &maps.whole);
@@ -186,6 +168,12 @@ impl Whole {
             self.adopt(outcome, table, listeners)?;
         }
         Ok(true)
+    }
+
+    /// The maps cannot be merged, which is not tried again before something changes.
+    fn not_merged(&mut self, error: anyhow::Error) -> Failed {
+        self.states.settled = self.states.now;
+        Failed::Merge(error)
     }
 
     /// Takes what was settled, once that is done, or waits for it where that is asked for; whether anything is to be told.
