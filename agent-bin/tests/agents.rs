@@ -29,6 +29,7 @@ fn small_map(name: &str, width: usize) -> Map {
             .into(),
             points: Vec::new(),
             features: None,
+            words: None,
         };
         map.keyframes.insert(id, keyframe);
         map.frames.push(FramePose {

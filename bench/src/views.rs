@@ -140,6 +140,7 @@ mod tests {
             .into(),
             points: Vec::new(),
             features: None,
+            words: None,
         };
         View::new(&keyframe, &CAMERA, Se3::new(UnitQuaternion::identity(), Vector3::new(x, 0.0, 0.0)), 4.0)
     }

@@ -79,6 +79,7 @@ fn grow(map: &mut Map, i: u32, numbers: &mut Random) {
         semi_dense: semi_dense.into(),
         points,
         features: Some((0..3000).map(|k| (k * 7 + i) as u8).collect()),
+        words: None,
     };
     map.keyframes.insert(id, keyframe);
     map.frames.extend((0..10).map(|k| FramePose {

@@ -36,6 +36,8 @@ pub struct Keyframe {
     pub points: Vec<Point>,
     /// The local features of the image, as the crate `features` encodes them; `None` while nobody looked for them.
     pub features: Option<Arc<[u8]>>,
+    /// The words of these features, as the crate `place-recog` writes them; `None` while nobody looked them up.
+    pub words: Option<Arc<[u8]>>,
 }
 
 impl Keyframe {
@@ -58,6 +60,7 @@ impl Keyframe {
             semi_dense: SemiDense::default().into(),
             points: Vec::new(),
             features: None,
+            words: None,
         }
     }
 

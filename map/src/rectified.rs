@@ -125,6 +125,7 @@ pub fn rectified(keyframe: &Keyframe, sensor: &Sensor, motion: &Twist) -> Option
         scan: None,
         points,
         features: None,
+        words: None,
         ..*keyframe
     };
     Some(Rectified { keyframe, rectification })

@@ -45,7 +45,8 @@ impl Map {
     }
 
     /// Every agent's own map, in order of the agents: bit by bit what was united, as long as only poses
-    /// of keyframes were changed and edges and observations between agents were added since.
+    /// of keyframes were changed and edges and observations between agents were added since. The words of features, by
+    /// which a common map is searched, are left out.
     ///
     /// A map that is not united is its agent's own.
     pub fn split(&self) -> Vec<Map> {
@@ -60,7 +61,7 @@ impl Map {
         let rename = |id: KeyframeId| KeyframeId(id.0 - first);
         let keyframe = |(id, keyframe): (&KeyframeId, &Keyframe)| {
             let pose = own.and_then(|own| own.world_from_keyframe.get(id));
-            let mut keyframe = keyframe.clone();
+            let mut keyframe = Keyframe { words: None, ..keyframe.clone() };
             keyframe.world_from_keyframe = pose.copied().unwrap_or(keyframe.world_from_keyframe);
             keyframe.points.iter_mut().for_each(|p| p.observations.retain(|o| is_own(o.keyframe)));
             (rename(*id), renamed(keyframe, AgentId::default(), rename))

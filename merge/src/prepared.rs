@@ -8,6 +8,7 @@ use geometry::sensor::Rectification;
 use geometry::{Pinhole, Pyramid, Sim3};
 use map::{AgentId, Keyframe, KeyframeId, Map, SemiDense, rectified_depths};
 use nalgebra::Vector3;
+use place_recog::KeyframeFeatures;
 use place_recog::features::Features;
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -19,7 +20,7 @@ const LEVELS: usize = 5;
 /// A map with the features of its keyframes.
 pub struct PreparedMap<'a> {
     map: &'a Map,
-    features: &'a BTreeMap<KeyframeId, Features>,
+    features: &'a KeyframeFeatures,
     params: &'a KeyPointParams,
     /// The keyframes in order of time.
     order: Vec<KeyframeId>,
@@ -52,13 +53,8 @@ pub struct PreparedKeyframe<'a> {
 impl<'a> PreparedMap<'a> {
     /// Takes the keyframes of `map` that have features and depth. The latest ones of an agent that is under way have no
     /// depth yet: nothing could tell their scale.
-    pub fn new(
-        map: &'a Map,
-        features: &'a BTreeMap<KeyframeId, Features>,
-        params: &'a KeyPointParams,
-    ) -> Self {
-        let usable =
-            |keyframe: &&Keyframe| features.contains_key(&keyframe.id) && !keyframe.semi_dense.is_empty();
+    pub fn new(map: &'a Map, features: &'a KeyframeFeatures, params: &'a KeyPointParams) -> Self {
+        let usable = |keyframe: &&Keyframe| features.contains(keyframe.id) && !keyframe.semi_dense.is_empty();
         let mut order: Vec<KeyframeId> =
             map.keyframes.values().filter(usable).map(|keyframe| keyframe.id).collect();
         order
@@ -89,7 +85,7 @@ impl<'a> PreparedMap<'a> {
     pub fn get(&self, id: KeyframeId) -> Option<&PreparedKeyframe<'a>> {
         let slot = self.keyframes.get(&id)?;
         let keyframe = self.map.keyframes.get(&id)?;
-        let features = self.features.get(&id)?;
+        let features = self.features.get(id)?;
         Some(slot.get_or_init(|| PreparedKeyframe::new(keyframe, self.map, features, self.params)))
     }
 

@@ -7,16 +7,12 @@
 //! opposite directions, the best place is 25th and 30th by words, and first in both by the features they share.
 
 use crate::features::{Features, squared_distance};
-use crate::{Proposal, Vocabulary, WordBag, WordId};
+use crate::{FeatureWords, KeyframeFeatures, Proposal, Vocabulary, WordBag, WordId};
 use map::KeyframeId;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::cmp::Ordering;
 use std::collections::BTreeMap;
-
-/// Levels of the nodes below the root. One less than the words of the shipped vocabulary: with one more, too many
-/// matches are missed from another view; with one less, counting takes four times as long.
-const LEVEL: usize = 3;
 
 /// How proposals are ranked.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -44,19 +40,18 @@ impl Default for RankParams {
 pub struct DirectIndex(Vec<(u32, u32)>);
 
 impl DirectIndex {
-    /// Sorts the features of an image under the nodes of a vocabulary.
-    pub fn new(features: &Features, vocabulary: &Vocabulary) -> Self {
-        Self::with_words(features, vocabulary).0
+    /// Sorts the features of an image, whose words these are, under the nodes of the vocabulary.
+    pub fn new(words: &FeatureWords, vocabulary: &Vocabulary) -> Self {
+        let node = |(&word, i): (&WordId, u32)| (vocabulary.node(word), i);
+        let mut entries: Vec<(u32, u32)> = words.words().iter().zip(0..).map(node).collect();
+        entries.sort_unstable();
+        Self(entries)
     }
 
-    /// The same with the words of the image, from one way down the tree.
+    /// The same for features that are looked up now, with the words of the image.
     pub fn with_words(features: &Features, vocabulary: &Vocabulary) -> (Self, WordBag) {
-        let descriptors = features.descriptors.iter();
-        let found: Vec<(u32, WordId)> =
-            descriptors.map(|descriptor| vocabulary.node_and_word(descriptor, LEVEL)).collect();
-        let mut entries: Vec<(u32, u32)> = found.iter().zip(0..).map(|(&(node, _), i)| (node, i)).collect();
-        entries.sort_unstable();
-        (Self(entries), WordBag::new(found.into_iter().map(|(_, word)| word)))
+        let words = FeatureWords::of(features, vocabulary);
+        (Self::new(&words, vocabulary), words.bag())
     }
 
     fn by_node(&self) -> Vec<&[(u32, u32)]> {
@@ -64,28 +59,20 @@ impl DirectIndex {
     }
 }
 
-/// Words and direct index of every keyframe.
-pub fn words(
-    features: &BTreeMap<KeyframeId, Features>,
-    vocabulary: &Vocabulary,
-) -> (BTreeMap<KeyframeId, WordBag>, BTreeMap<KeyframeId, DirectIndex>) {
-    let found: Vec<_> =
-        features.par_iter().map(|(&id, f)| (id, DirectIndex::with_words(f, vocabulary))).collect();
-    found.into_iter().map(|(id, (index, bag))| ((id, bag), (id, index))).unzip()
-}
-
 /// Keyframes of a map as the direct index needs them.
 #[derive(Clone, Copy)]
 pub struct Directed<'a> {
     /// Their features.
-    pub features: &'a BTreeMap<KeyframeId, Features>,
-    /// Made of their features.
+    pub features: &'a KeyframeFeatures,
+    /// Made of their features; one of others finds nothing.
     pub index: &'a BTreeMap<KeyframeId, DirectIndex>,
 }
 
 impl<'a> Directed<'a> {
     fn get(&self, id: KeyframeId) -> Option<(&'a DirectIndex, &'a Features)> {
-        Some((self.index.get(&id)?, self.features.get(&id)?))
+        let (index, features) = (self.index.get(&id)?, self.features.get(id)?);
+        // Words and features may come from a file that says something else of each.
+        (index.0.len() == features.len()).then_some((index, features))
     }
 }
 
@@ -189,7 +176,7 @@ mod tests {
 
     fn count(a: &Features, b: &Features) -> usize {
         let vocabulary = Vocabulary::shipped();
-        let of = |features: &Features| DirectIndex::new(features, &vocabulary);
+        let of = |features: &Features| DirectIndex::with_words(features, &vocabulary).0;
         shared_features((&of(a), a), (&of(b), b), &RankParams::default())
     }
 
@@ -213,12 +200,13 @@ mod tests {
     #[test]
     fn what_shares_most_comes_first_and_what_is_not_considered_stays() {
         let images: Vec<Features> = (0..4).map(|seed| image(seed, 100)).collect();
-        let queries: BTreeMap<_, _> =
+        let queries: KeyframeFeatures =
             (0..4).map(|i| (KeyframeId(i), another_view(&images[i as usize]))).collect();
-        let map: BTreeMap<_, _> = (0..4).map(|i| (KeyframeId(i), images[i as usize].clone())).collect();
+        let map: KeyframeFeatures = (0..4).map(|i| (KeyframeId(i), images[i as usize].clone())).collect();
         let vocabulary = Vocabulary::shipped();
-        let index = |all: &BTreeMap<KeyframeId, Features>| -> BTreeMap<_, _> {
-            all.iter().map(|(&id, features)| (id, DirectIndex::new(features, &vocabulary))).collect()
+        let index = |all: &KeyframeFeatures| -> BTreeMap<_, _> {
+            let index = |id| (id, DirectIndex::with_words(all.get(id).unwrap(), &vocabulary).0);
+            all.keyframes().map(index).collect()
         };
         let (of_map, of_queries) = (index(&map), index(&queries));
         let proposals: Vec<Proposal> = [(0, 1), (1, 2), (2, 2), (3, 9), (3, 3)]

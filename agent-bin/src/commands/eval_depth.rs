@@ -203,6 +203,7 @@ mod tests {
             .into(),
             points: Vec::new(),
             features: None,
+            words: None,
         }
     }
 

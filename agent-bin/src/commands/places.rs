@@ -7,10 +7,9 @@ use anyhow::{Result, bail};
 use clap::Args;
 use loopbox::merging::features_of_keyframes;
 use map::{KeyframeId, Map, PlaceIndex};
-use place_recog::features::Features;
 use place_recog::{
-    DirectIndex, Directed, FabMap, FabMapParams, Proposal, ProposeParams, RankParams, Vocabulary, WordBag,
-    propose, ranked, words,
+    DirectIndex, Directed, FabMap, FabMapParams, FeatureWords, KeyframeFeatures, Proposal, ProposeParams,
+    RankParams, Vocabulary, WordBag, propose, ranked,
 };
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -56,7 +55,7 @@ struct Pair {
 struct Words {
     times: BTreeMap<KeyframeId, f64>,
     bags: BTreeMap<KeyframeId, WordBag>,
-    features: BTreeMap<KeyframeId, Features>,
+    features: KeyframeFeatures,
     direct: BTreeMap<KeyframeId, DirectIndex>,
 }
 
@@ -64,8 +63,11 @@ impl Words {
     fn of(map: &Map, vocabulary: &Vocabulary) -> Result<Self> {
         let times = map.keyframes.iter().map(|(&id, keyframe)| (id, keyframe.timestamp)).collect();
         let ids = map.keyframes.keys().copied();
-        let features: BTreeMap<KeyframeId, Features> = ids.zip(features_of_keyframes(map)?).collect();
-        let (bags, direct) = words(&features, vocabulary);
+        let features: KeyframeFeatures = ids.zip(features_of_keyframes(map)?).collect();
+        let words = |id| Some((id, FeatureWords::of(features.get(id)?, vocabulary)));
+        let words: Vec<_> = features.keyframes().filter_map(words).collect();
+        let direct = words.iter().map(|(id, words)| (*id, DirectIndex::new(words, vocabulary))).collect();
+        let bags = words.iter().map(|(id, words)| (*id, words.bag())).collect();
         Ok(Self { times, bags, features, direct })
     }
 

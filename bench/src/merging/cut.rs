@@ -114,6 +114,7 @@ mod tests {
                 .into(),
                 points: vec![point],
                 features: None,
+                words: None,
             };
             map.keyframes.insert(id, keyframe);
             for frame_index in [u64::from(id.0), u64::from(id.0) + 1] {

@@ -51,6 +51,7 @@ fn small_map() -> Map {
                     observations: Vec::new(),
                 }],
                 features: None,
+                words: None,
             },
         );
         map.frames.push(FramePose {

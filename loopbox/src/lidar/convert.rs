@@ -28,6 +28,7 @@ pub(super) fn to_keyframe(index: usize, frame_index: u64, keyframe: &keyframe::K
         semi_dense: Default::default(),
         points: Vec::new(),
         features: None,
+        words: None,
     }
 }
 

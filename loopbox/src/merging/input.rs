@@ -7,7 +7,7 @@ use anyhow::{Context, Result, bail};
 use features::{Features, SiftParams, codec, sift};
 use geometry::Swap;
 use map::{Keyframe, KeyframeId, Map};
-use place_recog::{DirectIndex, Directed, Vocabulary, WordBag, words};
+use place_recog::{DirectIndex, Directed, FeatureWords, KeyframeFeatures, Vocabulary, WordBag};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -24,7 +24,7 @@ pub struct Input {
     /// The map.
     pub map: Arc<Map>,
     /// The features of its keyframes that have depth.
-    pub features: Arc<BTreeMap<KeyframeId, Features>>,
+    pub features: Arc<KeyframeFeatures>,
     /// Of how many keyframes they were found now; those of the others were in the map.
     pub found: usize,
     /// Their words.
@@ -68,11 +68,13 @@ impl Input {
     /// When it holds nothing that could be merged, with the map.
     pub fn of(mut map: Map, path: &Path, vocabulary: &Vocabulary) -> Result<Self, Refused> {
         let start = Instant::now();
-        let (features, found) = match features_of(&mut map, path) {
-            Ok(features) => features,
-            Err(why) => return Err(Refused { map: Box::new(map), why }),
-        };
-        let (words, direct) = words(&features, vocabulary);
+        if let Err(why) = can_be_merged(&map, path) {
+            return Err(Refused { map: Box::new(map), why });
+        }
+        let Described { features, words, found } = Described::of(&mut map, vocabulary);
+        let index = |(id, words): (&KeyframeId, &FeatureWords)| (*id, DirectIndex::new(words, vocabulary));
+        let direct: BTreeMap<_, _> = words.iter().map(index).collect();
+        let words: BTreeMap<_, _> = words.iter().map(|(id, words)| (*id, words.bag())).collect();
         let name = name_of(&map);
         let seconds = InputSeconds { reading: 0.0, features: start.elapsed().as_secs_f64() };
         let (path, warnings) = (path.to_owned(), Vec::new());
@@ -123,33 +125,75 @@ fn decoded(keyframe: &Keyframe) -> Option<Features> {
     codec::decode(keyframe.features.as_deref()?).ok()
 }
 
-/// The features of a map's keyframes with depth: those kept in it, and where it has none, or none that can be read, those
-/// found now, which it keeps from now on. Says of how many keyframes they were found.
-fn kept_features(map: &mut Map) -> (BTreeMap<KeyframeId, Features>, usize) {
-    let mut features: BTreeMap<KeyframeId, Features> = map
-        .keyframes
-        .par_iter_mut()
-        .filter(|(_, keyframe)| !keyframe.semi_dense.is_empty())
-        .filter_map(|(id, keyframe)| {
-            let features = decoded(keyframe);
-            if features.is_none() {
-                keyframe.features = None;
-            }
-            Some((*id, features?))
-        })
-        .collect();
-    let found = find_features(map);
-    if found > 0 {
-        // As they come back from the map, so that it makes no difference when they were found.
-        let lacking = map.keyframes.par_iter().filter(|(id, _)| !features.contains_key(id));
-        let late: Vec<_> = lacking.filter_map(|(id, keyframe)| Some((*id, decoded(keyframe)?))).collect();
-        features.extend(late);
-    }
-    (features, found)
+/// What a map's keyframes with depth look like. Keyframes without could be recognised, but nothing could come of it.
+#[derive(Default)]
+struct Described {
+    features: KeyframeFeatures,
+    words: BTreeMap<KeyframeId, FeatureWords>,
+    /// Of how many keyframes the features were found now.
+    found: usize,
 }
 
-/// The features of a map's keyframes with depth, and of how many they were found.
-fn features_of(map: &mut Map, path: &Path) -> Result<(BTreeMap<KeyframeId, Features>, usize)> {
+impl Described {
+    /// Features and words that are kept in the map; where it has none, or none that can be read, those found now, which it
+    /// keeps from now on.
+    fn of(map: &mut Map, vocabulary: &Vocabulary) -> Self {
+        let mut all = Self::default();
+        all.take_in(map, vocabulary);
+        all.found = find_features(map);
+        if all.found > 0 {
+            // As they come back from the map, so that it makes no difference when they were found.
+            all.take_in(map, vocabulary);
+        }
+        all
+    }
+
+    /// Takes in the keyframes that are not here and have features.
+    fn take_in(&mut self, map: &mut Map, vocabulary: &Vocabulary) {
+        let lacks = |(id, keyframe): &(&KeyframeId, &mut Keyframe)| {
+            !keyframe.semi_dense.is_empty() && !self.features.contains(**id)
+        };
+        let looked_up: Vec<_> = map
+            .keyframes
+            .par_iter_mut()
+            .filter(lacks)
+            .filter_map(|(id, keyframe)| Some((*id, look_up(keyframe, vocabulary)?)))
+            .collect();
+        for (id, LookedUp { words, features }) in looked_up {
+            match features {
+                Ok(features) => self.features.insert(id, features),
+                Err(stored) => self.features.insert_stored(id, stored),
+            }
+            self.words.insert(id, words);
+        }
+    }
+}
+
+/// A keyframe's features with their words.
+struct LookedUp {
+    words: FeatureWords,
+    /// As they are stored, where nobody had to read them.
+    features: Result<Features, Arc<[u8]>>,
+}
+
+/// The words of the features that are kept with a keyframe, kept with them or looked up now; nothing where there are no
+/// features, or none that can be read, which are forgotten.
+fn look_up(keyframe: &mut Keyframe, vocabulary: &Vocabulary) -> Option<LookedUp> {
+    let kept = keyframe.words.as_deref().and_then(|words| FeatureWords::from_bytes(words, vocabulary));
+    if let Some((words, stored)) = kept.zip(keyframe.features.clone()) {
+        return Some(LookedUp { words, features: Err(stored) });
+    }
+    let Some(features) = decoded(keyframe) else {
+        (keyframe.features, keyframe.words) = (None, None);
+        return None;
+    };
+    let words = FeatureWords::of(&features, vocabulary);
+    keyframe.words = Some(words.to_bytes(vocabulary).into());
+    Some(LookedUp { words, features: Ok(features) })
+}
+
+/// Whether a map can be merged with cameras' maps.
+fn can_be_merged(map: &Map, path: &Path) -> Result<()> {
     map.of_cameras().with_context(|| format!("{}: cannot be merged with cameras' maps", path.display()))?;
     if map.keyframes.is_empty() {
         bail!("{}: the map has no keyframes: there is nothing to merge", path.display());
@@ -161,6 +205,67 @@ fn features_of(map: &mut Map, path: &Path) -> Result<(BTreeMap<KeyframeId, Featu
             path.display()
         );
     }
-    // Keyframes without depth could be recognised, but nothing could come of it.
-    Ok(kept_features(map))
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use geometry::{GrayImage, Pinhole, Sim3};
+    use loopbox_tests::Texture;
+    use map::{AgentInfo, SemiDense};
+
+    /// Two keyframes that show parts of a texture, with depth.
+    fn map() -> Map {
+        let camera = Pinhole { width: 160, height: 120, fx: 100.0, fy: 100.0, cx: 79.5, cy: 59.5 };
+        let mut map = Map::new(camera);
+        map.agents.values_mut().for_each(|agent: &mut AgentInfo| agent.name = "one".into());
+        let texture = Texture::procedural(3);
+        for i in 0..2 {
+            let pixel = |p: usize| texture.sample((p % 160 + 40 * i) as f32, (p / 160) as f32, 1.0) as u8;
+            let image = GrayImage::from_vec(160, 120, (0..160 * 120).map(pixel).collect()).unwrap();
+            let id = KeyframeId(i as u32);
+            let mut keyframe = Keyframe::of_image(id, i as f64, i as u64, Sim3::identity(), image.into());
+            let depth = SemiDense {
+                pixel: vec![500].into(),
+                inverse_depth: vec![1.0].into(),
+                variance: vec![0.1].into(),
+            };
+            keyframe.semi_dense = depth.into();
+            map.keyframes.insert(id, keyframe);
+        }
+        map
+    }
+
+    fn input(map: Map) -> Input {
+        Input::of(map, Path::new("map.mcap"), &Vocabulary::shipped())
+            .unwrap_or_else(|e| panic!("{:#}", e.why))
+    }
+
+    #[test]
+    fn what_was_looked_up_stays_with_the_map_and_comes_to_the_same() {
+        let first = input(map());
+        assert_eq!(first.found, 2);
+        assert!(first.map.keyframes.values().all(|keyframe| keyframe.words.is_some()));
+        let mut without = (*first.map).clone();
+        without.keyframes.values_mut().for_each(|keyframe| keyframe.words = None);
+        let mut damaged = (*first.map).clone();
+        damaged.keyframes.values_mut().for_each(|keyframe| keyframe.words = Some(vec![1, 2, 3].into()));
+        for again in [(*first.map).clone(), without, damaged].map(input) {
+            assert_eq!((again.found, &again.words, &again.direct), (0, &first.words, &first.direct));
+            assert_eq!(again.map, first.map);
+            assert!(again.features.keyframes().all(|id| again.features.get(id) == first.features.get(id)));
+        }
+    }
+
+    #[test]
+    fn features_that_cannot_be_read_are_found_anew() {
+        let first = input(map());
+        let mut damaged = (*first.map).clone();
+        for keyframe in damaged.keyframes.values_mut() {
+            (keyframe.features, keyframe.words) = (Some(vec![77].into()), None);
+        }
+        let again = input(damaged);
+        assert_eq!((again.found, &again.map), (2, &first.map));
+    }
 }

@@ -150,9 +150,10 @@ impl Merging {
             let of = |agent: AgentId, addresses: &Addresses| addresses.agents().any(|own| own == agent);
             of(one, a) && of(other, b) || of(one, b) && of(other, a)
         };
-        let stands = self.common.merged().into_iter().any(between);
-        let taken = self.taken_back.iter().find(|taken| between(taken.agents));
-        taken.filter(|_| !stands).map(|taken| &*taken.why)
+        // Few merges are taken back, and links are many.
+        let taken = self.taken_back.iter().find(|taken| between(taken.agents))?;
+        let stands = self.common.links().iter().any(|link| between(link.agents()));
+        (!stands).then_some(&*taken.why)
     }
 
     /// By how much the unit of the input given second differs from that of the first in the common map: the scale that

@@ -91,6 +91,7 @@ pub(super) fn keyframe_from_message(
         semi_dense: semi_dense.into(),
         points,
         features: None,
+        words: None,
     };
     Ok((keyframe, own_pose))
 }

@@ -59,6 +59,9 @@ pub(super) struct FeaturesMessage {
     /// As the crate `features` encodes them.
     #[prost(bytes = "vec", tag = "2")]
     pub data: Vec<u8>,
+    /// As the crate `place-recog` writes them; empty where nobody looked them up.
+    #[prost(bytes = "vec", tag = "3")]
+    pub words: Vec<u8>,
 }
 
 /// A change of the graph: poses of keyframes, and the tails of the lists of edges and frames.

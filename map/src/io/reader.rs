@@ -172,7 +172,8 @@ struct Contents<'a> {
     images: BTreeMap<KeyframeId, Arc<GrayImage>>,
     scans: BTreeMap<KeyframeId, Arc<Scan>>,
     keyframes: BTreeMap<KeyframeId, Keyframe>,
-    features: BTreeMap<KeyframeId, Arc<[u8]>>,
+    /// Features, and their words.
+    features: BTreeMap<KeyframeId, (Arc<[u8]>, Option<Arc<[u8]>>)>,
     poses: BTreeMap<KeyframeId, Sim3>,
     /// What keyframes have before theirs is decoded.
     no_image: Arc<GrayImage>,
@@ -328,7 +329,8 @@ impl Contents<'_> {
     fn features(&mut self, data: &[u8]) -> Result<(), String> {
         let message =
             FeaturesMessage::decode(data).map_err(|error| format!("features cannot be read: {error}"))?;
-        self.features.insert(KeyframeId(message.keyframe), message.data.into());
+        let words = (!message.words.is_empty()).then(|| message.words.into());
+        self.features.insert(KeyframeId(message.keyframe), (message.data.into(), words));
         Ok(())
     }
 
@@ -380,7 +382,9 @@ impl Contents<'_> {
             if let Some(pose) = self.poses.get(id) {
                 keyframe.world_from_keyframe = *pose;
             }
-            keyframe.features = self.features.remove(id);
+            if let Some((features, words)) = self.features.remove(id) {
+                (keyframe.features, keyframe.words) = (Some(features), words);
+            }
             let agent = map.agents.get_mut(&keyframe.agent);
             if let (Some(own), Some(pose)) = (agent.and_then(|a| a.own.as_mut()), self.own_poses.remove(id)) {
                 own.world_from_keyframe.insert(*id, pose);
@@ -462,7 +466,7 @@ mod tests {
         map.edges.iter().for_each(|edge| convert::push_edge(&mut graph, edge));
         map.frames.iter().for_each(|frame| convert::push_frame(&mut graph, frame));
         let graph = graph.encode_to_vec();
-        let features = FeaturesMessage { keyframe: 1, data: vec![7; 40] }.encode_to_vec();
+        let features = FeaturesMessage { keyframe: 1, data: vec![7; 40], words: Vec::new() }.encode_to_vec();
         let mut numbers = Numbers::new(5);
         let mut below = |limit: usize| (numbers.next() * limit as f64) as usize;
         let mut outcomes = [0, 0];

@@ -34,7 +34,8 @@ const KEYFRAME_FIELDS: [Field; 16] = [
     ("own_world_from_keyframe", 16, Type::Double, true),
 ];
 
-const FEATURES_FIELDS: [Field; 2] = [("keyframe", 1, Type::Uint32, false), ("data", 2, Type::Bytes, false)];
+const FEATURES_FIELDS: [Field; 3] =
+    [("keyframe", 1, Type::Uint32, false), ("data", 2, Type::Bytes, false), ("words", 3, Type::Bytes, false)];
 
 const GRAPH_FIELDS: [Field; 14] = [
     ("keyframe_id", 1, Type::Uint32, true),
@@ -157,7 +158,7 @@ mod tests {
             own_world_from_keyframe: vec![1.0; 3],
         };
         assert_described(&keyframe.encode_to_vec(), &KEYFRAME_FIELDS);
-        let features = FeaturesMessage { keyframe: 1, data: vec![1, 2] };
+        let features = FeaturesMessage { keyframe: 1, data: vec![1, 2], words: vec![1] };
         assert_described(&features.encode_to_vec(), &FEATURES_FIELDS);
         let graph = GraphMessage {
             keyframe_id: vec![1; 3],

@@ -91,15 +91,25 @@ impl<W: Write + Seek> MapSink<W> {
         self.message(self.channels.keyframe, keyframe.timestamp, &message)?;
         self.poses.insert(keyframe.id, keyframe.world_from_keyframe);
         match &keyframe.features {
-            Some(features) => self.features(keyframe.id, keyframe.timestamp, features),
+            Some(features) => {
+                self.features(keyframe.id, keyframe.timestamp, features, keyframe.words.as_deref())
+            }
             None => Ok(()),
         }
     }
 
-    /// Writes the features of a keyframe that was written, at its time in seconds, if they are others than before.
-    pub(super) fn features(&mut self, id: KeyframeId, time: f64, features: &Arc<[u8]>) -> io::Result<()> {
+    /// Writes the features of a keyframe that was written, and their words, at its time in seconds, if they are others than
+    /// before.
+    pub(super) fn features(
+        &mut self,
+        id: KeyframeId,
+        time: f64,
+        features: &Arc<[u8]>,
+        words: Option<&[u8]>,
+    ) -> io::Result<()> {
         if self.features.get(&id) != Some(features) {
-            let message = FeaturesMessage { keyframe: id.0, data: features.to_vec() };
+            let words = words.map(<[u8]>::to_vec).unwrap_or_default();
+            let message = FeaturesMessage { keyframe: id.0, data: features.to_vec(), words };
             self.message(self.channels.features, time, &message)?;
             self.features.insert(id, Arc::clone(features));
         }

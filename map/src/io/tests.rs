@@ -353,7 +353,7 @@ fn features_come_back_and_are_written_once() {
     first(&mut map).features = Some(vec![9; 3000].into());
     let path = folder.file("growing.mcap");
     let mut writer = MapWriter::create(&path, &sole_agent(&map)).unwrap();
-    let bare = Keyframe { features: None, ..map.keyframes[&KeyframeId(1)].clone() };
+    let bare = Keyframe { features: None, words: None, ..map.keyframes[&KeyframeId(1)].clone() };
     let count = |path: &PathBuf| {
         let file = fs::read(path).unwrap();
         let messages = mcap::MessageStream::new(&file).unwrap().map_while(Result::ok);
@@ -373,6 +373,15 @@ fn features_come_back_and_are_written_once() {
     let loaded = load_map(&path).unwrap();
     assert!(loaded.complete, "{:?}", loaded.warnings);
     assert_eq!((loaded.map.keyframes, count(&path)), (map.keyframes, 1));
+}
+
+#[test]
+fn the_words_of_features_come_back() {
+    let folder = Folder::new();
+    let mut map = sample_map(2);
+    let keyframe = first(&mut map);
+    (keyframe.features, keyframe.words) = (Some(vec![9; 30].into()), Some(vec![1, 2, 3].into()));
+    assert_eq!(folder.load(&folder.bytes(&map)).unwrap().map, map);
 }
 
 /// Asserts that the map changed by `spoil` is refused with a text that holds `words`.

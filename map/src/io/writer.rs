@@ -124,7 +124,7 @@ impl MapWriter {
         }
         for Described { keyframe, features } in &delta.described {
             if let Some(timestamp) = self.known.get(keyframe).map(|known| known.timestamp) {
-                self.written(|sink| sink.features(*keyframe, timestamp, features))?;
+                self.written(|sink| sink.features(*keyframe, timestamp, features, None))?;
             }
         }
         delta.removed.iter().for_each(|id| drop(self.known.remove(id)));
@@ -212,5 +212,5 @@ fn poses<'a>(mut poses: impl Iterator<Item = (KeyframeId, &'a Sim3)>) -> Result<
 /// A keyframe without what may come later.
 fn bare(keyframe: &Keyframe) -> Keyframe {
     let (semi_dense, points) = (SemiDense::default().into(), Vec::new());
-    Keyframe { semi_dense, points, features: None, ..keyframe.clone() }
+    Keyframe { semi_dense, points, features: None, words: None, ..keyframe.clone() }
 }

@@ -35,6 +35,7 @@ fn synthetic_map() -> Map {
                 .into(),
                 points: Vec::new(),
                 features: None,
+                words: None,
             },
         );
         let keyframe_from_frame = Se3::new(numbers.rotation(0.2), numbers.vector(0.3));

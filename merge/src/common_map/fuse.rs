@@ -112,8 +112,10 @@ impl CommonMap {
     ) -> Result<Fused, FusionError> {
         let agents: Vec<AgentId> = component.agents.keys().copied().collect();
         if let ([agent], Some(map)) = (&agents[..], self.agents.get(&component.root)) {
-            let agents = vec![*agent];
-            return Ok(Fused { map: map.clone(), agents, component, report: None, suppressed: Vec::new() });
+            let (agents, mut map) = (vec![*agent], map.clone());
+            // Only common maps are searched by them.
+            map.keyframes.values_mut().for_each(|keyframe| keyframe.words = None);
+            return Ok(Fused { map, agents, component, report: None, suppressed: Vec::new() });
         }
         let placed = agents.iter().filter_map(|agent| {
             let mut own = self.agents.get(agent)?.clone();

@@ -104,9 +104,14 @@ impl CommonMap {
     /// Adds the agents of a map.
     fn add(&mut self, map: &Map) -> Addresses {
         let mut agents = BTreeMap::new();
-        for ((old, info), own) in map.agents.iter().zip(map.split()) {
+        for ((old, info), mut own) in map.agents.iter().zip(map.split()) {
+            let first = info.own.as_ref().map_or(0, |own| own.first_keyframe);
+            for keyframe in own.keyframes.values_mut() {
+                let here = map.keyframes.get(&KeyframeId(keyframe.id.0 + first));
+                keyframe.words = here.and_then(|here| here.words.clone());
+            }
             let new = AgentId(self.agents.keys().next_back().map_or(0, |last| last.0 + 1));
-            agents.insert(*old, (info.own.as_ref().map_or(0, |own| own.first_keyframe), new));
+            agents.insert(*old, (first, new));
             self.agents.insert(new, own);
         }
         let addresses = Addresses { agents };

@@ -97,6 +97,29 @@ fn a_merge_undone_leaves_no_trace() {
 }
 
 #[test]
+fn a_common_map_keeps_the_words_that_it_is_searched_by_and_own_maps_have_none() {
+    let [a, b] = [30, 31].map(|seed| Traveller::new(seed, 5));
+    let searched = |mut own: Map| {
+        let bytes = |id: KeyframeId| Some(vec![id.0 as u8; 3].into());
+        own.keyframes.values_mut().for_each(|keyframe| keyframe.words = bytes(keyframe.id));
+        own
+    };
+    let maps = [searched(a.own_map()), searched(b.own_map())];
+    let (mut together, _) = CommonMap::from_maps(&maps.each_ref()).unwrap();
+    assert!(together.link(exact(&[&a, &b], address(0, 1), address(1, 1))));
+    let map = fused(&together, true).map;
+    assert!(map.split() == [a.own_map(), b.own_map()]);
+    // Once more, as a file of it is read again.
+    let (again, _) = CommonMap::from_maps(&[&map]).unwrap();
+    let words = |map: &Map| map.keyframes.values().map(|keyframe| keyframe.words.clone()).collect::<Vec<_>>();
+    let expected: Vec<_> = maps.iter().flat_map(words).collect();
+    assert!(words(&map) == expected && words(&fused(&again, true).map) == expected);
+    assert_eq!(together.separate(AgentId(0), AgentId(1)), 1);
+    let apart = together.fuse(&FusionParams::default()).unwrap();
+    assert!(apart[0].map == a.own_map() && apart[1].map == b.own_map());
+}
+
+#[test]
 fn an_agent_that_went_on_brings_its_new_keyframes() {
     let (whole_a, whole_b) = (Traveller::new(12, 8), Traveller::new(13, 9));
     let (a, b) = (whole_a.first(4), whole_b.first(5));

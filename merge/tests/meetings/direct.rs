@@ -9,8 +9,8 @@ use merge::direct::refine_directly;
 use merge::key_points::KeyPointParams;
 use merge::prepared::PreparedMap;
 use nalgebra::SVector;
+use place_recog::KeyframeFeatures;
 use place_recog::features::Features;
-use std::collections::BTreeMap;
 use std::sync::LazyLock;
 
 /// Three keyframes, 30 cm apart.
@@ -21,7 +21,7 @@ fn keyframes() -> &'static Map {
 }
 
 /// No features are needed to align images.
-fn featureless(map: &Map) -> BTreeMap<KeyframeId, Features> {
+fn featureless(map: &Map) -> KeyframeFeatures {
     map.keyframes.keys().map(|&id| (id, Features::default())).collect()
 }
 
@@ -68,7 +68,7 @@ fn keyframes_without_a_common_view_are_refused() {
 fn keyframes_without_features_are_not_there() {
     let (map, key_points) = (keyframes(), KeyPointParams::default());
     let mut features = featureless(map);
-    features.remove(&KeyframeId(1));
+    features.remove(KeyframeId(1));
     let prepared = PreparedMap::new(map, &features, &key_points);
     assert_eq!(prepared.order(), [KeyframeId(0), KeyframeId(2)]);
     assert_eq!(prepared.neighbours(KeyframeId(0)), (None, Some(KeyframeId(2))));

@@ -9,13 +9,16 @@ use merge::further::{FurtherParams, Joined};
 use merge::key_points::KeyPointParams;
 use merge::meeting::{MeetingParams, Outcome, Place, Tried, meet};
 use merge::prepared::PreparedMap;
-use place_recog::features::{Features, SiftParams, sift};
-use place_recog::{DirectIndex, Directed, ProposeParams, RankParams, Vocabulary, WordBag, propose, ranked};
+use place_recog::features::{SiftParams, sift};
+use place_recog::{
+    DirectIndex, Directed, FeatureWords, KeyframeFeatures, ProposeParams, RankParams, Vocabulary, WordBag,
+    propose, ranked,
+};
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
 
 /// The features of all keyframes of a map.
-pub fn features(map: &Map) -> BTreeMap<KeyframeId, Features> {
+pub fn features(map: &Map) -> KeyframeFeatures {
     let find = |(id, keyframe): (&KeyframeId, &map::Keyframe)| {
         (*id, sift(&keyframe.image, &SiftParams { halvings: 0, ..SiftParams::default() }).expect("an image"))
     };
@@ -39,11 +42,13 @@ impl Encounter {
 pub fn encounter(target: &Map, source: &Map) -> Encounter {
     let (of_target, of_source) = (features(target), features(source));
     let vocabulary = Vocabulary::shipped();
-    let words = |features: &BTreeMap<KeyframeId, Features>| -> BTreeMap<KeyframeId, WordBag> {
-        features.iter().map(|(&id, features)| (id, vocabulary.words(features))).collect()
+    let words_of =
+        |features: &KeyframeFeatures, id| FeatureWords::of(features.get(id).expect("its own"), &vocabulary);
+    let words = |features: &KeyframeFeatures| -> BTreeMap<KeyframeId, WordBag> {
+        features.keyframes().map(|id| (id, words_of(features, id).bag())).collect()
     };
-    let index = |features: &BTreeMap<KeyframeId, Features>| -> BTreeMap<KeyframeId, DirectIndex> {
-        features.iter().map(|(&id, features)| (id, DirectIndex::new(features, &vocabulary))).collect()
+    let index = |features: &KeyframeFeatures| -> BTreeMap<KeyframeId, DirectIndex> {
+        features.keyframes().map(|id| (id, DirectIndex::new(&words_of(features, id), &vocabulary))).collect()
     };
     let proposals = propose(&words(&of_target), &words(&of_source), &vocabulary, &ProposeParams::default());
     let proposals = ranked(
@@ -68,7 +73,7 @@ pub fn encounter_everywhere(target: &Map, source: &Map) -> Encounter {
 
 fn look_at(
     [target, source]: [&Map; 2],
-    [of_target, of_source]: [&BTreeMap<KeyframeId, Features>; 2],
+    [of_target, of_source]: [&KeyframeFeatures; 2],
     places: &[Place],
 ) -> Encounter {
     let key_points = KeyPointParams::default();

@@ -131,7 +131,7 @@ fn one_map_twice_is_refused() {
 #[test]
 fn places_that_are_not_there_are_passed_over() {
     let (of_here, mut of_there) = (features(here()), features(there()));
-    of_there.remove(&KeyframeId(1));
+    of_there.remove(KeyframeId(1));
     let key_points = KeyPointParams::default();
     let target = PreparedMap::new(here(), &of_here, &key_points);
     let source = PreparedMap::new(there(), &of_there, &key_points);

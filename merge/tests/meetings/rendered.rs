@@ -30,6 +30,7 @@ pub fn rendered_map(world: &World, path: &[Se3]) -> Map {
                 scan: None,
                 points: Vec::new(),
                 features: None,
+                words: None,
             }
         })
         .collect();

@@ -46,6 +46,14 @@ impl Tree {
         Self { centres, child_counts, next, words }
     }
 
+    /// CRC-32 of its shape and centres.
+    pub fn checksum(&self) -> u32 {
+        let mut hasher = crc32fast::Hasher::new();
+        hasher.update(&self.child_counts);
+        hasher.update(self.centres.as_flattened());
+        hasher.finalize()
+    }
+
     /// The number of leaves.
     pub fn words(&self) -> usize {
         self.words
@@ -53,24 +61,33 @@ impl Tree {
 
     /// The leaf that a descriptor falls into.
     pub fn lookup(&self, descriptor: &Descriptor) -> u32 {
-        self.node_and_word(descriptor, 0).1
-    }
-
-    /// The node that a descriptor falls into so many levels below the root, or the leaf above, and its leaf.
-    pub fn node_and_word(&self, descriptor: &Descriptor, level: usize) -> (u32, u32) {
-        let (mut node, mut passed, mut depth) = (0, 0, 0);
+        let mut node = 0;
         loop {
-            if depth <= level {
-                passed = node as u32;
-            }
             let (count, next) = (usize::from(self.child_counts[node]), self.next[node]);
             if count == 0 {
-                return (passed, next);
+                return next;
             }
             let first = next as usize;
             node = first + nearest(descriptor, &self.centres[first..first + count]);
-            depth += 1;
         }
+    }
+
+    /// Of each word the node above it so many levels below the root, or its leaf where that is higher.
+    pub fn nodes_above(&self, level: usize) -> Vec<u32> {
+        let mut nodes = vec![0; self.words];
+        // Of each node its depth, and the node above it; a parent comes before its children.
+        let mut above = vec![(0usize, 0u32); self.child_counts.len()];
+        for (node, (&count, &next)) in self.child_counts.iter().zip(&self.next).enumerate() {
+            let (depth, passed) = above[node];
+            let passed = if depth <= level { node as u32 } else { passed };
+            if count == 0 {
+                nodes[next as usize] = passed;
+            }
+            for child in (next as usize..).take(usize::from(count)) {
+                above[child] = (depth + 1, passed);
+            }
+        }
+        nodes
     }
 }
 

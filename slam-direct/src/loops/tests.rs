@@ -33,6 +33,7 @@ fn keyframe(id: u32, x: f64, yaw: f64) -> Keyframe {
         .into(),
         points: Vec::new(),
         features: None,
+        words: None,
     }
 }
 

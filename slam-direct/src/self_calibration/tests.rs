@@ -83,6 +83,7 @@ fn keyframe(id: u32, pose: Se3) -> Keyframe {
         image: Arc::new(geometry::GrayImage::filled(SIZE.0, SIZE.1, 0)),
         scan: None,
         features: None,
+        words: None,
         semi_dense: SemiDense::default().into(),
         points: Vec::new(),
     }

@@ -31,6 +31,7 @@ fn bend(count: u32, spacing: usize) -> Map {
                 .into(),
             points: Vec::new(),
             features: None,
+            words: None,
         };
         map.keyframes.insert(id, keyframe);
         map.frames.push(FramePose {

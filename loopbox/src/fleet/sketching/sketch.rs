@@ -1,7 +1,7 @@
 //! What is known of an agent's map before its images and depths come.
 
 use crate::fleet::agents::FEWEST;
-use features::{Features, codec};
+use features::codec;
 use fleet::hash::ObjectHash;
 use fleet::manifest::{Entry, Kind, sensor_of};
 use fleet::node::Heard;
@@ -11,7 +11,7 @@ use geometry::{Pinhole, Sim3};
 use map::parts::{agent_from_bytes, graph_from_bytes};
 use map::{KeyframeId, SensorKind};
 use merge::overlap::Glimpse;
-use place_recog::{DirectIndex, Directed, Vocabulary, WordBag, words};
+use place_recog::{DirectIndex, Directed, KeyframeFeatures, Vocabulary, WordBag};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -27,7 +27,7 @@ pub(super) struct Sketch {
     digests: BTreeMap<KeyframeId, (ObjectHash, Digest)>,
     /// Of keyframes with depth.
     pub words: BTreeMap<KeyframeId, WordBag>,
-    features: BTreeMap<KeyframeId, Features>,
+    features: KeyframeFeatures,
     index: BTreeMap<KeyframeId, DirectIndex>,
     /// Keyframes whose digests are not here.
     pub missing: usize,
@@ -107,19 +107,21 @@ impl Sketch {
         store: &dyn Store,
         vocabulary: &Vocabulary,
     ) -> Vec<(Kind, u32)> {
-        let (mut new, mut lacking) = (BTreeMap::new(), Vec::new());
-        for &id in keyframes.iter().filter(|id| !self.features.contains_key(id)) {
+        let mut lacking = Vec::new();
+        for &id in keyframes {
+            if self.features.contains(id) {
+                continue;
+            }
             if !self.has(Kind::Features, id, store) {
                 lacking.push((Kind::Features, id.0));
                 continue;
             }
             // What cannot be read is found again from the image.
             let bytes = self.listed.get(&(Kind::Features, id.0)).and_then(|hash| store.get(hash));
-            new.insert(id, bytes.and_then(|bytes| codec::decode(&bytes).ok()).unwrap_or_default());
+            let features = bytes.and_then(|bytes| codec::decode(&bytes).ok()).unwrap_or_default();
+            self.index.insert(id, DirectIndex::with_words(&features, vocabulary).0);
+            self.features.insert(id, features);
         }
-        let (_, index) = words(&new, vocabulary);
-        self.index.extend(index);
-        self.features.extend(new);
         lacking
     }
 

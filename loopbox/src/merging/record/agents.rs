@@ -185,6 +185,7 @@ mod tests {
                 semi_dense: map::SemiDense::default().into(),
                 points: Vec::new(),
                 features: None,
+                words: None,
             };
             own.keyframes.insert(map::KeyframeId(0), keyframe);
             let placement = Placement { root_from_agent: away, covariance, path: vec![], confidence: 1.0 };

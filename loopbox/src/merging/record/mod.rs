@@ -114,7 +114,7 @@ impl InputRecord {
             name: input.name.clone(),
             agents: addresses.agents().map(|agent| names.of(agent).to_owned()).collect(),
             keyframes: input.map.keyframes.len(),
-            features: input.features.values().map(|features| features.len()).sum(),
+            features: input.words.values().map(|words| words.features()).sum(),
             features_found: input.found,
             reading_s: input.seconds.reading,
             features_s: input.seconds.features,

@@ -86,7 +86,7 @@ impl Matches {
     /// The matches of a measured pair of the inputs `source` and `target`; nothing where the pair was not measured.
     pub fn new(source: &Input, target: &Input, outcome: &PairOutcome) -> Option<Self> {
         let pair = outcome.measured.as_ref().ok()?;
-        let (from, to) = (source.features.get(&pair.views.source)?, target.features.get(&pair.views.target)?);
+        let (from, to) = (source.features.get(pair.views.source)?, target.features.get(pair.views.target)?);
         let camera = |input: &Input, id| Some(*input.map.camera(input.map.keyframes.get(id)?));
         let cameras = [camera(source, &pair.views.source)?, camera(target, &pair.views.target)?];
         let inliers: Vec<[f32; 4]> = pair

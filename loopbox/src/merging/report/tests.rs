@@ -51,6 +51,7 @@ fn line(name: &str, count: u32, spacing: usize, seed: u64) -> Map {
                 .into(),
             points: Vec::new(),
             features: None,
+            words: None,
         };
         let timestamp = keyframe.timestamp;
         map.keyframes.insert(id, keyframe);

@@ -104,6 +104,7 @@ impl Traveller {
                 semi_dense: semi_dense.into(),
                 points,
                 features: None,
+                words: None,
             };
             map.keyframes.insert(id, keyframe);
             map.frames.push(FramePose {
