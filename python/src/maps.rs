@@ -144,7 +144,7 @@ impl Map {
         max_variance: f32,
         voxel: Option<f64>,
     ) -> PyResult<usize> {
-        let selection = CloudSelection { max_relative_variance: max_variance, voxel };
+        let selection = CloudSelection { voxel, ..max_variance.into() };
         py.detach(|| map::save_ply(&path, &self.0, selection)).map_err(failed)
     }
 }

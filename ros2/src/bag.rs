@@ -301,7 +301,7 @@ mod tests {
 
     #[test]
     fn a_thinned_map_is_one_cloud_at_the_end() {
-        let selection = CloudSelection { max_relative_variance: 0.01, voxel: Some(100.0) };
+        let selection = CloudSelection { voxel: Some(100.0), ..CloudSelection::default() };
         let (counts, messages) = written(&map(), Axes::Body, selection);
         assert_eq!((counts.poses, counts.clouds), (6, 1));
         let (topic, time, _) = messages.last().unwrap();

@@ -185,7 +185,7 @@ pub fn run(args: &ExportArgs) -> anyhow::Result<()> {
     if map.keyframes.values().all(|keyframe| keyframe.semi_dense.is_empty() && keyframe.scan.is_none()) {
         tell!("warning: {}: no keyframe has depth: clouds of it are empty", args.map.display());
     }
-    let selection = CloudSelection { max_relative_variance: args.max_variance, voxel: args.voxel };
+    let selection = CloudSelection { voxel: args.voxel, ..args.max_variance.into() };
     write_clouds(&args.outputs, &map, selection)?;
     if let Some(path) = &args.outputs.ros2 {
         write_bag(path, &map, args.placing.axes(&map), selection)?;

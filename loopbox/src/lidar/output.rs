@@ -11,7 +11,7 @@ use crate::open::{open_map, recording_name};
 use crate::results::{Owner, Results, keep_from};
 use crate::run::{Listeners, numbered};
 use anyhow::{Context, Result, anyhow, bail};
-use map::{AgentInfo, DEFAULT_MAX_RELATIVE_VARIANCE, Map, MapWriter, Sensor};
+use map::{AgentInfo, CloudSelection, DEFAULT_MAX_RELATIVE_VARIANCE, Map, MapWriter, Sensor};
 use scans::ScanSource;
 use slam_lidar::mapping::MappingParams;
 use slam_lidar::merging::MergeMethod;
@@ -183,7 +183,7 @@ fn write(results: &mut Results, done: LidarRun, kitti: bool) -> Result<LidarReco
         let poses = map.trajectory();
         if kitti { map::save_kitti(trajectory, &poses)? } else { map::save_tum(trajectory, &poses)? }
     }
-    map::save_ply(results.file(CLOUD)?, first, DEFAULT_MAX_RELATIVE_VARIANCE)?;
+    map::save_ply(results.file(CLOUD)?, first, CloudSelection::of_results(DEFAULT_MAX_RELATIVE_VARIANCE))?;
     record.cost.cpu_s = view::process::cpu_seconds();
     record.cost.peak_memory_bytes = view::process::peak_memory_bytes();
     let page = results.file(REPORT)?;

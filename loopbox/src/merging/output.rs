@@ -3,7 +3,7 @@
 use super::{Input, MergeRecord, Merging, Names, report};
 use crate::results::Results;
 use anyhow::{Context, Result};
-use map::DEFAULT_MAX_RELATIVE_VARIANCE;
+use map::{CloudSelection, DEFAULT_MAX_RELATIVE_VARIANCE};
 use merge::common_map::Fused;
 use std::fs;
 use std::path::PathBuf;
@@ -93,7 +93,9 @@ fn write_groups(files: &[GroupFiles], groups: &[Fused], provenance: &[(String, S
             let merge_provenance = provenance.iter().cloned().collect();
             map::save_map(&files.map, &map::Map { merge_provenance, ..fused.map.clone() })
         };
-        let cloud = || map::save_ply(&files.cloud, &fused.map, DEFAULT_MAX_RELATIVE_VARIANCE);
+        let cloud = || {
+            map::save_ply(&files.cloud, &fused.map, CloudSelection::of_results(DEFAULT_MAX_RELATIVE_VARIANCE))
+        };
         let (map, cloud) = rayon::join(map, cloud);
         map?;
         cloud?;

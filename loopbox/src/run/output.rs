@@ -4,7 +4,7 @@ use super::growing::Growing;
 use super::record::{RunRecord, handed_out, numbered};
 use crate::results::{Owner, Results};
 use anyhow::{Context, Result};
-use map::{AgentInfo, Identity, Map, MapDelta, StampedPose};
+use map::{AgentInfo, CloudSelection, Identity, Map, MapDelta, StampedPose};
 use std::collections::BTreeSet;
 use std::fs::File;
 use std::io::{BufWriter, Write};
@@ -133,7 +133,8 @@ impl Output {
         for (place, (map, trajectory)) in fragments.iter().zip(trajectories).enumerate() {
             map::save_map(self.results.file(numbered(MAP, place))?, map)?;
             self.save_trajectory(numbered(TRAJECTORY, place), trajectory, format)?;
-            map::save_ply(self.results.file(numbered(CLOUD, place))?, map, max_variance)?;
+            let cloud = self.results.file(numbered(CLOUD, place))?;
+            map::save_ply(cloud, map, CloudSelection::of_results(max_variance))?;
         }
         let Some(map) = fragments.first() else { return Ok(()) };
         self.save_trajectory(HANDED_OUT.to_owned(), &handed_out(&record.rows), format)?;

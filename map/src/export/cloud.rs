@@ -4,6 +4,7 @@ use crate::{AgentId, Keyframe, Map};
 use geometry::sensor::Shift;
 use geometry::{Pinhole, Sim3};
 use nalgebra::Vector3;
+use rayon::prelude::*;
 use std::collections::BTreeMap;
 
 /// The largest relative variance of a point that is exported by default: a depth known to 10 %.
@@ -19,6 +20,8 @@ pub struct CloudSelection {
     pub max_relative_variance: f32,
     /// Edge of the cubes of which each keeps its surest point alone, map units; `None` keeps all points.
     pub voxel: Option<f64>,
+    /// About how many points there are at the most, without `voxel`: of more, every second, third and so on of each keyframe. `None` keeps all points.
+    pub most: Option<usize>,
 }
 
 impl Default for CloudSelection {
@@ -30,18 +33,53 @@ impl Default for CloudSelection {
 impl From<f32> for CloudSelection {
     /// All points up to a relative variance.
     fn from(max_relative_variance: f32) -> Self {
-        Self { max_relative_variance, voxel: None }
+        Self { max_relative_variance, voxel: None, most: None }
     }
 }
 
+/// Points of the cloud among the results of a run or merge, at the most: as many as viewers show with ease, some 400 MB. A
+/// long run has ten times as many, mostly of the same surfaces.
+const MOST_OF_RESULTS: usize = 20_000_000;
+
 impl CloudSelection {
+    /// What the cloud among the results of a run or merge holds.
+    pub fn of_results(max_relative_variance: f32) -> Self {
+        Self { most: Some(MOST_OF_RESULTS), ..max_relative_variance.into() }
+    }
+
     /// The points of a map that are selected.
     pub(super) fn points(self, map: &Map) -> Box<dyn Iterator<Item = CloudPoint> + '_> {
-        match self.voxel {
-            Some(voxel) => Box::new(map.thinned_cloud(self.max_relative_variance, voxel)),
-            None => Box::new(map.cloud(self.max_relative_variance)),
+        if let Some(voxel) = self.voxel {
+            return Box::new(map.thinned_cloud(self.max_relative_variance, voxel));
         }
+        let (bound, Chosen { step, .. }) = (self.max_relative_variance, self.chosen(map));
+        Box::new(
+            map.keyframes.values().flat_map(move |keyframe| keyframe.world_cloud(map, bound).step_by(step)),
+        )
     }
+
+    /// How many of a map's points are selected without a voxel, and which.
+    pub(super) fn chosen(self, map: &Map) -> Chosen {
+        let size = |keyframe: &Keyframe| {
+            let size = keyframe.cloud_size(self.max_relative_variance);
+            keyframe.rest();
+            size
+        };
+        let keyframes: Vec<&Keyframe> = map.keyframes.values().collect();
+        let sizes: Vec<usize> = keyframes.into_par_iter().map(size).collect();
+        let all: usize = sizes.iter().sum();
+        let step = self.most.map_or(1, |most| all.div_ceil(most.max(1))).max(1);
+        Chosen { step, count: sizes.into_iter().map(|size| size.div_ceil(step)).sum() }
+    }
+}
+
+/// An even choice of points.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Chosen {
+    /// Of each keyframe every so many points, from the first on.
+    pub step: usize,
+    /// How many these are.
+    pub count: usize,
 }
 
 /// A point of the map in the world.
@@ -216,6 +254,23 @@ mod tests {
         let size = |bound| map.keyframes.values().map(|keyframe| keyframe.cloud_size(bound)).sum::<usize>();
         let counted = |bound| map.cloud(bound).count();
         assert_eq!([f32::INFINITY, 1e-3, 0.0].map(size), [f32::INFINITY, 1e-3, 0.0].map(counted));
+    }
+
+    #[test]
+    fn of_too_many_points_every_second_or_third_is_chosen() {
+        let map = sample_map(3);
+        let all = CloudSelection::from(f32::INFINITY);
+        let count = all.points(&map).count();
+        for (most, step) in [(count, 1), (count - 1, 2), (count / 3 + 1, 3)] {
+            let few = CloudSelection { most: Some(most), ..all };
+            let chosen = few.chosen(&map);
+            assert_eq!((chosen.step, chosen.count), (step, few.points(&map).count()));
+            assert!(chosen.count <= most + map.keyframes.len());
+            let mut file = Vec::new();
+            assert_eq!(crate::write_ply(&mut file, &map, few).unwrap(), chosen.count);
+            let header = format!("element vertex {}\n", chosen.count);
+            assert!(file.windows(header.len()).any(|part| part == header.as_bytes()));
+        }
     }
 
     #[test]

@@ -24,6 +24,7 @@ pub use ply::{save_ply, write_ply};
 pub use trajectory::{save_kitti, save_tum, write_kitti, write_tum};
 
 use crate::{Keyframe, Map, MapError, SensorKind, atomic::write_atomically};
+use cloud::Chosen;
 use rayon::prelude::*;
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
@@ -91,16 +92,11 @@ impl CloudFormat {
             return Ok(points.len());
         }
         let keyframes: Vec<&Keyframe> = map.keyframes.values().collect();
-        let size = |keyframe: &&Keyframe| {
-            let size = keyframe.cloud_size(bound);
-            keyframe.rest();
-            size
-        };
-        let count = keyframes.par_iter().map(size).sum();
+        let Chosen { step, count } = selection.chosen(map);
         out.write_all((self.header)(count, columns).as_bytes())?;
         for together in keyframes.chunks(KEYFRAMES_TOGETHER) {
             let points = |keyframe: &&Keyframe| {
-                let points = self.points(keyframe.world_cloud(map, bound), columns);
+                let points = self.points(keyframe.world_cloud(map, bound).step_by(step), columns);
                 keyframe.rest();
                 points
             };

@@ -156,6 +156,12 @@ enum Kind {
     Graph,
 }
 
+/// What a message of features says.
+struct Features {
+    data: Arc<[u8]>,
+    words: Option<Arc<[u8]>>,
+}
+
 /// Files of images that are decoded together, on all cores.
 const IMAGES_TOGETHER: usize = 64;
 
@@ -172,8 +178,7 @@ struct Contents<'a> {
     images: BTreeMap<KeyframeId, Arc<GrayImage>>,
     scans: BTreeMap<KeyframeId, Arc<Scan>>,
     keyframes: BTreeMap<KeyframeId, Keyframe>,
-    /// Features, and their words.
-    features: BTreeMap<KeyframeId, (Arc<[u8]>, Option<Arc<[u8]>>)>,
+    features: BTreeMap<KeyframeId, Features>,
     poses: BTreeMap<KeyframeId, Sim3>,
     /// What keyframes have before theirs is decoded.
     no_image: Arc<GrayImage>,
@@ -330,7 +335,7 @@ impl Contents<'_> {
         let message =
             FeaturesMessage::decode(data).map_err(|error| format!("features cannot be read: {error}"))?;
         let words = (!message.words.is_empty()).then(|| message.words.into());
-        self.features.insert(KeyframeId(message.keyframe), (message.data.into(), words));
+        self.features.insert(KeyframeId(message.keyframe), Features { data: message.data.into(), words });
         Ok(())
     }
 
@@ -382,8 +387,8 @@ impl Contents<'_> {
             if let Some(pose) = self.poses.get(id) {
                 keyframe.world_from_keyframe = *pose;
             }
-            if let Some((features, words)) = self.features.remove(id) {
-                (keyframe.features, keyframe.words) = (Some(features), words);
+            if let Some(Features { data, words }) = self.features.remove(id) {
+                (keyframe.features, keyframe.words) = (Some(data), words);
             }
             let agent = map.agents.get_mut(&keyframe.agent);
             if let (Some(own), Some(pose)) = (agent.and_then(|a| a.own.as_mut()), self.own_poses.remove(id)) {
