@@ -58,13 +58,18 @@ impl Calibration {
         free.map(|(value, sigma)| (value / sigma).powi(2)).sum()
     }
 
-    /// Derivative by the unknowns of an observation's residual, brought back to pixels of the image: a lens that makes the
+    /// Derivatives by the unknowns of where an ideal camera in its host's place sees a point, pixels.
+    pub fn host_by_unknowns(&self, point: usize) -> [Vector2<f64>; UNKNOWNS] {
+        self.hosts[point].by_unknowns(&self.sensor)
+    }
+
+    /// Derivative by the unknowns of an observation's residual, `host` being [that](Self::host_by_unknowns) of its point, brought back to pixels of the image: a lens that makes the
     /// image smaller does not make its errors smaller.
     pub fn by_unknowns(
         &self,
         problem: &Problem,
         relative: &Relative,
-        (index, point): (usize, &WindowPoint),
+        (point, host): (&WindowPoint, &[Vector2<f64>; UNKNOWNS]),
         observation: usize,
         residual: &[f64; 2],
     ) -> ByUnknowns {
@@ -72,7 +77,6 @@ impl Calibration {
         let x = relative.transform(&point.ray, point.inverse_depth);
         let iz = 1.0 / x.z;
         let (px, py) = (x.x * iz, x.y * iz);
-        let host = self.hosts[index].by_unknowns(&self.sensor);
         let shown = &self.seen[observation].0;
         let seen = shown.by_unknowns(&self.sensor);
         let [by_radial] = self.sensor.lens.magnification_by_terms(shown.still(&self.sensor));

@@ -138,6 +138,7 @@ impl Normal {
     fn add_point(&mut self, problem: &Problem, pairs: &Pairs, relative: &[Relative], index: usize) {
         let point = &problem.points[index];
         let mut depth = (0.0, 0.0);
+        let host = problem.calibration.as_ref().map(|calibration| calibration.host_by_unknowns(index));
         for i in point.observations.clone() {
             let seen = &problem.observations[i];
             let pair = pairs.of(i);
@@ -158,8 +159,10 @@ impl Normal {
             let wj = [a * jr[0] + b * jr[1], b * jr[0] + c * jr[1]];
             depth.0 += jr[0] * wj[0] + jr[1] * wj[1];
             depth.1 += jr[0] * wr[0] + jr[1] * wr[1];
-            if let (Some(border), Some(calibration)) = (&mut self.border, &problem.calibration) {
-                let by = calibration.by_unknowns(problem, &relative[pair], (index, point), i, &p.residual);
+            if let (Some(border), Some(calibration), Some(host)) =
+                (&mut self.border, &problem.calibration, &host)
+            {
+                let by = calibration.by_unknowns(problem, &relative[pair], (point, host), i, &p.residual);
                 border.add(&p, &by, [a, b, c], pair, index);
             }
             if self.block[point.host].or(self.block[seen.frame]).is_none() {
