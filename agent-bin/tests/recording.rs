@@ -200,11 +200,8 @@ fn a_killed_recording_gives_back_every_flushed_frame() {
     }
     write(walk.join("times.txt"), times);
     write(walk.join("camera.yaml"), CAMERA);
-    let mut state = 3u64;
-    let mut moments = || {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        Duration::from_millis((state >> 33) % 1200)
-    };
+    let mut random = geometry::Random::new(3);
+    let mut moments = || Duration::from_millis(random.below(1200));
     let mut with_frames = 0;
     for round in 0..5 {
         let jobs: Vec<(PathBuf, PathBuf, Option<Duration>)> = (0..20)

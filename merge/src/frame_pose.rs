@@ -98,13 +98,8 @@ mod tests {
 
     /// A descriptor that is like no other.
     fn descriptor(number: u64) -> Descriptor {
-        let mut state = number.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
-        std::array::from_fn(|_| {
-            state ^= state >> 12;
-            state ^= state << 25;
-            state ^= state >> 27;
-            (state.wrapping_mul(0x2545_F491_4F6C_DD1D) >> 59) as u8
-        })
+        let mut random = geometry::Random::new(number);
+        std::array::from_fn(|_| random.below(32) as u8)
     }
 
     /// Points four to six metres ahead of the world's origin.

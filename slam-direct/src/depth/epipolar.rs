@@ -236,13 +236,10 @@ mod tests {
 
         #[test]
         fn samples_are_bilinear(
-            x in 30.0f32..60.0, y in 30.0f32..60.0, angle in 0.0f32..6.3, seed in 0u32..1000,
+            x in 30.0f32..60.0, y in 30.0f32..60.0, angle in 0.0f32..6.3, seed in 0u64..1000,
         ) {
-            let mut state = seed;
-            let data = (0..96 * 90).map(|_| {
-                state = state.wrapping_mul(1664525).wrapping_add(1013904223);
-                (state >> 24) as u8
-            });
+            let mut random = geometry::Random::new(seed);
+            let data = (0..96 * 90).map(|_| random.bits() as u8);
             let image = GrayImage::from_vec(96, 90, data.collect()).unwrap();
             let line = Line { origin: [x, y], step: [angle.cos(), angle.sin()] };
             let mut out = [0.0; 12];

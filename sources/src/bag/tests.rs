@@ -77,15 +77,14 @@ fn a_bag_cut_anywhere_gives_back_its_whole_chunks() {
 #[test]
 fn damaged_bytes_are_read_or_refused() {
     let whole = bag(3);
-    let mut state = 4u64;
+    let mut random = geometry::Random::new(4);
     for _ in 0..400 {
         let mut bytes = whole.clone();
         for _ in 0..4 {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
             // Where the lengths and fields lie: the head, and behind the messages.
-            let at = (state >> 33) as usize % 9000;
+            let at = random.index(9000);
             let at = if at < 4500 { at } else { bytes.len() - (at - 4499) };
-            bytes[at] = (state >> 20) as u8;
+            bytes[at] = random.bits() as u8;
         }
         if let Ok(mut reader) = BagReader::new(Cursor::new(&bytes), LIMIT) {
             let _ = reader.content();

@@ -141,10 +141,9 @@ fn a_replay_leaves_out_what_the_run_dropped() {
 #[test]
 fn a_file_cut_anywhere_gives_back_what_was_flushed() {
     let (whole, ends) = recording(&Head::default(), 60, &[]);
-    let mut state = 12345u64;
+    let mut random = geometry::Random::new(12345);
     for _ in 0..100 {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        let length = (state >> 33) as usize % whole.len();
+        let length = random.index(whole.len());
         let flushed =
             ends.iter().filter(|(end, _)| *end <= length).map(|(_, frames)| *frames).max().unwrap_or(0);
         let opened = crate::open_bytes(&whole[..length], &SourceOptions::default());
@@ -163,13 +162,12 @@ fn a_file_cut_anywhere_gives_back_what_was_flushed() {
 #[test]
 fn damaged_bytes_are_read_or_refused() {
     let (whole, _) = recording(&Head::default(), 9, &[4]);
-    let mut state = 99u64;
+    let mut random = geometry::Random::new(99);
     for _ in 0..400 {
         let mut bytes = whole.clone();
         for _ in 0..3 {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            let at = (state >> 33) as usize % bytes.len();
-            bytes[at] = (state >> 20) as u8;
+            let at = random.index(bytes.len());
+            bytes[at] = random.bits() as u8;
         }
         if let Ok(mut source) = crate::open_bytes(&bytes, &SourceOptions::default()) {
             let _ = (source.skip_to(0.5), frames(source.as_mut()).len(), source.facts());

@@ -181,11 +181,8 @@ mod tests {
 
     #[test]
     fn noise_fits_the_size_and_large_images_shrink() {
-        let mut state = 1u32;
-        let noise = (0..1920 * 1080).map(|_| {
-            state = state.wrapping_mul(1664525).wrapping_add(1013904223);
-            (state >> 24) as u8
-        });
+        let mut random = geometry::Random::new(1);
+        let noise = (0..1920 * 1080).map(|_| random.bits() as u8);
         let image = GrayImage::from_vec(1920, 1080, noise.collect()).unwrap();
         let factor = shrink_factor(&image, MAX_PIXELS);
         assert_eq!(factor, 2);

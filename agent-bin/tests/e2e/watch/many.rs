@@ -22,11 +22,8 @@ fn road(keyframes: u32, points: usize) -> Scene {
         let pose = Sim3::new(turn, centre, 1.0);
         scene.place([Placed { id, agent: 0, frame_index: u64::from(id) * 5, world_from_keyframe: pose }]);
         let mut bytes = Vec::with_capacity(points * POINT_BYTES);
-        let mut state = id * 7919 + 1;
-        let mut random = |below: u32| {
-            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            (state >> 8) % below
-        };
+        let mut numbers = geometry::Random::new(u64::from(id));
+        let mut random = |below: u64| numbers.below(below) as u32;
         for _ in 0..points {
             let (x, y) = (random(640), random(480));
             let window = x / 40 % 2 == 0 && y / 60 % 2 == 0;
