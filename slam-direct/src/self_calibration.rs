@@ -3,13 +3,15 @@
 //!
 //! The observations of a map are pixels, and where a point is seen from several sides they contradict a wrong lens. The
 //! map was made of images that were undistorted by the guess; bent back by it, its observations are those of the raw
-//! images, of which `z = π_c(T_fh · π_c⁻¹(z_h) / ρ)` holds for the true lens c only. One factor for both focal lengths,
+//! images, of which `z = π_c(T_fh · π_c⁻¹(z_h) / ρ)` holds for the true lens c only. Where the map knows of a rolling shutter, what
+//! that moved is put back first (`stills`). One factor for both focal lengths,
 //! the principal point and two radial terms are free (Hartley & Zisserman, Multiple View Geometry, §18.5 and §19: what a
 //! motion does not determine, such as the focal length when going straight ahead past little depth, shows in the
 //! deviation that is told).
 
 mod problem;
 mod solve;
+mod stills;
 #[cfg(test)]
 mod tests;
 

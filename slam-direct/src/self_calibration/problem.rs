@@ -1,5 +1,6 @@
 //! Poses, depths and the lens as values, and what they predict.
 
+use super::stills::Stills;
 use super::{FreeLens, LensPrior, SelfCalibrationError};
 use geometry::{Camera, Distortion, Pinhole, RadTan, Se3, Sim3};
 use map::{KeyframeId, Map};
@@ -72,17 +73,19 @@ impl Problem {
     ) -> Result<Self, SelfCalibrationError> {
         let taken = || map.keyframes.values().skip(range.start).take(range.len());
         let order: BTreeMap<KeyframeId, usize> = taken().enumerate().map(|(i, k)| (k.id, i)).collect();
+        let stills = Stills::of(map);
         let mut worlds: Vec<Sim3> = Vec::new();
         let (mut points, mut observations) = (Vec::new(), Vec::new());
         for keyframe in taken() {
             worlds.push(keyframe.world_from_keyframe);
             let pinhole = map.camera(keyframe);
             for point in &keyframe.points {
-                let Some(pixel) = raw(guess, pinhole, point.pixel) else { continue };
+                let Some(pixel) = raw(guess, pinhole, &stills.host(keyframe, point)) else { continue };
                 let first = observations.len();
                 for seen in &point.observations {
-                    let at = order.get(&seen.keyframe).copied();
-                    if let (Some(frame), Some(pixel)) = (at, raw(guess, pinhole, seen.pixel)) {
+                    let Some(&frame) = order.get(&seen.keyframe) else { continue };
+                    let pixel = stills.seen(keyframe, point, seen);
+                    if let Some(pixel) = pixel.and_then(|pixel| raw(guess, pinhole, &pixel)) {
                         let information = seen.information.map(f64::from);
                         observations.push(FreeObservation { frame, pixel, information });
                     }
@@ -178,8 +181,8 @@ impl Problem {
 }
 
 /// The pixel of the raw image that an undistorted one was taken from.
-fn raw(lens: &Camera, pinhole: &Pinhole, [x, y]: [f32; 2]) -> Option<Vector2<f64>> {
-    lens.project(&pinhole.unproject(f64::from(x), f64::from(y)))
+fn raw(lens: &Camera, pinhole: &Pinhole, pixel: &Vector2<f64>) -> Option<Vector2<f64>> {
+    lens.project(&pinhole.unproject(pixel.x, pixel.y))
 }
 
 /// The ray through a raw pixel with z = 1; nothing beside or behind the camera.

@@ -1,6 +1,7 @@
 use super::*;
+use geometry::sensor::{Sensor, Twist};
 use geometry::{Distortion, Pinhole, RadTan, Se3, Sim3};
-use map::{Keyframe, KeyframeId, Observation, Point, SemiDense};
+use map::{FramePose, Keyframe, KeyframeId, Observation, Point, SemiDense};
 use nalgebra::{Vector2, Vector3, Vector6};
 use std::sync::Arc;
 
@@ -170,6 +171,51 @@ fn the_whole_lens_is_found() {
         let off = truth.project(&found.camera.unproject(&pixel).unwrap()).unwrap() - pixel;
         assert!(off.norm() < 3.0, "{off:?} at {pixel:?}");
     }
+}
+
+/// What the map of an ideal camera would show had the camera moved by `twist`, a second, while its rows were read one after the
+/// other in `readout` seconds; the map knows of both.
+fn rolling(mut map: Map, camera: &Pinhole, twist: &Twist, readout: f64) -> Map {
+    let sensor = Sensor { readout: [0.0, readout], ..Sensor::ideal(*camera) };
+    let about = map.agents.values_mut().next().expect("the agent of every map");
+    about.provenance.extend(map::sensor_entries(&sensor).map(|(key, text)| (key.to_owned(), text)));
+    let worlds: Vec<Sim3> = map.keyframes.values().map(|keyframe| keyframe.world_from_keyframe).collect();
+    for (k, keyframe) in map.keyframes.values_mut().enumerate() {
+        let frame = |seconds: f64| FramePose {
+            timestamp: keyframe.timestamp + seconds,
+            frame_index: 0,
+            reference: keyframe.id,
+            keyframe_from_frame: Se3::exp(&(twist * seconds)).inverse(),
+        };
+        map.frames.extend([-0.03, 0.0, 0.03].map(frame));
+        let bent = |pixel: [f32; 2], inverse_depth: f64| {
+            sensor.shown_pixel(pixel.map(f64::from), twist, inverse_depth).map(|v| v as f32)
+        };
+        for point in &mut keyframe.points {
+            let inverse_depth = f64::from(point.inverse_depth);
+            let x = camera.unproject(point.pixel[0].into(), point.pixel[1].into()) / inverse_depth;
+            for seen in &mut point.observations {
+                let depth = (worlds[seen.keyframe.0 as usize].inverse() * (worlds[k] * x)).z;
+                seen.pixel = bent(seen.pixel, 1.0 / depth);
+            }
+            point.pixel = bent(point.pixel, inverse_depth);
+        }
+    }
+    map
+}
+
+/// Upwards at 60° a second an image comes out higher by 2.5 % than the lens shows it.
+#[test]
+fn a_rolling_shutter_is_not_taken_for_the_lens() {
+    let truth = lens(500.0, 0.0);
+    let camera = truth.intrinsics();
+    let twist = Twist::new(0.2, 0.0, 0.0, 1.05, 0.0, 0.0);
+    let map = rolling(map_of(&truth, camera, &around(), 0.2), camera, &twist, 0.024);
+    let found = self_calibrate(&map, &truth, FreeLens::All, &LensPrior::default()).unwrap();
+    let off = found.camera.intrinsics().fx / 500.0 - 1.0;
+    assert!(off.abs() < 0.002, "{off}");
+    let shifted = found.camera.intrinsics().cy - camera.cy;
+    assert!(shifted.abs() < 1.0, "{shifted} pixels");
 }
 
 #[test]
