@@ -5,11 +5,14 @@
 //! too short, always in the same sense (Krešo & Šegvić, VISAPP 2015, on the KITTI cameras). Points seen from many places
 //! tell this error, so the joint optimisation solves for it.
 
-use crate::Pinhole;
+use crate::{Camera, Pinhole};
 use nalgebra::{Matrix2, Vector2, Vector3};
 
 /// Unknowns of a lens.
 pub const TERMS: usize = 1;
+
+/// Places along each side of an image where a camera's distortion is looked at.
+const GRID: usize = 25;
 
 /// The camera as the images show it: `x = x' (1 + a ρ)`, x' on the image plane at z = 1 by the calibration and ρ the square
 /// of its distance from the axis over that of the image's corner, so that `a` is what the corner moves by, as a share of its
@@ -32,6 +35,26 @@ impl Lens {
     pub fn ideal(camera: Pinhole) -> Self {
         let (x, y) = (0.5 * camera.width as f64 / camera.fx, 0.5 * camera.height as f64 / camera.fy);
         Self { camera, terms: [0.0; TERMS], per_corner: 1.0 / (x * x + y * y) }
+    }
+
+    /// The lens that comes nearest to the distortion of a camera, over its whole image, and by how much it misses it where it does
+    /// most, as a share of the corner's distance from the middle; nothing where the camera has no ray for a part of its image.
+    pub fn nearest(camera: &Camera) -> Option<(Self, f64)> {
+        let lens = Self::ideal(*camera.intrinsics());
+        let Pinhole { width, height, .. } = lens.camera;
+        let grid = |i: usize, side: usize| (side as f64 - 1.0) * i as f64 / (GRID - 1) as f64;
+        let moved = |i: usize| {
+            let pixel = Vector2::new(grid(i % GRID, width), grid(i / GRID, height));
+            let ray = camera.unproject(&pixel).filter(|ray| ray.z > 0.0)?;
+            let [by_term] = lens.by_terms(pixel.into());
+            Some((by_term, lens.camera.project(&ray) - pixel))
+        };
+        let all: Vec<_> = (0..GRID * GRID).map(moved).collect::<Option<_>>()?;
+        let squares: f64 = all.iter().map(|(by_term, _)| by_term.norm_squared()).sum();
+        let term = all.iter().map(|(by_term, moved)| by_term.dot(moved)).sum::<f64>() / squares;
+        let missed = all.iter().map(|(by_term, moved)| (moved - by_term * term).norm()).fold(0.0, f64::max);
+        let corner = 0.5 * (width as f64).hypot(height as f64);
+        Some((Self { terms: [term], ..lens }, missed / corner))
     }
 
     /// The terms as they are written with a map: the shortest text that reads as the same number.
@@ -141,6 +164,7 @@ impl Lens {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::{Distortion, RadTan};
 
     const CAMERA: Pinhole = Pinhole { width: 640, height: 480, fx: 420.0, fy: 420.0, cx: 310.0, cy: 250.0 };
 
@@ -160,6 +184,23 @@ mod tests {
         let corner = bent.undistort([630.0, 490.0]);
         let moved = (corner[0] - 310.0) / 320.0;
         assert!((moved - (1.0 - 0.03)).abs() < 1e-12, "a corner moves by its share: {moved}");
+    }
+
+    #[test]
+    fn the_nearest_lens_is_that_of_a_weak_distortion_and_misses_a_strong_one() {
+        let nearest = |terms: [f64; 4]| {
+            let distortion = Distortion::RadTan(RadTan::new(&terms).expect("finite terms"));
+            Lens::nearest(&Camera::new(CAMERA, distortion).expect("a camera")).expect("rays everywhere")
+        };
+        let (lens, missed) = nearest([0.02, 0.0, 0.0, 0.0]);
+        let corner = (320.0f64 / 420.0).powi(2) + (240.0f64 / 420.0).powi(2);
+        assert!((lens.terms[0] + 0.02 * corner).abs() < 1e-3, "{lens:?}");
+        assert!(missed < 5e-4, "{missed}");
+        // Of a Kinect: outwards half-way, and back at the corner.
+        let (_, missed) = nearest([0.13, -0.21, 0.0, 0.0]);
+        assert!(missed > 0.01, "{missed}");
+        let (lens, missed) = nearest([0.0; 4]);
+        assert!(lens.terms == [0.0] && missed < 1e-9, "{lens:?} {missed}");
     }
 
     #[test]
