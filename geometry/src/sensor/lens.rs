@@ -188,19 +188,23 @@ mod tests {
 
     #[test]
     fn the_nearest_lens_is_that_of_a_weak_distortion_and_misses_a_strong_one() {
-        let nearest = |terms: [f64; 4]| {
+        let nearest_of = |pinhole: Pinhole, terms: [f64; 4]| {
             let distortion = Distortion::RadTan(RadTan::new(&terms).expect("finite terms"));
-            Lens::nearest(&Camera::new(CAMERA, distortion).expect("a camera")).expect("rays everywhere")
+            Lens::nearest(&Camera::new(pinhole, distortion).expect("a camera"))
         };
+        let nearest = |terms| nearest_of(CAMERA, terms).expect("rays everywhere");
         let (lens, missed) = nearest([0.02, 0.0, 0.0, 0.0]);
         let corner = (320.0f64 / 420.0).powi(2) + (240.0f64 / 420.0).powi(2);
         assert!((lens.terms[0] + 0.02 * corner).abs() < 1e-3, "{lens:?}");
         assert!(missed < 5e-4, "{missed}");
         // Of a Kinect: outwards half-way, and back at the corner.
-        let (_, missed) = nearest([0.13, -0.21, 0.0, 0.0]);
+        let kinect = [0.13, -0.21, 0.0, 0.0];
+        let (_, missed) =
+            nearest_of(Pinhole { fx: 520.0, fy: 520.0, ..CAMERA }, kinect).expect("rays everywhere");
         assert!(missed > 0.01, "{missed}");
+        assert_eq!(nearest_of(CAMERA, kinect), None, "at a wider view it turns back before the corner");
         let (lens, missed) = nearest([0.0; 4]);
-        assert!(lens.terms == [0.0] && missed < 1e-9, "{lens:?} {missed}");
+        assert!(lens.terms[0].abs() < 1e-9 && missed < 1e-9, "{lens:?} {missed}");
     }
 
     #[test]
