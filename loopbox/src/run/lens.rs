@@ -38,8 +38,8 @@ const MAX_ROUNDS: usize = 5;
 /// What the joint optimisation's one radial term may miss of a distortion that is left to it, over what is expected of calibrations
 /// (`mapping.lens_sigma`). Of rectified road cameras it misses a seventh at most, of a Kinect as much as all of that.
 const MISSED: f64 = 0.25;
-/// Images of a camera whose corner lies elsewhere by less than this share of its distance from the middle are mapped as they are:
-/// of rendered ones, the principal point came out a tenth of a pixel off where they were resampled, and a third of that where not.
+/// Images of a camera whose corner lies elsewhere by less than this share of its distance from the middle, about a pixel of
+/// 640 × 480, are mapped as they are: that much, the joint optimisation of poses and lens takes from the observations.
 const STRAIGHT: f64 = 2e-3;
 /// A focal length that is known worse than this (a tenth of what the usual lenses differ by) is said to be a guess.
 const DETERMINED: f64 = 0.03;
