@@ -38,9 +38,9 @@ const MAX_ROUNDS: usize = 5;
 /// What the joint optimisation's one radial term may miss of a distortion that is left to it, over what is expected of calibrations
 /// (`mapping.lens_sigma`). Of rectified road cameras it misses a seventh at most, of a Kinect as much as all of that.
 const MISSED: f64 = 0.25;
-/// Images of a camera whose corner lies elsewhere by less than this share of its distance from the middle, about a pixel of
-/// 640 × 480, are mapped as they are: that much, the joint optimisation of poses and lens takes from the observations.
-const STRAIGHT: f64 = 2e-3;
+/// Less than this, as a share of the corner's distance from the middle, is undone as it was found: that is about a pixel of 640 × 480,
+/// and to leave it out gained nothing.
+const LEAST_BEND: f64 = 2e-3;
 /// A focal length that is known worse than this (a tenth of what the usual lenses differ by) is said to be a guess.
 const DETERMINED: f64 = 0.03;
 
@@ -228,7 +228,7 @@ fn refined(
 ) -> Result<Result<SelfCalibration, SelfCalibrationError>> {
     let mut found: Option<SelfCalibration> = None;
     for round in 0..MAX_ROUNDS {
-        let lens = found.as_ref().map_or(*start, |found| straight(&found.camera));
+        let lens = found.as_ref().map_or(*start, |found| found.camera);
         // Only the first guess is one of which the prior was made.
         let focal = if round == 0 { spread } else { f64::INFINITY };
         let prior = LensPrior { focal, ..LensPrior::default() };
@@ -246,20 +246,14 @@ fn refined(
     Ok(found.ok_or(SelfCalibrationError::Undetermined))
 }
 
-/// The camera, without its distortion where that is less than what images lose by being resampled for it.
-fn straight(camera: &Camera) -> Camera {
-    let is_straight = |(lens, missed): (Lens, f64)| lens.terms[0].abs() + missed < STRAIGHT;
-    let without = || Camera::new(*camera.intrinsics(), Distortion::None).ok();
-    Lens::nearest(camera).filter(|nearest| is_straight(*nearest)).and_then(|_| without()).unwrap_or(*camera)
-}
-
 /// The lens that was found, without its distortion where that is as little as the joint optimisation expects of a calibration and
 /// its one term can say it: all of the recording tells it better than its first part, in which two terms fit what else is off
 /// as well, and the images need not be resampled.
 fn left_to_the_map(found: &SelfCalibration, params: &Params) -> Result<Camera> {
     let mapping = &params.mapping;
     let is_little = |(lens, missed): (Lens, f64)| {
-        lens.terms[0].abs() < mapping.lens_sigma && missed < MISSED * mapping.lens_sigma
+        (LEAST_BEND..mapping.lens_sigma).contains(&lens.terms[0].abs())
+            && missed < MISSED * mapping.lens_sigma
     };
     let is_found_again = found.keyframes >= mapping.calibrate_from;
     if is_found_again && Lens::nearest(&found.camera).is_some_and(is_little) {
