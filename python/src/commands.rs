@@ -10,7 +10,7 @@ use loopbox::{MergeOptions, merge_maps};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use sources::{FrameSource, SourceOptions, Stop};
+use sources::{SourceOptions, Stop};
 use std::path::PathBuf;
 use std::sync::Mutex;
 use view::watch::Watch;
