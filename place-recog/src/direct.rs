@@ -59,6 +59,17 @@ impl DirectIndex {
     }
 }
 
+/// Words and direct index of every keyframe.
+pub fn words(
+    of_features: &BTreeMap<KeyframeId, FeatureWords>,
+    vocabulary: &Vocabulary,
+) -> (BTreeMap<KeyframeId, WordBag>, BTreeMap<KeyframeId, DirectIndex>) {
+    let sorted = |(&id, words): (&KeyframeId, &FeatureWords)| {
+        ((id, words.bag()), (id, DirectIndex::new(words, vocabulary)))
+    };
+    of_features.par_iter().map(sorted).collect::<Vec<_>>().into_iter().unzip()
+}
+
 /// Keyframes of a map as the direct index needs them.
 #[derive(Clone, Copy)]
 pub struct Directed<'a> {

@@ -13,7 +13,7 @@ mod vocabulary;
 
 pub use bow::{BowIndex, BowParams};
 pub use common::{Appearance, CommonIndex, IndexMethod};
-pub use direct::{DirectIndex, Directed, RankParams, ranked, shared_features};
+pub use direct::{DirectIndex, Directed, RankParams, ranked, shared_features, words};
 pub use fabmap::{FabMap, FabMapParams, Location};
 pub use feature_words::FeatureWords;
 pub use features;

@@ -9,8 +9,9 @@ use loopbox::merging::features_of_keyframes;
 use map::{KeyframeId, Map, PlaceIndex};
 use place_recog::{
     DirectIndex, Directed, FabMap, FabMapParams, FeatureWords, KeyframeFeatures, Proposal, ProposeParams,
-    RankParams, Vocabulary, WordBag, propose, ranked,
+    RankParams, Vocabulary, WordBag, propose, ranked, words,
 };
+use rayon::prelude::*;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -62,12 +63,10 @@ struct Words {
 impl Words {
     fn of(map: &Map, vocabulary: &Vocabulary) -> Result<Self> {
         let times = map.keyframes.iter().map(|(&id, keyframe)| (id, keyframe.timestamp)).collect();
-        let ids = map.keyframes.keys().copied();
-        let features: KeyframeFeatures = ids.zip(features_of_keyframes(map)?).collect();
-        let words = |id| Some((id, FeatureWords::of(features.get(id)?, vocabulary)));
-        let words: Vec<_> = features.keyframes().filter_map(words).collect();
-        let direct = words.iter().map(|(id, words)| (*id, DirectIndex::new(words, vocabulary))).collect();
-        let bags = words.iter().map(|(id, words)| (*id, words.bag())).collect();
+        let (ids, found) = (|| map.keyframes.keys().copied(), features_of_keyframes(map)?);
+        let looked_up: Vec<_> = found.par_iter().map(|f| FeatureWords::of(f, vocabulary)).collect();
+        let (bags, direct) = words(&ids().zip(looked_up).collect(), vocabulary);
+        let features = ids().zip(found).collect();
         Ok(Self { times, bags, features, direct })
     }
 

@@ -7,7 +7,7 @@ use anyhow::{Context, Result, bail};
 use features::{Features, SiftParams, codec, sift};
 use geometry::Swap;
 use map::{Keyframe, KeyframeId, Map};
-use place_recog::{DirectIndex, Directed, FeatureWords, KeyframeFeatures, Vocabulary, WordBag};
+use place_recog::{DirectIndex, Directed, FeatureWords, KeyframeFeatures, Vocabulary, WordBag, words};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -71,10 +71,8 @@ impl Input {
         if let Err(why) = can_be_merged(&map, path) {
             return Err(Refused { map: Box::new(map), why });
         }
-        let Described { features, words, found } = Described::of(&mut map, vocabulary);
-        let index = |(id, words): (&KeyframeId, &FeatureWords)| (*id, DirectIndex::new(words, vocabulary));
-        let direct: BTreeMap<_, _> = words.iter().map(index).collect();
-        let words: BTreeMap<_, _> = words.iter().map(|(id, words)| (*id, words.bag())).collect();
+        let Described { features, words: of_features, found } = Described::of(&mut map, vocabulary);
+        let (words, direct) = words(&of_features, vocabulary);
         let name = name_of(&map);
         let seconds = InputSeconds { reading: 0.0, features: start.elapsed().as_secs_f64() };
         let (path, warnings) = (path.to_owned(), Vec::new());

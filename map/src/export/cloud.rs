@@ -20,7 +20,8 @@ pub struct CloudSelection {
     pub max_relative_variance: f32,
     /// Edge of the cubes of which each keeps its surest point alone, map units; `None` keeps all points.
     pub voxel: Option<f64>,
-    /// About how many points there are at the most, without `voxel`: of more, every second, third and so on of each keyframe. `None` keeps all points.
+    /// About how many points there are at the most, without `voxel`: of more, every second, third and so on of each
+    /// keyframe. `None` keeps all points.
     pub most: Option<usize>,
 }
 
@@ -49,13 +50,15 @@ impl CloudSelection {
 
     /// The points of a map that are selected.
     pub(super) fn points(self, map: &Map) -> Box<dyn Iterator<Item = CloudPoint> + '_> {
-        if let Some(voxel) = self.voxel {
-            return Box::new(map.thinned_cloud(self.max_relative_variance, voxel));
+        let bound = self.max_relative_variance;
+        match (self.voxel, self.most) {
+            (Some(voxel), _) => Box::new(map.thinned_cloud(bound, voxel)),
+            (None, None) => Box::new(map.cloud(bound)),
+            (None, Some(_)) => {
+                let (keyframes, step) = (map.keyframes.values(), self.chosen(map).step);
+                Box::new(keyframes.flat_map(move |keyframe| keyframe.world_cloud(map, bound).step_by(step)))
+            }
         }
-        let (bound, Chosen { step, .. }) = (self.max_relative_variance, self.chosen(map));
-        Box::new(
-            map.keyframes.values().flat_map(move |keyframe| keyframe.world_cloud(map, bound).step_by(step)),
-        )
     }
 
     /// How many of a map's points are selected without a voxel, and which.

@@ -63,8 +63,8 @@ impl Calibration {
         self.hosts[point].by_unknowns(&self.sensor)
     }
 
-    /// Derivative by the unknowns of an observation's residual, `host` being [that](Self::host_by_unknowns) of its point, brought back to pixels of the image: a lens that makes the
-    /// image smaller does not make its errors smaller.
+    /// Derivative by the unknowns of an observation's residual, brought back to pixels of the image: a lens that makes the
+    /// image smaller does not make its errors smaller. `host` is [what its point's host says](Self::host_by_unknowns).
     pub fn by_unknowns(
         &self,
         problem: &Problem,
