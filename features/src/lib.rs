@@ -10,17 +10,14 @@
 //!
 //! | pairs | OpenCV 4.6 | loopbox | one of either | time, ms: OpenCV, loopbox |
 //! |---|---|---|---|---|
-//! | 26 of tum_fr1_xyz, 20 frames apart | 100.5 | 94.3 | 96.7 | 30, 28 |
-//! | 24 of tum_fr1_desk, 15 apart | 57.1 | 54.9 | 55.4 | 24, 24 |
-//! | 40 of tum_fr1_xyz and tum_fr1_desk | 57.0 | 58.1 | 57.1 | 32, 24 |
-//! | 25 of kitti00_first201, 4 apart | 200.0 | 198.6 | 196.6 | 59, 43 |
-//! | 29 of kitti09_first350, 4 apart | 104.7 | 104.5 | 102.6 | 43, 36 |
-//! | 30 of parking_a and parking_b | 124.5 | 139.8 | 130.1 | 42, 36 |
-//! | 37 of parking_a and parking_c | 68.4 | 71.4 | 68.8 | 45, 36 |
-//! | 18 of parking_b and parking_c | 65.9 | 84.4 | 72.2 | 46, 40 |
-//!
-//! `loopbox merge` with either: ATE of the second agent in the frame of the first, parking a + c 6.2 mm by OpenCV and
-//! 5.0 mm by our own, a + b 23.3 and 23.2 mm, tum_fr1_xyz + _desk 23.5 and 23.5 mm.
+//! | 26 of tum_fr1_xyz, 20 frames apart | 100.5 | 94.1 | 95.7 | 24, 10 |
+//! | 24 of tum_fr1_desk, 15 apart | 57.1 | 54.5 | 55.2 | 22, 9 |
+//! | 25 of kitti00_first201, 4 apart | 200.0 | 197.4 | 194.6 | 40, 18 |
+//! | 29 of kitti09_first350, 4 apart | 104.7 | 104.1 | 101.5 | 29, 11 |
+//! | 40 of tum_fr1_xyz and tum_fr1_desk | 57.0 | 57.3 | 56.6 | 19, 6 |
+//! | 30 of parking_a and parking_b | 124.5 | 140.9 | 129.5 | 24, 8 |
+//! | 37 of parking_a and parking_c | 68.4 | 72.1 | 68.1 | 24, 8 |
+//! | 18 of parking_b and parking_c | 65.9 | 86.2 | 71.9 | 24, 8 |
 
 pub mod codec;
 mod extractor;

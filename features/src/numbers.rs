@@ -70,6 +70,14 @@ pub fn direction(x: f32, y: f32) -> f32 {
     if y < 0.0 { 1.0 - turns } else { turns }
 }
 
+/// The whole number nearest to one from zero to 2²², without the care for others that a cast takes.
+#[inline(always)]
+pub fn rounded(value: f32) -> u32 {
+    // There a number's last bit counts ones.
+    const ONES: f32 = (1 << 23) as f32;
+    (value + ONES).to_bits() & ((1 << 23) - 1)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

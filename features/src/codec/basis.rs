@@ -94,17 +94,9 @@ impl Basis {
 
     /// The coordinates of a descriptor along the axes, steps from −[`MOST`] to [`MOST`].
     pub fn coordinates(&self, descriptor: &Descriptor, coordinates: &mut Vec<i32>) {
-        let mut sums = vec![0.0f32; self.len()];
-        for ((&value, mean), components) in
-            descriptor.iter().zip(&self.mean).zip(self.components.chunks_exact(self.len()))
-        {
-            let value = f32::from(value) - mean;
-            for (sum, component) in sums.iter_mut().zip(components) {
-                *sum += value * component;
-            }
-        }
         coordinates.clear();
-        coordinates.extend(sums.iter().map(|sum| ((sum / self.step).round() as i32).clamp(-MOST, MOST)));
+        coordinates.resize(self.len(), 0);
+        along(self, descriptor, coordinates);
     }
 
     /// The descriptor at coordinates.
@@ -142,6 +134,23 @@ geometry::multiversion! {
             }
         }
         sums.map(|sum| sum.round() as u8)
+    }
+}
+
+geometry::multiversion! {
+    /// The coordinates along each axis, whole steps.
+    fn along(basis: &Basis, descriptor: &Descriptor, coordinates: &mut [i32]) {
+        let mut sums = vec![0.0f32; basis.len()];
+        let rows = basis.components.chunks_exact(basis.len());
+        for ((&value, mean), components) in descriptor.iter().zip(&basis.mean).zip(rows) {
+            let value = f32::from(value) - mean;
+            for (sum, component) in sums.iter_mut().zip(components) {
+                *sum += value * component;
+            }
+        }
+        for (coordinate, sum) in coordinates.iter_mut().zip(&sums) {
+            *coordinate = ((sum / basis.step).round() as i32).clamp(-MOST, MOST);
+        }
     }
 }
 

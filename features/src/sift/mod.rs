@@ -1,23 +1,22 @@
 //! SIFT (Lowe 2004) in Rust alone, made from the published algorithm.
 //!
-//! Read in this order: [`scale_space`], [`extrema`], [`orientation`], [`descriptor`]. All arithmetic is in one fixed
+//! Read in this order: [`scale_space`], [`extrema`], [`orientation`], [`patch`], [`descriptor`]. All arithmetic is in one fixed
 //! order and takes nothing from the system's mathematical library, so the features are the same to the bit on every
 //! machine.
 
 mod blur;
 mod descriptor;
 mod extrema;
-mod gradient;
 mod orientation;
+mod patch;
 mod scale_space;
-
 mod window;
 
 use crate::numbers::exp2;
 use crate::{Features, Keypoint, SiftParams};
+use descriptor::Describer;
 use extrema::{Extremum, extrema};
 use geometry::{GrayImage, Pyramid};
-use gradient::Gradient;
 use scale_space::{LAYERS, Octave, Placed, SIGMA, Scales, first};
 use window::Window;
 
@@ -53,33 +52,26 @@ geometry::multiversion! {
 /// The features of extrema, in their order, at most `most`.
 #[inline(always)]
 fn described(octaves: &[Octave], extrema: &[Extremum], placed: Placed, most: usize) -> Features {
-    // By octave and layer, so that one gradient serves all extrema of a layer.
+    // By octave and layer, then downwards, as the images lie in memory.
     let mut order: Vec<usize> = (0..extrema.len()).collect();
-    order.sort_by_key(|&i| (extrema[i].octave, extrema[i].layer));
-    let mut gradient = Gradient::empty();
-    let mut window = Window::default();
+    order.sort_by_key(|&i| (extrema[i].octave, extrema[i].layer, extrema[i].pixel[1] as usize));
+    let (mut window, mut describer) = (Window::default(), Describer::new());
     let mut turns = Vec::new();
     let mut features: Vec<(usize, Keypoint, crate::Descriptor)> = Vec::with_capacity(2 * extrema.len());
-    for same in order
-        .chunk_by(|&a, &b| (extrema[a].octave, extrema[a].layer) == (extrema[b].octave, extrema[b].layer))
-    {
-        let Extremum { octave, layer, .. } = extrema[same[0]];
-        gradient.fill(&octaves[octave].images[layer]);
-        let unit = placed.scale * (1u32 << octave) as f32;
-        for &i in same {
-            let extremum = &extrema[i];
-            let sigma = (SIGMA * exp2(f64::from(extremum.scale) / LAYERS as f64)) as f32;
-            turns.clear();
-            orientation::orientations(&gradient, extremum.pixel, sigma, &mut window, &mut turns);
-            for &turns in &turns {
-                let keypoint = Keypoint {
-                    pixel: extremum.pixel.map(|v| v * unit + placed.offset),
-                    size: 2.0 * sigma * unit,
-                    angle: turns * std::f32::consts::TAU,
-                };
-                let descriptor = descriptor::describe(&gradient, extremum.pixel, sigma, turns, &mut window);
-                features.push((i, keypoint, descriptor));
-            }
+    for i in order {
+        let extremum = &extrema[i];
+        let image = &octaves[extremum.octave].images[extremum.layer];
+        let unit = placed.scale * (1u32 << extremum.octave) as f32;
+        let sigma = (SIGMA * exp2(f64::from(extremum.scale) / LAYERS as f64)) as f32;
+        turns.clear();
+        orientation::orientations(image, extremum.pixel, sigma, &mut window, &mut turns);
+        for &turns in &turns {
+            let keypoint = Keypoint {
+                pixel: extremum.pixel.map(|v| v * unit + placed.offset),
+                size: 2.0 * sigma * unit,
+                angle: turns * std::f32::consts::TAU,
+            };
+            features.push((i, keypoint, describer.describe(image, extremum.pixel, sigma, turns)));
         }
     }
     features.sort_by_key(|(rank, ..)| *rank);

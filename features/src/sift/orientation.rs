@@ -1,7 +1,8 @@
 //! The orientations of a key point: the peaks of the histogram of gradients around it (Lowe 2004, §5).
 
-use super::gradient::Gradient;
 use super::window::Window;
+use crate::numbers::{direction, rounded};
+use geometry::Image;
 
 /// Bins of the histogram.
 const BINS: usize = 36;
@@ -12,26 +13,35 @@ const WINDOW: f32 = 1.5;
 /// A further peak counts from this share of the highest (Lowe 2004, §5).
 const PEAK: f32 = 0.8;
 
+/// Pixels of a row that are worked on side by side.
+const LANES: usize = 8;
+
 /// Appends the orientations, turns from x towards y, 0 to 1, of a key point at `pixel` with blur `sigma`, both in
 /// pixels of the octave.
 #[inline(always)]
 pub fn orientations(
-    gradient: &Gradient,
+    image: &Image<f32>,
     pixel: [f32; 2],
     sigma: f32,
     window: &mut Window,
     found: &mut Vec<f32>,
 ) {
     let spread = WINDOW * sigma;
-    let image = &gradient.length;
-    let [columns, rows] = window.place([image.width(), image.height()], pixel, 3.0 * spread, spread);
+    let (width, height) = (image.width(), image.height());
+    let [columns, rows] = window.place([width, height], pixel, 3.0 * spread, spread);
     let mut histogram = [0.0f32; BINS];
     for y in rows {
         let weight = window.down[y - window.top];
-        let (lengths, turns) = (&image.row(y)[columns.clone()], &gradient.turns.row(y)[columns.clone()]);
-        for ((length, turns), across) in lengths.iter().zip(turns).zip(&window.across) {
-            let bin = (turns * BINS as f32 + 0.5) as usize;
-            histogram[if bin >= BINS { 0 } else { bin }] += length * (weight * across);
+        let neighbours = [image.row(y - 1), image.row(y), image.row(y + 1)];
+        for first in columns.clone().step_by(LANES) {
+            // At the right border some are looked at again, but not counted.
+            let start = first.min(width - 1 - LANES);
+            let (lengths, bins) = gradients(neighbours, start);
+            for x in first..(start + LANES).min(columns.end) {
+                let (length, bin) = (lengths[x - start], bins[x - start] as usize);
+                histogram[if bin < BINS { bin } else { 0 }] +=
+                    length * (weight * window.across[x - columns.start]);
+            }
         }
     }
     let smooth = smoothed(&histogram);
@@ -44,6 +54,25 @@ pub fn orientations(
             found.push((peak / BINS as f32).rem_euclid(1.0));
         }
     }
+}
+
+/// Lengths and bins of a row's gradients from a column on, by central differences.
+#[inline(always)]
+fn gradients([up, row, down]: [&[f32]; 3], start: usize) -> ([f32; LANES], [u32; LANES]) {
+    let (left, right) = (lanes(&row[start - 1..]), lanes(&row[start + 1..]));
+    let (up, down) = (lanes(&up[start..]), lanes(&down[start..]));
+    let (mut lengths, mut bins) = ([0.0; LANES], [0; LANES]);
+    for i in 0..LANES {
+        let (dx, dy) = (right[i] - left[i], down[i] - up[i]);
+        lengths[i] = (dx * dx + dy * dy).sqrt();
+        bins[i] = rounded(direction(dx, dy) * BINS as f32);
+    }
+    (lengths, bins)
+}
+
+#[inline(always)]
+fn lanes(numbers: &[f32]) -> &[f32; LANES] {
+    numbers.first_chunk().expect("the image reaches so far")
 }
 
 /// The histogram blurred by the binomial (1 4 6 4 1) / 16.

@@ -3,15 +3,12 @@
 use crate::numbers::exp;
 use std::ops::Range;
 
-/// Samples that are worked on side by side.
-pub const LANES: usize = 8;
-
 /// The weights of a window: as a Gaussian is the product of one along either axis, two tables hold it.
 #[derive(Default)]
 pub struct Window {
     /// The first row of the window.
     pub top: usize,
-    /// The weight of each column of the window, then [`LANES`] zeros.
+    /// The weight of each column of the window.
     pub across: Vec<f32>,
     /// The weight of each row of the window.
     pub down: Vec<f32>,
@@ -34,7 +31,6 @@ impl Window {
         };
         let (columns, rows) = (range(0), range(1));
         fill(&mut self.across, columns.clone(), pixel[0], spread);
-        self.across.extend([0.0; LANES]);
         fill(&mut self.down, rows.clone(), pixel[1], spread);
         self.top = rows.start;
         [columns, rows]
