@@ -71,7 +71,7 @@ struct View {
     is_held: bool,
     /// Publications that the node took in.
     taken: u64,
-    /// How often something came that somebody waits for: all that was asked for, or what others found.
+    /// How often something came that somebody waits for, as [`Node::arrivals`] counts it.
     arrivals: u64,
     ends: bool,
 }
@@ -159,8 +159,8 @@ impl Service {
         view.is_held && view.taken == self.shared.given.load(Ordering::SeqCst)
     }
 
-    /// Waits until something comes that somebody waits for, all that was asked for or what others found, and for
-    /// `patience` at the most; `seen` is what the last call returned.
+    /// Waits until something comes that somebody waits for, see [`Node::arrivals`], and for `patience` at the most; `seen` is what
+    /// the last call returned.
     pub fn wait_for_arrivals(&self, seen: u64, patience: Duration) -> u64 {
         let view = self.shared.view();
         let waited = self.shared.changed.wait_timeout_while(view, patience, |view| view.arrivals == seen);
@@ -218,7 +218,7 @@ fn attend(
     mut news: impl FnMut(News),
 ) {
     let started = Instant::now();
-    let (mut looked, mut wanted) = (Duration::ZERO, 0);
+    let (mut looked, mut arrivals) = (Duration::ZERO, node.arrivals());
     while !shared.view().ends {
         let event = match events.recv_timeout(TICK) {
             Ok(event) => event,
@@ -231,15 +231,11 @@ fn attend(
             _ => None,
         };
         let now = started.elapsed();
-        let mut is_arrival = false;
         for action in node.handle(now, event) {
             match action {
                 Action::Send { link, priority, bytes } => transport.send(link, priority, bytes),
                 Action::Close { link, .. } => transport.close(link),
-                Action::News(what) => {
-                    is_arrival |= matches!(what, News::Findings { .. });
-                    news(what);
-                }
+                Action::News(what) => news(what),
             }
         }
         if let Some((link, bytes)) = came {
@@ -251,9 +247,8 @@ fn attend(
             (view.own, view.is_held) = (own, node.is_held());
             view.taken += 1;
         }
-        // Whoever asked for objects to decide what is next has them all: the next step need not wait for its turn.
-        let before = std::mem::replace(&mut wanted, node.wanted());
-        is_arrival |= before > 0 && wanted == 0;
+        // Whoever asked for objects to decide what is next has them: the next step need not wait for its turn.
+        let is_arrival = std::mem::replace(&mut arrivals, node.arrivals()) != node.arrivals();
         if is_own || is_arrival || now.saturating_sub(looked) > 5 * TICK {
             shared.look(&node, now);
             looked = now;

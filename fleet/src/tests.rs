@@ -218,6 +218,56 @@ fn keyframes_that_are_preferred_come_first() {
     assert!(!has(&network, 39) && !has(&network, 55));
 }
 
+/// So often something came to the first node by which it may be decided what is next, until all of an agent's map was there.
+fn arrivals_until_whole(network: &mut Network, number: u128) -> u64 {
+    let before = network.nodes[0].arrivals();
+    let end = network.now + SECONDS(20);
+    assert!(network.run_until(end, |network| network.whole(0, agent(number)).is_some()));
+    network.nodes[0].arrivals() - before
+}
+
+#[test]
+fn what_comes_of_one_map_is_news_whatever_another_one_does_not_send() {
+    let mut network = Network::new(3, 3, Faults { rate: 100e3, ..Faults::NONE });
+    let maps = [7, 8].map(|number| (map(agent(number), 9), Publisher::new(agent(number), 100)));
+    let [(stalled, mut of_stalled), (other, mut of_other)] = maps;
+    network.publish(1, &mut of_stalled, &stalled, true);
+    network.run_until(SECONDS(1), |_| false);
+    let lacking = |network: &Network| network.nodes[0].heard().next().map_or(0, |heard| heard.missing);
+    assert!(lacking(&network) > 0);
+    // One stands still with half of its map told: with its link open at first, without it after a while.
+    network.cut = vec![(1, 0), (1, 2)];
+    network.publish(2, &mut of_other, &other, false);
+    // The lists with the places of keyframes, then all of it.
+    assert_eq!(arrivals_until_whole(&mut network, 8), 2);
+    network.run_until(SECONDS(30), |_| false);
+    assert!(lacking(&network) > 0 && !network.nodes[0].heard().next().unwrap().is_near);
+    let mut grown = other.clone();
+    grown.keyframes.values_mut().for_each(|keyframe| keyframe.world_from_keyframe.scale *= 1.5);
+    network.publish(2, &mut of_other, &grown, true);
+    let before = network.nodes[0].arrivals();
+    let end = network.now + SECONDS(9);
+    let is_news = |network: &Network| network.nodes[0].arrivals() > before;
+    assert!(network.run_until(end, is_news), "nobody learns that more of a map came");
+}
+
+#[test]
+fn what_was_preferred_is_news_before_all_else_is_there() {
+    let (mut network, ..) = telling(30, 5, Faults { rate: 100e3, ..Faults::NONE });
+    assert!(network.run_until(SECONDS(4), |network| network.nodes[0].arrivals() == 1));
+    let heard = network.nodes[0].heard().next().expect("the lists are there");
+    let objects = vec![(Kind::Depth, 57), (Kind::Image, 57)];
+    network.event(0, Event::Prefer { agent: agent(7), objects, rest: true });
+    assert!(network.run_until(SECONDS(9), |network| network.nodes[0].arrivals() == 2));
+    let is_here = |number: u32| {
+        let of_one = heard.entries.iter().filter(|entry| entry.number == number);
+        let mut exact = of_one.filter(|entry| matches!(entry.kind, Kind::Depth | Kind::Image));
+        exact.all(|entry| network.stores[0].has(&entry.hash))
+    };
+    assert!(is_here(57) && !is_here(1));
+    assert_eq!(arrivals_until_whole(&mut network, 7), 1);
+}
+
 #[test]
 fn what_was_cut_goes_on_where_it_was() {
     // For 10 s, for 10 minutes, and one way each.

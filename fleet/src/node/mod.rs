@@ -55,6 +55,8 @@ pub struct Node {
     links: BTreeMap<LinkId, Link>,
     /// Neighbours and parties of whom nothing is believed, and why.
     distrusted: BTreeMap<Uuid, String>,
+    /// How often something came that somebody waits for.
+    arrivals: u64,
     /// Nothing is fetched before.
     paused_until: Duration,
     actions: Vec<Action>,
@@ -103,9 +105,20 @@ impl Node {
     /// A node that keeps objects in `store`; what is whole there is known again.
     pub fn new(config: Config, store: Arc<dyn Store>) -> Self {
         let (own, told, neighbours, links, distrusted, actions) = Default::default();
-        let (findings, paused_until) = (None, Duration::ZERO);
-        let mut node =
-            Self { config, store, own, told, findings, neighbours, links, distrusted, paused_until, actions };
+        let (findings, arrivals, paused_until) = (None, 0, Duration::ZERO);
+        let mut node = Self {
+            config,
+            store,
+            own,
+            told,
+            findings,
+            neighbours,
+            links,
+            distrusted,
+            arrivals,
+            paused_until,
+            actions,
+        };
         for (agent, head) in node.store.heads() {
             node.remember(agent, head);
         }
@@ -170,9 +183,11 @@ impl Node {
         self.neighbours.get(&told.teller).is_some_and(|teller| teller.link.is_some())
     }
 
-    /// How many objects are to be fetched by now, of all neighbours.
-    pub fn wanted(&self) -> usize {
-        self.neighbours.values().map(|neighbour| neighbour.fetch.wanted()).sum()
+    /// How often something came by which it may be decided what is next: of a map the last of what comes before others
+    /// (lists, places of keyframes, and what was preferred) or the last of all, whatever of other maps is still to come; or what
+    /// a neighbour found out.
+    pub fn arrivals(&self) -> u64 {
+        self.arrivals
     }
 
     fn received(&mut self, now: Duration, link: LinkId, message: Message) {

@@ -27,6 +27,8 @@ pub(super) struct Told {
     missing: BTreeSet<ObjectHash>,
     /// Those that stand in for others, until all others are here.
     stand_ins: BTreeSet<ObjectHash>,
+    /// Objects that are fetched before others and did not come yet.
+    awaited: BTreeSet<ObjectHash>,
     /// Objects that came.
     came: u64,
     /// All objects of these, lists among them.
@@ -45,7 +47,7 @@ impl Told {
     /// A map that was never heard of before.
     fn new(teller: Uuid, party: Option<Uuid>, offer: Offer, rest: bool) -> Self {
         let (manifest, entries, missing, stand_ins, all, held, held_objects, preferred) = Default::default();
-        let came = 0;
+        let (awaited, came) = Default::default();
         Self {
             teller,
             party,
@@ -54,6 +56,7 @@ impl Told {
             entries,
             missing,
             stand_ins,
+            awaited,
             came,
             all,
             held,
@@ -137,8 +140,8 @@ impl Told {
         self.missing.len()
     }
 
-    /// What is to be fetched of it, the most urgent first.
-    fn wants(&self, store: &dyn Store) -> Vec<Want> {
+    /// What is to be fetched of it, the most urgent first; takes note of what of that is awaited.
+    fn wants(&mut self, store: &dyn Store) -> Vec<Want> {
         // The lists of the newest version; as long as they are not here, what is known of the one before.
         let newest = self.manifest.as_ref().filter(|manifest| self.is_newest(manifest));
         let mut wants = Vec::new();
@@ -151,6 +154,8 @@ impl Told {
                 }
             }
         }
+        let lists = wants.iter().map(|want| want.hash);
+        let mut awaited: BTreeSet<ObjectHash> = lists.collect();
         let places: BTreeMap<(Kind, u32), usize> = self.preferred.iter().copied().zip(0..).collect();
         let entries = self.entries.iter().flat_map(|entries| entries.iter());
         // What is chosen by, then what was chosen, keyframe by keyframe, then all that the whole map needs.
@@ -169,7 +174,10 @@ impl Told {
         };
         let mut entries: Vec<_> = entries.filter_map(|entry| Some((turn(&entry)?, entry))).collect();
         entries.sort_by_key(|(turn, _)| *turn);
+        let first = entries.iter().take_while(|(((tier, _), ..), _)| *tier < 2);
+        awaited.extend(first.map(|(_, entry)| entry.hash));
         wants.extend(entries.iter().map(|(_, entry)| Want { hash: entry.hash, size: entry.size }));
+        self.awaited = awaited;
         wants
     }
 

@@ -10,7 +10,7 @@ use crate::node::quota::Load;
 use crate::node::{Action, DISK_PAUSE, LinkId, News, Node};
 use crate::store::Head;
 use crate::wire::Offer;
-use map::Uuid;
+use map::{Identity, Uuid};
 use std::collections::BTreeSet;
 use std::time::Duration;
 
@@ -78,7 +78,7 @@ impl Node {
         let newer = neighbour.findings.filter(|findings| findings.revision > neighbour.findings_here);
         let mut wants: Vec<Want> =
             newer.iter().map(|findings| Want { hash: findings.hash, size: findings.size }).collect();
-        for told in self.told.values().filter(|told| told.teller == node) {
+        for told in self.told.values_mut().filter(|told| told.teller == node) {
             wants.extend(told.wants(&*self.store));
         }
         let mut seen = BTreeSet::new();
@@ -87,7 +87,7 @@ impl Node {
     }
 
     /// Fetches some objects before others, or others too.
-    pub(in crate::node) fn prefer(&mut self, agent: map::Identity, objects: Vec<(Kind, u32)>, rest: bool) {
+    pub(in crate::node) fn prefer(&mut self, agent: Identity, objects: Vec<(Kind, u32)>, rest: bool) {
         let Some(told) = self.told.get_mut(&agent) else { return };
         if told.preferred == objects && told.rest == rest {
             return;
@@ -109,6 +109,7 @@ impl Node {
         let Some(neighbour) = self.neighbours.get_mut(&node) else { return };
         if let Some(findings) = neighbour.findings.filter(|findings| findings.hash == hash) {
             neighbour.findings_here = findings.revision;
+            self.arrivals += 1;
             return self.actions.push(Action::News(News::Findings { from: node, bytes }));
         }
         if let Err(error) = self.store.put(&hash, &bytes) {
@@ -120,8 +121,13 @@ impl Node {
         let agents: Vec<_> =
             self.told.iter().filter(|(_, told)| told.teller == node).map(|(agent, _)| *agent).collect();
         let mut lists_came = false;
+        let mut awaited = Vec::new();
         for agent in agents {
             let Some(told) = self.told.get_mut(&agent) else { continue };
+            let is_last = told.missing.len() == 1 && told.missing.contains(&hash);
+            if told.awaited.remove(&hash) || is_last {
+                awaited.push((agent, is_last));
+            }
             if told.missing.remove(&hash) || told.stand_ins.contains(&hash) {
                 told.came += 1;
                 self.actions.extend(told.heard(true).map(|heard| Action::News(News::Map(heard))));
@@ -133,10 +139,14 @@ impl Node {
         if lists_came {
             self.want(node);
         }
+        // Lists that came say what is awaited then.
+        let is_next = |agent: &Identity| self.told.get(agent).is_some_and(|told| told.awaited.is_empty());
+        let arrived = awaited.iter().filter(|(agent, is_last)| *is_last || is_next(agent));
+        self.arrivals += arrived.count() as u64;
     }
 
     /// Takes the lists of a map's newest version, as far as they are here; whether there is more to fetch now.
-    fn lists(&mut self, link: LinkId, agent: map::Identity) -> bool {
+    fn lists(&mut self, link: LinkId, agent: Identity) -> bool {
         let Some(told) = self.told.get(&agent) else { return false };
         if told.manifest.as_ref().is_some_and(|manifest| told.is_newest(manifest)) {
             return false;
@@ -177,7 +187,7 @@ impl Node {
     /// Whether whoever tells a map of these objects tells no more than one may, with all else that is of the same.
     fn check_quota(
         &self,
-        agent: map::Identity,
+        agent: Identity,
         (teller, party): (Uuid, Option<Uuid>),
         entries: &[Entry],
     ) -> Result<(), String> {
@@ -198,7 +208,7 @@ impl Node {
     }
 
     /// Acknowledges a map of which nothing is missing any more, once it is on the disk.
-    fn complete(&mut self, link: LinkId, agent: map::Identity) {
+    fn complete(&mut self, link: LinkId, agent: Identity) {
         let Some(told) = self.told.get_mut(&agent) else { return };
         let is_newest = told.manifest.as_ref().is_some_and(|manifest| told.is_newest(manifest));
         if !told.missing.is_empty() || !is_newest || told.held == told.offer.version() {
