@@ -12,7 +12,7 @@ use anyhow::{Context, Result, anyhow};
 use map::{Identity, Uuid};
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::thread::JoinHandle;
@@ -159,12 +159,20 @@ impl Service {
         view.is_held && view.taken == self.shared.given.load(Ordering::SeqCst)
     }
 
-    /// Waits until something comes that somebody waits for, see [`Node::arrivals`], and for `patience` at the most; `seen` is what
-    /// the last call returned.
-    pub fn wait_for_arrivals(&self, seen: u64, patience: Duration) -> u64 {
+    /// Waits until something comes that somebody waits for, see [`Node::arrivals`], or, once it is [woken](Self::wake), until it
+    /// `ends`, and for `patience` at the most; `seen` is what the last call returned.
+    pub fn wait_for_arrivals(&self, seen: u64, patience: Duration, ends: &AtomicBool) -> u64 {
         let view = self.shared.view();
-        let waited = self.shared.changed.wait_timeout_while(view, patience, |view| view.arrivals == seen);
+        let waits = |view: &mut View| view.arrivals == seen && !ends.load(Ordering::SeqCst);
+        let waited = self.shared.changed.wait_timeout_while(view, patience, waits);
         waited.unwrap_or_else(PoisonError::into_inner).0.arrivals
+    }
+
+    /// Has whoever waits look whether that is to end.
+    pub fn wake(&self) {
+        // Who holds it has looked already, or will look.
+        let _view = self.shared.view();
+        self.shared.changed.notify_all();
     }
 
     /// How often something came that somebody waits for, as [`wait_for_arrivals`](Self::wait_for_arrivals) counts it.

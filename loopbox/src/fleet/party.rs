@@ -16,6 +16,7 @@ use fleet::wire::Role;
 use sources::Stop;
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
@@ -312,7 +313,7 @@ impl Shared {
             if self.stop.requested() || is_enough {
                 return Ok(collector);
             }
-            arrivals = service.wait_for_arrivals(arrivals, patience);
+            arrivals = service.wait_for_arrivals(arrivals, patience, &AtomicBool::new(false));
         }
     }
 

@@ -11,6 +11,7 @@
 
 mod merger;
 mod parts;
+mod planning;
 mod settling;
 mod step;
 mod timetable;
@@ -21,7 +22,6 @@ pub(super) use timetable::WRITE_INTERVAL;
 
 use super::agents::NotTaken;
 use super::company::Company;
-use super::courtesy::Courtesy;
 use super::listening::CommonListener;
 use super::scans::ScanCollector;
 use super::sketching::Plan;
@@ -34,6 +34,7 @@ use fleet::service::Service;
 use map::{Identity, SensorKind};
 use merger::Merger;
 use parts::Parts;
+use planning::Planner;
 use sources::Stop;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -44,9 +45,8 @@ use whole::{Round, Settling, Whole};
 
 /// How much is looked at in a go, of whole maps and of parts.
 const SHARE: Share = Share { pairs: 64, time: Duration::from_millis(500) };
-/// How long maps are taken in before they are merged, and how long it is looked for what to fetch before that is fetched.
+/// How long maps are taken in before they are merged.
 const TAKING: Duration = Duration::from_millis(500);
-const PLANNING: Duration = Duration::from_millis(200);
 /// How long pairs that are left are looked at in the end.
 const ENDING: Duration = Duration::from_secs(10);
 /// The folder of the agents' own maps.
@@ -61,12 +61,10 @@ pub(super) struct Collector {
     whole: Whole,
     /// The maps of LiDARs.
     scans: ScanCollector,
-    courtesy: Courtesy,
+    planner: Planner,
     /// Who hangs together by all that was found.
     company: Company,
     table: Timetable,
-    /// How long agents waited for their places.
-    waits: Waits,
     /// Whether parts were merged last.
     looked: bool,
     /// Whether there is more to do at once.
@@ -90,17 +88,16 @@ impl Collector {
     /// When the folder cannot be written to, or holds results of something else.
     pub fn new(out: &Path, force: bool, beside: bool) -> Result<Self> {
         let merger = Merger::new(beside)?;
-        let (courtesy, company, waits, listeners) = Default::default();
+        let (parts, company, listeners) = Default::default();
         Ok(Self {
             folder: out.join(AGENTS),
-            parts: Parts::new(merger.vocabulary.clone()),
+            parts,
+            planner: Planner::new(merger.vocabulary.clone()),
             merger,
             whole: Whole::new(Results::create(out, &Owner::Merge, force)?, beside)?,
             scans: ScanCollector::new(out, force)?,
-            courtesy,
             company,
             table: Timetable::new(Instant::now()),
-            waits,
             looked: false,
             has_more: false,
             listeners,
@@ -126,10 +123,10 @@ impl Collector {
         &mut self,
         service: &Service,
         told: &[Found],
-        warn: &dyn Fn(&str),
+        warn: &(dyn Fn(&str) + Sync),
         stop: &Stop,
     ) -> Result<Option<Found>> {
-        match self.go_on(&Step::new(service, warn, stop), told) {
+        match self.go_on(&Step::new(service, told, warn, stop)) {
             Err(error) if is_of_the_disk(&error) => {
                 warn(&format!("it is waited until there is room on the disk: {error:#}"));
                 self.table.found_full(Instant::now());
@@ -140,7 +137,7 @@ impl Collector {
             done => {
                 if let Ok(Some(found)) = &done {
                     self.company = Company::of(found);
-                    self.waits.told(&self.company, Instant::now());
+                    self.planner.waits.told(&self.company, Instant::now());
                 }
                 done
             }
@@ -149,7 +146,7 @@ impl Collector {
 
     /// How long agents waited for their places.
     pub fn waits(&self) -> &Waits {
-        &self.waits
+        &self.planner.waits
     }
 
     /// Whether there is more to do, whatever comes.
@@ -167,9 +164,9 @@ impl Collector {
     ///
     /// # Errors
     /// When that cannot be done.
-    pub fn finish(&mut self, service: &Service, warn: &dyn Fn(&str)) -> Result<Option<Found>> {
+    pub fn finish(&mut self, service: &Service, warn: &(dyn Fn(&str) + Sync)) -> Result<Option<Found>> {
         let stop = Stop::default();
-        let step = Step::new(service, warn, &stop);
+        let step = Step::new(service, &[], warn, &stop);
         let settled = match self.settled(&step, true) {
             // It is written again.
             Err(error) if is_of_the_disk(&error) => true,
@@ -181,12 +178,12 @@ impl Collector {
         // Whoever ends it does not wait for hundreds of pairs: they are looked at when it goes on.
         let begun = Instant::now();
         self.urge();
-        let mut merged = self.merge(&step, Settling::Later, true, &|| false)?;
+        let mut merged = self.merge(&step, Settling::Later, true, false)?;
         while self.whole.is_left && begun.elapsed() < ENDING {
-            merged = self.merge(&step, Settling::Later, true, &|| false)?.or(merged);
+            merged = self.merge(&step, Settling::Later, true, false)?.or(merged);
         }
         self.urge();
-        merged = self.merge(&step, Settling::Now, true, &|| false)?.or(merged);
+        merged = self.merge(&step, Settling::Now, true, false)?.or(merged);
         Ok(merged.or_else(|| settled.then(|| self.all_found())))
     }
 
@@ -198,18 +195,17 @@ impl Collector {
     }
 
     /// As [`step`](Self::step), but for full disks.
-    fn go_on(&mut self, step: &Step, told: &[Found]) -> Result<Option<Found>> {
+    fn go_on(&mut self, step: &Step) -> Result<Option<Found>> {
         let settled = self.settled(step, false)?;
-        let merged = self.merge_next(step, told)?;
+        let merged = self.merge_next(step)?;
         Ok(merged.or_else(|| settled.then(|| self.all_found())))
     }
 
     /// Merges what is next, where it is time.
-    fn merge_next(&mut self, step: &Step, told: &[Found]) -> Result<Option<Found>> {
-        let plan = self.plan(step, told);
+    fn merge_next(&mut self, step: &Step) -> Result<Option<Found>> {
+        let (planner, company) = (&mut self.planner, &self.company);
+        let plan = self.merger.on_pool(|| planner.plan(step, company));
         self.has_more = plan.is_cut;
-        let heard = step.all.iter().filter(|heard| !heard.entries.is_empty()).map(|heard| heard.agent);
-        self.waits.look(heard, plan.pairs.iter().flat_map(|(pair, _)| pair), Instant::now());
         if self.table.waits_for_room(Instant::now()) {
             self.has_more = false;
             return Ok(None);
@@ -218,7 +214,9 @@ impl Collector {
         if plan.ready.is_some() && (!std::mem::take(&mut self.looked) || !is_due) {
             return self.look_at(step, &plan);
         }
-        self.parts.tidy();
+        if self.planner.sketches.pending().is_empty() {
+            self.parts.tidy();
+        }
         if !is_due {
             return Ok(None);
         }
@@ -228,9 +226,8 @@ impl Collector {
             return if plan.ready.is_none() { Ok(None) } else { self.look_at(step, &plan) };
         }
         let start = Instant::now();
-        let arrivals = step.service.arrivals();
-        let is_awaited = || plan.ready.is_some() || plan.is_cut || step.service.arrivals() != arrivals;
-        let found = self.merge(step, Settling::Beside, is_taken, &is_awaited);
+        let is_awaited = plan.ready.is_some() || plan.is_cut;
+        let found = self.merge(step, Settling::Beside, is_taken, is_awaited);
         self.table.merged(start, Instant::now());
         // What is not taken in yet may be as it was, and yet none of it was merged as that which is to last.
         self.whole.is_new |= !is_taken;
@@ -251,42 +248,19 @@ impl Collector {
         }
     }
 
-    /// Has fetched what is worth fetching next.
-    fn plan(&mut self, step: &Step, told: &[Found]) -> Plan {
-        let own: Vec<Identity> = step.service.own().iter().map(|heard| heard.agent).collect();
-        let known: Vec<Identity> = step.all.iter().map(|heard| heard.agent).collect();
-        let elsewhere = self.courtesy.left_to_others(&known, &own, told);
-        let (sketches, company) = (&mut self.parts.sketches, &self.company);
-        let (all, store) = (&step.all, &*step.store);
-        let begun = Instant::now();
-        let mut plan = self.merger.on_pool(|| {
-            let mut plan = || sketches.plan(all, &own, store, &elsewhere, company);
-            let mut last = plan();
-            while last.is_cut && last.ready.is_none() && begun.elapsed() < PLANNING {
-                last = plan();
-            }
-            last
-        });
-        for (agent, (objects, rest)) in std::mem::take(&mut plan.wanted) {
-            step.service.prefer(agent, objects, rest);
-        }
-        for (agent, reason) in std::mem::take(&mut plan.wrong) {
-            step.leave_out(agent, reason);
-        }
-        plan
-    }
-
     /// Looks at the parts of the maps by which it is to be seen who met whom. What was found, beside what is known of all
     /// maps.
     fn look_at(&mut self, step: &Step, plan: &Plan) -> Result<Option<Found>> {
         (self.looked, self.has_more) = (true, true);
-        let is_news = self.parts.look(plan, &self.company, &self.merger, &self.folder, step)?;
+        let is_news =
+            self.parts.look(plan, &self.company, &self.merger, &self.folder, step, &mut self.planner)?;
         Ok(is_news.then(|| self.all_found()))
     }
 
     /// What was found by all maps and beside that by parts, as it is told.
     fn all_found(&self) -> Found {
-        self.parts.beside(&self.whole.found.clone().and(self.scans.found().clone()))
+        let known = self.whole.found.clone().and(self.scans.found().clone());
+        self.parts.beside(&known, self.planner.sketches.pending())
     }
 
     /// Puts together what is there of the maps of which all is fetched, and writes those that are whole; no further one once
@@ -328,14 +302,13 @@ impl Collector {
         step: &Step,
         settling: Settling,
         is_taken: bool,
-        is_awaited: &(dyn Fn() -> bool + Sync),
+        is_awaited: bool,
     ) -> Result<Option<Found>> {
         let mut done = Vec::new();
         if self.whole.is_new || self.whole.is_left {
-            let (company, stop) = (&self.company, step.stop);
-            let round = Round { settling, is_taken, is_awaited, company, stop };
-            let (table, sketches) = (&mut self.table, &mut self.parts.sketches);
-            let merged = self.whole.merge(&self.merger, &round, table, sketches, &mut self.listeners);
+            let round = Round { settling, is_taken, is_awaited, company: &self.company, step };
+            let (table, planner) = (&mut self.table, &mut self.planner);
+            let merged = self.whole.merge(&self.merger, &round, table, planner, &mut self.listeners);
             if let Ok(true) = merged {
                 self.parts.give_way_to(&self.whole.found, self.whole.is_left);
             }

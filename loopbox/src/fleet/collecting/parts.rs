@@ -2,26 +2,24 @@
 
 use super::SHARE;
 use super::merger::{Looking, Merger, met};
+use super::planning::Planner;
 use super::step::Step;
 use crate::fleet::agents::{Inputs, Maps, NotTaken};
 use crate::fleet::company::Company;
 use crate::fleet::findings::{found, lacking};
 use crate::fleet::remembering::Content;
-use crate::fleet::sketching::{Plan, Sketches};
+use crate::fleet::sketching::Plan;
 use crate::merging::{Input, Merging};
 use anyhow::Result;
 use fleet::findings::{Found, FoundAgent};
 use map::{Identity, KeyframeId};
-use place_recog::Vocabulary;
 use sources::Stop;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
-use std::sync::Arc;
 
 /// What is known by parts.
+#[derive(Default)]
 pub(super) struct Parts {
-    /// What is worth fetching of every map.
-    pub sketches: Sketches,
     maps: Maps,
     /// Keyframes by which parts were looked at; what was looked at once is not taken away from them.
     only: BTreeMap<Identity, BTreeSet<KeyframeId>>,
@@ -29,29 +27,20 @@ pub(super) struct Parts {
 }
 
 impl Parts {
-    /// Of nobody yet.
-    pub fn new(vocabulary: Arc<Vocabulary>) -> Self {
-        let (maps, only, found) = Default::default();
-        Self { sketches: Sketches::new(vocabulary), maps, only, found }
-    }
-
-    /// What was found by parts beside all that is `known` of whole maps, where nothing is said yet of pairs that are looked at
-    /// more closely.
-    pub fn beside(&self, known: &Found) -> Found {
+    /// What was found by parts beside all that is `known` of whole maps, where nothing is said yet of `pending` pairs, which are
+    /// looked at more closely.
+    pub fn beside(&self, known: &Found, pending: Vec<[Identity; 2]>) -> Found {
         let mut found = self.found.clone().beside(known);
-        let pending = self.sketches.pending();
         let names: Vec<[String; 2]> =
             pending.into_iter().map(|pair| pair.map(|agent| agent.to_string())).collect();
         found.postpone(|agents| names.iter().any(|names| agents.iter().all(|agent| names.contains(agent))));
         found
     }
 
-    /// Forgets the maps where none is to be looked at.
+    /// Forgets the maps.
     pub fn tidy(&mut self) {
-        if self.sketches.pending().is_empty() {
-            self.maps.clear();
-            self.only.clear();
-        }
+        self.maps.clear();
+        self.only.clear();
     }
 
     /// What whole maps say stands; of what they do not say yet what was found here, while pairs of them `is_left` or they say it
@@ -78,9 +67,8 @@ impl Parts {
         merger: &Merger,
         folder: &Path,
         step: &Step,
+        planner: &mut Planner,
     ) -> Result<bool> {
-        let arrivals = step.service.arrivals();
-        let is_awaited = || plan.is_cut || step.service.arrivals() != arrivals;
         for (agent, keyframes) in plan.ready.iter().flatten() {
             self.only.entry(*agent).or_default().extend(keyframes);
         }
@@ -97,11 +85,17 @@ impl Parts {
         // Parts may have too little depth to be looked at.
         let is_any = maps.inputs.len() > 1;
         let wanted = numbered(&plan.pairs, &maps.contents);
-        let looking = Looking { wanted: Some(wanted), is_awaited: &is_awaited, ..Looking::share(SHARE) };
-        let looked = is_any.then(|| self.look_at(&maps, company, looking, merger, step.stop)).transpose();
+        let mut pairs: BTreeSet<[Identity; 2]> = plan.pairs.iter().map(|(names, _)| *names).collect();
+        let look = |comes: &(dyn Fn() -> bool + Sync)| {
+            let is_awaited = || plan.is_cut || comes();
+            let looking = Looking { wanted: Some(wanted), is_awaited: &is_awaited, ..Looking::share(SHARE) };
+            self.look_at(&maps, company, looking, merger, step.stop)
+        };
+        let looked = is_any.then(|| planner.meanwhile(step, company, merger, &pairs, look)).transpose();
         match looked {
             Ok(Some((left, merging))) => {
-                self.sketches.judged(&met(&merging, &maps.contents), &left, &*step.store);
+                pairs.retain(|names| !left.contains(names));
+                planner.sketches.judged(&met(&merging, &maps.contents), &pairs, &*step.store);
                 // Pairs that were forgotten since they were looked at are not among these.
                 let mut before = std::mem::take(&mut self.found);
                 let there: BTreeSet<String> = step.all.iter().map(|heard| heard.agent.to_string()).collect();
@@ -111,7 +105,7 @@ impl Parts {
                 Ok(true)
             }
             nothing => {
-                self.sketches.judged(&[], &BTreeSet::new(), &*step.store);
+                planner.sketches.judged(&[], &pairs, &*step.store);
                 if let (Err(error), false) = (nothing, step.stop.requested()) {
                     (step.warn)(&format!("parts of the maps are not merged: {error:#}"));
                 }

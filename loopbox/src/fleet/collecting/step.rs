@@ -3,6 +3,7 @@
 use super::Failed;
 use crate::fleet::agents::Place;
 use anyhow::Result;
+use fleet::findings::Found;
 use fleet::node::Heard;
 use fleet::service::Service;
 use fleet::store::FolderStore;
@@ -21,16 +22,28 @@ pub(super) struct Step<'a> {
     /// The node.
     pub service: &'a Service,
     /// Is told what people should know.
-    pub warn: &'a dyn Fn(&str),
+    pub warn: &'a (dyn Fn(&str) + Sync),
+    /// What others found.
+    pub told: &'a [Found],
     /// Ends what takes long.
     pub stop: &'a Stop,
 }
 
 impl<'a> Step<'a> {
     /// By what is here now.
-    pub fn new(service: &'a Service, warn: &'a dyn Fn(&str), stop: &'a Stop) -> Self {
+    pub fn new(
+        service: &'a Service,
+        told: &'a [Found],
+        warn: &'a (dyn Fn(&str) + Sync),
+        stop: &'a Stop,
+    ) -> Self {
         let all = service.heard().into_iter().chain(service.own()).collect();
-        Self { all, store: service.store(), service, warn, stop }
+        Self { all, store: service.store(), service, warn, told, stop }
+    }
+
+    /// The same by what is here by now.
+    pub fn renewed(&self) -> Self {
+        Self::new(self.service, self.told, self.warn, self.stop)
     }
 
     /// Where maps are put together.

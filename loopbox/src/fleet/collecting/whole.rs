@@ -1,7 +1,9 @@
 //! Maps of cameras of which all is fetched: merged as far as it is here, and settled beside that.
 
 use super::merger::{Looking, Merger, met};
+use super::planning::Planner;
 use super::settling::{Job, Outcome, settle};
+use super::step::Step;
 use super::timetable::Timetable;
 use super::worker::Worker;
 use super::{Failed, SHARE};
@@ -10,12 +12,11 @@ use crate::fleet::company::Company;
 use crate::fleet::findings::found;
 use crate::fleet::listening::CommonListener;
 use crate::fleet::remembering::Content;
-use crate::fleet::sketching::Sketches;
 use crate::results::Results;
 use anyhow::Result;
 use fleet::findings::Found;
 use map::{Identity, SensorKind};
-use sources::Stop;
+use std::collections::BTreeSet;
 use std::time::Instant;
 
 /// What is known by whole maps.
@@ -55,11 +56,11 @@ pub(super) struct Round<'a> {
     pub settling: Settling,
     /// Whether all that is here of the maps is taken in.
     pub is_taken: bool,
-    /// Whether something is more urgent than agents that have their places.
-    pub is_awaited: &'a (dyn Fn() -> bool + Sync),
+    /// Whether something is more urgent than agents that have their places, whatever comes.
+    pub is_awaited: bool,
     /// Who hangs together by all that was found.
     pub company: &'a Company,
-    pub stop: &'a Stop,
+    pub step: &'a Step<'a>,
 }
 
 /// Where what the pairs made of each other is settled.
@@ -119,7 +120,7 @@ impl Whole {
         merger: &Merger,
         round: &Round,
         table: &mut Timetable,
-        sketches: &mut Sketches,
+        planner: &mut Planner,
         listeners: &mut [Box<dyn CommonListener>],
     ) -> Result<bool, Failed> {
         (self.is_new, self.is_left) = (false, false);
@@ -131,9 +132,16 @@ impl Whole {
         }
         let exactly = round.is_taken && self.maps.at_rest(SensorKind::Camera);
         let places = self.maps.memory.take_places(contents);
-        let is_awaited = round.is_awaited;
-        let looking = Looking { wanted: None, places, share: SHARE, exactly, is_awaited };
-        let looked = merger.look(&maps, &self.maps.memory, round.company, looking, round.stop);
+        let Round { step, company, .. } = *round;
+        let look = |comes: &(dyn Fn() -> bool + Sync)| {
+            let is_awaited = || round.is_awaited || comes();
+            let looking = Looking { wanted: None, places, share: SHARE, exactly, is_awaited: &is_awaited };
+            merger.look(&maps, &self.maps.memory, company, looking, step.stop)
+        };
+        let looked = match round.settling {
+            Settling::Beside => planner.meanwhile(step, company, merger, &BTreeSet::new(), look),
+            Settling::Now | Settling::Later => look(&|| false),
+        };
         let mut looked = looked.map_err(|error| self.not_merged(error))?;
         self.maps.memory.keep(contents, looked.now());
         self.maps.memory.keep_places(contents, std::mem::take(&mut looked.places));
@@ -157,7 +165,7 @@ impl Whole {
         table.told(Instant::now());
         self.told_of.clone_from(contents);
         self.found = found(&maps.inputs, &merging, &maps.whole);
-        sketches.met(&met(&merging, contents));
+        planner.sketches.met(&met(&merging, contents));
         let Some(results) = self.results.take_if(|_| settles) else { return Ok(true) };
         let (revision, params) = (self.states.now, merger.params.clone());
         let job = Job { revision, maps, encounters: merging.encounters, params, results, writes };

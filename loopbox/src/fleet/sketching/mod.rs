@@ -206,11 +206,12 @@ impl Sketches {
         sketches.is_none_or(|(one, other)| one.may_meet(other))
     }
 
-    /// Takes note of what a merge of the parts found of each pair that was ready, but for those that are `left` to be looked
-    /// at: those that met.
-    pub fn judged(&mut self, met: &[Met], left: &BTreeSet<[Identity; 2]>, store: &dyn Store) {
-        let ready = self.pairs.iter().filter(|(names, pair)| pair.is_ready() && !left.contains(*names));
-        let ready: Vec<[Identity; 2]> = ready.map(|(names, _)| *names).collect();
+    /// Takes note of what a merge of the parts found of the pairs that were `looked_at`, the smaller identity first: those that
+    /// met. Others that were ready meanwhile still are, and who is gone meanwhile met nobody.
+    pub fn judged(&mut self, met: &[Met], looked_at: &BTreeSet<[Identity; 2]>, store: &dyn Store) {
+        let is_there = |names: &[Identity; 2]| names.iter().all(|name| self.agents.contains_key(name));
+        let ready = looked_at.iter().filter(|names| self.pairs.get(*names).is_some_and(Pair::is_ready));
+        let ready: Vec<[Identity; 2]> = ready.filter(|names| is_there(names)).copied().collect();
         for names in ready {
             let found = met.iter().find(|met| names.iter().all(|name| met.agents.contains(name)));
             let keyframes = found.map(|met| self.overlapping(names, met, store));
@@ -392,6 +393,37 @@ mod tests {
         assert_eq!(one.released, [agent(1)].into());
         // The pair is not forgotten when it is back.
         assert_eq!(wants(&plan([true, true]), 2), (true, false));
+    }
+
+    /// While pairs are looked at others become ready, and agents go.
+    #[test]
+    fn only_pairs_that_were_looked_at_are_judged() {
+        let store = MemoryStore::default();
+        let maps = [1, 2, 3].map(|number| {
+            let map = digested(number, &store);
+            let features = (0..3).map(|keyframe| [number as u8, keyframe]);
+            features.for_each(|bytes| store.put(&ObjectHash::of(&bytes), &bytes).unwrap());
+            map
+        });
+        let mut sketches = Sketches::new(Vocabulary::shipped());
+        let ready = |sketches: &mut Sketches, maps: &[Heard], looked_at: &BTreeSet<[Identity; 2]>| {
+            let plan = sketches.plan(maps, &[], &store, looked_at, &Company::default());
+            plan.pairs.into_iter().map(|(names, _)| names).collect::<BTreeSet<_>>()
+        };
+        let looked_at = ready(&mut sketches, &maps[..2], &BTreeSet::new());
+        assert_eq!(looked_at, [[agent(1), agent(2)]].into());
+        let meanwhile = ready(&mut sketches, &maps, &looked_at);
+        assert_eq!(meanwhile, [[agent(1), agent(3)], [agent(2), agent(3)]].into());
+        let are_ready = |sketches: &Sketches| {
+            let ready = sketches.pairs.iter().filter(|(_, pair)| pair.is_ready());
+            ready.map(|(names, _)| *names).collect::<BTreeSet<_>>()
+        };
+        sketches.judged(&[], &looked_at, &store);
+        assert_eq!(are_ready(&sketches), meanwhile);
+        let pair = ready(&mut sketches, &maps[..2], &meanwhile);
+        assert_eq!(pair, looked_at);
+        sketches.judged(&[], &meanwhile, &store);
+        assert_eq!(are_ready(&sketches), looked_at.union(&meanwhile).copied().collect());
     }
 
     /// Nobody is fetched for good before it was looked at what it may be compared with.
