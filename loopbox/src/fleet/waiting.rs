@@ -3,7 +3,10 @@
 use super::company::Company;
 use map::Identity;
 use std::collections::BTreeMap;
-use std::time::Instant;
+use std::time::{Duration, Instant};
+
+/// How long after something was heard of an agent the parts of its map may be on their way, over a link that is not slow.
+const COMING: Duration = Duration::from_millis(400);
 
 /// Since when agents wait, until when they did. It is looked now and then, so what is there at a look came after the look
 /// before: from that on it is counted.
@@ -52,6 +55,15 @@ impl Waits {
         }
     }
 
+    /// Whether the parts by which it is to be seen where an agent is are likely to be there in a moment.
+    pub fn is_coming(&self, now: Instant) -> bool {
+        let is_coming = |wait: &Wait| {
+            let is_new = now.saturating_duration_since(wait.heard) < COMING;
+            is_new && wait.parts.is_none() && wait.placed.is_none()
+        };
+        self.agents.values().any(is_coming)
+    }
+
     /// Who hangs together was told.
     pub fn told(&mut self, company: &Company, now: Instant) {
         for (_, wait) in self.agents.iter_mut().filter(|(agent, _)| company.is_joined(agent)) {
@@ -71,7 +83,18 @@ impl Waits {
 mod tests {
     use super::*;
     use map::Uuid;
-    use std::time::Duration;
+
+    #[test]
+    fn parts_are_on_their_way_for_a_moment_only() {
+        let agent = Identity { uuid: Uuid::from_u128(1), epoch: 0 };
+        let start = Instant::now();
+        let at = |millis: u64| start + Duration::from_millis(millis);
+        let mut waits = Waits::default();
+        waits.look([agent].into_iter(), [].iter(), at(0));
+        assert!(waits.is_coming(at(399)) && !waits.is_coming(at(400)));
+        waits.look([agent].into_iter(), [agent].iter(), at(100));
+        assert!(!waits.is_coming(at(100)));
+    }
 
     #[test]
     fn an_agent_waits_from_the_look_before_it_was_there_until_it_is_told_its_place_first() {

@@ -210,7 +210,11 @@ impl Collector {
             self.has_more = false;
             return Ok(None);
         }
-        let is_due = self.table.may_merge(self.load(step, &plan), Instant::now());
+        let load = self.load(step, &plan);
+        if load.is_held() {
+            return Ok(None);
+        }
+        let is_due = self.table.may_merge(load, Instant::now());
         if plan.ready.is_some() && (!std::mem::take(&mut self.looked) || !is_due) {
             return self.look_at(step, &plan);
         }
@@ -245,6 +249,7 @@ impl Collector {
             is_left: self.whole.is_left,
             may_join: self.whole.may_join,
             may_place: plan.pairs.iter().any(|(names, _)| !self.company.are_one(names)),
+            is_coming: !self.scans.has_new() && self.planner.waits.is_coming(Instant::now()),
         }
     }
 

@@ -73,7 +73,8 @@ impl Planner {
                 }
                 let plan = self.plan_some(&step.renewed(), company, pairs);
                 is_cut = plan.is_cut;
-                is_ready.fetch_or(plan.ready.is_some(), Ordering::SeqCst);
+                let comes = plan.ready.is_some() || self.waits.is_coming(Instant::now());
+                is_ready.fetch_or(comes, Ordering::SeqCst);
             }
         };
         beside(plan, || service.wake(), || work(&|| is_ready.load(Ordering::SeqCst)))

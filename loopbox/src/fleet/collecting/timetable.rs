@@ -48,6 +48,15 @@ pub(super) struct Load {
     pub may_join: bool,
     /// Whether parts of maps may.
     pub may_place: bool,
+    /// Whether such parts are likely to be there in a moment.
+    pub is_coming: bool,
+}
+
+impl Load {
+    /// Whether nothing is begun just now, for what is there gives nobody a place and what gives one comes in a moment.
+    pub fn is_held(&self) -> bool {
+        self.is_coming && self.is_alone && !self.is_over && !self.may_join && !self.may_place
+    }
 }
 
 impl Timetable {
@@ -166,6 +175,20 @@ mod tests {
         let parts = Load { is_over: true, is_left: true, may_place: true, ..Load::default() };
         assert!(!table.may_merge(parts, start + 2999 * MS) && table.may_merge(parts, start + 3 * S));
         assert!(table.may_merge(Load { may_join: true, ..parts }, start));
+    }
+
+    #[test]
+    fn a_station_begins_nothing_that_gives_nobody_a_place_while_what_gives_one_comes() {
+        let coming = Load { is_coming: true, is_alone: true, is_left: true, ..Load::default() };
+        assert!(coming.is_held());
+        let begun = [
+            Load { is_coming: false, ..coming },
+            Load { is_alone: false, ..coming },
+            Load { is_over: true, ..coming },
+            Load { may_join: true, ..coming },
+            Load { may_place: true, ..coming },
+        ];
+        assert!(begun.iter().all(|load| !load.is_held()));
     }
 
     #[test]
