@@ -52,34 +52,27 @@ geometry::multiversion! {
 /// The features of extrema, in their order, at most `most`.
 #[inline(always)]
 fn described(octaves: &[Octave], extrema: &[Extremum], placed: Placed, most: usize) -> Features {
-    // By octave and layer, then downwards, as the images lie in memory.
-    let mut order: Vec<usize> = (0..extrema.len()).collect();
-    order.sort_by_key(|&i| (extrema[i].octave, extrema[i].layer, extrema[i].pixel[1] as usize));
     let (mut window, mut describer) = (Window::default(), Describer::new());
     let mut turns = Vec::new();
-    let mut features: Vec<(usize, Keypoint, crate::Descriptor)> = Vec::with_capacity(2 * extrema.len());
-    for i in order {
-        let extremum = &extrema[i];
+    let mut all = Features::default();
+    for extremum in extrema {
         let image = &octaves[extremum.octave].images[extremum.layer];
         let unit = placed.scale * (1u32 << extremum.octave) as f32;
         let sigma = (SIGMA * exp2(f64::from(extremum.scale) / LAYERS as f64)) as f32;
         turns.clear();
         orientation::orientations(image, extremum.pixel, sigma, &mut window, &mut turns);
+        turns.truncate(most - all.len());
         for &turns in &turns {
-            let keypoint = Keypoint {
+            all.keypoints.push(Keypoint {
                 pixel: extremum.pixel.map(|v| v * unit + placed.offset),
                 size: 2.0 * sigma * unit,
                 angle: turns * std::f32::consts::TAU,
-            };
-            features.push((i, keypoint, describer.describe(image, extremum.pixel, sigma, turns)));
+            });
+            all.descriptors.push(describer.describe(image, extremum.pixel, sigma, turns));
         }
-    }
-    features.sort_by_key(|(rank, ..)| *rank);
-    features.truncate(most);
-    let mut all = Features::default();
-    for (_, keypoint, descriptor) in features {
-        all.keypoints.push(keypoint);
-        all.descriptors.push(descriptor);
+        if all.len() == most {
+            break;
+        }
     }
     all
 }
