@@ -3,6 +3,7 @@
 use super::window::Window;
 use crate::numbers::{direction, rounded};
 use geometry::Image;
+use geometry::lanes::LANES;
 
 /// Bins of the histogram.
 const BINS: usize = 36;
@@ -12,9 +13,6 @@ const WINDOW: f32 = 1.5;
 
 /// A further peak counts from this share of the highest (Lowe 2004, §5).
 const PEAK: f32 = 0.8;
-
-/// Pixels of a row that are worked on side by side.
-const LANES: usize = 8;
 
 /// Appends the orientations, turns from x towards y, 0 to 1, of a key point at `pixel` with blur `sigma`, both in
 /// pixels of the octave.

@@ -2,6 +2,7 @@
 
 use crate::numbers::{direction, rounded};
 use geometry::Image;
+use geometry::lanes::LANES;
 
 /// Gradients along a side.
 pub const SIZE: usize = 20;
@@ -10,7 +11,7 @@ pub const SIZE: usize = 20;
 const LEVELS: usize = SIZE + 2;
 
 /// Samples of a row that are worked on: a multiple of what processors do side by side.
-const ROW: usize = LEVELS.next_multiple_of(8);
+const ROW: usize = LEVELS.next_multiple_of(LANES);
 
 /// Steps of a turn in which the gradients' directions are told.
 pub const TURN: usize = 256;
