@@ -20,7 +20,7 @@ use map::{Edge, EdgeKind, KeyframeId};
 use nalgebra::{SMatrix, SVector};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// How further closures are looked for.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -117,37 +117,91 @@ pub fn join(
             Some(edge(pair.source, pair.target, direct.or(measured)?))
         })
         .collect();
-    let own = edges.len();
     let pairs = worth_trying(source.glimpses(), target.glimpses(), motion, &edges, params);
+    let own = edges.iter().map(|edge| (edge.to, edge.from));
+    let looked_at: Vec<(KeyframeId, KeyframeId)> = own.chain(pairs.iter().copied()).collect();
     let found = align(source, target, motion, &pairs, params);
-    let failed = found.iter().filter(|edge| edge.is_none()).count();
+    edges.iter_mut().for_each(|edge| allow(edge, target, &params.drift));
+    let joined = Joined { edges, ..Joined::nothing() };
+    add(source, target, first, joined, Tried { pairs, found, looked_at }, params)
+}
+
+/// What a closure joins once maps have grown: to the edges of `before`, which hold as long as their keyframes' depths are as they were,
+/// come those of keyframes that were not there, `fresh` ones of the source and of the target; so a keyframe costs an alignment or two,
+/// however long the maps are. They are sought from where the nearest edge puts them, at most
+/// [`max_closures`](FurtherParams::max_closures) at a time.
+///
+/// # Errors
+/// As [`join`].
+pub fn extend(
+    source: &PreparedMap,
+    target: &PreparedMap,
+    first: &Closure,
+    before: &Joined,
+    fresh: [&BTreeSet<KeyframeId>; 2],
+    params: &FurtherParams,
+) -> Result<Joined, PoseGraphError> {
+    let pairs = fresh_pairs(source, target, before, fresh, params);
+    let aligned = |&pair: &(KeyframeId, KeyframeId)| {
+        let motion = nearest_motion(source, target, &before.edges, pair)?;
+        aligned(source, target, &motion, pair, params)
+    };
+    let found = pairs.par_iter().map(aligned).collect();
+    let tried = Tried { looked_at: pairs.clone(), pairs, found };
+    add(source, target, first, before.clone(), tried, params)
+}
+
+/// Pairs of keyframes that were tried.
+struct Tried {
+    /// They, of the source and of the target.
+    pairs: Vec<(KeyframeId, KeyframeId)>,
+    /// The edge of each, where it could be aligned.
+    found: Vec<Option<Edge>>,
+    /// Those of which it is looked at what they see of each other, which those of the first closure are among once.
+    looked_at: Vec<(KeyframeId, KeyframeId)>,
+}
+
+/// What was joined with the edges of further pairs, as far as all agree.
+fn add(
+    source: &PreparedMap,
+    target: &PreparedMap,
+    first: &Closure,
+    before: Joined,
+    Tried { pairs, found, looked_at }: Tried,
+    params: &FurtherParams,
+) -> Result<Joined, PoseGraphError> {
+    let motion = &first.motion.a_from_b;
+    let failed = before.failed + found.iter().filter(|edge| edge.is_none()).count();
+    let mut edges = before.edges;
+    edges.extend(before.rejected);
+    let known = edges.len();
     edges.extend(found.into_iter().flatten());
+    edges[known..].iter_mut().for_each(|edge| allow(edge, target, &params.drift));
     let (source_nodes, target_nodes) = (nodes(source), nodes(target));
     let from = MapGraph { nodes: &target_nodes, edges: &target.map().edges };
     let to = MapGraph { nodes: &source_nodes, edges: &source.map().edges };
-    edges.iter_mut().for_each(|edge| allow(edge, target, &params.drift));
     let consistent = consistent_set(&edges, from, to, &params.consistency)?;
     let pick = |indices: &[usize]| indices.iter().map(|&index| edges[index].clone()).collect();
     let selected: Vec<Edge> = pick(&consistent.selected);
-    let all: Vec<(KeyframeId, KeyframeId)> =
-        edges[..own].iter().map(|edge| (edge.to, edge.from)).chain(pairs.iter().copied()).collect();
-    let seen = all.par_iter().map(|&pair| {
+    let seen = looked_at.par_iter().map(|&pair| {
         let edge = selected.iter().find(|edge| (edge.to, edge.from) == pair);
         let there =
             edge.map(|edge| edge.from_from_to).or_else(|| hypothesis(source, target, motion, pair))?;
         see(source, target, pair, &there, &params.compare)
     });
-    let seen = seen.flatten().collect::<Vec<_>>().into_iter().fold(Comparison::default(), Comparison::plus);
-    let patches = selected.par_iter().filter_map(|edge| see_patches(source, target, edge, params));
-    let patches =
-        patches.collect::<Vec<_>>().into_iter().fold(PatchComparison::default(), PatchComparison::plus);
-    let confirmed: Vec<&Edge> =
-        consistent.selected.iter().filter(|&&index| index >= own).map(|&index| &edges[index]).collect();
+    let seen = seen.flatten().collect::<Vec<_>>().into_iter().fold(before.seen, Comparison::plus);
+    let is_looked_at = |edge: &&Edge| looked_at.contains(&(edge.to, edge.from));
+    let patches = selected.par_iter().filter(is_looked_at);
+    let patches = patches.filter_map(|edge| see_patches(source, target, edge, params));
+    let patches = patches.collect::<Vec<_>>().into_iter().fold(before.patches, PatchComparison::plus);
+    let is_own =
+        |edge: &Edge| first.agreeing().any(|pair| (pair.source, pair.target) == (edge.to, edge.from));
+    let confirmed: Vec<&Edge> = selected.iter().filter(|edge| !is_own(edge)).collect();
     let target_from_world = first.poses.target_world_from_target.inverse();
     let from_edge = |edge: &Edge| Some(target_from_world * target.world_from(edge.from)?);
     Ok(Joined {
         rejected: pick(&consistent.rejected),
-        tried: pairs.len(),
+        tried: before.tried + pairs.len(),
         failed,
         confirmed: confirmed.len(),
         rival: consistent.rival,
@@ -156,6 +210,64 @@ pub fn join(
         information: information_at(&confirmed, from_edge),
         edges: selected,
     })
+}
+
+impl Joined {
+    /// Nothing yet.
+    fn nothing() -> Self {
+        let (seen, patches, information) =
+            (Comparison::default(), PatchComparison::default(), SMatrix::zeros());
+        let (edges, rejected) = (Vec::new(), Vec::new());
+        Self { edges, rejected, tried: 0, failed: 0, confirmed: 0, rival: 0, seen, patches, information }
+    }
+}
+
+/// Pairs of keyframes that were not there with those of the other map that see most of the same, where that is enough.
+fn fresh_pairs(
+    source: &PreparedMap,
+    target: &PreparedMap,
+    before: &Joined,
+    [of_source, of_target]: [&BTreeSet<KeyframeId>; 2],
+    params: &FurtherParams,
+) -> Vec<(KeyframeId, KeyframeId)> {
+    let from_source = source.glimpses().iter().filter(|glimpse| of_source.contains(&glimpse.id));
+    let from_source = from_source.filter_map(|glimpse| {
+        let motion = motion_by(source, target, nearest(&before.edges, |edge| edge.to, glimpse.id)?)?;
+        overlapping(std::slice::from_ref(glimpse), target.glimpses(), &motion, params).pop()
+    });
+    let from_target = target.glimpses().iter().filter(|glimpse| of_target.contains(&glimpse.id));
+    let from_target = from_target.filter_map(|glimpse| {
+        let motion = motion_by(source, target, nearest(&before.edges, |edge| edge.from, glimpse.id)?)?;
+        let found = overlapping(std::slice::from_ref(glimpse), source.glimpses(), &motion.inverse(), params);
+        found.last().map(|&(target, source)| (source, target))
+    });
+    let mut pairs: Vec<(KeyframeId, KeyframeId)> = from_source.chain(from_target).collect();
+    pairs.sort_unstable();
+    pairs.dedup();
+    let known: Vec<Edge> = before.edges.iter().chain(&before.rejected).cloned().collect();
+    spread(pairs, params.max_closures, &known)
+}
+
+/// Of edges the one whose keyframe is named nearest to this one, of equals the earlier: an agent's keyframes are numbered as it takes
+/// them, and of two as near in time the maps drift least.
+fn nearest(edges: &[Edge], keyframe: impl Fn(&Edge) -> KeyframeId, to: KeyframeId) -> Option<&Edge> {
+    edges.iter().min_by_key(|edge| (keyframe(edge).0.abs_diff(to.0), keyframe(edge)))
+}
+
+/// target_world_from_source_world by the edge whose keyframes are named nearest to those of a pair.
+fn nearest_motion(
+    source: &PreparedMap,
+    target: &PreparedMap,
+    edges: &[Edge],
+    (i, j): (KeyframeId, KeyframeId),
+) -> Option<Sim3> {
+    let apart = |edge: &&Edge| edge.to.0.abs_diff(i.0).min(edge.from.0.abs_diff(j.0));
+    motion_by(source, target, edges.iter().min_by_key(apart)?)
+}
+
+/// target_world_from_source_world as an edge has it.
+fn motion_by(source: &PreparedMap, target: &PreparedMap, edge: &Edge) -> Option<Sim3> {
+    Some(target.world_from(edge.from)? * edge.from_from_to * source.world_from(edge.to)?.inverse())
 }
 
 /// What edges know together of a motion where one keyframe of the target is; `from_edge` leads there from the keyframe of an
@@ -177,12 +289,8 @@ fn align(
     pairs: &[(KeyframeId, KeyframeId)],
     params: &FurtherParams,
 ) -> Vec<Option<Edge>> {
-    let aligned = |motion: &Sim3, (i, j): (KeyframeId, KeyframeId)| {
-        let start = hypothesis(source, target, motion, (i, j))?;
-        let found = refine_directly(source.get(i)?, target.get(j)?, &[start], &params.direct).ok()?;
-        Some(edge(i, j, found.estimate))
-    };
-    let first: Vec<Option<Edge>> = pairs.par_iter().map(|&pair| aligned(motion, pair)).collect();
+    let align = |motion: &Sim3, pair| aligned(source, target, motion, pair, params);
+    let first: Vec<Option<Edge>> = pairs.par_iter().map(|&pair| align(motion, pair)).collect();
     let nearest = |index: usize| {
         let found = first
             .iter()
@@ -190,12 +298,25 @@ fn align(
             .filter_map(|(other, edge)| Some((other.abs_diff(index), edge.as_ref()?)));
         // Of two as near the earlier.
         let (_, edge) = found.reduce(|best, next| if next.0 < best.0 { next } else { best })?;
-        Some(target.world_from(edge.from)? * edge.from_from_to * source.world_from(edge.to)?.inverse())
+        motion_by(source, target, edge)
     };
     let again = |(index, edge): (usize, &Option<Edge>)| {
-        edge.clone().or_else(|| aligned(&nearest(index)?, pairs[index]))
+        edge.clone().or_else(|| align(&nearest(index)?, pairs[index]))
     };
     first.par_iter().enumerate().map(again).collect()
+}
+
+/// The edge of a pair, aligned from where a motion of the maps puts it.
+fn aligned(
+    source: &PreparedMap,
+    target: &PreparedMap,
+    motion: &Sim3,
+    (i, j): (KeyframeId, KeyframeId),
+    params: &FurtherParams,
+) -> Option<Edge> {
+    let start = hypothesis(source, target, motion, (i, j))?;
+    let found = refine_directly(source.get(i)?, target.get(j)?, &[start], &params.direct).ok()?;
+    Some(edge(i, j, found.estimate))
 }
 
 /// target_from_source of two keyframes by the motion of the maps.

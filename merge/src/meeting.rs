@@ -5,7 +5,7 @@ use crate::closure::{
     Closure, ClosureParams, ClosureRefusal, NeighbourhoodPose, close, close_neighbourhood, matches_at,
     neighbourhood_pose,
 };
-use crate::further::{FurtherParams, Joined, join};
+use crate::further::{FurtherParams, Joined, extend, join};
 use crate::pair::{ViewPair, view_pair};
 use crate::prepared::PreparedMap;
 use crate::rivals::rival_share;
@@ -14,6 +14,7 @@ use backend::posegraph::PoseGraphError;
 use map::{Edge, KeyframeId};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
 
 /// How a meeting of two agents is looked for.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -291,6 +292,30 @@ fn matches_along(
         matches_at(source, target, place, &edge.from_from_to, params)
     };
     further.par_iter().map(count).sum()
+}
+
+/// What is thought of a closure that was believed, once the maps have grown by `fresh` keyframes of the source and of the target:
+/// the closure itself and what was joined then stand, moved to where their keyframes are by now, and of the new keyframes it is asked
+/// whether they say the same. Nothing where they do not, or where one of its keyframes is gone: then the maps have to
+/// [`meet`] anew.
+pub fn follow_on(
+    source: &PreparedMap,
+    target: &PreparedMap,
+    before: &Judged,
+    fresh: [&BTreeSet<KeyframeId>; 2],
+    acceptance: &AcceptanceParams,
+    further: &FurtherParams,
+) -> Option<Judged> {
+    let joined = before.joined.as_ref().filter(|_| before.verdict.accepts())?;
+    let closure = before.closure.moved(source, target)?;
+    if !joined.edges.iter().all(|edge| source.has(edge.to) && target.has(edge.from)) {
+        return None;
+    }
+    let joined = extend(source, target, &closure, joined, fresh, further).ok()?;
+    let Evidence { matches, rival_place, .. } = before.verdict.evidence;
+    let evidence = Evidence { matches, rival_place, ..Evidence::new(&closure, Some(&joined)) };
+    let verdict = judge(evidence, acceptance);
+    verdict.accepts().then(|| Judged { closure, joined: Some(joined), verdict })
 }
 
 /// The verdict on a closure. Both whole maps are asked too, but where no pair's images could be aligned; and the others, where

@@ -89,6 +89,11 @@ impl<'a> PreparedMap<'a> {
         Some(slot.get_or_init(|| PreparedKeyframe::new(keyframe, self.map, features, self.params)))
     }
 
+    /// Whether the keyframe is in the map, with features and depth.
+    pub fn has(&self, id: KeyframeId) -> bool {
+        self.keyframes.contains_key(&id)
+    }
+
     /// Gives back the memory of the keyframes made ready, where they are more than `most`: they are made ready again when
     /// asked for.
     pub fn forget_beyond(&mut self, most: usize) {

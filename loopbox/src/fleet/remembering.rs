@@ -34,14 +34,17 @@ struct Met {
 
 impl Memory {
     /// What two of these maps made of each other. It is due again where one of them is not as it was; as long as maps still
-    /// come it does not matter how many there were then, `exactly` as many have to be where the result is to last.
+    /// come it does not matter how many there were then, nor whether all of them was looked at since they met; `exactly` as many
+    /// have to be, and all of them, where the result is to last.
     pub fn recall(&self, maps: &[Content], [a, b]: [usize; 2], exactly: bool) -> Option<Known> {
         let met = self.pairs.get(&key(maps[a], maps[b]))?;
         let is_source_first = met.contents[1].agent == maps[a].agent;
         let [target, source] = if is_source_first { [b, a] } else { [a, b] };
         let is_same = met.contents == [maps[target], maps[source]];
-        let is_due = !is_same || exactly && met.among != maps.len();
-        Some(Known { encounter: Encounter { target, source, ..met.encounter.clone() }, is_due })
+        let is_grown = met.encounter.seen.as_ref().is_some_and(|seen| seen.is_grown);
+        let is_due = !is_same || exactly && (is_grown || met.among != maps.len());
+        let encounter = Encounter { target, source, ..met.encounter.clone() };
+        Some(Known { encounter, is_due, may_grow: !exactly })
     }
 
     /// Keeps what pairs of these maps made of each other now, beside what is known of others of them, and nothing of others.
@@ -108,8 +111,8 @@ mod tests {
     }
 
     fn encounter(target: usize, source: usize) -> Encounter {
-        let (tried, joined, error, seconds) = Default::default();
-        Encounter { target, source, proposed: 10 * target + source, tried, joined, error, seconds }
+        let (tried, joined, error, seconds, seen) = Default::default();
+        Encounter { target, source, proposed: 10 * target + source, tried, joined, error, seconds, seen }
     }
 
     fn is_due(memory: &Memory, maps: &[Content], pair: [usize; 2], exactly: bool) -> Option<bool> {
@@ -124,7 +127,7 @@ mod tests {
         // The second changed, and they stand in another order.
         let now = [content(3, 0), content(2, 9), content(1, 0)];
         let known = memory.recall(&now, [0, 2], true).expect("neither changed");
-        let Known { encounter: met, is_due: false } = known else { panic!("neither changed") };
+        let Known { encounter: met, is_due: false, .. } = known else { panic!("neither changed") };
         assert_eq!((met.target, met.source, met.proposed), (2, 0, 2));
         let changed = memory.recall(&now, [0, 1], false).expect("they met before");
         assert!(changed.is_due && is_due(&memory, &now, [0, 1], true) == Some(true));
@@ -166,6 +169,11 @@ mod tests {
         memory.keep(&maps[..2], [encounter(0, 1)].iter());
         let due = |memory: &Memory, exactly: bool| is_due(memory, &maps, [0, 1], exactly);
         assert_eq!((due(&memory, false), due(&memory, true)), (Some(false), Some(true)));
+        // So is one of which only what was new was looked at since.
+        let seen = Some(std::sync::Arc::new(crate::merging::Seen { is_grown: true, ..Default::default() }));
+        memory.keep(&maps, [Encounter { seen, ..encounter(1, 2) }].iter());
+        let grown = |exactly: bool| memory.recall(&maps, [1, 2], exactly).expect("it is known");
+        assert!(!grown(false).is_due && grown(false).may_grow && grown(true).is_due && !grown(true).may_grow);
         // What was not looked at again is still what was found among two.
         memory.keep(&maps, [encounter(0, 2)].iter());
         assert_eq!((due(&memory, true), is_due(&memory, &maps, [0, 2], true)), (Some(true), Some(false)));

@@ -15,6 +15,8 @@ pub(crate) struct Known {
     pub encounter: Encounter,
     /// Whether they are to be looked at again: one of them changed since, say. Until then it counts.
     pub is_due: bool,
+    /// Whether it is enough then to look at what is new, where they were merged.
+    pub may_grow: bool,
 }
 
 /// How much is looked at in one go.

@@ -1,6 +1,7 @@
 //! What pairs of maps make of each other, looked at all at once or in goes.
 
 use super::goes::{Groups, Known, Share, Waiting, next};
+use super::growing::{Seen, grown};
 use super::places::{Places, places};
 use super::{Encounter, Input, MergingParams, Seconds};
 use anyhow::{Context, Result};
@@ -89,7 +90,7 @@ pub(crate) fn look(
         .collect();
     let meeting = meeting_among(inputs.len(), params);
     let Go { known, wanted, mut groups, places: mut shared, share, is_awaited } = go;
-    let mut encounters = BTreeMap::new();
+    let (mut encounters, mut may_grow) = (BTreeMap::new(), BTreeSet::new());
     let mut waiting = Vec::new();
     for pair in pairs(inputs.len()) {
         let known = known(pair);
@@ -98,9 +99,12 @@ pub(crate) fn look(
         if let Some(likeness) = likeness.filter(|_| is_due) {
             waiting.push(Waiting { pair, likeness, is_again: known.is_some() });
         }
-        if let Some(Known { encounter, .. }) = known {
+        if let Some(Known { encounter, may_grow: may, .. }) = known {
             if encounter.joined.is_some() && share.is_some() {
                 groups.join(pair);
+            }
+            if may {
+                may_grow.insert(pair);
             }
             encounters.insert(pair, encounter);
         }
@@ -134,7 +138,15 @@ pub(crate) fn look(
         progress(&format!("looking where {} met", names(pair)))?;
         let found = key(pair, &shared).and_then(|key| Some((key, shared.remove(&key)?)));
         let (directed, places) = found.unwrap_or((pair, Places::default()));
-        let encounter = encounter(directed, places, inputs, &prepared, &meeting, params);
+        let of = |before: &Encounter| [&prepared[before.target], &prepared[before.source]];
+        let before = encounters.get(&pair).filter(|_| may_grow.contains(&pair));
+        let followed = before.and_then(|before| grown(before, of(before), params));
+        let encounter = followed.unwrap_or_else(|| {
+            let mut encounter = encounter(directed, places, inputs, &prepared, &meeting, params);
+            let accepted = encounter.accepted().filter(|_| share.is_some());
+            encounter.seen = accepted.map(|judged| Arc::new(Seen::new(of(&encounter), judged)));
+            encounter
+        });
         // What every pair leaves behind would be as much as all images.
         for map in pair {
             prepared[map].forget_beyond(READY);
@@ -249,6 +261,7 @@ fn encounter(
         joined: joined.map(Arc::new),
         error,
         seconds,
+        seen: None,
     }
 }
 

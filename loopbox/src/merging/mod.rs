@@ -2,6 +2,7 @@
 //! the other, with their times. The steps themselves are in the crate `merge`.
 
 mod goes;
+mod growing;
 mod input;
 mod joint;
 mod looking;
@@ -17,6 +18,8 @@ mod rig;
 mod verdict;
 
 pub use crate::results::keep_from;
+#[cfg(all(test, feature = "fleet"))]
+pub(crate) use growing::Seen;
 pub(crate) use input::name_of;
 pub use input::{Input, features_of_keyframes};
 pub use mixed::{MixedAgent, MixedEncounter, MixedMerged, MixedOptions, MixedRecord, merge_mixed};
@@ -93,6 +96,8 @@ pub struct Encounter {
     pub error: Option<String>,
     /// Seconds each step took.
     pub seconds: Seconds,
+    /// The maps as they were, where they may grow and were merged.
+    pub(crate) seen: Option<Arc<growing::Seen>>,
 }
 
 /// Wall-clock seconds of the steps of an encounter.

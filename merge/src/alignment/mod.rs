@@ -14,6 +14,7 @@
 #[cfg(test)]
 mod tests;
 
+use crate::estimate::Estimate;
 use geometry::{Se3, Sim3};
 use map::{AgentId, Map};
 use nalgebra::Vector3;
@@ -50,6 +51,11 @@ impl PairPoses {
     /// Eqs. 6 and 7: `s(i)Tw ∘ t(j)Tw⁻¹`, assumed_source_from_target.
     pub fn assumed_source_from_target(&self) -> Sim3 {
         self.source_world_from_source.inverse() * self.target_world_from_target
+    }
+
+    /// target_world_from_source_world of an estimate between the keyframes, target_from_source; nothing where a pose is no number.
+    pub fn of_worlds(&self, target_from_source: &Estimate) -> Option<Estimate> {
+        target_from_source.carried(&self.target_world_from_target, &self.source_world_from_source.inverse())
     }
 }
 

@@ -82,6 +82,18 @@ pub struct Closure {
 }
 
 impl Closure {
+    /// The closure with the poses that its keyframes have by now, as long as their depths are as they were; nothing where one is gone.
+    /// What single pairs say of the worlds ([`PairOutcome::motion`]) stays as it was.
+    pub fn moved(&self, source: &PreparedMap, target: &PreparedMap) -> Option<Self> {
+        let chosen = self.pairs[self.chosen].as_ref()?;
+        let poses = PairPoses {
+            source_world_from_source: source.world_from(chosen.source)?,
+            target_world_from_target: target.world_from(chosen.target)?,
+        };
+        let motion = poses.of_worlds(&self.at_keyframes)?;
+        Some(Self { poses, motion, ..self.clone() })
+    }
+
     /// The pairs that went into the motion.
     pub fn agreeing(&self) -> impl Iterator<Item = &PairOutcome> {
         self.pairs.iter().flatten().filter(|pair| pair.agrees)
@@ -155,7 +167,7 @@ fn finish(
         .collect();
     steps::refine(source, target, &mut pairs, &starts, params);
     let at_keyframes = steps::motion(&chosen, &mut pairs, params)?;
-    let motion = chosen.of_worlds(&at_keyframes).ok_or(ClosureRefusal::NoMotion)?;
+    let motion = chosen.poses.of_worlds(&at_keyframes).ok_or(ClosureRefusal::NoMotion)?;
     let travel =
         travel.unwrap_or_else(|| steps::travel_of_paths(source, target, keyframes, &motion.a_from_b));
     Ok(Closure {

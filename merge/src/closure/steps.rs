@@ -233,12 +233,6 @@ impl Chosen {
         icp::register(&target, &source, &Sim3::identity(), &params.icp)
     }
 
-    /// target_world_from_source_world of an estimate between the keyframes.
-    pub(super) fn of_worlds(&self, target_from_source: &Estimate) -> Option<Estimate> {
-        let PairPoses { source_world_from_source, target_world_from_target } = &self.poses;
-        target_from_source.carried(target_world_from_target, &source_world_from_source.inverse())
-    }
-
     /// Eq. 9 and §IV-E: target_world_from_source_world.
     pub(super) fn world_motion(&self, scale: &OptimalScale, initial_guess: &Sim3, refinement: &Sim3) -> Sim3 {
         let last = alignment::final_transform(refinement, initial_guess, &self.poses);

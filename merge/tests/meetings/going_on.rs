@@ -1,9 +1,19 @@
 //! Agents that merge their maps on the way and go on.
 
-use crate::merging::{first_and_second, fused, link, merged, on_the_way};
+use crate::merging::{
+    Encounter, encounter, features, first_and_second, fused, link, merged, on_the_way, reasons,
+};
 use crate::yard::{Drive, assert_near_truth, first, second};
-use map::{AgentId, Edge, EdgeKind, Map};
+use geometry::GrayImage;
+use map::{AgentId, Edge, EdgeKind, KeyframeId, Map};
+use merge::acceptance::AcceptanceParams;
 use merge::common_map::{CommonMap, Fused, Link};
+use merge::further::FurtherParams;
+use merge::key_points::KeyPointParams;
+use merge::meeting::{Judged, follow_on};
+use merge::prepared::PreparedMap;
+use std::collections::BTreeSet;
+use std::sync::Arc;
 
 /// Every keyframe of the agents' own maps is in the common map, under the id that its agent's first one and its own
 /// give, and the own maps come out of it as they went in.
@@ -69,4 +79,86 @@ fn one_agent_goes_on_alone() {
     let fused = fused(&common);
     assert_holds(&fused, &[&a.early, &b.end]);
     assert_near_truth(&fused.map, &[a, b], 0.005);
+}
+
+/// A map as it was when it had so many keyframes.
+fn part(map: &Map, keyframes: usize) -> Map {
+    let mut part = map.clone();
+    part.keyframes =
+        map.keyframes.iter().take(keyframes).map(|(id, keyframe)| (*id, keyframe.clone())).collect();
+    part.drop_dangling();
+    part
+}
+
+/// What becomes of a merge of parts of the `target` and the `source` once they are these.
+fn followed(before: &Judged, parts: [&Map; 2], [target, source]: [&Map; 2]) -> Option<Judged> {
+    let fresh = |part: &Map, map: &Map| -> BTreeSet<KeyframeId> {
+        map.keyframes.keys().copied().filter(|id| !part.keyframes.contains_key(id)).collect()
+    };
+    let (of_target, of_source) = (fresh(parts[0], target), fresh(parts[1], source));
+    let (target_features, source_features) = (features(target), features(source));
+    let key_points = KeyPointParams::default();
+    let source = PreparedMap::new(source, &source_features, &key_points);
+    let target = PreparedMap::new(target, &target_features, &key_points);
+    let (acceptance, further) = (AcceptanceParams::default(), FurtherParams::default());
+    follow_on(&source, &target, before, [&of_source, &of_target], &acceptance, &further)
+}
+
+#[test]
+fn a_merge_is_followed_on_by_the_keyframes_that_are_new() {
+    let (a, b) = (&first().end, &second().end);
+    let parts = [part(a, a.keyframes.len() - 2), part(b, b.keyframes.len() - 1)];
+    let met = encounter(&parts[0], &parts[1]);
+    let judged = met.tried.iter().find_map(|tried| tried.outcome.accepted());
+    let before = judged.unwrap_or_else(|| panic!("{:?}", reasons(&met)));
+    let of_before = before.joined.as_ref().unwrap();
+    let [of_a, of_b] = parts.each_ref();
+
+    // Nothing is new: it is what it was.
+    let same = followed(before, [of_a, of_b], [of_a, of_b]).expect("nothing changed");
+    assert_eq!((&same.verdict, &same.closure.at_keyframes), (&before.verdict, &before.closure.at_keyframes));
+    assert_eq!(same.joined.as_ref().unwrap().edges, of_before.edges);
+
+    // Both went on, and the source's world was moved meanwhile.
+    let mut moved = b.clone();
+    let elsewhere = geometry::Sim3::exp(&nalgebra::SVector::from([0.3, -2.0, 1.0, 0.2, 0.5, -0.1, 0.4]));
+    moved.transform(&elsewhere);
+    let after = followed(before, [of_a, of_b], [a, &moved]).expect("what is new agrees");
+    let joined = after.joined.clone().unwrap();
+    let tried = joined.tried - of_before.tried;
+    assert!((1..=3).contains(&tried), "of three new keyframes {tried} pairs were tried");
+    assert!(of_before.edges.iter().all(|edge| joined.edges.contains(edge)), "what was known stays");
+    let is_new =
+        |edge: &Edge| !of_a.keyframes.contains_key(&edge.from) || !of_b.keyframes.contains_key(&edge.to);
+    assert!(joined.edges.iter().any(is_new), "{:?}", joined.edges.len());
+    let there = before.closure.motion.a_from_b * elsewhere.inverse();
+    assert!((there * after.closure.motion.a_from_b.inverse()).log().amax() < 0.02);
+    let (mut common, addresses) = CommonMap::from_maps(&[a, &moved]).unwrap();
+    let met = Encounter { tried: Vec::new(), joined: Some(joined) };
+    assert!(link(&mut common, [&addresses[0], &addresses[1]], &met) > of_before.edges.len());
+    assert_near_truth(&fused(&common).map, &[first(), second()], 0.005);
+}
+
+#[test]
+fn a_merge_that_what_is_new_contradicts_is_looked_at_anew() {
+    let (a, b) = (&first().end, &second().end);
+    let parts = [part(a, 4), part(b, 4)];
+    let met = encounter(&parts[0], &parts[1]);
+    let judged = met.tried.iter().find_map(|tried| tried.outcome.accepted());
+    let before = judged.unwrap_or_else(|| panic!("{:?}", reasons(&met)));
+    let parts = [&parts[0], &parts[1]];
+    assert!(followed(before, parts, [a, b]).is_some());
+    // What comes is of another place.
+    let mut strange = b.clone();
+    for (_, keyframe) in strange.keyframes.iter_mut().filter(|(id, _)| !parts[1].keyframes.contains_key(id)) {
+        let image = &keyframe.image;
+        let turned = image.data().iter().rev().map(|value| 255 - value).collect();
+        keyframe.image = Arc::new(GrayImage::from_vec(image.width(), image.height(), turned).unwrap());
+    }
+    assert!(followed(before, parts, [parts[0], &strange]).is_none());
+    // A keyframe that was aligned is gone.
+    let mut less = b.clone();
+    less.keyframes.remove(&before.joined.as_ref().unwrap().edges[0].to);
+    less.drop_dangling();
+    assert!(followed(before, parts, [a, &less]).is_none());
 }

@@ -117,6 +117,7 @@ fn merging(names: [&str; 3], count: u32, spacing: usize) -> (Vec<Input>, Merging
         joined: None,
         error: None,
         seconds: Seconds::default(),
+        seen: None,
     };
     let accepted = judged(Decision::Accepted);
     let met = Encounter { source: 1, tried: [tried(accepted)].into(), ..refused(0) };

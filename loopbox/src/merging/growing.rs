@@ -1,0 +1,145 @@
+//! Pairs of maps that met and have grown since: what they made of each other holds as long as the keyframes that it rests on are as
+//! they were, and only the new ones are asked. So a new keyframe costs what it touches; in the end, when nothing comes any more, all
+//! is looked at from the beginning once, so that it makes no difference how maps came to be what they are.
+
+use super::{Encounter, MergingParams, Seconds};
+use map::{KeyframeId, SemiDense};
+use merge::meeting::{Judged, Outcome, Tried, follow_on};
+use merge::prepared::PreparedMap;
+use std::collections::{BTreeMap, BTreeSet};
+use std::hash::{DefaultHasher, Hash, Hasher};
+use std::sync::Arc;
+use std::time::Instant;
+
+/// Two maps as they were when they met, the target first.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct Seen {
+    /// The keyframes that had features and depth.
+    pub keyframes: [BTreeSet<KeyframeId>; 2],
+    /// Of those that were aligned, what their depths were.
+    pub depths: [BTreeMap<KeyframeId, u64>; 2],
+    /// Whether they have grown since they were looked at from the beginning.
+    pub is_grown: bool,
+}
+
+impl Seen {
+    /// Maps of which this came.
+    pub fn new(maps: [&PreparedMap; 2], judged: &Judged) -> Self {
+        let edges = judged.joined.iter().flat_map(|joined| joined.edges.iter().chain(&joined.rejected));
+        let edges = edges.map(|edge| [edge.from, edge.to]);
+        let pairs = judged.closure.pairs.iter().flatten().map(|pair| [pair.target, pair.source]);
+        Self::of(maps, &edges.chain(pairs).collect::<Vec<_>>())
+    }
+
+    /// Maps of which these keyframes, of the one and of the other, were aligned.
+    fn of(maps: [&PreparedMap; 2], aligned: &[[KeyframeId; 2]]) -> Self {
+        let depths = |side: usize| {
+            let depth = |ids: &[KeyframeId; 2]| Some((ids[side], depth_of(maps[side], ids[side])?));
+            aligned.iter().filter_map(depth).collect()
+        };
+        let keyframes = maps.map(|map| map.order().iter().copied().collect());
+        Self { keyframes, depths: [depths(0), depths(1)], is_grown: false }
+    }
+
+    /// The keyframes that were not there; nothing where one that was aligned is gone or has other depths.
+    fn fresh(&self, maps: [&PreparedMap; 2]) -> Option<[BTreeSet<KeyframeId>; 2]> {
+        for (map, depths) in maps.iter().zip(&self.depths) {
+            if !depths.iter().all(|(id, depth)| depth_of(map, *id) == Some(*depth)) {
+                return None;
+            }
+        }
+        let fresh = |side: usize| {
+            let known = &self.keyframes[side];
+            maps[side].order().iter().copied().filter(|id| !known.contains(id)).collect()
+        };
+        Some([fresh(0), fresh(1)])
+    }
+}
+
+/// Stands for the depths of a keyframe that has features; nothing where there is none.
+fn depth_of(map: &PreparedMap, id: KeyframeId) -> Option<u64> {
+    let keyframe = map.map().keyframes.get(&id).filter(|_| map.has(id))?;
+    let SemiDense { pixel, inverse_depth, .. } = &*keyframe.semi_dense;
+    let mut hasher = DefaultHasher::new();
+    pixel.hash(&mut hasher);
+    inverse_depth.iter().for_each(|depth| depth.to_bits().hash(&mut hasher));
+    Some(hasher.finish())
+}
+
+/// What two maps, the target first, make of each other that were merged `before` and have grown since; nothing where they have to be
+/// looked at from the beginning.
+pub(super) fn grown(
+    before: &Encounter,
+    maps: [&PreparedMap; 2],
+    params: &MergingParams,
+) -> Option<Encounter> {
+    let start = Instant::now();
+    let seen = before.seen.as_ref()?;
+    let judged = before.accepted().filter(|_| params.method.baseline().is_none())?;
+    let [of_target, of_source] = seen.fresh(maps)?;
+    let fresh = [&of_source, &of_target];
+    let judged = follow_on(maps[1], maps[0], judged, fresh, &params.meeting.acceptance, &params.further)?;
+    let joined = judged.joined.clone().map(Arc::new);
+    let seen = Seen { is_grown: true, ..Seen::new(maps, &judged) };
+    let mut judged = Some(judged);
+    let tried = before.tried.iter().map(|tried| match tried.outcome.accepted().and_then(|_| judged.take()) {
+        Some(judged) => Tried { outcome: Outcome::Judged(Box::new(judged)), ..tried.clone() },
+        None => tried.clone(),
+    });
+    let seconds = Seconds { meeting: start.elapsed().as_secs_f64(), ..Seconds::default() };
+    let (tried, seen) = (tried.collect(), Some(Arc::new(seen)));
+    Some(Encounter { tried, joined, seconds, seen, ..before.clone() })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use features::Features;
+    use geometry::{GrayImage, Pinhole, Sim3};
+    use map::{Keyframe, Map};
+    use merge::key_points::KeyPointParams;
+    use place_recog::KeyframeFeatures;
+
+    const CAMERA: Pinhole = Pinhole { width: 40, height: 30, fx: 30.0, fy: 30.0, cx: 19.5, cy: 14.5 };
+
+    /// So many keyframes with a depth each, all of them with features.
+    fn map(count: u32) -> (Map, KeyframeFeatures) {
+        let mut map = Map::new(CAMERA);
+        for id in (0..count).map(KeyframeId) {
+            let image = Arc::new(GrayImage::filled(40, 30, 0));
+            let mut keyframe = Keyframe::of_image(id, id.0.into(), id.0.into(), Sim3::identity(), image);
+            let (pixel, inverse_depth, variance) = (vec![7].into(), vec![0.5].into(), vec![0.1].into());
+            keyframe.semi_dense = SemiDense { pixel, inverse_depth, variance }.into();
+            map.keyframes.insert(id, keyframe);
+        }
+        let features = (0..count).map(|id| (KeyframeId(id), Features::default())).collect();
+        (map, features)
+    }
+
+    #[test]
+    fn what_is_new_is_asked_as_long_as_what_was_aligned_is_as_it_was() {
+        let params = KeyPointParams::default();
+        let ((few, of_few), (many, of_many)) = (map(3), map(5));
+        let [short, long] = [(&few, &of_few), (&many, &of_many)]
+            .map(|(map, features)| PreparedMap::new(map, features, &params));
+        let aligned = [[KeyframeId(0), KeyframeId(1)], [KeyframeId(2), KeyframeId(2)]];
+        let seen = Seen::of([&short, &short], &aligned);
+        assert_eq!(seen.fresh([&short, &short]), Some([BTreeSet::new(), BTreeSet::new()]));
+        let fresh: BTreeSet<KeyframeId> = [3, 4].map(KeyframeId).into();
+        assert_eq!(seen.fresh([&short, &long]), Some([BTreeSet::new(), fresh]));
+
+        // The depth of one that was aligned changed in its last digit, or it is gone; of one that was not, it does not matter.
+        let spoiled = |id: u32, spoil: fn(&mut Map, KeyframeId)| {
+            let mut spoiled = many.clone();
+            spoil(&mut spoiled, KeyframeId(id));
+            let short = PreparedMap::new(&few, &of_few, &params);
+            seen.fresh([&short, &PreparedMap::new(&spoiled, &of_many, &params)])
+        };
+        let deeper = |map: &mut Map, id: KeyframeId| {
+            map.keyframes.get_mut(&id).unwrap().semi_dense.inverse_depth[0] = 0.5f32.next_up();
+        };
+        let gone = |map: &mut Map, id: KeyframeId| drop(map.keyframes.remove(&id));
+        assert_eq!([spoiled(1, deeper), spoiled(2, deeper), spoiled(2, gone)], [None, None, None]);
+        assert!(spoiled(0, deeper).is_some() && spoiled(0, gone).is_some());
+    }
+}
