@@ -20,8 +20,8 @@ pub struct CloudSelection {
     pub max_relative_variance: f32,
     /// Edge of the cubes of which each keeps its surest point alone, map units; `None` keeps all points.
     pub voxel: Option<f64>,
-    /// About how many points there are at the most, without `voxel`: of more, every second, third and so on of each
-    /// keyframe. `None` keeps all points.
+    /// About how many points there are at the most, without `voxel`: of more an even choice of each keyframe's. `None` keeps all
+    /// points.
     pub most: Option<usize>,
 }
 
@@ -38,9 +38,9 @@ impl From<f32> for CloudSelection {
     }
 }
 
-/// Points of the cloud among the results of a run or merge, at the most: as many as viewers show with ease, some 400 MB. A
-/// long run has ten times as many, mostly of the same surfaces.
-const MOST_OF_RESULTS: usize = 20_000_000;
+/// Points of the cloud among the results of a run or merge, at the most: as many as viewers show with ease, some 110 MB. A
+/// long run has many times as many, mostly of the same surfaces.
+const MOST_OF_RESULTS: usize = 5_000_000;
 
 impl CloudSelection {
     /// What the cloud among the results of a run or merge holds.
@@ -55,8 +55,9 @@ impl CloudSelection {
             (Some(voxel), _) => Box::new(map.thinned_cloud(bound, voxel)),
             (None, None) => Box::new(map.cloud(bound)),
             (None, Some(_)) => {
-                let (keyframes, step) = (map.keyframes.values(), self.chosen(map).step);
-                Box::new(keyframes.flat_map(move |keyframe| keyframe.world_cloud(map, bound).step_by(step)))
+                let choice = self.chosen(map).choice;
+                let keyframes = map.keyframes.values();
+                Box::new(keyframes.flat_map(move |keyframe| keyframe.world_cloud(map, bound, choice)))
             }
         }
     }
@@ -70,19 +71,53 @@ impl CloudSelection {
         };
         let keyframes: Vec<&Keyframe> = map.keyframes.values().collect();
         let sizes: Vec<usize> = keyframes.into_par_iter().map(size).collect();
-        let all: usize = sizes.iter().sum();
-        let step = self.most.map_or(1, |most| all.div_ceil(most.max(1))).max(1);
-        Chosen { step, count: sizes.into_iter().map(|size| size.div_ceil(step)).sum() }
+        let choice = self.most.map_or(Choice::ALL, |most| Choice::new(sizes.iter().sum(), most));
+        Chosen { choice, count: sizes.into_iter().map(|size| choice.count(size)).sum() }
     }
 }
 
-/// An even choice of points.
+/// An even choice of a map's points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Chosen {
-    /// Of each keyframe every so many points, from the first on.
-    pub step: usize,
+    /// Which of each keyframe.
+    pub choice: Choice,
     /// How many these are.
     pub count: usize,
+}
+
+/// `kept` of every `of` points, as evenly as whole numbers are, the first among them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Choice {
+    kept: usize,
+    of: usize,
+}
+
+impl Choice {
+    /// All points.
+    pub const ALL: Self = Self { kept: 1, of: 1 };
+
+    /// So many of all points there are, all where there are not more.
+    pub fn new(all: usize, most: usize) -> Self {
+        if all > most { Self { kept: most.max(1), of: all } } else { Self::ALL }
+    }
+
+    /// How many of so many points.
+    pub fn count(self, points: usize) -> usize {
+        points
+            .checked_sub(1)
+            .map_or(0, |others| 1 + (others as u128 * self.kept as u128 / self.of as u128) as usize)
+    }
+
+    /// Those that are chosen.
+    pub fn among<T>(self, points: impl Iterator<Item = T>) -> impl Iterator<Item = T> {
+        let mut due = self.of - self.kept;
+        points.filter(move |_| {
+            due += self.kept;
+            let is_due = due >= self.of;
+            due -= if is_due { self.of } else { 0 };
+            is_due
+        })
+    }
 }
 
 /// A point of the map in the world.
@@ -113,7 +148,17 @@ impl Keyframe {
         shift: Shift,
         max_relative_variance: f32,
     ) -> impl Iterator<Item = CloudPoint> + '_ {
-        self.depths_within(max_relative_variance).map(self.point_of(camera, shift))
+        self.chosen_cloud(camera, shift, max_relative_variance, Choice::ALL)
+    }
+
+    fn chosen_cloud(
+        &self,
+        camera: &Pinhole,
+        shift: Shift,
+        max_relative_variance: f32,
+        choice: Choice,
+    ) -> impl Iterator<Item = CloudPoint> + '_ {
+        choice.among(self.depths_within(max_relative_variance)).map(self.point_of(camera, shift))
     }
 
     /// About `count` points of [`cloud`](Self::cloud), evenly along it, of the image as it is.
@@ -155,21 +200,23 @@ impl Keyframe {
         }
     }
 
-    /// The same points and those of a scan, in the world of the map that the keyframe is in.
+    /// A choice of the same points and of those of a scan, in the world of the map that the keyframe is in.
     pub(super) fn world_cloud(
         &self,
         map: &Map,
         max_relative_variance: f32,
+        choice: Choice,
     ) -> impl Iterator<Item = CloudPoint> + '_ {
         let Sim3 { rotation, translation, scale } = self.world_from_keyframe;
         // Of millions of points a matrix moves each faster than a quaternion.
         let turned = rotation.to_rotation_matrix().into_inner() * scale;
         let taken_by = map.camera_of(self).zip(map.image_shift(self));
-        let of_image = taken_by.map(|(camera, shift)| self.cloud(camera, shift, max_relative_variance));
+        let of_image =
+            taken_by.map(|(camera, shift)| self.chosen_cloud(camera, shift, max_relative_variance, choice));
         of_image
             .into_iter()
             .flatten()
-            .chain(self.scan_cloud())
+            .chain(choice.among(self.scan_cloud()))
             .map(move |point| CloudPoint { position: turned * point.position + translation, ..point })
     }
 
@@ -197,7 +244,7 @@ impl Map {
     /// [`Keyframe::cloud`] keeps, and `world_from_keyframe * point` for each of a scan.
     pub fn cloud(&self, max_relative_variance: f32) -> impl Iterator<Item = CloudPoint> + '_ {
         let keyframes = self.keyframes.values();
-        keyframes.flat_map(move |keyframe| keyframe.world_cloud(self, max_relative_variance))
+        keyframes.flat_map(move |keyframe| keyframe.world_cloud(self, max_relative_variance, Choice::ALL))
     }
 
     /// The surest point of [`cloud`](Self::cloud) in each cube of edge `voxel` (map units), of equally sure ones the
@@ -260,20 +307,32 @@ mod tests {
     }
 
     #[test]
-    fn of_too_many_points_every_second_or_third_is_chosen() {
+    fn of_too_many_points_as_many_as_are_wanted_are_chosen_evenly() {
         let map = sample_map(3);
         let all = CloudSelection::from(f32::INFINITY);
         let count = all.points(&map).count();
-        for (most, step) in [(count, 1), (count - 1, 2), (count / 3 + 1, 3)] {
+        for most in [count, count - 1, count * 2 / 3, count / 3, 1] {
             let few = CloudSelection { most: Some(most), ..all };
             let chosen = few.chosen(&map);
-            assert_eq!((chosen.step, chosen.count), (step, few.points(&map).count()));
-            assert!(chosen.count <= most + map.keyframes.len());
+            assert_eq!(chosen.count, few.points(&map).count());
+            assert!(chosen.count.abs_diff(most) <= map.keyframes.len());
             let mut file = Vec::new();
             assert_eq!(crate::write_ply(&mut file, &map, few).unwrap(), chosen.count);
             let header = format!("element vertex {}\n", chosen.count);
             assert!(file.windows(header.len()).any(|part| part == header.as_bytes()));
         }
+    }
+
+    #[test]
+    fn a_choice_is_even() {
+        assert_eq!(Choice::new(5, 5), Choice::ALL);
+        let chosen = |all: usize, most: usize| Choice::new(all, most).among(0..all).collect::<Vec<_>>();
+        assert_eq!(chosen(7, 7).len(), 7);
+        assert_eq!(chosen(10, 5), [0, 2, 4, 6, 8]);
+        assert_eq!(chosen(8, 6), [0, 2, 3, 4, 6, 7]);
+        assert_eq!(chosen(9, 2), [0, 5]);
+        let choice = Choice::new(1000, 370);
+        assert!((0..300).all(|size| choice.count(size) == choice.among(0..size).count()));
     }
 
     #[test]

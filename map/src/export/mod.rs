@@ -92,11 +92,11 @@ impl CloudFormat {
             return Ok(points.len());
         }
         let keyframes: Vec<&Keyframe> = map.keyframes.values().collect();
-        let Chosen { step, count } = selection.chosen(map);
+        let Chosen { choice, count } = selection.chosen(map);
         out.write_all((self.header)(count, columns).as_bytes())?;
         for together in keyframes.chunks(KEYFRAMES_TOGETHER) {
             let points = |keyframe: &&Keyframe| {
-                let points = self.points(keyframe.world_cloud(map, bound).step_by(step), columns);
+                let points = self.points(keyframe.world_cloud(map, bound, choice), columns);
                 keyframe.rest();
                 points
             };

@@ -207,6 +207,7 @@ impl<W: Write + Seek> MapSink<W> {
             map.keyframes.values().map(|k| k.timestamp).chain(map.frames.iter().map(|f| f.timestamp));
         let start = starts.min_by(f64::total_cmp).unwrap_or(0.0);
         self.message(self.channels.transforms, start, &views::keyframe_transforms(map, start))?;
+        let points = views::points_each(map.keyframes.len());
         for (agent, channels) in self.channels.agents.clone() {
             let Some(info) = map.agents.get(&agent) else { continue };
             if let (Some(channel), Some(camera)) = (channels.calibration, info.camera()) {
@@ -222,8 +223,8 @@ impl<W: Write + Seek> MapSink<W> {
             self.flush()?;
             for keyframe in map.keyframes.values().filter(|keyframe| keyframe.agent == agent) {
                 let cloud = match (&keyframe.scan, info.camera()) {
-                    (Some(scan), _) => views::scan_cloud(keyframe, scan),
-                    (None, Some(camera)) => views::cloud(keyframe, camera),
+                    (Some(scan), _) => views::scan_cloud(keyframe, scan, points),
+                    (None, Some(camera)) => views::cloud(keyframe, camera, points),
                     (None, None) => continue,
                 };
                 keyframe.rest();

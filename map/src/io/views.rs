@@ -14,6 +14,8 @@ const WORLD: &str = "world";
 /// A keyframe's cloud is thinned to about this many points: enough to look at, a fraction of the
 /// exact data's size.
 const VIEW_POINTS: usize = 8192;
+/// The clouds of all keyframes together: more than viewers draw, and of a large map more bytes than all that is exact.
+const ALL_VIEW_POINTS: usize = 20_000_000;
 /// Bytes of a point: x, y, z and confidence as floats, intensity as a byte.
 const POINT_STRIDE: u32 = 17;
 /// Bytes of a scan's point: x, y and z as floats.
@@ -66,13 +68,18 @@ pub(super) fn image(keyframe: &Keyframe, png: Vec<u8>) -> CompressedImage {
     }
 }
 
-/// A keyframe's cloud, thinned, in its coordinate frame. Foxglove's frames have no scale, so the
+/// How many points the cloud of each of so many keyframes has, at the most.
+pub(super) fn points_each(keyframes: usize) -> usize {
+    (ALL_VIEW_POINTS / keyframes.max(1)).clamp(1, VIEW_POINTS)
+}
+
+/// A keyframe's cloud, thinned to `most` points, in its coordinate frame. Foxglove's frames have no scale, so the
 /// points are in map units.
-pub(super) fn cloud(keyframe: &Keyframe, camera: &Pinhole) -> PointCloud {
+pub(super) fn cloud(keyframe: &Keyframe, camera: &Pinhole, most: usize) -> PointCloud {
     let scale = keyframe.world_from_keyframe.scale;
-    let mut data = Vec::with_capacity(2 * VIEW_POINTS * POINT_STRIDE as usize);
+    let mut data = Vec::with_capacity(most * POINT_STRIDE as usize);
     // To look at, the image as it is will do.
-    for point in keyframe.sparse_cloud(camera, DEFAULT_MAX_RELATIVE_VARIANCE, VIEW_POINTS) {
+    for point in keyframe.sparse_cloud(camera, DEFAULT_MAX_RELATIVE_VARIANCE, most) {
         for value in point.position.iter() {
             data.extend(((value * scale) as f32).to_le_bytes());
         }
@@ -95,9 +102,9 @@ pub(super) fn cloud(keyframe: &Keyframe, camera: &Pinhole) -> PointCloud {
     }
 }
 
-/// A LiDAR keyframe's scan, thinned, in its coordinate frame.
-pub(super) fn scan_cloud(keyframe: &Keyframe, scan: &Scan) -> PointCloud {
-    let step = scan.len().div_ceil(VIEW_POINTS).max(1);
+/// A LiDAR keyframe's scan, thinned to `most` points, in its coordinate frame.
+pub(super) fn scan_cloud(keyframe: &Keyframe, scan: &Scan, most: usize) -> PointCloud {
+    let step = scan.len().div_ceil(most).max(1);
     let scale = keyframe.world_from_keyframe.scale;
     let value = |value: f32| ((f64::from(value) * scale) as f32).to_le_bytes();
     let data: Vec<u8> = scan.points().step_by(step).flatten().flat_map(value).collect();
@@ -167,7 +174,7 @@ mod tests {
     fn cloud_and_transform_agree_with_the_map() {
         let map = sample_map(2);
         let (id, keyframe) = map.keyframes.iter().next_back().unwrap();
-        let cloud = cloud(keyframe, map.camera(keyframe));
+        let cloud = cloud(keyframe, map.camera(keyframe), VIEW_POINTS);
         let shown = cloud.data.len() / POINT_STRIDE as usize;
         let camera = map.camera(keyframe);
         let expected: Vec<_> =
@@ -178,6 +185,17 @@ mod tests {
         let world = keyframe.world_from_keyframe * expected[0].position;
         assert!((keyframe.world_from_keyframe.rigid() * local - world).norm() < 1e-5);
         assert_eq!(keyframe_of_frame(&cloud.frame_id), Some(*id));
+    }
+
+    #[test]
+    fn clouds_of_many_keyframes_are_no_more_than_viewers_draw() {
+        assert_eq!([0, 1, 2441].map(points_each), [VIEW_POINTS; 3]);
+        assert_eq!(points_each(10_000), 2000);
+        assert_eq!(points_each(usize::MAX), 1);
+        let map = sample_map(1);
+        let (_, keyframe) = map.keyframes.iter().next().unwrap();
+        let points = cloud(keyframe, map.camera(keyframe), 3).data.len() / POINT_STRIDE as usize;
+        assert!((1..=3).contains(&points), "{points}");
     }
 
     #[test]
