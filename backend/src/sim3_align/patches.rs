@@ -150,61 +150,71 @@ struct Patches {
 }
 
 impl Patches {
-    /// Sums of the points' values over the patch of each.
-    fn sums(&self, values: impl Iterator<Item = f64>) -> Vec<f64> {
-        let mut sums = vec![0.0; self.width * self.height];
-        for (seen, value) in self.seen.iter().zip(values) {
-            sums[seen.slot] = value;
+    /// Sums of several values of the points, by their numbers, over the patch of each.
+    fn sums<const N: usize>(&self, values: impl Fn(usize) -> [f64; N]) -> Vec<[f64; N]> {
+        let mut sums = vec![[0.0; N]; self.width * self.height];
+        for (i, seen) in self.seen.iter().enumerate() {
+            sums[seen.slot] = values(i);
         }
-        let mut before = vec![0.0; self.width + 1];
+        let mut before = vec![[0.0; N]; self.width + 1];
         for row in sums.chunks_exact_mut(self.width) {
-            for (i, value) in row.iter().enumerate() {
-                before[i + 1] = before[i] + value;
+            let mut sum = [0.0; N];
+            for (before, value) in before[1..].iter_mut().zip(&*row) {
+                sum = each(sum, *value, |a, b| a + b);
+                *before = sum;
             }
             for (i, value) in row.iter_mut().enumerate() {
                 let end = (i + self.radius + 1).min(self.width);
-                *value = before[end] - before[i.saturating_sub(self.radius)];
+                *value = each(before[end], before[i.saturating_sub(self.radius)], |a, b| a - b);
             }
         }
         // All columns at a time.
-        let mut above = vec![0.0; self.width * (self.height + 1)];
+        let mut above = vec![[0.0; N]; self.width * (self.height + 1)];
         for (y, row) in sums.chunks_exact(self.width).enumerate() {
             let (done, next) = above.split_at_mut((y + 1) * self.width);
             for ((next, done), value) in next.iter_mut().zip(&done[y * self.width..]).zip(row) {
-                *next = done + value;
+                *next = each(*done, *value, |a, b| a + b);
             }
         }
         let at = |slot: usize| {
             let (x, y) = (slot % self.width, slot / self.width);
             let [top, end] = [y.saturating_sub(self.radius), (y + self.radius + 1).min(self.height)];
-            above[end * self.width + x] - above[top * self.width + x]
+            each(above[end * self.width + x], above[top * self.width + x], |a, b| a - b)
         };
         self.seen.iter().map(|seen| at(seen.slot)).collect()
     }
+
+    /// How many points of each patch are so.
+    fn counts(&self, of: impl Fn(usize) -> bool) -> Vec<f64> {
+        self.sums(|i| [f64::from(u8::from(of(i)))]).into_iter().map(|[count]| count).collect()
+    }
+}
+
+/// Of every two values that stand at the same place.
+#[inline(always)]
+fn each<const N: usize>(a: [f64; N], b: [f64; N], of: impl Fn(f64, f64) -> f64) -> [f64; N] {
+    std::array::from_fn(|i| of(a[i], b[i]))
 }
 
 /// What becomes of patches, by where their points should be in an image.
 fn judge(patches: &Patches, image: &GrayImage, radius: usize, params: &PatchParams) -> PatchComparison {
-    // How many points of each patch are so.
-    let around = |of: &dyn Fn(usize) -> bool| {
-        patches.sums((0..patches.seen.len()).map(|i| f64::from(u8::from(of(i)))))
-    };
-    let counts = around(&|_| true);
-    let through = around(&|i| patches.seen[i].through);
-    let own = Moments::new(patches, &counts, || patches.seen.iter().map(|seen| seen.intensity));
+    let counts = patches.counts(|_| true);
+    let through = patches.counts(|i| patches.seen[i].through);
+    let own = patches.sums(|i| [patches.seen[i].intensity, patches.seen[i].intensity.powi(2)]);
+    let own: Vec<Moments> = own.iter().zip(&counts).map(|(sums, count)| Moments::new(sums, *count)).collect();
     let alike = correlations(patches, &own, &counts, image, radius, params);
     let is_patch = |i: usize| counts[i] >= params.min_points as f64;
     let is_absent = |i: usize| {
         is_patch(i) && through[i] > params.through_share * counts[i] && alike[i] < params.min_correlation
     };
-    let has_contrast = |i: usize| is_patch(i) && own.variance[i] > params.min_contrast.powi(2);
+    let has_contrast = |i: usize| is_patch(i) && own[i].variance > params.min_contrast.powi(2);
     let all = || 0..patches.seen.len();
     let mut looks: Vec<f64> = all().filter(|&i| has_contrast(i)).map(|i| 1.0 - alike[i]).collect();
     looks.sort_by(f64::total_cmp);
     let median = looks.get(looks.len() / 2).copied().unwrap_or(0.0);
     let limit = params.min_dissimilarity.max(params.outlier * median);
     let is_unlike = |i: usize| has_contrast(i) && 1.0 - alike[i] > limit;
-    let (unlike, with_contrast) = (around(&is_unlike), around(&has_contrast));
+    let (unlike, with_contrast) = (patches.counts(is_unlike), patches.counts(has_contrast));
     let is_unlike_around = |i: usize| is_unlike(i) && unlike[i] > params.unlike_around * with_contrast[i];
     let count = |of: &dyn Fn(usize) -> bool| all().filter(|&i| of(i)).count();
     let (absent, unlike) = (count(&is_absent), count(&is_unlike_around));
@@ -220,27 +230,25 @@ fn judge(patches: &Patches, image: &GrayImage, radius: usize, params: &PatchPara
     }
 }
 
-/// Mean and variance of something over each patch.
+/// Mean and variance of something over a patch.
+#[derive(Clone, Copy)]
 struct Moments {
-    mean: Vec<f64>,
-    variance: Vec<f64>,
+    mean: f64,
+    variance: f64,
 }
 
 impl Moments {
-    fn new<V: Iterator<Item = f64>>(patches: &Patches, counts: &[f64], values: impl Fn() -> V) -> Self {
-        let mut mean = patches.sums(values());
-        mean.iter_mut().zip(counts).for_each(|(sum, count)| *sum /= count);
-        let mut variance = patches.sums(values().map(|value| value * value));
-        let both = variance.iter_mut().zip(counts).zip(&mean);
-        both.for_each(|((sum, count), mean)| *sum = (*sum / count - mean * mean).max(0.0));
-        Self { mean, variance }
+    /// Of so many points whose values and their squares have these sums.
+    fn new([sum, of_squares]: &[f64; 2], count: f64) -> Self {
+        let mean = sum / count;
+        Self { mean, variance: (of_squares / count - mean * mean).max(0.0) }
     }
 }
 
 /// The largest correlation of each patch's intensities with those of an image, −1 to 1, at shifts of up to `radius` pixels.
 fn correlations(
     patches: &Patches,
-    own: &Moments,
+    own: &[Moments],
     counts: &[f64],
     image: &GrayImage,
     radius: usize,
@@ -250,17 +258,20 @@ fn correlations(
     let noise = params.image_noise * params.image_noise;
     let mut best = vec![-1.0f64; patches.seen.len()];
     for shift in (-reach..=reach).flat_map(|y| (-reach..=reach).map(move |x| Vector2::new(x, y))) {
-        let there = patches.seen.iter().map(|seen| {
-            let pixel = seen.pixel + shift.cast::<f64>();
-            sample(image, pixel.x, pixel.y).map_or(0.0, |(value, ..)| value)
+        let shift = shift.cast::<f64>();
+        // Of value, square, and product with the source's; four fit into a register.
+        let sums = patches.sums(|i| {
+            let Seen { intensity, pixel, .. } = &patches.seen[i];
+            let pixel = pixel + shift;
+            let value = sample(image, pixel.x, pixel.y).map_or(0.0, |(value, ..)| value);
+            [value, value * value, intensity * value, 0.0]
         });
-        let there: Vec<f64> = there.collect();
-        let other = Moments::new(patches, counts, || there.iter().copied());
-        let product =
-            patches.sums(patches.seen.iter().zip(&there).map(|(seen, there)| seen.intensity * there));
-        for (i, best) in best.iter_mut().enumerate() {
-            let covariance = product[i] / counts[i] - own.mean[i] * other.mean[i];
-            let variances = (own.variance[i] + noise) * (other.variance[i] + noise);
+        for (((best, [sum, of_squares, product, _]), own), count) in
+            best.iter_mut().zip(sums).zip(own).zip(counts)
+        {
+            let other = Moments::new(&[sum, of_squares], *count);
+            let covariance = product / count - own.mean * other.mean;
+            let variances = (own.variance + noise) * (other.variance + noise);
             *best = best.max(covariance / variances.sqrt());
         }
     }
@@ -284,13 +295,14 @@ mod tests {
             through: false,
         });
         let patches = Patches { seen: seen.collect(), width, height, radius };
-        let sums = patches.sums(patches.seen.iter().map(|seen| seen.intensity));
-        for (&slot, sum) in points.iter().zip(sums) {
+        let sums = patches.sums(|i| [patches.seen[i].intensity, 1.0]);
+        for (&slot, [sum, count]) in points.iter().zip(sums) {
             let near = |other: &&usize| {
                 let rows = (**other / width).abs_diff(slot / width);
                 rows.max((**other % width).abs_diff(slot % width)) <= radius
             };
             assert_eq!(sum, points.iter().filter(near).map(|&other| value(other)).sum::<f64>());
+            assert_eq!(count, points.iter().filter(near).count() as f64);
         }
     }
 }
