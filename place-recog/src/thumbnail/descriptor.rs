@@ -8,6 +8,10 @@ const WIDTH: usize = 40;
 const HEIGHT: usize = 30;
 /// Numbers in a thumbnail.
 pub(super) const LENGTH: usize = WIDTH * HEIGHT;
+/// Side of the squares that a thumbnail's coarse values are the means of.
+const SIDE: usize = 5;
+/// Numbers in a thumbnail's coarse values.
+pub(super) const COARSE: usize = LENGTH / (SIDE * SIDE);
 /// Standard deviation of the blur, thumbnail pixels (Klein & Murray 2008 take 2.5 for theirs).
 const BLUR: f32 = 2.0;
 /// Length of the vector of stored values: with 1,200 values a sum of products stays within i32.
@@ -47,6 +51,11 @@ impl Thumbnail {
         let products = self.values.iter().zip(stored).map(|(&a, &b)| (a as i32).wrapping_mul(b as i32));
         let sum = products.fold(0, i32::wrapping_add);
         sum as f32 / (NORM * NORM)
+    }
+
+    /// What these values say of the correlation with others before those are looked at.
+    pub(super) fn coarse(&self) -> Coarse {
+        Coarse::new(&self.values)
     }
 
     /// Shifts by `shift` pixels to all eight sides, straight and turned by `±turn` radians; the blur
@@ -91,6 +100,44 @@ impl Thumbnail {
         Self { blurred, values }
     }
 }
+
+/// The means over squares of a thumbnail's values, by which its correlation with another is bounded: the means are coordinates along
+/// orthonormal axes, and what is left of two vectors of known lengths correlates by the product of what is left of these at the most
+/// (Cauchy–Schwarz).
+#[derive(Clone, Debug)]
+pub(super) struct Coarse {
+    /// Parts of the vector's length.
+    along: [f32; COARSE],
+    /// Length of what they leave.
+    left: f32,
+}
+
+impl Coarse {
+    /// Of a thumbnail's values.
+    pub(super) fn new(values: &[i16]) -> Self {
+        let mut along = [0.0; COARSE];
+        for (row, values) in values.chunks_exact(WIDTH).enumerate() {
+            let squares = &mut along[row / SIDE * (WIDTH / SIDE)..][..WIDTH / SIDE];
+            for (sum, values) in squares.iter_mut().zip(values.chunks_exact(SIDE)) {
+                *sum += values.iter().map(|&value| f32::from(value)).sum::<f32>();
+            }
+        }
+        along.iter_mut().for_each(|sum| *sum /= SIDE as f32 * NORM);
+        let squared = |values: &mut dyn Iterator<Item = f32>| values.map(|value| value * value).sum::<f32>();
+        let all = squared(&mut values.iter().map(|&value| f32::from(value) / NORM));
+        let left = (all - squared(&mut along.iter().copied())).max(0.0).sqrt();
+        Self { along, left }
+    }
+
+    /// What two thumbnails correlate by at the most.
+    pub(super) fn bound(&self, other: &Self) -> f32 {
+        let along: f32 = self.along.iter().zip(&other.along).map(|(a, b)| a * b).sum();
+        along + self.left * other.left + ROUNDING
+    }
+}
+
+/// More than single precision loses of a bound, and whole numbers of the values.
+const ROUNDING: f32 = 1e-3;
 
 /// Mean intensities of `WIDTH × HEIGHT` cells; an image with fewer pixels than that repeats some.
 fn reduced(image: &GrayImage) -> Image<f32> {

@@ -1,8 +1,8 @@
 //! A simple index by appearance: small blurred images compared by correlation, as in PTAM's
 //! relocaliser (Klein & Murray, ECCV 2008, §3).
 //!
-//! A query is compared with every keyframe; what survives is compared again under small shifts and
-//! turns of the image. It finds views taken from near the old ones, not old places seen from afar.
+//! A query is compared with every keyframe that its coarse values let be among the best; what survives is compared again under small
+//! shifts and turns of the image. It finds views taken from near the old ones, not old places seen from afar.
 
 mod descriptor;
 #[cfg(test)]
@@ -10,7 +10,7 @@ mod real_data;
 #[cfg(test)]
 mod tests;
 
-use descriptor::{LENGTH, Thumbnail};
+use descriptor::{COARSE, Coarse, LENGTH, Thumbnail};
 use geometry::GrayImage;
 use map::{KeyframeId, PlaceCandidate, PlaceIndex};
 use serde::{Deserialize, Serialize};
@@ -36,7 +36,7 @@ impl Default for ThumbnailParams {
     }
 }
 
-/// Index of keyframes by 40×30 blurred thumbnails: 2,400 bytes a keyframe.
+/// Index of keyframes by 40×30 blurred thumbnails: 2,600 bytes a keyframe.
 ///
 /// The score is the zero-mean normalised correlation, best over small shifts and turns: 1 for the
 /// same image, whatever its brightness and contrast. Results are the same on any machine; equal
@@ -47,11 +47,13 @@ pub struct ThumbnailIndex {
     keyframes: Vec<KeyframeId>,
     /// One after the other, `LENGTH` numbers each.
     thumbnails: Vec<i16>,
+    coarse: Vec<Coarse>,
 }
 
 impl ThumbnailIndex {
     /// Memory of one keyframe, bytes.
-    pub const BYTES_PER_KEYFRAME: usize = LENGTH * size_of::<i16>() + size_of::<KeyframeId>();
+    pub const BYTES_PER_KEYFRAME: usize =
+        LENGTH * size_of::<i16>() + (COARSE + 1) * size_of::<f32>() + size_of::<KeyframeId>();
 
     /// An empty index.
     pub fn new(params: ThumbnailParams) -> Self {
@@ -85,22 +87,55 @@ impl ThumbnailIndex {
         ranked.sort_unstable_by(order);
         ranked
     }
+
+    /// The `count` best of these keyframes by [`ranked`](Self::ranked), the others not looked at where their coarse values suffice.
+    fn best(&self, query: &Thumbnail, among: impl Iterator<Item = usize>, count: usize) -> Vec<(f32, usize)> {
+        let coarse = query.coarse();
+        let mut bounds: Vec<(f32, usize)> =
+            among.map(|index| (coarse.bound(&self.coarse[index]), index)).collect();
+        if count == 0 {
+            return Vec::new();
+        }
+        let variants = std::slice::from_ref(query);
+        let mut likely = bounds.len();
+        if bounds.len() > count {
+            // As many as are wanted say what the others must reach.
+            bounds.select_nth_unstable_by(count - 1, |a, b| b.0.total_cmp(&a.0));
+            let reached = self.ranked(variants, bounds[..count].iter().map(|(_, index)| *index));
+            let least = reached.last().map_or(f32::NEG_INFINITY, |(score, _)| *score);
+            likely = count;
+            for next in count..bounds.len() {
+                if bounds[next].0 >= least {
+                    bounds.swap(likely, next);
+                    likely += 1;
+                }
+            }
+        }
+        let mut ranked = self.ranked(variants, bounds[..likely].iter().map(|(_, index)| *index));
+        ranked.truncate(count);
+        ranked
+    }
 }
 
 impl PlaceIndex for ThumbnailIndex {
     fn clear(&mut self) {
         self.keyframes.clear();
         self.thumbnails.clear();
+        self.coarse.clear();
     }
 
     /// Adds a keyframe, or replaces its image. An image without contrast is never found.
     fn add(&mut self, keyframe: KeyframeId, image: &GrayImage) {
         let thumbnail = Thumbnail::new(image);
         match self.keyframes.iter().position(|&id| id == keyframe) {
-            Some(i) => self.thumbnails[i * LENGTH..(i + 1) * LENGTH].copy_from_slice(thumbnail.values()),
+            Some(i) => {
+                self.thumbnails[i * LENGTH..(i + 1) * LENGTH].copy_from_slice(thumbnail.values());
+                self.coarse[i] = thumbnail.coarse();
+            }
             None => {
                 self.keyframes.push(keyframe);
                 self.thumbnails.extend_from_slice(thumbnail.values());
+                self.coarse.push(thumbnail.coarse());
             }
         }
     }
@@ -113,10 +148,10 @@ impl PlaceIndex for ThumbnailIndex {
     ) -> Vec<PlaceCandidate> {
         let Some(straight) = Thumbnail::new(image).with_contrast() else { return Vec::new() };
         let among = (0..self.len()).filter(|&index| admissible(self.keyframes[index]));
-        let first_pass = self.ranked(std::slice::from_ref(&straight), among);
-        let variants = straight.variants(self.params.shift, self.params.turn.to_radians());
         let survivors = count.saturating_mul(self.params.refined_per_result.max(1));
-        let refined = self.ranked(&variants, first_pass.into_iter().take(survivors).map(|(_, index)| index));
+        let first_pass = self.best(&straight, among, survivors);
+        let variants = straight.variants(self.params.shift, self.params.turn.to_radians());
+        let refined = self.ranked(&variants, first_pass.into_iter().map(|(_, index)| index));
         refined
             .into_iter()
             .take_while(|&(score, _)| score >= self.params.min_score)

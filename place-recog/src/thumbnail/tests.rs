@@ -63,3 +63,36 @@ fn images_smaller_than_a_thumbnail_are_taken() {
     index.add(KeyframeId(3), &tiny);
     assert_eq!(index.query(&tiny, 1)[0].keyframe, KeyframeId(3));
 }
+
+/// Smooth images of random cells, some of them nearly the same.
+fn blotches(seed: u64) -> GrayImage {
+    let (mut one, mut other) = (geometry::Random::new(seed / 3), geometry::Random::new(seed));
+    let cells: Vec<f32> =
+        (0..80).map(|_| 200.0 * one.below(256) as f32 / 256.0 + 0.2 * other.below(256) as f32).collect();
+    let mut image = GrayImage::filled(160, 120, 0);
+    for y in 0..120 {
+        for x in 0..160 {
+            image.set(x, y, cells[y / 15 * 10 + x / 16].min(255.0) as u8);
+        }
+    }
+    image
+}
+
+#[test]
+fn the_best_are_those_of_all_and_most_are_not_looked_at() {
+    let mut index = ThumbnailIndex::default();
+    (0..600).for_each(|seed| index.add(KeyframeId(seed), &blotches(u64::from(seed))));
+    let mut likely = 0;
+    for seed in (0..600).step_by(37) {
+        let query = Thumbnail::new(&blotches(seed + 1));
+        let all = index.ranked(std::slice::from_ref(&query), 0..600);
+        let bound =
+            |&(score, keyframe): &(f32, usize)| (score, query.coarse().bound(&index.coarse[keyframe]));
+        assert!(all.iter().map(bound).all(|(score, bound)| bound >= score));
+        for count in [0, 1, 20, 599, 600, 700] {
+            assert_eq!(index.best(&query, 0..600, count), all[..count.min(600)]);
+        }
+        likely += all.iter().map(bound).filter(|(_, bound)| *bound >= all[19].0).count();
+    }
+    assert!(likely < 17 * 350, "of 600 some {} may be among the 20 best", likely / 17);
+}

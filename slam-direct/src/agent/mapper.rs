@@ -56,6 +56,9 @@ pub(super) struct Update {
 /// turns back.
 const RECENT: usize = 50;
 
+/// Older keyframes that are looked at in turn for whether they rest, at each new one.
+const RESTED: usize = 64;
+
 /// Keyframes at the begin of a map whose depths say whether it is of use: where the poses are wrong, edges are found at no place that
 /// agrees with them. One such keyframe may be blurred, or come of a turn.
 const JUDGED: usize = 3;
@@ -265,19 +268,21 @@ impl Mapper {
     }
 
     /// Lets the pyramids and depths rest of keyframes that are neither recent nor near `keyframe`, which it sees points
-    /// with. What was looked at since, in search of a loop say, rests again some keyframes later.
+    /// with: of those that were recent not long ago at once; of all others, which somebody may have looked at since in search of a
+    /// loop, in turn, so that a keyframe costs what it costs however many there are.
     fn rest_far(&mut self, keyframe: usize) {
         let near: BTreeSet<usize> = self.local.covisible(keyframe).into_iter().map(|c| c.0).collect();
-        for far in (0..keyframe.saturating_sub(RECENT)).filter(|far| !near.contains(far)) {
+        let far = keyframe.saturating_sub(RECENT);
+        let in_turn: Vec<usize> = (0..far.min(RESTED)).map(|i| (keyframe * RESTED + i) % far).collect();
+        let lately = far.saturating_sub(RECENT)..far;
+        for far in lately.chain(in_turn.iter().copied()).filter(|far| !near.contains(far)) {
             // Looked at first: what is not changed stays shared.
             if !self.local.keyframes[far].pyramid.is_resting() {
                 self.local.keyframes[far].rest();
             }
-            if far % RECENT == keyframe % RECENT
-                && let Some(known) = self.known.keyframes.get(&LocalMap::id(far))
-            {
-                known.rest();
-            }
+        }
+        for far in in_turn.into_iter().filter(|far| !near.contains(far)) {
+            self.known.keyframes.get(&LocalMap::id(far)).into_iter().for_each(Keyframe::rest);
         }
     }
 

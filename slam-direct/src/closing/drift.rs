@@ -2,7 +2,8 @@
 
 use super::ClosingParams;
 use crate::local_map::LocalMap;
-use geometry::{Sim3, median};
+use geometry::{Se3, Sim3, median};
+use nalgebra::Vector3;
 use thiserror::Error;
 
 /// What a loop says against the map's own opinion of where a keyframe is.
@@ -50,11 +51,11 @@ pub(super) fn check(
 
 /// Length of the camera's way between two keyframes.
 fn way(map: &LocalMap, from: usize, to: usize) -> f64 {
-    ways(map, from, to).last().copied().unwrap_or(0.0)
+    ways(map, from, to).last().map_or(0.0, |(_, way)| *way)
 }
 
-/// Length of the camera's way from each keyframe before `to` up to it, the nearest first and `from` last.
-fn ways(map: &LocalMap, from: usize, to: usize) -> Vec<f64> {
+/// The camera's centre at each keyframe before `to`, the nearest first and `from` last, and the length of the way from there.
+fn ways(map: &LocalMap, from: usize, to: usize) -> Vec<(Vector3<f64>, f64)> {
     let centre = |k: usize| map.keyframes[k].camera_from_world.inverse().translation;
     let (mut length, mut next) = (0.0, centre(to));
     (from..to)
@@ -63,18 +64,18 @@ fn ways(map: &LocalMap, from: usize, to: usize) -> Vec<f64> {
             let here = centre(k);
             length += (next - here).norm();
             next = here;
-            length
+            (here, length)
         })
         .collect()
 }
 
 /// Where a keyframe might be in truth, for all that its drift allows.
 pub(super) struct Reach {
-    keyframe: usize,
+    world_from_camera: Se3,
     /// How far apart two keyframes may be that see one place, map units.
     view: f64,
-    /// Length of the way from each keyframe before it, the nearest first.
-    ways: Vec<f64>,
+    /// Of each keyframe before it, the nearest first: where it is, and the length of the way from there, summed up along it.
+    before: Vec<(Vector3<f64>, f64)>,
 }
 
 impl Reach {
@@ -84,16 +85,20 @@ impl Reach {
         let mut depths: Vec<f32> = points.iter().map(|p| 1.0 / p.inverse_depth).collect();
         let depth = median(&mut depths).filter(|d| d.is_finite() && *d > 0.0)?;
         let view = params.search.max_distance * f64::from(depth);
-        Some(Self { keyframe, view, ways: ways(map, 0, keyframe) })
+        let world_from_camera = map.keyframes[keyframe].camera_from_world.inverse();
+        Some(Self { world_from_camera, view, before: ways(map, 0, keyframe) })
     }
 
     /// Whether an old keyframe lies within it.
     pub fn contains(&self, map: &LocalMap, old: usize, params: &ClosingParams) -> bool {
-        let [old_pose, pose] = [old, self.keyframe].map(|k| map.keyframes[k].camera_from_world);
-        let apart = old_pose * pose.inverse();
-        // A turn in the image plane is part of the drift's bound only.
-        let turn = apart.rotation.angle().to_degrees();
-        apart.translation.norm() <= self.view + params.max_drift * self.ways[self.keyframe - 1 - old]
-            && turn <= params.search.max_view_angle + params.max_turn
+        let before = self.before.len().checked_sub(old + 1).and_then(|index| self.before.get(index));
+        before.is_some_and(|(centre, way)| {
+            let apart = (centre - self.world_from_camera.translation).norm();
+            // A turn in the image plane is part of the drift's bound only.
+            let turn =
+                || (map.keyframes[old].camera_from_world.rotation * self.world_from_camera.rotation).angle();
+            apart <= self.view + params.max_drift * way
+                && turn().to_degrees() <= params.search.max_view_angle + params.max_turn
+        })
     }
 }

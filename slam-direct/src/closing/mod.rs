@@ -151,7 +151,7 @@ impl LoopCloser {
         let reach = Reach::of(local, keyframe, params)?;
         let gap = params.search.min_gap as usize;
         let within: Vec<usize> = (0..(keyframe + 1).saturating_sub(gap))
-            .filter(|&old| !self.is_futile(keyframe, old, params) && reach.contains(local, old, params))
+            .filter(|&old| reach.contains(local, old, params) && !self.is_futile(keyframe, old, params))
             .collect();
         if within.is_empty() {
             return None;
