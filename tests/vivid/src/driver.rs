@@ -132,8 +132,56 @@ fn set_timings(device: &Device, mode: &Mode) -> Result<()> {
         let t = picture_timings(timings);
         t.width as u64 * t.height as u64
     });
-    let mut wanted = smallest.with_context(|| format!("the driver has no timings for {mode:?}"))?;
-    ioctl(device, request::<v4l2_dv_timings>(87), &mut wanted).context("setting the timings")
+    let mut wanted = match smallest {
+        Some(timings) => timings,
+        None => slow_timings(mode)?,
+    };
+    ioctl(device, request::<v4l2_dv_timings>(87), &mut wanted).context("setting the timings")?;
+    let set = picture_timings(&wanted);
+    ensure!(fits(&set), "the driver makes timings of {:.2} Hz for {mode:?}", rate(&set));
+    Ok(())
+}
+
+/// Timings at a rate that neither television nor monitors have, by VESA's formula for displays without a tube (CVT with
+/// reduced blanking): of a frame as large as the driver wants, in whose corner the picture lies.
+fn slow_timings(mode: &Mode) -> Result<v4l2_dv_timings> {
+    /// `V4L2_DV_BT_STD_CVT`.
+    const CVT: u32 = 1 << 2;
+    /// `V4L2_DV_HSYNC_POS_POL`: that blanking is reduced.
+    const REDUCED: u32 = 2;
+    /// The driver's slowest clock, pixels a second, with room for rounding.
+    const CLOCK: f64 = 15e6;
+    /// The driver's largest frame, rows.
+    const LARGEST: u32 = 2160;
+    /// Columns over rows, as a sync of four rows says.
+    const ASPECT: f64 = 4.0 / 3.0;
+    /// Rows and columns without picture: before, during and after the sync.
+    const ROWS: [u32; 3] = [3, 4, 7];
+    const COLUMNS: [u32; 3] = [48, 32, 80];
+
+    // 4:3 exactly.
+    let height = (CLOCK / mode.rate / ASPECT).sqrt() as u32 / 6 * 6;
+    let width = height / 3 * 4;
+    let holds = mode.height <= height && mode.width <= width && height <= LARGEST;
+    ensure!(holds, "the driver has no timings for {mode:?}");
+    let total = |picture: u32, blank: [u32; 3]| f64::from(picture + blank.iter().sum::<u32>());
+    // SAFETY: the kernel's structures are plain numbers, for which zeros are a value.
+    let (mut timings, none): (v4l2_dv_timings, v4l2_bt_timings) = unsafe { (mem::zeroed(), mem::zeroed()) };
+    timings.__bindgen_anon_1.bt = v4l2_bt_timings {
+        width,
+        height,
+        polarities: REDUCED,
+        pixelclock: (total(width, COLUMNS) * total(height, ROWS) * mode.rate) as u64,
+        hfrontporch: COLUMNS[0],
+        hsync: COLUMNS[1],
+        hbackporch: COLUMNS[2],
+        vfrontporch: ROWS[0],
+        vsync: ROWS[1],
+        vbackporch: ROWS[2],
+        standards: CVT,
+        ..none
+    };
+    Ok(timings)
 }
 
 fn all_timings(device: &Device) -> Vec<v4l2_dv_timings> {

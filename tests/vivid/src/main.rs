@@ -8,6 +8,7 @@ mod driver;
 mod layout;
 mod player;
 mod program;
+mod service;
 mod stream;
 mod trial;
 
@@ -28,8 +29,14 @@ enum Command {
     Agent {
         /// How long
         minutes: f64,
-        /// Pictures a second; an emulated processor tracks two or three
-        #[arg(default_value_t = 15.0)]
+        /// Pictures a second
+        #[arg(default_value_t = 3.0)]
+        rate: f64,
+    },
+    /// Try the service of the Debian package, under systemd
+    Service {
+        /// Pictures a second
+        #[arg(default_value_t = 5.0)]
         rate: f64,
     },
     /// Play a folder of pictures into the driver's output until it is interrupted
@@ -48,16 +55,8 @@ enum Command {
 fn main() -> ExitCode {
     match Command::parse() {
         Command::Check { words } => check(&words),
-        Command::Agent { minutes, rate } => match trial::run(minutes, rate) {
-            Ok(()) => {
-                println!("\ntest result: ok. The agent was always back");
-                ExitCode::SUCCESS
-            }
-            Err(error) => {
-                println!("{error:?}\n\ntest result: FAILED.");
-                ExitCode::FAILURE
-            }
-        },
+        Command::Agent { minutes, rate } => tried(trial::run(minutes, rate), "The agent was always back"),
+        Command::Service { rate } => tried(service::run(rate), "The service does what its unit promises"),
         Command::Play { folder, pace, format } => match play(&folder, pace, &format) {
             Ok(()) => ExitCode::SUCCESS,
             Err(error) => {
@@ -65,6 +64,20 @@ fn main() -> ExitCode {
                 ExitCode::FAILURE
             }
         },
+    }
+}
+
+/// Tells what became of a trial, in the form of `cargo test`.
+fn tried(found: Result<()>, well: &str) -> ExitCode {
+    match found {
+        Ok(()) => {
+            println!("\ntest result: ok. {well}");
+            ExitCode::SUCCESS
+        }
+        Err(error) => {
+            println!("{error:?}\n\ntest result: FAILED.");
+            ExitCode::FAILURE
+        }
     }
 }
 

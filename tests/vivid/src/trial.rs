@@ -4,6 +4,7 @@
 mod agent;
 
 use crate::checks::{plug_in, sequence_of, unplug};
+use crate::driver::Mode;
 use crate::player::{Pace, Player};
 use agent::{Agent, PLACE, beat, kept_bytes, keyframes_in};
 use anyhow::{Context, Result, ensure};
@@ -21,14 +22,14 @@ const BACK: f64 = 5.0;
 const PICTURES: usize = 90;
 /// Pictures that are played at a time: more than come between two events.
 const PLAYED: usize = 1350;
-/// How long an emulated processor may take to begin, and to see that there is room again, seconds.
-const PATIENCE: f64 = 240.0;
+/// Seconds in which the agent has begun, and sees that there is room again.
+const PATIENCE: f64 = 30.0;
 /// As the service manager waits (`RestartSec`).
 const RESTART: Duration = Duration::from_secs(1);
 /// The disk, MiB, of which the agent may keep [`BUDGET`].
 const DISK: u64 = 128;
 /// MiB.
-const BUDGET: u64 = 64;
+const BUDGET: u64 = 16;
 /// MiB.
 const MEMORY: u64 = 512;
 /// What is recorded in the two seconds between two looks at the budget, and what is written at a session's end, MiB.
@@ -82,10 +83,11 @@ pub fn run(minutes: f64, rate: f64) -> Result<()> {
     ensure!(minutes.is_finite() && minutes > 0.0, "{minutes} minutes are no time");
     ensure!(rate.is_finite() && rate > 0.0, "{rate} pictures a second are no rate");
     let (pictures, mode) = sequence_of(PICTURES)?;
+    let mode = Mode { rate, ..mode };
     let there = pictures.iter().chain(pictures.iter().rev());
     let pictures: Vec<GrayImage> = there.cycle().take(PLAYED).cloned().collect();
     prepare()?;
-    let began = Instant::now();
+    let (began, idle) = (Instant::now(), idle()?);
     let mut trial = Trial::default();
     let play = || Player::start(&pictures, &mode, Pace::PerSecond(rate));
     let mut player = Some(play()?);
@@ -120,13 +122,20 @@ pub fn run(minutes: f64, rate: f64) -> Result<()> {
                 })?
             }
         };
-        trial.note(event, back, tracking);
+        trial.note(event, began.elapsed(), back, tracking);
     }
     let (code, took) = agent.stop()?;
     ensure!(code == Some(0), "the last stop: {code:?}");
     trial.stopping = trial.stopping.max(took);
     player.map(Player::stop).transpose()?;
-    trial.tell(began.elapsed())
+    let share = (self::idle()? - idle) / began.elapsed().as_secs_f64();
+    trial.tell(began.elapsed(), share / std::thread::available_parallelism()?.get() as f64)
+}
+
+/// Seconds that the processors have had nothing to do since the system started, all of them together.
+fn idle() -> Result<f64> {
+    let text = fs::read_to_string("/proc/uptime").context("/proc/uptime")?;
+    text.split_whitespace().nth(1).and_then(|seconds| seconds.parse().ok()).context("/proc/uptime")
 }
 
 /// A disk of its own, and the agent's file.
@@ -223,22 +232,23 @@ impl Trial {
         Ok((seconds, seconds))
     }
 
-    fn note(&mut self, event: Event, back: f64, tracking: f64) {
+    fn note(&mut self, event: Event, at: Duration, back: f64, tracking: f64) {
         let found = &mut self.found[event as usize];
         found.count += 1;
         found.back = found.back.max(back);
         found.tracking = found.tracking.max(tracking);
         found.slow += u32::from(tracking > BACK);
-        println!("{event:?}: back after {back:.1} s, tracking after {tracking:.1} s");
+        let minute = at.as_secs_f64() / 60.0;
+        println!("{minute:5.1} min, {event:?}: back after {back:.1} s, tracking after {tracking:.1} s");
         if back > BACK {
             self.broken.push(format!("{event:?}: back after {back:.1} s"));
         }
     }
 
-    fn tell(mut self, took: Duration) -> Result<()> {
+    fn tell(mut self, took: Duration, idle: f64) -> Result<()> {
         let mib = |bytes: u64| bytes >> 20;
         let beat = beat().context("no heartbeat")?;
-        println!("{:.0} minutes:", took.as_secs_f64() / 60.0);
+        println!("{:.0} minutes, idle for {:.0} %:", took.as_secs_f64() / 60.0, 100.0 * idle);
         for event in [Event::Kill, Event::Unplug, Event::Stop, Event::Fill] {
             let Found { count, back, tracking, slow } = self.found[event as usize];
             println!(

@@ -16,15 +16,15 @@ pub const PLACE: &str = "/tmp/robot";
 const FILE: &str = "/tmp/agent.toml";
 const HEARTBEAT: &str = "/tmp/heartbeat.json";
 const LOG: &str = "/tmp/agent.log";
-/// Longer than anything takes, emulated.
-const PATIENCE: f64 = 240.0;
+/// Longer than anything takes, seconds.
+const PATIENCE: f64 = 30.0;
 
 /// Writes the agent's file: a budget of disk and memory, MiB.
 pub fn write_file(disk: u64, memory: u64) -> Result<()> {
     let text = format!(
         "name = \"robot\"\nout = \"{PLACE}/kept\"\nheartbeat = \"{HEARTBEAT}\"\n\
          [camera]\ndevice = \"{CAPTURE}\"\ncalibration = \"{CALIBRATION}\"\nlock = [\"all\"]\n\
-         [record]\nenabled = true\nfile_mib = 8\n\
+         [record]\nenabled = true\nfile_mib = 2\n\
          [limits]\ndisk_mib = {disk}\nfree_mib = 16\nmemory_mib = {memory}\n"
     );
     Ok(fs::write(FILE, text)?)
