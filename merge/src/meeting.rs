@@ -315,7 +315,7 @@ pub fn follow_on(
     let Evidence { matches, rival_place, .. } = before.verdict.evidence;
     let evidence = Evidence { matches, rival_place, ..Evidence::new(&closure, Some(&joined)) };
     let verdict = judge(evidence, acceptance);
-    verdict.accepts().then(|| Judged { closure, joined: Some(joined), verdict })
+    verdict.accepts().then_some(Judged { closure, joined: Some(joined), verdict })
 }
 
 /// The verdict on a closure. Both whole maps are asked too, but where no pair's images could be aligned; and the others, where
