@@ -81,11 +81,14 @@ impl ThumbnailIndex {
             variants.iter().map(|v| v.correlation(stored)).fold(-1.0, f32::max)
         };
         let mut ranked: Vec<(f32, usize)> = among.map(|index| (score(index), index)).collect();
-        let order = |a: &(f32, usize), b: &(f32, usize)| {
-            b.0.total_cmp(&a.0).then(self.keyframes[a.1].cmp(&self.keyframes[b.1]))
-        };
-        ranked.sort_unstable_by(order);
+        self.rank(&mut ranked);
         ranked
+    }
+
+    /// Best first, of equals the keyframe of smallest id.
+    fn rank(&self, scored: &mut [(f32, usize)]) {
+        scored
+            .sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(self.keyframes[a.1].cmp(&self.keyframes[b.1])));
     }
 
     /// The `count` best of these keyframes by [`ranked`](Self::ranked), the others not looked at where their coarse values suffice.
@@ -93,27 +96,20 @@ impl ThumbnailIndex {
         let coarse = query.coarse();
         let mut bounds: Vec<(f32, usize)> =
             among.map(|index| (coarse.bound(&self.coarse[index]), index)).collect();
-        if count == 0 {
-            return Vec::new();
+        let wanted = count.min(bounds.len());
+        if (1..bounds.len()).contains(&wanted) {
+            bounds.select_nth_unstable_by(wanted - 1, |a, b| b.0.total_cmp(&a.0));
         }
+        // As many as are wanted say what the others must reach.
+        let (likeliest, others) = bounds.split_at(wanted);
         let variants = std::slice::from_ref(query);
-        let mut likely = bounds.len();
-        if bounds.len() > count {
-            // As many as are wanted say what the others must reach.
-            bounds.select_nth_unstable_by(count - 1, |a, b| b.0.total_cmp(&a.0));
-            let reached = self.ranked(variants, bounds[..count].iter().map(|(_, index)| *index));
-            let least = reached.last().map_or(f32::NEG_INFINITY, |(score, _)| *score);
-            likely = count;
-            for next in count..bounds.len() {
-                if bounds[next].0 >= least {
-                    bounds.swap(likely, next);
-                    likely += 1;
-                }
-            }
-        }
-        let mut ranked = self.ranked(variants, bounds[..likely].iter().map(|(_, index)| *index));
-        ranked.truncate(count);
-        ranked
+        let mut best = self.ranked(variants, likeliest.iter().map(|(_, index)| *index));
+        let Some(&(least, _)) = best.last() else { return best };
+        let others = others.iter().filter(|(bound, _)| *bound >= least);
+        best.extend(self.ranked(variants, others.map(|(_, index)| *index)));
+        self.rank(&mut best);
+        best.truncate(count);
+        best
     }
 }
 

@@ -13,7 +13,7 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 const SERVICE: &str = "loopbox";
-/// The package, as `script/vivid` puts it there.
+/// The package, as `script/service` puts it there.
 const PACKAGE: &str = "/root/loopbox.deb";
 /// What the package's own file names.
 const CAMERA: &str = "/etc/loopbox/camera.yaml";
