@@ -25,20 +25,25 @@ pub(crate) struct Seen {
 impl Seen {
     /// Maps of which this came.
     pub fn new(maps: [&PreparedMap; 2], judged: &Judged) -> Self {
-        let edges = judged.joined.iter().flat_map(|joined| joined.edges.iter().chain(&joined.rejected));
-        let edges = edges.map(|edge| [edge.from, edge.to]);
-        let pairs = judged.closure.pairs.iter().flatten().map(|pair| [pair.target, pair.source]);
-        Self::of(maps, &edges.chain(pairs).collect::<Vec<_>>())
+        Self::default().with(maps, &aligned(judged))
     }
 
-    /// Maps of which these keyframes, of the one and of the other, were aligned.
-    fn of(maps: [&PreparedMap; 2], aligned: &[[KeyframeId; 2]]) -> Self {
-        let depths = |side: usize| {
-            let depth = |ids: &[KeyframeId; 2]| Some((ids[side], depth_of(maps[side], ids[side])?));
-            aligned.iter().filter_map(depth).collect()
-        };
-        let keyframes = maps.map(|map| map.order().iter().copied().collect());
-        Self { keyframes, depths: [depths(0), depths(1)], is_grown: false }
+    /// The same maps as they are by now, grown since, of which this came: depths that are known are as they were.
+    fn grown(&self, maps: [&PreparedMap; 2], judged: &Judged) -> Self {
+        Self { is_grown: true, ..self.clone().with(maps, &aligned(judged)) }
+    }
+
+    /// These maps, of which these keyframes, of the one and of the other, were aligned, beside those that are known.
+    fn with(mut self, maps: [&PreparedMap; 2], aligned: &[[KeyframeId; 2]]) -> Self {
+        self.keyframes = maps.map(|map| map.order().iter().copied().collect());
+        for (side, depths) in self.depths.iter_mut().enumerate() {
+            for id in aligned.iter().map(|ids| ids[side]) {
+                if !depths.contains_key(&id) {
+                    depths.extend(depth_of(maps[side], id).map(|depth| (id, depth)));
+                }
+            }
+        }
+        self
     }
 
     /// The keyframes that were not there; nothing where one that was aligned is gone or has other depths.
@@ -54,6 +59,14 @@ impl Seen {
         };
         Some([fresh(0), fresh(1)])
     }
+}
+
+/// The keyframes that were aligned, of the target and of the source.
+fn aligned(judged: &Judged) -> Vec<[KeyframeId; 2]> {
+    let edges = judged.joined.iter().flat_map(|joined| joined.edges.iter().chain(&joined.rejected));
+    let edges = edges.map(|edge| [edge.from, edge.to]);
+    let pairs = judged.closure.pairs.iter().flatten().map(|pair| [pair.target, pair.source]);
+    edges.chain(pairs).collect()
 }
 
 /// Stands for the depths of a keyframe that has features; nothing where there is none.
@@ -80,7 +93,7 @@ pub(super) fn grown(
     let fresh = [&of_source, &of_target];
     let judged = follow_on(maps[1], maps[0], judged, fresh, &params.meeting.acceptance, &params.further)?;
     let joined = judged.joined.clone().map(Arc::new);
-    let seen = Seen { is_grown: true, ..Seen::new(maps, &judged) };
+    let seen = seen.grown(maps, &judged);
     let mut judged = Some(judged);
     let tried = before.tried.iter().map(|tried| match tried.outcome.accepted().and_then(|_| judged.take()) {
         Some(judged) => Tried { outcome: Outcome::Judged(Box::new(judged)), ..tried.clone() },
@@ -123,7 +136,7 @@ mod tests {
         let [short, long] = [(&few, &of_few), (&many, &of_many)]
             .map(|(map, features)| PreparedMap::new(map, features, &params));
         let aligned = [[KeyframeId(0), KeyframeId(1)], [KeyframeId(2), KeyframeId(2)]];
-        let seen = Seen::of([&short, &short], &aligned);
+        let seen = Seen::default().with([&short, &short], &aligned);
         assert_eq!(seen.fresh([&short, &short]), Some([BTreeSet::new(), BTreeSet::new()]));
         let fresh: BTreeSet<KeyframeId> = [3, 4].map(KeyframeId).into();
         assert_eq!(seen.fresh([&short, &long]), Some([BTreeSet::new(), fresh]));
