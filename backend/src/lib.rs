@@ -1,5 +1,6 @@
 //! What front ends and merging share: sparse least squares over poses, the Sim(3) pose graph on it, direct Sim(3)
-//! alignment of keyframes, and parameter structs whose documentation can be printed.
+//! alignment of keyframes, the weighing of what tells a place from its double, and parameter structs whose documentation can be
+//! printed.
 //!
 //! Everything here is plain functions and types of `map` and `geometry`; how a map came about, and whether an
 //! edge joins keyframes of one agent or of two, is not known here.
@@ -9,6 +10,7 @@ mod parameter_check;
 mod params_macro;
 pub mod posegraph;
 pub mod sim3_align;
+pub mod verdict;
 
 pub use block_system::{BlockSlot, BlockSystem, SystemError};
 pub use parameter_check::{ParameterError, check_parameters};

@@ -1,0 +1,132 @@
+//! Whether two maps show one place or two that share things: a likelihood ratio over pieces of surface.
+//!
+//! A front end measures pieces of surface that both maps see at one relative pose, and says of each how much likelier what
+//! both saw of it is if it is one surface than if it is another ([`Piece::ln_agreement`]). What that says of the *place*
+//! is the same for every sensor and is weighed here. Of one place a few things have changed between the maps; a double
+//! shares some things, those that are made in numbers, and has others of its own. So both hypotheses are one model, a share
+//! `a` of the pieces that are the same in both maps, under other priors:
+//!
+//! * one place: `a ~ Beta(1/m − 1, 1)`, where `m` is the share that is expected to have changed ([`Prior::changed`]);
+//! * a double: `a` is anything from nothing to all, `Beta(1, 1)`; but of wear (grain, stains, how things lie), which is
+//!   nowhere else, it shares [`Prior::shared_wear`] only.
+//!
+//! The likelihood of the pieces given `a` is the product of `(a·e^l + 1 − a)^w`: no piece says more than a change or a thing that is
+//! shared explains. The ratio of both, integrated over `a`, falls with every piece that differs more. Outlier mixtures of this
+//! form: Jaynes, *Probability Theory* (2003), §21.
+
+mod weigh;
+
+pub use weigh::{Weighed, weigh};
+
+use crate::params;
+use serde::{Deserialize, Serialize};
+
+/// What is said of two maps. Only the first two join them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Answer {
+    /// Both show one place.
+    Same,
+    /// Both show one place, and something in it has changed.
+    SameChanged,
+    /// One place or two that share things: what both saw does not tell.
+    CannotTell,
+    /// They show two places.
+    Different,
+}
+
+impl Answer {
+    /// Whether maps are joined by it.
+    pub fn joins(self) -> bool {
+        matches!(self, Self::Same | Self::SameChanged)
+    }
+}
+
+impl std::fmt::Display for Answer {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Same => "the same",
+            Self::SameChanged => "the same, changed",
+            Self::CannotTell => "cannot be told",
+            Self::Different => "different",
+        })
+    }
+}
+
+/// What was measured of a piece of surface.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum PieceKind {
+    /// Its shape.
+    Shape,
+    /// How it looks: edges, print, what any thing of one make has.
+    Look,
+    /// Its wear: grain, stains, how small things lie, what no other has.
+    Wear,
+}
+
+/// A connected piece of surface that both maps see, with what both saw of it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Piece {
+    /// What was measured.
+    pub kind: PieceKind,
+    /// Its share of all surface that both maps see, 0–1.
+    pub share: f64,
+    /// How many things it holds, 0 or more: its size over that of one thing, and 1 at least for a piece that differs by itself.
+    /// A thousand pixels of one poster are one thing.
+    pub things: f64,
+    /// How often the like of it occurs in the two maps, itself included, 1 or more. What occurs in numbers is made in
+    /// numbers, and all of its kind agree together.
+    pub occurrences: f64,
+    /// `ln p(what both saw | one surface) − ln p(the same | unrelated surfaces of these maps)`.
+    pub ln_agreement: f64,
+}
+
+params! {
+    /// What is believed of changes and doubles before anything is seen.
+    pub struct Prior {
+        /// Days between the two maps. Range 0–100000.
+        pub days_apart: f64 = 0.0,
+        /// Expected share of things that have changed between two maps of one day. Range 1e-4–0.5. Same-day recordings of
+        /// rooms in use differ in a cup or a chair among hundreds of things.
+        pub changed_at_once: f64 = 0.005,
+        /// Expected share that has changed after very many days. Range 1e-4–0.5. A third of the things in rooms scanned
+        /// again after weeks or months (Wald et al. 2019, 3RScan).
+        pub changed_at_last: f64 = 0.33,
+        /// Days after which all but 1/e of that has changed. Range 0.1–10000.
+        pub days_of_change: f64 = 3.0,
+        /// Share of its wear that a double has in common with a place. Range 1e-6–0.5: the grain of prints of one picture.
+        pub shared_wear: f64 = 0.01,
+        /// ln of how many pairs that fit in all else are one place, for each that is a double. Range 0–10.
+        pub ln_odds: f64 = 2.2,
+        /// Probability from which on an answer is given. Range 0.5–1.
+        pub certainty: f64 = 0.99,
+    }
+}
+
+impl Prior {
+    /// The share of things that is expected to have changed.
+    pub fn changed(&self) -> f64 {
+        let rest = (-self.days_apart / self.days_of_change).exp();
+        (self.changed_at_last + (self.changed_at_once - self.changed_at_last) * rest).clamp(1e-4, 0.5)
+    }
+
+    /// What a log likelihood ratio says, where so large a share of the things has changed.
+    pub fn answer(&self, ln_ratio: f64, changed: f64) -> Answer {
+        let limit = (self.certainty / (1.0 - self.certainty)).ln();
+        let ln_odds = ln_ratio + self.ln_odds;
+        if ln_odds >= limit {
+            if changed > 0.0 { Answer::SameChanged } else { Answer::Same }
+        } else if ln_odds <= -limit {
+            Answer::Different
+        } else {
+            // What is no number tells nothing.
+            Answer::CannotTell
+        }
+    }
+
+    /// Probability that a pair with this log likelihood ratio shows one place.
+    pub fn probability(&self, ln_ratio: f64) -> f64 {
+        1.0 / (1.0 + (-ln_ratio - self.ln_odds).exp())
+    }
+}
