@@ -1,11 +1,14 @@
 //! Tables of what was measured.
 
 use crate::measure::{Measurement, Run};
-use crate::targets::target;
+use crate::targets::{images, target};
 use std::fmt::Write;
 
 /// A number that was not given.
 pub const MISSING: &str = "–";
+
+/// The column of DSO's figures.
+const DSO: &str = "DSO: ATE · tracked · CPU per frame, on another machine";
 
 /// One line for the terminal.
 pub fn line(m: &Measurement) -> String {
@@ -28,10 +31,10 @@ pub fn results(all: &[Measurement], runs: usize) -> String {
     let accuracy = |m: &Measurement| {
         let reach = target(&m.name).map_or(MISSING.into(), |t| format!("≤ {}", length(t.ate_m)));
         let dso = target(&m.name).map_or(MISSING, |t| t.dso).to_owned();
-        vec![ate(m), reach, tracked(m), counted(m, "/frames/losses"), identical(m).to_owned(), dso]
+        let losses = counted(m, "/frames/losses");
+        vec![images(&m.name).to_owned(), ate(m), reach, tracked(m), losses, identical(m).to_owned(), dso]
     };
-    let columns =
-        ["ATE RMSE", "to reach", "frames tracked", "losses", "same", "DSO: ATE · tracked · CPU per frame"];
+    let columns = ["images", "ATE RMSE", "to reach", "frames tracked", "losses", "same", DSO];
     table(&mut out, &columns, all, accuracy);
     let speed = |m: &Measurement| {
         let ms = |pointer| number(m.median(|r| r.record(pointer)), 1, " ms");
@@ -76,15 +79,9 @@ pub fn summary(all: &[Measurement]) -> String {
     let mut out = String::new();
     let row = |m: &Measurement| {
         let dso = target(&m.name).map_or(MISSING, |t| t.dso).to_owned();
-        vec![ate(m), tracked(m), cpu_per_frame(m), rates(m), dso]
+        vec![images(&m.name).to_owned(), ate(m), tracked(m), cpu_per_frame(m), rates(m), dso]
     };
-    let columns = [
-        "ATE RMSE",
-        "frames tracked",
-        "CPU per frame",
-        "frames/s on 1 · all cores",
-        "DSO on the same machine",
-    ];
+    let columns = ["images", "ATE RMSE", "frames tracked", "CPU per frame", "frames/s on 1 · all cores", DSO];
     table(&mut out, &columns, all, row);
     out
 }
@@ -176,11 +173,31 @@ mod tests {
         };
         let text = results(&[failed], 3);
         assert!(
-            text.contains("| `parking_a` | – | ≤ 2.00 cm | – | – | – | 1.1 cm · 327/333 · 60 ms |"),
+            text.contains(
+                "| `parking_a` | rendered | – | ≤ 2.00 cm | – | – | – | 1.1 cm · 327/333 · 60 ms |"
+            ),
             "{text}"
         );
         assert!(text.contains("`parking_a` failed: no map"));
         assert!(!text.contains("NaN"));
+    }
+
+    /// The figures of other systems were not measured beside ours, and drawn images are not real ones: the tables say so.
+    #[test]
+    fn the_short_table_says_what_is_rendered_and_where_others_were_measured() {
+        let sequence = |name: &str| Measurement {
+            name: name.to_owned(),
+            runs: Vec::new(),
+            one_core: None,
+            identical: true,
+            failure: None,
+        };
+        let text = summary(&[sequence("parking_a"), sequence("tum_fr1_xyz")]);
+        assert!(text.contains("on another machine") && !text.contains("same machine"), "{text}");
+        assert!(
+            text.contains("| `parking_a` | rendered |") && text.contains("| `tum_fr1_xyz` | real |"),
+            "{text}"
+        );
     }
 
     #[test]

@@ -4,12 +4,12 @@
 pub struct Target {
     /// Name of the sequence.
     pub name: &'static str,
-    /// DSO on the same two cores (default preset, no photometric calibration): ATE RMSE over the frames it
-    /// tracked, Sim(3)-aligned; frames tracked; CPU per frame.
+    /// DSO (default preset, no photometric calibration): ATE RMSE over the frames it tracked, Sim(3)-aligned; frames
+    /// tracked; CPU per frame, on another machine than the one that the tables are made on.
     pub dso: &'static str,
     /// Largest ATE RMSE, metres.
     pub ate_m: f64,
-    /// Largest CPU time per frame, milliseconds: that of DSO, or less.
+    /// Largest CPU time per frame, milliseconds: that of DSO on its machine, or less.
     pub cpu_ms: f64,
     /// The first frame whose ground truth holds.
     pub truth_from: usize,
@@ -48,6 +48,14 @@ const TARGETS: [Target; 6] = [
         truth_from: 0,
     },
 ];
+
+/// The sequences whose images are drawn by a program; all others are of real cameras.
+const RENDERED: [&str; 4] = ["parking_a", "parking_b", "parking_c", "robot_office"];
+
+/// Where a sequence's images come from, for people: `real` or `rendered`.
+pub fn images(name: &str) -> &'static str {
+    if RENDERED.contains(&name) { "rendered" } else { "real" }
+}
 
 /// The figures for a sequence, if there are any.
 pub fn target(name: &str) -> Option<&'static Target> {

@@ -1,4 +1,4 @@
-"""Several cameras, one map: direct monocular SLAM with merging of maps.
+"""Several cameras, one map: semi-direct monocular SLAM with merging of maps.
 
 `run` maps a recording, `merge` brings maps together, `evaluate` compares with ground truth; `Agent` takes frames one by
 one, `Map` shows what came of it as NumPy arrays. Cameras have x right, y down, z forward; matrices are world_from_camera;
