@@ -2,10 +2,10 @@
 
 use crate::bytes::Writer;
 use crate::hash::ObjectHash;
-use crate::manifest::{Entry, Kind, Manifest, page_from_bytes};
+use crate::manifest::{Entry, Kind, Manifest, Page, PageRef, page_from_bytes};
 use crate::recoding::digest::Digest;
 use crate::recoding::{depth, image};
-use crate::store::Store;
+use crate::store::Objects;
 use geometry::{GrayImage, Pinhole, Sim3};
 use map::parts::{
     agent_from_bytes, depth_from_bytes, graph_from_bytes, image_from_bytes, scan_from_bytes, time_from_bytes,
@@ -37,19 +37,36 @@ pub struct Assembled {
 ///
 /// # Errors
 /// When a page is none, or an object is listed twice.
-pub fn entries_of(manifest: &Manifest, store: &dyn Store) -> Result<Option<Vec<Entry>>, String> {
-    let mut entries = BTreeMap::new();
-    for page in &manifest.pages {
-        let Some(bytes) = store.get(&page.hash) else { return Ok(None) };
-        let page =
-            page_from_bytes(&bytes).map_err(|what| format!("a list of objects cannot be read: {what}"))?;
-        for entry in page {
-            if entries.insert((entry.kind, entry.number), entry).is_some() {
-                return Err(format!("{:?} {} is listed twice", entry.kind, entry.number));
-            }
-        }
+pub fn entries_of(manifest: &Manifest, store: &dyn Objects) -> Result<Option<Vec<Entry>>, String> {
+    match pages_of(manifest, store)? {
+        Some(pages) => in_order(&pages).map(Some),
+        None => Ok(None),
     }
-    Ok(Some(entries.into_values().collect()))
+}
+
+/// The pages of a manifest; `None` while one is not there.
+pub(crate) fn pages_of(manifest: &Manifest, store: &dyn Objects) -> Result<Option<Vec<Page>>, String> {
+    let page = |page: &PageRef| match store.get(&page.hash) {
+        Some(bytes) => read_page(&bytes).map(Some),
+        None => Ok(None),
+    };
+    manifest.pages.iter().map(page).collect()
+}
+
+/// A page.
+pub(crate) fn read_page(bytes: &[u8]) -> Result<Page, String> {
+    page_from_bytes(bytes).map_err(|what| format!("a list of objects cannot be read: {what}"))
+}
+
+/// The objects on pages, in order of their kinds and numbers.
+pub(crate) fn in_order(pages: &[Page]) -> Result<Vec<Entry>, String> {
+    let mut entries: Vec<Entry> = pages.iter().flat_map(|page| page.iter().copied()).collect();
+    entries.sort_by_key(|entry| (entry.kind, entry.number));
+    let twice = entries.windows(2).find(|two| (two[0].kind, two[0].number) == (two[1].kind, two[1].number));
+    match twice {
+        Some(two) => Err(format!("{:?} {} is listed twice", two[0].kind, two[0].number)),
+        None => Ok(entries),
+    }
 }
 
 /// Puts the map of one agent together, again and again as objects come.
@@ -79,15 +96,16 @@ impl Assembler {
     /// `None` while nothing can be told of the agent.
     ///
     /// # Errors
-    /// When an object is not what it should be, or they contradict each other: whoever tells it is not to be believed.
+    /// When an object is what its hash says and yet not what it should be, or they contradict each other: whoever tells it is
+    /// not to be believed. One that is gone or damaged here is none of that: it is not there.
     pub fn assemble(
         &mut self,
         agent: Identity,
         entries: &[Entry],
-        store: &dyn Store,
+        store: &dyn Objects,
         only: Option<&BTreeSet<KeyframeId>>,
     ) -> Result<Option<Assembled>, String> {
-        let objects = Objects::new(entries, store);
+        let objects = Listed::new(entries, store);
         let Some(bytes) = objects.of_kind(Kind::Agent).next().and_then(|entry| store.get(&entry.hash)) else {
             return Ok(None);
         };
@@ -116,18 +134,25 @@ impl Assembler {
             let parts = objects.parts(view, number).filter(|_| wanted);
             whole &=
                 parts.is_some_and(|parts| !parts.view.kind.is_stand_in() && !parts.depth.kind.is_stand_in());
-            let keyframe = match (parts, made.remove(&id)) {
-                (Some(parts), Some((known, keyframe))) if known == parts => (Some(parts), keyframe),
-                (Some(parts), _) => (Some(parts), self.keyframe(id, parts, &info, &objects)?),
-                (None, _) => {
+            let known = made.remove(&id).filter(|(known, _)| Some(*known) == parts);
+            let keyframe = match (parts, known) {
+                (Some(_), Some((_, keyframe))) => Some(keyframe),
+                (Some(parts), None) => self.keyframe(id, parts, &info, &objects)?,
+                (None, _) => None,
+            };
+            // An object may be gone or damaged here since it was seen: then it comes again.
+            let parts = parts.filter(|_| keyframe.is_some());
+            whole &= keyframe.is_some();
+            let keyframe = match keyframe {
+                Some(keyframe) => keyframe,
+                None => {
                     missing += 1;
                     let Some(digest) = self.digest(id, &objects)? else { continue };
                     let origin = Sim3::identity();
                     let (time, frame) = (digest.timestamp, digest.frame_index);
-                    (None, Keyframe::of_image(id, time, frame, origin, Arc::clone(&blank)))
+                    Keyframe::of_image(id, time, frame, origin, Arc::clone(&blank))
                 }
             };
-            let (parts, keyframe) = keyframe;
             let placed = Keyframe { world_from_keyframe: *pose, ..keyframe.clone() };
             note(&mut content, &placed, parts);
             if let Some(parts) = parts {
@@ -151,16 +176,18 @@ impl Assembler {
         Ok(Some(Assembled { map, missing, whole, content: ObjectHash::of(&content.0) }))
     }
 
-    /// A keyframe of its parts, at the world's origin.
+    /// A keyframe of its parts, at the world's origin; `None` when one of them is not here any more.
     fn keyframe(
         &mut self,
         id: KeyframeId,
         parts: Parts,
         info: &AgentInfo,
-        objects: &Objects,
-    ) -> Result<Keyframe, String> {
-        let bytes = |hash: &ObjectHash| objects.store.get(hash).ok_or("an object is damaged");
-        let (view, coded) = (bytes(&parts.view.hash)?, bytes(&parts.depth.hash)?);
+        objects: &Listed,
+    ) -> Result<Option<Keyframe>, String> {
+        let bytes = |hash: &ObjectHash| objects.store.get(hash);
+        let (Some(view), Some(coded)) = (bytes(&parts.view.hash), bytes(&parts.depth.hash)) else {
+            return Ok(None);
+        };
         let keyframe = match (info.camera(), parts.depth.kind) {
             (None, _) => {
                 let (of, scan) = scan_from_bytes(&view)?;
@@ -171,7 +198,7 @@ impl Assembler {
             }
             (Some(camera), Kind::LossyDepth) => {
                 let picture = picture(&view, parts.view.kind, camera)?;
-                let digest = self.digest(id, objects)?.ok_or("a digest is damaged")?;
+                let Some(digest) = self.digest(id, objects)? else { return Ok(None) };
                 let (time, frame) = (digest.timestamp, digest.frame_index);
                 let semi_dense = depth::decode(&coded, camera)?.into();
                 Keyframe { semi_dense, ..Keyframe::of_image(id, time, frame, Sim3::identity(), picture) }
@@ -181,12 +208,18 @@ impl Assembler {
         if keyframe.id != id {
             return Err(format!("keyframe {} says that it is keyframe {}", id.0, keyframe.id.0));
         }
-        let features = parts.features.as_ref().map(bytes).transpose()?;
-        Ok(Keyframe { features: features.map(Into::into), ..keyframe })
+        let features = match &parts.features {
+            Some(hash) => match bytes(hash) {
+                Some(features) => Some(features),
+                None => return Ok(None),
+            },
+            None => None,
+        };
+        Ok(Some(Keyframe { features, ..keyframe }))
     }
 
     /// What is told of a keyframe first; `None` while it is not there.
-    fn digest(&mut self, id: KeyframeId, objects: &Objects) -> Result<Option<&Digest>, String> {
+    fn digest(&mut self, id: KeyframeId, objects: &Listed) -> Result<Option<&Digest>, String> {
         let Some(entry) = objects.entry(Kind::Digest, id.0) else { return Ok(None) };
         if self.digests.get(&id).is_none_or(|(hash, _)| *hash != entry.hash) {
             let Some(bytes) = objects.store.get(&entry.hash) else { return Ok(None) };
@@ -255,13 +288,13 @@ fn note(content: &mut Writer, keyframe: &Keyframe, parts: Option<Parts>) {
 }
 
 /// What is listed, and where it is if it is here.
-struct Objects<'a> {
+struct Listed<'a> {
     listed: BTreeMap<(Kind, u32), Entry>,
-    store: &'a dyn Store,
+    store: &'a dyn Objects,
 }
 
-impl<'a> Objects<'a> {
-    fn new(entries: &[Entry], store: &'a dyn Store) -> Self {
+impl<'a> Listed<'a> {
+    fn new(entries: &[Entry], store: &'a dyn Objects) -> Self {
         let listed = entries.iter().map(|entry| ((entry.kind, entry.number), *entry)).collect();
         Self { listed, store }
     }

@@ -5,10 +5,16 @@ mod folded;
 use folded::Folded;
 use geometry::{Se3, Sim3};
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
 
 /// Where an agent is in its own world, `tx ty tz qx qy qz qw scale`.
 const ALONE: [f64; 8] = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0];
+
+/// What is said of a pair that is merged.
+pub const ACCEPTED: &str = "accepted";
+/// What is said of a pair that is not merged while more of its maps comes or is looked at.
+pub const NOT_YET: &str = "not yet";
 
 /// Where agents are, and who met whom.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -44,11 +50,11 @@ pub struct FoundMeeting {
     /// Their identities, `UUID/EPOCH`.
     #[serde(default)]
     pub agents: [String; 2],
-    /// `accepted`, `undecided` or `refused`.
+    /// [`ACCEPTED`], [`NOT_YET`], `undecided` or `refused`.
     pub verdict: String,
     /// Why not, where they were not merged.
     pub why: Option<String>,
-    /// Whether more of their maps is being looked at before anything is said: they are undecided so far.
+    /// Whether parts of their maps are being looked at, before anything is said of more.
     #[serde(default)]
     pub pending: bool,
 }
@@ -77,6 +83,20 @@ impl Found {
         };
         all.meetings.extend(self.meetings.into_iter().filter(|new| !is_known(new)));
         all
+    }
+
+    /// As it is told where no more than so many bytes can be: without what comes last, pairs before agents.
+    pub fn to_bytes_within(mut self, limit: usize) -> Vec<u8> {
+        loop {
+            let bytes = self.to_bytes();
+            if bytes.len() <= limit {
+                return bytes;
+            }
+            match self.meetings.len() {
+                0 => self.agents.truncate(self.agents.len() * 3 / 4),
+                count => self.meetings.truncate(count * 3 / 4),
+            }
+        }
     }
 
     /// This, and what was found of other agents.
@@ -127,7 +147,7 @@ impl Found {
     /// Says of pairs that no more is known of them than that more is looked at.
     pub fn postpone(&mut self, is_pending: impl Fn(&[String; 2]) -> bool) {
         for meeting in self.meetings.iter_mut().filter(|meeting| is_pending(&meeting.agents)) {
-            (meeting.pending, meeting.verdict) = (true, "undecided".into());
+            (meeting.pending, meeting.verdict) = (true, NOT_YET.into());
             meeting.why = Some("more of both maps is being looked at".into());
         }
     }
@@ -159,7 +179,42 @@ impl Found {
 
     /// How many pairs were merged.
     pub fn accepted(&self) -> usize {
-        self.meetings.iter().filter(|meeting| meeting.verdict == "accepted").count()
+        self.meetings.iter().filter(|meeting| meeting.verdict == ACCEPTED).count()
+    }
+}
+
+/// What was found, to be told to many, each what concerns it.
+pub struct ByAgent {
+    found: Arc<Found>,
+    /// Of each agent the pairs of which it is one.
+    meetings: BTreeMap<String, Vec<usize>>,
+}
+
+impl ByAgent {
+    /// Of all that was found.
+    pub fn new(found: Arc<Found>) -> Self {
+        let mut meetings = BTreeMap::<String, Vec<usize>>::new();
+        for (number, meeting) in found.meetings.iter().enumerate() {
+            meeting.agents.iter().for_each(|agent| meetings.entry(agent.clone()).or_default().push(number));
+        }
+        Self { found, meetings }
+    }
+
+    /// What concerns some agents: where they are, and then who stands in one frame with them, before all others; and the
+    /// pairs of which they are one, what was accepted before what was not. Of nobody in particular it is all.
+    pub fn about(&self, agents: &BTreeSet<String>) -> Found {
+        let is_one = |agent: &FoundAgent| agents.contains(&agent.agent);
+        let mut all = self.found.agents.clone();
+        let roots: BTreeSet<String> = all.iter().filter(|a| is_one(a)).map(|a| a.root.clone()).collect();
+        all.sort_by_key(|agent| (!is_one(agent), !roots.contains(&agent.root)));
+        let numbers: BTreeSet<usize> = match agents.is_empty() {
+            true => (0..self.found.meetings.len()).collect(),
+            false => agents.iter().filter_map(|agent| self.meetings.get(agent)).flatten().copied().collect(),
+        };
+        let mut meetings: Vec<FoundMeeting> =
+            numbers.into_iter().map(|number| self.found.meetings[number].clone()).collect();
+        meetings.sort_by_key(|meeting| meeting.verdict != ACCEPTED);
+        Found { agents: all, meetings }
     }
 }
 
@@ -273,22 +328,49 @@ mod tests {
         })
     }
 
-    #[test]
-    fn of_hundreds_of_agents_all_that_was_found_can_be_told() {
+    /// So many agents, of which every two were looked at, each with a reason of its own, as reasons are.
+    fn of_hundreds(count: usize) -> (Vec<String>, Found) {
         let named =
             |number: usize| (format!("00000000-0000-8000-8000-{number:012}/0"), format!("agent-{number:03}"));
-        const AGENTS: usize = 250;
-        let agents: Vec<String> = (0..AGENTS).map(|number| named(number).0).collect();
-        let mut told = found(&agents.iter().map(|agent| (&**agent, "a", 0.5, 1.0)).collect::<Vec<_>>());
-        for (a, b) in (0..AGENTS).flat_map(|b| (0..b).map(move |a| (a, b))) {
+        let agents: Vec<String> = (0..count).map(|number| named(number).0).collect();
+        let mut told =
+            found(&agents.iter().map(|agent| (&**agent, &*agents[0], 0.5, 1.0)).collect::<Vec<_>>());
+        for (a, b) in (0..count).flat_map(|b| (0..b).map(move |a| (a, b))) {
             let ((one, first), (other, second)) = (named(a), named(b));
-            let why = Some("no place of the one is like one of the other: 0.12 of 1 at the best".to_owned());
-            let (names, agents, verdict) = ([first, second], [one, other], "refused".to_owned());
+            let reason = format!(
+                "0.{a:03} of all pixels with depth agree with what the other one saw, and 0.{b:03} of those near; 0.25 are \
+                 needed: things that repeat look like that"
+            );
+            let verdict = if a + 1 == b { ACCEPTED } else { "refused" };
+            let why = (verdict != ACCEPTED).then_some(reason);
+            let (names, agents, verdict) = ([first, second], [one, other], verdict.to_owned());
             told.meetings.push(FoundMeeting { names, agents, verdict, why, pending: false });
         }
-        let bytes = told.to_bytes();
-        assert!(bytes.len() < crate::manifest::MAX_LIST as usize, "{}", bytes.len());
-        assert_eq!(Found::from_bytes(&bytes), Ok(told));
+        (agents, told)
+    }
+
+    #[test]
+    fn of_hundreds_of_agents_each_is_told_all_that_concerns_it() {
+        let limit = crate::manifest::MAX_LIST as usize;
+        for count in [100, 300] {
+            let (agents, all) = of_hundreds(count);
+            assert!(count < 300 || all.to_bytes().len() > limit);
+            let all = ByAgent::new(all.into());
+            for own in [0, count / 2, count - 1] {
+                let bytes = all.about(&[agents[own].clone()].into()).to_bytes_within(limit);
+                assert!(bytes.len() < limit / 4, "{}", bytes.len());
+                let read = Found::from_bytes(&bytes).unwrap();
+                assert_eq!((read.agents.len(), read.meetings.len()), (count, count - 1));
+                assert_eq!(read.agents[0].agent, agents[own]);
+                assert_eq!(read.accepted(), if own == 0 || own == count - 1 { 1 } else { 2 });
+            }
+        }
+        // A station that tells nothing itself is told what fits: who met before who did not.
+        let (_, all) = of_hundreds(300);
+        let bytes = ByAgent::new(all.into()).about(&BTreeSet::new()).to_bytes_within(limit);
+        let read = Found::from_bytes(&bytes).unwrap();
+        assert!(bytes.len() <= limit && read.agents.len() == 300 && read.accepted() == 299);
+        assert!(read.meetings.len() > 300);
     }
 
     #[test]

@@ -12,6 +12,8 @@
 
 pub mod assembling;
 pub mod bytes;
+#[cfg(test)]
+mod faults;
 pub mod findings;
 pub mod hash;
 pub mod keys;

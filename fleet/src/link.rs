@@ -8,8 +8,8 @@
 
 use crate::hash::ObjectHash;
 use crate::wire::{MAX_PART, Message};
-use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
+use std::collections::{BTreeMap, HashMap};
 use std::time::Duration;
 
 /// What parts are made of, bytes: the smallest part but for an object's last.
@@ -53,7 +53,7 @@ pub enum Taken {
     More,
     /// The object is whole and what it should be.
     Whole(Vec<u8>),
-    /// The object is whole and not what it is called: the neighbour is not to be trusted.
+    /// The object is whole and not what it is called. It is wanted no more.
     Wrong,
     /// Nobody wants it (any more), or it is here already.
     Unwanted,
@@ -84,7 +84,9 @@ struct Request {
 /// What is fetched from one neighbour.
 #[derive(Default)]
 pub struct Fetch {
-    wants: Vec<Want>,
+    /// What is wanted, in its order, and where in that order each is.
+    wants: BTreeMap<usize, Want>,
+    places: HashMap<ObjectHash, usize>,
     begun: BTreeMap<ObjectHash, Begun>,
     under_way: Vec<Request>,
     pace: Pace,
@@ -97,10 +99,10 @@ pub struct Fetch {
 impl Fetch {
     /// What is wanted from now on, the most urgent first. What is here of objects that are still wanted stays.
     pub fn want(&mut self, wants: Vec<Want>) {
-        let wanted: std::collections::BTreeSet<ObjectHash> = wants.iter().map(|want| want.hash).collect();
-        self.begun.retain(|hash, _| wanted.contains(hash));
-        self.under_way.retain(|request| wanted.contains(&request.hash));
-        self.wants = wants;
+        self.places = wants.iter().map(|want| want.hash).zip(0..).collect();
+        self.begun.retain(|hash, _| self.places.contains_key(hash));
+        self.under_way.retain(|request| self.places.contains_key(&request.hash));
+        self.wants = (0..).zip(wants).collect();
     }
 
     /// How many objects are wanted.
@@ -139,7 +141,7 @@ impl Fetch {
         let longest = self.pace.part() / UNIT;
         let mut begun_bytes: usize = self.begun.values().map(|begun| begun.bytes.len()).sum();
         let mut asked = Vec::new();
-        for want in &self.wants {
+        for want in self.wants.values() {
             if room == 0 {
                 break;
             }
@@ -214,16 +216,16 @@ impl Fetch {
         }
     }
 
-    /// An object is not to be had from this neighbour, or not needed any more.
-    pub fn drop_object(&mut self, hash: &ObjectHash) {
-        self.drop_want(hash);
+    /// An object is not to be had from this neighbour; whether it was wanted.
+    pub fn drop_object(&mut self, hash: &ObjectHash) -> bool {
         self.begun.remove(hash);
-        self.under_way.retain(|request| request.hash != *hash);
+        self.drop_want(hash)
     }
 
-    fn drop_want(&mut self, hash: &ObjectHash) {
-        self.wants.retain(|want| want.hash != *hash);
+    fn drop_want(&mut self, hash: &ObjectHash) -> bool {
         self.under_way.retain(|request| request.hash != *hash);
+        let place = self.places.remove(hash);
+        place.is_some_and(|place| self.wants.remove(&place).is_some())
     }
 
     /// What a request asked for and is not here is missing again.

@@ -7,13 +7,16 @@
 use crate::bytes::{Malformed, Reader, Writer};
 use crate::hash::ObjectHash;
 use map::{Identity, SensorKind};
+use std::sync::Arc;
 
 /// Largest object, bytes: an image of 16 megapixels that packs badly, or its depths.
 pub const MAX_OBJECT: u32 = 64 << 20;
-/// Largest manifest or page, bytes.
+/// Largest manifest, bytes.
 pub const MAX_LIST: u32 = 1 << 20;
-/// Entries on a page: at 49 bytes each 6 kB, which is what a keyframe's change costs.
+/// Entries on a page: at 45 bytes each 6 kB, which is what a keyframe's change costs.
 pub const ENTRIES: usize = 128;
+/// Largest page, bytes.
+const MAX_PAGE: u32 = 6 + 45 * ENTRIES as u32;
 /// Pages of a manifest: 26,000 keyframes and more.
 const MAX_PAGES: usize = (MAX_LIST / 64) as usize;
 /// What manifests and pages begin with, and the version.
@@ -113,6 +116,9 @@ pub struct Entry {
     pub hash: ObjectHash,
 }
 
+/// What a page lists.
+pub type Page = Arc<[Entry]>;
+
 /// A page of a list.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PageRef {
@@ -168,7 +174,7 @@ impl Manifest {
             return Err(Malformed::Range("the number of pages", count.into()));
         }
         let page = |_| {
-            let size = within("the size of a page", from.u32()?, MAX_LIST)?;
+            let size = within("the size of a page", from.u32()?, MAX_PAGE)?;
             Ok(PageRef { size, hash: ObjectHash(from.array()?) })
         };
         let pages = (0..count).map(page).collect::<Result<_, Malformed>>()?;
@@ -196,7 +202,7 @@ pub fn page_to_bytes(entries: &[Entry]) -> Vec<u8> {
 ///
 /// # Errors
 /// When the bytes are no page.
-pub fn page_from_bytes(bytes: &[u8]) -> Result<Vec<Entry>, Malformed> {
+pub fn page_from_bytes(bytes: &[u8]) -> Result<Page, Malformed> {
     let mut from = Reader::new(bytes);
     expect(&mut from, PAGE)?;
     let count = from.u16()?;
@@ -259,7 +265,7 @@ mod tests {
     #[test]
     fn lists_come_back() {
         let (page, list) = (entries(ENTRIES as u32), manifest(9));
-        assert_eq!(page_from_bytes(&page_to_bytes(&page)), Ok(page));
+        assert_eq!(page_from_bytes(&page_to_bytes(&page)), Ok(page.into()));
         assert_eq!(Manifest::from_bytes(&list.to_bytes()), Ok(list));
     }
 

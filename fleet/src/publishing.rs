@@ -1,7 +1,7 @@
 //! An agent's own map as objects, and what is new among them.
 
 use crate::hash::ObjectHash;
-use crate::manifest::{ENTRIES, Entry, Kind, MAX_OBJECT, Manifest, PageRef, page_to_bytes};
+use crate::manifest::{ENTRIES, Entry, Kind, MAX_OBJECT, Manifest, Page, PageRef, page_to_bytes};
 use crate::recoding::digest::Digest;
 use crate::recoding::{depth, image};
 use crate::wire::Offer;
@@ -10,7 +10,7 @@ use geometry::Pinhole;
 use map::parts::{GraphPart, agent_to_bytes, depth_to_bytes, graph_to_bytes, image_to_bytes, scan_to_bytes};
 use map::{AgentId, Edge, FramePose, Identity, Keyframe, KeyframeId, Map, MapError, Scan, Sensor};
 use place_recog::{Vocabulary, WordBag};
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// Poses in one object: 17 kB.
@@ -27,8 +27,10 @@ pub struct Publication {
     pub offer: Offer,
     /// The objects that the version before did not have, the manifest and its pages among them.
     pub objects: Vec<(ObjectHash, Arc<[u8]>)>,
-    /// All objects of this version.
-    pub all: BTreeSet<ObjectHash>,
+    /// The manifest of this version.
+    pub manifest: Manifest,
+    /// What its pages list, in their order.
+    pub pages: Vec<Page>,
 }
 
 /// Takes the map of an agent apart, again and again as it grows.
@@ -42,7 +44,7 @@ pub struct Publisher {
     keyframes: BTreeMap<KeyframeId, Keyframe>,
     /// Earlier keyframes that each shares edges with, as they were told.
     linked: BTreeMap<KeyframeId, Vec<KeyframeId>>,
-    pages: BTreeSet<ObjectHash>,
+    pages: BTreeMap<ObjectHash, Page>,
     finished: bool,
 }
 
@@ -106,18 +108,25 @@ impl Publisher {
         Ok(Some(self.listed(newest, objects)))
     }
 
+    /// Has all of the map told anew: what was told last could not be kept.
+    pub fn begin_again(&mut self) {
+        (self.told, self.keyframes, self.linked, self.pages) = Default::default();
+    }
+
     /// What is told by now: `objects` and the lists that are new.
     fn listed(&mut self, newest: u32, mut objects: Vec<(ObjectHash, Arc<[u8]>)>) -> Publication {
-        let mut pages = Vec::new();
-        let mut hashes = BTreeSet::new();
+        let (mut named, mut pages) = (Vec::new(), Vec::new());
+        let mut known = BTreeMap::new();
         let mut page = |entries: &[Entry]| {
             let bytes = page_to_bytes(entries);
             let page = PageRef { size: bytes.len() as u32, hash: ObjectHash::of(&bytes) };
-            pages.push(page);
-            hashes.insert(page.hash);
-            if !self.pages.contains(&page.hash) {
+            let listed = self.pages.get(&page.hash).cloned().unwrap_or_else(|| {
                 objects.push((page.hash, bytes.into()));
-            }
+                entries.into()
+            });
+            known.insert(page.hash, Arc::clone(&listed));
+            named.push(page);
+            pages.push(listed);
         };
         // What is said of keyframes on pages of their own, so that old ones stay as they are.
         let of_keyframes = |entry: &&Entry| entry.kind.is_of_keyframe();
@@ -126,23 +135,14 @@ impl Publisher {
         let mut keyframes: Vec<Entry> = self.told.values().filter(of_keyframes).copied().collect();
         keyframes.sort_by_key(|entry| (entry.number, entry.kind));
         keyframes.chunks(ENTRIES).for_each(&mut page);
-        self.pages = hashes;
-        let manifest = Manifest {
-            agent: self.agent,
-            begun: self.begun,
-            revision: self.revision,
-            finished: self.finished,
-            pages,
-        };
+        self.pages = known;
+        let (agent, begun, revision, finished) = (self.agent, self.begun, self.revision, self.finished);
+        let manifest = Manifest { agent, begun, revision, finished, pages: named };
         let bytes = manifest.to_bytes();
         let (size, hash) = (bytes.len() as u32, ObjectHash::of(&bytes));
         objects.push((hash, bytes.into()));
-        let mut all: BTreeSet<ObjectHash> = self.told.values().map(|entry| entry.hash).collect();
-        all.extend(&self.pages);
-        all.insert(hash);
-        let (agent, begun, revision) = (self.agent, self.begun, self.revision);
         let offer = Offer { agent, begun, revision, newest, size, hash };
-        Publication { offer, objects, all }
+        Publication { offer, objects, manifest, pages }
     }
 }
 

@@ -1,5 +1,8 @@
-//! A node with its transport, its folder and its clock, in a thread of its own.
+//! A node with its transport, its folder and its clock, in a thread of its own; another one reads what others ask for.
 
+mod serving;
+
+use crate::findings::Found;
 use crate::keys::Keys;
 use crate::manifest::Kind;
 use crate::node::{Action, Config, Event, Heard, News, Node, Quota, Status};
@@ -7,9 +10,10 @@ use crate::publishing::Publication;
 use crate::store::{FolderStore, Store};
 use crate::transport::tcp::Tcp;
 use crate::transport::{Endpoint, Transport};
-use crate::wire::Role;
+use crate::wire::{Role, VERSIONS};
 use anyhow::{Context, Result, anyhow};
 use map::{Identity, Uuid};
+use serving::Serving;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -20,6 +24,10 @@ use std::time::{Duration, Instant, SystemTime};
 
 /// How often the node learns that time passes.
 const TICK: Duration = Duration::from_millis(20);
+/// Events that are taken in at once at the most.
+const AT_ONCE: usize = 1000;
+/// How often it is shown how things are: when something came, and in any case.
+const SHOW: [Duration; 2] = [Duration::from_millis(5), Duration::from_millis(100)];
 /// The file with the node's own name.
 const NODE: &str = "node";
 
@@ -71,6 +79,8 @@ struct View {
     is_held: bool,
     /// Publications that the node took in.
     taken: u64,
+    /// Whether something of own maps could not be kept.
+    is_unkept: bool,
     /// How often something came that somebody waits for, as [`Node::arrivals`] counts it.
     arrivals: u64,
     ends: bool,
@@ -99,13 +109,18 @@ impl Service {
         let listening = tcp.listening().cloned();
         let signer = keys.map(Keys::signer);
         let ServiceOptions { name, role, quota, waits, .. } = options;
-        let config = Config { node, role, name, quota, waits, signer };
+        let versions = VERSIONS;
+        let config = Config { node, role, name, quota, waits, versions, signer };
         let node = Node::new(config, Arc::clone(&store) as Arc<dyn Store>);
         let shared = Arc::new(Shared::default());
         shared.look(&node, Duration::ZERO);
         shared.view().own = node.own_maps();
         let of_thread = Arc::clone(&shared);
-        let work = move || attend(node, &events, &tcp, &of_thread, news);
+        let tcp = Arc::new(tcp);
+        let serving =
+            Serving::start(Arc::clone(&store) as Arc<dyn Store>, Arc::clone(&tcp) as Arc<dyn Transport>)
+                .context("cannot start a thread")?;
+        let work = move || attend(node, &events, &*tcp, &serving, &of_thread, news);
         let thread = std::thread::Builder::new().name("fleet".into()).spawn(work);
         let thread = Some(thread.context("cannot start a thread")?);
         Ok(Self { commands: Some(commands), shared, store, listening, thread })
@@ -123,8 +138,8 @@ impl Service {
     }
 
     /// Tells what was found out; `revision` is larger than before.
-    pub fn findings(&self, revision: u64, bytes: Vec<u8>) {
-        self.tell(Event::Findings { revision, bytes });
+    pub fn findings(&self, revision: u64, found: Arc<Found>) {
+        self.tell(Event::Findings { revision, found });
     }
 
     /// How things are.
@@ -157,6 +172,12 @@ impl Service {
     pub fn is_held(&self) -> bool {
         let view = self.shared.view();
         view.is_held && view.taken == self.shared.given.load(Ordering::SeqCst)
+    }
+
+    /// Whether something of own maps could not be kept since this was asked last, so that all of them is to be published anew
+    /// (see [`Publisher::begin_again`](crate::publishing::Publisher::begin_again)).
+    pub fn was_unkept(&self) -> bool {
+        std::mem::take(&mut self.shared.view().is_unkept)
     }
 
     /// Waits until something comes that somebody waits for, see [`Node::arrivals`], or, once it is [woken](Self::wake), until it
@@ -222,48 +243,65 @@ fn attend(
     mut node: Node,
     events: &Receiver<Event>,
     transport: &dyn Transport,
+    serving: &Serving,
     shared: &Shared,
     mut news: impl FnMut(News),
 ) {
     let started = Instant::now();
     let (mut looked, mut arrivals) = (Duration::ZERO, node.arrivals());
     while !shared.view().ends {
-        let event = match events.recv_timeout(TICK) {
+        let first = match events.recv_timeout(TICK) {
             Ok(event) => event,
             Err(RecvTimeoutError::Timeout) => Event::Tick,
             Err(RecvTimeoutError::Disconnected) => return,
         };
-        let is_own = matches!(event, Event::Publish(_));
-        let came = match &event {
-            Event::Received { link, bytes } => Some((*link, bytes.len())),
-            _ => None,
-        };
-        let now = started.elapsed();
-        for action in node.handle(now, event) {
-            match action {
-                Action::Send { link, priority, bytes } => transport.send(link, priority, bytes),
-                Action::Close { link, .. } => transport.close(link),
-                Action::News(what) => news(what),
+        let mut is_own = false;
+        // All that waits, so that nobody is taken to be silent whose messages are there.
+        for event in std::iter::once(first).chain(events.try_iter().take(AT_ONCE)) {
+            let came = match &event {
+                Event::Received { link, bytes } => Some((*link, bytes.len())),
+                Event::Down { link } => {
+                    serving.forget(*link);
+                    None
+                }
+                _ => None,
+            };
+            if matches!(event, Event::Publish(_)) {
+                let mut view = shared.view();
+                // Nobody holds what is just being told.
+                (view.taken, view.is_held) = (view.taken + 1, false);
+            }
+            node.take(started.elapsed(), event);
+            if let Some((link, bytes)) = came {
+                transport.looked_at(link, bytes);
             }
         }
-        if let Some((link, bytes)) = came {
-            transport.looked_at(link, bytes);
+        let now = started.elapsed();
+        for action in node.go_on(now) {
+            match action {
+                Action::Send { link, priority, bytes } => transport.send(link, priority, bytes),
+                Action::Serve { link, hash, offset, length } => serving.ask(link, (hash, offset, length)),
+                Action::Close { link, .. } => transport.close(link),
+                Action::News(News::Unkept) => shared.view().is_unkept = true,
+                Action::News(what) => {
+                    is_own |= matches!(what, News::Told { .. });
+                    news(what);
+                }
+            }
         }
         if is_own {
-            let own = node.own_maps();
-            let mut view = shared.view();
-            (view.own, view.is_held) = (own, node.is_held());
-            view.taken += 1;
+            shared.view().own = node.own_maps();
         }
         // Whoever asked for objects to decide what is next has them: the next step need not wait for its turn.
-        let is_arrival = std::mem::replace(&mut arrivals, node.arrivals()) != node.arrivals();
-        if is_own || is_arrival || now.saturating_sub(looked) > 5 * TICK {
+        let is_arrival = arrivals != node.arrivals();
+        let passed = now.saturating_sub(looked);
+        if is_own || is_arrival && passed >= SHOW[0] || passed >= SHOW[1] {
             shared.look(&node, now);
             looked = now;
-        }
-        if is_arrival {
-            shared.view().arrivals += 1;
-            shared.changed.notify_all();
+            if std::mem::replace(&mut arrivals, node.arrivals()) != arrivals {
+                shared.view().arrivals += 1;
+                shared.changed.notify_all();
+            }
         }
     }
 }

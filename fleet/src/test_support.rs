@@ -1,10 +1,10 @@
 //! Small maps, and a network of which every fault is drawn from a seed.
 
 use crate::keys::Party;
-use crate::node::{Action, Config, Event, LinkId, News, Node, Quota};
+use crate::node::{Action, Config, Event, LinkId, News, Node, Quota, part_of};
 use crate::publishing::Publisher;
 use crate::store::{MemoryStore, Store};
-use crate::wire::{Message, Role};
+use crate::wire::{Message, Role, VERSIONS};
 pub use geometry::Random;
 use geometry::{GrayImage, Pinhole, Se3, Sim3};
 use map::{
@@ -136,6 +136,10 @@ pub struct Network {
     pub waited: Duration,
     /// Whose each node is, where parties have keys.
     pub parties: Vec<Party>,
+    /// Whether disks take no time.
+    pub settles: bool,
+    /// Who looks at nothing, until when, and what came meanwhile.
+    stalled: Option<(usize, Duration, Vec<Event>)>,
     numbers: Random,
     links: BTreeMap<LinkId, [usize; 2]>,
     next_link: LinkId,
@@ -149,7 +153,8 @@ pub struct Network {
 pub fn config(number: usize, role: Role) -> Config {
     let node = Uuid::from_u128(1000 + number as u128);
     let name = format!("node {number}");
-    Config { node, role, name, quota: Quota::default(), waits: false, signer: None }
+    let (quota, versions) = (Quota::default(), VERSIONS);
+    Config { node, role, name, quota, waits: false, versions, signer: None }
 }
 
 const TICK: Duration = Duration::from_millis(50);
@@ -182,6 +187,8 @@ impl Network {
             closed: 0,
             waited: Duration::ZERO,
             parties: Vec::new(),
+            settles: true,
+            stalled: None,
             numbers: Random::new(seed),
             links: BTreeMap::new(),
             next_link: 1,
@@ -200,14 +207,39 @@ impl Network {
         }
     }
 
+    /// A node looks at nothing for so long: what comes meanwhile waits.
+    pub fn stall(&mut self, node: usize, time: Duration) {
+        self.stalled = Some((node, self.now + time, Vec::new()));
+    }
+
     pub fn event(&mut self, node: usize, event: Event) {
+        match &mut self.stalled {
+            Some((stalled, until, waiting)) if *stalled == node && self.now < *until => {
+                return waiting.extend(Some(event).filter(|event| !matches!(event, Event::Tick)));
+            }
+            Some((stalled, ..)) if *stalled == node => {
+                let (_, _, waiting) = self.stalled.take().unwrap();
+                waiting.into_iter().for_each(|event| self.event(node, event));
+            }
+            _ => {}
+        }
         let actions = self.nodes[node].handle(self.now, event);
         for action in actions {
             match action {
                 Action::Send { link, bytes, .. } => self.send(node, link, bytes),
+                Action::Serve { link, hash, offset, length } => {
+                    let message = match self.stores[node].get(&hash) {
+                        Some(bytes) => Message::Part { hash, offset, bytes: part_of(&bytes, offset, length) },
+                        None => Message::Missing { hash },
+                    };
+                    self.send(node, link, message.to_bytes());
+                }
                 Action::Close { link, .. } => self.end(node, link),
                 Action::News(news) => self.news[node].push(news),
             }
+        }
+        if self.settles {
+            self.stores[node].settle();
         }
     }
 

@@ -9,8 +9,10 @@ use crate::keys::Signature;
 use crate::manifest::{MAX_LIST, MAX_OBJECT, flag, within};
 use map::{Identity, Uuid};
 
-/// The version of the protocol: neighbours of another one are refused.
-pub const VERSION: u16 = 3;
+/// The versions of the protocol that this program speaks, the oldest and the newest. Who greets says the oldest, in
+/// [`Message::Hello`], so that whoever speaks that one understands it, and both in [`Message::Speaks`]. Neighbours that have one
+/// in common speak the newest of these; the others are refused.
+pub const VERSIONS: [u16; 2] = [3, 3];
 /// Largest message, bytes: the largest part of an object and what stands before it.
 pub const MAX_MESSAGE: usize = MAX_PART + 64;
 /// Largest part of an object that is asked for at once, bytes.
@@ -19,6 +21,9 @@ pub const MAX_PART: usize = 32 << 10;
 pub const MAX_NAME: usize = 64;
 /// Longest reason, bytes.
 pub const MAX_REASON: usize = 400;
+
+/// No agent.
+const NOBODY: Identity = Identity { uuid: Uuid::nil(), epoch: 0 };
 
 /// What a neighbour is there for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -79,7 +84,7 @@ pub struct FindingsRef {
 pub enum Message {
     /// Who the neighbour is; said again and again, as a sign of life.
     Hello {
-        /// The version of the protocol it speaks.
+        /// The oldest version of the protocol that it speaks.
         version: u16,
         /// The neighbour.
         node: Uuid,
@@ -89,6 +94,14 @@ pub enum Message {
         name: String,
         /// What it found out.
         findings: Option<FindingsRef>,
+    },
+    /// Which versions of the protocol the neighbour speaks; said before [`Hello`](Self::Hello). It goes as the
+    /// [`Held`](Self::Held) of nobody, of which a neighbour that knows version 3 alone makes nothing.
+    Speaks {
+        /// The oldest.
+        oldest: u16,
+        /// The newest.
+        newest: u16,
     },
     /// What can be asked for.
     State {
@@ -173,6 +186,13 @@ impl Message {
                     out.bytes(&findings.hash.0);
                 }
             }
+            Self::Speaks { oldest, newest } => {
+                out.u8(2);
+                out.identity(NOBODY);
+                out.u64((*oldest).into());
+                out.u64((*newest).into());
+                out.u32(0);
+            }
             Self::State { offer, signature } => {
                 out.u8(1);
                 offer.write(&mut out);
@@ -246,12 +266,17 @@ impl Message {
                 let signature = flag(from.u8()?)?.then(|| from.array()).transpose()?;
                 Self::State { offer, signature }
             }
-            2 => Self::Held {
-                agent: from.identity()?,
-                begun: from.u64()?,
-                revision: from.u64()?,
-                missing: from.u32()?,
-            },
+            2 => {
+                let (agent, begun, revision, missing) =
+                    (from.identity()?, from.u64()?, from.u64()?, from.u32()?);
+                let version = |number: u64| u16::try_from(number);
+                match (version(begun), version(revision)) {
+                    (Ok(oldest), Ok(newest)) if agent == NOBODY && missing == 0 => {
+                        Self::Speaks { oldest, newest }
+                    }
+                    _ => Self::Held { agent, begun, revision, missing },
+                }
+            }
             3 => Self::Get {
                 hash: ObjectHash(from.array()?),
                 offset: within("the offset of a part", from.u32()?, MAX_OBJECT)?,
@@ -280,7 +305,7 @@ mod tests {
         let hash = ObjectHash::of(b"an object");
         let findings = Some(FindingsRef { revision: 3, size: 77, hash });
         let hello = |findings| Message::Hello {
-            version: VERSION,
+            version: VERSIONS[0],
             node: Uuid::from_u128(5),
             role: Role::Station,
             name: "ü".repeat(MAX_NAME / 2),
@@ -293,6 +318,7 @@ mod tests {
             Message::State { offer, signature: None },
             Message::State { offer, signature: Some([9; 64]) },
             Message::Held { agent, begun: 1 << 40, revision: 6, missing: 2 },
+            Message::Speaks { oldest: 3, newest: 7 },
             Message::Get { hash, offset: 4096, length: MAX_PART as u32 },
             Message::Part { hash, offset: 4096, bytes: vec![7; MAX_PART] },
             Message::Missing { hash },
@@ -310,6 +336,16 @@ mod tests {
                 matches!(message, Message::Hello { .. } | Message::State { .. } | Message::Held { .. });
             assert!(!pushed || bytes.len() <= 200, "{} bytes", bytes.len());
         }
+    }
+
+    /// Version 3 reads a kind, UUID, epoch, two numbers of eight bytes and one of four, and keeps it as what is held of an agent
+    /// that nobody tells.
+    #[test]
+    fn who_knows_version_3_alone_reads_which_versions_are_spoken_as_a_message_that_says_nothing() {
+        let bytes = Message::Speaks { oldest: 3, newest: 4 }.to_bytes();
+        let as_version_3 =
+            [&[2][..], &[0; 16 + 4], &[3, 0, 0, 0, 0, 0, 0, 0, 4, 0, 0, 0, 0, 0, 0, 0], &[0; 4]];
+        assert_eq!(bytes, as_version_3.concat());
     }
 
     #[test]

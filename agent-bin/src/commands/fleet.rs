@@ -3,7 +3,7 @@
 mod demo;
 
 use super::keys::KeysArg;
-use crate::console::{self, tell};
+use crate::console::{self, Ended, Ending, tell};
 use crate::interrupt::stop_on_ctrl_c;
 use anyhow::{Result, bail};
 use clap::Args;
@@ -17,7 +17,8 @@ use std::time::Duration;
 /// How long an agent whose run is over waits for others that it could not reach.
 const PATIENCE: Duration = Duration::from_secs(5);
 
-/// List the agents, links and verdicts of a station or an agent, or see two agents and a station pair
+/// List the agents, links and verdicts of a station or an agent, or see two agents and a station pair; exit code 5 when it was
+/// killed, or nobody answers where it dials
 #[derive(Debug, Args)]
 pub struct FleetCommand {
     /// The folder of `loopbox station`, or of `loopbox run --fleet`
@@ -100,6 +101,24 @@ impl PairingArgs {
         Ok(Some(fleet))
     }
 
+    /// The command that tells a map that is kept.
+    fn again(&self, out: &Path) -> String {
+        let quoted = |text: &str| {
+            let is_plain = |c: char| c.is_ascii_alphanumeric() || "/._-:".contains(c);
+            if text.chars().all(is_plain) {
+                text.to_owned()
+            } else {
+                format!("'{}'", text.replace('\'', r"'\''"))
+            }
+        };
+        let mut words = vec!["loopbox fleet".to_owned(), quoted(&out.display().to_string())];
+        words.extend(self.connect.iter().map(|at| format!("--connect {at}")));
+        words.extend(self.listen.iter().map(|at| format!("--listen {at}")));
+        let keys = self.keys.folder();
+        words.extend(keys.map(|keys| format!("--keys {}", quoted(&keys.display().to_string()))));
+        words.join(" ")
+    }
+
     /// Ends it once the others hold the map, after `stop` at once.
     ///
     /// # Errors
@@ -107,8 +126,8 @@ impl PairingArgs {
     pub fn end(&self, fleet: Fleet, out: &Path, stop: &Stop, quiet: bool) -> Result<()> {
         if !fleet.hand_over(PATIENCE, stop) && !quiet {
             tell!(
-                "fleet: not everybody holds all of the map; it is kept: `loopbox fleet {} --connect ADDRESS` tells it",
-                out.display()
+                "fleet: not everybody holds all of the map; it is kept, and this tells it: {}",
+                self.again(out)
             );
         }
         fleet.wait(&ended())?;
@@ -130,9 +149,20 @@ pub fn run(args: &FleetCommand) -> Result<()> {
         return hand_over(folder, &status.name, args);
     }
     if args.json {
-        return console::print_json(&status);
+        console::print_json(&status)?;
+    } else {
+        console::print(&described(&status))?;
     }
-    console::print(&described(&status))
+    let not_well = |text: String| Err(Ended { ending: Ending::NotWell, text }.into());
+    if status.is_stale() {
+        return not_well(format!("{}: no sign of life since {}", status.name, lasting(status.age_s())));
+    }
+    let silent: Vec<&str> =
+        status.links.iter().filter(|link| link.why.is_some()).map(|link| &*link.name).collect();
+    if !status.ended && !silent.is_empty() {
+        return not_well(format!("{}: no answer from {}", status.name, silent.join(", ")));
+    }
+    Ok(())
 }
 
 /// Tells what a run kept for neighbours that were not there, and takes theirs.
@@ -160,7 +190,9 @@ fn hand_over(folder: &Path, name: &str, args: &FleetCommand) -> Result<()> {
     fleet.wait(&ended())?;
     if !held {
         bail!(
-            "{}: nobody holds all of this map\nhint: is --connect where a station listens?",
+            "{}: nobody holds all of this map\nhint: is there a station at {}? `loopbox fleet {}` says who answered",
+            folder.display(),
+            args.connect.iter().map(ToString::to_string).collect::<Vec<_>>().join(", "),
             folder.display()
         );
     }
@@ -174,14 +206,40 @@ fn ended() -> Stop {
     stop
 }
 
+/// A time that passed, for people.
+fn lasting(seconds: f64) -> String {
+    match seconds {
+        ..120.0 => format!("{seconds:.0} s"),
+        ..7200.0 => format!("{:.0} min", seconds / 60.0),
+        _ => format!("{:.0} h", seconds / 3600.0),
+    }
+}
+
 /// How things are, for people.
 // Writing to a String cannot fail.
 pub(super) fn described(status: &StatusFile) -> String {
     let mut text = String::new();
     let at = status.listening.as_ref().map_or(String::new(), |at| format!(", listening at {at}"));
-    let _ = writeln!(text, "{}{at}", status.name);
+    let state = match (status.ended, status.is_stale()) {
+        (true, _) => format!(", ended {} ago", lasting(status.age_s())),
+        (false, true) => {
+            format!(": no sign of life since {}; this is how it was then", lasting(status.age_s()))
+        }
+        (false, false) => at,
+    };
+    let _ = writeln!(text, "{}{state}", status.name);
     for link in &status.links {
-        let place = link.address.as_deref().unwrap_or("not there");
+        let since = lasting(link.since_s);
+        if let Some(why) = &link.why {
+            let _ = writeln!(text, "  {}: does not answer for {since}: {why}", link.name);
+            continue;
+        }
+        let place = match &link.address {
+            // Nobody is linked to a party that has ended.
+            Some(at) if !status.ended => format!("{at} for {since}"),
+            Some(at) => at.clone(),
+            None => format!("not there for {since}"),
+        };
         let lacks = match link.lacks {
             Some(0) => ", holds all that is told here".into(),
             Some(count) => format!(", lacks {count} objects"),
@@ -207,8 +265,8 @@ pub(super) fn described(status: &StatusFile) -> String {
         let run = if agent.finished { "run over" } else { "under way" };
         let teller = agent.teller.as_ref().map_or(String::new(), |teller| format!(" told by {teller}"));
         let sensor = if agent.sensor == Some(SensorKind::Lidar) { " of a LiDAR" } else { "" };
-        let (agent, keyframes) = (&agent.agent, agent.keyframes);
-        let _ = writeln!(text, "  map {agent}{teller}: {keyframes} keyframes{sensor}, {missing}, {run}");
+        let (name, keyframes) = (status.name_of(agent), agent.keyframes);
+        let _ = writeln!(text, "  map of {name}{teller}: {keyframes} keyframes{sensor}, {missing}, {run}");
     }
     for meeting in &status.found.meetings {
         let [a, b] = &meeting.names;

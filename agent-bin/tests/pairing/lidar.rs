@@ -155,17 +155,17 @@ fn told_with(map: &Map, kind: Kind, bytes: Vec<u8>) -> Publication {
     let mut manifest = Manifest::from_bytes(&of(told.offer.hash)).expect("a list");
     // Keyframes come on pages of their own, after all else.
     let last = manifest.pages.last_mut().expect("it has pages");
-    let mut entries = page_from_bytes(&of(last.hash)).expect("a page");
+    let mut entries = page_from_bytes(&of(last.hash)).expect("a page").to_vec();
     let entry = entries.iter_mut().find(|entry| entry.kind == kind).expect("there is one");
     (entry.hash, entry.size) = (ObjectHash::of(&bytes), bytes.len() as u32);
     let page = page_to_bytes(&entries);
     *last = PageRef { size: page.len() as u32, hash: ObjectHash::of(&page) };
     let list = manifest.to_bytes();
+    *told.pages.last_mut().expect("it has pages") = entries.into();
+    told.manifest = manifest;
     told.offer = Offer { size: list.len() as u32, hash: ObjectHash::of(&list), ..told.offer };
     for bytes in [bytes, page, list] {
-        let hash = ObjectHash::of(&bytes);
-        told.all.insert(hash);
-        told.objects.push((hash, bytes.into()));
+        told.objects.push((ObjectHash::of(&bytes), bytes.into()));
     }
     told
 }

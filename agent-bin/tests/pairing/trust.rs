@@ -8,7 +8,7 @@ use fleet::manifest::Manifest;
 use fleet::node::Event;
 use fleet::transport::tcp::Tcp;
 use fleet::transport::{Endpoint, Transport};
-use fleet::wire::{Message, Offer, Role, VERSION};
+use fleet::wire::{Message, Offer, Role, VERSIONS};
 use loopbox::fleet::StatusFile;
 use map::{Identity, Uuid};
 use rustls::pki_types::pem::PemObject;
@@ -104,7 +104,7 @@ impl Peer {
     fn greets(&self) {
         let party = self.keys.party();
         let (node, name) = (party.id, party.name.clone());
-        self.says(&Message::Hello { version: VERSION, node, role: Role::Agent, name, findings: None });
+        self.says(&Message::Hello { version: VERSIONS[0], node, role: Role::Agent, name, findings: None });
     }
 
     fn tells(&self, offer: Offer) {

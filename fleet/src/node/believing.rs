@@ -13,6 +13,7 @@ use crate::bytes::printable;
 use crate::keys::{Party, Signature};
 use crate::wire::Offer;
 use map::Uuid;
+use std::time::Duration;
 
 /// Nodes of one party, or without keys of all, before those that are gone are forgotten.
 const MOST_NODES: usize = 64;
@@ -28,14 +29,17 @@ impl Node {
     ///
     /// # Errors
     /// When nothing is believed of it, with the reason.
-    pub(super) fn known_as(&self, link: &Link, node: Uuid) -> Result<Uuid, String> {
+    pub(super) fn known_as(&self, now: Duration, link: &Link, node: Uuid) -> Result<Uuid, String> {
         let party = link.party.as_ref().map(|party| party.id);
         if self.config.signer.is_some() && party.is_none() {
             return Err("it showed no certificate".into());
         }
         let node = party.map_or(node, |party| Uuid::new_v5(&party, node.as_bytes()));
         let distrusted = self.distrusted.get(&node).or(party.and_then(|party| self.distrusted.get(&party)));
-        distrusted.map_or(Ok(node), |reason| Err(reason.clone()))
+        match distrusted {
+            Some((reason, until)) if now < *until => Err(reason.clone()),
+            _ => Ok(node),
+        }
     }
 
     /// Forgets nodes that are gone and tell nothing, where a party has had many.

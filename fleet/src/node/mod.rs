@@ -3,9 +3,14 @@
 //!
 //! Every second it says on each link who it is, which maps of its own can be asked for and how much of the other's it
 //! holds; a link on which nothing is heard is closed, for whoever dials to open anew. What others tell is fetched
-//! (`told`), checked against its hash, kept in the store, and acknowledged when it is on the disk.
+//! (`told`), checked against its hash, kept in the store, and acknowledged when it is on the disk. It never waits for a disk:
+//! the store says later what became of what it was given, and what others ask for is read by whoever carries out
+//! [`Action::Serve`].
 
 mod believing;
+mod hearing;
+mod lists;
+mod publishing;
 mod quota;
 mod saying;
 mod status;
@@ -16,17 +21,19 @@ pub use quota::Quota;
 pub use status::{AgentStatus, NeighbourStatus, Status};
 pub use types::{Action, Config, Event, Heard, LinkId, News};
 
-use crate::bytes::printable;
+use crate::findings::ByAgent;
 use crate::hash::ObjectHash;
-use crate::keys::{Party, Signature};
-use crate::link::{Fetch, Taken};
-use crate::manifest::{Kind, MAX_LIST, Manifest};
-use crate::publishing::Publication;
-use crate::store::{Head, Store};
-use crate::wire::{FindingsRef, Message, Offer, Role, VERSION};
+use crate::keys::Party;
+use crate::link::Fetch;
+use crate::manifest::{Kind, Manifest};
+use crate::store::{Head, Store, Stored};
+use crate::wire::{FindingsRef, Message, Offer};
+use lists::{Ledger, Lists};
 use map::{Identity, Uuid};
+use publishing::Own;
 use quota::Said;
-use std::collections::{BTreeMap, BTreeSet};
+use saying::Retold;
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
 use std::time::Duration;
 use told::Told;
@@ -39,8 +46,16 @@ pub const SILENCE: Duration = Duration::from_secs(8);
 const CUT: Duration = Duration::from_millis(2500);
 /// States of maps, of one's own and of those one holds, that are said in one beat: the others' turn comes later.
 const STATES: usize = 2;
-/// How long nothing is fetched after the disk refused.
-const DISK_PAUSE: Duration = Duration::from_secs(10);
+/// Nothing is fetched while so many bytes of what came are not on the disk yet.
+const UNWRITTEN: usize = 64 << 20;
+/// A node to which nothing happened for so long stood still itself: ticks come ten times a second and more often.
+const STOOD_STILL: Duration = Duration::from_secs(1);
+/// When an object is asked for again that a neighbour did not have, and one that came as another than it is called.
+const ASK_AGAIN: [Duration; 2] = [Duration::from_secs(2), Duration::from_secs(30)];
+/// How long nothing is believed of whoever told a map that is none.
+const DISTRUST: Duration = Duration::from_secs(300);
+/// Links of a party at once: those of a machine's programs, and some that are being replaced.
+const LINKS_OF_PARTY: usize = 64;
 
 /// A party of the fleet.
 pub struct Node {
@@ -50,26 +65,26 @@ pub struct Node {
     own: BTreeMap<Identity, Own>,
     /// Maps that others tell.
     told: BTreeMap<Identity, Told>,
-    findings: Option<(FindingsRef, Vec<u8>)>,
+    /// What own maps, and those that others tell, need of the store.
+    of_own: Ledger,
+    of_told: Ledger,
+    /// What nothing needs any more, each with all who read then.
+    unused: VecDeque<(u64, ObjectHash)>,
+    /// The newest that was found out, and which version of that it is.
+    findings: Option<(u64, ByAgent)>,
     neighbours: BTreeMap<Uuid, Neighbour>,
     links: BTreeMap<LinkId, Link>,
-    /// Neighbours and parties of whom nothing is believed, and why.
-    distrusted: BTreeMap<Uuid, String>,
+    /// Where nobody answers who is dialled, since when and why.
+    unanswered: BTreeMap<String, (Duration, String)>,
+    /// Neighbours and parties of whom nothing is believed, why, and until when.
+    distrusted: BTreeMap<Uuid, (String, Duration)>,
     /// How often something came that somebody waits for.
     arrivals: u64,
-    /// Nothing is fetched before.
-    paused_until: Duration,
+    /// What time it is.
+    now: Duration,
+    /// When it looked last how things are.
+    looked: Duration,
     actions: Vec<Action>,
-}
-
-/// A map of one's own.
-struct Own {
-    offer: Offer,
-    /// The party's under it, if parties have keys.
-    signature: Option<Signature>,
-    all: BTreeSet<ObjectHash>,
-    /// What the version before had: somebody may be fetching it.
-    before: BTreeSet<ObjectHash>,
 }
 
 /// Another party.
@@ -80,7 +95,11 @@ struct Neighbour {
     party: Option<Party>,
     is_station: bool,
     link: Option<LinkId>,
+    /// Since when there is one, or is none.
+    changed: Duration,
     fetch: Fetch,
+    /// When objects are asked for again that could not be had.
+    later: BTreeMap<ObjectHash, Duration>,
     /// Of own maps, the last version that it holds whole, and how many objects of the newest it lacks.
     holds: BTreeMap<Identity, ((u64, u64), u32)>,
     /// What it found out, by its own word.
@@ -99,24 +118,34 @@ struct Link {
     beat: Option<Duration>,
     turn: usize,
     said: Said,
+    /// The oldest and the newest version of the protocol that the other end speaks, where it said so.
+    speaks: Option<[u16; 2]>,
+    /// What it is told of what was found out.
+    retold: Option<Retold>,
 }
 
 impl Node {
     /// A node that keeps objects in `store`; what is whole there is known again.
     pub fn new(config: Config, store: Arc<dyn Store>) -> Self {
         let (own, told, neighbours, links, distrusted, actions) = Default::default();
-        let (findings, arrivals, paused_until) = (None, 0, Duration::ZERO);
+        let (findings, arrivals, looked, unused, now, unanswered) = Default::default();
+        let (of_own, of_told) = (Ledger::new(true), Ledger::new(false));
         let mut node = Self {
             config,
             store,
             own,
             told,
+            of_own,
+            of_told,
+            unused,
             findings,
             neighbours,
             links,
+            unanswered,
             distrusted,
             arrivals,
-            paused_until,
+            now,
+            looked,
             actions,
         };
         for (agent, head) in node.store.heads() {
@@ -129,8 +158,8 @@ impl Node {
     fn remember(&mut self, agent: Identity, head: Head) {
         let Some(bytes) = self.store.get(&head.manifest) else { return };
         let Ok(manifest) = Manifest::from_bytes(&bytes) else { return };
-        let Ok(Some(entries)) = crate::assembling::entries_of(&manifest, &*self.store) else { return };
-        let keyframes = entries.iter().filter(|entry| entry.kind == Kind::Depth);
+        let Ok(Some(pages)) = crate::assembling::pages_of(&manifest, &*self.store) else { return };
+        let keyframes = pages.iter().flat_map(|page| page.iter()).filter(|entry| entry.kind == Kind::Depth);
         let offer = Offer {
             agent,
             begun: manifest.begun,
@@ -139,38 +168,88 @@ impl Node {
             size: bytes.len() as u32,
             hash: head.manifest,
         };
+        let Ok(lists) = Lists::new(offer, manifest, pages).map(Arc::new) else { return };
         if head.own {
-            let pages = manifest.pages.iter().map(|page| page.hash);
-            let all = entries.iter().map(|entry| entry.hash).chain(pages).chain([head.manifest]).collect();
+            self.of_own.add(&lists);
             let signature = self.signed(&offer);
-            self.own.insert(agent, Own { offer, signature, all, before: BTreeSet::new() });
+            self.own.insert(agent, Own::new(lists, signature));
         } else {
-            self.told.insert(agent, Told::whole(offer, head.party, manifest, entries, &*self.store));
+            // As the newest, and as the last that was whole.
+            self.of_told.add(&lists);
+            self.of_told.add(&lists);
+            self.told.insert(agent, Told::whole(lists, head.party, &*self.store));
         }
     }
 
     /// What is to be done now that this happened; `now` is the time since any moment, and never less than before.
     pub fn handle(&mut self, now: Duration, event: Event) -> Vec<Action> {
+        self.take(now, event);
+        self.go_on(now)
+    }
+
+    /// Takes in what happened. Of several things at once all are taken in before it is looked what is to be done.
+    pub fn take(&mut self, now: Duration, event: Event) {
+        self.now = now;
         match event {
-            Event::Up { link, address, party } => {
-                let (node, beat, said) = Default::default();
-                self.links.insert(link, Link { address, party, node, heard: now, beat, turn: 0, said });
-            }
+            Event::Up { link, address, party } => self.up(now, link, address, party),
             Event::Trouble(text) => self.actions.push(Action::News(News::Trouble(text))),
-            Event::Down { link } => self.forget(link),
+            Event::Unanswered { address, reason } => self.unanswered(address, reason),
+            Event::Down { link } => self.forget(link, "its connection ended"),
             Event::Received { link, bytes } => match Message::from_bytes(&bytes) {
                 Ok(message) => self.received(now, link, message),
+                // Who speaks a newer version may say more.
+                Err(_) if self.is_newer(link) => {}
                 Err(what) => self.refuse(link, format!("it sent what is no message: {what}")),
             },
             Event::Tick => {}
             Event::Publish(publication) => self.publish(*publication),
             Event::Prefer { agent, objects, rest } => self.prefer(agent, objects, rest),
-            Event::Distrust { agent, reason } => self.distrust(agent, reason),
-            Event::Findings { revision, bytes } => self.take_findings(revision, bytes),
+            Event::Distrust { agent, reason } => self.distrust(now, agent, reason),
+            Event::Findings { revision, found } => self.take_findings(revision, found),
         }
+    }
+
+    /// What is to be done by now.
+    pub fn go_on(&mut self, now: Duration) -> Vec<Action> {
+        self.now = now;
+        let stood_still = now.saturating_sub(std::mem::replace(&mut self.looked, now));
+        if stood_still > STOOD_STILL {
+            // What others said meanwhile may still be to be looked at.
+            self.links.values_mut().for_each(|link| link.heard = (link.heard + stood_still).min(now));
+        }
+        for stored in self.store.news() {
+            self.stored(stored);
+        }
+        self.discard();
         self.beat(now);
         self.fetch(now);
         std::mem::take(&mut self.actions)
+    }
+
+    /// Something happened in the store.
+    fn stored(&mut self, stored: Stored) {
+        match stored {
+            Stored::Head(agent, head) if head.own => self.published(agent, head.manifest),
+            Stored::Head(agent, head) => self.completed(agent, head.manifest),
+            Stored::Lost(hash) => self.lost(hash),
+            Stored::Failed(reason) => {
+                let text = format!("what is told cannot be kept: {reason}; it is tried again");
+                self.actions.push(Action::News(News::Trouble(text)));
+            }
+        }
+    }
+
+    /// An object is gone or damaged here: of others' maps it is fetched again, and of own ones it is told again.
+    fn lost(&mut self, hash: ObjectHash) {
+        if self.of_told.has(&hash) {
+            let told = self.told.values_mut().filter_map(|told| told.lost(&hash).then_some(told.teller));
+            let tellers: BTreeSet<Uuid> = told.collect();
+            tellers.into_iter().for_each(|teller| self.want(teller));
+        }
+        if self.of_own.has(&hash) {
+            let text = "an object of an own map is damaged on the disk".to_owned();
+            self.actions.extend([News::Trouble(text), News::Unkept].map(Action::News));
+        }
     }
 
     /// Maps that are whole or in part here, of others.
@@ -190,164 +269,38 @@ impl Node {
         self.arrivals
     }
 
-    fn received(&mut self, now: Duration, link: LinkId, message: Message) {
-        let Some(known) = self.links.get_mut(&link) else { return };
-        let silent = now.saturating_sub(known.heard);
-        known.heard = now;
-        let node = known.node;
-        let is_push = matches!(message, Message::Hello { .. } | Message::State { .. } | Message::Held { .. });
-        if is_push && let Err(reason) = known.said.one_more(now) {
-            return self.refuse(link, reason);
-        }
-        if let Message::Hello { version, node, role, name, findings } = message {
-            return self.hello(link, (version, node, role == Role::Station), name, findings);
-        }
-        if let Message::Refused { reason } = message {
-            let name = node.and_then(|node| self.neighbours.get(&node)).map_or("a neighbour", |n| &n.name);
-            let text = format!("{name} refused this one: {}", printable(&reason));
-            self.actions.push(Action::News(News::Trouble(text.clone())));
-            self.forget(link);
-            return self.actions.push(Action::Close { link, reason: text });
-        }
-        // Before it said who it is, nothing is believed; it will say it again.
-        let Some(node) = node else { return };
-        let Some(neighbour) = self.neighbours.get_mut(&node) else { return };
-        if silent > CUT {
-            neighbour.fetch.heard_again();
-        }
-        match message {
-            Message::Hello { .. } | Message::Refused { .. } => {}
-            Message::State { offer, signature } => self.offered(link, node, offer, signature),
-            Message::Held { agent, begun, revision, missing } => {
-                let version = (begun, revision);
-                let before = neighbour.holds.insert(agent, (version, missing));
-                let is_own = self.own.get(&agent).is_some_and(|own| own.offer.version() == version);
-                if is_own && before.map(|(before, _)| before) != Some(version) {
-                    let by = neighbour.name.clone();
-                    self.actions.push(Action::News(News::Held { by, agent, version }));
-                }
+    /// A version of a map is needed no more.
+    fn release_told(&mut self, lists: &Lists) {
+        let unused = self.of_told.remove(lists);
+        self.set_aside(unused);
+    }
+
+    /// Objects that may be needed no more.
+    fn set_aside(&mut self, objects: impl IntoIterator<Item = ObjectHash>) {
+        let moment = self.store.pins().now();
+        self.unused.extend(objects.into_iter().map(|hash| (moment, hash)));
+    }
+
+    /// Removes what nothing needs, once nobody reads it who may have begun before that was so.
+    fn discard(&mut self) {
+        let mut unused = Vec::new();
+        while let Some((moment, hash)) = self.unused.front().copied() {
+            if !self.store.pins().have_ended(moment) {
+                break;
             }
-            Message::Get { hash, offset, length } => {
-                let part = self.may_have(&hash).then(|| self.store.part(&hash, offset, length)).flatten();
-                let found = self.findings.as_ref().filter(|(known, _)| known.hash == hash);
-                let findings = found.map(|(_, bytes)| {
-                    let end = bytes.len().min((offset + length) as usize);
-                    bytes.get(offset as usize..end).unwrap_or_default().to_vec()
-                });
-                match findings.or(part) {
-                    Some(bytes) => self.send(link, &Message::Part { hash, offset, bytes }),
-                    None => self.send(link, &Message::Missing { hash }),
-                }
+            self.unused.pop_front();
+            if !self.of_own.has(&hash) && !self.of_told.has(&hash) {
+                unused.push(hash);
             }
-            Message::Part { hash, offset, bytes } => match neighbour.fetch.take(now, &hash, offset, &bytes) {
-                Taken::More | Taken::Unwanted => {}
-                Taken::Whole(bytes) => self.object(now, link, node, hash, bytes),
-                Taken::Wrong => self.refuse(link, "it sent an object that is not what it is called".into()),
-            },
-            Message::Missing { hash } => neighbour.fetch.drop_object(&hash),
+        }
+        if !unused.is_empty() {
+            self.store.remove(&unused);
         }
     }
+}
 
-    fn hello(
-        &mut self,
-        link: LinkId,
-        (version, node, is_station): (u16, Uuid, bool),
-        name: String,
-        findings: Option<FindingsRef>,
-    ) {
-        if version != VERSION {
-            let reason = format!("it speaks version {version} of the protocol, this one {VERSION}");
-            return self.refuse(link, reason);
-        }
-        if node == self.config.node {
-            return self.refuse(link, "it is this one itself: the address is one's own".into());
-        }
-        let Some(known) = self.links.get(&link) else { return };
-        let party = known.party.as_ref().map(|party| party.id);
-        let node = match self.known_as(known, node) {
-            Ok(node) => node,
-            Err(reason) => return self.refuse(link, reason),
-        };
-        if !self.neighbours.contains_key(&node) {
-            self.forget_gone(party);
-        }
-        let Some(known) = self.links.get_mut(&link) else { return };
-        if known.node.is_some_and(|before| before != node) {
-            return self.refuse(link, "it said that it is another one than before".into());
-        }
-        let is_new = known.node.replace(node).is_none();
-        let address = known.address.clone();
-        let neighbour = self.neighbours.entry(node).or_default();
-        neighbour.call(&name, known.party.as_ref());
-        neighbour.is_station = is_station;
-        let name = neighbour.name.clone();
-        let newer = |known: &FindingsRef| findings.is_some_and(|new| new.revision > known.revision);
-        if neighbour.findings.as_ref().is_none_or(newer) {
-            neighbour.findings = findings;
-        }
-        if is_new {
-            let earlier = neighbour.link.replace(link).filter(|earlier| *earlier != link);
-            neighbour.fetch.lost();
-            if let Some(earlier) = earlier {
-                self.links.remove(&earlier);
-                let reason = "a newer link took its place".into();
-                self.actions.push(Action::Close { link: earlier, reason });
-            }
-            self.actions.push(Action::News(News::Met { name, address }));
-        }
-        self.want(node);
-    }
-
-    /// Has nothing more to do with whoever told a map that is none, as long as the program runs.
-    fn distrust(&mut self, agent: Identity, reason: String) {
-        let Some(told) = self.told.remove(&agent) else { return };
-        let reason = format!("its map {agent} cannot be used: {reason}");
-        let link = self.neighbours.get(&told.teller).and_then(|neighbour| neighbour.link);
-        for whoever in [Some(told.teller), told.party].into_iter().flatten() {
-            self.distrusted.insert(whoever, reason.clone());
-        }
-        if let Some(link) = link {
-            self.refuse(link, reason);
-        }
-    }
-
-    /// Whether an object may be asked for: it is one of the maps that are told.
-    fn may_have(&self, hash: &ObjectHash) -> bool {
-        self.own.values().any(|own| own.all.contains(hash) || own.before.contains(hash))
-    }
-
-    fn publish(&mut self, publication: Publication) {
-        let Publication { offer, objects, all } = publication;
-        let kept = objects.iter().try_for_each(|(hash, bytes)| self.store.put(hash, bytes));
-        let head = Head { manifest: offer.hash, own: true, party: None };
-        if let Err(error) = kept.and_then(|()| self.store.set_head(offer.agent, head)) {
-            // The version before stays; the next one is tried again.
-            let text = format!("what is new of the map cannot be kept and is not told: {error}");
-            return self.actions.push(Action::News(News::Trouble(text)));
-        }
-        self.told.remove(&offer.agent);
-        let before = self.own.remove(&offer.agent);
-        let (earlier, before) = before.map_or_else(Default::default, |own| (own.before, own.all));
-        let signature = self.signed(&offer);
-        self.own.insert(offer.agent, Own { offer, signature, all, before });
-        self.discard(earlier);
-        self.links.values_mut().for_each(|link| link.beat = None);
-    }
-
-    fn take_findings(&mut self, revision: u64, bytes: Vec<u8>) {
-        if bytes.len() > MAX_LIST as usize {
-            let text = "what was found out is too much to be told";
-            return self.actions.push(Action::News(News::Trouble(text.into())));
-        }
-        let known = FindingsRef { revision, size: bytes.len() as u32, hash: ObjectHash::of(&bytes) };
-        self.findings = Some((known, bytes));
-        self.links.values_mut().for_each(|link| link.beat = None);
-    }
-
-    /// Removes those of some objects that no map has any more.
-    fn discard(&self, objects: BTreeSet<ObjectHash>) {
-        let used = |hash: &ObjectHash| self.may_have(hash) || self.told.values().any(|told| told.has(hash));
-        let unused: BTreeSet<ObjectHash> = objects.into_iter().filter(|hash| !used(hash)).collect();
-        self.store.remove(&unused);
-    }
+/// A part of an object.
+pub(crate) fn part_of(bytes: &[u8], offset: u32, length: u32) -> Vec<u8> {
+    let rest = bytes.get(offset as usize..).unwrap_or_default();
+    rest[..rest.len().min(length as usize)].to_vec()
 }

@@ -26,25 +26,49 @@ impl Default for Quota {
     }
 }
 
+/// Objects that a quota allows for each keyframe, and beside these: one has six of its own, and shares poses, edges and
+/// frames with others.
+const OF_KEYFRAME: usize = 16;
+const BESIDE: usize = 1024;
+
 /// What objects take.
+#[derive(Clone, Copy, Default)]
 pub(super) struct Load {
     bytes: u64,
-    keyframes: usize,
+    pub keyframes: usize,
+    objects: usize,
 }
 
 impl Load {
     /// Of these objects.
-    pub fn of<'a>(entries: impl Iterator<Item = &'a Entry>) -> Self {
-        entries.fold(Self { bytes: 0, keyframes: 0 }, |sum, entry| Self {
-            bytes: sum.bytes + u64::from(entry.size),
-            keyframes: sum.keyframes + usize::from(entry.kind == Kind::Depth),
+    pub fn of(entries: &[Entry]) -> Self {
+        let keyframes = entries.iter().filter(|entry| entry.kind == Kind::Depth).count();
+        let bytes = entries.iter().map(|entry| u64::from(entry.size)).sum();
+        Self { bytes, keyframes, objects: entries.len() }
+    }
+
+    /// All of some.
+    pub fn sum(loads: impl Iterator<Item = Self>) -> Self {
+        loads.fold(Self::default(), |sum, load| Self {
+            bytes: sum.bytes + load.bytes,
+            keyframes: sum.keyframes + load.keyframes,
+            objects: sum.objects + load.objects,
         })
     }
 }
 
 impl Quota {
+    /// Objects.
+    pub(super) fn objects(&self) -> usize {
+        BESIDE + OF_KEYFRAME * self.keyframes
+    }
+
     /// Whether what one tells is not too much.
-    pub(super) fn check(&self, Load { bytes, keyframes }: Load) -> Result<(), String> {
+    pub(super) fn check(&self, Load { bytes, keyframes, objects }: Load) -> Result<(), String> {
+        if objects > self.objects() {
+            let most = self.objects();
+            return Err(format!("what it tells has {objects} objects, more than the {most} that one may"));
+        }
         if bytes > self.bytes {
             return Err(format!(
                 "what it tells takes {bytes} bytes, more than the {} that one may",

@@ -1,26 +1,62 @@
 //! What a node says by itself: signs of life, what it has, what it wants, and why it has nothing more to do with somebody.
 
-use super::{Action, BEAT, Link, LinkId, News, Node, Own, SILENCE, STATES, Told};
+use super::publishing::Own;
+use super::{Action, BEAT, Link, LinkId, News, Node, SILENCE, STATES, Told, UNWRITTEN};
 use crate::bytes::cut;
-use crate::wire::{MAX_NAME, MAX_REASON, Message, VERSION};
+use crate::findings::{ByAgent, Found};
+use crate::hash::ObjectHash;
+use crate::manifest::MAX_LIST;
+use crate::wire::{FindingsRef, MAX_NAME, MAX_REASON, Message};
+use map::Uuid;
+use std::collections::BTreeSet;
+use std::sync::Arc;
 use std::time::Duration;
 
-impl Own {
-    /// What is said of it.
-    fn said(&self) -> Message {
-        Message::State { offer: self.offer, signature: self.signature }
-    }
+/// How often a neighbour is told anew what was found out, at the most: the time by the number of links, as it takes some
+/// milliseconds to say it to one.
+const RETELL: Duration = Duration::from_millis(10);
+
+/// What a neighbour is told of what was found out.
+pub(super) struct Retold {
+    pub known: FindingsRef,
+    pub bytes: Vec<u8>,
+    /// Of which version it is, and when it was made.
+    of: u64,
+    made: Duration,
 }
 
 impl Node {
+    /// Something new was found out.
+    pub(super) fn take_findings(&mut self, revision: u64, found: Arc<Found>) {
+        self.findings = Some((revision, ByAgent::new(found)));
+        self.links.values_mut().for_each(|link| link.beat = None);
+    }
+
+    /// What was found out, as a neighbour is told it: of what concerns the agents that it tells, and where all are.
+    fn retold(&self, now: Duration, link: &Link, node: Uuid) -> Option<Retold> {
+        let (revision, found) = self.findings.as_ref()?;
+        let pause = RETELL * self.links.len() as u32;
+        if let Some(known) = &link.retold
+            && (known.of == *revision || now < known.made + pause)
+        {
+            return None;
+        }
+        let told = self.told.iter().filter(|(_, told)| told.teller == node);
+        let agents: BTreeSet<String> = told.map(|(agent, _)| agent.to_string()).collect();
+        let bytes = found.about(&agents).to_bytes_within(MAX_LIST as usize);
+        let known =
+            FindingsRef { revision: *revision, size: bytes.len() as u32, hash: ObjectHash::of(&bytes) };
+        Some(Retold { known, bytes, of: *revision, made: now })
+    }
+
     /// Signs of life, and the end of links that give none.
     pub(super) fn beat(&mut self, now: Duration) {
         let silent = |link: &Link| now.saturating_sub(link.heard) > SILENCE;
         let dead: Vec<LinkId> =
             self.links.iter().filter(|(_, link)| silent(link)).map(|(id, _)| *id).collect();
         for link in dead {
-            self.forget(link);
             let reason = format!("nothing was heard for {} s", SILENCE.as_secs());
+            self.forget(link, &reason);
             self.actions.push(Action::Close { link, reason });
         }
         let due: Vec<LinkId> = self
@@ -32,25 +68,31 @@ impl Node {
                 *id
             })
             .collect();
-        if !due.is_empty() && now >= self.paused_until {
-            self.complete_all();
-        }
         for link in due {
-            self.tell(link);
+            self.ask_again(now, link);
+            self.tell(now, link);
         }
     }
 
     /// Says on a link who one is and what one has.
-    pub(super) fn tell(&mut self, link: LinkId) {
-        let Some(Link { turn, node, .. }) = self.links.get(&link) else { return };
-        let mut said = vec![Message::Hello {
-            version: VERSION,
+    pub(super) fn tell(&mut self, now: Duration, link: LinkId) {
+        let Some(known) = self.links.get(&link) else { return };
+        let retold = known.node.and_then(|node| self.retold(now, known, node));
+        let Some(known) = self.links.get_mut(&link) else { return };
+        if retold.is_some() {
+            known.retold = retold;
+        }
+        let Link { turn, node, retold, .. } = &*known;
+        let [oldest, newest] = self.config.versions;
+        let mut said = vec![Message::Speaks { oldest, newest }];
+        said.push(Message::Hello {
+            version: oldest,
             node: self.config.node,
             role: self.config.role,
             name: cut(&self.config.name, MAX_NAME).to_owned(),
-            findings: self.findings.as_ref().map(|(known, _)| *known),
-        }];
-        let own: Vec<Message> = self.own.values().map(Own::said).collect();
+            findings: retold.as_ref().map(|retold| retold.known),
+        });
+        let own: Vec<Message> = self.own.values().filter_map(Own::said).collect();
         let of_neighbour = self.told.values().filter(|told| Some(told.teller) == *node);
         let held: Vec<Message> = of_neighbour.map(Told::held).collect();
         for mut states in [own, held] {
@@ -61,9 +103,20 @@ impl Node {
         said.iter().for_each(|message| self.send(link, message));
     }
 
-    /// Asks for what is wanted.
+    /// Wants again what could not be had a while ago.
+    fn ask_again(&mut self, now: Duration, link: LinkId) {
+        let Some(node) = self.links.get(&link).and_then(|link| link.node) else { return };
+        let Some(neighbour) = self.neighbours.get_mut(&node) else { return };
+        let before = neighbour.later.len();
+        neighbour.later.retain(|_, at| *at > now);
+        if neighbour.later.len() < before {
+            self.want(node);
+        }
+    }
+
+    /// Asks for what is wanted, unless too much of what came waits for the disk.
     pub(super) fn fetch(&mut self, now: Duration) {
-        if now < self.paused_until {
+        if self.store.unwritten() > UNWRITTEN {
             return;
         }
         for neighbour in self.neighbours.values_mut() {
@@ -83,16 +136,19 @@ impl Node {
         let named = named.or_else(of_party).unwrap_or_else(|| known.address.clone());
         let text = format!("{named} is refused: {reason}");
         self.send(link, &Message::Refused { reason: cut(&reason, MAX_REASON).to_owned() });
-        self.forget(link);
+        self.forget(link, "it is refused");
         self.actions.push(Action::News(News::Trouble(text.clone())));
         self.actions.push(Action::Close { link, reason: text });
     }
 
-    pub(super) fn forget(&mut self, link: LinkId) {
+    /// A link is gone; `reason` says of whom it is the only one how that was noticed.
+    pub(super) fn forget(&mut self, link: LinkId, reason: &str) {
         self.links.remove(&link);
         for neighbour in self.neighbours.values_mut().filter(|neighbour| neighbour.link == Some(link)) {
-            neighbour.link = None;
+            (neighbour.link, neighbour.changed) = (None, self.now);
             neighbour.fetch.lost();
+            let (name, reason) = (neighbour.name.clone(), reason.to_owned());
+            self.actions.push(Action::News(News::Gone { name, reason }));
         }
     }
 

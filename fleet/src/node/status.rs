@@ -1,9 +1,9 @@
 //! How things are, for people.
 
-use super::{Heard, Node};
-use crate::assembling::entries_of;
-use crate::manifest::Manifest;
+use super::publishing::Own;
+use super::{Heard, Lists, Node};
 use map::{Identity, SensorKind};
+use std::sync::Arc;
 use std::time::Duration;
 
 /// How things are.
@@ -11,8 +11,12 @@ use std::time::Duration;
 pub struct Status {
     /// Whom one knows.
     pub neighbours: Vec<NeighbourStatus>,
+    /// Where nobody answers who is dialled, since when and why.
+    pub unanswered: Vec<(String, Duration, String)>,
     /// Maps of others.
     pub agents: Vec<AgentStatus>,
+    /// How many of these are whole here, and not on the disk yet and acknowledged.
+    pub unkept: usize,
 }
 
 /// A neighbour.
@@ -24,6 +28,8 @@ pub struct NeighbourStatus {
     pub is_station: bool,
     /// Where it is; nothing while there is no link.
     pub address: Option<String>,
+    /// For how long it has been there, or has not.
+    pub since: Duration,
     /// Time since it was last heard.
     pub silent: Option<Duration>,
     /// Bytes of objects that came from it.
@@ -60,15 +66,16 @@ impl Node {
     pub fn status(&self, now: Duration) -> Status {
         let neighbour = |neighbour: &super::Neighbour| {
             let link = neighbour.link.and_then(|link| self.links.get(&link));
-            let lacks = self.own.iter().map(|(agent, own)| match neighbour.holds.get(agent) {
-                Some((version, _)) if *version == own.offer.version() => Some(0),
-                Some((_, missing)) => Some(u64::from(*missing)),
-                None => None,
-            });
+            let told = self.own.iter().filter(|(_, own)| own.offer().is_some());
+            let lacks =
+                told.map(|(agent, _)| neighbour.holds.get(agent).map(|(_, missing)| u64::from(*missing)));
+            // It does not know yet how many.
+            let lacks = lacks.map(|missing| missing.filter(|missing| *missing < u64::from(u32::MAX)));
             NeighbourStatus {
                 name: neighbour.name.clone(),
                 is_station: neighbour.is_station,
                 address: link.map(|link| link.address.clone()),
+                since: now.saturating_sub(neighbour.changed),
                 silent: link.map(|link| now.saturating_sub(link.heard)),
                 received: neighbour.fetch.received,
                 useless: neighbour.fetch.useless,
@@ -81,36 +88,65 @@ impl Node {
             agent: told.offer.agent,
             teller: self.neighbours.get(&told.teller).map(|neighbour| neighbour.name.clone()),
             sensor: told.sensor(),
-            keyframes: told.keyframes(),
+            keyframes: told.load().keyframes,
             missing: told.missing(),
             finished: told.is_finished(),
         };
+        let unanswered = |(address, (since, reason)): (&String, &(Duration, String))| {
+            (address.clone(), now.saturating_sub(*since), reason.clone())
+        };
         Status {
+            unanswered: self.unanswered.iter().map(unanswered).collect(),
             neighbours: self.neighbours.values().map(neighbour).collect(),
             agents: self.told.values().map(agent).collect(),
+            unkept: self.told.values().filter(|told| told.is_unkept()).count(),
         }
     }
 
-    /// Whether all neighbours that are there hold all own maps as they are by now; false without a neighbour.
+    /// Whether all neighbours that are there hold all own maps as they are by now, and lack nothing of them; false without a
+    /// neighbour.
     pub fn is_held(&self) -> bool {
         let linked = self.neighbours.values().filter(|neighbour| neighbour.link.is_some());
         let mut linked = linked.peekable();
         let holds = |neighbour: &super::Neighbour| {
             self.own.iter().all(|(agent, own)| {
-                neighbour.holds.get(agent).is_some_and(|(version, _)| *version == own.offer.version())
+                let whole = own.offer().map(|offer| (offer.version(), 0));
+                whole.is_some() && neighbour.holds.get(agent) == whole.as_ref()
             })
         };
-        linked.peek().is_some() && linked.all(holds)
+        linked.peek().is_some() && self.own.values().all(Own::is_told) && linked.all(holds)
+    }
+
+    /// How many things neighbours said are remembered.
+    #[cfg(test)]
+    pub fn remembered(&self) -> usize {
+        self.neighbours.values().map(|neighbour| neighbour.holds.len() + neighbour.later.len()).sum()
+    }
+
+    /// How many objects were looked at when versions of maps came and went.
+    #[cfg(test)]
+    pub fn looked_at(&self) -> usize {
+        self.of_told.touched
+    }
+
+    /// Whether stations hold all own maps.
+    #[cfg(test)]
+    pub fn is_held_by_station(&self) -> bool {
+        let mut stations = self.neighbours.values().filter(|neighbour| neighbour.is_station).peekable();
+        let whole = |own: &Own| own.offer().map(|offer| (offer.version(), 0));
+        stations.peek().is_some()
+            && stations.all(|station| {
+                self.own.iter().all(|(agent, own)| station.holds.get(agent).copied() == whole(own))
+            })
     }
 
     /// Own maps, which are whole.
     pub fn own_maps(&self) -> Vec<Heard> {
-        let heard = |own: &super::Own| {
-            let manifest = Manifest::from_bytes(&self.store.get(&own.offer.hash)?).ok()?;
-            let entries = entries_of(&manifest, &*self.store).ok()??.into();
-            let Manifest { agent, begun, finished, .. } = manifest;
-            Some(Heard { agent, begun, entries, missing: 0, came: 0, finished, is_near: true })
+        let heard = |lists: &Lists| {
+            let (agent, begun) = (lists.offer.agent, lists.offer.begun);
+            let (entries, finished) = (Arc::clone(&lists.entries), lists.manifest.finished);
+            Heard { agent, begun, entries, missing: 0, came: 0, finished, is_near: true }
         };
-        self.own.values().filter_map(heard).collect()
+        self.own.values().filter_map(Own::lists).map(heard).collect()
     }
 }

@@ -2,10 +2,11 @@
 
 mod taking;
 
-use super::Heard;
+use super::quota::Load;
+use super::{Heard, Ledger, Lists};
 use crate::hash::ObjectHash;
 use crate::link::Want;
-use crate::manifest::{Entry, Kind, Manifest, sensor_of};
+use crate::manifest::{Entry, Kind, Manifest, Page, PageRef};
 use crate::store::Store;
 use crate::wire::{Message, Offer};
 use map::{SensorKind, Uuid};
@@ -20,74 +21,102 @@ pub(super) struct Told {
     pub party: Option<Uuid>,
     /// Its newest version.
     pub offer: Offer,
-    /// The newest version of which the lists are here, if they are of the newest offered.
-    manifest: Option<Manifest>,
-    entries: Option<Arc<[Entry]>>,
-    /// Objects of these that are not here, but for those that stand in for others.
+    /// What came of the lists of a newer version than `lists`.
+    coming: Coming,
+    /// The newest version of which all lists are here.
+    lists: Option<Arc<Lists>>,
+    /// The last whole one, which stays until another one is whole.
+    whole: Option<Arc<Lists>>,
+    /// One that is whole and goes to the disk.
+    going: Option<Arc<Lists>>,
+    /// Objects of the newest that are not here, but for those that stand in for others.
     missing: BTreeSet<ObjectHash>,
     /// Those that stand in for others, until all others are here.
     stand_ins: BTreeSet<ObjectHash>,
+    /// Those of them that came.
+    stand_ins_here: BTreeSet<ObjectHash>,
     /// Objects that are fetched before others and did not come yet.
     awaited: BTreeSet<ObjectHash>,
     /// Objects that came.
     came: u64,
-    /// All objects of these, lists among them.
-    all: BTreeSet<ObjectHash>,
     /// The newest version that is whole here, and on the disk.
     held: (u64, u64),
-    /// What the last whole version consists of.
-    held_objects: BTreeSet<ObjectHash>,
     /// Objects of keyframes that come before others, the most wanted first.
     preferred: Vec<(Kind, u32)>,
     /// Whether all others come too.
     rest: bool,
 }
 
+/// Lists of a version, as far as they came; none of it is kept before all of it is here and may be.
+#[derive(Default)]
+struct Coming {
+    manifest: Option<(Manifest, Arc<[u8]>)>,
+    pages: BTreeMap<ObjectHash, (Page, Arc<[u8]>)>,
+}
+
 impl Told {
     /// A map that was never heard of before.
     fn new(teller: Uuid, party: Option<Uuid>, offer: Offer, rest: bool) -> Self {
-        let (manifest, entries, missing, stand_ins, all, held, held_objects, preferred) = Default::default();
-        let (awaited, came) = Default::default();
+        let (coming, lists, whole, going, missing, stand_ins, stand_ins_here) = Default::default();
+        let (awaited, came, held, preferred) = Default::default();
         Self {
             teller,
             party,
             offer,
-            manifest,
-            entries,
+            coming,
+            lists,
+            whole,
+            going,
             missing,
             stand_ins,
+            stand_ins_here,
             awaited,
             came,
-            all,
             held,
-            held_objects,
             preferred,
             rest,
         }
     }
 
-    /// A map that was whole when the program ended.
-    pub fn whole(
-        offer: Offer,
-        party: Option<Uuid>,
-        manifest: Manifest,
-        entries: Vec<Entry>,
-        store: &dyn Store,
-    ) -> Self {
-        let mut told = Self::new(Uuid::nil(), party, offer, true);
-        told.set_lists(manifest, entries, store);
-        (told.held, told.held_objects) = (offer.version(), told.all.clone());
+    /// A map that was whole when the program ended. What is not there by now, or not as long as it should be, is fetched
+    /// again.
+    pub fn whole(lists: Arc<Lists>, party: Option<Uuid>, store: &dyn Store) -> Self {
+        let mut told = Self::new(Uuid::nil(), party, lists.offer, true);
+        told.whole = Some(Arc::clone(&lists));
+        told.set_lists(lists, store);
+        let stand_ins = told.stand_ins.iter().filter(|hash| store.has(hash));
+        told.stand_ins_here = stand_ins.copied().collect();
+        if told.missing.is_empty() {
+            told.held = told.offer.version();
+        }
         told
     }
 
-    fn set_lists(&mut self, manifest: Manifest, entries: Vec<Entry>, store: &dyn Store) {
-        let lists = manifest.pages.iter().map(|page| page.hash).chain([self.offer.hash]);
-        self.all = entries.iter().map(|entry| entry.hash).chain(lists).collect();
-        let (stand_ins, needed): (Vec<&Entry>, _) =
-            entries.iter().partition(|entry| entry.kind.is_stand_in());
-        self.missing = needed.iter().map(|entry| entry.hash).filter(|hash| !store.has(hash)).collect();
+    /// Takes the lists of the newest version.
+    fn set_lists(&mut self, lists: Arc<Lists>, store: &dyn Store) {
+        let (stand_ins, needed): (Vec<&Entry>, Vec<&Entry>) =
+            lists.entries.iter().partition(|entry| entry.kind.is_stand_in());
+        let is_missing = |entry: &&Entry| store.size(&entry.hash) != Some(entry.size);
+        self.missing = needed.into_iter().filter(is_missing).map(|entry| entry.hash).collect();
         self.stand_ins = stand_ins.iter().map(|entry| entry.hash).collect();
-        (self.manifest, self.entries) = (Some(manifest), Some(entries.into()));
+        (self.lists, self.coming) = (Some(lists), Coming::default());
+    }
+
+    /// The versions that the store is to have.
+    pub fn in_use(&self) -> impl Iterator<Item = &Lists> {
+        [&self.lists, &self.whole, &self.going].into_iter().flatten().map(|lists| &**lists)
+    }
+
+    /// An object is gone or damaged here; whether it is one that is to be fetched again.
+    pub fn lost(&mut self, hash: &ObjectHash) -> bool {
+        let Some(lists) = &self.lists else { return false };
+        let lists_it = lists.entries.iter().any(|entry| entry.hash == *hash && !entry.kind.is_stand_in());
+        let is_list = lists.offer.hash == *hash || lists.manifest.pages.iter().any(|page| page.hash == *hash);
+        if lists_it || is_list {
+            self.held = (0, 0);
+            self.missing.insert(*hash);
+        }
+        lists_it || is_list
     }
 
     /// Whether it is of this party, where parties have keys, or else of this neighbour.
@@ -95,17 +124,12 @@ impl Told {
         if party.is_some() { self.party == party } else { self.teller == teller }
     }
 
-    /// Whether an object is one of the map's.
-    pub fn has(&self, hash: &ObjectHash) -> bool {
-        self.all.contains(hash) || self.held_objects.contains(hash)
-    }
-
     /// What is said of it to whoever tells it.
     pub fn held(&self) -> Message {
-        let missing = match &self.entries {
-            Some(_) => self.missing.len() as u32,
-            None if self.held == self.offer.version() => 0,
-            None => u32::MAX,
+        let missing = match self.is_newest() {
+            true => self.missing.len() as u32,
+            false if self.held == self.offer.version() => 0,
+            false => u32::MAX,
         };
         let (begun, revision) = self.held;
         Message::Held { agent: self.offer.agent, begun, revision, missing }
@@ -113,7 +137,7 @@ impl Told {
 
     /// How much of it is here, whoever tells it being near or not; `None` before its lists are.
     pub fn heard(&self, is_near: bool) -> Option<Heard> {
-        let entries = Arc::clone(self.entries.as_ref()?);
+        let entries = Arc::clone(&self.lists.as_ref()?.entries);
         let (agent, begun, finished) = (self.offer.agent, self.offer.begun, self.is_finished());
         let (missing, came) = (self.missing.len(), self.came);
         Some(Heard { agent, begun, entries, missing, came, finished, is_near })
@@ -121,18 +145,17 @@ impl Told {
 
     /// Whether the agent's run has ended, by the newest lists that are here.
     pub fn is_finished(&self) -> bool {
-        self.manifest.as_ref().is_some_and(|manifest| manifest.finished)
+        self.lists.as_ref().is_some_and(|lists| lists.manifest.finished)
     }
 
-    /// Of how many keyframes the depth is listed.
-    pub fn keyframes(&self) -> usize {
-        let entries = self.entries.iter().flat_map(|entries| entries.iter());
-        entries.filter(|entry| entry.kind == Kind::Depth).count()
+    /// What it takes by these.
+    pub fn load(&self) -> Load {
+        self.lists.as_ref().map_or_else(Load::default, |lists| lists.load)
     }
 
     /// The kind of the agent's sensor, once a keyframe is listed.
     pub fn sensor(&self) -> Option<SensorKind> {
-        sensor_of(self.entries.as_deref().unwrap_or_default())
+        self.lists.as_ref()?.sensor
     }
 
     /// How many objects are not here yet.
@@ -140,24 +163,42 @@ impl Told {
         self.missing.len()
     }
 
-    /// What is to be fetched of it, the most urgent first; takes note of what of that is awaited.
-    fn wants(&mut self, store: &dyn Store) -> Vec<Want> {
-        // The lists of the newest version; as long as they are not here, what is known of the one before.
-        let newest = self.manifest.as_ref().filter(|manifest| self.is_newest(manifest));
-        let mut wants = Vec::new();
-        if newest.is_none() {
-            match store.get(&self.offer.hash).and_then(|bytes| Manifest::from_bytes(&bytes).ok()) {
-                None => wants.push(Want { hash: self.offer.hash, size: self.offer.size }),
-                Some(manifest) => {
-                    let pages = manifest.pages.iter().filter(|page| !store.has(&page.hash));
-                    wants.extend(pages.map(|page| Want { hash: page.hash, size: page.size }));
-                }
+    /// Whether all of it is here, and not on the disk yet.
+    pub fn is_unkept(&self) -> bool {
+        self.is_newest() && self.missing.is_empty() && self.held != self.offer.version()
+    }
+
+    /// Whether the lists that are here are those of the newest version.
+    fn is_newest(&self) -> bool {
+        self.lists.as_ref().is_some_and(|lists| lists.offer.version() == self.offer.version())
+    }
+
+    /// The lists that are to be fetched; `known` are pages that need not be.
+    fn wanted_lists(&self, known: &Ledger) -> Vec<Want> {
+        let of_page = |page: &PageRef| Want { hash: page.hash, size: page.size };
+        let manifest = Want { hash: self.offer.hash, size: self.offer.size };
+        match (&self.coming.manifest, &self.lists) {
+            _ if self.is_newest() => {
+                // Their files may be lost.
+                let pages = self.lists.iter().flat_map(|lists| &lists.manifest.pages).map(of_page);
+                pages.chain([manifest]).filter(|want| self.missing.contains(&want.hash)).collect()
             }
+            (Some((newest, _)), _) => {
+                let is_here = |hash| self.coming.pages.contains_key(hash) || known.page(hash).is_some();
+                newest.pages.iter().filter(|page| !is_here(&page.hash)).map(of_page).collect()
+            }
+            (None, _) => vec![manifest],
         }
+    }
+
+    /// What is to be fetched of it, the most urgent first; takes note of what of that is awaited.
+    fn wants(&mut self, store: &dyn Store, known: &Ledger) -> Vec<Want> {
+        // The lists of the newest version; as long as they are not here, what is known of the one before.
+        let mut wants = self.wanted_lists(known);
         let lists = wants.iter().map(|want| want.hash);
         let mut awaited: BTreeSet<ObjectHash> = lists.collect();
         let places: BTreeMap<(Kind, u32), usize> = self.preferred.iter().copied().zip(0..).collect();
-        let entries = self.entries.iter().flat_map(|entries| entries.iter());
+        let entries = self.lists.iter().flat_map(|lists| lists.entries.iter());
         // What is chosen by, then what was chosen, keyframe by keyframe, then all that the whole map needs.
         let turn = |entry: &&Entry| {
             let place = places.get(&(entry.kind, entry.number)).copied();
@@ -179,10 +220,6 @@ impl Told {
         wants.extend(entries.iter().map(|(_, entry)| Want { hash: entry.hash, size: entry.size }));
         self.awaited = awaited;
         wants
-    }
-
-    fn is_newest(&self, manifest: &Manifest) -> bool {
-        (manifest.begun, manifest.revision) == self.offer.version()
     }
 }
 

@@ -1,6 +1,8 @@
 //! What a node is told and what it wants done.
 
 use super::Quota;
+use crate::findings::Found;
+use crate::hash::ObjectHash;
 use crate::keys::{Party, Signer};
 use crate::manifest::{Entry, Kind};
 use crate::publishing::Publication;
@@ -25,6 +27,8 @@ pub struct Config {
     /// Of maps of others only lists and places of keyframes come by themselves, and all else once it is asked for by
     /// [`Event::Prefer`].
     pub waits: bool,
+    /// The oldest and the newest version of the protocol that is spoken, [`VERSIONS`](crate::wire::VERSIONS).
+    pub versions: [u16; 2],
     /// Signs what is told, where parties have keys: then of others only what is signed is believed.
     pub signer: Option<Arc<Signer>>,
 }
@@ -43,6 +47,13 @@ pub enum Event {
     },
     /// A link could not be opened or broke, and why.
     Trouble(String),
+    /// Nobody answers where it was dialled; it is dialled again.
+    Unanswered {
+        /// Where.
+        address: String,
+        /// What the system says.
+        reason: String,
+    },
     /// A link is gone.
     Down {
         /// Which.
@@ -79,8 +90,8 @@ pub enum Event {
     Findings {
         /// Which version it is.
         revision: u64,
-        /// What.
-        bytes: Vec<u8>,
+        /// What; each neighbour is told what concerns the agents that it tells.
+        found: Arc<Found>,
     },
 }
 
@@ -95,6 +106,18 @@ pub enum Action {
         priority: Priority,
         /// The message.
         bytes: Vec<u8>,
+    },
+    /// A part of an object that is told is to be read and sent as [`Message::Part`](crate::wire::Message::Part), or
+    /// [`Message::Missing`](crate::wire::Message::Missing) where it is not there.
+    Serve {
+        /// On which link.
+        link: LinkId,
+        /// Which object.
+        hash: ObjectHash,
+        /// From which byte.
+        offset: u32,
+        /// How many bytes.
+        length: u32,
     },
     /// A link is to be closed.
     Close {
@@ -117,12 +140,28 @@ pub enum News {
         /// Where it is.
         address: String,
     },
+    /// A neighbour is not there any more.
+    Gone {
+        /// What people call it.
+        name: String,
+        /// How that was noticed.
+        reason: String,
+    },
+    /// Nobody answers where it was dialled, and did before or never was.
+    Unanswered {
+        /// Where.
+        address: String,
+        /// What the system says.
+        reason: String,
+    },
     /// There is more of an agent's map than before.
     Map(Heard),
     /// A neighbour found something out about where agents are.
     Findings {
         /// Who.
         from: Uuid,
+        /// Whose node that is, where parties have keys.
+        party: Option<Uuid>,
         /// What, not looked at.
         bytes: Vec<u8>,
     },
@@ -135,6 +174,15 @@ pub enum News {
         /// Which version, see [`Offer::version`](crate::wire::Offer::version).
         version: (u64, u64),
     },
+    /// A version of an own map is on the disk, and told.
+    Told {
+        /// Whose map.
+        agent: Identity,
+        /// Which version.
+        version: (u64, u64),
+    },
+    /// Something of an own map is not kept, and so not told: all of it is to be published anew.
+    Unkept,
     /// Something was refused, by this one or the other, or did not work.
     Trouble(String),
 }

@@ -16,7 +16,7 @@ use crate::wire::Priority;
 use std::io::{Error, ErrorKind};
 
 /// Carries messages. What happens on its links it tells as [`Event`](crate::node::Event)s to whoever started it.
-pub trait Transport: Send {
+pub trait Transport: Send + Sync {
     /// Sends a message on a link; never waits. Without room it is dropped.
     fn send(&self, link: LinkId, priority: Priority, bytes: Vec<u8>);
 

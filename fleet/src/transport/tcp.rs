@@ -190,6 +190,11 @@ impl Shared {
         }
     }
 
+    /// Why nobody answers where it was dialled.
+    fn unanswered(&self, address: &str, reason: String) {
+        let _ = self.events.send(Event::Unanswered { address: address.to_owned(), reason });
+    }
+
     /// Takes a connection that came.
     fn take(self: &Arc<Self>, socket: TcpStream, from: SocketAddr) {
         // Its port is another one each time, and says nothing to people.
@@ -270,24 +275,40 @@ fn accept(shared: &Arc<Shared>, listener: &TcpListener) {
     }
 }
 
+/// Dials once.
+fn dial(endpoint: &Endpoint) -> std::result::Result<TcpStream, String> {
+    let addresses = endpoint.resolve().map_err(|error| format!("{error:#}"))?;
+    // A name without TLS may have come to be another machine's.
+    let may = |address: &&SocketAddr| endpoint.secure || address.ip().is_loopback();
+    let mut reason = "it has no address that may be dialled".to_owned();
+    for address in addresses.iter().filter(may) {
+        match TcpStream::connect_timeout(address, PATIENCE) {
+            Ok(socket) => return Ok(socket),
+            Err(error) => reason = error.to_string(),
+        }
+    }
+    Err(reason)
+}
+
 /// Dials until the end.
 fn redial(shared: &Arc<Shared>, endpoint: &Endpoint) {
     let (mut pause, place) = (REDIAL[0], endpoint.to_string());
     while !shared.ends() {
-        let dialled = endpoint.resolve().map_err(|error| shared.trouble(Some(error.to_string())));
-        // A name without TLS may have come to be another machine's.
-        let may = |address: &SocketAddr| endpoint.secure || address.ip().is_loopback();
-        let addresses = dialled.unwrap_or_default().into_iter().filter(may);
-        let dial = |address: SocketAddr| TcpStream::connect_timeout(&address, PATIENCE).ok();
-        if let Some(socket) = addresses.filter_map(dial).next() {
-            let since = Instant::now();
-            match shared.open(&socket, Side::Dialled) {
-                Ok((stream, party)) => shared.serve(stream, party, &place, &place),
-                Err(error) => shared.trouble(said(&place, &error)),
+        match dial(endpoint) {
+            Ok(socket) => {
+                let since = Instant::now();
+                match shared.open(&socket, Side::Dialled) {
+                    Ok((stream, party)) => shared.serve(stream, party, &place, &place),
+                    Err(error) => {
+                        shared.trouble(said(&place, &error));
+                        shared.unanswered(&place, error.to_string());
+                    }
+                }
+                if since.elapsed() > PATIENCE {
+                    pause = REDIAL[0];
+                }
             }
-            if since.elapsed() > PATIENCE {
-                pause = REDIAL[0];
-            }
+            Err(reason) => shared.unanswered(&place, reason),
         }
         let until = Instant::now() + pause;
         while Instant::now() < until && !shared.ends() {

@@ -7,7 +7,7 @@ use anyhow::Result;
 use fleet::assembling::Assembler;
 use fleet::hash::ObjectHash;
 use fleet::node::Heard;
-use fleet::store::Store;
+use fleet::store::Objects;
 use map::{AgentId, Identity, KeyframeId, Map, SensorKind};
 use place_recog::Vocabulary;
 use std::collections::{BTreeMap, BTreeSet};
@@ -69,7 +69,7 @@ struct Seen {
 /// Where maps are put together.
 pub(super) struct Place<'a> {
     /// Where the objects are.
-    pub store: &'a dyn Store,
+    pub store: &'a dyn Objects,
     /// The folder of the agents' own maps.
     pub folder: &'a Path,
     /// By whose words places are recognised.
@@ -118,7 +118,7 @@ impl Maps {
         let of_agents = self.agents.iter().filter_map(|(identity, agent)| {
             let (hash, input) = agent.content.zip(agent.images.clone())?;
             let key = (!input.map.is_metric(), agent.begun);
-            Some((key, Content { agent: *identity, hash }, agent.whole, input))
+            Some((key, Content { agent: *identity, hash }, agent.state(), input))
         });
         let mut all = Inputs::in_order(of_agents);
         for number in 1..all.inputs.len() {
@@ -131,8 +131,9 @@ impl Maps {
     /// Takes the LiDARs' maps out, the eldest first.
     pub fn lend_scans(&mut self) -> Inputs<ScanInput> {
         let of_agents = self.agents.iter_mut().filter_map(|(identity, agent)| {
+            let state = agent.state();
             let (hash, input) = agent.content.zip(agent.scans.take())?;
-            Some((agent.begun, Content { agent: *identity, hash }, agent.whole, input))
+            Some((agent.begun, Content { agent: *identity, hash }, state, input))
         });
         let mut all = Inputs::in_order(of_agents);
         ScanInput::name_apart(&mut all.inputs);
@@ -157,20 +158,23 @@ pub(super) struct Inputs<T> {
     pub contents: Vec<Content>,
     /// Whether each is all of an agent's map.
     pub whole: Vec<bool>,
+    /// Whether each is, and will not change any more.
+    pub over: Vec<bool>,
 }
 
 impl<T> Inputs<T> {
-    /// Those of agents by their keys, of equal ones the smaller identity first; each with what stands for it and whether it
-    /// is whole.
-    fn in_order<K: Ord>(all: impl Iterator<Item = (K, Content, bool, T)>) -> Self {
+    /// Those of agents by their keys, of equal ones the smaller identity first; each with what stands for it, whether it
+    /// is whole and whether it is over.
+    fn in_order<K: Ord>(all: impl Iterator<Item = (K, Content, [bool; 2], T)>) -> Self {
         let mut all: Vec<_> = all.collect();
         all.sort_by(|(a, of_a, ..), (b, of_b, ..)| a.cmp(b).then(of_a.agent.cmp(&of_b.agent)));
-        let (inputs, contents, whole) = Default::default();
-        let mut ordered = Self { inputs, contents, whole };
-        for (_, content, whole, input) in all {
+        let (inputs, contents, whole, over) = Default::default();
+        let mut ordered = Self { inputs, contents, whole, over };
+        for (_, content, [whole, over], input) in all {
             ordered.inputs.push(input);
             ordered.contents.push(content);
             ordered.whole.push(whole);
+            ordered.over.push(over);
         }
         ordered
     }
@@ -181,6 +185,11 @@ impl Agent {
     fn new(begun: u64) -> Self {
         let (assembler, sensor, seen, content, images, scans) = Default::default();
         Self { assembler, begun, sensor, seen, content, whole: false, finished: false, images, scans }
+    }
+
+    /// Whether all of it is here, and will not change any more.
+    fn state(&self) -> [bool; 2] {
+        [self.whole, self.whole && self.finished]
     }
 
     /// Puts the map together of what is there. A map whose run is over is written once it is whole.

@@ -3,6 +3,7 @@
 use fleet::findings::Found;
 use map::Identity;
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// How long the other one may take before one looks oneself: twice what two maps of 100 keyframes may take over
@@ -20,8 +21,9 @@ impl Courtesy {
         &mut self,
         all: &[Identity],
         own: &[Identity],
-        told: &[Found],
+        told: &[Arc<Found>],
     ) -> BTreeSet<[Identity; 2]> {
+        self.0.retain(|pair, _| pair.iter().all(|agent| all.contains(agent)));
         let others = all.iter().filter(|agent| !own.contains(agent));
         let pairs = others.flat_map(|other| own.iter().map(move |own| [*other, *own]));
         let mut is_left = |pair: &[Identity; 2]| {
@@ -53,14 +55,14 @@ mod tests {
     #[test]
     fn one_of_two_looks_and_the_other_waits_for_what_it_says() {
         let pair = [agent(1), agent(2)];
-        let left = |own: &[Identity], told: &[Found]| {
+        let left = |own: &[Identity], told: &[Arc<Found>]| {
             Courtesy::default().left_to_others(&pair, own, told).contains(&pair)
         };
         assert!(!left(&[agent(1)], &[]));
         assert!(left(&[agent(2)], &[]));
         // A station has no map of its own, and whoever has both looks at them.
         assert!(!left(&[], &[]) && !left(&pair, &[]));
-        assert!(left(&[agent(2)], &[found(true)]));
-        assert!(!left(&[agent(2)], &[found(false)]));
+        assert!(left(&[agent(2)], &[found(true).into()]));
+        assert!(!left(&[agent(2)], &[found(false).into()]));
     }
 }

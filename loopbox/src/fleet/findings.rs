@@ -1,12 +1,18 @@
 //! What merging found out about where agents are.
 
 use crate::merging::{Input, Merging, refusal_of};
-use fleet::findings::{Found, FoundAgent, FoundMeeting, numbers};
+use fleet::findings::{ACCEPTED, Found, FoundAgent, FoundMeeting, NOT_YET, numbers};
 use map::AgentId;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// What a merging of maps found; `whole` says of each whether it is all of the agent's map.
-pub(super) fn found(inputs: &[Input], merging: &Merging, whole: &[bool]) -> Found {
+/// What a merging of maps found; `whole` says of each whether it is all of the agent's map. Pairs of inputs, the first one
+/// first, of which it `is_open` whether more is to be looked at, are not merged yet, and nothing worse is said of them.
+pub(super) fn found(
+    inputs: &[Input],
+    merging: &Merging,
+    whole: &[bool],
+    is_open: impl Fn([usize; 2]) -> bool,
+) -> Found {
     let identity = |agent: AgentId| {
         let own = merging.common.agents().get(&agent)?;
         own.agents.values().next()?.identity.map(|identity| identity.to_string())
@@ -32,11 +38,17 @@ pub(super) fn found(inputs: &[Input], merging: &Merging, whole: &[bool]) -> Foun
             let agent = merging.addresses.get(input).and_then(|addresses| addresses.agents().next());
             agent.and_then(identity).unwrap_or_default()
         }),
-        verdict: encounter.verdict().to_owned(),
+        verdict: said(encounter.verdict(), is_open(encounter.as_given())),
         why: refusal_of(merging, encounter),
         pending: false,
     });
     Found { agents: inputs.iter().enumerate().filter_map(agent).collect(), meetings: meetings.collect() }
+}
+
+/// What is said of a pair, of which it `is_open` whether more is to be looked at.
+pub(super) fn said(verdict: &str, is_open: bool) -> String {
+    let verdict = if is_open && verdict != ACCEPTED { NOT_YET } else { verdict };
+    verdict.to_owned()
 }
 
 /// Of what `parts` of maps found what `whole` maps do not say yet. Of agents that hang together by parts one of those that do

@@ -1,11 +1,11 @@
 //! One party of the fleet: a node with what it tells and what it collects.
 
 use super::collecting::Collector;
+use super::found_out::FoundOut;
 use super::listening::CommonListener;
 use super::status::{AgentLine, LinkLine, STATUS, StatusFile};
 use super::telling::{Teller, Telling};
 use super::waiting::Waits;
-use crate::results::is_of_the_disk;
 use anyhow::{Context, Result, anyhow};
 use fleet::findings::Found;
 use fleet::keys::Keys;
@@ -13,10 +13,11 @@ use fleet::node::{News, Quota, Status};
 use fleet::service::{Service, ServiceOptions};
 use fleet::transport::Endpoint;
 use fleet::wire::Role;
+use map::Uuid;
 use sources::Stop;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
@@ -28,6 +29,8 @@ pub const OBJECTS: &str = "fleet";
 const COMMON: &str = "common";
 /// How often that is looked after.
 const LOOK: Duration = Duration::from_millis(100);
+/// How long it is waited in the end until the disk has what is whole.
+const KEEPING: Duration = Duration::from_secs(10);
 /// How often the file is written.
 const STATUS_INTERVAL: Duration = Duration::from_secs(1);
 
@@ -60,6 +63,8 @@ pub struct Fleet {
     shared: Arc<Shared>,
     path: PathBuf,
     thread: Option<JoinHandle<Result<Collector>>>,
+    /// Writes how things are, whatever takes long.
+    writing: Option<JoinHandle<()>>,
 }
 
 #[derive(Default)]
@@ -71,8 +76,16 @@ struct Shared {
     enough: Option<usize>,
     /// Where the thread tells people what happens.
     tell: Option<Tell>,
+    /// Ends the thread that writes how things are.
+    ends: AtomicBool,
+    /// Whether something was found that is not shown.
+    is_new: AtomicBool,
     /// Where it shows how things are.
     shows: Mutex<Option<Shows>>,
+    /// How long agents waited for their places.
+    waits: Mutex<Waits>,
+    /// What neighbours found out.
+    heard: Mutex<FoundOut>,
 }
 
 /// Tells people what happens.
@@ -114,17 +127,20 @@ impl Fleet {
             status.listening = service.listening().map(Endpoint::to_string);
         }
         let (of_thread, seen) = (Arc::clone(&shared), Arc::clone(&service));
-        let path = options.out.join(STATUS);
-        let (at, is_beside) = (path.clone(), options.is_beside);
+        let (path, is_beside) = (options.out.join(STATUS), options.is_beside);
         let work = move || {
             if is_beside {
                 crate::run::give_way();
             }
-            of_thread.attend(collector, &seen, &at)
+            of_thread.attend(collector, &seen)
         };
         let thread = std::thread::Builder::new().name("fleet-merge".into()).spawn(work);
         let thread = Some(thread.context("cannot start a thread")?);
-        Ok(Self { service, telling: Mutex::new(None), begun: now_ms(), shared, path, thread })
+        let (of_thread, seen, at) = (Arc::clone(&shared), Arc::clone(&service), path.clone());
+        let work = move || of_thread.write_until_the_end(&seen, &at);
+        let writing = std::thread::Builder::new().name("fleet-status".into()).spawn(work);
+        let writing = Some(writing.context("cannot start a thread")?);
+        Ok(Self { service, telling: Mutex::new(None), begun: now_ms(), shared, path, thread, writing })
     }
 
     /// Who is to be told of a run's map, so that it is told here.
@@ -204,7 +220,22 @@ impl Fleet {
     /// Ends it now.
     fn end(&mut self) -> Result<()> {
         self.shared.stop.request();
-        let Some(thread) = self.thread.take() else { return Ok(()) };
+        let ended = self.finish();
+        self.shared.ends.store(true, Ordering::Relaxed);
+        if let Some(writing) = self.writing.take() {
+            // One that broke down writes no more.
+            let _ = writing.join();
+        }
+        if !ended? {
+            return Ok(());
+        }
+        self.shared.status().ended = true;
+        self.shared.show(&self.service.status(), &self.path)
+    }
+
+    /// Merges and keeps what is left; whether that was still to be done.
+    fn finish(&mut self) -> Result<bool> {
+        let Some(thread) = self.thread.take() else { return Ok(false) };
         let ended = thread.join().map_err(|_| anyhow!("merging broke down, which is a fault of loopbox"))?;
         // What is left is done here: the thread gave way to all others.
         let mut collector = ended?;
@@ -212,7 +243,13 @@ impl Fleet {
         if let Some(found) = found {
             self.shared.status().found = found;
         }
-        self.shared.show(&self.service.status(), collector.waits(), &self.path)
+        // What is whole here is to be on the disk, and its agents to know.
+        let begun = Instant::now();
+        while self.service.status().unkept > 0 && begun.elapsed() < KEEPING {
+            std::thread::sleep(LOOK);
+        }
+        *self.shared.waits() = collector.waits().clone();
+        Ok(true)
     }
 }
 
@@ -227,6 +264,11 @@ impl Shared {
     fn status(&self) -> std::sync::MutexGuard<'_, StatusFile> {
         // Every section leaves it whole.
         self.status.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn waits(&self) -> std::sync::MutexGuard<'_, Waits> {
+        // Every section leaves it whole.
+        self.waits.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn say(&self, text: &str) {
@@ -250,39 +292,55 @@ impl Shared {
     fn hear(&self, news: News) {
         match news {
             News::Met { name, address } => self.say(&format!("{name} is there, at {address}")),
+            News::Gone { name, reason } => self.say(&format!("{name} is not there any more: {reason}")),
+            News::Unanswered { address, reason } => {
+                self.say(&format!("{address} does not answer ({reason}); it is dialled again and again"));
+            }
             News::Trouble(text) => self.trouble(&text),
             News::Held { by, .. } => self.say(&format!("{by} holds all of the map told so far")),
-            News::Findings { from, bytes } => {
-                let found = match Found::from_bytes(&bytes) {
-                    Ok(found) => found,
-                    Err(why) => {
-                        return self
-                            .trouble(&format!("a neighbour tells what is not to be understood: {why}"));
-                    }
-                };
-                let mut status = self.status();
-                let from = from.to_string();
-                let told = &mut status.told;
-                let accepted = found.accepted();
-                let before = told.iter().position(|(name, _)| *name == from);
-                let before = before.map(|at| told.swap_remove(at).1.accepted());
-                told.push((from, found));
-                drop(status);
-                if before != Some(accepted) {
-                    self.say(&format!("a neighbour has merged {accepted} pairs of maps"));
-                }
-            }
-            News::Map(_) => {}
+            News::Findings { from, party, bytes } => match Found::from_bytes(&bytes) {
+                Ok(found) => self.hear_found(from, party, found),
+                Err(why) => self.trouble(&format!("a neighbour tells what is not to be understood: {why}")),
+            },
+            News::Map(_) | News::Told { .. } | News::Unkept => {}
         }
     }
 
-    /// Merges what comes, and says how things are, until the end.
-    fn attend(&self, mut collector: Collector, service: &Service, path: &Path) -> Result<Collector> {
+    /// A neighbour found something out.
+    fn hear_found(&self, from: Uuid, party: Option<Uuid>, found: Found) {
+        let accepted = found.accepted();
+        let mut heard = self.heard.lock().unwrap_or_else(PoisonError::into_inner);
+        let before = heard.take(from, party, found);
+        self.status().told = heard.all();
+        drop(heard);
+        if before != Some(accepted) {
+            self.say(&format!("a neighbour has merged {accepted} pairs of maps"));
+        }
+    }
+
+    /// Writes how things are, every second, and whenever something was found.
+    fn write_until_the_end(&self, service: &Service, path: &Path) {
         let mut written = None::<Instant>;
+        while !self.ends.load(Ordering::Relaxed) {
+            let is_due = written.is_none_or(|written| written.elapsed() >= STATUS_INTERVAL);
+            if self.is_new.swap(false, Ordering::Relaxed) || is_due {
+                // It will say more when there is room.
+                if let Err(error) = self.show(&service.status(), path) {
+                    self.trouble(&format!("{error:#}"));
+                }
+                written = Some(Instant::now());
+            }
+            std::thread::sleep(LOOK / 2);
+        }
+    }
+
+    /// Merges what comes until the end.
+    fn attend(&self, mut collector: Collector, service: &Service) -> Result<Collector> {
         let warn = |text: &str| self.trouble(text);
         let mut arrivals = 0;
         loop {
-            let told: Vec<Found> = self.status().told.iter().map(|(_, found)| found.clone()).collect();
+            let told: Vec<Arc<Found>> =
+                self.status().told.iter().map(|(_, found)| Arc::clone(&found.0)).collect();
             let found = collector.step(service, &told, &warn, &self.stop)?;
             // What was found says what is next.
             let patience = if found.is_some() || collector.has_more() { Duration::ZERO } else { LOOK };
@@ -296,19 +354,12 @@ impl Shared {
                         "{count} pairs of maps are merged, after {kilobytes} kB of objects came"
                     ));
                 }
-                service.findings(now_ms(), found.to_bytes());
+                service.findings(now_ms(), Arc::new(found.clone()));
                 self.status().found = found;
-                written = None;
+                *self.waits() = collector.waits().clone();
+                self.is_new.store(true, Ordering::Relaxed);
             }
             collector.remind();
-            if written.is_none_or(|written| written.elapsed() > STATUS_INTERVAL) {
-                match self.show(&service.status(), collector.waits(), path) {
-                    // It will say more when there is room.
-                    Err(error) if is_of_the_disk(&error) => self.trouble(&format!("{error:#}")),
-                    shown => shown?,
-                }
-                written = Some(Instant::now());
-            }
             let is_enough = self.enough.is_some_and(|agents| collector.is_done(agents));
             if self.stop.requested() || is_enough {
                 return Ok(collector);
@@ -318,12 +369,14 @@ impl Shared {
     }
 
     /// Writes how things are.
-    fn show(&self, now: &Status, waits: &Waits, path: &Path) -> Result<()> {
-        let links = now.neighbours.iter().map(LinkLine::of);
-        let agents = now.agents.iter().map(|agent| AgentLine::of(agent, waits));
+    fn show(&self, now: &Status, path: &Path) -> Result<()> {
+        let unanswered = now.unanswered.iter().map(LinkLine::unanswered);
+        let links = unanswered.chain(now.neighbours.iter().map(LinkLine::of)).collect();
+        let waits = self.waits().clone();
+        let agents = now.agents.iter().map(|agent| AgentLine::of(agent, &waits)).collect();
         let text = {
             let mut status = self.status();
-            (status.links, status.agents) = (links.collect(), agents.collect());
+            (status.links, status.agents, status.written_ms) = (links, agents, now_ms());
             if let Some(shows) = &*self.shows.lock().unwrap_or_else(PoisonError::into_inner) {
                 shows(status.neighbourhood());
             }

@@ -4,6 +4,7 @@
 
 use super::agents::Inputs;
 use super::collecting::{Failed, WRITE_INTERVAL};
+use super::findings::said;
 use super::listening::CommonListener;
 use super::remembering::Verdicts;
 use crate::lidar::merging::{Input, LidarMergeRecord, LidarMerging, decision, merge_knowing, place_of};
@@ -139,7 +140,7 @@ fn found(lent: &Inputs<Input>, merging: Option<&LidarMerging>) -> Found {
     let meetings = merging.into_iter().flat_map(|merging| &merging.pairs).map(|pair| FoundMeeting {
         names: [pair.a, pair.b].map(|input| lent.inputs[input].name.clone()),
         agents: [pair.a, pair.b].map(identity),
-        verdict: decision(pair).to_owned(),
+        verdict: said(decision(pair), ![pair.a, pair.b].iter().all(|input| lent.over[*input])),
         why: (decision(pair) != "accepted").then(|| pair.reason()),
         pending: false,
     });
@@ -204,7 +205,8 @@ mod tests {
             Content { agent: agent(&name(map)), hash }
         };
         let (inputs, contents) = (maps.iter().map(input).collect(), maps.iter().map(content).collect());
-        Inputs { inputs, contents, whole: vec![true; maps.len()] }
+        let all = vec![true; maps.len()];
+        Inputs { inputs, contents, whole: all.clone(), over: all }
     }
 
     /// Keeps the topics of what is published to ROS 2.

@@ -1,14 +1,16 @@
 //! How things are with a party of the fleet, as its file says it.
 
 use super::waiting::{Waited, Waits};
-use anyhow::{Context, Result};
+use anyhow::Context;
 use fleet::findings::{Found, FoundMeeting};
 use fleet::node::{AgentStatus, NeighbourStatus};
 use map::SensorKind;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
+use std::sync::Arc;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use view::watch::{Meeting, Neighbour, Neighbourhood, ToldMap};
 
 /// Maps and pairs of them that a page shows at the most: what others found may be any number.
@@ -18,9 +20,14 @@ pub const STATUS: &str = "fleet.json";
 
 /// How things are, as the file `fleet.json` says it.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[serde(default)]
 pub struct StatusFile {
     /// What people call this party.
     pub name: String,
+    /// When this was written, milliseconds since 1970; every second as long as the party is at work.
+    pub written_ms: u64,
+    /// Whether it has ended, and was not killed.
+    pub ended: bool,
     /// Where it listens.
     pub listening: Option<String>,
     /// Whom it knows.
@@ -30,9 +37,25 @@ pub struct StatusFile {
     /// What was found out here about where agents are.
     pub found: Found,
     /// What others found out, by their names.
-    pub told: Vec<(String, Found)>,
+    pub told: Vec<(String, ToldFound)>,
     /// The last that was refused or went wrong.
     pub trouble: Vec<String>,
+}
+
+/// What another one found out.
+#[derive(Clone, Debug, Default)]
+pub struct ToldFound(pub Arc<Found>);
+
+impl Serialize for ToldFound {
+    fn serialize<S: Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
+        self.0.serialize(to)
+    }
+}
+
+impl<'de> Deserialize<'de> for ToldFound {
+    fn deserialize<D: Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
+        Found::deserialize(from).map(|found| Self(found.into()))
+    }
 }
 
 /// A neighbour.
@@ -43,6 +66,10 @@ pub struct LinkLine {
     pub name: String,
     /// Where it is; nothing while there is no link.
     pub address: Option<String>,
+    /// Seconds for which it has been there, or has not.
+    pub since_s: f64,
+    /// Why it is not there, of one that is dialled and does not answer.
+    pub why: Option<String>,
     /// Seconds since it was last heard; nothing while there is no link.
     pub silent_s: Option<f64>,
     /// Bytes of objects that came from it.
@@ -85,6 +112,8 @@ impl LinkLine {
         Self {
             name: neighbour.name.clone(),
             address: neighbour.address.clone(),
+            since_s: neighbour.since.as_secs_f64(),
+            why: None,
             silent_s: neighbour.silent.map(|silent| silent.as_secs_f64()),
             received: neighbour.received,
             useless: neighbour.useless,
@@ -92,6 +121,12 @@ impl LinkLine {
             rate: neighbour.rate,
             lacks: neighbour.lacks,
         }
+    }
+
+    /// Of an address at which nobody answers.
+    pub(super) fn unanswered((address, since, reason): &(String, Duration, String)) -> Self {
+        let (name, why) = (address.clone(), Some(reason.clone()));
+        Self { name, why, since_s: since.as_secs_f64(), ..Self::default() }
     }
 }
 
@@ -112,18 +147,45 @@ impl AgentLine {
     }
 }
 
+/// How old a status is that a party at work has written: longer, and nobody is there to write it.
+const STALE: Duration = Duration::from_secs(10);
+
 impl StatusFile {
+    /// Seconds since it was written.
+    pub fn age_s(&self) -> f64 {
+        let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+        now.saturating_sub(Duration::from_millis(self.written_ms)).as_secs_f64()
+    }
+
+    /// Whether the party was at work and gives no sign of life: it was killed, or stands still.
+    pub fn is_stale(&self) -> bool {
+        !self.ended && self.age_s() > STALE.as_secs_f64()
+    }
+
+    /// What people call a map: by the name of its agent, once it was looked at, else by who tells it, else by its identity.
+    pub fn name_of<'a>(&'a self, line: &'a AgentLine) -> &'a str {
+        let about = self.all().find_map(|found| found.agents.iter().find(|about| about.agent == line.agent));
+        about.map(|about| &about.name).or(line.teller.as_ref()).unwrap_or(&line.agent)
+    }
+
+    /// What was found here, and by others.
+    fn all(&self) -> impl Iterator<Item = &Found> {
+        std::iter::once(&self.found).chain(self.told.iter().map(|(_, found)| &*found.0))
+    }
+
     /// The same as pages show it: what was found here, and what others say of pairs that were not looked at here.
     pub(super) fn neighbourhood(&self) -> Neighbourhood {
         let link = |link: &LinkLine| Neighbour {
             name: link.name.clone(),
             address: link.address.clone(),
+            since_s: link.since_s,
+            why: link.why.clone(),
             received: link.received,
             wanted: link.wanted,
             rate: link.rate,
             lacks: link.lacks,
         };
-        let told = self.told.iter().map(|(_, found)| (true, found));
+        let told = self.told.iter().map(|(_, found)| (true, &*found.0));
         let all = std::iter::once((false, &self.found)).chain(told);
         let mut seen = BTreeSet::new();
         let is_new = |(_, meeting): &(bool, &FoundMeeting)| {
@@ -148,16 +210,13 @@ impl StatusFile {
 
     /// Another's map, as pages show it; its agent's name is known once the map was looked at.
     fn told_map(&self, line: &AgentLine) -> ToldMap {
-        let all = || std::iter::once(&self.found).chain(self.told.iter().map(|(_, found)| found));
-        let about = all().find_map(|found| found.agents.iter().find(|about| about.agent == line.agent));
-        let name = about.map(|about| &about.name).or(line.teller.as_ref()).unwrap_or(&line.agent);
         ToldMap {
-            name: name.clone(),
+            name: self.name_of(line).to_owned(),
             keyframes: line.keyframes,
             missing: line.missing,
             finished: line.finished,
             is_lidar: line.sensor == Some(SensorKind::Lidar),
-            is_joined: all().any(|found| found.is_joined(&line.agent)),
+            is_joined: self.all().any(|found| found.is_joined(&line.agent)),
         }
     }
 }
@@ -166,7 +225,7 @@ impl StatusFile {
 ///
 /// # Errors
 /// When there is none.
-pub fn read_status(folder: &Path) -> Result<StatusFile> {
+pub fn read_status(folder: &Path) -> anyhow::Result<StatusFile> {
     let path = folder.join(STATUS);
     let text = fs::read(&path).with_context(|| {
         format!(
@@ -224,11 +283,12 @@ mod tests {
     fn a_page_shows_what_was_found_here_and_of_other_pairs_what_others_found_within_limits() {
         let mut status =
             StatusFile { found: found([[1, 2]].into_iter(), "accepted"), ..StatusFile::default() };
-        status.told = vec![("x".into(), found([[2, 1], [1, 3]].into_iter(), "refused"))];
+        let told = |found: Found| ToldFound(found.into());
+        status.told = vec![("x".into(), told(found([[2, 1], [1, 3]].into_iter(), "refused")))];
         let shown: Vec<(String, bool)> =
             status.neighbourhood().meetings.into_iter().map(|m| (m.verdict, m.is_told)).collect();
         assert_eq!(shown, [("accepted".into(), false), ("refused".into(), true)]);
-        status.told.push(("y".into(), found((10..100_000).map(|other| [1, other]), "refused")));
+        status.told.push(("y".into(), told(found((10..100_000).map(|other| [1, other]), "refused"))));
         assert_eq!(status.neighbourhood().meetings.len(), SHOWN);
     }
 }

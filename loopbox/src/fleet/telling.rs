@@ -150,6 +150,12 @@ impl Work {
 
     /// Tells what is new.
     fn tell(&mut self, warn: &dyn Fn(&str)) {
+        if self.service.was_unkept() {
+            for growing in self.maps.values_mut() {
+                growing.publisher.begin_again();
+                growing.is_new = true;
+            }
+        }
         for growing in self.maps.values_mut().filter(|growing| growing.is_new) {
             growing.is_new = false;
             let has_none = |keyframe: &Keyframe| keyframe.semi_dense.is_empty() && keyframe.scan.is_none();

@@ -24,6 +24,10 @@ pub struct Neighbour {
     pub name: String,
     /// Where it is; nothing while there is no link.
     pub address: Option<String>,
+    /// Seconds for which it has been there, or has not.
+    pub since_s: f64,
+    /// Why it is not there, of one that is dialled and does not answer.
+    pub why: Option<String>,
     /// Bytes of its maps that came.
     pub received: u64,
     /// Objects that are to be fetched from it by now.
@@ -56,7 +60,7 @@ pub struct ToldMap {
 pub struct Meeting {
     /// Their names.
     pub names: [String; 2],
-    /// `accepted`, `undecided` or `refused`.
+    /// `accepted`, `not yet`, `undecided` or `refused`.
     pub verdict: String,
     /// Why not, where they were not merged.
     pub why: Option<String>,

@@ -5,7 +5,7 @@ use crate::keys::{Authority, Keys, Validity};
 use crate::node::{Config, Event, Node, Quota};
 use crate::publishing::Publisher;
 use crate::test_support::{Faults, Network, agent, config, map};
-use crate::wire::{Message, Offer, Role, VERSION};
+use crate::wire::{Message, Offer, Role, VERSIONS};
 use map::Identity;
 use std::sync::Arc;
 use std::time::Duration;
@@ -126,7 +126,7 @@ fn nobody_takes_anothers_place_by_its_name() {
     network.run_until(SECONDS(2), |_| false);
     let hello = |node, name: &str| {
         let name = name.to_owned();
-        Message::Hello { version: VERSION, node, role: Role::Agent, name, findings: None }.to_bytes()
+        Message::Hello { version: VERSIONS[0], node, role: Role::Agent, name, findings: None }.to_bytes()
     };
     // A link of its own, on which it says that it is the other one from the beginning.
     let link = 77;

@@ -1,18 +1,21 @@
 //! What a node does about maps that others tell.
 
 use super::Told;
-use crate::assembling::entries_of;
+use crate::assembling::read_page;
 use crate::hash::ObjectHash;
 use crate::keys::Signature;
 use crate::link::Want;
-use crate::manifest::{Entry, Kind, Manifest};
+use crate::manifest::{ENTRIES, Kind, Manifest, Page};
 use crate::node::quota::Load;
-use crate::node::{Action, DISK_PAUSE, LinkId, News, Node};
+use crate::node::{Action, LinkId, Lists, News, Node, Quota};
 use crate::store::Head;
 use crate::wire::Offer;
 use map::{Identity, Uuid};
 use std::collections::BTreeSet;
-use std::time::Duration;
+use std::sync::Arc;
+
+/// Pages of a manifest beside those that are full: one of what is not of keyframes, and one of what is.
+const BESIDE_FULL: usize = 2;
 
 impl Node {
     /// A neighbour says which version of a map it has.
@@ -66,9 +69,10 @@ impl Node {
                     return;
                 }
                 told.offer = offer;
+                // Pages that came may be the next version's too.
+                told.coming.manifest = None;
             }
         }
-        self.lists(link, offer.agent);
         self.want(node);
     }
 
@@ -79,10 +83,10 @@ impl Node {
         let mut wants: Vec<Want> =
             newer.iter().map(|findings| Want { hash: findings.hash, size: findings.size }).collect();
         for told in self.told.values_mut().filter(|told| told.teller == node) {
-            wants.extend(told.wants(&*self.store));
+            wants.extend(told.wants(&*self.store, &self.of_told));
         }
         let mut seen = BTreeSet::new();
-        wants.retain(|want| seen.insert(want.hash));
+        wants.retain(|want| !neighbour.later.contains_key(&want.hash) && seen.insert(want.hash));
         neighbour.fetch.want(wants);
     }
 
@@ -98,26 +102,15 @@ impl Node {
     }
 
     /// An object came.
-    pub(in crate::node) fn object(
-        &mut self,
-        now: Duration,
-        link: LinkId,
-        node: Uuid,
-        hash: ObjectHash,
-        bytes: Vec<u8>,
-    ) {
+    pub(in crate::node) fn object(&mut self, link: LinkId, node: Uuid, hash: ObjectHash, bytes: Vec<u8>) {
         let Some(neighbour) = self.neighbours.get_mut(&node) else { return };
         if let Some(findings) = neighbour.findings.filter(|findings| findings.hash == hash) {
             neighbour.findings_here = findings.revision;
             self.arrivals += 1;
-            return self.actions.push(Action::News(News::Findings { from: node, bytes }));
+            let party = neighbour.party.as_ref().map(|party| party.id);
+            return self.actions.push(Action::News(News::Findings { from: node, party, bytes }));
         }
-        if let Err(error) = self.store.put(&hash, &bytes) {
-            self.paused_until = now + DISK_PAUSE;
-            let text = format!("what others tell cannot be kept: {error}; it is tried again");
-            self.actions.push(Action::News(News::Trouble(text)));
-            return self.want(node);
-        }
+        let bytes: Arc<[u8]> = bytes.into();
         let agents: Vec<_> =
             self.told.iter().filter(|(_, told)| told.teller == node).map(|(agent, _)| *agent).collect();
         let mut lists_came = false;
@@ -128,12 +121,17 @@ impl Node {
             if told.awaited.remove(&hash) || is_last {
                 awaited.push((agent, is_last));
             }
-            if told.missing.remove(&hash) || told.stand_ins.contains(&hash) {
+            let is_stand_in = told.stand_ins.contains(&hash);
+            if told.missing.remove(&hash) || is_stand_in {
+                if is_stand_in {
+                    told.stand_ins_here.insert(hash);
+                }
                 told.came += 1;
+                self.store.put(&hash, Arc::clone(&bytes));
                 self.actions.extend(told.heard(true).map(|heard| Action::News(News::Map(heard))));
-                self.complete(link, agent);
-            } else if !told.all.contains(&hash) {
-                lists_came |= self.lists(link, agent);
+                self.complete(agent);
+            } else if !told.is_newest() {
+                lists_came |= self.list(link, agent, &hash, &bytes);
             }
         }
         if lists_came {
@@ -145,88 +143,109 @@ impl Node {
         self.arrivals += arrived.count() as u64;
     }
 
-    /// Takes the lists of a map's newest version, as far as they are here; whether there is more to fetch now.
-    fn lists(&mut self, link: LinkId, agent: Identity) -> bool {
-        let Some(told) = self.told.get(&agent) else { return false };
-        if told.manifest.as_ref().is_some_and(|manifest| told.is_newest(manifest)) {
+    /// Takes a list of a map's newest version, if the object is one; whether there is more to fetch now.
+    fn list(&mut self, link: LinkId, agent: Identity, hash: &ObjectHash, bytes: &Arc<[u8]>) -> bool {
+        let Some(told) = self.told.get_mut(&agent) else { return false };
+        let is_page = |(manifest, _): &(Manifest, _)| manifest.pages.iter().any(|page| page.hash == *hash);
+        let taken = if told.offer.hash == *hash {
+            told.take_manifest(bytes, &self.config.quota)
+        } else if told.coming.manifest.as_ref().is_some_and(is_page) {
+            read_page(bytes).map(|page| drop(told.coming.pages.insert(*hash, (page, Arc::clone(bytes)))))
+        } else {
             return false;
-        }
-        let Some(bytes) = self.store.get(&told.offer.hash) else { return false };
-        let manifest = match Manifest::from_bytes(&bytes) {
-            Ok(manifest) if manifest.agent == agent && told.is_newest(&manifest) => manifest,
-            Ok(_) => {
-                self.refuse(link, "it tells another map than it says".into());
-                return false;
-            }
-            Err(what) => {
-                self.refuse(link, format!("the list of its map's objects cannot be read: {what}"));
-                return false;
-            }
         };
-        let (teller, party) = (told.teller, told.party);
-        let checked = match entries_of(&manifest, &*self.store) {
-            // Pages are missing, which are known now.
-            Ok(None) => return true,
-            Ok(Some(entries)) => self.check_quota(agent, (teller, party), &entries).map(|()| entries),
-            Err(reason) => Err(reason),
-        };
-        let entries = match checked {
-            Ok(entries) => entries,
+        match taken.and_then(|()| self.take_lists(agent)) {
+            Ok(()) => true,
             Err(reason) => {
                 self.refuse(link, reason);
-                return false;
+                false
             }
+        }
+    }
+
+    /// Takes the lists of a map's newest version, once all of them are here.
+    ///
+    /// # Errors
+    /// When they are none, or say more than may be told.
+    fn take_lists(&mut self, agent: Identity) -> Result<(), String> {
+        let Some(told) = self.told.get_mut(&agent) else { return Ok(()) };
+        let Some((manifest, _)) = &told.coming.manifest else { return Ok(()) };
+        let page = |hash: &ObjectHash| {
+            let came = told.coming.pages.get(hash).map(|(page, _)| page);
+            came.or_else(|| self.of_told.page(hash)).cloned()
         };
-        let Some(told) = self.told.get_mut(&agent) else { return false };
-        told.set_lists(manifest, entries, &*self.store);
-        self.actions.extend(told.heard(true).map(|heard| Action::News(News::Map(heard))));
-        self.complete(link, agent);
-        true
-    }
-
-    /// Whether whoever tells a map of these objects tells no more than one may, with all else that is of the same.
-    fn check_quota(
-        &self,
-        agent: Identity,
-        (teller, party): (Uuid, Option<Uuid>),
-        entries: &[Entry],
-    ) -> Result<(), String> {
+        let pages: Option<Vec<Page>> = manifest.pages.iter().map(|named| page(&named.hash)).collect();
+        let Some(pages) = pages else { return Ok(()) };
+        let lists = Arc::new(Lists::new(told.offer, manifest.clone(), pages)?);
+        let (teller, party) = (told.teller, told.party);
+        // Not more than one may tell, with all else that is of the same.
         let others = self.told.values().filter(|told| told.offer.agent != agent && told.is_of(teller, party));
-        let others = others.flat_map(|told| told.entries.iter().flat_map(|entries| entries.iter()));
-        self.config.quota.check(Load::of(others.chain(entries)))
+        self.config.quota.check(Load::sum(others.map(Told::load).chain([lists.load])))?;
+        let Some(told) = self.told.get_mut(&agent) else { return Ok(()) };
+        let coming = std::mem::take(&mut told.coming);
+        let bytes = coming.manifest.map(|(_, bytes)| (told.offer.hash, bytes));
+        let pages = coming.pages.into_iter().map(|(hash, (_, bytes))| (hash, bytes));
+        pages.chain(bytes).for_each(|(hash, bytes)| self.store.put(&hash, bytes));
+        self.of_told.add(&lists);
+        let before = told.lists.clone();
+        told.set_lists(lists, &*self.store);
+        self.actions.extend(told.heard(true).map(|heard| Action::News(News::Map(heard))));
+        before.iter().for_each(|before| self.release_told(before));
+        self.complete(agent);
+        Ok(())
     }
 
-    /// Tries again what the disk refused before.
-    pub(in crate::node) fn complete_all(&mut self) {
-        let agents: Vec<_> = self.told.keys().copied().collect();
-        for agent in agents {
-            let teller = self.told.get(&agent).and_then(|told| self.neighbours.get(&told.teller));
-            if let Some(link) = teller.and_then(|neighbour| neighbour.link) {
-                self.complete(link, agent);
-            }
-        }
-    }
-
-    /// Acknowledges a map of which nothing is missing any more, once it is on the disk.
-    fn complete(&mut self, link: LinkId, agent: Identity) {
+    /// Has a map of which nothing is missing any more brought to the disk.
+    fn complete(&mut self, agent: Identity) {
         let Some(told) = self.told.get_mut(&agent) else { return };
-        let is_newest = told.manifest.as_ref().is_some_and(|manifest| told.is_newest(manifest));
-        if !told.missing.is_empty() || !is_newest || told.held == told.offer.version() {
-            return;
+        let is_due = told.going.is_none() && told.is_unkept();
+        let Some(lists) = told.lists.clone().filter(|_| is_due) else { return };
+        let head = Head { manifest: lists.offer.hash, own: false, party: told.party };
+        self.of_told.add(&lists);
+        told.going = Some(lists);
+        self.store.set_head(agent, head);
+    }
+
+    /// Acknowledges a map that is whole, and on the disk.
+    pub(in crate::node) fn completed(&mut self, agent: Identity, manifest: ObjectHash) {
+        let Some(told) = self.told.get_mut(&agent) else { return };
+        let Some(lists) = told.going.take_if(|lists| lists.offer.hash == manifest) else { return };
+        let is_whole = told.missing.is_empty() || !Arc::ptr_eq(&lists, told.lists.as_ref().unwrap_or(&lists));
+        if is_whole {
+            told.held = lists.offer.version();
         }
-        let head = Head { manifest: told.offer.hash, own: false, party: told.party };
-        if let Err(error) = self.store.set_head(agent, head) {
-            let text = format!("what others tell cannot be kept: {error}; it is tried again");
-            return self.actions.push(Action::News(News::Trouble(text)));
+        let mut aside = BTreeSet::new();
+        if is_whole && told.is_newest() && told.held == told.offer.version() {
+            // What stood in for others is needed no more.
+            aside = std::mem::take(&mut told.stand_ins_here);
         }
-        told.held = told.offer.version();
-        // What stood in for others is needed no more.
-        let stand_ins = std::mem::take(&mut told.stand_ins);
-        told.all.retain(|hash| !stand_ins.contains(hash));
-        let mut before = std::mem::replace(&mut told.held_objects, told.all.clone());
-        before.extend(stand_ins);
-        let held = told.held();
-        self.discard(before);
-        self.send(link, &held);
+        let before = told.whole.replace(lists);
+        let (held, teller) = (told.held(), told.teller);
+        before.iter().for_each(|before| self.release_told(before));
+        self.set_aside(aside);
+        if let Some(link) = self.neighbours.get(&teller).and_then(|teller| teller.link) {
+            self.send(link, &held);
+        }
+        // The next version may be whole by now.
+        self.complete(agent);
+    }
+}
+
+impl Told {
+    /// Takes the manifest of the newest version, which came.
+    fn take_manifest(&mut self, bytes: &Arc<[u8]>, quota: &Quota) -> Result<(), String> {
+        let manifest = Manifest::from_bytes(bytes)
+            .map_err(|what| format!("the list of its map's objects cannot be read: {what}"))?;
+        if manifest.agent != self.offer.agent || (manifest.begun, manifest.revision) != self.offer.version() {
+            return Err("it tells another map than it says".into());
+        }
+        let most = BESIDE_FULL + quota.objects() / ENTRIES;
+        if manifest.pages.len() > most {
+            return Err(format!("it lists objects on {} pages, more than {most}", manifest.pages.len()));
+        }
+        let named: BTreeSet<ObjectHash> = manifest.pages.iter().map(|page| page.hash).collect();
+        self.coming.pages.retain(|hash, _| named.contains(hash));
+        self.coming.manifest = Some((manifest, Arc::clone(bytes)));
+        Ok(())
     }
 }

@@ -38,6 +38,7 @@ use planning::Planner;
 use sources::Stop;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 use step::Step;
 use timetable::{Load, Timetable};
@@ -122,7 +123,7 @@ impl Collector {
     pub fn step(
         &mut self,
         service: &Service,
-        told: &[Found],
+        told: &[Arc<Found>],
         warn: &(dyn Fn(&str) + Sync),
         stop: &Stop,
     ) -> Result<Option<Found>> {

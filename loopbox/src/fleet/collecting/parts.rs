@@ -101,7 +101,7 @@ impl Parts {
                 let there: BTreeSet<String> = step.all.iter().map(|heard| heard.agent.to_string()).collect();
                 before.agents.retain(|agent| there.contains(&agent.agent));
                 before.meetings.retain(|meeting| meeting.agents.iter().all(|agent| there.contains(agent)));
-                self.found = before.beside(&found(&maps.inputs, &merging, &maps.whole));
+                self.found = before.beside(&found(&maps.inputs, &merging, &maps.whole, |_| true));
                 Ok(true)
             }
             nothing => {

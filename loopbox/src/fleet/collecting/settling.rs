@@ -12,6 +12,7 @@ use anyhow::Result;
 use fleet::findings::Found;
 use map::Identity;
 use merge::common_map::Fused;
+use std::collections::BTreeSet;
 use std::time::{Duration, Instant};
 
 /// What is to be settled.
@@ -20,6 +21,8 @@ pub(super) struct Job {
     pub revision: u64,
     /// The maps.
     pub maps: Inputs<Input>,
+    /// The pairs of which more is to be looked at.
+    pub open: BTreeSet<[usize; 2]>,
     /// What they made of each other.
     pub encounters: Vec<Encounter>,
     /// How they are merged.
@@ -62,7 +65,7 @@ pub(super) fn settle(mut job: Job) -> Outcome {
     let made = common_map(&job.maps.inputs, std::mem::take(&mut job.encounters), &job.params, true, &[]);
     let took = begun.elapsed();
     let settled = made.map(|merging| Settled {
-        found: found(&job.maps.inputs, &merging, &job.maps.whole),
+        found: found(&job.maps.inputs, &merging, &job.maps.whole, |pair| job.open.contains(&pair)),
         undone: undone_by(&merging, &job.maps.contents),
         has_met: merging.anything_met(),
         written: (job.writes && merging.anything_met()).then(|| write(&mut job, &merging)),

@@ -6,7 +6,7 @@ use anyhow::Result;
 use fleet::findings::Found;
 use fleet::node::Heard;
 use fleet::service::Service;
-use fleet::store::FolderStore;
+use fleet::store::{FolderStore, Objects, Pin};
 use map::Identity;
 use place_recog::Vocabulary;
 use sources::Stop;
@@ -17,14 +17,15 @@ use std::sync::Arc;
 pub(super) struct Step<'a> {
     /// All maps that are here, whole or in part.
     pub all: Vec<Heard>,
-    /// The objects.
+    /// The objects, of which none goes meanwhile.
     pub store: Arc<FolderStore>,
+    _pin: Pin,
     /// The node.
     pub service: &'a Service,
     /// Is told what people should know.
     pub warn: &'a (dyn Fn(&str) + Sync),
     /// What others found.
-    pub told: &'a [Found],
+    pub told: &'a [Arc<Found>],
     /// Ends what takes long.
     pub stop: &'a Stop,
 }
@@ -33,12 +34,14 @@ impl<'a> Step<'a> {
     /// By what is here now.
     pub fn new(
         service: &'a Service,
-        told: &'a [Found],
+        told: &'a [Arc<Found>],
         warn: &'a (dyn Fn(&str) + Sync),
         stop: &'a Stop,
     ) -> Self {
+        let store = service.store();
+        let pin = store.pin();
         let all = service.heard().into_iter().chain(service.own()).collect();
-        Self { all, store: service.store(), service, warn, told, stop }
+        Self { all, store, _pin: pin, service, warn, told, stop }
     }
 
     /// The same by what is here by now.

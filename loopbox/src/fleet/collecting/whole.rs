@@ -7,11 +7,12 @@ use super::step::Step;
 use super::timetable::Timetable;
 use super::worker::Worker;
 use super::{Failed, SHARE};
-use crate::fleet::agents::Maps;
+use crate::fleet::agents::{Inputs, Maps};
 use crate::fleet::company::Company;
 use crate::fleet::findings::found;
 use crate::fleet::listening::CommonListener;
 use crate::fleet::remembering::Content;
+use crate::merging::Input;
 use crate::results::Results;
 use anyhow::Result;
 use fleet::findings::Found;
@@ -164,11 +165,12 @@ impl Whole {
         let merging = merging.map_err(|error| self.not_merged(error))?;
         table.told(Instant::now());
         self.told_of.clone_from(contents);
-        self.found = found(&maps.inputs, &merging, &maps.whole);
+        let open = self.open(&maps);
+        self.found = found(&maps.inputs, &merging, &maps.whole, |pair| open.contains(&pair));
         planner.sketches.met(&met(&merging, contents));
         let Some(results) = self.results.take_if(|_| settles) else { return Ok(true) };
         let (revision, params) = (self.states.now, merger.params.clone());
-        let job = Job { revision, maps, encounters: merging.encounters, params, results, writes };
+        let job = Job { revision, maps, open, encounters: merging.encounters, params, results, writes };
         if round.settling == Settling::Beside {
             self.settler.start(move || settle(job)).map_err(Failed::Write)?;
         } else {
@@ -231,6 +233,19 @@ impl Whole {
             self.states.written = outcome.revision;
         }
         Ok(is_current)
+    }
+
+    /// The pairs of these maps of which more is to be looked at: a map still grows, or what was looked at is not all that is to
+    /// last.
+    fn open(&self, maps: &Inputs<Input>) -> BTreeSet<[usize; 2]> {
+        let count = maps.inputs.len();
+        let pairs = (1..count).flat_map(|b| (0..b).map(move |a| [a, b]));
+        let is_settled = |pair: [usize; 2]| {
+            let is_over = pair.iter().all(|map| maps.over[*map]);
+            let known = self.maps.memory.recall(&maps.contents, pair, true);
+            is_over && known.is_some_and(|known| !known.is_due)
+        };
+        pairs.filter(|pair| !is_settled(*pair)).flat_map(|[a, b]| [[a, b], [b, a]]).collect()
     }
 
     /// The merges that the joint pose graph took back, by the numbers of these maps.

@@ -15,7 +15,7 @@ mod sketch;
 use super::company::Company;
 use fleet::manifest::Kind;
 use fleet::node::Heard;
-use fleet::store::Store;
+use fleet::store::Objects;
 use geometry::Sim3;
 use map::{Identity, KeyframeId};
 use merge::further::{FurtherParams, worth_trying};
@@ -80,7 +80,7 @@ impl Sketches {
         &mut self,
         all: &[Heard],
         own: &[Identity],
-        store: &dyn Store,
+        store: &dyn Objects,
         elsewhere: &BTreeSet<[Identity; 2]>,
         company: &Company,
     ) -> Plan {
@@ -91,7 +91,9 @@ impl Sketches {
                 plan.wrong.push((heard.agent, reason));
             }
         }
-        self.agents.retain(|agent, _| all.iter().any(|heard| heard.agent == *agent));
+        let there: BTreeSet<Identity> = all.iter().map(|heard| heard.agent).collect();
+        self.agents.retain(|agent, _| there.contains(agent));
+        self.pairs.retain(|pair, _| pair.iter().all(|agent| there.contains(agent)));
         let agents: Vec<Identity> = self.agents.keys().copied().collect();
         let away: BTreeSet<Identity> =
             all.iter().filter(|heard| !heard.is_near).map(|heard| heard.agent).collect();
@@ -208,7 +210,7 @@ impl Sketches {
 
     /// Takes note of what a merge of the parts found of the pairs that were `looked_at`, the smaller identity first: those that
     /// met. Others that were ready meanwhile still are, and who is gone meanwhile met nobody.
-    pub fn judged(&mut self, met: &[Met], looked_at: &BTreeSet<[Identity; 2]>, store: &dyn Store) {
+    pub fn judged(&mut self, met: &[Met], looked_at: &BTreeSet<[Identity; 2]>, store: &dyn Objects) {
         let is_there = |names: &[Identity; 2]| names.iter().all(|name| self.agents.contains_key(name));
         let ready = looked_at.iter().filter(|names| self.pairs.get(*names).is_some_and(Pair::is_ready));
         let ready: Vec<[Identity; 2]> = ready.filter(|names| is_there(names)).copied().collect();
@@ -243,7 +245,7 @@ impl Sketches {
     }
 
     /// The keyframes of both agents that overlap by their motion and are to be looked at.
-    fn overlapping(&self, names: [Identity; 2], met: &Met, store: &dyn Store) -> [Vec<KeyframeId>; 2] {
+    fn overlapping(&self, names: [Identity; 2], met: &Met, store: &dyn Objects) -> [Vec<KeyframeId>; 2] {
         let [target, source] = met.agents.map(|agent| &self.agents[&agent]);
         let (Some((to_camera, to_poses)), Some((from_camera, from_poses))) =
             (target.places(store), source.places(store))
@@ -319,7 +321,7 @@ mod tests {
             let (timestamp, linked, samples) = (f64::from(keyframe), Vec::new(), vec![(9, 0.5)]);
             let digest = Digest { timestamp, frame_index: 0, linked, words, samples };
             let digest = digest.to_bytes(KeyframeId(keyframe));
-            store.put(&ObjectHash::of(&digest), &digest).unwrap();
+            store.put(&ObjectHash::of(&digest), digest.clone().into());
             let features = [number as u8, keyframe as u8];
             for (kind, bytes) in [(Kind::Digest, &digest[..]), (Kind::Features, &features)] {
                 let (hash, size) = (ObjectHash::of(bytes), bytes.len() as u32);
@@ -402,7 +404,7 @@ mod tests {
         let maps = [1, 2, 3].map(|number| {
             let map = digested(number, &store);
             let features = (0..3).map(|keyframe| [number as u8, keyframe]);
-            features.for_each(|bytes| store.put(&ObjectHash::of(&bytes), &bytes).unwrap());
+            features.for_each(|bytes| store.put(&ObjectHash::of(&bytes), bytes.as_slice().into()));
             map
         });
         let mut sketches = Sketches::new(Vocabulary::shipped());

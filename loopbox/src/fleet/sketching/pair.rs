@@ -4,7 +4,7 @@ use super::PushNew;
 use super::sketch::Sketch;
 use crate::fleet::agents::FEWEST;
 use fleet::manifest::Kind;
-use fleet::store::Store;
+use fleet::store::Objects;
 use map::KeyframeId;
 use place_recog::{Proposal, ProposeParams, RankParams, Vocabulary, propose, ranked};
 use std::collections::BTreeSet;
@@ -83,7 +83,7 @@ impl Pair {
     pub fn step(
         &mut self,
         [a, b]: [&mut Sketch; 2],
-        store: &dyn Store,
+        store: &dyn Objects,
         vocabulary: &Arc<Vocabulary>,
         budget: &mut Budget,
     ) -> Step {

@@ -6,7 +6,7 @@ use fleet::hash::ObjectHash;
 use fleet::manifest::{Entry, Kind, sensor_of};
 use fleet::node::Heard;
 use fleet::recoding::digest::Digest;
-use fleet::store::Store;
+use fleet::store::Objects;
 use geometry::{Pinhole, Sim3};
 use map::parts::{agent_from_bytes, graph_from_bytes};
 use map::{KeyframeId, SensorKind};
@@ -40,7 +40,12 @@ impl Sketch {
     ///
     /// # Errors
     /// When a digest is none.
-    pub fn take(&mut self, heard: &Heard, store: &dyn Store, vocabulary: &Vocabulary) -> Result<(), String> {
+    pub fn take(
+        &mut self,
+        heard: &Heard,
+        store: &dyn Objects,
+        vocabulary: &Vocabulary,
+    ) -> Result<(), String> {
         let same = self.entries.as_ref().is_some_and(|known| Arc::ptr_eq(known, &heard.entries));
         if same && self.missing == 0 {
             return Ok(());
@@ -89,13 +94,13 @@ impl Sketch {
     }
 
     /// Whether an object is here, or what it stands in for.
-    fn has(&self, kind: Kind, id: KeyframeId, store: &dyn Store) -> bool {
+    fn has(&self, kind: Kind, id: KeyframeId, store: &dyn Objects) -> bool {
         let has = |kind: Kind| self.listed.get(&(kind, id.0)).is_some_and(|hash| store.has(hash));
         kind.stands_in_for().is_some_and(has) || has(kind) || !self.listed.contains_key(&(kind, id.0))
     }
 
     /// Of the objects by which keyframes are merged, those that are not here.
-    pub fn lacks(&self, keyframes: &[KeyframeId], store: &dyn Store) -> Vec<(Kind, u32)> {
+    pub fn lacks(&self, keyframes: &[KeyframeId], store: &dyn Objects) -> Vec<(Kind, u32)> {
         let parts = keyframes.iter().flat_map(|id| PARTS.map(|kind| (kind, *id)));
         parts.filter(|(kind, id)| !self.has(*kind, *id, store)).map(|(kind, id)| (kind, id.0)).collect()
     }
@@ -104,7 +109,7 @@ impl Sketch {
     pub fn read(
         &mut self,
         keyframes: &[KeyframeId],
-        store: &dyn Store,
+        store: &dyn Objects,
         vocabulary: &Vocabulary,
     ) -> Vec<(Kind, u32)> {
         let mut lacking = Vec::new();
@@ -116,9 +121,14 @@ impl Sketch {
                 lacking.push((Kind::Features, id.0));
                 continue;
             }
+            let listed = self.listed.get(&(Kind::Features, id.0)).map(|hash| store.get(hash));
+            if let Some(None) = listed {
+                // It was damaged, and comes again.
+                lacking.push((Kind::Features, id.0));
+                continue;
+            }
             // What cannot be read is found again from the image.
-            let bytes = self.listed.get(&(Kind::Features, id.0)).and_then(|hash| store.get(hash));
-            let features = bytes.and_then(|bytes| codec::decode(&bytes).ok()).unwrap_or_default();
+            let features = listed.flatten().and_then(|bytes| codec::decode(&bytes).ok()).unwrap_or_default();
             self.index.insert(id, DirectIndex::with_words(&features, vocabulary).0);
             self.features.insert(id, features);
         }
@@ -146,7 +156,7 @@ impl Sketch {
     }
 
     /// The agent's camera and the poses of its keyframes, as far as they are here.
-    pub fn places(&self, store: &dyn Store) -> Option<(Pinhole, BTreeMap<KeyframeId, Sim3>)> {
+    pub fn places(&self, store: &dyn Objects) -> Option<(Pinhole, BTreeMap<KeyframeId, Sim3>)> {
         let objects = |kind: Kind| {
             let listed = self.listed.range((kind, 0)..=(kind, u32::MAX));
             listed.filter_map(|(_, hash)| store.get(hash))

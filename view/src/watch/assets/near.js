@@ -2,9 +2,13 @@
 
 const kilobytes = (bytes) => `${Math.round(bytes / 1e3).toLocaleString("en")} kB`;
 
-/** @param {{ name: string, address: string | null, received: number, wanted: number, rate: number, lacks: number | null }} link */
-function neighbour({ name, address, received, wanted, rate, lacks }) {
-  const parts = [address === null ? "not there" : address];
+/** @param {number} seconds */
+const lasting = (seconds) => (seconds < 120 ? `${Math.round(seconds)} s` : seconds < 7200 ? `${Math.round(seconds / 60)} min` : `${Math.round(seconds / 3600)} h`);
+
+/** @param {{ name: string, address: string | null, since_s: number, why: string | null, received: number, wanted: number, rate: number, lacks: number | null }} link */
+function neighbour({ name, address, since_s, why, received, wanted, rate, lacks }) {
+  if (why !== null) return { kind: "trouble", text: `${name}: does not answer for ${lasting(since_s)}: ${why}` };
+  const parts = [address === null ? `not there for ${lasting(since_s)}` : address];
   if (received > 0) parts.push(`sent ${kilobytes(received)}`);
   if (wanted > 0) parts.push(`is asked for ${wanted} objects at ${kilobytes(rate)}/s`);
   if (lacks === 0) parts.push("holds all of this map");
@@ -23,7 +27,7 @@ function told({ name, keyframes, missing, finished, is_lidar, is_joined }) {
 /** @param {{ names: string[], verdict: string, why: string | null, is_told: boolean }} meeting */
 function meeting({ names, verdict, why, is_told }) {
   const said = is_told ? `${verdict}, as another found` : verdict;
-  return { kind: verdict, text: `${names.join(" + ")}: ${said}${why === null ? "" : ` – ${why}`}` };
+  return { kind: verdict.replace(" ", "-"), text: `${names.join(" + ")}: ${said}${why === null ? "" : ` – ${why}`}` };
 }
 
 /**

@@ -1,0 +1,192 @@
+//! What a node makes of what neighbours say.
+
+use super::{ASK_AGAIN, Action, CUT, DISTRUST, LINKS_OF_PARTY, Link, LinkId, News, Node, part_of};
+use crate::bytes::printable;
+use crate::keys::Party;
+use crate::link::Taken;
+use crate::wire::{FindingsRef, Message, Role};
+use map::{Identity, Uuid};
+use std::time::Duration;
+
+impl Node {
+    /// Whether the other end of a link speaks a newer version of the protocol.
+    pub(super) fn is_newer(&self, link: LinkId) -> bool {
+        let speaks = self.links.get(&link).and_then(|link| link.speaks);
+        speaks.is_some_and(|[_, newest]| newest > self.config.versions[1])
+    }
+
+    /// Nobody answers where it was dialled.
+    pub(super) fn unanswered(&mut self, address: String, reason: String) {
+        let is_known = self.unanswered.contains_key(&address);
+        self.unanswered.entry(address.clone()).or_insert((self.now, String::new())).1.clone_from(&reason);
+        if !is_known {
+            self.actions.push(Action::News(News::Unanswered { address, reason }));
+        }
+    }
+
+    pub(super) fn up(&mut self, now: Duration, link: LinkId, address: String, party: Option<Party>) {
+        self.unanswered.remove(&address);
+        let id = party.as_ref().map(|party| party.id);
+        let is_of_same = |link: &&Link| id.is_some() && link.party.as_ref().map(|party| party.id) == id;
+        let count = self.links.values().filter(is_of_same).count();
+        let (node, beat, said, speaks, retold) = Default::default();
+        let opened = Link { address, party, node, heard: now, beat, turn: 0, said, speaks, retold };
+        self.links.insert(link, opened);
+        if count >= LINKS_OF_PARTY {
+            self.refuse(link, format!("its party has {count} links already"));
+        }
+    }
+
+    pub(super) fn received(&mut self, now: Duration, link: LinkId, message: Message) {
+        let Some(known) = self.links.get_mut(&link) else { return };
+        let silent = now.saturating_sub(known.heard);
+        known.heard = now;
+        let node = known.node;
+        let is_push =
+            !matches!(message, Message::Get { .. } | Message::Part { .. } | Message::Missing { .. });
+        if is_push && let Err(reason) = known.said.one_more(now) {
+            return self.refuse(link, reason);
+        }
+        if let Message::Hello { version, node, role, name, findings } = message {
+            return self.hello(now, link, (version, node, role == Role::Station), name, findings);
+        }
+        if let Message::Speaks { oldest, newest } = message {
+            known.speaks = Some([oldest, newest]);
+            return;
+        }
+        if let Message::Refused { reason } = message {
+            let name = node.and_then(|node| self.neighbours.get(&node)).map_or("a neighbour", |n| &n.name);
+            let text = format!("{name} refused this one: {}", printable(&reason));
+            self.actions.push(Action::News(News::Trouble(text.clone())));
+            self.forget(link, "it refused this one");
+            return self.actions.push(Action::Close { link, reason: text });
+        }
+        // Before it said who it is, nothing is believed; it will say it again.
+        let Some(node) = node else { return };
+        let Some(neighbour) = self.neighbours.get_mut(&node) else { return };
+        if silent > CUT {
+            neighbour.fetch.heard_again();
+        }
+        match message {
+            Message::Hello { .. } | Message::Speaks { .. } | Message::Refused { .. } => {}
+            Message::State { offer, signature } => self.offered(link, node, offer, signature),
+            Message::Held { agent, begun, revision, missing } => {
+                // Of a map that is not told here nobody wants to know it.
+                let Some(own) = self.own.get(&agent) else { return };
+                let held = ((begun, revision), missing);
+                let before = neighbour.holds.insert(agent, held);
+                let Some(version) = own.offer().map(|offer| offer.version()) else { return };
+                if held == (version, 0) && before != Some(held) {
+                    let by = neighbour.name.clone();
+                    self.actions.push(Action::News(News::Held { by, agent, version }));
+                }
+            }
+            Message::Get { hash, offset, length } => {
+                let retold = self.links.get(&link).and_then(|link| link.retold.as_ref());
+                let found = retold.filter(|retold| retold.known.hash == hash);
+                let part = found.map(|found| part_of(&found.bytes, offset, length));
+                match part {
+                    Some(bytes) => self.send(link, &Message::Part { hash, offset, bytes }),
+                    None if self.of_own.has(&hash) => {
+                        self.actions.push(Action::Serve { link, hash, offset, length });
+                    }
+                    None => self.send(link, &Message::Missing { hash }),
+                }
+            }
+            Message::Part { hash, offset, bytes } => match neighbour.fetch.take(now, &hash, offset, &bytes) {
+                Taken::More | Taken::Unwanted => {}
+                Taken::Whole(bytes) => self.object(link, node, hash, bytes),
+                Taken::Wrong => {
+                    // Its disk may be at fault, and not itself.
+                    neighbour.later.insert(hash, now + ASK_AGAIN[1]);
+                    let text = format!("{} sent an object that is not what it is called", neighbour.name);
+                    self.actions.push(Action::News(News::Trouble(text)));
+                }
+            },
+            Message::Missing { hash } => {
+                if neighbour.fetch.drop_object(&hash) {
+                    neighbour.later.insert(hash, now + ASK_AGAIN[0]);
+                }
+            }
+        }
+    }
+
+    fn hello(
+        &mut self,
+        now: Duration,
+        link: LinkId,
+        (version, node, is_station): (u16, Uuid, bool),
+        name: String,
+        findings: Option<FindingsRef>,
+    ) {
+        let Some(known) = self.links.get(&link) else { return };
+        // Who does not say it speaks one alone.
+        let [oldest, newest] = known.speaks.unwrap_or([version; 2]);
+        let [own_oldest, own_newest] = self.config.versions;
+        if oldest > own_newest || newest < own_oldest {
+            let reason = format!(
+                "it speaks versions {oldest} to {newest} of the protocol, this one {own_oldest} to {own_newest}"
+            );
+            return self.refuse(link, reason);
+        }
+        if node == self.config.node {
+            return self.refuse(link, "it is this one itself: the address is one's own".into());
+        }
+        let party = known.party.as_ref().map(|party| party.id);
+        let node = match self.known_as(now, known, node) {
+            Ok(node) => node,
+            Err(reason) => return self.refuse(link, reason),
+        };
+        if !self.neighbours.contains_key(&node) {
+            self.forget_gone(party);
+        }
+        let Some(known) = self.links.get_mut(&link) else { return };
+        if known.node.is_some_and(|before| before != node) {
+            return self.refuse(link, "it said that it is another one than before".into());
+        }
+        let is_new = known.node.replace(node).is_none();
+        let address = known.address.clone();
+        let neighbour = self.neighbours.entry(node).or_default();
+        neighbour.call(&name, known.party.as_ref());
+        neighbour.is_station = is_station;
+        let name = neighbour.name.clone();
+        let newer = |known: &FindingsRef| findings.is_some_and(|new| new.revision > known.revision);
+        let is_news = findings.is_some() && neighbour.findings.as_ref().is_none_or(newer);
+        if is_news {
+            neighbour.findings = findings;
+        }
+        if is_new {
+            // It may have lost what it held.
+            neighbour.holds.clear();
+            neighbour.changed = now;
+            let earlier = neighbour.link.replace(link).filter(|earlier| *earlier != link);
+            neighbour.fetch.lost();
+            if let Some(earlier) = earlier {
+                self.links.remove(&earlier);
+                let reason = "a newer link took its place".into();
+                self.actions.push(Action::Close { link: earlier, reason });
+            }
+            self.actions.push(Action::News(News::Met { name, address }));
+        }
+        if is_new || is_news {
+            self.want(node);
+        }
+    }
+
+    /// Has nothing more to do with whoever told a map that is none, for some minutes.
+    pub(super) fn distrust(&mut self, now: Duration, agent: Identity, reason: String) {
+        let Some(told) = self.told.remove(&agent) else { return };
+        for lists in told.in_use() {
+            self.release_told(lists);
+        }
+        let reason = format!("its map {agent} cannot be used: {reason}");
+        let link = self.neighbours.get(&told.teller).and_then(|neighbour| neighbour.link);
+        self.distrusted.retain(|_, (_, until)| *until > now);
+        for whoever in [Some(told.teller), told.party].into_iter().flatten() {
+            self.distrusted.insert(whoever, (reason.clone(), now + DISTRUST));
+        }
+        if let Some(link) = link {
+            self.refuse(link, reason);
+        }
+    }
+}

@@ -1,0 +1,111 @@
+//! Own maps: told once they are on the disk.
+
+use super::{Action, Lists, News, Node};
+use crate::hash::ObjectHash;
+use crate::keys::Signature;
+use crate::publishing::Publication;
+use crate::store::Head;
+use crate::wire::{Message, Offer};
+use map::Identity;
+use std::sync::Arc;
+
+/// Most bytes of own maps that wait for the disk: what comes then is not kept.
+const UNWRITTEN: usize = 256 << 20;
+
+/// A map of one's own.
+#[derive(Default)]
+pub(super) struct Own {
+    /// As it is told; nothing before its first version is on the disk.
+    told: Option<Told>,
+    /// What the version before had: somebody may be fetching it.
+    before: Option<Arc<Lists>>,
+    /// The version that goes to the disk, and the one that does so next.
+    going: Option<Arc<Lists>>,
+    next: Option<Arc<Lists>>,
+}
+
+struct Told {
+    lists: Arc<Lists>,
+    /// The party's under it, if parties have keys.
+    signature: Option<Signature>,
+}
+
+impl Own {
+    /// One that is on the disk.
+    pub fn new(lists: Arc<Lists>, signature: Option<Signature>) -> Self {
+        Self { told: Some(Told { lists, signature }), ..Self::default() }
+    }
+
+    /// The version that is told.
+    pub fn lists(&self) -> Option<&Lists> {
+        self.told.as_ref().map(|told| &*told.lists)
+    }
+
+    /// What is said of it.
+    pub fn offer(&self) -> Option<Offer> {
+        self.lists().map(|lists| lists.offer)
+    }
+
+    /// The same as a message.
+    pub fn said(&self) -> Option<Message> {
+        let Told { lists, signature } = self.told.as_ref()?;
+        Some(Message::State { offer: lists.offer, signature: *signature })
+    }
+
+    /// Whether its newest version is told.
+    pub fn is_told(&self) -> bool {
+        self.told.is_some() && self.going.is_none()
+    }
+}
+
+impl Node {
+    /// An agent who works here has a new version of its map.
+    pub(super) fn publish(&mut self, publication: Publication) {
+        let Publication { offer, objects, manifest, pages } = publication;
+        let lists = Lists::new(offer, manifest, pages);
+        let (Ok(lists), false) = (lists, self.store.unwritten() > UNWRITTEN) else {
+            // The version before stays.
+            let text = "what is new of the map cannot be kept and is not told yet: the disk does not take it";
+            return self.actions.extend([News::Trouble(text.into()), News::Unkept].map(Action::News));
+        };
+        objects.into_iter().for_each(|(hash, bytes)| self.store.put(&hash, bytes));
+        let lists = Arc::new(lists);
+        self.of_own.add(&lists);
+        if let Some(told) = self.told.remove(&offer.agent) {
+            told.in_use().for_each(|lists| self.release_told(lists));
+        }
+        let own = self.own.entry(offer.agent).or_default();
+        let skipped = match own.going {
+            Some(_) => own.next.replace(lists),
+            None => {
+                let head = Head { manifest: offer.hash, own: true, party: None };
+                self.store.set_head(offer.agent, head);
+                own.going.replace(lists)
+            }
+        };
+        self.release_own(skipped);
+    }
+
+    /// A version of an own map is on the disk.
+    pub(super) fn published(&mut self, agent: Identity, manifest: ObjectHash) {
+        let Some(own) = self.own.get_mut(&agent) else { return };
+        let Some(lists) = own.going.take_if(|lists| lists.offer.hash == manifest) else { return };
+        if let Some(next) = own.next.take() {
+            let head = Head { manifest: next.offer.hash, own: true, party: None };
+            self.store.set_head(agent, head);
+            own.going = Some(next);
+        }
+        let signature = self.config.signer.as_ref().map(|signer| signer.sign(&lists.offer));
+        let version = lists.offer.version();
+        let told = own.told.replace(Told { lists, signature });
+        let earlier = std::mem::replace(&mut own.before, told.map(|told| told.lists));
+        self.release_own(earlier);
+        self.links.values_mut().for_each(|link| link.beat = None);
+        self.actions.push(Action::News(News::Told { agent, version }));
+    }
+
+    fn release_own(&mut self, lists: Option<Arc<Lists>>) {
+        let unused = lists.map(|lists| self.of_own.remove(&lists));
+        self.set_aside(unused.into_iter().flatten());
+    }
+}
