@@ -19,8 +19,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// Links at once: a hundred agents and some that are being replaced.
-const MOST_LINKS: usize = 256;
+/// Links at once: some hundred agents and some that are being replaced. Each has two threads.
+const MOST_LINKS: usize = 1024;
 /// Connections at once of whom it is not known yet who they are, in all and from one address.
 const MOST_UNKNOWN: usize = 64;
 const MOST_UNKNOWN_OF_ONE: usize = 16;
