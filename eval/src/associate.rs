@@ -61,7 +61,7 @@ pub fn associate(estimate: &Trajectory, truth: &Trajectory, max_diff: f64) -> Re
         nearest_pairs(est_times, true_times, max_diff)
     };
     if pairs.is_empty() {
-        return Err(EvalError::NoPairs { max_diff });
+        return Err(EvalError::NoPairs { max_diff, of_truth: true_times.first().copied().unwrap_or(0.0) });
     }
     Ok(Associated {
         timestamps: Some(pairs.iter().map(|&(_, t)| true_times[t]).collect()),
@@ -128,6 +128,14 @@ mod tests {
     fn what_cannot_be_paired_is_refused() {
         let (a, b) = (trajectory(&[0.0, 1.0]), trajectory(&[10.0, 11.0, 12.0]));
         assert!(matches!(associate(&a, &b, 0.1), Err(EvalError::NoPairs { .. })));
+        for (times, unit) in [
+            ([1.4e18, 1.5e18], "nanoseconds"),
+            ([1.4e12, 1.5e12], "milliseconds"),
+            ([1.4e15, 1.5e15], "microseconds"),
+        ] {
+            let said = associate(&a, &trajectory(&times), 0.1).err().map(|error| error.to_string());
+            assert!(said.is_some_and(|said| said.contains(unit)), "{unit}");
+        }
         assert!(matches!(associate(&a, &b, f64::NAN), Err(EvalError::Setting(_))));
         let bare = |t: &Trajectory| Trajectory { timestamps: None, ..t.clone() };
         assert!(matches!(associate(&bare(&a), &b, 0.1), Err(EvalError::MixedTimes)));

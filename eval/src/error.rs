@@ -51,11 +51,13 @@ pub enum EvalError {
     /// No time of one trajectory is near a time of the other.
     #[error(
         "no pose of the estimate lies within {max_diff} s of one of the ground truth: \
-         are both from one recording and one clock? --max-diff widens the search"
+         are both from one recording and one clock? --max-diff widens the search{}", nanoseconds(*of_truth)
     )]
     NoPairs {
         /// The widest difference allowed, seconds.
         max_diff: f64,
+        /// A time of the ground truth, as it was read as seconds.
+        of_truth: f64,
     },
     /// The trajectories cannot be aligned.
     #[error("{0}; use --align none or a longer trajectory")]
@@ -91,4 +93,22 @@ pub enum EvalError {
     /// A setting lies outside its range.
     #[error("{0}")]
     Setting(String),
+}
+
+/// Seconds since 1970 end before this in any recording; thousandths and finer begin beyond.
+const LATEST_S: f64 = 2e10;
+
+/// What is said of times that are none in seconds.
+fn nanoseconds(time: f64) -> String {
+    if time.abs() < LATEST_S {
+        return String::new();
+    }
+    let unit = match time.abs() {
+        ..2e13 => "milliseconds",
+        ..2e16 => "microseconds",
+        _ => "nanoseconds",
+    };
+    format!(
+        "\nhint: the truth's times, such as {time}, look like {unit}: a trajectory has seconds in its first column"
+    )
 }

@@ -104,7 +104,7 @@ impl Matched {
             pairs: aligned.len(),
             align: options.align,
             truth_from_estimate: *truth_from_estimate,
-            ate: ate(&aligned).ok_or(EvalError::NoPairs { max_diff: options.max_diff })?,
+            ate: ate(&aligned).ok_or(EvalError::NoPairs { max_diff: options.max_diff, of_truth: 0.0 })?,
             rpe: rpe(&aligned, options.delta, options.all_pairs)?,
             segments: segment_errors(&aligned),
             coverage: self.coverage,
