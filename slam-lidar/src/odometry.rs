@@ -117,6 +117,9 @@ const SUDDEN: (f64, usize) = (0.6, 5);
 const SOUGHT: [f64; 7] = [0.0, 0.1, -0.1, 0.2, -0.2, 0.4, -0.4];
 /// Sweeps follow each other without a gap when their instants leave less than this share of a sweep between them.
 const CONTIGUOUS: f64 = 0.3;
+/// Over a longer time than this, seconds, no sensor keeps its motion: a recording pauses, or its clock was set ahead, and the sensor is sought
+/// where it would be without.
+const LONGEST_GAP: f64 = 3.0;
 /// Sweeps after which what lies far away is forgotten, again and again.
 const FORGET_EVERY: usize = 50;
 
@@ -254,12 +257,13 @@ impl Odometry {
         let gap = match sweep.instants.0 - last.instants.1 {
             // The sensor spins on: one sweep begins where the other ends, and what differs is how stamps were rounded.
             gap if gap.abs() < CONTIGUOUS * duration => 0.0,
+            gap if gap > LONGEST_GAP => 0.0,
             gap => gap,
         };
         let begin = last.motion.end * Se3::exp(&(last.twist * gap));
         let motion = SweepMotion { begin, end: begin * Se3::exp(&(last.twist * duration)) };
         // Between the middles of two sweeps the speed changes by the acceleration times their distance in time.
-        let apart = sweep.middle() - last.middle;
+        let apart = (sweep.middle() - last.middle).min(LONGEST_GAP);
         let change = |acceleration: f64, doubt: f64| doubt + acceleration * apart;
         let speed = (change(params.acceleration.0, doubt.0), change(params.acceleration.1, doubt.1));
         let over = |seconds: f64| (speed.0 * seconds, speed.1 * seconds);

@@ -136,6 +136,22 @@ fn a_sensor_that_turned_on_while_sweeps_are_missing_is_found() {
 }
 
 #[test]
+fn a_clock_that_was_set_ahead_moves_no_sensor() {
+    for ahead in [5.0, 60.0, 3600.0] {
+        let mut odometry = Odometry::new(OdometryParams::default());
+        let scans =
+            (0..20).map(|i| Scan { stamp: 0.1 * i as f64 + if i < 10 { 0.0 } else { ahead }, ..scan(i) });
+        let tracked: Vec<TrackedSweep> = scans.map(|scan| odometry.track(&scan)).collect();
+        for (i, found) in tracked.iter().enumerate() {
+            let instant = found.instant - if i < 10 { 0.0 } else { ahead };
+            let off =
+                (truth(tracked[0].instant).inverse() * truth(instant)).inverse() * found.world_from_sensor;
+            assert!(!found.lost && off.translation.norm() < 0.03, "{ahead} s, sweep {i}: {off:?}");
+        }
+    }
+}
+
+#[test]
 fn a_start_at_speed_is_found() {
     // The same room at 12 m/s straight ahead: 1.2 m between the first two sweeps.
     let speed = Vector6::new(12.0, 0.0, 0.0, 0.0, 0.0, 0.0);
