@@ -21,6 +21,14 @@ pub enum ScanError {
         /// What is wrong with it and how to mend it.
         what: String,
     },
+    /// Its time stamp is none of the recording's clock.
+    #[error("{name}: {what}")]
+    Mistimed {
+        /// The scan.
+        name: String,
+        /// What is wrong with its stamp.
+        what: String,
+    },
     /// Too few points are left.
     #[error("{name}: {usable} of {read} points are usable, too few for a pose")]
     TooFew {

@@ -1,5 +1,6 @@
 //! A folder of scans: which files there are, when they were taken, and what is known of their points.
 
+use crate::tables::{Numbers, Table, natural_key};
 use crate::{Scan, ScanError, SweepTiming, read_kitti, read_pcd, read_ply, rings_of};
 use std::path::{Path, PathBuf};
 
@@ -23,22 +24,39 @@ pub struct ScanFile {
     pub stamp: f64,
 }
 
-/// A folder of KITTI `.bin`, PCD or PLY scans, in order of their names.
+/// A folder of KITTI `.bin`, PCD or PLY scans, in order of their names, in which 2 comes before 10.
 ///
-/// Besides the scans it may hold `times.txt` (`stamp [index]` a line), `times/NAME.f32` (seconds after the stamp, one
-/// little-endian float32 a point) and `rings/NAME.u8`; the scans themselves may lie in a folder `velodyne`.
+/// Besides the scans it may hold `times.txt` (`stamp [index]` a line) or KITTI's `timestamps.txt`, `times/NAME.f32` (seconds after
+/// the stamp, one little-endian float32 a point) and `rings/NAME.u8`; the scans themselves may lie in a folder `velodyne`, or as
+/// KITTI's raw recordings have them in `velodyne_points/data`.
 #[derive(Clone, Debug)]
 pub struct Folder {
     root: PathBuf,
     files: Vec<ScanFile>,
     timing: Option<SweepTiming>,
+    remarks: Vec<String>,
 }
 
 /// Whether a path is a folder with files that may be scans.
 pub fn is_folder_of_scans(path: &Path) -> bool {
-    let inner = path.join("velodyne");
-    let holds = |folder: &Path| scans_in(folder).is_ok_and(|found| !found.is_empty());
-    path.is_dir() && (holds(path) || inner.is_dir() && holds(&inner))
+    path.is_dir() && PLACES.iter().any(|place| holds_scans(&path.join(place)))
+}
+
+fn holds_scans(folder: &Path) -> bool {
+    folder.is_dir() && scans_in(folder).is_ok_and(|found| !found.is_empty())
+}
+
+/// Where in a folder the scans of a recording may lie.
+const PLACES: [&str; 4] = ["velodyne", ".", "velodyne_points/data", "data"];
+
+/// The folder of the scans, and their times where nobody named another file.
+fn places(path: &Path) -> (PathBuf, PathBuf) {
+    let place = PLACES.iter().find(|place| holds_scans(&path.join(place))).filter(|place| **place != ".");
+    let scans = place.map_or_else(|| path.to_owned(), |place| path.join(place));
+    let beside =
+        [path.join("times.txt"), path.join("timestamps.txt"), scans.with_file_name("timestamps.txt")];
+    let times = beside.iter().find(|file| file.is_file()).unwrap_or(&beside[0]).clone();
+    (scans, times)
 }
 
 /// File names that end so are scans.
@@ -54,12 +72,17 @@ impl Folder {
     /// # Errors
     /// When it cannot be read, holds no scans or scans of several kinds, or its `times.txt` does not fit them.
     pub fn open(path: &Path, options: &FolderOptions) -> Result<Self, ScanError> {
-        let inner = path.join("velodyne");
-        let scans = scans_in(if inner.is_dir() { &inner } else { path })?;
+        let (inner, times) = places(path);
+        let scans = scans_in(&inner)?;
         let name = path.display().to_string();
-        let times = options.times.clone().unwrap_or_else(|| path.join("times.txt"));
-        let stamps = match std::fs::read_to_string(&times) {
-            Ok(text) => stamps(&text, &scans, &times.display().to_string())?,
+        let times = options.times.clone().unwrap_or(times);
+        let mut remarks = Vec::new();
+        let stamps = match Table::read(&times) {
+            Ok(table) => {
+                let (stamps, remark) = stamps(&table, &scans, &times.display().to_string())?;
+                remarks.extend(remark);
+                stamps
+            }
             Err(source) if options.times.is_some() => {
                 return Err(ScanError::Io { name: times.display().to_string(), source });
             }
@@ -71,6 +94,10 @@ impl Folder {
                         format!("{rate} scans a second: expected a number above 0"),
                     ));
                 }
+                let gaps = Numbers::of(scans.iter().map(PathBuf::as_path)).and_then(|numbers| numbers.gaps());
+                remarks.extend(gaps.map(|gaps| {
+                    format!("{gaps}: the scans are taken as {rate} a second without them, as there is no times.txt")
+                }));
                 (0..scans.len()).map(|i| i as f64 / rate).collect()
             }
         };
@@ -80,7 +107,12 @@ impl Folder {
         let is_kitti = files.first().and_then(|file| file.path.extension()).is_some_and(|e| e == "bin");
         let timing =
             options.timing.filter(|t| is_kitti && spacing.is_none_or(|s| s < THINNED * f64::from(t.period)));
-        Ok(Self { root: path.to_owned(), files, timing })
+        Ok(Self { root: path.to_owned(), files, timing, remarks })
+    }
+
+    /// What is to be said of how its files and times were taken.
+    pub fn remarks(&self) -> &[String] {
+        &self.remarks
     }
 
     /// The folder.
@@ -167,7 +199,7 @@ fn scans_in(folder: &Path) -> Result<Vec<PathBuf>, ScanError> {
             found.push(path);
         }
     }
-    found.sort();
+    found.sort_by_cached_key(|path| natural_key(&path.file_name().unwrap_or_default().to_string_lossy()));
     let ending = |p: &PathBuf| p.extension().unwrap_or_default().to_ascii_lowercase();
     match found.first() {
         None => Err(ScanError::format(&name, "holds no scans (files ending in .bin, .pcd or .ply)")),
@@ -178,23 +210,27 @@ fn scans_in(folder: &Path) -> Result<Vec<PathBuf>, ScanError> {
     }
 }
 
-/// One stamp per scan, ascending. A second column, if there is one, names the scan by number.
-fn stamps(text: &str, scans: &[PathBuf], name: &str) -> Result<Vec<f64>, ScanError> {
-    let rows = text.lines().map(str::trim).filter(|line| !line.is_empty() && !line.starts_with('#'));
-    let parse = |line: &str| {
-        line.split_whitespace().next().and_then(|w| w.parse::<f64>().ok()).filter(|t| t.is_finite())
-    };
-    let stamps: Vec<f64> = rows
-        .map(|line| {
-            parse(line).ok_or_else(|| ScanError::format(name, format!("`{line}` does not begin with a time")))
-        })
-        .collect::<Result<_, _>>()?;
-    if stamps.len() != scans.len() {
-        return Err(ScanError::format(name, format!("has {} times for {} scans", stamps.len(), scans.len())));
+/// One stamp per scan, seconds, and what is to be said of them. Where scans are missing, their numbers tell whose the stamps are.
+fn stamps(table: &Table, scans: &[PathBuf], name: &str) -> Result<(Vec<f64>, Option<String>), ScanError> {
+    let stamps = table.stamps().map_err(|row| {
+        ScanError::format(name, format!("line {}: `{}` does not begin with a time", row.line, row.text()))
+    })?;
+    let remark = stamps.remark().map(|remark| format!("{name}: times are {remark}"));
+    let (times, count) = (stamps.seconds, scans.len());
+    if times.len() == count {
+        return Ok((times, remark));
     }
-    match stamps.windows(2).find(|w| w[1] <= w[0]) {
-        Some(w) => Err(ScanError::format(name, format!("time {} does not come after {}", w[1], w[0]))),
-        None => Ok(stamps),
+    let numbers = Numbers::of(scans.iter().map(PathBuf::as_path));
+    let missing = |which: &str| format!("has {} times for {count} scans{which}", times.len());
+    let of_numbers = numbers.and_then(|numbers| numbers.places_in(times.len()));
+    match of_numbers {
+        Some(places) => {
+            let remark = remark.unwrap_or_default();
+            let what = format!("{name}: {}", missing(": those of the scans' numbers are taken"));
+            let remark = if remark.is_empty() { what } else { format!("{remark}; {what}") };
+            Ok((places.into_iter().map(|place| times[place]).collect(), Some(remark)))
+        }
+        None => Err(ScanError::format(name, missing(""))),
     }
 }
 

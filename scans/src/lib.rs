@@ -2,7 +2,7 @@
 //! point are found where a file does not say.
 //!
 //! Read in this order: [`Scan`] (here), [`folder`](Folder) (which files make a recording), [`ScanSource`] (scans in order, wherever they lie), `kitti`, `pcd` and
-//! `ply` (one format each, all through `columns`), [`MessageKind`] (messages of recordings), `timing` (times and rings that are derived).
+//! `ply` (one format each, all through `columns`), [`MessageKind`] (messages of recordings), `timing` (times and rings that are derived); [`tables`] of times and names.
 //!
 //! The frame is the sensor's: x forward, y left, z up, metres; times are seconds.
 
@@ -15,6 +15,7 @@ mod messages;
 mod pcd;
 mod ply;
 mod source;
+pub mod tables;
 mod timing;
 
 pub use error::ScanError;

@@ -10,6 +10,11 @@ pub trait ScanSource {
 
     /// The next scan; none after the last.
     fn next_scan(&mut self) -> Option<NextScan>;
+
+    /// What is to be said of the recording as far as it was read, and how it was taken.
+    fn remarks(&self) -> Vec<String> {
+        Vec::new()
+    }
 }
 
 /// What is known of a recording of scans before they are read.
@@ -53,7 +58,7 @@ impl FolderSource {
             path: folder.root().to_owned(),
             kind: format!("folder of {} scans", folder.kind()),
             count: Some(files.len() as u64),
-            duration: ends.map(|(first, last)| last.stamp - first.stamp),
+            duration: ends.map(|(first, last)| last.stamp - first.stamp).filter(|seconds| *seconds >= 0.0),
         };
         Self { folder, info, next: 0 }
     }
@@ -69,5 +74,9 @@ impl ScanSource for FolderSource {
         let index = self.next as u64;
         self.next += 1;
         Some(NextScan { index, stamp: file.stamp, scan: self.folder.read(file) })
+    }
+
+    fn remarks(&self) -> Vec<String> {
+        self.folder.remarks().to_vec()
     }
 }

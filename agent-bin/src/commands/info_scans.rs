@@ -38,6 +38,7 @@ pub fn run(mut source: Box<dyn ScanSource>, json: bool) -> Result<()> {
             Err(error) => recording.problems.push(error.to_string()),
         }
     }
+    recording.problems.extend(source.remarks());
     if json { console::print_json(&recording) } else { console::print(&recording.to_string()) }
 }
 

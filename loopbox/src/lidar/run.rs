@@ -151,6 +151,7 @@ impl From<ScanError> for Skip {
             ScanError::Format { .. } => "damaged",
             ScanError::TooFew { .. } => "too_few_points",
             ScanError::Flat { .. } => "one_ring",
+            ScanError::Mistimed { .. } => "out_of_order",
         };
         Self { reason, detail: error.to_string() }
     }
