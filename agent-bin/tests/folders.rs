@@ -235,8 +235,30 @@ fn ros2_folders_are_their_mcap_file() {
     assert!(output.status.success(), "{}", stderr(&output));
     assert_eq!(info(&bag, &[])["frames"], 4);
     assert_eq!(read_through(&bag, &[])["frames"]["offered"], 4);
+    // A part of which nothing can be read is told, and the others are read.
     write(bag.join("bag_1.mcap"), "more");
-    assert_refused(&["info", arg(&bag)], &["2 MCAP files", "mcap merge"]);
+    let said = info(&bag, &[]);
+    assert_eq!(said["frames"], 4);
+    assert!(said["problems"].to_string().contains("bag_1.mcap"), "{said}");
+}
+
+#[test]
+fn a_part_is_taken_by_a_time_that_goes_forward() {
+    let folder = tempdir().unwrap();
+    timed_folder(folder.path(), 12);
+    let table = |stamp: &dyn Fn(u32) -> f64| {
+        let rows = (0..12).map(|i| format!("{:.1} images/{i:06}.png\n", stamp(i)));
+        write(folder.path().join("times.txt"), rows.collect::<String>());
+    };
+    let part = |from: &'static str, to: &'static str| {
+        processed_times(&read_through(folder.path(), &["--start", from, "--end", to]))
+    };
+    table(&|i| if i == 2 { 9e5 } else { 0.1 * f64::from(i) });
+    assert_eq!(part("0.1", "0.4"), [0.1, 0.3, 0.4]);
+    table(&|i| if i == 0 { 0.0 } else { 500.0 + 0.1 * f64::from(i) });
+    assert_eq!(part("0.1", "0.35"), [500.2, 500.3, 500.4]);
+    table(&|i| 0.1 * f64::from(i) - if i > 5 { 0.5 } else { 0.0 });
+    assert_eq!(part("0.4", "0.85").len(), 5);
 }
 
 #[test]

@@ -1,17 +1,18 @@
 //! The tables that come with folders of images. The first byte says whose form it is.
 #![no_main]
 
-use sources::{SourceOptions};
+use sources::SourceOptions;
 use loopbox_fuzz::scratch;
 use std::fs;
 
-const TABLES: [&str; 4] = ["times.txt", "rgb.txt", "mav0/cam0/data.csv", "image_0/../times.txt"];
+const TABLES: [&str; 5] =
+    ["times.txt", "rgb.txt", "mav0/cam0/data.csv", "image_0/../times.txt", "image_00/timestamps.txt"];
 
 libfuzzer_sys::fuzz_target!(|data: &[u8]| {
     let Some((form, table)) = data.split_first() else { return };
     let folder = scratch().join("folder");
     let _ = fs::remove_dir_all(&folder);
-    for part in ["images", "mav0/cam0/data", "image_0"] {
+    for part in ["images", "mav0/cam0/data", "image_0", "image_00/data"] {
         fs::create_dir_all(folder.join(part)).expect("a folder can be made");
     }
     if *form as usize % TABLES.len() != 3 {

@@ -88,8 +88,8 @@ fn of_index(index: &bag::Content) -> Topics {
 
 fn of_messages(messages: Reader) -> Topics {
     let mut topics = Topics::default();
-    // What follows the first error cannot be read; the reader says so again when frames are taken.
-    for Message { connection, time, .. } in messages.map_while(Result::ok) {
+    // What is damaged is told when frames are taken.
+    for Message { connection, time, .. } in messages.flatten() {
         topics.count(&connection.topic, &connection.kind, content(&connection.kind), 1);
         topics.at(time);
     }
@@ -98,7 +98,7 @@ fn of_messages(messages: Reader) -> Topics {
 
 /// The first calibration on `topic`.
 fn first_calibration(input: &Input, topic: &str) -> Result<Option<FoundCalibration>> {
-    for message in reader(input)?.map_while(Result::ok).filter(|message| message.connection.topic == topic) {
+    for message in reader(input)?.flatten().filter(|message| message.connection.topic == topic) {
         let Some(Content::Calibration(form)) = content(&message.connection.kind) else { continue };
         let origin = format!("topic {topic} of {}", input.path().display());
         let camera = messages::read_calibration(form, &message.data);

@@ -1,10 +1,11 @@
 //! EuRoC / ASL: `mav0/cam0/data.csv` (`nanoseconds,file`), `data/` and `sensor.yaml`; TUM VI, which has `dso/camchain.yaml`
 //! beside `mav0` instead.
 
-use super::image_list::{ImageList, first_existing, read_table};
-use super::{FoundCalibration, time};
-use anyhow::{Result, bail};
-use std::path::{Path, PathBuf};
+use super::FoundCalibration;
+use super::image_list::{ImageList, first_existing};
+use super::image_table::{named_images, read_table};
+use anyhow::Result;
+use std::path::Path;
 
 /// Opens the folder if it is of this kind: the recording itself, its `mav0`, or its `cam0`.
 ///
@@ -16,15 +17,10 @@ pub fn open(folder: &Path) -> Result<Option<ImageList>> {
         return Ok(None);
     };
     let table = camera.join("data.csv");
-    let frames = read_table(&table)?
-        .into_iter()
-        .map(|(line, fields)| match (fields[0].parse::<u64>(), fields.get(1)) {
-            (Ok(ns), Some(name)) => Ok((time::seconds(ns), camera.join("data").join(name))),
-            _ => bail!("{}: line {line} is not 'nanoseconds,image': {}", table.display(), fields.join(",")),
-        })
-        .collect::<Result<Vec<(f64, PathBuf)>>>()?;
+    let images = named_images(&table, &read_table(&table)?, &camera.join("data"))?;
     let calibration = first_existing(folder, &["camera.yaml"])
         .or_else(|| first_existing(&camera, &["sensor.yaml", "../../dso/camchain.yaml"]))
         .map(FoundCalibration::File);
-    ImageList::new("EuRoC folder", folder, &table, frames, calibration).map(Some)
+    let list = ImageList::new("EuRoC folder", folder, &table, images.frames, calibration)?;
+    Ok(Some(list.remarked(images.remarks, images.facts)))
 }

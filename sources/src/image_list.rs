@@ -2,19 +2,31 @@
 
 use super::survey;
 use super::{FoundCalibration, FrameSource, SourceFrame, SourceInfo};
+use crate::forward::{Faults, Judged, judged};
 use crate::pictures::Picture;
 use anyhow::{Context, Result, bail};
+use scans::tables::natural_key;
 use std::path::{Path, PathBuf};
+
+/// More of the steps of a list than this share back in time, and it is in no order of time.
+const UNORDERED: f64 = 0.1;
+
+/// An image file and when it was taken.
+pub type Timed = (f64, PathBuf);
 
 /// A list of image files in the order of the recording.
 pub struct ImageList {
     info: SourceInfo,
-    frames: Vec<(f64, PathBuf)>,
+    frames: Vec<(Judged, Timed)>,
+    faults: Faults,
+    /// What is to be said of how it was read.
+    remarks: Vec<String>,
+    facts: Vec<(&'static str, String)>,
     next: usize,
 }
 
 impl ImageList {
-    /// A list from `(time stamp in seconds, file)` pairs in the order of the recording.
+    /// A list from `(time stamp in seconds, file)` pairs in the order of the recording. One in no order of time is sorted by it.
     ///
     /// # Errors
     /// When the list is empty; `index` is the file or folder that should have named the images.
@@ -22,22 +34,73 @@ impl ImageList {
         kind: &'static str,
         folder: &Path,
         index: &Path,
-        frames: Vec<(f64, PathBuf)>,
+        mut frames: Vec<Timed>,
         calibration: Option<FoundCalibration>,
     ) -> Result<Self> {
-        let (Some(first), Some(last)) = (frames.first(), frames.last()) else {
+        if frames.is_empty() {
             bail!("{}: it names no images", index.display());
-        };
+        }
+        let remarks = ordered(&mut frames).into_iter().collect();
+        let times: Vec<f64> = frames.iter().map(|(time, _)| *time).collect();
+        let (of_each, faults) = judged(&times);
+        let mut good =
+            of_each.iter().filter_map(|one| if let Judged::At(time) = one { Some(*time) } else { None });
+        let first = good.next();
+        let duration = first.map(|first| good.next_back().unwrap_or(first) - first);
         let info = SourceInfo {
             kind,
             path: folder.to_owned(),
             frame_count: Some(frames.len() as u64),
-            duration: Some(last.0 - first.0),
+            duration,
             calibration,
             lag: None,
         };
-        Ok(Self { info, frames, next: 0 })
+        let frames = of_each.into_iter().zip(frames).collect();
+        Ok(Self { info, frames, faults, remarks, facts: Vec::new(), next: 0 })
     }
+
+    /// The same; images that all have one time are taken as so many a second.
+    ///
+    /// # Errors
+    /// When nobody said how many.
+    pub fn with_rate(self, fps: Option<f64>) -> Result<Self> {
+        let one_time = match &self.frames[..] {
+            [(_, (first, _)), rest @ ..] if !rest.is_empty() => {
+                rest.iter().all(|(_, (time, _))| time == first).then_some(*first)
+            }
+            _ => None,
+        };
+        let Some(time) = one_time else { return Ok(self) };
+        let (count, path) = (self.frames.len(), self.info.path.clone());
+        let Some(fps) = fps else {
+            bail!(
+                "{}: all {count} images have the time {time}\nhint: give their frame rate, such as --fps 30, which takes its place",
+                path.display()
+            );
+        };
+        let frames = self.frames.into_iter().enumerate().map(|(i, (_, (_, file)))| (i as f64 / fps, file));
+        let (kind, calibration) = (self.info.kind, self.info.calibration);
+        let list = Self::new(kind, &path, &path, frames.collect(), calibration)?;
+        let what = format!("all images have the time {time}: they are taken as {fps} a second");
+        Ok(list.remarked(vec![what], self.facts))
+    }
+
+    /// The same, of which this is to be said: what may be wrong with it, and how it was read, as label and text.
+    pub fn remarked(mut self, remarks: Vec<String>, facts: Vec<(&'static str, String)>) -> Self {
+        self.remarks.extend(remarks);
+        self.facts.extend(facts);
+        self
+    }
+}
+
+/// Sorts a list by time that is in no order of it, and says so. One whose clock was set keeps its order.
+fn ordered(frames: &mut [Timed]) -> Option<String> {
+    let back = frames.windows(2).filter(|pair| pair[1].0 < pair[0].0).count();
+    if back as f64 <= UNORDERED * frames.len() as f64 || frames.len() < 3 {
+        return None;
+    }
+    frames.sort_by(|a, b| a.0.total_cmp(&b.0));
+    Some("the images are named in no order of time: they are taken in the order of their times".into())
 }
 
 impl FrameSource for ImageList {
@@ -46,85 +109,26 @@ impl FrameSource for ImageList {
     }
 
     fn next_frame(&mut self) -> Option<SourceFrame> {
-        let (timestamp, path) = self.frames.get(self.next)?;
+        let (of_time, (stamp, path)) = self.frames.get(self.next)?;
         let index = self.next as u64;
         self.next += 1;
-        let picture = Picture::File(path.clone());
-        Some(SourceFrame { index, timestamp: *timestamp, captured: None, picture })
+        let (timestamp, picture) = match of_time {
+            Judged::At(time) => (*time, Picture::File(path.clone())),
+            Judged::Repeats | Judged::NoTime => (*stamp, Picture::File(path.clone())),
+            Judged::Off => (*stamp, Picture::mistimed(*stamp)),
+        };
+        Some(SourceFrame { index, timestamp, captured: None, picture })
     }
 
     fn problems(&self) -> Vec<String> {
-        let times: Vec<f64> = self.frames.iter().map(|(t, _)| *t).collect();
-        let images: Vec<&Path> = self.frames.iter().map(|(_, path)| path.as_path()).collect();
-        survey::of_times(&times).into_iter().chain(survey::of_images(&images)).collect()
+        let images: Vec<&Path> = self.frames.iter().map(|(_, (_, path))| path.as_path()).collect();
+        let of_images = survey::of_images(&images);
+        self.remarks.iter().cloned().chain(self.faults.texts()).chain(of_images).collect()
     }
-}
 
-/// Lines of a text table: their numbers, from 1, and their fields, of which there is at least one.
-pub type Lines = Vec<(usize, Vec<String>)>;
-
-/// The fields of each line of a text table, without comments (`#`) and empty lines, with line numbers from 1.
-///
-/// # Errors
-/// When the file cannot be read as text.
-pub fn read_table(path: &Path) -> Result<Lines> {
-    let text =
-        std::fs::read_to_string(path).with_context(|| format!("{}: cannot be read", path.display()))?;
-    let rows = text.lines().enumerate().filter_map(|(i, line)| {
-        let line = line.split('#').next().unwrap_or_default();
-        let fields: Vec<String> = line
-            .split(|c: char| c == ',' || c.is_whitespace())
-            .filter(|field| !field.is_empty())
-            .map(str::to_owned)
-            .collect();
-        (!fields.is_empty()).then_some((i + 1, fields))
-    });
-    Ok(rows.collect())
-}
-
-/// A table of time stamps and image names: `(time stamp, folder / name)` of each row.
-///
-/// # Errors
-/// Names the line that is not `time stamp, image`.
-pub fn timed_images(table: &Path, folder: &Path) -> Result<Vec<(f64, PathBuf)>> {
-    images_of_lines(table, read_table(table)?, folder)
-}
-
-/// The same of the table's lines.
-///
-/// # Errors
-/// Those of [`timed_images`].
-pub fn images_of_lines(table: &Path, lines: Lines, folder: &Path) -> Result<Vec<(f64, PathBuf)>> {
-    lines
-        .into_iter()
-        .map(|(line, fields)| {
-            let timestamp = fields[0].parse::<f64>().ok().filter(|t| t.is_finite());
-            match (timestamp, fields.get(1)) {
-                (Some(timestamp), Some(name)) => Ok((timestamp, folder.join(name))),
-                _ => {
-                    bail!("{}: line {line} is not 'time stamp, image': {}", table.display(), fields.join(" "))
-                }
-            }
-        })
-        .collect()
-}
-
-/// How many times a table holds for the images of a folder, where these do not go together.
-pub fn mismatch(table: &Path, times: &Lines, images: &Path, files: &[PathBuf]) -> String {
-    let (times, files) = (times.len(), files.len());
-    format!("{}: {times} times for {files} images of {}", table.display(), images.display())
-}
-
-/// Images with the times that a table says one a line; of what there are more, the last are left out.
-///
-/// # Errors
-/// Names the line that is no time.
-pub fn images_by_times(table: &Path, times: Lines, files: Vec<PathBuf>) -> Result<Vec<(f64, PathBuf)>> {
-    let of_line = |((line, fields), file): ((usize, Vec<String>), PathBuf)| match fields[0].parse::<f64>() {
-        Ok(time) if time.is_finite() => Ok((time, file)),
-        _ => bail!("{}: line {line} is not a time in seconds: {}", table.display(), fields[0]),
-    };
-    times.into_iter().zip(files).map(of_line).collect()
+    fn facts(&self) -> Vec<(&'static str, String)> {
+        self.facts.clone()
+    }
 }
 
 /// The first of `names` that exists in `folder`.
@@ -132,15 +136,17 @@ pub fn first_existing(folder: &Path, names: &[&str]) -> Option<PathBuf> {
     names.iter().map(|name| folder.join(name)).find(|path| path.is_file())
 }
 
-/// The image files of a folder, sorted so that 2 comes before 10.
+/// The image files of a folder, sorted so that 2 comes before 10; those whose names begin with a dot are another program's.
 ///
 /// # Errors
 /// When the folder cannot be read.
 pub fn images_in(folder: &Path) -> Result<Vec<PathBuf>> {
     let entries =
         std::fs::read_dir(folder).with_context(|| format!("{}: cannot be read", folder.display()))?;
-    let mut images: Vec<PathBuf> =
-        entries.filter_map(|entry| Some(entry.ok()?.path())).filter(|path| is_image(path)).collect();
+    let is_shown =
+        |path: &Path| path.file_name().is_some_and(|name| !name.to_string_lossy().starts_with('.'));
+    let paths = entries.filter_map(|entry| Some(entry.ok()?.path()));
+    let mut images: Vec<PathBuf> = paths.filter(|path| is_image(path) && is_shown(path)).collect();
     images.sort_by_cached_key(|path| natural_key(&path.file_name().unwrap_or_default().to_string_lossy()));
     Ok(images)
 }
@@ -151,30 +157,49 @@ pub fn is_image(path: &Path) -> bool {
     matches!(extension.as_str(), "png" | "jpg" | "jpeg" | "pgm" | "ppm" | "tif" | "tiff" | "bmp")
 }
 
-/// A name as alternating text and numbers, so that numbers compare by value.
-fn natural_key(name: &str) -> Vec<(String, u64, String)> {
-    let mut parts = Vec::new();
-    let mut rest = name;
-    while !rest.is_empty() {
-        let digits = rest.find(|c: char| c.is_ascii_digit()).unwrap_or(rest.len());
-        let (text, tail) = rest.split_at(digits);
-        let end = tail.find(|c: char| !c.is_ascii_digit()).unwrap_or(tail.len());
-        let (number, tail) = tail.split_at(end);
-        // The digits themselves break ties between 1 and 01, and stand in for numbers beyond 64 bits.
-        parts.push((text.to_owned(), number.parse().unwrap_or(u64::MAX), number.to_owned()));
-        rest = tail;
-    }
-    parts
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
+    fn list(times: &[f64]) -> Result<ImageList> {
+        let frames = times.iter().enumerate().map(|(i, time)| (*time, PathBuf::from(format!("{i}.png"))));
+        ImageList::new("list", Path::new("folder"), Path::new("folder/times.txt"), frames.collect(), None)
+    }
+
+    fn names(list: &mut ImageList) -> Vec<String> {
+        let name = |frame: SourceFrame| match frame.picture {
+            Picture::File(path) => path.display().to_string(),
+            other => format!("{other:?}"),
+        };
+        std::iter::from_fn(|| list.next_frame()).map(name).collect()
+    }
+
     #[test]
-    fn numbers_sort_by_value() {
-        let mut names = ["f10.png", "f2.png", "f1.png", "e3.png"];
-        names.sort_by_cached_key(|name| natural_key(name));
-        assert_eq!(names, ["e3.png", "f1.png", "f2.png", "f10.png"]);
+    fn a_list_in_no_order_of_time_is_sorted() {
+        for times in [[0.5, 0.4, 0.3, 0.2, 0.1], [0.1, 0.3, 0.2, 0.5, 0.4]] {
+            let mut list = list(&times).unwrap();
+            assert!(list.problems()[0].contains("in the order of their times"), "{:?}", list.problems());
+            let frames: Vec<SourceFrame> = std::iter::from_fn(|| list.next_frame()).collect();
+            assert!(frames.iter().map(|frame| frame.timestamp).eq([0.1, 0.2, 0.3, 0.4, 0.5]));
+        }
+    }
+
+    #[test]
+    fn a_clock_that_was_set_keeps_the_order() {
+        let times: Vec<f64> = (0..60).map(|i| if i < 30 { 50.0 } else { 0.0 } + 0.1 * f64::from(i)).collect();
+        let mut list = list(&times).unwrap();
+        assert!((list.info().duration.unwrap() - 5.9).abs() < 1e-6, "{:?}", list.info().duration);
+        assert!(list.problems()[0].contains("set back by 50.0 s at frame 30"), "{:?}", list.problems());
+        assert_eq!(names(&mut list)[30], "30.png");
+    }
+
+    #[test]
+    fn one_time_for_all_is_refused_without_a_rate() {
+        let rated = |times: &[f64], fps| list(times).unwrap().with_rate(fps);
+        let error = rated(&[7.0; 5], None).err().unwrap().to_string();
+        assert!(error.contains("all 5 images have the time 7") && error.contains("--fps"), "{error}");
+        let mut at_rate = rated(&[7.0; 5], Some(20.0)).unwrap();
+        assert_eq!((at_rate.info().duration, names(&mut at_rate).len()), (Some(0.2), 5));
+        assert_eq!(names(&mut rated(&[7.0], None).unwrap()), ["0.png"]);
     }
 }

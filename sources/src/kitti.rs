@@ -1,12 +1,13 @@
 //! KITTI odometry: `image_0/NNNNNN.png` (grey) or `image_2/` (colour), `times.txt` (one time a line), `calib.txt` (`P0: …`,
-//! `P2: …`).
+//! `P2: …`); and its raw recordings: `image_00/data/` to `image_03/data/`, each beside `timestamps.txt` (a date and time a line).
 
 use super::FoundCalibration;
-use super::image_list::{ImageList, first_existing, images_by_times, images_in, mismatch, read_table};
+use super::image_list::{ImageList, Timed, first_existing, images_in};
+use super::image_table::{images_by_times, read_table};
 use super::presets;
-use anyhow::{Result, bail};
+use anyhow::Result;
 use geometry::{Camera, Distortion, Pinhole};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Opens the folder if it is of this kind.
 ///
@@ -17,22 +18,37 @@ pub fn open(folder: &Path) -> Result<Option<ImageList>> {
     let cameras = [("image_0", "P0:"), ("image_2", "P2:")].map(|(name, row)| (folder.join(name), row));
     let Some((images, row)) = cameras.into_iter().find(|(images, _)| images.is_dir() && table.is_file())
     else {
-        return Ok(None);
+        return open_raw(folder);
     };
-    let (files, times) = (images_in(&images)?, read_table(&table)?);
-    if files.len() > times.len() {
-        bail!(mismatch(&table, &times, &images, &files));
-    }
-    let frames = images_by_times(&table, times, files)?;
+    let timed = images_by_times(&table, &read_table(&table)?, &images, images_in(&images)?)?;
+    let frames = timed.frames;
     let calibration = first_existing(folder, &["camera.yaml"])
         .map(FoundCalibration::File)
         .or_else(|| first_existing(folder, &["calib.txt"]).map(|path| calibration_file(&path, row, &frames)))
         .or_else(|| presets::kitti(&frames.first()?.1));
-    ImageList::new("KITTI odometry folder", folder, &images, frames, calibration).map(Some)
+    let list = ImageList::new("KITTI odometry folder", folder, &images, frames, calibration)?;
+    Ok(Some(list.remarked(timed.remarks, timed.facts)))
+}
+
+/// A raw recording, or the folder of one of its cameras.
+fn open_raw(folder: &Path) -> Result<Option<ImageList>> {
+    let cameras = ["image_00", "image_02", "image_01", "image_03", "."].map(|camera| folder.join(camera));
+    let is_camera = |camera: &Path| camera.join("timestamps.txt").is_file() && camera.join("data").is_dir();
+    let Some(camera) = cameras.into_iter().find(|camera| is_camera(camera)) else { return Ok(None) };
+    let (table, images) = (camera.join("timestamps.txt"), camera.join("data"));
+    let files = images_in(&images)?;
+    if files.is_empty() {
+        return Ok(None);
+    }
+    let timed = images_by_times(&table, &read_table(&table)?, &images, files)?;
+    let calibration =
+        first_existing(folder, &["camera.yaml", "camera.yml", "camera.txt"]).map(FoundCalibration::File);
+    let list = ImageList::new("KITTI raw folder", folder, &images, timed.frames, calibration)?;
+    Ok(Some(list.remarked(timed.remarks, timed.facts)))
 }
 
 /// The rectified left camera in this row of a `calib.txt`; the size, which is not in it, is the first image's.
-fn calibration_file(path: &Path, row: &str, frames: &[(f64, PathBuf)]) -> FoundCalibration {
+fn calibration_file(path: &Path, row: &str, frames: &[Timed]) -> FoundCalibration {
     let origin = path.display().to_string();
     let read = || {
         let text = std::fs::read_to_string(path).map_err(|e| e.to_string())?;

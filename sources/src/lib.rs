@@ -8,14 +8,21 @@ mod bag_recording;
 pub mod camera;
 pub mod convert;
 pub mod correction;
+mod damage;
 mod euroc;
+#[cfg(test)]
+mod format_tests;
+pub mod forward;
 mod image_list;
+mod image_table;
 mod input;
+mod kinds;
 mod kitti;
 mod mcap_recording;
 pub mod messages;
 pub mod notice;
 mod numbered;
+mod parts;
 pub mod pictures;
 mod presets;
 #[cfg(feature = "video")]
@@ -34,7 +41,8 @@ mod tum_mono;
 #[cfg(feature = "video")]
 mod video;
 
-pub use image_list::{images_in, is_image, timed_images};
+pub use image_list::{images_in, is_image};
+pub use image_table::timed_images;
 pub use input::Input;
 pub use scan_recording::{ScanRecording, open_scans, scans_looked_for};
 pub use stop::Stop;
@@ -42,7 +50,9 @@ pub use stop::Stop;
 use crate::pictures::{Picture, StatedFocal};
 use crate::recording::CalibrationFiles;
 use anyhow::{Result, bail};
+use forward::Forward;
 use geometry::Camera;
+use kinds::check_kind;
 use notice::Listener;
 use rosbag2::Files;
 use std::path::{Path, PathBuf};
@@ -198,7 +208,8 @@ pub struct SourceOptions {
     pub all_frames: bool,
 }
 
-/// Opens the recording at `path`, whatever its kind.
+/// Opens the recording at `path`, whatever its kind. Its time goes forward, and the grey levels of its pictures are of one range
+/// ([`forward`]).
 ///
 /// # Errors
 /// When there is nothing there, or nothing that is a recording; says which files were looked for.
@@ -208,32 +219,43 @@ pub fn open(path: &Path, options: &SourceOptions) -> Result<Box<dyn FrameSource>
     {
         bail!("--fps {fps} is not a frame rate\nhint: give frames per second, such as --fps 30");
     }
+    Ok(Box::new(Forward::new(open_any(path, options)?)))
+}
+
+/// Opens the recording with the stamps and pictures that it has.
+fn open_any(path: &Path, options: &SourceOptions) -> Result<Box<dyn FrameSource>> {
+    check_kind(path)?;
     if path.is_dir() {
         return match rosbag2::files_at(path)? {
-            Some(Files::Mcap(file)) => open(&file, options),
-            Some(Files::Sqlite(files)) => open_sqlite(path, &files, options),
+            Some(files) => open_files(path, &files, options),
             None => open_folder(path, options),
         };
     }
-    if !path.exists() {
-        bail!("{}: there is no such file or folder", path.display());
-    }
-    if let Some(Files::Sqlite(files)) = rosbag2::files_at(path)? {
-        return open_sqlite(path, &files, options);
-    }
-    if map::is_map_file(path) {
-        bail!(
-            "{}: this is a map, not a recording\nhint: `loopbox info` and `loopbox export` read it",
-            path.display()
-        );
+    if let Some(files) = rosbag2::files_at(path)? {
+        return open_files(path, &files, options);
     }
     if mcap_recording::is_mcap(path) {
-        return Ok(Box::new(mcap_recording::open(Input::File(path.to_owned()), options)?));
+        return open_mcap(path, options);
     }
     if bag_recording::is_bag(path) {
-        return Ok(Box::new(bag_recording::open(Input::File(path.to_owned()), options)?));
+        return open_bag(path, options);
     }
     open_video(path, options)
+}
+
+fn open_files(path: &Path, files: &Files, options: &SourceOptions) -> Result<Box<dyn FrameSource>> {
+    match files {
+        Files::Mcap(files) => parts::open(path, files, options, open_mcap),
+        Files::Sqlite(files) => open_sqlite(path, files, options),
+    }
+}
+
+fn open_mcap(path: &Path, options: &SourceOptions) -> Result<Box<dyn FrameSource>> {
+    Ok(Box::new(mcap_recording::open(Input::File(path.to_owned()), options)?))
+}
+
+fn open_bag(path: &Path, options: &SourceOptions) -> Result<Box<dyn FrameSource>> {
+    Ok(Box::new(bag_recording::open(Input::File(path.to_owned()), options)?))
 }
 
 /// Opens a recording that lies in memory: an MCAP file or a ROS 1 bag.
@@ -243,9 +265,9 @@ pub fn open(path: &Path, options: &SourceOptions) -> Result<Box<dyn FrameSource>
 pub fn open_bytes(bytes: &[u8], options: &SourceOptions) -> Result<Box<dyn FrameSource>> {
     let input = Input::Memory("memory".into(), Arc::from(bytes));
     if bytes.starts_with(bag_recording::MAGIC) {
-        return Ok(Box::new(bag_recording::open(input, options)?));
+        return Ok(Box::new(Forward::new(Box::new(bag_recording::open(input, options)?))));
     }
-    Ok(Box::new(mcap_recording::open(input, options)?))
+    Ok(Box::new(Forward::new(Box::new(mcap_recording::open(input, options)?))))
 }
 
 /// The camera in a `foxglove.CameraCalibration` message (protobuf).
@@ -295,15 +317,21 @@ fn open_folder(path: &Path, options: &SourceOptions) -> Result<Box<dyn FrameSour
         list
     } else if let Some(list) = numbered::open(path, options.fps)? {
         list
+    } else if let Some(files) = rosbag2::loose_files(path)? {
+        return open_files(path, &files, options);
+    } else if let bags = rosbag2::files_with(path, "bag")?
+        && !bags.is_empty()
+    {
+        return parts::open(path, &bags, options, open_bag);
     } else {
         bail!(
             "{}: no recording here\nhint: looked for times.txt with images/, rgb.txt (TUM), mav0/cam0/data.csv \
-             (EuRoC), image_0/ or image_2/ with times.txt (KITTI), metadata.yaml with .mcap or .db3 (ROS 2), and .png, .jpg, .pgm, .tiff or .bmp files",
+             (EuRoC), image_0/ or image_2/ with times.txt (KITTI), image_00/data with timestamps.txt (KITTI raw), .mcap, .db3 and .bag files, and .png, .jpg, .pgm, .tiff or .bmp files",
             path.display()
         );
     };
     refuse_topic(path, options)?;
-    Ok(Box::new(list))
+    Ok(Box::new(list.with_rate(options.fps)?))
 }
 
 /// Refuses to choose among the topics of a recording that has none.

@@ -1,5 +1,6 @@
 //! MCAP recordings: loopbox's own, and others with Foxglove or ROS 2 images.
 
+mod linear;
 mod seek;
 mod survey;
 
@@ -7,13 +8,15 @@ use super::input::Input;
 use super::messages::{self, Content};
 use super::topics::Topics;
 use super::{FoundCalibration, FrameSource, SourceFrame, SourceInfo, SourceOptions, time};
-use crate::pictures::Picture;
-use crate::recording::{NumberSet, RecordedHead, read_head};
+use crate::damage::Damage;
+use crate::forward::{Judged, LOOKED_AHEAD, judged};
+use crate::messages::unpacked;
+use crate::pictures::{GreyRange, Picture};
+use crate::recording::{GREY_RANGE, NumberSet, RecordedHead, read_head};
 use anyhow::Result;
 use geometry::limits::MAX_BYTES;
+use linear::Linear;
 use mcap::McapResult;
-use mcap::io::MessageReader;
-use mcap::sans_io::LinearReaderOptions;
 use seek::MessagesFrom;
 use std::fs::File;
 use std::io::Read;
@@ -26,7 +29,7 @@ const MAGIC: &[u8] = b"\x89MCAP0\r\n";
 const LOOKED_FOR: &str = "foxglove.CompressedImage and foxglove.RawImage (protobuf or JSON) and \
      sensor_msgs/msg/Image and CompressedImage (CDR)";
 
-/// Messages in the order of the file.
+/// Messages in the order of the file. An error is a damage, after which there may be more.
 pub type Messages = Box<dyn Iterator<Item = McapResult<mcap::Message<'static>>> + Send>;
 
 /// A recording in an MCAP file: the images of one topic.
@@ -41,9 +44,14 @@ pub struct McapRecording {
     is_ours: bool,
     /// Numbers of frames to leave out.
     left_out: NumberSet,
-    /// Images seen.
+    /// Images seen, and how many there should be.
     seen: u64,
-    warning: Option<String>,
+    count: u64,
+    damage: Damage,
+    /// The range of samples of more than eight bits that the recorded run saw.
+    range: Option<GreyRange>,
+    /// Whether stamps stand still, so that images have the times at which they were logged.
+    by_log: bool,
 }
 
 /// Whether the file starts as MCAP files do.
@@ -73,9 +81,12 @@ pub fn open(input: Input, options: &SourceOptions) -> Result<McapRecording> {
         calibration: calibration(&input, &head, &survey, &topic)?,
         lag: head.lag().filter(|_| !options.all_frames),
     };
-    Ok(McapRecording {
+    let range = head.is_ours.then(|| survey.ending.get(GREY_RANGE)).flatten();
+    let messages = linear_with(&input, survey.summary.as_ref())?;
+    let mut recording = McapRecording {
         facts: facts(&head, &survey),
-        messages: linear(&input)?,
+        messages,
+        range: range.and_then(|text| GreyRange::parse(text)),
         summary: survey.summary,
         is_ours: head.is_ours,
         left_out: if options.all_frames { NumberSet::default() } else { survey.dropped },
@@ -83,8 +94,12 @@ pub fn open(input: Input, options: &SourceOptions) -> Result<McapRecording> {
         info,
         topic,
         seen: 0,
-        warning: None,
-    })
+        count,
+        damage: Damage::default(),
+        by_log: false,
+    };
+    recording.by_log = !recording.is_ours && recording.stamps_stand_still();
+    Ok(recording)
 }
 
 impl McapRecording {
@@ -100,18 +115,53 @@ impl McapRecording {
             return None;
         }
         let log_time = time::seconds(message.log_time);
-        let (stamp, picture) = match messages::read_image(form, &message.data) {
-            Ok(image) => (image.stamp, image.picture),
-            Err(error) => (None, Picture::Broken(format!("{error:#}"))),
+        let (stamp, picture) =
+            match unpacked(&message.data).and_then(|data| messages::read_image(form, &data)) {
+                Ok(image) => (image.stamp, image.picture),
+                Err(error) => (None, Picture::Broken(format!("{error:#}"))),
+            };
+        let picture = match self.range {
+            Some(range) if self.is_ours => Picture::Ranged(Box::new(picture), range),
+            _ => picture,
         };
-        Some(SourceFrame { index, timestamp: stamp.unwrap_or(log_time), captured: None, picture })
+        let timestamp = stamp.filter(|_| !self.by_log).unwrap_or(log_time);
+        Some(SourceFrame { index, timestamp, captured: None, picture })
     }
 
-    /// Time stamp of the first frame.
+    /// What the first frames are; the recording is at its start again afterwards.
+    fn first_frames(&mut self) -> Vec<SourceFrame> {
+        let frames = std::iter::from_fn(|| self.next_frame()).take(1 + LOOKED_AHEAD).collect();
+        if let Ok(messages) = linear_with(&self.input, self.summary.as_ref()) {
+            (self.seen, self.damage, self.messages) = (0, Damage::default(), messages);
+        }
+        frames
+    }
+
+    /// Time stamp of the first frame whose stamp is the clock's.
     fn first_timestamp(&mut self) -> Option<f64> {
-        let first = self.next_frame().map(|frame| frame.timestamp);
-        (self.seen, self.warning, self.messages) = (0, None, linear(&self.input).ok()?);
-        first
+        let stamps: Vec<f64> = self.first_frames().iter().map(|frame| frame.timestamp).collect();
+        judged(&stamps)
+            .0
+            .into_iter()
+            .find_map(|one| if let Judged::At(time) = one { Some(time) } else { None })
+    }
+
+    /// Whether messages say one and the same time, though they were logged one after the other.
+    fn stamps_stand_still(&mut self) -> bool {
+        if self.count <= LOOKED_AHEAD as u64 {
+            return false;
+        }
+        let stamps: Vec<f64> = self.first_frames().iter().map(|frame| frame.timestamp).collect();
+        stamps.len() > LOOKED_AHEAD && stamps.iter().all(|stamp| *stamp == stamps[0])
+    }
+
+    /// Whether chunks lie in the order of their times, so that one can seek a time.
+    fn has_order(&self) -> bool {
+        let Some(summary) = &self.summary else { return false };
+        let mut chunks: Vec<_> =
+            summary.chunk_indexes.iter().filter(|chunk| chunk.message_end_time > 0).collect();
+        chunks.sort_by_key(|chunk| chunk.chunk_start_offset);
+        chunks.windows(2).all(|pair| pair[0].message_end_time <= pair[1].message_start_time)
     }
 }
 
@@ -125,12 +175,8 @@ impl FrameSource for McapRecording {
             let message = match self.messages.next()? {
                 Ok(message) => message,
                 Err(error) => {
-                    self.warning = Some(format!(
-                        "{}: the file is damaged or ends early; its {} whole images are used ({error})",
-                        self.info.path.display(),
-                        self.seen
-                    ));
-                    return None;
+                    self.damage.note(&error);
+                    continue;
                 }
             };
             if let Some(frame) = self.frame(&message) {
@@ -140,14 +186,14 @@ impl FrameSource for McapRecording {
     }
 
     fn warning(&self) -> Option<String> {
-        self.warning.clone()
+        self.damage.text(&self.info.path, "images", self.seen, self.count)
     }
 
     fn skip_to(&mut self, start: f64) -> Option<f64> {
         /// Times in seconds are that good at least.
         const MARGIN_NS: u64 = 1_000;
         // Elsewhere frames are not logged at the time of their stamp, nor numbered.
-        if !self.is_ours || self.summary.is_none() {
+        if !self.is_ours || !self.has_order() {
             return None;
         }
         let first = self.first_timestamp()?;
@@ -159,7 +205,12 @@ impl FrameSource for McapRecording {
     }
 
     fn facts(&self) -> Vec<(&'static str, String)> {
-        self.facts.clone()
+        let mut facts = self.facts.clone();
+        facts.extend(self.range.map(|range| ("bits", range.text())));
+        if self.by_log {
+            facts.push(("times", "those at which messages were logged: their own stand still".into()));
+        }
+        facts
     }
 }
 
@@ -176,9 +227,11 @@ pub fn topics(input: &Input) -> Result<Topics> {
 /// # Errors
 /// When it cannot be opened.
 pub fn linear(input: &Input) -> Result<Messages> {
-    let (file, _) = input.open()?;
-    let options = LinearReaderOptions::default().with_record_length_limit(MAX_BYTES);
-    Ok(Box::new(MessageReader::new_with_options(file, options)))
+    linear_with(input, survey::summary(input)?.as_ref())
+}
+
+fn linear_with(input: &Input, summary: Option<&mcap::Summary>) -> Result<Messages> {
+    Ok(Box::new(Linear::open(input, summary)?))
 }
 
 /// What `loopbox info` says beyond what it says of every source.
@@ -211,10 +264,10 @@ fn calibration(
         return Ok(Some(FoundCalibration::Recorded { origin, files: Box::new(head.calibration.clone()) }));
     }
     let Some(wanted) = survey.topics.calibration(topic) else { return Ok(None) };
-    for message in linear(input)?.map_while(Result::ok).filter(|message| message.channel.topic == wanted) {
+    for message in linear(input)?.flatten().filter(|message| message.channel.topic == wanted) {
         let Some(Content::Calibration(form)) = content(&message.channel) else { continue };
         let origin = format!("topic {wanted} of {}", input.path().display());
-        let camera = messages::read_calibration(form, &message.data);
+        let camera = unpacked(&message.data).and_then(|data| messages::read_calibration(form, &data));
         return Ok(Some(FoundCalibration::of_message(origin, camera)));
     }
     Ok(None)

@@ -1,9 +1,17 @@
-//! Numbered image files without time stamps.
+//! Image files without a table: numbered, or named by their times.
 
 use super::FoundCalibration;
-use super::image_list::{ImageList, first_existing, images_in};
+use super::image_list::{ImageList, Timed, first_existing, images_in};
 use anyhow::{Result, bail};
-use std::path::Path;
+use scans::tables::{Numbers, Stamps, moment};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// Words in names of images that are no pictures of the scene by the camera that is taken.
+const OTHERS: [&str; 9] =
+    ["depth", "disp", "disparity", "mask", "label", "semantic", "seg", "normal", "right"];
+/// Digits of a whole number of seconds since 1970; with those of milliseconds, microseconds and nanoseconds behind.
+const DIGITS_SINCE_1970: [usize; 4] = [10, 13, 16, 19];
 
 /// Opens the folder if it, or its `images/`, holds image files.
 ///
@@ -14,22 +22,160 @@ pub fn open(folder: &Path, fps: Option<f64>) -> Result<Option<ImageList>> {
         if !images.is_dir() {
             continue;
         }
-        let files = images_in(&images)?;
+        let (files, mut remarks) = pictures(images_in(&images)?);
         if files.is_empty() {
             continue;
         }
-        let Some(fps) = fps else {
-            bail!(
+        let calibration =
+            first_existing(folder, &["camera.yaml", "camera.yml", "camera.txt"]).map(FoundCalibration::File);
+        let (kind, frames, facts) = match (fps, stamps(&files)) {
+            (None, Some(stamps)) => {
+                let remark = stamps.remark().map_or(String::new(), |remark| format!(" {remark}"));
+                let facts = vec![("times", format!("the names of the images{remark}"))];
+                ("folder of images named by their times", in_order(stamps.seconds, files), facts)
+            }
+            (Some(fps), _) => {
+                let gaps = Numbers::of(files.iter().map(PathBuf::as_path)).and_then(|numbers| numbers.gaps());
+                remarks.extend(gaps.map(|gaps| {
+                    format!("{gaps}: the images that are there are taken as {fps} a second without them")
+                }));
+                let frames = files.into_iter().enumerate().map(|(i, file)| (i as f64 / fps, file)).collect();
+                ("folder of numbered images", frames, Vec::new())
+            }
+            (None, None) => bail!(
                 "{}: {} images but no time stamps\nhint: give their frame rate, such as --fps 30, or a times.txt \
                  with a line 'seconds image' for each",
                 folder.display(),
                 files.len()
-            );
+            ),
         };
-        let frames = files.into_iter().enumerate().map(|(i, file)| (i as f64 / fps, file)).collect();
-        let calibration =
-            first_existing(folder, &["camera.yaml", "camera.yml", "camera.txt"]).map(FoundCalibration::File);
-        return ImageList::new("folder of numbered images", folder, &images, frames, calibration).map(Some);
+        let list = ImageList::new(kind, folder, &images, frames, calibration)?;
+        return Ok(Some(list.remarked(remarks, facts)));
     }
     Ok(None)
+}
+
+fn in_order(times: Vec<f64>, files: Vec<PathBuf>) -> Vec<Timed> {
+    let mut frames: Vec<Timed> = times.into_iter().zip(files).collect();
+    frames.sort_by(|a, b| a.0.total_cmp(&b.0));
+    frames
+}
+
+/// The stamps that the names of files are, as `1403636579763555584.png` and `1305031102.175304.png`; `None` where they are numbers.
+fn stamps(files: &[PathBuf]) -> Option<Stamps> {
+    let stem = |file: &PathBuf| Some(file.file_stem()?.to_string_lossy().into_owned());
+    let stems: Vec<String> = files.iter().map(stem).collect::<Option<_>>()?;
+    // What all names share before a stamp says nothing of it: `frame_1403636579763555584`.
+    let digits = |stem: &String| stem.find(|c: char| c.is_ascii_digit());
+    let start = stems.first().and_then(digits)?;
+    let prefix = stems[0][..start].to_owned();
+    let names: Vec<&str> = stems.iter().map(|stem| stem.strip_prefix(&*prefix)).collect::<Option<_>>()?;
+    let is_stamp = |name: &&str| {
+        let (whole, part) = name.split_once('.').unwrap_or((name, ""));
+        let are_digits = |text: &str| text.bytes().all(|byte| byte.is_ascii_digit());
+        let counts_seconds = !part.is_empty() && part.len() >= 2;
+        moment(name).is_some()
+            || are_digits(whole)
+                && are_digits(part)
+                && !whole.is_empty()
+                && (counts_seconds || DIGITS_SINCE_1970.contains(&whole.len()) && !whole.starts_with('0'))
+    };
+    if !names.iter().all(is_stamp) {
+        return None;
+    }
+    let stamps = Stamps::parse(names.iter().copied(), "").ok()?;
+    // A counter of ten digits steps by one.
+    let mut steps: Vec<f64> = names
+        .windows(2)
+        .filter_map(|pair| Some(pair[1].parse::<f64>().ok()? - pair[0].parse::<f64>().ok()?))
+        .collect();
+    let is_counter = geometry::median(&mut steps) == Some(1.0) && !names[0].contains('.');
+    (!is_counter).then_some(stamps)
+}
+
+/// The images that show the scene, where a folder holds several kinds of image by their names: `frame-000000.color.png` beside
+/// `frame-000000.depth.png`. Says what was left out.
+fn pictures(files: Vec<PathBuf>) -> (Vec<PathBuf>, Vec<String>) {
+    let mut kinds: BTreeMap<String, Vec<PathBuf>> = BTreeMap::new();
+    for file in &files {
+        kinds.entry(pattern(file)).or_default().push(file.clone());
+    }
+    let shows = |kind: &String| {
+        let mut words = kind.split(|c: char| !c.is_alphanumeric());
+        !words.any(|word| OTHERS.contains(&&*word.to_ascii_lowercase()))
+    };
+    let left: Vec<&String> = kinds.keys().filter(|kind| !shows(kind)).collect();
+    if left.is_empty() || left.len() == kinds.len() {
+        return (files, Vec::new());
+    }
+    let remark = format!("images named as {} are left out: they are no pictures of this camera", text(&left));
+    let kept: Vec<PathBuf> = files.into_iter().filter(|file| shows(&pattern(file))).collect();
+    (kept, vec![remark])
+}
+
+fn text(kinds: &[&String]) -> String {
+    kinds.iter().map(|kind| kind.as_str()).collect::<Vec<_>>().join(" and ")
+}
+
+/// A file's name with `#` for each number.
+fn pattern(file: &Path) -> String {
+    let mut pattern = String::new();
+    for c in file.file_name().unwrap_or_default().to_string_lossy().chars() {
+        match c.is_ascii_digit() {
+            true if pattern.ends_with('#') => {}
+            true => pattern.push('#'),
+            false => pattern.push(c),
+        }
+    }
+    pattern
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn paths(names: &[&str]) -> Vec<PathBuf> {
+        names.iter().map(PathBuf::from).collect()
+    }
+
+    #[test]
+    fn names_that_are_stamps_are_times() {
+        let seconds = |names: &[&str]| stamps(&paths(names)).map(|stamps| stamps.seconds);
+        let step = |names: &[&str]| seconds(names).map(|all| ((all[1] - all[0]) * 1e4).round() / 1e4);
+        assert_eq!(step(&["1403636579763555584.png", "1403636579813555456.png"]), Some(0.05));
+        assert_eq!(step(&["1305031102.175304.png", "1305031102.211214.png"]), Some(0.0359));
+        assert_eq!(step(&["frame_1614600000033.jpg", "frame_1614600000066.jpg"]), Some(0.033));
+        assert_eq!(step(&["1614600000033123.png", "1614600000083123.png"]), Some(0.05));
+        assert_eq!(step(&["12.50.png", "12.60.png"]), Some(0.1));
+        assert_eq!(step(&["2024_05_01_10_00_00_100.png", "2024_05_01_10_00_00_300.png"]), Some(0.2));
+        for numbers in [
+            ["000000.png", "000001.png"],
+            ["0000000010.png", "0000000020.png"],
+            ["1000000001.png", "1000000002.png"],
+            ["a.png", "b.png"],
+            ["frame-000000.color.png", "frame-000001.color.png"],
+        ] {
+            assert_eq!(seconds(&numbers), None, "{numbers:?}");
+        }
+    }
+
+    #[test]
+    fn other_images_than_the_scene_are_left_out() {
+        let kept = |names: &[&str]| {
+            let (kept, remarks) = pictures(paths(names));
+            (kept.iter().map(|path| path.display().to_string()).collect::<Vec<_>>(), remarks.len())
+        };
+        let seven = [
+            "frame-000000.color.png",
+            "frame-000000.depth.png",
+            "frame-000001.color.png",
+            "frame-000001.depth.png",
+        ];
+        assert_eq!(kept(&seven), (vec![seven[0].into(), seven[2].into()], 1));
+        assert_eq!(kept(&["1_depth.png", "1_rgb.png"]), (vec!["1_rgb.png".into()], 1));
+        assert_eq!(kept(&["left_1.png", "right_1.png"]), (vec!["left_1.png".into()], 1));
+        assert_eq!(kept(&["1.png", "1_mask.png"]), (vec!["1.png".into()], 1));
+        assert_eq!(kept(&["depth_1.png", "depth_2.png"]).1, 0);
+        assert_eq!(kept(&["IMG_1.png", "DSC_2.png"]).1, 0);
+    }
 }

@@ -1,16 +1,21 @@
 //! Pictures as they lie in files and messages, and how they become grey images.
 
+mod bayer;
 mod depth;
 mod jpeg;
+mod levels;
 mod metadata;
+mod raw;
 
 pub use depth::read_depth_image;
 pub use jpeg::{decode_jpeg, decode_mjpeg, whole_jpeg};
+pub use levels::{GreyRange, Levels};
 pub use metadata::StatedFocal;
+pub use raw::RawPicture;
 
-use geometry::GrayImage;
 use geometry::limits::{MAX_BYTES, check_image_size};
-use image::{DynamicImage, ImageBuffer};
+use geometry::{GrayImage, Image};
+use image::DynamicImage;
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
 
@@ -23,38 +28,48 @@ pub enum Picture {
     Encoded(Vec<u8>),
     /// Pixels as they come from a camera.
     Raw(RawPicture),
+    /// One of more than eight bits, with the range of the recording's that becomes 0–255.
+    Ranged(Box<Picture>, GreyRange),
     /// The source could not read it; says why.
     Broken(String),
+    /// Its time stamp is none of the recording's clock, so that nobody knows when it was taken; says so.
+    Mistimed(String),
 }
 
-/// Uncompressed pixels with their layout.
-#[derive(Clone, Debug)]
-pub struct RawPicture {
-    /// Columns.
-    pub width: usize,
-    /// Rows.
-    pub height: usize,
-    /// Bytes from one row to the next.
-    pub step: usize,
-    /// Layout in the words of ROS: `mono8`, `bgr8`, ….
-    pub encoding: String,
-    /// Whether 16-bit samples are stored high byte first.
-    pub big_endian: bool,
-    /// The bytes, at least `step · height`.
-    pub data: Vec<u8>,
+/// Grey levels as they are stored.
+enum Grey {
+    Eight(GrayImage),
+    Sixteen(Image<u16>),
 }
 
 impl Picture {
     /// The picture as grey levels 0–255, or why there is none.
     ///
-    /// Colour becomes Rec. 709 luma; of JPEG files and YUV layouts the luma they hold is taken. Of 16-bit samples the
-    /// high byte is kept.
+    /// Colour becomes Rec. 709 luma; of JPEG files and YUV layouts the luma they hold is taken, of Bayer mosaics the mean of the
+    /// colours around each pixel. Levels of 16-bit samples are those of the picture's range, or their high byte where it has none.
     pub fn into_grey(self) -> Result<GrayImage, String> {
+        let (picture, range) = match self {
+            Picture::Ranged(picture, range) => (*picture, range),
+            picture => (picture, GreyRange::WHOLE),
+        };
+        match picture.levels()? {
+            Grey::Eight(image) => Ok(image),
+            Grey::Sixteen(image) => range.apply(&image),
+        }
+    }
+
+    /// That its time stamp, seconds, is none.
+    pub(crate) fn mistimed(stamp: f64) -> Self {
+        Self::Mistimed(format!("its time stamp {stamp} lies off those around it"))
+    }
+
+    fn levels(self) -> Result<Grey, String> {
         match self {
             Picture::File(path) => read_file(&path, decode),
             Picture::Encoded(bytes) => decode(&bytes),
-            Picture::Raw(raw) => raw.into_grey(),
-            Picture::Broken(reason) => Err(reason),
+            Picture::Raw(raw) => raw.levels(),
+            Picture::Ranged(picture, _) => picture.levels(),
+            Picture::Broken(reason) | Picture::Mistimed(reason) => Err(reason),
         }
     }
 }
@@ -71,11 +86,11 @@ fn read_file<T>(path: &Path, read: impl FnOnce(&[u8]) -> Result<T, String>) -> R
 }
 
 /// Decodes the bytes of a PNG, JPEG, PNM, TIFF or BMP file.
-fn decode(bytes: &[u8]) -> Result<GrayImage, String> {
+fn decode(bytes: &[u8]) -> Result<Grey, String> {
     if jpeg::is_jpeg(bytes)
         && let Some(luma) = decode_jpeg(bytes)?
     {
-        return Ok(luma);
+        return Ok(Grey::Eight(luma));
     }
     to_grey(decode_any(bytes, "PNG, JPEG, PGM, TIFF or BMP")?)
 }
@@ -90,100 +105,24 @@ fn decode_any(bytes: &[u8], kinds: &str) -> Result<DynamicImage, String> {
     reader().decode().map_err(|e| e.to_string())
 }
 
-fn to_grey(image: DynamicImage) -> Result<GrayImage, String> {
-    let grey = match image {
-        DynamicImage::ImageLuma8(grey) => grey,
-        DynamicImage::ImageLuma16(deep) => ImageBuffer::from_fn(deep.width(), deep.height(), |x, y| {
-            image::Luma([(deep[(x, y)].0[0] >> 8) as u8])
-        }),
-        other => other.into_luma8(),
-    };
-    let (width, height) = (grey.width() as usize, grey.height() as usize);
-    GrayImage::from_vec(width, height, grey.into_raw()).ok_or_else(|| "the image has no pixels".into())
-}
-
-/// Where a pixel's samples lie.
-enum Layout {
-    Mono8,
-    Mono16,
-    /// `(bytes per pixel, offset of red, of green, of blue)`
-    Colour(usize, [usize; 3]),
-    /// Luma alternates with chroma; the offset of the first luma.
-    Yuv422(usize),
-    /// All luma, then chroma in half as many rows.
-    Nv12,
-}
-
-impl RawPicture {
-    fn layout(&self) -> Result<Layout, String> {
-        Ok(match self.encoding.as_str() {
-            "mono8" | "8UC1" => Layout::Mono8,
-            "mono16" | "16UC1" => Layout::Mono16,
-            "rgb8" => Layout::Colour(3, [0, 1, 2]),
-            "bgr8" | "8UC3" => Layout::Colour(3, [2, 1, 0]),
-            "rgba8" => Layout::Colour(4, [0, 1, 2]),
-            "bgra8" | "8UC4" => Layout::Colour(4, [2, 1, 0]),
-            "yuv422" | "uyvy" | "UYVY" => Layout::Yuv422(1),
-            "yuv422_yuy2" | "yuyv" | "YUYV" => Layout::Yuv422(0),
-            "nv12" | "NV12" => Layout::Nv12,
-            other => {
-                return Err(format!(
-                    "pixel encoding '{other}' is not supported (mono8, mono16, rgb8, bgr8, rgba8, bgra8, \
-                     yuv422, yuv422_yuy2 and nv12 are)"
-                ));
-            }
-        })
-    }
-
-    /// The rows, without what pads them; refuses sizes that the bytes do not fit.
-    pub(crate) fn rows(&self, bytes_per_pixel: usize) -> Result<impl Iterator<Item = &[u8]>, String> {
-        check_image_size(self.width, self.height)?;
-        let row_bytes = self.width.checked_mul(bytes_per_pixel).ok_or("the width is absurd")?;
-        let step = if self.step == 0 { row_bytes } else { self.step };
-        let chroma_rows = if self.has_chroma_plane() { self.height.div_ceil(2) } else { 0 };
-        let rows = self.height.checked_add(chroma_rows).ok_or("the height is absurd")?;
-        let needed = step.checked_mul(rows).ok_or("the height is absurd")?;
-        if self.width == 0 || self.height == 0 || step < row_bytes || self.data.len() < needed {
-            return Err(format!(
-                "{}×{} pixels of {} in rows of {step} bytes do not fit {} bytes",
-                self.width,
-                self.height,
-                self.encoding,
-                self.data.len()
-            ));
+fn to_grey(image: DynamicImage) -> Result<Grey, String> {
+    use DynamicImage::{ImageLuma8, ImageLuma16, ImageLumaA16, ImageRgb16, ImageRgba16};
+    let (width, height) = (image.width() as usize, image.height() as usize);
+    let none = || "the image has no pixels".to_owned();
+    match image {
+        deep @ (ImageLuma16(_) | ImageLumaA16(_) | ImageRgb16(_) | ImageRgba16(_)) => {
+            let deep = deep.into_luma16().into_raw();
+            Image::from_vec(width, height, deep).map(Grey::Sixteen).ok_or_else(none)
         }
-        Ok(self.data.chunks_exact(step).take(self.height).map(move |row| &row[..row_bytes]))
-    }
-
-    /// Whether colour lies behind the luma, in a plane of its own.
-    fn has_chroma_plane(&self) -> bool {
-        matches!(self.layout(), Ok(Layout::Nv12))
-    }
-
-    fn into_grey(self) -> Result<GrayImage, String> {
-        let layout = self.layout()?;
-        let bytes_per_pixel = match layout {
-            Layout::Mono8 | Layout::Nv12 => 1,
-            Layout::Mono16 | Layout::Yuv422(_) => 2,
-            Layout::Colour(bytes, _) => bytes,
-        };
-        let mut grey = Vec::with_capacity(self.data.len() / bytes_per_pixel);
-        for row in self.rows(bytes_per_pixel)? {
-            let pixels = row.chunks_exact(bytes_per_pixel);
-            match layout {
-                Layout::Mono8 | Layout::Nv12 => grey.extend_from_slice(row),
-                Layout::Mono16 => grey.extend(pixels.map(|p| if self.big_endian { p[0] } else { p[1] })),
-                Layout::Colour(_, [r, g, b]) => grey.extend(pixels.map(|p| luma(p[r], p[g], p[b]))),
-                Layout::Yuv422(offset) => grey.extend(pixels.map(|p| p[offset])),
-            }
-        }
-        GrayImage::from_vec(self.width, self.height, grey).ok_or_else(|| "the image has no pixels".into())
+        ImageLuma8(grey) => eight(width, height, grey.into_raw()),
+        other => eight(width, height, other.into_luma8().into_raw()),
     }
 }
 
-/// Rec. 709 luma in the integer arithmetic of the `image` crate, so raw and coded frames agree.
-fn luma(r: u8, g: u8, b: u8) -> u8 {
-    ((2126 * r as u32 + 7152 * g as u32 + 722 * b as u32) / 10000) as u8
+fn eight(width: usize, height: usize, levels: Vec<u8>) -> Result<Grey, String> {
+    GrayImage::from_vec(width, height, levels)
+        .map(Grey::Eight)
+        .ok_or_else(|| "the image has no pixels".into())
 }
 
 #[cfg(test)]
@@ -191,13 +130,17 @@ mod tests {
     use super::*;
     use image::ImageFormat;
 
+    fn decode(bytes: &[u8]) -> Result<GrayImage, String> {
+        Picture::Encoded(bytes.to_vec()).into_grey()
+    }
+
     fn raw(encoding: &str, step: usize, data: Vec<u8>) -> RawPicture {
         RawPicture { width: 2, height: 1, step, encoding: encoding.into(), big_endian: false, data }
     }
 
     #[test]
     fn raw_layouts_become_grey() {
-        let grey = |raw: RawPicture| raw.into_grey().map(|image| image.data().to_vec());
+        let grey = |raw: RawPicture| Picture::Raw(raw).into_grey().map(|image| image.data().to_vec());
         assert_eq!(grey(raw("mono8", 4, vec![1, 2, 99, 99])).unwrap(), [1, 2]);
         assert_eq!(grey(raw("mono16", 4, vec![9, 1, 9, 2])).unwrap(), [1, 2]);
         let big = RawPicture { big_endian: true, ..raw("mono16", 4, vec![1, 9, 2, 9]) };
@@ -206,16 +149,17 @@ mod tests {
         assert_eq!(grey(raw("yuv422_yuy2", 4, vec![7, 128, 8, 128])).unwrap(), [7, 8]);
         assert_eq!(grey(raw("nv12", 4, vec![1, 2, 9, 9, 128, 128, 9, 9])).unwrap(), [1, 2]);
         assert!(grey(raw("nv12", 2, vec![1, 2])).is_err());
-        let red = luma(255, 0, 0);
+        let red = raw::luma(255u8, 0, 0) as u8;
         assert_eq!(grey(raw("rgb8", 6, vec![255, 0, 0, 0, 0, 0])).unwrap(), [red, 0]);
         assert_eq!(grey(raw("bgra8", 8, vec![0, 0, 255, 255, 0, 0, 0, 255])).unwrap(), [red, 0]);
     }
 
     #[test]
     fn raw_data_that_does_not_fit_is_refused() {
-        assert!(raw("mono8", 2, vec![1]).into_grey().is_err());
-        assert!(raw("mono8", 1, vec![1, 2]).into_grey().is_err());
-        assert!(raw("bayer_rggb8", 2, vec![1, 2]).into_grey().unwrap_err().contains("bayer_rggb8"));
+        let grey = |raw: RawPicture| Picture::Raw(raw).into_grey();
+        assert!(grey(raw("mono8", 2, vec![1])).is_err());
+        assert!(grey(raw("mono8", 1, vec![1, 2])).is_err());
+        assert!(grey(raw("32FC1", 8, vec![0; 8])).unwrap_err().contains("32FC1"));
     }
 
     #[test]
@@ -248,8 +192,10 @@ mod tests {
     }
 
     #[test]
-    fn sixteen_bits_keep_the_high_byte() {
-        let deep = ImageBuffer::from_fn(1, 1, |_, _| image::Luma([0x7fffu16]));
-        assert_eq!(to_grey(deep.into()).unwrap().data(), [0x7f]);
+    fn sixteen_bits_without_a_range_keep_the_high_byte() {
+        let deep = || raw("mono16", 4, vec![0xff, 0x7f, 0, 1]);
+        assert_eq!(Picture::Raw(deep()).into_grey().unwrap().data(), [0x7f, 1]);
+        let ranged = Picture::Ranged(Box::new(Picture::Raw(deep())), GreyRange { from: 0x100, to: 0x1ff });
+        assert_eq!(ranged.into_grey().unwrap().data(), [255, 0]);
     }
 }

@@ -3,21 +3,11 @@
 //! A stamp that is on this grid from the start comes back bit for bit from any recording, and so does the
 //! trajectory made from it. Decimal stamps with up to nine digits after the point are on it already.
 
+pub use scans::tables::seconds;
+
 const NS_PER_S: u64 = 1_000_000_000;
 /// The first second that messages of Foxglove and ROS cannot hold: in the year 2106.
 const END_S: f64 = u32::MAX as f64;
-/// Up to here every whole number is an `f64`.
-const EXACT: u64 = 1 << 53;
-
-/// Seconds of a number of nanoseconds: the nearest `f64`, up to 104 days; beyond, whole seconds are split
-/// off first, which is as good at that size.
-pub fn seconds(nanoseconds: u64) -> f64 {
-    if nanoseconds < EXACT {
-        return nanoseconds as f64 / NS_PER_S as f64;
-    }
-    (nanoseconds / NS_PER_S) as f64 + (nanoseconds % NS_PER_S) as f64 / NS_PER_S as f64
-}
-
 /// The whole nanoseconds nearest to a time in seconds; `None` where no recording can hold it: before 0,
 /// after 2106, not a number.
 pub fn nanoseconds(seconds: f64) -> Option<u64> {

@@ -1,39 +1,30 @@
 //! loopbox's own folder: `times.txt` (`seconds image`), `images/`, `camera.yaml`; or times alone, one for each image.
 
 use super::FoundCalibration;
-use super::image_list::{
-    ImageList, Lines, first_existing, images_by_times, images_in, images_of_lines, mismatch, read_table,
-};
-use anyhow::{Result, bail};
-use std::path::{Path, PathBuf};
+use super::image_list::{ImageList, first_existing, images_in};
+use super::image_table::{images_by_times, named_images, read_table};
+use anyhow::Result;
+use std::path::Path;
 
 /// Opens the folder if it is of this kind.
 ///
 /// # Errors
 /// When `times.txt` is there but not a table of time stamps and images, or of one time for each image.
 pub fn open(folder: &Path) -> Result<Option<ImageList>> {
-    let table = folder.join("times.txt");
-    if !table.is_file() {
+    let Some(path) = first_existing(folder, &["times.txt", "times.csv", "timestamps.txt", "timestamps.csv"])
+    else {
         return Ok(None);
-    }
-    let lines = read_table(&table)?;
-    let frames = match !lines.is_empty() && lines.iter().all(|(_, fields)| fields.len() == 1) {
-        true => timed_alone(&table, lines, folder)?,
-        false => images_of_lines(&table, lines, folder)?,
+    };
+    let table = read_table(&path)?;
+    let images = if !table.rows.is_empty() && table.rows.iter().all(|row| row.fields.len() == 1) {
+        let places = ["images", "data", "."].map(|place| folder.join(place));
+        let images = places.iter().find(|place| place.is_dir()).unwrap_or(&places[2]);
+        images_by_times(&path, &table, images, images_in(images)?)?
+    } else {
+        named_images(&path, &table, folder)?
     };
     let calibration =
         first_existing(folder, &["camera.yaml", "camera.yml", "camera.txt"]).map(FoundCalibration::File);
-    ImageList::new("image folder with times.txt", folder, &table, frames, calibration).map(Some)
-}
-
-/// The images of the folder, or of its `images/`, each with its line's time.
-fn timed_alone(table: &Path, times: Lines, folder: &Path) -> Result<Vec<(f64, PathBuf)>> {
-    let nested = folder.join("images");
-    let images = if nested.is_dir() { nested } else { folder.to_owned() };
-    let files = images_in(&images)?;
-    if times.len() != files.len() {
-        let what = mismatch(table, &times, &images, &files);
-        bail!("{what}\nhint: give each its line, 'seconds image' where some are left out");
-    }
-    images_by_times(table, times, files)
+    let list = ImageList::new("image folder with times.txt", folder, &path, images.frames, calibration)?;
+    Ok(Some(list.remarked(images.remarks, images.facts)))
 }

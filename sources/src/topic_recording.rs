@@ -1,9 +1,12 @@
 //! The images of one topic of a bag, whatever the bag's container.
 
-use crate::messages::{self, Form};
+use crate::damage::Damage;
+use crate::forward::LOOKED_AHEAD;
+use crate::messages::{self, Form, ImageMessage};
 use crate::pictures::Picture;
 use crate::{FrameSource, SourceFrame, SourceInfo, time};
 use anyhow::Result;
+use std::collections::VecDeque;
 
 /// A message of the topic.
 pub struct Stamped {
@@ -19,19 +22,61 @@ pub struct TopicRecording {
     facts: Vec<(&'static str, String)>,
     form: Form,
     messages: Box<dyn Iterator<Item = Result<Stamped>> + Send>,
+    /// Images that were read already.
+    ahead: VecDeque<(u64, Result<ImageMessage>)>,
     next_index: u64,
-    warning: Option<String>,
+    damage: Damage,
+    /// Whether stamps stand still, so that images have the times at which they were recorded.
+    by_log: bool,
 }
 
 impl TopicRecording {
-    /// The images in `messages`, all of them of this form; after an error none is asked for.
+    /// The images in `messages`, all of them of this form; an error is a damage, after which there may be more.
     pub fn new(
         info: SourceInfo,
         facts: Vec<(&'static str, String)>,
         form: Form,
         messages: impl Iterator<Item = Result<Stamped>> + Send + 'static,
     ) -> Self {
-        Self { info, facts, form, messages: Box::new(messages), next_index: 0, warning: None }
+        let mut recording = Self {
+            info,
+            facts,
+            form,
+            messages: Box::new(messages),
+            ahead: VecDeque::new(),
+            next_index: 0,
+            damage: Damage::default(),
+            by_log: false,
+        };
+        recording.look_at_stamps();
+        recording
+    }
+
+    /// The next image, with the time at which it was recorded.
+    fn read(&mut self) -> Option<(u64, Result<ImageMessage>)> {
+        loop {
+            match self.messages.next()? {
+                Ok(message) => return Some((message.time, messages::read_image(self.form, &message.data))),
+                Err(error) => self.damage.note(&format!("{error:#}")),
+            }
+        }
+    }
+
+    /// Finds out whether the first messages say one and the same time, though they were recorded one after the other.
+    fn look_at_stamps(&mut self) {
+        while self.ahead.len() <= LOOKED_AHEAD
+            && let Some(image) = self.read()
+        {
+            self.ahead.push_back(image);
+        }
+        let stamps: Vec<Option<f64>> =
+            self.ahead.iter().map(|(_, image)| image.as_ref().ok().and_then(|image| image.stamp)).collect();
+        let stand = stamps.len() > LOOKED_AHEAD && stamps.iter().all(|stamp| *stamp == stamps[0]);
+        self.by_log = stand && stamps[0].is_some();
+        if self.by_log {
+            let what = "those at which messages were recorded: their own stand still";
+            self.facts.push(("times", what.into()));
+        }
     }
 }
 
@@ -41,32 +86,20 @@ impl FrameSource for TopicRecording {
     }
 
     fn next_frame(&mut self) -> Option<SourceFrame> {
-        if self.warning.is_some() {
-            return None;
-        }
-        let message = match self.messages.next()? {
-            Ok(message) => message,
-            Err(error) => {
-                self.warning = Some(format!(
-                    "{}: the bag is damaged or ends early; its {} whole images are used ({error:#})",
-                    self.info.path.display(),
-                    self.next_index
-                ));
-                return None;
-            }
-        };
+        let (recorded, image) = self.ahead.pop_front().or_else(|| self.read())?;
         let index = self.next_index;
         self.next_index += 1;
-        let (stamp, picture) = match messages::read_image(self.form, &message.data) {
+        let (stamp, picture) = match image {
             Ok(image) => (image.stamp, image.picture),
             Err(error) => (None, Picture::Broken(format!("{error:#}"))),
         };
-        let timestamp = stamp.unwrap_or_else(|| time::seconds(message.time));
+        let timestamp = stamp.filter(|_| !self.by_log).unwrap_or_else(|| time::seconds(recorded));
         Some(SourceFrame { index, timestamp, captured: None, picture })
     }
 
     fn warning(&self) -> Option<String> {
-        self.warning.clone()
+        let count = self.info.frame_count.unwrap_or(0);
+        self.damage.text(&self.info.path, "images", self.next_index, count)
     }
 
     fn facts(&self) -> Vec<(&'static str, String)> {

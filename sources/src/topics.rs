@@ -37,6 +37,16 @@ impl Topics {
         self.by_name.insert(name.to_owned(), Topic { content, schema: schema.to_owned(), count: messages });
     }
 
+    /// Adds those of another file of the recording.
+    pub fn add(&mut self, other: Self) {
+        for (name, topic) in other.by_name {
+            self.count(&name, &topic.schema, topic.content, topic.count);
+        }
+        for time in other.span.into_iter().flat_map(|(first, last)| [first, last]) {
+            self.at(time);
+        }
+    }
+
     /// Widens the span to a log time.
     pub fn at(&mut self, time: u64) {
         let (first, last) = self.span.unwrap_or((time, time));
@@ -78,7 +88,11 @@ impl Topics {
                 )
             }
             (None, _, _) => {
-                bail!("{}: no images in this file\nhint: looked for {looked_for}", path.display())
+                bail!(
+                    "{}: no images in this file{}\nhint: looked for {looked_for}",
+                    path.display(),
+                    self.text()
+                )
             }
             (Some(_), Some(_), _) => bail!(
                 "{}: images on several topics\nhint: choose one with --topic: {}",
@@ -86,6 +100,23 @@ impl Topics {
                 names().join(", ")
             ),
         }
+    }
+
+    /// What there is, topic by topic, for people.
+    fn text(&self) -> String {
+        if self.by_name.is_empty() {
+            return ", nor any other message".to_owned();
+        }
+        let topic = |(name, topic): (&String, &Topic)| format!("{name} ({} × {})", topic.count, topic.schema);
+        let topics: Vec<String> = self.by_name.iter().map(topic).collect();
+        let is_video = |topic: &Topic| topic.schema.ends_with("CompressedVideo");
+        let video = match self.by_name.values().any(is_video) {
+            true => {
+                "; video in messages is not read: write its images as foxglove.CompressedImage, or give the video file"
+            }
+            false => "",
+        };
+        format!(", but {}{video}", topics.join(", "))
     }
 
     /// How the images of a topic are written.

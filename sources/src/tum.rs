@@ -1,7 +1,8 @@
 //! TUM RGB-D: `rgb.txt` (`seconds file`) names the images.
 
 use super::FoundCalibration;
-use super::image_list::{ImageList, first_existing, timed_images};
+use super::image_list::{ImageList, first_existing};
+use super::image_table::{named_images, read_table};
 use super::presets;
 use anyhow::Result;
 use std::path::Path;
@@ -15,9 +16,10 @@ pub fn open(folder: &Path) -> Result<Option<ImageList>> {
     if !table.is_file() {
         return Ok(None);
     }
-    let frames = timed_images(&table, folder)?;
+    let images = named_images(&table, &read_table(&table)?, folder)?;
     let calibration = first_existing(folder, &["camera.yaml", "camera.yml", "camera.txt"])
         .map(FoundCalibration::File)
-        .or_else(|| presets::tum(folder, &table, &frames.first()?.1));
-    ImageList::new("TUM RGB-D folder", folder, &table, frames, calibration).map(Some)
+        .or_else(|| presets::tum(folder, &table, &images.frames.first()?.1));
+    let list = ImageList::new("TUM RGB-D folder", folder, &table, images.frames, calibration)?;
+    Ok(Some(list.remarked(images.remarks, images.facts)))
 }

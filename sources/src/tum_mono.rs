@@ -2,7 +2,8 @@
 //! and of the sensor `pcalib.txt` and `vignette.png`.
 
 use super::FoundCalibration;
-use super::image_list::{ImageList, images_in, read_table};
+use super::image_list::{ImageList, images_in};
+use super::image_table::read_table;
 use crate::recording::{CalibrationFiles, NamedFile};
 use anyhow::{Result, bail};
 use std::collections::HashMap;
@@ -17,9 +18,11 @@ pub fn open(folder: &Path) -> Result<Option<ImageList>> {
     if !table.is_file() {
         return Ok(None);
     }
-    let rows = read_table(&table)?;
-    let is_of_kind = rows.first().is_some_and(|(_, fields)| {
-        fields.len() >= 2 && time(&fields[1]).is_some() && !folder.join(&fields[1]).exists()
+    let rows = read_table(&table)?.rows;
+    let is_of_kind = rows.first().is_some_and(|row| {
+        row.fields.len() >= 2
+            && row.fields[..2].iter().all(|field| time(field).is_some())
+            && !folder.join(&row.fields[1]).exists()
     });
     if !is_of_kind {
         return Ok(None);
@@ -38,12 +41,14 @@ pub fn open(folder: &Path) -> Result<Option<ImageList>> {
         .collect();
     let frames = rows
         .into_iter()
-        .map(|(line, fields)| match fields.get(1).and_then(|field| time(field)) {
+        .map(|row| match row.fields.get(1).and_then(|field| time(field)) {
             Some(seconds) => {
-                let missing = || images.join(format!("{}.jpg", fields[0]));
-                Ok((seconds, by_number.get(&fields[0]).map_or_else(missing, PathBuf::from)))
+                let missing = || images.join(format!("{}.jpg", row.fields[0]));
+                Ok((seconds, by_number.get(&row.fields[0]).map_or_else(missing, PathBuf::from)))
             }
-            None => bail!("{}: line {line} is not 'number seconds': {}", table.display(), fields.join(" ")),
+            None => {
+                bail!("{}: line {} is not 'number seconds': {}", table.display(), row.line, row.text())
+            }
         })
         .collect::<Result<Vec<(f64, PathBuf)>>>()?;
     ImageList::new("TUM monoVO folder", folder, &table, frames, calibration(folder)?).map(Some)

@@ -10,6 +10,7 @@ use loopbox::placing::rig::extrinsic;
 use loopbox::placing::{Metres, Up, place};
 use map::{CloudSelection, DEFAULT_MAX_RELATIVE_VARIANCE, KeyframeId, Map, MapError, StampedPose};
 use ros2::frames::Axes;
+use sources::recording::check_length;
 use std::path::{Path, PathBuf};
 
 /// Write a map's cloud, trajectory or posed images in the format of another tool; in metres and upright where asked
@@ -156,8 +157,12 @@ impl Outputs {
             ("--mcap", &self.mcap, &["mcap"]),
             ("--ros2", &self.ros2, &["mcap"]),
         ];
+        for path in [&self.tum, &self.kitti, &self.colmap, &self.nerfstudio].into_iter().flatten() {
+            check_length(path)?;
+        }
         for (option, path, own) in forms {
             let Some(path) = path else { continue };
+            check_length(path)?;
             let ending = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
             let other = forms.iter().find(|(.., endings)| endings.contains(&&*ending));
             if let Some((right, ..)) = other.filter(|_| !own.contains(&&*ending)) {

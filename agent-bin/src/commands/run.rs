@@ -16,7 +16,7 @@ use scans::ScanSource;
 use sources::ahead::Pace;
 use sources::camera::{CameraArgs, open_camera};
 use sources::correction::{CameraOptions, DEFAULT_MAX_WIDTH};
-use sources::recording::{check_name, refuse_existing};
+use sources::recording::{check_length, check_name, refuse_existing};
 use sources::{FrameSource, SourceOptions};
 use std::path::{Path, PathBuf};
 
@@ -226,7 +226,11 @@ impl RunArgs {
         }
         if let Some(path) = &self.record {
             check_name(path)?;
+            check_length(path)?;
             refuse_existing(path)?;
+        }
+        if let Some(name) = &self.name {
+            check_length(Path::new(name))?;
         }
         if self.threads == Some(0) {
             bail!("--threads 0 leaves nobody to map\nhint: give 1 or more; without it there is one per core");

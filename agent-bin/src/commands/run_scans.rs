@@ -16,6 +16,7 @@ use nalgebra::UnitQuaternion;
 use scans::{Folder, FolderOptions, FolderSource, ScanSource, SweepTiming, is_folder_of_scans};
 use serde_json::json;
 use slam_lidar::tracking::Method;
+use sources::forward::ForwardScans;
 use sources::{Stop, open_scans};
 use std::path::{Path, PathBuf};
 
@@ -64,14 +65,19 @@ impl ScanArgs {
 /// When there are scans, but they cannot be read.
 pub fn open(path: &Path, topic: Option<&str>, args: &ScanArgs) -> Result<Option<Box<dyn ScanSource>>> {
     if !is_folder_of_scans(path) {
-        return Ok(open_scans(path, topic)?.map(|found| Box::new(found) as Box<dyn ScanSource>));
+        return Ok(open_scans(path, topic)?.map(|found| forward(Box::new(found))));
     }
     let options = FolderOptions {
         rate: args.rate,
         times: args.times.clone(),
         timing: (!args.undistorted).then(SweepTiming::default),
     };
-    Ok(Some(Box::new(FolderSource::new(Folder::open(path, &options)?))))
+    Ok(Some(forward(Box::new(FolderSource::new(Folder::open(path, &options)?)))))
+}
+
+/// Scans whose time goes forward.
+fn forward(source: Box<dyn ScanSource>) -> Box<dyn ScanSource> {
+    Box::new(ForwardScans::new(source))
 }
 
 /// How a run over scans is made, in what it has in common with one over images.
@@ -123,6 +129,9 @@ pub fn execute(source: &mut dyn ScanSource, run: &ScanRun<'_>, args: &ScanArgs) 
     let mapped = map_recording(source, options, run.stop, &mut |event| console.tell(event));
     console.bar.finish_and_clear();
     let Mapped { record, failure } = mapped?;
+    if !run.quiet {
+        source.remarks().iter().for_each(|remark| tell!("warning: {remark}"));
+    }
     if run.json {
         say!("{}", json!({ "event": "end", "scans": record.scans, "cost": record.cost, "map": record.map }));
     } else if !run.quiet {

@@ -165,15 +165,19 @@ pub fn find_lens(
 ) -> Result<FoundLens> {
     let mut source = recording.open()?;
     let path = source.info().path.display().to_string();
+    let mut why = None;
     let pictures = std::iter::from_fn(|| source.next_frame()).map(|frame| frame.picture);
     let Some((first, image)) = pictures
-        .filter_map(|picture| {
-            let image = picture.clone().into_grey().ok()?;
-            Some((picture, image))
+        .filter_map(|picture| match picture.clone().into_grey() {
+            Ok(image) => Some((picture, image)),
+            Err(reason) => {
+                why.get_or_insert(reason);
+                None
+            }
         })
         .next()
     else {
-        bail!("{path}: there is no image to find the lens from")
+        bail!("{path}: no image can be read: {}", why.unwrap_or_else(|| "there is none".into()))
     };
     let whole = (image.width(), image.height());
     let times = halvings(whole.0, options.camera.max_width);

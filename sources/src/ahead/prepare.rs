@@ -2,6 +2,7 @@
 
 use super::Item;
 use crate::correction::ImageCorrection;
+use crate::pictures::Picture;
 use crate::{FrameSource, SourceFrame, time};
 use serde::Serialize;
 use slam_direct::Frame;
@@ -14,7 +15,7 @@ pub enum SkipReason {
     Unreadable,
     /// The image's size is not the calibration's.
     WrongSize,
-    /// Its time stamp is before that of an earlier frame.
+    /// Its time stamp is before that of an earlier frame, or lies off those around it.
     OutOfOrder,
     /// Its time stamp is that of the frame before.
     DuplicateTime,
@@ -96,6 +97,9 @@ impl Preparation {
     pub fn admit(&mut self, frame: &SourceFrame) -> Result<Admission, Skip> {
         let t = frame.timestamp;
         let skip = |reason, detail| Skip { index: frame.index, timestamp: t, reason, detail };
+        if let Picture::Mistimed(detail) = &frame.picture {
+            return Err(skip(SkipReason::OutOfOrder, detail.clone()));
+        }
         if !t.is_finite() {
             return Err(skip(SkipReason::InvalidTime, format!("its time stamp is {t}")));
         }

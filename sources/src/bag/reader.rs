@@ -36,7 +36,7 @@ pub struct Content {
     pub span: Option<(u64, u64)>,
 }
 
-/// Reads the messages of a bag in the order of the file, whether it has an index or not.
+/// Reads the messages of a bag in the order of the file, whether it has an index or not, past what is damaged in it.
 pub struct BagReader<R> {
     file: R,
     /// The longest record to believe in.
@@ -44,7 +44,11 @@ pub struct BagReader<R> {
     index_position: u64,
     position: u64,
     connections: BTreeMap<u32, Arc<Connection>>,
+    /// Where chunks begin, as far as an index says.
+    chunks: Vec<u64>,
     ready: VecDeque<Message>,
+    /// What was wrong where these messages come from.
+    damage: Option<anyhow::Error>,
     ended: bool,
 }
 
@@ -65,7 +69,9 @@ impl<R: Read + Seek> BagReader<R> {
             index_position: 0,
             position: MAGIC.len() as u64,
             connections: BTreeMap::new(),
+            chunks: Vec::new(),
             ready: VecDeque::new(),
+            damage: None,
             ended: false,
         };
         let (header, _padding) = reader.record()?.context("it ends early")?;
@@ -81,20 +87,31 @@ impl<R: Read + Seek> BagReader<R> {
     pub fn content(&mut self) -> Option<Content> {
         let start = self.position;
         let content = (self.index_position >= start).then(|| self.read_index()).and_then(Result::ok);
-        self.position = start;
-        self.file.seek(SeekFrom::Start(start)).ok()?;
+        self.go_to(start).ok()?;
         content
+    }
+
+    fn go_to(&mut self, position: u64) -> Result<()> {
+        self.position = self.file.seek(SeekFrom::Start(position))?;
+        Ok(())
+    }
+
+    /// Goes on with the next chunk that the index knows; false where there is none.
+    fn go_on(&mut self) -> bool {
+        let next = self.chunks.partition_point(|start| *start <= self.position);
+        self.chunks.get(next).copied().is_some_and(|start| self.go_to(start).is_ok())
     }
 
     fn read_index(&mut self) -> Result<Content> {
         self.position = self.file.seek(SeekFrom::Start(self.index_position))?;
         let (mut counts, mut span) = (BTreeMap::<u32, u64>::new(), None);
-        let mut connections = BTreeMap::new();
+        let (mut connections, mut chunks) = (BTreeMap::new(), Vec::new());
         while let Some((header, data)) = self.record()? {
             let fields = Fields::parse(&header)?;
             match fields.op()? {
                 CONNECTION => drop(connections.insert(fields.u32("conn")?, connection(&fields, &data)?)),
                 CHUNK_INFO => {
+                    chunks.push(fields.u64("chunk_pos")?);
                     for pair in data.chunks_exact(8) {
                         let [id, count] = [&pair[..4], &pair[4..]]
                             .map(|half| u32::from_le_bytes(half.try_into().unwrap_or_default()));
@@ -110,8 +127,14 @@ impl<R: Read + Seek> BagReader<R> {
         if connections.is_empty() {
             bail!("the index is empty");
         }
+        chunks.sort_unstable();
+        self.chunks = chunks;
         let count = |id| counts.get(&id).copied().unwrap_or(0);
-        let connections = connections.into_iter().map(|(id, c)| (Arc::new(c), count(id))).collect();
+        let connections =
+            connections.into_iter().map(|(id, c)| (id, Arc::new(c))).collect::<BTreeMap<_, _>>();
+        // A connection whose own record is damaged is known from the index.
+        self.connections.extend(connections.iter().map(|(id, connection)| (*id, Arc::clone(connection))));
+        let connections = connections.into_iter().map(|(id, c)| (c, count(id))).collect();
         Ok(Content { connections, span })
     }
 
@@ -143,28 +166,33 @@ impl<R: Read + Seek> BagReader<R> {
         Ok(Some(block))
     }
 
-    /// Reads on until messages are ready; false at the end.
+    /// Takes the next record; false at the end.
     fn advance(&mut self) -> Result<bool> {
-        while self.ready.is_empty() {
-            // Behind the index position there are only connections and chunk infos.
-            if self.index_position != 0 && self.position == self.index_position {
-                return Ok(false);
+        // Behind the index position there are only connections and chunk infos.
+        if self.index_position != 0 && self.position == self.index_position {
+            return Ok(false);
+        }
+        let start = self.position;
+        let record = self.record();
+        if record.is_err() {
+            // Where it begins tells which chunk is the next.
+            self.position = start;
+        }
+        let Some((header, data)) = record? else {
+            if self.index_position == 0 {
+                bail!("its recorder did not end it");
             }
-            let Some((header, data)) = self.record()? else {
-                if self.index_position == 0 {
-                    bail!("its recorder did not end it");
-                }
-                bail!("it ends before its index");
-            };
-            let fields = Fields::parse(&header)?;
-            match fields.op()? {
-                CHUNK => {
-                    let unpacked = unpack(&fields, data, self.limit)?;
-                    self.take_chunk(&unpacked)?;
-                }
-                CONNECTION => self.take_connection(&fields, &data)?,
-                _ => {}
+            bail!("it ends before its index");
+        };
+        let fields = Fields::parse(&header).inspect_err(|_| self.position = start)?;
+        match fields.op().inspect_err(|_| self.position = start)? {
+            CHUNK => {
+                let (records, unpacked) = unpack(&fields, data, self.limit)?;
+                let read = self.take_chunk(&records);
+                self.damage = unpacked.and(read).err();
             }
+            CONNECTION => self.damage = self.take_connection(&fields, &data).err(),
+            _ => {}
         }
         Ok(true)
     }
@@ -201,24 +229,26 @@ impl<R: Read + Seek> BagReader<R> {
 impl<R: Read + Seek> Iterator for BagReader<R> {
     type Item = Result<Message>;
 
-    /// The next message; after the first error, none.
+    /// The next message; an error is a damage, after which there may be more.
     fn next(&mut self) -> Option<Result<Message>> {
-        if let Some(message) = self.ready.pop_front() {
-            return Some(Ok(message));
-        }
-        if self.ended {
-            return None;
-        }
-        let advanced = self.advance();
-        self.ended = !matches!(advanced, Ok(true));
-        // What a damaged chunk held before the damage is whole.
-        match (self.ready.pop_front(), advanced) {
-            (Some(message), advanced) => {
-                self.ended |= advanced.is_err();
-                Some(Ok(message))
+        loop {
+            if let Some(message) = self.ready.pop_front() {
+                return Some(Ok(message));
             }
-            (None, Err(error)) => Some(Err(error)),
-            (None, Ok(_)) => None,
+            // What a damaged chunk held before the damage is whole.
+            if let Some(damage) = self.damage.take() {
+                return Some(Err(damage));
+            }
+            if self.ended {
+                return None;
+            }
+            match self.advance() {
+                Ok(more) => self.ended = !more,
+                Err(damage) => {
+                    self.damage = Some(damage);
+                    self.ended = !self.go_on();
+                }
+            }
         }
     }
 }
@@ -232,18 +262,18 @@ fn split_block(bytes: &[u8]) -> Result<(&[u8], &[u8])> {
     rest.split_at_checked(u32::from_le_bytes(*length) as usize).context("a chunk ends early")
 }
 
-fn unpack(fields: &Fields, data: Vec<u8>, limit: usize) -> Result<Vec<u8>> {
+/// The records of a chunk, as far as they can be unpacked.
+fn unpack(fields: &Fields, data: Vec<u8>, limit: usize) -> Result<(Vec<u8>, Result<()>)> {
     let size = fields.u32("size")? as usize;
     if size > limit {
         bail!("a chunk claims {size} bytes");
     }
     let mut unpacked = Vec::new();
     let read = match fields.text("compression")?.as_str() {
-        "none" => return Ok(data),
+        "none" => return Ok((data, Ok(()))),
         "lz4" => lz4::Decoder::new(data.as_slice())?.take(size as u64).read_to_end(&mut unpacked),
         "bz2" => bzip2_rs::DecoderReader::new(data.as_slice()).take(size as u64).read_to_end(&mut unpacked),
         other => bail!("the compression '{other}' is not known (none, bz2 and lz4 are)"),
     };
-    read.context("a chunk does not unpack")?;
-    Ok(unpacked)
+    Ok((unpacked, read.map(|_| ()).context("a chunk does not unpack")))
 }

@@ -58,8 +58,8 @@ impl Survey {
 
     fn from_messages(messages: Messages) -> Self {
         let mut survey = Self::default();
-        // What follows the first error cannot be read; the reader says so again when frames are taken.
-        for message in messages.map_while(Result::ok) {
+        // What is damaged is told when frames are taken.
+        for message in messages.flatten() {
             survey.count(&message.channel, 1);
             survey.topics.at(message.log_time);
             if message.channel.topic == DROPPED_TOPIC
@@ -80,6 +80,15 @@ impl Survey {
 /// What a channel's messages hold.
 pub fn content(channel: &mcap::Channel) -> Option<Content> {
     Content::of(&channel.schema.as_ref()?.name, &channel.message_encoding)
+}
+
+/// The index of a file; `None` where it has none that could be read.
+///
+/// # Errors
+/// When the file cannot be opened.
+pub fn summary(input: &Input) -> Result<Option<mcap::Summary>> {
+    let (mut file, size) = input.open()?;
+    Ok(read_summary(&mut file, size).ok().flatten())
 }
 
 fn read_summary(file: &mut BufReader<Box<dyn Bytes>>, size: u64) -> Result<Option<mcap::Summary>, McapError> {

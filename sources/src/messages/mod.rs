@@ -8,9 +8,12 @@ mod ros2;
 
 use super::time;
 use crate::pictures::Picture;
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail, ensure};
+use geometry::limits::MAX_BYTES;
 use geometry::{Camera, Distortion, Fov, KannalaBrandt, Pinhole, RadTan};
 use serde::Deserialize;
+use std::borrow::Cow;
+use std::io::Read;
 
 /// An image message, the picture not yet decoded.
 #[derive(Debug)]
@@ -73,6 +76,24 @@ impl Content {
             _ => return None,
         })
     }
+}
+
+/// What starts every frame of zstd (RFC 8878, §3.1.1); CDR starts with a zero, and messages of Foxglove with other fields.
+const ZSTD_MAGIC: [u8; 4] = [0x28, 0xb5, 0x2f, 0xfd];
+
+/// The bytes of a message, which may have been compressed by itself, as `ros2 bag record --compression-mode message` does.
+///
+/// # Errors
+/// When it does not unpack, or is larger than messages are.
+pub fn unpacked(data: &[u8]) -> Result<Cow<'_, [u8]>> {
+    if !data.starts_with(&ZSTD_MAGIC) {
+        return Ok(Cow::Borrowed(data));
+    }
+    let (mut plain, most) = (Vec::new(), MAX_BYTES as u64);
+    let read = zstd::Decoder::new(data)?.take(most + 1).read_to_end(&mut plain);
+    read.context("the message does not unpack")?;
+    ensure!(plain.len() as u64 <= most, "it has more than {MAX_BYTES} bytes, the most that is read");
+    Ok(Cow::Owned(plain))
 }
 
 /// Reads an image message.

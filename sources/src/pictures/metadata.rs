@@ -32,7 +32,8 @@ impl Picture {
         match self {
             Picture::File(path) => read_file(path, |bytes| Ok(stated_focal(bytes, size))).ok()?,
             Picture::Encoded(bytes) => stated_focal(bytes, size),
-            Picture::Raw(_) | Picture::Broken(_) => None,
+            Picture::Ranged(picture, _) => picture.stated_focal(size),
+            Picture::Raw(_) | Picture::Broken(_) | Picture::Mistimed(_) => None,
         }
     }
 }

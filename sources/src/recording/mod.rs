@@ -13,7 +13,7 @@ pub use calibration::{CalibrationFiles, NamedFile};
 pub use numbers::NumberSet;
 pub use picture::{EncodedPicture, encode};
 pub use reader::{RecordedHead, dropped_number, read_head};
-pub use recorder::{Recorder, Summary, check_name, refuse_existing};
+pub use recorder::{Recorder, Summary, check_length, check_name, refuse_existing};
 pub use writer::{Head, RecordingWriter};
 
 /// What MCAP's header calls a recording of loopbox.
@@ -28,6 +28,8 @@ const LAG: &str = "mapping lag";
 pub const DROPPED_TOPIC: &str = "/loopbox/dropped";
 /// Metadata at the end: all of those numbers.
 pub const DROPPED_METADATA: &str = "loopbox.dropped";
+/// Key in it of the samples that are grey levels 0 and 255, of pictures of more than eight bits.
+pub const GREY_RANGE: &str = "grey range";
 /// Metadata at the start: where the frames come from.
 pub const HEAD_METADATA: &str = "loopbox.recording";
 /// The coordinate frame of the pictures.

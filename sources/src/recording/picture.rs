@@ -1,6 +1,6 @@
 //! Pictures as a recording holds them: encoded ones byte for byte, raw ones as grey PNG.
 
-use crate::pictures::{Picture, RawPicture};
+use crate::pictures::{GreyRange, Picture, RawPicture};
 use geometry::GrayImage;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder, ImageFormat};
@@ -26,9 +26,25 @@ pub fn encode(picture: Picture) -> Result<EncodedPicture, String> {
             of_bytes(bytes).map_err(|e| format!("{}: {e}", path.display()))
         }
         Picture::Encoded(bytes) => of_bytes(bytes),
-        Picture::Raw(raw) if matches!(raw.encoding.as_str(), "mono16" | "16UC1") => deep(&raw),
+        Picture::Raw(raw) if is_deep(&raw) => deep(&raw),
+        Picture::Ranged(picture, range) => ranged(*picture, range),
         picture => grey(&picture.into_grey()?),
     }
+}
+
+fn is_deep(raw: &RawPicture) -> bool {
+    matches!(raw.encoding.as_str(), "mono16" | "16UC1")
+}
+
+/// Of more than eight bits: those that pass as they are have the recording's range beside them, the others are what tracking sees.
+fn ranged(picture: Picture, range: GreyRange) -> Result<EncodedPicture, String> {
+    let passes = match &picture {
+        Picture::Raw(raw) => is_deep(raw),
+        Picture::File(path) => ImageFormat::from_path(path).is_ok_and(|format| format == ImageFormat::Png),
+        Picture::Encoded(bytes) => image::guess_format(bytes).is_ok_and(|format| format == ImageFormat::Png),
+        _ => false,
+    };
+    if passes { encode(picture) } else { grey(&Picture::Ranged(Box::new(picture), range).into_grey()?) }
 }
 
 fn of_bytes(bytes: Vec<u8>) -> Result<EncodedPicture, String> {
@@ -114,7 +130,7 @@ mod tests {
         );
         assert_eq!(encode(Picture::Encoded(vec![1, 2])).unwrap().bytes, [1, 2]);
         assert!(encode(Picture::Broken("torn".into())).is_err());
-        assert!(encode(raw("bayer_rggb8", false, 3, vec![0; 6])).is_err());
+        assert!(encode(raw("32FC1", false, 12, vec![0; 24])).is_err());
         assert!(encode(raw("mono16", false, 6, vec![0; 5])).is_err());
     }
 }

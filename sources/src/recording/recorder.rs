@@ -191,6 +191,24 @@ pub fn check_name(path: &Path) -> Result<()> {
     Ok(())
 }
 
+/// Most bytes of a name that becomes a file's: file systems take 255, and numbers and endings come behind it.
+const LONGEST_NAME: usize = 200;
+
+/// Refuses a name that no file can have, or none with what is put behind it.
+///
+/// # Errors
+/// When it is too long.
+pub fn check_length(path: &Path) -> Result<()> {
+    let length = path.file_name().map_or(0, |name| name.len());
+    if length > LONGEST_NAME {
+        bail!(
+            "a name of {length} bytes is too long for a file: {}\nhint: give one of {LONGEST_NAME} at most",
+            path.display()
+        );
+    }
+    Ok(())
+}
+
 /// Refuses to record over a file.
 ///
 /// # Errors
@@ -204,7 +222,7 @@ pub fn refuse_existing(path: &Path) -> Result<()> {
 
 impl Active {
     fn frame(&mut self, frame: &SourceFrame, may_wait: bool) {
-        let bytes = size(&frame.picture).max(LEAST_BYTES);
+        let bytes = frame.picture.bytes().max(LEAST_BYTES);
         if !self.waiting.admit(bytes, may_wait) {
             self.left_out += 1;
             return;
@@ -283,15 +301,6 @@ impl Waiting {
     }
 }
 
-/// Bytes that a picture holds in memory.
-fn size(picture: &Picture) -> usize {
-    match picture {
-        Picture::Encoded(bytes) => bytes.len(),
-        Picture::Raw(raw) => raw.data.len(),
-        _ => 0,
-    }
-}
-
 /// What the thread owns.
 struct Writing {
     writer: RecordingWriter<BufWriter<File>>,
@@ -349,6 +358,9 @@ impl Writing {
     }
 
     fn frame(&mut self, frame: SourceFrame) -> Result<()> {
+        if let Picture::Ranged(_, range) = &frame.picture {
+            self.writer.grey_range(*range);
+        }
         // Such a frame is none of the run either, which is not worth the end of the recording.
         let time = time::nanoseconds(frame.timestamp);
         let time = time.ok_or_else(|| format!("no recording can hold the time stamp {}", frame.timestamp));

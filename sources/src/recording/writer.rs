@@ -4,9 +4,10 @@ use super::calibration::{CalibrationFiles, NamedFile};
 use super::numbers::NumberSet;
 use super::picture::EncodedPicture;
 use super::{
-    CALIBRATION_TOPIC, DROPPED_METADATA, DROPPED_SCHEMA, DROPPED_TOPIC, FRAME, HEAD_METADATA, IMAGE_TOPIC,
-    LAG, PROFILE,
+    CALIBRATION_TOPIC, DROPPED_METADATA, DROPPED_SCHEMA, DROPPED_TOPIC, FRAME, GREY_RANGE, HEAD_METADATA,
+    IMAGE_TOPIC, LAG, PROFILE,
 };
+use crate::pictures::GreyRange;
 use crate::{SourceInfo, time};
 use anyhow::{Context, Result, anyhow};
 use foxglove::Encode;
@@ -54,6 +55,7 @@ pub struct RecordingWriter<W: Write + Seek> {
     last_time: u64,
     frames: u64,
     dropped_numbers: NumberSet,
+    grey_range: Option<GreyRange>,
 }
 
 impl<W: Write + Seek> RecordingWriter<W> {
@@ -97,7 +99,13 @@ impl<W: Write + Seek> RecordingWriter<W> {
             last_time: 0,
             frames: 0,
             dropped_numbers: NumberSet::default(),
+            grey_range: None,
         })
+    }
+
+    /// The range of samples of more than eight bits that tracking sees as 0–255, which a replay repeats.
+    pub fn grey_range(&mut self, range: GreyRange) {
+        self.grey_range = Some(range);
     }
 
     /// Writes a frame with its index at the source and its time in seconds.
@@ -152,7 +160,9 @@ impl<W: Write + Seek> RecordingWriter<W> {
     /// When the stream cannot be written to.
     pub fn finish(&mut self, left_out: u64) -> Result<()> {
         let (frames, left_out) = (self.dropped_numbers.to_string(), left_out.to_string());
-        let about = [("frames", frames.as_str()), ("left out", &left_out)];
+        let mut about = vec![("frames", frames.as_str()), ("left out", &left_out)];
+        let range = self.grey_range.map(|range| format!("{} {}", range.from, range.to));
+        about.extend(range.as_deref().map(|range| (GREY_RANGE, range)));
         self.mcap.write_metadata(&metadata(DROPPED_METADATA, &about))?;
         self.mcap.finish()?;
         Ok(())

@@ -12,6 +12,7 @@ pub use sqlite::{Message, SqliteBag};
 
 use crate::image_list::first_existing;
 use anyhow::{Context, Result, bail};
+use scans::tables::natural_key;
 use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -22,8 +23,8 @@ const SQLITE_MAGIC: &[u8] = b"SQLite format 3\0";
 /// The files of a bag.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Files {
-    /// One MCAP file.
-    Mcap(PathBuf),
+    /// MCAP files in their order, several where the bag was split.
+    Mcap(Vec<PathBuf>),
     /// Databases, several where the bag was split.
     Sqlite(Vec<PathBuf>),
 }
@@ -52,35 +53,49 @@ fn is_sqlite(path: &Path) -> bool {
     File::open(path).and_then(|mut file| file.read_exact(&mut start)).is_ok() && start == SQLITE_MAGIC
 }
 
-/// The files of a folder; `None` where it is no such folder.
+/// The files of a folder of a bag; `None` where it is no such folder.
 fn files_in(folder: &Path) -> Result<Option<Files>> {
     if first_existing(folder, &["metadata.yaml"]).is_none() {
         return Ok(None);
     }
-    let entries =
-        std::fs::read_dir(folder).with_context(|| format!("{}: cannot be read", folder.display()))?;
-    let mut files: Vec<PathBuf> = entries.filter_map(|entry| Some(entry.ok()?.path())).collect();
-    files.sort();
-    let of_kind = |kind: &str| -> Vec<PathBuf> {
-        files.iter().filter(|file| file.extension().is_some_and(|e| e == kind)).cloned().collect()
-    };
-    let (mut mcap, sqlite, packed) = (of_kind("mcap"), of_kind("db3"), of_kind("zstd"));
-    match (mcap.len(), sqlite.len(), packed.first()) {
-        (0, 0, None) => Ok(None),
-        (0, 0, Some(file)) => bail!(
+    loose_files(folder)
+}
+
+/// The files of a bag in a folder that need not say so; `None` where it has none.
+///
+/// # Errors
+/// When they are of a form that is not read.
+pub fn loose_files(folder: &Path) -> Result<Option<Files>> {
+    let (mut mcap, sqlite) = (files_with(folder, "mcap")?, files_with(folder, "db3")?);
+    // Results of a run are no recording.
+    mcap.retain(|file| !map::is_map_file(file));
+    let packed = files_with(folder, "zstd")?;
+    match (mcap.is_empty(), sqlite.is_empty(), packed.first()) {
+        (false, ..) => Ok(Some(Files::Mcap(mcap))),
+        (_, false, _) => Ok(Some(Files::Sqlite(sqlite))),
+        (.., None) => Ok(None),
+        (.., Some(file)) => bail!(
             "{}: a ROS 2 bag whose files are compressed as a whole\nhint: `zstd -d {}`, and so each of them, gives files that \
              are read",
             folder.display(),
             file.display()
         ),
-        (0, ..) => Ok(Some(Files::Sqlite(sqlite))),
-        (1, ..) => Ok(mcap.pop().map(Files::Mcap)),
-        (count, ..) => bail!(
-            "{}: a ROS 2 bag in {count} MCAP files\nhint: give one of them, or make one of all with `mcap merge` or `ros2 bag \
-             convert`",
-            folder.display()
-        ),
     }
+}
+
+/// The files of a folder whose names end so, in natural order.
+///
+/// # Errors
+/// When the folder cannot be read.
+pub fn files_with(folder: &Path, ending: &str) -> Result<Vec<PathBuf>> {
+    let entries =
+        std::fs::read_dir(folder).with_context(|| format!("{}: cannot be read", folder.display()))?;
+    let mut files: Vec<PathBuf> = entries.filter_map(|entry| Some(entry.ok()?.path())).collect();
+    let is_shown =
+        |file: &Path| file.file_name().is_some_and(|name| !name.to_string_lossy().starts_with('.'));
+    files.retain(|file| file.extension().is_some_and(|e| e.eq_ignore_ascii_case(ending)) && is_shown(file));
+    files.sort_by_cached_key(|file| natural_key(&file.file_name().unwrap_or_default().to_string_lossy()));
+    Ok(files)
 }
 
 /// Refuses a bag in SQLite, which this program was built without.

@@ -3,16 +3,12 @@
 //! Their layout is that of `rosbag2_storage_sqlite3`; several files of one bag are read as one. Messages that were compressed
 //! one by one are read too, files that were compressed as a whole are refused with what to do.
 
-use crate::messages::Content;
+use crate::messages::{Content, unpacked};
 use crate::topics::Topics;
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, bail};
 use geometry::limits::MAX_BYTES;
 use rusqlite::{Connection, OpenFlags};
-use std::io::Read;
 use std::path::{Path, PathBuf};
-
-/// What starts every frame of zstd (RFC 8878, §3.1.1); CDR starts with a zero.
-const ZSTD_MAGIC: [u8; 4] = [0x28, 0xb5, 0x2f, 0xfd];
 
 /// A topic of one of the files.
 struct Topic {
@@ -135,14 +131,7 @@ fn blob(connection: &Connection, id: i64) -> Result<Vec<u8>> {
     let (length, data): (i64, Option<Vec<u8>>) =
         query.query_row((id, MAX_BYTES as i64), |row| Ok((row.get(0)?, row.get(1)?)))?;
     let Some(data) = data else { bail!("it has {length} bytes, and {MAX_BYTES} are the most that is read") };
-    if !data.starts_with(&ZSTD_MAGIC) {
-        return Ok(data);
-    }
-    let mut plain = Vec::new();
-    let most = MAX_BYTES as u64;
-    zstd::Decoder::new(&data[..])?.take(most + 1).read_to_end(&mut plain)?;
-    ensure!(plain.len() as u64 <= most, "it has more than {MAX_BYTES} bytes, the most that is read");
-    Ok(plain)
+    Ok(unpacked(&data)?.into_owned())
 }
 
 #[cfg(test)]

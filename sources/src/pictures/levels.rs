@@ -1,0 +1,260 @@
+//! Which levels of samples of more than eight bits become grey: one range for a recording, from its first images.
+//!
+//! A range for every image would change what a place looks like from one to the next, which a direct method takes for light; the high
+//! byte is black where sensors fill 10, 12 or 14 bits from below, and four grey levels of a thermal camera.
+
+use super::{Grey, Picture, jpeg};
+use geometry::{GrayImage, Image};
+use image::{ColorType, ImageDecoder, ImageReader};
+use std::io::Cursor;
+
+/// The share of the pixels below the lowest level that counts, and above the highest: single hot and dead pixels do not.
+const TAIL: f64 = 1e-3;
+/// Depths of sensors, bits.
+const DEPTHS: [u32; 4] = [10, 12, 14, 16];
+/// Where the levels span this share of a depth, that depth is the range, since later images may be brighter: 64 of 256 grey levels are
+/// left to these.
+const ENOUGH: f64 = 0.25;
+/// Else the range is so much wider than the levels of the first images, on either side, as a share of their span.
+const MARGIN: f64 = 0.25;
+/// About a second of images tell it, in which exposures settle, unless they are larger than this together, bytes;
+const FIRST_IMAGES: usize = 30;
+const MOST_BYTES: usize = 64 << 20;
+/// each so many-th of them is looked at.
+const LOOKED_AT: usize = 4;
+
+/// A range of 16-bit samples that becomes grey levels 0–255.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct GreyRange {
+    /// The lowest sample, which becomes 0, as do those below it.
+    pub from: u16,
+    /// The highest, which becomes 255, as do those above it.
+    pub to: u16,
+}
+
+impl GreyRange {
+    /// All samples: their high byte.
+    pub const WHOLE: Self = Self { from: 0, to: u16::MAX };
+
+    /// The range of a recording by how many samples of its first images have which level.
+    fn of_counts(counts: &[u64]) -> Self {
+        let total: u64 = counts.iter().sum();
+        let tail = (total as f64 * TAIL) as u64;
+        let (mut below, mut above) = (0, 0);
+        let is_beyond = |sum: &mut u64, count: &u64| {
+            *sum += count;
+            *sum > tail
+        };
+        let low = counts.iter().position(|count| is_beyond(&mut below, count)).unwrap_or(0);
+        let high = counts.iter().rposition(|count| is_beyond(&mut above, count)).unwrap_or(0);
+        let most = (1usize << 16) - 1;
+        let depth = DEPTHS.iter().map(|bits| (1usize << bits) - 1).find(|top| high <= *top).unwrap_or(most);
+        let span = high.saturating_sub(low);
+        if high == 0 {
+            return Self::WHOLE;
+        }
+        // A band far above zero is a thermal camera's; dark images are not told from those of a sensor of fewer bits.
+        if span as f64 >= ENOUGH * depth as f64 || span == 0 || low <= span {
+            return Self { from: 0, to: depth as u16 };
+        }
+        let margin = (MARGIN * span as f64).ceil() as usize;
+        Self { from: low.saturating_sub(margin) as u16, to: (high + margin).min(most) as u16 }
+    }
+
+    /// The grey levels of an image.
+    pub(super) fn apply(self, image: &Image<u16>) -> Result<GrayImage, String> {
+        let (from, to) = (self.from.min(self.to), self.to.max(self.from));
+        // Of a power of two of levels this is a shift.
+        let scale = (256 << 16) / (u32::from(to - from) + 1);
+        let level = |sample: &u16| (u32::from((*sample).clamp(from, to) - from) * scale >> 16) as u8;
+        let levels = image.data().iter().map(level).collect();
+        GrayImage::from_vec(image.width(), image.height(), levels)
+            .ok_or_else(|| "the image has no pixels".into())
+    }
+
+    /// The range that a recording says, `from to`.
+    pub(crate) fn parse(text: &str) -> Option<Self> {
+        let (from, to) = text.split_once(' ')?;
+        Some(Self { from: from.parse().ok()?, to: to.parse().ok()? })
+    }
+
+    /// For people.
+    pub fn text(&self) -> String {
+        let Self { from, to } = self;
+        let depth = DEPTHS.iter().find(|bits| (1usize << **bits) - 1 == usize::from(*to));
+        match depth.filter(|_| *from == 0) {
+            Some(bits) => format!("16 bits a pixel, of which {bits} are used"),
+            None => {
+                format!("16 bits a pixel; {from} to {to} become grey levels 0 to 255, by the first images")
+            }
+        }
+    }
+}
+
+/// The range of a recording, told from its first pictures.
+#[derive(Clone, Debug, Default)]
+pub struct Levels {
+    range: Option<GreyRange>,
+}
+
+impl Levels {
+    /// Whether a recording that begins with these pictures has more than eight bits and more of them are wanted to tell its range.
+    pub fn wants_more<'a>(pictures: impl Iterator<Item = &'a Picture> + Clone) -> bool {
+        let bytes: usize = pictures.clone().map(Picture::bytes).sum();
+        let is_open = pictures.clone().count() < FIRST_IMAGES && bytes < MOST_BYTES;
+        // Pictures that cannot be read tell nothing.
+        is_open && pictures.clone().find_map(Picture::is_deep) != Some(false)
+    }
+
+    /// The levels of a recording that begins with these pictures.
+    pub fn of<'a>(pictures: impl Iterator<Item = &'a Picture> + Clone) -> Self {
+        if pictures.clone().find_map(Picture::is_deep) != Some(true) {
+            return Self::default();
+        }
+        let mut counts = vec![0u64; 1 << 16];
+        for picture in pictures.step_by(LOOKED_AT) {
+            if let Ok(Grey::Sixteen(image)) = picture.clone().levels() {
+                image.data().iter().for_each(|sample| counts[usize::from(*sample)] += 1);
+            }
+        }
+        let is_empty = counts.iter().all(|count| *count == 0);
+        Self { range: (!is_empty).then(|| GreyRange::of_counts(&counts)) }
+    }
+
+    /// The range; `None` of images of eight bits.
+    pub fn range(&self) -> Option<GreyRange> {
+        self.range
+    }
+
+    /// A picture with the range, where it is to have one.
+    pub fn of_picture(&self, picture: Picture) -> Picture {
+        match (self.range, picture) {
+            (Some(range), picture @ (Picture::File(_) | Picture::Encoded(_) | Picture::Raw(_))) => {
+                Picture::Ranged(Box::new(picture), range)
+            }
+            (_, picture) => picture,
+        }
+    }
+}
+
+impl Picture {
+    /// Whether its samples have more than eight bits; `None` where it has none, or a range already.
+    fn is_deep(&self) -> Option<bool> {
+        match self {
+            Picture::File(path) => {
+                let reader = ImageReader::open(path).ok()?.with_guessed_format().ok()?;
+                Some(is_deep(reader.into_decoder().ok()?.color_type()))
+            }
+            Picture::Encoded(bytes) if jpeg::is_jpeg(bytes) => Some(false),
+            Picture::Encoded(bytes) => {
+                let reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().ok()?;
+                Some(is_deep(reader.into_decoder().ok()?.color_type()))
+            }
+            Picture::Raw(raw) => Some(raw.is_deep()),
+            Picture::Ranged(..) => Some(false),
+            Picture::Broken(_) | Picture::Mistimed(_) => None,
+        }
+    }
+
+    /// Bytes that it holds in memory.
+    pub(crate) fn bytes(&self) -> usize {
+        match self {
+            Picture::Encoded(bytes) => bytes.len(),
+            Picture::Raw(raw) => raw.data.len(),
+            Picture::Ranged(picture, _) => picture.bytes(),
+            Picture::File(_) | Picture::Broken(_) | Picture::Mistimed(_) => 0,
+        }
+    }
+}
+
+fn is_deep(colour: ColorType) -> bool {
+    matches!(colour, ColorType::L16 | ColorType::La16 | ColorType::Rgb16 | ColorType::Rgba16)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::pictures::RawPicture;
+
+    /// A picture whose samples go evenly from one to the other.
+    fn ramp(from: u16, to: u16) -> Picture {
+        let step = f64::from(to - from) / 4095.0;
+        let samples = (0..4096).map(|i| from + (step * f64::from(i)).round() as u16);
+        let data = samples.flat_map(u16::to_le_bytes).collect();
+        let encoding = "mono16".into();
+        Picture::Raw(RawPicture { width: 64, height: 64, step: 128, encoding, big_endian: false, data })
+    }
+
+    fn levels(picture: Picture) -> (u8, u8, usize) {
+        let grey = picture.into_grey().unwrap();
+        let mut all = grey.data().to_vec();
+        all.sort_unstable();
+        all.dedup();
+        (all[0], all[all.len() - 1], all.len())
+    }
+
+    #[test]
+    fn sensors_of_every_depth_have_many_levels() {
+        for (from, to, range) in [
+            (0, 65535, (0, 65535)),
+            (3000, 60000, (0, 65535)),
+            (64, 1000, (0, 1023)),
+            (100, 4000, (0, 4095)),
+            (16, 255, (0, 1023)),
+            (200, 16000, (0, 16383)),
+        ] {
+            let picture = ramp(from, to);
+            let found = Levels::of([&picture].into_iter());
+            let (low, high) = range;
+            assert_eq!(found.range(), Some(GreyRange { from: low, to: high }), "{from} to {to}");
+            assert!(levels(found.of_picture(picture)).2 >= 60, "{from} to {to}");
+        }
+    }
+
+    #[test]
+    fn thermal_images_have_the_range_of_their_levels() {
+        // Hundredths of a kelvin, and what 14 bits of a microbolometer have indoors.
+        for (from, to) in [(29_000, 31_000), (7_000, 7_400)] {
+            let picture = ramp(from, to);
+            let found = Levels::of([&picture].into_iter());
+            let range = found.range().unwrap();
+            assert!(
+                range.from < from && range.to > to && range.to - range.from < 2 * (to - from),
+                "{range:?}"
+            );
+            let (low, high, count) = levels(found.of_picture(picture));
+            assert!(count > 150 && low > 30 && high < 225, "{low} {high} {count}");
+            // What is hotter later is not cut off at once, and what is far off is.
+            assert!(levels(found.of_picture(ramp(to, to + (to - from) / 5))).2 > 20);
+            assert_eq!(levels(found.of_picture(ramp(60_000, 60_001))), (255, 255, 1));
+        }
+    }
+
+    #[test]
+    fn single_pixels_do_not_make_the_range() {
+        let Picture::Raw(mut raw) = ramp(7_000, 7_400) else { panic!("raw") };
+        raw.data[..4].copy_from_slice(&[0, 0, 0xff, 0xff]);
+        let picture = Picture::Raw(raw);
+        let range = Levels::of([&picture].into_iter()).range().unwrap();
+        assert!(range.from > 6_800 && range.to < 7_600, "{range:?}");
+    }
+
+    #[test]
+    fn eight_bits_have_no_range_and_black_ones_all() {
+        let eight = Picture::Raw(RawPicture {
+            width: 2,
+            height: 1,
+            step: 2,
+            encoding: "mono8".into(),
+            big_endian: false,
+            data: vec![1, 2],
+        });
+        assert!(!Levels::wants_more([&eight].into_iter()));
+        assert_eq!(Levels::of([&eight].into_iter()).range(), None);
+        let broken = Picture::Broken("torn".into());
+        assert!(Levels::wants_more([&broken].into_iter()));
+        assert_eq!(Levels::of([&broken].into_iter()).range(), None);
+        let black = ramp(0, 0);
+        assert_eq!(Levels::of([&black].into_iter()).range(), Some(GreyRange::WHOLE));
+    }
+}
