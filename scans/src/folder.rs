@@ -76,31 +76,7 @@ impl Folder {
         let scans = scans_in(&inner)?;
         let name = path.display().to_string();
         let times = options.times.clone().unwrap_or(times);
-        let mut remarks = Vec::new();
-        let stamps = match Table::read(&times) {
-            Ok(table) => {
-                let (stamps, remark) = stamps(&table, &scans, &times.display().to_string())?;
-                remarks.extend(remark);
-                stamps
-            }
-            Err(source) if options.times.is_some() => {
-                return Err(ScanError::Io { name: times.display().to_string(), source });
-            }
-            Err(_) => {
-                let rate = options.rate.unwrap_or(10.0);
-                if !(rate.is_finite() && rate > 0.0) {
-                    return Err(ScanError::format(
-                        &name,
-                        format!("{rate} scans a second: expected a number above 0"),
-                    ));
-                }
-                let gaps = Numbers::of(scans.iter().map(PathBuf::as_path)).and_then(|numbers| numbers.gaps());
-                remarks.extend(gaps.map(|gaps| {
-                    format!("{gaps}: the scans are taken as {rate} a second without them, as there is no times.txt")
-                }));
-                (0..scans.len()).map(|i| i as f64 / rate).collect()
-            }
-        };
+        let (stamps, remarks) = timed(&scans, &times, options, &name)?;
         let files: Vec<_> =
             scans.into_iter().zip(stamps).map(|(path, stamp)| ScanFile { path, stamp }).collect();
         let spacing = median_spacing(&files);
@@ -210,6 +186,51 @@ fn scans_in(folder: &Path) -> Result<Vec<PathBuf>, ScanError> {
     }
 }
 
+/// The stamps of scans from the file of times, or by their rate where there is none; and what is to be said of them.
+fn timed(
+    scans: &[PathBuf],
+    times: &Path,
+    options: &FolderOptions,
+    name: &str,
+) -> Result<(Vec<f64>, Vec<String>), ScanError> {
+    let rate = options.rate.unwrap_or(10.0);
+    if !(rate.is_finite() && rate > 0.0) {
+        return Err(ScanError::format(name, format!("{rate} scans a second: expected a number above 0")));
+    }
+    let at_rate = || (0..scans.len()).map(|i| i as f64 / rate).collect();
+    match Table::read(times) {
+        Ok(table) => {
+            let (stamps, remark) = stamps(&table, scans, &times.display().to_string())?;
+            let stand_still = stamps.len() > 1 && stamps.iter().all(|stamp| *stamp == stamps[0]);
+            match (stand_still, options.rate) {
+                (false, _) => Ok((stamps, remark.into_iter().collect())),
+                (true, Some(rate)) => {
+                    let what =
+                        format!("{}: all times are {}: taken as {rate} a second", times.display(), stamps[0]);
+                    Ok((at_rate(), vec![what]))
+                }
+                (true, None) => {
+                    let what = format!(
+                        "all {} scans have the time {}; give their rate, such as --rate 10",
+                        stamps.len(),
+                        stamps[0]
+                    );
+                    Err(ScanError::format(&times.display().to_string(), what))
+                }
+            }
+        }
+        Err(source) if options.times.is_some() => {
+            Err(ScanError::Io { name: times.display().to_string(), source })
+        }
+        Err(_) => {
+            let gaps = Numbers::of(scans.iter().map(PathBuf::as_path)).and_then(|numbers| numbers.gaps());
+            let what =
+                |gaps| format!("{gaps}: the scans that are there are taken as {rate} a second without them");
+            Ok((at_rate(), gaps.map(what).into_iter().collect()))
+        }
+    }
+}
+
 /// One stamp per scan, seconds, and what is to be said of them. Where scans are missing, their numbers tell whose the stamps are.
 fn stamps(table: &Table, scans: &[PathBuf], name: &str) -> Result<(Vec<f64>, Option<String>), ScanError> {
     let stamps = table.stamps().map_err(|row| {
@@ -225,10 +246,12 @@ fn stamps(table: &Table, scans: &[PathBuf], name: &str) -> Result<(Vec<f64>, Opt
     let of_numbers = numbers.and_then(|numbers| numbers.places_in(times.len()));
     match of_numbers {
         Some(places) => {
-            let remark = remark.unwrap_or_default();
             let what = format!("{name}: {}", missing(": those of the scans' numbers are taken"));
-            let remark = if remark.is_empty() { what } else { format!("{remark}; {what}") };
-            Ok((places.into_iter().map(|place| times[place]).collect(), Some(remark)))
+            // Of the first part of a sequence nothing is missing.
+            let what = (!places.iter().copied().eq(0..count)).then_some(what);
+            let remarks: Vec<String> = remark.into_iter().chain(what).collect();
+            let remark = (!remarks.is_empty()).then(|| remarks.join("; "));
+            Ok((places.into_iter().map(|place| times[place]).collect(), remark))
         }
         None => Err(ScanError::format(name, missing(""))),
     }
@@ -300,6 +323,61 @@ mod tests {
         let dir = folder("1.0\n", &[("0.bin", bytes(900)), ("1.bin", bytes(900))]);
         let refused = Folder::open(dir.path(), &FolderOptions::default()).unwrap_err();
         assert!(refused.to_string().contains("1 times for 2 scans"), "{refused}");
+    }
+
+    /// The names and stamps of a folder of scans so named, and what is said of them.
+    fn told(
+        times: &str,
+        names: &[&str],
+        options: &FolderOptions,
+    ) -> Result<(Vec<String>, Vec<f64>, String), ScanError> {
+        let scans: Vec<_> = names.iter().map(|name| (*name, bytes(900))).collect();
+        let dir = folder(times, &scans);
+        let found = Folder::open(dir.path(), options)?;
+        let name = |file: &ScanFile| file.path.file_name().unwrap().to_string_lossy().into_owned();
+        let (names, stamps) = found.files().iter().map(|file| (name(file), file.stamp)).unzip();
+        Ok((names, stamps, found.remarks().join("; ")))
+    }
+
+    #[test]
+    fn scans_come_as_people_count() {
+        let plain = FolderOptions::default();
+        let (names, ..) = told("", &["0.bin", "1.bin", "10.bin", "100.bin", "2.bin"], &plain).unwrap();
+        assert_eq!(names, ["0.bin", "1.bin", "2.bin", "10.bin", "100.bin"]);
+        let (names, stamps, said) = told("", &["s9.bin", "s10.bin", "s14.bin", "s15.bin"], &plain).unwrap();
+        assert_eq!((names[1].as_str(), stamps[3]), ("s10.bin", 0.3));
+        assert!(said.contains("after 10 comes 14 (3 missing)"), "{said}");
+        let (_, stamps, said) =
+            told("0\n0.1\n0.2\n0.3\n0.4\n", &["000000.bin", "000003.bin"], &plain).unwrap();
+        assert!(stamps == [0.0, 0.3] && said.contains("5 times for 2 scans"), "{stamps:?} {said}");
+    }
+
+    #[test]
+    fn times_of_scans_are_told_as_those_of_images() {
+        let (plain, names) = (FolderOptions::default(), ["0.bin", "1.bin", "2.bin"]);
+        for table in [
+            "0\n100000000\n200000000\n",
+            "1600000000000000000\n1600000000100000000\n1600000000200000000\n",
+            "time;scan\n0;0\n0,1;1\n0,2;2\n",
+            "\u{feff}0.0 0\r\n0.1 1\r\n0.2 2\r\n",
+            "2011-09-26 13:02:25.9\n2011-09-26 13:02:26.0\n2011-09-26 13:02:26.1\n",
+        ] {
+            let stamps = told(table, &names, &plain).unwrap().1;
+            assert!(stamps.windows(2).all(|w| (w[1] - w[0] - 0.1).abs() < 1e-6), "{table}: {stamps:?}");
+        }
+        let error = told("7\n7\n7\n", &names, &plain).unwrap_err().to_string();
+        assert!(error.contains("all 3 scans have the time 7") && error.contains("--rate"), "{error}");
+        let options = FolderOptions { rate: Some(20.0), ..plain.clone() };
+        assert_eq!(told("7\n7\n7\n", &names, &options).unwrap().1[2], 0.1);
+        let raw = tempfile::tempdir().unwrap();
+        let data = raw.path().join("velodyne_points/data");
+        std::fs::create_dir_all(&data).unwrap();
+        (0..2).for_each(|i| std::fs::write(data.join(format!("000000000{i}.bin")), bytes(900)).unwrap());
+        let dates = "2011-09-26 13:02:25.900000000\n2011-09-26 13:02:26.000000000\n";
+        std::fs::write(raw.path().join("velodyne_points/timestamps.txt"), dates).unwrap();
+        assert!(is_folder_of_scans(raw.path()));
+        let found = Folder::open(raw.path(), &plain).unwrap();
+        assert!((found.files()[1].stamp - found.files()[0].stamp - 0.1).abs() < 1e-6);
     }
 
     #[test]

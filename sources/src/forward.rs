@@ -67,29 +67,34 @@ pub struct Faults {
 impl Faults {
     /// What is done about them, for people; nothing where there are none.
     pub fn texts(&self) -> Vec<String> {
-        let mut texts = Vec::new();
-        if let Some((place, by)) = self.first_set {
-            let direction = if by < 0.0 { "back" } else { "ahead" };
-            let more = match self.sets {
-                1 => String::new(),
-                sets => format!(", and {} times more", sets - 1),
-            };
-            texts.push(format!(
-                "the clock was set {direction} by {} s at frame {place}{more}: time goes on from there as if it had not been, so \
-                 that results have other times than the recording from there on",
-                rounded(by.abs())
-            ));
-        }
-        for (count, what) in [
-            (self.off, "of the time stamps lie off those around them"),
-            (self.repeated, "of the time stamps repeat the one before"),
-            (self.none, "of the time stamps are no numbers"),
-        ] {
-            if count > 0 {
-                texts.push(format!("{count} {what}: these frames are left out"));
-            }
-        }
-        texts
+        self.of_set().into_iter().chain(self.of_frames()).collect()
+    }
+
+    /// That the clock was set.
+    pub fn of_set(&self) -> Option<String> {
+        let (place, by) = self.first_set?;
+        let direction = if by < 0.0 { "back" } else { "ahead" };
+        let more = match self.sets {
+            1 => String::new(),
+            sets => format!(", and {} times more", sets - 1),
+        };
+        Some(format!(
+            "the clock was set {direction} by {} s at frame {place}{more}: time goes on from there as if it had not been, so \
+             that results have other times than the recording from there on",
+            rounded(by.abs())
+        ))
+    }
+
+    /// Which frames are left out.
+    pub fn of_frames(&self) -> Vec<String> {
+        let counts = [
+            (self.off, "lie off those around them"),
+            (self.repeated, "repeat the one before"),
+            (self.none, "are no numbers"),
+        ];
+        let told = counts.into_iter().filter(|(count, _)| *count > 0);
+        told.map(|(count, what)| format!("{count} of the time stamps {what}: these frames are left out"))
+            .collect()
     }
 }
 

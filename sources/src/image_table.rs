@@ -77,9 +77,13 @@ pub fn images_by_times(
             path.display()
         );
     };
+    // Of the first part of a sequence nothing is missing.
+    let is_first_part = places.iter().copied().eq(0..places.len());
+    let remarks =
+        if is_first_part { Vec::new() } else { vec![format!("{counts}: each has that of its number")] };
     let of_files =
         Stamps { seconds: places.into_iter().map(|place| times[place]).collect(), unit: stamps.unit };
-    Ok(timed(of_files, files, vec![format!("{counts}: each has that of its number")]))
+    Ok(timed(of_files, files, remarks))
 }
 
 fn timed(stamps: Stamps, files: Vec<PathBuf>, remarks: Vec<String>) -> TimedImages {

@@ -75,7 +75,11 @@ pub fn run(
     let (mut scans, mut rows, mut interrupted) = (ScanCounts::default(), Vec::new(), false);
     let mut first = None;
     while let Some(next) = source.next_scan() {
-        let after = next.stamp - *first.get_or_insert(next.stamp);
+        // A scan that is none has no time that others count from.
+        let after = match next.scan {
+            Ok(_) => next.stamp - *first.get_or_insert(next.stamp),
+            Err(_) => first.map_or(0.0, |first: f64| next.stamp - first),
+        };
         if start.is_some_and(|start| after < start) {
             continue;
         }

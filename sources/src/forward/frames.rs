@@ -61,7 +61,7 @@ impl Forward {
             Judged::Off => frame.picture = Picture::mistimed(frame.timestamp),
         }
         if self.clock.faults().sets > sets && sets == 0 {
-            let said = self.clock.faults().texts().swap_remove(0);
+            let said = self.clock.faults().of_set().unwrap_or_default();
             self.say(Notice::Warning(format!("{}: {said}", self.inner.info().path.display())));
         }
         frame
@@ -98,7 +98,8 @@ impl FrameSource for Forward {
     }
 
     fn warning(&self) -> Option<String> {
-        let faults = self.clock.faults().texts();
+        // Who listens was told when it was set, and counts the frames that are left out.
+        let faults = if self.listener.is_some() { Vec::new() } else { self.clock.faults().texts() };
         let of_clock = faults.into_iter().map(|fault| format!("{}: {fault}", self.info().path.display()));
         let all: Vec<String> = self.inner.warning().into_iter().chain(of_clock).collect();
         (!all.is_empty()).then(|| all.join("\n"))

@@ -62,7 +62,57 @@ impl ScanSource for ForwardScans {
         Some(next)
     }
 
+    /// Scans that are left out say so themselves.
     fn remarks(&self) -> Vec<String> {
-        self.inner.remarks().into_iter().chain(self.clock.faults().texts()).collect()
+        self.inner.remarks().into_iter().chain(self.clock.faults().of_set()).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ::scans::Scan;
+
+    /// Scans with these stamps; one that is no number cannot be read.
+    struct Source(ScanInfo, Vec<f64>, u64);
+
+    impl ScanSource for Source {
+        fn info(&self) -> &ScanInfo {
+            &self.0
+        }
+
+        fn next_scan(&mut self) -> Option<NextScan> {
+            let (index, stamp) = (self.2, *self.1.get(self.2 as usize)?);
+            self.2 += 1;
+            let damaged = || ScanError::Format { name: "scan".into(), what: "damaged".into() };
+            let scan = if stamp.is_nan() { Err(damaged()) } else { Ok(Scan { stamp, ..Scan::default() }) };
+            Some(NextScan { index, stamp, scan })
+        }
+    }
+
+    fn told(stamps: Vec<f64>) -> (Vec<f64>, usize, Vec<String>) {
+        let info = ScanInfo { path: "walk".into(), kind: "scans".into(), count: None, duration: None };
+        let mut source = ForwardScans::new(Box::new(Source(info, stamps, 0)));
+        let all: Vec<NextScan> = std::iter::from_fn(|| source.next_scan()).collect();
+        assert!(all.windows(2).all(|pair| pair[0].index + 1 == pair[1].index));
+        let left_out = all.iter().filter(|next| next.scan.is_err()).count();
+        let good = all.iter().filter_map(|next| next.scan.as_ref().ok().map(|scan| (scan.stamp, next.stamp)));
+        let good: Vec<f64> = good.inspect(|(a, b)| assert_eq!(a, b)).map(|(stamp, _)| stamp).collect();
+        assert!(good.is_sorted(), "{good:?}");
+        (good, left_out, source.remarks())
+    }
+
+    #[test]
+    fn scans_have_a_time_that_goes_forward() {
+        let steady = |from: f64, count: u32| (0..count).map(move |i| from + 0.1 * f64::from(i));
+        let mut future: Vec<f64> = steady(10.0, 80).collect();
+        (future[20], future[50]) = (1e6, f64::NAN);
+        let (good, left_out, said) = told(future);
+        assert_eq!((good.len(), left_out, said.len()), (78, 2, 0));
+        let (good, left_out, said) = told(steady(10.0, 40).chain(steady(2.0, 40)).collect());
+        assert_eq!((good.len(), left_out), (80, 0));
+        assert!(said[0].contains("set back by 12.0 s at frame 40"), "{said:?}");
+        assert_eq!(told(vec![3.0; 80]).0.len(), 1);
+        assert_eq!(told(Vec::new()).0.len(), 0);
     }
 }
