@@ -221,6 +221,16 @@ fn skipped_frames_are_warned_of() {
 }
 
 #[test]
+fn the_first_reason_is_told_where_no_image_can_be_read() {
+    let (folder, out) = (tempdir().unwrap(), tempdir().unwrap());
+    write(folder.path().join("times.txt"), "0.0 a.png\n0.1 b.png\n");
+    let run = |words: &[&str]| assert_refused(&["run", arg(folder.path()), "--out", arg(out.path())], words);
+    run(&["no image can be read", "a.png", "No such file"]);
+    write(folder.path().join("a.png"), "no image");
+    run(&["no image can be read", "a.png", "not a PNG"]);
+}
+
+#[test]
 fn ros2_folders_are_their_mcap_file() {
     let room = tempdir().unwrap();
     timed_folder(&room.path().join("frames"), 4);
@@ -272,6 +282,7 @@ fn what_is_asked_for_must_be_in_the_recording() {
     run(&["--start", "100"], &["ends at 0.30 s", "--start 100"]);
     run(&["--fps", "-5"], &["--fps -5 is not a frame rate"]);
     run(&["--topic", "/cam0"], &["has no topics", "/cam0"]);
+    run(&["--name", &*"n".repeat(400).leak()], &["a name of 400 bytes", "200 at most"]);
     run(&["--threads", "0"], &["--threads 0", "one per core"]);
     run(&["--record", "walk.txt"], &["walk.txt", ".mcap"]);
     assert_refused(&["record", arg(folder.path()), "--out", "walk.bag"], &["walk.bag", "loopbox convert"]);

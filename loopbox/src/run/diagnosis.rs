@@ -45,6 +45,8 @@ impl ImageStatistics {
         if self.count == 0 {
             let first = first_skip.map(|detail| format!("; of the first: {detail}")).unwrap_or_default();
             format!("no image could be used{first}")
+        } else if let (1, Some(detail)) = (self.count, first_skip) {
+            format!("only one image could be used; of the first that could not: {detail}")
         } else if per_frame(self.mean) < 2.0 {
             "the images are black".into()
         } else if per_frame(self.contrast) < 2.0 {
@@ -93,9 +95,15 @@ const FEW: f64 = 0.5;
 pub fn too_few_poses(frames: &FrameCounts) -> Option<String> {
     let taken = frames.offered - frames.dropped_late;
     let without = taken.saturating_sub(frames.tracked);
+    let skipped: u64 = frames.skipped.values().sum();
+    let reasons: Vec<String> =
+        frames.skipped.iter().map(|(reason, count)| format!("{count} {reason}")).collect();
+    let of_skipped = format!("frames are skipped before they are tracked: {}", reasons.join(", "));
     let mut hints = Vec::new();
     if frames.tracked_share < FEW {
-        if frames.losses > 0 {
+        if 2 * skipped > without {
+            hints.push(of_skipped.as_str());
+        } else if frames.losses > 0 {
             hints.push(
                 "move more slowly, keep part of what was seen before in view, and avoid blank walls and blur",
             );
@@ -230,12 +238,37 @@ mod tests {
     }
 
     #[test]
+    fn frames_that_are_skipped_are_the_reason_and_not_the_texture() {
+        use sources::ahead::SkipReason::{DuplicateTime, OutOfOrder, Unreadable};
+        let counts = |tracked: u64, skipped: &[(_, u64)]| FrameCounts {
+            offered: 120,
+            tracked,
+            tracked_share: tracked as f64 / 120.0,
+            skipped: skipped.iter().copied().collect(),
+            ..FrameCounts::default()
+        };
+        let told = |counts: FrameCounts| too_few_poses(&counts).unwrap_or_default();
+        for (reason, word) in [
+            (OutOfOrder, "109 out of order"),
+            (DuplicateTime, "109 with a repeated time"),
+            (Unreadable, "109 unreadable"),
+        ] {
+            let said = told(counts(11, &[(reason, 109)]));
+            assert!(said.contains(word) && !said.contains("textured"), "{said}");
+        }
+        assert!(told(counts(11, &[(OutOfOrder, 3)])).contains("textured"));
+        assert_eq!(told(counts(100, &[(OutOfOrder, 20)])), "");
+    }
+
+    #[test]
     fn each_cause_is_named() {
         let (black, grey) = (GrayImage::filled(64, 48, 0), GrayImage::filled(64, 48, 90));
         assert_eq!(why(&[]), "no image could be used; of the first: a.jpg: it is truncated");
         assert!(why(&[black.clone(), black]).contains("black"));
         assert!(why(&[grey.clone(), grey]).contains("even colour"));
-        assert!(why(&[pattern(0)]).contains("only one"));
+        assert!(
+            why(&[pattern(0)]).contains("only one image could be used; of the first that could not: a.jpg")
+        );
         assert!(why(&[pattern(0), pattern(0)]).contains("did not move"));
         assert!(why(&[pattern(0), pattern(9)]).contains("too little parallax"));
     }

@@ -3,9 +3,12 @@
 use super::*;
 use crate::recording::EncodedPicture;
 
+/// How a message of a time is made.
+type Made = fn(u64) -> Vec<u8>;
+
 /// Four messages of a form, of which the first is the `from`th.
 fn messages(
-    of: fn(u64) -> Vec<u8>,
+    of: Made,
     schema: &'static str,
     encoding: &'static str,
     which: std::ops::Range<usize>,
@@ -16,13 +19,13 @@ fn messages(
 #[test]
 fn messages_of_every_form_in_mcap() {
     let room = tempdir().unwrap();
-    let packed: fn(u64) -> Vec<u8> = |time| zstd::encode_all(&cdr(time)[..], 3).unwrap();
-    let json: fn(u64) -> Vec<u8> = |time| {
+    let packed: Made = |time| zstd::encode_all(&cdr(time)[..], 3).unwrap();
+    let json: Made = |time| {
         let data = base64::Engine::encode(&base64::engine::general_purpose::STANDARD, png());
         let stamp = format!("{{\"sec\":{},\"nsec\":{}}}", time / 1_000_000_000, time % 1_000_000_000);
         format!("{{\"timestamp\":{stamp},\"format\":\"png\",\"data\":\"{data}\"}}").into_bytes()
     };
-    let forms: [(&str, fn(u64) -> Vec<u8>, &str, &str); 5] = [
+    let forms: [(&str, Made, &str, &str); 5] = [
         ("compressed", foxglove_compressed, "foxglove.CompressedImage", "protobuf"),
         ("raw", foxglove_raw, "foxglove.RawImage", "protobuf"),
         ("json", json, "foxglove.CompressedImage", "json"),

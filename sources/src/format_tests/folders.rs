@@ -2,10 +2,13 @@
 
 use super::*;
 
+/// A kind, its table and images, what the table says, and the rate that is given.
+type Layout<'a> = (&'a str, &'a str, Vec<String>, &'a str, Option<f64>);
+
 #[test]
 fn folders_of_every_layout() {
     let four = |name: fn(usize) -> String| -> Vec<String> { (0..4).map(name).collect() };
-    let rows: [(&str, &str, Vec<String>, &str, Option<f64>); 11] = [
+    let rows: [Layout<'_>; 11] = [
         (
             "image folder with times.txt",
             "times.txt",

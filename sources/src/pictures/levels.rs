@@ -66,7 +66,7 @@ impl GreyRange {
         let (from, to) = (self.from.min(self.to), self.to.max(self.from));
         // Of a power of two of levels this is a shift.
         let scale = (256 << 16) / (u32::from(to - from) + 1);
-        let level = |sample: &u16| (u32::from((*sample).clamp(from, to) - from) * scale >> 16) as u8;
+        let level = |sample: &u16| ((u32::from((*sample).clamp(from, to) - from) * scale) >> 16) as u8;
         let levels = image.data().iter().map(level).collect();
         GrayImage::from_vec(image.width(), image.height(), levels)
             .ok_or_else(|| "the image has no pixels".into())
