@@ -12,6 +12,7 @@ mod damage;
 mod euroc;
 #[cfg(test)]
 mod format_tests;
+mod ffmpeg;
 pub mod forward;
 mod image_list;
 mod image_table;
@@ -25,8 +26,6 @@ mod numbered;
 mod parts;
 pub mod pictures;
 mod presets;
-#[cfg(feature = "video")]
-mod quicktime;
 pub mod recording;
 mod rosbag2;
 mod scan_recording;
@@ -38,7 +37,6 @@ mod topic_recording;
 mod topics;
 mod tum;
 mod tum_mono;
-#[cfg(feature = "video")]
 mod video;
 
 pub use image_list::{images_in, is_image};
@@ -288,20 +286,10 @@ fn open_sqlite(_path: &Path, files: &[PathBuf], _options: &SourceOptions) -> Res
     rosbag2::refuse(files)
 }
 
-#[cfg(feature = "video")]
 fn open_video(path: &Path, options: &SourceOptions) -> Result<Box<dyn FrameSource>> {
     let video = video::open(path, options.fps)?;
     refuse_topic(path, options)?;
     Ok(Box::new(video))
-}
-
-#[cfg(not(feature = "video"))]
-fn open_video(path: &Path, _options: &SourceOptions) -> Result<Box<dyn FrameSource>> {
-    bail!(
-        "{}: neither an MCAP file nor a ROS 1 bag, and this program was built without video files (feature `video`)\n\
-         hint: turn a video into images with `ffmpeg -i VIDEO FOLDER/%06d.png` and give the folder with --fps",
-        path.display()
-    )
 }
 
 fn open_folder(path: &Path, options: &SourceOptions) -> Result<Box<dyn FrameSource>> {

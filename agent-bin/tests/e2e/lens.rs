@@ -1,8 +1,6 @@
 //! Recordings without a calibration, or with a wrong one.
 
-use crate::support::{Accuracy, Case, RATE, drive, hand_held, world};
-#[cfg(feature = "opencv")]
-use crate::support::{Outcome, loopbox};
+use crate::support::{Accuracy, Case, Outcome, RATE, drive, hand_held, loopbox, world};
 use geometry::{Pinhole, Se3};
 use loopbox_tests::{Encoding, Recording, trajectory};
 use nalgebra::{UnitQuaternion, Vector3};
@@ -81,7 +79,6 @@ fn the_lens_in_the_images_metadata_is_begun_with() {
 }
 
 /// The same of a video: telephones write their lens's length into its metadata.
-#[cfg(feature = "opencv")]
 #[test]
 fn the_lens_in_a_videos_metadata_is_begun_with() {
     let camera = Pinhole { width: 320, height: 240, fx: 420.0, fy: 420.0, cx: 159.5, cy: 119.5 };

@@ -3,7 +3,6 @@
 mod bag;
 mod folder;
 mod mcap;
-#[cfg(feature = "video")]
 mod video;
 
 use crate::recording::{CalibrationFiles, EncodedPicture, Head};
@@ -149,7 +148,7 @@ impl Drop for Draft {
     }
 }
 
-/// `walk.tmp.avi` for `walk.avi`, since OpenCV tells the container by the end of the name.
+/// `walk.tmp.avi` for `walk.avi`, since ffmpeg tells the container by the end of the name.
 fn temporary(out: &Path, kind: Kind) -> Result<PathBuf> {
     let name = out.file_name().with_context(|| format!("{}: the path names no file", out.display()))?;
     let mut temporary = OsString::from(name);
@@ -177,15 +176,9 @@ fn open(kind: Kind, path: &Path, head: &Head, rate: Option<f64>) -> Result<Box<d
     })
 }
 
-#[cfg(feature = "video")]
 fn open_video(path: &Path, rate: Option<f64>) -> Result<Box<dyn Target>> {
     let Some(rate) = rate else {
         bail!("the rate of the frames is not known, which a video needs\nhint: give it, such as --fps 30");
     };
     Ok(Box::new(video::VideoTarget::new(path, rate)))
-}
-
-#[cfg(not(feature = "video"))]
-fn open_video(_path: &Path, _rate: Option<f64>) -> Result<Box<dyn Target>> {
-    bail!("this program was built without video files\nhint: convert to a folder and call ffmpeg on it")
 }
