@@ -7,6 +7,7 @@ mod disk;
 mod lidar;
 #[cfg(feature = "view")]
 mod page;
+mod said;
 mod trust;
 
 use common::{arg, command, loopbox, stderr, stdout};
@@ -294,6 +295,7 @@ fn some_that_come_at_once_are_merged_as_their_files() {
     let there = Process::start(&[&["station", "--quiet", "--out", arg(&station)], &listen[..]].concat());
     let at = address(&station);
     let telling = folders.each_ref().map(|folder| Process::start(&["fleet", arg(folder), "--connect", &at]));
+    said::assert_nothing_is_said_too_early(&station);
     assert!(telling.into_iter().all(Process::succeeded) && there.succeeded());
     let found = status(&station, |_| true);
     let agents = found["found"]["agents"].as_array().expect("agents");

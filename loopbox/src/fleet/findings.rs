@@ -113,6 +113,13 @@ mod tests {
     }
 
     #[test]
+    fn while_more_is_to_be_looked_at_nobody_is_refused() {
+        let verdicts = ["accepted", "undecided", "refused"];
+        assert_eq!(verdicts.map(|verdict| said(verdict, true)), ["accepted", "not yet", "not yet"]);
+        assert_eq!(verdicts.map(|verdict| said(verdict, false)), verdicts);
+    }
+
+    #[test]
     fn places_by_parts_stand_until_whole_maps_say_them() {
         let parts = found(
             &[("a", "a", 0.0), ("b", "a", 1.0), ("c", "a", 2.0), ("d", "a", 3.0), ("e", "e", 0.0)],

@@ -65,11 +65,6 @@ impl Cut {
         files.contents[content].seen[7] ^= 1;
     }
 
-    /// Whether a file of this name is seen.
-    pub fn has(&self, name: &str) -> bool {
-        locked(&self.0.0).names.keys().any(|path| path.ends_with(name))
-    }
-
     /// The files, once they may be changed.
     fn going(&self) -> std::sync::MutexGuard<'_, Files> {
         let files = locked(&self.0.0);
