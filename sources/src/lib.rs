@@ -297,11 +297,13 @@ fn open_folder(path: &Path, options: &SourceOptions) -> Result<Box<dyn FrameSour
         list
     } else if let Some(list) = tum_mono::open(path)? {
         list
-    } else if let Some(list) = timed::open(path)? {
+    } else if let Some(list) = timed::open(path, &timed::OWN)? {
         list
     } else if let Some(list) = tum::open(path)? {
         list
     } else if let Some(list) = euroc::open(path)? {
+        list
+    } else if let Some(list) = timed::open(path, &timed::OTHERS)? {
         list
     } else if let Some(list) = numbered::open(path, options.fps)? {
         list

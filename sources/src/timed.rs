@@ -1,4 +1,5 @@
-//! loopbox's own folder: `times.txt` (`seconds image`), `images/`, `camera.yaml`; or times alone, one for each image.
+//! loopbox's own folder: `times.txt` (`seconds image`), `images/`, `camera.yaml`; or times alone, one for each image. Others call the
+//! table otherwise.
 
 use super::FoundCalibration;
 use super::image_list::{ImageList, first_existing, images_in};
@@ -6,15 +7,16 @@ use super::image_table::{images_by_times, named_images, read_table};
 use anyhow::Result;
 use std::path::Path;
 
-/// Opens the folder if it is of this kind.
+/// What the table is called here, and elsewhere.
+pub const OWN: [&str; 1] = ["times.txt"];
+pub const OTHERS: [&str; 3] = ["times.csv", "timestamps.txt", "timestamps.csv"];
+
+/// Opens the folder if it is of this kind, with a table of one of these names.
 ///
 /// # Errors
-/// When `times.txt` is there but not a table of time stamps and images, or of one time for each image.
-pub fn open(folder: &Path) -> Result<Option<ImageList>> {
-    let Some(path) = first_existing(folder, &["times.txt", "times.csv", "timestamps.txt", "timestamps.csv"])
-    else {
-        return Ok(None);
-    };
+/// When the table is there but not one of time stamps and images, or of one time for each image.
+pub fn open(folder: &Path, names: &[&str]) -> Result<Option<ImageList>> {
+    let Some(path) = first_existing(folder, names) else { return Ok(None) };
     let table = read_table(&path)?;
     let images = if !table.rows.is_empty() && table.rows.iter().all(|row| row.fields.len() == 1) {
         let places = ["images", "data", "."].map(|place| folder.join(place));

@@ -8,7 +8,14 @@ type Layout<'a> = (&'a str, &'a str, Vec<String>, &'a str, Option<f64>);
 #[test]
 fn folders_of_every_layout() {
     let four = |name: fn(usize) -> String| -> Vec<String> { (0..4).map(name).collect() };
-    let rows: [Layout<'_>; 11] = [
+    let rows: [Layout<'_>; 12] = [
+        (
+            "image folder with times.txt",
+            "timestamps.csv",
+            four(|i| format!("data/{i}.png")),
+            "t,n\n10.0\n10.1\n10.2\n10.3\n",
+            None,
+        ),
         (
             "image folder with times.txt",
             "times.txt",
