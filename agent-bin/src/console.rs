@@ -59,11 +59,13 @@ pub(crate) fn print_json(value: &impl Serialize) -> Result<()> {
     print(&(text + "\n"))
 }
 
-/// How the program ends, as its exit code tells; 2 is clap's, for wrong usage.
+/// How the program ends, as its exit code tells.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Ending {
     /// Something failed.
     Failed = 1,
+    /// The arguments make no sense; clap's own code for those that it refuses.
+    Usage = 2,
     /// All went well, but no two of the maps met.
     NotMet = 3,
     /// What was tracked is saved, but it is less than was asked for.
@@ -86,6 +88,14 @@ impl std::fmt::Display for Ended {
 }
 
 impl std::error::Error for Ended {}
+
+/// What was checked of the arguments: an error ends the program as wrong usage does.
+///
+/// # Errors
+/// That of `checked`.
+pub(crate) fn usage<T>(checked: Result<T>) -> Result<T> {
+    checked.map_err(|error| Ended { ending: Ending::Usage, text: loopbox::explained(&error) }.into())
+}
 
 /// Tells an error on standard error and how the program ends by it.
 pub fn report(error: &anyhow::Error) -> ExitCode {

@@ -8,3 +8,4 @@ pub mod commands;
 pub mod console;
 mod interrupt;
 mod progress;
+pub mod version;

@@ -1,13 +1,14 @@
 //! What the user sees while a run goes on.
 
 use crate::console::{say, tell};
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::{ProgressBar, ProgressState, ProgressStyle};
 use loopbox::run::{FrameRow, Progress, RunRecord, state_name};
 use serde_json::json;
 use sources::ahead::Skip;
 use sources::notice::Notice;
 use std::cell::RefCell;
 use std::collections::BTreeMap;
+use std::fmt::Write;
 use std::path::Path;
 use std::time::Duration;
 
@@ -16,7 +17,7 @@ use std::time::Duration;
 pub enum Display {
     /// A bar on standard error, a summary on standard output.
     Bar,
-    /// Only errors.
+    /// Only warnings and errors.
     Quiet,
     /// One JSON object a line on standard output.
     Json,
@@ -32,6 +33,8 @@ pub struct Console {
     said: RefCell<BTreeMap<String, u64>>,
 }
 
+/// The result to look at.
+const REPORT: &str = "report.html";
 /// Something of a kind is said so often; after that it is counted.
 const REPETITIONS: u64 = 3;
 
@@ -40,9 +43,9 @@ impl Console {
     pub fn new(display: Display, frames: Option<u64>) -> Self {
         let bar = match (display, frames) {
             (Display::Bar, Some(frames)) => ProgressBar::new(frames)
-                .with_style(style("{bar:30} {pos}/{len} frames  {per_sec:>9}  eta {eta:>4}  {msg}")),
+                .with_style(style("{bar:30} {pos}/{len} frames  {rate:>14}  eta {eta:>4}  {msg}")),
             (Display::Bar, None) => {
-                ProgressBar::new_spinner().with_style(style("{spinner} {pos} frames  {per_sec:>9}  {msg}"))
+                ProgressBar::new_spinner().with_style(style("{spinner} {pos} frames  {rate:>14}  {msg}"))
             }
             _ => ProgressBar::hidden(),
         };
@@ -112,7 +115,8 @@ impl Progress for Console {
         };
         match self.display {
             Display::Bar => self.bar.suspend(|| tell!("{}", notice.text())),
-            Display::Quiet => {}
+            Display::Quiet if event == "note" => {}
+            Display::Quiet => tell!("{}", notice.text()),
             Display::Json => log_line(&json!({ "event": event, "text": notice.text() })),
         }
     }
@@ -133,7 +137,7 @@ impl Progress for Console {
     fn warn(&self, text: &str) {
         match self.display {
             Display::Bar => self.bar.suspend(|| tell!("warning: {text}")),
-            Display::Quiet => {}
+            Display::Quiet => tell!("warning: {text}"),
             Display::Json => log_line(&json!({ "event": "warning", "text": text })),
         }
     }
@@ -180,14 +184,24 @@ pub fn frame_bar(quiet: bool, frames: Option<u64>) -> ProgressBar {
     match (quiet, frames) {
         (true, _) => ProgressBar::hidden(),
         (false, Some(frames)) => {
-            ProgressBar::new(frames).with_style(style("{bar:30} {pos}/{len} frames  {per_sec:>9}"))
+            ProgressBar::new(frames).with_style(style("{bar:30} {pos}/{len} frames  {rate:>14}"))
         }
-        (false, None) => ProgressBar::new_spinner().with_style(style("{spinner} {pos} frames  {per_sec:>9}")),
+        (false, None) => ProgressBar::new_spinner().with_style(style("{spinner} {pos} frames  {rate:>14}")),
     }
 }
 
 fn style(template: &str) -> ProgressStyle {
-    ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar())
+    let rate = |state: &ProgressState, out: &mut dyn Write| {
+        // What cannot be written into a line of the terminal is not seen.
+        let _ = write!(out, "{}", rate_text(state.per_sec()));
+    };
+    let style = ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
+    style.with_key("rate", rate)
+}
+
+/// Frames a second, as a line of the terminal has room for.
+fn rate_text(per_second: f64) -> String {
+    format!("{per_second:.1} frames/s")
 }
 
 fn log_line(value: &serde_json::Value) {
@@ -248,5 +262,19 @@ fn summary(record: &RunRecord, out: &str) -> String {
             text += &format!("the map is left as it has grown: `loopbox export {out}` makes its cloud\n");
         }
     }
-    text + &format!("written to {out}\n")
+    text += &format!("written to {out}\n");
+    if record.files.iter().any(|name| name == REPORT) {
+        text += &format!("open {} in a browser\n", Path::new(out).join(REPORT).display());
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_rate_has_one_decimal() {
+        assert_eq!(rate_text(74.740_845_035), "74.7 frames/s");
+    }
 }

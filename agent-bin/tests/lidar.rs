@@ -140,10 +140,14 @@ fn bad_scans_are_skipped_with_the_reason_and_what_does_not_fit_is_refused() {
     // An empty scan does not have the points that the files beside it speak of.
     assert_eq!(record["scans"]["skipped"]["damaged"], 2);
     assert_eq!(record["scans"]["skipped"]["too_few_points"], 1);
-    let (_, told) = hall.run(1, "run @a --out @x --calib @nothing.yaml");
+    let (_, told) = hall.run(2, "run @a --out @x --calib @nothing.yaml");
     assert!(told.contains("--calib is for images"), "{told}");
+    for option in ["--fov 60", "--max-width 640", "--max-variance 0.1", "--features later", "--duration 5"] {
+        let (_, told) = hall.run(2, &format!("run @a --out @x {option}"));
+        assert!(told.contains(" is for images") && told.contains(&option[..8]), "{told}");
+    }
     if cfg!(feature = "view") {
-        let (_, told) = hall.run(1, "run @a --out @x --view");
+        let (_, told) = hall.run(2, "run @a --out @x --view");
         assert!(told.contains("--view is for images"), "{told}");
     }
     let (_, told) = hall.run(1, "run @a --out @x --times @none.txt");

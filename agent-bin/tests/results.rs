@@ -129,7 +129,7 @@ fn too_little_tracked_has_its_own_status() {
     let (code, message) = status("1");
     assert!(code == Some(4) && message.contains("--min-tracked"), "{code:?} {message}");
     assert!(out.path().join("map.mcap").is_file());
-    assert_eq!(status("2").0, Some(1));
+    assert_eq!(status("2").0, Some(2));
 }
 
 #[test]

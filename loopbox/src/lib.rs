@@ -20,6 +20,7 @@ pub mod lidar;
 pub mod merging;
 pub mod open;
 pub mod placing;
+pub mod program;
 pub mod results;
 pub mod ros;
 pub mod run;

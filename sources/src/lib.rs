@@ -10,9 +10,9 @@ pub mod convert;
 pub mod correction;
 mod damage;
 mod euroc;
+mod ffmpeg;
 #[cfg(test)]
 mod format_tests;
-mod ffmpeg;
 pub mod forward;
 mod image_list;
 mod image_table;

@@ -4,9 +4,9 @@ use super::calib_check::Checked;
 use super::calib_photometric::{self, PhotometricArgs};
 #[cfg(feature = "view")]
 use super::watching::ServeArgs;
-use crate::console::{self, tell};
+use crate::console::{self, tell, usage};
 use crate::interrupt::stop_on_ctrl_c;
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use calib::coach::Coverage;
 use calib::{Board, Calibration, LensModel, SolverParams, calibrate, read_camera};
 use clap::Args;
@@ -82,18 +82,18 @@ impl CalibArgs {
 /// When images cannot be read or do not determine the camera, or a file cannot be written. Then nothing is written.
 pub fn run(args: &CalibArgs) -> Result<()> {
     if args.address()?.is_some() && (args.photometric.asked_for() || args.check.is_some()) {
-        bail!(
+        return usage(Err(anyhow!(
             "--view shows what is missing of a board\nhint: leave it out with --response, --vignette and --check"
-        );
+        )));
     }
     if let Some(out) = args.out.as_deref().filter(|_| args.photometric.asked_for()) {
         return calib_photometric::run(&args.photometric, &args.images, out);
     }
     let Some(board) = &args.board else {
-        bail!(
+        return usage(Err(anyhow!(
             "--board is missing\nhint: --board chessboard:9x6:0.025, charuco:7x5:0.04:0.03 or aprilgrid:6x6:0.088:0.3; with \
              --response or --vignette none is needed"
-        );
+        )));
     };
     match (&args.check, &args.out) {
         (Some(file), _) => check(args, board, file),

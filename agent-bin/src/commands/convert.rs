@@ -15,7 +15,7 @@ use std::path::PathBuf;
 /// Turn a recording into an MCAP file, a ROS 1 bag, a video or a folder of images
 #[derive(Args, Debug)]
 pub struct ConvertArgs {
-    /// The recording: a folder of images, an MCAP file, a ROS 1 bag or a video file
+    /// The recording: a folder of images, an MCAP file, a ROS 2 or ROS 1 bag, or a video file
     source: PathBuf,
     /// What to make: .mcap, .bag, .avi, .mkv or .mp4 says which; any other name is a folder
     out: PathBuf,

@@ -3,9 +3,9 @@
 mod demo;
 
 use super::keys::KeysArg;
-use crate::console::{self, Ended, Ending, tell};
+use crate::console::{self, Ended, Ending, tell, usage};
 use crate::interrupt::stop_on_ctrl_c;
-use anyhow::{Result, bail};
+use anyhow::{Result, anyhow, bail};
 use clap::Args;
 use loopbox::fleet::{Endpoint, Fleet, FleetOptions, StatusFile, read_status};
 use map::SensorKind;
@@ -66,7 +66,12 @@ impl PairingArgs {
     /// # Errors
     /// When nobody could reach it or be reached, or an address cannot be listened at.
     pub fn start(&self, out: &Path, quiet: bool) -> Result<Option<Fleet>> {
-        let Some(name) = &self.fleet else { return Ok(None) };
+        let Some(name) = &self.fleet else {
+            return match self.keys.folder() {
+                Some(_) => usage(Err(anyhow!("--keys is for --fleet\nhint: give both, or leave --keys out"))),
+                None => Ok(None),
+            };
+        };
         if self.listen.is_none() && self.connect.is_empty() {
             bail!(
                 "--fleet: nobody could be reached\nhint: --connect tcp/127.0.0.1:7447 dials a station or an agent, \

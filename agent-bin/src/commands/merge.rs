@@ -21,10 +21,10 @@ pub struct MergeArgs {
     #[arg(required = true, value_name = "MAP")]
     pub(super) maps: Vec<PathBuf>,
     /// Folder for the results; made if it is not there
-    #[arg(long, value_name = "DIR")]
+    #[arg(short, long, value_name = "DIR")]
     pub(super) out: PathBuf,
     /// Replace results of a run in that folder, once the new ones are complete
-    #[arg(long)]
+    #[arg(short, long)]
     pub(super) force: bool,
     /// How maps are joined where they met, in place of the parameter file's: direct, loopbox's own, aligns the images
     /// of all pairs that agree; the others, loop-box of the paper among them, are there to compare it with. Of LiDARs:
@@ -48,7 +48,7 @@ pub struct MergeArgs {
     #[arg(long)]
     pub(super) json: bool,
     /// Show no progress
-    #[arg(long)]
+    #[arg(short, long)]
     pub(super) quiet: bool,
 }
 

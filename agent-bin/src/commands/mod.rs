@@ -1,5 +1,7 @@
 //! The command line: one file per command.
 
+#[cfg(not(all(feature = "fleet", feature = "view")))]
+mod absent;
 mod agent;
 #[cfg(feature = "opencv")]
 mod calib;
@@ -41,12 +43,13 @@ mod view;
 mod vocab;
 mod watching;
 
+use crate::version;
 use anyhow::Result;
 use clap::{Parser, Subcommand};
 
 /// SLAM for several agents: each maps by itself what its camera or LiDAR sees, and maps that show one place become one.
 #[derive(Debug, Parser)]
-#[command(name = "loopbox", version, about)]
+#[command(name = "loopbox", version = version::short(), long_version = version::long(), about, max_term_width = 100)]
 pub struct Cli {
     /// What to do.
     #[command(subcommand)]
@@ -84,9 +87,15 @@ pub enum Command {
     Fleet(fleet::FleetCommand),
     #[cfg(feature = "fleet")]
     Keys(keys::KeysCommand),
+    #[cfg(not(feature = "fleet"))]
+    #[command(hide = true, aliases = ["fleet", "keys"])]
+    Station(absent::AbsentArgs),
     Vocab(vocab::VocabArgs),
     #[cfg(feature = "view")]
     View(view::ViewArgs),
+    #[cfg(not(feature = "view"))]
+    #[command(hide = true)]
+    View(absent::AbsentArgs),
     Params(params::ParamsArgs),
 }
 
@@ -118,9 +127,13 @@ impl Command {
             Command::Fleet(args) => fleet::run(&args),
             #[cfg(feature = "fleet")]
             Command::Keys(args) => keys::run(&args),
+            #[cfg(not(feature = "fleet"))]
+            Command::Station(args) => absent::refuse(&args, "station, fleet and keys", "fleet"),
             Command::Vocab(args) => vocab::run(&args),
             #[cfg(feature = "view")]
             Command::View(args) => view::execute(&args),
+            #[cfg(not(feature = "view"))]
+            Command::View(args) => absent::refuse(&args, "view", "view"),
             Command::Params(args) => params::execute(args),
         }
     }

@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 /// Record a camera or any recording into an MCAP file
 #[derive(Args, Debug)]
 pub struct RecordArgs {
-    /// The recording: a folder of images, an MCAP file, a ROS 1 bag or a video file
+    /// The recording: a folder of images, an MCAP file, a ROS 2 or ROS 1 bag, or a video file
     #[arg(conflicts_with = "camera")]
     source: Option<PathBuf>,
     #[command(flatten)]

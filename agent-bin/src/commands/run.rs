@@ -4,10 +4,10 @@ use super::params;
 use super::publishing::{self, Ros2Args};
 use super::run_scans::{self, ScanArgs, ScanRun};
 use super::watching::ViewArgs;
-use crate::console::{Ended, Ending};
+use crate::console::{Ended, Ending, usage};
 use crate::interrupt::stop_on_ctrl_c;
 use crate::progress::{Console, Display};
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use clap::{Args, ValueEnum};
 use loopbox::run::{
     Going, Listeners, PreparedRun, Progress, Recording, Resume, RunOptions, TrajectoryFormat,
@@ -23,70 +23,48 @@ use std::path::{Path, PathBuf};
 /// Arguments of `loopbox run`.
 #[derive(Args, Debug)]
 pub struct RunArgs {
-    /// The recording: a folder of images, an MCAP file, a ROS 1 bag or a video file; or a LiDAR's: a folder of KITTI, PCD
-    /// or PLY scans, or an MCAP file or bag with point clouds
+    /// The recording: a folder of images, an MCAP file, a ROS 2 or ROS 1 bag, or a video file; or a LiDAR's: a folder of
+    /// KITTI, PCD or PLY scans, or an MCAP file or bag with point clouds
     #[arg(conflicts_with = "camera")]
     source: Option<PathBuf>,
-    #[command(flatten)]
-    camera: CameraArgs,
-    #[command(flatten)]
-    scans: ScanArgs,
-    /// Camera calibration, if none came with the recording or another is wanted
-    #[arg(long, value_name = "FILE")]
-    calib: Option<PathBuf>,
-    /// Without a calibration: the horizontal field of view in degrees, to find the lens from; where it is not given
-    /// either, usual ones are begun with
-    #[arg(long, value_name = "DEGREES", conflicts_with = "calib")]
-    fov: Option<f64>,
-    /// Scale the calibration to the images, where they show the same at another size
-    #[arg(long, conflicts_with = "camera")]
-    scale_calib: bool,
-    /// Halve images that are wider than this until they are not
-    #[arg(long, value_name = "PIXELS", default_value_t = DEFAULT_MAX_WIDTH)]
-    max_width: usize,
-    /// Inverse response of the sensor (256 numbers), to undo it
-    #[arg(long, value_name = "FILE")]
-    response: Option<PathBuf>,
-    /// Vignette of the lens (grey image), to undo it
-    #[arg(long, value_name = "FILE")]
-    vignette: Option<PathBuf>,
-    /// What of the images is not to be used: a grey image of the camera's size, black there
-    #[arg(long, value_name = "FILE")]
-    mask: Option<PathBuf>,
-    /// Go on in this map of an earlier run with the same camera, and extend it: a map file or a folder of results
-    #[arg(long = "continue", value_name = "MAP", conflicts_with = "localise")]
-    continued: Option<PathBuf>,
-    /// Tell the frames' poses in this map of an earlier run with the same camera, which stays as it is
-    #[arg(long, value_name = "MAP")]
-    localise: Option<PathBuf>,
     /// Folder for the results; made if it is not there
-    #[arg(long, value_name = "DIR")]
+    #[arg(short, long, value_name = "DIR")]
     out: PathBuf,
-    /// What the agent is called where maps are merged; otherwise the recording's name
-    #[arg(long, value_name = "NAME", value_parser = clap::builder::NonEmptyStringValueParser::new())]
-    name: Option<String>,
     /// Replace results of another recording or of a merge in that folder, once the new ones are complete
-    #[arg(long)]
+    #[arg(short, long)]
     force: bool,
-    /// Form of trajectory.txt
-    #[arg(long, value_enum, value_name = "FORM", default_value_t = TrajectoryFormat::Tum)]
-    trajectory: TrajectoryFormat,
-    /// Leave out of cloud.ply points whose variance of inverse depth over its square is larger
-    #[arg(long, value_name = "V", default_value_t = map::DEFAULT_MAX_RELATIVE_VARIANCE)]
-    max_variance: f32,
-    /// When the keyframes' features are found, by which maps are merged: beside tracking, which keeps them in the map, or
-    /// later, by each merge of the map
-    #[arg(long, value_enum, value_name = "WHEN", default_value_t = FeatureTime::Now)]
-    features: FeatureTime,
+    /// Show no progress and no summary; warnings stay
+    #[arg(short, long, conflicts_with = "log")]
+    quiet: bool,
     /// Parameter file (TOML); `loopbox params` prints the defaults
     #[arg(long, value_name = "FILE")]
     params: Option<PathBuf>,
-    /// Play by the time stamps and drop frames when late
-    #[arg(long, conflicts_with = "camera")]
-    realtime: bool,
-    /// With --realtime: how many times as fast as recorded
-    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, requires = "realtime")]
-    speed: f64,
+    /// Threads for mapping; default: one per core. The result does not depend on it
+    #[arg(short = 'j', long, value_name = "COUNT", allow_negative_numbers = true)]
+    threads: Option<usize>,
+    #[command(flatten)]
+    part: PartArgs,
+    #[command(flatten)]
+    lens: LensArgs,
+    #[command(flatten)]
+    map: MapArgs,
+    #[command(flatten, next_help_heading = "Live camera")]
+    camera: CameraArgs,
+    #[command(flatten, next_help_heading = "LiDAR")]
+    scans: ScanArgs,
+    #[command(flatten, next_help_heading = "Live page")]
+    view: ViewArgs,
+    #[cfg(feature = "fleet")]
+    #[command(flatten, next_help_heading = "Fleet")]
+    pairing: super::fleet::PairingArgs,
+    #[command(flatten, next_help_heading = "ROS 2")]
+    publishing: Ros2Args,
+}
+
+/// What of the recording is taken, and how fast.
+#[derive(Args, Debug)]
+#[command(next_help_heading = "Recording")]
+struct PartArgs {
     /// Skip the first seconds of the recording
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true)]
     start: Option<f64>,
@@ -99,28 +77,83 @@ pub struct RunArgs {
     /// Also process frames that the run dropped when this recording was made
     #[arg(long)]
     all_frames: bool,
+    /// Play by the time stamps and drop frames when late
+    #[arg(long, conflicts_with = "camera")]
+    realtime: bool,
+    /// With --realtime: how many times as fast as recorded
+    #[arg(
+        long,
+        value_name = "FACTOR",
+        allow_negative_numbers = true,
+        default_value_t = 1.0,
+        requires = "realtime"
+    )]
+    speed: f64,
+}
+
+/// What is known of the lens and the sensor.
+#[derive(Args, Debug)]
+#[command(next_help_heading = "Lens and sensor")]
+struct LensArgs {
+    /// Camera calibration, if none came with the recording or another is wanted
+    #[arg(long, value_name = "FILE")]
+    calib: Option<PathBuf>,
+    /// Without a calibration: the horizontal field of view in degrees, to find the lens from; where it is not given
+    /// either, usual ones are begun with
+    #[arg(long, value_name = "DEGREES", allow_negative_numbers = true, conflicts_with = "calib")]
+    fov: Option<f64>,
+    /// Scale the calibration to the images, where they show the same at another size
+    #[arg(long, conflicts_with = "camera")]
+    scale_calib: bool,
+    #[arg(long, value_name = "PIXELS", help = format!(
+        "Halve images that are wider than this until they are not [default: {DEFAULT_MAX_WIDTH}]"
+    ))]
+    max_width: Option<usize>,
+    /// Inverse response of the sensor (256 numbers), to undo it
+    #[arg(long, value_name = "FILE")]
+    response: Option<PathBuf>,
+    /// Vignette of the lens (grey image), to undo it
+    #[arg(long, value_name = "FILE")]
+    vignette: Option<PathBuf>,
+    /// What of the images is not to be used: a grey image of the camera's size, black there
+    #[arg(long, value_name = "FILE")]
+    mask: Option<PathBuf>,
+}
+
+/// What map is made, and what is written of it.
+#[derive(Args, Debug)]
+#[command(next_help_heading = "Map and results")]
+struct MapArgs {
+    /// Go on in this map of an earlier run with the same camera, and extend it: a map file or a folder of results
+    #[arg(long = "continue", visible_alias = "resume", value_name = "MAP", conflicts_with = "localise")]
+    continued: Option<PathBuf>,
+    /// Find the frames' poses in this map of an earlier run with the same camera, which stays as it is
+    #[arg(long, visible_alias = "localize", value_name = "MAP")]
+    localise: Option<PathBuf>,
+    /// What the agent is called where maps are merged; otherwise the recording's name
+    #[arg(long, value_name = "NAME", value_parser = clap::builder::NonEmptyStringValueParser::new())]
+    name: Option<String>,
+    /// Form of trajectory.txt
+    #[arg(long, value_enum, value_name = "FORM", default_value_t = TrajectoryFormat::Tum)]
+    trajectory: TrajectoryFormat,
+    #[arg(long, value_name = "V", allow_negative_numbers = true, help = format!(
+        "Leave out of cloud.ply points whose variance of inverse depth over its square is larger [default: {}]",
+        map::DEFAULT_MAX_RELATIVE_VARIANCE
+    ))]
+    max_variance: Option<f32>,
+    /// When the keyframes' features are found, by which maps are merged: beside tracking, which keeps them in the map, or
+    /// later, by each merge of the map [default: now]
+    #[arg(long, value_enum, value_name = "WHEN")]
+    features: Option<FeatureTime>,
     /// Record what is captured in this MCAP file, from which the run can be replayed exactly
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
-    /// Show no progress and no summary
-    #[arg(long, conflicts_with = "log")]
-    quiet: bool,
     /// Log events to standard output in this form
     #[arg(long, value_enum, value_name = "FORM")]
     log: Option<LogForm>,
     /// End with exit code 4 if a smaller share of the frames has a pose, 0 to 1; frames dropped late do not count
-    #[arg(long, value_name = "SHARE")]
+    #[arg(long, value_name = "SHARE", allow_negative_numbers = true)]
     min_tracked: Option<f64>,
-    /// Threads for mapping; default: one per core. The result does not depend on it
-    #[arg(long, value_name = "COUNT", allow_negative_numbers = true)]
-    threads: Option<usize>,
-    #[command(flatten)]
-    view: ViewArgs,
-    #[cfg(feature = "fleet")]
-    #[command(flatten)]
-    pairing: super::fleet::PairingArgs,
-    #[command(flatten)]
-    publishing: Ros2Args,
 }
 
 /// When features are found.
@@ -152,24 +185,22 @@ enum LogForm {
 /// When the recording, calibration or parameters cannot be used, nothing could be tracked, or the
 /// results cannot be written.
 pub fn execute(args: &RunArgs) -> Result<()> {
-    args.check()?;
-    args.publishing.check()?;
-    let found = |source: &Path| run_scans::open(source, args.topic.as_deref(), &args.scans).transpose();
+    usage(args.check())?;
+    if let Some(path) = &args.map.record {
+        refuse_existing(path)?;
+    }
+    let found = |source: &Path| run_scans::open(source, args.part.topic.as_deref(), &args.scans).transpose();
     if let Some(scans) = args.source.as_deref().and_then(found).transpose()? {
         return args.over_scans(scans);
     }
-    if let Some(name) = args.scans.given() {
-        bail!(
-            "{name} is for scans of a LiDAR\nhint: give a folder of KITTI (.bin), PCD or PLY scans, or a file with them"
-        );
-    }
+    usage(args.for_images())?;
     let stop = stop_on_ctrl_c("stopping: saving what was tracked so far (Ctrl-C again to abort)")?;
     let mut options = args.options()?;
     args.take_threads()?;
     let source = args.open()?;
     if let Some(recording) = args.recording() {
         let progress = Console::new(args.display(), None);
-        options.without_calibration(source.info(), recording, args.fov, &stop, &progress)?;
+        options.without_calibration(source.info(), recording, args.lens.fov, &stop, &progress)?;
     }
     let prepared = PreparedRun::new(source, options)?;
     let progress = Console::new(args.display(), prepared.frame_count());
@@ -209,42 +240,61 @@ pub fn execute(args: &RunArgs) -> Result<()> {
 
 impl RunArgs {
     fn check(&self) -> Result<()> {
-        if !(self.speed.is_finite() && self.speed > 0.0) {
+        if !(self.part.speed.is_finite() && self.part.speed > 0.0) {
             bail!(
                 "--speed {} is not a speed\nhint: 1 is the speed of the recording, 2 twice as fast",
-                self.speed
+                self.part.speed
             );
         }
-        if self.max_width < 64 {
-            bail!("--max-width {} leaves nothing to track\nhint: 640 and more do", self.max_width);
+        if let Some(width) = self.lens.max_width.filter(|width| *width < 64) {
+            bail!("--max-width {width} leaves nothing to track\nhint: 640 and more do");
         }
-        if let Some(fov) = self.fov.filter(|fov| !(5.0..=150.0).contains(fov)) {
+        if let Some(fov) = self.lens.fov.filter(|fov| !(5.0..=150.0).contains(fov)) {
             bail!("--fov {fov} is not a field of view\nhint: give degrees, such as --fov 65");
         }
-        if let Some(share) = self.min_tracked.filter(|share| !(0.0..=1.0).contains(share)) {
+        if let Some(share) = self.map.min_tracked.filter(|share| !(0.0..=1.0).contains(share)) {
             bail!("--min-tracked {share} is not a share\nhint: 0.9 asks for 90 % of the frames");
         }
-        if let Some(path) = &self.record {
+        if let Some(path) = &self.map.record {
             check_name(path)?;
             check_length(path)?;
-            refuse_existing(path)?;
         }
-        if let Some(name) = &self.name {
+        if let Some(name) = &self.map.name {
             check_length(Path::new(name))?;
         }
         if self.threads == Some(0) {
             bail!("--threads 0 leaves nobody to map\nhint: give 1 or more; without it there is one per core");
         }
-        if let (Some(start), Some(end)) = (self.start, self.end)
+        if let (Some(start), Some(end)) = (self.part.start, self.part.end)
             && start >= end
         {
             bail!("--start {start} is not before --end {end}");
         }
-        if let Some(out_of_range) = [self.start, self.end].into_iter().flatten().find(|s| !s.is_finite()) {
+        if let Some(out_of_range) =
+            [self.part.start, self.part.end].into_iter().flatten().find(|s| !s.is_finite())
+        {
             bail!("--start and --end are seconds into the recording, not {out_of_range}");
         }
-        if !(self.max_variance.is_finite() && self.max_variance > 0.0) {
-            bail!("--max-variance is {}\nhint: give a number above 0", self.max_variance);
+        if let Some(variance) = self.map.max_variance.filter(|v| !(v.is_finite() && *v > 0.0)) {
+            bail!("--max-variance is {variance}\nhint: give a number above 0");
+        }
+        self.camera.check()?;
+        self.publishing.check()
+    }
+
+    /// Whether what was given fits a recording of images or a camera.
+    fn for_images(&self) -> Result<()> {
+        if let Some(name) = self.scans.given() {
+            bail!(
+                "{name} is for scans of a LiDAR\nhint: give a folder of KITTI (.bin), PCD or PLY scans, or a file with them"
+            );
+        }
+        if self.source.is_none() {
+            return self.camera.needed();
+        }
+        self.camera.not_needed()?;
+        if self.camera.duration.is_some() {
+            bail!("--duration is for cameras\nhint: of a recording, take --start and --end");
         }
         Ok(())
     }
@@ -252,22 +302,28 @@ impl RunArgs {
     /// A run over a LiDAR's scans.
     fn over_scans(&self, mut source: Box<dyn ScanSource>) -> Result<()> {
         let given = [
-            (self.calib.is_some(), "--calib"),
-            (self.scale_calib, "--scale-calib"),
-            (self.response.is_some(), "--response"),
-            (self.vignette.is_some(), "--vignette"),
-            (self.mask.is_some(), "--mask"),
-            (self.realtime, "--realtime"),
-            (self.record.is_some(), "--record"),
+            (self.lens.calib.is_some(), "--calib"),
+            (self.lens.fov.is_some(), "--fov"),
+            (self.lens.max_width.is_some(), "--max-width"),
+            (self.map.max_variance.is_some(), "--max-variance"),
+            (self.map.features.is_some(), "--features"),
+            (self.camera.duration.is_some(), "--duration"),
+            (self.lens.scale_calib, "--scale-calib"),
+            (self.lens.response.is_some(), "--response"),
+            (self.lens.vignette.is_some(), "--vignette"),
+            (self.lens.mask.is_some(), "--mask"),
+            (self.part.realtime, "--realtime"),
+            (self.map.record.is_some(), "--record"),
             (self.camera.fps.is_some(), "--fps"),
-            (self.all_frames, "--all-frames"),
-            (self.continued.is_some(), "--continue"),
-            (self.localise.is_some(), "--localise"),
+            (self.part.all_frames, "--all-frames"),
+            (self.map.continued.is_some(), "--continue"),
+            (self.map.localise.is_some(), "--localise"),
             (self.publishing.is_wanted(), "--ros2"),
         ];
         let given = given.into_iter().find(|(is_given, _)| *is_given).map(|(_, name)| name);
         if let Some(name) = given.or(self.view.given()) {
-            bail!("{name} is for images, and {} holds scans of a LiDAR", source.info().path.display());
+            let path = source.info().path.display();
+            return usage(Err(anyhow!("{name} is for images, and {path} holds scans of a LiDAR")));
         }
         self.take_threads()?;
         let stop = stop_on_ctrl_c("stopping: saving what was mapped so far (Ctrl-C again to abort)")?;
@@ -281,14 +337,14 @@ impl RunArgs {
         }
         let run = ScanRun {
             out: &self.out,
-            name: self.name.as_deref(),
+            name: self.map.name.as_deref(),
             force: self.force,
-            start: self.start,
-            end: self.end,
-            kitti: self.trajectory == TrajectoryFormat::Kitti,
+            start: self.part.start,
+            end: self.part.end,
+            kitti: self.map.trajectory == TrajectoryFormat::Kitti,
             params: self.params.as_deref(),
             quiet: self.quiet,
-            json: self.log.is_some(),
+            json: self.map.log.is_some(),
             listeners,
             stop: &stop,
         };
@@ -310,7 +366,7 @@ impl RunArgs {
 
     /// Whether enough was tracked.
     fn judge(&self, share: f64) -> Result<()> {
-        match self.min_tracked {
+        match self.map.min_tracked {
             Some(least) if share < least => {
                 let text = format!(
                     "{:.1} % of the frames have a pose, --min-tracked asks for {:.1} %; what was tracked is saved",
@@ -326,60 +382,55 @@ impl RunArgs {
     /// The recording, or the camera that is to be used instead.
     fn open(&self) -> Result<Box<dyn FrameSource>> {
         let Some(recording) = self.recording() else {
-            self.camera.needed()?;
-            return open_camera(&self.camera.clone().for_calibration(self.calib.as_deref())?);
+            return open_camera(&self.camera.clone().for_calibration(self.lens.calib.as_deref())?);
         };
-        self.camera.not_needed()?;
-        if self.camera.duration.is_some() {
-            bail!("--duration is for cameras\nhint: of a recording, take --start and --end");
-        }
         recording.open()
     }
 
     /// The recording, where it is one.
     fn recording(&self) -> Option<Recording> {
-        let (fps, topic) = (self.camera.fps, self.topic.clone());
-        let options = SourceOptions { fps, topic, all_frames: self.all_frames };
+        let (fps, topic) = (self.camera.fps, self.part.topic.clone());
+        let options = SourceOptions { fps, topic, all_frames: self.part.all_frames };
         Some(Recording { path: self.source.clone()?, options })
     }
 
     fn options(&self) -> Result<RunOptions> {
         let camera = CameraOptions {
-            calibration: self.calib.clone(),
-            response: self.response.clone(),
-            vignette: self.vignette.clone(),
-            mask: self.mask.clone(),
+            calibration: self.lens.calib.clone(),
+            response: self.lens.response.clone(),
+            vignette: self.lens.vignette.clone(),
+            mask: self.lens.mask.clone(),
             scale_to: self.scale_to()?,
-            max_width: self.max_width,
+            max_width: self.lens.max_width.unwrap_or(DEFAULT_MAX_WIDTH),
         };
         Ok(RunOptions {
-            name: self.name.clone(),
+            name: self.map.name.clone(),
             force: self.force,
             camera,
             params: self.params.as_deref().map(params::read).transpose()?.unwrap_or_default(),
             pace: self.pace(),
             rate: self.camera.fps,
-            start: self.start,
-            end: self.end,
+            start: self.part.start,
+            end: self.part.end,
             resume: self.resume(),
-            record: self.record.clone(),
-            trajectory: self.trajectory,
-            max_variance: self.max_variance,
-            features: self.features.is_now(),
+            record: self.map.record.clone(),
+            trajectory: self.map.trajectory,
+            max_variance: self.map.max_variance.unwrap_or(map::DEFAULT_MAX_RELATIVE_VARIANCE),
+            features: self.map.features.is_none_or(FeatureTime::is_now),
             ..RunOptions::to(&self.out)
         })
     }
 
     /// The map to go on in.
     fn resume(&self) -> Option<Resume> {
-        let on = self.continued.iter().map(|map| (map, Going::On));
-        let given = on.chain(self.localise.iter().map(|map| (map, Going::Localising))).next();
+        let on = self.map.continued.iter().map(|map| (map, Going::On));
+        let given = on.chain(self.map.localise.iter().map(|map| (map, Going::Localising))).next();
         given.map(|(map, going)| Resume { map: map.clone(), going, opened: None })
     }
 
     /// The size of the first image, if the calibration is to be scaled to it.
     fn scale_to(&self) -> Result<Option<(usize, usize)>> {
-        if !self.scale_calib {
+        if !self.lens.scale_calib {
             return Ok(None);
         }
         let first = self.open()?.next_frame().map(|frame| frame.picture.into_grey());
@@ -391,11 +442,11 @@ impl RunArgs {
     }
 
     fn pace(&self) -> Pace {
-        if self.realtime { Pace::RealTime { speed: self.speed } } else { Pace::EveryFrame }
+        if self.part.realtime { Pace::RealTime { speed: self.part.speed } } else { Pace::EveryFrame }
     }
 
     fn display(&self) -> Display {
-        match (self.quiet, self.log) {
+        match (self.quiet, self.map.log) {
             (true, _) => Display::Quiet,
             (false, Some(LogForm::Json)) => Display::Json,
             (false, None) => Display::Bar,

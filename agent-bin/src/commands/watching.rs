@@ -64,8 +64,12 @@ mod with_view {
         /// Serve a page to watch from, in any browser on this machine; prints its address
         #[arg(long, value_name = "PORT", num_args = 0..=1, require_equals = true)]
         view: Option<Option<u16>>,
-        #[command(flatten)]
-        page: PageArgs,
+        /// With --view: serve the page at this address of the machine; others than 127.0.0.1 need a token, which is printed
+        #[arg(long, value_name = "ADDRESS", requires = "view")]
+        bind: Option<IpAddr>,
+        /// With --view: the token of the page's address, instead of one made anew
+        #[arg(long, requires = "view")]
+        token: Option<String>,
     }
 
     impl ServeArgs {
@@ -74,7 +78,11 @@ mod with_view {
         /// # Errors
         /// When the token is none.
         pub fn address(&self) -> Result<Option<Address>> {
-            self.view.map(|port| self.page.address(port)).transpose()
+            let page = PageArgs {
+                bind: self.bind.unwrap_or(IpAddr::V4(Ipv4Addr::LOCALHOST)),
+                token: self.token.clone(),
+            };
+            self.view.map(|port| page.address(port)).transpose()
         }
     }
 

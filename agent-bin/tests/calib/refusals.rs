@@ -1,6 +1,6 @@
 //! What is refused, and with which words; nothing is written then.
 
-use crate::common::{arg, assert_refused};
+use crate::common::{arg, assert_misused, assert_refused};
 use crate::support::{Artist, BOARD};
 use std::path::Path;
 use tempfile::tempdir;
@@ -70,7 +70,7 @@ fn sizes_and_files_that_do_not_fit() {
 fn what_is_asked_for_wrongly() {
     let out = tempdir().unwrap();
     let file = out.path().join("camera.yaml");
-    assert_refused(&["calib", "x", "--out", arg(&file)], &["--board is missing", "chessboard:9x6"]);
+    assert_misused(&["calib", "x", "--out", arg(&file)], &["--board is missing", "chessboard:9x6"]);
     assert_refused(&["calib", "--board", BOARD, "--out", arg(&file)], &["no images", "hint"]);
     let nowhere = out.path().join("no/camera.yaml");
     assert_refused(&["calib", "--board", BOARD, arg(out.path()), "--out", arg(&nowhere)], &["camera.yaml"]);

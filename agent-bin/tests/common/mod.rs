@@ -103,9 +103,18 @@ pub fn processed_times(numbers: &serde_json::Value) -> Vec<f64> {
 
 /// Asserts that the binary refuses, with status 1 and all of `words` in its message.
 pub fn assert_refused(args: &[&str], words: &[&str]) {
+    assert_ends(1, args, words);
+}
+
+/// Asserts that the binary calls it wrong usage, with status 2 and all of `words` in its message.
+pub fn assert_misused(args: &[&str], words: &[&str]) {
+    assert_ends(2, args, words);
+}
+
+fn assert_ends(status: i32, args: &[&str], words: &[&str]) {
     let output = loopbox(args);
     let message = stderr(&output);
-    assert_eq!(output.status.code(), Some(1), "{message}");
+    assert_eq!(output.status.code(), Some(status), "{message}");
     for word in words {
         assert!(message.contains(word), "no '{word}' in: {message}");
     }

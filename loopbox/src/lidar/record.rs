@@ -12,6 +12,8 @@ use std::collections::BTreeMap;
 pub struct LidarRecord {
     /// Version of the program.
     pub version: &'static str,
+    /// The commit that it was built from, where it is known.
+    pub commit: Option<&'static str>,
     /// What the agent sees with.
     pub sensor: SensorKind,
     /// The recording.

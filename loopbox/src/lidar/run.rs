@@ -125,6 +125,7 @@ pub fn run(
     scans.tracked -= scans.tracked_apart;
     let record = LidarRecord {
         version: env!("CARGO_PKG_VERSION"),
+        commit: crate::program::commit(),
         sensor: SensorKind::Lidar,
         source: SourceRecord::of(&info),
         params,

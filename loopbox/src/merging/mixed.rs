@@ -47,6 +47,8 @@ pub struct MixedMerged {
 pub struct MixedRecord {
     /// Version of the program.
     pub version: &'static str,
+    /// The commit that it was built from, where it is known.
+    pub commit: Option<&'static str>,
     /// The maps given, by their paths.
     pub inputs: Vec<String>,
     /// Every agent of them.
@@ -158,6 +160,7 @@ pub fn merge_mixed(
     let name = |agent: AgentId| names.of(agent).to_owned();
     let mut record = MixedRecord {
         version: env!("CARGO_PKG_VERSION"),
+        commit: crate::program::commit(),
         inputs: paths.iter().map(|path| path.display().to_string()).collect(),
         agents: common.agents().iter().filter_map(|(id, own)| agent(name(*id), own)).collect(),
         encounters,

@@ -46,6 +46,8 @@ pub struct RigMerged {
 pub struct RigRecord {
     /// Version of the program.
     pub version: &'static str,
+    /// The commit that it was built from, where it is known.
+    pub commit: Option<&'static str>,
     /// The maps given.
     pub inputs: Vec<RigInput>,
     /// Where the camera is on the LiDAR as given, `tx ty tz qx qy qz qw`, metres.
@@ -194,6 +196,7 @@ fn record(
     };
     RigRecord {
         version: env!("CARGO_PKG_VERSION"),
+        commit: crate::program::commit(),
         inputs: given.iter().filter_map(input).collect(),
         lidar_from_camera: lidar_from_camera.to_tum(),
         images: tied.alignment.pairs,

@@ -255,6 +255,7 @@ mod tests {
 
     fn record() -> RunRecord {
         RunRecord {
+            commit: None,
             version: "1",
             source: SourceRecord {
                 path: "monday".into(),

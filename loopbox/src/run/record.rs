@@ -17,6 +17,8 @@ use view::report;
 pub struct RunRecord {
     /// Version of the program.
     pub version: &'static str,
+    /// The commit that it was built from, where it is known.
+    pub commit: Option<&'static str>,
     /// The recording.
     pub source: SourceRecord,
     /// The camera of the undistorted images.

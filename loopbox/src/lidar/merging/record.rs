@@ -10,6 +10,8 @@ use slam_lidar::merging::verdict::MergeEvidence;
 pub struct LidarMergeRecord {
     /// Version of the program.
     pub version: &'static str,
+    /// The commit that it was built from, where it is known.
+    pub commit: Option<&'static str>,
     /// The kind of the agents' sensors.
     pub sensor: map::SensorKind,
     /// How poses between maps were found.
@@ -135,6 +137,7 @@ impl LidarMergeRecord {
         };
         Self {
             version: env!("CARGO_PKG_VERSION"),
+            commit: crate::program::commit(),
             sensor: map::SensorKind::Lidar,
             method: merging.method,
             inputs: inputs.iter().enumerate().map(input).collect(),

@@ -17,6 +17,8 @@ use serde::Serialize;
 pub struct MergeRecord {
     /// Version of the program.
     pub version: &'static str,
+    /// The commit that it was built from, where it is known.
+    pub commit: Option<&'static str>,
     /// The maps given, in their order.
     pub inputs: Vec<InputRecord>,
     /// Every two of them.
@@ -86,6 +88,7 @@ impl MergeRecord {
     ) -> anyhow::Result<Self> {
         Ok(Self {
             version: env!("CARGO_PKG_VERSION"),
+            commit: crate::program::commit(),
             inputs: inputs
                 .iter()
                 .zip(&merging.addresses)

@@ -191,6 +191,7 @@ impl Run<'_> {
         let ms = self.rows.iter().map(|row| row.ms).collect();
         RunRecord {
             version: env!("CARGO_PKG_VERSION"),
+            commit: crate::program::commit(),
             source: SourceRecord {
                 path: source.path.display().to_string(),
                 kind: source.kind.to_owned(),

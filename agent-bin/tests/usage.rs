@@ -1,0 +1,98 @@
+//! What the command line takes and how it refuses the rest, through the binary.
+
+mod common;
+
+use common::*;
+use tempfile::tempdir;
+
+#[test]
+fn values_without_sense_are_wrong_usage() {
+    let folder = tempdir().unwrap();
+    timed_folder(folder.path(), 4);
+    let out = folder.path().join("out");
+    let run = |more: &[&'static str], words: &[&str]| {
+        assert_misused(&[&["run", arg(folder.path()), "--out", arg(&out)], more].concat(), words);
+    };
+    run(&["--fps", "-5"], &["--fps -5 is not a frame rate"]);
+    run(&["--threads", "0"], &["--threads 0", "one per core"]);
+    run(&["--realtime", "--speed", "0"], &["--speed 0"]);
+    run(&["--fov", "400"], &["--fov 400", "degrees"]);
+    run(&["--max-width", "20"], &["--max-width 20"]);
+    run(&["--max-variance", "-1"], &["--max-variance"]);
+    run(&["--start", "5", "--end", "3"], &["--start 5 is not before --end 3"]);
+    run(&["--min-tracked", "2"], &["--min-tracked 2"]);
+    run(&["--record", "walk.txt"], &["walk.txt", ".mcap"]);
+    run(&["--duration", "3"], &["--duration is for cameras"]);
+    run(&["--rate", "5"], &["--rate is for scans"]);
+    assert_misused(&["run", "--out", arg(&out)], &["no source of images", "--camera"]);
+    assert!(!out.exists());
+}
+
+#[test]
+fn options_without_what_they_are_for_are_wrong_usage() {
+    let folder = tempdir().unwrap();
+    timed_folder(folder.path(), 4);
+    let out = folder.path().join("out");
+    let run = |more: &[&'static str], words: &[&str]| {
+        assert_misused(&[&["run", arg(folder.path()), "--out", arg(&out)], more].concat(), words);
+    };
+    if cfg!(feature = "view") {
+        run(&["--bind", "0.0.0.0"], &["--view"]);
+        run(&["--token", "secret"], &["--view"]);
+    }
+    if cfg!(feature = "fleet") {
+        run(&["--keys", "keys"], &["--keys is for --fleet"]);
+    }
+    assert!(!out.exists());
+}
+
+#[test]
+fn the_version_names_commit_and_features() {
+    let said = |flag: &str| stdout(&loopbox(&[flag]));
+    let (short, long) = (said("-V"), said("--version"));
+    assert!(short.starts_with("loopbox 0.") && short.contains('(') && short.lines().count() == 1, "{short}");
+    assert!(long.starts_with(short.trim_end()) && long.contains("features: "), "{long}");
+    assert_eq!(long.contains(" sqlite"), cfg!(feature = "sqlite"), "{long}");
+}
+
+#[test]
+fn the_last_line_of_a_run_names_the_report_and_quiet_keeps_warnings() {
+    let out = tempdir().unwrap();
+    let part = ["--end", "1.5"];
+    let output = loopbox(&[&["run", arg(&demo()), "-o", arg(out.path())], &part[..]].concat());
+    assert!(output.status.success(), "{}", stderr(&output));
+    let report = out.path().join("report.html");
+    let last = stdout(&output).lines().last().unwrap_or_default().to_owned();
+    assert!(report.is_file() && last.contains(arg(&report)), "{last}");
+    assert_eq!(numbers(out.path())["commit"].is_string(), !stdout(&loopbox(&["-V"])).contains("no commit"));
+    let folder = tempdir().unwrap();
+    timed_folder(folder.path(), 9);
+    write(folder.path().join("images/000003.png"), "no image");
+    let output = loopbox(&["run", arg(folder.path()), "-q", "-f", "-o", arg(out.path())]);
+    assert!(stderr(&output).contains("warning: frame 3 is skipped"), "{}", stderr(&output));
+}
+
+#[test]
+fn help_has_headings_and_short_lines() {
+    let help = stdout(&loopbox(&["run", "--help"]));
+    for heading in ["Recording:", "Lens and sensor:", "Map and results:", "Live camera:", "LiDAR:"] {
+        assert!(help.lines().any(|line| line == heading), "no {heading} in {help}");
+    }
+    let longest = help.lines().map(|line| line.chars().count()).max();
+    assert!(longest <= Some(100), "{longest:?}");
+}
+
+#[cfg(not(all(feature = "view", feature = "fleet")))]
+#[test]
+fn commands_that_are_not_built_in_say_which_feature_brings_them() {
+    for (command, feature) in [("view", "view"), ("station", "fleet"), ("fleet", "fleet"), ("keys", "fleet")]
+    {
+        if (feature == "view" && cfg!(feature = "view")) || (feature == "fleet" && cfg!(feature = "fleet")) {
+            continue;
+        }
+        assert_misused(
+            &[command, "whatever", "--out", "x"],
+            &["built without", &format!("--features {feature}")],
+        );
+    }
+}
