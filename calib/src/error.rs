@@ -34,12 +34,25 @@ pub enum CalibError {
     /// The file is in no known form.
     #[error(
         "{file}: not a camera calibration in a known form; give a camera.yaml (model, width, height, fx, \
-         fy, cx, cy, distortion), a Kalibr camchain, a ROS camera_info, an OpenCV or EuRoC YAML, or an \
+         fy, cx, cy, distortion), a Kalibr camchain, a ROS camera_info, a YAML or XML of OpenCV, a YAML of EuRoC, \
+         ORB-SLAM, stella_vslam, VINS or SVO, Basalt's JSON, nerfstudio's transforms.json, COLMAP's cameras.txt, or an \
          LSD/DSO text file"
     )]
     UnknownForm {
         /// The file.
         file: String,
+    },
+    /// There are several cameras in it.
+    #[error(
+        "{file}: it holds several cameras ({names}), and nothing tells which took these images; name it, as {example}"
+    )]
+    WhichCamera {
+        /// The file.
+        file: String,
+        /// What the cameras are called.
+        names: String,
+        /// How to name one.
+        example: String,
     },
     /// A key is missing.
     #[error("{file}: the key `{key}` is missing; {fix}")]

@@ -8,6 +8,7 @@
 
 mod board;
 mod camera_file;
+mod camera_info;
 pub mod coach;
 mod error;
 mod formats;
@@ -19,10 +20,12 @@ mod solver;
 mod vignette;
 
 pub use board::{Board, BoardError};
+pub use camera_file::choice::CameraHint;
 pub use camera_file::{
-    CalibrationFile, CameraFormat, format_camera, parse_camera, read_body_from_camera, read_camera,
-    write_camera,
+    CalibrationFile, CameraFormat, format_camera, parse_camera, parse_camera_of, read_body_from_camera,
+    read_camera, read_camera_of, write_camera,
 };
+pub use camera_info::{CameraInfo, Imagery, Roi};
 pub use error::CalibError;
 pub use photometric::{parse_photometric, read_photometric};
 pub use response::{Response, ResponseError, estimate_response, format_response};

@@ -57,6 +57,13 @@ impl<'a> Node<'a> {
         if self.path.is_empty() { name.into() } else { format!("{}.{name}", self.path) }
     }
 
+    /// The values of a sequence; none of anything else.
+    pub(crate) fn items(&self) -> Vec<Node<'a>> {
+        let items = untagged(self.yaml).as_vec().map_or(&[][..], Vec::as_slice);
+        let item = |(index, yaml)| Node { file: self.file, path: format!("{}[{index}]", self.path), yaml };
+        items.iter().enumerate().map(item).collect()
+    }
+
     /// Whether this is a mapping.
     pub(crate) fn is_mapping(&self) -> bool {
         untagged(self.yaml).is_mapping()
@@ -96,6 +103,14 @@ impl<'a> Node<'a> {
         untagged(self.yaml)
             .as_str()
             .ok_or_else(|| self.bad(format!("{} is not a name", self.shown()), "give a name"))
+    }
+
+    /// Whether this is the word or number for yes.
+    pub(crate) fn is_true(&self) -> bool {
+        match untagged(self.yaml) {
+            Yaml::Value(Scalar::Boolean(value)) => *value,
+            _ => self.number().is_ok_and(|value| value != 0.0),
+        }
     }
 
     /// Finite numbers: a sequence, or a matrix with its numbers under `data`; rows may be nested.

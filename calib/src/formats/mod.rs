@@ -1,14 +1,21 @@
 //! One file per form; what they share.
 
+pub(crate) mod basalt;
 pub(crate) mod camchain;
 pub(crate) mod camera_info;
+pub(crate) mod colmap;
 pub(crate) mod loopbox;
+pub(crate) mod nerfstudio;
 pub(crate) mod opencv;
+pub(crate) mod orb_slam;
+pub(crate) mod svo;
 pub(crate) mod text;
+pub(crate) mod vins;
+pub(crate) mod xml;
 
 use crate::CalibError;
 use crate::node::Node;
-use geometry::{CameraError, Distortion, Fov, KannalaBrandt, RadTan};
+use geometry::{Camera, CameraError, Distortion, Fov, KannalaBrandt, Pinhole, RadTan};
 
 /// The distortion models, by any of their names.
 #[derive(Clone, Copy, PartialEq)]
@@ -20,7 +27,7 @@ pub(crate) enum Model {
 }
 
 /// What to do about an unknown model.
-const MODEL_FIX: &str =
+pub(crate) const MODEL_FIX: &str =
     "give pinhole (none), radtan (plumb_bob, rational_polynomial), kb4 (equidistant) or fov";
 
 impl Model {
@@ -34,6 +41,14 @@ impl Model {
             }
             "fov" | "atan" => Some(Self::Fov),
             _ => None,
+        }
+    }
+
+    /// The model of a ROS `CameraInfo`: where its name is empty, radial-tangential unless there is nothing.
+    pub(crate) fn of_camera_info(name: &str, terms: &[f64]) -> Option<Self> {
+        match name {
+            "" if terms.iter().any(|&term| term != 0.0) => Some(Self::RadTan),
+            name => Self::of_name(name),
         }
     }
 
@@ -69,7 +84,11 @@ impl Model {
         if used == 0 && self != Self::KannalaBrandt {
             return Ok(Distortion::None);
         }
-        self.distortion(if used <= limit && terms.len() > limit { &terms[..limit] } else { terms })
+        // OpenCV's radial-tangential terms come in these numbers.
+        let counts = if self == Self::RadTan { &[4, 5, 8][..] } else { &[limit] };
+        let kept = counts.iter().find(|&&count| used <= count && count < terms.len());
+        let is_whole = counts.contains(&terms.len());
+        self.distortion(kept.filter(|_| !is_whole).map_or(terms, |&count| &terms[..count]))
     }
 }
 
@@ -88,4 +107,49 @@ pub(crate) fn terms(root: &Node, names: &[&str], model: Model) -> Result<(Vec<f6
 /// An error about the distortion at `key`.
 pub(crate) fn distortion_error(file: &str, key: &str, error: CameraError) -> CalibError {
     CalibError::from_camera(file, |_| key.into(), error)
+}
+
+/// The number under one of these keys.
+pub(crate) fn number(node: &Node, names: &[&str], fix: &str) -> Result<f64, CalibError> {
+    node.need(names, fix)?.number()
+}
+
+/// What to give as an image size.
+pub(crate) const SIZE_FIX: &str = "give the size of the recording's images in pixels";
+
+/// `fx`, `fy`, `cx` and `cy` under `prefix` before their names.
+pub(crate) fn focal_and_centre(node: &Node, prefix: &str) -> Result<[f64; 4], CalibError> {
+    let of = |name: &str, fix| number(node, &[&format!("{prefix}{name}")], fix);
+    let (focal, centre) = ("give the focal length in pixels", "give the principal point in pixels");
+    Ok([of("fx", focal)?, of("fy", focal)?, of("cx", centre)?, of("cy", centre)?])
+}
+
+/// Terms that have a key each, `prefix` before it; those that are missing are 0.
+pub(crate) fn named_terms(node: &Node, prefix: &str, names: &[&str]) -> Result<Vec<f64>, CalibError> {
+    let of = |name: &&str| match node.child(&[&format!("{prefix}{name}")]) {
+        Some(term) => term.number(),
+        None => Ok(0.0),
+    };
+    names.iter().map(of).collect()
+}
+
+/// The camera of numbers that lie under `node`, whose messages name them after `prefix`.
+pub(crate) fn camera_of(
+    (node, prefix): (&Node, &str),
+    (width, height): (usize, usize),
+    [fx, fy, cx, cy]: [f64; 4],
+    distortion: Result<Distortion, CameraError>,
+) -> Result<Camera, CalibError> {
+    let key_of = |name: &str| node.path_of(&format!("{prefix}{name}"));
+    let distortion = distortion.map_err(|error| CalibError::from_camera(node.file, key_of, error))?;
+    Camera::new(Pinhole { width, height, fx, fy, cx, cy }, distortion)
+        .map_err(|error| CalibError::from_camera(node.file, key_of, error))
+}
+
+/// What is said of a lens that is not read.
+pub(crate) fn unsupported(node: &Node, model: &str, whose: &str) -> CalibError {
+    node.bad(
+        format!("{whose} camera model \"{model}\" is not supported"),
+        "calibrate again with a pinhole (radial-tangential) or an equidistant (Kannala-Brandt, kb4) model; `loopbox calib` does",
+    )
 }
