@@ -2,15 +2,30 @@
 
 use crate::patterns::Canvas;
 use geometry::Random;
+use std::sync::Arc;
 
 /// Side of level 0 in texels, a power of two.
 const SIZE: usize = 1024;
 
 /// A tiling grey texture of 1024 × 1024 texels with its mip levels, so that a far surface is as
 /// smooth as a camera would see it.
+#[derive(Clone)]
 pub struct Texture {
-    levels: Vec<Level>,
+    levels: Arc<Vec<Level>>,
+    grain: Option<Grain>,
 }
+
+/// What a surface has for itself, over what all of its make have: stains, wear and the grain of its stuff, at all scales.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Grain {
+    /// Another seed is another surface.
+    pub seed: u64,
+    /// Its standard deviation, grey levels.
+    pub deviation: f32,
+}
+
+/// Sizes of a grain's cells, texels.
+const GRAIN_CELLS: [f32; 5] = [3.0, 6.0, 12.0, 24.0, 48.0];
 
 /// One mip level; `size` is a power of two.
 struct Level {
@@ -64,7 +79,12 @@ impl Texture {
             let next = levels[levels.len() - 1].halved();
             levels.push(next);
         }
-        Self { levels }
+        Self { levels: Arc::new(levels), grain: None }
+    }
+
+    /// The same on a surface that has a grain of its own.
+    pub fn with_grain(&self, grain: Grain) -> Self {
+        Self { levels: Arc::clone(&self.levels), grain: Some(grain) }
     }
 
     /// Intensity at `(u, v)`, in texels of level 0, averaged over about `footprint` texels; tiles.
@@ -74,7 +94,37 @@ impl Texture {
         let coarse = (fine + 1).min(self.levels.len() - 1);
         let a = self.levels[fine].bilinear(u, v);
         let b = self.levels[coarse].bilinear(u, v);
-        a + (level - fine as f32) * (b - a)
+        let own = self.grain.map_or(0.0, |grain| grain.sample(u, v, footprint));
+        a + (level - fine as f32) * (b - a) + own
+    }
+}
+
+impl Grain {
+    /// Value noise of cells of all sizes that a pixel of so many texels does not blur.
+    fn sample(&self, u: f32, v: f32, footprint: f32) -> f32 {
+        // A cell's corners are evenly distributed, and what lies between them has half of their variance.
+        let amplitude = self.deviation * (6.0 / GRAIN_CELLS.len() as f32).sqrt();
+        let octave = |(number, cell): (usize, &f32)| {
+            let sharp = (2.0 - footprint / cell).clamp(0.0, 1.0);
+            if sharp > 0.0 { sharp * self.noise(number as u64, u / cell, v / cell) } else { 0.0 }
+        };
+        amplitude * GRAIN_CELLS.iter().enumerate().map(octave).sum::<f32>()
+    }
+
+    fn noise(&self, octave: u64, x: f32, y: f32) -> f32 {
+        let (x0, y0) = (floor(x), floor(y));
+        let (dx, dy) = (x - x0 as f32, y - y0 as f32);
+        let at = |x: i32, y: i32| {
+            let mut bits = self.seed ^ octave.wrapping_mul(0x9e37_79b9_7f4a_7c15);
+            for part in [x, y] {
+                bits = (bits ^ part as u32 as u64).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+                bits ^= bits >> 29;
+            }
+            (bits >> 40) as f32 / 8_388_608.0 - 1.0
+        };
+        let top = at(x0, y0) + dx * (at(x0 + 1, y0) - at(x0, y0));
+        let bottom = at(x0, y0 + 1) + dx * (at(x0 + 1, y0 + 1) - at(x0, y0 + 1));
+        top + dy * (bottom - top)
     }
 }
 
