@@ -47,9 +47,15 @@ pub enum FusionError {
         /// What is wrong.
         source: PoseGraphError,
     },
-    /// Closures between two agents make no merge.
-    #[error("the closures between agents {} and {} contradict each other; undo their merge", .0.0, .1.0)]
-    NoMerge(AgentId, AgentId),
+    /// No closure between two agents says how they lie to each other.
+    #[error("no closure between agents {} and {} has keyframes with depth in both maps and a finite information", .0.0, .1.0)]
+    NoClosure(AgentId, AgentId),
+    /// Closures between two agents have no mean.
+    #[error("the closures between agents {} and {} have no mean: their informations are singular", .0.0, .1.0)]
+    NoMean(AgentId, AgentId),
+    /// How well the closures between two agents place them is no number.
+    #[error("how well the closures between agents {} and {} place them is no number", .0.0, .1.0)]
+    NoConfidence(AgentId, AgentId),
 }
 
 impl CommonMap {
@@ -77,30 +83,41 @@ impl CommonMap {
             graph.add_agent(*agent);
         }
         for (&(a, b), links) in &closures.agreeing {
-            let merge = self.merge(a, b, links).ok_or(FusionError::NoMerge(a, b))?;
-            graph.add_merge(merge)?;
+            graph.add_merge(self.merge(a, b, links)?)?;
         }
         Ok(graph)
     }
 
-    /// Closures from agent `a` to `b` as one merge of their worlds.
-    fn merge(&self, a: AgentId, b: AgentId, links: &[Link]) -> Option<Merge> {
-        let (mut estimates, mut centre, mut extent) = (Vec::new(), Vector3::zeros(), 0.0);
-        for link in links {
-            let of_a = self.agents.get(&a)?.keyframes.get(&link.from.keyframe)?;
-            let of_b = self.agents.get(&b)?.keyframes.get(&link.to.keyframe)?;
-            let (a_pose, b_pose) = (of_a.world_from_keyframe, of_b.world_from_keyframe);
-            estimates.push(link.from_from_to.carried(&a_pose, &b_pose.inverse())?);
-            let (ahead, depth) = seen_by(of_a)?;
-            let depth = depth * a_pose.scale;
-            centre += (a_pose.translation + a_pose.rotation * ahead * depth) / links.len() as f64;
-            extent += depth / links.len() as f64;
+    /// Closures from agent `a` to `b` as one merge of their worlds. One whose keyframe has no depth, or whose information is
+    /// singular, says nothing here and leaves what the others say as it is.
+    fn merge(&self, a: AgentId, b: AgentId, links: &[Link]) -> Result<Merge, FusionError> {
+        let motions: Vec<(Estimate, Vector3<f64>, f64)> =
+            links.iter().filter_map(|link| self.motion_by(a, b, link)).collect();
+        if motions.is_empty() {
+            return Err(FusionError::NoClosure(a, b));
         }
-        let joint = mean(&estimates)?;
-        // Closures of neighbouring keyframes are not independent: together they count as one good one.
-        let from_from_to = Estimate { information: joint.information / estimates.len() as f64, ..joint };
-        let confidence = confidence(&from_from_to, &centre, extent)? * (links.len() as f64).sqrt();
-        Some(Merge { from: a, to: b, from_from_to, confidence })
+        let count = motions.len() as f64;
+        let centre = motions.iter().map(|(_, centre, _)| centre / count).sum::<Vector3<f64>>();
+        let extent = motions.iter().map(|(.., extent)| extent / count).sum();
+        let estimates: Vec<Estimate> = motions.into_iter().map(|(estimate, ..)| estimate).collect();
+        let joint = mean(&estimates).ok_or(FusionError::NoMean(a, b))?;
+        // Closures of neighbouring keyframes are not independent: together they place the worlds as well as one good one; of two
+        // merges that do so as well, more closures make the one that is trusted.
+        let from_from_to = Estimate { information: joint.information / count, ..joint };
+        let confidence =
+            confidence(&from_from_to, &centre, extent).ok_or(FusionError::NoConfidence(a, b))? * count.sqrt();
+        Ok(Merge { from: a, to: b, from_from_to, confidence })
+    }
+
+    /// What a closure says of the worlds of two agents, and where it looks and how far, in the first one's.
+    fn motion_by(&self, a: AgentId, b: AgentId, link: &Link) -> Option<(Estimate, Vector3<f64>, f64)> {
+        let of_a = self.agents.get(&a)?.keyframes.get(&link.from.keyframe)?;
+        let of_b = self.agents.get(&b)?.keyframes.get(&link.to.keyframe)?;
+        let (a_pose, b_pose) = (of_a.world_from_keyframe, of_b.world_from_keyframe);
+        let estimate = link.from_from_to.carried(&a_pose, &b_pose.inverse())?;
+        let (ahead, depth) = seen_by(of_a)?;
+        let depth = depth * a_pose.scale;
+        Some((estimate, a_pose.translation + a_pose.rotation * ahead * depth, depth))
     }
 
     /// One component's map.

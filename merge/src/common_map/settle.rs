@@ -136,7 +136,9 @@ impl FusionError {
     fn between(&self) -> Option<(AgentId, AgentId)> {
         match self {
             Self::Closures { agents, .. } => Some(*agents),
-            Self::NoMerge(a, b) => Some((*a.min(b), *a.max(b))),
+            Self::NoClosure(a, b) | Self::NoMean(a, b) | Self::NoConfidence(a, b) => {
+                Some((*a.min(b), *a.max(b)))
+            }
             Self::Map(_) | Self::Graph(_) | Self::PoseGraph(_) => None,
         }
     }

@@ -56,6 +56,27 @@ fn a_closure_says_the_same_from_either_side() {
     }
 }
 
+/// A keyframe without depth says nothing of how far its agent sees; what the other closures say holds all the same.
+#[test]
+fn a_keyframe_without_depth_undoes_no_merge() {
+    let [a, b] = [6, 7].map(|seed| Traveller::new(seed, 4));
+    let travellers = [&a, &b];
+    let mut maps = travellers.map(|traveller| traveller.own_map());
+    let bare = maps[0].keyframes.get_mut(&KeyframeId(1)).unwrap();
+    bare.semi_dense = map::SemiDense::default().into();
+    let (mut common, _) = CommonMap::from_maps(&[&maps[0], &maps[1]]).unwrap();
+    assert!(common.link(exact(&travellers, address(0, 1), address(1, 2))));
+    assert!(common.link(exact(&travellers, address(0, 3), address(1, 0))));
+    let (fused, taken_back) = common.settle(&FusionParams::default()).unwrap();
+    assert_eq!((fused.len(), taken_back), (1, Vec::new()));
+    // Alone it cannot join them, and that is what is said.
+    assert_eq!(common.separate(AgentId(0), AgentId(1)), 2);
+    assert!(common.link(exact(&travellers, address(0, 1), address(1, 2))));
+    let (fused, taken_back) = common.settle(&FusionParams::default()).unwrap();
+    assert_eq!((fused.len(), taken_back.len()), (2, 1));
+    assert!(taken_back[0].why.contains("depth"), "{taken_back:?}");
+}
+
 /// The way over the closures that are trusted more is taken, not the direct one.
 #[test]
 fn agents_are_placed_over_the_closures_trusted_most() {
