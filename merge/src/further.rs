@@ -10,6 +10,7 @@ use crate::closure::Closure;
 use crate::direct::refine_directly;
 use crate::estimate::Estimate;
 use crate::overlap::{Glimpse, Placed};
+use crate::place_verdict::{PlaceParams, PlaceVerdict, place_verdict};
 use crate::prepared::PreparedMap;
 use backend::posegraph::{ConsistencyParams, MapGraph, PoseGraphError, consistent_set};
 use backend::sim3_align::{
@@ -42,6 +43,8 @@ pub struct FurtherParams {
     pub compare: CompareParams,
     /// What of each keyframe is not in the other, patch by patch.
     pub patches: PatchParams,
+    /// Whether what both saw of the surface is of one place.
+    pub place: PlaceParams,
     /// How far right closures may be off beyond their stated uncertainty, because keyframes share the errors of their
     /// depths with their neighbours: translation in parts of the keyframe's median distance, rotation in radians, scale
     /// in parts. Default 0.01, 0.005 and 0.01, as within one closure; above 0.
@@ -65,6 +68,7 @@ impl Default for FurtherParams {
             },
             compare: CompareParams::default(),
             patches: PatchParams::default(),
+            place: PlaceParams::default(),
             drift: [0.01, 0.005, 0.01],
             consistency: ConsistencyParams::default(),
         }
@@ -92,6 +96,8 @@ pub struct Joined {
     pub seen: Comparison,
     /// The same patch by patch, of those that agree.
     pub patches: PatchComparison,
+    /// What those that agree saw of the surface; nothing where that was not asked.
+    pub place: Option<PlaceVerdict>,
     /// What the further pairs that agree know of the closure's motion where its keyframes are: information that adds to that of
     /// [`Closure::at_keyframes`].
     pub information: SMatrix<f64, 7, 7>,
@@ -194,6 +200,7 @@ fn add(
     let patches = selected.par_iter().filter(is_looked_at);
     let patches = patches.filter_map(|edge| see_patches(source, target, edge, params));
     let patches = patches.collect::<Vec<_>>().into_iter().fold(before.patches, PatchComparison::plus);
+    let place = before.place.unwrap_or_else(|| place_verdict(source, target, &selected, &params.place));
     let is_own =
         |edge: &Edge| first.agreeing().any(|pair| (pair.source, pair.target) == (edge.to, edge.from));
     let confirmed: Vec<&Edge> = selected.iter().filter(|edge| !is_own(edge)).collect();
@@ -207,6 +214,7 @@ fn add(
         rival: consistent.rival,
         seen,
         patches,
+        place: Some(place),
         information: information_at(&confirmed, from_edge),
         edges: selected,
     })
@@ -215,10 +223,18 @@ fn add(
 impl Joined {
     /// Nothing yet.
     fn nothing() -> Self {
-        let (seen, patches, information) =
-            (Comparison::default(), PatchComparison::default(), SMatrix::zeros());
-        let (edges, rejected) = (Vec::new(), Vec::new());
-        Self { edges, rejected, tried: 0, failed: 0, confirmed: 0, rival: 0, seen, patches, information }
+        Self {
+            edges: Vec::new(),
+            rejected: Vec::new(),
+            tried: 0,
+            failed: 0,
+            confirmed: 0,
+            rival: 0,
+            seen: Comparison::default(),
+            patches: PatchComparison::default(),
+            place: None,
+            information: SMatrix::zeros(),
+        }
     }
 }
 

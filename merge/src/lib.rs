@@ -21,6 +21,7 @@
 //! | [`direct`] | refinement of a pair on its images | ours |
 //! | [`closure`] | one loop closure through all of these | §IV |
 //! | [`acceptance`] | whether it may be believed | ours |
+//! | [`place_verdict`] | whether the place is one, or two that share things | ours |
 //! | [`meeting`] | from places proposed to a closure accepted or refused | §IV-B |
 //! | [`frame_pose`] | the pose of one image in a map, to be found again from elsewhere | ours |
 //! | [`further`] | more closures once the motion is known | ours |
@@ -47,6 +48,7 @@ pub mod optimal_scale;
 pub mod overlap;
 pub mod pair;
 pub mod pairing;
+pub mod place_verdict;
 pub mod point_alignment;
 pub mod prepared;
 pub mod rivals;

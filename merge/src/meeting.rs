@@ -1,6 +1,6 @@
 //! From places proposed by place recognition to a loop closure that may be believed.
 
-use crate::acceptance::{AcceptanceParams, Decision, Evidence, Verdict, judge};
+use crate::acceptance::{AcceptanceParams, Decision, Doubt, Evidence, Verdict, judge};
 use crate::closure::{
     Closure, ClosureParams, ClosureRefusal, NeighbourhoodPose, close, close_neighbourhood, matches_at,
     neighbourhood_pose,
@@ -8,7 +8,7 @@ use crate::closure::{
 use crate::further::{FurtherParams, Joined, extend, join};
 use crate::pair::{ViewPair, view_pair};
 use crate::prepared::PreparedMap;
-use crate::rivals::rival_share;
+use crate::rivals::{rival_share, speaks_for};
 use crate::two_view::TwoViewRefusal;
 use backend::posegraph::PoseGraphError;
 use map::{Edge, KeyframeId};
@@ -47,6 +47,13 @@ impl Default for MeetingParams {
             closure: ClosureParams::default(),
             acceptance: AcceptanceParams::default(),
         }
+    }
+}
+
+impl MeetingParams {
+    /// How many places of so many proposed are matched at most: among more, more look alike by chance.
+    pub fn matched_of(&self, proposed: usize) -> usize {
+        proposed.min(self.places.max(1) * self.rounds.max(1))
     }
 }
 
@@ -109,6 +116,13 @@ impl Outcome {
         })
     }
 
+    /// The closure at which two places were told apart by what both saw of the surface.
+    fn double(&self) -> Option<&Closure> {
+        let judged = self.judged()?;
+        let is_double = matches!(judged.verdict.decision, Decision::Refused(Doubt::Double { .. }));
+        is_double.then_some(&judged.closure)
+    }
+
     /// Whether there is a closure that nothing contradicts and of which too little is known.
     pub fn is_undecided(&self) -> bool {
         self.judged().is_some_and(|judged| matches!(judged.verdict.decision, Decision::Undecided(_)))
@@ -146,16 +160,22 @@ pub fn meet(
 ) -> Vec<Tried> {
     let mut tried = Vec::new();
     let mut params = params.clone();
-    let count = places.len().min(params.places.max(1) * params.rounds.max(1));
+    let count = params.matched_of(places.len());
     params.closure.pair.two_view.max_false_alarms /= count.max(1) as f64;
     params.closure.neighbourhood.pose.max_false_alarms /= params.neighbourhoods.max(1) as f64;
     for round in places.chunks(params.places.max(1)).take(params.rounds.max(1)) {
-        tried.extend(try_round(source, target, round, places, &params, further));
+        let doubles: Vec<Closure> =
+            tried.iter().filter_map(|tried: &Tried| tried.outcome.double().cloned()).collect();
+        let round = Round { places: round, proposed: places, doubles };
+        tried.extend(try_round(source, target, round, &params, further));
         if tried.iter().any(|tried: &Tried| tried.outcome.settles()) {
             return tried;
         }
     }
-    try_neighbourhoods(source, target, &mut tried, &params, further);
+    // At a place that is another no more keyframes are asked.
+    if tried.iter().all(|tried| tried.outcome.double().is_none()) {
+        try_neighbourhoods(source, target, &mut tried, &params, further);
+    }
     tried
 }
 
@@ -211,12 +231,21 @@ fn try_neighbourhoods(
     }
 }
 
-/// One round of [`meet`], with `places` of all that are `proposed`.
+/// What is matched in one round of [`meet`].
+struct Round<'a> {
+    /// The places.
+    places: &'a [Place],
+    /// All that are proposed.
+    proposed: &'a [Place],
+    /// Closures of rounds before at which two places were told apart.
+    doubles: Vec<Closure>,
+}
+
+/// One round of [`meet`]. Places that speak for the motion of a closure at which two places were told apart are not followed.
 fn try_round(
     source: &PreparedMap,
     target: &PreparedMap,
-    places: &[Place],
-    proposed: &[Place],
+    Round { places, proposed, mut doubles }: Round,
     params: &MeetingParams,
     further: &FurtherParams,
 ) -> Vec<Tried> {
@@ -235,18 +264,23 @@ fn try_round(
     let pairs: Vec<&ViewPair> = seen.iter().filter_map(|(_, views)| views.as_ref().ok()).collect();
     let others = Others { matched: &pairs, proposed };
     let (mut followed, mut found) = (0, false);
+    let is_of = |double: &Closure, views: &ViewPair| {
+        speaks_for(source, target, double, views, &params.closure) == Some(true)
+    };
     seen.iter()
         .map(|(place, views)| {
             let (matched, match_count) = (matched(views), count(views));
             let outcome = match views {
                 Err(refusal) => Outcome::NotMatched(*refusal),
                 Ok(_) if found || followed == params.closures => Outcome::NotFollowed,
+                Ok(views) if doubles.iter().any(|double| is_of(double, views)) => Outcome::NotFollowed,
                 Ok(views) => {
                     followed += 1;
                     follow(source, target, views.clone(), others, params, further)
                 }
             };
             found |= outcome.settles();
+            doubles.extend(outcome.double().cloned());
             Tried { place: *place, matched, match_count, outcome }
         })
         .collect()
@@ -312,8 +346,9 @@ pub fn follow_on(
         return None;
     }
     let joined = extend(source, target, &closure, joined, fresh, further).ok()?;
-    let Evidence { matches, rival_place, .. } = before.verdict.evidence;
-    let evidence = Evidence { matches, rival_place, ..Evidence::new(&closure, Some(&joined)) };
+    let Evidence { matches, rival_place, ln_false_alarms, .. } = before.verdict.evidence;
+    let evidence =
+        Evidence { matches, rival_place, ln_false_alarms, ..Evidence::new(&closure, Some(&joined)) };
     let verdict = judge(evidence, acceptance);
     verdict.accepts().then_some(Judged { closure, joined: Some(joined), verdict })
 }

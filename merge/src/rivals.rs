@@ -63,6 +63,18 @@ pub fn rival_share(
     rival as f64 / own.max(1) as f64
 }
 
+/// Whether the matches of two keyframes speak for the motion of a closure; nothing where they or it cannot be asked.
+pub(crate) fn speaks_for(
+    source: &PreparedMap,
+    target: &PreparedMap,
+    closure: &Closure,
+    views: &ViewPair,
+    params: &ClosureParams,
+) -> Option<bool> {
+    let place = Place { source: views.source, target: views.target };
+    At::new(source, target, closure, place)?.agrees(source, target, views, params)
+}
+
 /// A place as the closure's motion has it; lengths in units of its target keyframe.
 struct At {
     place: Place,

@@ -4,21 +4,25 @@
 //! similarity between the keyframes and an affine change of brightness; coarse to fine. The depth
 //! residual is what fixes the scale. A loop is trusted when the alignments both ways agree.
 
+mod cells;
 mod compare;
 mod level;
 mod params;
 mod patches;
 mod reciprocal;
 mod residual;
+mod surface;
 mod view;
 
 #[cfg(test)]
 mod tests;
 
+pub use cells::{CellMatch, CellParams};
 pub use compare::{CompareParams, Comparison, compare};
 pub use params::Sim3AlignParams;
 pub use patches::{PatchComparison, PatchParams, compare_patches};
 pub use reciprocal::{ReciprocalVerdict, reciprocal};
+pub use surface::{Surface, SurfaceParams};
 pub use view::KeyframeView;
 
 use geometry::{Se3, Sim3};

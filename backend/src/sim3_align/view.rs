@@ -1,13 +1,17 @@
 //! A keyframe as the alignment sees it: image and depth at each pyramid level.
 
+use super::surface::{Surface, SurfaceParams};
 use geometry::{Pinhole, Pyramid};
 use map::SemiDense;
+use std::sync::OnceLock;
 
 /// Image pyramid and semi-dense depth of a keyframe, prepared once for any number of alignments.
 pub struct KeyframeView {
     camera: Pinhole,
     pyramid: Pyramid,
     levels: Vec<LevelDepth>,
+    /// Made when first asked for.
+    surface: OnceLock<Surface>,
 }
 
 impl KeyframeView {
@@ -19,7 +23,7 @@ impl KeyframeView {
             let image = pyramid.level(level);
             levels.push(levels[level - 1].halved(image.width(), image.height()));
         }
-        Self { camera: *camera, pyramid: pyramid.clone(), levels }
+        Self { camera: *camera, pyramid: pyramid.clone(), levels, surface: OnceLock::new() }
     }
 
     /// The camera of level 0.
@@ -35,6 +39,13 @@ impl KeyframeView {
     /// Number of levels.
     pub fn levels(&self) -> usize {
         self.levels.len()
+    }
+
+    /// Its surface in cells.
+    pub(super) fn surface(&self) -> &Surface {
+        self.surface.get_or_init(|| {
+            Surface::new(&self.pyramid, &self.levels, &self.camera, &SurfaceParams::default())
+        })
     }
 
     /// The depth at a level.

@@ -6,13 +6,16 @@
 //! shares some things, those that are made in numbers, and has others of its own. So both hypotheses are one model, a share
 //! `a` of the pieces that are the same in both maps, under other priors:
 //!
-//! * one place: `a ~ Beta(1/m − 1, 1)`, where `m` is the share that is expected to have changed ([`Prior::changed`]);
+//! * one place: `a ~ Beta(1/m − 1, 1)`, where `m` is the share that is expected to have changed ([`Prior::changed`]), or with
+//!   probability [`Prior::rearranged`] anything, `Beta(1, 1)`;
 //! * a double: `a` is anything from nothing to all, `Beta(1, 1)`; but of wear (grain, stains, how things lie), which is
-//!   nowhere else, it shares [`Prior::shared_wear`] only.
+//!   nowhere else, it shares [`Prior::shared_wear`] only, unless with probability [`Prior::printed`] what looks like wear is made
+//!   in numbers too.
 //!
 //! The likelihood of the pieces given `a` is the product of `(a·e^l + 1 − a)^w`: no piece says more than a change or a thing that is
-//! shared explains. The ratio of both, integrated over `a`, falls with every piece that differs more. Outlier mixtures of this
-//! form: Jaynes, *Probability Theory* (2003), §21.
+//! shared explains. So looks that agree say at most `ln 1/m`, wear that agrees at most `−ln printed` more, looks that differ at most
+//! `−ln rearranged` against, however many they are. The ratio of both, integrated over `a`, falls with every piece that differs more.
+//! Outlier mixtures of this form: Jaynes, *Probability Theory* (2003), §21.
 
 mod weigh;
 
@@ -88,13 +91,18 @@ params! {
         /// Days between the two maps. Range 0–100000.
         pub days_apart: f64 = 0.0,
         /// Expected share of things that have changed between two maps of one day. Range 1e-4–0.5. Same-day recordings of
-        /// rooms in use differ in a cup or a chair among hundreds of things.
-        pub changed_at_once: f64 = 0.005,
+        /// rooms in use differ in a cup or a chair among a thousand things.
+        pub changed_at_once: f64 = 0.001,
         /// Expected share that has changed after very many days. Range 1e-4–0.5. A third of the things in rooms scanned
         /// again after weeks or months (Wald et al. 2019, 3RScan).
         pub changed_at_last: f64 = 0.33,
         /// Days after which all but 1/e of that has changed. Range 0.1–10000.
         pub days_of_change: f64 = 3.0,
+        /// Probability that anything may have changed, however near in time. Range 1e-6–0.5: a room was cleared, goods were put
+        /// in anew.
+        pub rearranged: f64 = 0.02,
+        /// Probability that what looks like wear is made in numbers: wallpaper, laminate, tiles of one print. Range 1e-6–0.5.
+        pub printed: f64 = 0.01,
         /// Share of its wear that a double has in common with a place. Range 1e-6–0.5: the grain of prints of one picture.
         pub shared_wear: f64 = 0.01,
         /// ln of how many pairs that fit in all else are one place, for each that is a double. Range 0–10.

@@ -3,6 +3,7 @@
 use crate::closure::{Closure, PairOutcome};
 use crate::direct::DirectAlignment;
 use crate::further::Joined;
+use backend::verdict::{Answer, Prior, Weighed};
 use nalgebra::{SMatrix, Vector3};
 use serde::Serialize;
 
@@ -30,6 +31,10 @@ pub struct Evidence {
     /// Share of the source's points that lie near a target point once the clouds are registered, 0–1; nothing where
     /// they could not be.
     pub icp_overlap: Option<f64>,
+    /// ln of how often wrong matches would agree as well as the best of the pairs, or as all keyframes of the place together.
+    pub ln_false_alarms: f64,
+    /// What both maps saw of the surface there; nothing where the closure itself was not worth asking.
+    pub place: Option<PlaceEvidence>,
     /// What the rest of both maps says; nothing where the closure itself was not worth asking.
     pub beyond: Option<Beyond>,
     /// Matches of the place that speaks most for another motion, over those of the one that speaks most for this
@@ -66,9 +71,45 @@ pub struct Beyond {
     pub unlike_share: f64,
 }
 
+/// What both maps saw of the surface at a place ([`place_verdict`](crate::place_verdict)).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct PlaceEvidence {
+    /// What follows.
+    pub answer: Answer,
+    /// `ln p(what both saw | one place) − ln p(the same | two places that share things)`.
+    pub ln_ratio: f64,
+    /// Probability that it is one place.
+    pub probability: f64,
+    /// Probability from which on that is believed.
+    pub needed: f64,
+    /// Share of the things, 0–1, that differ.
+    pub changed: f64,
+    /// Whether more speaks for one place than looks alone ever could, which a double may share: wear does.
+    pub is_worn: bool,
+}
+
+impl PlaceEvidence {
+    /// Of pieces weighed by a prior.
+    pub fn new(weighed: &Weighed, prior: &Prior) -> Self {
+        let Weighed { answer, ln_ratio, changed, .. } = *weighed;
+        // All of endlessly many things agree.
+        let most_of_looks = prior.changed().recip().ln();
+        let is_worn = answer.joins() && ln_ratio > most_of_looks;
+        Self {
+            answer,
+            ln_ratio,
+            probability: prior.probability(ln_ratio),
+            needed: prior.certainty,
+            changed,
+            is_worn,
+        }
+    }
+}
+
 impl Evidence {
     /// The numbers of a closure, and of what it joined.
     pub fn new(closure: &Closure, joined: Option<&Joined>) -> Self {
+        let pooled = closure.pooled;
         let matches = |pair: &PairOutcome| pair.measured.as_ref().map_or(0, |p| p.views.match_count());
         let direct = |pair: &PairOutcome| -> Option<DirectAlignment> { pair.direct.clone()?.ok() };
         let shares: Vec<[f32; 2]> = closure
@@ -84,8 +125,11 @@ impl Evidence {
             let variances: Vector3<f64> = covariance.fixed_view::<3, 3>(first, first).diagonal();
             variances.max().sqrt()
         };
+        let by_chance = closure
+            .agreeing()
+            .filter_map(|pair| Some(pair.measured.as_ref().ok()?.views.relative_pose.ln_false_alarms));
         Self {
-            matches: closure.pooled.unwrap_or_else(|| closure.agreeing().map(matches).sum()),
+            matches: pooled.map_or_else(|| closure.agreeing().map(matches).sum(), |pooled| pooled.matches),
             pairs: closure.agreeing().count(),
             pooled: closure.pooled.is_some(),
             inlier_share: mean(0),
@@ -94,6 +138,9 @@ impl Evidence {
             translation_deviation: deviation(0) / closure.reach,
             scale_deviation: covariance[(6, 6)].sqrt(),
             icp_overlap: closure.registration.as_ref().ok().map(|found| found.overlap),
+            ln_false_alarms: pooled
+                .map_or_else(|| by_chance.fold(0.0, f64::min), |pooled| pooled.ln_false_alarms),
+            place: joined.and_then(|joined| joined.place.as_ref()).map(|place| place.evidence),
             beyond: joined.map(Beyond::new),
             rival_place: None,
         }

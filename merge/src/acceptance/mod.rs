@@ -7,6 +7,7 @@
 //!
 //! | line | what it catches | failing it |
 //! |---|---|---|
+//! | what both saw of each piece of surface ([`place_verdict`](crate::place_verdict)) | places that share things | refused |
 //! | at least two keyframe pairs, each well known, agree on the motion | one view that looks alike by chance | undecided |
 //! | matches γ over the agreeing pairs, at need with the further ones that agree | images that share a thing or two | undecided |
 //! | pixels that agree after direct alignment, both ways, all agreeing pairs | places of the same shape with other texture, and the reverse | refused |
@@ -24,7 +25,7 @@
 //! | closures that agree on another motion | things that repeat | undecided |
 //! | places that match nearly as well and speak for another motion | a row of equal houses, shifted by one | undecided |
 //!
-//! The first five need the closure alone; the others need both whole maps ([`further`](crate::further)) and are asked of
+//! The next five need the closure alone; the others need both whole maps ([`further`](crate::further)) and are asked of
 //! every closure of which some pair's images could be aligned, so that one that is refused is refused by all that speaks
 //! against it.
 
@@ -33,9 +34,10 @@ mod params;
 #[cfg(test)]
 mod tests;
 
-pub use evidence::{Beyond, Evidence};
+pub use evidence::{Beyond, Evidence, PlaceEvidence};
 pub use params::AcceptanceParams;
 
+use backend::verdict::Answer;
 use serde::Serialize;
 
 /// What a line of the test says.
@@ -183,6 +185,17 @@ pub enum Doubt {
         /// Largest share.
         limit: f64,
     },
+    /// What both saw of the surface is likelier of two places.
+    #[error(
+        "{percent:.0} % of the things that both see differ, and e^{against:.0} times likelier these are two places that share the rest \
+         than one"
+    )]
+    Double {
+        /// Share of the things that differ, percent.
+        percent: f64,
+        /// ln of how much likelier two places are.
+        against: f64,
+    },
     /// Things that one map has and the other has not.
     #[error(
         "{share:.4} of what keyframes see, in {views} views, is not there in the other map, which looks through it; \
@@ -279,7 +292,11 @@ impl Doubt {
 
 /// Judges by the closure alone, and by the rest of both maps where the evidence has it.
 pub fn judge(evidence: Evidence, params: &AcceptanceParams) -> Verdict {
-    let mut test = Test { lines: Vec::new(), against: None, open: None };
+    let is_worn = evidence.place.is_some_and(|place| place.is_worn);
+    let mut test = Test { lines: Vec::new(), against: None, open: None, is_worn };
+    if let Some(place) = &evidence.place {
+        test.place(place);
+    }
     test.closure(&evidence, params);
     if let Some(beyond) = &evidence.beyond {
         test.beyond(beyond, params);
@@ -301,9 +318,19 @@ struct Test {
     lines: Vec<Line>,
     against: Option<Doubt>,
     open: Option<Doubt>,
+    /// Whether the wear of the surface says that it is one place: then what differs has changed, however much it is.
+    is_worn: bool,
 }
 
 impl Test {
+    /// What both maps saw of the surface. Where that does not tell, other lines do.
+    fn place(&mut self, place: &PlaceEvidence) {
+        let doubt = Doubt::Double { percent: 100.0 * place.changed, against: -place.ln_ratio };
+        let says = if place.answer == Answer::Different { Says::Against } else { Says::For };
+        let least = 1.0 - place.needed;
+        self.say("probability of one place", [place.probability, least], says, doubt);
+    }
+
     /// The lines that need no more than the closure.
     fn closure(&mut self, evidence: &Evidence, params: &AcceptanceParams) {
         let Evidence { matches, pairs, .. } = *evidence;
@@ -323,15 +350,24 @@ impl Test {
             Doubt::FewMatches { matches, needed: params.min_matches },
         );
         let (share, needed) = (evidence.inlier_share, params.min_inlier_share);
-        self.least("pixels that agree", pair(share, needed), Says::Against, Doubt::Unlike { share, needed });
-        if evidence.pooled {
+        if !self.is_worn {
+            self.least(
+                "pixels that agree",
+                pair(share, needed),
+                Says::Against,
+                Doubt::Unlike { share, needed },
+            );
+        }
+        if evidence.pooled && !self.is_worn {
             let needed = params.min_pooled_inlier_share;
             let doubt = Doubt::Unlike { share, needed };
             self.least("pixels that agree, keyframes together", pair(share, needed), Says::Open, doubt);
         }
-        let (share, needed) = (evidence.agreeing_share, params.min_agreeing_share);
-        let doubt = Doubt::LittleAgrees { share, needed };
-        self.least("of all pixels", pair(share, needed), Says::Against, doubt);
+        if !self.is_worn {
+            let (share, needed) = (evidence.agreeing_share, params.min_agreeing_share);
+            let doubt = Doubt::LittleAgrees { share, needed };
+            self.least("of all pixels", pair(share, needed), Says::Against, doubt);
+        }
         self.most("rotation deviation", [rotation, params.max_rotation_deviation], Says::Open, vague);
         self.most(
             "translation deviation",
@@ -359,28 +395,33 @@ impl Test {
             Says::Against,
             Doubt::Alone { confirmed, tried, needed },
         );
-        let (share, limit) = (beyond.through_share, params.max_through_share);
-        self.most("seen through", [share, limit], Says::Against, Doubt::SeenThrough { share, limit });
-        let (share, limit) = (beyond.missing_share, params.max_missing_share);
-        self.most("missing", [share, limit], Says::Against, Doubt::Missing { share, limit });
-        let enough = |views: usize, share: f64| if views < params.min_views { 0.0 } else { share };
-        let (views, limit) = (beyond.absent_views, params.max_absent_share);
-        let share = enough(views, beyond.absent_share);
-        let doubt = Doubt::Absent { views, share, limit };
-        self.most("patches seen through", [share, limit], Says::Open, doubt);
-        let (views, limit) = (beyond.unlike_views, params.max_unlike_share);
-        let share = enough(views, beyond.unlike_share);
-        let doubt = Doubt::OtherLook { views, share, limit };
-        self.most("patches that look otherwise", [share, limit], Says::Open, doubt);
-        let (absent, unlike) = (beyond.absent_share, beyond.unlike_share);
-        let sum = absent / params.max_absent_share + unlike / params.max_unlike_share;
-        let sum = enough(beyond.absent_views + beyond.unlike_views, sum);
-        let doubt = Doubt::AbsentAndOtherLook { absent, unlike, sum };
-        self.most("patches of both sorts", [sum, 1.0], Says::Open, doubt);
-        let (absent, unlike, limit) = (beyond.absent_views, beyond.unlike_views, params.max_differing_share);
-        let share = enough(absent + unlike, beyond.differing_share());
-        let doubt = Doubt::InManyViews { views: beyond.views, absent, unlike, share, limit };
-        self.most("views that differ", [share, limit], Says::Open, doubt);
+        if !self.is_worn {
+            let (share, limit) = (beyond.through_share, params.max_through_share);
+            self.most("seen through", [share, limit], Says::Against, Doubt::SeenThrough { share, limit });
+            let (share, limit) = (beyond.missing_share, params.max_missing_share);
+            self.most("missing", [share, limit], Says::Against, Doubt::Missing { share, limit });
+        }
+        if !self.is_worn {
+            let enough = |views: usize, share: f64| if views < params.min_views { 0.0 } else { share };
+            let (views, limit) = (beyond.absent_views, params.max_absent_share);
+            let share = enough(views, beyond.absent_share);
+            let doubt = Doubt::Absent { views, share, limit };
+            self.most("patches seen through", [share, limit], Says::Open, doubt);
+            let (views, limit) = (beyond.unlike_views, params.max_unlike_share);
+            let share = enough(views, beyond.unlike_share);
+            let doubt = Doubt::OtherLook { views, share, limit };
+            self.most("patches that look otherwise", [share, limit], Says::Open, doubt);
+            let (absent, unlike) = (beyond.absent_share, beyond.unlike_share);
+            let sum = absent / params.max_absent_share + unlike / params.max_unlike_share;
+            let sum = enough(beyond.absent_views + beyond.unlike_views, sum);
+            let doubt = Doubt::AbsentAndOtherLook { absent, unlike, sum };
+            self.most("patches of both sorts", [sum, 1.0], Says::Open, doubt);
+            let (absent, unlike, limit) =
+                (beyond.absent_views, beyond.unlike_views, params.max_differing_share);
+            let share = enough(absent + unlike, beyond.differing_share());
+            let doubt = Doubt::InManyViews { views: beyond.views, absent, unlike, share, limit };
+            self.most("views that differ", [share, limit], Says::Open, doubt);
+        }
         let doubt = Doubt::Rival { closures, rival };
         self.most("rival", [beyond.rival_share(), params.max_rival_share], Says::Open, doubt);
     }
@@ -403,7 +444,10 @@ impl Test {
         otherwise: Says,
         doubt: Doubt,
     ) {
-        let says = if holds { Says::For } else { otherwise };
+        self.say(name, [value, limit], if holds { Says::For } else { otherwise }, doubt);
+    }
+
+    fn say(&mut self, name: &'static str, [value, limit]: [f64; 2], says: Says, doubt: Doubt) {
         self.lines.push(Line { name, value, limit, says });
         let first = match says {
             Says::For => return,

@@ -1,4 +1,5 @@
 use super::*;
+use backend::verdict::Answer;
 
 /// Evidence that passes every line, just.
 const ENOUGH: Evidence = Evidence {
@@ -12,6 +13,8 @@ const ENOUGH: Evidence = Evidence {
     scale_deviation: 0.03,
     icp_overlap: None,
     rival_place: None,
+    ln_false_alarms: -60.0,
+    place: Some(PLACE),
     beyond: Some(BEYOND),
 };
 
@@ -31,8 +34,22 @@ const BEYOND: Beyond = Beyond {
     unlike_share: 0.005,
 };
 
+/// Looks that agree, just enough.
+const PLACE: PlaceEvidence = PlaceEvidence {
+    answer: Answer::Same,
+    ln_ratio: 2.5,
+    probability: 0.99,
+    needed: 0.99,
+    changed: 0.0,
+    is_worn: false,
+};
+
 fn verdict(evidence: Evidence) -> Verdict {
     judge(evidence, &AcceptanceParams::default())
+}
+
+fn of_place(answer: Answer, ln_ratio: f64) -> Evidence {
+    Evidence { place: Some(PlaceEvidence { answer, ln_ratio, ..PLACE }), ..ENOUGH }
 }
 
 fn beyond(beyond: Beyond) -> Evidence {
@@ -42,7 +59,7 @@ fn beyond(beyond: Beyond) -> Evidence {
 #[test]
 fn what_is_enough_passes_every_line() {
     let verdict = verdict(ENOUGH);
-    assert_eq!((verdict.decision, verdict.lines.len()), (Decision::Accepted, 16));
+    assert_eq!((verdict.decision, verdict.lines.len()), (Decision::Accepted, 17));
     assert!(verdict.accepts() && verdict.doubt().is_none());
     assert!(verdict.lines.iter().all(|line| line.says == Says::For), "{:?}", verdict.lines);
 }
@@ -54,7 +71,7 @@ fn keyframes_matched_together_must_look_more_alike() {
     assert!(verdict(pooled).accepts());
     let doubt = Doubt::Unlike { share: 0.69, needed: 0.7 };
     let verdict = verdict(Evidence { inlier_share: 0.69, ..pooled });
-    assert_eq!((verdict.decision, verdict.lines.len()), (Decision::Undecided(doubt), 17));
+    assert_eq!((verdict.decision, verdict.lines.len()), (Decision::Undecided(doubt), 18));
 }
 
 #[test]
@@ -89,6 +106,7 @@ fn each_line_alone_says_what_it_says() {
         assert_eq!(verdict(evidence).decision, Decision::Undecided(doubt));
     }
     let refused = [
+        (of_place(Answer::Different, -9.0), Doubt::Double { percent: 0.0, against: 9.0 }),
         (Evidence { inlier_share: 0.59, ..ENOUGH }, Doubt::Unlike { share: 0.59, needed: 0.6 }),
         (Evidence { agreeing_share: 0.24, ..ENOUGH }, Doubt::LittleAgrees { share: 0.24, needed: 0.25 }),
         (beyond(Beyond { confirmed: 1, ..BEYOND }), Doubt::Alone { confirmed: 1, tried: 4, needed: 50.0 }),
@@ -114,7 +132,7 @@ fn a_contradiction_decides_over_what_is_open() {
 /// Before the maps are asked, only the closure's own lines are there.
 #[test]
 fn the_closure_is_judged_alone_first() {
-    assert_eq!(verdict(Evidence { beyond: None, ..ENOUGH }).lines.len(), 7);
+    assert_eq!(verdict(Evidence { beyond: None, ..ENOUGH }).lines.len(), 8);
 }
 
 /// What could not be computed is no evidence.
@@ -147,6 +165,16 @@ fn things_that_are_not_there_tell_places_that_look_alike() {
     assert!(doubt(Evidence { rival_place: Some(0.8), ..ENOUGH }).is_look_alike());
     assert!(!doubt(beyond(Beyond { rival: 3, ..BEYOND })).is_look_alike());
     assert!(!doubt(Evidence { matches: 31, ..ENOUGH }).is_look_alike());
+}
+
+/// Where the surface's own wear says that it is one place, what differs has changed, and contradicts nothing.
+#[test]
+fn wear_outweighs_what_has_changed() {
+    let changed = Beyond { through_share: 0.2, missing_share: 0.3, unlike_share: 0.2, ..BEYOND };
+    let evidence = Evidence { inlier_share: 0.4, agreeing_share: 0.2, ..beyond(changed) };
+    assert!(!verdict(evidence).accepts());
+    let worn = PlaceEvidence { answer: Answer::SameChanged, ln_ratio: 40.0, is_worn: true, ..PLACE };
+    assert!(verdict(Evidence { place: Some(worn), ..evidence }).accepts());
 }
 
 /// Depths may be wrong in one view or two; a thing that is not there is missing in all.

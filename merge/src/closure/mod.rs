@@ -58,9 +58,8 @@ pub struct Closure {
     pub pairs: [Option<PairOutcome>; 3],
     /// Which of them gave the initial guess, an index into `pairs`.
     pub chosen: usize,
-    /// Where no pair sufficed alone: how many key points of all keyframes around the place agree with the pose that gave
-    /// the initial guess, each counted once.
-    pub pooled: Option<usize>,
+    /// Where no pair sufficed alone: what the key points of all keyframes around the place say together.
+    pub pooled: Option<Pooled>,
     /// σ_z of the three pairs, target world units per source world unit.
     pub scales: Neighbourhood,
     /// σ* by inverse variance, in the same unit.
@@ -79,6 +78,15 @@ pub struct Closure {
     pub at_keyframes: Estimate,
     /// How far the points of the chosen target keyframe are from its camera, its unit: the median.
     pub reach: f64,
+}
+
+/// What the key points of the keyframes around a place say together of the pose that gave the initial guess.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pooled {
+    /// Those that agree with it, each counted once.
+    pub matches: usize,
+    /// ln of how many sets of as many would if all were wrong.
+    pub ln_false_alarms: f64,
 }
 
 impl Closure {
@@ -144,7 +152,7 @@ struct Start {
     /// σ*.
     scale: OptimalScale,
     /// As [`Closure::pooled`].
-    pooled: Option<usize>,
+    pooled: Option<Pooled>,
 }
 
 /// Registration, refinement on the images, and the motion on which the pairs agree.

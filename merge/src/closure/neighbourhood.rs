@@ -1,7 +1,7 @@
 //! A closure from the keyframes around a place together, where no pair of them has matches enough alone.
 
 use super::steps::{self, Chosen};
-use super::{Closure, ClosureParams, ClosureRefusal, Start, finish};
+use super::{Closure, ClosureParams, ClosureRefusal, Pooled, Start, finish};
 use crate::generalised_pose::{
     GeneralisedPose, GeneralisedPoseParams, Located, Match, Pool, Sighting, View, agreeing, generalised_pose,
 };
@@ -108,7 +108,7 @@ pub fn close_neighbourhood(
         index: 1,
         chosen,
         scale,
-        pooled: Some(pose.distinct),
+        pooled: Some(Pooled { matches: pose.distinct, ln_false_alarms: pose.ln_false_alarms }),
     };
     finish(source, target, start, params)
 }

@@ -85,6 +85,8 @@ pub struct GeneralisedPose {
     pub inliers: Vec<usize>,
     /// How many they are, each key point of either map counted once.
     pub distinct: usize,
+    /// ln of how many sets of as many matches would agree with some pose as well if all were wrong.
+    pub ln_false_alarms: f64,
 }
 
 /// Why there is no pose.
@@ -143,11 +145,12 @@ pub fn generalised_pose(
     }
     let chance = error::chance(pool, &estimate.a_from_b, params);
     // Written so that a NaN is refused.
-    let above_chance = ln_false_alarms(given, count, FREE_MATCHES, chance) < params.max_false_alarms.ln();
+    let ln_false_alarms = ln_false_alarms(given, count, FREE_MATCHES, chance);
+    let above_chance = ln_false_alarms < params.max_false_alarms.ln();
     if !above_chance {
         return Err(GeneralisedPoseRefusal::Chance { inliers: count, given });
     }
-    Ok(GeneralisedPose { estimate, inliers, distinct: count })
+    Ok(GeneralisedPose { estimate, inliers, distinct: count, ln_false_alarms })
 }
 
 /// Indices of the matches that agree with a similarity target_from_source, rising.

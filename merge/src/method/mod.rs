@@ -204,6 +204,7 @@ impl From<Placement> for Joined {
             rival: 0,
             seen: Comparison::default(),
             patches: PatchComparison::default(),
+            place: None,
             information: SMatrix::zeros(),
         }
     }

@@ -127,6 +127,8 @@ pub struct RelativePose {
     pub scene: Scene,
     /// Indices of the inliers among the matches, rising. Their number is the paper's γ.
     pub inliers: Vec<usize>,
+    /// ln of how many sets of as many matches would agree with some pose as well if all were wrong.
+    pub ln_false_alarms: f64,
     /// Median angle over the inliers between the two rays to a point, radians.
     pub parallax: f64,
     /// Root mean square of the inliers' errors, pixels.

@@ -197,6 +197,7 @@ impl Chooser<'_> {
             direction,
             scene,
             inliers: fits,
+            ln_false_alarms: self.settled.ln_false_alarms(self.rays, self.limit),
             parallax,
             rmse,
         })
@@ -291,6 +292,7 @@ impl Chooser<'_> {
             scene,
             parallax: self.parallax(&pose.rotation, &inliers),
             inliers,
+            ln_false_alarms: self.settled.ln_false_alarms(self.rays, self.limit),
             rmse: mean.sqrt() / self.pixel_angle,
         }
     }

@@ -3,6 +3,7 @@
 
 mod chain;
 mod direct;
+mod doubles;
 mod frames;
 mod going_on;
 mod merging;

@@ -40,6 +40,11 @@ impl Encounter {
 
 /// Looks where the source met the target, at places that place recognition proposes.
 pub fn encounter(target: &Map, source: &Map) -> Encounter {
+    encounter_apart(target, source, 0.0)
+}
+
+/// The same of maps that so many days lie between.
+pub fn encounter_apart(target: &Map, source: &Map, days: f64) -> Encounter {
     let (of_target, of_source) = (features(target), features(source));
     let vocabulary = Vocabulary::shipped();
     let words_of =
@@ -59,7 +64,7 @@ pub fn encounter(target: &Map, source: &Map) -> Encounter {
     );
     let places: Vec<Place> =
         proposals.iter().map(|p| Place { source: p.query, target: p.keyframe }).collect();
-    look_at([target, source], [&of_target, &of_source], &places)
+    look_at([target, source], [&of_target, &of_source], &places, days)
 }
 
 /// Looks at every pair of keyframes, whatever place recognition would say.
@@ -68,19 +73,22 @@ pub fn encounter_everywhere(target: &Map, source: &Map) -> Encounter {
     let (targets, sources) = (ids(target), ids(source));
     let pair = |&source: &KeyframeId| targets.iter().map(move |&target| Place { source, target });
     let places: Vec<Place> = sources.iter().flat_map(pair).collect();
-    look_at([target, source], [&features(target), &features(source)], &places)
+    look_at([target, source], [&features(target), &features(source)], &places, 0.0)
 }
 
 fn look_at(
     [target, source]: [&Map; 2],
     [of_target, of_source]: [&KeyframeFeatures; 2],
     places: &[Place],
+    days: f64,
 ) -> Encounter {
     let key_points = KeyPointParams::default();
     let source = PreparedMap::new(source, of_source, &key_points);
     let target = PreparedMap::new(target, of_target, &key_points);
     let params = MeetingParams { rounds: places.len().max(1), ..MeetingParams::default() };
-    let tried = meet(&source, &target, places, &params, &FurtherParams::default());
+    let mut further = FurtherParams::default();
+    further.place.prior.days_apart = days;
+    let tried = meet(&source, &target, places, &params, &further);
     let joined = tried.iter().find_map(|tried| tried.outcome.accepted()?.joined.clone());
     Encounter { tried, joined }
 }

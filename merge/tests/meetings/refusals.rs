@@ -173,7 +173,9 @@ fn keyframes_matched_together_say_what_their_pairs_do() {
     };
     let alone = found(&MeetingParams::default());
     let together = found(&MeetingParams { closures: 0, ..MeetingParams::default() });
-    assert!(alone.closure.pooled.is_none() && together.closure.pooled.is_some_and(|count| count >= 60));
+    assert!(
+        alone.closure.pooled.is_none() && together.closure.pooled.is_some_and(|pooled| pooled.matches >= 60)
+    );
     let apart = together.closure.motion.a_from_b * alone.closure.motion.a_from_b.inverse();
     assert!(apart.log().norm() < 0.02, "{}", apart.log().norm());
 }

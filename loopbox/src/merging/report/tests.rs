@@ -152,6 +152,8 @@ fn evidence() -> Evidence {
         scale_deviation: f64::INFINITY,
         icp_overlap: None,
         rival_place: None,
+        ln_false_alarms: -40.0,
+        place: None,
         beyond: None,
     }
 }
@@ -220,6 +222,7 @@ fn pair() -> Pair {
                 direction: None,
                 scene: SceneKind::NoParallax,
                 inliers: (0..FEATURES).collect(),
+                ln_false_alarms: -40.0,
                 parallax: 0.0,
                 rmse: 0.4,
             },

@@ -1,0 +1,270 @@
+//! How alike two keyframes see each cell of one's surface at a given relative pose.
+
+use super::surface::Surface;
+use super::view::KeyframeView;
+use crate::params;
+use geometry::Sim3;
+use nalgebra::Vector3;
+
+/// Contrasts that differ by a smaller factor are alike.
+const LIKE: f64 = 1.5;
+
+params! {
+    /// Parameters of the comparison of cells.
+    pub struct CellParams {
+        /// How far a cell is searched around where it should be, pixels of the level. Range 0–8: errors of alignment and of a
+        /// cell's plane.
+        pub radius: usize = 2,
+        /// Relative difference of two inverse depths from which on they are of two surfaces. Range 0.02–1.
+        pub relative_gap: f64 = 0.1,
+        /// Least standard deviation of a cell's band, grey levels. Range 0.3–50: what is plainer is rounding.
+        pub min_deviation: f64 = 1.0,
+        /// Largest ratio of a cell's size in the target to that in the source, and the reverse. Range 1–4: beyond, one is a
+        /// blur of the other.
+        pub max_magnification: f64 = 1.6,
+    }
+}
+
+/// What became of a cell in another keyframe.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CellMatch {
+    /// The cell of the source, by rows.
+    pub cell: usize,
+    /// Its middle, in the source's camera frame and unit.
+    pub centre: Vector3<f64>,
+    /// Its width there, source unit.
+    pub width: f64,
+    /// Standard deviation of its band over its mean intensity.
+    pub contrast: f64,
+    /// 0 for an edge to 1 for grain: the ratio of the eigenvalues of the structure tensor.
+    pub roundness: f64,
+    /// The largest correlation of the bands of both within the search radius, −1 to 1.
+    pub correlation: f64,
+    /// Whether the target sees a farther surface where the cell should be.
+    pub is_through: bool,
+}
+
+impl KeyframeView {
+    /// What becomes of the cells of this keyframe in another, where that one has them in view and nothing hides them.
+    pub fn match_cells(&self, target: &Self, target_from_self: &Sim3, params: &CellParams) -> Vec<CellMatch> {
+        let (own, other) = (self.surface(), target.surface());
+        let found = |cell: usize| {
+            let plane = own.planes[cell].filter(|_| own.deviations[cell] >= params.min_deviation)?;
+            let warp = Warp { own, other, cell, target_from_self };
+            let middle = own.middle(cell);
+            let (pixel, inverse_depth) = warp.at(middle)?;
+            let is_through = match other.cell_at(pixel).and_then(|there| other.inverse_depth(there, pixel)) {
+                Some(seen) if seen > inverse_depth * (1.0 + params.relative_gap) => return None,
+                Some(seen) => seen < inverse_depth * (1.0 - params.relative_gap),
+                None => false,
+            };
+            let patch = warp.patch(params)?;
+            let correlation = best_correlation(own, cell, &patch, params.radius)?;
+            let centre = own.camera.unproject(middle[0], middle[1]) / plane.at;
+            let width = own.cell as f64 / own.camera.fx / plane.at;
+            Some(CellMatch {
+                cell,
+                centre,
+                width,
+                contrast: own.contrasts[cell],
+                roundness: own.roundness[cell],
+                correlation,
+                is_through,
+            })
+        };
+        (0..own.planes.len()).filter_map(found).collect()
+    }
+
+    /// Contrast and correlation of cells of this keyframe with such of another that do not show the same and have a contrast like
+    /// theirs: what correlation comes to by chance, and by what all of it has in common, edges of one direction, one make.
+    pub fn mismatch_cells(&self, target: &Self, params: &CellParams) -> Vec<[f64; 2]> {
+        let (own, other) = (self.surface(), target.surface());
+        let all = other.columns * other.rows;
+        let has_pattern = |surface: &Surface, cell: usize| surface.deviations[cell] >= params.min_deviation;
+        let found = |cell: usize| {
+            own.planes[cell].filter(|_| has_pattern(own, cell))?;
+            let is_like = |there: &usize| {
+                let ratio = other.contrasts[*there] / own.contrasts[cell];
+                has_pattern(other, *there) && (LIKE.recip()..LIKE).contains(&ratio)
+            };
+            // From far away in the image on, another each.
+            let from = cell + all / 2 + (cell * 7919) % (all / 3).max(1);
+            let there = (0..all / 3).map(|step| (from + step) % all).find(is_like)?;
+            let [x, y] = other.middle(there);
+            let patch = patch(own.cell, params.radius, |dx, dy| value(other, [x + dx, y + dy]))?;
+            Some([own.contrasts[cell], best_correlation(own, cell, &patch, params.radius)?])
+        };
+        (0..own.planes.len()).filter_map(found).collect()
+    }
+}
+
+/// From pixels of a cell to those of a target.
+struct Warp<'a> {
+    own: &'a Surface,
+    other: &'a Surface,
+    cell: usize,
+    target_from_self: &'a Sim3,
+}
+
+impl Warp<'_> {
+    /// The target's pixel and inverse depth of a pixel on the cell's plane; nothing behind the target.
+    fn at(&self, pixel: [f64; 2]) -> Option<([f64; 2], f64)> {
+        let inverse_depth = self.own.inverse_depth(self.cell, pixel).filter(|d| *d > 0.0)?;
+        let point = *self.target_from_self * (self.own.camera.unproject(pixel[0], pixel[1]) / inverse_depth);
+        let there = self.other.camera.project(&point);
+        (point.z > 0.0).then(|| ([there.x, there.y], point.z.recip()))
+    }
+
+    /// The target's band over the cell and a margin around it; nothing where it is not in view or much larger or smaller there.
+    fn patch(&self, params: &CellParams) -> Option<Vec<f32>> {
+        let half = 0.5 * self.own.cell as f64 + params.radius as f64;
+        let [x0, y0] = self.own.middle(self.cell);
+        // Over a cell a homography is affine to a part of a pixel.
+        let corner = |dx: f64, dy: f64| self.at([x0 + dx * half, y0 + dy * half]).map(|(pixel, _)| pixel);
+        let [left, right] = [corner(-1.0, 0.0)?, corner(1.0, 0.0)?];
+        let [top, bottom] = [corner(0.0, -1.0)?, corner(0.0, 1.0)?];
+        let (middle, _) = self.at([x0, y0])?;
+        let along = [0, 1].map(|axis| (right[axis] - left[axis]) / (2.0 * half));
+        let down = [0, 1].map(|axis| (bottom[axis] - top[axis]) / (2.0 * half));
+        let growth = (along[0] * down[1] - along[1] * down[0]).abs().sqrt();
+        let most = params.max_magnification;
+        if !(growth <= most && growth * most >= 1.0) {
+            return None;
+        }
+        patch(self.own.cell, params.radius, |dx, dy| {
+            value(self.other, [0, 1].map(|axis| middle[axis] + along[axis] * dx + down[axis] * dy))
+        })
+    }
+}
+
+/// A square of a cell's side and a margin, filled by offsets from its middle.
+fn patch(cell: usize, radius: usize, at: impl Fn(f64, f64) -> Option<f32>) -> Option<Vec<f32>> {
+    let side = cell + 2 * radius;
+    let half = 0.5 * (side as f64 - 1.0);
+    (0..side * side).map(|i| at((i % side) as f64 - half, (i / side) as f64 - half)).collect()
+}
+
+/// The band between pixels; nothing outside the image.
+fn value(surface: &Surface, [x, y]: [f64; 2]) -> Option<f32> {
+    let (width, height) = (surface.width(), surface.camera.height);
+    let inside = x >= 0.0 && y >= 0.0 && x < (width - 1) as f64 && y < (height - 1) as f64;
+    if !inside {
+        return None;
+    }
+    let (left, top) = (x as usize, y as usize);
+    let (dx, dy) = ((x - left as f64) as f32, (y - top as f64) as f32);
+    let row = |y: usize| {
+        let at = y * width + left;
+        surface.band[at] + dx * (surface.band[at + 1] - surface.band[at])
+    };
+    let above = row(top);
+    Some(above + dy * (row(top + 1) - above))
+}
+
+/// The largest correlation of a cell's band with a patch around it, between whole pixels by a parabola.
+fn best_correlation(own: &Surface, cell: usize, patch: &[f32], radius: usize) -> Option<f64> {
+    let (size, side) = (own.cell, own.cell + 2 * radius);
+    let first = cell / own.columns * size * own.width() + cell % own.columns * size;
+    let count = (size * size) as f64;
+    let rows = |y: usize| &own.band[first + y * own.width()..][..size];
+    let (mut sum, mut square) = (0.0f32, 0.0f32);
+    for v in (0..size).flat_map(rows) {
+        sum += v;
+        square += v * v;
+    }
+    let mean = f64::from(sum) / count;
+    let own_variance = f64::from(square) / count - mean * mean;
+    let shifts = 2 * radius + 1;
+    let correlation = |shift: usize| {
+        let (sx, sy) = (shift % shifts, shift / shifts);
+        let (mut sum, mut square, mut product) = (0.0f32, 0.0f32, 0.0f32);
+        for y in 0..size {
+            let there = &patch[(y + sy) * side + sx..][..size];
+            for (a, b) in rows(y).iter().zip(there) {
+                sum += b;
+                square += b * b;
+                product += a * b;
+            }
+        }
+        let other = f64::from(sum) / count;
+        let variance = f64::from(square) / count - other * other;
+        let scale = (own_variance * variance).sqrt();
+        if scale > 1e-6 { (f64::from(product) / count - mean * other) / scale } else { 0.0 }
+    };
+    let all: Vec<f64> = (0..shifts * shifts).map(correlation).collect();
+    (0..all.len()).max_by(|&a, &b| all[a].total_cmp(&all[b])).map(|best| peak(&all, shifts, best))
+}
+
+/// The top of the parabolas through a largest value and its neighbours in rows and columns.
+fn peak(all: &[f64], shifts: usize, best: usize) -> f64 {
+    let value = all[best];
+    let rise = |inside: bool, step: usize| {
+        if !inside {
+            return 0.0;
+        }
+        let (before, after) = (all[best - step], all[best + step]);
+        let bend = 2.0 * value - before - after;
+        if bend > 1e-9 { (after - before).powi(2) / (8.0 * bend) } else { 0.0 }
+    };
+    let (x, y) = (best % shifts, best / shifts);
+    let inside = |v: usize| v > 0 && v + 1 < shifts;
+    (value + rise(inside(x), 1) + rise(inside(y), shifts)).min(1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use geometry::{GrayImage, Pinhole, Pyramid, Random, Se3};
+    use map::SemiDense;
+    use nalgebra::UnitQuaternion;
+
+    const CAMERA: Pinhole = Pinhole { width: 320, height: 240, fx: 210.0, fy: 210.0, cx: 159.5, cy: 119.5 };
+
+    /// A wall of plaster with a grain, 2 m away, and depths on a grid of lines only; seen from `x` metres aside.
+    fn wall(seed: u64, x: f64) -> KeyframeView {
+        let side = 600usize;
+        let mut random = Random::new(seed);
+        let coarse: Vec<f64> = (0..side * side).map(|_| random.normal()).collect();
+        let at = |u: f64, v: f64| {
+            // A grain of two pixels.
+            let (left, top) = (u.floor(), v.floor());
+            let value = |dx: f64, dy: f64| coarse[(top + dy) as usize * side + (left + dx) as usize];
+            let along = |dy: f64| value(0.0, dy) + (u - left) * (value(1.0, dy) - value(0.0, dy));
+            along(0.0) + (v - top) * (along(1.0) - along(0.0))
+        };
+        let mut noise = Random::new(seed ^ (1000.0 * x) as u64 ^ 77);
+        let pixel = |i: usize| {
+            let (u, v) = ((i % 320) as f64 + 105.0 * x + 100.0, (i / 320) as f64 + 100.0);
+            (150.0 + 5.0 * at(0.5 * u, 0.5 * v) + noise.normal()).round().clamp(0.0, 255.0) as u8
+        };
+        let image = GrayImage::from_vec(320, 240, (0..320 * 240).map(pixel).collect()).unwrap();
+        let mut depth = SemiDense::default();
+        for i in (0..320 * 240).filter(|i| i % 320 % 40 == 0 && i / 320 % 2 == 0) {
+            depth.pixel.push(i as u32);
+            depth.inverse_depth.push(0.5);
+            depth.variance.push(1e-5);
+        }
+        KeyframeView::new(&Pyramid::new(image, 3), &depth, &CAMERA)
+    }
+
+    fn mean(values: impl Iterator<Item = f64>) -> f64 {
+        let values: Vec<f64> = values.collect();
+        assert!(values.len() > 100, "{} cells", values.len());
+        values.iter().sum::<f64>() / values.len() as f64
+    }
+
+    /// The grain of a bare wall between depths tells it from another of the same stuff.
+    #[test]
+    fn grain_agrees_on_one_wall_and_not_on_two() {
+        let params = CellParams::default();
+        let (here, there, other) = (wall(1, 0.0), wall(1, 0.1), wall(2, 0.1));
+        let moved = Sim3::from(Se3::new(UnitQuaternion::identity(), Vector3::new(-0.1, 0.0, 0.0)));
+        let agreement = |target: &KeyframeView| {
+            mean(here.match_cells(target, &moved, &params).iter().map(|cell| cell.correlation))
+        };
+        let by_chance =
+            mean(here.mismatch_cells(&there, &params).iter().map(|[_, correlation]| *correlation));
+        let (one, two) = (agreement(&there), agreement(&other));
+        assert!(one > 0.8 && two < 0.4 && (two - by_chance).abs() < 0.05, "{one} {two} {by_chance}");
+    }
+}

@@ -1,0 +1,302 @@
+//! The surface that a keyframe sees, in square cells: a plane each, between depths that lie in one.
+//!
+//! Semi-dense depths stand at edges. What tells two rooms with the same posters apart is the grain of the wall between them,
+//! where there are none. Along a plane inverse depth is an affine function of the pixel, so a cell's plane comes from depths
+//! in it or, where it has too few, from those around it on all sides.
+
+use super::view::LevelDepth;
+use crate::params;
+use geometry::{Pinhole, Pyramid};
+use nalgebra::{Matrix3, Vector3};
+
+params! {
+    /// Parameters of the cells of a keyframe's surface.
+    pub struct SurfaceParams {
+        /// Cells along the width of an image. Range 8–64; of a view of 75° one of 24 is a tenth of a metre wide at two.
+        pub columns: usize = 24,
+        /// The finest pyramid level whose image is at most so wide is looked at, pixels. Range 40–4000; grain shows at some
+        /// pixels.
+        pub max_width: usize = 400,
+        /// Half the side of the square whose mean is taken off each pixel, cells. Range 0.1–2.
+        pub band: f64 = 0.3,
+        /// Fewest depths that make a plane. Range 4–1000.
+        pub min_points: usize = 8,
+        /// How many cells around are asked at most for depths where a cell has too few. Range 0–8.
+        pub reach: usize = 3,
+        /// Depths lie in a plane within so many of their standard deviations. Range 1–10.
+        pub deviations: f64 = 3.0,
+        /// And within this part of the depth besides, which is that of right planes by the slopes within a pixel. Range 0–0.2.
+        pub relative: f64 = 0.01,
+        /// Least share of them that must. Range 0.5–1.
+        pub min_share: f64 = 0.8,
+    }
+}
+
+/// Inverse depth `at + along·(x − x₀, y − y₀)` over pixels around the middle `(x₀, y₀)` of a cell, 1/keyframe unit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Plane {
+    pub at: f64,
+    pub along: [f64; 2],
+}
+
+/// A keyframe's surface at one level of its pyramid.
+pub struct Surface {
+    pub(super) level: usize,
+    pub(super) camera: Pinhole,
+    /// Side of a cell, pixels.
+    pub(super) cell: usize,
+    pub(super) columns: usize,
+    pub(super) rows: usize,
+    /// The image without its local mean, grey levels, by rows.
+    pub(super) band: Vec<f32>,
+    /// Of each cell, by rows.
+    pub(super) planes: Vec<Option<Plane>>,
+    /// Of each cell, the contrast: the standard deviation of the band over the mean intensity.
+    pub(super) contrasts: Vec<f64>,
+    /// Of each cell, the standard deviation of the band, grey levels.
+    pub(super) deviations: Vec<f64>,
+    /// Of each cell, how much less its band changes along one direction than across it, 0 for an edge to 1 for grain: the ratio of
+    /// the eigenvalues of the structure tensor (Förstner and Gülch 1987).
+    pub(super) roundness: Vec<f64>,
+}
+
+impl Surface {
+    pub(super) fn new(
+        pyramid: &Pyramid,
+        depths: &[LevelDepth],
+        camera: &Pinhole,
+        params: &SurfaceParams,
+    ) -> Self {
+        let width = pyramid.level(0).width();
+        let last = depths.len() - 1;
+        let level = (0..last).find(|&level| width >> level <= params.max_width).unwrap_or(last);
+        let image = pyramid.level(level);
+        let (width, height) = (image.width(), image.height());
+        let cell = width.div_ceil(params.columns.max(1)).max(4);
+        let (columns, rows) = (width / cell, height / cell);
+        let grey: Vec<f32> = image.data().iter().map(|&v| f32::from(v)).collect();
+        let radius = ((params.band * cell as f64).round() as usize).max(1);
+        let means = box_means(&grey, width, height, radius);
+        let band: Vec<f32> = grey.iter().zip(&means).map(|(v, mean)| v - mean).collect();
+        let points = points_of(&depths[level], cell, columns, rows);
+        let planes = (0..rows * columns)
+            .map(|i| plane(&points, [i % columns, i / columns], [cell, columns, rows], params));
+        let planes = planes.collect();
+        let moments = |i: usize| {
+            let (x0, y0) = (i % columns * cell, i / columns * cell);
+            let (mut square, mut sum) = (0.0f64, 0.0f64);
+            for y in y0..y0 + cell {
+                for x in x0..x0 + cell {
+                    square += f64::from(band[y * width + x]).powi(2);
+                    sum += f64::from(grey[y * width + x]);
+                }
+            }
+            let count = (cell * cell) as f64;
+            ((square / count).sqrt(), sum / count)
+        };
+        let moments: Vec<(f64, f64)> = (0..rows * columns).map(moments).collect();
+        let roundness = (0..rows * columns)
+            .map(|i| roundness(&band, width, [i % columns * cell, i / columns * cell], cell));
+        let roundness = roundness.collect();
+        let deviations = moments.iter().map(|(deviation, _)| *deviation).collect();
+        let contrasts = moments.iter().map(|(deviation, mean)| deviation / mean.max(1.0)).collect();
+        Self {
+            level,
+            camera: camera.at_level(level),
+            cell,
+            columns,
+            rows,
+            band,
+            planes,
+            contrasts,
+            deviations,
+            roundness,
+        }
+    }
+
+    pub(super) fn width(&self) -> usize {
+        self.camera.width
+    }
+
+    /// The middle of a cell, pixels.
+    pub(super) fn middle(&self, cell: usize) -> [f64; 2] {
+        let half = 0.5 * (self.cell as f64 - 1.0);
+        [(cell % self.columns * self.cell) as f64 + half, (cell / self.columns * self.cell) as f64 + half]
+    }
+
+    /// The cell of a pixel.
+    pub(super) fn cell_at(&self, [x, y]: [f64; 2]) -> Option<usize> {
+        let at = |v: f64, count: usize| {
+            let cell = ((v + 0.5) / self.cell as f64).floor();
+            (cell >= 0.0 && cell < count as f64).then_some(cell as usize)
+        };
+        Some(at(y, self.rows)? * self.columns + at(x, self.columns)?)
+    }
+
+    /// Inverse depth at a pixel by the plane of a cell.
+    pub(super) fn inverse_depth(&self, cell: usize, [x, y]: [f64; 2]) -> Option<f64> {
+        let plane = self.planes[cell]?;
+        let [x0, y0] = self.middle(cell);
+        Some(plane.at + plane.along[0] * (x - x0) + plane.along[1] * (y - y0))
+    }
+}
+
+/// The ratio of the eigenvalues of the structure tensor of a cell's band.
+fn roundness(band: &[f32], width: usize, [x0, y0]: [usize; 2], cell: usize) -> f64 {
+    let (mut xx, mut xy, mut yy) = (0.0f64, 0.0f64, 0.0f64);
+    for y in y0..y0 + cell - 1 {
+        for x in x0..x0 + cell - 1 {
+            let at = |x: usize, y: usize| f64::from(band[y * width + x]);
+            let (dx, dy) = (at(x + 1, y) - at(x, y), at(x, y + 1) - at(x, y));
+            xx += dx * dx;
+            xy += dx * dy;
+            yy += dy * dy;
+        }
+    }
+    let (mean, off) = (0.5 * (xx + yy), (0.25 * (xx - yy).powi(2) + xy * xy).sqrt());
+    if mean > 0.0 { (mean - off) / (mean + off) } else { 0.0 }
+}
+
+/// A depth: pixel, inverse depth and its standard deviation.
+type Depth = [f64; 4];
+
+/// The depths of each cell.
+fn points_of(depth: &LevelDepth, cell: usize, columns: usize, rows: usize) -> Vec<Vec<Depth>> {
+    let mut points = vec![Vec::new(); columns * rows];
+    for point in &depth.points {
+        let (x, y) = (usize::from(point.x), usize::from(point.y));
+        if x / cell < columns && y / cell < rows {
+            let deviation = f64::from(point.variance).sqrt();
+            points[y / cell * columns + x / cell].push([
+                x as f64,
+                y as f64,
+                f64::from(point.inverse_depth),
+                deviation,
+            ]);
+        }
+    }
+    points
+}
+
+/// The plane of a cell from the smallest square of cells around it whose depths suffice; nothing where these lie in none.
+fn plane(
+    points: &[Vec<Depth>],
+    [column, row]: [usize; 2],
+    [cell, columns, rows]: [usize; 3],
+    params: &SurfaceParams,
+) -> Option<Plane> {
+    let half = 0.5 * (cell as f64 - 1.0);
+    let middle = [(column * cell) as f64 + half, (row * cell) as f64 + half];
+    for reach in 0..=params.reach {
+        let mut around: Vec<Depth> = Vec::new();
+        for y in row.saturating_sub(reach)..(row + reach + 1).min(rows) {
+            for x in column.saturating_sub(reach)..(column + reach + 1).min(columns) {
+                around.extend(&points[y * columns + x]);
+            }
+        }
+        if around.len() >= params.min_points && surrounds(&around, middle) {
+            return fit(&around, middle, params);
+        }
+    }
+    None
+}
+
+/// Whether there are points on all sides: in three of four quarters around it, those across among them.
+fn surrounds(points: &[Depth], [x0, y0]: [f64; 2]) -> bool {
+    let mut quarters = [0usize; 4];
+    for [x, y, ..] in points {
+        quarters[usize::from(*x > x0) + 2 * usize::from(*y > y0)] += 1;
+    }
+    let enough = quarters.map(|count| count >= 2);
+    enough.iter().filter(|enough| **enough).count() >= 3
+}
+
+/// The plane through most depths; nothing where too many lie beside it.
+fn fit(points: &[Depth], [x0, y0]: [f64; 2], params: &SurfaceParams) -> Option<Plane> {
+    let limit = |point: &Depth| params.deviations * point[3] + params.relative * point[2];
+    let off = |plane: &Vector3<f64>, [x, y, d, _]: &Depth| d - plane.dot(&Vector3::new(1.0, x - x0, y - y0));
+    let mut plane: Option<Vector3<f64>> = None;
+    for _ in 0..4 {
+        let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
+        for point in points {
+            let row = Vector3::new(1.0, point[0] - x0, point[1] - y0);
+            let outlying = plane.map_or(0.0, |plane| off(&plane, point).abs() / limit(point));
+            // Cauchy's weights: redescending.
+            let weight = 1.0 / (limit(point).powi(2) * (1.0 + (2.0 * outlying).powi(2)));
+            normal += row * row.transpose() * weight;
+            right += row * (weight * point[2]);
+        }
+        plane = Some(normal.try_inverse()? * right);
+    }
+    let plane = plane?;
+    let inside = points.iter().filter(|point| off(&plane, point).abs() <= limit(point)).count();
+    let holds = inside as f64 >= params.min_share * points.len() as f64 && plane[0] > 0.0;
+    holds.then_some(Plane { at: plane[0], along: [plane[1], plane[2]] })
+}
+
+/// The mean over the square of so many pixels to each side of each pixel, cut at the border.
+fn box_means(values: &[f32], width: usize, height: usize, radius: usize) -> Vec<f32> {
+    let mut sums = vec![0.0f64; (width + 1) * (height + 1)];
+    for y in 0..height {
+        let mut row = 0.0;
+        for x in 0..width {
+            row += f64::from(values[y * width + x]);
+            sums[(y + 1) * (width + 1) + x + 1] = sums[y * (width + 1) + x + 1] + row;
+        }
+    }
+    let mean = |i: usize| {
+        let (x, y) = (i % width, i / width);
+        let (left, right) = (x.saturating_sub(radius), (x + radius + 1).min(width));
+        let (top, bottom) = (y.saturating_sub(radius), (y + radius + 1).min(height));
+        let at = |x: usize, y: usize| sums[y * (width + 1) + x];
+        let sum = at(right, bottom) - at(left, bottom) - at(right, top) + at(left, top);
+        (sum / ((right - left) * (bottom - top)) as f64) as f32
+    };
+    (0..width * height).map(mean).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn means_are_over_the_square() {
+        let values: Vec<f32> = (0..35).map(|i| ((i * 37) % 11) as f32).collect();
+        let means = box_means(&values, 7, 5, 2);
+        for (i, mean) in means.iter().enumerate() {
+            let near = |j: &usize| (j % 7).abs_diff(i % 7) <= 2 && (j / 7).abs_diff(i / 7) <= 2;
+            let around: Vec<f32> = (0..35).filter(near).map(|j| values[j]).collect();
+            assert!((mean - around.iter().sum::<f32>() / around.len() as f32).abs() < 1e-5);
+        }
+    }
+
+    /// Depths of a slanted plane around a bare cell, a tenth of them wrong.
+    #[test]
+    fn a_bare_cell_lies_in_the_plane_around_it() {
+        let inverse_depth = |x: f64, y: f64| 0.5 + 0.001 * x - 0.002 * y;
+        let mut points = vec![Vec::new(); 25];
+        for (i, cell) in points.iter_mut().enumerate() {
+            for k in 0..10usize {
+                let (x, y) = ((i % 5 * 10 + k) as f64, (i / 5 * 10 + (k * 7) % 10) as f64);
+                let wrong = if k == 3 { 1.4 } else { 1.0 };
+                cell.push([x, y, wrong * inverse_depth(x, y), 0.002]);
+            }
+        }
+        points[12].clear();
+        let found = plane(&points, [2, 2], [10, 5, 5], &SurfaceParams::default()).unwrap();
+        assert!((found.at - inverse_depth(24.5, 24.5)).abs() < 2e-3, "{found:?}");
+        assert!((found.along[0] - 0.001).abs() < 2e-4 && (found.along[1] + 0.002).abs() < 2e-4);
+        // Two planes at right angles make none.
+        for (i, cell) in points.iter_mut().enumerate().filter(|(i, _)| i % 5 > 2) {
+            cell.iter_mut().for_each(|point| point[2] *= 1.0 + 0.3 * (i % 5 - 2) as f64);
+        }
+        assert!(
+            plane(&points, [2, 2], [10, 5, 5], &SurfaceParams { min_share: 0.9, ..SurfaceParams::default() })
+                .is_none()
+        );
+        assert!(
+            plane(&points, [2, 2], [10, 5, 5], &SurfaceParams { reach: 0, ..SurfaceParams::default() })
+                .is_none()
+        );
+    }
+}

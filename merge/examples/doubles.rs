@@ -1,0 +1,181 @@
+//! Verdicts on doubles of places and on the same places changed, one line a pair:
+//! `cargo run -p merge --example doubles -- KIND|tuned|shown PLACES GRAIN NOISE`
+//! with exact maps of ways past PLACES places of each share that differs; or on parts of the maps in two files, which show one place:
+//! `… -- files PARTS A B`, each cut into so many.
+
+#[path = "../tests/meetings/rendered.rs"]
+mod rendered;
+
+use backend::verdict::PieceKind;
+use geometry::{GrayImage, Random};
+use loopbox_tests::doubles::{Kind, Version};
+use map::{KeyframeId, Map};
+use merge::further::FurtherParams;
+use merge::key_points::KeyPointParams;
+use merge::meeting::{MeetingParams, Place, Tried, meet};
+use merge::place_verdict::{PlaceParams, place_verdict};
+use merge::prepared::PreparedMap;
+use place_recog::features::{SiftParams, sift};
+use place_recog::{FeatureWords, KeyframeFeatures, ProposeParams, Vocabulary, WordBag, propose};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+const KEYFRAMES: usize = 8;
+
+fn main() {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    if let [files, parts, a, b] = arguments.as_slice()
+        && files == "files"
+    {
+        return files_of(parts.parse().unwrap(), [a, b]);
+    }
+    let [kinds, places, grain, noise] = arguments.as_slice() else {
+        eprintln!("usage: doubles KIND|tuned|shown PLACES GRAIN NOISE");
+        std::process::exit(2);
+    };
+    let (places, grain, noise): (u64, f32, f64) =
+        (places.parse().unwrap(), grain.parse().unwrap(), noise.parse().unwrap());
+    let kinds: Vec<Kind> = match kinds.as_str() {
+        "tuned" => Kind::TUNED.to_vec(),
+        "shown" => Kind::SHOWN.to_vec(),
+        one => [Kind::TUNED, Kind::SHOWN]
+            .concat()
+            .into_iter()
+            .filter(|kind| format!("{kind:?}") == one)
+            .collect(),
+    };
+    let here = Version { seed: 1, place: 0, share: 0.0, time: 0, moved: 0.0, grain };
+    for kind in kinds {
+        for number in 0..places {
+            let seed = number + 1;
+            let version = Version { seed, ..here };
+            let first = map(kind, &version, 2 * number, noise);
+            for share in shares("DIFFERING", &[0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0]) {
+                let other = Version { place: number + 1, share, ..version };
+                line(kind, "double", share, &first, &map(kind, &other, 2 * number + 1, noise));
+            }
+            for moved in shares("MOVED", &[0.0, 0.05, 0.1, 0.2, 0.3, 0.5]) {
+                let other = Version { time: 1, moved, ..version };
+                line(kind, "same", moved, &first, &map(kind, &other, 2 * number + 1, noise));
+            }
+        }
+    }
+}
+
+/// The shares that a variable lists, or else the usual ones.
+fn shares(variable: &str, usual: &[f64]) -> Vec<f64> {
+    let listed = |text: String| text.split(',').filter_map(|share| share.parse().ok()).collect();
+    std::env::var(variable).map_or(usual.to_vec(), listed)
+}
+
+fn map(kind: Kind, version: &Version, pass: u64, noise: f64) -> Map {
+    let mut map = rendered::rendered_map(&kind.world(version), &kind.way(pass, KEYFRAMES));
+    for (id, keyframe) in &mut map.keyframes {
+        let mut random = Random::new(1 + pass * 1000 + u64::from(id.0));
+        let noisy = keyframe.image.data().iter().map(|&v| {
+            let value = f64::from(v) + noise * random.normal();
+            value.round().clamp(0.0, 255.0) as u8
+        });
+        let (width, height) = (keyframe.image.width(), keyframe.image.height());
+        keyframe.image = Arc::new(GrayImage::from_vec(width, height, noisy.collect()).unwrap());
+    }
+    map
+}
+
+/// The features of all keyframes of a map.
+fn features(map: &Map) -> KeyframeFeatures {
+    let find = |(id, keyframe): (&KeyframeId, &map::Keyframe)| {
+        (*id, sift(&keyframe.image, &SiftParams { halvings: 0, ..SiftParams::default() }).expect("an image"))
+    };
+    map.keyframes.iter().map(find).collect()
+}
+
+/// Places that two maps may share.
+fn places([target, source]: [&KeyframeFeatures; 2]) -> Vec<Place> {
+    let vocabulary = Vocabulary::shipped();
+    let words = |features: &KeyframeFeatures| -> BTreeMap<KeyframeId, WordBag> {
+        let of = |id| FeatureWords::of(features.get(id).expect("its own"), &vocabulary).bag();
+        features.keyframes().map(|id| (id, of(id))).collect()
+    };
+    let found = propose(&words(target), &words(source), &vocabulary, &ProposeParams::default());
+    found.iter().map(|p| Place { source: p.query, target: p.keyframe }).collect()
+}
+
+/// Every part of one map with every part of another.
+fn files_of(parts: usize, files: [&String; 2]) {
+    let [a, b] = files.map(|file| map::load_map(std::path::Path::new(file)).expect("a map").map);
+    let all = (0..parts).flat_map(|i| (0..parts).map(move |j| (i, j)));
+    // Of one map no part meets itself.
+    for (i, j) in all.filter(|(i, j)| files[0] != files[1] || i < j) {
+        line(&format!("{i}/{j}"), "one", 0.0, &part(&a, i, parts), &part(&b, j, parts));
+    }
+}
+
+/// One of so many equal parts of a map.
+fn part(map: &Map, number: usize, parts: usize) -> Map {
+    let mut part = map.clone();
+    let mut ids: Vec<KeyframeId> = map.keyframes.keys().copied().collect();
+    ids.sort_by(|a, b| map.keyframes[a].timestamp.total_cmp(&map.keyframes[b].timestamp));
+    let within = |count: usize| number * count / parts..(number + 1) * count / parts;
+    let kept: Vec<KeyframeId> = ids[within(ids.len())].to_vec();
+    part.keyframes.retain(|id, _| kept.contains(id));
+    part.edges.retain(|edge| kept.contains(&edge.from) && kept.contains(&edge.to));
+    part.frames.clear();
+    part
+}
+
+fn line(kind: impl std::fmt::Debug, what: &str, share: f64, target: &Map, source: &Map) {
+    let (of_target, of_source) = (features(target), features(source));
+    let key_points = KeyPointParams::default();
+    let prepared = [
+        PreparedMap::new(target, &of_target, &key_points),
+        PreparedMap::new(source, &of_source, &key_points),
+    ];
+    let places = places([&of_target, &of_source]);
+    let met = meet(&prepared[1], &prepared[0], &places, &MeetingParams::default(), &FurtherParams::default());
+    let judged = |tried: &&Tried| tried.outcome.judged().is_some_and(|judged| judged.joined.is_some());
+    let doubt = met.iter().filter_map(|tried| tried.outcome.judged()?.verdict.doubt()).next();
+    let before = if met.iter().any(|tried| tried.outcome.accepted().is_some()) { "JOINED" } else { "apart" };
+    let mut judged: Vec<&Tried> = met.iter().filter(judged).collect();
+    judged.sort_by_key(|tried| std::cmp::Reverse((tried.outcome.accepted().is_some(), tried.match_count)));
+    let Some(tried) = judged.first() else {
+        println!("{kind:?} {what} {share:.2} {before} - no closure of {}", met.len());
+        return;
+    };
+    let judged = tried.outcome.judged().unwrap();
+    let edges = &judged.joined.as_ref().unwrap().edges;
+    let off = judged.closure.motion.a_from_b.translation.norm();
+    let params = PlaceParams::default();
+    let found = place_verdict(&prepared[1], &prepared[0], edges, &params).weighed;
+    let count = |kind: PieceKind, agrees: bool| -> f64 {
+        let pieces = found.pieces.iter().map(|(piece, _)| piece);
+        pieces.filter(|p| p.kind == kind && (p.ln_agreement > 0.0) == agrees).map(|p| p.things).sum()
+    };
+    let counts = [
+        (PieceKind::Look, true),
+        (PieceKind::Look, false),
+        (PieceKind::Wear, true),
+        (PieceKind::Wear, false),
+    ];
+    let [la, ld, wa, wd] = counts.map(|(kind, agrees)| count(kind, agrees));
+    let later = backend::verdict::Prior { days_apart: 30.0, ..params.prior.clone() };
+    let pieces: Vec<_> = found.pieces.iter().map(|(piece, _)| *piece).collect();
+    let later = backend::verdict::weigh(&pieces, &later);
+    println!(
+        "{kind:?} {what} {share:.2} {before} -> {:?} {:.1} later {:?} {:.1} | look {la:.1} : {ld:.1} wear {wa:.1} : {wd:.1} edges {} off {off:.2} {}",
+        found.answer,
+        found.ln_ratio,
+        later.answer,
+        later.ln_ratio,
+        edges.len(),
+        doubt.filter(|_| before == "apart").map_or(String::new(), |doubt| doubt.to_string()),
+    );
+    if std::env::var("PIECES").is_ok() {
+        for (piece, part) in &found.pieces {
+            println!(
+                "    {:?} share {:.3} things {:.1} l {:.1} part {part:.2}",
+                piece.kind, piece.share, piece.things, piece.ln_agreement
+            );
+        }
+    }
+}

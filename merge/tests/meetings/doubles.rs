@@ -1,0 +1,40 @@
+//! Places that share what is made in numbers, and the same place after things were moved.
+
+use crate::merging::{Encounter, encounter_apart, reasons};
+use crate::rendered::rendered_map;
+use loopbox_tests::doubles::{Kind, Version};
+use map::Map;
+
+/// An office of one plan with walls and boards that have a grain of their own.
+const HERE: Version = Version { seed: 1, place: 0, share: 0.0, time: 0, moved: 0.0, grain: 3.0 };
+
+fn map(version: &Version, pass: u64) -> Map {
+    rendered_map(&Kind::Office.world(version), &Kind::Office.way(pass, 8))
+}
+
+/// What both ways past two versions of an office make of each other so many days apart, whichever is looked for in the other.
+fn met(other: &Version, days: f64) -> [Encounter; 2] {
+    let (here, there) = (map(&HERE, 0), map(other, 1));
+    [encounter_apart(&here, &there, days), encounter_apart(&there, &here, days)]
+}
+
+/// Whether little differs or everything that can: the grain of its walls tells an office from its double, and later as well.
+#[test]
+fn offices_of_one_plan_are_two() {
+    for (share, days) in [(0.02, 0.0), (1.0, 0.0), (0.3, 30.0)] {
+        for met in met(&Version { place: 1, share, ..HERE }, days) {
+            assert!(met.closure().is_none(), "{share} differs after {days} days: {:?}", reasons(&met));
+        }
+    }
+}
+
+/// The same office is joined however much was moved meanwhile, and the change is said.
+#[test]
+fn an_office_is_the_same_after_things_were_moved() {
+    for (moved, days) in [(0.0, 0.0), (0.1, 30.0), (0.5, 30.0)] {
+        for met in met(&Version { time: 1, moved, ..HERE }, days) {
+            let closure = met.closure().unwrap_or_else(|| panic!("{moved} moved: {:?}", reasons(&met)));
+            assert!(closure.motion.a_from_b.log().amax() < 0.02, "the worlds are one");
+        }
+    }
+}
