@@ -35,6 +35,10 @@ pub struct MergeArgs {
     /// agents with one camera
     #[arg(long, conflicts_with = "extrinsic")]
     optimise: bool,
+    /// Days between the maps: how much may have moved, or been put in place of something else, at one place. 0, the default, is one
+    /// day. Of agents with cameras
+    #[arg(long, value_name = "DAYS", conflicts_with = "extrinsic", value_parser = days)]
+    days_apart: Option<f64>,
     /// Parameter file (TOML); `loopbox params --merge` prints the defaults
     #[arg(long, value_name = "FILE")]
     params: Option<PathBuf>,
@@ -77,6 +81,9 @@ pub fn run(args: &MergeArgs) -> Result<()> {
         }
         None => {}
     }
+    if let Some(days) = args.days_apart {
+        params.further.place.prior.days_apart = days;
+    }
     params.joint |= args.optimise;
     if params.joint && params.method.baseline().is_some() {
         bail!(
@@ -97,6 +104,12 @@ pub fn run(args: &MergeArgs) -> Result<()> {
         return Err(Ended { ending: Ending::NotMet, text }.into());
     }
     if args.json { Ok(()) } else { console::print(&summary(args, &merged)) }
+}
+
+/// A number of days.
+fn days(text: &str) -> Result<f64, String> {
+    let days: f64 = text.parse().map_err(|_| format!("{text} is no number of days"))?;
+    if days.is_finite() && days >= 0.0 { Ok(days) } else { Err("days are 0 or more".to_owned()) }
 }
 
 impl MergeArgs {

@@ -140,23 +140,37 @@ fn check_again(case: &Case) {
     assert!(first == fs::read(case.out().join("map.mcap")).unwrap(), "the same maps give another map");
 }
 
-/// What is thought of two maps does not depend on which is given first: not the decision, nor any number of it.
+/// What is thought of two maps does not depend on which is given first, nor on which others are in the command: not the decision, nor
+/// any number of it.
 #[test]
-fn the_order_of_the_maps_changes_no_verdict() {
+fn the_order_of_the_maps_and_other_maps_change_no_verdict() {
     let (runs, case) = (Runs::get(), Case::new());
-    let (left, right, out) = (runs.run("left"), runs.run("right"), case.out());
-    let tried = [[&left, &right], [&right, &left]].map(|[first, second]| {
-        let outcome = loopbox(&["merge", arg(first), arg(second), "--out", arg(&out), "--json", "--quiet"]);
+    let (left, right, elsewhere, out) =
+        (runs.run("left"), runs.run("right"), runs.run("elsewhere"), case.out());
+    let sets: [&[&Path]; 3] = [&[&left, &right], &[&right, &left], &[&elsewhere, &right, &left]];
+    let tried = sets.map(|maps| {
+        let mut args = vec!["merge", "--out", arg(&out), "--json", "--quiet"];
+        args.extend(maps.iter().map(|map| arg(map)));
+        let outcome = loopbox(&args);
         outcome.assert_success();
         let mut numbers: Value = serde_json::from_str(&outcome.stdout).unwrap();
-        let encounter = &mut numbers["encounters"][0];
+        let encounters = numbers["encounters"].as_array_mut().expect("every pair");
+        let of_both =
+            |encounter: &&mut Value| ["target", "source"].iter().all(|side| encounter[*side] != "elsewhere");
+        let encounter = encounters.iter_mut().find(of_both).expect("of left and right");
+        assert!(
+            encounter["answer"].is_string() && encounter["place"]["ln_ratio"].is_number(),
+            "{encounter:#}"
+        );
         assert_eq!(encounter["verdict"], "accepted");
         let lines =
             encounter["tried"].as_array().and_then(|tried| tried.iter().find_map(|t| t["lines"].as_array()));
         assert!(lines.is_some_and(|lines| !lines.is_empty()), "{encounter:#}");
-        ["target", "source", "tried", "closure"].map(|part| encounter[part].take())
+        ["target", "source", "tried", "closure", "answer", "place", "pieces"]
+            .map(|part| encounter[part].take())
     });
     assert_eq!(tried[0], tried[1]);
+    assert_eq!(tried[0], tried[2]);
 }
 
 #[test]

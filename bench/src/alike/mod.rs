@@ -15,8 +15,6 @@ use std::path::Path;
 
 /// Ways past each place.
 const WAYS: u64 = 2;
-/// False alarms expected of one pair of maps, as the program has them when it merges no others.
-const FALSE_ALARMS: f64 = 1e-6;
 
 /// What to measure.
 pub struct Plan<'a> {
@@ -86,16 +84,11 @@ fn measure_kind(plan: &Plan, kind: Kind) -> Result<Measured> {
     Ok(Measured { kind, unmapped, pairs, turned })
 }
 
-/// merge.json of all these maps, every pair judged as if it were alone.
+/// merge.json of all these maps, in which every pair is judged as if it were alone.
 fn merged(program: &Program, maps: &[&AlikeMap], out: &Path) -> Result<Value> {
-    let pairs = maps.len() * maps.len().saturating_sub(1) / 2;
+    // The defaults.
     let params = out.with_extension("toml");
-    let alarms = FALSE_ALARMS * pairs.max(1) as f64;
-    let text = format!(
-        "[meeting.closure.pair.two_view]\nmax_false_alarms = {alarms:e}\n\
-         [meeting.closure.neighbourhood.pose]\nmax_false_alarms = {alarms:e}\n"
-    );
-    std::fs::write(&params, text).with_context(|| format!("{}: cannot be written", params.display()))?;
+    std::fs::write(&params, "").with_context(|| format!("{}: cannot be written", params.display()))?;
     let files: Vec<_> = maps.iter().map(|map| map.file.clone()).collect();
     let record = program.record(&files, out, &params)?;
     if out.is_dir() {

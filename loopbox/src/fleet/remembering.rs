@@ -27,22 +27,20 @@ pub(super) struct Memory {
 struct Met {
     /// Of the target and the source.
     contents: [Content; 2],
-    /// Maps that were merged then: of more of them more look alike by chance, and each pair is believed less easily.
-    among: usize,
     encounter: Encounter,
 }
 
 impl Memory {
     /// What two of these maps made of each other. It is due again where one of them is not as it was; as long as maps still
-    /// come it does not matter how many there were then, nor whether all of them was looked at since they met; `exactly` as many
-    /// have to be, and all of them, where the result is to last.
+    /// come it does not matter whether all of them was looked at since they met; `exactly` all of them has to be where the result is
+    /// to last. Which other maps there were then says nothing of a pair.
     pub fn recall(&self, maps: &[Content], [a, b]: [usize; 2], exactly: bool) -> Option<Known> {
         let met = self.pairs.get(&key(maps[a], maps[b]))?;
         let is_source_first = met.contents[1].agent == maps[a].agent;
         let [target, source] = if is_source_first { [b, a] } else { [a, b] };
         let is_same = met.contents == [maps[target], maps[source]];
         let is_grown = met.encounter.seen.as_ref().is_some_and(|seen| seen.is_grown);
-        let is_due = !is_same || exactly && (is_grown || met.among != maps.len());
+        let is_due = !is_same || exactly && is_grown;
         let encounter = Encounter { target, source, ..met.encounter.clone() };
         Some(Known { encounter, is_due, may_grow: !exactly })
     }
@@ -53,7 +51,7 @@ impl Memory {
         self.pairs.retain(|pair, _| pair.iter().all(|agent| agents.contains(agent)));
         for encounter in encounters {
             let contents = [encounter.target, encounter.source].map(|map| maps[map]);
-            let met = Met { contents, among: maps.len(), encounter: encounter.clone() };
+            let met = Met { contents, encounter: encounter.clone() };
             self.pairs.insert(key(contents[0], contents[1]), met);
         }
     }
@@ -163,19 +161,18 @@ mod tests {
     }
 
     #[test]
-    fn among_more_maps_a_pair_is_judged_anew_once_the_result_is_to_last() {
+    fn a_pair_is_judged_anew_for_what_it_is_and_not_for_other_maps() {
         let maps = [content(1, 0), content(2, 0), content(3, 0)];
         let mut memory = Memory::default();
         memory.keep(&maps[..2], [encounter(0, 1)].iter());
         let due = |memory: &Memory, exactly: bool| is_due(memory, &maps, [0, 1], exactly);
-        assert_eq!((due(&memory, false), due(&memory, true)), (Some(false), Some(true)));
-        // So is one of which only what was new was looked at since.
+        assert_eq!((due(&memory, false), due(&memory, true)), (Some(false), Some(false)));
+        // One of which only what was new was looked at since is looked at once more before the result is to last.
         let seen = Some(std::sync::Arc::new(crate::merging::Seen { is_grown: true, ..Default::default() }));
         memory.keep(&maps, [Encounter { seen, ..encounter(1, 2) }].iter());
         let grown = |exactly: bool| memory.recall(&maps, [1, 2], exactly).expect("it is known");
         assert!(!grown(false).is_due && grown(false).may_grow && grown(true).is_due && !grown(true).may_grow);
-        // What was not looked at again is still what was found among two.
         memory.keep(&maps, [encounter(0, 2)].iter());
-        assert_eq!((due(&memory, true), is_due(&memory, &maps, [0, 2], true)), (Some(true), Some(false)));
+        assert_eq!((due(&memory, true), is_due(&memory, &maps, [0, 2], true)), (Some(false), Some(false)));
     }
 }

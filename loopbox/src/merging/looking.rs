@@ -7,7 +7,7 @@ use super::{Encounter, Input, MergingParams, Seconds};
 use anyhow::{Context, Result};
 use map::Map;
 use merge::further::Joined;
-use merge::meeting::{Judged, MeetingParams, Place, meet};
+use merge::meeting::{Judged, Place, meet};
 use merge::prepared::PreparedMap;
 use place_recog::{Vocabulary, ranked};
 use std::collections::{BTreeMap, BTreeSet};
@@ -88,7 +88,6 @@ pub(crate) fn look(
         .iter()
         .map(|input| PreparedMap::new(&input.map, &input.features, &params.key_points))
         .collect();
-    let meeting = meeting_among(inputs.len(), params);
     let Go { known, wanted, mut groups, places: mut shared, share, is_awaited } = go;
     let (mut encounters, mut may_grow) = (BTreeMap::new(), BTreeSet::new());
     let mut waiting = Vec::new();
@@ -142,7 +141,7 @@ pub(crate) fn look(
         let before = encounters.get(&pair).filter(|_| may_grow.contains(&pair));
         let followed = before.and_then(|before| grown(before, of(before), params));
         let encounter = followed.unwrap_or_else(|| {
-            let mut encounter = encounter(directed, places, inputs, &prepared, &meeting, params);
+            let mut encounter = encounter(directed, places, inputs, &prepared, params);
             let accepted = encounter.accepted().filter(|_| share.is_some());
             encounter.seen = accepted.map(|judged| Arc::new(Seen::new(of(&encounter), judged)));
             encounter
@@ -209,16 +208,6 @@ fn find_places(
     shared.extend(places(inputs, vocabulary, params, &|pair| wanted.contains(&pair)));
 }
 
-/// How meetings are looked for among so many maps: of many pairs more look alike by chance, so the false alarms that
-/// are expected of one are divided among them.
-fn meeting_among(maps: usize, params: &MergingParams) -> MeetingParams {
-    let mut meeting = params.meeting.clone();
-    let pairs = (maps * maps.saturating_sub(1) / 2).max(1);
-    meeting.closure.pair.two_view.max_false_alarms /= pairs as f64;
-    meeting.closure.neighbourhood.pose.max_false_alarms /= pairs as f64;
-    meeting
-}
-
 /// Every two of so many inputs, the earlier first: (0, 1), (0, 2), (1, 2), (0, 3), …
 fn pairs(inputs: usize) -> impl Iterator<Item = [usize; 2]> {
     (1..inputs).flat_map(|later| (0..later).map(move |earlier| [earlier, later]))
@@ -230,7 +219,6 @@ fn encounter(
     places: Places,
     inputs: &[Input],
     prepared: &[PreparedMap],
-    meeting: &MeetingParams,
     params: &MergingParams,
 ) -> Encounter {
     let start = Instant::now();
@@ -239,7 +227,7 @@ fn encounter(
     let (places_s, places): (f64, Vec<Place>) =
         (places.seconds, proposals.iter().map(|p| Place { source: p.query, target: p.keyframe }).collect());
     let ranked = start.elapsed().as_secs_f64();
-    let tried = meet(&prepared[source], &prepared[target], &places, meeting, &params.further);
+    let tried = meet(&prepared[source], &prepared[target], &places, &params.meeting, &params.further);
     let met = start.elapsed().as_secs_f64();
     let accepted = tried.iter().find_map(|tried| tried.outcome.accepted());
     let joined = accepted.map(|judged| joined([&prepared[target], &prepared[source]], judged, params));

@@ -1,5 +1,6 @@
 //! The common map of what pairs of maps made of each other.
 
+use super::contradictions::contradicted;
 use super::{Encounter, Input, Merging, MergingParams};
 use anyhow::{Context, Result};
 use map::{AgentId, KeyframeId};
@@ -22,6 +23,8 @@ pub(crate) fn common_map(
 ) -> Result<Merging> {
     let maps: Vec<&map::Map> = inputs.iter().map(|input| &*input.map).collect();
     let (mut common, addresses) = CommonMap::from_maps(&maps).context("the maps cannot be merged")?;
+    let names: Vec<&str> = inputs.iter().map(|input| &*input.name).collect();
+    let undone = [undone.to_vec(), contradicted(&encounters, params, &names)].concat();
     let mut before = Vec::new();
     for encounter in &encounters {
         let Encounter { target, source, .. } = *encounter;

@@ -1,6 +1,7 @@
 //! Merging maps as a user asks for it: features, places, meetings, closures and the common map, one step after
 //! the other, with their times. The steps themselves are in the crate `merge`.
 
+mod contradictions;
 mod goes;
 mod growing;
 mod input;
@@ -48,6 +49,7 @@ use merge::key_points::KeyPointParams;
 use merge::meeting::{Judged, MeetingParams, Outcome, Tried};
 use merge::merge_graph::MergeGraph;
 use merge::method::{BaselineParams, Method};
+use merge::place_verdict::Answer;
 use place_recog::{ProposeParams, RankParams, Vocabulary};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
@@ -145,6 +147,25 @@ impl Encounter {
     /// The accepted closure; nothing where there was none.
     pub fn accepted(&self) -> Option<&Judged> {
         self.tried.iter().find_map(|tried| tried.outcome.accepted())
+    }
+
+    /// The closure that the verdict rests on: the accepted one, or that at which two places were told apart, or the one that came
+    /// closest.
+    pub fn decisive(&self) -> Option<&Judged> {
+        let judged = || self.tried.iter().filter_map(|tried| tried.outcome.judged());
+        let is_double = |judged: &&Judged| {
+            judged.verdict.evidence.place.is_some_and(|place| place.answer == Answer::Different)
+        };
+        let double = || judged().find(is_double).filter(|_| !self.is_undecided());
+        self.accepted().or_else(double).or_else(|| self.closest()?.outcome.judged())
+    }
+
+    /// What is said of the two maps; nothing where they have nothing in common that could be asked.
+    pub fn answer(&self) -> Option<Answer> {
+        let answer = self.decisive()?.verdict.evidence.place?.answer;
+        let is_joined = self.accepted().is_some() && self.error.is_none();
+        // What else speaks against a closure leaves it open whether the place is one.
+        Some(if answer.joins() && !is_joined { Answer::CannotTell } else { answer })
     }
 
     /// Of maps that were not merged: the refused place that came closest. One left undecided comes before all others,

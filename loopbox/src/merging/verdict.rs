@@ -2,6 +2,7 @@
 
 use super::{Encounter, Input, Merging, Names};
 use map::AgentId;
+use merge::acceptance::PlaceEvidence;
 use merge::common_map::Addresses;
 use merge::meeting::Judged;
 use merge::pairing::Travel;
@@ -62,6 +63,9 @@ fn accepted(text: &mut String, merging: &Merging, encounter: &Encounter, judged:
         evidence.pairs,
         100.0 * evidence.inlier_share
     );
+    if let Some(place) = evidence.place {
+        let _ = writeln!(text, "{}", of_place(&place));
+    }
     // σ* is the target's unit in terms of the source's.
     let upright = |scale: f64| if encounter.source < encounter.target { scale.recip() } else { scale };
     let star = upright(closure.scale.scale);
@@ -87,9 +91,22 @@ fn accepted(text: &mut String, merging: &Merging, encounter: &Encounter, judged:
     }
 }
 
+/// What both saw of the surface, in a line.
+fn of_place(place: &PlaceEvidence) -> String {
+    format!(
+        "  {}: one place with a probability of {:.4}, {:.1} % of the things that both see differ",
+        place.answer,
+        place.probability,
+        100.0 * place.changed
+    )
+}
+
 fn refused(text: &mut String, encounter: &Encounter) {
     let decision = if encounter.is_undecided() { "undecided" } else { "refused" };
     let _ = writeln!(text, "{decision}: {}", encounter.refusal().unwrap_or_default());
+    if let Some(place) = encounter.decisive().and_then(|judged| judged.verdict.evidence.place) {
+        let _ = writeln!(text, "{}", of_place(&place));
+    }
     let tried = encounter.tried.len();
     if let Some(closest) = encounter.closest().filter(|closest| closest.match_count > 0) {
         // The keyframe of the map that was given first comes first.

@@ -3,9 +3,13 @@
 use super::closure::ClosureRecord;
 use crate::merging::{Encounter, Input, Seconds, outcome_name, refusal};
 use map::{KeyframeId, Map};
-use merge::acceptance::Line;
+use merge::acceptance::{Line, PlaceEvidence};
 use merge::meeting::Tried;
+use merge::place_verdict::{Answer, Piece};
 use serde::Serialize;
+
+/// Pieces of surface that are listed.
+const MOST_PIECES: usize = 20;
 
 /// A pair of maps.
 #[derive(Clone, Debug, Serialize)]
@@ -16,6 +20,13 @@ pub struct EncounterRecord {
     pub source: String,
     /// `accepted`, `undecided` or `refused`.
     pub verdict: &'static str,
+    /// `same`, `same-changed`, `cannot-tell` or `different`: whether both show one place, by the surface that both see alone; where that
+    /// does not tell, other lines of the verdict decide. Nothing where they have nothing in common that could be asked.
+    pub answer: Option<Answer>,
+    /// What both saw of the surface at the place that decided.
+    pub place: Option<PlaceEvidence>,
+    /// The pieces of that surface that say most, for and against, each with the part of `place.ln_ratio` that it adds.
+    pub pieces: Vec<(Piece, f64)>,
     /// Whether a closure was accepted.
     pub accepted: bool,
     /// Of a pair that was not merged: why the place that came closest was not accepted.
@@ -69,6 +80,9 @@ impl EncounterRecord {
             target: inputs[encounter.target].name.clone(),
             source: inputs[encounter.source].name.clone(),
             verdict: encounter.verdict(),
+            answer: encounter.answer(),
+            place: encounter.decisive().and_then(|judged| judged.verdict.evidence.place),
+            pieces: pieces(encounter),
             accepted: encounter.verdict() == "accepted",
             refusal: encounter.refusal(),
             proposed: encounter.proposed,
@@ -81,6 +95,15 @@ impl EncounterRecord {
             seconds: encounter.seconds,
         }
     }
+}
+
+/// The pieces that say most.
+fn pieces(encounter: &Encounter) -> Vec<(Piece, f64)> {
+    let place = encounter.decisive().and_then(|judged| judged.joined.as_ref()?.place.as_ref());
+    let mut pieces = place.map_or(Vec::new(), |place| place.weighed.pieces.clone());
+    pieces.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
+    pieces.truncate(MOST_PIECES);
+    pieces
 }
 
 impl PlaceRecord {
