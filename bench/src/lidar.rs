@@ -1,6 +1,7 @@
 //! LiDAR agents through the program: every recording run, beside other odometries; every two of one place merged; and
 //! many maps that have nothing in common.
 
+mod doubles;
 mod hour;
 mod parts;
 mod peers;
@@ -34,6 +35,8 @@ pub struct Plan<'a> {
     pub reuse: bool,
     /// Which sites are rendered: bounds are set on those of 1.
     pub seed: u64,
+    /// Of doubles: parts of the names of kinds; all where there are none.
+    pub only: &'a [String],
 }
 
 /// Maps of which every two are merged.
@@ -43,6 +46,8 @@ pub enum Lot {
     Recorded,
     /// Stretches of drives through rendered sites.
     Rendered,
+    /// Drives through places that are built alike, and through one place with some things moved.
+    Doubles,
 }
 
 /// A recording of scans with its truth.
@@ -79,6 +84,7 @@ pub fn strangers(plan: &Plan, lot: Lot) -> Result<(String, usize)> {
     match lot {
         Lot::Recorded => strangers::of_recordings(&plan.program(), &recordings(plan.data)?),
         Lot::Rendered => strangers::of_sites(&plan.program(), plan.seed),
+        Lot::Doubles => doubles::measure(&plan.program(), plan.seed, plan.only),
     }
 }
 

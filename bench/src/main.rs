@@ -113,6 +113,8 @@ enum Part {
     Recorded,
     /// Of --lidar: pairs of stretches of drives through rendered sites.
     Rendered,
+    /// Of --lidar: places that are built alike, and places of which some things were moved; --only names kinds.
+    Doubles,
     /// Of --lidar: an hour along one way.
     Hour,
     /// Of --fleet: two maps that meet.
@@ -130,7 +132,7 @@ impl Part {
     fn suits(self, args: &Args) -> bool {
         match self {
             Self::Calibration | Self::Costs => args.live,
-            Self::Recorded | Self::Rendered | Self::Hour => args.lidar,
+            Self::Recorded | Self::Rendered | Self::Doubles | Self::Hour => args.lidar,
             Self::Meetings | Self::Links | Self::Breaking | Self::Hundred => args.fleet,
         }
     }
@@ -143,7 +145,7 @@ fn main() -> Result<()> {
     }
     if args.part.is_some_and(|part| !part.suits(&args)) {
         bail!(
-            "--part: calibration and costs are parts of --live, recorded, rendered and hour of --lidar, meetings, links, \
+            "--part: calibration and costs are parts of --live, recorded, rendered, doubles and hour of --lidar, meetings, links, \
              breaking and hundred of --fleet"
         );
     }
@@ -154,7 +156,7 @@ fn main() -> Result<()> {
     }
     if args.lidar {
         let (loopbox, data, work) = (&args.loopbox, &args.data, &args.work);
-        let plan = lidar::Plan { loopbox, data, work, reuse: args.reuse, seed: args.seed };
+        let plan = lidar::Plan { loopbox, data, work, reuse: args.reuse, seed: args.seed, only: &args.only };
         if let Some(part) = args.part {
             return print_lidar(&plan, part);
         }
@@ -262,12 +264,16 @@ fn print_lidar(plan: &lidar::Plan, part: Part) -> Result<()> {
         println!("{}", lidar::hour(plan)?);
         return Ok(());
     }
-    let lot = if part == Part::Recorded { lidar::Lot::Recorded } else { lidar::Lot::Rendered };
+    let lot = match part {
+        Part::Recorded => lidar::Lot::Recorded,
+        Part::Doubles => lidar::Lot::Doubles,
+        _ => lidar::Lot::Rendered,
+    };
     let (text, wrong) = lidar::strangers(plan, lot)?;
     println!("{text}");
     match wrong {
         0 => Ok(()),
-        wrong => bail!("{wrong} pairs of stretches were merged wrongly"),
+        wrong => bail!("{wrong} pairs were merged wrongly"),
     }
 }
 

@@ -1,7 +1,7 @@
 //! A spinning LiDAR in a hall of boxes, its sweeps ray-cast with the truth known, and recordings of them as folders of
 //! KITTI scans.
 //!
-//! The sensor has 16 rings and turns clockwise, ten times a second; each point is seen from where the sensor is at its own
+//! A [`Sensor`] turns clockwise, ten times a second; each point is seen from where the sensor is at its own
 //! instant, so that sweeps are distorted as real ones are. x forward, y left, z up; metres and seconds.
 
 use geometry::Random;
@@ -12,14 +12,33 @@ use std::fs;
 use std::io;
 use std::path::Path;
 
-/// Rings of the sensor, two degrees apart, the lowest at −15°.
-const RINGS: u16 = 16;
-/// Columns of a sweep.
-const COLUMNS: u32 = 900;
 /// Seconds of a sweep.
 pub const PERIOD: f64 = 0.1;
-/// Ranges err by up to this, metres, evenly.
-const NOISE: f64 = 0.02;
+
+/// A spinning sensor.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sensor {
+    /// Its rings, evenly spaced.
+    pub rings: u8,
+    /// Elevation of the lowest ring, degrees.
+    pub lowest: f64,
+    /// From one ring to the next, degrees.
+    pub spacing: f64,
+    /// Columns of a sweep.
+    pub columns: u32,
+    /// Ranges err by up to this, metres, evenly.
+    pub noise: f64,
+    /// What is farther gives no return, metres.
+    pub reach: f64,
+}
+
+/// 16 rings two degrees apart, the lowest at −15°: the sensor of [`sweep`].
+pub const SIXTEEN: Sensor =
+    Sensor { rings: 16, lowest: -15.0, spacing: 2.0, columns: 900, noise: 0.02, reach: f64::INFINITY };
+
+/// 32 rings 1.25 degrees apart that look down more than up, and err more.
+pub const THIRTY_TWO: Sensor =
+    Sensor { rings: 32, lowest: -24.0, spacing: 1.25, columns: 720, noise: 0.03, reach: 60.0 };
 
 /// A box by its least and largest corner.
 pub type Corners = [[f64; 3]; 2];
@@ -54,27 +73,30 @@ pub struct Return {
     pub ring: u8,
 }
 
-/// A sweep that begins at `stamp`, of a sensor whose `world_from_sensor` over time is `pose`.
+/// A sweep of [`SIXTEEN`] that begins at `stamp`; `world_from_sensor` over time is `pose`.
 pub fn sweep(world: &[Corners], pose: impl Fn(f64) -> Se3, stamp: f64) -> Vec<Return> {
-    let mut returns = Vec::with_capacity(COLUMNS as usize * usize::from(RINGS));
+    sweep_of(&SIXTEEN, world, pose, stamp)
+}
+
+/// A sweep that begins at `stamp`, of a sensor whose `world_from_sensor` over time is `pose`.
+pub fn sweep_of(sensor: &Sensor, world: &[Corners], pose: impl Fn(f64) -> Se3, stamp: f64) -> Vec<Return> {
+    let mut returns = Vec::with_capacity(sensor.columns as usize * usize::from(sensor.rings));
     let mut random = Random::new((stamp / PERIOD).round() as u64);
-    for column in 0..COLUMNS {
-        let share = f64::from(column) / f64::from(COLUMNS);
+    for column in 0..sensor.columns {
+        let share = f64::from(column) / f64::from(sensor.columns);
         let time = share * PERIOD;
         let world_from_sensor = pose(stamp + time);
-        for ring in 0..RINGS {
+        for ring in 0..sensor.rings {
             let azimuth = -share * std::f64::consts::TAU;
-            let elevation = (2.0 * f64::from(ring) - 15.0).to_radians();
+            let elevation = (sensor.spacing * f64::from(ring) + sensor.lowest).to_radians();
             let level = elevation.cos();
             let direction = Vector3::new(azimuth.cos() * level, azimuth.sin() * level, elevation.sin());
             let range =
                 cast(world, &world_from_sensor.translation, &(world_from_sensor.rotation * direction));
-            let point = direction * (range + f64::from(random.uniform(-1.0, 1.0)) * NOISE);
-            returns.push(Return {
-                point: [0, 1, 2].map(|i| point[i] as f32),
-                time: time as f32,
-                ring: ring as u8,
-            });
+            let point = direction * (range + f64::from(random.uniform(-1.0, 1.0)) * sensor.noise);
+            if range <= sensor.reach {
+                returns.push(Return { point: [0, 1, 2].map(|i| point[i] as f32), time: time as f32, ring });
+            }
         }
     }
     returns
@@ -153,6 +175,20 @@ pub fn write_recording(
     pose: impl Fn(f64) -> Se3,
     duration: f64,
 ) -> io::Result<usize> {
+    write_recording_of(&SIXTEEN, folder, world, pose, duration)
+}
+
+/// The same of another sensor.
+///
+/// # Errors
+/// As [`write_recording`].
+pub fn write_recording_of(
+    sensor: &Sensor,
+    folder: &Path,
+    world: &[Corners],
+    pose: impl Fn(f64) -> Se3,
+    duration: f64,
+) -> io::Result<usize> {
     for part in ["velodyne", "times", "rings"] {
         fs::create_dir_all(folder.join(part))?;
     }
@@ -160,7 +196,7 @@ pub fn write_recording(
     let mut times = String::new();
     for index in 0..count {
         let stamp = index as f64 * PERIOD;
-        let returns = sweep(world, &pose, stamp);
+        let returns = sweep_of(sensor, world, &pose, stamp);
         let points = returns.iter().flat_map(|r| [r.point[0], r.point[1], r.point[2], 0.0]);
         fs::write(folder.join(format!("velodyne/{index:06}.bin")), bytes(points))?;
         fs::write(folder.join(format!("times/{index:06}.f32")), bytes(returns.iter().map(|r| r.time)))?;
@@ -208,6 +244,6 @@ mod tests {
         assert_eq!(returns.len(), 14_400);
         let ahead = returns.iter().find(|r| r.ring == 8).unwrap();
         // The box that stands around the origin reaches from x = −2 to 1: the sensor is in it and sees its wall.
-        assert!((f64::from(ahead.point[0]) - 1.0).abs() < NOISE + 1e-3, "{ahead:?}");
+        assert!((f64::from(ahead.point[0]) - 1.0).abs() < SIXTEEN.noise + 1e-3, "{ahead:?}");
     }
 }

@@ -92,6 +92,19 @@ fn part(of: &[(Keyframe, Se3)], name: &str, world: &str, folder: &Path, mirrored
     Ok(Part { name: name.to_owned(), world: world.to_owned(), file, poses, cells })
 }
 
+impl Part {
+    /// A whole map as a part, where it lies.
+    ///
+    /// # Errors
+    /// When the map cannot be read.
+    pub fn whole(file: &Path, truth: &Truth, name: &str, world: &str) -> Result<Self> {
+        let map = load_map(file).with_context(|| file.display().to_string())?.map;
+        let pose = |k: &Keyframe| Some([k.world_from_keyframe.rigid(), truth.at(k.timestamp)?]);
+        let poses = map.keyframes.values().filter_map(pose).collect();
+        Ok(Self { name: name.into(), world: world.into(), file: file.into(), poses, cells: HashSet::new() })
+    }
+}
+
 /// A pose as a mirror along y shows it.
 fn flip(pose: &Se3) -> Se3 {
     let (q, t) = (pose.rotation.quaternion(), pose.translation);
