@@ -54,7 +54,6 @@ const RING_SPACING: usize = 3;
 pub struct Sight {
     /// Rows of `sensor_from_submap`.
     rows: [[f32; 4]; 3],
-    submap_position: Vector3<f64>,
     /// Nearest and farthest return of each cell, metres; infinite and 0 where there is none.
     ranges: Vec<(f32, f32)>,
 }
@@ -83,22 +82,17 @@ impl Sight {
         }
         let (r, t) = (sensor_from_submap.rotation_matrix(), sensor_from_submap.translation);
         let rows = [0, 1, 2].map(|i| [r[(i, 0)], r[(i, 1)], r[(i, 2)], t[i]].map(|v| v as f32));
-        Self { rows, submap_position: sensor_from_submap.inverse().translation, ranges }
+        Self { rows, ranges }
     }
 
     /// What a point of the submap's frame is to this keyframe.
     pub fn look(&self, point: [f32; 3]) -> Seen {
-        self.look_beyond(point).0
-    }
-
-    /// As [`look`](Self::look), and how far beyond a point it saw where that is free, metres along the ray.
-    pub fn look_beyond(&self, point: [f32; 3]) -> (Seen, f32) {
         let [x, y, z] = point;
         let ((column, row), range) = cell(self.rows.map(|r| r[0] * x + r[1] * y + r[2] * z + r[3]));
         let margin = MARGIN.0 + MARGIN.1 * range;
         let own = self.ranges[row * COLUMNS + column];
         if own.1 == 0.0 {
-            return (Seen::Hidden, 0.0);
+            return Seen::Hidden;
         }
         // Beside a nearer surface the neighbours decide: a cell may look past an edge.
         let (mut near, mut far) = own;
@@ -110,23 +104,14 @@ impl Sight {
             }
         }
         if range >= near - margin {
-            return (if range <= far + margin { Seen::Surface } else { Seen::Hidden }, 0.0);
+            return if range <= far + margin { Seen::Surface } else { Seen::Hidden };
         }
         // Between two rings the sensor saw nothing: along the ground a ring meets it metres behind the one below.
         let beyond = |next: f32| range < next - margin;
         let above = (row + 1..ROWS.min(row + 1 + RING_SPACING)).find_map(|y| self.nearest(column, y));
         let below = (row.saturating_sub(RING_SPACING)..row).rev().find_map(|y| self.nearest(column, y));
-        let (Some(above), Some(below)) = (above, below) else { return (Seen::Hidden, 0.0) };
-        if beyond(above) && beyond(below) {
-            (Seen::Free, near.min(above).min(below) - range)
-        } else {
-            (Seen::Hidden, 0.0)
-        }
-    }
-
-    /// Where the keyframe is in the submap's frame, metres.
-    pub fn position(&self) -> Vector3<f64> {
-        self.submap_position
+        let (Some(above), Some(below)) = (above, below) else { return Seen::Hidden };
+        if beyond(above) && beyond(below) { Seen::Free } else { Seen::Hidden }
     }
 
     /// The nearest return of a cell, if it has any.
@@ -145,7 +130,7 @@ fn cell(p: [f32; 3]) -> ((usize, usize), f32) {
 
 /// The angle of `(x, y)` from the x axis, degrees in ±180, as `atan2` gives it but for 1e-5 (Abramowitz and Stegun 4.4.49): a map
 /// is looked at a million times in a merge.
-fn degrees(y: f32, x: f32) -> f32 {
+pub(crate) fn degrees(y: f32, x: f32) -> f32 {
     const SERIES: [f32; 9] = [
         1.0,
         -0.333_331_45,

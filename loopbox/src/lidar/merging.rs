@@ -2,11 +2,14 @@
 
 mod record;
 
-pub use record::{EncounterRecord, EvidenceRecord, InputRecord, LidarMergeRecord, MergeCost};
+pub use record::{
+    DifferenceRecord, EncounterRecord, EvidenceRecord, InputRecord, LidarMergeRecord, MergeCost,
+};
 
 use super::convert::{edge, keyframes};
 use crate::merging::{name_of, untaken};
 use anyhow::{Context, Result, bail};
+use backend::verdict::{Answer, Prior};
 use geometry::{Se3, Sim3};
 use map::{AgentId, Edge, EdgeKind, Keyframe, KeyframeId, Map};
 use slam_lidar::keyframe;
@@ -115,6 +118,14 @@ impl Pair {
         self.weight.is_some_and(|weight| weight >= OUTVOTED)
     }
 
+    /// What is said of the two: the same place or another.
+    pub fn answer(&self) -> Answer {
+        match self.weight {
+            Some(weight) if weight < OUTVOTED => Answer::CannotTell,
+            _ => self.verdict.answer,
+        }
+    }
+
     /// The line that decided, for people.
     pub fn reason(&self) -> String {
         match self.weight {
@@ -184,7 +195,7 @@ pub(crate) fn merge_knowing(
             stage(&format!("comparing {} and {}", inputs[a].name, inputs[b].name))?;
             let judge = || {
                 let begin = Instant::now();
-                let verdict = merge_by(method, &inputs[a].ready, &inputs[b].ready);
+                let verdict = merge_by(method, &inputs[a].ready, &inputs[b].ready, &Prior::default());
                 (verdict, begin.elapsed().as_secs_f64())
             };
             let (verdict, seconds) = known([a, b]).unwrap_or_else(judge);

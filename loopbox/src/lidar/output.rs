@@ -223,17 +223,18 @@ impl LidarMerged {
             if let Some(best) = &pair.verdict.best {
                 let _ = writeln!(
                     text,
-                    "  {} of {} pieces agree ({} found by Scan Context); overlap {:.2}, {:.2} of the shared points agree to \
-                     {:.0} mm, {:.3} lie in space seen free; of {:.0} m² that both saw {:.2} m² in one piece are there in one only",
+                    "  {}; overlap {:.2}; {:.0} m² are there in both, {:.2} m² in {} areas in one only (ln ratio {:.1}); {} of {} pieces \
+                     come back ({} found by Scan Context); {:.0} mm",
+                    pair.answer(),
+                    best.things.overlap,
+                    best.things.shared,
+                    best.things.differences.iter().map(|d| d.area).sum::<f64>(),
+                    best.things.differences.len(),
+                    best.weighed.ln_ratio,
                     best.pieces,
                     best.of_pieces,
                     best.finding,
-                    best.overlap,
-                    best.agreeing,
-                    1e3 * best.rmse,
-                    best.violated,
-                    best.things.shared,
-                    best.things.absent
+                    1e3 * best.rmse
                 );
             }
         }

@@ -98,12 +98,12 @@ fn encounters(record: &LidarMergeRecord) -> Table {
         let best = e.best.as_ref();
         vec![
             format!("{} + {}", e.maps[0], e.maps[1]),
-            e.decision.into(),
+            format!("{}: {}", e.decision, e.answer),
             e.reason.clone(),
             best.map_or("–".into(), |b| format!("{} of {}", b.pieces, b.of_pieces)),
             number(best.map(|b| b.overlap)),
             number(best.map(|b| b.agreeing)),
-            number(best.map(|b| b.violated)),
+            number(best.map(|b| b.ln_ratio)),
             number(best.map(|b| b.shared_m2)),
             number(best.map(|b| b.absent_m2)),
         ]
@@ -115,9 +115,9 @@ fn encounters(record: &LidarMergeRecord) -> Table {
         "pieces",
         "overlap",
         "agreeing",
-        "in free space",
-        "shared m²",
-        "absent m²",
+        "ln ratio",
+        "in both m²",
+        "in one only m²",
     ];
     Table { name: "Every two maps".into(), head, rows: record.encounters.iter().map(row).collect() }
 }

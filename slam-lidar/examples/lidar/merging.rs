@@ -2,6 +2,7 @@
 
 use crate::Failure;
 use crate::truth::Recording;
+use backend::verdict::Prior;
 use geometry::Se3;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use slam_lidar::keyframe::Keyframe;
@@ -117,13 +118,14 @@ fn error(a: &Mapped, b: &Mapped, a_from_b: &Se3) -> Option<(f64, f64)> {
 fn figures(e: &MergeEvidence, off: Option<(f64, f64)>) -> String {
     let off = off.map_or("other world".to_owned(), |(m, deg)| format!("{m:.3} m {deg:.2} deg"));
     format!(
-        "{off} | pieces {}/{} ({}) overlap {:.2} agreeing {:.3} violated {:.3} weak {} rmse {:.3} support {:.2}",
+        "{off} | pieces {}/{} ({}) overlap {:.2} agreeing {:.3} ln ratio {:.1} changed {:.3} weak {} rmse {:.3} support {:.2}",
         e.pieces,
         e.of_pieces,
         e.finding,
-        e.overlap,
-        e.agreeing,
-        e.violated,
+        e.things.overlap,
+        e.things.agreeing,
+        e.weighed.ln_ratio,
+        e.weighed.changed,
         e.conditioning.weak,
         e.rmse,
         e.support
@@ -164,7 +166,8 @@ pub fn run(command: &str, folders: &[String]) -> Result<(), Failure> {
                 (other.as_ref().unwrap_or(&maps[j]), other.as_ref().map(|m| RobotMap::new(&m.keyframes)));
             let begin = Instant::now();
             let method = if command == "merge-emr" { MergeMethod::Emr } else { MergeMethod::Pieces };
-            let verdict = merge_by(method, &ready[i], prepared.as_ref().unwrap_or(&ready[j]));
+            let verdict =
+                merge_by(method, &ready[i], prepared.as_ref().unwrap_or(&ready[j]), &Prior::default());
             print(&maps[i], b, &verdict, begin.elapsed().as_secs_f64());
             let Some(best) = verdict.best else { continue };
             let right = error(&maps[i], b, &best.a_from_b).is_some_and(|(m, _)| m < WRONG);

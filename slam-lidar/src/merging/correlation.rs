@@ -28,9 +28,12 @@ const PEAKS: usize = 24;
 /// Peaks lie farther apart than this along an axis, bins, or are turned farther, turns.
 const APART: (i32, i32) = (1, 3);
 
+/// The middle of a map's walls, and these around it.
+pub(super) type Walls = (Vector2<f64>, Vec<Wall>);
+
 /// A column with a wall in it.
 #[derive(Clone, Copy, Debug)]
-struct Wall {
+pub(super) struct Wall {
     place: Vector2<f64>,
     /// Heading of the normal, radians in [0, π).
     heading: f64,
@@ -39,7 +42,7 @@ struct Wall {
 }
 
 /// The walls of a submap around their middle, the highest.
-fn walls(map: &Submap) -> (Vector2<f64>, Vec<Wall>) {
+pub(super) fn walls(map: &Submap) -> Walls {
     let mut table = VoxelTable::default();
     // Sums of places, of doubled headings, and counts.
     let mut columns: Vec<(Vector2<f64>, Vector2<f64>, usize)> = Vec::new();
@@ -75,12 +78,12 @@ fn walls(map: &Submap) -> (Vector2<f64>, Vec<Wall>) {
 
 /// Poses `a_from_b` at which most walls coincide, the best first.
 pub fn peaks(a: &RobotMap, b: &RobotMap) -> Vec<Se3> {
-    let ((middle_a, of_a), (middle_b, of_b)) = (walls(&a.whole), walls(&b.whole));
+    let ((middle_a, of_a), (middle_b, of_b)) = (a.walls(), b.walls());
     let side = (2.0 * REACH / BIN) as i32;
     let step = TAU / TURNS as f64;
     let turns: Vec<(f64, f64)> = (0..TURNS).map(|k| (step * k as f64).sin_cos()).collect();
     let mut votes = vec![0u32; TURNS * (side * side) as usize];
-    for wall in &of_b {
+    for wall in of_b {
         let turned: Vec<Vector2<f64>> = turns
             .iter()
             .map(|(sin, cos)| {
@@ -88,7 +91,7 @@ pub fn peaks(a: &RobotMap, b: &RobotMap) -> Vec<Se3> {
                 Vector2::new(cos * p.x - sin * p.y, sin * p.x + cos * p.y)
             })
             .collect();
-        for other in &of_a {
+        for other in of_a {
             let parallel = ((other.heading - wall.heading) / step).round() as i32;
             for turn in [-1, 0, 1].into_iter().flat_map(|d| [parallel + d, parallel + d + TURNS as i32 / 2]) {
                 let turn = turn.rem_euclid(TURNS as i32) as usize;

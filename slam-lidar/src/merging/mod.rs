@@ -2,29 +2,34 @@
 //!
 //! In the order of the steps: [`robot_map`] (a map cut into independent pieces), [`mod@candidates`] (places that may be
 //! the same, by Scan Context), [`mod@hypotheses`] (pieces registered there; those that agree), [`mod@correlation`] (walls
-//! on walls), [`verdict`] (evidence of the whole maps), [`absent`] (what stands in one of them only), [`graph`] (more than two maps in one frame); [`mod@emr`] is the paper's way to a pose, to compare with. All is metric, in SE(3): there is no scale to find.
+//! on walls), [`surfels`], [`views`] and [`patches`] (a map's surfaces, its rays, what hangs together), [`comparison`] (what is
+//! there in both maps), [`verdict`] (one place or two), [`graph`] (more than two maps in one frame); [`mod@emr`] is the paper's way to a pose, to compare with. All is metric, in SE(3): there is no scale to find.
 //!
 //! The paper registers key points of whole clouds once and believes a mean distance. Here several pieces must find
 //! the same pose by themselves, and what is believed is what each map saw as free and as filled.
 
-pub mod absent;
 pub mod candidates;
+pub mod comparison;
 pub mod correlation;
 pub mod emr;
 pub mod graph;
 pub mod hypotheses;
+pub mod patches;
 pub mod robot_map;
+pub mod surfels;
 #[cfg(test)]
 mod tests;
 pub mod verdict;
+pub mod views;
 
 use crate::closure::{Found, search, sketch};
 use crate::voxels::{VoxelTable, first_of_each_voxel};
+use backend::verdict::{Answer, Prior};
 use hypotheses::{Cluster, clusters, hypotheses};
 use rayon::prelude::*;
 use robot_map::RobotMap;
 use serde::{Deserialize, Serialize};
-use verdict::{Verdict, bounds, distinct, evidence, judged, seen};
+use verdict::{Decision, Line, Test, Verdict, bounds, confirm, distinct, evidence, is_one, judged, seen};
 
 /// So many clusters of hypotheses are registered with whole maps, thinned.
 const FOLLOWED: usize = 16;
@@ -57,17 +62,30 @@ impl MergeMethod {
     }
 }
 
-/// Brings `b` into the frame of `a` by one of the methods.
-pub fn merge_by(method: MergeMethod, a: &RobotMap, b: &RobotMap) -> Verdict {
-    match method {
-        MergeMethod::Pieces => merge(a, b),
-        MergeMethod::Emr => merge_emr(a, b),
-    }
+/// Brings `b` into the frame of `a` by one of the methods; `prior` says what may have changed between them. The verdict depends on the
+/// maps alone, not on their order or on the number of cores.
+pub fn merge_by(method: MergeMethod, a: &RobotMap, b: &RobotMap, prior: &Prior) -> Verdict {
+    if b.comes_before(a) { in_order(method, b, a, prior).swapped() } else { in_order(method, a, b, prior) }
 }
 
-/// The paper's chain, its one pose refined and judged.
-fn merge_emr(a: &RobotMap, b: &RobotMap) -> Verdict {
-    followed(a, b, proposed(a, b).as_slice())
+/// [`merge_by`] our own method, between maps of one day.
+pub fn merge(a: &RobotMap, b: &RobotMap) -> Verdict {
+    merge_by(MergeMethod::Pieces, a, b, &Prior::default())
+}
+
+fn in_order(method: MergeMethod, a: &RobotMap, b: &RobotMap, prior: &Prior) -> Verdict {
+    let by_key_points = proposed(a, b);
+    let mut ranked = ranked(a, b, proposals(a, b, by_key_points.as_ref()));
+    ranked.truncate(JUDGED);
+    match (method, by_key_points) {
+        (MergeMethod::Pieces, _) => followed(a, b, &ranked, prior, None),
+        (MergeMethod::Emr, Some(own)) => {
+            // The paper's pose is the only one that may be believed; the others stand beside it.
+            ranked.insert(0, own.clone());
+            followed(a, b, &ranked, prior, Some(&own))
+        }
+        (MergeMethod::Emr, None) => judged(Vec::new(), prior, |_| ()),
+    }
 }
 
 /// The pose of the paper's chain, which no piece has found by itself.
@@ -76,19 +94,12 @@ fn proposed(a: &RobotMap, b: &RobotMap) -> Option<Cluster> {
     Some(Cluster { a_from_b: found.a_from_b, pieces: Vec::new(), support: 0.0 })
 }
 
-/// Brings `b` into the frame of `a`. The result depends on the maps alone, not on the number of cores.
-pub fn merge(a: &RobotMap, b: &RobotMap) -> Verdict {
-    let mut ranked = ranked(a, b, proposals(a, b));
-    ranked.truncate(JUDGED);
-    followed(a, b, &ranked)
-}
-
 /// Where the maps may belong together, by all that proposes poses.
-fn proposals(a: &RobotMap, b: &RobotMap) -> Vec<Cluster> {
-    let (mut found, by_key_points) = rayon::join(|| clusters(&hypotheses(a, b), b), || proposed(a, b));
+fn proposals(a: &RobotMap, b: &RobotMap, by_key_points: Option<&Cluster>) -> Vec<Cluster> {
+    let mut found = clusters(&hypotheses(a, b), b);
     found.truncate(FOLLOWED);
     // Key points see what descriptors of places do not: two ways with a row of racks between them.
-    found.extend(by_key_points);
+    found.extend(by_key_points.cloned());
     // Walls are seen from everywhere: they propose also what was seen from far apart, and every repetition.
     let alone = |a_from_b| Cluster { a_from_b, pieces: Vec::new(), support: 0.0 };
     found.extend(correlation::peaks(a, b).into_iter().map(alone));
@@ -132,11 +143,29 @@ fn ranked(a: &RobotMap, b: &RobotMap, found: Vec<Cluster>) -> Vec<Cluster> {
     marked.into_iter().map(|(_, cluster)| cluster).collect()
 }
 
-/// Whole maps registered from what each cluster says, and judged where they come to.
-fn followed(a: &RobotMap, b: &RobotMap, clusters: &[Cluster]) -> Verdict {
+/// Whole maps registered from what each cluster says, and judged where they come to; only the pose that `own` comes to may be
+/// believed, where there is one.
+fn followed(
+    a: &RobotMap,
+    b: &RobotMap,
+    clusters: &[Cluster],
+    prior: &Prior,
+    own: Option<&Cluster>,
+) -> Verdict {
     let register = |cluster: &Cluster| search(&a.whole, &b.whole.points, &cluster.a_from_b, false);
     let found: Vec<Found> = clusters.par_iter().map(register).collect();
     // Those that come to one pose are judged once: evidence costs more than the registration.
     let found = distinct(clusters.iter().zip(found).collect(), |(_, found)| found.pose);
-    judged(found.par_iter().map(|(cluster, found)| evidence(a, b, cluster, found)).collect())
+    let evidence = found.par_iter().map(|(cluster, found)| evidence(a, b, cluster, found, prior)).collect();
+    let first = found.first().map(|(_, found)| found.pose);
+    let verdict = judged(evidence, prior, |best| confirm(a, b, best));
+    match (own, first, &verdict.best) {
+        (Some(_), Some(own), Some(best))
+            if verdict.decision == Decision::Accepted && !is_one(&own, &best.a_from_b) =>
+        {
+            let line = Line { test: Test::Rivals, value: 1.0, bound: 0.0 };
+            Verdict { answer: Answer::CannotTell, decision: Decision::Undecided, line, ..verdict }
+        }
+        _ => verdict,
+    }
 }

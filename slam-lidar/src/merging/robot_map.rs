@@ -1,7 +1,9 @@
 //! A robot's map, ready to be merged: as a whole, and in pieces that are independent of each other.
 
-use super::absent::Settled;
+use super::correlation::{Walls, walls};
 use super::emr::{KeyPoint, key_points};
+use super::patches::Patches;
+use super::surfels::Surfels;
 use crate::keyframe::{Keyframe, Submap, transformed};
 use crate::scan_context::ScanContext;
 use crate::voxels::{VoxelTable, first_of_each_voxel};
@@ -30,10 +32,14 @@ pub struct RobotMap {
     pub contexts: Vec<ScanContext>,
     /// Pieces along the way; no keyframe is in two of them.
     pub pieces: Vec<Piece>,
-    /// What it holds for certain.
-    pub settled: Settled,
+    /// Pieces of surface that it holds for certain, and its rays.
+    pub surfels: Surfels,
+    /// Surfels that hang together.
+    pub patches: Patches,
     /// Key points, found when a merge first asks for them.
     key_points: OnceLock<Vec<KeyPoint>>,
+    /// Its walls, likewise.
+    walls: OnceLock<Walls>,
 }
 
 /// Length of way of a piece, metres: as far as loops reach on either side of a keyframe, and a few scans at least.
@@ -44,15 +50,39 @@ const GRID: f32 = 0.5;
 impl RobotMap {
     /// Prepares keyframes, whose poses are in one frame.
     pub fn new(keyframes: &[Keyframe]) -> Self {
-        let whole = Submap::new(keyframes.iter(), &Se3::identity());
+        let (whole, surfels) =
+            rayon::join(|| Submap::new(keyframes.iter(), &Se3::identity()), || Surfels::new(keyframes));
         Self {
-            settled: Settled::new(keyframes, &whole),
             whole,
+            patches: Patches::new(&surfels.all),
+            surfels,
             poses: keyframes.iter().map(|k| k.world_from_sensor).collect(),
             contexts: keyframes.iter().map(|k| k.context.clone()).collect(),
             pieces: spans(keyframes).into_iter().map(|span| piece(keyframes, span)).collect(),
             key_points: OnceLock::new(),
+            walls: OnceLock::new(),
         }
+    }
+
+    /// Its walls.
+    pub(super) fn walls(&self) -> &Walls {
+        self.walls.get_or_init(|| walls(&self.whole))
+    }
+
+    /// Whether it comes before another in an order that has nothing to do with how maps were given: what follows from two maps is
+    /// computed in one order, so that both orders give the same bits.
+    pub(super) fn comes_before(&self, other: &Self) -> bool {
+        let numbers = |map: &Self| -> (usize, usize) { (map.poses.len(), map.whole.points.len()) };
+        let poses = |map: &Self| {
+            map.poses.iter().flat_map(|pose| pose.to_tum().map(f64::to_bits)).collect::<Vec<_>>()
+        };
+        let points =
+            |map: &Self| map.whole.points.iter().flat_map(|p| p.map(f32::to_bits)).collect::<Vec<_>>();
+        let order = numbers(self).cmp(&numbers(other));
+        order
+            .then_with(|| poses(self).cmp(&poses(other)))
+            .then_with(|| points(self).cmp(&points(other)))
+            .is_lt()
     }
 
     /// Its key points with their descriptors.

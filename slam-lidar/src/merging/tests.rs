@@ -1,14 +1,15 @@
 //! Maps joined, and poses decided between.
 
-use super::absent::Comparison;
+use super::comparison::{Comparison, compare};
 use super::graph::{Merge, joined};
-use super::merge;
 use super::robot_map::RobotMap;
-use super::verdict::{Decision, MergeEvidence, Test, distinct, judged};
+use super::verdict::{Decision, MergeEvidence, Test, Verdict, distinct, judged};
+use super::{MergeMethod, merge, merge_by};
 use crate::degeneracy::Conditioning;
 use crate::keyframe::Keyframe;
+use backend::verdict::{Answer, Prior, Weighed};
 use geometry::Se3;
-use loopbox_tests::lidar::{Corners, sweep};
+use loopbox_tests::lidar::{Corners, HALL, sweep};
 use nalgebra::{Matrix6, Vector3, Vector6};
 
 /// The map of a world of boxes from keyframes a metre apart on a lane along x, whose first one's frame it has.
@@ -59,7 +60,7 @@ fn empty_maps_are_refused() {
     let empty = RobotMap::new(&[]);
     let verdict = merge(&empty, &empty);
     assert_eq!((verdict.decision, verdict.line.test), (Decision::Refused, Test::Pieces));
-    assert!(verdict.best.is_none() && judged(Vec::new()).best.is_none());
+    assert!(verdict.best.is_none() && decided(Vec::new()).best.is_none());
 }
 
 /// All that a right merge shows, at a pose.
@@ -72,51 +73,107 @@ fn standing(a_from_b: Se3) -> MergeEvidence {
         finding: 4,
         pieces: 4,
         of_pieces: 4,
-        support: 1.0,
-        overlap: 0.9,
-        violated: 0.0,
-        agreeing: 0.95,
-        things: Comparison { shared: 500.0, absent: 0.0 },
+        support: 20.0,
+        things: Comparison { shared: 500.0, overlap: 0.9, agreeing: 1.0, ..Comparison::default() },
+        weighed: weighed(Answer::Same, 5.0),
         rmse: 0.02,
         conditioning,
     }
 }
 
-#[test]
-fn a_pose_that_was_found_twice_is_no_rival_of_itself() {
-    let again = pose(1) * Se3::exp(&Vector6::new(0.002, 0.0, 0.001, 0.0, 0.0, 0.0003));
-    let decided = |poses: [Se3; 2]| judged(distinct(poses.map(standing).into(), |e| e.a_from_b));
-    let twice = decided([pose(1), again]);
-    assert_eq!((twice.decision, twice.rivals.len()), (Decision::Accepted, 0));
-    let rivals = decided([pose(1), pose(2)]);
-    assert_eq!((rivals.decision, rivals.line.test), (Decision::Undecided, Test::Rivals));
+fn weighed(answer: Answer, ln_ratio: f64) -> Weighed {
+    Weighed { answer, ln_ratio, changed: 0.0, pieces: Vec::new() }
+}
+
+fn decided(found: Vec<MergeEvidence>) -> Verdict {
+    judged(found, &Prior::default(), |_| ())
 }
 
 #[test]
-fn a_place_that_lacks_a_thing_or_of_which_little_is_shared_is_left_open() {
-    let decided = |change: fn(&mut MergeEvidence)| {
+fn a_pose_that_was_found_twice_is_no_rival_of_itself() {
+    let again = pose(1) * Se3::exp(&Vector6::new(0.002, 0.0, 0.001, 0.0, 0.0, 0.0003));
+    let of = |poses: [Se3; 2]| decided(distinct(poses.map(standing).into(), |e| e.a_from_b));
+    let twice = of([pose(1), again]);
+    assert_eq!((twice.decision, twice.rivals.len()), (Decision::Accepted, 0));
+    let rivals = of([pose(1), pose(2)]);
+    assert_eq!((rivals.answer, rivals.line.test), (Answer::CannotTell, Test::Rivals));
+}
+
+#[test]
+fn a_pose_is_held_to_every_test_and_the_answer_says_which_failed() {
+    let of = |change: fn(&mut MergeEvidence)| {
         let mut evidence = standing(pose(1));
         change(&mut evidence);
-        let verdict = judged(vec![evidence]);
-        (verdict.decision, verdict.line.test)
+        let verdict = decided(vec![evidence]);
+        (verdict.answer, verdict.line.test)
     };
-    assert_eq!(decided(|_| ()).0, Decision::Accepted);
-    assert_eq!(decided(|e| e.things.absent = 0.5), (Decision::Undecided, Test::Absent));
-    let cart = |e: &mut MergeEvidence| (e.things.absent, e.things.shared) = (1.4, 2250.0);
-    assert_eq!(decided(cart).0, Decision::Accepted, "a cart that was moved in a hall");
-    assert_eq!(decided(|e| e.things.shared = 100.0).0, Decision::Accepted, "most of a small place is shared");
-    let little = |e: &mut MergeEvidence| (e.things.shared, e.overlap) = (100.0, 0.5);
-    assert_eq!(decided(little), (Decision::Undecided, Test::Shared));
-    let refused = |e: &mut MergeEvidence| (e.things.absent, e.violated) = (0.5, 0.1);
-    assert_eq!(decided(refused), (Decision::Refused, Test::FreeSpace));
+    assert_eq!(of(|_| ()), (Answer::Same, Test::Rivals));
+    let changed = |e: &mut MergeEvidence| e.weighed = weighed(Answer::SameChanged, 3.0);
+    assert_eq!(of(changed).0, Answer::SameChanged);
+    let open = |e: &mut MergeEvidence| e.weighed = weighed(Answer::CannotTell, 1.0);
+    assert_eq!(of(open), (Answer::CannotTell, Test::Likelihood));
+    let other = |e: &mut MergeEvidence| e.weighed = weighed(Answer::Different, -20.0);
+    assert_eq!(of(other), (Answer::Different, Test::Likelihood));
+    assert_eq!(of(|e| e.things.overlap = 0.2), (Answer::Different, Test::Overlap));
+    assert_eq!(of(|e| e.conditioning.weak = 1), (Answer::CannotTell, Test::Conditioning));
+    assert_eq!(of(|e| e.pieces = 1), (Answer::CannotTell, Test::Pieces));
+}
+
+#[test]
+fn a_refused_pose_at_which_more_is_alike_leaves_the_one_that_passes_open() {
+    let (mut refused, passes) = (standing(pose(1)), standing(pose(2)));
+    refused.weighed = weighed(Answer::Different, -9.0);
+    refused.support = 30.0;
+    let verdict = decided(vec![refused.clone(), passes.clone()]);
+    assert_eq!((verdict.answer, verdict.line.test), (Answer::CannotTell, Test::Rivals));
+    // One at which less is alike is none.
+    refused.support = 10.0;
+    let verdict = decided(vec![refused, passes]);
+    assert_eq!(verdict.answer, Answer::Same);
+    assert_eq!(verdict.best.expect("a pose was judged").a_from_b.to_tum(), pose(2).to_tum());
 }
 
 #[test]
 fn of_poses_that_do_not_stand_the_one_that_may_be_is_told() {
     let (mut refused, mut open) = (standing(pose(1)), standing(pose(2)));
-    (refused.violated, open.things.absent) = (0.1, 0.5);
-    let verdict = judged(vec![refused, open]);
-    assert_eq!((verdict.decision, verdict.line.test), (Decision::Undecided, Test::Absent));
+    refused.weighed = weighed(Answer::Different, -9.0);
+    open.weighed = weighed(Answer::CannotTell, 1.0);
+    let verdict = decided(vec![refused, open]);
+    assert_eq!((verdict.decision, verdict.line.test), (Decision::Undecided, Test::Likelihood));
     let told = verdict.best.expect("a pose was judged").a_from_b;
     assert_eq!(told.to_tum(), pose(2).to_tum());
+}
+
+/// The hall seen on two ways, and from another hall whose things differ.
+#[test]
+fn both_orders_of_the_maps_give_one_verdict_bit_by_bit() {
+    let (west, east) = (seen_along(&HALL, -9.0, 3.0), seen_along(&HALL, -3.0, 9.0));
+    for method in MergeMethod::ALL {
+        let forth = merge_by(method, &west, &east, &Prior::default());
+        let back = merge_by(method, &east, &west, &Prior::default());
+        assert_eq!((forth.answer, forth.line), (back.answer, back.line), "{method:?}");
+        let (forth, back) = (forth.best.expect("a pose"), back.best.expect("a pose"));
+        assert_eq!(forth.weighed, back.weighed);
+        let same = |pose: Se3| pose.inverse().inverse().to_tum().map(f64::to_bits);
+        assert_eq!(same(forth.a_from_b), same(back.a_from_b.inverse()));
+    }
+}
+
+#[test]
+fn what_stands_in_one_map_only_differs_and_errors_of_poses_do_not() {
+    let (west, east) = (seen_along(&HALL, -9.0, 3.0), seen_along(&HALL, -3.0, 9.0));
+    let truth = Se3::new(Default::default(), Vector3::new(6.0, 0.0, 0.0));
+    let right = compare(&west, &east, &truth);
+    assert!(right.absent() <= 0.2 && right.overlap > 0.5, "{:?}", right.differences);
+    let tilted = truth * Se3::exp(&Vector6::new(0.02, -0.02, 0.02, 0.0, 0.002, 0.0));
+    assert!(compare(&west, &east, &tilted).absent() <= 0.2);
+    // A cabinet of 5 × 2 m that stands 2.5 m wide along the lane, and one whose front is moved by 0.2 m.
+    let without: Vec<_> = HALL.iter().copied().filter(|corners| corners != &HALL[8]).collect();
+    let other = compare(&west, &seen_along(&without, -3.0, 9.0), &truth);
+    assert!(other.absent() > 2.0, "{:?}", other.differences);
+    assert!(other.differences[0].in_first);
+    let mut moved = HALL;
+    moved[2][0][1] -= 0.2;
+    let moved = compare(&west, &seen_along(&moved, -3.0, 9.0), &truth);
+    assert!(moved.absent() > 1.0 && !moved.differences.is_empty(), "{:?}", moved.differences);
 }

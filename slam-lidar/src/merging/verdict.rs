@@ -1,40 +1,37 @@
-//! What speaks for a merge and against it, and the line that decides.
+//! What speaks for a merge and against it, and what is said of two maps.
 
-use super::absent::{Comparison, compare};
+use super::comparison::{Comparison, compare, glimpse};
 use super::hypotheses::{Cluster, confirming};
 use super::robot_map::RobotMap;
-use crate::closure::{Found, held};
+use crate::closure::Found;
 use crate::degeneracy::{Conditioning, conditioning};
 use crate::keyframe::{Seen, Submap, transformed};
+use backend::verdict::{Answer, Prior, Weighed, weigh};
 use geometry::Se3;
-use nalgebra::Matrix6;
+use nalgebra::{Matrix6, Vector3};
 use rayon::prelude::*;
 use std::fmt;
 
 /// What speaks for a pose between two maps.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct MergeEvidence {
     /// The pose.
     pub a_from_b: Se3,
     /// Its information, tangent (υ, ω) at the origin of `b` in the axes of `a`.
     pub information: Matrix6<f64>,
-    /// Pieces of the second map that were brought here by Scan Context, without a guess.
+    /// Pieces of one map that were brought here by Scan Context, without a guess.
     pub finding: usize,
     /// Pieces of one of the maps that come back to this pose when they are displaced, of that which has more of them; 0 where the
-    /// pose is refused without them.
+    /// pose joins nothing without them.
     pub pieces: usize,
     /// Pieces that this map has.
     pub of_pieces: usize,
-    /// Sum of the pieces' scores: how far the merge is trusted against others.
+    /// Things that agree, each by how seldom the like of it occurs: how far the merge is trusted against others.
     pub support: f64,
-    /// Share of the one map's points that lie on a surface the other saw, the lesser of both ways.
-    pub overlap: f64,
-    /// Of the points that the other map can judge, the share that it saw as free, the larger of both ways.
-    pub violated: f64,
-    /// Share of the points which surfaces of the other hold that agree with them, the lesser of both ways.
-    pub agreeing: f64,
-    /// What the maps say of each other's surfaces; nothing where the pose is refused without it.
+    /// What the maps say of each other's surfaces.
     pub things: Comparison,
+    /// The same weighed: one place or two that share things.
+    pub weighed: Weighed,
     /// Root mean square distance of points from the surfaces that they agree with, metres.
     pub rmse: f64,
     /// How well the pose is determined.
@@ -44,21 +41,15 @@ pub struct MergeEvidence {
 /// A test of a merge.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Test {
-    /// Pieces that agree.
+    /// Poses that pieces found, and pieces that come back to one.
     Pieces,
     /// Surfaces that both maps saw.
     Overlap,
-    /// Points that agree with the other's surfaces.
-    Agreeing,
-    /// Points where the other saw free space.
-    FreeSpace,
-    /// Things that stand in one map and not in the other.
-    Absent,
-    /// Surface that both maps saw, where it is not most of what they saw.
-    Shared,
+    /// What agrees and what differs, weighed.
+    Likelihood,
     /// Weak directions of the pose.
     Conditioning,
-    /// Other poses that stand as well.
+    /// Other poses that fit as well.
     Rivals,
 }
 
@@ -79,21 +70,13 @@ impl fmt::Display for Line {
         match self.test {
             Test::Pieces => write!(f, "{value} independent pieces agree, {bound} are needed"),
             Test::Overlap => write!(f, "the maps overlap by {value:.2}, {bound} is needed"),
-            Test::Agreeing => write!(f, "{value:.2} of the shared points agree, {bound} is needed"),
-            Test::FreeSpace => write!(f, "{value:.3} lie in space seen free, {bound} is allowed"),
-            Test::Absent => write!(
+            Test::Likelihood => write!(
                 f,
-                "{value:.2} m² of surface in one piece are not there in the other map, which looks through them; {bound:.2} at \
-                 most may be: another place that looks alike, or something moved"
-            ),
-            Test::Shared => write!(
-                f,
-                "both maps saw {value:.0} m² of surface, {bound} are needed where this is less than {} of what each saw: too \
-                 little to tell places that repeat apart",
-                bounds::MOST
+                "what both saw is e^{value:.1} times as likely if this is one place as if it is another that shares things with \
+                 it; e^{bound:.1} is needed"
             ),
             Test::Conditioning => write!(f, "{value} directions are weak, {bound} are allowed"),
-            Test::Rivals => write!(f, "{value} other poses stand as well, {bound} are allowed"),
+            Test::Rivals => write!(f, "{value} other poses fit as well, {bound} are allowed"),
         }
     }
 }
@@ -109,10 +92,22 @@ pub enum Decision {
     Refused,
 }
 
+impl From<Answer> for Decision {
+    fn from(answer: Answer) -> Self {
+        match answer {
+            Answer::Same | Answer::SameChanged => Self::Accepted,
+            Answer::CannotTell => Self::Undecided,
+            Answer::Different => Self::Refused,
+        }
+    }
+}
+
 /// What became of a merge.
 #[derive(Clone, Debug)]
 pub struct Verdict {
-    /// Whether it is believed.
+    /// What is said of the maps.
+    pub answer: Answer,
+    /// Whether they are joined.
     pub decision: Decision,
     /// The line that decided; of an accepted merge the last test.
     pub line: Line,
@@ -122,72 +117,55 @@ pub struct Verdict {
     pub rivals: Vec<MergeEvidence>,
 }
 
-/// What a merge must show. On whole maps, whose free space is judged by the majority of views, right poses agree by 0.85
-/// and more and violate up to 0.001 of the space seen free, or 0.009 where the maps themselves err by a decimetre; a
-/// mirrored hall agrees by up to 0.79 and violates 0.025 and more.
+/// What a pose must show beside the likelihood.
 pub mod bounds {
-    /// Pieces that must agree: one can be deceived. What two are deceived by is told apart by what stands there.
+    /// Pieces that must come back to the pose: one can be deceived.
     pub const PIECES: usize = 2;
     /// Least overlap: what is asked of pairs of maps.
     pub const OVERLAP: f64 = 0.3;
-    /// Least agreement.
-    pub const AGREEING: f64 = 0.82;
-    /// Most violated free space.
+    /// Share of what both saw that is there in both at a glimpse, where a pose is looked at closely: of one place with half of its things
+    /// moved it is 0.95, of doubles with nothing but the plan in common 0.84 and more.
+    pub const GLIMPSED: f64 = 0.7;
+    /// Most violated free space of a pose that is followed before others.
     pub const VIOLATED: f64 = 0.02;
-    /// Largest thing that is not there in the other map, square metres: two cells. Since maps begin level three of 382 right poses
-    /// of rendered sites leave more; floors of one plan and sites shifted by a repetition that share as much as is asked leave
-    /// 0.19 and more where this was set.
-    pub const ABSENT: f64 = 0.125;
-    /// And so large a share of what both saw beyond [`MUCH`]: one cart that was moved is 0.0006 of what two drives through a hall
-    /// saw, and of what repeats none was accepted by this.
-    pub const ABSENT_SHARE: f64 = 0.00075;
-    /// What stretches of some metres share on the median, square metres.
-    pub const MUCH: f64 = 400.0;
-    /// Least surface that both saw, square metres, where it is less than [`MOST`] of what each saw: a few doors of a corridor
-    /// look like those of the next. Sites that repeat themselves agreed without a contradiction on up to 176 m².
-    pub const SHARED: f64 = 200.0;
-    /// From this overlap on the maps are of one place or of its double, however small it is: what agreed without a contradiction
-    /// overlapped by up to 0.56.
-    pub const MOST: f64 = 0.7;
 }
 
-/// Judges a pose between whole maps. What things stand where, and whether pieces come back, is asked only where the shares of
-/// all points do not refuse it already.
-pub(super) fn evidence(a: &RobotMap, b: &RobotMap, cluster: &Cluster, found: &Found) -> MergeEvidence {
-    let back = found.pose.inverse();
-    let of = |map: &RobotMap| -> Vec<[f32; 3]> { map.whole.points.iter().copied().step_by(EVERY).collect() };
-    let (one, other) = (seen(&a.whole, &of(b), &found.pose), seen(&b.whole, &of(a), &back));
-    let mut evidence = MergeEvidence {
+/// A glimpse tells overlap to a tenth.
+const NEARLY: f64 = 0.9;
+
+/// Judges a pose between whole maps.
+pub(super) fn evidence(
+    a: &RobotMap,
+    b: &RobotMap,
+    cluster: &Cluster,
+    found: &Found,
+    prior: &Prior,
+) -> MergeEvidence {
+    // Most poses are seen to be wrong at a glimpse.
+    let glimpse = glimpse(a, b, &found.pose);
+    let is_open = glimpse.overlap >= NEARLY * bounds::OVERLAP && glimpse.agreeing >= bounds::GLIMPSED;
+    let things = if is_open { compare(a, b, &found.pose) } else { glimpse };
+    MergeEvidence {
         a_from_b: found.pose,
         information: found.information,
         finding: cluster.pieces.len(),
         pieces: 0,
         of_pieces: b.pieces.len(),
-        support: cluster.support,
-        overlap: one.0.min(other.0),
-        violated: one.1.max(other.1),
-        agreeing: held(&a.whole, &b.whole, &found.pose).min(held(&b.whole, &a.whole, &back)),
-        things: Comparison::default(),
+        support: things.support(),
+        weighed: weigh(&things.pieces, prior),
+        things,
         rmse: found.rmse,
         conditioning: conditioning(&found.information),
-    };
-    if failed(&evidence).is_some_and(|(_, decision)| decision == Decision::Refused) {
-        return evidence;
     }
-    evidence.things = compare(a, b, &found.pose);
-    // Either map may have seen little of the other's pieces.
-    evidence.pieces = confirming(a, b, &found.pose);
-    let others = confirming(b, a, &back);
-    if others > evidence.pieces {
-        (evidence.pieces, evidence.of_pieces) = (others, a.pieces.len());
-    }
-    // A pose that no descriptor proposed is supported by the pieces that it holds.
-    evidence.support = evidence.support.max(evidence.agreeing * evidence.pieces as f64);
-    evidence
 }
 
-/// Every so many points are asked: some thousands tell shares to a hundredth.
-const EVERY: usize = 4;
+/// Asks pieces of both maps to come back to a pose; either map may have seen little of the other's.
+pub(super) fn confirm(a: &RobotMap, b: &RobotMap, evidence: &mut MergeEvidence) {
+    let (own, others) =
+        (confirming(a, b, &evidence.a_from_b), confirming(b, a, &evidence.a_from_b.inverse()));
+    (evidence.pieces, evidence.of_pieces) =
+        if others > own { (others, a.pieces.len()) } else { (own, b.pieces.len()) };
+}
 
 /// Share of points on surfaces that the target saw, and of those it can judge the share in free space.
 /// Over a whole map poses drift and some view looks past every edge: the majority of views decides.
@@ -211,69 +189,117 @@ pub(super) fn seen(target: &Submap, points: &[[f32; 3]], target_from_source: &Se
     (share(surface, points.len()), share(free, surface + free))
 }
 
-/// The tests in their order, each with whether it holds and what its failure means.
-fn tests(e: &MergeEvidence) -> [(Line, bool, Decision); 7] {
-    use Decision::{Refused, Undecided};
+/// The tests of a pose in their order, each with whether it holds and what is said where it does not. Pieces are asked for where `is_confirmed`.
+fn tests(e: &MergeEvidence, prior: &Prior, is_confirmed: bool) -> [(Line, bool, Answer); 4] {
     let line = |test, value, bound| Line { test, value, bound };
-    let Comparison { shared, absent } = e.things;
-    let moved = bounds::ABSENT + bounds::ABSENT_SHARE * (shared - bounds::MUCH).max(0.0);
-    let pieces = line(Test::Pieces, e.pieces as f64, bounds::PIECES as f64);
+    let (overlap, weak) = (e.things.overlap, e.conditioning.weak);
+    let needed = (prior.certainty / (1.0 - prior.certainty)).ln() - prior.ln_odds;
+    let said = e.weighed.answer;
     [
-        (line(Test::Overlap, e.overlap, bounds::OVERLAP), e.overlap >= bounds::OVERLAP, Refused),
-        (line(Test::Agreeing, e.agreeing, bounds::AGREEING), e.agreeing >= bounds::AGREEING, Refused),
-        (line(Test::FreeSpace, e.violated, bounds::VIOLATED), e.violated <= bounds::VIOLATED, Refused),
-        (line(Test::Absent, absent, moved), absent <= moved, Undecided),
+        (line(Test::Overlap, overlap, bounds::OVERLAP), overlap >= bounds::OVERLAP, Answer::Different),
+        (line(Test::Likelihood, e.weighed.ln_ratio, needed), said.joins(), said),
+        (line(Test::Conditioning, weak as f64, 0.0), weak == 0, Answer::CannotTell),
         (
-            line(Test::Shared, shared, bounds::SHARED),
-            shared >= bounds::SHARED || e.overlap >= bounds::MOST,
-            Undecided,
+            line(Test::Pieces, e.pieces as f64, bounds::PIECES as f64),
+            !is_confirmed || e.pieces >= bounds::PIECES,
+            Answer::CannotTell,
         ),
-        (pieces, e.pieces >= bounds::PIECES, Undecided),
-        (line(Test::Conditioning, e.conditioning.weak as f64, 0.0), e.conditioning.weak == 0, Undecided),
     ]
 }
 
 /// The first test that fails.
-fn failed(e: &MergeEvidence) -> Option<(Line, Decision)> {
-    tests(e).into_iter().find(|(_, holds, _)| !holds).map(|(line, _, decision)| (line, decision))
+fn failed(e: &MergeEvidence, prior: &Prior, is_confirmed: bool) -> Option<(Line, Answer)> {
+    let first = tests(e, prior, is_confirmed).into_iter().find(|(_, holds, _)| !holds);
+    first.map(|(line, _, answer)| (line, answer))
 }
 
 /// Two poses that differ by less, metres and radians, are one: refined on whole maps, those that began apart may come to
 /// the same place, to millimetres, while rivals lie metres apart.
 const ONE_POSE: (f64, f64) = (0.1, 0.01);
 
+/// Whether two poses are one.
+pub(super) fn is_one(one: &Se3, other: &Se3) -> bool {
+    let apart = one.inverse() * *other;
+    apart.translation.norm() < ONE_POSE.0 && apart.rotation.angle() < ONE_POSE.1
+}
+
 /// The first of each group whose poses are one.
 pub(super) fn distinct<T>(found: Vec<T>, pose: impl Fn(&T) -> Se3) -> Vec<T> {
     let mut kept: Vec<T> = Vec::new();
     for next in found {
-        let is_one = |other: &T| {
-            let apart = pose(other).inverse() * pose(&next);
-            apart.translation.norm() < ONE_POSE.0 && apart.rotation.angle() < ONE_POSE.1
-        };
-        if !kept.iter().any(is_one) {
+        if !kept.iter().any(|other| is_one(&pose(other), &pose(&next))) {
             kept.push(next);
         }
     }
     kept
 }
 
-/// Decides between [`distinct`] poses, the best supported first. One that is believed comes before one that may be, and that
-/// before those which are contradicted.
-pub(super) fn judged(mut found: Vec<MergeEvidence>) -> Verdict {
-    let standing: Vec<usize> = (0..found.len()).filter(|&i| failed(&found[i]).is_none()).collect();
-    let rivals = Line { test: Test::Rivals, value: standing.len().saturating_sub(1) as f64, bound: 0.0 };
-    let is_open = |e: &MergeEvidence| failed(e).is_some_and(|(_, decision)| decision == Decision::Undecided);
-    let open = || found.iter().position(is_open);
-    let chosen = standing.first().copied().or_else(open).unwrap_or(0);
-    let best = (chosen < found.len()).then(|| found.remove(chosen));
-    let (line, decision) = match (standing.len(), best.as_ref().and_then(failed)) {
-        (0, Some(why)) => why,
-        (0, None) => {
-            let none = Line { test: Test::Pieces, value: 0.0, bound: bounds::PIECES as f64 };
-            (none, Decision::Refused)
-        }
-        (1, _) => (rivals, Decision::Accepted),
-        _ => (rivals, Decision::Undecided),
+/// Decides between [`distinct`] poses, those that fit best first. The pose at which most is alike is what the maps say; where it is not
+/// believed, none that fits less is, though it passes by itself. `confirm` asks pieces to come back to the pose that would be believed.
+pub(super) fn judged(
+    mut found: Vec<MergeEvidence>,
+    prior: &Prior,
+    confirm: impl Fn(&mut MergeEvidence),
+) -> Verdict {
+    let passes: Vec<usize> =
+        (0..found.len()).filter(|&i| failed(&found[i], prior, false).is_none()).collect();
+    let by_support = |&i: &usize, &j: &usize| found[i].support.total_cmp(&found[j].support).then(j.cmp(&i));
+    let is_open = |e: &MergeEvidence| failed(e, prior, false).is_some_and(|(_, a)| a == Answer::CannotTell);
+    let chosen =
+        passes.iter().copied().max_by(by_support).or_else(|| found.iter().position(is_open)).unwrap_or(0);
+    if chosen >= found.len() {
+        let none = Line { test: Test::Pieces, value: 0.0, bound: bounds::PIECES as f64 };
+        return Verdict {
+            answer: Answer::Different,
+            decision: Decision::Refused,
+            line: none,
+            best: None,
+            rivals: found,
+        };
+    }
+    let mut best = found.remove(chosen);
+    if passes.is_empty() {
+        let why = failed(&best, prior, false);
+        let none = Line { test: Test::Pieces, value: 0.0, bound: bounds::PIECES as f64 };
+        let (line, answer) = why.unwrap_or((none, Answer::CannotTell));
+        return Verdict { answer, decision: answer.into(), line, best: Some(best), rivals: found };
+    }
+    let is_rival = |e: &&MergeEvidence| failed(e, prior, false).is_none() || e.support >= best.support;
+    let rivals = Line { test: Test::Rivals, value: found.iter().filter(is_rival).count() as f64, bound: 0.0 };
+    let (line, answer) = if rivals.value > 0.0 {
+        (rivals, Answer::CannotTell)
+    } else {
+        confirm(&mut best);
+        failed(&best, prior, true).unwrap_or((rivals, best.weighed.answer))
     };
-    Verdict { decision, line, best, rivals: found }
+    Verdict { answer, decision: answer.into(), line, best: Some(best), rivals: found }
+}
+
+impl Verdict {
+    /// The same of the maps in the other order.
+    pub(super) fn swapped(self) -> Self {
+        let swapped = |e: MergeEvidence| e.swapped();
+        Self { best: self.best.map(swapped), rivals: self.rivals.into_iter().map(swapped).collect(), ..self }
+    }
+}
+
+impl MergeEvidence {
+    fn swapped(self) -> Self {
+        let back = self.a_from_b.rotation.inverse().to_rotation_matrix().into_inner();
+        // υ' = −Rᵀ υ − Rᵀ [t]× ω and ω' = −Rᵀ ω, and their inverse: the motion of one map is the other's, backwards.
+        let forth = self.a_from_b.rotation.to_rotation_matrix().into_inner();
+        let moved = (self.a_from_b.inverse()).translation.cross_matrix();
+        let mut jacobian = Matrix6::zeros();
+        jacobian.fixed_view_mut::<3, 3>(0, 0).copy_from(&-forth);
+        jacobian.fixed_view_mut::<3, 3>(3, 3).copy_from(&-forth);
+        jacobian.fixed_view_mut::<3, 3>(0, 3).copy_from(&(-forth * moved));
+        let weakest = back * Vector3::from(self.conditioning.weakest);
+        Self {
+            a_from_b: self.a_from_b.inverse(),
+            information: jacobian.transpose() * self.information * jacobian,
+            things: self.things.swapped(),
+            conditioning: Conditioning { weakest: weakest.into(), ..self.conditioning },
+            ..self
+        }
+    }
 }

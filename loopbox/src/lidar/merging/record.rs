@@ -1,8 +1,10 @@
 //! The numbers of a merging of LiDAR maps.
 
 use super::{Input, LidarMerging, Pair, decision, place_of};
+use backend::verdict::Answer;
 use serde::Serialize;
 use slam_lidar::merging::MergeMethod;
+use slam_lidar::merging::comparison::Difference;
 use slam_lidar::merging::verdict::MergeEvidence;
 
 /// The numbers of a merging: what `merge.json` holds.
@@ -50,6 +52,8 @@ pub struct EncounterRecord {
     pub maps: [String; 2],
     /// `accepted`, `undecided` or `refused`.
     pub decision: &'static str,
+    /// What is said of them; the first two of the four answers join.
+    pub answer: Answer,
     /// The line that decided.
     pub reason: String,
     /// The pose that was judged, with its evidence.
@@ -71,16 +75,22 @@ pub struct EvidenceRecord {
     pub finding: usize,
     /// Pieces that map has.
     pub of_pieces: usize,
-    /// Share of points on surfaces that the other saw.
+    /// Share of its surface that the other can judge, the lesser of both ways.
     pub overlap: f64,
-    /// Share of the points that agree with them.
+    /// Share of that which is there in both.
     pub agreeing: f64,
-    /// Share of the points in space that the other saw free.
+    /// Share of that which is there in one only.
     pub violated: f64,
-    /// Surface that both maps saw, square metres.
+    /// Surface that both maps saw and that is there in both, square metres.
     pub shared_m2: f64,
-    /// The largest thing that one map holds and the other looks through, square metres.
+    /// The largest area that one map holds and the other looks through, square metres.
     pub absent_m2: f64,
+    /// ln of how much likelier what both saw is of one place than of another that shares things with it.
+    pub ln_ratio: f64,
+    /// Share of the things that differ.
+    pub changed: f64,
+    /// Areas that are there in one map only, the largest first, some at most.
+    pub differences: Vec<DifferenceRecord>,
     /// Root mean square distance from surfaces, metres.
     pub rmse_m: f64,
     /// Directions of the pose that are weak.
@@ -88,21 +98,47 @@ pub struct EvidenceRecord {
 }
 
 impl EvidenceRecord {
-    fn of(evidence: &MergeEvidence) -> Self {
+    fn of(evidence: &MergeEvidence, maps: &[String; 2]) -> Self {
         Self {
             first_from_second: evidence.a_from_b.to_tum(),
             pieces: evidence.pieces,
             finding: evidence.finding,
             of_pieces: evidence.of_pieces,
-            overlap: evidence.overlap,
-            agreeing: evidence.agreeing,
-            violated: evidence.violated,
+            overlap: evidence.things.overlap,
+            agreeing: evidence.things.agreeing,
+            violated: 1.0 - evidence.things.agreeing,
             shared_m2: evidence.things.shared,
-            absent_m2: evidence.things.absent,
+            absent_m2: evidence.things.absent(),
+            ln_ratio: evidence.weighed.ln_ratio,
+            changed: evidence.weighed.changed,
+            differences: differences(evidence, maps),
             rmse_m: evidence.rmse,
             weak: evidence.conditioning.weak,
         }
     }
+}
+
+/// An area that is there in one map only.
+#[derive(Clone, Debug, Serialize)]
+pub struct DifferenceRecord {
+    /// The map that holds it.
+    pub r#in: String,
+    /// Its surface, square metres.
+    pub area_m2: f64,
+    /// Its middle in the frame of the first map, metres.
+    pub at: [f64; 3],
+}
+
+/// So many areas are listed, of a cell each at least.
+const LISTED: usize = 32;
+
+fn differences(evidence: &MergeEvidence, maps: &[String; 2]) -> Vec<DifferenceRecord> {
+    let record = |difference: &Difference| DifferenceRecord {
+        r#in: maps[usize::from(!difference.in_first)].clone(),
+        area_m2: difference.area,
+        at: difference.place(&evidence.a_from_b),
+    };
+    evidence.things.differences.iter().take(LISTED).map(record).collect()
 }
 
 /// Time and memory of a merging.
@@ -120,12 +156,14 @@ impl LidarMergeRecord {
     /// The numbers of a merging of `inputs`.
     pub fn of(inputs: &[Input], merging: &LidarMerging) -> Self {
         let name = |input: usize| inputs[input].name.clone();
+        let names = |pair: &Pair| [name(pair.a), name(pair.b)];
         let encounter = |pair: &Pair| EncounterRecord {
-            maps: [name(pair.a), name(pair.b)],
+            maps: names(pair),
             decision: decision(pair),
+            answer: pair.answer(),
             reason: pair.reason(),
-            best: pair.verdict.best.as_ref().map(EvidenceRecord::of),
-            rivals: pair.verdict.rivals.iter().map(EvidenceRecord::of).collect(),
+            best: pair.verdict.best.as_ref().map(|best| EvidenceRecord::of(best, &names(pair))),
+            rivals: pair.verdict.rivals.iter().map(|rival| EvidenceRecord::of(rival, &names(pair))).collect(),
             seconds: pair.seconds,
         };
         let input = |(index, input): (usize, &Input)| InputRecord {
