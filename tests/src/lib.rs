@@ -1,7 +1,7 @@
 //! A small world of textured boxes, a renderer with exact inverse depth, camera motions, and
-//! recordings written in loopbox's folder format: what tests track and map with the truth known. [`faults`] are recordings to which something happens. [`lidar`] does the same for
-//! a spinning LiDAR, [`doubles`] are places that share what is made in numbers, [`lidar_sites`] draws sites for one. [`proxy`] stands between processes that pair.
-//! a spinning LiDAR, [`lidar_sites`] and [`lidar_doubles`] draw sites for one. [`proxy`] stands between processes that pair.
+//! recordings written in loopbox's folder format: what tests track and map with the truth known. [`faults`] are recordings
+//! to which something happens, [`doubles`] are places that share what is made in numbers. [`lidar`] does the same for a
+//! spinning LiDAR; [`lidar_sites`] and [`lidar_doubles`] draw sites for one. [`proxy`] stands between processes that pair.
 //!
 //! All that is rendered is a function of its arguments; the same call gives the same bytes on every machine.
 
