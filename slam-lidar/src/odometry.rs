@@ -263,7 +263,10 @@ impl Odometry {
         let begin = last.motion.end * Se3::exp(&(last.twist * gap));
         let motion = SweepMotion { begin, end: begin * Se3::exp(&(last.twist * duration)) };
         // Between the middles of two sweeps the speed changes by the acceleration times their distance in time.
-        let apart = (sweep.middle() - last.middle).min(LONGEST_GAP);
+        let apart = match sweep.middle() - last.middle {
+            apart if apart > LONGEST_GAP => duration,
+            apart => apart,
+        };
         let change = |acceleration: f64, doubt: f64| doubt + acceleration * apart;
         let speed = (change(params.acceleration.0, doubt.0), change(params.acceleration.1, doubt.1));
         let over = |seconds: f64| (speed.0 * seconds, speed.1 * seconds);
