@@ -224,7 +224,7 @@ impl LidarMerged {
                 let _ = writeln!(
                     text,
                     "  {}; overlap {:.2}; {:.0} m² are there in both, {:.2} m² in {} areas in one only (ln ratio {:.1}); {} of {} pieces \
-                     come back ({} found by Scan Context); {:.0} mm",
+                     agree ({} found by Scan Context) to {:.0} mm",
                     pair.answer(),
                     best.things.overlap,
                     best.things.shared,

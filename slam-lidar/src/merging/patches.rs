@@ -120,9 +120,9 @@ fn shape(surfels: &[Surfel], group: &[usize]) -> Shape {
         let surfel = &surfels[i];
         let place = [surfel.middle[2], along[0] * surfel.middle[0] + along[1] * surfel.middle[1]];
         let axes = [[0.0, 0.0, 1.0], [along[0], along[1], 0.0]];
-        for k in 0..2 {
+        for (k, axis) in axes.into_iter().enumerate() {
             // An even surface reaches 1.73 standard deviations from its middle.
-            let reach = 1.73 * deviation_along(surfel, axes[k]);
+            let reach = 1.73 * deviation_along(surfel, axis);
             (low[k], high[k]) = (low[k].min(place[k] - reach), high[k].max(place[k] + reach));
         }
     }

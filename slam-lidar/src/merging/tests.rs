@@ -144,7 +144,7 @@ fn of_poses_that_do_not_stand_the_one_that_may_be_is_told() {
     assert_eq!(told.to_tum(), pose(2).to_tum());
 }
 
-/// The hall seen on two ways, and from another hall whose things differ.
+/// By both methods; the pose of the one is the other's inverse.
 #[test]
 fn both_orders_of_the_maps_give_one_verdict_bit_by_bit() {
     let (west, east) = (seen_along(&HALL, -9.0, 3.0), seen_along(&HALL, -3.0, 9.0));
