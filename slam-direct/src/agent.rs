@@ -463,6 +463,10 @@ impl Agent {
         report: &mut FrameReport,
     ) {
         self.view = update.view;
+        // What was learnt while it was mapped is not in it yet.
+        for &(keyframe, motion) in &self.motions {
+            self.view.keyframes[keyframe].motion = motion;
+        }
         let state = &self.view.keyframes[tracker.reference];
         let factor = state.unit / before.unit;
         let last = if tracker.last == before.camera_from_world {

@@ -27,6 +27,11 @@ const NEARER: f32 = 0.6;
 /// Share of the points that agreed in the frame before that still do when a camera goes on as it moved.
 const SUDDEN: f32 = 0.5;
 
+/// Share of the time between frames by which time stamps jitter though frames come evenly.
+const UNEVEN: f64 = 0.1;
+/// Times the last motion that a camera is taken to go on at the most.
+const FARTHEST: f64 = 5.0;
+
 /// What the tracker remembers from frame to frame.
 pub(crate) struct Tracker {
     /// Keyframe that frames are aligned with.
@@ -134,7 +139,7 @@ impl Tracker {
         params: &Params,
     ) -> Option<Located> {
         let world_from_reference = map.keyframes[self.reference].camera_from_world.inverse();
-        let guesses = [self.velocity * self.last * world_from_reference, self.last * world_from_reference];
+        let guesses = [self.expected(timestamp) * world_from_reference, self.last * world_from_reference];
         let aligned =
             track::align_from_guesses(&self.alignment, pyramid, &guesses, self.brightness, GOOD_ALIGNMENT);
         let start = aligned.frame_from_reference * map.keyframes[self.reference].camera_from_world;
@@ -195,6 +200,18 @@ impl Tracker {
         located
     }
 
+    /// Where the camera is at a time if it goes on as it moved: as much farther as the time is longer.
+    fn expected(&self, timestamp: f64) -> Se3 {
+        let times = self.time.map_or(1.0, |before| timestamp - before) / self.mean_motion.1;
+        let is_even = !times.is_finite() || (times - 1.0).abs() < UNEVEN;
+        let motion = if is_even {
+            self.velocity
+        } else {
+            Se3::exp(&(self.velocity.log() * times.clamp(0.0, FARTHEST)))
+        };
+        motion * self.last
+    }
+
     /// Mean motion to a pose from the newest tracked frame; none of a camera that was lost.
     fn mean_motion_to(&self, camera_from_world: &Se3, timestamp: f64) -> Twist {
         let since = self.time.filter(|_| self.lost == 0).map(|before| timestamp - before);
@@ -238,7 +255,7 @@ impl Tracker {
     ) -> Option<Located> {
         let turn = self.glance.as_ref().and_then(|before| before.turn_to(pyramid, &map.camera));
         let turned = turn.map(|turn| turn * self.last);
-        let starts = [Some(self.velocity * self.last), Some(self.last), turned];
+        let starts = [Some(self.expected(timestamp)), Some(self.last), turned];
         starts.iter().flatten().find_map(|start| self.seek_from(map, start, pyramid, timestamp, params))
     }
 

@@ -147,3 +147,19 @@ fn a_keyframe_is_wanted_far_from_the_reference_and_not_beside_it() {
     assert!(!wants(0.02));
     assert!((1..=8).map(|i| 0.02 + 0.1 * i as f64).any(wants), "eight tenths of a metre at five metres");
 }
+
+#[test]
+fn a_camera_is_expected_as_far_on_as_time_has_passed() {
+    let keyframes = keyframes();
+    let map = exact_map(&keyframes, 10);
+    let params = Params::default();
+    let motion = Se3::exp(&nalgebra::Vector6::new(0.1, 0.0, 0.02, 0.0, 0.03, 0.0));
+    let tracker = Tracker::new(&map, 0, Se3::identity(), motion, &params).at(1.0);
+    let tracker = Tracker { mean_motion: (Twist::zeros(), 0.05), ..tracker };
+    let off = |time: f64, expected: Se3| (tracker.expected(time) * expected.inverse()).log().norm();
+    assert!(off(1.05, motion) < 1e-12, "the next frame");
+    assert!(off(1.10, motion * motion) < 1e-9, "after one that was dropped");
+    assert!(off(1.15, motion * motion * motion) < 1e-9, "after two");
+    let unknown = Tracker::new(&map, 0, Se3::identity(), motion, &params);
+    assert_eq!(unknown.expected(9.0), motion, "of which no time is known");
+}
