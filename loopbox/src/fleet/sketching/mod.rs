@@ -93,7 +93,9 @@ impl Sketches {
         }
         let there: BTreeSet<Identity> = all.iter().map(|heard| heard.agent).collect();
         self.agents.retain(|agent, _| there.contains(agent));
-        self.pairs.retain(|pair, _| pair.iter().all(|agent| there.contains(agent)));
+        // What is looked at just now is judged when that is done.
+        let is_kept = |pair: &[Identity; 2]| pair.iter().all(|agent| there.contains(agent));
+        self.pairs.retain(|pair, _| elsewhere.contains(pair) || is_kept(pair));
         let agents: Vec<Identity> = self.agents.keys().copied().collect();
         let away: BTreeSet<Identity> =
             all.iter().filter(|heard| !heard.is_near).map(|heard| heard.agent).collect();
