@@ -4,7 +4,6 @@
 //! places, only all of them can tell, so that is asked once, afterwards, of the numbers that the verdicts keep.
 
 use super::{Encounter, MergingParams};
-use merge::place_verdict::Answer;
 
 /// A pair of inputs as far as others are concerned.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -12,7 +11,7 @@ struct Pair {
     inputs: [usize; 2],
     /// Whether the pair is merged.
     is_joined: bool,
-    /// Whether the two show two places, by what both saw of the surface.
+    /// Whether the two show two places: they fit in all but what both saw of the surface.
     is_double: bool,
     /// `ln p(what both saw | one place) − ln p(… | two)`; 0 where that was not asked.
     ln_ratio: f64,
@@ -51,7 +50,7 @@ impl Pair {
         Self {
             inputs: encounter.as_given(),
             is_joined: encounter.joined.is_some(),
-            is_double: encounter.answer() == Some(Answer::Different),
+            is_double: judged.is_some_and(|judged| judged.verdict.is_double()),
             ln_ratio: place.map_or(0.0, |place| place.ln_ratio),
             ln_false_alarms: evidence
                 .map_or(f64::NEG_INFINITY, |evidence| evidence.ln_false_alarms + tests.ln()),

@@ -84,25 +84,13 @@ pub struct PlaceEvidence {
     pub needed: f64,
     /// Share of the things, 0–1, that differ.
     pub changed: f64,
-    /// Whether more speaks for one place than looks alone ever could, which a double may share: wear does.
-    pub is_worn: bool,
 }
 
 impl PlaceEvidence {
     /// Of pieces weighed by a prior.
     pub fn new(weighed: &Weighed, prior: &Prior) -> Self {
         let Weighed { answer, ln_ratio, changed, .. } = *weighed;
-        // All of endlessly many things agree.
-        let most_of_looks = prior.changed().recip().ln();
-        let is_worn = answer.joins() && ln_ratio > most_of_looks;
-        Self {
-            answer,
-            ln_ratio,
-            probability: prior.probability(ln_ratio),
-            needed: prior.certainty,
-            changed,
-            is_worn,
-        }
+        Self { answer, ln_ratio, probability: prior.probability(ln_ratio), needed: prior.certainty, changed }
     }
 }
 

@@ -65,6 +65,9 @@ pub struct Line {
     pub says: Says,
 }
 
+/// The line of [`place_verdict`](crate::place_verdict).
+const PLACE_LINE: &str = "probability of one place";
+
 /// What is thought of a closure.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Decision {
@@ -91,6 +94,13 @@ impl Verdict {
     /// Whether the closure is believed.
     pub fn accepts(&self) -> bool {
         self.decision == Decision::Accepted
+    }
+
+    /// Whether the surface alone speaks against the closure: a pose that fits in all else joins two places. At a wrong pose other
+    /// lines fail too.
+    pub fn is_double(&self) -> bool {
+        let mut against = self.lines.iter().filter(|line| line.says != Says::For).peekable();
+        against.peek().is_some() && against.all(|line| line.name == PLACE_LINE)
     }
 
     /// The first line that contradicts, else the first that leaves it open; nothing where it is believed.
@@ -292,8 +302,7 @@ impl Doubt {
 
 /// Judges by the closure alone, and by the rest of both maps where the evidence has it.
 pub fn judge(evidence: Evidence, params: &AcceptanceParams) -> Verdict {
-    let is_worn = evidence.place.is_some_and(|place| place.is_worn);
-    let mut test = Test { lines: Vec::new(), against: None, open: None, is_worn };
+    let mut test = Test { lines: Vec::new(), against: None, open: None };
     if let Some(place) = &evidence.place {
         test.place(place);
     }
@@ -318,8 +327,6 @@ struct Test {
     lines: Vec<Line>,
     against: Option<Doubt>,
     open: Option<Doubt>,
-    /// Whether the wear of the surface says that it is one place: then what differs has changed, however much it is.
-    is_worn: bool,
 }
 
 impl Test {
@@ -328,7 +335,7 @@ impl Test {
         let doubt = Doubt::Double { percent: 100.0 * place.changed, against: -place.ln_ratio };
         let says = if place.answer == Answer::Different { Says::Against } else { Says::For };
         let least = 1.0 - place.needed;
-        self.say("probability of one place", [place.probability, least], says, doubt);
+        self.say(PLACE_LINE, [place.probability, least], says, doubt);
     }
 
     /// The lines that need no more than the closure.
@@ -350,24 +357,15 @@ impl Test {
             Doubt::FewMatches { matches, needed: params.min_matches },
         );
         let (share, needed) = (evidence.inlier_share, params.min_inlier_share);
-        if !self.is_worn {
-            self.least(
-                "pixels that agree",
-                pair(share, needed),
-                Says::Against,
-                Doubt::Unlike { share, needed },
-            );
-        }
-        if evidence.pooled && !self.is_worn {
+        self.least("pixels that agree", pair(share, needed), Says::Against, Doubt::Unlike { share, needed });
+        if evidence.pooled {
             let needed = params.min_pooled_inlier_share;
             let doubt = Doubt::Unlike { share, needed };
             self.least("pixels that agree, keyframes together", pair(share, needed), Says::Open, doubt);
         }
-        if !self.is_worn {
-            let (share, needed) = (evidence.agreeing_share, params.min_agreeing_share);
-            let doubt = Doubt::LittleAgrees { share, needed };
-            self.least("of all pixels", pair(share, needed), Says::Against, doubt);
-        }
+        let (share, needed) = (evidence.agreeing_share, params.min_agreeing_share);
+        let doubt = Doubt::LittleAgrees { share, needed };
+        self.least("of all pixels", pair(share, needed), Says::Against, doubt);
         self.most("rotation deviation", [rotation, params.max_rotation_deviation], Says::Open, vague);
         self.most(
             "translation deviation",
@@ -395,33 +393,28 @@ impl Test {
             Says::Against,
             Doubt::Alone { confirmed, tried, needed },
         );
-        if !self.is_worn {
-            let (share, limit) = (beyond.through_share, params.max_through_share);
-            self.most("seen through", [share, limit], Says::Against, Doubt::SeenThrough { share, limit });
-            let (share, limit) = (beyond.missing_share, params.max_missing_share);
-            self.most("missing", [share, limit], Says::Against, Doubt::Missing { share, limit });
-        }
-        if !self.is_worn {
-            let enough = |views: usize, share: f64| if views < params.min_views { 0.0 } else { share };
-            let (views, limit) = (beyond.absent_views, params.max_absent_share);
-            let share = enough(views, beyond.absent_share);
-            let doubt = Doubt::Absent { views, share, limit };
-            self.most("patches seen through", [share, limit], Says::Open, doubt);
-            let (views, limit) = (beyond.unlike_views, params.max_unlike_share);
-            let share = enough(views, beyond.unlike_share);
-            let doubt = Doubt::OtherLook { views, share, limit };
-            self.most("patches that look otherwise", [share, limit], Says::Open, doubt);
-            let (absent, unlike) = (beyond.absent_share, beyond.unlike_share);
-            let sum = absent / params.max_absent_share + unlike / params.max_unlike_share;
-            let sum = enough(beyond.absent_views + beyond.unlike_views, sum);
-            let doubt = Doubt::AbsentAndOtherLook { absent, unlike, sum };
-            self.most("patches of both sorts", [sum, 1.0], Says::Open, doubt);
-            let (absent, unlike, limit) =
-                (beyond.absent_views, beyond.unlike_views, params.max_differing_share);
-            let share = enough(absent + unlike, beyond.differing_share());
-            let doubt = Doubt::InManyViews { views: beyond.views, absent, unlike, share, limit };
-            self.most("views that differ", [share, limit], Says::Open, doubt);
-        }
+        let (share, limit) = (beyond.through_share, params.max_through_share);
+        self.most("seen through", [share, limit], Says::Against, Doubt::SeenThrough { share, limit });
+        let (share, limit) = (beyond.missing_share, params.max_missing_share);
+        self.most("missing", [share, limit], Says::Against, Doubt::Missing { share, limit });
+        let enough = |views: usize, share: f64| if views < params.min_views { 0.0 } else { share };
+        let (views, limit) = (beyond.absent_views, params.max_absent_share);
+        let share = enough(views, beyond.absent_share);
+        let doubt = Doubt::Absent { views, share, limit };
+        self.most("patches seen through", [share, limit], Says::Open, doubt);
+        let (views, limit) = (beyond.unlike_views, params.max_unlike_share);
+        let share = enough(views, beyond.unlike_share);
+        let doubt = Doubt::OtherLook { views, share, limit };
+        self.most("patches that look otherwise", [share, limit], Says::Open, doubt);
+        let (absent, unlike) = (beyond.absent_share, beyond.unlike_share);
+        let sum = absent / params.max_absent_share + unlike / params.max_unlike_share;
+        let sum = enough(beyond.absent_views + beyond.unlike_views, sum);
+        let doubt = Doubt::AbsentAndOtherLook { absent, unlike, sum };
+        self.most("patches of both sorts", [sum, 1.0], Says::Open, doubt);
+        let (absent, unlike, limit) = (beyond.absent_views, beyond.unlike_views, params.max_differing_share);
+        let share = enough(absent + unlike, beyond.differing_share());
+        let doubt = Doubt::InManyViews { views: beyond.views, absent, unlike, share, limit };
+        self.most("views that differ", [share, limit], Says::Open, doubt);
         let doubt = Doubt::Rival { closures, rival };
         self.most("rival", [beyond.rival_share(), params.max_rival_share], Says::Open, doubt);
     }

@@ -35,14 +35,8 @@ const BEYOND: Beyond = Beyond {
 };
 
 /// Looks that agree, just enough.
-const PLACE: PlaceEvidence = PlaceEvidence {
-    answer: Answer::Same,
-    ln_ratio: 2.5,
-    probability: 0.99,
-    needed: 0.99,
-    changed: 0.0,
-    is_worn: false,
-};
+const PLACE: PlaceEvidence =
+    PlaceEvidence { answer: Answer::Same, ln_ratio: 2.5, probability: 0.99, needed: 0.99, changed: 0.0 };
 
 fn verdict(evidence: Evidence) -> Verdict {
     judge(evidence, &AcceptanceParams::default())
@@ -167,14 +161,18 @@ fn things_that_are_not_there_tell_places_that_look_alike() {
     assert!(!doubt(Evidence { matches: 31, ..ENOUGH }).is_look_alike());
 }
 
-/// Where the surface's own wear says that it is one place, what differs has changed, and contradicts nothing.
+/// Surface that differs refuses a closure of which all else is right; surface that agrees outweighs no other line.
 #[test]
-fn wear_outweighs_what_has_changed() {
-    let changed = Beyond { through_share: 0.2, missing_share: 0.3, unlike_share: 0.2, ..BEYOND };
-    let evidence = Evidence { inlier_share: 0.4, agreeing_share: 0.2, ..beyond(changed) };
-    assert!(!verdict(evidence).accepts());
-    let worn = PlaceEvidence { answer: Answer::SameChanged, ln_ratio: 40.0, is_worn: true, ..PLACE };
-    assert!(verdict(Evidence { place: Some(worn), ..evidence }).accepts());
+fn surface_refuses_and_outweighs_nothing() {
+    let place = |answer| Some(PlaceEvidence { answer, ..PLACE });
+    let right = Evidence { place: place(Answer::Same), ..beyond(BEYOND) };
+    assert!(verdict(right).accepts() && !verdict(right).is_double());
+    let double = verdict(Evidence { place: place(Answer::Different), ..right });
+    assert!(!double.accepts() && double.is_double());
+    // A pose that other lines refuse differs by its being wrong.
+    let wrong = Evidence { inlier_share: 0.4, ..right };
+    assert!(!verdict(wrong).accepts());
+    assert!(!verdict(Evidence { place: place(Answer::Different), ..wrong }).is_double());
 }
 
 /// Depths may be wrong in one view or two; a thing that is not there is missing in all.
