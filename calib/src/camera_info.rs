@@ -142,7 +142,9 @@ impl CameraInfo {
             problem: format!("unknown model \"{}\"", self.model),
             fix: fix.into(),
         })?;
-        model.padded_distortion(&self.d).map_err(|error| distortion_error(name, "D", error))
+        let is_whole = model == Model::RadTan && matches!(self.d.len(), 4 | 5 | 8);
+        let lens = if is_whole { model.distortion(&self.d) } else { model.padded_distortion(&self.d) };
+        lens.map_err(|error| distortion_error(name, "D", error))
     }
 }
 

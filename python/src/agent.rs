@@ -159,6 +159,7 @@ impl Calibration {
             frame_count: None,
             duration: None,
             calibration: found,
+            camera: calib::CameraHint::default(),
             lag: None,
         };
         correction(&options, &info)

@@ -1,6 +1,7 @@
 //! Points as named columns of numbers: what PCD and PLY have in common.
 
-use crate::{Scan, ScanError};
+use crate::sweep_times::{SWEEP, interval};
+use crate::{Scan, ScanError, is_return};
 
 /// The type of a column's numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -63,6 +64,11 @@ const TIME_NAMES: [&str; 7] =
 const RING_NAMES: [&str; 5] = ["ring", "channel", "line", "laser_id", "row"];
 
 impl Roles {
+    /// Columns by their places.
+    pub fn at(position: [usize; 3], time: Option<usize>, ring: Option<usize>) -> Self {
+        Self { position, time, ring }
+    }
+
     /// Finds the columns by their names.
     pub fn find(columns: &[Column], name: &str) -> Result<Self, ScanError> {
         let find = |names: &[&str]| {
@@ -106,23 +112,23 @@ impl Gathering {
     /// The scan, its times in seconds after `stamp`; times of no known unit are dropped.
     pub fn finish(mut self, stamp: f64) -> Scan {
         self.scan.stamp = stamp;
-        self.scan.times = seconds(&self.times, stamp).unwrap_or_default();
+        self.scan.times = seconds(&self.times, &self.scan.points, stamp).unwrap_or_default();
         self.scan
     }
 }
 
-/// Longest and shortest sweep that a spinning LiDAR makes, seconds: 50 to 1.5 turns a second.
-const SWEEP: (f64, f64) = (0.02, 0.7);
-
 /// Times of any unit as seconds after `stamp`.
 ///
 /// The unit is the one that makes a sweep last as long as sweeps do. Times that are larger than a sweep are those of
-/// a clock: the stamp's if they lie near it, otherwise they count from the first.
-fn seconds(times: &[f64], stamp: f64) -> Option<Vec<f32>> {
-    let finite = || times.iter().copied().filter(|t| t.is_finite());
-    let (first, last) = (finite().fold(f64::INFINITY, f64::min), finite().fold(f64::NEG_INFINITY, f64::max));
-    let unit =
-        [1.0, 1e-3, 1e-6, 1e-9].into_iter().find(|u| (SWEEP.0..=SWEEP.1).contains(&((last - first) * u)))?;
+/// a clock: the stamp's if they lie near it, otherwise they count from the first. Points that are none, and single times far from
+/// all others, have no say in it.
+fn seconds(times: &[f64], points: &[[f32; 3]], stamp: f64) -> Option<Vec<f32>> {
+    let of_point = |(time, point): (&f64, &[f32; 3])| if is_return(point) { *time } else { f64::NAN };
+    let ([early, late], length) = interval(times.iter().zip(points).map(of_point))?;
+    let unit = [1.0, 1e-3, 1e-6, 1e-9].into_iter().find(|u| (SWEEP.0..=SWEEP.1).contains(&(length * u)))?;
+    let of_sweep =
+        times.iter().zip(points).filter(|(time, point)| (early..=late).contains(*time) && is_return(point));
+    let first = of_sweep.map(|(time, _)| *time).fold(f64::INFINITY, f64::min);
     let offset = match first * unit {
         start if start.abs() <= SWEEP.1 => 0.0,
         start if (start - stamp).abs() <= SWEEP.1 => stamp / unit,
@@ -138,7 +144,7 @@ mod tests {
     #[test]
     fn units_are_known_by_the_length_of_a_sweep() {
         let check = |times: [f64; 3], stamp: f64, expected: [f32; 3]| {
-            let found = seconds(&times, stamp).unwrap();
+            let found = seconds(&times, &[[1.0; 3]; 3], stamp).unwrap();
             assert!(found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-5), "{times:?}: {found:?}");
         };
         check([0.0, 0.05, 0.1], 12.0, [0.0, 0.05, 0.1]);
@@ -147,7 +153,30 @@ mod tests {
         check([0.0, 5e7, 1e8], 12.0, [0.0, 0.05, 0.1]);
         check([1.7e9, 1.7e9 + 0.05, 1.7e9 + 0.1], 1.7e9 + 0.1, [-0.1, -0.05, 0.0]);
         check([7e8, 7e8 + 0.05, 7e8 + 0.1], 12.0, [0.0, 0.05, 0.1]);
-        assert_eq!(seconds(&[0.0, 0.0], 1.0), None);
+        assert_eq!(seconds(&[0.0, 0.0], &[[1.0; 3]; 2], 1.0), None);
+    }
+
+    #[test]
+    fn a_stale_time_and_points_that_are_none_leave_the_others_theirs() {
+        let mut times: Vec<f64> = (0..4000).map(|i| 1.7e9 + 0.1 * f64::from(i) / 4000.0).collect();
+        let mut points = vec![[3.0f32, 4.0, 0.5]; 4000];
+        times[17] = 0.0;
+        times[1800..2000].fill(0.0);
+        points[1800..2000].fill([0.0; 3]);
+        points[5] = [f32::NAN; 3];
+        times[5] = 9e18;
+        let found = seconds(&times, &points, 1.7e9).unwrap();
+        assert!((found[3999] - 0.1).abs() < 1e-3 && found[0].abs() < 1e-6, "{} {}", found[0], found[3999]);
+        // A sweep whose first packet still has the time of the sweep before, in nanoseconds.
+        let mut times: Vec<f64> = (0..4000).map(|i| 2.5e4 * f64::from(i)).collect();
+        times[..40].fill(-1e8);
+        let found = seconds(&times, &[[1.0; 3]; 4000], 12.0).unwrap();
+        assert!(
+            (found[3999] - 0.1).abs() < 1e-3 && (found[40] - 0.001).abs() < 1e-4,
+            "{} {}",
+            found[40],
+            found[3999]
+        );
     }
 
     #[test]

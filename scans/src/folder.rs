@@ -1,7 +1,11 @@
 //! A folder of scans: which files there are, when they were taken, and what is known of their points.
 
-use crate::tables::{Numbers, Table, natural_key};
-use crate::{Scan, ScanError, SweepTiming, read_kitti, read_pcd, read_ply, rings_of};
+use crate::bin_layout::{BinLayout, Sample, layout_of};
+use crate::contents::{FolderContents, folder_contents};
+use crate::tables::{Numbers, Table};
+use crate::{Scan, ScanError, read_bin, read_pcd, read_ply, rings_of};
+use std::collections::BTreeMap;
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 /// What a folder does not say of itself.
@@ -11,8 +15,6 @@ pub struct FolderOptions {
     pub rate: Option<f64>,
     /// The file of stamps, where it is not `times.txt` in the folder.
     pub times: Option<PathBuf>,
-    /// How the sensor turns, for KITTI scans without times of points. `None`: such scans are taken as rigid.
-    pub timing: Option<SweepTiming>,
 }
 
 /// One scan's files and stamp.
@@ -33,38 +35,19 @@ pub struct ScanFile {
 pub struct Folder {
     root: PathBuf,
     files: Vec<ScanFile>,
-    timing: Option<SweepTiming>,
+    /// How `.bin` files are stored.
+    layout: BinLayout,
+    /// Files that look like scans of another kind, of which there are fewer, by ending.
+    others: BTreeMap<String, Vec<PathBuf>>,
     remarks: Vec<String>,
 }
 
-/// Whether a path is a folder with files that may be scans.
-pub fn is_folder_of_scans(path: &Path) -> bool {
-    path.is_dir() && PLACES.iter().any(|place| holds_scans(&path.join(place)))
-}
-
-fn holds_scans(folder: &Path) -> bool {
-    folder.is_dir() && scans_in(folder).is_ok_and(|found| !found.is_empty())
-}
-
-/// Where in a folder the scans of a recording may lie.
-const PLACES: [&str; 4] = ["velodyne", ".", "velodyne_points/data", "data"];
-
-/// The folder of the scans, and their times where nobody named another file.
-fn places(path: &Path) -> (PathBuf, PathBuf) {
-    let place = PLACES.iter().find(|place| holds_scans(&path.join(place))).filter(|place| **place != ".");
-    let scans = place.map_or_else(|| path.to_owned(), |place| path.join(place));
+/// The times of the scans that lie in `scans`, where nobody named another file.
+fn times_beside(path: &Path, scans: &Path) -> PathBuf {
     let beside =
         [path.join("times.txt"), path.join("timestamps.txt"), scans.with_file_name("timestamps.txt")];
-    let times = beside.iter().find(|file| file.is_file()).unwrap_or(&beside[0]).clone();
-    (scans, times)
+    beside.iter().find(|file| file.is_file()).unwrap_or(&beside[0]).clone()
 }
-
-/// File names that end so are scans.
-const ENDINGS: [&str; 3] = ["bin", "pcd", "ply"];
-
-/// Scans that are this far apart in time, in sweeps, were thinned out or put together by other software, which
-/// undistorts: no times are derived for their points.
-const THINNED: f64 = 3.0;
 
 impl Folder {
     /// Looks through a folder.
@@ -72,18 +55,17 @@ impl Folder {
     /// # Errors
     /// When it cannot be read, holds no scans or scans of several kinds, or its `times.txt` does not fit them.
     pub fn open(path: &Path, options: &FolderOptions) -> Result<Self, ScanError> {
-        let (inner, times) = places(path);
-        let scans = scans_in(&inner)?;
+        let FolderContents { folder, scans, others } = folder_contents(path)?;
         let name = path.display().to_string();
-        let times = options.times.clone().unwrap_or(times);
+        if scans.is_empty() {
+            return Err(ScanError::format(&name, "holds no scans (files ending in .bin, .pcd or .ply)"));
+        }
+        let layout = layout_of_files(&scans).map_err(|why| ScanError::format(&name, why))?;
+        let times = options.times.clone().unwrap_or_else(|| times_beside(path, &folder));
         let (stamps, remarks) = timed(&scans, &times, options, &name)?;
         let files: Vec<_> =
             scans.into_iter().zip(stamps).map(|(path, stamp)| ScanFile { path, stamp }).collect();
-        let spacing = median_spacing(&files);
-        let is_kitti = files.first().and_then(|file| file.path.extension()).is_some_and(|e| e == "bin");
-        let timing =
-            options.timing.filter(|t| is_kitti && spacing.is_none_or(|s| s < THINNED * f64::from(t.period)));
-        Ok(Self { root: path.to_owned(), files, timing, remarks })
+        Ok(Self { root: path.to_owned(), files, layout, others, remarks })
     }
 
     /// What is to be said of how its files and times were taken.
@@ -97,13 +79,55 @@ impl Folder {
     }
 
     /// What its scans are, for people.
-    pub fn kind(&self) -> &'static str {
-        let ending = self.files.first().and_then(|file| file.path.extension()).unwrap_or_default();
-        match ending.to_ascii_lowercase().to_str() {
-            Some("pcd") => "PCD",
-            Some("ply") => "PLY",
-            _ => "KITTI",
+    pub fn kind(&self) -> String {
+        match self.ending().as_str() {
+            "pcd" => "PCD".into(),
+            "ply" => "PLY".into(),
+            _ if self.is_kitti() => "KITTI".into(),
+            _ => format!("binary ({})", self.layout.columns()),
         }
+    }
+
+    fn ending(&self) -> String {
+        let ending = self.files.first().and_then(|file| file.path.extension()).unwrap_or_default();
+        ending.to_ascii_lowercase().to_string_lossy().into_owned()
+    }
+
+    /// Whether it is laid out as KITTI's recordings are: points of four numbers in files that are called by six or ten digits, in a
+    /// folder `velodyne`, or `data` of `velodyne_points`.
+    pub fn is_kitti(&self) -> bool {
+        let is_numbered = |path: &Path| {
+            let stem = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+            matches!(stem.len(), 6 | 10) && stem.bytes().all(|b| b.is_ascii_digit())
+        };
+        let Some(first) = self.files.first() else { return false };
+        let parent = first.path.parent().and_then(|parent| parent.canonicalize().ok()).unwrap_or_default();
+        let is_named = |path: &Path, name: &str| path.file_name().is_some_and(|found| found == name);
+        let is_raw =
+            is_named(&parent, "data") && parent.parent().is_some_and(|up| is_named(up, "velodyne_points"));
+        self.ending() == "bin"
+            && self.layout.columns() == BinLayout::default().columns()
+            && is_numbered(&first.path)
+            && (is_named(&parent, "velodyne") || is_raw)
+    }
+
+    /// What there is to say of the folder, as label and text.
+    pub fn facts(&self) -> Vec<(&'static str, String)> {
+        let mut facts = Vec::new();
+        if self.ending() == "bin" {
+            let other = self.layout.other.map_or_else(String::new, |other| {
+                format!("; points of {other} numbers fit as well, the richer is taken")
+            });
+            facts.push((
+                "columns",
+                format!("{} (float32, told from the numbers{other})", self.layout.columns()),
+            ));
+        }
+        for (ending, files) in &self.others {
+            let first = files.first().map_or_else(String::new, |path| path.display().to_string());
+            facts.push(("left out", format!("{} files ending in .{ending}, {first} the first", files.len())));
+        }
+        facts
     }
 
     /// The scans in order of time.
@@ -122,15 +146,12 @@ impl Folder {
         let mut scan = match ending.to_str() {
             Some("pcd") => read_pcd(&bytes, file.stamp, &name)?,
             Some("ply") => read_ply(&bytes, file.stamp, &name)?,
-            _ => read_kitti(&bytes, &name)?,
+            _ => read_bin(&bytes, &self.layout, file.stamp, &name)?,
         };
         scan.stamp = file.stamp;
         self.add_side_files(&mut scan, file)?;
         if scan.rings.is_empty() {
             scan.rings = rings_of(&scan.points);
-        }
-        if let (true, Some(timing)) = (scan.times.is_empty(), self.timing) {
-            timing.apply(&mut scan);
         }
         scan.checked(&name)
     }
@@ -164,26 +185,22 @@ fn read(path: &Path) -> Result<Vec<u8>, ScanError> {
     std::fs::read(path).map_err(|source| ScanError::Io { name: path.display().to_string(), source })
 }
 
-fn scans_in(folder: &Path) -> Result<Vec<PathBuf>, ScanError> {
-    let name = folder.display().to_string();
-    let io = |source| ScanError::Io { name: name.clone(), source };
-    let mut found: Vec<PathBuf> = Vec::new();
-    for entry in std::fs::read_dir(folder).map_err(io)? {
-        let path = entry.map_err(io)?.path();
-        let ending = path.extension().unwrap_or_default().to_ascii_lowercase();
-        if ENDINGS.iter().any(|e| ending == *e) && path.is_file() {
-            found.push(path);
-        }
+/// The layout of `.bin` files, from some of them spread over the recording.
+fn layout_of_files(scans: &[PathBuf]) -> Result<BinLayout, String> {
+    /// So many files are looked at, and so many bytes of each.
+    const SAMPLES: (usize, u64) = (5, 1 << 17);
+    if scans.first().is_none_or(|path| path.extension().is_none_or(|e| !e.eq_ignore_ascii_case("bin"))) {
+        return Ok(BinLayout::default());
     }
-    found.sort_by_cached_key(|path| natural_key(&path.file_name().unwrap_or_default().to_string_lossy()));
-    let ending = |p: &PathBuf| p.extension().unwrap_or_default().to_ascii_lowercase();
-    match found.first() {
-        None => Err(ScanError::format(&name, "holds no scans (files ending in .bin, .pcd or .ply)")),
-        Some(first) if found.iter().any(|p| ending(p) != ending(first)) => {
-            Err(ScanError::format(&name, "holds scans of several kinds; give a folder of one"))
-        }
-        Some(_) => Ok(found),
-    }
+    let step = scans.len().div_ceil(SAMPLES.0).max(1);
+    let sample = |path: &PathBuf| {
+        let mut head = Vec::new();
+        let file = std::fs::File::open(path).ok()?;
+        let length = file.metadata().ok()?.len();
+        file.take(SAMPLES.1).read_to_end(&mut head).ok()?;
+        Some(Sample { length, head })
+    };
+    layout_of(&scans.iter().step_by(step).filter_map(sample).collect::<Vec<_>>())
 }
 
 /// The stamps of scans from the file of times, or by their rate where there is none; and what is to be said of them.
@@ -257,137 +274,5 @@ fn stamps(table: &Table, scans: &[PathBuf], name: &str) -> Result<(Vec<f64>, Opt
     }
 }
 
-fn median_spacing(files: &[ScanFile]) -> Option<f64> {
-    let mut gaps: Vec<f64> = files.windows(2).map(|w| w[1].stamp - w[0].stamp).collect();
-    gaps.sort_by(f64::total_cmp);
-    gaps.get(gaps.len() / 2).copied()
-}
-
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// A sweep of a cube's inside, as KITTI stores it.
-    fn bytes(points: usize) -> Vec<u8> {
-        let point = |i: usize| {
-            let (azimuth, z) = (i as f32 * 0.01, (i % 7) as f32 * 0.3 - 1.0);
-            [3.0 * azimuth.cos(), 3.0 * azimuth.sin(), z, 0.0]
-        };
-        (0..points).flat_map(point).flat_map(f32::to_le_bytes).collect()
-    }
-
-    fn folder(times: &str, scans: &[(&str, Vec<u8>)]) -> tempfile::TempDir {
-        let folder = tempfile::tempdir().unwrap();
-        for (name, bytes) in scans {
-            std::fs::write(folder.path().join(name), bytes).unwrap();
-        }
-        if !times.is_empty() {
-            std::fs::write(folder.path().join("times.txt"), times).unwrap();
-        }
-        folder
-    }
-
-    #[test]
-    fn scans_come_in_order_with_their_stamps() {
-        let dir =
-            folder("0.5 000001\n0.6 000002\n", &[("000002.bin", bytes(900)), ("000001.bin", bytes(800))]);
-        let found = Folder::open(
-            dir.path(),
-            &FolderOptions { timing: Some(SweepTiming::default()), ..FolderOptions::default() },
-        )
-        .unwrap();
-        let scans: Vec<Scan> = found.files().iter().map(|f| found.read(f).unwrap()).collect();
-        assert_eq!(
-            scans.iter().map(|s| (s.stamp, s.points.len())).collect::<Vec<_>>(),
-            [(0.5, 800), (0.6, 900)]
-        );
-        assert_eq!(scans[0].times.len(), 800);
-    }
-
-    #[test]
-    fn what_is_of_no_use_is_refused_with_the_reason() {
-        let cut = bytes(900)[..1003].to_vec();
-        let mut nan = bytes(900);
-        nan.chunks_exact_mut(16).for_each(|p| p[..4].copy_from_slice(&f32::NAN.to_le_bytes()));
-        let ring: Vec<u8> = (0..900)
-            .flat_map(|i| [(i as f32 * 0.007).cos(), (i as f32 * 0.007).sin(), 0.0, 0.0])
-            .flat_map(f32::to_le_bytes)
-            .collect();
-        let dir = folder("", &[("0.bin", cut), ("1.bin", nan), ("2.bin", ring), ("3.bin", vec![])]);
-        let found = Folder::open(dir.path(), &FolderOptions::default()).unwrap();
-        let reasons: Vec<String> =
-            found.files().iter().map(|f| found.read(f).unwrap_err().to_string()).collect();
-        for (reason, part) in reasons.iter().zip(["cut off", "0 of 900", "one ring", "0 of 0"]) {
-            assert!(reason.contains(part), "{reason}");
-        }
-        let dir = folder("1.0\n", &[("0.bin", bytes(900)), ("1.bin", bytes(900))]);
-        let refused = Folder::open(dir.path(), &FolderOptions::default()).unwrap_err();
-        assert!(refused.to_string().contains("1 times for 2 scans"), "{refused}");
-    }
-
-    /// The names and stamps of a folder of scans so named, and what is said of them.
-    fn told(
-        times: &str,
-        names: &[&str],
-        options: &FolderOptions,
-    ) -> Result<(Vec<String>, Vec<f64>, String), ScanError> {
-        let scans: Vec<_> = names.iter().map(|name| (*name, bytes(900))).collect();
-        let dir = folder(times, &scans);
-        let found = Folder::open(dir.path(), options)?;
-        let name = |file: &ScanFile| file.path.file_name().unwrap().to_string_lossy().into_owned();
-        let (names, stamps) = found.files().iter().map(|file| (name(file), file.stamp)).unzip();
-        Ok((names, stamps, found.remarks().join("; ")))
-    }
-
-    #[test]
-    fn scans_come_as_people_count() {
-        let plain = FolderOptions::default();
-        let (names, ..) = told("", &["0.bin", "1.bin", "10.bin", "100.bin", "2.bin"], &plain).unwrap();
-        assert_eq!(names, ["0.bin", "1.bin", "2.bin", "10.bin", "100.bin"]);
-        let (names, stamps, said) = told("", &["s9.bin", "s10.bin", "s14.bin", "s15.bin"], &plain).unwrap();
-        assert_eq!((names[1].as_str(), stamps[3]), ("s10.bin", 0.3));
-        assert!(said.contains("after 10 comes 14 (3 missing)"), "{said}");
-        let (_, stamps, said) =
-            told("0\n0.1\n0.2\n0.3\n0.4\n", &["000000.bin", "000003.bin"], &plain).unwrap();
-        assert!(stamps == [0.0, 0.3] && said.contains("5 times for 2 scans"), "{stamps:?} {said}");
-    }
-
-    #[test]
-    fn times_of_scans_are_told_as_those_of_images() {
-        let (plain, names) = (FolderOptions::default(), ["0.bin", "1.bin", "2.bin"]);
-        for table in [
-            "0\n100000000\n200000000\n",
-            "1600000000000000000\n1600000000100000000\n1600000000200000000\n",
-            "time;scan\n0;0\n0,1;1\n0,2;2\n",
-            "\u{feff}0.0 0\r\n0.1 1\r\n0.2 2\r\n",
-            "2011-09-26 13:02:25.9\n2011-09-26 13:02:26.0\n2011-09-26 13:02:26.1\n",
-        ] {
-            let stamps = told(table, &names, &plain).unwrap().1;
-            assert!(stamps.windows(2).all(|w| (w[1] - w[0] - 0.1).abs() < 1e-6), "{table}: {stamps:?}");
-        }
-        let error = told("7\n7\n7\n", &names, &plain).unwrap_err().to_string();
-        assert!(error.contains("all 3 scans have the time 7") && error.contains("--rate"), "{error}");
-        let options = FolderOptions { rate: Some(20.0), ..plain.clone() };
-        assert_eq!(told("7\n7\n7\n", &names, &options).unwrap().1[2], 0.1);
-        let raw = tempfile::tempdir().unwrap();
-        let data = raw.path().join("velodyne_points/data");
-        std::fs::create_dir_all(&data).unwrap();
-        (0..2).for_each(|i| std::fs::write(data.join(format!("000000000{i}.bin")), bytes(900)).unwrap());
-        let dates = "2011-09-26 13:02:25.900000000\n2011-09-26 13:02:26.000000000\n";
-        std::fs::write(raw.path().join("velodyne_points/timestamps.txt"), dates).unwrap();
-        assert!(is_folder_of_scans(raw.path()));
-        let found = Folder::open(raw.path(), &plain).unwrap();
-        assert!((found.files()[1].stamp - found.files()[0].stamp - 0.1).abs() < 1e-6);
-    }
-
-    #[test]
-    fn thinned_recordings_get_no_times() {
-        let dir = folder("0\n1\n", &[("0.bin", bytes(900)), ("1.bin", bytes(900))]);
-        let found = Folder::open(
-            dir.path(),
-            &FolderOptions { timing: Some(SweepTiming::default()), ..FolderOptions::default() },
-        )
-        .unwrap();
-        assert!(found.read(&found.files()[0]).unwrap().times.is_empty());
-    }
-}
+mod tests;

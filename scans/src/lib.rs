@@ -6,7 +6,9 @@
 //!
 //! The frame is the sensor's: x forward, y left, z up, metres; times are seconds.
 
+mod bin_layout;
 mod columns;
+mod contents;
 mod error;
 mod folder;
 mod kitti;
@@ -15,17 +17,22 @@ mod messages;
 mod pcd;
 mod ply;
 mod source;
+mod sweep_times;
 pub mod tables;
 mod timing;
 
+pub use bin_layout::{BinLayout, Sample, layout_of};
+pub use contents::{FolderContents, folder_contents};
 pub use error::ScanError;
-pub use folder::{Folder, FolderOptions, ScanFile, is_folder_of_scans};
-pub use kitti::read_kitti;
+pub use folder::{Folder, FolderOptions, ScanFile};
+pub use kitti::{read_bin, read_kitti};
 pub use messages::{Encoding, MessageKind};
 pub use pcd::read_pcd;
 pub use ply::read_ply;
 pub use source::{FolderSource, NextScan, ScanInfo, ScanSource};
-pub use timing::{Spin, StampAt, SweepTiming, rings_of};
+pub use timing::{ScanTiming, Spin, StampAt, SweepTiming, rings_of};
+
+use sweep_times::interval;
 
 /// One sweep of a LiDAR, points in the order of the sensor.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -39,6 +46,8 @@ pub struct Scan {
     pub times: Vec<f32>,
     /// Ring (laser) of each point. As long as `points`, or empty where it is not known.
     pub rings: Vec<u16>,
+    /// Points that were left out since their times are not of this sweep.
+    pub stale: usize,
 }
 
 impl Scan {
@@ -64,19 +73,15 @@ impl Scan {
         }
     }
 
-    /// Refuses a scan from which no pose can come, and drops points that are not finite or lie in the sensor.
+    /// Refuses a scan from which no pose can come, and drops points that are not finite, lie in the sensor, or have times that are
+    /// not of the sweep; the last are counted.
     ///
     /// # Errors
     /// [`ScanError::TooFew`] and [`ScanError::Flat`] say why a scan is of no use.
     pub fn checked(mut self, name: &str) -> Result<Self, ScanError> {
         let read = self.points.len();
-        self.retain(|scan, i| {
-            let p = scan.points[i];
-            let squared = p.iter().map(|v| v * v).sum::<f32>();
-            squared.is_finite()
-                && squared > LEAST_RANGE * LEAST_RANGE
-                && scan.times.get(i).is_none_or(|t| t.is_finite())
-        });
+        self.retain(|scan, i| is_return(&scan.points[i]));
+        self.drop_stale();
         if self.points.len() < LEAST_POINTS {
             return Err(ScanError::TooFew { name: name.into(), read, usable: self.points.len() });
         }
@@ -85,6 +90,26 @@ impl Scan {
         }
         Ok(self)
     }
+}
+
+impl Scan {
+    /// Drops points whose times are not of the sweep.
+    fn drop_stale(&mut self) {
+        let Some(([early, late], _)) = interval(self.times.iter().map(|time| f64::from(*time))) else {
+            return;
+        };
+        let before = self.points.len();
+        self.retain(|scan, i| {
+            scan.times.get(i).is_none_or(|time| (early..=late).contains(&f64::from(*time)))
+        });
+        self.stale += before - self.points.len();
+    }
+}
+
+/// Whether a point is one: finite, and not in the sensor.
+pub(crate) fn is_return(point: &[f32; 3]) -> bool {
+    let squared = point.iter().map(|v| v * v).sum::<f32>();
+    squared.is_finite() && squared > LEAST_RANGE * LEAST_RANGE
 }
 
 /// Fewest usable points of a scan. A sixteenth of the returns of the sparsest common sensor, 16 rings of 400.

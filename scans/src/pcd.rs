@@ -171,6 +171,7 @@ mod tests {
             points: vec![[1.0, 2.0, -0.5], [4.0, 5.0, 6.0]],
             times: vec![0.0, 0.1],
             rings: vec![7, 300],
+            stale: 0,
         }
     }
 

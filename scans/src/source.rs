@@ -28,6 +28,10 @@ pub struct ScanInfo {
     pub count: Option<u64>,
     /// Seconds from the first scan to the last, where that can be told.
     pub duration: Option<f64>,
+    /// Whether it is laid out as KITTI's recordings are, whose sensor turns in a known way.
+    pub is_kitti: bool,
+    /// What else there is to say of it, as label and text.
+    pub facts: Vec<(&'static str, String)>,
 }
 
 /// A scan as its source has it.
@@ -59,6 +63,8 @@ impl FolderSource {
             kind: format!("folder of {} scans", folder.kind()),
             count: Some(files.len() as u64),
             duration: ends.map(|(first, last)| last.stamp - first.stamp).filter(|seconds| *seconds >= 0.0),
+            is_kitti: folder.is_kitti(),
+            facts: folder.facts(),
         };
         Self { folder, info, next: 0 }
     }

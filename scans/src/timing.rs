@@ -2,6 +2,8 @@
 
 use crate::Scan;
 use std::f32::consts::{PI, TAU};
+use std::fmt;
+use std::str::FromStr;
 
 /// Which way a sensor turns, seen from above.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -65,6 +67,80 @@ impl SweepTiming {
     }
 }
 
+/// How the times of points are told that their recording does not say.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum ScanTiming {
+    /// By what fits the first seconds best.
+    #[default]
+    Found,
+    /// There are none: scans are undistorted already.
+    Rigid,
+    /// As of KITTI's Velodyne.
+    Kitti,
+    /// By how the sensor turns; a sweep lasts as long as scans are apart.
+    Turning {
+        /// Which way.
+        spin: Spin,
+        /// Azimuth at which a sweep begins, radians from x towards y.
+        start_azimuth: f32,
+        /// What the stamp means.
+        stamp_at: StampAt,
+    },
+}
+
+/// What a word for it is.
+const TIMING_FIX: &str = "give auto, rigid, kitti, or how the sensor turns: clockwise or counter-clockwise, where it begins in \
+     degrees from x towards y, and whether the stamp is its begin, middle or end, as clockwise,180,middle";
+
+impl FromStr for ScanTiming {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "auto" => return Ok(Self::Found),
+            "rigid" => return Ok(Self::Rigid),
+            "kitti" => return Ok(Self::Kitti),
+            _ => {}
+        }
+        let mut words = text.split(',').map(str::trim);
+        let spin = match words.next() {
+            Some("clockwise" | "cw") => Spin::Clockwise,
+            Some("counter-clockwise" | "ccw") => Spin::CounterClockwise,
+            _ => return Err(TIMING_FIX.into()),
+        };
+        let degrees =
+            words.next().and_then(|word| word.parse::<f32>().ok()).filter(|angle| angle.is_finite());
+        let start_azimuth = degrees.ok_or(TIMING_FIX)?.to_radians();
+        let stamp_at = match words.next() {
+            None | Some("begin") => StampAt::Start,
+            Some("middle") => StampAt::Middle,
+            Some("end") => StampAt::End,
+            Some(_) => return Err(TIMING_FIX.into()),
+        };
+        if words.next().is_some() {
+            return Err(TIMING_FIX.into());
+        }
+        Ok(Self::Turning { spin, start_azimuth, stamp_at })
+    }
+}
+
+impl fmt::Display for SweepTiming {
+    /// `clockwise from 180°, 0.100 s, stamp in the middle`.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let spin = match self.spin {
+            Spin::Clockwise => "clockwise",
+            Spin::CounterClockwise => "counter-clockwise",
+        };
+        let stamp = match self.stamp_at {
+            StampAt::Start => "at the begin",
+            StampAt::Middle => "in the middle",
+            StampAt::End => "at the end",
+        };
+        let degrees = self.start_azimuth.to_degrees().rem_euclid(360.0);
+        write!(f, "{spin} from {degrees:.0}°, {:.3} s, stamp {stamp}", self.period)
+    }
+}
+
 /// Fewest and most rings that a derivation is believed to have found: the sensors there are.
 const RINGS: std::ops::RangeInclusive<usize> = 4..=256;
 
@@ -118,6 +194,24 @@ mod tests {
             ..timing
         };
         assert!((other.time_of([0.0, 1.0, 0.0]) - 0.025).abs() < 1e-6);
+    }
+
+    #[test]
+    fn how_a_sensor_turns_can_be_said() {
+        let turning = |spin, degrees: f32, stamp_at| {
+            Ok(ScanTiming::Turning { spin, start_azimuth: degrees.to_radians(), stamp_at })
+        };
+        assert_eq!("auto".parse(), Ok(ScanTiming::Found));
+        assert_eq!("clockwise,180,middle".parse(), turning(Spin::Clockwise, 180.0, StampAt::Middle));
+        assert_eq!("ccw, -90".parse(), turning(Spin::CounterClockwise, -90.0, StampAt::Start));
+        assert_eq!("cw,0,end".parse(), turning(Spin::Clockwise, 0.0, StampAt::End));
+        for text in ["", "clockwise", "cw,x", "cw,nan", "cw,1,half", "cw,1,end,2", "left,3"] {
+            assert!(
+                text.parse::<ScanTiming>().is_err_and(|error| error.contains("clockwise,180,middle")),
+                "{text}"
+            );
+        }
+        assert_eq!(SweepTiming::default().to_string(), "clockwise from 180°, 0.100 s, stamp in the middle");
     }
 
     /// Points on rings that begin at an azimuth, ring by ring or firing by firing, and their rings.

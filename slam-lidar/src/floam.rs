@@ -315,6 +315,7 @@ mod tests {
                 points: returns.iter().map(|r| r.point).collect(),
                 times: returns.iter().map(|r| r.time).collect(),
                 rings: returns.iter().map(|r| u16::from(r.ring)).collect(),
+                ..Scan::default()
             };
             let found = odometry.track(&scan).expect("the scan has rings");
             let truth = pose(found.instant);

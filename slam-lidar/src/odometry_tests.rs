@@ -192,6 +192,7 @@ fn a_floor_seen_by_a_few_rings_keeps_a_map_level_from_its_first_metre_on() {
                 points: returns.iter().map(|r| r.point).collect(),
                 times: returns.iter().map(|r| r.time).collect(),
                 rings: returns.iter().map(|r| u16::from(r.ring)).collect(),
+                ..Scan::default()
             });
             let truth = pose(found.instant);
             let world = world.get_or_insert(truth * found.world_from_sensor.inverse());

@@ -1,5 +1,6 @@
 //! ROS 1 bags as sources.
 
+use super::camera_topics::Match;
 use super::input::{Bytes, Input};
 use super::messages::{self, Content};
 use super::topic_recording::{Stamped, TopicRecording};
@@ -8,6 +9,7 @@ use super::{FoundCalibration, SourceInfo, SourceOptions};
 pub use crate::bag::MAGIC;
 use crate::bag::{self, BagReader, Message};
 use anyhow::{Context, Result};
+use calib::CameraHint;
 use geometry::limits::MAX_BYTES;
 use std::fs::File;
 use std::io::{BufReader, Read};
@@ -36,8 +38,9 @@ pub fn open(input: Input, options: &SourceOptions) -> Result<TopicRecording> {
     };
     let (topic, count) = topics.choose(input.path(), options.topic.as_deref(), LOOKED_FOR)?;
     let calibration = match topics.calibration(&topic) {
-        Some(wanted) => first_calibration(&input, &wanted)?,
-        None => None,
+        Match::Found(wanted) => first_calibration(&input, &wanted, &topic)?,
+        Match::Unclear(names) => Some(FoundCalibration::unclear(&names, input.path(), &topic)),
+        Match::Others(_) => None,
     };
     let info = SourceInfo {
         kind: "ROS 1 bag",
@@ -45,6 +48,7 @@ pub fn open(input: Input, options: &SourceOptions) -> Result<TopicRecording> {
         frame_count: Some(count),
         duration: topics.duration(),
         calibration,
+        camera: CameraHint { topic: Some(topic.clone()), ..CameraHint::default() },
         lag: None,
     };
     let form = topics.image_form(&topic).context("the topic holds no images")?;
@@ -97,12 +101,11 @@ fn of_messages(messages: Reader) -> Topics {
 }
 
 /// The first calibration on `topic`.
-fn first_calibration(input: &Input, topic: &str) -> Result<Option<FoundCalibration>> {
+fn first_calibration(input: &Input, topic: &str, images: &str) -> Result<Option<FoundCalibration>> {
     for message in reader(input)?.flatten().filter(|message| message.connection.topic == topic) {
         let Some(Content::Calibration(form)) = content(&message.connection.kind) else { continue };
-        let origin = format!("topic {topic} of {}", input.path().display());
-        let camera = messages::read_calibration(form, &message.data);
-        return Ok(Some(FoundCalibration::of_message(origin, camera)));
+        let info = messages::read_calibration(form, &message.data);
+        return Ok(Some(FoundCalibration::of_message(topic, input.path(), images, info)));
     }
     Ok(None)
 }

@@ -7,7 +7,7 @@ pub use mask::DrawnMask;
 use crate::recording::CalibrationFiles;
 use crate::{FoundCalibration, SourceInfo};
 use anyhow::{Context, Result, bail};
-use calib::read_camera;
+use calib::read_camera_of;
 use geometry::{
     Camera, Crop, Distortion, GrayImage, Image, ImageSizeError, PhotometricCalibration, Pinhole, Undistorter,
     halved,
@@ -26,6 +26,8 @@ pub const DEFAULT_MAX_WIDTH: usize = 1280;
 pub struct CameraOptions {
     /// Calibration file, instead of the one that came with the recording.
     pub calibration: Option<PathBuf>,
+    /// Whether a calibration that came with the recording is left aside.
+    pub leave_found: bool,
     /// Inverse response of the sensor.
     pub response: Option<PathBuf>,
     /// Vignette of the lens.
@@ -43,6 +45,7 @@ impl Default for CameraOptions {
     fn default() -> Self {
         Self {
             calibration: None,
+            leave_found: false,
             response: None,
             vignette: None,
             mask: None,
@@ -127,6 +130,16 @@ impl ImageCorrection {
         &self.origin
     }
 
+    /// The camera as calibrated, before images are halved.
+    pub fn calibrated(&self) -> &Camera {
+        &self.calibrated
+    }
+
+    /// The calibration and where it came from, for people.
+    pub fn text(&self) -> String {
+        format!("{}: {}", self.origin, described(&self.calibrated))
+    }
+
     /// What of the camera's images, before they are halved, is not to be used, where somebody has said so.
     pub fn drawn_mask(&self) -> Option<&DrawnMask> {
         self.drawn_mask.as_ref()
@@ -179,7 +192,7 @@ impl ImageCorrection {
 pub fn correction(options: &CameraOptions, info: &SourceInfo) -> Result<ImageCorrection> {
     let (camera, crop, origin) = match (&options.calibration, &info.calibration) {
         (Some(path), _) | (None, Some(FoundCalibration::File(path))) => {
-            let file = read_camera(path)?;
+            let file = read_camera_of(path, &info.camera)?;
             (file.camera, file.crop.unwrap_or_default(), path.display().to_string())
         }
         (
@@ -193,13 +206,18 @@ pub fn correction(options: &CameraOptions, info: &SourceInfo) -> Result<ImageCor
             (file.camera, file.crop.unwrap_or_default(), origin.clone())
         }
         (None, Some(FoundCalibration::Unusable { origin, reason })) => {
-            bail!("{origin}: the calibration cannot be used: {reason}\nhint: give one with --calib FILE")
+            bail!(
+                "{origin}: the calibration cannot be used: {reason}\nhint: give one with --calib FILE, or have the lens \
+                 found from the images with --calib none"
+            )
         }
-        (None, None | Some(FoundCalibration::Recorded { .. })) => bail!(
-            "{}: no calibration came with this recording\nhint: give one with --calib FILE (a camera.yaml with \
+        (None, None | Some(FoundCalibration::Recorded { .. } | FoundCalibration::Uncalibrated { .. })) => {
+            bail!(
+                "{}: no calibration came with this recording\nhint: give one with --calib FILE (a camera.yaml with \
              model, width, height, fx, fy, cx, cy, distortion; Kalibr, ROS, OpenCV and DSO files do too)",
-            info.path.display()
-        ),
+                info.path.display()
+            )
+        }
     };
     let camera = match options.scale_to {
         Some(size) => scaled(&camera, size).with_context(|| origin.clone())?,
@@ -224,6 +242,22 @@ pub fn correction(options: &CameraOptions, info: &SourceInfo) -> Result<ImageCor
         lens,
         origin,
     })
+}
+
+/// A camera for people: model, size, focal length and the view that makes.
+pub fn described(camera: &Camera) -> String {
+    let &Pinhole { width, height, fx, .. } = camera.intrinsics();
+    let lens = match camera.distortion() {
+        Distortion::None => "pinhole",
+        Distortion::RadTan(_) => "radial-tangential",
+        Distortion::KannalaBrandt(_) => "Kannala-Brandt",
+        Distortion::Fov(_) => "field-of-view",
+    };
+    let view = 2.0 * (width as f64 / (2.0 * fx)).atan().to_degrees();
+    // Behind a lens that bends, what the focal length alone would show is not what it shows.
+    let view =
+        if camera.distortion().is_identity() { format!(" (view of {view:.0}°)") } else { String::new() };
+    format!("{lens} {width}×{height}, fx {fx:.1} px{view}")
 }
 
 /// Whether images of this size are those of the camera, larger or smaller.

@@ -5,6 +5,7 @@ use super::{FoundCalibration, FrameSource, SourceFrame, SourceInfo};
 use crate::forward::{Faults, Judged, judged};
 use crate::pictures::Picture;
 use anyhow::{Context, Result, bail};
+use calib::CameraHint;
 use scans::tables::natural_key;
 use std::path::{Path, PathBuf};
 
@@ -47,12 +48,16 @@ impl ImageList {
             of_each.iter().filter_map(|one| if let Judged::At(time) = one { Some(*time) } else { None });
         let first = good.next();
         let duration = first.map(|first| good.next_back().unwrap_or(first) - first);
+        let images = frames.first().and_then(|(_, file)| file.parent());
+        // A path from inside of the folder does not name it.
+        let images = images.map(|images| images.canonicalize().unwrap_or_else(|_| images.to_owned()));
         let info = SourceInfo {
             kind,
             path: folder.to_owned(),
             frame_count: Some(frames.len() as u64),
             duration,
             calibration,
+            camera: CameraHint { folder: images, ..CameraHint::default() },
             lag: None,
         };
         let frames = of_each.into_iter().zip(frames).collect();
@@ -151,8 +156,12 @@ pub fn images_in(folder: &Path) -> Result<Vec<PathBuf>> {
     Ok(images)
 }
 
-/// Whether a file's name is that of an image that can be read.
+/// Whether a file's name is that of an image that can be read. Names that begin with a dot are what other systems leave beside files
+/// (`._000001.png`), and no frames.
 pub fn is_image(path: &Path) -> bool {
+    if path.file_name().is_some_and(|name| name.to_string_lossy().starts_with('.')) {
+        return false;
+    }
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
     matches!(extension.as_str(), "png" | "jpg" | "jpeg" | "pgm" | "ppm" | "tif" | "tiff" | "bmp")
 }

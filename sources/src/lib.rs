@@ -6,11 +6,13 @@ pub mod ahead;
 pub mod bag;
 mod bag_recording;
 pub mod camera;
+mod camera_topics;
 pub mod convert;
 pub mod correction;
 mod damage;
 mod euroc;
 mod ffmpeg;
+mod folder_kind;
 #[cfg(test)]
 mod format_tests;
 pub mod forward;
@@ -39,6 +41,7 @@ mod tum;
 mod tum_mono;
 mod video;
 
+pub use folder_kind::FolderKind;
 pub use image_list::{images_in, is_image};
 pub use image_table::timed_images;
 pub use input::Input;
@@ -48,6 +51,7 @@ pub use stop::Stop;
 use crate::pictures::{Picture, StatedFocal};
 use crate::recording::CalibrationFiles;
 use anyhow::{Result, bail};
+use calib::{CameraHint, CameraInfo, Imagery};
 use forward::Forward;
 use geometry::Camera;
 use kinds::check_kind;
@@ -84,6 +88,8 @@ pub struct SourceInfo {
     pub duration: Option<f64>,
     /// A calibration that came with it.
     pub calibration: Option<FoundCalibration>,
+    /// What is known of which camera took the frames, where a calibration file may hold several.
+    pub camera: CameraHint,
     /// Of the recording of a run that tracked as the camera went: how many frames its mapping took, which a replay
     /// repeats ([`slam_direct`'s `mapping.lag`](slam_direct::Params)).
     pub lag: Option<usize>,
@@ -115,6 +121,11 @@ pub enum FoundCalibration {
         /// The files.
         files: Box<CalibrationFiles>,
     },
+    /// The recording says that its camera is not calibrated.
+    Uncalibrated {
+        /// Where in the recording, for people.
+        origin: String,
+    },
     /// There is one in the recording, but it cannot be used.
     Unusable {
         /// Where in the recording, for people.
@@ -125,12 +136,23 @@ pub enum FoundCalibration {
 }
 
 impl FoundCalibration {
-    /// What a calibration message gave.
-    fn of_message(origin: String, camera: Result<Camera>) -> Self {
-        match camera {
-            Ok(camera) => Self::Inside { origin, camera: Box::new(camera) },
+    /// What the calibration message of a topic gave, for the images of another.
+    fn of_message(topic: &str, path: &Path, images: &str, info: Result<CameraInfo>) -> Self {
+        let rectified = camera_topics::is_rectified(images);
+        let (imagery, part) =
+            if rectified { (Imagery::Rectified, ", of rectified images") } else { (Imagery::Raw, "") };
+        let origin = format!("topic {topic} of {}{part}", path.display());
+        match info.and_then(|info| Ok(info.camera(imagery, "the message")?)) {
+            Ok(Some(camera)) => Self::Inside { origin, camera: Box::new(camera) },
+            Ok(None) => Self::Uncalibrated { origin },
             Err(error) => Self::Unusable { origin, reason: format!("{error:#}") },
         }
+    }
+
+    /// Where several calibration topics may be the images', and nothing tells which.
+    fn unclear(topics: &[String], path: &Path, images: &str) -> Self {
+        let reason = format!("nothing tells which of them is the camera's on {images}");
+        Self::Unusable { origin: format!("topics {} of {}", topics.join(", "), path.display()), reason }
     }
 }
 
@@ -273,7 +295,8 @@ pub fn open_bytes(bytes: &[u8], options: &SourceOptions) -> Result<Box<dyn Frame
 /// # Errors
 /// When it is none.
 pub fn read_foxglove_calibration(message: &[u8]) -> Result<Camera> {
-    messages::read_calibration(messages::Form::FoxgloveCalibration, message)
+    let info = messages::read_calibration(messages::Form::FoxgloveCalibration, message)?;
+    info.camera(Imagery::Raw, "the message")?.ok_or_else(|| anyhow::anyhow!("the camera is not calibrated"))
 }
 
 #[cfg(feature = "sqlite")]
@@ -315,9 +338,11 @@ fn open_folder(path: &Path, options: &SourceOptions) -> Result<Box<dyn FrameSour
         return parts::open(path, &bags, options, open_bag);
     } else {
         bail!(
-            "{}: no recording here\nhint: looked for times.txt with images/, rgb.txt (TUM), mav0/cam0/data.csv \
-             (EuRoC), image_0/ or image_2/ with times.txt (KITTI), image_00/data with timestamps.txt (KITTI raw), .mcap, .db3 and .bag files, and .png, .jpg, .pgm, .tiff or .bmp files",
-            path.display()
+            "{}: no recording here: {}\nhint: looked for times.txt with images/, rgb.txt (TUM), mav0/cam0/data.csv \
+             (EuRoC), image_0/ or image_2/ with times.txt (KITTI), image_00/data with timestamps.txt (KITTI raw), .mcap, .db3 and .bag \
+             files, .png, .jpg, .pgm, .tiff or .bmp files, and a LiDAR's .bin, .pcd or .ply",
+            path.display(),
+            folder_kind::listed(path)
         );
     };
     refuse_topic(path, options)?;

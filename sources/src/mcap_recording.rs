@@ -4,6 +4,7 @@ mod linear;
 mod seek;
 mod survey;
 
+use super::camera_topics::Match;
 use super::input::Input;
 use super::messages::{self, Content};
 use super::topics::Topics;
@@ -14,6 +15,7 @@ use crate::messages::unpacked;
 use crate::pictures::{GreyRange, Picture};
 use crate::recording::{GREY_RANGE, NumberSet, RecordedHead, read_head};
 use anyhow::Result;
+use calib::CameraHint;
 use geometry::limits::MAX_BYTES;
 use linear::Linear;
 use mcap::McapResult;
@@ -79,6 +81,7 @@ pub fn open(input: Input, options: &SourceOptions) -> Result<McapRecording> {
         }),
         duration: survey.topics.duration(),
         calibration: calibration(&input, &head, &survey, &topic)?,
+        camera: CameraHint { topic: Some(topic.clone()), ..CameraHint::default() },
         lag: head.lag().filter(|_| !options.all_frames),
     };
     let range = head.is_ours.then(|| survey.ending.get(GREY_RANGE)).flatten();
@@ -263,12 +266,15 @@ fn calibration(
         let origin = format!("{name} in {}", input.path().display());
         return Ok(Some(FoundCalibration::Recorded { origin, files: Box::new(head.calibration.clone()) }));
     }
-    let Some(wanted) = survey.topics.calibration(topic) else { return Ok(None) };
+    let wanted = match survey.topics.calibration(topic) {
+        Match::Found(wanted) => wanted,
+        Match::Unclear(names) => return Ok(Some(FoundCalibration::unclear(&names, input.path(), topic))),
+        Match::Others(_) => return Ok(None),
+    };
     for message in linear(input)?.flatten().filter(|message| message.channel.topic == wanted) {
         let Some(Content::Calibration(form)) = content(&message.channel) else { continue };
-        let origin = format!("topic {wanted} of {}", input.path().display());
-        let camera = unpacked(&message.data).and_then(|data| messages::read_calibration(form, &data));
-        return Ok(Some(FoundCalibration::of_message(origin, camera)));
+        let info = unpacked(&message.data).and_then(|data| messages::read_calibration(form, &data));
+        return Ok(Some(FoundCalibration::of_message(&wanted, input.path(), topic, info)));
     }
     Ok(None)
 }

@@ -72,6 +72,8 @@ pub fn open_scans(path: &Path, topic: Option<&str>) -> Result<Option<ScanRecordi
         kind: format!("{kind} of scans"),
         count: Some(*count),
         duration: topics.duration(),
+        is_kitti: false,
+        facts: topics.facts(),
     };
     let damage = Damage::default();
     Ok(Some(ScanRecording { info, topic: topic.clone(), messages, next: 0, damage, ended: false, by_log }))

@@ -1,5 +1,6 @@
 //! The topics of a recording in messages, and which of them to take.
 
+use super::camera_topics::{Match, calibration_of};
 use super::messages::{Content, Form};
 use anyhow::{Result, bail};
 use std::collections::BTreeMap;
@@ -127,13 +128,15 @@ impl Topics {
         }
     }
 
-    /// The calibration topic whose name shares the most with the images' topic, as
-    /// `/cam0/camera_info` with `/cam0/image_raw`.
-    pub fn calibration(&self, images: &str) -> Option<String> {
-        let shared = |name: &str| name.bytes().zip(images.bytes()).take_while(|(a, b)| a == b).count();
-        let calibrations =
-            self.by_name.iter().filter(|(_, t)| matches!(t.content, Some(Content::Calibration(_))));
-        calibrations.map(|(name, _)| name).max_by_key(|name| shared(name)).cloned()
+    /// The calibration topic that is the camera's on the topic `images`.
+    pub fn calibration(&self, images: &str) -> Match {
+        let calibrations = self.by_name.iter();
+        let calibrations: Vec<&str> = calibrations
+            .filter(|(_, topic)| matches!(topic.content, Some(Content::Calibration(_))))
+            .map(|(name, _)| name.as_str())
+            .collect();
+        let all: Vec<&str> = self.images().map(|(name, _)| name.as_str()).collect();
+        calibration_of(images, &all, &calibrations)
     }
 
     /// Seconds from the first to the last message.

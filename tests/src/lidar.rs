@@ -73,6 +73,15 @@ pub struct Return {
     pub ring: u8,
 }
 
+/// How a sensor turns.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Turning {
+    /// Whether azimuth grows with time, seen from above.
+    pub counter_clockwise: bool,
+    /// Azimuth at which a sweep begins, radians from x towards y.
+    pub start: f64,
+}
+
 /// A sweep of [`SIXTEEN`] that begins at `stamp`; `world_from_sensor` over time is `pose`.
 pub fn sweep(world: &[Corners], pose: impl Fn(f64) -> Se3, stamp: f64) -> Vec<Return> {
     sweep_of(&SIXTEEN, world, pose, stamp)
@@ -80,6 +89,18 @@ pub fn sweep(world: &[Corners], pose: impl Fn(f64) -> Se3, stamp: f64) -> Vec<Re
 
 /// A sweep that begins at `stamp`, of a sensor whose `world_from_sensor` over time is `pose`.
 pub fn sweep_of(sensor: &Sensor, world: &[Corners], pose: impl Fn(f64) -> Se3, stamp: f64) -> Vec<Return> {
+    sweep_turning(sensor, world, pose, stamp, Turning { counter_clockwise: false, start: 0.0 })
+}
+
+/// The same of a sensor that turns otherwise.
+pub fn sweep_turning(
+    sensor: &Sensor,
+    world: &[Corners],
+    pose: impl Fn(f64) -> Se3,
+    stamp: f64,
+    turning: Turning,
+) -> Vec<Return> {
+    let sense = if turning.counter_clockwise { 1.0 } else { -1.0 };
     let mut returns = Vec::with_capacity(sensor.columns as usize * usize::from(sensor.rings));
     let mut random = Random::new((stamp / PERIOD).round() as u64);
     for column in 0..sensor.columns {
@@ -87,7 +108,7 @@ pub fn sweep_of(sensor: &Sensor, world: &[Corners], pose: impl Fn(f64) -> Se3, s
         let time = share * PERIOD;
         let world_from_sensor = pose(stamp + time);
         for ring in 0..sensor.rings {
-            let azimuth = -share * std::f64::consts::TAU;
+            let azimuth = turning.start + sense * share * std::f64::consts::TAU;
             let elevation = (sensor.spacing * f64::from(ring) + sensor.lowest).to_radians();
             let level = elevation.cos();
             let direction = Vector3::new(azimuth.cos() * level, azimuth.sin() * level, elevation.sin());

@@ -2,7 +2,7 @@
 
 use super::params;
 use super::publishing::{self, Ros2Args};
-use super::run_scans::{self, ScanArgs, ScanRun};
+use super::run_scans::{self, OpenScans, ScanArgs, ScanRun};
 use super::watching::ViewArgs;
 use crate::console::{Ended, Ending, usage};
 use crate::interrupt::stop_on_ctrl_c;
@@ -12,13 +12,14 @@ use clap::{Args, ValueEnum};
 use loopbox::run::{
     Going, Listeners, PreparedRun, Progress, Recording, Resume, RunOptions, TrajectoryFormat,
 };
-use scans::ScanSource;
 use sources::ahead::Pace;
 use sources::camera::{CameraArgs, open_camera};
 use sources::correction::{CameraOptions, DEFAULT_MAX_WIDTH};
-use sources::recording::{check_length, check_name, refuse_existing};
+use sources::recording::refuse_existing;
 use sources::{FrameSource, SourceOptions};
 use std::path::{Path, PathBuf};
+
+mod checks;
 
 /// Arguments of `loopbox run`.
 #[derive(Args, Debug)]
@@ -28,8 +29,11 @@ pub struct RunArgs {
     #[arg(conflicts_with = "camera")]
     source: Option<PathBuf>,
     /// Folder for the results; made if it is not there
-    #[arg(short, long, value_name = "DIR")]
-    out: PathBuf,
+    #[arg(short, long, value_name = "DIR", required_unless_present = "check")]
+    out: Option<PathBuf>,
+    /// Say what the recording holds and what a run would use, as `loopbox info` does, and stop
+    #[arg(long, conflicts_with = "camera")]
+    check: bool,
     /// Replace results of another recording or of a merge in that folder, once the new ones are complete
     #[arg(short, long)]
     force: bool,
@@ -95,11 +99,12 @@ struct PartArgs {
 #[derive(Args, Debug)]
 #[command(next_help_heading = "Lens and sensor")]
 struct LensArgs {
-    /// Camera calibration, if none came with the recording or another is wanted
+    /// Camera calibration, if none came with the recording or another is wanted; FILE:cam1 names one of several in it, none
+    /// leaves aside what came with the recording
     #[arg(long, value_name = "FILE")]
     calib: Option<PathBuf>,
-    /// Without a calibration: the horizontal field of view in degrees, to find the lens from; where it is not given
-    /// either, usual ones are begun with
+    /// The horizontal field of view in degrees, to find the lens from, whatever came with the recording; without it and a
+    /// calibration usual ones are begun with
     #[arg(long, value_name = "DEGREES", allow_negative_numbers = true, conflicts_with = "calib")]
     fov: Option<f64>,
     /// Scale the calibration to the images, where they show the same at another size
@@ -156,6 +161,9 @@ struct MapArgs {
     min_tracked: Option<f64>,
 }
 
+/// In place of a file: a calibration that came with the recording is left aside.
+const NO_CALIBRATION: &str = "none";
+
 /// When features are found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum FeatureTime {
@@ -185,28 +193,36 @@ enum LogForm {
 /// When the recording, calibration or parameters cannot be used, nothing could be tracked, or the
 /// results cannot be written.
 pub fn execute(args: &RunArgs) -> Result<()> {
-    usage(args.check())?;
+    usage(args.check_numbers())?;
     if let Some(path) = &args.map.record {
         refuse_existing(path)?;
     }
     let found = |source: &Path| run_scans::open(source, args.part.topic.as_deref(), &args.scans).transpose();
     if let Some(scans) = args.source.as_deref().and_then(found).transpose()? {
-        return args.over_scans(scans);
+        return if args.check { args.tell_of_scans(scans) } else { args.over_scans(scans) };
     }
     usage(args.for_images())?;
+    if args.check {
+        return args.tell_of_images();
+    }
     let stop = stop_on_ctrl_c("stopping: saving what was tracked so far (Ctrl-C again to abort)")?;
     let mut options = args.options()?;
     args.take_threads()?;
-    let source = args.open()?;
-    if let Some(recording) = args.recording() {
-        let progress = Console::new(args.display(), None);
-        options.without_calibration(source.info(), recording, args.lens.fov, &stop, &progress)?;
+    let mut source = args.open()?;
+    let (progress, fov) = (Console::new(args.display(), None), args.lens.fov);
+    match args.recording() {
+        Some(recording) => options.without_calibration(source.info(), recording, fov, &stop, &progress)?,
+        None => options.live_without_calibration(source.as_mut(), fov, &stop, &progress)?,
     }
+    drop(progress);
     let prepared = PreparedRun::new(source, options)?;
     let progress = Console::new(args.display(), prepared.frame_count());
+    if prepared.is_given_a_calibration() {
+        progress.note(&prepared.calibration());
+    }
     prepared.problems().iter().for_each(|problem| progress.warn(problem));
     #[cfg(feature = "fleet")]
-    let fleet = args.pairing.start(&args.out, args.quiet)?;
+    let fleet = args.pairing.start(args.out(), args.quiet)?;
     let watched = |about: &_, frames, recording| {
         let watch = args.view.start(about, frames, recording)?;
         #[cfg(feature = "fleet")]
@@ -229,7 +245,7 @@ pub fn execute(args: &RunArgs) -> Result<()> {
     let mapped = mapped?;
     #[cfg(feature = "fleet")]
     if let Some(fleet) = fleet {
-        args.pairing.end(fleet, &args.out, &stop, args.quiet)?;
+        args.pairing.end(fleet, args.out(), &stop, args.quiet)?;
     }
     match (mapped.failure, mapped.apart) {
         (Some(failure), _) => bail!("the run ended early, what was tracked is saved: {failure}"),
@@ -239,68 +255,13 @@ pub fn execute(args: &RunArgs) -> Result<()> {
 }
 
 impl RunArgs {
-    fn check(&self) -> Result<()> {
-        if !(self.part.speed.is_finite() && self.part.speed > 0.0) {
-            bail!(
-                "--speed {} is not a speed\nhint: 1 is the speed of the recording, 2 twice as fast",
-                self.part.speed
-            );
-        }
-        if let Some(width) = self.lens.max_width.filter(|width| *width < 64) {
-            bail!("--max-width {width} leaves nothing to track\nhint: 640 and more do");
-        }
-        if let Some(fov) = self.lens.fov.filter(|fov| !(5.0..=150.0).contains(fov)) {
-            bail!("--fov {fov} is not a field of view\nhint: give degrees, such as --fov 65");
-        }
-        if let Some(share) = self.map.min_tracked.filter(|share| !(0.0..=1.0).contains(share)) {
-            bail!("--min-tracked {share} is not a share\nhint: 0.9 asks for 90 % of the frames");
-        }
-        if let Some(path) = &self.map.record {
-            check_name(path)?;
-            check_length(path)?;
-        }
-        if let Some(name) = &self.map.name {
-            check_length(Path::new(name))?;
-        }
-        if self.threads == Some(0) {
-            bail!("--threads 0 leaves nobody to map\nhint: give 1 or more; without it there is one per core");
-        }
-        if let (Some(start), Some(end)) = (self.part.start, self.part.end)
-            && start >= end
-        {
-            bail!("--start {start} is not before --end {end}");
-        }
-        if let Some(out_of_range) =
-            [self.part.start, self.part.end].into_iter().flatten().find(|s| !s.is_finite())
-        {
-            bail!("--start and --end are seconds into the recording, not {out_of_range}");
-        }
-        if let Some(variance) = self.map.max_variance.filter(|v| !(v.is_finite() && *v > 0.0)) {
-            bail!("--max-variance is {variance}\nhint: give a number above 0");
-        }
-        self.camera.check()?;
-        self.publishing.check()
-    }
-
-    /// Whether what was given fits a recording of images or a camera.
-    fn for_images(&self) -> Result<()> {
-        if let Some(name) = self.scans.given() {
-            bail!(
-                "{name} is for scans of a LiDAR\nhint: give a folder of KITTI (.bin), PCD or PLY scans, or a file with them"
-            );
-        }
-        if self.source.is_none() {
-            return self.camera.needed();
-        }
-        self.camera.not_needed()?;
-        if self.camera.duration.is_some() {
-            bail!("--duration is for cameras\nhint: of a recording, take --start and --end");
-        }
-        Ok(())
+    /// Folder for the results.
+    fn out(&self) -> &Path {
+        self.out.as_deref().unwrap_or(Path::new("."))
     }
 
     /// A run over a LiDAR's scans.
-    fn over_scans(&self, mut source: Box<dyn ScanSource>) -> Result<()> {
+    fn over_scans(&self, scans: OpenScans) -> Result<()> {
         let given = [
             (self.lens.calib.is_some(), "--calib"),
             (self.lens.fov.is_some(), "--fov"),
@@ -322,7 +283,7 @@ impl RunArgs {
         ];
         let given = given.into_iter().find(|(is_given, _)| *is_given).map(|(_, name)| name);
         if let Some(name) = given.or(self.view.given()) {
-            let path = source.info().path.display();
+            let path = scans.source.info().path.display();
             return usage(Err(anyhow!("{name} is for images, and {path} holds scans of a LiDAR")));
         }
         self.take_threads()?;
@@ -330,13 +291,13 @@ impl RunArgs {
         #[cfg_attr(not(feature = "fleet"), expect(unused_mut, reason = "only a fleet listens"))]
         let mut listeners = Listeners::default();
         #[cfg(feature = "fleet")]
-        let fleet = self.pairing.start(&self.out, self.quiet)?;
+        let fleet = self.pairing.start(self.out(), self.quiet)?;
         #[cfg(feature = "fleet")]
         if let Some(fleet) = &fleet {
             listeners.add(fleet.teller()?);
         }
         let run = ScanRun {
-            out: &self.out,
+            out: self.out(),
             name: self.map.name.as_deref(),
             force: self.force,
             start: self.part.start,
@@ -348,13 +309,13 @@ impl RunArgs {
             listeners,
             stop: &stop,
         };
-        let share = run_scans::execute(source.as_mut(), &run, &self.scans);
+        let share = run_scans::execute(scans, &run, &self.scans);
         // Whoever listens learns by this that no more comes.
         drop(run);
         let share = share?;
         #[cfg(feature = "fleet")]
         if let Some(fleet) = fleet {
-            self.pairing.end(fleet, &self.out, &stop, self.quiet)?;
+            self.pairing.end(fleet, self.out(), &stop, self.quiet)?;
         }
         self.judge(share)
     }
@@ -382,7 +343,7 @@ impl RunArgs {
     /// The recording, or the camera that is to be used instead.
     fn open(&self) -> Result<Box<dyn FrameSource>> {
         let Some(recording) = self.recording() else {
-            return open_camera(&self.camera.clone().for_calibration(self.lens.calib.as_deref())?);
+            return open_camera(&self.camera.clone().for_calibration(self.calibration())?);
         };
         recording.open()
     }
@@ -396,7 +357,8 @@ impl RunArgs {
 
     fn options(&self) -> Result<RunOptions> {
         let camera = CameraOptions {
-            calibration: self.lens.calib.clone(),
+            calibration: self.calibration().map(Path::to_owned),
+            leave_found: self.lens.calib.is_some() && self.calibration().is_none(),
             response: self.lens.response.clone(),
             vignette: self.lens.vignette.clone(),
             mask: self.lens.mask.clone(),
@@ -417,8 +379,13 @@ impl RunArgs {
             trajectory: self.map.trajectory,
             max_variance: self.map.max_variance.unwrap_or(map::DEFAULT_MAX_RELATIVE_VARIANCE),
             features: self.map.features.is_none_or(FeatureTime::is_now),
-            ..RunOptions::to(&self.out)
+            ..RunOptions::to(self.out())
         })
+    }
+
+    /// The calibration that is given.
+    fn calibration(&self) -> Option<&Path> {
+        self.lens.calib.as_deref().filter(|path| *path != Path::new(NO_CALIBRATION))
     }
 
     /// The map to go on in.

@@ -3,21 +3,25 @@
 use super::params;
 use crate::console::{say, tell};
 use anyhow::{Context, Result, bail};
+use clap::ValueEnum;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use eval::read_trajectory;
 use geometry::Se3;
 use indicatif::{ProgressBar, ProgressStyle};
+use loopbox::lidar::outlook::ScanOutlook;
 use loopbox::lidar::poses::GivenPoses;
 use loopbox::lidar::record::{FragmentRow, LidarRecord};
 use loopbox::lidar::run::Event;
+use loopbox::lidar::sweep_timing::{PointTimes, Scaled, Timed, point_times};
 use loopbox::lidar::{LidarOptions, Mapped, map_recording};
 use loopbox::run::Listeners;
 use nalgebra::UnitQuaternion;
-use scans::{Folder, FolderOptions, FolderSource, ScanSource, SweepTiming, is_folder_of_scans};
+use scans::{Folder, FolderOptions, FolderSource, ScanSource, ScanTiming};
 use serde_json::json;
+use slam_lidar::mapping::MappingParams;
 use slam_lidar::tracking::Method;
 use sources::forward::ForwardScans;
-use sources::{Stop, open_scans};
+use sources::{FolderKind, Stop, open_scans};
 use std::path::{Path, PathBuf};
 
 /// What only recordings of LiDARs take.
@@ -35,9 +39,61 @@ pub struct ScanArgs {
     /// Of a folder of scans: the file of their times, a line each, where it is not times.txt in the folder
     #[arg(long, value_name = "FILE", conflicts_with = "rate")]
     pub times: Option<PathBuf>,
-    /// Of KITTI scans: they are undistorted already; otherwise each point's time is told from its direction
-    #[arg(long)]
+    /// Of scans without times of points: how the sensor turns. auto finds it from the first seconds, rigid: scans are undistorted
+    /// already, kitti: as KITTI's, or clockwise or counter-clockwise, the azimuth in degrees at which a sweep begins, and what of
+    /// it the stamp is (begin, middle, end), as clockwise,180,middle
+    #[arg(long, value_name = "HOW", default_value = "auto", hide_default_value = true, value_parser = str::parse::<ScanTiming>)]
+    pub scan_timing: ScanTiming,
+    /// The same as --scan-timing rigid
+    #[arg(long, conflicts_with = "scan_timing")]
     pub undistorted: bool,
+    /// Of a LiDAR: the unit of the clouds' lengths, where it is not the metre
+    #[arg(long, value_enum, value_name = "UNIT", default_value_t = ScanUnit::M, hide_default_value = true)]
+    pub scan_unit: ScanUnit,
+    /// Of a folder that holds both: take the scans or the images
+    #[arg(long, value_enum, value_name = "WHICH")]
+    pub sensor: Option<SensorChoice>,
+}
+
+/// Units of lengths.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum ScanUnit {
+    /// Metres
+    #[default]
+    M,
+    /// Centimetres
+    Cm,
+    /// Millimetres
+    Mm,
+}
+
+/// What a folder that holds images and scans is taken for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum SensorChoice {
+    /// Its images
+    Camera,
+    /// Its scans
+    Lidar,
+}
+
+/// A recording of scans, and what is known of the times of its points.
+pub struct OpenScans {
+    /// Its scans, from the first on.
+    pub source: Box<dyn ScanSource>,
+    /// Whence the times of their points are known.
+    pub times: PointTimes,
+    /// What else the folder holds, for people.
+    pub also: Option<String>,
+}
+
+impl OpenScans {
+    /// What can be said of it beforehand; it is read on.
+    pub fn outlook(&mut self) -> ScanOutlook {
+        let farthest = MappingParams::default().odometry.range.1;
+        let mut outlook = ScanOutlook::of(self.source.as_mut(), &self.times, farthest);
+        outlook.facts.extend(self.also.clone().map(|also| ("also", also)));
+        outlook
+    }
 }
 
 fn method_parser() -> impl TypedValueParser<Value = Method> {
@@ -47,13 +103,15 @@ fn method_parser() -> impl TypedValueParser<Value = Method> {
 impl ScanArgs {
     /// The first option that was given, by its name on the command line.
     pub fn given(&self) -> Option<&'static str> {
-        let Self { odometry, poses, rate, times, undistorted } = self;
+        let Self { odometry, poses, rate, times, undistorted, scan_timing, scan_unit, sensor: _ } = self;
         let given = [
             (odometry.is_some(), "--odometry"),
             (poses.is_some(), "--poses"),
             (rate.is_some(), "--rate"),
             (times.is_some(), "--times"),
             (*undistorted, "--undistorted"),
+            (*scan_timing != ScanTiming::Found, "--scan-timing"),
+            (*scan_unit != ScanUnit::M, "--scan-unit"),
         ];
         given.into_iter().find(|(is_given, _)| *is_given).map(|(_, name)| name)
     }
@@ -63,21 +121,38 @@ impl ScanArgs {
 ///
 /// # Errors
 /// When there are scans, but they cannot be read.
-pub fn open(path: &Path, topic: Option<&str>, args: &ScanArgs) -> Result<Option<Box<dyn ScanSource>>> {
-    if !is_folder_of_scans(path) {
-        return Ok(open_scans(path, topic)?.map(|found| forward(Box::new(found))));
-    }
-    let options = FolderOptions {
-        rate: args.rate,
-        times: args.times.clone(),
-        timing: (!args.undistorted).then(SweepTiming::default),
-    };
-    Ok(Some(forward(Box::new(FolderSource::new(Folder::open(path, &options)?)))))
+pub fn open(path: &Path, topic: Option<&str>, args: &ScanArgs) -> Result<Option<OpenScans>> {
+    let Some(mut first) = as_recorded(path, topic, args)? else { return Ok(None) };
+    let timing = if args.undistorted { ScanTiming::Rigid } else { args.scan_timing };
+    let times = point_times(first.as_mut(), timing);
+    // What was looked at is read once more.
+    let again = as_recorded(path, topic, args)?.unwrap_or(first);
+    let also = FolderKind::of(path).other();
+    Ok(Some(OpenScans { source: Box::new(Timed::new(again, &times)), times, also }))
 }
 
-/// Scans whose time goes forward.
-fn forward(source: Box<dyn ScanSource>) -> Box<dyn ScanSource> {
-    Box::new(ForwardScans::new(source))
+/// The scans as they are recorded, but for the unit.
+fn as_recorded(path: &Path, topic: Option<&str>, args: &ScanArgs) -> Result<Option<Box<dyn ScanSource>>> {
+    let kind = FolderKind::of(path);
+    let is_lidar = match args.sensor {
+        Some(SensorChoice::Lidar) => kind.scans > 0,
+        Some(SensorChoice::Camera) => return Ok(None),
+        None => kind.is_of_lidar(),
+    };
+    let source: Box<dyn ScanSource> = if is_lidar {
+        let options = FolderOptions { rate: args.rate, times: args.times.clone() };
+        Box::new(FolderSource::new(Folder::open(path, &options)?))
+    } else {
+        let Some(found) = open_scans(path, topic)? else { return Ok(None) };
+        Box::new(found)
+    };
+    // Time goes forward.
+    let source: Box<dyn ScanSource> = Box::new(ForwardScans::new(source));
+    Ok(Some(match args.scan_unit {
+        ScanUnit::M => source,
+        ScanUnit::Cm => Box::new(Scaled::new(source, 0.01)),
+        ScanUnit::Mm => Box::new(Scaled::new(source, 0.001)),
+    }))
 }
 
 /// How a run over scans is made, in what it has in common with one over images.
@@ -110,7 +185,13 @@ pub struct ScanRun<'a> {
 ///
 /// # Errors
 /// When scans, poses or parameters cannot be used, nothing could be tracked, or results cannot be written.
-pub fn execute(source: &mut dyn ScanSource, run: &ScanRun<'_>, args: &ScanArgs) -> Result<f64> {
+pub fn execute(opened: OpenScans, run: &ScanRun<'_>, args: &ScanArgs) -> Result<f64> {
+    let OpenScans { mut source, times, also } = opened;
+    let source = source.as_mut();
+    if !run.quiet && !run.json {
+        also.iter().for_each(|also| tell!("note: the folder also holds {also}"));
+        tell!("point times: {}", times.text());
+    }
     let mut params = run.params.map(params::read_mapping).transpose()?.unwrap_or_default();
     params.method = args.odometry.unwrap_or(params.method);
     let poses = args.poses.as_deref().map(read_poses).transpose()?;
@@ -123,6 +204,7 @@ pub fn execute(source: &mut dyn ScanSource, run: &ScanRun<'_>, args: &ScanArgs) 
         start: run.start,
         end: run.end,
         kitti: run.kitti,
+        point_times: Some(times.text()),
         listeners: run.listeners.clone(),
     };
     let console = Console::new(run, source.info().count);
@@ -133,9 +215,17 @@ pub fn execute(source: &mut dyn ScanSource, run: &ScanRun<'_>, args: &ScanArgs) 
         source.remarks().iter().for_each(|remark| tell!("warning: {remark}"));
     }
     if run.json {
-        say!("{}", json!({ "event": "end", "scans": record.scans, "cost": record.cost, "map": record.map }));
+        say!(
+            "{}",
+            json!({
+                "event": "end", "scans": record.scans, "cost": record.cost, "map": record.map, "warnings": record.warnings
+            })
+        );
     } else if !run.quiet {
         summary(&record, run.out);
+    }
+    if !run.json {
+        record.warnings.iter().for_each(|warning| tell!("warning: {warning}"));
     }
     match failure {
         Some(failure) => bail!("the run ended early, what was mapped is saved: {failure}"),

@@ -8,12 +8,14 @@ mod convert;
 mod fragments;
 pub mod mapper;
 pub mod merging;
+pub mod outlook;
 mod output;
 pub(crate) mod page;
 pub mod poses;
 pub mod record;
 mod report;
 pub mod run;
+pub mod sweep_timing;
 mod telling;
 
 #[cfg(feature = "fleet")]

@@ -47,6 +47,8 @@ pub struct LidarOptions {
     pub end: Option<f64>,
     /// Trajectory as KITTI's rows of 3×4 numbers in place of TUM's.
     pub kitti: bool,
+    /// Whence the times of points are known, for people.
+    pub point_times: Option<String>,
     /// Who is told how the map grows.
     pub listeners: Listeners,
 }
@@ -70,7 +72,7 @@ pub fn map_recording(
     stop: &Stop,
     observe: &mut dyn FnMut(Event<'_>),
 ) -> Result<Mapped> {
-    let LidarOptions { out, name, force, params, poses, start, end, kitti, listeners } = options;
+    let LidarOptions { out, name, force, params, poses, start, end, kitti, point_times, listeners } = options;
     let info = source.info().clone();
     let about = AgentInfo {
         provenance: provenance(&info, &params, poses.as_ref().map(|(path, _)| path.as_path()))?,
@@ -93,7 +95,8 @@ pub fn map_recording(
     });
     let Growing { failure, beside, .. } = growing;
     let done = done.inspect_err(|_| results.forget_growing());
-    let record = done.and_then(|done| {
+    let record = done.and_then(|mut done| {
+        done.record.point_times = point_times;
         told.ended(&done.maps);
         write(&mut results, done, kitti)
     });

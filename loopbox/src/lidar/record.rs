@@ -18,6 +18,10 @@ pub struct LidarRecord {
     pub sensor: SensorKind,
     /// The recording.
     pub source: SourceRecord,
+    /// What makes the map doubtful, for people.
+    pub warnings: Vec<String>,
+    /// Whence the times of points are known, or why they are not, for people; `None` where nobody looked.
+    pub point_times: Option<String>,
     /// The parameters, the odometry's name among them.
     pub params: MappingParams,
     /// Whether poses were given, so that nothing was tracked.
@@ -80,6 +84,8 @@ pub struct ScanCounts {
     pub losses: u64,
     /// Of all with a pose, scans whose points had times: the others were taken as rigid.
     pub timed: u64,
+    /// Points that were left out since their times are not of their sweep.
+    pub stale_points: u64,
     /// Of all with a pose, scans that leave a direction of the pose open; along it the sensor is taken to keep its motion.
     pub degenerate: u64,
     /// Scans skipped, by reason.

@@ -2,6 +2,7 @@
 
 use super::fragments::joined;
 use super::mapper::{Mapper, NotTaken};
+use super::outlook::{Ranges, too_few_scans};
 use super::poses::GivenPoses;
 use super::record::{Cost, FragmentRow, LidarRecord, LoopRow, MapCounts, ScanCounts, ScanRow, SourceRecord};
 use anyhow::{Result, bail};
@@ -72,6 +73,7 @@ pub fn run(
     let (info, begin) = (source.info().clone(), Instant::now());
     let given_poses = poses.is_some();
     let mut mapper = Mapper::new(about, params, poses);
+    let (mut ranges, farthest) = (Ranges::default(), params.odometry.range.1);
     let (mut scans, mut rows, mut interrupted) = (ScanCounts::default(), Vec::new(), false);
     let mut first = None;
     while let Some(next) = source.next_scan() {
@@ -88,6 +90,12 @@ pub fn run(
         }
         scans.offered += 1;
         let index = next.index;
+        if let Ok(scan) = &next.scan {
+            scans.stale_points += scan.stale as u64;
+            if ranges.count() < RANGED {
+                ranges.add(scan, farthest);
+            }
+        }
         let flow = match take(&mut mapper, next, &mut scans) {
             Ok(row) => {
                 rows.push(row);
@@ -123,7 +131,12 @@ pub fn run(
     scans.losses = losses;
     scans.tracked_apart = apart.iter().map(|map| map.frames.len() as u64).sum();
     scans.tracked -= scans.tracked_apart;
+    let stale = (scans.stale_points > 0)
+        .then(|| format!("{} points were left out, whose times are not of their sweep", scans.stale_points));
+    let warnings = ranges.warning(farthest).into_iter().chain(too_few_scans(&scans)).chain(stale);
     let record = LidarRecord {
+        warnings: warnings.collect(),
+        point_times: None,
         version: env!("CARGO_PKG_VERSION"),
         commit: crate::program::commit(),
         sensor: SensorKind::Lidar,
@@ -142,6 +155,9 @@ pub fn run(
     };
     Ok(LidarRun { maps, agent, record })
 }
+
+/// So many scans tell in what unit lengths are.
+const RANGED: usize = 20;
 
 /// Why a scan was skipped.
 struct Skip {

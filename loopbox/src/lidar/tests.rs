@@ -26,7 +26,14 @@ impl<P: Fn(f64) -> Se3> Cast<P> {
     fn new(pose: P, duration: f64) -> Self {
         let count = (duration / PERIOD) as u64;
         let path = PathBuf::from("cast");
-        let info = ScanInfo { path, kind: "cast".into(), count: Some(count), duration: Some(duration) };
+        let info = ScanInfo {
+            path,
+            kind: "cast".into(),
+            count: Some(count),
+            duration: Some(duration),
+            is_kitti: false,
+            facts: Vec::new(),
+        };
         Self { info, pose, next: 0, bad_every: u64::MAX }
     }
 }
@@ -45,7 +52,7 @@ impl<P: Fn(f64) -> Se3> ScanSource for Cast<P> {
             let points = returns.iter().map(|r: &Return| r.point).collect();
             let times = returns.iter().map(|r| r.time).collect();
             let rings = returns.iter().map(|r| r.ring.into()).collect();
-            Scan { stamp, points, times, rings }
+            Scan { stamp, points, times, rings, stale: 0 }
         };
         let bad = || ScanError::Format { name: "cast".into(), what: "cut off".into() };
         let scan = if (index + 1).is_multiple_of(self.bad_every) { Err(bad()) } else { Ok(scan()) };

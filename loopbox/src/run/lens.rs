@@ -1,4 +1,8 @@
-//! The lens of a recording that came without a calibration, found from the recording itself.
+//! The lens of a recording that came without a calibration, found from the recording itself; `live` does it of a camera, `finding`
+//! asks for it where a run needs it.
+
+mod finding;
+mod live;
 
 use super::{Progress, RunOptions};
 use anyhow::{Result, bail};
@@ -16,6 +20,8 @@ use sources::pictures::StatedFocal;
 use sources::{FoundCalibration, FrameSource, SourceOptions, Stop, time};
 use std::path::PathBuf;
 use std::sync::Arc;
+
+pub use live::find_live_lens;
 
 /// Focal lengths over the image's longer side that are begun with, until one makes a map: those of telephones and webcams
 /// (a view of 64°), of wide angles (80°), and of narrow lenses (49°).
@@ -192,34 +198,49 @@ pub fn find_lens(
         progress.stage(&format!("finding the lens, round {}", round + 1));
         first_part.map(lens)
     };
-    let (mut why, mut kept) = (String::new(), None);
     let stated = first.stated_focal(whole).or_else(|| source.stated_focal(whole));
-    for guess in guesses(fov, stated, whole, times) {
+    let guesses = guesses(fov, stated, whole, times);
+    match search(guesses, (whole, times), &options.params, &map_with, stop)? {
+        Ok(found) => Ok(found),
+        Err(why) => bail!(
+            "{path}: no calibration came with this recording, and none was found from it: {why}\nhint: give one with --calib \
+             FILE, or its horizontal field of view with --fov DEGREES"
+        ),
+    }
+}
+
+/// The lens by the first of these guesses that leads to one, for images of `whole` size that are halved so often; what was stated, where
+/// the maps know less; else why there is none.
+fn search(
+    guesses: impl Iterator<Item = Guess>,
+    (whole, times): ((usize, usize), usize),
+    params: &Params,
+    map_with: &dyn Fn(&Camera, usize) -> Result<Map>,
+    stop: &Stop,
+) -> Result<Result<FoundLens, String>> {
+    let (mut why, mut kept) = (String::new(), None);
+    for guess in guesses {
         let start = centred(guess.focal, (whole.0 >> times, whole.1 >> times))?;
         let as_found = |camera: &Camera, focal_deviation: f64| -> Result<FoundLens> {
             let camera = doubled_camera(camera, whole, times)?;
             Ok(FoundLens { camera, focal_deviation, stated: guess.stated.clone() })
         };
-        match (refined(&start, guess.spread, &map_with, stop)?, guess.stated.is_some()) {
+        match (refined(&start, guess.spread, map_with, stop)?, guess.stated.is_some()) {
             (Ok(found), true) if found.focal_deviation > guess.spread => {
-                return as_found(&start, guess.spread);
+                return Ok(Ok(as_found(&start, guess.spread)?));
             }
             (Ok(found), _) => {
-                return as_found(&left_to_the_map(&found, &options.params)?, found.focal_deviation);
+                return Ok(Ok(as_found(&left_to_the_map(&found, params)?, found.focal_deviation)?));
             }
-            (Err(SelfCalibrationError::Undetermined), true) => return as_found(&start, guess.spread),
+            (Err(SelfCalibrationError::Undetermined), true) => {
+                return Ok(Ok(as_found(&start, guess.spread)?));
+            }
             // Another lens may make a larger map.
             (Err(_), true) => kept = Some(as_found(&start, guess.spread)?),
             (Err(error), false) => why = error.to_string(),
         }
     }
-    if let Some(stated) = kept {
-        return Ok(stated);
-    }
-    bail!(
-        "{path}: no calibration came with this recording, and none was found from it: {why}\nhint: give one with --calib \
-         FILE, or its horizontal field of view with --fov DEGREES"
-    )
+    Ok(kept.ok_or(why))
 }
 
 /// The lens by maps that are made with the one found before, beginning with `start`, until it stays; `spread` is how far that

@@ -1,7 +1,7 @@
 //! One agent's run, from a source of frames to a folder of results.
 //!
 //! In order: `options` (what is asked for, and the way from there to the results), `session` (one map after another, as long as somebody wants a new one), `runtime` (the loop around the
-//! agent), `lens` (a recording without a calibration), `lens_check` (whether the one given fits), `describing` (features of
+//! agent), `outlook` (what can be said before it), `lens` (a recording without a calibration), `lens_check` (whether the one given fits), `describing` (features of
 //! keyframes beside it), `recognising` (a lost camera found by these), `fragments` (what was tracked after losses joined), `output` (the files), `growing` (the map's on
 //! the way), `listening` (who is told how the map grows), `record` (the numbers), `saving` (results on the way), `resuming`
 //! (a map of an earlier run gone on with), `diagnosis` (why nothing was tracked).
@@ -14,6 +14,7 @@ mod lens;
 mod lens_check;
 mod listening;
 mod options;
+mod outlook;
 mod output;
 mod progress;
 mod recognising;
@@ -27,9 +28,10 @@ pub use describing::complete as find_features;
 pub(crate) use describing::give_way;
 pub(crate) use fragments::{in_order, most_frames_first};
 pub(crate) use growing::free_bytes;
-pub use lens::{FoundLens, Recording, find_lens};
+pub use lens::{FoundLens, Recording, find_lens, find_live_lens};
 pub use listening::{Listeners, MapListener, Seen};
 pub use options::{PreparedRun, RunOptions, run};
+pub use outlook::{CameraNumbers, Outlook};
 pub(crate) use output::TRAJECTORY;
 pub use output::TrajectoryFormat;
 pub use progress::{Progress, Silent};

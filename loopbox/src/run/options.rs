@@ -1,7 +1,7 @@
 //! A run as it is asked for, and its way from there to the results.
 
 use super::diagnosis::{doubtful, too_few_poses};
-use super::lens::{FirstPart, FoundLens, Recording, find_lens};
+use super::lens::{FirstPart, FoundLens, Recording};
 use super::lens_check::GivenLens;
 use super::listening::{Listeners, MapListener};
 use super::output::{Output, TrajectoryFormat};
@@ -18,7 +18,7 @@ use slam_direct::Params;
 use sources::ahead::{Ahead, Pace, Preparation};
 use sources::correction::{CameraOptions, ImageCorrection, correction};
 use sources::recording::{CalibrationFiles, Head, RecordButton, Recorder};
-use sources::{FoundCalibration, FrameSource, SourceInfo, SourceOptions, Stop};
+use sources::{FrameSource, SourceInfo, SourceOptions, Stop};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -98,44 +98,6 @@ impl RunOptions {
             unattended: false,
             swap: None,
         }
-    }
-
-    /// Where no calibration is given and none came with `source`, finds one from it, the `recording`; `fov` is its horizontal field
-    /// of view in degrees, where that is known. Says so where the calibration of a public data set is taken.
-    ///
-    /// # Errors
-    /// When the recording cannot be read, or says nothing about its lens.
-    pub fn without_calibration(
-        &mut self,
-        source: &SourceInfo,
-        recording: Recording,
-        fov: Option<f64>,
-        stop: &Stop,
-        progress: &dyn Progress,
-    ) -> Result<()> {
-        let comes_along = match &source.calibration {
-            None => false,
-            Some(FoundCalibration::Recorded { files, .. }) => files.camera.is_some(),
-            Some(_) => true,
-        };
-        if let (None, Some(FoundCalibration::Preset { origin, .. })) =
-            (&self.camera.calibration, &source.calibration)
-        {
-            progress.note(&format!("{}: {origin}; --calib FILE takes another", source.path.display()));
-        }
-        if self.camera.calibration.is_some() || comes_along {
-            self.recording = Some(recording);
-            return Ok(());
-        }
-        let lens = find_lens(&recording, fov, self, stop, progress)?;
-        let said = format!("{}: {}", source.path.display(), lens.text());
-        if lens.is_determined() {
-            progress.note(&said)
-        } else {
-            progress.warn(&said)
-        }
-        self.lens = Some(lens);
-        Ok(())
     }
 }
 
@@ -241,6 +203,16 @@ impl PreparedRun {
         let problems = self.source.problems().into_iter().chain(self.correction.problem());
         let of_source = problems.map(|problem| format!("{}: {problem}", self.info.path.display()));
         of_source.chain(self.warnings.iter().cloned()).collect()
+    }
+
+    /// Which calibration is used and where it came from, for people.
+    pub fn calibration(&self) -> String {
+        format!("calibration: {}", self.correction.text())
+    }
+
+    /// Whether it was given, or came with the recording: of one that was found from the images that was said.
+    pub fn is_given_a_calibration(&self) -> bool {
+        self.options.lens.is_none()
     }
 
     /// How many frames the recording has, where that is known.

@@ -2,7 +2,7 @@
 
 use crate::Failure;
 use geometry::{Se3, umeyama};
-use scans::{Folder, FolderOptions, SweepTiming};
+use scans::{Folder, FolderOptions};
 use std::path::Path;
 
 /// A recording with its truth.
@@ -13,7 +13,6 @@ pub struct Recording {
 
 impl Recording {
     pub fn open(path: &Path) -> Result<Self, Failure> {
-        let options = FolderOptions { timing: Some(SweepTiming::default()), ..FolderOptions::default() };
         let text = std::fs::read_to_string(path.join("groundtruth.txt"))?;
         let mut poses = Vec::new();
         for line in text.lines().filter(|line| !line.starts_with('#') && !line.trim().is_empty()) {
@@ -21,7 +20,7 @@ impl Recording {
             let [t, x, y, z, qx, qy, qz, qw] = values[..] else { return Err(line.into()) };
             poses.push((t, Se3::from_tum([x, y, z, qx, qy, qz, qw])));
         }
-        Ok(Self { folder: Folder::open(path, &options)?, poses })
+        Ok(Self { folder: Folder::open(path, &FolderOptions::default())?, poses })
     }
 
     /// The true `world_from_sensor` at an instant; none outside of the truth.

@@ -93,6 +93,7 @@ fn start_as(count: u64, breaks: bool, live: bool) -> (Ahead, Arc<AtomicU64>, Arc
         frame_count: None,
         duration: None,
         calibration,
+        camera: calib::CameraHint::default(),
         lag: None,
     };
     let correction = correction(&CameraOptions::default(), &info).unwrap();

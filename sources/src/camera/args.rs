@@ -159,18 +159,12 @@ impl CameraArgs {
         Ok(())
     }
 
-    /// The same, at the size of the calibration.
+    /// The same, at the size of the calibration; as it is where there is none.
     ///
     /// # Errors
-    /// When there is no calibration, it cannot be read, or another size is wished.
+    /// When the calibration cannot be read, or another size is wished.
     pub fn for_calibration(mut self, calibration: Option<&Path>) -> Result<Self> {
-        let Some(file) = calibration else {
-            bail!(
-                "a camera's images need its calibration\nhint: --calib camera.yaml; `loopbox calib --camera {} …` \
-                 makes one",
-                self.path().unwrap_or_default().display()
-            );
-        };
+        let Some(file) = calibration else { return Ok(self) };
         let pinhole = *calib::read_camera(file)?.camera.intrinsics();
         let calibrated = Size { width: pinhole.width as u32, height: pinhole.height as u32 };
         let size = *self.size.get_or_insert(calibrated);

@@ -82,6 +82,7 @@ impl Live {
             frame_count: None,
             duration: None,
             calibration: None,
+            camera: calib::CameraHint::default(),
             lag: None,
         };
         let mut pending = vec![Notice::Note(opened.description)];

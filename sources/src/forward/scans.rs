@@ -91,7 +91,14 @@ mod tests {
     }
 
     fn told(stamps: Vec<f64>) -> (Vec<f64>, usize, Vec<String>) {
-        let info = ScanInfo { path: "walk".into(), kind: "scans".into(), count: None, duration: None };
+        let info = ScanInfo {
+            path: "walk".into(),
+            kind: "scans".into(),
+            count: None,
+            duration: None,
+            is_kitti: false,
+            facts: Vec::new(),
+        };
         let mut source = ForwardScans::new(Box::new(Source(info, stamps, 0)));
         let all: Vec<NextScan> = std::iter::from_fn(|| source.next_scan()).collect();
         assert!(all.windows(2).all(|pair| pair[0].index + 1 == pair[1].index));

@@ -1,8 +1,9 @@
 //! Foxglove's image and calibration messages in protobuf.
 
-use super::{Calibration, ImageMessage, stamp};
+use super::{ImageMessage, stamp};
 use crate::pictures::{Picture, RawPicture};
 use anyhow::{Result, anyhow};
+use calib::CameraInfo;
 use foxglove::Decode;
 use foxglove::messages::{CameraCalibration, CompressedImage, RawImage, Timestamp};
 
@@ -35,13 +36,15 @@ pub fn raw(data: &[u8]) -> Result<ImageMessage> {
 }
 
 /// `foxglove.CameraCalibration`.
-pub fn calibration(data: &[u8]) -> Result<Calibration> {
+pub fn calibration(data: &[u8]) -> Result<CameraInfo> {
     let message: CameraCalibration = decode(data)?;
-    Ok(Calibration {
+    Ok(CameraInfo {
         width: message.width,
         height: message.height,
         model: message.distortion_model,
-        distortion: message.d,
-        intrinsics: message.k,
+        d: message.d,
+        k: message.k,
+        p: message.p,
+        ..CameraInfo::default()
     })
 }

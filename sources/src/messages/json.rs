@@ -1,10 +1,11 @@
 //! Foxglove's image and calibration messages in JSON.
 
-use super::{Calibration, ImageMessage, stamp};
+use super::{ImageMessage, stamp};
 use crate::pictures::{Picture, RawPicture};
 use anyhow::{Context, Result};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
+use calib::CameraInfo;
 use serde::Deserialize;
 
 const DAMAGED: &str = "the message is damaged";
@@ -43,9 +44,27 @@ pub fn image(data: &[u8]) -> Result<ImageMessage> {
     Ok(ImageMessage { stamp: stamp(timestamp.sec, timestamp.nsec), picture })
 }
 
+/// The numbers of a calibration.
+#[derive(Deserialize)]
+#[serde(rename_all = "UPPERCASE")]
+struct Calibration {
+    #[serde(rename = "width")]
+    width: u32,
+    #[serde(rename = "height")]
+    height: u32,
+    #[serde(rename = "distortion_model", default)]
+    model: String,
+    #[serde(default)]
+    d: Vec<f64>,
+    k: Vec<f64>,
+    #[serde(default)]
+    p: Vec<f64>,
+}
+
 /// `foxglove.CameraCalibration`.
-pub fn calibration(data: &[u8]) -> Result<Calibration> {
-    serde_json::from_slice(data).context(DAMAGED)
+pub fn calibration(data: &[u8]) -> Result<CameraInfo> {
+    let Calibration { width, height, model, d, k, p } = serde_json::from_slice(data).context(DAMAGED)?;
+    Ok(CameraInfo { width, height, model, d, k, p, ..CameraInfo::default() })
 }
 
 #[cfg(test)]
@@ -66,7 +85,8 @@ mod tests {
     fn a_calibration_is_read() {
         let text = br#"{"width":640,"height":480,"distortion_model":"","D":[],
             "K":[500,0,320,0,510,240,0,0,1]}"#;
-        let camera = calibration(text).unwrap().camera().unwrap();
+        let info = calibration(text).unwrap();
+        let camera = info.camera(calib::Imagery::Raw, "test").unwrap().unwrap();
         assert_eq!(camera.intrinsics().fy, 510.0);
     }
 }

@@ -9,9 +9,8 @@ mod ros2;
 use super::time;
 use crate::pictures::Picture;
 use anyhow::{Context, Result, bail, ensure};
+use calib::CameraInfo;
 use geometry::limits::MAX_BYTES;
-use geometry::{Camera, Distortion, Fov, KannalaBrandt, Pinhole, RadTan};
-use serde::Deserialize;
 use std::borrow::Cow;
 use std::io::Read;
 
@@ -118,60 +117,14 @@ pub fn read_image(form: Form, data: &[u8]) -> Result<ImageMessage> {
 /// Reads a calibration message.
 ///
 /// # Errors
-/// When the bytes are not of that form, or the numbers no camera.
-pub fn read_calibration(form: Form, data: &[u8]) -> Result<Camera> {
-    let calibration = match form {
-        Form::FoxgloveCalibration => foxglove::calibration(data)?,
-        Form::FoxgloveJson => json::calibration(data)?,
-        Form::Ros2CameraInfo => ros2::camera_info(data)?,
-        Form::Ros1CameraInfo => ros1::camera_info(data)?,
+/// When the bytes are not of that form.
+pub fn read_calibration(form: Form, data: &[u8]) -> Result<CameraInfo> {
+    match form {
+        Form::FoxgloveCalibration => foxglove::calibration(data),
+        Form::FoxgloveJson => json::calibration(data),
+        Form::Ros2CameraInfo => ros2::camera_info(data),
+        Form::Ros1CameraInfo => ros1::camera_info(data),
         _ => bail!("an image is no calibration"),
-    };
-    calibration.camera()
-}
-
-/// The numbers that ROS and Foxglove calibrations share, read from JSON as Foxglove writes it.
-#[derive(Debug, Default, PartialEq, Deserialize)]
-struct Calibration {
-    width: u32,
-    height: u32,
-    #[serde(rename = "distortion_model", default)]
-    model: String,
-    #[serde(rename = "D", default)]
-    distortion: Vec<f64>,
-    /// Row-major 3×3: `fx 0 cx 0 fy cy 0 0 1`.
-    #[serde(rename = "K")]
-    intrinsics: Vec<f64>,
-}
-
-impl Calibration {
-    fn camera(&self) -> Result<Camera> {
-        let &[fx, _, cx, _, fy, cy, ..] = self.intrinsics.as_slice() else {
-            bail!("K has {} numbers, not 9", self.intrinsics.len());
-        };
-        let pinhole = Pinhole { width: self.width as usize, height: self.height as usize, fx, fy, cx, cy };
-        Ok(Camera::new(pinhole, self.lens()?)?)
-    }
-
-    fn lens(&self) -> Result<Distortion> {
-        if self.distortion.is_empty() {
-            return Ok(Distortion::None);
-        }
-        Ok(match self.model.as_str() {
-            // The names of ROS 2's distortion_models.hpp, and the names others use for the same.
-            "" | "plumb_bob" | "rational_polynomial" | "radtan" => {
-                Distortion::RadTan(RadTan::new(&self.distortion)?)
-            }
-            "equidistant" | "fisheye" | "kannala_brandt" => {
-                Distortion::KannalaBrandt(KannalaBrandt::new(&self.distortion)?)
-            }
-            // Not a name of Foxglove's; loopbox writes it.
-            "fov" => Distortion::Fov(Fov::new(&self.distortion)?),
-            other => bail!(
-                "the lens model '{other}' is not known (plumb_bob, rational_polynomial, equidistant, \
-                 kannala_brandt and fov are)"
-            ),
-        })
     }
 }
 

@@ -1,9 +1,10 @@
 //! ROS 1 `sensor_msgs`: Image, CompressedImage and CameraInfo. Little-endian, without padding
 //! (wiki.ros.org/roscpp/Overview/MessagesSerializationAndAdaptingTypes).
 
-use super::{Calibration, ImageMessage, stamp};
+use super::{ImageMessage, stamp};
 use crate::pictures::{Picture, RawPicture};
 use anyhow::{Context, Result};
+use calib::{CameraInfo, Roi};
 
 /// Reads plain types in order.
 struct Fields<'a>(&'a [u8]);
@@ -68,7 +69,7 @@ pub fn compressed(data: &[u8]) -> Result<ImageMessage> {
 }
 
 /// `sensor_msgs/CameraInfo`.
-pub fn camera_info(data: &[u8]) -> Result<Calibration> {
+pub fn camera_info(data: &[u8]) -> Result<CameraInfo> {
     let mut fields = Fields(data);
     fields.header()?;
     let (height, width) = (fields.u32()?, fields.u32()?);
@@ -76,9 +77,12 @@ pub fn camera_info(data: &[u8]) -> Result<Calibration> {
     let count = fields.u32()? as usize;
     // A damaged count must not ask for more memory than the message could fill.
     let count = Some(count).filter(|&count| count <= data.len() / 8).context("the message ends early")?;
-    let distortion = (0..count).map(|_| fields.f64()).collect::<Result<_>>()?;
-    let intrinsics = (0..9).map(|_| fields.f64()).collect::<Result<_>>()?;
-    Ok(Calibration { width, height, model, distortion, intrinsics })
+    let mut numbers = |count: usize| (0..count).map(|_| fields.f64()).collect::<Result<Vec<f64>>>();
+    let (d, k, _r, p) = (numbers(count)?, numbers(9)?, numbers(9)?, numbers(12)?);
+    let binning = (fields.u32()?, fields.u32()?);
+    let (x, y, rows, columns) = (fields.u32()?, fields.u32()?, fields.u32()?, fields.u32()?);
+    let roi = Roi { x, y, width: columns, height: rows };
+    Ok(CameraInfo { width, height, model, d, k, p, binning, roi })
 }
 
 #[cfg(test)]

@@ -1,9 +1,10 @@
 //! ROS 2 `sensor_msgs`: Image, CompressedImage and CameraInfo.
 
 use super::cdr::Cdr;
-use super::{Calibration, ImageMessage, stamp};
+use super::{ImageMessage, stamp};
 use crate::pictures::{Picture, RawPicture};
 use anyhow::Result;
+use calib::{CameraInfo, Roi};
 
 /// `std_msgs/Header`: its stamp.
 fn header(cdr: &mut Cdr) -> Result<Option<f64>> {
@@ -34,14 +35,18 @@ pub fn compressed(data: &[u8]) -> Result<ImageMessage> {
 }
 
 /// `sensor_msgs/msg/CameraInfo`.
-pub fn camera_info(data: &[u8]) -> Result<Calibration> {
+pub fn camera_info(data: &[u8]) -> Result<CameraInfo> {
     let mut cdr = Cdr::new(data)?;
     header(&mut cdr)?;
     let (height, width) = (cdr.u32()?, cdr.u32()?);
     let model = cdr.string()?;
-    let distortion = cdr.f64_sequence()?;
-    let intrinsics = (0..9).map(|_| cdr.f64()).collect::<Result<_, _>>()?;
-    Ok(Calibration { width, height, model, distortion, intrinsics })
+    let d = cdr.f64_sequence()?;
+    let mut numbers = |count: usize| (0..count).map(|_| cdr.f64()).collect::<Result<Vec<f64>>>();
+    let (k, _r, p) = (numbers(9)?, numbers(9)?, numbers(12)?);
+    let binning = (cdr.u32()?, cdr.u32()?);
+    let (x, y, rows, columns) = (cdr.u32()?, cdr.u32()?, cdr.u32()?, cdr.u32()?);
+    let roi = Roi { x, y, width: columns, height: rows };
+    Ok(CameraInfo { width, height, model, d, k, p, binning, roi })
 }
 
 #[cfg(test)]
@@ -103,13 +108,24 @@ mod tests {
             // An odd frame id, so that the floats need padding.
             w.header(b"c\0").number(480u32.to_le_bytes()).number(640u32.to_le_bytes()).bytes(b"plumb_bob\0");
             w.number(5u32.to_le_bytes());
-            for value in
-                [0.1, -0.2, 0.001, 0.002, 0.0, 500.0, 0.0, 320.0, 0.0, 510.0, 240.0, 0.0, 0.0, 1.0f64]
-            {
+            let k = [500.0, 0.0, 320.0, 0.0, 510.0, 240.0, 0.0, 0.0, 1.0f64];
+            let p = [450.0, 0.0, 310.0, -9.0, 0.0, 450.0, 230.0, 0.0, 0.0, 0.0, 1.0, 0.0];
+            let r = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
+            for value in [0.1, -0.2, 0.001, 0.002, 0.0].into_iter().chain(k).chain(r).chain(p) {
                 w.number(value.to_le_bytes());
             }
-            let camera = camera_info(&w.message()).unwrap().camera().unwrap();
-            assert_eq!((camera.intrinsics().width, camera.intrinsics().fy), (640, 510.0));
+            // Binned once across and twice down; a region of 400×300 at (100, 60), rectified or not.
+            [1u32, 2, 100, 60, 300, 400].iter().for_each(|v| {
+                w.number(v.to_le_bytes());
+            });
+            w.number([0u8]);
+            let info = camera_info(&w.message()).unwrap();
+            assert_eq!((info.width, info.height, &info.k[..], &info.p[..]), (640, 480, &k[..], &p[..]));
+            assert_eq!((info.binning, info.roi), ((1, 2), Roi { x: 100, y: 60, width: 400, height: 300 }));
+            let whole = w.message();
+            assert!((0..whole.len() - 1).all(|end| camera_info(&whole[..end]).is_err()));
+            let camera = info.camera(calib::Imagery::Raw, "test").unwrap().unwrap();
+            assert_eq!((camera.intrinsics().width, camera.intrinsics().fy), (400, 255.0));
             assert!(!camera.distortion().is_identity());
         }
     }

@@ -3,7 +3,7 @@
 use crate::correction::CameraOptions;
 use crate::{FoundCalibration, SourceInfo};
 use anyhow::{Context, Result};
-use calib::{CalibrationFile, parse_camera};
+use calib::{CalibError, CalibrationFile, CameraHint, parse_camera, read_camera_of};
 use geometry::PhotometricCalibration;
 use std::path::{Path, PathBuf};
 
@@ -47,7 +47,9 @@ impl CalibrationFiles {
     pub fn gather(options: &CameraOptions, info: &SourceInfo) -> Result<Self> {
         let photometric = Self::gather_photometric(options, info)?;
         let camera = match (&options.calibration, &info.calibration) {
-            (Some(path), _) | (None, Some(FoundCalibration::File(path))) => Some(NamedFile::read(path)?),
+            (Some(path), _) | (None, Some(FoundCalibration::File(path))) => {
+                Some(Self::camera_file(path, &info.camera)?)
+            }
             (
                 None,
                 Some(FoundCalibration::Inside { camera, .. } | FoundCalibration::Preset { camera, .. }),
@@ -56,9 +58,28 @@ impl CalibrationFiles {
                 bytes: calib::format_camera(camera, None).into_bytes(),
             }),
             (None, Some(FoundCalibration::Recorded { files, .. })) => files.camera.clone(),
-            (None, None | Some(FoundCalibration::Unusable { .. })) => None,
+            (
+                None,
+                None | Some(FoundCalibration::Unusable { .. } | FoundCalibration::Uncalibrated { .. }),
+            ) => None,
         };
         Ok(Self { camera, ..photometric })
+    }
+
+    /// The file of a camera as it is, or where it holds several the one that `hint` tells, in loopbox's own form.
+    fn camera_file(path: &Path, hint: &CameraHint) -> Result<NamedFile> {
+        let own = |file: CalibrationFile| NamedFile {
+            name: "camera.yaml".into(),
+            bytes: calib::format_camera(&file.camera, file.fps).into_bytes(),
+        };
+        if !path.exists() {
+            return Ok(own(read_camera_of(path, hint)?));
+        }
+        let file = NamedFile::read(path)?;
+        match parse_camera(&String::from_utf8_lossy(&file.bytes), &file.name) {
+            Err(CalibError::WhichCamera { .. }) => Ok(own(read_camera_of(path, hint)?)),
+            _ => Ok(file),
+        }
     }
 
     /// As [`gather`](Self::gather), without the camera.

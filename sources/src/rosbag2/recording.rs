@@ -1,10 +1,12 @@
 //! ROS 2 bags in SQLite as sources.
 
 use super::SqliteBag;
+use crate::camera_topics::Match;
 use crate::messages::{self, Content};
 use crate::topic_recording::{Stamped, TopicRecording};
 use crate::{FoundCalibration, SourceInfo, SourceOptions};
 use anyhow::{Context, Result};
+use calib::CameraHint;
 use std::path::{Path, PathBuf};
 
 /// What would do as images, for people.
@@ -19,8 +21,9 @@ pub fn open(path: &Path, files: &[PathBuf], options: &SourceOptions) -> Result<T
     let topics = bag.topics();
     let (topic, count) = topics.choose(path, options.topic.as_deref(), LOOKED_FOR)?;
     let calibration = match topics.calibration(&topic) {
-        Some(wanted) => first_calibration(path, files, &wanted)?,
-        None => None,
+        Match::Found(wanted) => first_calibration(path, files, &wanted, &topic)?,
+        Match::Unclear(names) => Some(FoundCalibration::unclear(&names, path, &topic)),
+        Match::Others(_) => None,
     };
     let info = SourceInfo {
         kind: "ROS 2 bag",
@@ -28,6 +31,7 @@ pub fn open(path: &Path, files: &[PathBuf], options: &SourceOptions) -> Result<T
         frame_count: Some(count),
         duration: topics.duration(),
         calibration,
+        camera: CameraHint { topic: Some(topic.clone()), ..CameraHint::default() },
         lag: None,
     };
     let form = topics.image_form(&topic).context("the topic holds no images")?;
@@ -38,15 +42,19 @@ pub fn open(path: &Path, files: &[PathBuf], options: &SourceOptions) -> Result<T
 }
 
 /// The first calibration on `topic`.
-fn first_calibration(path: &Path, files: &[PathBuf], topic: &str) -> Result<Option<FoundCalibration>> {
+fn first_calibration(
+    path: &Path,
+    files: &[PathBuf],
+    topic: &str,
+    images: &str,
+) -> Result<Option<FoundCalibration>> {
     for message in SqliteBag::open(files)?.messages(topic) {
         let message = message?;
         let Some(Content::Calibration(form)) = Content::of(&message.kind, &message.encoding) else {
             continue;
         };
-        let origin = format!("topic {topic} of {}", path.display());
-        let camera = messages::read_calibration(form, &message.data);
-        return Ok(Some(FoundCalibration::of_message(origin, camera)));
+        let info = messages::read_calibration(form, &message.data);
+        return Ok(Some(FoundCalibration::of_message(topic, path, images, info)));
     }
     Ok(None)
 }

@@ -50,6 +50,7 @@ pub fn open(path: &Path, fps: Option<f64>) -> Result<Video> {
         frame_count: probe.frames,
         duration: probe.frames.zip(rate).map(|(count, rate)| count.saturating_sub(1) as f64 / rate),
         calibration: calibration_beside(path),
+        camera: calib::CameraHint::default(),
         lag: None,
     };
     let decoder = Decoder::start(path, &probe).map_err(|error| not_read(path, &error))?;

@@ -1,0 +1,97 @@
+//! What is refused or told before a run.
+
+use super::RunArgs;
+use crate::commands::run_scans::OpenScans;
+use crate::console;
+use crate::progress::Display;
+use anyhow::{Result, bail};
+use loopbox::run::Outlook;
+use serde::Serialize;
+use sources::FolderKind;
+use sources::recording::{check_length, check_name};
+use std::fmt;
+use std::path::Path;
+
+impl RunArgs {
+    /// Refuses numbers that make no sense.
+    pub(super) fn check_numbers(&self) -> Result<()> {
+        if !(self.part.speed.is_finite() && self.part.speed > 0.0) {
+            bail!(
+                "--speed {} is not a speed\nhint: 1 is the speed of the recording, 2 twice as fast",
+                self.part.speed
+            );
+        }
+        if let Some(width) = self.lens.max_width.filter(|width| *width < 64) {
+            bail!("--max-width {width} leaves nothing to track\nhint: 640 and more do");
+        }
+        if let Some(fov) = self.lens.fov.filter(|fov| !(5.0..=150.0).contains(fov)) {
+            bail!("--fov {fov} is not a field of view\nhint: give degrees, such as --fov 65");
+        }
+        if let Some(share) = self.map.min_tracked.filter(|share| !(0.0..=1.0).contains(share)) {
+            bail!("--min-tracked {share} is not a share\nhint: 0.9 asks for 90 % of the frames");
+        }
+        if let Some(path) = &self.map.record {
+            check_name(path)?;
+            check_length(path)?;
+        }
+        if let Some(name) = &self.map.name {
+            check_length(Path::new(name))?;
+        }
+        if self.threads == Some(0) {
+            bail!("--threads 0 leaves nobody to map\nhint: give 1 or more; without it there is one per core");
+        }
+        if let (Some(start), Some(end)) = (self.part.start, self.part.end)
+            && start >= end
+        {
+            bail!("--start {start} is not before --end {end}");
+        }
+        if let Some(out_of_range) =
+            [self.part.start, self.part.end].into_iter().flatten().find(|s| !s.is_finite())
+        {
+            bail!("--start and --end are seconds into the recording, not {out_of_range}");
+        }
+        if let Some(variance) = self.map.max_variance.filter(|v| !(v.is_finite() && *v > 0.0)) {
+            bail!("--max-variance is {variance}\nhint: give a number above 0");
+        }
+        self.camera.check()?;
+        self.publishing.check()
+    }
+
+    /// Whether what was given fits a recording of images or a camera.
+    pub(super) fn for_images(&self) -> Result<()> {
+        if let Some(name) = self.scans.given() {
+            bail!(
+                "{name} is for scans of a LiDAR\nhint: give a folder of KITTI (.bin), PCD or PLY scans, or a file with them"
+            );
+        }
+        if self.source.is_none() {
+            return self.camera.needed();
+        }
+        self.camera.not_needed()?;
+        if self.camera.duration.is_some() {
+            bail!("--duration is for cameras\nhint: of a recording, take --start and --end");
+        }
+        Ok(())
+    }
+
+    /// Tells what scans a run would be over.
+    pub(super) fn tell_of_scans(&self, mut scans: OpenScans) -> Result<()> {
+        self.tell(&scans.outlook())
+    }
+
+    /// Tells what images a run would be over, and which calibration it would use.
+    pub(super) fn tell_of_images(&self) -> Result<()> {
+        let mut source = self.open()?;
+        let mut outlook = Outlook::of(source.as_mut(), &self.options()?.camera, self.lens.fov);
+        let also = self.source.as_deref().and_then(|path| FolderKind::of(path).other());
+        outlook.facts.extend(also.map(|also| ("also", also)));
+        self.tell(&outlook)
+    }
+
+    fn tell(&self, outlook: &(impl Serialize + fmt::Display)) -> Result<()> {
+        match self.display() {
+            Display::Json => console::print_json(outlook),
+            Display::Bar | Display::Quiet => console::print(&outlook.to_string()),
+        }
+    }
+}

@@ -1,0 +1,147 @@
+//! What is said of recordings before they are run, and which calibration is used.
+
+mod common;
+
+use common::{arg, loopbox, stderr, stdout, write};
+use loopbox_tests::lidar::{HALL, SIXTEEN, Turning, sweep_turning, walk};
+use serde_json::Value;
+use std::fs;
+use std::path::Path;
+
+/// What the program says on standard output and standard error; its exit code must be this.
+#[track_caller]
+fn said(code: i32, words: &[&str]) -> (String, String) {
+    let output = loopbox(words);
+    let said = (stdout(&output), stderr(&output));
+    assert_eq!(output.status.code(), Some(code), "{words:?}\n{}\n{}", said.0, said.1);
+    said
+}
+
+#[track_caller]
+fn info(path: &Path) -> Value {
+    serde_json::from_str(&said(0, &["info", arg(path), "--json"]).0).unwrap()
+}
+
+fn image() -> Vec<u8> {
+    let mut bytes = Vec::new();
+    let image = image::GrayImage::from_fn(64, 48, |x, y| image::Luma([(x * 3 + y * 5) as u8]));
+    image.write_to(&mut std::io::Cursor::new(&mut bytes), image::ImageFormat::Png).unwrap();
+    bytes
+}
+
+/// A folder of images with times and this calibration.
+fn images(folder: &Path, calibration: &str) {
+    fs::create_dir_all(folder.join("images")).unwrap();
+    let mut times = String::new();
+    for i in 0..6 {
+        write(folder.join(format!("images/{i}.png")), image());
+        times += &format!("{} images/{i}.png\n", 0.1 * f64::from(i));
+    }
+    write(folder.join("times.txt"), times);
+    write(folder.join("camera.yaml"), calibration);
+}
+
+const CAMERA: &str = "model: pinhole\nwidth: 64\nheight: 48\nfx: 60\nfy: 60\ncx: 31\ncy: 23\n";
+
+#[test]
+fn info_and_check_say_the_same_calibration() {
+    let folder = tempfile::tempdir().unwrap();
+    images(folder.path(), CAMERA);
+    write(folder.path().join("cloud.ply"), "ply\n");
+    let told = info(folder.path());
+    assert!(told["calibration"].as_str().unwrap().ends_with("camera.yaml"), "{told}");
+    assert_eq!((&told["camera"]["fx"], &told["camera"]["model"]), (&60.0.into(), &"pinhole".into()));
+    assert_eq!(told["frames"], 6, "a cloud beside images is no LiDAR's recording: {told}");
+    let (checked, _) = said(0, &["run", arg(folder.path()), "--check"]);
+    assert_eq!(checked, said(0, &["info", arg(folder.path())]).0);
+    let (checked, _) = said(0, &["run", arg(folder.path()), "--check", "--calib", "none"]);
+    assert!(checked.contains("lens         a run finds it from the images"), "{checked}");
+    let (checked, _) = said(0, &["run", arg(folder.path()), "--check", "--fov", "70"]);
+    assert!(checked.contains("begun with a view of 70°"), "{checked}");
+    let wrong = folder.path().join("wrong.yaml");
+    write(wrong.clone(), CAMERA.replace("width: 64", "width: 128"));
+    let (checked, _) =
+        said(0, &["run", arg(folder.path()), "--check", "--calib", arg(&wrong), "--log", "json"]);
+    let checked: Value = serde_json::from_str(&checked).unwrap();
+    assert!(checked["problems"][0].as_str().unwrap().contains("128×48"), "{checked}");
+}
+
+#[test]
+fn a_file_of_two_cameras_is_not_guessed_from() {
+    let folder = tempfile::tempdir().unwrap();
+    let cam = |index: usize, fx: f64| {
+        format!(
+            "cam{index}:\n  camera_model: pinhole\n  distortion_coeffs: []\n  distortion_model: none\n  \
+             intrinsics: [{fx}, 60, 31, 23]\n  resolution: [64, 48]\n  rostopic: /cam{index}/image_raw\n"
+        )
+    };
+    images(folder.path(), &(cam(0, 60.0) + &cam(1, 70.0)));
+    let problems = info(folder.path())["problems"].to_string();
+    assert!(problems.contains("cam0 of /cam0/image_raw, cam1 of /cam1/image_raw"), "{problems}");
+    let chain = format!("{}:cam1", arg(&folder.path().join("camera.yaml")));
+    let (checked, _) = said(0, &["run", arg(folder.path()), "--check", "--calib", &chain]);
+    assert!(checked.contains("fx 70.0"), "{checked}");
+    let second = folder.path().join("rig/cam1");
+    images(&second, &(cam(0, 60.0) + &cam(1, 70.0)));
+    assert_eq!(info(&second)["camera"]["fx"], 70.0);
+}
+
+#[test]
+fn a_folder_that_is_no_recording_is_listed() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::create_dir(folder.path().join("left")).unwrap();
+    write(folder.path().join("left/0.png"), image());
+    write(folder.path().join("0.webp"), "");
+    let (_, refusal) = said(1, &["info", arg(folder.path())]);
+    assert!(refusal.contains("it holds left/ (1 images), 1 .webp"), "{refusal}");
+}
+
+/// A recording of scans in files of `floats` numbers a point, without times; lengths are `scale` metres.
+fn scans(folder: &Path, floats: usize, scale: f32, turning: Turning) -> usize {
+    let (pose, _) = walk(&[[-2.0, -6.0], [4.0, -6.0], [4.0, 4.0]]);
+    let count = 70;
+    for index in 0..count {
+        let returns = sweep_turning(&SIXTEEN, &HALL, &pose, f64::from(index) * 0.1, turning);
+        let numbers = returns.iter().flat_map(|r| {
+            let [x, y, z] = r.point.map(|v| v / scale);
+            let more = [(r.ring as f32 * 7.0) % 5.0, f32::from(r.ring), 0.0];
+            [x, y, z].into_iter().chain(more).take(floats)
+        });
+        let bytes: Vec<u8> = numbers.flat_map(f32::to_le_bytes).collect();
+        write(folder.join(format!("{index:06}.bin")), bytes);
+    }
+    count as usize
+}
+
+#[test]
+fn scans_are_told_by_their_numbers() {
+    let turning = Turning { counter_clockwise: true, start: 1.6 };
+    let (five, three, millimetres) =
+        (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    scans(five.path(), 5, 1.0, turning);
+    let told = info(five.path());
+    assert!(told["kind"].as_str().unwrap().contains("ring)"), "{told}");
+    assert_eq!(
+        (&told["points"], &told["rings"], &told["point_times"]),
+        (&14_400.into(), &16.into(), &true.into())
+    );
+    assert!(told["point_times_from"].as_str().unwrap().contains("counter-clockwise"), "{told}");
+    let out = five.path().join("out");
+    let (_, warned) = said(0, &["run", arg(five.path()), "--out", arg(&out)]);
+    assert!(
+        warned.contains("point times: told from directions by what fits the scans: counter-clockwise"),
+        "{warned}"
+    );
+    let record: Value = serde_json::from_slice(&fs::read(out.join("run.json")).unwrap()).unwrap();
+    assert_eq!(record["scans"]["timed"], record["scans"]["tracked"], "{}", record["scans"]);
+
+    scans(three.path(), 3, 1.0, turning);
+    let (checked, _) = said(0, &["run", arg(three.path()), "--check", "--scan-timing", "rigid"]);
+    assert!(checked.contains("(x y z)") && checked.contains("undistorted (as given)"), "{checked}");
+
+    scans(millimetres.path(), 4, 0.001, turning);
+    let problems = info(millimetres.path())["problems"].to_string();
+    assert!(problems.contains("--scan-unit mm"), "{problems}");
+    let (checked, _) = said(0, &["run", arg(millimetres.path()), "--check", "--scan-unit", "mm"]);
+    assert!(!checked.contains("problem") && checked.contains("counter-clockwise"), "{checked}");
+}
