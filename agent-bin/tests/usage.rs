@@ -82,14 +82,17 @@ fn help_has_headings_and_short_lines() {
     assert!(longest <= Some(100), "{longest:?}");
 }
 
-#[cfg(not(all(feature = "view", feature = "fleet")))]
+#[cfg(not(all(feature = "view", feature = "fleet", feature = "opencv")))]
 #[test]
 fn commands_that_are_not_built_in_say_which_feature_brings_them() {
-    for (command, feature) in [("view", "view"), ("station", "fleet"), ("fleet", "fleet"), ("keys", "fleet")]
-    {
-        if (feature == "view" && cfg!(feature = "view")) || (feature == "fleet" && cfg!(feature = "fleet")) {
-            continue;
-        }
+    let all = [
+        ("view", "view", cfg!(feature = "view")),
+        ("station", "fleet", cfg!(feature = "fleet")),
+        ("fleet", "fleet", cfg!(feature = "fleet")),
+        ("keys", "fleet", cfg!(feature = "fleet")),
+        ("calib", "opencv", cfg!(feature = "opencv")),
+    ];
+    for (command, feature, _) in all.into_iter().filter(|(_, _, is_built_in)| !is_built_in) {
         assert_misused(
             &[command, "whatever", "--out", "x"],
             &["built without", &format!("--features {feature}")],

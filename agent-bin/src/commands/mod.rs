@@ -1,6 +1,6 @@
 //! The command line: one file per command.
 
-#[cfg(not(all(feature = "fleet", feature = "view")))]
+#[cfg(not(all(feature = "fleet", feature = "opencv", feature = "view")))]
 mod absent;
 mod agent;
 #[cfg(feature = "opencv")]
@@ -78,6 +78,9 @@ pub enum Command {
     Eval(eval::EvalArgs),
     #[cfg(feature = "opencv")]
     Calib(calib::CalibArgs),
+    #[cfg(not(feature = "opencv"))]
+    #[command(hide = true)]
+    Calib(absent::AbsentArgs),
     Merge(merge::MergeArgs),
     Places(places::PlacesArgs),
     Unmerge(unmerge::UnmergeArgs),
@@ -118,6 +121,8 @@ impl Command {
             Command::Eval(args) => eval::run(args),
             #[cfg(feature = "opencv")]
             Command::Calib(args) => calib::run(&args),
+            #[cfg(not(feature = "opencv"))]
+            Command::Calib(args) => absent::refuse(&args, "calib", "opencv"),
             Command::Merge(args) => merge::run(&args),
             Command::Places(args) => places::run(&args),
             Command::Unmerge(args) => unmerge::run(&args),
