@@ -273,7 +273,10 @@ impl Odometry {
         let across = over(gap.max(0.0));
         Prediction {
             motion,
-            begin: (params.continuity.0.hypot(across.0), params.continuity.1.hypot(across.1)),
+            begin: (
+                params.continuity.0.hypot(across.0).hypot(bend(params.acceleration.0, duration)),
+                params.continuity.1.hypot(across.1).hypot(bend(params.acceleration.1, duration)),
+            ),
             displacement: over(duration.max(1e-3)),
         }
     }
@@ -318,6 +321,12 @@ impl Odometry {
             lost: self.is_lost(registration),
         }
     }
+}
+
+/// How far two sweeps that follow each other may gape because each is taken to move evenly: under an acceleration a, the even motion that
+/// fits a sweep of T seconds best ends a T²/12 beside where the sensor was, and the next one begins as far off.
+fn bend(acceleration: f64, seconds: f64) -> f64 {
+    std::f64::consts::SQRT_2 * acceleration * seconds * seconds / 12.0
 }
 
 /// Median distance of points from the sensor, metres; 0 of none.

@@ -24,9 +24,10 @@ pub struct RegistrationParams {
     pub least_step: f64,
     /// Width of the robust kernel (Geman–McClure), standard deviations of a point's distance from its plane.
     pub kernel: f64,
-    /// How far the begin of a sweep may lie from the end of the one before, standard deviation in metres and radians.
+    /// How far the begin of a sweep may lie from the end of the one before where nothing is accelerated, standard deviation in metres and
+    /// radians.
     pub continuity: (f64, f64),
-    /// Accelerations to expect, standard deviation in m/s² and rad/s².
+    /// Accelerations to expect, standard deviation in m/s² and rad/s²: half of gravity, and the 500°/s² of quick turns of a robot or a hand.
     pub acceleration: (f64, f64),
     /// Points of a scan err together (calibration, surfaces that are not flat), so many of them count as one.
     pub correlation: f64,
