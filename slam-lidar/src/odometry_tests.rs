@@ -221,6 +221,7 @@ fn a_person_who_turns_on_stairs_keeps_the_map() {
             points: sensed.iter().map(|s| s.point).collect(),
             times: sensed.iter().map(|s| s.time).collect(),
             rings: Vec::new(),
+            stale: 0,
         });
         let truth = way.at(found.instant);
         let world = world.get_or_insert(truth * found.world_from_sensor.inverse());

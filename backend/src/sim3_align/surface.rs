@@ -41,7 +41,6 @@ pub(super) struct Plane {
 
 /// A keyframe's surface at one level of its pyramid.
 pub struct Surface {
-    pub(super) level: usize,
     pub(super) camera: Pinhole,
     /// Side of a cell, pixels.
     pub(super) cell: usize,
@@ -101,7 +100,6 @@ impl Surface {
         let deviations = moments.iter().map(|(deviation, _)| *deviation).collect();
         let contrasts = moments.iter().map(|(deviation, mean)| deviation / mean.max(1.0)).collect();
         Self {
-            level,
             camera: camera.at_level(level),
             cell,
             columns,
