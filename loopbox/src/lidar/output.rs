@@ -229,7 +229,7 @@ impl LidarMerged {
                     "  {}; overlap {:.2}; {:.0} m² are there in both, {:.2} m² in {} areas in one only (ln ratio {:.1}); {} of {} pieces \
                      agree ({} found by Scan Context) to {:.0} mm",
                     pair.answer(),
-                    best.things.overlap,
+                    best.overlap,
                     best.things.shared,
                     best.things.differences.iter().map(|d| d.area).sum::<f64>(),
                     best.things.differences.len(),

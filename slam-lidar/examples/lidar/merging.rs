@@ -122,7 +122,7 @@ fn figures(e: &MergeEvidence, off: Option<(f64, f64)>) -> String {
         e.pieces,
         e.of_pieces,
         e.finding,
-        e.things.overlap,
+        e.overlap,
         e.things.agreeing,
         e.weighed.ln_ratio,
         e.weighed.changed,

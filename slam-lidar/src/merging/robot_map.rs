@@ -3,11 +3,12 @@
 use super::correlation::{Walls, walls};
 use super::emr::{KeyPoint, key_points};
 use super::patches::Patches;
-use super::surfels::Surfels;
-use crate::keyframe::{Keyframe, Submap, transformed};
+use super::surfels::{CELL, Surfels};
+use crate::keyframe::{Keyframe, Seen, Submap, transformed};
 use crate::scan_context::ScanContext;
 use crate::voxels::{VoxelTable, first_of_each_voxel};
 use geometry::Se3;
+use rayon::prelude::*;
 use std::sync::OnceLock;
 
 /// A piece of a map: the keyframes along some metres of the way.
@@ -32,6 +33,8 @@ pub struct RobotMap {
     pub contexts: Vec<ScanContext>,
     /// Pieces along the way; no keyframe is in two of them.
     pub pieces: Vec<Piece>,
+    /// A point of each cell of surface that several of its keyframes saw, in the map's frame, metres.
+    pub settled: Vec<[f32; 3]>,
     /// Pieces of surface that it holds for certain, and its rays.
     pub surfels: Surfels,
     /// Surfels that hang together.
@@ -47,12 +50,40 @@ const LENGTH: f64 = 3.0;
 /// Grid on which pieces are compared, metres: that of submaps.
 const GRID: f32 = 0.5;
 
+/// Keyframes that see a surface in a cell, at least: one may be of something that moves, or look past an edge.
+const VIEWS: usize = 2;
+/// So many times as many as see through it.
+const MAJORITY: usize = 2;
+
+/// A point of each cell of surface that several keyframes saw and few saw through.
+fn settled(keyframes: &[Keyframe], whole: &Submap) -> Vec<[f32; 3]> {
+    let in_map = |k: &Keyframe| -> Vec<[f32; 3]> {
+        k.points.iter().map(|&p| transformed(&k.world_from_sensor, p)).collect()
+    };
+    let all: Vec<[f32; 3]> = keyframes.iter().flat_map(in_map).collect();
+    let mut kept = Vec::new();
+    first_of_each_voxel(&all, CELL, &mut VoxelTable::default(), &mut kept);
+    let is_settled = |point: &[f32; 3]| {
+        let (mut free, mut surface) = (0, 0);
+        for sight in &whole.sights {
+            match sight.look(*point) {
+                Seen::Free => free += 1,
+                Seen::Surface => surface += 1,
+                Seen::Hidden => {}
+            }
+        }
+        surface >= VIEWS && surface > MAJORITY * free
+    };
+    kept.par_iter().map(|&i| all[i as usize]).filter(is_settled).collect()
+}
+
 impl RobotMap {
     /// Prepares keyframes, whose poses are in one frame.
     pub fn new(keyframes: &[Keyframe]) -> Self {
         let (whole, surfels) =
             rayon::join(|| Submap::new(keyframes.iter(), &Se3::identity()), || Surfels::new(keyframes));
         Self {
+            settled: settled(keyframes, &whole),
             whole,
             patches: Patches::new(&surfels.all),
             surfels,

@@ -1,6 +1,6 @@
 //! Maps joined, and poses decided between.
 
-use super::comparison::{Comparison, compare};
+use super::comparison::{Comparison, Difference, compare};
 use super::graph::{Merge, joined};
 use super::robot_map::RobotMap;
 use super::verdict::{Decision, MergeEvidence, Test, Verdict, distinct, judged};
@@ -74,6 +74,8 @@ fn standing(a_from_b: Se3) -> MergeEvidence {
         pieces: 4,
         of_pieces: 4,
         support: 20.0,
+        overlap: 0.9,
+        surface: 500.0,
         things: Comparison { shared: 500.0, overlap: 0.9, agreeing: 1.0, ..Comparison::default() },
         weighed: weighed(Answer::Same, 5.0),
         rmse: 0.02,
@@ -110,13 +112,39 @@ fn a_pose_is_held_to_every_test_and_the_answer_says_which_failed() {
     assert_eq!(of(|_| ()), (Answer::Same, Test::Rivals));
     let changed = |e: &mut MergeEvidence| e.weighed = weighed(Answer::SameChanged, 3.0);
     assert_eq!(of(changed).0, Answer::SameChanged);
-    let open = |e: &mut MergeEvidence| e.weighed = weighed(Answer::CannotTell, 1.0);
+    let open = |e: &mut MergeEvidence| e.weighed = weighed(Answer::CannotTell, -1.0);
     assert_eq!(of(open), (Answer::CannotTell, Test::Likelihood));
     let other = |e: &mut MergeEvidence| e.weighed = weighed(Answer::Different, -20.0);
     assert_eq!(of(other), (Answer::Different, Test::Likelihood));
-    assert_eq!(of(|e| e.things.overlap = 0.2), (Answer::Different, Test::Overlap));
+    assert_eq!(of(|e| e.overlap = 0.2), (Answer::Different, Test::Overlap));
+    assert_eq!(of(|e| e.things.agreeing = 0.8), (Answer::Different, Test::Agreeing));
     assert_eq!(of(|e| e.conditioning.weak = 1), (Answer::CannotTell, Test::Conditioning));
     assert_eq!(of(|e| e.pieces = 1), (Answer::CannotTell, Test::Pieces));
+}
+
+#[test]
+fn where_the_likelihood_does_not_tell_nothing_may_be_absent_and_much_must_be_shared() {
+    let of = |overlap: f64, surface: f64, area: f64, answer: Answer| {
+        let mut e = standing(pose(1));
+        e.weighed = weighed(answer, if answer.joins() { 3.0 } else { 0.0 });
+        let differences = vec![Difference { in_first: true, area, middle: [0.0; 3], rays: 9 }];
+        (e.overlap, e.surface, e.things.differences) = (overlap, surface, differences);
+        let verdict = decided(vec![e]);
+        (verdict.decision, verdict.line.test, verdict.answer)
+    };
+    use Answer::{CannotTell, SameChanged};
+    use Decision::{Accepted, Undecided};
+    assert_eq!(of(0.4, 250.0, 0.125, CannotTell), (Accepted, Test::Rivals, CannotTell));
+    assert_eq!(of(0.4, 250.0, 0.19, CannotTell), (Undecided, Test::Absent, CannotTell));
+    // Of more that both saw a little more may be absent.
+    assert_eq!(of(0.4, 600.0, 0.25, CannotTell), (Accepted, Test::Rivals, CannotTell));
+    assert_eq!(of(0.4, 190.0, 0.0, CannotTell), (Undecided, Test::Shared, CannotTell));
+    assert_eq!(of(0.8, 190.0, 0.0, CannotTell), (Accepted, Test::Rivals, CannotTell));
+    // What the likelihood tells needs neither.
+    assert_eq!(of(0.4, 100.0, 2.0, SameChanged), (Accepted, Test::Rivals, SameChanged));
+    let mut nothing = standing(pose(1));
+    nothing.weighed = weighed(CannotTell, f64::NAN);
+    assert_eq!(decided(vec![nothing]).line.test, Test::Likelihood);
 }
 
 #[test]
@@ -137,7 +165,7 @@ fn a_refused_pose_at_which_more_is_alike_leaves_the_one_that_passes_open() {
 fn of_poses_that_do_not_stand_the_one_that_may_be_is_told() {
     let (mut refused, mut open) = (standing(pose(1)), standing(pose(2)));
     refused.weighed = weighed(Answer::Different, -9.0);
-    open.weighed = weighed(Answer::CannotTell, 1.0);
+    open.weighed = weighed(Answer::CannotTell, -1.0);
     let verdict = decided(vec![refused, open]);
     assert_eq!((verdict.decision, verdict.line.test), (Decision::Undecided, Test::Likelihood));
     let told = verdict.best.expect("a pose was judged").a_from_b;

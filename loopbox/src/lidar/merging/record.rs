@@ -75,9 +75,9 @@ pub struct EvidenceRecord {
     pub finding: usize,
     /// Pieces that map has.
     pub of_pieces: usize,
-    /// Share of its surface that the other can judge, the lesser of both ways.
+    /// Share of its points that lie on a surface that the other saw, the lesser of both ways.
     pub overlap: f64,
-    /// Share of that which is there in both.
+    /// Share of the surface that the other can judge which is there in both.
     pub agreeing: f64,
     /// Share of that which is there in one only.
     pub violated: f64,
@@ -104,7 +104,7 @@ impl EvidenceRecord {
             pieces: evidence.pieces,
             finding: evidence.finding,
             of_pieces: evidence.of_pieces,
-            overlap: evidence.things.overlap,
+            overlap: evidence.overlap,
             agreeing: evidence.things.agreeing,
             violated: 1.0 - evidence.things.agreeing,
             shared_m2: evidence.things.shared,
