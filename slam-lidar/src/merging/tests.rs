@@ -154,7 +154,10 @@ fn a_refused_pose_at_which_more_is_alike_leaves_the_one_that_passes_open() {
     refused.support = 30.0;
     let verdict = decided(vec![refused.clone(), passes.clone()]);
     assert_eq!((verdict.answer, verdict.line.test), (Answer::CannotTell, Test::Rivals));
-    // One at which less is alike is none.
+    // One that a repetition's things contradict is none, nor is one at which less is alike.
+    let repetition = Comparison { agreeing: 0.9, ..refused.things.clone() };
+    let beside = MergeEvidence { things: repetition, ..refused.clone() };
+    assert_eq!(decided(vec![beside, passes.clone()]).answer, Answer::Same);
     refused.support = 10.0;
     let verdict = decided(vec![refused, passes]);
     assert_eq!(verdict.answer, Answer::Same);

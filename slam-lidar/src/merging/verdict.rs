@@ -152,6 +152,9 @@ pub mod bounds {
     /// Share of what both saw that is there in both at a glimpse, where a pose is looked at closely: of one place with half of its things
     /// moved it is 0.95, of doubles with nothing but the plan in common 0.84 and more.
     pub const GLIMPSED: f64 = 0.7;
+    /// Least such share of a refused pose that fits as well as one that passes: that of one place with half of its things moved. Beside the
+    /// right pose of rendered stretches, repetitions at which more is alike, since they overlap more, agree by 0.93 and less.
+    pub const AS_WELL: f64 = 0.95;
     /// Largest thing that is not there in the other map where the likelihood does not tell, square metres: two cells. Since maps
     /// begin level three of 382 right poses of rendered sites leave more; floors of one plan and sites shifted by a repetition
     /// that share as much as is asked leave 0.19 and more where this was set.
@@ -322,7 +325,8 @@ pub(super) fn judged(
         let (line, answer) = why.unwrap_or((none, Answer::CannotTell));
         return Verdict { answer, decision: answer.into(), line, best: Some(best), rivals: found };
     }
-    let is_rival = |e: &&MergeEvidence| failed(e, prior, false).is_none() || e.support >= best.support;
+    let fits = |e: &MergeEvidence| e.support >= best.support && e.things.agreeing >= bounds::AS_WELL;
+    let is_rival = |e: &&MergeEvidence| failed(e, prior, false).is_none() || fits(e);
     let rivals = Line { test: Test::Rivals, value: found.iter().filter(is_rival).count() as f64, bound: 0.0 };
     let why = if rivals.value > 0.0 {
         Some((rivals, Answer::CannotTell))
