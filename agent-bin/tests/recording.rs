@@ -274,7 +274,7 @@ fn bags_with_several_topics_ask_for_one() {
     let mut writer = BagWriter::create(file).unwrap();
     let kind =
         MessageType { name: "sensor_msgs/Image", md5sum: "060021388200f6f0f447d0fcd9c64743", definition: "" };
-    for (topic, encoding) in [("/left", "mono8"), ("/right", "bayer_rggb8")] {
+    for (topic, encoding) in [("/left", "mono8"), ("/right", "32FC1")] {
         let connection = writer.connect(topic, kind);
         let mut message: Vec<u8> = [0u32, 9, 500_000_000, 0, HEIGHT, WIDTH, encoding.len() as u32]
             .iter()

@@ -132,7 +132,7 @@ fn a_video_that_was_cut_off_or_damaged_gives_what_it_has_and_says_so() {
     video(&path, 20, &["-c:v", "mpeg4", "-pix_fmt", "yuv420p"]);
     let bytes = std::fs::read(&path).unwrap();
     std::fs::write(&path, &bytes[..bytes.len() / 2]).unwrap();
-    assert_refused(&["info", arg(&path)], &["cut.mp4", "moov atom not found"]);
+    assert_refused(&["info", arg(&path)], &["cut.mp4", "without its index (moov)"]);
 }
 
 #[test]
