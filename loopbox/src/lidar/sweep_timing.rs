@@ -236,7 +236,9 @@ fn thinned(mut scan: Scan) -> Scan {
 fn moving_window(beginning: Vec<Scan>, rest: &mut dyn Iterator<Item = Scan>) -> Option<Vec<Scan>> {
     let mut odometry = Odometry::new(OdometryParams::default());
     let mut scans: Vec<(Scan, f64)> = Vec::new();
-    let (mut last, mut lost, mut best): (Option<Se3>, usize, Option<(f64, Vec<Scan>)>) = (None, 0, None);
+    let mut last: Option<Se3> = None;
+    let mut lost = 0;
+    let mut best: Option<(f64, Vec<Scan>)> = None;
     for scan in beginning.into_iter().chain(rest.map(thinned)).take(SEARCHED) {
         let range = median_range(&scan);
         let tracked = odometry.track(&scan);
