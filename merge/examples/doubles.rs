@@ -107,7 +107,7 @@ fn files_of(parts: usize, files: [&String; 2]) {
     let all = (0..parts).flat_map(|i| (0..parts).map(move |j| (i, j)));
     // Of one map no part meets itself.
     for (i, j) in all.filter(|(i, j)| files[0] != files[1] || i < j) {
-        line(&format!("{i}/{j}"), "one", 0.0, &part(&a, i, parts), &part(&b, j, parts));
+        line(format!("{i}/{j}"), "one", 0.0, &part(&a, i, parts), &part(&b, j, parts));
     }
 }
 

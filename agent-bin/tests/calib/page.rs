@@ -11,7 +11,7 @@ mod served;
 #[path = "../e2e/watch/socket.rs"]
 mod socket;
 
-use crate::common::{arg, assert_refused, command};
+use crate::common::{arg, assert_misused, assert_refused, command};
 use crate::support::{Artist, BOARD, poses};
 use browser::Browser;
 use served::Served;
@@ -132,7 +132,7 @@ fn the_page_shows_views_and_result_in_a_browser() {
 fn what_has_no_page_is_said() {
     let out = tempdir().unwrap();
     let (folder, file) = (arg(out.path()), out.path().join("vignette.png"));
-    assert_refused(&["calib", "--vignette", folder, "--view=0", "--out", arg(&file)], &["--view", "hint"]);
+    assert_misused(&["calib", "--vignette", folder, "--view=0", "--out", arg(&file)], &["--view", "hint"]);
     assert_refused(
         &["calib", "--board", BOARD, folder, "--view=0", "--token", "short", "--out", arg(&file)],
         &["--token", "hint"],

@@ -103,7 +103,10 @@ fn what_a_sync_refused_is_written_again_and_not_said_to_be_kept_before() {
         disk.refuse_after(before);
         give(&store, &[1, 2]);
         wait(&store, |news| match news {
-            Stored::Failed(reason) => Some(assert!(reason.contains("does not take it"))),
+            Stored::Failed(reason) => {
+                assert!(reason.contains("does not take it"), "{reason}");
+                Some(())
+            }
             Stored::Head(..) => panic!("it is not kept"),
             Stored::Lost(_) => None,
         });

@@ -141,6 +141,8 @@ impl Picture {
     /// Whether its samples have more than eight bits; `None` where it has none, or a range already.
     fn is_deep(&self) -> Option<bool> {
         match self {
+            // What is no file, a pipe say, can be read once only.
+            Picture::File(path) if path.exists() && !path.is_file() => Some(false),
             Picture::File(path) => {
                 let reader = ImageReader::open(path).ok()?.with_guessed_format().ok()?;
                 Some(is_deep(reader.into_decoder().ok()?.color_type()))
