@@ -46,7 +46,12 @@ fn ros2_bags_in_sqlite_are_read_like_others() {
     let image = |i: u32| header(i).bytes(b"png\0").bytes(&encoded(i, ImageFormat::Png)).message();
     let camera = [80.0, 0.0, 47.5, 0.0, 80.0, 31.5, 0.0, 0.0, 1.0f64];
     let info_message = header(0).word(64).word(96).bytes(b"plumb_bob\0").word(0);
-    let info_message = camera.into_iter().fold(info_message, |m, v| m.number(v.to_le_bytes())).message();
+    let rectification = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
+    let projection = [80.0, 0.0, 47.5, 0.0, 0.0, 80.0, 31.5, 0.0, 0.0, 0.0, 1.0, 0.0];
+    let numbers = camera.into_iter().chain(rectification).chain(projection);
+    let info_message = numbers.fold(info_message, |m, v| m.number(v.to_le_bytes()));
+    // No binning, and no region of interest.
+    let info_message = (0..7).fold(info_message, |m, _| m.word(0)).message();
     // The recorder was late by 50 ms: stamps are the camera's. The bag was split, the later file first by its name.
     let received = |i: u32| 1_700_000_000_050_000_000 + i64::from(i) * 100_000_000;
     let rest: Vec<_> = (2..4).map(|i| (0, received(i), image(i))).collect();
