@@ -216,7 +216,7 @@ impl AgentConfig {
         let limits = self.limits;
         for (name, value, least) in [
             ("limits.disk_mib", limits.disk_mib, 1),
-            ("limits.memory_mib", limits.memory_mib, 64),
+            ("limits.memory_mib", limits.memory_mib, 32),
             ("record.file_mib", self.record.file_mib, 1),
         ] {
             if value < least {
