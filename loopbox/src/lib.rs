@@ -5,7 +5,7 @@
 //! [`run()`], [`merge_maps`] and [`evaluate`].
 //!
 //! [`mod@run`] takes frames from a source through an agent into a folder of results, [`merging`] brings maps of several
-//! agents together, [`calibrating`] makes a camera's calibration from images of a board; [`results`] keeps folders of
+//! agents together, `calibrating` (with the feature `opencv`) makes a camera's calibration from images of a board; [`results`] keeps folders of
 //! results whole, [`importing`] makes maps of posed images from elsewhere, [`placing`] brings maps to metres and upright. [`lidar`] does the same for LiDAR agents; `fleet` lets
 //! agents pair over a network, [`ros`] publishes a run to ROS 2. [`unattended`] runs an agent for ever, session after session.
 

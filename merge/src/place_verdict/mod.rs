@@ -1,6 +1,6 @@
 //! Whether the place that two maps were joined at is one, or two that share things: what both saw of each piece of surface.
 //!
-//! Every cell of surface that keyframes of both maps see at the poses found is compared there ([`KeyframeView::match_cells`]). How
+//! Every cell of surface that keyframes of both maps see at the poses found is compared there ([`match_cells`](backend::sim3_align::KeyframeView::match_cells)). How
 //! alike cells of one surface look is measured where it is known that it is one: between keyframes of one map that are as far aside of each other; how
 //! alike unrelated ones look, on cells of the one map and wrong ones of the other. Both depend on the contrast, and hold what
 //! noise, blur, exposure and errors of pose and depth make of it. The ratio of both is what a cell says; cells that hang
