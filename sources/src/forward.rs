@@ -133,7 +133,7 @@ impl Clock {
         step.zip(self.usual_step()).is_some_and(|(step, usual)| step > 0.0 && step <= PLAIN_STEPS * usual)
     }
 
-    /// Judges the next stamp by those that follow it, [`LOOKED_AHEAD`] of them where there are as many; of a stamp that
+    /// Judges the next stamp by those that follow it, four of them where there are as many; of a stamp that
     /// [`Clock::is_plain`] they need not be given. All in seconds.
     pub fn judge(&mut self, stamp: f64, following: &[f64]) -> Judged {
         let place = self.seen;
