@@ -30,6 +30,7 @@ pub mod pictures;
 mod presets;
 pub mod recording;
 mod rosbag2;
+mod salvage;
 mod scan_recording;
 mod stop;
 mod survey;

@@ -2,8 +2,9 @@
 
 use super::fields::Fields;
 use super::{BAG_HEADER, CHUNK, CHUNK_INFO, CONNECTION, MAGIC, MESSAGE};
+use crate::salvage::{Found, Pieces};
 use anyhow::{Context, Result, bail};
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::BTreeMap;
 use std::io::{ErrorKind, Read, Seek, SeekFrom};
 use std::sync::Arc;
 
@@ -46,10 +47,7 @@ pub struct BagReader<R> {
     connections: BTreeMap<u32, Arc<Connection>>,
     /// Where chunks begin, as far as an index says.
     chunks: Vec<u64>,
-    ready: VecDeque<Message>,
-    /// What was wrong where these messages come from.
-    damage: Option<anyhow::Error>,
-    ended: bool,
+    found: Found<Message, anyhow::Error>,
 }
 
 impl<R: Read + Seek> BagReader<R> {
@@ -70,9 +68,7 @@ impl<R: Read + Seek> BagReader<R> {
             position: MAGIC.len() as u64,
             connections: BTreeMap::new(),
             chunks: Vec::new(),
-            ready: VecDeque::new(),
-            damage: None,
-            ended: false,
+            found: Found::default(),
         };
         let (header, _padding) = reader.record()?.context("it ends early")?;
         let fields = Fields::parse(&header)?;
@@ -94,12 +90,6 @@ impl<R: Read + Seek> BagReader<R> {
     fn go_to(&mut self, position: u64) -> Result<()> {
         self.position = self.file.seek(SeekFrom::Start(position))?;
         Ok(())
-    }
-
-    /// Goes on with the next chunk that the index knows; false where there is none.
-    fn go_on(&mut self) -> bool {
-        let next = self.chunks.partition_point(|start| *start <= self.position);
-        self.chunks.get(next).copied().is_some_and(|start| self.go_to(start).is_ok())
     }
 
     fn read_index(&mut self) -> Result<Content> {
@@ -166,7 +156,39 @@ impl<R: Read + Seek> BagReader<R> {
         Ok(Some(block))
     }
 
-    /// Takes the next record; false at the end.
+    fn take_connection(&mut self, fields: &Fields, data: &[u8]) -> Result<()> {
+        self.connections.insert(fields.u32("conn")?, Arc::new(connection(fields, data)?));
+        Ok(())
+    }
+
+    fn take_chunk(&mut self, mut chunk: &[u8]) -> Result<()> {
+        while !chunk.is_empty() {
+            let (header, data);
+            (header, chunk) = split_block(chunk)?;
+            (data, chunk) = split_block(chunk)?;
+            let fields = Fields::parse(header)?;
+            match fields.op()? {
+                CONNECTION => self.take_connection(&fields, data)?,
+                MESSAGE => {
+                    let known = self.connections.get(&fields.u32("conn")?);
+                    let connection = Arc::clone(known.context("a message of no connection")?);
+                    self.found.messages.push_back(Message {
+                        connection,
+                        time: fields.time("time")?,
+                        data: data.to_vec(),
+                    });
+                }
+                _ => {}
+            }
+        }
+        Ok(())
+    }
+}
+
+impl<R: Read + Seek> Pieces for BagReader<R> {
+    type Message = Message;
+    type Damage = anyhow::Error;
+
     fn advance(&mut self) -> Result<bool> {
         // Behind the index position there are only connections and chunk infos.
         if self.index_position != 0 && self.position == self.index_position {
@@ -189,67 +211,29 @@ impl<R: Read + Seek> BagReader<R> {
             CHUNK => {
                 let (records, unpacked) = unpack(&fields, data, self.limit)?;
                 let read = self.take_chunk(&records);
-                self.damage = unpacked.and(read).err();
+                self.found.damage = unpacked.and(read).err();
             }
-            CONNECTION => self.damage = self.take_connection(&fields, &data).err(),
+            CONNECTION => self.found.damage = self.take_connection(&fields, &data).err(),
             _ => {}
         }
         Ok(true)
     }
 
-    fn take_connection(&mut self, fields: &Fields, data: &[u8]) -> Result<()> {
-        self.connections.insert(fields.u32("conn")?, Arc::new(connection(fields, data)?));
-        Ok(())
+    fn go_on(&mut self) -> bool {
+        let next = self.chunks.partition_point(|start| *start <= self.position);
+        self.chunks.get(next).copied().is_some_and(|start| self.go_to(start).is_ok())
     }
 
-    fn take_chunk(&mut self, mut chunk: &[u8]) -> Result<()> {
-        while !chunk.is_empty() {
-            let (header, data);
-            (header, chunk) = split_block(chunk)?;
-            (data, chunk) = split_block(chunk)?;
-            let fields = Fields::parse(header)?;
-            match fields.op()? {
-                CONNECTION => self.take_connection(&fields, data)?,
-                MESSAGE => {
-                    let known = self.connections.get(&fields.u32("conn")?);
-                    let connection = Arc::clone(known.context("a message of no connection")?);
-                    self.ready.push_back(Message {
-                        connection,
-                        time: fields.time("time")?,
-                        data: data.to_vec(),
-                    });
-                }
-                _ => {}
-            }
-        }
-        Ok(())
+    fn found(&mut self) -> &mut Found<Message, anyhow::Error> {
+        &mut self.found
     }
 }
 
 impl<R: Read + Seek> Iterator for BagReader<R> {
     type Item = Result<Message>;
 
-    /// The next message; an error is a damage, after which there may be more.
     fn next(&mut self) -> Option<Result<Message>> {
-        loop {
-            if let Some(message) = self.ready.pop_front() {
-                return Some(Ok(message));
-            }
-            // What a damaged chunk held before the damage is whole.
-            if let Some(damage) = self.damage.take() {
-                return Some(Err(damage));
-            }
-            if self.ended {
-                return None;
-            }
-            match self.advance() {
-                Ok(more) => self.ended = !more,
-                Err(damage) => {
-                    self.damage = Some(damage);
-                    self.ended = !self.go_on();
-                }
-            }
-        }
+        self.next_message()
     }
 }
 

@@ -4,12 +4,13 @@
 //! chunk costs what it holds and no more. Checksums of chunks are compared; what fails is told, and what can be read of it is.
 
 use crate::input::{Bytes, Input};
+use crate::salvage::{Found, Pieces};
 use anyhow::Result;
 use geometry::limits::MAX_BYTES;
 use mcap::records::{ChunkHeader, Record, op};
 use mcap::{Channel, McapError, McapResult, Message, Schema, parse_record};
 use std::borrow::Cow;
-use std::collections::{HashMap, VecDeque};
+use std::collections::HashMap;
 use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::sync::Arc;
 
@@ -27,10 +28,7 @@ pub struct Linear {
     chunks: Vec<(u64, u64)>,
     schemas: HashMap<u16, Arc<Schema<'static>>>,
     channels: HashMap<u16, Arc<Channel<'static>>>,
-    ready: VecDeque<Message<'static>>,
-    /// What was wrong where these messages come from.
-    damage: Option<McapError>,
-    ended: bool,
+    found: Found<Message<'static>, McapError>,
     content: Vec<u8>,
 }
 
@@ -54,54 +52,9 @@ impl Linear {
             chunks,
             schemas: HashMap::new(),
             channels,
-            ready: VecDeque::new(),
-            damage: None,
-            ended: false,
+            found: Found::default(),
             content: Vec::new(),
         })
-    }
-
-    /// Takes the next record; false behind the last that may hold messages.
-    fn advance(&mut self) -> McapResult<bool> {
-        if self.position == 0 {
-            let mut magic = [0; MAGIC.len()];
-            self.file.read_exact(&mut magic).map_err(|_| McapError::UnexpectedEof)?;
-            if magic != MAGIC {
-                return Err(McapError::BadMagic);
-            }
-            self.position = MAGIC.len() as u64;
-        }
-        let mut header = [0; HEADER as usize];
-        self.file.read_exact(&mut header).map_err(|_| McapError::UnexpectedEof)?;
-        let [opcode, length @ ..] = header;
-        let length = u64::from_le_bytes(length);
-        let left = self.size.saturating_sub(self.position + HEADER);
-        let is_whole = length <= left && self.agrees_with_index(opcode, length);
-        match opcode {
-            op::DATA_END | op::FOOTER => return self.check_end().map(|()| false),
-            op::CHUNK if is_whole && length > MAX_BYTES as u64 => {
-                return self.enter_chunk(length).map(|()| true);
-            }
-            _ => {}
-        }
-        if !matches!(opcode, op::HEADER..=op::DATA_END | 0x80..) {
-            return Err(McapError::BadIndex);
-        }
-        if opcode != op::CHUNK && (!is_whole || length > MAX_BYTES as u64) {
-            return Err(McapError::UnexpectedEof);
-        }
-        let mut content = std::mem::take(&mut self.content);
-        content.clear();
-        let wanted = length.min(left).min(MAX_BYTES as u64);
-        self.file.by_ref().take(wanted).read_to_end(&mut content)?;
-        let taken = if opcode == op::CHUNK { self.take_chunk(&content) } else { self.take(opcode, &content) };
-        self.content = content;
-        if is_whole {
-            self.position += HEADER + length;
-            self.damage = taken.err();
-            return Ok(true);
-        }
-        taken.and(Err(McapError::UnexpectedEof))
     }
 
     /// Whether the index says the same of the chunk that begins here, where it says anything.
@@ -199,7 +152,7 @@ impl Linear {
             Record::Message { header, data } => {
                 let unknown = McapError::UnknownChannel(header.sequence, header.channel_id);
                 let channel = Arc::clone(self.channels.get(&header.channel_id).ok_or(unknown)?);
-                self.ready.push_back(Message {
+                self.found.messages.push_back(Message {
                     channel,
                     sequence: header.sequence,
                     log_time: header.log_time,
@@ -211,8 +164,54 @@ impl Linear {
         }
         Ok(())
     }
+}
 
-    /// Goes on with the next chunk that the index knows; false where there is none.
+impl Pieces for Linear {
+    type Message = Message<'static>;
+    type Damage = McapError;
+
+    fn advance(&mut self) -> McapResult<bool> {
+        if self.position == 0 {
+            let mut magic = [0; MAGIC.len()];
+            self.file.read_exact(&mut magic).map_err(|_| McapError::UnexpectedEof)?;
+            if magic != MAGIC {
+                return Err(McapError::BadMagic);
+            }
+            self.position = MAGIC.len() as u64;
+        }
+        let mut header = [0; HEADER as usize];
+        self.file.read_exact(&mut header).map_err(|_| McapError::UnexpectedEof)?;
+        let [opcode, length @ ..] = header;
+        let length = u64::from_le_bytes(length);
+        let left = self.size.saturating_sub(self.position + HEADER);
+        let is_whole = length <= left && self.agrees_with_index(opcode, length);
+        match opcode {
+            op::DATA_END | op::FOOTER => return self.check_end().map(|()| false),
+            op::CHUNK if is_whole && length > MAX_BYTES as u64 => {
+                return self.enter_chunk(length).map(|()| true);
+            }
+            _ => {}
+        }
+        if !matches!(opcode, op::HEADER..=op::DATA_END | 0x80..) {
+            return Err(McapError::BadIndex);
+        }
+        if opcode != op::CHUNK && (!is_whole || length > MAX_BYTES as u64) {
+            return Err(McapError::UnexpectedEof);
+        }
+        let mut content = std::mem::take(&mut self.content);
+        content.clear();
+        let wanted = length.min(left).min(MAX_BYTES as u64);
+        self.file.by_ref().take(wanted).read_to_end(&mut content)?;
+        let taken = if opcode == op::CHUNK { self.take_chunk(&content) } else { self.take(opcode, &content) };
+        self.content = content;
+        if is_whole {
+            self.position += HEADER + length;
+            self.found.damage = taken.err();
+            return Ok(true);
+        }
+        taken.and(Err(McapError::UnexpectedEof))
+    }
+
     fn go_on(&mut self) -> bool {
         let next = self.chunks.partition_point(|(start, _)| *start <= self.position);
         let Some((start, _)) = self.chunks.get(next).filter(|(start, _)| *start < self.size) else {
@@ -221,30 +220,17 @@ impl Linear {
         self.position = *start;
         self.file.seek(SeekFrom::Start(*start)).is_ok()
     }
+
+    fn found(&mut self) -> &mut Found<Self::Message, McapError> {
+        &mut self.found
+    }
 }
 
 impl Iterator for Linear {
     type Item = McapResult<Message<'static>>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        loop {
-            if let Some(message) = self.ready.pop_front() {
-                return Some(Ok(message));
-            }
-            if let Some(damage) = self.damage.take() {
-                return Some(Err(damage));
-            }
-            if self.ended {
-                return None;
-            }
-            match self.advance() {
-                Ok(more) => self.ended = !more,
-                Err(damage) => {
-                    self.damage = Some(damage);
-                    self.ended = !self.go_on();
-                }
-            }
-        }
+        self.next_message()
     }
 }
 
