@@ -53,8 +53,8 @@ pub enum PixelFormat {
     Yuyv,
     /// Grey in every other byte, the second.
     Uyvy,
-    /// 16-bit grey, little end first, of which the high byte is kept. V4L2 has other formats (`Y10`, `Y12`) for
-    /// sensors that fill fewer bits from below; one that says Y16 nevertheless gives dark images.
+    /// 16-bit grey, little end first, with the range of the first images. V4L2 has other formats (`Y10`, `Y12`) for
+    /// sensors that fill fewer bits from below.
     Y16,
     /// A JPEG file for each frame.
     Mjpg,

@@ -3,6 +3,7 @@
 use super::device::{Captured, Device, View};
 use super::open::Opened;
 use super::stream::BUFFERS;
+use crate::forward::Forward;
 use crate::notice::{Listener, Notice};
 use crate::{FrameSource, SourceFrame, SourceInfo};
 use anyhow::Result;
@@ -71,6 +72,11 @@ impl Gaps {
     fn restart(&mut self) {
         self.last = None;
     }
+}
+
+/// A camera as a source, whose images of more than eight bits have the range of the first ones.
+pub fn source(live: Live) -> Box<dyn FrameSource> {
+    Box::new(Forward::new(Box::new(live)))
 }
 
 impl Live {

@@ -8,6 +8,8 @@ use std::sync::Mutex;
 struct Scripted {
     view: View,
     script: VecDeque<Step>,
+    /// The bytes of each frame.
+    data: Vec<u8>,
 }
 
 #[derive(Clone, Copy)]
@@ -30,7 +32,7 @@ impl Device for Scripted {
 
     fn next(&mut self, wait: Duration) -> io::Result<Option<Captured>> {
         let frame = |sequence, damaged| Captured {
-            data: vec![7; 4],
+            data: self.data.clone(),
             sequence,
             timestamp: sequence as f64,
             captured: Instant::now(),
@@ -57,7 +59,7 @@ const SMALL: Size = Size { width: 2, height: 2 };
 fn opened(script: &[Step], size: Size) -> Opened {
     let view = View { format: PixelFormat::Grey, size, step: size.width, rate: None };
     let script = script.iter().copied().collect();
-    let device = Box::new(Scripted { view, script });
+    let device = Box::new(Scripted { view, script, data: vec![7; 4] });
     Opened { device, description: "Fake".into(), warnings: vec!["no focus".into()] }
 }
 
@@ -171,4 +173,23 @@ fn the_duration_counts_from_the_first_frame() {
     assert!(live.next_frame().is_some());
     assert!(live.next_frame().is_none());
     assert_eq!(live.failure(), None);
+}
+
+#[test]
+fn ten_bits_keep_their_contrast() {
+    let view = View { format: PixelFormat::Y16, size: Size { width: 2, height: 1 }, step: 4, rate: None };
+    // 500 and 600 of 1023, which have the same high byte but for one.
+    let data = [500u16, 600].iter().flat_map(|sample| sample.to_le_bytes()).collect();
+    let device = Box::new(Scripted { view, script: (0..40).map(Frame).collect(), data });
+    let opened = Opened { device, description: "Fake".into(), warnings: vec![] };
+    let mut live = Live::new("/dev/fake".into(), opened, None, None);
+    live.silence = Duration::from_millis(20);
+    let mut source = source(live);
+    let mut frames = Vec::new();
+    while let Some(frame) = source.next_frame() {
+        assert!(source.is_live() && frame.captured.is_some());
+        frames.push(frame.picture.into_grey().unwrap().data().to_vec());
+    }
+    assert_eq!(frames.len(), 40);
+    assert!(frames.iter().all(|grey| *grey == frames[0] && grey[1] - grey[0] > 100), "{:?}", frames[0]);
 }

@@ -42,7 +42,7 @@ pub fn open_camera(args: &CameraArgs) -> Result<Box<dyn FrameSource>> {
     let reopen = args.reconnect.then(|| -> live::Reopen { Box::new(move || opener.open_again()) });
     let duration = args.duration.map(std::time::Duration::from_secs_f64);
     let path = args.path().unwrap_or_default();
-    Ok(Box::new(live::Live::new(path, opened, reopen, duration)))
+    Ok(live::source(live::Live::new(path, opened, reopen, duration)))
 }
 
 /// Says that this program knows no cameras.
