@@ -3,9 +3,9 @@
 use super::camera_topics::Match;
 use super::input::{Bytes, Input};
 use super::messages::{self, Content};
-use super::topic_recording::{Stamped, TopicRecording};
+use super::topic_recording::{self, Stamped};
 use super::topics::Topics;
-use super::{FoundCalibration, SourceInfo, SourceOptions};
+use super::{FoundCalibration, FrameSource, SourceInfo, SourceOptions};
 pub use crate::bag::MAGIC;
 use crate::bag::{self, BagReader, Message};
 use anyhow::{Context, Result};
@@ -30,7 +30,7 @@ pub fn is_bag(path: &Path) -> bool {
 ///
 /// # Errors
 /// When it cannot be read, or has no images or not exactly one topic to take them from.
-pub fn open(input: Input, options: &SourceOptions) -> Result<TopicRecording> {
+pub fn open(input: Input, options: &SourceOptions) -> Result<Box<dyn FrameSource>> {
     let mut messages = reader(&input)?;
     let topics = match messages.content() {
         Some(content) => of_index(&content),
@@ -51,13 +51,13 @@ pub fn open(input: Input, options: &SourceOptions) -> Result<TopicRecording> {
         camera: CameraHint { topic: Some(topic.clone()), ..CameraHint::default() },
         lag: None,
     };
-    let form = topics.image_form(&topic).context("the topic holds no images")?;
+    let content = topics.content(&topic);
     // What cannot be read has no topic, and is told.
     let of_topic =
         messages.filter(move |m| m.as_ref().map_or(true, |message| message.connection.topic == topic));
     let stamped =
         of_topic.map(|message| message.map(|message| Stamped { time: message.time, data: message.data }));
-    Ok(TopicRecording::new(info, topics.facts(), form, stamped))
+    topic_recording::open(info, topics.facts(), content, stamped)
 }
 
 /// The topics of a bag.

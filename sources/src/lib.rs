@@ -272,11 +272,11 @@ fn open_files(path: &Path, files: &Files, options: &SourceOptions) -> Result<Box
 }
 
 fn open_mcap(path: &Path, options: &SourceOptions) -> Result<Box<dyn FrameSource>> {
-    Ok(Box::new(mcap_recording::open(Input::File(path.to_owned()), options)?))
+    mcap_recording::open(Input::File(path.to_owned()), options)
 }
 
 fn open_bag(path: &Path, options: &SourceOptions) -> Result<Box<dyn FrameSource>> {
-    Ok(Box::new(bag_recording::open(Input::File(path.to_owned()), options)?))
+    bag_recording::open(Input::File(path.to_owned()), options)
 }
 
 /// Opens a recording that lies in memory: an MCAP file or a ROS 1 bag.
@@ -286,9 +286,9 @@ fn open_bag(path: &Path, options: &SourceOptions) -> Result<Box<dyn FrameSource>
 pub fn open_bytes(bytes: &[u8], options: &SourceOptions) -> Result<Box<dyn FrameSource>> {
     let input = Input::Memory("memory".into(), Arc::from(bytes));
     if bytes.starts_with(bag_recording::MAGIC) {
-        return Ok(Box::new(Forward::new(Box::new(bag_recording::open(input, options)?))));
+        return Ok(Box::new(Forward::new(bag_recording::open(input, options)?)));
     }
-    Ok(Box::new(Forward::new(Box::new(mcap_recording::open(input, options)?))))
+    Ok(Box::new(Forward::new(mcap_recording::open(input, options)?)))
 }
 
 /// The camera in a `foxglove.CameraCalibration` message (protobuf).
@@ -302,7 +302,7 @@ pub fn read_foxglove_calibration(message: &[u8]) -> Result<Camera> {
 
 #[cfg(feature = "sqlite")]
 fn open_sqlite(path: &Path, files: &[PathBuf], options: &SourceOptions) -> Result<Box<dyn FrameSource>> {
-    Ok(Box::new(rosbag2::open(path, files, options)?))
+    rosbag2::open(path, files, options)
 }
 
 #[cfg(not(feature = "sqlite"))]

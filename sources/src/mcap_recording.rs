@@ -7,6 +7,7 @@ mod survey;
 use super::camera_topics::Match;
 use super::input::Input;
 use super::messages::{self, Content};
+use super::topic_recording::{self, Stamped};
 use super::topics::Topics;
 use super::{FoundCalibration, FrameSource, SourceFrame, SourceInfo, SourceOptions, time};
 use crate::damage::Damage;
@@ -28,14 +29,14 @@ use survey::{Survey, content};
 /// What starts every MCAP file.
 const MAGIC: &[u8] = b"\x89MCAP0\r\n";
 /// What would do as images, for people.
-const LOOKED_FOR: &str = "foxglove.CompressedImage and foxglove.RawImage (protobuf or JSON) and \
+const LOOKED_FOR: &str = "foxglove.CompressedImage, RawImage and CompressedVideo (protobuf or JSON) and \
      sensor_msgs/msg/Image and CompressedImage (CDR)";
 
 /// Messages in the order of the file. An error is a damage, after which there may be more.
 pub type Messages = Box<dyn Iterator<Item = McapResult<mcap::Message<'static>>> + Send>;
 
 /// A recording in an MCAP file: the images of one topic.
-pub struct McapRecording {
+struct McapRecording {
     input: Input,
     info: SourceInfo,
     facts: Vec<(&'static str, String)>,
@@ -66,7 +67,7 @@ pub fn is_mcap(path: &Path) -> bool {
 ///
 /// # Errors
 /// When it cannot be read, or has no images or not exactly one topic to take them from.
-pub fn open(input: Input, options: &SourceOptions) -> Result<McapRecording> {
+pub fn open(input: Input, options: &SourceOptions) -> Result<Box<dyn FrameSource>> {
     let (file, _) = input.open()?;
     let head = read_head(file, MAX_BYTES);
     let survey = Survey::of(&input, head.is_ours)?;
@@ -84,6 +85,16 @@ pub fn open(input: Input, options: &SourceOptions) -> Result<McapRecording> {
         camera: CameraHint { topic: Some(topic.clone()), ..CameraHint::default() },
         lag: head.lag().filter(|_| !options.all_frames),
     };
+    if let Some(video @ Content::Video(_)) = survey.topics.content(&topic) {
+        let messages = linear_with(&input, survey.summary.as_ref())?;
+        // What cannot be read has no topic, and is told.
+        let of_topic = messages.filter(move |m| m.as_ref().map_or(true, |m| m.channel.topic == topic));
+        let stamped = of_topic.map(|message| {
+            let message = message?;
+            Ok(Stamped { time: message.log_time, data: message.data.into_owned() })
+        });
+        return topic_recording::open(info, facts(&head, &survey), Some(video), stamped);
+    }
     let range = head.is_ours.then(|| survey.ending.get(GREY_RANGE)).flatten();
     let messages = linear_with(&input, survey.summary.as_ref())?;
     let mut recording = McapRecording {
@@ -102,7 +113,7 @@ pub fn open(input: Input, options: &SourceOptions) -> Result<McapRecording> {
         by_log: false,
     };
     recording.by_log = !recording.is_ours && recording.stamps_stand_still();
-    Ok(recording)
+    Ok(Box::new(recording))
 }
 
 impl McapRecording {

@@ -2,10 +2,11 @@
 
 use crate::damage::Damage;
 use crate::forward::LOOKED_AHEAD;
-use crate::messages::{self, Form, ImageMessage};
+use crate::messages::{self, Content, Form, ImageMessage};
 use crate::pictures::Picture;
+use crate::video::TopicVideo;
 use crate::{FrameSource, SourceFrame, SourceInfo, time};
-use anyhow::Result;
+use anyhow::{Result, bail};
 use std::collections::VecDeque;
 
 /// A message of the topic.
@@ -17,7 +18,7 @@ pub struct Stamped {
 }
 
 /// A recording of images as messages of one topic.
-pub struct TopicRecording {
+struct TopicRecording {
     info: SourceInfo,
     facts: Vec<(&'static str, String)>,
     form: Form,
@@ -30,9 +31,26 @@ pub struct TopicRecording {
     by_log: bool,
 }
 
+/// Opens the images on a topic of this content, images or a video.
+///
+/// # Errors
+/// When it is a video that cannot be decoded here, or neither.
+pub fn open(
+    info: SourceInfo,
+    facts: Vec<(&'static str, String)>,
+    content: Option<Content>,
+    messages: impl Iterator<Item = Result<Stamped>> + Send + 'static,
+) -> Result<Box<dyn FrameSource>> {
+    match content {
+        Some(Content::Image(form)) => Ok(Box::new(TopicRecording::new(info, facts, form, messages))),
+        Some(Content::Video(form)) => Ok(Box::new(TopicVideo::start(info, facts, form, messages)?)),
+        Some(Content::Calibration(_)) | None => bail!("{}: the topic holds no images", info.path.display()),
+    }
+}
+
 impl TopicRecording {
     /// The images in `messages`, all of them of this form; an error is a damage, after which there may be more.
-    pub fn new(
+    fn new(
         info: SourceInfo,
         facts: Vec<(&'static str, String)>,
         form: Form,

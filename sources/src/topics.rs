@@ -1,7 +1,7 @@
 //! The topics of a recording in messages, and which of them to take.
 
 use super::camera_topics::{Match, calibration_of};
-use super::messages::{Content, Form};
+use super::messages::Content;
 use anyhow::{Result, bail};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -66,19 +66,29 @@ impl Topics {
     }
 
     fn images(&self) -> impl Iterator<Item = (&String, u64)> {
-        let images =
-            self.by_name.iter().filter(|(_, topic)| matches!(topic.content, Some(Content::Image(_))));
+        let is_image = |topic: &Topic| matches!(topic.content, Some(Content::Image(_) | Content::Video(_)));
+        let images = self.by_name.iter().filter(move |(_, topic)| is_image(topic));
         images.map(|(name, topic)| (name, topic.count))
     }
 
-    /// The topic to take images from and how many there are.
+    /// Whether a topic is a video; where another holds the images themselves, they are taken, since a video loses some of them.
+    fn is_video(&self, name: &str) -> bool {
+        matches!(self.content(name), Some(Content::Video(_)))
+    }
+
+    /// The topic to take images from and how many there are: where one topic holds images and others hold videos, that one.
     ///
     /// # Errors
     /// When there are none, or several and `wanted` names none of them; `looked_for` is what would do.
     pub fn choose(&self, path: &Path, wanted: Option<&str>, looked_for: &str) -> Result<(String, u64)> {
         let names =
             || -> Vec<String> { self.images().map(|(name, n)| format!("{name} ({n} images)")).collect() };
-        let mut candidates = self.images().filter(|(name, _)| wanted.is_none_or(|wanted| *name == wanted));
+        let has_images = self.images().any(|(name, _)| !self.is_video(name));
+        let may_be_taken = |name: &str| match wanted {
+            Some(wanted) => name == wanted,
+            None => !(has_images && self.is_video(name)),
+        };
+        let mut candidates = self.images().filter(|(name, _)| may_be_taken(name));
         match (candidates.next(), candidates.next(), wanted) {
             (Some((name, count)), None, _) => Ok((name.clone(), count)),
             (None, _, Some(wanted)) if !names().is_empty() => {
@@ -110,22 +120,12 @@ impl Topics {
         }
         let topic = |(name, topic): (&String, &Topic)| format!("{name} ({} × {})", topic.count, topic.schema);
         let topics: Vec<String> = self.by_name.iter().map(topic).collect();
-        let is_video = |topic: &Topic| topic.schema.ends_with("CompressedVideo");
-        let video = match self.by_name.values().any(is_video) {
-            true => {
-                "; video in messages is not read: write its images as foxglove.CompressedImage, or give the video file"
-            }
-            false => "",
-        };
-        format!(", but {}{video}", topics.join(", "))
+        format!(", but {}", topics.join(", "))
     }
 
-    /// How the images of a topic are written.
-    pub fn image_form(&self, name: &str) -> Option<Form> {
-        match self.by_name.get(name)?.content? {
-            Content::Image(form) => Some(form),
-            Content::Calibration(_) => None,
-        }
+    /// What is on a topic, as far as loopbox reads it.
+    pub fn content(&self, name: &str) -> Option<Content> {
+        self.by_name.get(name)?.content
     }
 
     /// The calibration topic that is the camera's on the topic `images`.

@@ -161,15 +161,7 @@ fn a_damaged_chunk_is_left_out_and_counted() {
 fn a_file_without_images_says_what_it_has() {
     let room = tempdir().unwrap();
     let path = room.path().join("a.mcap");
-    let others = [
-        ("/imu", "sensor_msgs/msg/Imu", "cdr", 1, vec![0; 9]),
-        ("/video", "foxglove.CompressedVideo", "protobuf", 2, vec![0; 9]),
-    ];
-    mcap_file(&path, None, &others);
+    mcap_file(&path, None, &[("/imu", "sensor_msgs/msg/Imu", "cdr", 1, vec![0; 9])]);
     let said = refused(&path);
-    for part in
-        ["/imu (1 × sensor_msgs/msg/Imu)", "/video (1 × foxglove.CompressedVideo)", "video in messages"]
-    {
-        assert!(said.contains(part), "{said}");
-    }
+    assert!(said.contains("/imu (1 × sensor_msgs/msg/Imu)"), "{said}");
 }

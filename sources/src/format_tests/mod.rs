@@ -16,6 +16,7 @@ use tempfile::{TempDir, tempdir};
 mod containers;
 mod folders;
 mod levels;
+mod videos;
 
 /// The times of the images that all of them hold, and the level of their pixels.
 const TIMES: [f64; 4] = [10.0, 10.1, 10.2, 10.3];

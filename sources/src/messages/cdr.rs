@@ -64,6 +64,11 @@ impl<'a> Cdr<'a> {
         Ok(i32::from_le_bytes(self.number()?))
     }
 
+    /// An unsigned 64-bit number.
+    pub fn u64(&mut self) -> Result<u64> {
+        Ok(u64::from_le_bytes(self.number()?))
+    }
+
     /// A 64-bit float.
     pub fn f64(&mut self) -> Result<f64> {
         Ok(f64::from_le_bytes(self.number()?))

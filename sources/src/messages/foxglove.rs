@@ -1,11 +1,11 @@
 //! Foxglove's image and calibration messages in protobuf.
 
-use super::{ImageMessage, stamp};
+use super::{ImageMessage, VideoMessage, stamp};
 use crate::pictures::{Picture, RawPicture};
 use anyhow::{Result, anyhow};
 use calib::CameraInfo;
 use foxglove::Decode;
-use foxglove::messages::{CameraCalibration, CompressedImage, RawImage, Timestamp};
+use foxglove::messages::{CameraCalibration, CompressedImage, CompressedVideo, RawImage, Timestamp};
 
 fn decode<T: Decode>(data: &[u8]) -> Result<T> {
     T::decode(data).map_err(|error| anyhow!("the message is damaged: {error}"))
@@ -33,6 +33,13 @@ pub fn raw(data: &[u8]) -> Result<ImageMessage> {
         data: message.data.to_vec(),
     });
     Ok(ImageMessage { stamp: seconds(message.timestamp), picture })
+}
+
+/// `foxglove.CompressedVideo`.
+pub fn video(data: &[u8]) -> Result<VideoMessage> {
+    let message: CompressedVideo = decode(data)?;
+    let stamp = seconds(message.timestamp);
+    Ok(VideoMessage { stamp, codec: message.format, data: message.data.to_vec() })
 }
 
 /// `foxglove.CameraCalibration`.

@@ -1,6 +1,6 @@
 //! Foxglove's image and calibration messages in JSON.
 
-use super::{ImageMessage, stamp};
+use super::{ImageMessage, VideoMessage, stamp};
 use crate::pictures::{Picture, RawPicture};
 use anyhow::{Context, Result};
 use base64::Engine;
@@ -42,6 +42,21 @@ pub fn image(data: &[u8]) -> Result<ImageMessage> {
         None => Picture::Encoded(data),
     };
     Ok(ImageMessage { stamp: stamp(timestamp.sec, timestamp.nsec), picture })
+}
+
+#[derive(Deserialize)]
+struct Video {
+    #[serde(default)]
+    timestamp: Stamp,
+    data: String,
+    format: String,
+}
+
+/// `foxglove.CompressedVideo`.
+pub fn video(data: &[u8]) -> Result<VideoMessage> {
+    let Video { timestamp, data, format } = serde_json::from_slice(data).context(DAMAGED)?;
+    let data = STANDARD.decode(data).context(DAMAGED)?;
+    Ok(VideoMessage { stamp: stamp(timestamp.sec, timestamp.nsec), codec: format, data })
 }
 
 /// The numbers of a calibration.

@@ -23,11 +23,24 @@ pub struct ImageMessage {
     pub picture: Picture,
 }
 
+/// A message of a video: what decodes to one image, once those before it are decoded.
+#[derive(Debug)]
+pub struct VideoMessage {
+    /// When the image was taken, seconds; `None` when the message does not say.
+    pub stamp: Option<f64>,
+    /// The name of the codec, as the message gives it.
+    pub codec: String,
+    /// The codec's bytes.
+    pub data: Vec<u8>,
+}
+
 /// What a channel's messages hold, and how they are written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Content {
     /// Images.
     Image(Form),
+    /// A video, image by image.
+    Video(Form),
     /// Calibrations.
     Calibration(Form),
 }
@@ -41,7 +54,9 @@ pub enum Form {
     FoxgloveRaw,
     /// `foxglove.CameraCalibration`, protobuf.
     FoxgloveCalibration,
-    /// The same three, JSON.
+    /// `foxglove.CompressedVideo`, protobuf.
+    FoxgloveVideo,
+    /// The same four, JSON.
     FoxgloveJson,
     /// `sensor_msgs/msg/CompressedImage`, CDR.
     Ros2Compressed,
@@ -49,6 +64,10 @@ pub enum Form {
     Ros2Raw,
     /// `sensor_msgs/msg/CameraInfo`, CDR.
     Ros2CameraInfo,
+    /// `foxglove_msgs/msg/CompressedVideo`, CDR.
+    Ros2Video,
+    /// `ffmpeg_image_transport_msgs/msg/FFMPEGPacket`, CDR.
+    Ros2Packet,
     /// `sensor_msgs/CompressedImage` of ROS 1.
     Ros1Compressed,
     /// `sensor_msgs/Image` of ROS 1.
@@ -64,6 +83,10 @@ impl Content {
             ("foxglove.CompressedImage", "protobuf") => Self::Image(Form::FoxgloveCompressed),
             ("foxglove.RawImage", "protobuf") => Self::Image(Form::FoxgloveRaw),
             ("foxglove.CameraCalibration", "protobuf") => Self::Calibration(Form::FoxgloveCalibration),
+            ("foxglove.CompressedVideo", "protobuf") => Self::Video(Form::FoxgloveVideo),
+            ("foxglove.CompressedVideo", "json") => Self::Video(Form::FoxgloveJson),
+            ("foxglove_msgs/msg/CompressedVideo", "cdr") => Self::Video(Form::Ros2Video),
+            ("ffmpeg_image_transport_msgs/msg/FFMPEGPacket", "cdr") => Self::Video(Form::Ros2Packet),
             ("foxglove.CompressedImage" | "foxglove.RawImage", "json") => Self::Image(Form::FoxgloveJson),
             ("foxglove.CameraCalibration", "json") => Self::Calibration(Form::FoxgloveJson),
             ("sensor_msgs/msg/CompressedImage", "cdr") => Self::Image(Form::Ros2Compressed),
@@ -108,9 +131,26 @@ pub fn read_image(form: Form, data: &[u8]) -> Result<ImageMessage> {
         Form::Ros2Raw => ros2::raw(data),
         Form::Ros1Compressed => ros1::compressed(data),
         Form::Ros1Raw => ros1::raw(data),
-        Form::FoxgloveCalibration | Form::Ros2CameraInfo | Form::Ros1CameraInfo => {
-            bail!("a calibration is no image")
-        }
+        Form::FoxgloveCalibration
+        | Form::FoxgloveVideo
+        | Form::Ros2CameraInfo
+        | Form::Ros2Video
+        | Form::Ros2Packet
+        | Form::Ros1CameraInfo => bail!("the message is no image by itself"),
+    }
+}
+
+/// Reads a message of a video.
+///
+/// # Errors
+/// When the bytes are not of that form.
+pub fn read_video(form: Form, data: &[u8]) -> Result<VideoMessage> {
+    match form {
+        Form::FoxgloveVideo => foxglove::video(data),
+        Form::FoxgloveJson => json::video(data),
+        Form::Ros2Video => ros2::video(data),
+        Form::Ros2Packet => ros2::packet(data),
+        _ => bail!("the message is of no video"),
     }
 }
 
@@ -124,7 +164,7 @@ pub fn read_calibration(form: Form, data: &[u8]) -> Result<CameraInfo> {
         Form::FoxgloveJson => json::calibration(data),
         Form::Ros2CameraInfo => ros2::camera_info(data),
         Form::Ros1CameraInfo => ros1::camera_info(data),
-        _ => bail!("an image is no calibration"),
+        _ => bail!("the message is no calibration"),
     }
 }
 

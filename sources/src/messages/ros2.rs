@@ -1,7 +1,7 @@
-//! ROS 2 `sensor_msgs`: Image, CompressedImage and CameraInfo.
+//! ROS 2 `sensor_msgs`: Image, CompressedImage and CameraInfo; and two messages of videos.
 
 use super::cdr::Cdr;
-use super::{ImageMessage, stamp};
+use super::{ImageMessage, VideoMessage, stamp};
 use crate::pictures::{Picture, RawPicture};
 use anyhow::Result;
 use calib::{CameraInfo, Roi};
@@ -32,6 +32,25 @@ pub fn compressed(data: &[u8]) -> Result<ImageMessage> {
     let stamp = header(&mut cdr)?;
     let _format = cdr.string()?;
     Ok(ImageMessage { stamp, picture: Picture::Encoded(cdr.bytes()?.to_vec()) })
+}
+
+/// `foxglove_msgs/msg/CompressedVideo`.
+pub fn video(data: &[u8]) -> Result<VideoMessage> {
+    let mut cdr = Cdr::new(data)?;
+    // A time and a frame's name, as a header.
+    let stamp = header(&mut cdr)?;
+    let data = cdr.bytes()?.to_vec();
+    Ok(VideoMessage { stamp, codec: cdr.string()?, data })
+}
+
+/// `ffmpeg_image_transport_msgs/msg/FFMPEGPacket`.
+pub fn packet(data: &[u8]) -> Result<VideoMessage> {
+    let mut cdr = Cdr::new(data)?;
+    let stamp = header(&mut cdr)?;
+    let _size = (cdr.i32()?, cdr.i32()?);
+    let codec = cdr.string()?;
+    let (_time, _flags, _big_endian) = (cdr.u64()?, cdr.u8()?, cdr.u8()?);
+    Ok(VideoMessage { stamp, codec, data: cdr.bytes()?.to_vec() })
 }
 
 /// `sensor_msgs/msg/CameraInfo`.

@@ -93,7 +93,7 @@ fn stamps_and_pictures_come_back_bit_for_bit() {
     let input = crate::Input::Memory("memory".into(), bytes.into_inner().into());
     let mut source = crate::mcap_recording::open(input, &SourceOptions::default()).unwrap();
     assert_eq!(source.info().frame_count, Some(5));
-    for (i, frame) in frames(&mut source).into_iter().enumerate() {
+    for (i, frame) in frames(source.as_mut()).into_iter().enumerate() {
         assert_eq!(frame.index, i as u64);
         assert_eq!(frame.timestamp.to_bits(), time::on_grid(STAMPS[i]).to_bits(), "{}", STAMPS[i]);
         assert_eq!(bytes_of(frame), picture(i as u64).bytes);

@@ -3,9 +3,9 @@
 use super::SqliteBag;
 use crate::camera_topics::Match;
 use crate::messages::{self, Content};
-use crate::topic_recording::{Stamped, TopicRecording};
-use crate::{FoundCalibration, SourceInfo, SourceOptions};
-use anyhow::{Context, Result};
+use crate::topic_recording::{self, Stamped};
+use crate::{FoundCalibration, FrameSource, SourceInfo, SourceOptions};
+use anyhow::Result;
 use calib::CameraHint;
 use std::path::{Path, PathBuf};
 
@@ -16,7 +16,7 @@ const LOOKED_FOR: &str = "sensor_msgs/msg/Image and sensor_msgs/msg/CompressedIm
 ///
 /// # Errors
 /// When it cannot be read, or has no images or not exactly one topic to take them from.
-pub fn open(path: &Path, files: &[PathBuf], options: &SourceOptions) -> Result<TopicRecording> {
+pub fn open(path: &Path, files: &[PathBuf], options: &SourceOptions) -> Result<Box<dyn FrameSource>> {
     let bag = SqliteBag::open(files)?;
     let topics = bag.topics();
     let (topic, count) = topics.choose(path, options.topic.as_deref(), LOOKED_FOR)?;
@@ -34,11 +34,11 @@ pub fn open(path: &Path, files: &[PathBuf], options: &SourceOptions) -> Result<T
         camera: CameraHint { topic: Some(topic.clone()), ..CameraHint::default() },
         lag: None,
     };
-    let form = topics.image_form(&topic).context("the topic holds no images")?;
+    let content = topics.content(&topic);
     let stamped = bag
         .messages(&topic)
         .map(|message| message.map(|message| Stamped { time: message.time, data: message.data }));
-    Ok(TopicRecording::new(info, topics.facts(), form, stamped))
+    topic_recording::open(info, topics.facts(), content, stamped)
 }
 
 /// The first calibration on `topic`.

@@ -1,4 +1,4 @@
-//! Frames of a video file, decoded by `ffmpeg` in a process of its own.
+//! Frames of a video, decoded by `ffmpeg` in a process of its own.
 //!
 //! Raw pixels come through its standard output. Their time stamps come through its log, in which its filter `showinfo`
 //! prints each frame's before the frame itself is written; so both are in one order, and the stamps are the file's own.
@@ -11,9 +11,9 @@ use anyhow::{Context, Result, bail};
 use geometry::limits::check_image_size;
 use std::io::Read;
 use std::path::Path;
-use std::process::{ChildStdout, Stdio};
+use std::process::{ChildStdin, ChildStdout, Command, Stdio};
 use std::sync::mpsc::{self, Receiver};
-use std::thread::JoinHandle;
+use std::thread::{self, JoinHandle};
 
 /// Complaints about a file that are kept; damaged files have one for every frame.
 const MAX_TROUBLES: usize = 3;
@@ -33,15 +33,33 @@ pub struct Decoder {
 }
 
 impl Decoder {
-    /// Begins to decode.
+    /// Begins to decode a file.
     ///
     /// # Errors
     /// When `ffmpeg` is not installed.
     pub fn start(path: &Path, probe: &Probe) -> Result<Self> {
-        let format = if probe.grey { "gray" } else { "bgr24" };
-        let mut command = ffmpeg::command("ffmpeg");
-        command.args(["-nostdin", "-nostats", "-loglevel", "repeat+level+info"]);
+        let mut command = quiet();
         command.args(["-protocol_whitelist", "file,pipe", "-copyts", "-i"]).arg(ffmpeg::file_name(path));
+        let start = seconds(probe.start, probe.time_base);
+        Self::run(command, probe.grey, (start, probe.time_base))
+    }
+
+    /// Begins to decode a stream in IVF that `feed` writes in a thread of its own; its ticks are seconds.
+    ///
+    /// # Errors
+    /// When `ffmpeg` is not installed.
+    pub fn of_packets(decoder: &str, feed: impl FnOnce(ChildStdin) + Send + 'static) -> Result<Self> {
+        let mut command = quiet();
+        command.args(["-protocol_whitelist", "pipe", "-copyts", "-flags:v", "-output_corrupt"]);
+        command.args(["-c:v", decoder, "-f", "ivf", "-i", "pipe:0"]).stdin(Stdio::piped());
+        let mut decoder = Self::run(command, false, (0.0, (1, 1)))?;
+        let to = decoder.running.child().stdin.take().context("ffmpeg takes no input")?;
+        thread::spawn(move || feed(to));
+        Ok(decoder)
+    }
+
+    fn run(mut command: Command, grey: bool, (start, time_base): (f64, (i64, i64))) -> Result<Self> {
+        let format = if grey { "gray" } else { "bgr24" };
         command.args(["-map", "0:V:0", "-vf", &format!("format={format},showinfo=checksum=0")]);
         command.args(all_frames()?).args(["-c:v", "rawvideo", "-f", "rawvideo", "pipe:1"]);
         let mut running = Running::start(command.stdout(Stdio::piped()).stderr(Stdio::piped()))?;
@@ -54,8 +72,6 @@ impl Decoder {
             // Without a receiver nobody reads the frames either, and ffmpeg is about to be ended.
             let _ = Line::of(line).map(|line| sender.send(line));
         });
-        let start = seconds(probe.start, probe.time_base);
-        let (time_base, grey) = (probe.time_base, probe.grey);
         Ok(Self { running, pixels, lines, log: Some(log), grey, start, time_base, troubles: Vec::new() })
     }
 
@@ -117,6 +133,13 @@ impl Decoder {
         }
         Ok(())
     }
+}
+
+/// `ffmpeg` with a log of one line for each thing.
+fn quiet() -> Command {
+    let mut command = ffmpeg::command("ffmpeg");
+    command.args(["-nostdin", "-nostats", "-loglevel", "repeat+level+info"]);
+    command
 }
 
 fn seconds(ticks: i64, (n, d): (i64, i64)) -> f64 {

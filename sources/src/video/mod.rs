@@ -1,9 +1,13 @@
-//! Video files, through the system's `ffmpeg`.
+//! Video, in files and in messages, through the system's `ffmpeg`.
 
 mod decoder;
 mod log;
+mod packets;
 mod probe;
 mod quicktime;
+mod topic;
+
+pub use topic::TopicVideo;
 
 use crate::image_list::first_existing;
 use crate::pictures::{Picture, StatedFocal};
