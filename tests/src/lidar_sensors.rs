@@ -156,11 +156,11 @@ fn hit(world: &[Corners], origin: &Vector3<f64>, direction: &Vector3<f64>) -> (f
 mod tests {
     use super::*;
 
+    /// The box hides what lies less than 3° aside: not the walls at the room's far end, which are seen at 7° and less.
     const ROOM: [Corners; 2] =
-        [[[-30.0, -3.0, -1.0], [30.0, 3.0, 3.0]], [[4.0, -0.5, -1.0], [5.0, 0.5, 1.0]]];
+        [[[-30.0, -3.0, -1.0], [30.0, 3.0, 3.0]], [[4.0, -0.2, -1.0], [5.0, 0.2, 1.0]]];
 
     #[test]
-    #[ignore = "does not hold yet: a VLP-16 sees nothing where the test expects points"]
     fn sensors_see_surfaces_where_they_are_and_lose_them_at_grazing_angles() {
         for sensor in Sensor::ALL {
             let sensed = sensor.sweep(&ROOM, |_| Se3::identity(), 0.3);
@@ -169,7 +169,7 @@ mod tests {
                 let p = s.point.map(f64::from);
                 let off = (0..3).map(|i| (p[i].abs() - [30.0, 3.0, 3.0][i]).abs());
                 let wall = off.fold(f64::INFINITY, f64::min);
-                let near = wall.min((p[0] - 4.0).abs()).min((p[2] + 1.0).abs()).min((p[1].abs() - 0.5).abs());
+                let near = wall.min((p[0] - 4.0).abs()).min((p[2] + 1.0).abs()).min((p[1].abs() - 0.2).abs());
                 assert!(near < 6.0 * sensor.noise(), "{sensor:?}: {p:?}");
             }
             // A wall 3 m aside is seen from 24 m ahead at 7°.
