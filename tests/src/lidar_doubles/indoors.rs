@@ -18,7 +18,9 @@ fn on(level: f64, [x, y]: [f64; 2], [wide, deep, tall]: [f64; 3]) -> Corners {
 pub(super) fn office(of: &mut Draw, things: &mut Drawn) -> Site {
     let (half, ceiling) = ([of.between(12.0, 14.0), of.between(7.0, 7.6)], of.between(1.5, 2.0));
     let mut boxes = vec![[[-half[0], -half[1], FLOOR], [half[0], half[1], ceiling]]];
-    let pitch = of.between(5.4, 6.6);
+    // Ways cross from one aisle to the other before the ends: the outermost columns and the rows between the aisles stay clear of that.
+    let cross = half[0] - 1.2;
+    let pitch = 0.5 * (cross - 0.7) * of.between(0.9, 1.0);
     for k in -2..=2 {
         let x = f64::from(k) * pitch;
         boxes.extend([-2.4, 2.4].map(|y| standing([x, y], [0.4, 0.4, ceiling - FLOOR])));
@@ -29,10 +31,11 @@ pub(super) fn office(of: &mut Draw, things: &mut Drawn) -> Site {
             boxes.push(standing([x + 0.5 * pitch, 0.0], [0.1, 2.0, 1.5]));
         }
     }
-    // Rows of desks stay clear of the ways at y = ±3.7.
-    for row in [-5.8, -1.6, 1.6, 5.8] {
-        let mut x = -half[0] + 1.6;
-        while x < half[0] - 1.6 {
+    // Rows of desks stay clear of the ways at y = ±3.7; a thing reaches 1.2 m to either side of its place.
+    for (row, reach) in [(-5.8, half[0] - 1.6), (-1.6, cross - 1.6), (1.6, cross - 1.6), (5.8, half[0] - 1.6)]
+    {
+        let mut x = -reach;
+        while x < reach {
             let mut thing = things.thing();
             let (at, y) = (x + thing.between(-0.25, 0.25), row + thing.between(-0.25, 0.25));
             let deep = thing.between(0.7, 0.9);
@@ -52,7 +55,7 @@ pub(super) fn office(of: &mut Draw, things: &mut Drawn) -> Site {
             x += 2.2;
         }
     }
-    let end = half[0] - 1.2;
+    let end = cross;
     let ways = vec![
         vec![[-end, 3.7], [end, 3.7], [end, -3.7], [0.0, -3.7]],
         vec![[end, 3.7], [-end, 3.7], [-end, -3.7], [2.0, -3.7]],
