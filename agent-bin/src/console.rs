@@ -42,7 +42,7 @@ pub(crate) fn print(text: &str) -> Result<()> {
     }
 }
 
-/// What is printed as JSON: the version of the program, then the fields of `value` (docs/json.md).
+/// What is printed as JSON: the version of the program, then the fields of `value` (book/src/reference/json.md).
 #[derive(Serialize)]
 struct Versioned<'a, T> {
     version: &'static str,

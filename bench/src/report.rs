@@ -74,7 +74,7 @@ pub fn results(all: &[Measurement], runs: usize) -> String {
     out
 }
 
-/// The short table of the README.
+/// The short table of the book's benchmarks.
 pub fn summary(all: &[Measurement]) -> String {
     let mut out = String::new();
     let row = |m: &Measurement| {

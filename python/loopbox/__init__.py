@@ -44,7 +44,7 @@ class _Results:
     folder: Path
     """The folder with map.mcap, report.html, cloud.ply and trajectories."""
     record: dict[str, Any] = field(repr=False)
-    """All numbers, as in run.json or merge.json (docs/json.md)."""
+    """All numbers, as in run.json or merge.json (book/src/reference/json.md)."""
 
     def map(self) -> Map:
         """The map, read from the folder."""

@@ -2,16 +2,19 @@
 
 use serde_json::Value;
 
-const DOCUMENT: &str = include_str!("../../../docs/json.md");
+const DOCUMENT: &str = include_str!("../../../book/src/reference/json.md");
 /// Fields whose own fields are anybody's.
 const OPEN: [&str; 4] = ["params", "provenance", "merge_provenance", "skipped"];
 
-/// Fails unless docs/json.md names every field of `json`.
+/// Fails unless book/src/reference/json.md names every field of `json`.
 pub fn assert_documented(json: &Value) {
     match json {
         Value::Object(fields) => {
             for (name, value) in fields {
-                assert!(DOCUMENT.contains(&format!("`{name}`")), "docs/json.md says nothing of `{name}`");
+                assert!(
+                    DOCUMENT.contains(&format!("`{name}`")),
+                    "book/src/reference/json.md says nothing of `{name}`"
+                );
                 if !OPEN.contains(&name.as_str()) {
                     assert_documented(value);
                 }

@@ -212,7 +212,7 @@ fn what_is_wrong_in_the_file_is_refused_with_its_line() {
     let status = case.start().wait();
     assert_eq!(status.code(), Some(1));
     let log = case.log();
-    for words in ["agent.toml", "line 8", "unknown field `memory`", "memory_mib", "docs/agent.md"] {
+    for words in ["agent.toml", "line 8", "unknown field `memory`", "memory_mib", "agent-file.md"] {
         assert!(log.contains(words), "no '{words}' in: {log}");
     }
     fs::write(case.file(), "out = \"kept\"\n[recording]\npath = \"nowhere\"\n").expect("there is room");

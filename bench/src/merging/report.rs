@@ -273,7 +273,7 @@ fn without_numbers(text: &str) -> String {
     text.split(' ').map(word).collect::<Vec<_>>().join(" ")
 }
 
-/// The short table of the README.
+/// The short table of the book's benchmarks.
 pub fn summary(merging: &Merging) -> String {
     let mut out = "| merging | error of the other agents | scale | time |\n|---|---|---|---|\n".to_owned();
     for measured in

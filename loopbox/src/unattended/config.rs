@@ -1,4 +1,4 @@
-//! What an unattended agent is told, in one file (TOML): `docs/agent.md` documents every key.
+//! What an unattended agent is told, in one file (TOML): `book/src/reference/agent-file.md` documents every key.
 
 use anyhow::{Context, Result, bail};
 use serde::{Deserialize, Deserializer};
@@ -179,7 +179,10 @@ impl AgentConfig {
     pub fn read(path: &Path) -> Result<Self> {
         let text = fs::read_to_string(path).with_context(|| format!("{}: cannot be read", path.display()))?;
         let mut config: Self = toml::from_str(&text).with_context(|| {
-            format!("{}: not the file of an agent\nhint: docs/agent.md documents every key", path.display())
+            format!(
+                "{}: not the file of an agent\nhint: book/src/reference/agent-file.md documents every key",
+                path.display()
+            )
         })?;
         let folder = path.parent().unwrap_or(Path::new(""));
         config.paths().into_iter().for_each(|path| *path = folder.join(&*path));

@@ -70,7 +70,7 @@ fn the_file_that_is_shipped_shows_every_key_with_its_default() {
 
 #[test]
 fn every_key_is_documented_and_in_the_file_that_is_shipped() {
-    let document = include_str!("../../../docs/agent.md");
+    let document = include_str!("../../../book/src/reference/agent-file.md");
     let keys = include_str!("config.rs").lines().filter_map(|line| {
         let field = line.strip_prefix("    pub ").filter(|line| !line.contains("fn "))?;
         Some(field.split_once(':')?.0)
@@ -79,7 +79,7 @@ fn every_key_is_documented_and_in_the_file_that_is_shipped() {
     for key in keys.map(told) {
         assert!(
             document.contains(&format!("`{key}`")) || document.contains(&format!("`[{key}]`")),
-            "docs/agent.md says nothing of {key}"
+            "book/src/reference/agent-file.md says nothing of {key}"
         );
         let shown = shipped(true)
             .lines()

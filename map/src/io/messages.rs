@@ -1,6 +1,6 @@
 //! Loopbox's own messages: the exact data of a map, as protobuf structures of arrays.
 //!
-//! The field numbers are the format: they are described in `docs/map-format.md` and in the schema
+//! The field numbers are the format: they are described in `book/src/reference/map-format.md` and in the schema
 //! that every file carries ([`super::schema`]).
 
 /// Numbers in a similarity: `tx ty tz qx qy qz qw scale`.

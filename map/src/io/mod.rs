@@ -1,4 +1,4 @@
-//! The map's file, `map.mcap`; described field by field in `docs/map-format.md`.
+//! The map's file, `map.mcap`; described field by field in `book/src/reference/map-format.md`.
 //!
 //! The exact data lie in three messages of loopbox's own (`messages`), the keyframe images in
 //! `foxglove.CompressedImage`, LiDARs' scans in one more message (`scan`), what there is to say of the agents in metadata

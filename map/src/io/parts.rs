@@ -1,7 +1,7 @@
 //! The parts of an agent's own map as bytes of their own, to be kept and sent one by one: who the agent is, and of each
 //! keyframe the image, the depth with the points, or the scan, and the pose; edges and frames.
 //!
-//! They are the messages of the map's file (`docs/map-format.md`), the image is the PNG alone and a keyframe's message
+//! They are the messages of the map's file (`book/src/reference/map-format.md`), the image is the PNG alone and a keyframe's message
 //! has no pose, so that a keyframe that was only moved is the same part. What is read is checked as a file is, and a map
 //! put together of its parts is the map bit by bit.
 

@@ -105,6 +105,7 @@ mod tests {
     use super::*;
     use crate::io::messages::{FeaturesMessage, GraphMessage, KeyframeMessage};
     use prost::encoding::{DecodeContext, WireType, decode_key, decode_varint, skip_field};
+    use std::fmt::Write as _;
 
     /// Bytes a value of the type takes at least, as far as these messages use it.
     fn unit(kind: Type) -> usize {
@@ -179,5 +180,63 @@ mod tests {
         assert_described(&graph.encode_to_vec(), &GRAPH_FIELDS);
         let scan = crate::io::scan::ScanMessage { id: 1, cell_step: vec![1; 3] };
         assert_described(&scan.encode_to_vec(), &SCAN_FIELDS);
+    }
+
+    /// The messages as a `.proto` file.
+    fn as_text(messages: &[(&str, &[Field])]) -> String {
+        let mut out = "// The messages of loopbox in map.mcap; what the fields mean stands in map-format.md. `script/book` writes this file.\n\
+                       syntax = \"proto3\";\n\npackage loopbox;\n"
+            .to_owned();
+        for (name, fields) in messages {
+            let _ = writeln!(out, "\nmessage {name} {{");
+            for (name, number, kind, many) in *fields {
+                let kind = kind.as_str_name().trim_start_matches("TYPE_").to_lowercase();
+                let many = if *many { "repeated " } else { "" };
+                let _ = writeln!(out, "  {many}{kind} {name} = {number};");
+            }
+            out.push_str("}\n");
+        }
+        out
+    }
+
+    #[test]
+    fn the_book_has_the_schema() {
+        let new = as_text(&[
+            ("Keyframe", &KEYFRAME_FIELDS),
+            ("Features", &FEATURES_FIELDS),
+            ("Graph", &GRAPH_FIELDS),
+            ("Scan", &SCAN_FIELDS),
+        ]);
+        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../book/src/reference/map.proto");
+        if std::env::var_os("LOOPBOX_WRITE_BOOK").is_some() {
+            std::fs::write(&path, &new).unwrap();
+        }
+        assert_eq!(
+            std::fs::read_to_string(&path).unwrap_or_default(),
+            new,
+            "`script/book` writes map.proto anew"
+        );
+    }
+
+    /// Rows of the page: number, name, type and whether there are many.
+    #[test]
+    fn the_page_has_the_fields() {
+        let page = include_str!("../../../book/src/reference/map-format.md");
+        for (name, fields) in [
+            ("Keyframe", &KEYFRAME_FIELDS[..]),
+            ("Features", &FEATURES_FIELDS),
+            ("Graph", &GRAPH_FIELDS),
+            ("Scan", &SCAN_FIELDS),
+        ] {
+            let (_, section) = page.split_once(&format!("`loopbox.{name}`")).expect(name);
+            let section = section.split("\n#").next().unwrap();
+            let rows = section.lines().filter(|line| line.starts_with("| ")).count() - 1;
+            assert_eq!(rows, fields.len(), "{name}");
+            for (field, number, kind, many) in fields {
+                let kind = kind.as_str_name().trim_start_matches("TYPE_").to_lowercase();
+                let row = format!("| {number} | `{field}` | {kind}{} ", if *many { " ×" } else { "" });
+                assert!(section.contains(&row), "{name}: no row {row}");
+            }
+        }
     }
 }

@@ -1,4 +1,4 @@
-//! Every row of the table in `docs/recording.md`, and what people's own recordings have instead.
+//! Every row of the tables in `book/src/reference/formats.md`, and what people's own recordings have instead.
 
 use crate::recording::Head;
 use crate::{FrameSource, SourceOptions, open};

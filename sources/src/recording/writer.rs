@@ -1,4 +1,4 @@
-//! Recordings in MCAP with Foxglove's schemas, as `docs/recording.md` describes them.
+//! Recordings in MCAP with Foxglove's schemas, as `book/src/reference/recording.md` describes them.
 
 use super::calibration::{CalibrationFiles, NamedFile};
 use super::numbers::NumberSet;

@@ -1,0 +1,21 @@
+//! README and book: their links, their commands, the outputs they show, their generated pages and their tables.
+//!
+//! The pages describe the program with its default features.
+#![cfg(all(
+    feature = "camera",
+    feature = "fleet",
+    feature = "foxglove-server",
+    feature = "sqlite",
+    feature = "view"
+))]
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod commands;
+mod generated;
+mod links;
+mod markdown;
+mod prose;
+mod shown;
+mod tables;

@@ -1,0 +1,72 @@
+//! Tables that name tests and messages name ones that there are.
+
+use crate::markdown::{read, repository, rows};
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::Path;
+
+/// The text of every Rust file of these folders.
+fn sources(folders: &[&str]) -> Vec<String> {
+    fn collect(folder: &Path, into: &mut Vec<String>) {
+        for entry in fs::read_dir(folder).expect("the folder is there") {
+            let path = entry.expect("it can be listed").path();
+            if path.is_dir() {
+                collect(&path, into);
+            } else if path.extension().is_some_and(|ending| ending == "rs") {
+                into.push(fs::read_to_string(&path).expect("it is text"));
+            }
+        }
+    }
+    let mut found = Vec::new();
+    folders.iter().for_each(|folder| collect(&repository().join(folder), &mut found));
+    found
+}
+
+/// Names of functions below `#[test]`.
+fn tests(texts: &[String]) -> BTreeSet<String> {
+    let mut found = BTreeSet::new();
+    for text in texts {
+        let mut is_test = false;
+        for line in text.lines().map(str::trim) {
+            is_test |= line == "#[test]";
+            if let Some(rest) = line.strip_prefix("fn ").filter(|_| is_test) {
+                found.extend(rest.split_once('(').map(|(name, _)| name.to_owned()));
+                is_test = false;
+            }
+        }
+    }
+    found
+}
+
+#[test]
+fn each_format_names_a_test() {
+    let there = tests(&sources(&["sources/src", "scans/src", "calib/src", "agent-bin/tests"]));
+    for (page, least) in [("formats.md", 25), ("calibration-files.md", 13)] {
+        let text = read(&repository(), &format!("book/src/reference/{page}")).text;
+        let mut count = 0;
+        for (head, cells) in rows(&text) {
+            let Some(column) = head.iter().position(|title| *title == "test") else { continue };
+            let name = cells.get(column).copied().unwrap_or_default().trim_matches('`');
+            assert!(there.contains(name), "{page}: {}: there is no test `{name}`", cells[0]);
+            count += 1;
+        }
+        assert!(count >= least, "{page}: {count} formats have a test");
+    }
+}
+
+#[test]
+fn each_message_is_one_of_the_programs() {
+    let code: String = sources(&["agent-bin/src", "loopbox/src", "sources/src"]).concat();
+    // A literal that goes on in the next line is one text.
+    let code: String = code.split("\\\n").map(str::trim_start).collect::<Vec<_>>().concat();
+    let text = read(&repository(), "book/src/guide/troubleshooting.md").text;
+    let messages: Vec<&str> = rows(&text)
+        .into_iter()
+        .filter(|(head, _)| head[0] == "message")
+        .map(|(_, cells)| cells[0].trim_matches('`'))
+        .collect();
+    for message in &messages {
+        assert!(code.contains(message), "troubleshooting.md: nobody says: {message}");
+    }
+    assert!(messages.len() > 8, "{} messages", messages.len());
+}
