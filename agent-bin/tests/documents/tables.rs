@@ -70,3 +70,28 @@ fn each_message_is_one_of_the_programs() {
     }
     assert!(messages.len() > 8, "{} messages", messages.len());
 }
+
+/// What people copied from the measured results is still there.
+#[test]
+fn each_figure_was_measured() {
+    let root = repository();
+    let measured: String =
+        ["docs/results.md", "docs/lidar-results.md"].map(|name| read(&root, name).text).concat();
+    let numbers = |text: &str| -> BTreeSet<String> {
+        let parts = text.split(|c: char| !c.is_ascii_digit() && c != '.');
+        parts.map(|part| part.trim_matches('.').to_owned()).collect()
+    };
+    let known = numbers(&measured);
+    let mut count = 0;
+    for page in ["benchmarks.md", "limits.md"] {
+        let text = read(&root, &format!("book/src/{page}")).text;
+        for number in numbers(&text).into_iter().filter(|number| number.contains('.')) {
+            assert!(
+                known.contains(&number),
+                "{page}: {number} is in neither page of results: take the newest figure"
+            );
+            count += 1;
+        }
+    }
+    assert!(count > 20, "{count} figures");
+}
