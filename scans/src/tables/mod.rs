@@ -195,6 +195,9 @@ impl Separator {
         {
             fields.splice(..2, [both]);
         }
+        if fields.is_empty() {
+            fields.push(String::new());
+        }
         while fields.len() > 1 && fields.last().is_some_and(String::is_empty) {
             fields.pop();
         }

@@ -24,6 +24,7 @@ fn fields_are_found_however_they_are_separated() {
     assert_eq!(fields("1 a#1.png # the first\n"), [["1", "a#1.png"]]);
     assert_eq!(fields("1;my image.png;7\n"), [["1", "my image.png", "7"]]);
     assert_eq!(fields("2011-09-26 13:02:25.5\n"), [["2011-09-26 13:02:25.5"]]);
+    assert_eq!(fields("\"\t\"\n"), [[""]], "quotes around nothing, with which tables of tabs end");
     assert_eq!(fields(""), Vec::<Vec<String>>::new());
 }
 
