@@ -4,6 +4,9 @@
 //! each map, vote for the turn about the vertical that makes them parallel and for the translation that brings them together
 //! (the generalised Hough transform, Ballard 1981); peaks are poses at which much coincides. A site that repeats itself has a
 //! peak for each repetition, so that rivals of a pose are among them.
+//!
+//! Votes are whitened by heading, as phase correlation whitens by frequency (Kuglin and Hines 1975): the sides of a corridor coincide
+//! at every shift along it, and the few walls across, door frames and ends, say which is right.
 
 use super::robot_map::RobotMap;
 use crate::keyframe::Submap;
@@ -24,7 +27,11 @@ const TURNS: usize = 180;
 const BIN: f64 = 1.0;
 const REACH: f64 = 60.0;
 /// Poses that are handed on.
-const PEAKS: usize = 24;
+const PEAKS: usize = 40;
+/// Walls on either side of whose heading, in steps of a turn, weigh as one.
+const BESIDE: usize = 2;
+/// So many walls of a heading count as one by themselves: 10 m, less may be scatter.
+const FEW: f32 = 20.0;
 /// Peaks lie farther apart than this along an axis, bins, or are turned farther, turns.
 const APART: (i32, i32) = (1, 3);
 
@@ -39,6 +46,8 @@ pub(super) struct Wall {
     heading: f64,
     /// Points in the column.
     height: usize,
+    /// What it counts: all walls of a heading together about as much as those of another.
+    weight: f32,
 }
 
 /// The walls of a submap around their middle, the highest.
@@ -66,6 +75,7 @@ pub(super) fn walls(map: &Submap) -> Walls {
         place: place / height as f64,
         heading: (0.5 * doubled.y.atan2(doubled.x)).rem_euclid(PI),
         height,
+        weight: 0.0,
     };
     let mut found: Vec<Wall> = columns.iter().map(wall).collect();
     // Stable: of equals the one seen first.
@@ -73,7 +83,20 @@ pub(super) fn walls(map: &Submap) -> Walls {
     found.truncate(WALLS);
     let middle = found.iter().map(|wall| wall.place).sum::<Vector2<f64>>() / found.len().max(1) as f64;
     found.iter_mut().for_each(|wall| wall.place -= middle);
+    weigh(&mut found);
     (middle, found)
+}
+
+/// Gives walls their weights.
+fn weigh(walls: &mut [Wall]) {
+    const HALF: usize = TURNS / 2;
+    let bin = |wall: &Wall| ((wall.heading / PI * HALF as f64) as usize).min(HALF - 1);
+    let mut counts = [0u32; HALF];
+    walls.iter().for_each(|wall| counts[bin(wall)] += 1);
+    for wall in walls {
+        let around = |d: usize| counts[(bin(wall) + HALF + d - BESIDE) % HALF];
+        wall.weight = 1.0 / ((0..=2 * BESIDE).map(around).sum::<u32>() as f32 + FEW);
+    }
 }
 
 /// Poses `a_from_b` at which most walls coincide, the best first.
@@ -82,7 +105,7 @@ pub fn peaks(a: &RobotMap, b: &RobotMap) -> Vec<Se3> {
     let side = (2.0 * REACH / BIN) as i32;
     let step = TAU / TURNS as f64;
     let turns: Vec<(f64, f64)> = (0..TURNS).map(|k| (step * k as f64).sin_cos()).collect();
-    let mut votes = vec![0u32; TURNS * (side * side) as usize];
+    let mut votes = vec![0.0f32; TURNS * (side * side) as usize];
     for wall in of_b {
         let turned: Vec<Vector2<f64>> = turns
             .iter()
@@ -98,18 +121,19 @@ pub fn peaks(a: &RobotMap, b: &RobotMap) -> Vec<Se3> {
                 let bin = (other.place - turned[turn]).map(|v| ((v + REACH) / BIN).floor() as i32);
                 if bin.x >= 0 && bin.x < side && bin.y >= 0 && bin.y < side {
                     votes[turn * (side * side) as usize + (bin.y * side + bin.x) as usize] +=
-                        wall.height.min(other.height) as u32;
+                        wall.weight * other.weight;
                 }
             }
         }
     }
-    let mut order: Vec<usize> = (0..votes.len()).filter(|&i| votes[i] > 0).collect();
+    let mut order: Vec<usize> = (0..votes.len()).filter(|&i| votes[i] > 0.0).collect();
+    let by_votes = |i: &usize, j: &usize| votes[*j].total_cmp(&votes[*i]).then(i.cmp(j));
     let best = order.len().min(PEAKS * 200);
     if best > 0 && best < order.len() {
-        order.select_nth_unstable_by_key(best - 1, |&i| (std::cmp::Reverse(votes[i]), i));
+        order.select_nth_unstable_by(best - 1, by_votes);
     }
     order.truncate(best);
-    order.sort_by_key(|&i| (std::cmp::Reverse(votes[i]), i));
+    order.sort_by(by_votes);
     let mut found: Vec<[i32; 3]> = Vec::new();
     for index in order {
         let (turn, bin) = (index as i32 / (side * side), index as i32 % (side * side));
