@@ -19,7 +19,7 @@
 
 mod weigh;
 
-pub use weigh::{Weighed, weigh};
+pub use weigh::{Weighed, explained, weigh};
 
 use crate::params;
 use serde::{Deserialize, Serialize};

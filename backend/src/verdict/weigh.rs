@@ -67,6 +67,19 @@ pub fn weigh(pieces: &[Piece], prior: &Prior) -> Weighed {
     }
 }
 
+/// `ln p(all pieces | one place) − ln p(all | unrelated surfaces)`: of poses between the same two maps, the one at which this is more
+/// explains more of what both saw. Without pieces it is 0.
+pub fn explained(pieces: &[Piece], prior: &Prior) -> f64 {
+    let model = Model::new(prior);
+    let mut order: Vec<&Piece> = pieces.iter().filter(|piece| is_measured(piece)).collect();
+    order.sort_by(|a, b| compare(a, b));
+    let mut all = vec![0.0; model.grid.len()];
+    for piece in order {
+        all.iter_mut().zip(model.terms(piece)).for_each(|(sum, term)| *sum += term);
+    }
+    model.ln_same(&all)
+}
+
 /// Both hypotheses at shares of the pieces that are the same in both maps.
 struct Model {
     grid: Vec<Share>,
@@ -100,18 +113,23 @@ impl Model {
         self.grid.iter().map(|share| share.ln_term(piece)).collect()
     }
 
+    /// By the summed terms of all pieces: how likely they are of one place.
+    fn ln_same(&self, all: &[f64]) -> f64 {
+        let [rearranged, kept] = self.ln_rearranged;
+        ln_add(kept + integral(&self.same, all), rearranged + integral(&self.anything, all))
+    }
+
     /// By the summed terms of all pieces, of those that are no wear, and of wear that a double does not share.
     fn ln_ratio(&self, all: &[f64], looks: &[f64], wear: f64) -> f64 {
-        let integral = |prior: &[f64], terms: &[f64]| {
-            ln_sum(&prior.iter().zip(terms).map(|(prior, term)| prior + term).collect::<Vec<f64>>())
-        };
-        let anything = integral(&self.anything, all);
-        let [rearranged, kept] = self.ln_rearranged;
         let [printed, worn] = self.ln_printed;
-        let same = ln_add(kept + integral(&self.same, all), rearranged + anything);
-        let double = ln_add(worn + integral(&self.anything, looks) + wear, printed + anything);
-        same - double
+        let shared = worn + integral(&self.anything, looks) + wear;
+        self.ln_same(all) - ln_add(shared, printed + integral(&self.anything, all))
     }
+}
+
+/// ln of a likelihood over shares, by their prior and the summed terms of pieces.
+fn integral(prior: &[f64], terms: &[f64]) -> f64 {
+    ln_sum(&prior.iter().zip(terms).map(|(prior, term)| prior + term).collect::<Vec<f64>>())
 }
 
 /// Whether a piece says anything: all numbers are numbers.
@@ -251,6 +269,15 @@ mod tests {
         assert!(found > most - 1.5 && found <= most, "{found} of {most}");
         let other = weigh(&looks(0, 300), &prior).ln_ratio;
         assert!((other - prior.rearranged.ln()).abs() < 0.1, "{other}");
+    }
+
+    /// A pose at which more is alike explains more, one at which things differ besides explains less, and at the best much is alike.
+    #[test]
+    fn what_agrees_explains_and_what_differs_does_not() {
+        let of = |alike, other| explained(&looks(alike, other), &Prior::default());
+        assert!(explained(&[], &Prior::default()).abs() < 1e-9);
+        assert!(of(12, 0) > of(6, 0) && of(6, 0) > of(6, 3) && of(40, 10) > of(6, 0));
+        assert!(of(14, 9) < of(12, 0) - 9.0, "{} {}", of(14, 9), of(12, 0));
     }
 
     /// Twenty equal windows that agree are one fact.

@@ -311,8 +311,9 @@ fn meeting_edge(map: &Map, inputs: &[Input], pair: &Pair, agents: [usize; 2]) ->
 pub fn decision(pair: &Pair) -> &'static str {
     match pair.verdict.decision {
         Decision::Accepted if pair.holds() => "accepted",
-        Decision::Undecided => "undecided",
-        Decision::Accepted | Decision::Refused => "refused",
+        // One that other merges contradict cannot be told.
+        Decision::Accepted | Decision::Undecided => "undecided",
+        Decision::Refused => "refused",
     }
 }
 

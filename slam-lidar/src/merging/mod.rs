@@ -25,6 +25,7 @@ pub mod views;
 use crate::closure::{Found, search, sketch};
 use crate::voxels::{VoxelTable, first_of_each_voxel};
 use backend::verdict::{Answer, Prior};
+use comparison::{Comparison, glimpse};
 use hypotheses::{Cluster, clusters, hypotheses};
 use rayon::prelude::*;
 use robot_map::RobotMap;
@@ -33,7 +34,10 @@ use verdict::{Decision, Line, Test, Verdict, bounds, confirm, distinct, evidence
 
 /// So many clusters of hypotheses are registered with whole maps, thinned.
 const FOLLOWED: usize = 16;
-/// Of these so many, the ones that fit best, are judged: at a site that repeats itself others fit better than the right one.
+/// Of these and of what else is proposed so many, the ones that fit best, are registered with whole maps and looked at: at a site
+/// that repeats itself thinned points fit at every repetition.
+const LOOKED_AT: usize = 24;
+/// Of these so many, the ones that differ least at a glimpse, are judged.
 const JUDGED: usize = 8;
 /// Grid on which whole maps are compared to rank clusters, metres.
 const RANKED_ON: f32 = 1.5;
@@ -76,12 +80,12 @@ pub fn merge(a: &RobotMap, b: &RobotMap) -> Verdict {
 fn in_order(method: MergeMethod, a: &RobotMap, b: &RobotMap, prior: &Prior) -> Verdict {
     let by_key_points = proposed(a, b);
     let mut ranked = ranked(a, b, proposals(a, b, by_key_points.as_ref()));
-    ranked.truncate(JUDGED);
+    ranked.truncate(LOOKED_AT);
     match (method, by_key_points) {
         (MergeMethod::Pieces, _) => followed(a, b, &ranked, prior, None),
         (MergeMethod::Emr, Some(own)) => {
             // The paper's pose is the only one that may be believed; the others stand beside it.
-            ranked.insert(0, own.clone());
+            ranked.insert(0, Ranked { cluster: own.clone(), is_open: true });
             followed(a, b, &ranked, prior, Some(&own))
         }
         (MergeMethod::Emr, None) => judged(Vec::new(), prior, |_| ()),
@@ -106,9 +110,15 @@ fn proposals(a: &RobotMap, b: &RobotMap, by_key_points: Option<&Cluster>) -> Vec
     found
 }
 
-/// Clusters by how well whole maps fit there, those last that free space contradicts or that share little: repeated structure
-/// misleads pieces, the whole less.
-fn ranked(a: &RobotMap, b: &RobotMap, found: Vec<Cluster>) -> Vec<Cluster> {
+/// A cluster, and whether the maps share there what is asked of them, by thinned points.
+struct Ranked {
+    cluster: Cluster,
+    is_open: bool,
+}
+
+/// Clusters by how well whole maps fit there, those last that share little and will be refused: repeated structure misleads pieces, the
+/// whole less.
+fn ranked(a: &RobotMap, b: &RobotMap, found: Vec<Cluster>) -> Vec<Ranked> {
     let mut kept = Vec::new();
     first_of_each_voxel(&b.whole.points, RANKED_ON, &mut VoxelTable::default(), &mut kept);
     let thinned: Vec<[f32; 3]> = kept.iter().map(|&i| b.whole.points[i as usize]).collect();
@@ -130,34 +140,37 @@ fn ranked(a: &RobotMap, b: &RobotMap, found: Vec<Cluster>) -> Vec<Cluster> {
             None => distinct.push(cluster),
         }
     }
-    // What one of the maps saw through does not stand there, however well the rest fits: in a hall that is seen from both ends,
-    // half-turned poses fit more than the right one. And where little is shared a pose will be refused.
-    let is_open = |cluster: &Cluster| {
-        let (shared, violated) = seen(&a.whole, &thinned, &cluster.a_from_b);
-        shared >= bounds::OVERLAP && violated <= bounds::VIOLATED
+    let share = |cluster: Cluster| Ranked {
+        is_open: seen(&a.whole, &thinned, &cluster.a_from_b).0 >= bounds::OVERLAP,
+        cluster,
     };
-    let open: Vec<bool> = distinct.par_iter().map(is_open).collect();
-    let mut marked: Vec<(bool, Cluster)> = open.into_iter().zip(distinct).collect();
+    let mut marked: Vec<Ranked> = distinct.into_par_iter().map(share).collect();
     // Stable: of either kind those that fit best come first.
-    marked.sort_by_key(|(is_open, _)| !is_open);
-    marked.into_iter().map(|(_, cluster)| cluster).collect()
+    marked.sort_by_key(|ranked| !ranked.is_open);
+    marked
 }
 
 /// Whole maps registered from what each cluster says, and judged where they come to; only the pose that `own` comes to may be
 /// believed, where there is one.
-fn followed(
-    a: &RobotMap,
-    b: &RobotMap,
-    clusters: &[Cluster],
-    prior: &Prior,
-    own: Option<&Cluster>,
-) -> Verdict {
-    let register = |cluster: &Cluster| search(&a.whole, &b.whole.points, &cluster.a_from_b, false);
-    let found: Vec<Found> = clusters.par_iter().map(register).collect();
+fn followed(a: &RobotMap, b: &RobotMap, ranked: &[Ranked], prior: &Prior, own: Option<&Cluster>) -> Verdict {
+    let register = |r: &Ranked| search(&a.whole, &b.whole.points, &r.cluster.a_from_b, false);
+    let found: Vec<Found> = ranked.par_iter().map(register).collect();
     // Those that come to one pose are judged once: evidence costs more than the registration.
-    let found = distinct(clusters.iter().zip(found).collect(), |(_, found)| found.pose);
-    let evidence = found.par_iter().map(|(cluster, found)| evidence(a, b, cluster, found, prior)).collect();
+    let found = distinct(ranked.iter().zip(found).collect(), |(_, found)| found.pose);
     let first = found.first().map(|(_, found)| found.pose);
+    let looks: Vec<Comparison> = found.par_iter().map(|(_, found)| glimpse(a, b, &found.pose)).collect();
+    let mut looked: Vec<_> = found.into_iter().zip(looks).collect();
+    // What one of the maps saw through does not stand there, however well the rest fits: in a hall that is seen from both ends, half-turned
+    // poses fit more than the right one, and along a corridor every step of its doors fits as well.
+    let begin = usize::from(own.is_some());
+    looked[begin..].sort_by(|((one, _), x), ((other, _), y)| {
+        other.is_open.cmp(&one.is_open).then(y.agreeing.total_cmp(&x.agreeing))
+    });
+    looked.truncate(JUDGED);
+    let judge = |((ranked, found), look): ((&Ranked, Found), Comparison)| {
+        evidence(a, b, &ranked.cluster, &found, prior, look)
+    };
+    let evidence = looked.into_par_iter().map(judge).collect();
     let verdict = judged(evidence, prior, |best| confirm(a, b, best));
     match (own, first, &verdict.best) {
         (Some(_), Some(own), Some(best))

@@ -7,7 +7,7 @@ use super::verdict::{Decision, MergeEvidence, Test, Verdict, distinct, judged};
 use super::{MergeMethod, merge, merge_by};
 use crate::degeneracy::Conditioning;
 use crate::keyframe::Keyframe;
-use backend::verdict::{Answer, Prior, Weighed};
+use backend::verdict::{Answer, Piece, PieceKind, Prior, Weighed};
 use geometry::Se3;
 use loopbox_tests::lidar::{Corners, HALL, sweep};
 use nalgebra::{Matrix6, Vector3, Vector6};
@@ -132,14 +132,14 @@ fn where_the_likelihood_does_not_tell_nothing_may_be_absent_and_much_must_be_sha
         let verdict = decided(vec![e]);
         (verdict.decision, verdict.line.test, verdict.answer)
     };
-    use Answer::{CannotTell, SameChanged};
+    use Answer::{CannotTell, Same, SameChanged};
     use Decision::{Accepted, Undecided};
-    assert_eq!(of(0.4, 250.0, 0.125, CannotTell), (Accepted, Test::Rivals, CannotTell));
+    assert_eq!(of(0.4, 250.0, 0.125, CannotTell), (Accepted, Test::Rivals, Same));
     assert_eq!(of(0.4, 250.0, 0.19, CannotTell), (Undecided, Test::Absent, CannotTell));
     // Of more that both saw a little more may be absent.
-    assert_eq!(of(0.4, 600.0, 0.25, CannotTell), (Accepted, Test::Rivals, CannotTell));
+    assert_eq!(of(0.4, 600.0, 0.25, CannotTell), (Accepted, Test::Rivals, Same));
     assert_eq!(of(0.4, 190.0, 0.0, CannotTell), (Undecided, Test::Shared, CannotTell));
-    assert_eq!(of(0.8, 190.0, 0.0, CannotTell), (Accepted, Test::Rivals, CannotTell));
+    assert_eq!(of(0.8, 190.0, 0.0, CannotTell), (Accepted, Test::Rivals, Same));
     // What the likelihood tells needs neither.
     assert_eq!(of(0.4, 100.0, 2.0, SameChanged), (Accepted, Test::Rivals, SameChanged));
     let mut nothing = standing(pose(1));
@@ -158,6 +158,20 @@ fn a_refused_pose_at_which_more_is_alike_leaves_the_one_that_passes_open() {
     let repetition = Comparison { agreeing: 0.9, ..refused.things.clone() };
     let beside = MergeEvidence { things: repetition, ..refused.clone() };
     assert_eq!(decided(vec![beside, passes.clone()]).answer, Answer::Same);
+    // Nor one at which as much differs as a repetition has of its own: the other explains more.
+    let piece = |ln_agreement| Piece {
+        kind: PieceKind::Shape,
+        share: 0.01,
+        things: 1.0,
+        occurrences: 1.0,
+        ln_agreement,
+    };
+    let (mut door, mut right) = (refused.clone(), passes.clone());
+    right.things.pieces = vec![piece(2.25); 13];
+    door.things.pieces = [vec![piece(2.25); 15], vec![piece(-9.0); 9]].concat();
+    assert_eq!(decided(vec![door.clone(), right.clone()]).answer, Answer::Same);
+    door.things.pieces.extend(vec![piece(2.25); 30]);
+    assert_eq!(decided(vec![door, right]).line.test, Test::Rivals);
     refused.support = 10.0;
     let verdict = decided(vec![refused, passes]);
     assert_eq!(verdict.answer, Answer::Same);

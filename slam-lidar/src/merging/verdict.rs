@@ -1,13 +1,13 @@
 //! What speaks for a merge and against it, and what is said of two maps.
 
-use super::comparison::{Comparison, compare, glimpse};
+use super::comparison::{Comparison, compare};
 use super::hypotheses::{Cluster, confirming};
 use super::patches::area;
 use super::robot_map::RobotMap;
 use crate::closure::Found;
 use crate::degeneracy::{Conditioning, conditioning};
 use crate::keyframe::{Seen, Submap, transformed};
-use backend::verdict::{Answer, Prior, Weighed, weigh};
+use backend::verdict::{Answer, Prior, Weighed, explained, weigh};
 use geometry::Se3;
 use nalgebra::{Matrix6, Vector3};
 use rayon::prelude::*;
@@ -35,7 +35,8 @@ pub struct MergeEvidence {
     pub surface: f64,
     /// What the maps say of each other's surfaces, piece by piece.
     pub things: Comparison,
-    /// The same weighed: one place or two that share things.
+    /// The same weighed: one place or two that share things. Its answer is that of the likelihood alone; what is said of the maps is
+    /// [`Verdict::answer`].
     pub weighed: Weighed,
     /// Root mean square distance of points from the surfaces that they agree with, metres.
     pub rmse: f64,
@@ -171,26 +172,24 @@ pub mod bounds {
     /// From this overlap on the maps are of one place or of its double, however small it is: what agreed without a contradiction
     /// overlapped by up to 0.56.
     pub const MOST: f64 = 0.7;
-    /// Most violated free space of a pose that is followed before others.
-    pub const VIOLATED: f64 = 0.02;
 }
 
 /// Every so many points are asked: some thousands tell shares to a hundredth.
 const EVERY: usize = 4;
 
-/// Judges a pose between whole maps.
+/// Judges a pose between whole maps, at which they were glimpsed.
 pub(super) fn evidence(
     a: &RobotMap,
     b: &RobotMap,
     cluster: &Cluster,
     found: &Found,
     prior: &Prior,
+    glimpse: Comparison,
 ) -> MergeEvidence {
     let back = found.pose.inverse();
     let of = |map: &RobotMap| -> Vec<[f32; 3]> { map.whole.points.iter().copied().step_by(EVERY).collect() };
     let overlap = seen(&a.whole, &of(b), &found.pose).0.min(seen(&b.whole, &of(a), &back).0);
     // Most poses are seen to be wrong at a glimpse.
-    let glimpse = glimpse(a, b, &found.pose);
     let is_open = overlap >= bounds::OVERLAP && glimpse.agreeing >= bounds::GLIMPSED;
     let things = if is_open { compare(a, b, &found.pose) } else { glimpse };
     let both = |target: &RobotMap, source: &RobotMap, pose: &Se3| {
@@ -306,8 +305,12 @@ pub(super) fn judged(
         (0..found.len()).filter(|&i| failed(&found[i], prior, false).is_none()).collect();
     let by_support = |&i: &usize, &j: &usize| found[i].support.total_cmp(&found[j].support).then(j.cmp(&i));
     let is_open = |e: &MergeEvidence| failed(e, prior, false).is_some_and(|(_, a)| a == Answer::CannotTell);
-    let chosen =
-        passes.iter().copied().max_by(by_support).or_else(|| found.iter().position(is_open)).unwrap_or(0);
+    // Of what passes that at which most is alike; else that which is likeliest of what may be.
+    let by_ratio = |&i: &usize, &j: &usize| {
+        found[i].weighed.ln_ratio.total_cmp(&found[j].weighed.ln_ratio).then(j.cmp(&i))
+    };
+    let open = || (0..found.len()).filter(|&i| is_open(&found[i])).max_by(by_ratio);
+    let chosen = passes.iter().copied().max_by(by_support).or_else(open).unwrap_or(0);
     if chosen >= found.len() {
         let none = Line { test: Test::Pieces, value: 0.0, bound: bounds::PIECES as f64 };
         return Verdict {
@@ -325,7 +328,13 @@ pub(super) fn judged(
         let (line, answer) = why.unwrap_or((none, Answer::CannotTell));
         return Verdict { answer, decision: answer.into(), line, best: Some(best), rivals: found };
     }
-    let fits = |e: &MergeEvidence| e.support >= best.support && e.things.agreeing >= bounds::AS_WELL;
+    // Of two poses the right one explains what both maps saw: one that is refused stands beside the best unless that is likelier by
+    // as much as an answer takes.
+    let explains = |e: &MergeEvidence| explained(&e.things.pieces, prior);
+    let least = explains(&best) - (prior.certainty / (1.0 - prior.certainty)).ln();
+    let fits = |e: &MergeEvidence| {
+        e.support >= best.support && e.things.agreeing >= bounds::AS_WELL && explains(e) >= least
+    };
     let is_rival = |e: &&MergeEvidence| failed(e, prior, false).is_none() || fits(e);
     let rivals = Line { test: Test::Rivals, value: found.iter().filter(is_rival).count() as f64, bound: 0.0 };
     let why = if rivals.value > 0.0 {
@@ -334,12 +343,8 @@ pub(super) fn judged(
         confirm(&mut best);
         failed(&best, prior, true)
     };
-    // What passes is joined, also where the likelihood does not tell.
-    let (line, answer, decision) = match why {
-        Some((line, answer)) => (line, answer, answer.into()),
-        None => (rivals, best.weighed.answer, Decision::Accepted),
-    };
-    Verdict { answer, decision, line, best: Some(best), rivals: found }
+    let (line, answer) = why.unwrap_or_else(|| (rivals, best.believed()));
+    Verdict { answer, decision: answer.into(), line, best: Some(best), rivals: found }
 }
 
 impl Verdict {
@@ -351,6 +356,16 @@ impl Verdict {
 }
 
 impl MergeEvidence {
+    /// What is said where every test holds. Where the likelihood does not tell, the lines did: much was seen by both, and nothing that is
+    /// larger than errors of maps is there in one of them only.
+    fn believed(&self) -> Answer {
+        match self.weighed.answer {
+            told @ (Answer::Same | Answer::SameChanged) => told,
+            Answer::CannotTell | Answer::Different if self.weighed.changed > 0.0 => Answer::SameChanged,
+            Answer::CannotTell | Answer::Different => Answer::Same,
+        }
+    }
+
     fn swapped(self) -> Self {
         let back = self.a_from_b.rotation.inverse().to_rotation_matrix().into_inner();
         // υ' = −Rᵀ υ − Rᵀ [t]× ω and ω' = −Rᵀ ω, and their inverse: the motion of one map is the other's, backwards.
