@@ -95,3 +95,63 @@ fn each_figure_was_measured() {
     }
     assert!(count > 20, "{count} figures");
 }
+
+/// Fields that a file's structures write, by their names in JSON.
+fn fields(code: &str) -> BTreeSet<String> {
+    let code = code.split("#[cfg(test)]").next().unwrap_or_default();
+    let (mut found, mut is_written) = (BTreeSet::new(), false);
+    for line in code.lines() {
+        match line {
+            "}" => is_written = false,
+            line if line.starts_with("#[derive") => is_written = line.contains("Serialize"),
+            line if is_written && line.starts_with("    pub ") => {
+                let name = line.trim_start().trim_start_matches("pub ").split_once(": ");
+                found.extend(name.map(|(name, _)| name.trim_start_matches("r#").to_owned()));
+            }
+            _ => {}
+        }
+    }
+    found
+}
+
+/// A section of the page of JSON.
+fn section(heading: &str) -> String {
+    let page = read(&repository(), "book/src/reference/json.md").text;
+    let (_, section) = page.split_once(&format!("\n## {heading}\n")).expect(heading);
+    section.split("\n## ").next().expect("a part").to_owned()
+}
+
+#[test]
+fn each_field_of_a_record_is_in_its_section() {
+    for (heading, files, least) in [
+        ("`merge.json` of LiDARs", &["loopbox/src/lidar/merging/record.rs"][..], 35),
+        (
+            "`fleet.json`, `loopbox fleet --json`",
+            &["loopbox/src/fleet/status.rs", "fleet/src/findings.rs"],
+            30,
+        ),
+    ] {
+        let section = section(heading);
+        let fields: BTreeSet<String> =
+            files.iter().flat_map(|name| fields(&read(&repository(), name).text)).collect();
+        for name in &fields {
+            assert!(section.contains(&format!("`{name}`")), "json.md, {heading}: nothing of `{name}`");
+        }
+        assert!(fields.len() >= least, "{heading}: {} fields", fields.len());
+    }
+}
+
+#[test]
+fn each_event_is_told() {
+    let section = section("Events, `loopbox run --log json`");
+    let code = sources(&["agent-bin/src"]).concat();
+    // The program's own, and those of notices, which have a name of their own first.
+    let written = code.split("\"event\": \"").skip(1);
+    let noticed =
+        code.split("Notice::").filter_map(|rest| rest.split_once("(_) => \"")).map(|(_, rest)| rest);
+    let events: BTreeSet<&str> = written.chain(noticed).filter_map(|rest| rest.split('"').next()).collect();
+    for event in &events {
+        assert!(section.contains(&format!("`{event}`")), "json.md says nothing of the event {event}");
+    }
+    assert!(events.len() >= 9, "{events:?}");
+}
