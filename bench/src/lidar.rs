@@ -46,8 +46,6 @@ pub enum Lot {
     Recorded,
     /// Stretches of drives through rendered sites.
     Rendered,
-    /// Drives through places that are built alike, and through one place with some things moved.
-    Doubles,
 }
 
 /// A recording of scans with its truth.
@@ -84,7 +82,18 @@ pub fn strangers(plan: &Plan, lot: Lot) -> Result<(String, usize)> {
     match lot {
         Lot::Recorded => strangers::of_recordings(&plan.program(), &recordings(plan.data)?),
         Lot::Rendered => strangers::of_sites(&plan.program(), plan.seed),
-        Lot::Doubles => doubles::measure(&plan.program(), plan.seed, plan.only),
+    }
+}
+
+/// Merges stretches of places that are built alike, and of one place with some things moved; hands on the section after each kind.
+///
+/// # Errors
+/// As [`measure`].
+pub fn doubles(plan: &Plan, mut section: impl FnMut(&str, String) -> Result<()>) -> Result<()> {
+    match doubles::measure(&plan.program(), plan.seed, plan.only, &mut |text| section("lidar-doubles", text))?
+    {
+        0 => Ok(()),
+        wrong => bail!("{wrong} pairs of stretches were merged wrongly"),
     }
 }
 

@@ -158,7 +158,7 @@ fn main() -> Result<()> {
         let (loopbox, data, work) = (&args.loopbox, &args.data, &args.work);
         let plan = lidar::Plan { loopbox, data, work, reuse: args.reuse, seed: args.seed, only: &args.only };
         if let Some(part) = args.part {
-            return print_lidar(&plan, part);
+            return print_lidar(&plan, part, &args.documents);
         }
         write(&args.documents, &[("machine", report::machine())])?;
         return lidar::measure(&plan, |name, text| write(&args.documents, &[(name, text)]));
@@ -258,15 +258,17 @@ fn fleet_part(plan: &fleet::Plan, part: Part) -> Result<String> {
     }
 }
 
-/// Measures one part of what concerns LiDARs, and prints it.
-fn print_lidar(plan: &lidar::Plan, part: Part) -> Result<()> {
+/// Measures one part of what concerns LiDARs, and prints it; that of doubles is written into the documents.
+fn print_lidar(plan: &lidar::Plan, part: Part, documents: &[PathBuf]) -> Result<()> {
+    if part == Part::Doubles {
+        return lidar::doubles(plan, |name, text| write(documents, &[(name, text)]));
+    }
     if part == Part::Hour {
         println!("{}", lidar::hour(plan)?);
         return Ok(());
     }
     let lot = match part {
         Part::Recorded => lidar::Lot::Recorded,
-        Part::Doubles => lidar::Lot::Doubles,
         _ => lidar::Lot::Rendered,
     };
     let (text, wrong) = lidar::strangers(plan, lot)?;

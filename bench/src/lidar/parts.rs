@@ -51,6 +51,20 @@ pub fn cut(whole: &Whole, home: &Path, mirrored: bool) -> Result<Vec<Part>> {
     let map = load_map(whole.map).with_context(|| whole.map.display().to_string())?.map;
     let known = |keyframe: &Keyframe| Some((keyframe.clone(), whole.truth.at(keyframe.timestamp)?));
     let keyframes: Vec<(Keyframe, Se3)> = map.keyframes.values().filter_map(known).collect();
+    stretches(&keyframes, whole.name, whole.world, home, mirrored)
+}
+
+/// Keyframes, each with where it truly was, as stretches; as [`cut`].
+///
+/// # Errors
+/// When a part cannot be written.
+pub fn stretches(
+    keyframes: &[(Keyframe, Se3)],
+    name: &str,
+    world: &str,
+    home: &Path,
+    mirrored: bool,
+) -> Result<Vec<Part>> {
     let mut way = vec![0.0];
     for step in keyframes.windows(2) {
         way.push(way[way.len() - 1] + (step[1].1.translation - step[0].1.translation).norm());
@@ -61,9 +75,9 @@ pub fn cut(whole: &Whole, home: &Path, mirrored: bool) -> Result<Vec<Part>> {
     let stretch = |i: usize| {
         let at = |metres: f64| way.partition_point(|along| *along < metres);
         let of = &keyframes[at(STRETCH * i as f64)..at(STRETCH * (i + 1) as f64)];
-        let name = format!("{prefix}{} {i}", whole.name);
+        let name = format!("{prefix}{name} {i}");
         let folder = home.join(name.replace([' ', '/'], "-"));
-        part(of, &name, &format!("{prefix}{}", whole.world), &folder, mirrored)
+        part(of, &name, &format!("{prefix}{world}"), &folder, mirrored)
     };
     (0..count).map(stretch).collect()
 }
@@ -92,19 +106,6 @@ fn part(of: &[(Keyframe, Se3)], name: &str, world: &str, folder: &Path, mirrored
     Ok(Part { name: name.to_owned(), world: world.to_owned(), file, poses, cells })
 }
 
-impl Part {
-    /// A whole map as a part, where it lies.
-    ///
-    /// # Errors
-    /// When the map cannot be read.
-    pub fn whole(file: &Path, truth: &Truth, name: &str, world: &str) -> Result<Self> {
-        let map = load_map(file).with_context(|| file.display().to_string())?.map;
-        let pose = |k: &Keyframe| Some([k.world_from_keyframe.rigid(), truth.at(k.timestamp)?]);
-        let poses = map.keyframes.values().filter_map(pose).collect();
-        Ok(Self { name: name.into(), world: world.into(), file: file.into(), poses, cells: HashSet::new() })
-    }
-}
-
 /// A pose as a mirror along y shows it.
 fn flip(pose: &Se3) -> Se3 {
     let (q, t) = (pose.rotation.quaternion(), pose.translation);
@@ -118,6 +119,11 @@ impl Part {
         if self.world != other.world {
             return 0.0;
         }
+        self.plan_overlap(other)
+    }
+
+    /// The same as if both were of one world: how much of it stretches of doubles would share.
+    pub fn plan_overlap(&self, other: &Self) -> f64 {
         self.seen_by(other).min(other.seen_by(self))
     }
 
