@@ -242,7 +242,7 @@ fn summary(record: &RunRecord, out: &str) -> String {
         );
     }
     if frames.losses > 0 {
-        text += &format!("lost {} times\n", frames.losses);
+        text += &format!("times lost: {}\n", frames.losses_text());
     }
     if frames.dropped_late > 0 {
         text += &format!("{} frames dropped because tracking was late\n", frames.dropped_late);

@@ -381,8 +381,9 @@ impl Agent {
         {
             return report;
         }
+        let lost = if tracker.lacks_scale() { FrameReport::without_scale() } else { FrameReport::lost() };
         self.state = State::Running(tracker);
-        FrameReport { adopted: report.adopted, ..FrameReport::lost() }
+        FrameReport { adopted: report.adopted, ..lost }
     }
 
     /// Makes the newest tracked frame a keyframe: hands it to the mapper.

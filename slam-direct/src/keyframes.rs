@@ -29,7 +29,7 @@ params! {
         pub give_up_after: f64 = 0.65,
         /// Range 3–100.
         pub give_up: usize = 5,
-        /// Matched points below which tracking is lost.
+        /// Matched points of known depth below which tracking is lost.
         pub min_matched: usize = 30,
         /// Share of sought points that agree with a wrong pose where patches are placed exactly, and twice as many where to a
         /// pixel only (`track.position_sigma`). Tracking is lost where not significantly more agree: of few points it takes

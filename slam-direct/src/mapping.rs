@@ -5,7 +5,7 @@ use crate::local_map::{KeyframeState, LocalMap, PointRef, PointState, SeenAt};
 use crate::select::select;
 use crate::track::{Matched, TrackParams};
 use crate::triangulate::{TriangulateParams, Triangulator};
-use crate::window::{Limits, Problem, solve_within};
+use crate::window::{Limits, Problem, solve_within, variances_by_poses};
 use backend::params;
 use geometry::sensor::{Sensor, UNKNOWNS};
 use geometry::{Pinhole, Se3, median};
@@ -22,6 +22,10 @@ const OBSERVED: f64 = 9.21;
 
 /// Share of itself by which a readout time that has settled still changes; of what it puts back, as much is left.
 const SETTLED_READOUT: f64 = 0.03;
+/// Keyframes that are moved together at most where it is asked what their poses leave uncertain of depths: it takes a dense
+/// inverse.
+const MOST_BY_POSES: usize = 20;
+
 /// Keyframes that are waited for before it is asked for again: about a window's half.
 const WAITED: usize = 4;
 
@@ -317,7 +321,9 @@ fn optimise<'a>(
         return Vec::new();
     }
     let changes = window.unit_changes(&before);
-    window.apply(map);
+    let by_poses =
+        (active.len() <= MOST_BY_POSES).then(|| variances_by_poses(&window.problem, &window.pairs));
+    window.apply(map, by_poses.flatten().as_deref());
     for change in &changes {
         map.keyframes[change.keyframe].unit *= change.factor;
     }

@@ -125,6 +125,7 @@ pub(crate) fn point_state(point: ReferencePoint) -> PointState {
         ray: CAMERA.unproject(point.pixel[0] as f64, point.pixel[1] as f64),
         inverse_depth: point.inverse_depth as f64,
         variance: point.variance as f64,
+        doubt: 0.0,
         observations: Vec::new(),
         alive: true,
         sought: 0,

@@ -62,6 +62,8 @@ pub(crate) struct Tracker {
     glance: Option<Glance>,
     /// Share of the sought points that agreed in it.
     share: f32,
+    /// Whether the frame that was lost last agrees with the map, but shows too little of known depth.
+    lacks_scale: bool,
 }
 
 impl Tracker {
@@ -91,6 +93,7 @@ impl Tracker {
             lost: 0,
             glance: None,
             share: 0.0,
+            lacks_scale: false,
         }
     }
 
@@ -157,6 +160,8 @@ impl Tracker {
                 located = found;
             } else if !is_there {
                 self.lost += 1;
+                self.lacks_scale =
+                    located.inliers >= params.keyframes.min_matched && !located.carries_scale(params);
                 self.velocity = Se3::identity();
                 return None;
             }
@@ -291,6 +296,11 @@ impl Tracker {
             || fades
             || thins
             || self.seen.departure(map, self.reference, &self.last, overlap).is_none_or(|d| d.score(p) > 1.0)
+    }
+
+    /// Whether the frame that was lost last agrees with the map, but shows too few points of known depth to go on by.
+    pub fn lacks_scale(&self) -> bool {
+        self.lacks_scale
     }
 
     /// Frames in a row that were not found.

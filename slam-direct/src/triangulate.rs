@@ -4,7 +4,7 @@ use crate::local_map::{LocalMap, PointState, SeenAt};
 use crate::patch::{Appearance, Template};
 use crate::track::{TrackParams, position_information};
 use crate::warp::Warp;
-use crate::window::predict;
+use crate::window::{Relative, UNKNOWN, predict, variance_by_rotation};
 use backend::params;
 use geometry::Se3;
 use geometry::sensor::Twist;
@@ -124,12 +124,18 @@ impl<'a> Triangulator<'a> {
             }
         }
         let (inverse_depth, variance, worst) = self.solve_depth(&ray, inverse_depth?, &observations)?;
+        let by_rotation = observations.iter().filter_map(|seen| {
+            let View { relative, rotation, .. } = self.views.iter().find(|v| v.keyframe == seen.keyframe)?;
+            let relative = Relative { pose: *relative, rotation: *rotation };
+            Some(variance_by_rotation(&self.map.camera, &relative, &ray, inverse_depth))
+        });
         let accepted = worst < 9.21 && variance.sqrt() < self.params.max_relative_sigma * inverse_depth;
         accepted.then_some(PointState {
             pixel,
             ray: self.map.ray(self.host, pixel, inverse_depth),
             inverse_depth,
             variance,
+            doubt: by_rotation.fold(f64::INFINITY, f64::min).min(UNKNOWN * inverse_depth * inverse_depth),
             observations,
             alive: true,
             sought: 0,
@@ -311,6 +317,26 @@ mod tests {
             let (points, sought) = triangulate(&[View::new(here), View::new(other)]);
             assert!(points.len() * 50 < sought, "{} of {sought}", points.len());
         }
+    }
+
+    #[test]
+    fn a_turn_as_uncertain_as_the_parallax_tells_no_depth() {
+        // Patches that are placed to a tenth of a pixel, and 3 cm to 5 m: two pixels, which a turn of 14° is not known to.
+        let track = TrackParams { position_sigma: 0.1, ..TrackParams::default() };
+        let count = |yaw: f64| {
+            let views = [pose(0.0, 0.0, 0.0, 0.0, 0.0), pose(0.03, 0.0, 0.0, yaw, 0.0)].map(View::new);
+            let map = bare_map(&views);
+            let params = TriangulateParams::default();
+            let triangulator = Triangulator::new(&map, 0, &[1], &params, &track);
+            let sought = select(views[0].pyramid.base(), 12, 12.0, &Mask::default(), |_, _| false);
+            sought
+                .iter()
+                .filter_map(|c| triangulator.point(c.pixel, RANGE))
+                .filter(PointState::is_known)
+                .count()
+        };
+        let (straight, turning) = (count(0.0), count(0.25));
+        assert!(straight > 100 && turning * 10 < straight, "{straight} without a turn, {turning} with one");
     }
 
     #[test]

@@ -66,6 +66,8 @@ impl ImageStatistics {
 pub struct Losses {
     /// How often.
     pub count: u64,
+    /// How often of these because the scale was lost ([`FrameReport::scale_is_lost`]).
+    pub of_scale: u64,
     is_lost: bool,
     was_tracking: bool,
 }
@@ -78,6 +80,7 @@ impl Losses {
         let at = format!("frame {} at {:.2} s", row.index, row.timestamp);
         if lost {
             self.count += 1;
+            self.of_scale += u64::from(report.scale_is_lost);
             self.is_lost = true;
             let why = report.reason.map_or(String::new(), |reason| format!(": {reason}"));
             progress.warn_of("lost", &format!("tracking is lost since {at}{why}"));

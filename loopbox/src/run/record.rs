@@ -70,7 +70,7 @@ impl RunRecord {
             ("ms per frame, worst", format!("{:.1}", cost.max_ms)),
             ("sparse points, tracked by", grouped(map.points)),
             ("loops closed", map.loops.to_string()),
-            ("times lost", frames.losses.to_string()),
+            ("times lost", frames.losses_text()),
             ("frames skipped", skipped.to_string()),
             ("frames dropped late", frames.dropped_late.to_string()),
             ("wall time", format!("{:.1} s", cost.wall_s)),
@@ -157,6 +157,19 @@ pub struct FrameCounts {
     pub tracked_share: f64,
     /// How often tracking was lost.
     pub losses: u64,
+    /// How often of these because too few points of known depth were in view to carry the scale on.
+    pub losses_of_scale: u64,
+}
+
+impl FrameCounts {
+    /// How often tracking was lost, for people.
+    pub fn losses_text(&self) -> String {
+        match self.losses_of_scale {
+            0 => self.losses.to_string(),
+            n if n == self.losses => format!("{n}, for want of known depth: the scale is lost"),
+            n => format!("{}, {n} of them for want of known depth: the scale is lost", self.losses),
+        }
+    }
 }
 
 /// Time and memory.

@@ -53,12 +53,22 @@ pub struct FrameReport {
     pub matched_points: usize,
     /// Why the frame was not tracked, for people.
     pub reason: Option<&'static str>,
+    /// Whether the frame is lost because its scale is: it agrees with the map, but shows too few points of known depth to tell how
+    /// far the camera moves. What is mapped from there has a scale of its own.
+    pub scale_is_lost: bool,
 }
 
 impl FrameReport {
     /// A report on a frame that was found nowhere.
     pub(crate) fn lost() -> Self {
         Self { reason: Some("the view matches no part of the map"), ..Self::of(TrackingState::Lost) }
+    }
+
+    /// A report on a frame that agrees with the map, and would be followed at a scale that nothing in view carries on.
+    pub(super) fn without_scale() -> Self {
+        let reason =
+            "the scale is lost: too few points of known depth are in view to tell how far the camera moves";
+        Self { reason: Some(reason), scale_is_lost: true, ..Self::of(TrackingState::Lost) }
     }
 
     /// A report that says no more than the state.
@@ -76,6 +86,7 @@ impl FrameReport {
             rmse: 0.0,
             matched_points: 0,
             reason: None,
+            scale_is_lost: false,
         }
     }
 }

@@ -200,6 +200,7 @@ pub(super) fn working_map(map: &Map, sensor: Sensor, levels: usize) -> Result<Lo
                 ray: local.ray(host, point.pixel, inverse_depth),
                 inverse_depth,
                 variance: f64::from(point.variance) / (unit * unit),
+                doubt: 0.0,
                 observations: seen,
                 alive,
                 sought: 0,

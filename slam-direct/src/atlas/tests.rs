@@ -7,6 +7,7 @@ use loopbox_tests::{Recording, World, trajectory};
 use place_recog::ThumbnailIndex;
 
 mod recognised;
+mod scale;
 
 const RATE: f64 = 20.0;
 

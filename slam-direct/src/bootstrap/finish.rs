@@ -1,6 +1,6 @@
 //! The first map from a good solution: two keyframes, in units of the median depth.
 
-use super::solve::{Solution, agreement};
+use super::solve::{Solution, agreement, variances_by_rotation};
 use super::{Bootstrap, Started};
 use crate::local_map::{KeyframeState, LocalMap, PointRef, PointState, SeenAt};
 use crate::window::{Problem, WindowPoint};
@@ -44,26 +44,35 @@ impl Bootstrap {
     fn points(&self, solution: &Problem, unit: f64) -> Vec<PointState> {
         let squared = solution.squared_residuals();
         let limit = agreement(&squared);
-        let is_good = |(point, _): &(&WindowPoint, usize)| {
+        let by_rotation = variances_by_rotation(solution);
+        let is_good = |((point, _), _): &((&WindowPoint, &f64), usize)| {
             let agrees = point.observations.clone().all(|i| squared[i] < limit) && point.inverse_depth > 0.0;
             let relative = 1.0 / (point.information.sqrt() * point.inverse_depth);
             agrees && relative <= MAX_RELATIVE_SIGMA
         };
         let newest = &self.frames[self.frames.len() - 1];
-        let state = |(point, track): (&WindowPoint, usize)| {
+        let state = |((point, by_rotation), track): ((&WindowPoint, &f64), usize)| {
             let (pixel, information) = newest.seen[track]?;
             Some(PointState {
                 pixel: self.tracks[track].pixel,
                 ray: point.ray,
                 inverse_depth: point.inverse_depth / unit,
                 variance: 1.0 / (point.information * unit * unit),
+                doubt: by_rotation / (unit * unit),
                 observations: vec![SeenAt { keyframe: 1, pixel, information }],
                 alive: true,
                 sought: 0,
                 found: 0,
             })
         };
-        solution.points.iter().zip(self.followed()).filter(is_good).filter_map(state).collect()
+        solution
+            .points
+            .iter()
+            .zip(&by_rotation)
+            .zip(self.followed())
+            .filter(is_good)
+            .filter_map(state)
+            .collect()
     }
 }
 

@@ -2,7 +2,8 @@
 
 use super::{Bootstrap, BootstrapParams, MIN_POINTS};
 use crate::window::{
-    Calibration, PoseSolver, Problem, SeenPoint, Shown, WindowObservation, WindowPoint, solve,
+    Calibration, Pairs, PoseSolver, Problem, SeenPoint, Shown, WindowObservation, WindowPoint,
+    least_variance_by_rotation, solve,
 };
 use geometry::Se3;
 use geometry::median;
@@ -288,6 +289,14 @@ fn fit_pose(problem: &Problem, iterations: usize, rotation_only: bool) -> Se3 {
 pub(super) fn agreement(squared: &[f64]) -> f64 {
     let mut all: Vec<f32> = squared.iter().map(|s| *s as f32).collect();
     12.0 * median(&mut all).map_or(1.0, |m| (m as f64).clamp(1.0, MAX_WIDENING))
+}
+
+/// What the turns of a solution's frames leave uncertain of each point's inverse depth, as a variance.
+pub(super) fn variances_by_rotation(solution: &Problem) -> Vec<f64> {
+    let pairs = Pairs::new(solution);
+    let relative = pairs.relative(&solution.frames);
+    let of = |point: &WindowPoint| least_variance_by_rotation(solution, &pairs, &relative, point);
+    solution.points.iter().map(of).collect()
 }
 
 /// Beyond this the residuals are not noise.

@@ -110,6 +110,7 @@ fn place(map: &mut LocalMap, keyframe: usize, world_from_keyframe: &Sim3) -> Uni
     for point in &mut state.points {
         point.inverse_depth /= factor;
         point.variance /= factor * factor;
+        point.doubt /= factor * factor;
     }
     UnitChange { keyframe, factor }
 }

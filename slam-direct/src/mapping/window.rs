@@ -2,7 +2,9 @@
 
 use super::UnitChange;
 use crate::local_map::{LocalMap, PointRef, PointState, SeenAt};
-use crate::window::{Calibration, Pairs, Problem, Shown, WindowObservation, WindowPoint};
+use crate::window::{
+    Calibration, Pairs, Problem, Shown, WindowObservation, WindowPoint, least_variance_by_rotation,
+};
 use geometry::median;
 use geometry::sensor::UNKNOWNS;
 use std::collections::{BTreeMap, BTreeSet};
@@ -124,8 +126,10 @@ impl Window {
         self.keyframes.iter().enumerate().filter_map(change).collect()
     }
 
-    /// Writes the solution back; observations that disagree with it go, points without any die.
-    pub fn apply(&self, map: &mut LocalMap) {
+    /// Writes the solution back; observations that disagree with it go, points without any die. `by_poses` is what the
+    /// uncertainty of the poses adds to the variance of each point's inverse depth; without it a depth stays as doubtful as it
+    /// was.
+    pub fn apply(&self, map: &mut LocalMap, by_poses: Option<&[f64]>) {
         let Self { problem, keyframes, .. } = self;
         for (frame, &keyframe) in problem.frames.iter().zip(keyframes) {
             map.keyframes[keyframe].camera_from_world = *frame;
@@ -133,11 +137,17 @@ impl Window {
         let sensor = problem.calibration.as_ref().map(|calibration| calibration.sensor);
         let squared = problem.squared_residuals();
         let mut dropped: BTreeSet<(usize, PointRef)> = BTreeSet::new();
-        for (solved, &at) in problem.points.iter().zip(&self.points) {
+        let relative = self.pairs.relative(&problem.frames);
+        for (index, (solved, &at)) in problem.points.iter().zip(&self.points).enumerate() {
             let point = map.point_mut(at);
             point.inverse_depth = solved.inverse_depth;
             if solved.information > 0.0 {
+                let by_rotation = least_variance_by_rotation(problem, &self.pairs, &relative, solved);
                 point.variance = 1.0 / solved.information;
+                point.doubt = match by_poses {
+                    Some(by_poses) => by_rotation + by_poses[index],
+                    None => by_rotation.max(point.doubt),
+                };
             }
             // From behind, so that those still to be looked at keep their places.
             let agrees = |i: &usize| squared[*i] < OUTLIER;

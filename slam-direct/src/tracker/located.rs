@@ -23,6 +23,8 @@ pub(crate) struct Located {
     pub matched: Vec<Matched>,
     pub sought: Vec<PointRef>,
     pub inliers: usize,
+    /// Those of them whose depth is known: what tells the scale of a motion.
+    pub known: usize,
     /// Parts of the image (see [`PARTS`]) in which a point agrees with the pose.
     pub covered: usize,
     /// Median of the squared residuals over what was assumed.
@@ -38,18 +40,25 @@ pub(crate) struct Located {
 }
 
 impl Located {
-    /// Whether more points agree with the pose than do by chance, and enough.
+    /// Whether more points agree with the pose than do by chance, and enough of them carry the scale.
     pub(super) fn is_good(&self, params: &Params) -> bool {
         let chance = by_chance(params) * self.sought.len() as f32;
-        self.inliers >= params.keyframes.min_matched
-            && self.inliers as f32 >= chance + SIGNIFICANT * chance.sqrt()
+        self.carries_scale(params) && self.inliers as f32 >= chance + SIGNIFICANT * chance.sqrt()
     }
 
     /// Whether enough agree for a frame that was not where it should be. A frame placed wrongly poisons the map, and what is
     /// sought in many places agrees with one of them by chance sooner than with one pose.
     pub(super) fn is_found_again(&self, params: &Params) -> bool {
         let p = &params.keyframes;
-        self.inliers >= 2 * p.min_matched && self.inlier_share() >= p.found_again
+        self.inliers >= 2 * p.min_matched
+            && self.inlier_share() >= p.found_again
+            && self.carries_scale(params)
+    }
+
+    /// Whether enough points of known depth agree. The others tell how the camera turned; going on by them would make up the
+    /// length of its way, and all that is mapped from there with it.
+    pub(super) fn carries_scale(&self, params: &Params) -> bool {
+        self.known >= params.keyframes.min_matched
     }
 
     /// Share of the sought points that agree with the pose.
@@ -152,6 +161,7 @@ pub(super) fn locate(
         }
     }
     let inliers = matched.iter().filter(|m| m.inlier).count();
+    let known = known_depths(map, &matched);
     let covered = covered(map, &matched);
     Located {
         camera_from_world,
@@ -163,9 +173,17 @@ pub(super) fn locate(
         matched,
         sought,
         inliers,
+        known,
         covered,
         excess,
     }
+}
+
+/// Agreeing matches with points of known depth. A map of two keyframes has no scale but that of its own depths, which all count
+/// therefore: what is mapped after them may lose it.
+fn known_depths(map: &LocalMap, matched: &[Matched]) -> usize {
+    let is_first = map.keyframes.len() <= 2;
+    matched.iter().filter(|m| m.inlier && (is_first || map.point(m.at).is_known())).count()
 }
 
 /// Parts of the image that hold an agreeing match.

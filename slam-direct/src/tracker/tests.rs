@@ -87,6 +87,7 @@ fn located(inliers: usize, sought: usize) -> Located {
         matched: Vec::new(),
         sought: vec![PointRef { host: 0, index: 0 }; sought],
         inliers,
+        known: inliers,
         covered: 0,
         excess: 1.0,
         brightness: Brightness::default(),
@@ -104,6 +105,8 @@ fn few_points_are_enough_where_a_frame_is_expected_and_not_where_it_is_sought() 
     // Of a camera that drove on under a cover, among houses that look alike: placed 2 m beside its way.
     let by_chance = located(72, 620);
     assert!(by_chance.is_good(&params) && !by_chance.is_found_again(&params));
+    let of_a_turn = Located { known: 12, ..located(400, 620) };
+    assert!(!of_a_turn.is_good(&params) && !of_a_turn.is_found_again(&params), "they tell no scale");
     let keyframes = keyframes();
     let map = exact_map(&keyframes, 10);
     let mut tracker = Tracker::new(&map, 0, Se3::identity(), Se3::identity(), &params);

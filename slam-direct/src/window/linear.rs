@@ -254,6 +254,40 @@ impl Normal {
         problem.points.iter().zip(&self.depth).enumerate().map(step).collect()
     }
 
+    /// Variance that the poses' uncertainty adds to each point's inverse depth: with `c = H_ρx / H_ρρ`, `cᵀ Σ_xx c`. `None`
+    /// when the system is not positive definite.
+    pub fn variances_by_poses(&mut self, problem: &Problem, pairs: &Pairs) -> Option<Vec<f64>> {
+        self.system.damp(|_| 1e-9);
+        eliminate_depths(self, problem, pairs, 0.0);
+        self.system.solve()?;
+        let blocks = self.block.iter().flatten().count();
+        let covariance: Vec<Vec<f64>> = (0..6 * blocks)
+            .map(|unknown| {
+                let mut column = vec![0.0; 6 * blocks];
+                column[unknown] = 1.0;
+                self.system.solve_again(&mut column);
+                column
+            })
+            .collect();
+        let mut by_pose = vec![Vector6::zeros(); blocks];
+        let of_point = |(point, &(hessian, _)): (&super::WindowPoint, &(f64, f64))| {
+            if hessian <= 0.0 {
+                return 0.0;
+            }
+            by_pose.fill(Vector6::zeros());
+            for i in point.observations.clone() {
+                if let Some(frame) = self.block[problem.observations[i].frame] {
+                    by_pose[frame] += self.coupling[i];
+                }
+                if let Some(host) = self.block[point.host] {
+                    by_pose[host] -= self.adjoint[pairs.of(i)].tr_mul(&self.coupling[i]);
+                }
+            }
+            quadratic(&by_pose, &covariance) / (hessian * hessian)
+        };
+        Some(problem.points.iter().zip(&self.depth).map(of_point).collect())
+    }
+
     /// Entries of the reduced system.
     #[cfg(test)]
     pub fn entries(&self) -> usize {
@@ -264,6 +298,23 @@ impl Normal {
     pub fn depth_information(&self) -> impl Iterator<Item = f64> + '_ {
         self.depth.iter().map(|d| d.0)
     }
+}
+
+/// `vᵀ M v` of a vector in blocks, most of which are zero, and a symmetric matrix of columns.
+fn quadratic(blocks: &[Vector6<f64>], columns: &[Vec<f64>]) -> f64 {
+    let is_set = |(_, block): &(usize, &Vector6<f64>)| block.iter().any(|v| *v != 0.0);
+    let set: Vec<(usize, &Vector6<f64>)> = blocks.iter().enumerate().filter(is_set).collect();
+    let mut sum = 0.0;
+    for (i, u) in &set {
+        for (k, value) in u.iter().enumerate() {
+            let column = &columns[6 * i + k];
+            let product = |(j, v): &(usize, &Vector6<f64>)| -> f64 {
+                column[6 * j..][..6].iter().zip(v.iter()).map(|(a, b)| a * b).sum()
+            };
+            sum += value * set.iter().map(product).sum::<f64>();
+        }
+    }
+    sum
 }
 
 /// The pairs of blocks that some point couples, `(greater, smaller)`, each once.

@@ -20,11 +20,13 @@ mod problem;
 mod solve;
 #[cfg(test)]
 mod tests;
+mod uncertainty;
 
 pub(crate) use calibration::{Calibration, Shown};
-pub(crate) use pairs::Pairs;
+pub(crate) use pairs::{Pairs, Relative};
 pub(crate) use pose::{PoseSolver, SeenPoint, covariance};
 pub(crate) use problem::{
     Problem, WindowObservation, WindowPoint, mahalanobis, predict, robust_cost, robust_weight,
 };
 pub(crate) use solve::{Limits, solve, solve_within};
+pub(crate) use uncertainty::{UNKNOWN, least_variance_by_rotation, variance_by_rotation, variances_by_poses};

@@ -130,6 +130,66 @@ fn a_fifth_of_gross_outliers_hardly_moves_the_optimum() {
     assert!(depths[depths.len() / 2] < 0.01, "median depth error {}", depths[depths.len() / 2]);
 }
 
+/// Noise of `share` of the deviation that an observation's information says.
+fn disturb(seen: &mut WindowObservation, share: f64, random: &mut geometry::Random) {
+    let [a, b, c] = seen.information;
+    // Λ = L Lᵀ, and L⁻ᵀ n has the covariance Λ⁻¹.
+    let (l, m) = (a.sqrt(), b / a.sqrt());
+    let n = (c - m * m).sqrt();
+    let y = random.normal() / n;
+    let x = (random.normal() - m * y) / l;
+    seen.pixel = [seen.pixel[0] + share * x, seen.pixel[1] + share * y];
+}
+
+#[test]
+fn depths_are_as_uncertain_as_they_are_said_to_be() {
+    // So little noise that the kernel weighs all alike: twice.
+    const SHARE: f64 = 0.02;
+    let truth = scene(5, 60, &[0, 1]);
+    let by_poses = variances_by_poses(&truth, &Pairs::new(&truth)).expect("it is held");
+    let mut random = geometry::Random::new(3);
+    let (mut sum, mut count) = (0.0, 0.0);
+    for _ in 0..60 {
+        let mut problem = truth.clone();
+        problem.observations.iter_mut().for_each(|seen| disturb(seen, SHARE, &mut random));
+        solve(&mut problem, 20);
+        for ((found, exact), by_poses) in problem.points.iter().zip(&truth.points).zip(&by_poses) {
+            let square = (found.inverse_depth - exact.inverse_depth).powi(2) / (2.0 * SHARE * SHARE);
+            sum += square / (1.0 / found.information + by_poses);
+            count += 1.0;
+        }
+    }
+    let normalised = sum / count;
+    assert!((0.8..1.25).contains(&normalised), "normalised squared error {normalised}");
+}
+
+#[test]
+fn what_shares_little_with_the_rest_has_an_uncertain_scale() {
+    // Two groups of frames; only so many points of the first are seen by the second, and none the other way round.
+    let relative = |ties: usize| {
+        let mut problem = scene(6, 120, &[0, 1, 2]);
+        let mut left = ties;
+        let mut observations = Vec::new();
+        for point in &mut problem.points {
+            let first = observations.len();
+            let is_old = point.host < 3;
+            let is_tie = is_old && left > 0;
+            left -= usize::from(is_tie);
+            let seen = problem.observations[point.observations.clone()].iter();
+            observations.extend(seen.filter(|seen| (seen.frame < 3) == is_old || is_tie));
+            point.observations = first..observations.len();
+        }
+        problem.observations = observations;
+        let by_poses = variances_by_poses(&problem, &Pairs::new(&problem)).expect("it is held");
+        let new = problem.points.iter().zip(by_poses).filter(|(point, _)| point.host >= 3);
+        let mut all: Vec<f64> = new.map(|(point, v)| v.sqrt() / point.inverse_depth).collect();
+        all.sort_by(f64::total_cmp);
+        all[all.len() / 2]
+    };
+    let (many, few) = (relative(40), relative(3));
+    assert!(few > 3.0 * many, "{few} by three points, {many} by forty");
+}
+
 #[test]
 fn points_at_infinity_fix_rotations() {
     let mut truth = scene(4, 24, &[0, 1]);

@@ -115,6 +115,7 @@ fn points(map: &LocalMap, state: &KeyframeState, depth: &Image<f32>) -> Vec<Poin
             let [x, y] = candidate.pixel;
             let inverse_depth = f64::from(depth.get(x as usize, y as usize));
             (inverse_depth > 0.0).then(|| PointState {
+                doubt: 0.0,
                 pixel: candidate.pixel,
                 ray: map.camera.unproject(x.into(), y.into()),
                 inverse_depth,
