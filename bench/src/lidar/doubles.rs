@@ -183,7 +183,10 @@ fn drive(
         let time = STEP * f64::from(step);
         let at = pose(time);
         if keyframes.last().is_none_or(|(_, last)| (last.translation - at.translation).norm() >= APART) {
-            let points = thinned(sweep_of(&sensor, &site.boxes, |_| at, time).into_iter().map(|r| r.point));
+            // Noise is drawn by the stamp: no two drives have the same.
+            let stamp = time + 1000.0 * (4 * moved + 2 * place + way) as f64;
+            let returns = sweep_of(&sensor, &site.boxes, |_| at, stamp);
+            let points = thinned(returns.into_iter().map(|r| r.point));
             let mut keyframe = Keyframe::of_image(
                 KeyframeId(keyframes.len() as u32),
                 time,
