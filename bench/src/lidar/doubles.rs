@@ -38,14 +38,16 @@ const PAIRS: [usize; 3] = [3, 1, 4];
 enum Plan {
     /// Places and their doubles.
     Alike(Kind),
-    /// A site by its number and that of what stands about, of which nothing is moved; none of it may be looked at to set anything where
-    /// `is_held_out`.
-    Site(&'static str, fn(u64, u64) -> Site),
+    /// A site by its number and that of what stands about, of which nothing is moved.
+    Site(&'static str, Drawing),
 }
+
+/// A site of a plan and of what stands about.
+type Drawing = fn(u64, u64) -> Site;
 
 /// All kinds.
 fn plans() -> Vec<Plan> {
-    let sites: [(&str, fn(u64, u64) -> Site); 3] = [
+    let sites: [(&str, Drawing); 3] = [
         ("halls", |plan, stock| hall(plan.wrapping_add(stock))),
         ("warehouses of four rows", |plan, stock| warehouse(plan, plan.wrapping_add(stock))),
         ("floors of corridors", |plan, stock| office(plan, plan.wrapping_add(stock))),
@@ -160,7 +162,7 @@ fn measure_kind(
 
 /// So many of the pairs that share enough of the plan, evenly chosen; of all where none does, as stretches of one corridor that lie
 /// apart.
-fn chosen<'a>(pairs: Vec<[&'a Part; 2]>, count: usize) -> Vec<[&'a Part; 2]> {
+fn chosen(pairs: Vec<[&Part; 2]>, count: usize) -> Vec<[&Part; 2]> {
     let near: Vec<_> = pairs.iter().copied().filter(|[a, b]| a.plan_overlap(b) >= SAME).collect();
     let of = if near.is_empty() { pairs } else { near };
     let count = count.min(of.len());
