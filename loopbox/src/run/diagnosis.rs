@@ -264,6 +264,17 @@ mod tests {
     }
 
     #[test]
+    fn losses_of_the_scale_are_told_from_others() {
+        let told = |losses, losses_of_scale| {
+            FrameCounts { losses, losses_of_scale, ..FrameCounts::default() }.losses_text()
+        };
+        assert_eq!(told(0, 0), "0");
+        assert_eq!(told(3, 0), "3");
+        assert_eq!(told(1, 1), "1, for want of known depth: the scale is lost");
+        assert_eq!(told(3, 1), "3, 1 of them for want of known depth: the scale is lost");
+    }
+
+    #[test]
     fn each_cause_is_named() {
         let (black, grey) = (GrayImage::filled(64, 48, 0), GrayImage::filled(64, 48, 90));
         assert_eq!(why(&[]), "no image could be used; of the first: a.jpg: it is truncated");
