@@ -38,7 +38,7 @@ fn main() {
     let kinds: Vec<Kind> = match kinds.as_str() {
         "tuned" => Kind::TUNED.to_vec(),
         "shown" => Kind::SHOWN.to_vec(),
-        one => [Kind::TUNED, Kind::SHOWN]
+        one => [&Kind::TUNED[..], &Kind::SHOWN[..]]
             .concat()
             .into_iter()
             .filter(|kind| format!("{kind:?}") == one)
@@ -92,12 +92,12 @@ fn features(map: &Map) -> KeyframeFeatures {
 
 /// Places that two maps may share.
 fn places([target, source]: [&KeyframeFeatures; 2]) -> Vec<Place> {
-    let vocabulary = Vocabulary::shipped();
+    let vocabulary = &Vocabulary::shipped();
     let words = |features: &KeyframeFeatures| -> BTreeMap<KeyframeId, WordBag> {
-        let of = |id| FeatureWords::of(features.get(id).expect("its own"), &vocabulary).bag();
+        let of = |id| FeatureWords::of(features.get(id).expect("its own"), vocabulary).bag();
         features.keyframes().map(|id| (id, of(id))).collect()
     };
-    let found = propose(&words(target), &words(source), &vocabulary, &ProposeParams::default());
+    let found = propose(&words(target), &words(source), vocabulary, &ProposeParams::default());
     found.iter().map(|p| Place { source: p.query, target: p.keyframe }).collect()
 }
 
@@ -105,9 +105,16 @@ fn places([target, source]: [&KeyframeFeatures; 2]) -> Vec<Place> {
 fn files_of(parts: usize, files: [&String; 2]) {
     let [a, b] = files.map(|file| map::load_map(std::path::Path::new(file)).expect("a map").map);
     let all = (0..parts).flat_map(|i| (0..parts).map(move |j| (i, j)));
+    let (of_a, of_b) = (features(&a), features(&b));
+    let of = |features: &KeyframeFeatures, map: &Map| -> KeyframeFeatures {
+        map.keyframes.keys().filter_map(|id| Some((*id, features.get(*id)?.clone()))).collect()
+    };
+    let name = |file: &str| file.rsplit('/').nth(1).unwrap_or("map").to_owned();
     // Of one map no part meets itself.
     for (i, j) in all.filter(|(i, j)| files[0] != files[1] || i < j) {
-        line(format!("{i}/{j}"), "one", 0.0, &part(&a, i, parts), &part(&b, j, parts));
+        let (one, other) = (part(&a, i, parts), part(&b, j, parts));
+        let names = format!("{}:{i}+{}:{j}of{parts}", name(files[0]), name(files[1]));
+        met(names, "one", 0.0, [&one, &other], [&of(&of_a, &one), &of(&of_b, &other)]);
     }
 }
 
@@ -126,12 +133,25 @@ fn part(map: &Map, number: usize, parts: usize) -> Map {
 
 fn line(kind: impl std::fmt::Debug, what: &str, share: f64, target: &Map, source: &Map) {
     let (of_target, of_source) = (features(target), features(source));
+    met(kind, what, share, [target, source], [&of_target, &of_source]);
+}
+
+fn met(
+    kind: impl std::fmt::Debug,
+    what: &str,
+    share: f64,
+    [target, source]: [&Map; 2],
+    [of_target, of_source]: [&KeyframeFeatures; 2],
+) {
     let key_points = KeyPointParams::default();
-    let prepared = [
-        PreparedMap::new(target, &of_target, &key_points),
-        PreparedMap::new(source, &of_source, &key_points),
-    ];
-    let places = places([&of_target, &of_source]);
+    let prepared =
+        [PreparedMap::new(target, of_target, &key_points), PreparedMap::new(source, of_source, &key_points)];
+    let restricted = [target, source].map(|map| map.keyframes.keys().copied().collect::<Vec<_>>());
+    let places = places([of_target, of_source]);
+    let places: Vec<Place> = places
+        .into_iter()
+        .filter(|place| restricted[0].contains(&place.target) && restricted[1].contains(&place.source))
+        .collect();
     let met = meet(&prepared[1], &prepared[0], &places, &MeetingParams::default(), &FurtherParams::default());
     let judged = |tried: &&Tried| tried.outcome.judged().is_some_and(|judged| judged.joined.is_some());
     let doubt = met.iter().filter_map(|tried| tried.outcome.judged()?.verdict.doubt()).next();

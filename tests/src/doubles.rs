@@ -30,6 +30,8 @@ pub enum Kind {
     Row,
     /// A hall of racks, pallets in their bays.
     Hall,
+    /// A flat and its mirror image next door, as architects draw them: the same furniture, some of it another.
+    Mirrored,
 }
 
 /// Which of the places of a kind, and when.
@@ -81,7 +83,8 @@ impl Kind {
     /// The kinds that limits may be set on.
     pub const TUNED: [Self; 5] = [Self::Posters, Self::Facade, Self::Aisle, Self::Office, Self::Empty];
     /// The kinds that are shown only.
-    pub const SHOWN: [Self; 5] = [Self::Lobby, Self::Hotel, Self::Stairs, Self::Row, Self::Hall];
+    pub const SHOWN: [Self; 6] =
+        [Self::Lobby, Self::Hotel, Self::Stairs, Self::Row, Self::Hall, Self::Mirrored];
 
     /// A place of this kind around the origin, to be seen towards +z.
     pub fn world(self, version: &Version) -> World {
@@ -98,6 +101,7 @@ impl Kind {
             Self::Stairs => built.stairs(),
             Self::Row => built.row(),
             Self::Hall => built.hall(),
+            Self::Mirrored => built.mirrored(),
         }
         built.world
     }
@@ -308,6 +312,26 @@ impl Built {
         }
     }
 
+    /// The place itself has everything at one side, another at the other.
+    fn mirrored(&mut self) {
+        self.room([WOOD, PLASTER, PLASTER], 3.0, 2.6);
+        self.fixed([Vector3::new(-1.5, -1.05, 2.98), Vector3::new(0.45, 1.05, 0.02)], WOOD, 0.006);
+        self.fixed([Vector3::new(0.5, -1.6, 2.98), Vector3::new(0.5, 0.5, 0.02)], TILES, 0.01);
+        for (x, y, z) in [(0.2, -0.4, 2.4), (1.3, -0.45, 2.3), (-0.6, -0.3, 2.5), (1.9, -0.9, 2.6)] {
+            self.piece(Vector3::new(x, y, z), Vector3::new(0.6, 0.8, 0.4), 0.1, 0.003);
+        }
+        for (x, y) in [(-0.6, -1.6), (1.4, -1.7), (2.1, -1.5)] {
+            self.piece(Vector3::new(x, y, 2.97), Vector3::new(0.5, 0.6, 0.0), 0.0, 0.002);
+        }
+        if self.version.place % 2 == 1 {
+            for cuboid in &mut self.world.cuboids {
+                let Se3 { rotation, translation } = cuboid.world_from_cuboid;
+                let mirrored = Vector3::new(-translation.x, translation.y, translation.z);
+                cuboid.world_from_cuboid = Se3::new(rotation.inverse(), mirrored);
+            }
+        }
+    }
+
     fn hall(&mut self) {
         self.fixed([Vector3::zeros(), Vector3::new(30.0, 0.0, 12.0)], PLASTER, 0.006);
         self.fixed([Vector3::new(0.0, -3.0, 6.5), Vector3::new(9.0, 3.0, 0.0)], PLASTER, 0.006);
@@ -349,7 +373,7 @@ mod tests {
 
     #[test]
     fn what_differs_is_what_was_asked_for() {
-        for kind in [Kind::TUNED, Kind::SHOWN].concat() {
+        for kind in [&Kind::TUNED[..], &Kind::SHOWN[..]].concat() {
             assert_eq!(difference(kind, &HERE, &HERE), 0.0);
             let differing = |share| difference(kind, &HERE, &Version { place: 4, share, ..HERE });
             let (some, all) = (differing(0.2), differing(1.0));

@@ -1,47 +1,75 @@
-//! How alike cells look that are of one surface, and those that are not, by their contrast.
+//! How alike cells look that are of one surface, and those that are not.
+//!
+//! What noise, blur, exposure, gleams and errors of pose and depth make of a cell, its own map shows: how alike the cell looks in
+//! other keyframes of that map. A cell that these do not know again says nothing of the other map either; one that they
+//! all know and the other map does not is another surface. So the likelihood of a correlation is that of cells whose own maps know them as
+//! well, against that of unrelated cells of as much contrast.
 
 /// Bins of contrast, evenly spread over its logarithm, and the least and the most.
 const CONTRASTS: usize = 16;
 const CONTRAST: [f64; 2] = [0.004, 0.6];
+/// Bins of how well a cell's own map knows it, evenly spread over Fisher's z = artanh of the correlation, and the largest z.
+const KNOWN: usize = 10;
+const MOST_KNOWN: f64 = 2.0;
 /// Bins of correlation from −1 to 1.
 const CORRELATIONS: usize = 50;
-/// Standard deviations of the kernels, bins: a factor of 1.4 of contrast, 0.06 of correlation.
-const SPREAD: [f64; 2] = [1.0, 1.5];
-/// How many cells that may look any way at all there are besides those measured, at each contrast.
+/// Standard deviations of the kernels, bins: a factor of 1.4 of contrast, 0.15 of z, 0.06 of correlation.
+const CONTRAST_SPREAD: f64 = 1.0;
+const KNOWN_SPREAD: f64 = 0.75;
+const CORRELATION_SPREAD: f64 = 1.5;
+/// How many cells that may look any way at all there are besides those measured, in each row of bins.
 const PSEUDO: f64 = 2.0;
 
 /// Densities of correlations.
 pub(super) struct Agreement {
-    ln_ratios: Vec<f64>,
+    /// By how well the cell's own map knows it.
+    same: Vec<f64>,
+    /// By contrast.
+    other: Vec<f64>,
 }
 
 impl Agreement {
-    /// From contrasts and correlations of cells of one surface, and of unrelated ones.
+    /// From cells of one surface, of each its mean correlation in other keyframes and that in one more, and from contrasts and
+    /// correlations of unrelated ones.
     pub fn new(same: impl Iterator<Item = [f64; 2]>, other: impl Iterator<Item = [f64; 2]>) -> Self {
-        let (same, other) = (density(same), density(other));
-        Self { ln_ratios: same.iter().zip(&other).map(|(same, other)| (same / other).ln()).collect() }
+        let same = same.map(|[known, correlation]| (known_row(known), correlation));
+        let other = other.map(|[contrast, correlation]| (contrast_row(contrast), correlation));
+        Self { same: density(same, KNOWN, KNOWN_SPREAD), other: density(other, CONTRASTS, CONTRAST_SPREAD) }
     }
 
-    /// ln p(correlation | one surface) − ln p(correlation | unrelated), of cells of a contrast.
-    pub fn ln_ratio(&self, contrast: f64, correlation: f64) -> f64 {
-        self.ln_ratios[bin(contrast, correlation)]
+    /// ln p(correlation | one surface) − ln p(correlation | unrelated), of cells of a contrast that correlate so much in other
+    /// keyframes of their own map.
+    pub fn ln_ratio(&self, contrast: f64, known: f64, correlation: f64) -> f64 {
+        let column = column(correlation);
+        let same = self.same[known_row(known) * CORRELATIONS + column];
+        (same / self.other[contrast_row(contrast) * CORRELATIONS + column]).ln()
     }
 }
 
-fn bin(contrast: f64, correlation: f64) -> usize {
+fn bin(share: f64, count: usize) -> usize {
+    ((share * count as f64).max(0.0) as usize).min(count - 1)
+}
+
+fn contrast_row(contrast: f64) -> usize {
     let [least, most] = CONTRAST.map(f64::ln);
-    let at = |share: f64, count: usize| ((share * count as f64).max(0.0) as usize).min(count - 1);
-    let row = at((contrast.max(1e-9).ln() - least) / (most - least), CONTRASTS);
-    row * CORRELATIONS + at(0.5 * (correlation + 1.0), CORRELATIONS)
+    bin((contrast.max(1e-9).ln() - least) / (most - least), CONTRASTS)
 }
 
-/// Of each bin, the share of the cells of its contrast.
-fn density(cells: impl Iterator<Item = [f64; 2]>) -> Vec<f64> {
-    let mut counts = vec![0.0; CONTRASTS * CORRELATIONS];
-    for [contrast, correlation] in cells {
-        counts[bin(contrast, correlation)] += 1.0;
+fn known_row(known: f64) -> usize {
+    bin(known.clamp(-0.999, 0.999).atanh() / MOST_KNOWN, KNOWN)
+}
+
+fn column(correlation: f64) -> usize {
+    bin(0.5 * (correlation + 1.0), CORRELATIONS)
+}
+
+/// Of each bin, the share of the cells of its row.
+fn density(cells: impl Iterator<Item = (usize, f64)>, rows: usize, spread: f64) -> Vec<f64> {
+    let mut counts = vec![0.0; rows * CORRELATIONS];
+    for (row, correlation) in cells {
+        counts[row * CORRELATIONS + column(correlation)] += 1.0;
     }
-    let blurred = blurred(&counts);
+    let blurred = blurred(&counts, rows, spread);
     let mut density = vec![0.0; counts.len()];
     for (row, out) in blurred.chunks(CORRELATIONS).zip(density.chunks_mut(CORRELATIONS)) {
         let sum: f64 = row.iter().sum::<f64>() + PSEUDO;
@@ -51,13 +79,13 @@ fn density(cells: impl Iterator<Item = [f64; 2]>) -> Vec<f64> {
 }
 
 /// Each bin by Gaussian weights of those around it; what would fall outside stays at the border.
-fn blurred(counts: &[f64]) -> Vec<f64> {
+fn blurred(counts: &[f64], rows: usize, spread: f64) -> Vec<f64> {
     let mut out = vec![0.0; counts.len()];
     for (i, count) in counts.iter().enumerate().filter(|(_, count)| **count > 0.0) {
         let (row, column) = (i / CORRELATIONS, i % CORRELATIONS);
-        let rows = kernel(row, CONTRASTS, SPREAD[0]);
-        let columns = kernel(column, CORRELATIONS, SPREAD[1]);
-        for (r, by_row) in &rows {
+        let near = kernel(row, rows, spread);
+        let columns = kernel(column, CORRELATIONS, CORRELATION_SPREAD);
+        for (r, by_row) in &near {
             for (c, by_column) in &columns {
                 out[r * CORRELATIONS + c] += count * by_row * by_column;
             }
@@ -80,19 +108,22 @@ fn kernel(at: usize, count: usize, spread: f64) -> Vec<(usize, f64)> {
 mod tests {
     use super::*;
 
-    /// Grain shows above some contrast only: below, what agrees says nothing.
+    fn spread(i: usize) -> f64 {
+        0.06 * ((i * 37) % 11) as f64 / 11.0
+    }
+
+    /// Cells that their own map knows again and the other does not are another surface; those that it does not know say nothing.
     #[test]
-    fn cells_say_what_their_contrast_can() {
-        let spread = |i: usize| 0.06 * ((i * 37) % 11) as f64 / 11.0;
+    fn cells_say_what_their_own_map_knows_of_them() {
         let same =
-            (0..600).map(|i| if i % 2 == 0 { [0.2, 0.9 + spread(i)] } else { [0.01, 0.2 + spread(i)] });
+            (0..600).map(|i| if i % 2 == 0 { [0.92, 0.9 + spread(i)] } else { [0.2, 0.2 + spread(i)] });
         let other = (0..600).map(|i| [if i % 2 == 0 { 0.2 } else { 0.01 }, 0.2 + spread(i)]);
         let agreement = Agreement::new(same, other);
-        assert!(agreement.ln_ratio(0.2, 0.93) > 3.0 && agreement.ln_ratio(0.2, 0.22) < -3.0);
-        assert!(agreement.ln_ratio(0.01, 0.22).abs() < 0.2);
+        assert!(agreement.ln_ratio(0.2, 0.92, 0.93) > 3.0 && agreement.ln_ratio(0.2, 0.92, 0.22) < -3.0);
+        assert!(agreement.ln_ratio(0.2, 0.2, 0.22).abs() < 0.3);
         // Nothing was measured there.
         let nothing = Agreement::new(std::iter::empty(), std::iter::empty());
-        assert_eq!(nothing.ln_ratio(0.2, 0.9), 0.0);
-        assert!(agreement.ln_ratio(f64::NAN, f64::NAN).is_finite());
+        assert_eq!(nothing.ln_ratio(0.2, 0.9, 0.9), 0.0);
+        assert!(agreement.ln_ratio(f64::NAN, f64::NAN, f64::NAN).is_finite());
     }
 }

@@ -31,13 +31,91 @@ struct Cube {
     ln_agreement: f64,
 }
 
+/// What is said of a cube: whether it is wear, and whether it agrees; nothing where it hardly speaks against one surface.
+type Class = (PieceKind, bool);
+
+impl Cube {
+    fn class(&self, params: &PlaceParams) -> Option<Class> {
+        let is_wear =
+            self.contrast <= params.max_wear_contrast && self.roundness >= params.min_wear_roundness;
+        let kind = if is_wear { PieceKind::Wear } else { PieceKind::Look };
+        let (agrees, differs) = (self.ln_agreement > 0.0, self.ln_agreement <= -params.min_difference);
+        (agrees || differs).then_some((kind, agrees))
+    }
+}
+
+/// Cubes that touch and are of one class.
+struct Area {
+    class: Class,
+    /// How many.
+    count: f64,
+    /// Their summed agreement.
+    ln_agreement: f64,
+}
+
+/// How deep differences go that are none: what keyframes of one map miss of each other's surface, which is one.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Noise {
+    /// `−ln` of the summed agreement of each area that differs, the deepest first.
+    depths: Vec<f64>,
+    /// Cubes in which such areas could be.
+    cubes: f64,
+}
+
+impl Noise {
+    /// Of passes over one map's cells, each seen by one other keyframe, as cells are across maps.
+    pub fn new(passes: &[Vec<Spot>], params: &PlaceParams) -> Self {
+        let mut noise = Self::default();
+        for pass in passes {
+            let cubes = cubes(pass);
+            noise.cubes += cubes.len() as f64;
+            let areas = areas(&cubes, params).into_iter().filter(|area| !area.class.1);
+            noise.depths.extend(areas.map(|area| -area.ln_agreement));
+        }
+        noise.depths.sort_by(|a, b| b.total_cmp(a));
+        noise
+    }
+
+    /// How deep the deepest goes that is expected among so many cubes.
+    fn depth(&self, cubes: usize) -> f64 {
+        let rank = (self.cubes / cubes.max(1) as f64) as usize;
+        self.depths.get(rank).copied().unwrap_or(0.0)
+    }
+}
+
 /// The pieces that cells make: those in one cube are one, seen several times; cubes that touch and say the same of the same kind of
-/// look are one piece.
-pub(super) fn pieces(spots: &[Spot], params: &PlaceParams) -> Vec<Piece> {
+/// look are one piece. What differs no deeper than noise does is left out.
+pub(super) fn pieces(spots: &[Spot], noise: &Noise, params: &PlaceParams) -> Vec<Piece> {
+    let cubes = cubes(spots);
+    let all = cubes.len() as f64;
+    let depth = noise.depth(cubes.len());
+    areas(&cubes, params).iter().filter_map(|area| piece(area, all, depth, params)).collect()
+}
+
+fn piece(area: &Area, all: f64, noise: f64, params: &PlaceParams) -> Option<Piece> {
+    let (kind, agrees) = area.class;
+    let of_thing = params.cells_of_thing;
+    // Of one thing its cells say the same together; a larger piece is so many things.
+    let (things, ln_agreement) = if agrees {
+        (area.count / of_thing, area.ln_agreement * of_thing.min(area.count) / area.count)
+    } else {
+        ((area.count / of_thing).max(1.0), (area.ln_agreement + noise).min(0.0))
+    };
+    (ln_agreement != 0.0).then_some(Piece {
+        kind,
+        share: area.count / all,
+        things,
+        occurrences: 1.0,
+        ln_agreement,
+    })
+}
+
+/// What is seen in each cube, of the cells' median width.
+fn cubes(spots: &[Spot]) -> BTreeMap<Key, Cube> {
     let mut widths: Vec<f64> = spots.iter().map(|spot| spot.width).collect();
     widths.sort_by(f64::total_cmp);
-    let Some(&side) = widths.get(widths.len() / 2).filter(|side| **side > 0.0) else { return Vec::new() };
     let mut cubes: BTreeMap<Key, Cube> = BTreeMap::new();
+    let Some(&side) = widths.get(widths.len() / 2).filter(|side| **side > 0.0) else { return cubes };
     for spot in spots {
         let key = [0, 1, 2].map(|axis| (spot.position[axis] / side).floor() as i64);
         let cube = cubes.entry(key).or_default();
@@ -51,37 +129,29 @@ pub(super) fn pieces(spots: &[Spot], params: &PlaceParams) -> Vec<Piece> {
         cube.roundness /= cube.count;
         cube.ln_agreement /= cube.count;
     }
-    let kind = |cube: &Cube| {
-        let is_wear =
-            cube.contrast <= params.max_wear_contrast && cube.roundness >= params.min_wear_roundness;
-        if is_wear { PieceKind::Wear } else { PieceKind::Look }
-    };
-    let class = |cube: &Cube| (kind(cube), cube.ln_agreement > 0.0);
-    let mut left = cubes.clone();
-    let all = cubes.len() as f64;
-    let mut pieces = Vec::new();
-    while let Some((key, first)) = left.pop_first() {
-        let (mut area, mut next) = (vec![first], vec![key]);
+    cubes
+}
+
+/// The areas that cubes make.
+fn areas(cubes: &BTreeMap<Key, Cube>, params: &PlaceParams) -> Vec<Area> {
+    let classed = |(key, cube): (&Key, &Cube)| Some((*key, (cube.class(params)?, cube.ln_agreement)));
+    let mut left: BTreeMap<Key, (Class, f64)> = cubes.iter().filter_map(classed).collect();
+    let mut areas = Vec::new();
+    while let Some((key, (class, ln_agreement))) = left.pop_first() {
+        let (mut area, mut next) = (Area { class, count: 1.0, ln_agreement }, vec![key]);
         while let Some(key) = next.pop() {
             for around in around(key) {
-                if left.get(&around).is_some_and(|cube| class(cube) == class(&first)) {
-                    area.extend(left.remove(&around));
+                if let Some((_, more)) = left.get(&around).copied().filter(|(of, _)| *of == class) {
+                    left.remove(&around);
+                    area.count += 1.0;
+                    area.ln_agreement += more;
                     next.push(around);
                 }
             }
         }
-        pieces.push(piece(&area, kind(&first), all, params));
+        areas.push(area);
     }
-    pieces
-}
-
-fn piece(area: &[Cube], kind: PieceKind, all: f64, params: &PlaceParams) -> Piece {
-    let count = area.len() as f64;
-    let mean = area.iter().map(|cube| cube.ln_agreement).sum::<f64>() / count;
-    // Of one thing its cells say the same together; a larger piece is so many things.
-    let of_thing = count.min(params.cells_of_thing);
-    let things = (count / params.cells_of_thing).max(if mean < 0.0 { 1.0 } else { 0.0 });
-    Piece { kind, share: count / all, things, occurrences: 1.0, ln_agreement: mean * of_thing }
+    areas
 }
 
 /// The 26 cubes around one.
@@ -98,19 +168,35 @@ mod tests {
         Spot { position: Vector3::new(x + 0.5, 0.5, 0.5), width: 1.0, contrast, roundness: 0.7, ln_agreement }
     }
 
+    fn row(of: std::ops::Range<usize>, ln_agreement: f64) -> Vec<Spot> {
+        of.map(|x| spot(x as f64, 0.2, ln_agreement)).collect()
+    }
+
+    fn says(spots: &[Spot], noise: &Noise) -> Vec<(f64, f64)> {
+        let pieces = pieces(spots, noise, &PlaceParams::default());
+        pieces.iter().map(|piece| (piece.things, piece.ln_agreement)).collect()
+    }
+
     #[test]
     fn cells_that_hang_together_are_one_piece_however_often_seen() {
+        // Eight that agree, two that differ, one that says next to nothing, one apart.
+        let spots = [row(0..8, 2.0), row(8..10, -3.0), row(10..11, -0.5), row(20..21, 2.0)].concat();
+        let found = says(&spots, &Noise::default());
+        assert_eq!(found, [(2.0, 8.0), (1.0, -6.0), (0.25, 2.0)]);
+        assert_eq!(says(&spots.repeat(3), &Noise::default()), found);
+        assert!(says(&[], &Noise::default()).is_empty());
+    }
+
+    /// One map, seen twice, has four areas that differ by noise: two are expected in each half as much surface.
+    #[test]
+    fn what_differs_as_one_map_does_from_itself_says_nothing() {
         let params = PlaceParams::default();
-        let alike = (0..8).map(|x| spot(f64::from(x), 0.2, 2.0));
-        let other = (8..10).map(|x| spot(f64::from(x), 0.2, -3.0));
-        let apart = std::iter::once(spot(20.0, 0.2, 2.0));
-        let spots: Vec<Spot> = alike.chain(other).chain(apart).collect();
-        let found = pieces(&spots, &params);
-        let says = |found: &[Piece]| {
-            found.iter().map(|piece| (piece.things, piece.ln_agreement)).collect::<Vec<_>>()
-        };
-        assert_eq!(says(&found), [(2.0, 8.0), (1.0, -6.0), (0.25, 2.0)]);
-        assert_eq!(says(&pieces(&spots.repeat(3), &params)), says(&found));
-        assert!(pieces(&[], &params).is_empty());
+        let pass = [row(0..10, 2.0), row(10..12, -2.0), row(12..20, 2.0), row(20..21, -5.0)].concat();
+        let noise = Noise::new(&[pass.clone(), pass], &params);
+        assert_eq!(noise.depth(21), 4.0);
+        assert_eq!(noise.depth(42), 5.0);
+        assert_eq!(noise.depth(1000), 5.0);
+        let across = [row(0..12, 2.0), row(12..15, -1.2), row(15..20, 2.0), row(20..24, -4.0)].concat();
+        assert_eq!(says(&across, &noise), [(3.0, 8.0), (1.25, 8.0), (1.0, -11.0)]);
     }
 }

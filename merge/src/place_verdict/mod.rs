@@ -1,31 +1,27 @@
 //! Whether the place that two maps were joined at is one, or two that share things: what both saw of each piece of surface.
 //!
-//! Every cell of surface that keyframes of both maps see at the poses found is compared there ([`match_cells`](backend::sim3_align::KeyframeView::match_cells)). How
-//! alike cells of one surface look is measured where it is known that it is one: between keyframes of one map that are as far aside of each other; how
-//! alike unrelated ones look, on cells of the one map and wrong ones of the other. Both depend on the contrast, and hold what
-//! noise, blur, exposure and errors of pose and depth make of it. The ratio of both is what a cell says; cells that hang
-//! together are one piece, and pieces are weighed as for all sensors ([`backend::verdict`]).
+//! Every cell of surface that keyframes of both maps see at the poses found is compared there ([`match_cells`](backend::sim3_align::KeyframeView::match_cells)).
+//! What it should look like there if it is one surface, its own map says (`own`): keyframes that are as far aside of each
+//! other show what noise, blur, exposure, gleams and errors of pose and depth make of each cell, and how large the areas are that
+//! differ and are one. How alike unrelated cells look is measured on cells of the one map and wrong ones of the other, by their contrast. The
+//! ratio of both is what a cell says; cells that hang together are one piece (`areas`), and pieces are weighed as for all sensors
+//! ([`backend::verdict`]).
 
 mod agreement;
 mod areas;
+mod own;
 
 use crate::acceptance::PlaceEvidence;
 use crate::prepared::PreparedMap;
 use agreement::Agreement;
-use areas::{Spot, pieces};
+use areas::{Noise, Spot, pieces};
 use backend::params;
 use backend::sim3_align::{CellMatch, CellParams};
 use backend::verdict::weigh;
 pub use backend::verdict::{Answer, Piece, PieceKind, Prior, Weighed};
-use geometry::Sim3;
-use map::{Edge, KeyframeId};
+use map::Edge;
+use own::{Looked, Own, spot};
 use rayon::prelude::*;
-use std::collections::BTreeSet;
-
-/// Keyframes before and after one that it may be compared with, of one map.
-const AROUND: usize = 8;
-/// How many of them it is.
-const PARTNERS: usize = 3;
 
 params! {
     /// How it is judged whether two maps show one place.
@@ -40,6 +36,9 @@ params! {
         /// Least ratio of the eigenvalues of a cell's structure tensor that is wear. Range 0–1: an edge has next to none, grain more
         /// than a half.
         pub min_wear_roundness: f64 = 0.4,
+        /// From which `ln p(… | unrelated) − ln p(… | one surface)` on what all keyframes saw of a cell differs. Range 0–5: at 1 it
+        /// is e times likelier of another surface.
+        pub min_difference: f64 = 1.0,
         /// What is believed of changes and doubles.
         pub prior: Prior = Prior::default(),
     }
@@ -61,82 +60,72 @@ pub fn place_verdict(
     edges: &[Edge],
     params: &PlaceParams,
 ) -> PlaceVerdict {
-    let agreement = agreement(source, target, edges, params);
+    let sides = Sides::new(source, target, edges, params);
+    let other = unrelated(source, target, edges, params);
+    let agreement =
+        Agreement::new(sides.of_source.samples().chain(sides.of_target.samples()), other.into_iter());
+    let passes = [sides.of_source.passes(&agreement), sides.of_target.passes(&agreement)].concat();
+    let noise = Noise::new(&passes, params);
     let spots: Vec<Vec<Spot>> = edges
         .par_iter()
-        .map(|edge| spots(source, target, edge, &agreement, params).unwrap_or_default())
+        .enumerate()
+        .map(|edge| spots(source, target, edge, &sides, &agreement, params).unwrap_or_default())
         .collect();
-    let weighed = weigh(&pieces(&spots.concat(), params), &params.prior);
+    let weighed = weigh(&pieces(&spots.concat(), &noise, params), &params.prior);
     PlaceVerdict { evidence: PlaceEvidence::new(&weighed, &params.prior), weighed }
 }
 
-/// How alike cells look that are one, and those that are not.
-fn agreement(source: &PreparedMap, target: &PreparedMap, edges: &[Edge], params: &PlaceParams) -> Agreement {
-    let mut apart: Vec<f64> =
-        edges.iter().filter_map(|edge| aside(target, edge.from, &edge.from_from_to)).collect();
-    apart.sort_by(f64::total_cmp);
-    let apart = apart.get(apart.len() / 2).copied().unwrap_or(0.0);
-    let mut same = own_matches(source, edges.iter().map(|edge| edge.to).collect(), apart, params);
-    same.extend(own_matches(target, edges.iter().map(|edge| edge.from).collect(), apart, params));
-    let other = |edge: &Edge| -> Option<Vec<[f64; 2]>> {
+/// What both maps show of their own surface.
+struct Sides {
+    of_source: Own,
+    of_target: Own,
+}
+
+impl Sides {
+    fn new(source: &PreparedMap, target: &PreparedMap, edges: &[Edge], params: &PlaceParams) -> Self {
+        let of_source = edges.iter().map(|edge| Looked::at(source, edge.to, &edge.from_from_to.inverse()));
+        let of_target = edges.iter().map(|edge| Looked::at(target, edge.from, &edge.from_from_to));
+        Self {
+            of_source: Own::new(source, &of_source.collect::<Vec<_>>(), params),
+            of_target: Own::new(target, &of_target.collect::<Vec<_>>(), params),
+        }
+    }
+}
+
+/// Contrast and correlation of cells of either map with wrong ones of the other.
+fn unrelated(
+    source: &PreparedMap,
+    target: &PreparedMap,
+    edges: &[Edge],
+    params: &PlaceParams,
+) -> Vec<[f64; 2]> {
+    let found = |edge: &Edge| -> Option<Vec<[f64; 2]>> {
         let (a, b) = (source.get(edge.to)?.view(), target.get(edge.from)?.view());
         Some([a.mismatch_cells(b, &params.cells), b.mismatch_cells(a, &params.cells)].concat())
     };
-    let other: Vec<Option<Vec<[f64; 2]>>> = edges.par_iter().map(other).collect();
-    Agreement::new(same.into_iter(), other.into_iter().flatten().flatten())
-}
-
-/// How far aside another camera is from a keyframe and how far it is turned: the angle that what is seen moves by, radians.
-fn aside(map: &PreparedMap, id: KeyframeId, keyframe_from_other: &Sim3) -> Option<f64> {
-    let depth = map.map().keyframes.get(&id)?.semi_dense.median_depth()?;
-    Some(keyframe_from_other.translation.norm() / depth + keyframe_from_other.rotation.angle())
-}
-
-/// Contrast and correlation of the cells of keyframes of one map in others of it, those that are as far aside of each other as
-/// keyframes of both maps are.
-fn own_matches(
-    map: &PreparedMap,
-    ids: BTreeSet<KeyframeId>,
-    apart: f64,
-    params: &PlaceParams,
-) -> Vec<[f64; 2]> {
-    let relative = |i: KeyframeId, j: KeyframeId| Some(map.world_from(j)?.inverse() * map.world_from(i)?);
-    let partners = |&i: &KeyframeId| {
-        let off = |j: KeyframeId| Some((aside(map, j, &relative(i, j)?)? - apart).abs());
-        let others = map.around(i, AROUND).into_iter().filter(|j| *j != i);
-        let mut others: Vec<(f64, KeyframeId)> = others.filter_map(|j| Some((off(j)?, j))).collect();
-        others.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        others.into_iter().take(PARTNERS).map(move |(_, j)| (i, j)).collect::<Vec<_>>()
-    };
-    let pairs: Vec<(KeyframeId, KeyframeId)> = ids.iter().flat_map(partners).collect();
-    let found = |&(i, j): &(KeyframeId, KeyframeId)| -> Option<Vec<CellMatch>> {
-        Some(map.get(i)?.view().match_cells(map.get(j)?.view(), &relative(i, j)?, &params.cells))
-    };
-    let found: Vec<Option<Vec<CellMatch>>> = pairs.par_iter().map(found).collect();
-    found.into_iter().flatten().flatten().map(|cell| [cell.contrast, cell.correlation]).collect()
+    let found: Vec<Option<Vec<[f64; 2]>>> = edges.par_iter().map(found).collect();
+    found.into_iter().flatten().flatten().collect()
 }
 
 /// What the keyframes of an edge saw of each other's cells, both ways, in the target's world.
 fn spots(
     source: &PreparedMap,
     target: &PreparedMap,
-    edge: &Edge,
+    (number, edge): (usize, &Edge),
+    sides: &Sides,
     agreement: &Agreement,
     params: &PlaceParams,
 ) -> Option<Vec<Spot>> {
     let (a, b) = (source.get(edge.to)?.view(), target.get(edge.from)?.view());
     let (b_from_a, world_from_b) = (edge.from_from_to, target.world_from(edge.from)?);
-    let spot = |world: Sim3| {
-        move |cell: &CellMatch| Spot {
-            position: world * cell.centre,
-            width: cell.width * world.scale,
-            contrast: cell.contrast,
-            roundness: cell.roundness,
-            ln_agreement: agreement.ln_ratio(cell.contrast, cell.correlation),
-        }
+    let world_from_a = world_from_b * b_from_a;
+    let of_a = |cell: &CellMatch| {
+        Some(spot(cell, &world_from_a, sides.of_source.known(number, cell.cell)?, agreement))
+    };
+    let of_b = |cell: &CellMatch| {
+        Some(spot(cell, &world_from_b, sides.of_target.known(number, cell.cell)?, agreement))
     };
     let there = a.match_cells(b, &b_from_a, &params.cells);
     let back = b.match_cells(a, &b_from_a.inverse(), &params.cells);
-    let there = there.iter().map(spot(world_from_b * b_from_a));
-    Some(there.chain(back.iter().map(spot(world_from_b))).collect())
+    Some(there.iter().filter_map(of_a).chain(back.iter().filter_map(of_b)).collect())
 }
