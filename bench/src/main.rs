@@ -4,6 +4,7 @@
 
 mod alike;
 mod crowd;
+mod doubles;
 mod faults;
 mod fleet;
 mod lidar;
@@ -70,16 +71,20 @@ struct Args {
     /// Measure only so many pairs of maps of rendered places that look alike: none of different places may be merged
     #[arg(long, value_name = "PAIRS", conflicts_with_all = ["merges", "live", "perturbed", "lidar", "long", "fleet"])]
     strangers: Option<usize>,
+    /// Measure only so many rendered places of each kind beside their doubles, which share what is made in numbers, and beside themselves
+    /// after things were moved: --only names kinds
+    #[arg(long, value_name = "PLACES", conflicts_with_all = ["merges", "live", "perturbed", "lidar", "long", "fleet", "strangers"])]
+    doubles: Option<u64>,
     /// Measure only rendered recordings of so many seeds to which something happens: --only names what
-    #[arg(long, value_name = "SEEDS", conflicts_with_all = ["merges", "live", "perturbed", "lidar", "long", "fleet", "strangers"])]
+    #[arg(long, value_name = "SEEDS", conflicts_with_all = ["merges", "live", "perturbed", "lidar", "long", "fleet", "strangers", "doubles"])]
     faults: Option<u64>,
     /// Measure only how merging grows: so many maps of rendered ways through one town merged at once, and then one more
-    #[arg(long, value_name = "AGENTS", conflicts_with_all = ["merges", "live", "perturbed", "lidar", "long", "fleet", "strangers", "faults"])]
+    #[arg(long, value_name = "AGENTS", conflicts_with_all = ["merges", "live", "perturbed", "lidar", "long", "fleet", "strangers", "doubles", "faults"])]
     crowd: Option<usize>,
     /// With --crowd: keyframes of each map
     #[arg(long, value_name = "N", default_value_t = 500, requires = "crowd")]
     keyframes: usize,
-    /// With --strangers, --faults and --lidar: other places, from this seed on. What limits are set on must not be what they
+    /// With --strangers, --doubles, --faults and --lidar: other places, from this seed on. What limits are set on must not be what they
     /// are measured on
     #[arg(long, value_name = "N", default_value_t = 2)]
     seed: u64,
@@ -182,6 +187,9 @@ fn main() -> Result<()> {
     }
     if let Some(pairs) = args.strangers {
         return measure_strangers(&args, pairs);
+    }
+    if let Some(places) = args.doubles {
+        return measure_doubles(&args, places);
     }
     if let Some(agents) = args.crowd {
         let program = merging::Program { loopbox: args.loopbox.clone() };
@@ -286,6 +294,23 @@ fn measure_strangers(args: &Args, pairs: usize) -> Result<()> {
     let measured = alike::measure(&plan)?;
     write(&args.documents, &[("strangers", alike::report::section(&measured, args.seed))])?;
     match alike::report::wrong(&measured) {
+        0 => Ok(()),
+        wrong => bail!("{wrong} pairs of maps were merged wrongly"),
+    }
+}
+
+/// Measures merges of places and their doubles.
+fn measure_doubles(args: &Args, places: u64) -> Result<()> {
+    let program = merging::Program { loopbox: args.loopbox.clone() };
+    let (work, seed, only) = (&args.work, args.seed, &args.only);
+    let pairs = doubles::measure(&doubles::Plan { program: &program, work, places, seed, only })?;
+    let text = doubles::section(&pairs, seed);
+    if only.is_empty() {
+        write(&args.documents, &[("doubles", text)])?;
+    } else {
+        println!("{text}");
+    }
+    match doubles::wrong(&pairs) {
         0 => Ok(()),
         wrong => bail!("{wrong} pairs of maps were merged wrongly"),
     }
