@@ -46,6 +46,11 @@ fn of_place(answer: Answer, ln_ratio: f64) -> Evidence {
     Evidence { place: Some(PlaceEvidence { answer, ln_ratio, ..PLACE }), ..ENOUGH }
 }
 
+/// Surface of which so much differs and that does not tell.
+fn untold(changed: f64) -> Evidence {
+    Evidence { place: Some(PlaceEvidence { answer: Answer::CannotTell, changed, ..PLACE }), ..ENOUGH }
+}
+
 fn beyond(beyond: Beyond) -> Evidence {
     Evidence { beyond: Some(beyond), ..ENOUGH }
 }
@@ -95,6 +100,7 @@ fn each_line_alone_says_what_it_says() {
         ),
         (beyond(Beyond { rival: 3, ..BEYOND }), Doubt::Rival { closures: 4, rival: 3 }),
         (Evidence { rival_place: Some(0.76), ..ENOUGH }, Doubt::OtherPlace { share: 0.76, limit: 0.75 }),
+        (untold(0.1), Doubt::CannotTell { percent: 10.0, ln_ratio: 2.5 }),
     ];
     for (evidence, doubt) in left_open {
         assert_eq!(verdict(evidence).decision, Decision::Undecided(doubt));
@@ -173,6 +179,21 @@ fn surface_refuses_and_outweighs_nothing() {
     let wrong = Evidence { inlier_share: 0.4, ..right };
     assert!(!verdict(wrong).accepts());
     assert!(!verdict(Evidence { place: place(Answer::Different), ..wrong }).is_double());
+}
+
+/// Where much differs, what the surface does not tell is no merge and no double; what other lines lack is said before it, as more may
+/// bring that.
+#[test]
+fn surface_that_differs_and_does_not_tell_joins_nothing() {
+    let open = verdict(untold(0.1));
+    assert!(!open.accepts() && !open.is_double() && open.doubt().is_some_and(|doubt| doubt.is_look_alike()));
+    let few = verdict(Evidence { matches: 31, ..untold(0.1) });
+    assert_eq!(few.decision, Decision::Undecided(Doubt::FewMatches { matches: 31, needed: 60 }));
+    // Where little differs, or little was seen, other lines tell.
+    assert!(verdict(untold(0.09)).accepts() && verdict(untold(0.0)).accepts());
+    let never = AcceptanceParams { min_untold_change: 0.0, ..AcceptanceParams::default() };
+    assert!(!judge(untold(0.0), &never).accepts());
+    assert!(verdict(Evidence { place: Some(PlaceEvidence { changed: 0.3, ..PLACE }), ..ENOUGH }).accepts());
 }
 
 /// Depths may be wrong in one view or two; a thing that is not there is missing in all.
