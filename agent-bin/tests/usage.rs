@@ -82,7 +82,7 @@ fn help_has_headings_and_short_lines() {
     assert!(longest <= Some(100), "{longest:?}");
 }
 
-#[cfg(not(all(feature = "view", feature = "fleet", feature = "opencv")))]
+#[cfg(not(all(feature = "view", feature = "fleet")))]
 #[test]
 fn commands_that_are_not_built_in_say_which_feature_brings_them() {
     let all = [
@@ -90,7 +90,6 @@ fn commands_that_are_not_built_in_say_which_feature_brings_them() {
         ("station", "fleet", cfg!(feature = "fleet")),
         ("fleet", "fleet", cfg!(feature = "fleet")),
         ("keys", "fleet", cfg!(feature = "fleet")),
-        ("calib", "opencv", cfg!(feature = "opencv")),
     ];
     for (command, feature, _) in all.into_iter().filter(|(_, _, is_built_in)| !is_built_in) {
         assert_misused(

@@ -9,7 +9,6 @@
 //! results whole, [`importing`] makes maps of posed images from elsewhere, [`placing`] brings maps to metres and upright. [`lidar`] does the same for LiDAR agents; `fleet` lets
 //! agents pair over a network, [`ros`] publishes a run to ROS 2. [`unattended`] runs an agent for ever, session after session.
 
-#[cfg(feature = "opencv")]
 pub mod calibrating;
 pub mod evaluating;
 mod explaining;

@@ -4,7 +4,6 @@ use super::info_map::load_at;
 use crate::console::{say, tell};
 use anyhow::{bail, ensure};
 use geometry::Se3;
-#[cfg(feature = "opencv")]
 use loopbox::placing::board::scale_by_board;
 use loopbox::placing::rig::extrinsic;
 use loopbox::placing::{Metres, Up, place};
@@ -56,7 +55,6 @@ pub struct PlacingArgs {
     /// A board of known size stands in the recording: chessboard:9x6:0.025 (inner corners, side of a square in metres),
     /// charuco:7x5:0.04:0.03[:DICT_4X4_50] (squares, sides of square and marker), aprilgrid:6x6:0.088:0.3 (tags, side, gap as
     /// a share of it); a single AprilTag with number 0 is aprilgrid:1x1:SIDE:1
-    #[cfg(feature = "opencv")]
     #[arg(long, value_name = "BOARD", group = "unit")]
     pub board: Option<calib::Board>,
     /// The axis that points up, by what the cameras say of gravity; as it is, the world is that of the first camera: y down
@@ -97,17 +95,11 @@ impl PlacingArgs {
         }
     }
 
-    #[cfg(feature = "opencv")]
     fn by_board(&self, map: &Map) -> anyhow::Result<Option<Metres>> {
         let Some(board) = &self.board else { return Ok(None) };
         let found = scale_by_board(board, &loopbox::calibrating::sightings(map, board)?)?;
         say!("{board}: {found}");
         Ok(Some(Metres::Scale(found.metres)))
-    }
-
-    #[cfg(not(feature = "opencv"))]
-    fn by_board(&self, _: &Map) -> anyhow::Result<Option<Metres>> {
-        Ok(None)
     }
 }
 

@@ -1,13 +1,10 @@
 //! The command line: one file per command.
 
-#[cfg(not(all(feature = "fleet", feature = "opencv", feature = "view")))]
+#[cfg(not(all(feature = "fleet", feature = "view")))]
 mod absent;
 mod agent;
-#[cfg(feature = "opencv")]
 mod calib;
-#[cfg(feature = "opencv")]
 mod calib_check;
-#[cfg(feature = "opencv")]
 mod calib_photometric;
 mod cameras;
 mod convert;
@@ -76,11 +73,7 @@ pub enum Command {
     Export(Box<export::ExportArgs>),
     Import(import::ImportArgs),
     Eval(eval::EvalArgs),
-    #[cfg(feature = "opencv")]
     Calib(calib::CalibArgs),
-    #[cfg(not(feature = "opencv"))]
-    #[command(hide = true)]
-    Calib(absent::AbsentArgs),
     Merge(merge::MergeArgs),
     Places(places::PlacesArgs),
     Unmerge(unmerge::UnmergeArgs),
@@ -119,10 +112,7 @@ impl Command {
             Command::Export(args) => export::run(&args),
             Command::Import(args) => import::execute(&args),
             Command::Eval(args) => eval::run(args),
-            #[cfg(feature = "opencv")]
             Command::Calib(args) => calib::run(&args),
-            #[cfg(not(feature = "opencv"))]
-            Command::Calib(args) => absent::refuse(&args, "calib", "opencv"),
             Command::Merge(args) => merge::run(&args),
             Command::Places(args) => places::run(&args),
             Command::Unmerge(args) => unmerge::run(&args),

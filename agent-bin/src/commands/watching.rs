@@ -8,7 +8,7 @@ use view::watch::Watch;
 #[cfg(feature = "view")]
 pub use with_view::{PageArgs, ViewArgs};
 // Calibrations and stations are watched too.
-#[cfg(all(feature = "view", any(feature = "opencv", feature = "fleet")))]
+#[cfg(feature = "view")]
 pub use with_view::ServeArgs;
 
 /// Nothing: this program was built without it.

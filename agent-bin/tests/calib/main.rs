@@ -1,5 +1,4 @@
 //! `loopbox calib` through the binary, on drawn boards and on the shared images of real ones.
-#![cfg(feature = "opencv")]
 
 #[path = "../common/mod.rs"]
 mod common;

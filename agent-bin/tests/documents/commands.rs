@@ -45,18 +45,9 @@ fn named<'a>(root: &'a Command, words: &[String]) -> &'a Command {
     words.iter().fold(root, |command, word| command.find_subcommand(word).unwrap_or(command))
 }
 
-/// Whether OpenCV, which this program was built without, would be needed.
-fn is_absent(words: &[String]) -> bool {
-    cfg!(not(feature = "opencv"))
-        && words.iter().any(|word| word == "calib" || word == "--board" || word.starts_with("--board="))
-}
-
 /// What is wrong with the words of a command of the program.
 fn program_fault(words: &[String]) -> Option<String> {
     let root = Cli::command();
-    if is_absent(words) {
-        return None;
-    }
     // What stands for something else, such as `loopbox run … --ros2`, is no whole command.
     if words.iter().any(|word| word.contains('…')) {
         let command = named(&root, &words[1..]);
@@ -191,7 +182,7 @@ fn wrong_commands_are_found() {
     assert!(wrong("loopbox run a.mp4 --nothing").unwrap().contains("--nothing"));
     assert!(wrong("loopbox run … --nothing").unwrap().contains("--nothing"));
     assert!(wrong("loopbox fleet … --demo").is_none());
-    assert!(wrong("script/setup --camera").is_none());
+    assert!(wrong("script/setup --video").is_none());
     assert!(wrong("script/setup --nothing").unwrap().contains("--nothing"));
     assert!(wrong("script/nothing").unwrap().contains("script/nothing"));
     assert!(wrong("cargo build -p agent-bin --features nothing").unwrap().contains("nothing"));

@@ -45,11 +45,6 @@ fn section<'a>(page: &'a str, heading: &str) -> Option<&'a str> {
     rest.split_once("\n```\n").map(|(text, _)| text)
 }
 
-/// What differs with OpenCV, which this program may be built without.
-fn is_with_opencv(heading: &str) -> bool {
-    ["loopbox", "loopbox calib", "loopbox export"].contains(&heading)
-}
-
 fn write_or_compare(name: &str, is_equal: impl Fn(&str) -> Result<(), String>, new: &str) {
     let path = repository().join(name);
     if std::env::var_os(ASKED).is_some() {
@@ -65,22 +60,17 @@ fn write_or_compare(name: &str, is_equal: impl Fn(&str) -> Result<(), String>, n
 fn the_command_line() {
     let sections = help();
     assert!(sections.len() > 20, "{} commands", sections.len());
-    assert!(
-        cfg!(feature = "opencv") || std::env::var_os(ASKED).is_none(),
-        "the page has the commands of a build with --features opencv"
-    );
-    let mut page = "# Command line\n\nThe program's `--help`, with the features `opencv` and those that are on by default. `script/book` writes this page.\n".to_owned();
+    let mut page = "# Command line\n\nThe program's `--help`, with the features that are on by default. `script/book` writes this page.\n".to_owned();
     for (heading, text) in &sections {
         page += &format!("\n## {heading}\n\n```text\n{text}\n```\n");
     }
     let equal = |old: &str| {
         for (heading, text) in &sections {
-            let is_left_out = cfg!(not(feature = "opencv")) && is_with_opencv(heading);
-            if !is_left_out && section(old, heading) != Some(text) {
+            if section(old, heading) != Some(text) {
                 return Err(format!("`{heading} --help`"));
             }
         }
-        let more = cfg!(feature = "opencv") && old.matches("\n## ").count() != sections.len();
+        let more = old.matches("\n## ").count() != sections.len();
         if more { Err("commands that are no longer there".to_owned()) } else { Ok(()) }
     };
     write_or_compare(COMMANDS, equal, &page);

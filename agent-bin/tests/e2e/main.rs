@@ -7,7 +7,6 @@
 //! sequences with ground truth. A single test: `cargo test -p agent-bin --test e2e -- --nocapture NAME`.
 
 mod accuracy;
-#[cfg(feature = "opencv")]
 mod board;
 mod damaged;
 #[path = "../common/documented.rs"]

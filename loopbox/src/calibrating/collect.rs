@@ -1,8 +1,8 @@
 //! The board found in image after image, and which images are worth keeping.
 
-use super::detect::Detector;
 use super::input::Shots;
 use anyhow::{Result, bail};
+use boards::Detector;
 use calib::coach::{Coverage, coverage, is_new_view};
 use calib::{Board, Corner, View, edge_width};
 use geometry::GrayImage;
@@ -125,7 +125,7 @@ pub fn collect(
         bail!("there are no images\nhint: give image files, a folder or a recording")
     };
     if views.is_empty() && kept.iter().all(|shot| shot.corners.is_empty()) {
-        let what = detector.what_else(&empty)?;
+        let what = detector.what_else(&empty);
         bail!("no image of {given} shows the board {board}: {what}");
     }
     if let (Detector::AprilGrid(grid), Some(view)) =

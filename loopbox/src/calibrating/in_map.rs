@@ -1,8 +1,8 @@
 //! A board in the keyframes of a map.
 
-use super::detect::Detector;
 use crate::placing::board::Sighting;
 use anyhow::{Result, bail};
+use boards::Detector;
 use calib::Board;
 use geometry::GrayImage;
 use map::{Keyframe, Map};
@@ -14,7 +14,7 @@ const LOOKED_AT: usize = 3;
 /// The board in each keyframe of a map that shows it, in their order.
 ///
 /// # Errors
-/// When OpenCV does not know the board, or no keyframe shows it; says what they show instead.
+/// When the board is not known, or no keyframe shows it; says what they show instead.
 pub fn sightings(map: &Map, board: &Board) -> Result<Vec<Sighting>> {
     let detector = Detector::new(board, None)?;
     let with_image =
@@ -32,7 +32,7 @@ pub fn sightings(map: &Map, board: &Board) -> Result<Vec<Sighting>> {
     if found.is_empty() {
         let some = with_image.iter().step_by(count.div_ceil(LOOKED_AT).max(1));
         let images: Vec<GrayImage> = some.map(|(keyframe, _)| GrayImage::clone(&keyframe.image)).collect();
-        bail!("no keyframe of {count} shows the board {board}: {}", detector.what_else(&images)?);
+        bail!("no keyframe of {count} shows the board {board}: {}", detector.what_else(&images));
     }
     Ok(found)
 }

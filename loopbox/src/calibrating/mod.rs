@@ -6,7 +6,6 @@ mod coaching;
 #[path = "coaching_off.rs"]
 mod coaching;
 mod collect;
-mod detect;
 mod in_map;
 mod input;
 mod output;
