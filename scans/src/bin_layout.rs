@@ -73,6 +73,9 @@ pub fn layout_of(samples: &[Sample]) -> Result<BinLayout, String> {
         samples.iter().filter(|s| s.length > 0 && s.length.is_multiple_of(4 * floats as u64)).count()
     };
     let most = COLUMNS.map(fits).into_iter().max().unwrap_or(0);
+    if let Some(other) = another_form(samples, most) {
+        return Err(other);
+    }
     if most == 0 {
         // Of files that are all cut off each is told when it is read.
         return Ok(BinLayout::default());
@@ -108,6 +111,42 @@ pub fn layout_of(samples: &[Sample]) -> Result<BinLayout, String> {
         .filter(|&column| Some(column) != ring)
         .find(|&column| heads.iter().any(|head| is_time(head, richest, column)));
     Ok(BinLayout { floats: richest, ring, time, other })
+}
+
+/// What files hold that are no points of float32 in these numbers of columns, `most` of which fit their lengths; nothing where nothing says so.
+fn another_form(samples: &[Sample], most: usize) -> Option<String> {
+    let whole = |bytes: u64| samples.iter().all(|s| s.length > 0 && s.length.is_multiple_of(bytes));
+    let counts = |sample: &Sample| {
+        let (count, rest) = sample.head.split_first_chunk::<4>()?;
+        let count = u64::from(u32::from_le_bytes(*count));
+        let is_count = |floats: usize| sample.length == 4 + count * 4 * floats as u64;
+        COLUMNS.into_iter().find(|floats| count > 0 && !rest.is_empty() && is_count(*floats))
+    };
+    let columns = samples.first().and_then(counts);
+    if let Some(columns) = columns.filter(|_| samples.iter().all(|sample| counts(sample) == columns)) {
+        return Some(format!(
+            "each file begins with the count of its points, which is none of them; write the {columns} float32 of each point alone, or \
+             PCD or PLY files"
+        ));
+    }
+    // Doubles of four coordinates are as long as eight float32.
+    if [24, 32].into_iter().any(whole) && samples.iter().any(|sample| are_doubles(&sample.head)) {
+        return Some("the numbers are float64; points of 3 to 6 float32 (x y z …) are read".into());
+    }
+    let other = (7..=10).find(|floats| whole(4 * floats)).filter(|_| most < samples.len());
+    other.map(|floats| {
+        format!("the files are as long as points of {floats} float32 make them; points of 3 to 6 float32 (x y z …) are read")
+    })
+}
+
+/// Whether nearly all numbers are coordinates or 0 as float64, which float32 read so are by chance, a few of them.
+fn are_doubles(bytes: &[u8]) -> bool {
+    let numbers = bytes.as_chunks::<8>().0;
+    let is_plausible = |v: f64| v == 0.0 || (1e-4..=1e4).contains(&v.abs());
+    let plausible = numbers.iter().filter(|b| is_plausible(f64::from_le_bytes(**b))).count();
+    // All zero says nothing.
+    let is_set = numbers.iter().any(|b| b.iter().any(|byte| *byte != 0));
+    numbers.len() >= LEAST && is_set && 20 * plausible > 19 * numbers.len()
 }
 
 fn numbers(bytes: &[u8]) -> Vec<f32> {
@@ -256,6 +295,22 @@ mod tests {
 
     fn told(extra: impl Fn(usize, usize) -> Vec<f32> + Copy) -> [String; 2] {
         [false, true].map(|by_ring| layout_of(&[sample(extra, by_ring)]).unwrap().columns())
+    }
+
+    #[test]
+    fn other_forms_are_told_by_what_they_are() {
+        let plain = sample(|c, r| vec![intensity(c, r)], false);
+        let doubles: Vec<u8> =
+            numbers(&plain.head).iter().flat_map(|v| f64::from(*v).to_le_bytes()).collect();
+        let doubles = Sample { length: doubles.len() as u64, head: doubles };
+        assert!(layout_of(&[doubles]).unwrap_err().contains("float64"));
+        let counted = [&(plain.length as u32 / 16).to_le_bytes()[..], &plain.head].concat();
+        let counted = Sample { length: counted.len() as u64, head: counted };
+        assert!(layout_of(&[counted]).unwrap_err().contains("begins with the count"));
+        let seven = sample(|c, r| vec![intensity(c, r), 1.0, 2.0, 3.0], false);
+        // Of several files not all are as long as points of other numbers.
+        let shorter = |points: u64| Sample { length: seven.length - 28 * points, head: seven.head.clone() };
+        assert!(layout_of(&[1, 2, 3].map(shorter)).unwrap_err().contains("7 float32"));
     }
 
     #[test]

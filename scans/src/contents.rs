@@ -1,7 +1,7 @@
 //! Which files of a folder are scans, told by their content where their names do not.
 
 use crate::ScanError;
-use crate::tables::natural_key;
+use crate::tables::sort_by_name;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::Read;
@@ -57,7 +57,7 @@ fn contents_of(folder: PathBuf) -> Result<FolderContents, ScanError> {
     let most =
         by_ending.iter().max_by_key(|(ending, files)| (files.len(), rank(ending))).map(|(e, _)| e.clone());
     let mut scans = most.and_then(|most| by_ending.remove(&most)).unwrap_or_default();
-    scans.sort_by_cached_key(|path| natural_key(&path.file_name().unwrap_or_default().to_string_lossy()));
+    sort_by_name(&mut scans);
     Ok(FolderContents { folder, scans, others: by_ending })
 }
 

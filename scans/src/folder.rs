@@ -2,7 +2,7 @@
 
 use crate::bin_layout::{BinLayout, Sample, layout_of};
 use crate::contents::{FolderContents, folder_contents};
-use crate::tables::{Numbers, Table};
+use crate::tables::{Numbers, Table, stamps_of_names};
 use crate::{Scan, ScanError, read_bin, read_pcd, read_ply, rings_of};
 use std::collections::BTreeMap;
 use std::io::Read;
@@ -238,6 +238,13 @@ fn timed(
         }
         Err(source) if options.times.is_some() => {
             Err(ScanError::Io { name: times.display().to_string(), source })
+        }
+        Err(_)
+            if options.rate.is_none()
+                && let Some(stamps) = stamps_of_names(scans) =>
+        {
+            let what = stamps.remark().map(|remark| format!("the scans are named by their times, {remark}"));
+            Ok((stamps.seconds, what.into_iter().collect()))
         }
         Err(_) => {
             let gaps = Numbers::of(scans.iter().map(PathBuf::as_path)).and_then(|numbers| numbers.gaps());

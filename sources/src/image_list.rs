@@ -6,7 +6,7 @@ use crate::forward::{Faults, Judged, judged};
 use crate::pictures::Picture;
 use anyhow::{Context, Result, bail};
 use calib::CameraHint;
-use scans::tables::natural_key;
+use scans::tables::sort_by_name;
 use std::path::{Path, PathBuf};
 
 /// More of the steps of a list than this share back in time, and it is in no order of time.
@@ -153,7 +153,7 @@ pub fn images_in(folder: &Path) -> Result<Vec<PathBuf>> {
         |path: &Path| path.file_name().is_some_and(|name| !name.to_string_lossy().starts_with('.'));
     let paths = entries.filter_map(|entry| Some(entry.ok()?.path()));
     let mut images: Vec<PathBuf> = paths.filter(|path| is_image(path) && is_shown(path)).collect();
-    images.sort_by_cached_key(|path| natural_key(&path.file_name().unwrap_or_default().to_string_lossy()));
+    sort_by_name(&mut images);
     Ok(images)
 }
 

@@ -3,16 +3,13 @@
 use super::FoundCalibration;
 use super::image_list::{ImageList, Timed, first_existing, images_in};
 use anyhow::{Result, bail};
-use scans::tables::{Numbers, Stamps, moment};
+use scans::tables::{Numbers, stamps_of_names};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Words in names of images that are no pictures of the scene by the camera that is taken.
 const OTHERS: [&str; 9] =
     ["depth", "disp", "disparity", "mask", "label", "semantic", "seg", "normal", "right"];
-/// Digits of a whole number of seconds since 1970; with those of milliseconds, microseconds and nanoseconds behind.
-const DIGITS_SINCE_1970: [usize; 4] = [10, 13, 16, 19];
-
 /// Opens the folder if it, or its `images/`, holds image files.
 ///
 /// # Errors
@@ -28,7 +25,7 @@ pub fn open(folder: &Path, fps: Option<f64>) -> Result<Option<ImageList>> {
         }
         let calibration =
             first_existing(folder, &["camera.yaml", "camera.yml", "camera.txt"]).map(FoundCalibration::File);
-        let (kind, frames, facts) = match (fps, stamps(&files)) {
+        let (kind, frames, facts) = match (fps, stamps_of_names(&files)) {
             (None, Some(stamps)) => {
                 let remark = stamps.remark().map_or(String::new(), |remark| format!(" {remark}"));
                 let facts = vec![("times", format!("the names of the images{remark}"))];
@@ -59,38 +56,6 @@ fn in_order(times: Vec<f64>, files: Vec<PathBuf>) -> Vec<Timed> {
     let mut frames: Vec<Timed> = times.into_iter().zip(files).collect();
     frames.sort_by(|a, b| a.0.total_cmp(&b.0));
     frames
-}
-
-/// The stamps that the names of files are, as `1403636579763555584.png` and `1305031102.175304.png`; `None` where they are numbers.
-fn stamps(files: &[PathBuf]) -> Option<Stamps> {
-    let stem = |file: &PathBuf| Some(file.file_stem()?.to_string_lossy().into_owned());
-    let stems: Vec<String> = files.iter().map(stem).collect::<Option<_>>()?;
-    // What all names share before a stamp says nothing of it: `frame_1403636579763555584`.
-    let digits = |stem: &String| stem.find(|c: char| c.is_ascii_digit());
-    let start = stems.first().and_then(digits)?;
-    let prefix = stems[0][..start].to_owned();
-    let names: Vec<&str> = stems.iter().map(|stem| stem.strip_prefix(&*prefix)).collect::<Option<_>>()?;
-    let is_stamp = |name: &&str| {
-        let (whole, part) = name.split_once('.').unwrap_or((name, ""));
-        let are_digits = |text: &str| text.bytes().all(|byte| byte.is_ascii_digit());
-        let counts_seconds = !part.is_empty() && part.len() >= 2;
-        moment(name).is_some()
-            || are_digits(whole)
-                && are_digits(part)
-                && !whole.is_empty()
-                && (counts_seconds || DIGITS_SINCE_1970.contains(&whole.len()) && !whole.starts_with('0'))
-    };
-    if !names.iter().all(is_stamp) {
-        return None;
-    }
-    let stamps = Stamps::parse(names.iter().copied(), "").ok()?;
-    // A counter of ten digits steps by one.
-    let mut steps: Vec<f64> = names
-        .windows(2)
-        .filter_map(|pair| Some(pair[1].parse::<f64>().ok()? - pair[0].parse::<f64>().ok()?))
-        .collect();
-    let is_counter = geometry::median(&mut steps) == Some(1.0) && !names[0].contains('.');
-    (!is_counter).then_some(stamps)
 }
 
 /// The images that show the scene, where a folder holds several kinds of image by their names: `frame-000000.color.png` beside
@@ -140,7 +105,7 @@ mod tests {
 
     #[test]
     fn names_that_are_stamps_are_times() {
-        let seconds = |names: &[&str]| stamps(&paths(names)).map(|stamps| stamps.seconds);
+        let seconds = |names: &[&str]| stamps_of_names(&paths(names)).map(|stamps| stamps.seconds);
         let step = |names: &[&str]| seconds(names).map(|all| ((all[1] - all[0]) * 1e4).round() / 1e4);
         assert_eq!(step(&["1403636579763555584.png", "1403636579813555456.png"]), Some(0.05));
         assert_eq!(step(&["1305031102.175304.png", "1305031102.211214.png"]), Some(0.0359));

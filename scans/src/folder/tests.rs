@@ -64,6 +64,19 @@ fn told(
 }
 
 #[test]
+fn scans_named_by_their_times_have_them() {
+    let half_seconds = ["1700000000.000000.bin", "1700000000.500000.bin", "1700000001.000000.bin"];
+    let (_, stamps, _) = told("", &half_seconds, &FolderOptions::default()).unwrap();
+    assert_eq!(stamps, [1_700_000_000.0, 1_700_000_000.5, 1_700_000_001.0]);
+    let nanoseconds = ["1700000000000000000.bin", "1700000000050000000.bin"];
+    let (_, stamps, said) = told("", &nanoseconds, &FolderOptions::default()).unwrap();
+    assert!((stamps[1] - stamps[0] - 0.05).abs() < 1e-6, "{stamps:?}");
+    assert!(said.contains("named by their times, in nanoseconds"), "{said}");
+    let (_, stamps, _) = told("", &half_seconds, &FolderOptions { rate: Some(4.0), times: None }).unwrap();
+    assert_eq!(stamps, [0.0, 0.25, 0.5]);
+}
+
+#[test]
 fn scans_come_as_people_count() {
     let plain = FolderOptions::default();
     let (names, ..) = told("", &["0.bin", "1.bin", "10.bin", "100.bin", "2.bin"], &plain).unwrap();

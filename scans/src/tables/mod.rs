@@ -6,8 +6,8 @@
 mod order;
 mod stamps;
 
-pub use order::{Numbers, natural_key};
-pub use stamps::{Stamps, Unit, moment, seconds};
+pub use order::{Numbers, natural_key, sort_by_name};
+pub use stamps::{Stamps, Unit, moment, seconds, stamps_of_names};
 
 use std::io;
 use std::path::{Path, PathBuf};

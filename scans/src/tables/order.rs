@@ -1,6 +1,47 @@
 //! Names in the order in which people count.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
+
+/// Sorts files by their names as people count: by value where all of them count by decimals, negative or hexadecimal numbers, else as
+/// [`natural_key`] has them.
+pub fn sort_by_name(files: &mut [PathBuf]) {
+    let name = |file: &Path| file.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let values = values_of(files);
+    let mut order: Vec<usize> = (0..files.len()).collect();
+    let keys: Vec<_> = files.iter().map(|file| natural_key(&name(file))).collect();
+    order.sort_by(|&a, &b| {
+        let by_value = values.as_ref().map(|values| values[a].total_cmp(&values[b]));
+        by_value.unwrap_or(std::cmp::Ordering::Equal).then_with(|| keys[a].cmp(&keys[b]))
+    });
+    let sorted: Vec<PathBuf> = order.into_iter().map(|index| files[index].clone()).collect();
+    files.clone_from_slice(&sorted);
+}
+
+/// The numbers that files are called by behind what all names share, where these are not plain ones.
+fn values_of(files: &[PathBuf]) -> Option<Vec<f64>> {
+    let stems: Vec<String> =
+        files.iter().map(|file| Some(file.file_stem()?.to_str()?.to_owned())).collect::<Option<_>>()?;
+    let first = stems.first()?;
+    let same = |stem: &String| first.bytes().zip(stem.bytes()).take_while(|(a, b)| a == b).count();
+    let shared = stems.iter().map(same).min()?;
+    let shared = (0..=shared).rev().find(|at| first.is_char_boundary(*at)).unwrap_or(0);
+    let is_of_number = |c: char| c.is_ascii_digit() || c == '.';
+    let mut prefix = first[..shared].trim_end_matches(is_of_number);
+    if prefix == "-" {
+        prefix = "";
+    }
+    let numbers: Vec<&str> = stems.iter().map(|stem| stem.strip_prefix(prefix)).collect::<Option<_>>()?;
+    if numbers.iter().any(|number| number.contains('.') || number.starts_with('-')) {
+        let value = |number: &&str| {
+            let is_number = number.bytes().all(|byte| byte.is_ascii_digit() || b".-".contains(&byte));
+            number.parse().ok().filter(|_| is_number)
+        };
+        return numbers.iter().map(value).collect();
+    }
+    let has_letters = numbers.iter().any(|number| number.bytes().any(|byte| byte.is_ascii_alphabetic()));
+    let value = |number: &&str| u64::from_str_radix(number, 16).ok().map(|value| value as f64);
+    numbers.iter().map(value).collect::<Option<Vec<f64>>>().filter(|_| has_letters)
+}
 
 /// A name as alternating text and numbers, so that numbers compare by value.
 pub fn natural_key(name: &str) -> Vec<(String, u64, String)> {

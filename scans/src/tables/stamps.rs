@@ -1,5 +1,7 @@
 //! Time stamps in text: numbers of a unit that is told from their steps, and dates.
 
+use std::path::PathBuf;
+
 /// Steps of sequences are this far, as a logarithm to base *e*, from a video's thirty a second at most where nothing else is known: it
 /// takes as many to outweigh what is.
 const USUAL_RATE: f64 = 30.0;
@@ -101,7 +103,11 @@ impl Stamps {
     /// # Errors
     /// The index of the first that is none.
     pub fn parse<'a>(texts: impl Iterator<Item = &'a str>, header: &str) -> Result<Self, usize> {
-        let numbers = texts.enumerate().map(|(i, text)| Number::parse(text).ok_or(i));
+        let texts: Vec<&str> = texts.collect();
+        if let Some(seconds) = with_counted_nanoseconds(&texts) {
+            return Ok(Self { seconds, unit: Some(Unit::Seconds) });
+        }
+        let numbers = texts.iter().enumerate().map(|(i, text)| Number::parse(text).ok_or(i));
         let numbers: Vec<Number> = numbers.collect::<Result<_, _>>()?;
         if numbers.iter().any(|number| matches!(number, Number::Moment(_))) {
             let moments = numbers.iter().map(|number| match number {
@@ -130,6 +136,74 @@ impl Stamps {
         let rate = rate.map_or(String::new(), |step| format!(": {:.4} a second", 1.0 / step));
         Some(format!("in {}, by their steps{rate}", unit.name()))
     }
+}
+
+/// Seconds and nanoseconds of ROS that were written one behind the other with a point between and without zeros before, so that 0.067 s is
+/// `0.66666999`: told where these are more even than decimals.
+fn with_counted_nanoseconds(texts: &[&str]) -> Option<Vec<f64>> {
+    /// Fewest stamps of which that is told.
+    const LEAST: usize = 8;
+    let digits = |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
+    let parts = texts.iter().map(|text| {
+        let (whole, part) = text.split_once('.').filter(|(whole, part)| digits(whole) && digits(part))?;
+        let whole: u64 = whole.parse().ok().filter(|whole| OUR_DAYS.contains(&(*whole as f64)))?;
+        (part.len() <= 9).then_some((whole, part))
+    });
+    let parts: Vec<(u64, &str)> = parts.collect::<Option<_>>()?;
+    let is_full = |(_, part): &(u64, &str)| part.len() == 9;
+    if parts.len() < LEAST || parts.iter().all(is_full) || !parts.iter().any(is_full) {
+        return None;
+    }
+    let counted =
+        parts.iter().map(|(whole, part)| Some(seconds(whole * NS_PER_S + part.parse::<u64>().ok()?)));
+    let counted: Vec<f64> = counted.collect::<Option<_>>()?;
+    let decimal: Vec<f64> = texts.iter().map(|text| text.parse().ok()).collect::<Option<_>>()?;
+    (unevenness(&counted) < 0.5 * unevenness(&decimal)).then_some(counted)
+}
+
+/// How far steps between times, in their order, are from the usual one, all together.
+fn unevenness(times: &[f64]) -> f64 {
+    let mut times = times.to_vec();
+    times.sort_by(f64::total_cmp);
+    let mut steps: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    steps.sort_by(f64::total_cmp);
+    let usual = steps.get(steps.len() / 2).copied().unwrap_or(0.0);
+    steps.iter().map(|step| (step - usual).abs()).sum()
+}
+
+/// Digits of a whole number of seconds since 1970; with those of milliseconds, microseconds and nanoseconds behind.
+const DIGITS_SINCE_1970: [usize; 4] = [10, 13, 16, 19];
+
+/// The stamps that the names of files are, as `1403636579763555584.png` and `1305031102.175304.bin`; `None` where they are numbers.
+pub fn stamps_of_names(files: &[PathBuf]) -> Option<Stamps> {
+    let stem = |file: &PathBuf| Some(file.file_stem()?.to_string_lossy().into_owned());
+    let stems: Vec<String> = files.iter().map(stem).collect::<Option<_>>()?;
+    // What all names share before a stamp says nothing of it: `frame_1403636579763555584`.
+    let digits = |stem: &String| stem.find(|c: char| c.is_ascii_digit());
+    let start = stems.first().and_then(digits)?;
+    let prefix = stems[0][..start].to_owned();
+    let names: Vec<&str> = stems.iter().map(|stem| stem.strip_prefix(&*prefix)).collect::<Option<_>>()?;
+    let is_stamp = |name: &&str| {
+        let (whole, part) = name.split_once('.').unwrap_or((name, ""));
+        let are_digits = |text: &str| text.bytes().all(|byte| byte.is_ascii_digit());
+        let counts_seconds = !part.is_empty() && part.len() >= 2;
+        moment(name).is_some()
+            || are_digits(whole)
+                && are_digits(part)
+                && !whole.is_empty()
+                && (counts_seconds || DIGITS_SINCE_1970.contains(&whole.len()) && !whole.starts_with('0'))
+    };
+    if !names.iter().all(is_stamp) {
+        return None;
+    }
+    let stamps = Stamps::parse(names.iter().copied(), "").ok()?;
+    // A counter of ten digits steps by one.
+    let steps = names.windows(2);
+    let mut steps: Vec<f64> =
+        steps.filter_map(|pair| Some(pair[1].parse::<f64>().ok()? - pair[0].parse::<f64>().ok()?)).collect();
+    steps.sort_by(f64::total_cmp);
+    let is_counter = steps.get(steps.len() / 2) == Some(&1.0) && !names[0].contains('.');
+    (!is_counter).then_some(stamps)
 }
 
 /// A stamp as it is written.

@@ -132,6 +132,18 @@ fn stamps_keep_their_digits() {
 }
 
 #[test]
+fn nanoseconds_without_zeros_before_them_are_counted() {
+    let stamp = |i: u64| (1_700_000_000 + i / 15, i % 15 * 66_666_999);
+    let texts: Vec<String> = (0..45).map(stamp).map(|(s, ns)| format!("{s}.{ns}")).collect();
+    let stamps = Stamps::parse(texts.iter().map(String::as_str), "").unwrap();
+    assert!(stamps.seconds.windows(2).all(|pair| (0.06..0.07).contains(&(pair[1] - pair[0]))));
+    // Decimals of all lengths stay what they are.
+    let texts: Vec<String> = (0..40).map(|i| format!("{}", 1.7e9 + 0.05 * f64::from(i))).collect();
+    let stamps = Stamps::parse(texts.iter().map(String::as_str), "").unwrap();
+    assert!(stamps.seconds.windows(2).all(|pair| (0.04..0.06).contains(&(pair[1] - pair[0]))));
+}
+
+#[test]
 fn dates_are_told_from_other_numbers() {
     assert_eq!(moment("1970-01-01 00:00:01"), Some(1_000_000_000));
     assert_eq!(moment("2000-02-29T12:30:00.5Z"), Some(951_827_400_500_000_000));
@@ -160,6 +172,19 @@ fn gaps_in_numbers_are_told() {
     let mut names = ["f10.png", "f2.png", "f1.png", "e3.png"];
     names.sort_by_cached_key(|name| natural_key(name));
     assert_eq!(names, ["e3.png", "f1.png", "f2.png", "f10.png"]);
+    for sorted in [
+        &["f_0.png", "f_0.5.png", "f_1.png", "f_1.5.png", "f_10.png"][..],
+        &["-20.png", "-3.png", "0.png", "7.png", "19.png"],
+        &["img-1.png", "img-2.png", "img-10.png"],
+        &["9.png", "a.png", "f.png", "10.png", "1a.png"],
+        &["0a.bin", "0f.bin", "10.bin", "2a.bin"],
+        &["e3.png", "f1.png", "f2.png", "f10.png"],
+        &["1.png", "10.png", "100.png"],
+    ] {
+        let mut files: Vec<PathBuf> = sorted.iter().rev().map(PathBuf::from).collect();
+        sort_by_name(&mut files);
+        assert_eq!(files, sorted.iter().map(PathBuf::from).collect::<Vec<_>>());
+    }
 }
 
 #[test]
