@@ -45,8 +45,12 @@ const TRANSPORTS: [&str; 5] = ["compressed", "theora", "ffmpeg", "zstd", "compre
 /// Whether the images of a topic were undistorted before they came, as its name says: `image_rect`, `image_rect_color`
 /// (`image_proc`), `image_rect_raw`, `image_undistorted`.
 pub fn is_rectified(images: &str) -> bool {
-    let words = images.split(['/', '_']).map(str::to_ascii_lowercase);
-    words.into_iter().any(|word| ["rect", "rectified", "undistorted", "undist"].contains(&word.as_str()))
+    let says = |word: &str| {
+        ["rect", "rectified", "undistorted", "undist"].iter().any(|known| word.eq_ignore_ascii_case(known))
+    };
+    let (space, name) = split(untransported(images));
+    // A robot may be called `rect_robot`.
+    name.split('_').any(says) || space.split('/').any(says)
 }
 
 /// The one of `calibrations` that is the camera's on `images`; `all` are the topics with images.
@@ -62,7 +66,7 @@ pub fn calibration_of(images: &str, all: &[&str], calibrations: &[&str]) -> Matc
     let alone = all.iter().all(|other| is_same(other, images));
     match left[..] {
         [] => Match::Others(owned(others)),
-        [one] if alone => Match::Found((*one).to_owned()),
+        [one] if alone && !are_told_apart(one, images) => Match::Found((*one).to_owned()),
         [one] if is_above(one, images, all) => Match::Found((*one).to_owned()),
         _ => Match::Unclear(owned(left)),
     }
@@ -81,6 +85,17 @@ fn by_name<'a>(images: &str, calibrations: &[&'a str]) -> Option<&'a str> {
         let mut same = calibrations.iter().filter(|name| !whole.is_empty() && words(name) == whole);
         same.next().filter(|_| same.next().is_none()).copied()
     })
+}
+
+/// Whether names say that a calibration is another camera's than the images: each is called by words that the other lacks, or the
+/// calibration is a depth or infrared camera's.
+fn are_told_apart(calibration: &str, images: &str) -> bool {
+    /// Cameras that stand beside one of colours.
+    const BESIDE: [&str; 5] = ["depth", "ir", "infra", "infra1", "infra2"];
+    let (info, own) = (words(calibration), words(untransported(images)));
+    let lacks = |of: &[String], word: &String| !of.contains(word);
+    info.iter().any(|word| lacks(&own, word)) && own.iter().any(|word| lacks(&info, word))
+        || info.iter().any(|word| lacks(&own, word) && BESIDE.contains(&word.as_str()))
 }
 
 /// Whether a calibration lies in a namespace above the images', in which no other camera is.
@@ -168,6 +183,13 @@ mod tests {
         let images = ["/a/image", "/b/image"];
         assert_eq!(found("/a/image", &images, &["/calibration"]), "unclear: /calibration");
         assert_eq!(found("/a/image", &images, &[]), "others: ");
+        for (images, info) in [
+            ("/front/image_raw", "/rear/camera_info"),
+            ("/camera1/image_raw", "/camera10/camera_info"),
+            ("/camera/color/image_raw", "/camera/depth/camera_info"),
+        ] {
+            assert_eq!(found(images, &[images], &[info]), format!("unclear: {info}"));
+        }
     }
 
     #[test]
@@ -180,7 +202,13 @@ mod tests {
         ] {
             assert!(is_rectified(name), "{name}");
         }
-        for name in ["/cam/image_raw", "/camera/image_color", "/direct/image", "/rectory/image"] {
+        for name in [
+            "/cam/image_raw",
+            "/camera/image_color",
+            "/direct/image",
+            "/rectory/image",
+            "/rect_robot/cam/image_raw",
+        ] {
             assert!(!is_rectified(name), "{name}");
         }
     }

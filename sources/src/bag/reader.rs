@@ -3,10 +3,20 @@
 use super::fields::Fields;
 use super::{BAG_HEADER, CHUNK, CHUNK_INFO, CONNECTION, MAGIC, MESSAGE};
 use crate::salvage::{Found, Pieces};
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use std::collections::BTreeMap;
 use std::io::{ErrorKind, Read, Seek, SeekFrom};
 use std::sync::Arc;
+
+const ENDS_EARLY: &str = "a record ends early";
+
+/// A record: fields, and what they are about.
+struct Record {
+    header: Vec<u8>,
+    data: Vec<u8>,
+    /// Whether the data are all there.
+    is_whole: bool,
+}
 
 /// A connection: messages of one type on one topic.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -70,8 +80,8 @@ impl<R: Read + Seek> BagReader<R> {
             chunks: Vec::new(),
             found: Found::default(),
         };
-        let (header, _padding) = reader.record()?.context("it ends early")?;
-        let fields = Fields::parse(&header)?;
+        let record = reader.record()?.context("it ends early")?;
+        let fields = Fields::parse(&record.header)?;
         if fields.op()? != BAG_HEADER {
             bail!("it does not start with a bag's header");
         }
@@ -96,7 +106,8 @@ impl<R: Read + Seek> BagReader<R> {
         self.position = self.file.seek(SeekFrom::Start(self.index_position))?;
         let (mut counts, mut span) = (BTreeMap::<u32, u64>::new(), None);
         let (mut connections, mut chunks) = (BTreeMap::new(), Vec::new());
-        while let Some((header, data)) = self.record()? {
+        while let Some(Record { header, data, is_whole }) = self.record()? {
+            ensure!(is_whole, ENDS_EARLY);
             let fields = Fields::parse(&header)?;
             match fields.op()? {
                 CONNECTION => drop(connections.insert(fields.u32("conn")?, connection(&fields, &data)?)),
@@ -128,15 +139,16 @@ impl<R: Read + Seek> BagReader<R> {
         Ok(Content { connections, span })
     }
 
-    /// The next record's header and data; `None` at the end of the file.
-    fn record(&mut self) -> Result<Option<(Vec<u8>, Vec<u8>)>> {
-        let Some(header) = self.block()? else { return Ok(None) };
-        let data = self.block()?.context("a record ends early")?;
-        Ok(Some((header, data)))
+    /// The next record; `None` at the end of the file.
+    fn record(&mut self) -> Result<Option<Record>> {
+        let Some((header, is_whole)) = self.block()? else { return Ok(None) };
+        ensure!(is_whole, ENDS_EARLY);
+        let (data, is_whole) = self.block()?.context(ENDS_EARLY)?;
+        Ok(Some(Record { header, data, is_whole }))
     }
 
-    /// A length and so many bytes; `None` at the end of the file.
-    fn block(&mut self) -> Result<Option<Vec<u8>>> {
+    /// A length and so many bytes, and whether they are all there; `None` at the end of the file.
+    fn block(&mut self) -> Result<Option<(Vec<u8>, bool)>> {
         let mut length = [0; 4];
         match self.file.read_exact(&mut length) {
             Err(error) if error.kind() == ErrorKind::UnexpectedEof => return Ok(None),
@@ -149,11 +161,9 @@ impl<R: Read + Seek> BagReader<R> {
         // Grows with what is there, whatever the length claims.
         let mut block = Vec::new();
         self.file.by_ref().take(length as u64).read_to_end(&mut block)?;
-        if block.len() < length {
-            bail!("a record ends early");
-        }
-        self.position += 4 + length as u64;
-        Ok(Some(block))
+        self.position += 4 + block.len() as u64;
+        let is_whole = block.len() == length;
+        Ok(Some((block, is_whole)))
     }
 
     fn take_connection(&mut self, fields: &Fields, data: &[u8]) -> Result<()> {
@@ -200,7 +210,7 @@ impl<R: Read + Seek> Pieces for BagReader<R> {
             // Where it begins tells which chunk is the next.
             self.position = start;
         }
-        let Some((header, data)) = record? else {
+        let Some(Record { header, data, is_whole }) = record? else {
             if self.index_position == 0 {
                 bail!("its recorder did not end it");
             }
@@ -213,8 +223,13 @@ impl<R: Read + Seek> Pieces for BagReader<R> {
                 let read = self.take_chunk(&records);
                 self.found.damage = unpacked.and(read).err();
             }
-            CONNECTION => self.found.damage = self.take_connection(&fields, &data).err(),
+            CONNECTION if is_whole => self.found.damage = self.take_connection(&fields, &data).err(),
             _ => {}
+        }
+        if !is_whole {
+            // What was there of it is taken; where it begins tells which chunk is the next.
+            self.position = start;
+            bail!(ENDS_EARLY);
         }
         Ok(true)
     }

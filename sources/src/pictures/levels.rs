@@ -38,14 +38,16 @@ impl GreyRange {
 
     /// The range of a recording by how many samples of its first images have which level.
     fn of_counts(counts: &[u64]) -> Self {
-        let total: u64 = counts.iter().sum();
+        // Where a sensor has nothing, dead columns and the images before it runs, it says 0: that is no level of the scene.
+        let nothing = counts.first().copied().unwrap_or(0);
+        let total: u64 = counts.iter().sum::<u64>() - nothing;
         let tail = (total as f64 * TAIL) as u64;
         let (mut below, mut above) = (0, 0);
         let is_beyond = |sum: &mut u64, count: &u64| {
             *sum += count;
             *sum > tail
         };
-        let low = counts.iter().position(|count| is_beyond(&mut below, count)).unwrap_or(0);
+        let low = counts.iter().skip(1).position(|count| is_beyond(&mut below, count)).map_or(0, |at| at + 1);
         let high = counts.iter().rposition(|count| is_beyond(&mut above, count)).unwrap_or(0);
         let most = (1usize << 16) - 1;
         let depth = DEPTHS.iter().map(|bits| (1usize << bits) - 1).find(|top| high <= *top).unwrap_or(most);
@@ -239,6 +241,22 @@ mod tests {
         let picture = Picture::Raw(raw);
         let range = Levels::of([&picture].into_iter()).range().unwrap();
         assert!(range.from > 6_800 && range.to < 7_600, "{range:?}");
+    }
+
+    #[test]
+    fn where_a_sensor_has_nothing_is_no_level() {
+        let Picture::Raw(mut black) = ramp(29_000, 30_500) else { panic!("raw") };
+        let mut dead = black.clone();
+        black.data.fill(0);
+        // A fifth of the columns.
+        dead.data.chunks_exact_mut(10).for_each(|five| five[..2].fill(0));
+        let range = |first: RawPicture| {
+            let (first, others) = (Picture::Raw(first), ramp(29_000, 30_500));
+            Levels::of(std::iter::once(&first).chain(std::iter::repeat_n(&others, 8))).range().unwrap()
+        };
+        for range in [range(black), range(dead)] {
+            assert!(range.from > 28_000 && range.to < 31_500, "{range:?}");
+        }
     }
 
     #[test]
