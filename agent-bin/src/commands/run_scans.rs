@@ -211,7 +211,7 @@ pub fn execute(opened: OpenScans, run: &ScanRun<'_>, args: &ScanArgs) -> Result<
     let mapped = map_recording(source, options, run.stop, &mut |event| console.tell(event));
     console.bar.finish_and_clear();
     let Mapped { record, failure } = mapped?;
-    if !run.quiet {
+    if !run.json {
         source.remarks().iter().for_each(|remark| tell!("warning: {remark}"));
     }
     if run.json {
@@ -250,7 +250,6 @@ fn read_poses(path: &Path) -> Result<GivenPoses> {
 /// What the user sees meanwhile.
 struct Console {
     bar: ProgressBar,
-    quiet: bool,
     json: bool,
     skipped: std::cell::Cell<u64>,
 }
@@ -269,7 +268,7 @@ impl Console {
         {
             bar.set_style(style);
         }
-        Self { bar, quiet: run.quiet, json: run.json, skipped: 0.into() }
+        Self { bar, json: run.json, skipped: 0.into() }
     }
 
     fn tell(&self, event: Event<'_>) {
@@ -286,7 +285,7 @@ impl Console {
             }
             Event::Skipped { index, detail, .. } => {
                 self.skipped.set(self.skipped.get() + 1);
-                if !self.quiet && self.skipped.get() <= NAMED {
+                if self.skipped.get() <= NAMED {
                     self.bar.suspend(|| tell!("warning: scan {index} is skipped: {detail}"));
                 }
             }

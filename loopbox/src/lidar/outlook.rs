@@ -52,13 +52,16 @@ impl Ranges {
         if share < MOSTLY {
             return None;
         }
-        let unit = if median > FARTHEST_MEDIAN { ("millimetres", "mm") } else { ("centimetres", "cm") };
+        // Rooms in millimetres are as large as streets in centimetres.
+        let unit = match median / FARTHEST_MEDIAN {
+            ..=1.0 => "centimetres? --scan-unit cm says so",
+            ..=10.0 => "millimetres or centimetres? --scan-unit mm or cm says so",
+            _ => "millimetres? --scan-unit mm says so",
+        };
         Some(format!(
             "{:.0} % of the points lie farther than {farthest} m, beyond what is used, half of them than {median:.0}: are the clouds in \
-             {}? --scan-unit {} says so",
-            100.0 * share,
-            unit.0,
-            unit.1
+             {unit}",
+            100.0 * share
         ))
     }
 }
@@ -199,7 +202,10 @@ mod tests {
     #[test]
     fn clouds_in_other_units_are_told() {
         assert_eq!(hall(1.0), None);
-        assert!(hall(1000.0).is_some_and(|said| said.contains("millimetres? --scan-unit mm")));
+        assert!(
+            hall(1000.0)
+                .is_some_and(|said| said.contains("millimetres or centimetres? --scan-unit mm or cm"))
+        );
         assert!(
             hall(100.0).is_some_and(|said| said.contains("centimetres? --scan-unit cm")),
             "{:?}",
