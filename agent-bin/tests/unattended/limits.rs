@@ -77,7 +77,7 @@ fn recordings_come_in_files_and_within_the_budget() {
 /// A process that has too little memory for any map saves, begins anew and says so; it does not spin.
 #[test]
 fn a_session_ends_where_memory_does() {
-    let case = Case::new("yard", "[limits]\nmemory_mib = 48\n");
+    let case = Case::new("yard", "[limits]\nmemory_mib = 40\n");
     let mut agent = case.start();
     let process = agent.id();
     agent
