@@ -64,7 +64,9 @@ fn accepted(text: &mut String, merging: &Merging, encounter: &Encounter, judged:
         100.0 * evidence.inlier_share
     );
     if let Some(place) = evidence.place {
-        let _ = writeln!(text, "{}", of_place(&place));
+        let untold = "  the surface alone does not tell, and all other tests agree";
+        let said = if place.answer.joins() { of_place(&place) } else { of_place_as(untold, &place) };
+        let _ = writeln!(text, "{said}");
     }
     // σ* is the target's unit in terms of the source's.
     let upright = |scale: f64| if encounter.source < encounter.target { scale.recip() } else { scale };
@@ -93,9 +95,13 @@ fn accepted(text: &mut String, merging: &Merging, encounter: &Encounter, judged:
 
 /// What both saw of the surface, in a line.
 fn of_place(place: &PlaceEvidence) -> String {
+    of_place_as(&format!("  {}", place.answer), place)
+}
+
+/// The same after other words than the answer's.
+fn of_place_as(said: &str, place: &PlaceEvidence) -> String {
     format!(
-        "  {}: one place with a probability of {:.4}, {:.1} % of the things that both see differ",
-        place.answer,
+        "{said}: one place with a probability of {:.4}, {:.1} % of the things that both see differ",
         place.probability,
         100.0 * place.changed
     )
