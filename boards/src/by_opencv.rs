@@ -5,7 +5,7 @@ use super::april_grid::{BORDERS, ORDER, Tag};
 use anyhow::Result;
 use calib::Corner;
 use geometry::GrayImage;
-use markers::{DICTIONARY_COUNT, Marker, charuco_corners, markers};
+use markers::{DICTIONARY_COUNT, charuco_corners, markers};
 use nalgebra::Vector2;
 use opencv::boxed_ref::BoxedRef;
 use opencv::calib3d::{
@@ -54,6 +54,9 @@ struct Settings {
     /// Width of the black border in bits, and smaller markers and larger thresholds than by default; else the defaults.
     border: Option<i32>,
 }
+
+/// A marker's number and its corners.
+type Marker = (usize, [Vector2<f64>; 4]);
 
 /// A ChArUco board as OpenCV is told of it.
 struct Board {
@@ -115,6 +118,21 @@ fn unambiguous(markers: Vec<Marker>, count: usize) -> BTreeMap<usize, Tag> {
     }
     tags.retain(|id, _| !twice.contains(id));
     tags
+}
+
+/// Markers that OpenCV found, by their corners and numbers.
+fn numbered_markers(corners: &Vector<Vector<Point2f>>, ids: &Vector<i32>) -> Vec<Marker> {
+    let marker = |(quad, id): (Vector<Point2f>, i32)| {
+        let quad: Vec<Vector2<f64>> = quad.iter().map(|point| vector(&point)).collect();
+        Some((usize::try_from(id).ok()?, quad.try_into().ok()?))
+    };
+    corners.iter().zip(ids.iter()).filter_map(marker).collect()
+}
+
+/// Corners of a board that OpenCV found, with their numbers.
+fn numbered_corners(corners: &Vector<Point2f>, ids: &Vector<i32>) -> Vec<(usize, Vector2<f64>)> {
+    let pairs = corners.iter().zip(ids.iter());
+    pairs.filter_map(|(at, id)| Some((usize::try_from(id).ok()?, vector(&at)))).collect()
 }
 
 /// OpenCV's view of an image's pixels.

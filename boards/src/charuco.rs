@@ -1,7 +1,6 @@
 //! ChArUco boards.
 
 use super::lattice::Lattice;
-use super::sub_pixel::refined;
 use super::{mirrored, view};
 use anyhow::{Context, Result, anyhow, bail};
 use calib::{Board, Corner};
@@ -76,11 +75,7 @@ impl Charuco {
         let lattice =
             Lattice { columns: self.columns - 1, rows: self.rows - 1, plain: (0.7 * gap).min(0.25) };
         let radius = (WINDOW * gap * lattice.least_distance(&rough)).round().clamp(2.0, 11.0) as usize;
-        let places: Vec<Vector2<f64>> = rough.values().copied().collect();
-        let mut corners: BTreeMap<usize, Vector2<f64>> =
-            rough.into_keys().zip(refined(image, &places, radius)).collect();
-        lattice.complete(image, &mut corners, radius);
-        corners.into_iter().map(|(index, pixel)| Corner { index, pixel }).collect()
+        lattice.measured(image, rough, radius)
     }
 
     /// The dictionary by OpenCV's name.

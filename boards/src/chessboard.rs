@@ -1,7 +1,6 @@
 //! Chessboards.
 
 use super::lattice::Lattice;
-use super::sub_pixel::refined;
 use super::view;
 use calib::Corner;
 use calib_targets_chessboard::{
@@ -37,14 +36,8 @@ impl Chessboard {
         let lattice = Lattice { columns: self.columns, rows: self.rows, plain: 0.25 };
         let fitting = || (WINDOW * lattice.least_distance(&rough)).round().clamp(2.0, 11.0) as usize;
         let radius = self.window.map_or_else(fitting, usize::from);
-        let places: Vec<Vector2<f64>> = rough.values().copied().collect();
-        let mut corners: BTreeMap<usize, Vector2<f64>> =
-            rough.into_keys().zip(refined(image, &places, radius)).collect();
-        lattice.complete(image, &mut corners, radius);
-        if corners.len() < self.columns * self.rows {
-            return Vec::new();
-        }
-        corners.into_iter().map(|(index, pixel)| Corner { index, pixel }).collect()
+        let corners = lattice.measured(image, rough, radius);
+        if corners.len() < self.columns * self.rows { Vec::new() } else { corners }
     }
 
     /// Boards that people take for one another: squares counted instead of corners, a row too many or too few.

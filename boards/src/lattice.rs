@@ -1,6 +1,7 @@
 //! Corners of a chessboard that their neighbours lead to.
 
-use super::sub_pixel::corner_near;
+use super::sub_pixel::{corner_near, refined};
+use calib::Corner;
 use calib::planar::{homography, mapped};
 use geometry::GrayImage;
 use nalgebra::{Matrix3, Vector2};
@@ -28,6 +29,21 @@ pub struct Lattice {
 }
 
 impl Lattice {
+    /// The corners near `rough` ones (by number, row by row) and those that they lead to, to a fraction of a pixel; looks `radius` pixels
+    /// around each.
+    pub fn measured(
+        &self,
+        image: &GrayImage,
+        rough: BTreeMap<usize, Vector2<f64>>,
+        radius: usize,
+    ) -> Vec<Corner> {
+        let places: Vec<Vector2<f64>> = rough.values().copied().collect();
+        let mut corners: BTreeMap<usize, Vector2<f64>> =
+            rough.into_keys().zip(refined(image, &places, radius)).collect();
+        self.complete(image, &mut corners, radius);
+        corners.into_iter().map(|(index, pixel)| Corner { index, pixel }).collect()
+    }
+
     /// Adds the corners that are missing among `corners` (by number, row by row) and that the image shows where these say.
     pub fn complete(&self, image: &GrayImage, corners: &mut BTreeMap<usize, Vector2<f64>>, radius: usize) {
         let mut contrasts: Vec<f32> = corners

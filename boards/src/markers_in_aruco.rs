@@ -1,6 +1,6 @@
 //! Markers until OpenCV 4.6, in its contributed module `aruco`.
 
-use super::{Board, Settings, vector};
+use super::{Board, Marker, Settings, numbered_corners, numbered_markers};
 use nalgebra::Vector2;
 use opencv::aruco::{
     CharucoBoard, DetectorParameters, Dictionary, detect_markers, get_predefined_dictionary_i32,
@@ -12,8 +12,6 @@ use opencv::prelude::*;
 /// Dictionaries that there are.
 pub const DICTIONARY_COUNT: usize = 21;
 
-/// A marker's number and its corners.
-pub type Marker = (usize, [Vector2<f64>; 4]);
 type Found = (Vector<Vector<Point2f>>, Vector<i32>);
 
 /// The markers in an image.
@@ -22,11 +20,7 @@ type Found = (Vector<Vector<Point2f>>, Vector<i32>);
 /// When OpenCV fails.
 pub fn markers(image: &Mat, settings: &Settings) -> opencv::Result<Vec<Marker>> {
     let (corners, numbers) = found(image, settings, &get_predefined_dictionary_i32(settings.dictionary)?)?;
-    let marker = |(quad, id): (Vector<Point2f>, i32)| {
-        let quad: Vec<Vector2<f64>> = quad.iter().map(|point| vector(&point)).collect();
-        Some((usize::try_from(id).ok()?, quad.try_into().ok()?))
-    };
-    Ok(corners.iter().zip(numbers.iter()).filter_map(marker).collect())
+    Ok(numbered_markers(&corners, &numbers))
 }
 
 /// The corners of a ChArUco board with their numbers.
@@ -46,8 +40,7 @@ pub fn charuco_corners(
     let board = CharucoBoard::create(board.columns, board.rows, 1.0, board.marker, &dictionary)?;
     let (mut corners, mut numbers) = (Vector::<Point2f>::new(), Vector::<i32>::new());
     interpolate_corners_charuco_def(&markers, &ids, image, &board, &mut corners, &mut numbers)?;
-    let pairs = corners.iter().zip(numbers.iter());
-    Ok(pairs.filter_map(|(at, id)| Some((usize::try_from(id).ok()?, vector(&at)))).collect())
+    Ok(numbered_corners(&corners, &numbers))
 }
 
 fn found(image: &Mat, settings: &Settings, dictionary: &Ptr<Dictionary>) -> opencv::Result<Found> {

@@ -1,6 +1,6 @@
 //! Markers from OpenCV 4.7 on, in its module `objdetect`.
 
-use super::{Board, Settings, vector};
+use super::{Board, Marker, Settings, numbered_corners, numbered_markers};
 use nalgebra::Vector2;
 use opencv::core::{Mat, Point2f, Size, Vector, no_array};
 use opencv::objdetect::{
@@ -11,9 +11,6 @@ use opencv::prelude::*;
 
 /// Dictionaries that there are.
 pub const DICTIONARY_COUNT: usize = 22;
-
-/// A marker's number and its corners.
-pub type Marker = (usize, [Vector2<f64>; 4]);
 
 /// The markers in an image.
 ///
@@ -31,11 +28,7 @@ pub fn markers(image: &Mat, settings: &Settings) -> opencv::Result<Vec<Marker>> 
     let detector = ArucoDetector::new(&dictionary, &parameters, RefineParameters::new_def()?)?;
     let (mut corners, mut ids) = (Vector::<Vector<Point2f>>::new(), Vector::<i32>::new());
     detector.detect_markers(image, &mut corners, &mut ids, &mut no_array())?;
-    let marker = |(quad, id): (Vector<Point2f>, i32)| {
-        let quad: Vec<Vector2<f64>> = quad.iter().map(|point| vector(&point)).collect();
-        Some((usize::try_from(id).ok()?, quad.try_into().ok()?))
-    };
-    Ok(corners.iter().zip(ids.iter()).filter_map(marker).collect())
+    Ok(numbered_markers(&corners, &ids))
 }
 
 /// The corners of a ChArUco board with their numbers.
@@ -52,6 +45,5 @@ pub fn charuco_corners(
     let detector = CharucoDetector::new_def(&board)?;
     let (mut corners, mut numbers) = (Vector::<Point2f>::new(), Vector::<i32>::new());
     detector.detect_board_def(image, &mut corners, &mut numbers)?;
-    let pairs = corners.iter().zip(numbers.iter());
-    Ok(pairs.filter_map(|(at, id)| Some((usize::try_from(id).ok()?, vector(&at)))).collect())
+    Ok(numbered_corners(&corners, &numbers))
 }
