@@ -6,7 +6,7 @@
 mod order;
 mod stamps;
 
-pub use order::{Numbers, natural_key, sort_by_name};
+pub use order::{Numbers, sort_by_name};
 pub use stamps::{Stamps, Unit, moment, seconds, stamps_of_names};
 
 use std::io;

@@ -44,7 +44,7 @@ fn values_of(files: &[PathBuf]) -> Option<Vec<f64>> {
 }
 
 /// A name as alternating text and numbers, so that numbers compare by value.
-pub fn natural_key(name: &str) -> Vec<(String, u64, String)> {
+pub(super) fn natural_key(name: &str) -> Vec<(String, u64, String)> {
     let mut parts = Vec::new();
     let mut rest = name;
     while !rest.is_empty() {

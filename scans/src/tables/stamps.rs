@@ -130,9 +130,7 @@ impl Stamps {
     /// What unit was told, where that is not seconds, for people.
     pub fn remark(&self) -> Option<String> {
         let unit = self.unit.filter(|unit| *unit != Unit::Seconds)?;
-        let mut steps: Vec<f64> = self.seconds.windows(2).map(|pair| pair[1] - pair[0]).collect();
-        steps.sort_by(f64::total_cmp);
-        let rate = steps.get(steps.len() / 2).filter(|step| **step > 0.0);
+        let rate = usual_step(&self.seconds).filter(|step| *step > 0.0);
         let rate = rate.map_or(String::new(), |step| format!(": {:.4} a second", 1.0 / step));
         Some(format!("in {}, by their steps{rate}", unit.name()))
     }
@@ -161,14 +159,19 @@ fn with_counted_nanoseconds(texts: &[&str]) -> Option<Vec<f64>> {
     (unevenness(&counted) < 0.5 * unevenness(&decimal)).then_some(counted)
 }
 
+/// The median of the steps from value to value; of two in the middle the greater.
+fn usual_step(values: &[f64]) -> Option<f64> {
+    let mut steps: Vec<f64> = values.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    steps.sort_by(f64::total_cmp);
+    steps.get(steps.len() / 2).copied()
+}
+
 /// How far steps between times, in their order, are from the usual one, all together.
 fn unevenness(times: &[f64]) -> f64 {
     let mut times = times.to_vec();
     times.sort_by(f64::total_cmp);
-    let mut steps: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
-    steps.sort_by(f64::total_cmp);
-    let usual = steps.get(steps.len() / 2).copied().unwrap_or(0.0);
-    steps.iter().map(|step| (step - usual).abs()).sum()
+    let usual = usual_step(&times).unwrap_or(0.0);
+    times.windows(2).map(|pair| (pair[1] - pair[0] - usual).abs()).sum()
 }
 
 /// Digits of a whole number of seconds since 1970; with those of milliseconds, microseconds and nanoseconds behind.
@@ -198,11 +201,8 @@ pub fn stamps_of_names(files: &[PathBuf]) -> Option<Stamps> {
     }
     let stamps = Stamps::parse(names.iter().copied(), "").ok()?;
     // A counter of ten digits steps by one.
-    let steps = names.windows(2);
-    let mut steps: Vec<f64> =
-        steps.filter_map(|pair| Some(pair[1].parse::<f64>().ok()? - pair[0].parse::<f64>().ok()?)).collect();
-    steps.sort_by(f64::total_cmp);
-    let is_counter = steps.get(steps.len() / 2) == Some(&1.0) && !names[0].contains('.');
+    let values: Vec<f64> = names.iter().filter_map(|name| name.parse().ok()).collect();
+    let is_counter = usual_step(&values) == Some(1.0) && !names[0].contains('.');
     (!is_counter).then_some(stamps)
 }
 

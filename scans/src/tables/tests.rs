@@ -1,3 +1,4 @@
+use super::order::natural_key;
 use super::*;
 
 fn fields(text: &str) -> Vec<Vec<String>> {

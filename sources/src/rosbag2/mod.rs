@@ -12,7 +12,7 @@ pub use sqlite::{Message, SqliteBag};
 
 use crate::image_list::first_existing;
 use anyhow::{Context, Result, bail};
-use scans::tables::natural_key;
+use scans::tables::sort_by_name;
 use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -94,7 +94,7 @@ pub fn files_with(folder: &Path, ending: &str) -> Result<Vec<PathBuf>> {
     let is_shown =
         |file: &Path| file.file_name().is_some_and(|name| !name.to_string_lossy().starts_with('.'));
     files.retain(|file| file.extension().is_some_and(|e| e.eq_ignore_ascii_case(ending)) && is_shown(file));
-    files.sort_by_cached_key(|file| natural_key(&file.file_name().unwrap_or_default().to_string_lossy()));
+    sort_by_name(&mut files);
     Ok(files)
 }
 
