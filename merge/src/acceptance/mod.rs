@@ -148,24 +148,24 @@ struct Test {
 }
 
 impl Test {
-    /// What both maps saw of the surface.
+    /// What both maps saw of the surface. Where that does not tell, [`Self::place_untold`] says so after all else.
     fn place(&mut self, place: &PlaceEvidence, params: &AcceptanceParams) {
-        let doubt = Doubt::Double { percent: 100.0 * place.changed, against: -place.ln_ratio };
         let (says, limit) = match place.answer {
+            _ if is_untold(place, params) => (Says::Open, place.needed),
             Answer::Different => (Says::Against, 1.0 - place.needed),
-            Answer::CannotTell if place.changed >= params.min_untold_change => (Says::Open, place.needed),
             Answer::CannotTell => (Says::For, 1.0 - place.needed),
             Answer::Same | Answer::SameChanged => (Says::For, place.needed),
         };
         self.lines.push(Line { name: PLACE_LINE, value: place.probability, limit, says });
         if says == Says::Against {
+            let doubt = Doubt::Double { percent: 100.0 * place.changed, against: -place.ln_ratio };
             self.against.get_or_insert(doubt);
         }
     }
 
     /// Where that does not tell and much differs, said after all else: what another line lacks, more of either map may bring.
     fn place_untold(&mut self, place: &PlaceEvidence, params: &AcceptanceParams) {
-        if place.answer == Answer::CannotTell && place.changed >= params.min_untold_change {
+        if is_untold(place, params) {
             let doubt = Doubt::CannotTell { percent: 100.0 * place.changed, ln_ratio: place.ln_ratio };
             self.open.get_or_insert(doubt);
         }
@@ -282,6 +282,11 @@ impl Test {
         };
         first.get_or_insert(doubt);
     }
+}
+
+/// Whether the surface does not tell one place from two, and so much differs that other lines may not either.
+fn is_untold(place: &PlaceEvidence, params: &AcceptanceParams) -> bool {
+    place.answer == Answer::CannotTell && place.changed >= params.min_untold_change
 }
 
 /// A value and its limit as they are compared.
