@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 /// Sorts files by their names as people count: by value where all of them count by decimals, negative or hexadecimal numbers, else as
-/// [`natural_key`] has them.
+/// `natural_key` has them.
 pub fn sort_by_name(files: &mut [PathBuf]) {
     let name = |file: &Path| file.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let values = values_of(files);
