@@ -93,6 +93,20 @@ fn scans_become_maps_that_are_measured_shown_exported_and_merged() {
     for agent in found["agents"].as_array().unwrap() {
         assert!(agent["ate"]["rmse"].as_f64().unwrap() < 0.05, "{said}");
     }
+    let (said, _) = hall.run(0, "verdict @out/b @out/a --verdicts @verdicts");
+    assert!(said.contains("b + a: accepted"), "{said}");
+    hall.run(0, "verdict @out/a @out/b --verdicts @turned");
+    let kept = |name: &str| {
+        let file = fs::read_dir(hall.at(name)).unwrap().next().unwrap().unwrap().path();
+        (file.file_name().unwrap().to_owned(), fs::read(file).unwrap())
+    };
+    assert!(kept("verdicts") == kept("turned"), "a verdict depends on the order of its maps");
+    hall.run(0, "merge @out/a @out/b --out @out/kept --verdicts @verdicts");
+    let map = |name: &str| fs::read(hall.at(&format!("out/{name}/map.mcap"))).unwrap();
+    assert!(map("kept") == map("ab"), "a verdict that is kept makes another map");
+    assert_eq!(fs::read_dir(hall.at("verdicts")).unwrap().count(), 1);
+    let (said, _) = hall.run(0, "propose @out/a @out/b");
+    assert_eq!(said.lines().count(), 1, "{said}");
     let (said, _) = hall.run(0, "merge @out/a @out/b --out @out/emr --method emr");
     assert!(said.contains("a + b: accepted"), "the paper's chain finds the same: {said}");
     let (_, told) = hall.run(1, "merge @out/a @out/b --out @x --method loop-box");

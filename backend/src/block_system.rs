@@ -33,7 +33,7 @@ pub struct BlockSlot {
 }
 
 /// Why a system cannot be set up.
-#[derive(Clone, Debug, PartialEq, Error)]
+#[derive(Clone, Debug, PartialEq, Error, serde::Serialize, serde::Deserialize)]
 #[error("a system of {nodes} nodes cannot be set up: {reason}; split the map")]
 pub struct SystemError {
     /// Nodes of the system.

@@ -3,7 +3,8 @@
 use crate::results::{COMMON_OF_LIDARS, map_in};
 use anyhow::{Result, bail};
 use geometry::Swap;
-use map::{LoadedMap, Map, MapError, load_map, load_map_swapped};
+use map::{LoadedMap, Map, MapError, SensorKind, load_map, load_map_swapped};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// A map that was read.
@@ -36,6 +37,29 @@ pub fn map_file_at(path: &Path) -> Result<(PathBuf, Option<String>)> {
         );
     };
     Ok((file, note.map(|note| format!("{}: {note}", path.display()))))
+}
+
+/// What maps hold, by the first lines of their files.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sensors {
+    /// Maps of cameras, or none that can be read.
+    Cameras,
+    /// A LiDAR's among them.
+    Lidars,
+    /// One that holds agents of both kinds.
+    Mixed,
+}
+
+/// What the maps at these paths hold.
+pub fn sensors_at(maps: &[PathBuf]) -> Sensors {
+    let kinds = |path: &PathBuf| map::sensors_of(map_file_at(path).ok()?.0).ok();
+    let of_maps: Vec<_> = maps.iter().filter_map(kinds).collect();
+    let has_lidar = |kinds: &BTreeSet<SensorKind>| kinds.contains(&SensorKind::Lidar);
+    match of_maps.iter().any(has_lidar) {
+        true if of_maps.iter().any(|kinds| kinds.len() > 1) => Sensors::Mixed,
+        true => Sensors::Lidars,
+        false => Sensors::Cameras,
+    }
 }
 
 /// Reads the map at `path`, a map file or the folder of results that holds one.

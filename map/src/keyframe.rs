@@ -169,7 +169,7 @@ pub enum EdgeKind {
 }
 
 /// A relative-pose constraint between two keyframes.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Edge {
     /// The one keyframe.
     pub from: KeyframeId,

@@ -7,9 +7,10 @@ use crate::estimate::Estimate;
 use crate::prepared::PreparedKeyframe;
 use backend::sim3_align::{AlignRefusal, Sim3AlignParams, Sim3Alignment, align_from, reciprocal};
 use geometry::Sim3;
+use serde::{Deserialize, Serialize};
 
 /// A directly refined pair with its evidence.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DirectAlignment {
     /// target_from_source.
     pub estimate: Estimate,
@@ -24,7 +25,7 @@ pub struct DirectAlignment {
 }
 
 /// Why a pair could not be refined.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, thiserror::Error)]
 pub enum DirectRefusal {
     /// The alignment one way failed.
     #[error("{0}")]

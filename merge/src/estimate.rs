@@ -2,9 +2,10 @@
 
 use geometry::Sim3;
 use nalgebra::{SMatrix, SVector};
+use serde::{Deserialize, Serialize};
 
 /// A similarity and how well it is known.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Estimate {
     /// Maps points of frame b, in b's unit, to frame a, in a's.
     pub a_from_b: Sim3,

@@ -76,7 +76,7 @@ impl Default for FurtherParams {
 }
 
 /// All closures between two maps that agree with each other.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Joined {
     /// Merge edges from keyframes of the target to keyframes of the source.
     pub edges: Vec<Edge>,

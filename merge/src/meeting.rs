@@ -58,7 +58,7 @@ impl MeetingParams {
 }
 
 /// A place that both agents may have seen.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Place {
     /// Keyframe of the source.
     pub source: KeyframeId,
@@ -67,7 +67,7 @@ pub struct Place {
 }
 
 /// What became of a place.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Outcome {
     /// The images do not fit.
     NotMatched(TwoViewRefusal),
@@ -82,7 +82,7 @@ pub enum Outcome {
 }
 
 /// A closure with the verdict on it.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Judged {
     /// The closure.
     pub closure: Closure,
@@ -130,7 +130,7 @@ impl Outcome {
 }
 
 /// A place with what became of it.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Tried {
     /// The place.
     pub place: Place,

@@ -45,7 +45,7 @@ impl Default for DirectionParams {
 }
 
 /// By how much t of the scale filter points away from t̂ of the eight-point algorithm.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DirectionGap {
     /// The angle, degrees.
     pub angle: f64,
@@ -54,7 +54,7 @@ pub struct DirectionGap {
 }
 
 /// The geometry of two images, before any depth is looked at.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ViewPair {
     /// The source keyframe.
     pub source: KeyframeId,
@@ -67,7 +67,7 @@ pub struct ViewPair {
 }
 
 /// A measured pair with its evidence.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Pair {
     /// Matches and relative pose.
     pub views: ViewPair,
@@ -82,7 +82,7 @@ pub struct Pair {
 }
 
 /// Why a pair was not measured.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, thiserror::Error)]
 pub enum PairRefusal {
     /// The images do not fit.
     #[error("{0}")]

@@ -1,6 +1,7 @@
 """Several cameras, one map: semi-direct monocular SLAM with merging of maps.
 
-`run` maps a recording, `merge` brings maps together, `evaluate` compares with ground truth; `Agent` takes frames one by
+`run` maps a recording, `merge` brings maps together, `evaluate` compares with ground truth; `map`, `verdict` and `reconstruct` do so
+for many, on the workers of an executor; `Agent` takes frames one by
 one, `Map` shows what came of it as NumPy arrays. Cameras have x right, y down, z forward; matrices are world_from_camera;
 lengths are in map units, which are metres where `Map.metric` says so.
 """
@@ -11,6 +12,7 @@ import html
 import json
 import os
 from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import Executor, Future
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -28,10 +30,15 @@ __all__ = [
     "Map",
     "MergeResult",
     "RunResult",
+    "Verdict",
     "__version__",
     "evaluate",
+    "map",
     "merge",
+    "propose",
+    "reconstruct",
     "run",
+    "verdict",
 ]
 
 StrPath = str | os.PathLike[str]
@@ -78,6 +85,18 @@ class MergeResult(_Results):
     """Whether any two maps met; if not, nothing was written."""
     verdict: str = field(repr=False)
     """For each pair what was decided and by what evidence, for people."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Whether two maps show one place."""
+
+    joined: bool
+    """Whether they are joined where they are merged."""
+    text: str = field(repr=False)
+    """What was decided and by what evidence, for people."""
+    encounters: list[dict[str, Any]] = field(repr=False)
+    """The numbers, as among the encounters of merge.json."""
 
 
 @dataclass(frozen=True)
@@ -140,10 +159,113 @@ def run(
     return RunResult(Path(folder), json.loads(record))
 
 
-def merge(maps: Iterable[StrPath], out: StrPath, *, force: bool = False) -> MergeResult:
-    """Merges maps, each a map.mcap or the folder of a run, and writes the common map into the folder `out`."""
-    met, verdict, record = _loopbox.merge(list(maps), out, force=force)
-    return MergeResult(Path(out), json.loads(record), met, verdict)
+def merge(
+    maps: Iterable[StrPath],
+    out: StrPath,
+    *,
+    force: bool = False,
+    verdicts: StrPath | None = None,
+    executor: Executor | None = None,
+) -> MergeResult:
+    """Merges maps, each a map.mcap or the folder of a run, and writes the common map into the folder `out`.
+
+    Pairs that have a verdict in the folder `verdicts` are not looked at again, and those of others are kept there. An
+    `executor` (a process pool, Dask's `client.get_executor()`, any `concurrent.futures.Executor`) judges pairs beside each other; its workers
+    share the folder of verdicts, which is `out` with `-verdicts` behind it where none is named.
+    """
+    maps = list(maps)
+    if executor is not None:
+        verdicts = f"{os.fspath(out)}-verdicts" if verdicts is None else verdicts
+        # Where a worker dies or a pair cannot be judged, that is said after all others are kept.
+        judged = [executor.submit(_judge, a, b, os.fspath(verdicts)) for a, b, _ in _loopbox.propose(maps)]
+        _all(judged)
+    met, text, record = _loopbox.merge(maps, out, force=force, verdicts=verdicts)
+    return MergeResult(Path(out), json.loads(record), met, text)
+
+
+def propose(maps: Iterable[StrPath]) -> list[tuple[Path, Path, float | None]]:
+    """The pairs of maps that may show one place, the likeliest first, with the likeness of their likeliest place (0 to 1); of
+    LiDARs every two, with none."""
+    return [(Path(a), Path(b), score) for a, b, score in _loopbox.propose(list(maps))]
+
+
+def verdict(
+    a: StrPath,
+    b: StrPath,
+    *,
+    verdicts: StrPath | None = None,
+    threads: int | None = None,
+) -> Verdict:
+    """Tells whether two maps show one place. The verdict depends on both maps alone; it is taken from the folder `verdicts` where
+    it is there, and kept there otherwise. `threads` is one per core where nothing is said."""
+    joined, text, encounters = _loopbox.verdict(a, b, verdicts=verdicts, threads=threads)
+    return Verdict(joined, text, json.loads(encounters))
+
+
+def map(
+    recordings: Iterable[StrPath],
+    out: StrPath,
+    *,
+    executor: Executor | None = None,
+    **options: Any,
+) -> list[RunResult]:
+    """Maps recordings, each into a folder of its name in `out`, as `run` does with the same `options`; by the workers of an
+    `executor`, which share `out`. A recording whose folder is complete is not mapped again."""
+    folders = _folders(recordings, Path(out))
+    if executor is None:
+        return [_mapped(recording, folder, options) for recording, folder in folders]
+    return _all([executor.submit(_mapped, recording, folder, options) for recording, folder in folders])
+
+
+def reconstruct(
+    recordings: Iterable[StrPath],
+    out: StrPath,
+    *,
+    executor: Executor | None = None,
+    **options: Any,
+) -> MergeResult:
+    """The whole way from recordings to one map: `map` into `out/maps`, verdicts in `out/verdicts`, the common map in
+    `out/merged`. Called again after a kill, it does not do again what was done."""
+    room = Path(out)
+    maps = [run.folder for run in map(recordings, room / "maps", executor=executor, **options)]
+    return merge(maps, room / "merged", force=True, verdicts=room / "verdicts", executor=executor)
+
+
+def _judge(a: StrPath, b: StrPath, verdicts: str) -> bool:
+    """A worker's task."""
+    return _loopbox.verdict(a, b, verdicts=verdicts, threads=1)[0]
+
+
+def _mapped(recording: Path, folder: Path, options: dict[str, Any]) -> RunResult:
+    """A worker's task."""
+    numbers = folder / "run.json"
+    if not numbers.is_file():
+        return run(recording, folder, **options)
+    record = json.loads(numbers.read_text(encoding="utf-8"))
+    if record["interrupted"]:
+        return run(recording, folder, **{**options, "force": True})
+    return RunResult(folder, record)
+
+
+def _folders(recordings: Iterable[StrPath], out: Path) -> list[tuple[Path, Path]]:
+    """Recordings with a folder for each, called by their names; those of one name get a number."""
+    folders: dict[Path, Path] = {}
+    for recording in recordings:
+        path = Path(recording)
+        name = path.name if path.is_dir() else path.stem
+        folder, number = out / name, 2
+        while folder in folders:
+            folder, number = out / f"{name}-{number}", number + 1
+        folders[folder] = path
+    return [(path, folder) for folder, path in folders.items()]
+
+
+def _all(tasks: list[Future[Any]]) -> list[Any]:
+    """The results of all tasks; the first error is raised after all have ended."""
+    failed = [error for error in [task.exception() for task in tasks] if error is not None]
+    if failed:
+        raise failed[0]
+    return [task.result() for task in tasks]
 
 
 def evaluate(

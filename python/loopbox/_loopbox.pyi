@@ -161,7 +161,21 @@ def run(
     params: dict[str, Any] | None = None,
     progress: Callable[[int, float, str], object] | None = None,
 ) -> tuple[str, str]: ...
-def merge(maps: Sequence[StrPath], out: StrPath, *, force: bool = False) -> tuple[bool, str, str]: ...
+def merge(
+    maps: Sequence[StrPath],
+    out: StrPath,
+    *,
+    force: bool = False,
+    verdicts: StrPath | None = None,
+) -> tuple[bool, str, str]: ...
+def propose(maps: Sequence[StrPath]) -> list[tuple[str, str, float | None]]: ...
+def verdict(
+    a: StrPath,
+    b: StrPath,
+    *,
+    verdicts: StrPath | None = None,
+    threads: int | None = None,
+) -> tuple[bool, str, str]: ...
 def evaluate(
     estimate: StrPath,
     truth: StrPath,

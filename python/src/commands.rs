@@ -1,11 +1,16 @@
 //! What the program `loopbox` does over files.
 
 use crate::agent::read_params;
-use crate::failed;
 use crate::maps::warn;
+use crate::{failed, on_threads};
 use anyhow::{Result, bail};
 use eval::{AlignMode, Options};
-use loopbox::run::{FrameRow, PreparedRun, Progress, Recording, RunOptions, state_name};
+use loopbox::lidar::merging::LidarMergeParams;
+use loopbox::lidar::{self, LidarMergeOptions};
+use loopbox::merging::MergingParams;
+use loopbox::open::{Sensors, sensors_at};
+use loopbox::run::{FrameRow, PreparedRun, Progress, Recording, RunOptions, Silent, state_name};
+use loopbox::verdicts::{ProposedPair, VerdictOptions, find_verdict, propose_pairs};
 use loopbox::{MergeOptions, merge_maps};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -39,7 +44,9 @@ pub fn run(
     options.camera.calibration = calibration;
     let told = Told { stop: Stop::default(), progress, error: Mutex::default(), said: Mutex::default() };
     let result = py.detach(|| {
-        tracked(&recording, &SourceOptions { fps, topic, all_frames: false }, fov, options, &told)
+        on_threads(None, || {
+            tracked(&recording, &SourceOptions { fps, topic, all_frames: false }, fov, options, &told)
+        })
     });
     warn(py, told.said.into_inner().unwrap_or_default())?;
     if let Some(error) = told.error.into_inner().unwrap_or_default() {
@@ -116,18 +123,69 @@ impl Progress for Told {
 
 /// Merges maps; whether any two met, the verdict for people, and `merge.json`.
 #[pyfunction]
-#[pyo3(signature = (maps, out, *, force=false))]
+#[pyo3(signature = (maps, out, *, force=false, verdicts=None))]
 pub fn merge(
     py: Python<'_>,
     maps: Vec<PathBuf>,
     out: PathBuf,
     force: bool,
+    verdicts: Option<PathBuf>,
 ) -> PyResult<(bool, String, String)> {
-    let merged = py.detach(|| -> Result<(bool, String, String)> {
-        let merged = merge_maps(&maps, MergeOptions { force, ..MergeOptions::to(out) })?;
+    let of_cameras = || -> Result<(bool, String, String)> {
+        let merged =
+            merge_maps(&maps, MergeOptions { force, verdicts: verdicts.clone(), ..MergeOptions::to(&out) })?;
         Ok((merged.anything_met(), merged.verdict(), serde_json::to_string(&merged.record)?))
+    };
+    let of_lidars = || -> Result<(bool, String, String)> {
+        let params = LidarMergeParams::default();
+        let options = LidarMergeOptions { out: out.clone(), force, params, verdicts: verdicts.clone() };
+        let merged = lidar::merge_maps(&maps, &options, &Stop::default(), &mut |_| {})?;
+        let record = serde_json::to_string(&merged.record)?;
+        Ok((merged.merging.anything_met(), merged.verdict(), record))
+    };
+    let merged = py.detach(|| {
+        on_threads(None, || match sensors_at(&maps) {
+            Sensors::Lidars => of_lidars(),
+            Sensors::Cameras | Sensors::Mixed => of_cameras(),
+        })
     });
     merged.map_err(failed)
+}
+
+/// Judges two maps: whether they are joined, the verdict for people, and its numbers as JSON.
+#[pyfunction]
+#[pyo3(signature = (a, b, *, verdicts=None, threads=None))]
+pub fn verdict(
+    py: Python<'_>,
+    a: PathBuf,
+    b: PathBuf,
+    verdicts: Option<PathBuf>,
+    threads: Option<usize>,
+) -> PyResult<(bool, String, String)> {
+    let options = VerdictOptions { verdicts, ..VerdictOptions::default() };
+    let judged = py.detach(|| {
+        on_threads(threads, || {
+            let found = find_verdict(&[a, b], &options, &Stop::default(), &Silent)?;
+            Ok((found.joins, found.text, serde_json::to_string(&found.encounters)?))
+        })
+    });
+    judged.map_err(failed)
+}
+
+/// The pairs of maps that may show one place, the likeliest first, by their places among `maps`; and how likely each is.
+#[pyfunction]
+pub fn propose(py: Python<'_>, maps: Vec<PathBuf>) -> PyResult<Vec<(PathBuf, PathBuf, Option<f32>)>> {
+    let proposed = py.detach(|| {
+        on_threads(None, || {
+            let pairs = propose_pairs(&maps, &MergingParams::default(), &Stop::default(), &Silent)?;
+            let pair = |pair: ProposedPair| {
+                let [a, b] = pair.maps;
+                (a, b, pair.score)
+            };
+            Ok(pairs.into_iter().map(pair).collect())
+        })
+    });
+    proposed.map_err(failed)
 }
 
 /// Compares a trajectory with its ground truth; all measures as JSON.

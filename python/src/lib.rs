@@ -24,6 +24,16 @@ fn failed(error: impl Into<anyhow::Error>) -> PyErr {
     LoopboxError::new_err(loopbox::explained(&error.into()))
 }
 
+/// Does something on threads of its own, so many or one per core: a process that was forked has none of those that its parent
+/// used before, and would wait for them.
+fn on_threads<T: Send>(
+    threads: Option<usize>,
+    work: impl FnOnce() -> anyhow::Result<T> + Send,
+) -> anyhow::Result<T> {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads.unwrap_or(0)).build()?;
+    pool.install(work)
+}
+
 #[pymodule]
 mod _loopbox {
     #[pymodule_export]
@@ -31,7 +41,7 @@ mod _loopbox {
     #[pymodule_export]
     use super::agent::{Agent, Frame};
     #[pymodule_export]
-    use super::commands::{evaluate, merge, run};
+    use super::commands::{evaluate, merge, propose, run, verdict};
     #[pymodule_export]
     use super::maps::{Cloud, Keyframe, Map};
     use pyo3::prelude::*;

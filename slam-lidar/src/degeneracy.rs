@@ -8,9 +8,10 @@
 use nalgebra::{Matrix3, Matrix6};
 
 use crate::surfaces::sorted_eigen;
+use serde::{Deserialize, Serialize};
 
 /// How well a pose is determined.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Conditioning {
     /// Standard deviation of the translation along its least certain direction, metres.
     pub translation: f64,

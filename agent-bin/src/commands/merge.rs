@@ -1,17 +1,16 @@
 //! `loopbox merge`: several agents' maps into one.
 
+use super::judging::JudgingArgs;
 use super::merge_progress::MergeProgress;
-use super::merge_scans::{self, Kind, kind_of};
-use super::method::{AnyMethod, method_parser};
-use super::params;
+use super::merge_scans;
 use crate::console::{self, Ended, Ending, tell};
 use crate::interrupt::stop_on_ctrl_c;
 use anyhow::{Result, bail};
 use clap::Args;
 use geometry::Se3;
-use loopbox::merging::{MergeOptions, Merged, MergingParams, MixedOptions, merge_maps_watched, merge_rig};
+use loopbox::merging::{MergeOptions, Merged, MixedOptions, merge_maps_watched, merge_rig};
+use loopbox::open::{Sensors, sensors_at};
 use loopbox::placing::rig::extrinsic;
-use slam_lidar::merging::MergeMethod;
 use std::path::PathBuf;
 
 /// Merge the maps of several agents into one common map
@@ -26,27 +25,17 @@ pub struct MergeArgs {
     /// Replace results of a run in that folder, once the new ones are complete
     #[arg(short, long)]
     pub(super) force: bool,
-    /// How maps are joined where they met, in place of the parameter file's: direct, loopbox's own, aligns the images
-    /// of all pairs that agree; the others, loop-box of the paper among them, are there to compare it with. Of LiDARs:
-    /// pieces, loopbox's own, or emr, the paper's
-    #[arg(long, value_name = "METHOD", value_parser = method_parser())]
-    method: Option<AnyMethod>,
+    #[command(flatten)]
+    pub(super) judging: JudgingArgs,
     /// Optimise all that the agents observe, of each other's points too, jointly in the end: mostly more exact, and slower. Of
     /// agents with one camera
     #[arg(long, conflicts_with = "extrinsic")]
     optimise: bool,
-    /// Days between the maps: how much may have moved, or been put in place of something else, at one place. 0, the default, is one
-    /// day. Of agents with cameras
-    #[arg(long, value_name = "DAYS", conflicts_with = "extrinsic", value_parser = days)]
-    days_apart: Option<f64>,
-    /// Parameter file (TOML); `loopbox params --merge` prints the defaults
-    #[arg(long, value_name = "FILE")]
-    params: Option<PathBuf>,
     /// Of two maps, a camera's and that of a LiDAR on the same robot at the same time: where the camera is on the LiDAR,
     /// lidar_from_camera, as tx,ty,tz,qx,qy,qz,qw in metres, or a file of these or of the upper 3×4 of the matrix. The
     /// camera's map gets place and metres of the LiDAR's
     #[arg(long, value_name = "POSE", value_parser = extrinsic, allow_hyphen_values = true,
-        conflicts_with_all = ["method", "params"])]
+        conflicts_with_all = ["method", "params", "days_apart", "verdicts"])]
     extrinsic: Option<Se3>,
     /// Print all numbers as JSON, as they are in merge.json, instead of the verdicts
     #[arg(long)]
@@ -65,32 +54,23 @@ pub fn run(args: &MergeArgs) -> Result<()> {
     if let Some(lidar_from_camera) = &args.extrinsic {
         return args.of_a_rig(lidar_from_camera);
     }
-    match kind_of(&args.maps) {
-        Kind::Mixed => return merge_scans::run_mixed(args, &args.mixed()?),
-        Kind::Lidars if args.params.is_some() => {
-            bail!("--params is for maps of cameras, and these are of LiDARs");
+    match sensors_at(&args.maps) {
+        Sensors::Mixed => return merge_scans::run_mixed(args, &args.mixed()?),
+        Sensors::Lidars => {
+            args.beside_lidars()?;
+            return merge_scans::run(args, args.judging.of_lidars()?);
         }
-        Kind::Lidars => return merge_scans::run(args, args.lidar_method()?),
-        Kind::Cameras => {}
+        Sensors::Cameras => {}
     }
-    let mut params = args.params()?;
-    match args.method {
-        Some(AnyMethod::Camera(method)) => params.method = method,
-        Some(AnyMethod::Lidar(method)) => {
-            bail!("--method {} is for maps of LiDARs, and these are of cameras", method.name());
-        }
-        None => {}
-    }
-    if let Some(days) = args.days_apart {
-        params.further.place.prior.days_apart = days;
-    }
+    let mut params = args.judging.of_cameras()?;
     params.joint |= args.optimise;
     if params.joint && params.method.baseline().is_some() {
         bail!(
             "a common map is optimised jointly (--optimise) where maps are joined by --method direct, the default"
         );
     }
-    let options = MergeOptions { out: args.out.clone(), force: args.force, params };
+    let verdicts = args.judging.verdicts.clone();
+    let options = MergeOptions { out: args.out.clone(), force: args.force, params, verdicts };
     let stop = stop_on_ctrl_c("stopping after this step; nothing will be written (Ctrl-C again to abort)")?;
     let progress = MergeProgress::new(args.quiet);
     let merged = merge_maps_watched(&args.maps, options, &stop, &progress)?;
@@ -104,12 +84,6 @@ pub fn run(args: &MergeArgs) -> Result<()> {
         return Err(Ended { ending: Ending::NotMet, text }.into());
     }
     if args.json { Ok(()) } else { console::print(&summary(args, &merged)) }
-}
-
-/// A number of days.
-fn days(text: &str) -> Result<f64, String> {
-    let days: f64 = text.parse().map_err(|_| format!("{text} is no number of days"))?;
-    if days.is_finite() && days >= 0.0 { Ok(days) } else { Err("days are 0 or more".to_owned()) }
 }
 
 impl MergeArgs {
@@ -142,32 +116,22 @@ impl MergeArgs {
         ))
     }
 
-    /// The parameters of maps of cameras.
-    fn params(&self) -> Result<MergingParams> {
-        Ok(self.params.as_deref().map(params::read_merging).transpose()?.unwrap_or_default())
-    }
-
     /// How maps of cameras and LiDARs are merged.
     fn mixed(&self) -> Result<MixedOptions> {
-        let (lidars, cameras) = (self.lidar_method()?, self.params()?);
+        self.beside_lidars()?;
+        let (lidars, cameras) = self.judging.of_both()?;
         if cameras.joint || cameras.method.baseline().is_some() {
             bail!("maps with a LiDAR's among them are merged with `joint = false` and `method = \"direct\"`");
         }
         Ok(MixedOptions { out: self.out.clone(), force: self.force, lidars, cameras })
     }
 
-    /// How maps with a LiDAR's among them are merged.
-    fn lidar_method(&self) -> Result<MergeMethod> {
+    /// Refuses what is for cameras alone.
+    fn beside_lidars(&self) -> Result<()> {
         if self.optimise {
             bail!("--optimise is for maps of cameras, and there is a LiDAR's among these");
         }
-        match self.method {
-            Some(AnyMethod::Camera(method)) => {
-                bail!("--method {} is for maps of cameras, and there is a LiDAR's among these", method.name())
-            }
-            Some(AnyMethod::Lidar(method)) => Ok(method),
-            None => Ok(MergeMethod::default()),
-        }
+        Ok(())
     }
 }
 

@@ -5,50 +5,29 @@ use super::merge_progress::MergeProgress;
 use crate::console::{self, Ended, Ending, tell};
 use crate::interrupt::stop_on_ctrl_c;
 use anyhow::Result;
-use loopbox::lidar::{LidarMerged, merge_maps};
+use loopbox::lidar::merging::LidarMergeParams;
+use loopbox::lidar::{LidarMergeOptions, LidarMerged, merge_maps};
 use loopbox::merging::{MixedOptions, merge_mixed};
-use loopbox::open::map_file_at;
-use map::SensorKind;
-use slam_lidar::merging::MergeMethod;
-use std::collections::BTreeSet;
-use std::path::PathBuf;
 
-/// What is merged, by the first lines of the maps' files.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kind {
-    /// Maps of cameras, or none that can be read.
-    Cameras,
-    /// A LiDAR's among them.
-    Lidars,
-    /// One that holds agents of both kinds.
-    Mixed,
-}
-
-/// Which of them the maps at these paths are.
-pub fn kind_of(maps: &[PathBuf]) -> Kind {
-    let kinds = |path: &PathBuf| map::sensors_of(map_file_at(path).ok()?.0).ok();
-    let of_maps: Vec<_> = maps.iter().filter_map(kinds).collect();
-    let has_lidar = |kinds: &BTreeSet<SensorKind>| kinds.contains(&SensorKind::Lidar);
-    match of_maps.iter().any(has_lidar) {
-        true if of_maps.iter().any(|kinds| kinds.len() > 1) => Kind::Mixed,
-        true => Kind::Lidars,
-        false => Kind::Cameras,
-    }
-}
-
-/// Merges them, their poses found by `method`.
+/// Merges them.
 ///
 /// # Errors
 /// When a map cannot be read or is not a LiDAR's, no two of the maps met, the results cannot be written, or the user
 /// ended it. Then nothing is written.
-pub fn run(args: &MergeArgs, method: MergeMethod) -> Result<()> {
+pub fn run(args: &MergeArgs, params: LidarMergeParams) -> Result<()> {
     let stop = stop_on_ctrl_c("stopping after this step; nothing will be written (Ctrl-C again to abort)")?;
     let mut stage = |text: &str| {
         if !args.quiet {
             tell!("{text}");
         }
     };
-    let merged = merge_maps(&args.maps, &args.out, args.force, method, &stop, &mut stage)?;
+    let options = LidarMergeOptions {
+        out: args.out.clone(),
+        force: args.force,
+        params,
+        verdicts: args.judging.verdicts.clone(),
+    };
+    let merged = merge_maps(&args.maps, &options, &stop, &mut stage)?;
     merged.warnings.iter().for_each(|warning| tell!("warning: {warning}"));
     if args.json {
         console::print(&(serde_json::to_string_pretty(&merged.record)? + "\n"))?;

@@ -19,6 +19,7 @@ mod import;
 mod info;
 pub(crate) mod info_map;
 mod info_scans;
+mod judging;
 #[cfg(feature = "fleet")]
 mod keys;
 mod merge;
@@ -35,6 +36,7 @@ mod run_scans;
 mod station;
 mod status;
 mod unmerge;
+mod verdict;
 #[cfg(feature = "view")]
 mod view;
 mod vocab;
@@ -75,6 +77,8 @@ pub enum Command {
     Eval(eval::EvalArgs),
     Calib(calib::CalibArgs),
     Merge(merge::MergeArgs),
+    Propose(verdict::ProposeArgs),
+    Verdict(verdict::VerdictArgs),
     Places(places::PlacesArgs),
     Unmerge(unmerge::UnmergeArgs),
     #[cfg(feature = "fleet")]
@@ -114,6 +118,8 @@ impl Command {
             Command::Eval(args) => eval::run(args),
             Command::Calib(args) => calib::run(&args),
             Command::Merge(args) => merge::run(&args),
+            Command::Propose(args) => verdict::propose(&args),
+            Command::Verdict(args) => verdict::run(&args),
             Command::Places(args) => places::run(&args),
             Command::Unmerge(args) => unmerge::run(&args),
             #[cfg(feature = "fleet")]

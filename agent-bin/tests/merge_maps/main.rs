@@ -10,3 +10,4 @@ mod importing;
 mod merging;
 mod support;
 mod unmerging;
+mod verdicts;

@@ -4,11 +4,13 @@ use super::PoseGraphParams;
 use crate::SystemError;
 use geometry::Sim3;
 use map::{Edge, KeyframeId};
+use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use thiserror::Error;
 
 /// Why a pose graph was not optimised.
-#[derive(Clone, Debug, PartialEq, Error)]
+#[derive(Clone, Debug, PartialEq, Error, Serialize, Deserialize)]
 pub enum PoseGraphError {
     /// A node's pose has a NaN, an infinity or a scale that is not positive.
     #[error(
@@ -37,7 +39,7 @@ pub enum PoseGraphError {
         /// Its `to`.
         to: KeyframeId,
         /// What is wrong.
-        what: &'static str,
+        what: Cow<'static, str>,
     },
     /// An edge names a keyframe that is not among the nodes.
     #[error("edge {index} names keyframe {missing:?}, which is not a node; add the node or drop the edge")]
@@ -112,5 +114,5 @@ pub(super) fn check_measurement(index: usize, edge: &Edge) -> Result<(), PoseGra
     } else {
         return Ok(());
     };
-    Err(PoseGraphError::InvalidInformation { index, from, to, what })
+    Err(PoseGraphError::InvalidInformation { index, from, to, what: what.into() })
 }

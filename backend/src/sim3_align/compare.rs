@@ -9,6 +9,7 @@ use super::view::{DepthPoint, LevelDepth};
 use crate::params;
 use geometry::{GrayImage, Pinhole, Sim3};
 use nalgebra::Vector2;
+use serde::{Deserialize, Serialize};
 
 params! {
     /// Parameters of the comparison of two keyframes at a given relative pose.
@@ -33,7 +34,7 @@ params! {
 }
 
 /// How many of a source's points meet what in the target.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Comparison {
     /// Points compared.
     pub points: usize,

@@ -29,6 +29,7 @@ use geometry::{Se3, Sim3};
 use level::{LevelProblem, Linearisation};
 use nalgebra::{SMatrix, SVector, UnitQuaternion, Vector3};
 use residual::State;
+use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 /// A similarity between two keyframes with its evidence.
@@ -55,7 +56,7 @@ pub struct Sim3Alignment {
 }
 
 /// Why two keyframes could not be aligned.
-#[derive(Clone, Copy, Debug, PartialEq, Error)]
+#[derive(Clone, Copy, Debug, PartialEq, Error, Serialize, Deserialize)]
 pub enum AlignRefusal {
     /// The starting similarity is not finite.
     #[error("the starting similarity is not finite")]

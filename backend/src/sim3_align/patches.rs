@@ -14,6 +14,7 @@ use super::residual::sample;
 use crate::params;
 use geometry::{GrayImage, Sim3};
 use nalgebra::Vector2;
+use serde::{Deserialize, Serialize};
 
 params! {
     /// Parameters of the comparison of two keyframes patch by patch.
@@ -49,7 +50,7 @@ params! {
 }
 
 /// How much of sources is not in their targets.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PatchComparison {
     /// Comparisons, each one way, in which there are points with a patch around them.
     pub views: usize,

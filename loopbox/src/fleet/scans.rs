@@ -7,13 +7,14 @@ use super::collecting::{Failed, WRITE_INTERVAL};
 use super::findings::said;
 use super::listening::CommonListener;
 use super::remembering::Verdicts;
-use crate::lidar::merging::{Input, LidarMergeRecord, LidarMerging, decision, merge_knowing, place_of};
+use crate::lidar::merging::{
+    Input, LidarMergeParams, LidarMergeRecord, LidarMerging, decision, merge_knowing, place_of,
+};
 use crate::lidar::write_merged;
 use crate::results::{COMMON_OF_LIDARS, Owner, Results};
 use anyhow::{Result, anyhow};
 use fleet::findings::{Found, FoundAgent, FoundMeeting, numbers};
 use geometry::Se3;
-use slam_lidar::merging::MergeMethod;
 use sources::Stop;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -89,7 +90,7 @@ impl ScanCollector {
         }
         let go_on = || if stop.requested() { Err(anyhow!("interrupted")) } else { Ok(()) };
         let known = |pair: [usize; 2]| self.verdicts.recall(pair.map(|map| contents[map]));
-        let merging = merge_knowing(inputs, MergeMethod::default(), &known, &mut |_| go_on());
+        let merging = merge_knowing(inputs, &LidarMergeParams::default(), &known, None, &mut |_| go_on());
         let merging = merging.map_err(Failed::Merge)?;
         let said = merging.pairs.iter();
         self.verdicts.keep(
@@ -151,7 +152,7 @@ fn found(lent: &Inputs<Input>, merging: Option<&LidarMerging>) -> Found {
 mod tests {
     use super::super::remembering::Content;
     use super::*;
-    use crate::lidar::merge_maps;
+    use crate::lidar::{LidarMergeOptions, merge_maps};
     use fleet::hash::ObjectHash;
     use geometry::{GrayImage, Sim3};
     use loopbox_tests::lidar::{HALL, sweep};
@@ -273,7 +274,13 @@ mod tests {
         assert!(collector.is_done());
         let (paths, out) =
             (["a.mcap", "b.mcap"].map(|name| room.path().join(name)), room.path().join("files"));
-        merge_maps(&paths, &out, false, MergeMethod::default(), &Stop::default(), &mut |_| {}).unwrap();
+        let options = LidarMergeOptions {
+            out: out.clone(),
+            force: false,
+            params: LidarMergeParams::default(),
+            verdicts: None,
+        };
+        merge_maps(&paths, &options, &Stop::default(), &mut |_| {}).unwrap();
         for name in ["map.mcap", "cloud.ply", "trajectory-b.txt"] {
             let same =
                 fs::read(out.join(name)).unwrap() == fs::read(room.path().join("lidar").join(name)).unwrap();

@@ -1,9 +1,8 @@
 //! The maps that a LiDAR's run made after losses, joined where they show one place: as the maps of several agents are.
 
-use super::merging::{Input, merge};
+use super::merging::{Input, LidarMergeParams, merge};
 use crate::run::{in_order, most_frames_first};
 use map::Map;
-use slam_lidar::merging::MergeMethod;
 use std::path::PathBuf;
 
 /// Fragments that are compared with each other, those of most frames: every two take up to a second.
@@ -27,7 +26,7 @@ pub(super) fn joined(mut fragments: Vec<Map>) -> Vec<Map> {
             Err(_) => apart.push(map),
         }
     }
-    let merging = merge(&inputs, MergeMethod::default(), &mut |_| Ok(()));
+    let merging = merge(&inputs, &LidarMergeParams::default(), &mut |_| Ok(()));
     let maps: Vec<Map> = match merging {
         Ok(merging) => merging.groups.into_iter().map(|group| group.map).collect(),
         Err(_) => inputs.into_iter().map(|input| input.map).collect(),

@@ -8,16 +8,19 @@ pub use record::{
 
 use super::convert::{edge, keyframes};
 use crate::merging::{name_of, untaken};
+use crate::verdicts::LidarVerdicts;
 use anyhow::{Context, Result, bail};
 use backend::verdict::{Answer, Prior};
 use geometry::{Se3, Sim3};
 use map::{AgentId, Edge, EdgeKind, Keyframe, KeyframeId, Map};
+use serde::Serialize;
 use slam_lidar::keyframe;
 use slam_lidar::merging::graph::{Joined, Merge, joined};
 use slam_lidar::merging::robot_map::RobotMap;
 use slam_lidar::merging::verdict::{Decision, MergeEvidence, Verdict};
 use slam_lidar::merging::{MergeMethod, merge_by};
 use std::collections::{BTreeMap, BTreeSet};
+use std::fmt::Write;
 use std::path::PathBuf;
 use std::time::Instant;
 
@@ -29,6 +32,15 @@ const OUTVOTED: f64 = 0.5;
 /// Keyframes lie no farther than this from their map's origin, metres: single precision tells 8 mm apart there, and grids
 /// of 0.15 m reach 157 km.
 const FARTHEST: f64 = 1e5;
+
+/// How maps of LiDARs are merged.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct LidarMergeParams {
+    /// How poses are found.
+    pub method: MergeMethod,
+    /// What may have changed between two maps.
+    pub prior: Prior,
+}
 
 /// A map to be merged.
 pub struct Input {
@@ -169,20 +181,22 @@ impl LidarMerging {
 /// With fewer than two inputs, when `stage` fails, or when maps cannot be united.
 pub fn merge(
     inputs: &[Input],
-    method: MergeMethod,
+    params: &LidarMergeParams,
     stage: &mut dyn FnMut(&str) -> Result<()>,
 ) -> Result<LidarMerging> {
-    merge_knowing(inputs, method, &|_| None, stage)
+    merge_knowing(inputs, params, &|_| None, None, stage)
 }
 
-/// The same where of some pairs of inputs, the earlier first, the verdict is `known`, and the seconds that it took.
+/// The same where of some pairs of inputs, the earlier first, the verdict is `known`, and the seconds that it took, and where
+/// `verdicts` keep those of others.
 ///
 /// # Errors
-/// As [`merge`].
+/// As [`merge`], and when a verdict cannot be read or kept.
 pub(crate) fn merge_knowing(
     inputs: &[Input],
-    method: MergeMethod,
+    params: &LidarMergeParams,
     known: &dyn Fn([usize; 2]) -> Option<(Verdict, f64)>,
+    verdicts: Option<&LidarVerdicts>,
     stage: &mut dyn FnMut(&str) -> Result<()>,
 ) -> Result<LidarMerging> {
     if inputs.len() < 2 {
@@ -193,18 +207,79 @@ pub(crate) fn merge_knowing(
     for b in 1..inputs.len() {
         for a in 0..b {
             stage(&format!("comparing {} and {}", inputs[a].name, inputs[b].name))?;
-            let judge = || {
-                let begin = Instant::now();
-                let verdict = merge_by(method, &inputs[a].ready, &inputs[b].ready, &Prior::default());
-                (verdict, begin.elapsed().as_secs_f64())
-            };
-            let (verdict, seconds) = known([a, b]).unwrap_or_else(judge);
-            pairs.push(Pair { a, b, verdict, weight: None, seconds });
+            pairs.push(match known([a, b]) {
+                Some((verdict, seconds)) => Pair { a, b, verdict, weight: None, seconds },
+                None => compared(inputs, [a, b], params, verdicts)?,
+            });
         }
     }
     let joined = join(inputs.len(), &mut pairs);
     let groups = groups(inputs, &pairs, &joined)?;
-    Ok(LidarMerging { method, pairs, groups, seconds: begin.elapsed().as_secs_f64() })
+    Ok(LidarMerging { method: params.method, pairs, groups, seconds: begin.elapsed().as_secs_f64() })
+}
+
+/// Two inputs compared, or their verdict taken from those that are kept.
+fn compared(
+    inputs: &[Input],
+    [a, b]: [usize; 2],
+    params: &LidarMergeParams,
+    verdicts: Option<&LidarVerdicts>,
+) -> Result<Pair> {
+    let begin = Instant::now();
+    // In an order that has nothing to do with how maps are given, so that what is kept is the same to the byte.
+    let is_swapped = inputs[b].ready.comes_before(&inputs[a].ready);
+    let order @ [first, second] = if is_swapped { [b, a] } else { [a, b] };
+    let kept = verdicts.map(|verdicts| verdicts.get(order)).transpose()?.flatten();
+    let verdict = match kept {
+        Some(verdict) => verdict,
+        None => {
+            let found = merge_by(params.method, &inputs[first].ready, &inputs[second].ready, &params.prior);
+            verdicts.map_or(Ok(()), |verdicts| verdicts.put(order, &found))?;
+            found
+        }
+    };
+    let verdict = if is_swapped { verdict.swapped() } else { verdict };
+    Ok(Pair { a, b, verdict, weight: None, seconds: begin.elapsed().as_secs_f64() })
+}
+
+/// Two inputs compared as if there were no others.
+///
+/// # Errors
+/// When a verdict cannot be read or kept.
+pub(crate) fn pair_alone(
+    inputs: &[Input],
+    pair: [usize; 2],
+    params: &LidarMergeParams,
+    verdicts: Option<&LidarVerdicts>,
+) -> Result<Pair> {
+    let mut pair = compared(inputs, pair, params, verdicts)?;
+    pair.weight = accepted(&pair).map(|_| 1.0);
+    Ok(pair)
+}
+
+/// What was decided of two inputs and by what evidence, for people.
+pub(crate) fn said(inputs: &[Input], pair: &Pair) -> String {
+    let [a, b] = [pair.a, pair.b].map(|input| &inputs[input].name);
+    let mut text = format!("{a} + {b}: {}: {}\n", decision(pair), pair.reason());
+    if let Some(best) = &pair.verdict.best {
+        // Writing to a String cannot fail.
+        let _ = writeln!(
+            text,
+            "  {}; overlap {:.2}; {:.0} m² are there in both, {:.2} m² in {} areas in one only (ln ratio {:.1}); {} of {} pieces \
+             agree ({} found by Scan Context) to {:.0} mm",
+            pair.answer(),
+            best.overlap,
+            best.things.shared,
+            best.things.differences.iter().map(|d| d.area).sum::<f64>(),
+            best.things.differences.len(),
+            best.weighed.ln_ratio,
+            best.pieces,
+            best.of_pieces,
+            best.finding,
+            1e3 * best.rmse
+        );
+    }
+    text
 }
 
 /// The pose of an accepted pair.

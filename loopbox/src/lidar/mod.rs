@@ -20,7 +20,7 @@ mod telling;
 
 #[cfg(feature = "fleet")]
 pub(crate) use output::write_merged;
-pub use output::{LidarMerged, LidarOptions, Mapped, map_recording, merge_maps};
+pub use output::{LidarMergeOptions, LidarMerged, LidarOptions, Mapped, map_recording, merge_maps};
 
 #[cfg(test)]
 mod tests;

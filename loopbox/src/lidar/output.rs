@@ -1,6 +1,6 @@
 //! From recordings and maps in files to folders of results.
 
-use super::merging::{Input, LidarMergeRecord, LidarMerging, decision, merge};
+use super::merging::{Input, LidarMergeParams, LidarMergeRecord, LidarMerging, merge_knowing, said};
 use super::poses::GivenPoses;
 use super::record::LidarRecord;
 use super::report;
@@ -10,14 +10,13 @@ use crate::merging::refuse_one;
 use crate::open::{open_map, recording_name};
 use crate::results::{Owner, Results, keep_from};
 use crate::run::{Listeners, numbered};
+use crate::verdicts::{LidarVerdicts, Verdicts, lidar_digests};
 use anyhow::{Context, Result, anyhow, bail};
 use map::{AgentInfo, CloudSelection, DEFAULT_MAX_RELATIVE_VARIANCE, Map, MapWriter, Sensor};
 use scans::ScanSource;
 use slam_lidar::mapping::MappingParams;
-use slam_lidar::merging::MergeMethod;
 use sources::Stop;
 use std::collections::BTreeMap;
-use std::fmt::Write;
 use std::fs;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
@@ -203,6 +202,19 @@ fn write_json(path: &Path, record: &impl serde::Serialize) -> Result<()> {
     fs::write(path, text).with_context(|| format!("{}: cannot be written", path.display()))
 }
 
+/// How LiDAR maps are to be merged.
+#[derive(Clone, Debug)]
+pub struct LidarMergeOptions {
+    /// Folder for the results; made if it is not there.
+    pub out: PathBuf,
+    /// Replace results of a run in that folder.
+    pub force: bool,
+    /// How pairs are judged.
+    pub params: LidarMergeParams,
+    /// The folder that verdicts on pairs are taken from and kept in; made if it is not there.
+    pub verdicts: Option<PathBuf>,
+}
+
 /// What came of a merge.
 pub struct LidarMerged {
     /// The maps that were merged.
@@ -218,30 +230,7 @@ pub struct LidarMerged {
 impl LidarMerged {
     /// For each pair what was decided and by what evidence, for people.
     pub fn verdict(&self) -> String {
-        let mut text = String::new();
-        for pair in &self.merging.pairs {
-            let [a, b] = [pair.a, pair.b].map(|input| &self.inputs[input].name);
-            // Writing to a String cannot fail.
-            let _ = writeln!(text, "{a} + {b}: {}: {}", decision(pair), pair.reason());
-            if let Some(best) = &pair.verdict.best {
-                let _ = writeln!(
-                    text,
-                    "  {}; overlap {:.2}; {:.0} m² are there in both, {:.2} m² in {} areas in one only (ln ratio {:.1}); {} of {} pieces \
-                     agree ({} found by Scan Context) to {:.0} mm",
-                    pair.answer(),
-                    best.overlap,
-                    best.things.shared,
-                    best.things.differences.iter().map(|d| d.area).sum::<f64>(),
-                    best.things.differences.len(),
-                    best.weighed.ln_ratio,
-                    best.pieces,
-                    best.of_pieces,
-                    best.finding,
-                    1e3 * best.rmse
-                );
-            }
-        }
-        text
+        self.merging.pairs.iter().map(|pair| said(&self.inputs, pair)).collect()
     }
 }
 
@@ -253,15 +242,14 @@ impl LidarMerged {
 /// When a map cannot be read or is not a LiDAR's, results cannot be written, or `stop` was wished.
 pub fn merge_maps(
     paths: &[PathBuf],
-    out: &Path,
-    force: bool,
-    method: MergeMethod,
+    options: &LidarMergeOptions,
     stop: &Stop,
     stage: &mut dyn FnMut(&str),
 ) -> Result<LidarMerged> {
+    let LidarMergeOptions { out, force, params, verdicts } = options;
     refuse_one(paths)?;
     keep_from(out, paths)?;
-    let mut results = Results::create(out, &Owner::Merge, force)?;
+    let mut results = Results::create(out, &Owner::Merge, *force)?;
     let mut step = |text: &str| {
         stage(text);
         if stop.requested() { Err(anyhow!("interrupted: nothing was written")) } else { Ok(()) }
@@ -274,7 +262,11 @@ pub fn merge_maps(
         given.push((path.clone(), opened.map));
     }
     let inputs = Input::all(given)?;
-    let merging = merge(&inputs, method, &mut step)?;
+    let kept = verdicts.as_deref().map(Verdicts::at).transpose()?;
+    let maps = kept.as_ref().map(|_| lidar_digests(&inputs)).transpose()?;
+    let verdicts =
+        kept.as_ref().zip(maps.as_deref()).map(|(kept, maps)| LidarVerdicts { kept, maps, params });
+    let merging = merge_knowing(&inputs, params, &|_| None, verdicts.as_ref(), &mut step)?;
     let mut record = LidarMergeRecord::of(&inputs, &merging);
     record.cost.cpu_s = view::process::cpu_seconds();
     record.cost.peak_memory_bytes = view::process::peak_memory_bytes();

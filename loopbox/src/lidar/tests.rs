@@ -1,6 +1,6 @@
 //! Agents in a ray-cast hall: mapped, saved, loaded, merged.
 
-use super::merging::{Input, LidarMergeRecord, decision, merge};
+use super::merging::{Input, LidarMergeParams, LidarMergeRecord, decision, merge};
 use super::poses::GivenPoses;
 use super::run::{Event, LidarRun, RunOptions, run};
 use geometry::Se3;
@@ -9,7 +9,6 @@ use loopbox_tests::pages::{assert_points_nowhere, embedded, opened};
 use map::{AgentInfo, Map, Sensor};
 use scans::{NextScan, Scan, ScanError, ScanInfo, ScanSource};
 use slam_lidar::mapping::MappingParams;
-use slam_lidar::merging::MergeMethod;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 
@@ -103,7 +102,7 @@ fn agents_map_a_hall_and_their_maps_come_together() {
         given.push((path, loaded));
     }
     let inputs = Input::all(given.clone()).unwrap();
-    let merging = merge(&inputs, MergeMethod::Pieces, &mut |_| Ok(())).unwrap();
+    let merging = merge(&inputs, &LidarMergeParams::default(), &mut |_| Ok(())).unwrap();
     assert_eq!(decision(&merging.pairs[0]), "accepted", "{}", merging.pairs[0].reason());
     let [group] = &merging.groups[..] else { panic!("one group is expected") };
     // Both in the frame of a's first sweep, whose middle the poses belong to.

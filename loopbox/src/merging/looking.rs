@@ -31,6 +31,8 @@ pub(crate) struct Go<'a> {
     pub places: BTreeMap<[usize; 2], Places>,
     /// How much is looked at; everything, in the order of the inputs, where nothing is said.
     pub share: Option<Share>,
+    /// Keeps what two inputs made of each other, as soon as that is found.
+    pub keep: &'a (dyn Fn(&Encounter) -> Result<()> + Sync),
     /// Whether something comes first that is more urgent than pairs whose agents have their places.
     pub is_awaited: &'a (dyn Fn() -> bool + Sync),
 }
@@ -63,9 +65,12 @@ impl Looked {
 
 impl<'a> Go<'a> {
     /// All pairs of which nothing is known.
-    pub fn whole(known: &'a (dyn Fn([usize; 2]) -> Option<Known> + Sync)) -> Self {
+    pub fn whole(
+        known: &'a (dyn Fn([usize; 2]) -> Option<Known> + Sync),
+        keep: &'a (dyn Fn(&Encounter) -> Result<()> + Sync),
+    ) -> Self {
         let (groups, places) = (Groups::new(0), BTreeMap::new());
-        Self { known, wanted: None, groups, places, share: None, is_awaited: &|| false }
+        Self { known, wanted: None, groups, places, share: None, keep, is_awaited: &|| false }
     }
 }
 
@@ -88,7 +93,7 @@ pub(crate) fn look(
         .iter()
         .map(|input| PreparedMap::new(&input.map, &input.features, &params.key_points))
         .collect();
-    let Go { known, wanted, mut groups, places: mut shared, share, is_awaited } = go;
+    let Go { known, wanted, mut groups, places: mut shared, share, keep, is_awaited } = go;
     let (mut encounters, mut may_grow) = (BTreeMap::new(), BTreeSet::new());
     let mut waiting = Vec::new();
     for pair in pairs(inputs.len()) {
@@ -146,6 +151,7 @@ pub(crate) fn look(
             encounter.seen = accepted.map(|judged| Arc::new(Seen::new(of(&encounter), judged)));
             encounter
         });
+        keep(&encounter)?;
         // What every pair leaves behind would be as much as all images.
         for map in pair {
             prepared[map].forget_beyond(READY);
@@ -209,7 +215,7 @@ fn find_places(
 }
 
 /// Every two of so many inputs, the earlier first: (0, 1), (0, 2), (1, 2), (0, 3), …
-fn pairs(inputs: usize) -> impl Iterator<Item = [usize; 2]> {
+pub(super) fn pairs(inputs: usize) -> impl Iterator<Item = [usize; 2]> {
     (1..inputs).flat_map(|later| (0..later).map(move |earlier| [earlier, later]))
 }
 

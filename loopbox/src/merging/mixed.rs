@@ -20,7 +20,6 @@ use merge::estimate::Estimate;
 use nalgebra::{SMatrix, SVector};
 use place_recog::Vocabulary;
 use serde::Serialize;
-use slam_lidar::merging::MergeMethod;
 use sources::Stop;
 use std::fmt::Write;
 use std::fs;
@@ -113,7 +112,7 @@ pub struct MixedOptions {
     /// Replace results of a run in that folder.
     pub force: bool,
     /// How LiDARs' maps are brought together.
-    pub lidars: MergeMethod,
+    pub lidars: lidar::LidarMergeParams,
     /// All parameters of cameras' merges; its `fusion` is that of the common map of both. Nothing is optimised jointly.
     pub cameras: MergingParams,
 }
@@ -149,7 +148,7 @@ pub fn merge_mixed(
         CommonMap::from_maps(&maps.iter().collect::<Vec<_>>()).context("the maps cannot be merged")?;
     let names = Names::new(&common);
     let before = common.merged();
-    let (scanned, mut encounters) = meetings_of_lidars(&common, &names, options.lidars, &mut stage)?;
+    let (scanned, mut encounters) = meetings_of_lidars(&common, &names, &options.lidars, &mut stage)?;
     let (seen, of_cameras) =
         meetings_of_cameras(&common, &names, &options.cameras, &mut stage, &mut warnings)?;
     encounters.extend(of_cameras);
@@ -194,7 +193,7 @@ fn of_kind(common: &CommonMap, kind: SensorKind) -> impl Iterator<Item = (AgentI
 fn meetings_of_lidars(
     common: &CommonMap,
     names: &Names,
-    method: MergeMethod,
+    params: &lidar::LidarMergeParams,
     stage: &mut dyn FnMut(&str) -> Result<()>,
 ) -> Result<(Vec<Link>, Vec<MixedEncounter>)> {
     let (mut agents, mut inputs) = (Vec::new(), Vec::new());
@@ -205,7 +204,7 @@ fn meetings_of_lidars(
     if inputs.len() < 2 {
         return Ok(Default::default());
     }
-    let merging = lidar::merge(&inputs, method, stage)?;
+    let merging = lidar::merge(&inputs, params, stage)?;
     let link = |pair: &lidar::Pair| {
         let meeting = lidar::meeting(&inputs, pair)?;
         let address = |input: usize, keyframe| Address { agent: agents[input], keyframe };

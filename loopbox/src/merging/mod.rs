@@ -26,11 +26,13 @@ pub use input::{Input, features_of_keyframes};
 pub use mixed::{MixedAgent, MixedEncounter, MixedMerged, MixedOptions, MixedRecord, merge_mixed};
 pub(crate) use names::untaken;
 pub use names::{Names, listed};
-pub(crate) use options::refuse_one;
 pub use options::{MergeOptions, MergeWatcher, Merged, merge_maps, merge_maps_watched};
+pub(crate) use options::{load, refuse_one};
 pub use output::{map_file, write_maps, write_results};
+pub(crate) use record::EncounterRecord;
 pub use record::MergeRecord;
 pub use rig::{RigInput, RigMerged, RigRecord, merge_rig};
+pub(crate) use verdict::of_pair_alone as verdict_of;
 pub use verdict::{verdict, without_company};
 #[cfg(feature = "fleet")]
 pub(crate) use {
@@ -41,6 +43,7 @@ pub(crate) use {
     verdict::refusal_of,
 };
 
+use crate::verdicts::CameraVerdicts;
 use anyhow::Result;
 use merge::acceptance::Decision;
 use merge::common_map::{Addresses, CommonMap, Fused, FusionParams, TakenBack};
@@ -52,6 +55,7 @@ use merge::method::{BaselineParams, Method};
 use merge::place_verdict::Answer;
 use place_recog::{ProposeParams, RankParams, Vocabulary};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// How maps are merged: all parameters of all steps.
@@ -240,7 +244,63 @@ pub fn merge(
     params: &MergingParams,
     progress: &mut dyn FnMut(&str) -> Result<()>,
 ) -> Result<Merging> {
-    let looked = looking::look(inputs, vocabulary, params, looking::Go::whole(&|_| None), progress)?;
+    merge_knowing(inputs, vocabulary, params, None, progress)
+}
+
+/// [`merge`](fn@merge), where `verdicts` keep what pairs made of each other.
+///
+/// # Errors
+/// As [`merge`](fn@merge), and when a verdict cannot be read or kept.
+pub(crate) fn merge_knowing(
+    inputs: &[Input],
+    vocabulary: &Arc<Vocabulary>,
+    params: &MergingParams,
+    verdicts: Option<&CameraVerdicts>,
+    progress: &mut dyn FnMut(&str) -> Result<()>,
+) -> Result<Merging> {
+    let encounters = encounters(inputs, vocabulary, params, verdicts, progress)?;
     progress("making the common map")?;
-    making::common_map(inputs, looked.encounters, params, params.fusion.optimise, &[])
+    making::common_map(inputs, encounters, params, params.fusion.optimise, &[])
+}
+
+/// What every two of the inputs make of each other, in their order.
+///
+/// # Errors
+/// When the inputs cannot be in one map (two are of one run, say), `progress` will not go on, or a verdict cannot be read or
+/// kept.
+pub(crate) fn encounters(
+    inputs: &[Input],
+    vocabulary: &Arc<Vocabulary>,
+    params: &MergingParams,
+    verdicts: Option<&CameraVerdicts>,
+    progress: &mut dyn FnMut(&str) -> Result<()>,
+) -> Result<Vec<Encounter>> {
+    let mut found = BTreeMap::new();
+    if let Some(verdicts) = verdicts {
+        for pair in looking::pairs(inputs.len()) {
+            found.extend(verdicts.get(pair)?.map(|encounter| (pair, encounter)));
+        }
+    }
+    let known = |pair: [usize; 2]| {
+        let encounter = found.get(&pair)?.clone();
+        Some(goes::Known { encounter, is_due: false, may_grow: false })
+    };
+    let keep = |encounter: &Encounter| verdicts.map_or(Ok(()), |verdicts| verdicts.put(encounter));
+    let go = looking::Go::whole(&known, &keep);
+    Ok(looking::look(inputs, vocabulary, params, go, progress)?.encounters)
+}
+
+/// How much every two of the inputs look alike by their likeliest place, and how many places they may share; those that share
+/// none are left out.
+pub(crate) fn proposed(
+    inputs: &[Input],
+    vocabulary: &Arc<Vocabulary>,
+    params: &MergingParams,
+) -> Vec<([usize; 2], f32, usize)> {
+    let found = places::places(inputs, vocabulary, params, &|_| true);
+    let pair = |(pair, places): ([usize; 2], places::Places)| {
+        let best = places.proposals.first()?;
+        Some((pair, best.score, places.proposals.len()))
+    };
+    found.into_iter().filter_map(pair).collect()
 }

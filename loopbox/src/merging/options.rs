@@ -2,11 +2,12 @@
 
 use super::joint::optimised;
 use super::{
-    Input, MergeRecord, Merging, MergingParams, Names, keep_from, listed, merge, verdict, without_company,
-    write_results,
+    Input, MergeRecord, Merging, MergingParams, Names, keep_from, listed, merge_knowing, verdict,
+    without_company, write_results,
 };
 use crate::results::{Owner, Results};
 use crate::swapping::SwapFiles;
+use crate::verdicts::{CameraVerdicts, Verdicts, digests};
 use anyhow::{Result, anyhow, bail};
 use place_recog::Vocabulary;
 use rayon::prelude::*;
@@ -24,12 +25,14 @@ pub struct MergeOptions {
     pub force: bool,
     /// All parameters of all steps.
     pub params: MergingParams,
+    /// The folder that verdicts on pairs are taken from and kept in; made if it is not there.
+    pub verdicts: Option<PathBuf>,
 }
 
 impl MergeOptions {
     /// The usual merge, with results in `out`.
     pub fn to(out: impl Into<PathBuf>) -> Self {
-        Self { out: out.into(), force: false, params: MergingParams::default() }
+        Self { out: out.into(), force: false, params: MergingParams::default(), verdicts: None }
     }
 }
 
@@ -109,7 +112,12 @@ pub fn merge_maps_watched(
     let vocabulary = Vocabulary::shipped();
     let swap = SwapFiles::new(options.out.clone());
     let inputs = load(paths, &vocabulary, &swap, watcher, &mut stage)?;
-    let mut merging = merge(&inputs, &vocabulary, &options.params, &mut stage)?;
+    let kept = options.verdicts.as_deref().map(Verdicts::at).transpose()?;
+    let maps = kept.as_ref().map(|_| digests(inputs.iter().map(|input| &input.path))).transpose()?;
+    let params = &options.params;
+    let verdicts =
+        kept.as_ref().zip(maps.as_deref()).map(|(kept, maps)| CameraVerdicts { kept, maps, params });
+    let mut merging = merge_knowing(&inputs, &vocabulary, params, verdicts.as_ref(), &mut stage)?;
     let names = Names::new(&merging.common);
     if options.params.joint && merging.anything_met() {
         stage("optimising the common map jointly")?;
@@ -143,7 +151,7 @@ pub(crate) fn refuse_one(paths: &[PathBuf]) -> Result<()> {
 
 /// Reads the maps with their features, and finds those that they lack. Maps of one name are told apart; those in metres
 /// come first.
-fn load(
+pub(crate) fn load(
     paths: &[PathBuf],
     vocabulary: &Arc<Vocabulary>,
     swap: &SwapFiles,

@@ -13,7 +13,7 @@ pub fn verdict(inputs: &[Input], merging: &Merging) -> String {
     merging
         .encounters
         .iter()
-        .fold(String::new(), |text, encounter| text + &of_pair(inputs, merging, encounter))
+        .fold(String::new(), |text, encounter| text + &of_pair(inputs, Some(merging), encounter))
 }
 
 /// The agents that hang together with nobody, where others do.
@@ -31,8 +31,13 @@ pub(crate) fn refusal_of(merging: &Merging, encounter: &Encounter) -> Option<Str
     encounter.refusal().or_else(|| merging.undone(encounter).map(|why| format!("taken back: {why}")))
 }
 
+/// The verdict on a pair of maps, a few lines, whatever others there are.
+pub(crate) fn of_pair_alone(inputs: &[Input], encounter: &Encounter) -> String {
+    of_pair(inputs, None, encounter)
+}
+
 /// The verdict on a pair of maps.
-fn of_pair(inputs: &[Input], merging: &Merging, encounter: &Encounter) -> String {
+fn of_pair(inputs: &[Input], merging: Option<&Merging>, encounter: &Encounter) -> String {
     let [first, second] = encounter.as_given().map(|input| &inputs[input].name);
     let mut text = format!("{first} + {second}: ");
     match encounter.accepted().filter(|_| encounter.error.is_none()) {
@@ -43,7 +48,7 @@ fn of_pair(inputs: &[Input], merging: &Merging, encounter: &Encounter) -> String
 }
 
 // Writing to a String cannot fail.
-fn accepted(text: &mut String, merging: &Merging, encounter: &Encounter, judged: &Judged) {
+fn accepted(text: &mut String, merging: Option<&Merging>, encounter: &Encounter, judged: &Judged) {
     let Judged { closure, verdict, .. } = judged;
     let evidence = &verdict.evidence;
     let travel = match closure.travel {
@@ -51,7 +56,7 @@ fn accepted(text: &mut String, merging: &Merging, encounter: &Encounter, judged:
         Travel::Opposite => "travelling opposite ways",
         Travel::Unknown => "direction of travel unknown",
     };
-    if let Some(reason) = merging.undone(encounter) {
+    if let Some(reason) = merging.and_then(|merging| merging.undone(encounter)) {
         let _ = writeln!(text, "accepted, {travel}, and taken back: {reason}");
         return;
     }
@@ -71,7 +76,8 @@ fn accepted(text: &mut String, merging: &Merging, encounter: &Encounter, judged:
     // σ* is the target's unit in terms of the source's.
     let upright = |scale: f64| if encounter.source < encounter.target { scale.recip() } else { scale };
     let star = upright(closure.scale.scale);
-    let scale = merging.scale(encounter).unwrap_or(upright(closure.motion.a_from_b.scale));
+    let applied = merging.and_then(|merging| merging.scale(encounter));
+    let scale = applied.unwrap_or(upright(closure.motion.a_from_b.scale));
     let _ = writeln!(
         text,
         "  scale {scale:.4} (σ* of the key points {:.4} ± {:.4}); motion known to {:.2}°, {:.1} % of the scene's depth \

@@ -1,7 +1,9 @@
 //! What keeps a closure from being believed, in words.
 
+use serde::{Deserialize, Serialize};
+
 /// Why a closure is not believed.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, thiserror::Error)]
 pub enum Doubt {
     /// Nothing confirms the one pair.
     #[error("only {pairs} keyframe pair gives this motion of the maps; {needed} must agree")]

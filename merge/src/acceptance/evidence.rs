@@ -5,10 +5,10 @@ use crate::direct::DirectAlignment;
 use crate::further::Joined;
 use backend::verdict::{Answer, Prior, Weighed};
 use nalgebra::{SMatrix, Vector3};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// The numbers a verdict rests on.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Evidence {
     /// γ over the agreeing pairs; of keyframes matched together, the key points of either map that agree, each once. Where
     /// these are too few to decide, with those of the further pairs that agree.
@@ -43,7 +43,7 @@ pub struct Evidence {
 }
 
 /// What the rest of both maps says of a closure.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Beyond {
     /// Further keyframe pairs that should overlap and were tried.
     pub tried: usize,
@@ -72,7 +72,7 @@ pub struct Beyond {
 }
 
 /// What both maps saw of the surface at a place ([`place_verdict`](crate::place_verdict)).
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PlaceEvidence {
     /// What follows.
     pub answer: Answer,

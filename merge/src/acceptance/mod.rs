@@ -40,10 +40,11 @@ pub use evidence::{Beyond, Evidence, PlaceEvidence};
 pub use params::AcceptanceParams;
 
 use backend::verdict::Answer;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 
 /// What a line of the test says.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Says {
     /// Nothing speaks against the closure here.
@@ -55,10 +56,10 @@ pub enum Says {
 }
 
 /// A line of the test with its numbers.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Line {
     /// What is asked.
-    pub name: &'static str,
+    pub name: Cow<'static, str>,
     /// What was found.
     pub value: f64,
     /// The limit it was compared with.
@@ -71,7 +72,7 @@ pub struct Line {
 const PLACE_LINE: &str = "probability of one place";
 
 /// What is thought of a closure.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Decision {
     /// It is believed.
     Accepted,
@@ -82,7 +83,7 @@ pub enum Decision {
 }
 
 /// A decision with all that it rests on.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Verdict {
     /// The numbers.
     pub evidence: Evidence,
@@ -156,7 +157,7 @@ impl Test {
             Answer::CannotTell => (Says::For, 1.0 - place.needed),
             Answer::Same | Answer::SameChanged => (Says::For, place.needed),
         };
-        self.lines.push(Line { name: PLACE_LINE, value: place.probability, limit, says });
+        self.lines.push(Line { name: PLACE_LINE.into(), value: place.probability, limit, says });
         if says == Says::Against {
             let doubt = Doubt::Double { percent: 100.0 * place.changed, against: -place.ln_ratio };
             self.against.get_or_insert(doubt);
@@ -274,7 +275,7 @@ impl Test {
     }
 
     fn say(&mut self, name: &'static str, [value, limit]: [f64; 2], says: Says, doubt: Doubt) {
-        self.lines.push(Line { name, value, limit, says });
+        self.lines.push(Line { name: name.into(), value, limit, says });
         let first = match says {
             Says::For => return,
             Says::Open => &mut self.open,

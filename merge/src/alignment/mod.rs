@@ -18,10 +18,11 @@ use crate::estimate::Estimate;
 use geometry::{Se3, Sim3};
 use map::{AgentId, Map};
 use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 /// The poses of the two keyframes of a loop closure in their worlds.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PairPoses {
     /// wTs(i): pose and unit of keyframe i in the source's world.
     pub source_world_from_source: Sim3,
@@ -30,7 +31,7 @@ pub struct PairPoses {
 }
 
 /// Both clouds in the frame `scaled_source`, target keyframe units.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AlignedClouds {
     /// \*P_s: the source cloud times σ* (§IV-D).
     pub source: Vec<Vector3<f64>>,
@@ -39,7 +40,7 @@ pub struct AlignedClouds {
 }
 
 /// What brings both maps into the one world `scaled_source_world` (§IV-E).
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct WorldMotions {
     /// For the source map: the scaling about its world's origin.
     pub scaled_source_world_from_source_world: Sim3,

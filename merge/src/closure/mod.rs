@@ -29,10 +29,11 @@ use crate::pairing::Travel;
 use crate::prepared::PreparedMap;
 use geometry::Sim3;
 use map::KeyframeId;
+use serde::{Deserialize, Serialize};
 use steps::Chosen;
 
 /// What became of one of the three pairs.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PairOutcome {
     /// Keyframe of the source.
     pub source: KeyframeId,
@@ -50,7 +51,7 @@ pub struct PairOutcome {
 
 /// A loop closure between two maps with its evidence. Whether it may be believed is for
 /// [`acceptance`](crate::acceptance) to say.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Closure {
     /// Whether the agents travelled the same way.
     pub travel: Travel,
@@ -81,7 +82,7 @@ pub struct Closure {
 }
 
 /// What the key points of the keyframes around a place say together of the pose that gave the initial guess.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Pooled {
     /// Those that agree with it, each counted once.
     pub matches: usize,

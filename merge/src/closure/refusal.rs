@@ -3,9 +3,10 @@
 use crate::generalised_pose::GeneralisedPoseRefusal;
 use crate::optimal_scale::OptimalScaleRefusal;
 use crate::pair::PairRefusal;
+use serde::{Deserialize, Serialize};
 
 /// Why a closure came to nothing.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, thiserror::Error)]
 pub enum ClosureRefusal {
     /// None of the pairs could be measured.
     #[error("no keyframe pair gives a scale: {0}")]

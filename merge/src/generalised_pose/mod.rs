@@ -90,7 +90,7 @@ pub struct GeneralisedPose {
 }
 
 /// Why there is no pose.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, thiserror::Error)]
 pub enum GeneralisedPoseRefusal {
     /// Too few matches agree with the best pose.
     #[error(

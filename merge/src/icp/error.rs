@@ -2,10 +2,11 @@
 
 use super::covariance::Tangent;
 use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
 use std::fmt;
 
 /// One of the two clouds.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Side {
     /// The cloud that moves.
     Source,
@@ -23,7 +24,7 @@ impl fmt::Display for Side {
 }
 
 /// A direction of motion that the points do not hold.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct OpenDirection {
     /// The motion as a unit tangent (υ, ω, λ) about the target's centre: υ in extents, ω in radians, axes of the
     /// target frame.
@@ -56,7 +57,7 @@ impl fmt::Display for OpenDirection {
 }
 
 /// Why two clouds are not registered.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, thiserror::Error)]
 pub enum IcpRefusal {
     /// A cloud has too few points.
     #[error("the {side} cloud has {given} points, at least {needed} are needed: admit less certain depths")]

@@ -36,12 +36,13 @@ use covariance::{TangentMatrix, estimated_inverse, noise_factor};
 use geometry::Sim3;
 use nalgebra::Vector3;
 use problem::{Matches, Problem};
+use serde::{Deserialize, Serialize};
 
 /// Fewest points that are worth a thread of their own.
 const POINTS_AT_A_TIME: usize = 256;
 
 /// A registration with its evidence.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Registration {
     /// Maps source points onto the target. Rigid registration keeps the scale of the initial guess.
     pub target_from_source: Sim3,

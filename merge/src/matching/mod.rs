@@ -28,7 +28,7 @@ impl Default for MatchParams {
 }
 
 /// Two features that are each other's nearest.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct FeatureMatch {
     /// Index among the source's features.
     pub source: u32,

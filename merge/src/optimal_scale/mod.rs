@@ -37,7 +37,7 @@ impl Default for OptimalScaleParams {
 }
 
 /// The scale of one of the three pairs.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PairEstimate {
     /// σ_z: target units per source unit, > 0.
     pub scale: f64,
@@ -58,7 +58,7 @@ impl PairEstimate {
 pub type Neighbourhood = [Option<PairEstimate>; 3];
 
 /// What σ* rests on.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Basis {
     /// Two or three estimates that agree.
     Agreement,
@@ -71,7 +71,7 @@ pub enum Basis {
 }
 
 /// σ* with its evidence.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct OptimalScale {
     /// σ*: target units per source unit.
     pub scale: f64,
@@ -89,7 +89,7 @@ pub struct OptimalScale {
 }
 
 /// Why there is no σ*.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, thiserror::Error)]
 pub enum OptimalScaleRefusal {
     /// No pair, or not the one needed, has an estimate.
     #[error(

@@ -28,7 +28,7 @@ impl Default for PairingParams {
 }
 
 /// How the agents travelled past the common place.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Travel {
     /// The same way: later keyframes of the source pair with later ones of the target.
     Same,

@@ -22,6 +22,7 @@ pub use backend::verdict::{Answer, Piece, PieceKind, Prior, Weighed};
 use map::Edge;
 use own::{Looked, Own, spot};
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 params! {
     /// How it is judged whether two maps show one place.
@@ -45,7 +46,7 @@ params! {
 }
 
 /// What is thought of a place.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PlaceVerdict {
     /// In numbers.
     pub evidence: PlaceEvidence,

@@ -46,7 +46,7 @@ impl PointAlignmentParams {
 }
 
 /// A similarity between two keyframes with its evidence.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PointAlignment {
     /// Maps points of the source's camera frame and unit into the target's.
     pub target_from_source: Sim3,
@@ -62,7 +62,7 @@ pub struct PointAlignment {
 }
 
 /// Why there is no similarity.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, thiserror::Error)]
 pub enum PointAlignmentRefusal {
     /// The start is not finite.
     #[error("the starting similarity is not finite")]

@@ -63,7 +63,7 @@ impl Default for ScaleFilterParams {
 }
 
 /// The scale of a keyframe pair with its evidence.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PairScale {
     /// σ: units of the target keyframe per unit of the source keyframe, > 0.
     pub scale: f64,
@@ -82,7 +82,7 @@ pub struct PairScale {
 }
 
 /// Why a pair has no scale.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, thiserror::Error)]
 pub enum ScaleRefusal {
     /// Too few matches are given to begin with.
     #[error("{given} matches with depth on both sides are too few: at least {needed} are needed")]

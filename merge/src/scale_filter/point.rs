@@ -2,9 +2,10 @@
 
 use geometry::Pinhole;
 use nalgebra::{Matrix3, Vector2, Vector3};
+use serde::{Deserialize, Serialize};
 
 /// A 3-D point of a camera's frame with its covariance.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct MeasuredPoint {
     /// Position in the camera frame, keyframe units.
     pub position: Vector3<f64>,
@@ -47,7 +48,7 @@ impl MeasuredPoint {
 }
 
 /// One scene point measured from both keyframes.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PointMatch {
     /// In the source keyframe's camera frame and unit.
     pub source: MeasuredPoint,

@@ -79,7 +79,7 @@ impl Default for TwoViewParams {
 }
 
 /// What the inliers show, and which of the pose's parts rest on it.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Scene {
     /// Points at many depths.
     Depth,
@@ -98,7 +98,7 @@ pub enum Scene {
 }
 
 /// The direction of the translation, with its uncertainty.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Direction {
     /// t̂ of `p_t = R p_s + |t| t̂`: where the source camera is, in the target camera's frame.
     pub vector: Unit<Vector3<f64>>,
@@ -110,7 +110,7 @@ pub struct Direction {
 }
 
 /// The relative pose of two views with its evidence.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RelativePose {
     /// R: turns directions of the source camera's frame into the target camera's.
     pub target_from_source: UnitQuaternion<f64>,
@@ -143,7 +143,7 @@ impl RelativePose {
 }
 
 /// Why a pair has no relative pose.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, thiserror::Error)]
 pub enum TwoViewRefusal {
     /// Too few matches are given to begin with.
     #[error("{given} matches are too few: at least {needed} are needed")]

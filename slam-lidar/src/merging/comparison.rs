@@ -12,6 +12,7 @@ use crate::keyframe::transformed;
 use backend::verdict::{Piece, PieceKind};
 use geometry::Se3;
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 /// Rays return from a surfel within so many standard deviations of it.
 const DEVIATIONS: f32 = 4.0;
@@ -29,7 +30,7 @@ const AGREES: f64 = 0.8;
 const NEAR: f32 = 0.3;
 
 /// An area that one map holds and the other looks through.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Difference {
     /// Whether the first map holds it, else the second.
     pub in_first: bool,
@@ -42,7 +43,7 @@ pub struct Difference {
 }
 
 /// What two maps say of each other's surfaces.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Comparison {
     /// Surface that both saw and that agrees, square metres; the lesser of both ways.
     pub shared: f64,

@@ -102,7 +102,7 @@ impl RobotMap {
 
     /// Whether it comes before another in an order that has nothing to do with how maps were given: what follows from two maps is
     /// computed in one order, so that both orders give the same bits.
-    pub(super) fn comes_before(&self, other: &Self) -> bool {
+    pub fn comes_before(&self, other: &Self) -> bool {
         let numbers = |map: &Self| -> (usize, usize) { (map.poses.len(), map.whole.points.len()) };
         let poses = |map: &Self| {
             map.poses.iter().flat_map(|pose| pose.to_tum().map(f64::to_bits)).collect::<Vec<_>>()

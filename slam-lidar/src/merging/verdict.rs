@@ -11,10 +11,11 @@ use backend::verdict::{Answer, Prior, Weighed, explained, weigh};
 use geometry::Se3;
 use nalgebra::{Matrix6, Vector3};
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 use std::fmt;
 
 /// What speaks for a pose between two maps.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct MergeEvidence {
     /// The pose.
     pub a_from_b: Se3,
@@ -45,7 +46,7 @@ pub struct MergeEvidence {
 }
 
 /// A test of a merge.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Test {
     /// Poses that pieces found, and pieces that come back to one.
     Pieces,
@@ -66,7 +67,7 @@ pub enum Test {
 }
 
 /// A test's figure beside its bound.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Line {
     /// The test.
     pub test: Test,
@@ -106,7 +107,7 @@ impl fmt::Display for Line {
 }
 
 /// Whether maps belong together.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Decision {
     /// They do.
     Accepted,
@@ -127,7 +128,7 @@ impl From<Answer> for Decision {
 }
 
 /// What became of a merge.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Verdict {
     /// What is said of the maps.
     pub answer: Answer,
@@ -349,7 +350,7 @@ pub(super) fn judged(
 
 impl Verdict {
     /// The same of the maps in the other order.
-    pub(super) fn swapped(self) -> Self {
+    pub fn swapped(self) -> Self {
         let swapped = |e: MergeEvidence| e.swapped();
         Self { best: self.best.map(swapped), rivals: self.rivals.into_iter().map(swapped).collect(), ..self }
     }

@@ -136,7 +136,7 @@ impl<'a> Pairs<'a> {
                 index,
                 from: closure.from,
                 to: closure.to,
-                what: "it is not positive definite, so there is no covariance to compare by",
+                what: "it is not positive definite, so there is no covariance to compare by".into(),
             })?;
             covariance.push(inverse.inverse());
             ways.push([in_from.ways(from.nodes, closure.from), in_to.ways(to.nodes, closure.to)]);

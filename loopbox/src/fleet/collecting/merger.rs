@@ -89,7 +89,8 @@ impl Merger {
         company.firsts(&agents).into_iter().enumerate().for_each(|(number, first)| {
             groups.join([first, number]);
         });
-        let go = Go { known: &known, wanted, groups, places, share: Some(share), is_awaited };
+        let go =
+            Go { known: &known, wanted, groups, places, share: Some(share), keep: &|_| Ok(()), is_awaited };
         self.on_pool(|| look(&maps.inputs, &self.vocabulary, &self.params, go, &mut |_| go_on()))
     }
 

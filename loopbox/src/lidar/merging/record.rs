@@ -152,20 +152,27 @@ pub struct MergeCost {
     pub peak_memory_bytes: Option<u64>,
 }
 
+impl EncounterRecord {
+    /// The numbers of a pair of `inputs`.
+    pub fn of(pair: &Pair, inputs: &[Input]) -> Self {
+        let maps = [pair.a, pair.b].map(|input| inputs[input].name.clone());
+        let evidence = |evidence: &MergeEvidence| EvidenceRecord::of(evidence, &maps);
+        Self {
+            decision: decision(pair),
+            answer: pair.answer(),
+            reason: pair.reason(),
+            best: pair.verdict.best.as_ref().map(evidence),
+            rivals: pair.verdict.rivals.iter().map(evidence).collect(),
+            seconds: pair.seconds,
+            maps: maps.clone(),
+        }
+    }
+}
+
 impl LidarMergeRecord {
     /// The numbers of a merging of `inputs`.
     pub fn of(inputs: &[Input], merging: &LidarMerging) -> Self {
         let name = |input: usize| inputs[input].name.clone();
-        let names = |pair: &Pair| [name(pair.a), name(pair.b)];
-        let encounter = |pair: &Pair| EncounterRecord {
-            maps: names(pair),
-            decision: decision(pair),
-            answer: pair.answer(),
-            reason: pair.reason(),
-            best: pair.verdict.best.as_ref().map(|best| EvidenceRecord::of(best, &names(pair))),
-            rivals: pair.verdict.rivals.iter().map(|rival| EvidenceRecord::of(rival, &names(pair))).collect(),
-            seconds: pair.seconds,
-        };
         let input = |(index, input): (usize, &Input)| InputRecord {
             path: input.path.display().to_string(),
             name: input.name.clone(),
@@ -179,7 +186,7 @@ impl LidarMergeRecord {
             sensor: map::SensorKind::Lidar,
             method: merging.method,
             inputs: inputs.iter().enumerate().map(input).collect(),
-            encounters: merging.pairs.iter().map(encounter).collect(),
+            encounters: merging.pairs.iter().map(|pair| EncounterRecord::of(pair, inputs)).collect(),
             groups: merging.groups.iter().map(|g| g.members.iter().map(|&m| name(m)).collect()).collect(),
             cost: MergeCost { merge_s: merging.seconds, ..MergeCost::default() },
             files: Vec::new(),

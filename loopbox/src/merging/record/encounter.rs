@@ -71,7 +71,7 @@ pub struct PlaceRecord {
 }
 
 impl EncounterRecord {
-    pub(super) fn new(encounter: &Encounter, inputs: &[Input]) -> Self {
+    pub(crate) fn new(encounter: &Encounter, inputs: &[Input]) -> Self {
         let maps = [encounter.target, encounter.source].map(|index| &*inputs[index].map);
         let joined = encounter.joined.as_ref();
         let closest = || encounter.closest().and_then(|tried| tried.outcome.judged());

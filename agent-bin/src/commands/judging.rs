@@ -1,0 +1,112 @@
+//! How pairs of maps are judged, on the command line of `merge` and `verdict`.
+
+use super::method::{AnyMethod, method_parser};
+use super::params;
+use anyhow::{Result, bail};
+use clap::Args;
+use loopbox::lidar::merging::LidarMergeParams;
+use loopbox::merging::MergingParams;
+use loopbox::verdicts::VerdictOptions;
+use std::path::PathBuf;
+
+/// How pairs of maps are judged.
+#[derive(Debug, Args)]
+pub struct JudgingArgs {
+    /// How maps are joined where they met, in place of the parameter file's: direct, loopbox's own, aligns the images
+    /// of all pairs that agree; the others, loop-box of the paper among them, are there to compare it with. Of LiDARs:
+    /// pieces, loopbox's own, or emr, the paper's
+    #[arg(long, value_name = "METHOD", value_parser = method_parser())]
+    method: Option<AnyMethod>,
+    /// Days between the maps: how much may have moved, or been put in place of something else, at one place. 0, the default, is one
+    /// day
+    #[arg(long, value_name = "DAYS", value_parser = days)]
+    days_apart: Option<f64>,
+    /// Parameter file (TOML); `loopbox params --merge` prints the defaults
+    #[arg(long, value_name = "FILE")]
+    params: Option<PathBuf>,
+    /// Folder of verdicts: pairs that have one there are not looked at again, and those of others are kept there. Several processes may
+    /// share it
+    #[arg(long, value_name = "DIR")]
+    pub verdicts: Option<PathBuf>,
+}
+
+/// A number of days.
+fn days(text: &str) -> Result<f64, String> {
+    let days: f64 = text.parse().map_err(|_| format!("{text} is no number of days"))?;
+    if days.is_finite() && days >= 0.0 { Ok(days) } else { Err("days are 0 or more".to_owned()) }
+}
+
+impl JudgingArgs {
+    /// The parameters of maps of cameras.
+    ///
+    /// # Errors
+    /// When the parameter file cannot be read, or the method is one of LiDARs.
+    pub fn of_cameras(&self) -> Result<MergingParams> {
+        let mut params = self.in_file()?;
+        match self.method {
+            Some(AnyMethod::Camera(method)) => params.method = method,
+            Some(AnyMethod::Lidar(method)) => {
+                bail!("--method {} is for maps of LiDARs, and these are of cameras", method.name());
+            }
+            None => {}
+        }
+        params.further.place.prior.days_apart =
+            self.days_apart.unwrap_or(params.further.place.prior.days_apart);
+        Ok(params)
+    }
+
+    /// Those of maps of LiDARs.
+    ///
+    /// # Errors
+    /// When the method is one of cameras, or there is a parameter file.
+    pub fn of_lidars(&self) -> Result<LidarMergeParams> {
+        if self.params.is_some() {
+            bail!("--params is for maps of cameras, and these are of LiDARs");
+        }
+        self.beside_lidars()
+    }
+
+    /// Those of LiDARs and of cameras, where both are among the maps.
+    ///
+    /// # Errors
+    /// When the parameter file cannot be read, the method is one of cameras, or verdicts are to be kept.
+    pub fn of_both(&self) -> Result<(LidarMergeParams, MergingParams)> {
+        if self.verdicts.is_some() {
+            bail!("--verdicts is for maps of cameras alone or of LiDARs alone, and among these are both");
+        }
+        let lidars = self.beside_lidars()?;
+        let mut cameras = self.in_file()?;
+        cameras.further.place.prior.days_apart =
+            self.days_apart.unwrap_or(cameras.further.place.prior.days_apart);
+        Ok((lidars, cameras))
+    }
+
+    /// How a verdict on maps of cameras alone or LiDARs alone is found.
+    ///
+    /// # Errors
+    /// As [`of_cameras`](Self::of_cameras) and [`of_lidars`](Self::of_lidars).
+    pub fn of_either(&self, are_lidars: bool) -> Result<VerdictOptions> {
+        let verdicts = self.verdicts.clone();
+        Ok(match are_lidars {
+            true => VerdictOptions { lidars: self.of_lidars()?, verdicts, ..VerdictOptions::default() },
+            false => VerdictOptions { cameras: self.of_cameras()?, verdicts, ..VerdictOptions::default() },
+        })
+    }
+
+    fn in_file(&self) -> Result<MergingParams> {
+        Ok(self.params.as_deref().map(params::read_merging).transpose()?.unwrap_or_default())
+    }
+
+    fn beside_lidars(&self) -> Result<LidarMergeParams> {
+        let mut params = LidarMergeParams::default();
+        params.prior.days_apart = self.days_apart.unwrap_or(params.prior.days_apart);
+        match self.method {
+            Some(AnyMethod::Camera(method)) => {
+                bail!("--method {} is for maps of cameras, and there is a LiDAR's among these", method.name())
+            }
+            Some(AnyMethod::Lidar(method)) => params.method = method,
+            None => {}
+        }
+        Ok(params)
+    }
+}

@@ -1,0 +1,203 @@
+//! The verdict on two maps in files, and which pairs of many are worth asking.
+
+use super::{CameraVerdicts, LidarVerdicts, MapDigest, Verdicts};
+use crate::lidar::{self, merging::LidarMergeParams};
+use crate::merging::{self, MergeWatcher, MergingParams, proposed};
+use crate::open::{Sensors, open_map, sensors_at};
+use crate::swapping::SwapFiles;
+use anyhow::{Result, anyhow, bail};
+use place_recog::Vocabulary;
+use rayon::prelude::*;
+use serde::Serialize;
+use sources::Stop;
+use std::fmt::Write;
+use std::path::PathBuf;
+
+/// How a verdict is found.
+#[derive(Clone, Debug, Default)]
+pub struct VerdictOptions {
+    /// Of maps of cameras.
+    pub cameras: MergingParams,
+    /// Of maps of LiDARs.
+    pub lidars: LidarMergeParams,
+    /// The folder that verdicts are taken from and kept in; made if it is not there.
+    pub verdicts: Option<PathBuf>,
+}
+
+/// A verdict as it is told.
+#[derive(Clone, Debug)]
+pub struct Found {
+    /// Whether the maps are joined.
+    pub joins: bool,
+    /// What was decided and by what evidence, for people.
+    pub text: String,
+    /// The same as JSON, as among the `encounters` of `merge.json`; of maps with several LiDARs one for each two agents.
+    pub encounters: serde_json::Value,
+}
+
+/// Finds the verdict on two maps, or takes it from the folder of verdicts, and keeps it there.
+///
+/// # Errors
+/// When a map cannot be read, they cannot be merged (a camera's and a LiDAR's), a verdict cannot be read or kept, or `stop`
+/// was wished.
+pub fn find_verdict(
+    maps: &[PathBuf; 2],
+    options: &VerdictOptions,
+    stop: &Stop,
+    watcher: &dyn MergeWatcher,
+) -> Result<Found> {
+    let kept = options.verdicts.as_deref().map(Verdicts::at).transpose()?;
+    match sensors_at(maps) {
+        Sensors::Cameras => of_cameras(maps, &options.cameras, kept.as_ref(), stop, watcher),
+        Sensors::Lidars => of_lidars(maps, &options.lidars, kept.as_ref(), stop, watcher),
+        Sensors::Mixed => bail!(
+            "{} and {}: one holds agents of both kinds; `loopbox unmerge` gives each agent's own map",
+            maps[0].display(),
+            maps[1].display()
+        ),
+    }
+}
+
+fn of_cameras(
+    paths: &[PathBuf; 2],
+    params: &MergingParams,
+    kept: Option<&Verdicts>,
+    stop: &Stop,
+    watcher: &dyn MergeWatcher,
+) -> Result<Found> {
+    let vocabulary = Vocabulary::shipped();
+    let swap = SwapFiles::new(std::env::temp_dir());
+    let inputs = merging::load(paths, &vocabulary, &swap, watcher, &mut |text| go_on(text, stop, watcher))?;
+    let maps = kept.map(|_| digests(inputs.iter().map(|input| &input.path))).transpose()?;
+    let verdicts = kept.zip(maps.as_deref()).map(|(kept, maps)| CameraVerdicts { kept, maps, params });
+    let mut stage = |text: &str| go_on(text, stop, watcher);
+    let encounters = merging::encounters(&inputs, &vocabulary, params, verdicts.as_ref(), &mut stage)?;
+    let text = encounters.iter().map(|encounter| merging::verdict_of(&inputs, encounter)).collect();
+    let records: Vec<_> = encounters.iter().map(|e| merging::EncounterRecord::new(e, &inputs)).collect();
+    let joins = encounters.iter().any(|encounter| encounter.joined.is_some());
+    Ok(Found { joins, text, encounters: serde_json::to_value(records)? })
+}
+
+fn of_lidars(
+    paths: &[PathBuf; 2],
+    params: &LidarMergeParams,
+    kept: Option<&Verdicts>,
+    stop: &Stop,
+    watcher: &dyn MergeWatcher,
+) -> Result<Found> {
+    let mut given = Vec::new();
+    for path in paths {
+        go_on(&format!("reading {}", path.display()), stop, watcher)?;
+        let opened = open_map(path)?;
+        opened.warnings.iter().for_each(|warning| watcher.warn(warning));
+        given.push((path.clone(), opened.map));
+    }
+    let inputs = lidar::merging::Input::all(given)?;
+    let maps = kept.map(|_| lidar_digests(&inputs)).transpose()?;
+    let verdicts = kept.zip(maps.as_deref()).map(|(kept, maps)| LidarVerdicts { kept, maps, params });
+    let (mut text, mut records, mut joins) = (String::new(), Vec::new(), false);
+    let across = |a: usize, b: usize| inputs[a].path == paths[0] && inputs[b].path == paths[1];
+    for (a, b) in (0..inputs.len()).flat_map(|a| (0..inputs.len()).map(move |b| (a, b))) {
+        if across(a, b) {
+            go_on(&format!("comparing {} and {}", inputs[a].name, inputs[b].name), stop, watcher)?;
+            let pair = lidar::merging::pair_alone(&inputs, [a, b], params, verdicts.as_ref())?;
+            joins |= pair.holds();
+            text += &lidar::merging::said(&inputs, &pair);
+            records.push(lidar::merging::EncounterRecord::of(&pair, &inputs));
+        }
+    }
+    Ok(Found { joins, text, encounters: serde_json::to_value(records)? })
+}
+
+fn go_on(text: &str, stop: &Stop, watcher: &dyn MergeWatcher) -> Result<()> {
+    watcher.stage(text);
+    if stop.requested() { Err(anyhow!("interrupted: nothing was written")) } else { Ok(()) }
+}
+
+/// The files of inputs, several read at a time.
+///
+/// # Errors
+/// When one cannot be read.
+pub(crate) fn digests<'a>(paths: impl Iterator<Item = &'a PathBuf>) -> Result<Vec<MapDigest>> {
+    paths.collect::<Vec<_>>().into_par_iter().map(|path| MapDigest::of(path)).collect()
+}
+
+/// The files and agents of LiDARs' inputs.
+///
+/// # Errors
+/// When a file cannot be read.
+pub(crate) fn lidar_digests(inputs: &[lidar::merging::Input]) -> Result<Vec<MapDigest>> {
+    let files = digests(inputs.iter().map(|input| &input.path))?;
+    let same = |number: usize| inputs.iter().enumerate().filter(move |(_, i)| i.path == inputs[number].path);
+    let digest = |(number, file): (usize, &MapDigest)| match same(number).count() {
+        1 => file.clone(),
+        _ => file.of_agent(same(number).take_while(|(other, _)| *other < number).count()),
+    };
+    Ok(files.iter().enumerate().map(digest).collect())
+}
+
+/// A pair of maps that is worth a verdict.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ProposedPair {
+    /// The maps as they were given, the earlier first.
+    pub maps: [PathBuf; 2],
+    /// Likeness of the words at their likeliest place, 0–1; nothing of LiDARs.
+    pub score: Option<f32>,
+    /// Places that both may show; nothing of LiDARs.
+    pub places: Option<usize>,
+}
+
+/// The pairs of maps that are worth a verdict, the likeliest first: of cameras those that place recognition finds a common place of, in
+/// one index over all, of LiDARs every two, since walls propose what no place does.
+///
+/// # Errors
+/// When a map cannot be read, there are both kinds, or `stop` was wished.
+pub fn propose_pairs(
+    maps: &[PathBuf],
+    params: &MergingParams,
+    stop: &Stop,
+    watcher: &dyn MergeWatcher,
+) -> Result<Vec<ProposedPair>> {
+    merging::refuse_one(maps)?;
+    match sensors_at(maps) {
+        Sensors::Cameras => {}
+        Sensors::Lidars => {
+            let pair = |a: usize, b: usize| [maps[a].clone(), maps[b].clone()];
+            let pairs = (1..maps.len()).flat_map(|b| (0..b).map(move |a| pair(a, b)));
+            return Ok(pairs.map(|maps| ProposedPair { maps, score: None, places: None }).collect());
+        }
+        Sensors::Mixed => {
+            bail!("a map holds agents of both kinds; `loopbox unmerge` gives each agent's own map")
+        }
+    }
+    let vocabulary = Vocabulary::shipped();
+    let swap = SwapFiles::new(std::env::temp_dir());
+    let inputs = merging::load(maps, &vocabulary, &swap, watcher, &mut |text| go_on(text, stop, watcher))?;
+    go_on("looking for places that the maps share", stop, watcher)?;
+    let place = |input: usize| maps.iter().position(|path| *path == inputs[input].path).unwrap_or(input);
+    let mut pairs: Vec<([usize; 2], f32, usize)> = Vec::new();
+    for ([a, b], score, places) in proposed(&inputs, &vocabulary, params) {
+        let (a, b) = (place(a), place(b));
+        pairs.push(([a.min(b), a.max(b)], score, places));
+    }
+    pairs.sort_by(|x, y| y.1.total_cmp(&x.1).then(x.0.cmp(&y.0)));
+    let pair = |([a, b], score, places): ([usize; 2], f32, usize)| ProposedPair {
+        maps: [maps[a].clone(), maps[b].clone()],
+        score: Some(score),
+        places: Some(places),
+    };
+    Ok(pairs.into_iter().map(pair).collect())
+}
+
+/// Pairs a line each, with their score, for people.
+pub fn listed_pairs(pairs: &[ProposedPair]) -> String {
+    pairs.iter().fold(String::new(), |mut text, pair| {
+        let [a, b] = [&pair.maps[0], &pair.maps[1]].map(|path| path.display());
+        // Writing to a String cannot fail.
+        let _ = match pair.score {
+            Some(score) => writeln!(text, "{score:.3}\t{a}\t{b}"),
+            None => writeln!(text, "–\t{a}\t{b}"),
+        };
+        text
+    })
+}

@@ -1,0 +1,267 @@
+//! Verdicts on pairs of maps as values, kept in a folder.
+//!
+//! A verdict depends on its two maps and the parameters alone, not on their order or on what other maps there are. So it is
+//! called by the SHA-256 of both maps' files, the parameters and the version of the method ([`VerdictKey`]), any process on any machine may
+//! find it, and [`Verdicts`] keeps it for all others. A verdict that is found twice is the same to the byte, and the first stays.
+
+mod find;
+#[cfg(test)]
+mod tests;
+
+pub use find::{Found, ProposedPair, VerdictOptions, find_verdict, listed_pairs, propose_pairs};
+pub(crate) use find::{digests, lidar_digests};
+
+use crate::lidar::merging::LidarMergeParams;
+use crate::merging::{Encounter, MergingParams, Seconds};
+use crate::open::map_file_at;
+use anyhow::{Context, Result, bail};
+use merge::further::Joined;
+use merge::meeting::Tried;
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+use std::fs::{self, File};
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// Goes up with every change of what comes of two maps: verdicts of other versions are not taken for this one's.
+const METHOD_VERSION: u32 = 1;
+const EXTENSION: &str = "verdict";
+
+/// The SHA-256 of a map's file, in hexadecimal; of one agent of several in it, with `#` and its number.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+pub struct MapDigest(String);
+
+impl MapDigest {
+    /// That of the map at `path`, a map file or the folder of results that holds one.
+    ///
+    /// # Errors
+    /// When there is no map, or it cannot be read.
+    pub fn of(path: &Path) -> Result<Self> {
+        let (file, _) = map_file_at(path)?;
+        let mut digest = Sha256::new();
+        let mut copied = || io::copy(&mut File::open(&file)?, &mut digest);
+        copied().with_context(|| format!("{}: cannot be read", file.display()))?;
+        Ok(Self(hex(&digest.finalize())))
+    }
+
+    /// That of one of the file's agents.
+    pub(crate) fn of_agent(&self, number: usize) -> Self {
+        Self(format!("{}#{number}", self.0))
+    }
+
+    /// In hexadecimal.
+    pub fn as_str(&self) -> &str {
+        &self.0
+    }
+}
+
+/// What a verdict is called by: both maps, the parameters and the version of the method.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub struct VerdictKey {
+    name: String,
+    /// Ascending.
+    maps: [MapDigest; 2],
+}
+
+impl VerdictKey {
+    /// That of two maps of cameras, in either order.
+    pub fn of_cameras(maps: [&MapDigest; 2], params: &MergingParams) -> Self {
+        let MergingParams { places, rank, key_points, meeting, method, baseline, further, .. } = params;
+        Self::new("cameras", maps, &(places, rank, key_points, meeting, method, baseline, further))
+    }
+
+    /// That of two agents with LiDARs, in either order.
+    pub fn of_lidars(maps: [&MapDigest; 2], params: &LidarMergeParams) -> Self {
+        Self::new("lidars", maps, params)
+    }
+
+    fn new(sensors: &str, maps: [&MapDigest; 2], params: &impl Serialize) -> Self {
+        let mut maps = maps.map(MapDigest::clone);
+        maps.sort();
+        let params = serde_json::to_string(params).expect("parameters are numbers, names and lists of these");
+        let version = env!("CARGO_PKG_VERSION");
+        let [first, second] = [&maps[0].0, &maps[1].0];
+        let text =
+            format!("loopbox verdict {METHOD_VERSION} {version}\n{sensors}\n{first}\n{second}\n{params}\n");
+        Self { name: hex(&Sha256::digest(text)), maps }
+    }
+
+    /// In hexadecimal, as the verdict's file is called.
+    pub fn as_str(&self) -> &str {
+        &self.name
+    }
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// A folder of verdicts. Several processes may read and fill it at a time; a verdict that is there is not changed.
+#[derive(Clone, Debug)]
+pub struct Verdicts {
+    folder: PathBuf,
+}
+
+/// A verdict with the maps that it is on.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+struct Kept<V> {
+    /// The maps in the order that the verdict speaks of.
+    maps: [MapDigest; 2],
+    verdict: V,
+}
+
+impl Verdicts {
+    /// Those in `folder`, which is made if it is not there.
+    ///
+    /// # Errors
+    /// When it cannot be made.
+    pub fn at(folder: &Path) -> Result<Self> {
+        fs::create_dir_all(folder)
+            .with_context(|| format!("{}: the folder of verdicts cannot be made", folder.display()))?;
+        Ok(Self { folder: folder.to_owned() })
+    }
+
+    /// Where the verdict called `key` is, or would be.
+    pub fn path(&self, key: &VerdictKey) -> PathBuf {
+        self.folder.join(&key.name).with_extension(EXTENSION)
+    }
+
+    /// The verdict with its maps in the order that it speaks of; nothing where it was not found yet.
+    ///
+    /// # Errors
+    /// When its file cannot be read, or holds something else.
+    fn get<V: DeserializeOwned>(&self, key: &VerdictKey) -> Result<Option<Kept<V>>> {
+        let path = self.path(key);
+        let bytes = match fs::read(&path) {
+            Ok(bytes) => bytes,
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
+            Err(error) => return Err(error).with_context(|| format!("{}: cannot be read", path.display())),
+        };
+        let hint =
+            || format!("{}: is no verdict on these maps; delete it, and it is found again", path.display());
+        let kept: Kept<V> = rmp_serde::from_slice(&bytes).with_context(hint)?;
+        let mut maps = kept.maps.clone();
+        maps.sort();
+        if maps != key.maps {
+            bail!(hint());
+        }
+        Ok(Some(kept))
+    }
+
+    /// Keeps a verdict on `maps`, in the order that it speaks of, where there is none of that name.
+    ///
+    /// # Errors
+    /// When it cannot be written.
+    fn put<V: Serialize>(&self, key: &VerdictKey, maps: [&MapDigest; 2], verdict: &V) -> Result<()> {
+        let path = self.path(key);
+        if path.exists() {
+            return Ok(());
+        }
+        let kept = Kept { maps: maps.map(MapDigest::clone), verdict };
+        let bytes = rmp_serde::to_vec_named(&kept).context("a verdict cannot be written as MessagePack")?;
+        let written = || -> io::Result<()> {
+            let mut file = tempfile::NamedTempFile::new_in(&self.folder)?;
+            file.write_all(&bytes)?;
+            file.as_file().sync_all()?;
+            match file.persist_noclobber(&path) {
+                // Another process found it meanwhile, and the same.
+                Err(refused) if refused.error.kind() == io::ErrorKind::AlreadyExists => Ok(()),
+                Err(refused) => Err(refused.error),
+                Ok(_) => Ok(()),
+            }
+        };
+        written().with_context(|| format!("{}: cannot be written", path.display()))
+    }
+}
+
+/// What two maps of cameras made of each other, whatever their places among others.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+struct OfCameras {
+    proposed: usize,
+    tried: Vec<Tried>,
+    joined: Option<Joined>,
+    error: Option<String>,
+}
+
+/// Verdicts on maps of cameras, by their places among the inputs.
+pub(crate) struct CameraVerdicts<'a> {
+    /// Where they are kept.
+    pub kept: &'a Verdicts,
+    /// The inputs' files.
+    pub maps: &'a [MapDigest],
+    /// How they are found.
+    pub params: &'a MergingParams,
+}
+
+impl CameraVerdicts<'_> {
+    /// What is known of two inputs.
+    ///
+    /// # Errors
+    /// When its file cannot be read, or holds something else.
+    pub fn get(&self, [a, b]: [usize; 2]) -> Result<Option<Encounter>> {
+        let key = VerdictKey::of_cameras([&self.maps[a], &self.maps[b]], self.params);
+        let kept = self.kept.get::<OfCameras>(&key)?;
+        Ok(kept.map(|Kept { maps, verdict }| {
+            let [target, source] = if maps[0] == self.maps[a] { [a, b] } else { [b, a] };
+            let OfCameras { proposed, tried, joined, error } = verdict;
+            let (tried, joined) = (tried.into(), joined.map(Arc::new));
+            Encounter {
+                target,
+                source,
+                proposed,
+                tried,
+                joined,
+                error,
+                seconds: Seconds::default(),
+                seen: None,
+            }
+        }))
+    }
+
+    /// Keeps what two inputs made of each other.
+    ///
+    /// # Errors
+    /// When it cannot be written.
+    pub fn put(&self, encounter: &Encounter) -> Result<()> {
+        let maps = [encounter.target, encounter.source].map(|input| &self.maps[input]);
+        let verdict = OfCameras {
+            proposed: encounter.proposed,
+            tried: encounter.tried.to_vec(),
+            joined: encounter.joined.as_deref().cloned(),
+            error: encounter.error.clone(),
+        };
+        self.kept.put(&VerdictKey::of_cameras(maps, self.params), maps, &verdict)
+    }
+}
+
+/// Verdicts on agents with LiDARs, by their places among the inputs.
+pub(crate) struct LidarVerdicts<'a> {
+    /// Where they are kept.
+    pub kept: &'a Verdicts,
+    /// The inputs' files and agents.
+    pub maps: &'a [MapDigest],
+    /// How they are found.
+    pub params: &'a LidarMergeParams,
+}
+
+impl LidarVerdicts<'_> {
+    /// What is known of two inputs, which stand in `order`.
+    ///
+    /// # Errors
+    /// When its file cannot be read, or holds something else.
+    pub fn get(&self, order: [usize; 2]) -> Result<Option<slam_lidar::merging::verdict::Verdict>> {
+        let kept = self.kept.get(&VerdictKey::of_lidars(order.map(|map| &self.maps[map]), self.params))?;
+        Ok(kept.map(|Kept { verdict, .. }| verdict))
+    }
+
+    /// Keeps what two inputs made of each other, which stand in `order`.
+    ///
+    /// # Errors
+    /// When it cannot be written.
+    pub fn put(&self, order: [usize; 2], verdict: &slam_lidar::merging::verdict::Verdict) -> Result<()> {
+        let maps = order.map(|map| &self.maps[map]);
+        self.kept.put(&VerdictKey::of_lidars(maps, self.params), maps, verdict)
+    }
+}

@@ -1,0 +1,47 @@
+"""Many recordings and pairs, on the workers of an executor."""
+
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+
+import loopbox
+import pytest
+
+
+def content(folder, pattern="*"):
+    return {path.name: path.read_bytes() for path in folder.glob(pattern)}
+
+
+def test_verdicts_of_a_pool_of_processes_give_the_same_map(runs, tmp_path):
+    folders = [run.folder for run in runs.values()]
+    alone = loopbox.merge(folders, tmp_path / "alone")
+    # The module was used in this process before: what is forked from it must not wait for its threads.
+    with ProcessPoolExecutor(2) as pool:
+        shared = loopbox.merge(folders, tmp_path / "shared", executor=pool)
+    assert (tmp_path / "shared/map.mcap").read_bytes() == (tmp_path / "alone/map.mcap").read_bytes()
+    assert shared.met and shared.verdict == alone.verdict
+    kept = content(tmp_path / "shared-verdicts")
+    assert len(kept) == 1
+    found = loopbox.verdict(folders[1], folders[0], verdicts=tmp_path / "again")
+    assert found.joined and "accepted" in found.text and found.encounters[0]["accepted"]
+    assert content(tmp_path / "again") == kept
+    assert [pair[:2] for pair in loopbox.propose(folders)] == [tuple(folders)]
+
+
+def test_recordings_become_one_map_and_nothing_is_done_twice(demo, runs, tmp_path):
+    recordings = [demo / name for name in runs]
+    with ProcessPoolExecutor(2) as pool:
+        both = loopbox.reconstruct(recordings, tmp_path, executor=pool)
+    assert both.met and sorted(both.map().agents) == sorted(runs)
+    for name, run in runs.items():
+        assert (tmp_path / "maps" / name / "map.mcap").read_bytes() == (run.folder / "map.mcap").read_bytes()
+    before = content(tmp_path / "maps/parking_a") | content(tmp_path / "verdicts")
+    again = loopbox.reconstruct(recordings, tmp_path)
+    assert again.verdict == both.verdict
+    # A run or a verdict that is made anew has other times in it, or another name.
+    assert content(tmp_path / "maps/parking_a") | content(tmp_path / "verdicts") == before
+
+
+def test_what_a_worker_could_not_do_is_told_after_the_others(demo, tmp_path):
+    recordings = [tmp_path / "nothing", demo / "parking_c"]
+    with ThreadPoolExecutor(2) as pool, pytest.raises(loopbox.LoopboxError, match="no such file"):
+        loopbox.map(recordings, tmp_path / "maps", executor=pool, end=2.0)
+    assert (tmp_path / "maps/parking_c/run.json").is_file()
