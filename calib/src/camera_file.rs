@@ -4,7 +4,7 @@ pub(crate) mod choice;
 
 use crate::CalibError;
 use crate::formats::{
-    basalt, camchain, camera_info, colmap, loopbox, nerfstudio, opencv, orb_slam, svo, text, vins, xml,
+    basalt, camchain, camera_info, colmap, kitti, loopbox, nerfstudio, opencv, orb_slam, svo, text, vins, xml,
 };
 use crate::node::{Document, Node};
 use choice::{CameraHint, Named, choose};
@@ -39,6 +39,8 @@ pub enum CameraFormat {
     Nerfstudio,
     /// COLMAP's `cameras.txt`.
     Colmap,
+    /// KITTI's `calib.txt` and `calib_cam_to_cam.txt`.
+    Kitti,
     /// Four lines as LSD-SLAM and DSO read them.
     LsdDso,
 }
@@ -120,6 +122,10 @@ fn parse(text: &str, name: &str, hint: &CameraHint) -> Result<CalibrationFile, C
         let camera = colmap::parse(text, name, hint)?;
         return Ok(CalibrationFile { camera, crop: None, fps: None, format: CameraFormat::Colmap });
     }
+    if kitti::is_form(text) {
+        let camera = kitti::parse(text, name, hint)?;
+        return Ok(CalibrationFile { camera, crop: None, fps: None, format: CameraFormat::Kitti });
+    }
     let is_xml = xml::is_xml(text);
     // OpenCV's header is no YAML directive; as a comment it keeps the line numbers.
     let opencv_header = is_xml || text.starts_with("%YAML:");
@@ -144,7 +150,7 @@ fn parse(text: &str, name: &str, hint: &CameraHint) -> Result<CalibrationFile, C
         CameraFormat::Svo => (svo::parse(&root, hint)?, None),
         CameraFormat::Basalt => (basalt::parse(&root, hint)?, None),
         CameraFormat::Nerfstudio => (nerfstudio::parse(&root)?, None),
-        CameraFormat::LsdDso | CameraFormat::Colmap => {
+        CameraFormat::LsdDso | CameraFormat::Colmap | CameraFormat::Kitti => {
             return Err(CalibError::UnknownForm { file: name.into() });
         }
     };

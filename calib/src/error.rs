@@ -35,7 +35,8 @@ pub enum CalibError {
     #[error(
         "{file}: not a camera calibration in a known form; give a camera.yaml (model, width, height, fx, \
          fy, cx, cy, distortion), a Kalibr camchain, a ROS camera_info, a YAML or XML of OpenCV, a YAML of EuRoC, \
-         ORB-SLAM, stella_vslam, VINS or SVO, Basalt's JSON, nerfstudio's transforms.json, COLMAP's cameras.txt, or an \
+         ORB-SLAM, stella_vslam, VINS or SVO, Basalt's JSON, nerfstudio's transforms.json, COLMAP's cameras.txt, KITTI's calib.txt or \
+         calib_cam_to_cam.txt, or an \
          LSD/DSO text file"
     )]
     UnknownForm {

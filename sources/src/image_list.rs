@@ -51,13 +51,15 @@ impl ImageList {
         let images = frames.first().and_then(|(_, file)| file.parent());
         // A path from inside of the folder does not name it.
         let images = images.map(|images| images.canonicalize().unwrap_or_else(|_| images.to_owned()));
+        let size = frames.first().and_then(|(_, file)| image::image_dimensions(file).ok());
+        let size = size.map(|(width, height)| (width as usize, height as usize));
         let info = SourceInfo {
             kind,
             path: folder.to_owned(),
             frame_count: Some(frames.len() as u64),
             duration,
             calibration,
-            camera: CameraHint { folder: images, ..CameraHint::default() },
+            camera: CameraHint { folder: images, size, ..CameraHint::default() },
             lag: None,
         };
         let frames = of_each.into_iter().zip(frames).collect();

@@ -41,8 +41,10 @@ fn open_raw(folder: &Path) -> Result<Option<ImageList>> {
         return Ok(None);
     }
     let timed = images_by_times(&table, &read_table(&table)?, &images, files)?;
-    let calibration =
-        first_existing(folder, &["camera.yaml", "camera.yml", "camera.txt"]).map(FoundCalibration::File);
+    // KITTI has it in the folder of the day, above the drive.
+    let names =
+        ["camera.yaml", "camera.yml", "camera.txt", "calib_cam_to_cam.txt", "../calib_cam_to_cam.txt"];
+    let calibration = first_existing(folder, &names).map(FoundCalibration::File);
     let list = ImageList::new("KITTI raw folder", folder, &images, timed.frames, calibration)?;
     Ok(Some(list.remarked(timed.remarks, timed.facts)))
 }

@@ -12,6 +12,8 @@ pub struct CameraHint {
     pub topic: Option<String>,
     /// The folder that they lie in.
     pub folder: Option<PathBuf>,
+    /// Width and height of the images, pixels, for files that do not say them.
+    pub size: Option<(usize, usize)>,
 }
 
 /// What a file says of which camera one of its is.

@@ -28,6 +28,47 @@ fn kb4(terms: [f64; 4]) -> Distortion {
 }
 
 #[test]
+fn kitti_of_odometry_and_raw() {
+    let odometry = "P0: 718.856 0 607.1928 0 0 718.856 185.2157 0 0 0 1 0\nP1: 718.856 0 607.1928 -386.1 0 718.856 185.2157 0 0 0 1 0\n\
+        P2: 700 0 600 45.4 0 701 180 -0.1 0 0 1 0\nTr: 1 0 0 0 0 1 0 0 0 0 1 0\n";
+    let size = Some((1241, 376));
+    let hint = |folder: &str| CameraHint { size, ..of(folder) };
+    let found = parse_camera_of(odometry, "calib.txt", &hint("seq/image_1")).unwrap();
+    assert_eq!(
+        (found.camera, found.format),
+        (camera((1241, 376), [718.856, 718.856, 607.1928, 185.2157], Distortion::None), CameraFormat::Kitti)
+    );
+    let named = CameraHint { name: Some("image_02".into()), ..hint("images") };
+    assert_eq!(parse_camera_of(odometry, "calib.txt", &named).unwrap().camera.intrinsics().fy, 701.0);
+    assert!(
+        parse_camera_of(odometry, "c", &hint("images")).unwrap_err().to_string().contains("several cameras")
+    );
+    let sizeless = parse_camera_of(odometry, "c", &of("image_0")).unwrap_err().to_string();
+    assert!(sizeless.contains("does not tell the image size"), "{sizeless}");
+
+    let one = |i: usize| {
+        format!(
+            "S_0{i}: 1.392000e+03 5.120000e+02\nK_0{i}: 984.2 0 690 0 980.8 233.2 0 0 1\nD_0{i}: -0.37 0.2 0.001 0.002 -0.07\n\
+             S_rect_0{i}: 1.242000e+03 3.750000e+02\nP_rect_0{i}: 721.5 0 609.6 {i} 0 721.5 172.9 0 0 0 1 0\n"
+        )
+    };
+    let raw: String =
+        std::iter::once("calib_time: 09-Jan-2012 13:57:47\n".to_owned()).chain((0..4).map(one)).collect();
+    let rectified = camera((1242, 375), [721.5, 721.5, 609.6, 172.9], Distortion::None);
+    let of_drive = |size| CameraHint { size, ..of("drive_0001/image_02/data") };
+    for size in [None, Some((1242, 375))] {
+        assert_eq!(parse_camera_of(&raw, "c", &of_drive(size)).unwrap().camera, rectified);
+    }
+    let as_taken = parse_camera_of(&raw, "c", &of_drive(Some((1392, 512)))).unwrap().camera;
+    assert_eq!(
+        as_taken,
+        camera((1392, 512), [984.2, 980.8, 690.0, 233.2], radtan(&[-0.37, 0.2, 0.001, 0.002, -0.07]))
+    );
+    let torn = raw.replace("S_rect_02: 1.242000e+03 3.750000e+02\n", "");
+    assert!(parse_camera_of(&torn, "c", &of_drive(None)).unwrap_err().to_string().contains("S_rect_02"));
+}
+
+#[test]
 fn orb_slam_2_and_3() {
     let tum = "%YAML:1.0\n\n#---- Camera Parameters\nCamera.fx: 517.306408\nCamera.fy: 516.469215\nCamera.cx: 318.643040\n\
         Camera.cy: 255.313989\n\nCamera.k1: 0.262383\nCamera.k2: -0.953104\nCamera.p1: -0.005358\nCamera.p2: 0.002628\n\
@@ -43,6 +84,10 @@ fn orb_slam_2_and_3() {
     // ORB-SLAM2's own files often leave the size out.
     let without = refusal(&tum.replace("Camera.width: 640\n", ""));
     assert!(without.contains("`Camera.width` is missing") && without.contains("add the key"), "{without}");
+    // Then it is that of the images, where these are known.
+    let neither = tum.replace("Camera.width: 640\nCamera.height: 480\n", "");
+    let of_images = CameraHint { size: Some((640, 480)), ..CameraHint::default() };
+    assert_eq!(parse_camera_of(&neither, "s", &of_images).unwrap().camera, expected);
 
     let tum_vi = "%YAML:1.0\nFile.version: \"1.0\"\nCamera.type: \"KannalaBrandt8\"\nCamera1.fx: 190.97\nCamera1.fy: 190.96\n\
         Camera1.cx: 254.93\nCamera1.cy: 256.89\nCamera1.k1: 0.0034\nCamera1.k2: 0.0007\nCamera1.k3: -0.002\nCamera1.k4: 0.0002\n\

@@ -4,6 +4,7 @@ pub(crate) mod basalt;
 pub(crate) mod camchain;
 pub(crate) mod camera_info;
 pub(crate) mod colmap;
+pub(crate) mod kitti;
 pub(crate) mod loopbox;
 pub(crate) mod nerfstudio;
 pub(crate) mod opencv;

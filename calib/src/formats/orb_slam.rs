@@ -37,7 +37,7 @@ pub(crate) fn parse(root: &Node, hint: &CameraHint) -> Result<(Camera, Option<f6
         (Some(_), None) => "Camera1.",
         (None, _) => shared,
     };
-    Ok((of_keys(node, shared, own)?, fps))
+    Ok((of_keys(node, shared, own, hint.size)?, fps))
 }
 
 /// `LEFT.K`, `LEFT.D`, `LEFT.width`, `LEFT.height`.
@@ -52,12 +52,27 @@ fn of_matrices(root: &Node, side: &str) -> Result<Camera, CalibError> {
     opencv::camera((pixels("width")?, pixels("height")?), &matrix, distortion)
 }
 
-/// Keys of the size after `shared`, of the numbers after `own`.
-fn of_keys(node: &Node, shared: &str, own: &str) -> Result<Camera, CalibError> {
+/// Keys of the size after `shared`, of the numbers after `own`. ORB-SLAM2's own files have no size, which is that of the images then.
+fn of_keys(
+    node: &Node,
+    shared: &str,
+    own: &str,
+    images: Option<(usize, usize)>,
+) -> Result<Camera, CalibError> {
+    let keys = |names: [&str; 2]| names.map(|name| format!("{shared}{name}"));
     let pixels = |names: [&str; 2]| {
-        let keys = names.map(|name| format!("{shared}{name}"));
+        let [one, other] = keys(names);
         let fix = "this file does not tell the image size: add the key, in pixels";
-        node.need(&[&keys[0], &keys[1]], fix)?.pixels()
+        node.need(&[&one, &other], fix)?.pixels()
+    };
+    let names = [["width", "cols"], ["height", "rows"]];
+    let is_told = names.iter().any(|names| {
+        let [one, other] = keys(*names);
+        node.child(&[&one, &other]).is_some()
+    });
+    let size = match images.filter(|_| !is_told) {
+        Some(size) => size,
+        None => (pixels(names[0])?, pixels(names[1])?),
     };
     let model = node.child(&[&format!("{shared}type"), &format!("{shared}model")]);
     let name = model.as_ref().map_or(Ok("PinHole"), Node::text)?;
@@ -69,5 +84,5 @@ fn of_keys(node: &Node, shared: &str, own: &str) -> Result<Camera, CalibError> {
         _ => return Err(unsupported(model.as_ref().unwrap_or(node), name, "the")),
     };
     let distortion = model.padded_distortion(&named_terms(node, own, terms)?);
-    camera_of((node, own), (pixels(["width", "cols"])?, pixels(["height", "rows"])?), numbers, distortion)
+    camera_of((node, own), size, numbers, distortion)
 }
