@@ -10,6 +10,9 @@ libfuzzer_sys::fuzz_target!(|data: &[u8]| {
     let files: Vec<_> = table.rows.iter().filter_map(|row| row.file(1, Path::new("/nowhere"))).collect();
     let numbers = Numbers::of(files.iter().map(|file| file.as_path()));
     let _ = numbers.map(|numbers| (numbers.gaps(), numbers.places_in(table.rows.len())));
+    for name in [None, Some(0), Some(1)] {
+        let _ = table.times_of(name).map(|times| (table.stamps_at(times).is_ok(), table.goes_forward(times)));
+    }
     let Ok(stamps) = table.stamps() else { return };
     let _ = stamps.remark();
     let times = judged(&stamps.seconds).0.into_iter();

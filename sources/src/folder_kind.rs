@@ -1,9 +1,10 @@
 //! What a folder holds, told from all of it: one file of another kind beside a recording does not make it another recording.
 
 use crate::image_list::images_in;
+use crate::rosbag2::files_with;
 use scans::folder_contents;
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Where recordings of folders have their images.
 const IMAGE_FOLDERS: [&str; 10] = [
@@ -60,6 +61,37 @@ impl FolderKind {
             }
         }
     }
+}
+
+/// How names of video files end.
+const VIDEOS: [&str; 10] = ["mp4", "mov", "avi", "mkv", "webm", "m4v", "mts", "m2ts", "mpg", "wmv"];
+
+/// The video files of a folder.
+pub fn videos_in(folder: &Path) -> Vec<PathBuf> {
+    let of_ending = |ending: &&str| files_with(folder, ending).unwrap_or_default();
+    VIDEOS.iter().flat_map(of_ending).collect()
+}
+
+/// That a folder holds no recording: what is there, and what would be one.
+pub fn nothing_in(folder: &Path) -> anyhow::Error {
+    let name = |path: &PathBuf| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let videos: Vec<String> = videos_in(folder).iter().map(name).collect();
+    let has_images = |path: &PathBuf| images_in(path).is_ok_and(|images| !images.is_empty());
+    let entries = std::fs::read_dir(folder).into_iter().flatten();
+    let folders = entries.filter_map(|entry| Some(entry.ok()?.path())).filter(|path| path.is_dir());
+    let mut folders: Vec<String> = folders.filter(has_images).map(|path| name(&path) + "/").collect();
+    folders.sort();
+    let hint = match (&folders[..], &videos[..]) {
+        ([], []) => "looked for times.txt with images/, rgb.txt (TUM), mav0/cam0/data.csv (EuRoC), image_0/ or image_2/ with \
+             times.txt (KITTI), image_00/data with timestamps.txt (KITTI raw), .mcap, .db3 and .bag files, .png, .jpg, .pgm, .tiff or \
+             .bmp files, a video, and a LiDAR's .bin, .pcd or .ply"
+            .to_owned(),
+        (which, videos) => format!(
+            "a recording is one camera's: give that folder or file itself, of {}",
+            which.iter().chain(videos).cloned().collect::<Vec<_>>().join(", ")
+        ),
+    };
+    anyhow::anyhow!("{}: no recording here: {}\nhint: {hint}", folder.display(), listed(folder))
 }
 
 /// What lies in a folder, for people whose recording was not found there: files by ending, and folders with their images.

@@ -1,8 +1,10 @@
 //! Tables that say when images were taken.
 
-use crate::image_list::Timed;
+use crate::image_list::{Timed, images_in, is_image};
+use crate::numbered::shows_scene;
 use anyhow::{Context, Result, bail};
-use scans::tables::{Numbers, Row, Stamps, Table};
+use scans::tables::{Numbers, Row, Stamps, Table, Times};
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 /// Images with their times, and what is to be said of these.
@@ -32,7 +34,7 @@ pub fn timed_images(table: &Path, folder: &Path) -> Result<Vec<Timed>> {
     Ok(named_images(table, &read_table(table)?, folder)?.frames)
 }
 
-/// The same of a table that was read, with what is to be said of it. Time and image may stand in either order.
+/// The same of a table that was read, with what is to be said of it. Time and image may stand in any columns.
 ///
 /// # Errors
 /// Those of [`timed_images`].
@@ -40,14 +42,72 @@ pub fn named_images(path: &Path, table: &Table, folder: &Path) -> Result<TimedIm
     let refuse = |row: &Row| {
         format!("{}: line {} is not 'time stamp, image': {}", path.display(), row.line, row.text())
     };
-    let (stamps, name) = match (table.stamps(), table.stamps_of(1)) {
-        (Ok(stamps), _) => (stamps, 1),
-        (Err(_), Ok(stamps)) => (stamps, 0),
-        (Err(row), Err(_)) => bail!(refuse(row)),
-    };
+    let found = name_column(table, folder);
+    let times = table.times_of(found);
+    // Where nothing is called as an image is, the second column has the names, or the first if the times stand there.
+    let name = found.unwrap_or(usize::from(times != Some(Times::Column(1))));
+    let stamps = table.stamps_at(times.unwrap_or(Times::Column(usize::from(name == 0))));
+    let stamps = stamps.map_err(|row| anyhow::anyhow!(refuse(row)))?;
     let files = table.rows.iter().map(|row| row.file(name, folder).with_context(|| refuse(row)));
-    let files = files.collect::<Result<Vec<PathBuf>>>()?;
-    Ok(timed(stamps, files, Vec::new()))
+    let mut files = files.collect::<Result<Vec<PathBuf>>>()?;
+    let remark = if is_there(&files) { None } else { by_stems(&mut files, folder) };
+    Ok(timed(stamps, files, remark.into_iter().collect()))
+}
+
+/// Of this many rows it is looked at what they name.
+const LOOKED_AT: usize = 8;
+
+/// The column with the names of images: of those that name files, or what is called as images are, the first that is not of depth images or
+/// of another kind that shows no scene.
+pub fn name_column(table: &Table, folder: &Path) -> Option<usize> {
+    let rows = || table.rows.iter().take(LOOKED_AT);
+    let width = rows().map(|row| row.fields.len()).max()?;
+    let names = |column: usize| {
+        let is_name = |row: &Row| {
+            row.fields.get(column).is_some_and(|field| is_image(Path::new(field)))
+                // Words behind a time may be a name.
+                || !row.is_time(column) && row.file(column, folder).is_some_and(|file| file.is_file() && is_image(&file))
+        };
+        rows().any(is_name)
+    };
+    let mut all = (0..width).filter(|column| names(*column));
+    let first = all.next()?;
+    let shows =
+        |column: &usize| rows().all(|row| row.fields.get(*column).is_none_or(|name| shows_scene(name)));
+    std::iter::once(first).chain(all).find(shows).or(Some(first))
+}
+
+/// Whether some of the first files are there.
+fn is_there(files: &[PathBuf]) -> bool {
+    files.iter().take(LOOKED_AT).any(|file| file.is_file())
+}
+
+/// Takes the images of the same names with other endings, or that lie in a folder that the table does not name; says so.
+fn by_stems(files: &mut [PathBuf], folder: &Path) -> Option<String> {
+    let named = files.first()?.parent().map(Path::to_owned);
+    let places = named.into_iter().chain(["images", "data", "rgb", "."].map(|place| folder.join(place)));
+    let stem = |file: &Path| file.file_stem().map(|stem| stem.to_string_lossy().into_owned());
+    for place in places.filter(|place| place.is_dir()) {
+        let images = images_in(&place).ok()?;
+        let by_stem: HashMap<String, &PathBuf> =
+            images.iter().filter_map(|file| Some((stem(file)?, file))).collect();
+        let is_of_place = files
+            .iter()
+            .take(LOOKED_AT)
+            .any(|file| stem(file).is_some_and(|stem| by_stem.contains_key(&stem)));
+        if is_of_place {
+            for file in files.iter_mut() {
+                if let Some(found) = stem(file).and_then(|stem| by_stem.get(&stem)) {
+                    file.clone_from(found);
+                }
+            }
+            return Some(format!(
+                "the table names images that are not there: those of the same names in {} are taken",
+                place.display()
+            ));
+        }
+    }
+    None
 }
 
 /// The images of a folder with the times that a table says one a line. Where images are missing, their numbers tell whose the
@@ -61,7 +121,8 @@ pub fn images_by_times(
     images: &Path,
     files: Vec<PathBuf>,
 ) -> Result<TimedImages> {
-    let stamps = table.stamps().map_err(|row| {
+    let times = table.times_of(None).unwrap_or(Times::Column(0));
+    let stamps = table.stamps_at(times).map_err(|row| {
         anyhow::anyhow!("{}: line {} is not a time: {}", path.display(), row.line, row.text())
     })?;
     let times = &stamps.seconds;

@@ -329,6 +329,10 @@ fn open_folder(path: &Path, options: &SourceOptions) -> Result<Box<dyn FrameSour
         list
     } else if let Some(list) = timed::open(path, &timed::OTHERS)? {
         list
+    } else if options.fps.is_none()
+        && let Some(list) = timed::open_any(path)?
+    {
+        list
     } else if let Some(list) = numbered::open(path, options.fps)? {
         list
     } else if let Some(files) = rosbag2::loose_files(path)? {
@@ -337,14 +341,10 @@ fn open_folder(path: &Path, options: &SourceOptions) -> Result<Box<dyn FrameSour
         && !bags.is_empty()
     {
         return parts::open(path, &bags, options, open_bag);
+    } else if let [video] = &folder_kind::videos_in(path)[..] {
+        return open_video(video, options);
     } else {
-        bail!(
-            "{}: no recording here: {}\nhint: looked for times.txt with images/, rgb.txt (TUM), mav0/cam0/data.csv \
-             (EuRoC), image_0/ or image_2/ with times.txt (KITTI), image_00/data with timestamps.txt (KITTI raw), .mcap, .db3 and .bag \
-             files, .png, .jpg, .pgm, .tiff or .bmp files, and a LiDAR's .bin, .pcd or .ply",
-            path.display(),
-            folder_kind::listed(path)
-        );
+        return Err(folder_kind::nothing_in(path));
     };
     refuse_topic(path, options)?;
     Ok(Box::new(list.with_rate(options.fps)?))

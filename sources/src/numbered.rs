@@ -10,12 +10,15 @@ use std::path::{Path, PathBuf};
 /// Words in names of images that are no pictures of the scene by the camera that is taken.
 const OTHERS: [&str; 9] =
     ["depth", "disp", "disparity", "mask", "label", "semantic", "seg", "normal", "right"];
-/// Opens the folder if it, or its `images/`, holds image files.
+
+/// Opens the folder if it, its `images/` or the only other folder in it that shows a scene holds image files.
 ///
 /// # Errors
 /// When there are images but no frame rate to time them by.
 pub fn open(folder: &Path, fps: Option<f64>) -> Result<Option<ImageList>> {
-    for images in [folder.to_owned(), folder.join("images")] {
+    for images in
+        [Some(folder.to_owned()), Some(folder.join("images")), folder_of_scene(folder)].into_iter().flatten()
+    {
         if !images.is_dir() {
             continue;
         }
@@ -52,6 +55,23 @@ pub fn open(folder: &Path, fps: Option<f64>) -> Result<Option<ImageList>> {
     Ok(None)
 }
 
+/// The only folder in this one that holds images by its camera: `color` beside `depth`.
+fn folder_of_scene(folder: &Path) -> Option<PathBuf> {
+    let entries = std::fs::read_dir(folder).ok()?;
+    let folders = entries.filter_map(|entry| Some(entry.ok()?.path())).filter(|path| path.is_dir());
+    let mut of_scene = folders.filter(|path| {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        shows_scene(&name) && !name.starts_with('.') && images_in(path).is_ok_and(|images| !images.is_empty())
+    });
+    of_scene.next().filter(|_| of_scene.next().is_none())
+}
+
+/// Whether a name says of nothing that shows no scene, or by another camera than the one that is taken.
+pub fn shows_scene(name: &str) -> bool {
+    let mut words = name.split(|c: char| !c.is_alphanumeric());
+    !words.any(|word| OTHERS.contains(&&*word.to_ascii_lowercase()))
+}
+
 fn in_order(times: Vec<f64>, files: Vec<PathBuf>) -> Vec<Timed> {
     let mut frames: Vec<Timed> = times.into_iter().zip(files).collect();
     frames.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -65,10 +85,7 @@ fn pictures(files: Vec<PathBuf>) -> (Vec<PathBuf>, Vec<String>) {
     for file in &files {
         kinds.entry(pattern(file)).or_default().push(file.clone());
     }
-    let shows = |kind: &String| {
-        let mut words = kind.split(|c: char| !c.is_alphanumeric());
-        !words.any(|word| OTHERS.contains(&&*word.to_ascii_lowercase()))
-    };
+    let shows = |kind: &String| shows_scene(kind);
     let left: Vec<&String> = kinds.keys().filter(|kind| !shows(kind)).collect();
     if left.is_empty() || left.len() == kinds.len() {
         return (files, Vec::new());

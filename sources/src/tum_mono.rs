@@ -2,7 +2,7 @@
 //! and of the sensor `pcalib.txt` and `vignette.png`.
 
 use super::FoundCalibration;
-use super::image_list::{ImageList, images_in};
+use super::image_list::{ImageList, images_in, is_image};
 use super::image_table::read_table;
 use crate::recording::{CalibrationFiles, NamedFile};
 use anyhow::{Result, bail};
@@ -23,6 +23,7 @@ pub fn open(folder: &Path) -> Result<Option<ImageList>> {
         row.fields.len() >= 2
             && row.fields[..2].iter().all(|field| time(field).is_some())
             && !folder.join(&row.fields[1]).exists()
+            && !row.fields.iter().any(|field| is_image(Path::new(field)))
     });
     if !is_of_kind {
         return Ok(None);
@@ -39,6 +40,10 @@ pub fn open(folder: &Path) -> Result<Option<ImageList>> {
         .iter()
         .filter_map(|file| Some((file.file_stem()?.to_string_lossy().into_owned(), file)))
         .collect();
+    // Where no row has the number of an image, the columns are others.
+    if !files.is_empty() && !rows.iter().any(|row| by_number.contains_key(&row.fields[0])) {
+        return Ok(None);
+    }
     let frames = rows
         .into_iter()
         .map(|row| match row.fields.get(1).and_then(|field| time(field)) {

@@ -1,11 +1,13 @@
 //! Tables of times and file names as people and programs write them: what folders of scans and of images are timed by.
 //!
 //! Text may be UTF-8 or UTF-16, with or without a mark at its start. Fields are separated by semicolons, tabs, commas or blanks,
-//! whichever all lines have; a first line that begins with no time is a header, with or without `#`.
+//! whichever all lines have; a first line without a time is a header, with or without `#`. Lines end as those of any system do.
 
+mod columns;
 mod order;
 mod stamps;
 
+pub use columns::Times;
 pub use order::{Numbers, sort_by_name};
 pub use stamps::{Stamps, Unit, moment, seconds, stamps_of_names};
 
@@ -28,6 +30,8 @@ pub struct Row {
 pub struct Table {
     /// The lines that say what the columns are: comments before the first row, and a header.
     pub header: String,
+    /// What a header that is a row calls the columns, in lower case; empty where there is none.
+    pub names: Vec<String>,
     /// The rows.
     pub rows: Vec<Row>,
 }
@@ -43,6 +47,9 @@ impl Table {
 
     /// The table in a text.
     pub fn parse(text: &str) -> Self {
+        // Tables of old Macs and of some spreadsheets end lines by a carriage return alone.
+        let returned = (!text.contains('\n') && text.contains('\r')).then(|| text.replace('\r', "\n"));
+        let text = returned.as_deref().unwrap_or(text);
         let mut table = Self::default();
         let lines: Vec<(usize, &str)> = text
             .lines()
@@ -58,10 +65,11 @@ impl Table {
         let separator = Separator::of(lines.iter().map(|(_, line)| *line));
         table.rows = lines.into_iter().map(|(line, text)| separator.row(line, text)).collect();
         if let [first, second, ..] = &table.rows[..]
-            && !first.begins_with_time()
-            && second.begins_with_time()
+            && first.is_header_of(second)
         {
-            table.header += &table.rows.remove(0).fields.join(" ");
+            let header = table.rows.remove(0);
+            table.header += &header.text();
+            table.names = header.fields.iter().map(|name| name.to_lowercase()).collect();
         }
         table
     }
@@ -90,8 +98,10 @@ impl Row {
         self.fields.join(" ")
     }
 
-    fn begins_with_time(&self) -> bool {
-        stamps::is_time(&self.fields[0])
+    /// Whether this line, the first, says what the columns of the next one are: it has no time, where that one has some.
+    fn is_header_of(&self, next: &Self) -> bool {
+        let has_time = |row: &Self| row.fields.iter().any(|field| stamps::is_time(field));
+        !has_time(self) && has_time(next)
     }
 
     /// The file in `folder` that the fields from `first` on name: as it is written, with the separators of Windows, of several

@@ -12,7 +12,7 @@ const FRACTIONS: f64 = 3.0;
 /// What it weighs that seconds are the usual unit.
 const SECONDS: f64 = 2.0;
 /// Our days, seconds since 1970: from 2000 on, as far as recordings can hold.
-const OUR_DAYS: std::ops::Range<f64> = 9.4e8..4.3e9;
+pub(super) const OUR_DAYS: std::ops::Range<f64> = 9.4e8..4.3e9;
 
 /// What a number of a table counts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -149,6 +149,36 @@ fn tables_as_people_have_them() {
             format!("t [ms],image\n{}", line(&|i, name| format!("{:.3},{name}\n", 100.0 * i as f64))).into(),
         ),
         ("dates", line(&|i, name| format!("2024-05-01 10:00:10.{i}00,{name}\n")).into()),
+        ("lines that end by a carriage return alone", plain.replace('\n', "\r").into()),
+        (
+            "the image first, and a header",
+            format!("filename,timestamp\n{}", line(&|i, name| format!("{name},{}\n", TIMES[i]))).into(),
+        ),
+        (
+            "an index before them, as pandas writes it",
+            format!(",timestamp,filename\n{}", line(&|i, name| format!("{i},{},{name}\n", TIMES[i]))).into(),
+        ),
+        (
+            "a number, the time, the exposure and the image",
+            line(&|i, name| format!("{} {} {} {name}\n", i + 1, TIMES[i], [8, 9, 7, 8][i])).into(),
+        ),
+        (
+            "secs and nsecs in two columns",
+            format!("secs,nsecs,filename\n{}", line(&|i, name| format!("10,{},{name}\n", 100_000_000 * i)))
+                .into(),
+        ),
+        (
+            "epoch secs and nsecs without a header",
+            line(&|i, name| {
+                format!("{} {:09} {name}\n", 1_700_000_000 + (i + 8) / 10, (i + 8) % 10 * 100_000_000)
+            })
+            .into(),
+        ),
+        (
+            "tv_sec and tv_usec behind the image",
+            format!("image;tv_sec;tv_usec\n{}", line(&|i, name| format!("{name};10;{}\n", 100_000 * i)))
+                .into(),
+        ),
         ("in no order", [2, 0, 3, 1].map(|i| format!("{} {}\n", TIMES[i], names[i])).concat().into()),
     ];
     for (what, table) in tables {
@@ -228,4 +258,75 @@ fn time_that_does_not_go_forward() {
     assert_eq!((backwards.times.len(), backwards.times[0]), (40, 100.0));
     let twice = changed(&|times| times.extend(steady(40)));
     assert_eq!(twice.times.len(), 80);
+}
+
+/// A folder's kind is told from what is in it, whatever its table and its folders are called.
+#[test]
+fn folders_without_a_table_of_a_known_name() {
+    let rgb: Vec<String> = (0..4).map(|i| format!("rgb/{i}.png")).collect();
+    let depth: Vec<String> = (0..4).map(|i| format!("depth/{i}.png")).collect();
+    let both = |table: Option<(&str, String)>| {
+        let images = rgb.iter().chain(&depth);
+        let mut files: Vec<(&str, &[u8])> = images.map(|name| (name.as_str(), &[][..])).collect();
+        files.extend(table.iter().map(|(name, text)| (*name, text.as_bytes())));
+        folder(&files)
+    };
+    let rows = |row: &dyn Fn(usize) -> String| (0..4).map(row).collect::<String>();
+    // What the TUM RGB-D benchmark's associate.py writes, in both orders, and a table of another program.
+    for (name, text) in [
+        ("associations.txt", rows(&|i| format!("{0} {1} {0:.3} {2}\n", TIMES[i], rgb[i], depth[i]))),
+        ("fr1_desk.txt", rows(&|i| format!("{:.3} {} {} {}\n", TIMES[i] + 0.01, depth[i], TIMES[i], rgb[i]))),
+        ("frames.csv", format!("frame,file,time\n{}", rows(&|i| format!("{i},{},{}\n", rgb[i], TIMES[i])))),
+    ] {
+        let seen = read(both(Some((name, text))).path());
+        assert_times(&seen, name);
+        assert!(seen.facts.contains(&format!("table: {name}")), "{}", seen.facts);
+    }
+    // Numbers that a program gives images are no times.
+    let labels = rows(&|i| format!("{},{}\n", rgb[i], [3, 1, 2, 0][i]));
+    let room = both(Some(("labels.csv", labels)));
+    assert!(refused(room.path()).contains("--fps 30"), "{}", refused(room.path()));
+    assert_times(&read_at(room.path(), Some(10.0)), "labels.csv");
+    for scene in ["color", "cam0", "left"] {
+        let images: Vec<String> = rgb.iter().map(|name| name.replace("rgb", scene)).collect();
+        let all = images.iter().chain(&depth);
+        let mut files: Vec<(&str, &[u8])> = all.map(|name| (name.as_str(), &[][..])).collect();
+        files.push(("right/0.png", &[]));
+        let room = folder(&files);
+        assert_times(&read_at(room.path(), Some(10.0)), scene);
+        assert!(refused(room.path()).contains("4 images but no time stamps"));
+    }
+    let room = folder(&[("front/0.png", &[]), ("rear/0.png", &[]), ("depth/0.png", &[])]);
+    let said = refused(room.path());
+    assert!(said.contains("give that folder or file itself, of depth/, front/, rear/"), "{said}");
+}
+
+/// The images of a table may have been converted, or moved.
+#[test]
+fn images_of_a_table_are_found_by_their_names_without_an_end() {
+    for (place, name) in [("images", "00000#"), ("images", "images/00000#.jpg"), ("rgb", "00000#.bmp")] {
+        let names: Vec<String> = (0..4).map(|i| format!("{place}/00000{i}.png")).collect();
+        let row = |i: usize| format!("{} {}\n", TIMES[i], name.replace('#', &i.to_string()));
+        let table: String = (0..4).map(row).collect();
+        let mut files: Vec<(&str, &[u8])> = names.iter().map(|name| (name.as_str(), &[][..])).collect();
+        files.push(("times.txt", table.as_bytes()));
+        let seen = read(folder(&files).path());
+        assert_times(&seen, name);
+        assert!(seen.said.contains("of the same names"), "{}", seen.said);
+    }
+}
+
+/// Times alone, in two columns.
+#[test]
+fn times_alone_of_two_columns_are_those_of_the_images() {
+    let names: Vec<String> = (0..4).map(|i| format!("images/frame_{i}.png")).collect();
+    for table in [
+        "1700000000 800000000\n1700000000 900000000\n1700000001 0\n1700000001 100000000\n",
+        "# secs nsecs\nsec,nsec\n10,0\n10,100000000\n10,200000000\n10,300000000\n",
+        "1700000000 800000\n1700000000 900000\n1700000001 000000\n1700000001 100000\n",
+    ] {
+        let mut files: Vec<(&str, &[u8])> = names.iter().map(|name| (name.as_str(), &[][..])).collect();
+        files.push(("times.txt", table.as_bytes()));
+        assert_times(&read(folder(&files).path()), table);
+    }
 }

@@ -190,3 +190,30 @@ fn images_are_taken_before_the_same_as_a_video() {
     mcap_file(&path, None, &all);
     assert_times(&read(&path), "images");
 }
+
+#[test]
+fn a_video_alone_in_a_folder_is_read() {
+    let room = tempdir().unwrap();
+    let make = |name: &str| {
+        let made = Command::new("ffmpeg")
+            .args([
+                "-loglevel",
+                "error",
+                "-f",
+                "lavfi",
+                "-i",
+                "testsrc=size=96x64:rate=10:duration=1",
+                "-pix_fmt",
+                "yuv420p",
+            ])
+            .arg(room.path().join(name))
+            .status();
+        assert!(made.expect("these tests need ffmpeg: apt install ffmpeg").success());
+    };
+    make("GX010042.MP4");
+    fs::write(room.path().join("GX010042.THM"), "a thumbnail").unwrap();
+    assert_eq!(read(room.path()).times.len(), 10);
+    make("other.mkv");
+    let said = refused(room.path());
+    assert!(said.contains("of GX010042.MP4, other.mkv") && !said.contains("looked for"), "{said}");
+}
