@@ -6,6 +6,7 @@ mod jpeg;
 mod levels;
 mod metadata;
 mod raw;
+mod rows;
 
 pub use depth::read_depth_image;
 pub use jpeg::{decode_jpeg, decode_mjpeg, whole_jpeg};
@@ -195,7 +196,10 @@ mod tests {
     fn sixteen_bits_without_a_range_keep_the_high_byte() {
         let deep = || raw("mono16", 4, vec![0xff, 0x7f, 0, 1]);
         assert_eq!(Picture::Raw(deep()).into_grey().unwrap().data(), [0x7f, 1]);
-        let ranged = Picture::Ranged(Box::new(Picture::Raw(deep())), GreyRange { from: 0x100, to: 0x1ff });
+        let ranged = Picture::Ranged(
+            Box::new(Picture::Raw(deep())),
+            GreyRange { from: 0x100, to: 0x1ff, ..GreyRange::WHOLE },
+        );
         assert_eq!(ranged.into_grey().unwrap().data(), [255, 0]);
     }
 }

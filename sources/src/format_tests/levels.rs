@@ -45,7 +45,7 @@ fn a_replay_sees_the_levels_of_the_run() {
         let data = [7000 + level, 7400].into_iter().cycle().take(192).flat_map(u16::to_le_bytes).collect();
         RawPicture { width: 16, height: 12, step: 32, encoding: "mono16".into(), big_endian: false, data }
     };
-    let range = GreyRange { from: 6900, to: 7500 };
+    let range = GreyRange { from: 6900, to: 7500, numbers: [0, 3] };
     let mut bytes = Cursor::new(Vec::new());
     let mut writer = RecordingWriter::create(&mut bytes, &Head::default()).unwrap();
     let mut expected = Vec::new();

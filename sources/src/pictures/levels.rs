@@ -3,7 +3,7 @@
 //! A range for every image would change what a place looks like from one to the next, which a direct method takes for light; the high
 //! byte is black where sensors fill 10, 12 or 14 bits from below, and four grey levels of a thermal camera.
 
-use super::{Grey, Picture, jpeg};
+use super::{Grey, Picture, jpeg, rows};
 use geometry::{GrayImage, Image};
 use image::{ColorType, ImageDecoder, ImageReader};
 use std::io::Cursor;
@@ -30,11 +30,13 @@ pub struct GreyRange {
     pub from: u16,
     /// The highest, which becomes 255, as do those above it.
     pub to: u16,
+    /// Rows at the top and at the bottom that hold numbers and no picture: they become copies of the picture's row beside them.
+    pub numbers: [u16; 2],
 }
 
 impl GreyRange {
     /// All samples: their high byte.
-    pub const WHOLE: Self = Self { from: 0, to: u16::MAX };
+    pub const WHOLE: Self = Self { from: 0, to: u16::MAX, numbers: [0; 2] };
 
     /// The range of a recording by how many samples of its first images have which level.
     fn of_counts(counts: &[u64]) -> Self {
@@ -57,10 +59,11 @@ impl GreyRange {
         }
         // A band far above zero is a thermal camera's; dark images are not told from those of a sensor of fewer bits.
         if span as f64 >= ENOUGH * depth as f64 || span == 0 || low <= span {
-            return Self { from: 0, to: depth as u16 };
+            return Self { to: depth as u16, ..Self::WHOLE };
         }
         let margin = (MARGIN * span as f64).ceil() as usize;
-        Self { from: low.saturating_sub(margin) as u16, to: (high + margin).min(most) as u16 }
+        let (from, to) = (low.saturating_sub(margin) as u16, (high + margin).min(most) as u16);
+        Self { from, to, ..Self::WHOLE }
     }
 
     /// The grey levels of an image.
@@ -69,25 +72,60 @@ impl GreyRange {
         // Of a power of two of levels this is a shift.
         let scale = (256 << 16) / (u32::from(to - from) + 1);
         let level = |sample: &u16| ((u32::from((*sample).clamp(from, to) - from) * scale) >> 16) as u8;
-        let levels = image.data().iter().map(level).collect();
+        let mut levels: Vec<u8> = image.data().iter().map(level).collect();
+        self.cover_numbers(&mut levels, image.width());
         GrayImage::from_vec(image.width(), image.height(), levels)
             .ok_or_else(|| "the image has no pixels".into())
     }
 
-    /// The range that a recording says, `from to`.
+    /// Puts copies of the picture's first and last rows in the place of rows of numbers.
+    fn cover_numbers(self, levels: &mut [u8], width: usize) {
+        let [top, bottom] = self.numbers.map(|rows| usize::from(rows) * width);
+        let (end, all) = (levels.len().saturating_sub(bottom), levels.len());
+        if top + width > end {
+            return;
+        }
+        (0..top).step_by(width.max(1)).for_each(|row| levels.copy_within(top..top + width, row));
+        (end..all).step_by(width.max(1)).for_each(|row| levels.copy_within(end - width..end, row));
+    }
+
+    /// The range that a recording says, `from to`, and behind it the rows of numbers at top and bottom, where there are any.
     pub(crate) fn parse(text: &str) -> Option<Self> {
-        let (from, to) = text.split_once(' ')?;
-        Some(Self { from: from.parse().ok()?, to: to.parse().ok()? })
+        let numbers: Vec<u16> = text.split(' ').map(str::parse).collect::<Result<_, _>>().ok()?;
+        match numbers[..] {
+            [from, to] => Some(Self { from, to, ..Self::WHOLE }),
+            [from, to, top, bottom] => Some(Self { from, to, numbers: [top, bottom] }),
+            _ => None,
+        }
+    }
+
+    /// As a recording says it.
+    pub(crate) fn written(self) -> String {
+        match (self.from, self.to, self.numbers) {
+            (from, to, [0, 0]) => format!("{from} {to}"),
+            (from, to, [top, bottom]) => format!("{from} {to} {top} {bottom}"),
+        }
     }
 
     /// For people.
     pub fn text(&self) -> String {
-        let Self { from, to } = self;
+        let Self { from, to, numbers } = self;
+        let rows = |[top, bottom]: [u16; 2]| match [top, bottom] {
+            [0, 0] => String::new(),
+            [0, rows] => format!("; the last {rows} rows hold numbers and are left out"),
+            [rows, 0] => format!("; the first {rows} rows hold numbers and are left out"),
+            [top, bottom] => {
+                format!("; the first {top} and last {bottom} rows hold numbers and are left out")
+            }
+        };
+        let rows = rows(*numbers);
         let depth = DEPTHS.iter().find(|bits| (1usize << **bits) - 1 == usize::from(*to));
         match depth.filter(|_| *from == 0) {
-            Some(bits) => format!("16 bits a pixel, of which {bits} are used"),
+            Some(bits) => format!("16 bits a pixel, of which {bits} are used{rows}"),
             None => {
-                format!("16 bits a pixel; {from} to {to} become grey levels 0 to 255, by the first images")
+                format!(
+                    "16 bits a pixel; {from} to {to} become grey levels 0 to 255, by the first images{rows}"
+                )
             }
         }
     }
@@ -113,14 +151,26 @@ impl Levels {
         if pictures.clone().find_map(Picture::is_deep) != Some(true) {
             return Self::default();
         }
-        let mut counts = vec![0u64; 1 << 16];
-        for picture in pictures.step_by(LOOKED_AT) {
-            if let Ok(Grey::Sixteen(image)) = picture.clone().levels() {
-                image.data().iter().for_each(|sample| counts[usize::from(*sample)] += 1);
-            }
+        let deep = |picture: &Picture| match picture.clone().levels() {
+            Ok(Grey::Sixteen(image)) => Some(image),
+            _ => None,
+        };
+        let mut bytes = 0;
+        let mut is_room = |image: &Image<u16>| {
+            let is_room = bytes < MOST_BYTES;
+            bytes += 2 * image.data().len();
+            is_room
+        };
+        let images = pictures.step_by(LOOKED_AT).filter_map(deep).take_while(|image| is_room(image));
+        let images: Vec<Image<u16>> = images.collect();
+        let (numbers, mut counts) = (rows::of_numbers(&images), vec![0u64; 1 << 16]);
+        for image in &images {
+            let [top, bottom] = numbers.map(|rows| usize::from(rows) * image.width());
+            let picture = &image.data()[top..image.data().len() - bottom];
+            picture.iter().for_each(|sample| counts[usize::from(*sample)] += 1);
         }
         let is_empty = counts.iter().all(|count| *count == 0);
-        Self { range: (!is_empty).then(|| GreyRange::of_counts(&counts)) }
+        Self { range: (!is_empty).then(|| GreyRange { numbers, ..GreyRange::of_counts(&counts) }) }
     }
 
     /// The range; `None` of images of eight bits.
@@ -210,7 +260,11 @@ mod tests {
             let picture = ramp(from, to);
             let found = Levels::of([&picture].into_iter());
             let (low, high) = range;
-            assert_eq!(found.range(), Some(GreyRange { from: low, to: high }), "{from} to {to}");
+            assert_eq!(
+                found.range(),
+                Some(GreyRange { from: low, to: high, ..GreyRange::WHOLE }),
+                "{from} to {to}"
+            );
             assert!(levels(found.of_picture(picture)).2 >= 60, "{from} to {to}");
         }
     }
@@ -257,6 +311,31 @@ mod tests {
         for range in [range(black), range(dead)] {
             assert!(range.from > 28_000 && range.to < 31_500, "{range:?}");
         }
+    }
+
+    #[test]
+    fn rows_of_numbers_have_no_say_and_no_texture() {
+        let scene = |seed: usize| {
+            let sample = |i: usize| {
+                let (x, y) = ((i % 80) as f64, (i / 80) as f64);
+                (29_700.0 + 400.0 * (0.2 * x + seed as f64).sin() * (0.15 * y).cos()) as u16
+            };
+            let word = |i: usize| if i % 3 == 0 { (i * 9973 * (seed + 1) % 65_536) as u16 } else { 0 };
+            let all = (0..80 * 62).map(sample).chain((0..160).map(word));
+            let (data, encoding) = (all.flat_map(u16::to_le_bytes).collect(), "mono16".into());
+            Picture::Raw(RawPicture { width: 80, height: 64, step: 160, encoding, big_endian: false, data })
+        };
+        let pictures = [0, 1, 2, 3, 4].map(scene);
+        let found = Levels::of(pictures.iter());
+        let range = found.range().unwrap();
+        assert_eq!(range.numbers, [0, 2]);
+        assert!(range.from > 28_000 && range.to < 31_500, "{range:?}");
+        assert!(range.text().contains("the last 2 rows hold numbers"), "{}", range.text());
+        let grey = found.of_picture(scene(7)).into_grey().unwrap();
+        let row = |y: usize| &grey.data()[80 * y..80 * (y + 1)];
+        assert_eq!((row(62), row(63)), (row(61), row(61)));
+        assert_eq!(GreyRange::parse(&range.written()), Some(range));
+        assert_eq!(GreyRange::parse("7 9"), Some(GreyRange { from: 7, to: 9, ..GreyRange::WHOLE }));
     }
 
     #[test]

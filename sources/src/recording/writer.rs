@@ -161,7 +161,7 @@ impl<W: Write + Seek> RecordingWriter<W> {
     pub fn finish(&mut self, left_out: u64) -> Result<()> {
         let (frames, left_out) = (self.dropped_numbers.to_string(), left_out.to_string());
         let mut about = vec![("frames", frames.as_str()), ("left out", &left_out)];
-        let range = self.grey_range.map(|range| format!("{} {}", range.from, range.to));
+        let range = self.grey_range.map(GreyRange::written);
         about.extend(range.as_deref().map(|range| (GREY_RANGE, range)));
         self.mcap.write_metadata(&metadata(DROPPED_METADATA, &about))?;
         self.mcap.finish()?;
