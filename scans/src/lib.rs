@@ -113,7 +113,7 @@ pub(crate) fn is_return(point: &[f32; 3]) -> bool {
 }
 
 /// Fewest usable points of a scan. A sixteenth of the returns of the sparsest common sensor, 16 rings of 400.
-const LEAST_POINTS: usize = 400;
+pub const LEAST_POINTS: usize = 400;
 /// Returns nearer than this come from the sensor itself or are none, metres.
 const LEAST_RANGE: f32 = 0.1;
 /// Directions of a scan must spread by this sine of an angle out of every plane through the sensor: less is one ring.

@@ -3,7 +3,7 @@
 use super::record::ScanCounts;
 use super::sweep_timing::PointTimes;
 use geometry::median;
-use scans::{Scan, ScanError, ScanSource};
+use scans::{LEAST_POINTS, Scan, ScanError, ScanSource};
 use serde::Serialize;
 use std::collections::BTreeSet;
 use std::fmt;
@@ -35,6 +35,11 @@ impl Ranges {
         self.medians.extend(median(&mut ranges));
     }
 
+    /// Whether most points are farther away than is used.
+    pub fn are_mostly_beyond(&self) -> bool {
+        self.beyond as f64 >= MOSTLY * self.points.max(1) as f64
+    }
+
     /// How many scans were taken in.
     pub fn count(&self) -> usize {
         self.medians.len()
@@ -49,7 +54,7 @@ impl Ranges {
     pub fn warning(&self, farthest: f32) -> Option<String> {
         let median = self.median()?;
         let share = self.beyond as f64 / self.points.max(1) as f64;
-        if share < MOSTLY {
+        if !self.are_mostly_beyond() {
             return None;
         }
         // Rooms in millimetres are as large as streets in centimetres.
@@ -64,6 +69,18 @@ impl Ranges {
             100.0 * share
         ))
     }
+}
+
+/// Why a scan, most points of which are farther away than `farthest`, metres, gives no pose; `None` where the others suffice.
+pub fn too_far(scan: &Scan, farthest: f32) -> Option<String> {
+    let mut ranges = Ranges::default();
+    ranges.add(scan, farthest);
+    let near = ranges.points - ranges.beyond;
+    if near >= LEAST_POINTS || !ranges.are_mostly_beyond() {
+        return None;
+    }
+    let what = format!("{near} of {} points lie within {farthest} m, too few for a pose", ranges.points);
+    Some(ranges.warning(farthest).map_or(what.clone(), |warning| format!("{what}: {warning}")))
 }
 
 /// What to say of a run in which few scans have a pose; nothing where most have.
@@ -105,6 +122,8 @@ pub struct ScanOutlook {
     pub facts: Vec<(&'static str, String)>,
     /// What is wrong with the first scans.
     pub problems: Vec<String>,
+    /// Why a run over them is refused; `None` where it is not.
+    pub refused: Option<String>,
 }
 
 impl ScanOutlook {
@@ -129,31 +148,62 @@ impl ScanOutlook {
             point_times_from: times.text(),
             facts: info.facts,
             problems: Vec::new(),
+            refused: None,
         };
+        outlook.look_at(source, farthest);
+        outlook
+    }
+
+    /// Takes the first scans in, and where none of them can be used those behind, until one can.
+    fn look_at(&mut self, source: &mut dyn ScanSource, farthest: f32) {
         let (mut ranges, mut stale) = (Ranges::default(), 0);
-        for next in std::iter::from_fn(|| source.next_scan()).take(LOOKED_AT) {
-            match next.scan {
+        let (mut usable, mut why) = (0, None);
+        let mut index = 0;
+        while (index < LOOKED_AT || usable == 0)
+            && let Some(next) = source.next_scan()
+        {
+            let is_told = index < LOOKED_AT;
+            index += 1;
+            let unusable = match &next.scan {
                 Ok(scan) => {
-                    let rings: BTreeSet<u16> = scan.rings.iter().copied().collect();
-                    outlook.points.get_or_insert(scan.points.len());
-                    outlook.rings.get_or_insert(rings.len());
-                    ranges.add(&scan, farthest);
-                    stale += scan.stale;
+                    if is_told {
+                        self.take(scan);
+                        ranges.add(scan, farthest);
+                        stale += scan.stale;
+                    }
+                    too_far(scan, farthest)
                 }
-                Err(ScanError::Io { name, source }) => outlook.problems.push(format!("{name}: {source}")),
-                Err(error) => outlook.problems.push(error.to_string()),
-            }
+                Err(error) => {
+                    let what = match error {
+                        ScanError::Io { name, source } => format!("{name}: {source}"),
+                        error => error.to_string(),
+                    };
+                    self.problems.extend(is_told.then(|| what.clone()));
+                    Some(what)
+                }
+            };
+            usable += usize::from(unusable.is_none());
+            why = why.or(unusable);
         }
-        outlook.range_m = ranges.median();
-        outlook.problems.extend(source.remarks());
-        outlook.problems.extend(ranges.warning(farthest));
+        if usable == 0 {
+            let first = why.unwrap_or_else(|| "there is none".into());
+            self.refused = Some(format!("no scan can be used: {first}"));
+        }
+        self.range_m = ranges.median();
+        self.problems.extend(source.remarks());
+        self.problems.extend(ranges.warning(farthest));
         if stale > 0 {
             let problem = format!(
                 "{stale} points of the first scans have times that are not of their sweep: they are left out"
             );
-            outlook.problems.push(problem);
+            self.problems.push(problem);
         }
-        outlook
+    }
+
+    fn take(&mut self, scan: &Scan) {
+        let rings: BTreeSet<u16> = scan.rings.iter().copied().collect();
+        self.points.get_or_insert(scan.points.len());
+        self.rings.get_or_insert(rings.len());
     }
 }
 

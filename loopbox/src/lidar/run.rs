@@ -2,7 +2,7 @@
 
 use super::fragments::joined;
 use super::mapper::{Mapper, NotTaken};
-use super::outlook::{Ranges, too_few_scans};
+use super::outlook::{Ranges, too_far, too_few_scans};
 use super::poses::GivenPoses;
 use super::record::{Cost, FragmentRow, LidarRecord, LoopRow, MapCounts, ScanCounts, ScanRow, SourceRecord};
 use anyhow::{Result, bail};
@@ -96,7 +96,13 @@ pub fn run(
                 ranges.add(scan, farthest);
             }
         }
-        let flow = match take(&mut mapper, next, &mut scans) {
+        let far = next.scan.as_ref().ok().filter(|_| ranges.are_mostly_beyond());
+        let far = far.and_then(|scan| too_far(scan, farthest));
+        let taken = match far {
+            Some(detail) => Err(Skip { reason: "too_few_points", detail }),
+            None => take(&mut mapper, next, &mut scans),
+        };
+        let flow = match taken {
             Ok(row) => {
                 rows.push(row);
                 let (fragment, map) = mapper.growing();
