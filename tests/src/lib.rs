@@ -6,6 +6,7 @@
 //! All that is rendered is a function of its arguments; the same call gives the same bytes on every machine.
 
 pub mod alike;
+pub mod covered;
 pub mod doubles;
 pub mod faults;
 pub mod lidar;
