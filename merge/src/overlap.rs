@@ -112,7 +112,7 @@ impl<'g, 'a> Placed<'g, 'a> {
 
 /// Share of points, moved by `to_from`, that a keyframe with this camera has in its image, from a direction not too far
 /// off that of the other keyframe, where it is `min_share` or more.
-fn share_seen(
+pub(crate) fn share_seen(
     points: &[Vector3<f64>],
     to_from: &Sim3,
     camera: &Pinhole,

@@ -10,6 +10,7 @@
 mod agreement;
 mod areas;
 mod own;
+mod seen;
 
 use crate::acceptance::PlaceEvidence;
 use crate::prepared::PreparedMap;
@@ -22,6 +23,7 @@ pub use backend::verdict::{Answer, Piece, PieceKind, Prior, Weighed};
 use map::Edge;
 use own::{Looked, Own, spot};
 use rayon::prelude::*;
+pub use seen::{SeenFrame, frames_verdict};
 use serde::{Deserialize, Serialize};
 
 params! {

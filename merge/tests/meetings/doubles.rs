@@ -2,8 +2,14 @@
 
 use crate::merging::{Encounter, encounter_apart, reasons};
 use crate::rendered::rendered_map;
+use backend::sim3_align::KeyframeView;
+use geometry::Pyramid;
 use loopbox_tests::doubles::{Kind, Version};
-use map::Map;
+use map::{Map, SemiDense};
+use merge::key_points::KeyPointParams;
+use merge::place_verdict::{Answer, PlaceParams, SeenFrame, frames_verdict};
+use merge::prepared::PreparedMap;
+use place_recog::KeyframeFeatures;
 
 /// An office of one plan with walls and boards that have a grain of their own.
 const HERE: Version = Version { seed: 1, place: 0, share: 0.0, time: 0, moved: 0.0, grain: 3.0 };
@@ -34,5 +40,30 @@ fn an_office_is_the_same_at_another_time() {
     for met in met(&Version { time: 1, ..HERE }, 0.0) {
         let closure = met.closure().unwrap_or_else(|| panic!("{:?}", reasons(&met)));
         assert!(closure.motion.a_from_b.log().amax() < 0.02, "the worlds are one");
+    }
+}
+
+/// What frames of a version of the office say, which have no depth, where they were taken of the office itself.
+fn seen(other: &Version) -> Answer {
+    let (here, there) = (map(&HERE, 0), map(other, 1));
+    let features: KeyframeFeatures = here.keyframes.keys().map(|&id| (id, Default::default())).collect();
+    let key_points = KeyPointParams::default();
+    let prepared = PreparedMap::new(&here, &features, &key_points);
+    let frame = |keyframe: &map::Keyframe| {
+        let pyramid = Pyramid::new(keyframe.image.as_ref().clone(), 5);
+        let view = KeyframeView::new(&pyramid, &SemiDense::default(), there.camera(keyframe));
+        SeenFrame { world_from_frame: keyframe.world_from_keyframe, view }
+    };
+    let frames: Vec<SeenFrame> = there.keyframes.values().map(frame).collect();
+    frames_verdict(&prepared, &frames, &PlaceParams::default()).weighed.answer
+}
+
+/// Frames alone tell the office from its double, and know it again.
+#[test]
+fn frames_without_depth_tell_an_office_from_its_double() {
+    assert!(seen(&Version { time: 1, ..HERE }).joins());
+    for share in [0.02, 0.3, 1.0] {
+        let answer = seen(&Version { place: 1, share, ..HERE });
+        assert!(!answer.joins(), "{share}: {answer}");
     }
 }
