@@ -8,6 +8,7 @@
 //! [`MappingParams::lag`]: crate::mapping::MappingParams::lag
 
 mod across;
+mod claim;
 mod common;
 mod early;
 mod error;
@@ -21,6 +22,7 @@ mod resume;
 mod settle;
 mod shutter;
 
+pub use claim::Claim;
 pub use common::Joint;
 pub use error::AgentError;
 pub use frame::{Frame, FrameReport, TrackingState};
@@ -31,6 +33,7 @@ pub use resume::{Going, edges_of};
 use crate::background::Task;
 use crate::bootstrap::Bootstrap;
 use crate::dense;
+use crate::judge::JudgePlace;
 use crate::local_map::{Companions, Counts, KeyframeState, LocalMap};
 use crate::mapping;
 use crate::mask::MaskLearner;
@@ -39,6 +42,7 @@ use crate::publish;
 use crate::tone::Tone;
 use crate::track::{Matched, learn_position_sigma};
 use crate::tracker::{Located, Tracker, match_keyframe};
+use claim::Trial;
 use early::EarlyFrame;
 use geometry::sensor::Twist;
 use geometry::{GrayImage, Pinhole, Pyramid, Se3, Swap};
@@ -95,6 +99,14 @@ pub struct Agent {
     common: Option<Box<Map>>,
     /// No frame was found in it yet.
     is_sought: bool,
+    /// Who decides on poses that no motion leads to.
+    judge: Option<Arc<dyn JudgePlace>>,
+    /// A pose that is being decided on.
+    trial: Option<Trial>,
+    /// Since the camera was lost nothing was decided to be the place that it was found at.
+    is_unsettled: bool,
+    /// What became of a claim with the newest frame.
+    claim: Option<Claim>,
     /// Whether the camera has a rolling shutter.
     shutter: ShutterQuestion,
     /// Where images of keyframes are kept, as far as it has room.
@@ -150,6 +162,10 @@ impl Agent {
             resumed: None,
             common: None,
             is_sought: false,
+            judge: None,
+            trial: None,
+            is_unsettled: false,
+            claim: None,
             shutter: ShutterQuestion::default(),
             swap: None,
         })
@@ -171,7 +187,8 @@ impl Agent {
     pub fn process(&mut self, frame: Frame) -> Result<FrameReport, AgentError> {
         self.check_size(frame.index, &frame.image)?;
         self.processed += 1;
-        if !matches!(self.state, State::Running(_)) || self.is_sought {
+        self.claim = None;
+        if !matches!(self.state, State::Running(_)) || self.is_sought && self.trial.is_none() {
             self.tone = Tone::following(self.tone.take(), &frame.image);
         }
         let pyramid = self.pyramid(frame.image);
@@ -209,7 +226,7 @@ impl Agent {
 
     /// A report that tells all that was said.
     fn told(&mut self, report: FrameReport) -> FrameReport {
-        FrameReport { deltas: std::mem::take(&mut self.untold), ..report }
+        FrameReport { deltas: std::mem::take(&mut self.untold), claim: self.claim, ..report }
     }
 
     /// Takes back what a report told that nobody will see: the next one tells it.
@@ -233,7 +250,12 @@ impl Agent {
         frame_index: u64,
     ) -> FrameReport {
         let mut report = FrameReport::of(TrackingState::Tracking);
+        self.end_stale_claim(&tracker, timestamp);
+        let is_claim = self.is_cut_off(&tracker, timestamp);
         match self.locate(&mut tracker, &pyramid, timestamp, &mut report) {
+            Some(located) if is_claim => {
+                self.try_claim(tracker, &located, pyramid, (timestamp, frame_index), report)
+            }
             Some(located) => self.go_on(tracker, &located, pyramid, timestamp, frame_index, report),
             None => self.lose(tracker, pyramid, timestamp, frame_index, report),
         }
@@ -253,12 +275,20 @@ impl Agent {
             }
         };
         self.processed += 1;
+        self.claim = None;
         let pyramid = self.pyramid(frame.image.clone());
         let mut report = FrameReport::of(TrackingState::Tracking);
+        self.end_stale_claim(&tracker, frame.timestamp);
+        let is_claim = self.is_cut_off(&tracker, frame.timestamp);
         let Some(located) = self.locate(&mut tracker, &pyramid, frame.timestamp, &mut report) else {
             self.state = State::Running(tracker);
             return Ok(None);
         };
+        if is_claim {
+            let at = (frame.timestamp, frame.index);
+            let report = self.try_claim(tracker, &located, pyramid, at, report);
+            return Ok((report.state == TrackingState::Tracking).then(|| self.told(report)));
+        }
         let report = self.go_on(tracker, &located, pyramid, frame.timestamp, frame.index, report);
         Ok(Some(self.told(report)))
     }
@@ -287,12 +317,9 @@ impl Agent {
         frame_index: u64,
         mut report: FrameReport,
     ) -> FrameReport {
-        if self.resumed == Some(Going::Localising)
-            && located.position_deviation(&self.view) > f64::from(self.params.track.max_deviation)
-        {
+        if self.tells_too_little(located) {
             self.state = State::Running(tracker);
-            let reason = Some("the view shows too little of the map to tell where it is");
-            return FrameReport { reason, ..FrameReport::lost() };
+            return FrameReport::tells_too_little();
         }
         self.params.track.position_sigma = learn_position_sigma(&self.params.track, located.excess);
         self.counts.add(&located.sought, &located.matched);

@@ -7,8 +7,9 @@
 
 mod joining;
 
-use crate::agent::{Agent, AgentError, Frame, FrameReport, Going, TrackingState};
+use crate::agent::{Agent, AgentError, Claim, Frame, FrameReport, Going, TrackingState};
 use crate::exposure::Exposure;
+use crate::judge::JudgePlace;
 use crate::params::Params;
 use crate::recognise::{Recognise, Recognition};
 use backend::params;
@@ -23,6 +24,10 @@ params! {
         /// Seconds without a pose after which a new fragment is begun beside the search in the old ones. Range 0.1–5;
         /// below, motion blur of one turn of the hand makes fragments that relocalisation would have spared.
         pub begin_after: f64 = 0.5,
+        /// Seconds of frames found after so long a loss, or at the begin of going on in a map, from which it is decided whether they show
+        /// the place that they were found at. Range 0.1–10; of a camera that moves on, more show more of the place, and keyframes are
+        /// made only once it is decided.
+        pub trial: f64 = 0.5,
         /// Frames between searches in the earlier fragments while a new one is tracked but still young. Range 1–30; each
         /// search costs about as much as tracking five frames.
         pub seek_interval: usize = 5,
@@ -52,6 +57,8 @@ pub struct Atlas {
     exposure: Exposure,
     /// Where the keyframes' images and depths are kept, as far as it has room.
     swap: Option<Arc<dyn Swap>>,
+    /// Who decides whether a place is the one that it is taken for.
+    judge: Option<Arc<dyn JudgePlace>>,
 }
 
 /// What is done about a loss.
@@ -62,6 +69,8 @@ struct Loss {
     frames: usize,
     /// The next fragment, until it has proved itself or the camera is found in an old one.
     next: Option<Box<Agent>>,
+    /// Whether somebody has looked at what was found in a fragment since then, and did not believe it.
+    is_judged: bool,
 }
 
 impl Atlas {
@@ -92,12 +101,20 @@ impl Atlas {
             meeting: Meeting::default(),
             exposure: Exposure::default(),
             swap: None,
+            judge: None,
         }
     }
 
     /// The same, which has `recogniser` propose where frames were taken.
     pub fn recognising(self, recogniser: Box<dyn Recognise>) -> Self {
         Self { recognition: Recognition::by(recogniser), ..self }
+    }
+
+    /// The same, in which poses that no motion leads to (after a loss, at the begin of going on or localising in a map) are neither handed
+    /// out nor mapped from, and fragments not joined, until `judge` has decided on what they see.
+    pub fn judged_by(mut self, judge: Arc<dyn JudgePlace>) -> Self {
+        self.fragments.iter_mut().for_each(|agent| agent.judged_by(Arc::clone(&judge)));
+        Self { judge: Some(judge), ..self }
     }
 
     /// The same, which has keyframes kept by `swap` (see [`Agent::swap_to`]).
@@ -148,28 +165,16 @@ impl Atlas {
             self.follow_apart(frame)?
         };
         if report.state == TrackingState::Lost {
-            self.loss = Some(Loss { since: timestamp, frames: 1, next: None });
+            self.loss = Some(Loss { since: timestamp, frames: 1, next: None, is_judged: false });
         }
         Ok(report)
     }
 
     /// A frame of a lost camera: sought in the fragments, and given to the one that may come next.
     fn recover(&mut self, mut loss: Loss, frame: Frame) -> Result<FrameReport, AgentError> {
-        let tracked = loss.next.as_ref().is_some_and(|next| !next.map().frames.is_empty());
-        let mut report = FrameReport::lost();
-        if let Some(found) = self.recognised(&frame)? {
-            return Ok(found);
-        }
-        if !tracked || loss.frames.is_multiple_of(self.params.atlas.seek_interval.max(1)) {
-            report = self.fragments[self.active].process(frame.clone())?;
-            if report.state != TrackingState::Lost {
-                return Ok(report);
-            }
-            let left = self.active;
-            if let Some(found) = self.seek_elsewhere(&loss, &frame)? {
-                self.fragments[left].tell_again(report.deltas);
-                return Ok(found);
-            }
+        let report = self.seek(&mut loss, &frame)?;
+        if report.state != TrackingState::Lost {
+            return Ok(report);
         }
         loss.frames += 1;
         let may_begin = self.fragments[self.active].resumed() != Some(Going::Localising);
@@ -179,6 +184,9 @@ impl Atlas {
             if let Some(swap) = &self.swap {
                 next.swap_to(Arc::clone(swap));
             }
+            if let Some(judge) = &self.judge {
+                next.judged_by(Arc::clone(judge));
+            }
             loss.next = Some(Box::new(next));
         }
         let Some(next) = &mut loss.next else {
@@ -186,7 +194,9 @@ impl Atlas {
             return Ok(report);
         };
         let of_next = next.process(frame)?;
-        if of_next.state == TrackingState::Tracking && !next.is_young() {
+        // What was found elsewhere is heard first.
+        let may_begin = loss.is_judged || self.fragments.iter().all(|agent| !agent.is_on_trial());
+        if may_begin && of_next.state == TrackingState::Tracking && !next.is_young() {
             self.fragments[self.active].tell_again(report.deltas);
             self.begin_fragment(loss);
             return Ok(of_next);
@@ -194,6 +204,52 @@ impl Atlas {
         next.tell_again(of_next.deltas);
         self.loss = Some(loss);
         Ok(report)
+    }
+
+    /// Seeks the frame of a lost camera in the fragments: while it was found in one and that is on trial, there alone; rarely while the
+    /// one that may come next is tracked.
+    fn seek(&mut self, loss: &mut Loss, frame: &Frame) -> Result<FrameReport, AgentError> {
+        if let Some(fragment) = self.claimed() {
+            self.recognition.pass(self.recognition_lag());
+            let report = self.follow_claim(fragment, frame)?;
+            loss.is_judged |= matches!(report.claim, Some(Claim::Refused | Claim::Undecided));
+            return Ok(report);
+        }
+        if let Some(found) = self.recognised(frame)? {
+            return Ok(found);
+        }
+        if self.claimed().is_some() {
+            return Ok(FrameReport::on_trial());
+        }
+        let is_tracked = loss.next.as_ref().is_some_and(|next| !next.map().frames.is_empty());
+        if is_tracked && !loss.frames.is_multiple_of(self.params.atlas.seek_interval.max(1)) {
+            return Ok(FrameReport::lost());
+        }
+        let (left, report) = (self.active, self.fragments[self.active].process(frame.clone())?);
+        if report.state != TrackingState::Lost || report.claim.is_some() {
+            return Ok(report);
+        }
+        let Some(found) = self.seek_elsewhere(loss, frame)? else { return Ok(report) };
+        self.fragments[left].tell_again(report.deltas);
+        Ok(found)
+    }
+
+    /// The fragment in which the camera was found, where that is on trial.
+    fn claimed(&self) -> Option<usize> {
+        self.fragments.iter().position(Agent::is_on_trial)
+    }
+
+    /// A frame of a camera that was found in a fragment, which is on trial.
+    fn follow_claim(&mut self, fragment: usize, frame: &Frame) -> Result<FrameReport, AgentError> {
+        if fragment == self.active {
+            return self.fragments[fragment].process(frame.clone());
+        }
+        let found = self.fragments[fragment].relocalise(frame)?;
+        if found.is_some() {
+            self.activate(fragment);
+        }
+        let claim = self.fragments[fragment].claim();
+        Ok(found.unwrap_or(FrameReport { claim, ..FrameReport::on_trial() }))
     }
 
     /// Has it proposed by features where a lost frame was taken, and takes up what was proposed for an earlier one.
@@ -204,6 +260,9 @@ impl Atlas {
                 if let Some(found) = agent.take_up(hypothesis, &answer)? {
                     self.activate(hypothesis.fragment);
                     return Ok(Some(found));
+                }
+                if agent.is_on_trial() {
+                    return Ok(None);
                 }
             }
         }
@@ -238,6 +297,7 @@ impl Atlas {
 
     /// The next fragment has proved itself. A map that did not come beyond its start is not worth keeping beside it.
     fn begin_fragment(&mut self, loss: Loss) {
+        self.fragments.iter_mut().for_each(Agent::drop_claim);
         if self.fragments[self.active].is_young() {
             self.fragments.remove(self.active);
         }
@@ -275,7 +335,8 @@ impl Atlas {
     /// [`Agent::finish_until`]).
     pub fn finish_until(&mut self, stop: &dyn Fn() -> bool) {
         // A start that was tracked but had no time to prove itself holds poses that no other fragment has.
-        if let Some(loss) = self.loss.take()
+        let is_decided = self.claimed().is_some_and(|fragment| self.fragments[fragment].decide_claim());
+        if let Some(loss) = self.loss.take().filter(|_| !is_decided)
             && loss.next.as_ref().is_some_and(|next| !next.map().frames.is_empty())
         {
             self.begin_fragment(loss);

@@ -18,6 +18,7 @@ mod closing;
 mod dense;
 mod depth;
 mod exposure;
+mod judge;
 mod keyframes;
 mod local_map;
 pub mod loops;
@@ -44,7 +45,7 @@ mod wide;
 mod window;
 
 pub use agent::{
-    Agent, AgentError, Frame, FrameReport, Going, Joint, TrackingState, edges_of, optimise_jointly,
+    Agent, AgentError, Claim, Frame, FrameReport, Going, Joint, TrackingState, edges_of, optimise_jointly,
 };
 pub use atlas::{Atlas, AtlasParams};
 pub use backend::{DocumentedParameter, Parameter, ParameterError, ParameterValue};
@@ -52,6 +53,7 @@ pub use depth::{
     DepthFilter, DepthParams, SeedPoint, StereoFrame, UpdateStats, candidate_pixels, choose_references,
     has_hardly_any as has_hardly_any_depth,
 };
+pub use judge::{ClaimedPlace, JudgePlace, PlaceAnswer, PlacedView};
 pub use mask::LeftOut;
 pub use params::Params;
 pub use recognise::{Hypothesis, KnownView, Recognise};

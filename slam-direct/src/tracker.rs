@@ -313,6 +313,13 @@ impl Tracker {
         self.time.map_or(0.0, |tracked| now - tracked)
     }
 
+    /// Whether a frame of this time is so many `seconds` from the newest tracked one, and no motion bridges that: some between were
+    /// lost, or it is longer than a motion is taken to go on.
+    pub fn is_cut_off(&self, now: f64, seconds: f64) -> bool {
+        let (since, step) = (self.seconds_lost(now), self.mean_motion.1);
+        since >= seconds && (self.lost > 0 || step > 0.0 && since > FARTHEST * step)
+    }
+
     /// Distance of the newest frame from the reference over the reference's median depth.
     pub fn parallax(&self, map: &LocalMap) -> f64 {
         let relative = self.last * map.keyframes[self.reference].camera_from_world.inverse();

@@ -253,6 +253,7 @@ impl Agent {
         self.companions.clear();
         self.first_open = 0;
         self.provisional = None;
+        (self.trial, self.is_unsettled) = (None, false);
         self.promise = Promise::Open;
         self.learner.change_world();
     }

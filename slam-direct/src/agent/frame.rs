@@ -1,5 +1,6 @@
 //! What goes into the agent and what comes out: frames, and reports on them.
 
+use super::Claim;
 use geometry::{GrayImage, Se3};
 use map::{KeyframeId, MapDelta};
 
@@ -56,6 +57,8 @@ pub struct FrameReport {
     /// Whether the frame is lost because its scale is: it agrees with the map, but shows too few points of known depth to tell how
     /// far the camera moves. What is mapped from there has a scale of its own.
     pub scale_is_lost: bool,
+    /// What became of a pose that no motion leads to, after a loss or at the begin of going on in a map, where there is one.
+    pub claim: Option<Claim>,
 }
 
 impl FrameReport {
@@ -87,6 +90,7 @@ impl FrameReport {
             matched_points: 0,
             reason: None,
             scale_is_lost: false,
+            claim: None,
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Two fragments that show one place become one: the earlier one's agent takes the later one's map in and goes on for it.
 
-use super::mapper::{Absorbed, Link, Mapper, Update};
+use super::mapper::{Absorbed, Joined, Link, Mapper, Update};
 use super::{Agent, AgentError, Before, Frame, FrameReport, Going, State, TrackingState};
 use crate::background::Task;
 use crate::local_map::LocalMap;
@@ -108,7 +108,9 @@ impl Agent {
         };
         let (companions, params) = (self.companions.clone(), other.params.clone());
         let count = self.view.keyframes.len();
-        let task = Task::spawn(move || mapper.absorb(other_mapper, &link, &companions, &params));
+        let judge = self.judge.clone();
+        let with = Joined { companions, params, judge };
+        let task = Task::spawn(move || mapper.absorb(other_mapper, &link, &with));
         Some(Joining { task, count })
     }
 
@@ -133,6 +135,7 @@ impl Agent {
                 if let Some(swap) = &self.swap {
                     empty.swap_to(Arc::clone(swap));
                 }
+                empty.judge.clone_from(&self.judge);
                 let other = std::mem::replace(other, empty);
                 self.go_on_for(other, mapper, *update, joining.count);
                 Ok(true)
@@ -162,6 +165,8 @@ impl Agent {
         (self.params, self.tone) = (other.params, other.tone);
         self.threads = self.threads.take().or(other.threads);
         (self.processed, self.is_sought) = (self.processed.max(other.processed), false);
+        // Where the camera is was decided by joining.
+        (self.trial, self.is_unsettled) = (None, false);
         self.view = update.view.clone();
         self.say(self.own_delta(MapDelta { added, ..MapDelta::default() }));
         let frames = other.map.frames.into_iter().filter_map(|frame| {

@@ -2,7 +2,7 @@
 
 mod absorb;
 
-pub(super) use absorb::{Absorbed, Link};
+pub(super) use absorb::{Absorbed, Joined, Link};
 
 use super::settle::Settler;
 use crate::closing::LoopCloser;

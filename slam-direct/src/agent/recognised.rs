@@ -1,9 +1,11 @@
 //! Taking up a camera that was recognised from elsewhere.
 
+use super::claim::Found as OnTrial;
 use super::{Agent, AgentError, Frame, FrameReport, State, TrackingState};
 use crate::local_map::LocalMap;
 use crate::recognise::{Answer, Hypothesis, KnownView};
 use crate::tracker::{Located, Tracker};
+use geometry::sensor::Twist;
 use geometry::{GrayImage, Pyramid, Se3};
 use map::FramePose;
 
@@ -14,7 +16,7 @@ struct Found {
     pyramid: Pyramid,
     newest: Frame,
     /// Of the frames before it.
-    poses: Vec<FramePose>,
+    before: Vec<OnTrial>,
 }
 
 impl Agent {
@@ -61,6 +63,7 @@ impl Agent {
             }
         };
         let mut report = FrameReport::of(TrackingState::Tracking);
+        let is_claim = self.is_cut_off(&former, frame.timestamp);
         // All that is known of the map is to be sought.
         self.land(&mut former, &mut report);
         let Some(found) = self.find(hypothesis, answer) else {
@@ -68,12 +71,16 @@ impl Agent {
             return Ok(None);
         };
         self.processed += 1;
+        self.claim = None;
         let Frame { timestamp, index, .. } = found.newest;
+        if is_claim {
+            return Ok(self.take_up_claim(found, (timestamp, index), report));
+        }
         let known = self.map.frames.len();
         let report = self.go_on(found.tracker, &found.located, found.pyramid, timestamp, index, report);
         // The newest may have become the keyframe that those before it are told by.
         let before: Vec<FramePose> =
-            found.poses.into_iter().filter_map(|frame| self.own_frame(frame)).collect();
+            found.before.into_iter().filter_map(|frame| self.own_frame(frame.pose)).collect();
         self.map.frames.splice(known..known, before);
         Ok(Some(self.told(report)))
     }
@@ -91,41 +98,56 @@ impl Agent {
         let mut pyramid = self.pyramid(frame.image.clone());
         let mut located = tracker.find_at(&self.view, &supposed, &pyramid, frame.timestamp, &self.params)?;
         let mut poses = self.followed_back(&tracker, frame, before);
-        poses.push(self.pose_of(frame, &tracker));
+        poses.push(self.on_trial(frame, &pyramid, &tracker, located.motion));
         for frame in after {
             tracker.change_reference(&self.view, &located, &self.params);
             pyramid = self.pyramid(frame.image.clone());
             let places = self.mapper.as_ref().map(|mapper| mapper.places.as_ref());
             located = tracker.track(&self.view, places, &pyramid, frame.timestamp, &self.params)?;
-            poses.push(self.pose_of(frame, &tracker));
+            poses.push(self.on_trial(frame, &pyramid, &tracker, located.motion));
         }
         // The newest gets its place in the map by going on from it.
         poses.pop();
         let newest = after.last().unwrap_or(frame).clone();
-        Some(Found { tracker, located, pyramid, newest, poses })
+        Some(Found { tracker, located, pyramid, newest, before: poses })
     }
 
     /// Poses of the frames before one that was found, as far as the camera can be followed back.
-    fn followed_back(&self, found: &Tracker, frame: &Frame, before: &[Frame]) -> Vec<FramePose> {
+    fn followed_back(&self, found: &Tracker, frame: &Frame, before: &[Frame]) -> Vec<OnTrial> {
         let still = Se3::identity();
         let tracker = Tracker::new(&self.view, found.reference, found.last, still, &self.params);
         let mut tracker = tracker.at(frame.timestamp);
         let places = self.mapper.as_ref().map(|mapper| mapper.places.as_ref());
         let follow = |frame: &Frame| {
             let pyramid = self.pyramid(frame.image.clone());
-            tracker.track(&self.view, places, &pyramid, frame.timestamp, &self.params)?;
-            Some(self.pose_of(frame, &tracker))
+            let located = tracker.track(&self.view, places, &pyramid, frame.timestamp, &self.params)?;
+            Some(self.on_trial(frame, &pyramid, &tracker, located.motion))
         };
-        let mut poses: Vec<FramePose> = before.iter().rev().map_while(follow).collect();
+        let mut poses: Vec<OnTrial> = before.iter().rev().map_while(follow).collect();
         poses.reverse();
         poses
     }
 
-    /// The newest pose of a tracker, which is a frame's.
-    fn pose_of(&self, frame: &Frame, tracker: &Tracker) -> FramePose {
+    /// Puts frames that were found while nothing leads to them on trial.
+    fn take_up_claim(&mut self, found: Found, at: (f64, u64), report: FrameReport) -> Option<FrameReport> {
+        let Found { tracker, located, pyramid, before, .. } = found;
+        self.trial = None;
+        self.put_on_trial(before);
+        let report = self.try_claim(tracker, &located, pyramid, at, report);
+        (report.state == TrackingState::Tracking).then(|| self.told(report))
+    }
+
+    /// A frame with the newest pose of a tracker.
+    fn on_trial(&self, frame: &Frame, pyramid: &Pyramid, tracker: &Tracker, motion: Twist) -> OnTrial {
+        let pose = self.pose_of((frame.timestamp, frame.index), tracker);
+        OnTrial { pose, image: pyramid.shared_base(), motion }
+    }
+
+    /// The newest pose of a tracker, which is that of a frame of this time and index.
+    pub(super) fn pose_of(&self, (timestamp, frame_index): (f64, u64), tracker: &Tracker) -> FramePose {
         FramePose {
-            timestamp: frame.timestamp,
-            frame_index: frame.index,
+            timestamp,
+            frame_index,
             reference: LocalMap::id(tracker.reference),
             keyframe_from_frame: self.view.keyframe_from_frame(tracker.reference, &tracker.last),
         }

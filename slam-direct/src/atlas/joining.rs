@@ -4,6 +4,7 @@
 use super::Atlas;
 use crate::agent::{AgentError, Frame, FrameReport, Joining, Sighting, TrackingState};
 use crate::recognise::Answer;
+use std::collections::BTreeMap;
 
 /// Most sightings that are remembered.
 const REMEMBERED: usize = 40;
@@ -17,6 +18,8 @@ pub(super) struct Meeting {
     /// Keyframes of the active fragment that were found in earlier ones, the newest last.
     sightings: Vec<Sighting>,
     joining: Option<Underway>,
+    /// Earlier fragments that this one was not joined with, and from how many keyframes of it on that is tried again.
+    refused: BTreeMap<usize, usize>,
 }
 
 /// Maps being joined.
@@ -77,6 +80,10 @@ impl Atlas {
         let Some(active) = rest.first_mut() else { return };
         for hypothesis in &answer.hypotheses {
             let Some(agent) = earlier.get_mut(hypothesis.fragment) else { continue };
+            let keyframes = active.map().keyframes.len();
+            if self.meeting.refused.get(&hypothesis.fragment).is_some_and(|&from| keyframes < from) {
+                continue;
+            }
             let Some(sighting) = agent.sight(hypothesis, &answer.frame, active) else { continue };
             let sightings = &mut self.meeting.sightings;
             if sightings.len() == REMEMBERED {
@@ -98,7 +105,12 @@ impl Atlas {
         self.meeting.sightings.clear();
         let (earlier, rest) = self.fragments.split_at_mut(of);
         let (Some(first), Some(second)) = (earlier.get_mut(into), rest.first_mut()) else { return Ok(()) };
-        if first.end_joining(second, joining, (self.new_places)())? && self.active == of {
+        let keyframes = second.map().keyframes.len();
+        let is_joined = first.end_joining(second, joining, (self.new_places)())?;
+        if !is_joined {
+            // Until there is more to see.
+            self.meeting.refused.insert(into, keyframes + keyframes / 2);
+        } else if self.active == of {
             self.active = into;
         }
         Ok(())

@@ -6,6 +6,7 @@ use geometry::{GrayImage, Se3, umeyama};
 use loopbox_tests::{Recording, World, trajectory};
 use place_recog::ThumbnailIndex;
 
+mod claims;
 mod recognised;
 mod scale;
 

@@ -1,12 +1,16 @@
 //! Taking in another fragment's map, once both were seen to show one place.
 
 use super::{Mapper, Update};
+use crate::agent::claim::{around, view_of_frame, view_of_keyframe};
 use crate::closing;
+use crate::judge::{ClaimedPlace, JudgePlace};
 use crate::local_map::{Companions, LocalMap};
 use crate::params::Params;
 use crate::publish;
 use geometry::Sim3;
 use map::Keyframe;
+use std::collections::BTreeSet;
+use std::sync::Arc;
 
 /// Two keyframes of two maps that show one place.
 #[derive(Clone, Copy, Debug)]
@@ -27,22 +31,35 @@ pub(in crate::agent) enum Absorbed {
     Two([Box<Mapper>; 2]),
 }
 
+/// What else maps are joined by.
+pub(in crate::agent) struct Joined {
+    /// Of the last keyframes of the map that takes in.
+    pub companions: Companions,
+    /// As they are now.
+    pub params: Params,
+    /// Who decides whether both show one place.
+    pub judge: Option<Arc<dyn JudgePlace>>,
+}
+
+/// Keyframes of a map that was taken in which are judged, those nearest to the one that links them.
+const JUDGED: usize = 12;
+
 impl Mapper {
     /// Takes in the map of `other`: its keyframes come behind its own, both see each other's points where the link says
-    /// so, and all are optimised. `companions` are of the last of its own keyframes.
-    pub fn absorb(
-        mut self: Box<Self>,
-        mut other: Box<Self>,
-        link: &Link,
-        companions: &Companions,
-        params: &Params,
-    ) -> Absorbed {
+    /// so, and all are optimised. They stay two where who judges does not say that they show one place.
+    pub fn absorb(mut self: Box<Self>, mut other: Box<Self>, link: &Link, with: &Joined) -> Absorbed {
+        let Joined { companions, params, judge } = with;
         let count = self.local.keyframes.len();
         let mut local = self.local.clone();
         local.append(other.local.clone(), &link.own_from_other);
         let Ok(mut moved) = closing::join_places(&mut local, count + link.other, link.own, params) else {
             return Absorbed::Two([self, other]);
         };
+        if let Some(judge) = judge
+            && !judge.judge(&self.claim(&local, link.own)).is_same()
+        {
+            return Absorbed::Two([self, other]);
+        }
         self.local = local;
         // The last of its own keyframes have all the neighbours that they will have.
         let mut settled = self.take_up_depths();
@@ -65,5 +82,26 @@ impl Mapper {
         self.note_moved(&moved);
         let update = self.update(moved, settled, None);
         Absorbed::One(self, Box::new(update))
+    }
+
+    /// That the keyframes which came behind its own into `local` show what its own around `own` do.
+    fn claim(&self, local: &LocalMap, own: usize) -> ClaimedPlace {
+        let count = self.local.keyframes.len();
+        let placed = |k: usize| view_of_keyframe(local, k, self.known.keyframes.get(&LocalMap::id(k))?);
+        let others = local.covisible(own).into_iter().map(|c| c.0).filter(|k| *k >= count).take(JUDGED);
+        let others: BTreeSet<usize> = others.collect();
+        let frame = |(number, &k): (usize, &usize)| {
+            let state = &local.keyframes[k];
+            let image = state.pyramid.shared_base();
+            view_of_frame(number, &image, state.camera_from_world, state.motion_in_world())
+        };
+        let seen = others.iter().flat_map(|&k| local.covisible(k)).map(|c| c.0);
+        let near = around(local, seen.chain([own]).filter(|k| *k < count).collect());
+        ClaimedPlace {
+            camera: local.camera,
+            sensor: local.sensor,
+            keyframes: near.into_iter().filter(|k| *k < count).filter_map(placed).collect(),
+            frames: others.iter().enumerate().map(frame).collect(),
+        }
     }
 }

@@ -5,7 +5,7 @@ use crate::recognise::{Hypothesis, KnownView};
 use nalgebra::{UnitQuaternion, Vector3, Vector6};
 
 /// Knows where images were taken, to 2 cm and half a degree.
-struct Oracle {
+pub(super) struct Oracle {
     recordings: Vec<Recording>,
     /// How far it recognises a place from, metres.
     reach: f64,
@@ -14,7 +14,7 @@ struct Oracle {
 }
 
 impl Oracle {
-    fn new(recordings: &[&Recording], reach: f64) -> Box<Self> {
+    pub(super) fn new(recordings: &[&Recording], reach: f64) -> Box<Self> {
         let error = Se3::exp(&Vector6::new(0.015, -0.01, 0.01, 0.005, -0.005, 0.006));
         Box::new(Self { recordings: recordings.iter().map(|&r| r.clone()).collect(), reach, error })
     }
@@ -103,6 +103,31 @@ fn a_place_that_is_not_there_is_not_believed() {
     let maps = atlas.into_maps();
     assert_eq!(maps.len(), 2, "neither is it found there, nor are the maps joined");
     assert!(maps[0].frames.iter().all(|frame| frame.frame_index < 50));
+}
+
+/// Fragments that seem to meet are one only where that is decided.
+#[test]
+fn fragments_that_meet_stay_apart_where_it_is_not_decided() {
+    use crate::judge::{ClaimedPlace, PlaceAnswer};
+    struct Doubts;
+    impl JudgePlace for Doubts {
+        fn judge(&self, claim: &ClaimedPlace) -> PlaceAnswer {
+            assert!(!claim.frames.is_empty() && !claim.keyframes.is_empty());
+            PlaceAnswer::CannotTell
+        }
+    }
+    let path = trajectory::sideways(201, 10.0);
+    let back: Vec<Se3> = path[20..=180].iter().rev().copied().collect();
+    let (here, there) = (rendered(&path[..60]), rendered(&back));
+    let black = GrayImage::filled(320, 240, 0);
+    let mut atlas = atlas().recognising(Oracle::new(&[&here, &there], 1.2)).judged_by(Arc::new(Doubts));
+    feed(&mut atlas, 0, images(&here).into_iter().chain([&black; 12]));
+    let reports = feed(&mut atlas, 72, images(&there));
+    assert!(reports.last().is_some_and(|r| r.state == TrackingState::Tracking && r.fragment == 1));
+    atlas.finish_until(&|| false);
+    let maps = atlas.into_maps();
+    assert_eq!(maps.len(), 2);
+    assert!(maps[0].frames.iter().all(|frame| frame.frame_index < 72));
 }
 
 /// The camera is lost, is used elsewhere, and comes to where it was before: two maps become one while it goes on.
