@@ -129,8 +129,11 @@ impl Progress for Console {
 
     fn note_of(&self, kind: &str, text: &str) {
         let times = self.said.borrow().get(kind).copied().unwrap_or_default();
-        if times <= REPETITIONS || self.display == Display::Json {
-            self.note(text);
+        match self.display {
+            Display::Json => self.note(text),
+            // Where the warning stood.
+            _ if times <= REPETITIONS => self.bar.suspend(|| tell!("{text}")),
+            _ => {}
         }
     }
 
@@ -239,6 +242,12 @@ fn summary(record: &RunRecord, out: &str) -> String {
         text += &format!(
             "{} more frames, of {} to {}, are in {}: they saw no place of the others again\n",
             apart.frames, apart.first_frame, apart.last_frame, apart.trajectory
+        );
+    }
+    if frames.doubted > 0 {
+        text += &format!(
+            "{} frames resemble a part of the map and have no pose: what they see does not confirm that it is that place\n",
+            frames.doubted
         );
     }
     if frames.losses > 0 {

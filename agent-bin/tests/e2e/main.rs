@@ -8,6 +8,7 @@
 
 mod accuracy;
 mod board;
+mod claims;
 mod damaged;
 #[path = "../common/documented.rs"]
 mod documented;

@@ -5,7 +5,7 @@ use crate::run::record::{FrameCounts, FrameRow};
 use geometry::GrayImage;
 use map::{Keyframe, Map};
 use serde::Serialize;
-use slam_direct::{FrameReport, TrackingState, has_hardly_any_depth};
+use slam_direct::{Claim, FrameReport, TrackingState, has_hardly_any_depth};
 
 /// Every how many pixels one is looked at: cheap, and enough for means.
 const STRIDE: usize = 13;
@@ -70,6 +70,8 @@ pub struct Losses {
     pub of_scale: u64,
     is_lost: bool,
     was_tracking: bool,
+    /// The fragment that the newest tracked frame is in.
+    fragment: usize,
 }
 
 impl Losses {
@@ -86,7 +88,15 @@ impl Losses {
             progress.warn_of("lost", &format!("tracking is lost since {at}{why}"));
         } else if self.is_lost && self.was_tracking {
             self.is_lost = false;
-            progress.note_of("lost", &format!("tracking goes on since {at}"));
+            let whose = if report.fragment == self.fragment { "" } else { ", in another map" };
+            progress.note_of("lost", &format!("tracking goes on since {at}{whose}"));
+        }
+        if report.claim == Some(Claim::Refused) {
+            let what = "resembles a part of the map and is another place";
+            progress.warn_of("claim", &format!("what is seen up to {at} {what}"));
+        }
+        if self.was_tracking {
+            self.fragment = report.fragment;
         }
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! In order: `options` (what is asked for, and the way from there to the results), `session` (one map after another, as long as somebody wants a new one), `runtime` (the loop around the
 //! agent), `outlook` (what can be said before it), `lens` (a recording without a calibration), `lens_check` (whether the one given fits), `describing` (features of
-//! keyframes beside it), `recognising` (a lost camera found by these), `fragments` (what was tracked after losses joined), `output` (the files), `growing` (the map's on
+//! keyframes beside it), `recognising` (a lost camera found by these), `judging` (whether it is the place), `fragments` (what was tracked after losses joined), `output` (the files), `growing` (the map's on
 //! the way), `listening` (who is told how the map grows), `record` (the numbers), `saving` (results on the way), `resuming`
 //! (a map of an earlier run gone on with), `diagnosis` (why nothing was tracked).
 
@@ -10,6 +10,7 @@ mod describing;
 mod diagnosis;
 mod fragments;
 mod growing;
+mod judging;
 mod lens;
 mod lens_check;
 mod listening;

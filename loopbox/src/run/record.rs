@@ -6,7 +6,7 @@ use crate::run::resuming::Resumed;
 use geometry::{Pinhole, Se3};
 use map::StampedPose;
 use serde::{Serialize, Serializer};
-use slam_direct::{FrameReport, LeftOut, TrackingState};
+use slam_direct::{Claim, FrameReport, LeftOut, TrackingState};
 use sources::ahead::SkipReason;
 use std::cmp::Reverse;
 use std::collections::BTreeMap;
@@ -153,6 +153,9 @@ pub struct FrameCounts {
     pub tracked: u64,
     /// Frames with a pose in those of the others.
     pub tracked_apart: u64,
+    /// Frames without a pose that were found where no motion leads to, after a loss or in a map that was kept, and were not decided
+    /// to show the place that they were found at.
+    pub doubted: u64,
     /// `tracked / (offered − dropped_late)`: the share of the frames that could be tracked.
     pub tracked_share: f64,
     /// How often tracking was lost.
@@ -327,6 +330,9 @@ pub struct FrameRow {
     pub keyframe: Option<u32>,
     /// Loop closed after it: newer and older keyframe.
     pub loop_closed: Option<(u32, u32)>,
+    /// Whether it was found where no motion leads to, and is not decided yet to show the place: it has a pose once it is.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub on_trial: bool,
     /// world_from_camera as it was handed out after the frame, in the fragment's world as it was then; nothing where the frame
     /// was not found. Later frames and loops move poses; who steers a robot has had this one.
     #[serde(skip)]
@@ -348,6 +354,7 @@ impl FrameRow {
             matched_points: report.matched_points,
             keyframe: report.new_keyframe.map(|id| id.0),
             loop_closed: report.closed_loop.map(|(newer, older)| (newer.0, older.0)),
+            on_trial: report.claim.is_some_and(|claim| claim != Claim::Accepted),
             handed_out: report.world_from_camera,
         }
     }
@@ -428,6 +435,7 @@ mod tests {
             rmse: 1.0,
             matched_points: 100,
             keyframe: None,
+            on_trial: false,
             loop_closed: None,
             handed_out: Some(Se3::new(UnitQuaternion::identity(), Vector3::new(x, 0.0, 0.0))),
         };

@@ -4,6 +4,7 @@
 use crate::run::Progress;
 use crate::run::describing::Describer;
 use crate::run::fragments;
+use crate::run::judging::SurfaceJudge;
 use crate::run::lens_check::{GivenLens, LensCheck};
 use crate::run::listening::Listeners;
 use crate::run::output::Output;
@@ -94,6 +95,7 @@ impl Session<'_> {
                 if self.params.mapping.lag > 0 { Recogniser::in_time() } else { Recogniser::default() };
             let swap = Arc::<SwapFiles>::clone(&self.swap);
             let atlas = atlas.recognising(Box::new(recogniser)).swapping_to(swap);
+            let atlas = atlas.judged_by(Arc::new(SurfaceJudge));
             let atlas = match &self.unused {
                 Some(unused) => atlas.leaving_out(unused)?,
                 None => atlas,

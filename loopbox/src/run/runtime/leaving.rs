@@ -11,6 +11,7 @@ use slam_direct::{Agent, Going};
 use sources::ahead::Ahead;
 use sources::{SourceInfo, Stop};
 use std::borrow::Cow;
+use std::collections::BTreeSet;
 use view::process;
 
 /// Keyframes of a map that takes some seconds to write.
@@ -144,9 +145,13 @@ impl Run<'_> {
         maps.retain(|map| map.frames.iter().any(|frame| self.is_own(map, frame)));
         let is_in = self.localises()
             || maps.iter().any(|map| map.frames.iter().any(|frame| !self.is_own(map, frame)));
+        let why = match self.rows.iter().filter(|row| row.on_trial).count() {
+            0 => "no frame was found in",
+            _ => "what is seen resembles a part of, and does not confirm that it is the place of,",
+        };
         (!is_in && !maps.is_empty()).then(|| {
             format!(
-                "no frame was found in {}, which is as it was; what was tracked is a map of its own\nhint: a recording goes on \
+                "{why} {}, which is as it was; what was tracked is a map of its own\nhint: a recording goes on \
                  in a map where it shows a place of it, from about where the camera was and in a light that still matches",
                 kept.record().map
             )
@@ -165,11 +170,32 @@ impl Run<'_> {
 
     /// Why the map is empty, for people.
     pub fn why_nothing_was_tracked(&self) -> String {
+        let doubted = self.rows.iter().filter(|row| row.on_trial).count();
+        if let Some(kept) = self.kept.filter(|_| doubted > 0) {
+            return format!(
+                "{doubted} frames resemble a part of {}, and what they see does not confirm that it is that place: it may be another \
+                 one that shares things with it\nhint: show more of the place, from about where the camera was when it was mapped",
+                kept.record().map
+            );
+        }
         let why = self.statistics.why_nothing_was_tracked(self.last_reason, self.first_skip.as_deref());
         match self.kept {
             Some(kept) => format!("{why}\nnone was found in {}", kept.record().map),
             None => why,
         }
+    }
+
+    /// Frames that were found where no motion leads to, and have a pose in none of the maps.
+    fn doubted(&self, maps: &[Map]) -> u64 {
+        let on_trial = self.rows.iter().filter(|row| row.on_trial).map(|row| row.index);
+        let mut doubted: BTreeSet<u64> = on_trial.collect();
+        if !doubted.is_empty() {
+            let own = maps.iter().flat_map(|map| map.frames.iter().filter(|frame| self.is_own(map, frame)));
+            own.for_each(|frame| {
+                doubted.remove(&frame.frame_index);
+            });
+        }
+        doubted.len() as u64
     }
 
     /// The numbers of the run.
@@ -188,6 +214,7 @@ impl Run<'_> {
             maps.iter().enumerate().map(|(place, map)| Fragment::new(place, map)).collect();
         let own = |map: &Map| map.frames.iter().filter(|frame| self.is_own(map, frame)).count() as u64;
         let tracked = maps.first().map_or(0, own);
+        let doubted = self.doubted(maps);
         let ms = self.rows.iter().map(|row| row.ms).collect();
         RunRecord {
             version: env!("CARGO_PKG_VERSION"),
@@ -210,6 +237,7 @@ impl Run<'_> {
                 skipped: self.skipped.clone(),
                 tracked,
                 tracked_apart: maps.iter().skip(1).map(own).sum(),
+                doubted,
                 tracked_share: tracked as f64 / (offered - dropped_late).max(1) as f64,
                 losses: self.losses.count,
                 losses_of_scale: self.losses.of_scale,
