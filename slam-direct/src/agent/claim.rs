@@ -150,8 +150,11 @@ impl Agent {
         }
         let answer = self.answer();
         if answer == Some(PlaceAnswer::Same) {
-            self.accept_claim();
-            return self.go_on(tracker, located, pyramid, timestamp, frame_index, report);
+            let (known, tried) = (self.map.frames.len(), self.accept_claim());
+            let report = self.go_on(tracker, located, pyramid, timestamp, frame_index, report);
+            // The newest may have become the keyframe that those before it are told by.
+            self.take_in_frames(known, tried);
+            return report;
         }
         tracker.change_reference(&self.view, located, &self.params);
         let pose = self.pose_of((timestamp, frame_index), &tracker);
@@ -205,7 +208,8 @@ impl Agent {
             judge.zip(claim).is_some_and(|(judge, claim)| judge.judge(&claim) == PlaceAnswer::Same)
         };
         if is_same {
-            self.accept_claim();
+            let tried = self.accept_claim();
+            self.take_in_frames(self.map.frames.len(), tried);
         }
         self.trial = None;
         is_same
@@ -218,13 +222,17 @@ impl Agent {
         Some(asked.task.join())
     }
 
-    /// Takes what was on trial into the map.
-    fn accept_claim(&mut self) {
-        let Some(trial) = self.trial.take() else { return };
-        let poses: Vec<FramePose> = trial.poses.into_iter().filter_map(|pose| self.own_frame(pose)).collect();
-        self.map.frames.extend(poses);
+    /// Ends the trial, as the claim is believed; gives the frames on which that was decided.
+    fn accept_claim(&mut self) -> Vec<FramePose> {
         (self.is_unsettled, self.is_sought) = (false, false);
         self.claim = Some(Claim::Accepted);
+        self.trial.take().map_or(Vec::new(), |trial| trial.poses)
+    }
+
+    /// Takes frames of the working map into the one that is handed out, behind so many that are known.
+    pub(super) fn take_in_frames(&mut self, known: usize, frames: Vec<FramePose>) {
+        let frames: Vec<FramePose> = frames.into_iter().filter_map(|frame| self.own_frame(frame)).collect();
+        self.map.frames.splice(known..known, frames);
     }
 
     /// Whether a frame shows too little of a map that is localised in to tell where it is.

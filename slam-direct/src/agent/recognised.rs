@@ -79,9 +79,7 @@ impl Agent {
         let known = self.map.frames.len();
         let report = self.go_on(found.tracker, &found.located, found.pyramid, timestamp, index, report);
         // The newest may have become the keyframe that those before it are told by.
-        let before: Vec<FramePose> =
-            found.before.into_iter().filter_map(|frame| self.own_frame(frame.pose)).collect();
-        self.map.frames.splice(known..known, before);
+        self.take_in_frames(known, found.before.into_iter().map(|frame| frame.pose).collect());
         Ok(Some(self.told(report)))
     }
 
