@@ -60,10 +60,11 @@ fn info_and_check_say_the_same_calibration() {
     assert!(checked.contains("begun with a view of 70°"), "{checked}");
     let wrong = folder.path().join("wrong.yaml");
     write(wrong.clone(), CAMERA.replace("width: 64", "width: 128"));
-    let (checked, _) =
-        said(0, &["run", arg(folder.path()), "--check", "--calib", arg(&wrong), "--log", "json"]);
+    let (checked, refusal) =
+        said(1, &["run", arg(folder.path()), "--check", "--calib", arg(&wrong), "--log", "json"]);
     let checked: Value = serde_json::from_str(&checked).unwrap();
-    assert!(checked["problems"][0].as_str().unwrap().contains("128×48"), "{checked}");
+    assert!(checked["refused"].as_str().unwrap().contains("128×48"), "{checked}");
+    assert!(refusal.contains("a run is refused: the calibration is for images of 128×48"), "{refusal}");
 }
 
 #[test]
@@ -76,8 +77,8 @@ fn a_file_of_two_cameras_is_not_guessed_from() {
         )
     };
     images(folder.path(), &(cam(0, 60.0) + &cam(1, 70.0)));
-    let problems = info(folder.path())["problems"].to_string();
-    assert!(problems.contains("cam0 of /cam0/image_raw, cam1 of /cam1/image_raw"), "{problems}");
+    let (_, refusal) = said(1, &["info", arg(folder.path())]);
+    assert!(refusal.contains("cam0 of /cam0/image_raw, cam1 of /cam1/image_raw"), "{refusal}");
     let chain = format!("{}:cam1", arg(&folder.path().join("camera.yaml")));
     let (checked, _) = said(0, &["run", arg(folder.path()), "--check", "--calib", &chain]);
     assert!(checked.contains("fx 70.0"), "{checked}");
@@ -86,14 +87,83 @@ fn a_file_of_two_cameras_is_not_guessed_from() {
     assert_eq!(info(&second)["camera"]["fx"], 70.0);
 }
 
+/// What a run would refuse is refused by `info` and `run --check` as well, with the reason, after all that can be said.
+#[test]
+fn what_a_run_refuses_is_refused_beforehand() {
+    for content in
+        [&b""[..], b"<html>404</html>", b"version https://git-lfs.github.com/spec/v1\n", &image()[..60]]
+    {
+        let folder = tempfile::tempdir().unwrap();
+        images(folder.path(), CAMERA);
+        (0..6).for_each(|i| write(folder.path().join(format!("images/{i}.png")), content));
+        let (_, of_run) = said(1, &["run", arg(folder.path()), "--out", arg(&folder.path().join("out"))]);
+        for words in [&["info", arg(folder.path())][..], &["run", arg(folder.path()), "--check"]] {
+            let (told, refusal) = said(1, words);
+            assert!(told.contains("6 of 6 images cannot be used; the first: "), "{told}");
+            assert!(
+                refusal.contains("a run is refused: no image can be read") && refusal.contains("0.png"),
+                "{refusal}"
+            );
+        }
+        assert!(of_run.contains("0.png"), "{of_run}");
+    }
+}
+
+/// Images that are missing or cut off cost themselves, and are told beforehand.
+#[test]
+fn images_that_cannot_be_used_are_counted_beforehand() {
+    let folder = tempfile::tempdir().unwrap();
+    images(folder.path(), CAMERA);
+    let path = |i: u32| folder.path().join(format!("images/{i}.png"));
+    write(path(2), &image()[..image().len() / 2]);
+    fs::remove_file(path(4)).unwrap();
+    let told = info(folder.path())["problems"].to_string();
+    assert!(
+        told.contains("2 of 6 images cannot be used; the first: ")
+            && told.contains("2.png: the file is cut off"),
+        "{told}"
+    );
+    write(path(2), image());
+    write(path(4), image());
+    assert_eq!(info(folder.path())["problems"], serde_json::json!([]));
+    let times: String = [0.0, 0.1, 0.2, 7.2, 7.3, 7.4]
+        .iter()
+        .enumerate()
+        .map(|(i, t)| format!("{t} images/{i}.png\r"))
+        .collect();
+    write(folder.path().join("times.txt"), times);
+    let told = info(folder.path());
+    assert_eq!(told["frames"], 6);
+    assert!(told["facts"].to_string().contains("one of 7.00 s after 0.20 s"), "{told}");
+}
+
+/// A run that finds the lens by itself names the calibrations that it leaves aside.
+#[test]
+fn a_run_names_the_calibration_that_lies_beside() {
+    let folder = tempfile::tempdir().unwrap();
+    images(folder.path(), CAMERA);
+    fs::rename(folder.path().join("camera.yaml"), folder.path().join("webcam.yaml")).unwrap();
+    let named = "webcam.yaml: a calibration that nothing says is this camera's";
+    let out = folder.path().join("out");
+    let (_, warned) = said(1, &["run", arg(folder.path()), "--out", arg(&out)]);
+    assert!(warned.contains(named) && warned.contains("hint: --calib "), "{warned}");
+    for words in [&["info", arg(folder.path())][..], &["run", arg(folder.path()), "--check"]] {
+        assert!(said(0, words).0.contains(named));
+    }
+    let (_, quiet) = said(1, &["run", arg(folder.path()), "--out", arg(&out), "--calib", "none"]);
+    assert!(!quiet.contains(named), "{quiet}");
+}
+
 #[test]
 fn a_folder_that_is_no_recording_is_listed() {
     let folder = tempfile::tempdir().unwrap();
     fs::create_dir(folder.path().join("left")).unwrap();
     write(folder.path().join("left/0.png"), image());
+    write(folder.path().join("front/0.png"), image());
     write(folder.path().join("0.webp"), "");
     let (_, refusal) = said(1, &["info", arg(folder.path())]);
-    assert!(refusal.contains("it holds left/ (1 images), 1 .webp"), "{refusal}");
+    assert!(refusal.contains("it holds front/ (1 images), left/ (1 images), 1 .webp"), "{refusal}");
+    assert!(refusal.contains("give that folder or file itself, of front/, left/"), "{refusal}");
 }
 
 /// A recording of scans in files of `floats` numbers a point, without times; lengths are `scale` metres.
@@ -140,8 +210,12 @@ fn scans_are_told_by_their_numbers() {
     assert!(checked.contains("(x y z)") && checked.contains("undistorted (as given)"), "{checked}");
 
     scans(millimetres.path(), 4, 0.001, turning);
-    let problems = info(millimetres.path())["problems"].to_string();
-    assert!(problems.contains("--scan-unit mm"), "{problems}");
+    // Beyond what is used there is nothing to map, and no success to tell of.
+    let (told, refusal) = said(1, &["info", arg(millimetres.path())]);
+    assert!(told.contains("--scan-unit mm") && refusal.contains("no scan can be used"), "{told}{refusal}");
+    let out = millimetres.path().join("out");
+    let (_, refusal) = said(1, &["run", arg(millimetres.path()), "--out", arg(&out)]);
+    assert!(refusal.contains("points lie within 100 m") && refusal.contains("--scan-unit mm"), "{refusal}");
     let (checked, _) = said(0, &["run", arg(millimetres.path()), "--check", "--scan-unit", "mm"]);
     assert!(!checked.contains("problem") && checked.contains("counter-clockwise"), "{checked}");
 }

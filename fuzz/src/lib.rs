@@ -1,5 +1,6 @@
 //! What the targets share.
 
+use sources::FoundCalibration;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -28,6 +29,9 @@ pub fn scratch() -> PathBuf {
 /// Reads all frames of a recording in memory.
 pub fn read_recording(bytes: &[u8]) {
     let Ok(mut source) = sources::open_bytes(bytes, &Default::default()) else { return };
+    if let Some(FoundCalibration::Inside { camera, .. }) = source.info().calibration.clone() {
+        source.hold_to(&camera);
+    }
     while let Some(frame) = source.next_frame() {
         let _ = frame.picture.into_grey();
     }

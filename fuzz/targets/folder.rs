@@ -5,8 +5,15 @@ use sources::SourceOptions;
 use loopbox_fuzz::scratch;
 use std::fs;
 
-const TABLES: [&str; 5] =
-    ["times.txt", "rgb.txt", "mav0/cam0/data.csv", "image_0/../times.txt", "image_00/timestamps.txt"];
+const TABLES: [&str; 7] = [
+    "times.txt",
+    "rgb.txt",
+    "mav0/cam0/data.csv",
+    "image_0/../times.txt",
+    "image_00/timestamps.txt",
+    "associations.txt",
+    "camera_of_whom.yaml",
+];
 
 libfuzzer_sys::fuzz_target!(|data: &[u8]| {
     let Some((form, table)) = data.split_first() else { return };
@@ -18,9 +25,14 @@ libfuzzer_sys::fuzz_target!(|data: &[u8]| {
     if *form as usize % TABLES.len() != 3 {
         fs::remove_dir(folder.join("image_0")).expect("an empty folder can be removed");
     }
+    for image in ["images/0.png", "images/1.jpg"] {
+        fs::write(folder.join(image), "none").expect("a file can be written");
+    }
     let path = folder.join(TABLES[*form as usize % TABLES.len()].replace("image_0/../", ""));
     fs::write(path, table).expect("a file can be written");
-    if let Ok(mut source) = sources::open(&folder, &SourceOptions::default()) {
+    let fps = TABLES[*form as usize % TABLES.len()].ends_with("yaml").then_some(10.0);
+    if let Ok(mut source) = sources::open(&folder, &SourceOptions { fps, ..SourceOptions::default() }) {
+        let _ = sources::calibrations_beside(source.info());
         while let Some(frame) = source.next_frame() {
             let _ = frame.picture.into_grey();
         }

@@ -37,7 +37,9 @@ pub fn open(input: Input, options: &SourceOptions) -> Result<Box<dyn FrameSource
         None => of_messages(reader(&input)?),
     };
     let (topic, count) = topics.choose(input.path(), options.topic.as_deref(), LOOKED_FOR)?;
-    let calibration = match topics.calibration(&topic) {
+    let matched = topics.calibration(&topic);
+    let of_camera = matched.found();
+    let calibration = match matched {
         Match::Found(wanted) => first_calibration(&input, &wanted, &topic)?,
         Match::Unclear(names) => Some(FoundCalibration::unclear(&names, input.path(), &topic)),
         Match::Others(_) => None,
@@ -53,10 +55,14 @@ pub fn open(input: Input, options: &SourceOptions) -> Result<Box<dyn FrameSource
     };
     let content = topics.content(&topic);
     // What cannot be read has no topic, and is told.
-    let of_topic =
-        messages.filter(move |m| m.as_ref().map_or(true, |message| message.connection.topic == topic));
-    let stamped =
-        of_topic.map(|message| message.map(|message| Stamped { time: message.time, data: message.data }));
+    let is_wanted = move |name: &str| name == topic || of_camera.as_deref() == Some(name);
+    let wanted =
+        messages.filter(move |m| m.as_ref().map_or(true, |message| is_wanted(&message.connection.topic)));
+    let stamped = wanted.map(|message| {
+        let Message { connection, time, data } = message?;
+        let calibration = self::content(&connection.kind).and_then(Content::calibration);
+        Ok(Stamped { time, data, calibration })
+    });
     topic_recording::open(info, topics.facts(), content, stamped)
 }
 
@@ -102,10 +108,10 @@ fn of_messages(messages: Reader) -> Topics {
 
 /// The first calibration on `topic`.
 fn first_calibration(input: &Input, topic: &str, images: &str) -> Result<Option<FoundCalibration>> {
-    for message in reader(input)?.flatten().filter(|message| message.connection.topic == topic) {
-        let Some(Content::Calibration(form)) = content(&message.connection.kind) else { continue };
-        let info = messages::read_calibration(form, &message.data);
-        return Ok(Some(FoundCalibration::of_message(topic, input.path(), images, info)));
-    }
-    Ok(None)
+    let of_topic = reader(input)?.flatten().filter(|message| message.connection.topic == topic);
+    let infos = of_topic.filter_map(|message| {
+        let form = content(&message.connection.kind)?.calibration()?;
+        Some(messages::read_calibration(form, &message.data))
+    });
+    Ok(FoundCalibration::of_messages(topic, input.path(), images, infos))
 }

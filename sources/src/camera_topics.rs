@@ -14,6 +14,16 @@ pub enum Match {
     Unclear(Vec<String>),
 }
 
+impl Match {
+    /// The topic that is the images'.
+    pub fn found(&self) -> Option<String> {
+        match self {
+            Self::Found(name) => Some(name.clone()),
+            Self::Others(_) | Self::Unclear(_) => None,
+        }
+    }
+}
+
 /// Words that topics of all cameras have.
 const COMMON: [&str; 22] = [
     "image",

@@ -91,10 +91,8 @@ fn by_stems(files: &mut [PathBuf], folder: &Path) -> Option<String> {
         let images = images_in(&place).ok()?;
         let by_stem: HashMap<String, &PathBuf> =
             images.iter().filter_map(|file| Some((stem(file)?, file))).collect();
-        let is_of_place = files
-            .iter()
-            .take(LOOKED_AT)
-            .any(|file| stem(file).is_some_and(|stem| by_stem.contains_key(&stem)));
+        let found = |file: &PathBuf| by_stem.get(&stem(file)?).copied();
+        let is_of_place = files.iter().take(LOOKED_AT).filter_map(found).any(|file| file.is_file());
         if is_of_place {
             for file in files.iter_mut() {
                 if let Some(found) = stem(file).and_then(|stem| by_stem.get(&stem)) {

@@ -5,6 +5,7 @@
 pub mod ahead;
 pub mod bag;
 mod bag_recording;
+mod calibration_beside;
 pub mod camera;
 mod camera_topics;
 pub mod convert;
@@ -28,6 +29,7 @@ mod numbered;
 mod parts;
 pub mod pictures;
 mod presets;
+mod recalibrated;
 pub mod recording;
 mod rosbag2;
 mod salvage;
@@ -42,6 +44,7 @@ mod tum;
 mod tum_mono;
 mod video;
 
+pub use calibration_beside::calibrations_beside;
 pub use folder_kind::FolderKind;
 pub use image_list::{images_in, is_image};
 pub use image_table::timed_images;
@@ -137,6 +140,26 @@ pub enum FoundCalibration {
 }
 
 impl FoundCalibration {
+    /// What the first calibration messages of a topic gave, for the images of another: the first that is a calibration. Drivers may begin
+    /// to send before they know theirs.
+    fn of_messages(
+        topic: &str,
+        path: &Path,
+        images: &str,
+        messages: impl Iterator<Item = Result<CameraInfo>>,
+    ) -> Option<Self> {
+        /// A camera that is not calibrated after about a second is not.
+        const LOOKED_AT: usize = 30;
+        let mut first = None;
+        for info in messages.take(LOOKED_AT) {
+            match Self::of_message(topic, path, images, info) {
+                found @ Self::Inside { .. } => return Some(found),
+                other => drop(first.get_or_insert(other)),
+            }
+        }
+        first
+    }
+
     /// What the calibration message of a topic gave, for the images of another.
     fn of_message(topic: &str, path: &Path, images: &str, info: Result<CameraInfo>) -> Self {
         let rectified = camera_topics::is_rectified(images);
@@ -150,10 +173,13 @@ impl FoundCalibration {
         }
     }
 
-    /// Where several calibration topics may be the images', and nothing tells which.
+    /// Where calibration topics may be the images', and nothing tells whether, or which.
     fn unclear(topics: &[String], path: &Path, images: &str) -> Self {
-        let reason = format!("nothing tells which of them is the camera's on {images}");
-        Self::Unusable { origin: format!("topics {} of {}", topics.join(", "), path.display()), reason }
+        let (what, reason) = match topics {
+            [_] => ("topic", format!("nothing tells whether it is the camera's on {images}")),
+            _ => ("topics", format!("nothing tells which of them is the camera's on {images}")),
+        };
+        Self::Unusable { origin: format!("{what} {} of {}", topics.join(", "), path.display()), reason }
     }
 }
 
@@ -177,6 +203,10 @@ pub trait FrameSource: Send {
         None
     }
 
+    /// Is told the camera that its images are taken to be of: from now on images of which the recording says another one are
+    /// [`Picture::OfOther`]. To be called before the first frame is taken.
+    fn hold_to(&mut self, _camera: &Camera) {}
+
     /// What can be seen to be wrong with the recording before its frames are taken in turn.
     fn problems(&self) -> Vec<String> {
         Vec::new()
@@ -190,6 +220,11 @@ pub trait FrameSource: Send {
     /// What else there is to say of it, as label and text.
     fn facts(&self) -> Vec<(&'static str, String)> {
         Vec::new()
+    }
+
+    /// Whether each picture is decoded before it is handed out, so that to look through all of them takes as long as a run.
+    fn decodes(&self) -> bool {
+        false
     }
 
     /// Whether frames come when they come, and cannot be waited for in the source.

@@ -14,9 +14,11 @@ use crate::damage::Damage;
 use crate::forward::{Judged, LOOKED_AHEAD, judged};
 use crate::messages::unpacked;
 use crate::pictures::{GreyRange, Picture};
+use crate::recalibrated::Recalibration;
 use crate::recording::{GREY_RANGE, NumberSet, RecordedHead, read_head};
 use anyhow::Result;
 use calib::CameraHint;
+use geometry::Camera;
 use geometry::limits::MAX_BYTES;
 use linear::Linear;
 use mcap::McapResult;
@@ -55,6 +57,11 @@ struct McapRecording {
     range: Option<GreyRange>,
     /// Whether stamps stand still, so that images have the times at which they were logged.
     by_log: bool,
+    /// The topic of the calibration of these images, and what it says as they go.
+    calibration: Option<String>,
+    recalibration: Recalibration,
+    /// A message that was read to see what lies behind an image.
+    next: Option<mcap::Message<'static>>,
 }
 
 /// Whether the file starts as MCAP files do.
@@ -85,13 +92,15 @@ pub fn open(input: Input, options: &SourceOptions) -> Result<Box<dyn FrameSource
         camera: CameraHint { topic: Some(topic.clone()), ..CameraHint::default() },
         lag: head.lag().filter(|_| !options.all_frames),
     };
+    let of_camera = survey.topics.calibration(&topic).found().filter(|_| !head.is_ours);
     if let Some(video @ Content::Video(_)) = survey.topics.content(&topic) {
         let messages = linear_with(&input, survey.summary.as_ref())?;
         // What cannot be read has no topic, and is told.
         let of_topic = messages.filter(move |m| m.as_ref().map_or(true, |m| m.channel.topic == topic));
         let stamped = of_topic.map(|message| {
             let message = message?;
-            Ok(Stamped { time: message.log_time, data: message.data.into_owned() })
+            let (time, data) = (message.log_time, message.data.into_owned());
+            Ok(Stamped { time, data, calibration: None })
         });
         return topic_recording::open(info, facts(&head, &survey), Some(video), stamped);
     }
@@ -103,6 +112,9 @@ pub fn open(input: Input, options: &SourceOptions) -> Result<Box<dyn FrameSource
         range: range.and_then(|text| GreyRange::parse(text)),
         summary: survey.summary,
         is_ours: head.is_ours,
+        calibration: of_camera,
+        next: None,
+        recalibration: Recalibration::of(&topic),
         left_out: if options.all_frames { NumberSet::default() } else { survey.dropped },
         input,
         info,
@@ -119,7 +131,14 @@ pub fn open(input: Input, options: &SourceOptions) -> Result<Box<dyn FrameSource
 impl McapRecording {
     /// The frame in a message, unless it is another topic's or to be left out.
     fn frame(&mut self, message: &mcap::Message) -> Option<SourceFrame> {
-        let Some(Content::Image(form)) = content(&message.channel) else { return None };
+        let form = match content(&message.channel) {
+            Some(Content::Image(form)) => form,
+            Some(Content::Calibration(form)) => {
+                self.see(form, message);
+                return None;
+            }
+            _ => return None,
+        };
         if message.channel.topic != self.topic {
             return None;
         }
@@ -139,7 +158,49 @@ impl McapRecording {
             _ => picture,
         };
         let timestamp = stamp.filter(|_| !self.by_log).unwrap_or(log_time);
+        let before = self.recalibration.current();
+        self.see_behind();
+        let around = [before, self.recalibration.current()];
+        let picture = self.recalibration.judge(picture, (index, timestamp), &around);
         Some(SourceFrame { index, timestamp, captured: None, picture })
+    }
+
+    /// Takes a calibration in, where it is that of these images.
+    fn see(&mut self, form: messages::Form, message: &mcap::Message) {
+        if self.calibration.as_ref() == Some(&message.channel.topic) {
+            let info = unpacked(&message.data).and_then(|data| messages::read_calibration(form, &data));
+            self.recalibration.see(info);
+        }
+    }
+
+    /// Takes in the calibration that lies behind an image, before the next one.
+    fn see_behind(&mut self) {
+        let Some(calibration) = self.calibration.clone() else { return };
+        while let Some(message) = self.message() {
+            if message.channel.topic == calibration {
+                if let Some(Content::Calibration(form)) = content(&message.channel) {
+                    self.see(form, &message);
+                }
+                return;
+            }
+            if message.channel.topic == self.topic {
+                self.next = Some(message);
+                return;
+            }
+        }
+    }
+
+    /// The next message that can be read.
+    fn message(&mut self) -> Option<mcap::Message<'static>> {
+        if let Some(message) = self.next.take() {
+            return Some(message);
+        }
+        loop {
+            match self.messages.next()? {
+                Ok(message) => return Some(message),
+                Err(error) => self.damage.note(&error),
+            }
+        }
     }
 
     /// What the first frames are; the recording is at its start again afterwards.
@@ -147,6 +208,7 @@ impl McapRecording {
         let frames = std::iter::from_fn(|| self.next_frame()).take(1 + LOOKED_AHEAD).collect();
         if let Ok(messages) = linear_with(&self.input, self.summary.as_ref()) {
             (self.seen, self.damage, self.messages) = (0, Damage::default(), messages);
+            (self.recalibration, self.next) = (Recalibration::of(&self.topic), None);
         }
         frames
     }
@@ -186,17 +248,15 @@ impl FrameSource for McapRecording {
 
     fn next_frame(&mut self) -> Option<SourceFrame> {
         loop {
-            let message = match self.messages.next()? {
-                Ok(message) => message,
-                Err(error) => {
-                    self.damage.note(&error);
-                    continue;
-                }
-            };
+            let message = self.message()?;
             if let Some(frame) = self.frame(&message) {
                 return Some(frame);
             }
         }
+    }
+
+    fn hold_to(&mut self, camera: &Camera) {
+        self.recalibration.hold_to(camera);
     }
 
     fn warning(&self) -> Option<String> {
@@ -282,10 +342,10 @@ fn calibration(
         Match::Unclear(names) => return Ok(Some(FoundCalibration::unclear(&names, input.path(), topic))),
         Match::Others(_) => return Ok(None),
     };
-    for message in linear(input)?.flatten().filter(|message| message.channel.topic == wanted) {
-        let Some(Content::Calibration(form)) = content(&message.channel) else { continue };
-        let info = unpacked(&message.data).and_then(|data| messages::read_calibration(form, &data));
-        return Ok(Some(FoundCalibration::of_message(&wanted, input.path(), topic, info)));
-    }
-    Ok(None)
+    let of_topic = linear(input)?.flatten().filter(|message| message.channel.topic == wanted);
+    let infos = of_topic.filter_map(|message| {
+        let form = content(&message.channel)?.calibration()?;
+        Some(unpacked(&message.data).and_then(|data| messages::read_calibration(form, &data)))
+    });
+    Ok(FoundCalibration::of_messages(&wanted, input.path(), topic, infos))
 }

@@ -4,6 +4,7 @@ use crate::forward::{Judged, judged};
 use crate::pictures::StatedFocal;
 use crate::{FrameSource, SourceFrame, SourceInfo, SourceOptions};
 use anyhow::Result;
+use geometry::Camera;
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 
@@ -23,6 +24,8 @@ pub struct Parts {
     taken: u64,
     warnings: Vec<String>,
     facts: Vec<(&'static str, String)>,
+    /// The camera that all parts are held to.
+    held: Option<Camera>,
 }
 
 /// A part that was looked at.
@@ -82,7 +85,18 @@ pub fn open(
         ..of_first
     };
     let options = options.clone();
-    Ok(Box::new(Parts { info, options, open, current, rest, before: 0, taken: 0, warnings, facts }))
+    Ok(Box::new(Parts {
+        info,
+        options,
+        open,
+        current,
+        rest,
+        before: 0,
+        taken: 0,
+        warnings,
+        facts,
+        held: None,
+    }))
 }
 
 impl FrameSource for Parts {
@@ -100,7 +114,10 @@ impl FrameSource for Parts {
             self.warnings.extend(self.current.warning());
             self.before += std::mem::take(&mut self.taken);
             match (self.open)(&file, &self.options) {
-                Ok(source) => self.current = source,
+                Ok(source) => {
+                    self.current = source;
+                    self.held.iter().for_each(|camera| self.current.hold_to(camera));
+                }
                 Err(error) => self.warnings.push(format!("{error:#}")),
             }
         }
@@ -111,12 +128,21 @@ impl FrameSource for Parts {
         (!all.is_empty()).then(|| all.join("\n"))
     }
 
+    fn hold_to(&mut self, camera: &Camera) {
+        self.held = Some(*camera);
+        self.current.hold_to(camera);
+    }
+
     fn problems(&self) -> Vec<String> {
         self.current.problems()
     }
 
     fn stated_focal(&self, size: (usize, usize)) -> Option<StatedFocal> {
         self.current.stated_focal(size)
+    }
+
+    fn decodes(&self) -> bool {
+        self.current.decodes()
     }
 
     fn facts(&self) -> Vec<(&'static str, String)> {

@@ -2,6 +2,7 @@
 
 mod bayer;
 mod depth;
+mod ends;
 mod jpeg;
 mod levels;
 mod metadata;
@@ -35,7 +36,12 @@ pub enum Picture {
     Broken(String),
     /// Its time stamp is none of the recording's clock, so that nobody knows when it was taken; says so.
     Mistimed(String),
+    /// The recording says that it was taken by another camera than those before, or with another zoom; says so.
+    OfOther(String),
 }
+
+/// What Git LFS puts in the place of a file that was not fetched begins so.
+const LFS_POINTER: &[u8] = b"version https://git-lfs";
 
 /// Grey levels as they are stored.
 enum Grey {
@@ -64,13 +70,33 @@ impl Picture {
         Self::Mistimed(format!("its time stamp {stamp} lies off those around it"))
     }
 
+    /// Bytes that it holds in memory.
+    pub fn held_bytes(&self) -> u64 {
+        self.bytes() as u64
+    }
+
+    /// Why there is no image, as far as that can be seen without decoding it: a file that is missing, empty, of another kind or cut off.
+    pub fn trouble(&self) -> Option<String> {
+        match self {
+            Picture::File(path) => {
+                ends::of_file(path).err().map(|what| format!("{}: {what}", path.display()))
+            }
+            Picture::Encoded(bytes) => ends::of_bytes(bytes).err(),
+            Picture::Raw(_) => None,
+            Picture::Ranged(picture, _) => picture.trouble(),
+            Picture::Broken(reason) | Picture::Mistimed(reason) | Picture::OfOther(reason) => {
+                Some(reason.clone())
+            }
+        }
+    }
+
     fn levels(self) -> Result<Grey, String> {
         match self {
             Picture::File(path) => read_file(&path, decode),
             Picture::Encoded(bytes) => decode(&bytes),
             Picture::Raw(raw) => raw.levels(),
             Picture::Ranged(picture, _) => picture.levels(),
-            Picture::Broken(reason) | Picture::Mistimed(reason) => Err(reason),
+            Picture::Broken(reason) | Picture::Mistimed(reason) | Picture::OfOther(reason) => Err(reason),
         }
     }
 }
@@ -99,7 +125,13 @@ fn decode(bytes: &[u8]) -> Result<Grey, String> {
 /// Decodes the bytes of an image file of any kind that the program knows, once its size was found to be one; `kinds` are
 /// those that should have been given, for people.
 fn decode_any(bytes: &[u8], kinds: &str) -> Result<DynamicImage, String> {
-    let format = image::guess_format(bytes).map_err(|_| format!("not a {kinds} image"))?;
+    let format = image::guess_format(bytes).map_err(|_| match bytes {
+        [] => "the file is empty".to_owned(),
+        bytes if bytes.starts_with(LFS_POINTER) => {
+            "a pointer of Git LFS in place of the image: `git lfs pull` fetches it".to_owned()
+        }
+        _ => format!("not a {kinds} image"),
+    })?;
     let reader = || image::ImageReader::with_format(Cursor::new(bytes), format);
     let (width, height) = reader().into_dimensions().map_err(|e| e.to_string())?;
     check_image_size(width as usize, height as usize)?;

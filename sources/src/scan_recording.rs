@@ -219,7 +219,7 @@ fn of_sqlite(files: &[PathBuf], topic: &str) -> Result<Messages> {
         time: message.time,
         data: message.data,
     };
-    let messages = rosbag2::SqliteBag::open(files)?.messages(topic);
+    let messages = rosbag2::SqliteBag::open(files)?.messages(&[topic.to_owned()]);
     Ok(Box::new(messages.map(move |message| message.map(&raw))))
 }
 

@@ -4,31 +4,40 @@ use crate::damage::Damage;
 use crate::forward::LOOKED_AHEAD;
 use crate::messages::{self, Content, Form, ImageMessage};
 use crate::pictures::Picture;
+use crate::recalibrated::{Around, Recalibration};
 use crate::video::TopicVideo;
 use crate::{FrameSource, SourceFrame, SourceInfo, time};
 use anyhow::{Result, bail};
+use geometry::Camera;
 use std::collections::VecDeque;
+use std::iter::Peekable;
 
-/// A message of the topic.
+/// A message of the topic, or of that of its camera's calibration.
 pub struct Stamped {
     /// When it was recorded, nanoseconds.
     pub time: u64,
     /// What it says.
     pub data: Vec<u8>,
+    /// The form of a calibration; `None` of images.
+    pub calibration: Option<Form>,
 }
+
+/// An image that was read: when it was recorded, what it is, and what the calibration is around it.
+type Read = (u64, Result<ImageMessage>, Around);
 
 /// A recording of images as messages of one topic.
 struct TopicRecording {
     info: SourceInfo,
     facts: Vec<(&'static str, String)>,
     form: Form,
-    messages: Box<dyn Iterator<Item = Result<Stamped>> + Send>,
+    messages: Peekable<Box<dyn Iterator<Item = Result<Stamped>> + Send>>,
     /// Images that were read already.
-    ahead: VecDeque<(u64, Result<ImageMessage>)>,
+    ahead: VecDeque<Read>,
     next_index: u64,
     damage: Damage,
     /// Whether stamps stand still, so that images have the times at which they were recorded.
     by_log: bool,
+    recalibration: Recalibration,
 }
 
 /// Opens the images on a topic of this content, images or a video.
@@ -43,7 +52,12 @@ pub fn open(
 ) -> Result<Box<dyn FrameSource>> {
     match content {
         Some(Content::Image(form)) => Ok(Box::new(TopicRecording::new(info, facts, form, messages))),
-        Some(Content::Video(form)) => Ok(Box::new(TopicVideo::start(info, facts, form, messages)?)),
+        Some(Content::Video(form)) => {
+            let of_video = |message: &Result<Stamped>| {
+                message.as_ref().map_or(true, |message| message.calibration.is_none())
+            };
+            Ok(Box::new(TopicVideo::start(info, facts, form, messages.filter(of_video))?))
+        }
         Some(Content::Calibration(_)) | None => bail!("{}: the topic holds no images", info.path.display()),
     }
 }
@@ -56,11 +70,13 @@ impl TopicRecording {
         form: Form,
         messages: impl Iterator<Item = Result<Stamped>> + Send + 'static,
     ) -> Self {
+        let recalibration = Recalibration::of(info.camera.topic.as_deref().unwrap_or_default());
         let mut recording = Self {
             info,
+            recalibration,
             facts,
             form,
-            messages: Box::new(messages),
+            messages: (Box::new(messages) as Box<dyn Iterator<Item = Result<Stamped>> + Send>).peekable(),
             ahead: VecDeque::new(),
             next_index: 0,
             damage: Damage::default(),
@@ -71,12 +87,30 @@ impl TopicRecording {
     }
 
     /// The next image, with the time at which it was recorded.
-    fn read(&mut self) -> Option<(u64, Result<ImageMessage>)> {
+    fn read(&mut self) -> Option<Read> {
         loop {
             match self.messages.next()? {
-                Ok(message) => return Some((message.time, messages::read_image(self.form, &message.data))),
+                Ok(Stamped { data, calibration: Some(form), .. }) => {
+                    self.recalibration.see(messages::read_calibration(form, &data));
+                }
+                Ok(message) => {
+                    let image = messages::read_image(self.form, &message.data);
+                    let before = self.recalibration.current();
+                    self.see_behind();
+                    return Some((message.time, image, [before, self.recalibration.current()]));
+                }
                 Err(error) => self.damage.note(&format!("{error:#}")),
             }
+        }
+    }
+
+    /// Takes in the calibration that lies behind an image.
+    fn see_behind(&mut self) {
+        let is_calibration =
+            |next: &Result<Stamped>| matches!(next, Ok(Stamped { calibration: Some(_), .. }));
+        if let Some(Ok(Stamped { data, calibration: Some(form), .. })) = self.messages.next_if(is_calibration)
+        {
+            self.recalibration.see(messages::read_calibration(form, &data));
         }
     }
 
@@ -87,8 +121,11 @@ impl TopicRecording {
         {
             self.ahead.push_back(image);
         }
-        let stamps: Vec<Option<f64>> =
-            self.ahead.iter().map(|(_, image)| image.as_ref().ok().and_then(|image| image.stamp)).collect();
+        let stamps: Vec<Option<f64>> = self
+            .ahead
+            .iter()
+            .map(|(_, image, _)| image.as_ref().ok().and_then(|image| image.stamp))
+            .collect();
         let stand = stamps.len() > LOOKED_AHEAD && stamps.iter().all(|stamp| *stamp == stamps[0]);
         self.by_log = stand && stamps[0].is_some();
         if self.by_log {
@@ -104,7 +141,7 @@ impl FrameSource for TopicRecording {
     }
 
     fn next_frame(&mut self) -> Option<SourceFrame> {
-        let (recorded, image) = self.ahead.pop_front().or_else(|| self.read())?;
+        let (recorded, image, around) = self.ahead.pop_front().or_else(|| self.read())?;
         let index = self.next_index;
         self.next_index += 1;
         let (stamp, picture) = match image {
@@ -112,7 +149,12 @@ impl FrameSource for TopicRecording {
             Err(error) => (None, Picture::Broken(format!("{error:#}"))),
         };
         let timestamp = stamp.filter(|_| !self.by_log).unwrap_or_else(|| time::seconds(recorded));
+        let picture = self.recalibration.judge(picture, (index, timestamp), &around);
         Some(SourceFrame { index, timestamp, captured: None, picture })
+    }
+
+    fn hold_to(&mut self, camera: &Camera) {
+        self.recalibration.hold_to(camera);
     }
 
     fn warning(&self) -> Option<String> {

@@ -1,15 +1,13 @@
 //! `loopbox info`: what a recording or a map holds.
 
 use super::info_map;
-use super::info_scans;
 use super::run_scans::{self, ScanArgs, SensorChoice};
-use crate::console;
+use super::survey::Survey;
 use anyhow::Result;
 use clap::Args;
 use loopbox::results::map_in;
-use loopbox::run::Outlook;
+use sources::SourceOptions;
 use sources::correction::CameraOptions;
-use sources::{FolderKind, SourceOptions};
 use std::path::PathBuf;
 
 /// Arguments of `loopbox info`.
@@ -34,7 +32,7 @@ pub struct InfoArgs {
 /// Describes it.
 ///
 /// # Errors
-/// When it is neither.
+/// When it is neither, and of a recording of which a run would be refused.
 pub fn execute(args: &InfoArgs) -> Result<()> {
     let is_results = args.path.is_dir() && map_in(&args.path).is_some();
     if is_results || map::is_map_file(&args.path) {
@@ -42,11 +40,9 @@ pub fn execute(args: &InfoArgs) -> Result<()> {
     }
     let wanted = ScanArgs { sensor: args.sensor, ..ScanArgs::default() };
     if let Some(scans) = run_scans::open(&args.path, args.topic.as_deref(), &wanted)? {
-        return info_scans::run(scans, args.json);
+        return Survey::of_scans(scans).tell(args.json);
     }
     let options = SourceOptions { fps: args.fps, topic: args.topic.clone(), all_frames: false };
-    let mut source = sources::open(&args.path, &options)?;
-    let mut outlook = Outlook::of(source.as_mut(), &CameraOptions::default(), None);
-    outlook.facts.extend(FolderKind::of(&args.path).other().map(|other| ("also", other)));
-    if args.json { console::print_json(&outlook) } else { console::print(&outlook.to_string()) }
+    let source = sources::open(&args.path, &options)?;
+    Survey::of_images(source, &args.path, &CameraOptions::default(), None).tell(args.json)
 }

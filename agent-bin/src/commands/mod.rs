@@ -18,7 +18,6 @@ mod fleet;
 mod import;
 mod info;
 pub(crate) mod info_map;
-mod info_scans;
 mod judging;
 #[cfg(feature = "fleet")]
 mod keys;
@@ -35,6 +34,7 @@ mod run_scans;
 #[cfg(feature = "fleet")]
 mod station;
 mod status;
+mod survey;
 mod unmerge;
 mod verdict;
 #[cfg(feature = "view")]

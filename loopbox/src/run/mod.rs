@@ -1,7 +1,7 @@
 //! One agent's run, from a source of frames to a folder of results.
 //!
 //! In order: `options` (what is asked for, and the way from there to the results), `session` (one map after another, as long as somebody wants a new one), `runtime` (the loop around the
-//! agent), `outlook` (what can be said before it), `lens` (a recording without a calibration), `lens_check` (whether the one given fits), `describing` (features of
+//! agent), `outlook` and `looking` (what can be said before it), `lens` (a recording without a calibration), `lens_check` (whether the one given fits), `describing` (features of
 //! keyframes beside it), `recognising` (a lost camera found by these), `judging` (whether it is the place), `fragments` (what was tracked after losses joined), `output` (the files), `growing` (the map's on
 //! the way), `listening` (who is told how the map grows), `record` (the numbers), `saving` (results on the way), `resuming`
 //! (a map of an earlier run gone on with), `diagnosis` (why nothing was tracked).
@@ -14,6 +14,7 @@ mod judging;
 mod lens;
 mod lens_check;
 mod listening;
+mod looking;
 mod options;
 mod outlook;
 mod output;

@@ -4,6 +4,7 @@ use super::diagnosis::{doubtful, too_few_poses};
 use super::lens::{FirstPart, FoundLens, Recording};
 use super::lens_check::GivenLens;
 use super::listening::{Listeners, MapListener};
+use super::outlook::hold_to_found;
 use super::output::{Output, TrajectoryFormat};
 use super::resuming::{Kept, Resume};
 use super::saving::Form;
@@ -144,7 +145,7 @@ impl PreparedRun {
     /// # Errors
     /// When there is no usable calibration, or the folder of results cannot be written to or holds those of something
     /// else.
-    pub fn new(source: Box<dyn FrameSource>, mut options: RunOptions) -> Result<Self> {
+    pub fn new(mut source: Box<dyn FrameSource>, mut options: RunOptions) -> Result<Self> {
         let pace = if source.is_live() { Pace::Live } else { options.pace };
         let lag = lag(source.info(), options.params.mapping.lag, pace, options.rate);
         let found = options.lens.as_ref().map(FoundLens::calibration);
@@ -157,6 +158,9 @@ impl PreparedRun {
         }
         let params = options.params.clone().with_lag(lag);
         let correction = correction(&options.camera, &info)?;
+        if options.lens.is_none() && !options.camera.leave_found {
+            hold_to_found(source.as_mut(), &options.camera);
+        }
         let camera = correction.camera();
         let provenance = provenance(&info, &correction, &params);
         // A camera that is live is seen by nobody again; who a recording is follows from its first image.

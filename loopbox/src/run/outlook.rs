@@ -1,9 +1,11 @@
 //! What can be said of a recording of images before it is run: what it holds, and which calibration a run would use.
 
+use super::looking::Seen;
 use geometry::{Camera, Distortion, Pinhole};
 use serde::Serialize;
 use sources::correction::{CameraOptions, correction, described};
-use sources::{FoundCalibration, FrameSource, SourceInfo};
+use sources::pictures::StatedFocal;
+use sources::{FoundCalibration, FrameSource, SourceInfo, calibrations_beside};
 use std::fmt;
 
 /// Whether a run over this source uses a calibration that was given or came with it, and does not find the lens from the images; `fov`
@@ -81,56 +83,36 @@ pub struct Outlook {
     pub facts: Vec<(&'static str, String)>,
     /// What is wrong with it.
     pub problems: Vec<String>,
+    /// Why a run over it is refused; `None` where it is not.
+    pub refused: Option<String>,
+}
+
+/// What a run does about the lens.
+#[derive(Default)]
+struct LensOutlook {
+    calibration: Option<String>,
+    numbers: Option<CameraNumbers>,
+    text: String,
+    problems: Vec<String>,
+    refused: Option<String>,
 }
 
 impl Outlook {
-    /// What a run over `source` with these options meets; the first image is taken from it.
+    /// What a run over `source` with these options meets; frames are taken from it, all of them where they need not be decoded for that.
     pub fn of(source: &mut dyn FrameSource, camera: &CameraOptions, fov: Option<f64>) -> Self {
         let info = source.info().clone();
-        let mut problems = Vec::new();
-        let size = match source.next_frame().map(|frame| frame.picture.into_grey()) {
-            Some(Ok(image)) => Some((image.width(), image.height())),
-            Some(Err(reason)) => {
-                problems.push(format!("the first image is unreadable: {reason}"));
-                None
-            }
-            None => {
-                problems.push("there is no image".to_owned());
-                None
-            }
+        let is_calibrated = is_calibrated(&info, camera, fov);
+        if is_calibrated {
+            hold_to_found(source, camera);
+        }
+        let seen = Seen::of(source);
+        let mut problems: Vec<String> = seen.problem().into_iter().chain(uncalibrated(&info)).collect();
+        let stated = || source.stated_focal(seen.size.unwrap_or_default());
+        let lens = match is_calibrated {
+            true => of_calibration(&info, camera, seen.size),
+            false => of_none(&info, fov, stated),
         };
-        problems.extend(uncalibrated(&info));
-        let (mut calibration, mut numbers) = (None, None);
-        let lens = if is_calibrated(&info, camera, fov) {
-            match correction(camera, &info) {
-                Ok(found) => {
-                    let own = CameraNumbers::of(found.calibrated());
-                    if let Some((width, height)) = size.filter(|size| *size != (own.width, own.height)) {
-                        problems.push(format!(
-                            "the calibration is for images of {}×{} pixels, these have {width}×{height}",
-                            own.width, own.height
-                        ));
-                    }
-                    problems.extend(found.problem());
-                    (calibration, numbers) = (Some(found.origin().to_owned()), Some(own));
-                    described(found.calibrated())
-                }
-                Err(error) => {
-                    problems.push(format!("{error:#}").replace("\nhint: ", "; "));
-                    "a run is refused".into()
-                }
-            }
-        } else {
-            let whole = size.unwrap_or_default();
-            let stated = source.stated_focal(whole).filter(|_| fov.is_none());
-            match (fov, stated) {
-                (Some(fov), _) => format!("a run finds it from the images, begun with a view of {fov}°"),
-                (None, Some(stated)) => {
-                    format!("a run finds it from the images, begun with {}", stated.origin)
-                }
-                (None, None) => "a run finds it from the images, or takes that of --calib".into(),
-            }
-        };
+        problems.extend(lens.problems);
         problems.extend(source.problems());
         problems.extend(source.warning());
         let rate =
@@ -141,14 +123,60 @@ impl Outlook {
             frames: info.frame_count,
             duration_s: info.duration,
             frames_per_s: rate.map(|(count, duration)| (count - 1) as f64 / duration),
-            size,
-            calibration,
-            camera: numbers,
-            lens,
-            facts: source.facts(),
+            size: seen.size,
+            calibration: lens.calibration,
+            camera: lens.numbers,
+            lens: lens.text,
+            facts: source.facts().into_iter().chain(seen.facts()).collect(),
             problems,
+            refused: seen.refused().or(lens.refused),
         }
     }
+}
+
+/// Holds the images of a source to the calibration that came with it, where that is the one that is used.
+pub(super) fn hold_to_found(source: &mut dyn FrameSource, camera: &CameraOptions) {
+    let found = source.info().calibration.clone();
+    if let (None, Some(FoundCalibration::Inside { camera, .. })) = (&camera.calibration, found) {
+        source.hold_to(&camera);
+    }
+}
+
+/// What a run makes of a calibration that it is given or that came along, for images of this size.
+fn of_calibration(info: &SourceInfo, camera: &CameraOptions, size: Option<(usize, usize)>) -> LensOutlook {
+    let found = match correction(camera, info) {
+        Ok(found) => found,
+        Err(error) => {
+            let refused = Some(format!("{error:#}"));
+            return LensOutlook { text: "a run is refused".into(), refused, ..LensOutlook::default() };
+        }
+    };
+    let own = CameraNumbers::of(found.calibrated());
+    let refused = size.filter(|size| *size != (own.width, own.height)).map(|(width, height)| {
+        format!(
+            "the calibration is for images of {}×{} pixels, these have {width}×{height}\nhint: --scale-calib scales it where they show \
+             the same, --calib FILE takes another, and --calib none finds the lens from the images",
+            own.width, own.height
+        )
+    });
+    LensOutlook {
+        calibration: Some(found.origin().to_owned()),
+        numbers: Some(own),
+        text: described(found.calibrated()),
+        problems: found.problem().into_iter().collect(),
+        refused,
+    }
+}
+
+/// What a run does that has no calibration.
+fn of_none(info: &SourceInfo, fov: Option<f64>, stated: impl Fn() -> Option<StatedFocal>) -> LensOutlook {
+    let text = match (fov, fov.is_none().then(stated).flatten()) {
+        (Some(fov), _) => format!("a run finds it from the images, begun with a view of {fov}°"),
+        (None, Some(stated)) => format!("a run finds it from the images, begun with {}", stated.origin),
+        (None, None) => "a run finds it from the images, or takes that of --calib".into(),
+    };
+    let beside = calibrations_beside(info).into_iter().map(|text| text.replace("\nhint: ", "; "));
+    LensOutlook { text, problems: beside.collect(), ..LensOutlook::default() }
 }
 
 impl fmt::Display for Outlook {

@@ -15,6 +15,8 @@ pub enum SkipReason {
     Unreadable,
     /// The image's size is not the calibration's.
     WrongSize,
+    /// The recording says that another camera took it, or another zoom.
+    OtherCalibration,
     /// Its time stamp is before that of an earlier frame, or lies off those around it.
     OutOfOrder,
     /// Its time stamp is that of the frame before.
@@ -28,6 +30,7 @@ impl std::fmt::Display for SkipReason {
         f.write_str(match self {
             Self::Unreadable => "unreadable",
             Self::WrongSize => "of a wrong size",
+            Self::OtherCalibration => "of another calibration",
             Self::OutOfOrder => "out of order",
             Self::DuplicateTime => "with a repeated time",
             Self::InvalidTime => "with no time",
@@ -129,6 +132,9 @@ impl Preparation {
     /// size, none is.
     pub fn prepare(&mut self, frame: SourceFrame) -> Item {
         let SourceFrame { index, timestamp, captured, picture } = frame;
+        if let Picture::OfOther(detail) = picture {
+            return Item::Skipped(Skip { index, timestamp, reason: SkipReason::OtherCalibration, detail });
+        }
         let corrected = picture
             .into_grey()
             .map_err(|detail| (SkipReason::Unreadable, detail))

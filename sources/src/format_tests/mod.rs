@@ -13,6 +13,7 @@ use std::io::Cursor;
 use std::path::{Path, PathBuf};
 use tempfile::{TempDir, tempdir};
 
+mod calibrations;
 mod containers;
 mod folders;
 mod levels;

@@ -4,6 +4,7 @@ use super::{Clock, Judged, LOOKED_AHEAD};
 use crate::notice::{Listener, Notice};
 use crate::pictures::{Levels, Picture, StatedFocal};
 use crate::{FrameSource, SourceFrame, SourceInfo};
+use geometry::Camera;
 use std::collections::VecDeque;
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -109,6 +110,10 @@ impl FrameSource for Forward {
         self.inner.skip_to(start)
     }
 
+    fn hold_to(&mut self, camera: &Camera) {
+        self.inner.hold_to(camera);
+    }
+
     fn problems(&self) -> Vec<String> {
         self.inner.problems()
     }
@@ -122,6 +127,10 @@ impl FrameSource for Forward {
         let range = self.levels.as_ref().and_then(Levels::range);
         facts.extend(range.map(|range| ("bits", range.text())));
         facts
+    }
+
+    fn decodes(&self) -> bool {
+        self.inner.decodes()
     }
 
     fn is_live(&self) -> bool {

@@ -77,6 +77,14 @@ pub enum Form {
 }
 
 impl Content {
+    /// The form of calibrations, where it is that.
+    pub fn calibration(self) -> Option<Form> {
+        match self {
+            Self::Calibration(form) => Some(form),
+            Self::Image(_) | Self::Video(_) => None,
+        }
+    }
+
     /// What messages of `schema` in `encoding` hold; `None` when neither image nor calibration.
     pub fn of(schema: &str, encoding: &str) -> Option<Self> {
         Some(match (schema, encoding) {

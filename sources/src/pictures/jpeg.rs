@@ -71,6 +71,11 @@ fn end(bytes: &[u8]) -> Option<usize> {
     bytes[..end].ends_with(&END).then_some(end)
 }
 
+/// Whether these may be the last bytes of a whole JPEG: all zeros do not tell.
+pub(super) fn may_end_so(tail: &[u8]) -> bool {
+    tail.iter().all(|byte| *byte == 0) || end(tail).is_some()
+}
+
 /// Before its scan, if no Huffman tables come before that.
 fn place_for_tables(bytes: &[u8]) -> Result<Option<usize>, String> {
     let mut at = START.len();

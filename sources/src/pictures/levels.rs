@@ -206,7 +206,7 @@ impl Picture {
             }
             Picture::Raw(raw) => Some(raw.is_deep()),
             Picture::Ranged(..) => Some(false),
-            Picture::Broken(_) | Picture::Mistimed(_) => None,
+            Picture::Broken(_) | Picture::Mistimed(_) | Picture::OfOther(_) => None,
         }
     }
 
@@ -216,7 +216,7 @@ impl Picture {
             Picture::Encoded(bytes) => bytes.len(),
             Picture::Raw(raw) => raw.data.len(),
             Picture::Ranged(picture, _) => picture.bytes(),
-            Picture::File(_) | Picture::Broken(_) | Picture::Mistimed(_) => 0,
+            Picture::File(_) | Picture::Broken(_) | Picture::Mistimed(_) | Picture::OfOther(_) => 0,
         }
     }
 }

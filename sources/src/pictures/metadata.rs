@@ -33,7 +33,7 @@ impl Picture {
             Picture::File(path) => read_file(path, |bytes| Ok(stated_focal(bytes, size))).ok()?,
             Picture::Encoded(bytes) => stated_focal(bytes, size),
             Picture::Ranged(picture, _) => picture.stated_focal(size),
-            Picture::Raw(_) | Picture::Broken(_) | Picture::Mistimed(_) => None,
+            Picture::Raw(_) | Picture::Broken(_) | Picture::Mistimed(_) | Picture::OfOther(_) => None,
         }
     }
 }

@@ -1,6 +1,6 @@
 //! ROS 2 bags in SQLite as sources.
 
-use super::SqliteBag;
+use super::{Message, SqliteBag};
 use crate::camera_topics::Match;
 use crate::messages::{self, Content};
 use crate::topic_recording::{self, Stamped};
@@ -20,7 +20,9 @@ pub fn open(path: &Path, files: &[PathBuf], options: &SourceOptions) -> Result<B
     let bag = SqliteBag::open(files)?;
     let topics = bag.topics();
     let (topic, count) = topics.choose(path, options.topic.as_deref(), LOOKED_FOR)?;
-    let calibration = match topics.calibration(&topic) {
+    let matched = topics.calibration(&topic);
+    let of_camera = matched.found();
+    let calibration = match matched {
         Match::Found(wanted) => first_calibration(path, files, &wanted, &topic)?,
         Match::Unclear(names) => Some(FoundCalibration::unclear(&names, path, &topic)),
         Match::Others(_) => None,
@@ -35,9 +37,12 @@ pub fn open(path: &Path, files: &[PathBuf], options: &SourceOptions) -> Result<B
         lag: None,
     };
     let content = topics.content(&topic);
-    let stamped = bag
-        .messages(&topic)
-        .map(|message| message.map(|message| Stamped { time: message.time, data: message.data }));
+    let wanted: Vec<String> = std::iter::once(topic).chain(of_camera).collect();
+    let stamped = bag.messages(&wanted).map(|message| {
+        let Message { kind, encoding, time, data } = message?;
+        let calibration = Content::of(&kind, &encoding).and_then(Content::calibration);
+        Ok(Stamped { time, data, calibration })
+    });
     topic_recording::open(info, topics.facts(), content, stamped)
 }
 
@@ -48,13 +53,13 @@ fn first_calibration(
     topic: &str,
     images: &str,
 ) -> Result<Option<FoundCalibration>> {
-    for message in SqliteBag::open(files)?.messages(topic) {
-        let message = message?;
-        let Some(Content::Calibration(form)) = Content::of(&message.kind, &message.encoding) else {
-            continue;
+    let messages = SqliteBag::open(files)?.messages(&[topic.to_owned()]);
+    let infos = messages.filter_map(|message| {
+        let read = |message: Message| {
+            let form = Content::of(&message.kind, &message.encoding)?.calibration()?;
+            Some(messages::read_calibration(form, &message.data))
         };
-        let info = messages::read_calibration(form, &message.data);
-        return Ok(Some(FoundCalibration::of_message(topic, path, images, info)));
-    }
-    Ok(None)
+        message.map(read).transpose().map(|info| info?)
+    });
+    Ok(FoundCalibration::of_messages(topic, path, images, infos))
 }

@@ -107,9 +107,9 @@ impl SqliteBag {
         topics
     }
 
-    /// The messages of a topic in order of time.
-    pub fn messages(mut self, topic: &str) -> impl Iterator<Item = Result<Message>> + Send + use<> {
-        let wanted: Vec<bool> = self.topics.iter().map(|t| t.name == topic).collect();
+    /// The messages of some topics in order of time.
+    pub fn messages(mut self, topics: &[String]) -> impl Iterator<Item = Result<Message>> + Send + use<> {
+        let wanted: Vec<bool> = self.topics.iter().map(|t| topics.contains(&t.name)).collect();
         let places = std::mem::take(&mut self.places);
         places.into_iter().filter(move |place| wanted[place.topic]).map(move |place| self.message(place))
     }
@@ -158,7 +158,7 @@ mod tests {
     }
 
     fn told(paths: &[PathBuf]) -> Vec<(u64, Vec<u8>)> {
-        let messages = SqliteBag::open(paths).unwrap().messages("/cam");
+        let messages = SqliteBag::open(paths).unwrap().messages(&["/cam".to_owned()]);
         messages.map(|message| message.unwrap()).map(|message| (message.time, message.data)).collect()
     }
 
@@ -185,7 +185,7 @@ mod tests {
         assert_eq!(told(std::slice::from_ref(&path)), [(1, plain), (2, b"plain".to_vec())]);
         let cut = room.path().join("cut.db3");
         write(&cut, &[(1, 1, &packed[..packed.len() / 2])]);
-        let mut messages = SqliteBag::open(&[cut]).unwrap().messages("/cam");
+        let mut messages = SqliteBag::open(&[cut]).unwrap().messages(&["/cam".to_owned()]);
         assert!(messages.next().unwrap().is_err());
     }
 

@@ -120,6 +120,10 @@ impl FrameSource for Video {
         })
     }
 
+    fn decodes(&self) -> bool {
+        true
+    }
+
     fn warning(&self) -> Option<String> {
         let path = self.info.path.display();
         if let Some(failure) = &self.failure {

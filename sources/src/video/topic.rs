@@ -106,6 +106,10 @@ impl FrameSource for TopicVideo {
         })
     }
 
+    fn decodes(&self) -> bool {
+        true
+    }
+
     fn warning(&self) -> Option<String> {
         let (path, seen) = (&self.info.path, self.next_index);
         let count = self.info.frame_count.unwrap_or(0);

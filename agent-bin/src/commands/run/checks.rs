@@ -2,14 +2,10 @@
 
 use super::RunArgs;
 use crate::commands::run_scans::OpenScans;
-use crate::console;
+use crate::commands::survey::Survey;
 use crate::progress::Display;
 use anyhow::{Result, bail};
-use loopbox::run::Outlook;
-use serde::Serialize;
-use sources::FolderKind;
 use sources::recording::{check_length, check_name};
-use std::fmt;
 use std::path::Path;
 
 impl RunArgs {
@@ -75,23 +71,14 @@ impl RunArgs {
     }
 
     /// Tells what scans a run would be over.
-    pub(super) fn tell_of_scans(&self, mut scans: OpenScans) -> Result<()> {
-        self.tell(&scans.outlook())
+    pub(super) fn tell_of_scans(&self, scans: OpenScans) -> Result<()> {
+        Survey::of_scans(scans).tell(self.display() == Display::Json)
     }
 
     /// Tells what images a run would be over, and which calibration it would use.
     pub(super) fn tell_of_images(&self) -> Result<()> {
-        let mut source = self.open()?;
-        let mut outlook = Outlook::of(source.as_mut(), &self.options()?.camera, self.lens.fov);
-        let also = self.source.as_deref().and_then(|path| FolderKind::of(path).other());
-        outlook.facts.extend(also.map(|also| ("also", also)));
-        self.tell(&outlook)
-    }
-
-    fn tell(&self, outlook: &(impl Serialize + fmt::Display)) -> Result<()> {
-        match self.display() {
-            Display::Json => console::print_json(outlook),
-            Display::Bar | Display::Quiet => console::print(&outlook.to_string()),
-        }
+        let path = self.source.as_deref().unwrap_or(Path::new("."));
+        let survey = Survey::of_images(self.open()?, path, &self.options()?.camera, self.lens.fov);
+        survey.tell(self.display() == Display::Json)
     }
 }

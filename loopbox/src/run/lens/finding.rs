@@ -4,7 +4,7 @@ use super::{FoundLens, Recording, find_lens, find_live_lens};
 use crate::run::outlook::{is_calibrated, uncalibrated};
 use crate::run::{Progress, RunOptions};
 use anyhow::Result;
-use sources::{FoundCalibration, FrameSource, SourceInfo, Stop};
+use sources::{FoundCalibration, FrameSource, SourceInfo, Stop, calibrations_beside};
 
 impl RunOptions {
     /// Where no calibration is given and none came with `source`, or what came is to be left aside, finds one from it, the
@@ -31,6 +31,10 @@ impl RunOptions {
             return Ok(());
         }
         uncalibrated(source).iter().for_each(|text| progress.note(text));
+        // Who says to leave aside what there is knows of it.
+        if fov.is_none() && !self.camera.leave_found {
+            calibrations_beside(source).iter().for_each(|text| progress.warn(text));
+        }
         let lens = find_lens(&recording, fov, self, stop, progress)?;
         self.take_lens(source, lens, progress);
         Ok(())
