@@ -314,10 +314,11 @@ impl Tracker {
     }
 
     /// Whether a frame of this time is so many `seconds` from the newest tracked one, and no motion bridges that: some between were
-    /// lost, or it is longer than a motion is taken to go on.
+    /// lost, or there were none, for twice as long and for longer than a motion is taken to go on.
     pub fn is_cut_off(&self, now: f64, seconds: f64) -> bool {
         let (since, step) = (self.seconds_lost(now), self.mean_motion.1);
-        since >= seconds && (self.lost > 0 || step > 0.0 && since > FARTHEST * step)
+        let is_gap = step > 0.0 && since > FARTHEST * step && since >= 2.0 * seconds;
+        since >= seconds && (self.lost > 0 || is_gap)
     }
 
     /// Distance of the newest frame from the reference over the reference's median depth.

@@ -1,13 +1,14 @@
 //! The maps that a run made after losses, joined where they show one place: as the maps of several agents are.
 
-use crate::run::Progress;
+use crate::merging::MergingParams;
+use crate::run::{Progress, judging};
 use map::Map;
 use std::sync::Arc;
 
 /// Joins the fragments of a run where they hang together. The map that most frames have a pose in comes first; those
 /// that saw no place of another stay apart. A fragment alone stays as it is, to the last bit.
 pub fn joined(fragments: Vec<Map>, progress: &dyn Progress) -> Vec<Map> {
-    use crate::merging::{Input, MergingParams, merge};
+    use crate::merging::{Input, merge};
 
     if fragments.len() < 2 {
         return fragments;
@@ -25,7 +26,7 @@ pub fn joined(fragments: Vec<Map>, progress: &dyn Progress) -> Vec<Map> {
     }
     let joined = match inputs.len() {
         0 | 1 => None,
-        _ => merge(&inputs, &vocabulary, &MergingParams::default(), &mut |_| Ok(()))
+        _ => merge(&inputs, &vocabulary, &merging(), &mut |_| Ok(()))
             .inspect_err(|error| progress.warn(&format!("the parts of the run are not joined: {error:#}")))
             .ok(),
     };
@@ -34,6 +35,15 @@ pub fn joined(fragments: Vec<Map>, progress: &dyn Progress) -> Vec<Map> {
         None => inputs.into_iter().map(|input| Arc::unwrap_or_clone(input.map)).collect::<Vec<_>>(),
     };
     most_frames_first(maps.into_iter().chain(apart).collect())
+}
+
+/// How they are merged. What they see must tell that it is one place, as where the camera is found again while the run goes on: what was
+/// not believed then is not joined in the end because little differs.
+fn merging() -> MergingParams {
+    let mut params = MergingParams::default();
+    params.meeting.acceptance.min_untold_change = 0.0;
+    params.further.place.prior = judging::prior();
+    params
 }
 
 /// A map with its frames in the order of the recording.

@@ -1,10 +1,11 @@
 //! Whether a camera that was found is where it was found, told as for maps that are merged.
 
 use backend::sim3_align::KeyframeView;
+use backend::verdict::weigh;
 use geometry::Pyramid;
 use map::{Keyframe, Map, rectified};
 use merge::key_points::KeyPointParams;
-use merge::place_verdict::{Answer, PlaceParams, Prior, SeenFrame, frames_verdict};
+use merge::place_verdict::{Answer, Piece, PlaceParams, Prior, SeenFrame, Weighed, frames_verdict};
 use merge::prepared::PreparedMap;
 use place_recog::KeyframeFeatures;
 use slam_direct::{ClaimedPlace, JudgePlace, PlaceAnswer, PlacedView};
@@ -16,6 +17,16 @@ const LEVELS: usize = 5;
 /// says how long ago the map was made, and who covers a camera may move what it sees. What looks otherwise then never says more against
 /// the place than that, so that wear that agrees outweighs it; without wear it stays open.
 const REARRANGED: f64 = 0.2;
+
+/// Share of the things from which on what differs is no noise of recordings of one place: as of merges
+/// ([`AcceptanceParams::min_untold_change`](merge::acceptance::AcceptanceParams)), whose right pairs have 0.084 at most. Where more differs
+/// the place must be told even though hardly anything is expected to have changed.
+const MUCH: f64 = 0.1;
+
+/// What is believed of changes and doubles where a camera comes back.
+pub(crate) fn prior() -> Prior {
+    Prior { rearranged: REARRANGED, ..Prior::default() }
+}
 
 /// Judges by all that frames and keyframes see of each surface.
 pub struct SurfaceJudge;
@@ -35,10 +46,9 @@ impl JudgePlace for SurfaceJudge {
             SeenFrame { world_from_frame: keyframe.world_from_keyframe, view }
         };
         let frames: Vec<SeenFrame> = claim.frames.iter().map(frame).collect();
-        let prior = Prior { rearranged: REARRANGED, ..Prior::default() };
-        let params = PlaceParams { prior, ..PlaceParams::default() };
+        let params = PlaceParams { prior: prior(), ..PlaceParams::default() };
         let found = frames_verdict(&prepared, &frames, &params).weighed;
-        match found.answer {
+        match told(&found) {
             Answer::Same | Answer::SameChanged => PlaceAnswer::Same,
             Answer::Different => PlaceAnswer::Different,
             Answer::CannotTell => PlaceAnswer::CannotTell,
@@ -46,8 +56,44 @@ impl JudgePlace for SurfaceJudge {
     }
 }
 
+/// What is said of a place, by what was weighed.
+fn told(found: &Weighed) -> Answer {
+    if !found.answer.joins() || found.changed < MUCH {
+        return found.answer;
+    }
+    let pieces: Vec<Piece> = found.pieces.iter().map(|(piece, _)| *piece).collect();
+    weigh(&pieces, &Prior::default()).answer
+}
+
 /// What an ideal camera would have taken.
 fn ideal(view: &PlacedView, claim: &ClaimedPlace) -> Keyframe {
     let found = rectified(&view.keyframe, &claim.sensor, &view.motion);
     found.map_or_else(|| view.keyframe.clone(), |rectified| rectified.keyframe)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use merge::place_verdict::PieceKind;
+
+    /// Pieces of one thing each: so many whose look agrees, whose look differs, whose wear agrees.
+    fn says(looks: usize, others: usize, wear: usize) -> Answer {
+        let piece =
+            |kind, ln_agreement| Piece { kind, share: 0.01, things: 1.0, occurrences: 1.0, ln_agreement };
+        let all = [
+            vec![piece(PieceKind::Look, 20.0); looks],
+            vec![piece(PieceKind::Look, -30.0); others],
+            vec![piece(PieceKind::Wear, 12.0); wear],
+        ];
+        told(&weigh(&all.concat(), &prior()))
+    }
+
+    /// A few things that differ are outweighed by wear, and nothing else; many are not.
+    #[test]
+    fn wear_outweighs_little_that_differs() {
+        assert_eq!(says(40, 0, 0), Answer::Same);
+        assert_eq!(says(40, 3, 6), Answer::SameChanged);
+        assert_eq!(says(40, 3, 0), Answer::CannotTell);
+        assert_eq!(says(40, 15, 6), Answer::CannotTell);
+    }
 }
