@@ -201,6 +201,10 @@ fn any_bytes_are_a_table_or_none() {
         random = random.wrapping_add(11);
         let table = Table::parse(&decoded(&bytes));
         let _ = table.stamps().map(|stamps| stamps.remark());
+        for name in [None, Some(0), Some(1)] {
+            let _ =
+                table.times_of(name).map(|times| (table.stamps_at(times).is_ok(), table.goes_forward(times)));
+        }
         table.rows.iter().for_each(|row| drop(row.file(1, Path::new("/nowhere"))));
     }
 }

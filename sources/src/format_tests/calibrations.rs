@@ -77,12 +77,15 @@ fn write_mcap(path: &Path, focal: fn(usize) -> f64, which: std::ops::Range<usize
     mcap_file(path, None, &all);
 }
 
+/// What happens to a camera, its focal length at each image, and the images that are kept.
+type Row = (&'static str, fn(usize) -> f64, Vec<u64>);
+
 #[test]
 fn images_of_another_calibration_are_left_out() {
     let room = tempdir().unwrap();
     let path = room.path().join("a.mcap");
     let open = || open(&path, &SourceOptions::default()).unwrap();
-    let rows: [(&str, fn(usize) -> f64, Vec<u64>); 4] = [
+    let rows: [Row; 4] = [
         // Whether a message is that of the image before it or behind it nobody knows.
         ("a zoom", |i| if i < 6 { 20.0 } else { 30.0 }, (0..5).collect()),
         (

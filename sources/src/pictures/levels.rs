@@ -166,8 +166,9 @@ impl Levels {
         let (numbers, mut counts) = (rows::of_numbers(&images), vec![0u64; 1 << 16]);
         for image in &images {
             let [top, bottom] = numbers.map(|rows| usize::from(rows) * image.width());
-            let picture = &image.data()[top..image.data().len() - bottom];
-            picture.iter().for_each(|sample| counts[usize::from(*sample)] += 1);
+            // One of another size may have fewer rows.
+            let picture = image.data().get(top..image.data().len().saturating_sub(bottom));
+            picture.into_iter().flatten().for_each(|sample| counts[usize::from(*sample)] += 1);
         }
         let is_empty = counts.iter().all(|count| *count == 0);
         Self { range: (!is_empty).then(|| GreyRange { numbers, ..GreyRange::of_counts(&counts) }) }
@@ -320,7 +321,8 @@ mod tests {
                 let (x, y) = ((i % 80) as f64, (i / 80) as f64);
                 (29_700.0 + 400.0 * (0.2 * x + seed as f64).sin() * (0.15 * y).cos()) as u16
             };
-            let word = |i: usize| if i % 3 == 0 { (i * 9973 * (seed + 1) % 65_536) as u16 } else { 0 };
+            let word =
+                |i: usize| if i.is_multiple_of(3) { (i * 9973 * (seed + 1) % 65_536) as u16 } else { 0 };
             let all = (0..80 * 62).map(sample).chain((0..160).map(word));
             let (data, encoding) = (all.flat_map(u16::to_le_bytes).collect(), "mono16".into());
             Picture::Raw(RawPicture { width: 80, height: 64, step: 160, encoding, big_endian: false, data })
@@ -335,6 +337,16 @@ mod tests {
         let row = |y: usize| &grey.data()[80 * y..80 * (y + 1)];
         assert_eq!((row(62), row(63)), (row(61), row(61)));
         assert_eq!(GreyRange::parse(&range.written()), Some(range));
+        // An image of another size among them.
+        let encoding = "mono16".into();
+        let small =
+            RawPicture { width: 2, height: 1, step: 4, encoding, big_endian: false, data: vec![9; 4] };
+        let with_small = Levels::of(
+            [&pictures[0], &pictures[1], &pictures[2], &pictures[3], &Picture::Raw(small.clone())]
+                .into_iter(),
+        );
+        assert_eq!(with_small.range().map(|range| range.numbers), Some([0, 2]));
+        assert_eq!(with_small.of_picture(Picture::Raw(small)).into_grey().map(|image| image.height()), Ok(1));
         assert_eq!(GreyRange::parse("7 9"), Some(GreyRange { from: 7, to: 9, ..GreyRange::WHOLE }));
     }
 

@@ -85,7 +85,7 @@ mod tests {
 
     #[test]
     fn rows_of_numbers_are_none_of_the_picture() {
-        let words = |x: usize| if x % 4 == 0 { (x * 9973 % 65536) as u16 } else { 0 };
+        let words = |x: usize| if x.is_multiple_of(4) { (x * 9973 % 65536) as u16 } else { 0 };
         let (zeros, full) = (|_: usize| 0, |_: usize| u16::MAX);
         for levels in [(29_000, 30_500), (7_000, 7_400), (300, 3_800)] {
             assert_eq!(found(levels, &[]), [0, 0], "{levels:?}");
