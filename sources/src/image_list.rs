@@ -51,7 +51,9 @@ impl ImageList {
         let images = frames.first().and_then(|(_, file)| file.parent());
         // A path from inside of the folder does not name it.
         let images = images.map(|images| images.canonicalize().unwrap_or_else(|_| images.to_owned()));
-        let size = frames.first().and_then(|(_, file)| image::image_dimensions(file).ok());
+        // A pipe gives what it holds once.
+        let first = frames.first().map(|(_, file)| file).filter(|file| file.is_file());
+        let size = first.and_then(|file| image::image_dimensions(file).ok());
         let size = size.map(|(width, height)| (width as usize, height as usize));
         let info = SourceInfo {
             kind,

@@ -79,7 +79,7 @@ pub fn name_column(table: &Table, folder: &Path) -> Option<usize> {
 
 /// Whether some of the first files are there.
 fn is_there(files: &[PathBuf]) -> bool {
-    files.iter().take(LOOKED_AT).any(|file| file.is_file())
+    files.iter().take(LOOKED_AT).any(|file| file.exists())
 }
 
 /// Takes the images of the same names with other endings, or that lie in a folder that the table does not name; says so.
