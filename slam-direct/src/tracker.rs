@@ -31,6 +31,9 @@ const SUDDEN: f32 = 0.5;
 const UNEVEN: f64 = 0.1;
 /// Times the last motion that a camera is taken to go on at the most.
 const FARTHEST: f64 = 5.0;
+/// Seconds without any frame after which a camera may have been carried elsewhere. A slow computer that is busy with a keyframe leaves out
+/// frames for one to three, in which the camera goes on.
+const PAUSE: f64 = 5.0;
 
 /// What the tracker remembers from frame to frame.
 pub(crate) struct Tracker {
@@ -314,10 +317,10 @@ impl Tracker {
     }
 
     /// Whether a frame of this time is so many `seconds` from the newest tracked one, and no motion bridges that: some between were
-    /// lost, or there were none, for twice as long and for longer than a motion is taken to go on.
+    /// lost, or there were none, for `PAUSE` seconds and for longer than a motion is taken to go on.
     pub fn is_cut_off(&self, now: f64, seconds: f64) -> bool {
         let (since, step) = (self.seconds_lost(now), self.mean_motion.1);
-        let is_gap = step > 0.0 && since > FARTHEST * step && since >= 2.0 * seconds;
+        let is_gap = step > 0.0 && since > FARTHEST * step && since >= PAUSE;
         since >= seconds && (self.lost > 0 || is_gap)
     }
 
