@@ -4,27 +4,10 @@
 //! fragments seem to meet) the pose says no more than that the view resembles a part of the map. It is a claim, like a merge of
 //! two maps, and somebody else decides on it, by all that the frames see ([`JudgePlace`]).
 
+use backend::verdict::Answer;
 use geometry::Pinhole;
 use geometry::sensor::{Sensor, Twist};
 use map::Keyframe;
-
-/// What is said of a claim. Only the first makes it one place.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum PlaceAnswer {
-    /// The frames show the place.
-    Same,
-    /// They show another one.
-    Different,
-    /// What they see does not tell.
-    CannotTell,
-}
-
-impl PlaceAnswer {
-    /// Whether it is one place.
-    pub fn is_same(self) -> bool {
-        self == Self::Same
-    }
-}
 
 /// An image at its pose.
 #[derive(Clone, Debug)]
@@ -50,6 +33,6 @@ pub struct ClaimedPlace {
 
 /// Decides whether frames show the place of a map.
 pub trait JudgePlace: Send + Sync {
-    /// The answer is to depend on the claim alone: runs are to repeat.
-    fn judge(&self, claim: &ClaimedPlace) -> PlaceAnswer;
+    /// The answer, one place where it [`joins`](Answer::joins), is to depend on the claim alone: runs are to repeat.
+    fn judge(&self, claim: &ClaimedPlace) -> Answer;
 }

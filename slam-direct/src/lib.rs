@@ -53,7 +53,7 @@ pub use depth::{
     DepthFilter, DepthParams, SeedPoint, StereoFrame, UpdateStats, candidate_pixels, choose_references,
     has_hardly_any as has_hardly_any_depth,
 };
-pub use judge::{ClaimedPlace, JudgePlace, PlaceAnswer, PlacedView};
+pub use judge::{ClaimedPlace, JudgePlace, PlacedView};
 pub use mask::LeftOut;
 pub use params::Params;
 pub use recognise::{Hypothesis, KnownView, Recognise};

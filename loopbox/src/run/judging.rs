@@ -8,7 +8,7 @@ use merge::key_points::KeyPointParams;
 use merge::place_verdict::{Answer, Piece, PlaceParams, Prior, SeenFrame, Weighed, frames_verdict};
 use merge::prepared::PreparedMap;
 use place_recog::KeyframeFeatures;
-use slam_direct::{ClaimedPlace, JudgePlace, PlaceAnswer, PlacedView};
+use slam_direct::{ClaimedPlace, JudgePlace, PlacedView};
 
 /// Pyramid levels of a frame: cells are compared on one of the finest.
 const LEVELS: usize = 5;
@@ -32,7 +32,7 @@ pub(crate) fn prior() -> Prior {
 pub struct SurfaceJudge;
 
 impl JudgePlace for SurfaceJudge {
-    fn judge(&self, claim: &ClaimedPlace) -> PlaceAnswer {
+    fn judge(&self, claim: &ClaimedPlace) -> Answer {
         let ideal = |view: &PlacedView| ideal(view, claim);
         let mut map = Map::new(claim.camera);
         map.keyframes = claim.keyframes.iter().map(ideal).map(|keyframe| (keyframe.id, keyframe)).collect();
@@ -48,11 +48,7 @@ impl JudgePlace for SurfaceJudge {
         let frames: Vec<SeenFrame> = claim.frames.iter().map(frame).collect();
         let params = PlaceParams { prior: prior(), ..PlaceParams::default() };
         let found = frames_verdict(&prepared, &frames, &params).weighed;
-        match told(&found) {
-            Answer::Same | Answer::SameChanged => PlaceAnswer::Same,
-            Answer::Different => PlaceAnswer::Different,
-            Answer::CannotTell => PlaceAnswer::CannotTell,
-        }
+        told(&found)
     }
 }
 

@@ -3,9 +3,10 @@
 
 use super::{Agent, FrameReport, Going, State, TrackingState};
 use crate::background::Task;
-use crate::judge::{ClaimedPlace, JudgePlace, PlaceAnswer, PlacedView};
+use crate::judge::{ClaimedPlace, JudgePlace, PlacedView};
 use crate::local_map::LocalMap;
 use crate::tracker::{Located, Tracker};
+use backend::verdict::Answer;
 use geometry::sensor::Twist;
 use geometry::{GrayImage, Pyramid, Se3, Sim3};
 use map::{FramePose, Keyframe};
@@ -63,7 +64,7 @@ struct Seen {
 
 /// A claim that is being judged.
 struct Asked {
-    task: Task<PlaceAnswer>,
+    task: Task<Answer>,
     /// From which frame on the answer is taken up, as counted by `Agent::processed`.
     due: u64,
 }
@@ -149,7 +150,7 @@ impl Agent {
             return FrameReport::tells_too_little();
         }
         let answer = self.answer();
-        if answer == Some(PlaceAnswer::Same) {
+        if answer.is_some_and(Answer::joins) {
             let (known, tried) = (self.map.frames.len(), self.accept_claim());
             let report = self.go_on(tracker, located, pyramid, timestamp, frame_index, report);
             // The newest may have become the keyframe that those before it are told by.
@@ -158,7 +159,7 @@ impl Agent {
         }
         tracker.change_reference(&self.view, located, &self.params);
         let pose = self.pose_of((timestamp, frame_index), &tracker);
-        if answer == Some(PlaceAnswer::Different) {
+        if answer == Some(Answer::Different) {
             self.trial = None;
             self.claim = Some(Claim::Refused);
             self.state = State::Running(Box::new(tracker.seeking()));
@@ -203,9 +204,9 @@ impl Agent {
         let Some(trial) = &mut self.trial else { return false };
         let pending = trial.asked.take().map(|asked| asked.task.join());
         let judge = self.judge.clone().filter(|_| trial.poses.len() >= FEWEST);
-        let is_same = pending == Some(PlaceAnswer::Same) || {
+        let is_same = pending.is_some_and(Answer::joins) || {
             let claim = self.claimed_place();
-            judge.zip(claim).is_some_and(|(judge, claim)| judge.judge(&claim) == PlaceAnswer::Same)
+            judge.zip(claim).is_some_and(|(judge, claim)| judge.judge(&claim).joins())
         };
         if is_same {
             let tried = self.accept_claim();
@@ -216,7 +217,7 @@ impl Agent {
     }
 
     /// The answer, where one is due.
-    fn answer(&mut self) -> Option<PlaceAnswer> {
+    fn answer(&mut self) -> Option<Answer> {
         let processed = self.processed;
         let asked = self.trial.as_mut()?.asked.take_if(|asked| asked.due <= processed)?;
         Some(asked.task.join())

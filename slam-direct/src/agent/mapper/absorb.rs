@@ -56,7 +56,7 @@ impl Mapper {
             return Absorbed::Two([self, other]);
         };
         if let Some(judge) = judge
-            && !judge.judge(&self.claim(&local, link.own)).is_same()
+            && !judge.judge(&self.claim(&local, link.own)).joins()
         {
             return Absorbed::Two([self, other]);
         }

@@ -2,14 +2,15 @@
 
 use super::*;
 use crate::agent::Claim;
-use crate::judge::{ClaimedPlace, PlaceAnswer};
+use crate::judge::ClaimedPlace;
+use backend::verdict::Answer;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Says the same whatever is asked, and counts.
-struct Says(PlaceAnswer, AtomicUsize);
+struct Says(Answer, AtomicUsize);
 
 impl JudgePlace for Says {
-    fn judge(&self, claim: &ClaimedPlace) -> PlaceAnswer {
+    fn judge(&self, claim: &ClaimedPlace) -> Answer {
         assert!(claim.frames.len() >= 5 && claim.keyframes.len() >= 2, "{} frames", claim.frames.len());
         assert!(claim.keyframes.iter().all(|view| !view.keyframe.semi_dense.is_empty()));
         self.1.fetch_add(1, Ordering::Relaxed);
@@ -17,12 +18,12 @@ impl JudgePlace for Says {
     }
 }
 
-fn says(answer: PlaceAnswer) -> Arc<Says> {
+fn says(answer: Answer) -> Arc<Says> {
     Arc::new(Says(answer, AtomicUsize::new(0)))
 }
 
 /// A drive, so many black frames, and back.
-fn covered(answer: PlaceAnswer, black: usize) -> (Vec<FrameReport>, Vec<Map>, usize) {
+fn covered(answer: Answer, black: usize) -> (Vec<FrameReport>, Vec<Map>, usize) {
     let here = drive(1, 50);
     let dark = GrayImage::filled(320, 240, 0);
     let judge = says(answer);
@@ -35,7 +36,7 @@ fn covered(answer: PlaceAnswer, black: usize) -> (Vec<FrameReport>, Vec<Map>, us
 
 #[test]
 fn what_is_found_after_a_loss_is_handed_out_once_it_is_decided() {
-    let (reports, maps, _) = covered(PlaceAnswer::Same, 16);
+    let (reports, maps, _) = covered(Answer::Same, 16);
     let decided = reports.iter().position(|report| report.claim == Some(Claim::Accepted));
     let decided = decided.expect("it is the place");
     let found = reports.iter().position(|report| report.claim == Some(Claim::Pending)).expect("it is found");
@@ -56,7 +57,7 @@ fn what_is_found_after_a_loss_is_handed_out_once_it_is_decided() {
 
 #[test]
 fn what_is_not_decided_to_be_the_place_is_a_fragment_of_its_own() {
-    for answer in [PlaceAnswer::Different, PlaceAnswer::CannotTell] {
+    for answer in [Answer::Different, Answer::CannotTell] {
         let (reports, maps, asked) = covered(answer, 16);
         assert!(asked > 0 && maps.len() == 2, "{answer:?}: {} maps", maps.len());
         assert!(maps[0].frames.iter().all(|frame| frame.frame_index < 50), "{answer:?}");
@@ -70,7 +71,7 @@ fn what_is_not_decided_to_be_the_place_is_a_fragment_of_its_own() {
 /// Over a quarter of a second the motion leads on.
 #[test]
 fn short_losses_are_nobodys_to_decide() {
-    let (reports, maps, asked) = covered(PlaceAnswer::Different, 5);
+    let (reports, maps, asked) = covered(Answer::Different, 5);
     assert_eq!((asked, maps.len()), (0, 1));
     assert!(reports[56..].iter().all(|r| r.state == TrackingState::Tracking && r.claim.is_none()));
 }
@@ -83,9 +84,7 @@ fn localising_is_a_claim() {
     feed(&mut first, 0, images(&here));
     first.finish_until(&|| false);
     let map = first.into_maps().remove(0);
-    for (answer, poses) in
-        [(PlaceAnswer::Same, 40), (PlaceAnswer::Different, 0), (PlaceAnswer::CannotTell, 0)]
-    {
+    for (answer, poses) in [(Answer::Same, 40), (Answer::Different, 0), (Answer::CannotTell, 0)] {
         let places = || Box::new(ThumbnailIndex::default()) as Box<dyn PlaceIndex>;
         let agent = Agent::resume(map.clone(), places(), Params::default(), Going::Localising).unwrap();
         let mut atlas = Atlas::resume(agent, places, Params::default()).judged_by(says(answer));
@@ -101,7 +100,7 @@ fn localising_is_a_claim() {
 fn a_recording_that_ends_is_decided_by_what_there_is() {
     let here = drive(1, 50);
     let dark = GrayImage::filled(320, 240, 0);
-    let mut atlas = atlas().judged_by(says(PlaceAnswer::Same));
+    let mut atlas = atlas().judged_by(says(Answer::Same));
     let back = images(&here).into_iter().rev().take(8);
     feed(&mut atlas, 0, images(&here).into_iter().chain(vec![&dark; 16]).chain(back));
     atlas.finish_until(&|| false);
@@ -116,8 +115,8 @@ fn a_fragment_that_is_joined_later_goes_on_at_once() {
     use std::sync::atomic::AtomicBool;
     struct Later(AtomicBool);
     impl JudgePlace for Later {
-        fn judge(&self, _: &ClaimedPlace) -> PlaceAnswer {
-            if self.0.load(Ordering::Relaxed) { PlaceAnswer::Same } else { PlaceAnswer::CannotTell }
+        fn judge(&self, _: &ClaimedPlace) -> Answer {
+            if self.0.load(Ordering::Relaxed) { Answer::Same } else { Answer::CannotTell }
         }
     }
     let here = drive(1, 80);

@@ -108,12 +108,13 @@ fn a_place_that_is_not_there_is_not_believed() {
 /// Fragments that seem to meet are one only where that is decided.
 #[test]
 fn fragments_that_meet_stay_apart_where_it_is_not_decided() {
-    use crate::judge::{ClaimedPlace, PlaceAnswer};
+    use crate::judge::ClaimedPlace;
+    use backend::verdict::Answer;
     struct Doubts;
     impl JudgePlace for Doubts {
-        fn judge(&self, claim: &ClaimedPlace) -> PlaceAnswer {
+        fn judge(&self, claim: &ClaimedPlace) -> Answer {
             assert!(!claim.frames.is_empty() && !claim.keyframes.is_empty());
-            PlaceAnswer::CannotTell
+            Answer::CannotTell
         }
     }
     let path = trajectory::sideways(201, 10.0);
