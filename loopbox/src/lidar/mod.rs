@@ -18,6 +18,7 @@ pub mod run;
 pub mod sweep_timing;
 mod telling;
 
+pub(crate) use output::read_inputs;
 #[cfg(feature = "fleet")]
 pub(crate) use output::write_merged;
 pub use output::{LidarMergeOptions, LidarMerged, LidarOptions, Mapped, map_recording, merge_maps};

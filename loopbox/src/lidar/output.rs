@@ -10,7 +10,7 @@ use crate::merging::refuse_one;
 use crate::open::{open_map, recording_name};
 use crate::results::{Owner, Results, keep_from};
 use crate::run::{Listeners, numbered};
-use crate::verdicts::{LidarVerdicts, Verdicts, lidar_digests};
+use crate::verdicts::LidarVerdicts;
 use anyhow::{Context, Result, anyhow, bail};
 use map::{AgentInfo, CloudSelection, DEFAULT_MAX_RELATIVE_VARIANCE, Map, MapWriter, Sensor};
 use scans::ScanSource;
@@ -254,18 +254,8 @@ pub fn merge_maps(
         stage(text);
         if stop.requested() { Err(anyhow!("interrupted: nothing was written")) } else { Ok(()) }
     };
-    let (mut given, mut warnings) = (Vec::new(), Vec::new());
-    for path in paths {
-        step(&format!("reading {}", path.display()))?;
-        let opened = open_map(path)?;
-        warnings.extend(opened.warnings);
-        given.push((path.clone(), opened.map));
-    }
-    let inputs = Input::all(given)?;
-    let kept = verdicts.as_deref().map(Verdicts::at).transpose()?;
-    let maps = kept.as_ref().map(|_| lidar_digests(&inputs)).transpose()?;
-    let verdicts =
-        kept.as_ref().zip(maps.as_deref()).map(|(kept, maps)| LidarVerdicts { kept, maps, params });
+    let (inputs, warnings) = read_inputs(paths, &mut step)?;
+    let verdicts = LidarVerdicts::of(verdicts.as_deref(), &inputs, params)?;
     let merging = merge_knowing(&inputs, params, &|_| None, verdicts.as_ref(), &mut step)?;
     let mut record = LidarMergeRecord::of(&inputs, &merging);
     record.cost.cpu_s = view::process::cpu_seconds();
@@ -277,6 +267,24 @@ pub fn merge_maps(
         results.commit()?;
     }
     Ok(LidarMerged { inputs, merging, record, warnings })
+}
+
+/// Reads the LiDAR maps at `paths`, of several agents each one's own, with what else there is to know, for people.
+///
+/// # Errors
+/// When `step` fails, or a map cannot be read or is not a LiDAR's.
+pub(crate) fn read_inputs(
+    paths: &[PathBuf],
+    step: &mut dyn FnMut(&str) -> Result<()>,
+) -> Result<(Vec<Input>, Vec<String>)> {
+    let (mut given, mut warnings) = (Vec::new(), Vec::new());
+    for path in paths {
+        step(&format!("reading {}", path.display()))?;
+        let opened = open_map(path)?;
+        warnings.extend(opened.warnings);
+        given.push((path.clone(), opened.map));
+    }
+    Ok((Input::all(given)?, warnings))
 }
 
 /// Writes what came of a merge; `record` learns the files' names and is written last.

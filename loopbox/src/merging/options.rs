@@ -7,7 +7,7 @@ use super::{
 };
 use crate::results::{Owner, Results};
 use crate::swapping::SwapFiles;
-use crate::verdicts::{CameraVerdicts, Verdicts, digests};
+use crate::verdicts::CameraVerdicts;
 use anyhow::{Result, anyhow, bail};
 use place_recog::Vocabulary;
 use rayon::prelude::*;
@@ -112,11 +112,8 @@ pub fn merge_maps_watched(
     let vocabulary = Vocabulary::shipped();
     let swap = SwapFiles::new(options.out.clone());
     let inputs = load(paths, &vocabulary, &swap, watcher, &mut stage)?;
-    let kept = options.verdicts.as_deref().map(Verdicts::at).transpose()?;
-    let maps = kept.as_ref().map(|_| digests(inputs.iter().map(|input| &input.path))).transpose()?;
     let params = &options.params;
-    let verdicts =
-        kept.as_ref().zip(maps.as_deref()).map(|(kept, maps)| CameraVerdicts { kept, maps, params });
+    let verdicts = CameraVerdicts::of(options.verdicts.as_deref(), &inputs, params)?;
     let mut merging = merge_knowing(&inputs, &vocabulary, params, verdicts.as_ref(), &mut stage)?;
     let names = Names::new(&merging.common);
     if options.params.joint && merging.anything_met() {

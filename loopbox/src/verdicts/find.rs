@@ -1,17 +1,16 @@
 //! The verdict on two maps in files, and which pairs of many are worth asking.
 
-use super::{CameraVerdicts, LidarVerdicts, MapDigest, Verdicts};
+use super::{CameraVerdicts, LidarVerdicts};
 use crate::lidar::{self, merging::LidarMergeParams};
 use crate::merging::{self, MergeWatcher, MergingParams, proposed};
-use crate::open::{Sensors, open_map, sensors_at};
+use crate::open::{Sensors, sensors_at};
 use crate::swapping::SwapFiles;
 use anyhow::{Result, anyhow, bail};
 use place_recog::Vocabulary;
-use rayon::prelude::*;
 use serde::Serialize;
 use sources::Stop;
 use std::fmt::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// How a verdict is found.
 #[derive(Clone, Debug, Default)]
@@ -46,10 +45,10 @@ pub fn find_verdict(
     stop: &Stop,
     watcher: &dyn MergeWatcher,
 ) -> Result<Found> {
-    let kept = options.verdicts.as_deref().map(Verdicts::at).transpose()?;
+    let folder = options.verdicts.as_deref();
     match sensors_at(maps) {
-        Sensors::Cameras => of_cameras(maps, &options.cameras, kept.as_ref(), stop, watcher),
-        Sensors::Lidars => of_lidars(maps, &options.lidars, kept.as_ref(), stop, watcher),
+        Sensors::Cameras => of_cameras(maps, &options.cameras, folder, stop, watcher),
+        Sensors::Lidars => of_lidars(maps, &options.lidars, folder, stop, watcher),
         Sensors::Mixed => bail!(
             "{} and {}: one holds agents of both kinds; `loopbox unmerge` gives each agent's own map",
             maps[0].display(),
@@ -61,15 +60,14 @@ pub fn find_verdict(
 fn of_cameras(
     paths: &[PathBuf; 2],
     params: &MergingParams,
-    kept: Option<&Verdicts>,
+    folder: Option<&Path>,
     stop: &Stop,
     watcher: &dyn MergeWatcher,
 ) -> Result<Found> {
     let vocabulary = Vocabulary::shipped();
     let swap = SwapFiles::new(std::env::temp_dir());
     let inputs = merging::load(paths, &vocabulary, &swap, watcher, &mut |text| go_on(text, stop, watcher))?;
-    let maps = kept.map(|_| digests(inputs.iter().map(|input| &input.path))).transpose()?;
-    let verdicts = kept.zip(maps.as_deref()).map(|(kept, maps)| CameraVerdicts { kept, maps, params });
+    let verdicts = CameraVerdicts::of(folder, &inputs, params)?;
     let mut stage = |text: &str| go_on(text, stop, watcher);
     let encounters = merging::encounters(&inputs, &vocabulary, params, verdicts.as_ref(), &mut stage)?;
     let text = encounters.iter().map(|encounter| merging::verdict_of(&inputs, encounter)).collect();
@@ -81,20 +79,13 @@ fn of_cameras(
 fn of_lidars(
     paths: &[PathBuf; 2],
     params: &LidarMergeParams,
-    kept: Option<&Verdicts>,
+    folder: Option<&Path>,
     stop: &Stop,
     watcher: &dyn MergeWatcher,
 ) -> Result<Found> {
-    let mut given = Vec::new();
-    for path in paths {
-        go_on(&format!("reading {}", path.display()), stop, watcher)?;
-        let opened = open_map(path)?;
-        opened.warnings.iter().for_each(|warning| watcher.warn(warning));
-        given.push((path.clone(), opened.map));
-    }
-    let inputs = lidar::merging::Input::all(given)?;
-    let maps = kept.map(|_| lidar_digests(&inputs)).transpose()?;
-    let verdicts = kept.zip(maps.as_deref()).map(|(kept, maps)| LidarVerdicts { kept, maps, params });
+    let (inputs, warnings) = lidar::read_inputs(paths, &mut |text| go_on(text, stop, watcher))?;
+    warnings.iter().for_each(|warning| watcher.warn(warning));
+    let verdicts = LidarVerdicts::of(folder, &inputs, params)?;
     let (mut text, mut records, mut joins) = (String::new(), Vec::new(), false);
     let across = |a: usize, b: usize| inputs[a].path == paths[0] && inputs[b].path == paths[1];
     for (a, b) in (0..inputs.len()).flat_map(|a| (0..inputs.len()).map(move |b| (a, b))) {
@@ -112,28 +103,6 @@ fn of_lidars(
 fn go_on(text: &str, stop: &Stop, watcher: &dyn MergeWatcher) -> Result<()> {
     watcher.stage(text);
     if stop.requested() { Err(anyhow!("interrupted: nothing was written")) } else { Ok(()) }
-}
-
-/// The files of inputs, several read at a time.
-///
-/// # Errors
-/// When one cannot be read.
-pub(crate) fn digests<'a>(paths: impl Iterator<Item = &'a PathBuf>) -> Result<Vec<MapDigest>> {
-    paths.collect::<Vec<_>>().into_par_iter().map(|path| MapDigest::of(path)).collect()
-}
-
-/// The files and agents of LiDARs' inputs.
-///
-/// # Errors
-/// When a file cannot be read.
-pub(crate) fn lidar_digests(inputs: &[lidar::merging::Input]) -> Result<Vec<MapDigest>> {
-    let files = digests(inputs.iter().map(|input| &input.path))?;
-    let same = |number: usize| inputs.iter().enumerate().filter(move |(_, i)| i.path == inputs[number].path);
-    let digest = |(number, file): (usize, &MapDigest)| match same(number).count() {
-        1 => file.clone(),
-        _ => file.of_agent(same(number).take_while(|(other, _)| *other < number).count()),
-    };
-    Ok(files.iter().enumerate().map(digest).collect())
 }
 
 /// A pair of maps that is worth a verdict.

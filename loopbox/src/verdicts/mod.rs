@@ -9,14 +9,14 @@ mod find;
 mod tests;
 
 pub use find::{Found, ProposedPair, VerdictOptions, find_verdict, listed_pairs, propose_pairs};
-pub(crate) use find::{digests, lidar_digests};
 
-use crate::lidar::merging::LidarMergeParams;
-use crate::merging::{Encounter, MergingParams, Seconds};
+use crate::lidar::{self, merging::LidarMergeParams};
+use crate::merging::{Encounter, Input, MergingParams, Seconds};
 use crate::open::map_file_at;
 use anyhow::{Context, Result, bail};
 use merge::further::Joined;
 use merge::meeting::Tried;
+use rayon::prelude::*;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
@@ -87,15 +87,32 @@ impl VerdictKey {
             format!("loopbox verdict {METHOD_VERSION} {version}\n{sensors}\n{first}\n{second}\n{params}\n");
         Self { name: hex(&Sha256::digest(text)), maps }
     }
-
-    /// In hexadecimal, as the verdict's file is called.
-    pub fn as_str(&self) -> &str {
-        &self.name
-    }
 }
 
 fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// The files of inputs, several read at a time.
+///
+/// # Errors
+/// When one cannot be read.
+fn digests<'a>(paths: impl Iterator<Item = &'a PathBuf>) -> Result<Vec<MapDigest>> {
+    paths.collect::<Vec<_>>().into_par_iter().map(|path| MapDigest::of(path)).collect()
+}
+
+/// The files and agents of LiDARs' inputs.
+///
+/// # Errors
+/// When a file cannot be read.
+fn lidar_digests(inputs: &[lidar::merging::Input]) -> Result<Vec<MapDigest>> {
+    let files = digests(inputs.iter().map(|input| &input.path))?;
+    let same = |number: usize| inputs.iter().enumerate().filter(move |(_, i)| i.path == inputs[number].path);
+    let digest = |(number, file): (usize, &MapDigest)| match same(number).count() {
+        1 => file.clone(),
+        _ => file.of_agent(same(number).take_while(|(other, _)| *other < number).count()),
+    };
+    Ok(files.iter().enumerate().map(digest).collect())
 }
 
 /// A folder of verdicts. Several processes may read and fill it at a time; a verdict that is there is not changed.
@@ -187,15 +204,23 @@ struct OfCameras {
 
 /// Verdicts on maps of cameras, by their places among the inputs.
 pub(crate) struct CameraVerdicts<'a> {
-    /// Where they are kept.
-    pub kept: &'a Verdicts,
+    kept: Verdicts,
     /// The inputs' files.
-    pub maps: &'a [MapDigest],
-    /// How they are found.
-    pub params: &'a MergingParams,
+    maps: Vec<MapDigest>,
+    params: &'a MergingParams,
 }
 
-impl CameraVerdicts<'_> {
+impl<'a> CameraVerdicts<'a> {
+    /// Those of `inputs` in `folder`, where one is named.
+    ///
+    /// # Errors
+    /// When the folder cannot be made, or a map's file not be read.
+    pub fn of(folder: Option<&Path>, inputs: &[Input], params: &'a MergingParams) -> Result<Option<Self>> {
+        let Some(folder) = folder else { return Ok(None) };
+        let (kept, maps) = (Verdicts::at(folder)?, digests(inputs.iter().map(|input| &input.path))?);
+        Ok(Some(Self { kept, maps, params }))
+    }
+
     /// What is known of two inputs.
     ///
     /// # Errors
@@ -238,15 +263,26 @@ impl CameraVerdicts<'_> {
 
 /// Verdicts on agents with LiDARs, by their places among the inputs.
 pub(crate) struct LidarVerdicts<'a> {
-    /// Where they are kept.
-    pub kept: &'a Verdicts,
+    kept: Verdicts,
     /// The inputs' files and agents.
-    pub maps: &'a [MapDigest],
-    /// How they are found.
-    pub params: &'a LidarMergeParams,
+    maps: Vec<MapDigest>,
+    params: &'a LidarMergeParams,
 }
 
-impl LidarVerdicts<'_> {
+impl<'a> LidarVerdicts<'a> {
+    /// Those of `inputs` in `folder`, where one is named.
+    ///
+    /// # Errors
+    /// When the folder cannot be made, or a map's file not be read.
+    pub fn of(
+        folder: Option<&Path>,
+        inputs: &[lidar::merging::Input],
+        params: &'a LidarMergeParams,
+    ) -> Result<Option<Self>> {
+        let Some(folder) = folder else { return Ok(None) };
+        Ok(Some(Self { kept: Verdicts::at(folder)?, maps: lidar_digests(inputs)?, params }))
+    }
+
     /// What is known of two inputs, which stand in `order`.
     ///
     /// # Errors
