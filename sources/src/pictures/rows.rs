@@ -10,26 +10,27 @@ const STEP: f64 = 4.0;
 /// Of numbers more than this share is 0, which a sensor says where it has nothing, or lies off the levels that 98 of 100 of the picture's
 /// pixels have by more than these span; or they go up and down so many times as much as any row of the picture.
 const OUTSIDE: f64 = 0.5;
+/// So many of a recording's first images are asked: first, middle and last.
+const ASKED: usize = 3;
 
 /// How many rows at the top and at the bottom hold no picture in any of these images, which are one camera's.
 pub fn of_numbers(images: &[Image<u16>]) -> [u16; 2] {
-    let both = images.iter().filter_map(|image| Some([rows_at(image, false)?, rows_at(image, true)?]));
+    let last = images.len().saturating_sub(1);
+    let mut asked: Vec<usize> = (0..ASKED).map(|i| i * last / (ASKED - 1)).collect();
+    asked.dedup();
+    let both = asked.into_iter().filter_map(|i| rows_of(images.get(i)?));
     // What is a picture in one image is none of numbers.
     let least = both.reduce(|a, b| [a[0].min(b[0]), a[1].min(b[1])]);
     least.unwrap_or_default().map(|rows| rows as u16)
 }
 
-/// How many rows at the top, or at the bottom, are numbers; `None` of an image that says nothing, for it is even or too small.
-fn rows_at(image: &Image<u16>, at_bottom: bool) -> Option<usize> {
+/// How many rows at the top and at the bottom are numbers; `None` of an image that says nothing, for it is even or too small.
+fn rows_of(image: &Image<u16>) -> Option<[usize; 2]> {
     let (width, height) = (image.width(), image.height());
     let most = MOST.0.max(height / MOST.1);
     if width == 0 || height < 4 * most {
         return None;
     }
-    let row = |from_end: usize| {
-        let y = if at_bottom { height - 1 - from_end } else { from_end };
-        &image.data()[y * width..(y + 1) * width]
-    };
     let step = |upper: &[u16], lower: &[u16]| {
         upper.iter().zip(lower).map(|(a, b)| u64::from(a.abs_diff(*b))).sum::<u64>()
     };
@@ -39,8 +40,8 @@ fn rows_at(image: &Image<u16>, at_bottom: bool) -> Option<usize> {
     /// Of so many pixels one tells the levels.
     const LOOKED_AT: usize = 7;
     let mut levels: Vec<u16> = inner.iter().step_by(LOOKED_AT).copied().collect();
-    levels.sort_unstable();
-    let (low, high) = (levels[levels.len() / 100], levels[levels.len() - 1 - levels.len() / 100]);
+    let (tail, last) = (levels.len() / 100, levels.len() - 1);
+    let [low, high] = [tail, last - tail].map(|at| *levels.select_nth_unstable(at).1);
     if low == high {
         return None;
     }
@@ -52,9 +53,15 @@ fn rows_at(image: &Image<u16>, at_bottom: bool) -> Option<usize> {
         row.iter().filter(|level| !(low..=high).contains(*level)).count() as f64 > OUTSIDE * width as f64
     };
     let are_numbers = |row: &[u16]| is_outside(row) || along(row) as f64 > STEP * most_along as f64;
-    let begins = |rows: &usize| step(row(*rows - 1), row(*rows)) as f64 > STEP * largest as f64;
-    let found = (1..=most).rev().find(begins).unwrap_or(0);
-    Some(if (0..found).all(|from_end| are_numbers(row(from_end))) { found } else { 0 })
+    Some([false, true].map(|at_bottom| {
+        let row = |from_end: usize| {
+            let y = if at_bottom { height - 1 - from_end } else { from_end };
+            &image.data()[y * width..(y + 1) * width]
+        };
+        let begins = |rows: &usize| step(row(*rows - 1), row(*rows)) as f64 > STEP * largest as f64;
+        let found = (1..=most).rev().find(begins).unwrap_or(0);
+        if (0..found).all(|from_end| are_numbers(row(from_end))) { found } else { 0 }
+    }))
 }
 
 #[cfg(test)]
