@@ -159,9 +159,10 @@ fn the_order_of_the_maps_and_other_maps_change_no_verdict() {
             |encounter: &&mut Value| ["target", "source"].iter().all(|side| encounter[*side] != "elsewhere");
         let encounter = encounters.iter_mut().find(of_both).expect("of left and right");
         assert!(
-            encounter["answer"].is_string() && encounter["place"]["ln_ratio"].is_number(),
+            encounter["answer"].as_str().is_some_and(|answer| answer.starts_with("same")),
             "{encounter:#}"
         );
+        assert!(encounter["place"]["ln_ratio"].is_number(), "{encounter:#}");
         assert_eq!(encounter["verdict"], "accepted");
         let lines =
             encounter["tried"].as_array().and_then(|tried| tried.iter().find_map(|t| t["lines"].as_array()));

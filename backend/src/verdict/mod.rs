@@ -43,6 +43,16 @@ impl Answer {
     pub fn joins(self) -> bool {
         matches!(self, Self::Same | Self::SameChanged)
     }
+
+    /// What is said of maps that are joined, where this is what their pieces of surface say and `changed` of the things in them, 0–1,
+    /// differ. Where the pieces do not tell, other tests did.
+    pub fn of_joined(self, changed: f64) -> Self {
+        match self {
+            Self::Same | Self::SameChanged => self,
+            Self::CannotTell | Self::Different if changed > 0.0 => Self::SameChanged,
+            Self::CannotTell | Self::Different => Self::Same,
+        }
+    }
 }
 
 impl std::fmt::Display for Answer {

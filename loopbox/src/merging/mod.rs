@@ -166,10 +166,14 @@ impl Encounter {
 
     /// What is said of the two maps; nothing where they have nothing in common that could be asked.
     pub fn answer(&self) -> Option<Answer> {
-        let answer = self.decisive()?.verdict.evidence.place?.answer;
+        let place = self.decisive()?.verdict.evidence.place?;
         let is_joined = self.accepted().is_some() && self.error.is_none();
-        // What else speaks against a closure leaves it open whether the place is one.
-        Some(if answer.joins() && !is_joined { Answer::CannotTell } else { answer })
+        Some(match place.answer {
+            answer if is_joined => answer.of_joined(place.changed),
+            // What else speaks against a closure leaves it open whether the place is one.
+            answer if answer.joins() => Answer::CannotTell,
+            answer => answer,
+        })
     }
 
     /// Of maps that were not merged: the refused place that came closest. One left undecided comes before all others,

@@ -344,7 +344,7 @@ pub(super) fn judged(
         confirm(&mut best);
         failed(&best, prior, true)
     };
-    let (line, answer) = why.unwrap_or_else(|| (rivals, best.believed()));
+    let (line, answer) = why.unwrap_or_else(|| (rivals, best.weighed.answer.of_joined(best.weighed.changed)));
     Verdict { answer, decision: answer.into(), line, best: Some(best), rivals: found }
 }
 
@@ -357,16 +357,6 @@ impl Verdict {
 }
 
 impl MergeEvidence {
-    /// What is said where every test holds. Where the likelihood does not tell, the lines did: much was seen by both, and nothing that is
-    /// larger than errors of maps is there in one of them only.
-    fn believed(&self) -> Answer {
-        match self.weighed.answer {
-            told @ (Answer::Same | Answer::SameChanged) => told,
-            Answer::CannotTell | Answer::Different if self.weighed.changed > 0.0 => Answer::SameChanged,
-            Answer::CannotTell | Answer::Different => Answer::Same,
-        }
-    }
-
     fn swapped(self) -> Self {
         let back = self.a_from_b.rotation.inverse().to_rotation_matrix().into_inner();
         // υ' = −Rᵀ υ − Rᵀ [t]× ω and ω' = −Rᵀ ω, and their inverse: the motion of one map is the other's, backwards.

@@ -20,8 +20,8 @@ pub struct EncounterRecord {
     pub source: String,
     /// `accepted`, `undecided` or `refused`.
     pub verdict: &'static str,
-    /// `same`, `same-changed`, `cannot-tell` or `different`: whether both show one place, by the surface that both see alone; where that
-    /// does not tell, other lines of the verdict decide. Nothing where they have nothing in common that could be asked.
+    /// `same`, `same-changed`, `cannot-tell` or `different`: whether both show one place. Only the first two are said of maps that are
+    /// joined. Nothing where they have nothing in common that could be asked.
     pub answer: Option<Answer>,
     /// What both saw of the surface at the place that decided.
     pub place: Option<PlaceEvidence>,
