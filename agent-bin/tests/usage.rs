@@ -56,6 +56,44 @@ fn the_version_names_commit_and_features() {
 }
 
 #[test]
+fn shells_and_man_know_every_command_and_the_machine_is_described() {
+    let folder = tempdir().unwrap();
+    let pages = folder.path().join("man1");
+    assert!(loopbox(&["man", arg(&pages)]).status.success());
+    for (shell, line) in
+        [("bash", "_loopbox()"), ("zsh", "#compdef loopbox"), ("fish", "complete -c loopbox")]
+    {
+        let text = stdout(&loopbox(&["completions", shell]));
+        assert!(text.contains(line) && text.contains("max-width"), "{shell}");
+    }
+    for command in ["run", "merge", "doctor"] {
+        let page = std::fs::read_to_string(pages.join(format!("loopbox-{command}.1"))).unwrap();
+        assert!(page.contains(".SH SYNOPSIS") && page.contains("\\-\\-help"), "{page}");
+    }
+    let text = stdout(&loopbox(&["doctor"]));
+    assert!(
+        ["program", "machine", "results", "videos", "cameras"].iter().all(|what| text.contains(what)),
+        "{text}"
+    );
+    let findings: serde_json::Value = serde_json::from_str(&stdout(&loopbox(&["doctor", "--json"]))).unwrap();
+    assert_eq!(findings[0]["state"], "ok", "{findings:#}");
+}
+
+#[test]
+fn what_is_no_parameter_cannot_be_set() {
+    let folder = tempdir().unwrap();
+    timed_folder(folder.path(), 4);
+    let out = folder.path().join("out");
+    let wrong = |setting: &str, words: &[&str]| {
+        assert_misused(&["run", arg(folder.path()), "--out", arg(&out), "--set", setting], words);
+    };
+    wrong("bootstrap.no_such=1", &["--set bootstrap.no_such=1", "`loopbox params` prints all"]);
+    wrong("bootstrap.block=many", &["--set bootstrap.block=many"]);
+    wrong("bootstrap", &["KEY=VALUE"]);
+    assert!(!out.exists());
+}
+
+#[test]
 fn the_last_line_of_a_run_names_the_report_and_quiet_keeps_warnings() {
     let out = tempdir().unwrap();
     let part = ["--end", "1.5"];

@@ -84,6 +84,18 @@ pub fn output(command: &mut Command) -> Result<Vec<u8>> {
     Ok(said.stdout)
 }
 
+/// The versions of both programs.
+///
+/// # Errors
+/// When one is not installed, with what to install.
+pub fn versions() -> Result<[String; 2]> {
+    let version = |program: &str| -> Result<String> {
+        let said = output(command(program).arg("-version"))?;
+        Ok(String::from_utf8_lossy(&said).split_whitespace().take(3).collect::<Vec<_>>().join(" "))
+    };
+    Ok([version("ffmpeg")?, version("ffprobe")?])
+}
+
 /// What a log says, each of it once; the last few lines of a long one.
 fn reasons(log: &str) -> String {
     let mut all: Vec<String> = log.lines().filter(|line| !line.trim().is_empty()).map(reason).collect();

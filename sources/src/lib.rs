@@ -45,6 +45,7 @@ mod tum_mono;
 mod video;
 
 pub use calibration_beside::calibrations_beside;
+pub use ffmpeg::versions as ffmpeg_versions;
 pub use folder_kind::FolderKind;
 pub use image_list::{images_in, is_image};
 pub use image_table::timed_images;

@@ -1,7 +1,7 @@
 //! How pairs of maps are judged, on the command line of `merge` and `verdict`.
 
 use super::method::{AnyMethod, method_parser};
-use super::params;
+use super::params::ParameterArgs;
 use anyhow::{Result, bail};
 use clap::Args;
 use loopbox::lidar::merging::LidarMergeParams;
@@ -21,9 +21,8 @@ pub struct JudgingArgs {
     /// day
     #[arg(long, value_name = "DAYS", value_parser = days)]
     days_apart: Option<f64>,
-    /// Parameter file (TOML); `loopbox params --merge` prints the defaults
-    #[arg(long, value_name = "FILE")]
-    params: Option<PathBuf>,
+    #[command(flatten)]
+    parameters: ParameterArgs,
     /// Folder of verdicts: pairs that have one there are not looked at again, and those of others are kept there. Several processes may
     /// share it
     #[arg(long, value_name = "DIR")]
@@ -42,7 +41,7 @@ impl JudgingArgs {
     /// # Errors
     /// When the parameter file cannot be read, or the method is one of LiDARs.
     pub fn of_cameras(&self) -> Result<MergingParams> {
-        let mut params = self.in_file()?;
+        let mut params = self.parameters.of_merging()?;
         match self.method {
             Some(AnyMethod::Camera(method)) => params.method = method,
             Some(AnyMethod::Lidar(method)) => {
@@ -60,8 +59,8 @@ impl JudgingArgs {
     /// # Errors
     /// When the method is one of cameras, or there is a parameter file.
     pub fn of_lidars(&self) -> Result<LidarMergeParams> {
-        if self.params.is_some() {
-            bail!("--params is for maps of cameras, and these are of LiDARs");
+        if self.parameters.are_given() {
+            bail!("--params and --set are for maps of cameras, and these are of LiDARs");
         }
         self.beside_lidars()
     }
@@ -75,7 +74,7 @@ impl JudgingArgs {
             bail!("--verdicts is for maps of cameras alone or of LiDARs alone, and among these are both");
         }
         let lidars = self.beside_lidars()?;
-        let mut cameras = self.in_file()?;
+        let mut cameras = self.parameters.of_merging()?;
         cameras.further.place.prior.days_apart =
             self.days_apart.unwrap_or(cameras.further.place.prior.days_apart);
         Ok((lidars, cameras))
@@ -91,10 +90,6 @@ impl JudgingArgs {
             true => VerdictOptions { lidars: self.of_lidars()?, verdicts, ..VerdictOptions::default() },
             false => VerdictOptions { cameras: self.of_cameras()?, verdicts, ..VerdictOptions::default() },
         })
-    }
-
-    fn in_file(&self) -> Result<MergingParams> {
-        Ok(self.params.as_deref().map(params::read_merging).transpose()?.unwrap_or_default())
     }
 
     fn beside_lidars(&self) -> Result<LidarMergeParams> {

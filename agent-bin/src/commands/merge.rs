@@ -35,7 +35,7 @@ pub struct MergeArgs {
     /// lidar_from_camera, as tx,ty,tz,qx,qy,qz,qw in metres, or a file of these or of the upper 3×4 of the matrix. The
     /// camera's map gets place and metres of the LiDAR's
     #[arg(long, value_name = "POSE", value_parser = extrinsic, allow_hyphen_values = true,
-        conflicts_with_all = ["method", "params", "days_apart", "verdicts"])]
+        conflicts_with_all = ["method", "params", "set", "days_apart", "verdicts"])]
     extrinsic: Option<Se3>,
     /// Print all numbers as JSON, as they are in merge.json, instead of the verdicts
     #[arg(long)]

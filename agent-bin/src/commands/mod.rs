@@ -8,6 +8,7 @@ mod calib_check;
 mod calib_photometric;
 mod cameras;
 mod convert;
+mod doctor;
 mod eval;
 mod eval_agents;
 mod eval_depth;
@@ -31,6 +32,7 @@ mod publishing;
 mod record;
 mod run;
 mod run_scans;
+mod shell;
 #[cfg(feature = "fleet")]
 mod station;
 mod status;
@@ -97,6 +99,9 @@ pub enum Command {
     #[command(hide = true)]
     View(absent::AbsentArgs),
     Params(params::ParamsArgs),
+    Doctor(doctor::DoctorArgs),
+    Completions(shell::CompletionsArgs),
+    Man(shell::ManArgs),
 }
 
 impl Command {
@@ -136,6 +141,9 @@ impl Command {
             #[cfg(not(feature = "view"))]
             Command::View(args) => absent::refuse(&args, "view", "view"),
             Command::Params(args) => params::execute(args),
+            Command::Doctor(args) => doctor::execute(args),
+            Command::Completions(args) => shell::completions(args),
+            Command::Man(args) => shell::man(&args),
         }
     }
 }

@@ -1,13 +1,14 @@
 //! `loopbox params`: the default parameters as a TOML file, those of a run documented.
 
-use crate::console;
+use crate::console::{self, usage};
 use anyhow::{Context, Result};
 use loopbox::merging::MergingParams;
 use serde::de::DeserializeOwned;
 use slam_direct::{DocumentedParameter, Parameter, ParameterValue, Params};
 use slam_lidar::mapping::MappingParams;
 use std::fmt::Write as _;
-use std::path::Path;
+use std::path::PathBuf;
+use toml::{Table, Value};
 
 /// Print the default parameters as a parameter file
 #[derive(Clone, Copy, Debug, clap::Args)]
@@ -40,37 +41,103 @@ pub fn execute(args: ParamsArgs) -> Result<()> {
     Ok(())
 }
 
-/// Reads a parameter file; what it does not name keeps its default.
-///
-/// # Errors
-/// Names the file, and the line with an unknown key or a value of the wrong type.
-pub fn read(path: &Path) -> Result<Params> {
-    read_as(path, "loopbox params")
+/// Where the parameters of a command come from.
+#[derive(Clone, Debug, Default, clap::Args)]
+pub struct ParameterArgs {
+    /// Parameter file (TOML); `loopbox params` prints the defaults of runs, with --lidar those over LiDARs' scans, with --merge those of
+    /// merging
+    #[arg(long, value_name = "FILE")]
+    params: Option<PathBuf>,
+    /// Give a parameter this value, in place of the default's and the file's, such as --set tracking.max_iterations=20; for each
+    /// parameter once
+    #[arg(long, value_name = "KEY=VALUE", value_parser = Setting::parse)]
+    set: Vec<Setting>,
 }
 
-/// Reads a parameter file for LiDARs; what it does not name keeps its default.
-///
-/// # Errors
-/// Names the file, and the line with an unknown key or a value of the wrong type.
-pub fn read_mapping(path: &Path) -> Result<MappingParams> {
-    read_as(path, "loopbox params --lidar")
+/// `a.b.c=value`.
+#[derive(Clone, Debug)]
+struct Setting {
+    /// As it was given.
+    text: String,
+    table: Table,
 }
 
-/// Reads a parameter file for merging; what it does not name keeps its default.
-///
-/// # Errors
-/// Names the file, and the line with an unknown key or a value of the wrong type.
-pub fn read_merging(path: &Path) -> Result<MergingParams> {
-    read_as(path, "loopbox params --merge")
+impl Setting {
+    fn parse(text: &str) -> Result<Self, String> {
+        let (key, value) =
+            text.split_once('=').ok_or_else(|| format!("{text}: give a parameter as KEY=VALUE"))?;
+        // What is no TOML value is a name, which a shell leaves without its quotes.
+        let named = || toml::from_str::<Table>(&format!("{key} = {value:?}"));
+        let table = toml::from_str(&format!("{key} = {value}")).or_else(|_| named());
+        let table =
+            table.map_err(|_| format!("{key}: no name of a parameter, as `loopbox params` prints them"))?;
+        Ok(Self { text: text.to_owned(), table })
+    }
 }
 
-/// Reads a file of the form that `command` prints.
-fn read_as<P: DeserializeOwned>(path: &Path, command: &str) -> Result<P> {
-    let text =
-        std::fs::read_to_string(path).with_context(|| format!("{}: cannot be read", path.display()))?;
-    toml::from_str(&text).with_context(|| {
-        format!("{}: not a parameter file (`{command}` prints one with every parameter)", path.display())
-    })
+impl ParameterArgs {
+    /// Whether any are given.
+    pub fn are_given(&self) -> bool {
+        self.params.is_some() || !self.set.is_empty()
+    }
+
+    /// Those of a run; what is not given keeps its default.
+    ///
+    /// # Errors
+    /// Names the file, and the line with an unknown key or a value of the wrong type; or the setting.
+    pub fn of_run(&self) -> Result<Params> {
+        self.read("loopbox params")
+    }
+
+    /// Those of a run over scans.
+    ///
+    /// # Errors
+    /// As [`of_run`](Self::of_run).
+    pub fn of_scans(&self) -> Result<MappingParams> {
+        self.read("loopbox params --lidar")
+    }
+
+    /// Those of merging.
+    ///
+    /// # Errors
+    /// As [`of_run`](Self::of_run).
+    pub fn of_merging(&self) -> Result<MergingParams> {
+        self.read("loopbox params --merge")
+    }
+
+    /// What the file and the settings say, in the form that `command` prints.
+    fn read<P: DeserializeOwned>(&self, command: &str) -> Result<P> {
+        let mut table = Table::new();
+        if let Some(path) = &self.params {
+            let text = std::fs::read_to_string(path)
+                .with_context(|| format!("{}: cannot be read", path.display()))?;
+            let hint = || {
+                format!(
+                    "{}: not a parameter file (`{command}` prints one with every parameter)",
+                    path.display()
+                )
+            };
+            // By itself first: its errors name lines.
+            toml::from_str::<P>(&text).with_context(hint)?;
+            table = toml::from_str(&text).with_context(hint)?;
+        }
+        let hint = |text: &str| format!("--set {text}: no such parameter or value (`{command}` prints all)");
+        for setting in &self.set {
+            overlay(&mut table, &setting.table);
+            usage(P::deserialize(table.clone()).with_context(|| hint(&setting.text)))?;
+        }
+        P::deserialize(table).context("the defaults cannot be read")
+    }
+}
+
+/// Puts the values of `changes` in place of those of `table`.
+fn overlay(table: &mut Table, changes: &Table) {
+    for (key, change) in changes {
+        match (table.get_mut(key), change) {
+            (Some(Value::Table(inner)), Value::Table(change)) => overlay(inner, change),
+            _ => drop(table.insert(key.clone(), change.clone())),
+        }
+    }
 }
 
 fn mapping_file() -> Result<String> {
@@ -130,6 +197,34 @@ mod tests {
     fn the_printed_file_for_merging_reads_back_as_the_defaults() {
         let file = merging_file().unwrap();
         assert_eq!(toml::from_str::<MergingParams>(&file).unwrap(), MergingParams::default());
+    }
+
+    fn given(file: Option<&std::path::Path>, settings: &[&str]) -> ParameterArgs {
+        let set = settings.iter().map(|text| Setting::parse(text).unwrap()).collect();
+        ParameterArgs { params: file.map(Into::into), set }
+    }
+
+    #[test]
+    fn settings_take_the_place_of_what_the_file_says_and_of_the_defaults() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("p.toml");
+        std::fs::write(&file, "joint = true\n[further]\nmax_closures = 3\n").unwrap();
+        let read = given(Some(&file), &["further.max_closures=4", "method=loop-box"]).of_merging().unwrap();
+        let mut expected = MergingParams { joint: true, ..MergingParams::default() };
+        expected.further.max_closures = 4;
+        expected.method = merge::method::Method::LoopBox;
+        assert_eq!(read, expected);
+        assert_eq!(given(None, &[]).of_merging().unwrap(), MergingParams::default());
+    }
+
+    #[test]
+    fn what_is_no_parameter_or_no_value_of_it_is_refused_by_name() {
+        for wrong in ["further.no_such=1", "further.max_closures=many", "joint=7", "further=2"] {
+            let error = format!("{:#}", given(None, &[wrong]).of_merging().unwrap_err());
+            assert!(error.starts_with(&format!("--set {wrong}: no such parameter or value")), "{error}");
+        }
+        assert!(Setting::parse("joint").unwrap_err().contains("KEY=VALUE"));
+        assert!(Setting::parse("a b=1").unwrap_err().contains("no name of a parameter"));
     }
 
     #[test]

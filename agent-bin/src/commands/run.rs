@@ -1,6 +1,6 @@
 //! `loopbox run`: tracks and maps a recording.
 
-use super::params;
+use super::params::ParameterArgs;
 use super::publishing::{self, Ros2Args};
 use super::run_scans::{self, OpenScans, ScanArgs, ScanRun};
 use super::watching::ViewArgs;
@@ -40,9 +40,8 @@ pub struct RunArgs {
     /// Show no progress and no summary; warnings stay
     #[arg(short, long, conflicts_with = "log")]
     quiet: bool,
-    /// Parameter file (TOML); `loopbox params` prints the defaults
-    #[arg(long, value_name = "FILE")]
-    params: Option<PathBuf>,
+    #[command(flatten)]
+    parameters: ParameterArgs,
     /// Threads for mapping; default: one per core. The result does not depend on it
     #[arg(short = 'j', long, value_name = "COUNT", allow_negative_numbers = true)]
     threads: Option<usize>,
@@ -303,7 +302,7 @@ impl RunArgs {
             start: self.part.start,
             end: self.part.end,
             kitti: self.map.trajectory == TrajectoryFormat::Kitti,
-            params: self.params.as_deref(),
+            params: self.parameters.of_scans()?,
             quiet: self.quiet,
             json: self.map.log.is_some(),
             listeners,
@@ -369,7 +368,7 @@ impl RunArgs {
             name: self.map.name.clone(),
             force: self.force,
             camera,
-            params: self.params.as_deref().map(params::read).transpose()?.unwrap_or_default(),
+            params: self.parameters.of_run()?,
             pace: self.pace(),
             rate: self.camera.fps,
             start: self.part.start,

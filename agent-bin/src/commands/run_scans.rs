@@ -1,6 +1,5 @@
 //! `loopbox run` over a LiDAR's scans.
 
-use super::params;
 use crate::console::{say, tell};
 use anyhow::{Context, Result, bail};
 use clap::ValueEnum;
@@ -169,8 +168,8 @@ pub struct ScanRun<'a> {
     pub end: Option<f64>,
     /// Trajectory in KITTI's form.
     pub kitti: bool,
-    /// Parameter file.
-    pub params: Option<&'a Path>,
+    /// The parameters.
+    pub params: MappingParams,
     /// Nothing is said.
     pub quiet: bool,
     /// A JSON object a line.
@@ -192,8 +191,7 @@ pub fn execute(opened: OpenScans, run: &ScanRun<'_>, args: &ScanArgs) -> Result<
         also.iter().for_each(|also| tell!("note: the folder also holds {also}"));
         tell!("point times: {}", times.text());
     }
-    let mut params = run.params.map(params::read_mapping).transpose()?.unwrap_or_default();
-    params.method = args.odometry.unwrap_or(params.method);
+    let params = MappingParams { method: args.odometry.unwrap_or(run.params.method), ..run.params.clone() };
     let poses = args.poses.as_deref().map(read_poses).transpose()?;
     let options = LidarOptions {
         out: run.out.to_owned(),

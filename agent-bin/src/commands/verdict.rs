@@ -2,7 +2,7 @@
 
 use super::judging::JudgingArgs;
 use super::merge_progress::MergeProgress;
-use super::params;
+use super::params::ParameterArgs;
 use crate::console::{self, Ended, Ending};
 use crate::interrupt::stop_on_ctrl_c;
 use anyhow::Result;
@@ -39,9 +39,8 @@ pub struct ProposeArgs {
     /// The maps: each a map.mcap, or the folder of a run
     #[arg(required = true, value_name = "MAP")]
     maps: Vec<PathBuf>,
-    /// Parameter file (TOML); `loopbox params --merge` prints the defaults
-    #[arg(long, value_name = "FILE")]
-    params: Option<PathBuf>,
+    #[command(flatten)]
+    parameters: ParameterArgs,
     /// Print JSON
     #[arg(long)]
     json: bool,
@@ -76,7 +75,7 @@ pub fn run(args: &VerdictArgs) -> Result<()> {
 /// # Errors
 /// When a map cannot be read, or the user ended it.
 pub fn propose(args: &ProposeArgs) -> Result<()> {
-    let params = args.params.as_deref().map(params::read_merging).transpose()?.unwrap_or_default();
+    let params = args.parameters.of_merging()?;
     let stop = stop_on_ctrl_c("stopping after this step (Ctrl-C again to abort)")?;
     let progress = MergeProgress::new(args.quiet);
     let pairs = propose_pairs(&args.maps, &params, &stop, &progress)?;

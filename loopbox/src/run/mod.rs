@@ -29,7 +29,7 @@ mod session;
 pub use describing::complete as find_features;
 pub(crate) use describing::give_way;
 pub(crate) use fragments::{in_order, most_frames_first};
-pub(crate) use growing::free_bytes;
+pub use growing::free_bytes;
 pub use lens::{FoundLens, Recording, find_lens, find_live_lens};
 pub use listening::{Listeners, MapListener, Seen};
 pub use options::{PreparedRun, RunOptions, run};
