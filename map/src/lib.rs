@@ -27,8 +27,9 @@ pub use atomic::write_atomically;
 pub use delta::{Described, MapDelta, Moved, Settled};
 pub use error::MapError;
 pub use export::{
-    CloudPoint, CloudSelection, DEFAULT_MAX_RELATIVE_VARIANCE, agent_color, save_colmap, save_kitti,
-    save_las, save_nerfstudio, save_pcd, save_ply, save_tum, write_kitti, write_pcd, write_ply, write_tum,
+    CloudPoint, CloudSelection, DEFAULT_MAX_RELATIVE_VARIANCE, agent_color, save_colmap, save_glb,
+    save_kitti, save_las, save_nerfstudio, save_pcd, save_ply, save_tum, write_kitti, write_pcd, write_ply,
+    write_tum,
 };
 pub use identity::{Identity, KeyframeName};
 pub use io::{

@@ -8,6 +8,7 @@ use loopbox::placing::board::scale_by_board;
 use loopbox::placing::rig::extrinsic;
 use loopbox::placing::{Metres, Up, place};
 use map::{CloudSelection, DEFAULT_MAX_RELATIVE_VARIANCE, KeyframeId, Map, MapError, StampedPose};
+use nalgebra::UnitQuaternion;
 use ros2::frames::Axes;
 use sources::recording::check_length;
 use std::path::{Path, PathBuf};
@@ -116,6 +117,9 @@ pub struct Outputs {
     /// Point cloud as LAS, or as LAZ where FILE ends in .laz: with intensity and colours
     #[arg(long, value_name = "FILE")]
     pub las: Option<PathBuf>,
+    /// Points and trajectories as binary glTF, for browsers, phones and Blender: --up y lets them stand upright
+    #[arg(long, value_name = "FILE")]
+    pub glb: Option<PathBuf>,
     /// Trajectory as TUM text: timestamp tx ty tz qx qy qz qw; of several agents a file each, FILE with the
     /// agent's name at the end of its own
     #[arg(long, value_name = "FILE")]
@@ -146,6 +150,7 @@ impl Outputs {
             ("--ply", &self.ply, &["ply"][..]),
             ("--pcd", &self.pcd, &["pcd"]),
             ("--las", &self.las, &["las", "laz"]),
+            ("--glb", &self.glb, &["glb"]),
             ("--mcap", &self.mcap, &["mcap"]),
             ("--ros2", &self.ros2, &["mcap"]),
         ];
@@ -184,6 +189,10 @@ pub fn run(args: &ExportArgs) -> anyhow::Result<()> {
     }
     let selection = CloudSelection { voxel: args.voxel, ..args.max_variance.into() };
     write_clouds(&args.outputs, &map, selection)?;
+    if let Some(path) = &args.outputs.glb {
+        let points = map::save_glb(path, &map, selection, gltf_from(args.placing.axes(&map)))?;
+        say!("{}: {points} points", path.display());
+    }
     if let Some(path) = &args.outputs.ros2 {
         write_bag(path, &map, args.placing.axes(&map), selection)?;
     }
@@ -222,6 +231,11 @@ fn write_trajectories(
         say!("{}: {} poses", path.display(), trajectory.len());
     }
     Ok(())
+}
+
+/// The turn from a world of these axes to glTF's, which has them as computer graphics do.
+fn gltf_from(world: Axes) -> UnitQuaternion<f64> {
+    Axes::Graphics.body_from_own().inverse() * world.body_from_own()
 }
 
 /// Writes the bag for ROS 2.
@@ -270,6 +284,19 @@ mod tests {
         assert_eq!(parse_distance("12,80=2.4").unwrap(), Metres::Distance { from, to, metres: 2.4 });
         for bad in ["", "12=2.4", "12,80", "a,80=2", "12,80=x"] {
             assert!(parse_distance(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn what_is_up_is_up_in_gltf() {
+        let up = [
+            (Axes::Optical, [0.0, -1.0, 0.0]),
+            (Axes::Body, [0.0, 0.0, 1.0]),
+            (Axes::Graphics, [0.0, 1.0, 0.0]),
+        ];
+        for (world, up) in up {
+            let turned = gltf_from(world) * nalgebra::Vector3::from(up);
+            assert!((turned - nalgebra::Vector3::y()).norm() < 1e-9, "{world:?}");
         }
     }
 

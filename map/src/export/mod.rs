@@ -1,4 +1,4 @@
-//! Maps in the formats of other tools: point clouds (PLY, PCD, LAS), trajectories (TUM, KITTI), and posed images with sparse
+//! Maps in the formats of other tools: point clouds (PLY, PCD, LAS), scenes (glTF), trajectories (TUM, KITTI), and posed images with sparse
 //! points (COLMAP, nerfstudio).
 //!
 //! Each format has a function that writes to any [`Write`] and one that makes a file which is either
@@ -7,6 +7,7 @@
 mod cloud;
 mod colmap;
 mod color;
+mod glb;
 mod las;
 mod nerfstudio;
 mod pcd;
@@ -17,6 +18,7 @@ mod trajectory;
 pub use cloud::{CloudPoint, CloudSelection, DEFAULT_MAX_RELATIVE_VARIANCE};
 pub use colmap::save_colmap;
 pub use color::agent_color;
+pub use glb::save_glb;
 pub use las::save_las;
 pub use nerfstudio::save_nerfstudio;
 pub use pcd::{save_pcd, write_pcd};
