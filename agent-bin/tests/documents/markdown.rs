@@ -36,9 +36,19 @@ pub fn book() -> Vec<Page> {
 pub fn everything() -> Vec<Page> {
     let root = repository();
     let mut names = Vec::new();
-    for folder in
-        ["", "demo", "docs", "python", "book/src", "book/src/guide", "book/src/reference", "book/src/dev"]
-    {
+    for folder in [
+        "",
+        "bench",
+        "bench/results",
+        "demo",
+        "docs",
+        "python",
+        "book/src",
+        "book/src/dev",
+        "book/src/guide",
+        "book/src/reference",
+        "book/src/results",
+    ] {
         for entry in fs::read_dir(root.join(folder)).expect("the folder is there") {
             let name = Path::new(folder).join(entry.expect("it can be listed").file_name());
             names.extend(name.to_str().filter(|name| name.ends_with(".md")).map(str::to_owned));

@@ -1,9 +1,19 @@
-//! README stays short.
+//! README stays short, and the first pages are plain.
 
 use crate::markdown::{prose, read, repository};
 
 const LINES: usize = 120;
 const WORDS: usize = 30;
+
+/// What people read first.
+const PAGES: [&str; 6] = [
+    "README.md",
+    "book/src/introduction.md",
+    "book/src/install.md",
+    "book/src/tutorial.md",
+    "book/src/concepts.md",
+    "book/src/benchmarks.md",
+];
 
 /// The sentences of a page without its code: paragraphs, items of lists and cells of tables end one, too.
 fn sentences(text: &str) -> Vec<String> {
@@ -43,11 +53,18 @@ fn without_targets(line: &str) -> String {
 fn the_readme_is_short() {
     let page = read(&repository(), "README.md");
     assert!(page.text.lines().count() <= LINES, "README.md has more than {LINES} lines");
-    let long: Vec<String> = sentences(&page.text)
-        .into_iter()
-        .filter(|sentence| sentence.split_whitespace().count() > WORDS)
-        .collect();
-    assert!(long.is_empty(), "more than {WORDS} words:\n{}", long.join("\n"));
+}
+
+#[test]
+fn sentences_of_the_first_pages_are_short() {
+    for name in PAGES {
+        let page = read(&repository(), name);
+        let long: Vec<String> = sentences(&page.text)
+            .into_iter()
+            .filter(|sentence| sentence.split_whitespace().count() > WORDS)
+            .collect();
+        assert!(long.is_empty(), "{name}: more than {WORDS} words:\n{}", long.join("\n"));
+    }
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! Tables that name tests and messages name ones that there are.
 
-use crate::markdown::{read, repository, rows};
+use crate::markdown::{everything, read, repository, rows};
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
@@ -75,8 +75,11 @@ fn each_message_is_one_of_the_programs() {
 #[test]
 fn each_figure_was_measured() {
     let root = repository();
-    let measured: String =
-        ["docs/results.md", "docs/lidar-results.md"].map(|name| read(&root, name).text).concat();
+    let measured: String = everything()
+        .into_iter()
+        .filter(|page| page.name.starts_with("bench/results/") || page.name == "docs/lidar-results.md")
+        .map(|page| page.text)
+        .collect();
     let numbers = |text: &str| -> BTreeSet<String> {
         let parts = text.split(|c: char| !c.is_ascii_digit() && c != '.');
         parts.map(|part| part.trim_matches('.').to_owned()).collect()
@@ -88,7 +91,7 @@ fn each_figure_was_measured() {
         for number in numbers(&text).into_iter().filter(|number| number.contains('.')) {
             assert!(
                 known.contains(&number),
-                "{page}: {number} is in neither page of results: take the newest figure"
+                "{page}: {number} is on no page of results: take the newest figure"
             );
             count += 1;
         }
