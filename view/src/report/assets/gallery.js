@@ -155,7 +155,10 @@ export class Gallery {
     byId("enlarged-next").addEventListener("click", () => turn(1));
     byId("enlarged-close").addEventListener("click", () => dialog.close());
     dialog.addEventListener("click", (event) => event.target === dialog && dialog.close());
-    dialog.addEventListener("keydown", (event) => turn({ ArrowLeft: -1, ArrowRight: 1 }[event.key]));
+    dialog.addEventListener("keydown", (event) => {
+      if (event.key === "ArrowLeft") turn(-1);
+      if (event.key === "ArrowRight") turn(1);
+    });
     const large = byId("enlarged-picture");
     large.addEventListener("pointermove", (event) => {
       const box = large.getBoundingClientRect(), picture = this.large;
