@@ -240,7 +240,7 @@ fn summary(record: &RunRecord, out: &str) -> String {
     }
     for apart in record.fragments.iter().skip(1) {
         text += &format!(
-            "{} more frames, of {} to {}, are in {}: they saw no place of the others again\n",
+            "{} more frames, of {} to {}, are in {}: they share no place with the rest\n",
             apart.frames, apart.first_frame, apart.last_frame, apart.trajectory
         );
     }

@@ -80,6 +80,27 @@ fn shells_and_man_know_every_command_and_the_machine_is_described() {
 }
 
 #[test]
+fn a_recording_alone_is_enough() {
+    let folder = tempdir().unwrap();
+    let run = command().arg("run").arg(demo()).current_dir(folder.path()).output().unwrap();
+    assert!(run.status.success(), "{}", stderr(&run));
+    let name = demo().file_name().unwrap().to_owned();
+    assert!(folder.path().join("out").join(name).join("map.mcap").is_file());
+}
+
+/// An option whose value may lack does not take the recording for it.
+#[test]
+fn values_that_may_lack_follow_an_equals_sign() {
+    let folder = tempdir().unwrap();
+    let out = folder.path().join("out");
+    let options: &[&str] = if cfg!(feature = "fleet") { &["--view", "--fleet"] } else { &[] };
+    for option in options {
+        // The recording is found, and has no images.
+        assert_refused(&["run", option, arg(folder.path()), "--out", arg(&out)], &[arg(folder.path())]);
+    }
+}
+
+#[test]
 fn what_is_no_parameter_cannot_be_set() {
     let folder = tempdir().unwrap();
     timed_folder(folder.path(), 4);

@@ -134,7 +134,7 @@ fn map_of(plan: &Plan, name: &str) -> Result<PathBuf> {
         let sequence = plan.data.join(name);
         let mut command = Command::new(plan.loopbox);
         command.arg("run").arg(&sequence).arg("--calib").arg(sequence.join("camera.yaml"));
-        command.args(["--quiet", "--fleet", name, "--connect", NOBODY, "--out"]).arg(&out);
+        command.args(["--quiet", &format!("--fleet={name}"), "--connect", NOBODY, "--out"]).arg(&out);
         finish(&mut command)?;
     }
     Ok(out)

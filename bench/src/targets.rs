@@ -50,7 +50,7 @@ const TARGETS: [Target; 6] = [
 ];
 
 /// The sequences whose images are drawn by a program; all others are of real cameras.
-const RENDERED: [&str; 4] = ["parking_a", "parking_b", "parking_c", "robot_office"];
+const RENDERED: [&str; 3] = ["parking_a", "parking_b", "parking_c"];
 
 /// Where a sequence's images come from, for people: `real` or `rendered`.
 pub fn images(name: &str) -> &'static str {

@@ -96,7 +96,7 @@ fn with_edges(mut map: Map) -> Map {
 }
 
 /// What people call a recording: the last part of its path, of a file without the extension.
-pub(crate) fn recording_name(path: &Path) -> String {
+pub fn recording_name(path: &Path) -> String {
     // A path such as `.` names nothing before it is made whole.
     let whole = path.canonicalize().unwrap_or_else(|_| path.to_owned());
     let name = if whole.is_dir() { whole.file_name() } else { whole.file_stem() };

@@ -1,5 +1,5 @@
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, final
 
 import numpy as np
@@ -60,7 +60,13 @@ class Map:
 
     def __new__(cls, path: StrPath) -> Map: ...
     def __len__(self) -> int: ...
-    def __getitem__(self, id: int) -> Keyframe: ...
+    def __iter__(self) -> Iterator[Keyframe]: ...
+    def __getitem__(self, index: int) -> Keyframe:
+        """The keyframe at this place in their order; of a negative one from the end."""
+
+    def keyframe(self, id: int) -> Keyframe:
+        """The keyframe with this `id`."""
+
     @property
     def agents(self) -> list[str]: ...
     @property

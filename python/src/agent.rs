@@ -19,7 +19,7 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// Tracks a camera and maps what it sees.
-#[pyclass(frozen)]
+#[pyclass(frozen, module = "loopbox")]
 pub struct Agent {
     correction: ImageCorrection,
     name: String,
@@ -35,7 +35,7 @@ struct Working {
 }
 
 /// What became of a frame.
-#[pyclass(frozen)]
+#[pyclass(frozen, module = "loopbox")]
 pub struct Frame {
     state: TrackingState,
     world_from_camera: Option<Se3>,
@@ -68,6 +68,7 @@ impl Agent {
         Ok(Self { correction, name: name.to_owned(), working: Mutex::new(Working::new(agent)) })
     }
 
+    /// Tracks the next frame: rows × columns (grey) or × 3 (red, green, blue); time stamps grow, seconds.
     fn process(&self, py: Python<'_>, image: PyReadonlyArrayDyn<'_, u8>, timestamp: f64) -> PyResult<Frame> {
         let image = grey(&image)?;
         let report = py.detach(|| {
@@ -84,6 +85,7 @@ impl Agent {
         })
     }
 
+    /// The map after the last frame: depth and loops of the last keyframes, and the last optimisation of all.
     fn finish(&self, py: Python<'_>) -> Map {
         py.detach(|| {
             self.working.lock().unwrap_or_else(PoisonError::into_inner).agent.finish();
@@ -91,6 +93,7 @@ impl Agent {
         self.map(py)
     }
 
+    /// The map as it stands; the agent can go on.
     fn map(&self, py: Python<'_>) -> Map {
         let map = py.detach(|| {
             let mut map = self.working.lock().unwrap_or_else(PoisonError::into_inner).agent.snapshot();
@@ -123,11 +126,13 @@ impl Working {
 
 #[pymethods]
 impl Frame {
+    /// "starting", "tracking" or "lost".
     #[getter]
     fn state(&self) -> &'static str {
         loopbox::run::state_name(self.state)
     }
 
+    /// world_from_camera as known now, 4×4.
     #[getter]
     fn pose<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray2<f64>>>> {
         self.world_from_camera.map(|pose| table(py, matrix(&pose), 4)).transpose()

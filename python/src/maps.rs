@@ -5,25 +5,26 @@ use crate::failed;
 use loopbox::open::open_map;
 use map::{CloudSelection, KeyframeId};
 use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods};
-use pyo3::exceptions::{PyKeyError, PyUserWarning};
+use pyo3::exceptions::{PyIndexError, PyKeyError, PyUserWarning};
 use pyo3::prelude::*;
+use pyo3::types::{PyIterator, PyList};
 use std::ffi::CString;
 use std::path::PathBuf;
 use std::sync::Arc;
 
 /// A map of one agent or several; it does not change.
-#[pyclass(frozen)]
+#[pyclass(frozen, module = "loopbox")]
 pub struct Map(pub Arc<map::Map>);
 
 /// A keyframe of a map.
-#[pyclass(frozen)]
+#[pyclass(frozen, module = "loopbox")]
 pub struct Keyframe {
     map: Arc<map::Map>,
     id: KeyframeId,
 }
 
 /// Points of a map, a row each.
-#[pyclass(frozen, get_all)]
+#[pyclass(frozen, get_all, module = "loopbox")]
 pub struct Cloud {
     positions: Py<PyArray2<f32>>,
     intensities: Py<PyArray1<u8>>,
@@ -54,6 +55,7 @@ impl Map {
         self.0.agents.values().map(|agent| agent.name.clone()).collect()
     }
 
+    /// Whether a unit is a metre.
     #[getter]
     fn metric(&self) -> bool {
         self.0.is_metric()
@@ -72,7 +74,22 @@ impl Map {
         )
     }
 
-    fn __getitem__(&self, id: u32) -> PyResult<Keyframe> {
+    fn __iter__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyIterator>> {
+        PyList::new(py, self.keyframes())?.try_iter()
+    }
+
+    /// The keyframe at this place in their order; of a negative one from the end.
+    fn __getitem__(&self, index: isize) -> PyResult<Keyframe> {
+        let count = self.0.keyframes.len();
+        let place = if index < 0 { count.checked_add_signed(index) } else { usize::try_from(index).ok() };
+        let found = place.and_then(|place| self.0.keyframes.keys().nth(place));
+        let found = found
+            .ok_or_else(|| PyIndexError::new_err(format!("{index}, and there are {count} keyframes")))?;
+        Ok(Keyframe { map: self.0.clone(), id: *found })
+    }
+
+    /// The keyframe with this `id`.
+    fn keyframe(&self, id: u32) -> PyResult<Keyframe> {
         let id = KeyframeId(id);
         match self.0.keyframes.contains_key(&id) {
             true => Ok(Keyframe { map: self.0.clone(), id }),
@@ -85,6 +102,7 @@ impl Map {
         self.0.keyframes.keys().map(|&id| Keyframe { map: self.0.clone(), id }).collect()
     }
 
+    /// world_from_camera of the keyframes in their order, n×4×4.
     #[getter]
     fn poses<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray3<f64>>> {
         let keyframes = self.0.keyframes.values();
@@ -93,6 +111,7 @@ impl Map {
         PyArray1::from_vec(py, values).reshape([self.0.keyframes.len(), 4, 4])
     }
 
+    /// A row for each frame: timestamp tx ty tz qx qy qz qw.
     #[pyo3(signature = (agent=None))]
     fn trajectory<'py>(&self, py: Python<'py>, agent: Option<&str>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let poses = match agent {
@@ -108,6 +127,7 @@ impl Map {
         table(py, poses.iter().flat_map(row).collect(), 8)
     }
 
+    /// Points whose variance of inverse depth over its square is at most this; of each cube of edge `voxel` the surest.
     #[pyo3(signature = (max_variance=map::DEFAULT_MAX_RELATIVE_VARIANCE, voxel=None))]
     fn cloud(&self, py: Python<'_>, max_variance: f32, voxel: Option<f64>) -> PyResult<Cloud> {
         let (mut positions, mut intensities, mut confidences, mut agents) =
@@ -132,10 +152,12 @@ impl Map {
         })
     }
 
+    /// Writes the map as a map.mcap.
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         py.detach(|| map::save_map(path, &self.0)).map_err(failed)
     }
 
+    /// Writes the cloud; gives the number of points.
     #[pyo3(signature = (path, max_variance=map::DEFAULT_MAX_RELATIVE_VARIANCE, voxel=None))]
     fn save_ply(
         &self,
@@ -181,16 +203,19 @@ impl Keyframe {
         format!("<loopbox.Keyframe {} of {} at {} s>", self.id(), self.agent(), self.timestamp())
     }
 
+    /// world_from_camera, 4×4.
     #[getter]
     fn pose<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         table(py, matrix(&self.inner().world_from_keyframe.rigid()), 4)
     }
 
+    /// Map units of one of its own units of depth.
     #[getter]
     fn unit(&self) -> f64 {
         self.inner().world_from_keyframe.scale
     }
 
+    /// The 3×3 matrix of its undistorted image's camera; pixel centres at integers.
     #[getter]
     fn camera<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray2<f64>>>> {
         let camera = self.map.camera_of(self.inner());
@@ -198,30 +223,35 @@ impl Keyframe {
         camera.map(|camera| table(py, rows(camera), 3)).transpose()
     }
 
+    /// The undistorted grey image, rows × columns.
     #[getter]
     fn image<'py>(this: Bound<'py, Self>) -> PyResult<Bound<'py, PyArray2<u8>>> {
         // SAFETY: the keyframe holds the map, which nothing changes.
         unsafe { image_view(&this.get().inner().image, this.clone().into_any()) }
     }
 
+    /// Indices row · columns + column of the pixels with depth, ascending.
     #[getter]
     fn pixels(this: Bound<'_, Self>) -> Bound<'_, PyArray1<u32>> {
         // SAFETY: the keyframe holds the map, which nothing changes.
         unsafe { view(&this.get().inner().semi_dense.pixel, this.clone().into_any()) }
     }
 
+    /// Of those pixels 1/z, in one over its own unit.
     #[getter]
     fn inverse_depths(this: Bound<'_, Self>) -> Bound<'_, PyArray1<f32>> {
         // SAFETY: the keyframe holds the map, which nothing changes.
         unsafe { view(&this.get().inner().semi_dense.inverse_depth, this.clone().into_any()) }
     }
 
+    /// Of the inverse depths.
     #[getter]
     fn variances(this: Bound<'_, Self>) -> Bound<'_, PyArray1<f32>> {
         // SAFETY: the keyframe holds the map, which nothing changes.
         unsafe { view(&this.get().inner().semi_dense.variance, this.clone().into_any()) }
     }
 
+    /// Depth along the optical axis in map units, rows × columns; NaN where none is known.
     fn depth<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f32>>> {
         let (keyframe, unit) = (self.inner(), self.unit() as f32);
         let (width, height) = (keyframe.image.width(), keyframe.image.height());

@@ -39,8 +39,19 @@ def test_maps_are_arrays(runs):
     assert len(shown.cloud(voxel=0.1).positions) < points / 2
     with pytest.raises(KeyError):
         shown.trajectory("nobody")
+    assert [k.id for k in shown] == [k.id for k in shown.keyframes] and len(list(shown)) == len(shown)
+    assert shown[-1].id == list(shown)[-1].id and shown[0].id == shown.keyframe(shown[0].id).id
+    for wrong in (9999, -9999):
+        with pytest.raises(IndexError):
+            shown[wrong]
     with pytest.raises(KeyError):
-        shown[9999]
+        shown.keyframe(9999)
+
+
+def test_help_tells_what_there_is():
+    assert loopbox.Map.__module__ == "loopbox" and loopbox.Agent.__module__ == "loopbox"
+    for method in (loopbox.Agent.process, loopbox.Map.trajectory, loopbox.Map.cloud, loopbox.Keyframe.depth):
+        assert method.__doc__ and method.__doc__[0].isupper(), method
 
 
 def test_keyframes_are_views_of_the_map(runs):

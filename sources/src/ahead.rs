@@ -142,7 +142,7 @@ impl Drop for CloseOnDrop<'_> {
     fn drop(&mut self) {
         if std::thread::panicking() {
             // How it broke down, the thread has printed itself.
-            self.0.push(Item::Failed("reading and decoding broke down, which is a fault of loopbox".into()));
+            self.0.push(Item::Failed("internal error in reading and decoding, please report it".into()));
         }
         self.0.close();
     }

@@ -139,7 +139,7 @@ def test_a_station_tells_where_agents_are_in_the_common_map(tmp_path):
         )
         try:
             for name in ["parking_a", "parking_c"]:
-                command = [program, "run", f"demo/{name}", "--out", str(tmp_path / name), "--fleet", name, "--connect", at, "--quiet"]
+                command = [program, "run", f"demo/{name}", "--out", str(tmp_path / name), f"--fleet={name}", "--connect", at, "--quiet"]
                 subprocess.run(command, cwd=ROOT, check=True, timeout=200)
             assert station.wait(timeout=120) == 0
         finally:

@@ -79,7 +79,7 @@ pub fn execute(args: &ConvertArgs) -> Result<()> {
         tell!("warning: {warning}");
     }
     if let Some(reason) = &counts.first_reason {
-        tell!("warning: {} frames are left out for want of a picture: {reason}", counts.unreadable);
+        tell!("warning: {} frames have no readable image and are left out: {reason}", counts.unreadable);
     }
     if !args.quiet {
         lost.iter().for_each(|text| tell!("note: {text}"));

@@ -22,7 +22,7 @@ pub struct EvalArgs {
     /// frame one each: what the first one alone needs is adjusted of all
     #[arg(value_name = "ESTIMATE", required = true)]
     estimates: Vec<PathBuf>,
-    /// True trajectory, in either form or EuRoC's data.csv (beside cam0, whose place on the body is minded); of several agents one each in their order (`--gt A B`), or one that spans
+    /// True trajectory, in either form or EuRoC's data.csv (beside cam0, whose position on the body is used); of several agents one each in their order (`--gt A B`), or one that spans
     /// them all. They must be in one world
     #[arg(long, value_name = "FILE", required = true, num_args = 1..)]
     gt: Vec<PathBuf>,

@@ -36,7 +36,7 @@ pub struct FleetCommand {
     #[arg(long, conflicts_with = "demo")]
     json: bool,
     /// Run a station and two agents on this machine that replay the two recordings in this folder
-    #[arg(long, value_name = "RECORDINGS", num_args = 0..=1, default_missing_value = "demo")]
+    #[arg(long, value_name = "RECORDINGS", num_args = 0..=1, require_equals = true, default_missing_value = "demo")]
     demo: Option<PathBuf>,
     /// Folder for the results of --demo
     #[arg(long, value_name = "DIR", default_value = "out/fleet", requires = "demo")]
@@ -48,7 +48,7 @@ pub struct FleetCommand {
 pub struct PairingArgs {
     /// Tell the map to others while it grows, and merge it with theirs, under this name; default:
     /// that of the folder --out
-    #[arg(long, value_name = "NAME", num_args = 0..=1)]
+    #[arg(long, value_name = "NAME", num_args = 0..=1, require_equals = true)]
     fleet: Option<Option<String>>,
     /// With --fleet: where others reach this agent, tls/0.0.0.0:PORT with --keys, or tcp/127.0.0.1:PORT
     #[arg(long, value_name = "ADDRESS", requires = "fleet")]
@@ -160,7 +160,7 @@ pub fn run(args: &FleetCommand) -> Result<()> {
     }
     let not_well = |text: String| Err(Ended { ending: Ending::NotWell, text }.into());
     if status.is_stale() {
-        return not_well(format!("{}: no sign of life since {}", status.name, lasting(status.age_s())));
+        return not_well(format!("{}: no heartbeat for {}", status.name, lasting(status.age_s())));
     }
     let silent: Vec<&str> =
         status.links.iter().filter(|link| link.why.is_some()).map(|link| &*link.name).collect();
@@ -228,7 +228,7 @@ pub(super) fn described(status: &StatusFile) -> String {
     let state = match (status.ended, status.is_stale()) {
         (true, _) => format!(", ended {} ago", lasting(status.age_s())),
         (false, true) => {
-            format!(": no sign of life since {}; this is how it was then", lasting(status.age_s()))
+            format!(": no heartbeat for {}; this is how it was then", lasting(status.age_s()))
         }
         (false, false) => at,
     };

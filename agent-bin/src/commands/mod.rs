@@ -111,7 +111,7 @@ impl Command {
     /// Whatever kept it from being done, for people.
     pub fn execute(self) -> Result<()> {
         match self {
-            Command::Run(args) => run::execute(&args),
+            Command::Run(args) => run::execute(&args.with_out()),
             Command::Agent(args) => agent::execute(&args),
             Command::Status(args) => status::execute(&args),
             Command::Record(args) => record::execute(&args),

@@ -13,7 +13,8 @@ use loopbox::ros::{Follower, Publishing};
 pub struct Ros2Args {
     /// Publish poses, points and frames to ROS 2 as they become known, over zenoh: to the zenoh-bridge-ros2dds or router that
     /// listens there; default: tcp/127.0.0.1:7447
-    #[arg(long, value_name = "ENDPOINT", num_args = 0..=1, default_missing_value = ros2::zenoh::DEFAULT_ENDPOINT)]
+    #[arg(long, value_name = "ENDPOINT", num_args = 0..=1, require_equals = true,
+        default_missing_value = ros2::zenoh::DEFAULT_ENDPOINT)]
     ros2: Option<ros2::zenoh::Endpoint>,
 }
 
@@ -22,7 +23,7 @@ pub struct Ros2Args {
 #[derive(Debug, Args)]
 pub struct Ros2Args {
     /// This program was built without it
-    #[arg(long, value_name = "ENDPOINT", num_args = 0..=1, hide = true)]
+    #[arg(long, value_name = "ENDPOINT", num_args = 0..=1, require_equals = true, hide = true)]
     ros2: Option<Option<String>>,
 }
 
@@ -88,7 +89,7 @@ pub fn end(publishing: Publishing, quiet: bool) -> Result<()> {
     let published = publishing.finish()?;
     if !quiet {
         tell!(
-            "ros2: {} poses and {} clouds published; {} poses left out, as more waited than may",
+            "ros2: {} poses and {} clouds published; {} poses left out because the queue was full",
             published.poses,
             published.clouds + published.map_clouds,
             published.dropped

@@ -9,6 +9,7 @@ use crate::interrupt::stop_on_ctrl_c;
 use crate::progress::{Console, Display};
 use anyhow::{Context, Result, anyhow, bail};
 use clap::{Args, ValueEnum};
+use loopbox::open::recording_name;
 use loopbox::run::{
     Going, Listeners, PreparedRun, Progress, Recording, Resume, RunOptions, TrajectoryFormat,
 };
@@ -28,8 +29,8 @@ pub struct RunArgs {
     /// KITTI, PCD or PLY scans, or an MCAP file or bag with point clouds
     #[arg(conflicts_with = "camera")]
     source: Option<PathBuf>,
-    /// Folder for the results; made if it is not there
-    #[arg(short, long, value_name = "DIR", required_unless_present = "check")]
+    /// Folder for the results; made if it is not there; default: out/ and the recording's or the camera's name
+    #[arg(short, long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Say what the recording holds and what a run would use, as `loopbox info` does, and stop
     #[arg(long, conflicts_with = "camera")]
@@ -254,9 +255,17 @@ pub fn execute(args: &RunArgs) -> Result<()> {
 }
 
 impl RunArgs {
+    /// With a folder for the results, where none is given.
+    pub fn with_out(mut self) -> Self {
+        let camera = self.camera.path();
+        let name = self.source.as_deref().or(camera.as_deref()).map(recording_name);
+        self.out = self.out.or_else(|| Some(Path::new("out").join(name?)));
+        self
+    }
+
     /// Folder for the results.
     fn out(&self) -> &Path {
-        self.out.as_deref().unwrap_or(Path::new("."))
+        self.out.as_deref().unwrap_or(Path::new("out"))
     }
 
     /// A run over a LiDAR's scans.

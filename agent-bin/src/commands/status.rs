@@ -55,7 +55,7 @@ pub fn execute(args: &StatusArgs) -> Result<()> {
     if stale {
         // Of a time before the system was started anew, nobody knows how long ago it was.
         let age = if age_s > 0.0 { format!("{age_s:.0} s") } else { "the system was started".into() };
-        return Err(not_well(format!("{}: no sign of life since {age}", beat.name)).into());
+        return Err(not_well(format!("{}: no heartbeat for {age}", beat.name)).into());
     }
     if !beat.healthy {
         return Err(not_well(format!("{}: {}", beat.name, beat.trouble.join("; "))).into());

@@ -42,7 +42,7 @@ fn a_station_merges_lidars_as_their_files_beside_a_camera() {
     let dial = address(&station);
     let agents = [("x", &one), ("y", &other)].map(|(name, out)| {
         let recording = at(name);
-        let words = ["run", arg(&recording), "--out", arg(out), "--quiet", "--fleet", name];
+        let words = ["run", arg(&recording), "--out", arg(out), "--quiet", &format!("--fleet={name}")];
         Process::start(&[&words[..], &["--connect", &dial]].concat())
     });
     let beside = run("a", &camera, &["--connect", &dial]);

@@ -102,7 +102,7 @@ fn address(folder: &Path) -> String {
 }
 
 fn run(name: &str, out: &Path, more: &[&str]) -> Process {
-    let (recording, named) = (recording(name), ["--quiet", "--fleet", name]);
+    let (recording, named) = (recording(name), ["--quiet", &format!("--fleet={name}")]);
     Process::start(&[&["run", arg(&recording), "--out", arg(out)], &named[..], more].concat())
 }
 
@@ -287,7 +287,7 @@ fn some_that_come_at_once_are_merged_as_their_files() {
         let recording = Recording::render(&yard, Recording::SMALL_CAMERA, part, 30.0);
         let folder = room.path().join("r").join(name);
         recording.write(&folder, Encoding::Png).expect("there is room");
-        let run = ["run", arg(&folder), "--out", arg(out), "--quiet", "--fleet", name];
+        let run = ["run", arg(&folder), "--out", arg(out), "--quiet", &format!("--fleet={name}")];
         let kept = Process::start(&[&run[..], &["--connect", "tcp/127.0.0.1:9"]].concat());
         assert!(kept.succeeded());
     }

@@ -46,7 +46,7 @@ fn the_page_of_a_station_shows_who_is_near_and_the_common_map_growing() {
 
     let dial = address(&station);
     let [a, b] = ["a", "b"].map(|name| {
-        let words = ["--quiet", "--fleet", name, "--connect", &dial];
+        let words = ["--quiet", &format!("--fleet={name}"), "--connect", &dial];
         Process::start(&[&["run", arg(&recording(name)), "--out", arg(&at(name))], &words[..]].concat())
     });
     client.until("the neighbours", |c| {

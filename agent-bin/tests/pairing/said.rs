@@ -22,7 +22,7 @@ fn who_does_not_answer_is_said_and_the_hint_at_the_end_works() {
     let at = address(&station);
     first.kill();
     let recording = recording("a");
-    let run = ["run", arg(&recording), "--out", arg(&out), "--fleet", "a", "--connect", &at];
+    let run = ["run", arg(&recording), "--out", arg(&out), "--fleet=a", "--connect", &at];
     let output = loopbox(&run);
     let said = stderr(&output);
     assert!(output.status.success(), "{said}");
@@ -60,7 +60,7 @@ fn a_station_that_was_killed_or_dials_nobody_is_not_well() {
     there.kill();
     std::thread::sleep(Duration::from_secs(11));
     let (said, code) = of(&station);
-    assert!(said.contains("no sign of life since") && code == Some(5), "{code:?}: {said}");
+    assert!(said.contains("no heartbeat for") && code == Some(5), "{code:?}: {said}");
     assert!(!said.contains("listening at"), "{said}");
 }
 

@@ -80,12 +80,12 @@ fn run(plan: &Plan, name: &str, link: Beside) -> Result<Times> {
     let _station = match link {
         Beside::Nothing => None,
         Beside::DeadLink => {
-            command.args(["--fleet", name, "--connect", NOBODY]);
+            command.args([&format!("--fleet={name}"), "--connect", NOBODY]);
             None
         }
         Beside::BusyLink => {
             let (station, address) = station(plan, &at)?;
-            command.args(["--fleet", name, "--connect", &address]);
+            command.args([&format!("--fleet={name}"), "--connect", &address]);
             Some(station)
         }
     };

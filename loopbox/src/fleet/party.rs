@@ -236,7 +236,7 @@ impl Fleet {
     /// Merges and keeps what is left; whether that was still to be done.
     fn finish(&mut self) -> Result<bool> {
         let Some(thread) = self.thread.take() else { return Ok(false) };
-        let ended = thread.join().map_err(|_| anyhow!("merging broke down, which is a fault of loopbox"))?;
+        let ended = thread.join().map_err(|_| anyhow!("internal error in merging, please report it"))?;
         // What is left is done here: the thread gave way to all others.
         let mut collector = ended?;
         let found = collector.finish(&self.service, &|text| self.shared.trouble(text))?;

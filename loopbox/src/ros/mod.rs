@@ -65,6 +65,6 @@ impl Publishing {
         self.slot.leave(|news| news.ended = true);
         self.thread
             .join()
-            .map_err(|_| anyhow::anyhow!("publishing to ROS 2 broke down, which is a fault of loopbox"))
+            .map_err(|_| anyhow::anyhow!("internal error in publishing to ROS 2, please report it"))
     }
 }

@@ -108,7 +108,7 @@ impl Growing {
         let written = thread.join().map_err(|panic| {
             let text = panic.downcast_ref::<String>().map(String::as_str);
             let why = text.or(panic.downcast_ref::<&str>().copied()).unwrap_or("no reason was given");
-            anyhow!("writing the map broke down, which is a fault of loopbox: {why}")
+            anyhow!("internal error in writing the map, please report it: {why}")
         });
         let hint = "hint: what was written before is whole: `loopbox export --mcap` mends the file";
         written?.with_context(|| format!("the run was ended, its map could not be written on\n{hint}"))

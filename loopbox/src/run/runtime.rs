@@ -340,7 +340,7 @@ fn guarded<T>(what: &str, work: impl FnOnce() -> T, broken: &mut Option<String>)
         Err(panic) => {
             let text = panic.downcast_ref::<String>().map(String::as_str);
             let why = text.or(panic.downcast_ref::<&str>().copied()).unwrap_or("no reason was given");
-            *broken = Some(format!("{what} broke down, which is a fault of loopbox: {why}"));
+            *broken = Some(format!("internal error in {what}, please report it: {why}"));
             None
         }
     }

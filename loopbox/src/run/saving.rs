@@ -64,7 +64,7 @@ impl Saver {
     pub fn end(&self) -> Result<()> {
         self.take_in(self.thread.borrow_mut().take());
         if self.broke.get() {
-            bail!("saving on the way broke down, which is a fault of loopbox");
+            bail!("internal error in saving during the run, please report it");
         }
         Ok(())
     }

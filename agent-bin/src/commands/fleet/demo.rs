@@ -49,7 +49,9 @@ pub fn run(recordings: &Path, out: &Path) -> Result<()> {
         let name = recording.file_name().map_or_else(|| "agent".into(), |name| name.to_os_string());
         let mut command = Command::new(program()?);
         command.arg("run").arg(recording).args(["--quiet", "--connect", &at, "--out"]);
-        start(command.arg(out.join(&name)).arg("--fleet").arg(&name))
+        let mut fleet = std::ffi::OsString::from("--fleet=");
+        fleet.push(&name);
+        start(command.arg(out.join(&name)).arg(fleet))
     };
     let mut agents = [agent(first)?, agent(second)?];
     for (name, process) in

@@ -21,7 +21,7 @@ impl Drop for Process {
 #[test]
 fn the_page_of_an_agent_shows_who_is_near_and_who_is_refused() {
     let case = long_case();
-    let run = Served::start(case.command(&["--view=0", "--fleet", "car", "--listen", "tcp/127.0.0.1:0"]));
+    let run = Served::start(case.command(&["--view=0", "--fleet=car", "--listen", "tcp/127.0.0.1:0"]));
     let mut client = Client::connect(&run.url);
     // It does not end meanwhile.
     client.command("pause");

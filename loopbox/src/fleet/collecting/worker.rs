@@ -54,7 +54,7 @@ impl<T: Send + 'static> Worker<T> {
     /// When it broke down.
     pub fn wait(&mut self) -> Result<Option<T>> {
         let done = self.at_work.take().map(JoinHandle::join).transpose();
-        done.map_err(|_| anyhow!("making the common map broke down, which is a fault of loopbox"))
+        done.map_err(|_| anyhow!("internal error in making the common map, please report it"))
     }
 }
 
