@@ -27,10 +27,13 @@ pub struct MergeArgs {
     pub(super) force: bool,
     #[command(flatten)]
     pub(super) judging: JudgingArgs,
-    /// Optimise all that the agents observe, of each other's points too, jointly in the end: mostly more exact, and slower. Of
-    /// agents with one camera
-    #[arg(long, conflicts_with = "extrinsic")]
+    /// Optimise all that the agents observe, of each other's points too, jointly in the end, however many keyframes there are; without
+    /// it, common maps of up to 1000 are. Of agents with one camera
+    #[arg(long, conflicts_with_all = ["extrinsic", "no_optimise"])]
     optimise: bool,
+    /// Optimise nothing jointly: the closures alone say how the maps lie to each other. Quicker, and mostly less exact
+    #[arg(long, conflicts_with = "extrinsic")]
+    no_optimise: bool,
     /// Of two maps, a camera's and that of a LiDAR on the same robot at the same time: where the camera is on the LiDAR,
     /// lidar_from_camera, as tx,ty,tz,qx,qy,qz,qw in metres, or a file of these or of the upper 3×4 of the matrix. The
     /// camera's map gets place and metres of the LiDAR's
@@ -63,8 +66,11 @@ pub fn run(args: &MergeArgs) -> Result<()> {
         Sensors::Cameras => {}
     }
     let mut params = args.judging.of_cameras()?;
-    params.joint |= args.optimise;
-    if params.joint && params.method.baseline().is_some() {
+    if args.optimise {
+        (params.joint, params.joint_keyframes) = (true, usize::MAX);
+    }
+    params.joint &= !args.no_optimise;
+    if args.optimise && params.method.baseline().is_some() {
         bail!(
             "a common map is optimised jointly (--optimise) where maps are joined by --method direct, the default"
         );
@@ -120,16 +126,16 @@ impl MergeArgs {
     fn mixed(&self) -> Result<MixedOptions> {
         self.beside_lidars()?;
         let (lidars, cameras) = self.judging.of_both()?;
-        if cameras.joint || cameras.method.baseline().is_some() {
-            bail!("maps with a LiDAR's among them are merged with `joint = false` and `method = \"direct\"`");
+        if cameras.method.baseline().is_some() {
+            bail!("maps with a LiDAR's among them are merged with `method = \"direct\"`");
         }
         Ok(MixedOptions { out: self.out.clone(), force: self.force, lidars, cameras })
     }
 
     /// Refuses what is for cameras alone.
     fn beside_lidars(&self) -> Result<()> {
-        if self.optimise {
-            bail!("--optimise is for maps of cameras, and there is a LiDAR's among these");
+        if self.optimise || self.no_optimise {
+            bail!("--optimise and --no-optimise are for maps of cameras, and there is a LiDAR's among these");
         }
         Ok(())
     }

@@ -208,9 +208,9 @@ mod tests {
     fn settings_take_the_place_of_what_the_file_says_and_of_the_defaults() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("p.toml");
-        std::fs::write(&file, "joint = true\n[further]\nmax_closures = 3\n").unwrap();
+        std::fs::write(&file, "joint = false\n[further]\nmax_closures = 3\n").unwrap();
         let read = given(Some(&file), &["further.max_closures=4", "method=loop-box"]).of_merging().unwrap();
-        let mut expected = MergingParams { joint: true, ..MergingParams::default() };
+        let mut expected = MergingParams { joint: false, ..MergingParams::default() };
         expected.further.max_closures = 4;
         expected.method = merge::method::Method::LoopBox;
         assert_eq!(read, expected);

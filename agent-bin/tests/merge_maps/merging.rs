@@ -61,18 +61,29 @@ fn two_agents_that_met_get_one_map() {
 }
 
 #[test]
-fn a_common_map_is_optimised_jointly_where_that_is_asked_for() {
+fn a_common_map_is_optimised_jointly_unless_it_is_not_wanted_or_too_large() {
     let (case, plain, runs) = (Case::new(), Case::new(), Runs::get());
     let maps = ["left", "right"].map(|name| runs.run(name));
     let out = case.out();
-    let args = ["merge", "--optimise", arg(&maps[0]), arg(&maps[1]), "--out", arg(&out)];
+    let args = ["merge", arg(&maps[0]), arg(&maps[1]), "--out", arg(&out)];
     let outcome = loopbox(&args);
     outcome.assert_success();
     assert!(outcome.stderr.contains("optimising the common map jointly"), "{outcome:#?}");
     assert_accurate(&out);
     let numbers: Value = serde_json::from_slice(&fs::read(out.join("merge.json")).unwrap()).unwrap();
     assert_eq!(numbers["params"]["joint"], true);
-    plain.merge(&maps.each_ref().map(|map| map.as_path())).assert_success();
+    let without = |more: &[&str]| {
+        let out = plain.out();
+        let args = ["merge", arg(&maps[0]), arg(&maps[1]), "--force", "--out", arg(&out)];
+        let outcome = loopbox(&[&args[..], more].concat());
+        outcome.assert_success();
+        assert!(!outcome.stderr.contains("optimising") || more[0] == "--set", "{outcome:#?}");
+        (load_map(out.join("map.mcap")).expect("it was written").map.keyframes, outcome.stderr)
+    };
+    let (keyframes, said) = without(&["--set", "joint_keyframes=3"]);
+    assert!(said.contains("is not optimised jointly") && said.contains("--optimise does it"), "{said}");
+    assert!(keyframes == without(&["--no-optimise"]).0);
+    assert!(keyframes == without(&["--set", "joint=false"]).0);
     let [optimised, merged] =
         [&out, &plain.out()].map(|out| load_map(out.join("map.mcap")).expect("it was written").map);
     assert!(optimised.edges == merged.edges && optimised.agents == merged.agents);

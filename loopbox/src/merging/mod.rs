@@ -59,7 +59,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// How maps are merged: all parameters of all steps.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct MergingParams {
     /// Places that two maps may share.
@@ -78,9 +78,30 @@ pub struct MergingParams {
     pub further: FurtherParams,
     /// The common map.
     pub fusion: FusionParams,
-    /// Whether all that the agents of a common map observe, of each other's points too, is optimised jointly in the end
-    /// (`merge --optimise`). Default false: it takes longer than all else, seconds for maps of a hundred keyframes.
+    /// Whether all that the agents of a common map observe, of each other's points too, is optimised jointly in the end. Of maps that
+    /// are joined by another method than the direct one nothing is.
     pub joint: bool,
+    /// Most keyframes of a common map that is optimised jointly: its time grows with them, a hundred take seconds.
+    pub joint_keyframes: usize,
+}
+
+impl Default for MergingParams {
+    fn default() -> Self {
+        let (places, rank, key_points, meeting) = Default::default();
+        let (method, baseline, further, fusion) = Default::default();
+        Self {
+            places,
+            rank,
+            key_points,
+            meeting,
+            method,
+            baseline,
+            further,
+            fusion,
+            joint: true,
+            joint_keyframes: 1000,
+        }
+    }
 }
 
 /// What two maps made of each other. Which of them is the source and which the target follows from the maps

@@ -116,10 +116,12 @@ pub fn merge_maps_watched(
     let verdicts = CameraVerdicts::of(options.verdicts.as_deref(), &inputs, params)?;
     let mut merging = merge_knowing(&inputs, &vocabulary, params, verdicts.as_ref(), &mut stage)?;
     let names = Names::new(&merging.common);
-    if options.params.joint && merging.anything_met() {
+    if options.params.joint && options.params.method.baseline().is_none() && merging.anything_met() {
         stage("optimising the common map jointly")?;
-        for (fused, why) in optimised(&mut merging.fused, &|| stop.requested()) {
-            watcher.warn(&format!("the common map of {} is not optimised: {why}", names.list(&fused.agents)));
+        let most = options.params.joint_keyframes;
+        for (fused, why) in optimised(&mut merging.fused, most, &|| stop.requested()) {
+            let names = names.list(&fused.agents);
+            watcher.warn(&format!("the common map of {names} is not optimised jointly: {why}"));
         }
     }
     let mut record = MergeRecord::new(&inputs, &merging, &options.params, &names)?;
