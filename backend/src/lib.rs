@@ -13,5 +13,5 @@ pub mod sim3_align;
 pub mod verdict;
 
 pub use block_system::{BlockSlot, BlockSystem, SystemError};
-pub use parameter_check::{ParameterError, check_parameters};
+pub use parameter_check::{ParameterError, check_parameters, stated_range};
 pub use params_macro::{DocumentedParameter, Parameter, ParameterValue};

@@ -62,8 +62,8 @@ fn check_value(name: &str, value: &str, default: &str, doc: &[&str]) -> Result<(
     Err(ParameterError { name: name.to_owned(), value: value.to_owned(), expected })
 }
 
-/// The numbers of the first `Range a–b` in a text.
-fn stated_range(text: &str) -> Option<(f64, f64)> {
+/// The numbers of the first `Range a–b` in the documentation of a parameter.
+pub fn stated_range(text: &str) -> Option<(f64, f64)> {
     let (least, rest) = text.split_once("Range ")?.1.split_once('–')?;
     let end = rest.find(|c: char| !c.is_ascii_digit() && !".e-".contains(c)).unwrap_or(rest.len());
     Some((least.trim().parse().ok()?, rest[..end].trim_end_matches('.').parse().ok()?))

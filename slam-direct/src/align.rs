@@ -11,17 +11,17 @@ use nalgebra::{SMatrix, SVector, Vector3, Vector6};
 params! {
     /// Parameters of the direct alignment.
     pub struct AlignParams {
-        /// Standard deviation of the image noise, grey levels. Source: Engel 2014, §2.3.
+        /// Standard deviation of the image noise, grey levels. Source: Engel 2014, §2.3. Range 0.1–50.
         pub intensity_sigma: f32 = 4.0,
-        /// Huber threshold on the normalised residual. Source: Engel 2014, Eq. 13.
+        /// Huber threshold on the normalised residual. Source: Engel 2014, Eq. 13. Range 0.5–20.
         pub huber: f32 = 3.0,
-        /// Iterations per pyramid level at most.
+        /// Iterations per pyramid level at most. Range 1–200.
         pub max_iterations: usize = 12,
-        /// Finest level that is aligned; the patches take over from there.
+        /// Finest level that is aligned; the patches take over from there. Range 0–6.
         pub finest_level: usize = 1,
-        /// Levels of the image pyramid, the image itself included.
+        /// Levels of the image pyramid, the image itself included. Range 2–8.
         pub pyramid_levels: usize = 5,
-        /// A level has converged when an iteration lowers the mean cost by less than this share.
+        /// A level has converged when an iteration lowers the mean cost by less than this share. Range 1e-6–0.5.
         pub min_decrease: f32 = 0.003,
     }
 }

@@ -25,19 +25,19 @@ pub(crate) use turn::Turned;
 params! {
     /// Parameters of the start.
     pub struct BootstrapParams {
-        /// Points to follow.
+        /// Points to follow. Range 4–200.
         pub block: usize = 16,
-        /// Median way of the points, turn removed, that is worth an attempt; share of the image width.
+        /// Median way of the points, turn removed, that is worth an attempt; share of the image width. Range 0.001–0.2.
         pub min_parallax: f32 = 0.008,
-        /// Share of the points that must still be followed, else the start begins anew.
+        /// Share of the points that must still be followed, else the start begins anew. Range 0.05–1.
         pub min_followed: f32 = 0.3,
         /// Seconds after which the start begins anew. Range 1–10; shorter, slow cameras never move enough.
         pub max_seconds: f64 = 2.0,
         /// Frames that it is given at the least, of cameras that take few a second. Range 10–100.
         pub least_frames: usize = 60,
-        /// Median standard deviation of the inverse depths, relative to them, that a good start has.
+        /// Median standard deviation of the inverse depths, relative to them, that a good start has. Range 0.01–0.5.
         pub max_relative_sigma: f64 = 0.08,
-        /// Share of the points that must agree with the solution.
+        /// Share of the points that must agree with the solution. Range 0.1–1.
         pub min_inliers: f64 = 0.55,
         /// The first map is looked at again each time the parallax has grown by this factor. Range 1.05–2.
         pub look_again: f32 = 1.25,

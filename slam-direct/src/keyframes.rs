@@ -5,14 +5,14 @@ use backend::params;
 params! {
     /// Parameters of keyframe selection and loss.
     pub struct KeyframeParams {
-        /// Median way of the points since the reference keyframe, share of the image width, that alone makes a keyframe.
+        /// Median way of the points since the reference keyframe, share of the image width, that alone makes a keyframe. Range 0.01–1.
         pub flow: f32 = 0.18,
-        /// The same for what the turn does not explain.
+        /// The same for what the turn does not explain. Range 0.005–1.
         pub parallax: f32 = 0.06,
-        /// Share of the points expected near the reference below which a keyframe is made.
+        /// Share of the points expected near the reference below which a keyframe is made. Range 0–1.
         pub overlap: f32 = 0.6,
         /// Points found, over the most found against the same reference, below which a keyframe is made at once:
-        /// the view changes faster than the map knows it.
+        /// the view changes faster than the map knows it. Range 0–1.
         pub fading: f32 = 0.5,
         /// Share of the sought points found below which a keyframe is made at once: the map knows little of the view, and
         /// were the next frame lost, it would not be found again (`found_again`). Range 0–1.
@@ -29,7 +29,7 @@ params! {
         pub give_up_after: f64 = 0.65,
         /// Range 3–100.
         pub give_up: usize = 5,
-        /// Matched points of known depth below which tracking is lost.
+        /// Matched points of known depth below which tracking is lost. Range 6–1000.
         pub min_matched: usize = 30,
         /// Share of sought points that agree with a wrong pose where patches are placed exactly, and twice as many where to a
         /// pixel only (`track.position_sigma`). Tracking is lost where not significantly more agree: of few points it takes

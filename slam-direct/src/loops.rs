@@ -32,7 +32,7 @@ params! {
         pub max_distance: f64 = 0.5,
         /// Candidates this near in id to a better one are left out. Range 0–50.
         pub spacing: u32 = 3,
-        /// Angle between the starts of an alignment, degrees. Range 1–20, or 0 for a single start: nine
+        /// Angle between the starts of an alignment, degrees; 0 for a single start. Range 0–20; nine
         /// starts cost about as much as all that follows.
         pub start_angle: f64 = 5.0,
         /// Largest photometric residual of a closed loop, root mean square, grey levels.

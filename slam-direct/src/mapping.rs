@@ -32,18 +32,18 @@ const WAITED: usize = 4;
 params! {
     /// Parameters of the mapping.
     pub struct MappingParams {
-        /// Side of the blocks that get one point each, pixels.
+        /// Side of the blocks that get one point each, pixels. Range 4–200.
         pub block: usize = 20,
-        /// Least distinctness of a point, squared grey levels per pixel.
+        /// Least distinctness of a point, squared grey levels per pixel. Range 0.1–1000.
         pub min_score: f32 = 12.0,
-        /// Keyframes that are moved together after a new one.
+        /// Keyframes that are moved together after a new one. Range 2–50.
         pub window: usize = 8,
         /// Keyframes at most that hold the window in place: those that share most points with it. Range 5–100; the
         /// cost of a keyframe grows with them and not with the map.
         pub fixed: usize = 25,
-        /// Iterations of the window optimisation.
+        /// Iterations of the window optimisation. Range 1–100.
         pub window_iterations: usize = 6,
-        /// Iterations of the last optimisation of the whole map.
+        /// Iterations of the last optimisation of the whole map. Range 1–200.
         pub final_iterations: usize = 20,
         /// Observations that the last optimisation looks at in all its iterations together, millions; fewer
         /// iterations are made of a map that has more. Range 1–1000; bounds the time at the end of a long run.
@@ -63,9 +63,9 @@ params! {
         /// Keyframes up to which the whole map is optimised for it whenever they have doubled; later, only at the end
         /// and with loops. Range 0–200.
         pub calibrate_until: usize = 80,
-        /// Iterations of each of these optimisations.
+        /// Iterations of each of these optimisations. Range 1–100.
         pub calibration_iterations: usize = 10,
-        /// A keyframe's semi-dense depth is computed when this many newer ones are there.
+        /// A keyframe's semi-dense depth is computed when this many newer ones are there. Range 1–50.
         pub settle_after: usize = 3,
         /// How many frames after a keyframe what was mapped of it is tracked against. Range 0–10: with 0 each keyframe
         /// waits for its mapping; more leave it more time beside the tracking, and the map is that much older.
@@ -73,7 +73,7 @@ params! {
         /// Times so many where all of the map is optimised: when a loop is closed, or the sensor asked after. Range 1–20; no
         /// keyframes are made meanwhile.
         pub whole_lag: usize = 5,
-        /// Keyframes in which a new point's depth is sought.
+        /// Keyframes in which a new point's depth is sought. Range 1–100.
         pub search_views: usize = 12,
     }
 }

@@ -78,6 +78,7 @@ impl Params {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use backend::{DocumentedParameter, Parameter, ParameterValue};
 
     #[test]
     fn small_images_are_divided_as_finely_as_large_ones() {
@@ -97,6 +98,27 @@ mod tests {
             blocks(320, 240),
             blocks(160, 120)
         );
+    }
+
+    /// The numbers among these parameters whose documentation states no range that holds their default.
+    fn without_range(path: &str, fields: &[DocumentedParameter]) -> Vec<String> {
+        let of = |field: &DocumentedParameter| match &field.default {
+            ParameterValue::Table(inner) => without_range(&format!("{path}{}.", field.name), inner),
+            ParameterValue::Plain(text) => {
+                let states = |number: f64| {
+                    let (least, most) = backend::stated_range(&field.doc.concat())?;
+                    (least..=most).contains(&number).then_some(())
+                };
+                let is_bare = text.parse().is_ok_and(|number| states(number).is_none());
+                if is_bare { vec![format!("{path}{} = {text}", field.name)] } else { Vec::new() }
+            }
+        };
+        fields.iter().flat_map(of).collect()
+    }
+
+    #[test]
+    fn every_number_has_a_range() {
+        assert_eq!(without_range("", &Params::documented()), Vec::<String>::new());
     }
 
     #[test]

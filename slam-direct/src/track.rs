@@ -15,33 +15,33 @@ use rayon::prelude::*;
 params! {
     /// Parameters of the map-to-frame tracking.
     pub struct TrackParams {
-        /// Side of the image cells over which the sought points are spread, pixels.
+        /// Side of the image cells over which the sought points are spread, pixels. Range 4–200.
         pub cell: usize = 24,
-        /// Points sought per cell at most.
+        /// Points sought per cell at most. Range 1–50.
         pub per_cell: usize = 2,
         /// The same when a frame that becomes a keyframe is searched again from its refined pose. Range 1–6; more
         /// bind keyframes closer and cost time.
         pub keyframe_per_cell: usize = 2,
-        /// How far a patch may be found from its prediction, pixels.
+        /// How far a patch may be found from its prediction, pixels. Range 1–50.
         pub max_shift: f32 = 6.0,
-        /// Share of a patch's variance that may stay unexplained.
+        /// Share of a patch's variance that may stay unexplained. Range 0.01–1.
         pub max_unexplained: f32 = 0.3,
-        /// Intensity noise of a patch, grey levels: the least that is assumed.
+        /// Intensity noise of a patch, grey levels: the least that is assumed. Range 0.1–50.
         pub patch_sigma: f32 = 3.0,
-        /// Least value that `position_sigma` is lowered to, pixels.
+        /// Least value that `position_sigma` is lowered to, pixels. Range 0.01–2.
         pub least_position_sigma: f32 = 0.1,
         /// Uncertainty of position that no intensity explains (rolling shutter, lens), pixels: the value at
-        /// the start, then learnt from the residuals of the tracked frames.
+        /// the start, then learnt from the residuals of the tracked frames. Range 0.01–5.
         pub position_sigma: f32 = 0.5,
         /// How much a camera's turn changes, one standard deviation, radians per second squared: with this in mind the rows of
         /// a rolling shutter are asked how it turns while they are read. Range 0–200; with 0 it is taken to turn as it did
         /// since the frame before. Hands change theirs by up to 40.
         pub turn_change: f32 = 40.0,
-        /// Keyframes whose points are sought at most.
+        /// Keyframes whose points are sought at most. Range 1–100.
         pub max_hosts: usize = 14,
         /// Standard deviation of a position, over the median depth of what is seen, above which it is not told of a camera that is
         /// localised only: five of them are 1 % of the depth. In maps of hand-held recordings frames have 0.0016 at the most;
-        /// where the map ends and a hundredth of the depth is missed, 0.002 to 0.007.
+        /// where the map ends and a hundredth of the depth is missed, 0.002 to 0.007. Range 1e-5–0.1.
         pub max_deviation: f32 = 0.002,
     }
 }

@@ -13,13 +13,13 @@ use nalgebra::{Matrix3, Vector2, Vector3};
 params! {
     /// Parameters of the search for new points' depths.
     pub struct TriangulateParams {
-        /// Longest epipolar segment that is searched, pixels.
+        /// Longest epipolar segment that is searched, pixels. Range 10–5000.
         pub max_length: f64 = 300.0,
-        /// The best match must be this many times better than any other on the line.
+        /// The best match must be this many times better than any other on the line. Range 1–10.
         pub uniqueness: f32 = 1.5,
-        /// How far from the epipolar line the match may lie, pixels.
+        /// How far from the epipolar line the match may lie, pixels. Range 0.1–20.
         pub max_off_line: f64 = 1.5,
-        /// Standard deviation of the inverse depth, relative to itself, above which a point is not kept.
+        /// Standard deviation of the inverse depth, relative to itself, above which a point is not kept. Range 0.01–1.
         pub max_relative_sigma: f64 = 0.25,
     }
 }

@@ -25,7 +25,7 @@ params! {
         pub max_error: f64 = 0.004,
         /// Triples of patches that are tried at most. Range 50–5000.
         pub max_samples: usize = 400,
-        /// Share of the sought patches that must agree, 0–1.
+        /// Share of the sought patches that must agree, 0–1. Range 0–1.
         pub min_share: f32 = 0.15,
     }
 }

@@ -35,7 +35,7 @@ params! {
     pub struct RobustKernel {
         /// The shape: quadratic, huber, cauchy or geman-mc-clure.
         pub shape: KernelShape = KernelShape::Huber,
-        /// Error at which the kernel bends, in standard deviations, > 0.
+        /// Error at which the kernel bends, in standard deviations, > 0. Range 0.1–100.
         pub width: f64 = 3.0,
     }
 }

@@ -8,7 +8,7 @@ params! {
         /// Pyramid level to start at, or the coarsest there is. Range 0–8;
         /// coarser widens the basin of convergence (Engel 2014, §3.5).
         pub coarsest_level: usize = 4,
-        /// Pyramid level to end at. Range 0–coarsest; 0 is finer and four times as costly.
+        /// Pyramid level to end at, none coarser than the first. Range 0–8; 0 is finer and four times as costly.
         pub finest_level: usize = 1,
         /// Most source points used at a level, evenly spread over those with depth. Range 500–1000000;
         /// neighbouring pixels share their errors (`pixel_correlation`), so a third of them says nearly

@@ -35,7 +35,7 @@ params! {
         /// Whether loops are sought at all.
         pub enabled: bool = true,
         /// Least likeness by which appearance proposes a keyframe, in the index's own measure; for thumbnails
-        /// a correlation, −1–1. Lower finds more changed views and costs futile attempts.
+        /// a correlation, −1–1. Lower finds more changed views and costs futile attempts. Range 0–1.
         pub min_appearance: f32 = 0.6,
         /// Points two keyframes must share to count as seeing one place already. Range 6–200.
         pub min_shared: usize = 15,
@@ -45,7 +45,7 @@ params! {
         /// Least number of the old side's points that must be found in the keyframe. Range 15–300.
         pub min_matched: usize = 40,
         /// Least share of the sought old points that must be found and agree with one pose, 0–1. Another place
-        /// of the same structure shows less.
+        /// of the same structure shows less. Range 0–1.
         pub min_share: f32 = 0.35,
         /// Largest drift that a loop may reveal, share of the way since the old keyframe. Range 0.01–1: more
         /// than that is a place that only looks the same.
@@ -55,7 +55,7 @@ params! {
         /// Largest drift in orientation, degrees. Range 2–180.
         pub max_turn: f64 = 30.0,
         /// Least share of the observations across a closed loop that must be left after the joint optimisation, 0–1: a loop
-        /// whose two ends it pulls apart again is taken back.
+        /// whose two ends it pulls apart again is taken back. Range 0–1.
         pub min_kept: f32 = 0.8,
         /// Keyframes on each side of the loop that are tested and joined. Range 2–20.
         pub side: usize = 6,

@@ -39,7 +39,7 @@ params! {
         /// images, 0.015 on a car's.
         pub drift_scale: f64 = 0.015,
         /// Most branches of the search for the largest set; beyond, the best set found so far is taken. Range
-        /// 1–10⁸; a hundred closures need few thousand.
+        /// 1–1e8; a hundred closures need few thousand.
         pub max_steps: usize = 200_000,
     }
 }
