@@ -1,11 +1,11 @@
 //! Run agents, merge their maps, evaluate what came of it: what the program `loopbox` does, for other programs. Prints
 //! nothing, installs no signal handlers and starts no global pool of threads.
 //!
-//! The three things people do, in a few lines (`examples/two_agents.rs` does all of them):
+//! The three things people do, in a few lines (`examples/two_agents.rs` does all of them, `examples/own_frames.rs` maps frames of another program):
 //! [`run()`], [`merge_maps`] and [`evaluate`].
 //!
 //! [`mod@run`] takes frames from a source through an agent into a folder of results, [`merging`] brings maps of several
-//! agents together, `calibrating` (with the feature `opencv`) makes a camera's calibration from images of a board; [`results`] keeps folders of
+//! agents together, [`calibrating`] makes a camera's calibration from images of a board; [`results`] keeps folders of
 //! results whole, [`importing`] makes maps of posed images from elsewhere, [`placing`] brings maps to metres and upright. [`lidar`] does the same for LiDAR agents; `fleet` lets
 //! agents pair over a network, [`ros`] publishes a run to ROS 2. [`verdicts`] keeps what pairs of maps made of each other. [`unattended`] runs an agent for ever, session after session.
 
@@ -31,4 +31,7 @@ pub use evaluating::evaluate;
 pub use explaining::explained;
 pub use merging::{MergeOptions, merge_maps};
 pub use run::{RunOptions, run};
+pub use sources::pictures::Picture;
+pub use sources::{FrameSource, SourceFrame, SourceInfo, Stop};
 pub use swapping::SwapFiles;
+pub use view::watch::Watch;

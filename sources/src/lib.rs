@@ -100,6 +100,14 @@ pub struct SourceInfo {
     pub lag: Option<usize>,
 }
 
+impl SourceInfo {
+    /// Frames of which nothing is known before they come, of this kind and from there, for people.
+    pub fn new(kind: &'static str, path: impl Into<PathBuf>) -> Self {
+        let (frame_count, duration, calibration, camera, lag) = Default::default();
+        Self { kind, path: path.into(), frame_count, duration, calibration, camera, lag }
+    }
+}
+
 /// A calibration that came with a recording.
 #[derive(Clone, Debug)]
 pub enum FoundCalibration {

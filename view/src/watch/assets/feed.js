@@ -14,7 +14,7 @@ export class Feed {
   }
 
   connect() {
-    this.socket = new WebSocket(`ws://${location.host}/ws${location.search}`);
+    this.socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/ws${location.search}`);
     this.socket.binaryType = "arraybuffer";
     this.socket.onopen = () => this.on("link", true);
     this.socket.onmessage = ({ data: message }) => (typeof message === "string" ? this.takeText(JSON.parse(message)) : this.takeWords(message));

@@ -63,7 +63,10 @@ impl Address {
         if self.token.is_none() && !is_own_name(host) {
             return Err("this page is served to this machine only: open it by 127.0.0.1 or localhost");
         }
-        if request.origin.is_some_and(|origin| origin.strip_prefix("http://") != Some(host)) {
+        // Who serves others may have a proxy before it that speaks HTTPS.
+        let schemes: &[&str] = if self.token.is_some() { &["http://", "https://"] } else { &["http://"] };
+        let is_own = |origin: &str| schemes.iter().any(|scheme| origin.strip_prefix(scheme) == Some(host));
+        if request.origin.is_some_and(|origin| !is_own(origin)) {
             return Err("another page may not look at this one's run");
         }
         match (&self.token, request.token) {
@@ -145,6 +148,8 @@ mod tests {
         }
         let foreign = visit("192.168.0.7:7171", Some("http://evil.example"), Some("0123456789abcdef"));
         assert!(open.admit(&foreign).is_err());
+        let behind_a_proxy = visit("robot.example", Some("https://robot.example"), Some("0123456789abcdef"));
+        assert!(open.admit(&behind_a_proxy).is_ok());
     }
 
     #[test]
