@@ -131,6 +131,9 @@ fn what_cannot_be_tracked_is_said() {
     assert_refused(&args, &["no frame could be tracked", "black"]);
     (0..5).for_each(|i| picture(0).save(folder.path().join(format!("images/{i:06}.png"))).unwrap());
     assert_refused(&args, &["did not move"]);
+    // Without a calibration it is not the lens that is to blame.
+    std::fs::remove_file(folder.path().join("camera.yaml")).unwrap();
+    assert_refused(&args, &["no calibration came with this recording", "did not move"]);
     assert!(!out.path().join("map.mcap").exists());
 }
 

@@ -4,6 +4,7 @@
 mod finding;
 mod live;
 
+use super::diagnosis::ImageStatistics;
 use super::{Progress, RunOptions};
 use anyhow::{Result, bail};
 use calib::format_camera;
@@ -202,11 +203,25 @@ pub fn find_lens(
     let guesses = guesses(fov, stated, whole, times);
     match search(guesses, (whole, times), &options.params, &map_with, stop)? {
         Ok(found) => Ok(found),
-        Err(why) => bail!(
-            "{path}: no calibration came with this recording, and none was found from it: {why}\nhint: give one with --calib \
-             FILE, or its horizontal field of view with --fov DEGREES"
-        ),
+        Err(why) => {
+            let why = match why {
+                // It is not the lens that kept a map from being made.
+                SelfCalibrationError::TooSmall { keyframes: 0, .. } => why_nothing_was_mapped(recording)?,
+                why => why.to_string(),
+            };
+            bail!(
+                "{path}: no calibration came with this recording, and none was found from it: {why}\nhint: give one with --calib \
+                 FILE, or its horizontal field of view with --fov DEGREES"
+            )
+        }
     }
+}
+
+/// What about its first images kept a recording from being mapped.
+fn why_nothing_was_mapped(recording: &Recording) -> Result<String> {
+    let (mut source, mut statistics) = (recording.open()?, ImageStatistics::default());
+    images(source.as_mut()).take(MAX_FRAMES).for_each(|(_, image, _)| statistics.add(&image));
+    Ok(statistics.why_nothing_was_tracked(None, None))
 }
 
 /// The lens by the first of these guesses that leads to one, for images of `whole` size that are halved so often; what was stated, where
@@ -217,8 +232,8 @@ fn search(
     params: &Params,
     map_with: &dyn Fn(&Camera, usize) -> Result<Map>,
     stop: &Stop,
-) -> Result<Result<FoundLens, String>> {
-    let (mut why, mut kept) = (String::new(), None);
+) -> Result<Result<FoundLens, SelfCalibrationError>> {
+    let (mut why, mut kept) = (SelfCalibrationError::Undetermined, None);
     for guess in guesses {
         let start = centred(guess.focal, (whole.0 >> times, whole.1 >> times))?;
         let as_found = |camera: &Camera, focal_deviation: f64| -> Result<FoundLens> {
@@ -237,7 +252,7 @@ fn search(
             }
             // Another lens may make a larger map.
             (Err(_), true) => kept = Some(as_found(&start, guess.spread)?),
-            (Err(error), false) => why = error.to_string(),
+            (Err(error), false) => why = error,
         }
     }
     Ok(kept.ok_or(why))
