@@ -88,6 +88,20 @@ fn a_recording_alone_is_enough() {
     assert!(folder.path().join("out").join(name).join("map.mcap").is_file());
 }
 
+/// `-o`, `-f` and `-q` are the same wherever they are.
+#[test]
+fn short_options_are_the_same_everywhere() {
+    let help = |command: &str| stdout(&loopbox(&[command, "--help"]));
+    let commands = ["run", "merge", "record", "convert", "import", "unmerge", "verdict", "propose", "calib"];
+    for text in commands.map(help) {
+        for (long, short) in
+            [("--out ", "-o, --out "), ("--force\n", "-f, --force\n"), ("--quiet\n", "-q, --quiet\n")]
+        {
+            assert!(!text.contains(&format!(" {long}")) || text.contains(short), "{text}");
+        }
+    }
+}
+
 /// An option whose value may lack does not take the recording for it.
 #[test]
 fn values_that_may_lack_follow_an_equals_sign() {

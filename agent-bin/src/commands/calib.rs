@@ -40,7 +40,7 @@ pub struct CalibArgs {
     #[arg(long, value_name = "PIXELS", value_parser = clap::value_parser!(u16).range(1..=100))]
     window: Option<u16>,
     /// The calibration to write: camera.yaml, or with --response pcalib.txt, with --vignette vignette.png
-    #[arg(long, value_name = "FILE", required_unless_present = "check")]
+    #[arg(short, long, value_name = "FILE", required_unless_present = "check")]
     out: Option<PathBuf>,
     /// Instead of calibrating, tell how well this calibration fits the images: others than it was made from, to be fair.
     /// Any form of calibration that `run` reads
@@ -53,7 +53,7 @@ pub struct CalibArgs {
     #[arg(long)]
     json: bool,
     /// Show no progress
-    #[arg(long)]
+    #[arg(short, long)]
     quiet: bool,
     #[cfg(feature = "view")]
     #[command(flatten)]

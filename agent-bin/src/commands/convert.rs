@@ -20,7 +20,7 @@ pub struct ConvertArgs {
     /// What to make: .mcap, .bag, .avi, .mkv or .mp4 says which; any other name is a folder
     out: PathBuf,
     /// Replace what is there
-    #[arg(long)]
+    #[arg(short, long)]
     force: bool,
     /// Camera calibration to go with it, instead of the recording's own
     #[arg(long, value_name = "FILE")]
@@ -35,7 +35,7 @@ pub struct ConvertArgs {
     #[arg(long)]
     all_frames: bool,
     /// Show no progress and no summary
-    #[arg(long)]
+    #[arg(short, long)]
     quiet: bool,
 }
 

@@ -39,7 +39,7 @@ pub struct FleetCommand {
     #[arg(long, value_name = "RECORDINGS", num_args = 0..=1, require_equals = true, default_missing_value = "demo")]
     demo: Option<PathBuf>,
     /// Folder for the results of --demo
-    #[arg(long, value_name = "DIR", default_value = "out/fleet", requires = "demo")]
+    #[arg(short, long, value_name = "DIR", default_value = "out/fleet", requires = "demo")]
     out: PathBuf,
 }
 

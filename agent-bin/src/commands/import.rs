@@ -13,10 +13,10 @@ pub struct ImportArgs {
     #[arg(value_name = "FOLDER")]
     pub folder: PathBuf,
     /// The map to write, a map.mcap
-    #[arg(long, value_name = "MAP")]
+    #[arg(short, long, value_name = "MAP")]
     pub out: PathBuf,
     /// Replace a map that is there
-    #[arg(long)]
+    #[arg(short, long)]
     pub force: bool,
     /// The layout, where what is there does not tell it
     #[arg(long, value_enum)]

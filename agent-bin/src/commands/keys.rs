@@ -29,7 +29,7 @@ enum What {
         #[arg(long, value_name = "DIR")]
         authority: PathBuf,
         /// Folder for the keys, to be brought to that machine and given to --keys; made if it is not there
-        #[arg(long, value_name = "DIR")]
+        #[arg(short, long, value_name = "DIR")]
         out: PathBuf,
         /// For how many days they are valid
         #[arg(long, value_name = "DAYS", default_value_t = DAYS)]

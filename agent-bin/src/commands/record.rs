@@ -21,10 +21,10 @@ pub struct RecordArgs {
     #[command(flatten)]
     camera: CameraArgs,
     /// The MCAP file to make
-    #[arg(long, value_name = "FILE")]
+    #[arg(short, long, value_name = "FILE")]
     out: PathBuf,
     /// Replace the file if it is there
-    #[arg(long)]
+    #[arg(short, long)]
     force: bool,
     /// Camera calibration to put into it
     #[arg(long, value_name = "FILE")]
@@ -39,7 +39,7 @@ pub struct RecordArgs {
     #[arg(long)]
     topic: Option<String>,
     /// Show no progress and no summary
-    #[arg(long)]
+    #[arg(short, long)]
     quiet: bool,
 }
 

@@ -25,19 +25,19 @@ pub struct StationArgs {
     keys: KeysArg,
     /// Folder for the common map and all that was collected; made if it is not there. A station started again goes on
     /// with what it holds
-    #[arg(long, value_name = "DIR")]
+    #[arg(short, long, value_name = "DIR")]
     out: PathBuf,
     /// What agents are told that it is called
     #[arg(long, default_value = "station")]
     name: String,
     /// Replace results of a run in that folder
-    #[arg(long)]
+    #[arg(short, long)]
     force: bool,
     /// End once the maps of so many agents are whole, their runs over and all is merged
     #[arg(long, value_name = "COUNT")]
     agents: Option<usize>,
     /// Say nothing of what happens
-    #[arg(long)]
+    #[arg(short, long)]
     quiet: bool,
     #[command(flatten)]
     publishing: Ros2Args,

@@ -17,10 +17,10 @@ pub struct UnmergeArgs {
     #[arg(value_name = "MERGED")]
     map: PathBuf,
     /// Folder for the results; made if it is not there
-    #[arg(long, value_name = "DIR")]
+    #[arg(short, long, value_name = "DIR")]
     out: PathBuf,
     /// Replace results of a run or a merge in that folder, once the new ones are complete
-    #[arg(long)]
+    #[arg(short, long)]
     force: bool,
     /// Undo only the merge of these two agents, by their names
     #[arg(long, num_args = 2, value_names = ["A", "B"])]

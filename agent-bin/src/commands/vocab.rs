@@ -28,7 +28,7 @@ struct TrainArgs {
     #[arg(value_name = "IMAGES|MAP", required = true)]
     inputs: Vec<PathBuf>,
     /// The vocabulary to write
-    #[arg(long, value_name = "FILE")]
+    #[arg(short, long, value_name = "FILE")]
     out: PathBuf,
     /// Take every Nth image of each input
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
