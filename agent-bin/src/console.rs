@@ -4,7 +4,8 @@ use anyhow::{Context, Result};
 use serde::Serialize;
 use std::fmt::Arguments;
 use std::io::{ErrorKind, Write, stderr, stdout};
-use std::process::ExitCode;
+use std::path::Path;
+use std::process::{Command, ExitCode, Stdio};
 
 /// Says a line on standard output. Whether anybody reads it changes nothing.
 macro_rules! say {
@@ -17,6 +18,16 @@ macro_rules! tell {
 }
 
 pub(crate) use {say, tell};
+
+/// Shows a file in the program that its owner has for such files; where there is none, that is said.
+pub fn show(file: &Path) {
+    let program = if cfg!(target_os = "macos") { "open" } else { "xdg-open" };
+    let mut command = Command::new(program);
+    command.arg(file).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+    if let Err(error) = command.spawn() {
+        tell!("warning: {} cannot be shown: {program}: {error}", file.display());
+    }
+}
 
 /// What [`say!`] does.
 pub(crate) fn say_line(text: Arguments<'_>) {

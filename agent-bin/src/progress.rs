@@ -34,7 +34,7 @@ pub struct Console {
 }
 
 /// The result to look at.
-const REPORT: &str = "report.html";
+pub const REPORT: &str = "report.html";
 /// Something of a kind is said so often; after that it is counted.
 const REPETITIONS: u64 = 3;
 

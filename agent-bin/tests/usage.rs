@@ -102,6 +102,35 @@ fn short_options_are_the_same_everywhere() {
     }
 }
 
+#[cfg(target_os = "linux")]
+#[test]
+fn the_report_is_opened_where_that_is_wished() {
+    use std::os::unix::fs::PermissionsExt;
+    let folder = tempdir().unwrap();
+    let (browser, seen, out) =
+        (folder.path().join("xdg-open"), folder.path().join("seen"), folder.path().join("out"));
+    write(browser.clone(), format!("#!/bin/sh\necho \"$1\" >{}\n", seen.display()));
+    std::fs::set_permissions(&browser, std::fs::Permissions::from_mode(0o755)).unwrap();
+    let run = |path: &std::path::Path| {
+        let recording = demo();
+        let args = ["run", arg(&recording), "--out", arg(&out), "--end", "1", "--quiet", "--open", "--force"];
+        let run = command().args(args).env("PATH", path).output().unwrap();
+        assert!(run.status.success(), "{}", stderr(&run));
+        stderr(&run)
+    };
+    // Without a program that shows it the run is as good.
+    assert!(run(&out).contains("report.html cannot be shown: xdg-open"));
+    let path = format!("{}:/usr/bin:/bin", folder.path().display());
+    run(std::path::Path::new(&path));
+    let is_seen =
+        || std::fs::read_to_string(&seen).is_ok_and(|text| text.trim_end().ends_with("out/report.html"));
+    let begin = std::time::Instant::now();
+    while !is_seen() {
+        assert!(begin.elapsed().as_secs() < 60, "it is not opened");
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+}
+
 /// An option whose value may lack does not take the recording for it.
 #[test]
 fn values_that_may_lack_follow_an_equals_sign() {

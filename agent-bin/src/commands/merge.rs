@@ -43,6 +43,9 @@ pub struct MergeArgs {
     /// Print all numbers as JSON, as they are in merge.json, instead of the verdicts
     #[arg(long)]
     pub(super) json: bool,
+    /// Show the report in the browser once it is written
+    #[arg(long)]
+    pub(super) open: bool,
     /// Show no progress
     #[arg(short, long)]
     pub(super) quiet: bool,

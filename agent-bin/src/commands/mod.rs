@@ -44,9 +44,11 @@ mod view;
 mod vocab;
 mod watching;
 
-use crate::version;
+use crate::progress::REPORT;
+use crate::{console, version};
 use anyhow::Result;
 use clap::{Parser, Subcommand};
+use std::path::Path;
 
 /// SLAM for several agents: each maps by itself what its camera or LiDAR sees, and maps that show one place become one.
 #[derive(Debug, Parser)]
@@ -104,6 +106,13 @@ pub enum Command {
     Man(shell::ManArgs),
 }
 
+/// Shows the report of a folder of results where that is wished.
+fn shown(is_wished: bool, folder: &Path) {
+    if is_wished {
+        console::show(&folder.join(REPORT));
+    }
+}
+
 impl Command {
     /// Does it.
     ///
@@ -111,7 +120,12 @@ impl Command {
     /// Whatever kept it from being done, for people.
     pub fn execute(self) -> Result<()> {
         match self {
-            Command::Run(args) => run::execute(&args.with_out()),
+            Command::Run(args) => {
+                let args = args.with_out();
+                run::execute(&args)?;
+                shown(args.open, args.out());
+                Ok(())
+            }
             Command::Agent(args) => agent::execute(&args),
             Command::Status(args) => status::execute(&args),
             Command::Record(args) => record::execute(&args),
@@ -122,7 +136,11 @@ impl Command {
             Command::Import(args) => import::execute(&args),
             Command::Eval(args) => eval::run(args),
             Command::Calib(args) => calib::run(&args),
-            Command::Merge(args) => merge::run(&args),
+            Command::Merge(args) => {
+                merge::run(&args)?;
+                shown(args.open, &args.out);
+                Ok(())
+            }
             Command::Propose(args) => verdict::propose(&args),
             Command::Verdict(args) => verdict::run(&args),
             Command::Places(args) => places::run(&args),

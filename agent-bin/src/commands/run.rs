@@ -38,6 +38,9 @@ pub struct RunArgs {
     /// Replace results of another recording or of a merge in that folder, once the new ones are complete
     #[arg(short, long)]
     force: bool,
+    /// Show the report in the browser once it is written
+    #[arg(long, conflicts_with = "check")]
+    pub(super) open: bool,
     /// Show no progress and no summary; warnings stay
     #[arg(short, long, conflicts_with = "log")]
     quiet: bool,
@@ -264,7 +267,7 @@ impl RunArgs {
     }
 
     /// Folder for the results.
-    fn out(&self) -> &Path {
+    pub fn out(&self) -> &Path {
         self.out.as_deref().unwrap_or(Path::new("out"))
     }
 
