@@ -3,7 +3,7 @@
 //! In the order of the steps: [`robot_map`] (a map cut into independent pieces), [`mod@candidates`] (places that may be
 //! the same, by Scan Context), [`mod@hypotheses`] (pieces registered there; those that agree), [`mod@correlation`] (walls
 //! on walls), [`surfels`], [`views`] and [`patches`] (a map's surfaces, its rays, what hangs together), [`comparison`] (what is
-//! there in both maps), [`verdict`] (one place or two), [`graph`] (more than two maps in one frame); [`mod@emr`] is the paper's way to a pose, to compare with. All is metric, in SE(3): there is no scale to find.
+//! there in both maps), [`shifts`] (small things that stand otherwise), [`verdict`] (one place or two), [`graph`] (more than two maps in one frame); [`mod@emr`] is the paper's way to a pose, to compare with. All is metric, in SE(3): there is no scale to find.
 //!
 //! The paper registers key points of whole clouds once and believes a mean distance. Here several pieces must find
 //! the same pose by themselves, and what is believed is what each map saw as free and as filled.
@@ -14,8 +14,10 @@ pub mod correlation;
 pub mod emr;
 pub mod graph;
 pub mod hypotheses;
+pub mod lines;
 pub mod patches;
 pub mod robot_map;
+pub mod shifts;
 pub mod surfels;
 #[cfg(test)]
 mod tests;
@@ -27,10 +29,11 @@ use crate::voxels::{VoxelTable, first_of_each_voxel};
 use backend::verdict::{Answer, Prior};
 use comparison::{Comparison, glimpse};
 use hypotheses::{Cluster, clusters, hypotheses};
+use lines::{Line, Test};
 use rayon::prelude::*;
 use robot_map::RobotMap;
 use serde::{Deserialize, Serialize};
-use verdict::{Decision, Line, Test, Verdict, bounds, confirm, distinct, evidence, is_one, judged, seen};
+use verdict::{Decision, Verdict, bounds, confirm, distinct, evidence, is_one, judged, seen};
 
 /// So many clusters of hypotheses are registered with whole maps, thinned.
 const FOLLOWED: usize = 16;

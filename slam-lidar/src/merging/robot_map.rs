@@ -3,6 +3,7 @@
 use super::correlation::{Walls, walls};
 use super::emr::{KeyPoint, key_points};
 use super::patches::Patches;
+use super::shifts::{Steady, all_steady};
 use super::surfels::{CELL, Surfels};
 use crate::keyframe::{Keyframe, Seen, Submap, transformed};
 use crate::scan_context::ScanContext;
@@ -43,6 +44,8 @@ pub struct RobotMap {
     key_points: OnceLock<Vec<KeyPoint>>,
     /// Its walls, likewise.
     walls: OnceLock<Walls>,
+    /// What its own views say of each surfel, likewise.
+    steady: OnceLock<Vec<Steady>>,
 }
 
 /// Length of way of a piece, metres: as far as loops reach on either side of a keyframe, and a few scans at least.
@@ -92,12 +95,18 @@ impl RobotMap {
             pieces: spans(keyframes).into_iter().map(|span| piece(keyframes, span)).collect(),
             key_points: OnceLock::new(),
             walls: OnceLock::new(),
+            steady: OnceLock::new(),
         }
     }
 
     /// Its walls.
     pub(super) fn walls(&self) -> &Walls {
         self.walls.get_or_init(|| walls(&self.whole))
+    }
+
+    /// What its own views say of each of its surfels.
+    pub(super) fn steady(&self) -> &[Steady] {
+        self.steady.get_or_init(|| all_steady(self))
     }
 
     /// Whether it comes before another in an order that has nothing to do with how maps were given: what follows from two maps is

@@ -2,14 +2,18 @@
 
 use super::comparison::{Comparison, Difference, compare};
 use super::graph::{Merge, joined};
+use super::lines::Test;
 use super::robot_map::RobotMap;
-use super::verdict::{Decision, MergeEvidence, Test, Verdict, distinct, judged};
+use super::shifts::Counted;
+use super::verdict::{Decision, MergeEvidence, Verdict, distinct, judged};
 use super::{MergeMethod, merge, merge_by};
 use crate::degeneracy::Conditioning;
 use crate::keyframe::Keyframe;
+use crate::voxels::{VoxelTable, first_of_each_voxel};
 use backend::verdict::{Answer, Piece, PieceKind, Prior, Weighed};
 use geometry::Se3;
-use loopbox_tests::lidar::{Corners, HALL, sweep};
+use loopbox_tests::lidar::{Corners, HALL, THIRTY_TWO, sweep, sweep_of, walk};
+use loopbox_tests::lidar_doubles::{Kind, Things};
 use nalgebra::{Matrix6, Vector3, Vector6};
 
 /// The map of a world of boxes from keyframes a metre apart on a lane along x, whose first one's frame it has.
@@ -78,6 +82,7 @@ fn standing(a_from_b: Se3) -> MergeEvidence {
         surface: 500.0,
         things: Comparison { shared: 500.0, overlap: 0.9, agreeing: 1.0, ..Comparison::default() },
         weighed: weighed(Answer::Same, 5.0),
+        shifts: Default::default(),
         rmse: 0.02,
         conditioning,
     }
@@ -118,6 +123,9 @@ fn a_pose_is_held_to_every_test_and_the_answer_says_which_failed() {
     assert_eq!(of(other), (Answer::Different, Test::Likelihood));
     assert_eq!(of(|e| e.overlap = 0.2), (Answer::Different, Test::Overlap));
     assert_eq!(of(|e| e.things.agreeing = 0.8), (Answer::Different, Test::Agreeing));
+    let shifted =
+        |e: &mut MergeEvidence| e.shifts = [(30, 400), (3, 500)].map(|(shifted, of)| Counted { shifted, of });
+    assert_eq!(of(shifted), (Answer::CannotTell, Test::Shifts));
     assert_eq!(of(|e| e.conditioning.weak = 1), (Answer::CannotTell, Test::Conditioning));
     assert_eq!(of(|e| e.pieces = 1), (Answer::CannotTell, Test::Pieces));
 }
@@ -187,6 +195,33 @@ fn of_poses_that_do_not_stand_the_one_that_may_be_is_told() {
     assert_eq!((verdict.decision, verdict.line.test), (Decision::Undecided, Test::Likelihood));
     let told = verdict.best.expect("a pose was judged").a_from_b;
     assert_eq!(told.to_tum(), pose(2).to_tum());
+}
+
+/// Shelves of one plan whose tins all stand otherwise, none of them larger than what maps err by; and of one of the two seen again.
+#[test]
+fn a_shop_aisle_is_not_joined_with_one_of_other_goods() {
+    let aisle = |things: u64, visit: f64| {
+        let site = Kind::Aisle.site(20, Things::new(things));
+        let (pose, _) = walk(&site.ways[1]);
+        let keyframe = |k: usize| {
+            let at = pose(2.0 * k as f64);
+            let returns = sweep_of(&THIRTY_TWO, &site.boxes, |_| at, visit + k as f64);
+            let points: Vec<[f32; 3]> = returns.iter().map(|r| r.point).collect();
+            let mut kept = Vec::new();
+            first_of_each_voxel(&points, 0.15, &mut VoxelTable::default(), &mut kept);
+            Keyframe::new(k as f64, at, kept.iter().map(|&i| points[i as usize]).collect())
+        };
+        RobotMap::new(&(0..12).map(keyframe).collect::<Vec<_>>())
+    };
+    let (own, again, other) = (aisle(60, 0.0), aisle(60, 100.0), aisle(61, 200.0));
+    let verdict = merge(&own, &other);
+    assert_eq!((verdict.answer, verdict.line.test), (Answer::CannotTell, Test::Shifts), "{}", verdict.line);
+    let turned = merge(&other, &own);
+    assert_eq!((verdict.answer, verdict.line), (turned.answer, turned.line));
+    let right = merge(&own, &again);
+    assert_eq!(right.decision, Decision::Accepted, "{}", right.line);
+    let [between, within] = right.best.expect("it is joined").shifts;
+    assert!(between.of > 100 && within.of > 100, "{between:?} {within:?}");
 }
 
 /// By both methods; the pose of the one is the other's inverse.

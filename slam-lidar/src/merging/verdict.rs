@@ -2,8 +2,10 @@
 
 use super::comparison::{Comparison, compare};
 use super::hypotheses::{Cluster, confirming};
+use super::lines::{Line, Test};
 use super::patches::area;
 use super::robot_map::RobotMap;
+use super::shifts::{Counted, ln_excess, shifts};
 use crate::closure::Found;
 use crate::degeneracy::{Conditioning, conditioning};
 use crate::keyframe::{Seen, Submap, transformed};
@@ -12,7 +14,6 @@ use geometry::Se3;
 use nalgebra::{Matrix6, Vector3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-use std::fmt;
 
 /// What speaks for a pose between two maps.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -39,71 +40,12 @@ pub struct MergeEvidence {
     /// The same weighed: one place or two that share things. Its answer is that of the likelihood alone; what is said of the maps is
     /// [`Verdict::answer`].
     pub weighed: Weighed,
+    /// Places where small things are shifted, between the maps and within them; none counted where another test fails.
+    pub shifts: [Counted; 2],
     /// Root mean square distance of points from the surfaces that they agree with, metres.
     pub rmse: f64,
     /// How well the pose is determined.
     pub conditioning: Conditioning,
-}
-
-/// A test of a merge.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Test {
-    /// Poses that pieces found, and pieces that come back to one.
-    Pieces,
-    /// Surfaces that both maps saw.
-    Overlap,
-    /// Pieces of surface that are there in both maps.
-    Agreeing,
-    /// What agrees and what differs, weighed.
-    Likelihood,
-    /// Things that stand in one map and not in the other, where the likelihood does not tell.
-    Absent,
-    /// Surface that both maps saw, where the likelihood does not tell and it is not most of what they saw.
-    Shared,
-    /// Weak directions of the pose.
-    Conditioning,
-    /// Other poses that fit as well.
-    Rivals,
-}
-
-/// A test's figure beside its bound.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Line {
-    /// The test.
-    pub test: Test,
-    /// What was measured.
-    pub value: f64,
-    /// What it is held against.
-    pub bound: f64,
-}
-
-impl fmt::Display for Line {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (value, bound) = (self.value, self.bound);
-        match self.test {
-            Test::Pieces => write!(f, "{value} independent pieces agree, {bound} are needed"),
-            Test::Overlap => write!(f, "the maps overlap by {value:.2}, {bound} is needed"),
-            Test::Agreeing => write!(f, "{value:.2} of the surface that both saw agrees, {bound} is needed"),
-            Test::Likelihood => write!(
-                f,
-                "what both saw is e^{value:.1} times as likely if this is one place as if it is another that shares things with \
-                 it; e^{bound:.1} is needed"
-            ),
-            Test::Absent => write!(
-                f,
-                "{value:.2} m² of surface in one piece are not there in the other map, which looks through them; {bound:.2} at \
-                 most may be where too little is alike: another place that looks alike, or something moved"
-            ),
-            Test::Shared => write!(
-                f,
-                "both maps saw {value:.0} m² of surface, {bound} are needed where this is less than {} of what each saw and too \
-                 little is alike: places that repeat are not told apart by it",
-                bounds::MOST
-            ),
-            Test::Conditioning => write!(f, "{value} directions are weak, {bound} are allowed"),
-            Test::Rivals => write!(f, "{value} other poses fit as well, {bound} are allowed"),
-        }
-    }
 }
 
 /// Whether maps belong together.
@@ -196,7 +138,7 @@ pub(super) fn evidence(
     let both = |target: &RobotMap, source: &RobotMap, pose: &Se3| {
         seen(&target.whole, &source.settled, pose).0 * area(source.settled.len())
     };
-    MergeEvidence {
+    let mut evidence = MergeEvidence {
         a_from_b: found.pose,
         information: found.information,
         finding: cluster.pieces.len(),
@@ -206,10 +148,15 @@ pub(super) fn evidence(
         overlap,
         surface: if is_open { both(a, b, &found.pose).min(both(b, a, &back)) } else { 0.0 },
         weighed: weigh(&things.pieces, prior),
+        shifts: Default::default(),
         things,
         rmse: found.rmse,
         conditioning: conditioning(&found.information),
+    };
+    if failed(&evidence, prior, false).is_none() {
+        evidence.shifts = shifts(a, b, &found.pose, evidence.things.deviation as f32);
     }
+    evidence
 }
 
 /// Asks pieces of both maps to come back to a pose; either map may have seen little of the other's.
@@ -244,11 +191,14 @@ pub(super) fn seen(target: &Submap, points: &[[f32; 3]], target_from_source: &Se
 
 /// The tests of a pose in their order, each with whether it holds and what is said where it does not. Where the likelihood does not
 /// tell, nothing may outweigh what agrees, no thing may be absent and much must be shared. Pieces are asked for where `is_confirmed`.
-fn tests(e: &MergeEvidence, prior: &Prior, is_confirmed: bool) -> [(Line, bool, Answer); 7] {
+fn tests(e: &MergeEvidence, prior: &Prior, is_confirmed: bool) -> [(Line, bool, Answer); 8] {
     let line = |test, value, bound| Line { test, value, bound };
     let (overlap, agreeing, weak) = (e.overlap, e.things.agreeing, e.conditioning.weak);
     let (said, shared, absent) = (e.weighed.answer, e.surface, e.things.absent());
-    let needed = (prior.certainty / (1.0 - prior.certainty)).ln() - prior.ln_odds;
+    let certain = (prior.certainty / (1.0 - prior.certainty)).ln();
+    let needed = certain - prior.ln_odds;
+    let [between, within] = e.shifts;
+    let shifted = ln_excess(between, within);
     let is_told = said.joins();
     let outweighs = e.weighed.ln_ratio >= 0.0 && said != Answer::Different;
     let moved = bounds::ABSENT + bounds::ABSENT_SHARE * (shared - bounds::MUCH).max(0.0);
@@ -259,6 +209,7 @@ fn tests(e: &MergeEvidence, prior: &Prior, is_confirmed: bool) -> [(Line, bool, 
         (line(Test::Likelihood, e.weighed.ln_ratio, needed.min(0.0)), is_told || outweighs, said),
         (line(Test::Absent, absent, moved), is_told || absent <= moved, Answer::CannotTell),
         (line(Test::Shared, shared, bounds::SHARED), is_told || is_much, Answer::CannotTell),
+        (line(Test::Shifts, shifted, certain), shifted < certain, Answer::CannotTell),
         (line(Test::Conditioning, weak as f64, 0.0), weak == 0, Answer::CannotTell),
         (
             line(Test::Pieces, e.pieces as f64, bounds::PIECES as f64),
