@@ -82,23 +82,25 @@ impl<T: Parameter, const N: usize> Parameter for [T; N] {
 /// The struct is `Clone + Debug + PartialEq + Default`, reads with serde (missing keys take their
 /// default, unknown keys are errors), and [`Parameter::documented`] lists its
 /// fields. A field may be another such struct: `pub align: AlignParams = AlignParams::default()`.
+/// `#[key = "name"]` before a field gives it another name in files than in the code: keys in users' files stay.
 /// A crate that uses it needs `serde` among its dependencies.
 #[macro_export]
 macro_rules! params {
     (
         $(#[doc = $struct_doc:literal])+
         pub struct $name:ident {
-            $( $(#[doc = $doc:literal])+ pub $field:ident : $type:ty = $default:expr ),* $(,)?
+            $( $(#[doc = $doc:literal])+ $(#[key = $key:literal])? pub $field:ident : $type:ty = $default:expr ),* $(,)?
         }
     ) => {
         $(#[doc = $struct_doc])+
-        #[derive(Clone, Debug, PartialEq, ::serde::Serialize, ::serde::Deserialize)]
+        #[derive(Clone, PartialEq, ::serde::Serialize, ::serde::Deserialize)]
         #[serde(default, deny_unknown_fields)]
         pub struct $name {
             $(
                 $(#[doc = $doc])+
                 #[doc = ""]
                 #[doc = concat!("Default: `", stringify!($default), "`.")]
+                $(#[serde(rename = $key)])?
                 pub $field: $type,
             )*
         }
@@ -109,11 +111,20 @@ macro_rules! params {
             }
         }
 
+        // Maps keep it among what they say of their run: by keys, as files have them.
+        impl ::std::fmt::Debug for $name {
+            fn fmt(&self, f: &mut ::std::fmt::Formatter<'_>) -> ::std::fmt::Result {
+                f.debug_struct(stringify!($name))
+                    $( .field([$( $key, )? stringify!($field)][0], &self.$field) )*
+                    .finish()
+            }
+        }
+
         impl $crate::Parameter for $name {
             fn value(&self) -> $crate::ParameterValue {
                 $crate::ParameterValue::Table(vec![
                     $( $crate::DocumentedParameter {
-                        name: stringify!($field),
+                        name: [$( $key, )? stringify!($field)][0],
                         doc: vec![$( $doc ),+],
                         default: $crate::Parameter::value(&self.$field),
                     } ),*
@@ -125,6 +136,8 @@ macro_rules! params {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use serde::Deserialize;
+    use serde::de::value::{Error, MapDeserializer};
 
     params! {
         /// Inner.
@@ -144,6 +157,9 @@ mod tests {
             pub count: usize = 7,
             /// The inner table.
             pub inner: Inner = Inner { share: 0.5, ..Inner::default() },
+            /// Renamed.
+            #[key = "old"]
+            pub new: usize = 3,
         }
     }
 
@@ -156,6 +172,18 @@ mod tests {
         let ParameterValue::Table(inner) = &table[1].default else { panic!("a nested struct is a table") };
         assert_eq!(inner[0].default, ParameterValue::Plain("0.5".into()));
         assert_eq!(inner[1].default, ParameterValue::Plain("[3, 4]".into()));
+    }
+
+    #[test]
+    fn a_renamed_field_keeps_its_key() {
+        assert_eq!(Outer::documented()[2].name, "old");
+        let read = |key: &'static str| {
+            Outer::deserialize(MapDeserializer::<_, Error>::new([(key, 5usize)].into_iter()))
+        };
+        assert_eq!(read("old").ok(), Some(Outer { new: 5, ..Outer::default() }));
+        assert!(read("new").is_err(), "a file knows the key alone");
+        let text = format!("{:?}", Outer::default());
+        assert_eq!(text, "Outer { count: 7, inner: Inner { share: 0.5, sizes: [3, 4] }, old: 3 }");
     }
 
     #[test]
