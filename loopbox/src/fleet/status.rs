@@ -280,6 +280,17 @@ mod tests {
     }
 
     #[test]
+    fn keys_of_the_status_file_stay() {
+        let line = AgentLine { teller: Some("car".into()), heard_to_place_s: Some(1.0), ..AgentLine::default() };
+        let told = vec![("x".into(), ToldFound(found([[2, 1]].into_iter(), "refused").into()))];
+        let status = StatusFile { agents: vec![line], told, ..StatusFile::default() };
+        let status = serde_json::to_value(status).unwrap();
+        for key in ["/agents/0/teller", "/agents/0/heard_to_place_s", "/told/0/1", "/found/meetings"] {
+            assert!(status.pointer(key).is_some(), "no {key} in {status:#}");
+        }
+    }
+
+    #[test]
     fn a_page_shows_what_was_found_here_and_of_other_pairs_what_others_found_within_limits() {
         let mut status =
             StatusFile { found: found([[1, 2]].into_iter(), "accepted"), ..StatusFile::default() };

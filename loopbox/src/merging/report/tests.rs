@@ -1,6 +1,6 @@
 use super::*;
 use crate::merging::input::InputSeconds;
-use crate::merging::{Encounter, Seconds};
+use crate::merging::{Encounter, EncounterRecord, MergingParams, Seconds};
 use geometry::{GrayImage, Pinhole, Se3, Sim3};
 use loopbox_tests::pages::{assert_points_nowhere, embedded, opened};
 use map::{AgentId, AgentInfo, Edge, EdgeKind, FramePose, Keyframe, KeyframeId, Map, SemiDense};
@@ -353,4 +353,22 @@ fn a_browser_shows_it() {
         assert!(works, "the page's scripts did not run to their end");
         assert_eq!(dom.matches("class=\"meeting\"").count(), 3);
     }
+}
+
+/// Programs and pages read these, and verdicts that were kept: the code may call them otherwise.
+#[test]
+fn keys_of_results_stay() {
+    let (inputs, merging) = merging(["a", "b", "c"], 5, 1);
+    let record = serde_json::to_value(EncounterRecord::new(&merging.encounters[0], &inputs)).unwrap();
+    for key in ["/tried/0/outcome", "/seconds/meeting", "/closure/evidence/agreeing_share"] {
+        assert!(record.pointer(key).is_some(), "no {key} in {record:#}");
+    }
+    let kept = serde_json::to_value(tried(judged(Decision::Accepted))).unwrap();
+    assert!(kept.pointer("/outcome/Judged/verdict/evidence/agreeing_share").is_some(), "{kept:#}");
+    let params = serde_json::to_value(MergingParams::default()).unwrap();
+    for key in ["/meeting/acceptance/min_agreeing_share", "/meeting/acceptance/min_untold_change"] {
+        assert!(params.pointer(key).is_some(), "no {key} in {params:#}");
+    }
+    let lidars = serde_json::to_value(slam_lidar::merging::comparison::Comparison::default()).unwrap();
+    assert!(lidars.get("agreeing").is_some(), "{lidars:#}");
 }
