@@ -102,14 +102,16 @@ fn each_figure_was_measured() {
 /// Fields that a file's structures write, by their names in JSON.
 fn fields(code: &str) -> BTreeSet<String> {
     let code = code.split("#[cfg(test)]").next().unwrap_or_default();
-    let (mut found, mut is_written) = (BTreeSet::new(), false);
+    let (mut found, mut is_written, mut renamed) = (BTreeSet::new(), false, None);
     for line in code.lines() {
         match line {
             "}" => is_written = false,
             line if line.starts_with("#[derive") => is_written = line.contains("Serialize"),
+            line if line.starts_with("    #[serde(rename = \"") => renamed = line.split('"').nth(1),
             line if is_written && line.starts_with("    pub ") => {
                 let name = line.trim_start().trim_start_matches("pub ").split_once(": ");
-                found.extend(name.map(|(name, _)| name.trim_start_matches("r#").to_owned()));
+                let name = renamed.take().or(name.map(|(name, _)| name.trim_start_matches("r#")));
+                found.extend(name.map(str::to_owned));
             }
             _ => {}
         }
