@@ -37,6 +37,6 @@ fn by_git() -> Option<String> {
 
 /// What Git says; `None` without it or outside a repository.
 fn git(arguments: &[&str]) -> Option<String> {
-    let said = Command::new("git").args(arguments).output().ok()?;
-    said.status.success().then(|| String::from_utf8_lossy(&said.stdout).trim().to_owned())
+    let text = Command::new("git").args(arguments).output().ok()?;
+    text.status.success().then(|| String::from_utf8_lossy(&text.stdout).trim().to_owned())
 }

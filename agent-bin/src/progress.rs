@@ -30,7 +30,7 @@ pub struct Console {
     /// What became of frames that were not tracked, for the bar.
     losses: RefCell<String>,
     /// How often something of a kind was said.
-    said: RefCell<BTreeMap<String, u64>>,
+    repeats: RefCell<BTreeMap<String, u64>>,
 }
 
 /// The result to look at.
@@ -52,13 +52,13 @@ impl Console {
         if display == Display::Bar {
             bar.enable_steady_tick(Duration::from_millis(200));
         }
-        Self { display, bar, losses: RefCell::default(), said: RefCell::default() }
+        Self { display, bar, losses: RefCell::default(), repeats: RefCell::default() }
     }
 
     /// A text that is to be said; the last one of its kind says so.
     fn not_too_often(&self, kind: &str, text: &str) -> Option<String> {
-        let mut said = self.said.borrow_mut();
-        let times = said.entry(kind.to_owned()).or_default();
+        let mut repeats = self.repeats.borrow_mut();
+        let times = repeats.entry(kind.to_owned()).or_default();
         *times += 1;
         match (*times, self.display) {
             (_, Display::Json) | (..REPETITIONS, _) => Some(text.to_owned()),
@@ -128,7 +128,7 @@ impl Progress for Console {
     }
 
     fn note_of(&self, kind: &str, text: &str) {
-        let times = self.said.borrow().get(kind).copied().unwrap_or_default();
+        let times = self.repeats.borrow().get(kind).copied().unwrap_or_default();
         match self.display {
             Display::Json => self.note(text),
             // Where the warning stood.

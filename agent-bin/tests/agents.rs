@@ -53,15 +53,15 @@ fn info_and_exports_tell_agents_apart() {
     let json = loopbox(&["info", arg(&file), "--json"]);
     let json: serde_json::Value = serde_json::from_slice(&json.stdout).unwrap();
     assert_eq!((&json["agents"][1]["name"], &json["keyframes"]), (&"the street".into(), &4.into()));
-    let told = stdout(&loopbox(&["info", arg(&file)]));
-    let (_, street) = told.split_once("agent        the street\n").expect("the second agent is named");
+    let reported = stdout(&loopbox(&["info", arg(&file)]));
+    let (_, street) = reported.split_once("agent        the street\n").expect("the second agent is named");
     let (identity, rest) = street.split_once('\n').expect("more is told of it");
-    assert!(identity.starts_with("identity     ") && rest.starts_with("images       12×8"), "{told}");
+    assert!(identity.starts_with("identity     ") && rest.starts_with("images       12×8"), "{reported}");
 
     let (tum, ply, again) = (path("track.txt"), path("cloud.ply"), path("again.mcap"));
-    let said =
+    let output =
         loopbox(&["export", arg(&file), "--tum", arg(&tum), "--ply", arg(&ply), "--mcap", arg(&again)]);
-    assert!(said.status.success(), "{}", stderr(&said));
+    assert!(output.status.success(), "{}", stderr(&output));
     assert!(!tum.exists());
     for name in ["track-yard.txt", "track-the_street.txt"] {
         let text = std::fs::read_to_string(path(name)).unwrap();

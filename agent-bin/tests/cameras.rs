@@ -20,11 +20,11 @@ fn refused(arguments: &[&str], words: &[&str]) {
     let given = arguments.iter().map(|&argument| if argument == "CALIB" { &calibration } else { argument });
     let all: Vec<&str> = ["run", "--out", &place].into_iter().chain(given).collect();
     let output = loopbox(&all);
-    let said = String::from_utf8_lossy(&output.stderr);
+    let printed = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.code().is_some_and(|code| code != 0), "{arguments:?} is taken");
-    assert!(!said.contains("panicked"), "{said}");
+    assert!(!printed.contains("panicked"), "{printed}");
     for word in words {
-        assert!(said.contains(word), "{arguments:?}: nothing is said of '{word}':\n{said}");
+        assert!(printed.contains(word), "{arguments:?}: nothing is said of '{word}':\n{printed}");
     }
     assert!(!out.exists(), "{arguments:?} leaves a folder behind");
 }

@@ -11,9 +11,9 @@ use tempfile::tempdir;
 fn own_folder() {
     let folder = tempdir().unwrap();
     timed_folder(folder.path(), 4);
-    let said = info(folder.path(), &[]);
-    assert_eq!((&said["frames"], &said["size"]), (&4.into(), &serde_json::json!([96, 64])));
-    assert!(said["calibration"].as_str().unwrap().ends_with("camera.yaml"));
+    let printed = info(folder.path(), &[]);
+    assert_eq!((&printed["frames"], &printed["size"]), (&4.into(), &serde_json::json!([96, 64])));
+    assert!(printed["calibration"].as_str().unwrap().ends_with("camera.yaml"));
     assert_eq!(processed_times(&read_through(folder.path(), &[])), [0.0, 0.1, 0.2, 0.3]);
     assert_eq!(
         processed_times(&read_through(folder.path(), &["--start", "0.1", "--end", "0.2"])),
@@ -67,8 +67,8 @@ fn public_data_sets_have_their_cameras() {
         ("07", Some("KITTI odometry, sequences 04 to 12")),
         ("other", None),
     ] {
-        let said = info(&room.path().join(name), &[]);
-        let found = said["calibration"].as_str();
+        let printed = info(&room.path().join(name), &[]);
+        let found = printed["calibration"].as_str();
         assert_eq!(found, expected.map(|of| format!("preset for {of}")).as_deref(), "{name}");
     }
 
@@ -81,9 +81,9 @@ fn public_data_sets_have_their_cameras() {
     assert!(!stdout(&output).contains("preset"), "{}", stdout(&output));
     write(folder.join("camera.yaml"), CAMERA);
     // One beside the images comes before that of the data set, and this one is not theirs.
-    let said = loopbox(&["info", arg(&folder)]);
-    assert_eq!(said.status.code(), Some(1));
-    let used = stdout(&said);
+    let printed = loopbox(&["info", arg(&folder)]);
+    assert_eq!(printed.status.code(), Some(1));
+    let used = stdout(&printed);
     assert!(
         used.lines().any(|line| line.starts_with("calibration") && line.ends_with("camera.yaml")),
         "{used}"
@@ -103,9 +103,9 @@ fn tum_mono_folder() {
     write(path("camera.txt"), "0.8 1.25 0.5 0.5 0.0\n96 64\ncrop\n96 64\n");
     let response: Vec<String> = (0..256).map(|i| i.to_string()).collect();
     write(path("pcalib.txt"), response.join(" "));
-    let said = info(folder.path(), &[]);
-    assert_eq!((&said["frames"], said["kind"].as_str()), (&3.into(), Some("TUM monoVO folder")));
-    assert!(said["calibration"].as_str().unwrap().ends_with("camera.txt"));
+    let printed = info(folder.path(), &[]);
+    assert_eq!((&printed["frames"], printed["kind"].as_str()), (&3.into(), Some("TUM monoVO folder")));
+    assert!(printed["calibration"].as_str().unwrap().ends_with("camera.txt"));
     let run = read_through(folder.path(), &[]);
     assert_eq!(processed_times(&run), [1464081111.5, 1464081111.6]);
     assert_eq!(run["frames"]["skipped"]["unreadable"], 1);
@@ -228,7 +228,7 @@ fn skipped_frames_are_warned_of() {
 }
 
 #[test]
-fn the_first_reason_is_told_where_no_image_can_be_read() {
+fn the_first_reason_is_reported_where_no_image_can_be_read() {
     let (folder, out) = (tempdir().unwrap(), tempdir().unwrap());
     write(folder.path().join("times.txt"), "0.0 a.png\n0.1 b.png\n");
     let run = |words: &[&str]| assert_refused(&["run", arg(folder.path()), "--out", arg(out.path())], words);
@@ -254,13 +254,13 @@ fn ros2_folders_are_their_mcap_file() {
     assert_eq!(read_through(&bag, &[])["frames"]["offered"], 4);
     // A part of which nothing can be read is told, and the others are read.
     write(bag.join("bag_1.mcap"), "more");
-    let said = info(&bag, &[]);
-    assert_eq!(said["frames"], 4);
-    assert!(said["problems"].to_string().contains("bag_1.mcap"), "{said}");
+    let printed = info(&bag, &[]);
+    assert_eq!(printed["frames"], 4);
+    assert!(printed["problems"].to_string().contains("bag_1.mcap"), "{printed}");
 }
 
 #[test]
-fn a_part_is_taken_by_a_time_that_goes_forward() {
+fn a_part_is_selected_by_a_monotone_time() {
     let folder = tempdir().unwrap();
     timed_folder(folder.path(), 12);
     let table = |stamp: &dyn Fn(u32) -> f64| {

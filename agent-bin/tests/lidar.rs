@@ -13,13 +13,13 @@ struct Hall {
     folder: tempfile::TempDir,
 }
 
-const WAYS: [(&str, [[f64; 2]; 3]); 2] =
+const PATHS: [(&str, [[f64; 2]; 3]); 2] =
     [("a", [[-11.0, 4.5], [2.0, 4.5], [4.0, 6.5]]), ("b", [[9.0, 5.0], [2.0, 4.5], [-6.0, 5.5]])];
 
 impl Hall {
     fn new() -> Self {
         let hall = Self { folder: tempfile::tempdir().unwrap() };
-        for (name, corners) in WAYS {
+        for (name, corners) in PATHS {
             let (pose, duration) = walk(&corners);
             write_recording(&hall.at(name), &HALL, pose, duration).unwrap();
         }
@@ -38,9 +38,9 @@ impl Hall {
             .map(|word| word.strip_prefix('@').map_or(word.to_owned(), |name| arg(&self.at(name)).to_owned()))
             .collect();
         let output = loopbox(&paths.iter().map(String::as_str).collect::<Vec<_>>());
-        let said = (stdout(&output), stderr(&output));
-        assert_eq!(output.status.code(), Some(code), "{words}\n{}\n{}", said.0, said.1);
-        said
+        let printed = (stdout(&output), stderr(&output));
+        assert_eq!(output.status.code(), Some(code), "{words}\n{}\n{}", printed.0, printed.1);
+        printed
     }
 
     fn json(&self, name: &str) -> Value {
@@ -49,52 +49,52 @@ impl Hall {
 }
 
 /// The root mean square error that `eval --json` tells.
-fn ate(said: &str) -> f64 {
-    serde_json::from_str::<Value>(said).unwrap()["ate"]["rmse"].as_f64().unwrap()
+fn ate(printed: &str) -> f64 {
+    serde_json::from_str::<Value>(printed).unwrap()["ate"]["rmse"].as_f64().unwrap()
 }
 
 #[test]
-fn scans_become_maps_that_are_measured_shown_exported_and_merged() {
+fn scans_become_maps_that_are_measured_viewed_exported_and_merged() {
     let hall = Hall::new();
-    let (said, _) = hall.run(0, "info @a");
-    assert!(said.contains("folder of KITTI scans") && said.contains("rings        16"), "{said}");
+    let (printed, _) = hall.run(0, "info @a");
+    assert!(printed.contains("folder of KITTI scans") && printed.contains("rings        16"), "{printed}");
     for name in ["a", "b"] {
-        let (said, _) = hall.run(0, &format!("run @{name} --out @out/{name}"));
-        assert!(said.contains("have a pose, 0 skipped"), "{said}");
-        let (said, _) =
+        let (printed, _) = hall.run(0, &format!("run @{name} --out @out/{name}"));
+        assert!(printed.contains("have a pose, 0 skipped"), "{printed}");
+        let (printed, _) =
             hall.run(0, &format!("eval @out/{name} --gt @{name}/groundtruth.txt --json --align se3"));
-        assert!(ate(&said) < 0.03, "{name}: {said}");
+        assert!(ate(&printed) < 0.03, "{name}: {printed}");
         let (metric, _) = hall.run(0, &format!("eval @out/{name} --gt @{name}/groundtruth.txt --json"));
-        assert_eq!(ate(&metric), ate(&said), "a LiDAR's map is metric: scale is not adjusted");
+        assert_eq!(ate(&metric), ate(&printed), "a LiDAR's map is metric: scale is not adjusted");
         let record = hall.json(&format!("out/{name}/run.json"));
         assert_eq!((&record["sensor"], &record["params"]["method"]), (&"lidar".into(), &"planes".into()));
         assert_eq!(record["scans"]["tracked"], record["scans"]["offered"]);
         let page = fs::read_to_string(hall.at(&format!("out/{name}/report.html"))).unwrap();
         assert!(page.contains("Scan Context distances") && !page.contains("{{"), "the page is filled");
     }
-    let (said, _) = hall.run(0, "info @out/a");
-    assert!(said.contains("sensor       LiDAR") && said.contains("scans "), "{said}");
-    let (said, _) = hall.run(0, "export @out/a --ply @a.ply --pcd @a.pcd --tum @a.txt --mcap @a.mcap");
-    assert_eq!(said.lines().count(), 4, "{said}");
+    let (printed, _) = hall.run(0, "info @out/a");
+    assert!(printed.contains("sensor       LiDAR") && printed.contains("scans "), "{printed}");
+    let (printed, _) = hall.run(0, "export @out/a --ply @a.ply --pcd @a.pcd --tum @a.txt --mcap @a.mcap");
+    assert_eq!(printed.lines().count(), 4, "{printed}");
     assert_eq!(fs::read(hall.at("a.mcap")).unwrap(), fs::read(hall.at("out/a/map.mcap")).unwrap());
     let cloud = fs::read(hall.at("a.ply")).unwrap();
     assert_eq!(cloud, fs::read(hall.at("out/a/cloud.ply")).unwrap());
     assert!(String::from_utf8_lossy(&cloud[..300]).contains("lengths in metres"));
 
-    let (said, _) = hall.run(0, "merge @out/a @out/b --out @out/ab");
-    assert!(said.contains("a + b: accepted") && said.contains("pieces agree"), "{said}");
+    let (printed, _) = hall.run(0, "merge @out/a @out/b --out @out/ab");
+    assert!(printed.contains("a + b: accepted") && printed.contains("pieces agree"), "{printed}");
     let record = hall.json("out/ab/merge.json");
     assert_eq!(record["encounters"][0]["decision"], "accepted");
-    let (said, _) = hall.run(
+    let (printed, _) = hall.run(
         0,
         "eval @out/ab/trajectory-a.txt @out/ab/trajectory-b.txt --gt @a/groundtruth.txt --gt @b/groundtruth.txt --json",
     );
-    let found: Value = serde_json::from_str(&said).unwrap();
+    let found: Value = serde_json::from_str(&printed).unwrap();
     for agent in found["agents"].as_array().unwrap() {
-        assert!(agent["ate"]["rmse"].as_f64().unwrap() < 0.05, "{said}");
+        assert!(agent["ate"]["rmse"].as_f64().unwrap() < 0.05, "{printed}");
     }
-    let (said, _) = hall.run(0, "verdict @out/b @out/a --verdicts @verdicts");
-    assert!(said.contains("b + a: accepted"), "{said}");
+    let (printed, _) = hall.run(0, "verdict @out/b @out/a --verdicts @verdicts");
+    assert!(printed.contains("b + a: accepted"), "{printed}");
     hall.run(0, "verdict @out/a @out/b --verdicts @turned");
     let kept = |name: &str| {
         let file = fs::read_dir(hall.at(name)).unwrap().next().unwrap().unwrap().path();
@@ -105,19 +105,19 @@ fn scans_become_maps_that_are_measured_shown_exported_and_merged() {
     let map = |name: &str| fs::read(hall.at(&format!("out/{name}/map.mcap"))).unwrap();
     assert!(map("kept") == map("ab"), "a verdict that is kept makes another map");
     assert_eq!(fs::read_dir(hall.at("verdicts")).unwrap().count(), 1);
-    let (said, _) = hall.run(0, "propose @out/a @out/b");
-    assert_eq!(said.lines().count(), 1, "{said}");
-    let (said, _) = hall.run(0, "merge @out/a @out/b --out @out/emr --method emr");
-    assert!(said.contains("a + b: accepted"), "the paper's chain finds the same: {said}");
-    let (_, told) = hall.run(1, "merge @out/a @out/b --out @x --method loop-box");
-    assert!(told.contains("--method loop-box is for maps of cameras"), "{told}");
+    let (printed, _) = hall.run(0, "propose @out/a @out/b");
+    assert_eq!(printed.lines().count(), 1, "{printed}");
+    let (printed, _) = hall.run(0, "merge @out/a @out/b --out @out/emr --method emr");
+    assert!(printed.contains("a + b: accepted"), "the paper's chain finds the same: {printed}");
+    let (_, reported) = hall.run(1, "merge @out/a @out/b --out @x --method loop-box");
+    assert!(reported.contains("--method loop-box is for maps of cameras"), "{reported}");
     hall.run(0, "unmerge @out/ab --out @out/apart");
     for name in ["a", "b"] {
         let own = fs::read(hall.at(&format!("out/apart/{name}/map.mcap"))).unwrap();
         assert_eq!(own, fs::read(hall.at(&format!("out/{name}/map.mcap"))).unwrap(), "{name} as it was");
     }
-    let (said, _) = hall.run(0, "info @out/ab");
-    assert!(said.contains("agents       2") && said.contains("1 merge"), "{said}");
+    let (printed, _) = hall.run(0, "info @out/ab");
+    assert!(printed.contains("agents       2") && printed.contains("1 merge"), "{printed}");
     // The same again gives the same bytes, on one core too.
     hall.run(0, "run @a --out @again --threads 1 --quiet");
     assert_eq!(fs::read(hall.at("again/map.mcap")).unwrap(), fs::read(hall.at("out/a/map.mcap")).unwrap());
@@ -126,10 +126,10 @@ fn scans_become_maps_that_are_measured_shown_exported_and_merged() {
 #[test]
 fn maps_are_built_on_given_poses_and_by_other_odometries() {
     let hall = Hall::new();
-    let (said, _) = hall.run(0, "run @a --out @out/given --poses @a/groundtruth.txt --end 3");
-    assert!(said.contains("30 of 30") || said.contains("31 of 31"), "{said}");
-    let (said, _) = hall.run(0, "eval @out/given --gt @a/groundtruth.txt --align none --json");
-    assert!(ate(&said) < 0.005, "{said}");
+    let (printed, _) = hall.run(0, "run @a --out @out/given --poses @a/groundtruth.txt --end 3");
+    assert!(printed.contains("30 of 30") || printed.contains("31 of 31"), "{printed}");
+    let (printed, _) = hall.run(0, "eval @out/given --gt @a/groundtruth.txt --align none --json");
+    assert!(ate(&printed) < 0.005, "{printed}");
     hall.run(0, "run @a --out @out/floam --odometry floam --quiet --end 4");
     assert_eq!(hall.json("out/floam/run.json")["params"]["method"], "floam");
     let (params, _) = hall.run(0, "params --lidar");
@@ -147,34 +147,34 @@ fn bad_scans_are_skipped_with_the_reason_and_what_does_not_fit_is_refused() {
     write(scan(3), b"");
     write(scan(5), &fs::read(scan(6)).unwrap()[..1000]);
     write(scan(8), vec![0xff; 16 * 14_400]);
-    let (said, told) = hall.run(0, "run @a --out @out/a --end 4");
-    assert!(said.contains("3 skipped") && said.contains("too few points"), "{said}");
-    assert!(told.contains("000005.bin") && told.contains("cut off"), "{told}");
+    let (printed, reported) = hall.run(0, "run @a --out @out/a --end 4");
+    assert!(printed.contains("3 skipped") && printed.contains("too few points"), "{printed}");
+    assert!(reported.contains("000005.bin") && reported.contains("cut off"), "{reported}");
     let record = hall.json("out/a/run.json");
     // An empty scan does not have the points that the files beside it speak of.
     assert_eq!(record["scans"]["skipped"]["damaged"], 2);
     assert_eq!(record["scans"]["skipped"]["too_few_points"], 1);
-    let (_, told) = hall.run(2, "run @a --out @x --calib @nothing.yaml");
-    assert!(told.contains("--calib is for images"), "{told}");
+    let (_, reported) = hall.run(2, "run @a --out @x --calib @nothing.yaml");
+    assert!(reported.contains("--calib is for images"), "{reported}");
     for option in ["--fov 60", "--max-width 640", "--max-variance 0.1", "--features later", "--duration 5"] {
-        let (_, told) = hall.run(2, &format!("run @a --out @x {option}"));
+        let (_, reported) = hall.run(2, &format!("run @a --out @x {option}"));
         let name = option.split(' ').next().unwrap();
-        assert!(told.contains(&format!("{name} is for images")), "{told}");
+        assert!(reported.contains(&format!("{name} is for images")), "{reported}");
     }
     if cfg!(feature = "view") {
-        let (_, told) = hall.run(2, "run @a --out @x --view");
-        assert!(told.contains("--view is for images"), "{told}");
+        let (_, reported) = hall.run(2, "run @a --out @x --view");
+        assert!(reported.contains("--view is for images"), "{reported}");
     }
-    let (_, told) = hall.run(1, "run @a --out @x --times @none.txt");
-    assert!(told.contains("none.txt: cannot be read"), "{told}");
+    let (_, reported) = hall.run(1, "run @a --out @x --times @none.txt");
+    assert!(reported.contains("none.txt: cannot be read"), "{reported}");
     assert!(!hall.at("x").exists());
     let empty = |path: &Path| fs::create_dir_all(path).unwrap();
     empty(&hall.at("empty"));
-    let (_, told) = hall.run(1, "run @empty --out @x");
-    assert!(told.contains("no recording here"), "{told}");
+    let (_, reported) = hall.run(1, "run @empty --out @x");
+    assert!(reported.contains("no recording here"), "{reported}");
     // Functions for cameras say what they need.
-    let (_, told) = hall.run(1, "merge @out/a @out/a --out @x");
-    assert!(told.contains("the same map twice"), "{told}");
+    let (_, reported) = hall.run(1, "merge @out/a @out/a --out @x");
+    assert!(reported.contains("the same map twice"), "{reported}");
 }
 
 /// A camera's map beside a LiDAR's: nothing is written, and it is said why.
@@ -184,8 +184,8 @@ fn maps_of_different_sensors_are_not_merged() {
     hall.run(0, "run @a --out @out/a --quiet --end 2");
     let camera = geometry::Pinhole { width: 8, height: 6, fx: 5.0, fy: 5.0, cx: 3.5, cy: 2.5 };
     map::save_map(hall.at("camera.mcap"), &map::Map::new(camera)).unwrap();
-    let (_, told) = hall.run(1, "merge @out/a @camera.mcap --out @x");
-    assert!(told.contains("has a camera; this needs maps of agents with a LiDAR"), "{told}");
+    let (_, reported) = hall.run(1, "merge @out/a @camera.mcap --out @x");
+    assert!(reported.contains("has a camera; this needs maps of agents with a LiDAR"), "{reported}");
     assert!(!hall.at("x/map.mcap").exists());
 }
 
@@ -272,16 +272,22 @@ fn scans_in_mcap_files_and_bags_give_the_map_of_their_folder() {
     }
     bag.finish().unwrap();
 
-    let (said, _) = hall.run(0, "info @a.mcap");
-    assert!(said.contains("MCAP recording of scans") && said.contains("point times  known"), "{said}");
-    let (said, _) = hall.run(0, "info @a.bag --json");
-    assert!(said.contains("ROS 1 bag of scans"), "{said}");
+    let (printed, _) = hall.run(0, "info @a.mcap");
+    assert!(
+        printed.contains("MCAP recording of scans") && printed.contains("point times  known"),
+        "{printed}"
+    );
+    let (printed, _) = hall.run(0, "info @a.bag --json");
+    assert!(printed.contains("ROS 1 bag of scans"), "{printed}");
     hall.run(0, "run @a --out @out/folder --end 2.95 --quiet");
     let mut kinds = vec!["mcap", "bag"];
     if cfg!(feature = "sqlite") {
         kinds.push("db3");
-        let (said, _) = hall.run(0, "info @a.db3");
-        assert!(said.contains("ROS 2 bag of scans") && said.contains("point times  known"), "{said}");
+        let (printed, _) = hall.run(0, "info @a.db3");
+        assert!(
+            printed.contains("ROS 2 bag of scans") && printed.contains("point times  known"),
+            "{printed}"
+        );
     }
     for kind in kinds {
         hall.run(0, &format!("run @a.{kind} --out @out/{kind} --quiet"));
@@ -298,6 +304,6 @@ fn scans_in_mcap_files_and_bags_give_the_map_of_their_folder() {
     // Cut off: what is whole is used, and it is said.
     let bytes = fs::read(hall.at("a.bag")).unwrap();
     write(hall.at("cut.bag"), &bytes[..bytes.len() * 2 / 3]);
-    let (said, told) = hall.run(0, "run @cut.bag --out @out/cut");
-    assert!(told.contains("ends early") && said.contains("have a pose"), "{said}\n{told}");
+    let (printed, reported) = hall.run(0, "run @cut.bag --out @out/cut");
+    assert!(reported.contains("ends early") && printed.contains("have a pose"), "{printed}\n{reported}");
 }

@@ -10,16 +10,16 @@ use std::path::Path;
 
 /// What the program says on standard output and standard error; its exit code must be this.
 #[track_caller]
-fn said(code: i32, words: &[&str]) -> (String, String) {
+fn printed(code: i32, words: &[&str]) -> (String, String) {
     let output = loopbox(words);
-    let said = (stdout(&output), stderr(&output));
-    assert_eq!(output.status.code(), Some(code), "{words:?}\n{}\n{}", said.0, said.1);
-    said
+    let printed = (stdout(&output), stderr(&output));
+    assert_eq!(output.status.code(), Some(code), "{words:?}\n{}\n{}", printed.0, printed.1);
+    printed
 }
 
 #[track_caller]
 fn info(path: &Path) -> Value {
-    serde_json::from_str(&said(0, &["info", arg(path), "--json"]).0).unwrap()
+    serde_json::from_str(&printed(0, &["info", arg(path), "--json"]).0).unwrap()
 }
 
 fn image() -> Vec<u8> {
@@ -48,20 +48,20 @@ fn info_and_check_say_the_same_calibration() {
     let folder = tempfile::tempdir().unwrap();
     images(folder.path(), CAMERA);
     write(folder.path().join("cloud.ply"), "ply\n");
-    let told = info(folder.path());
-    assert!(told["calibration"].as_str().unwrap().ends_with("camera.yaml"), "{told}");
-    assert_eq!((&told["camera"]["fx"], &told["camera"]["model"]), (&60.0.into(), &"pinhole".into()));
-    assert_eq!(told["frames"], 6, "a cloud beside images is no LiDAR's recording: {told}");
-    let (checked, _) = said(0, &["run", arg(folder.path()), "--check"]);
-    assert_eq!(checked, said(0, &["info", arg(folder.path())]).0);
-    let (checked, _) = said(0, &["run", arg(folder.path()), "--check", "--calib", "none"]);
+    let reported = info(folder.path());
+    assert!(reported["calibration"].as_str().unwrap().ends_with("camera.yaml"), "{reported}");
+    assert_eq!((&reported["camera"]["fx"], &reported["camera"]["model"]), (&60.0.into(), &"pinhole".into()));
+    assert_eq!(reported["frames"], 6, "a cloud beside images is no LiDAR's recording: {reported}");
+    let (checked, _) = printed(0, &["run", arg(folder.path()), "--check"]);
+    assert_eq!(checked, printed(0, &["info", arg(folder.path())]).0);
+    let (checked, _) = printed(0, &["run", arg(folder.path()), "--check", "--calib", "none"]);
     assert!(checked.contains("lens         a run finds it from the images"), "{checked}");
-    let (checked, _) = said(0, &["run", arg(folder.path()), "--check", "--fov", "70"]);
+    let (checked, _) = printed(0, &["run", arg(folder.path()), "--check", "--fov", "70"]);
     assert!(checked.contains("begun with a view of 70°"), "{checked}");
     let wrong = folder.path().join("wrong.yaml");
     write(wrong.clone(), CAMERA.replace("width: 64", "width: 128"));
     let (checked, refusal) =
-        said(1, &["run", arg(folder.path()), "--check", "--calib", arg(&wrong), "--log", "json"]);
+        printed(1, &["run", arg(folder.path()), "--check", "--calib", arg(&wrong), "--log", "json"]);
     let checked: Value = serde_json::from_str(&checked).unwrap();
     assert!(checked["refused"].as_str().unwrap().contains("128×48"), "{checked}");
     assert!(refusal.contains("a run is refused: the calibration is for images of 128×48"), "{refusal}");
@@ -77,10 +77,10 @@ fn a_file_of_two_cameras_is_not_guessed_from() {
         )
     };
     images(folder.path(), &(cam(0, 60.0) + &cam(1, 70.0)));
-    let (_, refusal) = said(1, &["info", arg(folder.path())]);
+    let (_, refusal) = printed(1, &["info", arg(folder.path())]);
     assert!(refusal.contains("cam0 of /cam0/image_raw, cam1 of /cam1/image_raw"), "{refusal}");
     let chain = format!("{}:cam1", arg(&folder.path().join("camera.yaml")));
-    let (checked, _) = said(0, &["run", arg(folder.path()), "--check", "--calib", &chain]);
+    let (checked, _) = printed(0, &["run", arg(folder.path()), "--check", "--calib", &chain]);
     assert!(checked.contains("fx 70.0"), "{checked}");
     let second = folder.path().join("rig/cam1");
     images(&second, &(cam(0, 60.0) + &cam(1, 70.0)));
@@ -96,10 +96,10 @@ fn what_a_run_refuses_is_refused_beforehand() {
         let folder = tempfile::tempdir().unwrap();
         images(folder.path(), CAMERA);
         (0..6).for_each(|i| write(folder.path().join(format!("images/{i}.png")), content));
-        let (_, of_run) = said(1, &["run", arg(folder.path()), "--out", arg(&folder.path().join("out"))]);
+        let (_, of_run) = printed(1, &["run", arg(folder.path()), "--out", arg(&folder.path().join("out"))]);
         for words in [&["info", arg(folder.path())][..], &["run", arg(folder.path()), "--check"]] {
-            let (told, refusal) = said(1, words);
-            assert!(told.contains("6 of 6 images cannot be used; the first: "), "{told}");
+            let (reported, refusal) = printed(1, words);
+            assert!(reported.contains("6 of 6 images cannot be used; the first: "), "{reported}");
             assert!(
                 refusal.contains("a run is refused: no image can be read") && refusal.contains("0.png"),
                 "{refusal}"
@@ -117,11 +117,11 @@ fn images_that_cannot_be_used_are_counted_beforehand() {
     let path = |i: u32| folder.path().join(format!("images/{i}.png"));
     write(path(2), &image()[..image().len() / 2]);
     fs::remove_file(path(4)).unwrap();
-    let told = info(folder.path())["problems"].to_string();
+    let reported = info(folder.path())["problems"].to_string();
     assert!(
-        told.contains("2 of 6 images cannot be used; the first: ")
-            && told.contains("2.png: the file is cut off"),
-        "{told}"
+        reported.contains("2 of 6 images cannot be used; the first: ")
+            && reported.contains("2.png: the file is cut off"),
+        "{reported}"
     );
     write(path(2), image());
     write(path(4), image());
@@ -132,25 +132,25 @@ fn images_that_cannot_be_used_are_counted_beforehand() {
         .map(|(i, t)| format!("{t} images/{i}.png\r"))
         .collect();
     write(folder.path().join("times.txt"), times);
-    let told = info(folder.path());
-    assert_eq!(told["frames"], 6);
-    assert!(told["facts"].to_string().contains("one of 7.00 s after 0.20 s"), "{told}");
+    let reported = info(folder.path());
+    assert_eq!(reported["frames"], 6);
+    assert!(reported["facts"].to_string().contains("one of 7.00 s after 0.20 s"), "{reported}");
 }
 
 /// A run that finds the lens by itself names the calibrations that it leaves aside.
 #[test]
-fn a_run_names_the_calibration_that_lies_beside() {
+fn a_run_names_the_sidecar_calibration() {
     let folder = tempfile::tempdir().unwrap();
     images(folder.path(), CAMERA);
     fs::rename(folder.path().join("camera.yaml"), folder.path().join("webcam.yaml")).unwrap();
     let named = "webcam.yaml: a calibration that nothing says is this camera's";
     let out = folder.path().join("out");
-    let (_, warned) = said(1, &["run", arg(folder.path()), "--out", arg(&out)]);
+    let (_, warned) = printed(1, &["run", arg(folder.path()), "--out", arg(&out)]);
     assert!(warned.contains(named) && warned.contains("hint: --calib "), "{warned}");
     for words in [&["info", arg(folder.path())][..], &["run", arg(folder.path()), "--check"]] {
-        assert!(said(0, words).0.contains(named));
+        assert!(printed(0, words).0.contains(named));
     }
-    let (_, quiet) = said(1, &["run", arg(folder.path()), "--out", arg(&out), "--calib", "none"]);
+    let (_, quiet) = printed(1, &["run", arg(folder.path()), "--out", arg(&out), "--calib", "none"]);
     assert!(!quiet.contains(named), "{quiet}");
 }
 
@@ -161,7 +161,7 @@ fn a_folder_that_is_no_recording_is_listed() {
     write(folder.path().join("left/0.png"), image());
     write(folder.path().join("front/0.png"), image());
     write(folder.path().join("0.webp"), "");
-    let (_, refusal) = said(1, &["info", arg(folder.path())]);
+    let (_, refusal) = printed(1, &["info", arg(folder.path())]);
     assert!(refusal.contains("it holds front/ (1 images), left/ (1 images), 1 .webp"), "{refusal}");
     assert!(refusal.contains("give that folder or file itself, of front/, left/"), "{refusal}");
 }
@@ -184,20 +184,20 @@ fn scans(folder: &Path, floats: usize, scale: f32, turning: Turning) -> usize {
 }
 
 #[test]
-fn scans_are_told_by_their_numbers() {
+fn scans_are_recognised_by_their_numbers() {
     let turning = Turning { counter_clockwise: true, start: 1.6 };
     let (five, three, millimetres) =
         (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
     scans(five.path(), 5, 1.0, turning);
-    let told = info(five.path());
-    assert!(told["kind"].as_str().unwrap().contains("ring)"), "{told}");
+    let reported = info(five.path());
+    assert!(reported["kind"].as_str().unwrap().contains("ring)"), "{reported}");
     assert_eq!(
-        (&told["points"], &told["rings"], &told["point_times"]),
+        (&reported["points"], &reported["rings"], &reported["point_times"]),
         (&14_400.into(), &16.into(), &true.into())
     );
-    assert!(told["point_times_from"].as_str().unwrap().contains("counter-clockwise"), "{told}");
+    assert!(reported["point_times_from"].as_str().unwrap().contains("counter-clockwise"), "{reported}");
     let out = five.path().join("out");
-    let (_, warned) = said(0, &["run", arg(five.path()), "--out", arg(&out)]);
+    let (_, warned) = printed(0, &["run", arg(five.path()), "--out", arg(&out)]);
     assert!(
         warned.contains("point times: told from directions by what fits the scans: counter-clockwise"),
         "{warned}"
@@ -206,16 +206,19 @@ fn scans_are_told_by_their_numbers() {
     assert_eq!(record["scans"]["timed"], record["scans"]["tracked"], "{}", record["scans"]);
 
     scans(three.path(), 3, 1.0, turning);
-    let (checked, _) = said(0, &["run", arg(three.path()), "--check", "--scan-timing", "rigid"]);
+    let (checked, _) = printed(0, &["run", arg(three.path()), "--check", "--scan-timing", "rigid"]);
     assert!(checked.contains("(x y z)") && checked.contains("undistorted (as given)"), "{checked}");
 
     scans(millimetres.path(), 4, 0.001, turning);
     // Beyond what is used there is nothing to map, and no success to tell of.
-    let (told, refusal) = said(1, &["info", arg(millimetres.path())]);
-    assert!(told.contains("--scan-unit mm") && refusal.contains("no scan can be used"), "{told}{refusal}");
+    let (reported, refusal) = printed(1, &["info", arg(millimetres.path())]);
+    assert!(
+        reported.contains("--scan-unit mm") && refusal.contains("no scan can be used"),
+        "{reported}{refusal}"
+    );
     let out = millimetres.path().join("out");
-    let (_, refusal) = said(1, &["run", arg(millimetres.path()), "--out", arg(&out)]);
+    let (_, refusal) = printed(1, &["run", arg(millimetres.path()), "--out", arg(&out)]);
     assert!(refusal.contains("points lie within 100 m") && refusal.contains("--scan-unit mm"), "{refusal}");
-    let (checked, _) = said(0, &["run", arg(millimetres.path()), "--check", "--scan-unit", "mm"]);
+    let (checked, _) = printed(0, &["run", arg(millimetres.path()), "--check", "--scan-unit", "mm"]);
     assert!(!checked.contains("problem") && checked.contains("counter-clockwise"), "{checked}");
 }

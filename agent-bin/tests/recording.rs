@@ -117,8 +117,8 @@ fn a_recorded_folder_is_replayed_as_the_folder_itself() {
     let at = |name: &str| folder.path().join(name);
     part_of_demo(&at("walk"), 30);
     let recording = at("r.mcap");
-    let said = run(&["record", arg(&at("walk")), "--out", arg(&recording)]);
-    assert!(said.contains("30 frames recorded"), "{said}");
+    let printed = run(&["record", arg(&at("walk")), "--out", arg(&recording)]);
+    assert!(printed.contains("30 frames recorded"), "{printed}");
     assert_eq!(frames(&recording, false), frames(&at("walk"), false));
     for (source, out) in [(at("walk"), at("a")), (recording.clone(), at("b"))] {
         run(&["run", arg(&source), "--out", arg(&out), "--quiet", "--end", "1.5"]);
@@ -289,8 +289,8 @@ fn bags_with_several_topics_ask_for_one() {
     }
     writer.finish().unwrap();
     assert_refused(&["info", arg(&path)], &["several topics", "--topic", "/left", "/right"]);
-    let said = info(&path, &["--topic", "/left"]);
-    assert_eq!((&said["frames"], &said["kind"]), (&1.into(), &"ROS 1 bag".into()));
+    let printed = info(&path, &["--topic", "/left"]);
+    assert_eq!((&printed["frames"], &printed["kind"]), (&1.into(), &"ROS 1 bag".into()));
     let camera = folder.path().join("camera.yaml");
     write(camera.clone(), CAMERA);
     let numbers = read_through(&path, &["--topic", "/left", "--calib", arg(&camera)]);

@@ -80,9 +80,9 @@ fn foxglove_compressed_with_its_own_calibration() {
         recording.calibration("/camera/calibration");
         (0..4).for_each(|i| recording.compressed("/camera/image", i));
         recording.finish();
-        let said = info(&path, &[]);
-        assert_eq!((&said["frames"], &said["size"]), (&4.into(), &serde_json::json!([96, 64])));
-        assert!(said["calibration"].as_str().unwrap().contains("/camera/calibration"));
+        let printed = info(&path, &[]);
+        assert_eq!((&printed["frames"], &printed["size"]), (&4.into(), &serde_json::json!([96, 64])));
+        assert!(printed["calibration"].as_str().unwrap().contains("/camera/calibration"));
         assert_eq!(processed_times(&read_through(&path, &[])), [10.0, 10.1, 10.2, 10.3]);
     }
 }

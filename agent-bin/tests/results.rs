@@ -71,7 +71,7 @@ fn a_run_that_fails_keeps_the_earlier_results() {
 }
 
 #[test]
-fn a_killed_run_keeps_the_earlier_results_and_leaves_its_own_beside_them() {
+fn a_killed_run_keeps_the_earlier_results_and_leaves_its_own_next_to_them() {
     let room = tempdir().unwrap();
     let out = room.path().join("out");
     run_demo(&out, PART);
@@ -87,8 +87,8 @@ fn a_killed_run_keeps_the_earlier_results_and_leaves_its_own_beside_them() {
     assert!(before.iter().all(|(path, bytes)| after.get(path) == Some(bytes)), "{:?}", after.keys());
     let left = out.join("unfinished/map.mcap");
     assert!(after.contains_key(&left), "{:?}", after.keys());
-    let said = loopbox(&["info", arg(&out)]);
-    assert!(stdout(&said).contains("keyframes") && stderr(&said).contains("unfinished/map.mcap"));
+    let printed = loopbox(&["info", arg(&out)]);
+    assert!(stdout(&printed).contains("keyframes") && stderr(&printed).contains("unfinished/map.mcap"));
     assert!(loopbox(&["info", arg(&left)]).status.success());
     run_demo(&out, PART);
     assert_eq!(content(&out).len(), FILES, "{:?}", content(&out).keys());
@@ -160,7 +160,7 @@ fn a_calibration_for_another_size_ends_the_run_or_is_scaled() {
 }
 
 #[test]
-fn text_is_no_video_and_what_will_go_wrong_is_told() {
+fn text_is_no_video_and_what_will_fail_is_reported() {
     let folder = tempdir().unwrap();
     let text = folder.path().join("groundtruth.txt");
     write(text.clone(), "# a trajectory\n0.0 0 0 0 0 0 0 1\n");
@@ -169,9 +169,12 @@ fn text_is_no_video_and_what_will_go_wrong_is_told() {
     let stamps = ["1700000000066667000", "1700000000133333000", "1700000000200000000", "1700000000266667000"];
     let rows = stamps.iter().enumerate().map(|(i, t)| format!("{t} images/{i:06}.png\n"));
     write(folder.path().join("times.txt"), rows.collect::<String>());
-    let said = info(folder.path(), &[]);
-    assert!(said["facts"].to_string().contains("in nanoseconds, by their steps: 15.0000 a second"), "{said}");
-    assert!((said["duration_s"].as_f64().unwrap() - 0.2).abs() < 1e-5, "{said}");
+    let printed = info(folder.path(), &[]);
+    assert!(
+        printed["facts"].to_string().contains("in nanoseconds, by their steps: 15.0000 a second"),
+        "{printed}"
+    );
+    assert!((printed["duration_s"].as_f64().unwrap() - 0.2).abs() < 1e-5, "{printed}");
     write(folder.path().join("camera.yaml"), CAMERA.replace("80.0", "8.0"));
     let out = tempdir().unwrap();
     let output = loopbox(&["run", arg(folder.path()), "--out", arg(out.path())]);

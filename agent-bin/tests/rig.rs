@@ -12,7 +12,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Along the northern row of boxes, which the camera looks at from the robot's left side.
-const WAY: [[f64; 2]; 3] = [[-11.0, 4.5], [-3.0, 4.5], [4.0, 5.5]];
+const PATH: [[f64; 2]; 3] = [[-11.0, 4.5], [-3.0, 4.5], [4.0, 5.5]];
 /// `lidar_from_camera`: 30 cm ahead of the LiDAR, 20 cm to its left and 20 cm below.
 const EXTRINSIC: [f64; 7] =
     [0.3, 0.2, -0.2, -std::f64::consts::FRAC_1_SQRT_2, 0.0, 0.0, std::f64::consts::FRAC_1_SQRT_2];
@@ -23,14 +23,14 @@ const RATE: f64 = 30.0;
 #[track_caller]
 fn run(code: i32, args: &[&str]) -> String {
     let output = loopbox(args);
-    let said = stdout(&output) + &stderr(&output);
-    assert_eq!(output.status.code(), Some(code), "{args:?}\n{said}");
-    said
+    let printed = stdout(&output) + &stderr(&output);
+    assert_eq!(output.status.code(), Some(code), "{args:?}\n{printed}");
+    printed
 }
 
 /// Recordings `camera` and `lidar` of one drive, and their truth in the hall's axes.
 fn record(folder: &Path) {
-    let (pose, duration) = walk(&WAY);
+    let (pose, duration) = walk(&PATH);
     write_recording(&folder.join("lidar"), &HALL, &pose, duration).unwrap();
     let camera = |i: usize| pose(i as f64 / RATE) * Se3::from_tum(EXTRINSIC);
     let count = (duration * RATE) as usize;
@@ -45,13 +45,13 @@ fn record(folder: &Path) {
 }
 
 /// A number of JSON that was printed.
-fn number(said: &str, path: &str) -> f64 {
-    let json: Value = serde_json::from_str(said).unwrap_or_else(|_| panic!("{said}"));
+fn number(printed: &str, path: &str) -> f64 {
+    let json: Value = serde_json::from_str(printed).unwrap_or_else(|_| panic!("{printed}"));
     json.pointer(path).and_then(Value::as_f64).unwrap_or_else(|| panic!("{path} in {json:#}"))
 }
 
 #[test]
-fn a_cameras_map_gets_metres_from_the_lidar_beside_it() {
+fn a_cameras_map_gets_its_scale_from_the_lidar_on_its_rig() {
     let room = tempfile::tempdir().unwrap();
     record(room.path());
     let at = |name: &str| -> PathBuf { room.path().join(name) };
@@ -68,9 +68,9 @@ fn a_cameras_map_gets_metres_from_the_lidar_beside_it() {
     let place = ["export", arg(&camera), "--lidar", arg(&lidar), "--tum", arg(&track), "--mcap"];
     run(0, &[&place[..], &[arg(&at("metres.mcap")), &extrinsic]].concat());
     let truth = at("camera/truth.txt");
-    let said = run(0, &["eval", arg(&track), "--gt", arg(&truth), "--align", "se3", "--json"]);
-    println!("export: ATE {} m", number(&said, "/ate/rmse"));
-    assert!(number(&said, "/ate/rmse") < 0.05, "{said}");
+    let printed = run(0, &["eval", arg(&track), "--gt", arg(&truth), "--align", "se3", "--json"]);
+    println!("export: ATE {} m", number(&printed, "/ate/rmse"));
+    assert!(number(&printed, "/ate/rmse") < 0.05, "{printed}");
     let file = ["--extrinsic", arg(&at("extrinsic.txt"))].map(str::to_owned);
     let again = at("again.mcap");
     run(0, &[&place[..], &[arg(&again), &file[0], &file[1]]].concat());
@@ -79,16 +79,16 @@ fn a_cameras_map_gets_metres_from_the_lidar_beside_it() {
     // Both agents in one map, where they truly are to each other.
     let both = at("both");
     let merge = ["merge", arg(&camera), arg(&lidar), "--out", arg(&both), "--quiet"];
-    let said = run(0, &[&merge[..], &[&extrinsic, "--json"]].concat());
-    println!("merge: {said}");
-    assert!(number(&said, "/scale_doubt") < 0.01 && number(&said, "/suppressed") == 0.0, "{said}");
+    let printed = run(0, &[&merge[..], &[&extrinsic, "--json"]].concat());
+    println!("merge: {printed}");
+    assert!(number(&printed, "/scale_doubt") < 0.01 && number(&printed, "/suppressed") == 0.0, "{printed}");
     let tracks = ["lidar", "camera"].map(|name| both.join(format!("trajectory-{name}.txt")));
     let truths = [at("lidar/groundtruth.txt"), truth];
     let eval = ["eval", arg(&tracks[0]), arg(&tracks[1]), "--gt", arg(&truths[0]), arg(&truths[1])];
-    let said = run(0, &[&eval[..], &["--align", "se3", "--json"]].concat());
-    println!("eval: {said}");
-    assert!(number(&said, "/agents/0/ate/rmse") < 0.03, "{said}");
-    assert!(number(&said, "/agents/1/ate/rmse") < 0.05, "{said}");
+    let printed = run(0, &[&eval[..], &["--align", "se3", "--json"]].concat());
+    println!("eval: {printed}");
+    assert!(number(&printed, "/agents/0/ate/rmse") < 0.03, "{printed}");
+    assert!(number(&printed, "/agents/1/ate/rmse") < 0.05, "{printed}");
     let common = map::load_map(both.join("map.mcap")).unwrap().map;
     assert!(common.is_metric() && common.sensor().is_none());
     for keyframe in common.keyframes.values().filter(|keyframe| keyframe.scan.is_some()) {
@@ -124,13 +124,16 @@ fn a_cameras_map_gets_metres_from_the_lidar_beside_it() {
     let merge = ["merge", arg(&other), arg(&both), "--out", arg(&all), "--quiet"];
     let params = at("merge.toml");
     fs::write(&params, "joint = true").unwrap();
-    let said = run(1, &[&merge[..], &["--params", arg(&params)]].concat());
-    assert!(said.contains("joint = false") && !all.join("map.mcap").exists(), "{said}");
+    let printed = run(1, &[&merge[..], &["--params", arg(&params)]].concat());
+    assert!(printed.contains("joint = false") && !all.join("map.mcap").exists(), "{printed}");
     fs::write(&params, "[fusion]\nmax_cycle_error = 4.8").unwrap();
-    let said = run(0, &[&merge[..], &["--params", arg(&params)]].concat());
+    let printed = run(0, &[&merge[..], &["--params", arg(&params)]].concat());
     let record = fs::read_to_string(all.join("merge.json")).unwrap();
     assert_eq!(number(&record, "/params/fusion/max_cycle_error"), 4.8);
-    assert!(said.contains("other + lidar: accepted") && said.contains("other, lidar, camera"), "{said}");
+    assert!(
+        printed.contains("other + lidar: accepted") && printed.contains("other, lidar, camera"),
+        "{printed}"
+    );
     let agents = ["lidar", "camera", "other"];
     let tracks = agents.map(|name| all.join(format!("trajectory-{name}.txt")));
     let truths = [at("lidar/groundtruth.txt"), at("camera/truth.txt"), at("other/groundtruth.txt")];
@@ -138,9 +141,9 @@ fn a_cameras_map_gets_metres_from_the_lidar_beside_it() {
     eval.extend(tracks.iter().map(|track| arg(track)));
     eval.push("--gt");
     eval.extend(truths.iter().map(|truth| arg(truth)));
-    let said = run(0, &[&eval[..], &["--align", "se3", "--json"]].concat());
+    let printed = run(0, &[&eval[..], &["--align", "se3", "--json"]].concat());
     for agent in 0..agents.len() {
-        assert!(number(&said, &format!("/agents/{agent}/ate/rmse")) < 0.03, "{said}");
+        assert!(number(&printed, &format!("/agents/{agent}/ate/rmse")) < 0.03, "{printed}");
     }
     let page = embedded(&fs::read_to_string(all.join("report.html")).unwrap());
     assert_eq!(page["scene"]["agents"].as_array().unwrap().len(), 3);
@@ -154,9 +157,9 @@ fn a_cameras_map_gets_metres_from_the_lidar_beside_it() {
     let nothing = at("nothing");
     let merge = ["merge", arg(&camera), arg(&lidar), "--out", arg(&nothing), "--quiet"];
     let looks_ahead = "--extrinsic=0.3,0.2,-0.2,-0.5,0.5,-0.5,0.5";
-    let said = run(1, &[&merge[..], &[looks_ahead]].concat());
-    assert!(said.contains("hint: "), "{said}");
-    let said = run(1, &["merge", arg(&camera), arg(&camera), "--out", arg(&nothing), &extrinsic]);
-    assert!(said.contains("taken from a LiDAR's map"), "{said}");
+    let printed = run(1, &[&merge[..], &[looks_ahead]].concat());
+    assert!(printed.contains("hint: "), "{printed}");
+    let printed = run(1, &["merge", arg(&camera), arg(&camera), "--out", arg(&nothing), &extrinsic]);
+    assert!(printed.contains("taken from a LiDAR's map"), "{printed}");
     assert!(!nothing.join("map.mcap").exists());
 }

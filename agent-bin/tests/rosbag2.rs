@@ -60,10 +60,10 @@ fn ros2_bags_in_sqlite_are_read_like_others() {
     first.extend([(1, received(0), info_message), (2, received(1), vec![0, 1, 0, 0])]);
     write_db3(&bag.path().join("bag_9.db3"), &topics, &first);
 
-    let said = info(bag.path(), &[]);
-    assert_eq!((&said["kind"], &said["frames"]), (&"ROS 2 bag".into(), &4.into()));
-    assert_eq!(said["size"], serde_json::json!([96, 64]));
-    assert!(said["calibration"].as_str().unwrap().contains("/cam0/camera_info"), "{said}");
+    let printed = info(bag.path(), &[]);
+    assert_eq!((&printed["kind"], &printed["frames"]), (&"ROS 2 bag".into(), &4.into()));
+    assert_eq!(printed["size"], serde_json::json!([96, 64]));
+    assert!(printed["calibration"].as_str().unwrap().contains("/cam0/camera_info"), "{printed}");
     let times: Vec<f64> = (0..4).map(|i| 1700000000.0 + f64::from(i) * 0.1).collect();
     assert_eq!(processed_times(&read_through(bag.path(), &[])), times);
     assert_eq!(info(&bag.path().join("bag_9.db3"), &[])["frames"], 2);

@@ -40,8 +40,8 @@ fn a_run_leaves_all_its_results() {
     let report = std::fs::read_to_string(folder.join("report.html")).unwrap();
     assert!(report.contains("</html>"));
     assert!(std::fs::read(folder.join("cloud.ply")).unwrap().starts_with(b"ply"));
-    let said = loopbox(&["info", arg(&folder.join("map.mcap"))]);
-    assert!(stdout(&said).contains("keyframes"), "{}", stderr(&said));
+    let printed = loopbox(&["info", arg(&folder.join("map.mcap"))]);
+    assert!(stdout(&printed).contains("keyframes"), "{}", stderr(&printed));
     let as_source = loopbox(&["run", arg(&folder.join("map.mcap")), "--out", arg(out.path())]);
     assert!(stderr(&as_source).contains("is a map"), "{}", stderr(&as_source));
 }
@@ -117,12 +117,12 @@ fn a_killed_run_leaves_a_map_that_loads() {
     assert!(events.by_ref().filter(|line| line.as_ref().unwrap().contains("\"tracking\"")).nth(3).is_some());
     child.kill().unwrap();
     child.wait().unwrap();
-    let said = loopbox(&["info", arg(&out.path().join("map.mcap")), "--json"]);
-    assert!(said.status.success(), "{}", stderr(&said));
+    let printed = loopbox(&["info", arg(&out.path().join("map.mcap")), "--json"]);
+    assert!(printed.status.success(), "{}", stderr(&printed));
 }
 
 #[test]
-fn what_cannot_be_tracked_is_said() {
+fn what_cannot_be_tracked_is_reported() {
     let (folder, out) = (tempdir().unwrap(), tempdir().unwrap());
     timed_folder(folder.path(), 5);
     let black = image::GrayImage::new(WIDTH, HEIGHT);
@@ -138,7 +138,7 @@ fn what_cannot_be_tracked_is_said() {
 }
 
 #[test]
-fn bad_folders_and_calibrations_are_said() {
+fn bad_folders_and_calibrations_are_reported() {
     let (folder, out) = (tempdir().unwrap(), tempdir().unwrap());
     let args = ["run", arg(folder.path()), "--out", arg(out.path())];
     assert_refused(&args, &["no recording here", "times.txt", "rgb.txt", "mav0"]);
@@ -176,7 +176,7 @@ fn a_mask_is_of_the_images_before_they_are_halved() {
 }
 
 #[test]
-fn what_a_mask_covers_is_left_out_and_said() {
+fn what_a_mask_covers_is_left_out_and_reported() {
     let out = tempdir().unwrap();
     let (folder, file) = (out.path().join("masked"), out.path().join("mask.pgm"));
     let draw = |width: usize, height: usize| {
@@ -200,10 +200,10 @@ fn what_a_mask_covers_is_left_out_and_said() {
     assert!(std::fs::read_to_string(folder.join("report.html")).unwrap().contains("of the image not used"));
     draw(320, 240);
     let refused = run(&folder, &["--mask", arg(&file)]);
-    let said = stderr(&refused);
+    let printed = stderr(&refused);
     assert!(
-        ["mask.pgm", "320×240", "640×480", "hint: draw"].iter().all(|part| said.contains(part)),
-        "{said}"
+        ["mask.pgm", "320×240", "640×480", "hint: draw"].iter().all(|part| printed.contains(part)),
+        "{printed}"
     );
 }
 
@@ -241,7 +241,7 @@ fn a_program_without_zenoh_says_how_to_get_it() {
 
 #[cfg(target_os = "linux")]
 #[test]
-fn a_full_disk_is_said() {
+fn a_full_disk_is_named_in_the_error() {
     let (folder, out) = (tempdir().unwrap(), tempdir().unwrap());
     timed_folder(folder.path(), 2);
     std::os::unix::fs::symlink("/dev/full", out.path().join("run.json.tmp")).unwrap();

@@ -48,8 +48,8 @@ fn options_without_what_they_are_for_are_wrong_usage() {
 
 #[test]
 fn the_version_names_commit_and_features() {
-    let said = |flag: &str| stdout(&loopbox(&[flag]));
-    let (short, long) = (said("-V"), said("--version"));
+    let printed = |flag: &str| stdout(&loopbox(&[flag]));
+    let (short, long) = (printed("-V"), printed("--version"));
     assert!(short.starts_with("loopbox 0.") && short.contains('(') && short.lines().count() == 1, "{short}");
     assert!(long.starts_with(short.trim_end()) && long.contains("features: "), "{long}");
     assert_eq!(long.contains(" sqlite"), cfg!(feature = "sqlite"), "{long}");
@@ -75,8 +75,8 @@ fn shells_and_man_know_every_command_and_the_machine_is_described() {
         ["program", "machine", "results", "videos", "cameras"].iter().all(|what| text.contains(what)),
         "{text}"
     );
-    let findings: serde_json::Value = serde_json::from_str(&stdout(&loopbox(&["doctor", "--json"]))).unwrap();
-    assert_eq!(findings[0]["state"], "ok", "{findings:#}");
+    let checks: serde_json::Value = serde_json::from_str(&stdout(&loopbox(&["doctor", "--json"]))).unwrap();
+    assert_eq!(checks[0]["state"], "ok", "{checks:#}");
 }
 
 #[test]

@@ -47,8 +47,8 @@ fn a_video_is_read_by_its_own_times_or_by_a_given_rate() {
     let out = tempdir().unwrap();
     assert_refused(&["run", arg(&path), "--out", arg(out.path())], &["no calibration"]);
     write(folder.path().join("walk.yaml"), CAMERA);
-    let said = info(&path, &[]);
-    assert_eq!((&said["frames"], &said["size"]), (&5.into(), &serde_json::json!([96, 64])));
+    let printed = info(&path, &[]);
+    assert_eq!((&printed["frames"], &printed["size"]), (&5.into(), &serde_json::json!([96, 64])));
     let close = |times: Vec<f64>, step: f64| {
         times.len() == 5 && times.iter().enumerate().all(|(i, t)| (t - i as f64 * step).abs() < 1e-6)
     };
@@ -146,7 +146,7 @@ fn what_is_no_video_is_refused() {
 }
 
 #[test]
-fn without_ffmpeg_its_name_and_what_to_install_are_said() {
+fn without_ffmpeg_its_name_and_what_to_install_are_reported() {
     let folder = tempdir().unwrap();
     let path = folder.path().join("walk.avi");
     video(&path, 3, &["-c:v", "mjpeg", "-pix_fmt", "yuvj420p"]);
@@ -155,10 +155,10 @@ fn without_ffmpeg_its_name_and_what_to_install_are_said() {
         assert!(!output.status.success());
         stderr(&output)
     };
-    for said in
+    for printed in
         [run(&["info", arg(&path)]), run(&["convert", arg(&demo()), arg(&folder.path().join("b.avi"))])]
     {
-        assert!(said.contains("is not installed") && said.contains("apt install ffmpeg"), "{said}");
+        assert!(printed.contains("is not installed") && printed.contains("apt install ffmpeg"), "{printed}");
     }
     assert!(!folder.path().join("b.avi").exists());
 }

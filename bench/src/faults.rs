@@ -57,7 +57,7 @@ fn label(fault: Fault) -> &'static str {
         Fault::Turned => "turned",
         Fault::Covered => "covered",
         Fault::Carried => "carried",
-        Fault::Alike => "alike",
+        Fault::SimilarPlace => "alike",
         Fault::Aside => "aside",
     }
 }
@@ -95,8 +95,8 @@ fn judge(fault: Fault, seed: u64, made: &Faulty, out: &Path) -> Result<Outcome> 
     let mut maps = Vec::new();
     for path in names.map(|name| out.join(name)).take_while(|path| path.is_file()) {
         let trajectory = read_trajectory(&path)?;
-        let shown = shown(made, &trajectory);
-        let of = |wanted: Shows| shown.iter().filter(|shows| **shows == wanted).count();
+        let true_states = true_states(made, &trajectory);
+        let of = |wanted: Shows| true_states.iter().filter(|shows| **shows == wanted).count();
         outcome.posed += of(Shows::Place) + of(Shows::Elsewhere);
         outcome.invented += of(Shows::Nothing);
         maps.push((of(Shows::Place), error(made, trajectory)));
@@ -112,7 +112,7 @@ fn judge(fault: Fault, seed: u64, made: &Faulty, out: &Path) -> Result<Outcome> 
 }
 
 /// What the frames of a trajectory show.
-fn shown(made: &Faulty, trajectory: &Trajectory) -> Vec<Shows> {
+fn true_states(made: &Faulty, trajectory: &Trajectory) -> Vec<Shows> {
     let times = trajectory.timestamps.iter().flatten();
     let at = |time: &f64| {
         let shots = made.recording.shots.iter().zip(&made.shows);

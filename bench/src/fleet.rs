@@ -1,9 +1,9 @@
 //! Agents that pair: what it takes until two maps that meet over a network are merged, and how that merge lies beside one
-//! of the whole files; what a link costs the tracker (`beside`), what holds when things break (`breaking`), and how long a hundred wait (`hundred`).
+//! of the whole files; what a link costs the tracker (`link_load`), what holds when things break (`breaking`), and how long a hundred wait (`hundred`).
 
-pub mod beside;
 pub mod breaking;
 pub mod hundred;
+pub mod link_load;
 
 use crate::measure::{finish, make_empty};
 use anyhow::{Context, Result, bail};
@@ -51,7 +51,7 @@ pub struct Plan<'a> {
 }
 
 /// A meeting.
-struct Meeting {
+struct PairTiming {
     bytes: f64,
     seconds: f64,
     /// Keyframes that were looked at.
@@ -85,13 +85,11 @@ pub fn measure(plan: &Plan) -> Result<String> {
             for _ in 0..plan.runs {
                 meetings.push(meet(plan, &maps, rate)?);
             }
-            let of = |of: fn(&Meeting) -> f64| median(meetings.iter().map(of).collect()).unwrap_or(f64::NAN);
+            let of =
+                |of: fn(&PairTiming) -> f64| median(meetings.iter().map(of).collect()).unwrap_or(f64::NAN);
             let errors = errors_of_places(plan, &maps, pair, &meetings[0].placed)?;
-            let (megabytes, seconds, looked_at) = (
-                of(|meeting| meeting.bytes) / 1e6,
-                of(|meeting| meeting.seconds),
-                of(|meeting| meeting.looked_at),
-            );
+            let (megabytes, seconds, looked_at) =
+                (of(|timing| timing.bytes) / 1e6, of(|timing| timing.seconds), of(|timing| timing.looked_at));
             let _ = writeln!(
                 text,
                 "| `{}` + `{}` | {} + {} | {name} | {megabytes:.2} MB | {seconds:.1} s | {looked_at:.0} | {} | {} |",
@@ -99,8 +97,8 @@ pub fn measure(plan: &Plan) -> Result<String> {
                 pair[1],
                 keyframes[0],
                 keyframes[1],
-                errors.said(),
-                whole.said(),
+                errors.output(),
+                whole.output(),
             );
             eprintln!("{} + {}, {name}: {megabytes:.2} MB, {seconds:.1} s", pair[0], pair[1]);
         }
@@ -116,7 +114,7 @@ const HEAD: &str = "*Bytes* are all that the link carried in both directions fro
     |---|---|---|---|---|---|---|---|\n";
 
 impl Errors {
-    fn said(&self) -> String {
+    fn output(&self) -> String {
         let [error, scale] = self.0;
         match (error, scale) {
             (Some(error), Some(scale)) => format!("{:.2} cm, {scale:.2} %", 100.0 * error),
@@ -165,7 +163,7 @@ fn tell(plan: &Plan, map: &Path, link: [&str; 2]) -> Result<Process> {
 }
 
 /// Has two agents meet over a link once.
-fn meet(plan: &Plan, maps: &[PathBuf; 2], rate: Option<f64>) -> Result<Meeting> {
+fn meet(plan: &Plan, maps: &[PathBuf; 2], rate: Option<f64>) -> Result<PairTiming> {
     // Fresh copies: whoever met before knows the other's map already.
     let folder = plan.work.join("fleet").join("meeting");
     make_empty(&folder)?;
@@ -193,7 +191,7 @@ fn meet(plan: &Plan, maps: &[PathBuf; 2], rate: Option<f64>) -> Result<Meeting> 
         let carried = proxy.carried() as f64;
         let accepted = |status: &Value| {
             let meetings = status["found"]["meetings"].as_array().into_iter().flatten();
-            meetings.clone().any(|meeting| meeting["verdict"] == "accepted").then(|| status["found"].clone())
+            meetings.clone().any(|timing| timing["verdict"] == "accepted").then(|| status["found"].clone())
         };
         let found = copies.iter().find_map(|copy| status(copy).as_ref().and_then(accepted));
         if let Some(found) = found {
@@ -206,7 +204,7 @@ fn meet(plan: &Plan, maps: &[PathBuf; 2], rate: Option<f64>) -> Result<Meeting> 
     let agents: Vec<&Value> = found["agents"].as_array().into_iter().flatten().collect();
     let looked_at = agents.iter().filter_map(|agent| agent["keyframes"].as_f64()).sum();
     let placed = agents.iter().filter_map(|agent| placed(agent)).collect();
-    Ok(Meeting { bytes, seconds, looked_at, placed })
+    Ok(PairTiming { bytes, seconds, looked_at, placed })
 }
 
 /// What `fleet.json` in a folder says.

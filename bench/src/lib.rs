@@ -28,7 +28,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn worlds_are_told_by_names() {
+    fn worlds_are_recognised_by_names() {
         assert!(share_world("parking_a", "parking_c"));
         assert!(!share_world("parking_a", "tum_fr1_desk"));
     }

@@ -157,23 +157,23 @@ fn odometry(program: &Program, recordings: &[Recording]) -> Result<String> {
         for method in METHODS.into_iter().take(if recording.given { 1 } else { METHODS.len() }) {
             let out = mapped(program, recording, method)?;
             let (errors, run) = (truth.errors(&out.join("trajectory.txt"))?, record(&out.join("run.json"))?);
-            let shown = if recording.given { "given poses" } else { method };
+            let label = if recording.given { "given poses" } else { method };
             let cpu = run["cost"]["median_cpu_ms"].as_f64().unwrap_or(f64::NAN);
             own = if method == METHODS[0] { cpu } else { own };
             writeln!(
                 text,
-                "| {} | {shown} | {:.4} | {:.3} | {:.2} | {:.4} | {} | {cpu:.1} | {:.1} | {:.1} | {} |",
+                "| {} | {label} | {:.4} | {:.3} | {:.2} | {:.4} | {} | {cpu:.1} | {:.1} | {:.1} | {} |",
                 recording.name,
                 errors.ate,
                 errors.most,
                 errors.drift,
-                errors.turn,
+                errors.rotation_drift,
                 run["loops"].as_array().map_or(0, Vec::len),
                 cpu / own,
                 scan_bytes(&out, &run),
                 run["cost"]["peak_memory_bytes"].as_u64().unwrap_or(0) >> 20,
             )?;
-            eprintln!("{} {shown}: ATE {:.4} m, {cpu:.1} ms", recording.name, errors.ate);
+            eprintln!("{} {label}: ATE {:.4} m, {cpu:.1} ms", recording.name, errors.ate);
         }
         let (Ok(peers), false) = (&peers, recording.given) else { continue };
         let peers_out = program.at(&format!("{}-peers", recording.name));
@@ -187,7 +187,7 @@ fn odometry(program: &Program, recordings: &[Recording]) -> Result<String> {
                 e.ate,
                 e.most,
                 e.drift,
-                e.turn,
+                e.rotation_drift,
                 cpu / own
             )?;
             eprintln!("{} {}: ATE {:.4} m, {cpu:.1} ms", recording.name, peer.name, e.ate);
@@ -226,19 +226,19 @@ fn merge(program: &Program, first: &Recording, second: &Recording) -> Result<Str
     let out = program.at(&format!("{}+{}", first.name, second.name)).display().to_string();
     let (met, record) =
         program.json(&["merge", &maps[0], &maps[1], "--out", &out, "--force", "--json", "--quiet"])?;
-    let encounter = &record["encounters"][0];
+    let pair_record = &record["encounters"][0];
     let pair = format!("{} + {}", first.name, second.name);
-    let best = &encounter["best"];
+    let best = &pair_record["best"];
     let number = |key: &str| best[key].as_f64().unwrap_or(f64::NAN);
     let mut error = ["–".to_owned(), "–".to_owned(), "–".to_owned()];
     if met {
         error = merge_error(program, &out, &record, [first, second])?;
     }
-    eprintln!("{pair}: {} {}", encounter["decision"], error[0]);
+    eprintln!("{pair}: {} {}", pair_record["decision"], error[0]);
     Ok(format!(
         "| {pair} | {}: {} | {} | {} | {} | {} of {} | {:.2} | {:.3} | {:.3} | {:.1} |\n",
-        encounter["decision"].as_str().unwrap_or("–"),
-        encounter["reason"].as_str().unwrap_or("–"),
+        pair_record["decision"].as_str().unwrap_or("–"),
+        pair_record["reason"].as_str().unwrap_or("–"),
         error[0],
         error[1],
         error[2],
@@ -247,7 +247,7 @@ fn merge(program: &Program, first: &Recording, second: &Recording) -> Result<Str
         number("overlap"),
         number("agreeing"),
         number("violated"),
-        encounter["seconds"].as_f64().unwrap_or(f64::NAN)
+        pair_record["seconds"].as_f64().unwrap_or(f64::NAN)
     ))
 }
 

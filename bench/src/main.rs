@@ -2,7 +2,6 @@
 //!
 //! It knows the program only from outside: its command line and the files it writes.
 
-mod alike;
 mod crowd;
 mod doubles;
 mod faults;
@@ -14,6 +13,7 @@ mod merging;
 mod perturbed;
 mod report;
 mod side_by_side;
+mod similar_places;
 mod targets;
 mod town;
 
@@ -259,7 +259,7 @@ fn measure_part(plan: &live::Plan, part: Part) -> Result<()> {
 /// Measures one part of what concerns agents that pair.
 fn fleet_part(plan: &fleet::Plan, part: Part) -> Result<String> {
     match part {
-        Part::Links => fleet::beside::measure(plan),
+        Part::Links => fleet::link_load::measure(plan),
         Part::Breaking => fleet::breaking::measure(plan),
         Part::Hundred => fleet::hundred::measure(plan),
         _ => fleet::measure(plan),
@@ -290,10 +290,10 @@ fn print_lidar(plan: &lidar::Plan, part: Part, documents: &[PathBuf]) -> Result<
 /// Measures merges of places that look alike.
 fn measure_strangers(args: &Args, pairs: usize) -> Result<()> {
     let program = merging::Program { loopbox: args.loopbox.clone() };
-    let plan = alike::Plan { program: &program, work: &args.work, pairs, seed: args.seed };
-    let measured = alike::measure(&plan)?;
-    write(&args.documents, &[("strangers", alike::report::section(&measured, args.seed))])?;
-    match alike::report::wrong(&measured) {
+    let plan = similar_places::Plan { program: &program, work: &args.work, pairs, seed: args.seed };
+    let measured = similar_places::measure(&plan)?;
+    write(&args.documents, &[("strangers", similar_places::report::section(&measured, args.seed))])?;
+    match similar_places::report::wrong(&measured) {
         0 => Ok(()),
         wrong => bail!("{wrong} pairs of maps were merged wrongly"),
     }

@@ -166,8 +166,8 @@ impl Runner {
     /// When `loopbox eval` fails.
     pub fn ate_handed_out(&self, sequence: &Path, out: &Path) -> Result<Option<f64>> {
         let text = finish(&mut self.evaluation(sequence, &out.join("trajectory-live.txt"))?)?;
-        let said: Value = serde_json::from_slice(&text).context(NOT_JSON)?;
-        Ok(said.pointer("/ate/rmse").and_then(Value::as_f64))
+        let reply: Value = serde_json::from_slice(&text).context(NOT_JSON)?;
+        Ok(reply.pointer("/ate/rmse").and_then(Value::as_f64))
     }
 
     /// What `loopbox eval` says of the results in `out` of a run over `sequence`.
@@ -269,7 +269,7 @@ mod tests {
     }
 
     #[test]
-    fn a_failing_program_is_told() {
+    fn a_failing_program_is_reported() {
         let folder = tempfile::tempdir().unwrap();
         let runner = Runner { loopbox: "false".into(), work: folder.path().join("work"), runs: 2 };
         let measurement = runner.measure(&folder.path().join("sequence")).unwrap();

@@ -256,7 +256,7 @@ mod tests {
     }
 
     #[test]
-    fn the_worst_run_is_shown_and_a_failed_one_is_not_left_out() {
+    fn the_worst_run_is_listed_and_a_failed_one_is_not_left_out() {
         let run = |tracked, ate| Outcome { frames: 100, tracked, ate };
         let start = |i, outcome| (Change::FirstFrame(i), outcome);
         let whole = vec![

@@ -147,11 +147,11 @@ impl Lattice {
 
     /// Least distance between neighbours in a row or column, pixels; infinite where there are none.
     pub fn least_distance(&self, corners: &BTreeMap<usize, Vector2<f64>>) -> f64 {
-        let beside = |&index: &usize| {
+        let neighbour = |&index: &usize| {
             let right = (index % self.columns + 1 < self.columns).then_some(index + 1);
             [right, Some(index + self.columns)].into_iter().flatten().map(move |other| (index, other))
         };
-        let pairs = corners.keys().flat_map(beside);
+        let pairs = corners.keys().flat_map(neighbour);
         let apart = pairs.filter_map(|(a, b)| Some((corners.get(&a)? - corners.get(&b)?).norm()));
         apart.fold(f64::INFINITY, f64::min)
     }

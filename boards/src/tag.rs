@@ -120,7 +120,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_code_comes_back_after_four_turns_and_its_first_bit_goes_round_the_corners() {
+    fn a_code_comes_back_after_four_quarter_rotations_and_its_first_bit_visits_all_corners() {
         let code = 0x0d_5d62_8584;
         assert_eq!((0..4).fold(code, |code, _| turned_once(code)), code);
         // The top right corner's bit is the first one from there on.

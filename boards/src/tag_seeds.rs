@@ -59,10 +59,10 @@ fn place(corner: &ChessCorner) -> Vector2<f64> {
 fn along_edges(corner: &ChessCorner, others: &[Vector2<f64>]) -> Vec<Vector2<f64>> {
     let at = place(corner);
     let along = |other: &&Vector2<f64>| {
-        let way = *other - at;
+        let path = *other - at;
         corner.axes.iter().any(|axis| {
             let (sin, cos) = f64::from(axis.angle).sin_cos();
-            way.perp(&Vector2::new(cos, sin)).abs() < MAX_BEND.sin() * way.norm()
+            path.perp(&Vector2::new(cos, sin)).abs() < MAX_BEND.sin() * path.norm()
         })
     };
     others.iter().filter(along).copied().collect()
@@ -189,9 +189,9 @@ fn hull(mut points: Vec<Vector2<f64>>) -> Vec<Vector2<f64>> {
 fn square(hull: &[Vector2<f64>]) -> Option<Tag> {
     let pairs = hull.iter().enumerate().flat_map(|(i, a)| hull[i + 1..].iter().map(move |c| (*a, *c)));
     let (a, c) = pairs.max_by(|(a, b), (c, d)| (a - b).norm_squared().total_cmp(&(c - d).norm_squared()))?;
-    let beside = |point: &&Vector2<f64>| (c - a).perp(&(*point - a));
-    let left = hull.iter().min_by(|p, q| beside(p).total_cmp(&beside(q)))?;
-    let right = hull.iter().max_by(|p, q| beside(p).total_cmp(&beside(q)))?;
+    let neighbour = |point: &&Vector2<f64>| (c - a).perp(&(*point - a));
+    let left = hull.iter().min_by(|p, q| neighbour(p).total_cmp(&neighbour(q)))?;
+    let right = hull.iter().max_by(|p, q| neighbour(p).total_cmp(&neighbour(q)))?;
     let quad = [a, *left, c, *right];
     (area(&quad) > 0.0 && area(&quad) >= MIN_FILLED * area(hull)).then_some(quad)
 }

@@ -81,21 +81,21 @@ fn corners_that_are_left_out_are_found_between_the_others_unless_they_are_covere
 }
 
 #[test]
-fn no_board_is_found_where_there_is_none_and_what_is_there_is_said() {
+fn no_board_is_found_where_there_is_none_and_what_is_there_is_reported() {
     let (image, _) = drawn(&"chessboard:9x6:0.03".parse().unwrap(), (640, 480), 1500.0);
-    let said = |board: &str| {
+    let output = |board: &str| {
         let detector = Detector::new(&board.parse().unwrap(), None).unwrap();
         assert!(detector.corners(&image).unwrap().is_empty(), "{board}");
         detector.what_else(std::slice::from_ref(&image))
     };
-    assert!(said("chessboard:10x7:0.03").contains("9×6 inner corners"));
-    assert!(said("aprilgrid:6x6:0.088:0.3").contains("no tag 36h11"));
-    assert!(said("charuco:7x5:0.04:0.03").contains("no markers"));
+    assert!(output("chessboard:10x7:0.03").contains("9×6 inner corners"));
+    assert!(output("aprilgrid:6x6:0.088:0.3").contains("no tag 36h11"));
+    assert!(output("charuco:7x5:0.04:0.03").contains("no markers"));
     let (image, _) = drawn(&"charuco:7x5:0.04:0.03".parse().unwrap(), (640, 480), 1500.0);
     let other = Detector::new(&"charuco:7x5:0.04:0.03:DICT_5X5_100".parse().unwrap(), None).unwrap();
     assert!(other.corners(&image).unwrap().is_empty());
-    let said = other.what_else(std::slice::from_ref(&image));
-    assert!(said.contains("markers of DICT_4X4_"), "{said}");
+    let output = other.what_else(std::slice::from_ref(&image));
+    assert!(output.contains("markers of DICT_4X4_"), "{output}");
     let detector = Detector::new(&"charuco:7x5:0.04:0.03".parse().unwrap(), None).unwrap();
     assert!(detector.what_else(&[mirrored(&image)]).contains("mirrored"));
 }

@@ -166,7 +166,7 @@ mod tests {
     }
 
     #[test]
-    fn tilts_are_told_by_where_the_board_is_farther() {
+    fn tilts_are_recognised_by_where_the_board_is_farther() {
         let tilts = |tilt: [f64; 3]| coverage(&board(), &[view([0.0, 0.0, 0.4], tilt)], SIZE).tilts;
         // Turned about y by +: x of the board goes to −z, its right side comes nearer.
         assert_eq!(tilts([0.0, 0.5, 0.0]), [1, 0, 0, 0]);

@@ -83,7 +83,7 @@ impl<'a> Node<'a> {
                 Err(self
                     .bad(format!("{value} is not a finite number"), "calibrate again, or correct the number"))
             }
-            None => Err(self.bad(format!("{} is not a number", self.shown()), "give one number")),
+            None => Err(self.bad(format!("{} is not a number", self.display_text()), "give one number")),
         }
     }
 
@@ -102,7 +102,7 @@ impl<'a> Node<'a> {
     pub(crate) fn text(&self) -> Result<&'a str, CalibError> {
         untagged(self.yaml)
             .as_str()
-            .ok_or_else(|| self.bad(format!("{} is not a name", self.shown()), "give a name"))
+            .ok_or_else(|| self.bad(format!("{} is not a name", self.display_text()), "give a name"))
     }
 
     /// Whether this is the word or number for yes.
@@ -119,7 +119,9 @@ impl<'a> Node<'a> {
             return data.numbers();
         }
         let Some(items) = untagged(self.yaml).as_vec() else {
-            return Err(self.bad(format!("{} is not a list of numbers", self.shown()), "give [a, b, ...]"));
+            return Err(
+                self.bad(format!("{} is not a list of numbers", self.display_text()), "give [a, b, ...]")
+            );
         };
         let mut numbers = Vec::with_capacity(items.len());
         for (index, yaml) in items.iter().enumerate() {
@@ -156,7 +158,7 @@ impl<'a> Node<'a> {
     }
 
     /// The value as it may be shown in a message.
-    fn shown(&self) -> String {
+    fn display_text(&self) -> String {
         match untagged(self.yaml) {
             Yaml::Value(Scalar::String(text)) => format!("\"{text}\""),
             Yaml::Value(Scalar::Boolean(value)) => value.to_string(),

@@ -100,7 +100,7 @@ pub fn estimate_response(images: &[(GrayImage, f64)]) -> Result<Response, Respon
     if rms > MAX_RMS {
         return Err(ResponseError::Fit { rms });
     }
-    Ok(Response { inverse: growing(&inverse), rms, levels_seen: 254 - missing })
+    Ok(Response { inverse: increasing(&inverse), rms, levels_seen: 254 - missing })
 }
 
 /// The text of `pcalib.txt`, as [`read_photometric`](crate::read_photometric) reads it.
@@ -206,7 +206,7 @@ fn rms(samples: &[Vec<(u8, f64)>], inverse: &[f64; 256]) -> f64 {
 }
 
 /// The curve made to grow (pool adjacent violators), from 0 to 255.
-fn growing(values: &[f64; 256]) -> [f64; 256] {
+fn increasing(values: &[f64; 256]) -> [f64; 256] {
     let mut blocks: Vec<Vector2<f64>> = Vec::new();
     for value in values {
         let mut block = Vector2::new(*value, 1.0);

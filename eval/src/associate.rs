@@ -133,8 +133,8 @@ mod tests {
             ([1.4e12, 1.5e12], "milliseconds"),
             ([1.4e15, 1.5e15], "microseconds"),
         ] {
-            let said = associate(&a, &trajectory(&times), 0.1).err().map(|error| error.to_string());
-            assert!(said.is_some_and(|said| said.contains(unit)), "{unit}");
+            let text = associate(&a, &trajectory(&times), 0.1).err().map(|error| error.to_string());
+            assert!(text.is_some_and(|text| text.contains(unit)), "{unit}");
         }
         assert!(matches!(associate(&a, &b, f64::NAN), Err(EvalError::Setting(_))));
         let bare = |t: &Trajectory| Trajectory { timestamps: None, ..t.clone() };

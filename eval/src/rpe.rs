@@ -90,8 +90,8 @@ mod tests {
     use geometry::Se3;
     use nalgebra::Vector6;
 
-    /// The truth moves 1 m a second along x; the estimate turns by `turn` radians and moves 1 + drift.
-    fn pairs(n: usize, drift: f64, turn: f64) -> Associated {
+    /// The truth moves 1 m a second along x; the estimate turns by `yaw_rate` radians and moves 1 + drift.
+    fn pairs(n: usize, drift: f64, yaw_rate: f64) -> Associated {
         let path = |step: Se3| {
             std::iter::successors(Some(Se3::identity()), move |pose| Some(*pose * step))
                 .take(n)
@@ -100,7 +100,7 @@ mod tests {
         };
         Associated {
             timestamps: Some((0..n).map(|i| i as f64).collect()),
-            estimate: path(Se3::exp(&Vector6::new(1.0 + drift, 0.0, 0.0, turn, 0.0, 0.0))),
+            estimate: path(Se3::exp(&Vector6::new(1.0 + drift, 0.0, 0.0, yaw_rate, 0.0, 0.0))),
             truth: path(Se3::exp(&Vector6::new(1.0, 0.0, 0.0, 0.0, 0.0, 0.0))),
         }
     }

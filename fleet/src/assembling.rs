@@ -2,9 +2,9 @@
 
 use crate::bytes::Writer;
 use crate::hash::ObjectHash;
+use crate::lossy_codec::digest::Digest;
+use crate::lossy_codec::{depth, image};
 use crate::manifest::{Entry, Kind, Manifest, Page, PageRef, page_from_bytes};
-use crate::recoding::digest::Digest;
-use crate::recoding::{depth, image};
 use crate::store::Objects;
 use geometry::{GrayImage, Pinhole, Sim3};
 use map::parts::{
@@ -133,7 +133,7 @@ impl Assembler {
             let wanted = only.is_none_or(|only| only.contains(&id));
             let parts = objects.parts(view, number).filter(|_| wanted);
             whole &=
-                parts.is_some_and(|parts| !parts.view.kind.is_stand_in() && !parts.depth.kind.is_stand_in());
+                parts.is_some_and(|parts| !parts.view.kind.is_preview() && !parts.depth.kind.is_preview());
             let known = made.remove(&id).filter(|(known, _)| Some(*known) == parts);
             let keyframe = match (parts, known) {
                 (Some(_), Some((_, keyframe))) => Some(keyframe),
@@ -237,8 +237,8 @@ impl Assembler {
         let mut before = None;
         let mut edges = Vec::new();
         for (id, keyframe) in &map.keyframes {
-            let told = self.digests.get(id).map_or(&[][..], |(_, digest)| &digest.linked);
-            let linked = told.iter().copied().filter(|other| map.keyframes.contains_key(other));
+            let linked_ids = self.digests.get(id).map_or(&[][..], |(_, digest)| &digest.linked);
+            let linked = linked_ids.iter().copied().filter(|other| map.keyframes.contains_key(other));
             // Of one that has no earlier neighbour here its predecessor: nothing else would hold it.
             let mut linked: Vec<KeyframeId> = linked.collect();
             if linked.is_empty() {
@@ -258,8 +258,8 @@ fn edge(from: &Keyframe, to: &Keyframe) -> Edge {
     let [translation, rotation, scale] = DRIFT;
     let from_from_to = from.world_from_keyframe.inverse() * to.world_from_keyframe;
     // Where a camera only turned, as much as for a way of one of its units.
-    let way = from_from_to.translation.norm();
-    let translation = translation * if way > 0.0 { way } else { 1.0 };
+    let distance = from_from_to.translation.norm();
+    let translation = translation * if distance > 0.0 { distance } else { 1.0 };
     Edge::odometry(from, to, [translation, rotation, scale])
 }
 

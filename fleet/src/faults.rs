@@ -19,7 +19,7 @@ fn open(folder: &Path) -> Arc<dyn Store> {
 }
 
 /// A station and an agent with folders, of which the agent tells a map of eight keyframes.
-fn telling(room: &Path) -> Network {
+fn publishing_network(room: &Path) -> Network {
     let stores = ["station", "agent"].map(|name| open(&room.join(name)));
     let mut network = Network::with_stores(stores.into(), 21, Faults::NONE);
     network.publish(1, &mut Publisher::new(agent(7), 100), &map(agent(7), 8), true);
@@ -30,8 +30,8 @@ fn telling(room: &Path) -> Network {
 
 /// The file of an image of the map.
 fn image(network: &Network, folder: &Path) -> (ObjectHash, PathBuf) {
-    let told = network.nodes[1].own_maps().remove(0);
-    let entry = told.entries.iter().filter(|entry| entry.kind == Kind::Image).nth(3).unwrap();
+    let published = network.nodes[1].own_maps().remove(0);
+    let entry = published.entries.iter().filter(|entry| entry.kind == Kind::Image).nth(3).unwrap();
     let name = entry.hash.to_string();
     (entry.hash, folder.join("objects").join(&name[..2]).join(name))
 }
@@ -45,16 +45,16 @@ fn restart(network: &mut Network, room: &Path) {
 }
 
 #[test]
-fn an_object_that_is_gone_or_rotten_here_is_no_fault_of_who_told_it() {
+fn an_object_that_is_missing_or_corrupt_here_is_no_fault_of_its_publisher() {
     let room = tempfile::tempdir().unwrap();
-    let mut network = telling(room.path());
+    let mut network = publishing_network(room.path());
     assert!(network.run_until(SECONDS(20), |network| network.nodes[1].is_held()));
-    let heard = network.nodes[0].heard().next().unwrap();
+    let snapshot = network.nodes[0].snapshots().next().unwrap();
     let (_, file) = image(&network, &room.path().join("station"));
     let mut bytes = std::fs::read(&file).unwrap();
     bytes[50] ^= 1;
     std::fs::write(&file, bytes).unwrap();
-    let made = Assembler::default().assemble(agent(7), &heard.entries, &*network.stores[0], None);
+    let made = Assembler::default().assemble(agent(7), &snapshot.entries, &*network.stores[0], None);
     let made = made.expect("the agent told no lie").expect("all else is there");
     assert!(!made.whole && made.missing == 1);
     // It is fetched again.
@@ -63,11 +63,11 @@ fn an_object_that_is_gone_or_rotten_here_is_no_fault_of_who_told_it() {
 }
 
 #[test]
-fn who_is_not_believed_is_heard_again_after_some_minutes() {
+fn a_banned_peer_is_accepted_again_after_some_minutes() {
     let room = tempfile::tempdir().unwrap();
-    let mut network = telling(room.path());
+    let mut network = publishing_network(room.path());
     assert!(network.run_until(SECONDS(20), |network| network.nodes[1].is_held()));
-    network.event(0, Event::Distrust { agent: agent(7), reason: "it cannot be decoded".into() });
+    network.event(0, Event::Ban { agent: agent(7), reason: "it cannot be decoded".into() });
     let end = network.now + SECONDS(60);
     assert!(!network.run_until(end, |network| network.whole(0, agent(7)).is_some()));
     let end = network.now + SECONDS(600);
@@ -75,10 +75,10 @@ fn who_is_not_believed_is_heard_again_after_some_minutes() {
 }
 
 #[test]
-fn what_lacks_after_a_power_cut_is_not_said_to_be_held_and_is_fetched_again() {
+fn what_is_missing_after_a_power_cut_is_not_acknowledged_and_is_fetched_again() {
     for is_empty in [true, false] {
         let room = tempfile::tempdir().unwrap();
-        let mut network = telling(room.path());
+        let mut network = publishing_network(room.path());
         assert!(network.run_until(SECONDS(20), |network| network.nodes[1].is_held()));
         let (_, file) = image(&network, &room.path().join("station"));
         if is_empty {
@@ -89,15 +89,15 @@ fn what_lacks_after_a_power_cut_is_not_said_to_be_held_and_is_fetched_again() {
         restart(&mut network, room.path());
         let lacks = |network: &Network| network.whole(0, agent(7)).is_none();
         assert!(lacks(&network), "an empty file is believed");
-        let mut is_said_too_early = false;
+        let mut is_acknowledged_early = false;
         let end = network.now + SECONDS(20);
         let is_whole = network.run_until(end, |network| {
             let link = network.nodes[1].status(network.now).neighbours;
             let is_there = link.iter().any(|link| link.address.is_some() && link.lacks.is_some());
-            is_said_too_early |= is_there && network.nodes[1].is_held() && lacks(network);
+            is_acknowledged_early |= is_there && network.nodes[1].is_held() && lacks(network);
             !lacks(network)
         });
-        assert!(is_whole && !is_said_too_early, "{is_whole} {is_said_too_early}");
+        assert!(is_whole && !is_acknowledged_early, "{is_whole} {is_acknowledged_early}");
         let end = network.now + SECONDS(5);
         assert!(network.run_until(end, |network| network.nodes[1].is_held()));
     }
@@ -106,15 +106,15 @@ fn what_lacks_after_a_power_cut_is_not_said_to_be_held_and_is_fetched_again() {
 #[test]
 fn a_rotten_file_of_an_agent_costs_that_object_and_no_link() {
     let room = tempfile::tempdir().unwrap();
-    let mut network = telling(room.path());
+    let mut network = publishing_network(room.path());
     let (hash, file) = image(&network, &room.path().join("agent"));
     let whole = std::fs::read(&file).unwrap();
     let mut bytes = whole.clone();
     bytes[50] ^= 1;
     std::fs::write(&file, bytes).unwrap();
     network.run_until(SECONDS(30), |_| false);
-    let heard = network.nodes[0].heard().next().unwrap();
-    assert_eq!((network.closed, heard.missing), (0, 1));
+    let snapshot = network.nodes[0].snapshots().next().unwrap();
+    assert_eq!((network.closed, snapshot.missing), (0, 1));
     // Told again, the file is whole again.
     network.publish(1, &mut Publisher::new(agent(7), 200), &map(agent(7), 8), true);
     let end = network.now + SECONDS(60);
@@ -135,14 +135,14 @@ fn a_node_that_stood_still_for_less_than_others_bear_closes_no_link() {
 
 /// A disk that keeps nothing for half a minute.
 #[test]
-fn while_a_disk_stands_still_links_stay_and_nothing_is_said_to_be_held() {
+fn while_a_disk_stalls_links_stay_and_nothing_is_acknowledged() {
     let disks = [Cut::default(), Cut::default()];
     let on = |disk: &Cut| {
         Arc::new(FolderStore::on(Box::new(disk.clone()), Path::new("/there")).unwrap()) as Arc<dyn Store>
     };
     let mut network = Network::with_stores(disks.iter().map(on).collect(), 23, Faults::NONE);
     network.settles = false;
-    disks[0].stand_still(true);
+    disks[0].set_stalled(true);
     network.publish(1, &mut Publisher::new(agent(7), 100), &map(agent(7), 8), true);
     let until = |network: &mut Network, time: Duration, done: fn(&Network) -> bool| {
         let end = network.now + time;
@@ -155,11 +155,11 @@ fn while_a_disk_stands_still_links_stay_and_nothing_is_said_to_be_held() {
     assert!(until(&mut network, SECONDS(30), |network| network.whole(0, agent(7)).is_some()));
     assert!(!until(&mut network, SECONDS(30), |network| network.nodes[1].is_held()));
     assert_eq!(network.closed, 0);
-    disks[0].stand_still(false);
+    disks[0].set_stalled(false);
     assert!(until(&mut network, SECONDS(100), |network| network.nodes[1].is_held()));
     // And what is held outlasts a power cut.
     let after = Node::new(config(0, Role::Station), on(&disks[0].cut()));
-    assert!(after.heard().next().is_some_and(|heard| heard.missing == 0));
+    assert!(after.snapshots().next().is_some_and(|snapshot| snapshot.missing == 0));
 }
 
 /// Who reads a version of a map has all of it until he is done.
@@ -170,7 +170,7 @@ fn what_a_later_version_needs_no_more_stays_as_long_as_somebody_reads() {
     network.publish(1, &mut publisher, &map, false);
     assert!(network.run_until(SECONDS(20), |network| network.nodes[1].is_held()));
     let pin = network.stores[0].pin();
-    let before = network.nodes[0].heard().next().unwrap().entries;
+    let before = network.nodes[0].snapshots().next().unwrap().entries;
     map.keyframes.values_mut().for_each(|keyframe| keyframe.world_from_keyframe.translation.x += 1.0);
     network.publish(1, &mut publisher, &map, false);
     let end = network.now + SECONDS(20);
@@ -178,7 +178,7 @@ fn what_a_later_version_needs_no_more_stays_as_long_as_somebody_reads() {
     let end = network.now + SECONDS(2);
     network.run_until(end, |_| false);
     let gone = |network: &Network| {
-        before.iter().filter(|e| !e.kind.is_stand_in() && !network.stores[0].has(&e.hash)).count()
+        before.iter().filter(|e| !e.kind.is_preview() && !network.stores[0].has(&e.hash)).count()
     };
     assert_eq!(gone(&network), 0);
     drop(pin);
@@ -197,7 +197,7 @@ fn flood(network: &mut Network, mut says: impl FnMut(u64) -> Vec<u8>) {
 }
 
 #[test]
-fn what_is_said_to_be_held_of_maps_that_nobody_tells_is_not_kept() {
+fn acknowledgements_of_maps_that_nobody_publishes_are_not_kept() {
     let mut network = Network::new(3, 24, Faults::NONE);
     network.publish(0, &mut Publisher::new(agent(9), 100), &map(agent(9), 1), true);
     network.run_until(SECONDS(2), |_| false);
@@ -259,7 +259,7 @@ fn a_version_costs_as_much_among_many_maps_as_among_few() {
 
 /// The next version of the protocol in a fleet of this one, and one that is too new.
 #[test]
-fn versions_of_a_fleet_are_told_apart_by_what_they_have_in_common() {
+fn versions_of_a_fleet_are_distinguished_by_what_they_have_in_common() {
     let mut network = Network::new(4, 27, Faults::NONE);
     let versions = [[3, 3], [3, 4], [3, 5], [4, 5]];
     for (number, versions) in versions.into_iter().enumerate() {
@@ -278,8 +278,12 @@ fn versions_of_a_fleet_are_told_apart_by_what_they_have_in_common() {
     let has = |node: usize, of: u128| network.whole(node, agent(of)).is_some();
     assert!(has(0, 1) && has(0, 2) && has(1, 2) && has(2, 1) && has(1, 3) && has(2, 3));
     assert!(!has(0, 3));
-    let said = |node: usize| network.trouble(node).concat();
-    assert!(said(0).contains("speaks versions 4 to 5 of the protocol, this one 3 to 3"), "{}", said(0));
-    assert!(said(1).is_empty(), "{}", said(1));
-    assert!(said(3).contains("no message"), "{}", said(3));
+    let reported = |node: usize| network.trouble(node).concat();
+    assert!(
+        reported(0).contains("speaks versions 4 to 5 of the protocol, this one 3 to 3"),
+        "{}",
+        reported(0)
+    );
+    assert!(reported(1).is_empty(), "{}", reported(1));
+    assert!(reported(3).contains("no message"), "{}", reported(3));
 }

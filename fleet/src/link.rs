@@ -62,7 +62,7 @@ pub enum Taken {
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Unit {
     Missing,
-    UnderWay,
+    Requested,
     Here,
 }
 
@@ -85,10 +85,10 @@ struct Request {
 #[derive(Default)]
 pub struct Fetch {
     /// What is wanted, in its order, and where in that order each is.
-    wants: BTreeMap<usize, Want>,
+    queue: BTreeMap<usize, Want>,
     places: HashMap<ObjectHash, usize>,
     begun: BTreeMap<ObjectHash, Begun>,
-    under_way: Vec<Request>,
+    outstanding: Vec<Request>,
     pace: Pace,
     /// Bytes of parts that came, wanted or not.
     pub received: u64,
@@ -98,16 +98,16 @@ pub struct Fetch {
 
 impl Fetch {
     /// What is wanted from now on, the most urgent first. What is here of objects that are still wanted stays.
-    pub fn want(&mut self, wants: Vec<Want>) {
-        self.places = wants.iter().map(|want| want.hash).zip(0..).collect();
+    pub fn want(&mut self, queue: Vec<Want>) {
+        self.places = queue.iter().map(|want| want.hash).zip(0..).collect();
         self.begun.retain(|hash, _| self.places.contains_key(hash));
-        self.under_way.retain(|request| self.places.contains_key(&request.hash));
-        self.wants = (0..).zip(wants).collect();
+        self.outstanding.retain(|request| self.places.contains_key(&request.hash));
+        self.queue = (0..).zip(queue).collect();
     }
 
     /// How many objects are wanted.
     pub fn wanted(&self) -> usize {
-        self.wants.len()
+        self.queue.len()
     }
 
     /// The measured rate, bytes a second.
@@ -117,14 +117,14 @@ impl Fetch {
 
     /// The link was lost: nothing is under way any more.
     pub fn lost(&mut self) {
-        for request in std::mem::take(&mut self.under_way) {
+        for request in std::mem::take(&mut self.outstanding) {
             self.release(&request);
         }
         self.pace = Pace::default();
     }
 
     /// The neighbour is heard again after a silence: what is late is asked for again at once.
-    pub fn heard_again(&mut self) {
+    pub fn resumed(&mut self) {
         self.pace.backoff = 0;
     }
 
@@ -132,16 +132,16 @@ impl Fetch {
     pub fn requests(&mut self, now: Duration) -> Vec<Message> {
         let patience = self.pace.patience();
         let late: Vec<Request> =
-            self.under_way.extract_if(.., |request| now.saturating_sub(request.sent) > patience).collect();
+            self.outstanding.extract_if(.., |request| now.saturating_sub(request.sent) > patience).collect();
         if !late.is_empty() {
             self.pace.were_late(now, late.len());
             late.iter().for_each(|request| self.release(request));
         }
-        let mut room = self.pace.window().saturating_sub(self.bytes_under_way());
+        let mut room = self.pace.window().saturating_sub(self.outstanding_bytes());
         let longest = self.pace.part() / UNIT;
         let mut begun_bytes: usize = self.begun.values().map(|begun| begun.bytes.len()).sum();
         let mut asked = Vec::new();
-        for want in self.wants.values() {
+        for want in self.queue.values() {
             if room == 0 {
                 break;
             }
@@ -160,9 +160,9 @@ impl Fetch {
                 let run =
                     begun.units[first..].iter().take(longest).take_while(|unit| **unit == Unit::Missing);
                 let units = run.count();
-                begun.units[first..first + units].fill(Unit::UnderWay);
+                begun.units[first..first + units].fill(Unit::Requested);
                 let length = (begun.bytes.len() - first * UNIT).min(units * UNIT);
-                self.under_way.push(Request { hash: want.hash, first, units, sent: now });
+                self.outstanding.push(Request { hash: want.hash, first, units, sent: now });
                 let (offset, length) = ((first * UNIT) as u32, length as u32);
                 asked.push(Message::Get { hash: want.hash, offset, length });
                 room = room.saturating_sub(units * UNIT);
@@ -176,9 +176,9 @@ impl Fetch {
         self.received += part.len() as u64;
         let first = offset as usize / UNIT;
         let matching = |request: &Request| request.hash == *hash && request.first == first;
-        let answered = self.under_way.iter().position(matching).map(|at| self.under_way.swap_remove(at));
+        let answered = self.outstanding.iter().position(matching).map(|at| self.outstanding.swap_remove(at));
         let round_trip = answered.as_ref().map(|request| now.saturating_sub(request.sent));
-        self.pace.came(now, part.len(), round_trip, !self.under_way.is_empty());
+        self.pace.came(now, part.len(), round_trip, !self.outstanding.is_empty());
         let fits = |begun: &&mut Begun| {
             let end = offset as usize + part.len();
             let whole = end == begun.bytes.len() || part.len().is_multiple_of(UNIT);
@@ -223,20 +223,20 @@ impl Fetch {
     }
 
     fn drop_want(&mut self, hash: &ObjectHash) -> bool {
-        self.under_way.retain(|request| request.hash != *hash);
+        self.outstanding.retain(|request| request.hash != *hash);
         let place = self.places.remove(hash);
-        place.is_some_and(|place| self.wants.remove(&place).is_some())
+        place.is_some_and(|place| self.queue.remove(&place).is_some())
     }
 
     /// What a request asked for and is not here is missing again.
     fn release(&mut self, request: &Request) {
         let Some(begun) = self.begun.get_mut(&request.hash) else { return };
         let units = begun.units.iter_mut().skip(request.first).take(request.units);
-        units.filter(|unit| **unit == Unit::UnderWay).for_each(|unit| *unit = Unit::Missing);
+        units.filter(|unit| **unit == Unit::Requested).for_each(|unit| *unit = Unit::Missing);
     }
 
-    fn bytes_under_way(&self) -> usize {
-        self.under_way.iter().map(|request| request.units * UNIT).sum()
+    fn outstanding_bytes(&self) -> usize {
+        self.outstanding.iter().map(|request| request.units * UNIT).sum()
     }
 }
 

@@ -41,11 +41,11 @@ pub enum Kind {
     Edges = 5,
     /// Frames, likewise.
     Frames = 6,
-    /// A keyframe in a kilobyte, [`crate::recoding::digest`].
+    /// A keyframe in a kilobyte, [`crate::lossy_codec::digest`].
     Digest = 7,
-    /// A keyframe's image with a little less in it, [`crate::recoding::image`].
+    /// A keyframe's image with a little less in it, [`crate::lossy_codec::image`].
     LossyImage = 8,
-    /// A keyframe's depth likewise, [`crate::recoding::depth`].
+    /// A keyframe's depth likewise, [`crate::lossy_codec::depth`].
     LossyDepth = 9,
     /// The points of a LiDAR's keyframe, [`map::parts::scan_to_bytes`].
     Scan = 10,
@@ -68,7 +68,7 @@ impl Kind {
     ];
 
     /// Whether it stands in for another one, and only until that is there: the whole map needs none of it.
-    pub fn is_stand_in(self) -> bool {
+    pub fn is_preview(self) -> bool {
         self.stands_in_for().is_some()
     }
 

@@ -1,9 +1,9 @@
 //! An agent's own map as objects, and what is new among them.
 
 use crate::hash::ObjectHash;
+use crate::lossy_codec::digest::Digest;
+use crate::lossy_codec::{depth, image};
 use crate::manifest::{ENTRIES, Entry, Kind, MAX_OBJECT, Manifest, Page, PageRef, page_to_bytes};
-use crate::recoding::digest::Digest;
-use crate::recoding::{depth, image};
 use crate::wire::Offer;
 use features::codec;
 use geometry::Pinhole;
@@ -39,7 +39,7 @@ pub struct Publisher {
     begun: u64,
     revision: u64,
     /// The entries as they were told, by kind and number.
-    told: BTreeMap<(Kind, u32), Entry>,
+    published: BTreeMap<(Kind, u32), Entry>,
     /// The keyframes as they were told.
     keyframes: BTreeMap<KeyframeId, Keyframe>,
     /// Earlier keyframes that each shares edges with, as they were told.
@@ -51,8 +51,8 @@ pub struct Publisher {
 impl Publisher {
     /// Of the map of `agent`, which is told from `begun` on, milliseconds since 1970.
     pub fn new(agent: Identity, begun: u64) -> Self {
-        let (told, keyframes, linked, pages) = Default::default();
-        Self { agent, begun, revision: 0, told, keyframes, linked, pages, finished: false }
+        let (published, keyframes, linked, pages) = Default::default();
+        Self { agent, begun, revision: 0, published, keyframes, linked, pages, finished: false }
     }
 
     /// The map as it is by now; `None` when nothing of it is new. Keyframes without depth are not told before the map
@@ -67,11 +67,12 @@ impl Publisher {
         };
         let vocabulary = Vocabulary::shipped();
         let (entries, objects) = Default::default();
-        let mut step = Step { told: &self.told, linked: &self.linked, vocabulary, entries, objects };
+        let mut step =
+            Step { published: &self.published, linked: &self.linked, vocabulary, entries, objects };
         step.add(Kind::Agent, 0, agent_to_bytes(info)).map_err(refuse)?;
-        let is_told =
+        let is_published =
             |keyframe: &&Keyframe| finished || keyframe.scan.is_some() || !keyframe.semi_dense.is_empty();
-        let keyframes: Vec<&Keyframe> = map.keyframes.values().filter(is_told).collect();
+        let keyframes: Vec<&Keyframe> = map.keyframes.values().filter(is_published).collect();
         let mut linked: BTreeMap<KeyframeId, Vec<KeyframeId>> = BTreeMap::new();
         for edge in &map.edges {
             linked.entry(edge.from.max(edge.to)).or_default().push(edge.from.min(edge.to));
@@ -98,19 +99,19 @@ impl Publisher {
             step.add(Kind::Frames, number, frames_part(frames)).map_err(refuse)?;
         }
         let Step { entries, objects, .. } = step;
-        if entries == self.told && finished == self.finished {
+        if entries == self.published && finished == self.finished {
             return Ok(None);
         }
         let newest = keyframes.last().map_or(0, |keyframe| keyframe.id.0);
         self.keyframes = keyframes.iter().map(|keyframe| (keyframe.id, (*keyframe).clone())).collect();
-        (self.told, self.linked, self.finished) = (entries, linked, finished);
+        (self.published, self.linked, self.finished) = (entries, linked, finished);
         self.revision += 1;
         Ok(Some(self.listed(newest, objects)))
     }
 
     /// Has all of the map told anew: what was told last could not be kept.
     pub fn begin_again(&mut self) {
-        (self.told, self.keyframes, self.linked, self.pages) = Default::default();
+        (self.published, self.keyframes, self.linked, self.pages) = Default::default();
     }
 
     /// What is told by now: `objects` and the lists that are new.
@@ -130,9 +131,10 @@ impl Publisher {
         };
         // What is said of keyframes on pages of their own, so that old ones stay as they are.
         let of_keyframes = |entry: &&Entry| entry.kind.is_of_keyframe();
-        let general: Vec<Entry> = self.told.values().filter(|entry| !of_keyframes(entry)).copied().collect();
+        let general: Vec<Entry> =
+            self.published.values().filter(|entry| !of_keyframes(entry)).copied().collect();
         general.chunks(ENTRIES).for_each(&mut page);
-        let mut keyframes: Vec<Entry> = self.told.values().filter(of_keyframes).copied().collect();
+        let mut keyframes: Vec<Entry> = self.published.values().filter(of_keyframes).copied().collect();
         keyframes.sort_by_key(|entry| (entry.number, entry.kind));
         keyframes.chunks(ENTRIES).for_each(&mut page);
         self.pages = known;
@@ -156,7 +158,7 @@ fn frames_part(frames: &[FramePose]) -> Vec<u8> {
 
 /// A version as it is put together.
 struct Step<'a> {
-    told: &'a BTreeMap<(Kind, u32), Entry>,
+    published: &'a BTreeMap<(Kind, u32), Entry>,
     /// Earlier keyframes that each shared edges with, as they were told.
     linked: &'a BTreeMap<KeyframeId, Vec<KeyframeId>>,
     vocabulary: Arc<Vocabulary>,
@@ -232,8 +234,8 @@ impl Step<'_> {
 
     /// Tells an object as it was told before; false when it was not.
     fn keep(&mut self, kind: Kind, number: u32) -> bool {
-        let told = self.told.get(&(kind, number));
-        told.is_some_and(|entry| self.entries.insert((kind, number), *entry).is_none())
+        let published = self.published.get(&(kind, number));
+        published.is_some_and(|entry| self.entries.insert((kind, number), *entry).is_none())
     }
 
     /// Adds an object, which may turn out to be what it was.
@@ -241,8 +243,8 @@ impl Step<'_> {
         let size = u32::try_from(bytes.len()).ok().filter(|&size| size <= MAX_OBJECT);
         let size = size.ok_or_else(|| format!("{kind:?} {number} takes {} bytes: too many", bytes.len()))?;
         let hash = ObjectHash::of(&bytes);
-        if self.told.get(&(kind, number)).is_none_or(|told| told.hash != hash) {
-            let revision = self.told.get(&(kind, number)).map_or(0, |told| told.revision + 1);
+        if self.published.get(&(kind, number)).is_none_or(|published| published.hash != hash) {
+            let revision = self.published.get(&(kind, number)).map_or(0, |published| published.revision + 1);
             self.entries.insert((kind, number), Entry { kind, number, revision, size, hash });
             self.objects.push((hash, bytes.into()));
         } else {

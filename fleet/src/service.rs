@@ -2,10 +2,10 @@
 
 mod serving;
 
-use crate::findings::Found;
 use crate::keys::Keys;
 use crate::manifest::Kind;
-use crate::node::{Action, Config, Event, Heard, News, Node, Quota, Status};
+use crate::merge_results::Found;
+use crate::node::{Action, Config, Event, MapSnapshot, News, Node, Quota, Status};
 use crate::publishing::Publication;
 use crate::store::{FolderStore, Store};
 use crate::transport::tcp::Tcp;
@@ -48,7 +48,7 @@ pub struct ServiceOptions {
     pub quota: Quota,
     /// Whether little of others' maps comes before it is asked for, see [`Config::waits`].
     pub waits: bool,
-    /// Its party's keys; without them it reaches nobody beyond this machine.
+    /// Its peer's keys; without them it reaches nobody beyond this machine.
     pub keys: Option<Keys>,
 }
 
@@ -74,8 +74,8 @@ struct Shared {
 #[derive(Clone, Default)]
 struct View {
     status: Status,
-    heard: Vec<Heard>,
-    own: Vec<Heard>,
+    snapshots: Vec<MapSnapshot>,
+    own: Vec<MapSnapshot>,
     is_held: bool,
     /// Publications that the node took in.
     taken: u64,
@@ -101,7 +101,7 @@ impl Service {
         let keys = options.keys.as_ref();
         if let Some(keys) = keys {
             keys.check(SystemTime::now()).map_err(|what| {
-                let name = &keys.party().name;
+                let name = &keys.peer().name;
                 anyhow!("the certificate of {name} cannot be used: {what}\nhint: `loopbox keys agent {name}` makes a new one")
             })?;
         }
@@ -138,8 +138,8 @@ impl Service {
     }
 
     /// Tells what was found out; `revision` is larger than before.
-    pub fn findings(&self, revision: u64, found: Arc<Found>) {
-        self.tell(Event::Findings { revision, found });
+    pub fn publish_results(&self, revision: u64, found: Arc<Found>) {
+        self.tell(Event::Results { revision, found });
     }
 
     /// How things are.
@@ -148,12 +148,12 @@ impl Service {
     }
 
     /// Maps of others that are here, whole or in part.
-    pub fn heard(&self) -> Vec<Heard> {
-        self.shared.view().heard.clone()
+    pub fn snapshots(&self) -> Vec<MapSnapshot> {
+        self.shared.view().snapshots.clone()
     }
 
     /// Own maps.
-    pub fn own(&self) -> Vec<Heard> {
+    pub fn own(&self) -> Vec<MapSnapshot> {
         self.shared.view().own.clone()
     }
 
@@ -164,8 +164,8 @@ impl Service {
     }
 
     /// What was told of an agent is not to be believed: whoever told it is refused.
-    pub fn distrust(&self, agent: Identity, reason: String) {
-        self.tell(Event::Distrust { agent, reason });
+    pub fn ban(&self, agent: Identity, reason: String) {
+        self.tell(Event::Ban { agent, reason });
     }
 
     /// Whether all neighbours that are there hold all own maps as they were published last; false without one.
@@ -232,9 +232,9 @@ impl Shared {
 
     /// Shows how the node is.
     fn look(&self, node: &Node, now: Duration) {
-        let (status, heard, is_held) = (node.status(now), node.heard().collect(), node.is_held());
+        let (status, snapshots, is_held) = (node.status(now), node.snapshots().collect(), node.is_held());
         let mut view = self.view();
-        (view.status, view.heard, view.is_held) = (status, heard, is_held);
+        (view.status, view.snapshots, view.is_held) = (status, snapshots, is_held);
     }
 }
 
@@ -284,7 +284,7 @@ fn attend(
                 Action::Close { link, .. } => transport.close(link),
                 Action::News(News::Unkept) => shared.view().is_unkept = true,
                 Action::News(what) => {
-                    is_own |= matches!(what, News::Told { .. });
+                    is_own |= matches!(what, News::Published { .. });
                     news(what);
                 }
             }

@@ -1,6 +1,6 @@
 //! Small maps, and a network of which every fault is drawn from a seed.
 
-use crate::keys::Party;
+use crate::keys::Peer;
 use crate::node::{Action, Config, Event, LinkId, News, Node, Quota, part_of};
 use crate::publishing::Publisher;
 use crate::store::{MemoryStore, Store};
@@ -134,8 +134,8 @@ pub struct Network {
     pub closed: usize,
     /// The longest that a message waited for the link to be free.
     pub waited: Duration,
-    /// Whose each node is, where parties have keys.
-    pub parties: Vec<Party>,
+    /// Whose each node is, where peers have keys.
+    pub peers: Vec<Peer>,
     /// Whether disks take no time.
     pub settles: bool,
     /// Who looks at nothing, until when, and what came meanwhile.
@@ -145,7 +145,7 @@ pub struct Network {
     next_link: LinkId,
     reopen: Vec<(Duration, [usize; 2])>,
     free: BTreeMap<(LinkId, usize), Duration>,
-    under_way: BTreeMap<(Duration, u64), (LinkId, usize, Vec<u8>)>,
+    in_transit: BTreeMap<(Duration, u64), (LinkId, usize, Vec<u8>)>,
     sequence: u64,
     ticked: Duration,
 }
@@ -186,7 +186,7 @@ impl Network {
             sent: 0,
             closed: 0,
             waited: Duration::ZERO,
-            parties: Vec::new(),
+            peers: Vec::new(),
             settles: true,
             stalled: None,
             numbers: Random::new(seed),
@@ -194,7 +194,7 @@ impl Network {
             next_link: 1,
             reopen,
             free: BTreeMap::new(),
-            under_way: BTreeMap::new(),
+            in_transit: BTreeMap::new(),
             sequence: 0,
             ticked: Duration::ZERO,
         }
@@ -239,7 +239,7 @@ impl Network {
             }
         }
         if self.settles {
-            self.stores[node].settle();
+            self.stores[node].wait_until_written();
         }
     }
 
@@ -270,7 +270,7 @@ impl Network {
             let [least, most] = self.faults.delay;
             let at = there + least + (most - least).mul_f64(self.numbers.unit());
             self.sequence += 1;
-            self.under_way.insert((at, self.sequence), (link, to, bytes.clone()));
+            self.in_transit.insert((at, self.sequence), (link, to, bytes.clone()));
         }
     }
 
@@ -280,7 +280,7 @@ impl Network {
         let to = if node == a { b } else { a };
         let free = self.free.get(&(link, to)).copied().unwrap_or_default().max(self.now);
         self.sequence += 1;
-        self.under_way.insert((free + self.faults.delay[1], self.sequence), (link, to, Vec::new()));
+        self.in_transit.insert((free + self.faults.delay[1], self.sequence), (link, to, Vec::new()));
     }
 
     /// A link ends, for both.
@@ -311,10 +311,10 @@ impl Network {
                 return true;
             }
             self.open_links();
-            let next = self.under_way.first_key_value().map_or(Duration::MAX, |((at, _), _)| *at);
+            let next = self.in_transit.first_key_value().map_or(Duration::MAX, |((at, _), _)| *at);
             if next < self.ticked + TICK {
                 self.now = self.now.max(next);
-                match self.under_way.pop_first() {
+                match self.in_transit.pop_first() {
                     Some((_, (link, to, bytes))) if self.links.contains_key(&link) => {
                         if bytes.is_empty() {
                             let [a, b] = self.links[&link];
@@ -347,17 +347,18 @@ impl Network {
             self.links.insert(link, ends);
             for end in ends {
                 let other = if end == ends[0] { ends[1] } else { ends[0] };
-                let party = self.parties.get(other).cloned();
-                self.event(end, Event::Up { link, address: format!("link {link}"), party });
+                let peer = self.peers.get(other).cloned();
+                self.event(end, Event::Up { link, address: format!("link {link}"), peer });
             }
         }
     }
 
     /// The map of an agent as a node has it, if it is whole there.
     pub fn whole(&self, node: usize, agent: Identity) -> Option<Map> {
-        let heard = self.nodes[node].heard().find(|heard| heard.agent == agent && heard.missing == 0)?;
+        let snapshot =
+            self.nodes[node].snapshots().find(|snapshot| snapshot.agent == agent && snapshot.missing == 0)?;
         let mut assembler = crate::assembling::Assembler::default();
-        let made = assembler.assemble(agent, &heard.entries, &*self.stores[node], None).unwrap()?;
+        let made = assembler.assemble(agent, &snapshot.entries, &*self.stores[node], None).unwrap()?;
         made.whole.then_some(made.map)
     }
 

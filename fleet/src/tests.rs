@@ -24,7 +24,7 @@ fn first(map: &Map, keyframes: usize) -> Map {
 }
 
 /// Two nodes, the second with a map of so many keyframes to tell.
-fn telling(keyframes: u32, seed: u64, faults: Faults) -> (Network, Map, Publisher) {
+fn publishing_network(keyframes: u32, seed: u64, faults: Faults) -> (Network, Map, Publisher) {
     let mut network = Network::new(2, seed, faults);
     let map = map(agent(7), keyframes);
     let mut publisher = Publisher::new(agent(7), 100);
@@ -34,7 +34,7 @@ fn telling(keyframes: u32, seed: u64, faults: Faults) -> (Network, Map, Publishe
 
 #[test]
 fn a_map_arrives_bit_by_bit_and_is_acknowledged() {
-    let (mut network, map, _) = telling(12, 1, Faults::NONE);
+    let (mut network, map, _) = publishing_network(12, 1, Faults::NONE);
     assert!(network.run_until(SECONDS(10), |network| network.nodes[1].is_held()), "{:?}", network.news);
     assert!(network.whole(0, agent(7)).unwrap() == map);
     let objects: u64 = 12 * 31_000;
@@ -52,8 +52,8 @@ fn a_map_arrives_bit_by_bit_and_is_acknowledged() {
 
 /// A program that has just been started says who it is as soon as there is a link, and not a beat later.
 #[test]
-fn who_is_there_is_said_at_once() {
-    let (mut network, ..) = telling(1, 1, Faults::NONE);
+fn a_new_neighbour_is_announced_at_once() {
+    let (mut network, ..) = publishing_network(1, 1, Faults::NONE);
     let met = |network: &Network| {
         network.news.iter().all(|news| news.iter().any(|news| matches!(news, News::Met { .. })))
     };
@@ -73,9 +73,9 @@ fn a_lidars_map_arrives_bit_by_bit_while_it_grows() {
     }
     // What is here is a map, of whole keyframes alone.
     let part = |network: &Network| {
-        let heard = network.nodes[0].heard().next()?;
+        let snapshot = network.nodes[0].snapshots().next()?;
         let mut assembler = crate::assembling::Assembler::default();
-        let part = assembler.assemble(agent(7), &heard.entries, &*network.stores[0], None).unwrap()?;
+        let part = assembler.assemble(agent(7), &snapshot.entries, &*network.stores[0], None).unwrap()?;
         (!part.whole && part.missing > 0 && !part.map.keyframes.is_empty()).then_some(part.map)
     };
     assert!(network.run_until(SECONDS(20), |network| part(network).is_some()));
@@ -97,12 +97,12 @@ fn a_lidars_map_arrives_bit_by_bit_while_it_grows() {
 #[test]
 fn scans_that_are_not_there_or_of_another_keyframe_are_refused() {
     let map = lidar_map(agent(7), 2);
-    let told = Publisher::new(agent(7), 1).publish(&map, true).unwrap().unwrap();
+    let published = Publisher::new(agent(7), 1).publish(&map, true).unwrap().unwrap();
     let store = crate::store::MemoryStore::default();
-    for (hash, bytes) in &told.objects {
+    for (hash, bytes) in &published.objects {
         store.put(hash, bytes.clone());
     }
-    let manifest = crate::manifest::Manifest::from_bytes(&store.get(&told.offer.hash).unwrap()).unwrap();
+    let manifest = crate::manifest::Manifest::from_bytes(&store.get(&published.offer.hash).unwrap()).unwrap();
     let entries = crate::assembling::entries_of(&manifest, &store).unwrap().unwrap();
     let assemble = |entries: &[crate::manifest::Entry]| {
         crate::assembling::Assembler::default().assemble(agent(7), entries, &store, None)
@@ -122,7 +122,7 @@ fn whatever_is_lost_late_twice_or_overtaken_the_same_map_arrives() {
         for delay in [20, 200, 2000] {
             let delay = [MILLIS(delay / 2), MILLIS(delay)];
             let faults = Faults { loss, twice: 0.05, delay, rate: 2e6 };
-            let (mut network, map, _) = telling(8, seed, faults);
+            let (mut network, map, _) = publishing_network(8, seed, faults);
             let done = network.run_until(SECONDS(600), |network| network.nodes[1].is_held());
             assert!(done, "{faults:?}: {:?}", network.nodes[0].status(network.now));
             assert!(network.whole(0, agent(7)).unwrap() == map, "{faults:?}");
@@ -135,7 +135,7 @@ fn at_a_loss_of_a_fifth_not_much_more_is_sent() {
     let faults = Faults { loss: 0.2, delay: [MILLIS(10), MILLIS(20)], rate: 2e6, ..Faults::NONE };
     let sent = |faults: Faults, seed: u64| {
         let limit = SECONDS(if faults.loss > 0.0 { 200 } else { 100 });
-        let (mut network, ..) = telling(60, seed, faults);
+        let (mut network, ..) = publishing_network(60, seed, faults);
         assert!(network.run_until(limit, |network| network.nodes[1].is_held()));
         network.parts_sent as f64
     };
@@ -166,8 +166,8 @@ fn a_map_that_grows_while_it_is_fetched_arrives_as_it_is_in_the_end() {
     network.publish(1, &mut publisher, &map, true);
     assert!(network.run_until(SECONDS(100), |network| network.nodes[1].is_held()));
     assert!(network.whole(0, agent(7)).unwrap() == map);
-    let heard = network.nodes[0].heard().next().unwrap();
-    assert!(heard.finished);
+    let snapshot = network.nodes[0].snapshots().next().unwrap();
+    assert!(snapshot.finished);
     // What only earlier versions had is not kept.
     let gone = publisher_object(&first(&map, 3));
     assert!(!network.stores[0].has(&gone), "an early version's manifest is kept");
@@ -180,12 +180,12 @@ fn publisher_object(map: &Map) -> crate::hash::ObjectHash {
 
 #[test]
 fn part_of_a_map_is_a_map() {
-    let (mut network, map, _) = telling(10, 5, Faults { rate: 60e3, ..Faults::NONE });
+    let (mut network, map, _) = publishing_network(10, 5, Faults { rate: 60e3, ..Faults::NONE });
     network.run_until(SECONDS(4), |_| false);
-    let heard = network.nodes[0].heard().next().expect("the lists are there");
-    assert!(heard.missing > 0);
+    let snapshot = network.nodes[0].snapshots().next().expect("the lists are there");
+    assert!(snapshot.missing > 0);
     let mut assembler = crate::assembling::Assembler::default();
-    let made = assembler.assemble(agent(7), &heard.entries, &*network.stores[0], None).unwrap().unwrap();
+    let made = assembler.assemble(agent(7), &snapshot.entries, &*network.stores[0], None).unwrap().unwrap();
     assert!(!made.whole && made.missing > 0 && !made.map.keyframes.is_empty(), "{:?}", made.missing);
     // Those of which image and depth are not here have their places, and all hang together as in the whole map.
     let there = |keyframe: &&map::Keyframe| !keyframe.semi_dense.is_empty();
@@ -205,14 +205,15 @@ fn part_of_a_map_is_a_map() {
 
 #[test]
 fn keyframes_that_are_preferred_come_first() {
-    let (mut network, ..) = telling(30, 5, Faults { rate: 100e3, ..Faults::NONE });
-    assert!(network.run_until(SECONDS(4), |network| network.nodes[0].heard().next().is_some()));
+    let (mut network, ..) = publishing_network(30, 5, Faults { rate: 100e3, ..Faults::NONE });
+    assert!(network.run_until(SECONDS(4), |network| network.nodes[0].snapshots().next().is_some()));
     let parts = [57, 41].map(|number| [(Kind::Depth, number), (Kind::Image, number)]);
     network.event(0, Event::Prefer { agent: agent(7), objects: parts.concat(), rest: true });
     let has = |network: &Network, number: u32| {
-        let heard = network.nodes[0].heard().next().unwrap();
+        let snapshot = network.nodes[0].snapshots().next().unwrap();
         let is_exact = |kind: Kind| matches!(kind, Kind::Depth | Kind::Image);
-        let mut parts = heard.entries.iter().filter(|entry| entry.number == number && is_exact(entry.kind));
+        let mut parts =
+            snapshot.entries.iter().filter(|entry| entry.number == number && is_exact(entry.kind));
         parts.all(|entry| network.stores[0].has(&entry.hash))
     };
     assert!(network.run_until(SECONDS(60), |network| has(network, 57)));
@@ -236,7 +237,8 @@ fn what_comes_of_one_map_is_news_whatever_another_one_does_not_send() {
     let [(stalled, mut of_stalled), (other, mut of_other)] = maps;
     network.publish(1, &mut of_stalled, &stalled, true);
     network.run_until(SECONDS(1), |_| false);
-    let lacking = |network: &Network| network.nodes[0].heard().next().map_or(0, |heard| heard.missing);
+    let lacking =
+        |network: &Network| network.nodes[0].snapshots().next().map_or(0, |snapshot| snapshot.missing);
     assert!(lacking(&network) > 0);
     // One stands still with half of its map told: with its link open at first, without it after a while.
     network.cut = vec![(1, 0), (1, 2)];
@@ -244,7 +246,7 @@ fn what_comes_of_one_map_is_news_whatever_another_one_does_not_send() {
     // The lists with the places of keyframes, then all of it.
     assert_eq!(arrivals_until_whole(&mut network, 8), 2);
     network.run_until(SECONDS(30), |_| false);
-    assert!(lacking(&network) > 0 && !network.nodes[0].heard().next().unwrap().is_near);
+    assert!(lacking(&network) > 0 && !network.nodes[0].snapshots().next().unwrap().is_near);
     let mut grown = other.clone();
     grown.keyframes.values_mut().for_each(|keyframe| keyframe.world_from_keyframe.scale *= 1.5);
     network.publish(2, &mut of_other, &grown, true);
@@ -256,14 +258,14 @@ fn what_comes_of_one_map_is_news_whatever_another_one_does_not_send() {
 
 #[test]
 fn what_was_preferred_is_news_before_all_else_is_there() {
-    let (mut network, ..) = telling(30, 5, Faults { rate: 100e3, ..Faults::NONE });
+    let (mut network, ..) = publishing_network(30, 5, Faults { rate: 100e3, ..Faults::NONE });
     assert!(network.run_until(SECONDS(4), |network| network.nodes[0].arrivals() == 1));
-    let heard = network.nodes[0].heard().next().expect("the lists are there");
+    let snapshot = network.nodes[0].snapshots().next().expect("the lists are there");
     let objects = vec![(Kind::Depth, 57), (Kind::Image, 57)];
     network.event(0, Event::Prefer { agent: agent(7), objects, rest: true });
     assert!(network.run_until(SECONDS(9), |network| network.nodes[0].arrivals() == 2));
     let is_here = |number: u32| {
-        let of_one = heard.entries.iter().filter(|entry| entry.number == number);
+        let of_one = snapshot.entries.iter().filter(|entry| entry.number == number);
         let mut exact = of_one.filter(|entry| matches!(entry.kind, Kind::Depth | Kind::Image));
         exact.all(|entry| network.stores[0].has(&entry.hash))
     };
@@ -272,16 +274,16 @@ fn what_was_preferred_is_news_before_all_else_is_there() {
 }
 
 #[test]
-fn what_was_cut_goes_on_where_it_was() {
+fn what_was_interrupted_resumes_where_it_was() {
     // For 10 s, for 10 minutes, and one way each.
     let cuts = [vec![(0, 1), (1, 0)], vec![(0, 1)], vec![(1, 0)]];
     for (cut, seconds) in cuts.iter().flat_map(|cut| [(cut, 10), (cut, 600)]) {
-        let (mut network, map, _) = telling(30, 6, Faults { rate: 100e3, ..Faults::NONE });
+        let (mut network, map, _) = publishing_network(30, 6, Faults { rate: 100e3, ..Faults::NONE });
         network.run_until(SECONDS(3), |_| false);
-        let lacks = |network: &Network| network.nodes[0].heard().next().unwrap().missing;
+        let lacks = |network: &Network| network.nodes[0].snapshots().next().unwrap().missing;
         let before = lacks(&network);
         assert!(before > 20);
-        let is_near = |network: &Network| network.nodes[0].heard().next().unwrap().is_near;
+        let is_near = |network: &Network| network.nodes[0].snapshots().next().unwrap().is_near;
         assert!(is_near(&network));
         network.cut = cut.clone();
         network.run_until(SECONDS(3 + seconds), |_| false);
@@ -304,15 +306,15 @@ fn what_was_cut_goes_on_where_it_was() {
 #[test]
 fn a_slow_link_stays_open_and_states_come_through() {
     // 64 kbit/s.
-    let (mut network, map, mut publisher) = telling(6, 7, Faults { rate: 8e3, ..Faults::NONE });
+    let (mut network, map, mut publisher) = publishing_network(6, 7, Faults { rate: 8e3, ..Faults::NONE });
     let mut grown = map.clone();
     grown.keyframes.get_mut(&KeyframeId(1)).unwrap().world_from_keyframe.scale = 2.0;
     network.run_until(SECONDS(10), |_| false);
     network.publish(1, &mut publisher, &grown, true);
     let since = network.now;
     let knows = |network: &Network| {
-        let told = network.nodes[0].status(network.now).agents;
-        told[0].missing > 0 && network.whole(0, agent(7)).is_none()
+        let published = network.nodes[0].status(network.now).agents;
+        published[0].missing > 0 && network.whole(0, agent(7)).is_none()
     };
     assert!(network.run_until(since + SECONDS(5), knows));
     assert!(network.run_until(SECONDS(100), |network| network.nodes[1].is_held()));
@@ -351,9 +353,12 @@ fn nothing_acknowledged_is_lost_however_often_somebody_is_killed() {
         network.stores[killed] = open(killed);
         network.restart(killed);
         if killed == 0 {
-            let told = network.nodes[0].status(network.now).agents;
-            let has = network.nodes[0].heard().next();
-            assert!(acknowledged == 0 || (told.len() == 1 && has.is_some_and(|heard| heard.missing == 0)));
+            let published = network.nodes[0].status(network.now).agents;
+            let has = network.nodes[0].snapshots().next();
+            assert!(
+                acknowledged == 0
+                    || (published.len() == 1 && has.is_some_and(|snapshot| snapshot.missing == 0))
+            );
         }
     }
     assert!(acknowledged > 3, "{acknowledged}");
@@ -365,7 +370,7 @@ fn nothing_acknowledged_is_lost_however_often_somebody_is_killed() {
 
 #[test]
 fn an_older_map_of_an_agent_does_not_take_the_place_of_a_newer() {
-    let (mut network, map, _) = telling(6, 10, Faults::NONE);
+    let (mut network, map, _) = publishing_network(6, 10, Faults::NONE);
     assert!(network.run_until(SECONDS(10), |network| network.nodes[1].is_held()));
     // The run is repeated, by a clock that is right, and by one that is not.
     for (begun, keyframes, expected) in [(200, 3, 3), (50, 5, 3)] {
@@ -386,7 +391,7 @@ fn an_older_map_of_an_agent_does_not_take_the_place_of_a_newer() {
 }
 
 #[test]
-fn a_neighbour_that_sends_rubbish_loses_its_own_link_and_is_told_why() {
+fn a_neighbour_that_sends_rubbish_loses_its_own_link_and_receives_the_reason() {
     let hash = crate::hash::ObjectHash::of(b"no object");
     let state = |agent, hash, size| {
         let offer = Offer { agent, begun: 1 << 60, revision: 1, newest: 1, size, hash };
@@ -418,19 +423,20 @@ fn a_neighbour_that_sends_rubbish_loses_its_own_link_and_is_told_why() {
 fn of_a_newer_version(agent: map::Identity) -> crate::publishing::Publication {
     use crate::hash::ObjectHash;
     use crate::manifest::{Manifest, PageRef};
-    let mut told = Publisher::new(agent, 1).publish(&lidar_map(agent, 3), true).unwrap().unwrap();
-    let bytes_of = |hash: ObjectHash| told.objects.iter().find(|(name, _)| *name == hash).unwrap().1.to_vec();
-    let mut manifest = Manifest::from_bytes(&bytes_of(told.offer.hash)).unwrap();
+    let mut published = Publisher::new(agent, 1).publish(&lidar_map(agent, 3), true).unwrap().unwrap();
+    let bytes_of =
+        |hash: ObjectHash| published.objects.iter().find(|(name, _)| *name == hash).unwrap().1.to_vec();
+    let mut manifest = Manifest::from_bytes(&bytes_of(published.offer.hash)).unwrap();
     let mut page = bytes_of(manifest.pages[0].hash);
     page[6] = 99;
     manifest.pages[0] = PageRef { size: page.len() as u32, hash: ObjectHash::of(&page) };
     let list = manifest.to_bytes();
-    told.manifest = manifest;
-    told.offer = Offer { size: list.len() as u32, hash: ObjectHash::of(&list), ..told.offer };
+    published.manifest = manifest;
+    published.offer = Offer { size: list.len() as u32, hash: ObjectHash::of(&list), ..published.offer };
     for bytes in [page, list] {
-        told.objects.push((ObjectHash::of(&bytes), bytes.into()));
+        published.objects.push((ObjectHash::of(&bytes), bytes.into()));
     }
-    told
+    published
 }
 
 #[test]
@@ -442,20 +448,23 @@ fn a_map_of_a_newer_version_is_refused_by_name_and_others_are_not() {
     assert!(network.run_until(SECONDS(20), |network| network.whole(0, agent(7)).is_some()));
     assert!(network.whole(0, agent(7)).unwrap() == map);
     for node in [0, 2] {
-        let said = network.trouble(node);
-        assert!(said.iter().any(|text| text.contains("objects of kind 99 are not known")), "{said:?}");
+        let reported = network.trouble(node);
+        assert!(
+            reported.iter().any(|text| text.contains("objects of kind 99 are not known")),
+            "{reported:?}"
+        );
     }
 }
 
 #[test]
-fn whoever_takes_ones_own_name_is_refused() {
-    let (mut network, map, _) = telling(3, 12, Faults::NONE);
+fn a_peer_with_ones_own_name_is_refused() {
+    let (mut network, map, _) = publishing_network(3, 12, Faults::NONE);
     network.run_until(SECONDS(2), |_| false);
     let mut publisher = Publisher::new(agent(7), 1 << 50);
     network.publish(0, &mut publisher, &map, true);
     network.run_until(SECONDS(4), |_| false);
-    let said = [network.trouble(0), network.trouble(1)].concat();
-    assert!(said.iter().any(|text| text.contains("two runs of one recording")), "{said:?}");
+    let reported = [network.trouble(0), network.trouble(1)].concat();
+    assert!(reported.iter().any(|text| text.contains("two runs of one recording")), "{reported:?}");
 }
 
 /// Makes the first of a network a station that takes no more of an agent than this.
@@ -466,7 +475,7 @@ fn limit(network: &mut Network, quota: crate::node::Quota) {
 
 #[test]
 fn a_map_beyond_the_quota_is_refused() {
-    let (mut network, _, _) = telling(8, 13, Faults::NONE);
+    let (mut network, _, _) = publishing_network(8, 13, Faults::NONE);
     limit(&mut network, crate::node::Quota { bytes: 1 << 30, keyframes: 7, maps: 1 });
     network.run_until(SECONDS(5), |_| false);
     assert!(network.trouble(1).iter().any(|text| text.contains("8 keyframes")), "{:?}", network.trouble(1));
@@ -488,7 +497,7 @@ fn what_was_found_out_comes_to_all_and_only_the_newest_stays() {
     let mut network = Network::new(3, 14, faults);
     network.run_until(SECONDS(3), |_| false);
     let found = |revision: u64| {
-        let agent = crate::findings::FoundAgent {
+        let agent = crate::merge_results::FoundAgent {
             agent: agent(7).to_string(),
             name: "x".repeat(9000),
             keyframes: revision as usize,
@@ -496,10 +505,10 @@ fn what_was_found_out_comes_to_all_and_only_the_newest_stays() {
             root: agent(7).to_string(),
             root_from_agent: [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0],
         };
-        crate::findings::Found { agents: vec![agent], meetings: Vec::new() }
+        crate::merge_results::Found { agents: vec![agent], pair_verdicts: Vec::new() }
     };
     for revision in 1..=5 {
-        network.event(0, Event::Findings { revision, found: found(revision).into() });
+        network.event(0, Event::Results { revision, found: found(revision).into() });
         let until = network.now + MILLIS(700);
         network.run_until(until, |_| false);
     }
@@ -507,7 +516,7 @@ fn what_was_found_out_comes_to_all_and_only_the_newest_stays() {
     network.run_until(until, |_| false);
     for node in [1, 2] {
         let last = network.news[node].iter().rev().find_map(|news| match news {
-            News::Findings { bytes, .. } => crate::findings::Found::from_bytes(bytes).ok(),
+            News::Results { bytes, .. } => crate::merge_results::Found::from_bytes(bytes).ok(),
             _ => None,
         });
         assert_eq!(last, Some(found(5)));
@@ -516,9 +525,9 @@ fn what_was_found_out_comes_to_all_and_only_the_newest_stays() {
 
 /// Of so many agents that all of it would be more than one message of findings may hold.
 #[test]
-fn each_is_told_its_place_however_many_others_there_are() {
-    use crate::findings::{ACCEPTED, Found, FoundAgent, FoundMeeting};
-    let (mut network, ..) = telling(1, 3, Faults { rate: 1e7, ..Faults::NONE });
+fn each_receives_its_place_however_many_others_there_are() {
+    use crate::merge_results::{ACCEPTED, Found, FoundAgent, PairVerdict};
+    let (mut network, ..) = publishing_network(1, 3, Faults { rate: 1e7, ..Faults::NONE });
     assert!(network.run_until(SECONDS(10), |network| network.nodes[1].is_held()));
     let all: Vec<String> = (0..300).map(|number| agent(7 + number).to_string()).collect();
     let mut found = Found::default();
@@ -531,7 +540,7 @@ fn each_is_told_its_place_however_many_others_there_are() {
             root: all[0].clone(),
             root_from_agent: [number as f64, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0],
         });
-        found.meetings.extend(all[..number].iter().map(|other| FoundMeeting {
+        found.pair_verdicts.extend(all[..number].iter().map(|other| PairVerdict {
             names: [other.clone(), name.clone()],
             agents: [other.clone(), name.clone()],
             verdict: ACCEPTED.into(),
@@ -540,16 +549,16 @@ fn each_is_told_its_place_however_many_others_there_are() {
         }));
     }
     assert!(found.to_bytes().len() > crate::manifest::MAX_LIST as usize);
-    network.event(0, Event::Findings { revision: 1, found: found.into() });
-    let heard = |network: &Network| {
-        let told = network.news[1].iter().find_map(|news| match news {
-            News::Findings { bytes, .. } => Found::from_bytes(bytes).ok(),
+    network.event(0, Event::Results { revision: 1, found: found.into() });
+    let is_received = |network: &Network| {
+        let received = network.news[1].iter().find_map(|news| match news {
+            News::Results { bytes, .. } => Found::from_bytes(bytes).ok(),
             _ => None,
         });
-        told.is_some_and(|told| told.agents.len() == 300 && told.meetings.len() == 299)
+        received.is_some_and(|received| received.agents.len() == 300 && received.pair_verdicts.len() == 299)
     };
     let end = network.now + SECONDS(10);
-    assert!(network.run_until(end, heard), "{:?}", network.trouble(0));
+    assert!(network.run_until(end, is_received), "{:?}", network.trouble(0));
 }
 
 #[test]

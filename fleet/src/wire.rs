@@ -70,7 +70,7 @@ impl Offer {
 
 /// What was found out about where agents are, as an object to be asked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct FindingsRef {
+pub struct ResultsRef {
     /// Which version; later ones are larger.
     pub revision: u64,
     /// Its size, bytes.
@@ -93,7 +93,7 @@ pub enum Message {
         /// What people call it.
         name: String,
         /// What it found out.
-        findings: Option<FindingsRef>,
+        results: Option<ResultsRef>,
     },
     /// Which versions of the protocol the neighbour speaks; said before [`Hello`](Self::Hello). It goes as the
     /// [`Held`](Self::Held) of nobody, of which a neighbour that knows version 3 alone makes nothing.
@@ -107,7 +107,7 @@ pub enum Message {
     State {
         /// It.
         offer: Offer,
-        /// The signature under it of the party whose agent it is, where parties have keys.
+        /// The signature under it of the peer whose agent it is, where peers have keys.
         signature: Option<Signature>,
     },
     /// How much of an agent's map is on the neighbour's disk.
@@ -173,17 +173,17 @@ impl Message {
     pub fn to_bytes(&self) -> Vec<u8> {
         let mut out = Writer::default();
         match self {
-            Self::Hello { version, node, role, name, findings } => {
+            Self::Hello { version, node, role, name, results } => {
                 out.u8(0);
                 out.u16(*version);
                 out.bytes(node.as_bytes());
                 out.u8(u8::from(*role == Role::Station));
                 out.text(name);
-                out.u8(findings.is_some().into());
-                if let Some(findings) = findings {
-                    out.u64(findings.revision);
-                    out.u32(findings.size);
-                    out.bytes(&findings.hash.0);
+                out.u8(results.is_some().into());
+                if let Some(results) = results {
+                    out.u64(results.revision);
+                    out.u32(results.size);
+                    out.bytes(&results.hash.0);
                 }
             }
             Self::Speaks { oldest, newest } => {
@@ -244,15 +244,15 @@ impl Message {
                 let (version, node) = (from.u16()?, Uuid::from_bytes(from.array()?));
                 let role = if flag(from.u8()?)? { Role::Station } else { Role::Agent };
                 let name = from.text(MAX_NAME)?;
-                let findings = match flag(from.u8()?)? {
+                let results = match flag(from.u8()?)? {
                     false => None,
-                    true => Some(FindingsRef {
+                    true => Some(ResultsRef {
                         revision: from.u64()?,
                         size: within("the size of findings", from.u32()?, MAX_LIST)?,
                         hash: ObjectHash(from.array()?),
                     }),
                 };
-                Self::Hello { version, node, role, name, findings }
+                Self::Hello { version, node, role, name, results }
             }
             1 => {
                 let offer = Offer {
@@ -303,18 +303,18 @@ mod tests {
     fn messages() -> Vec<Message> {
         let agent = Identity { uuid: Uuid::from_u128(9), epoch: 1 };
         let hash = ObjectHash::of(b"an object");
-        let findings = Some(FindingsRef { revision: 3, size: 77, hash });
-        let hello = |findings| Message::Hello {
+        let results = Some(ResultsRef { revision: 3, size: 77, hash });
+        let hello = |results| Message::Hello {
             version: VERSIONS[0],
             node: Uuid::from_u128(5),
             role: Role::Station,
             name: "ü".repeat(MAX_NAME / 2),
-            findings,
+            results,
         };
         let offer = Offer { agent, begun: 1 << 40, revision: 6, newest: 7, size: 8, hash };
         vec![
             hello(None),
-            hello(findings),
+            hello(results),
             Message::State { offer, signature: None },
             Message::State { offer, signature: Some([9; 64]) },
             Message::Held { agent, begun: 1 << 40, revision: 6, missing: 2 },

@@ -1,14 +1,17 @@
 //! What neighbours of the fleet send: messages, lists, parts of maps, what they found out, and certificates. What is read is written and read again as it was.
 #![no_main]
 
-use fleet::findings::Found;
-use fleet::keys::Party;
+use fleet::keys::Peer;
+use fleet::lossy_codec::{depth, digest::Digest, image};
 use fleet::manifest::{Manifest, page_from_bytes, page_to_bytes};
-use fleet::recoding::{depth, digest::Digest, image};
+use fleet::merge_results::Found;
 use fleet::wire::Message;
 use geometry::{GrayImage, Pinhole};
+use map::parts::{
+    agent_from_bytes, depth_from_bytes, graph_from_bytes, image_from_bytes, scan_from_bytes, scan_to_bytes,
+    time_from_bytes,
+};
 use map::{AgentInfo, KeyframeId, Scan, Sensor};
-use map::parts::{agent_from_bytes, depth_from_bytes, graph_from_bytes, image_from_bytes, scan_from_bytes, scan_to_bytes, time_from_bytes};
 use place_recog::Vocabulary;
 use std::sync::Arc;
 
@@ -44,14 +47,14 @@ libfuzzer_sys::fuzz_target!(|data: &[u8]| {
                 assert_eq!(depth::decode(&depth::encode(&read, &camera), &camera).as_ref(), Ok(&read));
             }
         }
-        9 => drop(Party::of_certificate(bytes)),
+        9 => drop(Peer::of_certificate(bytes)),
         10 => {
             if let Ok((id, scan)) = scan_from_bytes(bytes) {
                 assert_eq!(scan_from_bytes(&scan_to_bytes(id, &scan)), Ok((id, scan)));
             }
         }
         11 => drop(time_from_bytes(bytes, Arc::new(Scan::default()), &AgentInfo::new("one", Sensor::Lidar))),
-        12 => told(bytes),
+        12 => check_results(bytes),
         _ => {
             let (id, vocabulary) = (KeyframeId(9), Vocabulary::shipped());
             if let Ok(read) = Digest::from_bytes(bytes, id, &vocabulary) {
@@ -62,15 +65,15 @@ libfuzzer_sys::fuzz_target!(|data: &[u8]| {
 });
 
 /// What a neighbour found out, put beside other things and told on.
-fn told(bytes: &[u8]) {
+fn check_results(bytes: &[u8]) {
     let Ok(found) = Found::from_bytes(bytes) else { return };
-    let again = Found::from_bytes(&found.to_bytes()).map(|again| (again.agents.len(), again.meetings));
-    assert_eq!(again, Ok((found.agents.len(), found.meetings.clone())));
-    let all = found.clone().beside(&Found::default());
+    let again = Found::from_bytes(&found.to_bytes()).map(|again| (again.agents.len(), again.pair_verdicts));
+    assert_eq!(again, Ok((found.agents.len(), found.pair_verdicts.clone())));
+    let all = found.clone().overlaid_by(&Found::default());
     assert!(all.agents.len() <= found.agents.len() && all.accepted() == found.accepted());
     for agent in &found.agents {
         let _ = found.is_joined(&agent.agent);
     }
     let pair = [String::new(), String::new()];
-    assert_eq!(found.has_decided(&pair), found.beside(&all).has_decided(&pair));
+    assert_eq!(found.has_decided(&pair), found.overlaid_by(&all).has_decided(&pair));
 }

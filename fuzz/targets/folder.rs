@@ -1,8 +1,8 @@
 //! The tables that come with folders of images. The first byte says whose form it is.
 #![no_main]
 
-use sources::SourceOptions;
 use loopbox_fuzz::scratch;
+use sources::SourceOptions;
 use std::fs;
 
 const TABLES: [&str; 7] = [
@@ -32,7 +32,7 @@ libfuzzer_sys::fuzz_target!(|data: &[u8]| {
     fs::write(path, table).expect("a file can be written");
     let fps = TABLES[*form as usize % TABLES.len()].ends_with("yaml").then_some(10.0);
     if let Ok(mut source) = sources::open(&folder, &SourceOptions { fps, ..SourceOptions::default() }) {
-        let _ = sources::calibrations_beside(source.info());
+        let _ = sources::sidecar_calibrations(source.info());
         while let Some(frame) = source.next_frame() {
             let _ = frame.picture.into_grey();
         }

@@ -1,8 +1,8 @@
 //! Pixels as cameras and recordings have them.
 #![no_main]
 
-use sources::pictures::{Picture, RawPicture};
 use libfuzzer_sys::arbitrary::{self, Arbitrary};
+use sources::pictures::{Picture, RawPicture};
 
 /// The layouts that are read, and one that is not.
 const ENCODINGS: [&str; 12] = [

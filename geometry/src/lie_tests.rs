@@ -18,9 +18,9 @@ fn angle() -> impl Strategy<Value = f64> {
 }
 
 fn direction() -> impl Strategy<Value = Vector3<f64>> {
-    (-1.0..1.0f64, 0.0..2.0 * PI).prop_map(|(z, turn)| {
+    (-1.0..1.0f64, 0.0..2.0 * PI).prop_map(|(z, rotation)| {
         let r = (1.0 - z * z).sqrt();
-        Vector3::new(r * turn.cos(), r * turn.sin(), z)
+        Vector3::new(r * rotation.cos(), r * rotation.sin(), z)
     })
 }
 

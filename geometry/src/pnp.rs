@@ -20,7 +20,7 @@ pub struct Consensus {
     /// Triples that are tried at most.
     pub max_samples: usize,
     /// Sightings that must agree.
-    pub min_agreeing: usize,
+    pub min_inliers: usize,
 }
 
 /// The poses `camera_from_world` under which three points are seen in three directions: none to four (Grunert 1841, in
@@ -99,7 +99,7 @@ pub fn pose_by_consensus(sightings: &[Sighting], params: &Consensus) -> Option<(
     /// How sure it should be that one sample was free of wrong sightings.
     const CONFIDENCE: f64 = 0.999;
     let count = sightings.len();
-    if count < 4 || count < params.min_agreeing {
+    if count < 4 || count < params.min_inliers {
         return None;
     }
     let mut best: Option<(f64, Se3)> = None;
@@ -115,15 +115,15 @@ pub fn pose_by_consensus(sightings: &[Sighting], params: &Consensus) -> Option<(
             let cost = cost(sightings, &pose, params.max_error);
             if best.as_ref().is_none_or(|b| cost < b.0) {
                 best = Some((cost, pose));
-                let share = agreeing(sightings, &pose, params.max_error).len() as f64 / count as f64;
+                let share = inliers(sightings, &pose, params.max_error).len() as f64 / count as f64;
                 let enough = samples_needed(share, 3, CONFIDENCE);
                 needed = needed.min(enough.max(1.0).min(params.max_samples as f64) as usize);
             }
         }
     }
     let (_, pose) = best?;
-    let agree = agreeing(sightings, &pose, params.max_error);
-    (agree.len() >= params.min_agreeing).then_some((pose, agree))
+    let agree = inliers(sightings, &pose, params.max_error);
+    (agree.len() >= params.min_inliers).then_some((pose, agree))
 }
 
 /// Sum of the squared errors, each cut off at the largest that agrees (MSAC; Torr & Zisserman 2000).
@@ -135,7 +135,7 @@ fn cost(sightings: &[Sighting], camera_from_world: &Se3, max_error: f64) -> f64 
 }
 
 /// Which sightings agree with a pose.
-fn agreeing(sightings: &[Sighting], camera_from_world: &Se3, max_error: f64) -> Vec<usize> {
+fn inliers(sightings: &[Sighting], camera_from_world: &Se3, max_error: f64) -> Vec<usize> {
     let limit = max_error * max_error;
     let agrees = |i: &usize| squared(&sightings[*i], &(*camera_from_world * sightings[*i].point)) < limit;
     (0..sightings.len()).filter(agrees).collect()
@@ -196,7 +196,7 @@ mod tests {
             for i in 0..30 {
                 seen[i].ray = seen[59 - i].ray + Vector3::new(0.1, -0.2, 0.0);
             }
-            let params = Consensus { max_error: 0.004, max_samples: 500, min_agreeing: 20 };
+            let params = Consensus { max_error: 0.004, max_samples: 500, min_inliers: 20 };
             let (found, agree) = pose_by_consensus(&seen, &params).expect("half of them agree");
             prop_assert!(distance(&found, &truth) < 1e-3);
             prop_assert!((30..60).all(|i| agree.contains(&i)) && agree.len() < 40);
@@ -212,7 +212,7 @@ mod tests {
             ray: Vector3::new(spread(i * i * i, 4), spread(5 * i, 5), 1.0),
         };
         let seen: Vec<Sighting> = (0..100).map(sighting).collect();
-        let params = Consensus { max_error: 0.004, max_samples: 500, min_agreeing: 15 };
+        let params = Consensus { max_error: 0.004, max_samples: 500, min_inliers: 15 };
         assert_eq!(pose_by_consensus(&seen, &params), None);
         assert_eq!(pose_by_consensus(&seen[..3], &params), None);
         assert!(p3p([&seen[0], &seen[0], &seen[1]]).is_empty(), "two points are not three");

@@ -87,7 +87,7 @@ pub fn align_poses(pairs: &[PosePair]) -> Result<PoseAlignment, PoseAlignmentErr
         pairs: pairs.len(),
         reach: square.sqrt(),
         distance: median_of(residuals.iter().map(|r| r.position.norm())),
-        angle: median_of(residuals.iter().map(|r| r.turn.norm())),
+        angle: median_of(residuals.iter().map(|r| r.rotation_error.norm())),
     })
 }
 
@@ -133,14 +133,14 @@ struct Residual {
     /// From the target's position to that.
     position: Vector3<f64>,
     /// The turn from the target's pose to the aligned one, in the target's world, radians.
-    turn: Vector3<f64>,
+    rotation_error: Vector3<f64>,
 }
 
 fn residuals(pairs: &[PosePair], target_from_source: &Sim3) -> Vec<Residual> {
     let residual = |pair: &PosePair| {
         let at = *target_from_source * pair.source_from_body.translation;
-        let turn = (target_from_source.rotation * rotation_of(pair).inverse()).scaled_axis();
-        Residual { at, position: at - pair.target_from_body.translation, turn }
+        let rotation_error = (target_from_source.rotation * rotation_of(pair).inverse()).scaled_axis();
+        Residual { at, position: at - pair.target_from_body.translation, rotation_error }
     };
     pairs.iter().map(residual).collect()
 }
@@ -157,7 +157,7 @@ fn refined(pairs: &[PosePair], start: Sim3) -> Option<Sim3> {
             (CAUCHY * BY_MEDIAN_LENGTH * median_of(residuals)).max(1e-9 * unit)
         };
         let far = width(&mut residuals.iter().map(|r| r.position.norm()), reach);
-        let turned = width(&mut residuals.iter().map(|r| r.turn.norm()), 1.0);
+        let turned = width(&mut residuals.iter().map(|r| r.rotation_error.norm()), 1.0);
         if !(far > 0.0 && far.is_finite() && turned.is_finite()) {
             return None;
         }
@@ -170,10 +170,10 @@ fn refined(pairs: &[PosePair], start: Sim3) -> Option<Sim3> {
             by.fixed_view_mut::<3, 3>(3, 3).fill_with_identity();
             let mut off = SVector::<f64, 6>::zeros();
             off.fixed_rows_mut::<3>(0).copy_from(&residual.position);
-            off.fixed_rows_mut::<3>(3).copy_from(&residual.turn);
+            off.fixed_rows_mut::<3>(3).copy_from(&residual.rotation_error);
             let cauchy = |off: f64, width: f64| 1.0 / (width * width + off * off);
             let (near, straight) =
-                (cauchy(residual.position.norm(), far), cauchy(residual.turn.norm(), turned));
+                (cauchy(residual.position.norm(), far), cauchy(residual.rotation_error.norm(), turned));
             let weights = SVector::<f64, 6>::from([near, near, near, straight, straight, straight]);
             let weighted = SMatrix::<f64, 6, 6>::from_diagonal(&weights);
             information += by.transpose() * weighted * by;
@@ -203,12 +203,12 @@ mod tests {
     use nalgebra::Vector6;
     use proptest::prelude::*;
 
-    /// A body on its way, turning as `turn` says, seen from two worlds.
-    fn pairs(count: usize, turn: f64, target_from_source: &Sim3) -> Vec<PosePair> {
+    /// A body on its way, turning as `rotation_error` says, seen from two worlds.
+    fn pairs(count: usize, swing: f64, target_from_source: &Sim3) -> Vec<PosePair> {
         let pair = |i: usize| {
             let s = i as f64 / count as f64;
-            let rotation = UnitQuaternion::from_scaled_axis(Vector3::new(0.1 * turn * s, turn * s, 0.3));
-            let source = Se3::new(rotation, Vector3::new(4.0 * s, turn * (5.0 * s).sin(), 0.0));
+            let rotation = UnitQuaternion::from_scaled_axis(Vector3::new(0.1 * swing * s, swing * s, 0.3));
+            let source = Se3::new(rotation, Vector3::new(4.0 * s, swing * (5.0 * s).sin(), 0.0));
             let target = (*target_from_source * Sim3::from(source)).rigid();
             PosePair { target_from_body: target, source_from_body: source }
         };
@@ -217,12 +217,12 @@ mod tests {
 
     proptest! {
         #[test]
-        fn worlds_come_together_on_straight_ways_too(
-            tangent in prop::array::uniform6(-1.0f64..1.0), scale in 0.05f64..40.0, turn in prop::sample::select(vec![0.0, 1.5]),
+        fn worlds_are_aligned_on_straight_paths_too(
+            tangent in prop::array::uniform6(-1.0f64..1.0), scale in 0.05f64..40.0, swing in prop::sample::select(vec![0.0, 1.5]),
         ) {
             let rigid = Se3::exp(&(Vector6::from(tangent) * 2.0));
             let truth = Sim3::new(rigid.rotation, rigid.translation * 10.0, scale);
-            let found = align_poses(&pairs(40, turn, &truth)).unwrap();
+            let found = align_poses(&pairs(40, swing, &truth)).unwrap();
             prop_assert!((found.target_from_source.inverse() * truth).log().norm() < 1e-7, "{found:?}");
             prop_assert!(found.scale_doubt() < 1e-7 && found.angle < 1e-7);
         }

@@ -141,7 +141,7 @@ impl Sensor {
 
     /// Where an ideal pinhole camera that reads all rows at once sees what the image shows at `pixel`.
     #[inline(always)]
-    pub fn ideal_pixel(&self, pixel: [f64; 2], motion: &Twist, inverse_depth: f64) -> [f64; 2] {
+    pub fn undistorted_pixel(&self, pixel: [f64; 2], motion: &Twist, inverse_depth: f64) -> [f64; 2] {
         if !self.is_rolling() {
             return self.lens.undistort(pixel);
         }
@@ -151,22 +151,22 @@ impl Sensor {
 
     /// Where the image shows what that camera sees at `pixel`; exact but for how the point's velocity changes over the shift.
     #[inline(always)]
-    pub fn shown_pixel(&self, pixel: [f64; 2], motion: &Twist, inverse_depth: f64) -> [f64; 2] {
+    pub fn distorted_pixel(&self, pixel: [f64; 2], motion: &Twist, inverse_depth: f64) -> [f64; 2] {
         let still = self.lens.distort(pixel);
         if !self.is_rolling() {
             return still;
         }
-        let mut shown = still;
+        let mut distorted = still;
         for _ in 0..2 {
-            let moved = self.velocity(shown, motion, inverse_depth) * self.delay(shown);
-            shown = (Vector2::from(still) + moved).into();
+            let moved = self.velocity(distorted, motion, inverse_depth) * self.delay(distorted);
+            distorted = (Vector2::from(still) + moved).into();
         }
-        shown
+        distorted
     }
 
     /// The ray through what the image shows at `pixel`, z = 1.
     pub fn ray(&self, pixel: [f64; 2], motion: &Twist, inverse_depth: f64) -> Vector3<f64> {
-        let [x, y] = self.ideal_pixel(pixel, motion, inverse_depth);
+        let [x, y] = self.undistorted_pixel(pixel, motion, inverse_depth);
         self.lens.camera.unproject(x, y)
     }
 }
@@ -192,16 +192,16 @@ mod tests {
                 let at = |seconds: f64| -> [f64; 2] {
                     CAMERA.project(&(Se3::exp(&(twist() * seconds)) * point)).into()
                 };
-                let mut shown = [u, v];
+                let mut distorted = [u, v];
                 for _ in 0..20 {
-                    shown = at(sensor.delay(shown));
+                    distorted = at(sensor.delay(distorted));
                 }
-                let moved = (shown[0] - u).hypot(shown[1] - v);
-                let back = sensor.ideal_pixel(shown, &twist(), 1.0 / depth);
+                let moved = (distorted[0] - u).hypot(distorted[1] - v);
+                let back = sensor.undistorted_pixel(distorted, &twist(), 1.0 / depth);
                 let off = (back[0] - u).hypot(back[1] - v);
                 assert!(off < 0.03 * moved + 1e-6, "{readout:?} {u} {v}: {off} of {moved} pixels");
-                let there = sensor.shown_pixel([u, v], &twist(), 1.0 / depth);
-                let off = (there[0] - shown[0]).hypot(there[1] - shown[1]);
+                let there = sensor.distorted_pixel([u, v], &twist(), 1.0 / depth);
+                let off = (there[0] - distorted[0]).hypot(there[1] - distorted[1]);
                 assert!(off < 0.03 * moved + 1e-6, "{readout:?} {u} {v}: {off} of {moved} pixels");
             }
         }
@@ -211,8 +211,8 @@ mod tests {
     fn a_sensor_that_is_read_at_once_shows_what_its_lens_shows() {
         let sensor = Sensor::ideal(CAMERA).with([-0.02, 0.0, 0.0]);
         let pixel = [60.0, 400.0];
-        assert_eq!(sensor.ideal_pixel(pixel, &twist(), 0.5), sensor.lens.undistort(pixel));
-        assert_eq!(sensor.shown_pixel(pixel, &twist(), 0.5), sensor.lens.distort(pixel));
+        assert_eq!(sensor.undistorted_pixel(pixel, &twist(), 0.5), sensor.lens.undistort(pixel));
+        assert_eq!(sensor.distorted_pixel(pixel, &twist(), 0.5), sensor.lens.distort(pixel));
         assert_eq!(sensor.unknowns(), [-0.02, 0.0, 0.0]);
     }
 

@@ -172,9 +172,9 @@ mod tests {
         let camera = Pinhole { width: 8, height: 6, fx: 8.0, fy: 8.0, cx: 3.5, cy: 2.5 };
         let mut map = Map::of(AgentInfo::new("one", camera));
         for i in 0..12u32 {
-            let (id, turn) = (KeyframeId(i), f64::from(i) * 0.2 + 0.3);
-            let rotation = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), turn);
-            let translation = Vector3::new(f64::from(i), 0.1 * turn.sin(), (f64::from(i) * 0.7).cos());
+            let (id, angle) = (KeyframeId(i), f64::from(i) * 0.2 + 0.3);
+            let rotation = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), angle);
+            let translation = Vector3::new(f64::from(i), 0.1 * angle.sin(), (f64::from(i) * 0.7).cos());
             let (pose, image) =
                 (Sim3::new(rotation, translation, 1.0), Arc::new(GrayImage::filled(8, 6, 90)));
             map.keyframes.insert(id, Keyframe::of_image(id, f64::from(i), u64::from(i), pose, image));
@@ -221,7 +221,7 @@ mod tests {
 
     /// Whoever says that a unit is a metre knows the unit, though nothing moves.
     #[test]
-    fn a_unit_that_is_a_metre_already_is_said_to_be_one() {
+    fn a_metric_scale_is_reported_as_metric() {
         let (map, scale) = (map(), Metres::Scale(1.0));
         let mut placed = map.clone();
         assert_eq!(place(&mut placed, None, None).unwrap(), 1.0);

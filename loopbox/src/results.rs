@@ -7,10 +7,10 @@
 //! |---|---|
 //! | `partial.tmp` | results being written; of no use when the program ended |
 //! | `complete.tmp` | results that are whole and being moved to their names; who comes next moves the rest |
-//! | `unfinished` | the growing map of a run over a folder that holds results: what is left of a killed one |
+//! | `unfinished` | the live map of a run over a folder that holds results: what is left of a killed one |
 //! | `unfinished-before` | that of the run before, until this one ends: when two are killed, the later one's stays |
 //!
-//! In a folder without results, the growing map has its final name, `map.mcap`, from the beginning.
+//! In a folder without results, the live map has its final name, `map.mcap`, from the beginning.
 
 mod earlier;
 
@@ -48,8 +48,8 @@ pub struct Results {
     made: Option<PathBuf>,
     /// What is written, by names relative to the folder.
     files: Vec<PathBuf>,
-    /// Where the growing map lies, once there is one.
-    growing: Option<PathBuf>,
+    /// Where the live map lies, once there is one.
+    live_map: Option<PathBuf>,
     /// Keeps other programs out as long as it is open; the system lets go of it when this program is killed.
     _lock: Option<File>,
 }
@@ -67,7 +67,8 @@ impl Results {
         fs::create_dir_all(folder)
             .with_context(|| format!("{}: the folder cannot be made\n{HINT}", folder.display()))?;
         let lock = lock(folder)?;
-        let results = Self { folder: folder.to_owned(), made, files: Vec::new(), growing: None, _lock: lock };
+        let results =
+            Self { folder: folder.to_owned(), made, files: Vec::new(), live_map: None, _lock: lock };
         if results.at(COMPLETE).is_dir() {
             results.put_in_place()?;
         }
@@ -96,7 +97,7 @@ impl Results {
 
     /// Whether earlier results are there, others than those `besides`.
     pub fn holds_earlier(&self, besides: &[&str]) -> bool {
-        let own = self.growing.as_deref();
+        let own = self.live_map.as_deref();
         let others = |name: &PathBuf| !besides.iter().any(|besides| name == Path::new(besides));
         let is_earlier = |name: &PathBuf| others(name) && Some(self.at(name).as_path()) != own;
         earlier::files(&self.folder).iter().any(is_earlier)
@@ -106,17 +107,17 @@ impl Results {
     ///
     /// # Errors
     /// When its folder cannot be made.
-    pub fn growing(&mut self) -> Result<&Path> {
-        if self.growing.is_none() {
+    pub fn live_map(&mut self) -> Result<&Path> {
+        if self.live_map.is_none() {
             let home = if self.holds_earlier(&[]) { self.make_unfinished()? } else { self.folder.clone() };
-            self.growing = Some(home.join(MAP));
+            self.live_map = Some(home.join(MAP));
         }
-        Ok(self.growing.as_deref().unwrap_or(&self.folder))
+        Ok(self.live_map.as_deref().unwrap_or(&self.folder))
     }
 
-    /// Forgets the growing map: nothing came of it.
-    pub fn forget_growing(&mut self) {
-        if let Some(path) = self.growing.take() {
+    /// Forgets the live map: nothing came of it.
+    pub fn discard_live_map(&mut self) {
+        if let Some(path) = self.live_map.take() {
             // Nobody is hurt by what stays: it says itself what it is.
             let _ = fs::remove_file(&path);
             if path.parent() == Some(self.at(UNFINISHED).as_path()) {
@@ -126,9 +127,9 @@ impl Results {
         }
     }
 
-    /// Leaves the growing map as the result.
-    pub fn leave_growing(&mut self) {
-        (self.made, self.growing) = (None, None);
+    /// Leaves the live map as the result.
+    pub fn keep_live_map(&mut self) {
+        (self.made, self.live_map) = (None, None);
     }
 
     /// Where to write the file `name`, relative to the folder; its own folder is made.
@@ -161,7 +162,7 @@ impl Results {
             .with_context(|| format!("{}: cannot be written", complete.display()))?;
         self.put_in_place()?;
         self.made = None;
-        self.growing = None;
+        self.live_map = None;
         self.files.clear();
         Ok(())
     }

@@ -142,7 +142,7 @@ mod tests {
     use slam_direct::{Agent, Frame, Params};
 
     #[test]
-    fn what_is_more_than_memory_goes_to_files_and_reads_the_same() {
+    fn what_is_more_than_memory_is_swapped_to_files_and_reads_the_same() {
         let folder = tempfile::tempdir().unwrap();
         let swap = SwapFiles::beyond(folder.path().to_owned(), 400);
         let values: Buffer<f32> = (0..100).map(|i| i as f32).collect();

@@ -18,7 +18,7 @@ pub fn write_atomically<T>(
     }
     // A link keeps pointing to the file, which is the one to replace.
     let target = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
-    let temporary = temporary_beside(&target)?;
+    let temporary = temporary_path(&target)?;
     let written = File::create(&temporary).and_then(|file| {
         let (value, file) = fill_and_flush(file, fill)?;
         file.sync_all()?;
@@ -45,7 +45,7 @@ fn fill_and_flush<T>(
 }
 
 /// `folder/name.tmp` for `folder/name`.
-fn temporary_beside(path: &Path) -> io::Result<PathBuf> {
+fn temporary_path(path: &Path) -> io::Result<PathBuf> {
     let name = path
         .file_name()
         .ok_or_else(|| io::Error::new(io::ErrorKind::InvalidInput, "the path names no file"))?;

@@ -121,9 +121,9 @@ mod tests {
     use crate::test_support::united;
 
     #[test]
-    fn a_map_told_in_deltas_is_the_map() {
+    fn a_map_sent_in_deltas_is_the_map() {
         let map = united();
-        let mut told = Map { keyframes: Default::default(), edges: Vec::new(), ..map.clone() };
+        let mut replica = Map { keyframes: Default::default(), edges: Vec::new(), ..map.clone() };
         let bare = |k: &Keyframe| Keyframe {
             world_from_keyframe: Sim3::identity(),
             semi_dense: SemiDense::default().into(),
@@ -147,21 +147,21 @@ mod tests {
             .values()
             .filter_map(|k| Some(Described { keyframe: k.id, features: k.features.clone()? }));
         let (moved, settled, described) = (moved.collect(), settled.collect(), described.collect());
-        told.take_in(MapDelta { added, ..MapDelta::default() });
-        assert_eq!(told.keyframes.len(), map.keyframes.len() + 1);
-        told.take_in(MapDelta { sequence: 1, moved, settled, described, ..MapDelta::default() });
+        replica.take_in(MapDelta { added, ..MapDelta::default() });
+        assert_eq!(replica.keyframes.len(), map.keyframes.len() + 1);
+        replica.take_in(MapDelta { sequence: 1, moved, settled, described, ..MapDelta::default() });
         let (edges, removed) = (Some(map.edges.clone()), vec![KeyframeId(9999)]);
         let last = MapDelta { sequence: 2, edges, removed, ..MapDelta::default() };
         assert!(!last.is_empty() && MapDelta::default().is_empty());
-        told.take_in(last);
-        assert!(told == map);
+        replica.take_in(last);
+        assert!(replica == map);
     }
 
     #[test]
-    fn a_map_can_be_told_at_once() {
+    fn a_map_can_be_one_delta() {
         let map = united();
-        let mut told = Map { keyframes: Default::default(), edges: Vec::new(), ..map.clone() };
-        told.take_in(MapDelta::whole(&map));
-        assert!(told == map);
+        let mut replica = Map { keyframes: Default::default(), edges: Vec::new(), ..map.clone() };
+        replica.take_in(MapDelta::whole(&map));
+        assert!(replica == map);
     }
 }

@@ -20,10 +20,11 @@ impl AgentInfo {
     /// What takes its images, as they proved to show the world; ideal where nothing is said. `None` of a LiDAR.
     pub fn image_sensor(&self) -> Option<Sensor> {
         let camera = *self.camera()?;
-        let said = |key: &str| self.provenance.get(key);
-        let lens = said(LENS).and_then(|text| Lens::from_text(camera, text)).unwrap_or(Lens::ideal(camera));
+        let value_of = |key: &str| self.provenance.get(key);
+        let lens =
+            value_of(LENS).and_then(|text| Lens::from_text(camera, text)).unwrap_or(Lens::ideal(camera));
         let seconds = |text: &String| text.parse().ok().filter(|time: &f64| time.is_finite());
-        Some(Sensor { lens, readout: READOUT.map(|key| said(key).and_then(seconds).unwrap_or(0.0)) })
+        Some(Sensor { lens, readout: READOUT.map(|key| value_of(key).and_then(seconds).unwrap_or(0.0)) })
     }
 }
 
@@ -145,8 +146,8 @@ pub fn rectified_depths(depths: &SemiDense, camera: &Pinhole, rectification: &Re
     let mut all: Vec<(u32, f32, f32)> = depths
         .iter()
         .filter_map(|(pixel, inverse_depth, variance)| {
-            let shown = [(pixel as usize % width) as f32, (pixel as usize / width) as f32];
-            let [x, y] = rectification.pixel_at(shown, inverse_depth).map(f32::round);
+            let distorted = [(pixel as usize % width) as f32, (pixel as usize / width) as f32];
+            let [x, y] = rectification.pixel_at(distorted, inverse_depth).map(f32::round);
             let is_inside = x >= 0.0 && y >= 0.0 && x < width as f32 && y < camera.height as f32;
             is_inside.then(|| ((y as usize * width + x as usize) as u32, inverse_depth, variance))
         })
@@ -165,18 +166,18 @@ mod tests {
     use super::*;
     use crate::test_support::{random_map, sample_camera, sample_map};
 
-    fn said(map: &mut Map, sensor: &Sensor) {
+    fn describe(map: &mut Map, sensor: &Sensor) {
         let about = map.agents.values_mut().next().unwrap();
         about.provenance.extend(sensor_entries(sensor).map(|(key, value)| (key.to_owned(), value)));
     }
 
     #[test]
-    fn a_sensor_is_said_and_read() {
+    fn a_sensor_is_written_and_read() {
         let mut map = sample_map(4);
         let camera = *map.agents.values().next().unwrap().camera().unwrap();
         assert_eq!(map.agents.values().next().unwrap().image_sensor(), Some(Sensor::ideal(camera)));
         let sensor = Sensor::ideal(camera).with([-0.0123, 0.0, 0.0241]);
-        said(&mut map, &sensor);
+        describe(&mut map, &sensor);
         assert_eq!(map.agents.values().next().unwrap().image_sensor(), Some(sensor));
     }
 
@@ -204,7 +205,7 @@ mod tests {
         let camera = *map.agents.values().next().unwrap().camera().unwrap();
         // The corner moves by two pixels.
         let corner = 0.5 * (camera.width as f64).hypot(camera.height as f64);
-        said(&mut map, &Sensor::ideal(camera).with([-2.0 / corner, 0.0, 0.0]));
+        describe(&mut map, &Sensor::ideal(camera).with([-2.0 / corner, 0.0, 0.0]));
         for keyframe in map.keyframes.values() {
             let ideal = map.rectified(keyframe).expect("two pixels matter").keyframe;
             assert!(!ideal.semi_dense.is_empty() && ideal.semi_dense.pixel.is_sorted());

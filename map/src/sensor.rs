@@ -93,9 +93,9 @@ mod tests {
         let (lidar, camera) = (lidar_map(1), sample_map(1));
         assert_eq!((lidar.sensor(), camera.sensor()), (Some(SensorKind::Lidar), Some(SensorKind::Camera)));
         assert!(lidar.of_lidars().is_ok() && camera.of_cameras().is_ok());
-        let said = |refused: Result<(), MapError>| refused.unwrap_err().to_string();
-        assert!(said(lidar.of_cameras()).contains("agent \"rover\" has a LiDAR"));
-        assert!(said(camera.of_lidars()).contains("agent \"sample\" has a camera"));
+        let text = |refused: Result<(), MapError>| refused.unwrap_err().to_string();
+        assert!(text(lidar.of_cameras()).contains("agent \"rover\" has a LiDAR"));
+        assert!(text(camera.of_lidars()).contains("agent \"sample\" has a camera"));
         let both = Map::unite(vec![lidar, camera]).unwrap();
         assert_eq!(both.sensor(), None);
         assert!(both.of_cameras().is_err() && both.of_lidars().is_err());

@@ -257,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn agents_are_told_apart() {
+    fn agents_are_distinguished() {
         let summary = united().summary(None);
         let of_agents: Vec<_> = summary.agents.iter().map(|a| (&*a.name, a.keyframes, a.frames)).collect();
         assert_eq!(of_agents, [("sample", 3, 15), ("sample-2", 2, 10), ("other", 1, 5)]);

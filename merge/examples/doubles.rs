@@ -12,9 +12,9 @@ use loopbox_tests::doubles::{Kind, Version};
 use map::{KeyframeId, Map};
 use merge::further::FurtherParams;
 use merge::key_points::KeyPointParams;
-use merge::meeting::{MeetingParams, Place, Tried, meet};
 use merge::place_verdict::{PlaceParams, place_verdict};
 use merge::prepared::PreparedMap;
+use merge::verification::{Place, TestedPlace, VerificationParams, meet};
 use place_recog::features::{SiftParams, sift};
 use place_recog::{FeatureWords, KeyframeFeatures, ProposeParams, Vocabulary, WordBag, propose};
 use std::collections::BTreeMap;
@@ -37,8 +37,8 @@ fn main() {
         (places.parse().unwrap(), grain.parse().unwrap(), noise.parse().unwrap());
     let kinds: Vec<Kind> = match kinds.as_str() {
         "tuned" => Kind::TUNED.to_vec(),
-        "shown" => Kind::SHOWN.to_vec(),
-        one => [&Kind::TUNED[..], &Kind::SHOWN[..]]
+        "shown" => Kind::HELD_OUT.to_vec(),
+        one => [&Kind::TUNED[..], &Kind::HELD_OUT[..]]
             .concat()
             .into_iter()
             .filter(|kind| format!("{kind:?}") == one)
@@ -69,7 +69,7 @@ fn shares(variable: &str, usual: &[f64]) -> Vec<f64> {
 }
 
 fn map(kind: Kind, version: &Version, pass: u64, noise: f64) -> Map {
-    let mut map = rendered::rendered_map(&kind.world(version), &kind.way(pass, KEYFRAMES));
+    let mut map = rendered::rendered_map(&kind.world(version), &kind.path(pass, KEYFRAMES));
     for (id, keyframe) in &mut map.keyframes {
         let mut random = Random::new(1 + pass * 1000 + u64::from(id.0));
         let noisy = keyframe.image.data().iter().map(|&v| {
@@ -152,19 +152,24 @@ fn met(
         .into_iter()
         .filter(|place| restricted[0].contains(&place.target) && restricted[1].contains(&place.source))
         .collect();
-    let met = meet(&prepared[1], &prepared[0], &places, &MeetingParams::default(), &FurtherParams::default());
-    let judged = |tried: &&Tried| tried.outcome.judged().is_some_and(|judged| judged.joined.is_some());
-    let doubt = met.iter().filter_map(|tried| tried.outcome.judged()?.verdict.doubt()).next();
-    let before = if met.iter().any(|tried| tried.outcome.accepted().is_some()) { "JOINED" } else { "apart" };
-    let mut judged: Vec<&Tried> = met.iter().filter(judged).collect();
-    judged.sort_by_key(|tried| std::cmp::Reverse((tried.outcome.accepted().is_some(), tried.match_count)));
-    let Some(tried) = judged.first() else {
+    let met =
+        meet(&prepared[1], &prepared[0], &places, &VerificationParams::default(), &FurtherParams::default());
+    let evaluated = |tested: &&TestedPlace| {
+        tested.outcome.evaluated().is_some_and(|evaluated| evaluated.joined.is_some())
+    };
+    let doubt = met.iter().filter_map(|tested| tested.outcome.evaluated()?.verdict.doubt()).next();
+    let before =
+        if met.iter().any(|tested| tested.outcome.accepted().is_some()) { "JOINED" } else { "apart" };
+    let mut evaluated: Vec<&TestedPlace> = met.iter().filter(evaluated).collect();
+    evaluated
+        .sort_by_key(|tested| std::cmp::Reverse((tested.outcome.accepted().is_some(), tested.match_count)));
+    let Some(tested) = evaluated.first() else {
         println!("{kind:?} {what} {share:.2} {before} - no closure of {}", met.len());
         return;
     };
-    let judged = tried.outcome.judged().unwrap();
-    let edges = &judged.joined.as_ref().unwrap().edges;
-    let off = judged.closure.motion.a_from_b.translation.norm();
+    let evaluated = tested.outcome.evaluated().unwrap();
+    let edges = &evaluated.joined.as_ref().unwrap().edges;
+    let off = evaluated.closure.motion.a_from_b.translation.norm();
     let params = PlaceParams::default();
     let found = place_verdict(&prepared[1], &prepared[0], edges, &params).weighed;
     let count = |kind: PieceKind, agrees: bool| -> f64 {

@@ -28,12 +28,13 @@ pub struct FramePoseParams {
     pub max_samples: usize,
     /// Fewest features that must agree. Default 12; at least 4. With an error of 0.01 focal lengths, a wrong pose agrees with
     /// one of a thousand wrong matches beyond the three that it was made of.
-    pub min_agreeing: usize,
+    #[serde(rename = "min_agreeing")]
+    pub min_inliers: usize,
 }
 
 impl Default for FramePoseParams {
     fn default() -> Self {
-        Self { matching: MatchParams::default(), max_error: 0.01, max_samples: 2000, min_agreeing: 12 }
+        Self { matching: MatchParams::default(), max_error: 0.01, max_samples: 2000, min_inliers: 12 }
     }
 }
 
@@ -54,7 +55,7 @@ pub struct FramePose {
     /// The pose, in the unit of the world.
     pub camera_from_world: Se3,
     /// Features of the image that agree; one that several keyframes show counts once.
-    pub agreeing: usize,
+    pub inliers: usize,
     /// Matches that agree with it of each keyframe.
     pub by_keyframe: Vec<usize>,
 }
@@ -79,13 +80,13 @@ pub fn frame_pose(
     let consensus = Consensus {
         max_error: params.max_error,
         max_samples: params.max_samples,
-        min_agreeing: params.min_agreeing,
+        min_inliers: params.min_inliers,
     };
     let (camera_from_world, agree) = pose_by_consensus(&sightings, &consensus)?;
-    let agreeing = agree.iter().map(|&i| of[i].1).collect::<BTreeSet<u32>>().len();
+    let inliers = agree.iter().map(|&i| of[i].1).collect::<BTreeSet<u32>>().len();
     let mut by_keyframe = vec![0; keyframes.len()];
     agree.iter().for_each(|&i| by_keyframe[of[i].0] += 1);
-    (agreeing >= params.min_agreeing).then_some(FramePose { camera_from_world, agreeing, by_keyframe })
+    (inliers >= params.min_inliers).then_some(FramePose { camera_from_world, inliers, by_keyframe })
 }
 
 #[cfg(test)]
@@ -145,7 +146,7 @@ mod tests {
         let by = SeenBy { features: &keyframe.0, points: &keyframe.1, world_from_keyframe: Sim3::identity() };
         let found = frame_pose(&image, &CAMERA, &[by], &FramePoseParams::default()).expect("they agree");
         assert!((found.camera_from_world * there.inverse()).log().norm() < 1e-3);
-        assert!(found.agreeing >= 20 && found.by_keyframe == [found.agreeing], "{found:?}");
+        assert!(found.inliers >= 20 && found.by_keyframe == [found.inliers], "{found:?}");
     }
 
     #[test]
@@ -168,11 +169,11 @@ mod tests {
         });
         let found = frame_pose(&image, &CAMERA, &by, &FramePoseParams::default()).expect("they agree");
         assert!((found.camera_from_world * there.inverse()).log().norm() < 1e-3);
-        assert!(found.agreeing <= image.len() && found.by_keyframe.iter().sum::<usize>() > image.len());
+        assert!(found.inliers <= image.len() && found.by_keyframe.iter().sum::<usize>() > image.len());
     }
 
     #[test]
-    fn another_place_with_things_that_look_alike_has_no_pose() {
+    fn another_place_with_similar_things_has_no_pose() {
         let (points, there) = scene();
         let keyframe = seen(&points, &Se3::identity(), |i| i);
         let (image, _) = seen(&points, &there, |i| (i * 37 + 5) % 90);

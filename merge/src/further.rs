@@ -84,7 +84,8 @@ pub struct Joined {
     pub rejected: Vec<Edge>,
     /// Further pairs that were tried: of those that should overlap, at most
     /// [`max_closures`](FurtherParams::max_closures).
-    pub tried: usize,
+    #[serde(rename = "tried")]
+    pub tested: usize,
     /// Of these, the pairs that could not be aligned.
     pub failed: usize,
     /// Of these, the pairs that were aligned and agree with the others.
@@ -115,7 +116,7 @@ pub fn join(
 ) -> Result<Joined, PoseGraphError> {
     let motion = &first.motion.a_from_b;
     let mut edges: Vec<Edge> = first
-        .agreeing()
+        .consistent_pairs()
         .filter_map(|pair| {
             let direct =
                 pair.direct.as_ref().and_then(|direct| direct.as_ref().ok()).map(|direct| direct.estimate);
@@ -129,7 +130,7 @@ pub fn join(
     let found = align(source, target, motion, &pairs, params);
     edges.iter_mut().for_each(|edge| allow(edge, target, &params.drift));
     let joined = Joined { edges, ..Joined::nothing() };
-    add(source, target, first, joined, Tried { pairs, found, looked_at }, params)
+    add(source, target, first, joined, TestedPairs { pairs, found, looked_at }, params)
 }
 
 /// What a closure joins once maps have grown: to the edges of `before`, which hold as long as their keyframes' depths are as they were,
@@ -153,12 +154,12 @@ pub fn extend(
         aligned(source, target, &motion, pair, params)
     };
     let found = pairs.par_iter().map(aligned).collect();
-    let tried = Tried { looked_at: pairs.clone(), pairs, found };
-    add(source, target, first, before.clone(), tried, params)
+    let tested = TestedPairs { looked_at: pairs.clone(), pairs, found };
+    add(source, target, first, before.clone(), tested, params)
 }
 
 /// Pairs of keyframes that were tried.
-struct Tried {
+struct TestedPairs {
     /// They, of the source and of the target.
     pairs: Vec<(KeyframeId, KeyframeId)>,
     /// The edge of each, where it could be aligned.
@@ -173,7 +174,7 @@ fn add(
     target: &PreparedMap,
     first: &Closure,
     before: Joined,
-    Tried { pairs, found, looked_at }: Tried,
+    TestedPairs { pairs, found, looked_at }: TestedPairs,
     params: &FurtherParams,
 ) -> Result<Joined, PoseGraphError> {
     let motion = &first.motion.a_from_b;
@@ -202,13 +203,13 @@ fn add(
     let patches = patches.collect::<Vec<_>>().into_iter().fold(before.patches, PatchComparison::plus);
     let place = before.place.unwrap_or_else(|| place_verdict(source, target, &selected, &params.place));
     let is_own =
-        |edge: &Edge| first.agreeing().any(|pair| (pair.source, pair.target) == (edge.to, edge.from));
+        |edge: &Edge| first.consistent_pairs().any(|pair| (pair.source, pair.target) == (edge.to, edge.from));
     let confirmed: Vec<&Edge> = selected.iter().filter(|edge| !is_own(edge)).collect();
     let target_from_world = first.poses.target_world_from_target.inverse();
     let from_edge = |edge: &Edge| Some(target_from_world * target.world_from(edge.from)?);
     Ok(Joined {
         rejected: pick(&consistent.rejected),
-        tried: before.tried + pairs.len(),
+        tested: before.tested + pairs.len(),
         failed,
         confirmed: confirmed.len(),
         rival: consistent.rival,
@@ -226,7 +227,7 @@ impl Joined {
         Self {
             edges: Vec::new(),
             rejected: Vec::new(),
-            tried: 0,
+            tested: 0,
             failed: 0,
             confirmed: 0,
             rival: 0,
@@ -502,7 +503,7 @@ mod tests {
     }
 
     #[test]
-    fn pairs_with_an_edge_are_not_tried_again() {
+    fn pairs_with_an_edge_are_not_tested_again() {
         let estimate = Estimate { a_from_b: Sim3::identity(), information: SMatrix::identity() };
         let known =
             [edge(KeyframeId(0), KeyframeId(100), estimate), edge(KeyframeId(1), KeyframeId(102), estimate)];

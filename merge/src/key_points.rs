@@ -152,8 +152,8 @@ fn plane(samples: &[&Sample], median: f64, params: &KeyPointParams) -> Option<(f
     let count = samples.len() as f64;
     // Neighbours share their errors: their number does not make the depth better, nor does leaving the window's
     // middle empty make it worse by less than the fit says.
-    let excess = (chi2 / count).max(1.0);
-    let correlated = (count / information).max(covariance[(0, 0)]) * excess;
+    let residual_scale = (chi2 / count).max(1.0);
+    let correlated = (count / information).max(covariance[(0, 0)]) * residual_scale;
     let floor = (params.min_depth_deviation * solution[0]).powi(2);
     (solution[0] > 0.0).then_some((solution[0], correlated + floor))
 }

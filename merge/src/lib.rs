@@ -1,7 +1,7 @@
 //! Merging the maps of several agents by Loop-box: one module per step of the paper, each a function of values.
 //!
 //! The *source* agent s and the *target* agent t each have keyframes in a world and a unit of length of
-//! their own. A loop closure pairs keyframe i of the source with keyframe j of the target. [`meeting`] leads from
+//! their own. A loop closure pairs keyframe i of the source with keyframe j of the target. [`verification`] leads from
 //! proposed places to a closure that may be believed, [`closure`] follows one through the paper's steps, and
 //! [`common_map`] makes one map of all.
 //!
@@ -22,7 +22,7 @@
 //! | [`closure`] | one loop closure through all of these | §IV |
 //! | [`acceptance`] | whether it may be believed | ours |
 //! | [`place_verdict`] | whether the place is one, or two that share things | ours |
-//! | [`meeting`] | from places proposed to a closure accepted or refused | §IV-B |
+//! | [`verification`] | from places proposed to a closure accepted or refused | §IV-B |
 //! | [`frame_pose`] | the pose of one image in a map, to be found again from elsewhere | ours |
 //! | [`further`] | more closures once the motion is known | ours |
 //! | [`method`] | the paper's baselines, at the same closure | §V-B, Appendix A |
@@ -41,7 +41,6 @@ pub mod generalised_pose;
 pub mod icp;
 pub mod key_points;
 pub mod matching;
-pub mod meeting;
 pub mod merge_graph;
 pub mod method;
 pub mod optimal_scale;
@@ -54,6 +53,7 @@ pub mod prepared;
 pub mod rivals;
 pub mod scale_filter;
 pub mod two_view;
+pub mod verification;
 
 #[cfg(test)]
 mod test_support;

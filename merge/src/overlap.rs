@@ -124,8 +124,8 @@ pub(crate) fn share_seen(
         let pixel = camera.project(&moved);
         let within = |v: f64, size: usize| v >= 0.0 && v <= size as f64 - 1.0;
         let other = moved - to_from.translation;
-        let alike = moved.dot(&other) >= min_cosine * moved.norm() * other.norm();
-        alike && moved.z > 0.0 && within(pixel.x, camera.width) && within(pixel.y, camera.height)
+        let similar = moved.dot(&other) >= min_cosine * moved.norm() * other.norm();
+        similar && moved.z > 0.0 && within(pixel.x, camera.width) && within(pixel.y, camera.height)
     };
     let mut seen = points.len();
     for point in points {
@@ -147,8 +147,8 @@ mod tests {
 
     /// A keyframe on a circle of 10 m that looks outwards at a wall 4 m away.
     fn keyframe(id: u32) -> Glimpse<'static> {
-        let turn = UnitQuaternion::from_euler_angles(0.0, 0.1 * f64::from(id), 0.0);
-        let pose = Sim3::new(turn, turn * Vector3::new(0.0, 0.0, 10.0), 1.5);
+        let rotation = UnitQuaternion::from_euler_angles(0.0, 0.1 * f64::from(id), 0.0);
+        let pose = Sim3::new(rotation, rotation * Vector3::new(0.0, 0.0, 10.0), 1.5);
         let samples = (0..64u32).map(|i| ((i / 8 * 29 + 5) * 320 + i % 8 * 39 + 5, 0.375 + 0.001 * i as f32));
         Glimpse::new(KeyframeId(id), pose, &CAMERA, samples).unwrap()
     }

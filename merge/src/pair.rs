@@ -222,7 +222,7 @@ mod tests {
     }
 
     #[test]
-    fn images_and_depths_of_one_scene_point_the_same_way() {
+    fn images_and_depths_of_one_scene_give_the_same_direction() {
         for seed in 0..10 {
             let (pose, scale) = measured(seed);
             let gap = direction_gap(&pose, &scale).unwrap();

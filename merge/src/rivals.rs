@@ -5,9 +5,9 @@
 //! that another place matches nearly as well: of maps that show one place most matches are where the closure has them.
 
 use crate::closure::{Closure, ClosureParams, matches_at};
-use crate::meeting::Place;
 use crate::pair::{ViewPair, measure_pair, view_pair};
 use crate::prepared::PreparedMap;
+use crate::verification::Place;
 use geometry::{Sim3, median};
 use map::KeyframeId;
 use rayon::prelude::*;
@@ -18,7 +18,7 @@ const MAX_DRIFT: f64 = 0.15;
 /// alone are good to some hundredths.
 const MAX_OFFSET: f64 = 0.1;
 /// How far they may be turned, degrees.
-const MAX_TURN: f64 = 15.0;
+const MAX_ROTATION: f64 = 15.0;
 /// How far apart the keyframes of a place are by the closure if it is to be elsewhere, in the same unit: views that match well
 /// are nearer.
 const ELSEWHERE: f64 = 0.3;
@@ -50,7 +50,7 @@ pub fn rival_share(
         |place: &Place| view_pair(source.get(place.source)?, target.get(place.target)?, &params.pair).ok();
     let found: Vec<ViewPair> = elsewhere.par_iter().filter_map(look).collect();
     let of_closure =
-        closure.agreeing().filter_map(|pair| Some(pair.measured.as_ref().ok()?.views.match_count()));
+        closure.consistent_pairs().filter_map(|pair| Some(pair.measured.as_ref().ok()?.views.match_count()));
     let (mut own, mut rival) = (of_closure.max().unwrap_or(0), 0);
     for views in matched.iter().copied().chain(&found) {
         let place = Place { source: views.source, target: views.target };
@@ -81,7 +81,7 @@ struct At {
     /// target_from_source of its keyframes.
     supposed: Sim3,
     /// The ways in both maps between the closure and the place.
-    ways: f64,
+    path_lengths: f64,
     /// The median depth of what its target keyframe sees.
     depth: f64,
 }
@@ -91,23 +91,23 @@ impl At {
     fn new(source: &PreparedMap, target: &PreparedMap, closure: &Closure, place: Place) -> Option<Self> {
         let (source_pose, target_pose) = (source.world_from(place.source)?, target.world_from(place.target)?);
         let chosen = closure.pairs[closure.chosen].as_ref()?;
-        let way = |map: &PreparedMap, a: KeyframeId, b: KeyframeId| -> Option<f64> {
+        let path_length = |map: &PreparedMap, a: KeyframeId, b: KeyframeId| -> Option<f64> {
             Some((map.world_from(a)?.translation - map.world_from(b)?.translation).norm())
         };
         let in_target = closure.motion.a_from_b.scale / target_pose.scale;
-        let ways = way(source, place.source, chosen.source)? * in_target
-            + way(target, place.target, chosen.target)? / target_pose.scale;
+        let path_lengths = path_length(source, place.source, chosen.source)? * in_target
+            + path_length(target, place.target, chosen.target)? / target_pose.scale;
         let depths = &target.map().keyframes.get(&place.target)?.semi_dense.inverse_depth;
         let mut sample: Vec<f32> =
             depths.iter().step_by(depths.len().div_ceil(256).max(1)).copied().collect();
         let depth = f64::from(median(&mut sample)?).recip();
         let supposed = target_pose.inverse() * closure.motion.a_from_b * source_pose;
-        Some(Self { place, supposed, ways, depth })
+        Some(Self { place, supposed, path_lengths, depth })
     }
 
     /// Whether its keyframes are not where one place is seen from.
     fn is_elsewhere(&self) -> bool {
-        self.supposed.translation.norm() > MAX_DRIFT * self.ways + ELSEWHERE * self.depth
+        self.supposed.translation.norm() > MAX_DRIFT * self.path_lengths + ELSEWHERE * self.depth
     }
 
     /// Whether its matches speak for the closure's motion: by their own similarity, or where they have none, as most lie where
@@ -122,7 +122,7 @@ impl At {
         let (i, j) = (source.get(self.place.source)?, target.get(self.place.target)?);
         Some(match measure_pair(i, j, views.clone(), &params.pair) {
             Ok(pair) => {
-                let length = MAX_DRIFT * self.ways + MAX_OFFSET * self.depth;
+                let length = MAX_DRIFT * self.path_lengths + MAX_OFFSET * self.depth;
                 agree(&pair.alignment.target_from_source, &self.supposed, length)
             }
             Err(_) => {
@@ -135,7 +135,7 @@ impl At {
 /// Whether two similarities put the source's camera in one place of the target, to a length, and turned alike.
 fn agree(found: &Sim3, supposed: &Sim3, length: f64) -> bool {
     (found.translation - supposed.translation).norm() <= length
-        && found.rotation.angle_to(&supposed.rotation) <= MAX_TURN.to_radians()
+        && found.rotation.angle_to(&supposed.rotation) <= MAX_ROTATION.to_radians()
 }
 
 #[cfg(test)]
@@ -144,10 +144,10 @@ mod tests {
     use nalgebra::{UnitQuaternion, Vector3};
 
     #[test]
-    fn places_agree_within_drift_and_turn() {
+    fn places_agree_within_drift_and_rotation() {
         let pose = |x: f64, degrees: f64| {
-            let turn = UnitQuaternion::from_euler_angles(0.0, f64::to_radians(degrees), 0.0);
-            Sim3::new(turn, Vector3::new(x, 0.0, 0.0), 1.3)
+            let rotation = UnitQuaternion::from_euler_angles(0.0, f64::to_radians(degrees), 0.0);
+            Sim3::new(rotation, Vector3::new(x, 0.0, 0.0), 1.3)
         };
         assert!(agree(&pose(0.9, 14.0), &pose(0.0, 0.0), 1.0));
         assert!(!agree(&pose(1.1, 0.0), &pose(0.0, 0.0), 1.0));

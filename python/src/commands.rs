@@ -42,14 +42,15 @@ pub fn run(
     let mut options =
         RunOptions { name, force, start, end, params: read_params(params)?, ..RunOptions::to(out) };
     options.camera.calibration = calibration;
-    let told = Told { stop: Stop::default(), progress, error: Mutex::default(), said: Mutex::default() };
+    let reporter =
+        Reporter { stop: Stop::default(), progress, error: Mutex::default(), messages: Mutex::default() };
     let result = py.detach(|| {
         on_threads(None, || {
-            tracked(&recording, &SourceOptions { fps, topic, all_frames: false }, fov, options, &told)
+            tracked(&recording, &SourceOptions { fps, topic, all_frames: false }, fov, options, &reporter)
         })
     });
-    warn(py, told.said.into_inner().unwrap_or_default())?;
-    if let Some(error) = told.error.into_inner().unwrap_or_default() {
+    warn(py, reporter.messages.into_inner().unwrap_or_default())?;
+    if let Some(error) = reporter.error.into_inner().unwrap_or_default() {
         return Err(error);
     }
     result.map_err(failed)
@@ -60,14 +61,14 @@ fn tracked(
     source: &SourceOptions,
     fov: Option<f64>,
     mut options: RunOptions,
-    told: &Told,
+    reporter: &Reporter,
 ) -> Result<(PathBuf, String)> {
     let recording = Recording { path: recording.to_owned(), options: source.clone() };
     let source = recording.open()?;
-    options.without_calibration(source.info(), recording, fov, &told.stop, told)?;
+    options.without_calibration(source.info(), recording, fov, &reporter.stop, reporter)?;
     let prepared = PreparedRun::new(source, options)?;
-    prepared.problems().iter().for_each(|problem| told.warn(problem));
-    let mapped = prepared.go(|_, _, _| Ok(Watch::none()), &told.stop, told)?;
+    prepared.problems().iter().for_each(|problem| reporter.warn(problem));
+    let mapped = prepared.go(|_, _, _| Ok(Watch::none()), &reporter.stop, reporter)?;
     match (mapped.failure, mapped.apart) {
         (Some(failure), _) => bail!("the run ended early, what was tracked is saved: {failure}"),
         (None, Some(apart)) => bail!("{apart}"),
@@ -76,15 +77,15 @@ fn tracked(
 }
 
 /// Tells Python how a run goes, and asks it whether to go on.
-struct Told {
+struct Reporter {
     stop: Stop,
     progress: Option<Py<PyAny>>,
     /// What Python raised meanwhile: Ctrl-C, or an error of the callable.
     error: Mutex<Option<PyErr>>,
-    said: Mutex<Vec<String>>,
+    messages: Mutex<Vec<String>>,
 }
 
-impl Told {
+impl Reporter {
     /// Stops for what Python raised, and keeps it.
     fn heed(&self, asked: PyResult<()>) {
         let Err(error) = asked else { return };
@@ -95,7 +96,7 @@ impl Told {
     }
 }
 
-impl Progress for Told {
+impl Progress for Reporter {
     fn frame(&self, row: &FrameRow, _: usize, _: usize) {
         if self.stop.requested() {
             return;
@@ -115,8 +116,8 @@ impl Progress for Told {
     }
 
     fn warn(&self, text: &str) {
-        if let Ok(mut said) = self.said.lock() {
-            said.push(text.to_owned());
+        if let Ok(mut messages) = self.messages.lock() {
+            messages.push(text.to_owned());
         }
     }
 }
@@ -163,13 +164,13 @@ pub fn verdict(
     threads: Option<usize>,
 ) -> PyResult<(bool, String, String)> {
     let options = VerdictOptions { verdicts, ..VerdictOptions::default() };
-    let judged = py.detach(|| {
+    let evaluated = py.detach(|| {
         on_threads(threads, || {
             let found = find_verdict(&[a, b], &options, &Stop::default(), &Silent)?;
-            Ok((found.joins, found.text, serde_json::to_string(&found.encounters)?))
+            Ok((found.joins, found.text, serde_json::to_string(&found.pair_results)?))
         })
     });
-    judged.map_err(failed)
+    evaluated.map_err(failed)
 }
 
 /// The pairs of maps that may show one place, the likeliest first, by their places among `maps`; and how likely each is.

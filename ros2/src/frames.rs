@@ -181,10 +181,10 @@ mod tests {
     fn a_pose_of_a_body_maps_its_points_to_the_same_place_of_the_map() {
         let world_from_camera = Se3::exp(&Vector6::new(0.3, -1.0, 2.0, 0.5, -0.2, 0.9));
         let point = Vector3::new(0.4, 0.1, 3.0);
-        let turn = Axes::Optical.body_from_own();
+        let rotated_by = Axes::Optical.body_from_own();
         for world in [Axes::Optical, Axes::Body, Axes::Graphics] {
             let map_from_body = world.pose(Axes::Optical, &world_from_camera);
-            let of_body = map_from_body * (turn * point);
+            let of_body = map_from_body * (rotated_by * point);
             let expected = world.body_from_own() * (world_from_camera * point);
             assert!((of_body - expected).norm() < 1e-12, "{world:?}");
         }

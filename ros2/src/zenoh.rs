@@ -153,10 +153,10 @@ mod tests {
         let nobody = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
         let endpoint: Endpoint = format!("tcp/{nobody}").parse().unwrap();
         let config = config(&endpoint).unwrap();
-        let said = |key: &str| config.get_json(key).unwrap();
-        assert_eq!(said("listen/endpoints"), "[]");
+        let output = |key: &str| config.get_json(key).unwrap();
+        assert_eq!(output("listen/endpoints"), "[]");
         assert_eq!(
-            (said("scouting/multicast/enabled"), said("scouting/gossip/enabled")),
+            (output("scouting/multicast/enabled"), output("scouting/gossip/enabled")),
             ("false".into(), "false".into())
         );
         let begun = std::time::Instant::now();

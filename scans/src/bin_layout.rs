@@ -57,7 +57,7 @@ const PLAUSIBLE: std::ops::RangeInclusive<f32> = 1e-5..=1e7;
 /// Fewest points from which anything is told.
 const LEAST: usize = 64;
 /// A ring's points have elevations this much nearer to each other than all have, and those of one azimuth times.
-const GOES_WITH: f32 = 0.25;
+const SAME_RING: f32 = 0.25;
 
 /// Part of a file.
 pub struct Sample {
@@ -169,11 +169,11 @@ fn are_threes(heads: &[&Vec<f32>]) -> bool {
     let aside = |six: &[f32]| (six[1].atan2(six[0]) - six[4].atan2(six[3])).sin().abs();
     let sixes = heads.iter().flat_map(|head| head.chunks_exact(6));
     let mut apart: Vec<f32> = sixes.map(aside).filter(|v| v.is_finite()).collect();
-    median(&mut apart).is_some_and(|apart| apart < ASIDE) || are_alike(heads)
+    median(&mut apart).is_some_and(|apart| apart < ASIDE) || are_similar(heads)
 }
 
 /// Whether the last three of six columns have the quartiles of the first three.
-fn are_alike(heads: &[&Vec<f32>]) -> bool {
+fn are_similar(heads: &[&Vec<f32>]) -> bool {
     let quartiles = |column: usize| {
         let numbers =
             heads.iter().flat_map(|head| head.iter().skip(column).step_by(6)).filter(|v| v.is_finite());
@@ -217,7 +217,7 @@ fn median(values: &mut [f32]) -> Option<f32> {
 }
 
 /// Points with a value beside them, those that are finite and not in the sensor.
-fn beside(head: &[f32], floats: usize, column: usize) -> Vec<([f32; 3], f32)> {
+fn paired(head: &[f32], floats: usize, column: usize) -> Vec<([f32; 3], f32)> {
     let points = head.chunks_exact(floats).map(|p| ([p[0], p[1], p[2]], p[column]));
     let is_usable = |p: &([f32; 3], f32)| {
         p.0.iter().all(|v| v.is_finite()) && p.0.iter().any(|v| *v != 0.0) && p.1.is_finite()
@@ -243,25 +243,25 @@ fn spread_within(grouped: &mut [(usize, f32)]) -> Option<f32> {
 
 /// Whether a column of whole numbers goes with the elevation.
 fn is_ring(head: &[f32], floats: usize, column: usize) -> bool {
-    let points = beside(head, floats, column);
+    let points = paired(head, floats, column);
     let are_whole = points.iter().all(|(_, ring)| ring.fract() == 0.0 && (0.0..256.0).contains(ring));
     let mut grouped: Vec<(usize, f32)> =
         points.iter().map(|(p, ring)| (*ring as usize, p[2].atan2(p[0].hypot(p[1])))).collect();
-    are_whole && points.len() >= LEAST && spread_within(&mut grouped).is_some_and(|share| share < GOES_WITH)
+    are_whole && points.len() >= LEAST && spread_within(&mut grouped).is_some_and(|share| share < SAME_RING)
 }
 
 /// Whether a column goes with the azimuth, or grows from point to point.
 fn is_time(head: &[f32], floats: usize, column: usize) -> bool {
     /// Directions that times are compared in: those of one differ by a hundredth of a sweep.
     const SECTORS: f32 = 120.0;
-    let points = beside(head, floats, column);
+    let points = paired(head, floats, column);
     if points.len() < LEAST || points.iter().all(|(_, time)| *time == points[0].1) {
         return false;
     }
     let grows = points.windows(2).filter(|w| w[1].1 >= w[0].1).count();
     let sector = |p: &[f32; 3]| ((p[1].atan2(p[0]) + PI) / (2.0 * PI) * SECTORS) as usize;
     let mut grouped: Vec<(usize, f32)> = points.iter().map(|(p, time)| (sector(p), *time)).collect();
-    20 * grows > 19 * points.len() || spread_within(&mut grouped).is_some_and(|share| share < GOES_WITH)
+    20 * grows > 19 * points.len() || spread_within(&mut grouped).is_some_and(|share| share < SAME_RING)
 }
 
 #[cfg(test)]
@@ -293,12 +293,12 @@ mod tests {
         ((column * 7919 + ring * 104_729) % 251) as f32
     }
 
-    fn told(extra: impl Fn(usize, usize) -> Vec<f32> + Copy) -> [String; 2] {
+    fn inferred(extra: impl Fn(usize, usize) -> Vec<f32> + Copy) -> [String; 2] {
         [false, true].map(|by_ring| layout_of(&[sample(extra, by_ring)]).unwrap().columns())
     }
 
     #[test]
-    fn other_forms_are_told_by_what_they_are() {
+    fn other_layouts_are_named_in_the_error() {
         let plain = sample(|c, r| vec![intensity(c, r)], false);
         let doubles: Vec<u8> =
             numbers(&plain.head).iter().flat_map(|v| f64::from(*v).to_le_bytes()).collect();
@@ -314,22 +314,25 @@ mod tests {
     }
 
     #[test]
-    fn columns_are_told_from_the_numbers() {
-        assert_eq!(told(|_, _| vec![]), ["x y z"; 2]);
-        assert_eq!(told(|c, r| vec![intensity(c, r)]), ["x y z intensity"; 2]);
-        assert_eq!(told(|c, r| vec![intensity(c, r) / 255.0]), ["x y z intensity"; 2]);
-        assert_eq!(told(|_, _| vec![0.0]), ["x y z intensity"; 2]);
-        assert_eq!(told(|c, r| vec![intensity(c, r), r as f32]), ["x y z intensity ring"; 2]);
-        assert_eq!(told(|c, r| vec![intensity(c, r), c as f32 * 2.5e-4]), ["x y z intensity time"; 2]);
+    fn columns_are_recognised_by_the_numbers() {
+        assert_eq!(inferred(|_, _| vec![]), ["x y z"; 2]);
+        assert_eq!(inferred(|c, r| vec![intensity(c, r)]), ["x y z intensity"; 2]);
+        assert_eq!(inferred(|c, r| vec![intensity(c, r) / 255.0]), ["x y z intensity"; 2]);
+        assert_eq!(inferred(|_, _| vec![0.0]), ["x y z intensity"; 2]);
+        assert_eq!(inferred(|c, r| vec![intensity(c, r), r as f32]), ["x y z intensity ring"; 2]);
+        assert_eq!(inferred(|c, r| vec![intensity(c, r), c as f32 * 2.5e-4]), ["x y z intensity time"; 2]);
         assert_eq!(
-            told(|c, r| vec![intensity(c, r), r as f32, c as f32 * 2.5e-4]),
+            inferred(|c, r| vec![intensity(c, r), r as f32, c as f32 * 2.5e-4]),
             ["x y z intensity ring time"; 2]
         );
-        assert_eq!(told(|c, r| vec![r as f32, intensity(c, r), c as f32 * 250.0]), ["x y z ring ? time"; 2]);
+        assert_eq!(
+            inferred(|c, r| vec![r as f32, intensity(c, r), c as f32 * 250.0]),
+            ["x y z ring ? time"; 2]
+        );
     }
 
     #[test]
-    fn points_in_no_order_are_told_as_well() {
+    fn points_in_no_order_are_recognised_as_well() {
         for floats in 3..=6usize {
             let whole = sample(
                 |c, r| [intensity(c, r) / 255.0, r as f32, c as f32 * 2.5e-4][..floats - 3].to_vec(),
@@ -349,7 +352,7 @@ mod tests {
 
     /// A VLP-16 fires its lasers in turns, low and high.
     #[test]
-    fn points_of_three_numbers_are_told_where_lasers_fire_in_turns() {
+    fn points_of_three_numbers_are_recognised_where_lasers_fire_one_after_another() {
         for floats in [3, 4, 6usize] {
             let whole =
                 sample(|c, r| [intensity(c, r), r as f32, c as f32 * 2.5e-4][..floats - 3].to_vec(), false);

@@ -96,7 +96,7 @@ mod tests {
     }
 
     #[test]
-    fn the_most_of_one_kind_are_the_scans_and_the_others_are_told() {
+    fn the_most_of_one_kind_are_the_scans_and_the_others_are_reported() {
         let dir = folder(&[
             ("1.bin", "xxxx"),
             ("0.bin", "xxxx"),

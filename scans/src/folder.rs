@@ -43,10 +43,10 @@ pub struct Folder {
 }
 
 /// The times of the scans that lie in `scans`, where nobody named another file.
-fn times_beside(path: &Path, scans: &Path) -> PathBuf {
-    let beside =
+fn sidecar_times(path: &Path, scans: &Path) -> PathBuf {
+    let candidates =
         [path.join("times.txt"), path.join("timestamps.txt"), scans.with_file_name("timestamps.txt")];
-    beside.iter().find(|file| file.is_file()).unwrap_or(&beside[0]).clone()
+    candidates.iter().find(|file| file.is_file()).unwrap_or(&candidates[0]).clone()
 }
 
 impl Folder {
@@ -61,7 +61,7 @@ impl Folder {
             return Err(ScanError::format(&name, "holds no scans (files ending in .bin, .pcd or .ply)"));
         }
         let layout = layout_of_files(&scans).map_err(|why| ScanError::format(&name, why))?;
-        let times = options.times.clone().unwrap_or_else(|| times_beside(path, &folder));
+        let times = options.times.clone().unwrap_or_else(|| sidecar_times(path, &folder));
         let (stamps, remarks) = timed(&scans, &times, options, &name)?;
         let files: Vec<_> =
             scans.into_iter().zip(stamps).map(|(path, stamp)| ScanFile { path, stamp }).collect();
@@ -218,8 +218,8 @@ fn timed(
     match Table::read(times) {
         Ok(table) => {
             let (stamps, remark) = stamps(&table, scans, &times.display().to_string())?;
-            let stand_still = stamps.len() > 1 && stamps.iter().all(|stamp| *stamp == stamps[0]);
-            match (stand_still, options.rate) {
+            let are_constant = stamps.len() > 1 && stamps.iter().all(|stamp| *stamp == stamps[0]);
+            match (are_constant, options.rate) {
                 (false, _) => Ok((stamps, remark.into_iter().collect())),
                 (true, Some(rate)) => {
                     let what =

@@ -197,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn how_a_sensor_turns_can_be_said() {
+    fn the_sense_of_rotation_can_be_given() {
         let turning = |spin, degrees: f32, stamp_at| {
             Ok(ScanTiming::Turning { spin, start_azimuth: degrees.to_radians(), stamp_at })
         };

@@ -10,6 +10,7 @@
 mod across;
 mod claim;
 mod common;
+mod depth_tasks;
 mod early;
 mod error;
 mod frame;
@@ -19,7 +20,6 @@ mod mapper;
 mod masking;
 mod recognised;
 mod resume;
-mod settle;
 mod shutter;
 
 pub use claim::Claim;
@@ -28,7 +28,7 @@ pub use error::AgentError;
 pub use frame::{Frame, FrameReport, TrackingState};
 pub(crate) use joining::{Joining, Sighting};
 pub use joint_optimisation::optimise_jointly;
-pub use resume::{Going, edges_of};
+pub use resume::{ResumeMode, edges_of};
 
 use crate::background::Task;
 use crate::bootstrap::Bootstrap;
@@ -47,7 +47,7 @@ use early::EarlyFrame;
 use geometry::sensor::Twist;
 use geometry::{GrayImage, Pinhole, Pyramid, Se3, Swap};
 use map::{Described, Edge, FramePose, KeyframeId, Map, MapDelta, PlaceIndex};
-use mapper::{Job, Mapper, Promise, Update};
+use mapper::{Job, MapQuality, Mapper, Update};
 use shutter::ShutterQuestion;
 use std::sync::Arc;
 
@@ -58,9 +58,9 @@ pub struct Agent {
     /// The map as it is handed out.
     map: Map,
     /// Deltas said of it.
-    said: u64,
+    next_sequence: u64,
     /// Those that no report has told of yet.
-    untold: Vec<MapDelta>,
+    pending_deltas: Vec<MapDelta>,
     /// The map as the tracker knows it.
     view: LocalMap,
     /// Loops closed in it.
@@ -69,7 +69,7 @@ pub struct Agent {
     /// Who owns the map, when nothing is being mapped.
     mapper: Option<Box<Mapper>>,
     /// What is being mapped.
-    flight: Option<Flight>,
+    pending_mapping: Option<PendingMapping>,
     /// Threads of the mapper when it works beside the tracking.
     threads: Option<Arc<rayon::ThreadPool>>,
     /// Of the frames since the last keyframe.
@@ -90,15 +90,15 @@ pub struct Agent {
     /// What moves with the camera.
     learner: MaskLearner,
     /// Whether the map is of use, as far as its first keyframes have said.
-    promise: Promise,
+    map_quality: MapQuality,
     /// The start that the map came of, while more frames may contradict it.
     provisional: Option<Box<Bootstrap>>,
     /// What is done with the map, if it was given to the agent.
-    resumed: Option<Going>,
+    resumed: Option<ResumeMode>,
     /// The common map of several agents that it goes on in, as one more of them, as it was given.
     common: Option<Box<Map>>,
     /// No frame was found in it yet.
-    is_sought: bool,
+    is_relocalising: bool,
     /// Who decides on poses that no motion leads to.
     judge: Option<Arc<dyn JudgePlace>>,
     /// A pose that is being decided on.
@@ -120,7 +120,7 @@ enum State {
 }
 
 /// A keyframe being mapped beside the tracking.
-struct Flight {
+struct PendingMapping {
     keyframe: Option<KeyframeId>,
     task: Task<(Box<Mapper>, Update)>,
     /// Before which frame its result is taken over, as counted by `Agent::processed`.
@@ -140,13 +140,13 @@ impl Agent {
             camera,
             params,
             map: Map::new(camera),
-            said: 0,
-            untold: Vec::new(),
+            next_sequence: 0,
+            pending_deltas: Vec::new(),
             view: LocalMap::new(camera),
             closed: Vec::new(),
             state: State::Empty,
             mapper: Some(Box::new(Mapper::new(camera, places))),
-            flight: None,
+            pending_mapping: None,
             threads: None,
             counts: Counts::default(),
             fresh: None,
@@ -157,11 +157,11 @@ impl Agent {
             tone: None,
             early: Vec::new(),
             learner: MaskLearner::default(),
-            promise: Promise::Open,
+            map_quality: MapQuality::Open,
             provisional: None,
             resumed: None,
             common: None,
-            is_sought: false,
+            is_relocalising: false,
             judge: None,
             trial: None,
             is_unsettled: false,
@@ -188,11 +188,11 @@ impl Agent {
         self.check_size(frame.index, &frame.image)?;
         self.processed += 1;
         self.claim = None;
-        if !matches!(self.state, State::Running(_)) || self.is_sought && self.trial.is_none() {
+        if !matches!(self.state, State::Running(_)) || self.is_relocalising && self.trial.is_none() {
             self.tone = Tone::following(self.tone.take(), &frame.image);
         }
         let pyramid = self.pyramid(frame.image);
-        let (is_new, is_open) = (self.learner.is_new(), self.promise == Promise::Open);
+        let (is_new, is_open) = (self.learner.is_new(), self.map_quality == MapQuality::Open);
         // Copies share what is made of an image.
         let seen = pyramid.clone();
         if is_new || is_open || !matches!(self.state, State::Running(_)) {
@@ -213,7 +213,7 @@ impl Agent {
         let is_spoilt = self.learner.look(&seen, &self.camera, rotation) && is_new && self.resumed.is_none();
         let wrong = is_spoilt
             .then_some("something in the image moves with the camera")
-            .or((self.promise == Promise::Broken).then_some("its first keyframes found no depth"));
+            .or((self.map_quality == MapQuality::Broken).then_some("its first keyframes found no depth"));
         let report = match wrong.filter(|_| matches!(self.state, State::Running(_))) {
             Some(why) => self.begin_again(seen, frame.timestamp, frame.index, why),
             None => report,
@@ -221,17 +221,17 @@ impl Agent {
         if (is_new || is_open) && matches!(self.state, State::Running(_)) {
             self.drop_early();
         }
-        Ok(self.told(report))
+        Ok(self.with_deltas(report))
     }
 
     /// A report that tells all that was said.
-    fn told(&mut self, report: FrameReport) -> FrameReport {
-        FrameReport { deltas: std::mem::take(&mut self.untold), claim: self.claim, ..report }
+    fn with_deltas(&mut self, report: FrameReport) -> FrameReport {
+        FrameReport { deltas: std::mem::take(&mut self.pending_deltas), claim: self.claim, ..report }
     }
 
     /// Takes back what a report told that nobody will see: the next one tells it.
     pub(crate) fn tell_again(&mut self, deltas: Vec<MapDelta>) {
-        self.untold.splice(0..0, deltas);
+        self.pending_deltas.splice(0..0, deltas);
     }
 
     fn pyramid(&self, image: GrayImage) -> Pyramid {
@@ -287,10 +287,10 @@ impl Agent {
         if is_claim {
             let at = (frame.timestamp, frame.index);
             let report = self.try_claim(tracker, &located, pyramid, at, report);
-            return Ok((report.state == TrackingState::Tracking).then(|| self.told(report)));
+            return Ok((report.state == TrackingState::Tracking).then(|| self.with_deltas(report)));
         }
         let report = self.go_on(tracker, &located, pyramid, frame.timestamp, frame.index, report);
-        Ok(Some(self.told(report)))
+        Ok(Some(self.with_deltas(report)))
     }
 
     /// Takes over what another agent with this camera learnt of its sensor, before there is a map.
@@ -321,10 +321,10 @@ impl Agent {
             self.state = State::Running(tracker);
             return FrameReport::tells_too_little();
         }
-        self.params.track.position_sigma = learn_position_sigma(&self.params.track, located.excess);
-        self.counts.add(&located.sought, &located.matched);
+        self.params.track.position_sigma = learn_position_sigma(&self.params.track, located.residual_scale);
+        self.counts.add(&located.searched, &located.matched);
         self.learn_motion(&located.mean_motion);
-        self.is_sought = false;
+        self.is_relocalising = false;
         self.map.frames.extend(self.own_frame(FramePose {
             timestamp,
             frame_index,
@@ -336,11 +336,11 @@ impl Agent {
         report.rmse = located.rmse();
         report.matched_points = located.inliers;
         tracker.change_reference(&self.view, located, &self.params);
-        if self.resumed == Some(Going::Localising) {
+        if self.resumed == Some(ResumeMode::Localising) {
             // The map stays as it is.
         } else if self.mapper.is_some()
             && (self.lacks_keyframes()
-                || tracker.wants_keyframe(&self.view, located, &self.params)
+                || tracker.needs_keyframe(&self.view, located, &self.params)
                     && !tracker.returns(&self.view, located, &self.params))
         {
             self.extend(&mut tracker, located, pyramid, timestamp, frame_index, &mut report);
@@ -380,15 +380,16 @@ impl Agent {
         timestamp: f64,
         report: &mut FrameReport,
     ) -> Option<Located> {
-        if self.flight.as_ref().is_some_and(|flight| flight.due <= self.processed) {
-            self.land(tracker, report);
+        if self.pending_mapping.as_ref().is_some_and(|pending_mapping| pending_mapping.due <= self.processed)
+        {
+            self.adopt_mapping(tracker, report);
         }
-        if self.flight.is_some() {
+        if self.pending_mapping.is_some() {
             let located = tracker.track(&self.view, None, pyramid, timestamp, &self.params);
             if located.is_some() {
                 return located;
             }
-            self.land(tracker, report);
+            self.adopt_mapping(tracker, report);
         }
         let places = self.mapper.as_ref().map(|mapper| mapper.places.as_ref());
         tracker.track(&self.view, places, pyramid, timestamp, &self.params)
@@ -468,17 +469,17 @@ impl Agent {
                 };
                 (mapper, update)
             });
-            self.flight = Some(Flight { keyframe: id, task, due: self.processed + lag });
+            self.pending_mapping = Some(PendingMapping { keyframe: id, task, due: self.processed + lag });
         }
     }
 
     /// Waits for what is being mapped and takes it over.
-    fn land(&mut self, tracker: &mut Tracker, report: &mut FrameReport) {
-        let Some(flight) = self.flight.take() else { return };
+    fn adopt_mapping(&mut self, tracker: &mut Tracker, report: &mut FrameReport) {
+        let Some(pending_mapping) = self.pending_mapping.take() else { return };
         let before = Before::of(&self.view, tracker.reference);
-        let (mapper, update) = flight.task.join();
+        let (mapper, update) = pending_mapping.task.join();
         self.mapper = Some(mapper);
-        report.adopted = flight.keyframe;
+        report.adopted = pending_mapping.keyframe;
         self.take_over(tracker, update, &before, report);
     }
 
@@ -505,7 +506,7 @@ impl Agent {
         };
         tracker.follow_reference(&self.view, last, factor, &self.params);
         self.first_open = update.first_open;
-        self.promise = update.promise;
+        self.map_quality = update.map_quality;
         self.companions = self.companions.split_off(&update.first_open);
         self.closed = update.closed;
         let delta = self.own_delta(update.delta);
@@ -524,9 +525,9 @@ impl Agent {
                 delta.provenance.insert(key.into(), value);
             }
         }
-        delta.sequence = self.said;
-        self.said += 1;
-        self.untold.push(delta.clone());
+        delta.sequence = self.next_sequence;
+        self.next_sequence += 1;
+        self.pending_deltas.push(delta.clone());
         // The points are in the working map; they are handed out with it, at the end or in a snapshot.
         delta.settled.iter_mut().for_each(|settled| settled.points = Vec::new());
         delta.added.iter_mut().for_each(|added| added.points = Vec::new());
@@ -553,11 +554,11 @@ impl Agent {
     pub fn finish_until(&mut self, stop: &dyn Fn() -> bool) -> Vec<(KeyframeId, KeyframeId)> {
         let mut report = FrameReport::of(TrackingState::Tracking);
         let mut loops = Vec::new();
-        if self.resumed.is_some_and(|going| going == Going::Localising || self.is_sought) {
+        if self.resumed.is_some_and(|mode| mode == ResumeMode::Localising || self.is_relocalising) {
             return loops;
         }
         if let State::Running(mut tracker) = std::mem::replace(&mut self.state, State::Empty) {
-            self.land(&mut tracker, &mut report);
+            self.adopt_mapping(&mut tracker, &mut report);
             loops.extend(report.closed_loop);
             if let Some(mut mapper) = self.mapper.take() {
                 let before = Before::of(&self.view, tracker.reference);
@@ -589,7 +590,7 @@ impl Agent {
     /// What happened to the map since the last report: it was finished, or keyframes were described. Whoever keeps a
     /// copy of the map by the reports' deltas asks after [`finish`](Self::finish).
     pub fn take_deltas(&mut self) -> Vec<MapDelta> {
-        std::mem::take(&mut self.untold)
+        std::mem::take(&mut self.pending_deltas)
     }
 
     /// Gives the map away.
@@ -599,7 +600,7 @@ impl Agent {
 
     /// Gives the map away, and the memory of all that it was made by back: the agent is left without a map.
     pub fn take_map(&mut self) -> Map {
-        (self.state, self.mapper, self.flight, self.provisional) = (State::Empty, None, None, None);
+        (self.state, self.mapper, self.pending_mapping, self.provisional) = (State::Empty, None, None, None);
         self.common = None;
         (self.view, self.companions, self.early) =
             (LocalMap::new(self.camera), Companions::new(), Vec::new());
@@ -635,7 +636,7 @@ impl Before {
 
 /// A keyframe that sees what was matched in it, to be tracked against until it is mapped.
 fn seeing(mut keyframe: KeyframeState, matched: &[Matched]) -> KeyframeState {
-    keyframe.seen = mapping::agreeing(matched).map(|m| m.at).collect();
+    keyframe.seen = mapping::inlier_matches(matched).map(|m| m.at).collect();
     keyframe
 }
 

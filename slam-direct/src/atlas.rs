@@ -7,14 +7,14 @@
 
 mod joining;
 
-use crate::agent::{Agent, AgentError, Claim, Frame, FrameReport, Going, TrackingState};
+use crate::agent::{Agent, AgentError, Claim, Frame, FrameReport, ResumeMode, TrackingState};
 use crate::exposure::Exposure;
 use crate::judge::JudgePlace;
 use crate::params::Params;
 use crate::recognise::{Recognise, Recognition};
 use backend::params;
 use geometry::{GrayImage, Image, Pinhole, Swap};
-use joining::Meeting;
+use joining::FragmentJoin;
 use map::{KeyframeId, Map, MapDelta, PlaceIndex};
 use std::sync::Arc;
 
@@ -30,7 +30,8 @@ params! {
         pub trial: f64 = 0.5,
         /// Frames between searches in the earlier fragments while a new one is tracked but still young. Range 1–30; each
         /// search costs about as much as tracking five frames.
-        pub seek_interval: usize = 5,
+        #[key = "seek_interval"]
+        pub search_interval: usize = 5,
         /// Frames after which it is taken up where a frame may have been taken by its features; at the least five times those
         /// of mapping. Range 1–30; fewer are waited for, and more are to be caught up with once it is known.
         pub recognition_lag: usize = 5,
@@ -53,7 +54,7 @@ pub struct Atlas {
     /// Who recognises places from elsewhere.
     recognition: Recognition,
     /// Of the active fragment's keyframes in earlier ones, which are joined by them.
-    meeting: Meeting,
+    fragment_join: FragmentJoin,
     exposure: Exposure,
     /// Where the keyframes' images and depths are kept, as far as it has room.
     swap: Option<Arc<dyn Swap>>,
@@ -70,7 +71,7 @@ struct Loss {
     /// The next fragment, until it has proved itself or the camera is found in an old one.
     next: Option<Box<Agent>>,
     /// Whether somebody has looked at what was found in a fragment since then, and did not believe it.
-    is_judged: bool,
+    is_evaluated: bool,
 }
 
 impl Atlas {
@@ -98,7 +99,7 @@ impl Atlas {
             active: 0,
             loss: None,
             recognition: Recognition::none(),
-            meeting: Meeting::default(),
+            fragment_join: FragmentJoin::default(),
             exposure: Exposure::default(),
             swap: None,
             judge: None,
@@ -112,8 +113,8 @@ impl Atlas {
 
     /// The same, in which poses that no motion leads to (after a loss, at the begin of going on or localising in a map) are neither handed
     /// out nor mapped from, and fragments not joined, until `judge` has decided on what they see.
-    pub fn judged_by(mut self, judge: Arc<dyn JudgePlace>) -> Self {
-        self.fragments.iter_mut().for_each(|agent| agent.judged_by(Arc::clone(&judge)));
+    pub fn judge_by(mut self, judge: Arc<dyn JudgePlace>) -> Self {
+        self.fragments.iter_mut().for_each(|agent| agent.judge_by(Arc::clone(&judge)));
         Self { judge: Some(judge), ..self }
     }
 
@@ -130,7 +131,7 @@ impl Atlas {
     ///
     /// # Errors
     /// When the mask is not of the camera's size.
-    pub fn leaving_out(mut self, unused: &Image<bool>) -> Result<Self, AgentError> {
+    pub fn with_mask(mut self, unused: &Image<bool>) -> Result<Self, AgentError> {
         let unused = Arc::new(unused.clone());
         self.fragments.iter_mut().try_for_each(|agent| agent.leave_out(Arc::clone(&unused)))?;
         Ok(self)
@@ -165,19 +166,19 @@ impl Atlas {
             self.follow_apart(frame)?
         };
         if report.state == TrackingState::Lost {
-            self.loss = Some(Loss { since: timestamp, frames: 1, next: None, is_judged: false });
+            self.loss = Some(Loss { since: timestamp, frames: 1, next: None, is_evaluated: false });
         }
         Ok(report)
     }
 
     /// A frame of a lost camera: sought in the fragments, and given to the one that may come next.
     fn recover(&mut self, mut loss: Loss, frame: Frame) -> Result<FrameReport, AgentError> {
-        let report = self.seek(&mut loss, &frame)?;
+        let report = self.search_fragments(&mut loss, &frame)?;
         if report.state != TrackingState::Lost {
             return Ok(report);
         }
         loss.frames += 1;
-        let may_begin = self.fragments[self.active].resumed() != Some(Going::Localising);
+        let may_begin = self.fragments[self.active].resumed() != Some(ResumeMode::Localising);
         if may_begin && loss.next.is_none() && frame.timestamp - loss.since >= self.params.atlas.begin_after {
             let mut next = Agent::new(self.camera, (self.new_places)(), self.params.clone())?;
             next.know_sensor_of(&self.fragments[self.active]);
@@ -185,7 +186,7 @@ impl Atlas {
                 next.swap_to(Arc::clone(swap));
             }
             if let Some(judge) = &self.judge {
-                next.judged_by(Arc::clone(judge));
+                next.judge_by(Arc::clone(judge));
             }
             loss.next = Some(Box::new(next));
         }
@@ -195,7 +196,7 @@ impl Atlas {
         };
         let of_next = next.process(frame)?;
         // What was found elsewhere is heard first.
-        let may_begin = loss.is_judged || self.fragments.iter().all(|agent| !agent.is_on_trial());
+        let may_begin = loss.is_evaluated || self.fragments.iter().all(|agent| !agent.is_on_trial());
         if may_begin && of_next.state == TrackingState::Tracking && !next.is_young() {
             self.fragments[self.active].tell_again(report.deltas);
             self.begin_fragment(loss);
@@ -208,11 +209,11 @@ impl Atlas {
 
     /// Seeks the frame of a lost camera in the fragments: while it was found in one and that is on trial, there alone; rarely while the
     /// one that may come next is tracked.
-    fn seek(&mut self, loss: &mut Loss, frame: &Frame) -> Result<FrameReport, AgentError> {
+    fn search_fragments(&mut self, loss: &mut Loss, frame: &Frame) -> Result<FrameReport, AgentError> {
         if let Some(fragment) = self.claimed() {
             self.recognition.pass(self.recognition_lag());
             let report = self.follow_claim(fragment, frame)?;
-            loss.is_judged |= matches!(report.claim, Some(Claim::Refused | Claim::Undecided));
+            loss.is_evaluated |= matches!(report.claim, Some(Claim::Refused | Claim::Undecided));
             return Ok(report);
         }
         if let Some(found) = self.recognised(frame)? {
@@ -222,14 +223,14 @@ impl Atlas {
             return Ok(FrameReport::on_trial());
         }
         let is_tracked = loss.next.as_ref().is_some_and(|next| !next.map().frames.is_empty());
-        if is_tracked && !loss.frames.is_multiple_of(self.params.atlas.seek_interval.max(1)) {
+        if is_tracked && !loss.frames.is_multiple_of(self.params.atlas.search_interval.max(1)) {
             return Ok(FrameReport::lost());
         }
         let (left, report) = (self.active, self.fragments[self.active].process(frame.clone())?);
         if report.state != TrackingState::Lost || report.claim.is_some() {
             return Ok(report);
         }
-        let Some(found) = self.seek_elsewhere(loss, frame)? else { return Ok(report) };
+        let Some(found) = self.search_other_fragments(loss, frame)? else { return Ok(report) };
         self.fragments[left].tell_again(report.deltas);
         Ok(found)
     }
@@ -281,13 +282,17 @@ impl Atlas {
     }
 
     /// Seeks the frame in one of the fragments that the camera has left, another one with every search.
-    fn seek_elsewhere(&mut self, loss: &Loss, frame: &Frame) -> Result<Option<FrameReport>, AgentError> {
+    fn search_other_fragments(
+        &mut self,
+        loss: &Loss,
+        frame: &Frame,
+    ) -> Result<Option<FrameReport>, AgentError> {
         let others = self.fragments.len() - 1;
         if others == 0 {
             return Ok(None);
         }
-        let turn = loss.frames % others;
-        let index = if turn < self.active { turn } else { turn + 1 };
+        let number = loss.frames % others;
+        let index = if number < self.active { number } else { number + 1 };
         let report = self.fragments[index].relocalise(frame)?;
         if report.is_some() {
             self.activate(index);
@@ -308,7 +313,7 @@ impl Atlas {
     /// Goes on in a fragment.
     fn activate(&mut self, fragment: usize) {
         self.active = fragment;
-        self.meeting = Meeting::default();
+        self.fragment_join = FragmentJoin::default();
     }
 
     /// The agent of the fragment that the newest frame was given to.

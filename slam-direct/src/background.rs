@@ -9,7 +9,7 @@ use std::thread::JoinHandle;
 /// A computation under way.
 pub(crate) enum Task<T> {
     /// In a thread of its own.
-    Beside(JoinHandle<Option<T>>),
+    Spawned(JoinHandle<Option<T>>),
     /// Done at once, where the system gave no thread.
     Done(Option<T>),
 }
@@ -25,7 +25,7 @@ impl<T: Send + 'static> Task<T> {
         };
         let here = once.clone();
         match std::thread::Builder::new().spawn(once) {
-            Ok(thread) => Self::Beside(thread),
+            Ok(thread) => Self::Spawned(thread),
             Err(_) => Self::Done(here()),
         }
     }
@@ -33,7 +33,7 @@ impl<T: Send + 'static> Task<T> {
     /// Waits for the result. A panic of the work goes on in the caller.
     pub fn join(self) -> T {
         let result = match self {
-            Self::Beside(thread) => thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)),
+            Self::Spawned(thread) => thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)),
             Self::Done(result) => result,
         };
         result.expect("the work is taken once")

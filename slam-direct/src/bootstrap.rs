@@ -7,8 +7,8 @@
 mod again;
 mod finish;
 mod follow;
+mod pure_rotation;
 mod solve;
-mod turn;
 
 use crate::local_map::LocalMap;
 use crate::mask::Mask;
@@ -20,7 +20,7 @@ use geometry::sensor::Sensor;
 use geometry::{Pinhole, Pyramid, Se3};
 use solve::acceptable;
 
-pub(crate) use turn::Turned;
+pub(crate) use pure_rotation::Turned;
 
 params! {
     /// Parameters of the start.
@@ -55,7 +55,7 @@ struct Followed {
     timestamp: f64,
     frame_index: u64,
     /// How the camera turned since the first frame.
-    turn: Se3,
+    pure_rotation: Se3,
     /// Per followed point: where it is.
     seen: Vec<Option<([f32; 2], [f32; 3])>>,
 }
@@ -136,14 +136,14 @@ impl Bootstrap {
         if (count as f32) < params.min_followed * self.tracks.len() as f32 || count < MIN_POINTS {
             return Progress::Restart("the view changed before the first map was made");
         }
-        let (turn, parallax) = self.parallax();
+        let (pure_rotation, parallax) = self.parallax();
         if parallax < params.min_parallax * self.camera.width as f32 {
             if self.is_over(params) {
                 return Progress::Restart("the camera hardly moved");
             }
             return Progress::Waiting("waiting for the camera to move sideways");
         }
-        let solution = self.solve(&turn, readout_sigma);
+        let solution = self.solve(&pure_rotation, readout_sigma);
         let solution = solution.filter(|solution| acceptable(&solution.problem, params));
         match solution {
             Some(solution) => {
@@ -186,7 +186,7 @@ impl Bootstrap {
         follow::follow(&mut self.tracks, pyramid, track);
         let seen: Vec<_> = self.tracks.iter().map(|t| t.seen.filter(|_| !t.lost)).collect();
         let count = seen.iter().flatten().count();
-        self.frames.push(Followed { timestamp, frame_index, turn: Se3::identity(), seen });
+        self.frames.push(Followed { timestamp, frame_index, pure_rotation: Se3::identity(), seen });
         count
     }
 }

@@ -189,13 +189,13 @@ impl StereoJob {
     fn brightness(&self, reference: &Reference) -> (f32, f32) {
         let (own, image) = (&self.image, &reference.image);
         let pairs = self.seeds.iter().filter_map(|p| {
-            let [dx, dy] = self.shift.to_ideal(p.pixel, p.inverse_depth);
+            let [dx, dy] = self.shift.to_undistorted(p.pixel, p.inverse_depth);
             let ray = self.camera.unproject((p.pixel[0] + dx) as f64, (p.pixel[1] + dy) as f64);
             let pose = &reference.frame_from_keyframe;
             let x = pose.rotation * ray + pose.translation * p.inverse_depth as f64;
             let at = self.camera.project(&x);
             let at = [at.x as f32, at.y as f32];
-            let [dx, dy] = reference.shift.to_shown(at, p.inverse_depth / x.z as f32);
+            let [dx, dy] = reference.shift.to_distorted(at, p.inverse_depth / x.z as f32);
             let at = [at[0] + dx, at[1] + dy];
             let visible = x.z > 0.0 && image.contains(at[0], at[1], 0.0);
             (visible && own.contains(p.pixel[0], p.pixel[1], 0.0))

@@ -18,7 +18,7 @@ const JUMP: f32 = 1.5;
 /// Share of the parts that change the same way, by the root of that factor at the least. What enters the view changes some.
 const ALL_OVER: f32 = 0.75;
 /// Means outside of these grey levels say nothing: black stays black, white stays white.
-const TOLD: std::ops::RangeInclusive<f32> = 6.0..=240.0;
+const INFORMATIVE: std::ops::RangeInclusive<f32> = 6.0..=240.0;
 /// Parts that must say something, share of all.
 const ENOUGH: f32 = 0.25;
 /// An exposure that is within this factor of the first one is that one.
@@ -57,14 +57,17 @@ impl Exposure {
 
 /// Logarithm of the factor by which one frame's brightness jumps to the next one's; nothing where it does not.
 fn jump(before: &[f32], now: &[f32]) -> Option<f32> {
-    let told = before.iter().zip(now).filter(|(before, now)| TOLD.contains(*before) && TOLD.contains(*now));
-    let mut changes: Vec<f32> = told.map(|(before, now)| (now / before).ln()).collect();
+    let informative = before
+        .iter()
+        .zip(now)
+        .filter(|(before, now)| INFORMATIVE.contains(*before) && INFORMATIVE.contains(*now));
+    let mut changes: Vec<f32> = informative.map(|(before, now)| (now / before).ln()).collect();
     if (changes.len() as f32) < ENOUGH * (PARTS.0 * PARTS.1) as f32 {
         return None;
     }
     let middle = median(&mut changes)?;
-    let alike = changes.iter().filter(|change| **change * middle.signum() >= 0.5 * JUMP.ln()).count();
-    (middle.abs() >= JUMP.ln() && alike as f32 >= ALL_OVER * changes.len() as f32).then_some(middle)
+    let similar = changes.iter().filter(|change| **change * middle.signum() >= 0.5 * JUMP.ln()).count();
+    (middle.abs() >= JUMP.ln() && similar as f32 >= ALL_OVER * changes.len() as f32).then_some(middle)
 }
 
 /// Mean grey level of each part of an image, in the order of rows.

@@ -29,6 +29,7 @@ mod patch;
 mod publish;
 mod recognise;
 pub mod relocalise;
+mod rotation_prior;
 mod select;
 pub mod self_calibration;
 #[cfg(test)]
@@ -39,13 +40,13 @@ mod tone;
 mod track;
 mod tracker;
 mod triangulate;
-mod turn;
 mod warp;
 mod wide;
 mod window;
 
 pub use agent::{
-    Agent, AgentError, Claim, Frame, FrameReport, Going, Joint, TrackingState, edges_of, optimise_jointly,
+    Agent, AgentError, Claim, Frame, FrameReport, Joint, ResumeMode, TrackingState, edges_of,
+    optimise_jointly,
 };
 pub use atlas::{Atlas, AtlasParams};
 pub use backend::{DocumentedParameter, Parameter, ParameterError, ParameterValue};

@@ -29,7 +29,7 @@ pub(crate) struct PointState {
     /// False once it proved wrong; its place is kept so that indices stay valid.
     pub alive: bool,
     /// Times it was looked for / found in tracked frames.
-    pub sought: u32,
+    pub searched: u32,
     pub found: u32,
 }
 
@@ -128,14 +128,14 @@ impl KeyframeState {
 /// How often points were looked for and found in tracked frames.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Counts {
-    /// `[sought, found]` of each point of a host, as far as the last one counted.
+    /// `[searched, found]` of each point of a host, as far as the last one counted.
     by_host: BTreeMap<usize, Vec<[u32; 2]>>,
 }
 
 impl Counts {
     /// Counts the points that a frame was searched for, and those of them that were found.
-    pub fn add(&mut self, sought: &[PointRef], matched: &[Matched]) {
-        sought.iter().for_each(|&at| self.entry(at)[0] += 1);
+    pub fn add(&mut self, searched: &[PointRef], matched: &[Matched]) {
+        searched.iter().for_each(|&at| self.entry(at)[0] += 1);
         matched.iter().filter(|m| m.inlier).for_each(|m| self.entry(m.at)[1] += 1);
     }
 
@@ -189,19 +189,19 @@ impl LocalMap {
     }
 
     /// Where an ideal camera at a keyframe sees what its image shows at `pixel`, of this inverse depth.
-    pub fn ideal_pixel(&self, keyframe: usize, pixel: [f32; 2], inverse_depth: f64) -> [f64; 2] {
+    pub fn undistorted_pixel(&self, keyframe: usize, pixel: [f32; 2], inverse_depth: f64) -> [f64; 2] {
         let motion = self.keyframes[keyframe].motion_in_world();
-        self.sensor.ideal_pixel(pixel.map(f64::from), &motion, inverse_depth)
+        self.sensor.undistorted_pixel(pixel.map(f64::from), &motion, inverse_depth)
     }
 
     /// Where a keyframe's image shows what an ideal camera there sees at `pixel`, of this inverse depth.
-    pub fn shown_pixel(&self, keyframe: usize, pixel: [f64; 2], inverse_depth: f64) -> [f64; 2] {
-        self.sensor.shown_pixel(pixel, &self.keyframes[keyframe].motion_in_world(), inverse_depth)
+    pub fn distorted_pixel(&self, keyframe: usize, pixel: [f64; 2], inverse_depth: f64) -> [f64; 2] {
+        self.sensor.distorted_pixel(pixel, &self.keyframes[keyframe].motion_in_world(), inverse_depth)
     }
 
     /// The ray through a pixel of a keyframe, z = 1, of this inverse depth.
     pub fn ray(&self, keyframe: usize, pixel: [f32; 2], inverse_depth: f64) -> Vector3<f64> {
-        let [x, y] = self.ideal_pixel(keyframe, pixel, inverse_depth);
+        let [x, y] = self.undistorted_pixel(keyframe, pixel, inverse_depth);
         self.camera.unproject(x, y)
     }
 
@@ -325,7 +325,8 @@ impl LocalMap {
                     return None;
                 }
                 let inverse_depth = point.inverse_depth / x.z;
-                let pixel = self.sensor.shown_pixel(self.camera.project(&x).into(), &motion, inverse_depth);
+                let pixel =
+                    self.sensor.distorted_pixel(self.camera.project(&x).into(), &motion, inverse_depth);
                 Some(ReferencePoint {
                     pixel: pixel.map(|v| v as f32),
                     inverse_depth: inverse_depth as f32,
@@ -358,8 +359,8 @@ impl LocalMap {
     /// Adds up how often points were looked for and found.
     pub fn count(&mut self, counts: &Counts) {
         for (&host, counts) in &counts.by_host {
-            for (point, [sought, found]) in self.keyframes[host].points.iter_mut().zip(counts) {
-                point.sought += sought;
+            for (point, [searched, found]) in self.keyframes[host].points.iter_mut().zip(counts) {
+                point.searched += searched;
                 point.found += found;
             }
         }
@@ -488,7 +489,7 @@ mod tests {
     }
 
     #[test]
-    fn sought_and_found_are_counted() {
+    fn searched_and_found_points_are_counted() {
         let mut map = exact_map(&views(), 40);
         let at = |index| PointRef { host: 0, index };
         let matched = |index, inlier| Matched {
@@ -503,7 +504,7 @@ mod tests {
         frame.add(&[at(0), at(1), at(2)], &[matched(0, true), matched(1, false)]);
         assert_eq!(frame.hosts().collect::<Vec<_>>(), [0]);
         map.count(&frame);
-        let counts: Vec<_> = map.keyframes[0].points[..3].iter().map(|p| (p.sought, p.found)).collect();
+        let counts: Vec<_> = map.keyframes[0].points[..3].iter().map(|p| (p.searched, p.found)).collect();
         assert_eq!(counts, [(1, 1), (1, 0), (1, 0)]);
     }
 }

@@ -66,7 +66,8 @@ params! {
         /// Iterations of each of these optimisations. Range 1–100.
         pub calibration_iterations: usize = 10,
         /// A keyframe's semi-dense depth is computed when this many newer ones are there. Range 1–50.
-        pub settle_after: usize = 3,
+        #[key = "settle_after"]
+        pub depth_delay: usize = 3,
         /// How many frames after a keyframe what was mapped of it is tracked against. Range 0–10: with 0 each keyframe
         /// waits for its mapping; more leave it more time beside the tracking, and the map is that much older.
         pub lag: usize = 0,
@@ -79,13 +80,13 @@ params! {
 }
 
 /// The matches that bind a keyframe to their points.
-pub(crate) fn agreeing(matched: &[Matched]) -> impl Iterator<Item = &Matched> {
+pub(crate) fn inlier_matches(matched: &[Matched]) -> impl Iterator<Item = &Matched> {
     matched.iter().filter(|m| m.squared < OBSERVED)
 }
 
 /// Adds the matched points to what the keyframe sees.
 pub(crate) fn add_observations(map: &mut LocalMap, keyframe: usize, matched: &[Matched]) {
-    for m in agreeing(matched).filter(|m| m.at.host != keyframe) {
+    for m in inlier_matches(matched).filter(|m| m.at.host != keyframe) {
         let known = map.point(m.at).observations.iter().any(|o| o.keyframe == keyframe);
         if !known {
             map.observe(m.at, SeenAt { keyframe, pixel: m.pixel, information: m.information });
@@ -343,8 +344,8 @@ pub(crate) struct UnitChange {
 /// Drops points of the `hosts` that tracked frames look for in vain.
 pub(crate) fn cull_unfound(map: &mut LocalMap, hosts: impl IntoIterator<Item = usize>, share: f32) {
     for host in hosts {
-        for point in map.keyframes[host].points.iter_mut().filter(|p| p.alive && p.sought >= 8) {
-            if (point.found as f32) < share * point.sought as f32 {
+        for point in map.keyframes[host].points.iter_mut().filter(|p| p.alive && p.searched >= 8) {
+            if (point.found as f32) < share * point.searched as f32 {
                 point.alive = false;
             }
         }

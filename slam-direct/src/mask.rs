@@ -15,7 +15,7 @@ use std::sync::Arc;
 const STRONG: i32 = 12;
 /// Cosine of the angle up to which two gradients are of one direction: a seventh of all directions, so that edges of the world
 /// agree so often by chance.
-const ALIKE: f32 = 0.9;
+const SAME_DIRECTION: f32 = 0.9;
 /// Columns and rows of the parts that an image is divided into to tell whether the camera has moved. Who passes a camera that
 /// stands moves in some of them.
 const PARTS: (usize, usize) = (8, 6);
@@ -133,9 +133,9 @@ struct Known {
 }
 
 impl Known {
-    /// Takes an edge in; `way` is how far the turn since the frame before moves what is far away, pixels.
+    /// Takes an edge in; `shift` is how far the turn since the frame before moves what is far away, pixels.
     #[inline]
-    fn see(&mut self, (x, y): (i32, i32), way: [f32; 2]) {
+    fn see(&mut self, (x, y): (i32, i32), shift: [f32; 2]) {
         let (x, y) = (x as f32, y as f32);
         let norm = (x * x + y * y).sqrt();
         let (x, y) = (x / norm, y / norm);
@@ -144,10 +144,10 @@ impl Known {
             self.direction = [x, y];
             return;
         }
-        match x * u + y * v >= ALIKE * (u * u + v * v).sqrt() {
+        match x * u + y * v >= SAME_DIRECTION * (u * u + v * v).sqrt() {
             true => {
                 self.same += 1;
-                self.turned += u8::from((x * way[0] + y * way[1]).abs() >= LEFT);
+                self.turned += u8::from((x * shift[0] + y * shift[1]).abs() >= LEFT);
             }
             false => self.other += 1,
         }
@@ -166,13 +166,13 @@ impl Known {
 
 /// How far a turn of the camera moves what is far away in the middle of each part of the image, pixels of the level; nothing
 /// where it is not known.
-fn ways(turn: Option<UnitQuaternion<f64>>, camera: &Pinhole, level: usize) -> Vec<[f32; 2]> {
+fn shifts(rotated_by: Option<UnitQuaternion<f64>>, camera: &Pinhole, level: usize) -> Vec<[f32; 2]> {
     let part = |part: usize| {
         let [column, row] = [part % PARTS.0, part / PARTS.0].map(|index| index as f64 + 0.5);
         let (x, y) =
             (camera.width as f64 * column / PARTS.0 as f64, camera.height as f64 * row / PARTS.1 as f64);
-        let moved = camera.project(&(turn? * camera.unproject(x, y)));
-        Some([moved.x - x, moved.y - y].map(|way| way as f32 / (1 << level) as f32))
+        let moved = camera.project(&(rotated_by? * camera.unproject(x, y)));
+        Some([moved.x - x, moved.y - y].map(|shift| shift as f32 / (1 << level) as f32))
     };
     (0..PARTS.0 * PARTS.1).map(|index| part(index).unwrap_or_default()).collect()
 }
@@ -246,7 +246,7 @@ impl MaskLearner {
         }
         if self.edges.is_empty() || self.has_moved(image) {
             let since = self.rotation.zip(rotation).map(|(before, now)| now * before.inverse());
-            self.take(image, level, &ways(since, camera, level));
+            self.take(image, level, &shifts(since, camera, level));
             self.rotation = rotation;
         }
         before && !self.mask.covered.is_empty()
@@ -258,7 +258,7 @@ impl MaskLearner {
             let (x, y) = (edge.at as usize % image.width(), edge.at as usize / image.width());
             let ((a, b), (c, d)) = (doubled_gradient(rows_around(image, y), x), edge.gradient);
             let [dot, now, then] = [a * c + b * d, a * a + b * b, c * c + d * d].map(|v| v as f32);
-            dot > ALIKE * (now * then).sqrt() && 4.0 * now >= then
+            dot > SAME_DIRECTION * (now * then).sqrt() && 4.0 * now >= then
         };
         let is_other =
             |part: &&Vec<Edge>| (part.iter().filter(stays).count() as f32) < STAYING * part.len() as f32;
@@ -267,7 +267,7 @@ impl MaskLearner {
     }
 
     /// Takes in the edges of a frame of a camera that has moved.
-    fn take(&mut self, image: &GrayImage, level: usize, ways: &[[f32; 2]]) {
+    fn take(&mut self, image: &GrayImage, level: usize, shifts: &[[f32; 2]]) {
         self.frames += 1;
         self.black.iter_mut().zip(image.data()).for_each(|(black, value)| *black &= *value <= BLACK);
         let (width, mut count) = (image.width(), 0);
@@ -285,9 +285,9 @@ impl MaskLearner {
                 }
                 let at = y * width + x;
                 let part = y * PARTS.1 / image.height() * PARTS.0 + x * PARTS.0 / width;
-                self.known[at].see(gradient, ways[part]);
+                self.known[at].see(gradient, shifts[part]);
                 let known = &self.known[at];
-                if known.stays() && (known.turned >= TURNED || self.is_beside_border(at, image)) {
+                if known.stays() && (known.turned >= TURNED || self.is_at_border(at, image)) {
                     staying.push(at);
                 } else if count % EVERY == 0 {
                     some[part].push(Edge { at: at as u32, gradient });
@@ -330,7 +330,7 @@ impl MaskLearner {
     }
 
     /// Whether all is black from an edge to the border of the image.
-    fn is_beside_border(&self, at: usize, image: &GrayImage) -> bool {
+    fn is_at_border(&self, at: usize, image: &GrayImage) -> bool {
         let (x, y) = ((at % image.width()) as i32, (at / image.width()) as i32);
         let [u, v] = self.known[at].direction;
         let (dx, dy) = if u.abs() > v.abs() { (-u.signum() as i32, 0) } else { (0, -v.signum() as i32) };

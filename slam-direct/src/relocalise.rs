@@ -183,7 +183,7 @@ mod tests {
         let (poses, camera) = (test_data::poses(&sequence), test_data::camera());
         let params = RelocaliseParams::default();
         for gap in [2usize, 4, 6, 8, 12, 100] {
-            let (mut tried, mut found, mut wrong, mut milliseconds) = (0, 0, 0, 0.0);
+            let (mut tested, mut found, mut wrong, mut milliseconds) = (0, 0, 0, 0.0);
             for first in (0..poses.len() - gap).step_by(20) {
                 let (pyramid, depth) = test_data::keyframe(&sequence, first, 1.0, 0.02);
                 let reference = reference(&pyramid, &depth, &camera);
@@ -191,7 +191,7 @@ mod tests {
                 let start = std::time::Instant::now();
                 let result = relocalise(&frame, [(KeyframeId(0), &reference)], &params);
                 milliseconds += start.elapsed().as_secs_f64() * 1e3;
-                tried += 1;
+                tested += 1;
                 let Ok(result) = result else { continue };
                 let truth = poses[first + gap].inverse() * poses[first];
                 let error = (result.alignment.frame_from_reference * truth.inverse()).log();
@@ -210,9 +210,9 @@ mod tests {
                 }
             }
             println!(
-                "+{gap} ({:.2} m): found {found}/{tried}, wrong {wrong}, {:.0} ms",
+                "+{gap} ({:.2} m): found {found}/{tested}, wrong {wrong}, {:.0} ms",
                 gap as f64 * 0.12,
-                milliseconds / tried as f64
+                milliseconds / tested as f64
             );
         }
     }

@@ -102,7 +102,7 @@ pub fn self_calibrate(
 const SAMPLE: usize = 20_000;
 /// What a fifth of them must say at the most for the lens to be right, as a share of what does no harm: the rest is for
 /// chance, which is some two percent of so few.
-const GLANCE: f64 = 1.0 / 3.0;
+const FIRST_LOOK: f64 = 1.0 / 3.0;
 
 /// The lens that `map` asks for in place of `lens`, by which its images were undistorted, with the focal length alone
 /// free; nothing where the logarithms of both focal lengths differ by less than `harmless`. It is found from a sample of
@@ -119,8 +119,8 @@ pub fn other_focal_length(
     let question = Question { map, guess: lens, free: FreeLens::Focal, prior, most: SAMPLE };
     let difference = |solved: &Problem| Ok((logarithm(&camera(solved)?) - logarithm(lens)).abs());
     // Most lenses are right, and of those few observations tell it.
-    let glance = Question { most: SAMPLE / 5, ..question };
-    if difference(&glance.solved(glance.all())?)? < GLANCE * harmless {
+    let sample = Question { most: SAMPLE / 5, ..question };
+    if difference(&sample.solved(sample.all())?)? < FIRST_LOOK * harmless {
         return Ok(None);
     }
     let whole = question.solved(question.all())?;

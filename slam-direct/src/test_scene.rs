@@ -128,7 +128,7 @@ pub(crate) fn point_state(point: ReferencePoint) -> PointState {
         doubt: 0.0,
         observations: Vec::new(),
         alive: true,
-        sought: 0,
+        searched: 0,
         found: 0,
     }
 }

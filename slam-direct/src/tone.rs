@@ -238,7 +238,7 @@ mod tests {
     }
 
     #[test]
-    fn noise_is_told_from_edges() {
+    fn noise_is_distinguished_from_edges() {
         for deviation in [0.0, 1.0, 2.0, 4.0] {
             let found = noise(&scene(1.0, deviation));
             assert!((found - deviation).abs() < 0.25 * deviation + 0.3, "{found} of {deviation}");

@@ -36,7 +36,8 @@ params! {
         /// How much a camera's turn changes, one standard deviation, radians per second squared: with this in mind the rows of
         /// a rolling shutter are asked how it turns while they are read. Range 0–200; with 0 it is taken to turn as it did
         /// since the frame before. Hands change theirs by up to 40.
-        pub turn_change: f32 = 40.0,
+        #[key = "turn_change"]
+        pub rotation_change: f32 = 40.0,
         /// Keyframes whose points are sought at most. Range 1–100.
         pub max_hosts: usize = 14,
         /// Standard deviation of a position, over the median depth of what is seen, above which it is not told of a camera that is
@@ -60,7 +61,7 @@ pub(crate) struct Matched {
 }
 
 /// A point to look for: where it should be and how it should look.
-pub(crate) struct Sought {
+pub(crate) struct SearchedPoint {
     pub at: PointRef,
     pub pixel: [f32; 2],
     pub warp: Warp,
@@ -84,10 +85,10 @@ pub(crate) fn match_points(
     params: &TrackParams,
     per_cell: usize,
 ) -> (Vec<Matched>, Vec<PointRef>) {
-    let sought = choose(map, hosts, view, params, per_cell);
+    let searched = choose(map, hosts, view, params, per_cell);
     let found: Vec<Option<Matched>> =
-        sought.par_iter().with_min_len(64).map(|s| find(map, s, view, params)).collect();
-    (found.into_iter().flatten().collect(), sought.iter().map(|s| s.at).collect())
+        searched.par_iter().with_min_len(64).map(|s| find(map, s, view, params)).collect();
+    (found.into_iter().flatten().collect(), searched.iter().map(|s| s.at).collect())
 }
 
 /// The points expected in the frame, spread over its cells.
@@ -97,11 +98,11 @@ pub(crate) fn choose(
     view: &View,
     params: &TrackParams,
     per_cell: usize,
-) -> Vec<Sought> {
+) -> Vec<SearchedPoint> {
     let camera = &map.camera;
     let columns = camera.width.div_ceil(params.cell);
     let rows = camera.height.div_ceil(params.cell);
-    let mut cells: Vec<Vec<Sought>> = Vec::new();
+    let mut cells: Vec<Vec<SearchedPoint>> = Vec::new();
     cells.resize_with(columns * rows, Vec::new);
     for &host in hosts {
         let state = &map.keyframes[host];
@@ -114,7 +115,7 @@ pub(crate) fn choose(
                 continue;
             };
             let depth = (rotation * point.ray + relative.translation * point.inverse_depth).z;
-            let pixel = map.sensor.shown_pixel(pixel.into(), &view.motion, point.inverse_depth / depth);
+            let pixel = map.sensor.distorted_pixel(pixel.into(), &view.motion, point.inverse_depth / depth);
             let pixel = pixel.map(|v| v as f32);
             // What moves with the camera hides what is behind it.
             if !view.pyramid.base().contains(pixel[0], pixel[1], 5.0) || map.mask.covers_at(pixel) {
@@ -123,7 +124,7 @@ pub(crate) fn choose(
             let cell = (pixel[1] as usize / params.cell) * columns + pixel[0] as usize / params.cell;
             let relative_variance = point.variance / (point.inverse_depth * point.inverse_depth).max(1e-12);
             let rank = (std::cmp::Reverse(point.observations.len().min(6)), relative_variance);
-            cells[cell].push(Sought { at: PointRef { host, index }, pixel, warp, rank });
+            cells[cell].push(SearchedPoint { at: PointRef { host, index }, pixel, warp, rank });
         }
     }
     for cell in &mut cells {
@@ -136,15 +137,15 @@ pub(crate) fn choose(
 }
 
 /// Finds one point; a view too blurred for the patch is tried at the next coarser level.
-fn find(map: &LocalMap, sought: &Sought, view: &View, params: &TrackParams) -> Option<Matched> {
-    let host = &map.keyframes[sought.at.host];
-    let pixel = host.points[sought.at.index].pixel;
+fn find(map: &LocalMap, searched: &SearchedPoint, view: &View, params: &TrackParams) -> Option<Matched> {
+    let host = &map.keyframes[searched.at.host];
+    let pixel = host.points[searched.at.index].pixel;
     (0..=1).find_map(|coarser| {
-        let warp = sought.warp.coarser(coarser);
+        let warp = searched.warp.coarser(coarser);
         let template = Template::cut(&host.pyramid, pixel, &warp)?;
-        let found = template.align(view.pyramid, sought.pixel, params.max_shift, 12)?;
+        let found = template.align(view.pyramid, searched.pixel, params.max_shift, 12)?;
         (found.unexplained <= params.max_unexplained).then(|| Matched {
-            at: sought.at,
+            at: searched.at,
             pixel: found.pixel,
             information: position_information(&found.information, found.rmse, template.level(), params),
             rmse: found.rmse,
@@ -240,12 +241,12 @@ pub(crate) fn refine_pose(map: &LocalMap, view: &View, matched: &mut [Matched]) 
     for _ in 0..2 {
         pose = TRACKING.solve(&map.camera, &pose, &points);
         let mut squared: Vec<f32> = points.iter().map(|p| p.squared(&map.camera, &pose) as f32).collect();
-        let excess = median(&mut squared).map_or(1.0, |m| f64::from(m) / MEDIAN_SQUARED);
-        assumed.get_or_insert(excess);
-        if excess <= 1.0 {
+        let residual_scale = median(&mut squared).map_or(1.0, |m| f64::from(m) / MEDIAN_SQUARED);
+        assumed.get_or_insert(residual_scale);
+        if residual_scale <= 1.0 {
             break;
         }
-        let factor = 1.0 / excess.min(MAX_EXCESS);
+        let factor = 1.0 / residual_scale.min(MAX_RESIDUAL_SCALE);
         for (m, p) in matched.iter_mut().zip(&mut points) {
             m.information = m.information.map(|v| v * factor as f32);
             p.information = p.information.map(|v| v * factor);
@@ -266,8 +267,8 @@ pub(crate) fn position_deviation(
     motion: &Twist,
     matched: &[Matched],
 ) -> f64 {
-    let agreeing = matched.iter().filter(|m| m.inlier);
-    let points: Vec<SeenPoint> = agreeing.map(|m| world_point(map, camera_from_world, motion, m)).collect();
+    let inliers = matched.iter().filter(|m| m.inlier);
+    let points: Vec<SeenPoint> = inliers.map(|m| world_point(map, camera_from_world, motion, m)).collect();
     let depth = |p: &SeenPoint| {
         let direction =
             camera_from_world.rotation * p.direction + camera_from_world.translation * p.inverse_depth;
@@ -300,16 +301,26 @@ pub(crate) fn motion_by_rows(map: &LocalMap, view: &View, matched: &[Matched], s
             &point.pixel,
         );
         let Some(seen) = seen else { continue };
-        let shown = m.pixel.map(f64::from);
-        let delay = map.sensor.delay(shown);
-        let by_turn: [Vector2<f64>; 3] = std::array::from_fn(|k| {
-            let mut turn = Twist::zeros();
-            turn[3 + k] = 1.0;
-            map.sensor.velocity(shown, &turn, 0.0) * delay
+        let distorted = m.pixel.map(f64::from);
+        let delay = map.sensor.delay(distorted);
+        let by_rotation: [Vector2<f64>; 3] = std::array::from_fn(|k| {
+            let mut rotated = Twist::zeros();
+            rotated[3 + k] = 1.0;
+            map.sensor.velocity(distorted, &rotated, 0.0) * delay
         });
         let row = |r: usize| {
             let [a, b, c, d, e, f] = seen.by_twist[r];
-            SVector::<f64, 9>::from([a, b, c, d, e, f, by_turn[0][r], by_turn[1][r], by_turn[2][r]])
+            SVector::<f64, 9>::from([
+                a,
+                b,
+                c,
+                d,
+                e,
+                f,
+                by_rotation[0][r],
+                by_rotation[1][r],
+                by_rotation[2][r],
+            ])
         };
         let weight = robust_weight(mahalanobis(&seen.residual, &point.information));
         let [a, b, c] = point.information.map(|v| v * weight);
@@ -329,9 +340,9 @@ pub(crate) fn motion_by_rows(map: &LocalMap, view: &View, matched: &[Matched], s
 
 /// The positional uncertainty learnt from one more frame: it follows what the frames show, slowly, within
 /// `params.least_position_sigma` and 1 pixel.
-pub(crate) fn learn_position_sigma(params: &TrackParams, excess: f64) -> f32 {
+pub(crate) fn learn_position_sigma(params: &TrackParams, residual_scale: f64) -> f32 {
     const RATE: f64 = 0.05;
-    let learnt = params.position_sigma * excess.clamp(0.05, 20.0).powf(RATE) as f32;
+    let learnt = params.position_sigma * residual_scale.clamp(0.05, 20.0).powf(RATE) as f32;
     learnt.clamp(params.least_position_sigma, 1.0)
 }
 
@@ -342,7 +353,7 @@ pub(crate) const INLIER: f64 = 41.0;
 /// that well-textured patches count for what they know and the Cauchy kernel leaves the rest aside.
 const MEDIAN_SQUARED: f64 = 4.0;
 /// Residuals larger than this times the assumed variance are errors, not noise.
-const MAX_EXCESS: f64 = 9.0;
+const MAX_RESIDUAL_SCALE: f64 = 9.0;
 
 /// A match prepared for pose refinement: its point in the world, uncertain depth in its information.
 fn world_point(map: &LocalMap, camera_from_world: &Se3, motion: &Twist, matched: &Matched) -> SeenPoint {
@@ -354,8 +365,8 @@ fn world_point(map: &LocalMap, camera_from_world: &Se3, motion: &Twist, matched:
     let relative = *camera_from_world * world_from_host;
     let rotation = relative.rotation_matrix();
     let depth = (rotation * point.ray + relative.translation * point.inverse_depth).z;
-    let shown = matched.pixel.map(f64::from);
-    let pixel = map.sensor.ideal_pixel(shown, motion, point.inverse_depth / depth);
+    let distorted = matched.pixel.map(f64::from);
+    let pixel = map.sensor.undistorted_pixel(distorted, motion, point.inverse_depth / depth);
     let predicted =
         predict(&map.camera, &rotation, &relative.translation, &point.ray, point.inverse_depth, &pixel);
     if let Some(p) = predicted {
@@ -414,11 +425,11 @@ pub(crate) fn align_from_guesses(
     }
     let poor = best.as_ref().is_none_or(|b| b.inlier_share < good);
     if poor && let Some(first) = guesses.first() {
-        let cost = |turn: &Se3| reference.coarse_cost(image, &(*turn * *first), brightness);
-        let mut ranked: Vec<(f64, Se3)> = turns().map(|turn| (cost(&turn), turn)).collect();
+        let cost = |rotated: &Se3| reference.coarse_cost(image, &(*rotated * *first), brightness);
+        let mut ranked: Vec<(f64, Se3)> = turns().map(|rotated| (cost(&rotated), rotated)).collect();
         ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
-        for (_, turn) in ranked.iter().take(3) {
-            let alignment = reference.align(image, &(*turn * *first), brightness);
+        for (_, rotated) in ranked.iter().take(3) {
+            let alignment = reference.align(image, &(*rotated * *first), brightness);
             if best.as_ref().is_none_or(|b| quality(&alignment) > quality(b)) {
                 best = Some(alignment);
             }

@@ -8,8 +8,8 @@ pub(crate) use located::{Located, match_keyframe};
 use crate::align::{AlignmentReference, Brightness};
 use crate::local_map::LocalMap;
 use crate::params::Params;
+use crate::rotation_prior::RotationPrior;
 use crate::track::{self, Near, View};
-use crate::turn::Glance;
 use crate::wide;
 use geometry::sensor::{Twist, motion};
 use geometry::{Pyramid, Se3};
@@ -47,7 +47,7 @@ pub(crate) struct Tracker {
     /// Points of keyframes of which it was asked how far a frame has departed from them.
     seen: SeenPoints,
     /// Most points that were sought and found in a frame tracked against the reference.
-    most_sought: usize,
+    most_searched: usize,
     most_found: usize,
     most_covered: usize,
     /// Pose of the newest tracked frame, `camera_from_world`.
@@ -62,7 +62,7 @@ pub(crate) struct Tracker {
     /// Frames in a row that were not found.
     lost: usize,
     /// What the newest tracked frame looked like.
-    glance: Option<Glance>,
+    rotation_prior: Option<RotationPrior>,
     /// Share of the sought points that agreed in it.
     share: f32,
     /// Whether the frame that was lost last agrees with the map, but shows too little of known depth.
@@ -85,7 +85,7 @@ impl Tracker {
                 &params.align,
             ),
             inverse_depth,
-            most_sought: 0,
+            most_searched: 0,
             most_found: 0,
             most_covered: 0,
             last,
@@ -94,7 +94,7 @@ impl Tracker {
             mean_motion: (Twist::zeros(), 0.0),
             brightness: Brightness::default(),
             lost: 0,
-            glance: None,
+            rotation_prior: None,
             share: 0.0,
             lacks_scale: false,
         }
@@ -120,9 +120,9 @@ impl Tracker {
     /// Goes on against another reference, or in another map.
     pub fn refer_to(&mut self, map: &LocalMap, reference: usize, params: &Params) {
         let (time, mean_motion) = (self.time, self.mean_motion);
-        let (lost, glance, share) = (self.lost, self.glance.take(), self.share);
+        let (lost, rotation_prior, share) = (self.lost, self.rotation_prior.take(), self.share);
         let fresh = Self::new(map, reference, self.last, self.velocity, params);
-        *self = Self { time, mean_motion, lost, glance, share, ..fresh };
+        *self = Self { time, mean_motion, lost, rotation_prior, share, ..fresh };
     }
 
     /// Goes on in a map in which keyframes have moved: `last` is the newest frame's pose there, `factor` what lengths
@@ -155,7 +155,7 @@ impl Tracker {
         let is_there = if self.lost > 0 { located.is_found_again(params) } else { located.is_good(params) };
         if !is_there || self.drops(&located, params) {
             let places = places?;
-            if let Some(found) = self.seek_widely(map, pyramid, timestamp, params) {
+            if let Some(found) = self.search_widely(map, pyramid, timestamp, params) {
                 located = found;
             } else if let Some((reference, found)) = relocate(map, places, pyramid, self.reference, params) {
                 self.lost += 1;
@@ -182,7 +182,7 @@ impl Tracker {
         timestamp: f64,
         params: &Params,
     ) -> Option<Located> {
-        let located = self.seek_from(map, supposed, pyramid, timestamp, params)?;
+        let located = self.search_from(map, supposed, pyramid, timestamp, params)?;
         Some(self.follow(map, located, pyramid, timestamp))
     }
 
@@ -200,9 +200,9 @@ impl Tracker {
         self.time = Some(timestamp);
         self.last = located.camera_from_world;
         self.brightness = located.brightness;
-        self.glance = Some(Glance::of(pyramid));
+        self.rotation_prior = Some(RotationPrior::of(pyramid));
         self.share = located.inlier_share();
-        self.most_sought = self.most_sought.max(located.sought.len());
+        self.most_searched = self.most_searched.max(located.searched.len());
         self.most_found = self.most_found.max(located.inliers);
         self.most_covered = self.most_covered.max(located.covered);
         located
@@ -230,7 +230,7 @@ impl Tracker {
     /// the turn may have changed.
     fn motion_to(&self, camera_from_world: &Se3, timestamp: f64, params: &Params) -> (Twist, f64) {
         let since = self.time.map_or(0.0, |before| timestamp - before);
-        let sigma = 0.5 * since * f64::from(params.track.turn_change);
+        let sigma = 0.5 * since * f64::from(params.track.rotation_change);
         (self.mean_motion_to(camera_from_world, timestamp), sigma)
     }
 
@@ -254,21 +254,22 @@ impl Tracker {
 
     /// Seeks the frame's patches one by one: around where it should be, where the camera was last, and where it would be
     /// had it only turned since.
-    fn seek_widely(
+    fn search_widely(
         &self,
         map: &LocalMap,
         pyramid: &Pyramid,
         timestamp: f64,
         params: &Params,
     ) -> Option<Located> {
-        let turn = self.glance.as_ref().and_then(|before| before.turn_to(pyramid, &map.camera));
-        let turned = turn.map(|turn| turn * self.last);
+        let rotation =
+            self.rotation_prior.as_ref().and_then(|before| before.rotation_to(pyramid, &map.camera));
+        let turned = rotation.map(|rotation| rotation * self.last);
         let starts = [Some(self.expected(timestamp)), Some(self.last), turned];
-        starts.iter().flatten().find_map(|start| self.seek_from(map, start, pyramid, timestamp, params))
+        starts.iter().flatten().find_map(|start| self.search_from(map, start, pyramid, timestamp, params))
     }
 
     /// Seeks the frame's patches one by one around a pose.
-    fn seek_from(
+    fn search_from(
         &self,
         map: &LocalMap,
         start: &Se3,
@@ -280,21 +281,21 @@ impl Tracker {
         let motion = |pose: &Se3| self.motion_to(pose, timestamp, params);
         let view = View { pyramid, camera_from_world: *start, motion: motion(start).0 };
         let least = params.keyframes.min_matched;
-        let pose = wide::seek(map, &hosts, &view, &params.track, &params.wide, least)?;
+        let pose = wide::search(map, &hosts, &view, &params.track, &params.wide, least)?;
         let brightness = Brightness::default();
         let view = View { camera_from_world: pose, motion: motion(&pose).0, ..view };
         let located = locate(map, &self.near, &view, motion, brightness, self.reference, params);
-        located.is_found_again(params).then_some(Located { sought_widely: true, ..located })
+        located.is_found_again(params).then_some(Located { wide_search: true, ..located })
     }
 
     /// Whether the newest frame should become a keyframe.
-    pub fn wants_keyframe(&mut self, map: &LocalMap, located: &Located, params: &Params) -> bool {
+    pub fn needs_keyframe(&mut self, map: &LocalMap, located: &Located, params: &Params) -> bool {
         let p = &params.keyframes;
-        let overlap = located.sought.len() as f32 / self.most_sought.max(1) as f32;
+        let overlap = located.searched.len() as f32 / self.most_searched.max(1) as f32;
         let fades = (located.inliers as f32) < p.fading * self.most_found as f32;
         let thins = (located.covered as f32) < p.coverage * self.most_covered as f32;
         let unknown = located.inlier_share() < p.known;
-        let near_loss = located.sought_widely || unknown;
+        let near_loss = located.wide_search || unknown;
         near_loss
             || fades
             || thins
@@ -351,7 +352,7 @@ impl Tracker {
     /// somewhere would make them for ever. Asked are those that share points with the frame (Mur-Artal 2015, §V-D); of
     /// a place that is seen from many sides they are more than those whose points are sought.
     pub fn returns(&mut self, map: &LocalMap, located: &Located, params: &Params) -> bool {
-        if located.sought_widely || located.inlier_share() < params.keyframes.known {
+        if located.wide_search || located.inlier_share() < params.keyframes.known {
             return false;
         }
         let (seen, last) = (&mut self.seen, self.last);

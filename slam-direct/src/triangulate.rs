@@ -63,7 +63,7 @@ geometry::multiversion! {
             let inverse_depth = range.0 + (range.1 - range.0) * f64::from(i) / steps as f64;
             let x = at_infinity + shift * inverse_depth;
             let ideal = camera.project(&x).into();
-            let pixel = sensor.shown_pixel(ideal, &motion, inverse_depth / x.z);
+            let pixel = sensor.distorted_pixel(ideal, &motion, inverse_depth / x.z);
             *place = Place { inverse_depth, depth: x.z, pixel };
         }
         all.retain(|place| place.depth > LEAST_DEPTH);
@@ -138,7 +138,7 @@ impl<'a> Triangulator<'a> {
             doubt: by_rotation.fold(f64::INFINITY, f64::min).min(UNKNOWN * inverse_depth * inverse_depth),
             observations,
             alive: true,
-            sought: 0,
+            searched: 0,
             found: 0,
         })
     }
@@ -181,7 +181,8 @@ impl<'a> Triangulator<'a> {
         let template = Template::cut(&self.map.keyframes[self.host].pyramid, pixel, &warp)?;
         let other = &self.map.keyframes[view.keyframe].pyramid;
         let depth = (view.rotation * ray + view.relative.translation * inverse_depth).z;
-        let start = self.map.shown_pixel(view.keyframe, at.into(), inverse_depth / depth).map(|v| v as f32);
+        let start =
+            self.map.distorted_pixel(view.keyframe, at.into(), inverse_depth / depth).map(|v| v as f32);
         if !other.base().contains(start[0], start[1], 5.0) {
             return None;
         }
@@ -196,7 +197,7 @@ impl<'a> Triangulator<'a> {
             &view.relative.translation,
             ray,
             inverse_depth,
-            &self.map.ideal_pixel(view.keyframe, found.pixel, inverse_depth / depth),
+            &self.map.undistorted_pixel(view.keyframe, found.pixel, inverse_depth / depth),
         )?;
         let line = Vector2::from(p.by_inverse_depth);
         let norm = line.norm();
@@ -226,7 +227,7 @@ impl<'a> Triangulator<'a> {
                     &view.relative.translation,
                     ray,
                     d,
-                    &self.map.ideal_pixel(s.keyframe, s.pixel, d / depth),
+                    &self.map.undistorted_pixel(s.keyframe, s.pixel, d / depth),
                 )?;
                 let [a, b, c] = s.information.map(f64::from);
                 let (j, r) = (p.by_inverse_depth, p.residual);
@@ -267,9 +268,9 @@ mod tests {
         let others: Vec<usize> = (1..views.len()).collect();
         let (params, track) = (TriangulateParams::default(), TrackParams::default());
         let triangulator = Triangulator::new(&map, 0, &others, &params, &track);
-        let sought = select(views[0].pyramid.base(), 12, 12.0, &Mask::default(), |_, _| false);
-        let found = sought.iter().filter_map(|c| triangulator.point(c.pixel, RANGE)).collect();
-        (found, sought.len())
+        let searched = select(views[0].pyramid.base(), 12, 12.0, &Mask::default(), |_, _| false);
+        let found = searched.iter().filter_map(|c| triangulator.point(c.pixel, RANGE)).collect();
+        (found, searched.len())
     }
 
     /// Relative errors of the points' inverse depths.
@@ -287,8 +288,8 @@ mod tests {
             vec![pose(0.0, 0.0, 0.5, 0.0, 0.0), pose(0.05, 0.0, 0.9, 0.0, 0.0)],
         ] {
             let views: Vec<View> = [first].into_iter().chain(others).map(View::new).collect();
-            let (points, sought) = triangulate(&views);
-            assert!(points.len() * 4 > sought, "{} of {sought}", points.len());
+            let (points, searched) = triangulate(&views);
+            assert!(points.len() * 4 > searched, "{} of {searched}", points.len());
             let errors = errors(&points, &views[0]);
             let gross = errors.iter().filter(|&&e| e > 0.1).count() as f64 / errors.len() as f64;
             let median = quantile(errors, 0.5);
@@ -314,13 +315,13 @@ mod tests {
     fn no_depth_without_baseline_or_in_another_place() {
         let here = pose(0.0, 0.0, 0.0, 0.0, 0.0);
         for other in [here, pose(0.0, 0.0, 0.0, 0.1, 0.0), pose(0.0, 0.0, -9.0, 3.1, 0.0)] {
-            let (points, sought) = triangulate(&[View::new(here), View::new(other)]);
-            assert!(points.len() * 50 < sought, "{} of {sought}", points.len());
+            let (points, searched) = triangulate(&[View::new(here), View::new(other)]);
+            assert!(points.len() * 50 < searched, "{} of {searched}", points.len());
         }
     }
 
     #[test]
-    fn a_turn_as_uncertain_as_the_parallax_tells_no_depth() {
+    fn a_rotation_as_uncertain_as_the_parallax_gives_no_depth() {
         // Patches that are placed to a tenth of a pixel, and 3 cm to 5 m: two pixels, which a turn of 14° is not known to.
         let track = TrackParams { position_sigma: 0.1, ..TrackParams::default() };
         let count = |yaw: f64| {
@@ -328,8 +329,8 @@ mod tests {
             let map = bare_map(&views);
             let params = TriangulateParams::default();
             let triangulator = Triangulator::new(&map, 0, &[1], &params, &track);
-            let sought = select(views[0].pyramid.base(), 12, 12.0, &Mask::default(), |_, _| false);
-            sought
+            let searched = select(views[0].pyramid.base(), 12, 12.0, &Mask::default(), |_, _| false);
+            searched
                 .iter()
                 .filter_map(|c| triangulator.point(c.pixel, RANGE))
                 .filter(PointState::is_known)

@@ -6,7 +6,7 @@
 
 use crate::local_map::{LocalMap, PointRef};
 use crate::patch::Template;
-use crate::track::{Sought, TrackParams, View, choose};
+use crate::track::{SearchedPoint, TrackParams, View, choose};
 use backend::params;
 use geometry::Se3;
 use geometry::pnp::{Consensus, Sighting, pose_by_consensus};
@@ -32,7 +32,7 @@ params! {
 
 /// The pose `camera_from_world` that most of the map's patches agree with, sought around that of the `view`; `None`
 /// when too few do: `min_matched` at the least.
-pub(crate) fn seek(
+pub(crate) fn search(
     map: &LocalMap,
     hosts: &[usize],
     view: &View,
@@ -40,18 +40,18 @@ pub(crate) fn seek(
     params: &WideParams,
     min_matched: usize,
 ) -> Option<Se3> {
-    let sought = choose(map, hosts, view, track, track.per_cell);
-    let found: Vec<Option<Sighting>> = sought
+    let searched = choose(map, hosts, view, track, track.per_cell);
+    let found: Vec<Option<Sighting>> = searched
         .par_iter()
         .with_min_len(32)
         .map(|s| Some(sighting(map, s.at, find(map, s, view, track, params)?, &view.motion)))
         .collect();
     let found: Vec<Sighting> = found.into_iter().flatten().collect();
-    let share = (params.min_share * sought.len() as f32) as usize;
+    let share = (params.min_share * searched.len() as f32) as usize;
     let consensus = Consensus {
         max_error: params.max_error,
         max_samples: params.max_samples,
-        min_agreeing: share.max(min_matched),
+        min_inliers: share.max(min_matched),
     };
     pose_by_consensus(&found, &consensus).map(|found| found.0)
 }
@@ -59,16 +59,16 @@ pub(crate) fn seek(
 /// Where a patch is found.
 fn find(
     map: &LocalMap,
-    sought: &Sought,
+    searched: &SearchedPoint,
     view: &View,
     track: &TrackParams,
     params: &WideParams,
 ) -> Option<[f32; 2]> {
-    let host = &map.keyframes[sought.at.host];
-    let pixel = host.points[sought.at.index].pixel;
-    let (mut at, mut found) = (sought.pixel, None);
+    let host = &map.keyframes[searched.at.host];
+    let pixel = host.points[searched.at.index].pixel;
+    let (mut at, mut found) = (searched.pixel, None);
     for coarser in (0..params.levels.max(1)).rev() {
-        let warp = sought.warp.coarser(coarser);
+        let warp = searched.warp.coarser(coarser);
         if warp.view_level >= view.pyramid.len() || warp.host_level >= host.pyramid.len() {
             continue;
         }
@@ -106,9 +106,9 @@ mod tests {
         exact_map(&[0.0, 0.4].map(|x| Rendered::new(pose(x, 0.0, 0.0, 0.0, 0.0))), 10)
     }
 
-    fn sought(map: &LocalMap, pyramid: &Pyramid, camera_from_world: Se3) -> Option<Se3> {
+    fn search_result(map: &LocalMap, pyramid: &Pyramid, camera_from_world: Se3) -> Option<Se3> {
         let view = View { pyramid, camera_from_world, motion: Twist::zeros() };
-        seek(map, &HOSTS, &view, &TrackParams::default(), &WideParams::default(), 30)
+        search(map, &HOSTS, &view, &TrackParams::default(), &WideParams::default(), 30)
     }
 
     #[test]
@@ -116,7 +116,7 @@ mod tests {
         let map = map();
         for (yaw, forward) in [(0.0, 0.0), (0.0, 0.05), (0.01, -0.05)] {
             let there = Rendered::new(pose(0.2, 0.05, forward, yaw, 0.02));
-            let found = sought(&map, &there.pyramid, map.keyframes[0].camera_from_world);
+            let found = search_result(&map, &there.pyramid, map.keyframes[0].camera_from_world);
             let error =
                 (found.unwrap_or_else(|| panic!("{yaw} {forward}")) * there.world_from_camera).log().norm();
             assert!(error < 0.03, "{yaw} {forward}: {error}");
@@ -128,8 +128,8 @@ mod tests {
         let map = map();
         let start = map.keyframes[0].camera_from_world;
         let elsewhere = Rendered::new(pose(0.0, 0.0, -9.0, 3.1, 0.0));
-        assert_eq!(sought(&map, &elsewhere.pyramid, start), None);
+        assert_eq!(search_result(&map, &elsewhere.pyramid, start), None);
         let flat = Pyramid::new(GrayImage::filled(CAMERA.width, CAMERA.height, 90), 5);
-        assert_eq!(sought(&map, &flat, start), None);
+        assert_eq!(search_result(&map, &flat, start), None);
     }
 }

@@ -16,7 +16,7 @@ pub struct Evidence {
     /// Of the points that the other map can judge, the share that lie where it saw free space; the larger of both ways.
     pub violated: f64,
     /// Share of the points which surfaces of the other hold that agree with them, the lesser of both ways.
-    pub agreeing: f64,
+    pub inlier_ratio: f64,
     /// Root mean square distance of points from the surfaces that they agree with, metres.
     pub rmse: f64,
     /// How well the pose is determined.
@@ -35,7 +35,7 @@ pub struct Alignment {
 }
 
 /// Translations tried around a guess, metres: lanes lie a few metres apart.
-const TRIED: [f64; 5] = [-4.0, -2.0, 0.0, 2.0, 4.0];
+const OFFSETS: [f64; 5] = [-4.0, -2.0, 0.0, 2.0, 4.0];
 /// Headings tried around a guess, radians: half a sector of a Scan Context.
 const TURNED: [f64; 3] = [-0.05, 0.0, 0.05];
 /// So many starts are registered.
@@ -73,7 +73,7 @@ pub(crate) fn search(target: &Submap, points: &[[f32; 3]], guess: &Se3, wide: bo
     let params = RegistrationParams::default();
     let starts = if wide { starts(&sweep, &some, target, guess, &params) } else { vec![*guess] };
     let found = starts.iter().map(|start| {
-        let coarse = settle(&sweep, &some, &target.coarse, start, &params).0;
+        let coarse = converge(&sweep, &some, &target.coarse, start, &params).0;
         fine(&sweep, &all, target, &coarse, &params)
     });
     let nothing = Found { score: 0.0, pose: *guess, information: Matrix6::zeros(), rmse: f64::INFINITY };
@@ -81,13 +81,13 @@ pub(crate) fn search(target: &Submap, points: &[[f32; 3]], guess: &Se3, wide: bo
 }
 
 /// As [`search`], for many guesses: only the best of the starts is registered on fine surfaces, with fewer points.
-pub(crate) fn sketch(target: &Submap, points: &[[f32; 3]], guess: &Se3, wide: bool) -> Found {
+pub(crate) fn coarse_search(target: &Submap, points: &[[f32; 3]], guess: &Se3, wide: bool) -> Found {
     let sweep = rigid(points);
     let (half, some) = (every(points, 2), every(points, EVERY));
     let params = RegistrationParams::default();
     let starts = if wide { starts(&sweep, &some, target, guess, &params) } else { vec![*guess] };
     let coarse = starts.iter().map(|start| {
-        let pose = settle(&sweep, &some, &target.coarse, start, &params).0;
+        let pose = converge(&sweep, &some, &target.coarse, start, &params).0;
         let score = agreement(&sweep, &some, &target.fine, &SweepMotion::resting(pose), 2.0 * params.kernel);
         (score, pose)
     });
@@ -113,10 +113,10 @@ fn starts(
 ) -> Vec<Se3> {
     let mut starts = Vec::new();
     for (x, y, yaw) in
-        TRIED.iter().flat_map(|&x| TRIED.iter().flat_map(move |&y| TURNED.map(|yaw| (x, y, yaw))))
+        OFFSETS.iter().flat_map(|&x| OFFSETS.iter().flat_map(move |&y| TURNED.map(|yaw| (x, y, yaw))))
     {
-        let turn = UnitQuaternion::from_scaled_axis(Vector3::z() * yaw);
-        let start = Se3::new(turn * guess.rotation, guess.translation + Vector3::new(x, y, 0.0));
+        let rotation = UnitQuaternion::from_scaled_axis(Vector3::z() * yaw);
+        let start = Se3::new(rotation * guess.rotation, guess.translation + Vector3::new(x, y, 0.0));
         let score = agreement(sweep, used, &target.coarse, &SweepMotion::resting(start), 2.0 * params.kernel);
         starts.push((score, start));
     }
@@ -126,7 +126,7 @@ fn starts(
 }
 
 fn fine(sweep: &Sweep, used: &[u32], target: &Submap, start: &Se3, params: &RegistrationParams) -> Found {
-    let (pose, information, rmse) = settle(sweep, used, &target.fine, start, params);
+    let (pose, information, rmse) = converge(sweep, used, &target.fine, start, params);
     let score = agreement(sweep, used, &target.fine, &SweepMotion::resting(pose), params.kernel);
     Found { score, pose, information, rmse }
 }
@@ -135,7 +135,7 @@ fn rigid(points: &[[f32; 3]]) -> Sweep {
     Sweep { points: points.to_vec(), shares: vec![0.5; points.len()], ..Sweep::default() }
 }
 
-fn settle(
+fn converge(
     sweep: &Sweep,
     used: &[u32],
     map: &SurfaceMap,
@@ -155,7 +155,7 @@ fn evidence(target: &Submap, source: &Submap, pose: &Se3, information: &Matrix6<
     Evidence {
         overlap: one.0.min(other.0),
         violated: one.1.max(other.1),
-        agreeing: held(target, source, pose).min(held(source, target, &back)),
+        inlier_ratio: held(target, source, pose).min(held(source, target, &back)),
         rmse,
         conditioning: conditioning(information),
     }

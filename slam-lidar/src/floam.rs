@@ -327,7 +327,7 @@ mod tests {
 
     /// Where a sweep's begin is held at the end of the one before, A-LOAM errs by 6 cm here, all of it in height.
     #[test]
-    fn both_methods_keep_to_the_ground_and_to_the_way() {
+    fn both_methods_keep_to_the_ground_and_to_the_path() {
         let (pose, _) = walk(&[[-11.0, 4.5], [2.0, 4.5], [4.0, 6.5]]);
         for method in [FeatureMethod::Floam, FeatureMethod::ALoam] {
             for (index, (truth, found)) in tracked(method, &pose, 45).into_iter().enumerate() {

@@ -69,7 +69,7 @@ pub mod bounds {
     /// Least overlap: what is asked of pairs of maps too.
     pub const OVERLAP: f64 = 0.3;
     /// Least agreement.
-    pub const AGREEING: f64 = 0.82;
+    pub const INLIER_RATIO: f64 = 0.82;
     /// Most violated free space.
     pub const VIOLATED: f64 = 0.03;
 }
@@ -273,8 +273,8 @@ impl Agent {
             old.map(|i| (context.key_distance(&self.keyframes[i].context), i)).collect();
         near.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         near.truncate(self.params.candidates);
-        let likeness = near.iter().map(|&(_, i)| (i, self.keyframes[i].context.likeness(context)));
-        let (from, like) = likeness.min_by(|a, b| a.1.distance.total_cmp(&b.1.distance))?;
+        let similarity = near.iter().map(|&(_, i)| (i, self.keyframes[i].context.similarity(context)));
+        let (from, like) = similarity.min_by(|a, b| a.1.distance.total_cmp(&b.1.distance))?;
         let turned = UnitQuaternion::from_scaled_axis(Vector3::z() * f64::from(like.yaw));
         let (target, source) = (self.submap(from), self.submap(to));
         let alignment = align(&target, &source, &Se3::new(turned, Vector3::zeros()), true);
@@ -318,7 +318,7 @@ impl Agent {
 pub fn believed(alignment: &Alignment) -> bool {
     let e = &alignment.evidence;
     e.overlap >= bounds::OVERLAP
-        && e.agreeing >= bounds::AGREEING
+        && e.inlier_ratio >= bounds::INLIER_RATIO
         && e.violated <= bounds::VIOLATED
         && e.conditioning.weak == 0
 }

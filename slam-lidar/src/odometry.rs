@@ -114,7 +114,7 @@ const STARTING_GRID: f32 = 2.0;
 /// sweep, a sensor that was carried 3 m off and turned 0.22.
 const SUDDEN: (f64, usize) = (0.6, 5);
 /// Turns beyond the predicted one, to either side, at which a sweep is sought that is not where it should be, radians.
-const SOUGHT: [f64; 7] = [0.0, 0.1, -0.1, 0.2, -0.2, 0.4, -0.4];
+const YAW_OFFSETS: [f64; 7] = [0.0, 0.1, -0.1, 0.2, -0.2, 0.4, -0.4];
 /// Sweeps follow each other without a gap when their instants leave less than this share of a sweep between them.
 const CONTIGUOUS: f64 = 0.3;
 /// Over a longer time than this, seconds, no sensor keeps its motion: a recording pauses, or its clock was set ahead, and the sensor is sought
@@ -209,7 +209,7 @@ impl Odometry {
     fn follow(&mut self, sweep: &Sweep, last: &Last) -> Registration {
         let mut registration = self.locate(sweep, last, (0.0, 0.0));
         if self.is_lost(&registration) {
-            registration = self.seek(sweep, last, registration);
+            registration = self.search_yaw(sweep, last, registration);
         }
         if !self.is_lost(&registration) {
             self.insert(sweep, &registration.motion);
@@ -218,14 +218,14 @@ impl Odometry {
     }
 
     /// Seeks a sweep that is not where it should be, turned more or less than predicted; the best of what is found.
-    fn seek(&mut self, sweep: &Sweep, last: &Last, before: Registration) -> Registration {
+    fn search_yaw(&mut self, sweep: &Sweep, last: &Last, before: Registration) -> Registration {
         let turned = |angle: f64| {
-            let turn = Se3::exp(&Vector6::new(0.0, 0.0, 0.0, 0.0, 0.0, angle));
-            let motion = SweepMotion { begin: last.motion.begin * turn, end: last.motion.end * turn };
+            let rotation = Se3::exp(&Vector6::new(0.0, 0.0, 0.0, 0.0, 0.0, angle));
+            let motion = SweepMotion { begin: last.motion.begin * rotation, end: last.motion.end * rotation };
             Last { motion, ..*last }
         };
         let found: Vec<Registration> =
-            SOUGHT.iter().map(|angle| self.locate(sweep, &turned(*angle), STARTING_DOUBT)).collect();
+            YAW_OFFSETS.iter().map(|angle| self.locate(sweep, &turned(*angle), STARTING_DOUBT)).collect();
         found
             .into_iter()
             .fold(before, |best, next| if next.inlier_share > best.inlier_share { next } else { best })

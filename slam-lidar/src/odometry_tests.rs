@@ -4,10 +4,10 @@ use crate::motion::{MotionTable, Sweep, SweepMotion};
 use crate::odometry::{Odometry, OdometryParams, TrackedSweep};
 use geometry::Se3;
 use loopbox_tests::lidar::{PERIOD, sweep, walk};
+use loopbox_tests::lidar_paths::{Carried, Carrier};
 use loopbox_tests::lidar_sensors::Sensor;
 use loopbox_tests::lidar_sites::{hall, office};
 use loopbox_tests::lidar_stairs::stairs;
-use loopbox_tests::lidar_ways::{Carried, Carrier};
 use nalgebra::{Vector3, Vector6};
 use scans::Scan;
 
@@ -38,10 +38,10 @@ fn cast(origin: &Vector3<f64>, direction: &Vector3<f64>) -> f64 {
 
 /// The sensor drives and turns ever faster, up to 2 m/s and 60°/s within two seconds.
 fn truth(time: f64) -> Se3 {
-    let way = 0.5 * time * time;
+    let path = 0.5 * time * time;
     Se3::new(
         nalgebra::UnitQuaternion::from_scaled_axis(Vector3::z() * 0.25 * time * time),
-        Vector3::new(way, 0.2 * way, 0.0),
+        Vector3::new(path, 0.2 * path, 0.0),
     )
 }
 
@@ -185,7 +185,7 @@ fn a_start_at_speed_is_found() {
 #[test]
 fn a_floor_seen_by_a_few_rings_keeps_a_map_level_from_its_first_metre_on() {
     for (site, name) in [(office(200, 201), "corridor"), (hall(100), "hall")] {
-        let (pose, _) = walk(&site.ways[0]);
+        let (pose, _) = walk(&site.paths[0]);
         let mut odometry = Odometry::new(OdometryParams::default());
         let mut world = None;
         for stamp in (0..26).map(|index| f64::from(index) * PERIOD) {
@@ -211,11 +211,11 @@ fn a_floor_seen_by_a_few_rings_keeps_a_map_level_from_its_first_metre_on() {
 #[test]
 fn a_person_who_turns_on_stairs_keeps_the_map() {
     let (boxes, corners) = stairs(101);
-    let way = Carried::along(&corners, 0.9, Carrier::BackPack);
+    let path = Carried::along(&corners, 0.9, Carrier::BackPack);
     let mut odometry = Odometry::new(OdometryParams::default());
     let mut world = None;
     for stamp in (0..75).map(|index| f64::from(index) * PERIOD) {
-        let sensed = Sensor::Mid360.sweep(&boxes, |time| way.at(time), stamp);
+        let sensed = Sensor::Mid360.sweep(&boxes, |time| path.at(time), stamp);
         let found = odometry.track(&Scan {
             stamp,
             points: sensed.iter().map(|s| s.point).collect(),
@@ -223,7 +223,7 @@ fn a_person_who_turns_on_stairs_keeps_the_map() {
             rings: Vec::new(),
             stale: 0,
         });
-        let truth = way.at(found.instant);
+        let truth = path.at(found.instant);
         let world = world.get_or_insert(truth * found.world_from_sensor.inverse());
         let error = (*world * found.world_from_sensor).inverse() * truth;
         let (off, turned) = (error.translation.norm(), error.rotation.angle().to_degrees());

@@ -22,7 +22,7 @@ pub struct ScanContext {
 
 /// How like two scans are.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Likeness {
+pub struct Similarity {
     /// Distance (Eq. 7), 0 for the same scan, at most 1.
     pub distance: f32,
     /// Yaw of the second scan's sensor in the first's frame (Eq. 8), radians.
@@ -38,8 +38,8 @@ impl ScanContext {
             let range = p[0].hypot(p[1]);
             if range < radius {
                 let ring = ((range / radius * RINGS as f32) as usize).min(RINGS - 1);
-                let turn = (p[1].atan2(p[0]) / TAU).rem_euclid(1.0);
-                let sector = ((turn * SECTORS as f32) as usize).min(SECTORS - 1);
+                let rotation = (p[1].atan2(p[0]) / TAU).rem_euclid(1.0);
+                let sector = ((rotation * SECTORS as f32) as usize).min(SECTORS - 1);
                 let bin = &mut columns[sector][ring];
                 *bin = bin.max(p[2] - floor + LEAST_HEIGHT);
             }
@@ -58,12 +58,12 @@ impl ScanContext {
     }
 
     /// Compares two scans under all turns (Eq. 6–8).
-    pub fn likeness(&self, other: &Self) -> Likeness {
-        let mut best = Likeness { distance: 1.0, yaw: 0.0 };
+    pub fn similarity(&self, other: &Self) -> Similarity {
+        let mut best = Similarity { distance: 1.0, yaw: 0.0 };
         for shift in 0..SECTORS {
             let distance = self.distance_turned(other, shift);
             if distance < best.distance {
-                best = Likeness { distance, yaw: shift as f32 * TAU / SECTORS as f32 };
+                best = Similarity { distance, yaw: shift as f32 * TAU / SECTORS as f32 };
             }
         }
         best
@@ -100,28 +100,28 @@ fn lowest(points: &[[f32; 3]]) -> f32 {
 mod tests {
     use super::*;
 
-    fn scene(turn: f32) -> Vec<[f32; 3]> {
+    fn scene(rotation: f32) -> Vec<[f32; 3]> {
         let point = |i: u32| {
             let (azimuth, range) = (i as f32 * 0.37, 3.0 + (i * i % 31) as f32);
             let height = -1.0 + (i % 7) as f32 * 0.6 * (1.0 + azimuth.sin());
-            ((azimuth - turn).cos() * range, (azimuth - turn).sin() * range, height).into()
+            ((azimuth - rotation).cos() * range, (azimuth - rotation).sin() * range, height).into()
         };
         (0..4000).map(point).collect()
     }
 
     #[test]
-    fn a_turned_sensor_sees_the_same_place_and_the_turn_is_told() {
-        let turn = 7.0 * TAU / SECTORS as f32;
-        let (still, turned) = (ScanContext::of(&scene(0.0), 40.0), ScanContext::of(&scene(turn), 40.0));
-        let likeness = still.likeness(&turned);
-        assert!(likeness.distance < 0.05, "{likeness:?}");
-        assert!((likeness.yaw - turn).abs() < 1e-4, "{likeness:?}");
+    fn a_rotated_sensor_sees_the_same_place_and_the_yaw_is_estimated() {
+        let rotation = 7.0 * TAU / SECTORS as f32;
+        let (still, turned) = (ScanContext::of(&scene(0.0), 40.0), ScanContext::of(&scene(rotation), 40.0));
+        let similarity = still.similarity(&turned);
+        assert!(similarity.distance < 0.05, "{similarity:?}");
+        assert!((similarity.yaw - rotation).abs() < 1e-4, "{similarity:?}");
         assert!(still.key_distance(&turned) < 1e-2);
     }
 
     #[test]
     fn nothing_is_like_nothing() {
         let empty = ScanContext::of(&[], 40.0);
-        assert_eq!(empty.likeness(&ScanContext::of(&scene(0.0), 40.0)).distance, 1.0);
+        assert_eq!(empty.similarity(&ScanContext::of(&scene(0.0), 40.0)).distance, 1.0);
     }
 }

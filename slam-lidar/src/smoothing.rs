@@ -36,10 +36,10 @@ pub fn smooth(steps: &[Se3], deviation: (f64, f64), constraints: &[Constraint]) 
     let mut weights = vec![1.0; constraints.len()];
     let covariance = variances(deviation);
     for round in 0..ROUNDS {
-        let way = Way::new(&current, &errors, &covariance);
-        let rows: Vec<Row> = constraints.iter().map(|c| Row::new(c, &way)).collect();
-        let Some(duals) = solve(&rows, constraints, &weights, &way) else { break };
-        errors = way.errors(&rows, &duals, &covariance);
+        let chain = Chain::new(&current, &errors, &covariance);
+        let rows: Vec<Row> = constraints.iter().map(|c| Row::new(c, &chain)).collect();
+        let Some(duals) = solve(&rows, constraints, &weights, &chain) else { break };
+        errors = chain.errors(&rows, &duals, &covariance);
         for ((step, measured), error) in current.iter_mut().zip(steps).zip(&errors) {
             *step = *measured * Se3::exp(error);
         }
@@ -76,7 +76,7 @@ fn residual(constraint: &Constraint, poses: &[Se3]) -> Vector6<f64> {
 
 /// A way, and sums along it. A right increment of step k is carried through the steps after it to the end of a loop: its derivative there
 /// is Ad(X_to⁻¹ X_(k+1)), with the poses X, of which the second factor is the same for all loops.
-struct Way {
+struct Chain {
     poses: Vec<Se3>,
     /// Of the steps before each pose, the sum of Ad(X) Σ Ad(X)ᵀ.
     covariances: Vec<Matrix6<f64>>,
@@ -84,7 +84,7 @@ struct Way {
     errors: Vec<Vector6<f64>>,
 }
 
-impl Way {
+impl Chain {
     fn new(steps: &[Se3], errors: &[Vector6<f64>], covariance: &Vector6<f64>) -> Self {
         let poses = poses(steps);
         let (mut covariances, mut sums) = (vec![Matrix6::zeros()], vec![Vector6::zeros()]);
@@ -124,30 +124,35 @@ struct Row {
 }
 
 impl Row {
-    fn new(constraint: &Constraint, way: &Way) -> Self {
+    fn new(constraint: &Constraint, chain: &Chain) -> Self {
         let (from, to) = (constraint.from, constraint.to);
-        let to_end = way.poses[to].inverse().adjoint();
-        let now = to_end * (way.errors[to] - way.errors[from]);
-        Self { from, to, residual: residual(constraint, &way.poses) - now, to_end }
+        let to_end = chain.poses[to].inverse().adjoint();
+        let now = to_end * (chain.errors[to] - chain.errors[from]);
+        Self { from, to, residual: residual(constraint, &chain.poses) - now, to_end }
     }
 
     /// `A Σ Bᵀ` over the steps that both loops go through.
-    fn shared(&self, other: &Self, way: &Way) -> Matrix6<f64> {
+    fn shared(&self, other: &Self, chain: &Chain) -> Matrix6<f64> {
         let (start, end) = (self.from.max(other.from), self.to.min(other.to));
         if start >= end {
             return Matrix6::zeros();
         }
-        self.to_end * (way.covariances[end] - way.covariances[start]) * other.to_end.transpose()
+        self.to_end * (chain.covariances[end] - chain.covariances[start]) * other.to_end.transpose()
     }
 }
 
 /// `(A Σ Aᵀ + R)⁻¹ r`, loop by loop; none when there is no loop or rounding makes the system indefinite.
-fn solve(rows: &[Row], constraints: &[Constraint], weights: &[f64], way: &Way) -> Option<Vec<Vector6<f64>>> {
+fn solve(
+    rows: &[Row],
+    constraints: &[Constraint],
+    weights: &[f64],
+    chain: &Chain,
+) -> Option<Vec<Vector6<f64>>> {
     let n = rows.len();
     let (mut system, mut right) = (DMatrix::zeros(6 * n, 6 * n), DVector::zeros(6 * n));
     for i in 0..n {
         for j in 0..=i {
-            let mut block = rows[i].shared(&rows[j], way);
+            let mut block = rows[i].shared(&rows[j], chain);
             if i == j {
                 block +=
                     Matrix6::from_diagonal(&(variances(constraints[i].deviation) / weights[i].max(1e-9)));
@@ -188,12 +193,12 @@ mod tests {
 
     /// As the sums have it, step by step.
     #[test]
-    fn sums_along_the_way_are_those_of_its_steps() {
+    fn sums_along_the_chain_are_those_of_its_steps() {
         let (_, steps) = ring();
         let covariance = variances((0.01, 0.002));
         let errors: Vec<Vector6<f64>> =
             (0..steps.len()).map(|k| Vector6::from_fn(|i, _| 1e-3 * ((k * 7 + i * 3) % 11) as f64)).collect();
-        let way = Way::new(&steps, &errors, &covariance);
+        let chain = Chain::new(&steps, &errors, &covariance);
         let deviation = (0.01, 0.002);
         let loops = [(5, 60), (20, 90), (70, 95)].map(|(from, to)| Constraint {
             from,
@@ -201,14 +206,14 @@ mod tests {
             from_from_to: Se3::identity(),
             deviation,
         });
-        let rows = loops.each_ref().map(|c| Row::new(c, &way));
+        let rows = loops.each_ref().map(|c| Row::new(c, &chain));
         let jacobian = |c: &Constraint, k: usize| {
             steps[k + 1..c.to].iter().fold(Se3::identity(), |p, step| p * *step).inverse().adjoint()
         };
         let within = |c: &Constraint| c.from..c.to;
         for (i, a) in loops.iter().enumerate() {
             let now: Vector6<f64> = within(a).map(|k| jacobian(a, k) * errors[k]).sum();
-            let expected = residual(a, &way.poses) - now;
+            let expected = residual(a, &chain.poses) - now;
             assert!((rows[i].residual - expected).norm() < 1e-9);
             for (j, b) in loops.iter().enumerate() {
                 let both = within(a).filter(|k| within(b).contains(k));
@@ -217,11 +222,11 @@ mod tests {
                         jacobian(a, k) * Matrix6::from_diagonal(&covariance) * jacobian(b, k).transpose()
                     })
                     .sum();
-                assert!((rows[i].shared(&rows[j], &way) - sum).norm() < 1e-9 * sum.norm().max(1.0));
+                assert!((rows[i].shared(&rows[j], &chain) - sum).norm() < 1e-9 * sum.norm().max(1.0));
             }
         }
         let duals = [1.0, -2.0, 0.5].map(|scale| Vector6::from_fn(|i, _| scale * (i as f64 - 2.0)));
-        let found = way.errors(&rows, &duals, &covariance);
+        let found = chain.errors(&rows, &duals, &covariance);
         for (k, error) in found.iter().enumerate() {
             let pulls = loops.iter().zip(&duals).filter(|(c, _)| within(c).contains(&k));
             let pull: Vector6<f64> = pulls.map(|(c, dual)| jacobian(c, k).transpose() * dual).sum();

@@ -33,12 +33,12 @@ pub(crate) fn first_displacement(
     let motion =
         |x: f64, y: f64| SweepMotion::resting(Se3::new(UnitQuaternion::identity(), Vector3::new(x, y, 0.0)));
     let reach = (FASTEST * seconds / STEP).round().min(12.0) as i32;
-    let mut tried = Vec::new();
+    let mut tested = Vec::new();
     for i in -reach..=reach {
         for j in -reach..=reach {
             if i * i + j * j <= reach * reach {
                 let motion = motion(f64::from(i) * STEP, f64::from(j) * STEP);
-                tried.push((
+                tested.push((
                     agreement(&rigid, used, map, &motion, 2.0 * params.kernel),
                     i * i + j * j,
                     motion,
@@ -47,10 +47,11 @@ pub(crate) fn first_displacement(
         }
     }
     // The best first, of equal ones the slowest.
-    tried.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+    tested.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
     let rest = SweepMotion::resting(Se3::identity());
     let mut best: Option<(f64, Registration)> = None;
-    for motion in std::iter::once(rest).chain(tried.into_iter().take(REGISTERED).map(|(_, _, motion)| motion))
+    for motion in
+        std::iter::once(rest).chain(tested.into_iter().take(REGISTERED).map(|(_, _, motion)| motion))
     {
         let prediction = Prediction { motion, begin: (STEP, 0.1), displacement: (1e-6, 1e-6) };
         let registration = register(&rigid, used, map, &prediction, params);

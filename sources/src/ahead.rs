@@ -230,10 +230,10 @@ impl Decoding<'_> {
         if let Item::Frame(_, moment) = &mut item {
             *moment = moment.or(due);
         }
-        let goes_on = !matches!(item, Item::Failed(_));
+        let continues = !matches!(item, Item::Failed(_));
         let open = self.queue.push(item);
         self.tap.forgotten(self.queue);
-        open && goes_on
+        open && continues
     }
 }
 

@@ -76,7 +76,7 @@ pub fn calibration_of(images: &str, all: &[&str], calibrations: &[&str]) -> Matc
     let alone = all.iter().all(|other| is_same(other, images));
     match left[..] {
         [] => Match::Others(owned(others)),
-        [one] if alone && !are_told_apart(one, images) => Match::Found((*one).to_owned()),
+        [one] if alone && !are_distinct(one, images) => Match::Found((*one).to_owned()),
         [one] if is_above(one, images, all) => Match::Found((*one).to_owned()),
         _ => Match::Unclear(owned(left)),
     }
@@ -99,13 +99,13 @@ fn by_name<'a>(images: &str, calibrations: &[&'a str]) -> Option<&'a str> {
 
 /// Whether names say that a calibration is another camera's than the images: each is called by words that the other lacks, or the
 /// calibration is a depth or infrared camera's.
-fn are_told_apart(calibration: &str, images: &str) -> bool {
+fn are_distinct(calibration: &str, images: &str) -> bool {
     /// Cameras that stand beside one of colours.
-    const BESIDE: [&str; 5] = ["depth", "ir", "infra", "infra1", "infra2"];
+    const NOT_COLOUR: [&str; 5] = ["depth", "ir", "infra", "infra1", "infra2"];
     let (info, own) = (words(calibration), words(untransported(images)));
     let lacks = |of: &[String], word: &String| !of.contains(word);
     info.iter().any(|word| lacks(&own, word)) && own.iter().any(|word| lacks(&info, word))
-        || info.iter().any(|word| lacks(&own, word) && BESIDE.contains(&word.as_str()))
+        || info.iter().any(|word| lacks(&own, word) && NOT_COLOUR.contains(&word.as_str()))
 }
 
 /// Whether a calibration lies in a namespace above the images', in which no other camera is.
@@ -203,7 +203,7 @@ mod tests {
     }
 
     #[test]
-    fn rectified_images_are_told_by_name() {
+    fn rectified_images_are_recognised_by_name() {
         for name in [
             "/cam/image_rect",
             "/left/image_rect_color/compressed",

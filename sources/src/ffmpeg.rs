@@ -73,15 +73,15 @@ impl Drop for Running {
 /// # Errors
 /// When it is not installed, or ends with an error: then with what its log says.
 pub fn output(command: &mut Command) -> Result<Vec<u8>> {
-    let said = match command.stdout(Stdio::piped()).stderr(Stdio::piped()).output() {
-        Ok(said) => said,
+    let ran = match command.stdout(Stdio::piped()).stderr(Stdio::piped()).output() {
+        Ok(ran) => ran,
         Err(error) if error.kind() == ErrorKind::NotFound => return Err(missing(command)),
         Err(error) => return Err(error).with_context(|| format!("{} cannot be started", name(command))),
     };
-    if !said.status.success() {
-        bail!("{}", reasons(&String::from_utf8_lossy(&said.stderr)));
+    if !ran.status.success() {
+        bail!("{}", reasons(&String::from_utf8_lossy(&ran.stderr)));
     }
-    Ok(said.stdout)
+    Ok(ran.stdout)
 }
 
 /// The versions of both programs.
@@ -90,8 +90,8 @@ pub fn output(command: &mut Command) -> Result<Vec<u8>> {
 /// When one is not installed, with what to install.
 pub fn versions() -> Result<[String; 2]> {
     let version = |program: &str| -> Result<String> {
-        let said = output(command(program).arg("-version"))?;
-        Ok(String::from_utf8_lossy(&said).split_whitespace().take(3).collect::<Vec<_>>().join(" "))
+        let ran = output(command(program).arg("-version"))?;
+        Ok(String::from_utf8_lossy(&ran).split_whitespace().take(3).collect::<Vec<_>>().join(" "))
     };
     Ok([version("ffmpeg")?, version("ffprobe")?])
 }

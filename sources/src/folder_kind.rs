@@ -118,11 +118,11 @@ pub fn listed(folder: &Path) -> String {
     folders.sort();
     let mut files: Vec<(String, usize)> = files.into_iter().collect();
     files.sort_by_key(|(_, count)| std::cmp::Reverse(*count));
-    let said = |(ending, count): &(String, usize)| match ending.starts_with('.') {
+    let output = |(ending, count): &(String, usize)| match ending.starts_with('.') {
         true => format!("{count} {ending}"),
         false => ending.clone(),
     };
-    let whole: Vec<String> = folders.into_iter().chain(files.iter().map(said)).collect();
+    let whole: Vec<String> = folders.into_iter().chain(files.iter().map(output)).collect();
     match whole.len() {
         0 => "it is empty".into(),
         count if count > NAMED => format!("it holds {}, and more", whole[..NAMED].join(", ")),
@@ -178,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn where_both_are_a_recording_both_are_told() {
+    fn where_both_are_a_recording_both_are_named() {
         let (kind, is_lidar) = kind(&[("image_0/#.png", 20, ""), ("velodyne/#.bin", 20, "xxxx")]);
         assert!(is_lidar && kind.other().is_some_and(|other| other.contains("--sensor camera")), "{kind:?}");
         let (kind, is_lidar) = kind_of_pairs();

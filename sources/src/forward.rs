@@ -38,7 +38,7 @@ const USUAL_STEP_S: f64 = 1.0 / 30.0;
 
 /// What became of a stamp.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Judged {
+pub enum StampVerdict {
     /// It is later than all before: seconds on a time that goes forward.
     At(f64),
     /// It is that of the frame before.
@@ -92,8 +92,9 @@ impl Faults {
             (self.repeated, "repeat the one before"),
             (self.none, "are no numbers"),
         ];
-        let told = counts.into_iter().filter(|(count, _)| *count > 0);
-        told.map(|(count, what)| format!("{count} of the time stamps {what}: these frames are left out"))
+        let reported = counts.into_iter().filter(|(count, _)| *count > 0);
+        reported
+            .map(|(count, what)| format!("{count} of the time stamps {what}: these frames are left out"))
             .collect()
     }
 }
@@ -135,15 +136,15 @@ impl Clock {
 
     /// Judges the next stamp by those that follow it, four of them where there are as many; of a stamp that
     /// [`Clock::is_plain`] they need not be given. All in seconds.
-    pub fn judge(&mut self, stamp: f64, following: &[f64]) -> Judged {
+    pub fn judge(&mut self, stamp: f64, following: &[f64]) -> StampVerdict {
         let place = self.seen;
         self.seen += 1;
         if !stamp.is_finite() {
             self.faults.none += 1;
-            return Judged::NoTime;
+            return StampVerdict::NoTime;
         }
         if self.is_plain(stamp) {
-            return self.goes(stamp + self.offset);
+            return self.advance(stamp + self.offset);
         }
         if stamp.abs() > LATEST_S {
             return self.off();
@@ -154,7 +155,7 @@ impl Clock {
         let Some(last) = self.last else { return self.first(stamp, &following) };
         if stamp == last {
             self.faults.repeated += 1;
-            return Judged::Repeats;
+            return StampVerdict::Repeats;
         }
         if stamp < last {
             return self.earlier(place, stamp, last, &following);
@@ -168,18 +169,18 @@ impl Clock {
         if self.is_too_long(stamp - last) && with >= FEW {
             return self.set(place, stamp, last);
         }
-        self.goes(stamp)
+        self.advance(stamp)
     }
 
-    fn first(&mut self, stamp: f64, following: &[f64]) -> Judged {
+    fn first(&mut self, stamp: f64, following: &[f64]) -> StampVerdict {
         let is_above = longest_rise(following, f64::NEG_INFINITY) > 1 + longest_rise(following, stamp);
         let mut steps: Vec<f64> = following.windows(2).map(|pair| pair[1] - pair[0]).collect();
         let usual = median(&mut steps).filter(|usual| *usual > 0.0 && following.len() >= FEW);
         let is_below = usual.is_some_and(|usual| following.iter().all(|next| is_far(next - stamp, usual)));
-        if is_above || is_below { self.off() } else { self.goes(stamp) }
+        if is_above || is_below { self.off() } else { self.advance(stamp) }
     }
 
-    fn earlier(&mut self, place: u64, stamp: f64, last: f64, following: &[f64]) -> Judged {
+    fn earlier(&mut self, place: u64, stamp: f64, last: f64, following: &[f64]) -> StampVerdict {
         let mut top = stamp;
         let rising = following.iter().take_while(|next| {
             let rises = **next > top && **next <= last;
@@ -189,27 +190,27 @@ impl Clock {
         if 1 + rising.count() >= FEW { self.set(place, stamp, last) } else { self.off() }
     }
 
-    fn off(&mut self) -> Judged {
+    fn off(&mut self) -> StampVerdict {
         self.faults.off += 1;
-        Judged::Off
+        StampVerdict::Off
     }
 
     /// The clock was set: time goes on by a usual step.
-    fn set(&mut self, place: u64, stamp: f64, last: f64) -> Judged {
+    fn set(&mut self, place: u64, stamp: f64, last: f64) -> StampVerdict {
         let step = self.usual_step().unwrap_or(USUAL_STEP_S);
         self.faults.sets += 1;
         self.faults.first_set.get_or_insert((place, stamp - last - step));
         self.offset += last + step - stamp;
-        self.goes(last + step)
+        self.advance(last + step)
     }
 
-    fn goes(&mut self, time: f64) -> Judged {
+    fn advance(&mut self, time: f64) -> StampVerdict {
         if let Some(last) = self.last {
             self.steps.truncate(RECENT - 1);
             self.steps.push_front(time - last);
         }
         self.last = Some(time);
-        Judged::At(time)
+        StampVerdict::At(time)
     }
 
     fn usual_step(&self) -> Option<f64> {
@@ -244,7 +245,7 @@ fn longest_rise(stamps: &[f64], floor: f64) -> usize {
 }
 
 /// Judges a whole list of stamps.
-pub fn judged(stamps: &[f64]) -> (Vec<Judged>, Faults) {
+pub fn check_stamps(stamps: &[f64]) -> (Vec<StampVerdict>, Faults) {
     let mut clock = Clock::default();
     let ahead = |i: usize| &stamps[i + 1..(i + 1 + LOOKED_AHEAD).min(stamps.len())];
     let of_each = stamps.iter().enumerate().map(|(i, stamp)| clock.judge(*stamp, ahead(i))).collect();

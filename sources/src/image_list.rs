@@ -2,7 +2,7 @@
 
 use super::survey;
 use super::{FoundCalibration, FrameSource, SourceFrame, SourceInfo};
-use crate::forward::{Faults, Judged, judged};
+use crate::forward::{Faults, StampVerdict, check_stamps};
 use crate::pictures::Picture;
 use anyhow::{Context, Result, bail};
 use calib::CameraHint;
@@ -18,7 +18,7 @@ pub type Timed = (f64, PathBuf);
 /// A list of image files in the order of the recording.
 pub struct ImageList {
     info: SourceInfo,
-    frames: Vec<(Judged, Timed)>,
+    frames: Vec<(StampVerdict, Timed)>,
     faults: Faults,
     /// What is to be said of how it was read.
     remarks: Vec<String>,
@@ -43,9 +43,10 @@ impl ImageList {
         }
         let remarks = ordered(&mut frames).into_iter().collect();
         let times: Vec<f64> = frames.iter().map(|(time, _)| *time).collect();
-        let (of_each, faults) = judged(&times);
-        let mut good =
-            of_each.iter().filter_map(|one| if let Judged::At(time) = one { Some(*time) } else { None });
+        let (of_each, faults) = check_stamps(&times);
+        let mut good = of_each
+            .iter()
+            .filter_map(|one| if let StampVerdict::At(time) = one { Some(*time) } else { None });
         let first = good.next();
         let duration = first.map(|first| good.next_back().unwrap_or(first) - first);
         let images = frames.first().and_then(|(_, file)| file.parent());
@@ -123,9 +124,9 @@ impl FrameSource for ImageList {
         let index = self.next as u64;
         self.next += 1;
         let (timestamp, picture) = match of_time {
-            Judged::At(time) => (*time, Picture::File(path.clone())),
-            Judged::Repeats | Judged::NoTime => (*stamp, Picture::File(path.clone())),
-            Judged::Off => (*stamp, Picture::mistimed(*stamp)),
+            StampVerdict::At(time) => (*time, Picture::File(path.clone())),
+            StampVerdict::Repeats | StampVerdict::NoTime => (*stamp, Picture::File(path.clone())),
+            StampVerdict::Off => (*stamp, Picture::mistimed(*stamp)),
         };
         Some(SourceFrame { index, timestamp, captured: None, picture })
     }
@@ -153,10 +154,10 @@ pub fn first_existing(folder: &Path, names: &[&str]) -> Option<PathBuf> {
 pub fn images_in(folder: &Path) -> Result<Vec<PathBuf>> {
     let entries =
         std::fs::read_dir(folder).with_context(|| format!("{}: cannot be read", folder.display()))?;
-    let is_shown =
+    let is_visible =
         |path: &Path| path.file_name().is_some_and(|name| !name.to_string_lossy().starts_with('.'));
     let paths = entries.filter_map(|entry| Some(entry.ok()?.path()));
-    let mut images: Vec<PathBuf> = paths.filter(|path| is_image(path) && is_shown(path)).collect();
+    let mut images: Vec<PathBuf> = paths.filter(|path| is_image(path) && is_visible(path)).collect();
     sort_by_name(&mut images);
     Ok(images)
 }

@@ -20,28 +20,30 @@ const ARCHIVES: [(&[u8], &str); 6] = [
 /// # Errors
 /// When it is an address, a pipe, an archive, a map, a video without its index, or nothing at all.
 pub fn check_kind(path: &Path) -> Result<()> {
-    let shown = path.display();
+    let path_text = path.display();
     let text = path.to_string_lossy();
     if let Some((scheme, _)) = text.split_once(":/").filter(|(scheme, _)| is_scheme(scheme)) {
         bail!(
-            "{shown}: an address, and recordings are files\nhint: write what comes from there into a file first: `ffmpeg -i \
+            "{path_text}: an address, and recordings are files\nhint: write what comes from there into a file first: `ffmpeg -i \
              {scheme}://… -c copy video.mkv`, or save it, and give that"
         );
     }
     let Ok(about) = std::fs::metadata(path) else {
-        bail!("{shown}: there is no such file or folder");
+        bail!("{path_text}: there is no such file or folder");
     };
     if about.is_dir() {
         return Ok(());
     }
     if !about.is_file() {
         bail!(
-            "{shown}: a pipe or a device, and a recording is read more than once\nhint: write it into a file first: `cat {shown} > \
+            "{path_text}: a pipe or a device, and a recording is read more than once\nhint: write it into a file first: `cat {path_text} > \
              FILE`; a camera is given as its /dev/videoN"
         );
     }
     if map::is_map_file(path) {
-        bail!("{shown}: this is a map, not a recording\nhint: `loopbox info` and `loopbox export` read it");
+        bail!(
+            "{path_text}: this is a map, not a recording\nhint: `loopbox info` and `loopbox export` read it"
+        );
     }
     let Ok(mut file) = File::open(path) else { return Ok(()) };
     let mut start = Vec::new();
@@ -49,16 +51,16 @@ pub fn check_kind(path: &Path) -> Result<()> {
         return Ok(());
     }
     if start.is_empty() {
-        bail!("{shown}: the file is empty\nhint: was it copied whole?");
+        bail!("{path_text}: the file is empty\nhint: was it copied whole?");
     }
     if let Some((_, command)) = ARCHIVES.iter().find(|(magic, _)| start.starts_with(magic)) {
         bail!(
-            "{shown}: an archive\nhint: unpack it, `{command} {shown}`, and give the folder or the file that was in it"
+            "{path_text}: an archive\nhint: unpack it, `{command} {path_text}`, and give the folder or the file that was in it"
         );
     }
     if start.get(4..8) == Some(b"ftyp") && !has_index(&mut file, about.len()) {
         bail!(
-            "{shown}: a video without its index (moov): its recording was not ended, or it was not copied whole\nhint: copy it \
+            "{path_text}: a video without its index (moov): its recording was not ended, or it was not copied whole\nhint: copy it \
              again; else `untrunc` makes an index by that of another video of the same camera"
         );
     }
@@ -99,12 +101,12 @@ fn has_index(file: &mut File, size: u64) -> bool {
 mod tests {
     use super::*;
 
-    fn told(path: &Path) -> String {
+    fn reported(path: &Path) -> String {
         check_kind(path).err().map_or(String::new(), |error| error.to_string())
     }
 
     #[test]
-    fn what_is_no_recording_is_told_with_what_to_do() {
+    fn what_is_no_recording_is_reported_with_what_to_do() {
         let room = tempfile::tempdir().unwrap();
         let file = |name: &str, bytes: &[u8]| {
             let path = room.path().join(name);
@@ -130,10 +132,10 @@ mod tests {
             ("/dev/null".into(), "a pipe or a device"),
             (room.path().to_owned(), ""),
         ] {
-            let said = told(&path);
+            let output = reported(&path);
             assert!(
-                said.contains(expected) && (expected.is_empty() == said.is_empty()),
-                "{}: {said}",
+                output.contains(expected) && (expected.is_empty() == output.is_empty()),
+                "{}: {output}",
                 path.display()
             );
         }

@@ -5,7 +5,6 @@
 pub mod ahead;
 pub mod bag;
 mod bag_recording;
-mod calibration_beside;
 pub mod camera;
 mod camera_topics;
 pub mod convert;
@@ -34,6 +33,7 @@ pub mod recording;
 mod rosbag2;
 mod salvage;
 mod scan_recording;
+mod sidecar_calibration;
 mod stop;
 mod survey;
 pub mod time;
@@ -44,13 +44,13 @@ mod tum;
 mod tum_mono;
 mod video;
 
-pub use calibration_beside::calibrations_beside;
 pub use ffmpeg::versions as ffmpeg_versions;
 pub use folder_kind::FolderKind;
 pub use image_list::{images_in, is_image};
 pub use image_table::timed_images;
 pub use input::Input;
 pub use scan_recording::{ScanRecording, open_scans, scans_looked_for};
+pub use sidecar_calibration::sidecar_calibrations;
 pub use stop::Stop;
 
 use crate::pictures::{Picture, StatedFocal};

@@ -11,7 +11,7 @@ use super::topic_recording::{self, Stamped};
 use super::topics::Topics;
 use super::{FoundCalibration, FrameSource, SourceFrame, SourceInfo, SourceOptions, time};
 use crate::damage::Damage;
-use crate::forward::{Judged, LOOKED_AHEAD, judged};
+use crate::forward::{LOOKED_AHEAD, StampVerdict, check_stamps};
 use crate::messages::unpacked;
 use crate::pictures::{GreyRange, Picture};
 use crate::recalibrated::Recalibration;
@@ -124,7 +124,7 @@ pub fn open(input: Input, options: &SourceOptions) -> Result<Box<dyn FrameSource
         damage: Damage::default(),
         by_log: false,
     };
-    recording.by_log = !recording.is_ours && recording.stamps_stand_still();
+    recording.by_log = !recording.is_ours && recording.stamps_are_constant();
     Ok(Box::new(recording))
 }
 
@@ -216,14 +216,14 @@ impl McapRecording {
     /// Time stamp of the first frame whose stamp is the clock's.
     fn first_timestamp(&mut self) -> Option<f64> {
         let stamps: Vec<f64> = self.first_frames().iter().map(|frame| frame.timestamp).collect();
-        judged(&stamps)
+        check_stamps(&stamps)
             .0
             .into_iter()
-            .find_map(|one| if let Judged::At(time) = one { Some(time) } else { None })
+            .find_map(|one| if let StampVerdict::At(time) = one { Some(time) } else { None })
     }
 
     /// Whether messages say one and the same time, though they were logged one after the other.
-    fn stamps_stand_still(&mut self) -> bool {
+    fn stamps_are_constant(&mut self) -> bool {
         if self.count <= LOOKED_AHEAD as u64 {
             return false;
         }

@@ -1,6 +1,6 @@
 //! Recordings that were split: several files, one after the other.
 
-use crate::forward::{Judged, judged};
+use crate::forward::{StampVerdict, check_stamps};
 use crate::pictures::StatedFocal;
 use crate::{FrameSource, SourceFrame, SourceInfo, SourceOptions};
 use anyhow::Result;
@@ -54,8 +54,9 @@ pub fn open(
             Ok(mut source) => {
                 let stamps: Vec<f64> =
                     std::iter::from_fn(|| source.next_frame()).take(4).map(|f| f.timestamp).collect();
-                let is_time = |one: Judged| if let Judged::At(time) = one { Some(time) } else { None };
-                let Some(first) = judged(&stamps).0.into_iter().find_map(is_time) else { continue };
+                let is_time =
+                    |one: StampVerdict| if let StampVerdict::At(time) = one { Some(time) } else { None };
+                let Some(first) = check_stamps(&stamps).0.into_iter().find_map(is_time) else { continue };
                 parts.push(Part {
                     file: file.clone(),
                     first,

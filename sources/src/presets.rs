@@ -84,7 +84,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn cameras_of_freiburg_are_told_by_name() {
+    fn cameras_of_freiburg_are_recognised_by_name() {
         for (text, expected) in [
             ("rgbd_dataset_freiburg1_xyz", Some(1)),
             (" file: 'rgbd_dataset_freiburg3_long_office_household.bag'", Some(3)),

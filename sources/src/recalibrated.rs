@@ -25,14 +25,14 @@ pub struct Recalibration {
     held: Option<Camera>,
     first_stamp: Option<f64>,
     /// What is said of images of another camera, and of which.
-    told: Option<(Arc<Camera>, String)>,
+    reported: Option<(Arc<Camera>, String)>,
 }
 
 impl Recalibration {
     /// Of the images on a topic.
     pub fn of(images: &str) -> Self {
         let imagery = if camera_topics::is_rectified(images) { Imagery::Rectified } else { Imagery::Raw };
-        Self { imagery, current: None, held: None, first_stamp: None, told: None }
+        Self { imagery, current: None, held: None, first_stamp: None, reported: None }
     }
 
     /// From now on images are to be those of this camera.
@@ -61,11 +61,11 @@ impl Recalibration {
         let first = *self.first_stamp.get_or_insert(stamp);
         let Some(held) = &self.held else { return picture };
         let is_other = |camera: &&Arc<Camera>| {
-            self.told.as_ref().is_some_and(|(told, _)| Arc::ptr_eq(told, camera))
+            self.reported.as_ref().is_some_and(|(reported, _)| Arc::ptr_eq(reported, camera))
                 || are_different(held, camera)
         };
         let Some(current) = around.iter().flatten().find(is_other) else { return picture };
-        if let Some((camera, text)) = &self.told
+        if let Some((camera, text)) = &self.reported
             && Arc::ptr_eq(camera, current)
         {
             return Picture::OfOther(text.clone());
@@ -78,7 +78,7 @@ impl Recalibration {
             described(current),
             described(held)
         );
-        self.told = Some((Arc::clone(current), text.clone()));
+        self.reported = Some((Arc::clone(current), text.clone()));
         Picture::OfOther(text)
     }
 }

@@ -159,9 +159,9 @@ fn first_messages(messages: &mut Messages, topic: &str) -> (Vec<Raw>, bool) {
     let first: Vec<Raw> = messages.flatten().filter(is_wanted).take(1 + LOOKED_AHEAD).collect();
     let stamp = |message: &Raw| message.kind.and_then(|(kind, encoding)| kind.stamp(encoding, &message.data));
     let stamps: Vec<Option<f64>> = first.iter().map(stamp).collect();
-    let stand =
+    let is_constant =
         stamps.len() > LOOKED_AHEAD && stamps.iter().all(|stamp| stamp.is_some() && *stamp == stamps[0]);
-    (first, stand)
+    (first, is_constant)
 }
 
 /// What is read of scans, for messages about files that hold none.

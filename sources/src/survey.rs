@@ -36,17 +36,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn images_that_will_not_do_are_told() {
+    fn images_that_will_not_do_are_reported() {
         let room = tempfile::tempdir().expect("a folder");
         let path = |name: &str| room.path().join(name);
         let save = |name: &str, image: image::DynamicImage| image.save(path(name)).expect("there is room");
         save("a.png", image::GrayImage::new(8, 6).into());
         save("b.png", image::GrayImage::new(4, 6).into());
-        let told = |names: &[&str]| {
+        let reported = |names: &[&str]| {
             let paths: Vec<_> = names.iter().map(|name| path(name)).collect();
             of_images(&paths.iter().map(|path| path.as_path()).collect::<Vec<_>>()).join("; ")
         };
-        assert_eq!(told(&["a.png", "a.png"]), "");
-        assert!(told(&["a.png", "b.png"]).contains("several sizes"));
+        assert_eq!(reported(&["a.png", "a.png"]), "");
+        assert!(reported(&["a.png", "b.png"]).contains("several sizes"));
     }
 }

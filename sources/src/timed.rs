@@ -71,7 +71,7 @@ fn is_of_images(table: &Table, folder: &Path) -> bool {
     let named = table.rows.iter().take(4).filter_map(|row| row.file(name, folder));
     let shows = table.rows[0].fields.get(name).is_some_and(|name| shows_scene(name));
     let is_there = || named.into_iter().any(|file| file.is_file() && is_image(&file));
-    shows && table.times_of(Some(name)).is_some_and(|times| table.goes_forward(times)) && is_there()
+    shows && table.times_of(Some(name)).is_some_and(|times| table.is_increasing(times)) && is_there()
 }
 
 /// Whether a table names no images: of each row one time, or whole seconds and what of a second is to be added.

@@ -126,8 +126,8 @@ impl TopicRecording {
             .iter()
             .map(|(_, image, _)| image.as_ref().ok().and_then(|image| image.stamp))
             .collect();
-        let stand = stamps.len() > LOOKED_AHEAD && stamps.iter().all(|stamp| *stamp == stamps[0]);
-        self.by_log = stand && stamps[0].is_some();
+        let is_constant = stamps.len() > LOOKED_AHEAD && stamps.iter().all(|stamp| *stamp == stamps[0]);
+        self.by_log = is_constant && stamps[0].is_some();
         if self.by_log {
             let what = "those at which messages were recorded: their own stand still";
             self.facts.push(("times", what.into()));

@@ -12,7 +12,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let [folder, kind, seed, grain, place, share] = arguments.as_slice() else {
         return Err("usage: render_covered FOLDER KIND SEED GRAIN WHERE SHARE".into());
     };
-    let mut kinds = Kind::TUNED.iter().chain(&Kind::SHOWN);
+    let mut kinds = Kind::TUNED.iter().chain(&Kind::HELD_OUT);
     let kind = kinds.find(|known| format!("{known:?}") == *kind).ok_or("no such kind")?;
     let share = share.parse()?;
     let uncovered = match place.as_str() {

@@ -43,14 +43,14 @@ impl Uncovered {
 /// has a grain of its own with this standard deviation, grey levels.
 pub fn covered(kind: Kind, seed: u64, uncovered: Uncovered, grain: f32) -> Recording {
     let here = Version { seed, place: 0, share: 0.0, time: 0, moved: 0.0, grain };
-    let first = kind.way(2 * seed, BEFORE);
+    let first = kind.path(2 * seed, BEFORE);
     let back: Vec<Se3> = first.iter().rev().take(AFTER).copied().collect();
-    let (version, way) = match uncovered {
+    let (version, travelled) = match uncovered {
         Uncovered::There(moved) => (Version { time: 1, moved, ..here }, back),
-        Uncovered::Passing(moved) => (Version { time: 1, moved, ..here }, kind.way(2 * seed + 1, AFTER)),
+        Uncovered::Passing(moved) => (Version { time: 1, moved, ..here }, kind.path(2 * seed + 1, AFTER)),
         Uncovered::Elsewhere(share) => (Version { place: 1, share, ..here }, back),
         Uncovered::PassingElsewhere(share) => {
-            (Version { place: 1, share, ..here }, kind.way(2 * seed + 1, AFTER))
+            (Version { place: 1, share, ..here }, kind.path(2 * seed + 1, AFTER))
         }
     };
     let camera = Recording::SMALL_CAMERA;
@@ -58,7 +58,7 @@ pub fn covered(kind: Kind, seed: u64, uncovered: Uncovered, grain: f32) -> Recor
     let dark = Arc::new(GrayImage::filled(camera.width, camera.height, DARK));
     let blind = Shot { timestamp: 0.0, world_from_camera: first[BEFORE - 1], image: dark };
     recording.shots.extend(std::iter::repeat_n(blind, COVERED));
-    recording.shots.extend(noisy(&kind.world(&version), &way, seed ^ 0xc0));
+    recording.shots.extend(noisy(&kind.world(&version), &travelled, seed ^ 0xc0));
     for (i, shot) in recording.shots.iter_mut().enumerate() {
         shot.timestamp = i as f64 / RATE;
     }

@@ -83,7 +83,7 @@ impl Kind {
     /// The kinds that limits may be set on.
     pub const TUNED: [Self; 5] = [Self::Posters, Self::Facade, Self::Aisle, Self::Office, Self::Empty];
     /// The kinds that are shown only.
-    pub const SHOWN: [Self; 6] =
+    pub const HELD_OUT: [Self; 6] =
         [Self::Lobby, Self::Hotel, Self::Stairs, Self::Row, Self::Hall, Self::Mirrored];
 
     /// A place of this kind around the origin, to be seen towards +z.
@@ -108,7 +108,7 @@ impl Kind {
 
     /// A way of `count` frames past a place, number `pass` of those past it: each from elsewhere, in either direction, and each
     /// past the middle.
-    pub fn way(self, pass: u64, count: usize) -> Vec<Se3> {
+    pub fn path(self, pass: u64, count: usize) -> Vec<Se3> {
         let mut random = Random::new(0xd0b1 + pass.wrapping_mul(7919));
         let mut uniform = |low, high| f64::from(random.uniform(low, high));
         let reach = if matches!(self, Self::Facade | Self::Row | Self::Hall) { 1.6 } else { 1.0 };
@@ -365,7 +365,7 @@ mod tests {
 
     /// Share of the pixels that differ by more than eight grey levels.
     fn difference(kind: Kind, a: &Version, b: &Version) -> f64 {
-        let pose = kind.way(0, 3)[1];
+        let pose = kind.path(0, 3)[1];
         let images = [a, b].map(|version| render(&kind.world(version), &Recording::SMALL_CAMERA, &pose).0);
         let pixels = images[0].data().iter().zip(images[1].data());
         pixels.clone().filter(|(a, b)| a.abs_diff(**b) > 8).count() as f64 / pixels.len() as f64
@@ -373,7 +373,7 @@ mod tests {
 
     #[test]
     fn what_differs_is_what_was_asked_for() {
-        for kind in [&Kind::TUNED[..], &Kind::SHOWN[..]].concat() {
+        for kind in [&Kind::TUNED[..], &Kind::HELD_OUT[..]].concat() {
             assert_eq!(difference(kind, &HERE, &HERE), 0.0);
             let differing = |share| difference(kind, &HERE, &Version { place: 4, share, ..HERE });
             let (some, all) = (differing(0.2), differing(1.0));

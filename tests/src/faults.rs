@@ -1,6 +1,6 @@
 //! Recordings of a hand-held camera to which something happens half-way: 640 × 480 pixels, with noise and motion blur.
 
-use crate::alike::Kind;
+use crate::similar_places::Kind;
 use crate::{Recording, Shot, World, render, trajectory};
 use geometry::Random;
 use geometry::{GrayImage, Pinhole, Se3};
@@ -40,7 +40,7 @@ pub enum Fault {
     Carried,
     /// With its lens covered for two seconds it is carried to another place that looks like the one it knows, and is used
     /// there: kinds of places in turn ([`Kind`]).
-    Alike,
+    SimilarPlace,
     /// With its lens covered for two seconds it is moved aside, nearer or farther, and rolled: it sees the place from there.
     Aside,
 }
@@ -55,13 +55,13 @@ impl Fault {
         Self::Turned,
         Self::Covered,
         Self::Carried,
-        Self::Alike,
+        Self::SimilarPlace,
         Self::Aside,
     ];
 
     /// The places that the recording shows, each of which makes a map.
     pub fn places(self) -> usize {
-        1 + usize::from(matches!(self, Self::Carried | Self::Alike))
+        1 + usize::from(matches!(self, Self::Carried | Self::SimilarPlace))
     }
 }
 
@@ -89,9 +89,9 @@ pub fn faulty(fault: Fault, seed: u64) -> Faulty {
     let camera = Pinhole { width: 640, height: 480, fx: 420.0, fy: 420.0, cx: 319.5, cy: 239.5 };
     let film = |world: &World, path: &[Se3]| Film { camera, seed }.shots(world, path);
     let kind = Kind::ALL[seed as usize % Kind::ALL.len()];
-    let world = if fault == Fault::Alike { kind.place(seed, 0) } else { World::yard(seed) };
+    let world = if fault == Fault::SimilarPlace { kind.place(seed, 0) } else { World::yard(seed) };
     let gap = match fault {
-        Fault::None | Fault::Turned | Fault::Carried | Fault::Alike => 0,
+        Fault::None | Fault::Turned | Fault::Carried | Fault::SimilarPlace => 0,
         Fault::Black | Fault::Frozen | Fault::Dropped => 30,
         Fault::Covered => 150,
         Fault::Aside => 60,
@@ -101,8 +101,8 @@ pub fn faulty(fault: Fault, seed: u64) -> Faulty {
         let moved = aside(seed);
         path[BEFORE + gap..].iter_mut().for_each(|pose| *pose = *pose * moved);
     }
-    if fault == Fault::Alike {
-        path = kind.way(seed, 0, 0, BEFORE);
+    if fault == Fault::SimilarPlace {
+        path = kind.path(seed, 0, 0, BEFORE);
     }
     let mut made = Faulty { recording: Recording { camera, shots: Vec::new() }, shows: Vec::new() };
     let (before, after) = (film(&world, &path[..BEFORE]), film(&world, &path[BEFORE + gap..]));
@@ -129,9 +129,9 @@ pub fn faulty(fault: Fault, seed: u64) -> Faulty {
             made.add(film(&World::yard(seed + 1000), &other), Shows::Elsewhere);
             made.add((0..15).map(|_| blind(&path[BEFORE])), Shows::Nothing);
         }
-        Fault::Alike => {
+        Fault::SimilarPlace => {
             made.add((0..60).map(|_| blind(&path[BEFORE - 1])), Shows::Nothing);
-            made.add(film(&kind.place(seed, 1), &kind.way(seed, 1, 0, AFTER)), Shows::Elsewhere);
+            made.add(film(&kind.place(seed, 1), &kind.path(seed, 1, 0, AFTER)), Shows::Elsewhere);
         }
     }
     made.add(after, Shows::Place);

@@ -5,22 +5,22 @@
 //!
 //! All that is rendered is a function of its arguments; the same call gives the same bytes on every machine.
 
-pub mod alike;
 pub mod covered;
 pub mod doubles;
 pub mod faults;
 pub mod lidar;
 pub mod lidar_doubles;
 pub mod lidar_open;
+pub mod lidar_paths;
 pub mod lidar_sensors;
 pub mod lidar_sites;
 pub mod lidar_stairs;
-pub mod lidar_ways;
 pub mod pages;
 mod patterns;
 pub mod proxy;
 mod recording;
 mod render;
+pub mod similar_places;
 mod texture;
 pub mod trajectory;
 mod world;

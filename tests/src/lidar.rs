@@ -157,27 +157,27 @@ pub fn walk(corners: &[[f64; 2]]) -> (impl Fn(f64) -> Se3 + use<>, f64) {
         let share = (time / duration).clamp(0.0, 1.0);
         // From rest to rest: the speed rises and falls over the first and last tenth.
         let ramp = 0.1;
-        let way = match share {
+        let travelled = match share {
             s if s < ramp => s * s / (2.0 * ramp),
             s if s > 1.0 - ramp => 1.0 - ramp - (1.0 - s).powi(2) / (2.0 * ramp),
             s => s - 0.5 * ramp,
         } / (1.0 - ramp)
             * total;
-        let leg = (1..ends.len() - 1).take_while(|&k| ends[k] <= way).count();
+        let leg = (1..ends.len() - 1).take_while(|&k| ends[k] <= travelled).count();
         let direction = |k: usize| (points[k + 1] - points[k]).normalize();
-        let along = way - ends[leg];
+        let along = travelled - ends[leg];
         // The robot turns over a metre on either side of a corner.
         let blend = |near: f64| 0.5 - 0.5 * (std::f64::consts::PI * near.clamp(0.0, 1.0)).cos();
         let heading = |k: usize| direction(k).y.atan2(direction(k).x);
-        let turn = |from: f64, to: f64| {
+        let rotation = |from: f64, to: f64| {
             (to - from + std::f64::consts::PI).rem_euclid(std::f64::consts::TAU) - std::f64::consts::PI
         };
         let mut yaw = heading(leg);
-        let (left, last) = (ends[leg + 1] - way, leg + 2 == ends.len());
+        let (left, last) = (ends[leg + 1] - travelled, leg + 2 == ends.len());
         if along < 1.0 && leg > 0 {
-            yaw -= turn(heading(leg - 1), yaw) * (1.0 - blend(0.5 + 0.5 * along));
+            yaw -= rotation(heading(leg - 1), yaw) * (1.0 - blend(0.5 + 0.5 * along));
         } else if left < 1.0 && !last {
-            yaw += turn(yaw, heading(leg + 1)) * blend(0.5 - 0.5 * left);
+            yaw += rotation(yaw, heading(leg + 1)) * blend(0.5 - 0.5 * left);
         }
         let position = points[leg] + direction(leg) * along;
         Se3::new(UnitQuaternion::from_scaled_axis(Vector3::z() * yaw), position)

@@ -164,20 +164,20 @@ mod tests {
     use crate::lidar::walk;
 
     #[test]
-    fn ways_hit_nothing_whatever_stands_about() {
+    fn paths_hit_nothing_whatever_the_obstacles() {
         for (kind, number) in Kind::ALL.into_iter().flat_map(|kind| (0..30).map(move |n| (kind, n))) {
             let site = kind.site(number % 10, Things::new(number).moved(0.5, 9));
-            for way in &site.ways {
-                let (pose, duration) = walk(way);
+            for path in &site.paths {
+                let (pose, duration) = walk(path);
                 for step in 0..=(10.0 * duration) as usize {
                     let at = pose(0.1 * step as f64).translation;
                     for (i, [low, high]) in site.boxes.iter().enumerate() {
                         let outside = |axis: usize| (low[axis] - at[axis]).max(at[axis] - high[axis]);
                         let flat = outside(0).max(outside(1));
                         let apart = if i == 0 { -flat } else { flat };
-                        let is_in_the_way = i == 0 || (low[2] < 0.3 && high[2] > FLOOR + 0.3);
+                        let is_obstacle = i == 0 || (low[2] < 0.3 && high[2] > FLOOR + 0.3);
                         assert!(
-                            !is_in_the_way || apart > 0.25,
+                            !is_obstacle || apart > 0.25,
                             "{kind:?} {number}: {apart:.2} m from {low:?} at {at:?}"
                         );
                     }

@@ -2,9 +2,9 @@
 //! in which it does: corridors with ends, streets, halls.
 
 use crate::lidar::Corners;
+use crate::lidar_paths::{Carried, Carrier};
 use crate::lidar_sensors::Sensor;
 use crate::lidar_stairs;
-use crate::lidar_ways::{Carried, Carrier};
 use geometry::Random;
 
 /// A sensor carried through a world.
@@ -17,13 +17,13 @@ pub struct Drive {
     /// The sensor.
     pub sensor: Sensor,
     /// How it is carried.
-    pub way: Carried,
+    pub path: Carried,
 }
 
 impl Drive {
     /// Scans of the drive.
     pub fn scans(&self) -> usize {
-        (self.way.duration() / crate::lidar::PERIOD) as usize
+        (self.path.duration() / crate::lidar::PERIOD) as usize
     }
 }
 
@@ -170,7 +170,7 @@ pub fn tunnel_in_a_ring(seed: u64, length: f64) -> (Vec<Corners>, Vec<[f64; 3]>)
             .push([[x, y, -1.0], [x + of.between(0.5, 1.5), y + of.between(0.5, 2.0), of.between(0.0, 2.0)]]);
     }
     let lane = back - 2.0;
-    let way = vec![
+    let path = vec![
         [-7.0, 0.0, 0.0],
         [length + 7.0, 0.0, 0.0],
         [length + 7.0, lane, 0.0],
@@ -178,14 +178,14 @@ pub fn tunnel_in_a_ring(seed: u64, length: f64) -> (Vec<Corners>, Vec<[f64; 3]>)
         [-7.0, 0.0, 0.0],
         [-4.0, 0.0, 0.0],
     ];
-    (boxes, way)
+    (boxes, path)
 }
 
 /// Drives of every kind: lot 0 is there to set limits on, lot 1 to measure by.
 pub fn drives(lot: u64) -> Vec<Drive> {
     let mut all = Vec::new();
     let mut add = |name: String, site: (Vec<Corners>, Vec<[f64; 3]>), sensor, pace, carrier| {
-        all.push(Drive { name, boxes: site.0, sensor, way: Carried::along(&site.1, pace, carrier) });
+        all.push(Drive { name, boxes: site.0, sensor, path: Carried::along(&site.1, pace, carrier) });
     };
     let seed = 100 * (lot + 1);
     use Carrier::{BackPack, Drone, Hand, Wheels};
@@ -251,12 +251,12 @@ pub fn drives(lot: u64) -> Vec<Drive> {
     }
     for (k, sensor) in [Vlp16, Os0, Mid360, Avia].into_iter().enumerate() {
         let site = crate::lidar_sites::hall(seed + 50 + k as u64);
-        let corners = site.ways[0].iter().map(|c| [c[0], c[1], 0.0]).collect();
+        let corners = site.paths[0].iter().map(|c| [c[0], c[1], 0.0]).collect();
         add("hall".into(), (site.boxes, corners), sensor, 1.4, if k < 2 { Wheels } else { Hand });
     }
     for (k, sensor) in [Vlp16, Os0, Mid360].into_iter().enumerate() {
         let site = crate::lidar_sites::office(seed + 60 + k as u64, seed);
-        let corners = site.ways[1].iter().map(|c| [c[0], c[1], 0.0]).collect();
+        let corners = site.paths[1].iter().map(|c| [c[0], c[1], 0.0]).collect();
         add("office".into(), (site.boxes, corners), sensor, 1.2, Hand);
     }
     for k in 0..5u64 {

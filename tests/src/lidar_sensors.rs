@@ -72,22 +72,22 @@ impl Sensor {
         }
     }
 
-    /// Direction of a ray of a shot, in the sensor's frame; `turn` are the sweeps so far, with the share of this one.
-    fn direction(self, turn: f64, shot: u64, ray: u16) -> Vector3<f64> {
+    /// Direction of a ray of a shot, in the sensor's frame; `heading_change` are the sweeps so far, with the share of this one.
+    fn direction(self, heading_change: f64, shot: u64, ray: u16) -> Vector3<f64> {
         let spherical = |azimuth: f64, elevation: f64| {
             let level = elevation.cos();
             Vector3::new(azimuth.cos() * level, azimuth.sin() * level, elevation.sin())
         };
         match self {
-            Self::Vlp16 => spherical(-turn * TAU, (2.0 * f64::from(ray) - 15.0).to_radians()),
-            Self::Os0 => spherical(-turn * TAU, (90.0 / 31.0 * f64::from(ray) - 45.0).to_radians()),
+            Self::Vlp16 => spherical(-heading_change * TAU, (2.0 * f64::from(ray) - 15.0).to_radians()),
+            Self::Os0 => spherical(-heading_change * TAU, (90.0 / 31.0 * f64::from(ray) - 45.0).to_radians()),
             Self::Mid360 => {
                 // Twice around a sweep; elevations fill the field evenly and never repeat.
                 let share = ((4 * shot + u64::from(ray)) as f64 * 0.618_033_988_75).fract();
-                spherical(-2.0 * turn * TAU, (-7.0 + 59.0 * share).to_radians())
+                spherical(-2.0 * heading_change * TAU, (-7.0 + 59.0 * share).to_radians())
             }
             Self::Avia => {
-                let time = turn + f64::from(ray) / 24_000.0;
+                let time = heading_change + f64::from(ray) / 24_000.0;
                 let radius = 0.5 * 72f64.to_radians() * (TAU * 31.7 * time).sin();
                 let around = TAU * 7.13 * time + f64::from(ray) * TAU / 12.0;
                 spherical(radius * around.cos(), radius * around.sin())

@@ -10,7 +10,7 @@ pub struct Site {
     /// What there is, the outermost box first; the sensor is at height 0, a metre above the floor.
     pub boxes: Vec<Corners>,
     /// Corners of ways for [`walk`](crate::lidar::walk), which hit nothing.
-    pub ways: Vec<Vec<[f64; 2]>>,
+    pub paths: Vec<Vec<[f64; 2]>>,
 }
 
 /// Height of the floor, metres.
@@ -20,8 +20,8 @@ impl Site {
     /// The site as a mirror shows it.
     pub fn mirrored(&self) -> Self {
         let flip = |&[least, most]: &Corners| [[least[0], -most[1], least[2]], [most[0], -least[1], most[2]]];
-        let way = |way: &Vec<[f64; 2]>| way.iter().map(|&[x, y]| [x, -y]).collect();
-        Self { boxes: self.boxes.iter().map(flip).collect(), ways: self.ways.iter().map(way).collect() }
+        let path = |path: &Vec<[f64; 2]>| path.iter().map(|&[x, y]| [x, -y]).collect();
+        Self { boxes: self.boxes.iter().map(flip).collect(), paths: self.paths.iter().map(path).collect() }
     }
 }
 
@@ -82,11 +82,11 @@ pub fn warehouse(plan: u64, stock: u64) -> Site {
         boxes.push([[x, least, FLOOR], [x + wide, most, tall]]);
     }
     let end = half + 1.6;
-    let ways = vec![
+    let paths = vec![
         vec![[-end, -pitch], [end, -pitch], [end, 0.0], [-2.0, 0.0]],
         vec![[end, pitch], [-end, pitch], [-end, 0.0], [2.0, 0.0]],
     ];
-    Site { boxes, ways }
+    Site { boxes, paths }
 }
 
 /// A floor of six blocks of rooms with corridors between them; door frames stand at even distances, cabinets here and there
@@ -124,11 +124,11 @@ pub fn office(plan: u64, stock: u64) -> Site {
         }
     }
     let (x, y) = (0.5 * pitch[0], pitch[1]);
-    let ways = vec![
+    let paths = vec![
         vec![[-x - 0.8 * block[0], 0.0], [x, 0.0], [x, y], [0.0, y]],
         vec![[x, -y], [-x, -y], [-x, 0.0], [x + 0.4 * block[0], 0.0]],
     ];
-    Site { boxes, ways }
+    Site { boxes, paths }
 }
 
 /// A hall with things that stand about anywhere but on its ways.
@@ -136,7 +136,7 @@ pub fn hall(seed: u64) -> Site {
     let mut of = Draw::new(seed ^ 0x4a11);
     let walls = [of.between(14.0, 22.0), of.between(9.0, 14.0), of.between(3.0, 7.0)];
     let (x, y) = (walls[0] - 4.0, walls[1] - 3.5);
-    let ways = vec![vec![[-x, y], [x, y], [x, -y]], vec![[x, -y], [-x, -y], [-x, 0.5 * y]]];
+    let paths = vec![vec![[-x, y], [x, y], [x, -y]], vec![[x, -y], [-x, -y], [-x, 0.5 * y]]];
     let mut boxes = vec![[[-walls[0], -walls[1], FLOOR], [walls[0], walls[1], walls[2]]]];
     // Ways run along a rectangle: what lies within or without stays clear of it.
     const CLEAR: f64 = 1.0;
@@ -151,7 +151,7 @@ pub fn hall(seed: u64) -> Site {
             boxes.push([[low[0], low[1], FLOOR], [high[0], high[1], FLOOR + size[2]]]);
         }
     }
-    Site { boxes, ways }
+    Site { boxes, paths }
 }
 
 #[cfg(test)]
@@ -160,8 +160,8 @@ mod tests {
     use crate::lidar::walk;
 
     /// How near a way comes to anything, metres.
-    fn clearance(site: &Site, way: &[[f64; 2]]) -> f64 {
-        let (pose, duration) = walk(way);
+    fn clearance(site: &Site, path: &[[f64; 2]]) -> f64 {
+        let (pose, duration) = walk(path);
         let mut least = f64::INFINITY;
         for step in 0..=(10.0 * duration) as usize {
             let at = pose(0.1 * step as f64).translation;
@@ -178,12 +178,12 @@ mod tests {
     }
 
     #[test]
-    fn ways_hit_nothing_and_sites_are_what_their_numbers_say() {
+    fn paths_hit_nothing_and_sites_are_what_their_numbers_say() {
         for seed in 0..30 {
             for site in [warehouse(seed, seed), office(seed, seed), hall(seed)] {
                 for site in [site.mirrored(), site] {
-                    for way in &site.ways {
-                        assert!(clearance(&site, way) > 0.4, "{seed}: {way:?}");
+                    for path in &site.paths {
+                        assert!(clearance(&site, path) > 0.4, "{seed}: {path:?}");
                     }
                 }
             }

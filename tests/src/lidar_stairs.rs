@@ -12,12 +12,12 @@ pub fn stairs(seed: u64) -> (Vec<Corners>, Vec<[f64; 3]>) {
     let storeys = 3 + of.0.below(2) as usize;
     let steps = 8 + of.0.below(2) as usize;
     let (high, deep) = (of.between(0.16, 0.185), of.between(0.26, 0.3));
-    let (flight, well, long) = (of.between(1.15, 1.4), of.between(0.15, 0.5), of.between(9.0, 14.0));
+    let (stair_width, well, long) = (of.between(1.15, 1.4), of.between(0.15, 0.5), of.between(9.0, 14.0));
     let landing = of.between(1.2, 1.5);
-    let wide = 2.0 * flight + well;
+    let wide = 2.0 * stair_width + well;
     let half = high * (steps + 1) as f64;
     let storey = 2.0 * half;
-    let (turn, end) = (landing + deep * steps as f64, 2.0 * landing + deep * steps as f64);
+    let (rotation, end) = (landing + deep * steps as f64, 2.0 * landing + deep * steps as f64);
     let mut boxes = vec![[[-long, 0.0, 0.0], [end, wide, storey * storeys as f64 + 2.6]]];
     let door = 0.5 * wide - 0.5;
     for k in 0..=storeys {
@@ -40,30 +40,30 @@ pub fn stairs(seed: u64) -> (Vec<Corners>, Vec<[f64; 3]>) {
         if k == storeys {
             continue;
         }
-        boxes.push([[turn, 0.0, floor + half - SLAB], [end, wide, floor + half]]);
+        boxes.push([[rotation, 0.0, floor + half - SLAB], [end, wide, floor + half]]);
         for step in 0..steps {
             let (rise, run) = (high * (step + 1) as f64, deep * step as f64);
             boxes.push([
                 [landing + run, 0.0, floor + rise - 0.3],
-                [landing + run + deep, flight, floor + rise],
+                [landing + run + deep, stair_width, floor + rise],
             ]);
             let top = floor + half + rise;
-            boxes.push([[turn - run - deep, wide - flight, top - 0.3], [turn - run, wide, top]]);
+            boxes.push([[rotation - run - deep, wide - stair_width, top - 0.3], [rotation - run, wide, top]]);
         }
     }
-    let middle = [0.5 * flight, wide - 0.5 * flight];
-    let (near, far) = (0.5 * landing, turn + 0.5 * landing);
-    let mut way = vec![[-long + 2.0, 0.5 * wide, EYE], [0.0, 0.5 * wide, EYE]];
+    let middle = [0.5 * stair_width, wide - 0.5 * stair_width];
+    let (near, far) = (0.5 * landing, rotation + 0.5 * landing);
+    let mut path = vec![[-long + 2.0, 0.5 * wide, EYE], [0.0, 0.5 * wide, EYE]];
     for k in 0..storeys {
         let floor = storey * k as f64 + EYE;
-        way.extend([[near, middle[0], floor], [landing, middle[0], floor]]);
-        way.extend([[turn, middle[0], floor + half], [far, middle[0], floor + half]]);
-        way.extend([[far, middle[1], floor + half], [turn, middle[1], floor + half]]);
-        way.extend([[landing, middle[1], floor + storey], [near, middle[1], floor + storey]]);
+        path.extend([[near, middle[0], floor], [landing, middle[0], floor]]);
+        path.extend([[rotation, middle[0], floor + half], [far, middle[0], floor + half]]);
+        path.extend([[far, middle[1], floor + half], [rotation, middle[1], floor + half]]);
+        path.extend([[landing, middle[1], floor + storey], [near, middle[1], floor + storey]]);
     }
     let top = storey * storeys as f64 + EYE;
-    way.extend([[0.0, 0.5 * wide, top], [-long + 2.0, 0.5 * wide, top]]);
-    (boxes, way)
+    path.extend([[0.0, 0.5 * wide, top], [-long + 2.0, 0.5 * wide, top]]);
+    (boxes, path)
 }
 
 /// A shaft with ledges and openings, up which a drone flies, looking around where it stops.

@@ -9,7 +9,7 @@ use std::f64::consts::{PI, TAU};
 /// Height of the cameras above the ground, metres.
 const HEIGHT: f64 = 1.3;
 /// A whole turn, radians.
-const TURN: f32 = std::f32::consts::TAU;
+const FULL_ROTATION: f32 = std::f32::consts::TAU;
 
 /// A drive of `length` metres to the right, looking at the row of boxes before the far wall, with the small
 /// bumps of a cart; `count` frames.
@@ -61,7 +61,7 @@ pub fn walk(count: usize, rate: f64, seed: u64) -> Vec<Se3> {
     let mut sway = |reach: f64| {
         let mut number = |low: f32, high: f32| f64::from(random.uniform(low, high));
         let sines = [(0.65 * reach, number(5.0, 8.0)), (0.35 * reach, number(2.0, 3.5))];
-        let phases = [number(0.0, TURN), number(0.0, TURN)];
+        let phases = [number(0.0, FULL_ROTATION), number(0.0, FULL_ROTATION)];
         move |time: f64| {
             let sine = |i: usize| sines[i].0 * (TAU * time / sines[i].1 + phases[i]).sin();
             sine(0) + sine(1)
@@ -86,12 +86,12 @@ pub fn town(count: usize, step: f64) -> Vec<Se3> {
     let per_ring = 3.0 * PI * RING;
     (0..count)
         .map(|i| {
-            let way = step * i as f64;
-            let ring = (way / per_ring).floor();
+            let travelled = step * i as f64;
+            let ring = (travelled / per_ring).floor();
             let sense = if ring % 2.0 == 0.0 { 1.0 } else { -1.0 };
-            let angle = PI + sense * (way - ring * per_ring) / RING;
+            let angle = PI + sense * (travelled - ring * per_ring) / RING;
             let (sin, cos) = angle.sin_cos();
-            let bump = 0.03 * (0.9 * way).sin();
+            let bump = 0.03 * (0.9 * travelled).sin();
             let position = Vector3::new(2.0 * RING * ring + RING * cos, bump - HEIGHT, RING * sin);
             let heading = Vector3::new(-sense * sin, 0.0, sense * cos);
             let left = Vector3::new(-heading.z, 0.0, heading.x);
@@ -154,18 +154,18 @@ mod tests {
     }
 
     #[test]
-    fn the_way_through_town_is_one() {
+    fn the_path_through_town_is_continuous() {
         let path = town(4000, 0.1);
         let steps = path.windows(2).map(|w| (w[1].translation - w[0].translation).norm());
         assert!(steps.clone().all(|step| (0.09..0.11).contains(&step)));
         let turns = path.windows(2).map(|w| w[0].rotation.angle_to(&w[1].rotation));
-        assert!(turns.clone().all(|turn| turn < 0.02), "{}", turns.fold(0.0, f64::max));
+        assert!(turns.clone().all(|rotation| rotation < 0.02), "{}", turns.fold(0.0, f64::max));
         let round = (2.0 * PI * RING / 0.1).round() as usize;
         assert!((path[round].translation - path[0].translation).norm() < 0.2, "a circle is a loop");
     }
 
     #[test]
-    fn a_turn_stays_in_place() {
+    fn a_pure_rotation_stays_in_place() {
         let start = sideways(3, 2.0)[1];
         let path = turning(start, 10, 0.5);
         assert_eq!(path[0], start);

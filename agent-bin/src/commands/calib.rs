@@ -218,11 +218,11 @@ fn write(
 fn not_used(collected: &Collected) -> String {
     let problems = collected.shots.iter().filter_map(|shot| Some((&shot.name, shot.problem.as_ref()?)));
     let lines: Vec<String> = problems.map(|(name, problem)| format!("{name}: {problem}")).collect();
-    let (count, shown) = (lines.len(), lines.iter().take(5).cloned().collect::<Vec<_>>().join("; "));
+    let (count, listed) = (lines.len(), lines.iter().take(5).cloned().collect::<Vec<_>>().join("; "));
     match count {
         0 => "not calibrated".into(),
         _ => format!(
-            "not calibrated; {count} images were not used ({shown}{})",
+            "not calibrated; {count} images were not used ({listed}{})",
             if count > 5 { "; …" } else { "" }
         ),
     }

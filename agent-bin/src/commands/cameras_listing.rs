@@ -1,7 +1,7 @@
 //! The list of cameras, for people and for programs.
 
 use serde_json::{Value, json};
-use sources::camera::format::{Rates, Sizes, Wish, choose};
+use sources::camera::format::{FormatRequest, Rates, Sizes, choose};
 use sources::camera::list::{Details, Found, NONE_HINT};
 
 /// For people.
@@ -41,7 +41,7 @@ fn lines_of(found: &Found) -> Vec<String> {
 
 /// The command for the first camera that can be used, with what `--format auto` would take.
 fn how_to_use(found: &Found) -> Option<String> {
-    let choice = choose(&found.details.as_ref().ok()?.offers, &Wish::default())?;
+    let choice = choose(&found.details.as_ref().ok()?.offers, &FormatRequest::default())?;
     Some(format!(
         "use: loopbox run --camera {} --size {} --calib camera.yaml --out out/mine",
         found.path.display(),

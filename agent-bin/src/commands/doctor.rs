@@ -56,14 +56,14 @@ impl State {
 /// When the list cannot be printed.
 pub fn execute(args: DoctorArgs) -> Result<()> {
     let here = std::env::current_dir()?;
-    let findings = [program(), machine(), room(&here), videos(), cameras()];
-    let text = if args.json { serde_json::to_string_pretty(&findings)? + "\n" } else { as_text(&findings) };
+    let checks = [program(), machine(), room(&here), videos(), cameras()];
+    let text = if args.json { serde_json::to_string_pretty(&checks)? + "\n" } else { as_text(&checks) };
     console::print(&text)
 }
 
-fn as_text(findings: &[Finding]) -> String {
+fn as_text(checks: &[Finding]) -> String {
     let mut text = String::new();
-    for Finding { what, state, text: found, hint } in findings {
+    for Finding { what, state, text: found, hint } in checks {
         // Writing to a String cannot fail.
         let _ = writeln!(text, "{:<6} {what:<8} {found}", state.name());
         if let Some(hint) = hint {
@@ -176,9 +176,9 @@ mod tests {
     }
 
     #[test]
-    fn what_lacks_is_said_with_what_to_do() {
-        let findings = [Finding::new("videos", "no ffmpeg".to_owned()).lacks("install it")];
-        assert_eq!(as_text(&findings), "lacks  videos   no ffmpeg\n                hint: install it\n");
+    fn what_is_missing_is_reported_with_what_to_do() {
+        let checks = [Finding::new("videos", "no ffmpeg".to_owned()).lacks("install it")];
+        assert_eq!(as_text(&checks), "lacks  videos   no ffmpeg\n                hint: install it\n");
         let folder = tempfile::tempdir().unwrap();
         assert!(room(folder.path()).text.contains("GB free in "));
         let nowhere = room(Path::new("/nowhere/at/all"));

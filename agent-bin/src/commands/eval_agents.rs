@@ -61,8 +61,8 @@ fn table(names: &[String], found: &AgentsEvaluation, align: AlignMode) -> Result
         let numbers = merge.map(|m| {
             [format!("{:+.3}", m.scale_percent), format!("{:.3}", m.rotation_deg), format!("{:.4}", m.offset)]
         });
-        let [scale, turn, offset] = numbers.unwrap_or_else(|| [unknown(), unknown(), unknown()]);
-        writeln!(out, "{scale:>10}{turn:>11}{offset:>11}")?;
+        let [scale, rotation, offset] = numbers.unwrap_or_else(|| [unknown(), unknown(), unknown()]);
+        writeln!(out, "{scale:>10}{rotation:>11}{offset:>11}")?;
     }
     writeln!(
         out,

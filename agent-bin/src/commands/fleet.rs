@@ -85,7 +85,7 @@ impl PairingArgs {
             force: false,
             name: name.clone().unwrap_or_else(of_folder),
             is_station: false,
-            is_beside: true,
+            in_background: true,
             listen: self.listen.clone(),
             dial: self.connect.clone(),
             keys: self.keys.folder(),
@@ -177,7 +177,7 @@ fn hand_over(folder: &Path, name: &str, args: &FleetCommand) -> Result<()> {
         force: false,
         name: name.to_owned(),
         is_station: false,
-        is_beside: false,
+        in_background: false,
         listen: args.listen.clone(),
         dial: args.connect.clone(),
         keys: args.keys.folder(),
@@ -268,15 +268,16 @@ pub(super) fn described(status: &StatusFile) -> String {
             count => format!("{count} objects missing"),
         };
         let run = if agent.finished { "run over" } else { "under way" };
-        let teller = agent.teller.as_ref().map_or(String::new(), |teller| format!(" told by {teller}"));
+        let publisher =
+            agent.publisher.as_ref().map_or(String::new(), |publisher| format!(" told by {publisher}"));
         let sensor = if agent.sensor == Some(SensorKind::Lidar) { " of a LiDAR" } else { "" };
         let (name, keyframes) = (status.name_of(agent), agent.keyframes);
-        let _ = writeln!(text, "  map of {name}{teller}: {keyframes} keyframes{sensor}, {missing}, {run}");
+        let _ = writeln!(text, "  map of {name}{publisher}: {keyframes} keyframes{sensor}, {missing}, {run}");
     }
-    for meeting in &status.found.meetings {
-        let [a, b] = &meeting.names;
-        let why = meeting.why.as_ref().map_or(String::new(), |why| format!(": {why}"));
-        let _ = writeln!(text, "  {a} + {b}: {}{why}", meeting.verdict);
+    for pair in &status.found.pair_verdicts {
+        let [a, b] = &pair.names;
+        let why = pair.why.as_ref().map_or(String::new(), |why| format!(": {why}"));
+        let _ = writeln!(text, "  {a} + {b}: {}{why}", pair.verdict);
     }
     for trouble in &status.trouble {
         let _ = writeln!(text, "  {trouble}");

@@ -62,7 +62,7 @@ impl JudgingArgs {
         if self.parameters.are_given() {
             bail!("--params and --set are for maps of cameras, and these are of LiDARs");
         }
-        self.beside_lidars()
+        self.lidar_params()
     }
 
     /// Those of LiDARs and of cameras, where both are among the maps.
@@ -73,7 +73,7 @@ impl JudgingArgs {
         if self.verdicts.is_some() {
             bail!("--verdicts is for maps of cameras alone or of LiDARs alone, and among these are both");
         }
-        let lidars = self.beside_lidars()?;
+        let lidars = self.lidar_params()?;
         let mut cameras = self.parameters.of_merging()?;
         cameras.further.place.prior.days_apart =
             self.days_apart.unwrap_or(cameras.further.place.prior.days_apart);
@@ -92,7 +92,7 @@ impl JudgingArgs {
         })
     }
 
-    fn beside_lidars(&self) -> Result<LidarMergeParams> {
+    fn lidar_params(&self) -> Result<LidarMergeParams> {
         let mut params = LidarMergeParams::default();
         params.prior.days_apart = self.days_apart.unwrap_or(params.prior.days_apart);
         match self.method {

@@ -63,7 +63,7 @@ pub fn run(args: &MergeArgs) -> Result<()> {
     match sensors_at(&args.maps) {
         Sensors::Mixed => return merge_scans::run_mixed(args, &args.mixed()?),
         Sensors::Lidars => {
-            args.beside_lidars()?;
+            args.check_lidar_options()?;
             return merge_scans::run(args, args.judging.of_lidars()?);
         }
         Sensors::Cameras => {}
@@ -127,7 +127,7 @@ impl MergeArgs {
 
     /// How maps of cameras and LiDARs are merged.
     fn mixed(&self) -> Result<MixedOptions> {
-        self.beside_lidars()?;
+        self.check_lidar_options()?;
         let (lidars, cameras) = self.judging.of_both()?;
         if cameras.method.baseline().is_some() {
             bail!("maps with a LiDAR's among them are merged with `method = \"direct\"`");
@@ -136,7 +136,7 @@ impl MergeArgs {
     }
 
     /// Refuses what is for cameras alone.
-    fn beside_lidars(&self) -> Result<()> {
+    fn check_lidar_options(&self) -> Result<()> {
         if self.optimise || self.no_optimise {
             bail!("--optimise and --no-optimise are for maps of cameras, and there is a LiDAR's among these");
         }

@@ -107,7 +107,7 @@ pub enum Command {
 }
 
 /// Shows the report of a folder of results where that is wished.
-fn shown(is_wished: bool, folder: &Path) {
+fn listed(is_wished: bool, folder: &Path) {
     if is_wished {
         console::show(&folder.join(REPORT));
     }
@@ -123,7 +123,7 @@ impl Command {
             Command::Run(args) => {
                 let args = args.with_out();
                 run::execute(&args)?;
-                shown(args.open, args.out());
+                listed(args.open, args.out());
                 Ok(())
             }
             Command::Agent(args) => agent::execute(&args),
@@ -138,7 +138,7 @@ impl Command {
             Command::Calib(args) => calib::run(&args),
             Command::Merge(args) => {
                 merge::run(&args)?;
-                shown(args.open, &args.out);
+                listed(args.open, &args.out);
                 Ok(())
             }
             Command::Propose(args) => verdict::propose(&args),

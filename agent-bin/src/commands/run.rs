@@ -11,7 +11,7 @@ use anyhow::{Context, Result, anyhow, bail};
 use clap::{Args, ValueEnum};
 use loopbox::open::recording_name;
 use loopbox::run::{
-    Going, Listeners, PreparedRun, Progress, Recording, Resume, RunOptions, TrajectoryFormat,
+    Listeners, PreparedRun, Progress, Recording, Resume, ResumeMode, RunOptions, TrajectoryFormat,
 };
 use sources::ahead::Pace;
 use sources::camera::{CameraArgs, open_camera};
@@ -230,17 +230,17 @@ pub fn execute(args: &RunArgs) -> Result<()> {
         let watch = args.view.start(about, frames, recording)?;
         #[cfg(feature = "fleet")]
         if let Some(fleet) = &fleet {
-            fleet.shown_by(watch.neighbourhood());
+            fleet.report_to(watch.neighbourhood());
         }
         Ok(watch)
     };
     #[cfg(feature = "fleet")]
     let prepared = match &fleet {
-        Some(fleet) => prepared.told_to(fleet.teller()?),
+        Some(fleet) => prepared.with_listener(fleet.publisher()?),
         None => prepared,
     };
     let (prepared, publishing) = match args.publishing.start()? {
-        Some((follower, publishing)) => (prepared.told_to(follower), Some(publishing)),
+        Some((follower, publishing)) => (prepared.with_listener(follower), Some(publishing)),
         None => (prepared, None),
     };
     let mapped = prepared.go(watched, &stop, &progress);
@@ -305,7 +305,7 @@ impl RunArgs {
         let fleet = self.pairing.start(self.out(), self.quiet)?;
         #[cfg(feature = "fleet")]
         if let Some(fleet) = &fleet {
-            listeners.add(fleet.teller()?);
+            listeners.add(fleet.publisher()?);
         }
         let run = ScanRun {
             out: self.out(),
@@ -401,9 +401,9 @@ impl RunArgs {
 
     /// The map to go on in.
     fn resume(&self) -> Option<Resume> {
-        let on = self.map.continued.iter().map(|map| (map, Going::On));
-        let given = on.chain(self.map.localise.iter().map(|map| (map, Going::Localising))).next();
-        given.map(|(map, going)| Resume { map: map.clone(), going, opened: None })
+        let on = self.map.continued.iter().map(|map| (map, ResumeMode::Mapping));
+        let given = on.chain(self.map.localise.iter().map(|map| (map, ResumeMode::Localising))).next();
+        given.map(|(map, mode)| Resume { map: map.clone(), mode, opened: None })
     }
 
     /// The size of the first image, if the calibration is to be scaled to it.

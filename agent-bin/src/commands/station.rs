@@ -62,7 +62,7 @@ pub fn run(args: &StationArgs) -> Result<()> {
         force: args.force,
         name: args.name.clone(),
         is_station: true,
-        is_beside: false,
+        in_background: false,
         listen: args.listen.clone(),
         dial: args.connect.clone(),
         keys: args.keys.folder(),
@@ -87,7 +87,7 @@ pub fn run(args: &StationArgs) -> Result<()> {
         listeners,
     )?;
     #[cfg(feature = "view")]
-    watch.iter().for_each(|watch| fleet.shown_by(watch.neighbourhood()));
+    watch.iter().for_each(|watch| fleet.report_to(watch.neighbourhood()));
     if let Some(at) = fleet.listening().filter(|_| !quiet) {
         tell!("agents reach this station by: loopbox run … --fleet --connect {}", at.for_others());
     }

@@ -25,7 +25,7 @@ pub struct StatusArgs {
 
 /// A heartbeat as it is printed.
 #[derive(Serialize)]
-struct Shown<'a> {
+struct Printed<'a> {
     /// Seconds since it was written.
     age_s: f64,
     /// Whether that is so long ago that nobody is there to write it.
@@ -47,7 +47,7 @@ pub fn execute(args: &StatusArgs) -> Result<()> {
     let beat = heartbeat::read(&file_of(&place)?).map_err(|error| not_well(loopbox::explained(&error)))?;
     let (age_s, stale) = (beat.age_s(), beat.is_stale());
     if args.json {
-        let text = serde_json::to_string_pretty(&Shown { age_s, stale, beat: &beat })?;
+        let text = serde_json::to_string_pretty(&Printed { age_s, stale, beat: &beat })?;
         console::print(&(text + "\n"))?;
     } else {
         console::print(&described(&beat))?;

@@ -43,25 +43,25 @@ pub fn run(args: &UnmergeArgs) -> Result<()> {
         );
     }
     keep_from(&args.out, std::slice::from_ref(&args.map))?;
-    let said = match args.between.as_deref() {
+    let text = match args.between.as_deref() {
         Some([a, b]) => separate(args, map, [a, b])?,
         _ => apart(args, &map)?,
     };
-    console::print(&said)
+    console::print(&text)
 }
 
 /// Writes every agent's own map; says which.
 fn apart(args: &UnmergeArgs, map: &Map) -> Result<String> {
     let mut output = Results::create(&args.out, &Owner::Unmerge, args.force)?;
-    let mut said = String::new();
+    let mut text = String::new();
     for (label, own) in map.agent_labels().values().zip(map.split()) {
         let name = PathBuf::from(label).join("map.mcap");
         map::save_map(output.file(&name)?, &own)?;
-        said += &format!("{}: {label} as it was\n", args.out.join(&name).display());
+        text += &format!("{}: {label} as it was\n", args.out.join(&name).display());
     }
     write_list(&mut output)?;
     output.commit()?;
-    Ok(said)
+    Ok(text)
 }
 
 /// Undoes the merge of two agents and writes the maps that result; says which.
@@ -125,13 +125,13 @@ fn provenance(args: &UnmergeArgs, map: &Map, [a, b]: [&str; 2]) -> Vec<(String, 
 }
 
 fn summary(args: &UnmergeArgs, groups: &[Fused], names: &Names, [a, b]: [AgentId; 2]) -> String {
-    let mut said = String::new();
+    let mut text = String::new();
     for (index, group) in groups.iter().enumerate() {
         let file = loopbox::merging::map_file(index, group, names);
-        said += &format!("{}: {}\n", args.out.join(file).display(), names.list(&group.agents));
+        text += &format!("{}: {}\n", args.out.join(file).display(), names.list(&group.agents));
     }
     if groups.iter().any(|group| group.agents.contains(&a) && group.agents.contains(&b)) {
-        said += &format!("{} and {} still hang together, by others who met both\n", names.of(a), names.of(b));
+        text += &format!("{} and {} still hang together, by others who met both\n", names.of(a), names.of(b));
     }
-    said
+    text
 }

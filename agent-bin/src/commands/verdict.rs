@@ -61,7 +61,7 @@ pub fn run(args: &VerdictArgs) -> Result<()> {
     let found = find_verdict(&maps, &options, &stop, &progress)?;
     progress.finish();
     if args.json {
-        console::print(&(serde_json::to_string_pretty(&found.encounters)? + "\n"))?;
+        console::print(&(serde_json::to_string_pretty(&found.pair_results)? + "\n"))?;
     }
     if !found.joins {
         let text = format!("the maps are not joined\n{}", found.text.trim_end());

@@ -44,10 +44,10 @@ fn the_summary_names_parameters_and_what_would_help() {
         "--out",
         arg(&out),
     ]);
-    let (said, message) = (stdout(&output), stderr(&output));
+    let (printed, message) = (stdout(&output), stderr(&output));
     assert!(output.status.success(), "{message}");
     for word in ["fx ", " ± ", "rms ", "views ", "as OpenCV counts"] {
-        assert!(said.contains(word), "no {word} in {said}");
+        assert!(printed.contains(word), "no {word} in {printed}");
     }
 }
 
@@ -66,10 +66,10 @@ fn a_calibration_is_checked_without_writing() {
     };
     let text = calib::format_camera(&crate::support::camera(), None);
     let output = check(text.clone());
-    let said = stdout(&output);
+    let printed = stdout(&output);
     assert!(output.status.success(), "{}", stderr(&output));
-    let rms: f64 = said.split_whitespace().nth(1).unwrap().parse().unwrap();
-    assert!(rms < 0.2 && said.contains("216 corners of 4 of 4 images"), "{said}");
+    let rms: f64 = printed.split_whitespace().nth(1).unwrap().parse().unwrap();
+    assert!(rms < 0.2 && printed.contains("216 corners of 4 of 4 images"), "{printed}");
     let output = check(text.replace("width: 400", "width: 401"));
     assert!(!output.status.success());
     let message = stderr(&output);

@@ -52,7 +52,7 @@ fn held_back(folder: &Path) -> Sender<()> {
 }
 
 #[test]
-fn the_page_is_told_what_is_missing_until_the_user_has_enough() {
+fn the_page_shows_what_is_missing_until_the_user_has_enough() {
     let (folder, out) = (tempdir().unwrap(), tempdir().unwrap());
     let more = held_back(folder.path());
     let file = out.path().join("camera.yaml");
@@ -129,7 +129,7 @@ fn the_page_shows_views_and_result_in_a_browser() {
 }
 
 #[test]
-fn what_has_no_page_is_said() {
+fn what_has_no_page_is_reported() {
     let out = tempdir().unwrap();
     let (folder, file) = (arg(out.path()), out.path().join("vignette.png"));
     assert_misused(&["calib", "--vignette", folder, "--view=0", "--out", arg(&file)], &["--view", "hint"]);

@@ -102,8 +102,8 @@ pub fn parameter(numbers: &serde_json::Value, name: &str) -> (f64, f64) {
 
 /// The images of a shared data set, or a loud word that they are not here.
 pub fn shared(name: &str) -> Option<PathBuf> {
-    let beside = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data");
-    let folder = std::env::var_os("LOOPBOX_DATA").map_or(beside, PathBuf::from).join(name);
+    let default_folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data");
+    let folder = std::env::var_os("LOOPBOX_DATA").map_or(default_folder, PathBuf::from).join(name);
     if !folder.is_dir() {
         println!("SKIPPED: {} is not there; LOOPBOX_DATA names the folder of {name}", folder.display());
         return None;

@@ -10,7 +10,7 @@ const COMMANDS: &str = "book/src/reference/cli.md";
 const PARAMETERS: &str = "book/src/reference/parameters.md";
 
 /// What the program prints, for lines of 100 characters.
-fn said(args: &[&str]) -> String {
+fn printed(args: &[&str]) -> String {
     let output = command().args(args).env("COLUMNS", "100").stdin(Stdio::null()).output().expect("it starts");
     assert!(output.status.success(), "{args:?}");
     let lines: Vec<String> = stdout(&output).lines().map(|line| line.trim_end().to_owned()).collect();
@@ -32,7 +32,7 @@ fn help() -> Vec<(String, String)> {
     while let Some(path) = paths.pop() {
         let mut args: Vec<&str> = path.iter().map(String::as_str).collect();
         args.push("--help");
-        let text = said(&args);
+        let text = printed(&args);
         paths.extend(below(&text).into_iter().rev().map(|name| [path.clone(), vec![name]].concat()));
         sections.push((format!("loopbox {}", path.join(" ")).trim_end().to_owned(), text));
     }
@@ -87,7 +87,7 @@ fn the_parameters() {
         page += &format!(
             "\n## {title}\n\n`loopbox {}`:\n\n```toml\n{}\n```\n",
             arguments.join(" "),
-            said(arguments)
+            printed(arguments)
         );
     }
     let equal = |old: &str| if old == page { Ok(()) } else { Err("`loopbox params`".to_owned()) };

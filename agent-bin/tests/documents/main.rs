@@ -16,6 +16,6 @@ mod commands;
 mod generated;
 mod links;
 mod markdown;
+mod outputs;
 mod prose;
-mod shown;
 mod tables;

@@ -132,7 +132,7 @@ fn each_field_of_a_record_is_in_its_section() {
         ("`merge.json` of LiDARs", &["loopbox/src/lidar/merging/record.rs"][..], 35),
         (
             "`fleet.json`, `loopbox fleet --json`",
-            &["loopbox/src/fleet/status.rs", "fleet/src/findings.rs"],
+            &["loopbox/src/fleet/status.rs", "fleet/src/merge_results.rs"],
             30,
         ),
     ] {
@@ -147,7 +147,7 @@ fn each_field_of_a_record_is_in_its_section() {
 }
 
 #[test]
-fn each_event_is_told() {
+fn each_event_is_documented() {
     let section = section("Events, `loopbox run --log json`");
     let code = sources(&["agent-bin/src"]).concat();
     // The program's own, and those of notices, which have a name of their own first.

@@ -33,8 +33,8 @@ fn tag() -> Texture {
 /// A yard in which a poster of `side` metres stands somewhat turned before the boxes, seen by a hand-held camera.
 fn recording(texture: Texture, side: f64) -> Case {
     let mut world = World::yard(1);
-    let turn = UnitQuaternion::from_euler_angles(0.1, -0.3, 0.05);
-    world.put_up(texture, Se3::new(turn, Vector3::new(-0.2, -1.2, 7.7)), side);
+    let rotation = UnitQuaternion::from_euler_angles(0.1, -0.3, 0.05);
+    world.put_up(texture, Se3::new(rotation, Vector3::new(-0.2, -1.2, 7.7)), side);
     Case::new(&Recording::render(&world, Recording::SMALL_CAMERA, &trajectory::hand_held(60, 0.4), RATE))
 }
 

@@ -21,7 +21,7 @@ fn halves(out: &Path) -> [usize; 2] {
 }
 
 #[test]
-fn a_camera_uncovered_where_it_was_goes_on_in_its_map() {
+fn a_camera_uncovered_where_it_was_continues_its_map() {
     let case = Case::new(&facade(Uncovered::There(0.0)));
     let outcome = case.run(&[]);
     outcome.assert_success();

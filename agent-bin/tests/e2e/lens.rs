@@ -132,9 +132,9 @@ fn a_wrong_focal_length_is_noticed_with_its_size() {
         let (number, _) = text.split_once(' ').expect("a word");
         number.parse().expect("a number")
     };
-    let said: Vec<f64> = outcome.text.split("the focal length looks ").skip(1).map(percent).collect();
-    assert_eq!(said.len(), 2, "at once by the map, then mapped anew\n{outcome}");
-    assert!((said[0] - 30.0).abs() <= 5.0 && (said[1] - 30.0).abs() <= 1.5, "{said:?} %");
+    let output: Vec<f64> = outcome.text.split("the focal length looks ").skip(1).map(percent).collect();
+    assert_eq!(output.len(), 2, "at once by the map, then mapped anew\n{outcome}");
+    assert!((output[0] - 30.0).abs() <= 5.0 && (output[1] - 30.0).abs() <= 1.5, "{output:?} %");
 }
 
 #[test]
@@ -178,8 +178,8 @@ fn a_rolling_shutter_is_found_and_costs_little() {
         let outcome = case.run(arguments);
         outcome.assert_success();
         let map = case.map();
-        let said = map.agents.values().next().and_then(|about| about.provenance.get("readout rows"));
-        let readout: f64 = said.expect("it is said with the map").parse().expect("a number");
+        let output = map.agents.values().next().and_then(|about| about.provenance.get("readout rows"));
+        let readout: f64 = output.expect("it is said with the map").parse().expect("a number");
         (readout, Accuracy::of(&case.out(), &case.source().join("groundtruth.txt")))
     };
     let (readout, solved) = mapped(&rolling, &[]);

@@ -44,11 +44,11 @@ fn a_jump_to_a_known_place_is_relocalised_into_the_same_map() {
 fn a_start_of_pure_rotation_makes_no_wrong_map() {
     let drive = trajectory::sideways(80, 4.0);
     let angle = 0.3;
-    let turn = Se3::new(
+    let rotation = Se3::new(
         nalgebra::UnitQuaternion::from_axis_angle(&nalgebra::Vector3::y_axis(), -angle),
         Default::default(),
     );
-    let mut path = trajectory::turning(drive[0] * turn, 30, angle);
+    let mut path = trajectory::turning(drive[0] * rotation, 30, angle);
     path.extend(&drive[1..]);
     let case = Case::new(&render(&path));
     let outcome = case.run(&[]);
@@ -154,14 +154,14 @@ fn a_camera_carried_elsewhere_begins_a_second_fragment() {
 /// The lens is covered while the camera is carried on; later it comes by where it was before: one map in the end.
 #[test]
 fn a_camera_carried_elsewhere_and_back_ends_with_one_map() {
-    let way = trajectory::sideways(150, 7.5);
-    let mut recording = render(&way[..70]);
-    let mut covered = render(&vec![way[70]; 20]);
+    let drive_back = trajectory::sideways(150, 7.5);
+    let mut recording = render(&drive_back[..70]);
+    let mut covered = render(&vec![drive_back[70]; 20]);
     let black =
         |_, image: &geometry::GrayImage| geometry::GrayImage::filled(image.width(), image.height(), 0);
     crate::support::repaint(&mut covered, 0..20, black);
     recording.shots.extend(covered.shots);
-    let back: Vec<Se3> = way[20..].iter().rev().copied().collect();
+    let back: Vec<Se3> = drive_back[20..].iter().rev().copied().collect();
     recording.shots.extend(render(&back).shots);
     let case = Case::new(&restamped(recording));
     let outcome = case.run(&[]);

@@ -34,7 +34,7 @@ fn text(path: &Path) -> &str {
 }
 
 #[test]
-fn a_run_goes_on_in_a_map_and_extends_it() {
+fn a_run_continues_a_map_and_extends_it() {
     let case = Case::new(&drive());
     let (first, second) = (part(&case, "first", 0..50), part(&case, "second", 50..90));
     let kept = case.source().with_file_name("kept");
@@ -49,9 +49,12 @@ fn a_run_goes_on_in_a_map_and_extends_it() {
     assert!(map.keyframes.len() > before.keyframes.len());
     let info = |map: &map::Map| map.agents[&map::AgentId(0)].clone();
     assert_eq!(info(&map).identity, info(&before).identity, "keyframes keep their names");
-    let told = |key: &str| info(&map).provenance.get(key).cloned().unwrap_or_default();
-    assert!(told("source").ends_with("first") && told("continued 1: source").ends_with("second"), "{map:?}");
-    assert_eq!(told("continued 1: first keyframe"), before.keyframes.len().to_string());
+    let reported = |key: &str| info(&map).provenance.get(key).cloned().unwrap_or_default();
+    assert!(
+        reported("source").ends_with("first") && reported("continued 1: source").ends_with("second"),
+        "{map:?}"
+    );
+    assert_eq!(reported("continued 1: first keyframe"), before.keyframes.len().to_string());
     let record = fs::read_to_string(case.out().join("run.json")).expect("it was written");
     let record: serde_json::Value = serde_json::from_str(&record).expect("it is JSON");
     assert_eq!(record["frames"]["tracked"], 40, "of this run");
@@ -65,7 +68,7 @@ fn a_run_goes_on_in_a_map_and_extends_it() {
 }
 
 #[test]
-fn poses_are_told_in_a_map_that_stays_as_it_is() {
+fn poses_are_reported_in_a_map_that_stays_as_it_is() {
     let case = Case::new(&drive());
     let kept = case.source().with_file_name("kept");
     run(&case.source(), &kept, &[]).assert_success();

@@ -105,8 +105,8 @@ fn the_same_map_twice_however_it_is_called_and_wherever_it_lies() {
     refused(renamed, &words);
     let moved = |case: &Case| {
         let mut map = Runs::get().map("left");
-        let turn = UnitQuaternion::from_euler_angles(0.3, -0.2, 0.1);
-        let motion = Sim3::new(turn, Vector3::new(1.0, 2.0, 3.0), 2.5);
+        let rotation = UnitQuaternion::from_euler_angles(0.3, -0.2, 0.1);
+        let motion = Sim3::new(rotation, Vector3::new(1.0, 2.0, 3.0), 2.5);
         for keyframe in map.keyframes.values_mut() {
             keyframe.world_from_keyframe = motion * keyframe.world_from_keyframe;
         }

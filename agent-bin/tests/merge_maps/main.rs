@@ -3,9 +3,9 @@
 //! Whatever a command refuses it must name, and leave nothing behind.
 
 mod bad_input;
+mod continuing;
 #[path = "../common/documented.rs"]
 mod documented;
-mod going_on;
 mod importing;
 mod merging;
 mod support;

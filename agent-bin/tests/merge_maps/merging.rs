@@ -80,8 +80,8 @@ fn a_common_map_is_optimised_jointly_unless_it_is_not_wanted_or_too_large() {
         assert!(!outcome.stderr.contains("optimising") || more[0] == "--set", "{outcome:#?}");
         (load_map(out.join("map.mcap")).expect("it was written").map.keyframes, outcome.stderr)
     };
-    let (keyframes, said) = without(&["--set", "joint_keyframes=3"]);
-    assert!(said.contains("is not optimised jointly") && said.contains("--optimise does it"), "{said}");
+    let (keyframes, output) = without(&["--set", "joint_keyframes=3"]);
+    assert!(output.contains("is not optimised jointly") && output.contains("--optimise does it"), "{output}");
     assert!(keyframes == without(&["--no-optimise"]).0);
     assert!(keyframes == without(&["--set", "joint=false"]).0);
     let [optimised, merged] =
@@ -103,14 +103,14 @@ fn check_numbers(case: &Case) {
     let text = fs::read_to_string(case.out().join("merge.json")).unwrap();
     let numbers: Value = serde_json::from_str(&text).unwrap();
     assert_documented(&numbers);
-    let encounter = &numbers["encounters"][0];
-    assert_eq!(encounter["closure"]["travel"], "opposite");
-    assert!(encounter["links"].as_u64().is_some_and(|links| links >= 2), "{encounter:#}");
-    assert!(encounter["closure"]["scale"]["scale"].as_f64().is_some_and(|scale| scale > 0.0));
-    assert!(encounter["closure"]["evidence"]["matches"].as_u64().is_some_and(|matches| matches >= 60));
-    assert!(encounter["tried"].as_array().is_some_and(|tried| tried[0]["outcome"] == "accepted"));
+    let pair = &numbers["encounters"][0];
+    assert_eq!(pair["closure"]["travel"], "opposite");
+    assert!(pair["links"].as_u64().is_some_and(|links| links >= 2), "{pair:#}");
+    assert!(pair["closure"]["scale"]["scale"].as_f64().is_some_and(|scale| scale > 0.0));
+    assert!(pair["closure"]["evidence"]["matches"].as_u64().is_some_and(|matches| matches >= 60));
+    assert!(pair["tried"].as_array().is_some_and(|tested| tested[0]["outcome"] == "accepted"));
     for part in ["places", "meeting", "method"] {
-        assert!(encounter["seconds"][part].as_f64().is_some_and(|seconds| seconds >= 0.0));
+        assert!(pair["seconds"][part].as_f64().is_some_and(|seconds| seconds >= 0.0));
     }
     let right = &numbers["agents"][1];
     assert_eq!((&right["root"], &right["path"]), (&"left".into(), &serde_json::json!(["left", "right"])));
@@ -159,30 +159,25 @@ fn the_order_of_the_maps_and_other_maps_change_no_verdict() {
     let (left, right, elsewhere, out) =
         (runs.run("left"), runs.run("right"), runs.run("elsewhere"), case.out());
     let sets: [&[&Path]; 3] = [&[&left, &right], &[&right, &left], &[&elsewhere, &right, &left]];
-    let tried = sets.map(|maps| {
+    let tested = sets.map(|maps| {
         let mut args = vec!["merge", "--out", arg(&out), "--json", "--quiet"];
         args.extend(maps.iter().map(|map| arg(map)));
         let outcome = loopbox(&args);
         outcome.assert_success();
         let mut numbers: Value = serde_json::from_str(&outcome.stdout).unwrap();
-        let encounters = numbers["encounters"].as_array_mut().expect("every pair");
-        let of_both =
-            |encounter: &&mut Value| ["target", "source"].iter().all(|side| encounter[*side] != "elsewhere");
-        let encounter = encounters.iter_mut().find(of_both).expect("of left and right");
-        assert!(
-            encounter["answer"].as_str().is_some_and(|answer| answer.starts_with("same")),
-            "{encounter:#}"
-        );
-        assert!(encounter["place"]["ln_ratio"].is_number(), "{encounter:#}");
-        assert_eq!(encounter["verdict"], "accepted");
+        let pair_results = numbers["encounters"].as_array_mut().expect("every pair");
+        let of_both = |pair: &&mut Value| ["target", "source"].iter().all(|side| pair[*side] != "elsewhere");
+        let pair = pair_results.iter_mut().find(of_both).expect("of left and right");
+        assert!(pair["answer"].as_str().is_some_and(|answer| answer.starts_with("same")), "{pair:#}");
+        assert!(pair["place"]["ln_ratio"].is_number(), "{pair:#}");
+        assert_eq!(pair["verdict"], "accepted");
         let lines =
-            encounter["tried"].as_array().and_then(|tried| tried.iter().find_map(|t| t["lines"].as_array()));
-        assert!(lines.is_some_and(|lines| !lines.is_empty()), "{encounter:#}");
-        ["target", "source", "tried", "closure", "answer", "place", "pieces"]
-            .map(|part| encounter[part].take())
+            pair["tried"].as_array().and_then(|tested| tested.iter().find_map(|t| t["lines"].as_array()));
+        assert!(lines.is_some_and(|lines| !lines.is_empty()), "{pair:#}");
+        ["target", "source", "tried", "closure", "answer", "place", "pieces"].map(|part| pair[part].take())
     });
-    assert_eq!(tried[0], tried[1]);
-    assert_eq!(tried[0], tried[2]);
+    assert_eq!(tested[0], tested[1]);
+    assert_eq!(tested[0], tested[2]);
 }
 
 #[test]

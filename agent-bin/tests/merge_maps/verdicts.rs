@@ -51,11 +51,11 @@ fn a_verdict_is_the_same_to_the_byte_alone_among_others_and_in_either_order() {
     assert!(found.stderr.contains("looking where right and left met"), "{found:#?}");
     assert!(!again.stderr.contains("looking where"), "{again:#?}");
     assert!(map == same && files(&all) == kept, "another map, or other verdicts");
-    let said = |outcome: &Outcome| {
+    let output = |outcome: &Outcome| {
         let lines = outcome.stdout.lines().filter(|line| !line.contains(" s in all"));
         lines.map(str::to_owned).collect::<Vec<_>>()
     };
-    assert_eq!(said(&found), said(&again));
+    assert_eq!(output(&found), output(&again));
     let without = case.merge(&[&elsewhere, &right, &left]);
     without.assert_success();
     assert!(map == fs::read(out.join("map.mcap")).unwrap(), "verdicts make another map");

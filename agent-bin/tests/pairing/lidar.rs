@@ -21,18 +21,18 @@ use std::sync::mpsc::{Receiver, channel};
 use std::time::Duration;
 
 /// Two ways along an aisle that share their middle, the second back again.
-const WAYS: [(&str, [[f64; 2]; 2]); 2] =
+const PATHS: [(&str, [[f64; 2]; 2]); 2] =
     [("x", [[-10.0, 4.5], [1.0, 4.5]]), ("y", [[6.0, 5.0], [-5.0, 5.5]])];
 
 fn write_scans(room: &Path) {
-    for (name, corners) in WAYS {
+    for (name, corners) in PATHS {
         let (pose, duration) = walk(&corners);
         write_recording(&room.join(name), &HALL, pose, duration).expect("there is room");
     }
 }
 
 #[test]
-fn a_station_merges_lidars_as_their_files_beside_a_camera() {
+fn a_station_merges_lidars_as_their_files_next_to_a_camera() {
     let room = tempfile::tempdir().expect("a folder");
     let at = |name: &str| room.path().join(name);
     write_scans(room.path());
@@ -45,8 +45,8 @@ fn a_station_merges_lidars_as_their_files_beside_a_camera() {
         let words = ["run", arg(&recording), "--out", arg(out), "--quiet", &format!("--fleet={name}")];
         Process::start(&[&words[..], &["--connect", &dial]].concat())
     });
-    let beside = run("a", &camera, &["--connect", &dial]);
-    assert!(agents.into_iter().chain([beside]).all(Process::succeeded));
+    let with_fleet = run("a", &camera, &["--connect", &dial]);
+    assert!(agents.into_iter().chain([with_fleet]).all(Process::succeeded));
     assert!(there.succeeded());
 
     // A run alone has the same map: nobody waits for the network.
@@ -82,30 +82,30 @@ fn a_station_merges_lidars_as_their_files_beside_a_camera() {
     assert_eq!(merged["inputs"], found["inputs"]);
 
     // All of them are told so.
-    let told = status(&station, |_| true);
-    assert_eq!(told["trouble"], Value::Array(Vec::new()), "{told:#}");
+    let reported = status(&station, |_| true);
+    assert_eq!(reported["trouble"], Value::Array(Vec::new()), "{reported:#}");
     assert_eq!(
-        told["found"]["meetings"].as_array().map(Vec::len),
+        reported["found"]["meetings"].as_array().map(Vec::len),
         Some(1),
-        "cameras do not meet LiDARs: {told:#}"
+        "cameras do not meet LiDARs: {reported:#}"
     );
     let place = |agent: &Value| {
         let numbers = agent["root_from_agent"].as_array().expect("numbers").iter();
         numbers.map(|number| number.as_f64().expect("a number")).collect::<Vec<_>>()
     };
     for input in merged["inputs"].as_array().expect("inputs") {
-        let agents = told["found"]["agents"].as_array().expect("agents");
+        let agents = reported["found"]["agents"].as_array().expect("agents");
         let agent = agents.iter().find(|agent| agent["name"] == input["name"]).expect("it was found");
         let expected = input["world_from_map"].as_array().expect("numbers").iter();
         let expected = expected.map(|number| number.as_f64().expect("a number")).chain([1.0]);
         assert_eq!(place(agent), expected.collect::<Vec<_>>());
     }
-    let said = stdout(&loopbox(&["fleet", arg(&station)]));
+    let printed = stdout(&loopbox(&["fleet", arg(&station)]));
     assert!(
-        said.contains("keyframes of a LiDAR, all here, run over") && said.contains(": accepted"),
-        "{said}"
+        printed.contains("keyframes of a LiDAR, all here, run over") && printed.contains(": accepted"),
+        "{printed}"
     );
-    assert_eq!(said.matches("of a LiDAR").count(), 2, "{said}");
+    assert_eq!(printed.matches("of a LiDAR").count(), 2, "{printed}");
 
     // Without a station they find the same.
     let _listens = Process::start(&["fleet", arg(&one), "--listen", "tcp/127.0.0.1:0"]);
@@ -146,13 +146,13 @@ fn scans(number: u128) -> Map {
 }
 
 /// A map told with `bytes` in the place of the first object of a kind.
-fn told_with(map: &Map, kind: Kind, bytes: Vec<u8>) -> Publication {
+fn published_with(map: &Map, kind: Kind, bytes: Vec<u8>) -> Publication {
     let agent = map.agents.values().next().and_then(|about| about.identity).expect("it has one");
-    let mut told = Publisher::new(agent, 1).publish(map, true).expect("a map").expect("it is new");
+    let mut reported = Publisher::new(agent, 1).publish(map, true).expect("a map").expect("it is new");
     let of = |hash: ObjectHash| {
-        told.objects.iter().find(|(name, _)| *name == hash).expect("it is told").1.to_vec()
+        reported.objects.iter().find(|(name, _)| *name == hash).expect("it is told").1.to_vec()
     };
-    let mut manifest = Manifest::from_bytes(&of(told.offer.hash)).expect("a list");
+    let mut manifest = Manifest::from_bytes(&of(reported.offer.hash)).expect("a list");
     // Keyframes come on pages of their own, after all else.
     let last = manifest.pages.last_mut().expect("it has pages");
     let mut entries = page_from_bytes(&of(last.hash)).expect("a page").to_vec();
@@ -161,18 +161,18 @@ fn told_with(map: &Map, kind: Kind, bytes: Vec<u8>) -> Publication {
     let page = page_to_bytes(&entries);
     *last = PageRef { size: page.len() as u32, hash: ObjectHash::of(&page) };
     let list = manifest.to_bytes();
-    *told.pages.last_mut().expect("it has pages") = entries.into();
-    told.manifest = manifest;
-    told.offer = Offer { size: list.len() as u32, hash: ObjectHash::of(&list), ..told.offer };
+    *reported.pages.last_mut().expect("it has pages") = entries.into();
+    reported.manifest = manifest;
+    reported.offer = Offer { size: list.len() as u32, hash: ObjectHash::of(&list), ..reported.offer };
     for bytes in [bytes, page, list] {
-        told.objects.push((ObjectHash::of(&bytes), bytes.into()));
+        reported.objects.push((ObjectHash::of(&bytes), bytes.into()));
     }
-    told
+    reported
 }
 
 /// A peer at work, that hands on what it hears of trouble.
 fn peer(folder: &Path, station: &str) -> (Service, Receiver<String>) {
-    let (heard, troubles) = channel();
+    let (received, troubles) = channel();
     let options = ServiceOptions {
         folder: folder.to_owned(),
         name: "peer".into(),
@@ -185,7 +185,7 @@ fn peer(folder: &Path, station: &str) -> (Service, Receiver<String>) {
     };
     let service = Service::start(options, move |news| {
         if let News::Trouble(text) = news {
-            let _ = heard.send(text);
+            let _ = received.send(text);
         }
     });
     (service.expect("it starts"), troubles)
@@ -218,20 +218,20 @@ fn scans_that_are_none_are_refused_with_the_reason_and_others_are_collected() {
     for (number, (kind, bytes, words)) in (1..).zip(cases) {
         let folder = room.path().join(format!("hostile-{number}"));
         let (peer, troubles) = peer(&folder, &dial);
-        peer.publish(told_with(&scans(number), kind, bytes));
-        let said = troubles.recv_timeout(Duration::from_secs(60)).expect("it is refused");
-        assert!(said.contains(words), "{words}: {said}");
-        let is_said = |text: &Value| text.as_str().is_some_and(|text| text.contains(words));
+        peer.publish(published_with(&scans(number), kind, bytes));
+        let printed = troubles.recv_timeout(Duration::from_secs(60)).expect("it is refused");
+        assert!(printed.contains(words), "{words}: {printed}");
+        let is_reported = |text: &Value| text.as_str().is_some_and(|text| text.contains(words));
         status(&station, |status| {
-            status["trouble"].as_array().is_some_and(|trouble| trouble.iter().any(is_said))
+            status["trouble"].as_array().is_some_and(|trouble| trouble.iter().any(is_reported))
         });
     }
     // The station goes on.
     let good = scans(99);
     let agent = good.agents.values().next().and_then(|about| about.identity).expect("it has one");
-    let told = Publisher::new(agent, 1).publish(&good, true).expect("a map").expect("it is new");
+    let reported = Publisher::new(agent, 1).publish(&good, true).expect("a map").expect("it is new");
     let (peer, _troubles) = peer(&room.path().join("good"), &dial);
-    peer.publish(told);
+    peer.publish(reported);
     assert!(there.succeeded());
     let own = fs::read_dir(station.join("agents")).expect("maps were collected").flatten().count();
     assert_eq!(own, 1);

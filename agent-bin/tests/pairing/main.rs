@@ -5,9 +5,9 @@
 mod common;
 mod disk;
 mod lidar;
+mod messages;
 #[cfg(feature = "view")]
 mod page;
-mod said;
 mod trust;
 
 use common::{arg, command, loopbox, stderr, stdout};
@@ -154,26 +154,29 @@ fn a_station_collects_and_merges_and_is_killed_meanwhile() {
     assert_is_the_merge_of_the_files(&station, [&a, &b], ["a", "b"]);
     // The agents were told where they are.
     let output = loopbox(&["fleet", arg(&station)]);
-    let said = stdout(&output);
-    assert!(["a + b: accepted", "all here", "run over"].iter().all(|words| said.contains(words)), "{said}");
+    let printed = stdout(&output);
+    assert!(
+        ["a + b: accepted", "all here", "run over"].iter().all(|words| printed.contains(words)),
+        "{printed}"
+    );
 }
 
 #[test]
 fn the_station_off_the_result_is_as_alone_and_all_is_sent_when_it_is_back() {
     let room = tempfile::tempdir().expect("a folder");
-    let [station, alone, beside] = ["station", "alone", "a"].map(|name| room.path().join(name));
+    let [station, alone, with_fleet] = ["station", "alone", "a"].map(|name| room.path().join(name));
     let output = loopbox(&["run", arg(&recording("a")), "--out", arg(&alone), "--quiet"]);
     assert!(output.status.success(), "{}", stderr(&output));
     // Nobody listens there.
-    assert!(run("a", &beside, &["--connect", "tcp/127.0.0.1:9"]).succeeded());
+    assert!(run("a", &with_fleet, &["--connect", "tcp/127.0.0.1:9"]).succeeded());
     for file in ["map.mcap", "trajectory.txt", "cloud.ply"] {
-        assert!(bytes(&alone.join(file)) == bytes(&beside.join(file)), "{file} is another one");
+        assert!(bytes(&alone.join(file)) == bytes(&with_fleet.join(file)), "{file} is another one");
     }
     let listen = ["--listen", "tcp/127.0.0.1:0", "--agents", "1"];
     let back = Process::start(&[&["station", "--quiet", "--out", arg(&station)], &listen[..]].concat());
     let at = address(&station);
-    let telling = loopbox(&["fleet", arg(&beside), "--connect", &at]);
-    assert!(telling.status.success(), "{}", stderr(&telling));
+    let published = loopbox(&["fleet", arg(&with_fleet), "--connect", &at]);
+    assert!(published.status.success(), "{}", stderr(&published));
     assert!(back.succeeded());
     assert!(bytes(&collected(&station, "a").join("map.mcap")) == bytes(&alone.join("map.mcap")));
 }
@@ -253,7 +256,7 @@ fn over_a_slow_link_maps_are_merged_by_a_part_of_them_as_by_all() {
         .map(|(out, proxy)| Process::start(&["fleet", arg(out), "--connect", proxy.address()]));
     let decided = |status: &Value| {
         let mut meetings = status["found"]["meetings"].as_array().into_iter().flatten();
-        meetings.any(|meeting| meeting["pending"] == false)
+        meetings.any(|pair| pair["pending"] == false)
     };
     let found = status(&station, decided);
     let missing = |status: &Value| status["agents"][0]["missing"].as_u64().expect("a number");
@@ -294,9 +297,10 @@ fn some_that_come_at_once_are_merged_as_their_files() {
     let listen = ["--listen", "tcp/127.0.0.1:0", "--agents", "5"];
     let there = Process::start(&[&["station", "--quiet", "--out", arg(&station)], &listen[..]].concat());
     let at = address(&station);
-    let telling = folders.each_ref().map(|folder| Process::start(&["fleet", arg(folder), "--connect", &at]));
-    said::assert_nothing_is_said_too_early(&station);
-    assert!(telling.into_iter().all(Process::succeeded) && there.succeeded());
+    let published =
+        folders.each_ref().map(|folder| Process::start(&["fleet", arg(folder), "--connect", &at]));
+    messages::assert_no_message_is_too_early(&station);
+    assert!(published.into_iter().all(Process::succeeded) && there.succeeded());
     let found = status(&station, |_| true);
     let agents = found["found"]["agents"].as_array().expect("agents");
     assert!(agents.len() == 5 && agents.iter().all(|agent| agent["root"] == agents[0]["root"]), "{found:#}");
@@ -339,9 +343,9 @@ fn what_cannot_be_is_refused_by_name() {
     ];
     for (args, more, words) in cases {
         let output = loopbox(&[args, more].concat());
-        let said = stderr(&output);
-        assert_eq!(output.status.code(), Some(1), "{said}");
-        assert!(said.contains(words) && said.contains("hint"), "{said}");
+        let printed = stderr(&output);
+        assert_eq!(output.status.code(), Some(1), "{printed}");
+        assert!(printed.contains(words) && printed.contains("hint"), "{printed}");
         assert!(!out.join("map.mcap").exists());
     }
 }

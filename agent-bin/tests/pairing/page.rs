@@ -27,13 +27,14 @@ fn says(page: &mut Browser, words: &str) -> bool {
 }
 
 #[test]
-fn the_page_of_a_station_shows_who_is_near_and_the_common_map_growing() {
+fn the_page_of_a_station_shows_who_is_near_and_the_common_map_as_it_grows() {
     let room = tempfile::tempdir().expect("a folder");
     let at = |name: &str| room.path().join(name);
-    let (station, mut told) = (at("station"), command());
-    told.args(["station", "--view=0", "--name", "base", "--listen", "tcp/127.0.0.1:0", "--out"])
+    let (station, mut reported) = (at("station"), command());
+    reported
+        .args(["station", "--view=0", "--name", "base", "--listen", "tcp/127.0.0.1:0", "--out"])
         .arg(&station);
-    let mut there = Served::start(told);
+    let mut there = Served::start(reported);
     let mut client = Client::connect(&there.url);
     // It is there before anybody else is.
     client.until("where it listens", |c| c.status["neighbourhood"]["listening"].is_string());

@@ -63,8 +63,10 @@ impl Yard {
 
 /// Waits until a station says it in its file.
 fn says(station: &Path, words: &str) {
-    let is_said = |text: &serde_json::Value| text.as_str().is_some_and(|text| text.contains(words));
-    status(station, |status| status["trouble"].as_array().is_some_and(|trouble| trouble.iter().any(is_said)));
+    let is_reported = |text: &serde_json::Value| text.as_str().is_some_and(|text| text.contains(words));
+    status(station, |status| {
+        status["trouble"].as_array().is_some_and(|trouble| trouble.iter().any(is_reported))
+    });
 }
 
 /// One that speaks the protocol, and says what it wants.
@@ -102,9 +104,9 @@ impl Peer {
     }
 
     fn greets(&self) {
-        let party = self.keys.party();
-        let (node, name) = (party.id, party.name.clone());
-        self.says(&Message::Hello { version: VERSIONS[0], node, role: Role::Agent, name, findings: None });
+        let peer = self.keys.peer();
+        let (node, name) = (peer.id, peer.name.clone());
+        self.says(&Message::Hello { version: VERSIONS[0], node, role: Role::Agent, name, results: None });
     }
 
     fn tells(&self, offer: Offer) {
@@ -157,9 +159,9 @@ fn keys_are_made_by_one_command_a_machine_and_never_replaced() {
     ];
     for (args, words) in cases {
         let output = loopbox(args);
-        let said = stderr(&output);
-        assert_eq!(output.status.code(), Some(1), "{said}");
-        assert!(said.contains(words) && said.contains("hint"), "{said}");
+        let printed = stderr(&output);
+        assert_eq!(output.status.code(), Some(1), "{printed}");
+        assert!(printed.contains(words) && printed.contains("hint"), "{printed}");
     }
     assert_eq!(fs::read(keys.join("agent.key")).expect("a key"), before);
     assert!(!nameless.exists());
@@ -182,8 +184,8 @@ fn by_tls_two_agents_and_a_station_merge_as_by_tcp() {
     });
     assert!(station.succeeded());
     assert_is_the_merge_of_the_files(&out, [&a, &b], ["a", "b"]);
-    let said = status(&out, |_| true);
-    assert!(said["trouble"].as_array().is_some_and(Vec::is_empty), "{said:#}");
+    let printed = status(&out, |_| true);
+    assert!(printed["trouble"].as_array().is_some_and(Vec::is_empty), "{printed:#}");
 }
 
 #[test]
@@ -201,9 +203,12 @@ fn who_is_not_of_the_fleet_is_refused_and_both_know_why() {
     let dial = ["fleet", arg(&kept), "--connect", &at.to_string()].map(str::to_owned);
     let dial: Vec<&str> = dial.iter().map(String::as_str).collect();
     let output = loopbox(&[&dial[..], &["--keys", arg(&theirs)]].concat());
-    let said = stderr(&output);
-    assert_eq!(output.status.code(), Some(1), "{said}");
-    assert!(said.contains(&format!("{at} is refused: its certificate is of another authority")), "{said}");
+    let printed = stderr(&output);
+    assert_eq!(output.status.code(), Some(1), "{printed}");
+    assert!(
+        printed.contains(&format!("{at} is refused: its certificate is of another authority")),
+        "{printed}"
+    );
     says(&out, &format!("{place} refused this one: this one's certificate is of another authority"));
 
     // One whose time is over: the program says it at once, and a peer that tries nevertheless is refused.
@@ -222,8 +227,8 @@ fn who_is_not_of_the_fleet_is_refused_and_both_know_why() {
     says(&out, &format!("{place} is refused: its certificate has expired"));
 
     // One without any certificate, and one that speaks no TLS.
-    let told = strangers_alert(&at, &yard.at("authority").join("authority.crt"));
-    assert!(told.contains("CertificateRequired"), "{told}");
+    let reported = strangers_alert(&at, &yard.at("authority").join("authority.crt"));
+    assert!(reported.contains("CertificateRequired"), "{reported}");
     says(&out, &format!("{place} is refused: it shows no certificate"));
     let plain = at.to_string().replace("tls/", "tcp/");
     let output = loopbox(&["fleet", arg(&kept), "--connect", &plain]);
@@ -255,7 +260,7 @@ fn strangers_alert(at: &Endpoint, authority: &Path) -> String {
 }
 
 #[test]
-fn a_party_that_tells_what_is_not_its_own_or_not_what_it_signed_is_refused_and_knows_why() {
+fn a_peer_that_publishes_what_it_does_not_own_or_did_not_sign_is_refused_and_knows_why() {
     let yard = Yard::new();
     let (_station, out, at) = yard.station(&[]);
     let [car, mallory] = ["car", "mallory"].map(|name| yard.keys(name));
@@ -276,8 +281,8 @@ fn a_party_that_tells_what_is_not_its_own_or_not_what_it_signed_is_refused_and_k
     let (own, _) = manifest(agent(9));
     let foreign = Offer { begun: 1 << 50, ..hers };
     let signed = |keys: &Keys, offer: &Offer| Some(keys.signer().sign(offer));
-    type Said<'a> = &'a dyn Fn(&Keys) -> Vec<Message>;
-    let cases: [(&str, Said); 4] = [
+    type Forged<'a> = &'a dyn Fn(&Keys) -> Vec<Message>;
+    let cases: [(&str, Forged); 4] = [
         ("not mallory's to tell: that agent is car's", &|keys| {
             vec![Message::State { offer: foreign, signature: signed(keys, &foreign) }]
         }),
@@ -291,10 +296,10 @@ fn a_party_that_tells_what_is_not_its_own_or_not_what_it_signed_is_refused_and_k
             [own, older].map(|offer| Message::State { offer, signature: signed(keys, &offer) }).to_vec()
         }),
     ];
-    for (words, said) in cases {
+    for (words, printed) in cases {
         let peer = Peer::dials(&at, &mallory);
         peer.greets();
-        said(&peer.keys).iter().for_each(|message| peer.says(message));
+        printed(&peer.keys).iter().for_each(|message| peer.says(message));
         peer.hears(words);
         says(&out, words);
     }

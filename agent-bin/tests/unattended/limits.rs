@@ -22,7 +22,7 @@ fn bytes_in(folder: &Path) -> u64 {
 }
 
 #[test]
-fn the_oldest_goes_first_and_the_map_in_use_stays() {
+fn the_oldest_is_deleted_first_and_the_map_in_use_stays() {
     let case = Case::new("short", "");
     assert!(case.start().wait().success(), "{}", case.log());
     let (_, identity) = map_in(&case.session(1));

@@ -22,7 +22,7 @@ use support::{Case, holds, map_in};
 const FIVE_SECONDS: Duration = Duration::from_secs(5);
 
 #[test]
-fn an_agent_that_is_killed_goes_on_from_its_map() {
+fn an_agent_that_is_killed_continues_from_its_map() {
     let case = Case::new("yard", "");
     let mut before = None;
     for start in 1..=4 {
@@ -120,9 +120,12 @@ fn status_and_health_say_how_it_is() {
     assert_eq!(case.status(&[]).0, Some(5), "it is not there yet");
     let mut agent = case.start();
     agent.until_tracking();
-    let (code, said) = case.status(&[]);
-    assert_eq!(code, Some(0), "{said}");
-    assert!(["tester: tracking", "a new map", "keyframes", "MiB"].iter().all(|w| said.contains(w)), "{said}");
+    let (code, output) = case.status(&[]);
+    assert_eq!(code, Some(0), "{output}");
+    assert!(
+        ["tester: tracking", "a new map", "keyframes", "MiB"].iter().all(|w| output.contains(w)),
+        "{output}"
+    );
     let (code, json) = case.status(&["--json"]);
     let json: serde_json::Value = serde_json::from_str(&json).expect("it is JSON");
     assert_eq!((code, &json["stale"], &json["healthy"]), (Some(0), &false.into(), &true.into()));
@@ -153,11 +156,11 @@ fn ask(address: &str, host: &str, path: &str) -> (String, String) {
 }
 
 #[test]
-fn the_service_manager_is_told() {
+fn the_service_manager_is_notified() {
     let case = Case::new("yard", "");
     let socket = UnixDatagram::bind(case.at("notify")).expect("a socket");
     socket.set_read_timeout(Some(Duration::from_secs(60))).expect("it can wait");
-    let heard = |wanted: &str| {
+    let received = |wanted: &str| {
         let mut bytes = [0; 512];
         loop {
             let count = socket.recv(&mut bytes).unwrap_or_else(|error| panic!("no {wanted}: {error}"));
@@ -169,7 +172,7 @@ fn the_service_manager_is_told() {
     let mut command = case.command();
     command.env("NOTIFY_SOCKET", case.at("notify"));
     let mut agent = case.start_as(command);
-    ["READY=1", "WATCHDOG=1", "STATUS=tracking"].iter().for_each(|words| heard(words));
+    ["READY=1", "WATCHDOG=1", "STATUS=tracking"].iter().for_each(|words| received(words));
     agent.until_tracking();
     // Who hangs is not fed.
     let id = agent.id().to_string();
@@ -182,10 +185,10 @@ fn the_service_manager_is_told() {
     assert!(socket.recv(&mut rest).is_err(), "a stopped process feeds nobody");
     socket.set_nonblocking(false).expect("it can");
     assert!(Command::new("kill").args(["-CONT", &id]).status().expect("kill can be run").success());
-    heard("WATCHDOG=1");
+    received("WATCHDOG=1");
     let (status, _) = agent.terminate();
     assert!(status.success());
-    heard("STOPPING=1");
+    received("STOPPING=1");
 }
 
 #[cfg(feature = "camera")]

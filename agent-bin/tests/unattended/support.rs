@@ -123,11 +123,11 @@ impl Agent<'_> {
     }
 
     /// Waits until its heartbeat is as wished.
-    pub fn until(&mut self, what: &str, wish: impl Fn(&Value) -> bool) -> Value {
+    pub fn until(&mut self, what: &str, condition: impl Fn(&Value) -> bool) -> Value {
         let began = Instant::now();
         loop {
             let beat = self.case.beat();
-            if let Some(beat) = beat.as_ref().filter(|beat| wish(beat)) {
+            if let Some(beat) = beat.as_ref().filter(|beat| condition(beat)) {
                 return beat.clone();
             }
             let ended = self.child.try_wait().expect("it is ours");

@@ -173,10 +173,11 @@ fn finish(
     let coupling = hessian.fixed_view::<7, 2>(0, 7);
     let marginal = hessian.fixed_view::<7, 7>(0, 0) - coupling * brightness * coupling.transpose();
     // Residuals larger than their variances say mean that the variances are too small.
-    let excess = linear.mean_energy().max(1.0);
+    let residual_scale = linear.mean_energy().max(1.0);
     // Points left out would say what their neighbours say: as much as all know.
     let count = linear.stride as f64;
-    let information = (marginal + marginal.transpose()) * (0.5 * count / (excess * params.pixel_correlation));
+    let information =
+        (marginal + marginal.transpose()) * (0.5 * count / (residual_scale * params.pixel_correlation));
     if information.cholesky().is_none() {
         return Err(AlignRefusal::Degenerate);
     }

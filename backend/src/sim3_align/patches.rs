@@ -203,18 +203,18 @@ fn judge(patches: &Patches, image: &GrayImage, radius: usize, params: &PatchPara
     let through = patches.counts(|i| patches.seen[i].through);
     let own = patches.sums(|i| [patches.seen[i].intensity, patches.seen[i].intensity.powi(2)]);
     let own: Vec<Moments> = own.iter().zip(&counts).map(|(sums, count)| Moments::new(sums, *count)).collect();
-    let alike = correlations(patches, &own, &counts, image, radius, params);
+    let similar = correlations(patches, &own, &counts, image, radius, params);
     let is_patch = |i: usize| counts[i] >= params.min_points as f64;
     let is_absent = |i: usize| {
-        is_patch(i) && through[i] > params.through_share * counts[i] && alike[i] < params.min_correlation
+        is_patch(i) && through[i] > params.through_share * counts[i] && similar[i] < params.min_correlation
     };
     let has_contrast = |i: usize| is_patch(i) && own[i].variance > params.min_contrast.powi(2);
     let all = || 0..patches.seen.len();
-    let mut looks: Vec<f64> = all().filter(|&i| has_contrast(i)).map(|i| 1.0 - alike[i]).collect();
+    let mut looks: Vec<f64> = all().filter(|&i| has_contrast(i)).map(|i| 1.0 - similar[i]).collect();
     looks.sort_by(f64::total_cmp);
     let median = looks.get(looks.len() / 2).copied().unwrap_or(0.0);
     let limit = params.min_dissimilarity.max(params.outlier * median);
-    let is_unlike = |i: usize| has_contrast(i) && 1.0 - alike[i] > limit;
+    let is_unlike = |i: usize| has_contrast(i) && 1.0 - similar[i] > limit;
     let (unlike, with_contrast) = (patches.counts(is_unlike), patches.counts(has_contrast));
     let is_unlike_around = |i: usize| is_unlike(i) && unlike[i] > params.unlike_around * with_contrast[i];
     let count = |of: &dyn Fn(usize) -> bool| all().filter(|&i| of(i)).count();

@@ -227,7 +227,7 @@ fn keyframes_of_one_place_hardly_contradict_each_other() {
 /// A wall that should stand nearer: the target looks through it. The other way round it hides what is behind it, which
 /// is no contradiction.
 #[test]
-fn what_is_looked_through_is_told_from_what_is_hidden() {
+fn what_is_looked_through_is_distinguished_from_what_is_hidden() {
     let here = view_from(&pose(0.0, 0.0, 0.0, 0.0, 0.0));
     let ahead =
         |metres: f64| Sim3::from(Se3::new(UnitQuaternion::identity(), Vector3::new(0.0, 0.0, metres)));
@@ -246,7 +246,7 @@ fn a_thing_that_is_not_there_is_looked_through_as_a_whole() {
     let motion = Sim3::from(to.inverse() * from);
     let same = compare_patches(&view_from(&from), &view_from(&to), &motion, &compare, &params);
     assert!(same.points > 1000 && same.absent == 0 && same.unlike == 0, "{same:?}");
-    let (alike, depth) = render(&to, 1.0, 1.0, 0.0);
+    let (similar, depth) = render(&to, 1.0, 1.0, 0.0);
     let (_, of_wall) = render_box(&to, 1.0, [1.0, 0.0], 100.0);
     let blank = Pyramid::new(GrayImage::filled(camera().width, camera().height, 128), 5);
     let without = KeyframeView::new(&blank, &of_wall, &camera());
@@ -254,11 +254,11 @@ fn a_thing_that_is_not_there_is_looked_through_as_a_whole() {
     assert!(other.absent >= 3 * params.min_points && other.absent_share() > 0.01, "{other:?}");
     assert_eq!(other.absent_views, 1);
     // Where it looks the same a depth is wrong.
-    let mistaken = KeyframeView::new(&alike, &of_wall, &camera());
+    let mistaken = KeyframeView::new(&similar, &of_wall, &camera());
     let found = compare_patches(&view_from(&from), &mistaken, &motion, &compare, &params);
     assert!(found.absent < other.absent / 3, "{found:?}");
     // What the box would hide is no contradiction.
-    let wall = KeyframeView::new(&alike, &of_wall, &camera());
+    let wall = KeyframeView::new(&similar, &of_wall, &camera());
     let box_before = KeyframeView::new(&blank, &depth, &camera());
     let back = compare_patches(&wall, &box_before, &Sim3::identity(), &compare, &params);
     assert_eq!(back.absent, 0, "{back:?}");

@@ -201,8 +201,8 @@ mod tests {
     }
 
     /// So many things that look the same and so many that do not.
-    fn looks(alike: usize, other: usize) -> Vec<Piece> {
-        let all = [vec![4.0; alike], vec![-4.0; other]].concat();
+    fn looks(similar: usize, other: usize) -> Vec<Piece> {
+        let all = [vec![4.0; similar], vec![-4.0; other]].concat();
         all.into_iter().map(|l| piece(PieceKind::Look, l)).collect()
     }
 
@@ -274,7 +274,7 @@ mod tests {
     /// A pose at which more is alike explains more, one at which things differ besides explains less, and at the best much is alike.
     #[test]
     fn what_agrees_explains_and_what_differs_does_not() {
-        let of = |alike, other| explained(&looks(alike, other), &Prior::default());
+        let of = |similar, other| explained(&looks(similar, other), &Prior::default());
         assert!(explained(&[], &Prior::default()).abs() < 1e-9);
         assert!(of(12, 0) > of(6, 0) && of(6, 0) > of(6, 3) && of(40, 10) > of(6, 0));
         assert!(of(14, 9) < of(12, 0) - 9.0, "{} {}", of(14, 9), of(12, 0));

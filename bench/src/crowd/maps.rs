@@ -98,17 +98,17 @@ fn files(number: usize, agents: usize, keyframes: usize, program: &Program, fold
     if !truth.is_file() {
         let recording = folder.join(format!("recording-{number:03}"));
         make_empty(&home)?;
-        render_way(number, agents, keyframes, &mut random, &recording)?;
+        render_path(number, agents, keyframes, &mut random, &recording)?;
         let mut command = Command::new(&program.loopbox);
         command.arg("import").arg(&recording).arg("--out").arg(&file).arg("--force");
         finish(command.args(["--layout", "tum", "--depth-scale", &DEPTH_SCALE.to_string()]))?;
         let mut map = map::load_map(&file)?.map;
         drift(&mut map, &mut random);
         map.agents.values_mut().for_each(|info| *info = unmeasured(info, number));
-        let turn = UnitQuaternion::from_euler_angles(random.unit(), random.unit(), random.unit());
+        let rotation = UnitQuaternion::from_euler_angles(random.unit(), random.unit(), random.unit());
         let shift = Vector3::from_fn(|_, _| 40.0 * (random.unit() - 0.5));
         // The whole map in other units, and its keyframes in theirs.
-        let elsewhere = Sim3::new(turn, shift, 0.4 + random.unit());
+        let elsewhere = Sim3::new(rotation, shift, 0.4 + random.unit());
         map::save_map(&file, &moved(&map, &elsewhere, metres))?;
         let context = || format!("{}: cannot be kept", truth.display());
         std::fs::copy(recording.join("groundtruth.txt"), &truth).with_context(context)?;
@@ -123,17 +123,17 @@ pub fn name_of(number: usize) -> String {
 }
 
 /// The way of an agent: a stretch of the town's, a little beside it.
-fn way(number: usize, keyframes: usize, random: &mut Random) -> Vec<Se3> {
+fn agent_path(number: usize, keyframes: usize, random: &mut Random) -> Vec<Se3> {
     let first = (number as f64 * APART * keyframes as f64) as usize;
     let all = trajectory::town(first + keyframes, STEP);
-    let mut beside = |reach: f64| reach * (2.0 * random.unit() - 1.0);
-    let offset = Vector3::new(beside(0.3), beside(0.15), beside(0.3));
-    let turn = UnitQuaternion::from_euler_angles(beside(0.03), beside(0.12), beside(0.03));
-    all[first..].iter().map(|pose| *pose * Se3::new(turn, offset)).collect()
+    let mut jitter = |reach: f64| reach * (2.0 * random.unit() - 1.0);
+    let offset = Vector3::new(jitter(0.3), jitter(0.15), jitter(0.3));
+    let rotation = UnitQuaternion::from_euler_angles(jitter(0.03), jitter(0.12), jitter(0.03));
+    all[first..].iter().map(|pose| *pose * Se3::new(rotation, offset)).collect()
 }
 
 /// Renders the recording of an agent with depth images, in TUM's layout.
-fn render_way(
+fn render_path(
     number: usize,
     agents: usize,
     keyframes: usize,
@@ -142,7 +142,7 @@ fn render_way(
 ) -> Result<()> {
     let metres = STEP * keyframes as f64 * (1.0 + APART * agents as f64);
     let world = World::town(3, (metres / (3.0 * std::f64::consts::PI * RING)).ceil() as usize + 1);
-    let path = way(number, keyframes, random);
+    let path = agent_path(number, keyframes, random);
     let (gain, seed) = (0.8 + 0.3 * random.unit(), random.bits());
     make_empty(folder)?;
     let camera = Recording::SMALL_CAMERA;

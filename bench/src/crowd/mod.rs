@@ -15,7 +15,7 @@ use std::process::Command;
 use std::time::Instant;
 
 /// Degrees between the rays from two keyframes to a point up to which it looks alike: what merging asks of pairs.
-const ALIKE: f64 = 40.0;
+const MAX_VIEW_ANGLE: f64 = 40.0;
 /// Every so many keyframes of two maps are compared to see whether they show a place alike.
 const EVERY: usize = 4;
 
@@ -126,35 +126,35 @@ fn merge(plan: &Plan, files: &[&Path], maps: &[CrowdMap], out: &Path) -> Result<
 /// Every pair of maps of the record by the truth. Agents are called as their maps are.
 fn judge(record: &Value, maps: &[CrowdMap]) -> Result<Pairs> {
     let mut pairs = Pairs::default();
-    for encounter in record["encounters"].as_array().context("merge.json has no encounters")? {
-        let map = |of: &str| maps.iter().find(|map| encounter[of] == *map.name);
+    for pair in record["encounters"].as_array().context("merge.json has no encounters")? {
+        let map = |of: &str| maps.iter().find(|map| pair[of] == *map.name);
         let Some((target, source)) = map("target").zip(map("source")) else { continue };
-        let related = show_a_place_alike(&target.views, &source.views);
-        let merged = encounter["accepted"] == true;
+        let related = are_views_of_one_place(&target.views, &source.views);
+        let merged = pair["accepted"] == true;
         pairs.all += 1;
         pairs.related += usize::from(related);
         pairs.merged += usize::from(merged);
         pairs.found += usize::from(merged && related);
-        if merged && !is_right(encounter, [target, source])? {
-            eprintln!("wrong: {} + {}", encounter["target"], encounter["source"]);
+        if merged && !is_right(pair, [target, source])? {
+            eprintln!("wrong: {} + {}", pair["target"], pair["source"]);
             pairs.wrong += 1;
         }
     }
     Ok(pairs)
 }
 
-fn show_a_place_alike(a: &[View], b: &[View]) -> bool {
+fn are_views_of_one_place(a: &[View], b: &[View]) -> bool {
     let few = |views: &[View]| views.iter().step_by(EVERY).cloned().collect::<Vec<_>>();
     let (a, b) = (few(a), few(b));
-    a.iter().any(|a| b.iter().any(|b| a.overlap_within(b, ALIKE) >= SAME))
+    a.iter().any(|a| b.iter().any(|b| a.overlap_within(b, MAX_VIEW_ANGLE) >= SAME))
 }
 
 /// Whether an accepted closure is where the truth has it.
-fn is_right(encounter: &Value, [target, source]: [&CrowdMap; 2]) -> Result<bool> {
-    let tried = encounter["tried"].as_array().into_iter().flatten();
-    let place = tried.into_iter().find(|place| place["outcome"] == "accepted");
+fn is_right(pair: &Value, [target, source]: [&CrowdMap; 2]) -> Result<bool> {
+    let tested = pair["tried"].as_array().into_iter().flatten();
+    let place = tested.into_iter().find(|place| place["outcome"] == "accepted");
     let place = place.context("no place was accepted")?;
-    let motion = encounter.pointer("/closure/target_from_source").context("no motion of the maps")?;
+    let motion = pair.pointer("/closure/target_from_source").context("no motion of the maps")?;
     let motion: Sim3 = serde_json::from_value(motion.clone())?;
     let time = |of: &str| place[of].as_f64().with_context(|| format!("a place has no {of}"));
     let side = |map: &CrowdMap, time: f64, motion: &Sim3| -> Option<(Side, f64)> {

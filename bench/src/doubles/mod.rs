@@ -3,7 +3,7 @@
 //!
 //! The maps are exact, straight from the renderer: what is measured is the verdict, and neither tracking nor mapping.
 //! Every pair is merged by itself. On half of the kinds limits may be set ([`Kind::TUNED`]); the others are shown only
-//! ([`Kind::SHOWN`]).
+//! ([`Kind::HELD_OUT`]).
 
 #[path = "../../../merge/tests/meetings/rendered.rs"]
 mod rendered;
@@ -65,7 +65,7 @@ enum Became {
     /// Merged, and of different places or elsewhere.
     Wrong,
     /// It is said that it cannot be told.
-    Untold,
+    Undecided,
     /// Refused, or nothing was found that they share.
     Apart,
 }
@@ -87,7 +87,7 @@ pub fn measure(plan: &Plan) -> Result<Vec<Pair>> {
         bail!("--doubles 0 measures nothing");
     }
     let is_asked = |kind: &Kind| plan.only.is_empty() || plan.only.iter().any(|name| *name == name_of(*kind));
-    let kinds: Vec<Kind> = Kind::TUNED.into_iter().chain(Kind::SHOWN).filter(is_asked).collect();
+    let kinds: Vec<Kind> = Kind::TUNED.into_iter().chain(Kind::HELD_OUT).filter(is_asked).collect();
     if kinds.is_empty() {
         bail!("no kind of doubles is called {}: try {}", plan.only.join(" or "), name_of(Kind::Posters));
     }
@@ -131,7 +131,7 @@ fn of_place(plan: &Plan, kind: Kind, grain: f32, number: u64) -> Result<Vec<Pair
 
 /// The map of a way past a place, in a file.
 fn map(kind: Kind, version: &Version, pass: u64, file: &Path) -> Result<PathBuf> {
-    let mut map = rendered::rendered_map(&kind.world(version), &kind.way(pass, KEYFRAMES));
+    let mut map = rendered::rendered_map(&kind.world(version), &kind.path(pass, KEYFRAMES));
     for (id, keyframe) in &mut map.keyframes {
         let mut random = Random::new(1 + pass * 1000 + u64::from(id.0));
         let noisy = keyframe.image.data().iter().map(|&v| {
@@ -170,7 +170,7 @@ fn became(record: &Value, relation: Relation) -> Result<Became> {
             let is_there = motion.translation.norm() <= OFF[0] && motion.rotation.angle() <= OFF[1];
             if matches!(relation, Relation::Same(_)) && is_there { Became::Right } else { Became::Wrong }
         }
-        "undecided" => Became::Untold,
+        "undecided" => Became::Undecided,
         _ => Became::Apart,
     })
 }

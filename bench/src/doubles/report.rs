@@ -27,15 +27,15 @@ pub fn section(pairs: &[Pair], seed: u64) -> String {
     }
     let _ = writeln!(text, "\n|---|---|{}", "---|".repeat(columns.len()));
     let of_kind = |kind: Kind| move |pair: &&Pair| pair.kind == kind;
-    for (kind, is_shown) in kinds().filter(|(kind, _)| pairs.iter().any(|pair| pair.kind == *kind)) {
+    for (kind, is_held_out) in kinds().filter(|(kind, _)| pairs.iter().any(|pair| pair.kind == *kind)) {
         for grain in GRAINS {
             let own: Vec<&Pair> = pairs.iter().filter(of_kind(kind)).filter(|p| p.grain == grain).collect();
-            let name = if is_shown { format!("**{}**", name_of(kind)) } else { name_of(kind) };
+            let name = if is_held_out { format!("**{}**", name_of(kind)) } else { name_of(kind) };
             row(&mut text, &name, &grain.to_string(), &columns, &own);
         }
     }
-    for (name, is_shown) in [("all", false), ("**all**", true)] {
-        let of = |kind: Kind| kinds().any(|(other, shown)| other == kind && shown == is_shown);
+    for (name, is_held_out) in [("all", false), ("**all**", true)] {
+        let of = |kind: Kind| kinds().any(|(other, held_out)| other == kind && held_out == is_held_out);
         let own: Vec<&Pair> = pairs.iter().filter(|pair| of(pair.kind)).collect();
         row(&mut text, name, "", &columns, &own);
     }
@@ -45,7 +45,10 @@ pub fn section(pairs: &[Pair], seed: u64) -> String {
 
 /// All kinds, and whether they are shown only.
 fn kinds() -> impl Iterator<Item = (Kind, bool)> {
-    Kind::TUNED.into_iter().map(|kind| (kind, false)).chain(Kind::SHOWN.into_iter().map(|kind| (kind, true)))
+    Kind::TUNED
+        .into_iter()
+        .map(|kind| (kind, false))
+        .chain(Kind::HELD_OUT.into_iter().map(|kind| (kind, true)))
 }
 
 fn row(text: &mut String, name: &str, grain: &str, columns: &[Relation], pairs: &[&Pair]) {
@@ -75,10 +78,10 @@ mod tests {
         let pair = |relation, became| Pair { kind: Kind::Lobby, grain: 3.0, relation, became };
         let pairs = [
             pair(Relation::Double(0.05), Became::Wrong),
-            pair(Relation::Double(0.05), Became::Untold),
+            pair(Relation::Double(0.05), Became::Undecided),
             pair(Relation::Double(1.0), Became::Apart),
             pair(Relation::Same(0.0), Became::Right),
-            pair(Relation::Same(0.2), Became::Untold),
+            pair(Relation::Same(0.2), Became::Undecided),
             pair(Relation::Same(0.2), Became::Apart),
         ];
         let text = section(&pairs, 7);

@@ -87,8 +87,8 @@ impl<'a> Yard<'a> {
         let station = Process(command.spawn().context("loopbox cannot be started")?);
         let begun = Instant::now();
         while !known && self.address.is_none() {
-            let said = status(&self.station);
-            self.address = said.as_ref().and_then(|s| s["listening"].as_str()).map(str::to_owned);
+            let output = status(&self.station);
+            self.address = output.as_ref().and_then(|s| s["listening"].as_str()).map(str::to_owned);
             wait(begun, LOOK, "no station listens")?;
         }
         Ok(station)

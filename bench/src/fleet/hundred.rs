@@ -2,7 +2,7 @@
 //! others that one of them stands still.
 
 mod coming;
-mod told;
+mod published;
 
 use super::Plan;
 use anyhow::Result;
@@ -29,7 +29,7 @@ pub fn measure(plan: &Plan) -> Result<String> {
     if !plan.only.is_empty() {
         return Ok(String::new());
     }
-    let maps = told::maps(plan)?;
+    let maps = published::maps(plan)?;
     let mut text = String::from(HEAD);
     for _ in 0..plan.runs {
         for (name, stalled) in [("all go on", None), ("one stalled", Some(STALLED))] {

@@ -37,7 +37,7 @@ const PAIRS: [usize; 3] = [3, 1, 4];
 #[derive(Clone, Copy)]
 enum Plan {
     /// Places and their doubles.
-    Alike(Kind),
+    SimilarPlace(Kind),
     /// A site by its number and that of what stands about, of which nothing is moved.
     Site(&'static str, Drawing),
 }
@@ -52,26 +52,26 @@ fn plans() -> Vec<Plan> {
         ("warehouses of four rows", |plan, stock| warehouse(plan, plan.wrapping_add(stock))),
         ("floors of corridors", |plan, stock| office(plan, plan.wrapping_add(stock))),
     ];
-    let alike = Kind::ALL.into_iter().map(Plan::Alike);
-    alike.chain(sites.map(|(name, site)| Plan::Site(name, site))).collect()
+    let doubles = Kind::ALL.into_iter().map(Plan::SimilarPlace);
+    doubles.chain(sites.map(|(name, site)| Plan::Site(name, site))).collect()
 }
 
 impl Plan {
     fn name(self) -> &'static str {
         match self {
-            Self::Alike(kind) => kind.name(),
+            Self::SimilarPlace(kind) => kind.name(),
             Self::Site(name, _) => name,
         }
     }
 
     fn is_held_out(self) -> bool {
-        matches!(self, Self::Alike(kind) if kind.is_held_out())
+        matches!(self, Self::SimilarPlace(kind) if kind.is_held_out())
     }
 
     /// A place of a plan: `place` is 0 or that of its double.
     fn site(self, plan: u64, place: u64, moved: u64) -> Site {
         match self {
-            Self::Alike(kind) => {
+            Self::SimilarPlace(kind) => {
                 let things = Things::new(plan.wrapping_mul(2).wrapping_add(place));
                 kind.site(plan, things.moved(moved as f64 / 100.0, plan.wrapping_add(77)))
             }
@@ -80,7 +80,7 @@ impl Plan {
     }
 
     fn moved(self) -> &'static [u64] {
-        if matches!(self, Self::Alike(_)) { &MOVED } else { &[] }
+        if matches!(self, Self::SimilarPlace(_)) { &MOVED } else { &[] }
     }
 }
 
@@ -173,20 +173,20 @@ fn chosen(pairs: Vec<[&Part; 2]>, count: usize) -> Vec<[&Part; 2]> {
 fn drive(
     program: &Program,
     plan: Plan,
-    [seed, place, moved, way]: [u64; 4],
+    [seed, place, moved, path]: [u64; 4],
     (sensor_name, sensor): (&str, Sensor),
 ) -> Result<Vec<Part>> {
     let site = plan.site(seed, place, moved);
     let world = format!("{} {seed} {place}", plan.name());
-    let name = format!("{world} {moved} {sensor_name} {way}").replace([' ', ','], "-");
-    let (pose, duration) = walk(&site.ways[way as usize]);
+    let name = format!("{world} {moved} {sensor_name} {path}").replace([' ', ','], "-");
+    let (pose, duration) = walk(&site.paths[path as usize]);
     let mut keyframes: Vec<(Keyframe, Se3)> = Vec::new();
     for step in 0..=(duration / STEP) as u32 {
         let time = STEP * f64::from(step);
         let at = pose(time);
         if keyframes.last().is_none_or(|(_, last)| (last.translation - at.translation).norm() >= APART) {
             // Noise is drawn by the stamp: no two drives have the same.
-            let stamp = time + 1000.0 * (4 * moved + 2 * place + way) as f64;
+            let stamp = time + 1000.0 * (4 * moved + 2 * place + path) as f64;
             let returns = sweep_of(&sensor, &site.boxes, |_| at, stamp);
             let points = thinned(returns.into_iter().map(|r| r.point));
             let mut keyframe = Keyframe::of_image(
@@ -211,7 +211,7 @@ fn thinned(points: impl Iterator<Item = [f32; 3]>) -> Vec<[f32; 3]> {
 
 /// Merges a pair in both orders, and judges what is said of it.
 fn merged(program: &Program, [a, b]: [&Part; 2], relation: Relation) -> Result<Outcome> {
-    let (forth, back) = (said(program, [a, b])?, said(program, [b, a])?);
+    let (forth, back) = (output(program, [a, b])?, output(program, [b, a])?);
     let names = format!("{} + {}", a.name, b.name);
     let [decision, reason] = ["decision", "reason"].map(|key| forth[key].as_str().unwrap_or("–"));
     if (decision, reason)
@@ -238,12 +238,13 @@ fn merged(program: &Program, [a, b]: [&Part; 2], relation: Relation) -> Result<O
 }
 
 /// What the program says of two maps.
-fn said(program: &Program, parts: [&Part; 2]) -> Result<Value> {
+fn output(program: &Program, parts: [&Part; 2]) -> Result<Value> {
     let [a, b] = parts.map(|part| part.file.display().to_string());
     let out = program.at("pair").display().to_string();
     let (_, record) = program.json(&["merge", &a, &b, "--out", &out, "--force", "--json", "--quiet"])?;
-    let said = record["encounters"].get(0).with_context(|| format!("{a}, {b}: the merge reports no pair"))?;
-    Ok(said.clone())
+    let output =
+        record["encounters"].get(0).with_context(|| format!("{a}, {b}: the merge reports no pair"))?;
+    Ok(output.clone())
 }
 
 /// The pairs by kinds and relations.

@@ -65,15 +65,16 @@ pub fn stretches(
     home: &Path,
     mirrored: bool,
 ) -> Result<Vec<Part>> {
-    let mut way = vec![0.0];
+    let mut travelled = vec![0.0];
     for step in keyframes.windows(2) {
-        way.push(way[way.len() - 1] + (step[1].1.translation - step[0].1.translation).norm());
+        travelled
+            .push(travelled[travelled.len() - 1] + (step[1].1.translation - step[0].1.translation).norm());
     }
-    let total = way.last().copied().unwrap_or(0.0);
+    let total = travelled.last().copied().unwrap_or(0.0);
     let count = (total / STRETCH) as usize + usize::from(total % STRETCH >= LEAST);
     let prefix = if mirrored { "mirrored " } else { "" };
     let stretch = |i: usize| {
-        let at = |metres: f64| way.partition_point(|along| *along < metres);
+        let at = |metres: f64| travelled.partition_point(|along| *along < metres);
         let of = &keyframes[at(STRETCH * i as f64)..at(STRETCH * (i + 1) as f64)];
         let name = format!("{prefix}{name} {i}");
         let folder = home.join(name.replace([' ', '/'], "-"));
@@ -130,8 +131,8 @@ impl Part {
     /// Share of the cells that have one of the other's in them or beside them.
     fn seen_by(&self, other: &Self) -> f64 {
         let near = |cell: &&[i32; 3]| {
-            let beside = |k: i32| [cell[0] + k % 3 - 1, cell[1] + k / 3 % 3 - 1, cell[2] + k / 9 - 1];
-            (0..27).any(|k| other.cells.contains(&beside(k)))
+            let neighbour = |k: i32| [cell[0] + k % 3 - 1, cell[1] + k / 3 % 3 - 1, cell[2] + k / 9 - 1];
+            (0..27).any(|k| other.cells.contains(&neighbour(k)))
         };
         self.cells.iter().filter(near).count() as f64 / self.cells.len().max(1) as f64
     }
@@ -167,8 +168,8 @@ mod tests {
         assert_eq!(one.overlap(&of("street", 0.0, 0.0)), 0.0);
         let exact = Se3::new(UnitQuaternion::identity(), Vector3::new(10.0, 0.0, 0.0));
         assert!(one.misplaced(&other, &exact) < 1e-9);
-        let beside = Se3::new(UnitQuaternion::identity(), Vector3::new(10.0, 0.7, 0.0));
-        assert!((one.misplaced(&other, &beside) - 0.7).abs() < 1e-9);
+        let neighbour = Se3::new(UnitQuaternion::identity(), Vector3::new(10.0, 0.7, 0.0));
+        assert!((one.misplaced(&other, &neighbour) - 0.7).abs() < 1e-9);
     }
 
     #[test]

@@ -38,26 +38,26 @@ impl Peers {
     /// Runs all over a folder of scans; their trajectories go into `out`, and what they said. With `reuse` what lies there
     /// from an earlier measurement is taken.
     pub fn measure(&self, folder: &Path, truth: &Truth, out: &Path, reuse: bool) -> Result<Vec<Peer>> {
-        let said = out.join("peers.jsonl");
-        if !(reuse && said.is_file()) {
+        let reply = out.join("peers.jsonl");
+        if !(reuse && reply.is_file()) {
             let output = Command::new(&self.python).arg(&self.script).arg(folder).arg(out).output()?;
             if !output.status.success() {
                 bail!("{}: {}", self.script.display(), String::from_utf8_lossy(&output.stderr));
             }
-            std::fs::write(&said, output.stdout)
-                .with_context(|| format!("{}: cannot be written", said.display()))?;
+            std::fs::write(&reply, output.stdout)
+                .with_context(|| format!("{}: cannot be written", reply.display()))?;
         }
-        let text = std::fs::read_to_string(&said).with_context(|| said.display().to_string())?;
+        let text = std::fs::read_to_string(&reply).with_context(|| reply.display().to_string())?;
         text.lines().map(|line| peer(line, truth)).collect()
     }
 }
 
 fn peer(line: &str, truth: &Truth) -> Result<Peer> {
-    let said: Value = serde_json::from_str(line).with_context(|| format!("lidar-peers prints `{line}`"))?;
-    let word = |key: &str| said[key].as_str().with_context(|| format!("lidar-peers prints no {key}"));
+    let reply: Value = serde_json::from_str(line).with_context(|| format!("lidar-peers prints `{line}`"))?;
+    let word = |key: &str| reply[key].as_str().with_context(|| format!("lidar-peers prints no {key}"));
     Ok(Peer {
         name: word("method")?.to_owned(),
         errors: truth.errors(Path::new(word("trajectory")?))?,
-        cpu_ms: said["cpu_ms"].as_f64().context("lidar-peers prints no time")?,
+        cpu_ms: reply["cpu_ms"].as_f64().context("lidar-peers prints no time")?,
     })
 }

@@ -35,8 +35,8 @@ impl Program<'_> {
 
     /// As [`call`](Self::call), of what it prints as JSON.
     pub fn json(&self, args: &[&str]) -> Result<(bool, Value)> {
-        let (done, said) = self.call(args)?;
-        let value = serde_json::from_str(&said);
+        let (done, saved) = self.call(args)?;
+        let value = serde_json::from_str(&saved);
         Ok((done, value.with_context(|| format!("loopbox {} prints no JSON", args.join(" ")))?))
     }
 

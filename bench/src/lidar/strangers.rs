@@ -67,7 +67,7 @@ pub fn of_recordings(program: &Program, recordings: &[Recording]) -> Result<(Str
             parts.extend(cut(&whole, &home, true)?);
         }
     }
-    Ok(told(&merged(program, &parts, "recorded")?))
+    Ok(table_of(&merged(program, &parts, "recorded")?))
 }
 
 /// Records drives through rendered sites of two lots, which the seed names, and merges every two stretches of a lot.
@@ -81,22 +81,22 @@ pub fn of_sites(program: &Program, seed: u64) -> Result<(String, usize)> {
         }
         pairs.extend(merged(program, &parts, &format!("rendered-{lot}"))?);
     }
-    Ok(told(&pairs))
+    Ok(table_of(&pairs))
 }
 
 /// The table, and how many were merged wrongly.
-fn told(pairs: &[Pair]) -> (String, usize) {
+fn table_of(pairs: &[Pair]) -> (String, usize) {
     (table(pairs), pairs.iter().filter(|pair| pair.outcome == Outcome::Wrong).count())
 }
 
 /// Records drives through a site, maps them and cuts the maps.
 fn of_site(program: &Program, name: &str, site: &Site) -> Result<Vec<Part>> {
     let mut parts = Vec::new();
-    for (number, way) in site.ways.iter().enumerate() {
+    for (number, path) in site.paths.iter().enumerate() {
         let drive = format!("{}-{number}", name.replace(' ', "-"));
         let folder = program.at(&format!("site-{drive}"));
         if !(program.reuse && folder.join("groundtruth.txt").is_file()) {
-            let (pose, duration) = walk(way);
+            let (pose, duration) = walk(path);
             write_recording(&folder, &site.boxes, pose, duration)?;
         }
         let out = program.run(&folder, &drive, &[])?;
@@ -121,22 +121,25 @@ fn merged(program: &Program, parts: &[Part], lot: &str) -> Result<Vec<Pair>> {
     args.extend(files.iter().map(String::as_str));
     args.extend(["--out", &out, "--force", "--json", "--quiet"]);
     let (_, record) = program.json(&args)?;
-    let encounters = record["encounters"].as_array().context("the merge tells of no pairs")?;
+    let pair_results = record["encounters"].as_array().context("the merge tells of no pairs")?;
     let order = (1..parts.len()).flat_map(|b| (0..b).map(move |a| (a, b)));
-    Ok(order.zip(encounters).filter_map(|((a, b), said)| judged(&parts[a], &parts[b], said)).collect())
+    Ok(order
+        .zip(pair_results)
+        .filter_map(|((a, b), output)| evaluated(&parts[a], &parts[b], output))
+        .collect())
 }
 
 /// Judges what is said of two parts; nothing of two that are mirrored, which are a pair that was counted.
-fn judged(a: &Part, b: &Part, said: &Value) -> Option<Pair> {
+fn evaluated(a: &Part, b: &Part, output: &Value) -> Option<Pair> {
     let mirrored = [a, b].map(|part| part.world.starts_with("mirrored "));
     if mirrored == [true, true] {
         return None;
     }
     let overlap = a.overlap(b);
-    let (decision, reason) = (said["decision"].as_str()?, said["reason"].as_str()?);
+    let (decision, reason) = (output["decision"].as_str()?, output["reason"].as_str()?);
     // Of a merge that the others outvote it is asked what became of the pair by itself.
     let accepted = decision == "accepted" || reason.starts_with("taken back");
-    let numbers: Vec<f64> = said["best"]["first_from_second"]
+    let numbers: Vec<f64> = output["best"]["first_from_second"]
         .as_array()
         .into_iter()
         .flatten()
@@ -150,7 +153,7 @@ fn judged(a: &Part, b: &Part, said: &Value) -> Option<Pair> {
         (false, "undecided") => Outcome::Undecided,
         _ => Outcome::Refused,
     };
-    let best = |key: &str| said["best"][key].as_f64().unwrap_or(f64::NAN);
+    let best = |key: &str| output["best"][key].as_f64().unwrap_or(f64::NAN);
     eprintln!(
         "{} + {}: overlap {overlap:.2}, {outcome:?}, {off:.2} m: {reason}; pieces {} overlap {:.2} agreeing {:.3} violated {:.3}",
         a.name,
@@ -182,8 +185,8 @@ fn kind(a: &Part, b: &Part, overlap: f64) -> &'static str {
     if one == other {
         return "one of them mirrored";
     }
-    let alike = plan(&one).zip(plan(&other)).is_some_and(|(x, y)| (x.0, x.1) == (y.0, y.1));
-    if alike { "two floors of one plan" } else { "different worlds" }
+    let similar = plan(&one).zip(plan(&other)).is_some_and(|(x, y)| (x.0, x.1) == (y.0, y.1));
+    if similar { "two floors of one plan" } else { "different worlds" }
 }
 
 /// The pairs by their kinds.

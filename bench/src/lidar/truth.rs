@@ -27,7 +27,7 @@ pub struct Errors {
     /// Mean error over all pieces of 10 m, percent of the way.
     pub drift: f64,
     /// The same of the rotation, degrees a metre.
-    pub turn: f64,
+    pub rotation_drift: f64,
 }
 
 impl Truth {
@@ -71,8 +71,8 @@ impl Truth {
         let aligned =
             align(&pairs, AlignMode::Se3).with_context(|| format!("{}: no error", estimate.display()))?.1;
         let found = ate(&aligned).with_context(|| format!("{}: no pose to compare", estimate.display()))?;
-        let (drift, turn) = drift(&aligned);
-        Ok(Errors { ate: found.rmse, most: found.max, drift, turn })
+        let (drift, rotation_drift) = drift(&aligned);
+        Ok(Errors { ate: found.rmse, most: found.max, drift, rotation_drift })
     }
 }
 
@@ -83,18 +83,18 @@ fn timed(path: &Path) -> Result<(Vec<f64>, Vec<Pose>)> {
 
 /// Mean error over all pieces of [`PIECE`]: percent of the way, and degrees a metre.
 fn drift(pairs: &Associated) -> (f64, f64) {
-    let mut way = vec![0.0];
+    let mut travelled = vec![0.0];
     for step in pairs.truth.windows(2) {
-        way.push(way[way.len() - 1] + (step[1].translation - step[0].translation).norm());
+        travelled.push(travelled[travelled.len() - 1] + (step[1].translation - step[0].translation).norm());
     }
     let (mut sum, mut count) = ((0.0, 0.0), 0.0);
     for begin in 0..pairs.len() {
-        let end = way.partition_point(|&along| along < way[begin] + PIECE);
+        let end = travelled.partition_point(|&along| along < travelled[begin] + PIECE);
         if end == pairs.len() {
             break;
         }
         let [found, truth] = [&pairs.estimate, &pairs.truth].map(|poses| poses[begin].to(&poses[end]));
-        let (error, length) = (truth.to(&found), way[end] - way[begin]);
+        let (error, length) = (truth.to(&found), travelled[end] - travelled[begin]);
         sum.0 += 100.0 * error.translation.norm() / length;
         sum.1 += error.angle_deg() / length;
         count += 1.0;
@@ -131,7 +131,7 @@ mod tests {
         std::fs::write(folder.path().join("estimate.txt"), estimate).unwrap();
         let found = Truth::of(folder.path()).unwrap().errors(&folder.path().join("estimate.txt")).unwrap();
         // Of the way, which is a little longer than what it leads to.
-        assert!((found.drift - 1.0).abs() < 5e-3 && found.turn < 1e-6, "{found:?}");
+        assert!((found.drift - 1.0).abs() < 5e-3 && found.rotation_drift < 1e-6, "{found:?}");
         // After alignment the ends are 1 % of half of the way off.
         assert!((found.most - 0.195).abs() < 2e-3 && found.ate < found.most, "{found:?}");
     }

@@ -206,7 +206,7 @@ mod tests {
     const HELD_OUT: HeldOut = HeldOut { found: Misfit { rms: 0.2, median: 0.1 }, known: None };
 
     #[test]
-    fn the_known_camera_is_no_way_apart_from_itself() {
+    fn the_known_camera_has_no_distance_to_itself() {
         let mut values: Vec<f64> = KNOWN[1].parameters.iter().map(|&(_, value)| value).collect();
         let read =
             |values: &[f64]| KNOWN[1].read(&record(values, &NAMES, [752, 480]), 1.0, HELD_OUT).unwrap();
@@ -223,7 +223,7 @@ mod tests {
     }
 
     #[test]
-    fn only_what_is_wanted_is_judged() {
+    fn only_what_is_requested_is_evaluated() {
         let values = [536.0, 536.0, 350.0, 235.0, -0.27, -0.05, 0.0, 0.0, 0.25];
         let names = [&NAMES[..], &["k3"]].concat();
         let found = KNOWN[0].read(&record(&values, &names, [640, 480]), 1.0, HELD_OUT).unwrap();

@@ -53,10 +53,10 @@ pub fn watch(command: &mut Command, viewer: Viewer) -> Result<Received> {
     let mut running = Running(started.with_context(|| format!("{command:?} cannot be started"))?);
     let errors = running.0.stderr.take().context("its messages cannot be read")?;
     let mut lines = BufReader::new(errors).lines().map_while(Result::ok);
-    let mut said = Vec::new();
+    let mut output = Vec::new();
     let address = lines.find_map(|line| {
         let found = address(&line).map(str::to_owned);
-        said.push(line);
+        output.push(line);
         found
     });
     // Someone must read what it says later.
@@ -66,13 +66,13 @@ pub fn watch(command: &mut Command, viewer: Viewer) -> Result<Received> {
         None => Received::default(),
     };
     let status = running.0.wait().context("its end cannot be waited for")?;
-    said.extend(rest.join().unwrap_or_default());
+    output.extend(rest.join().unwrap_or_default());
     if !status.success() {
-        bail!("{command:?} ended with {status}: {}", said.join("\n"));
+        bail!("{command:?} ended with {status}: {}", output.join("\n"));
     }
     // A greeting alone is nothing to see.
     if received.bytes == 0 {
-        bail!("{command:?} showed nothing to who watched: {}", said.join("\n"));
+        bail!("{command:?} showed nothing to who watched: {}", output.join("\n"));
     }
     Ok(received)
 }
@@ -188,9 +188,9 @@ mod tests {
     }
 
     #[test]
-    fn a_program_that_ends_without_an_address_is_told() {
-        let said = watch(Command::new("sh").args(["-c", "echo no page >&2; exit 3"]), Viewer::Page);
-        let said = said.unwrap_err().to_string();
-        assert!(said.contains("exit status: 3") && said.contains("no page"), "{said}");
+    fn a_program_that_ends_without_an_address_is_reported() {
+        let output = watch(Command::new("sh").args(["-c", "echo no page >&2; exit 3"]), Viewer::Page);
+        let output = output.unwrap_err().to_string();
+        assert!(output.contains("exit status: 3") && output.contains("no page"), "{output}");
     }
 }

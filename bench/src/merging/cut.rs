@@ -183,8 +183,8 @@ mod tests {
         for (before, after) in map.trajectory().iter().zip(there.trajectory()) {
             let expected = motion * before.world_from_camera.translation;
             assert!((after.world_from_camera.translation - expected).norm() < 1e-9);
-            let turn = motion.rotation * before.world_from_camera.rotation;
-            assert!(after.world_from_camera.rotation.angle_to(&turn) < 1e-7);
+            let rotated = motion.rotation * before.world_from_camera.rotation;
+            assert!(after.world_from_camera.rotation.angle_to(&rotated) < 1e-7);
         }
         for (id, keyframe) in &there.keyframes {
             let point = |keyframe: &Keyframe| {

@@ -1,7 +1,7 @@
 //! What two maps have in common by the true poses, and whether their merge is right.
 
 use super::maps::Known;
-use super::program::{Encounter, Merged};
+use super::program::{Merged, PairResult};
 use super::truth::{Deviation, Side, growth};
 use anyhow::{Context, Result};
 use eval::DEFAULT_MAX_DIFF;
@@ -35,7 +35,7 @@ pub enum Verdict {
 
 /// A pair of maps, what they share, and what became of them.
 #[derive(Clone, Debug)]
-pub struct Judged {
+pub struct ScoredPair {
     /// What it is.
     pub name: String,
     /// What they share.
@@ -44,7 +44,7 @@ pub struct Judged {
     pub verdict: Verdict,
 }
 
-impl Judged {
+impl ScoredPair {
     /// Whether the two show a place alike.
     pub fn is_related(&self) -> bool {
         self.common.overlap >= SAME
@@ -116,16 +116,16 @@ impl<'a> Part<'a> {
 ///
 /// # Errors
 /// When the results lack what is needed to judge.
-pub fn judge(merged: &Merged, encounter: &Encounter, [target, source]: [&Part; 2]) -> Result<Verdict> {
-    let Some([target_time, source_time]) = encounter.met else {
-        return Ok(Verdict::Refused(encounter.refusal.clone().unwrap_or_default()));
+pub fn judge(merged: &Merged, pair: &PairResult, [target, source]: [&Part; 2]) -> Result<Verdict> {
+    let Some([target_time, source_time]) = pair.met else {
+        return Ok(Verdict::Refused(pair.refusal.clone().unwrap_or_default()));
     };
     if !measuring::share_world(&target.known.sequence, &source.known.sequence) {
         let nowhere = f64::INFINITY;
         return Ok(Verdict::Wrong(Deviation { rotation: nowhere, offset: nowhere, scale: nowhere }));
     }
-    let target_side = target.side(merged, encounter.target, target_time)?;
-    let source_side = source.side(merged, encounter.source, source_time)?;
+    let target_side = target.side(merged, pair.target, target_time)?;
+    let source_side = source.side(merged, pair.source, source_time)?;
     let found = Deviation::new(&target_side, &source_side, target.depth(target_time)?);
     Ok(if found.is_right() { Verdict::Right(found) } else { Verdict::Wrong(found) })
 }

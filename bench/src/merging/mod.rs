@@ -14,7 +14,7 @@ use crate::measure::Runner;
 use anyhow::{Result, bail};
 use cases::{CASES, Case, Measured, Numbers};
 pub use cut::moved;
-use judge::{Judged, Verdict};
+use judge::{ScoredPair, Verdict};
 use maps::{Known, Recording};
 pub use program::Program;
 use rescaled::Change;
@@ -55,18 +55,18 @@ pub struct Merging {
     /// Other units and worlds.
     pub changes: Vec<Change>,
     /// Every two sequences.
-    pub pairs: Vec<Judged>,
+    pub pairs: Vec<ScoredPair>,
     /// Both ends of one sequence.
-    pub ends: Vec<Judged>,
+    pub ends: Vec<ScoredPair>,
     /// Random parts.
-    pub cuts: Vec<Judged>,
+    pub cuts: Vec<ScoredPair>,
 }
 
 impl Merging {
     /// Every pair that was merged though it must not be so.
-    pub fn wrong(&self) -> impl Iterator<Item = &Judged> {
+    pub fn wrong(&self) -> impl Iterator<Item = &ScoredPair> {
         let all = self.pairs.iter().chain(&self.ends).chain(&self.cuts);
-        all.filter(|judged| matches!(judged.verdict, Verdict::Wrong(_)))
+        all.filter(|scored| matches!(scored.verdict, Verdict::Wrong(_)))
     }
 }
 

@@ -45,7 +45,7 @@ pub struct AgentError {
 }
 
 /// A pair of maps in a merge.
-pub struct Encounter {
+pub struct PairResult {
     /// Index of the target among the inputs.
     pub target: usize,
     /// Index of the source.
@@ -171,22 +171,22 @@ impl Merged {
 
     /// Every pair of inputs, in the program's order: (0, 1), (0, 2), (1, 2), (0, 3), … Which of the two is the target
     /// is for the program to say.
-    pub fn encounters(&self) -> Vec<Encounter> {
+    pub fn pair_results(&self) -> Vec<PairResult> {
         let all = self.record["encounters"].as_array().into_iter().flatten();
         let pairs = (1..).flat_map(|source| (0..source).map(move |target| (target, source)));
-        let encounter = |((earlier, later), record): ((usize, usize), &Value)| {
+        let pair = |((earlier, later), record): ((usize, usize), &Value)| {
             let name = |input: usize| self.record.pointer(&format!("/inputs/{input}/name"));
             let turned = name(later).is_some_and(|name| *name == record["target"]);
             let (target, source) = if turned { (later, earlier) } else { (earlier, later) };
-            let mut tried = record["tried"].as_array().into_iter().flatten();
-            let accepted = tried.find(|place| place["outcome"] == "accepted");
+            let mut tested = record["tried"].as_array().into_iter().flatten();
+            let accepted = tested.find(|place| place["outcome"] == "accepted");
             let time = |place: &Value, of: &str| place[of].as_f64();
             let met =
                 accepted.and_then(|place| Some([time(place, "target_time")?, time(place, "source_time")?]));
             let refusal = record["refusal"].as_str().map(str::to_owned);
-            Encounter { target, source, met, refusal }
+            PairResult { target, source, met, refusal }
         };
-        pairs.zip(all).map(encounter).collect()
+        pairs.zip(all).map(pair).collect()
     }
 
     /// Removes the large files, which nobody will look at.
@@ -253,9 +253,9 @@ mod tests {
         });
         let merged = Merged { record, folder: PathBuf::from("out") };
         assert!(merged.together(0, 2) && !merged.together(0, 1) && !merged.together(0, 7));
-        let encounters = merged.encounters();
-        let pairs: Vec<_> = encounters.iter().map(|e| (e.target, e.source, e.met)).collect();
+        let pair_results = merged.pair_results();
+        let pairs: Vec<_> = pair_results.iter().map(|e| (e.target, e.source, e.met)).collect();
         assert_eq!(pairs, [(0, 1, None), (2, 0, Some([3.0, 4.0])), (1, 2, None)]);
-        assert_eq!(encounters[0].refusal.as_deref(), Some("too few"));
+        assert_eq!(pair_results[0].refusal.as_deref(), Some("too few"));
     }
 }

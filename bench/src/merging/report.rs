@@ -1,7 +1,7 @@
 //! Tables of what merges gave.
 
 use super::cases::{Case, Common, Measured, Numbers};
-use super::judge::{ENOUGH, Judged, Verdict};
+use super::judge::{ENOUGH, ScoredPair, Verdict};
 use super::truth::{OFFSET, ROTATION, SCALE};
 use super::{Merging, OWN};
 use crate::report::{MISSING, length, number};
@@ -192,12 +192,12 @@ pub fn refusals(merging: &Merging) -> String {
         let _ = writeln!(out, "| {} {name} | {} |", pairs.len(), counts(pairs).join(" | "));
     }
     out.push_str(&recall(&merging.cuts));
-    let misses: Vec<&Judged> =
-        groups.iter().flat_map(|(_, pairs)| pairs.iter()).filter(|judged| judged.is_missed()).collect();
+    let misses: Vec<&ScoredPair> =
+        groups.iter().flat_map(|(_, pairs)| pairs.iter()).filter(|scored| scored.is_missed()).collect();
     for (title, list) in [("Wrong", merging.wrong().collect()), ("Missed", misses)] {
         if !list.is_empty() {
             let _ = writeln!(out, "\n{title}:\n");
-            list.into_iter().for_each(|judged| out.push_str(&item(judged)));
+            list.into_iter().for_each(|scored| out.push_str(&item(scored)));
         }
     }
     out.push_str("\n| reason of a refusal | strangers | others |\n|---|---|---|\n");
@@ -209,10 +209,10 @@ pub fn refusals(merging: &Merging) -> String {
 }
 
 /// How many of the pairs that share a view and so much path were merged rightly.
-fn recall(pairs: &[Judged]) -> String {
+fn recall(pairs: &[ScoredPair]) -> String {
     let shared = [0.0, 0.5, 1.0, ENOUGH].map(|metres| {
-        let related = || pairs.iter().filter(|judged| judged.is_related() && judged.common.metres >= metres);
-        let right = related().filter(|judged| matches!(judged.verdict, Verdict::Right(_))).count();
+        let related = || pairs.iter().filter(|scored| scored.is_related() && scored.common.metres >= metres);
+        let right = related().filter(|scored| matches!(scored.verdict, Verdict::Right(_))).count();
         let all = related().count();
         format!("{right} of {all} with {metres} m of path or more")
     });
@@ -220,22 +220,22 @@ fn recall(pairs: &[Judged]) -> String {
 }
 
 /// Counts of the columns of the table of refusals.
-fn counts(pairs: &[Judged]) -> [String; 5] {
-    let count = |is: &dyn Fn(&Judged) -> bool| pairs.iter().filter(|judged| is(judged)).count();
-    let refused = |judged: &Judged| matches!(judged.verdict, Verdict::Refused(_));
-    let wrong = count(&|judged| matches!(judged.verdict, Verdict::Wrong(_)));
+fn counts(pairs: &[ScoredPair]) -> [String; 5] {
+    let count = |is: &dyn Fn(&ScoredPair) -> bool| pairs.iter().filter(|scored| is(scored)).count();
+    let refused = |scored: &ScoredPair| matches!(scored.verdict, Verdict::Refused(_));
+    let wrong = count(&|scored| matches!(scored.verdict, Verdict::Wrong(_)));
     [
-        count(&|judged| matches!(judged.verdict, Verdict::Right(_))).to_string(),
+        count(&|scored| matches!(scored.verdict, Verdict::Right(_))).to_string(),
         if wrong == 0 { "0".to_owned() } else { format!("**{wrong}**") },
-        count(&|judged| refused(judged) && judged.are_strangers()).to_string(),
-        count(&|judged| judged.is_missed()).to_string(),
-        count(&|judged| refused(judged) && !judged.are_strangers() && !judged.is_missed()).to_string(),
+        count(&|scored| refused(scored) && scored.are_strangers()).to_string(),
+        count(&|scored| scored.is_missed()).to_string(),
+        count(&|scored| refused(scored) && !scored.are_strangers() && !scored.is_missed()).to_string(),
     ]
 }
 
 /// A line about a pair.
-fn item(judged: &Judged) -> String {
-    let verdict = match &judged.verdict {
+fn item(scored: &ScoredPair) -> String {
+    let verdict = match &scored.verdict {
         Verdict::Right(d) | Verdict::Wrong(d) => format!(
             "turned by {:.1}°, off by {:.1} % of the depth, scale {:+.1} %",
             d.rotation,
@@ -244,16 +244,16 @@ fn item(judged: &Judged) -> String {
         ),
         Verdict::Refused(reason) => reason.clone(),
     };
-    let (overlap, metres) = (100.0 * judged.common.overlap, judged.common.metres);
-    format!("- {}: share {metres:.1} m and {overlap:.0} % of a view; {verdict}\n", judged.name)
+    let (overlap, metres) = (100.0 * scored.common.overlap, scored.common.metres);
+    format!("- {}: share {metres:.1} m and {overlap:.0} % of a view; {verdict}\n", scored.name)
 }
 
 /// How often a reason, its numbers left out, refused strangers and others; the most frequent first.
-fn histogram<'a>(pairs: impl Iterator<Item = &'a Judged>) -> Vec<(String, [usize; 2])> {
+fn histogram<'a>(pairs: impl Iterator<Item = &'a ScoredPair>) -> Vec<(String, [usize; 2])> {
     let mut counts: BTreeMap<String, [usize; 2]> = BTreeMap::new();
-    for judged in pairs {
-        if let Verdict::Refused(reason) = &judged.verdict {
-            counts.entry(without_numbers(reason)).or_default()[usize::from(!judged.are_strangers())] += 1;
+    for scored in pairs {
+        if let Verdict::Refused(reason) = &scored.verdict {
+            counts.entry(without_numbers(reason)).or_default()[usize::from(!scored.are_strangers())] += 1;
         }
     }
     let mut counts: Vec<_> = counts.into_iter().collect();
@@ -288,8 +288,8 @@ pub fn summary(merging: &Merging) -> String {
     }
     let pairs = merging.pairs.len() + merging.ends.len() + merging.cuts.len();
     let all = merging.pairs.iter().chain(&merging.ends).chain(&merging.cuts);
-    let related: Vec<&Judged> = all.filter(|judged| judged.is_related()).collect();
-    let right = related.iter().filter(|judged| matches!(judged.verdict, Verdict::Right(_))).count();
+    let related: Vec<&ScoredPair> = all.filter(|scored| scored.is_related()).collect();
+    let right = related.iter().filter(|scored| matches!(scored.verdict, Verdict::Right(_))).count();
     let _ = writeln!(
         out,
         "\nOf {pairs} pairs of maps and of parts of maps {} were merged wrongly; of the {} that share a quarter of a \
@@ -311,8 +311,8 @@ mod tests {
         Numbers { error, scale_percent, seconds: Some(seconds), features_ms: None, memory: None }
     }
 
-    fn judged(overlap: f64, metres: f64, verdict: Verdict) -> Judged {
-        Judged { name: "a + b".to_owned(), common: Common { overlap, metres }, verdict }
+    fn scored(overlap: f64, metres: f64, verdict: Verdict) -> ScoredPair {
+        ScoredPair { name: "a + b".to_owned(), common: Common { overlap, metres }, verdict }
     }
 
     fn merging() -> Merging {
@@ -331,13 +331,13 @@ mod tests {
                 (CASES[1], vec![Err("refused: far".to_owned()), Ok(numbers(0.01, 0.4))]),
             ],
             changes: Vec::new(),
-            pairs: vec![judged(0.0, 0.0, refused("2 matches are too few: at least 16 are needed"))],
-            ends: vec![judged(0.0, 0.0, refused("11 matches are too few: at least 16 are needed"))],
+            pairs: vec![scored(0.0, 0.0, refused("2 matches are too few: at least 16 are needed"))],
+            ends: vec![scored(0.0, 0.0, refused("11 matches are too few: at least 16 are needed"))],
             cuts: vec![
-                judged(0.9, 3.0, refused("no place of one looks like a place of the other")),
-                judged(0.9, 0.5, refused("0.12 of the view is shared")),
-                judged(0.9, 5.0, right),
-                judged(0.9, 5.0, wrong),
+                scored(0.9, 3.0, refused("no place of one looks like a place of the other")),
+                scored(0.9, 0.5, refused("0.12 of the view is shared")),
+                scored(0.9, 5.0, right),
+                scored(0.9, 5.0, wrong),
             ],
         }
     }
@@ -357,7 +357,7 @@ mod tests {
     }
 
     #[test]
-    fn who_wins_is_said() {
+    fn the_winner_is_named() {
         let text = methods(&merging());
         assert!(text.contains("No other method is more accurate than `direct`"), "{text}");
         assert!(text.contains("Others are faster than `direct` in: `parking_a` + `parking_b` (`pgo-full`)."));

@@ -1,7 +1,7 @@
 //! Many pairs of maps, of which a good part has nothing in common: none may be merged wrongly.
 
 use super::cut::cut;
-use super::judge::{Judged, Part, Verdict, judge};
+use super::judge::{Part, ScoredPair, Verdict, judge};
 use super::maps::Known;
 use super::program::{Attempt, Program};
 use crate::side_by_side::side_by_side;
@@ -27,7 +27,12 @@ type Cut = (usize, Range<usize>);
 ///
 /// # Errors
 /// When the program fails, or its results cannot be read.
-pub fn all_pairs(known: &[Known], maps: &[PathBuf], program: &Program, work: &Path) -> Result<Vec<Judged>> {
+pub fn all_pairs(
+    known: &[Known],
+    maps: &[PathBuf],
+    program: &Program,
+    work: &Path,
+) -> Result<Vec<ScoredPair>> {
     let parts: Vec<Part> = known.iter().map(|known| Part { known, map: &known.map }).collect();
     merged(&parts, maps, program, &work.join("merges").join("all"))
 }
@@ -36,7 +41,7 @@ pub fn all_pairs(known: &[Known], maps: &[PathBuf], program: &Program, work: &Pa
 ///
 /// # Errors
 /// When the program fails, or files cannot be written or read.
-pub fn ends(known: &[Known], program: &Program, work: &Path) -> Result<Vec<Judged>> {
+pub fn ends(known: &[Known], program: &Program, work: &Path) -> Result<Vec<ScoredPair>> {
     let mut all = Vec::new();
     for (i, one) in known.iter().enumerate() {
         let count = one.map.keyframes.len();
@@ -55,7 +60,7 @@ pub fn ends(known: &[Known], program: &Program, work: &Path) -> Result<Vec<Judge
 ///
 /// # Errors
 /// When the program fails, or files cannot be written or read.
-pub fn random_cuts(known: &[Known], count: usize, program: &Program, work: &Path) -> Result<Vec<Judged>> {
+pub fn random_cuts(known: &[Known], count: usize, program: &Program, work: &Path) -> Result<Vec<ScoredPair>> {
     let mut random = Random::new(1);
     let pairs: Vec<[Cut; 2]> =
         (0..count).filter_map(|i| draw(known, &mut random, |cuts| wanted(i, known, cuts))).collect();
@@ -113,7 +118,7 @@ fn overlap(known: &[Known], [a, b]: &[Cut; 2]) -> f64 {
 }
 
 /// Merges two cuts. What was written goes, unless the merge is wrong: then someone will want to see it.
-fn merged_cuts(known: &[Known], cuts: &[Cut; 2], program: &Program, home: &Path) -> Result<Judged> {
+fn merged_cuts(known: &[Known], cuts: &[Cut; 2], program: &Program, home: &Path) -> Result<ScoredPair> {
     let maps: [Map; 2] = cuts.each_ref().map(|(i, range)| cut(&known[*i].map, range.clone()));
     let mut files = Vec::new();
     for (i, map) in maps.iter().enumerate() {
@@ -123,36 +128,36 @@ fn merged_cuts(known: &[Known], cuts: &[Cut; 2], program: &Program, home: &Path)
         save_map(&files[i], map)?;
     }
     let parts = [0, 1].map(|i| Part { known: &known[cuts[i].0], map: &maps[i] });
-    let mut judged = merged(&parts, &files, program, &home.join("out"))?;
-    let mut judged = judged.pop().context("the program says nothing of the pair")?;
+    let mut scored = merged(&parts, &files, program, &home.join("out"))?;
+    let mut scored = scored.pop().context("the program says nothing of the pair")?;
     let name =
         |(i, range): &Cut| format!("`{}` keyframes {}–{}", known[*i].sequence, range.start, range.end - 1);
-    judged.name = format!("{} + {}", name(&cuts[0]), name(&cuts[1]));
-    if !matches!(judged.verdict, Verdict::Wrong(_)) {
+    scored.name = format!("{} + {}", name(&cuts[0]), name(&cuts[1]));
+    if !matches!(scored.verdict, Verdict::Wrong(_)) {
         std::fs::remove_dir_all(home).with_context(|| format!("{}: cannot be removed", home.display()))?;
     }
-    Ok(judged)
+    Ok(scored)
 }
 
 /// Merges maps all at once and judges every pair.
-fn merged(parts: &[Part], maps: &[PathBuf], program: &Program, out: &Path) -> Result<Vec<Judged>> {
+fn merged(parts: &[Part], maps: &[PathBuf], program: &Program, out: &Path) -> Result<Vec<ScoredPair>> {
     let pairs = (1..parts.len()).flat_map(|source| (0..source).map(move |target| (target, source)));
-    let judged = |(target, source): (usize, usize), verdict| {
+    let scored = |(target, source): (usize, usize), verdict| {
         let (target, source) = (&parts[target], &parts[source]);
         let name = format!("`{}` + `{}`", target.known.sequence, source.known.sequence);
-        Judged { name, common: target.common(source), verdict }
+        ScoredPair { name, common: target.common(source), verdict }
     };
     match program.merge(maps, out, None)? {
         Attempt::Refused(reasons) => {
-            Ok(pairs.zip(reasons).map(|(pair, reason)| judged(pair, Verdict::Refused(reason))).collect())
+            Ok(pairs.zip(reasons).map(|(pair, reason)| scored(pair, Verdict::Refused(reason))).collect())
         }
         Attempt::Merged(merged) => {
-            let verdict = |pair: (usize, usize), encounter| {
-                Ok(judged(pair, judge(&merged, encounter, [&parts[pair.0], &parts[pair.1]])?))
+            let verdict = |pair: (usize, usize), pair_record| {
+                Ok(scored(pair, judge(&merged, pair_record, [&parts[pair.0], &parts[pair.1]])?))
             };
-            let found = merged.encounters();
+            let found = merged.pair_results();
             let all = found.iter().map(|e| verdict((e.target, e.source), e)).collect::<Result<Vec<_>>>()?;
-            if !all.iter().any(|judged| matches!(judged.verdict, Verdict::Wrong(_))) {
+            if !all.iter().any(|scored| matches!(scored.verdict, Verdict::Wrong(_))) {
                 merged.remove()?;
             }
             Ok(all)

@@ -80,8 +80,8 @@ mod tests {
     use geometry::Sim3;
     use nalgebra::{SVector, UnitQuaternion};
 
-    fn pose(x: f64, turn: f64) -> Se3 {
-        Se3::new(UnitQuaternion::from_euler_angles(0.0, turn, 0.1), Vector3::new(x, 0.2, 1.0))
+    fn pose(x: f64, yaw: f64) -> Se3 {
+        Se3::new(UnitQuaternion::from_euler_angles(0.0, yaw, 0.1), Vector3::new(x, 0.2, 1.0))
     }
 
     /// Two sides of a merge whose common world is the true one under a similarity, but for a mistake of the source.
@@ -115,8 +115,8 @@ mod tests {
         let (target, source) = sides(&Sim3::new(UnitQuaternion::identity(), Vector3::zeros(), 1.04));
         let grown = Deviation::new(&target, &source, 5.0);
         assert!((grown.scale - 0.04).abs() < 1e-9 && !grown.is_right());
-        let turn = UnitQuaternion::from_euler_angles(0.0, 0.0, 4.0_f64.to_radians());
-        let (target, source) = sides(&Sim3::new(turn, Vector3::zeros(), 1.0));
+        let yaw = UnitQuaternion::from_euler_angles(0.0, 0.0, 4.0_f64.to_radians());
+        let (target, source) = sides(&Sim3::new(yaw, Vector3::zeros(), 1.0));
         let turned = Deviation::new(&target, &source, 5.0);
         assert!((turned.rotation - 4.0).abs() < 1e-6 && !turned.is_right());
     }

@@ -54,7 +54,7 @@ pub(crate) fn choose(file: &str, cameras: &[Named], hint: &CameraHint) -> Result
         cameras.iter().position(|camera| camera.names.iter().any(|name| name.eq_ignore_ascii_case(wanted)))
     };
     let refuse = || {
-        let names: Vec<String> = cameras.iter().map(said).collect();
+        let names: Vec<String> = cameras.iter().map(described).collect();
         let first = cameras.first().and_then(|camera| camera.names.first()).map_or("cam0", String::as_str);
         Err(CalibError::WhichCamera {
             file: file.into(),
@@ -96,7 +96,7 @@ fn of_transport(topic: &str) -> &str {
         .unwrap_or(topic)
 }
 
-fn said(camera: &Named) -> String {
+fn described(camera: &Named) -> String {
     let name = camera.names.first().cloned().unwrap_or_default();
     camera.topic.as_ref().map_or(name.clone(), |topic| format!("{name} of {topic}"))
 }
@@ -117,7 +117,7 @@ mod tests {
     }
 
     #[test]
-    fn the_camera_is_told_by_name_topic_or_folder() {
+    fn the_camera_is_recognised_by_name_topic_or_folder() {
         let topic = |topic: &str| CameraHint { topic: Some(topic.into()), ..CameraHint::default() };
         let folder = |folder: &str| CameraHint { folder: Some(folder.into()), ..CameraHint::default() };
         assert_eq!(chosen(&topic("/rig/b/image_raw/compressed")), Ok(1));
@@ -136,7 +136,7 @@ mod tests {
     }
 
     #[test]
-    fn sides_are_told_by_folders_of_stereo_recordings() {
+    fn sides_are_recognised_by_folders_of_stereo_recordings() {
         let sides = [Named::side("LEFT", false), Named::side("RIGHT", true)];
         for (folder, expected) in
             [("mav0/cam1/data", 1), ("seq/image_0", 0), ("bag/right", 1), ("x/left/y", 0)]

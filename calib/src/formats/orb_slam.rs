@@ -66,11 +66,11 @@ fn of_keys(
         node.need(&[&one, &other], fix)?.pixels()
     };
     let names = [["width", "cols"], ["height", "rows"]];
-    let is_told = names.iter().any(|names| {
+    let is_given = names.iter().any(|names| {
         let [one, other] = keys(*names);
         node.child(&[&one, &other]).is_some()
     });
-    let size = match images.filter(|_| !is_told) {
+    let size = match images.filter(|_| !is_given) {
         Some(size) => size,
         None => (pixels(names[0])?, pixels(names[1])?),
     };

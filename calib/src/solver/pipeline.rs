@@ -292,9 +292,9 @@ impl<'a> Work<'a> {
             let inliers: Vec<f64> = lengths[i].iter().copied().filter(|length| *length <= gate).collect();
             let worse = rms(&inliers) > self.params.view_gate * typical.max(MIN_SIGMA);
             self.rejected[i] = if too_many || count - outliers < MIN_CORNERS {
-                Some(format!("{outliers} of {count} corners do not fit (rms {})", shown(of_view)))
+                Some(format!("{outliers} of {count} corners do not fit (rms {})", display_text(of_view)))
             } else if worse {
-                Some(format!("rms {} where the others have {}", shown(of_view), shown(typical)))
+                Some(format!("rms {} where the others have {}", display_text(of_view), display_text(typical)))
             } else {
                 None
             };
@@ -402,6 +402,6 @@ fn mean_square(values: impl Iterator<Item = f64>) -> f64 {
     sum / count.max(1) as f64
 }
 
-fn shown(pixels: f64) -> String {
+fn display_text(pixels: f64) -> String {
     if pixels < 1000.0 { format!("{pixels:.2} px") } else { "over 1000 px".into() }
 }

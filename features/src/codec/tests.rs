@@ -24,8 +24,8 @@ fn features_are_read_as_they_were_but_for_rounding() {
         assert!((read.pixel[0] - found.pixel[0]).abs() <= 1.0 / 32.0);
         assert!((read.pixel[1] - found.pixel[1]).abs() <= 1.0 / 32.0);
         assert!((read.size / found.size).log2().abs() <= 1.001 / 16.0);
-        let turn = (read.angle - found.angle) / std::f32::consts::TAU;
-        assert!((turn - turn.round()).abs() <= 1.001 / 512.0);
+        let direction_step = (read.angle - found.angle) / std::f32::consts::TAU;
+        assert!((direction_step - direction_step.round()).abs() <= 1.001 / 512.0);
     }
     // Another view of the same point is about 8000 away.
     let apart = read.descriptors.iter().zip(&features.descriptors).map(|(a, b)| squared_distance(a, b));
@@ -61,7 +61,7 @@ fn strange_values_are_written_and_read() {
 }
 
 #[test]
-fn damage_is_told() {
+fn damage_is_reported() {
     let bytes = encode(&found());
     assert!(matches!(decode(&bytes[..bytes.len() - 1]), Err(CodecError::Truncated { .. })));
     assert!(matches!(decode(&bytes[..5]), Err(CodecError::Truncated { .. })));

@@ -3,7 +3,7 @@
 //! As its surroundings are sampled on a grid that is turned and sized as the key point is, what a sample weighs in which cell
 //! is the same for all key points and stands in one table, and the effort does not grow with their size.
 
-use super::patch::{Patch, SIZE, TURN};
+use super::patch::{FULL_CIRCLE, Patch, SIZE};
 use crate::Descriptor;
 use crate::numbers::{exp, sin_cos};
 use geometry::Image;
@@ -34,7 +34,7 @@ type Histogram = [f32; DIRECTIONS];
 
 /// What each direction gives to each bin: its two nearest share it linearly, going round. A histogram's directions go from y
 /// towards x.
-static SHARES: [Histogram; TURN + 1] = shares();
+static SHARES: [Histogram; FULL_CIRCLE + 1] = shares();
 
 /// Describes key points, one after the other.
 pub struct Describer {
@@ -99,16 +99,16 @@ impl Describer {
     }
 }
 
-const fn shares() -> [Histogram; TURN + 1] {
-    let mut all = [[0.0; DIRECTIONS]; TURN + 1];
-    let of_a_bin = TURN / DIRECTIONS;
-    let mut turn = 0;
-    while turn <= TURN {
-        let back = TURN - turn;
+const fn shares() -> [Histogram; FULL_CIRCLE + 1] {
+    let mut all = [[0.0; DIRECTIONS]; FULL_CIRCLE + 1];
+    let of_a_bin = FULL_CIRCLE / DIRECTIONS;
+    let mut direction_step = 0;
+    while direction_step <= FULL_CIRCLE {
+        let back = FULL_CIRCLE - direction_step;
         let (bin, rest) = (back / of_a_bin, (back % of_a_bin) as f32 / of_a_bin as f32);
-        all[turn][bin % DIRECTIONS] = 1.0 - rest;
-        all[turn][(bin + 1) % DIRECTIONS] = rest;
-        turn += 1;
+        all[direction_step][bin % DIRECTIONS] = 1.0 - rest;
+        all[direction_step][(bin + 1) % DIRECTIONS] = rest;
+        direction_step += 1;
     }
     all
 }

@@ -14,14 +14,14 @@ const LEVELS: usize = SIZE + 2;
 const ROW: usize = LEVELS.next_multiple_of(LANES);
 
 /// Steps of a turn in which the gradients' directions are told.
-pub const TURN: usize = 256;
+pub const FULL_CIRCLE: usize = 256;
 
 /// Gradients around a point, by rows. Of each row the first [`SIZE`] count.
 pub struct Patch {
     levels: [[f32; ROW + 2]; LEVELS],
     /// Lengths, grey levels in two steps of the grid.
     pub lengths: [[f32; ROW]; SIZE],
-    /// Directions, from along the rows towards the next row, 0 to [`TURN`].
+    /// Directions, from along the rows towards the next row, 0 to [`FULL_CIRCLE`].
     pub turns: [[u32; ROW]; SIZE],
 }
 
@@ -45,7 +45,7 @@ impl Patch {
             for i in 0..ROW {
                 let (dx, dy) = (row[i + 2] - row[i], down[i + 1] - up[i + 1]);
                 lengths[i] = (dx * dx + dy * dy).sqrt();
-                turns[i] = rounded(direction(dx, dy) * TURN as f32);
+                turns[i] = rounded(direction(dx, dy) * FULL_CIRCLE as f32);
             }
         }
     }
@@ -111,10 +111,11 @@ mod tests {
             patch.fill(&slope(80, 70), [40.3, 33.8], step);
             let direction = 4f64.atan2(3.0) - angle;
             for (lengths, turns) in patch.lengths.iter().zip(&patch.turns) {
-                for (length, turn) in lengths.iter().zip(turns).take(SIZE) {
+                for (length, direction_step) in lengths.iter().zip(turns).take(SIZE) {
                     assert!((length - 2.0 * 1.3 * 5.0).abs() < 1e-2, "{length}");
-                    let off = f64::from(*turn) / TURN as f64 - direction / std::f64::consts::TAU;
-                    assert!((off - off.round()).abs() < 0.6 / TURN as f64, "{off}");
+                    let off =
+                        f64::from(*direction_step) / FULL_CIRCLE as f64 - direction / std::f64::consts::TAU;
+                    assert!((off - off.round()).abs() < 0.6 / FULL_CIRCLE as f64, "{off}");
                 }
             }
         }

@@ -1,6 +1,6 @@
-//! The folder that a party has its keys in.
+//! The folder that a peer has its keys in.
 
-use super::{Party, Signer};
+use super::{Peer, Signer};
 use anyhow::{Context, Result, anyhow, bail};
 use ring::signature::Ed25519KeyPair;
 use rustls::pki_types::pem::PemObject;
@@ -12,15 +12,15 @@ use std::sync::Arc;
 use std::time::SystemTime;
 use webpki::{EndEntityCert, KeyUsage, anchor_from_trusted_cert};
 
-/// The authority's certificate, in its own folder and in every party's.
+/// The authority's certificate, in its own folder and in every peer's.
 pub const AUTHORITY: &str = "authority.crt";
-/// A party's certificate.
+/// A peer's certificate.
 pub const CERTIFICATE: &str = "agent.crt";
 /// Its private key.
 pub const KEY: &str = "agent.key";
 const HINT: &str = "hint: `loopbox keys agent NAME --authority DIR --out DIR` makes such a folder";
 
-/// A party's certificate with its key, and the authority by which others are believed.
+/// A peer's certificate with its key, and the authority by which others are believed.
 #[derive(Clone)]
 pub struct Keys {
     pub(crate) authority: CertificateDer<'static>,
@@ -40,15 +40,15 @@ impl Keys {
         let path = folder.join(KEY);
         let key = read_key(&path)?;
         let of_certificate = || folder.join(CERTIFICATE).display().to_string();
-        let party = Party::of_certificate(&certificate).map_err(|what| {
+        let peer = Peer::of_certificate(&certificate).map_err(|what| {
             anyhow!("{}: cannot be used as a certificate: {what}\n{HINT}", of_certificate())
         })?;
         let pair = Ed25519KeyPair::from_pkcs8_maybe_unchecked(key.secret_pkcs8_der())
             .map_err(|error| anyhow!("{}: is no private key of Ed25519: {error}\n{HINT}", path.display()))?;
-        if ring::signature::KeyPair::public_key(&pair).as_ref() != party.key {
+        if ring::signature::KeyPair::public_key(&pair).as_ref() != peer.key {
             bail!("{}: is not the key of {}\n{HINT}", path.display(), of_certificate());
         }
-        let signer = Arc::new(Signer { party, key: pair });
+        let signer = Arc::new(Signer { peer, key: pair });
         Ok(Self { authority, certificate, key: Arc::new(key), signer })
     }
 
@@ -75,11 +75,11 @@ impl Keys {
     }
 
     /// Whose they are.
-    pub fn party(&self) -> &Party {
-        self.signer.party()
+    pub fn peer(&self) -> &Peer {
+        self.signer.peer()
     }
 
-    /// Signs what the party tells.
+    /// Signs what the peer tells.
     pub fn signer(&self) -> Arc<Signer> {
         Arc::clone(&self.signer)
     }
@@ -87,7 +87,7 @@ impl Keys {
 
 impl std::fmt::Debug for Keys {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "Keys({})", self.party().name)
+        write!(f, "Keys({})", self.peer().name)
     }
 }
 

@@ -1,7 +1,7 @@
-//! Certificates made: an authority of one's own, and by it certificates of parties.
+//! Certificates made: an authority of one's own, and by it certificates of peers.
 
 use super::files::{AUTHORITY, CERTIFICATE, KEY, read_certificate, read_key};
-use super::{EVERY_PARTY, MAX_PARTY_NAME, Party, is_party_name};
+use super::{EVERY_PEER, MAX_PEER_NAME, Peer, is_peer_name};
 use anyhow::{Context, Result, anyhow, bail};
 use map::Uuid;
 use rcgen::{
@@ -19,7 +19,7 @@ const AUTHORITY_KEY: &str = "authority.key";
 const DAY: Duration = Duration::from_secs(24 * 3600);
 /// How long an authority is valid.
 const AUTHORITY_DAYS: u32 = 3650;
-/// How long a party's certificate is valid, if nothing else is said.
+/// How long a peer's certificate is valid, if nothing else is said.
 pub const DAYS: u32 = 825;
 /// Most days: later times do not fit into a certificate's form.
 const MOST_DAYS: u32 = 36_500;
@@ -47,11 +47,11 @@ impl Validity {
     }
 }
 
-/// Makes certificates for the parties of a fleet.
+/// Makes certificates for the peers of a fleet.
 pub struct Authority {
     issuer: Issuer<'static, KeyPair>,
     certificate: String,
-    /// Of which the parties' UUIDs are made.
+    /// Of which the peers' UUIDs are made.
     namespace: Uuid,
 }
 
@@ -91,15 +91,15 @@ impl Authority {
         Ok(Self { issuer: Issuer::new(params, key), certificate, namespace })
     }
 
-    /// Makes a certificate for a party and writes it into a folder, which is made if it is not there, with its key and
-    /// the authority's certificate. One made again for the same name is the same party's.
+    /// Makes a certificate for a peer and writes it into a folder, which is made if it is not there, with its key and
+    /// the authority's certificate. One made again for the same name is the same peer's.
     ///
     /// # Errors
-    /// When the party cannot be called so, there are keys in the folder already, or it cannot be written to.
+    /// When the peer cannot be called so, there are keys in the folder already, or it cannot be written to.
     pub fn issue(&self, name: &str, validity: Validity, folder: &Path) -> Result<()> {
-        if !is_party_name(name) {
+        if !is_peer_name(name) {
             bail!(
-                "{name:?}: no agent can be called so\nhint: letters, digits, '-', '_' and '.', at most {MAX_PARTY_NAME} of \
+                "{name:?}: no agent can be called so\nhint: letters, digits, '-', '_' and '.', at most {MAX_PEER_NAME} of \
                  them"
             );
         }
@@ -107,8 +107,8 @@ impl Authority {
         let mut params = CertificateParams::default();
         params.distinguished_name = rcgen::DistinguishedName::new();
         params.distinguished_name.push(DnType::CommonName, name);
-        let uri = Party::uri(Uuid::new_v5(&self.namespace, name.as_bytes()), name);
-        let names = [SanType::URI(uri.try_into()?), SanType::DnsName(EVERY_PARTY.try_into()?)];
+        let uri = Peer::uri(Uuid::new_v5(&self.namespace, name.as_bytes()), name);
+        let names = [SanType::URI(uri.try_into()?), SanType::DnsName(EVERY_PEER.try_into()?)];
         params.subject_alt_names = names.to_vec();
         params.key_usages = vec![KeyUsagePurpose::DigitalSignature];
         params.extended_key_usages =

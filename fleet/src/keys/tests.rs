@@ -16,20 +16,20 @@ fn refused<T>(result: anyhow::Result<T>) -> String {
 }
 
 #[test]
-fn a_party_keeps_its_uuid_when_its_certificate_is_made_anew() {
+fn a_peer_keeps_its_uuid_when_its_certificate_is_made_anew() {
     let room = tempfile::tempdir().unwrap();
     let at = |name: &str| room.path().join(name);
     let authority = Authority::init(&at("authority")).unwrap();
     let one = keys(&authority, "car-7", &at("one"));
     let again = keys(&Authority::open(&at("authority")).unwrap(), "car-7", &at("again"));
-    assert_eq!((one.party().id, &one.party().name[..]), (again.party().id, "car-7"));
-    assert_ne!(one.party(), again.party(), "the key is another one");
+    assert_eq!((one.peer().id, &one.peer().name[..]), (again.peer().id, "car-7"));
+    assert_ne!(one.peer(), again.peer(), "the key is another one");
     let now = SystemTime::now();
     assert_eq!((one.check(now), again.check(now)), (Ok(()), Ok(())));
     assert!(one.check(now + Duration::from_secs(31 * 86_400)).unwrap_err().contains("expired"));
     assert!(one.check(now - Duration::from_secs(2 * 86_400)).unwrap_err().contains("not valid yet"));
     let other = Authority::init(&at("other")).unwrap();
-    assert_ne!(keys(&other, "car-7", &at("foreign")).party().id, one.party().id);
+    assert_ne!(keys(&other, "car-7", &at("foreign")).peer().id, one.peer().id);
     fs::copy(at("other").join(AUTHORITY), at("one").join(AUTHORITY)).unwrap();
     assert!(Keys::open(&at("one")).unwrap().check(now).unwrap_err().contains("not of the authority"));
 }
@@ -64,14 +64,14 @@ fn private_keys_are_their_owners_alone_and_nothing_is_replaced() {
 }
 
 #[test]
-fn a_signature_is_of_one_party_and_one_version() {
+fn a_signature_is_of_one_peer_and_one_version() {
     let room = tempfile::tempdir().unwrap();
     let authority = Authority::init(&room.path().join("authority")).unwrap();
     let [a, b] = ["a", "b"].map(|name| keys(&authority, name, &room.path().join(name)));
     let agent = Identity { uuid: Uuid::from_u128(7), epoch: 0 };
     let offer = Offer { agent, begun: 5, revision: 6, newest: 7, size: 8, hash: ObjectHash::of(b"a list") };
     let signature = a.signer().sign(&offer);
-    assert!(a.party().has_signed(&offer, &signature) && !b.party().has_signed(&offer, &signature));
+    assert!(a.peer().has_signed(&offer, &signature) && !b.peer().has_signed(&offer, &signature));
     let others = [
         Offer { agent: agent.later(1), ..offer },
         Offer { begun: 6, ..offer },
@@ -80,20 +80,20 @@ fn a_signature_is_of_one_party_and_one_version() {
         Offer { size: 9, ..offer },
         Offer { hash: ObjectHash::of(b"another"), ..offer },
     ];
-    assert!(others.iter().all(|other| !a.party().has_signed(other, &signature)));
+    assert!(others.iter().all(|other| !a.peer().has_signed(other, &signature)));
     let mut forged = signature;
     forged[5] ^= 1;
-    assert!(!a.party().has_signed(&offer, &forged));
+    assert!(!a.peer().has_signed(&offer, &forged));
 }
 
 #[test]
-fn what_is_no_certificate_of_a_party_is_nobodys() {
+fn what_is_no_certificate_of_a_peer_is_nobodys() {
     let room = tempfile::tempdir().unwrap();
     let authority = Authority::init(room.path()).unwrap();
     let a = keys(&authority, "a", &room.path().join("a"));
-    assert_eq!(Party::of_certificate(&a.certificate).as_ref(), Ok(a.party()));
+    assert_eq!(Peer::of_certificate(&a.certificate).as_ref(), Ok(a.peer()));
     for end in 0..a.certificate.len() {
-        assert!(Party::of_certificate(&a.certificate[..end]).is_err());
+        assert!(Peer::of_certificate(&a.certificate[..end]).is_err());
     }
-    assert!(Party::of_certificate(&a.authority).unwrap_err().contains("no party"));
+    assert!(Peer::of_certificate(&a.authority).unwrap_err().contains("no party"));
 }

@@ -1,10 +1,10 @@
 //! What a node makes of what neighbours say.
 
-use super::{ASK_AGAIN, Action, CUT, DISTRUST, LINKS_OF_PARTY, Link, LinkId, News, Node, part_of};
+use super::{ASK_AGAIN, Action, BAN_DURATION, CUT, LINKS_OF_PEER, Link, LinkId, News, Node, part_of};
 use crate::bytes::printable;
-use crate::keys::Party;
+use crate::keys::Peer;
 use crate::link::Taken;
-use crate::wire::{FindingsRef, Message, Role};
+use crate::wire::{Message, ResultsRef, Role};
 use map::{Identity, Uuid};
 use std::time::Duration;
 
@@ -24,31 +24,31 @@ impl Node {
         }
     }
 
-    pub(super) fn up(&mut self, now: Duration, link: LinkId, address: String, party: Option<Party>) {
+    pub(super) fn up(&mut self, now: Duration, link: LinkId, address: String, peer: Option<Peer>) {
         self.unanswered.remove(&address);
-        let id = party.as_ref().map(|party| party.id);
-        let is_of_same = |link: &&Link| id.is_some() && link.party.as_ref().map(|party| party.id) == id;
+        let id = peer.as_ref().map(|peer| peer.id);
+        let is_of_same = |link: &&Link| id.is_some() && link.peer.as_ref().map(|peer| peer.id) == id;
         let count = self.links.values().filter(is_of_same).count();
-        let (node, beat, said, speaks, retold) = Default::default();
-        let opened = Link { address, party, node, heard: now, beat, turn: 0, said, speaks, retold };
+        let (node, beat, bucket, speaks, retold) = Default::default();
+        let opened = Link { address, peer, node, last_received: now, beat, cycle: 0, bucket, speaks, retold };
         self.links.insert(link, opened);
-        if count >= LINKS_OF_PARTY {
+        if count >= LINKS_OF_PEER {
             self.refuse(link, format!("its party has {count} links already"));
         }
     }
 
     pub(super) fn received(&mut self, now: Duration, link: LinkId, message: Message) {
         let Some(known) = self.links.get_mut(&link) else { return };
-        let silent = now.saturating_sub(known.heard);
-        known.heard = now;
+        let silent = now.saturating_sub(known.last_received);
+        known.last_received = now;
         let node = known.node;
         let is_push =
             !matches!(message, Message::Get { .. } | Message::Part { .. } | Message::Missing { .. });
-        if is_push && let Err(reason) = known.said.one_more(now) {
+        if is_push && let Err(reason) = known.bucket.one_more(now) {
             return self.refuse(link, reason);
         }
-        if let Message::Hello { version, node, role, name, findings } = message {
-            return self.hello(now, link, (version, node, role == Role::Station), name, findings);
+        if let Message::Hello { version, node, role, name, results } = message {
+            return self.hello(now, link, (version, node, role == Role::Station), name, results);
         }
         if let Message::Speaks { oldest, newest } = message {
             known.speaks = Some([oldest, newest]);
@@ -65,7 +65,7 @@ impl Node {
         let Some(node) = node else { return };
         let Some(neighbour) = self.neighbours.get_mut(&node) else { return };
         if silent > CUT {
-            neighbour.fetch.heard_again();
+            neighbour.fetch.resumed();
         }
         match message {
             Message::Hello { .. } | Message::Speaks { .. } | Message::Refused { .. } => {}
@@ -117,7 +117,7 @@ impl Node {
         link: LinkId,
         (version, node, is_station): (u16, Uuid, bool),
         name: String,
-        findings: Option<FindingsRef>,
+        results: Option<ResultsRef>,
     ) {
         let Some(known) = self.links.get(&link) else { return };
         // Who does not say it speaks one alone.
@@ -132,13 +132,13 @@ impl Node {
         if node == self.config.node {
             return self.refuse(link, "it is this one itself: the address is one's own".into());
         }
-        let party = known.party.as_ref().map(|party| party.id);
+        let peer = known.peer.as_ref().map(|peer| peer.id);
         let node = match self.known_as(now, known, node) {
             Ok(node) => node,
             Err(reason) => return self.refuse(link, reason),
         };
         if !self.neighbours.contains_key(&node) {
-            self.forget_gone(party);
+            self.forget_gone(peer);
         }
         let Some(known) = self.links.get_mut(&link) else { return };
         if known.node.is_some_and(|before| before != node) {
@@ -147,13 +147,13 @@ impl Node {
         let is_new = known.node.replace(node).is_none();
         let address = known.address.clone();
         let neighbour = self.neighbours.entry(node).or_default();
-        neighbour.call(&name, known.party.as_ref());
+        neighbour.call(&name, known.peer.as_ref());
         neighbour.is_station = is_station;
         let name = neighbour.name.clone();
-        let newer = |known: &FindingsRef| findings.is_some_and(|new| new.revision > known.revision);
-        let is_news = findings.is_some() && neighbour.findings.as_ref().is_none_or(newer);
+        let newer = |known: &ResultsRef| results.is_some_and(|new| new.revision > known.revision);
+        let is_news = results.is_some() && neighbour.results.as_ref().is_none_or(newer);
         if is_news {
-            neighbour.findings = findings;
+            neighbour.results = results;
         }
         if is_new {
             // It may have lost what it held.
@@ -174,16 +174,16 @@ impl Node {
     }
 
     /// Has nothing more to do with whoever told a map that is none, for some minutes.
-    pub(super) fn distrust(&mut self, now: Duration, agent: Identity, reason: String) {
-        let Some(told) = self.told.remove(&agent) else { return };
-        for lists in told.in_use() {
-            self.release_told(lists);
+    pub(super) fn ban(&mut self, now: Duration, agent: Identity, reason: String) {
+        let Some(remote) = self.remote_maps.remove(&agent) else { return };
+        for lists in remote.in_use() {
+            self.release_remote(lists);
         }
         let reason = format!("its map {agent} cannot be used: {reason}");
-        let link = self.neighbours.get(&told.teller).and_then(|neighbour| neighbour.link);
-        self.distrusted.retain(|_, (_, until)| *until > now);
-        for whoever in [Some(told.teller), told.party].into_iter().flatten() {
-            self.distrusted.insert(whoever, (reason.clone(), now + DISTRUST));
+        let link = self.neighbours.get(&remote.publisher).and_then(|neighbour| neighbour.link);
+        self.banned.retain(|_, (_, until)| *until > now);
+        for culprit in [Some(remote.publisher), remote.peer].into_iter().flatten() {
+            self.banned.insert(culprit, (reason.clone(), now + BAN_DURATION));
         }
         if let Some(link) = link {
             self.refuse(link, reason);

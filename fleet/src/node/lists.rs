@@ -41,7 +41,7 @@ pub(super) struct Ledger {
     pages: HashMap<ObjectHash, (Page, usize)>,
     objects: HashMap<ObjectHash, usize>,
     /// Whether what stands in for others counts.
-    has_stand_ins: bool,
+    has_previews: bool,
     /// Objects that were looked at.
     #[cfg(test)]
     pub touched: usize,
@@ -49,8 +49,8 @@ pub(super) struct Ledger {
 
 impl Ledger {
     /// One in which what stands in for others counts, or does not.
-    pub fn new(has_stand_ins: bool) -> Self {
-        Self { has_stand_ins, ..Self::default() }
+    pub fn new(has_previews: bool) -> Self {
+        Self { has_previews, ..Self::default() }
     }
 
     /// Whether an object is needed.
@@ -72,7 +72,7 @@ impl Ledger {
             if *times > 1 {
                 continue;
             }
-            let listed = page.iter().filter(|entry| self.has_stand_ins || !entry.kind.is_stand_in());
+            let listed = page.iter().filter(|entry| self.has_previews || !entry.kind.is_preview());
             for hash in listed.map(|entry| entry.hash).chain([named.hash]) {
                 *self.objects.entry(hash).or_default() += 1;
                 #[cfg(test)]
@@ -92,7 +92,7 @@ impl Ledger {
                 continue;
             }
             let (page, _) = used.remove();
-            let listed = page.iter().filter(|entry| self.has_stand_ins || !entry.kind.is_stand_in());
+            let listed = page.iter().filter(|entry| self.has_previews || !entry.kind.is_preview());
             let hashes: Vec<ObjectHash> = listed.map(|entry| entry.hash).chain([named.hash]).collect();
             hashes.into_iter().for_each(|hash| self.drop_one(hash, &mut unused));
         }

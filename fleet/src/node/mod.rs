@@ -1,42 +1,42 @@
-//! What one party of the fleet says and does: a function of what comes and of the time, without sockets, threads and
+//! What one peer of the fleet says and does: a function of what comes and of the time, without sockets, threads and
 //! clocks.
 //!
 //! Every second it says on each link who it is, which maps of its own can be asked for and how much of the other's it
 //! holds; a link on which nothing is heard is closed, for whoever dials to open anew. What others tell is fetched
-//! (`told`), checked against its hash, kept in the store, and acknowledged when it is on the disk. It never waits for a disk:
+//! (`remote`), checked against its hash, kept in the store, and acknowledged when it is on the disk. It never waits for a disk:
 //! the store says later what became of what it was given, and what others ask for is read by whoever carries out
 //! [`Action::Serve`].
 
-mod believing;
+mod authorisation;
 mod hearing;
 mod lists;
 mod publishing;
 mod quota;
+mod remote_map;
 mod saying;
 mod status;
-mod told;
 mod types;
 
 pub use quota::Quota;
 pub use status::{AgentStatus, NeighbourStatus, Status};
-pub use types::{Action, Config, Event, Heard, LinkId, News};
+pub use types::{Action, Config, Event, LinkId, MapSnapshot, News};
 
-use crate::findings::ByAgent;
 use crate::hash::ObjectHash;
-use crate::keys::Party;
+use crate::keys::Peer;
 use crate::link::Fetch;
 use crate::manifest::{Kind, Manifest};
+use crate::merge_results::ByAgent;
 use crate::store::{Head, Store, Stored};
-use crate::wire::{FindingsRef, Message, Offer};
+use crate::wire::{Message, Offer, ResultsRef};
 use lists::{Ledger, Lists};
 use map::{Identity, Uuid};
 use publishing::Own;
-use quota::Said;
+use quota::TokenBucket;
+use remote_map::RemoteMap;
 use saying::Retold;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
 use std::time::Duration;
-use told::Told;
 
 /// How often one says who one is and what one has.
 pub const BEAT: Duration = Duration::from_secs(1);
@@ -53,31 +53,31 @@ const STOOD_STILL: Duration = Duration::from_secs(1);
 /// When an object is asked for again that a neighbour did not have, and one that came as another than it is called.
 const ASK_AGAIN: [Duration; 2] = [Duration::from_secs(2), Duration::from_secs(30)];
 /// How long nothing is believed of whoever told a map that is none.
-const DISTRUST: Duration = Duration::from_secs(300);
-/// Links of a party at once: those of a machine's programs, and some that are being replaced.
-const LINKS_OF_PARTY: usize = 64;
+const BAN_DURATION: Duration = Duration::from_secs(300);
+/// Links of a peer at once: those of a machine's programs, and some that are being replaced.
+const LINKS_OF_PEER: usize = 64;
 
-/// A party of the fleet.
+/// A peer of the fleet.
 pub struct Node {
     config: Config,
     store: Arc<dyn Store>,
     /// Maps that are told.
     own: BTreeMap<Identity, Own>,
     /// Maps that others tell.
-    told: BTreeMap<Identity, Told>,
+    remote_maps: BTreeMap<Identity, RemoteMap>,
     /// What own maps, and those that others tell, need of the store.
     of_own: Ledger,
-    of_told: Ledger,
+    of_remote: Ledger,
     /// What nothing needs any more, each with all who read then.
     unused: VecDeque<(u64, ObjectHash)>,
     /// The newest that was found out, and which version of that it is.
-    findings: Option<(u64, ByAgent)>,
+    results: Option<(u64, ByAgent)>,
     neighbours: BTreeMap<Uuid, Neighbour>,
     links: BTreeMap<LinkId, Link>,
     /// Where nobody answers who is dialled, since when and why.
     unanswered: BTreeMap<String, (Duration, String)>,
-    /// Neighbours and parties of whom nothing is believed, why, and until when.
-    distrusted: BTreeMap<Uuid, (String, Duration)>,
+    /// Neighbours and peers of whom nothing is believed, why, and until when.
+    banned: BTreeMap<Uuid, (String, Duration)>,
     /// How often something came that somebody waits for.
     arrivals: u64,
     /// What time it is.
@@ -87,12 +87,12 @@ pub struct Node {
     actions: Vec<Action>,
 }
 
-/// Another party.
+/// Another peer.
 #[derive(Default)]
 struct Neighbour {
     name: String,
-    /// Whose node it is, where parties have keys.
-    party: Option<Party>,
+    /// Whose node it is, where peers have keys.
+    peer: Option<Peer>,
     is_station: bool,
     link: Option<LinkId>,
     /// Since when there is one, or is none.
@@ -103,21 +103,21 @@ struct Neighbour {
     /// Of own maps, the last version that it holds whole, and how many objects of the newest it lacks.
     holds: BTreeMap<Identity, ((u64, u64), u32)>,
     /// What it found out, by its own word.
-    findings: Option<FindingsRef>,
+    results: Option<ResultsRef>,
     /// The revision of what is here of that.
-    findings_here: u64,
+    results_here: u64,
 }
 
 struct Link {
     address: String,
     /// Whose certificate was shown there.
-    party: Option<Party>,
+    peer: Option<Peer>,
     node: Option<Uuid>,
-    heard: Duration,
+    last_received: Duration,
     /// When it was last told who one is; nothing where it is to be told at once.
     beat: Option<Duration>,
-    turn: usize,
-    said: Said,
+    cycle: usize,
+    bucket: TokenBucket,
     /// The oldest and the newest version of the protocol that the other end speaks, where it said so.
     speaks: Option<[u16; 2]>,
     /// What it is told of what was found out.
@@ -127,22 +127,22 @@ struct Link {
 impl Node {
     /// A node that keeps objects in `store`; what is whole there is known again.
     pub fn new(config: Config, store: Arc<dyn Store>) -> Self {
-        let (own, told, neighbours, links, distrusted, actions) = Default::default();
-        let (findings, arrivals, looked, unused, now, unanswered) = Default::default();
-        let (of_own, of_told) = (Ledger::new(true), Ledger::new(false));
+        let (own, remote_maps, neighbours, links, banned, actions) = Default::default();
+        let (results, arrivals, looked, unused, now, unanswered) = Default::default();
+        let (of_own, of_remote) = (Ledger::new(true), Ledger::new(false));
         let mut node = Self {
             config,
             store,
             own,
-            told,
+            remote_maps,
             of_own,
-            of_told,
+            of_remote,
             unused,
-            findings,
+            results,
             neighbours,
             links,
             unanswered,
-            distrusted,
+            banned,
             arrivals,
             now,
             looked,
@@ -175,9 +175,9 @@ impl Node {
             self.own.insert(agent, Own::new(lists, signature));
         } else {
             // As the newest, and as the last that was whole.
-            self.of_told.add(&lists);
-            self.of_told.add(&lists);
-            self.told.insert(agent, Told::whole(lists, head.party, &*self.store));
+            self.of_remote.add(&lists);
+            self.of_remote.add(&lists);
+            self.remote_maps.insert(agent, RemoteMap::whole(lists, head.peer, &*self.store));
         }
     }
 
@@ -191,7 +191,7 @@ impl Node {
     pub fn take(&mut self, now: Duration, event: Event) {
         self.now = now;
         match event {
-            Event::Up { link, address, party } => self.up(now, link, address, party),
+            Event::Up { link, address, peer } => self.up(now, link, address, peer),
             Event::Trouble(text) => self.actions.push(Action::News(News::Trouble(text))),
             Event::Unanswered { address, reason } => self.unanswered(address, reason),
             Event::Down { link } => self.forget(link, "its connection ended"),
@@ -204,8 +204,8 @@ impl Node {
             Event::Tick => {}
             Event::Publish(publication) => self.publish(*publication),
             Event::Prefer { agent, objects, rest } => self.prefer(agent, objects, rest),
-            Event::Distrust { agent, reason } => self.distrust(now, agent, reason),
-            Event::Findings { revision, found } => self.take_findings(revision, found),
+            Event::Ban { agent, reason } => self.ban(now, agent, reason),
+            Event::Results { revision, found } => self.take_results(revision, found),
         }
     }
 
@@ -215,7 +215,9 @@ impl Node {
         let stood_still = now.saturating_sub(std::mem::replace(&mut self.looked, now));
         if stood_still > STOOD_STILL {
             // What others said meanwhile may still be to be looked at.
-            self.links.values_mut().for_each(|link| link.heard = (link.heard + stood_still).min(now));
+            self.links
+                .values_mut()
+                .for_each(|link| link.last_received = (link.last_received + stood_still).min(now));
         }
         for stored in self.store.news() {
             self.stored(stored);
@@ -241,10 +243,13 @@ impl Node {
 
     /// An object is gone or damaged here: of others' maps it is fetched again, and of own ones it is told again.
     fn lost(&mut self, hash: ObjectHash) {
-        if self.of_told.has(&hash) {
-            let told = self.told.values_mut().filter_map(|told| told.lost(&hash).then_some(told.teller));
-            let tellers: BTreeSet<Uuid> = told.collect();
-            tellers.into_iter().for_each(|teller| self.want(teller));
+        if self.of_remote.has(&hash) {
+            let remote = self
+                .remote_maps
+                .values_mut()
+                .filter_map(|remote| remote.lost(&hash).then_some(remote.publisher));
+            let publishers: BTreeSet<Uuid> = remote.collect();
+            publishers.into_iter().for_each(|publisher| self.want(publisher));
         }
         if self.of_own.has(&hash) {
             let text = "an object of an own map is damaged on the disk".to_owned();
@@ -253,13 +258,13 @@ impl Node {
     }
 
     /// Maps that are whole or in part here, of others.
-    pub fn heard(&self) -> impl Iterator<Item = Heard> + '_ {
-        self.told.values().filter_map(|told| told.heard(self.is_near(told)))
+    pub fn snapshots(&self) -> impl Iterator<Item = MapSnapshot> + '_ {
+        self.remote_maps.values().filter_map(|remote| remote.snapshot(self.is_near(remote)))
     }
 
     /// Whether there is a link to whoever tells a map; one on which nothing is heard is closed.
-    fn is_near(&self, told: &Told) -> bool {
-        self.neighbours.get(&told.teller).is_some_and(|teller| teller.link.is_some())
+    fn is_near(&self, remote: &RemoteMap) -> bool {
+        self.neighbours.get(&remote.publisher).is_some_and(|publisher| publisher.link.is_some())
     }
 
     /// How often something came by which it may be decided what is next: of a map the last of what comes before others
@@ -270,8 +275,8 @@ impl Node {
     }
 
     /// A version of a map is needed no more.
-    fn release_told(&mut self, lists: &Lists) {
-        let unused = self.of_told.remove(lists);
+    fn release_remote(&mut self, lists: &Lists) {
+        let unused = self.of_remote.remove(lists);
         self.set_aside(unused);
     }
 
@@ -289,7 +294,7 @@ impl Node {
                 break;
             }
             self.unused.pop_front();
-            if !self.of_own.has(&hash) && !self.of_told.has(&hash) {
+            if !self.of_own.has(&hash) && !self.of_remote.has(&hash) {
                 unused.push(hash);
             }
         }

@@ -16,29 +16,29 @@ const UNWRITTEN: usize = 256 << 20;
 #[derive(Default)]
 pub(super) struct Own {
     /// As it is told; nothing before its first version is on the disk.
-    told: Option<Told>,
+    current: Option<Published>,
     /// What the version before had: somebody may be fetching it.
     before: Option<Arc<Lists>>,
     /// The version that goes to the disk, and the one that does so next.
-    going: Option<Arc<Lists>>,
+    writing: Option<Arc<Lists>>,
     next: Option<Arc<Lists>>,
 }
 
-struct Told {
+struct Published {
     lists: Arc<Lists>,
-    /// The party's under it, if parties have keys.
+    /// The peer's under it, if peers have keys.
     signature: Option<Signature>,
 }
 
 impl Own {
     /// One that is on the disk.
     pub fn new(lists: Arc<Lists>, signature: Option<Signature>) -> Self {
-        Self { told: Some(Told { lists, signature }), ..Self::default() }
+        Self { current: Some(Published { lists, signature }), ..Self::default() }
     }
 
     /// The version that is told.
     pub fn lists(&self) -> Option<&Lists> {
-        self.told.as_ref().map(|told| &*told.lists)
+        self.current.as_ref().map(|current| &*current.lists)
     }
 
     /// What is said of it.
@@ -47,14 +47,14 @@ impl Own {
     }
 
     /// The same as a message.
-    pub fn said(&self) -> Option<Message> {
-        let Told { lists, signature } = self.told.as_ref()?;
+    pub fn announcement(&self) -> Option<Message> {
+        let Published { lists, signature } = self.current.as_ref()?;
         Some(Message::State { offer: lists.offer, signature: *signature })
     }
 
     /// Whether its newest version is told.
-    pub fn is_told(&self) -> bool {
-        self.told.is_some() && self.going.is_none()
+    pub fn is_published(&self) -> bool {
+        self.current.is_some() && self.writing.is_none()
     }
 }
 
@@ -71,16 +71,16 @@ impl Node {
         objects.into_iter().for_each(|(hash, bytes)| self.store.put(&hash, bytes));
         let lists = Arc::new(lists);
         self.of_own.add(&lists);
-        if let Some(told) = self.told.remove(&offer.agent) {
-            told.in_use().for_each(|lists| self.release_told(lists));
+        if let Some(remote) = self.remote_maps.remove(&offer.agent) {
+            remote.in_use().for_each(|lists| self.release_remote(lists));
         }
         let own = self.own.entry(offer.agent).or_default();
-        let skipped = match own.going {
+        let skipped = match own.writing {
             Some(_) => own.next.replace(lists),
             None => {
-                let head = Head { manifest: offer.hash, own: true, party: None };
+                let head = Head { manifest: offer.hash, own: true, peer: None };
                 self.store.set_head(offer.agent, head);
-                own.going.replace(lists)
+                own.writing.replace(lists)
             }
         };
         self.release_own(skipped);
@@ -89,19 +89,19 @@ impl Node {
     /// A version of an own map is on the disk.
     pub(super) fn published(&mut self, agent: Identity, manifest: ObjectHash) {
         let Some(own) = self.own.get_mut(&agent) else { return };
-        let Some(lists) = own.going.take_if(|lists| lists.offer.hash == manifest) else { return };
+        let Some(lists) = own.writing.take_if(|lists| lists.offer.hash == manifest) else { return };
         if let Some(next) = own.next.take() {
-            let head = Head { manifest: next.offer.hash, own: true, party: None };
+            let head = Head { manifest: next.offer.hash, own: true, peer: None };
             self.store.set_head(agent, head);
-            own.going = Some(next);
+            own.writing = Some(next);
         }
         let signature = self.config.signer.as_ref().map(|signer| signer.sign(&lists.offer));
         let version = lists.offer.version();
-        let told = own.told.replace(Told { lists, signature });
-        let earlier = std::mem::replace(&mut own.before, told.map(|told| told.lists));
+        let current = own.current.replace(Published { lists, signature });
+        let earlier = std::mem::replace(&mut own.before, current.map(|current| current.lists));
         self.release_own(earlier);
         self.links.values_mut().for_each(|link| link.beat = None);
-        self.actions.push(Action::News(News::Told { agent, version }));
+        self.actions.push(Action::News(News::Published { agent, version }));
     }
 
     fn release_own(&mut self, lists: Option<Arc<Lists>>) {

@@ -8,7 +8,7 @@ use std::time::Duration;
 const RATE: f64 = 200.0;
 const BURST: f64 = 5.0 * RATE;
 
-/// What another one's maps may take together: a party's, where parties have keys, else a neighbour's.
+/// What another one's maps may take together: a peer's, where peers have keys, else a neighbour's.
 #[derive(Clone, Copy, Debug)]
 pub struct Quota {
     /// Bytes of all objects.
@@ -29,7 +29,7 @@ impl Default for Quota {
 /// Objects that a quota allows for each keyframe, and beside these: one has six of its own, and shares poses, edges and
 /// frames with others.
 const OF_KEYFRAME: usize = 16;
-const BESIDE: usize = 1024;
+const BASE: usize = 1024;
 
 /// What objects take.
 #[derive(Clone, Copy, Default)]
@@ -60,7 +60,7 @@ impl Load {
 impl Quota {
     /// Objects.
     pub(super) fn objects(&self) -> usize {
-        BESIDE + OF_KEYFRAME * self.keyframes
+        BASE + OF_KEYFRAME * self.keyframes
     }
 
     /// Whether what one tells is not too much.
@@ -87,12 +87,12 @@ impl Quota {
 
 /// What a neighbour said lately, as a bucket that runs out.
 #[derive(Default)]
-pub(super) struct Said {
+pub(super) struct TokenBucket {
     level: f64,
     at: Duration,
 }
 
-impl Said {
+impl TokenBucket {
     /// It says something.
     ///
     /// # Errors

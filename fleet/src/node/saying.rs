@@ -1,12 +1,12 @@
 //! What a node says by itself: signs of life, what it has, what it wants, and why it has nothing more to do with somebody.
 
 use super::publishing::Own;
-use super::{Action, BEAT, Link, LinkId, News, Node, SILENCE, STATES, Told, UNWRITTEN};
+use super::{Action, BEAT, Link, LinkId, News, Node, RemoteMap, SILENCE, STATES, UNWRITTEN};
 use crate::bytes::cut;
-use crate::findings::{ByAgent, Found};
 use crate::hash::ObjectHash;
 use crate::manifest::MAX_LIST;
-use crate::wire::{FindingsRef, MAX_NAME, MAX_REASON, Message};
+use crate::merge_results::{ByAgent, Found};
+use crate::wire::{MAX_NAME, MAX_REASON, Message, ResultsRef};
 use map::Uuid;
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -18,7 +18,7 @@ const RETELL: Duration = Duration::from_millis(10);
 
 /// What a neighbour is told of what was found out.
 pub(super) struct Retold {
-    pub known: FindingsRef,
+    pub known: ResultsRef,
     pub bytes: Vec<u8>,
     /// Of which version it is, and when it was made.
     of: u64,
@@ -27,31 +27,31 @@ pub(super) struct Retold {
 
 impl Node {
     /// Something new was found out.
-    pub(super) fn take_findings(&mut self, revision: u64, found: Arc<Found>) {
-        self.findings = Some((revision, ByAgent::new(found)));
+    pub(super) fn take_results(&mut self, revision: u64, found: Arc<Found>) {
+        self.results = Some((revision, ByAgent::new(found)));
         self.links.values_mut().for_each(|link| link.beat = None);
     }
 
     /// What was found out, as a neighbour is told it: of what concerns the agents that it tells, and where all are.
     fn retold(&self, now: Duration, link: &Link, node: Uuid) -> Option<Retold> {
-        let (revision, found) = self.findings.as_ref()?;
+        let (revision, found) = self.results.as_ref()?;
         let pause = RETELL * self.links.len() as u32;
         if let Some(known) = &link.retold
             && (known.of == *revision || now < known.made + pause)
         {
             return None;
         }
-        let told = self.told.iter().filter(|(_, told)| told.teller == node);
-        let agents: BTreeSet<String> = told.map(|(agent, _)| agent.to_string()).collect();
+        let remote = self.remote_maps.iter().filter(|(_, remote)| remote.publisher == node);
+        let agents: BTreeSet<String> = remote.map(|(agent, _)| agent.to_string()).collect();
         let bytes = found.about(&agents).to_bytes_within(MAX_LIST as usize);
         let known =
-            FindingsRef { revision: *revision, size: bytes.len() as u32, hash: ObjectHash::of(&bytes) };
+            ResultsRef { revision: *revision, size: bytes.len() as u32, hash: ObjectHash::of(&bytes) };
         Some(Retold { known, bytes, of: *revision, made: now })
     }
 
     /// Signs of life, and the end of links that give none.
     pub(super) fn beat(&mut self, now: Duration) {
-        let silent = |link: &Link| now.saturating_sub(link.heard) > SILENCE;
+        let silent = |link: &Link| now.saturating_sub(link.last_received) > SILENCE;
         let dead: Vec<LinkId> =
             self.links.iter().filter(|(_, link)| silent(link)).map(|(id, _)| *id).collect();
         for link in dead {
@@ -64,7 +64,7 @@ impl Node {
             .iter_mut()
             .filter(|(_, link)| link.beat.is_none_or(|beat| now.saturating_sub(beat) >= BEAT))
             .map(|(id, link)| {
-                (link.beat, link.turn) = (Some(now), link.turn.wrapping_add(1));
+                (link.beat, link.cycle) = (Some(now), link.cycle.wrapping_add(1));
                 *id
             })
             .collect();
@@ -82,25 +82,25 @@ impl Node {
         if retold.is_some() {
             known.retold = retold;
         }
-        let Link { turn, node, retold, .. } = &*known;
+        let Link { cycle, node, retold, .. } = &*known;
         let [oldest, newest] = self.config.versions;
-        let mut said = vec![Message::Speaks { oldest, newest }];
-        said.push(Message::Hello {
+        let mut outgoing = vec![Message::Speaks { oldest, newest }];
+        outgoing.push(Message::Hello {
             version: oldest,
             node: self.config.node,
             role: self.config.role,
             name: cut(&self.config.name, MAX_NAME).to_owned(),
-            findings: retold.as_ref().map(|retold| retold.known),
+            results: retold.as_ref().map(|retold| retold.known),
         });
-        let own: Vec<Message> = self.own.values().filter_map(Own::said).collect();
-        let of_neighbour = self.told.values().filter(|told| Some(told.teller) == *node);
-        let held: Vec<Message> = of_neighbour.map(Told::held).collect();
+        let own: Vec<Message> = self.own.values().filter_map(Own::announcement).collect();
+        let of_neighbour = self.remote_maps.values().filter(|remote| Some(remote.publisher) == *node);
+        let held: Vec<Message> = of_neighbour.map(RemoteMap::held).collect();
         for mut states in [own, held] {
             let count = states.len().max(1);
-            states.rotate_left(turn.wrapping_mul(STATES) % count);
-            said.extend(states.into_iter().take(STATES));
+            states.rotate_left(cycle.wrapping_mul(STATES) % count);
+            outgoing.extend(states.into_iter().take(STATES));
         }
-        said.iter().for_each(|message| self.send(link, message));
+        outgoing.iter().for_each(|message| self.send(link, message));
     }
 
     /// Wants again what could not be had a while ago.
@@ -131,9 +131,9 @@ impl Node {
     /// Ends the business with a neighbour, who is told why.
     pub(super) fn refuse(&mut self, link: LinkId, reason: String) {
         let Some(known) = self.links.get(&link) else { return };
-        let of_party = || known.party.as_ref().map(|party| party.name.clone());
+        let of_peer = || known.peer.as_ref().map(|peer| peer.name.clone());
         let named = known.node.and_then(|node| self.neighbours.get(&node)).map(|n| n.name.clone());
-        let named = named.or_else(of_party).unwrap_or_else(|| known.address.clone());
+        let named = named.or_else(of_peer).unwrap_or_else(|| known.address.clone());
         let text = format!("{named} is refused: {reason}");
         self.send(link, &Message::Refused { reason: cut(&reason, MAX_REASON).to_owned() });
         self.forget(link, "it is refused");

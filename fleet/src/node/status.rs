@@ -1,7 +1,7 @@
 //! How things are, for people.
 
 use super::publishing::Own;
-use super::{Heard, Lists, Node};
+use super::{Lists, MapSnapshot, Node};
 use map::{Identity, SensorKind};
 use std::sync::Arc;
 use std::time::Duration;
@@ -50,7 +50,7 @@ pub struct AgentStatus {
     /// Whose.
     pub agent: Identity,
     /// Who tells it, by name; nothing of one that was here when the program began.
-    pub teller: Option<String>,
+    pub publisher: Option<String>,
     /// The kind of its sensor; nothing while no keyframe is told of.
     pub sensor: Option<SensorKind>,
     /// Keyframes of its newest version.
@@ -66,9 +66,9 @@ impl Node {
     pub fn status(&self, now: Duration) -> Status {
         let neighbour = |neighbour: &super::Neighbour| {
             let link = neighbour.link.and_then(|link| self.links.get(&link));
-            let told = self.own.iter().filter(|(_, own)| own.offer().is_some());
-            let lacks =
-                told.map(|(agent, _)| neighbour.holds.get(agent).map(|(_, missing)| u64::from(*missing)));
+            let published = self.own.iter().filter(|(_, own)| own.offer().is_some());
+            let lacks = published
+                .map(|(agent, _)| neighbour.holds.get(agent).map(|(_, missing)| u64::from(*missing)));
             // It does not know yet how many.
             let lacks = lacks.map(|missing| missing.filter(|missing| *missing < u64::from(u32::MAX)));
             NeighbourStatus {
@@ -76,7 +76,7 @@ impl Node {
                 is_station: neighbour.is_station,
                 address: link.map(|link| link.address.clone()),
                 since: now.saturating_sub(neighbour.changed),
-                silent: link.map(|link| now.saturating_sub(link.heard)),
+                silent: link.map(|link| now.saturating_sub(link.last_received)),
                 received: neighbour.fetch.received,
                 useless: neighbour.fetch.useless,
                 wanted: neighbour.fetch.wanted(),
@@ -84,13 +84,13 @@ impl Node {
                 lacks: lacks.sum(),
             }
         };
-        let agent = |told: &super::Told| AgentStatus {
-            agent: told.offer.agent,
-            teller: self.neighbours.get(&told.teller).map(|neighbour| neighbour.name.clone()),
-            sensor: told.sensor(),
-            keyframes: told.load().keyframes,
-            missing: told.missing(),
-            finished: told.is_finished(),
+        let agent = |remote: &super::RemoteMap| AgentStatus {
+            agent: remote.offer.agent,
+            publisher: self.neighbours.get(&remote.publisher).map(|neighbour| neighbour.name.clone()),
+            sensor: remote.sensor(),
+            keyframes: remote.load().keyframes,
+            missing: remote.missing(),
+            finished: remote.is_finished(),
         };
         let unanswered = |(address, (since, reason)): (&String, &(Duration, String))| {
             (address.clone(), now.saturating_sub(*since), reason.clone())
@@ -98,8 +98,8 @@ impl Node {
         Status {
             unanswered: self.unanswered.iter().map(unanswered).collect(),
             neighbours: self.neighbours.values().map(neighbour).collect(),
-            agents: self.told.values().map(agent).collect(),
-            unkept: self.told.values().filter(|told| told.is_unkept()).count(),
+            agents: self.remote_maps.values().map(agent).collect(),
+            unkept: self.remote_maps.values().filter(|remote| remote.is_unkept()).count(),
         }
     }
 
@@ -114,7 +114,7 @@ impl Node {
                 whole.is_some() && neighbour.holds.get(agent) == whole.as_ref()
             })
         };
-        linked.peek().is_some() && self.own.values().all(Own::is_told) && linked.all(holds)
+        linked.peek().is_some() && self.own.values().all(Own::is_published) && linked.all(holds)
     }
 
     /// How many things neighbours said are remembered.
@@ -126,7 +126,7 @@ impl Node {
     /// How many objects were looked at when versions of maps came and went.
     #[cfg(test)]
     pub fn looked_at(&self) -> usize {
-        self.of_told.touched
+        self.of_remote.touched
     }
 
     /// Whether stations hold all own maps.
@@ -141,12 +141,12 @@ impl Node {
     }
 
     /// Own maps, which are whole.
-    pub fn own_maps(&self) -> Vec<Heard> {
-        let heard = |lists: &Lists| {
+    pub fn own_maps(&self) -> Vec<MapSnapshot> {
+        let snapshot = |lists: &Lists| {
             let (agent, begun) = (lists.offer.agent, lists.offer.begun);
             let (entries, finished) = (Arc::clone(&lists.entries), lists.manifest.finished);
-            Heard { agent, begun, entries, missing: 0, came: 0, finished, is_near: true }
+            MapSnapshot { agent, begun, entries, missing: 0, came: 0, finished, is_near: true }
         };
-        self.own.values().filter_map(Own::lists).map(heard).collect()
+        self.own.values().filter_map(Own::lists).map(snapshot).collect()
     }
 }

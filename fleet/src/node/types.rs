@@ -1,10 +1,10 @@
 //! What a node is told and what it wants done.
 
 use super::Quota;
-use crate::findings::Found;
 use crate::hash::ObjectHash;
-use crate::keys::{Party, Signer};
+use crate::keys::{Peer, Signer};
 use crate::manifest::{Entry, Kind};
+use crate::merge_results::Found;
 use crate::publishing::Publication;
 use crate::wire::{Priority, Role};
 use map::{Identity, Uuid};
@@ -29,7 +29,7 @@ pub struct Config {
     pub waits: bool,
     /// The oldest and the newest version of the protocol that is spoken, [`VERSIONS`](crate::wire::VERSIONS).
     pub versions: [u16; 2],
-    /// Signs what is told, where parties have keys: then of others only what is signed is believed.
+    /// Signs what is told, where peers have keys: then of others only what is signed is believed.
     pub signer: Option<Arc<Signer>>,
 }
 
@@ -42,8 +42,8 @@ pub enum Event {
         link: LinkId,
         /// Where the other one is, for people.
         address: String,
-        /// Whose certificate it showed, where parties have keys.
-        party: Option<Party>,
+        /// Whose certificate it showed, where peers have keys.
+        peer: Option<Peer>,
     },
     /// A link could not be opened or broke, and why.
     Trouble(String),
@@ -80,14 +80,14 @@ pub enum Event {
         rest: bool,
     },
     /// What a neighbour told of this agent is not to be believed.
-    Distrust {
+    Ban {
         /// Whose map it told.
         agent: Identity,
         /// Why.
         reason: String,
     },
     /// Something new was found out about where agents are; `revision` is larger than before.
-    Findings {
+    Results {
         /// Which version it is.
         revision: u64,
         /// What; each neighbour is told what concerns the agents that it tells.
@@ -155,13 +155,13 @@ pub enum News {
         reason: String,
     },
     /// There is more of an agent's map than before.
-    Map(Heard),
+    Map(MapSnapshot),
     /// A neighbour found something out about where agents are.
-    Findings {
+    Results {
         /// Who.
         from: Uuid,
-        /// Whose node that is, where parties have keys.
-        party: Option<Uuid>,
+        /// Whose node that is, where peers have keys.
+        peer: Option<Uuid>,
         /// What, not looked at.
         bytes: Vec<u8>,
     },
@@ -175,7 +175,7 @@ pub enum News {
         version: (u64, u64),
     },
     /// A version of an own map is on the disk, and told.
-    Told {
+    Published {
         /// Whose map.
         agent: Identity,
         /// Which version.
@@ -189,7 +189,7 @@ pub enum News {
 
 /// How much of another's map is here.
 #[derive(Clone, Debug)]
-pub struct Heard {
+pub struct MapSnapshot {
     /// Whose.
     pub agent: Identity,
     /// When the agent began to tell it, milliseconds since 1970.

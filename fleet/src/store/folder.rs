@@ -20,7 +20,7 @@ use std::time::Instant;
 const OBJECTS: &str = "objects";
 const HEADS: &str = "heads";
 const NEW: &str = "new";
-/// What stands behind the manifest of an agent who works here. Of another's its party follows, if it is known.
+/// What stands behind the manifest of an agent who works here. Of another's its peer follows, if it is known.
 const OWN: &str = "own";
 /// What the system says where a disk cannot read what it wrote.
 const EIO: i32 = 5;
@@ -120,10 +120,10 @@ impl FolderStore {
             let hash = words.next().and_then(ObjectHash::parse);
             let Some(hash) = hash.filter(|_| path.extension().is_none()) else { continue };
             let own = words.next() == Some(OWN);
-            let party = words.next().and_then(|party| Uuid::try_parse(party).ok());
+            let peer = words.next().and_then(|peer| Uuid::try_parse(peer).ok());
             // Whose it is its manifest says.
             if let Some(manifest) = self.get(&hash).and_then(|bytes| Manifest::from_bytes(&bytes).ok()) {
-                let head = Head { manifest: hash, own, party };
+                let head = Head { manifest: hash, own, peer };
                 locked(&self.inner.state).heads.insert(manifest.agent, head);
             }
         }
@@ -151,8 +151,8 @@ impl Inner {
     /// The file of a head, and what stands there.
     pub fn head_file(&self, agent: Identity, head: Head) -> (PathBuf, String) {
         let path = self.folder.join(HEADS).join(format!("{}-{}", agent.uuid, agent.epoch));
-        let party = head.party.map_or(String::new(), |party| format!(" {party}"));
-        (path, format!("{} {}{party}\n", head.manifest, if head.own { OWN } else { "told" }))
+        let peer = head.peer.map_or(String::new(), |peer| format!(" {peer}"));
+        (path, format!("{} {}{peer}\n", head.manifest, if head.own { OWN } else { "told" }))
     }
 
     /// An object that is gone or damaged.
@@ -264,7 +264,7 @@ impl Store for FolderStore {
     }
 
     #[cfg(test)]
-    fn settle(&self) {
+    fn wait_until_written(&self) {
         let mut state = locked(&self.inner.state);
         state.is_urgent = true;
         self.inner.changed.notify_all();

@@ -67,7 +67,7 @@ pub trait Store: Objects {
 
     /// Waits until all is on the disk that is to be: time in which that is done is none on a simulated network.
     #[cfg(test)]
-    fn settle(&self) {}
+    fn wait_until_written(&self) {}
 }
 
 /// What happened in a store.
@@ -88,8 +88,8 @@ pub struct Head {
     pub manifest: ObjectHash,
     /// Whether it is an agent's who works here: told to others, and not by others.
     pub own: bool,
-    /// Whose agent told it, where parties have keys.
-    pub party: Option<Uuid>,
+    /// Whose agent told it, where peers have keys.
+    pub peer: Option<Uuid>,
 }
 
 /// In memory: gone with the program.

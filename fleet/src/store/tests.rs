@@ -40,7 +40,7 @@ fn give(store: &FolderStore, objects: &[u8]) -> Head {
     let (hash, bytes) = manifest();
     objects.iter().map(|number| object(*number)).for_each(|(hash, bytes)| store.put(&hash, bytes));
     store.put(&hash, bytes);
-    let head = Head { manifest: hash, own: true, party: Some(AGENT.uuid) };
+    let head = Head { manifest: hash, own: true, peer: Some(AGENT.uuid) };
     store.set_head(AGENT, head);
     head
 }
@@ -78,7 +78,7 @@ fn what_a_folder_was_given_is_there_when_it_is_opened_again() {
 }
 
 #[test]
-fn what_is_said_to_be_kept_outlasts_a_power_cut_at_any_moment() {
+fn what_is_acknowledged_outlasts_a_power_cut_at_any_moment() {
     let disk = Cut::default();
     let store = on(&disk);
     give(&store, &[1, 2, 3]);
@@ -95,7 +95,7 @@ fn what_is_said_to_be_kept_outlasts_a_power_cut_at_any_moment() {
 }
 
 #[test]
-fn what_a_sync_refused_is_written_again_and_not_said_to_be_kept_before() {
+fn what_a_sync_refused_is_written_again_and_not_acknowledged_before() {
     // The content of files, their names, and the head's.
     for before in 0..3 {
         let disk = Cut::default();
@@ -151,7 +151,7 @@ fn a_disk_that_stands_still_keeps_nobody() {
     let store = on(&disk);
     give(&store, &[1]);
     wait(&store, is_kept);
-    disk.stand_still(true);
+    disk.set_stalled(true);
     let since = Instant::now();
     give(&store, &[1, 2, 3]);
     assert_eq!(store.get(&object(1).0), Some(object(1).1), "from the disk");
@@ -159,7 +159,7 @@ fn a_disk_that_stands_still_keeps_nobody() {
     store.remove(&[object(1).0]);
     assert!(store.news().is_empty() && store.unwritten() > 18_000);
     assert!(since.elapsed() < PATIENCE);
-    disk.stand_still(false);
+    disk.set_stalled(false);
     wait(&store, is_kept);
     assert!(store.get(&object(3).0).is_some() && !store.has(&object(1).0));
 }

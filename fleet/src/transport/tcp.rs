@@ -1,4 +1,4 @@
-//! TCP connections: with TLS between parties that have keys, wherever they are, and plain within one machine, for
+//! TCP connections: with TLS between peers that have keys, wherever they are, and plain within one machine, for
 //! demonstrations and tests, and for programs on one robot.
 //!
 //! On a plain one nothing is encrypted and nobody proves who he is, so neither end is ever another machine's.
@@ -6,8 +6,8 @@
 use super::Transport;
 use super::endpoint::Endpoint;
 use super::stream::Stream;
-use super::tls::{Side, Tls, said};
-use crate::keys::{Keys, Party};
+use super::tls::{Side, Tls, disconnect_reason};
+use crate::keys::{Keys, Peer};
 use crate::node::{Event, LinkId};
 use crate::wire::{MAX_MESSAGE, Priority};
 use anyhow::{Context, Result, bail};
@@ -203,24 +203,24 @@ impl Shared {
         let opened = self.open(&socket, Side::Accepted);
         self.is_known(from.ip());
         match opened {
-            Ok((stream, party)) => self.serve(stream, party, &place, &format!("{kind}/{from}")),
-            Err(error) => self.trouble(said(&place, &error)),
+            Ok((stream, peer)) => self.serve(stream, peer, &place, &format!("{kind}/{from}")),
+            Err(error) => self.trouble(disconnect_reason(&place, &error)),
         }
     }
 
     /// Makes a connection one that messages can go over, and finds out who is at the other end.
-    fn open(&self, socket: &TcpStream, side: Side) -> std::io::Result<(Stream, Option<Party>)> {
+    fn open(&self, socket: &TcpStream, side: Side) -> std::io::Result<(Stream, Option<Peer>)> {
         socket.set_nodelay(true)?;
         socket.set_nonblocking(false)?;
         socket.set_write_timeout(Some(LOOK))?;
         socket.set_read_timeout(Some(LOOK))?;
         let Some(tls) = &self.tls else { return Ok((Stream::new(socket.try_clone()?, None), None)) };
-        let (session, party) = tls.shake(socket, side, || self.ends())?;
-        Ok((Stream::new(socket.try_clone()?, Some(session)), Some(party)))
+        let (session, peer) = tls.shake(socket, side, || self.ends())?;
+        Ok((Stream::new(socket.try_clone()?, Some(session)), Some(peer)))
     }
 
     /// Carries messages on a connection until it ends.
-    fn serve(self: &Arc<Self>, stream: Stream, party: Option<Party>, place: &str, address: &str) {
+    fn serve(self: &Arc<Self>, stream: Stream, peer: Option<Peer>, place: &str, address: &str) {
         let stream = Arc::new(stream);
         let link = self.next.fetch_add(1, Ordering::Relaxed);
         let of_writer = Arc::clone(&stream);
@@ -229,7 +229,7 @@ impl Shared {
         let Ok(writer) = writer else { return };
         self.links().insert(link, Arc::clone(&stream));
         // Without anyone to tell, the program ends.
-        let _ = self.events.send(Event::Up { link, address: address.to_owned(), party });
+        let _ = self.events.send(Event::Up { link, address: address.to_owned(), peer });
         let mut reader = stream.reader();
         let ended = loop {
             if !stream.backlog.has_room(LOOK) {
@@ -247,7 +247,7 @@ impl Shared {
                     }
                 }
                 Ok(None) => break None,
-                Err(error) => break said(place, &error),
+                Err(error) => break disconnect_reason(place, &error),
             }
         };
         stream.queue.close();
@@ -298,9 +298,9 @@ fn redial(shared: &Arc<Shared>, endpoint: &Endpoint) {
             Ok(socket) => {
                 let since = Instant::now();
                 match shared.open(&socket, Side::Dialled) {
-                    Ok((stream, party)) => shared.serve(stream, party, &place, &place),
+                    Ok((stream, peer)) => shared.serve(stream, peer, &place, &place),
                     Err(error) => {
-                        shared.trouble(said(&place, &error));
+                        shared.trouble(disconnect_reason(&place, &error));
                         shared.unanswered(&place, error.to_string());
                     }
                 }

@@ -50,7 +50,7 @@ fn wait(mut done: impl FnMut() -> bool) {
 }
 
 #[test]
-fn a_map_goes_over_a_connection_and_what_was_told_is_told_again_after_a_restart() {
+fn a_map_is_sent_over_a_connection_and_published_again_after_a_restart() {
     let rooms: Vec<_> = (0..3).map(|_| tempfile::tempdir().unwrap()).collect();
     let (station, _) = start(rooms[0].path(), Role::Station, Some("tcp/127.0.0.1:0"), &[]);
     let at = station.listening().unwrap();
@@ -66,15 +66,15 @@ fn a_map_goes_over_a_connection_and_what_was_told_is_told_again_after_a_restart(
     let (again, _) = start(rooms[1].path(), Role::Agent, None, &[at]);
     wait(|| again.is_held());
     // What others may know of a node is renewed ten times a second.
-    wait(|| station.heard().iter().all(|heard| heard.missing == 0));
-    let heard = station.heard();
-    assert_eq!((heard.len(), heard[0].missing, heard[0].finished), (1, 0, true));
+    wait(|| station.snapshots().iter().all(|snapshot| snapshot.missing == 0));
+    let snapshot = station.snapshots();
+    assert_eq!((snapshot.len(), snapshot[0].missing, snapshot[0].finished), (1, 0, true));
     let mut assembler = crate::assembling::Assembler::default();
-    let made = assembler.assemble(agent(7), &heard[0].entries, &*station.store(), None).unwrap().unwrap();
+    let made = assembler.assemble(agent(7), &snapshot[0].entries, &*station.store(), None).unwrap().unwrap();
     assert!(made.whole && made.map == map);
 }
 
-/// Keys of one fleet, by the parties' names.
+/// Keys of one fleet, by the peers' names.
 fn keys<const N: usize>(names: [&str; N]) -> [Keys; N] {
     let room = tempfile::tempdir().unwrap();
     let authority = Authority::init(room.path()).unwrap();
@@ -85,7 +85,7 @@ fn keys<const N: usize>(names: [&str; N]) -> [Keys; N] {
 }
 
 #[test]
-fn a_map_goes_from_party_to_party_by_tls() {
+fn a_map_is_sent_from_peer_to_peer_by_tls() {
     let rooms: Vec<_> = (0..2).map(|_| tempfile::tempdir().unwrap()).collect();
     let [station, car] = keys(["Station", "car"]).map(Some);
     let (station, _) = start_with(rooms[0].path(), Role::Station, Some("tls/127.0.0.1:0"), &[], station);
@@ -94,10 +94,10 @@ fn a_map_goes_from_party_to_party_by_tls() {
     let (agent_there, _) = start_with(rooms[1].path(), Role::Agent, None, &[&at], car);
     agent_there.publish(Publisher::new(agent(7), 5).publish(&map, true).unwrap().unwrap());
     wait(|| agent_there.is_held());
-    wait(|| station.heard().iter().any(|heard| heard.missing == 0));
+    wait(|| station.snapshots().iter().any(|snapshot| snapshot.missing == 0));
     let mut assembler = crate::assembling::Assembler::default();
-    let heard = station.heard();
-    let made = assembler.assemble(agent(7), &heard[0].entries, &*station.store(), None).unwrap().unwrap();
+    let snapshot = station.snapshots();
+    let made = assembler.assemble(agent(7), &snapshot[0].entries, &*station.store(), None).unwrap().unwrap();
     assert!(made.whole && made.map == map);
     assert_eq!(station.status().neighbours[0].name, "Agent of car");
     assert_eq!(agent_there.status().neighbours[0].name, "Station");
@@ -153,15 +153,15 @@ fn hostile_lengths_and_floods_cost_their_own_link_only() {
     let (hostile, _news, link) = dialled(&at, Some(&mallory));
     // As many bytes as the largest message has, and more; then the same thing said for ever.
     hostile.send(link, Priority::State, vec![4; MAX_MESSAGE + 1]);
-    let told = |words: &str| {
+    let reported = |words: &str| {
         wait(|| news.try_iter().any(|news| matches!(&news, News::Trouble(text) if text.contains(words))))
     };
-    told("no message");
+    reported("no message");
     drop(hostile);
     let (hostile, _news, link) = dialled(&at, Some(&mallory));
     let held = crate::wire::Message::Held { agent: agent(3), begun: 1, revision: 1, missing: 1 }.to_bytes();
     (0..2000).for_each(|_| hostile.send(link, Priority::State, held.clone()));
-    told("mallory is refused: it says more than");
+    reported("mallory is refused: it says more than");
     let (car, _) = start_with(rooms[1].path(), Role::Agent, None, &[&at], Some(car));
     car.publish(Publisher::new(agent(7), 5).publish(&map(agent(7), 3), true).unwrap().unwrap());
     wait(|| car.is_held());
@@ -176,8 +176,8 @@ fn rubbish_on_a_connection_ends_it_and_no_other() {
     for rubbish in [&[0xff; 4][..], &[3, 0, 0, 0, 99, 99, 99], b"GET / HTTP/1.1\r\n\r\n"] {
         let mut stream = TcpStream::connect((&at.host[..], at.port)).unwrap();
         stream.write_all(rubbish).unwrap();
-        let told = |news: News| matches!(&news, News::Trouble(text) if text.contains("no message"));
-        wait(|| news.try_iter().any(told));
+        let reported = |news: News| matches!(&news, News::Trouble(text) if text.contains("no message"));
+        wait(|| news.try_iter().any(reported));
     }
     let other = tempfile::tempdir().unwrap();
     let (agent, _) = start(other.path(), Role::Agent, None, &[at]);
@@ -185,7 +185,7 @@ fn rubbish_on_a_connection_ends_it_and_no_other() {
 }
 
 #[test]
-fn nothing_goes_beyond_this_machine() {
+fn nothing_leaves_this_machine() {
     let room = tempfile::tempdir().unwrap();
     let cases = [
         (Some("tcp/0.0.0.0:0"), None, "not of this machine alone"),

@@ -1,6 +1,6 @@
-//! TLS 1.3 between two parties of one fleet: each shows a certificate of the authority that both know.
+//! TLS 1.3 between two peers of one fleet: each shows a certificate of the authority that both know.
 
-use crate::keys::{EVERY_PARTY, Keys, Party};
+use crate::keys::{EVERY_PEER, Keys, Peer};
 use anyhow::{Context, Result};
 use rustls::client::Resumption;
 use rustls::crypto::ring::default_provider;
@@ -37,7 +37,7 @@ pub(super) struct Tls {
 }
 
 impl Tls {
-    /// With a party's keys.
+    /// With a peer's keys.
     ///
     /// # Errors
     /// When they cannot be used.
@@ -59,7 +59,7 @@ impl Tls {
             .with_client_cert_verifier(verifier)
             .with_single_cert(chain(), key())?;
         server.send_tls13_tickets = 0;
-        let everyone = ServerName::try_from(EVERY_PARTY).context("the parties' common name")?;
+        let everyone = ServerName::try_from(EVERY_PEER).context("the parties' common name")?;
         Ok(Self { client: Arc::new(client), server: Arc::new(server), everyone })
     }
 
@@ -73,7 +73,7 @@ impl Tls {
         stream: &TcpStream,
         side: Side,
         ends: impl Fn() -> bool,
-    ) -> io::Result<(Connection, Party)> {
+    ) -> io::Result<(Connection, Peer)> {
         let session = match side {
             Side::Dialled => {
                 ClientConnection::new(Arc::clone(&self.client), self.everyone.clone()).map(Connection::from)
@@ -101,12 +101,12 @@ impl Tls {
                 return Err(broken(error));
             }
         }
-        let shown = session.peer_certificates().and_then(|chain| chain.first());
-        let party = shown.map_or_else(|| Err("it shows none".into()), |der| Party::of_certificate(der));
-        let party = party.map_err(|what| {
+        let presented = session.peer_certificates().and_then(|chain| chain.first());
+        let peer = presented.map_or_else(|| Err("it shows none".into()), |der| Peer::of_certificate(der));
+        let peer = peer.map_err(|what| {
             io::Error::new(ErrorKind::InvalidData, format!("its certificate cannot be used: {what}"))
         })?;
-        Ok((session, party))
+        Ok((session, peer))
     }
 }
 
@@ -133,7 +133,7 @@ pub(super) fn broken(error: rustls::Error) -> io::Error {
 }
 
 /// Why a connection with `place` broke, if it is more than that it ended.
-pub(super) fn said(place: &str, error: &io::Error) -> Option<String> {
+pub(super) fn disconnect_reason(place: &str, error: &io::Error) -> Option<String> {
     let inner = error.get_ref()?;
     let Some(error) = inner.downcast_ref::<rustls::Error>() else {
         return Some(format!("{place} is refused: {inner}"));

@@ -2,8 +2,8 @@
 //! fuzzer changes in them is read.
 
 use map::{AgentId, AgentInfo, FramePose, Keyframe, KeyframeId, Map, Point, SemiDense};
-use mcap::records::{MessageHeader, Record};
 use mcap::WriteOptions;
+use mcap::records::{MessageHeader, Record};
 use std::collections::BTreeMap;
 use std::error::Error;
 use std::fs::{self, File};

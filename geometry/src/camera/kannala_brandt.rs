@@ -1,6 +1,6 @@
 //! Kannala–Brandt fisheye distortion (Kannala & Brandt 2006; OpenCV's `fisheye`, Kalibr's `equidistant`).
 
-use super::roots::{first_sign_change, invert_growing, polynomial};
+use super::roots::{first_sign_change, invert_increasing, polynomial};
 use super::{CameraError, check_terms};
 use nalgebra::{Matrix2, Matrix2x3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
@@ -67,7 +67,7 @@ impl KannalaBrandt {
         if radius == 0.0 {
             return Some(Vector3::z());
         }
-        let theta = invert_growing(|theta| self.radius(theta), radius, self.max_angle)?;
+        let theta = invert_increasing(|theta| self.radius(theta), radius, self.max_angle)?;
         let (sin, cos) = theta.sin_cos();
         Some((bent * (sin / radius)).push(cos))
     }

@@ -1,6 +1,6 @@
 //! Radial-tangential distortion (Brown 1966; OpenCV, "Camera Calibration and 3D Reconstruction").
 
-use super::roots::{first_sign_change, invert_growing, polynomial};
+use super::roots::{first_sign_change, invert_increasing, polynomial};
 use super::{CameraError, check_terms};
 use nalgebra::{Matrix2, Vector2};
 use serde::{Deserialize, Serialize};
@@ -37,7 +37,7 @@ impl RadTan {
         let term = |i: usize| terms.get(i).copied().unwrap_or(0.0);
         let numerator = [1.0, term(0), term(1), term(4)];
         let denominator = [1.0, term(5), term(6), term(7)];
-        let max_radius = growing_radius(&numerator, &denominator);
+        let max_radius = increasing_radius(&numerator, &denominator);
         Ok(Self { numerator, denominator, tangential: Vector2::new(term(2), term(3)), max_radius })
     }
 
@@ -92,7 +92,7 @@ impl RadTan {
             let (factor, factor_by_u) = self.factor(r * r);
             (r * factor, factor + 2.0 * factor_by_u * r * r)
         };
-        let start = invert_growing(radial, radius, self.max_radius).unwrap_or(self.max_radius);
+        let start = invert_increasing(radial, radius, self.max_radius).unwrap_or(self.max_radius);
         let start = start.min(0.999 * self.max_radius);
         let mut plane = if radius > 0.0 { bent * (start / radius) } else { *bent };
         let (mut value, mut jacobian) = self.distort(&plane)?;
@@ -127,7 +127,7 @@ impl RadTan {
 }
 
 /// The radius up to which `r N(r²) / D(r²)` grows: the first zero of `N D + 2u (N' D − N D')` or of `D`.
-fn growing_radius(numerator: &[f64; 4], denominator: &[f64; 4]) -> f64 {
+fn increasing_radius(numerator: &[f64; 4], denominator: &[f64; 4]) -> f64 {
     let mut slope = [0.0; 7];
     for (i, n) in numerator.iter().enumerate() {
         for (j, d) in denominator.iter().enumerate() {

@@ -40,7 +40,7 @@ pub(super) fn polynomial(coefficients: &[f64], x: f64) -> f64 {
 
 /// The `x` in `[0, end]` with `f(x) = target`, for `f` growing from `f(0) = 0`; `f` returns value and
 /// derivative. Newton's steps, halved into the bracket where they leave it. `None` beyond `f(end)`.
-pub(super) fn invert_growing(f: impl Fn(f64) -> (f64, f64), target: f64, end: f64) -> Option<f64> {
+pub(super) fn invert_increasing(f: impl Fn(f64) -> (f64, f64), target: f64, end: f64) -> Option<f64> {
     if !(target >= 0.0 && target <= f(end).0) {
         return None;
     }
@@ -81,10 +81,10 @@ mod tests {
     fn inverts_through_flat_places() {
         let cube = |x: f64| (x * x * x, 3.0 * x * x);
         for target in [0.0f64, 1e-9, 0.3, 7.9, 8.0] {
-            let x = invert_growing(cube, target, 2.0).unwrap();
+            let x = invert_increasing(cube, target, 2.0).unwrap();
             assert!((x * x * x - target).abs() < 1e-12, "{target}");
         }
-        assert_eq!(invert_growing(cube, 8.1, 2.0), None);
-        assert_eq!(invert_growing(cube, f64::NAN, 2.0), None);
+        assert_eq!(invert_increasing(cube, 8.1, 2.0), None);
+        assert_eq!(invert_increasing(cube, f64::NAN, 2.0), None);
     }
 }

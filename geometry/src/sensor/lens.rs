@@ -125,11 +125,11 @@ impl Lens {
             return pixel;
         }
         let ideal = self.plane(pixel);
-        let mut shown = ideal;
+        let mut distorted = ideal;
         for _ in 0..4 {
-            shown = ideal / self.factor(shown.norm_squared() * self.per_corner).max(0.1);
+            distorted = ideal / self.factor(distorted.norm_squared() * self.per_corner).max(0.1);
         }
-        self.pixel(shown)
+        self.pixel(distorted)
     }
 
     /// The ray through what the image shows at `pixel`, z = 1.

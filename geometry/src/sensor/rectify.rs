@@ -88,7 +88,7 @@ impl Rectification {
 
     /// Where the ideal camera sees what the image shows at `pixel`, of this inverse depth.
     pub fn pixel_at(&self, pixel: [f32; 2], inverse_depth: f32) -> [f32; 2] {
-        let [x, y] = self.shift.to_ideal(pixel, inverse_depth);
+        let [x, y] = self.shift.to_undistorted(pixel, inverse_depth);
         [pixel[0] + x, pixel[1] + y]
     }
 
@@ -99,7 +99,7 @@ impl Rectification {
         let shifts: Vec<[f32; 2]> = (0..columns * (height.div_ceil(STEP) + 1))
             .map(|i| {
                 let pixel = [(i % columns * STEP) as f32, (i / columns * STEP) as f32];
-                self.shift.to_shown(pixel, self.depth.at(pixel))
+                self.shift.to_distorted(pixel, self.depth.at(pixel))
             })
             .collect();
         let mut out = Image::filled(width, height, 0);
@@ -168,8 +168,9 @@ mod tests {
         let motion = Twist::new(0.5, -0.2, 0.3, 0.4, -0.9, 0.5);
         let depths = (0..120).flat_map(|y| (0..160).map(move |x| ([x as f32, y as f32], 0.5)));
         let rectification = Rectification::new(&sensor, &motion, CoarseDepth::new(&CAMERA, depths));
-        let shown = |i: usize| scene(sensor.ideal_pixel([(i % 160) as f64, (i / 160) as f64], &motion, 0.5));
-        let image = GrayImage::from_vec(160, 120, (0..160 * 120).map(shown).collect()).unwrap();
+        let distorted =
+            |i: usize| scene(sensor.undistorted_pixel([(i % 160) as f64, (i / 160) as f64], &motion, 0.5));
+        let image = GrayImage::from_vec(160, 120, (0..160 * 120).map(distorted).collect()).unwrap();
         let ideal = rectification.image(&image);
         let (mut off, mut before) = (0.0, 0.0);
         for (y, x) in (12..108).flat_map(|y| (12..148).map(move |x| (y, x))) {
@@ -180,7 +181,7 @@ mod tests {
         // What is left is rounding and the cubic's.
         assert!(5.0 * off < before, "{off} of {before}");
         let [x, y] = rectification.pixel([20.0, 100.0]);
-        let [u, v] = sensor.ideal_pixel([20.0, 100.0], &motion, 0.5);
+        let [u, v] = sensor.undistorted_pixel([20.0, 100.0], &motion, 0.5);
         assert!((f64::from(x) - u).hypot(f64::from(y) - v) < 1e-3);
     }
 

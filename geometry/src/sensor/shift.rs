@@ -14,7 +14,7 @@ pub struct Shift {
     bend: f32,
     /// Translation and turn a second.
     speed: [f32; 3],
-    turn: [f32; 3],
+    rotation_speed: [f32; 3],
     /// Reading time a column and a row, seconds, and that of the pixel (0, 0) after the middle.
     delay: [f32; 3],
 }
@@ -32,7 +32,7 @@ impl Shift {
             per_focal: [camera.fx.recip() as f32, camera.fy.recip() as f32],
             bend: sensor.lens.bend() as f32,
             speed: part(0),
-            turn: part(3),
+            rotation_speed: part(3),
             delay: delay.map(|seconds| seconds as f32),
         }
     }
@@ -60,7 +60,7 @@ impl Shift {
     /// How far what the image shows at `pixel` moves until its pixel is read (see [`Sensor::velocity`]).
     #[inline(always)]
     fn moved(&self, pixel: [f32; 2], inverse_depth: f32) -> [f32; 2] {
-        let ([x, y], [vx, vy, vz], [wx, wy, wz]) = (self.plane(pixel), self.speed, self.turn);
+        let ([x, y], [vx, vy, vz], [wx, wy, wz]) = (self.plane(pixel), self.speed, self.rotation_speed);
         let [column, row, first] = self.delay;
         let delay = pixel[0] * column + pixel[1] * row + first;
         let along_x = inverse_depth * (vx - x * vz) - x * y * wx + (1.0 + x * x) * wy - y * wz;
@@ -70,16 +70,16 @@ impl Shift {
 
     /// From where the image shows a point to where the ideal camera sees it, pixels, by the lens alone.
     #[inline(always)]
-    pub fn lens_to_ideal(&self, shown: [f32; 2]) -> [f32; 2] {
-        let [x, y] = self.plane(shown);
+    pub fn lens_to_undistorted(&self, distorted: [f32; 2]) -> [f32; 2] {
+        let [x, y] = self.plane(distorted);
         let out = self.bend * (x * x + y * y);
         [self.focal[0] * x * out, self.focal[1] * y * out]
     }
 
     /// From where the ideal camera sees a point to where the image shows it, pixels, by the lens alone.
     #[inline(always)]
-    pub fn lens_to_shown(&self, ideal: [f32; 2]) -> [f32; 2] {
-        let [x, y] = self.plane(ideal);
+    pub fn lens_to_distorted(&self, undistorted: [f32; 2]) -> [f32; 2] {
+        let [x, y] = self.plane(undistorted);
         // The root of f (1 + e f²) = 1 near one, as a series.
         let e = self.bend * (x * x + y * y);
         let less = e * (1.0 - e * (3.0 - e * (12.0 - 55.0 * e)));
@@ -88,17 +88,17 @@ impl Shift {
 
     /// From where the image shows a point of this inverse depth to where the ideal camera sees it, pixels.
     #[inline(always)]
-    pub fn to_ideal(&self, shown: [f32; 2], inverse_depth: f32) -> [f32; 2] {
-        let moved = self.moved(shown, inverse_depth);
-        let bent = self.lens_to_ideal([shown[0] - moved[0], shown[1] - moved[1]]);
+    pub fn to_undistorted(&self, distorted: [f32; 2], inverse_depth: f32) -> [f32; 2] {
+        let moved = self.moved(distorted, inverse_depth);
+        let bent = self.lens_to_undistorted([distorted[0] - moved[0], distorted[1] - moved[1]]);
         [bent[0] - moved[0], bent[1] - moved[1]]
     }
 
     /// From where the ideal camera sees a point of this inverse depth to where the image shows it, pixels.
     #[inline(always)]
-    pub fn to_shown(&self, ideal: [f32; 2], inverse_depth: f32) -> [f32; 2] {
-        let bent = self.lens_to_shown(ideal);
-        let still = [ideal[0] + bent[0], ideal[1] + bent[1]];
+    pub fn to_distorted(&self, undistorted: [f32; 2], inverse_depth: f32) -> [f32; 2] {
+        let bent = self.lens_to_distorted(undistorted);
+        let still = [undistorted[0] + bent[0], undistorted[1] + bent[1]];
         let moved = self.moved(still, inverse_depth);
         let moved = self.moved([still[0] + moved[0], still[1] + moved[1]], inverse_depth);
         [bent[0] + moved[0], bent[1] + moved[1]]
@@ -125,12 +125,12 @@ mod tests {
                     assert!(off < 2e-3, "{unknowns:?} {pixel:?}: {off}");
                 };
                 agree(
-                    shift.to_ideal(single, inverse_depth as f32),
-                    sensor.ideal_pixel(pixel, &motion, inverse_depth),
+                    shift.to_undistorted(single, inverse_depth as f32),
+                    sensor.undistorted_pixel(pixel, &motion, inverse_depth),
                 );
                 agree(
-                    shift.to_shown(single, inverse_depth as f32),
-                    sensor.shown_pixel(pixel, &motion, inverse_depth),
+                    shift.to_distorted(single, inverse_depth as f32),
+                    sensor.distorted_pixel(pixel, &motion, inverse_depth),
                 );
             }
         }
@@ -140,8 +140,8 @@ mod tests {
     fn an_ideal_sensor_shifts_nothing() {
         let shift = Shift::new(&Sensor::ideal(CAMERA), &Twist::new(0.4, -0.3, 0.5, 0.6, -0.9, 0.4));
         for pixel in [[0.0, 0.0], [123.4, 456.7], [9000.0, -20.0]] {
-            assert_eq!(shift.to_ideal(pixel, 0.7), [0.0; 2]);
-            assert_eq!(shift.to_shown(pixel, 0.7), [0.0; 2]);
+            assert_eq!(shift.to_undistorted(pixel, 0.7), [0.0; 2]);
+            assert_eq!(shift.to_distorted(pixel, 0.7), [0.0; 2]);
         }
     }
 }

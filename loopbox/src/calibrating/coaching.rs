@@ -13,13 +13,13 @@ use std::time::Duration;
 use view::report::page::Template;
 use view::script;
 use view::watch::Picture;
-use view::watch::web::{Address, FEED_SCRIPTS, Message, Server, Teller, picture_message};
+use view::watch::web::{Address, FEED_SCRIPTS, Message, PageSession, Server, picture_message};
 
 /// How often it is looked whether the user has seen enough.
 const LOOK: Duration = Duration::from_millis(50);
 /// Marks of corners in the live image: of a view that was kept, of one like those before, of one that does not count.
 const KEPT: u8 = 2;
-const ALIKE: u8 = 1;
+const SIMILAR: u8 = 1;
 const USELESS: u8 = 0;
 
 const TEMPLATE: Template = Template {
@@ -209,7 +209,7 @@ enum Command {
     Finish,
 }
 
-impl Teller for Visitor {
+impl PageSession for Visitor {
     fn is_over(&self) -> bool {
         self.desk.over.load(Ordering::Acquire)
     }
@@ -252,7 +252,7 @@ fn marked(shot: &Shot, seen: &Seen) -> Picture {
         shot.corners.iter().map(|corner| [place(corner.pixel.x), place(corner.pixel.y)]).collect();
     let mark = match (seen.kept, &shot.problem) {
         (true, _) => KEPT,
-        (false, None) => ALIKE,
+        (false, None) => SIMILAR,
         (false, Some(_)) => USELESS,
     };
     picture.codes = vec![mark; picture.pixels.len()];

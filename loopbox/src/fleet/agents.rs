@@ -6,7 +6,7 @@ use crate::merging::Input;
 use anyhow::Result;
 use fleet::assembling::Assembler;
 use fleet::hash::ObjectHash;
-use fleet::node::Heard;
+use fleet::node::MapSnapshot;
 use fleet::store::Objects;
 use map::{AgentId, Identity, KeyframeId, Map, SensorKind};
 use place_recog::Vocabulary;
@@ -84,14 +84,14 @@ impl Maps {
     /// When what was told is no map, or it cannot be written.
     pub fn take(
         &mut self,
-        heard: &Heard,
+        snapshot: &MapSnapshot,
         only: Option<&BTreeSet<KeyframeId>>,
         place: &Place,
     ) -> Result<Option<SensorKind>, NotTaken> {
-        let agent = self.agents.entry(heard.agent).or_insert_with(|| Agent::new(heard.begun));
-        let taken = agent.take(heard, only, place);
+        let agent = self.agents.entry(snapshot.agent).or_insert_with(|| Agent::new(snapshot.begun));
+        let taken = agent.take(snapshot, only, place);
         if taken.is_err() {
-            self.agents.remove(&heard.agent);
+            self.agents.remove(&snapshot.agent);
         }
         taken
     }
@@ -195,18 +195,18 @@ impl Agent {
     /// Puts the map together of what is there. A map whose run is over is written once it is whole.
     fn take(
         &mut self,
-        heard: &Heard,
+        snapshot: &MapSnapshot,
         only: Option<&BTreeSet<KeyframeId>>,
         place: &Place,
     ) -> Result<Option<SensorKind>, NotTaken> {
-        let Heard { missing, came, finished, .. } = *heard;
-        (self.begun, self.finished) = (heard.begun, finished);
-        let entries = Arc::clone(&heard.entries);
+        let MapSnapshot { missing, came, finished, .. } = *snapshot;
+        (self.begun, self.finished) = (snapshot.begun, finished);
+        let entries = Arc::clone(&snapshot.entries);
         let seen = Some(Seen { entries, came, missing, finished, only: only.cloned() });
         if self.seen == seen {
             return Ok(None);
         }
-        let made = self.assembler.assemble(heard.agent, &heard.entries, place.store, only);
+        let made = self.assembler.assemble(snapshot.agent, &snapshot.entries, place.store, only);
         let made = made.map_err(NotTaken::Wrong)?;
         let Some(made) = made else { return Ok(None) };
         self.seen = seen;
@@ -216,7 +216,7 @@ impl Agent {
             return Ok(None);
         }
         (self.content, self.whole) = (Some(made.content), made.whole);
-        let path = place.folder.join(label(heard.agent, &made.map)).join("map.mcap");
+        let path = place.folder.join(label(snapshot.agent, &made.map)).join("map.mcap");
         if is_done {
             save(&path, &made.map).map_err(NotTaken::Unwritten)?;
         }

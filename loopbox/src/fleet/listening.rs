@@ -13,7 +13,7 @@ pub trait CommonListener: Send + Sync {
     fn lidars(&mut self, _inputs: &[Input], _merging: &LidarMerging) {}
 
     /// Some time went by.
-    fn remind(&mut self) {}
+    fn tick(&mut self) {}
 }
 
 impl CommonListener for Common {
@@ -25,8 +25,8 @@ impl CommonListener for Common {
         self.say_lidars(inputs, merging);
     }
 
-    fn remind(&mut self) {
-        Common::remind(self);
+    fn tick(&mut self) {
+        Common::tick(self);
     }
 }
 

@@ -1,29 +1,29 @@
 //! Agents that pair over a network, with or without a station: what a run and a station do with the crate `fleet`.
 //!
-//! `telling` tells a run's map while it grows. `sketching` says what of others' is worth fetching first and when enough of
-//! it is here, `courtesy` which of two agents looks at it, `company` who hangs together, `collecting`
-//! merges the maps that come, in goes, and keeps the common map on disk (`scans` those of LiDARs; `agents` are their maps, `remembering` what pairs of them made of each other), `findings`
-//! is what it tells the agents about where they are, `listening` who else hears of the common maps, `status` what people are told, `found_out` what neighbours found, `waiting` how long agents waited for their places; `party` puts them together.
+//! `publishing` tells a run's map while it grows. `prefetch` says what of others' is worth fetching first and when enough of
+//! it is here, `work_assignment` which of two agents looks at it, `components` who hangs together, `collecting`
+//! merges the maps that come, in batches, and keeps the common map on disk (`scans` those of LiDARs; `agents` are their maps, `remembering` what pairs of them made of each other), `merge_results`
+//! is what it tells the agents about where they are, `listening` who else hears of the common maps, `status` what people are told, `found_out` what neighbours found, `waiting` how long agents waited for their places; `fleet_node` puts them together.
 
 mod agents;
 mod collecting;
-mod company;
-mod courtesy;
-mod findings;
+mod components;
+mod fleet_node;
 mod found_out;
 mod listening;
-mod party;
+mod merge_results;
+mod prefetch;
+mod publishing;
 mod remembering;
 mod scans;
-mod sketching;
 mod status;
-mod telling;
 mod waiting;
+mod work_assignment;
 
-pub use fleet::findings::{Found, FoundAgent, FoundMeeting};
 pub use fleet::keys::{Authority, DAYS, Keys, Validity};
+pub use fleet::merge_results::{Found, FoundAgent, PairVerdict};
 pub use fleet::transport::Endpoint;
+pub use fleet_node::{Fleet, FleetOptions, OBJECTS};
 pub use listening::CommonListener;
-pub use party::{Fleet, FleetOptions, OBJECTS};
-pub use status::{AgentLine, LinkLine, STATUS, StatusFile, ToldFound, read_status};
-pub use telling::Teller;
+pub use publishing::MapPublisher;
+pub use status::{AgentLine, LinkLine, RemoteResults, STATUS, StatusFile, read_status};

@@ -1,7 +1,7 @@
 //! What pairs of maps made of each other, kept as long as neither changed: a map that changes is compared with all others
 //! again, and they are not with each other.
 
-use crate::merging::{Encounter, Known, Places};
+use crate::merging::{Known, PairResult, Places};
 use fleet::hash::ObjectHash;
 use map::Identity;
 use slam_lidar::merging::verdict::Verdict;
@@ -27,7 +27,7 @@ pub(super) struct Memory {
 struct Met {
     /// Of the target and the source.
     contents: [Content; 2],
-    encounter: Encounter,
+    pair_result: PairResult,
 }
 
 impl Memory {
@@ -39,19 +39,19 @@ impl Memory {
         let is_source_first = met.contents[1].agent == maps[a].agent;
         let [target, source] = if is_source_first { [b, a] } else { [a, b] };
         let is_same = met.contents == [maps[target], maps[source]];
-        let is_grown = met.encounter.seen.as_ref().is_some_and(|seen| seen.is_grown);
+        let is_grown = met.pair_result.seen.as_ref().is_some_and(|seen| seen.is_grown);
         let is_due = !is_same || exactly && is_grown;
-        let encounter = Encounter { target, source, ..met.encounter.clone() };
-        Some(Known { encounter, is_due, may_grow: !exactly })
+        let pair_result = PairResult { target, source, ..met.pair_result.clone() };
+        Some(Known { pair_result, is_due, may_grow: !exactly })
     }
 
     /// Keeps what pairs of these maps made of each other now, beside what is known of others of them, and nothing of others.
-    pub fn keep<'a>(&mut self, maps: &[Content], encounters: impl Iterator<Item = &'a Encounter>) {
+    pub fn keep<'a>(&mut self, maps: &[Content], pair_results: impl Iterator<Item = &'a PairResult>) {
         let agents: BTreeSet<Identity> = maps.iter().map(|map| map.agent).collect();
         self.pairs.retain(|pair, _| pair.iter().all(|agent| agents.contains(agent)));
-        for encounter in encounters {
-            let contents = [encounter.target, encounter.source].map(|map| maps[map]);
-            let met = Met { contents, encounter: encounter.clone() };
+        for pair_result in pair_results {
+            let contents = [pair_result.target, pair_result.source].map(|map| maps[map]);
+            let met = Met { contents, pair_result: pair_result.clone() };
             self.pairs.insert(key(contents[0], contents[1]), met);
         }
     }
@@ -108,9 +108,9 @@ mod tests {
         Content { agent, hash: ObjectHash::of(&[version]) }
     }
 
-    fn encounter(target: usize, source: usize) -> Encounter {
-        let (tried, joined, error, seconds, seen) = Default::default();
-        Encounter { target, source, proposed: 10 * target + source, tried, joined, error, seconds, seen }
+    fn pair_result(target: usize, source: usize) -> PairResult {
+        let (tested, joined, error, seconds, seen) = Default::default();
+        PairResult { target, source, proposed: 10 * target + source, tested, joined, error, seconds, seen }
     }
 
     fn is_due(memory: &Memory, maps: &[Content], pair: [usize; 2], exactly: bool) -> Option<bool> {
@@ -118,19 +118,19 @@ mod tests {
     }
 
     #[test]
-    fn pairs_of_unchanged_maps_are_known_wherever_they_stand_and_those_of_changed_ones_are_due() {
+    fn pairs_of_unchanged_maps_are_known_at_any_index_and_those_of_changed_ones_are_due() {
         let maps = [content(1, 0), content(2, 0), content(3, 0)];
         let mut memory = Memory::default();
-        memory.keep(&maps, [encounter(1, 0), encounter(0, 2), encounter(2, 1)].iter());
+        memory.keep(&maps, [pair_result(1, 0), pair_result(0, 2), pair_result(2, 1)].iter());
         // The second changed, and they stand in another order.
         let now = [content(3, 0), content(2, 9), content(1, 0)];
         let known = memory.recall(&now, [0, 2], true).expect("neither changed");
-        let Known { encounter: met, is_due: false, .. } = known else { panic!("neither changed") };
+        let Known { pair_result: met, is_due: false, .. } = known else { panic!("neither changed") };
         assert_eq!((met.target, met.source, met.proposed), (2, 0, 2));
         let changed = memory.recall(&now, [0, 1], false).expect("they met before");
         assert!(changed.is_due && is_due(&memory, &now, [0, 1], true) == Some(true));
         assert_eq!(is_due(&memory, &now, [1, 2], false), Some(true));
-        assert_eq!([changed.encounter.target, changed.encounter.source], [0, 1]);
+        assert_eq!([changed.pair_result.target, changed.pair_result.source], [0, 1]);
         // Nothing is kept of one that is not there any more.
         memory.keep(&maps[..2], std::iter::empty());
         assert_eq!(is_due(&memory, &maps, [0, 2], false), None);
@@ -161,18 +161,18 @@ mod tests {
     }
 
     #[test]
-    fn a_pair_is_judged_anew_for_what_it_is_and_not_for_other_maps() {
+    fn a_pair_is_evaluated_anew_for_its_own_changes_and_not_for_other_maps() {
         let maps = [content(1, 0), content(2, 0), content(3, 0)];
         let mut memory = Memory::default();
-        memory.keep(&maps[..2], [encounter(0, 1)].iter());
+        memory.keep(&maps[..2], [pair_result(0, 1)].iter());
         let due = |memory: &Memory, exactly: bool| is_due(memory, &maps, [0, 1], exactly);
         assert_eq!((due(&memory, false), due(&memory, true)), (Some(false), Some(false)));
         // One of which only what was new was looked at since is looked at once more before the result is to last.
         let seen = Some(std::sync::Arc::new(crate::merging::Seen { is_grown: true, ..Default::default() }));
-        memory.keep(&maps, [Encounter { seen, ..encounter(1, 2) }].iter());
+        memory.keep(&maps, [PairResult { seen, ..pair_result(1, 2) }].iter());
         let grown = |exactly: bool| memory.recall(&maps, [1, 2], exactly).expect("it is known");
         assert!(!grown(false).is_due && grown(false).may_grow && grown(true).is_due && !grown(true).may_grow);
-        memory.keep(&maps, [encounter(0, 2)].iter());
+        memory.keep(&maps, [pair_result(0, 2)].iter());
         assert_eq!((due(&memory, true), is_due(&memory, &maps, [0, 2], true)), (Some(false), Some(false)));
     }
 }

@@ -4,8 +4,8 @@
 
 use super::agents::Inputs;
 use super::collecting::{Failed, WRITE_INTERVAL};
-use super::findings::said;
 use super::listening::CommonListener;
+use super::merge_results::reported_verdict;
 use super::remembering::Verdicts;
 use crate::lidar::merging::{
     Input, LidarMergeParams, LidarMergeRecord, LidarMerging, decision, merge_knowing, place_of,
@@ -13,7 +13,7 @@ use crate::lidar::merging::{
 use crate::lidar::write_merged;
 use crate::results::{COMMON_OF_LIDARS, Owner, Results};
 use anyhow::{Result, anyhow};
-use fleet::findings::{Found, FoundAgent, FoundMeeting, numbers};
+use fleet::merge_results::{Found, FoundAgent, PairVerdict, numbers};
 use geometry::Se3;
 use sources::Stop;
 use std::path::{Path, PathBuf};
@@ -66,7 +66,7 @@ impl ScanCollector {
     }
 
     /// Has what is not written merged and written next, whenever that was done last.
-    pub fn urge(&mut self) {
+    pub fn request_write(&mut self) {
         (self.is_new, self.written) = (self.to_write, None);
     }
 
@@ -92,9 +92,10 @@ impl ScanCollector {
         let known = |pair: [usize; 2]| self.verdicts.recall(pair.map(|map| contents[map]));
         let merging = merge_knowing(inputs, &LidarMergeParams::default(), &known, None, &mut |_| go_on());
         let merging = merging.map_err(Failed::Merge)?;
-        let said = merging.pairs.iter();
+        let outcomes = merging.pairs.iter();
         self.verdicts.keep(
-            said.map(|pair| ([pair.a, pair.b].map(|map| contents[map]), pair.verdict.clone(), pair.seconds)),
+            outcomes
+                .map(|pair| ([pair.a, pair.b].map(|map| contents[map]), pair.verdict.clone(), pair.seconds)),
         );
         self.found = found(lent, Some(&merging));
         listeners.iter_mut().for_each(|listener| listener.lidars(inputs, &merging));
@@ -138,14 +139,17 @@ fn found(lent: &Inputs<Input>, merging: Option<&LidarMerging>) -> Found {
             root_from_agent: numbers(&place.into()),
         }
     };
-    let meetings = merging.into_iter().flat_map(|merging| &merging.pairs).map(|pair| FoundMeeting {
+    let pair_verdicts = merging.into_iter().flat_map(|merging| &merging.pairs).map(|pair| PairVerdict {
         names: [pair.a, pair.b].map(|input| lent.inputs[input].name.clone()),
         agents: [pair.a, pair.b].map(identity),
-        verdict: said(decision(pair), ![pair.a, pair.b].iter().all(|input| lent.over[*input])),
+        verdict: reported_verdict(decision(pair), ![pair.a, pair.b].iter().all(|input| lent.over[*input])),
         why: (decision(pair) != "accepted").then(|| pair.reason()),
         pending: false,
     });
-    Found { agents: lent.inputs.iter().enumerate().map(agent).collect(), meetings: meetings.collect() }
+    Found {
+        agents: lent.inputs.iter().enumerate().map(agent).collect(),
+        pair_verdicts: pair_verdicts.collect(),
+    }
 }
 
 #[cfg(test)]
@@ -221,7 +225,7 @@ mod tests {
     }
 
     #[test]
-    fn a_common_map_of_lidars_is_heard_of_and_published() {
+    fn a_common_map_of_lidars_reaches_listeners_and_is_published() {
         let room = tempfile::tempdir().unwrap();
         let (a, b) = (along("a", -12.0, 9), along("b", -8.0, 9));
         let mut collector = ScanCollector::new(room.path(), false).unwrap();
@@ -230,13 +234,13 @@ mod tests {
             vec![Box::new(crate::ros::Common::new(topics.clone()))];
         let both = lent(room.path(), &[(&a, 0), (&b, 0)]);
         assert!(collector.merge(&both, true, &mut listeners, &Stop::default()).is_ok());
-        let said = topics.0.lock().unwrap().clone();
-        let names: Vec<&str> = said.iter().map(|(topic, _)| &**topic).collect();
+        let messages = topics.0.lock().unwrap().clone();
+        let names: Vec<&str> = messages.iter().map(|(topic, _)| &**topic).collect();
         // Nobody has said where they are since: these maps have no frames.
         assert_eq!(names, ["/a/common_points", "/tf_static"]);
         // Three floats a point, of at most 65536.
         let points: usize = both.inputs.iter().map(|i| i.map.cloud(1.0).count()).sum();
-        let cloud = said[0].1;
+        let cloud = messages[0].1;
         assert!(cloud > 12 * points.min(1 << 16) / 2 && cloud < 13 * (1 << 16), "{cloud} {points}");
     }
 
@@ -253,7 +257,7 @@ mod tests {
         collector.came();
         assert!(collector.has_new() && !collector.is_done());
         merged(&mut collector, &lent(room.path(), &[(&a, 0)]), true);
-        assert_eq!((collector.found().agents.len(), collector.found().meetings.len()), (1, 0));
+        assert_eq!((collector.found().agents.len(), collector.found().pair_verdicts.len()), (1, 0));
         assert!(collector.is_done() && !file.parent().unwrap().exists(), "one alone has no common map");
         collector.came();
         merged(&mut collector, &lent(room.path(), &[(&a, 0), (&b, 0)]), false);
@@ -268,7 +272,7 @@ mod tests {
         collector.came();
         merged(&mut collector, &grown, false);
         assert!(!collector.is_done() && fs::read(&file).unwrap() == before);
-        collector.urge();
+        collector.request_write();
         assert!(collector.has_new());
         merged(&mut collector, &grown, true);
         assert!(collector.is_done());
@@ -336,7 +340,11 @@ mod tests {
         let mut collector = ScanCollector::new(room.path(), false).unwrap();
         merged(&mut collector, &lent(room.path(), &maps), true);
         let found = collector.found();
-        assert_eq!((found.agents.len(), found.meetings.len(), found.accepted()), (5, 10, 0), "{found:?}");
+        assert_eq!(
+            (found.agents.len(), found.pair_verdicts.len(), found.accepted()),
+            (5, 10, 0),
+            "{found:?}"
+        );
         assert!(!room.path().join("lidar").exists());
     }
 }

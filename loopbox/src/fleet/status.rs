@@ -1,8 +1,8 @@
-//! How things are with a party of the fleet, as its file says it.
+//! How things are with a peer of the fleet, as its file says it.
 
 use super::waiting::{Waited, Waits};
 use anyhow::Context;
-use fleet::findings::{Found, FoundMeeting};
+use fleet::merge_results::{Found, PairVerdict};
 use fleet::node::{AgentStatus, NeighbourStatus};
 use map::SensorKind;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
@@ -11,10 +11,10 @@ use std::fs;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
-use view::watch::{Meeting, Neighbour, Neighbourhood, ToldMap};
+use view::watch::{Neighbour, Neighbourhood, PairLine, RemoteMap};
 
 /// Maps and pairs of them that a page shows at the most: what others found may be any number.
-const SHOWN: usize = 200;
+const MAX_LISTED: usize = 200;
 /// The file that says how things are.
 pub const STATUS: &str = "fleet.json";
 
@@ -22,9 +22,9 @@ pub const STATUS: &str = "fleet.json";
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 #[serde(default)]
 pub struct StatusFile {
-    /// What people call this party.
+    /// What people call this peer.
     pub name: String,
-    /// When this was written, milliseconds since 1970; every second as long as the party is at work.
+    /// When this was written, milliseconds since 1970; every second as long as the peer is at work.
     pub written_ms: u64,
     /// Whether it has ended, and was not killed.
     pub ended: bool,
@@ -37,22 +37,23 @@ pub struct StatusFile {
     /// What was found out here about where agents are.
     pub found: Found,
     /// What others found out, by their names.
-    pub told: Vec<(String, ToldFound)>,
+    #[serde(rename = "told")]
+    pub remote_results: Vec<(String, RemoteResults)>,
     /// The last that was refused or went wrong.
     pub trouble: Vec<String>,
 }
 
 /// What another one found out.
 #[derive(Clone, Debug, Default)]
-pub struct ToldFound(pub Arc<Found>);
+pub struct RemoteResults(pub Arc<Found>);
 
-impl Serialize for ToldFound {
+impl Serialize for RemoteResults {
     fn serialize<S: Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
         self.0.serialize(to)
     }
 }
 
-impl<'de> Deserialize<'de> for ToldFound {
+impl<'de> Deserialize<'de> for RemoteResults {
     fn deserialize<D: Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
         Found::deserialize(from).map(|found| Self(found.into()))
     }
@@ -91,7 +92,8 @@ pub struct AgentLine {
     /// Its identity, `UUID/EPOCH`.
     pub agent: String,
     /// Who tells it; nothing of one that was here when the program began.
-    pub teller: Option<String>,
+    #[serde(rename = "teller")]
+    pub publisher: Option<String>,
     /// The kind of its sensor; nothing while no keyframe is told of.
     pub sensor: Option<SensorKind>,
     /// Keyframes of its newest version.
@@ -101,7 +103,8 @@ pub struct AgentLine {
     /// Whether its run has ended.
     pub finished: bool,
     /// Seconds from hearing of it until it was told its place; nothing while it has none.
-    pub heard_to_place_s: Option<f64>,
+    #[serde(rename = "heard_to_place_s")]
+    pub discovery_to_place_s: Option<f64>,
     /// The same from having the parts of its map by which its place was to be seen; nothing where all of it was here first.
     pub parts_to_place_s: Option<f64>,
 }
@@ -133,21 +136,21 @@ impl LinkLine {
 impl AgentLine {
     /// Of an agent.
     pub(super) fn of(agent: &AgentStatus, waits: &Waits) -> Self {
-        let Waited { heard_s, parts_s } = waits.of(&agent.agent);
+        let Waited { since_discovery_s, parts_s } = waits.of(&agent.agent);
         Self {
             agent: agent.agent.to_string(),
-            teller: agent.teller.clone(),
+            publisher: agent.publisher.clone(),
             sensor: agent.sensor,
             keyframes: agent.keyframes,
             missing: agent.missing,
             finished: agent.finished,
-            heard_to_place_s: heard_s,
+            discovery_to_place_s: since_discovery_s,
             parts_to_place_s: parts_s,
         }
     }
 }
 
-/// How old a status is that a party at work has written: longer, and nobody is there to write it.
+/// How old a status is that a peer at work has written: longer, and nobody is there to write it.
 const STALE: Duration = Duration::from_secs(10);
 
 impl StatusFile {
@@ -157,7 +160,7 @@ impl StatusFile {
         now.saturating_sub(Duration::from_millis(self.written_ms)).as_secs_f64()
     }
 
-    /// Whether the party was at work and gives no sign of life: it was killed, or stands still.
+    /// Whether the peer was at work and gives no sign of life: it was killed, or stands still.
     pub fn is_stale(&self) -> bool {
         !self.ended && self.age_s() > STALE.as_secs_f64()
     }
@@ -165,12 +168,12 @@ impl StatusFile {
     /// What people call a map: by the name of its agent, once it was looked at, else by who tells it, else by its identity.
     pub fn name_of<'a>(&'a self, line: &'a AgentLine) -> &'a str {
         let about = self.all().find_map(|found| found.agents.iter().find(|about| about.agent == line.agent));
-        about.map(|about| &about.name).or(line.teller.as_ref()).unwrap_or(&line.agent)
+        about.map(|about| &about.name).or(line.publisher.as_ref()).unwrap_or(&line.agent)
     }
 
     /// What was found here, and by others.
     fn all(&self) -> impl Iterator<Item = &Found> {
-        std::iter::once(&self.found).chain(self.told.iter().map(|(_, found)| &*found.0))
+        std::iter::once(&self.found).chain(self.remote_results.iter().map(|(_, found)| &*found.0))
     }
 
     /// The same as pages show it: what was found here, and what others say of pairs that were not looked at here.
@@ -185,32 +188,33 @@ impl StatusFile {
             rate: link.rate,
             lacks: link.lacks,
         };
-        let told = self.told.iter().map(|(_, found)| (true, &*found.0));
-        let all = std::iter::once((false, &self.found)).chain(told);
+        let remote_results = self.remote_results.iter().map(|(_, found)| (true, &*found.0));
+        let all = std::iter::once((false, &self.found)).chain(remote_results);
         let mut seen = BTreeSet::new();
-        let is_new = |(_, meeting): &(bool, &FoundMeeting)| {
-            let mut both = [&meeting.agents, &meeting.names].map(|both| both.clone());
+        let is_new = |(_, pair_verdict): &(bool, &PairVerdict)| {
+            let mut both = [&pair_verdict.agents, &pair_verdict.names].map(|both| both.clone());
             both.iter_mut().for_each(|both| both.sort());
             // What earlier versions found has no identities.
             let [agents, names] = both;
             seen.insert(if agents[0].is_empty() { names } else { agents })
         };
-        let each =
-            all.flat_map(|(is_told, found)| found.meetings.iter().map(move |meeting| (is_told, meeting)));
-        let meeting = |(is_told, meeting): (bool, &FoundMeeting)| {
-            let FoundMeeting { names, verdict, why, .. } = meeting.clone();
-            Meeting { names, verdict, why, is_told }
+        let each = all.flat_map(|(is_remote, found)| {
+            found.pair_verdicts.iter().map(move |pair_verdict| (is_remote, pair_verdict))
+        });
+        let pair_verdict = |(is_remote, pair_verdict): (bool, &PairVerdict)| {
+            let PairVerdict { names, verdict, why, .. } = pair_verdict.clone();
+            PairLine { names, verdict, why, is_remote }
         };
-        let meetings = each.filter(is_new).take(SHOWN).map(meeting).collect();
+        let pair_verdicts = each.filter(is_new).take(MAX_LISTED).map(pair_verdict).collect();
         let (listening, trouble) = (self.listening.clone(), self.trouble.clone());
         let links = self.links.iter().map(link).collect();
-        let maps = self.agents.iter().take(SHOWN).map(|line| self.told_map(line)).collect();
-        Neighbourhood { listening, links, maps, meetings, trouble }
+        let maps = self.agents.iter().take(MAX_LISTED).map(|line| self.remote_map(line)).collect();
+        Neighbourhood { listening, links, maps, pair_verdicts, trouble }
     }
 
     /// Another's map, as pages show it; its agent's name is known once the map was looked at.
-    fn told_map(&self, line: &AgentLine) -> ToldMap {
-        ToldMap {
+    fn remote_map(&self, line: &AgentLine) -> RemoteMap {
+        RemoteMap {
             name: self.name_of(line).to_owned(),
             keyframes: line.keyframes,
             missing: line.missing,
@@ -221,7 +225,7 @@ impl StatusFile {
     }
 }
 
-/// How things are or were with the party whose results are in `folder`.
+/// How things are or were with the peer whose results are in `folder`.
 ///
 /// # Errors
 /// When there is none.
@@ -239,24 +243,24 @@ pub fn read_status(folder: &Path) -> anyhow::Result<StatusFile> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use fleet::findings::FoundAgent;
+    use fleet::merge_results::FoundAgent;
 
     fn found(pairs: impl Iterator<Item = [u32; 2]>, verdict: &str) -> Found {
-        let meeting = |pair: [u32; 2]| FoundMeeting {
+        let pair_verdict = |pair: [u32; 2]| PairVerdict {
             names: ["one".into(), "other".into()],
             agents: pair.map(|agent| agent.to_string()),
             verdict: verdict.into(),
             why: None,
             pending: false,
         };
-        Found { agents: Vec::new(), meetings: pairs.map(meeting).collect() }
+        Found { agents: Vec::new(), pair_verdicts: pairs.map(pair_verdict).collect() }
     }
 
     #[test]
     fn a_page_shows_maps_by_the_names_of_their_agents_and_whether_they_hang_together() {
         let line = |agent: &str, missing| AgentLine {
             agent: agent.into(),
-            teller: Some("car".into()),
+            publisher: Some("car".into()),
             missing,
             ..AgentLine::default()
         };
@@ -271,19 +275,23 @@ mod tests {
         let agents = vec![about("a", "a"), about("b", "a"), about("c", "c")];
         let status = StatusFile {
             agents: vec![line("a", 0), line("b", 4), line("c", 0), line("d", 0)],
-            found: Found { agents, meetings: Vec::new() },
+            found: Found { agents, pair_verdicts: Vec::new() },
             ..StatusFile::default()
         };
-        let shown = status.neighbourhood().maps;
-        let said: Vec<_> = shown.iter().map(|map| (&*map.name, map.missing, map.is_joined)).collect();
-        assert_eq!(said, [("the a", 0, true), ("the b", 4, true), ("the c", 0, false), ("car", 0, false)]);
+        let listed = status.neighbourhood().maps;
+        let lines: Vec<_> = listed.iter().map(|map| (&*map.name, map.missing, map.is_joined)).collect();
+        assert_eq!(lines, [("the a", 0, true), ("the b", 4, true), ("the c", 0, false), ("car", 0, false)]);
     }
 
     #[test]
     fn keys_of_the_status_file_stay() {
-        let line = AgentLine { teller: Some("car".into()), heard_to_place_s: Some(1.0), ..AgentLine::default() };
-        let told = vec![("x".into(), ToldFound(found([[2, 1]].into_iter(), "refused").into()))];
-        let status = StatusFile { agents: vec![line], told, ..StatusFile::default() };
+        let line = AgentLine {
+            publisher: Some("car".into()),
+            discovery_to_place_s: Some(1.0),
+            ..AgentLine::default()
+        };
+        let remote_results = vec![("x".into(), RemoteResults(found([[2, 1]].into_iter(), "refused").into()))];
+        let status = StatusFile { agents: vec![line], remote_results, ..StatusFile::default() };
         let status = serde_json::to_value(status).unwrap();
         for key in ["/agents/0/teller", "/agents/0/heard_to_place_s", "/told/0/1", "/found/meetings"] {
             assert!(status.pointer(key).is_some(), "no {key} in {status:#}");
@@ -294,12 +302,15 @@ mod tests {
     fn a_page_shows_what_was_found_here_and_of_other_pairs_what_others_found_within_limits() {
         let mut status =
             StatusFile { found: found([[1, 2]].into_iter(), "accepted"), ..StatusFile::default() };
-        let told = |found: Found| ToldFound(found.into());
-        status.told = vec![("x".into(), told(found([[2, 1], [1, 3]].into_iter(), "refused")))];
-        let shown: Vec<(String, bool)> =
-            status.neighbourhood().meetings.into_iter().map(|m| (m.verdict, m.is_told)).collect();
-        assert_eq!(shown, [("accepted".into(), false), ("refused".into(), true)]);
-        status.told.push(("y".into(), told(found((10..100_000).map(|other| [1, other]), "refused"))));
-        assert_eq!(status.neighbourhood().meetings.len(), SHOWN);
+        let remote_results = |found: Found| RemoteResults(found.into());
+        status.remote_results =
+            vec![("x".into(), remote_results(found([[2, 1], [1, 3]].into_iter(), "refused")))];
+        let listed: Vec<(String, bool)> =
+            status.neighbourhood().pair_verdicts.into_iter().map(|m| (m.verdict, m.is_remote)).collect();
+        assert_eq!(listed, [("accepted".into(), false), ("refused".into(), true)]);
+        status
+            .remote_results
+            .push(("y".into(), remote_results(found((10..100_000).map(|other| [1, other]), "refused"))));
+        assert_eq!(status.neighbourhood().pair_verdicts.len(), MAX_LISTED);
     }
 }

@@ -1,6 +1,6 @@
 //! How long agents waited for their places.
 
-use super::company::Company;
+use super::components::Components;
 use map::Identity;
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
@@ -20,7 +20,7 @@ pub(super) struct Waits {
 #[derive(Clone, Copy, Debug)]
 struct Wait {
     /// Anything.
-    heard: Instant,
+    discovered: Instant,
     /// The parts of its map by which it is to be seen where it is.
     parts: Option<Instant>,
     /// Its place.
@@ -31,22 +31,22 @@ struct Wait {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Waited {
     /// From hearing of it.
-    pub heard_s: Option<f64>,
+    pub since_discovery_s: Option<f64>,
     /// From having the parts of its map by which it is to be seen.
     pub parts_s: Option<f64>,
 }
 
 impl Waits {
-    /// It is looked: something is `heard` of these agents, and the parts of some are `ready`.
+    /// It is looked: something is `discovered` of these agents, and the parts of some are `ready`.
     pub fn look<'a>(
         &mut self,
-        heard: impl Iterator<Item = Identity>,
+        discovered: impl Iterator<Item = Identity>,
         ready: impl Iterator<Item = &'a Identity>,
         now: Instant,
     ) {
         let since = self.looked.replace(now).unwrap_or(now);
-        for agent in heard {
-            self.agents.entry(agent).or_insert(Wait { heard: since, parts: None, placed: None });
+        for agent in discovered {
+            self.agents.entry(agent).or_insert(Wait { discovered: since, parts: None, placed: None });
         }
         for agent in ready {
             if let Some(wait) = self.agents.get_mut(agent) {
@@ -58,15 +58,15 @@ impl Waits {
     /// Whether the parts by which it is to be seen where an agent is are likely to be there in a moment.
     pub fn is_coming(&self, now: Instant) -> bool {
         let is_coming = |wait: &Wait| {
-            let is_new = now.saturating_duration_since(wait.heard) < COMING;
+            let is_new = now.saturating_duration_since(wait.discovered) < COMING;
             is_new && wait.parts.is_none() && wait.placed.is_none()
         };
         self.agents.values().any(is_coming)
     }
 
     /// Who hangs together was told.
-    pub fn told(&mut self, company: &Company, now: Instant) {
-        for (_, wait) in self.agents.iter_mut().filter(|(agent, _)| company.is_joined(agent)) {
+    pub fn mark_placed(&mut self, components: &Components, now: Instant) {
+        for (_, wait) in self.agents.iter_mut().filter(|(agent, _)| components.is_joined(agent)) {
             wait.placed.get_or_insert(now);
         }
     }
@@ -75,7 +75,7 @@ impl Waits {
     pub fn of(&self, agent: &Identity) -> Waited {
         let Some(wait) = self.agents.get(agent) else { return Waited::default() };
         let until = |since: Instant| Some(wait.placed?.saturating_duration_since(since).as_secs_f64());
-        Waited { heard_s: until(wait.heard), parts_s: wait.parts.and_then(until) }
+        Waited { since_discovery_s: until(wait.discovered), parts_s: wait.parts.and_then(until) }
     }
 }
 
@@ -85,7 +85,7 @@ mod tests {
     use map::Uuid;
 
     #[test]
-    fn parts_are_on_their_way_for_a_moment_only() {
+    fn parts_are_expected_for_a_moment_only() {
         let agent = Identity { uuid: Uuid::from_u128(1), epoch: 0 };
         let start = Instant::now();
         let at = |millis: u64| start + Duration::from_millis(millis);
@@ -97,7 +97,7 @@ mod tests {
     }
 
     #[test]
-    fn an_agent_waits_from_the_look_before_it_was_there_until_it_is_told_its_place_first() {
+    fn an_agent_waits_from_the_look_before_its_discovery_until_its_first_place() {
         let agent = |number: u128| Identity { uuid: Uuid::from_u128(number), epoch: 0 };
         let all = [agent(1), agent(2)];
         let start = Instant::now();
@@ -108,10 +108,10 @@ mod tests {
         waits.look(all.into_iter(), all[..1].iter(), at(3));
         waits.look(all.into_iter(), all[..1].iter(), at(4));
         assert_eq!(waits.of(&agent(1)), Waited::default());
-        waits.told(&Company::of_one(&all), at(6));
-        waits.told(&Company::of_one(&all), at(9));
-        assert_eq!(waits.of(&agent(1)), Waited { heard_s: Some(6.0), parts_s: Some(5.0) });
-        assert_eq!(waits.of(&agent(2)), Waited { heard_s: Some(6.0), parts_s: None });
+        waits.mark_placed(&Components::of_one(&all), at(6));
+        waits.mark_placed(&Components::of_one(&all), at(9));
+        assert_eq!(waits.of(&agent(1)), Waited { since_discovery_s: Some(6.0), parts_s: Some(5.0) });
+        assert_eq!(waits.of(&agent(2)), Waited { since_discovery_s: Some(6.0), parts_s: None });
         assert_eq!(waits.of(&agent(3)), Waited::default());
     }
 }

@@ -156,15 +156,15 @@ fn tum(folder: &Path) -> Result<(Vec<Shot>, Vec<String>)> {
             without[1]
         );
     }
-    let said = [(without[0], "depth image", "depth.txt"), (without[1], "pose", "groundtruth.txt")];
-    let said = said.iter().filter(|(count, ..)| *count > 0).map(|(count, what, file)| {
+    let missing = [(without[0], "depth image", "depth.txt"), (without[1], "pose", "groundtruth.txt")];
+    let missing = missing.iter().filter(|(count, ..)| *count > 0).map(|(count, what, file)| {
         format!(
             "{}: {count} of {} images have no {what} of their time and were left out",
             folder.join(file).display(),
             images.len()
         )
     });
-    Ok((shots, said.collect()))
+    Ok((shots, missing.collect()))
 }
 
 /// The colour images of 7-Scenes in a folder.
@@ -181,8 +181,8 @@ fn seven_scenes(folder: &Path) -> Result<(Vec<Shot>, Vec<String>)> {
     let mut shots = Vec::new();
     for (number, image) in images.iter().enumerate() {
         let name = image.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
-        let beside = |end: &str| folder.join(format!("{}{end}", name.trim_end_matches(COLOR)));
-        let (depth, pose) = (beside(".depth.png"), beside(".pose.txt"));
+        let sibling = |end: &str| folder.join(format!("{}{end}", name.trim_end_matches(COLOR)));
+        let (depth, pose) = (sibling(".depth.png"), sibling(".pose.txt"));
         for (file, what) in [(&depth, "depth image"), (&pose, "pose")] {
             ensure!(
                 file.is_file(),
@@ -222,13 +222,13 @@ fn matrix(path: &Path) -> Result<Option<Se3>> {
         return Ok(None);
     }
     let matrix = Matrix4::from_row_slice(&numbers);
-    let turn: Matrix3<f64> = matrix.fixed_view::<3, 3>(0, 0).into();
-    let skew = (turn * turn.transpose() - Matrix3::identity()).abs().max();
+    let linear: Matrix3<f64> = matrix.fixed_view::<3, 3>(0, 0).into();
+    let skew = (linear * linear.transpose() - Matrix3::identity()).abs().max();
     ensure!(
-        skew < 0.01 && turn.determinant() > 0.0,
+        skew < 0.01 && linear.determinant() > 0.0,
         "{}: its 3×3 part is no rotation (off by {skew:.3})",
         path.display()
     );
-    let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix(&turn));
+    let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix(&linear));
     Ok(Some(Se3::new(rotation, matrix.fixed_view::<3, 1>(0, 3).into())))
 }

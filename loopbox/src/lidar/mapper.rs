@@ -132,7 +132,7 @@ impl Mapper {
     }
 
     /// The fragment that grows: which one it is, from 0, and its map.
-    pub fn growing(&self) -> (usize, &Map) {
+    pub fn active_map(&self) -> (usize, &Map) {
         (self.ended.len(), &self.fragment.map)
     }
 

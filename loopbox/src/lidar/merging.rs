@@ -2,9 +2,7 @@
 
 mod record;
 
-pub use record::{
-    DifferenceRecord, EncounterRecord, EvidenceRecord, InputRecord, LidarMergeRecord, MergeCost,
-};
+pub use record::{DifferenceRecord, EvidenceRecord, InputRecord, LidarMergeRecord, MergeCost, PairRecord};
 
 use super::convert::{edge, keyframes};
 use crate::merging::{name_of, untaken};
@@ -90,9 +88,9 @@ impl Input {
     pub(crate) fn of(path: PathBuf, map: Map) -> Result<Self> {
         let is_far = |keyframe: &&Keyframe| keyframe.world_from_keyframe.translation.norm() > FARTHEST;
         if let Some(far) = map.keyframes.values().find(is_far) {
-            let (way, id) = (far.world_from_keyframe.translation.norm(), far.id.0);
+            let (distance, id) = (far.world_from_keyframe.translation.norm(), far.id.0);
             bail!(
-                "{}: keyframe {id} lies {way:.1e} m from the map's origin, farther than the {FARTHEST:.0} m that maps may reach",
+                "{}: keyframe {id} lies {distance:.1e} m from the map's origin, farther than the {FARTHEST:.0} m that maps may reach",
                 path.display()
             );
         }
@@ -258,7 +256,7 @@ pub(crate) fn pair_alone(
 }
 
 /// What was decided of two inputs and by what evidence, for people.
-pub(crate) fn said(inputs: &[Input], pair: &Pair) -> String {
+pub(crate) fn summary(inputs: &[Input], pair: &Pair) -> String {
     let [a, b] = [pair.a, pair.b].map(|input| &inputs[input].name);
     let mut text = format!("{a} + {b}: {}: {}\n", decision(pair), pair.reason());
     if let Some(best) = &pair.verdict.best {
@@ -333,7 +331,7 @@ fn united(inputs: &[Input], pairs: &[Pair], joined: &Joined, members: &[usize]) 
         .filter(|pair| pair.holds())
         .filter_map(|pair| {
             let (a, b) = (place(pair.a)?, place(pair.b)?);
-            meeting_edge(&map, inputs, pair, [a, b])
+            link_edge(&map, inputs, pair, [a, b])
         })
         .collect();
     map.edges.extend(edges);
@@ -341,7 +339,7 @@ fn united(inputs: &[Input], pairs: &[Pair], joined: &Joined, members: &[usize]) 
 }
 
 /// Where two maps were found to belong together: a keyframe of each, by its id in its own map.
-pub(crate) struct Meeting {
+pub(crate) struct MapLink {
     /// Of the first map.
     pub from: KeyframeId,
     /// Of the second.
@@ -353,7 +351,7 @@ pub(crate) struct Meeting {
 }
 
 /// The meeting of an accepted pair, where the two ways come nearest: there its error is smallest.
-pub(crate) fn meeting(inputs: &[Input], pair: &Pair) -> Option<Meeting> {
+pub(crate) fn map_link(inputs: &[Input], pair: &Pair) -> Option<MapLink> {
     let a_from_b = accepted(pair)?.a_from_b;
     let (a, b) = (&inputs[pair.a], &inputs[pair.b]);
     let (mut nearest, mut found) = (f64::INFINITY, None);
@@ -364,7 +362,7 @@ pub(crate) fn meeting(inputs: &[Input], pair: &Pair) -> Option<Meeting> {
             if apart < nearest {
                 let from_from_to = own.world_from_sensor.inverse() * a_from_other;
                 nearest = apart;
-                found = Some(Meeting { from: *from, to: *to, from_from_to, deviation: DEVIATION });
+                found = Some(MapLink { from: *from, to: *to, from_from_to, deviation: DEVIATION });
             }
         }
     }
@@ -372,8 +370,8 @@ pub(crate) fn meeting(inputs: &[Input], pair: &Pair) -> Option<Meeting> {
 }
 
 /// The edge of a merge between agents of a united map.
-fn meeting_edge(map: &Map, inputs: &[Input], pair: &Pair, agents: [usize; 2]) -> Option<Edge> {
-    let met = meeting(inputs, pair)?;
+fn link_edge(map: &Map, inputs: &[Input], pair: &Pair, agents: [usize; 2]) -> Option<Edge> {
+    let met = map_link(inputs, pair)?;
     let first = |agent: usize| {
         let info = map.agents.get(&AgentId(u16::try_from(agent).ok()?))?;
         Some(info.own.as_ref()?.first_keyframe)

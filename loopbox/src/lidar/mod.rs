@@ -8,6 +8,7 @@ mod convert;
 mod fragments;
 pub mod mapper;
 pub mod merging;
+mod notifying;
 pub mod outlook;
 mod output;
 pub(crate) mod page;
@@ -16,7 +17,6 @@ pub mod record;
 mod report;
 pub mod run;
 pub mod sweep_timing;
-mod telling;
 
 pub(crate) use output::read_inputs;
 #[cfg(feature = "fleet")]

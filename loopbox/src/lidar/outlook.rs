@@ -162,11 +162,11 @@ impl ScanOutlook {
         while (index < LOOKED_AT || usable == 0)
             && let Some(next) = source.next_scan()
         {
-            let is_told = index < LOOKED_AT;
+            let is_reported = index < LOOKED_AT;
             index += 1;
             let unusable = match &next.scan {
                 Ok(scan) => {
-                    if is_told {
+                    if is_reported {
                         self.take(scan);
                         ranges.add(scan, farthest);
                         stale += scan.stale;
@@ -178,7 +178,7 @@ impl ScanOutlook {
                         ScanError::Io { name, source } => format!("{name}: {source}"),
                         error => error.to_string(),
                     };
-                    self.problems.extend(is_told.then(|| what.clone()));
+                    self.problems.extend(is_reported.then(|| what.clone()));
                     Some(what)
                 }
             };
@@ -250,23 +250,23 @@ mod tests {
     }
 
     #[test]
-    fn clouds_in_other_units_are_told() {
+    fn clouds_in_other_units_are_reported() {
         assert_eq!(hall(1.0), None);
         assert!(
             hall(1000.0)
-                .is_some_and(|said| said.contains("millimetres or centimetres? --scan-unit mm or cm"))
+                .is_some_and(|message| message.contains("millimetres or centimetres? --scan-unit mm or cm"))
         );
         assert!(
-            hall(100.0).is_some_and(|said| said.contains("centimetres? --scan-unit cm")),
+            hall(100.0).is_some_and(|message| message.contains("centimetres? --scan-unit cm")),
             "{:?}",
             hall(100.0)
         );
     }
 
     #[test]
-    fn a_run_of_one_scan_is_told() {
+    fn a_run_of_one_scan_is_reported() {
         let scans = ScanCounts { offered: 80, tracked: 1, ..ScanCounts::default() };
-        assert!(too_few_scans(&scans).is_some_and(|said| said.contains("only 1 of 80 scans")));
+        assert!(too_few_scans(&scans).is_some_and(|message| message.contains("only 1 of 80 scans")));
         assert_eq!(too_few_scans(&ScanCounts { tracked: 79, ..scans }), None);
     }
 }

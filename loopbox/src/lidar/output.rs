@@ -1,11 +1,11 @@
 //! From recordings and maps in files to folders of results.
 
-use super::merging::{Input, LidarMergeParams, LidarMergeRecord, LidarMerging, merge_knowing, said};
+use super::merging::{Input, LidarMergeParams, LidarMergeRecord, LidarMerging, merge_knowing, summary};
+use super::notifying::Notifier;
 use super::poses::GivenPoses;
 use super::record::LidarRecord;
 use super::report;
 use super::run::{Event, LidarRun, RunOptions, run};
-use super::telling::Told;
 use crate::merging::refuse_one;
 use crate::open::{open_map, recording_name};
 use crate::results::{Owner, Results, keep_from};
@@ -78,30 +78,30 @@ pub fn map_recording(
         ..AgentInfo::new(name.unwrap_or_else(|| recording_name(&info.path)), Sensor::Lidar)
     };
     let mut results = Results::create(&out, &Owner::Run(info.path), force)?;
-    let mut told = Told::begins(listeners, &about);
-    let mut growing = Growing::default();
+    let mut notifier = Notifier::begins(listeners, &about);
+    let mut live = LiveMap::default();
     let options = RunOptions { about, params, poses: poses.map(|(_, poses)| poses), start, end };
     let done = run(source, options, &mut |event| {
         observe(event);
         if let Event::Scan { row, fragment, map } = event {
-            told.changed(map, row.closed);
-            if let Err(error) = growing.grow(&mut results, fragment, map, row.closed) {
-                growing.failure = Some(format!("{error:#}"));
+            notifier.changed(map, row.closed);
+            if let Err(error) = live.grow(&mut results, fragment, map, row.closed) {
+                live.failure = Some(format!("{error:#}"));
             }
         }
-        let ended = stop.requested() || growing.failure.is_some();
+        let ended = stop.requested() || live.failure.is_some();
         Ok(if ended { ControlFlow::Break(()) } else { ControlFlow::Continue(()) })
     });
-    let Growing { failure, beside, .. } = growing;
-    let done = done.inspect_err(|_| results.forget_growing());
+    let LiveMap { failure, fragment_files, .. } = live;
+    let done = done.inspect_err(|_| results.discard_live_map());
     let record = done.and_then(|mut done| {
         done.record.point_times = point_times;
-        told.ended(&done.maps);
+        notifier.ended(&done.maps);
         write(&mut results, done, kitti)
     });
     let files = record.as_ref().map_or(Vec::new(), |record| record.files.clone());
     let is_complete = |path: &PathBuf| files.iter().any(|name| *path == results.folder().join(name));
-    for path in beside.into_iter().filter(|path| !is_complete(path)) {
+    for path in fragment_files.into_iter().filter(|path| !is_complete(path)) {
         // Nobody is hurt by what stays.
         let _ = fs::remove_file(&path);
         let _ = path.parent().filter(|home| *home != results.folder()).map(fs::remove_dir);
@@ -109,23 +109,23 @@ pub fn map_recording(
     Ok(Mapped { record: record?, failure })
 }
 
-/// All poses are written anew into a growing map once there is a further one for so many keyframes.
+/// All poses are written anew into a live map once there is a further one for so many keyframes.
 const POSED_EVERY: usize = 16;
 
 /// The map as it grows in the folder.
 #[derive(Default)]
-struct Growing {
+struct LiveMap {
     fragment: usize,
     writer: Option<MapWriter>,
     keyframes: usize,
     /// Keyframes when all poses and edges were written last.
     posed: usize,
     /// The files of fragments after the first.
-    beside: Vec<PathBuf>,
+    fragment_files: Vec<PathBuf>,
     failure: Option<String>,
 }
 
-impl Growing {
+impl LiveMap {
     /// Writes what is new of the map of a fragment once there is a keyframe more.
     fn grow(&mut self, results: &mut Results, fragment: usize, map: &Map, closed: bool) -> Result<()> {
         if fragment != self.fragment {
@@ -138,9 +138,9 @@ impl Growing {
         let writer = match &mut self.writer {
             Some(writer) => writer,
             none => {
-                let path = results.growing()?.with_file_name(numbered(MAP, fragment));
+                let path = results.live_map()?.with_file_name(numbered(MAP, fragment));
                 if fragment > 0 {
-                    self.beside.push(path.clone());
+                    self.fragment_files.push(path.clone());
                 }
                 none.insert(MapWriter::create(&path, about)?)
             }
@@ -230,7 +230,7 @@ pub struct LidarMerged {
 impl LidarMerged {
     /// For each pair what was decided and by what evidence, for people.
     pub fn verdict(&self) -> String {
-        self.merging.pairs.iter().map(|pair| said(&self.inputs, pair)).collect()
+        self.merging.pairs.iter().map(|pair| summary(&self.inputs, pair)).collect()
     }
 }
 

@@ -72,8 +72,9 @@ impl Matrix {
     /// The distances of every two, evenly thinned.
     pub fn new(name: &str, rows: &[&ScanContext], columns: &[&ScanContext]) -> Self {
         let [rows, columns] = [rows, columns].map(|all| thinned(all.to_vec()));
-        let code =
-            |row: &ScanContext, column| (255.0 * row.likeness(column).distance.clamp(0.0, 1.0)).round() as u8;
+        let code = |row: &ScanContext, column| {
+            (255.0 * row.similarity(column).distance.clamp(0.0, 1.0)).round() as u8
+        };
         let values = rows.iter().flat_map(|row| columns.iter().map(move |column| code(row, column)));
         Self { name: name.into(), rows: rows.len(), columns: columns.len(), values: Packed(values.collect()) }
     }
@@ -86,7 +87,7 @@ pub(crate) fn thinned<T>(mut items: Vec<T>) -> Vec<T> {
 }
 
 /// Places of poses for the page.
-pub(crate) fn way(poses: &[(f64, Se3)]) -> Packed {
+pub(crate) fn packed_path(poses: &[(f64, Se3)]) -> Packed {
     Packed::f32(poses.iter().flat_map(|(_, pose)| <[f32; 3]>::from(pose.translation.cast::<f32>())))
 }
 

@@ -96,7 +96,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_way_is_refused() {
+    fn what_is_no_trajectory_is_refused() {
         assert!(GivenPoses::new(Vec::new()).is_err());
         assert!(GivenPoses::new(vec![(1.0, at(0.0)), (1.0, at(1.0))]).is_err());
         assert!(GivenPoses::new(vec![(1.0, at(f64::NAN))]).is_err());

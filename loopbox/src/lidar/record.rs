@@ -202,7 +202,8 @@ pub struct LoopRow {
     /// Share of points on surfaces of the other, 0–1.
     pub overlap: f64,
     /// Share of the points that agree with them.
-    pub agreeing: f64,
+    #[serde(rename = "agreeing")]
+    pub inlier_ratio: f64,
     /// Share of the points in space that the other saw free.
     pub violated: f64,
     /// Root mean square distance from surfaces, metres.
@@ -219,7 +220,7 @@ impl LoopRow {
             from: found.from,
             to: found.to,
             overlap: evidence.overlap,
-            agreeing: evidence.agreeing,
+            inlier_ratio: evidence.inlier_ratio,
             violated: evidence.violated,
             rmse_m: evidence.rmse,
             distance_m: found.alignment.target_from_source.translation.norm(),

@@ -1,7 +1,7 @@
 //! `report.html` of a LiDAR run and of a merge of LiDAR maps.
 
-use super::merging::{EncounterRecord, LidarMergeRecord, LidarMerging};
-use super::page::{Matrix, Page, Plot, Table, thinned, way};
+use super::merging::{LidarMergeRecord, LidarMerging, PairRecord};
+use super::page::{Matrix, Page, Plot, Table, packed_path, thinned};
 use super::record::{LidarRecord, LoopRow, ScanRow};
 use anyhow::Result;
 use map::{AgentId, Map};
@@ -17,7 +17,7 @@ pub(super) fn of_run(path: &Path, map: &Map, agent: &Agent, record: &LidarRecord
     let plot = |name, value: fn(&ScanRow) -> f64| Plot::new(name, record.rows.iter().map(value));
     let page = Page {
         tiles: run_tiles(record),
-        odometry: (!record.loops.is_empty()).then(|| way(&agent.odometry())),
+        odometry: (!record.loops.is_empty()).then(|| packed_path(&agent.odometry())),
         matrices: vec![Matrix::new(name, &contexts, &contexts)],
         tables: vec![loops("Loops closed", &record.loops), loops("Places refused", &record.refused_loops)],
         plots: vec![
@@ -54,7 +54,7 @@ pub(super) fn of_merge(path: &Path, merging: &LidarMerging, record: &LidarMergeR
             ("seconds".into(), format!("{:.1}", record.cost.merge_s)),
         ],
         matrices,
-        tables: vec![encounters(record)],
+        tables: vec![pair_results(record)],
         ..Page::default()
     };
     page.write(path, &title, &first.map)
@@ -82,7 +82,7 @@ fn loops(name: &str, rows: &[LoopRow]) -> Table {
         vec![
             format!("{} – {}", l.from, l.to),
             format!("{:.2}", l.overlap),
-            format!("{:.3}", l.agreeing),
+            format!("{:.3}", l.inlier_ratio),
             format!("{:.3}", l.violated),
             format!("{:.3}", l.rmse_m),
             format!("{:.2}", l.distance_m),
@@ -92,8 +92,8 @@ fn loops(name: &str, rows: &[LoopRow]) -> Table {
     Table { name: name.into(), head, rows: rows.iter().map(row).collect() }
 }
 
-fn encounters(record: &LidarMergeRecord) -> Table {
-    let row = |e: &EncounterRecord| {
+fn pair_results(record: &LidarMergeRecord) -> Table {
+    let row = |e: &PairRecord| {
         let number = |value: Option<f64>| value.map_or("–".into(), |v| format!("{v:.3}"));
         let best = e.best.as_ref();
         vec![
@@ -102,7 +102,7 @@ fn encounters(record: &LidarMergeRecord) -> Table {
             e.reason.clone(),
             best.map_or("–".into(), |b| format!("{} of {}", b.pieces, b.of_pieces)),
             number(best.map(|b| b.overlap)),
-            number(best.map(|b| b.agreeing)),
+            number(best.map(|b| b.inlier_ratio)),
             number(best.map(|b| b.ln_ratio)),
             number(best.map(|b| b.shared_m2)),
             number(best.map(|b| b.absent_m2)),
@@ -119,5 +119,5 @@ fn encounters(record: &LidarMergeRecord) -> Table {
         "in both m²",
         "in one only m²",
     ];
-    Table { name: "Every two maps".into(), head, rows: record.encounters.iter().map(row).collect() }
+    Table { name: "Every two maps".into(), head, rows: record.pair_results.iter().map(row).collect() }
 }

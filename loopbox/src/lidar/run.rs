@@ -105,7 +105,7 @@ pub fn run(
         let flow = match taken {
             Ok(row) => {
                 rows.push(row);
-                let (fragment, map) = mapper.growing();
+                let (fragment, map) = mapper.active_map();
                 observe(Event::Scan { row: &row, fragment, map })?
             }
             Err(Skip { reason, detail }) => {

@@ -20,7 +20,7 @@ const LONGEST: f64 = 0.7;
 /// So many scans are tracked with each rotation.
 const WINDOW: usize = 20;
 /// Of these the first find the motion they begin with, and do not count.
-const SETTLING: usize = 3;
+const WARM_UP: usize = 3;
 /// So many scans are looked through for a window in which the sensor turns.
 const SEARCHED: usize = 600;
 /// Points of a scan that are used: as many as a sensor of 16 rings has.
@@ -290,7 +290,7 @@ impl Trial {
             if tracked.lost { 0.0 } else { tracked.inlier_share }
         };
         let shares: Vec<f64> = window.iter().map(share).collect();
-        Self { timing, shares: shares[SETTLING.min(shares.len())..].to_vec() }
+        Self { timing, shares: shares[WARM_UP.min(shares.len())..].to_vec() }
     }
 
     fn share(&self) -> f64 {

@@ -106,10 +106,10 @@ fn agents_map_a_hall_and_their_maps_come_together() {
     assert_eq!(decision(&merging.pairs[0]), "accepted", "{}", merging.pairs[0].reason());
     let [group] = &merging.groups[..] else { panic!("one group is expected") };
     // Both in the frame of a's first sweep, whose middle the poses belong to.
-    let (ways, middle) = ([walk(&A).0, walk(&B).0], 0.5 * PERIOD);
-    let world = ways[0](middle);
+    let (paths, middle) = ([walk(&A).0, walk(&B).0], 0.5 * PERIOD);
+    let world = paths[0](middle);
     for keyframe in group.map.keyframes.values() {
-        let truth = world.inverse() * ways[usize::from(keyframe.agent.0)](keyframe.timestamp);
+        let truth = world.inverse() * paths[usize::from(keyframe.agent.0)](keyframe.timestamp);
         let off = truth.inverse() * keyframe.world_from_keyframe.rigid();
         assert!(off.translation.norm() < 0.05, "keyframe {}: {:.3} m", keyframe.id.0, off.translation.norm());
     }
@@ -117,15 +117,15 @@ fn agents_map_a_hall_and_their_maps_come_together() {
     let own: Vec<Map> = given.into_iter().map(|(_, map)| map).collect();
     assert_eq!(group.map.split(), own, "a merge can be undone");
     let record = LidarMergeRecord::of(&inputs, &merging);
-    assert_eq!((record.encounters.len(), record.groups.len()), (1, 1));
-    let off = ways[0](middle).inverse() * ways[1](middle);
+    assert_eq!((record.pair_results.len(), record.groups.len()), (1, 1));
+    let off = paths[0](middle).inverse() * paths[1](middle);
     let found = Se3::from_tum(record.inputs[1].world_from_map);
     assert!((off.inverse() * found).translation.norm() < 0.05);
 }
 
 /// The same agent along two ways, between which it is carried from the end of the one to the begin of the other.
-fn carried(ways: [&[[f64; 2]]; 2]) -> (LidarRun, impl Fn(f64) -> Se3) {
-    let [(one, first), (other, second)] = ways.map(walk);
+fn carried(paths: [&[[f64; 2]]; 2]) -> (LidarRun, impl Fn(f64) -> Se3) {
+    let [(one, first), (other, second)] = paths.map(walk);
     let change = (first / PERIOD).ceil() * PERIOD;
     let pose = move |time: f64| if time < change { one(time) } else { other(time - change) };
     let done =

@@ -3,7 +3,7 @@
 //! A verdict is a function of its two maps. How often pairs look alike by chance among many, and that a group may hold no two
 //! places, only all of them can tell, so that is asked once, afterwards, of the numbers that the verdicts keep.
 
-use super::{Encounter, MergingParams};
+use super::{MergingParams, PairResult};
 
 /// A pair of inputs as far as others are concerned.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -30,27 +30,27 @@ enum Why {
 
 /// The merges that cannot stand beside the other verdicts, by their inputs, each with the reason; `names` are those of the inputs.
 pub(super) fn contradicted(
-    encounters: &[Encounter],
+    pair_results: &[PairResult],
     params: &MergingParams,
     names: &[&str],
 ) -> Vec<([usize; 2], String)> {
-    let pairs: Vec<Pair> = encounters.iter().map(|encounter| Pair::new(encounter, params)).collect();
-    let limit = params.meeting.closure.pair.two_view.max_false_alarms.ln();
+    let pairs: Vec<Pair> = pair_results.iter().map(|pair_result| Pair::new(pair_result, params)).collect();
+    let limit = params.verification.closure.pair.two_view.max_false_alarms.ln();
     let found =
         taken_back(&pairs, limit).into_iter().map(|(index, why)| (pairs[index].inputs, why.text(names)));
     found.collect()
 }
 
 impl Pair {
-    fn new(encounter: &Encounter, params: &MergingParams) -> Self {
-        let judged = encounter.decisive();
-        let evidence = judged.map(|judged| &judged.verdict.evidence);
+    fn new(pair_result: &PairResult, params: &MergingParams) -> Self {
+        let evaluated = pair_result.decisive();
+        let evidence = evaluated.map(|evaluated| &evaluated.verdict.evidence);
         let place = evidence.and_then(|evidence| evidence.place);
-        let tests = params.meeting.matched_of(encounter.proposed).max(1) as f64;
+        let tests = params.verification.matched_of(pair_result.proposed).max(1) as f64;
         Self {
-            inputs: encounter.as_given(),
-            is_joined: encounter.joined.is_some(),
-            is_double: judged.is_some_and(|judged| judged.verdict.is_double()),
+            inputs: pair_result.as_given(),
+            is_joined: pair_result.joined.is_some(),
+            is_double: evaluated.is_some_and(|evaluated| evaluated.verdict.is_double()),
             ln_ratio: place.map_or(0.0, |place| place.ln_ratio),
             ln_false_alarms: evidence
                 .map_or(f64::NEG_INFINITY, |evidence| evidence.ln_false_alarms + tests.ln()),

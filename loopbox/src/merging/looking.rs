@@ -1,14 +1,14 @@
-//! What pairs of maps make of each other, looked at all at once or in goes.
+//! What pairs of maps make of each other, looked at all at once or in batches.
 
-use super::goes::{Groups, Known, Share, Waiting, next};
-use super::growing::{Seen, grown};
+use super::batches::{Groups, Known, Share, Waiting, next};
+use super::incremental::{Seen, grown};
 use super::places::{Places, places};
-use super::{Encounter, Input, MergingParams, Seconds};
+use super::{Input, MergingParams, PairResult, Seconds};
 use anyhow::{Context, Result};
 use map::Map;
 use merge::further::Joined;
-use merge::meeting::{Judged, Place, meet};
 use merge::prepared::PreparedMap;
+use merge::verification::{EvaluatedClosure, Place, meet};
 use place_recog::{Vocabulary, ranked};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -16,11 +16,11 @@ use std::time::Instant;
 
 /// Keyframes of a map that stay ready for the next pair, at the most: of 640 × 480 pixels each takes some 4 MB.
 const READY: usize = 24;
-/// Keyframes that are looked for in others' maps in one go, each of them once for every map: at 15 µs a third of a second.
+/// Keyframes that are looked for in others' maps in one batch, each of them once for every map: at 15 µs a third of a second.
 const QUERIES: usize = 20_000;
 
 /// What is to be looked at.
-pub(crate) struct Go<'a> {
+pub(crate) struct Batch<'a> {
     /// What is known of a pair of inputs, the earlier first.
     pub known: &'a (dyn Fn([usize; 2]) -> Option<Known> + Sync),
     /// The pairs to look at and how likely each is; every pair, by their words, where nothing is said.
@@ -32,7 +32,7 @@ pub(crate) struct Go<'a> {
     /// How much is looked at; everything, in the order of the inputs, where nothing is said.
     pub share: Option<Share>,
     /// Keeps what two inputs made of each other, as soon as that is found.
-    pub keep: &'a (dyn Fn(&Encounter) -> Result<()> + Sync),
+    pub keep: &'a (dyn Fn(&PairResult) -> Result<()> + Sync),
     /// Whether something comes first that is more urgent than pairs whose agents have their places.
     pub is_awaited: &'a (dyn Fn() -> bool + Sync),
 }
@@ -41,7 +41,7 @@ pub(crate) struct Go<'a> {
 #[cfg_attr(not(feature = "fleet"), expect(dead_code, reason = "only a fleet is merged in goes"))]
 pub(crate) struct Looked {
     /// What pairs made of each other, now or before, in the order of the inputs.
-    pub encounters: Vec<Encounter>,
+    pub pair_results: Vec<PairResult>,
     /// Pairs that were looked at now.
     now: Vec<[usize; 2]>,
     /// Pairs that are still to be looked at.
@@ -57,17 +57,17 @@ pub(crate) struct Looked {
 #[cfg(feature = "fleet")]
 impl Looked {
     /// What the pairs that were looked at now made of each other.
-    pub fn now(&self) -> impl Iterator<Item = &Encounter> {
+    pub fn now(&self) -> impl Iterator<Item = &PairResult> {
         let now: BTreeSet<[usize; 2]> = self.now.iter().copied().collect();
-        self.encounters.iter().filter(move |encounter| now.contains(&encounter.as_given()))
+        self.pair_results.iter().filter(move |pair_result| now.contains(&pair_result.as_given()))
     }
 }
 
-impl<'a> Go<'a> {
+impl<'a> Batch<'a> {
     /// All pairs of which nothing is known.
     pub fn whole(
         known: &'a (dyn Fn([usize; 2]) -> Option<Known> + Sync),
-        keep: &'a (dyn Fn(&Encounter) -> Result<()> + Sync),
+        keep: &'a (dyn Fn(&PairResult) -> Result<()> + Sync),
     ) -> Self {
         let (groups, places) = (Groups::new(0), BTreeMap::new());
         Self { known, wanted: None, groups, places, share: None, keep, is_awaited: &|| false }
@@ -83,7 +83,7 @@ pub(crate) fn look(
     inputs: &[Input],
     vocabulary: &Arc<Vocabulary>,
     params: &MergingParams,
-    go: Go,
+    go: Batch,
     progress: &mut dyn FnMut(&str) -> Result<()>,
 ) -> Result<Looked> {
     let maps: Vec<&Map> = inputs.iter().map(|input| &*input.map).collect();
@@ -93,31 +93,31 @@ pub(crate) fn look(
         .iter()
         .map(|input| PreparedMap::new(&input.map, &input.features, &params.key_points))
         .collect();
-    let Go { known, wanted, mut groups, places: mut shared, share, keep, is_awaited } = go;
-    let (mut encounters, mut may_grow) = (BTreeMap::new(), BTreeSet::new());
+    let Batch { known, wanted, mut groups, places: mut shared, share, keep, is_awaited } = go;
+    let (mut pair_results, mut may_grow) = (BTreeMap::new(), BTreeSet::new());
     let mut waiting = Vec::new();
     for pair in pairs(inputs.len()) {
         let known = known(pair);
         let is_due = known.as_ref().is_none_or(|known| known.is_due);
-        let likeness = wanted.as_ref().map_or(Some(0.0), |wanted| wanted.get(&pair).copied());
-        if let Some(likeness) = likeness.filter(|_| is_due) {
-            waiting.push(Waiting { pair, likeness, is_again: known.is_some() });
+        let similarity = wanted.as_ref().map_or(Some(0.0), |wanted| wanted.get(&pair).copied());
+        if let Some(similarity) = similarity.filter(|_| is_due) {
+            waiting.push(Waiting { pair, similarity, is_again: known.is_some() });
         }
-        if let Some(Known { encounter, may_grow: may, .. }) = known {
-            if encounter.joined.is_some() && share.is_some() {
+        if let Some(Known { pair_result, may_grow: may, .. }) = known {
+            if pair_result.joined.is_some() && share.is_some() {
                 groups.join(pair);
             }
             if may {
                 may_grow.insert(pair);
             }
-            encounters.insert(pair, encounter);
+            pair_results.insert(pair, pair_result);
         }
     }
     progress("looking for places that the maps share")?;
     let start = Instant::now();
     find_places(inputs, vocabulary, params, &waiting, share.map(|_| &groups), &mut shared);
     if wanted.is_none() {
-        waiting.iter_mut().for_each(|one| one.likeness = likeness(one.pair, &shared));
+        waiting.iter_mut().for_each(|one| one.similarity = similarity(one.pair, &shared));
     }
     let (mut now, mut left, mut is_news) = (Vec::new(), Vec::new(), false);
     if share.is_some() {
@@ -142,23 +142,23 @@ pub(crate) fn look(
         progress(&format!("looking where {} met", names(pair)))?;
         let found = key(pair, &shared).and_then(|key| Some((key, shared.remove(&key)?)));
         let (directed, places) = found.unwrap_or((pair, Places::default()));
-        let of = |before: &Encounter| [&prepared[before.target], &prepared[before.source]];
-        let before = encounters.get(&pair).filter(|_| may_grow.contains(&pair));
+        let of = |before: &PairResult| [&prepared[before.target], &prepared[before.source]];
+        let before = pair_results.get(&pair).filter(|_| may_grow.contains(&pair));
         let followed = before.and_then(|before| grown(before, of(before), params));
-        let encounter = followed.unwrap_or_else(|| {
-            let mut encounter = encounter(directed, places, inputs, &prepared, params);
-            let accepted = encounter.accepted().filter(|_| share.is_some());
-            encounter.seen = accepted.map(|judged| Arc::new(Seen::new(of(&encounter), judged)));
-            encounter
+        let pair_result = followed.unwrap_or_else(|| {
+            let mut pair_result = pair_result(directed, places, inputs, &prepared, params);
+            let accepted = pair_result.accepted().filter(|_| share.is_some());
+            pair_result.seen = accepted.map(|evaluated| Arc::new(Seen::new(of(&pair_result), evaluated)));
+            pair_result
         });
-        keep(&encounter)?;
+        keep(&pair_result)?;
         // What every pair leaves behind would be as much as all images.
         for map in pair {
             prepared[map].forget_beyond(READY);
             inputs[map].map.rest();
         }
-        let is_joined = encounter.joined.is_some();
-        let before = encounters.insert(pair, encounter);
+        let is_joined = pair_result.joined.is_some();
+        let before = pair_results.insert(pair, pair_result);
         if share.is_some() {
             is_news |= before.is_some_and(|before| before.joined.is_some() && !is_joined);
             is_news |= is_joined && groups.join(pair);
@@ -169,10 +169,10 @@ pub(crate) fn look(
     let may_join = share.is_some() && left.iter().any(|one| !one.is_again && !groups.are_one(one.pair));
     let left = left.into_iter().map(|one| one.pair).collect();
     // In the order of all pairs: the later of the two, then the earlier.
-    let mut encounters: Vec<([usize; 2], Encounter)> = encounters.into_iter().collect();
-    encounters.sort_by_key(|([earlier, later], _)| [*later, *earlier]);
-    let encounters = encounters.into_iter().map(|(_, encounter)| encounter).collect();
-    Ok(Looked { encounters, now, left, may_join, is_news, places: shared })
+    let mut pair_results: Vec<([usize; 2], PairResult)> = pair_results.into_iter().collect();
+    pair_results.sort_by_key(|([earlier, later], _)| [*later, *earlier]);
+    let pair_results = pair_results.into_iter().map(|(_, pair_result)| pair_result).collect();
+    Ok(Looked { pair_results, now, left, may_join, is_news, places: shared })
 }
 
 /// By target and source, whichever of two inputs is which, where their places are known.
@@ -181,12 +181,12 @@ fn key([a, b]: [usize; 2], places: &BTreeMap<[usize; 2], Places>) -> Option<[usi
 }
 
 /// How much two maps look alike by their best place, 0 where they have none.
-fn likeness(pair: [usize; 2], places: &BTreeMap<[usize; 2], Places>) -> f32 {
+fn similarity(pair: [usize; 2], places: &BTreeMap<[usize; 2], Places>) -> f32 {
     let places = key(pair, places).and_then(|key| places.get(&key));
     places.and_then(|places| places.proposals.first()).map_or(0.0, |best| best.score)
 }
 
-/// Finds the places of pairs that have none yet: of all, or where they are looked at in goes of as many as fit into one, those
+/// Finds the places of pairs that have none yet: of all, or where they are looked at in batches of as many as fit into one, those
 /// that would join `groups` before all others.
 fn find_places(
     inputs: &[Input],
@@ -220,23 +220,23 @@ pub(super) fn pairs(inputs: usize) -> impl Iterator<Item = [usize; 2]> {
 }
 
 /// One pair of inputs.
-fn encounter(
+fn pair_result(
     [target, source]: [usize; 2],
     places: Places,
     inputs: &[Input],
     prepared: &[PreparedMap],
     params: &MergingParams,
-) -> Encounter {
+) -> PairResult {
     let start = Instant::now();
     let (of_target, of_source) = (&inputs[target], &inputs[source]);
     let proposals = ranked(places.proposals, of_target.directed(), of_source.directed(), &params.rank);
     let (places_s, places): (f64, Vec<Place>) =
         (places.seconds, proposals.iter().map(|p| Place { source: p.query, target: p.keyframe }).collect());
     let ranked = start.elapsed().as_secs_f64();
-    let tried = meet(&prepared[source], &prepared[target], &places, &params.meeting, &params.further);
+    let tested = meet(&prepared[source], &prepared[target], &places, &params.verification, &params.further);
     let met = start.elapsed().as_secs_f64();
-    let accepted = tried.iter().find_map(|tried| tried.outcome.accepted());
-    let joined = accepted.map(|judged| joined([&prepared[target], &prepared[source]], judged, params));
+    let accepted = tested.iter().find_map(|tested| tested.outcome.accepted());
+    let joined = accepted.map(|evaluated| joined([&prepared[target], &prepared[source]], evaluated, params));
     let (joined, error) = match joined {
         None => (None, None),
         Some(Ok(joined)) => (joined, None),
@@ -244,14 +244,14 @@ fn encounter(
     };
     let seconds = Seconds {
         places: places_s + ranked,
-        meeting: met - ranked,
+        verification: met - ranked,
         method: start.elapsed().as_secs_f64() - met,
     };
-    Encounter {
+    PairResult {
         target,
         source,
         proposed: places.len(),
-        tried: tried.into(),
+        tested: tested.into(),
         joined: joined.map(Arc::new),
         error,
         seconds,
@@ -262,11 +262,11 @@ fn encounter(
 /// What joins two maps at an accepted closure, by the method asked for.
 fn joined(
     [target, source]: [&PreparedMap; 2],
-    judged: &Judged,
+    evaluated: &EvaluatedClosure,
     params: &MergingParams,
 ) -> Result<Option<Joined>> {
-    let Some(baseline) = params.method.baseline() else { return Ok(judged.joined.clone()) };
-    let placement = baseline.place(source, target, &judged.closure, &params.baseline);
+    let Some(baseline) = params.method.baseline() else { return Ok(evaluated.joined.clone()) };
+    let placement = baseline.place(source, target, &evaluated.closure, &params.baseline);
     let context = || format!("they met, but the method {} does not join them", params.method);
     Ok(Some(placement.with_context(context)?.into()))
 }

@@ -1,7 +1,7 @@
 //! The common map of what pairs of maps made of each other.
 
 use super::contradictions::contradicted;
-use super::{Encounter, Input, Merging, MergingParams};
+use super::{Input, Merging, MergingParams, PairResult};
 use anyhow::{Context, Result};
 use map::{AgentId, KeyframeId};
 use merge::common_map::{CommonMap, FusionParams, Link, TakenBack};
@@ -16,7 +16,7 @@ use std::time::Instant;
 /// When the inputs cannot be in one map (two are of one run, say), or the closures make no common map.
 pub(crate) fn common_map(
     inputs: &[Input],
-    encounters: Vec<Encounter>,
+    pair_results: Vec<PairResult>,
     params: &MergingParams,
     optimise: bool,
     undone: &[([usize; 2], String)],
@@ -24,16 +24,16 @@ pub(crate) fn common_map(
     let maps: Vec<&map::Map> = inputs.iter().map(|input| &*input.map).collect();
     let (mut common, addresses) = CommonMap::from_maps(&maps).context("the maps cannot be merged")?;
     let names: Vec<&str> = inputs.iter().map(|input| &*input.name).collect();
-    let undone = [undone.to_vec(), contradicted(&encounters, params, &names)].concat();
+    let undone = [undone.to_vec(), contradicted(&pair_results, params, &names)].concat();
     let mut before = Vec::new();
-    for encounter in &encounters {
-        let Encounter { target, source, .. } = *encounter;
-        if let Some((_, why)) = undone.iter().find(|(pair, _)| *pair == encounter.as_given()) {
+    for pair_result in &pair_results {
+        let PairResult { target, source, .. } = *pair_result;
+        if let Some((_, why)) = undone.iter().find(|(pair, _)| *pair == pair_result.as_given()) {
             let agents = addresses[target].agents().next().zip(addresses[source].agents().next());
             before.extend(agents.map(|agents| TakenBack { agents, why: why.clone() }));
             continue;
         }
-        for edge in encounter.joined.iter().flat_map(|joined| &joined.edges) {
+        for edge in pair_result.joined.iter().flat_map(|joined| &joined.edges) {
             let address = |input: usize, id: KeyframeId| {
                 let agent: AgentId = inputs[input].map.keyframes.get(&id)?.agent;
                 addresses[input].of(agent, id)
@@ -48,9 +48,10 @@ pub(crate) fn common_map(
     // A baseline says how whole maps lie to each other, and no more.
     let optimise = optimise && params.method.baseline().is_none();
     let fusion = FusionParams { optimise, ..params.fusion.clone() };
-    let (fused, mut taken_back) = common.settle(&fusion).context("the common map cannot be made")?;
+    let (fused, mut taken_back) =
+        common.fuse_consistently(&fusion).context("the common map cannot be made")?;
     taken_back.extend(before);
     let fusion_seconds = start.elapsed().as_secs_f64();
     let graph = common.graph(&fusion).context("the graph of merges cannot be made")?;
-    Ok(Merging { encounters, addresses, common, graph, fused, taken_back, fusion_seconds })
+    Ok(Merging { pair_results, addresses, common, graph, fused, taken_back, fusion_seconds })
 }

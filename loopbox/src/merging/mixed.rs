@@ -53,7 +53,8 @@ pub struct MixedRecord {
     /// Every agent of them.
     pub agents: Vec<MixedAgent>,
     /// Every two agents of one kind.
-    pub encounters: Vec<MixedEncounter>,
+    #[serde(rename = "encounters")]
+    pub pair_results: Vec<MixedPairResult>,
     /// Names of the agents that hang together.
     pub groups: Vec<Vec<String>>,
     /// Merges that the common map took back, and why.
@@ -77,7 +78,7 @@ pub struct MixedAgent {
 
 /// What came of two agents.
 #[derive(Clone, Debug, Serialize)]
-pub struct MixedEncounter {
+pub struct MixedPairResult {
     /// Their names.
     pub agents: [String; 2],
     /// What both see with.
@@ -96,9 +97,9 @@ impl MixedMerged {
 
     /// What was decided of every two agents of one kind, for people.
     pub fn verdict(&self) -> String {
-        self.record.encounters.iter().fold(String::new(), |mut text, said| {
+        self.record.pair_results.iter().fold(String::new(), |mut text, line| {
             // Writing to a String cannot fail.
-            let _ = writeln!(text, "{}: {}: {}", said.agents.join(" + "), said.decision, said.reason);
+            let _ = writeln!(text, "{}: {}: {}", line.agents.join(" + "), line.decision, line.reason);
             text
         })
     }
@@ -148,21 +149,21 @@ pub fn merge_mixed(
         CommonMap::from_maps(&maps.iter().collect::<Vec<_>>()).context("the maps cannot be merged")?;
     let names = Names::new(&common);
     let before = common.merged();
-    let (scanned, mut encounters) = meetings_of_lidars(&common, &names, &options.lidars, &mut stage)?;
+    let (scanned, mut pair_results) = meetings_of_lidars(&common, &names, &options.lidars, &mut stage)?;
     let (seen, of_cameras) =
         meetings_of_cameras(&common, &names, &options.cameras, &mut stage, &mut warnings)?;
-    encounters.extend(of_cameras);
+    pair_results.extend(of_cameras);
     scanned.into_iter().chain(seen).for_each(|link| _ = common.link(link));
     stage("making the common map")?;
     let (fused, taken_back) =
-        common.settle(&options.cameras.fusion).context("the common map cannot be made")?;
+        common.fuse_consistently(&options.cameras.fusion).context("the common map cannot be made")?;
     let name = |agent: AgentId| names.of(agent).to_owned();
     let mut record = MixedRecord {
         version: env!("CARGO_PKG_VERSION"),
         commit: crate::program::commit(),
         inputs: paths.iter().map(|path| path.display().to_string()).collect(),
         agents: common.agents().iter().filter_map(|(id, own)| agent(name(*id), own)).collect(),
-        encounters,
+        pair_results,
         groups: fused.iter().map(|fused| fused.agents.iter().map(|agent| name(*agent)).collect()).collect(),
         taken_back: taken_back
             .iter()
@@ -195,7 +196,7 @@ fn meetings_of_lidars(
     names: &Names,
     params: &lidar::LidarMergeParams,
     stage: &mut dyn FnMut(&str) -> Result<()>,
-) -> Result<(Vec<Link>, Vec<MixedEncounter>)> {
+) -> Result<(Vec<Link>, Vec<MixedPairResult>)> {
     let (mut agents, mut inputs) = (Vec::new(), Vec::new());
     for (id, own) in of_kind(common, SensorKind::Lidar) {
         agents.push(id);
@@ -206,23 +207,23 @@ fn meetings_of_lidars(
     }
     let merging = lidar::merge(&inputs, params, stage)?;
     let link = |pair: &lidar::Pair| {
-        let meeting = lidar::meeting(&inputs, pair)?;
+        let map_link = lidar::map_link(&inputs, pair)?;
         let address = |input: usize, keyframe| Address { agent: agents[input], keyframe };
-        let (metres, radians) = meeting.deviation;
+        let (metres, radians) = map_link.deviation;
         let [t, r, s] = [metres, radians, SCALE_DEVIATION].map(|deviation| deviation.powi(-2));
         let information = SMatrix::from_diagonal(&SVector::<f64, 7>::from([t, t, t, r, r, r, s]));
-        let a_from_b = Sim3::from(meeting.from_from_to);
-        let (from, to) = (address(pair.a, meeting.from), address(pair.b, meeting.to));
+        let a_from_b = Sim3::from(map_link.from_from_to);
+        let (from, to) = (address(pair.a, map_link.from), address(pair.b, map_link.to));
         Some(Link { from, to, from_from_to: Estimate { a_from_b, information } })
     };
     let links = merging.pairs.iter().filter(|pair| pair.holds()).filter_map(link).collect();
-    let encounter = |pair: &lidar::Pair| MixedEncounter {
+    let pair_result = |pair: &lidar::Pair| MixedPairResult {
         agents: [pair.a, pair.b].map(|input| names.of(agents[input]).to_owned()),
         sensor: SensorKind::Lidar,
         decision: lidar::decision(pair),
         reason: pair.reason(),
     };
-    Ok((links, merging.pairs.iter().map(encounter).collect()))
+    Ok((links, merging.pairs.iter().map(pair_result).collect()))
 }
 
 /// What cameras make of each other.
@@ -232,7 +233,7 @@ fn meetings_of_cameras(
     params: &MergingParams,
     stage: &mut dyn FnMut(&str) -> Result<()>,
     warnings: &mut Vec<String>,
-) -> Result<(Vec<Link>, Vec<MixedEncounter>)> {
+) -> Result<(Vec<Link>, Vec<MixedPairResult>)> {
     if of_kind(common, SensorKind::Camera).count() < 2 {
         return Ok(Default::default());
     }
@@ -256,7 +257,7 @@ fn meetings_of_cameras(
     };
     let links = merging.common.links().iter();
     let links = links.filter_map(|link| Some(Link { from: here(link.from)?, to: here(link.to)?, ..*link }));
-    let encounter = |met: &super::Encounter| MixedEncounter {
+    let pair_result = |met: &super::PairResult| MixedPairResult {
         agents: met.as_given().map(|input| names.of(agents[input]).to_owned()),
         sensor: SensorKind::Camera,
         decision: met.verdict(),
@@ -264,7 +265,7 @@ fn meetings_of_cameras(
             format!("{} closures join them", met.joined.as_ref().map_or(0, |joined| joined.edges.len()))
         }),
     };
-    Ok((links.collect(), merging.encounters.iter().map(encounter).collect()))
+    Ok((links.collect(), merging.pair_results.iter().map(pair_result).collect()))
 }
 
 fn write(output: &mut Results, fused: &[Fused], names: &Names, record: &mut MixedRecord) -> Result<()> {

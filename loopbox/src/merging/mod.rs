@@ -1,9 +1,9 @@
 //! Merging maps as a user asks for it: features, places, meetings, closures and the common map, one step after
 //! the other, with their times. The steps themselves are in the crate `merge`.
 
+mod batches;
 mod contradictions;
-mod goes;
-mod growing;
+mod incremental;
 mod input;
 mod joint;
 mod looking;
@@ -20,24 +20,24 @@ mod verdict;
 
 pub use crate::results::keep_from;
 #[cfg(all(test, feature = "fleet"))]
-pub(crate) use growing::Seen;
+pub(crate) use incremental::Seen;
 pub(crate) use input::name_of;
 pub use input::{Input, features_of_keyframes};
-pub use mixed::{MixedAgent, MixedEncounter, MixedMerged, MixedOptions, MixedRecord, merge_mixed};
+pub use mixed::{MixedAgent, MixedMerged, MixedOptions, MixedPairResult, MixedRecord, merge_mixed};
 pub(crate) use names::untaken;
 pub use names::{Names, listed};
 pub use options::{MergeOptions, MergeWatcher, Merged, merge_maps, merge_maps_watched};
 pub(crate) use options::{load, refuse_one};
 pub use output::{map_file, write_maps, write_results};
-pub(crate) use record::EncounterRecord;
 pub use record::MergeRecord;
+pub(crate) use record::PairRecord;
 pub use rig::{RigInput, RigMerged, RigRecord, merge_rig};
 pub(crate) use verdict::of_pair_alone as verdict_of;
-pub use verdict::{verdict, without_company};
+pub use verdict::{isolated_agents, verdict};
 #[cfg(feature = "fleet")]
 pub(crate) use {
-    goes::{Groups, Known, Share},
-    looking::{Go, Looked, look},
+    batches::{Groups, Known, Share},
+    looking::{Batch, Looked, look},
     making::common_map,
     places::Places,
     verdict::refusal_of,
@@ -49,10 +49,10 @@ use merge::acceptance::Decision;
 use merge::common_map::{Addresses, CommonMap, Fused, FusionParams, TakenBack};
 use merge::further::{FurtherParams, Joined};
 use merge::key_points::KeyPointParams;
-use merge::meeting::{Judged, MeetingParams, Outcome, Tried};
 use merge::merge_graph::MergeGraph;
 use merge::method::{BaselineParams, Method};
 use merge::place_verdict::Answer;
+use merge::verification::{EvaluatedClosure, Outcome, TestedPlace, VerificationParams};
 use place_recog::{ProposeParams, RankParams, Vocabulary};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -69,7 +69,8 @@ pub struct MergingParams {
     /// Depth at key points.
     pub key_points: KeyPointParams,
     /// From places to a closure.
-    pub meeting: MeetingParams,
+    #[serde(rename = "meeting")]
+    pub verification: VerificationParams,
     /// How maps are joined at an accepted closure: directly, or by a method to compare that with.
     pub method: Method,
     /// The methods to compare with.
@@ -87,13 +88,13 @@ pub struct MergingParams {
 
 impl Default for MergingParams {
     fn default() -> Self {
-        let (places, rank, key_points, meeting) = Default::default();
+        let (places, rank, key_points, verification) = Default::default();
         let (method, baseline, further, fusion) = Default::default();
         Self {
             places,
             rank,
             key_points,
-            meeting,
+            verification,
             method,
             baseline,
             further,
@@ -108,7 +109,7 @@ impl Default for MergingParams {
 /// themselves and not from the order in which they are given, so that no verdict depends on that. Copies share all that is
 /// large.
 #[derive(Clone)]
-pub struct Encounter {
+pub struct PairResult {
     /// Index of the target among the inputs.
     pub target: usize,
     /// Index of the source among the inputs.
@@ -116,7 +117,7 @@ pub struct Encounter {
     /// How many places were proposed.
     pub proposed: usize,
     /// The places tried, and what became of them; at most one is accepted.
-    pub tried: Arc<[Tried]>,
+    pub tested: Arc<[TestedPlace]>,
     /// The closures along both maps; nothing where none was accepted.
     pub joined: Option<Arc<Joined>>,
     /// What went wrong, where a closure was accepted and yet the maps are not joined.
@@ -124,16 +125,17 @@ pub struct Encounter {
     /// Seconds each step took.
     pub seconds: Seconds,
     /// The maps as they were, where they may grow and were merged.
-    pub(crate) seen: Option<Arc<growing::Seen>>,
+    pub(crate) seen: Option<Arc<incremental::Seen>>,
 }
 
-/// Wall-clock seconds of the steps of an encounter.
+/// Wall-clock seconds of the steps of a pair of maps.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
 pub struct Seconds {
     /// Place recognition: the index and all queries.
     pub places: f64,
     /// Matching places and following them to their verdicts, closures along both maps included.
-    pub meeting: f64,
+    #[serde(rename = "meeting")]
+    pub verification: f64,
     /// What another method than the default does at the accepted closure.
     pub method: f64,
 }
@@ -141,7 +143,7 @@ pub struct Seconds {
 /// A merging with all that led to it.
 pub struct Merging {
     /// Every pair of inputs that was looked at, in their order: of a [`merge`](fn@merge) all.
-    pub encounters: Vec<Encounter>,
+    pub pair_results: Vec<PairResult>,
     /// Where the inputs' keyframes are in the common map.
     pub addresses: Vec<Addresses>,
     /// The agents' own maps and the closures between them.
@@ -159,30 +161,30 @@ pub struct Merging {
 impl Seconds {
     /// Of all steps.
     pub fn total(&self) -> f64 {
-        self.places + self.meeting + self.method
+        self.places + self.verification + self.method
     }
 }
 
-impl Encounter {
+impl PairResult {
     /// The two inputs in the order in which they were given.
     pub fn as_given(&self) -> [usize; 2] {
         [self.target.min(self.source), self.target.max(self.source)]
     }
 
     /// The accepted closure; nothing where there was none.
-    pub fn accepted(&self) -> Option<&Judged> {
-        self.tried.iter().find_map(|tried| tried.outcome.accepted())
+    pub fn accepted(&self) -> Option<&EvaluatedClosure> {
+        self.tested.iter().find_map(|tested| tested.outcome.accepted())
     }
 
     /// The closure that the verdict rests on: the accepted one, or that at which two places were told apart, or the one that came
     /// closest.
-    pub fn decisive(&self) -> Option<&Judged> {
-        let judged = || self.tried.iter().filter_map(|tried| tried.outcome.judged());
-        let is_double = |judged: &&Judged| {
-            judged.verdict.evidence.place.is_some_and(|place| place.answer == Answer::Different)
+    pub fn decisive(&self) -> Option<&EvaluatedClosure> {
+        let evaluated = || self.tested.iter().filter_map(|tested| tested.outcome.evaluated());
+        let is_double = |evaluated: &&EvaluatedClosure| {
+            evaluated.verdict.evidence.place.is_some_and(|place| place.answer == Answer::Different)
         };
-        let double = || judged().find(is_double).filter(|_| !self.is_undecided());
-        self.accepted().or_else(double).or_else(|| self.closest()?.outcome.judged())
+        let double = || evaluated().find(is_double).filter(|_| !self.is_undecided());
+        self.accepted().or_else(double).or_else(|| self.closest()?.outcome.evaluated())
     }
 
     /// What is said of the two maps; nothing where they have nothing in common that could be asked.
@@ -199,16 +201,16 @@ impl Encounter {
 
     /// Of maps that were not merged: the refused place that came closest. One left undecided comes before all others,
     /// then the one of most matches.
-    pub fn closest(&self) -> Option<&Tried> {
-        let refused = self.tried.iter().filter(|tried| refusal(&tried.outcome).is_some());
-        let close = |tried: &Tried| (tried.outcome.is_undecided(), tried.match_count);
+    pub fn closest(&self) -> Option<&TestedPlace> {
+        let refused = self.tested.iter().filter(|tested| refusal(&tested.outcome).is_some());
+        let close = |tested: &TestedPlace| (tested.outcome.is_undecided(), tested.match_count);
         // Of equals the first.
         refused.reduce(|best, next| if close(next) > close(best) { next } else { best })
     }
 
     /// Whether nothing contradicts a closure of the two, and too little is known to believe it.
     pub fn is_undecided(&self) -> bool {
-        self.accepted().is_none() && self.closest().is_some_and(|tried| tried.outcome.is_undecided())
+        self.accepted().is_none() && self.closest().is_some_and(|tested| tested.outcome.is_undecided())
     }
 
     /// `accepted`, `undecided` or `refused`.
@@ -226,7 +228,7 @@ impl Encounter {
             return self.error.clone();
         }
         let nothing = || "no place of one looks like a place of the other".to_owned();
-        Some(self.closest().and_then(|tried| refusal(&tried.outcome)).unwrap_or_else(nothing))
+        Some(self.closest().and_then(|tested| refusal(&tested.outcome)).unwrap_or_else(nothing))
     }
 }
 
@@ -236,7 +238,7 @@ pub fn refusal(outcome: &Outcome) -> Option<String> {
         Outcome::NotMatched(refusal) => Some(refusal.to_string()),
         Outcome::NotClosed(refusal) => Some(refusal.to_string()),
         Outcome::Broken(error) => Some(error.to_string()),
-        Outcome::Judged(judged) => judged.verdict.doubt().map(|doubt| doubt.to_string()),
+        Outcome::Evaluated(evaluated) => evaluated.verdict.doubt().map(|doubt| doubt.to_string()),
         Outcome::NotFollowed => None,
     }
 }
@@ -248,7 +250,7 @@ pub fn outcome_name(outcome: &Outcome) -> &'static str {
         Outcome::NotFollowed => "not followed",
         Outcome::NotClosed(_) => "not closed",
         Outcome::Broken(_) => "broken",
-        Outcome::Judged(judged) => match judged.verdict.decision {
+        Outcome::Evaluated(evaluated) => match evaluated.verdict.decision {
             Decision::Accepted => "accepted",
             Decision::Undecided(_) => "undecided",
             Decision::Refused(_) => "refused",
@@ -283,9 +285,9 @@ pub(crate) fn merge_knowing(
     verdicts: Option<&CameraVerdicts>,
     progress: &mut dyn FnMut(&str) -> Result<()>,
 ) -> Result<Merging> {
-    let encounters = encounters(inputs, vocabulary, params, verdicts, progress)?;
+    let pair_results = pair_results(inputs, vocabulary, params, verdicts, progress)?;
     progress("making the common map")?;
-    making::common_map(inputs, encounters, params, params.fusion.optimise, &[])
+    making::common_map(inputs, pair_results, params, params.fusion.optimise, &[])
 }
 
 /// What every two of the inputs make of each other, in their order.
@@ -293,26 +295,26 @@ pub(crate) fn merge_knowing(
 /// # Errors
 /// When the inputs cannot be in one map (two are of one run, say), `progress` will not go on, or a verdict cannot be read or
 /// kept.
-pub(crate) fn encounters(
+pub(crate) fn pair_results(
     inputs: &[Input],
     vocabulary: &Arc<Vocabulary>,
     params: &MergingParams,
     verdicts: Option<&CameraVerdicts>,
     progress: &mut dyn FnMut(&str) -> Result<()>,
-) -> Result<Vec<Encounter>> {
+) -> Result<Vec<PairResult>> {
     let mut found = BTreeMap::new();
     if let Some(verdicts) = verdicts {
         for pair in looking::pairs(inputs.len()) {
-            found.extend(verdicts.get(pair)?.map(|encounter| (pair, encounter)));
+            found.extend(verdicts.get(pair)?.map(|pair_result| (pair, pair_result)));
         }
     }
     let known = |pair: [usize; 2]| {
-        let encounter = found.get(&pair)?.clone();
-        Some(goes::Known { encounter, is_due: false, may_grow: false })
+        let pair_result = found.get(&pair)?.clone();
+        Some(batches::Known { pair_result, is_due: false, may_grow: false })
     };
-    let keep = |encounter: &Encounter| verdicts.map_or(Ok(()), |verdicts| verdicts.put(encounter));
-    let go = looking::Go::whole(&known, &keep);
-    Ok(looking::look(inputs, vocabulary, params, go, progress)?.encounters)
+    let keep = |pair_result: &PairResult| verdicts.map_or(Ok(()), |verdicts| verdicts.put(pair_result));
+    let go = looking::Batch::whole(&known, &keep);
+    Ok(looking::look(inputs, vocabulary, params, go, progress)?.pair_results)
 }
 
 /// How much every two of the inputs look alike by their likeliest place, and how many places they may share; those that share

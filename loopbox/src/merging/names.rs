@@ -64,7 +64,7 @@ mod tests {
     }
 
     #[test]
-    fn agents_of_one_name_are_told_apart() {
+    fn agents_of_one_name_are_distinguished() {
         let maps: Vec<Map> = ["yard", "yard"].map(|name| Map::of(AgentInfo::new(name, CAMERA))).into();
         let (common, _) = CommonMap::from_maps(&maps.iter().collect::<Vec<_>>()).unwrap();
         let names = Names::new(&common);

@@ -2,8 +2,8 @@
 
 use super::joint::optimised;
 use super::{
-    Input, MergeRecord, Merging, MergingParams, Names, keep_from, listed, merge_knowing, verdict,
-    without_company, write_results,
+    Input, MergeRecord, Merging, MergingParams, Names, isolated_agents, keep_from, listed, merge_knowing,
+    verdict, write_results,
 };
 use crate::results::{Owner, Results};
 use crate::swapping::SwapFiles;
@@ -130,7 +130,7 @@ pub fn merge_maps_watched(
         write_results(&mut output, &inputs, &merging, &names, &mut record)?;
         go_on()?;
         output.commit()?;
-        let lonely = without_company(&merging, &names);
+        let lonely = isolated_agents(&merging, &names);
         if !lonely.is_empty() {
             let lonely: Vec<&str> = lonely.iter().map(String::as_str).collect();
             watcher.warn(&format!("{} met none of the others", listed(&lonely)));

@@ -129,7 +129,7 @@ pub fn merge_rig(
     let ties = links.len();
     links.into_iter().for_each(|link| _ = common.link(link));
     let (fused, taken_back) =
-        common.settle(&FusionParams::default()).context("the common map cannot be made")?;
+        common.fuse_consistently(&FusionParams::default()).context("the common map cannot be made")?;
     let mut fused = fused.into_iter();
     let (Some(fused), None) = (fused.next(), fused.next()) else {
         let why = taken_back.first().map_or("they hang together by nothing", |taken| &*taken.why);
@@ -166,17 +166,18 @@ fn ties(tied: &Tied, camera: &Map, lidar: &Map, addresses: &[Addresses]) -> Vec<
     let step = keyframes.len().div_ceil(TIES).max(1);
     let link = |keyframe: &&Keyframe| {
         let away = |other: &&Keyframe| (other.timestamp - keyframe.timestamp).abs();
-        let beside = lidar.keyframes.values().min_by(|a, b| away(a).total_cmp(&away(b)))?;
+        let nearest = lidar.keyframes.values().min_by(|a, b| away(a).total_cmp(&away(b)))?;
         let lidar_world_from_camera = tied.lidar_world_from_camera(keyframe.timestamp)?;
         let metres = tied.lidar_world_from_camera_world.scale * keyframe.world_from_keyframe.scale;
         let camera = Sim3 { scale: metres, ..lidar_world_from_camera.into() };
-        let a_from_b = beside.world_from_keyframe.inverse() * camera;
+        let a_from_b = nearest.world_from_keyframe.inverse() * camera;
         let [t, r, s] = DEVIATION.map(|deviation| deviation.powi(-2));
         let information = SMatrix::from_diagonal(&SVector::<f64, 7>::from([t, t, t, r, r, r, s]));
         let address = |map: usize, (agent, id): (map::AgentId, KeyframeId)| -> Option<Address> {
             addresses.get(map)?.of(agent, id)
         };
-        let (from, to) = (address(0, (beside.agent, beside.id))?, address(1, (keyframe.agent, keyframe.id))?);
+        let (from, to) =
+            (address(0, (nearest.agent, nearest.id))?, address(1, (keyframe.agent, keyframe.id))?);
         Some(Link { from, to, from_from_to: Estimate { a_from_b, information } })
     };
     keyframes.iter().step_by(step).filter_map(link).collect()

@@ -1,23 +1,23 @@
 //! What came of a merging, in words.
 
-use super::{Encounter, Input, Merging, Names};
+use super::{Input, Merging, Names, PairResult};
 use map::AgentId;
 use merge::acceptance::PlaceEvidence;
 use merge::common_map::Addresses;
-use merge::meeting::Judged;
 use merge::pairing::Travel;
+use merge::verification::EvaluatedClosure;
 use std::fmt::Write;
 
 /// The verdict on every pair of maps, a few lines each.
 pub fn verdict(inputs: &[Input], merging: &Merging) -> String {
     merging
-        .encounters
+        .pair_results
         .iter()
-        .fold(String::new(), |text, encounter| text + &of_pair(inputs, Some(merging), encounter))
+        .fold(String::new(), |text, pair_result| text + &of_pair(inputs, Some(merging), pair_result))
 }
 
 /// The agents that hang together with nobody, where others do.
-pub fn without_company(merging: &Merging, names: &Names) -> Vec<String> {
+pub fn isolated_agents(merging: &Merging, names: &Names) -> Vec<String> {
     let lonely = merging.fused.iter().filter_map(|fused| match fused.agents[..] {
         [agent] => Some(names.of(agent).to_owned()),
         _ => None,
@@ -27,36 +27,41 @@ pub fn without_company(merging: &Merging, names: &Names) -> Vec<String> {
 
 /// Why two inputs are not merged, be it that the merge was taken back; nothing where they are.
 #[cfg(feature = "fleet")]
-pub(crate) fn refusal_of(merging: &Merging, encounter: &Encounter) -> Option<String> {
-    encounter.refusal().or_else(|| merging.undone(encounter).map(|why| format!("taken back: {why}")))
+pub(crate) fn refusal_of(merging: &Merging, pair_result: &PairResult) -> Option<String> {
+    pair_result.refusal().or_else(|| merging.undone(pair_result).map(|why| format!("taken back: {why}")))
 }
 
 /// The verdict on a pair of maps, a few lines, whatever others there are.
-pub(crate) fn of_pair_alone(inputs: &[Input], encounter: &Encounter) -> String {
-    of_pair(inputs, None, encounter)
+pub(crate) fn of_pair_alone(inputs: &[Input], pair_result: &PairResult) -> String {
+    of_pair(inputs, None, pair_result)
 }
 
 /// The verdict on a pair of maps.
-fn of_pair(inputs: &[Input], merging: Option<&Merging>, encounter: &Encounter) -> String {
-    let [first, second] = encounter.as_given().map(|input| &inputs[input].name);
+fn of_pair(inputs: &[Input], merging: Option<&Merging>, pair_result: &PairResult) -> String {
+    let [first, second] = pair_result.as_given().map(|input| &inputs[input].name);
     let mut text = format!("{first} + {second}: ");
-    match encounter.accepted().filter(|_| encounter.error.is_none()) {
-        Some(judged) => accepted(&mut text, merging, encounter, judged),
-        None => refused(&mut text, encounter),
+    match pair_result.accepted().filter(|_| pair_result.error.is_none()) {
+        Some(evaluated) => accepted(&mut text, merging, pair_result, evaluated),
+        None => refused(&mut text, pair_result),
     }
     text
 }
 
 // Writing to a String cannot fail.
-fn accepted(text: &mut String, merging: Option<&Merging>, encounter: &Encounter, judged: &Judged) {
-    let Judged { closure, verdict, .. } = judged;
+fn accepted(
+    text: &mut String,
+    merging: Option<&Merging>,
+    pair_result: &PairResult,
+    evaluated: &EvaluatedClosure,
+) {
+    let EvaluatedClosure { closure, verdict, .. } = evaluated;
     let evidence = &verdict.evidence;
     let travel = match closure.travel {
         Travel::Same => "travelling the same way",
         Travel::Opposite => "travelling opposite ways",
         Travel::Unknown => "direction of travel unknown",
     };
-    if let Some(reason) = merging.and_then(|merging| merging.undone(encounter)) {
+    if let Some(reason) = merging.and_then(|merging| merging.undone(pair_result)) {
         let _ = writeln!(text, "accepted, {travel}, and taken back: {reason}");
         return;
     }
@@ -69,14 +74,15 @@ fn accepted(text: &mut String, merging: Option<&Merging>, encounter: &Encounter,
         100.0 * evidence.inlier_share
     );
     if let Some(place) = evidence.place {
-        let untold = "  the surface alone does not tell, and all other tests agree";
-        let said = if place.answer.joins() { of_place(&place) } else { of_place_as(untold, &place) };
-        let _ = writeln!(text, "{said}");
+        let undecided_text = "  the surface alone does not tell, and all other tests agree";
+        let phrase =
+            if place.answer.joins() { of_place(&place) } else { of_place_as(undecided_text, &place) };
+        let _ = writeln!(text, "{phrase}");
     }
     // σ* is the target's unit in terms of the source's.
-    let upright = |scale: f64| if encounter.source < encounter.target { scale.recip() } else { scale };
+    let upright = |scale: f64| if pair_result.source < pair_result.target { scale.recip() } else { scale };
     let star = upright(closure.scale.scale);
-    let applied = merging.and_then(|merging| merging.scale(encounter));
+    let applied = merging.and_then(|merging| merging.scale(pair_result));
     let scale = applied.unwrap_or(upright(closure.motion.a_from_b.scale));
     let _ = writeln!(
         text,
@@ -88,7 +94,7 @@ fn accepted(text: &mut String, merging: Option<&Merging>, encounter: &Encounter,
         100.0 * evidence.translation_deviation,
         100.0 * evidence.scale_deviation
     );
-    if let Some(joined) = &encounter.joined {
+    if let Some(joined) = &pair_result.joined {
         let _ = writeln!(
             text,
             "  {} closures join them ({} more disagreed, {} could not be aligned)",
@@ -105,35 +111,35 @@ fn of_place(place: &PlaceEvidence) -> String {
 }
 
 /// The same after other words than the answer's.
-fn of_place_as(said: &str, place: &PlaceEvidence) -> String {
+fn of_place_as(phrase: &str, place: &PlaceEvidence) -> String {
     format!(
-        "{said}: one place with a probability of {:.4}, {:.1} % of the things that both see differ",
+        "{phrase}: one place with a probability of {:.4}, {:.1} % of the things that both see differ",
         place.probability,
         100.0 * place.changed
     )
 }
 
-fn refused(text: &mut String, encounter: &Encounter) {
-    let decision = if encounter.is_undecided() { "undecided" } else { "refused" };
-    let _ = writeln!(text, "{decision}: {}", encounter.refusal().unwrap_or_default());
-    if let Some(place) = encounter.decisive().and_then(|judged| judged.verdict.evidence.place) {
+fn refused(text: &mut String, pair_result: &PairResult) {
+    let decision = if pair_result.is_undecided() { "undecided" } else { "refused" };
+    let _ = writeln!(text, "{decision}: {}", pair_result.refusal().unwrap_or_default());
+    if let Some(place) = pair_result.decisive().and_then(|evaluated| evaluated.verdict.evidence.place) {
         let _ = writeln!(text, "{}", of_place(&place));
     }
-    let tried = encounter.tried.len();
-    if let Some(closest) = encounter.closest().filter(|closest| closest.match_count > 0) {
+    let tested = pair_result.tested.len();
+    if let Some(closest) = pair_result.closest().filter(|closest| closest.match_count > 0) {
         // The keyframe of the map that was given first comes first.
         let (place, count) = (closest.place, closest.match_count);
         let mut keyframes = [place.target.0, place.source.0];
-        if encounter.source < encounter.target {
+        if pair_result.source < pair_result.target {
             keyframes.reverse();
         }
         let [first, second] = keyframes;
         let _ = writeln!(
             text,
-            "  best of {tried} places tried: keyframes {first} and {second}, {count} key points match"
+            "  best of {tested} places tried: keyframes {first} and {second}, {count} key points match"
         );
-    } else if tried > 0 {
-        let _ = writeln!(text, "  {tried} places tried, and in none do the images fit");
+    } else if tested > 0 {
+        let _ = writeln!(text, "  {tested} places tried, and in none do the images fit");
     }
 }
 
@@ -152,9 +158,9 @@ impl Merging {
             ("maps".to_owned(), maps.join("\n")),
             ("parameters".to_owned(), parameters),
         ];
-        for encounter in &self.encounters {
-            let names = encounter.as_given().map(|index| &*inputs[index].name);
-            if let Some(joined) = &encounter.joined {
+        for pair_result in &self.pair_results {
+            let names = pair_result.as_given().map(|index| &*inputs[index].name);
+            if let Some(joined) = &pair_result.joined {
                 let closures = format!("{} closures", joined.edges.len());
                 pairs.push((format!("{} + {}", names[0], names[1]), closures));
             }
@@ -164,17 +170,17 @@ impl Merging {
 
     /// Whether any two of the inputs were merged, and the merge stands.
     pub fn anything_met(&self) -> bool {
-        self.encounters.iter().any(|encounter| self.stands(encounter))
+        self.pair_results.iter().any(|pair_result| self.stands(pair_result))
     }
 
     /// Whether two of the inputs were merged, and the merge stands.
-    pub(crate) fn stands(&self, encounter: &Encounter) -> bool {
-        encounter.joined.is_some() && self.undone(encounter).is_none()
+    pub(crate) fn stands(&self, pair_result: &PairResult) -> bool {
+        pair_result.joined.is_some() && self.undone(pair_result).is_none()
     }
 
     /// Why the common map took back the merge of two inputs; nothing where it stands, or there was none.
-    pub(crate) fn undone(&self, encounter: &Encounter) -> Option<&str> {
-        let [a, b] = [encounter.target, encounter.source].map(|input| &self.addresses[input]);
+    pub(crate) fn undone(&self, pair_result: &PairResult) -> Option<&str> {
+        let [a, b] = [pair_result.target, pair_result.source].map(|input| &self.addresses[input]);
         let between = |(one, other): (AgentId, AgentId)| {
             let of = |agent: AgentId, addresses: &Addresses| addresses.agents().any(|own| own == agent);
             of(one, a) && of(other, b) || of(one, b) && of(other, a)
@@ -187,8 +193,8 @@ impl Merging {
 
     /// By how much the unit of the input given second differs from that of the first in the common map: the scale that
     /// was applied. Of inputs of several agents that of the first agents of both.
-    fn scale(&self, encounter: &Encounter) -> Option<f64> {
-        let agents = encounter.as_given().map(|input| self.addresses[input].agents().next());
+    fn scale(&self, pair_result: &PairResult) -> Option<f64> {
+        let agents = pair_result.as_given().map(|input| self.addresses[input].agents().next());
         let [first, second] = agents;
         let (first, second) = (first?, second?);
         let component = self.fused.iter().map(|fused| &fused.component);

@@ -185,7 +185,7 @@ impl Problem {
     /// The board turned as one view sees it; middle and scale are linear then: `middle - scale · ray_v = centre_v`.
     fn begin(&self, start: usize, chosen: &[usize]) -> Option<State> {
         let rotation = self.views[start].rotation * self.views[start].pose?.rotation;
-        let turns: Vec<u8> = self.views.iter().map(|view| self.turn_of(view, &rotation)).collect();
+        let turns: Vec<u8> = self.views.iter().map(|view| self.quarter_rotations(view, &rotation)).collect();
         let (mut rows, mut right) = (Vec::new(), Vec::new());
         for view in chosen.iter().map(|&i| &self.views[i]) {
             let Some(pose) = view.pose else { continue };
@@ -203,7 +203,7 @@ impl Problem {
     }
 
     /// By how many quarter turns a view numbers the corners otherwise.
-    fn turn_of(&self, view: &View, rotation: &UnitQuaternion<f64>) -> u8 {
+    fn quarter_rotations(&self, view: &View, rotation: &UnitQuaternion<f64>) -> u8 {
         let Some(pose) = view.pose else { return 0 };
         let seen = |turns: u8| (view.rotation * pose.rotation * quarters(turns).inverse()).angle_to(rotation);
         let best = self.symmetries.iter().min_by(|a, b| seen(**a).total_cmp(&seen(**b)));
@@ -310,9 +310,9 @@ impl State {
 
     /// Turned in the world by the first three, moved by the next, and larger by the exponential of the last.
     fn moved(&self, step: &SVector<f64, 7>) -> Self {
-        let turn = UnitQuaternion::from_scaled_axis(step.fixed_rows::<3>(0).into_owned());
+        let rotation_step = UnitQuaternion::from_scaled_axis(step.fixed_rows::<3>(0).into_owned());
         Self {
-            rotation: turn * self.rotation,
+            rotation: rotation_step * self.rotation,
             middle: self.middle + step.fixed_rows::<3>(3),
             scale: self.scale * step[6].exp(),
             turns: self.turns.clone(),

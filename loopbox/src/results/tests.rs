@@ -96,11 +96,11 @@ fn a_move_that_was_cut_is_ended_by_who_comes_next() {
 }
 
 #[test]
-fn the_growing_map_lies_where_nothing_is_in_its_way() {
+fn the_live_map_is_stored_where_nothing_conflicts() {
     let room = tempfile::tempdir().expect("a folder");
     let grow = |folder: &Path| {
         let mut results = Results::create(folder, &run(), false).expect("it is free");
-        let path = results.growing().expect("there is room").to_owned();
+        let path = results.live_map().expect("there is room").to_owned();
         fs::write(&path, "growing").expect("there is room");
         (results, path)
     };
@@ -117,7 +117,7 @@ fn the_growing_map_lies_where_nothing_is_in_its_way() {
     fs::write(&second, "killed second").expect("there is room");
     let (mut third, _) = grow(room.path());
     assert_eq!(names(room.path()), ["map.mcap", "unfinished-before/map.mcap", "unfinished/map.mcap"]);
-    third.forget_growing();
+    third.discard_live_map();
     assert_eq!(fs::read(second).expect("nothing newer is there"), b"killed second");
     drop(third);
     for _ in 0..3 {

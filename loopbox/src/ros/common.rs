@@ -23,15 +23,15 @@ const MAX_POINTS: usize = 1 << 16;
 const INTERVAL: Duration = Duration::from_secs(5);
 
 /// A topic and a message.
-type Said = (String, Vec<u8>);
+type TopicMessage = (String, Vec<u8>);
 
 /// Publishes the common maps.
 pub struct Common {
     outlet: Box<dyn Outlet + Sync>,
     /// What was said last of cameras.
-    of_cameras: Vec<Said>,
+    of_cameras: Vec<TopicMessage>,
     /// The same of LiDARs.
-    of_lidars: Vec<Said>,
+    of_lidars: Vec<TopicMessage>,
     when: Instant,
 }
 
@@ -76,7 +76,7 @@ impl Common {
     }
 
     /// Says it again, when it is time.
-    pub fn remind(&mut self) {
+    pub fn tick(&mut self) {
         if self.when.elapsed() >= INTERVAL {
             self.publish();
         }
@@ -91,7 +91,7 @@ impl Common {
 }
 
 /// What there is to say of several agents that hang together.
-fn messages(all: &[Together]) -> Vec<Said> {
+fn messages(all: &[Together]) -> Vec<TopicMessage> {
     let mut messages = Vec::new();
     let mut transforms = Vec::new();
     for together in all.iter().filter(|together| together.root_from_agent.len() > 1) {
@@ -146,7 +146,7 @@ fn points(map: &Map) -> Vec<map::CloudPoint> {
     map.cloud(DEFAULT_MAX_RELATIVE_VARIANCE).step_by(count.div_ceil(MAX_POINTS).max(1)).collect()
 }
 
-fn add(messages: &mut Vec<Said>, topic: String, message: &impl Serialize) {
+fn add(messages: &mut Vec<TopicMessage>, topic: String, message: &impl Serialize) {
     // Nothing here is as long as what cannot be encoded.
     messages.extend(encode(message).ok().map(|bytes| (topic, bytes)));
 }

@@ -14,7 +14,7 @@ pub use common::Common;
 pub use following::Follower;
 pub use saying::Published;
 
-use crate::run::give_way;
+use crate::run::lower_priority;
 use anyhow::{Context, Result};
 use following::Slot;
 use ros2::Outlet;
@@ -41,7 +41,7 @@ impl Publishing {
         let slot = Arc::new(Slot::default());
         let of_thread = Arc::clone(&slot);
         let work = move || {
-            give_way();
+            lower_priority();
             let mut sayer = Sayer::default();
             loop {
                 let news = of_thread.take(PATIENCE);

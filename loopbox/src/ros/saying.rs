@@ -48,7 +48,7 @@ pub(super) struct Sayer {
     /// The time of the newest pose, seconds.
     time: f64,
     is_changed: bool,
-    map_said: Option<Instant>,
+    map_published: Option<Instant>,
     published: Published,
 }
 
@@ -57,7 +57,7 @@ pub(super) struct Sayer {
 struct Known {
     world_from_keyframe: Option<Sim3>,
     /// The depth that was said of it.
-    said: Option<Shared<SemiDense>>,
+    published_depth: Option<Shared<SemiDense>>,
     /// An even sample of its points, in its frame and unit, with their intensities.
     sample: Vec<(Vector3<f32>, u8)>,
 }
@@ -94,7 +94,9 @@ impl Sayer {
             self.say_points(&names, id, depth, outlet);
         }
         let interval = if self.is_changed { CHANGED_INTERVAL } else { SAME_INTERVAL };
-        if news.ended || self.map_said.is_none_or(|said| said.elapsed() >= interval) {
+        if news.ended
+            || self.map_published.is_none_or(|published_depth| published_depth.elapsed() >= interval)
+        {
             self.say_map(&names, outlet);
         }
     }
@@ -122,7 +124,7 @@ impl Sayer {
         let Depth { timestamp, image, semi_dense, camera, shift } = depth;
         let known = self.keyframes.entry(id).or_default();
         let Some(pose) = known.world_from_keyframe else { return };
-        if known.said.as_ref() == Some(&semi_dense) {
+        if known.published_depth.as_ref() == Some(&semi_dense) {
             return;
         }
         let mut keyframe = Keyframe::of_image(id, timestamp, 0, pose, image);
@@ -130,7 +132,7 @@ impl Sayer {
         let points = keyframe.cloud(&camera, shift, DEFAULT_MAX_RELATIVE_VARIANCE);
         let points: Vec<_> = points.map(|point| (point.position.cast::<f32>(), point.intensity)).collect();
         known.sample = evenly(&points, KEPT_POINTS).copied().collect();
-        known.said = Some(keyframe.semi_dense);
+        known.published_depth = Some(keyframe.semi_dense);
         if points.is_empty() {
             return;
         }
@@ -154,7 +156,7 @@ impl Sayer {
         let points: Vec<_> = self.keyframes.values().filter_map(of_keyframe).flatten().collect();
         let message = cloud(&names.map_of(self.world), Time::of_seconds(self.time), points.into_iter(), true);
         publish(outlet, &names.topic(MAP_POINTS_TOPIC), &message);
-        (self.is_changed, self.map_said) = (false, Some(Instant::now()));
+        (self.is_changed, self.map_published) = (false, Some(Instant::now()));
         self.published.map_clouds += 1;
     }
 }

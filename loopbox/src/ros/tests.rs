@@ -131,7 +131,7 @@ fn position(odometry: &[u8]) -> [f64; 3] {
 }
 
 #[test]
-fn every_pose_is_said_once_and_lost_frames_are_not() {
+fn every_pose_is_published_once_and_lost_frames_are_not() {
     let mut case = Case::new();
     case.look(0.0, step(0.0), added([0]));
     case.look(0.1, step(0.1), MapDelta::default());
@@ -165,7 +165,7 @@ fn corrections_do_not_move_the_odometry() {
 }
 
 #[test]
-fn points_are_said_when_their_depth_is_new_and_the_map_as_it_is_now() {
+fn points_are_published_when_their_depth_is_new_and_the_map_is_current() {
     let mut case = Case::new();
     case.look(0.0, step(0.0), added([0, 1]));
     case.say();
@@ -235,9 +235,9 @@ fn a_run_waits_for_nobody_and_counts_what_it_leaves_out() {
     case.look(0.0, step(0.0), added([0]));
     const FRAMES: u64 = 3000;
     (1..FRAMES).for_each(|i| case.look(i as f64 * 1e-3, step(i as f64 * 1e-3), MapDelta::default()));
-    let told = begun.elapsed();
+    let took = begun.elapsed();
     let published = publishing.finish().unwrap();
-    assert!(told < begun.elapsed() / 2, "{told:?} of {:?}", begun.elapsed());
+    assert!(took < begun.elapsed() / 2, "{took:?} of {:?}", begun.elapsed());
     assert!(published.dropped > 0 && published.poses + published.dropped == FRAMES, "{published:?}");
     assert_eq!(case.kept.of("/the_yard/odometry").len() as u64, published.poses);
 }
@@ -258,7 +258,7 @@ fn other(name: &str, time: f64) -> Map {
 }
 
 #[test]
-fn a_common_map_says_where_the_others_lie_and_is_said_again() {
+fn a_common_map_publishes_the_others_poses_and_is_published_again() {
     let root_from_other = Sim3::new(Default::default(), nalgebra::Vector3::new(3.0, 0.0, 0.0), 2.0);
     let mut map = Map::unite(vec![other(AGENT, 1.0), other("the court", 2.0)]).unwrap();
     let ids: Vec<AgentId> = map.agents.keys().copied().collect();
@@ -294,6 +294,6 @@ fn a_common_map_says_where_the_others_lie_and_is_said_again() {
     // In the common unit: a unit of the other is two.
     let pose = kept.of("/the_court/common_odometry").remove(0);
     assert!(has(&pose, "the_yard/map\0") && (position(&pose)[1] + 5.0).abs() < 1e-12);
-    common.remind();
+    common.tick();
     assert_eq!(kept.of("/tf_static").len(), 1, "it is not time yet");
 }

@@ -46,7 +46,7 @@ impl Describer {
         let ends = Arc::new(AtomicBool::new(false));
         let ended = Arc::clone(&ends);
         let work = move || {
-            give_way();
+            lower_priority();
             for (keyframe, image) in waiting {
                 if ended.load(Ordering::Relaxed) {
                     return;
@@ -120,7 +120,7 @@ pub(crate) fn described(image: &GrayImage) -> Arc<[u8]> {
 }
 
 /// Lets all other threads go first. Where the system does not know priorities of threads, they are equal.
-pub(crate) fn give_way() {
+pub(crate) fn lower_priority() {
     #[cfg(target_os = "linux")]
     let _ = rustix::process::setpriority_process(None, NICENESS);
 }
@@ -158,11 +158,11 @@ mod tests {
     }
 
     #[test]
-    fn all_keyframes_with_depth_have_the_same_features_whoever_found_them() {
-        let (mut at_once, mut beside) = (map(6), map(6));
+    fn all_keyframes_with_depth_have_the_same_features_in_whatever_thread() {
+        let (mut at_once, mut in_background) = (map(6), map(6));
         assert_eq!((complete(&mut at_once), complete(&mut at_once)), (4, 0));
         let mut describer = Describer::start().expect("a thread");
-        [0, 1, 2].iter().for_each(|id| describer.ask(&beside.keyframes[&KeyframeId(*id)]));
+        [0, 1, 2].iter().for_each(|id| describer.ask(&in_background.keyframes[&KeyframeId(*id)]));
         let first = loop {
             match describer.found().next() {
                 Some(found) => break found,
@@ -170,14 +170,14 @@ mod tests {
             }
         };
         assert_eq!(first.keyframe, KeyframeId(0));
-        assert!(Arc::ptr_eq(&first.image, &beside.keyframes[&first.keyframe].image));
-        beside
+        assert!(Arc::ptr_eq(&first.image, &in_background.keyframes[&first.keyframe].image));
+        in_background
             .keyframes
             .entry(first.keyframe)
             .and_modify(|keyframe| keyframe.features = Some(first.features));
-        assert_eq!(beside.keyframes[&KeyframeId(0)], at_once.keyframes[&KeyframeId(0)]);
-        describer.complete(std::slice::from_mut(&mut beside));
-        assert!(beside == at_once);
+        assert_eq!(in_background.keyframes[&KeyframeId(0)], at_once.keyframes[&KeyframeId(0)]);
+        describer.complete(std::slice::from_mut(&mut in_background));
+        assert!(in_background == at_once);
         let found = at_once.keyframes.values().filter_map(|keyframe| keyframe.features.as_deref());
         assert!(found.clone().count() == 4);
         found.for_each(|bytes| assert!(codec::decode(bytes).expect("features").len() > 20));

@@ -260,28 +260,28 @@ mod tests {
             skipped: skipped.iter().copied().collect(),
             ..FrameCounts::default()
         };
-        let told = |counts: FrameCounts| too_few_poses(&counts).unwrap_or_default();
+        let diagnosed = |counts: FrameCounts| too_few_poses(&counts).unwrap_or_default();
         for (reason, word) in [
             (OutOfOrder, "109 out of order"),
             (DuplicateTime, "109 with a repeated time"),
             (Unreadable, "109 unreadable"),
         ] {
-            let said = told(counts(11, &[(reason, 109)]));
-            assert!(said.contains(word) && !said.contains("textured"), "{said}");
+            let text_of = diagnosed(counts(11, &[(reason, 109)]));
+            assert!(text_of.contains(word) && !text_of.contains("textured"), "{text_of}");
         }
-        assert!(told(counts(11, &[(OutOfOrder, 3)])).contains("textured"));
-        assert_eq!(told(counts(100, &[(OutOfOrder, 20)])), "");
+        assert!(diagnosed(counts(11, &[(OutOfOrder, 3)])).contains("textured"));
+        assert_eq!(diagnosed(counts(100, &[(OutOfOrder, 20)])), "");
     }
 
     #[test]
-    fn losses_of_the_scale_are_told_from_others() {
-        let told = |losses, losses_of_scale| {
+    fn losses_of_the_scale_are_distinguished_from_others() {
+        let diagnosed = |losses, losses_of_scale| {
             FrameCounts { losses, losses_of_scale, ..FrameCounts::default() }.losses_text()
         };
-        assert_eq!(told(0, 0), "0");
-        assert_eq!(told(3, 0), "3");
-        assert_eq!(told(1, 1), "1, for want of known depth: the scale is lost");
-        assert_eq!(told(3, 1), "3, 1 of them for want of known depth: the scale is lost");
+        assert_eq!(diagnosed(0, 0), "0");
+        assert_eq!(diagnosed(3, 0), "3");
+        assert_eq!(diagnosed(1, 1), "1, for want of known depth: the scale is lost");
+        assert_eq!(diagnosed(3, 1), "3, 1 of them for want of known depth: the scale is lost");
     }
 
     #[test]

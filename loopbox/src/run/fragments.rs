@@ -41,7 +41,7 @@ pub fn joined(fragments: Vec<Map>, progress: &dyn Progress) -> Vec<Map> {
 /// not believed then is not joined in the end because little differs.
 fn merging() -> MergingParams {
     let mut params = MergingParams::default();
-    params.meeting.acceptance.min_untold_change = 0.0;
+    params.verification.acceptance.min_undecided_change = 0.0;
     params.further.place.prior = judging::prior();
     params
 }

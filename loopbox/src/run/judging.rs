@@ -19,7 +19,7 @@ const LEVELS: usize = 5;
 const REARRANGED: f64 = 0.2;
 
 /// Share of the things from which on what differs is no noise of recordings of one place: as of merges
-/// ([`AcceptanceParams::min_untold_change`](merge::acceptance::AcceptanceParams)), whose right pairs have 0.084 at most. Where more differs
+/// ([`AcceptanceParams::min_undecided_change`](merge::acceptance::AcceptanceParams)), whose right pairs have 0.084 at most. Where more differs
 /// the place must be told even though hardly anything is expected to have changed.
 const MUCH: f64 = 0.1;
 
@@ -48,12 +48,12 @@ impl JudgePlace for SurfaceJudge {
         let frames: Vec<SeenFrame> = claim.frames.iter().map(frame).collect();
         let params = PlaceParams { prior: prior(), ..PlaceParams::default() };
         let found = frames_verdict(&prepared, &frames, &params).weighed;
-        told(&found)
+        answer_of(&found)
     }
 }
 
 /// What is said of a place, by what was weighed.
-fn told(found: &Weighed) -> Answer {
+fn answer_of(found: &Weighed) -> Answer {
     if !found.answer.joins() || found.changed < MUCH {
         return found.answer;
     }
@@ -81,7 +81,7 @@ mod tests {
             vec![piece(PieceKind::Look, -30.0); others],
             vec![piece(PieceKind::Wear, 12.0); wear],
         ];
-        told(&weigh(&all.concat(), &prior()))
+        answer_of(&weigh(&all.concat(), &prior()))
     }
 
     /// A few things that differ are outweighed by wear, and nothing else; many are not.

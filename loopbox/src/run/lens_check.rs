@@ -55,25 +55,25 @@ impl LensCheck {
     /// Begins to ask the map.
     pub fn ask(&mut self, map: Map) {
         self.next *= 4;
-        let (given, (tell, told)) = (self.given.clone(), channel());
+        let (given, (tell, texts)) = (self.given.clone(), channel());
         let work = move || what_is_wrong(&map, &given, &tell);
         let thread = std::thread::Builder::new().name("lens".into()).spawn(work);
-        self.thread = thread.ok().map(|thread| (thread, told));
+        self.thread = thread.ok().map(|thread| (thread, texts));
     }
 
     /// Tells what came of it, as it is known; `wait` waits for that.
     pub fn tell(&mut self, progress: &dyn Progress, wait: bool) {
-        let Some((thread, told)) = &self.thread else { return };
+        let Some((thread, texts)) = &self.thread else { return };
         let has_ended = thread.is_finished();
-        let mut said = |text: String| {
+        let mut report = |text: String| {
             progress.warn(&text);
             // Said once, it is said.
             self.next = usize::MAX;
         };
-        told.try_iter().for_each(&mut said);
+        texts.try_iter().for_each(&mut report);
         if wait && !has_ended {
             progress.stage("looking whether the calibration is the camera's");
-            told.iter().for_each(&mut said);
+            texts.iter().for_each(&mut report);
         }
         if wait || has_ended {
             // It told all that it has.
@@ -91,7 +91,7 @@ fn what_is_wrong(map: &Map, given: &GivenLens, tell: &Sender<String>) {
         let _ = tell.send(format!(
             "{}\nhint: is the calibration this camera's, at this size and zoom? `loopbox calib` makes one; a recording without any is \
              calibrated from itself",
-            said(found, given, at_least)
+            describe_error(found, given, at_least)
         ));
     };
     let is_sure = is_wrong(&by_map, &given.lens);
@@ -101,7 +101,7 @@ fn what_is_wrong(map: &Map, given: &GivenLens, tell: &Sender<String>) {
     let anew = given.first_part.as_ref().and_then(|part| part.lens_from(&by_map.camera));
     match anew.filter(|anew| is_wrong(anew, &given.lens)) {
         Some(anew) if is_sure => {
-            let _ = tell.send(format!("mapped anew with other lenses, {}", said(&anew, given, "")));
+            let _ = tell.send(format!("mapped anew with other lenses, {}", describe_error(&anew, given, "")));
         }
         Some(anew) => warn(&anew, ""),
         None => {}
@@ -119,7 +119,7 @@ fn ratio(found: &SelfCalibration, lens: &Camera) -> f64 {
 }
 
 /// By how much the focal length is off, for people.
-fn said(found: &SelfCalibration, given: &GivenLens, at_least: &str) -> String {
+fn describe_error(found: &SelfCalibration, given: &GivenLens, at_least: &str) -> String {
     let ratio = ratio(found, &given.lens);
     let (percent, how) = match ratio {
         1.0.. => (100.0 * (ratio - 1.0), "long"),

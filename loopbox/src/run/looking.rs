@@ -101,7 +101,7 @@ mod tests {
     }
 
     #[test]
-    fn gaps_are_told_and_usual_steps_are_not() {
+    fn gaps_are_reported_and_usual_steps_are_not() {
         assert!(seen(&[0.0, 0.1, 0.2, 0.35]).facts().is_empty());
         // A slow camera has long steps.
         assert!(seen(&[0.0, 2.0, 4.0, 6.5]).facts().is_empty());

@@ -2,18 +2,18 @@
 //!
 //! In order: `options` (what is asked for, and the way from there to the results), `session` (one map after another, as long as somebody wants a new one), `runtime` (the loop around the
 //! agent), `outlook` and `looking` (what can be said before it), `lens` (a recording without a calibration), `lens_check` (whether the one given fits), `describing` (features of
-//! keyframes beside it), `recognising` (a lost camera found by these), `judging` (whether it is the place), `fragments` (what was tracked after losses joined), `output` (the files), `growing` (the map's on
+//! keyframes beside it), `recognising` (a lost camera found by these), `judging` (whether it is the place), `fragments` (what was tracked after losses joined), `output` (the files), `live_map` (the map's on
 //! the way), `listening` (who is told how the map grows), `record` (the numbers), `saving` (results on the way), `resuming`
 //! (a map of an earlier run gone on with), `diagnosis` (why nothing was tracked).
 
 mod describing;
 mod diagnosis;
 mod fragments;
-mod growing;
 mod judging;
 mod lens;
 mod lens_check;
 mod listening;
+mod live_map;
 mod looking;
 mod options;
 mod outlook;
@@ -27,11 +27,11 @@ mod saving;
 mod session;
 
 pub use describing::complete as find_features;
-pub(crate) use describing::give_way;
+pub(crate) use describing::lower_priority;
 pub(crate) use fragments::{in_order, most_frames_first};
-pub use growing::free_bytes;
 pub use lens::{FoundLens, Recording, find_lens, find_live_lens};
 pub use listening::{Listeners, MapListener, Seen};
+pub use live_map::free_bytes;
 pub use options::{PreparedRun, RunOptions, run};
 pub use outlook::{CameraNumbers, Outlook};
 pub(crate) use output::TRAJECTORY;
@@ -41,4 +41,4 @@ pub(crate) use record::numbered;
 pub use record::{Cost, FrameCounts, FrameRow, Latency, MapCounts, RunRecord, state_name};
 pub use resuming::{Resume, Resumed};
 pub use session::Mapped;
-pub use slam_direct::Going;
+pub use slam_direct::ResumeMode;

@@ -196,7 +196,7 @@ impl PreparedRun {
     }
 
     /// The same, of whose maps `listener` is told as well.
-    pub fn told_to(mut self, mut listener: impl MapListener + 'static) -> Self {
+    pub fn with_listener(mut self, mut listener: impl MapListener + 'static) -> Self {
         listener.begins(&self.about);
         self.listeners.add(listener);
         self

@@ -5,7 +5,7 @@ use geometry::{Camera, Distortion, Pinhole};
 use serde::Serialize;
 use sources::correction::{CameraOptions, correction, described};
 use sources::pictures::StatedFocal;
-use sources::{FoundCalibration, FrameSource, SourceInfo, calibrations_beside};
+use sources::{FoundCalibration, FrameSource, SourceInfo, sidecar_calibrations};
 use std::fmt;
 
 /// Whether a run over this source uses a calibration that was given or came with it, and does not find the lens from the images; `fov`
@@ -175,8 +175,8 @@ fn of_none(info: &SourceInfo, fov: Option<f64>, stated: impl Fn() -> Option<Stat
         (None, Some(stated)) => format!("a run finds it from the images, begun with {}", stated.origin),
         (None, None) => "a run finds it from the images, or takes that of --calib".into(),
     };
-    let beside = calibrations_beside(info).into_iter().map(|text| text.replace("\nhint: ", "; "));
-    LensOutlook { text, problems: beside.collect(), ..LensOutlook::default() }
+    let sidecars = sidecar_calibrations(info).into_iter().map(|text| text.replace("\nhint: ", "; "));
+    LensOutlook { text, problems: sidecars.collect(), ..LensOutlook::default() }
 }
 
 impl fmt::Display for Outlook {

@@ -1,6 +1,6 @@
 //! The folder a run writes into.
 
-use super::growing::Growing;
+use super::live_map::LiveMapWriter;
 use super::record::{RunRecord, handed_out, numbered};
 use crate::results::{Owner, Results};
 use anyhow::{Context, Result};
@@ -33,9 +33,9 @@ pub struct Output {
     results: Results,
     /// Whose map it is.
     agent: AgentInfo,
-    growing: Growing,
+    live_writer: LiveMapWriter,
     /// The growing maps of the fragments after the first.
-    beside: BTreeSet<PathBuf>,
+    fragment_files: BTreeSet<PathBuf>,
     /// Other files of the results, by name, with their text.
     others: Vec<(String, String)>,
 }
@@ -49,19 +49,19 @@ impl Output {
     /// else.
     pub fn create(folder: &Path, agent: AgentInfo, source: &Path, force: bool) -> Result<Self> {
         let results = Results::create(folder, &Owner::Run(source.to_owned()), force)?;
-        let (growing, beside, others) = Default::default();
-        Ok(Self { results, agent, growing, beside, others })
+        let (live_writer, fragment_files, others) = Default::default();
+        Ok(Self { results, agent, live_writer, fragment_files, others })
     }
 
     /// Says whether a full disk is waited out: what the map has grown by waits in memory until there is room; else it ends
     /// the run.
     pub fn wait_for_room(&mut self, waits: bool) {
-        self.growing.wait_for_room(waits);
+        self.live_writer.wait_for_room(waits);
     }
 
     /// Whether something waits in memory for room on the disk.
     pub fn is_held(&self) -> bool {
-        self.growing.is_held()
+        self.live_writer.is_held()
     }
 
     /// A file of its own that is to be among the results.
@@ -85,16 +85,16 @@ impl Output {
     /// # Errors
     /// When a map file could not be written, now or before; what was written before still loads.
     pub fn grow(&mut self, fragment: usize, map: &Map, deltas: Vec<MapDelta>) -> Result<()> {
-        let Self { results, agent, growing, beside, .. } = self;
+        let Self { results, agent, live_writer, fragment_files, .. } = self;
         let file = || {
-            let mut path = results.growing()?.to_owned();
+            let mut path = results.live_map()?.to_owned();
             if fragment > 0 {
                 path.set_file_name(numbered(MAP, fragment));
-                beside.insert(path.clone());
+                fragment_files.insert(path.clone());
             }
             Ok((path, agent.clone()))
         };
-        growing.grow(fragment, map, deltas, file)
+        live_writer.grow(fragment, map, deltas, file)
     }
 
     /// Waits until all that was said is in the files.
@@ -102,7 +102,7 @@ impl Output {
     /// # Errors
     /// When a map file could not be written; what was written before still loads.
     pub fn flush(&mut self) -> Result<()> {
-        self.growing.flush()
+        self.live_writer.flush()
     }
 
     /// Leaves the growing maps as the results: soon, however large they are.
@@ -110,8 +110,8 @@ impl Output {
     /// # Errors
     /// When a map file could not be written; what was written before still loads.
     pub fn leave(&mut self) -> Result<()> {
-        self.growing.end()?;
-        self.results.leave_growing();
+        self.live_writer.end()?;
+        self.results.keep_live_map();
         Ok(())
     }
 
@@ -129,7 +129,7 @@ impl Output {
         max_variance: f32,
     ) -> Result<()> {
         // What could not be written then is written whole now, or said.
-        let _ = self.growing.end();
+        let _ = self.live_writer.end();
         for (place, (map, trajectory)) in fragments.iter().zip(trajectories).enumerate() {
             map::save_map(self.results.file(numbered(MAP, place))?, map)?;
             self.save_trajectory(numbered(TRAJECTORY, place), trajectory, format)?;
@@ -155,8 +155,8 @@ impl Output {
         record: &mut RunRecord,
         format: TrajectoryFormat,
     ) -> Result<()> {
-        self.growing.end()?;
-        let (grown, file) = (self.results.growing()?.to_owned(), self.results.file(MAP)?);
+        self.live_writer.end()?;
+        let (grown, file) = (self.results.live_map()?.to_owned(), self.results.file(MAP)?);
         std::fs::rename(&grown, &file).with_context(|| format!("{}: cannot be moved", grown.display()))?;
         self.save_trajectory(TRAJECTORY.to_owned(), &map.trajectory(), format)?;
         self.save_trajectory(HANDED_OUT.to_owned(), &handed_out(&record.rows), format)?;
@@ -202,13 +202,15 @@ impl Output {
         write_numbers(&path, record)?;
         let complete: Vec<PathBuf> = record.files.iter().map(|name| self.folder().join(name)).collect();
         self.results.commit()?;
-        self.remove_beside(&complete);
+        self.remove_fragment_files(&complete);
         Ok(())
     }
 
     /// Removes the growing maps of fragments that have their place in the results now, but for those `complete`.
-    fn remove_beside(&mut self, complete: &[PathBuf]) {
-        for path in std::mem::take(&mut self.beside).into_iter().filter(|path| !complete.contains(path)) {
+    fn remove_fragment_files(&mut self, complete: &[PathBuf]) {
+        for path in
+            std::mem::take(&mut self.fragment_files).into_iter().filter(|path| !complete.contains(path))
+        {
             // Nobody is hurt by what stays.
             let _ = std::fs::remove_file(path);
         }
@@ -221,9 +223,9 @@ impl Output {
     /// When the file cannot be written.
     pub fn fail(&mut self, record: &RunRecord) -> Result<()> {
         // There is no map that anybody would miss.
-        let _ = self.growing.end();
-        self.remove_beside(&[]);
-        self.results.forget_growing();
+        let _ = self.live_writer.end();
+        self.remove_fragment_files(&[]);
+        self.results.discard_live_map();
         if self.results.holds_earlier(&[NUMBERS]) {
             return Ok(());
         }

@@ -103,7 +103,7 @@ impl Recognise for Recogniser {
             let poses = poses.map(|view| (view.keyframe, view.world_from_keyframe)).collect();
             found.extend(fragment.hypothesis(number, &seen, camera, &poses));
         }
-        found.sort_by_key(|(agreeing, _)| std::cmp::Reverse(*agreeing));
+        found.sort_by_key(|(inliers, _)| std::cmp::Reverse(*inliers));
         found.into_iter().map(|(_, hypothesis)| hypothesis).collect()
     }
 }
@@ -142,13 +142,13 @@ impl Fragment {
         };
         let ids: Vec<KeyframeId> = ranked.into_iter().map(|(_, id)| id).collect();
         let keyframes: Vec<SeenBy> = ids.iter().filter_map(seen_by).collect();
-        let FramePose { camera_from_world, agreeing, by_keyframe } =
+        let FramePose { camera_from_world, inliers, by_keyframe } =
             frame_pose(image.features, camera, &keyframes, &FramePoseParams::default())?;
         let best = (0..ids.len()).rev().max_by_key(|&i| by_keyframe[i])?;
         let keyframe_from_world = poses.get(&ids[best])?.inverse();
         let relative = keyframe_from_world * Sim3::from(camera_from_world.inverse());
         let keyframe_from_frame = geometry::Se3::new(relative.rotation, relative.translation);
-        Some((agreeing, Hypothesis { fragment, keyframe: ids[best], keyframe_from_frame }))
+        Some((inliers, Hypothesis { fragment, keyframe: ids[best], keyframe_from_frame }))
     }
 }
 

@@ -448,14 +448,14 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_used_is_said_with_its_reason() {
+    fn what_is_not_used_is_reported_with_its_reason() {
         let text = |given, found| LeftOutRecord::new(LeftOut { given, found }).map(LeftOutRecord::text);
         assert_eq!(text(0.0, 0.0), None);
-        let said = |given, found| text(given, found).unwrap_or_default();
-        assert_eq!(said(0.1, 0.0), "10.0 % of the image is not used, by the mask");
-        assert_eq!(said(0.0, 0.02), "2.0 % of the image is not used: it moves with the camera");
+        let text_of = |given, found| text(given, found).unwrap_or_default();
+        assert_eq!(text_of(0.1, 0.0), "10.0 % of the image is not used, by the mask");
+        assert_eq!(text_of(0.0, 0.02), "2.0 % of the image is not used: it moves with the camera");
         assert_eq!(
-            said(0.1, 0.02),
+            text_of(0.1, 0.02),
             "12.0 % of the image is not used: 2.0 % moves with the camera, the rest by the mask"
         );
     }

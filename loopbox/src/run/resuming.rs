@@ -7,7 +7,7 @@ use map::{AgentInfo, Identity, Map, MapError, PlaceIndex};
 use merge::common_map::{CommonMap, Fused, FusionParams};
 use place_recog::ThumbnailIndex;
 use serde::Serialize;
-use slam_direct::{Agent, Atlas, Going, Joint, Params};
+use slam_direct::{Agent, Atlas, Joint, Params, ResumeMode};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -21,7 +21,7 @@ pub struct Resume {
     /// Its file, or the folder of results that holds it.
     pub map: PathBuf,
     /// Whether it is extended.
-    pub going: Going,
+    pub mode: ResumeMode,
     /// What was read of it, where that was done before.
     pub opened: Option<Box<OpenedMap>>,
 }
@@ -50,7 +50,7 @@ pub struct Kept {
     /// Whose map it is once this run has extended it; nobody's alone of a common map.
     about: Option<AgentInfo>,
     /// What is done with it.
-    pub going: Going,
+    pub mode: ResumeMode,
     /// The index of the first frame that is new: frames are counted on. Who extends a common map counts from 0.
     pub first_index: u64,
 }
@@ -69,12 +69,12 @@ impl Kept {
             format!("{}: is not a map of cameras\n{hint}", file.display())
         })?;
         refuse_other_cameras(&file, &map, camera, session)?;
-        let is_extended = resume.going == Going::On && map.agents.len() > 1;
+        let is_extended = resume.mode == ResumeMode::Mapping && map.agents.len() > 1;
         let of_map = map.frames.iter().map(|frame| frame.frame_index + 1);
         let first_index = of_map.max().filter(|_| !is_extended).unwrap_or_default();
         let only = map.agents.values().next().filter(|_| map.agents.len() == 1);
         let about = only.map(|info| extended(info, session, map.keyframes.len(), first_index));
-        Ok((Self { file, map, about, going: resume.going, first_index }, opened.warnings))
+        Ok((Self { file, map, about, mode: resume.mode, first_index }, opened.warnings))
     }
 
     /// Makes sure that results in `folder` do not take the place of a map that is to stay as it is.
@@ -83,7 +83,7 @@ impl Kept {
     /// When they would.
     pub fn spare(&self, folder: &Path) -> Result<()> {
         let whole = |path: &Path| path.canonicalize().unwrap_or_else(|_| path.to_owned());
-        if self.going == Going::Localising && whole(&self.file).starts_with(whole(folder)) {
+        if self.mode == ResumeMode::Localising && whole(&self.file).starts_with(whole(folder)) {
             bail!(
                 "{}: holds the map that is localised in, which is to stay as it is\nhint: give --out another folder",
                 folder.display()
@@ -102,7 +102,7 @@ impl Kept {
     /// # Errors
     /// When there is nothing to track against.
     pub fn atlas(&self, params: &Params) -> Result<Atlas> {
-        let first = Agent::resume(self.map.clone(), places(), params.clone(), self.going)
+        let first = Agent::resume(self.map.clone(), places(), params.clone(), self.mode)
             .with_context(|| self.file.display().to_string())?;
         Ok(Atlas::resume(first, places, params.clone()))
     }
@@ -114,7 +114,7 @@ impl Kept {
 
     /// Whether the map is a common one that the run extends, as one more of its agents.
     pub fn is_joined(&self) -> bool {
-        self.going == Going::On && self.about.is_none()
+        self.mode == ResumeMode::Mapping && self.about.is_none()
     }
 
     /// Makes sure that who comes to a common map is not in it already.
@@ -161,7 +161,7 @@ impl Kept {
             agents: self.map.agents.values().map(|info| info.name.clone()).collect(),
             keyframes: self.map.keyframes.len() as u64,
             frames: self.map.frames.len() as u64,
-            localised_only: self.going == Going::Localising,
+            localised_only: self.mode == ResumeMode::Localising,
         }
     }
 }
@@ -187,8 +187,8 @@ fn extended(info: &AgentInfo, session: &AgentInfo, keyframes: usize, first_index
 
 /// The number of what is `done` next to a map, whose provenance tells `key` of each time before.
 fn next_number(provenance: &BTreeMap<String, String>, done: &str, key: &str) -> usize {
-    let is_told = |number: &usize| provenance.contains_key(&format!("{done} {number}: {key}"));
-    (1..).take_while(is_told).count() + 1
+    let is_recorded = |number: &usize| provenance.contains_key(&format!("{done} {number}: {key}"));
+    (1..).take_while(is_recorded).count() + 1
 }
 
 /// A common map made anew of its agents' own maps and the closures between them; `None` where these do not join all of them.
@@ -218,8 +218,8 @@ fn refuse_other_cameras(file: &Path, map: &Map, camera: &Pinhole, session: &Agen
 
 fn is_same(one: &Pinhole, other: &Pinhole) -> bool {
     let numbers = |c: &Pinhole| [c.fx, c.fy, c.cx, c.cy];
-    let alike = numbers(one).iter().zip(numbers(other)).all(|(a, b)| (a - b).abs() < SAME);
-    (one.width, one.height) == (other.width, other.height) && alike
+    let similar = numbers(one).iter().zip(numbers(other)).all(|(a, b)| (a - b).abs() < SAME);
+    (one.width, one.height) == (other.width, other.height) && similar
 }
 
 fn text(camera: &Pinhole) -> String {

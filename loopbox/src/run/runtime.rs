@@ -1,6 +1,6 @@
 //! One run: feeds the agent and keeps the numbers.
 
-mod leaving;
+mod finishing;
 
 use crate::run::Progress;
 use crate::run::describing::Describer;
@@ -106,7 +106,7 @@ impl<'a> Run<'a> {
     }
 
     /// The same, of whose map `listeners` are told.
-    pub fn told_to(self, listeners: Listeners) -> Self {
+    pub fn with_listeners(self, listeners: Listeners) -> Self {
         Self { listeners, ..self }
     }
 
@@ -161,7 +161,7 @@ impl<'a> Run<'a> {
                         run.failure = Some(format!("{error:#}"));
                         break;
                     }
-                    held = told_of_room(held, output.is_held(), progress);
+                    held = report_room(held, output.is_held(), progress);
                     run.check_lens(progress);
                 }
                 Item::Skipped(skip) => {
@@ -322,7 +322,7 @@ impl<'a> Run<'a> {
 }
 
 /// Tells when the map begins and ends to wait for room on the disk; gives whether it does.
-fn told_of_room(held: bool, is_held: bool, progress: &dyn Progress) -> bool {
+fn report_room(held: bool, is_held: bool, progress: &dyn Progress) -> bool {
     match (held, is_held) {
         (false, true) => {
             progress.warn_of("disk", "the disk is full: the map grows in memory until there is room")

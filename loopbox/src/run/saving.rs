@@ -110,7 +110,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_next_folder_is_beside_the_first_and_new() {
+    fn the_next_folder_is_next_to_the_first_and_new() {
         let room = tempfile::tempdir().expect("a folder");
         let first = room.path().join("mine");
         assert_eq!(next_folder(&first), room.path().join("mine-2"));

@@ -17,7 +17,7 @@ use crate::swapping::SwapFiles;
 use anyhow::{Context, Result, anyhow};
 use geometry::{Image, Pinhole};
 use map::AgentInfo;
-use slam_direct::{Atlas, Going, Params};
+use slam_direct::{Atlas, Params, ResumeMode};
 use sources::SourceInfo;
 use sources::Stop;
 use sources::ahead::Ahead;
@@ -80,7 +80,7 @@ impl Session<'_> {
         let save = |run: &Run, output: &Output, watch: &Watch| {
             let map = run.snapshot(&self.about);
             let record = run.record(&self.source, self.camera, ahead, false, std::slice::from_ref(&map));
-            saver.save(output.folder(), map, record, watch.teller());
+            saver.save(output.folder(), map, record, watch.notifier());
         };
         let mut identity = self.about.identity;
         let mut next = self.kept.as_ref();
@@ -95,12 +95,12 @@ impl Session<'_> {
                 if self.params.mapping.lag > 0 { Recogniser::in_time() } else { Recogniser::default() };
             let swap = Arc::<SwapFiles>::clone(&self.swap);
             let atlas = atlas.recognising(Box::new(recogniser)).swapping_to(swap);
-            let atlas = atlas.judged_by(Arc::new(SurfaceJudge));
+            let atlas = atlas.judge_by(Arc::new(SurfaceJudge));
             let atlas = match &self.unused {
-                Some(unused) => atlas.leaving_out(unused)?,
+                Some(unused) => atlas.with_mask(unused)?,
                 None => atlas,
             };
-            let localises = kept.is_some_and(|kept| kept.going == Going::Localising);
+            let localises = kept.is_some_and(|kept| kept.mode == ResumeMode::Localising);
             // Who only localises begins anew in the same map.
             next = kept.filter(|_| localises);
             let describer = (self.features && !localises)
@@ -109,7 +109,7 @@ impl Session<'_> {
                 .context("cannot start a thread")?;
             let check = self.lens.as_ref().filter(|_| !localises).map(|lens| LensCheck::new(lens.clone()));
             let run = Run::new(atlas, self.camera, identity, ahead).with(describer, check).within(kept);
-            let run = run.told_to(self.listeners.clone()).left_alone(self.unattended);
+            let run = run.with_listeners(self.listeners.clone()).left_alone(self.unattended);
             let run = run.track(ahead, self.stop, self.progress, &mut output, watch, &save)?;
             let restart = run.is_to_restart();
             identity = run.next_identity();
@@ -175,7 +175,7 @@ impl Session<'_> {
     fn next_output(&self, first: &Path, before: &Path, watch: &Watch) -> Result<Output> {
         let output =
             Output::create(&saving::next_folder(first), self.about.clone(), &self.source.path, false)?;
-        watch.teller()(format!("a new map; the one before is in {}", before.display()));
+        watch.notifier()(format!("a new map; the one before is in {}", before.display()));
         Ok(output)
     }
 }

@@ -94,14 +94,14 @@ pub struct RecordingConfig {
 pub struct MapConfig {
     /// Whether a session goes on in the map of the one before.
     #[serde(rename = "continue")]
-    pub goes_on: bool,
+    pub resumes: bool,
     /// Whether keyframes' features are found beside tracking, by which maps are merged.
     pub features: bool,
 }
 
 impl Default for MapConfig {
     fn default() -> Self {
-        Self { goes_on: true, features: true }
+        Self { resumes: true, features: true }
     }
 }
 

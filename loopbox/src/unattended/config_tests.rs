@@ -17,7 +17,7 @@ fn refused(text: &str) -> String {
 fn little_is_needed_and_paths_are_those_of_the_file() {
     let config = read("out = \"kept\"\n[recording]\npath = \"yard\"\n").expect("it is enough");
     assert!(config.out.is_absolute() && config.heartbeat().ends_with("kept/heartbeat.json"));
-    assert!(config.map.goes_on && !config.record.enabled && config.page.is_none());
+    assert!(config.map.resumes && !config.record.enabled && config.page.is_none());
     assert_eq!((config.limits.disk_mib, config.limits.memory_mib), (4096, 1024));
     let absolute = read("out = \"/srv\"\n[recording]\npath = \"/data/yard\"\n").expect("it is enough");
     assert_eq!(absolute.out, PathBuf::from("/srv"));
@@ -38,8 +38,8 @@ fn what_is_wrong_is_named_with_file_and_line() {
         ("out = \"o\"\n[recording]\npath = \"y\"\n[limits]\nmemory_mib = 1\n", "limits.memory_mib is 1"),
         ("out = \"o\"\n[recording]\npath = \"y\"\nmax_width = 8\n", "max_width 8"),
     ] {
-        let said = refused(text);
-        assert!(said.contains(words) && said.contains("agent.toml"), "no '{words}' in: {said}");
+        let refusal = refused(text);
+        assert!(refusal.contains(words) && refusal.contains("agent.toml"), "no '{words}' in: {refusal}");
     }
     let missing = AgentConfig::read(Path::new("/nowhere/agent.toml")).expect_err("it is not there");
     assert!(crate::explained(&missing).contains("/nowhere/agent.toml"));
@@ -75,23 +75,23 @@ fn every_key_is_documented_and_in_the_file_that_is_shipped() {
         let field = line.strip_prefix("    pub ").filter(|line| !line.contains("fn "))?;
         Some(field.split_once(':')?.0)
     });
-    let told = |key: &str| if key == "goes_on" { "continue".to_owned() } else { key.to_owned() };
-    for key in keys.map(told) {
+    let documented = |key: &str| if key == "resumes" { "continue".to_owned() } else { key.to_owned() };
+    for key in keys.map(documented) {
         assert!(
             document.contains(&format!("`{key}`")) || document.contains(&format!("`[{key}]`")),
             "book/src/reference/agent-file.md says nothing of {key}"
         );
-        let shown = shipped(true)
+        let is_listed = shipped(true)
             .lines()
             .any(|line| line.starts_with(&format!("{key} =")) || line.starts_with(&format!("[{key}]")));
         let of_recordings = ["recording", "path", "realtime"].contains(&key.as_str());
-        assert!(shown || of_recordings, "script/agent/agent.toml does not show {key}");
+        assert!(is_listed || of_recordings, "script/agent/agent.toml does not show {key}");
     }
 }
 
 #[cfg(feature = "fleet")]
 #[test]
 fn a_fleet_of_nobody_is_refused() {
-    let said = refused("out = \"o\"\n[recording]\npath = \"y\"\n[fleet]\nname = \"a\"\n");
-    assert!(said.contains("nobody could be reached"), "{said}");
+    let refusal = refused("out = \"o\"\n[recording]\npath = \"y\"\n[fleet]\nname = \"a\"\n");
+    assert!(refusal.contains("nobody could be reached"), "{refusal}");
 }

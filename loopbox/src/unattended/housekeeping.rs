@@ -20,7 +20,7 @@ const LOOK: Duration = Duration::from_millis(20);
 const MIB: u64 = 1 << 20;
 const MAP: &str = "map.mcap";
 /// What it is called until all of the map that it goes on in is there.
-const GROWING: &str = "map.mcap.tmp";
+const LIVE_MAP: &str = "map.mcap.tmp";
 
 /// Whoever keeps house.
 pub struct Housekeeping {
@@ -85,10 +85,10 @@ impl Housekeeping {
         let used = self.in_use.lock().unwrap_or_else(PoisonError::into_inner);
         let mut in_use = used.clone();
         let is_placed = in_use.first().is_some_and(|folder| folder.join(MAP).is_file());
-        // What the growing map lacks is at most the map that it goes on in: room for that is made before it is written.
+        // What the live map lacks is at most the map that it goes on in: room for that is made before it is written.
         let lacking = match &in_use[..] {
             [own, before] if !is_placed => {
-                bytes_of(&before.join(MAP)).saturating_sub(bytes_of(&own.join(GROWING)))
+                bytes_of(&before.join(MAP)).saturating_sub(bytes_of(&own.join(LIVE_MAP)))
             }
             _ => 0,
         };
@@ -149,13 +149,13 @@ impl Housekeeping {
         let bytes = button.path().and_then(|path| fs::metadata(path).ok()).map_or(0, |about| about.len());
         if button.is_on() && (!wanted || bytes >= self.file_bytes || button.has_failed()) {
             match button.set(false) {
-                Ok(said) => self.vitals.tell(&said),
+                Ok(text) => self.vitals.tell(&text),
                 Err(error) => self.vitals.trouble(&crate::explained(&error)),
             }
         }
         if wanted && !button.is_on() {
             match button.set(true) {
-                Ok(said) => self.vitals.tell(&said),
+                Ok(text) => self.vitals.tell(&text),
                 Err(error) => self.vitals.trouble(&crate::explained(&error)),
             }
         }

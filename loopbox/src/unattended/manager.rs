@@ -41,13 +41,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_manager_hears_what_it_is_told() {
+    fn the_manager_receives_what_it_is_sent() {
         let room = tempfile::tempdir().expect("a folder");
         let path = room.path().join("notify");
-        let heard = UnixDatagram::bind(&path).expect("a socket");
+        let receiver = UnixDatagram::bind(&path).expect("a socket");
         Manager::at(Some(path.into())).tell("READY=1");
         let mut bytes = [0; 64];
-        let count = heard.recv(&mut bytes).expect("it was sent");
+        let count = receiver.recv(&mut bytes).expect("it was sent");
         assert_eq!(&bytes[..count], b"READY=1");
         // Nobody is told nothing.
         Manager::at(None).tell("READY=1");

@@ -33,14 +33,14 @@ impl Pairing {
             force: false,
             name: fleet.name.clone().unwrap_or_else(|| name.to_owned()),
             is_station: false,
-            is_beside: true,
+            in_background: true,
             listen: fleet.listen.as_ref().map(endpoint).transpose()?,
             dial: fleet.connect.iter().map(endpoint).collect::<Result<_>>()?,
             keys: fleet.keys.clone(),
         };
-        let told = Arc::clone(vitals);
+        let reporter = Arc::clone(vitals);
         let fleet =
-            Fleet::start(&options, None, move |text| told.tell(&format!("fleet: {text}")), Vec::new())?;
+            Fleet::start(&options, None, move |text| reporter.tell(&format!("fleet: {text}")), Vec::new())?;
         Ok(Self(Some(fleet)))
     }
 
@@ -50,7 +50,7 @@ impl Pairing {
     /// When a thread cannot be started.
     pub fn tell_of(&self, run: PreparedRun) -> Result<PreparedRun> {
         Ok(match &self.0 {
-            Some(fleet) => run.told_to(fleet.teller()?),
+            Some(fleet) => run.with_listener(fleet.publisher()?),
             None => run,
         })
     }

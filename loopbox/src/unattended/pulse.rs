@@ -109,7 +109,7 @@ impl Beating {
             }
             now.beat.frames_per_s = rate(&self.frames);
             (now.beat.memory_bytes, now.beat.memory_limit_bytes) = (memory, self.memory_limit);
-            (now.beat.frames_per_s, now.beat.state.is_alive_after(now.heard.elapsed()))
+            (now.beat.frames_per_s, now.beat.state.is_alive_after(now.last_activity.elapsed()))
         };
         if memory.is_some_and(|memory| memory >= self.memory_limit) {
             self.vitals.end_session(Why::Memory);
@@ -149,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn it_beats_passes_on_the_wish_to_stop_and_ends() {
+    fn it_beats_forwards_the_request_to_stop_and_ends() {
         let room = tempfile::tempdir().expect("a folder");
         let path = room.path().join("heartbeat.json");
         let (vitals, stop) = (vitals(), Stop::default());

@@ -6,7 +6,7 @@ use crate::explained;
 use crate::open::{OpenedMap, open_map};
 use crate::run::Resume;
 use map::Map;
-use slam_direct::Going;
+use slam_direct::ResumeMode;
 use std::collections::BTreeSet;
 
 /// Frames of earlier sessions that a map keeps when it is gone on with: they are of no use to tracking, and in months
@@ -43,7 +43,7 @@ pub fn find_map(sessions: &Sessions, passed: &BTreeSet<u32>, most: u64, vitals: 
                 let map = map.display();
                 vitals
                     .trouble(&format!("{map}: takes more than half of limits.disk_mib, a new map is begun"));
-                sessions.keep_history(&history.leaving(session.number));
+                sessions.keep_history(&history.without_maps_until(session.number));
                 return None;
             }
             history = history.reading(session.number);
@@ -51,7 +51,7 @@ pub fn find_map(sessions: &Sessions, passed: &BTreeSet<u32>, most: u64, vitals: 
             match open_map(&map) {
                 Ok(opened) if can_be_tracked(&opened.map) => {
                     let opened = Some(Box::new(thinned(opened)));
-                    let resume = Resume { map, going: Going::On, opened };
+                    let resume = Resume { map, mode: ResumeMode::Mapping, opened };
                     return Some(Found { session, resume });
                 }
                 Ok(_) => {}

@@ -66,7 +66,7 @@ mod tests {
     }
 
     #[test]
-    fn the_oldest_goes_first_and_no_more_than_needed() {
+    fn the_oldest_is_deleted_first_and_no_more_than_needed() {
         let sizes = [(30, false), (20, false), (40, false)];
         assert!(planned(&sizes, 90, None, 0).delete.is_empty());
         assert_eq!(planned(&sizes, 89, None, 0).delete, [0]);

@@ -66,7 +66,7 @@ impl History {
     }
 
     /// The same, where the map of a session and those before are left.
-    pub fn leaving(self, session: u32) -> Self {
+    pub fn without_maps_until(self, session: u32) -> Self {
         Self { left: self.left.max(session), ..self }
     }
 }
@@ -248,7 +248,7 @@ mod tests {
     }
 
     #[test]
-    fn sessions_are_counted_and_their_files_told_apart() {
+    fn sessions_are_counted_and_their_files_distinguished() {
         let room = tempfile::tempdir().expect("a folder");
         let at = |name: &str| room.path().join(name);
         let sessions = Sessions::open(room.path()).expect("it is ours");
@@ -304,8 +304,8 @@ mod tests {
         let often = once.reading(4).reading(4);
         assert!(!often.allows(4) && often.allows(3) && often.read().allows(4));
         assert_eq!(often.reading(3).readings, 1);
-        let left = History::default().leaving(7);
-        assert!(!left.allows(7) && left.allows(8) && left.leaving(2) == left);
+        let left = History::default().without_maps_until(7);
+        assert!(!left.allows(7) && left.allows(8) && left.without_maps_until(2) == left);
         let room = tempfile::tempdir().expect("a folder");
         let sessions = Sessions::open(room.path()).expect("it is ours");
         sessions.keep_history(&left);

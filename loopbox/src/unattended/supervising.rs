@@ -127,7 +127,7 @@ impl Agent<'_> {
                 }
                 (ended, Some(Why::Disk)) => {
                     let session = self.vitals.now().beat.session;
-                    self.sessions.keep_history(&self.sessions.history().leaving(session));
+                    self.sessions.keep_history(&self.sessions.history().without_maps_until(session));
                     let outcome = ended.map_or_else(|error| explained(&error), |()| "it is saved".into());
                     self.vitals.trouble(&format!(
                         "the map of session {session} takes all of limits.disk_mib, a new one is begun: {outcome}"
@@ -189,7 +189,7 @@ impl Agent<'_> {
     fn found_map(&self) -> Option<Found> {
         self.config
             .map
-            .goes_on
+            .resumes
             .then(|| {
                 let most = (self.config.limits.disk_mib << 20) / 2;
                 find_map(&self.sessions, &self.passed, most, &self.vitals)
@@ -246,7 +246,7 @@ impl Agent<'_> {
         let (session, frames, limit) = (now.beat.session, now.session_frames, self.config.limits.memory_mib);
         drop(now);
         if is_large {
-            self.sessions.keep_history(&self.sessions.history().leaving(session));
+            self.sessions.keep_history(&self.sessions.history().without_maps_until(session));
         }
         let next = if is_large { "a new map is begun" } else { "the next session goes on in its map" };
         self.vitals.tell(&format!(

@@ -29,7 +29,7 @@ pub struct Now {
     /// Numbers and words of the heartbeat, but for those that are asked for when it is written.
     pub beat: Heartbeat,
     /// When anything was last heard of the session.
-    pub heard: Instant,
+    pub last_activity: Instant,
     /// When the last frame was processed.
     pub last_frame: Option<Instant>,
     /// Frames processed in this session.
@@ -63,7 +63,7 @@ impl Vitals {
     pub fn new(name: String, tell: Tell) -> Arc<Self> {
         let now = Now {
             beat: Heartbeat { name, process: std::process::id(), ..Heartbeat::default() },
-            heard: Instant::now(),
+            last_activity: Instant::now(),
             last_frame: None,
             session_frames: 0,
             first_memory: None,
@@ -146,12 +146,12 @@ impl Vitals {
 
 impl Now {
     fn enter(&mut self, state: State) {
-        (self.beat.state, self.heard) = (state, Instant::now());
+        (self.beat.state, self.last_activity) = (state, Instant::now());
     }
 
     /// What is wrong, for people.
     fn trouble(&self) -> Vec<String> {
-        let silent = self.heard.elapsed();
+        let silent = self.last_activity.elapsed();
         let of_state = match self.beat.state {
             State::Waiting => self.waits_for.clone().or(Some("the camera is not there".into())),
             State::Failing => self.beat.last_error.clone().or(Some("the last session failed".into())),
@@ -185,7 +185,7 @@ impl Progress for Listening<'_> {
                 TrackingState::Lost => State::Lost,
             });
             let is_tracked = row.state == TrackingState::Tracking;
-            now.last_frame = Some(now.heard);
+            now.last_frame = Some(now.last_activity);
             now.session_frames += 1;
             now.beat.frames += 1;
             now.beat.tracked += u64::from(is_tracked);
@@ -260,7 +260,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn trouble_is_told_and_goes() {
+    fn trouble_is_reported_and_forgotten() {
         let vitals = Vitals::new("one".into(), Arc::new(|_| {}));
         let nothing = || {};
         let listening = Listening { vitals: &vitals, begun: &nothing };

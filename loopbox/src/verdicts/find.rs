@@ -31,7 +31,7 @@ pub struct Found {
     /// What was decided and by what evidence, for people.
     pub text: String,
     /// The same as JSON, as among the `encounters` of `merge.json`; of maps with several LiDARs one for each two agents.
-    pub encounters: serde_json::Value,
+    pub pair_results: serde_json::Value,
 }
 
 /// Finds the verdict on two maps, or takes it from the folder of verdicts, and keeps it there.
@@ -69,11 +69,11 @@ fn of_cameras(
     let inputs = merging::load(paths, &vocabulary, &swap, watcher, &mut |text| go_on(text, stop, watcher))?;
     let verdicts = CameraVerdicts::of(folder, &inputs, params)?;
     let mut stage = |text: &str| go_on(text, stop, watcher);
-    let encounters = merging::encounters(&inputs, &vocabulary, params, verdicts.as_ref(), &mut stage)?;
-    let text = encounters.iter().map(|encounter| merging::verdict_of(&inputs, encounter)).collect();
-    let records: Vec<_> = encounters.iter().map(|e| merging::EncounterRecord::new(e, &inputs)).collect();
-    let joins = encounters.iter().any(|encounter| encounter.joined.is_some());
-    Ok(Found { joins, text, encounters: serde_json::to_value(records)? })
+    let pair_results = merging::pair_results(&inputs, &vocabulary, params, verdicts.as_ref(), &mut stage)?;
+    let text = pair_results.iter().map(|pair_result| merging::verdict_of(&inputs, pair_result)).collect();
+    let records: Vec<_> = pair_results.iter().map(|e| merging::PairRecord::new(e, &inputs)).collect();
+    let joins = pair_results.iter().any(|pair_result| pair_result.joined.is_some());
+    Ok(Found { joins, text, pair_results: serde_json::to_value(records)? })
 }
 
 fn of_lidars(
@@ -93,11 +93,11 @@ fn of_lidars(
             go_on(&format!("comparing {} and {}", inputs[a].name, inputs[b].name), stop, watcher)?;
             let pair = lidar::merging::pair_alone(&inputs, [a, b], params, verdicts.as_ref())?;
             joins |= pair.holds();
-            text += &lidar::merging::said(&inputs, &pair);
-            records.push(lidar::merging::EncounterRecord::of(&pair, &inputs));
+            text += &lidar::merging::summary(&inputs, &pair);
+            records.push(lidar::merging::PairRecord::of(&pair, &inputs));
         }
     }
-    Ok(Found { joins, text, encounters: serde_json::to_value(records)? })
+    Ok(Found { joins, text, pair_results: serde_json::to_value(records)? })
 }
 
 fn go_on(text: &str, stop: &Stop, watcher: &dyn MergeWatcher) -> Result<()> {

@@ -11,11 +11,11 @@ mod tests;
 pub use find::{Found, ProposedPair, VerdictOptions, find_verdict, listed_pairs, propose_pairs};
 
 use crate::lidar::{self, merging::LidarMergeParams};
-use crate::merging::{Encounter, Input, MergingParams, Seconds};
+use crate::merging::{Input, MergingParams, PairResult, Seconds};
 use crate::open::map_file_at;
 use anyhow::{Context, Result, bail};
 use merge::further::Joined;
-use merge::meeting::Tried;
+use merge::verification::TestedPlace;
 use rayon::prelude::*;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -68,8 +68,8 @@ pub struct VerdictKey {
 impl VerdictKey {
     /// That of two maps of cameras, in either order.
     pub fn of_cameras(maps: [&MapDigest; 2], params: &MergingParams) -> Self {
-        let MergingParams { places, rank, key_points, meeting, method, baseline, further, .. } = params;
-        Self::new("cameras", maps, &(places, rank, key_points, meeting, method, baseline, further))
+        let MergingParams { places, rank, key_points, verification, method, baseline, further, .. } = params;
+        Self::new("cameras", maps, &(places, rank, key_points, verification, method, baseline, further))
     }
 
     /// That of two agents with LiDARs, in either order.
@@ -197,7 +197,8 @@ impl Verdicts {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct OfCameras {
     proposed: usize,
-    tried: Vec<Tried>,
+    #[serde(rename = "tried")]
+    tested: Vec<TestedPlace>,
     joined: Option<Joined>,
     error: Option<String>,
 }
@@ -225,18 +226,18 @@ impl<'a> CameraVerdicts<'a> {
     ///
     /// # Errors
     /// When its file cannot be read, or holds something else.
-    pub fn get(&self, [a, b]: [usize; 2]) -> Result<Option<Encounter>> {
+    pub fn get(&self, [a, b]: [usize; 2]) -> Result<Option<PairResult>> {
         let key = VerdictKey::of_cameras([&self.maps[a], &self.maps[b]], self.params);
         let kept = self.kept.get::<OfCameras>(&key)?;
         Ok(kept.map(|Kept { maps, verdict }| {
             let [target, source] = if maps[0] == self.maps[a] { [a, b] } else { [b, a] };
-            let OfCameras { proposed, tried, joined, error } = verdict;
-            let (tried, joined) = (tried.into(), joined.map(Arc::new));
-            Encounter {
+            let OfCameras { proposed, tested, joined, error } = verdict;
+            let (tested, joined) = (tested.into(), joined.map(Arc::new));
+            PairResult {
                 target,
                 source,
                 proposed,
-                tried,
+                tested,
                 joined,
                 error,
                 seconds: Seconds::default(),
@@ -249,13 +250,13 @@ impl<'a> CameraVerdicts<'a> {
     ///
     /// # Errors
     /// When it cannot be written.
-    pub fn put(&self, encounter: &Encounter) -> Result<()> {
-        let maps = [encounter.target, encounter.source].map(|input| &self.maps[input]);
+    pub fn put(&self, pair_result: &PairResult) -> Result<()> {
+        let maps = [pair_result.target, pair_result.source].map(|input| &self.maps[input]);
         let verdict = OfCameras {
-            proposed: encounter.proposed,
-            tried: encounter.tried.to_vec(),
-            joined: encounter.joined.as_deref().cloned(),
-            error: encounter.error.clone(),
+            proposed: pair_result.proposed,
+            tested: pair_result.tested.to_vec(),
+            joined: pair_result.joined.as_deref().cloned(),
+            error: pair_result.error.clone(),
         };
         self.kept.put(&VerdictKey::of_cameras(maps, self.params), maps, &verdict)
     }

@@ -189,7 +189,7 @@ impl Keyframe {
         move |(pixel, inverse_depth, variance)| {
             let relative_variance = variance / (inverse_depth * inverse_depth);
             let [x, y] = [(pixel % width) as f32, (pixel / width) as f32];
-            let [dx, dy] = shift.to_ideal([x, y], inverse_depth);
+            let [dx, dy] = shift.to_undistorted([x, y], inverse_depth);
             let ray = camera.unproject(f64::from(x + dx), f64::from(y + dy));
             CloudPoint {
                 position: ray / f64::from(inverse_depth),

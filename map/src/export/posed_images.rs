@@ -111,7 +111,7 @@ fn points_of(
                 let image = &images[place];
                 let unit = image.keyframe.world_from_keyframe.scale;
                 let inverse_depth = unit / (image.camera_from_world * position).z;
-                let shift = shifts[place].to_ideal(seen.pixel, inverse_depth as f32);
+                let shift = shifts[place].to_undistorted(seen.pixel, inverse_depth as f32);
                 track.push((place, Vector2::from([0, 1].map(|i| f64::from(seen.pixel[i] + shift[i])))));
             }
         }

@@ -109,7 +109,7 @@ fn several_agents_load_back_equal_and_come_apart() {
 }
 
 #[test]
-fn a_lidars_map_loads_back_equal_alone_and_beside_a_cameras() {
+fn a_lidars_map_loads_back_equal_alone_and_together_with_a_cameras() {
     let folder = Folder::new();
     let lidar = lidar_map(3);
     let bytes = folder.bytes(&lidar);
@@ -282,7 +282,7 @@ fn bytes_between_records_never_panic() {
 }
 
 #[test]
-fn what_is_no_map_is_told_apart() {
+fn what_is_no_map_is_recognised() {
     let folder = Folder::new();
     assert!(matches!(folder.load(b""), Err(MapError::Empty { .. })));
     assert!(matches!(folder.load(b"ply\nformat"), Err(MapError::NotMcap { .. })));

@@ -175,11 +175,11 @@ mod tests {
         let map = sample_map(2);
         let (id, keyframe) = map.keyframes.iter().next_back().unwrap();
         let cloud = cloud(keyframe, map.camera(keyframe), VIEW_POINTS);
-        let shown = cloud.data.len() / POINT_STRIDE as usize;
+        let displayed = cloud.data.len() / POINT_STRIDE as usize;
         let camera = map.camera(keyframe);
         let expected: Vec<_> =
             keyframe.cloud(camera, Shift::none(*camera), DEFAULT_MAX_RELATIVE_VARIANCE).collect();
-        assert_eq!(shown, expected.len());
+        assert_eq!(displayed, expected.len());
         let float = |at: usize| f64::from(f32::from_le_bytes(cloud.data[at..at + 4].try_into().unwrap()));
         let local = nalgebra::Vector3::new(float(0), float(4), float(8));
         let world = keyframe.world_from_keyframe * expected[0].position;

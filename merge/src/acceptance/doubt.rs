@@ -54,14 +54,15 @@ pub enum Doubt {
     },
     /// The maps do not fit beyond the place.
     #[error(
-        "only {confirmed} of {tried} other keyframe pairs that would see the same by this motion do; {needed:.0} % \
+        "only {confirmed} of {tested} other keyframe pairs that would see the same by this motion do; {needed:.0} % \
          must"
     )]
     Alone {
         /// Pairs that were aligned and agree.
         confirmed: usize,
         /// Pairs tried.
-        tried: usize,
+        #[serde(rename = "tried")]
+        tested: usize,
         /// Percentage needed.
         needed: f64,
     },
@@ -189,7 +190,7 @@ pub enum Doubt {
 impl Doubt {
     /// Whether places look alike that are not the same: by things that one has and the other has not, or as more than one
     /// matches.
-    pub fn is_look_alike(&self) -> bool {
+    pub fn is_similar_place(&self) -> bool {
         match self {
             // Without anything that differs there was too little to see.
             Self::CannotTell { percent, .. } => *percent > 0.0,

@@ -21,7 +21,8 @@ pub struct Evidence {
     /// aligned counts with 0.
     pub inlier_share: f32,
     /// Share of all pixels with depth that agree, mean of the same pairs, 0–1.
-    pub agreeing_share: f32,
+    #[serde(rename = "agreeing_share")]
+    pub total_inlier_share: f32,
     /// Standard deviation of the rotation, degrees: by the closure and the further pairs that agree with it, as are the next two.
     pub rotation_deviation: f64,
     /// Standard deviation of the translation, the largest of three axes, parts of the scene's median depth.
@@ -46,7 +47,8 @@ pub struct Evidence {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Beyond {
     /// Further keyframe pairs that should overlap and were tried.
-    pub tried: usize,
+    #[serde(rename = "tried")]
+    pub tested: usize,
     /// Of these, those that were aligned and agree with the closure.
     pub confirmed: usize,
     /// Of these, those that could not be aligned.
@@ -101,7 +103,7 @@ impl Evidence {
         let matches = |pair: &PairOutcome| pair.measured.as_ref().map_or(0, |p| p.views.match_count());
         let direct = |pair: &PairOutcome| -> Option<DirectAlignment> { pair.direct.clone()?.ok() };
         let shares: Vec<[f32; 2]> = closure
-            .agreeing()
+            .consistent_pairs()
             .map(|pair| direct(pair).map_or([0.0; 2], |d| [d.inlier_share, d.inlier_share * d.overlap]))
             .collect();
         let mean = |of: usize| shares.iter().map(|share| share[of]).sum::<f32>() / shares.len().max(1) as f32;
@@ -114,14 +116,15 @@ impl Evidence {
             variances.max().sqrt()
         };
         let by_chance = closure
-            .agreeing()
+            .consistent_pairs()
             .filter_map(|pair| Some(pair.measured.as_ref().ok()?.views.relative_pose.ln_false_alarms));
         Self {
-            matches: pooled.map_or_else(|| closure.agreeing().map(matches).sum(), |pooled| pooled.matches),
-            pairs: closure.agreeing().count(),
+            matches: pooled
+                .map_or_else(|| closure.consistent_pairs().map(matches).sum(), |pooled| pooled.matches),
+            pairs: closure.consistent_pairs().count(),
             pooled: closure.pooled.is_some(),
             inlier_share: mean(0),
-            agreeing_share: mean(1),
+            total_inlier_share: mean(1),
             rotation_deviation: deviation(3).to_degrees(),
             translation_deviation: deviation(0) / closure.reach,
             scale_deviation: covariance[(6, 6)].sqrt(),
@@ -138,7 +141,7 @@ impl Evidence {
 impl Beyond {
     fn new(joined: &Joined) -> Self {
         Self {
-            tried: joined.tried,
+            tested: joined.tested,
             confirmed: joined.confirmed,
             failed: joined.failed,
             closures: joined.edges.len(),
@@ -155,12 +158,12 @@ impl Beyond {
 
     /// Share of the pairs tried that could be aligned; 1 where none should overlap.
     pub fn aligned_share(&self) -> f64 {
-        if self.tried == 0 { 1.0 } else { 1.0 - self.failed as f64 / self.tried as f64 }
+        if self.tested == 0 { 1.0 } else { 1.0 - self.failed as f64 / self.tested as f64 }
     }
 
     /// Share of the pairs tried that confirm the closure; 1 where none should overlap.
     pub fn confirmed_share(&self) -> f64 {
-        if self.tried == 0 { 1.0 } else { self.confirmed as f64 / self.tried as f64 }
+        if self.tested == 0 { 1.0 } else { self.confirmed as f64 / self.tested as f64 }
     }
 
     /// Share of the views with patches that are not there and of those with patches that look otherwise, the mean of both; 0

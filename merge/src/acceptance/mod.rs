@@ -131,7 +131,7 @@ pub fn judge(evidence: Evidence, params: &AcceptanceParams) -> Verdict {
         test.most("rival place", [share, limit], Says::Open, Doubt::OtherPlace { share, limit });
     }
     if let Some(place) = &evidence.place {
-        test.place_untold(place, params);
+        test.leave_open(place, params);
     }
     let decision = match (test.against, test.open) {
         (Some(doubt), _) => Decision::Refused(doubt),
@@ -149,10 +149,10 @@ struct Test {
 }
 
 impl Test {
-    /// What both maps saw of the surface. Where that does not tell, [`Self::place_untold`] says so after all else.
+    /// What both maps saw of the surface. Where that does not tell, [`Self::leave_open`] says so after all else.
     fn place(&mut self, place: &PlaceEvidence, params: &AcceptanceParams) {
         let (says, limit) = match place.answer {
-            _ if is_untold(place, params) => (Says::Open, place.needed),
+            _ if is_undecided(place, params) => (Says::Open, place.needed),
             Answer::Different => (Says::Against, 1.0 - place.needed),
             Answer::CannotTell => (Says::For, 1.0 - place.needed),
             Answer::Same | Answer::SameChanged => (Says::For, place.needed),
@@ -165,8 +165,8 @@ impl Test {
     }
 
     /// Where that does not tell and much differs, said after all else: what another line lacks, more of either map may bring.
-    fn place_untold(&mut self, place: &PlaceEvidence, params: &AcceptanceParams) {
-        if is_untold(place, params) {
+    fn leave_open(&mut self, place: &PlaceEvidence, params: &AcceptanceParams) {
+        if is_undecided(place, params) {
             let doubt = Doubt::CannotTell { percent: 100.0 * place.changed, ln_ratio: place.ln_ratio };
             self.open.get_or_insert(doubt);
         }
@@ -197,7 +197,7 @@ impl Test {
             let doubt = Doubt::Unlike { share, needed };
             self.least("pixels that agree, keyframes together", pair(share, needed), Says::Open, doubt);
         }
-        let (share, needed) = (evidence.agreeing_share, params.min_agreeing_share);
+        let (share, needed) = (evidence.total_inlier_share, params.min_total_inlier_share);
         let doubt = Doubt::LittleAgrees { share, needed };
         self.least("of all pixels", pair(share, needed), Says::Against, doubt);
         self.most("rotation deviation", [rotation, params.max_rotation_deviation], Says::Open, vague);
@@ -212,20 +212,20 @@ impl Test {
 
     /// The lines that need both whole maps.
     fn beyond(&mut self, beyond: &Beyond, params: &AcceptanceParams) {
-        let Beyond { tried, confirmed, closures, rival, .. } = *beyond;
+        let Beyond { tested, confirmed, closures, rival, .. } = *beyond;
         let needed = 100.0 * params.min_aligned_share;
         self.least(
             "overlaps aligned",
             [beyond.aligned_share(), params.min_aligned_share],
             Says::Against,
-            Doubt::Alone { confirmed: tried - beyond.failed, tried, needed },
+            Doubt::Alone { confirmed: tested - beyond.failed, tested, needed },
         );
         let needed = 100.0 * params.min_confirmed_share;
         self.least(
             "overlaps confirmed",
             [beyond.confirmed_share(), params.min_confirmed_share],
             Says::Against,
-            Doubt::Alone { confirmed, tried, needed },
+            Doubt::Alone { confirmed, tested, needed },
         );
         let (share, limit) = (beyond.through_share, params.max_through_share);
         self.most("seen through", [share, limit], Says::Against, Doubt::SeenThrough { share, limit });
@@ -286,8 +286,8 @@ impl Test {
 }
 
 /// Whether the surface does not tell one place from two, and so much differs that other lines may not either.
-fn is_untold(place: &PlaceEvidence, params: &AcceptanceParams) -> bool {
-    place.answer == Answer::CannotTell && place.changed >= params.min_untold_change
+fn is_undecided(place: &PlaceEvidence, params: &AcceptanceParams) -> bool {
+    place.answer == Answer::CannotTell && place.changed >= params.min_undecided_change
 }
 
 /// A value and its limit as they are compared.

@@ -20,7 +20,8 @@ pub struct AcceptanceParams {
     /// Least product of that share with the overlap, the share of pixels with depth that the other keyframe sees at
     /// all, mean of the agreeing pairs. Default 0.25; 0 to 1. Things that repeat (a fence, cars of one make) agree
     /// over a part of the view when shifted by one; the same place agrees over most of what both see.
-    pub min_agreeing_share: f32,
+    #[serde(rename = "min_agreeing_share")]
+    pub min_total_inlier_share: f32,
     /// Least share of the further keyframe pairs that should overlap by the motion whose images can be aligned from
     /// there. Default 0.75; 0 to 1. Of right closures on our maps 7 or 8 of 8 can; of the wrong one that came closest,
     /// past other houses over the same pavement, 5.
@@ -57,7 +58,8 @@ pub struct AcceptanceParams {
     /// closure open, whatever all other lines say. Default 0.1; 0 to 1, 0 for always. Below, patches that look otherwise stand
     /// out of all others, which the lines for them see; where more differs they do not. Of 12 right pairs of recordings 0.084 at most,
     /// of façades whose every window differs 0.287.
-    pub min_untold_change: f64,
+    #[serde(rename = "min_untold_change")]
+    pub min_undecided_change: f64,
     /// Largest standard deviation of the rotation, degrees. Default 0.35; above 0. A turn by that moves what is
     /// 10 m away by 6 cm.
     pub max_rotation_deviation: f64,
@@ -75,7 +77,7 @@ impl Default for AcceptanceParams {
             min_pairs: 2,
             min_inlier_share: 0.6,
             min_pooled_inlier_share: 0.7,
-            min_agreeing_share: 0.25,
+            min_total_inlier_share: 0.25,
             min_aligned_share: 0.75,
             min_confirmed_share: 0.5,
             max_through_share: 0.05,
@@ -86,7 +88,7 @@ impl Default for AcceptanceParams {
             min_views: 3,
             max_rival_share: 0.5,
             max_rival_place: 0.75,
-            min_untold_change: 0.1,
+            min_undecided_change: 0.1,
             max_rotation_deviation: 0.35,
             max_translation_deviation: 0.03,
             max_scale_deviation: 0.03,

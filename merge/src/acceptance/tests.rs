@@ -7,7 +7,7 @@ const ENOUGH: Evidence = Evidence {
     pairs: 2,
     pooled: false,
     inlier_share: 0.6,
-    agreeing_share: 0.25,
+    total_inlier_share: 0.25,
     rotation_deviation: 0.35,
     translation_deviation: 0.03,
     scale_deviation: 0.03,
@@ -20,7 +20,7 @@ const ENOUGH: Evidence = Evidence {
 
 /// What the rest of both maps says where it says just enough.
 const BEYOND: Beyond = Beyond {
-    tried: 4,
+    tested: 4,
     confirmed: 2,
     failed: 1,
     closures: 4,
@@ -47,7 +47,7 @@ fn of_place(answer: Answer, ln_ratio: f64) -> Evidence {
 }
 
 /// Surface of which so much differs and that does not tell.
-fn untold(changed: f64) -> Evidence {
+fn undecided(changed: f64) -> Evidence {
     Evidence { place: Some(PlaceEvidence { answer: Answer::CannotTell, changed, ..PLACE }), ..ENOUGH }
 }
 
@@ -65,7 +65,7 @@ fn what_is_enough_passes_every_line() {
 
 /// No pair of keyframes speaks for it alone: their images must say more.
 #[test]
-fn keyframes_matched_together_must_look_more_alike() {
+fn keyframes_matched_together_must_be_more_similar() {
     let pooled = Evidence { pooled: true, inlier_share: 0.7, ..ENOUGH };
     assert!(verdict(pooled).accepts());
     let doubt = Doubt::Unlike { share: 0.69, needed: 0.7 };
@@ -100,7 +100,7 @@ fn each_line_alone_says_what_it_says() {
         ),
         (beyond(Beyond { rival: 3, ..BEYOND }), Doubt::Rival { closures: 4, rival: 3 }),
         (Evidence { rival_place: Some(0.76), ..ENOUGH }, Doubt::OtherPlace { share: 0.76, limit: 0.75 }),
-        (untold(0.1), Doubt::CannotTell { percent: 10.0, ln_ratio: 2.5 }),
+        (undecided(0.1), Doubt::CannotTell { percent: 10.0, ln_ratio: 2.5 }),
     ];
     for (evidence, doubt) in left_open {
         assert_eq!(verdict(evidence).decision, Decision::Undecided(doubt));
@@ -108,9 +108,9 @@ fn each_line_alone_says_what_it_says() {
     let refused = [
         (of_place(Answer::Different, -9.0), Doubt::Double { percent: 0.0, against: 9.0 }),
         (Evidence { inlier_share: 0.59, ..ENOUGH }, Doubt::Unlike { share: 0.59, needed: 0.6 }),
-        (Evidence { agreeing_share: 0.24, ..ENOUGH }, Doubt::LittleAgrees { share: 0.24, needed: 0.25 }),
-        (beyond(Beyond { confirmed: 1, ..BEYOND }), Doubt::Alone { confirmed: 1, tried: 4, needed: 50.0 }),
-        (beyond(Beyond { failed: 2, ..BEYOND }), Doubt::Alone { confirmed: 2, tried: 4, needed: 75.0 }),
+        (Evidence { total_inlier_share: 0.24, ..ENOUGH }, Doubt::LittleAgrees { share: 0.24, needed: 0.25 }),
+        (beyond(Beyond { confirmed: 1, ..BEYOND }), Doubt::Alone { confirmed: 1, tested: 4, needed: 50.0 }),
+        (beyond(Beyond { failed: 2, ..BEYOND }), Doubt::Alone { confirmed: 2, tested: 4, needed: 75.0 }),
         (beyond(Beyond { through_share: 0.06, ..BEYOND }), Doubt::SeenThrough { share: 0.06, limit: 0.05 }),
         (beyond(Beyond { missing_share: 0.11, ..BEYOND }), Doubt::Missing { share: 0.11, limit: 0.1 }),
     ];
@@ -131,7 +131,7 @@ fn a_contradiction_decides_over_what_is_open() {
 
 /// Before the maps are asked, only the closure's own lines are there.
 #[test]
-fn the_closure_is_judged_alone_first() {
+fn the_closure_is_evaluated_alone_first() {
     assert_eq!(verdict(Evidence { beyond: None, ..ENOUGH }).lines.len(), 8);
 }
 
@@ -140,7 +140,7 @@ fn the_closure_is_judged_alone_first() {
 fn what_is_no_number_does_not_pass() {
     for evidence in [
         Evidence { inlier_share: f32::NAN, ..ENOUGH },
-        Evidence { agreeing_share: f32::NAN, ..ENOUGH },
+        Evidence { total_inlier_share: f32::NAN, ..ENOUGH },
         Evidence { rotation_deviation: f64::NAN, ..ENOUGH },
         Evidence { translation_deviation: f64::NAN, ..ENOUGH },
         Evidence { scale_deviation: f64::NAN, ..ENOUGH },
@@ -156,15 +156,15 @@ fn what_is_no_number_does_not_pass() {
 
 /// What keeps places apart that look alike is no want of evidence, which another closure could bring.
 #[test]
-fn things_that_are_not_there_tell_places_that_look_alike() {
+fn missing_things_distinguish_similar_places() {
     let doubt = |evidence| verdict(evidence).doubt().expect("it is kept open");
-    assert!(doubt(beyond(Beyond { absent_share: 0.0015, ..BEYOND })).is_look_alike());
-    assert!(doubt(beyond(Beyond { unlike_share: 0.011, ..BEYOND })).is_look_alike());
-    assert!(doubt(beyond(Beyond { absent_share: 0.0014, ..BEYOND })).is_look_alike());
-    assert!(doubt(beyond(Beyond { unlike_views: 6, ..BEYOND })).is_look_alike());
-    assert!(doubt(Evidence { rival_place: Some(0.8), ..ENOUGH }).is_look_alike());
-    assert!(!doubt(beyond(Beyond { rival: 3, ..BEYOND })).is_look_alike());
-    assert!(!doubt(Evidence { matches: 31, ..ENOUGH }).is_look_alike());
+    assert!(doubt(beyond(Beyond { absent_share: 0.0015, ..BEYOND })).is_similar_place());
+    assert!(doubt(beyond(Beyond { unlike_share: 0.011, ..BEYOND })).is_similar_place());
+    assert!(doubt(beyond(Beyond { absent_share: 0.0014, ..BEYOND })).is_similar_place());
+    assert!(doubt(beyond(Beyond { unlike_views: 6, ..BEYOND })).is_similar_place());
+    assert!(doubt(Evidence { rival_place: Some(0.8), ..ENOUGH }).is_similar_place());
+    assert!(!doubt(beyond(Beyond { rival: 3, ..BEYOND })).is_similar_place());
+    assert!(!doubt(Evidence { matches: 31, ..ENOUGH }).is_similar_place());
 }
 
 /// Surface that differs refuses a closure of which all else is right; surface that agrees outweighs no other line.
@@ -185,14 +185,16 @@ fn surface_refuses_and_outweighs_nothing() {
 /// bring that.
 #[test]
 fn surface_that_differs_and_does_not_tell_joins_nothing() {
-    let open = verdict(untold(0.1));
-    assert!(!open.accepts() && !open.is_double() && open.doubt().is_some_and(|doubt| doubt.is_look_alike()));
-    let few = verdict(Evidence { matches: 31, ..untold(0.1) });
+    let open = verdict(undecided(0.1));
+    assert!(
+        !open.accepts() && !open.is_double() && open.doubt().is_some_and(|doubt| doubt.is_similar_place())
+    );
+    let few = verdict(Evidence { matches: 31, ..undecided(0.1) });
     assert_eq!(few.decision, Decision::Undecided(Doubt::FewMatches { matches: 31, needed: 60 }));
     // Where little differs, or little was seen, other lines tell.
-    assert!(verdict(untold(0.09)).accepts() && verdict(untold(0.0)).accepts());
-    let never = AcceptanceParams { min_untold_change: 0.0, ..AcceptanceParams::default() };
-    assert!(!judge(untold(0.0), &never).accepts());
+    assert!(verdict(undecided(0.09)).accepts() && verdict(undecided(0.0)).accepts());
+    let never = AcceptanceParams { min_undecided_change: 0.0, ..AcceptanceParams::default() };
+    assert!(!judge(undecided(0.0), &never).accepts());
     assert!(verdict(Evidence { place: Some(PlaceEvidence { changed: 0.3, ..PLACE }), ..ENOUGH }).accepts());
 }
 
@@ -208,6 +210,6 @@ fn a_view_or_two_say_nothing() {
 fn a_doubt_says_what_is_missing() {
     let doubt = verdict(Evidence { matches: 31, ..ENOUGH }).doubt().unwrap();
     assert_eq!(doubt.to_string(), "only 31 key points match over the pairs that agree; 60 are needed");
-    let doubt = verdict(beyond(Beyond { confirmed: 1, tried: 8, ..BEYOND })).doubt().unwrap();
+    let doubt = verdict(beyond(Beyond { confirmed: 1, tested: 8, ..BEYOND })).doubt().unwrap();
     assert!(doubt.to_string().starts_with("only 1 of 8 other keyframe pairs"), "{doubt}");
 }

@@ -104,7 +104,7 @@ impl Closure {
     }
 
     /// The pairs that went into the motion.
-    pub fn agreeing(&self) -> impl Iterator<Item = &PairOutcome> {
+    pub fn consistent_pairs(&self) -> impl Iterator<Item = &PairOutcome> {
         self.pairs.iter().flatten().filter(|pair| pair.agrees)
     }
 }

@@ -3,14 +3,15 @@
 use super::steps::{self, Chosen};
 use super::{Closure, ClosureParams, ClosureRefusal, Pooled, Start, finish};
 use crate::generalised_pose::{
-    GeneralisedPose, GeneralisedPoseParams, Located, Match, Pool, Sighting, View, agreeing, generalised_pose,
+    GeneralisedPose, GeneralisedPoseParams, Located, Match, Pool, Sighting, View, find_inliers,
+    generalised_pose,
 };
 use crate::matching::match_features;
-use crate::meeting::Place;
 use crate::optimal_scale::{Basis, OptimalScale};
 use crate::overlap::Glimpse;
 use crate::pair::view_pair;
 use crate::prepared::{PreparedKeyframe, PreparedMap};
+use crate::verification::Place;
 use geometry::Sim3;
 use map::KeyframeId;
 use nalgebra::Vector3;
@@ -127,7 +128,7 @@ pub fn matches_at(
         ..params.clone()
     };
     let pool = pool(source, target, place, &alone);
-    pool.map_or(0, |pool| agreeing(&pool, target_from_source, &params.neighbourhood.pose).len())
+    pool.map_or(0, |pool| find_inliers(&pool, target_from_source, &params.neighbourhood.pose).len())
 }
 
 /// All matches of the keyframes around a place, in the frames of its two keyframes.

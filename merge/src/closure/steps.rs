@@ -279,7 +279,7 @@ pub(super) fn motion(
     params: &ClosureParams,
 ) -> Result<Estimate, ClosureRefusal> {
     let (source, target) = (chosen.poses.source_world_from_source, chosen.poses.target_world_from_target);
-    let said: Vec<(usize, Estimate)> = pairs
+    let estimates: Vec<(usize, Estimate)> = pairs
         .iter()
         .enumerate()
         .filter_map(|(z, pair)| Some((z, pair.as_ref()?.motion?.carried(&target.inverse(), &source)?)))
@@ -288,20 +288,22 @@ pub(super) fn motion(
     let [translation, rotation, scale] = params.drift;
     let translation = translation * chosen.reach();
     let drift = SVector::from([translation, translation, translation, rotation, rotation, rotation, scale]);
-    let chi2 = |a: usize, b: usize| said[a].1.squared_distance(&said[b].1, &drift).unwrap_or(f64::INFINITY);
-    let (members, worst) = largest_agreeing(said.len(), &chi2, params.max_chi2);
-    if said.len() > 1 && members.len() == 1 {
+    let chi2 = |a: usize, b: usize| {
+        estimates[a].1.squared_distance(&estimates[b].1, &drift).unwrap_or(f64::INFINITY)
+    };
+    let (members, worst) = largest_consistent(estimates.len(), &chi2, params.max_chi2);
+    if estimates.len() > 1 && members.len() == 1 {
         return Err(ClosureRefusal::Disagreement { chi2: worst });
     }
-    let agreeing: Vec<Estimate> = members.iter().map(|&k| said[k].1).collect();
+    let consistent: Vec<Estimate> = members.iter().map(|&k| estimates[k].1).collect();
     for &k in &members {
-        if let Some(pair) = &mut pairs[said[k].0] {
+        if let Some(pair) = &mut pairs[estimates[k].0] {
             pair.agrees = true;
         }
     }
-    let mean = mean(&agreeing).ok_or(ClosureRefusal::NoMotion)?;
+    let mean = mean(&consistent).ok_or(ClosureRefusal::NoMotion)?;
     // Neighbouring keyframes share the errors of their depths: three pairs know little more than one.
-    Ok(Estimate { information: mean.information / agreeing.len() as f64, ..mean })
+    Ok(Estimate { information: mean.information / consistent.len() as f64, ..mean })
 }
 
 /// Whether a pair is known well enough that its agreement with others means something.
@@ -316,7 +318,7 @@ fn is_sharp(estimate: &Estimate, reach: f64, [translation, rotation, scale]: [f6
 
 /// The largest subset of `count` whose every two have a χ² of at most `limit`, the one of smallest worst χ² among
 /// equals. Where no two agree: one alone, with the smallest χ² there is.
-fn largest_agreeing(count: usize, chi2: &impl Fn(usize, usize) -> f64, limit: f64) -> (Vec<usize>, f64) {
+fn largest_consistent(count: usize, chi2: &impl Fn(usize, usize) -> f64, limit: f64) -> (Vec<usize>, f64) {
     let (mut best, mut best_worst, mut least) = (Vec::new(), f64::INFINITY, f64::INFINITY);
     for subset in 1usize..1 << count {
         let members: Vec<usize> = (0..count).filter(|k| subset >> k & 1 == 1).collect();
@@ -339,13 +341,13 @@ fn largest_agreeing(count: usize, chi2: &impl Fn(usize, usize) -> f64, limit: f6
 
 #[cfg(test)]
 mod tests {
-    use super::{is_sharp, largest_agreeing};
+    use super::{is_sharp, largest_consistent};
     use crate::estimate::Estimate;
     use geometry::Sim3;
     use nalgebra::{SMatrix, SVector};
 
     #[test]
-    fn what_is_known_badly_in_any_way_confirms_nothing() {
+    fn what_is_known_badly_in_any_direction_confirms_nothing() {
         let known_to = |translation: f64, rotation: f64, scale: f64| {
             let [t, r, s] = [translation, rotation, scale].map(|deviation| deviation.powi(-2));
             let information = SMatrix::from_diagonal(&SVector::from([t, t, t, r, r, r, s]));
@@ -362,7 +364,7 @@ mod tests {
             (0, 2) => second,
             _ => third,
         };
-        largest_agreeing(3, &chi2, 20.0)
+        largest_consistent(3, &chi2, 20.0)
     }
 
     #[test]
@@ -384,8 +386,8 @@ mod tests {
     #[test]
     fn one_agrees_with_itself_and_none_with_nobody() {
         let never = |_: usize, _: usize| f64::NAN;
-        assert_eq!(largest_agreeing(1, &never, 20.0).0, [0]);
-        assert!(largest_agreeing(0, &never, 20.0).0.is_empty());
+        assert_eq!(largest_consistent(1, &never, 20.0).0, [0]);
+        assert!(largest_consistent(0, &never, 20.0).0.is_empty());
     }
 
     /// A χ² that is no number is no agreement.

@@ -13,7 +13,7 @@ use std::collections::BTreeMap;
 /// The closures of a common map by what they say of each other.
 pub(super) struct Closures {
     /// By the two agents, the smaller id first: the closures that agree, from the smaller one's keyframes.
-    pub agreeing: BTreeMap<(AgentId, AgentId), Vec<Link>>,
+    pub coherent: BTreeMap<(AgentId, AgentId), Vec<Link>>,
     /// The others, as they are in the common map.
     pub contradicting: Vec<Link>,
 }
@@ -29,7 +29,7 @@ impl CommonMap {
     /// The closures between every two agents, as far as they agree. Where two sets contradict each other and the
     /// smaller is nearly as large, nothing says which is right, and none of either is believed.
     pub(super) fn consistent(&self, params: &FusionParams) -> Result<Closures, FusionError> {
-        let mut closures = Closures { agreeing: BTreeMap::new(), contradicting: Vec::new() };
+        let mut closures = Closures { coherent: BTreeMap::new(), contradicting: Vec::new() };
         for (a, b) in self.merged() {
             let (Some(of_a), Some(of_b)) = (self.agents.get(&a), self.agents.get(&b)) else { continue };
             let mut links: Vec<&Link> = self.links.iter().filter(|link| link.agents() == (a, b)).collect();
@@ -44,7 +44,7 @@ impl CommonMap {
             closures.contradicting.extend(wrong.map(|(_, link)| **link));
             if !selected.is_empty() {
                 closures
-                    .agreeing
+                    .coherent
                     .insert((a, b), selected.iter().map(|&index| upright(links[index])).collect());
             }
         }

@@ -82,7 +82,7 @@ impl CommonMap {
         for agent in self.agents.keys() {
             graph.add_agent(*agent);
         }
-        for (&(a, b), links) in &closures.agreeing {
+        for (&(a, b), links) in &closures.coherent {
             graph.add_merge(self.merge(a, b, links)?)?;
         }
         Ok(graph)

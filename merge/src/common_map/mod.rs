@@ -9,14 +9,14 @@
 mod closures;
 mod fuse;
 mod params;
-mod settle;
+mod rejection;
 #[cfg(test)]
 mod tests;
 mod units;
 
 pub use fuse::{Fused, FusionError};
 pub use params::FusionParams;
-pub use settle::TakenBack;
+pub use rejection::TakenBack;
 
 use crate::estimate::Estimate;
 use map::{AgentId, Edge, EdgeKind, KeyframeId, Map, MapError};

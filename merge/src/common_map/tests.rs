@@ -67,12 +67,12 @@ fn a_keyframe_without_depth_undoes_no_merge() {
     let (mut common, _) = CommonMap::from_maps(&[&maps[0], &maps[1]]).unwrap();
     assert!(common.link(exact(&travellers, address(0, 1), address(1, 2))));
     assert!(common.link(exact(&travellers, address(0, 3), address(1, 0))));
-    let (fused, taken_back) = common.settle(&FusionParams::default()).unwrap();
+    let (fused, taken_back) = common.fuse_consistently(&FusionParams::default()).unwrap();
     assert_eq!((fused.len(), taken_back), (1, Vec::new()));
     // Alone it cannot join them, and that is what is said.
     assert_eq!(common.separate(AgentId(0), AgentId(1)), 2);
     assert!(common.link(exact(&travellers, address(0, 1), address(1, 2))));
-    let (fused, taken_back) = common.settle(&FusionParams::default()).unwrap();
+    let (fused, taken_back) = common.fuse_consistently(&FusionParams::default()).unwrap();
     assert_eq!((fused.len(), taken_back.len()), (2, 1));
     assert!(taken_back[0].why.contains("depth"), "{taken_back:?}");
 }
@@ -316,7 +316,7 @@ fn of_two_closures_that_contradict_neither_is_believed() {
         assert!(common.link(far_off(exact(&travellers, address(0, bad), address(1, bad)), 3.0)));
         assert!(common.link(exact(&travellers, address(1, 2), address(2, 2))));
         assert_eq!(common.fuse(&FusionParams::default()).unwrap().len(), 2, "a is apart");
-        let (all, taken_back) = common.settle(&FusionParams::default()).unwrap();
+        let (all, taken_back) = common.fuse_consistently(&FusionParams::default()).unwrap();
         assert_eq!(all.len(), 2);
         let agents: Vec<_> = taken_back.iter().map(|taken| taken.agents).collect();
         assert_eq!(agents, [(AgentId(0), AgentId(1))], "{taken_back:?}");
@@ -333,7 +333,7 @@ fn a_broken_merge_does_not_end_the_others() {
     broken.from_from_to.a_from_b.scale = f64::NAN;
     assert!(common.link(broken));
     assert!(common.link(exact(&travellers, address(1, 1), address(2, 1))));
-    let (all, taken_back) = common.settle(&FusionParams::default()).unwrap();
+    let (all, taken_back) = common.fuse_consistently(&FusionParams::default()).unwrap();
     assert_eq!(all.iter().map(|fused| fused.agents.len()).collect::<Vec<_>>(), [1, 2]);
     assert_eq!(taken_back[0].agents, (AgentId(0), AgentId(1)));
     assert_eq!(common.merged(), [(AgentId(1), AgentId(2))].into());
@@ -353,7 +353,7 @@ fn a_merge_that_contradicts_those_over_a_third_agent_is_taken_back() {
         let mut third = far_off(exact(&travellers, address(0, 1), address(2, 1)), wrong);
         third.from_from_to.information *= 1e-2;
         assert!(common.link(third));
-        let (all, taken_back) = common.settle(&FusionParams::default()).unwrap();
+        let (all, taken_back) = common.fuse_consistently(&FusionParams::default()).unwrap();
         assert_eq!((all.len(), common.merged().len()), (1, left), "{taken_back:?}");
         assert_near(&all[0].map, &travellers, 1e-2);
     }
@@ -426,7 +426,7 @@ fn known_and_unknown_units_come_together_in_metres() {
             assert!(common.link(exact(&all, address(ends[0]), address(ends[1]))));
         }
     }
-    let (fused, taken_back) = common.settle(&FusionParams::default()).unwrap();
+    let (fused, taken_back) = common.fuse_consistently(&FusionParams::default()).unwrap();
     let [one] = &fused[..] else { panic!("all hang together") };
     assert!(taken_back.is_empty() && one.suppressed.is_empty(), "{taken_back:?} {:?}", one.suppressed);
     assert!(one.map.is_metric());

@@ -106,13 +106,13 @@ pub(super) fn squared(pool: &Pool, m: &Match, motions: &[Sim3; 2], params: &Gene
 }
 
 /// The similarity to either side: `[source_from_target, target_from_source]`.
-pub(super) fn both_ways(target_from_source: &Sim3) -> [Sim3; 2] {
+pub(super) fn both_directions(target_from_source: &Sim3) -> [Sim3; 2] {
     [target_from_source.inverse(), *target_from_source]
 }
 
 /// The mean probability that a wrong match agrees: the area in which it does over that of the image.
 pub(super) fn chance(pool: &Pool, target_from_source: &Sim3, params: &GeneralisedPoseParams) -> f64 {
-    let motions = both_ways(target_from_source);
+    let motions = both_directions(target_from_source);
     let mut areas = Vec::new();
     for m in &pool.matches {
         for (to, motion) in motions.iter().enumerate() {

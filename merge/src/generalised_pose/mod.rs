@@ -154,8 +154,8 @@ pub fn generalised_pose(
 }
 
 /// Indices of the matches that agree with a similarity target_from_source, rising.
-pub fn agreeing(pool: &Pool, target_from_source: &Sim3, params: &GeneralisedPoseParams) -> Vec<usize> {
-    let motions = error::both_ways(target_from_source);
+pub fn find_inliers(pool: &Pool, target_from_source: &Sim3, params: &GeneralisedPoseParams) -> Vec<usize> {
+    let motions = error::both_directions(target_from_source);
     let agrees = |index: &usize| error::squared(pool, &pool.matches[*index], &motions, params) <= params.gate;
     (0..pool.matches.len()).filter(agrees).collect()
 }

@@ -1,7 +1,7 @@
 //! The similarity over all matches that agree.
 
-use super::error::{both_ways, projected};
-use super::{GeneralisedPoseParams, Pool, agreeing};
+use super::error::{both_directions, projected};
+use super::{GeneralisedPoseParams, Pool, find_inliers};
 use crate::estimate::Estimate;
 use crate::point_alignment::left_jacobian;
 use geometry::Sim3;
@@ -31,8 +31,8 @@ pub(super) fn refine(
     }
     let system = System::build(pool, &motion, params);
     // Matches of one key point over several keyframes share its errors; residuals larger than expected widen all.
-    let excess = (system.error / (2 * system.count.max(1)) as f64).max(1.0);
-    let information = (system.hessian + system.hessian.transpose()) * (0.5 / excess);
+    let residual_scale = (system.error / (2 * system.count.max(1)) as f64).max(1.0);
+    let information = (system.hessian + system.hessian.transpose()) * (0.5 / residual_scale);
     information.cholesky()?;
     Some((Estimate { a_from_b: motion, information }, system.inliers))
 }
@@ -49,11 +49,11 @@ struct System {
 
 impl System {
     fn build(pool: &Pool, motion: &Sim3, params: &GeneralisedPoseParams) -> Self {
-        let motions = both_ways(motion);
+        let motions = both_directions(motion);
         let mut system = Self {
             hessian: SMatrix::zeros(),
             gradient: SVector::zeros(),
-            inliers: agreeing(pool, motion, params),
+            inliers: find_inliers(pool, motion, params),
             error: 0.0,
             count: 0,
         };

@@ -1,6 +1,6 @@
 //! Similarities from samples of matches, and the best of them.
 
-use super::error::{both_ways, projected, squared};
+use super::error::{both_directions, projected, squared};
 use super::{GeneralisedPoseParams, Pool};
 use geometry::pnp::{self, p3p};
 use geometry::{Sampler, Sim3, samples_needed};
@@ -95,9 +95,9 @@ fn poses(
             projected(pool, &pool.matches[**index], to, &unscaled, params)
                 .is_some_and(|seen| seen.squared() <= params.gate)
         };
-        let agreeing: Vec<usize> = own.iter().filter(agrees).copied().collect();
+        let consistent: Vec<usize> = own.iter().filter(agrees).copied().collect();
         let mut features: Vec<u32> =
-            agreeing.iter().map(|&index| pool.matches[index].sides[to].feature).collect();
+            consistent.iter().map(|&index| pool.matches[index].sides[to].feature).collect();
         features.sort_unstable();
         features.dedup();
         if features.len() < MIN_SUPPORT || 2 * features.len() < *support {
@@ -107,7 +107,7 @@ fn poses(
         for _ in 0..SCALES {
             // Half of them among those that agree already, half among all.
             let index = match sampler.below(2) {
-                0 => agreeing[sampler.below(agreeing.len())],
+                0 => consistent[sampler.below(consistent.len())],
                 _ => sampler.below(pool.matches.len()),
             };
             let centre = pool.views[to][view].side_from_view.translation;
@@ -131,13 +131,13 @@ fn scaled(pool: &Pool, to: usize, unscaled: &Sim3, centre: &Vector3<f64>, index:
         // centre + s b on the other keyframe's ray.
         (None, Some(here)) => {
             let ray = seen_from.rotation * there.ray;
-            meeting(&ray, &(*unscaled * here.position - centre), &(seen_from.translation - centre))
+            intersection(&ray, &(*unscaled * here.position - centre), &(seen_from.translation - centre))
         }
         // The point on the ray from centre + s b.
         (Some(there), None) => {
             let view = &pool.views[1 - to][here.view].side_from_view;
             let ray = unscaled.rotation * (view.rotation * here.ray);
-            meeting(&ray, &(*unscaled * view.translation - centre), &(there.position - centre))
+            intersection(&ray, &(*unscaled * view.translation - centre), &(there.position - centre))
         }
         (None, None) => None,
     }?;
@@ -147,7 +147,7 @@ fn scaled(pool: &Pool, to: usize, unscaled: &Sim3, centre: &Vector3<f64>, index:
 }
 
 /// s for which `s b − c` is along `ray`, in least squares; `None` where b is along it.
-fn meeting(ray: &Vector3<f64>, b: &Vector3<f64>, c: &Vector3<f64>) -> Option<f64> {
+fn intersection(ray: &Vector3<f64>, b: &Vector3<f64>, c: &Vector3<f64>) -> Option<f64> {
     let (across, offset) = (ray.cross(b), ray.cross(c));
     let parallax = across.norm() / (ray.norm() * b.norm());
     // Rays closer than this to each other tell no scale; it is about half a pixel.
@@ -156,6 +156,6 @@ fn meeting(ray: &Vector3<f64>, b: &Vector3<f64>, c: &Vector3<f64>) -> Option<f64
 
 /// Sum of the squared errors, each cut off at the gate.
 fn cost(pool: &Pool, target_from_source: &Sim3, params: &GeneralisedPoseParams) -> f64 {
-    let motions = both_ways(target_from_source);
+    let motions = both_directions(target_from_source);
     pool.matches.iter().map(|m| squared(pool, m, &motions, params).min(params.gate)).sum()
 }

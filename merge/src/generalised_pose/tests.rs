@@ -10,7 +10,7 @@ const CAMERA: Pinhole = Pinhole { width: 640, height: 480, fx: 500.0, fy: 505.0,
 enum Depth {
     Source,
     Target,
-    InTurn,
+    Alternating,
 }
 
 /// Keyframes of two maps side by side before points 4 to 10 away, and the true target_from_source. `wrong` of the
@@ -54,7 +54,7 @@ fn pool(seed: u64, depth: Depth, count: usize, wrong: f64, noise: f64) -> (Sim3,
         let known = match depth {
             Depth::Source => [true, false],
             Depth::Target => [false, true],
-            Depth::InTurn => [number.is_multiple_of(2), !number.is_multiple_of(2)],
+            Depth::Alternating => [number.is_multiple_of(2), !number.is_multiple_of(2)],
         };
         let sides = (side(0, point, known[0]), side(1, motion * point, known[1]));
         if let (Some(source), Some(target)) = sides {
@@ -72,7 +72,7 @@ fn deviation(found: &GeneralisedPose, truth: &Sim3) -> f64 {
 
 #[test]
 fn depth_on_one_side_suffices_whichever_it_is() {
-    for depth in [Depth::Source, Depth::Target, Depth::InTurn] {
+    for depth in [Depth::Source, Depth::Target, Depth::Alternating] {
         for seed in 0..6 {
             let (truth, pool) = pool(seed, depth, 150, 0.5, 0.5);
             let found = generalised_pose(&pool, &GeneralisedPoseParams::default()).unwrap();
@@ -88,7 +88,7 @@ fn depth_on_one_side_suffices_whichever_it_is() {
 
 #[test]
 fn the_same_pool_gives_the_same_pose() {
-    let (_, pool) = pool(3, Depth::InTurn, 120, 0.6, 0.5);
+    let (_, pool) = pool(3, Depth::Alternating, 120, 0.6, 0.5);
     let params = GeneralisedPoseParams::default();
     assert_eq!(generalised_pose(&pool, &params), generalised_pose(&pool, &params));
 }
@@ -96,7 +96,7 @@ fn the_same_pool_gives_the_same_pose() {
 #[test]
 fn matches_of_unrelated_pixels_give_no_pose() {
     for seed in 0..6 {
-        let (_, pool) = pool(seed, Depth::InTurn, 200, 1.0, 0.5);
+        let (_, pool) = pool(seed, Depth::Alternating, 200, 1.0, 0.5);
         assert!(generalised_pose(&pool, &GeneralisedPoseParams::default()).is_err(), "seed {seed}");
     }
 }
@@ -124,7 +124,7 @@ fn from_one_centre_the_scale_stays_open() {
 /// A key point that matches in many keyframes is one.
 #[test]
 fn every_key_point_counts_once() {
-    let (_, mut pool) = pool(2, Depth::InTurn, 10, 0.0, 0.5);
+    let (_, mut pool) = pool(2, Depth::Alternating, 10, 0.0, 0.5);
     let again: Vec<Match> = pool
         .matches
         .iter()

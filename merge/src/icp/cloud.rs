@@ -168,8 +168,8 @@ mod tests {
             points: vec![Vector3::x()],
             covariances: Some(vec![Matrix3::from_diagonal(&Vector3::new(1.0, 4.0, 9.0))]),
         };
-        let turn = nalgebra::UnitQuaternion::from_scaled_axis(Vector3::z() * std::f64::consts::FRAC_PI_2);
-        let moved = cloud.moved(&Sim3::new(turn, Vector3::zeros(), 2.0));
+        let rotation = nalgebra::UnitQuaternion::from_scaled_axis(Vector3::z() * std::f64::consts::FRAC_PI_2);
+        let moved = cloud.moved(&Sim3::new(rotation, Vector3::zeros(), 2.0));
         assert!((moved.points[0] - Vector3::y() * 2.0).norm() < 1e-12);
         let expected = Matrix3::from_diagonal(&Vector3::new(16.0, 4.0, 36.0));
         assert!((moved.covariances.unwrap()[0] - expected).norm() < 1e-12);

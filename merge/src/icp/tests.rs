@@ -50,8 +50,8 @@ fn guess(truth: &Sim3) -> Sim3 {
 /// Rotation (rad), translation and ln scale between two similarities, at the middle of the boxes.
 fn errors(found: &Sim3, truth: &Sim3) -> (f64, f64, f64) {
     let middle = truth.inverse() * Vector3::new(0.0, 0.0, 4.0);
-    let turn = found.rotation.angle_to(&truth.rotation);
-    (turn, (*found * middle - *truth * middle).norm(), (found.scale / truth.scale).ln().abs())
+    let rotation_error = found.rotation.angle_to(&truth.rotation);
+    (rotation_error, (*found * middle - *truth * middle).norm(), (found.scale / truth.scale).ln().abs())
 }
 
 #[test]
@@ -65,10 +65,13 @@ fn a_known_motion_is_found_by_every_kind() {
         let source = seen(&source, &truth.inverse(), 0.01, &mut numbers);
         let params = IcpParams { kind, ..Default::default() };
         let found = register(&source.into(), &target.into(), &guess(&truth), &params).unwrap();
-        let (turn, shift, _) = errors(&found.target_from_source, &truth);
+        let (rotation_error, shift, _) = errors(&found.target_from_source, &truth);
         // Points of other places pull point-to-point along the walls.
         let bound = if kind == ResidualKind::PointToPoint { 5e-3 } else { 1.5e-3 };
-        assert!(turn < bound && shift < 2.0 * bound, "{kind:?}: {turn} rad, {shift} units");
+        assert!(
+            rotation_error < bound && shift < 2.0 * bound,
+            "{kind:?}: {rotation_error} rad, {shift} units"
+        );
         let converged = found.converged || kind == ResidualKind::PointToPoint;
         assert!(converged && found.overlap > 0.95, "{kind:?}: {found:?}");
         assert_eq!(found.target_from_source.scale, 1.0);
@@ -86,8 +89,11 @@ fn the_scale_is_found_where_asked_for() {
     let initial = Sim3 { scale: truth.scale * 1.04, ..guess(&truth) };
     let params = IcpParams { estimate_scale: true, ..Default::default() };
     let found = register(&source, &target, &initial, &params).unwrap();
-    let (turn, shift, ratio) = errors(&found.target_from_source, &truth);
-    assert!(turn < 2e-3 && shift < 4e-3 && ratio < 2e-3, "{turn} rad, {shift} units, {ratio}");
+    let (rotation_error, shift, ratio) = errors(&found.target_from_source, &truth);
+    assert!(
+        rotation_error < 2e-3 && shift < 4e-3 && ratio < 2e-3,
+        "{rotation_error} rad, {shift} units, {ratio}"
+    );
     assert!(found.information[(6, 6)] > 0.0);
     let strict = IcpParams { max_log_scale_change: 0.02, ..params };
     let refused = register(&source, &target, &initial, &strict).unwrap_err();
@@ -111,8 +117,8 @@ fn outliers_and_missing_parts_are_borne() {
         }
         let params = IcpParams { kind, ..Default::default() };
         let found = register(&source.into(), &target.into(), &guess(&truth), &params).unwrap();
-        let (turn, shift, _) = errors(&found.target_from_source, &truth);
-        assert!(turn < 4e-3 && shift < 1e-2, "{kind:?}: {turn} rad, {shift} units");
+        let (rotation_error, shift, _) = errors(&found.target_from_source, &truth);
+        assert!(rotation_error < 4e-3 && shift < 1e-2, "{kind:?}: {rotation_error} rad, {shift} units");
         assert!(found.overlap < 0.85, "{kind:?}: {}", found.overlap);
     }
 }

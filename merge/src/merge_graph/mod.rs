@@ -191,8 +191,8 @@ pub fn confidence(from_from_to: &Estimate, centre: &Vector3<f64>, extent: f64) -
     let variance = covariance(&carried.information)?.diagonal();
     // A point p moves by υ + ω × p + λ p; over all directions of p the parts do not mix.
     let shift = variance.fixed_rows::<3>(0).sum() / (extent * extent);
-    let turn = variance.fixed_rows::<3>(3).sum() * 2.0 / 3.0;
-    let confidence = 1.0 / (shift + turn + variance[6]).sqrt();
+    let rotation = variance.fixed_rows::<3>(3).sum() * 2.0 / 3.0;
+    let confidence = 1.0 / (shift + rotation + variance[6]).sqrt();
     (confidence.is_finite() && confidence > 0.0).then_some(confidence)
 }
 

@@ -198,7 +198,7 @@ impl From<Placement> for Joined {
         Self {
             edges: vec![placement.edge()],
             rejected: Vec::new(),
-            tried: 0,
+            tested: 0,
             failed: 0,
             confirmed: 0,
             rival: 0,

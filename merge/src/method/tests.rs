@@ -87,7 +87,7 @@ impl Observed {
         let truth = target_pose.inverse() * *motion * source_pose;
         let half_width = motion.scale / target_pose.scale;
         let mut draw = |deviation: f64| Vector3::from_fn(|_, _| numbers.normal() * noise * deviation);
-        let turn = nalgebra::UnitQuaternion::from_scaled_axis(draw(ROTATION));
+        let rotation_error = nalgebra::UnitQuaternion::from_scaled_axis(draw(ROTATION));
         let translation = truth.translation + draw(TRANSLATION) * half_width;
         let scale = truth.scale * draw(LOG_SCALE).x.exp();
         let t_variance = (TRANSLATION * half_width).powi(2);
@@ -104,7 +104,7 @@ impl Observed {
         };
         let measured = Measurement {
             match_count,
-            rotation: turn * truth.rotation,
+            rotation: rotation_error * truth.rotation,
             rotation_covariance: Matrix3::identity() * ROTATION.powi(2),
             scale,
         };
@@ -175,9 +175,9 @@ fn with_noise_every_method_stays_within_what_one_pair_knows() {
             let (_, target) = room.observed.poses(KeyframeId(11), KeyframeId(4)).unwrap();
             let half_width = room.target_world_from_source_world.scale / target.scale;
             let shift = error.fixed_rows::<3>(0).norm() / half_width;
-            let turn = error.fixed_rows::<3>(3).norm();
+            let rotation_error = error.fixed_rows::<3>(3).norm();
             assert!(shift < 5.0 * (TRANSLATION + ROTATION), "{baseline:?}, seed {seed}: shift {shift}");
-            assert!(turn < 5.0 * ROTATION, "{baseline:?}, seed {seed}: turn {turn}");
+            assert!(rotation_error < 5.0 * ROTATION, "{baseline:?}, seed {seed}: turn {rotation_error}");
             assert!(error[6].abs() < 5.0 * LOG_SCALE, "{baseline:?}, seed {seed}: scale {}", error[6]);
         }
     }

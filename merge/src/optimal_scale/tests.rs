@@ -121,7 +121,7 @@ fn three_that_disagree_are_refused_and_low_volume_takes_the_centre() {
 }
 
 #[test]
-fn missing_and_senseless_estimates_are_told_apart() {
+fn missing_and_senseless_estimates_are_distinguished() {
     let mut estimates = triple([(1.0, 0.1, 50), (2.0, 0.1, 60), (3.0, 0.1, 70)]);
     (estimates[0], estimates[1]) = (None, None);
     let found = fused(&estimates, 0.8).unwrap();
@@ -140,11 +140,11 @@ fn missing_and_senseless_estimates_are_told_apart() {
 fn the_volume_ratio_follows_the_scale_and_ignores_far_points() {
     let numbers = &mut Numbers::new(3);
     let source: Vec<_> = (0..500).map(|_| numbers.vector(1.0)).collect();
-    let turn = numbers.rotation(1.0);
-    let truth = Sim3::new(turn, Vector3::new(4.0, 5.0, 6.0), 1.7);
+    let rotation = numbers.rotation(1.0);
+    let truth = Sim3::new(rotation, Vector3::new(4.0, 5.0, 6.0), 1.7);
     let mut target: Vec<_> = source.iter().map(|&point| truth * point).collect();
     assert!((volume_ratio(&source, &target, &truth).unwrap() - 1.0).abs() < 1e-9);
-    let half = Sim3::new(turn, Vector3::zeros(), 0.85);
+    let half = Sim3::new(rotation, Vector3::zeros(), 0.85);
     assert!((volume_ratio(&source, &target, &half).unwrap() - 0.125).abs() < 1e-9);
     target.extend((0..10).map(|_| numbers.vector(1000.0)));
     assert!(volume_ratio(&source, &target, &truth).unwrap() > 0.85);

@@ -64,7 +64,7 @@ fn a_difference_within_the_noise_decides_nothing() {
 proptest! {
     /// The direction of the exchanged agents is the same.
     #[test]
-    fn exchanged_agents_travel_alike(i in 0usize..5, j in 0usize..5, counts in prop::collection::vec(0usize..200, 25)) {
+    fn exchanged_agents_travel_in_the_same_direction(i in 0usize..5, j in 0usize..5, counts in prop::collection::vec(0usize..200, 25)) {
         let params = PairingParams::default();
         let there = pair_neighbours((i, j), (5, 5), |a, b| counts[5 * a + b], &params).unwrap();
         let back = pair_neighbours((j, i), (5, 5), |b, a| counts[5 * a + b], &params).unwrap();

@@ -75,7 +75,7 @@ impl Own {
     }
 
     /// The same without the keyframe that a match is of.
-    fn known_beside(&self, number: usize, cell: &CellMatch) -> Option<f64> {
+    fn known_without(&self, number: usize, cell: &CellMatch) -> Option<f64> {
         let (sum, count) = self.sums.get(&(number, cell.cell))?;
         (*count > 1).then(|| (sum - cell.correlation) / (*count - 1) as f64)
     }
@@ -83,7 +83,7 @@ impl Own {
     /// Of each match how well other keyframes know the cell, and its correlation.
     pub fn samples(&self) -> impl Iterator<Item = [f64; 2]> + '_ {
         let of =
-            |(number, cell): (usize, &CellMatch)| Some([self.known_beside(number, cell)?, cell.correlation]);
+            |(number, cell): (usize, &CellMatch)| Some([self.known_without(number, cell)?, cell.correlation]);
         let all = self.seen.iter().flat_map(|(number, .., cells)| cells.iter().map(move |c| (*number, c)));
         all.filter_map(of)
     }
@@ -93,7 +93,7 @@ impl Own {
         let mut passes = vec![Vec::new(); PARTNERS];
         for (number, rank, world, cells) in &self.seen {
             let spot =
-                |cell: &CellMatch| Some(spot(cell, world, self.known_beside(*number, cell)?, agreement));
+                |cell: &CellMatch| Some(spot(cell, world, self.known_without(*number, cell)?, agreement));
             passes[*rank].extend(cells.iter().filter_map(spot));
         }
         passes

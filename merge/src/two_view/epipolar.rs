@@ -82,17 +82,17 @@ pub(super) fn chance_share(rays: &Rays, pose: &Pose, limit: f64) -> f64 {
     const SHIFTS: usize = 16;
     let essential = pose.essential();
     let count = rays.len();
-    let (mut accepted, mut tried) = (0, 0);
+    let (mut accepted, mut tested) = (0, 0);
     for shift in 1..=SHIFTS.min(count.saturating_sub(1)) {
         let shift = shift * count / (SHIFTS + 1).min(count);
         for i in 0..count {
             let other = (i + shift) % count;
             accepted += usize::from(squared_error(&essential, &rays.source[i], &rays.target[other]) < limit);
-            tried += 1;
+            tested += 1;
         }
     }
     // Never nothing: what was not seen in n tries may be as likely as 1/n.
-    (accepted + 1) as f64 / (tried + 1) as f64
+    (accepted + 1) as f64 / (tested + 1) as f64
 }
 
 /// The pose that fits some matches best.
@@ -116,10 +116,10 @@ pub(super) fn linearise(
     let noise = (2.0 - along_source.powi(2) - along_target.powi(2)).max(EPIPOLE).sqrt();
     let residual = direction.dot(&normal) / noise;
     let by_noise = residual / (noise * noise);
-    let by_turn =
+    let by_rotation =
         source.cross(&target.cross(direction)) / noise + source.cross(direction) * (by_noise * along_source);
     let by_direction = normal / noise + (source * along_source + target * along_target) * by_noise;
-    (residual, by_turn, by_direction)
+    (residual, by_rotation, by_direction)
 }
 
 impl Problem<5> for EpipolarFit<'_> {
@@ -128,10 +128,11 @@ impl Problem<5> for EpipolarFit<'_> {
     fn residuals(&self, state: &Pose, sink: &mut impl Sink<5>) {
         let basis = tangent_basis(&state.direction);
         for &index in self.matches {
-            let (residual, by_turn, by_direction) =
+            let (residual, by_rotation, by_direction) =
                 linearise(self.rays, index, &state.rotation, &state.direction);
             let across = basis.tr_mul(&by_direction);
-            let jacobian = SMatrix::<f64, 1, 5>::new(by_turn.x, by_turn.y, by_turn.z, across.x, across.y);
+            let jacobian =
+                SMatrix::<f64, 1, 5>::new(by_rotation.x, by_rotation.y, by_rotation.z, across.x, across.y);
             sink.add(Vector1::new(residual), jacobian);
         }
     }
@@ -144,9 +145,9 @@ impl Problem<5> for EpipolarFit<'_> {
     }
 }
 
-/// `exp(turn) R`.
-pub(super) fn turned(rotation: &Matrix3<f64>, turn: &Vector3<f64>) -> Matrix3<f64> {
-    Rotation3::new(*turn).into_inner() * rotation
+/// `exp(rotation_step) R`.
+pub(super) fn turned(rotation: &Matrix3<f64>, rotation_step: &Vector3<f64>) -> Matrix3<f64> {
+    Rotation3::new(*rotation_step).into_inner() * rotation
 }
 
 /// A unit vector after a step in its [`tangent_basis`].

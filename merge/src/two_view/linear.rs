@@ -114,8 +114,8 @@ pub(super) fn essential_poses(essential: &Matrix3<f64>) -> Option<[Pose; 4]> {
     if v.determinant() < 0.0 {
         v.neg_mut();
     }
-    let turn = Matrix3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0);
-    let rotations = [u * turn * v, u * turn.transpose() * v];
+    let rotation_step = Matrix3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0);
+    let rotations = [u * rotation_step * v, u * rotation_step.transpose() * v];
     let direction = u.column(2).into_owned();
     let pose = |r: usize, sign: f64| Pose { rotation: rotations[r], direction: direction * sign };
     Some([pose(0, 1.0), pose(0, -1.0), pose(1, 1.0), pose(1, -1.0)])

@@ -105,9 +105,11 @@ pub(super) fn choose(
 ) -> Option<RelativePose> {
     let chooser = Chooser { rays, settled, limit, pixel_angle, params };
     let with_depth = chooser.gric_depth();
-    let turn = chooser.turn(homography);
-    if chooser.gric_homography(&turn.0, 3.0) < with_depth && chooser.shows_no_parallax(&turn.1) {
-        return chooser.without_parallax(&turn.0, turn.1);
+    let pure_rotation = chooser.pure_rotation(homography);
+    if chooser.gric_homography(&pure_rotation.0, 3.0) < with_depth
+        && chooser.shows_no_parallax(&pure_rotation.1)
+    {
+        return chooser.without_parallax(&pure_rotation.0, pure_rotation.1);
     }
     let flat: Vec<FlatPose> = planes.into_iter().filter_map(|plane| chooser.flat(plane)).collect();
     let is_flat = flat.iter().any(|f| chooser.gric_homography(&f.plane.homography(), 8.0) < with_depth);
@@ -151,24 +153,24 @@ impl Chooser<'_> {
     }
 
     /// The rotation that alone explains most matches, with them.
-    fn turn(&self, homography: Option<&Matrix3<f64>>) -> (Matrix3<f64>, Vec<usize>) {
+    fn pure_rotation(&self, homography: Option<&Matrix3<f64>>) -> (Matrix3<f64>, Vec<usize>) {
         let limit = plane_limit(self.limit);
-        let settle = |start: Matrix3<f64>| {
-            let mut turn = start;
-            let mut fits = transfer::inliers(self.rays, &turn, limit);
+        let converge = |start: Matrix3<f64>| {
+            let mut pure_rotation = start;
+            let mut fits = transfer::inliers(self.rays, &pure_rotation, limit);
             for _ in 0..ROUNDS {
                 let fit = RotationFit { rays: self.rays, matches: &fits };
-                turn = minimise(&fit, turn, self.bound(), STEPS);
-                let next = transfer::inliers(self.rays, &turn, limit);
+                pure_rotation = minimise(&fit, pure_rotation, self.bound(), STEPS);
+                let next = transfer::inliers(self.rays, &pure_rotation, limit);
                 if next == fits {
                     break;
                 }
                 fits = next;
             }
-            (turn, fits)
+            (pure_rotation, fits)
         };
-        let from_pose = settle(self.settled.pose.rotation);
-        match homography.and_then(nearest_rotation).map(settle) {
+        let from_pose = converge(self.settled.pose.rotation);
+        match homography.and_then(nearest_rotation).map(converge) {
             Some(other) if other.1.len() > from_pose.1.len() => other,
             _ => from_pose,
         }
@@ -182,14 +184,14 @@ impl Chooser<'_> {
         more as f64 <= FREE_MATCHES + by_chance + 3.0 * by_chance.sqrt()
     }
 
-    fn without_parallax(&self, turn: &Matrix3<f64>, fits: Vec<usize>) -> Option<RelativePose> {
+    fn without_parallax(&self, pure_rotation: &Matrix3<f64>, fits: Vec<usize>) -> Option<RelativePose> {
         let fit = RotationFit { rays: self.rays, matches: &fits };
-        let rotation_covariance = covariance(&fit, turn, self.bound())?;
+        let rotation_covariance = covariance(&fit, pure_rotation, self.bound())?;
         // Two rows an inlier.
-        let squared: f64 = fits.iter().map(|&i| transfer::squared_error(self.rays, turn, i)).sum();
+        let squared: f64 = fits.iter().map(|&i| transfer::squared_error(self.rays, pure_rotation, i)).sum();
         let rmse = (squared / (2 * fits.len()) as f64).sqrt() / self.pixel_angle;
-        let target_from_source = quaternion(turn);
-        let parallax = self.parallax(turn, &fits);
+        let target_from_source = quaternion(pure_rotation);
+        let parallax = self.parallax(pure_rotation, &fits);
         let (direction, scene) = (None, Scene::NoParallax);
         Some(RelativePose {
             target_from_source,

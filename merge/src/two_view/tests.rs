@@ -168,7 +168,7 @@ fn a_few_points_off_a_plane_decide_between_its_poses() {
 }
 
 #[test]
-fn a_turn_has_a_rotation_and_no_direction() {
+fn a_pure_rotation_has_a_rotation_and_no_direction() {
     for (wrong, translation) in [(0, 0.0), (200, 0.0), (100, 1e-3)] {
         let mut views = Views::sideways(300, wrong);
         views.translation = Vector3::new(translation, 0.0, 0.0);
@@ -189,10 +189,11 @@ fn nees(views: &Views, runs: u64) -> (f64, f64) {
     for seed in 0..runs {
         let found = views.find(seed).unwrap();
         let direction = found.direction.as_ref().unwrap();
-        let turn = (views.rotation * found.target_from_source.inverse()).scaled_axis();
+        let rotation_step = (views.rotation * found.target_from_source.inverse()).scaled_axis();
         let across = direction.basis.tr_mul(&views.translation.normalize());
-        let error = nalgebra::Vector5::new(turn.x, turn.y, turn.z, across.x, across.y);
-        of_rotation += turn.dot(&(found.rotation_covariance.try_inverse().unwrap() * turn));
+        let error =
+            nalgebra::Vector5::new(rotation_step.x, rotation_step.y, rotation_step.z, across.x, across.y);
+        of_rotation += rotation_step.dot(&(found.rotation_covariance.try_inverse().unwrap() * rotation_step));
         of_pose += error.dot(&(direction.covariance.try_inverse().unwrap() * error));
     }
     (of_rotation / runs as f64, of_pose / runs as f64)
@@ -211,7 +212,7 @@ fn the_covariance_of_right_matches_is_that_of_their_errors() {
 }
 
 #[test]
-fn wrong_matches_make_the_covariance_too_small_by_no_more_than_is_said() {
+fn wrong_matches_make_the_covariance_too_small_by_no_more_than_documented() {
     // Not consistent: above the bounds of the test before. The documentation of the covariance says by how much;
     // this holds it to that.
     let mut views = Views::sideways(200, 60);
@@ -222,17 +223,17 @@ fn wrong_matches_make_the_covariance_too_small_by_no_more_than_is_said() {
 }
 
 #[test]
-fn the_covariance_of_a_plane_and_of_a_turn_is_that_of_the_errors() {
+fn the_covariance_of_a_plane_and_of_a_pure_rotation_is_that_of_the_errors() {
     let mut views = Views::sideways(200, 0);
     views.points = Points::Wall;
     views.translation = Vector3::new(1.2, 0.1, 0.3);
     let (mut sum, mut runs) = (0.0, 0.0);
     for seed in 0..40 {
         let found = views.find(seed).unwrap();
-        let turn = (views.rotation * found.target_from_source.inverse()).scaled_axis();
+        let rotation_step = (views.rotation * found.target_from_source.inverse()).scaled_axis();
         // Nothing is off the plane, so the wrong one of its two poses comes as often, degrees away.
-        if turn.norm() < 0.02 {
-            sum += turn.dot(&(found.rotation_covariance.try_inverse().unwrap() * turn));
+        if rotation_step.norm() < 0.02 {
+            sum += rotation_step.dot(&(found.rotation_covariance.try_inverse().unwrap() * rotation_step));
             runs += 1.0;
         }
     }
@@ -243,8 +244,8 @@ fn the_covariance_of_a_plane_and_of_a_turn_is_that_of_the_errors() {
     let mut sum = 0.0;
     for seed in 0..40 {
         let found = views.find(seed).unwrap();
-        let turn = (views.rotation * found.target_from_source.inverse()).scaled_axis();
-        sum += turn.dot(&(found.rotation_covariance.try_inverse().unwrap() * turn));
+        let rotation_step = (views.rotation * found.target_from_source.inverse()).scaled_axis();
+        sum += rotation_step.dot(&(found.rotation_covariance.try_inverse().unwrap() * rotation_step));
     }
     let mean = sum / 40.0;
     assert!((1.7..4.3).contains(&mean), "turn: {mean}");
@@ -293,9 +294,9 @@ proptest! {
 
     /// Exact matches from anywhere around give the exact pose, even beyond a field of view of 180°.
     #[test]
-    fn exact_rays_of_any_field_of_view_give_the_exact_pose(seed in 0u64..1000, turn in 0.0..PI) {
+    fn exact_rays_of_any_field_of_view_give_the_exact_pose(seed in 0u64..1000, rotation_step in 0.0..PI) {
         let mut numbers = Numbers::new(seed);
-        let rotation = UnitQuaternion::from_scaled_axis(numbers.vector(1.0).normalize() * turn);
+        let rotation = UnitQuaternion::from_scaled_axis(numbers.vector(1.0).normalize() * rotation_step);
         let translation = numbers.vector(1.0);
         prop_assume!(translation.norm() > 0.3);
         let matches: Vec<_> = (0..100)

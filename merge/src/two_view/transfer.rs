@@ -96,10 +96,10 @@ impl PlaneFit<'_> {
         let length = state.shift.norm();
         let across = Matrix3::identity() - pose.direction * pose.direction.transpose();
         for &index in self.off_plane {
-            let (residual, by_turn, by_direction) =
+            let (residual, by_rotation, by_direction) =
                 linearise(self.rays, index, &pose.rotation, &pose.direction);
             let mut jacobian = SMatrix::<f64, 1, 8>::zeros();
-            jacobian.fixed_columns_mut::<3>(0).copy_from(&by_turn.transpose());
+            jacobian.fixed_columns_mut::<3>(0).copy_from(&by_rotation.transpose());
             jacobian.fixed_columns_mut::<3>(3).copy_from(&(across * by_direction / length).transpose());
             sink.add(nalgebra::Vector1::new(residual), jacobian);
         }

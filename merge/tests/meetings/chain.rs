@@ -1,6 +1,6 @@
 //! More than two agents, and the opposite way of travel.
 
-use crate::merging::{encounter, first_and_opposite, first_and_second, fused, merged, second_and_first};
+use crate::merging::{first_and_opposite, first_and_second, fused, merged, pair_result, second_and_first};
 use crate::yard::{assert_near_truth, first, opposite, second};
 use map::AgentId;
 use merge::acceptance::Evidence;
@@ -8,7 +8,7 @@ use merge::common_map::FusionParams;
 use merge::pairing::Travel;
 
 #[test]
-fn opposite_ways_of_travel_are_told_and_merged() {
+fn opposite_directions_of_travel_are_recognised_and_merged() {
     let (a, c) = (first(), opposite());
     let met = first_and_opposite();
     assert_eq!(met.closure().map(|closure| closure.travel), Some(Travel::Opposite));
@@ -17,7 +17,7 @@ fn opposite_ways_of_travel_are_told_and_merged() {
 }
 
 #[test]
-fn the_same_way_of_travel_is_told() {
+fn the_same_direction_of_travel_is_recognised() {
     let met = first_and_second();
     assert_eq!(met.closure().map(|closure| closure.travel), Some(Travel::Same));
 }
@@ -26,7 +26,7 @@ fn the_same_way_of_travel_is_told() {
 #[test]
 fn further_pairs_that_agree_say_how_well_the_motion_is_known() {
     let met = first_and_second();
-    let found = met.tried.iter().find_map(|tried| tried.outcome.accepted()).expect("they meet");
+    let found = met.tested.iter().find_map(|tested| tested.outcome.accepted()).expect("they meet");
     let beyond = found.verdict.evidence.beyond.expect("both maps were asked");
     assert!(beyond.confirmed > 0, "{beyond:?}");
     let deviations = |e: &Evidence| [e.rotation_deviation, e.translation_deviation, e.scale_deviation];
@@ -63,7 +63,7 @@ fn a_common_map_merges_further() {
     let (common, _) = merged(&[&b.end, &a.end], &[([0, 1], second_and_first())]);
     let two = fused(&common).map;
     let links = common.links().len();
-    let met = encounter(&two, &c.end);
+    let met = pair_result(&two, &c.end);
     let (mut common, addresses) =
         merge::common_map::CommonMap::from_maps(&[&two, &c.end]).expect("they go together");
     assert_eq!(common.links().len(), links, "the closures of the common map are taken over");

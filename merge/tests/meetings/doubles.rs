@@ -1,6 +1,6 @@
 //! Places that share what is made in numbers, and the same place after things were moved.
 
-use crate::merging::{Encounter, encounter_apart, reasons};
+use crate::merging::{PairResult, pair_result_after, reasons};
 use crate::rendered::rendered_map;
 use backend::sim3_align::KeyframeView;
 use geometry::Pyramid;
@@ -15,13 +15,13 @@ use place_recog::KeyframeFeatures;
 const HERE: Version = Version { seed: 1, place: 0, share: 0.0, time: 0, moved: 0.0, grain: 3.0 };
 
 fn map(version: &Version, pass: u64) -> Map {
-    rendered_map(&Kind::Office.world(version), &Kind::Office.way(pass, 8))
+    rendered_map(&Kind::Office.world(version), &Kind::Office.path(pass, 8))
 }
 
 /// What both ways past two versions of an office make of each other so many days apart, whichever is looked for in the other.
-fn met(other: &Version, days: f64) -> [Encounter; 2] {
+fn met(other: &Version, days: f64) -> [PairResult; 2] {
     let (here, there) = (map(&HERE, 0), map(other, 1));
-    [encounter_apart(&here, &there, days), encounter_apart(&there, &here, days)]
+    [pair_result_after(&here, &there, days), pair_result_after(&there, &here, days)]
 }
 
 /// Whether little differs or everything that can: the grain of its walls tells an office from its double, and later as well.

@@ -1,6 +1,6 @@
 //! The worlds and units that maps come in do not matter.
 
-use crate::merging::{encounter, first_and_opposite, fused, merged};
+use crate::merging::{first_and_opposite, fused, merged, pair_result};
 use crate::yard::{first, opposite};
 use geometry::Sim3;
 use map::{KeyframeId, Map};
@@ -67,25 +67,25 @@ fn assert_same(found: &Map, motion: &Sim3, unit: impl Fn(KeyframeId) -> f64) {
         let expected = *motion * plain.keyframes[id].world_from_keyframe;
         let pose = keyframe.world_from_keyframe;
         let shift = (pose.translation - expected.translation).norm() / extent;
-        let turn = pose.rotation.angle_to(&expected.rotation);
+        let rotation = pose.rotation.angle_to(&expected.rotation);
         let scale = (pose.scale / (expected.scale * unit(*id))).ln().abs();
-        let worst = shift.max(turn).max(scale);
-        assert!(worst <= TOLERANCE, "{id:?}: shift {shift:.2e}, turn {turn:.2e}, scale {scale:.2e}");
+        let worst = shift.max(rotation).max(scale);
+        assert!(worst <= TOLERANCE, "{id:?}: shift {shift:.2e}, turn {rotation:.2e}, scale {scale:.2e}");
     }
 }
 
 /// A motion to anywhere, with the world's unit `1 / scale` of what it was.
 fn far(scale: f64, side: f64) -> Sim3 {
-    let turn = UnitQuaternion::from_scaled_axis(Vector3::new(2.0, -1.0, 0.7) * side);
-    Sim3::new(turn, Vector3::new(80.0, -30.0, 50.0) * side, scale)
+    let rotation = UnitQuaternion::from_scaled_axis(Vector3::new(2.0, -1.0, 0.7) * side);
+    Sim3::new(rotation, Vector3::new(80.0, -30.0, 50.0) * side, scale)
 }
 
 #[test]
-fn maps_merge_alike_wherever_and_however_large_they_are() {
+fn maps_merge_equally_wherever_and_however_large_they_are() {
     let one = Sim3::identity();
     for [of_a, of_c] in [[far(0.2, 1.0), far(5.0, -1.0)], [one, far(0.2, -0.6)]] {
         let (a, c) = (moved(&first().end, &of_a), moved(&opposite().end, &of_c));
-        let merged = fused(&merged(&[&a, &c], &[([0, 1], &encounter(&a, &c))]).0);
+        let merged = fused(&merged(&[&a, &c], &[([0, 1], &pair_result(&a, &c))]).0);
         assert_same(&merged.map, &of_a, |_| 1.0);
     }
 }
@@ -97,7 +97,7 @@ fn keyframes_may_have_units_of_their_own() {
     let (a, c) = (in_units(&first().end, unit), in_units(&opposite().end, |_| 0.2));
     let motion = far(5.0, 0.5);
     let a = moved(&a, &motion);
-    let merged = fused(&merged(&[&a, &c], &[([0, 1], &encounter(&a, &c))]).0);
+    let merged = fused(&merged(&[&a, &c], &[([0, 1], &pair_result(&a, &c))]).0);
     let first_of_c =
         merged.map.agents.values().nth(1).and_then(|info| info.own.as_ref()).unwrap().first_keyframe;
     assert_same(&merged.map, &motion, |id| if id.0 < first_of_c { unit(id) } else { 0.2 });

@@ -2,10 +2,10 @@
 //! yard, their maps are merged, taken apart, moved about and made unusable.
 
 mod chain;
+mod continuing;
 mod direct;
 mod doubles;
 mod frames;
-mod going_on;
 mod merging;
 mod refusals;
 mod rendered;

@@ -7,8 +7,8 @@ use merge::common_map::{Address, Addresses, CommonMap, Fused, FusionParams, Link
 use merge::estimate::Estimate;
 use merge::further::{FurtherParams, Joined};
 use merge::key_points::KeyPointParams;
-use merge::meeting::{MeetingParams, Outcome, Place, Tried, meet};
 use merge::prepared::PreparedMap;
+use merge::verification::{Outcome, Place, TestedPlace, VerificationParams, meet};
 use place_recog::features::{SiftParams, sift};
 use place_recog::{
     DirectIndex, Directed, FeatureWords, KeyframeFeatures, ProposeParams, RankParams, Vocabulary, WordBag,
@@ -26,25 +26,25 @@ pub fn features(map: &Map) -> KeyframeFeatures {
 }
 
 /// What two maps made of each other.
-pub struct Encounter {
-    pub tried: Vec<Tried>,
+pub struct PairResult {
+    pub tested: Vec<TestedPlace>,
     pub joined: Option<Joined>,
 }
 
-impl Encounter {
+impl PairResult {
     /// The accepted closure.
     pub fn closure(&self) -> Option<&Closure> {
-        self.tried.iter().find_map(|tried| Some(&tried.outcome.accepted()?.closure))
+        self.tested.iter().find_map(|tested| Some(&tested.outcome.accepted()?.closure))
     }
 }
 
 /// Looks where the source met the target, at places that place recognition proposes.
-pub fn encounter(target: &Map, source: &Map) -> Encounter {
-    encounter_apart(target, source, 0.0)
+pub fn pair_result(target: &Map, source: &Map) -> PairResult {
+    pair_result_after(target, source, 0.0)
 }
 
 /// The same of maps that so many days lie between.
-pub fn encounter_apart(target: &Map, source: &Map, days: f64) -> Encounter {
+pub fn pair_result_after(target: &Map, source: &Map, days: f64) -> PairResult {
     let (of_target, of_source) = (features(target), features(source));
     let vocabulary = Vocabulary::shipped();
     let words_of =
@@ -68,7 +68,7 @@ pub fn encounter_apart(target: &Map, source: &Map, days: f64) -> Encounter {
 }
 
 /// Looks at every pair of keyframes, whatever place recognition would say.
-pub fn encounter_everywhere(target: &Map, source: &Map) -> Encounter {
+pub fn pair_result_everywhere(target: &Map, source: &Map) -> PairResult {
     let ids = |map: &Map| map.keyframes.keys().copied().collect::<Vec<_>>();
     let (targets, sources) = (ids(target), ids(source));
     let pair = |&source: &KeyframeId| targets.iter().map(move |&target| Place { source, target });
@@ -81,21 +81,21 @@ fn look_at(
     [of_target, of_source]: [&KeyframeFeatures; 2],
     places: &[Place],
     days: f64,
-) -> Encounter {
+) -> PairResult {
     let key_points = KeyPointParams::default();
     let source = PreparedMap::new(source, of_source, &key_points);
     let target = PreparedMap::new(target, of_target, &key_points);
-    let params = MeetingParams { rounds: places.len().max(1), ..MeetingParams::default() };
+    let params = VerificationParams { rounds: places.len().max(1), ..VerificationParams::default() };
     let mut further = FurtherParams::default();
     further.place.prior.days_apart = days;
-    let tried = meet(&source, &target, places, &params, &further);
-    let joined = tried.iter().find_map(|tried| tried.outcome.accepted()?.joined.clone());
-    Encounter { tried, joined }
+    let tested = meet(&source, &target, places, &params, &further);
+    let joined = tested.iter().find_map(|tested| tested.outcome.accepted()?.joined.clone());
+    PairResult { tested, joined }
 }
 
 /// Adds the closures of an encounter of two maps of one agent each; returns how many.
-pub fn link(common: &mut CommonMap, [target, source]: [&Addresses; 2], encounter: &Encounter) -> usize {
-    let edges = encounter.joined.iter().flat_map(|joined| &joined.edges);
+pub fn link(common: &mut CommonMap, [target, source]: [&Addresses; 2], pair_result: &PairResult) -> usize {
+    let edges = pair_result.joined.iter().flat_map(|joined| &joined.edges);
     let links = edges.map(|edge| {
         let address =
             |of: &Addresses, keyframe| Address { agent: of.agents().next().expect("an agent"), keyframe };
@@ -109,51 +109,52 @@ pub fn link(common: &mut CommonMap, [target, source]: [&Addresses; 2], encounter
 }
 
 /// The maps' common map after those of `met` did, `[target, source]`; fails where two did not.
-pub fn merged(maps: &[&Map], met: &[([usize; 2], &Encounter)]) -> (CommonMap, Vec<Addresses>) {
+pub fn merged(maps: &[&Map], met: &[([usize; 2], &PairResult)]) -> (CommonMap, Vec<Addresses>) {
     let (mut common, addresses) = CommonMap::from_maps(maps).expect("the maps go together");
-    for ([target, source], encounter) in met {
-        let count = link(&mut common, [&addresses[*target], &addresses[*source]], encounter);
-        assert!(count >= 2, "{target} and {source} did not meet: {:?}", reasons(encounter));
+    for ([target, source], pair_result) in met {
+        let count = link(&mut common, [&addresses[*target], &addresses[*source]], pair_result);
+        assert!(count >= 2, "{target} and {source} did not meet: {:?}", reasons(pair_result));
     }
     (common, addresses)
 }
 
 /// The first drive, and the second one looked for in it, on the way.
-pub fn on_the_way() -> &'static Encounter {
-    static MET: LazyLock<Encounter> = LazyLock::new(|| encounter(&first().early, &second().early));
+pub fn halfway() -> &'static PairResult {
+    static MET: LazyLock<PairResult> = LazyLock::new(|| pair_result(&first().early, &second().early));
     &MET
 }
 
 /// The same at the end.
-pub fn first_and_second() -> &'static Encounter {
-    static MET: LazyLock<Encounter> = LazyLock::new(|| encounter(&first().end, &second().end));
+pub fn first_and_second() -> &'static PairResult {
+    static MET: LazyLock<PairResult> = LazyLock::new(|| pair_result(&first().end, &second().end));
     &MET
 }
 
 /// The second drive, and the first one looked for in it.
-pub fn second_and_first() -> &'static Encounter {
-    static MET: LazyLock<Encounter> = LazyLock::new(|| encounter(&second().end, &first().end));
+pub fn second_and_first() -> &'static PairResult {
+    static MET: LazyLock<PairResult> = LazyLock::new(|| pair_result(&second().end, &first().end));
     &MET
 }
 
 /// The first drive, and the opposite one looked for in it.
-pub fn first_and_opposite() -> &'static Encounter {
-    static MET: LazyLock<Encounter> = LazyLock::new(|| encounter(&first().end, &opposite().end));
+pub fn first_and_opposite() -> &'static PairResult {
+    static MET: LazyLock<PairResult> = LazyLock::new(|| pair_result(&first().end, &opposite().end));
     &MET
 }
 
 /// Why no place was accepted.
-pub fn reasons(encounter: &Encounter) -> Vec<String> {
-    let reason = |tried: &Tried| match &tried.outcome {
+pub fn reasons(pair_result: &PairResult) -> Vec<String> {
+    let reason = |tested: &TestedPlace| match &tested.outcome {
         Outcome::NotMatched(refusal) => refusal.to_string(),
         Outcome::NotFollowed => "not followed".into(),
         Outcome::NotClosed(refusal) => refusal.to_string(),
         Outcome::Broken(error) => error.to_string(),
-        Outcome::Judged(judged) => {
-            judged.verdict.doubt().map_or("accepted".into(), |doubt| format!("{doubt}: {:?}", judged.verdict))
-        }
+        Outcome::Evaluated(evaluated) => evaluated
+            .verdict
+            .doubt()
+            .map_or("accepted".into(), |doubt| format!("{doubt}: {:?}", evaluated.verdict)),
     };
-    encounter.tried.iter().map(|tried| format!("γ {}: {}", tried.match_count, reason(tried))).collect()
+    pair_result.tested.iter().map(|tested| format!("γ {}: {}", tested.match_count, reason(tested))).collect()
 }
 
 /// The one map that all agents hang together in.

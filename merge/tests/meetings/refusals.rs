@@ -1,18 +1,18 @@
 //! What must not merge, and maps with something wrong in them.
 
-use crate::merging::{Encounter, encounter, encounter_everywhere, features, reasons};
+use crate::merging::{PairResult, features, pair_result, pair_result_everywhere, reasons};
 use crate::rendered::rendered_map;
 use crate::yard::{past, yard};
 use backend::posegraph::PoseGraphError;
 use geometry::{GrayImage, Se3};
 use loopbox_tests::World;
-use loopbox_tests::alike::Kind;
+use loopbox_tests::similar_places::Kind;
 use map::{KeyframeId, Map, MapError, SemiDense};
 use merge::common_map::{CommonMap, FusionError, FusionParams};
 use merge::further::{FurtherParams, join};
 use merge::key_points::KeyPointParams;
-use merge::meeting::{MeetingParams, Outcome, Place, meet};
 use merge::prepared::PreparedMap;
+use merge::verification::{Outcome, Place, VerificationParams, meet};
 use nalgebra::{UnitQuaternion, Vector3};
 use std::f64::consts::PI;
 use std::sync::{Arc, LazyLock};
@@ -37,9 +37,9 @@ fn there() -> &'static Map {
 
 /// Fails when the maps meet, whichever way they are asked.
 fn assert_strangers(target: &Map, source: &Map) {
-    let proposed = encounter(target, source);
+    let proposed = pair_result(target, source);
     assert!(proposed.closure().is_none(), "{:?}", reasons(&proposed));
-    let everywhere = encounter_everywhere(target, source);
+    let everywhere = pair_result_everywhere(target, source);
     assert!(everywhere.closure().is_none(), "{:?}", reasons(&everywhere));
     assert!(everywhere.joined.is_none());
 }
@@ -47,7 +47,7 @@ fn assert_strangers(target: &Map, source: &Map) {
 /// The counterpart of all refusals here: maps of this kind do meet, and the true motion between them, none, comes out.
 #[test]
 fn maps_of_one_place_meet() {
-    let met = encounter(here(), there());
+    let met = pair_result(here(), there());
     let closure = met.closure().unwrap_or_else(|| panic!("{:?}", reasons(&met)));
     let off = closure.motion.a_from_b.log();
     assert!(off.amax() < 0.01, "the worlds are one: {off}");
@@ -65,8 +65,8 @@ fn yards_that_share_nothing_stay_apart() {
 
 /// A map of one way past a place of equal houses.
 fn houses(place: u64, pass: u64) -> Map {
-    let way = Kind::Houses.way(2, place, pass, 72);
-    rendered_map(&Kind::Houses.place(2, place), &way.into_iter().step_by(6).collect::<Vec<_>>())
+    let path = Kind::Houses.path(2, place, pass, 72);
+    rendered_map(&Kind::Houses.place(2, place), &path.into_iter().step_by(6).collect::<Vec<_>>())
 }
 
 /// Before these houses nothing stands where the maps see the same: shifted by a house they fit in all that is asked but that
@@ -74,11 +74,11 @@ fn houses(place: u64, pass: u64) -> Map {
 #[test]
 fn a_row_of_equal_houses_is_no_place() {
     let one = houses(5, 1);
-    let others = [(8, 1), (3, 1), (8, 0)].map(|(place, pass)| encounter(&houses(place, pass), &one));
+    let others = [(8, 1), (3, 1), (8, 0)].map(|(place, pass)| pair_result(&houses(place, pass), &one));
     for other in &others {
         assert!(other.closure().is_none(), "{:?}", reasons(other));
     }
-    let elsewhere = |other: &Encounter| reasons(other).iter().any(|reason| reason.contains("another place"));
+    let elsewhere = |other: &PairResult| reasons(other).iter().any(|reason| reason.contains("another place"));
     assert!(others.iter().any(elsewhere), "{:?}", others.each_ref().map(reasons));
 }
 
@@ -96,10 +96,11 @@ fn blank_images_match_nothing() {
         keyframe.image = Arc::new(GrayImage::filled(keyframe.image.width(), keyframe.image.height(), 128));
     }
     for (target, source) in [(here(), &blank), (&blank, here()), (&blank, &blank)] {
-        let met = encounter_everywhere(target, source);
-        assert!(!met.tried.is_empty());
-        let unmatched = |tried: &merge::meeting::Tried| matches!(tried.outcome, Outcome::NotMatched(_));
-        assert!(met.tried.iter().all(unmatched), "{:?}", reasons(&met));
+        let met = pair_result_everywhere(target, source);
+        assert!(!met.tested.is_empty());
+        let unmatched =
+            |tested: &merge::verification::TestedPlace| matches!(tested.outcome, Outcome::NotMatched(_));
+        assert!(met.tested.iter().all(unmatched), "{:?}", reasons(&met));
     }
 }
 
@@ -108,15 +109,15 @@ fn keyframes_without_depth_are_not_looked_at() {
     let mut flat = there().clone();
     flat.keyframes.values_mut().for_each(|keyframe| keyframe.semi_dense = SemiDense::default().into());
     for (target, source) in [(here(), &flat), (&flat, here())] {
-        assert!(encounter(target, source).tried.is_empty());
+        assert!(pair_result(target, source).tested.is_empty());
     }
 }
 
 #[test]
 fn an_empty_map_meets_nobody() {
     let empty = Map::new(loopbox_tests::Recording::SMALL_CAMERA);
-    assert!(encounter(here(), &empty).tried.is_empty());
-    assert!(encounter(&empty, here()).tried.is_empty());
+    assert!(pair_result(here(), &empty).tested.is_empty());
+    assert!(pair_result(&empty, here()).tested.is_empty());
     let (common, _) = CommonMap::from_maps(&[here(), &empty]).unwrap();
     assert_eq!(common.fuse(&FusionParams::default()).unwrap().len(), 2);
 }
@@ -137,26 +138,26 @@ fn places_that_are_not_there_are_passed_over() {
     let source = PreparedMap::new(there(), &of_there, &key_points);
     let place = |source, target| Place { source: KeyframeId(source), target: KeyframeId(target) };
     let places = [place(77, 0), place(0, 77), place(1, 1)];
-    let (meeting, further) = (MeetingParams::default(), FurtherParams::default());
-    assert!(meet(&source, &target, &places, &meeting, &further).is_empty());
+    let (usual_params, further) = (VerificationParams::default(), FurtherParams::default());
+    assert!(meet(&source, &target, &places, &usual_params, &further).is_empty());
 }
 
 /// Of many good places only as many are matched as asked for, and only one is accepted.
 #[test]
-fn no_more_places_are_tried_than_asked_for() {
+fn no_more_places_are_tested_than_asked_for() {
     let (of_here, of_there) = (features(here()), features(there()));
     let key_points = KeyPointParams::default();
     let target = PreparedMap::new(here(), &of_here, &key_points);
     let source = PreparedMap::new(there(), &of_there, &key_points);
     let places: Vec<Place> = (0..5).map(|k| Place { source: KeyframeId(k), target: KeyframeId(k) }).collect();
-    let params = MeetingParams { places: 3, rounds: 1, ..MeetingParams::default() };
-    let tried = meet(&source, &target, &places, &params, &FurtherParams::default());
-    assert_eq!(tried.len(), 3);
-    assert!(tried.windows(2).all(|pair| pair[0].match_count >= pair[1].match_count), "most matches first");
-    assert_eq!(tried.iter().filter(|t| t.outcome.accepted().is_some()).count(), 1);
-    let unwilling = MeetingParams { closures: 0, neighbourhoods: 0, ..params };
-    let tried = meet(&source, &target, &places, &unwilling, &FurtherParams::default());
-    assert!(tried.iter().all(|t| t.outcome == Outcome::NotFollowed));
+    let params = VerificationParams { places: 3, rounds: 1, ..VerificationParams::default() };
+    let tested = meet(&source, &target, &places, &params, &FurtherParams::default());
+    assert_eq!(tested.len(), 3);
+    assert!(tested.windows(2).all(|pair| pair[0].match_count >= pair[1].match_count), "most matches first");
+    assert_eq!(tested.iter().filter(|t| t.outcome.accepted().is_some()).count(), 1);
+    let unwilling = VerificationParams { closures: 0, neighbourhoods: 0, ..params };
+    let tested = meet(&source, &target, &places, &unwilling, &FurtherParams::default());
+    assert!(tested.iter().all(|t| t.outcome == Outcome::NotFollowed));
 }
 
 /// Where no pair of keyframes is followed by itself, those around a place are matched together and say the same.
@@ -167,12 +168,12 @@ fn keyframes_matched_together_say_what_their_pairs_do() {
     let target = PreparedMap::new(here(), &of_here, &key_points);
     let source = PreparedMap::new(there(), &of_there, &key_points);
     let places: Vec<Place> = (0..5).map(|k| Place { source: KeyframeId(k), target: KeyframeId(k) }).collect();
-    let found = |params: &MeetingParams| {
-        let tried = meet(&source, &target, &places, params, &FurtherParams::default());
-        tried.iter().find_map(|t| t.outcome.accepted().cloned()).expect("they meet")
+    let found = |params: &VerificationParams| {
+        let tested = meet(&source, &target, &places, params, &FurtherParams::default());
+        tested.iter().find_map(|t| t.outcome.accepted().cloned()).expect("they meet")
     };
-    let alone = found(&MeetingParams::default());
-    let together = found(&MeetingParams { closures: 0, ..MeetingParams::default() });
+    let alone = found(&VerificationParams::default());
+    let together = found(&VerificationParams { closures: 0, ..VerificationParams::default() });
     assert!(
         alone.closure.pooled.is_none() && together.closure.pooled.is_some_and(|pooled| pooled.matches >= 60)
     );
@@ -188,8 +189,8 @@ fn poses_that_are_no_numbers_are_refused() {
         keyframe.world_from_keyframe.translation.x = f64::NAN;
     }
     for (target, source) in [(here(), &broken), (&broken, here())] {
-        let met = encounter(target, source);
-        assert!(!met.tried.is_empty() && met.closure().is_none(), "{:?}", reasons(&met));
+        let met = pair_result(target, source);
+        assert!(!met.tested.is_empty() && met.closure().is_none(), "{:?}", reasons(&met));
     }
 }
 
@@ -199,7 +200,7 @@ fn one_pose_that_is_no_number_is_named() {
     let mut broken = there().clone();
     let bad = KeyframeId(4);
     broken.keyframes.get_mut(&bad).unwrap().world_from_keyframe.scale = f64::NAN;
-    let met = encounter(here(), there());
+    let met = pair_result(here(), there());
     let closure = met.closure().expect("they meet");
     let (of_here, of_broken) = (features(here()), features(&broken));
     let key_points = KeyPointParams::default();

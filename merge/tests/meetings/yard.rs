@@ -24,24 +24,24 @@ pub fn yard() -> &'static World {
 
 /// To the right past the boxes, x from −2 to 2 m, 5 cm a frame.
 pub fn first() -> &'static Drive {
-    static DRIVE: LazyLock<Drive> = LazyLock::new(|| track(past(-2.0, 2.0, 0.05, &beside(0.0, 0.0))));
+    static DRIVE: LazyLock<Drive> = LazyLock::new(|| track(past(-2.0, 2.0, 0.05, &offset_by(0.0, 0.0))));
     &DRIVE
 }
 
 /// The same way, x from −1 to 3.5 m, faster and from farther away.
 pub fn second() -> &'static Drive {
-    static DRIVE: LazyLock<Drive> = LazyLock::new(|| track(past(-1.0, 3.5, 0.07, &beside(-0.4, 0.05))));
+    static DRIVE: LazyLock<Drive> = LazyLock::new(|| track(past(-1.0, 3.5, 0.07, &offset_by(-0.4, 0.05))));
     &DRIVE
 }
 
 /// The opposite way, x from 0.5 to −3 m, closer and turned away by 10°.
 pub fn opposite() -> &'static Drive {
-    static DRIVE: LazyLock<Drive> = LazyLock::new(|| track(past(0.5, -3.0, -0.06, &beside(0.3, -0.17))));
+    static DRIVE: LazyLock<Drive> = LazyLock::new(|| track(past(0.5, -3.0, -0.06, &offset_by(0.3, -0.17))));
     &DRIVE
 }
 
 /// How a camera differs from that of the first drive: `ahead` metres closer to the boxes, turned right by `yaw`.
-fn beside(ahead: f64, yaw: f64) -> Se3 {
+fn offset_by(ahead: f64, yaw: f64) -> Se3 {
     Se3::new(UnitQuaternion::from_axis_angle(&Vector3::y_axis(), yaw), Vector3::new(0.0, -0.05, ahead))
 }
 
@@ -57,7 +57,7 @@ fn track(path: Vec<Se3>) -> Drive {
     let recording = Recording::render(yard(), Recording::SMALL_CAMERA, &path, 20.0);
     let mut params = Params::default();
     // So that the first part of so short a drive has depth.
-    params.mapping.settle_after = 2;
+    params.mapping.depth_delay = 2;
     let mut agent = Agent::new(recording.camera, Box::new(ThumbnailIndex::default()), params).unwrap();
     let mut early = None;
     for (index, shot) in recording.shots.iter().enumerate() {

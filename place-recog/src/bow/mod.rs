@@ -119,7 +119,7 @@ impl BowIndex {
     }
 
     /// The words of most weight; of equals the first.
-    fn telling(&self, mut weighted: WeightedWords) -> WeightedWords {
+    fn most_informative(&self, mut weighted: WeightedWords) -> WeightedWords {
         let order = |a: &(WordId, f32), b: &(WordId, f32)| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0));
         let count = self.params.listed.max(1);
         if count < weighted.len() {
@@ -143,8 +143,11 @@ impl BowIndex {
         if self.slots.len() <= most {
             return (0..self.slots.len() as u32).filter_map(group).collect();
         }
-        let votes =
-            self.inverted.votes(&self.telling(query.clone()), self.slots.len(), self.params.max_postings);
+        let votes = self.inverted.votes(
+            &self.most_informative(query.clone()),
+            self.slots.len(),
+            self.params.max_postings,
+        );
         let of_each = most.div_ceil(groups.max(1)).max(count.saturating_mul(2));
         let mut taken = vec![0; groups];
         let fits = |&(_, group): &(u32, usize)| {
@@ -215,7 +218,7 @@ impl PlaceIndex<WordBag> for BowIndex {
         let slot = match self.slot_of.get(&keyframe) {
             Some(&slot) => {
                 let before = self.weights(self.slots[slot as usize].words.iter()).0;
-                let listed = self.telling(before);
+                let listed = self.most_informative(before);
                 self.inverted.remove(slot, &listed);
                 self.slots[slot as usize] = new;
                 slot
@@ -225,7 +228,7 @@ impl PlaceIndex<WordBag> for BowIndex {
                 (self.slots.len() - 1) as u32
             }
         };
-        let listed = self.telling(weighted);
+        let listed = self.most_informative(weighted);
         self.inverted.add(slot, &listed);
         self.slot_of.insert(keyframe, slot);
     }

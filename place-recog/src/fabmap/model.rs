@@ -13,7 +13,7 @@ type Table = [f32; 4];
 #[derive(Debug)]
 pub struct Model {
     /// Of each word in a place that showed it.
-    shown: Vec<Table>,
+    visible: Vec<Table>,
     /// Of each word in a place that did not.
     hidden: Vec<Table>,
     /// Of each word in an average place of each [`RICHNESS`].
@@ -44,7 +44,7 @@ impl Model {
         let tables = |exists: &dyn Fn(&Word) -> f64| -> Vec<Table> {
             words.iter().map(|word| word.table(exists(word), params)).collect()
         };
-        let (shown, hidden) =
+        let (visible, hidden) =
             (tables(&|word| word.exists(true, params)), tables(&|word| word.exists(false, params)));
         let average = RICHNESS.map(|richness| {
             tables(&|word| {
@@ -53,7 +53,7 @@ impl Model {
             })
         });
         let mean_words = words.iter().map(|word| word.marginal).sum();
-        Self { shown, hidden, average: average.into(), children, mean_words }
+        Self { visible, hidden, average: average.into(), children, mean_words }
     }
 }
 
@@ -114,7 +114,7 @@ impl Observed {
     pub fn log_ratio(&self, model: &Model, words: &[WordId]) -> f64 {
         let change = |word: &WordId| {
             let (at, state) = (word.0 as usize, usize::from(self.states[word.0 as usize]));
-            f64::from(model.shown[at][state] - model.hidden[at][state])
+            f64::from(model.visible[at][state] - model.hidden[at][state])
         };
         let place = self.hidden + words.iter().map(change).sum::<f64>();
         place - self.of_average(words.len() as f64 / model.mean_words)

@@ -79,10 +79,10 @@ fn the_sparse_sum_is_the_product_over_all_words() {
     let params = FabMapParams::default();
     let model = Model::new(&vocabulary, &params);
     let words = |bag: &WordBag| -> Vec<WordId> { bag.counts().iter().map(|c| c.0).collect() };
-    let (shown, seen) = (words(&place(1, 0)), words(&place(1, 1)));
+    let (visible, seen) = (words(&place(1, 0)), words(&place(1, 1)));
     // By the definition: every word, with p(e | place) from one look, against p(e) for an average place.
     let (d, f) = (params.detection, params.false_detection);
-    let richness = shown.len() as f64
+    let richness = visible.len() as f64
         / (0..vocabulary.len() as u32).map(|w| vocabulary.probability(WordId(w))).sum::<f64>();
     let mut expected = 0.0;
     for word in (0..vocabulary.len() as u32).map(WordId) {
@@ -98,7 +98,7 @@ fn the_sparse_sum_is_the_product_over_all_words() {
             };
             exists * given(d) + (1.0 - exists) * given(f)
         };
-        let exists = match shown.contains(&word) {
+        let exists = match visible.contains(&word) {
             true => d * m / (d * m + f * (1.0 - m)),
             false => (1.0 - d) * m / ((1.0 - d) * m + (1.0 - f) * (1.0 - m)),
         };
@@ -106,7 +106,7 @@ fn the_sparse_sum_is_the_product_over_all_words() {
             (d * m / (d * m + f * (1.0 - m)), (1.0 - d) * m / ((1.0 - d) * m + (1.0 - f) * (1.0 - m)));
         expected += likelihood(exists).ln() - likelihood(richness * m * s + (1.0 - richness * m) * h).ln();
     }
-    let found = Observed::new(&model, &seen).log_ratio(&model, &shown);
+    let found = Observed::new(&model, &seen).log_ratio(&model, &visible);
     // The average place is interpolated.
     assert!((found - expected).abs() < 0.02 * expected.abs(), "{found} {expected}");
 }

@@ -14,7 +14,7 @@ fn first(found: &[Vec<PlaceCandidate>]) -> Vec<u32> {
 }
 
 #[test]
-fn a_chance_likeness_loses_to_a_place_that_is_passed() {
+fn a_chance_similarity_loses_to_a_place_that_is_passed() {
     // The third query looks most like keyframe 240, which nothing around it supports.
     let forward = [
         candidates(&[(30, 0.30)]),

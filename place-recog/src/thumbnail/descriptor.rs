@@ -58,14 +58,14 @@ impl Thumbnail {
         Coarse::new(&self.values)
     }
 
-    /// Shifts by `shift` pixels to all eight sides, straight and turned by `±turn` radians; the blur
+    /// Shifts by `shift` pixels to all eight sides, straight and turned by `±rotation` radians; the blur
     /// bridges the gaps between them.
-    pub(super) fn variants(&self, shift: f32, turn: f32) -> Vec<Self> {
+    pub(super) fn variants(&self, shift: f32, rotation: f32) -> Vec<Self> {
         let grid = [-1.0, 0.0, 1.0];
         let mut all = Vec::with_capacity(27);
         for angle in grid {
             for y in grid {
-                all.extend(grid.map(|x| self.moved(angle * turn, x * shift, y * shift)));
+                all.extend(grid.map(|x| self.moved(angle * rotation, x * shift, y * shift)));
             }
         }
         all

@@ -25,14 +25,15 @@ pub struct ThumbnailParams {
     /// Shift tried to each side, thumbnail pixels of 1/40 image width. Default 3, range 0–10.
     pub shift: f32,
     /// In-plane turn tried to each side, degrees. Default 10, range 0–45.
-    pub turn: f32,
+    #[serde(rename = "turn")]
+    pub rotation: f32,
     /// Least correlation of a candidate, −1…1. Default 0.3; lower returns more false candidates.
     pub min_score: f32,
 }
 
 impl Default for ThumbnailParams {
     fn default() -> Self {
-        Self { refined_per_result: 6, shift: 3.0, turn: 10.0, min_score: 0.3 }
+        Self { refined_per_result: 6, shift: 3.0, rotation: 10.0, min_score: 0.3 }
     }
 }
 
@@ -146,7 +147,7 @@ impl PlaceIndex for ThumbnailIndex {
         let among = (0..self.len()).filter(|&index| admissible(self.keyframes[index]));
         let survivors = count.saturating_mul(self.params.refined_per_result.max(1));
         let first_pass = self.best(&straight, among, survivors);
-        let variants = straight.variants(self.params.shift, self.params.turn.to_radians());
+        let variants = straight.variants(self.params.shift, self.params.rotation.to_radians());
         let refined = self.ranked(&variants, first_pass.into_iter().map(|(_, index)| index));
         refined
             .into_iter()

@@ -38,7 +38,7 @@ fn the_same_seed_gives_the_same_vocabulary_on_any_number_of_cores() {
 }
 
 #[test]
-fn alike_descriptors_share_a_word_and_others_do_not() {
+fn similar_descriptors_share_a_word_and_others_do_not() {
     let vocabulary = trained(1);
     assert!(vocabulary.len() > 20, "{} words", vocabulary.len());
     let word = |kind, seed| vocabulary.lookup(&image(&[kind], 1, seed).descriptors[0]);

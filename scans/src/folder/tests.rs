@@ -50,7 +50,7 @@ fn what_is_of_no_use_is_refused_with_the_reason() {
 }
 
 /// The names and stamps of a folder of scans so named, and what is said of them.
-fn told(
+fn inferred(
     times: &str,
     names: &[&str],
     options: &FolderOptions,
@@ -66,30 +66,32 @@ fn told(
 #[test]
 fn scans_named_by_their_times_have_them() {
     let half_seconds = ["1700000000.000000.bin", "1700000000.500000.bin", "1700000001.000000.bin"];
-    let (_, stamps, _) = told("", &half_seconds, &FolderOptions::default()).unwrap();
+    let (_, stamps, _) = inferred("", &half_seconds, &FolderOptions::default()).unwrap();
     assert_eq!(stamps, [1_700_000_000.0, 1_700_000_000.5, 1_700_000_001.0]);
     let nanoseconds = ["1700000000000000000.bin", "1700000000050000000.bin"];
-    let (_, stamps, said) = told("", &nanoseconds, &FolderOptions::default()).unwrap();
+    let (_, stamps, output) = inferred("", &nanoseconds, &FolderOptions::default()).unwrap();
     assert!((stamps[1] - stamps[0] - 0.05).abs() < 1e-6, "{stamps:?}");
-    assert!(said.contains("named by their times, in nanoseconds"), "{said}");
-    let (_, stamps, _) = told("", &half_seconds, &FolderOptions { rate: Some(4.0), times: None }).unwrap();
+    assert!(output.contains("named by their times, in nanoseconds"), "{output}");
+    let (_, stamps, _) =
+        inferred("", &half_seconds, &FolderOptions { rate: Some(4.0), times: None }).unwrap();
     assert_eq!(stamps, [0.0, 0.25, 0.5]);
 }
 
 #[test]
 fn scans_come_as_people_count() {
     let plain = FolderOptions::default();
-    let (names, ..) = told("", &["0.bin", "1.bin", "10.bin", "100.bin", "2.bin"], &plain).unwrap();
+    let (names, ..) = inferred("", &["0.bin", "1.bin", "10.bin", "100.bin", "2.bin"], &plain).unwrap();
     assert_eq!(names, ["0.bin", "1.bin", "2.bin", "10.bin", "100.bin"]);
-    let (names, stamps, said) = told("", &["s9.bin", "s10.bin", "s14.bin", "s15.bin"], &plain).unwrap();
+    let (names, stamps, output) = inferred("", &["s9.bin", "s10.bin", "s14.bin", "s15.bin"], &plain).unwrap();
     assert_eq!((names[1].as_str(), stamps[3]), ("s10.bin", 0.3));
-    assert!(said.contains("after 10 comes 14 (3 missing)"), "{said}");
-    let (_, stamps, said) = told("0\n0.1\n0.2\n0.3\n0.4\n", &["000000.bin", "000003.bin"], &plain).unwrap();
-    assert!(stamps == [0.0, 0.3] && said.contains("5 times for 2 scans"), "{stamps:?} {said}");
+    assert!(output.contains("after 10 comes 14 (3 missing)"), "{output}");
+    let (_, stamps, output) =
+        inferred("0\n0.1\n0.2\n0.3\n0.4\n", &["000000.bin", "000003.bin"], &plain).unwrap();
+    assert!(stamps == [0.0, 0.3] && output.contains("5 times for 2 scans"), "{stamps:?} {output}");
 }
 
 #[test]
-fn times_of_scans_are_told_as_those_of_images() {
+fn times_of_scans_are_recognised_as_those_of_images() {
     let (plain, names) = (FolderOptions::default(), ["0.bin", "1.bin", "2.bin"]);
     for table in [
         "0\n100000000\n200000000\n",
@@ -98,13 +100,13 @@ fn times_of_scans_are_told_as_those_of_images() {
         "\u{feff}0.0 0\r\n0.1 1\r\n0.2 2\r\n",
         "2011-09-26 13:02:25.9\n2011-09-26 13:02:26.0\n2011-09-26 13:02:26.1\n",
     ] {
-        let stamps = told(table, &names, &plain).unwrap().1;
+        let stamps = inferred(table, &names, &plain).unwrap().1;
         assert!(stamps.windows(2).all(|w| (w[1] - w[0] - 0.1).abs() < 1e-6), "{table}: {stamps:?}");
     }
-    let error = told("7\n7\n7\n", &names, &plain).unwrap_err().to_string();
+    let error = inferred("7\n7\n7\n", &names, &plain).unwrap_err().to_string();
     assert!(error.contains("all 3 scans have the time 7") && error.contains("--rate"), "{error}");
     let options = FolderOptions { rate: Some(20.0), ..plain.clone() };
-    assert_eq!(told("7\n7\n7\n", &names, &options).unwrap().1[2], 0.1);
+    assert_eq!(inferred("7\n7\n7\n", &names, &options).unwrap().1[2], 0.1);
     let raw = tempfile::tempdir().unwrap();
     let data = raw.path().join("velodyne_points/data");
     std::fs::create_dir_all(&data).unwrap();
@@ -144,7 +146,7 @@ fn points_of_five_numbers_are_not_read_as_of_four() {
 }
 
 #[test]
-fn kitti_is_told_by_its_layout() {
+fn kitti_is_recognised_by_its_layout() {
     let dir = tempfile::tempdir().unwrap();
     let scans = dir.path().join("velodyne");
     std::fs::create_dir(&scans).unwrap();

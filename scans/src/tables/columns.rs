@@ -49,7 +49,7 @@ impl Table {
             return Some(Times::Column(*column));
         }
         let rising: Vec<usize> =
-            all.iter().copied().filter(|column| self.goes_forward(Times::Column(*column))).collect();
+            all.iter().copied().filter(|column| self.is_increasing(Times::Column(*column))).collect();
         let rising = if rising.is_empty() { all } else { rising };
         let clocks: Vec<usize> = rising.iter().copied().filter(|column| !self.counts(*column)).collect();
         let best = if clocks.is_empty() { rising } else { clocks };
@@ -96,7 +96,7 @@ impl Table {
     }
 
     /// Whether most of the times there are later than those of the rows before.
-    pub fn goes_forward(&self, times: Times) -> bool {
+    pub fn is_increasing(&self, times: Times) -> bool {
         let Ok(stamps) = self.stamps_at(times) else { return false };
         let steps = stamps.seconds.windows(2).filter(|pair| pair[0] < pair[1]).count();
         steps * 10 >= self.rows.len().saturating_sub(1) * 9

@@ -67,7 +67,7 @@ impl Unit {
     }
 
     /// The unit of numbers by their steps and size.
-    pub(super) fn told(values: &[f64], fractions: bool, header: &str) -> Self {
+    pub(super) fn infer(values: &[f64], fractions: bool, header: &str) -> Self {
         let mut steps: Vec<f64> =
             values.windows(2).map(|pair| pair[1] - pair[0]).filter(|step| *step > 0.0).collect();
         steps.sort_by(f64::total_cmp);
@@ -123,7 +123,7 @@ impl Stamps {
         }
         let values: Vec<f64> = numbers.iter().map(Number::value).collect();
         let fractions = numbers.iter().any(|number| matches!(number, Number::Fraction(_)));
-        let unit = Unit::told(&values, fractions, header);
+        let unit = Unit::infer(&values, fractions, header);
         Ok(Self { seconds: numbers.iter().map(|number| number.seconds(unit)).collect(), unit: Some(unit) })
     }
 

@@ -78,11 +78,11 @@ fn files_are_found_by_what_names_them() {
 }
 
 #[test]
-fn the_unit_is_told_from_steps_and_size() {
+fn the_unit_is_recognised_by_steps_and_size() {
     use Unit::{Microseconds, Milliseconds, Nanoseconds, Seconds};
-    let told = |first: f64, step: f64, fractions: bool| {
+    let inferred = |first: f64, step: f64, fractions: bool| {
         let values: Vec<f64> = (0..50).map(|i| first + step * f64::from(i)).collect();
-        Unit::told(&values, fractions, "")
+        Unit::infer(&values, fractions, "")
     };
     // Rates of cameras and LiDARs, from zero and from 1970, in every unit.
     for unit in Unit::ALL {
@@ -90,7 +90,7 @@ fn the_unit_is_told_from_steps_and_size() {
         for rate in [3.0, 10.0, 20.0, 30.0, 59.94, 100.0] {
             for from in [0.0, 1.4e9, 1.76e9] {
                 let first = from * per_second;
-                assert_eq!(told(first, per_second / rate, unit == Seconds), unit, "{rate} from {from}");
+                assert_eq!(inferred(first, per_second / rate, unit == Seconds), unit, "{rate} from {from}");
             }
         }
     }
@@ -105,9 +105,9 @@ fn the_unit_is_told_from_steps_and_size() {
         (0.0, 33.367, true, Milliseconds),
         (7.2e12, 5e7, false, Nanoseconds),
     ] {
-        assert_eq!(told(first, step, fractions), expected, "{first} {step}");
+        assert_eq!(inferred(first, step, fractions), expected, "{first} {step}");
     }
-    let named = |header: &str| Unit::told(&[0.0, 2.0, 4.0], false, header);
+    let named = |header: &str| Unit::infer(&[0.0, 2.0, 4.0], false, header);
     assert_eq!(named("#timestamp [ms],filename"), Milliseconds);
     assert_eq!(named("time_us image"), Microseconds);
     assert_eq!(named("image"), Seconds);
@@ -145,7 +145,7 @@ fn nanoseconds_without_zeros_before_them_are_counted() {
 }
 
 #[test]
-fn dates_are_told_from_other_numbers() {
+fn dates_are_distinguished_from_other_numbers() {
     assert_eq!(moment("1970-01-01 00:00:01"), Some(1_000_000_000));
     assert_eq!(moment("2000-02-29T12:30:00.5Z"), Some(951_827_400_500_000_000));
     assert_eq!(moment("2024/12/31 23:59:59,25"), Some(1_735_689_599_250_000_000));
@@ -155,14 +155,14 @@ fn dates_are_told_from_other_numbers() {
 }
 
 #[test]
-fn gaps_in_numbers_are_told() {
+fn gaps_in_numbers_are_reported() {
     let gaps = |names: &[&str]| Numbers::of(names.iter().map(Path::new)).and_then(|numbers| numbers.gaps());
     assert_eq!(gaps(&["0.bin", "1.bin", "2.bin"]), None);
     assert_eq!(gaps(&["f010.png", "f020.png", "f030.png"]), None);
-    let told = gaps(&["cam0_0001.png", "cam0_0002.png", "cam0_0006.png", "cam0_0007.png"]).unwrap();
-    assert!(told.contains("after 2 comes 6 (3 missing)"), "{told}");
-    let told = gaps(&["0", "1", "3", "4", "7"].map(|n| n)).unwrap();
-    assert!(told.contains("after 1 comes 3 (3 missing, in 2 places)"), "{told}");
+    let inferred = gaps(&["cam0_0001.png", "cam0_0002.png", "cam0_0006.png", "cam0_0007.png"]).unwrap();
+    assert!(inferred.contains("after 2 comes 6 (3 missing)"), "{inferred}");
+    let inferred = gaps(&["0", "1", "3", "4", "7"].map(|n| n)).unwrap();
+    assert!(inferred.contains("after 1 comes 3 (3 missing, in 2 places)"), "{inferred}");
     assert_eq!(gaps(&["a.png", "b.png"]), None);
     let places = |names: &[&str], count| {
         Numbers::of(names.iter().map(Path::new)).and_then(|numbers| numbers.places_in(count))
@@ -202,8 +202,9 @@ fn any_bytes_are_a_table_or_none() {
         let table = Table::parse(&decoded(&bytes));
         let _ = table.stamps().map(|stamps| stamps.remark());
         for name in [None, Some(0), Some(1)] {
-            let _ =
-                table.times_of(name).map(|times| (table.stamps_at(times).is_ok(), table.goes_forward(times)));
+            let _ = table
+                .times_of(name)
+                .map(|times| (table.stamps_at(times).is_ok(), table.is_increasing(times)));
         }
         table.rows.iter().for_each(|row| drop(row.file(1, Path::new("/nowhere"))));
     }

@@ -1,7 +1,7 @@
 //! A pose that no motion leads to is on trial: it is neither handed out nor mapped from until it is decided, by all that the
 //! frames that follow see, that they show the place that they were found at.
 
-use super::{Agent, FrameReport, Going, State, TrackingState};
+use super::{Agent, FrameReport, ResumeMode, State, TrackingState};
 use crate::background::Task;
 use crate::judge::{ClaimedPlace, JudgePlace, PlacedView};
 use crate::local_map::LocalMap;
@@ -16,7 +16,7 @@ use std::sync::Arc;
 /// Most images of a trial that are kept: of more every other one is left out, as are every other of those that follow.
 const KEPT: usize = 16;
 /// Those of them that are judged first, evenly spread; all when it is asked again.
-const JUDGED: usize = 8;
+const EVALUATED_POSES: usize = 8;
 /// Fewest frames that are judged: one alone may show one thing.
 const FEWEST: usize = 5;
 /// Times the frames that were judged before, after which it is judged again.
@@ -51,7 +51,7 @@ pub(super) struct Trial {
     poses: Vec<FramePose>,
     asked: Option<Asked>,
     /// How many frames there were when it was judged last; 0 before.
-    judged: usize,
+    evaluated: usize,
 }
 
 /// A frame with its image.
@@ -78,7 +78,7 @@ pub(super) struct Found {
 
 impl Trial {
     fn new(since: f64) -> Self {
-        Self { since, seen: Vec::new(), stride: 1, poses: Vec::new(), asked: None, judged: 0 }
+        Self { since, seen: Vec::new(), stride: 1, poses: Vec::new(), asked: None, evaluated: 0 }
     }
 
     fn add(&mut self, found: Found) {
@@ -97,21 +97,21 @@ impl Trial {
     /// Whether there is enough to ask about.
     fn is_due(&self, seconds: f64) -> bool {
         let last = self.poses.last().map_or(self.since, |pose| pose.timestamp);
-        let enough = (AGAIN * self.judged as f64) as usize;
+        let enough = (AGAIN * self.evaluated as f64) as usize;
         self.asked.is_none() && last - self.since >= seconds && self.poses.len() >= enough.max(FEWEST)
     }
 
     /// The frames that are judged.
     fn chosen(&self) -> impl Iterator<Item = &Seen> {
         let all = self.seen.len();
-        let count = if self.judged == 0 { all.min(JUDGED) } else { all };
+        let count = if self.evaluated == 0 { all.min(EVALUATED_POSES) } else { all };
         (0..count).map(move |i| &self.seen[(i * (all - 1)) / (count - 1).max(1)])
     }
 }
 
 impl Agent {
     /// Has `judge` decide on poses that no motion leads to; without, they are believed.
-    pub fn judged_by(&mut self, judge: Arc<dyn JudgePlace>) {
+    pub fn judge_by(&mut self, judge: Arc<dyn JudgePlace>) {
         self.judge = Some(judge);
     }
 
@@ -133,7 +133,7 @@ impl Agent {
     /// Whether a frame of this time that is found is a claim: nothing leads from the newest pose to it.
     pub(super) fn is_cut_off(&self, tracker: &Tracker, timestamp: f64) -> bool {
         let is_cut_off = || tracker.is_cut_off(timestamp, self.params.atlas.begin_after);
-        self.judge.is_some() && (self.is_sought || self.is_unsettled || is_cut_off())
+        self.judge.is_some() && (self.is_relocalising || self.is_unsettled || is_cut_off())
     }
 
     /// Takes a frame that was found while nothing leads to it: on trial, or into the map once it is decided.
@@ -151,10 +151,10 @@ impl Agent {
         }
         let answer = self.answer();
         if answer.is_some_and(Answer::joins) {
-            let (known, tried) = (self.map.frames.len(), self.accept_claim());
+            let (known, trial_frames) = (self.map.frames.len(), self.accept_claim());
             let report = self.go_on(tracker, located, pyramid, timestamp, frame_index, report);
             // The newest may have become the keyframe that those before it are told by.
-            self.take_in_frames(known, tried);
+            self.take_in_frames(known, trial_frames);
             return report;
         }
         tracker.change_reference(&self.view, located, &self.params);
@@ -186,7 +186,7 @@ impl Agent {
         }
         let (claim, judge) = (self.claimed_place(), self.judge.clone());
         let (Some(claim), Some(judge), Some(trial)) = (claim, judge, &mut self.trial) else { return };
-        trial.judged = trial.poses.len();
+        trial.evaluated = trial.poses.len();
         let lag = self.params.atlas.recognition_lag.max(5 * self.params.mapping.lag) as u64;
         let task = Task::spawn(move || judge.judge(&claim));
         trial.asked = Some(Asked { task, due: self.processed + lag });
@@ -209,8 +209,8 @@ impl Agent {
             judge.zip(claim).is_some_and(|(judge, claim)| judge.judge(&claim).joins())
         };
         if is_same {
-            let tried = self.accept_claim();
-            self.take_in_frames(self.map.frames.len(), tried);
+            let trial_frames = self.accept_claim();
+            self.take_in_frames(self.map.frames.len(), trial_frames);
         }
         self.trial = None;
         is_same
@@ -225,7 +225,7 @@ impl Agent {
 
     /// Ends the trial, as the claim is believed; gives the frames on which that was decided.
     fn accept_claim(&mut self) -> Vec<FramePose> {
-        (self.is_unsettled, self.is_sought) = (false, false);
+        (self.is_unsettled, self.is_relocalising) = (false, false);
         self.claim = Some(Claim::Accepted);
         self.trial.take().map_or(Vec::new(), |trial| trial.poses)
     }
@@ -238,7 +238,7 @@ impl Agent {
 
     /// Whether a frame shows too little of a map that is localised in to tell where it is.
     pub(super) fn tells_too_little(&self, located: &Located) -> bool {
-        self.resumed == Some(Going::Localising)
+        self.resumed == Some(ResumeMode::Localising)
             && located.position_deviation(&self.view) > f64::from(self.params.track.max_deviation)
     }
 

@@ -92,7 +92,7 @@ impl Agent {
         let keyframe = |k: Keyframe| {
             Some(Keyframe { id: own(k.id)?, points: publish::own_points(k.points, first), ..k })
         };
-        let settle = |s: Settled| {
+        let settled_depth = |s: Settled| {
             let keyframe = own(s.keyframe)?;
             Some(Settled { keyframe, points: publish::own_points(s.points, first), ..s })
         };
@@ -103,7 +103,7 @@ impl Agent {
                 .into_iter()
                 .filter_map(|m| Some(Moved { keyframe: own(m.keyframe)?, ..m }))
                 .collect(),
-            settled: settled.into_iter().filter_map(settle).collect(),
+            settled: settled.into_iter().filter_map(settled_depth).collect(),
             described: described
                 .into_iter()
                 .filter_map(|d| Some(Described { keyframe: own(d.keyframe)?, ..d }))

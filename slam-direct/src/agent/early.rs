@@ -1,6 +1,6 @@
 //! Before there is a map and while it is young: the start, its frames, and giving up a map of no use.
 
-use super::mapper::Promise;
+use super::mapper::MapQuality;
 use super::{Agent, FrameReport, State, TrackingState};
 use crate::bootstrap::{Bootstrap, Progress, SecondLook, Started};
 use crate::local_map::{Counts, LocalMap};
@@ -224,7 +224,7 @@ impl Agent {
 
     /// Drops the frames from before the first map, once neither it nor what moves with the camera is in question.
     pub(super) fn drop_early(&mut self) {
-        let is_open = self.learner.is_new() || self.promise == Promise::Open;
+        let is_open = self.learner.is_new() || self.map_quality == MapQuality::Open;
         if self.provisional.is_none() && !is_open {
             self.early.clear();
         }
@@ -233,7 +233,7 @@ impl Agent {
     /// Ends the tracking, waits for what is being mapped, and drops the map.
     fn give_up(&mut self) {
         if let State::Running(mut tracker) = std::mem::replace(&mut self.state, State::Empty) {
-            self.land(&mut tracker, &mut FrameReport::of(TrackingState::Tracking));
+            self.adopt_mapping(&mut tracker, &mut FrameReport::of(TrackingState::Tracking));
         }
         self.forget();
     }
@@ -242,8 +242,8 @@ impl Agent {
     fn forget(&mut self) {
         let agents = std::mem::take(&mut self.map.agents);
         self.map = Map { agents, ..Map::new(self.camera) };
-        self.said = 0;
-        self.untold.clear();
+        self.next_sequence = 0;
+        self.pending_deltas.clear();
         self.view = LocalMap::new(self.camera);
         self.closed.clear();
         self.mapper = self.mapper.take().map(|mapper| Box::new(mapper.forget()));
@@ -254,7 +254,7 @@ impl Agent {
         self.first_open = 0;
         self.provisional = None;
         (self.trial, self.is_unsettled) = (None, false);
-        self.promise = Promise::Open;
+        self.map_quality = MapQuality::Open;
         self.learner.change_world();
     }
 }

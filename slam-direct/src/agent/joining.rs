@@ -1,7 +1,7 @@
 //! Two fragments that show one place become one: the earlier one's agent takes the later one's map in and goes on for it.
 
 use super::mapper::{Absorbed, Joined, Link, Mapper, Update};
-use super::{Agent, AgentError, Before, Frame, FrameReport, Going, State, TrackingState};
+use super::{Agent, AgentError, Before, Frame, FrameReport, ResumeMode, State, TrackingState};
 use crate::background::Task;
 use crate::local_map::LocalMap;
 use crate::publish;
@@ -26,7 +26,7 @@ pub(crate) struct Sighting {
 
 /// Largest difference of the turn between two keyframes in both fragments, degrees: a frame that is found again is turned
 /// right to a few pixels, which is a third of a degree.
-const MAX_TURN: f64 = 2.0;
+const MAX_ROTATION: f64 = 2.0;
 /// Largest angle between the ways from one to the other in both, degrees.
 const MAX_COURSE: f64 = 10.0;
 /// Least length of that way over the distance of what is seen: positions are known to some thousandths of it, and so the
@@ -72,7 +72,7 @@ impl Agent {
                 let (own_before, there_before) = poses(before);
                 let moved = [own * own_before.inverse(), there * there_before.inverse()];
                 let [a, b] = moved.map(|moved| moved.translation);
-                let agree = moved[0].rotation.angle_to(&moved[1].rotation) <= MAX_TURN.to_radians()
+                let agree = moved[0].rotation.angle_to(&moved[1].rotation) <= MAX_ROTATION.to_radians()
                     && a.norm() >= MIN_PARALLAX * depth
                     && a.angle(&b) <= MAX_COURSE.to_radians();
                 agree.then(|| (a.norm(), a.norm() / b.norm()))
@@ -87,7 +87,7 @@ impl Agent {
     /// Begins to take in the map of `other`, where the sightings of its keyframes agree: beside the tracking, which goes on
     /// in it.
     pub(crate) fn begin_joining(&mut self, other: &mut Agent, sightings: &[Sighting]) -> Option<Joining> {
-        if self.resumed == Some(Going::Localising) {
+        if self.resumed == Some(ResumeMode::Localising) {
             return None;
         }
         let link = self.link(other, sightings)?;
@@ -98,7 +98,7 @@ impl Agent {
             return None;
         }
         if let State::Running(mut tracker) = std::mem::replace(&mut self.state, State::Empty) {
-            self.land(&mut tracker, &mut FrameReport::of(TrackingState::Tracking));
+            self.adopt_mapping(&mut tracker, &mut FrameReport::of(TrackingState::Tracking));
             self.state = State::Running(tracker);
         }
         let other_mapper = other.mapper.take()?;
@@ -164,7 +164,7 @@ impl Agent {
         self.counts = Default::default();
         (self.params, self.tone) = (other.params, other.tone);
         self.threads = self.threads.take().or(other.threads);
-        (self.processed, self.is_sought) = (self.processed.max(other.processed), false);
+        (self.processed, self.is_relocalising) = (self.processed.max(other.processed), false);
         // Where the camera is was decided by joining.
         (self.trial, self.is_unsettled) = (None, false);
         self.view = update.view.clone();

@@ -4,7 +4,7 @@ mod absorb;
 
 pub(super) use absorb::{Absorbed, Joined, Link};
 
-use super::settle::Settler;
+use super::depth_tasks::DepthTasks;
 use crate::closing::LoopCloser;
 use crate::depth::has_hardly_any;
 use crate::local_map::{Companions, Counts, KeyframeState, LocalMap};
@@ -49,7 +49,7 @@ pub(super) struct Update {
     /// The first keyframe for which companions are of use.
     pub first_open: usize,
     /// Whether it is of use.
-    pub promise: Promise,
+    pub map_quality: MapQuality,
 }
 
 /// Keyframes that are as new keep their pyramids: twice as many as a frame's points are sought in, for a camera that
@@ -61,7 +61,7 @@ const RESTED: usize = 64;
 
 /// Keyframes at the begin of a map whose depths say whether it is of use: where the poses are wrong, edges are found at no place that
 /// agrees with them. One such keyframe may be blurred, or come of a turn.
-const JUDGED: usize = 3;
+const PROBATION: usize = 3;
 
 /// Depths that are computed again before it is asked whether to stop.
 const AT_ONCE: usize = 16;
@@ -73,17 +73,17 @@ pub(super) struct Mapper {
     /// What loops are sought by: poses, images and depth of the keyframes.
     known: Map,
     closer: LoopCloser,
-    settler: Settler,
+    depth_tasks: DepthTasks,
     /// Keyframes from which on the sensor is asked after again.
     calibrate_again: Option<usize>,
     /// How many of its first keyframes were looked at for whether the map is of use, and how many of them have hardly any depth.
-    judged: usize,
+    evaluated: usize,
     barren: usize,
 }
 
 /// What the first keyframes' depths say of a map.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) enum Promise {
+pub(super) enum MapQuality {
     /// They are not known yet.
     #[default]
     Open,
@@ -104,8 +104,8 @@ impl Mapper {
     /// A mapper with an empty map.
     pub fn new(camera: Pinhole, places: Box<dyn PlaceIndex>) -> Self {
         let (known, local) = (Map::new(camera), LocalMap::new(camera));
-        let (closer, settler) = (LoopCloser::default(), Settler::default());
-        Self { local, places, known, closer, settler, calibrate_again: None, judged: 0, barren: 0 }
+        let (closer, depth_tasks) = (LoopCloser::default(), DepthTasks::default());
+        Self { local, places, known, closer, depth_tasks, calibrate_again: None, evaluated: 0, barren: 0 }
     }
 
     /// A mapper that goes on in a map: `local` is the working form of `map`.
@@ -116,13 +116,22 @@ impl Mapper {
             known.keyframes.insert(keyframe.id, Keyframe { semi_dense: kept.semi_dense.clone(), ..keyframe });
         }
         let closed = map.edges.iter().filter(|edge| edge.kind == EdgeKind::Loop).cloned().collect();
-        let (closer, settler) = (LoopCloser::of(closed), Settler::from(local.keyframes.len()));
-        Self { local, places, known, closer, settler, calibrate_again: None, judged: JUDGED, barren: 0 }
+        let (closer, depth_tasks) = (LoopCloser::of(closed), DepthTasks::from(local.keyframes.len()));
+        Self {
+            local,
+            places,
+            known,
+            closer,
+            depth_tasks,
+            calibrate_again: None,
+            evaluated: PROBATION,
+            barren: 0,
+        }
     }
 
     /// Has the keyframes' depths kept by `swap`.
     pub fn swap_to(&mut self, swap: Arc<dyn Swap>) {
-        self.settler.swap_to(swap);
+        self.depth_tasks.swap_to(swap);
     }
 
     /// The loops that were closed.
@@ -136,7 +145,7 @@ impl Mapper {
         places.clear();
         let mut fresh = Self::new(self.local.camera, places);
         fresh.local.sensor = self.local.sensor;
-        if let Some(swap) = self.settler.swap() {
+        if let Some(swap) = self.depth_tasks.swap() {
             fresh.swap_to(swap);
         }
         fresh
@@ -175,8 +184,8 @@ impl Mapper {
         moved.extend(self.learn_readout(readout, &params));
         let settled = self.take_up_depths();
         let closed_loop = self.take_up_loop(&mut moved, &params);
-        self.seek_loop(&settled, &params);
-        self.settler.begin(&self.local, &companions, params.mapping.settle_after, &params.depth);
+        self.detect_loops(&settled, &params);
+        self.depth_tasks.begin(&self.local, &companions, params.mapping.depth_delay, &params.depth);
         self.rest_far(keyframe);
         self.update(moved, settled, closed_loop)
     }
@@ -213,13 +222,13 @@ impl Mapper {
         let mut moved = BTreeSet::new();
         let mut settled = self.take_up_depths();
         let mut loops: Vec<_> = self.take_up_loop(&mut moved, params).into_iter().collect();
-        self.settler.begin(&self.local, companions, 0, &params.depth);
+        self.depth_tasks.begin(&self.local, companions, 0, &params.depth);
         settled.extend(self.take_up_depths());
         for &keyframe in &settled {
             if stop() {
                 break;
             }
-            self.seek_loop(&[keyframe], params);
+            self.detect_loops(&[keyframe], params);
             loops.extend(self.take_up_loop(&mut moved, params));
         }
         if self.local.keyframes.len() > 1 && !stop() {
@@ -228,14 +237,14 @@ impl Mapper {
             moved = (0..self.local.keyframes.len()).collect();
             self.note_moved(&moved);
         }
-        for again in self.settler.outdated(&self.local.sensor).chunks(AT_ONCE) {
+        for again in self.depth_tasks.outdated(&self.local.sensor).chunks(AT_ONCE) {
             if stop() {
                 break;
             }
             for &(keyframe, beyond) in again {
                 let Some(known) = self.known.keyframes.get(&LocalMap::id(keyframe)) else { continue };
                 let known = known.semi_dense.clone();
-                self.settler.begin_again(&self.local, keyframe, known, beyond, &params.depth);
+                self.depth_tasks.begin_again(&self.local, keyframe, known, beyond, &params.depth);
             }
             settled.extend(self.take_up_depths());
         }
@@ -273,15 +282,15 @@ impl Mapper {
     fn rest_far(&mut self, keyframe: usize) {
         let near: BTreeSet<usize> = self.local.covisible(keyframe).into_iter().map(|c| c.0).collect();
         let far = keyframe.saturating_sub(RECENT);
-        let in_turn: Vec<usize> = (0..far.min(RESTED)).map(|i| (keyframe * RESTED + i) % far).collect();
+        let round_robin: Vec<usize> = (0..far.min(RESTED)).map(|i| (keyframe * RESTED + i) % far).collect();
         let lately = far.saturating_sub(RECENT)..far;
-        for far in lately.chain(in_turn.iter().copied()).filter(|far| !near.contains(far)) {
+        for far in lately.chain(round_robin.iter().copied()).filter(|far| !near.contains(far)) {
             // Looked at first: what is not changed stays shared.
             if !self.local.keyframes[far].pyramid.is_resting() {
                 self.local.keyframes[far].rest();
             }
         }
-        for far in in_turn.into_iter().filter(|far| !near.contains(far)) {
+        for far in round_robin.into_iter().filter(|far| !near.contains(far)) {
             self.known.keyframes.get(&LocalMap::id(far)).into_iter().for_each(Keyframe::rest);
         }
     }
@@ -297,9 +306,9 @@ impl Mapper {
     /// Takes up the depths begun before; gives their keyframes.
     fn take_up_depths(&mut self) -> Vec<usize> {
         let mut settled = Vec::new();
-        let depths: Vec<_> = self.settler.take_up().collect();
+        let depths: Vec<_> = self.depth_tasks.take_up().collect();
         for (keyframe, depth) in depths {
-            if keyframe == self.judged && keyframe < JUDGED {
+            if keyframe == self.evaluated && keyframe < PROBATION {
                 self.judge(keyframe, &depth);
             }
             if let Some(known) = self.known.keyframes.get_mut(&LocalMap::id(keyframe)) {
@@ -312,21 +321,21 @@ impl Mapper {
 
     /// Looks at whether one of the first keyframes has depth.
     fn judge(&mut self, keyframe: usize, depth: &SemiDense) {
-        self.judged += 1;
+        self.evaluated += 1;
         let image = self.local.keyframes[keyframe].pyramid.shared_base();
         self.barren += usize::from(has_hardly_any(&image, depth.len()));
     }
 
-    fn promise(&self) -> Promise {
-        match (self.judged, self.barren) {
-            (..JUDGED, _) => Promise::Open,
-            (_, JUDGED..) => Promise::Broken,
-            _ => Promise::Kept,
+    fn map_quality(&self) -> MapQuality {
+        match (self.evaluated, self.barren) {
+            (..PROBATION, _) => MapQuality::Open,
+            (_, PROBATION..) => MapQuality::Broken,
+            _ => MapQuality::Kept,
         }
     }
 
     /// Seeks a loop from keyframes that have just settled, and begins to close it.
-    fn seek_loop(&mut self, settled: &[usize], params: &Params) {
+    fn detect_loops(&mut self, settled: &[usize], params: &Params) {
         if self.closer.is_busy() {
             return;
         }
@@ -365,8 +374,15 @@ impl Mapper {
             settled: settled.collect(),
             ..MapDelta::default()
         };
-        let (closed, first_open) = (self.closer.closed().to_vec(), self.settler.first_open());
-        Update { view: self.local.clone(), delta, closed, closed_loop, first_open, promise: self.promise() }
+        let (closed, first_open) = (self.closer.closed().to_vec(), self.depth_tasks.first_open());
+        Update {
+            view: self.local.clone(),
+            delta,
+            closed,
+            closed_loop,
+            first_open,
+            map_quality: self.map_quality(),
+        }
     }
 }
 
@@ -376,7 +392,7 @@ mod tests {
     use geometry::{GrayImage, Pyramid, Se3};
 
     /// What a map promises whose first keyframes have so many depths.
-    fn promised(depths: &[usize]) -> Promise {
+    fn promised(depths: &[usize]) -> MapQuality {
         let camera = Pinhole { width: 64, height: 48, fx: 60.0, fy: 60.0, cx: 31.5, cy: 23.5 };
         let data = (0..64 * 48).map(|i| ((i * 31) % 251) as u8).collect();
         let image = GrayImage::from_vec(64, 48, data).expect("an image");
@@ -388,15 +404,15 @@ mod tests {
             let depth = SemiDense { pixel, inverse_depth: depth.clone().into(), variance: depth.into() };
             mapper.judge(keyframe, &depth);
         }
-        mapper.promise()
+        mapper.map_quality()
     }
 
     #[test]
     fn a_map_none_of_whose_first_keyframes_has_depth_is_wrong() {
-        assert_eq!(promised(&[]), Promise::Open);
-        assert_eq!(promised(&[0, 0]), Promise::Open);
-        assert_eq!(promised(&[0, 3, 0]), Promise::Broken);
-        assert_eq!(promised(&[0, 3, 400]), Promise::Kept);
-        assert_eq!(promised(&[400, 400, 400]), Promise::Kept);
+        assert_eq!(promised(&[]), MapQuality::Open);
+        assert_eq!(promised(&[0, 0]), MapQuality::Open);
+        assert_eq!(promised(&[0, 3, 0]), MapQuality::Broken);
+        assert_eq!(promised(&[0, 3, 400]), MapQuality::Kept);
+        assert_eq!(promised(&[400, 400, 400]), MapQuality::Kept);
     }
 }

@@ -65,7 +65,7 @@ impl Agent {
         let mut report = FrameReport::of(TrackingState::Tracking);
         let is_claim = self.is_cut_off(&former, frame.timestamp);
         // All that is known of the map is to be sought.
-        self.land(&mut former, &mut report);
+        self.adopt_mapping(&mut former, &mut report);
         let Some(found) = self.find(hypothesis, answer) else {
             self.state = State::Running(former);
             return Ok(None);
@@ -80,7 +80,7 @@ impl Agent {
         let report = self.go_on(found.tracker, &found.located, found.pyramid, timestamp, index, report);
         // The newest may have become the keyframe that those before it are told by.
         self.take_in_frames(known, found.before.into_iter().map(|frame| frame.pose).collect());
-        Ok(Some(self.told(report)))
+        Ok(Some(self.with_deltas(report)))
     }
 
     /// The newest frame, tracked from the one that is supposed to be at a place.
@@ -132,7 +132,7 @@ impl Agent {
         self.trial = None;
         self.put_on_trial(before);
         let report = self.try_claim(tracker, &located, pyramid, at, report);
-        (report.state == TrackingState::Tracking).then(|| self.told(report))
+        (report.state == TrackingState::Tracking).then(|| self.with_deltas(report))
     }
 
     /// A frame with the newest pose of a tracker.

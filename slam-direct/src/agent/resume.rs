@@ -1,7 +1,7 @@
 //! Going on in a map that was kept: to extend it, or only to tell poses in it.
 
 use super::across::observe_others;
-use super::mapper::{Mapper, Promise};
+use super::mapper::{MapQuality, Mapper};
 use super::{Agent, AgentError, State, error};
 use crate::closing::edges;
 use crate::local_map::{KeyframeState, LocalMap, PointRef, PointState, SeenAt};
@@ -14,9 +14,9 @@ use std::sync::Arc;
 
 /// What is done with a map that was kept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Going {
+pub enum ResumeMode {
     /// It is extended: frames and keyframes are added, and it is optimised as if there had been no break.
-    On,
+    Mapping,
     /// It stays as it is; frames get poses in it.
     Localising,
 }
@@ -55,14 +55,14 @@ impl Agent {
         mut map: Map,
         mut places: Box<dyn PlaceIndex>,
         params: Params,
-        going: Going,
+        mode: ResumeMode,
     ) -> Result<Self, AgentError> {
         params.validate()?;
         let sensor = sensor_of(&map)?;
         let camera = sensor.lens.camera;
         error::check_camera(&camera)?;
         let mut local = working_map(&map, sensor, params.align.pyramid_levels)?;
-        let is_extended_common = going == Going::On && map.agents.len() > 1;
+        let is_extended_common = mode == ResumeMode::Mapping && map.agents.len() > 1;
         if is_extended_common {
             observe_others(&mut local, &map, &params);
         }
@@ -90,17 +90,17 @@ impl Agent {
         agent.first_open = local.keyframes.len();
         agent.closed = mapper.as_ref().map_or(Vec::new(), |mapper| mapper.closed().to_vec());
         agent.mapper = mapper;
-        agent.promise = Promise::Kept;
+        agent.map_quality = MapQuality::Kept;
         agent.view = local;
-        if going == Going::Localising {
+        if mode == ResumeMode::Localising {
             map.frames.clear();
         }
         if is_extended_common {
             agent.common = Some(Box::new(map));
             map = Map::new(camera);
         }
-        agent.untold.push(MapDelta::whole(&map));
-        (agent.said, agent.map, agent.resumed, agent.is_sought) = (1, map, Some(going), true);
+        agent.pending_deltas.push(MapDelta::whole(&map));
+        (agent.next_sequence, agent.map, agent.resumed, agent.is_relocalising) = (1, map, Some(mode), true);
         Ok(agent)
     }
 
@@ -110,7 +110,7 @@ impl Agent {
     }
 
     /// Whether the map was given to the agent and is not its to give up or, while localising, to change.
-    pub(crate) fn resumed(&self) -> Option<Going> {
+    pub(crate) fn resumed(&self) -> Option<ResumeMode> {
         self.resumed
     }
 }
@@ -203,7 +203,7 @@ pub(super) fn working_map(map: &Map, sensor: Sensor, levels: usize) -> Result<Lo
                 doubt: 0.0,
                 observations: seen,
                 alive,
-                sought: 0,
+                searched: 0,
                 found: 0,
             };
             local.keyframes[host].points.push(state);

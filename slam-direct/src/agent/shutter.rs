@@ -41,17 +41,19 @@ impl Agent {
             return;
         }
         match self.shutter.turning.take() {
-            Some(mut turning) => match turning.turn_on(pyramid, timestamp, frame_index, &self.params) {
-                Turned::On => self.shutter.turning = Some(turning),
-                Turned::Nothing => {}
-                Turned::Told(readout) => {
-                    self.shutter.asked += 1;
-                    self.shutter.answer = Some(readout).filter(|readout| *readout != [0.0; 2]);
+            Some(mut turning) => {
+                match turning.track_rotation(pyramid, timestamp, frame_index, &self.params) {
+                    Turned::On => self.shutter.turning = Some(turning),
+                    Turned::Nothing => {}
+                    Turned::Readout(readout) => {
+                        self.shutter.asked += 1;
+                        self.shutter.answer = Some(readout).filter(|readout| *readout != [0.0; 2]);
+                    }
                 }
-            },
+            }
             None => {
-                let turn = motion.fixed_rows::<3>(3).norm() * USUAL_READOUT;
-                if turn * self.camera.fx > MUCH * self.camera.width as f64 {
+                let rotation = motion.fixed_rows::<3>(3).norm() * USUAL_READOUT;
+                if rotation * self.camera.fx > MUCH * self.camera.width as f64 {
                     let (mask, block) = (self.learner.mask(), 2 * self.params.bootstrap.block);
                     let (sensor, pyramid) = (self.view.sensor, pyramid.clone());
                     let turning = Bootstrap::new(sensor, pyramid, timestamp, frame_index, mask, block);

@@ -86,7 +86,7 @@ fn a_drive_is_tracked_and_mapped() {
 
 /// What is handed out halfway hangs together and does not change what comes after.
 #[test]
-fn a_snapshot_is_a_whole_map_of_an_agent_that_goes_on() {
+fn a_snapshot_is_a_whole_map_of_an_agent_that_continues() {
     let mut agent = agent();
     let mut snapshot = None;
     for (i, shot) in drive().shots.iter().enumerate() {
@@ -156,17 +156,17 @@ fn a_map_adopted_later_is_as_good_and_the_same_each_time() {
 fn who_takes_in_all_deltas_has_the_map() {
     for lag in [0, 2] {
         let mut agent = agent_with_lag(lag);
-        let mut told = Map::new(Recording::SMALL_CAMERA);
+        let mut replica = Map::new(Recording::SMALL_CAMERA);
         let mut next = 0;
         for (i, shot) in drive().shots.iter().enumerate() {
             let (index, timestamp, image) = (i as u64, shot.timestamp, shot.image.as_ref().clone());
             for delta in agent.process(Frame { index, timestamp, image }).unwrap().deltas {
                 assert_eq!(delta.sequence, next);
                 next += 1;
-                told.take_in(delta);
+                replica.take_in(delta);
             }
-            assert!(without_points(&told) == without_points(agent.map()), "lag {lag}: frame {i}");
-            let known = |f: &FramePose| told.keyframes.contains_key(&f.reference);
+            assert!(without_points(&replica) == without_points(agent.map()), "lag {lag}: frame {i}");
+            let known = |f: &FramePose| replica.keyframes.contains_key(&f.reference);
             assert!(agent.map().frames.iter().all(known), "lag {lag}: each frame's keyframe is there");
         }
         assert!(next > 8);
@@ -175,15 +175,15 @@ fn who_takes_in_all_deltas_has_the_map() {
         let other = std::sync::Arc::new(keyframe.image.as_ref().clone());
         assert!(!agent.describe(keyframe.id, &other, vec![3].into()), "that is another one's image");
         agent.finish();
-        agent.take_deltas().into_iter().for_each(|delta| told.take_in(delta));
+        agent.take_deltas().into_iter().for_each(|delta| replica.take_in(delta));
         let map = agent.map();
         assert_eq!(map.keyframes[&KeyframeId(1)].features.as_deref(), Some(&[1, 2][..]));
-        assert!(told.edges == map.edges && !told.edges.is_empty());
-        let same = |(told, known): (&map::Keyframe, &map::Keyframe)| {
+        assert!(replica.edges == map.edges && !replica.edges.is_empty());
+        let same = |(replica, known): (&map::Keyframe, &map::Keyframe)| {
             // Points are brought to where they stand with the whole map at once.
-            map::Keyframe { points: known.points.clone(), ..told.clone() } == *known
+            map::Keyframe { points: known.points.clone(), ..replica.clone() } == *known
         };
-        assert!(told.keyframes.values().zip(map.keyframes.values()).all(same));
+        assert!(replica.keyframes.values().zip(map.keyframes.values()).all(same));
     }
 }
 
@@ -207,7 +207,7 @@ fn a_camera_that_stays_somewhere_makes_no_more_keyframes() {
 }
 
 #[test]
-fn a_wish_to_stop_leaves_a_whole_map() {
+fn a_request_to_stop_leaves_a_whole_map() {
     let mut agent = agent();
     feed(&mut agent, as_it_is);
     agent.finish_until(&|| true);
@@ -235,7 +235,7 @@ fn dark_frames_lose_the_agent_and_light_finds_it_again() {
 
 /// Bars above and below, and letters in a row.
 fn with_bars_and_letters(_: usize, image: &GrayImage) -> GrayImage {
-    let mut shown = image.clone();
+    let mut altered = image.clone();
     let (width, height) = (image.width(), image.height());
     for y in 0..height {
         for x in 0..width {
@@ -243,13 +243,13 @@ fn with_bars_and_letters(_: usize, image: &GrayImage) -> GrayImage {
             let is_letter =
                 (0.7..0.8).contains(&(y as f32 / height as f32)) && x % 16 < 10 && (x / 16 + y / 7) % 3 > 0;
             match (is_bar, is_letter) {
-                (true, _) => shown.set(x, y, 0),
-                (_, true) => shown.set(x, y, 250),
+                (true, _) => altered.set(x, y, 0),
+                (_, true) => altered.set(x, y, 250),
                 _ => {}
             }
         }
     }
-    shown
+    altered
 }
 
 #[test]
@@ -297,7 +297,7 @@ fn a_map_whose_first_keyframes_found_no_depth_is_begun_again() {
     for (i, shot) in drive().shots.iter().enumerate() {
         if begun.is_empty() && agent.view.keyframes.len() >= 4 {
             // As if its poses were wrong.
-            agent.promise = Promise::Broken;
+            agent.map_quality = MapQuality::Broken;
         }
         let image = shot.image.as_ref().clone();
         let report = agent.process(Frame { index: i as u64, timestamp: shot.timestamp, image }).unwrap();

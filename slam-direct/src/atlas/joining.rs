@@ -14,16 +14,16 @@ const JOINING: usize = 10;
 
 /// How far it is between the active fragment and those before it.
 #[derive(Default)]
-pub(super) struct Meeting {
+pub(super) struct FragmentJoin {
     /// Keyframes of the active fragment that were found in earlier ones, the newest last.
     sightings: Vec<Sighting>,
-    joining: Option<Underway>,
+    joining: Option<PendingJoin>,
     /// Earlier fragments that this one was not joined with, and from how many keyframes of it on that is tried again.
     refused: BTreeMap<usize, usize>,
 }
 
 /// Maps being joined.
-struct Underway {
+struct PendingJoin {
     joining: Joining,
     /// The earlier fragment, which takes in the later one.
     into: usize,
@@ -35,19 +35,19 @@ struct Underway {
 impl Atlas {
     /// A frame of a camera that is tracked in another fragment than the first.
     pub(super) fn follow_apart(&mut self, frame: Frame) -> Result<FrameReport, AgentError> {
-        if let Some(underway) = &mut self.meeting.joining {
-            underway.left = underway.left.saturating_sub(1);
-            if underway.left == 0 {
+        if let Some(pending_join) = &mut self.fragment_join.joining {
+            pending_join.left = pending_join.left.saturating_sub(1);
+            if pending_join.left == 0 {
                 self.end_joining()?;
             }
         }
         let report = self.fragments[self.active].process(frame.clone())?;
         if report.state == TrackingState::Tracking {
-            self.seek_meeting(&frame, report.new_keyframe.is_some());
+            self.detect_join(&frame, report.new_keyframe.is_some());
             return Ok(report);
         }
         self.recognition.pass(self.recognition_lag());
-        if self.meeting.joining.is_none() {
+        if self.fragment_join.joining.is_none() {
             return Ok(report);
         }
         // Its map was away, and it was sought in the view of it only.
@@ -60,8 +60,8 @@ impl Atlas {
     }
 
     /// Has keyframes recognised in earlier fragments, and begins to join when what was found suffices.
-    fn seek_meeting(&mut self, frame: &Frame, is_keyframe: bool) {
-        if self.meeting.joining.is_some() {
+    fn detect_join(&mut self, frame: &Frame, is_keyframe: bool) {
+        if self.fragment_join.joining.is_some() {
             self.recognition.pass(self.recognition_lag());
             return;
         }
@@ -69,7 +69,7 @@ impl Atlas {
         if let Some(answer) = answer {
             self.take_in_sightings(&answer);
         }
-        if is_keyframe && self.recognition.is_idle() && self.meeting.joining.is_none() {
+        if is_keyframe && self.recognition.is_idle() && self.fragment_join.joining.is_none() {
             self.ask(frame, self.active);
         }
     }
@@ -81,11 +81,11 @@ impl Atlas {
         for hypothesis in &answer.hypotheses {
             let Some(agent) = earlier.get_mut(hypothesis.fragment) else { continue };
             let keyframes = active.map().keyframes.len();
-            if self.meeting.refused.get(&hypothesis.fragment).is_some_and(|&from| keyframes < from) {
+            if self.fragment_join.refused.get(&hypothesis.fragment).is_some_and(|&from| keyframes < from) {
                 continue;
             }
             let Some(sighting) = agent.sight(hypothesis, &answer.frame, active) else { continue };
-            let sightings = &mut self.meeting.sightings;
+            let sightings = &mut self.fragment_join.sightings;
             if sightings.len() == REMEMBERED {
                 sightings.remove(0);
             }
@@ -93,7 +93,7 @@ impl Atlas {
             if let Some(joining) = agent.begin_joining(active, sightings) {
                 let (into, of) = (sighting.fragment, self.active);
                 let left = self.params.atlas.joining_lag.max(JOINING * self.params.mapping.lag);
-                self.meeting.joining = Some(Underway { joining, into, of, left });
+                self.fragment_join.joining = Some(PendingJoin { joining, into, of, left });
                 return;
             }
         }
@@ -101,15 +101,17 @@ impl Atlas {
 
     /// Takes up the map that two fragments were made, or goes on in both as before.
     pub(super) fn end_joining(&mut self) -> Result<(), AgentError> {
-        let Some(Underway { joining, into, of, .. }) = self.meeting.joining.take() else { return Ok(()) };
-        self.meeting.sightings.clear();
+        let Some(PendingJoin { joining, into, of, .. }) = self.fragment_join.joining.take() else {
+            return Ok(());
+        };
+        self.fragment_join.sightings.clear();
         let (earlier, rest) = self.fragments.split_at_mut(of);
         let (Some(first), Some(second)) = (earlier.get_mut(into), rest.first_mut()) else { return Ok(()) };
         let keyframes = second.map().keyframes.len();
         let is_joined = first.end_joining(second, joining, (self.new_places)())?;
         if !is_joined {
             // Until there is more to see.
-            self.meeting.refused.insert(into, keyframes + keyframes / 2);
+            self.fragment_join.refused.insert(into, keyframes + keyframes / 2);
         } else if self.active == of {
             self.active = into;
         }

@@ -90,19 +90,22 @@ fn no_delta_of_a_fragment_is_lost() {
         feed(&mut atlas, 50, images(&elsewhere)),
         feed(&mut atlas, 110, images(&here).into_iter().rev()),
     ];
-    let mut told = [(); 2].map(|()| Map::new(Recording::SMALL_CAMERA));
+    let mut replica = [(); 2].map(|()| Map::new(Recording::SMALL_CAMERA));
     let mut next = [0; 2];
     for report in reports.concat() {
         for delta in report.deltas {
             assert_eq!(delta.sequence, next[report.fragment], "of fragment {}", report.fragment);
             next[report.fragment] += 1;
-            told[report.fragment].take_in(delta);
+            replica[report.fragment].take_in(delta);
         }
     }
     let fragments = atlas.fragments();
     assert_eq!(fragments.len(), 2);
     assert!(
-        told.iter().zip(fragments).all(|(told, agent)| without_points(told) == without_points(agent.map()))
+        replica
+            .iter()
+            .zip(fragments)
+            .all(|(replica, agent)| without_points(replica) == without_points(agent.map()))
     );
 }
 

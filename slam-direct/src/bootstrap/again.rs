@@ -36,14 +36,14 @@ impl Bootstrap {
         params: &Params,
     ) -> Option<Started> {
         let p = &params.bootstrap;
-        let (turn, parallax) = self.parallax();
+        let (pure_rotation, parallax) = self.parallax();
         if parallax < p.look_again * self.looked {
             return None;
         }
         let indices = self.chosen().into_iter().map(|frame| self.frames[frame].frame_index);
         let poses: Vec<Se3> = indices.map(frame_from_first).collect::<Option<_>>()?;
         self.looked = parallax;
-        let solution = self.solve(&turn, params.mapping.readout_sigma);
+        let solution = self.solve(&pure_rotation, params.mapping.readout_sigma);
         let solution = solution.filter(|solution| acceptable(&solution.problem, p))?;
         let (seen, had) = (solution.problem.frames.last()?, poses.last()?);
         // What was mapped of images that are bent while they are read is bent too.

@@ -61,7 +61,7 @@ impl Bootstrap {
                 doubt: by_rotation / (unit * unit),
                 observations: vec![SeenAt { keyframe: 1, pixel, information }],
                 alive: true,
-                sought: 0,
+                searched: 0,
                 found: 0,
             })
         };

@@ -2,7 +2,7 @@
 
 use super::{Bootstrap, BootstrapParams, MIN_POINTS};
 use crate::window::{
-    Calibration, Pairs, PoseSolver, Problem, SeenPoint, Shown, WindowObservation, WindowPoint,
+    Calibration, DistortedPixel, Pairs, PoseSolver, Problem, SeenPoint, WindowObservation, WindowPoint,
     least_variance_by_rotation, solve,
 };
 use geometry::Se3;
@@ -41,22 +41,22 @@ impl Bootstrap {
     /// The rotation that explains the newest frame best, and the median way that it leaves.
     pub(super) fn parallax(&mut self) -> (Se3, f32) {
         let newest = self.frames.len() - 1;
-        let before = self.frames[..newest].last().map_or(Se3::identity(), |frame| frame.turn);
-        self.frames[newest].turn = before;
+        let before = self.frames[..newest].last().map_or(Se3::identity(), |frame| frame.pure_rotation);
+        self.frames[newest].pure_rotation = before;
         let mut problem = self.problem(&[newest], &[Se3::identity()], 0.0, &self.sensor);
-        let turn = fit_pose(&problem, 15, true);
-        self.frames[newest].turn = turn;
-        problem.frames[1] = turn;
+        let pure_rotation = fit_pose(&problem, 15, true);
+        self.frames[newest].pure_rotation = pure_rotation;
+        problem.frames[1] = pure_rotation;
         let mut left: Vec<f32> = problem
             .observations
             .iter()
             .zip(&problem.points)
             .map(|(seen, point)| {
-                let pixel = self.camera.project(&(turn.rotation * point.ray));
+                let pixel = self.camera.project(&(pure_rotation.rotation * point.ray));
                 (pixel.x - seen.pixel[0]).hypot(pixel.y - seen.pixel[1]) as f32
             })
             .collect();
-        (turn, median(&mut left).unwrap_or(0.0))
+        (pure_rotation, median(&mut left).unwrap_or(0.0))
     }
 
     /// How the camera turns at the first frame, and at each of the others.
@@ -64,7 +64,7 @@ impl Bootstrap {
         let first = (self.timestamp, Se3::identity());
         let all: Vec<(f64, Se3)> = [first]
             .into_iter()
-            .chain(self.frames.iter().map(|frame| (frame.timestamp, frame.turn)))
+            .chain(self.frames.iter().map(|frame| (frame.timestamp, frame.pure_rotation)))
             .collect();
         let at = |i: usize| {
             let ((from, before), (to, after)) = (all[i.saturating_sub(1)], all[(i + 1).min(all.len() - 1)]);
@@ -90,9 +90,9 @@ impl Bootstrap {
         sigma: [f64; UNKNOWNS],
     ) -> Problem {
         let turns = self.turns();
-        let shown = |frame: usize, pixel: [f32; 2]| {
+        let distorted = |frame: usize, pixel: [f32; 2]| {
             let pixel = pixel.map(f64::from);
-            Shown { pixel, velocity: sensor.velocity(pixel, &turns[frame], 0.0) }
+            DistortedPixel { pixel, velocity: sensor.velocity(pixel, &turns[frame], 0.0) }
         };
         let (mut hosts, mut all) = (Vec::new(), Vec::new());
         let mut problem = Problem {
@@ -111,14 +111,14 @@ impl Bootstrap {
             let first = problem.observations.len();
             problem.observations.extend(chosen.iter().enumerate().filter_map(|(i, &frame)| {
                 let (pixel, information) = self.frames[frame].seen[index]?;
-                all.push((shown(frame + 1, pixel), information.map(f64::from)));
+                all.push((distorted(frame + 1, pixel), information.map(f64::from)));
                 Some(WindowObservation {
                     frame: i + 1,
                     pixel: pixel.map(f64::from),
                     information: information.map(f64::from),
                 })
             }));
-            hosts.push(shown(0, track.pixel));
+            hosts.push(distorted(0, track.pixel));
             problem.points.push(WindowPoint {
                 host: 0,
                 ray: self.camera.unproject(track.pixel[0] as f64, track.pixel[1] as f64),
@@ -134,12 +134,13 @@ impl Bootstrap {
 
     /// Poses and depths by the sensor as it is known, or as one that reads all rows at once, or one after the other, where
     /// that leaves much less.
-    pub(super) fn solve(&self, turn: &Se3, readout_sigma: f64) -> Option<Solution> {
-        let ways = self.ways(turn);
-        let mut best = self.solve_from(&ways, &self.sensor, [0.0; UNKNOWNS])?;
+    pub(super) fn solve(&self, pure_rotation: &Se3, readout_sigma: f64) -> Option<Solution> {
+        let initial_poses = self.initial_poses(pure_rotation);
+        let mut best = self.solve_from(&initial_poses, &self.sensor, [0.0; UNKNOWNS])?;
         let at_once = Sensor { readout: [0.0; 2], ..self.sensor };
-        let known = self.sensor.is_rolling().then(|| self.solve_from(&ways, &at_once, [0.0; UNKNOWNS]));
-        let rolling = self.solve_rolling(&[best.poses(), ways[0].clone()], readout_sigma);
+        let known =
+            self.sensor.is_rolling().then(|| self.solve_from(&initial_poses, &at_once, [0.0; UNKNOWNS]));
+        let rolling = self.solve_rolling(&[best.poses(), initial_poses[0].clone()], readout_sigma);
         for other in [known.flatten(), rolling].into_iter().flatten() {
             if other.cost < OTHER_SHUTTER * best.cost {
                 best = other;
@@ -149,7 +150,7 @@ impl Bootstrap {
     }
 
     /// Poses, depths and the readout time, if it is one that a camera of so many frames a second can have.
-    fn solve_rolling(&self, ways: &[Vec<Se3>], sigma: f64) -> Option<Solution> {
+    fn solve_rolling(&self, initial_poses: &[Vec<Se3>], sigma: f64) -> Option<Solution> {
         let at_once = Sensor { readout: [0.0; 2], ..self.sensor };
         let readout = |solution: &Solution| {
             let readout = solution.sensor.plausible_readout();
@@ -159,7 +160,7 @@ impl Bootstrap {
         if sigma == 0.0 {
             return None;
         }
-        let both = self.solve_from(ways, &at_once, [0.0, sigma, sigma])?;
+        let both = self.solve_from(initial_poses, &at_once, [0.0, sigma, sigma])?;
         let rolling = Sensor { readout: readout(&both)?, ..both.sensor };
         let [columns, rows] = rolling.readout.map(|time| if time == 0.0 { 0.0 } else { sigma });
         let solution = self.solve_from(&[both.poses()], &rolling, [0.0, columns, rows])?;
@@ -173,9 +174,9 @@ impl Bootstrap {
     }
 
     /// Poses of the chosen frames to seek a solution from: the camera turns only, or travels in one of six directions besides.
-    fn ways(&self, turn: &Se3) -> Vec<Vec<Se3>> {
+    fn initial_poses(&self, pure_rotation: &Se3) -> Vec<Vec<Se3>> {
         let chosen = self.chosen();
-        let w = turn.rotation.scaled_axis();
+        let w = pure_rotation.rotation.scaled_axis();
         let directions = [
             Vector3::zeros(),
             Vector3::x(),
@@ -190,14 +191,19 @@ impl Bootstrap {
             let (v, w) = (direction * 0.1 * share, w * share);
             Se3::exp(&Vector6::new(v.x, v.y, v.z, w.x, w.y, w.z))
         };
-        let way = |direction| chosen.iter().map(|&frame| pose(direction, frame)).collect();
-        directions.iter().map(way).collect()
+        let initial_pose = |direction| chosen.iter().map(|&frame| pose(direction, frame)).collect();
+        directions.iter().map(initial_pose).collect()
     }
 
     /// Poses and depths, sought from several ways; the solution that costs least.
-    fn solve_from(&self, ways: &[Vec<Se3>], sensor: &Sensor, sigma: [f64; UNKNOWNS]) -> Option<Solution> {
+    fn solve_from(
+        &self,
+        initial_poses: &[Vec<Se3>],
+        sensor: &Sensor,
+        sigma: [f64; UNKNOWNS],
+    ) -> Option<Solution> {
         let chosen = self.chosen();
-        let solved: Vec<Solution> = ways
+        let solved: Vec<Solution> = initial_poses
             .par_iter()
             .map(|poses| {
                 let mut problem = self.problem_of(&chosen, poses, 1.0, sensor, sigma);

@@ -90,8 +90,11 @@ fn sideways_forward_and_diagonal_motion_give_the_true_map() {
         for (i, (_, index, frame_from_first)) in started.frames.iter().enumerate() {
             assert_eq!(*index, i as u64 + 1);
             let truth = poses[i + 1].inverse() * poses[0];
-            let way = frame_from_first.translation * scale - truth.translation;
-            assert!(way.norm() < 0.02 + 0.1 * truth.translation.norm(), "{per_frame:?} {i}: {way}");
+            let translation_error = frame_from_first.translation * scale - truth.translation;
+            assert!(
+                translation_error.norm() < 0.02 + 0.1 * truth.translation.norm(),
+                "{per_frame:?} {i}: {translation_error}"
+            );
             assert!(frame_from_first.rotation.angle_to(&truth.rotation) < 0.006, "{per_frame:?} {i}");
         }
     }
@@ -110,7 +113,7 @@ fn the_two_keyframes_know_each_other() {
 }
 
 #[test]
-fn a_turn_is_never_taken_for_a_map() {
+fn a_pure_rotation_never_initialises_a_map() {
     let turned = |i: usize| View::new(pose(0.0, 0.0, 0.0, 0.006 * i as f64, 0.003 * (i as f64 * 0.5).sin()));
     let run = run((0..70).map(|i| turned(i).pyramid), &BootstrapParams::default());
     assert!(run.started.is_none(), "a map from frame {}", run.frames);
@@ -224,7 +227,7 @@ fn a_right_map_is_never_contradicted_in_whatever_unit() {
 }
 
 #[test]
-fn a_map_that_takes_the_way_for_another_is_replaced_by_the_right_one() {
+fn a_map_that_mistakes_the_path_is_replaced_by_the_right_one() {
     let params = BootstrapParams::default();
     let poses: Vec<Se3> = motion(40, [0.03, 0.0, 0.0]).collect();
     // Part of the way sideways is taken for a turn, and the rest for one forward.
@@ -240,7 +243,7 @@ fn a_map_that_takes_the_way_for_another_is_replaced_by_the_right_one() {
 }
 
 /// What a camera that swings says of its shutter, asked from its first frame on, when it reads an image in so many seconds.
-fn told(readout: f64) -> Option<[f64; 2]> {
+fn readout_times(readout: f64) -> Option<[f64; 2]> {
     let camera = Recording::SMALL_CAMERA;
     let swing = |i: usize| {
         let time = i as f64 / 30.0;
@@ -252,18 +255,19 @@ fn told(readout: f64) -> Option<[f64; 2]> {
     let mut turning = Bootstrap::new(Sensor::ideal(camera), pyramid(0), 0.0, 0, &Mask::default(), 16)
         .expect("there is texture");
     (1..recording.shots.len()).find_map(|i| {
-        match turning.turn_on(&pyramid(i), recording.shots[i].timestamp, i as u64, &Params::default()) {
-            Turned::Told(readout) => Some(readout),
+        match turning.track_rotation(&pyramid(i), recording.shots[i].timestamp, i as u64, &Params::default())
+        {
+            Turned::Readout(readout) => Some(readout),
             Turned::On | Turned::Nothing => None,
         }
     })
 }
 
 #[test]
-fn a_rolling_shutter_is_told_from_one_that_is_read_at_once_while_the_camera_turns() {
-    assert_eq!(told(0.0), Some([0.0; 2]));
+fn a_rolling_shutter_is_distinguished_from_a_global_one_while_the_camera_turns() {
+    assert_eq!(readout_times(0.0), Some([0.0; 2]));
     for readout in [0.02, -0.02] {
-        let [columns, rows] = told(readout).expect("it turns for long enough");
+        let [columns, rows] = readout_times(readout).expect("it turns for long enough");
         assert!(columns == 0.0 && (rows / readout - 1.0).abs() < 0.3, "{columns} {rows} of {readout}");
     }
 }

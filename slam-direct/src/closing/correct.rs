@@ -90,12 +90,12 @@ fn believable(
     for _ in 0..ROUNDS {
         let report =
             posegraph::optimise(&mut nodes.clone(), &edges, fixed, &least_squares).map_err(NoLoop::Graph)?;
-        let excess = report.final_cost / EXPECTED;
-        if excess < 2.0 {
+        let residual_scale = report.final_cost / EXPECTED;
+        if residual_scale < 2.0 {
             break;
         }
         for edge in edges.iter_mut().filter(|e| e.kind != EdgeKind::Loop) {
-            edge.information /= excess;
+            edge.information /= residual_scale;
         }
     }
     Ok(edges)

@@ -8,14 +8,16 @@ use thiserror::Error;
 
 /// What a loop says against the map's own opinion of where a keyframe is.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
-#[error("the loop would reveal a drift of {translation} over a way of {way}, {turn}° and scale {scale}")]
+#[error(
+    "the loop would reveal a drift of {translation} over a way of {path_length}, {rotation_drift}° and scale {scale}"
+)]
 pub(crate) struct Drift {
     /// Drift of the position, map units.
     pub translation: f64,
     /// Length of the way between the keyframes, map units.
-    pub way: f64,
+    pub path_length: f64,
     /// Drift of the orientation, degrees.
-    pub turn: f64,
+    pub rotation_drift: f64,
     /// Drift of the scale, a factor.
     pub scale: f64,
 }
@@ -39,23 +41,23 @@ pub(super) fn check(
     let by_loop = current_from_old.inverse();
     let drift = Drift {
         translation: (by_loop.translation - by_map.translation).norm(),
-        way: way(map, old, current),
-        turn: by_loop.rotation.angle_to(&by_map.rotation).to_degrees(),
+        path_length: path_length(map, old, current),
+        rotation_drift: by_loop.rotation.angle_to(&by_map.rotation).to_degrees(),
         scale: current_from_old.scale,
     };
-    let in_bounds = drift.translation <= params.max_drift * drift.way
-        && drift.turn <= params.max_turn
+    let in_bounds = drift.translation <= params.max_drift * drift.path_length
+        && drift.rotation_drift <= params.max_rotation
         && drift.scale.ln().abs() <= params.max_scale.ln();
     if in_bounds { Ok(()) } else { Err(drift) }
 }
 
 /// Length of the camera's way between two keyframes.
-fn way(map: &LocalMap, from: usize, to: usize) -> f64 {
-    ways(map, from, to).last().map_or(0.0, |(_, way)| *way)
+fn path_length(map: &LocalMap, from: usize, to: usize) -> f64 {
+    path_lengths(map, from, to).last().map_or(0.0, |(_, path_length)| *path_length)
 }
 
 /// The camera's centre at each keyframe before `to`, the nearest first and `from` last, and the length of the way from there.
-fn ways(map: &LocalMap, from: usize, to: usize) -> Vec<(Vector3<f64>, f64)> {
+fn path_lengths(map: &LocalMap, from: usize, to: usize) -> Vec<(Vector3<f64>, f64)> {
     let centre = |k: usize| map.keyframes[k].camera_from_world.inverse().translation;
     let (mut length, mut next) = (0.0, centre(to));
     (from..to)
@@ -86,19 +88,19 @@ impl Reach {
         let depth = median(&mut depths).filter(|d| d.is_finite() && *d > 0.0)?;
         let view = params.search.max_distance * f64::from(depth);
         let world_from_camera = map.keyframes[keyframe].camera_from_world.inverse();
-        Some(Self { world_from_camera, view, before: ways(map, 0, keyframe) })
+        Some(Self { world_from_camera, view, before: path_lengths(map, 0, keyframe) })
     }
 
     /// Whether an old keyframe lies within it.
     pub fn contains(&self, map: &LocalMap, old: usize, params: &ClosingParams) -> bool {
         let before = self.before.len().checked_sub(old + 1).and_then(|index| self.before.get(index));
-        before.is_some_and(|(centre, way)| {
+        before.is_some_and(|(centre, path_length)| {
             let apart = (centre - self.world_from_camera.translation).norm();
             // A turn in the image plane is part of the drift's bound only.
-            let turn =
+            let rotation_drift =
                 || (map.keyframes[old].camera_from_world.rotation * self.world_from_camera.rotation).angle();
-            apart <= self.view + params.max_drift * way
-                && turn().to_degrees() <= params.search.max_view_angle + params.max_turn
+            apart <= self.view + params.max_drift * path_length
+                && rotation_drift().to_degrees() <= params.search.max_view_angle + params.max_rotation
         })
     }
 }

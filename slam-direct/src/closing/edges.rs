@@ -111,7 +111,7 @@ impl Directed {
         let translation = &self.observer_from_host.translation;
         let rho = point.inverse_depth;
         let depth = (self.rotation * point.ray + translation * rho).z;
-        let pixel = map.ideal_pixel(seen.keyframe, seen.pixel, rho / depth);
+        let pixel = map.undistorted_pixel(seen.keyframe, seen.pixel, rho / depth);
         let Some(p) = predict(&map.camera, &self.rotation, translation, &point.ray, rho, &pixel) else {
             return;
         };
@@ -166,12 +166,12 @@ pub(crate) fn loose(map: &LocalMap, first: usize, edges: &[Edge]) -> Vec<Edge> {
     }
     let loose = |newer: usize| {
         let step = relative(map, newer, newer - 1).translation.norm().max(1e-3);
-        let [translation, turn, scale] = LOOSE;
+        let [translation, rotation_sigma, scale] = LOOSE;
         let sigma = |k| {
             if k < 3 {
                 translation * step
             } else if k < 6 {
-                turn
+                rotation_sigma
             } else {
                 scale
             }

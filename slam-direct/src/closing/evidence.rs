@@ -26,12 +26,12 @@ pub(super) struct Proposal {
 #[derive(Clone, Debug, PartialEq, Error)]
 pub(crate) enum NoLoop {
     /// Too few of the old side's points are found in the keyframe.
-    #[error("{found} of {sought} points of the old place are found")]
+    #[error("{found} of {searched} points of the old place are found")]
     FewMatches {
         /// Matches that agree with one pose.
         found: usize,
         /// Points sought.
-        sought: usize,
+        searched: usize,
     },
     /// Too few points have a depth on both sides.
     #[error("too few points have a depth on both sides to compare the scales")]
@@ -81,7 +81,7 @@ pub(super) fn test(
     let guess = align(local, current, old, &proposal.candidate, params);
     let seen = match_side(local, &old_side, current, guess, &params.track);
     if !seen.is_good(p.min_matched, p.min_share) {
-        return Err(NoLoop::FewMatches { found: seen.inliers().count(), sought: seen.sought.len() });
+        return Err(NoLoop::FewMatches { found: seen.inliers().count(), searched: seen.searched.len() });
     }
     let [unit, old_unit] = [current, old].map(|k| local.keyframes[k].unit);
     let scale = unit * scale(local, &seen, &current_public.semi_dense).ok_or(NoLoop::NoScale)?;

@@ -9,7 +9,7 @@ use geometry::Se3;
 pub(crate) struct SideMatch {
     pub camera_from_world: Se3,
     pub matched: Vec<Matched>,
-    pub sought: Vec<PointRef>,
+    pub searched: Vec<PointRef>,
 }
 
 impl SideMatch {
@@ -21,7 +21,7 @@ impl SideMatch {
     /// Whether enough was found.
     pub fn is_good(&self, min_matched: usize, min_share: f32) -> bool {
         let inliers = self.inliers().count();
-        inliers >= min_matched && inliers as f32 >= min_share * self.sought.len() as f32
+        inliers >= min_matched && inliers as f32 >= min_share * self.searched.len() as f32
     }
 }
 
@@ -35,9 +35,9 @@ pub(crate) fn match_side(
 ) -> SideMatch {
     let state = &map.keyframes[keyframe];
     let view = View { pyramid: &state.pyramid, camera_from_world, motion: state.motion_in_world() };
-    let (mut matched, sought) = track::match_points(map, hosts, &view, params, params.per_cell);
+    let (mut matched, searched) = track::match_points(map, hosts, &view, params, params.per_cell);
     let (camera_from_world, _) = track::refine_pose(map, &view, &mut matched);
-    SideMatch { camera_from_world, matched, sought }
+    SideMatch { camera_from_world, matched, searched }
 }
 
 /// Lets the keyframes of each side observe the other side's points.

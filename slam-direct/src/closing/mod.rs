@@ -53,7 +53,8 @@ params! {
         /// Largest drift in scale, as a factor. Range 1.05–10.
         pub max_scale: f64 = 2.0,
         /// Largest drift in orientation, degrees. Range 2–180.
-        pub max_turn: f64 = 30.0,
+        #[key = "max_turn"]
+        pub max_rotation: f64 = 30.0,
         /// Least share of the observations across a closed loop that must be left after the joint optimisation, 0–1: a loop
         /// whose two ends it pulls apart again is taken back. Range 0–1.
         pub min_kept: f32 = 0.8,
@@ -165,11 +166,11 @@ impl LoopCloser {
         }
         // The newest are the most alike and of no interest: ask for more than those.
         let wanted = gap + 2 * params.side;
-        let mut alike = places.query(local.keyframes[keyframe].pyramid.base(), wanted);
-        alike.retain(|place| place.score >= params.min_appearance);
+        let mut similar = places.query(local.keyframes[keyframe].pyramid.base(), wanted);
+        similar.retain(|place| place.score >= params.min_appearance);
         let id = LocalMap::id(keyframe);
         let admits = |old| admitted.contains(&old);
-        let candidates = loops::candidates(public, id, &alike, admits, &params.search);
+        let candidates = loops::candidates(public, id, &similar, admits, &params.search);
         candidates.into_iter().next().map(|candidate| Proposal { keyframe, candidate })
     }
 
@@ -271,7 +272,7 @@ fn join_and_optimise(
     join::join(local, newer, older, &params.track);
     let joined = join::across(local, newer, older);
     if joined < least {
-        return Err(NoLoop::FewMatches { found: joined, sought: least });
+        return Err(NoLoop::FewMatches { found: joined, searched: least });
     }
     let polish = if local.keyframes.len() <= p.whole_map {
         mapping::optimise_all(local, p.iterations, &params.mapping, &|| false)

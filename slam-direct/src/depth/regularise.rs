@@ -55,16 +55,16 @@ impl Dense {
     #[inline]
     fn is_supported(&self, pixel: usize, limit: f32, least: u8) -> bool {
         let d = self.inverse_depth[pixel];
-        let (mut agreeing, mut present) = (0u32, 0u32);
+        let (mut consistent, mut present) = (0u32, 0u32);
         for row in 0..=2 * REACH {
             let start = pixel + row * self.width - REACH * (self.width + 1);
             for &neighbour in &self.inverse_depth[start..start + 2 * REACH + 1] {
-                agreeing += ((neighbour - d).abs() <= limit) as u32;
+                consistent += ((neighbour - d).abs() <= limit) as u32;
                 present += (neighbour > 0.0) as u32;
             }
         }
         // Both counts hold the pixel itself.
-        agreeing > least as u32 && 2 * (agreeing - 1) >= present - 1
+        consistent > least as u32 && 2 * (consistent - 1) >= present - 1
     }
 
     /// The mean of the agreeing 3×3 neighbours, weighted by information.

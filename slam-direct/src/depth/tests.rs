@@ -164,8 +164,8 @@ fn an_unrelated_reference_adds_no_outliers() {
     let (keyframe, mut filter) = seeded(&planes, 2.0);
     let moved = [Plane { phase: 5.0, ..SLANTED }];
     for (k, pose) in poses().into_iter().enumerate() {
-        let shown = if k == 0 { &moved } else { &planes };
-        filter.update(&keyframe, &stereo(&render(shown, &pose, 2.0, (1.0, 0.0), 2), pose));
+        let rendered = if k == 0 { &moved } else { &planes };
+        filter.update(&keyframe, &stereo(&render(rendered, &pose, 2.0, (1.0, 0.0), 2), pose));
     }
     filter.regularise();
     let (relative, _) = errors(&filter, &planes);
@@ -280,7 +280,7 @@ fn bent(planes: &[Plane], pose: &Se3, sensor: &Sensor, motion: &Twist) -> GrayIm
         for x in 0..CAMERA.width {
             let mut seen = trace(planes, pose, x as f64, y as f64);
             for _ in 0..2 {
-                let [u, v] = sensor.ideal_pixel([x as f64, y as f64], motion, seen.0);
+                let [u, v] = sensor.undistorted_pixel([x as f64, y as f64], motion, seen.0);
                 seen = trace(planes, pose, u, v);
             }
             image.set(x, y, seen.1.round() as u8);
@@ -307,7 +307,7 @@ fn what_lens_and_shutter_do_is_undone() {
         let mut errors = Vec::new();
         for (pixel, d, _) in filter.to_semi_dense().iter() {
             let (x, y) = (pixel as usize % CAMERA.width, pixel as usize / CAMERA.width);
-            let [u, v] = sensor.ideal_pixel([x as f64, y as f64], &motion(0), d as f64);
+            let [u, v] = sensor.undistorted_pixel([x as f64, y as f64], &motion(0), d as f64);
             let exact = trace(&[SLANTED], &Se3::identity(), u, v).0 as f32;
             errors.push((d - exact).abs() / exact);
         }

@@ -253,8 +253,8 @@ impl<'a> Observer<'a> {
         let geometry = &self.geometry;
         let [low, high] = known.range(params.search_sigmas);
         let [dx, dy] = match (BENT, ROLLING) {
-            (_, true) => self.shift.to_ideal([x, y], 0.5 * (low + high)),
-            (true, false) => self.shift.lens_to_ideal([x, y]),
+            (_, true) => self.shift.to_undistorted([x, y], 0.5 * (low + high)),
+            (true, false) => self.shift.lens_to_undistorted([x, y]),
             (false, false) => [0.0; 2],
         };
         let ideal_own = [x + dx, y + dy];
@@ -273,12 +273,12 @@ impl<'a> Observer<'a> {
         let signed = ((near.u[0] - far.u[0]) * step[0] + (near.u[1] - far.u[1]) * step[1]) / step2;
         let (far_end, near_end) = ((far.u, low * far.iz), (near.u, high * near.iz));
         let (first, last) = if signed >= 0.0 { (far_end, near_end) } else { (near_end, far_end) };
-        let shown = |(u, inverse_depth)| match (BENT, ROLLING) {
-            (_, true) => self.reference.shift.to_shown(u, inverse_depth),
-            (true, false) => self.reference.shift.lens_to_shown(u),
+        let distorted = |(u, inverse_depth)| match (BENT, ROLLING) {
+            (_, true) => self.reference.shift.to_distorted(u, inverse_depth),
+            (true, false) => self.reference.shift.lens_to_distorted(u),
             (false, false) => [0.0; 2],
         };
-        let (begin, end) = (shown(first), shown(last));
+        let (begin, end) = (distorted(first), distorted(last));
         // Over less than a sample shifts do not change.
         let samples = signed.abs().max(1.0);
         let bent = [0, 1].map(|i: usize| step[i] + (end[i] - begin[i]) / samples);

@@ -15,7 +15,7 @@ fn sim3_basin_and_accuracy_on_rendered_keyframes() {
         let sequence = data().join(name);
         let poses = poses(&sequence);
         for (rotation, translation, scale) in [(0.0, 0.0, 0.0), (3.0, 0.2, 0.1), (5.0, 0.3, 0.2)] {
-            let (mut tried, mut good, mut consistent, mut refused) = (0, 0, 0, 0);
+            let (mut tested, mut good, mut consistent, mut refused) = (0, 0, 0, 0);
             let (mut errors, mut mahalanobis, mut nees) = (Vec::new(), Vec::new(), Vec::new());
             let mut milliseconds = 0.0;
             let mut baseline = 0.0;
@@ -37,7 +37,7 @@ fn sim3_basin_and_accuracy_on_rendered_keyframes() {
                 disturbance.fixed_rows_mut::<3>(3).scale_mut(f64::to_radians(rotation));
                 disturbance[6] = scale * disturbance[6].signum();
                 let guess = Sim3::exp(&disturbance) * truth;
-                tried += 1;
+                tested += 1;
                 let start = std::time::Instant::now();
                 let forward = align_from(&source, &target, &turned_starts(guess, 0.1), &params);
                 milliseconds += start.elapsed().as_secs_f64() * 1e3;
@@ -72,14 +72,14 @@ fn sim3_basin_and_accuracy_on_rendered_keyframes() {
             };
             let of = |i: usize| median(errors.iter().map(|e| e[i]).collect());
             println!(
-                "{name} +{gap} ({:.2} m), guess off by {rotation}° {translation} {scale}: good {good}/{tried}, refused {refused}, reciprocal {consistent}; median errors {:.4}° {:.4} {:.4}, mahalanobis {:.2}, nees {:.2}, {:.0} ms",
-                baseline / tried as f64,
+                "{name} +{gap} ({:.2} m), guess off by {rotation}° {translation} {scale}: good {good}/{tested}, refused {refused}, reciprocal {consistent}; median errors {:.4}° {:.4} {:.4}, mahalanobis {:.2}, nees {:.2}, {:.0} ms",
+                baseline / tested as f64,
                 of(0),
                 of(1),
                 of(2),
                 median(mahalanobis.clone()),
                 median(nees.clone()),
-                milliseconds / tried as f64
+                milliseconds / tested as f64
             );
         }
     }

@@ -204,11 +204,12 @@ fn observations_that_disagree_go_and_points_without_any_die() {
 }
 
 #[test]
-fn points_sought_in_vain_are_dropped() {
+fn points_searched_in_vain_are_dropped() {
     let views = views();
     let mut map = exact_map(&views, 40);
-    for (point, (sought, found)) in map.keyframes[0].points.iter_mut().zip([(8, 1), (8, 2), (7, 0), (0, 0)]) {
-        (point.sought, point.found) = (sought, found);
+    for (point, (searched, found)) in map.keyframes[0].points.iter_mut().zip([(8, 1), (8, 2), (7, 0), (0, 0)])
+    {
+        (point.searched, point.found) = (searched, found);
     }
     cull_unfound(&mut map, [0], 0.25);
     let alive: Vec<bool> = map.keyframes[0].points.iter().take(4).map(|p| p.alive).collect();
@@ -238,11 +239,11 @@ fn observations_are_added_once_and_only_where_they_agree() {
 }
 
 #[test]
-fn flow_is_split_into_turn_and_parallax() {
+fn flow_is_split_into_rotation_and_parallax() {
     let views = views();
     let map = exact_map(&views, 20);
-    let turn = Se3::exp(&nalgebra::Vector6::new(0.0, 0.0, 0.0, 0.0, 0.1, 0.0));
-    let (all, parallax) = median_flow(&map.camera, &map.reference_points(0), &turn).unwrap();
+    let rotation = Se3::exp(&nalgebra::Vector6::new(0.0, 0.0, 0.0, 0.0, 0.1, 0.0));
+    let (all, parallax) = median_flow(&map.camera, &map.reference_points(0), &rotation).unwrap();
     assert!((18.0..26.0).contains(&all) && parallax < 1e-3, "{all} {parallax}");
     let aside = Se3::exp(&nalgebra::Vector6::new(0.2, 0.0, 0.0, 0.0, 0.0, 0.0));
     let (all, parallax) = median_flow(&map.camera, &map.reference_points(0), &aside).unwrap();
@@ -251,5 +252,5 @@ fn flow_is_split_into_turn_and_parallax() {
     let expected = 0.2 * 210.0 * median(&mut depths).unwrap();
     assert!((parallax / expected - 1.0).abs() < 0.01, "{parallax} {expected}");
     let empty = crate::test_scene::bare_map(&views);
-    assert_eq!(median_flow(&empty.camera, &empty.reference_points(0), &turn), None);
+    assert_eq!(median_flow(&empty.camera, &empty.reference_points(0), &rotation), None);
 }

@@ -3,7 +3,7 @@
 use super::UnitChange;
 use crate::local_map::{LocalMap, PointRef, PointState, SeenAt};
 use crate::window::{
-    Calibration, Pairs, Problem, Shown, WindowObservation, WindowPoint, least_variance_by_rotation,
+    Calibration, DistortedPixel, Pairs, Problem, WindowObservation, WindowPoint, least_variance_by_rotation,
 };
 use geometry::median;
 use geometry::sensor::UNKNOWNS;
@@ -52,7 +52,8 @@ impl Window {
             let first = problem.observations.len();
             for (index, o) in point.observations.iter().enumerate() {
                 let Some(frame) = frame(o.keyframe) else { continue };
-                let pixel = map.ideal_pixel(o.keyframe, o.pixel, seen_inverse_depth(map, at.host, point, o));
+                let pixel =
+                    map.undistorted_pixel(o.keyframe, o.pixel, seen_inverse_depth(map, at.host, point, o));
                 let information = o.information.map(f64::from);
                 problem.observations.push(WindowObservation { frame, pixel, information });
                 seen.push(index as u32);
@@ -72,11 +73,11 @@ impl Window {
 
     /// Makes the sensor unknown, a priori uncertain by `sigma`.
     pub fn calibrate(&mut self, map: &LocalMap, sigma: [f64; UNKNOWNS]) {
-        let shown = |keyframe: usize, pixel: [f32; 2], inverse_depth: f64| {
+        let distorted = |keyframe: usize, pixel: [f32; 2], inverse_depth: f64| {
             let (pixel, motion) = (pixel.map(f64::from), map.keyframes[keyframe].motion_in_world());
-            Shown { pixel, velocity: map.sensor.velocity(pixel, &motion, inverse_depth) }
+            DistortedPixel { pixel, velocity: map.sensor.velocity(pixel, &motion, inverse_depth) }
         };
-        let host = |&at: &PointRef| shown(at.host, map.point(at).pixel, map.point(at).inverse_depth);
+        let host = |&at: &PointRef| distorted(at.host, map.point(at).pixel, map.point(at).inverse_depth);
         let hosts = self.points.iter().map(host).collect();
         let of_point = |(solved, &at): (&WindowPoint, &PointRef)| {
             let point = map.point(at);
@@ -84,7 +85,7 @@ impl Window {
             own.map(|&i| {
                 let seen = &point.observations[i as usize];
                 let inverse_depth = seen_inverse_depth(map, at.host, point, seen);
-                (shown(seen.keyframe, seen.pixel, inverse_depth), seen.information.map(f64::from))
+                (distorted(seen.keyframe, seen.pixel, inverse_depth), seen.information.map(f64::from))
             })
             .collect::<Vec<_>>()
         };

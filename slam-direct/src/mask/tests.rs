@@ -70,7 +70,7 @@ fn a_camera_that_stands_learns_nothing() {
 }
 
 #[test]
-fn what_was_said_to_be_left_out_stays_so_beside_what_is_found() {
+fn a_given_mask_stays_in_force_next_to_what_is_found() {
     let mut unused = Image::filled(SIZE.0, SIZE.1, false);
     (0..SIZE.1).for_each(|y| (300..SIZE.0).for_each(|x| unused.set(x, y, true)));
     let mut learner = MaskLearner::default();

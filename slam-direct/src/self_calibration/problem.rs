@@ -59,7 +59,7 @@ pub(super) struct Problem {
 /// A lens with those that differ from it by one step of a term each, and the host's ray through each.
 pub(super) struct Lenses {
     pub middle: Camera,
-    pub beside: Vec<[Camera; 2]>,
+    pub perturbed: Vec<[Camera; 2]>,
 }
 
 impl Problem {
@@ -161,7 +161,7 @@ impl Problem {
 
     /// The lens now, with its neighbours for derivatives.
     pub fn lenses(&self) -> Option<Lenses> {
-        let beside = |i: usize| {
+        let perturbed = |i: usize| {
             let at = |step: f64| {
                 let mut terms = self.terms.clone();
                 terms[i] += step;
@@ -169,8 +169,8 @@ impl Problem {
             };
             Some([at(STEPS[i])?, at(-STEPS[i])?])
         };
-        let beside = (0..self.terms.len()).map(beside).collect::<Option<Vec<_>>>()?;
-        Some(Lenses { middle: self.lens(&self.terms)?, beside })
+        let perturbed = (0..self.terms.len()).map(perturbed).collect::<Option<Vec<_>>>()?;
+        Some(Lenses { middle: self.lens(&self.terms)?, perturbed })
     }
 
     /// Deviations of the terms as known before.
@@ -205,15 +205,15 @@ pub(super) struct Predicted {
 /// A host's ray through the lens and its neighbours.
 pub(super) struct Rays {
     middle: Vector3<f64>,
-    beside: Vec<[Vector3<f64>; 2]>,
+    perturbed: Vec<[Vector3<f64>; 2]>,
 }
 
 impl Lenses {
     /// The rays of a raw pixel; nothing where a lens does not show it.
     pub fn rays(&self, pixel: &Vector2<f64>) -> Option<Rays> {
-        let beside = |[plus, minus]: &[Camera; 2]| Some([ray(plus, pixel)?, ray(minus, pixel)?]);
-        let beside = self.beside.iter().map(beside).collect::<Option<Vec<_>>>()?;
-        Some(Rays { middle: ray(&self.middle, pixel)?, beside })
+        let perturbed = |[plus, minus]: &[Camera; 2]| Some([ray(plus, pixel)?, ray(minus, pixel)?]);
+        let perturbed = self.perturbed.iter().map(perturbed).collect::<Option<Vec<_>>>()?;
+        Some(Rays { middle: ray(&self.middle, pixel)?, perturbed })
     }
 
     /// Predicts an observation; nothing behind the camera or outside of what the lens shows.
@@ -243,7 +243,13 @@ impl Lenses {
             residual: pixel - measured,
             by_twist,
             by_inverse_depth: by_x * frame_from_host.translation,
-            by_terms: self.beside.iter().zip(&rays.beside).enumerate().map(by_term).collect::<Option<_>>()?,
+            by_terms: self
+                .perturbed
+                .iter()
+                .zip(&rays.perturbed)
+                .enumerate()
+                .map(by_term)
+                .collect::<Option<_>>()?,
         })
     }
 

@@ -263,7 +263,7 @@ fn apply(problem: &mut Problem, normal: &Normal, delta: &DVector<f64>) {
 
 /// Robust cost of all observations and of what is known before.
 fn cost(problem: &Problem) -> Option<f64> {
-    let lenses = Lenses { middle: problem.lens(&problem.terms)?, beside: Vec::new() };
+    let lenses = Lenses { middle: problem.lens(&problem.terms)?, perturbed: Vec::new() };
     let unseen = crate::window::robust_cost(UNSEEN);
     let mut cost = 0.0;
     for point in &problem.points {

@@ -53,8 +53,8 @@ impl<'a> Stills<'a> {
         inverse_depth: impl FnOnce() -> Option<f64>,
     ) -> Option<Vector2<f64>> {
         let Some((sensor, motion)) = self.rolling.get(&keyframe) else { return Some(exact(pixel)) };
-        let shown = pixel.map(f64::from);
-        Some(exact(pixel) - sensor.velocity(shown, motion, inverse_depth()?) * sensor.delay(shown))
+        let distorted = pixel.map(f64::from);
+        Some(exact(pixel) - sensor.velocity(distorted, motion, inverse_depth()?) * sensor.delay(distorted))
     }
 }
 

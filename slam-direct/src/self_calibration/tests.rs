@@ -94,9 +94,10 @@ fn keyframe(id: u32, pose: Se3) -> Keyframe {
 fn around() -> Vec<Se3> {
     let pose = |i: usize| {
         let t = i as f64;
-        let turn = Vector3::new(0.08 * (t * 0.9).sin(), 0.15 * (t * 0.5).sin(), 0.1 * (t * 0.7).cos());
+        let rotation_vector =
+            Vector3::new(0.08 * (t * 0.9).sin(), 0.15 * (t * 0.5).sin(), 0.1 * (t * 0.7).cos());
         Se3::new(
-            nalgebra::UnitQuaternion::from_scaled_axis(turn),
+            nalgebra::UnitQuaternion::from_scaled_axis(rotation_vector),
             Vector3::new(0.15 * t, 0.1 * (t * 0.8).sin(), 0.1 * (t * 0.3).cos()),
         )
     };
@@ -189,7 +190,7 @@ fn rolling(mut map: Map, camera: &Pinhole, twist: &Twist, readout: f64) -> Map {
         };
         map.frames.extend([-0.03, 0.0, 0.03].map(frame));
         let bent = |pixel: [f32; 2], inverse_depth: f64| {
-            sensor.shown_pixel(pixel.map(f64::from), twist, inverse_depth).map(|v| v as f32)
+            sensor.distorted_pixel(pixel.map(f64::from), twist, inverse_depth).map(|v| v as f32)
         };
         for point in &mut keyframe.points {
             let inverse_depth = f64::from(point.inverse_depth);
@@ -219,7 +220,7 @@ fn a_rolling_shutter_is_not_taken_for_the_lens() {
 }
 
 #[test]
-fn going_straight_ahead_leaves_the_focal_length_open() {
+fn straight_motion_leaves_the_focal_length_open() {
     let truth = lens(500.0, 0.0);
     let deviation = |poses: &[Se3]| {
         let map = map_of(&truth, truth.intrinsics(), poses, 0.2);

@@ -31,25 +31,25 @@ fn a_perturbed_pose_is_refined() {
     let start = nearby() * frame.world_from_camera.inverse();
     let params = TrackParams::default();
     let view = still(&frame.pyramid, start);
-    let (mut matched, sought) = match_points(&map, &[0, 1], &view, &params, params.per_cell);
+    let (mut matched, searched) = match_points(&map, &[0, 1], &view, &params, params.per_cell);
     assert!(
-        sought.len() > 100 && matched.len() * 10 > sought.len() * 7,
+        searched.len() > 100 && matched.len() * 10 > searched.len() * 7,
         "{} of {}",
         matched.len(),
-        sought.len()
+        searched.len()
     );
-    let (found, excess) = refine_pose(&map, &view, &mut matched);
+    let (found, residual_scale) = refine_pose(&map, &view, &mut matched);
     let depths = frame.inverse_depth.data().iter().filter(|&&d| d > 0.0).map(|&d| 1.0 / d as f64);
     let depth = quantile(depths.collect(), 0.5);
     let (metres, radians) = error(&found, &frame);
     assert!(metres < 1e-3 * depth && radians < 5e-4, "off by {metres} m at {depth} m, {radians} rad");
-    assert!(excess.is_finite() && excess > 0.0);
+    assert!(residual_scale.is_finite() && residual_scale > 0.0);
     let inliers = matched.iter().filter(|m| m.inlier).count();
     assert!(inliers * 10 > matched.len() * 8, "{inliers} of {}", matched.len());
 }
 
 #[test]
-fn wrong_matches_are_told_from_right_ones() {
+fn wrong_matches_are_distinguished_from_right_ones() {
     let map = exact_map(&views(), 10);
     let frame = Rendered::new(pose(0.2, 0.0, 0.1, 0.02, 0.0));
     let start = nearby() * frame.world_from_camera.inverse();
@@ -76,20 +76,20 @@ fn no_matches_leave_the_pose() {
     let view = still(&black, map.keyframes[0].camera_from_world);
     let elsewhere = still(&black, start);
     assert_eq!(refine_pose(&map, &elsewhere, &mut []), (start, 1.0));
-    let (matched, sought) = match_points(&map, &[0, 1], &view, &TrackParams::default(), 2);
-    assert!(matched.is_empty() && !sought.is_empty());
+    let (matched, searched) = match_points(&map, &[0, 1], &view, &TrackParams::default(), 2);
+    assert!(matched.is_empty() && !searched.is_empty());
 }
 
 #[test]
-fn sought_points_are_spread_and_those_out_of_sight_are_not_sought() {
+fn searched_points_are_spread_and_those_out_of_view_are_not_searched() {
     let map = exact_map(&views(), 10);
     let params = TrackParams::default();
     let pyramid = &map.keyframes[0].pyramid;
     let look = |camera_from_world| choose(&map, &[0, 1], &still(pyramid, camera_from_world), &params, 1);
-    let sought = look(map.keyframes[0].camera_from_world);
-    let cell = |s: &Sought| (s.pixel[0] as usize / params.cell, s.pixel[1] as usize / params.cell);
-    let cells: std::collections::BTreeSet<_> = sought.iter().map(cell).collect();
-    assert_eq!(cells.len(), sought.len(), "one for each cell");
+    let searched = look(map.keyframes[0].camera_from_world);
+    let cell = |s: &SearchedPoint| (s.pixel[0] as usize / params.cell, s.pixel[1] as usize / params.cell);
+    let cells: std::collections::BTreeSet<_> = searched.iter().map(cell).collect();
+    assert_eq!(cells.len(), searched.len(), "one for each cell");
     for [x, y] in map.keyframes[0].points.iter().map(|p| p.pixel) {
         let cell = (x as usize / params.cell, y as usize / params.cell);
         assert!(cells.contains(&cell), "{cell:?} holds a point that is not sought");
@@ -116,7 +116,7 @@ fn hosts_are_those_whose_points_are_in_sight() {
 }
 
 #[test]
-fn a_turn_that_the_motion_does_not_tell_is_found() {
+fn a_rotation_that_the_motion_model_does_not_predict_is_found() {
     let all = views();
     let map = exact_map(&all, 10);
     let points = map.reference_points(0);
@@ -163,7 +163,8 @@ fn the_positional_uncertainty_is_learnt_slowly_and_within_bounds() {
     let at = |position_sigma| TrackParams { position_sigma, ..TrackParams::default() };
     assert!(learn_position_sigma(&at(0.3), 4.0) > 0.3 && learn_position_sigma(&at(0.3), 0.25) < 0.3);
     assert_eq!(learn_position_sigma(&at(0.3), 1.0), 0.3);
-    let learnt = |excess| (0..500).fold(0.3, |sigma, _| learn_position_sigma(&at(sigma), excess));
+    let learnt =
+        |residual_scale| (0..500).fold(0.3, |sigma, _| learn_position_sigma(&at(sigma), residual_scale));
     assert_eq!(learnt(1e9), 1.0);
     assert_eq!(learnt(0.0), TrackParams::default().least_position_sigma);
 }
@@ -173,7 +174,7 @@ fn the_rows_of_a_rolling_shutter_tell_how_the_camera_turns() {
     let mut map = exact_map(&views(), 10);
     map.sensor.readout = [0.0, 0.02];
     let frame = Rendered::new(pose(0.2, 0.0, 0.1, 0.02, 0.0));
-    let turn = Twist::new(0.0, 0.0, 0.0, 0.8, -1.5, 0.4);
+    let twist = Twist::new(0.0, 0.0, 0.0, 0.8, -1.5, 0.4);
     let camera_from_world = frame.world_from_camera.inverse();
     let relative = camera_from_world * map.keyframes[0].camera_from_world.inverse();
     let matched: Vec<Matched> = map.keyframes[0]
@@ -183,14 +184,15 @@ fn the_rows_of_a_rolling_shutter_tell_how_the_camera_turns() {
         .map(|(index, point)| {
             let x = relative.rotation * point.ray + relative.translation * point.inverse_depth;
             let ideal = map.camera.project(&x).into();
-            let pixel = map.sensor.shown_pixel(ideal, &turn, point.inverse_depth / x.z).map(|v| v as f32);
+            let pixel =
+                map.sensor.distorted_pixel(ideal, &twist, point.inverse_depth / x.z).map(|v| v as f32);
             let at = PointRef { host: 0, index };
             Matched { at, pixel, information: [4.0, 0.0, 4.0], rmse: 1.0, squared: 0.0, inlier: true }
         })
         .collect();
-    let view = View { pyramid: &frame.pyramid, camera_from_world, motion: turn * 0.5 };
+    let view = View { pyramid: &frame.pyramid, camera_from_world, motion: twist * 0.5 };
     let found = motion_by_rows(&map, &view, &matched, 1.0);
-    assert!((found - turn).norm() < 0.05 * turn.norm(), "{found}");
+    assert!((found - twist).norm() < 0.05 * twist.norm(), "{found}");
     let held = motion_by_rows(&map, &view, &matched, 1e-4);
     assert!((held - view.motion).norm() < 0.01, "{held}");
 }

@@ -21,14 +21,14 @@ const PARTS: (usize, usize) = (8, 6);
 pub(crate) struct Located {
     pub camera_from_world: Se3,
     pub matched: Vec<Matched>,
-    pub sought: Vec<PointRef>,
+    pub searched: Vec<PointRef>,
     pub inliers: usize,
     /// Those of them whose depth is known: what tells the scale of a motion.
     pub known: usize,
     /// Parts of the image (see [`PARTS`]) in which a point agrees with the pose.
     pub covered: usize,
     /// Median of the squared residuals over what was assumed.
-    pub excess: f64,
+    pub residual_scale: f64,
     pub(super) brightness: Brightness,
     pub(super) hosts: Vec<usize>,
     /// How the camera moves, in map units.
@@ -36,13 +36,13 @@ pub(crate) struct Located {
     /// Its mean motion since the frame before.
     pub mean_motion: Twist,
     /// Whether it took a wide search: the camera was not where it should have been, or looks at little that is known.
-    pub(super) sought_widely: bool,
+    pub(super) wide_search: bool,
 }
 
 impl Located {
     /// Whether more points agree with the pose than do by chance, and enough of them carry the scale.
     pub(super) fn is_good(&self, params: &Params) -> bool {
-        let chance = by_chance(params) * self.sought.len() as f32;
+        let chance = by_chance(params) * self.searched.len() as f32;
         self.carries_scale(params) && self.inliers as f32 >= chance + SIGNIFICANT * chance.sqrt()
     }
 
@@ -63,7 +63,7 @@ impl Located {
 
     /// Share of the sought points that agree with the pose.
     pub fn inlier_share(&self) -> f32 {
-        self.inliers as f32 / self.sought.len().max(1) as f32
+        self.inliers as f32 / self.searched.len().max(1) as f32
     }
 
     /// Standard deviation of the camera's position along the axis that is known least, over the median depth of the points that agree.
@@ -144,19 +144,19 @@ pub(super) fn locate(
 ) -> Located {
     let p = &params.track;
     let hosts = track::choose_hosts(map, near, &view.camera_from_world, reference, p.max_hosts);
-    let (mut matched, sought) = track::match_points(map, &hosts, view, p, p.per_cell);
+    let (mut matched, searched) = track::match_points(map, &hosts, view, p, p.per_cell);
     let found = if map.sensor.is_rolling() { matched.clone() } else { Vec::new() };
-    let (mut camera_from_world, mut excess) = track::refine_pose(map, view, &mut matched);
-    let (mut better, turn_sigma) = motion(&camera_from_world);
+    let (mut camera_from_world, mut residual_scale) = track::refine_pose(map, view, &mut matched);
+    let (mut better, rotation_sigma) = motion(&camera_from_world);
     if map.sensor.is_rolling() && better != view.motion {
         matched.clone_from(&found);
         let view = View { camera_from_world, motion: better, ..*view };
-        (camera_from_world, excess) = track::refine_pose(map, &view, &mut matched);
-        if turn_sigma > 0.0 {
+        (camera_from_world, residual_scale) = track::refine_pose(map, &view, &mut matched);
+        if rotation_sigma > 0.0 {
             let view = View { camera_from_world, ..view };
-            better = track::motion_by_rows(map, &view, &matched, turn_sigma);
+            better = track::motion_by_rows(map, &view, &matched, rotation_sigma);
             matched = found;
-            (camera_from_world, excess) =
+            (camera_from_world, residual_scale) =
                 track::refine_pose(map, &View { motion: better, ..view }, &mut matched);
         }
     }
@@ -169,13 +169,13 @@ pub(super) fn locate(
         hosts,
         motion: better,
         mean_motion: Twist::zeros(),
-        sought_widely: false,
+        wide_search: false,
         matched,
-        sought,
+        searched,
         inliers,
         known,
         covered,
-        excess,
+        residual_scale,
     }
 }
 
@@ -206,19 +206,22 @@ pub(super) fn relocate(
     reference: usize,
     params: &Params,
 ) -> Option<(usize, Located)> {
-    let beside = map.covisible(reference).into_iter().map(|c| c.0).take(2);
-    let alike = places.query(pyramid.base(), 4).into_iter().map(|c| c.keyframe.0 as usize);
-    let mut tried = BTreeSet::new();
-    [reference].into_iter().chain(alike).chain(beside).filter(|&k| tried.insert(k)).find_map(|candidate| {
-        let points = map.reference_points(candidate);
-        let near_candidate = near(map, candidate, median_inverse_depth(&points));
-        let pyramid_there = &map.keyframes[candidate].pyramid;
-        let alignment = AlignmentReference::new(pyramid_there, &map.camera, &points, &params.align);
-        let found = relocalise(pyramid, [(LocalMap::id(candidate), &alignment)], &params.relocalise).ok()?;
-        let Alignment { frame_from_reference, brightness, .. } = found.alignment;
-        let camera_from_world = frame_from_reference * map.keyframes[candidate].camera_from_world;
-        let view = View { pyramid, camera_from_world, motion: Twist::zeros() };
-        let located = locate(map, &near_candidate, &view, unmoved, brightness, candidate, params);
-        located.is_found_again(params).then_some((candidate, located))
-    })
+    let neighbours = map.covisible(reference).into_iter().map(|c| c.0).take(2);
+    let similar = places.query(pyramid.base(), 4).into_iter().map(|c| c.keyframe.0 as usize);
+    let mut tested = BTreeSet::new();
+    [reference].into_iter().chain(similar).chain(neighbours).filter(|&k| tested.insert(k)).find_map(
+        |candidate| {
+            let points = map.reference_points(candidate);
+            let near_candidate = near(map, candidate, median_inverse_depth(&points));
+            let pyramid_there = &map.keyframes[candidate].pyramid;
+            let alignment = AlignmentReference::new(pyramid_there, &map.camera, &points, &params.align);
+            let found =
+                relocalise(pyramid, [(LocalMap::id(candidate), &alignment)], &params.relocalise).ok()?;
+            let Alignment { frame_from_reference, brightness, .. } = found.alignment;
+            let camera_from_world = frame_from_reference * map.keyframes[candidate].camera_from_world;
+            let view = View { pyramid, camera_from_world, motion: Twist::zeros() };
+            let located = locate(map, &near_candidate, &view, unmoved, brightness, candidate, params);
+            located.is_found_again(params).then_some((candidate, located))
+        },
+    )
 }

@@ -81,32 +81,32 @@ fn a_lost_camera_is_found_near_another_keyframe() {
 }
 
 /// A frame of which so many points of those sought agree.
-fn located(inliers: usize, sought: usize) -> Located {
+fn located(inliers: usize, searched: usize) -> Located {
     Located {
         camera_from_world: Se3::identity(),
         matched: Vec::new(),
-        sought: vec![PointRef { host: 0, index: 0 }; sought],
+        searched: vec![PointRef { host: 0, index: 0 }; searched],
         inliers,
         known: inliers,
         covered: 0,
-        excess: 1.0,
+        residual_scale: 1.0,
         brightness: Brightness::default(),
         hosts: Vec::new(),
         motion: Twist::zeros(),
         mean_motion: Twist::zeros(),
-        sought_widely: false,
+        wide_search: false,
     }
 }
 
 #[test]
-fn few_points_are_enough_where_a_frame_is_expected_and_not_where_it_is_sought() {
+fn few_points_are_enough_where_a_frame_is_expected_and_not_in_a_wide_search() {
     let mut params = Params::default();
     params.track.position_sigma = 0.1;
     // Of a camera that drove on under a cover, among houses that look alike: placed 2 m beside its way.
     let by_chance = located(72, 620);
     assert!(by_chance.is_good(&params) && !by_chance.is_found_again(&params));
-    let of_a_turn = Located { known: 12, ..located(400, 620) };
-    assert!(!of_a_turn.is_good(&params) && !of_a_turn.is_found_again(&params), "they tell no scale");
+    let rotating = Located { known: 12, ..located(400, 620) };
+    assert!(!rotating.is_good(&params) && !rotating.is_found_again(&params), "they tell no scale");
     let keyframes = keyframes();
     let map = exact_map(&keyframes, 10);
     let mut tracker = Tracker::new(&map, 0, Se3::identity(), Se3::identity(), &params);
@@ -120,7 +120,7 @@ fn few_points_are_enough_where_a_frame_is_expected_and_not_where_it_is_sought() 
 }
 
 #[test]
-fn a_sudden_turn_in_other_light_is_followed() {
+fn a_sudden_rotation_in_other_light_is_tracked() {
     let keyframes = keyframes();
     let (map, params) = (exact_map(&keyframes, 10), Params::default());
     let start = map.keyframes[0].camera_from_world;
@@ -132,23 +132,23 @@ fn a_sudden_turn_in_other_light_is_followed() {
     let dim = GrayImage::from_vec(CAMERA.width, CAMERA.height, dim).expect("as many pixels");
     let located = tracker.track(&map, Some(&none), &Pyramid::new(dim, 5), 0.0, &params).expect("it overlaps");
     assert!(error(&located.camera_from_world, &turned) < 0.01);
-    assert!(located.sought_widely && tracker.wants_keyframe(&map, &located, &params));
+    assert!(located.wide_search && tracker.needs_keyframe(&map, &located, &params));
 }
 
 #[test]
-fn a_keyframe_is_wanted_far_from_the_reference_and_not_beside_it() {
+fn a_keyframe_is_needed_far_from_the_reference_and_not_next_to_it() {
     let keyframes = keyframes();
     let (map, places, params) = (exact_map(&keyframes[..1], 10), places(&keyframes[..1]), Params::default());
     let start = map.keyframes[0].camera_from_world;
     let mut tracker = Tracker::new(&map, 0, start, Se3::identity(), &params);
-    let mut wants = |x: f64| {
+    let mut needs = |x: f64| {
         let view = Rendered::new(pose(x, 0.0, 0.0, 0.0, 0.0));
         let located =
             tracker.track(&map, Some(&places), &view.pyramid, 0.0, &params).expect("it is in the map");
-        tracker.wants_keyframe(&map, &located, &params)
+        tracker.needs_keyframe(&map, &located, &params)
     };
-    assert!(!wants(0.02));
-    assert!((1..=8).map(|i| 0.02 + 0.1 * i as f64).any(wants), "eight tenths of a metre at five metres");
+    assert!(!needs(0.02));
+    assert!((1..=8).map(|i| 0.02 + 0.1 * i as f64).any(needs), "eight tenths of a metre at five metres");
 }
 
 #[test]

@@ -13,20 +13,20 @@ pub(crate) struct Calibration {
     /// Standard deviations of its unknowns before anything is seen; one of zero is no unknown but known.
     pub sigma: [f64; UNKNOWNS],
     /// Each point in its host's image.
-    pub hosts: Vec<Shown>,
+    pub hosts: Vec<DistortedPixel>,
     /// Each observation in its image, and its information there.
-    pub seen: Vec<(Shown, [f64; 3])>,
+    pub seen: Vec<(DistortedPixel, [f64; 3])>,
 }
 
 /// Where an image shows a point.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Shown {
+pub(crate) struct DistortedPixel {
     pub pixel: [f64; 2],
     /// How fast it moves there, pixels a second (see [`Sensor::velocity`]).
     pub velocity: Vector2<f64>,
 }
 
-impl Shown {
+impl DistortedPixel {
     /// The pixel had all of the image been read at once.
     fn still(&self, sensor: &Sensor) -> [f64; 2] {
         (Vector2::from(self.pixel) - self.velocity * sensor.delay(self.pixel)).into()
@@ -77,9 +77,9 @@ impl Calibration {
         let x = relative.transform(&point.ray, point.inverse_depth);
         let iz = 1.0 / x.z;
         let (px, py) = (x.x * iz, x.y * iz);
-        let shown = &self.seen[observation].0;
-        let seen = shown.by_unknowns(&self.sensor);
-        let [by_radial] = self.sensor.lens.magnification_by_terms(shown.still(&self.sensor));
+        let distorted = &self.seen[observation].0;
+        let seen = distorted.by_unknowns(&self.sensor);
+        let [by_radial] = self.sensor.lens.magnification_by_terms(distorted.still(&self.sensor));
         // By the readout times it changes by next to nothing.
         let magnification = [by_radial, Matrix2::zeros(), Matrix2::zeros()];
         let residual = Vector2::from(*residual);
@@ -102,13 +102,13 @@ impl Problem {
         let Some(calibration) = &mut self.calibration else { return };
         calibration.sensor = calibration.sensor.with(unknowns);
         let sensor = &calibration.sensor;
-        for (point, shown) in self.points.iter_mut().zip(&calibration.hosts) {
-            point.ray = sensor.lens.ray(shown.still(sensor));
+        for (point, distorted) in self.points.iter_mut().zip(&calibration.hosts) {
+            point.ray = sensor.lens.ray(distorted.still(sensor));
         }
-        for (observation, (shown, [a, b, c])) in self.observations.iter_mut().zip(&calibration.seen) {
-            let (shown, [a, b, c]) = (shown.still(sensor), [*a, *b, *c]);
-            observation.pixel = sensor.lens.undistort(shown);
-            let Some(back) = sensor.lens.magnification(shown).try_inverse() else { continue };
+        for (observation, (distorted, [a, b, c])) in self.observations.iter_mut().zip(&calibration.seen) {
+            let (distorted, [a, b, c]) = (distorted.still(sensor), [*a, *b, *c]);
+            observation.pixel = sensor.lens.undistort(distorted);
+            let Some(back) = sensor.lens.magnification(distorted).try_inverse() else { continue };
             let information = back.transpose() * Matrix2::new(a, b, b, c) * back;
             observation.information = [information[(0, 0)], information[(0, 1)], information[(1, 1)]];
         }

@@ -22,7 +22,7 @@ mod solve;
 mod tests;
 mod uncertainty;
 
-pub(crate) use calibration::{Calibration, Shown};
+pub(crate) use calibration::{Calibration, DistortedPixel};
 pub(crate) use pairs::{Pairs, Relative};
 pub(crate) use pose::{PoseSolver, SeenPoint, covariance};
 pub(crate) use problem::{

@@ -150,10 +150,10 @@ mod tests {
 
     #[test]
     fn a_held_translation_stays() {
-        let turn = Se3::exp(&Vector6::new(0.0, 0.0, 0.0, 0.02, -0.03, 0.01));
+        let pure_rotation = Se3::exp(&Vector6::new(0.0, 0.0, 0.0, 0.02, -0.03, 0.01));
         let solver = PoseSolver { rotation_only: true, ..SOLVER };
-        let found = solver.solve(&CAMERA, &Se3::identity(), &seen(&turn, 1000));
-        assert!(distance(&found, &turn) < 1e-9, "off by {}", distance(&found, &turn));
+        let found = solver.solve(&CAMERA, &Se3::identity(), &seen(&pure_rotation, 1000));
+        assert!(distance(&found, &pure_rotation) < 1e-9, "off by {}", distance(&found, &pure_rotation));
         let found = solver.solve(&CAMERA, &Se3::identity(), &seen(&truth(), 1000));
         assert!(found.translation.norm() < 1e-12, "moved by {}", found.translation);
     }

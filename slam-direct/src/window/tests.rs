@@ -74,8 +74,8 @@ pub(super) fn perturbed(truth: &Problem, translation: f64, rotation: f64, depth:
 /// problem's lengths are multiplied by `scale`.
 fn errors(problem: &Problem, truth: &Problem, scale: f64) -> (f64, f64) {
     let pose = |(a, b): (&Se3, &Se3)| {
-        let turn = a.rotation.angle_to(&b.rotation);
-        turn.max((a.translation * scale - b.translation).norm())
+        let pure_rotation = a.rotation.angle_to(&b.rotation);
+        pure_rotation.max((a.translation * scale - b.translation).norm())
     };
     let depth =
         |(a, b): (&WindowPoint, &WindowPoint)| (a.inverse_depth / scale / b.inverse_depth - 1.0).abs();
@@ -142,7 +142,7 @@ fn disturb(seen: &mut WindowObservation, share: f64, random: &mut geometry::Rand
 }
 
 #[test]
-fn depths_are_as_uncertain_as_they_are_said_to_be() {
+fn depths_are_as_uncertain_as_estimated() {
     // So little noise that the kernel weighs all alike: twice.
     const SHARE: f64 = 0.02;
     let truth = scene(5, 60, &[0, 1]);
@@ -282,7 +282,7 @@ fn the_weight_is_the_slope_of_the_cost() {
 
 /// A chain of frames, each of whose points its next three see: twice the frames are twice the work.
 #[test]
-fn the_system_of_a_long_way_grows_with_its_length() {
+fn the_system_of_a_long_path_grows_with_its_length() {
     let work = |frames: usize| {
         let mut chain = scene(frames, 20 * frames, &[0]);
         for point in &mut chain.points {
@@ -301,7 +301,7 @@ fn the_system_of_a_long_way_grows_with_its_length() {
 }
 
 #[test]
-fn a_wish_to_stop_leaves_what_is_reached() {
+fn a_request_to_stop_leaves_what_is_reached() {
     let mut problem = perturbed(&scene(5, 80, &[0, 1]), 0.06, 0.03, 0.25);
     let before = cost(&problem);
     let pairs = Pairs::new(&problem);
@@ -316,19 +316,19 @@ fn a_wish_to_stop_leaves_what_is_reached() {
 /// second.
 pub(super) fn bent(truth: &Problem, unknowns: [f64; UNKNOWNS]) -> Problem {
     let sensor = Sensor::ideal(truth.camera).with(unknowns);
-    let shown = |ideal: [f64; 2], index: usize| {
+    let distorted = |ideal: [f64; 2], index: usize| {
         let velocity = Vector2::new(400.0 * spread(index, 2), 300.0 * spread(index, 3));
         let still = Vector2::from(sensor.lens.distort(ideal));
         let mut pixel = still;
         for _ in 0..5 {
             pixel = still + velocity * sensor.delay(pixel.into());
         }
-        Shown { pixel: pixel.into(), velocity }
+        DistortedPixel { pixel: pixel.into(), velocity }
     };
-    let host = |(i, p): (usize, &WindowPoint)| shown(truth.camera.project(&p.ray).into(), 31 * i + 7);
+    let host = |(i, p): (usize, &WindowPoint)| distorted(truth.camera.project(&p.ray).into(), 31 * i + 7);
     let hosts = truth.points.iter().enumerate().map(host).collect();
     let seen =
-        truth.observations.iter().enumerate().map(|(i, o)| (shown(o.pixel, i), o.information)).collect();
+        truth.observations.iter().enumerate().map(|(i, o)| (distorted(o.pixel, i), o.information)).collect();
     let calibration =
         Calibration { sensor: Sensor::ideal(truth.camera), sigma: [0.02; UNKNOWNS], hosts, seen };
     let mut problem = Problem { calibration: Some(calibration), ..truth.clone() };
@@ -375,8 +375,8 @@ fn few_sightings_leave_the_sensor_as_it_was_calibrated() {
     for (i, (_, information)) in problem.calibration.as_mut().unwrap().seen.iter_mut().enumerate() {
         *information = [0.01 + 1e-4 * spread(i, 0), 0.0, 0.01];
     }
-    for (shown, _) in &mut problem.calibration.as_mut().unwrap().seen {
-        shown.velocity *= 0.01;
+    for (distorted, _) in &mut problem.calibration.as_mut().unwrap().seen {
+        distorted.velocity *= 0.01;
     }
     problem.set_sensor([0.015, 0.0, 0.01]);
     solve(&mut problem, 30);

@@ -76,15 +76,15 @@ impl Mapped {
 
     /// Stretches of the way, each half over the one before.
     fn cut(&self) -> Vec<Self> {
-        let mut way = vec![0.0];
+        let mut travelled = vec![0.0];
         for step in self.keyframes.windows(2) {
             let moved = step[1].world_from_sensor.translation - step[0].world_from_sensor.translation;
-            way.push(way[way.len() - 1] + moved.norm());
+            travelled.push(travelled[travelled.len() - 1] + moved.norm());
         }
-        let count = (way[way.len() - 1] / (0.5 * STRETCH)) as usize;
+        let count = (travelled[travelled.len() - 1] / (0.5 * STRETCH)) as usize;
         let stretch = |i: usize| {
-            let begin = way.partition_point(|d| *d < 0.5 * STRETCH * i as f64);
-            let end = way.partition_point(|d| *d < 0.5 * STRETCH * i as f64 + STRETCH);
+            let begin = travelled.partition_point(|d| *d < 0.5 * STRETCH * i as f64);
+            let end = travelled.partition_point(|d| *d < 0.5 * STRETCH * i as f64 + STRETCH);
             Self {
                 name: format!("{}/{begin}-{end}", self.name),
                 world: self.world.clone(),
@@ -123,7 +123,7 @@ fn figures(e: &MergeEvidence, off: Option<(f64, f64)>) -> String {
         e.of_pieces,
         e.finding,
         e.overlap,
-        e.things.agreeing,
+        e.things.inlier_ratio,
         e.weighed.ln_ratio,
         e.weighed.changed,
         e.conditioning.weak,

@@ -27,9 +27,9 @@ pub fn run(method: &str, path: &Path) -> Result<(), Failure> {
     }
     times.sort_by(f64::total_cmp);
     let pairs = recording.pairs(&found);
-    let ((rmse, most), (share, turn)) = (ate(&pairs)?, drift(&pairs));
+    let ((rmse, most), (share, rotation)) = (ate(&pairs)?, drift(&pairs));
     println!(
-        "{} {method}: ATE {rmse:.4} m, most {most:.3} m, drift {:.3} %, {turn:.4} deg/m, CPU median {:.1} ms",
+        "{} {method}: ATE {rmse:.4} m, most {most:.3} m, drift {:.3} %, {rotation:.4} deg/m, CPU median {:.1} ms",
         path.display(),
         100.0 * share,
         times[times.len() / 2]

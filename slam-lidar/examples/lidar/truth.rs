@@ -53,17 +53,18 @@ pub fn ate(pairs: &[(Se3, Se3)]) -> Result<(f64, f64), Failure> {
 
 /// Mean drift over all pieces of 10 m: share of the way, and degrees a metre.
 pub fn drift(pairs: &[(Se3, Se3)]) -> (f64, f64) {
-    let mut way = vec![0.0];
+    let mut travelled = vec![0.0];
     for step in pairs.windows(2) {
-        way.push(way[way.len() - 1] + (step[1].1.translation - step[0].1.translation).norm());
+        travelled
+            .push(travelled[travelled.len() - 1] + (step[1].1.translation - step[0].1.translation).norm());
     }
     let (mut sum, mut count) = ((0.0, 0.0), 0.0);
     for i in 0..pairs.len() {
-        let j = way.partition_point(|&d| d < way[i] + 10.0);
+        let j = travelled.partition_point(|&d| d < travelled[i] + 10.0);
         let Some(end) = pairs.get(j) else { break };
         let error = (pairs[i].1.inverse() * end.1).inverse() * (pairs[i].0.inverse() * end.0);
-        sum.0 += error.translation.norm() / (way[j] - way[i]);
-        sum.1 += error.rotation.angle().to_degrees() / (way[j] - way[i]);
+        sum.0 += error.translation.norm() / (travelled[j] - travelled[i]);
+        sum.1 += error.rotation.angle().to_degrees() / (travelled[j] - travelled[i]);
         count += 1.0;
     }
     (sum.0 / f64::max(count, 1.0), sum.1 / f64::max(count, 1.0))
@@ -72,10 +73,10 @@ pub fn drift(pairs: &[(Se3, Se3)]) -> (f64, f64) {
 /// Error of the pose after the first `metres` of the way in the frame of the first pose: metres and degrees.
 pub fn beginning(pairs: &[(Se3, Se3)], metres: f64) -> Option<(f64, f64)> {
     let first = pairs.first()?;
-    let mut way = 0.0;
+    let mut travelled = 0.0;
     let reached = |step: &&[(Se3, Se3)]| {
-        way += (step[1].1.translation - step[0].1.translation).norm();
-        way >= metres
+        travelled += (step[1].1.translation - step[0].1.translation).norm();
+        travelled >= metres
     };
     let end = pairs.windows(2).find(reached)?[1];
     let error = (first.1.inverse() * end.1).inverse() * (first.0.inverse() * end.0);

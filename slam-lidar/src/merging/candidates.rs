@@ -22,7 +22,8 @@ pub fn candidates(a: &RobotMap, piece: &Piece, b: &RobotMap) -> Vec<Se3> {
     let mut nearest: Vec<(usize, f32)> = keys.collect();
     nearest.sort_by(|(i, x), (j, y)| x.total_cmp(y).then(i.cmp(j)));
     nearest.truncate(NEAREST);
-    let mut ranked: Vec<_> = nearest.into_iter().map(|(i, _)| (i, a.contexts[i].likeness(context))).collect();
+    let mut ranked: Vec<_> =
+        nearest.into_iter().map(|(i, _)| (i, a.contexts[i].similarity(context))).collect();
     ranked.sort_by(|(i, x), (j, y)| x.distance.total_cmp(&y.distance).then(i.cmp(j)));
     let mut places: Vec<Se3> = Vec::new();
     for (i, like) in ranked {

@@ -50,7 +50,8 @@ pub struct Comparison {
     /// Share of a map's surfels that the other can judge, the lesser of both ways.
     pub overlap: f64,
     /// Of these, the share that agrees, the lesser of both ways.
-    pub agreeing: f64,
+    #[serde(rename = "agreeing")]
+    pub inlier_ratio: f64,
     /// What rays end off the surfels that they cross, standard deviation in metres.
     pub deviation: f64,
     /// Pieces of surface, measured.
@@ -68,7 +69,7 @@ enum Found {
 }
 
 /// Some of one map's surfels among the other's rays.
-struct OneWay<'a> {
+struct OneDirection<'a> {
     source: &'a RobotMap,
     /// Every so many are asked, each of which stands for as many.
     every: usize,
@@ -91,8 +92,8 @@ const GLIMPSED: usize = 8;
 fn compared(a: &RobotMap, b: &RobotMap, a_from_b: &Se3, every: usize) -> Comparison {
     let b_from_a = a_from_b.inverse();
     let deviation = deviation(a, b, a_from_b).max(deviation(b, a, &b_from_a));
-    let there = OneWay::new([a, b], a_from_b, deviation, every);
-    let back = OneWay::new([b, a], &b_from_a, deviation, every);
+    let there = OneDirection::new([a, b], a_from_b, deviation, every);
+    let back = OneDirection::new([b, a], &b_from_a, deviation, every);
     let mut differences = there.differences(false);
     differences.extend(back.differences(true));
     differences.sort_by(|x, y| y.area.total_cmp(&x.area).then(y.in_first.cmp(&x.in_first)));
@@ -102,9 +103,9 @@ fn compared(a: &RobotMap, b: &RobotMap, a_from_b: &Se3, every: usize) -> Compari
     pieces.extend(differences.iter().filter_map(|difference| differing(difference, total)));
     let share = |part: usize, of: usize| part as f64 / of.max(1) as f64;
     Comparison {
-        shared: there.area(there.agreeing()).min(back.area(back.agreeing())),
+        shared: there.area(there.inliers()).min(back.area(back.inliers())),
         overlap: share(there.seen(), there.found.len()).min(share(back.seen(), back.found.len())),
-        agreeing: share(there.agreeing(), there.seen()).min(share(back.agreeing(), back.seen())),
+        inlier_ratio: share(there.inliers(), there.seen()).min(share(back.inliers(), back.seen())),
         deviation: f64::from(deviation),
         pieces,
         differences,
@@ -130,7 +131,7 @@ fn deviation(target: &RobotMap, source: &RobotMap, target_from_source: &Se3) -> 
     if off.is_empty() { 0.0 } else { 1.4826 * *off.select_nth_unstable_by(half, f32::total_cmp).1 }
 }
 
-impl<'a> OneWay<'a> {
+impl<'a> OneDirection<'a> {
     fn new(
         [target, source]: [&'a RobotMap; 2],
         target_from_source: &Se3,
@@ -160,7 +161,7 @@ impl<'a> OneWay<'a> {
         self.found.iter().filter(|found| **found != Found::Unseen).count()
     }
 
-    fn agreeing(&self) -> usize {
+    fn inliers(&self) -> usize {
         self.found.iter().filter(|found| **found == Found::There).count()
     }
 

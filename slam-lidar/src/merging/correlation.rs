@@ -29,7 +29,7 @@ const REACH: f64 = 60.0;
 /// Poses that are handed on.
 const PEAKS: usize = 40;
 /// Walls on either side of whose heading, in steps of a turn, weigh as one.
-const BESIDE: usize = 2;
+const HEADING_MARGIN: usize = 2;
 /// So many walls of a heading count as one by themselves: 10 m, less may be scatter.
 const FEW: f32 = 20.0;
 /// Peaks lie farther apart than this along an axis, bins, or are turned farther, turns.
@@ -94,8 +94,8 @@ fn weigh(walls: &mut [Wall]) {
     let mut counts = [0u32; HALF];
     walls.iter().for_each(|wall| counts[bin(wall)] += 1);
     for wall in walls {
-        let around = |d: usize| counts[(bin(wall) + HALF + d - BESIDE) % HALF];
-        wall.weight = 1.0 / ((0..=2 * BESIDE).map(around).sum::<u32>() as f32 + FEW);
+        let around = |d: usize| counts[(bin(wall) + HALF + d - HEADING_MARGIN) % HALF];
+        wall.weight = 1.0 / ((0..=2 * HEADING_MARGIN).map(around).sum::<u32>() as f32 + FEW);
     }
 }
 
@@ -116,11 +116,11 @@ pub fn peaks(a: &RobotMap, b: &RobotMap) -> Vec<Se3> {
             .collect();
         for other in of_a {
             let parallel = ((other.heading - wall.heading) / step).round() as i32;
-            for turn in [-1, 0, 1].into_iter().flat_map(|d| [parallel + d, parallel + d + TURNS as i32 / 2]) {
-                let turn = turn.rem_euclid(TURNS as i32) as usize;
-                let bin = (other.place - turned[turn]).map(|v| ((v + REACH) / BIN).floor() as i32);
+            for yaw in [-1, 0, 1].into_iter().flat_map(|d| [parallel + d, parallel + d + TURNS as i32 / 2]) {
+                let yaw = yaw.rem_euclid(TURNS as i32) as usize;
+                let bin = (other.place - turned[yaw]).map(|v| ((v + REACH) / BIN).floor() as i32);
                 if bin.x >= 0 && bin.x < side && bin.y >= 0 && bin.y < side {
-                    votes[turn * (side * side) as usize + (bin.y * side + bin.x) as usize] +=
+                    votes[yaw * (side * side) as usize + (bin.y * side + bin.x) as usize] +=
                         wall.weight * other.weight;
                 }
             }
@@ -136,8 +136,8 @@ pub fn peaks(a: &RobotMap, b: &RobotMap) -> Vec<Se3> {
     order.sort_by(by_votes);
     let mut found: Vec<[i32; 3]> = Vec::new();
     for index in order {
-        let (turn, bin) = (index as i32 / (side * side), index as i32 % (side * side));
-        let at = [bin % side, bin / side, turn];
+        let (yaw, bin) = (index as i32 / (side * side), index as i32 % (side * side));
+        let at = [bin % side, bin / side, yaw];
         let is_same = |other: &[i32; 3]| {
             let turned = (at[2] - other[2]).rem_euclid(TURNS as i32);
             (at[0] - other[0]).abs() <= APART.0
@@ -148,8 +148,8 @@ pub fn peaks(a: &RobotMap, b: &RobotMap) -> Vec<Se3> {
             found.push(at);
         }
     }
-    let pose = |[x, y, turn]: [i32; 3]| {
-        let rotation = UnitQuaternion::from_scaled_axis(Vector3::z() * step * f64::from(turn));
+    let pose = |[x, y, yaw]: [i32; 3]| {
+        let rotation = UnitQuaternion::from_scaled_axis(Vector3::z() * step * f64::from(yaw));
         let bin = Vector2::new(x, y).map(|v| (f64::from(v) + 0.5) * BIN - REACH) + middle_a;
         let moved = rotation * Vector3::new(middle_b.x, middle_b.y, 0.0);
         Se3::new(rotation, Vector3::new(bin.x, bin.y, 0.0) - moved)

@@ -267,20 +267,20 @@ fn ransac(pairs: &[[Vector3<f64>; 2]]) -> Option<(Se3, usize)> {
         let mut random = Random::new(sample as u64);
         [(); 3].map(|()| random.index(pairs.len()))
     };
-    let tried = |sample: usize| -> Option<(usize, usize)> {
+    let tested = |sample: usize| -> Option<(usize, usize)> {
         let chosen = drawn(sample);
-        let alike = [(0, 1), (1, 2), (2, 0)].into_iter().all(|(x, y)| {
+        let similar = [(0, 1), (1, 2), (2, 0)].into_iter().all(|(x, y)| {
             let [one, other] = [0, 1].map(|k| (pairs[chosen[x]][k] - pairs[chosen[y]][k]).norm());
             one.min(other) > LEAST_SIDE && one.min(other) > SIMILAR * one.max(other)
         });
-        let pose = alike.then(|| fit(&chosen)).flatten()?;
+        let pose = similar.then(|| fit(&chosen)).flatten()?;
         Some((inliers(&pose).len(), sample))
     };
     // Of samples with as many inliers the first.
     let better = |x: (usize, usize), y: (usize, usize)| {
         if (y.0, std::cmp::Reverse(y.1)) > (x.0, std::cmp::Reverse(x.1)) { y } else { x }
     };
-    let (count, sample) = (0..SAMPLES).into_par_iter().filter_map(tried).reduce_with(better)?;
+    let (count, sample) = (0..SAMPLES).into_par_iter().filter_map(tested).reduce_with(better)?;
     let mut pose = fit(&drawn(sample))?;
     let mut used = inliers(&pose);
     for _ in 0..5 {

@@ -2,7 +2,7 @@
 
 use super::candidates::candidates;
 use super::robot_map::RobotMap;
-use crate::closure::{counted, sketch};
+use crate::closure::{coarse_search, counted};
 use geometry::Se3;
 use nalgebra::Vector6;
 use rayon::prelude::*;
@@ -45,22 +45,23 @@ const CONFIRMING: f64 = 0.6;
 
 /// Pieces of `b` that come back to a pose by themselves when they begin beside it.
 pub fn confirming(a: &RobotMap, b: &RobotMap, a_from_b: &Se3) -> usize {
-    let beside = Se3::exp(&Vector6::new(DISPLACED.0, DISPLACED.0, 0.0, 0.0, 0.0, DISPLACED.1));
+    let displacement = Se3::exp(&Vector6::new(DISPLACED.0, DISPLACED.0, 0.0, 0.0, 0.0, DISPLACED.1));
     let confirms = |piece: usize| {
         let of = &b.pieces[piece];
-        let found = sketch(&a.whole, &of.points, &(*a_from_b * of.map_from_piece * beside), false);
-        let said = found.pose * of.map_from_piece.inverse();
+        let found =
+            coarse_search(&a.whole, &of.points, &(*a_from_b * of.map_from_piece * displacement), false);
+        let proposed = found.pose * of.map_from_piece.inverse();
         let (asked, within) = counted(&a.whole, &of.points, &found.pose);
         asked as f64 >= HELD * of.points.len() as f64
             && within as f64 >= CONFIRMING * asked as f64
-            && agree(a_from_b, &Hypothesis { piece, a_from_b: said, score: found.score }, b)
+            && agree(a_from_b, &Hypothesis { piece, a_from_b: proposed, score: found.score }, b)
     };
     (0..b.pieces.len()).into_par_iter().filter(|&piece| confirms(piece)).count()
 }
 
 /// Every piece of `b` registered at its candidates.
 pub fn hypotheses(a: &RobotMap, b: &RobotMap) -> Vec<Hypothesis> {
-    let tried: Vec<(usize, Se3)> = b
+    let tested: Vec<(usize, Se3)> = b
         .pieces
         .iter()
         .enumerate()
@@ -68,10 +69,10 @@ pub fn hypotheses(a: &RobotMap, b: &RobotMap) -> Vec<Hypothesis> {
         .collect();
     let register = |&(piece, guess): &(usize, Se3)| {
         let Some(of) = b.pieces.get(piece) else { unreachable!("pieces are enumerated") };
-        let found = sketch(&a.whole, &of.points, &guess, true);
+        let found = coarse_search(&a.whole, &of.points, &guess, true);
         Hypothesis { piece, a_from_b: found.pose * of.map_from_piece.inverse(), score: found.score }
     };
-    tried.par_iter().map(register).collect()
+    tested.par_iter().map(register).collect()
 }
 
 /// Groups of hypotheses that agree, the best supported first. A hypothesis is in one of them only, a piece counts

@@ -12,7 +12,8 @@ pub enum Test {
     /// Surfaces that both maps saw.
     Overlap,
     /// Pieces of surface that are there in both maps.
-    Agreeing,
+    #[serde(rename = "Agreeing")]
+    InlierRatio,
     /// What agrees and what differs, weighed.
     Likelihood,
     /// Things that stand in one map and not in the other, where the likelihood does not tell.
@@ -44,7 +45,9 @@ impl fmt::Display for Line {
         match self.test {
             Test::Pieces => write!(f, "{value} independent pieces agree, {bound} are needed"),
             Test::Overlap => write!(f, "the maps overlap by {value:.2}, {bound} is needed"),
-            Test::Agreeing => write!(f, "{value:.2} of the surface that both saw agrees, {bound} is needed"),
+            Test::InlierRatio => {
+                write!(f, "{value:.2} of the surface that both saw agrees, {bound} is needed")
+            }
             Test::Likelihood => write!(
                 f,
                 "what both saw is e^{value:.1} times as likely if this is one place as if it is another that shares things with \

@@ -24,7 +24,7 @@ mod tests;
 pub mod verdict;
 pub mod views;
 
-use crate::closure::{Found, search, sketch};
+use crate::closure::{Found, coarse_search, search};
 use crate::voxels::{VoxelTable, first_of_each_voxel};
 use backend::verdict::{Answer, Prior};
 use comparison::{Comparison, glimpse};
@@ -33,7 +33,7 @@ use lines::{Line, Test};
 use rayon::prelude::*;
 use robot_map::RobotMap;
 use serde::{Deserialize, Serialize};
-use verdict::{Decision, Verdict, bounds, confirm, distinct, evidence, is_one, judged, seen};
+use verdict::{Decision, Verdict, bounds, confirm, decide, distinct, evidence, is_one, seen};
 
 /// So many clusters of hypotheses are registered with whole maps, thinned.
 const FOLLOWED: usize = 16;
@@ -41,7 +41,7 @@ const FOLLOWED: usize = 16;
 /// that repeats itself thinned points fit at every repetition.
 const LOOKED_AT: usize = 24;
 /// Of these so many, the ones that differ least at a glimpse, are judged.
-const JUDGED: usize = 8;
+const MAX_EVALUATED: usize = 8;
 /// Grid on which whole maps are compared to rank clusters, metres.
 const RANKED_ON: f32 = 1.5;
 
@@ -91,7 +91,7 @@ fn in_order(method: MergeMethod, a: &RobotMap, b: &RobotMap, prior: &Prior) -> V
             ranked.insert(0, Ranked { cluster: own.clone(), is_open: true });
             followed(a, b, &ranked, prior, Some(&own))
         }
-        (MergeMethod::Emr, None) => judged(Vec::new(), prior, |_| ()),
+        (MergeMethod::Emr, None) => decide(Vec::new(), prior, |_| ()),
     }
 }
 
@@ -126,7 +126,7 @@ fn ranked(a: &RobotMap, b: &RobotMap, found: Vec<Cluster>) -> Vec<Ranked> {
     first_of_each_voxel(&b.whole.points, RANKED_ON, &mut VoxelTable::default(), &mut kept);
     let thinned: Vec<[f32; 3]> = kept.iter().map(|&i| b.whole.points[i as usize]).collect();
     let fitted = |cluster: Cluster| {
-        let fit = sketch(&a.whole, &thinned, &cluster.a_from_b, false);
+        let fit = coarse_search(&a.whole, &thinned, &cluster.a_from_b, false);
         (fit.score, Cluster { a_from_b: fit.pose, ..cluster })
     };
     let mut scored: Vec<(f64, Cluster)> = found.into_par_iter().map(fitted).collect();
@@ -167,14 +167,14 @@ fn followed(a: &RobotMap, b: &RobotMap, ranked: &[Ranked], prior: &Prior, own: O
     // poses fit more than the right one, and along a corridor every step of its doors fits as well.
     let begin = usize::from(own.is_some());
     looked[begin..].sort_by(|((one, _), x), ((other, _), y)| {
-        other.is_open.cmp(&one.is_open).then(y.agreeing.total_cmp(&x.agreeing))
+        other.is_open.cmp(&one.is_open).then(y.inlier_ratio.total_cmp(&x.inlier_ratio))
     });
-    looked.truncate(JUDGED);
+    looked.truncate(MAX_EVALUATED);
     let judge = |((ranked, found), look): ((&Ranked, Found), Comparison)| {
         evidence(a, b, &ranked.cluster, &found, prior, look)
     };
     let evidence = looked.into_par_iter().map(judge).collect();
-    let verdict = judged(evidence, prior, |best| confirm(a, b, best));
+    let verdict = decide(evidence, prior, |best| confirm(a, b, best));
     match (own, first, &verdict.best) {
         (Some(_), Some(own), Some(best))
             if verdict.decision == Decision::Accepted && !is_one(&own, &best.a_from_b) =>

@@ -14,9 +14,9 @@ const PARALLEL: f32 = 0.94;
 /// How far the one lies off the other's plane, metres: twice the thickness that is flat.
 const OFF: f32 = 0.08;
 /// Cells of a group lie no farther from each other, cells along each axis: rings of 16 lie half a metre apart at 14 m.
-const BESIDE: i32 = 2;
+const GROUP_REACH: i32 = 2;
 /// Two patches are alike whose lower and upper end and width differ by less, metres: more than half of a cell, which their rims err by.
-const ALIKE: f32 = 0.15;
+const MAX_DIFFERENCE: f32 = 0.15;
 /// Cosine of the steepest slope of a level patch.
 const LEVEL: f32 = 0.7;
 
@@ -52,7 +52,7 @@ impl Patches {
         let shapes: Vec<Shape> = groups.iter().map(|group| shape(surfels, group)).collect();
         let patch = |(group, own): (&Vec<usize>, &Shape)| Patch {
             cells: group.len() as u32,
-            occurrences: shapes.iter().filter(|other| is_alike(own, other)).count() as u32,
+            occurrences: shapes.iter().filter(|other| is_similar(own, other)).count() as u32,
         };
         Self { of, all: groups.iter().zip(&shapes).map(patch).collect() }
     }
@@ -71,7 +71,7 @@ pub fn grouped(
             at.push(i);
         }
     }
-    let width = 2 * BESIDE + 1;
+    let width = 2 * GROUP_REACH + 1;
     let (mut reached, mut groups) = (vec![false; at.len()], Vec::new());
     for start in 0..at.len() {
         if std::mem::replace(&mut reached[start], true) {
@@ -83,7 +83,7 @@ pub fn grouped(
             group.push(at[next]);
             let [x, y, z] = own.cell;
             for k in 0..width.pow(3) {
-                let [dx, dy, dz] = [k % width, k / width % width, k / width.pow(2)].map(|d| d - BESIDE);
+                let [dx, dy, dz] = [k % width, k / width % width, k / width.pow(2)].map(|d| d - GROUP_REACH);
                 let Some(other) = table.get(key_of([x + dx, y + dy, z + dz])) else { continue };
                 let other = other as usize;
                 if !reached[other] && belong(own, &surfels[at[other]]) {
@@ -135,6 +135,6 @@ fn deviation_along(surfel: &Surfel, axis: [f32; 3]) -> f32 {
     (part(0) + part(1) + part(2)).sqrt()
 }
 
-fn is_alike(one: &Shape, other: &Shape) -> bool {
-    one.0 == other.0 && (0..3).all(|k| (one.1[k] - other.1[k]).abs() < ALIKE)
+fn is_similar(one: &Shape, other: &Shape) -> bool {
+    one.0 == other.0 && (0..3).all(|k| (one.1[k] - other.1[k]).abs() < MAX_DIFFERENCE)
 }

@@ -133,13 +133,13 @@ impl RobotMap {
 
 /// Keyframes in runs of [`LENGTH`] metres of way.
 fn spans(keyframes: &[Keyframe]) -> Vec<std::ops::Range<usize>> {
-    let (mut spans, mut begin, mut way) = (Vec::new(), 0, 0.0);
+    let (mut spans, mut begin, mut path) = (Vec::new(), 0, 0.0);
     for i in 1..keyframes.len() {
-        way += (keyframes[i].world_from_sensor.translation - keyframes[i - 1].world_from_sensor.translation)
+        path += (keyframes[i].world_from_sensor.translation - keyframes[i - 1].world_from_sensor.translation)
             .norm();
-        if way > LENGTH {
+        if path > LENGTH {
             spans.push(begin..i);
-            (begin, way) = (i, 0.0);
+            (begin, path) = (i, 0.0);
         }
     }
     if begin < keyframes.len() {

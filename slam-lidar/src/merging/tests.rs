@@ -5,7 +5,7 @@ use super::graph::{Merge, joined};
 use super::lines::Test;
 use super::robot_map::RobotMap;
 use super::shifts::Counted;
-use super::verdict::{Decision, MergeEvidence, Verdict, distinct, judged};
+use super::verdict::{Decision, MergeEvidence, Verdict, decide, distinct};
 use super::{MergeMethod, merge, merge_by};
 use crate::degeneracy::Conditioning;
 use crate::keyframe::Keyframe;
@@ -80,7 +80,7 @@ fn standing(a_from_b: Se3) -> MergeEvidence {
         support: 20.0,
         overlap: 0.9,
         surface: 500.0,
-        things: Comparison { shared: 500.0, overlap: 0.9, agreeing: 1.0, ..Comparison::default() },
+        things: Comparison { shared: 500.0, overlap: 0.9, inlier_ratio: 1.0, ..Comparison::default() },
         weighed: weighed(Answer::Same, 5.0),
         shifts: Default::default(),
         rmse: 0.02,
@@ -93,7 +93,7 @@ fn weighed(answer: Answer, ln_ratio: f64) -> Weighed {
 }
 
 fn decided(found: Vec<MergeEvidence>) -> Verdict {
-    judged(found, &Prior::default(), |_| ())
+    decide(found, &Prior::default(), |_| ())
 }
 
 #[test]
@@ -122,7 +122,7 @@ fn a_pose_is_held_to_every_test_and_the_answer_says_which_failed() {
     let other = |e: &mut MergeEvidence| e.weighed = weighed(Answer::Different, -20.0);
     assert_eq!(of(other), (Answer::Different, Test::Likelihood));
     assert_eq!(of(|e| e.overlap = 0.2), (Answer::Different, Test::Overlap));
-    assert_eq!(of(|e| e.things.agreeing = 0.8), (Answer::Different, Test::Agreeing));
+    assert_eq!(of(|e| e.things.inlier_ratio = 0.8), (Answer::Different, Test::InlierRatio));
     let shifted =
         |e: &mut MergeEvidence| e.shifts = [(30, 400), (3, 500)].map(|(shifted, of)| Counted { shifted, of });
     assert_eq!(of(shifted), (Answer::CannotTell, Test::Shifts));
@@ -156,16 +156,16 @@ fn where_the_likelihood_does_not_tell_nothing_may_be_absent_and_much_must_be_sha
 }
 
 #[test]
-fn a_refused_pose_at_which_more_is_alike_leaves_the_one_that_passes_open() {
+fn a_refused_pose_with_more_inliers_leaves_the_one_that_passes_open() {
     let (mut refused, passes) = (standing(pose(1)), standing(pose(2)));
     refused.weighed = weighed(Answer::Different, -9.0);
     refused.support = 30.0;
     let verdict = decided(vec![refused.clone(), passes.clone()]);
     assert_eq!((verdict.answer, verdict.line.test), (Answer::CannotTell, Test::Rivals));
     // One that a repetition's things contradict is none, nor is one at which less is alike.
-    let repetition = Comparison { agreeing: 0.9, ..refused.things.clone() };
-    let beside = MergeEvidence { things: repetition, ..refused.clone() };
-    assert_eq!(decided(vec![beside, passes.clone()]).answer, Answer::Same);
+    let repetition = Comparison { inlier_ratio: 0.9, ..refused.things.clone() };
+    let repeated = MergeEvidence { things: repetition, ..refused.clone() };
+    assert_eq!(decided(vec![repeated, passes.clone()]).answer, Answer::Same);
     // Nor one at which as much differs as a repetition has of its own: the other explains more.
     let piece = |ln_agreement| Piece {
         kind: PieceKind::Shape,
@@ -187,14 +187,14 @@ fn a_refused_pose_at_which_more_is_alike_leaves_the_one_that_passes_open() {
 }
 
 #[test]
-fn of_poses_that_do_not_stand_the_one_that_may_be_is_told() {
+fn of_refused_poses_the_undecided_one_is_reported() {
     let (mut refused, mut open) = (standing(pose(1)), standing(pose(2)));
     refused.weighed = weighed(Answer::Different, -9.0);
     open.weighed = weighed(Answer::CannotTell, -1.0);
     let verdict = decided(vec![refused, open]);
     assert_eq!((verdict.decision, verdict.line.test), (Decision::Undecided, Test::Likelihood));
-    let told = verdict.best.expect("a pose was judged").a_from_b;
-    assert_eq!(told.to_tum(), pose(2).to_tum());
+    let reported = verdict.best.expect("a pose was judged").a_from_b;
+    assert_eq!(reported.to_tum(), pose(2).to_tum());
 }
 
 /// Shelves of one plan whose tins all stand otherwise, none of them larger than what maps err by; and of one of the two seen again.
@@ -202,7 +202,7 @@ fn of_poses_that_do_not_stand_the_one_that_may_be_is_told() {
 fn a_shop_aisle_is_not_joined_with_one_of_other_goods() {
     let aisle = |things: u64, visit: f64| {
         let site = Kind::Aisle.site(20, Things::new(things));
-        let (pose, _) = walk(&site.ways[1]);
+        let (pose, _) = walk(&site.paths[1]);
         let keyframe = |k: usize| {
             let at = pose(2.0 * k as f64);
             let returns = sweep_of(&THIRTY_TWO, &site.boxes, |_| at, visit + k as f64);

@@ -92,7 +92,7 @@ pub mod bounds {
     pub const OVERLAP: f64 = 0.3;
     /// Least share of what both saw that is there in both: of one place with half of its things moved it is 0.95, of doubles with
     /// nothing but the plan in common 0.84 and more. Beside another place by a repetition, or in another, it is less.
-    pub const AGREEING: f64 = 0.82;
+    pub const INLIER_RATIO: f64 = 0.82;
     /// Share of what both saw that is there in both at a glimpse, where a pose is looked at closely: of one place with half of its things
     /// moved it is 0.95, of doubles with nothing but the plan in common 0.84 and more.
     pub const GLIMPSED: f64 = 0.7;
@@ -133,7 +133,7 @@ pub(super) fn evidence(
     let of = |map: &RobotMap| -> Vec<[f32; 3]> { map.whole.points.iter().copied().step_by(EVERY).collect() };
     let overlap = seen(&a.whole, &of(b), &found.pose).0.min(seen(&b.whole, &of(a), &back).0);
     // Most poses are seen to be wrong at a glimpse.
-    let is_open = overlap >= bounds::OVERLAP && glimpse.agreeing >= bounds::GLIMPSED;
+    let is_open = overlap >= bounds::OVERLAP && glimpse.inlier_ratio >= bounds::GLIMPSED;
     let things = if is_open { compare(a, b, &found.pose) } else { glimpse };
     let both = |target: &RobotMap, source: &RobotMap, pose: &Se3| {
         seen(&target.whole, &source.settled, pose).0 * area(source.settled.len())
@@ -193,22 +193,30 @@ pub(super) fn seen(target: &Submap, points: &[[f32; 3]], target_from_source: &Se
 /// tell, nothing may outweigh what agrees, no thing may be absent and much must be shared. Pieces are asked for where `is_confirmed`.
 fn tests(e: &MergeEvidence, prior: &Prior, is_confirmed: bool) -> [(Line, bool, Answer); 8] {
     let line = |test, value, bound| Line { test, value, bound };
-    let (overlap, agreeing, weak) = (e.overlap, e.things.agreeing, e.conditioning.weak);
-    let (said, shared, absent) = (e.weighed.answer, e.surface, e.things.absent());
+    let (overlap, inlier_ratio, weak) = (e.overlap, e.things.inlier_ratio, e.conditioning.weak);
+    let (surface_answer, shared, absent) = (e.weighed.answer, e.surface, e.things.absent());
     let certain = (prior.certainty / (1.0 - prior.certainty)).ln();
     let needed = certain - prior.ln_odds;
     let [between, within] = e.shifts;
     let shifted = ln_excess(between, within);
-    let is_told = said.joins();
-    let outweighs = e.weighed.ln_ratio >= 0.0 && said != Answer::Different;
+    let is_decided = surface_answer.joins();
+    let outweighs = e.weighed.ln_ratio >= 0.0 && surface_answer != Answer::Different;
     let moved = bounds::ABSENT + bounds::ABSENT_SHARE * (shared - bounds::MUCH).max(0.0);
     let is_much = shared >= bounds::SHARED || overlap >= bounds::MOST;
     [
         (line(Test::Overlap, overlap, bounds::OVERLAP), overlap >= bounds::OVERLAP, Answer::Different),
-        (line(Test::Agreeing, agreeing, bounds::AGREEING), agreeing >= bounds::AGREEING, Answer::Different),
-        (line(Test::Likelihood, e.weighed.ln_ratio, needed.min(0.0)), is_told || outweighs, said),
-        (line(Test::Absent, absent, moved), is_told || absent <= moved, Answer::CannotTell),
-        (line(Test::Shared, shared, bounds::SHARED), is_told || is_much, Answer::CannotTell),
+        (
+            line(Test::InlierRatio, inlier_ratio, bounds::INLIER_RATIO),
+            inlier_ratio >= bounds::INLIER_RATIO,
+            Answer::Different,
+        ),
+        (
+            line(Test::Likelihood, e.weighed.ln_ratio, needed.min(0.0)),
+            is_decided || outweighs,
+            surface_answer,
+        ),
+        (line(Test::Absent, absent, moved), is_decided || absent <= moved, Answer::CannotTell),
+        (line(Test::Shared, shared, bounds::SHARED), is_decided || is_much, Answer::CannotTell),
         (line(Test::Shifts, shifted, certain), shifted < certain, Answer::CannotTell),
         (line(Test::Conditioning, weak as f64, 0.0), weak == 0, Answer::CannotTell),
         (
@@ -248,7 +256,7 @@ pub(super) fn distinct<T>(found: Vec<T>, pose: impl Fn(&T) -> Se3) -> Vec<T> {
 
 /// Decides between [`distinct`] poses, those that fit best first. The pose at which most is alike is what the maps say; where it is not
 /// believed, none that fits less is, though it passes by itself. `confirm` asks pieces to come back to the pose that would be believed.
-pub(super) fn judged(
+pub(super) fn decide(
     mut found: Vec<MergeEvidence>,
     prior: &Prior,
     confirm: impl Fn(&mut MergeEvidence),
@@ -285,7 +293,7 @@ pub(super) fn judged(
     let explains = |e: &MergeEvidence| explained(&e.things.pieces, prior);
     let least = explains(&best) - (prior.certainty / (1.0 - prior.certainty)).ln();
     let fits = |e: &MergeEvidence| {
-        e.support >= best.support && e.things.agreeing >= bounds::AS_WELL && explains(e) >= least
+        e.support >= best.support && e.things.inlier_ratio >= bounds::AS_WELL && explains(e) >= least
     };
     let is_rival = |e: &&MergeEvidence| failed(e, prior, false).is_none() || fits(e);
     let rivals = Line { test: Test::Rivals, value: found.iter().filter(is_rival).count() as f64, bound: 0.0 };

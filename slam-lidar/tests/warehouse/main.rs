@@ -26,6 +26,6 @@ fn odometry_stays_within_two_centimetres() {
         let error = (aligned * *found - truth).norm();
         assert!(error < 0.02, "sweep {index}: {error:.4} m");
     }
-    let way = (truth[79] - truth[0]).norm();
-    assert!(way > 2.0, "the robot came no farther than {way:.1} m");
+    let path = (truth[79] - truth[0]).norm();
+    assert!(path > 2.0, "the robot came no farther than {path:.1} m");
 }

@@ -26,8 +26,9 @@ impl Recording {
     /// A recording of the folder that `LOOPBOX_DATA` names, by default `shared/data` beside the repository; none, with
     /// a line that says so, where it is missing.
     pub fn open(name: &str) -> Option<Self> {
-        let beside = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/data");
-        let data = std::env::var_os("LOOPBOX_DATA").map_or_else(|| PathBuf::from(beside), PathBuf::from);
+        let default_folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/data");
+        let data =
+            std::env::var_os("LOOPBOX_DATA").map_or_else(|| PathBuf::from(default_folder), PathBuf::from);
         let folder = data.join("lidar/sim_warehouse").join(name);
         if !folder.is_dir() {
             eprintln!(

@@ -220,7 +220,7 @@ mod tests {
     }
 
     #[test]
-    fn patience_ends_and_the_queue_goes_on() {
+    fn patience_ends_and_the_queue_continues() {
         let queue = Queue::newest_only();
         assert!(matches!(queue.pop(&Stop::default(), Duration::from_millis(1)), Some(Item::Nothing)));
         queue.push(frame(7));

@@ -98,7 +98,7 @@ impl Locked {
         let (mut locked, mut complaints) = (Self { controls, restore: Vec::new() }, Vec::new());
         for &each in what {
             let automatics = AUTOMATICS.iter().filter(|automatic| automatic.what == each);
-            let results: Vec<_> = automatics.map(|automatic| locked.turn_off(automatic, memory)).collect();
+            let results: Vec<_> = automatics.map(|automatic| locked.disable(automatic, memory)).collect();
             for error in results.iter().filter_map(|result| result.as_ref().err()) {
                 complaints.push(format!("the camera's {} could not be locked: {error}", each.name()));
             }
@@ -110,7 +110,7 @@ impl Locked {
     }
 
     /// False when the camera has no such automatic.
-    fn turn_off(&mut self, automatic: &Automatic, memory: &Memory) -> io::Result<bool> {
+    fn disable(&mut self, automatic: &Automatic, memory: &Memory) -> io::Result<bool> {
         let Some(present) = self.controls.get(automatic.id)? else { return Ok(false) };
         let mut memory = memory.lock();
         let before = *memory.before.entry(automatic.id).or_insert(present);

@@ -50,7 +50,7 @@ fn locks_hold_the_present_values_and_are_undone() {
 }
 
 #[test]
-fn what_a_camera_lacks_is_said() {
+fn what_a_camera_lacks_is_reported() {
     let camera = Fake::new(&[(AUTO_GAIN, 0), (GAIN, 40)]);
     let (locked, complaints) = Locked::new(camera.clone(), &Lockable::EACH, &Memory::default());
     assert_eq!(
@@ -63,7 +63,7 @@ fn what_a_camera_lacks_is_said() {
 }
 
 #[test]
-fn a_control_that_cannot_be_set_is_said() {
+fn a_control_that_cannot_be_set_is_reported() {
     let camera = Arc::new(Fake { values: Mutex::new([(AUTO_FOCUS, 1)].into()), broken: vec![AUTO_FOCUS] });
     let (_locked, complaints) = Locked::new(camera, &[Lockable::Focus], &Memory::default());
     assert!(complaints[0].contains("focus could not be locked"), "{complaints:?}");

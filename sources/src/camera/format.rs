@@ -182,7 +182,7 @@ pub struct Offer {
 
 /// What the user wants.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Wish {
+pub struct FormatRequest {
     /// This format.
     pub format: Option<PixelFormat>,
     /// This size.
@@ -207,14 +207,14 @@ pub struct Choice {
 
 /// The choice among `offers`: the wanted size (or the one nearest to 640×480), at a format that reaches the wanted
 /// rate, the cheapest first. `None` when there is no such format or size.
-pub fn choose(offers: &[Offer], wish: &Wish) -> Option<Choice> {
-    let fps = wish.fps.unwrap_or(USUAL_RATE);
+pub fn choose(offers: &[Offer], request: &FormatRequest) -> Option<Choice> {
+    let fps = request.fps.unwrap_or(USUAL_RATE);
     let mut choices: Vec<Choice> = offers
         .iter()
-        .filter(|offer| wish.format.is_none_or(|format| format == offer.format))
-        .flat_map(|offer| choices_of(offer, wish.size, fps))
+        .filter(|offer| request.format.is_none_or(|format| format == offer.format))
+        .flat_map(|offer| choices_of(offer, request.size, fps))
         .collect();
-    if wish.size.is_none() {
+    if request.size.is_none() {
         let away = |size: Size| size.pixels().abs_diff(Size::USUAL.pixels());
         let nearest = choices.iter().map(|choice| choice.size).min_by_key(|&size| (away(size), size))?;
         choices.retain(|choice| choice.size == nearest);

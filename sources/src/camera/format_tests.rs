@@ -19,33 +19,39 @@ fn webcam() -> Vec<Offer> {
 
 #[test]
 fn auto_takes_the_cheapest_format_that_reaches_the_rate() {
-    let chosen = |wish| choose(&webcam(), &wish).map(|c| (c.format, c.size.to_string(), c.rate));
-    let wish = Wish::default();
-    assert_eq!(chosen(wish), Some((PixelFormat::Yuyv, "640x480".into(), Some(30.0))));
-    let large = Wish { size: Some(size("1280x720")), ..wish };
+    let chosen = |request| choose(&webcam(), &request).map(|c| (c.format, c.size.to_string(), c.rate));
+    let request = FormatRequest::default();
+    assert_eq!(chosen(request), Some((PixelFormat::Yuyv, "640x480".into(), Some(30.0))));
+    let large = FormatRequest { size: Some(size("1280x720")), ..request };
     assert_eq!(chosen(large), Some((PixelFormat::Mjpg, "1280x720".into(), Some(30.0))));
     assert_eq!(
-        chosen(Wish { fps: Some(10.0), ..large }),
+        chosen(FormatRequest { fps: Some(10.0), ..large }),
         Some((PixelFormat::Yuyv, "1280x720".into(), Some(10.0)))
     );
     assert_eq!(
-        chosen(Wish { fps: Some(60.0), ..wish }),
+        chosen(FormatRequest { fps: Some(60.0), ..request }),
         Some((PixelFormat::Mjpg, "640x480".into(), Some(60.0)))
     );
     assert_eq!(
-        chosen(Wish { fps: Some(200.0), ..wish }),
+        chosen(FormatRequest { fps: Some(200.0), ..request }),
         Some((PixelFormat::Mjpg, "640x480".into(), Some(60.0))),
         "a rate that none reaches: the fastest"
     );
     let grey = [webcam(), vec![list(PixelFormat::Grey, &[("640x480", &[30.0])])]].concat();
-    assert_eq!(choose(&grey, &wish).unwrap().format, PixelFormat::Grey);
+    assert_eq!(choose(&grey, &request).unwrap().format, PixelFormat::Grey);
 }
 
 #[test]
 fn what_is_not_there_is_refused() {
-    assert_eq!(choose(&webcam(), &Wish { size: Some(size("641x480")), ..Wish::default() }), None);
-    assert_eq!(choose(&webcam(), &Wish { format: Some(PixelFormat::Nv12), ..Wish::default() }), None);
-    assert_eq!(choose(&[], &Wish::default()), None);
+    assert_eq!(
+        choose(&webcam(), &FormatRequest { size: Some(size("641x480")), ..FormatRequest::default() }),
+        None
+    );
+    assert_eq!(
+        choose(&webcam(), &FormatRequest { format: Some(PixelFormat::Nv12), ..FormatRequest::default() }),
+        None
+    );
+    assert_eq!(choose(&[], &FormatRequest::default()), None);
 }
 
 #[test]
@@ -59,18 +65,21 @@ fn ranges_and_drivers_that_do_not_say() {
             rates: Rates::Range(1.0, 60.0),
         },
     };
-    let chosen = choose(std::slice::from_ref(&range), &Wish::default()).unwrap();
+    let chosen = choose(std::slice::from_ref(&range), &FormatRequest::default()).unwrap();
     assert_eq!((chosen.size, chosen.rate), (Size::USUAL, Some(30.0)));
-    assert_eq!(choose(&[range], &Wish { size: Some(size("650x480")), ..Wish::default() }), None);
+    assert_eq!(
+        choose(&[range], &FormatRequest { size: Some(size("650x480")), ..FormatRequest::default() }),
+        None
+    );
     let silent = Offer { format: PixelFormat::Yuyv, sizes: Sizes::Present(size("720x576")) };
-    let chosen = choose(&[silent], &Wish::default()).unwrap();
+    let chosen = choose(&[silent], &FormatRequest::default()).unwrap();
     assert_eq!((chosen.size, chosen.rate), (size("720x576"), None));
 }
 
 #[test]
 fn the_size_nearest_to_the_usual_one_is_taken() {
     let sizes = list(PixelFormat::Grey, &[("320x240", &[30.0]), ("752x480", &[20.0]), ("1280x800", &[30.0])]);
-    assert_eq!(choose(&[sizes], &Wish::default()).unwrap().size, size("752x480"));
+    assert_eq!(choose(&[sizes], &FormatRequest::default()).unwrap().size, size("752x480"));
 }
 
 #[test]

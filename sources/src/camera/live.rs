@@ -37,7 +37,7 @@ pub struct Live {
     /// Frames that may still lie in the driver from before that.
     stale: u32,
     /// When the camera last gave a frame.
-    heard: Instant,
+    last_frame: Instant,
     duration: Option<Duration>,
     ends: Option<Instant>,
     stop: Arc<AtomicBool>,
@@ -102,7 +102,7 @@ impl Live {
             gaps: Gaps::default(),
             begun: None,
             stale: BUFFERS,
-            heard: Instant::now(),
+            last_frame: Instant::now(),
             duration,
             ends: None,
             stop: Arc::default(),
@@ -133,9 +133,9 @@ impl Live {
     }
 
     fn frame(&mut self, captured: Captured) -> SourceFrame {
-        self.heard = Instant::now();
+        self.last_frame = Instant::now();
         if let (None, Some(duration)) = (self.ends, self.duration) {
-            self.ends = self.heard.checked_add(duration);
+            self.ends = self.last_frame.checked_add(duration);
         }
         self.gaps.see(captured.sequence);
         let index = self.next_index;
@@ -180,7 +180,7 @@ impl Live {
         self.view = view;
         self.device = Some(opened.device);
         self.gaps.restart();
-        self.heard = Instant::now();
+        self.last_frame = Instant::now();
         self.say(Notice::Back(format!("the camera is back: {}", opened.description)));
     }
 
@@ -203,8 +203,8 @@ impl FrameSource for Live {
 
     fn next_frame(&mut self) -> Option<SourceFrame> {
         if self.begun.is_none() {
-            self.heard = Instant::now();
-            self.begun = Some(self.heard);
+            self.last_frame = Instant::now();
+            self.begun = Some(self.last_frame);
         }
         for notice in std::mem::take(&mut self.pending) {
             self.say(notice);
@@ -217,7 +217,7 @@ impl FrameSource for Live {
             match device.next(SLICE.min(self.silence)) {
                 Ok(Some(captured)) if self.is_stale(&captured) => {}
                 Ok(Some(captured)) => return Some(self.frame(captured)),
-                Ok(None) if self.heard.elapsed() > self.silence => self.lose(&format!(
+                Ok(None) if self.last_frame.elapsed() > self.silence => self.lose(&format!(
                     "no image for {} s (is there a signal, and is the cable sound?)",
                     self.silence.as_secs()
                 )),

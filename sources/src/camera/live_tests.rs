@@ -73,10 +73,10 @@ fn camera(script: &[Step], again: Option<Vec<Option<Opened>>>) -> (Live, Arc<Mut
     });
     let mut live = Live::new("/dev/fake".into(), opened(script, SMALL), reopen, None);
     (live.silence, live.search) = (Duration::from_millis(20), Duration::from_millis(1));
-    let said = Arc::new(Mutex::new(Vec::new()));
-    let hears = Arc::clone(&said);
+    let text = Arc::new(Mutex::new(Vec::new()));
+    let hears = Arc::clone(&text);
     live.listen(Box::new(move |notice| hears.lock().unwrap().push(notice)));
-    (live, said)
+    (live, text)
 }
 
 #[test]
@@ -96,7 +96,7 @@ fn gaps_in_the_drivers_count_are_missed_frames() {
 
 #[test]
 fn a_camera_unplugged_ends_the_source_with_a_reason() {
-    let (mut live, said) = camera(&[Frame(0), Frame(3), Damaged(4), Fails(libc::ENODEV)], None);
+    let (mut live, text) = camera(&[Frame(0), Frame(3), Damaged(4), Fails(libc::ENODEV)], None);
     let frames: Vec<SourceFrame> = std::iter::from_fn(|| live.next_frame()).collect();
     assert_eq!(frames.iter().map(|frame| frame.index).collect::<Vec<_>>(), [0, 1, 2]);
     assert!(frames.iter().all(|frame| frame.captured.is_some()));
@@ -106,8 +106,8 @@ fn a_camera_unplugged_ends_the_source_with_a_reason() {
     assert!(
         failure.contains("/dev/fake: the camera was unplugged\nhint:") && failure.contains("--reconnect")
     );
-    let said = said.lock().unwrap();
-    assert_eq!(*said, [Notice::Note("Fake".into()), Notice::Warning("no focus".into())]);
+    let text = text.lock().unwrap();
+    assert_eq!(*text, [Notice::Note("Fake".into()), Notice::Warning("no focus".into())]);
     assert!(live.next_frame().is_none(), "it stays ended");
 }
 
@@ -128,15 +128,15 @@ fn a_silent_camera_is_given_up() {
 }
 
 #[test]
-fn a_camera_that_comes_back_goes_on() {
+fn a_camera_that_comes_back_continues() {
     let back = opened(&[Frame(0), Frame(1), Fails(libc::EIO)], SMALL);
     let again = vec![None, None, Some(back), None, Some(opened(&[Frame(7)], SMALL))];
-    let (mut live, said) = camera(&[Frame(40), Frame(41), Fails(libc::ENODEV)], Some(again));
+    let (mut live, text) = camera(&[Frame(40), Frame(41), Fails(libc::ENODEV)], Some(again));
     let indices: Vec<u64> = (0..5).map(|_| live.next_frame().unwrap().index).collect();
     assert_eq!(indices, [0, 1, 2, 3, 4]);
     assert_eq!(live.missed(), 0, "a new count is no gap");
     let kinds: Vec<char> =
-        said.lock().unwrap().iter().map(|n| format!("{n:?}").chars().next().unwrap()).collect();
+        text.lock().unwrap().iter().map(|n| format!("{n:?}").chars().next().unwrap()).collect();
     assert_eq!(kinds.iter().collect::<String>(), "NWGBGB");
     // It is silent now, and nothing comes back any more: a wish to stop ends the wait.
     live.stopper().unwrap().store(true, Ordering::Relaxed);

@@ -4,7 +4,7 @@ use super::args::{CameraArgs, Lockable};
 use super::controls::{Locked, Memory, any_automatic};
 use super::device::{Captured, Device, View};
 use super::failures::{explain, not_a_camera};
-use super::format::{Choice, Offer, PixelFormat, Size, USUAL_RATE, Wish, choose, rate_text};
+use super::format::{Choice, FormatRequest, Offer, PixelFormat, Size, USUAL_RATE, choose, rate_text};
 use super::list;
 use super::node::{Fields, Identity, Node};
 use super::stream::Stream;
@@ -15,7 +15,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// How long automatics may look at the scene before they are locked.
-const SETTLE: Duration = Duration::from_secs(1);
+const WARM_UP: Duration = Duration::from_secs(1);
 
 /// A camera of the kernel's Video4Linux, streaming.
 struct Camera {
@@ -38,7 +38,7 @@ impl Device for Camera {
 /// How to open a certain camera.
 pub struct Opener {
     path: PathBuf,
-    wish: Wish,
+    request: FormatRequest,
     lock: Vec<Lockable>,
     memory: Memory,
     /// Which camera it was the first time.
@@ -64,8 +64,8 @@ impl Opener {
         let Some(path) = args.path() else {
             bail!("no camera is named\nhint: --camera /dev/video0; `loopbox cameras` lists those there are");
         };
-        let wish = Wish { format: args.format.0, size: args.size, fps: args.fps };
-        Ok(Self { path, wish, lock: args.locks(), memory: Memory::default(), identity: None })
+        let request = FormatRequest { format: args.format.0, size: args.size, fps: args.fps };
+        Ok(Self { path, request, lock: args.locks(), memory: Memory::default(), identity: None })
     }
 
     /// Opens the camera.
@@ -106,14 +106,14 @@ impl Opener {
         }
         let (offers, others) = node.offers().map_err(failed)?;
         let choice =
-            choose(&offers, &self.wish).ok_or_else(|| refusal(path, &self.wish, &offers, &others))?;
-        let (view, mut warnings) = set_up(path, &node, &choice, &self.wish, &offers)?;
+            choose(&offers, &self.request).ok_or_else(|| refusal(path, &self.request, &offers, &others))?;
+        let (view, mut warnings) = set_up(path, &node, &choice, &self.request, &offers)?;
         let mut stream = Stream::start(Arc::clone(&node)).map_err(failed)?;
         let locked = self.locked(&node, &mut stream, &mut warnings);
         let description = format!("{}, {}", identity.card, description(&view));
         self.identity.get_or_insert(identity);
         // Whatever comes back must look the same.
-        self.wish = Wish { format: Some(view.format), size: Some(view.size), ..self.wish };
+        self.request = FormatRequest { format: Some(view.format), size: Some(view.size), ..self.request };
         Ok(Opened { device: Box::new(Camera { _locked: locked, stream, view }), description, warnings })
     }
 
@@ -122,7 +122,7 @@ impl Opener {
             return None;
         }
         if any_automatic(&**node, &self.lock) && !self.memory.knows_values() {
-            settle(stream);
+            warm_up(stream);
         }
         let (locked, complaints) = Locked::new(node.clone(), &self.lock, &self.memory);
         warnings.extend(complaints);
@@ -131,9 +131,9 @@ impl Opener {
 }
 
 /// Lets the automatics find their values: without frames they do not work.
-fn settle(stream: &mut Stream) {
+fn warm_up(stream: &mut Stream) {
     let started = Instant::now();
-    while let Some(left) = SETTLE.checked_sub(started.elapsed()) {
+    while let Some(left) = WARM_UP.checked_sub(started.elapsed()) {
         if stream.next(left).is_err() {
             return;
         }
@@ -145,13 +145,13 @@ fn set_up(
     path: &Path,
     node: &Node,
     choice: &Choice,
-    wish: &Wish,
+    request: &FormatRequest,
     offers: &[Offer],
 ) -> Result<(View, Vec<String>)> {
     let shape = node.set_format(choice).map_err(|error| explain(path, &error))?;
-    if shape.format != Some(choice.format) || wish.size.is_some_and(|size| size != shape.size) {
-        let wish = Wish { format: Some(choice.format), ..*wish };
-        return Err(refusal(path, &wish, offers, &[]));
+    if shape.format != Some(choice.format) || request.size.is_some_and(|size| size != shape.size) {
+        let request = FormatRequest { format: Some(choice.format), ..*request };
+        return Err(refusal(path, &request, offers, &[]));
     }
     let mut warnings = Vec::new();
     match shape.fields {
@@ -167,9 +167,9 @@ fn set_up(
             path.display()
         ),
     }
-    let fps = wish.fps.unwrap_or(choice.rate.unwrap_or(USUAL_RATE));
+    let fps = request.fps.unwrap_or(choice.rate.unwrap_or(USUAL_RATE));
     let rate = node.set_rate(choice.rate.unwrap_or(fps));
-    if let (Some(wanted), Some(rate)) = (wish.fps, rate)
+    if let (Some(wanted), Some(rate)) = (request.fps, rate)
         && (rate - wanted).abs() > 0.05 * wanted
     {
         let (rate, wanted) = (rate_text(rate), rate_text(wanted));
@@ -188,7 +188,7 @@ fn description(view: &View) -> String {
 }
 
 /// What the camera does not have, and what it has.
-fn refusal(path: &Path, wish: &Wish, offers: &[Offer], others: &[String]) -> anyhow::Error {
+fn refusal(path: &Path, request: &FormatRequest, offers: &[Offer], others: &[String]) -> anyhow::Error {
     let path = path.display();
     if offers.is_empty() {
         let known = PixelFormat::ALL.map(PixelFormat::name).join(", ");
@@ -197,8 +197,8 @@ fn refusal(path: &Path, wish: &Wish, offers: &[Offer], others: &[String]) -> any
             if others.is_empty() { "none".into() } else { others.join(", ") }
         );
     }
-    let format = wish.format.map(|format| format!(" {}", format.name())).unwrap_or_default();
-    let size = wish.size.map(|size: Size| format!(" at {size}")).unwrap_or_default();
+    let format = request.format.map(|format| format!(" {}", format.name())).unwrap_or_default();
+    let size = request.size.map(|size: Size| format!(" at {size}")).unwrap_or_default();
     let offered: Vec<String> =
         offers.iter().map(|offer| format!("{} {}", offer.format.name(), offer.sizes)).collect();
     anyhow!("{path}: the camera gives no{format} images{size}\nhint: it gives {}", offered.join("\n      "))
@@ -213,13 +213,13 @@ mod tests {
     fn a_refused_format_lists_what_there_is() {
         let sizes = Sizes::List(vec![(Size::USUAL, Rates::List(vec![30.0, 15.0]))]);
         let offers = [Offer { format: PixelFormat::Yuyv, sizes }];
-        let wish = Wish { format: Some(PixelFormat::Grey), size: Some(Size::USUAL), fps: None };
-        let text = refusal(Path::new("/dev/video0"), &wish, &offers, &[]).to_string();
+        let request = FormatRequest { format: Some(PixelFormat::Grey), size: Some(Size::USUAL), fps: None };
+        let text = refusal(Path::new("/dev/video0"), &request, &offers, &[]).to_string();
         assert_eq!(
             text,
             "/dev/video0: the camera gives no GREY images at 640x480\nhint: it gives YUYV 640x480 at 30, 15"
         );
-        let text = refusal(Path::new("/dev/video0"), &wish, &[], &["H264".into()]).to_string();
+        let text = refusal(Path::new("/dev/video0"), &request, &[], &["H264".into()]).to_string();
         assert!(text.contains("it has: H264") && text.contains("reads GREY, NV12"), "{text}");
     }
 }

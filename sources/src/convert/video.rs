@@ -82,8 +82,8 @@ impl Encoder {
             bail!("ffmpeg's log cannot be read");
         }
         if !status.success() {
-            let said = self.last_words.lock().unwrap_or_else(PoisonError::into_inner);
-            bail!("ffmpeg cannot write this video: {said}");
+            let text = self.last_words.lock().unwrap_or_else(PoisonError::into_inner);
+            bail!("ffmpeg cannot write this video: {text}");
         }
         Ok(())
     }

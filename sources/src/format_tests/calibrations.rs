@@ -231,7 +231,7 @@ fn a_camera_is_given_no_other_ones_calibration() {
 
 /// Calibration files of other tools beside images are named with how to take them, and nothing else is.
 #[test]
-fn calibration_files_beside_images_are_named() {
+fn sidecar_calibration_files_of_images_are_named() {
     let chain = |names: &[&str]| -> String {
         names
             .iter()
@@ -280,9 +280,9 @@ fn calibration_files_beside_images_are_named() {
         let room = folder(&files);
         let source = open(room.path(), &SourceOptions::default()).unwrap();
         assert!(source.info().calibration.is_none(), "{name}");
-        let said = crate::calibrations_beside(source.info());
+        let refusal = crate::sidecar_calibrations(source.info());
         let words = words.replace('#', &format!("{}/", room.path().display()));
-        assert!(said.len() == 1 && said[0].contains(&words), "{name}: {said:?}");
+        assert!(refusal.len() == 1 && refusal[0].contains(&words), "{name}: {refusal:?}");
         // What is named can be given.
         if words.contains("takes it") {
             let hint: &CameraHint = &source.info().camera;

@@ -105,7 +105,7 @@ fn a_bag_in_sqlite_with_and_without_its_metadata() {
 }
 
 #[test]
-fn stamps_of_messages_that_stand_still_are_those_of_the_recorder() {
+fn constant_stamps_of_messages_are_replaced_by_the_recorders() {
     let room = tempdir().unwrap();
     let path = room.path().join("a.mcap");
     let still = |count: usize| -> Vec<_> {
@@ -134,7 +134,7 @@ fn a_damaged_chunk_is_left_out_and_counted() {
     let seen = read(&path);
     assert!((15..20).contains(&seen.times.len()), "{}", seen.times.len());
     let missing = format!("{} are missing", 20 - seen.times.len());
-    assert!(seen.said.contains(&missing), "{}", seen.said);
+    assert!(seen.reported.contains(&missing), "{}", seen.reported);
 
     // A bag of more than one chunk of 4 MiB.
     let path = room.path().join("a.bag");
@@ -154,7 +154,11 @@ fn a_damaged_chunk_is_left_out_and_counted() {
     fs::write(&path, bytes).unwrap();
     let seen = read(&path);
     assert!((10..16).contains(&seen.times.len()), "{}", seen.times.len());
-    assert!(seen.said.contains("missing") && seen.times[seen.times.len() - 1] > 11.4, "{}", seen.said);
+    assert!(
+        seen.reported.contains("missing") && seen.times[seen.times.len() - 1] > 11.4,
+        "{}",
+        seen.reported
+    );
 }
 
 #[test]
@@ -162,6 +166,6 @@ fn a_file_without_images_says_what_it_has() {
     let room = tempdir().unwrap();
     let path = room.path().join("a.mcap");
     mcap_file(&path, None, &[("/imu", "sensor_msgs/msg/Imu", "cdr", 1, vec![0; 9])]);
-    let said = refused(&path);
-    assert!(said.contains("/imu (1 × sensor_msgs/msg/Imu)"), "{said}");
+    let refusal = refused(&path);
+    assert!(refusal.contains("/imu (1 × sensor_msgs/msg/Imu)"), "{refusal}");
 }

@@ -205,7 +205,7 @@ fn times_of_missing_images_are_nobody_elses() {
         files.push(("times.txt", times.as_bytes()));
         let seen = read(folder(&files).path());
         assert_eq!(seen.times, [10.0, 10.3, 10.4, 10.8], "{names:?}");
-        assert!(seen.said.contains("9 times for 4 images"), "{}", seen.said);
+        assert!(seen.reported.contains("9 times for 4 images"), "{}", seen.reported);
     }
     let room = folder(&[("times.txt", times.as_bytes()), ("images/a.png", b""), ("images/b.png", b"")]);
     assert!(refused(room.path()).contains("9 times for 2 images"));
@@ -215,7 +215,7 @@ fn times_of_missing_images_are_nobody_elses() {
     let seen = read(room.path());
     assert_eq!((seen.times, seen.reasons.len()), (vec![10.0, 10.2], 1));
     let room = folder(&[("1.png", b""), ("2.png", b""), ("6.png", b""), ("7.png", b"")]);
-    assert!(read_at(room.path(), Some(10.0)).said.contains("after 2 comes 6 (3 missing)"));
+    assert!(read_at(room.path(), Some(10.0)).reported.contains("after 2 comes 6 (3 missing)"));
 }
 
 /// A folder of so many images with these times.
@@ -244,14 +244,18 @@ fn time_that_does_not_go_forward() {
     assert!(future.reasons[0].contains("lies off"), "{:?}", future.reasons);
     let back = changed(&|times| times[20..].iter_mut().for_each(|t| *t -= 1.5));
     assert_eq!(back.times.len(), 40);
-    assert!(back.said.contains("set back by 1.500 s at frame 20"), "{}", back.said);
+    assert!(back.reported.contains("set back by 1.500 s at frame 20"), "{}", back.reported);
     let ahead = changed(&|times| times[20..].iter_mut().for_each(|t| *t += 1.7e9));
-    assert!((ahead.times[39] - 103.9).abs() < 1e-6 && ahead.said.contains("set ahead"), "{}", ahead.said);
+    assert!(
+        (ahead.times[39] - 103.9).abs() < 1e-6 && ahead.reported.contains("set ahead"),
+        "{}",
+        ahead.reported
+    );
     assert!(refused(timed(&[5.0; 9]).path()).contains("all 9 images have the time 5"));
     assert_eq!(read_at(timed(&[5.0; 9]).path(), Some(10.0)).times[8], 0.8);
     // Others: a pause, a first stamp that nobody set, a list that runs backwards, one that is played twice.
     let pause = changed(&|times| times[20..].iter_mut().for_each(|t| *t += 600.0));
-    assert!((pause.times[39] - 703.9).abs() < 1e-6 && pause.said.is_empty(), "{}", pause.said);
+    assert!((pause.times[39] - 703.9).abs() < 1e-6 && pause.reported.is_empty(), "{}", pause.reported);
     let unset = changed(&|times| times[0] = 0.0);
     assert_eq!((unset.times.len(), unset.times[0]), (39, 100.1));
     let backwards = changed(&|times| times.reverse());
@@ -297,8 +301,8 @@ fn folders_without_a_table_of_a_known_name() {
         assert!(refused(room.path()).contains("4 images but no time stamps"));
     }
     let room = folder(&[("front/0.png", &[]), ("rear/0.png", &[]), ("depth/0.png", &[])]);
-    let said = refused(room.path());
-    assert!(said.contains("give that folder or file itself, of depth/, front/, rear/"), "{said}");
+    let refusal = refused(room.path());
+    assert!(refusal.contains("give that folder or file itself, of depth/, front/, rear/"), "{refusal}");
 }
 
 /// The images of a table may have been converted, or moved.
@@ -312,7 +316,7 @@ fn images_of_a_table_are_found_by_their_names_without_an_end() {
         files.push(("times.txt", table.as_bytes()));
         let seen = read(folder(&files).path());
         assert_times(&seen, name);
-        assert!(seen.said.contains("of the same names"), "{}", seen.said);
+        assert!(seen.reported.contains("of the same names"), "{}", seen.reported);
     }
 }
 

@@ -96,7 +96,7 @@ fn mosaics_are_read_as_grey() {
 
 /// What is no recording is told before anything else: see `kinds`. Paths that name none are, too.
 #[test]
-fn what_is_nothing_is_told() {
+fn what_is_nothing_is_reported() {
     let room = folder(&[("notes.txt", b"nothing"), ("a.zip", b"PK\x03\x04")]);
     assert!(refused(room.path()).contains("no recording here"));
     assert!(refused(&room.path().join("a.zip")).contains("unzip"));

@@ -52,7 +52,7 @@ struct Seen {
     times: Vec<f64>,
     levels: Vec<u8>,
     reasons: Vec<String>,
-    said: String,
+    reported: String,
     facts: String,
     kind: &'static str,
 }
@@ -69,9 +69,9 @@ fn seen(source: &mut dyn FrameSource) -> Seen {
             Err(reason) => reasons.push(reason),
         }
     }
-    let said = source.problems().into_iter().chain(source.warning()).collect::<Vec<_>>().join("\n");
+    let reported = source.problems().into_iter().chain(source.warning()).collect::<Vec<_>>().join("\n");
     let facts = source.facts().into_iter().map(|(label, text)| format!("{label}: {text}\n")).collect();
-    Seen { times, levels, reasons, said, facts, kind }
+    Seen { times, levels, reasons, reported, facts, kind }
 }
 
 fn read(path: &Path) -> Seen {
@@ -90,7 +90,7 @@ fn refused(path: &Path) -> String {
 
 fn assert_times(seen: &Seen, what: &str) {
     assert!(seen.reasons.is_empty(), "{what}: {:?}", seen.reasons);
-    assert_eq!(seen.times.len(), TIMES.len(), "{what}: {:?} {}", seen.times, seen.said);
+    assert_eq!(seen.times.len(), TIMES.len(), "{what}: {:?} {}", seen.times, seen.reported);
     let first = seen.times[0] - TIMES[0];
     let is_near = |(found, expected): (&f64, &f64)| (found - first - expected).abs() < 1e-6;
     assert!(seen.times.iter().zip(&TIMES).all(is_near), "{what}: {:?}", seen.times);

@@ -129,7 +129,7 @@ fn recording(path: &Path, form: Form, codec: &str, which: &[(usize, &[u8])]) {
 
 /// Whether images have the times and grey levels of these packets.
 fn assert_images(seen: &Seen, which: &[usize]) {
-    assert_eq!(seen.times.len(), which.len(), "{} {}", seen.said, seen.facts);
+    assert_eq!(seen.times.len(), which.len(), "{} {}", seen.reported, seen.facts);
     for ((time, found), i) in seen.times.iter().zip(&seen.levels).zip(which) {
         assert!((time - (10.0 + 0.1 * *i as f64)).abs() < 1e-6, "{i}: {time}");
         assert!(found.abs_diff(level(*i)) <= 2, "{i}: {found} for {}", level(*i));
@@ -147,7 +147,7 @@ fn a_video_in_messages_gives_each_image_the_time_of_its_packet() {
             recording(&path, form, codec, &all);
             let seen = read(&path);
             assert_images(&seen, &(0..COUNT).collect::<Vec<_>>());
-            assert_eq!(seen.said, "", "{form:?}");
+            assert_eq!(seen.reported, "", "{form:?}");
         }
     }
 }
@@ -162,8 +162,8 @@ fn a_video_that_begins_between_key_frames_begins_at_the_next_and_says_so() {
         recording(&path, FORMS[0], codec, &late);
         let seen = read(&path);
         assert_images(&seen, &(KEYS..COUNT).collect::<Vec<_>>());
-        let said = format!("{} of {} packets of the video gave no image", KEYS - 3, COUNT - 3);
-        assert!(seen.said.contains(&said), "{}", seen.said);
+        let refusal = format!("{} of {} packets of the video gave no image", KEYS - 3, COUNT - 3);
+        assert!(seen.reported.contains(&refusal), "{}", seen.reported);
 
         recording(&path, FORMS[0], codec, &late[..2]);
         assert!(refused(&path).contains("key frame"), "{}", refused(&path));
@@ -175,8 +175,8 @@ fn a_video_of_a_codec_that_is_not_read_is_refused_by_name() {
     let room = tempdir().unwrap();
     let path = room.path().join("a.mcap");
     recording(&path, FORMS[0], "theora", &[(0, &[1, 2, 3])]);
-    let said = refused(&path);
-    assert!(said.contains("'theora'") && said.contains("a.mcap"), "{said}");
+    let refusal = refused(&path);
+    assert!(refusal.contains("'theora'") && refusal.contains("a.mcap"), "{refusal}");
 }
 
 #[test]
@@ -214,6 +214,6 @@ fn a_video_alone_in_a_folder_is_read() {
     fs::write(room.path().join("GX010042.THM"), "a thumbnail").unwrap();
     assert_eq!(read(room.path()).times.len(), 10);
     make("other.mkv");
-    let said = refused(room.path());
-    assert!(said.contains("of GX010042.MP4, other.mkv") && !said.contains("looked for"), "{said}");
+    let refusal = refused(room.path());
+    assert!(refusal.contains("of GX010042.MP4, other.mkv") && !refusal.contains("looked for"), "{refusal}");
 }

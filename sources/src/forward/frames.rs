@@ -1,6 +1,6 @@
 //! Frames whose time goes forward, and whose grey levels are of one range.
 
-use super::{Clock, Judged, LOOKED_AHEAD};
+use super::{Clock, LOOKED_AHEAD, StampVerdict};
 use crate::notice::{Listener, Notice};
 use crate::pictures::{Levels, Picture, StatedFocal};
 use crate::{FrameSource, SourceFrame, SourceInfo};
@@ -32,7 +32,7 @@ impl Forward {
     /// Finds the range of the pictures, before the first one is handed out.
     fn look_at_levels(&mut self) {
         self.hold(1);
-        while !self.ended && Levels::wants_more(self.ahead.iter().map(|frame| &frame.picture)) {
+        while !self.ended && Levels::needs_more(self.ahead.iter().map(|frame| &frame.picture)) {
             self.hold(self.ahead.len() + 1);
         }
         self.levels = Some(Levels::of(self.ahead.iter().map(|frame| &frame.picture)));
@@ -56,14 +56,14 @@ impl Forward {
         }
         let sets = self.clock.faults().sets;
         match self.clock.judge(frame.timestamp, &following) {
-            Judged::At(time) => frame.timestamp = time,
+            StampVerdict::At(time) => frame.timestamp = time,
             // Who takes frames has words for these.
-            Judged::Repeats | Judged::NoTime => {}
-            Judged::Off => frame.picture = Picture::mistimed(frame.timestamp),
+            StampVerdict::Repeats | StampVerdict::NoTime => {}
+            StampVerdict::Off => frame.picture = Picture::mistimed(frame.timestamp),
         }
         if self.clock.faults().sets > sets && sets == 0 {
-            let said = self.clock.faults().of_set().unwrap_or_default();
-            self.say(Notice::Warning(format!("{}: {said}", self.inner.info().path.display())));
+            let text = self.clock.faults().of_set().unwrap_or_default();
+            self.say(Notice::Warning(format!("{}: {text}", self.inner.info().path.display())));
         }
         frame
     }
@@ -94,8 +94,8 @@ impl FrameSource for Forward {
         if let Some(levels) = &self.levels {
             frame.picture = levels.of_picture(frame.picture);
         }
-        let is_judged = stamp(&frame).is_some() && !self.inner.is_live();
-        Some(if is_judged { self.judge(frame) } else { frame })
+        let is_checked = stamp(&frame).is_some() && !self.inner.is_live();
+        Some(if is_checked { self.judge(frame) } else { frame })
     }
 
     fn warning(&self) -> Option<String> {

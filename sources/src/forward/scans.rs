@@ -1,6 +1,6 @@
 //! Scans whose time goes forward.
 
-use super::{Clock, Judged, LOOKED_AHEAD};
+use super::{Clock, LOOKED_AHEAD, StampVerdict};
 use scans::{NextScan, ScanError, ScanInfo, ScanSource};
 use std::collections::VecDeque;
 
@@ -48,13 +48,13 @@ impl ScanSource for ForwardScans {
             following.extend(self.ahead.iter().filter(|next| next.scan.is_ok()).map(|next| next.stamp));
         }
         let what = match self.clock.judge(next.stamp, &following) {
-            Judged::At(time) => {
+            StampVerdict::At(time) => {
                 (scan.stamp, next.stamp) = (time, time);
                 return Some(next);
             }
-            Judged::Repeats => "repeats that of the scan before",
-            Judged::Off => "lies off those around it",
-            Judged::NoTime => "is no number",
+            StampVerdict::Repeats => "repeats that of the scan before",
+            StampVerdict::Off => "lies off those around it",
+            StampVerdict::NoTime => "is no number",
         };
         let name = format!("{}: scan {}", self.inner.info().path.display(), next.index);
         next.scan = Err(ScanError::Mistimed { name, what: format!("its time stamp {} {what}", next.stamp) });
@@ -90,7 +90,7 @@ mod tests {
         }
     }
 
-    fn told(stamps: Vec<f64>) -> (Vec<f64>, usize, Vec<String>) {
+    fn read_all(stamps: Vec<f64>) -> (Vec<f64>, usize, Vec<String>) {
         let info = ScanInfo {
             path: "walk".into(),
             kind: "scans".into(),
@@ -110,16 +110,16 @@ mod tests {
     }
 
     #[test]
-    fn scans_have_a_time_that_goes_forward() {
+    fn scans_have_a_monotone_time() {
         let steady = |from: f64, count: u32| (0..count).map(move |i| from + 0.1 * f64::from(i));
         let mut future: Vec<f64> = steady(10.0, 80).collect();
         (future[20], future[50]) = (1e6, f64::NAN);
-        let (good, left_out, said) = told(future);
-        assert_eq!((good.len(), left_out, said.len()), (78, 2, 0));
-        let (good, left_out, said) = told(steady(10.0, 40).chain(steady(2.0, 40)).collect());
+        let (good, left_out, warnings) = read_all(future);
+        assert_eq!((good.len(), left_out, warnings.len()), (78, 2, 0));
+        let (good, left_out, warnings) = read_all(steady(10.0, 40).chain(steady(2.0, 40)).collect());
         assert_eq!((good.len(), left_out), (80, 0));
-        assert!(said[0].contains("set back by 12.0 s at frame 40"), "{said:?}");
-        assert_eq!(told(vec![3.0; 80]).0.len(), 1);
-        assert_eq!(told(Vec::new()).0.len(), 0);
+        assert!(warnings[0].contains("set back by 12.0 s at frame 40"), "{warnings:?}");
+        assert_eq!(read_all(vec![3.0; 80]).0.len(), 1);
+        assert_eq!(read_all(Vec::new()).0.len(), 0);
     }
 }

@@ -73,7 +73,7 @@ fn a_damaged_chunk_costs_what_it_holds() {
 }
 
 #[test]
-fn two_damages_are_told_and_what_lies_between_is_read() {
+fn two_damages_are_reported_and_what_lies_between_is_read() {
     let mut bytes = file(100, None);
     let summary = mcap::Summary::read(&bytes).unwrap().unwrap();
     for place in [2, 7] {
@@ -86,7 +86,7 @@ fn two_damages_are_told_and_what_lies_between_is_read() {
 }
 
 #[test]
-fn a_flipped_bit_that_only_the_checksum_sees_is_told() {
+fn a_flipped_bit_that_only_the_checksum_sees_is_reported() {
     let mut bytes = file(20, None);
     let summary = mcap::Summary::read(&bytes).unwrap().unwrap();
     let chunk = &summary.chunk_indexes[0];
@@ -114,7 +114,7 @@ fn a_file_that_is_cut_is_read_up_to_there() {
 }
 
 #[test]
-fn any_damage_is_read_or_told() {
+fn any_damage_is_read_or_reported() {
     let mut random = geometry::Random::new(9);
     for form in forms() {
         let whole = file(40, form);

@@ -59,7 +59,7 @@ mod tests {
     use std::io::Cursor;
 
     #[test]
-    fn files_that_are_cut_off_are_told_from_whole_ones() {
+    fn files_that_are_cut_off_are_distinguished_from_whole_ones() {
         let image = image::GrayImage::from_fn(96, 64, |x, y| image::Luma([(x * 5 + y * y) as u8]));
         for format in
             [ImageFormat::Png, ImageFormat::Jpeg, ImageFormat::Bmp, ImageFormat::Tiff, ImageFormat::Pnm]

@@ -139,7 +139,7 @@ pub struct Levels {
 
 impl Levels {
     /// Whether a recording that begins with these pictures has more than eight bits and more of them are wanted to tell its range.
-    pub fn wants_more<'a>(pictures: impl Iterator<Item = &'a Picture> + Clone) -> bool {
+    pub fn needs_more<'a>(pictures: impl Iterator<Item = &'a Picture> + Clone) -> bool {
         let bytes: usize = pictures.clone().map(Picture::bytes).sum();
         let is_open = pictures.clone().count() < FIRST_IMAGES && bytes < MOST_BYTES;
         // Pictures that cannot be read tell nothing.
@@ -360,10 +360,10 @@ mod tests {
             big_endian: false,
             data: vec![1, 2],
         });
-        assert!(!Levels::wants_more([&eight].into_iter()));
+        assert!(!Levels::needs_more([&eight].into_iter()));
         assert_eq!(Levels::of([&eight].into_iter()).range(), None);
         let broken = Picture::Broken("torn".into());
-        assert!(Levels::wants_more([&broken].into_iter()));
+        assert!(Levels::needs_more([&broken].into_iter()));
         assert_eq!(Levels::of([&broken].into_iter()).range(), None);
         let black = ramp(0, 0);
         assert_eq!(Levels::of([&black].into_iter()).range(), Some(GreyRange::WHOLE));

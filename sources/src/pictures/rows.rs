@@ -116,7 +116,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_may_stand_at_the_top() {
+    fn numbers_may_be_in_the_high_bits() {
         let flipped = |image: Image<u16>| {
             let rows: Vec<u16> = image.data().chunks_exact(80).rev().flatten().copied().collect();
             Image::from_vec(80, 64, rows).unwrap()

@@ -182,11 +182,11 @@ fn seeking_gives_what_reading_gives() {
     for start in [0.1, 2.95, 3.0, 3.2, 5.9, 8.0] {
         let mut source = open(&whole, false);
         assert_eq!(source.skip_to(start), Some(5.0));
-        let sought: Vec<(u64, u64)> =
+        let searched: Vec<(u64, u64)> =
             frames(source.as_mut()).iter().map(|f| (f.index, f.timestamp.to_bits())).collect();
         let all = frames(open(&whole, false).as_mut());
         let read = all.iter().filter(|f| f.timestamp - 5.0 >= start - 1e-9);
-        assert_eq!(sought, read.map(|f| (f.index, f.timestamp.to_bits())).collect::<Vec<_>>(), "{start}");
+        assert_eq!(searched, read.map(|f| (f.index, f.timestamp.to_bits())).collect::<Vec<_>>(), "{start}");
     }
     // Without an index there is nothing to seek by, and nothing is lost.
     let mut torn = open(&whole[..ends[9].0], false);

@@ -91,9 +91,9 @@ pub fn files_with(folder: &Path, ending: &str) -> Result<Vec<PathBuf>> {
     let entries =
         std::fs::read_dir(folder).with_context(|| format!("{}: cannot be read", folder.display()))?;
     let mut files: Vec<PathBuf> = entries.filter_map(|entry| Some(entry.ok()?.path())).collect();
-    let is_shown =
+    let is_visible =
         |file: &Path| file.file_name().is_some_and(|name| !name.to_string_lossy().starts_with('.'));
-    files.retain(|file| file.extension().is_some_and(|e| e.eq_ignore_ascii_case(ending)) && is_shown(file));
+    files.retain(|file| file.extension().is_some_and(|e| e.eq_ignore_ascii_case(ending)) && is_visible(file));
     sort_by_name(&mut files);
     Ok(files)
 }

@@ -157,7 +157,7 @@ mod tests {
         }
     }
 
-    fn told(paths: &[PathBuf]) -> Vec<(u64, Vec<u8>)> {
+    fn reported(paths: &[PathBuf]) -> Vec<(u64, Vec<u8>)> {
         let messages = SqliteBag::open(paths).unwrap().messages(&["/cam".to_owned()]);
         messages.map(|message| message.unwrap()).map(|message| (message.time, message.data)).collect()
     }
@@ -169,7 +169,7 @@ mod tests {
         write(&paths[0], &[(1, 30, b"c"), (2, 31, b"-"), (1, 40, b"d")]);
         write(&paths[1], &[(1, 20, b"b"), (2, 5, b"-"), (1, 10, b"a")]);
         let read: Vec<(u64, Vec<u8>)> = (1..).zip(b"abcd").map(|(i, byte)| (10 * i, vec![*byte])).collect();
-        assert_eq!(told(&paths), read);
+        assert_eq!(reported(&paths), read);
         let topics = SqliteBag::open(&paths).unwrap().topics();
         assert_eq!(topics.span, Some((5, 40)));
         assert_eq!(topics.choose(&paths[0], None, "images").unwrap(), ("/cam".to_owned(), 4));
@@ -182,7 +182,7 @@ mod tests {
         let plain = vec![7; 5000];
         let packed = zstd::encode_all(&plain[..], 3).unwrap();
         write(&path, &[(1, 1, &packed), (1, 2, b"plain")]);
-        assert_eq!(told(std::slice::from_ref(&path)), [(1, plain), (2, b"plain".to_vec())]);
+        assert_eq!(reported(std::slice::from_ref(&path)), [(1, plain), (2, b"plain".to_vec())]);
         let cut = room.path().join("cut.db3");
         write(&cut, &[(1, 1, &packed[..packed.len() / 2])]);
         let mut messages = SqliteBag::open(&[cut]).unwrap().messages(&["/cam".to_owned()]);

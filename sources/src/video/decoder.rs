@@ -3,7 +3,7 @@
 //! Raw pixels come through its standard output. Their time stamps come through its log, in which its filter `showinfo`
 //! prints each frame's before the frame itself is written; so both are in one order, and the stamps are the file's own.
 
-use super::log::{Line, Shown};
+use super::log::{Line, LoggedFrame};
 use super::probe::Probe;
 use crate::ffmpeg::{self, Running};
 use crate::pictures::RawPicture;
@@ -80,15 +80,15 @@ impl Decoder {
     /// # Errors
     /// When the file ends in a frame, or `ffmpeg` gives up.
     pub fn next(&mut self) -> Result<Option<(Option<f64>, RawPicture)>> {
-        let Some(shown) = self.shown() else { return self.ended().map(|()| None) };
-        let (width, height) = shown.size;
+        let Some(logged) = self.next_logged() else { return self.ended().map(|()| None) };
+        let (width, height) = logged.size;
         check_image_size(width, height).map_err(anyhow::Error::msg)?;
         let (step, encoding) = if self.grey { (width, "mono8") } else { (3 * width, "bgr8") };
         let mut data = vec![0; step * height];
         if self.pixels.read_exact(&mut data).is_err() {
             return self.ended().map(|()| None);
         }
-        let time = shown.ticks.map(|ticks| seconds(ticks, self.time_base) - self.start);
+        let time = logged.ticks.map(|ticks| seconds(ticks, self.time_base) - self.start);
         let encoding = encoding.to_owned();
         Ok(Some((time, RawPicture { width, height, step, encoding, big_endian: false, data })))
     }
@@ -99,10 +99,10 @@ impl Decoder {
     }
 
     /// The next frame's line.
-    fn shown(&mut self) -> Option<Shown> {
+    fn next_logged(&mut self) -> Option<LoggedFrame> {
         loop {
             match self.lines.recv().ok()? {
-                Line::Frame(shown) => return Some(shown),
+                Line::Frame(logged) => return Some(logged),
                 Line::TimeBase(base) => self.time_base = base,
                 Line::Trouble(text) => self.note(text),
             }
@@ -148,14 +148,14 @@ fn seconds(ticks: i64, (n, d): (i64, i64)) -> f64 {
 
 /// The option that keeps every frame as it is, neither doubled nor dropped to reach an even rate.
 fn all_frames() -> Result<[&'static str; 2]> {
-    let said =
+    let version_text =
         ffmpeg::output(ffmpeg::command("ffmpeg").arg("-version")).context("`ffmpeg -version` fails")?;
-    Ok(every_frame_of(&String::from_utf8_lossy(&said)))
+    Ok(every_frame_of(&String::from_utf8_lossy(&version_text)))
 }
 
 /// That option by what `ffmpeg -version` says: it is called `-fps_mode` since 5.1.
-fn every_frame_of(said: &str) -> [&'static str; 2] {
-    let version = said.split_whitespace().nth(2).unwrap_or_default().trim_start_matches('n');
+fn every_frame_of(version_text: &str) -> [&'static str; 2] {
+    let version = version_text.split_whitespace().nth(2).unwrap_or_default().trim_start_matches('n');
     let mut numbers = version.split(|c: char| !c.is_ascii_digit()).map(|number| number.parse::<u32>().ok());
     match (numbers.next().flatten(), numbers.next().flatten()) {
         (Some(major), minor) if (major, minor.unwrap_or(0)) < (5, 1) => ["-vsync", "0"],

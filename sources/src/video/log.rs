@@ -9,14 +9,14 @@ pub enum Line {
     /// Seconds of a tick of the frames' time stamps, as numerator and denominator.
     TimeBase((i64, i64)),
     /// A frame that follows.
-    Frame(Shown),
+    Frame(LoggedFrame),
     /// Something is wrong with the file.
     Trouble(String),
 }
 
 /// A frame as its line describes it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Shown {
+pub struct LoggedFrame {
     /// Its time stamp in ticks, where it has one.
     pub ticks: Option<i64>,
     /// Width and height, pixels.
@@ -37,11 +37,11 @@ impl Line {
         if let Some(config) = text.strip_prefix("config in time_base:") {
             return fraction(config.split(',').next()?).map(Self::TimeBase);
         }
-        let shown = text.strip_prefix("n:")?;
-        let ticks = word(shown, " pts:")?;
-        let (width, height) = word(shown, " s:")?.split_once('x')?;
+        let fields = text.strip_prefix("n:")?;
+        let ticks = word(fields, " pts:")?;
+        let (width, height) = word(fields, " s:")?.split_once('x')?;
         let size = (width.parse().ok()?, height.parse().ok()?);
-        Some(Self::Frame(Shown { ticks: ticks.parse().ok(), size }))
+        Some(Self::Frame(LoggedFrame { ticks: ticks.parse().ok(), size }))
     }
 }
 
@@ -71,7 +71,7 @@ mod tests {
         let config = "[Parsed_showinfo_1 @ 0x55d] [info] config in time_base: 1/15360, frame_rate: 30/1";
         assert_eq!(Line::of(config), Some(Line::TimeBase((1, 15360))));
         let frame = |line: &str| match Line::of(line) {
-            Some(Line::Frame(shown)) => (shown.ticks, shown.size),
+            Some(Line::Frame(fields)) => (fields.ticks, fields.size),
             other => panic!("{other:?}"),
         };
         let old = "[Parsed_showinfo_1 @ 0x55d] [info] n:   7 pts:   3584 pts_time:0.233333 pos:    48017 fmt:bgr24 \
@@ -84,7 +84,7 @@ mod tests {
     }
 
     #[test]
-    fn troubles_are_told_from_the_rest() {
+    fn troubles_are_distinguished_from_the_rest() {
         let trouble = "[h264 @ 0x1] [error] error while decoding MB 1 2";
         assert_eq!(Line::of(trouble), Some(Line::Trouble("error while decoding MB 1 2".into())));
         for line in ["[swscaler @ 0x1] [warning] deprecated pixel format", "Input #0, avi, from 'x':", ""] {

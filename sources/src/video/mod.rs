@@ -53,7 +53,7 @@ pub fn open(path: &Path, fps: Option<f64>) -> Result<Video> {
         path: path.to_owned(),
         frame_count: probe.frames,
         duration: probe.frames.zip(rate).map(|(count, rate)| count.saturating_sub(1) as f64 / rate),
-        calibration: calibration_beside(path),
+        calibration: sidecar_calibration(path),
         camera: calib::CameraHint::default(),
         lag: None,
     };
@@ -80,7 +80,7 @@ fn is_text(path: &Path) -> Result<bool> {
 }
 
 /// `walk.yaml` beside `walk.mp4`.
-fn calibration_beside(path: &Path) -> Option<FoundCalibration> {
+fn sidecar_calibration(path: &Path) -> Option<FoundCalibration> {
     let stem = path.file_stem()?.to_str()?;
     first_existing(path.parent()?, &[&format!("{stem}.yaml")]).map(FoundCalibration::File)
 }

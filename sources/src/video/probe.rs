@@ -118,8 +118,8 @@ mod tests {
         assert_eq!((probe.size, probe.start, probe.time_base), ((1080, 1920), 20, (1, 600)));
         assert_eq!((probe.grey, probe.frames), (false, Some(899)));
         assert!((probe.rate.unwrap() - 30.0167).abs() < 1e-3);
-        let whole_turn = TELEPHONE.replace("-90", "-180");
-        assert_eq!(parsed(whole_turn.as_bytes()).unwrap().size, (1920, 1080));
+        let half_rotation = TELEPHONE.replace("-90", "-180");
+        assert_eq!(parsed(half_rotation.as_bytes()).unwrap().size, (1920, 1080));
     }
 
     #[test]

@@ -50,7 +50,7 @@ impl TopicVideo {
         messages: impl Iterator<Item = Result<Stamped>> + Send + 'static,
     ) -> Result<Self> {
         let (sender, fed) = mpsc::channel();
-        let mut packets = Packets { form, messages: Box::new(messages), number: 0, told: sender };
+        let mut packets = Packets { form, messages: Box::new(messages), number: 0, reports: sender };
         let path = info.path.display();
         let first = packets.find_map(|(message, number, time)| match Codec::named(&message.codec) {
             Ok(codec) => codec.can_begin_with(&message.data).then_some(Ok((codec, message, number, time))),
@@ -142,7 +142,7 @@ struct Packets {
     form: Form,
     messages: Messages,
     number: u64,
-    told: Sender<Fed>,
+    reports: Sender<Fed>,
 }
 
 impl Packets {
@@ -154,7 +154,7 @@ impl Packets {
         // A reader that is gone, or a decoder, wants no more.
         while let Some((message, number, time)) = next
             && written.is_ok()
-            && self.told.send(Fed::Packet(number, time)).is_ok()
+            && self.reports.send(Fed::Packet(number, time)).is_ok()
         {
             written = write_packet(&mut to, number, &message.data).and_then(|()| to.flush());
             next = self.next();
@@ -178,7 +178,7 @@ impl Iterator for Packets {
                     return Some((video, self.number - 1, time));
                 }
                 // Where nobody listens, nobody wants to know.
-                Err(error) => drop(self.told.send(Fed::Damaged(format!("{error:#}")))),
+                Err(error) => drop(self.reports.send(Fed::Damaged(format!("{error:#}")))),
             }
         }
     }

@@ -56,11 +56,11 @@ pub(super) fn office(of: &mut Draw, things: &mut Drawn) -> Site {
         }
     }
     let end = cross;
-    let ways = vec![
+    let paths = vec![
         vec![[-end, 3.7], [end, 3.7], [end, -3.7], [0.0, -3.7]],
         vec![[end, 3.7], [-end, 3.7], [-end, -3.7], [2.0, -3.7]],
     ];
-    Site { boxes, ways }
+    Site { boxes, paths }
 }
 
 /// A corridor with doors at even distances on both sides and cabinets along its walls, up to four in 40 m; ways of 34 m from `begin`.
@@ -86,9 +86,9 @@ pub(super) fn corridor(of: &mut Draw, things: &mut Drawn, length: f64, begin: f6
             boxes.push(standing([x, side * (half - 0.5 * deep)], size));
         }
     }
-    let ways =
+    let paths =
         vec![vec![[begin + 3.0, 0.1], [begin + 37.0, 0.1]], vec![[begin + 37.0, -0.1], [begin + 3.0, -0.1]]];
-    Site { boxes, ways }
+    Site { boxes, paths }
 }
 
 /// A hall with three rows of racks; a pallet stands in `share` of the places.
@@ -119,11 +119,11 @@ pub(super) fn racks(of: &mut Draw, things: &mut Drawn, share: f64) -> Site {
         }
     }
     let (end, y) = (half + 1.5, 0.5 * pitch);
-    let ways = vec![
+    let paths = vec![
         vec![[-end, -y], [end, -y], [end, y], [0.0, y]],
         vec![[end, -y], [-end, -y], [-end, y], [2.0, y]],
     ];
-    Site { boxes, ways }
+    Site { boxes, paths }
 }
 
 /// A hotel's corridor of 36 m: doors in niches on both sides, lamps between them; things stand along the walls.
@@ -154,8 +154,8 @@ pub(super) fn hotel(of: &mut Draw, things: &mut Drawn) -> Site {
         }
         x += pitch;
     }
-    let ways = vec![vec![[2.0, 0.05], [34.0, 0.05]], vec![[34.0, -0.05], [2.0, -0.05]]];
-    Site { boxes, ways }
+    let paths = vec![vec![[2.0, 0.05], [34.0, 0.05]], vec![[34.0, -0.05], [2.0, -0.05]]];
+    Site { boxes, paths }
 }
 
 /// A storey of a stairwell, 7 × 3.4 m: flights up and down, doors, a lift; people leave things there.
@@ -185,8 +185,8 @@ pub(super) fn stairwell(of: &mut Draw, things: &mut Drawn) -> Site {
         }
     }
     let end = half[0] - 1.3;
-    let ways = vec![vec![[-end, 0.0], [end, 0.2], [0.5, 0.3]], vec![[end, 0.0], [-end, 0.1], [0.0, 0.3]]];
-    Site { boxes, ways }
+    let paths = vec![vec![[-end, 0.0], [end, 0.2], [0.5, 0.3]], vec![[end, 0.0], [-end, 0.1], [0.0, 0.3]]];
+    Site { boxes, paths }
 }
 
 /// An aisle of a shop, 18 m between shelves of metre-wide bays; every facing holds goods of its own.
@@ -214,6 +214,6 @@ pub(super) fn aisle(of: &mut Draw, things: &mut Drawn) -> Site {
             }
         }
     }
-    let ways = vec![vec![[-1.5, 0.1], [length + 1.5, 0.1]], vec![[length + 1.0, -0.1], [-1.0, -0.1]]];
-    Site { boxes, ways }
+    let paths = vec![vec![[-1.5, 0.1], [length + 1.5, 0.1]], vec![[length + 1.0, -0.1], [-1.0, -0.1]]];
+    Site { boxes, paths }
 }

@@ -46,8 +46,8 @@ pub(super) fn car_park(of: &mut Draw, things: &mut Drawn) -> Site {
         }
     }
     let (end, lane) = (half[0] - 2.0, 8.0);
-    let ways = vec![vec![[-end, lane], [end - 2.0, lane]], vec![[end - 4.0, lane], [-end + 1.0, lane]]];
-    Site { boxes, ways }
+    let paths = vec![vec![[-end, lane], [end - 2.0, lane]], vec![[end - 4.0, lane], [-end + 1.0, lane]]];
+    Site { boxes, paths }
 }
 
 /// A street of 60 m with houses on both sides that are built alike; cars, bins, hedges and sheds are things.
@@ -95,6 +95,6 @@ pub(super) fn houses(of: &mut Draw, things: &mut Drawn) -> Site {
             }
         }
     }
-    let ways = vec![vec![[8.0, -0.8], [44.0, -0.8]], vec![[50.0, 0.8], [14.0, 0.8]]];
-    Site { boxes, ways }
+    let paths = vec![vec![[8.0, -0.8], [44.0, -0.8]], vec![[50.0, 0.8], [14.0, 0.8]]];
+    Site { boxes, paths }
 }

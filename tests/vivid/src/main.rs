@@ -55,8 +55,8 @@ enum Command {
 fn main() -> ExitCode {
     match Command::parse() {
         Command::Check { words } => check(&words),
-        Command::Agent { minutes, rate } => tried(trial::run(minutes, rate), "The agent was always back"),
-        Command::Service { rate } => tried(service::run(rate), "The service does what its unit promises"),
+        Command::Agent { minutes, rate } => report(trial::run(minutes, rate), "The agent was always back"),
+        Command::Service { rate } => report(service::run(rate), "The service does what its unit promises"),
         Command::Play { folder, pace, format } => match play(&folder, pace, &format) {
             Ok(()) => ExitCode::SUCCESS,
             Err(error) => {
@@ -68,7 +68,7 @@ fn main() -> ExitCode {
 }
 
 /// Tells what became of a trial, in the form of `cargo test`.
-fn tried(found: Result<()>, well: &str) -> ExitCode {
+fn report(found: Result<()>, well: &str) -> ExitCode {
     match found {
         Ok(()) => {
             println!("\ntest result: ok. {well}");

@@ -24,7 +24,7 @@ pub enum Pace {
 pub struct Player {
     stop: Arc<AtomicBool>,
     allowed: Arc<AtomicUsize>,
-    shown: Arc<AtomicUsize>,
+    played_count: Arc<AtomicUsize>,
     /// Why playing ended early.
     failure: Arc<Mutex<Option<String>>>,
     thread: JoinHandle<Vec<f64>>,
@@ -39,11 +39,11 @@ impl Player {
         driver::connect(mode)?;
         let frames = pictures.iter().map(|p| layout::bytes(p, mode.format)).collect::<Result<Vec<_>>>()?;
         let stop = Arc::new(AtomicBool::new(false));
-        let shown = Arc::new(AtomicUsize::new(0));
+        let played_count = Arc::new(AtomicUsize::new(0));
         let allowed = Arc::new(AtomicUsize::new(1));
         let failure = Arc::new(Mutex::new(None));
         let thread = thread::spawn({
-            let (stop, shown, failure) = (stop.clone(), shown.clone(), failure.clone());
+            let (stop, played_count, failure) = (stop.clone(), played_count.clone(), failure.clone());
             let (start, allowed) = (Instant::now(), allowed.clone());
             let is_due = move |index: usize| match pace {
                 Pace::PerSecond(rate) => start.elapsed().as_secs_f64() * rate >= index as f64,
@@ -51,14 +51,14 @@ impl Player {
             };
             move || {
                 let mut times = Vec::new();
-                let played = play(&frames, &is_due, &stop, &shown, &mut times);
+                let played = play(&frames, &is_due, &stop, &played_count, &mut times);
                 if let (Err(error), Ok(mut failure)) = (played, failure.lock()) {
                     *failure = Some(format!("{error:#}"));
                 }
                 times
             }
         });
-        let player = Self { stop, allowed, shown, failure, thread };
+        let player = Self { stop, allowed, played_count, failure, thread };
         player.wait_for(1)?;
         Ok(player)
     }
@@ -78,10 +78,13 @@ impl Player {
     /// # Errors
     /// When playing ended before.
     pub fn wait_for(&self, count: usize) -> Result<()> {
-        while self.shown.load(Ordering::Acquire) < count {
+        while self.played_count.load(Ordering::Acquire) < count {
             if self.thread.is_finished() {
-                let shown = self.shown.load(Ordering::Acquire);
-                return Err(anyhow!("the player ended after {shown} pictures: {:?}", self.failure.lock()));
+                let played_count = self.played_count.load(Ordering::Acquire);
+                return Err(anyhow!(
+                    "the player ended after {played_count} pictures: {:?}",
+                    self.failure.lock()
+                ));
             }
             thread::sleep(Duration::from_millis(5));
         }
@@ -106,7 +109,7 @@ fn play(
     frames: &[Vec<u8>],
     is_due: &dyn Fn(usize) -> bool,
     stop: &AtomicBool,
-    shown: &AtomicUsize,
+    played_count: &AtomicUsize,
     times: &mut Vec<f64>,
 ) -> Result<()> {
     let mut stream = Stream::start(OUTPUT, frames.first().context("no pictures to play")?)?;
@@ -119,7 +122,7 @@ fn play(
         }
         stream.show(frame)?;
         times.push(now()?);
-        shown.fetch_add(1, Ordering::Release);
+        played_count.fetch_add(1, Ordering::Release);
     }
     while !stop.load(Ordering::Acquire) {
         thread::sleep(Duration::from_millis(5));

@@ -71,7 +71,7 @@ impl Running {
     /// When the program has ended.
     pub fn signal(&self, signal: &str) -> Result<()> {
         let status = Command::new("/bin/kill").args([signal, &self.child.id().to_string()]).status()?;
-        ensure!(status.success(), "{}", self.told("the program has ended"));
+        ensure!(status.success(), "{}", self.described("the program has ended"));
         Ok(())
     }
 
@@ -86,10 +86,10 @@ impl Running {
                 return Ok(());
             }
             if self.child.try_wait()?.is_some() {
-                bail!("{}", self.told(&format!("the program ended without '{text}'")));
+                bail!("{}", self.described(&format!("the program ended without '{text}'")));
             }
             if start.elapsed() > PATIENCE {
-                bail!("{}", self.told(&format!("the program does not say '{text}'")));
+                bail!("{}", self.described(&format!("the program does not say '{text}'")));
             }
             thread::sleep(Duration::from_millis(20));
         }
@@ -114,11 +114,11 @@ impl Running {
     pub fn wait_for_frame(&mut self, time: f64) -> Result<()> {
         let start = Instant::now();
         while self.last_frame().is_none_or(|last| last <= time) {
-            if !self.goes_on()? {
-                bail!("{}", self.told("the program has ended"));
+            if !self.is_running()? {
+                bail!("{}", self.described("the program has ended"));
             }
             if start.elapsed() > PATIENCE {
-                bail!("{}", self.told("the program processes no frames"));
+                bail!("{}", self.described("the program processes no frames"));
             }
             thread::sleep(Duration::from_millis(25));
         }
@@ -129,7 +129,7 @@ impl Running {
     ///
     /// # Errors
     /// When the system cannot say.
-    pub fn goes_on(&mut self) -> Result<bool> {
+    pub fn is_running(&mut self) -> Result<bool> {
         Ok(self.child.try_wait()?.is_none())
     }
 
@@ -145,7 +145,7 @@ impl Running {
             }
             if start.elapsed() > PATIENCE {
                 self.child.kill()?;
-                bail!("{}", self.told("the program does not end"));
+                bail!("{}", self.described("the program does not end"));
             }
             thread::sleep(Duration::from_millis(10));
         };
@@ -162,7 +162,7 @@ impl Running {
         String::from_utf8_lossy(&bytes).into_owned()
     }
 
-    fn told(&self, problem: &str) -> String {
+    fn described(&self, problem: &str) -> String {
         format!(
             "{problem}; its messages:\n{}\n{}",
             end_of(&self.text("stderr")),

@@ -55,13 +55,13 @@ pub fn run(rate: f64) -> Result<()> {
         let status = as_user(user, &["loopbox", "status"])?;
         ensure!(status.starts_with("video0: tracking"), "status of {user}: {status}");
     }
-    settle();
+    wait_for_keyframes();
 
     let process = again("killed", "-KILL", process, BACK)?;
-    settle();
+    wait_for_keyframes();
     let process = again("stopped by a signal", "-STOP", process, WATCHDOG + DYING + BACK)?;
     ensure!(property("NRestarts")? == "2", "{} restarts", property("NRestarts")?);
-    settle();
+    wait_for_keyframes();
 
     unplug()?;
     let _ = player.stop();
@@ -73,7 +73,7 @@ pub fn run(rate: f64) -> Result<()> {
     let same = tracking(&plugged, None)?;
     ensure!(same == process, "another process after unplugging");
     println!("unplugged: tracking after {:.1} s", plugged.elapsed().as_secs_f64());
-    settle();
+    wait_for_keyframes();
 
     let keyframes = ended()?;
     let began = Instant::now();
@@ -90,7 +90,7 @@ pub fn run(rate: f64) -> Result<()> {
 }
 
 /// Time in which keyframes are made.
-fn settle() {
+fn wait_for_keyframes() {
     sleep(Duration::from_secs(10));
 }
 
@@ -103,8 +103,11 @@ fn tracking(since: &Instant, before: Option<u32>) -> Result<u32> {
             && beat["process"].as_u64() != before.map(u64::from)
     })?;
     let process = property("MainPID")?.parse().context("MainPID")?;
-    let told = beat().and_then(|beat| beat["process"].as_u64());
-    ensure!(told == Some(u64::from(process)), "the heartbeat is of {told:?}, the service is {process}");
+    let described = beat().and_then(|beat| beat["process"].as_u64());
+    ensure!(
+        described == Some(u64::from(process)),
+        "the heartbeat is of {described:?}, the service is {process}"
+    );
     Ok(process)
 }
 
@@ -154,8 +157,8 @@ fn ended() -> Result<u64> {
     let folder = before["folder"].as_str().context("no folder")?;
     let about: Value =
         serde_json::from_str(&command("loopbox", &["info", &format!("{folder}/map.mcap"), "--json"])?)?;
-    let (told, there) = (before["keyframes"].as_u64(), about["keyframes"].as_u64());
-    ensure!(there >= told && told > Some(0), "{there:?} keyframes were saved of {told:?}");
+    let (described, there) = (before["keyframes"].as_u64(), about["keyframes"].as_u64());
+    ensure!(there >= described && described > Some(0), "{there:?} keyframes were saved of {described:?}");
     println!("ended: within {took:.1} s, exit code {code}, {} keyframes saved", there.unwrap_or_default());
     Ok(there.unwrap_or_default())
 }
@@ -190,9 +193,9 @@ fn beat() -> Option<Value> {
     serde_json::from_slice(&fs::read(HEARTBEAT).ok()?).ok()
 }
 
-fn wait(what: &str, wish: impl Fn(&Value) -> bool) -> Result<()> {
+fn wait(what: &str, condition: impl Fn(&Value) -> bool) -> Result<()> {
     let began = Instant::now();
-    while !beat().is_some_and(|beat| wish(&beat)) {
+    while !beat().is_some_and(|beat| condition(&beat)) {
         if began.elapsed().as_secs_f64() > PATIENCE {
             let log = command("journalctl", &["--no-pager", "--unit", SERVICE, "--lines", "30"])?;
             bail!("not {what} after {PATIENCE} s: {:?}\n{log}", beat());
@@ -218,7 +221,7 @@ fn as_user(user: &str, arguments: &[&str]) -> Result<String> {
 /// What a program prints; its failure with what it said.
 fn command(program: &str, arguments: &[&str]) -> Result<String> {
     let output = Command::new(program).args(arguments).output().with_context(|| program.to_owned())?;
-    let said = String::from_utf8_lossy(&output.stderr);
-    ensure!(output.status.success(), "{program} {}: {}\n{said}", arguments.join(" "), output.status);
+    let message = String::from_utf8_lossy(&output.stderr);
+    ensure!(output.status.success(), "{program} {}: {}\n{message}", arguments.join(" "), output.status);
     Ok(String::from_utf8_lossy(&output.stdout).into_owned())
 }

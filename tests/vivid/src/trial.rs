@@ -152,7 +152,7 @@ impl Trial {
     fn live(&mut self, agent: &mut Agent, time: Duration) -> Result<()> {
         let began = Instant::now();
         while began.elapsed() < time {
-            ensure!(agent.goes_on()?, "the agent ended by itself:\n{}", agent::log());
+            ensure!(agent.is_running()?, "the agent ended by itself:\n{}", agent::log());
             if let Some(beat) = beat() {
                 self.memory = self.memory.max(beat["memory_bytes"].as_u64().unwrap_or_default());
             }
@@ -183,9 +183,9 @@ impl Trial {
         }
         let died = Instant::now();
         // The file may be told of less keyframes than the heartbeat: those whose depth was not there yet.
-        let told = before["keyframes"].as_u64().unwrap_or_default();
+        let described = before["keyframes"].as_u64().unwrap_or_default();
         let there = keyframes_in(&folder);
-        self.behind = self.behind.max(told.saturating_sub(there.unwrap_or_default()));
+        self.behind = self.behind.max(described.saturating_sub(there.unwrap_or_default()));
         meanwhile()?;
         sleep(RESTART.saturating_sub(died.elapsed()));
         let started = Instant::now();
@@ -209,19 +209,19 @@ impl Trial {
         while others.write_all(&[1; 1 << 16]).is_ok() {}
         let filled = Instant::now();
         let frames = beat().and_then(|beat| beat["frames"].as_u64()).unwrap_or_default();
-        let mut was_said = false;
+        let mut was_reported = false;
         while filled.elapsed() < Duration::from_secs(10) {
             // What the agent deletes, others take.
             while others.write_all(&[1; 1 << 16]).is_ok() {}
-            was_said |= beat().is_some_and(|beat| beat["healthy"] == false);
-            ensure!(agent.goes_on()?, "the agent ended on a full disk:\n{}", agent::log());
+            was_reported |= beat().is_some_and(|beat| beat["healthy"] == false);
+            ensure!(agent.is_running()?, "the agent ended on a full disk:\n{}", agent::log());
             sleep(Duration::from_millis(100));
         }
         let later = beat().and_then(|beat| beat["frames"].as_u64()).unwrap_or_default();
         if later < frames + 3 {
             self.broken.push(format!("on a full disk {} frames were processed in 10 s", later - frames));
         }
-        if !was_said {
+        if !was_reported {
             self.broken.push("the heartbeat says nothing of a full disk".into());
         }
         drop(others);

@@ -126,7 +126,7 @@ fn of_image(map: &Map, camera: &Pinhole, keyframe: &Keyframe, index: u32, step: 
             (*depths.pixel.get(at)?, *depths.inverse_depth.get(at)?, *depths.variance.get(at)?);
         let intensity = *image.data().get(pixel as usize)?;
         let [x, y] = [(pixel % width) as f32, (pixel / width) as f32];
-        let [dx, dy] = shift.to_ideal([x, y], inverse_depth);
+        let [dx, dy] = shift.to_undistorted([x, y], inverse_depth);
         let ray = camera.unproject(f64::from(x + dx), f64::from(y + dy));
         let world = turned * (ray / f64::from(inverse_depth)) + pose.translation;
         let position = world.cast::<f32>();

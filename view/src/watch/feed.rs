@@ -198,12 +198,12 @@ mod tests {
     struct Case {
         map: Map,
         gatherer: Gatherer,
-        said: u64,
+        sent: u64,
     }
 
     impl Case {
         fn new() -> Self {
-            Self { map: Map::new(CAMERA), gatherer: Gatherer::default(), said: 0 }
+            Self { map: Map::new(CAMERA), gatherer: Gatherer::default(), sent: 0 }
         }
 
         /// A frame, with what is said at it.
@@ -216,8 +216,8 @@ mod tests {
                 keyframe_from_frame: Se3::identity(),
             });
             let deltas =
-                if delta.is_empty() { vec![] } else { vec![MapDelta { sequence: self.said, ..delta }] };
-            self.said += deltas.len() as u64;
+                if delta.is_empty() { vec![] } else { vec![MapDelta { sequence: self.sent, ..delta }] };
+            self.sent += deltas.len() as u64;
             deltas.iter().for_each(|delta| self.map.take_in(delta.clone()));
             self.hear(&deltas)
         }
@@ -238,21 +238,21 @@ mod tests {
     }
 
     /// Who is told of: keyframes, depths, frames.
-    fn told(pending: &Pending) -> (Vec<u32>, Vec<u32>, usize) {
+    fn announced(pending: &Pending) -> (Vec<u32>, Vec<u32>, usize) {
         let keyframes = pending.keyframes.keys().map(|id| id.0).collect();
         (keyframes, pending.depths.iter().map(|depth| depth.id.0).collect(), pending.frames.len())
     }
 
     #[test]
-    fn what_is_said_is_handed_on_and_nothing_else() {
+    fn deltas_are_forwarded_and_nothing_else() {
         let mut case = Case::new();
-        assert_eq!(told(&case.say(added([0, 1]))), (vec![0, 1], vec![], 1));
-        assert_eq!(told(&case.say(MapDelta::default())), (vec![], vec![], 1));
+        assert_eq!(announced(&case.say(added([0, 1]))), (vec![0, 1], vec![], 1));
+        assert_eq!(announced(&case.say(MapDelta::default())), (vec![], vec![], 1));
         let mut pose = Sim3::identity();
         pose.scale = 2.0;
         let moved = vec![Moved { keyframe: KeyframeId(0), world_from_keyframe: pose }];
         let pending = case.say(MapDelta { moved, settled: settled(1), ..added([2]) });
-        assert_eq!(told(&pending), (vec![0, 2], vec![1], 1));
+        assert_eq!(announced(&pending), (vec![0, 2], vec![1], 1));
         assert_eq!(pending.keyframes[&KeyframeId(0)].world_from_keyframe.scale, 2.0);
         assert!(!pending.anew && pending.edges.is_none());
         let edges = Some(Vec::new());
@@ -260,27 +260,27 @@ mod tests {
     }
 
     #[test]
-    fn who_comes_late_or_sees_a_keyframe_go_is_told_the_whole_map() {
+    fn a_late_viewer_or_one_that_loses_a_keyframe_gets_the_whole_map() {
         let mut case = Case::new();
         case.say(added([0, 1, 2]));
         case.say(MapDelta { settled: settled(1), ..MapDelta::default() });
         case.gatherer = Gatherer::default();
-        assert_eq!(told(&case.hear(&[])), (vec![0, 1, 2], vec![1], 2));
+        assert_eq!(announced(&case.hear(&[])), (vec![0, 1, 2], vec![1], 2));
         let removed = vec![KeyframeId(2)];
         let pending = case.say(MapDelta { removed, ..MapDelta::default() });
         assert!(pending.anew);
-        assert_eq!(told(&pending), (vec![0, 1], vec![1], 3));
+        assert_eq!(announced(&pending), (vec![0, 1], vec![1], 3));
     }
 
     #[test]
     fn a_map_given_up_is_begun_anew() {
         let mut case = Case::new();
         case.say(added([0, 1, 2]));
-        (case.map, case.said) = (Map::new(CAMERA), 0);
+        (case.map, case.sent) = (Map::new(CAMERA), 0);
         assert!(case.hear(&[]).anew);
         let pending = case.say(added([0]));
         assert!(!pending.anew);
-        assert_eq!(told(&pending), (vec![0], vec![], 1));
+        assert_eq!(announced(&pending), (vec![0], vec![], 1));
     }
 
     #[test]

@@ -217,7 +217,7 @@ impl Watch {
     }
 
     /// Something to tell viewers, from any thread.
-    pub fn teller(&self) -> impl Fn(String) + Send + 'static + use<> {
+    pub fn notifier(&self) -> impl Fn(String) + Send + 'static + use<> {
         let shared = self.0.as_ref().map(|inner| Arc::clone(&inner.shared));
         move |note| {
             if let Some(shared) = &shared {

@@ -22,7 +22,7 @@ pub mod web;
 
 pub use chunk::{Chunk, POINT_BYTES};
 pub use handle::{Ended, Watch, WatchOptions};
-pub use neighbourhood::{Meeting, Neighbour, Neighbourhood, ToldMap};
+pub use neighbourhood::{Neighbour, Neighbourhood, PairLine, RemoteMap};
 pub use picture::Picture;
 pub use scene::{Agent, Cursor, News, Placed, Scene, Step};
 pub use station::{CommonMap, StationWatch};

@@ -10,9 +10,10 @@ pub struct Neighbourhood {
     /// Whom it knows.
     pub links: Vec<Neighbour>,
     /// Maps that others tell.
-    pub maps: Vec<ToldMap>,
+    pub maps: Vec<RemoteMap>,
     /// Pairs of maps that were looked at, here or by others.
-    pub meetings: Vec<Meeting>,
+    #[serde(rename = "meetings")]
+    pub pair_verdicts: Vec<PairLine>,
     /// The last that was refused or went wrong, for people.
     pub trouble: Vec<String>,
 }
@@ -40,7 +41,7 @@ pub struct Neighbour {
 
 /// A map that is told here.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct ToldMap {
+pub struct RemoteMap {
     /// What people call its agent, as far as that is known.
     pub name: String,
     /// Keyframes of its newest version.
@@ -57,7 +58,7 @@ pub struct ToldMap {
 
 /// Two agents.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct Meeting {
+pub struct PairLine {
     /// Their names.
     pub names: [String; 2],
     /// `accepted`, `not yet`, `undecided` or `refused`.
@@ -65,5 +66,6 @@ pub struct Meeting {
     /// Why not, where they were not merged.
     pub why: Option<String>,
     /// Whether another one found that, and not this agent.
-    pub is_told: bool,
+    #[serde(rename = "is_told")]
+    pub is_remote: bool,
 }

@@ -8,7 +8,7 @@ use slam_direct::{Frame, FrameReport};
 use sources::Stop;
 use std::path::Path;
 
-pub use neighbourhood::{Meeting, Neighbour, Neighbourhood, ToldMap};
+pub use neighbourhood::{Neighbour, Neighbourhood, PairLine, RemoteMap};
 
 /// What the user wants of the run; here nobody does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -60,7 +60,7 @@ impl Watch {
     pub fn folder(&self, _folder: &Path) {}
 
     /// Tells nobody.
-    pub fn teller(&self) -> impl Fn(String) + Send + 'static + use<> {
+    pub fn notifier(&self) -> impl Fn(String) + Send + 'static + use<> {
         |_| {}
     }
 

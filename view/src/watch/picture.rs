@@ -146,7 +146,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn depths_land_on_the_pixels_they_came_from() {
+    fn depths_fall_on_the_pixels_they_came_from() {
         let (image, depth) = dense();
         let chunk = Chunk::new(&CAMERA, &image, &depth);
         let mut picture = Picture::new(3, 0.5, &image);

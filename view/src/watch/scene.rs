@@ -385,7 +385,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn who_sees_others_join_is_told_all_anew() {
+    fn viewers_get_the_whole_scene_when_others_join() {
         let mut scene = scene(2);
         let mut cursor = Cursor::default();
         scene.news(&mut cursor, usize::MAX);

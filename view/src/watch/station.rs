@@ -89,11 +89,11 @@ pub struct CommonMap {
     root: Option<Identity>,
     /// Agents in the order in which they came.
     agents: Vec<Identity>,
-    keyframes: BTreeMap<Name, Shown>,
+    keyframes: BTreeMap<Name, Displayed>,
 }
 
 /// A keyframe that is shown.
-struct Shown {
+struct Displayed {
     /// What viewers call it.
     id: u32,
     /// What its points were made of.
@@ -119,7 +119,7 @@ impl CommonMap {
         let places = self.places(map);
         for name in names.values() {
             let id = self.keyframes.len() as u32;
-            self.keyframes.entry(*name).or_insert(Shown { id, made_of: None });
+            self.keyframes.entry(*name).or_insert(Displayed { id, made_of: None });
         }
         let id = |keyframe: &KeyframeId| Some(self.keyframes.get(names.get(keyframe)?)?.id);
         let placed = map.keyframes.values().filter_map(|keyframe| {
@@ -178,15 +178,16 @@ impl CommonMap {
     fn chunks(&mut self, map: &Map, names: &BTreeMap<KeyframeId, Name>) -> Vec<(u32, Chunk)> {
         let mut new = Vec::new();
         for keyframe in map.keyframes.values().filter(|keyframe| !keyframe.semi_dense.is_empty()) {
-            let Some(shown) = names.get(&keyframe.id).and_then(|name| self.keyframes.get_mut(name)) else {
+            let Some(displayed) = names.get(&keyframe.id).and_then(|name| self.keyframes.get_mut(name))
+            else {
                 continue;
             };
-            let is_known = shown.made_of.as_ref().is_some_and(|(image, depth)| {
+            let is_known = displayed.made_of.as_ref().is_some_and(|(image, depth)| {
                 Arc::ptr_eq(image, &keyframe.image) && std::ptr::eq(&**depth, &*keyframe.semi_dense)
             });
             if !is_known {
-                shown.made_of = Some((Arc::clone(&keyframe.image), keyframe.semi_dense.clone()));
-                new.push((shown.id, keyframe));
+                displayed.made_of = Some((Arc::clone(&keyframe.image), keyframe.semi_dense.clone()));
+                new.push((displayed.id, keyframe));
             }
         }
         let chunk = |(id, k): (u32, &Keyframe)| (id, Chunk::new(map.camera(k), &k.image, &k.semi_dense));
@@ -262,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn of_a_version_that_grew_what_is_new_is_shown() {
+    fn of_a_version_that_grew_what_is_new_is_displayed() {
         let mut page = Page::new();
         let (mut a, b) = (own("a", &[0.0, 1.0]), own("b", &[5.0]));
         let first = page.shows(&Map::unite(vec![a.clone(), b.clone()]).expect("two agents"));
@@ -284,7 +285,7 @@ mod tests {
     }
 
     #[test]
-    fn a_map_of_other_agents_is_shown_in_place_of_the_one_before() {
+    fn a_map_of_other_agents_replaces_the_displayed_one() {
         let mut page = Page::new();
         let (a, b) = (own("a", &[0.0, 1.0]), own("b", &[5.0]));
         page.shows(&Map::unite(vec![a.clone(), b.clone()]).expect("two agents"));

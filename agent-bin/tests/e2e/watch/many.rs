@@ -18,8 +18,8 @@ fn road(keyframes: u32, points: usize) -> Scene {
     for id in 0..keyframes {
         let t = f64::from(id) * 0.35;
         let centre = Vector3::new(t, 0.4 * (t * 0.11).sin(), 6.0 * (t * 0.07).sin());
-        let turn = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), (t * 0.05).sin());
-        let pose = Sim3::new(turn, centre, 1.0);
+        let rotation = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), (t * 0.05).sin());
+        let pose = Sim3::new(rotation, centre, 1.0);
         scene.place([Placed { id, agent: 0, frame_index: u64::from(id) * 5, world_from_keyframe: pose }]);
         let mut bytes = Vec::with_capacity(points * POINT_BYTES);
         let mut numbers = geometry::Random::new(u64::from(id));

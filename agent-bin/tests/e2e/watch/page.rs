@@ -72,7 +72,7 @@ fn a_run_is_watched_paused_saved_and_restarted() {
 }
 
 #[test]
-fn a_page_that_does_not_answer_is_told_nothing_more_but_the_end() {
+fn a_page_that_does_not_answer_receives_nothing_more_but_the_end() {
     let case = long_case();
     let mut run = Served::start(case.command(&["--view=0"]));
     let mut slow = Client::connect(&run.url);
@@ -138,7 +138,7 @@ fn only_who_may_look_does() {
 }
 
 #[test]
-fn what_cannot_be_served_is_said() {
+fn what_cannot_be_served_is_reported() {
     let case = Case::empty();
     let taken = std::net::TcpListener::bind("127.0.0.1:0").expect("a free port");
     let port = taken.local_addr().expect("it has an address").port().to_string();

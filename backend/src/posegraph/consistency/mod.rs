@@ -14,7 +14,7 @@ use super::PoseGraphError;
 use super::error::{check_measurement, check_nodes};
 use crate::params;
 use clique::VertexSet;
-use drift::{Neighbours, Way};
+use drift::{Neighbours, ShortestPath};
 use geometry::Sim3;
 use map::{Edge, KeyframeId};
 use nalgebra::SMatrix;
@@ -109,7 +109,7 @@ struct Pairs<'a> {
     to: MapGraph<'a>,
     covariance: Vec<SMatrix<f64, 7, 7>>,
     /// Ways from the ends of each closure, in the map `from` and in the map `to`.
-    ways: Vec<[BTreeMap<KeyframeId, Way>; 2]>,
+    shortest_paths: Vec<[BTreeMap<KeyframeId, ShortestPath>; 2]>,
     params: &'a ConsistencyParams,
 }
 
@@ -123,7 +123,7 @@ impl<'a> Pairs<'a> {
         check_nodes(from.nodes)?;
         check_nodes(to.nodes)?;
         let (in_from, in_to) = (Neighbours::new(&from), Neighbours::new(&to));
-        let (mut covariance, mut ways) = (Vec::new(), Vec::new());
+        let (mut covariance, mut shortest_paths) = (Vec::new(), Vec::new());
         for (index, closure) in closures.iter().enumerate() {
             for (nodes, id) in [(from.nodes, closure.from), (to.nodes, closure.to)] {
                 if !nodes.contains_key(&id) {
@@ -139,9 +139,12 @@ impl<'a> Pairs<'a> {
                 what: "it is not positive definite, so there is no covariance to compare by".into(),
             })?;
             covariance.push(inverse.inverse());
-            ways.push([in_from.ways(from.nodes, closure.from), in_to.ways(to.nodes, closure.to)]);
+            shortest_paths.push([
+                in_from.shortest_paths(from.nodes, closure.from),
+                in_to.shortest_paths(to.nodes, closure.to),
+            ]);
         }
-        Ok(Self { closures, from, to, covariance, ways, params })
+        Ok(Self { closures, from, to, covariance, shortest_paths, params })
     }
 
     /// χ² of the loop over two closures, 7 degrees of freedom; `None` when a map does not join their ends.
@@ -152,8 +155,8 @@ impl<'a> Pairs<'a> {
     /// agree, and a closure that is wrong by far cannot hide in the uncertainty it brings itself.
     fn squared_error(&self, first: usize, second: usize) -> Option<f64> {
         let (one, two) = (&self.closures[first], &self.closures[second]);
-        let way_from = self.ways[first][0].get(&two.from)?;
-        let way_to = self.ways[first][1].get(&two.to)?;
+        let path_from = self.shortest_paths[first][0].get(&two.from)?;
+        let path_to = self.shortest_paths[first][1].get(&two.to)?;
         let (from, to) = (&self.from.nodes[&one.from], &self.to.nodes[&one.to]);
         let a = from.inverse() * self.from.nodes[&two.from];
         let b = to.inverse() * self.to.nodes[&two.to];
@@ -161,8 +164,8 @@ impl<'a> Pairs<'a> {
         let moved = |by: SMatrix<f64, 7, 7>, covariance: SMatrix<f64, 7, 7>| by * covariance * by.transpose();
         let covariance = self.covariance[first]
             + moved(a.adjoint(), self.covariance[second])
-            + way_from.covariance(from.scale, self.params)
-            + moved(one.from_from_to.adjoint(), way_to.covariance(to.scale, self.params));
+            + path_from.covariance(from.scale, self.params)
+            + moved(one.from_from_to.adjoint(), path_to.covariance(to.scale, self.params));
         Some(error.dot(&covariance.cholesky()?.solve(&error)))
     }
 }

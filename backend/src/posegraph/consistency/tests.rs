@@ -75,14 +75,15 @@ fn the_squared_error_counts_both_measurements_and_the_drift_of_both_maps() {
 }
 
 #[test]
-fn ways_are_the_shortest_of_fewest_edges() {
+fn paths_are_the_shortest_of_fewest_edges() {
     let (nodes, mut edges) = row(6, 1.0, 1.0);
     edges.push(edge(4, 1, Sim3::identity(), 1.0));
     edges.retain(|edge| edge.to != KeyframeId(5));
-    let ways = Neighbours::new(&MapGraph { nodes: &nodes, edges: &edges }).ways(&nodes, KeyframeId(0));
-    assert_eq!(ways[&KeyframeId(4)], Way { edges: 2, length: 4.0 });
-    assert_eq!(ways[&KeyframeId(3)], Way { edges: 3, length: 3.0 });
-    assert!(!ways.contains_key(&KeyframeId(5)));
+    let shortest_paths =
+        Neighbours::new(&MapGraph { nodes: &nodes, edges: &edges }).shortest_paths(&nodes, KeyframeId(0));
+    assert_eq!(shortest_paths[&KeyframeId(4)], ShortestPath { edges: 2, length: 4.0 });
+    assert_eq!(shortest_paths[&KeyframeId(3)], ShortestPath { edges: 3, length: 3.0 });
+    assert!(!shortest_paths.contains_key(&KeyframeId(5)));
 }
 
 #[test]

@@ -250,7 +250,7 @@ fn poisoned_input_is_refused_and_leaves_the_nodes() {
 }
 
 #[test]
-fn two_thousand_keyframes_settle_within_few_iterations() {
+fn two_thousand_keyframes_converge_within_few_iterations() {
     let truth = ring(2000);
     let mut noise = Noise::new(9);
     let mut edges = chain(&truth);

@@ -107,8 +107,8 @@ impl TwoMaps {
     }
 }
 
-fn similarity(translation: [f64; 3], turn: f64, scale: f64) -> Sim3 {
-    Sim3::new(nalgebra::UnitQuaternion::from_euler_angles(0.0, turn, 0.0), translation.into(), scale)
+fn similarity(translation: [f64; 3], rotation: f64, scale: f64) -> Sim3 {
+    Sim3::new(nalgebra::UnitQuaternion::from_euler_angles(0.0, rotation, 0.0), translation.into(), scale)
 }
 
 /// A winding path along x, one unit a keyframe.

@@ -30,8 +30,8 @@ fn heads(folder: &Path) -> Result<Vec<(String, String)>> {
 
 /// Whether an agent was told that the station holds all of its map.
 fn is_held(agent: &Path) -> bool {
-    let said = status(agent);
-    said.is_some_and(|said| said["links"][0]["lacks"] == 0 && said["links"][0]["address"].is_string())
+    let output = status(agent);
+    output.is_some_and(|output| output["links"][0]["lacks"] == 0 && output["links"][0]["address"].is_string())
 }
 
 /// Kills at seeded moments of the station or an agent.
@@ -95,11 +95,12 @@ fn session(plan: &Plan, maps: &[PathBuf], seed: u64, kills: usize) -> Result<Ses
             *agent = start(&yard, victim)?;
         } else {
             let held: Vec<&PathBuf> = yard.agents.iter().filter(|agent| is_held(agent)).collect();
-            let told = held.iter().map(|agent| heads(agent)).collect::<Result<Vec<_>>>()?;
+            let acknowledged = held.iter().map(|agent| heads(agent)).collect::<Result<Vec<_>>>()?;
             station.kill()?;
             let there = heads(&yard.station)?;
-            made.checked += told.len();
-            made.lost += told.iter().filter(|own| !own.iter().all(|head| there.contains(head))).count();
+            made.checked += acknowledged.len();
+            made.lost +=
+                acknowledged.iter().filter(|own| !own.iter().all(|head| there.contains(head))).count();
             station = yard.start_station(maps.len())?;
         }
         made.kills += 1;

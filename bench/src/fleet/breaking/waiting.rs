@@ -27,20 +27,20 @@ enum Third {
 
 /// One of three agents stands still when a part of its map came; how long the other two take until they are merged.
 pub(super) fn stalled(plan: &Plan, maps: &[PathBuf]) -> Result<[String; 3]> {
-    let (mut without, mut beside, mut same) = (Vec::new(), Vec::new(), 0);
+    let (mut without, mut with_fleet, mut same) = (Vec::new(), Vec::new(), 0);
     for _ in 0..plan.runs {
         without.push(two_of_three(plan, maps, Third::Absent)?.0);
         let (seconds, is_same) = two_of_three(plan, maps, Third::StandsStill)?;
-        beside.push(seconds);
+        with_fleet.push(seconds);
         same += usize::from(is_same);
     }
-    let [without, beside] = [without, beside].map(|seconds| median(seconds).unwrap_or(f64::NAN));
+    let [without, with_fleet] = [without, with_fleet].map(|seconds| median(seconds).unwrap_or(f64::NAN));
     let runs = plan.runs;
     Ok([
         "one of three agents stands still (`SIGSTOP`) with a part of its map told".into(),
         format!("{runs}, in turns with two agents alone"),
         format!(
-            "all of the other two is there and merged after {beside:.1} s, without it {without:.1} s; once it goes on all three are merged: the same in {same} of {runs}"
+            "all of the other two is there and merged after {with_fleet:.1} s, without it {without:.1} s; once it goes on all three are merged: the same in {same} of {runs}"
         ),
     ])
 }
@@ -72,11 +72,11 @@ fn two_of_three(plan: &Plan, maps: &[PathBuf], third: Third) -> Result<(f64, boo
         let agents = status["agents"].as_array().into_iter().flatten();
         let whole = agents.filter(|agent| agent["missing"] == 0 && agent["finished"] == true).count();
         let meetings = status["found"]["meetings"].as_array().into_iter().flatten();
-        let of_two = |meeting: &&Value| {
-            let names = meeting["names"].as_array().into_iter().flatten();
+        let of_two = |pair: &&Value| {
+            let names = pair["names"].as_array().into_iter().flatten();
             names.filter(|name| **name != NAMES[2]).count() == 2
-                && meeting["verdict"] == "accepted"
-                && meeting["pending"] == false
+                && pair["verdict"] == "accepted"
+                && pair["pending"] == false
         };
         let placed = status["found"]["agents"].as_array().into_iter().flatten();
         let looked = placed.filter(|agent| agent["whole"] == true && agent["name"] != NAMES[2]).count();

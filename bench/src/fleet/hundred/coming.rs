@@ -1,7 +1,7 @@
 //! Agents that come to a station one after the other.
 
-use super::super::{Plan, Process, beside, status, tell};
-use super::{shares, told::Told};
+use super::super::{Plan, Process, link_load, status, tell};
+use super::{published::PublishedMap, shares};
 use crate::measure::{finish, make_empty};
 use anyhow::{Context, Result, ensure};
 use loopbox_tests::proxy::{Link, Proxy};
@@ -38,10 +38,10 @@ pub(super) struct Come {
 impl Come {
     /// A line of the table.
     pub fn line(&self, name: &str) -> String {
-        let [started, heard, parts] = self.waits.each_ref().map(|waits| shares(waits));
+        let [started, discovered, parts] = self.waits.each_ref().map(|waits| shares(waits));
         let ([memory, cpu], [before, after]) = (self.cost, self.load);
         format!(
-            "| {name} | {started} | {heard} | {parts} | {:.1} s | {:.0} MB | {cpu:.0} s | {before:.1}, {after:.1} |\n",
+            "| {name} | {started} | {discovered} | {parts} | {:.1} s | {:.0} MB | {cpu:.0} s | {before:.1}, {after:.1} |\n",
             self.together,
             memory / 1e6
         )
@@ -58,7 +58,7 @@ struct Stalling {
 /// Agents at work, and when each was started and had its place, in seconds by its identity: those aside that stand still.
 struct Crowd<'a> {
     plan: &'a Plan<'a>,
-    maps: &'a [Told],
+    maps: &'a [PublishedMap],
     homes: Vec<PathBuf>,
     address: String,
     stalled: Option<usize>,
@@ -71,13 +71,13 @@ struct Crowd<'a> {
 }
 
 /// Has all agents come to a new station; the one that is to be `stalled` stands still with half of its map told.
-pub(super) fn come(plan: &Plan, maps: &[Told], stalled: Option<usize>) -> Result<Come> {
+pub(super) fn come(plan: &Plan, maps: &[PublishedMap], stalled: Option<usize>) -> Result<Come> {
     let before = load()?;
     let room = plan.work.join("fleet").join("hundred");
     make_empty(&room)?;
     let homes = maps.iter().map(|map| copied(&map.home, &room)).collect::<Result<Vec<_>>>()?;
     let at = room.join("station");
-    let (station, address) = beside::station(plan, &at)?;
+    let (station, address) = link_load::station(plan, &at)?;
     let (stalling, links, agents, started, placed) = Default::default();
     let mut crowd = Crowd { plan, maps, homes, address, stalled, stalling, links, agents, started, placed };
     let begun = Instant::now();
@@ -85,9 +85,9 @@ pub(super) fn come(plan: &Plan, maps: &[Told], stalled: Option<usize>) -> Result
         let now = begun.elapsed();
         crowd.start_next(now)?;
         crowd.stall()?;
-        let said = status(&at).unwrap_or_default();
-        if crowd.look(&said, now.as_secs_f64()) {
-            let waits = crowd.waits(&said);
+        let output = status(&at).unwrap_or_default();
+        if crowd.look(&output, now.as_secs_f64()) {
+            let waits = crowd.waits(&output);
             let together = now.as_secs_f64();
             return Ok(Come { waits, together, cost: cost(station.0.id())?, load: [before, load()?] });
         }
@@ -128,13 +128,13 @@ impl Crowd<'_> {
     }
 
     /// Looks who has a place; whether all have, in one frame.
-    fn look(&mut self, said: &Value, now: f64) -> bool {
-        let found = said.pointer("/found/agents").and_then(Value::as_array).map_or(&[][..], |all| all);
+    fn look(&mut self, output: &Value, now: f64) -> bool {
+        let found = output.pointer("/found/agents").and_then(Value::as_array).map_or(&[][..], |all| all);
         let mut roots = Vec::new();
         for agent in found {
-            let company = found.iter().filter(|other| other["root"] == agent["root"]).count();
+            let members = found.iter().filter(|other| other["root"] == agent["root"]).count();
             let counted = agent["agent"].as_str().and_then(|name| self.started.get_key_value(name));
-            if let Some((name, _)) = counted.filter(|_| company > 1) {
+            if let Some((name, _)) = counted.filter(|_| members > 1) {
                 self.placed.entry(name).or_insert(now);
                 roots.push(&agent["root"]);
             }
@@ -144,9 +144,9 @@ impl Crowd<'_> {
     }
 
     /// How long all waited, by what the station says last.
-    fn waits(&self, said: &Value) -> [Vec<f64>; 3] {
+    fn waits(&self, output: &Value) -> [Vec<f64>; 3] {
         let of = |number: &str| {
-            let lines = said["agents"].as_array().into_iter().flatten();
+            let lines = output["agents"].as_array().into_iter().flatten();
             let counted = lines
                 .filter(|line| line["agent"].as_str().is_some_and(|name| self.started.contains_key(name)));
             counted.filter_map(|line| line[number].as_f64()).collect()

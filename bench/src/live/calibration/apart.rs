@@ -31,8 +31,8 @@ pub fn apart(known: &Camera, other: &Camera, size: [usize; 2]) -> Option<Apart> 
     for pixel in &pixels {
         products += ray(other, pixel)? * ray(known, pixel)?.transpose();
     }
-    let turn = Rotation3::from_matrix_eps(&products, 1e-12, 100, Rotation3::identity());
-    let of = |pixels: &[Vector2<f64>]| distance(known, other, &turn, pixels);
+    let rotation = Rotation3::from_matrix_eps(&products, 1e-12, 100, Rotation3::identity());
+    let of = |pixels: &[Vector2<f64>]| distance(known, other, &rotation, pixels);
     Some(Apart { inner: of(&pixels)?, whole: of(&grid(size))? })
 }
 
@@ -98,7 +98,7 @@ mod tests {
     const LENS: [f64; 8] = [458.654, 457.296, 367.215, 248.375, -0.28340811, 0.07395907, 0.00019359, 1.76e-5];
 
     #[test]
-    fn a_turn_is_no_difference() {
+    fn a_rotation_is_no_difference() {
         let values = [2000.0, 2000.0, 100.0, 50.0, 0.0, 0.0, 0.0, 0.0];
         let shifted = [2000.0, 2000.0, 105.0, 47.0, 0.0, 0.0, 0.0, 0.0];
         let [known, other] = [values, shifted].map(|values| camera([200, 100], &values).unwrap());

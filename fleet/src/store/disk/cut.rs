@@ -52,7 +52,7 @@ impl Cut {
     }
 
     /// Has whatever is written wait, or go on.
-    pub fn stand_still(&self, stands_still: bool) {
+    pub fn set_stalled(&self, stands_still: bool) {
         locked(&self.0.0).stands_still = stands_still;
         self.0.1.notify_all();
     }
@@ -66,7 +66,7 @@ impl Cut {
     }
 
     /// The files, once they may be changed.
-    fn going(&self) -> std::sync::MutexGuard<'_, Files> {
+    fn writable(&self) -> std::sync::MutexGuard<'_, Files> {
         let files = locked(&self.0.0);
         self.0.1.wait_while(files, |files| files.stands_still).expect("no thread broke down")
     }
@@ -86,7 +86,7 @@ impl Disk for Cut {
     }
 
     fn write(&self, path: &Path, bytes: &[u8]) -> io::Result<()> {
-        let mut files = self.going();
+        let mut files = self.writable();
         let next = files.contents.len();
         let at = *files.names.entry(path.to_owned()).or_insert(next);
         files.contents.resize_with(next.max(at + 1), Content::default);
@@ -95,18 +95,18 @@ impl Disk for Cut {
     }
 
     fn rename(&self, from: &Path, to: &Path) -> io::Result<()> {
-        let mut files = self.going();
+        let mut files = self.writable();
         let at = files.names.remove(from).ok_or(ErrorKind::NotFound)?;
         files.names.insert(to.to_owned(), at);
         Ok(())
     }
 
     fn remove(&self, path: &Path) {
-        self.going().names.remove(path);
+        self.writable().names.remove(path);
     }
 
     fn sync(&self, paths: &[PathBuf]) -> io::Result<()> {
-        let mut files = self.going();
+        let mut files = self.writable();
         let is_refused = files.refused == Some(0);
         files.refused = files.refused.and_then(|count| count.checked_sub(1));
         for path in paths {

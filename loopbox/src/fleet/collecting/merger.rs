@@ -1,14 +1,14 @@
 //! How maps of cameras are merged here: by what, and on which threads.
 
 use crate::fleet::agents::Inputs;
-use crate::fleet::company::Company;
+use crate::fleet::components::Components;
+use crate::fleet::prefetch::Met;
 use crate::fleet::remembering::Content;
 use crate::fleet::remembering::Memory;
-use crate::fleet::sketching::Met;
 use crate::merging::{
-    Encounter, Go, Groups, Input, Looked, Merging, MergingParams, Places, Share, common_map, look,
+    Batch, Groups, Input, Looked, Merging, MergingParams, PairResult, Places, Share, common_map, look,
 };
-use crate::run::give_way;
+use crate::run::lower_priority;
 use anyhow::{Context, Result, anyhow};
 use map::Identity;
 use place_recog::Vocabulary;
@@ -26,7 +26,7 @@ pub(super) struct Merger {
     pool: Option<rayon::ThreadPool>,
 }
 
-/// What is looked at, as [`Go`] has it.
+/// What is looked at, as [`Batch`] has it.
 pub(super) struct Looking<'a> {
     pub wanted: Option<BTreeMap<[usize; 2], f32>>,
     pub places: BTreeMap<[usize; 2], Places>,
@@ -45,12 +45,12 @@ impl Looking<'_> {
 }
 
 impl Merger {
-    /// One that works on one core and gives way to what is `beside` it, if anything is.
+    /// One that works on one core and gives way to others if it is `in_background`.
     ///
     /// # Errors
     /// When threads cannot be started.
-    pub fn new(beside: bool) -> Result<Self> {
-        let pool = beside.then(|| on_threads(1, true)).transpose()?;
+    pub fn new(in_background: bool) -> Result<Self> {
+        let pool = in_background.then(|| on_threads(1, true)).transpose()?;
         Ok(Self { vocabulary: Vocabulary::shipped(), params: MergingParams::default(), pool })
     }
 
@@ -77,7 +77,7 @@ impl Merger {
         &self,
         maps: &Inputs<Input>,
         memory: &Memory,
-        company: &Company,
+        components: &Components,
         looking: Looking,
         stop: &Stop,
     ) -> Result<Looked> {
@@ -86,11 +86,18 @@ impl Merger {
         let known = |pair: [usize; 2]| memory.recall(&maps.contents, pair, exactly);
         let agents: Vec<Identity> = maps.contents.iter().map(|content| content.agent).collect();
         let mut groups = Groups::new(agents.len());
-        company.firsts(&agents).into_iter().enumerate().for_each(|(number, first)| {
+        components.firsts(&agents).into_iter().enumerate().for_each(|(number, first)| {
             groups.join([first, number]);
         });
-        let go =
-            Go { known: &known, wanted, groups, places, share: Some(share), keep: &|_| Ok(()), is_awaited };
+        let go = Batch {
+            known: &known,
+            wanted,
+            groups,
+            places,
+            share: Some(share),
+            keep: &|_| Ok(()),
+            is_awaited,
+        };
         self.on_pool(|| look(&maps.inputs, &self.vocabulary, &self.params, go, &mut |_| go_on()))
     }
 
@@ -99,19 +106,19 @@ impl Merger {
     pub fn placed(
         &self,
         maps: &Inputs<Input>,
-        encounters: Vec<Encounter>,
+        pair_results: Vec<PairResult>,
         undone: &[([usize; 2], String)],
     ) -> Result<Merging> {
-        self.on_pool(|| common_map(&maps.inputs, encounters, &self.params, false, undone))
+        self.on_pool(|| common_map(&maps.inputs, pair_results, &self.params, false, undone))
     }
 }
 
 /// So many threads, that give way to all others where that is asked for.
-pub(super) fn on_threads(count: usize, gives_way: bool) -> Result<rayon::ThreadPool> {
+pub(super) fn on_threads(count: usize, low_priority: bool) -> Result<rayon::ThreadPool> {
     let threads = rayon::ThreadPoolBuilder::new().num_threads(count);
     let threads = threads.start_handler(move |_| {
-        if gives_way {
-            give_way()
+        if low_priority {
+            lower_priority()
         }
     });
     threads.build().context("cannot start threads")
@@ -119,11 +126,11 @@ pub(super) fn on_threads(count: usize, gives_way: bool) -> Result<rayon::ThreadP
 
 /// The pairs that met, and whose merge stands.
 pub(super) fn met<'a>(merging: &'a Merging, contents: &[Content]) -> Vec<Met<'a>> {
-    let standing = merging.encounters.iter().filter(|encounter| merging.stands(encounter));
-    let met = standing.filter_map(|encounter| {
-        let agents = [encounter.target, encounter.source].map(|map| contents[map].agent);
-        let motion = encounter.accepted()?.closure.motion.a_from_b;
-        Some(Met { agents, motion, edges: &encounter.joined.as_ref()?.edges })
+    let standing = merging.pair_results.iter().filter(|pair_result| merging.stands(pair_result));
+    let met = standing.filter_map(|pair_result| {
+        let agents = [pair_result.target, pair_result.source].map(|map| contents[map].agent);
+        let motion = pair_result.accepted()?.closure.motion.a_from_b;
+        Some(Met { agents, motion, edges: &pair_result.joined.as_ref()?.edges })
     });
     met.collect()
 }

@@ -2,49 +2,49 @@
 //!
 //! What is there of each map is put together and all of them are merged anew, as `loopbox merge` would: so what comes of
 //! it does not depend on the order in which things came, and once all is there it is what a merge of the agents' own
-//! files is, bit by bit. That is done in goes ([`Share`]): a few pairs are looked at, the agents are told where they are by
+//! files is, bit by bit. That is done in batches ([`Share`]): a few pairs are looked at, the agents are told where they are by
 //! then, and the next few follow.
 //!
 //! `parts` looks at parts of maps before all of them is here, `whole` merges all that is here, both by the `merger`;
-//! `timetable` says what is due and when. The joint pose graph, which takes seconds of many maps, and the writing of the common
-//! map are done in a thread beside that (`settling`).
+//! `schedule` says what is due and when. The joint pose graph, which takes seconds of many maps, and the writing of the common
+//! map are done in a thread beside that (`optimise_when`).
 
 mod merger;
+mod optimisation;
 mod parts;
 mod planning;
-mod settling;
+mod schedule;
 mod step;
-mod timetable;
 mod whole;
 mod worker;
 
-pub(super) use timetable::WRITE_INTERVAL;
+pub(super) use schedule::WRITE_INTERVAL;
 
 use super::agents::NotTaken;
-use super::company::Company;
+use super::components::Components;
 use super::listening::CommonListener;
+use super::prefetch::Plan;
 use super::scans::ScanCollector;
-use super::sketching::Plan;
 use super::waiting::Waits;
 use crate::merging::Share;
 use crate::results::{Owner, Results, is_of_the_disk};
 use anyhow::Result;
-use fleet::findings::Found;
+use fleet::merge_results::Found;
 use fleet::service::Service;
 use map::{Identity, SensorKind};
 use merger::Merger;
 use parts::Parts;
 use planning::Planner;
+use schedule::{Load, Schedule};
 use sources::Stop;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use step::Step;
-use timetable::{Load, Timetable};
-use whole::{Round, Settling, Whole};
+use whole::{OptimiseWhen, Round, Whole};
 
-/// How much is looked at in a go, of whole maps and of parts.
+/// How much is looked at in a batch, of whole maps and of parts.
 const SHARE: Share = Share { pairs: 64, time: Duration::from_millis(500) };
 /// How long maps are taken in before they are merged.
 const TAKING: Duration = Duration::from_millis(500);
@@ -64,8 +64,8 @@ pub(super) struct Collector {
     scans: ScanCollector,
     planner: Planner,
     /// Who hangs together by all that was found.
-    company: Company,
-    table: Timetable,
+    components: Components,
+    table: Schedule,
     /// Whether parts were merged last.
     looked: bool,
     /// Whether there is more to do at once.
@@ -87,18 +87,18 @@ impl Collector {
     ///
     /// # Errors
     /// When the folder cannot be written to, or holds results of something else.
-    pub fn new(out: &Path, force: bool, beside: bool) -> Result<Self> {
-        let merger = Merger::new(beside)?;
-        let (parts, company, listeners) = Default::default();
+    pub fn new(out: &Path, force: bool, in_background: bool) -> Result<Self> {
+        let merger = Merger::new(in_background)?;
+        let (parts, components, listeners) = Default::default();
         Ok(Self {
             folder: out.join(AGENTS),
             parts,
             planner: Planner::new(merger.vocabulary.clone()),
             merger,
-            whole: Whole::new(Results::create(out, &Owner::Merge, force)?, beside)?,
+            whole: Whole::new(Results::create(out, &Owner::Merge, force)?, in_background)?,
             scans: ScanCollector::new(out, force)?,
-            company,
-            table: Timetable::new(Instant::now()),
+            components,
+            table: Schedule::new(Instant::now()),
             looked: false,
             has_more: false,
             listeners,
@@ -106,16 +106,16 @@ impl Collector {
     }
 
     /// The same, with who is told of the common maps.
-    pub fn heard_by(self, listeners: Vec<Box<dyn CommonListener>>) -> Self {
+    pub fn with_listeners(self, listeners: Vec<Box<dyn CommonListener>>) -> Self {
         Self { listeners, ..self }
     }
 
     /// Tells those who hear of the common maps that some time went by.
-    pub fn remind(&mut self) {
-        self.listeners.iter_mut().for_each(|listener| listener.remind());
+    pub fn tick(&mut self) {
+        self.listeners.iter_mut().for_each(|listener| listener.tick());
     }
 
-    /// Takes in what is new and merges it, where it is time. What was found, if anything was looked at; `told` is what
+    /// Takes in what is new and merges it, where it is time. What was found, if anything was looked at; `remote_results` is what
     /// others found. Where the disk is full it waits for room.
     ///
     /// # Errors
@@ -123,22 +123,22 @@ impl Collector {
     pub fn step(
         &mut self,
         service: &Service,
-        told: &[Arc<Found>],
+        remote_results: &[Arc<Found>],
         warn: &(dyn Fn(&str) + Sync),
         stop: &Stop,
     ) -> Result<Option<Found>> {
-        match self.go_on(&Step::new(service, told, warn, stop)) {
+        match self.go_on(&Step::new(service, remote_results, warn, stop)) {
             Err(error) if is_of_the_disk(&error) => {
                 warn(&format!("it is waited until there is room on the disk: {error:#}"));
                 self.table.found_full(Instant::now());
                 // Merged or not, all that is not written is merged anew.
-                self.urge();
+                self.request_write();
                 Ok(None)
             }
             done => {
                 if let Ok(Some(found)) = &done {
-                    self.company = Company::of(found);
-                    self.planner.waits.told(&self.company, Instant::now());
+                    self.components = Components::of(found);
+                    self.planner.waits.mark_placed(&self.components, Instant::now());
                 }
                 done
             }
@@ -168,44 +168,44 @@ impl Collector {
     pub fn finish(&mut self, service: &Service, warn: &(dyn Fn(&str) + Sync)) -> Result<Option<Found>> {
         let stop = Stop::default();
         let step = Step::new(service, &[], warn, &stop);
-        let settled = match self.settled(&step, true) {
+        let optimised = match self.optimised(&step, true) {
             // It is written again.
             Err(error) if is_of_the_disk(&error) => true,
-            settled => settled?,
+            optimised => optimised?,
         };
-        let agents = step.all.iter().map(|heard| heard.agent).collect();
+        let agents = step.all.iter().map(|snapshot| snapshot.agent).collect();
         self.take_all(&step, &agents, None)?;
         self.merger.make_haste();
         // Whoever ends it does not wait for hundreds of pairs: they are looked at when it goes on.
         let begun = Instant::now();
-        self.urge();
-        let mut merged = self.merge(&step, Settling::Later, true, false)?;
+        self.request_write();
+        let mut merged = self.merge(&step, OptimiseWhen::Later, true, false)?;
         while self.whole.is_left && begun.elapsed() < ENDING {
-            merged = self.merge(&step, Settling::Later, true, false)?.or(merged);
+            merged = self.merge(&step, OptimiseWhen::Later, true, false)?.or(merged);
         }
-        self.urge();
-        merged = self.merge(&step, Settling::Now, true, false)?.or(merged);
-        Ok(merged.or_else(|| settled.then(|| self.all_found())))
+        self.request_write();
+        merged = self.merge(&step, OptimiseWhen::Now, true, false)?.or(merged);
+        Ok(merged.or_else(|| optimised.then(|| self.all_found())))
     }
 
     /// Has all that is not written merged and written next.
-    fn urge(&mut self) {
-        self.table.urge();
-        self.whole.urge();
-        self.scans.urge();
+    fn request_write(&mut self) {
+        self.table.request_write();
+        self.whole.request_write();
+        self.scans.request_write();
     }
 
     /// As [`step`](Self::step), but for full disks.
     fn go_on(&mut self, step: &Step) -> Result<Option<Found>> {
-        let settled = self.settled(step, false)?;
+        let optimised = self.optimised(step, false)?;
         let merged = self.merge_next(step)?;
-        Ok(merged.or_else(|| settled.then(|| self.all_found())))
+        Ok(merged.or_else(|| optimised.then(|| self.all_found())))
     }
 
     /// Merges what is next, where it is time.
     fn merge_next(&mut self, step: &Step) -> Result<Option<Found>> {
-        let (planner, company) = (&mut self.planner, &self.company);
-        let plan = self.merger.on_pool(|| planner.plan(step, company));
+        let (planner, components) = (&mut self.planner, &self.components);
+        let plan = self.merger.on_pool(|| planner.plan(step, components));
         self.has_more = plan.is_cut;
         if self.table.waits_for_room(Instant::now()) {
             self.has_more = false;
@@ -219,7 +219,7 @@ impl Collector {
         if plan.ready.is_some() && (!std::mem::take(&mut self.looked) || !is_due) {
             return self.look_at(step, &plan);
         }
-        if self.planner.sketches.pending().is_empty() {
+        if self.planner.prefetcher.pending().is_empty() {
             self.parts.tidy();
         }
         if !is_due {
@@ -232,7 +232,7 @@ impl Collector {
         }
         let start = Instant::now();
         let is_awaited = plan.ready.is_some() || plan.is_cut;
-        let found = self.merge(step, Settling::Beside, is_taken, is_awaited);
+        let found = self.merge(step, OptimiseWhen::Background, is_taken, is_awaited);
         self.table.merged(start, Instant::now());
         // What is not taken in yet may be as it was, and yet none of it was merged as that which is to last.
         self.whole.is_new |= !is_taken;
@@ -249,7 +249,7 @@ impl Collector {
             is_alone: self.merger.is_alone(),
             is_left: self.whole.is_left,
             may_join: self.whole.may_join,
-            may_place: plan.pairs.iter().any(|(names, _)| !self.company.are_one(names)),
+            may_place: plan.pairs.iter().any(|(names, _)| !self.components.are_connected(names)),
             is_coming: !self.scans.has_new() && self.planner.waits.is_coming(Instant::now()),
         }
     }
@@ -259,14 +259,14 @@ impl Collector {
     fn look_at(&mut self, step: &Step, plan: &Plan) -> Result<Option<Found>> {
         (self.looked, self.has_more) = (true, true);
         let is_news =
-            self.parts.look(plan, &self.company, &self.merger, &self.folder, step, &mut self.planner)?;
+            self.parts.look(plan, &self.components, &self.merger, &self.folder, step, &mut self.planner)?;
         Ok(is_news.then(|| self.all_found()))
     }
 
     /// What was found by all maps and beside that by parts, as it is told.
     fn all_found(&self) -> Found {
         let known = self.whole.found.clone().and(self.scans.found().clone());
-        self.parts.beside(&known, self.planner.sketches.pending())
+        self.parts.overlaid_by(&known, self.planner.prefetcher.pending())
     }
 
     /// Puts together what is there of the maps of which all is fetched, and writes those that are whole; no further one once
@@ -280,20 +280,22 @@ impl Collector {
         let all = &step.all;
         // An agent's own map alone is in its folder already.
         let has_own = !step.service.own().is_empty();
-        if all.len() < 2 && (has_own || !all.iter().any(|heard| heard.finished && heard.missing == 0)) {
+        if all.len() < 2
+            && (has_own || !all.iter().any(|snapshot| snapshot.finished && snapshot.missing == 0))
+        {
             return Ok(true);
         }
         let begun = Instant::now();
         let place = step.place(&self.folder, &self.merger.vocabulary);
-        for heard in all.iter().filter(|heard| released.contains(&heard.agent)) {
+        for snapshot in all.iter().filter(|snapshot| released.contains(&snapshot.agent)) {
             if time.is_some_and(|time| begun.elapsed() >= time) {
                 return Ok(false);
             }
-            match self.merger.on_pool(|| self.whole.maps.take(heard, None, &place)) {
+            match self.merger.on_pool(|| self.whole.maps.take(snapshot, None, &place)) {
                 Ok(Some(SensorKind::Camera)) => self.whole.came(),
                 Ok(Some(SensorKind::Lidar)) => self.scans.came(),
                 Ok(None) => {}
-                Err(NotTaken::Wrong(reason)) => step.leave_out(heard.agent, reason),
+                Err(NotTaken::Wrong(reason)) => step.leave_out(snapshot.agent, reason),
                 Err(NotTaken::Unwritten(error)) => return Err(error),
             }
         }
@@ -306,17 +308,17 @@ impl Collector {
     fn merge(
         &mut self,
         step: &Step,
-        settling: Settling,
+        optimise_when: OptimiseWhen,
         is_taken: bool,
         is_awaited: bool,
     ) -> Result<Option<Found>> {
         let mut done = Vec::new();
         if self.whole.is_new || self.whole.is_left {
-            let round = Round { settling, is_taken, is_awaited, company: &self.company, step };
+            let round = Round { optimise_when, is_taken, is_awaited, components: &self.components, step };
             let (table, planner) = (&mut self.table, &mut self.planner);
             let merged = self.whole.merge(&self.merger, &round, table, planner, &mut self.listeners);
             if let Ok(true) = merged {
-                self.parts.give_way_to(&self.whole.found, self.whole.is_left);
+                self.parts.supersede(&self.whole.found, self.whole.is_left);
             }
             done.push(merged);
         }
@@ -336,7 +338,7 @@ impl Collector {
     }
 
     /// Takes the common map that was made beside, if it is, or waits for it. Whether anything is to be told.
-    fn settled(&mut self, step: &Step, waits: bool) -> Result<bool> {
+    fn optimised(&mut self, step: &Step, waits: bool) -> Result<bool> {
         step.merged(self.whole.take_settled(waits, &mut self.table, &mut self.listeners))
     }
 }

@@ -5,13 +5,13 @@ use super::merger::{Looking, Merger, met};
 use super::planning::Planner;
 use super::step::Step;
 use crate::fleet::agents::{Inputs, Maps, NotTaken};
-use crate::fleet::company::Company;
-use crate::fleet::findings::{found, lacking};
+use crate::fleet::components::Components;
+use crate::fleet::merge_results::{found, lacking};
+use crate::fleet::prefetch::Plan;
 use crate::fleet::remembering::Content;
-use crate::fleet::sketching::Plan;
 use crate::merging::{Input, Merging};
 use anyhow::Result;
-use fleet::findings::{Found, FoundAgent};
+use fleet::merge_results::{Found, FoundAgent};
 use map::{Identity, KeyframeId};
 use sources::Stop;
 use std::collections::{BTreeMap, BTreeSet};
@@ -29,8 +29,8 @@ pub(super) struct Parts {
 impl Parts {
     /// What was found by parts beside all that is `known` of whole maps, where nothing is said yet of `pending` pairs, which are
     /// looked at more closely.
-    pub fn beside(&self, known: &Found, pending: Vec<[Identity; 2]>) -> Found {
-        let mut found = self.found.clone().beside(known);
+    pub fn overlaid_by(&self, known: &Found, pending: Vec<[Identity; 2]>) -> Found {
+        let mut found = self.found.clone().overlaid_by(known);
         let names: Vec<[String; 2]> =
             pending.into_iter().map(|pair| pair.map(|agent| agent.to_string())).collect();
         found.postpone(|agents| names.iter().any(|names| agents.iter().all(|agent| names.contains(agent))));
@@ -45,7 +45,7 @@ impl Parts {
 
     /// What whole maps say stands; of what they do not say yet what was found here, while pairs of them `is_left` or they say it
     /// of less of a map than was looked at here.
-    pub fn give_way_to(&mut self, whole: &Found, is_left: bool) {
+    pub fn supersede(&mut self, whole: &Found, is_left: bool) {
         let is_whole = |part: &FoundAgent| {
             let mut whole = whole.agents.iter().filter(|whole| whole.agent == part.agent);
             whole.any(|whole| whole.keyframes >= part.keyframes)
@@ -63,7 +63,7 @@ impl Parts {
     pub fn look(
         &mut self,
         plan: &Plan,
-        company: &Company,
+        components: &Components,
         merger: &Merger,
         folder: &Path,
         step: &Step,
@@ -73,11 +73,11 @@ impl Parts {
             self.only.entry(*agent).or_default().extend(keyframes);
         }
         let place = step.place(folder, &merger.vocabulary);
-        for heard in &step.all {
-            let Some(only) = self.only.get(&heard.agent) else { continue };
-            match merger.on_pool(|| self.maps.take(heard, Some(only), &place)) {
+        for snapshot in &step.all {
+            let Some(only) = self.only.get(&snapshot.agent) else { continue };
+            match merger.on_pool(|| self.maps.take(snapshot, Some(only), &place)) {
                 Ok(_) => {}
-                Err(NotTaken::Wrong(reason)) => step.leave_out(heard.agent, reason),
+                Err(NotTaken::Wrong(reason)) => step.leave_out(snapshot.agent, reason),
                 Err(NotTaken::Unwritten(error)) => return Err(error),
             }
         }
@@ -89,23 +89,26 @@ impl Parts {
         let look = |comes: &(dyn Fn() -> bool + Sync)| {
             let is_awaited = || plan.is_cut || comes();
             let looking = Looking { wanted: Some(wanted), is_awaited: &is_awaited, ..Looking::share(SHARE) };
-            self.look_at(&maps, company, looking, merger, step.stop)
+            self.look_at(&maps, components, looking, merger, step.stop)
         };
-        let looked = is_any.then(|| planner.meanwhile(step, company, merger, &pairs, look)).transpose();
+        let looked = is_any.then(|| planner.meanwhile(step, components, merger, &pairs, look)).transpose();
         match looked {
             Ok(Some((left, merging))) => {
                 pairs.retain(|names| !left.contains(names));
-                planner.sketches.judged(&met(&merging, &maps.contents), &pairs, &*step.store);
+                planner.prefetcher.record_outcome(&met(&merging, &maps.contents), &pairs, &*step.store);
                 // Pairs that were forgotten since they were looked at are not among these.
                 let mut before = std::mem::take(&mut self.found);
-                let there: BTreeSet<String> = step.all.iter().map(|heard| heard.agent.to_string()).collect();
+                let there: BTreeSet<String> =
+                    step.all.iter().map(|snapshot| snapshot.agent.to_string()).collect();
                 before.agents.retain(|agent| there.contains(&agent.agent));
-                before.meetings.retain(|meeting| meeting.agents.iter().all(|agent| there.contains(agent)));
-                self.found = before.beside(&found(&maps.inputs, &merging, &maps.whole, |_| true));
+                before
+                    .pair_verdicts
+                    .retain(|pair_verdict| pair_verdict.agents.iter().all(|agent| there.contains(agent)));
+                self.found = before.overlaid_by(&found(&maps.inputs, &merging, &maps.whole, |_| true));
                 Ok(true)
             }
             nothing => {
-                planner.sketches.judged(&[], &pairs, &*step.store);
+                planner.prefetcher.record_outcome(&[], &pairs, &*step.store);
                 if let (Err(error), false) = (nothing, step.stop.requested()) {
                     (step.warn)(&format!("parts of the maps are not merged: {error:#}"));
                 }
@@ -118,19 +121,19 @@ impl Parts {
     fn look_at(
         &mut self,
         maps: &Inputs<Input>,
-        company: &Company,
+        components: &Components,
         looking: Looking,
         merger: &Merger,
         stop: &Stop,
     ) -> Result<(BTreeSet<[Identity; 2]>, Merging)> {
-        let looked = merger.look(maps, &self.maps.memory, company, looking, stop)?;
+        let looked = merger.look(maps, &self.maps.memory, components, looking, stop)?;
         self.maps.memory.keep(&maps.contents, looked.now());
         let left = looked.left.iter().map(|pair| {
             let [a, b] = pair.map(|map| maps.contents[map].agent);
             [a.min(b), a.max(b)]
         });
         let left = left.collect();
-        let merging = merger.placed(maps, looked.encounters, &[])?;
+        let merging = merger.placed(maps, looked.pair_results, &[])?;
         Ok((left, merging))
     }
 }
@@ -139,9 +142,9 @@ impl Parts {
 fn numbered(pairs: &[([Identity; 2], f32)], contents: &[Content]) -> BTreeMap<[usize; 2], f32> {
     let numbers: BTreeMap<Identity, usize> =
         contents.iter().enumerate().map(|(number, content)| (content.agent, number)).collect();
-    let numbered = |(names, likeness): &([Identity; 2], f32)| {
+    let numbered = |(names, similarity): &([Identity; 2], f32)| {
         let (a, b) = (*numbers.get(&names[0])?, *numbers.get(&names[1])?);
-        Some(([a.min(b), a.max(b)], *likeness))
+        Some(([a.min(b), a.max(b)], *similarity))
     };
     pairs.iter().filter_map(numbered).collect()
 }

@@ -3,10 +3,10 @@
 
 use super::merger::Merger;
 use super::step::Step;
-use crate::fleet::company::Company;
-use crate::fleet::courtesy::Courtesy;
-use crate::fleet::sketching::{Plan, Sketches};
+use crate::fleet::components::Components;
+use crate::fleet::prefetch::{Plan, Prefetcher};
 use crate::fleet::waiting::Waits;
+use crate::fleet::work_assignment::WorkAssignment;
 use map::Identity;
 use place_recog::Vocabulary;
 use std::collections::BTreeSet;
@@ -23,8 +23,8 @@ const LOOK: Duration = Duration::from_millis(100);
 /// Decides what is fetched.
 pub(super) struct Planner {
     /// What is worth fetching of every map.
-    pub sketches: Sketches,
-    courtesy: Courtesy,
+    pub prefetcher: Prefetcher,
+    assignment: WorkAssignment,
     /// How long agents waited for their places.
     pub waits: Waits,
 }
@@ -32,16 +32,16 @@ pub(super) struct Planner {
 impl Planner {
     /// Of nobody yet.
     pub fn new(vocabulary: Arc<Vocabulary>) -> Self {
-        let (courtesy, waits) = Default::default();
-        Self { sketches: Sketches::new(vocabulary), courtesy, waits }
+        let (assignment, waits) = Default::default();
+        Self { prefetcher: Prefetcher::new(vocabulary), assignment, waits }
     }
 
     /// Has fetched what is worth fetching next.
-    pub fn plan(&mut self, step: &Step, company: &Company) -> Plan {
+    pub fn plan(&mut self, step: &Step, components: &Components) -> Plan {
         let begun = Instant::now();
-        let mut plan = self.plan_some(step, company, &BTreeSet::new());
+        let mut plan = self.plan_some(step, components, &BTreeSet::new());
         while plan.is_cut && plan.ready.is_none() && begun.elapsed() < PLANNING {
-            plan = self.plan_some(step, company, &BTreeSet::new());
+            plan = self.plan_some(step, components, &BTreeSet::new());
         }
         plan
     }
@@ -51,7 +51,7 @@ impl Planner {
     pub fn meanwhile<T>(
         &mut self,
         step: &Step,
-        company: &Company,
+        components: &Components,
         merger: &Merger,
         pairs: &BTreeSet<[Identity; 2]>,
         work: impl FnOnce(&(dyn Fn() -> bool + Sync)) -> T,
@@ -71,36 +71,37 @@ impl Planner {
                 if ends.load(Ordering::SeqCst) {
                     return;
                 }
-                let plan = self.plan_some(&step.renewed(), company, pairs);
+                let plan = self.plan_some(&step.renewed(), components, pairs);
                 is_cut = plan.is_cut;
                 let comes = plan.ready.is_some() || self.waits.is_coming(Instant::now());
                 is_ready.fetch_or(comes, Ordering::SeqCst);
             }
         };
-        beside(plan, || service.wake(), || work(&|| is_ready.load(Ordering::SeqCst)))
+        in_parallel(plan, || service.wake(), || work(&|| is_ready.load(Ordering::SeqCst)))
     }
 
     /// Has fetched what a look finds worth fetching, for others than `pairs` that are looked at just now.
-    fn plan_some(&mut self, step: &Step, company: &Company, pairs: &BTreeSet<[Identity; 2]>) -> Plan {
-        let own: Vec<Identity> = step.service.own().iter().map(|heard| heard.agent).collect();
-        let known: Vec<Identity> = step.all.iter().map(|heard| heard.agent).collect();
-        let mut elsewhere = self.courtesy.left_to_others(&known, &own, step.told);
+    fn plan_some(&mut self, step: &Step, components: &Components, pairs: &BTreeSet<[Identity; 2]>) -> Plan {
+        let own: Vec<Identity> = step.service.own().iter().map(|snapshot| snapshot.agent).collect();
+        let known: Vec<Identity> = step.all.iter().map(|snapshot| snapshot.agent).collect();
+        let mut elsewhere = self.assignment.assigned_to_others(&known, &own, step.remote_results);
         elsewhere.extend(pairs);
-        let mut plan = self.sketches.plan(&step.all, &own, &*step.store, &elsewhere, company);
+        let mut plan = self.prefetcher.plan(&step.all, &own, &*step.store, &elsewhere, components);
         for (agent, (objects, rest)) in std::mem::take(&mut plan.wanted) {
             step.service.prefer(agent, objects, rest);
         }
         for (agent, reason) in std::mem::take(&mut plan.wrong) {
             step.leave_out(agent, reason);
         }
-        let heard = step.all.iter().filter(|heard| !heard.entries.is_empty()).map(|heard| heard.agent);
-        self.waits.look(heard, plan.pairs.iter().flat_map(|(pair, _)| pair), Instant::now());
+        let snapshot =
+            step.all.iter().filter(|snapshot| !snapshot.entries.is_empty()).map(|snapshot| snapshot.agent);
+        self.waits.look(snapshot, plan.pairs.iter().flat_map(|(pair, _)| pair), Instant::now());
         plan
     }
 }
 
 /// Does `work`, and `other` in a thread beside it, which is told and woken when that is over. Without a thread it is left.
-fn beside<T>(other: impl FnOnce(&AtomicBool) + Send, wake: impl Fn(), work: impl FnOnce() -> T) -> T {
+fn in_parallel<T>(other: impl FnOnce(&AtomicBool) + Send, wake: impl Fn(), work: impl FnOnce() -> T) -> T {
     let ends = AtomicBool::new(false);
     thread::scope(|scope| {
         let flag = &ends;
@@ -132,30 +133,30 @@ mod tests {
     const PATIENCE: Duration = Duration::from_secs(30);
 
     /// Goes on until it is woken and told that it ends; says that it goes on.
-    fn goes_on(ends: &AtomicBool, woken: &Receiver<()>, going: &Sender<()>) {
+    fn run_until_ended(ends: &AtomicBool, woken: &Receiver<()>, running: &Sender<()>) {
         while !ends.load(Ordering::SeqCst) {
-            going.send(()).unwrap();
+            running.send(()).unwrap();
             assert_ne!(woken.recv_timeout(PATIENCE), Err(RecvTimeoutError::Timeout), "nobody wakes it");
         }
     }
 
     #[test]
-    fn what_is_done_beside_work_begins_before_its_end_and_ends_with_it() {
-        let ((wake, woken), (going, is_going)) = (channel(), channel());
+    fn parallel_work_begins_before_the_work_ends_and_ends_with_it() {
+        let ((wake, woken), (running, is_running)) = (channel(), channel());
         let wakes = || wake.send(()).unwrap();
-        let other = move |ends: &AtomicBool| goes_on(ends, &woken, &going);
-        let done = beside(other, wakes, || is_going.recv_timeout(PATIENCE));
+        let other = move |ends: &AtomicBool| run_until_ended(ends, &woken, &running);
+        let done = in_parallel(other, wakes, || is_running.recv_timeout(PATIENCE));
         assert_eq!(done, Ok(()));
-        assert_eq!(is_going.recv(), Err(std::sync::mpsc::RecvError));
+        assert_eq!(is_running.recv(), Err(std::sync::mpsc::RecvError));
     }
 
     #[test]
-    fn work_that_breaks_down_ends_what_is_beside_it() {
-        let ((wake, woken), (going, is_going)) = (channel(), channel());
+    fn work_that_panics_ends_the_parallel_work() {
+        let ((wake, woken), (running, is_running)) = (channel(), channel());
         let wakes = || wake.send(()).unwrap();
-        let other = move |ends: &AtomicBool| goes_on(ends, &woken, &going);
-        let work = || beside(other, wakes, || panic!("as it should"));
+        let other = move |ends: &AtomicBool| run_until_ended(ends, &woken, &running);
+        let work = || in_parallel(other, wakes, || panic!("as it should"));
         assert!(std::panic::catch_unwind(std::panic::AssertUnwindSafe(work)).is_err());
-        assert!(is_going.try_iter().count() <= 1);
+        assert!(is_running.try_iter().count() <= 1);
     }
 }

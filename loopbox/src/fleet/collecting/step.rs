@@ -3,8 +3,8 @@
 use super::Failed;
 use crate::fleet::agents::Place;
 use anyhow::Result;
-use fleet::findings::Found;
-use fleet::node::Heard;
+use fleet::merge_results::Found;
+use fleet::node::MapSnapshot;
 use fleet::service::Service;
 use fleet::store::{FolderStore, Objects, Pin};
 use map::Identity;
@@ -16,7 +16,7 @@ use std::sync::Arc;
 /// What is there of others, and who is told what is wrong with it.
 pub(super) struct Step<'a> {
     /// All maps that are here, whole or in part.
-    pub all: Vec<Heard>,
+    pub all: Vec<MapSnapshot>,
     /// The objects, of which none goes meanwhile.
     pub store: Arc<FolderStore>,
     _pin: Pin,
@@ -25,7 +25,7 @@ pub(super) struct Step<'a> {
     /// Is told what people should know.
     pub warn: &'a (dyn Fn(&str) + Sync),
     /// What others found.
-    pub told: &'a [Arc<Found>],
+    pub remote_results: &'a [Arc<Found>],
     /// Ends what takes long.
     pub stop: &'a Stop,
 }
@@ -34,19 +34,19 @@ impl<'a> Step<'a> {
     /// By what is here now.
     pub fn new(
         service: &'a Service,
-        told: &'a [Arc<Found>],
+        remote_results: &'a [Arc<Found>],
         warn: &'a (dyn Fn(&str) + Sync),
         stop: &'a Stop,
     ) -> Self {
         let store = service.store();
         let pin = store.pin();
-        let all = service.heard().into_iter().chain(service.own()).collect();
-        Self { all, store, _pin: pin, service, warn, told, stop }
+        let all = service.snapshots().into_iter().chain(service.own()).collect();
+        Self { all, store, _pin: pin, service, warn, remote_results, stop }
     }
 
     /// The same by what is here by now.
     pub fn renewed(&self) -> Self {
-        Self::new(self.service, self.told, self.warn, self.stop)
+        Self::new(self.service, self.remote_results, self.warn, self.stop)
     }
 
     /// Where maps are put together.
@@ -56,7 +56,7 @@ impl<'a> Step<'a> {
 
     /// Whether all runs are over and all of their maps is here.
     pub fn is_over(&self) -> bool {
-        self.all.iter().all(|heard| heard.finished && heard.missing == 0)
+        self.all.iter().all(|snapshot| snapshot.finished && snapshot.missing == 0)
     }
 
     /// Whether a merge has something to tell; says what went wrong with it.
@@ -77,6 +77,6 @@ impl<'a> Step<'a> {
     /// Has nothing more to do with whoever told a map that is none.
     pub fn leave_out(&self, agent: Identity, reason: String) {
         (self.warn)(&format!("the map of {agent} is left out: {reason}"));
-        self.service.distrust(agent, reason);
+        self.service.ban(agent, reason);
     }
 }

@@ -1,21 +1,21 @@
 //! Maps of cameras of which all is fetched: merged as far as it is here, and settled beside that.
 
 use super::merger::{Looking, Merger, met};
+use super::optimisation::{Job, Outcome, optimise};
 use super::planning::Planner;
-use super::settling::{Job, Outcome, settle};
+use super::schedule::Schedule;
 use super::step::Step;
-use super::timetable::Timetable;
 use super::worker::Worker;
 use super::{Failed, SHARE};
 use crate::fleet::agents::{Inputs, Maps};
-use crate::fleet::company::Company;
-use crate::fleet::findings::found;
+use crate::fleet::components::Components;
 use crate::fleet::listening::CommonListener;
+use crate::fleet::merge_results::found;
 use crate::fleet::remembering::Content;
 use crate::merging::Input;
 use crate::results::Results;
 use anyhow::Result;
-use fleet::findings::Found;
+use fleet::merge_results::Found;
 use map::{Identity, SensorKind};
 use std::collections::BTreeSet;
 use std::time::Instant;
@@ -29,13 +29,13 @@ pub(super) struct Whole {
     /// Merges that the joint pose graph took back, and why.
     undone: Vec<([Identity; 2], String)>,
     /// The maps of which the agents' places were told last.
-    told_of: Vec<Content>,
+    published_maps: Vec<Content>,
     /// Whether pairs are left to be looked at, and whether some of them may give an agent its place.
     pub is_left: bool,
     pub may_join: bool,
     /// Something came, or is to be seen anew, that is not merged yet.
     pub is_new: bool,
-    settler: Worker<Outcome>,
+    optimiser: Worker<Outcome>,
     /// Where the common map is written; away while it is settled.
     results: Option<Results>,
     states: States,
@@ -47,28 +47,28 @@ struct States {
     /// As it is now.
     now: u64,
     /// That of which the joint pose graph was made last, or was tried.
-    settled: u64,
+    optimised: u64,
     /// That which was written last.
     written: u64,
 }
 
 /// How whole maps are merged this time.
 pub(super) struct Round<'a> {
-    pub settling: Settling,
+    pub optimise_when: OptimiseWhen,
     /// Whether all that is here of the maps is taken in.
     pub is_taken: bool,
     /// Whether something is more urgent than agents that have their places, whatever comes.
     pub is_awaited: bool,
     /// Who hangs together by all that was found.
-    pub company: &'a Company,
+    pub components: &'a Components,
     pub step: &'a Step<'a>,
 }
 
 /// Where what the pairs made of each other is settled.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Settling {
+pub(super) enum OptimiseWhen {
     /// In a thread beside, when it is due.
-    Beside,
+    Background,
     /// In the thread that calls, now.
     Now,
     /// Later.
@@ -80,11 +80,22 @@ impl Whole {
     ///
     /// # Errors
     /// When a thread cannot be started.
-    pub fn new(results: Results, beside: bool) -> Result<Self> {
-        let (maps, found, undone, told_of, states) = Default::default();
+    pub fn new(results: Results, in_background: bool) -> Result<Self> {
+        let (maps, found, undone, published_maps, states) = Default::default();
         let (is_left, may_join, is_new) = Default::default();
-        let (settler, results) = (Worker::new(beside)?, Some(results));
-        Ok(Self { maps, found, undone, told_of, is_left, may_join, is_new, settler, results, states })
+        let (optimiser, results) = (Worker::new(in_background)?, Some(results));
+        Ok(Self {
+            maps,
+            found,
+            undone,
+            published_maps,
+            is_left,
+            may_join,
+            is_new,
+            optimiser,
+            results,
+            states,
+        })
     }
 
     /// Something came.
@@ -95,21 +106,21 @@ impl Whole {
 
     /// Whether all is merged and written.
     pub fn is_done(&self) -> bool {
-        let is_settled = self.states.settled == self.states.now && self.settler.is_idle();
+        let is_settled = self.states.optimised == self.states.now && self.optimiser.is_idle();
         !self.is_new && !self.is_left && is_settled && self.states.written == self.states.now
     }
 
     /// Has what is not written merged again.
-    pub fn urge(&mut self) {
+    pub fn request_write(&mut self) {
         self.is_new = self.states.written != self.states.now;
     }
 
     /// Has all merged again where the joint pose graph of it is due.
-    pub fn look_after(&mut self, table: &Timetable, now: Instant) {
+    pub fn look_after(&mut self, table: &Schedule, now: Instant) {
         let at_rest = !self.is_left && self.maps.at_rest(SensorKind::Camera);
         let is_due =
-            self.states.settled != self.states.now && (at_rest || table.may_settle(self.is_left, now));
-        self.is_new |= is_due && self.settler.is_idle();
+            self.states.optimised != self.states.now && (at_rest || table.may_optimise(self.is_left, now));
+        self.is_new |= is_due && self.optimiser.is_idle();
     }
 
     /// Merges what is new or left; whether anything is to be told.
@@ -120,7 +131,7 @@ impl Whole {
         &mut self,
         merger: &Merger,
         round: &Round,
-        table: &mut Timetable,
+        table: &mut Schedule,
         planner: &mut Planner,
         listeners: &mut [Box<dyn CommonListener>],
     ) -> Result<bool, Failed> {
@@ -128,53 +139,54 @@ impl Whole {
         let maps = self.maps.of_cameras();
         let contents = &maps.contents;
         if maps.inputs.is_empty() {
-            (self.states.settled, self.states.written) = (self.states.now, self.states.now);
+            (self.states.optimised, self.states.written) = (self.states.now, self.states.now);
             return Ok(true);
         }
         let exactly = round.is_taken && self.maps.at_rest(SensorKind::Camera);
         let places = self.maps.memory.take_places(contents);
-        let Round { step, company, .. } = *round;
+        let Round { step, components, .. } = *round;
         let look = |comes: &(dyn Fn() -> bool + Sync)| {
             let is_awaited = || round.is_awaited || comes();
             let looking = Looking { wanted: None, places, share: SHARE, exactly, is_awaited: &is_awaited };
-            merger.look(&maps, &self.maps.memory, company, looking, step.stop)
+            merger.look(&maps, &self.maps.memory, components, looking, step.stop)
         };
-        let looked = match round.settling {
-            Settling::Beside => planner.meanwhile(step, company, merger, &BTreeSet::new(), look),
-            Settling::Now | Settling::Later => look(&|| false),
+        let looked = match round.optimise_when {
+            OptimiseWhen::Background => planner.meanwhile(step, components, merger, &BTreeSet::new(), look),
+            OptimiseWhen::Now | OptimiseWhen::Later => look(&|| false),
         };
         let mut looked = looked.map_err(|error| self.not_merged(error))?;
         self.maps.memory.keep(contents, looked.now());
         self.maps.memory.keep_places(contents, std::mem::take(&mut looked.places));
-        let is_changed = looked.now().next().is_some() || self.told_of != *contents;
+        let is_changed = looked.now().next().is_some() || self.published_maps != *contents;
         self.states.now += u64::from(is_changed);
         (self.is_left, self.may_join) = (!looked.left.is_empty(), looked.may_join);
         let at_rest = exactly && !self.is_left;
         let now = Instant::now();
-        let is_due = at_rest || round.settling == Settling::Now;
+        let is_due = at_rest || round.optimise_when == OptimiseWhen::Now;
         let writes = self.states.written != self.states.now && (is_due || table.may_write(self.is_left, now));
-        let settles =
-            self.states.settled != self.states.now && (is_due || table.may_settle(self.is_left, now));
-        let settles = (settles || writes) && self.settler.is_idle() && round.settling != Settling::Later;
-        let is_told = !looked.is_news && self.told_of == *contents && !table.may_tell(now);
-        if self.is_left && is_told && !settles {
+        let optimises =
+            self.states.optimised != self.states.now && (is_due || table.may_optimise(self.is_left, now));
+        let optimises =
+            (optimises || writes) && self.optimiser.is_idle() && round.optimise_when != OptimiseWhen::Later;
+        let is_published = !looked.is_news && self.published_maps == *contents && !table.may_tell(now);
+        if self.is_left && is_published && !optimises {
             return Ok(false);
         }
         let undone = self.undone_of(contents);
-        let merging = merger.placed(&maps, looked.encounters, &undone);
+        let merging = merger.placed(&maps, looked.pair_results, &undone);
         let merging = merging.map_err(|error| self.not_merged(error))?;
-        table.told(Instant::now());
-        self.told_of.clone_from(contents);
+        table.mark_published(Instant::now());
+        self.published_maps.clone_from(contents);
         let open = self.open(&maps);
         self.found = found(&maps.inputs, &merging, &maps.whole, |pair| open.contains(&pair));
-        planner.sketches.met(&met(&merging, contents));
-        let Some(results) = self.results.take_if(|_| settles) else { return Ok(true) };
+        planner.prefetcher.met(&met(&merging, contents));
+        let Some(results) = self.results.take_if(|_| optimises) else { return Ok(true) };
         let (revision, params) = (self.states.now, merger.params.clone());
-        let job = Job { revision, maps, open, encounters: merging.encounters, params, results, writes };
-        if round.settling == Settling::Beside {
-            self.settler.start(move || settle(job)).map_err(Failed::Write)?;
+        let job = Job { revision, maps, open, pair_results: merging.pair_results, params, results, writes };
+        if round.optimise_when == OptimiseWhen::Background {
+            self.optimiser.start(move || optimise(job)).map_err(Failed::Write)?;
         } else {
-            let outcome = merger.on_pool(|| settle(job));
+            let outcome = merger.on_pool(|| optimise(job));
             self.adopt(outcome, table, listeners)?;
         }
         Ok(true)
@@ -182,7 +194,7 @@ impl Whole {
 
     /// The maps cannot be merged, which is not tried again before something changes.
     fn not_merged(&mut self, error: anyhow::Error) -> Failed {
-        self.states.settled = self.states.now;
+        self.states.optimised = self.states.now;
         Failed::Merge(error)
     }
 
@@ -193,10 +205,10 @@ impl Whole {
     pub fn take_settled(
         &mut self,
         waits: bool,
-        table: &mut Timetable,
+        table: &mut Schedule,
         listeners: &mut [Box<dyn CommonListener>],
     ) -> Result<bool, Failed> {
-        let outcome = if waits { self.settler.wait() } else { self.settler.done() };
+        let outcome = if waits { self.optimiser.wait() } else { self.optimiser.done() };
         match outcome.map_err(Failed::Write)? {
             Some(outcome) => self.adopt(outcome, table, listeners),
             None => Ok(false),
@@ -208,28 +220,28 @@ impl Whole {
     fn adopt(
         &mut self,
         outcome: Outcome,
-        table: &mut Timetable,
+        table: &mut Schedule,
         listeners: &mut [Box<dyn CommonListener>],
     ) -> Result<bool, Failed> {
         let now = Instant::now();
         self.results = Some(outcome.results);
-        table.settled(outcome.took, now);
-        self.states.settled = outcome.revision;
-        let settled = outcome.settled.map_err(Failed::Merge)?;
+        table.optimised(outcome.took, now);
+        self.states.optimised = outcome.revision;
+        let optimised = outcome.optimised.map_err(Failed::Merge)?;
         let is_current = outcome.revision == self.states.now;
         if is_current {
-            self.found = settled.found;
+            self.found = optimised.found;
         } else {
-            self.is_new |= self.undone != settled.undone;
+            self.is_new |= self.undone != optimised.undone;
         }
-        self.undone = settled.undone;
-        listeners.iter_mut().for_each(|listener| listener.cameras(&settled.fused));
-        match settled.written {
+        self.undone = optimised.undone;
+        listeners.iter_mut().for_each(|listener| listener.cameras(&optimised.fused));
+        match optimised.written {
             Some(Err(error)) => return Err(Failed::Write(error)),
             Some(Ok(())) => table.written(now),
             None => {}
         }
-        if settled.written.is_some() || !settled.has_met {
+        if optimised.written.is_some() || !optimised.has_met {
             self.states.written = outcome.revision;
         }
         Ok(is_current)
@@ -261,10 +273,10 @@ impl Whole {
 
 #[cfg(test)]
 mod tests {
-    use super::super::settling::Settled;
+    use super::super::optimisation::Optimised;
     use super::*;
     use crate::results::Owner;
-    use fleet::findings::FoundAgent;
+    use fleet::merge_results::FoundAgent;
     use map::Uuid;
     use std::io::{Error, ErrorKind};
     use std::path::Path;
@@ -278,7 +290,7 @@ mod tests {
         let (agent, root) = (agent(number).to_string(), agent(number).to_string());
         let (name, root_from_agent) = (String::new(), [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0]);
         let agents = vec![FoundAgent { agent, name, keyframes: 9, whole: true, root, root_from_agent }];
-        Found { agents, meetings: Vec::new() }
+        Found { agents, pair_verdicts: Vec::new() }
     }
 
     /// One at work on state 3, and what comes of it.
@@ -288,20 +300,20 @@ mod tests {
         (0..3).for_each(|_| whole.came());
         whole.is_new = false;
         let (found, undone) = (found(3), vec![([agent(1), agent(2)], "why".to_owned())]);
-        let settled = Ok(Settled { fused: Vec::new(), found, undone, has_met: true, written });
+        let optimised = Ok(Optimised { fused: Vec::new(), found, undone, has_met: true, written });
         let results = whole.results.take().unwrap();
-        (whole, Outcome { revision: 3, results, took: Duration::from_secs(2), settled })
+        (whole, Outcome { revision: 3, results, took: Duration::from_secs(2), optimised })
     }
 
     #[test]
     fn what_is_settled_of_what_is_there_is_taken_as_it_is() {
         let room = tempfile::tempdir().unwrap();
         let (mut whole, outcome) = at_work(room.path(), Some(Ok(())));
-        let mut table = Timetable::new(Instant::now());
+        let mut table = Schedule::new(Instant::now());
         assert!(!whole.is_done());
         assert!(whole.adopt(outcome, &mut table, &mut []).is_ok_and(|is_news| is_news));
         assert!(whole.found == found(3) && whole.is_done() && whole.results.is_some());
-        assert!(!table.may_settle(true, Instant::now()));
+        assert!(!table.may_optimise(true, Instant::now()));
     }
 
     #[test]
@@ -309,7 +321,7 @@ mod tests {
         let room = tempfile::tempdir().unwrap();
         let (mut whole, outcome) = at_work(room.path(), Some(Ok(())));
         let start = Instant::now();
-        let mut table = Timetable::new(start);
+        let mut table = Schedule::new(start);
         whole.came();
         whole.is_new = false;
         assert!(whole.adopt(outcome, &mut table, &mut []).is_ok_and(|is_news| !is_news));
@@ -324,18 +336,18 @@ mod tests {
     }
 
     #[test]
-    fn what_was_not_written_is_written_again_and_what_failed_is_not_tried_for_ever() {
+    fn what_was_not_written_is_written_again_and_failures_are_not_repeated_for_ever() {
         let room = tempfile::tempdir().unwrap();
         let full = Error::from(ErrorKind::StorageFull);
         let (mut whole, outcome) = at_work(room.path(), Some(Err(full.into())));
-        let mut table = Timetable::new(Instant::now());
+        let mut table = Schedule::new(Instant::now());
         let Err(Failed::Write(_)) = whole.adopt(outcome, &mut table, &mut []) else { panic!("it is told") };
         assert!(!whole.is_done() && !whole.is_new);
-        whole.urge();
+        whole.request_write();
         assert!(whole.is_new);
         drop(whole);
         let (mut whole, outcome) = at_work(room.path(), None);
-        let outcome = Outcome { settled: Err(anyhow::anyhow!("no map")), ..outcome };
+        let outcome = Outcome { optimised: Err(anyhow::anyhow!("no map")), ..outcome };
         let Err(Failed::Merge(_)) = whole.adopt(outcome, &mut table, &mut []) else { panic!("it is told") };
         whole.look_after(&table, Instant::now() + Duration::from_secs(99));
         assert!(!whole.is_new && !whole.is_done());

@@ -16,8 +16,8 @@ impl<T: Send + 'static> Worker<T> {
     ///
     /// # Errors
     /// When a thread cannot be started.
-    pub fn new(gives_way: bool) -> Result<Self> {
-        Ok(Self { pool: Arc::new(on_threads(1, gives_way)?), at_work: None })
+    pub fn new(low_priority: bool) -> Result<Self> {
+        Ok(Self { pool: Arc::new(on_threads(1, low_priority)?), at_work: None })
     }
 
     /// Whether nothing is on its way, and nothing done that was not taken.
@@ -83,7 +83,7 @@ mod tests {
     }
 
     #[test]
-    fn what_breaks_down_is_an_error_and_what_is_on_its_way_ends_before_it_is_dropped() {
+    fn a_panic_is_an_error_and_pending_work_ends_before_the_worker_is_dropped() {
         let mut worker = Worker::new(true).unwrap();
         worker.start(|| panic!("as it should")).unwrap();
         let error = worker.wait().unwrap_err();

@@ -21,7 +21,8 @@ pub struct LidarMergeRecord {
     /// The maps given.
     pub inputs: Vec<InputRecord>,
     /// Every two of them.
-    pub encounters: Vec<EncounterRecord>,
+    #[serde(rename = "encounters")]
+    pub pair_results: Vec<PairRecord>,
     /// Names of the inputs that hang together.
     pub groups: Vec<Vec<String>>,
     /// Time and memory.
@@ -47,7 +48,7 @@ pub struct InputRecord {
 
 /// What came of two maps.
 #[derive(Clone, Debug, Serialize)]
-pub struct EncounterRecord {
+pub struct PairRecord {
     /// Their names.
     pub maps: [String; 2],
     /// `accepted`, `undecided` or `refused`.
@@ -78,7 +79,8 @@ pub struct EvidenceRecord {
     /// Share of its points that lie on a surface that the other saw, the lesser of both ways.
     pub overlap: f64,
     /// Share of the surface that the other can judge which is there in both.
-    pub agreeing: f64,
+    #[serde(rename = "agreeing")]
+    pub inlier_ratio: f64,
     /// Share of that which is there in one only.
     pub violated: f64,
     /// Surface that both maps saw and that is there in both, square metres.
@@ -105,8 +107,8 @@ impl EvidenceRecord {
             finding: evidence.finding,
             of_pieces: evidence.of_pieces,
             overlap: evidence.overlap,
-            agreeing: evidence.things.agreeing,
-            violated: 1.0 - evidence.things.agreeing,
+            inlier_ratio: evidence.things.inlier_ratio,
+            violated: 1.0 - evidence.things.inlier_ratio,
             shared_m2: evidence.things.shared,
             absent_m2: evidence.things.absent(),
             ln_ratio: evidence.weighed.ln_ratio,
@@ -152,7 +154,7 @@ pub struct MergeCost {
     pub peak_memory_bytes: Option<u64>,
 }
 
-impl EncounterRecord {
+impl PairRecord {
     /// The numbers of a pair of `inputs`.
     pub fn of(pair: &Pair, inputs: &[Input]) -> Self {
         let maps = [pair.a, pair.b].map(|input| inputs[input].name.clone());
@@ -186,7 +188,7 @@ impl LidarMergeRecord {
             sensor: map::SensorKind::Lidar,
             method: merging.method,
             inputs: inputs.iter().enumerate().map(input).collect(),
-            encounters: merging.pairs.iter().map(|pair| EncounterRecord::of(pair, inputs)).collect(),
+            pair_results: merging.pairs.iter().map(|pair| PairRecord::of(pair, inputs)).collect(),
             groups: merging.groups.iter().map(|g| g.members.iter().map(|&m| name(m)).collect()).collect(),
             cost: MergeCost { merge_s: merging.seconds, ..MergeCost::default() },
             files: Vec::new(),

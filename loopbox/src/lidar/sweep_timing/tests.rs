@@ -73,7 +73,7 @@ fn rotations_are_found_from_the_first_seconds() {
 }
 
 #[test]
-fn what_the_scans_do_not_tell_is_said() {
+fn what_the_scans_do_not_determine_is_reported() {
     let still = |_: f64| Se3::identity();
     let mut source = untimed(still, turning(false, 0.0), 60);
     assert_eq!(point_times(&mut source, ScanTiming::Found), PointTimes::Rigid(Why::AtRest));
@@ -110,13 +110,13 @@ fn what_is_given_is_taken() {
     source.next = 0;
     assert_eq!(point_times(&mut source, ScanTiming::Rigid), PointTimes::Rigid(Why::Given));
     // Once a turn of the head: rotation alone tells it as well.
-    let turn = |time: f64| {
+    let motion = |time: f64| {
         Se3::new(
             UnitQuaternion::from_scaled_axis(Vector3::z() * (0.8 * time)),
             Vector3::new(-10.0, -6.0, 0.0),
         )
     };
-    let mut source = untimed(turn, turning(true, 180.0), 60);
+    let mut source = untimed(motion, turning(true, 180.0), 60);
     let found = point_times(&mut source, ScanTiming::Found);
     assert_eq!(found.timing().map(|timing| timing.spin), Some(Spin::CounterClockwise), "{}", found.text());
 }

@@ -1,6 +1,6 @@
 //! `report.html` of a merge of maps with both kinds of sensors.
 
-use super::{MixedEncounter, MixedRecord};
+use super::{MixedPairResult, MixedRecord};
 use crate::lidar::page::{Page, Table};
 use anyhow::Result;
 use map::Map;
@@ -9,7 +9,7 @@ use std::path::Path;
 /// Writes the page of the first group's map.
 pub(super) fn write(path: &Path, map: &Map, record: &MixedRecord) -> Result<()> {
     let title = record.groups.first().map_or_else(String::new, |names| names.join(" + "));
-    let row = |met: &MixedEncounter| {
+    let row = |met: &MixedPairResult| {
         vec![met.agents.join(" + "), met.sensor.to_string(), met.decision.into(), met.reason.clone()]
     };
     let agents = record.agents.iter();
@@ -23,7 +23,7 @@ pub(super) fn write(path: &Path, map: &Map, record: &MixedRecord) -> Result<()> 
             Table {
                 name: "Every two agents of one kind".into(),
                 head: vec!["agents", "sensor", "decision", "by"],
-                rows: record.encounters.iter().map(row).collect(),
+                rows: record.pair_results.iter().map(row).collect(),
             },
             Table {
                 name: "Agents".into(),

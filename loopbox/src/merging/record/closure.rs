@@ -5,10 +5,10 @@ use merge::acceptance::Evidence;
 use merge::closure::PairOutcome;
 use merge::direct::DirectAlignment;
 use merge::icp::Registration;
-use merge::meeting::Judged;
 use merge::optimal_scale::{Basis, OptimalScale, PairEstimate};
 use merge::pair::Pair;
 use merge::pairing::Travel;
+use merge::verification::EvaluatedClosure;
 use serde::Serialize;
 
 /// What a step gave, or why it gave nothing.
@@ -141,8 +141,8 @@ impl<T> Step<T> {
 }
 
 impl ClosureRecord {
-    pub(super) fn new(judged: &Judged) -> Self {
-        let closure = &judged.closure;
+    pub(super) fn new(evaluated: &EvaluatedClosure) -> Self {
+        let closure = &evaluated.closure;
         Self {
             travel: travel_name(closure.travel),
             pairs: std::array::from_fn(|z| closure.pairs[z].as_ref().map(PairRecord::new)),
@@ -152,7 +152,7 @@ impl ClosureRecord {
             algorithm_1: Step::of(&closure.algorithm_1, OptimalScaleRecord::new),
             icp: Step::of(&closure.registration, IcpRecord::new),
             target_from_source: closure.motion.a_from_b,
-            evidence: judged.verdict.evidence,
+            evidence: evaluated.verdict.evidence,
         }
     }
 }

@@ -2,10 +2,10 @@
 
 mod agents;
 mod closure;
-mod encounter;
+mod pair_result;
 
 pub use agents::{AgentRecord, GroupRecord};
-pub use encounter::EncounterRecord;
+pub use pair_result::PairRecord;
 
 use super::names::Names;
 use super::output::map_file;
@@ -22,7 +22,8 @@ pub struct MergeRecord {
     /// The maps given, in their order.
     pub inputs: Vec<InputRecord>,
     /// Every two of them.
-    pub encounters: Vec<EncounterRecord>,
+    #[serde(rename = "encounters")]
+    pub pair_results: Vec<PairRecord>,
     /// Every agent of all maps, and where it is.
     pub agents: Vec<AgentRecord>,
     /// The agents that hang together, a map for each group; the first is `map.mcap`.
@@ -94,7 +95,7 @@ impl MergeRecord {
                 .zip(&merging.addresses)
                 .map(|(i, a)| InputRecord::new(i, a, names))
                 .collect(),
-            encounters: merging.encounters.iter().map(|e| EncounterRecord::new(e, inputs)).collect(),
+            pair_results: merging.pair_results.iter().map(|e| PairRecord::new(e, inputs)).collect(),
             agents: agents::all(merging, names)?,
             groups: groups(merging, names),
             cost: Cost::new(inputs, merging),
@@ -127,7 +128,7 @@ impl InputRecord {
 
 impl Cost {
     fn new(inputs: &[Input], merging: &Merging) -> Self {
-        let pairs_s = merging.encounters.iter().map(|encounter| encounter.seconds.total()).sum();
+        let pairs_s = merging.pair_results.iter().map(|pair_result| pair_result.seconds.total()).sum();
         Self {
             reading_s: inputs.iter().map(|input| input.seconds.reading).sum(),
             features_s: inputs.iter().map(|input| input.seconds.features).sum(),

@@ -20,7 +20,8 @@ pub struct Graph {
 struct Placed {
     keyframes: usize,
     /// The agents on the way from the first one to this one, indices into the scene's; both ends included.
-    way: Vec<usize>,
+    #[serde(rename = "way")]
+    route: Vec<usize>,
     /// Units of the first agent's map per unit of the agent's own.
     scale: f64,
     /// Standard deviations along the way, of the largest axis: map units at the first agent's world origin, degrees
@@ -73,46 +74,46 @@ impl Group {
 }
 
 impl Graph {
-    /// The graph of the group `shown`.
-    pub fn new(merging: &Merging, shown: &Fused) -> Self {
+    /// The graph of the group `displayed`.
+    pub fn new(merging: &Merging, displayed: &Fused) -> Self {
         let graph = &merging.graph;
-        let index = |agent: AgentId| shown.agents.iter().position(|other| *other == agent);
+        let index = |agent: AgentId| displayed.agents.iter().position(|other| *other == agent);
         let merges = graph.merges().filter_map(|(id, merge)| {
             let agents = [index(merge.from)?, index(merge.to)?];
             let (low, high) = (merge.from.min(merge.to), merge.from.max(merge.to));
             let closures = merging.common.links().iter().filter(|link| link.agents() == (low, high)).count();
-            let in_tree = shown.component.tree.contains(&id);
+            let in_tree = displayed.component.tree.contains(&id);
             Some(Joint { agents, closures, confidence: merge.confidence, in_tree })
         });
-        let counts = shown
+        let counts = displayed
             .map
             .agents
             .keys()
-            .map(|id| shown.map.keyframes.values().filter(|keyframe| keyframe.agent == *id).count());
-        let agents = shown.agents.iter().zip(counts).filter_map(|(agent, keyframes)| {
-            let placement = shown.component.agents.get(agent)?;
-            let way = way(graph, shown.component.root, &placement.path);
-            Some(Placed::new(placement, keyframes, way.into_iter().filter_map(index).collect()))
+            .map(|id| displayed.map.keyframes.values().filter(|keyframe| keyframe.agent == *id).count());
+        let agents = displayed.agents.iter().zip(counts).filter_map(|(agent, keyframes)| {
+            let placement = displayed.component.agents.get(agent)?;
+            let route = route(graph, displayed.component.root, &placement.path);
+            Some(Placed::new(placement, keyframes, route.into_iter().filter_map(index).collect()))
         });
-        let pose_graph = shown.report.as_ref().map(|report| PoseGraph {
+        let pose_graph = displayed.report.as_ref().map(|report| PoseGraph {
             initial_cost: report.initial_cost,
             final_cost: report.final_cost,
             iterations: report.iterations,
             converged: report.converged,
-            suppressed: shown.suppressed.len(),
+            suppressed: displayed.suppressed.len(),
         });
         Self { agents: agents.collect(), merges: merges.collect(), pose_graph }
     }
 }
 
 impl Placed {
-    fn new(placement: &Placement, keyframes: usize, way: Vec<usize>) -> Self {
+    fn new(placement: &Placement, keyframes: usize, route: Vec<usize>) -> Self {
         let deviation = |range: std::ops::Range<usize>| {
             range.map(|i| placement.covariance[(i, i)]).fold(0.0, f64::max).sqrt()
         };
         Self {
             keyframes,
-            way,
+            route,
             scale: placement.root_from_agent.scale,
             deviation: Deviation {
                 position: deviation(0..3),
@@ -125,15 +126,15 @@ impl Placed {
 }
 
 /// The agents along merges from `root` on.
-fn way(graph: &MergeGraph, root: AgentId, path: &[MergeId]) -> Vec<AgentId> {
+fn route(graph: &MergeGraph, root: AgentId, path: &[MergeId]) -> Vec<AgentId> {
     let merge = |id: &MergeId| -> Option<&Merge> {
         graph.merges().find(|(other, _)| other == id).map(|(_, merge)| merge)
     };
-    let mut way = vec![root];
+    let mut route = vec![root];
     let mut at = root;
     for Merge { from, to, .. } in path.iter().filter_map(merge) {
         at = if *from == at { *to } else { *from };
-        way.push(at);
+        route.push(at);
     }
-    way
+    route
 }

@@ -4,8 +4,8 @@
 //! the styles. It shows the group of agents that the first map is in; the other groups are named.
 
 mod agents;
-mod encounters;
 mod matches;
+mod pair_results;
 mod paths;
 mod place;
 #[cfg(test)]
@@ -14,8 +14,8 @@ mod tests;
 use super::{Input, Merging};
 use agents::{Graph, Group};
 use anyhow::Context;
-use encounters::Meeting;
 use matches::Pictures;
+use pair_results::PairReport;
 use paths::Paths;
 use place::Places;
 use serde::Serialize;
@@ -70,7 +70,8 @@ struct Data {
     graph: Graph,
     /// The groups of agents that are not shown.
     others: Vec<Group>,
-    meetings: Vec<Meeting>,
+    #[serde(rename = "meetings")]
+    pair_reports: Vec<PairReport>,
     pictures: Pictures,
     /// Seconds that making the common map took.
     fusion_seconds: f64,
@@ -78,26 +79,26 @@ struct Data {
 
 impl Data {
     fn new(inputs: &[Input], merging: &Merging) -> anyhow::Result<Self> {
-        let (shown, others) = merging.fused.split_first().context("there is no map to report on")?;
-        let map = &shown.map;
+        let (displayed, others) = merging.fused.split_first().context("there is no map to report on")?;
+        let map = &displayed.map;
         let keyframes = placed_keyframes(map);
         let mut frames: Vec<PlacedFrame> = placed_frames(map);
         view::report::cloud::evenly(&mut frames, MAX_FRAMES);
         let mut pictures = Pictures::default();
-        let places = Places::new(merging, shown, &keyframes);
-        let meetings = merging
-            .encounters
+        let places = Places::new(merging, displayed, &keyframes);
+        let pair_reports = merging
+            .pair_results
             .iter()
-            .map(|encounter| Meeting::new(inputs, encounter, &places, &mut pictures))
+            .map(|pair_result| PairReport::new(inputs, pair_result, &places, &mut pictures))
             .collect::<anyhow::Result<_>>()?;
         Ok(Self {
             inputs: inputs.iter().map(|input| input.name.clone()).collect(),
             scene: Scene::new(map, &keyframes, &frames),
             cloud: Cloud::new(map, &keyframes, MAX_POINTS),
             paths: Paths::new(&frames),
-            graph: Graph::new(merging, shown),
+            graph: Graph::new(merging, displayed),
             others: others.iter().map(Group::new).collect(),
-            meetings,
+            pair_reports,
             pictures,
             fusion_seconds: merging.fusion_seconds,
         })

@@ -74,8 +74,8 @@ mod tests {
     fn a_full_circle_has_no_jump() {
         let turns = (0..100).map(|i| i as f64 * 0.1);
         let wrapped = turns.clone().map(|t| [0.0, 0.0, (t + PI).rem_euclid(TAU) - PI]);
-        for (found, turn) in continuous(wrapped).zip(turns) {
-            assert!((found[2] - turn).abs() < 1e-9, "{found:?} {turn}");
+        for (found, rotation) in continuous(wrapped).zip(turns) {
+            assert!((found[2] - rotation).abs() < 1e-9, "{found:?} {rotation}");
         }
     }
 }

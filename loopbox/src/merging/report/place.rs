@@ -15,10 +15,11 @@ pub struct Places<'a> {
 }
 
 impl<'a> Places<'a> {
-    /// For the scene of `keyframes` of the map `shown`.
-    pub fn new(merging: &'a Merging, shown: &Fused, keyframes: &[&Keyframe]) -> Self {
+    /// For the scene of `keyframes` of the map `displayed`.
+    pub fn new(merging: &'a Merging, displayed: &Fused, keyframes: &[&Keyframe]) -> Self {
         let first_id = |info: &map::AgentInfo| info.own.as_ref().map_or(0, |own| own.first_keyframe);
-        let first_ids = shown.agents.iter().copied().zip(shown.map.agents.values().map(first_id)).collect();
+        let first_ids =
+            displayed.agents.iter().copied().zip(displayed.map.agents.values().map(first_id)).collect();
         let indices = keyframes.iter().zip(0..).map(|(keyframe, index)| (keyframe.id, index)).collect();
         Self { addresses: &merging.addresses, first_ids, indices }
     }

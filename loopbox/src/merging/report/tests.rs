@@ -1,6 +1,6 @@
 use super::*;
 use crate::merging::input::InputSeconds;
-use crate::merging::{Encounter, EncounterRecord, MergingParams, Seconds};
+use crate::merging::{MergingParams, PairRecord, PairResult, Seconds};
 use geometry::{GrayImage, Pinhole, Se3, Sim3};
 use loopbox_tests::pages::{assert_points_nowhere, embedded, opened};
 use map::{AgentId, AgentInfo, Edge, EdgeKind, FramePose, Keyframe, KeyframeId, Map, SemiDense};
@@ -11,13 +11,13 @@ use merge::common_map::{CommonMap, FusionParams, Link};
 use merge::estimate::Estimate;
 use merge::icp::{IcpRefusal, Side};
 use merge::matching::FeatureMatch;
-use merge::meeting::{Judged, Outcome, Place, Tried};
 use merge::optimal_scale::{Basis, OptimalScale, OptimalScaleRefusal, PairEstimate};
 use merge::pair::{Pair, PairRefusal, ViewPair};
 use merge::pairing::Travel;
 use merge::point_alignment::PointAlignment;
 use merge::scale_filter::{MeasuredPoint, PairScale, PointMatch};
 use merge::two_view::{RelativePose, Scene as SceneKind, TwoViewRefusal};
+use merge::verification::{EvaluatedClosure, Outcome, Place, TestedPlace};
 use nalgebra::{Matrix3, Matrix4, SMatrix, UnitQuaternion, Vector2, Vector3};
 use place_recog::features::{Features, Keypoint};
 use std::sync::Arc;
@@ -109,22 +109,22 @@ fn merging(names: [&str; 3], count: u32, spacing: usize) -> (Vec<Input>, Merging
     }
     let fused = common.fuse(&FusionParams::default()).unwrap();
     let graph = common.graph(&FusionParams::default()).unwrap();
-    let refused = |target| Encounter {
+    let refused = |target| PairResult {
         target,
         source: 2,
         proposed: 5,
-        tried: [tried(Outcome::NotMatched(TwoViewRefusal::TooFewMatches { given: 3, needed: 16 }))].into(),
+        tested: [tested(Outcome::NotMatched(TwoViewRefusal::TooFewMatches { given: 3, needed: 16 }))].into(),
         joined: None,
         error: None,
         seconds: Seconds::default(),
         seen: None,
     };
-    let accepted = judged(Decision::Accepted);
-    let met = Encounter { source: 1, tried: [tried(accepted)].into(), ..refused(0) };
+    let accepted = evaluated(Decision::Accepted);
+    let met = PairResult { source: 1, tested: [tested(accepted)].into(), ..refused(0) };
     (
         inputs,
         Merging {
-            encounters: vec![met, refused(0), refused(1)],
+            pair_results: vec![met, refused(0), refused(1)],
             addresses,
             common,
             graph,
@@ -135,9 +135,9 @@ fn merging(names: [&str; 3], count: u32, spacing: usize) -> (Vec<Input>, Merging
     )
 }
 
-fn tried(outcome: Outcome) -> Tried {
+fn tested(outcome: Outcome) -> TestedPlace {
     let place = Place { source: KeyframeId(1), target: KeyframeId(1) };
-    Tried { place, matched: 30, match_count: 20, outcome }
+    TestedPlace { place, matched: 30, match_count: 20, outcome }
 }
 
 fn evidence() -> Evidence {
@@ -146,7 +146,7 @@ fn evidence() -> Evidence {
         pairs: 2,
         pooled: false,
         inlier_share: 0.9,
-        agreeing_share: 0.7,
+        total_inlier_share: 0.7,
         rotation_deviation: 0.02,
         translation_deviation: 0.01,
         scale_deviation: f64::INFINITY,
@@ -158,9 +158,9 @@ fn evidence() -> Evidence {
     }
 }
 
-fn judged(decision: Decision) -> Outcome {
+fn evaluated(decision: Decision) -> Outcome {
     let verdict = Verdict { evidence: evidence(), lines: Vec::new(), decision };
-    Outcome::Judged(Box::new(Judged { closure: closure(), joined: None, verdict }))
+    Outcome::Evaluated(Box::new(EvaluatedClosure { closure: closure(), joined: None, verdict }))
 }
 
 /// A closure whose first pair was not measured and whose last is missing; every third match of the centre has depth.
@@ -273,7 +273,7 @@ fn hostile_names_stay_text() {
 }
 
 #[test]
-fn the_first_map_s_group_is_shown_and_the_others_are_named() {
+fn the_first_map_s_component_is_displayed_and_the_others_are_named() {
     let data = embedded(&page_of(&merging(NAMES, 4, 9)));
     let names: Vec<&str> = data["scene"]["agents"]
         .as_array()
@@ -291,13 +291,13 @@ fn the_first_map_s_group_is_shown_and_the_others_are_named() {
 }
 
 #[test]
-fn every_meeting_has_its_verdict() {
+fn every_pair_has_its_verdict() {
     let data = embedded(&page_of(&merging(NAMES, 4, 9)));
-    let meetings = data["meetings"].as_array().unwrap();
-    assert_eq!(meetings.len(), 3);
-    assert!(meetings[0]["refusal"].is_null());
-    assert_eq!(meetings[1]["refusal"], "3 matches are too few: at least 16 are needed.");
-    let pairs = &meetings[0]["closure"]["pairs"];
+    let pair_reports = data["meetings"].as_array().unwrap();
+    assert_eq!(pair_reports.len(), 3);
+    assert!(pair_reports[0]["refusal"].is_null());
+    assert_eq!(pair_reports[1]["refusal"], "3 matches are too few: at least 16 are needed.");
+    let pairs = &pair_reports[0]["closure"]["pairs"];
     assert!(pairs[0]["matches"].is_null() && pairs[0]["verdict"].as_str().unwrap().contains("too few"));
     assert_eq!(pairs[1]["matches"]["count"], FEATURES);
     assert_eq!(pairs[1]["matches"]["with_depth"], FEATURES / 3);
@@ -305,14 +305,14 @@ fn every_meeting_has_its_verdict() {
     // The second agent's keyframes follow those of the first.
     assert_eq!(pairs[1]["keyframes"]["in_scene"], serde_json::json!([5, 1]));
     // No JSON number is infinite: it is left out.
-    assert!(meetings[0]["closure"]["evidence"]["scale_deviation"].is_null());
+    assert!(pair_reports[0]["closure"]["evidence"]["scale_deviation"].is_null());
 }
 
 #[test]
-fn a_doubted_closure_is_shown_with_its_doubt() {
+fn a_doubted_closure_is_listed_with_its_doubt() {
     let mut merging = merging(NAMES, 4, 9);
     let doubt = Doubt::Unconfirmed { pairs: 1, needed: 2 };
-    merging.1.encounters[0].tried = [tried(judged(Decision::Undecided(doubt)))].into();
+    merging.1.pair_results[0].tested = [tested(evaluated(Decision::Undecided(doubt)))].into();
     let data = embedded(&page_of(&merging));
     assert_eq!(data["meetings"][0]["closure"]["accepted"], false);
     assert_eq!(data["meetings"][0]["refusal"].as_str().unwrap().chars().next(), Some('O'));
@@ -359,11 +359,11 @@ fn a_browser_shows_it() {
 #[test]
 fn keys_of_results_stay() {
     let (inputs, merging) = merging(["a", "b", "c"], 5, 1);
-    let record = serde_json::to_value(EncounterRecord::new(&merging.encounters[0], &inputs)).unwrap();
+    let record = serde_json::to_value(PairRecord::new(&merging.pair_results[0], &inputs)).unwrap();
     for key in ["/tried/0/outcome", "/seconds/meeting", "/closure/evidence/agreeing_share"] {
         assert!(record.pointer(key).is_some(), "no {key} in {record:#}");
     }
-    let kept = serde_json::to_value(tried(judged(Decision::Accepted))).unwrap();
+    let kept = serde_json::to_value(tested(evaluated(Decision::Accepted))).unwrap();
     assert!(kept.pointer("/outcome/Judged/verdict/evidence/agreeing_share").is_some(), "{kept:#}");
     let params = serde_json::to_value(MergingParams::default()).unwrap();
     for key in ["/meeting/acceptance/min_agreeing_share", "/meeting/acceptance/min_untold_change"] {

@@ -10,7 +10,7 @@ use std::path::Path;
 /// Writes the page of the common map.
 pub(super) fn write(path: &Path, map: &Map, tied: &Tied, record: &RigRecord) -> Result<()> {
     let title = record.inputs.iter().map(|input| &*input.name).collect::<Vec<_>>().join(" + ");
-    let apart = ways_apart(map, tied);
+    let apart = camera_offsets(map, tied);
     let page = Page {
         tiles: tiles(record),
         tables: vec![maps(record)],
@@ -28,7 +28,7 @@ pub(super) fn write(path: &Path, map: &Map, tied: &Tied, record: &RigRecord) -> 
 
 /// Of each image that was taken while the LiDAR has poses: how far the camera is from where the LiDAR has it, metres and
 /// degrees.
-fn ways_apart(map: &Map, tied: &Tied) -> Vec<(f64, f64)> {
+fn camera_offsets(map: &Map, tied: &Tied) -> Vec<(f64, f64)> {
     let cameras = map.agents.iter().filter(|(_, info)| info.sensor.kind() == SensorKind::Camera);
     let images = cameras.flat_map(|(agent, _): (&AgentId, _)| map.trajectory_of(*agent));
     let apart = |image: map::StampedPose| {

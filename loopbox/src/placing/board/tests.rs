@@ -23,8 +23,8 @@ fn sightings(board: &Board, views: usize, reach: f64, pixels: f64) -> Vec<Sighti
     (0..views)
         .map(|i| {
             let s = i as f64 / (views - 1) as f64 - 0.5;
-            let turn = Vector6::new(reach * s, 0.2 * reach * (5.0 * s).sin(), 0.0, 0.05 * s, 0.1 * s, 0.02);
-            let first_from_camera = Se3::exp(&turn);
+            let twist = Vector6::new(reach * s, 0.2 * reach * (5.0 * s).sin(), 0.0, 0.05 * s, 0.1 * s, 0.02);
+            let first_from_camera = Se3::exp(&twist);
             let mut pose = world * first_from_camera;
             pose.translation /= METRES;
             let corner = |(index, point): (usize, &Vector3<f64>)| {

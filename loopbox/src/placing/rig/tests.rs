@@ -43,7 +43,7 @@ fn rig(metres: f64, late: f64) -> [Map; 2] {
 }
 
 #[test]
-fn a_cameras_map_gets_metres_and_place_from_the_lidar_beside_it() {
+fn a_cameras_map_gets_scale_and_pose_from_the_lidar_on_its_rig() {
     let [camera, lidar] = rig(8.0, 0.0);
     let tied = tie(&camera, &lidar, &lidar_from_camera()).unwrap();
     assert!((tied.lidar_world_from_camera_world.scale / 3.7 - 1.0).abs() < 1e-3, "{tied:?}");

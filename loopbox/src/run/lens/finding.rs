@@ -4,7 +4,7 @@ use super::{FoundLens, Recording, find_lens, find_live_lens};
 use crate::run::outlook::{is_calibrated, uncalibrated};
 use crate::run::{Progress, RunOptions};
 use anyhow::Result;
-use sources::{FoundCalibration, FrameSource, SourceInfo, Stop, calibrations_beside};
+use sources::{FoundCalibration, FrameSource, SourceInfo, Stop, sidecar_calibrations};
 
 impl RunOptions {
     /// Where no calibration is given and none came with `source`, or what came is to be left aside, finds one from it, the
@@ -33,7 +33,7 @@ impl RunOptions {
         uncalibrated(source).iter().for_each(|text| progress.note(text));
         // Who says to leave aside what there is knows of it.
         if fov.is_none() && !self.camera.leave_found {
-            calibrations_beside(source).iter().for_each(|text| progress.warn(text));
+            sidecar_calibrations(source).iter().for_each(|text| progress.warn(text));
         }
         let lens = find_lens(&recording, fov, self, stop, progress)?;
         self.take_lens(source, lens, progress);
@@ -63,11 +63,11 @@ impl RunOptions {
 
     /// Takes a lens that was found, and says what it is.
     fn take_lens(&mut self, source: &SourceInfo, lens: FoundLens, progress: &dyn Progress) {
-        let said = format!("{}: {}", source.path.display(), lens.text());
+        let message = format!("{}: {}", source.path.display(), lens.text());
         if lens.is_determined() {
-            progress.note(&said)
+            progress.note(&message)
         } else {
-            progress.warn(&said)
+            progress.warn(&message)
         }
         self.lens = Some(lens);
     }

@@ -103,7 +103,7 @@ mod tests {
     }
 
     #[test]
-    fn a_camera_that_shows_nothing_gets_a_usual_lens_that_is_said_to_be_a_guess() {
+    fn a_camera_without_texture_gets_a_usual_lens_that_is_reported_as_a_guess() {
         let options = RunOptions::to("unused");
         let found = find_live_lens(&mut even(100), None, &options, &Stop::default(), &Silent).unwrap();
         assert!(!found.is_determined() && (found.camera.intrinsics().fx - 128.0).abs() < 1e-9);

@@ -150,8 +150,8 @@ pub(super) fn worst(map: &Map, travellers: &[&Traveller]) -> f64 {
             assert_eq!(usize::from(keyframe.agent.0), number);
             let found = truth_from_map * keyframe.world_from_keyframe;
             let shift = (found.translation - truth.translation).norm();
-            let turn = found.rotation.angle_to(&truth.rotation);
-            worst = worst.max(shift).max(turn).max((found.scale / truth.scale).ln().abs());
+            let rotation = found.rotation.angle_to(&truth.rotation);
+            worst = worst.max(shift).max(rotation).max((found.scale / truth.scale).ln().abs());
         }
     }
     assert!(keyframes.next().is_none(), "no more keyframes than the agents have");

@@ -42,7 +42,7 @@ pub(in crate::agent) struct Joined {
 }
 
 /// Keyframes of a map that was taken in which are judged, those nearest to the one that links them.
-const JUDGED: usize = 12;
+const CHECKED: usize = 12;
 
 impl Mapper {
     /// Takes in the map of `other`: its keyframes come behind its own, both see each other's points where the link says
@@ -64,7 +64,7 @@ impl Mapper {
         // The last of its own keyframes have all the neighbours that they will have.
         let mut settled = self.take_up_depths();
         let behind = self.local.keyframes.len() - count;
-        self.settler.begin(&self.local, companions, behind, &params.depth);
+        self.depth_tasks.begin(&self.local, companions, behind, &params.depth);
         settled.extend(self.take_up_depths());
         let of_other = other.take_up_depths();
         for index in count..self.local.keyframes.len() {
@@ -75,7 +75,7 @@ impl Mapper {
             self.places.add(LocalMap::id(index), self.local.keyframes[index].pyramid.base());
         }
         settled.extend(of_other.into_iter().map(|keyframe| count + keyframe));
-        self.settler.take_in(other.settler, count);
+        self.depth_tasks.take_in(other.depth_tasks, count);
         self.closer.take_in(other.closer, count);
         // The others came in as they are.
         moved.retain(|&keyframe| keyframe < count);
@@ -88,7 +88,7 @@ impl Mapper {
     fn claim(&self, local: &LocalMap, own: usize) -> ClaimedPlace {
         let count = self.local.keyframes.len();
         let placed = |k: usize| view_of_keyframe(local, k, self.known.keyframes.get(&LocalMap::id(k))?);
-        let others = local.covisible(own).into_iter().map(|c| c.0).filter(|k| *k >= count).take(JUDGED);
+        let others = local.covisible(own).into_iter().map(|c| c.0).filter(|k| *k >= count).take(CHECKED);
         let others: BTreeSet<usize> = others.collect();
         let frame = |(number, &k): (usize, &usize)| {
             let state = &local.keyframes[k];

@@ -39,8 +39,8 @@ fn mapped(frames: Range<usize>) -> Agent {
     agent
 }
 
-fn resumed(map: Map, going: Going) -> Agent {
-    Agent::resume(map, places(), Params::default(), going).unwrap()
+fn resumed(map: Map, mode: ResumeMode) -> Agent {
+    Agent::resume(map, places(), Params::default(), mode).unwrap()
 }
 
 /// Largest distance of the trajectory from the truth once world and unit are fitted, metres.
@@ -55,14 +55,14 @@ fn error(map: &Map) -> f64 {
 #[test]
 fn a_map_is_extended_as_if_there_had_been_no_break() {
     let kept = mapped(0..35).into_map();
-    let mut agent = resumed(kept.clone(), Going::On);
+    let mut agent = resumed(kept.clone(), ResumeMode::Mapping);
     let reports = feed(&mut agent, 35..60);
     assert!(reports.iter().all(|report| report.state == TrackingState::Tracking));
-    let mut told = Map::new(Recording::SMALL_CAMERA);
+    let mut replica = Map::new(Recording::SMALL_CAMERA);
     let deltas: Vec<MapDelta> = reports.into_iter().flat_map(|report| report.deltas).collect();
     assert!(deltas.iter().zip(0..).all(|(delta, number)| delta.sequence == number));
-    deltas.into_iter().for_each(|delta| told.take_in(delta));
-    assert!(told.keyframes == agent.map().keyframes);
+    deltas.into_iter().for_each(|delta| replica.take_in(delta));
+    assert!(replica.keyframes == agent.map().keyframes);
     agent.finish();
     let map = agent.into_map();
     assert_eq!(map.frames.len(), drive().shots.len());
@@ -98,22 +98,23 @@ fn the_edges_of_a_map_without_are_made_of_its_points() {
 }
 
 #[test]
-fn the_sensor_is_said_with_the_map() {
+fn the_sensor_is_stored_with_the_map() {
     let mut params = Params::default();
     params.mapping.calibrate_from = 3;
     let mut agent = Agent::new(Recording::SMALL_CAMERA, places(), params).unwrap();
-    let mut told = Map::new(Recording::SMALL_CAMERA);
+    let mut replica = Map::new(Recording::SMALL_CAMERA);
     for report in feed(&mut agent, 0..60) {
-        report.deltas.into_iter().for_each(|delta| told.take_in(delta));
+        report.deltas.into_iter().for_each(|delta| replica.take_in(delta));
     }
-    let said = |map: &Map| map.agents.values().next().and_then(|about| about.provenance.get("lens")).cloned();
-    let lens = said(agent.map()).expect("said from the first keyframes on");
+    let lens_of =
+        |map: &Map| map.agents.values().next().and_then(|about| about.provenance.get("lens")).cloned();
+    let lens = lens_of(agent.map()).expect("said from the first keyframes on");
     assert_ne!(lens, "0.0", "there are keyframes enough to solve for it");
-    assert_eq!(said(&told), Some(lens.clone()));
+    assert_eq!(lens_of(&replica), Some(lens.clone()));
     let mut map = agent.snapshot();
     let about = map.agents.values_mut().next().unwrap();
     about.provenance.insert("readout rows".into(), "0.02".into());
-    let resumed = resumed(map, Going::On).view;
+    let resumed = resumed(map, ResumeMode::Mapping).view;
     assert_eq!(resumed.sensor.lens.to_text(), lens);
     assert_eq!(resumed.sensor.readout, [0.0, 0.02]);
     // The camera drives to the right.
@@ -128,7 +129,7 @@ fn the_sensor_is_said_with_the_map() {
 #[test]
 fn who_localises_leaves_the_map_as_it_is() {
     let kept = mapped(0..60).into_map();
-    let mut agent = resumed(kept.clone(), Going::Localising);
+    let mut agent = resumed(kept.clone(), ResumeMode::Localising);
     // From the middle on, and then from the beginning.
     feed(&mut agent, 30..60);
     feed(&mut agent, 0..30);
@@ -146,12 +147,12 @@ fn who_localises_leaves_the_map_as_it_is() {
 }
 
 #[test]
-fn a_pose_of_which_too_little_is_seen_is_not_told() {
+fn a_pose_of_which_too_little_is_seen_is_not_reported() {
     // From the end of the drive the camera moves on and turns away from what was mapped.
     let drive = trajectory::sideways(35, 1.75);
     let away = (1..30).map(|i| {
-        let turn = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), 0.035 * f64::from(i));
-        drive[34] * Se3::new(turn, Vector3::new(0.05 * f64::from(i), 0.0, 0.0))
+        let yaw = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), 0.035 * f64::from(i));
+        drive[34] * Se3::new(yaw, Vector3::new(0.05 * f64::from(i), 0.0, 0.0))
     });
     let path: Vec<Se3> = drive.iter().copied().chain(away).collect();
     let recording = Recording::render(yard(), Recording::SMALL_CAMERA, &path, 20.0);
@@ -166,16 +167,18 @@ fn a_pose_of_which_too_little_is_seen_is_not_told() {
     let mut params = Params::default();
     // Images without noise tell more.
     params.track.max_deviation = 0.0005;
-    let mut agent = Agent::resume(agent.into_map(), places(), params, Going::Localising).unwrap();
+    let mut agent = Agent::resume(agent.into_map(), places(), params, ResumeMode::Localising).unwrap();
     let reports: Vec<FrameReport> = (0..path.len()).map(|i| agent.process(frame(i)).unwrap()).collect();
-    let is_told = |report: &&FrameReport| report.world_from_camera.is_some();
+    let is_reported = |report: &&FrameReport| report.world_from_camera.is_some();
     assert!(reports[..40].iter().all(|report| report.state == TrackingState::Tracking));
     let uncertain: Vec<&FrameReport> = reports
         .iter()
         .filter(|report| report.reason.is_some_and(|why| why.contains("too little of the map")))
         .collect();
-    assert!(!uncertain.is_empty() && !uncertain.iter().any(|r| is_told(r) || r.state != TrackingState::Lost));
-    assert_eq!(agent.map().frames.len(), reports.iter().filter(is_told).count());
+    assert!(
+        !uncertain.is_empty() && !uncertain.iter().any(|r| is_reported(r) || r.state != TrackingState::Lost)
+    );
+    assert_eq!(agent.map().frames.len(), reports.iter().filter(is_reported).count());
 }
 
 /// Two drives, the second from the middle of the first on, each in a unit of its own, in the world of the first.
@@ -186,8 +189,8 @@ fn common(drives: [Range<usize>; 2]) -> Map {
             let truth = drive().shots[frame.frame_index as usize].world_from_camera;
             (map.world_from_frame(frame).unwrap().rigid(), truth)
         });
-        let way = |from: Se3, to: Se3| (to.translation - from.translation).norm();
-        let scale = way(first.1, last.1) / way(first.0, last.0);
+        let distance = |from: Se3, to: Se3| (to.translation - from.translation).norm();
+        let scale = distance(first.1, last.1) / distance(first.0, last.0);
         let metres = Sim3::new(Default::default(), Default::default(), scale);
         Sim3::from(first.1) * metres * Sim3::from(first.0).inverse()
     });
@@ -199,9 +202,9 @@ fn common(drives: [Range<usize>; 2]) -> Map {
 }
 
 #[test]
-fn poses_are_told_in_the_common_map_of_several_agents() {
+fn poses_are_reported_in_the_common_map_of_several_agents() {
     let kept = common([0..35, 25..60]);
-    let mut agent = resumed(kept.clone(), Going::Localising);
+    let mut agent = resumed(kept.clone(), ResumeMode::Localising);
     let reports = feed(&mut agent, 0..60);
     assert!(reports.iter().all(|report| report.state == TrackingState::Tracking));
     agent.finish();
@@ -215,7 +218,7 @@ fn poses_are_told_in_the_common_map_of_several_agents() {
 #[test]
 fn who_extends_a_common_map_is_one_more_of_its_agents() {
     let kept = common([0..25, 12..35]);
-    let mut agent = resumed(kept.clone(), Going::On);
+    let mut agent = resumed(kept.clone(), ResumeMode::Mapping);
     let reports = feed(&mut agent, 28..60);
     assert!(reports.iter().all(|report| report.state == TrackingState::Tracking));
     assert_eq!(
@@ -223,9 +226,9 @@ fn who_extends_a_common_map_is_one_more_of_its_agents() {
         Some(KeyframeId(0)),
         "the first frame is a keyframe, whatever is known"
     );
-    let mut told = Map::new(Recording::SMALL_CAMERA);
-    reports.into_iter().flat_map(|report| report.deltas).for_each(|delta| told.take_in(delta));
-    assert!(told.keyframes == agent.map().keyframes);
+    let mut replica = Map::new(Recording::SMALL_CAMERA);
+    reports.into_iter().flat_map(|report| report.deltas).for_each(|delta| replica.take_in(delta));
+    assert!(replica.keyframes == agent.map().keyframes);
     agent.finish();
     let joint = agent.joint().unwrap();
     let own = agent.into_map();
@@ -247,7 +250,7 @@ fn who_extends_a_common_map_is_one_more_of_its_agents() {
     };
     assert!(map.edges.iter().filter(is_tie).count() > 2, "its first keyframes hang on the others'");
     // And it is a common map, that can be gone on in.
-    let mut agent = resumed(map, Going::Localising);
+    let mut agent = resumed(map, ResumeMode::Localising);
     assert!(feed(&mut agent, 0..60).iter().all(|report| report.state == TrackingState::Tracking));
 }
 
@@ -285,9 +288,9 @@ fn agents_of_a_common_map_are_optimised_jointly() {
     let (kept, params) = (common([0..35, 15..60]), Params::default());
     // The second agent's map is put down a little beside where it belongs, and a little too large.
     let mut off = kept.clone();
-    let beside = Sim3::new(Default::default(), Vector3::new(0.02, 0.01, 0.0), 1.01);
+    let perturbation = Sim3::new(Default::default(), Vector3::new(0.02, 0.01, 0.0), 1.01);
     for keyframe in off.keyframes.values_mut().filter(|keyframe| keyframe.agent == AgentId(1)) {
-        keyframe.world_from_keyframe = beside * keyframe.world_from_keyframe;
+        keyframe.world_from_keyframe = perturbation * keyframe.world_from_keyframe;
     }
     let mut map = off.clone();
     optimise_jointly(&mut map, &params, &|| false).unwrap();
@@ -319,7 +322,7 @@ fn a_common_map_whose_first_agent_holds_no_world_stays_as_it_is() {
 #[test]
 fn what_is_found_nowhere_changes_nothing() {
     let kept = mapped(0..35).into_map();
-    let mut agent = Agent::resume(kept.clone(), places(), Params::default(), Going::On).unwrap();
+    let mut agent = Agent::resume(kept.clone(), places(), Params::default(), ResumeMode::Mapping).unwrap();
     let image = GrayImage::filled(320, 240, 90);
     for index in 0..100 {
         let frame = Frame { index, timestamp: index as f64, image: image.clone() };
@@ -332,7 +335,7 @@ fn what_is_found_nowhere_changes_nothing() {
 #[test]
 fn maps_that_cannot_be_gone_on_with_are_refused() {
     let refuse = |map: Map| {
-        let agent = Agent::resume(map, places(), Params::default(), Going::On).map(|_| ());
+        let agent = Agent::resume(map, places(), Params::default(), ResumeMode::Mapping).map(|_| ());
         agent.unwrap_err().to_string()
     };
     assert!(refuse(Map::new(Recording::SMALL_CAMERA)).contains("no points"));

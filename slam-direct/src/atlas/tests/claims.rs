@@ -27,9 +27,9 @@ fn covered(answer: Answer, black: usize) -> (Vec<FrameReport>, Vec<Map>, usize) 
     let here = drive(1, 50);
     let dark = GrayImage::filled(320, 240, 0);
     let judge = says(answer);
-    let mut atlas = atlas().judged_by(judge.clone());
-    let shown = images(&here).into_iter().chain(vec![&dark; black]).chain(images(&here).into_iter().rev());
-    let reports = feed(&mut atlas, 0, shown);
+    let mut atlas = atlas().judge_by(judge.clone());
+    let sequence = images(&here).into_iter().chain(vec![&dark; black]).chain(images(&here).into_iter().rev());
+    let reports = feed(&mut atlas, 0, sequence);
     atlas.finish_until(&|| false);
     (reports, atlas.into_maps(), judge.1.load(Ordering::Relaxed))
 }
@@ -86,8 +86,8 @@ fn localising_is_a_claim() {
     let map = first.into_maps().remove(0);
     for (answer, poses) in [(Answer::Same, 40), (Answer::Different, 0), (Answer::CannotTell, 0)] {
         let places = || Box::new(ThumbnailIndex::default()) as Box<dyn PlaceIndex>;
-        let agent = Agent::resume(map.clone(), places(), Params::default(), Going::Localising).unwrap();
-        let mut atlas = Atlas::resume(agent, places, Params::default()).judged_by(says(answer));
+        let agent = Agent::resume(map.clone(), places(), Params::default(), ResumeMode::Localising).unwrap();
+        let mut atlas = Atlas::resume(agent, places, Params::default()).judge_by(says(answer));
         let reports = feed(&mut atlas, 0, images(&here).into_iter().take(40));
         atlas.finish_until(&|| false);
         assert_eq!(atlas.fragments()[0].map().frames.len(), poses, "{answer:?}");
@@ -100,7 +100,7 @@ fn localising_is_a_claim() {
 fn a_recording_that_ends_is_decided_by_what_there_is() {
     let here = drive(1, 50);
     let dark = GrayImage::filled(320, 240, 0);
-    let mut atlas = atlas().judged_by(says(Answer::Same));
+    let mut atlas = atlas().judge_by(says(Answer::Same));
     let back = images(&here).into_iter().rev().take(8);
     feed(&mut atlas, 0, images(&here).into_iter().chain(vec![&dark; 16]).chain(back));
     atlas.finish_until(&|| false);
@@ -111,7 +111,7 @@ fn a_recording_that_ends_is_decided_by_what_there_is() {
 
 /// Fragments are joined though the first claim was not believed, and where the camera is then is nobody's to decide again.
 #[test]
-fn a_fragment_that_is_joined_later_goes_on_at_once() {
+fn a_fragment_that_is_joined_later_continues_at_once() {
     use std::sync::atomic::AtomicBool;
     struct Later(AtomicBool);
     impl JudgePlace for Later {
@@ -123,7 +123,7 @@ fn a_fragment_that_is_joined_later_goes_on_at_once() {
     let dark = GrayImage::filled(320, 240, 0);
     let judge = Arc::new(Later(AtomicBool::new(false)));
     let recogniser = recognised::Oracle::new(&[&here], 3.0);
-    let mut atlas = atlas().recognising(recogniser).judged_by(judge.clone());
+    let mut atlas = atlas().recognising(recogniser).judge_by(judge.clone());
     feed(&mut atlas, 0, images(&here).into_iter().chain(vec![&dark; 16]));
     let back: Vec<&GrayImage> = images(&here).into_iter().rev().collect();
     let apart = feed(&mut atlas, 96, back[..40].iter().copied());

@@ -37,8 +37,8 @@ impl Recognise for Oracle {
             let nearest = known.iter().min_by(|a, b| away(&a.1).total_cmp(&away(&b.1)));
             let Some((view, truth)) = nearest.filter(|near| away(&near.1) < self.reach) else { continue };
             let (Some(first), Some(last)) = (known.first(), known.last()) else { continue };
-            let way = first.0.world_from_keyframe.translation - last.0.world_from_keyframe.translation;
-            let metre = way.norm() / (first.1.translation - last.1.translation).norm();
+            let travelled = first.0.world_from_keyframe.translation - last.0.world_from_keyframe.translation;
+            let metre = travelled.norm() / (first.1.translation - last.1.translation).norm();
             let relative = truth.inverse() * frame * self.error;
             let translation = relative.translation * (metre / view.world_from_keyframe.scale);
             let keyframe_from_frame = Se3::new(relative.rotation, translation);
@@ -54,7 +54,7 @@ fn rendered(path: &[Se3]) -> Recording {
 
 /// The lens is covered for a moment, in which the camera is moved aside and rolled.
 #[test]
-fn a_camera_that_comes_back_elsewhere_goes_on_in_its_map() {
+fn a_camera_that_comes_back_elsewhere_continues_its_map() {
     let roll = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), 0.6);
     let yaw = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), 0.25);
     let aside = Se3::new(yaw * roll, Vector3::new(-1.2, 0.0, 0.4));
@@ -121,7 +121,7 @@ fn fragments_that_meet_stay_apart_where_it_is_not_decided() {
     let back: Vec<Se3> = path[20..=180].iter().rev().copied().collect();
     let (here, there) = (rendered(&path[..60]), rendered(&back));
     let black = GrayImage::filled(320, 240, 0);
-    let mut atlas = atlas().recognising(Oracle::new(&[&here, &there], 1.2)).judged_by(Arc::new(Doubts));
+    let mut atlas = atlas().recognising(Oracle::new(&[&here, &there], 1.2)).judge_by(Arc::new(Doubts));
     feed(&mut atlas, 0, images(&here).into_iter().chain([&black; 12]));
     let reports = feed(&mut atlas, 72, images(&there));
     assert!(reports.last().is_some_and(|r| r.state == TrackingState::Tracking && r.fragment == 1));
@@ -146,10 +146,10 @@ fn fragments_that_meet_become_one() {
     assert!(apart < joined && joined < reports.len(), "{apart} {joined} of {}", reports.len());
     assert!(reports[joined..].iter().all(|report| report.state == TrackingState::Tracking));
     // Who takes in what is said has the map.
-    let mut told = Map::new(Recording::SMALL_CAMERA);
+    let mut replica = Map::new(Recording::SMALL_CAMERA);
     let deltas = reports.iter().filter(|report| report.fragment == 0).flat_map(|report| &report.deltas);
-    deltas.cloned().for_each(|delta| told.take_in(delta));
-    assert!(without_points(&told) == without_points(atlas.active().map()));
+    deltas.cloned().for_each(|delta| replica.take_in(delta));
+    assert!(without_points(&replica) == without_points(atlas.active().map()));
     assert!(atlas.active().map().keyframes.values().any(|keyframe| keyframe.frame_index > 72));
     atlas.finish_until(&|| false);
     let maps = atlas.into_maps();

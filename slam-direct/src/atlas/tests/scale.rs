@@ -23,16 +23,16 @@ impl Drive {
             let up = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), 0.1);
             Se3::new(yaw * up, Vector3::new(x, -0.2, z))
         };
-        let [approach, turn, away] = FRAMES;
+        let [approach, rotation, away] = FRAMES;
         let (x, z) = (-0.3, -3.0);
         let there = z + 0.03 * approach as f64;
         let approach = (0..approach).map(|i| pose(x, z + 0.03 * i as f64, 0.0));
-        let turn =
-            (0..turn).map(|i| pose(x, there + 0.002 * i as f64, self.angle * (i as f64 + 1.0) / turn as f64));
+        let rotation = (0..rotation)
+            .map(|i| pose(x, there + 0.002 * i as f64, self.angle * (i as f64 + 1.0) / rotation as f64));
         let (sin, cos) = self.angle.sin_cos();
         let away = (0..away).map(|i| 0.03 * i as f64);
         let away = away.map(|d| pose(x + d * sin, there + 0.04 + d * cos, self.angle));
-        approach.chain(turn).chain(away).collect()
+        approach.chain(rotation).chain(away).collect()
     }
 
     /// A room without texture on its floor, and a cupboard and a chest that the robot drives up to.
@@ -88,8 +88,8 @@ impl Drive {
             let (found, exact): (Vec<_>, Vec<_>) =
                 own.map(|(i, found)| (*found, truth[*i as usize].translation)).unzip();
             // Of a turn on the spot alone nothing is said.
-            let is_told = found.len() as u64 > STRETCH / 2 && spread(&exact) > 0.05;
-            is_told.then(|| spread(&found) / spread(&exact))
+            let is_enough = found.len() as u64 > STRETCH / 2 && spread(&exact) > 0.05;
+            is_enough.then(|| spread(&found) / spread(&exact))
         };
         let scales: Vec<f64> = (0..truth.len() as u64 - STRETCH).step_by(5).filter_map(scale).collect();
         let (least, most) = scales.iter().fold((f64::INFINITY, 0.0f64), |(l, m), s| (l.min(*s), m.max(*s)));
@@ -106,7 +106,7 @@ fn spread(points: &[Vector3<f64>]) -> f64 {
 
 /// Nothing of the cupboard is in view after the turn: the map ends there and says why, and another one begins.
 #[test]
-fn a_scale_that_a_turn_on_the_spot_does_not_carry_is_lost_and_not_made_up() {
+fn a_scale_that_a_pure_rotation_does_not_carry_is_lost_and_not_made_up() {
     for (seed, angle, focal) in [(5, 1.57, 0.96), (7, 1.4, 1.05), (8, -1.4, 0.95)] {
         let drive = Drive { seed, angle, focal };
         let (reports, maps) = drive.track();
@@ -123,7 +123,7 @@ fn a_scale_that_a_turn_on_the_spot_does_not_carry_is_lost_and_not_made_up() {
 
 /// A part of the cupboard stays in view: its points carry the scale over the turn.
 #[test]
-fn a_scale_that_points_in_view_carry_is_kept_over_a_turn_on_the_spot() {
+fn a_scale_that_points_in_view_carry_is_kept_over_a_pure_rotation() {
     let drive = Drive { seed: 3, angle: 1.1, focal: 1.04 };
     let (reports, maps) = drive.track();
     assert!(reports.iter().all(|report| report.state != TrackingState::Lost && !report.scale_is_lost));

@@ -88,7 +88,7 @@ fn in_a_large_map_what_is_older_than_the_loop_stays() {
 }
 
 #[test]
-fn a_look_alike_beyond_any_drift_is_refused() {
+fn a_similar_place_beyond_any_drift_is_refused() {
     let mut scene = Scene::render(&World::yard(1), &trajectory::sideways(40, 12.0), 4);
     (0..8).for_each(|i| scene.copy_appearance(i, 30 + i));
     let mut params = Params::default();
@@ -122,7 +122,7 @@ fn a_loop_that_pulls_a_map_apart_is_taken_back() {
 }
 
 #[test]
-fn a_single_view_of_a_look_alike_is_refused() {
+fn a_single_view_of_a_similar_place_is_refused() {
     let mut scene = Scene::render(&World::yard(1), &trajectory::sideways(40, 12.0), 4);
     scene.copy_appearance(4, 34);
     let mut params = Params::default();

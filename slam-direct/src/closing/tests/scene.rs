@@ -122,7 +122,7 @@ fn points(map: &LocalMap, state: &KeyframeState, depth: &Image<f32>) -> Vec<Poin
                 variance: (DEPTH_SIGMA * inverse_depth).powi(2),
                 observations: Vec::new(),
                 alive: true,
-                sought: 0,
+                searched: 0,
                 found: 0,
             })
         })

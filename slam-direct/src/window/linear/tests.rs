@@ -115,12 +115,13 @@ fn eliminating_the_depths_gives_the_step_of_the_full_system() {
 }
 
 /// The residuals in pixels of the image.
-fn shown(problem: &Problem) -> DVector<f64> {
+fn distorted(problem: &Problem) -> DVector<f64> {
     let calibration = problem.calibration.as_ref().unwrap();
     let mut all = residuals(problem);
     let sensor = &calibration.sensor;
-    for (i, (shown, _)) in calibration.seen.iter().enumerate() {
-        let still = nalgebra::Vector2::from(shown.pixel) - shown.velocity * sensor.delay(shown.pixel);
+    for (i, (distorted, _)) in calibration.seen.iter().enumerate() {
+        let still =
+            nalgebra::Vector2::from(distorted.pixel) - distorted.velocity * sensor.delay(distorted.pixel);
         let back = sensor.lens.magnification(still.into()).try_inverse().unwrap();
         let residual = back * all.fixed_rows::<2>(2 * i);
         all.fixed_rows_mut::<2>(2 * i).copy_from(&residual);
@@ -140,14 +141,14 @@ fn the_sensor_is_solved_for_with_all_else() {
     let with_sensor = |k: usize, by: f64| {
         let mut moved = problem.clone();
         moved.set_sensor(std::array::from_fn(|l| NOW[l] + if k == l { by } else { 0.0 }));
-        shown(&moved)
+        distorted(&moved)
     };
     let mut columns: Vec<DVector<f64>> = (0..n)
-        .map(|i| (shown(&moved(&problem, i, h)) - shown(&moved(&problem, i, -h))) / (2.0 * h))
+        .map(|i| (distorted(&moved(&problem, i, h)) - distorted(&moved(&problem, i, -h))) / (2.0 * h))
         .collect();
     columns.extend((0..UNKNOWNS).map(|k| (with_sensor(k, h) - with_sensor(k, -h)) / (2.0 * h)));
     let jacobian = DMatrix::from_columns(&columns);
-    let residual = shown(&problem);
+    let residual = distorted(&problem);
     let mut weight = DMatrix::zeros(residual.len(), residual.len());
     for (i, (_, information)) in problem.calibration.as_ref().unwrap().seen.iter().enumerate() {
         let r = [residual[2 * i], residual[2 * i + 1]];

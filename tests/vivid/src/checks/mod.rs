@@ -30,7 +30,7 @@ pub const ALL: &[(&str, Check)] = &[
     ("a_played_sequence_becomes_a_map", slam::played_sequence),
     ("a_stopped_process_misses_frames_and_goes_on", slam::stopped_process),
     ("without_reconnect_an_unplugged_camera_ends_the_run_with_its_map", unplugging::ends_the_run),
-    ("with_reconnect_the_run_goes_on", unplugging::goes_on),
+    ("with_reconnect_the_run_continues", unplugging::the_run_continues),
 ];
 
 /// A textured picture, another for each seed.

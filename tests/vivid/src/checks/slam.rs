@@ -15,7 +15,7 @@ use std::time::Duration;
 const SEQUENCE: &str = "/data/parking_a";
 /// A frame later than this many seconds after a picture was played shows the picture: two ticks of the output, with
 /// room for rounding.
-const SHOWN_AFTER: f64 = 0.1;
+const DISPLAYED_AFTER: f64 = 0.1;
 
 /// Pictures of it that are played.
 const PICTURES: usize = 45;
@@ -74,7 +74,7 @@ pub fn arguments<'a>(more: &[&'a str]) -> Vec<&'a str> {
 pub fn follow(player: &Player, run: &mut Running, count: usize) -> Result<()> {
     for _ in 0..count {
         let time = player.advance()?;
-        run.wait_for_frame(time + SHOWN_AFTER)?;
+        run.wait_for_frame(time + DISPLAYED_AFTER)?;
     }
     Ok(())
 }

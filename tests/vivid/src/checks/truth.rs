@@ -18,8 +18,8 @@ pub fn write(trajectory: &Path, truth: &Path, played: &[f64], out: &Path) -> Res
     for row in self::rows(trajectory)? {
         let time: f64 = row[0].parse().context("a time")?;
         // A picture is on the way for one frame of the output.
-        let shown = played.partition_point(|&start| start + 1.0 / 60.0 < time).saturating_sub(1);
-        let pose = rows.get(shown).with_context(|| format!("no true pose for picture {shown}"))?;
+        let picture = played.partition_point(|&start| start + 1.0 / 60.0 < time).saturating_sub(1);
+        let pose = rows.get(picture).with_context(|| format!("no true pose for picture {picture}"))?;
         text += &format!("{} {}\n", row[0], pose[1..].join(" "));
     }
     ensure!(!text.is_empty(), "{}: no poses", trajectory.display());

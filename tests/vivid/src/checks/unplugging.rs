@@ -67,7 +67,7 @@ pub fn ends_the_run() -> Result<String> {
 }
 
 /// With `--reconnect`, by a user who may use the device only a while after it is back.
-pub fn goes_on() -> Result<String> {
+pub fn the_run_continues() -> Result<String> {
     let (pictures, mode) = slam::sequence()?;
     let player = Player::start(&pictures, &mode, Pace::OnDemand)?;
     allow_everybody()?;
@@ -77,7 +77,7 @@ pub fn goes_on() -> Result<String> {
     unplug()?;
     let _ = player.stop();
     run.wait_for_text("\"event\":\"gone\"")?;
-    ensure!(run.goes_on()?, "the run ended when the camera went away");
+    ensure!(run.is_running()?, "the run ended when the camera went away");
     let before = run.count(TRACKED);
     ensure!(before >= BEFORE / 2, "{before} frames were tracked before the camera went away");
     plug_in()?;

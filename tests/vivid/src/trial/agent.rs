@@ -86,7 +86,7 @@ impl Agent {
     ///
     /// # Errors
     /// When the system cannot say.
-    pub fn goes_on(&mut self) -> Result<bool> {
+    pub fn is_running(&mut self) -> Result<bool> {
         Ok(self.0.try_wait()?.is_none())
     }
 
@@ -94,10 +94,10 @@ impl Agent {
     ///
     /// # Errors
     /// When it ends, or is not so within so many seconds.
-    pub fn wait(&mut self, what: &str, seconds: f64, wish: impl Fn(&Value) -> bool) -> Result<()> {
+    pub fn wait(&mut self, what: &str, seconds: f64, condition: impl Fn(&Value) -> bool) -> Result<()> {
         let began = Instant::now();
-        while !beat().is_some_and(|beat| wish(&beat)) {
-            if !self.goes_on()? || began.elapsed().as_secs_f64() > seconds {
+        while !beat().is_some_and(|beat| condition(&beat)) {
+            if !self.is_running()? || began.elapsed().as_secs_f64() > seconds {
                 bail!("not {what} after {:.0} s: {:?}\n{}", began.elapsed().as_secs_f64(), beat(), log());
             }
             sleep(Duration::from_millis(20));

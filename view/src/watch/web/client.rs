@@ -13,7 +13,7 @@ use tungstenite::protocol::{Role, WebSocketConfig};
 use tungstenite::{Error, Message, WebSocket};
 
 /// What pages say is short; nothing longer is read.
-const MAX_SAID: usize = 1024;
+const MAX_MESSAGE: usize = 1024;
 /// How often there is news.
 const ROUND: Duration = Duration::from_millis(40);
 /// The same while more is waiting.
@@ -26,7 +26,7 @@ const ANSWER_PATIENCE: Duration = Duration::from_secs(60);
 const FAREWELL: Duration = Duration::from_secs(2);
 
 /// What one page is told, and who hears what it says.
-pub trait Teller {
+pub trait PageSession {
     /// Whether nothing will be news after the next call of [`news`](Self::news) that leaves nothing over.
     fn is_over(&self) -> bool;
     /// What is new since the last call, and whether more of it is waiting.
@@ -36,17 +36,17 @@ pub trait Teller {
 }
 
 /// Serves a client until it leaves, is too slow, or there will be no more news and it knows all.
-pub fn serve(stream: TcpStream, teller: &mut dyn Teller) {
+pub fn serve(stream: TcpStream, session: &mut dyn PageSession) {
     let config = WebSocketConfig::default()
-        .max_message_size(Some(MAX_SAID))
-        .max_frame_size(Some(MAX_SAID))
-        .read_buffer_size(MAX_SAID);
+        .max_message_size(Some(MAX_MESSAGE))
+        .max_frame_size(Some(MAX_MESSAGE))
+        .read_buffer_size(MAX_MESSAGE);
     if stream.set_nodelay(true).is_err() || stream.set_write_timeout(Some(WRITE_PATIENCE)).is_err() {
         return;
     }
     let mut socket = WebSocket::from_raw_socket(stream, Role::Server, Some(config));
     // An error is the client's leaving, by which nothing is lost.
-    let _ = talk(&mut socket, teller);
+    let _ = talk(&mut socket, session);
 }
 
 /// Rounds sent, and the last one that the page has taken in.
@@ -62,15 +62,15 @@ struct Answer {
     answer: u64,
 }
 
-fn talk(socket: &mut WebSocket<TcpStream>, teller: &mut dyn Teller) -> Result<(), Error> {
+fn talk(socket: &mut WebSocket<TcpStream>, session: &mut dyn PageSession) -> Result<(), Error> {
     let mut rounds = Rounds { sent: 0, answered: 0, since: Instant::now() };
-    let (mut more, mut end_told) = (false, false);
+    let (mut more, mut end_sent) = (false, false);
     loop {
-        let over = teller.is_over();
+        let over = session.is_over();
         let waiting = rounds.answered < rounds.sent;
-        if !waiting || (over && !end_told) {
-            end_told |= over;
-            more = tell(socket, teller, &mut rounds)?;
+        if !waiting || (over && !end_sent) {
+            end_sent |= over;
+            more = tell(socket, session, &mut rounds)?;
             if over && !more {
                 return part(socket);
             }
@@ -81,7 +81,7 @@ fn talk(socket: &mut WebSocket<TcpStream>, teller: &mut dyn Teller) -> Result<()
         if let Some(text) = listen(socket, patience)? {
             match serde_json::from_str::<Answer>(&text) {
                 Ok(Answer { answer }) => rounds.answered = answer,
-                Err(_) => teller.hear(&text),
+                Err(_) => session.hear(&text),
             }
         }
     }
@@ -90,10 +90,10 @@ fn talk(socket: &mut WebSocket<TcpStream>, teller: &mut dyn Teller) -> Result<()
 /// Sends a round, if there is news; says whether more is waiting.
 fn tell(
     socket: &mut WebSocket<TcpStream>,
-    teller: &mut dyn Teller,
+    session: &mut dyn PageSession,
     rounds: &mut Rounds,
 ) -> Result<bool, Error> {
-    let (messages, more) = teller.news();
+    let (messages, more) = session.news();
     if messages.is_empty() {
         return Ok(more);
     }

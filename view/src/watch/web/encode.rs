@@ -32,7 +32,7 @@ pub fn messages(news: &News, level: Option<[[f64; 3]; 2]>) -> Vec<Message> {
     }
     out.extend(news.edges.iter().map(|all| binary(edges(all))));
     out.extend(news.status.iter().map(|status| text(&status_json(status))));
-    out.extend(news.picture.iter().map(|shown| picture(shown)));
+    out.extend(news.picture.iter().map(|image| picture(image)));
     out.extend(news.chunks.iter().map(|(placed, points)| binary(chunk(placed, points))));
     out
 }
@@ -145,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn a_scene_is_told_in_words() {
+    fn a_scene_is_described_in_words() {
         let mut scene = scene(2);
         let step = Step {
             frame_index: 9,

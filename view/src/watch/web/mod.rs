@@ -8,7 +8,7 @@ mod page;
 mod run;
 
 pub use access::Address;
-pub use client::Teller;
+pub use client::PageSession;
 pub use encode::picture as picture_message;
 pub use tungstenite::Message;
 
@@ -51,18 +51,18 @@ pub struct Server {
 struct Site {
     address: Address,
     /// What there is to see at the moment.
-    shown: Mutex<Option<Arc<Shown>>>,
+    served: Mutex<Option<Arc<ServedPage>>>,
     health: Option<Health>,
     connections: AtomicUsize,
 }
 
 /// A page, and what gives each client what is to be told to it.
-struct Shown {
+struct ServedPage {
     page: Box<dyn Fn() -> Result<String> + Send + Sync>,
-    open: Box<dyn Fn() -> Box<dyn Teller> + Send + Sync>,
+    open: Box<dyn Fn() -> Box<dyn PageSession> + Send + Sync>,
 }
 
-impl Shown {
+impl ServedPage {
     /// A scene, with whom it shows when the page is asked for.
     fn of(shared: &Arc<Shared>, title: &str, mode: Mode) -> Self {
         let (title, seen, shared) = (title.to_owned(), Arc::clone(shared), Arc::clone(shared));
@@ -82,7 +82,7 @@ impl Server {
     /// # Errors
     /// When the address cannot be listened at.
     pub fn start(shared: &Arc<Shared>, address: Address, title: &str) -> Result<Self> {
-        Self::begin(address, Some(Shown::of_run(shared, title)), None)
+        Self::begin(address, Some(ServedPage::of_run(shared, title)), None)
     }
 
     /// Begins to serve a scene of maps that somebody collects, to which agents may yet come.
@@ -90,7 +90,7 @@ impl Server {
     /// # Errors
     /// When the address cannot be listened at.
     pub fn of_station(shared: &Arc<Shared>, address: Address, title: &str) -> Result<Self> {
-        Self::begin(address, Some(Shown::of(shared, title, Mode::Station)), None)
+        Self::begin(address, Some(ServedPage::of(shared, title, Mode::Station)), None)
     }
 
     /// Begins to serve `/health`, and no page until one is [shown](Self::show).
@@ -103,12 +103,12 @@ impl Server {
 
     /// Shows a scene in place of what was shown.
     pub fn show(&self, shared: &Arc<Shared>, title: &str) {
-        *self.site.shown() = Some(Arc::new(Shown::of_run(shared, title)));
+        *self.site.served() = Some(Arc::new(ServedPage::of_run(shared, title)));
     }
 
     /// Shows nothing any more.
     pub fn hide(&self) {
-        *self.site.shown() = None;
+        *self.site.served() = None;
     }
 
     /// Begins to serve a page; `open` gives each client what is to be told to it.
@@ -118,18 +118,18 @@ impl Server {
     pub fn serve(
         address: Address,
         page: String,
-        open: impl Fn() -> Box<dyn Teller> + Send + Sync + 'static,
+        open: impl Fn() -> Box<dyn PageSession> + Send + Sync + 'static,
     ) -> Result<Self> {
         let page = move || Ok(page.clone());
-        Self::begin(address, Some(Shown { page: Box::new(page), open: Box::new(open) }), None)
+        Self::begin(address, Some(ServedPage { page: Box::new(page), open: Box::new(open) }), None)
     }
 
-    fn begin(address: Address, shown: Option<Shown>, health: Option<Health>) -> Result<Self> {
+    fn begin(address: Address, served: Option<ServedPage>, health: Option<Health>) -> Result<Self> {
         let listener = listen(&address)?;
         let at = listener.local_addr().context("the page's address is not known")?;
         let url = format!("http://{}/{}", SocketAddr::new(reachable(at.ip()), at.port()), address.query());
-        let (shown, connections) = (Mutex::new(shown.map(Arc::new)), AtomicUsize::new(0));
-        let site = Arc::new(Site { address, shown, health, connections });
+        let (served, connections) = (Mutex::new(served.map(Arc::new)), AtomicUsize::new(0));
+        let site = Arc::new(Site { address, served, health, connections });
         let of_thread = Arc::clone(&site);
         std::thread::Builder::new()
             .name("page".into())
@@ -213,8 +213,8 @@ impl Drop for Connection {
 }
 
 impl Site {
-    fn shown(&self) -> std::sync::MutexGuard<'_, Option<Arc<Shown>>> {
-        self.shown.lock().unwrap_or_else(PoisonError::into_inner)
+    fn served(&self) -> std::sync::MutexGuard<'_, Option<Arc<ServedPage>>> {
+        self.served.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn answer(&self, mut stream: TcpStream) -> std::io::Result<()> {
@@ -225,19 +225,19 @@ impl Site {
             std::thread::sleep(REFUSAL_DELAY);
             return http::answer(&mut stream, "403 Forbidden", "text/plain", reason.as_bytes());
         }
-        let shown = self.shown().clone();
-        match (&*request.method, &*request.path, &request.websocket_key, &shown, &self.health) {
+        let served = self.served().clone();
+        match (&*request.method, &*request.path, &request.websocket_key, &served, &self.health) {
             ("GET", "/health", _, _, Some(health)) => {
                 let (is_well, text) = health();
                 let status = if is_well { "200 OK" } else { "503 Service Unavailable" };
                 http::answer(&mut stream, status, "application/json", text.as_bytes())
             }
-            ("GET", "/ws", Some(key), Some(shown), _) => {
+            ("GET", "/ws", Some(key), Some(served), _) => {
                 http::upgrade(&mut stream, key)?;
-                client::serve(stream, &mut *(shown.open)());
+                client::serve(stream, &mut *(served.open)());
                 Ok(())
             }
-            ("GET", "/", _, Some(shown), _) => match (shown.page)() {
+            ("GET", "/", _, Some(served), _) => match (served.page)() {
                 Ok(page) => http::answer(&mut stream, "200 OK", "text/html", page.as_bytes()),
                 Err(error) => {
                     let text = format!("the page cannot be made: {error:#}");

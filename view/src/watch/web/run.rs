@@ -1,7 +1,7 @@
 //! A run or a saved map as it is told to a page.
 
 use super::Message;
-use super::client::Teller;
+use super::client::PageSession;
 use super::encode;
 use crate::watch::{Command, Cursor, Seat, Shared};
 use std::sync::Arc;
@@ -23,7 +23,7 @@ impl Audience {
     }
 }
 
-impl Teller for Audience {
+impl PageSession for Audience {
     fn is_over(&self) -> bool {
         self.shared.is_over()
     }

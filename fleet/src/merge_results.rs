@@ -1,0 +1,438 @@
+//! What was found out about where agents are, as it is told to all of them, as JSON.
+
+mod folded;
+
+use folded::Folded;
+use geometry::{Se3, Sim3};
+use serde::{Deserialize, Serialize};
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+
+/// Where an agent is in its own world, `tx ty tz qx qy qz qw scale`.
+const ALONE: [f64; 8] = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0];
+
+/// What is said of a pair that is merged.
+pub const ACCEPTED: &str = "accepted";
+/// What is said of a pair that is not merged while more of its maps comes or is looked at.
+pub const NOT_YET: &str = "not yet";
+
+/// Where agents are, and who met whom.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Found {
+    /// Every agent whose map could be looked at.
+    pub agents: Vec<FoundAgent>,
+    /// Every two of them.
+    #[serde(rename = "meetings")]
+    pub pair_verdicts: Vec<PairVerdict>,
+}
+
+/// An agent.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FoundAgent {
+    /// Its identity, `UUID/EPOCH`.
+    pub agent: String,
+    /// What people call it.
+    pub name: String,
+    /// Keyframes of its map that were looked at.
+    pub keyframes: usize,
+    /// Whether that was all of its map.
+    pub whole: bool,
+    /// The eldest of the agents it hangs together with: the common frame is its world.
+    pub root: String,
+    /// Maps points of the agent's world to the common frame, `tx ty tz qx qy qz qw scale`.
+    pub root_from_agent: [f64; 8],
+}
+
+/// Two agents.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PairVerdict {
+    /// Their names.
+    pub names: [String; 2],
+    /// Their identities, `UUID/EPOCH`.
+    #[serde(default)]
+    pub agents: [String; 2],
+    /// [`ACCEPTED`], [`NOT_YET`], `undecided` or `refused`.
+    pub verdict: String,
+    /// Why not, where they were not merged.
+    pub why: Option<String>,
+    /// Whether parts of their maps are being looked at, before anything is said of more.
+    #[serde(default)]
+    pub pending: bool,
+}
+
+impl Found {
+    /// What `other` found, and this of what that says nothing of. Agents that only this joins stand in one frame
+    /// afterwards, that of the most of them.
+    pub fn overlaid_by(self, other: &Self) -> Self {
+        let mut all = other.clone();
+        for new in &self.agents {
+            if all.place(&new.agent).is_none() {
+                all.agents.push(FoundAgent {
+                    root: new.agent.clone(),
+                    root_from_agent: ALONE,
+                    ..new.clone()
+                });
+            }
+        }
+        let roots: BTreeSet<&String> = self.agents.iter().map(|agent| &agent.root).collect();
+        for root in roots {
+            all.join(self.agents.iter().filter(|agent| agent.root == *root).collect());
+        }
+        let is_known = |new: &PairVerdict| {
+            let of_both = |old: &PairVerdict| new.agents.iter().all(|agent| old.agents.contains(agent));
+            other.pair_verdicts.iter().any(of_both)
+        };
+        all.pair_verdicts.extend(self.pair_verdicts.into_iter().filter(|new| !is_known(new)));
+        all
+    }
+
+    /// As it is told where no more than so many bytes can be: without what comes last, pairs before agents.
+    pub fn to_bytes_within(mut self, limit: usize) -> Vec<u8> {
+        loop {
+            let bytes = self.to_bytes();
+            if bytes.len() <= limit {
+                return bytes;
+            }
+            match self.pair_verdicts.len() {
+                0 => self.agents.truncate(self.agents.len() * 3 / 4),
+                count => self.pair_verdicts.truncate(count * 3 / 4),
+            }
+        }
+    }
+
+    /// This, and what was found of other agents.
+    pub fn and(mut self, other: Self) -> Self {
+        self.agents.extend(other.agents);
+        self.pair_verdicts.extend(other.pair_verdicts);
+        self
+    }
+
+    /// Brings agents that hang together, placed in a frame of their own, into one frame here: that in which the most
+    /// already are, of equals the one that is theirs as well, together with all who hang together with one of them.
+    fn join(&mut self, together: Vec<&FoundAgent>) {
+        let size = |root: &String| self.agents.iter().filter(|agent| agent.root == *root).count();
+        let rank = |new: &&&FoundAgent| {
+            let size = self.place(&new.agent).map_or(0, |(root, _)| size(root));
+            (size, new.agent == new.root)
+        };
+        let Some(anchor) = together.iter().max_by_key(rank) else { return };
+        let Some((root, root_from_anchor)) = self.place(&anchor.agent) else { return };
+        let root = root.clone();
+        let root_from_new = root_from_anchor * transform(&anchor.root_from_agent).inverse();
+        for new in together {
+            let Some((old_root, old_from_agent)) = self.place(&new.agent) else { continue };
+            let old_root = old_root.clone();
+            if old_root == root {
+                continue;
+            }
+            let root_from_old = root_from_new * transform(&new.root_from_agent) * old_from_agent.inverse();
+            for agent in self.agents.iter_mut().filter(|agent| agent.root == old_root) {
+                agent.root.clone_from(&root);
+                agent.root_from_agent = numbers(&(root_from_old * transform(&agent.root_from_agent)));
+            }
+        }
+    }
+
+    /// The root of an agent, and root_from_agent.
+    fn place(&self, agent: &str) -> Option<(&String, Sim3)> {
+        let found = self.agents.iter().find(|found| found.agent == agent)?;
+        Some((&found.root, transform(&found.root_from_agent)))
+    }
+
+    /// Whether an agent hangs together with another one.
+    pub fn is_joined(&self, agent: &str) -> bool {
+        let root = self.agents.iter().find(|about| about.agent == agent).map(|about| &about.root);
+        root.is_some_and(|root| self.agents.iter().any(|other| other.root == *root && other.agent != agent))
+    }
+
+    /// Says of pairs that no more is known of them than that more is looked at.
+    pub fn postpone(&mut self, is_pending: impl Fn(&[String; 2]) -> bool) {
+        for pair in self.pair_verdicts.iter_mut().filter(|pair| is_pending(&pair.agents)) {
+            (pair.pending, pair.verdict) = (true, NOT_YET.into());
+            pair.why = Some("more of both maps is being looked at".into());
+        }
+    }
+
+    /// Whether something was decided about two agents.
+    pub fn has_decided(&self, agents: &[String; 2]) -> bool {
+        let of_both = |pair: &&PairVerdict| agents.iter().all(|agent| pair.agents.contains(agent));
+        self.pair_verdicts.iter().filter(of_both).any(|pair| !pair.pending)
+    }
+
+    /// As it is told.
+    pub fn to_bytes(&self) -> Vec<u8> {
+        // Numbers and texts can always be written.
+        serde_json::to_vec(&Folded::of(self)).unwrap_or_default()
+    }
+
+    /// What others told.
+    ///
+    /// # Errors
+    /// When it is not to be understood, or places an agent where none can be.
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, String> {
+        let folded: Folded = serde_json::from_slice(bytes).map_err(|error| error.to_string())?;
+        let results = folded.unfolded()?;
+        match results.agents.iter().find(|agent| !is_place(&agent.root_from_agent)) {
+            Some(agent) => Err(format!("the place of {:?} is none: {:?}", agent.name, agent.root_from_agent)),
+            None => Ok(results),
+        }
+    }
+
+    /// How many pairs were merged.
+    pub fn accepted(&self) -> usize {
+        self.pair_verdicts.iter().filter(|pair| pair.verdict == ACCEPTED).count()
+    }
+}
+
+/// What was found, to be told to many, each what concerns it.
+pub struct ByAgent {
+    found: Arc<Found>,
+    /// Of each agent the pairs of which it is one.
+    pair_verdicts: BTreeMap<String, Vec<usize>>,
+}
+
+impl ByAgent {
+    /// Of all that was found.
+    pub fn new(found: Arc<Found>) -> Self {
+        let mut pair_verdicts = BTreeMap::<String, Vec<usize>>::new();
+        for (number, pair) in found.pair_verdicts.iter().enumerate() {
+            pair.agents.iter().for_each(|agent| pair_verdicts.entry(agent.clone()).or_default().push(number));
+        }
+        Self { found, pair_verdicts }
+    }
+
+    /// What concerns some agents: where they are, and then who stands in one frame with them, before all others; and the
+    /// pairs of which they are one, what was accepted before what was not. Of nobody in particular it is all.
+    pub fn about(&self, agents: &BTreeSet<String>) -> Found {
+        let is_one = |agent: &FoundAgent| agents.contains(&agent.agent);
+        let mut all = self.found.agents.clone();
+        let roots: BTreeSet<String> = all.iter().filter(|a| is_one(a)).map(|a| a.root.clone()).collect();
+        all.sort_by_key(|agent| (!is_one(agent), !roots.contains(&agent.root)));
+        let numbers: BTreeSet<usize> = match agents.is_empty() {
+            true => (0..self.found.pair_verdicts.len()).collect(),
+            false => {
+                agents.iter().filter_map(|agent| self.pair_verdicts.get(agent)).flatten().copied().collect()
+            }
+        };
+        let mut pair_verdicts: Vec<PairVerdict> =
+            numbers.into_iter().map(|number| self.found.pair_verdicts[number].clone()).collect();
+        pair_verdicts.sort_by_key(|pair| pair.verdict != ACCEPTED);
+        Found { agents: all, pair_verdicts }
+    }
+}
+
+/// `tx ty tz qx qy qz qw scale` of a transform.
+pub fn numbers(transform: &Sim3) -> [f64; 8] {
+    let [tx, ty, tz, qx, qy, qz, qw] = transform.rigid().to_tum();
+    [tx, ty, tz, qx, qy, qz, qw, transform.scale]
+}
+
+/// Whether `tx ty tz qx qy qz qw scale` is a transform: finite numbers, a unit quaternion, a scale above 0.
+fn is_place(numbers: &[f64; 8]) -> bool {
+    let norm = numbers[3..7].iter().map(|q| q * q).sum::<f64>();
+    (norm - 1.0).abs() < 1e-6 && transform(numbers).is_valid()
+}
+
+/// The transform of `tx ty tz qx qy qz qw scale`.
+fn transform(numbers: &[f64; 8]) -> Sim3 {
+    let [tx, ty, tz, qx, qy, qz, qw, scale] = *numbers;
+    let rigid = Se3::from_tum([tx, ty, tz, qx, qy, qz, qw]);
+    Sim3::new(rigid.rotation, rigid.translation, scale)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::collection::vec;
+    use proptest::prelude::*;
+    use proptest::sample::Index;
+
+    /// Agents by name, each with its root and how far along x and by which scale it stands in the root's world.
+    fn found(agents: &[(&str, &str, f64, f64)]) -> Found {
+        let agent = |(agent, root, x, scale): &(&str, &str, f64, f64)| FoundAgent {
+            agent: (*agent).into(),
+            name: (*agent).into(),
+            keyframes: 9,
+            whole: true,
+            root: (*root).into(),
+            root_from_agent: [*x, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, *scale],
+        };
+        Found { agents: agents.iter().map(agent).collect(), pair_verdicts: Vec::new() }
+    }
+
+    fn places(found: &Found) -> Vec<(&str, &str, f64, f64)> {
+        let place = |agent: &FoundAgent| agent.root_from_agent;
+        let agents = found.agents.iter();
+        agents.map(|a| (a.agent.as_str(), a.root.as_str(), place(a)[0], place(a)[7])).collect()
+    }
+
+    /// The map of one agent is whole and was looked at alone, then parts of it and of another's meet.
+    #[test]
+    fn who_was_alone_is_placed_by_whom_it_meets() {
+        let alone = found(&[("b", "b", 0.0, 1.0)]);
+        let parts = found(&[("a", "a", 0.0, 1.0), ("b", "a", 4.0, 2.0)]);
+        assert_eq!(places(&parts.overlaid_by(&alone)), [("b", "a", 4.0, 2.0), ("a", "a", 0.0, 1.0)]);
+    }
+
+    #[test]
+    fn components_that_meet_by_parts_become_one() {
+        let whole =
+            found(&[("a", "a", 0.0, 1.0), ("b", "a", 4.0, 2.0), ("c", "c", 0.0, 1.0), ("d", "c", 1.0, 1.0)]);
+        // d's world begins one of b's units, two of a's, from b's, and has b's scale.
+        let parts = found(&[("b", "b", 0.0, 1.0), ("d", "b", 1.0, 1.0)]);
+        let together =
+            [("a", "a", 0.0, 1.0), ("b", "a", 4.0, 2.0), ("c", "a", 4.0, 2.0), ("d", "a", 6.0, 2.0)];
+        assert_eq!(places(&parts.overlaid_by(&whole)), together);
+        // What whole maps say of each other stands.
+        let other = found(&[("a", "a", 0.0, 1.0), ("b", "a", 5.0, 3.0)]);
+        assert_eq!(places(&other.overlaid_by(&whole)), places(&whole));
+        assert_eq!(places(&Found::default().overlaid_by(&whole)), places(&whole));
+    }
+
+    #[test]
+    fn places_where_none_can_be_are_refused() {
+        let read = |found: &Found| Found::from_bytes(&found.to_bytes());
+        let results = found(&[("a", "a", 0.0, 1.0), ("b", "a", 4.0, 2.0)]);
+        assert_eq!(read(&results), Ok(results.clone()));
+        for (number, value) in [(6, 0.0), (6, 2.0), (7, 0.0), (7, -1.0)] {
+            let mut wrong = results.clone();
+            wrong.agents[1].root_from_agent[number] = value;
+            assert!(read(&wrong).unwrap_err().contains("the place of \"b\" is none"), "{number} {value}");
+        }
+        // What JSON has no number for is written as null.
+        let mut wrong = results.clone();
+        wrong.agents[1].root_from_agent[0] = f64::NAN;
+        assert!(read(&wrong).is_err());
+        let huge = String::from_utf8(results.to_bytes()).unwrap().replace("4.0", "4e999");
+        assert!(Found::from_bytes(huge.as_bytes()).is_err());
+    }
+
+    /// What a neighbour may tell: agents that share roots, or have roots that nobody has, and any meetings of them.
+    fn anything() -> impl Strategy<Value = Found> {
+        let agent = (0..5u8, 0..7u8, -1e6..1e6f64, 1e-3..1e3f64);
+        let pair = (0..7u8, 0..7u8, 0..3usize, any::<bool>());
+        (vec(agent, 0..6), vec(pair, 0..9)).prop_map(|(agents, pair_verdicts)| {
+            let agents = agents.into_iter().map(|(agent, root, x, scale)| FoundAgent {
+                agent: agent.to_string(),
+                name: format!("\"{agent}\u{e9}"),
+                keyframes: 9,
+                whole: true,
+                root: root.to_string(),
+                root_from_agent: [x, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, scale],
+            });
+            let pair_verdicts = pair_verdicts.into_iter().map(|(a, b, verdict, pending)| PairVerdict {
+                names: [a, b].map(|agent| agent.to_string()),
+                agents: [a, b].map(|agent| agent.to_string()),
+                verdict: ["accepted", "undecided", "refused"][verdict].into(),
+                why: pending.then(|| "it is looked at".into()),
+                pending,
+            });
+            Found { agents: agents.collect(), pair_verdicts: pair_verdicts.collect() }
+        })
+    }
+
+    /// So many agents, of which every two were looked at, each with a reason of its own, as reasons are.
+    fn of_hundreds(count: usize) -> (Vec<String>, Found) {
+        let named =
+            |number: usize| (format!("00000000-0000-8000-8000-{number:012}/0"), format!("agent-{number:03}"));
+        let agents: Vec<String> = (0..count).map(|number| named(number).0).collect();
+        let mut results =
+            found(&agents.iter().map(|agent| (&**agent, &*agents[0], 0.5, 1.0)).collect::<Vec<_>>());
+        for (a, b) in (0..count).flat_map(|b| (0..b).map(move |a| (a, b))) {
+            let ((one, first), (other, second)) = (named(a), named(b));
+            let reason = format!(
+                "0.{a:03} of all pixels with depth agree with what the other one saw, and 0.{b:03} of those near; 0.25 are \
+                 needed: things that repeat look like that"
+            );
+            let verdict = if a + 1 == b { ACCEPTED } else { "refused" };
+            let why = (verdict != ACCEPTED).then_some(reason);
+            let (names, agents, verdict) = ([first, second], [one, other], verdict.to_owned());
+            results.pair_verdicts.push(PairVerdict { names, agents, verdict, why, pending: false });
+        }
+        (agents, results)
+    }
+
+    #[test]
+    fn of_hundreds_of_agents_each_receives_all_that_concerns_it() {
+        let limit = crate::manifest::MAX_LIST as usize;
+        for count in [100, 300] {
+            let (agents, all) = of_hundreds(count);
+            assert!(count < 300 || all.to_bytes().len() > limit);
+            let all = ByAgent::new(all.into());
+            for own in [0, count / 2, count - 1] {
+                let bytes = all.about(&[agents[own].clone()].into()).to_bytes_within(limit);
+                assert!(bytes.len() < limit / 4, "{}", bytes.len());
+                let read = Found::from_bytes(&bytes).unwrap();
+                assert_eq!((read.agents.len(), read.pair_verdicts.len()), (count, count - 1));
+                assert_eq!(read.agents[0].agent, agents[own]);
+                assert_eq!(read.accepted(), if own == 0 || own == count - 1 { 1 } else { 2 });
+            }
+        }
+        // A station that tells nothing itself is told what fits: who met before who did not.
+        let (_, all) = of_hundreds(300);
+        let bytes = ByAgent::new(all.into()).about(&BTreeSet::new()).to_bytes_within(limit);
+        let read = Found::from_bytes(&bytes).unwrap();
+        assert!(bytes.len() <= limit && read.agents.len() == 300 && read.accepted() == 299);
+        assert!(read.pair_verdicts.len() > 300);
+    }
+
+    #[test]
+    fn versions_before_are_understood_and_pairs_of_nobody_and_endless_texts_are_not() {
+        let mut results = found(&[("a", "a", 0.0, 1.0)]);
+        let (names, agents) = (["a".into(), "b".into()], ["a".into(), "b".into()]);
+        results.pair_verdicts.push(PairVerdict {
+            names,
+            agents,
+            verdict: "accepted".into(),
+            why: None,
+            pending: false,
+        });
+        let before = serde_json::to_vec(&results).unwrap();
+        assert_eq!(Found::from_bytes(&before), Ok(results));
+        let read = |text: &str| Found::from_bytes(text.as_bytes()).unwrap_err();
+        assert!(
+            read(r#"{"who":[["a","a"]],"texts":["x"],"pairs":[[0,1,0,null,false]]}"#)
+                .contains("agent 1 of 1")
+        );
+        assert!(
+            read(r#"{"who":[["a","a"]],"texts":["x"],"pairs":[[0,0,0,7,false]]}"#).contains("text 7 of 1")
+        );
+        let pairs = vec!["[0,0,0,0,false]"; 1000].join(",");
+        let long = format!(r#"{{"who":[["a","a"]],"texts":["{}"],"pairs":[{pairs}]}}"#, "x".repeat(1 << 19));
+        assert!(read(&long).contains("more text than may be told"));
+    }
+
+    proptest! {
+        /// Bytes of a message that was told, some of them damaged, are refused or say what can be.
+        #[test]
+        fn damaged_bytes_are_refused_or_say_what_can_be(
+            results in anything(), damage in vec((any::<Index>(), any::<u8>()), 0..4), end in any::<Index>(), is_cut: bool,
+        ) {
+            let mut bytes = results.to_bytes();
+            for (place, byte) in &damage {
+                let place = place.index(bytes.len());
+                bytes[place] = *byte;
+            }
+            if is_cut {
+                bytes.truncate(end.index(bytes.len()));
+            }
+            match Found::from_bytes(&bytes) {
+                Ok(read) => {
+                    prop_assert!(read.agents.iter().all(|agent| is_place(&agent.root_from_agent)));
+                    prop_assert!(!damage.is_empty() || read.pair_verdicts == results.pair_verdicts);
+                }
+                Err(why) => prop_assert!(!why.is_empty() && (is_cut || !damage.is_empty())),
+            }
+        }
+
+        /// Whatever was told before, agents stay where they can be, and each stands there once.
+        #[test]
+        fn overlaid_results_are_what_can_be(new in anything(), old in anything()) {
+            let agents = |found: &Found| found.agents.iter().map(|agent| agent.agent.clone()).collect::<BTreeSet<_>>();
+            let all = new.clone().overlaid_by(&old);
+            prop_assert_eq!(agents(&all), &agents(&new) | &agents(&old));
+            prop_assert!(all.agents.len() <= old.agents.len() + agents(&new).len());
+            prop_assert!(all.agents.iter().all(|agent| transform(&agent.root_from_agent).is_valid()));
+        }
+    }
+}

@@ -1,0 +1,93 @@
+//! The joint pose graph of all maps, and the writing of the common map, by copies that share all that is large: so it can be
+//! done while more is merged.
+
+use crate::fleet::agents::Inputs;
+use crate::fleet::merge_results::found;
+use crate::fleet::remembering::Content;
+use crate::merging::{
+    Input, MergeRecord, Merging, MergingParams, Names, PairResult, common_map, write_results,
+};
+use crate::results::Results;
+use anyhow::Result;
+use fleet::merge_results::Found;
+use map::Identity;
+use merge::common_map::Fused;
+use std::collections::BTreeSet;
+use std::time::{Duration, Instant};
+
+/// What is to be settled.
+pub(super) struct Job {
+    /// Counts what the merging looked at: which state of it this is.
+    pub revision: u64,
+    /// The maps.
+    pub maps: Inputs<Input>,
+    /// The pairs of which more is to be looked at.
+    pub open: BTreeSet<[usize; 2]>,
+    /// What they made of each other.
+    pub pair_results: Vec<PairResult>,
+    /// How they are merged.
+    pub params: MergingParams,
+    /// Where the common map is written.
+    pub results: Results,
+    /// Whether it is.
+    pub writes: bool,
+}
+
+/// What came of it.
+pub(super) struct Outcome {
+    /// Of which state.
+    pub revision: u64,
+    /// Where common maps are written.
+    pub results: Results,
+    /// How long the joint pose graph took.
+    pub took: Duration,
+    /// The common maps.
+    pub optimised: Result<Optimised>,
+}
+
+/// The common maps of all agents.
+pub(super) struct Optimised {
+    /// A map for each group of agents that hang together.
+    pub fused: Vec<Fused>,
+    /// Where the agents are.
+    pub found: Found,
+    /// Merges that the joint pose graph took back, and why.
+    pub undone: Vec<([Identity; 2], String)>,
+    /// Whether any two met; otherwise there is nothing to write.
+    pub has_met: bool,
+    /// How it was written, if it was to be.
+    pub written: Option<Result<()>>,
+}
+
+/// Makes the joint pose graph, and writes the common map where that is to be done.
+pub(super) fn optimise(mut job: Job) -> Outcome {
+    let begun = Instant::now();
+    let made = common_map(&job.maps.inputs, std::mem::take(&mut job.pair_results), &job.params, true, &[]);
+    let took = begun.elapsed();
+    let optimised = made.map(|merging| Optimised {
+        found: found(&job.maps.inputs, &merging, &job.maps.whole, |pair| job.open.contains(&pair)),
+        undone: undone_by(&merging, &job.maps.contents),
+        has_met: merging.anything_met(),
+        written: (job.writes && merging.anything_met()).then(|| write(&mut job, &merging)),
+        fused: merging.fused,
+    });
+    Outcome { revision: job.revision, results: job.results, took, optimised }
+}
+
+fn write(job: &mut Job, merging: &Merging) -> Result<()> {
+    job.results.start_over()?;
+    let names = Names::new(&merging.common);
+    let mut record = MergeRecord::new(&job.maps.inputs, merging, &job.params, &names)?;
+    write_results(&mut job.results, &job.maps.inputs, merging, &names, &mut record)?;
+    job.results.commit()
+}
+
+/// The merges that were taken back, by whose maps they were of, and why.
+fn undone_by(merging: &Merging, contents: &[Content]) -> Vec<([Identity; 2], String)> {
+    let joined = merging.pair_results.iter().filter(|pair_result| pair_result.joined.is_some());
+    let undone = joined.filter_map(|pair_result| {
+        let why = merging.undone(pair_result)?.to_owned();
+        Some((pair_result.as_given().map(|map| contents[map].agent), why))
+    });
+    undone.collect()
+}

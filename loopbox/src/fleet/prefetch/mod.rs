@@ -1,0 +1,479 @@
+//! Where agents met, found out by as few bytes as it takes: which objects of two maps are worth fetching next, and when
+//! there are enough of them to merge these parts.
+//!
+//! ```text
+//! digests of all keyframes → features of those whose words are alike → images and depths at the likeliest place,
+//! → merge → those of keyframes that overlap by the motion found → merge → the verdict
+//! ```
+//!
+//! A verdict on parts rests on the same lines as one on whole maps. What of these the rest of both maps is asked for
+//! would be empty where only the place itself is here, so that it is asked for before the verdict is told.
+
+mod known_map;
+mod pair;
+
+use super::components::Components;
+use fleet::manifest::Kind;
+use fleet::node::MapSnapshot;
+use fleet::store::Objects;
+use geometry::Sim3;
+use known_map::KnownMap;
+use map::{Identity, KeyframeId};
+use merge::further::{FurtherParams, worth_trying};
+use pair::{Budget, Pair, Step};
+use place_recog::Vocabulary;
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+
+/// Further keyframe pairs that are asked for at a motion that was found; at most as many as merging tries.
+const CONFIRMING: usize = 4;
+/// What is looked at in one batch of maps that are new: with features that were read before it takes some 0.1 s.
+const GO: Budget = Budget { keyframes: 2000, choices: 6 };
+
+/// What is known of all agents' maps, and of every two of them.
+pub(super) struct Prefetcher {
+    vocabulary: Arc<Vocabulary>,
+    agents: BTreeMap<Identity, KnownMap>,
+    pairs: BTreeMap<[Identity; 2], Pair>,
+    /// Agents of whom all is fetched.
+    released: BTreeSet<Identity>,
+}
+
+/// What is to be done next.
+#[derive(Default)]
+pub(super) struct Plan {
+    /// Objects to be fetched of each agent's map, the most urgent first, and whether all others too.
+    pub wanted: BTreeMap<Identity, (Vec<(Kind, u32)>, bool)>,
+    /// The keyframes by which it is to be seen now who met whom; nothing while that takes more objects.
+    pub ready: Option<BTreeMap<Identity, BTreeSet<KeyframeId>>>,
+    /// The pairs of which it is to be seen, the smaller identity first, and how likely each is.
+    pub pairs: Vec<([Identity; 2], f32)>,
+    /// Whether there is more to look at than fits into one go.
+    pub is_cut: bool,
+    /// Maps of which all is fetched.
+    pub released: BTreeSet<Identity>,
+    /// Who told what is none.
+    pub wrong: Vec<(Identity, String)>,
+}
+
+/// Two agents that met, as merging has it.
+pub(super) struct Met<'a> {
+    /// Whose map is the target, and whose the source.
+    pub agents: [Identity; 2],
+    /// target_world_from_source_world.
+    pub motion: Sim3,
+    /// The closures that it rests on.
+    pub edges: &'a [map::Edge],
+}
+
+impl Prefetcher {
+    /// Of nobody yet.
+    pub fn new(vocabulary: Arc<Vocabulary>) -> Self {
+        let (agents, pairs, released) = Default::default();
+        Self { vocabulary, agents, pairs, released }
+    }
+
+    /// What to do, by what is here of all agents' maps. Pairs that are looked at `elsewhere`, the smaller identity
+    /// first, are left to whoever does; some of the maps are one's `own`. Of agents that are in one component no more is to be
+    /// seen by parts of their maps: all of these says how they lie to each other.
+    pub fn plan(
+        &mut self,
+        all: &[MapSnapshot],
+        own: &[Identity],
+        store: &dyn Objects,
+        elsewhere: &BTreeSet<[Identity; 2]>,
+        components: &Components,
+    ) -> Plan {
+        let mut plan = Plan::default();
+        for snapshot in all {
+            let known_map = self.agents.entry(snapshot.agent).or_default();
+            if let Err(reason) = known_map.take(snapshot, store, &self.vocabulary) {
+                plan.wrong.push((snapshot.agent, reason));
+            }
+        }
+        let there: BTreeSet<Identity> = all.iter().map(|snapshot| snapshot.agent).collect();
+        self.agents.retain(|agent, _| there.contains(agent));
+        // What is looked at just now is judged when that is done.
+        let is_kept = |pair: &[Identity; 2]| pair.iter().all(|agent| there.contains(agent));
+        self.pairs.retain(|pair, _| elsewhere.contains(pair) || is_kept(pair));
+        let agents: Vec<Identity> = self.agents.keys().copied().collect();
+        let away: BTreeSet<Identity> =
+            all.iter().filter(|snapshot| !snapshot.is_near).map(|snapshot| snapshot.agent).collect();
+        let (mut busy, mut subset) = (BTreeSet::new(), BTreeMap::<_, BTreeSet<_>>::new());
+        let mut wanted = BTreeMap::<Identity, Vec<(Kind, u32)>>::new();
+        let mut budget = GO;
+        let here =
+            all.iter().filter(|snapshot| snapshot.missing == 0 && self.released.contains(&snapshot.agent));
+        let here: BTreeSet<Identity> = here.map(|snapshot| snapshot.agent).collect();
+        for names in self.in_order(&agents, &here, components) {
+            let pair = self.pairs.entry(names).or_default();
+            if elsewhere.contains(&names) {
+                busy.extend(kept(names, &away));
+                continue;
+            }
+            let [Some(mut a), Some(mut b)] = names.map(|name| self.agents.remove(&name)) else {
+                continue;
+            };
+            // Who is in a component is fetched for good: it is not waited for what others make of it.
+            let is_kept = pair.is_confirming();
+            let is_kept = |agent: &Identity| is_kept || !components.is_joined(agent);
+            match pair.step([&mut a, &mut b], store, &self.vocabulary, &mut budget) {
+                Step::Idle => {}
+                Step::Later => {
+                    plan.is_cut = true;
+                    busy.extend(names.into_iter().filter(is_kept));
+                }
+                Step::Waits => {
+                    for (agent, known_map) in names.into_iter().zip([&a, &b]) {
+                        wanted.entry(agent).or_default().push_new(known_map.lacking_digests());
+                    }
+                }
+                Step::Fetch(objects) => {
+                    let lacking = names.into_iter().zip(&objects).filter(|(_, lacking)| !lacking.is_empty());
+                    let awaited = lacking.map(|(agent, _)| agent).filter(|agent| away.contains(agent));
+                    busy.extend(kept(names, &awaited.collect()).filter(is_kept));
+                    for (agent, objects) in names.into_iter().zip(objects) {
+                        wanted.entry(agent).or_default().push_new(objects);
+                    }
+                }
+                Step::Ready => {
+                    busy.extend(names.into_iter().filter(is_kept));
+                    plan.pairs.push((names, pair.urgency().1));
+                }
+            }
+            let keyframes = names.into_iter().zip(pair.keyframes([&a, &b]));
+            for (agent, keyframes) in keyframes.filter(|(_, keyframes)| !keyframes.is_empty()) {
+                subset.entry(agent).or_default().extend(keyframes);
+            }
+            self.agents.extend(names.into_iter().zip([a, b]));
+        }
+        // A map whose digests are all here, and that is about to be compared with none, is fetched for good, and so is
+        // one that can meet none, or that goes on and met one: nobody asks for its further digests then. What is one's own is here anyway, and is put together when it is to be merged with others.
+        let is_alone = |agent: &Identity| {
+            let mut others = agents.iter().filter(|other| *other != agent);
+            !others.any(|other| self.may_meet(agent, other))
+        };
+        let is_here = |agent: &Identity| {
+            self.agents[agent].missing == 0 || is_alone(agent) || components.is_joined(agent)
+        };
+        let is_done = |agent: &&Identity| !busy.contains(*agent) && is_here(agent);
+        let (ready_own, others): (Vec<Identity>, Vec<Identity>) =
+            agents.iter().filter(is_done).partition(|agent| own.contains(agent));
+        self.released.extend(others);
+        let meets = |one: &Identity| {
+            let mut others = self.released.iter().filter(|other| !own.contains(other));
+            others.any(|other| self.may_meet(one, other))
+        };
+        let paired: Vec<Identity> = ready_own.into_iter().filter(meets).collect();
+        self.released.extend(paired);
+        plan.released.clone_from(&self.released);
+        let mut of =
+            |agent: &Identity| (wanted.remove(agent).unwrap_or_default(), self.released.contains(agent));
+        plan.wanted = agents.iter().map(|agent| (*agent, of(agent))).collect();
+        plan.ready = (!plan.pairs.is_empty()).then_some(subset);
+        plan
+    }
+
+    /// The pairs that are to be looked at, those aside of whom all is `here` or who are in one component; the smaller identity first, the most urgent before all others.
+    fn in_order(
+        &mut self,
+        agents: &[Identity],
+        here: &BTreeSet<Identity>,
+        components: &Components,
+    ) -> Vec<[Identity; 2]> {
+        let firsts = components.firsts(agents);
+        let are_here: Vec<bool> = agents.iter().map(|agent| here.contains(agent)).collect();
+        let mut order = Vec::new();
+        for (number, one) in agents.iter().enumerate() {
+            for (at, (other, first)) in agents[..number].iter().zip(&firsts).enumerate() {
+                if !self.may_meet(one, other) {
+                    continue;
+                }
+                let pair = self.pairs.entry([*other, *one]).or_default();
+                // Where all of both is here, they are merged as wholes anyway.
+                let are_whole = are_here[number] && are_here[at];
+                if are_whole || *first == firsts[number] && !pair.is_confirming() {
+                    if pair.is_pending() {
+                        pair.give_up();
+                    }
+                    continue;
+                }
+                order.push((pair.urgency(), [*other, *one]));
+            }
+        }
+        // Stable: of equals the first.
+        order.sort_by(|(a, _), (b, _)| b.0.cmp(&a.0).then(b.1.total_cmp(&a.1)));
+        order.into_iter().map(|(_, names)| names).collect()
+    }
+
+    /// Whether two agents may meet; cameras do not meet LiDARs.
+    fn may_meet(&self, one: &Identity, other: &Identity) -> bool {
+        let prefetcher = self.agents.get(one).zip(self.agents.get(other));
+        prefetcher.is_none_or(|(one, other)| one.may_meet(other))
+    }
+
+    /// Takes note of what a merge of the parts found of the pairs that were `looked_at`, the smaller identity first: those that
+    /// met. Others that were ready meanwhile still are, and who is gone meanwhile met nobody.
+    pub fn record_outcome(&mut self, met: &[Met], looked_at: &BTreeSet<[Identity; 2]>, store: &dyn Objects) {
+        let is_there = |names: &[Identity; 2]| names.iter().all(|name| self.agents.contains_key(name));
+        let ready = looked_at.iter().filter(|names| self.pairs.get(*names).is_some_and(Pair::is_ready));
+        let ready: Vec<[Identity; 2]> = ready.filter(|names| is_there(names)).copied().collect();
+        for names in ready {
+            let found = met.iter().find(|met| names.iter().all(|name| met.agents.contains(name)));
+            let keyframes = found.map(|met| self.overlapping(names, met, store));
+            let [a, b] = names.map(|name| &self.agents[&name]);
+            let Some(pair) = self.pairs.get_mut(&names) else { continue };
+            let here = pair.keyframes([a, b]);
+            let has_all = |keyframes: &[Vec<KeyframeId>; 2]| {
+                keyframes.iter().zip(&here).all(|(wanted, here)| wanted.iter().all(|id| here.contains(id)))
+            };
+            match keyframes {
+                Some(keyframes) if has_all(&keyframes) => pair.met(),
+                keyframes => pair.record_outcome(keyframes),
+            }
+        }
+    }
+
+    /// Pairs of whose maps more is to be looked at before anything is said of them.
+    pub fn pending(&self) -> Vec<[Identity; 2]> {
+        self.pairs.iter().filter(|(_, pair)| pair.is_pending()).map(|(names, _)| *names).collect()
+    }
+
+    /// Takes note of pairs that met by all that is here.
+    pub fn met(&mut self, met: &[Met]) {
+        for (names, pair) in &mut self.pairs {
+            if met.iter().any(|met| names.iter().all(|name| met.agents.contains(name))) {
+                pair.met();
+            }
+        }
+    }
+
+    /// The keyframes of both agents that overlap by their motion and are to be looked at.
+    fn overlapping(&self, names: [Identity; 2], met: &Met, store: &dyn Objects) -> [Vec<KeyframeId>; 2] {
+        let [target, source] = met.agents.map(|agent| &self.agents[&agent]);
+        let (Some((to_camera, to_poses)), Some((from_camera, from_poses))) =
+            (target.places(store), source.places(store))
+        else {
+            return Default::default();
+        };
+        let (sources, targets) =
+            (source.glimpses(&from_camera, &from_poses), target.glimpses(&to_camera, &to_poses));
+        let params = FurtherParams { max_closures: CONFIRMING, ..FurtherParams::default() };
+        let pairs = worth_trying(&sources, &targets, &met.motion, met.edges, &params);
+        let (of_source, of_target): (Vec<_>, Vec<_>) = pairs.into_iter().unzip();
+        if names[0] == met.agents[0] { [of_target, of_source] } else { [of_source, of_target] }
+    }
+}
+
+/// Who of two agents is kept for what is to be seen of both, where some are `awaited` who are not there: these, if any of
+/// the two is. When they come back nobody knows, and the other one is not to wait for it.
+fn kept(names: [Identity; 2], awaited: &BTreeSet<Identity>) -> impl Iterator<Item = Identity> {
+    let is_any = names.iter().any(|agent| awaited.contains(agent));
+    names.into_iter().filter(move |agent| !is_any || awaited.contains(agent))
+}
+
+/// A list in which everything is once.
+trait PushNew<T> {
+    fn push_new(&mut self, more: Vec<T>);
+}
+
+impl<T: PartialEq> PushNew<T> for Vec<T> {
+    fn push_new(&mut self, more: Vec<T>) {
+        more.into_iter().for_each(|one| {
+            if !self.contains(&one) {
+                self.push(one);
+            }
+        });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use fleet::hash::ObjectHash;
+    use fleet::lossy_codec::digest::Digest;
+    use fleet::manifest::Entry;
+    use fleet::store::MemoryStore;
+    use map::Uuid;
+    use place_recog::{WordBag, WordId};
+
+    fn agent(number: u128) -> Identity {
+        Identity { uuid: Uuid::from_u128(number), epoch: 0 }
+    }
+
+    /// A map of one keyframe of which nothing is here but its lists.
+    fn listed(number: u128, kinds: &[Kind]) -> MapSnapshot {
+        let object = |&kind: &Kind| {
+            let hash = ObjectHash::of(&[kind as u8, number as u8]);
+            Entry { kind, number: 0, revision: 0, size: 9, hash }
+        };
+        let entries: Vec<Entry> = kinds.iter().map(object).collect();
+        let missing = entries.len();
+        snapshot(number, entries, missing)
+    }
+
+    fn snapshot(number: u128, entries: Vec<Entry>, missing: usize) -> MapSnapshot {
+        let (agent, entries) = (agent(number), entries.into());
+        MapSnapshot { agent, begun: 0, entries, missing, came: 0, finished: false, is_near: true }
+    }
+
+    /// A map of three keyframes that look like those of every other such map, of which nothing but the digests is here.
+    fn digested(number: u128, store: &MemoryStore) -> MapSnapshot {
+        let mut entries = Vec::new();
+        for keyframe in 0..3 {
+            let words = WordBag::new((0..40).map(|word| WordId(100 * keyframe + word)));
+            let (timestamp, linked, samples) = (f64::from(keyframe), Vec::new(), vec![(9, 0.5)]);
+            let digest = Digest { timestamp, frame_index: 0, linked, words, samples };
+            let digest = digest.to_bytes(KeyframeId(keyframe));
+            store.put(&ObjectHash::of(&digest), digest.clone().into());
+            let features = [number as u8, keyframe as u8];
+            for (kind, bytes) in [(Kind::Digest, &digest[..]), (Kind::Features, &features)] {
+                let (hash, size) = (ObjectHash::of(bytes), bytes.len() as u32);
+                entries.push(Entry { kind, number: keyframe, revision: 0, size, hash });
+            }
+        }
+        snapshot(number, entries, 3)
+    }
+
+    const CAMERA: [Kind; 3] = [Kind::Digest, Kind::Depth, Kind::Image];
+    const LIDAR: [Kind; 2] = [Kind::Depth, Kind::Scan];
+
+    fn plan(all: &[MapSnapshot], own: &[Identity], elsewhere: &[[Identity; 2]]) -> Plan {
+        let mut prefetcher = Prefetcher::new(Vocabulary::shipped());
+        let elsewhere = elsewhere.iter().copied().collect();
+        prefetcher.plan(all, own, &MemoryStore::default(), &elsewhere, &Components::default())
+    }
+
+    #[test]
+    fn who_can_meet_nobody_is_fetched_and_cameras_do_not_meet_lidars() {
+        let (camera, lidar) = (listed(1, &CAMERA), listed(2, &LIDAR));
+        // To whomever the pair is left, there is nothing to look at.
+        let both = plan(&[camera.clone(), lidar.clone()], &[], &[[agent(1), agent(2)]]);
+        assert_eq!(both.released, [agent(1), agent(2)].into());
+        assert!(
+            both.ready.is_none() && both.wanted.values().all(|(objects, rest)| objects.is_empty() && *rest)
+        );
+        // What is one's own is needed where another comes that it may meet.
+        let own = [agent(2)];
+        let together = plan(&[camera.clone(), lidar.clone()], &own, &[]);
+        assert_eq!(together.released, [agent(1)].into());
+        let together = plan(&[camera.clone(), lidar, listed(3, &LIDAR)], &own, &[]);
+        assert_eq!(together.released, [agent(1), agent(2), agent(3)].into());
+        // Cameras are asked for their digests first.
+        let cameras = plan(&[camera, listed(4, &CAMERA)], &[], &[]);
+        assert!(cameras.released.is_empty());
+        assert_eq!(cameras.wanted[&agent(4)], (vec![(Kind::Digest, 0)], false));
+    }
+
+    /// Two agents of LiDARs without a station: one looks, and the other waits for what it finds.
+    #[test]
+    fn lidars_that_another_one_looks_at_are_left_to_it() {
+        let pair = [agent(2), agent(3)];
+        let (own, other) = (listed(3, &LIDAR), listed(2, &LIDAR));
+        assert!(plan(&[own.clone(), other.clone()], &[agent(3)], &[pair]).released.is_empty());
+        assert_eq!(plan(&[own, other], &[agent(3)], &[]).released, pair.into());
+    }
+
+    /// One is gone or stands still, and nobody knows for how long: what is asked of it stays asked, and all of the other is
+    /// fetched meanwhile.
+    #[test]
+    fn who_is_not_there_keeps_nobody() {
+        let store = MemoryStore::default();
+        let maps = [1, 2].map(|number| digested(number, &store));
+        let mut prefetcher = Prefetcher::new(Vocabulary::shipped());
+        let mut plan = |near: [bool; 2]| {
+            let maps =
+                maps.iter().zip(near).map(|(snapshot, is_near)| MapSnapshot { is_near, ..snapshot.clone() });
+            let components = Components::default();
+            prefetcher.plan(&maps.collect::<Vec<_>>(), &[], &store, &BTreeSet::new(), &components)
+        };
+        let features: Vec<(Kind, u32)> = (0..3).map(|number| (Kind::Features, number)).collect();
+        let fetches = |plan: &Plan, number: u128| {
+            let (objects, rest) = &plan.wanted[&agent(number)];
+            (objects.iter().all(|object| features.contains(object)) && !objects.is_empty(), *rest)
+        };
+        // While both are there, all else of either waits for what is to be seen of both.
+        let both = plan([true, true]);
+        assert_eq!((fetches(&both, 1), fetches(&both, 2)), ((true, false), (true, false)));
+        let one = plan([true, false]);
+        assert_eq!((fetches(&one, 1), fetches(&one, 2)), ((true, true), (true, false)));
+        assert_eq!(one.released, [agent(1)].into());
+        // The pair is not forgotten when it is back.
+        assert_eq!(fetches(&plan([true, true]), 2), (true, false));
+    }
+
+    /// While pairs are looked at others become ready, and agents go.
+    #[test]
+    fn only_pairs_that_were_looked_at_get_an_outcome() {
+        let store = MemoryStore::default();
+        let maps = [1, 2, 3].map(|number| {
+            let map = digested(number, &store);
+            let features = (0..3).map(|keyframe| [number as u8, keyframe]);
+            features.for_each(|bytes| store.put(&ObjectHash::of(&bytes), bytes.as_slice().into()));
+            map
+        });
+        let mut prefetcher = Prefetcher::new(Vocabulary::shipped());
+        let ready =
+            |prefetcher: &mut Prefetcher, maps: &[MapSnapshot], looked_at: &BTreeSet<[Identity; 2]>| {
+                let plan = prefetcher.plan(maps, &[], &store, looked_at, &Components::default());
+                plan.pairs.into_iter().map(|(names, _)| names).collect::<BTreeSet<_>>()
+            };
+        let looked_at = ready(&mut prefetcher, &maps[..2], &BTreeSet::new());
+        assert_eq!(looked_at, [[agent(1), agent(2)]].into());
+        let meanwhile = ready(&mut prefetcher, &maps, &looked_at);
+        assert_eq!(meanwhile, [[agent(1), agent(3)], [agent(2), agent(3)]].into());
+        let are_ready = |prefetcher: &Prefetcher| {
+            let ready = prefetcher.pairs.iter().filter(|(_, pair)| pair.is_ready());
+            ready.map(|(names, _)| *names).collect::<BTreeSet<_>>()
+        };
+        prefetcher.record_outcome(&[], &looked_at, &store);
+        assert_eq!(are_ready(&prefetcher), meanwhile);
+        let pair = ready(&mut prefetcher, &maps[..2], &meanwhile);
+        assert_eq!(pair, looked_at);
+        prefetcher.record_outcome(&[], &meanwhile, &store);
+        assert_eq!(are_ready(&prefetcher), looked_at.union(&meanwhile).copied().collect());
+    }
+
+    /// Nobody is fetched for good before it was looked at what it may be compared with.
+    #[test]
+    fn many_maps_that_come_at_once_are_verified_in_batches() {
+        let store = MemoryStore::default();
+        let maps: Vec<MapSnapshot> = (1..=40).map(|number| digested(number, &store)).collect();
+        let mut prefetcher = Prefetcher::new(Vocabulary::shipped());
+        let mut plan = || prefetcher.plan(&maps, &[], &store, &BTreeSet::new(), &Components::default());
+        let first = plan();
+        assert!(first.is_cut && first.released.is_empty());
+        let second = plan();
+        assert!(!second.is_cut && second.released.is_empty());
+        assert!(second.wanted.values().all(|(objects, _)| !objects.is_empty()));
+    }
+
+    /// All of their maps says how they lie to each other; of who is alone a part may say where it is.
+    #[test]
+    fn who_hang_together_are_fetched_and_compared_with_others_only() {
+        let store = MemoryStore::default();
+        let maps = [1, 2, 3].map(|number| digested(number, &store));
+        let components = Components::of_one(&[agent(1), agent(2)]);
+        let mut prefetcher = Prefetcher::new(Vocabulary::shipped());
+        let plan = prefetcher.plan(&maps, &[], &store, &BTreeSet::new(), &components);
+        assert_eq!(plan.released, [agent(1), agent(2)].into());
+        let all = plan.wanted.values().map(|(objects, rest)| (objects.is_empty(), *rest));
+        assert_eq!(all.collect::<Vec<_>>(), [(false, true), (false, true), (false, false)]);
+        let pair = prefetcher.plan(&maps[..2], &[], &store, &BTreeSet::new(), &components);
+        assert!(pair.wanted.values().all(|(objects, rest)| objects.is_empty() && *rest));
+        // Also while they grow: nobody asks for further digests.
+        let grown = [listed(1, &CAMERA), listed(2, &CAMERA)];
+        let mut prefetcher = Prefetcher::new(Vocabulary::shipped());
+        let grown = prefetcher.plan(&grown, &[], &store, &BTreeSet::new(), &components);
+        assert_eq!(grown.released, [agent(1), agent(2)].into());
+    }
+
+    /// Without a station: a pair is left to one that is not there.
+    #[test]
+    fn who_is_to_look_and_is_not_there_keeps_nobody() {
+        let away = MapSnapshot { is_near: false, ..listed(1, &LIDAR) };
+        let maps = [away, listed(2, &LIDAR), listed(3, &LIDAR)];
+        let released = plan(&maps, &[agent(2)], &[[agent(1), agent(2)]]).released;
+        assert_eq!(released, [agent(2), agent(3)].into());
+    }
+}

@@ -1,0 +1,255 @@
+//! What a run leaves: its maps, whose they are, and its numbers.
+
+use super::{Run, guarded};
+use crate::run::record::{
+    Cost, Fragment, FrameCounts, Latency, LeftOutRecord, MapCounts, RunRecord, SourceRecord,
+};
+use crate::run::resuming::Kept;
+use geometry::Pinhole;
+use map::{AgentId, AgentInfo, FramePose, Identity, Map, StampedPose};
+use slam_direct::{Agent, ResumeMode};
+use sources::ahead::Ahead;
+use sources::{SourceInfo, Stop};
+use std::borrow::Cow;
+use std::collections::BTreeSet;
+use view::process;
+
+/// Keyframes of a map that takes some seconds to write.
+const LARGE: usize = 500;
+
+impl Run<'_> {
+    /// The same with its edges and points, to be saved while the run goes on, as that of the agent `about`.
+    pub fn snapshot(&self, about: &AgentInfo) -> Map {
+        self.named(about, self.fragment, self.atlas.active().snapshot())
+    }
+
+    /// Whether the maps are left as they have grown, because the run is to end soon: nobody looks after it, or the map is
+    /// [large](Self::is_large). Of a common map that is extended only the agent's own part grows.
+    pub fn leaves_its_maps(&self, stop: &Stop) -> bool {
+        (self.is_alone || self.is_large()) && stop.requested() && !self.localises() && !self.joins()
+    }
+
+    /// Whether optimising and writing the map as a whole takes longer than somebody waits who wishes to stop.
+    pub(super) fn is_large(&self) -> bool {
+        let [only] = self.atlas.fragments() else { return false };
+        only.map().keyframes.len() > LARGE
+    }
+
+    /// Gives away the maps of all fragments of the agent `about`, in the order they were begun; `described`: with the
+    /// features of all of their keyframes. In place of the first there is the common map with it, if it went on in one.
+    pub fn maps(&mut self, about: &AgentInfo, described: bool) -> Vec<Map> {
+        let is_whole = self.is_whole;
+        let first = self.atlas.fragments().first().filter(|first| !first.map().frames.is_empty());
+        let joint = first.and_then(|first| guarded("the map", || first.joint(), &mut None)).flatten();
+        let map = |agent: &mut Agent| {
+            let snapshot = || guarded("the map", || agent.snapshot(), &mut None);
+            let as_it_stands = if is_whole { None } else { snapshot() };
+            let map = agent.take_map();
+            as_it_stands.unwrap_or(map)
+        };
+        let maps: Vec<Map> = self.atlas.fragments_mut().iter_mut().map(map).collect();
+        let maps = maps.into_iter().enumerate().map(|(fragment, map)| self.named(about, fragment, map));
+        let mut maps: Vec<Map> = maps.filter(|map| !map.frames.is_empty()).collect();
+        if let Some(mut describer) = self.describer.take().filter(|_| described) {
+            guarded("finding features", || describer.complete(&mut maps), &mut self.failure);
+        }
+        if let (Some(kept), Some(joint), Some(own)) = (self.kept, joint, maps.first_mut()) {
+            match kept.joined(joint, own.clone()) {
+                Ok(common) => *own = common,
+                Err(error) => self.failure = Some(error.to_string()),
+            }
+        }
+        maps
+    }
+
+    /// Whether the run goes on in a common map, as one more of its agents.
+    fn joins(&self) -> bool {
+        self.kept.is_some_and(Kept::is_joined)
+    }
+
+    /// Whether a frame of a map is this run's, and not of the map that it went on in.
+    fn is_own(&self, map: &Map, frame: &FramePose) -> bool {
+        if !self.joins() {
+            return frame.frame_index >= self.first_index();
+        }
+        map.keyframes
+            .get(&frame.reference)
+            .is_some_and(|keyframe| self.is_of_run(map.agents.get(&keyframe.agent)))
+    }
+
+    /// Whether an agent is this run's, in whichever of its maps.
+    fn is_of_run(&self, agent: Option<&AgentInfo>) -> bool {
+        let uuid = |identity: Identity| identity.uuid;
+        let agent = agent.and_then(|about| about.identity).map(uuid);
+        agent.is_some() && agent == self.identity.map(uuid)
+    }
+
+    /// The trajectory of a map: of a common one that was extended, this run's.
+    pub fn trajectory(&self, map: &Map) -> Vec<StampedPose> {
+        if !self.joins() {
+            return map.trajectory();
+        }
+        map.trajectory_by(|keyframe| self.is_of_run(map.agents.get(&keyframe.agent)))
+    }
+
+    /// The maps that others are told of: of common ones those of this run's agents.
+    pub fn own_maps<'m>(&self, maps: &'m [Map]) -> Cow<'m, [Map]> {
+        if !self.joins() {
+            return Cow::Borrowed(maps);
+        }
+        let is_own = |map: &Map| map.agents.values().any(|about| self.is_of_run(Some(about)));
+        Cow::Owned(maps.iter().flat_map(Map::split).filter(is_own).collect())
+    }
+
+    /// A map that says whose it is. A common map does.
+    fn named(&self, about: &AgentInfo, fragment: usize, mut map: Map) -> Map {
+        if map.agents.len() > 1 {
+            return map;
+        }
+        let about = self.continued(fragment).unwrap_or(about);
+        let mut about = AgentInfo { identity: self.identity_of(fragment), ..about.clone() };
+        // The agent says what it found out of itself.
+        let own = map.agents.remove(&AgentId::default());
+        about.provenance.extend(own.into_iter().flat_map(|own| own.provenance));
+        map.agents.insert(AgentId::default(), about);
+        map
+    }
+
+    /// Who makes the map of a fragment: the first goes on in a map that was kept, the others are this run's own.
+    pub(super) fn identity_of(&self, fragment: usize) -> Option<Identity> {
+        match self.continued(fragment) {
+            Some(about) => about.identity,
+            None => self.identity.map(|first| first.later(fragment as u32)),
+        }
+    }
+
+    /// The agent whose map that was kept a fragment goes on in; none goes on in a common one as one of its agents.
+    fn continued(&self, fragment: usize) -> Option<&AgentInfo> {
+        self.kept.filter(|_| fragment == 0)?.about()
+    }
+
+    /// The index of the run's first frame.
+    pub(super) fn first_index(&self) -> u64 {
+        self.kept.map_or(0, |kept| kept.first_index)
+    }
+
+    /// Whether frames only get poses in a map that was kept.
+    pub fn localises(&self) -> bool {
+        self.kept.is_some_and(|kept| kept.mode == ResumeMode::Localising)
+    }
+
+    /// Takes out of the maps the one that was to be gone on in, if no frame of this run is in it: it lies where it lay.
+    /// Says so, if what was tracked is in another one.
+    pub fn leave_out_kept(&self, maps: &mut Vec<Map>) -> Option<String> {
+        let kept = self.kept?;
+        maps.retain(|map| map.frames.iter().any(|frame| self.is_own(map, frame)));
+        let is_in = self.localises()
+            || maps.iter().any(|map| map.frames.iter().any(|frame| !self.is_own(map, frame)));
+        let why = match self.rows.iter().filter(|row| row.on_trial).count() {
+            0 => "no frame was found in",
+            _ => "what is seen resembles a part of, and does not confirm that it is the place of,",
+        };
+        (!is_in && !maps.is_empty()).then(|| {
+            format!(
+                "{why} {}, which is as it was; what was tracked is a map of its own\nhint: a recording goes on \
+                 in a map where it shows a place of it, from about where the camera was and in a light that still matches",
+                kept.record().map
+            )
+        })
+    }
+
+    /// Who makes the maps after those of this run.
+    pub fn next_identity(&self) -> Option<Identity> {
+        self.identity.map(|first| first.later(self.atlas.fragments().len() as u32))
+    }
+
+    /// Why a live source ended though nobody wished it.
+    pub fn failure(&self) -> Option<&str> {
+        self.failure.as_deref()
+    }
+
+    /// Why the map is empty, for people.
+    pub fn why_nothing_was_tracked(&self) -> String {
+        let doubted = self.rows.iter().filter(|row| row.on_trial).count();
+        if let Some(kept) = self.kept.filter(|_| doubted > 0) {
+            return format!(
+                "{doubted} frames resemble a part of {}, and what they see does not confirm that it is that place: it may be another \
+                 one that shares things with it\nhint: show more of the place, from about where the camera was when it was mapped",
+                kept.record().map
+            );
+        }
+        let why = self.statistics.why_nothing_was_tracked(self.last_reason, self.first_skip.as_deref());
+        match self.kept {
+            Some(kept) => format!("{why}\nnone was found in {}", kept.record().map),
+            None => why,
+        }
+    }
+
+    /// Frames that were found where no motion leads to, and have a pose in none of the maps.
+    fn doubted(&self, maps: &[Map]) -> u64 {
+        let on_trial = self.rows.iter().filter(|row| row.on_trial).map(|row| row.index);
+        let mut doubted: BTreeSet<u64> = on_trial.collect();
+        if !doubted.is_empty() {
+            let own = maps.iter().flat_map(|map| map.frames.iter().filter(|frame| self.is_own(map, frame)));
+            own.for_each(|frame| {
+                doubted.remove(&frame.frame_index);
+            });
+        }
+        doubted.len() as u64
+    }
+
+    /// The numbers of the run.
+    pub fn record(
+        &self,
+        source: &SourceInfo,
+        camera: Pinhole,
+        ahead: &Ahead,
+        interrupted: bool,
+        maps: &[Map],
+    ) -> RunRecord {
+        let processed = self.forgotten_rows + self.rows.len() as u64;
+        let dropped_late = ahead.dropped() - self.dropped_before;
+        let offered = processed + dropped_late + self.skipped.values().sum::<u64>();
+        let fragments: Vec<Fragment> =
+            maps.iter().enumerate().map(|(place, map)| Fragment::new(place, map)).collect();
+        let own = |map: &Map| map.frames.iter().filter(|frame| self.is_own(map, frame)).count() as u64;
+        let tracked = maps.first().map_or(0, own);
+        let doubted = self.doubted(maps);
+        let ms = self.rows.iter().map(|row| row.ms).collect();
+        RunRecord {
+            version: env!("CARGO_PKG_VERSION"),
+            commit: crate::program::commit(),
+            source: SourceRecord {
+                path: source.path.display().to_string(),
+                kind: source.kind.to_owned(),
+                frames: source.frame_count,
+                duration_s: source.duration,
+            },
+            camera,
+            left_out: LeftOutRecord::new(self.atlas.active().left_out()),
+            resumed: self.kept.map(Kept::record),
+            interrupted,
+            frames: FrameCounts {
+                offered,
+                processed,
+                dropped_late,
+                missed_by_driver: ahead.missed(),
+                skipped: self.skipped.clone(),
+                tracked,
+                tracked_apart: maps.iter().skip(1).map(own).sum(),
+                doubted,
+                tracked_share: tracked as f64 / (offered - dropped_late).max(1) as f64,
+                losses: self.losses.count,
+                losses_of_scale: self.losses.of_scale,
+            },
+            cost: Cost {
+                latency_ms: Latency::of(self.rows.iter().filter_map(|row| row.latency_ms).collect()),
+                ..Cost::new(ms, self.wall_s, process::cpu_seconds(), process::peak_memory_bytes())
+            },
+            map: maps.first().map(MapCounts::new).unwrap_or_default(),
+            fragments,
+            files: Vec::new(),
+            rows: self.rows.clone(),
+        }
+    }
+}
