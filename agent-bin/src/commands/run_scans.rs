@@ -191,7 +191,7 @@ pub fn execute(opened: OpenScans, run: &ScanRun<'_>, args: &ScanArgs) -> Result<
         also.iter().for_each(|also| tell!("note: the folder also holds {also}"));
         tell!("point times: {}", times.text());
     }
-    let params = MappingParams { method: args.odometry.unwrap_or(run.params.method), ..run.params.clone() };
+    let params = MappingParams { method: args.odometry.unwrap_or(run.params.method), ..run.params };
     let poses = args.poses.as_deref().map(read_poses).transpose()?;
     let options = LidarOptions {
         out: run.out.to_owned(),
