@@ -185,7 +185,7 @@ pub(super) fn shifts(a: &RobotMap, b: &RobotMap, a_from_b: &Se3, deviation: f32)
 const VISITS: f64 = 0.01;
 
 /// `ln p(between | a rate of its own) − ln p(between | the rate of one place)`, where more is shifted between maps than in one place,
-/// else 0: binomial laws, the one at its likeliest rate, the other at that within the maps and [`VISITS`]. Of one place twice of this
+/// else 0: binomial laws, the one at its likeliest rate, the other at that within the maps and `VISITS`. Of one place twice of this
 /// exceeds `x` in half as many pairs as χ² of one degree of freedom does (Wilks 1938).
 pub fn ln_excess(between: Counted, within: Counted) -> f64 {
     let (shifted, of) = (between.shifted as f64, between.of.max(1) as f64);
