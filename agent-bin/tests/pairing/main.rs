@@ -117,7 +117,8 @@ fn bytes(path: &Path) -> Vec<u8> {
     fs::read(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
 }
 
-/// Fails unless the station has the agents' own maps, and the common map of a merge of these files, to the last bit.
+/// Fails unless the station has the agents' own maps, and the common map of a merge of these files, to the last bit: without the joint
+/// optimisation, which a map that goes on growing is not held up for.
 fn assert_is_the_merge_of_the_files<const N: usize>(station: &Path, agents: [&Path; N], names: [&str; N]) {
     for (own, name) in agents.iter().zip(names) {
         let there = collected(station, name).join("map.mcap");
@@ -127,7 +128,8 @@ fn assert_is_the_merge_of_the_files<const N: usize>(station: &Path, agents: [&Pa
     let inputs: Vec<&str> =
         json["inputs"].as_array().expect("inputs").iter().filter_map(|i| i["path"].as_str()).collect();
     let again = station.with_file_name("again");
-    let output = loopbox(&[&["merge"], &inputs[..], &["--out", arg(&again), "--quiet"]].concat());
+    let more = ["--no-optimise", "--out", arg(&again), "--quiet"];
+    let output = loopbox(&[&["merge"], &inputs[..], &more].concat());
     assert!(output.status.success(), "{}", stderr(&output));
     assert!(bytes(&again.join("map.mcap")) == bytes(&station.join("map.mcap")), "the common maps differ");
 }
