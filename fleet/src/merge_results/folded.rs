@@ -24,7 +24,7 @@ pub(super) struct Folded {
     texts: Vec<String>,
     pairs: Vec<Pair>,
     /// As versions before told them.
-    #[serde(skip_serializing)]
+    #[serde(rename = "meetings", skip_serializing)]
     pair_verdicts: Vec<PairVerdict>,
 }
 
