@@ -123,9 +123,9 @@ fn a_cameras_map_gets_its_scale_from_the_lidar_on_its_rig() {
     let other = at("out/other");
     let merge = ["merge", arg(&other), arg(&both), "--out", arg(&all), "--quiet"];
     let params = at("merge.toml");
-    fs::write(&params, "joint = true").unwrap();
+    fs::write(&params, "method = \"pcr-pro\"").unwrap();
     let printed = run(1, &[&merge[..], &["--params", arg(&params)]].concat());
-    assert!(printed.contains("joint = false") && !all.join("map.mcap").exists(), "{printed}");
+    assert!(printed.contains("`method = \"direct\"`") && !all.join("map.mcap").exists(), "{printed}");
     fs::write(&params, "[fusion]\nmax_cycle_error = 4.8").unwrap();
     let printed = run(0, &[&merge[..], &["--params", arg(&params)]].concat());
     let record = fs::read_to_string(all.join("merge.json")).unwrap();

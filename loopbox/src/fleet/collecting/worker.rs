@@ -87,7 +87,7 @@ mod tests {
         let mut worker = Worker::new(true).unwrap();
         worker.start(|| panic!("as it should")).unwrap();
         let error = worker.wait().unwrap_err();
-        assert!(error.to_string().contains("a fault of loopbox"), "{error}");
+        assert!(error.to_string().contains("internal error"), "{error}");
         let (done, ended) = channel();
         worker.start(move || done.send(()).unwrap()).unwrap();
         drop(worker);
