@@ -33,12 +33,12 @@ impl Agent {
     ///
     /// ```no_run
     /// use place_recog::ThumbnailIndex;
-    /// use slam_direct::{Agent, Frame, Going, Params};
+    /// use slam_direct::{Agent, Frame, Params, ResumeMode};
     /// # fn frames() -> Vec<Frame> { Vec::new() }
     ///
     /// let map = map::load_map("out/map.mcap")?.map;
     /// let places = Box::new(ThumbnailIndex::default());
-    /// let mut agent = Agent::resume(map, places, Params::default(), Going::On)?;
+    /// let mut agent = Agent::resume(map, places, Params::default(), ResumeMode::Mapping)?;
     /// for frame in frames() {
     ///     let report = agent.process(frame)?;
     ///     println!("{:?}: {:?}", report.state, report.world_from_camera);

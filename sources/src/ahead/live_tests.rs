@@ -174,6 +174,6 @@ fn a_source_that_breaks_down_does_not_pass_for_the_end_of_the_recording() {
                 failed = Some(reason);
             }
         }
-        assert!(failed.is_some_and(|reason| reason.contains("broke down")), "live: {live}");
+        assert!(failed.is_some_and(|reason| reason.contains("internal error")), "live: {live}");
     }
 }
