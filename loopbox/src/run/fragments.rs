@@ -40,7 +40,7 @@ pub fn joined(fragments: Vec<Map>, progress: &dyn Progress) -> Vec<Map> {
 /// How they are merged. What they see must tell that it is one place, as where the camera is found again while the run goes on: what was
 /// not believed then is not joined in the end because little differs.
 fn merging() -> MergingParams {
-    let mut params = MergingParams::default();
+    let mut params = MergingParams { joint: false, ..MergingParams::default() };
     params.verification.acceptance.min_undecided_change = 0.0;
     params.further.place.prior = judging::prior();
     params

@@ -51,7 +51,9 @@ impl Merger {
     /// When threads cannot be started.
     pub fn new(in_background: bool) -> Result<Self> {
         let pool = in_background.then(|| on_threads(1, true)).transpose()?;
-        Ok(Self { vocabulary: Vocabulary::shipped(), params: MergingParams::default(), pool })
+        // Maps that grow are not held up for it.
+        let params = MergingParams { joint: false, ..MergingParams::default() };
+        Ok(Self { vocabulary: Vocabulary::shipped(), params, pool })
     }
 
     /// Whether it gives way to nobody.
