@@ -130,6 +130,7 @@ fn a_cameras_map_gets_its_scale_from_the_lidar_on_its_rig() {
     let printed = run(0, &[&merge[..], &["--params", arg(&params)]].concat());
     let record = fs::read_to_string(all.join("merge.json")).unwrap();
     assert_eq!(number(&record, "/params/fusion/max_cycle_error"), 4.8);
+    assert!(record.contains("\"joint\": false"), "nothing is optimised jointly: {record}");
     assert!(
         printed.contains("other + lidar: accepted") && printed.contains("other, lidar, camera"),
         "{printed}"

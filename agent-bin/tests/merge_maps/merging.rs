@@ -96,6 +96,13 @@ fn a_common_map_is_optimised_jointly_unless_it_is_not_wanted_or_too_large() {
     let outcome =
         loopbox(&["merge", "--optimise", "--method", "pcr-pro", arg(&maps[0]), arg(&maps[1]), "--out", "x"]);
     assert!(outcome.code == Some(1) && outcome.stderr.contains("--method direct"), "{outcome:#?}");
+    // What is compared with it is not optimised, and its record says so.
+    let out = plain.out();
+    let args = ["merge", "--method", "pcr-pro", arg(&maps[0]), arg(&maps[1]), "--force", "--json", "--out"];
+    let outcome = loopbox(&[&args[..], &[arg(&out)]].concat());
+    outcome.assert_success();
+    let numbers: Value = serde_json::from_str(&outcome.stdout).unwrap();
+    assert_eq!(numbers["params"]["joint"], false, "{}", outcome.stderr);
 }
 
 /// The numbers hold what the verdict rests on.

@@ -169,7 +169,7 @@ pub fn merge_mixed(
             .iter()
             .map(|taken| format!("{} + {}: {}", name(taken.agents.0), name(taken.agents.1), taken.why))
             .collect(),
-        params: options.cameras.clone(),
+        params: MergingParams { joint: false, ..options.cameras.clone() },
         files: Vec::new(),
     };
     if common.merged().difference(&before).next().is_some() {

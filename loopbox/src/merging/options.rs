@@ -96,11 +96,13 @@ pub fn merge_maps(paths: &[PathBuf], options: MergeOptions) -> Result<Merged> {
 /// As [`merge_maps`], and when `stop` was wished.
 pub fn merge_maps_watched(
     paths: &[PathBuf],
-    options: MergeOptions,
+    mut options: MergeOptions,
     stop: &Stop,
     watcher: &dyn MergeWatcher,
 ) -> Result<Merged> {
     refuse_one(paths)?;
+    // Other methods are compared as they are.
+    options.params.joint &= options.params.method.baseline().is_none();
     let start = Instant::now();
     keep_from(&options.out, paths)?;
     let mut output = Results::create(&options.out, &Owner::Merge, options.force)?;
@@ -116,7 +118,7 @@ pub fn merge_maps_watched(
     let verdicts = CameraVerdicts::of(options.verdicts.as_deref(), &inputs, params)?;
     let mut merging = merge_knowing(&inputs, &vocabulary, params, verdicts.as_ref(), &mut stage)?;
     let names = Names::new(&merging.common);
-    if options.params.joint && options.params.method.baseline().is_none() && merging.anything_met() {
+    if options.params.joint && merging.anything_met() {
         stage("optimising the common map jointly")?;
         let most = options.params.joint_keyframes;
         for (fused, why) in optimised(&mut merging.fused, most, &|| stop.requested()) {
