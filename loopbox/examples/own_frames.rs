@@ -4,7 +4,8 @@
 use anyhow::{Context, Result, bail};
 use loopbox::run::{PreparedRun, RunOptions, Silent};
 use loopbox::{FrameSource, Picture, SourceFrame, SourceInfo, Stop, Watch};
-use std::path::{Path, PathBuf};
+use sources::timed_images;
+use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, sync_channel};
 use std::thread;
 
@@ -36,7 +37,7 @@ fn main() -> Result<()> {
     let arguments: Vec<PathBuf> = std::env::args_os().skip(1).map(PathBuf::from).collect();
     let [folder, out] = &arguments[..] else { bail!("usage: own_frames FOLDER OUT") };
     let (sender, frames) = sync_channel(4);
-    let images = images(folder)?;
+    let images = timed_images(&folder.join("times.txt"), folder)?;
     let driver = thread::spawn(move || -> Result<()> {
         for (time, file) in images {
             let bytes = std::fs::read(&file).with_context(|| file.display().to_string())?;
@@ -56,17 +57,4 @@ fn main() -> Result<()> {
     let mapped = mapped?;
     println!("{}: {} frames with a pose", mapped.folder.display(), mapped.record.frames.tracked);
     Ok(())
-}
-
-/// The images of a folder with their times, as `times.txt` has them.
-fn images(folder: &Path) -> Result<Vec<(f64, PathBuf)>> {
-    let table = std::fs::read_to_string(folder.join("times.txt")).context("times.txt")?;
-    let rows = table.lines().filter(|line| !line.starts_with('#') && !line.trim().is_empty());
-    rows.map(|line| {
-        let mut words = line.split_whitespace();
-        let (time, name) = (words.next(), words.next());
-        let (time, name) = time.zip(name).with_context(|| format!("times.txt: {line}"))?;
-        Ok((time.parse()?, folder.join(name)))
-    })
-    .collect()
 }

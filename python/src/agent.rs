@@ -158,15 +158,7 @@ impl Calibration {
             }
         };
         let options = CameraOptions { calibration: file, ..CameraOptions::default() };
-        let info = SourceInfo {
-            kind: "frames from Python",
-            path: "frames".into(),
-            frame_count: None,
-            duration: None,
-            calibration: found,
-            camera: calib::CameraHint::default(),
-            lag: None,
-        };
+        let info = SourceInfo { calibration: found, ..SourceInfo::new("frames from Python", "frames") };
         correction(&options, &info)
     }
 }

@@ -89,11 +89,19 @@ pub fn output(command: &mut Command) -> Result<Vec<u8>> {
 /// # Errors
 /// When one is not installed, with what to install.
 pub fn versions() -> Result<[String; 2]> {
-    let version = |program: &str| -> Result<String> {
-        let ran = output(command(program).arg("-version"))?;
-        Ok(String::from_utf8_lossy(&ran).split_whitespace().take(3).collect::<Vec<_>>().join(" "))
+    let version = |program| -> Result<String> {
+        Ok(version_text(program)?.split_whitespace().take(3).collect::<Vec<_>>().join(" "))
     };
     Ok([version("ffmpeg")?, version("ffprobe")?])
+}
+
+/// What `ffmpeg` or `ffprobe` prints of its version.
+///
+/// # Errors
+/// When it is not installed, or ends with an error.
+pub fn version_text(program: &str) -> Result<String> {
+    let printed = output(command(program).arg("-version"))?;
+    Ok(String::from_utf8_lossy(&printed).into_owned())
 }
 
 /// What a log says, each of it once; the last few lines of a long one.

@@ -7,6 +7,7 @@ use serde::Serialize;
 use std::fmt::Write as _;
 use std::path::Path;
 use std::thread::available_parallelism;
+use view::process::available_memory_bytes;
 
 /// Memory that recordings of some thousand images at 640×480 need, bytes.
 const ENOUGH_MEMORY: u64 = 2 << 30;
@@ -90,7 +91,7 @@ fn program() -> Finding {
 /// Cores and memory.
 fn machine() -> Finding {
     let cores = available_parallelism().map_or(1, usize::from);
-    let memory = std::fs::read_to_string("/proc/meminfo").ok().and_then(|text| available_memory(&text));
+    let memory = available_memory_bytes();
     let text = match memory {
         Some(bytes) => format!("{cores} cores, {:.1} GB of memory available", bytes as f64 / 1e9),
         None => format!("{cores} cores"),
@@ -100,12 +101,6 @@ fn machine() -> Finding {
         return finding.lacks("long recordings want 2 GB; --max-width 640 makes images smaller");
     }
     finding
-}
-
-/// Bytes, of what Linux says of its memory.
-fn available_memory(text: &str) -> Option<u64> {
-    let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
-    Some(line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()? << 10)
 }
 
 /// Whether results can be written in a folder.
@@ -167,13 +162,6 @@ fn cameras() -> Finding {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn memory_is_read_as_linux_says_it() {
-        let text = "MemTotal:       24047736 kB\nMemAvailable:   20000000 kB\n";
-        assert_eq!(available_memory(text), Some(20_000_000 * 1024));
-        assert_eq!(available_memory("MemTotal: 3 kB\n"), None);
-    }
 
     #[test]
     fn what_is_missing_is_reported_with_what_to_do() {

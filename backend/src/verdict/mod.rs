@@ -131,7 +131,7 @@ impl Prior {
 
     /// What a log likelihood ratio says, where so large a share of the things has changed.
     pub fn answer(&self, ln_ratio: f64, changed: f64) -> Answer {
-        let limit = (self.certainty / (1.0 - self.certainty)).ln();
+        let limit = self.ln_certainty();
         let ln_odds = ln_ratio + self.ln_odds;
         if ln_odds >= limit {
             if changed > 0.0 { Answer::SameChanged } else { Answer::Same }
@@ -141,6 +141,11 @@ impl Prior {
             // What is no number tells nothing.
             Answer::CannotTell
         }
+    }
+
+    /// ln of the odds from which on an answer is given.
+    pub fn ln_certainty(&self) -> f64 {
+        (self.certainty / (1.0 - self.certainty)).ln()
     }
 
     /// Probability that a pair with this log likelihood ratio shows one place.

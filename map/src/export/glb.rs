@@ -1,6 +1,6 @@
 //! Binary glTF, which browsers, phones and Blender show: the cloud, and each agent's trajectory as a line.
 
-use super::{CloudPoint, CloudSelection, Columns, agent_color, save};
+use super::{CloudPoint, CloudSelection, Columns, Extent, agent_color, save};
 use crate::{Map, MapError};
 use nalgebra::{UnitQuaternion, Vector3};
 use serde_json::{Value, json};
@@ -79,27 +79,6 @@ fn write(
     Ok(cloud.count)
 }
 
-/// How many positions there are, and the box around them.
-struct Extent {
-    count: usize,
-    least: Vector3<f32>,
-    most: Vector3<f32>,
-}
-
-impl Extent {
-    fn of(positions: impl Iterator<Item = Vector3<f64>>) -> Self {
-        let none = Self {
-            count: 0,
-            least: Vector3::repeat(f32::INFINITY),
-            most: Vector3::repeat(f32::NEG_INFINITY),
-        };
-        positions.fold(none, |Self { count, least, most }, position| {
-            let position = position.cast::<f32>();
-            Self { count: count + 1, least: least.inf(&position), most: most.sup(&position) }
-        })
-    }
-}
-
 /// The parts of a glTF file that stand in its text.
 struct Scene {
     rotation: [f32; 4],
@@ -153,7 +132,7 @@ impl Scene {
 
     /// The accessor of positions at the begin of the last view.
     fn positions(&mut self, extent: &Extent) -> usize {
-        let [least, most]: [[f32; 3]; 2] = [extent.least.into(), extent.most.into()];
+        let [least, most] = [extent.least, extent.most].map(|corner| <[f32; 3]>::from(corner.cast()));
         self.accessors.push(json!({
             "bufferView": self.views.len() - 1, "componentType": FLOAT, "count": extent.count,
             "type": "VEC3", "min": least, "max": most,

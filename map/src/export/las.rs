@@ -1,10 +1,9 @@
 //! LAS and its compressed form LAZ, the formats of surveyors (ASPRS LAS 1.4, R15).
 
-use super::{CloudPoint, CloudSelection, Columns, save};
+use super::{CloudPoint, CloudSelection, Columns, Extent, save};
 use crate::{Map, MapError};
 use las::point::Format;
 use las::{Builder, Color, Header, Transform, Vector, Writer};
-use nalgebra::Vector3;
 use std::fs::File;
 use std::io::{self, BufWriter};
 use std::path::Path;
@@ -44,10 +43,7 @@ fn header(
     builder.point_format.is_compressed = compressed;
     builder.generating_software = concat!("loopbox ", env!("CARGO_PKG_VERSION")).into();
     builder.system_identifier = if columns.metric { "metres" } else { "map units" }.into();
-    let (mut least, mut most) = (Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY));
-    for point in points {
-        (least, most) = (least.inf(&point.position), most.sup(&point.position));
-    }
+    let Extent { least, most, .. } = Extent::of(points.map(|point| point.position));
     let transform = |axis: usize| {
         let (low, high) = (least[axis], most[axis]);
         if low > high {
@@ -96,6 +92,7 @@ mod tests {
     use super::*;
     use crate::test_support::{lidar_map, sample_map, united};
     use las::Reader;
+    use nalgebra::Vector3;
 
     #[test]
     fn points_come_back_where_they_are() {

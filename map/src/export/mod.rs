@@ -27,6 +27,7 @@ pub use trajectory::{save_kitti, save_tum, write_kitti, write_tum};
 
 use crate::{Keyframe, Map, MapError, SensorKind, atomic::write_atomically};
 use cloud::Chosen;
+use nalgebra::Vector3;
 use rayon::prelude::*;
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
@@ -125,6 +126,28 @@ impl CloudFormat {
     /// Makes a file of the cloud, see [`write`](Self::write).
     fn save(&self, path: &Path, map: &Map, selection: CloudSelection) -> Result<usize, MapError> {
         save(path, |out| self.write(out, map, selection))
+    }
+}
+
+/// How many positions there are, and the box around them; of none it is inside out.
+struct Extent {
+    count: usize,
+    least: Vector3<f64>,
+    most: Vector3<f64>,
+}
+
+impl Extent {
+    fn of(positions: impl Iterator<Item = Vector3<f64>>) -> Self {
+        let none = Self {
+            count: 0,
+            least: Vector3::repeat(f64::INFINITY),
+            most: Vector3::repeat(f64::NEG_INFINITY),
+        };
+        positions.fold(none, |Self { count, least, most }, position| Self {
+            count: count + 1,
+            least: least.inf(&position),
+            most: most.sup(&position),
+        })
     }
 }
 

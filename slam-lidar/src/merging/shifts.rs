@@ -4,7 +4,7 @@
 //! None of them is larger than what maps err by, so that each by itself says nothing; how many there are does. They are counted by
 //! places, cubes of half a metre of which a map holds a surface that all of its own views put at one depth: what hangs together in one
 //! is one fact. Held against that is how often a map differs from itself, the rays of its even views from those of its odd ones,
-//! by the likelihood ratio of a rate of its own against that of one place ([`ln_excess`]).
+//! by the likelihood ratio of a rate of its own against that of one place ([`ln_rate_ratio`]).
 
 use super::robot_map::RobotMap;
 use super::surfels::Surfel;
@@ -187,7 +187,7 @@ const VISITS: f64 = 0.01;
 /// `ln p(between | a rate of its own) − ln p(between | the rate of one place)`, where more is shifted between maps than in one place,
 /// else 0: binomial laws, the one at its likeliest rate, the other at that within the maps and `VISITS`. Of one place twice of this
 /// exceeds `x` in half as many pairs as χ² of one degree of freedom does (Wilks 1938).
-pub fn ln_excess(between: Counted, within: Counted) -> f64 {
+pub fn ln_rate_ratio(between: Counted, within: Counted) -> f64 {
     let (shifted, of) = (between.shifted as f64, between.of.max(1) as f64);
     // Half a place more: of none that are shifted it is not known that none ever is.
     let same = ((within.shifted as f64 + 0.5) / (within.of as f64 + 1.0) + VISITS).min(1.0);
@@ -212,7 +212,7 @@ mod tests {
     fn the_ratio_is_that_of_two_binomial_laws() {
         let ln = |p: f64| 10.0 * f64::ln(p) + 90.0 * f64::ln(1.0 - p);
         let expected = ln(0.1) - ln(1.5 / 150.0 + 0.01);
-        assert!((ln_excess(counted(10, 100), counted(1, 149)) - expected).abs() < 1e-9);
+        assert!((ln_rate_ratio(counted(10, 100), counted(1, 149)) - expected).abs() < 1e-9);
     }
 
     #[test]
@@ -225,12 +225,12 @@ mod tests {
             ((9, 90), (10, 100)),
             ((9, 20), (0, 0)),
         ] {
-            let found = ln_excess(counted(between.0, between.1), counted(within.0, within.1));
+            let found = ln_rate_ratio(counted(between.0, between.1), counted(within.0, within.1));
             assert_eq!(found, 0.0, "{between:?} {within:?}");
         }
-        assert!(ln_excess(counted(5, 5), counted(0, 100)).is_finite());
+        assert!(ln_rate_ratio(counted(5, 5), counted(0, 100)).is_finite());
         // With more that is shifted the ratio never falls.
-        let ratios: Vec<f64> = (0..=80).map(|k| ln_excess(counted(k, 80), counted(2, 200))).collect();
+        let ratios: Vec<f64> = (0..=80).map(|k| ln_rate_ratio(counted(k, 80), counted(2, 200))).collect();
         assert!(ratios.windows(2).all(|pair| pair[0] <= pair[1]));
     }
 }

@@ -5,7 +5,7 @@ use super::hypotheses::{Cluster, confirming};
 use super::lines::{Line, Test};
 use super::patches::area;
 use super::robot_map::RobotMap;
-use super::shifts::{Counted, ln_excess, shifts};
+use super::shifts::{Counted, ln_rate_ratio, shifts};
 use crate::closure::Found;
 use crate::degeneracy::{Conditioning, conditioning};
 use crate::keyframe::{Seen, Submap, transformed};
@@ -195,10 +195,10 @@ fn tests(e: &MergeEvidence, prior: &Prior, is_confirmed: bool) -> [(Line, bool, 
     let line = |test, value, bound| Line { test, value, bound };
     let (overlap, inlier_ratio, weak) = (e.overlap, e.things.inlier_ratio, e.conditioning.weak);
     let (surface_answer, shared, absent) = (e.weighed.answer, e.surface, e.things.absent());
-    let certain = (prior.certainty / (1.0 - prior.certainty)).ln();
+    let certain = prior.ln_certainty();
     let needed = certain - prior.ln_odds;
     let [between, within] = e.shifts;
-    let shifted = ln_excess(between, within);
+    let shifted = ln_rate_ratio(between, within);
     let is_decided = surface_answer.joins();
     let outweighs = e.weighed.ln_ratio >= 0.0 && surface_answer != Answer::Different;
     let moved = bounds::ABSENT + bounds::ABSENT_SHARE * (shared - bounds::MUCH).max(0.0);
@@ -291,7 +291,7 @@ pub(super) fn decide(
     // Of two poses the right one explains what both maps saw: one that is refused stands beside the best unless that is likelier by
     // as much as an answer takes.
     let explains = |e: &MergeEvidence| explained(&e.things.pieces, prior);
-    let least = explains(&best) - (prior.certainty / (1.0 - prior.certainty)).ln();
+    let least = explains(&best) - prior.ln_certainty();
     let fits = |e: &MergeEvidence| {
         e.support >= best.support && e.things.inlier_ratio >= bounds::AS_WELL && explains(e) >= least
     };

@@ -87,15 +87,7 @@ fn start_as(count: u64, breaks: bool, live: bool) -> (Ahead, Arc<AtomicU64>, Arc
     let pinhole = Pinhole { width: WIDTH, height: HEIGHT, fx: 60.0, fy: 60.0, cx: 31.5, cy: 23.5 };
     let camera = Box::new(Camera::new(pinhole, Distortion::None).unwrap());
     let calibration = Some(FoundCalibration::Inside { origin: "test".into(), camera });
-    let info = SourceInfo {
-        kind: "fake",
-        path: "fake".into(),
-        frame_count: None,
-        duration: None,
-        calibration,
-        camera: calib::CameraHint::default(),
-        lag: None,
-    };
+    let info = SourceInfo { calibration, ..SourceInfo::new("fake", "fake") };
     let correction = correction(&CameraOptions::default(), &info).unwrap();
     let (given, stop) = (Arc::<AtomicU64>::default(), Arc::<AtomicBool>::default());
     let source =

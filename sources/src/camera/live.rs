@@ -82,15 +82,7 @@ pub fn source(live: Live) -> Box<dyn FrameSource> {
 impl Live {
     /// Frames from a camera just opened; `reopen` where it is to be waited for when it goes away.
     pub fn new(path: PathBuf, opened: Opened, reopen: Option<Reopen>, duration: Option<Duration>) -> Self {
-        let info = SourceInfo {
-            kind: "camera",
-            path,
-            frame_count: None,
-            duration: None,
-            calibration: None,
-            camera: calib::CameraHint::default(),
-            lag: None,
-        };
+        let info = SourceInfo::new("camera", path);
         let mut pending = vec![Notice::Note(opened.description)];
         pending.extend(opened.warnings.into_iter().map(Notice::Warning));
         Self {

@@ -148,9 +148,7 @@ fn seconds(ticks: i64, (n, d): (i64, i64)) -> f64 {
 
 /// The option that keeps every frame as it is, neither doubled nor dropped to reach an even rate.
 fn all_frames() -> Result<[&'static str; 2]> {
-    let version_text =
-        ffmpeg::output(ffmpeg::command("ffmpeg").arg("-version")).context("`ffmpeg -version` fails")?;
-    Ok(every_frame_of(&String::from_utf8_lossy(&version_text)))
+    Ok(every_frame_of(&ffmpeg::version_text("ffmpeg").context("`ffmpeg -version` fails")?))
 }
 
 /// That option by what `ffmpeg -version` says: it is called `-fps_mode` since 5.1.

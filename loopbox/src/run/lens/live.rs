@@ -90,16 +90,7 @@ mod tests {
     }
 
     fn even(left: u64) -> Even {
-        let info = SourceInfo {
-            kind: "camera",
-            path: "/dev/video9".into(),
-            frame_count: None,
-            duration: None,
-            calibration: None,
-            camera: Default::default(),
-            lag: None,
-        };
-        Even { info, left }
+        Even { info: SourceInfo::new("camera", "/dev/video9"), left }
     }
 
     #[test]
