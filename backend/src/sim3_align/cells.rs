@@ -1,5 +1,6 @@
 //! How alike two keyframes see each cell of one's surface at a given relative pose.
 
+use super::foreground::{Footprint, Foreground, Visibility};
 use super::surface::Surface;
 use super::view::KeyframeView;
 use crate::params;
@@ -15,8 +16,9 @@ params! {
         /// How far a cell is searched around where it should be, pixels of the level. Range 0–8: errors of alignment and of a
         /// cell's plane.
         pub radius: usize = 2,
-        /// Relative difference of two inverse depths from which on they are of two surfaces. Range 0.02–1.
-        pub relative_gap: f64 = 0.1,
+        /// Relative difference of two inverse depths from which on the nearer one hides the other. Range 0.01–1: errors of pose and
+        /// scale, and of a cell's plane.
+        pub relative_gap: f64 = 0.05,
         /// Least standard deviation of a cell's band, grey levels. Range 0.3–50: what is plainer is rounding.
         pub min_deviation: f64 = 1.0,
         /// Largest ratio of a cell's size in the target to that in the source, and the reverse. Range 1–4: beyond, one is a
@@ -40,26 +42,26 @@ pub struct CellMatch {
     pub roundness: f64,
     /// The largest correlation of the bands of both within the search radius, −1 to 1.
     pub correlation: f64,
-    /// Whether the target sees a farther surface where the cell should be.
-    pub is_through: bool,
+    /// Whether the target knows a surface where the cell should be. Where it does not, something may hide the cell.
+    pub is_visible: bool,
 }
 
 impl KeyframeView {
-    /// What becomes of the cells of this keyframe in another, where that one has them in view and nothing hides them.
+    /// What becomes of the cells of this keyframe in another, where that one has them in view and nothing is known to hide them.
     pub fn match_cells(&self, target: &Self, target_from_self: &Sim3, params: &CellParams) -> Vec<CellMatch> {
         let (own, other) = (self.surface(), target.surface());
+        let depths = [(own, self.depth(own.level)), (other, target.depth(other.level))];
+        let foreground = Foreground::new(depths, target_from_self, params.relative_gap);
         let found = |cell: usize| {
             let plane = own.planes[cell].filter(|_| own.deviations[cell] >= params.min_deviation)?;
-            let warp = Warp { own, other, cell, target_from_self };
-            let middle = own.middle(cell);
-            let (pixel, inverse_depth) = warp.at(middle)?;
-            let is_through = match other.cell_at(pixel).and_then(|there| other.inverse_depth(there, pixel)) {
-                Some(seen) if seen > inverse_depth * (1.0 + params.relative_gap) => return None,
-                Some(seen) => seen < inverse_depth * (1.0 - params.relative_gap),
-                None => false,
-            };
-            let patch = warp.patch(params)?;
+            let footprint = Warp { own, other, cell, target_from_self }.footprint(params)?;
+            let patch = footprint_patch(own, other, &footprint, params)?;
+            let visibility = foreground.visibility(&footprint);
+            if visibility == Visibility::Hidden {
+                return None;
+            }
             let correlation = best_correlation(own, cell, &patch, params.radius)?;
+            let middle = own.middle(cell);
             let centre = own.camera.unproject(middle[0], middle[1]) / plane.at;
             let width = own.cell as f64 / own.camera.fx / plane.at;
             Some(CellMatch {
@@ -69,7 +71,7 @@ impl KeyframeView {
                 contrast: own.contrasts[cell],
                 roundness: own.roundness[cell],
                 correlation,
-                is_through,
+                is_visible: visibility == Visibility::Visible,
             })
         };
         (0..own.planes.len()).filter_map(found).collect()
@@ -115,26 +117,34 @@ impl Warp<'_> {
         (point.z > 0.0).then(|| ([there.x, there.y], point.z.recip()))
     }
 
-    /// The target's band over the cell and a margin around it; nothing where it is not in view or much larger or smaller there.
-    fn patch(&self, params: &CellParams) -> Option<Vec<f32>> {
-        let half = 0.5 * self.own.cell as f64 + params.radius as f64;
+    /// Where the target sees the cell; nothing where it is not in view or much larger or smaller there.
+    fn footprint(&self, params: &CellParams) -> Option<Footprint> {
+        let half = 0.5 * self.own.cell as f64;
         let [x0, y0] = self.own.middle(self.cell);
-        // Over a cell a homography is affine to a part of a pixel.
-        let corner = |dx: f64, dy: f64| self.at([x0 + dx * half, y0 + dy * half]).map(|(pixel, _)| pixel);
-        let [left, right] = [corner(-1.0, 0.0)?, corner(1.0, 0.0)?];
-        let [top, bottom] = [corner(0.0, -1.0)?, corner(0.0, 1.0)?];
-        let (middle, _) = self.at([x0, y0])?;
-        let along = [0, 1].map(|axis| (right[axis] - left[axis]) / (2.0 * half));
-        let down = [0, 1].map(|axis| (bottom[axis] - top[axis]) / (2.0 * half));
-        let growth = (along[0] * down[1] - along[1] * down[0]).abs().sqrt();
+        let step = half + params.radius as f64;
+        let at = |dx: f64, dy: f64| self.at([x0 + dx * step, y0 + dy * step]);
+        let ends = [[at(-1.0, 0.0)?, at(1.0, 0.0)?], [at(0.0, -1.0)?, at(0.0, 1.0)?]];
+        let (middle, inverse_depth) = self.at([x0, y0])?;
+        let along = ends.map(|[(a, _), (b, _)]| [0, 1].map(|axis| (b[axis] - a[axis]) / (2.0 * step)));
+        let slope = ends.map(|[(_, a), (_, b)]| (b - a) / (2.0 * step));
+        let growth = (along[0][0] * along[1][1] - along[0][1] * along[1][0]).abs().sqrt();
         let most = params.max_magnification;
-        if !(growth <= most && growth * most >= 1.0) {
-            return None;
-        }
-        patch(self.own.cell, params.radius, |dx, dy| {
-            value(self.other, [0, 1].map(|axis| middle[axis] + along[axis] * dx + down[axis] * dy))
-        })
+        let is_alike = growth <= most && growth * most >= 1.0;
+        is_alike.then_some(Footprint { middle, along, inverse_depth, slope, half })
     }
+}
+
+/// The target's band over the cell and a margin around it; nothing where it leaves the image.
+fn footprint_patch(
+    own: &Surface,
+    other: &Surface,
+    footprint: &Footprint,
+    params: &CellParams,
+) -> Option<Vec<f32>> {
+    let Footprint { middle, along: [along, down], .. } = footprint;
+    patch(own.cell, params.radius, |dx, dy| {
+        value(other, [0, 1].map(|axis| middle[axis] + along[axis] * dx + down[axis] * dy))
+    })
 }
 
 /// A square of a cell's side and a margin, filled by offsets from its middle.

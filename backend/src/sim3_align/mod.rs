@@ -6,6 +6,7 @@
 
 mod cells;
 mod compare;
+mod foreground;
 mod level;
 mod params;
 mod patches;

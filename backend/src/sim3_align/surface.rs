@@ -41,6 +41,8 @@ pub(super) struct Plane {
 
 /// A keyframe's surface at one level of its pyramid.
 pub struct Surface {
+    /// The level of the pyramid.
+    pub(super) level: usize,
     pub(super) camera: Pinhole,
     /// Side of a cell, pixels.
     pub(super) cell: usize,
@@ -100,6 +102,7 @@ impl Surface {
         let deviations = moments.iter().map(|(deviation, _)| *deviation).collect();
         let contrasts = moments.iter().map(|(deviation, mean)| deviation / mean.max(1.0)).collect();
         Self {
+            level,
             camera: camera.at_level(level),
             cell,
             columns,
@@ -192,7 +195,7 @@ fn plane(
                 around.extend(&points[y * columns + x]);
             }
         }
-        if around.len() >= params.min_points && surrounds(&around, middle) {
+        if around.len() >= params.min_points && surrounds(around.iter().map(|[x, y, ..]| [*x, *y]), middle) {
             return fit(&around, middle, params);
         }
     }
@@ -200,10 +203,10 @@ fn plane(
 }
 
 /// Whether there are points on all sides: in three of four quarters around it, those across among them.
-fn surrounds(points: &[Depth], [x0, y0]: [f64; 2]) -> bool {
+pub(super) fn surrounds(points: impl Iterator<Item = [f64; 2]>, [x0, y0]: [f64; 2]) -> bool {
     let mut quarters = [0usize; 4];
-    for [x, y, ..] in points {
-        quarters[usize::from(*x > x0) + 2 * usize::from(*y > y0)] += 1;
+    for [x, y] in points {
+        quarters[usize::from(x > x0) + 2 * usize::from(y > y0)] += 1;
     }
     let enough = quarters.map(|count| count >= 2);
     enough.iter().filter(|enough| **enough).count() >= 3

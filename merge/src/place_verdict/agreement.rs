@@ -5,6 +5,8 @@
 //! all know and the other map does not is another surface. So the likelihood of a correlation is that of cells whose own maps know them as
 //! well, against that of unrelated cells of as much contrast.
 
+use backend::sim3_align::CellMatch;
+
 /// Bins of contrast, evenly spread over its logarithm, and the least and the most.
 const CONTRASTS: usize = 16;
 const CONTRAST: [f64; 2] = [0.004, 0.6];
@@ -19,6 +21,9 @@ const KNOWN_SPREAD: f64 = 0.75;
 const CORRELATION_SPREAD: f64 = 1.5;
 /// How many cells that may look any way at all there are besides those measured, in each row of bins.
 const PSEUDO: f64 = 2.0;
+
+/// Probability that a cell is hidden where the other keyframe knows no depth: as likely as not, for nothing is known of it.
+const HIDDEN: f64 = 0.5;
 
 /// Densities of correlations.
 pub(super) struct Agreement {
@@ -37,12 +42,14 @@ impl Agreement {
         Self { same: density(same, KNOWN, KNOWN_SPREAD), other: density(other, CONTRASTS, CONTRAST_SPREAD) }
     }
 
-    /// ln p(correlation | one surface) − ln p(correlation | unrelated), of cells of a contrast that correlate so much in other
-    /// keyframes of their own map.
-    pub fn ln_ratio(&self, contrast: f64, known: f64, correlation: f64) -> f64 {
-        let column = column(correlation);
+    /// ln p(correlation | one surface) − ln p(correlation | unrelated) of a cell that correlates by `known`, −1 to 1, in other keyframes
+    /// of its own map. Where something may hide the cell, what is seen there is with probability [`HIDDEN`] something unrelated
+    /// though the surface is one: it can agree, but hardly differ.
+    pub fn ln_ratio(&self, cell: &CellMatch, known: f64) -> f64 {
+        let column = column(cell.correlation);
         let same = self.same[known_row(known) * CORRELATIONS + column];
-        (same / self.other[contrast_row(contrast) * CORRELATIONS + column]).ln()
+        let ratio = same / self.other[contrast_row(cell.contrast) * CORRELATIONS + column];
+        if cell.is_visible { ratio.ln() } else { (HIDDEN + (1.0 - HIDDEN) * ratio).ln() }
     }
 }
 
@@ -112,6 +119,11 @@ mod tests {
         0.06 * ((i * 37) % 11) as f64 / 11.0
     }
 
+    fn cell(contrast: f64, correlation: f64, is_visible: bool) -> CellMatch {
+        let centre = nalgebra::Vector3::z();
+        CellMatch { cell: 0, centre, width: 0.1, contrast, roundness: 0.7, correlation, is_visible }
+    }
+
     /// Cells that their own map knows again and the other does not are another surface; those that it does not know say nothing.
     #[test]
     fn cells_say_what_their_own_map_knows_of_them() {
@@ -119,11 +131,15 @@ mod tests {
             (0..600).map(|i| if i % 2 == 0 { [0.92, 0.9 + spread(i)] } else { [0.2, 0.2 + spread(i)] });
         let other = (0..600).map(|i| [if i % 2 == 0 { 0.2 } else { 0.01 }, 0.2 + spread(i)]);
         let agreement = Agreement::new(same, other);
-        assert!(agreement.ln_ratio(0.2, 0.92, 0.93) > 3.0 && agreement.ln_ratio(0.2, 0.92, 0.22) < -3.0);
-        assert!(agreement.ln_ratio(0.2, 0.2, 0.22).abs() < 0.2);
+        let of = |known: f64, correlation: f64| agreement.ln_ratio(&cell(0.2, correlation, true), known);
+        assert!(of(0.92, 0.93) > 3.0 && of(0.92, 0.22) < -3.0);
+        assert!(of(0.2, 0.22).abs() < 0.2);
+        // Something may hide it.
+        let of = |known: f64, correlation: f64| agreement.ln_ratio(&cell(0.2, correlation, false), known);
+        assert!(of(0.92, 0.93) > 2.5 && (-0.7..0.0).contains(&of(0.92, 0.22)));
         // Nothing was measured there.
         let nothing = Agreement::new(std::iter::empty(), std::iter::empty());
-        assert_eq!(nothing.ln_ratio(0.2, 0.9, 0.9), 0.0);
-        assert!(agreement.ln_ratio(f64::NAN, f64::NAN, f64::NAN).is_finite());
+        assert_eq!(nothing.ln_ratio(&cell(0.2, 0.9, true), 0.9), 0.0);
+        assert!(agreement.ln_ratio(&cell(f64::NAN, f64::NAN, true), f64::NAN).is_finite());
     }
 }

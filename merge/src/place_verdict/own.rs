@@ -31,10 +31,12 @@ impl Looked {
     }
 }
 
+/// A keyframe's cells in a partner: the number of the keyframe among those looked at, which of its partners it is, and its pose.
+type SeenByPartner = (usize, usize, Sim3, Vec<CellMatch>);
+
 /// Cells of keyframes of one map in others of it.
 pub(super) struct Own {
-    /// Each keyframe's in a partner: the number of the keyframe among those looked at, which of its partners it is, and its pose.
-    seen: Vec<(usize, usize, Sim3, Vec<CellMatch>)>,
+    seen: Vec<SeenByPartner>,
     /// Of each cell, by the number of the keyframe, the sum of its correlations, and of how many.
     sums: BTreeMap<(usize, usize), (f64, usize)>,
 }
@@ -58,9 +60,7 @@ impl Own {
         let found: Vec<_> = pairs.par_iter().map(found).collect();
         let seen: Vec<_> = found.into_iter().flatten().collect();
         let mut sums: BTreeMap<(usize, usize), (f64, usize)> = BTreeMap::new();
-        for (number, cell) in
-            seen.iter().flat_map(|(number, .., cells)| cells.iter().map(move |c| (*number, c)))
-        {
+        for (number, cell) in visible(&seen) {
             let (sum, count) = sums.entry((number, cell.cell)).or_default();
             *sum += cell.correlation;
             *count += 1;
@@ -76,16 +76,16 @@ impl Own {
 
     /// The same without the keyframe that a match is of.
     fn known_without(&self, number: usize, cell: &CellMatch) -> Option<f64> {
-        let (sum, count) = self.sums.get(&(number, cell.cell))?;
-        (*count > 1).then(|| (sum - cell.correlation) / (*count - 1) as f64)
+        let &(sum, count) = self.sums.get(&(number, cell.cell))?;
+        let own = if cell.is_visible { (cell.correlation, 1) } else { (0.0, 0) };
+        (count > own.1).then(|| (sum - own.0) / (count - own.1) as f64)
     }
 
     /// Of each match how well other keyframes know the cell, and its correlation.
     pub fn samples(&self) -> impl Iterator<Item = [f64; 2]> + '_ {
         let of =
             |(number, cell): (usize, &CellMatch)| Some([self.known_without(number, cell)?, cell.correlation]);
-        let all = self.seen.iter().flat_map(|(number, .., cells)| cells.iter().map(move |c| (*number, c)));
-        all.filter_map(of)
+        visible(&self.seen).filter_map(of)
     }
 
     /// The cells in their world, each keyframe's seen by one of its partners, then by the next.
@@ -100,6 +100,12 @@ impl Own {
     }
 }
 
+/// The cells that nothing can hide, with the number of their keyframe.
+fn visible(seen: &[SeenByPartner]) -> impl Iterator<Item = (usize, &CellMatch)> {
+    let all = seen.iter().flat_map(|(number, .., cells)| cells.iter().map(move |cell| (*number, cell)));
+    all.filter(|(_, cell)| cell.is_visible)
+}
+
 /// What a match says of the surface, by how well the cell is known, and where the source's camera is.
 pub(super) fn spot(cell: &CellMatch, world_from_source: &Sim3, known: f64, agreement: &Agreement) -> Spot {
     Spot {
@@ -107,7 +113,7 @@ pub(super) fn spot(cell: &CellMatch, world_from_source: &Sim3, known: f64, agree
         width: cell.width * world_from_source.scale,
         contrast: cell.contrast,
         roundness: cell.roundness,
-        ln_agreement: agreement.ln_ratio(cell.contrast, known, cell.correlation),
+        ln_agreement: agreement.ln_ratio(cell, known),
     }
 }
 
