@@ -5,7 +5,7 @@ use nalgebra::{Matrix3, Matrix4, SMatrix, SVector, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 use std::ops::Mul;
 
-/// A similarity `x ↦ s R x + t`, in f64.
+/// A similarity `x ↦ s R x + t`, in f64: T of Loop-box, Eq. 1, whose σ is the [`scale`](Self::scale).
 ///
 /// Tangent vectors are `(υ, ω, λ)` with `s = e^λ`; updates are left-multiplicative (Engel 2014, §2.2).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

@@ -4,7 +4,7 @@ use geometry::Sim3;
 use nalgebra::{SMatrix, SVector};
 use serde::{Deserialize, Serialize};
 
-/// A similarity and how well it is known.
+/// A similarity (Eq. 1) and how well it is known.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Estimate {
     /// Maps points of frame b, in b's unit, to frame a, in a's.

@@ -7,8 +7,9 @@
 //!
 //! | module | step | paper |
 //! |---|---|---|
+//! | [`geometry::Sim3`], [`estimate`] | the similarity between two frames (σ, R, t); the same with its information | §III-B, Eq. 1 |
 //! | [`prepared`], [`key_points`] | keyframes made ready: 3-D points at their key points | §IV-C1 |
-//! | [`pairing`] | direction of travel, and which neighbours pair up | §IV-B |
+//! | [`pairing`] | direction of travel, and which neighbours pair up; the four states of Fig. 2 | §IV-B |
 //! | [`matching`] | features of two keyframes matched | §IV-C1 |
 //! | [`two_view`] | relative pose of one keyframe pair, from matched rays | §IV-C1 |
 //! | [`scale_filter`] | scale of one keyframe pair, by a Kalman filter | §IV-C2 |

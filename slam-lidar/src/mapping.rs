@@ -32,7 +32,7 @@ pub struct MappingParams {
     pub reach: f64,
     /// A place is found again only after so many metres of path.
     pub apart: f64,
-    /// Keyframes whose ring keys are nearest, of which the nearest by Scan Context is registered (Eq. 10).
+    /// Earlier keyframes with the nearest ring keys: C of Eq. 10, of which the one nearest by Scan Context is registered.
     pub candidates: usize,
     /// Standard deviations of the odometry from keyframe to keyframe, metres and radians.
     pub odometry_deviation: (f64, f64),
@@ -133,8 +133,14 @@ impl Agent {
         }
     }
 
-    /// Takes the next scan; returns what the odometry made of it and the loop that it closed. One that is
+    /// Tracks the next scan; returns its pose and the loop that it closed. A scan that is
     /// [`lost`](TrackedSweep::lost) changes nothing.
+    ///
+    /// Every other keyframe looks for a loop by Eq. 10: of the [`candidates`](MappingParams::candidates) earlier keyframes
+    /// with the nearest ring keys, c* has the least Scan Context distance D. Two things differ from the paper. Ring keys are
+    /// compared one by one and not by a k-d tree: a key has 20 numbers, and there is one key for every metre of path. D has
+    /// no threshold t: c* is registered, and [`believed`] decides by the geometry, because two places that look alike from
+    /// above have a small D as well.
     ///
     /// # Errors
     /// A scan that the odometry refuses changes nothing.
@@ -259,7 +265,7 @@ impl Agent {
         Submap::new(near.map(|(keyframe, _)| keyframe), &self.keyframes[index].world_from_sensor)
     }
 
-    /// Looks for the last keyframe's place among the earlier ones (Eq. 10).
+    /// Looks for the last keyframe's place among the earlier ones (Eq. 10, see [`take`](Self::take)).
     fn look_for_loop(&mut self) -> Option<Loop> {
         let to = self.keyframes.len() - 1;
         // A submap needs keyframes on both sides; half of them every other keyframe are enough.

@@ -20,7 +20,7 @@ pub struct ScanContext {
     key: [f32; RINGS],
 }
 
-/// How like two scans are.
+/// How similar two scans are.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Similarity {
     /// Distance (Eq. 7), 0 for the same scan, at most 1.
@@ -30,7 +30,7 @@ pub struct Similarity {
 }
 
 impl ScanContext {
-    /// Describes points in the sensor's frame out to `radius` metres.
+    /// Describes points in the sensor's frame out to `radius` metres: the matrix of Eq. 5 and the ring key K of Eq. 9.
     pub fn of(points: &[[f32; 3]], radius: f32) -> Self {
         let floor = lowest(points);
         let mut columns = vec![[0.0f32; RINGS]; SECTORS];
@@ -52,7 +52,7 @@ impl ScanContext {
         Self { columns, norms, key }
     }
 
-    /// Squared distance of ring keys, which does not change when the sensor turns.
+    /// Squared distance of the ring keys (Eq. 9), which does not change when the sensor turns. Eq. 10 takes its candidates by it.
     pub fn key_distance(&self, other: &Self) -> f32 {
         self.key.iter().zip(&other.key).map(|(a, b)| (a - b).powi(2)).sum()
     }

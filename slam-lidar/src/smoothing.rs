@@ -1,7 +1,7 @@
-//! The trajectory smoothed as loops come.
+//! The trajectory optimised whenever a loop is closed, in place of the paper's ISAM (§3.2.3).
 //!
-//! Keyframes hang on each other by the odometry's steps, and every loop says what the steps between its ends must add
-//! up to. The unknowns are the steps' errors y with covariance Σ, the loops' residuals are `r + A y` with covariance
+//! Odometry steps connect successive keyframes, and every loop measures the sum of the steps between its two keyframes.
+//! The unknowns are the steps' errors y with covariance Σ, the loops' residuals are `r + A y` with covariance
 //! R, and the minimum is `y = −Σ Aᵀ (A Σ Aᵀ + R)⁻¹ r`: a system of six unknowns a loop, whatever the length of the
 //! way, whose blocks are differences of sums along it. So a further loop costs one walk along the way and no solution of the whole graph. Motions are
 //! in SE(3); nothing here has a scale.

@@ -28,7 +28,8 @@ const A: Recording = Recording::whole("parking_a");
 const B: Recording = Recording::whole("parking_b");
 const C: Recording = Recording::whole("parking_c");
 
-/// The merges. The four states are those of Fig. 2 of the paper; the cuts leave less than 2 m in common.
+/// The merges. The four states of the paper's Fig. 2 are `same` (a), `same-once` (b), `opposite` (c) and `opposite-once` (d); the
+/// cuts leave less than 2 m in common.
 pub const CASES: [Case; 8] = [
     Case {
         name: "same",

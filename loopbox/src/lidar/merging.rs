@@ -172,8 +172,8 @@ impl LidarMerging {
     }
 }
 
-/// Brings maps together: every pair is tried, the accepted merges are adjusted to each other, and those that hang together
-/// become one map in the world of their first. `stage` is told what is being done; its error ends the merging.
+/// Merges maps: compares every pair, optimises the accepted merges jointly, and unites the maps that they connect in the world
+/// of the first (EMR-FLOAM, Eq. 11). `stage` is told what is being done; its error ends the merging.
 ///
 /// # Errors
 /// With fewer than two inputs, when `stage` fails, or when maps cannot be united.
@@ -312,7 +312,9 @@ fn groups(inputs: &[Input], pairs: &[Pair], joined: &Joined) -> Result<Vec<Group
     members.into_values().map(group).collect()
 }
 
-/// The maps of some inputs in the world of the first; that of one alone is its own.
+/// The union of the maps of some inputs in the world of the first: Eq. 11, `M_global = ∪ T_i(M_i)`, with `root_from_map` as T_i. In
+/// place of its threshold on a confidence, only maps of merges that were accepted and not taken back are joined. The map of one
+/// input alone is its own.
 fn united(inputs: &[Input], pairs: &[Pair], joined: &Joined, members: &[usize]) -> Result<Map> {
     if let [alone] = members {
         return Ok(inputs[*alone].map.clone());

@@ -3,6 +3,11 @@
 //! A closure pairs keyframe i of the source with keyframe j of the target. Agents that travel in the same direction
 //! see (i − 1, j − 1) and (i + 1, j + 1) alike; agents that meet, (i − 1, j + 1) and (i + 1, j − 1). The pairing
 //! with more matches holds. Matches are counted, so their noise is Poisson's: a difference within it decides nothing.
+//!
+//! Fig. 2 of the paper has four states. Agents travel in the same direction (a, b) or in opposite ones (c, d): [`Travel`]
+//! tells which. They have several loop closures (a, c) or only one (b, d): one is enough to merge their maps, and
+//! [`further`](crate::further) looks for the others once it is found. `bench` measures all four as the cases `same`,
+//! `same-once`, `opposite` and `opposite-once`.
 
 #[cfg(test)]
 mod tests;
