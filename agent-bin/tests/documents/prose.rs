@@ -6,8 +6,9 @@ const LINES: usize = 120;
 const WORDS: usize = 30;
 
 /// What people read first, beside the pages of tasks.
-const PAGES: [&str; 8] = [
+const PAGES: [&str; 9] = [
     "README.md",
+    "ARCHITECTURE.md",
     "book/src/introduction.md",
     "book/src/install.md",
     "book/src/tutorial.md",
