@@ -1,14 +1,14 @@
-//! Numbers in a row: in memory of their own, or swapped out to where somebody keeps them.
+//! Arrays of numbers, in memory or swapped out ([`Swap`]).
 
 use bytemuck::Pod;
 use std::fmt;
 use std::ops::{Deref, DerefMut};
 use std::sync::Arc;
 
-/// Keeps what is too much for memory: in files, say.
+/// Keeps bytes outside memory, in files for example.
 pub trait Swap: Send + Sync {
-    /// Keeps a copy of `bytes`, at an address that is a multiple of 16; `None` where there is no room, so that they stay
-    /// where they are.
+    /// Keeps a copy of `bytes`, at an address that is a multiple of 16; `None` where there is no room. The caller
+    /// then keeps them in memory.
     fn keep(&self, bytes: &[u8]) -> Option<Arc<dyn Swapped>>;
 }
 
@@ -17,15 +17,15 @@ pub trait Swap: Send + Sync {
 /// # Safety
 /// [`bytes`](Self::bytes) are the same, at the same address, for as long as the value lives, whatever else is called.
 pub unsafe trait Swapped: Send + Sync {
-    /// They, read when they are looked at.
+    /// The bytes; they are read when they are used.
     fn bytes(&self) -> &[u8];
 
-    /// They are not needed soon: whatever memory they take is given back. They can be looked at as before.
+    /// Gives their memory back, because they are not needed soon. They can be read again at any time.
     fn rest(&self);
 }
 
-/// Values in a row, as a `Vec` has them; those that were [swapped out](Self::swapped_out) are copied back when they are
-/// to change.
+/// An array of values, like a `Vec`. Values that were [swapped out](Self::swapped_out) are copied back before they
+/// change.
 pub struct Buffer<T> {
     /// Of what `owner` has, for as long as it does.
     start: *const T,

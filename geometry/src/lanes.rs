@@ -106,7 +106,7 @@ mod wide {
     use super::{LANES, Lanes, Processor};
     use std::arch::x86_64::*;
 
-    /// A processor with AVX2. Whoever has one may use its instructions.
+    /// A processor with AVX2: a value of this type proves that its instructions may be used.
     #[derive(Clone, Copy, Debug)]
     pub struct Avx2(());
 

@@ -12,7 +12,7 @@ pub struct Sighting {
     pub ray: Vector3<f64>,
 }
 
-/// When a pose is believed, and how long it is sought.
+/// When a pose is accepted, and how long RANSAC searches for it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Consensus {
     /// Largest distance of a sighting from where the pose has it, in focal lengths.

@@ -1,9 +1,9 @@
-//! Two trajectories of one body brought together: the similarity between their worlds, by positions and turns.
+//! The alignment of two trajectories of one body: the similarity between their worlds, from positions and rotations.
 //!
-//! Point sets on one line leave the rotation about it open ([`umeyama`](crate::umeyama)); poses do not, so that a robot
-//! that drives straight on is enough. Robust least squares: rotation, scale and translation begin at what most pairs agree
-//! on, then all seven degrees of freedom are refined together with Cauchy's weights,
-//! whose widths are told from the residuals themselves.
+//! Points on one line do not fix the rotation about it ([`umeyama`](crate::umeyama)). Poses do, so a robot that
+//! drives straight on is enough. The method is robust least squares. Rotation, scale and translation start at the
+//! values on which most pairs agree. Then all seven degrees of freedom are refined together with Cauchy weights,
+//! whose widths are estimated from the residuals.
 
 use crate::{Se3, Sim3, hat, median};
 use nalgebra::{SMatrix, SVector, UnitQuaternion, Vector3};

@@ -31,8 +31,8 @@ impl Pyramid {
         Self { base, levels: there, halvings: Arc::default() }
     }
 
-    /// Gives the memory of the halvings back, unless a copy needs them, and that of an image that is swapped out; they are
-    /// made and read again when they are asked for.
+    /// Gives back the memory of the halved levels, unless a copy needs them, and of an image that is swapped out.
+    /// Both are made or read again when they are used.
     pub fn rest(&mut self) {
         self.halvings = Arc::default();
         self.base.rest();

@@ -39,7 +39,7 @@ impl Random {
         low + (high - low) * (self.bits() >> 40) as f32 / (1u32 << 24) as f32
     }
 
-    /// Of mean 0 and variance 1 (Box and Muller 1958).
+    /// A normally distributed number of mean 0 and variance 1 (Box and Muller 1958).
     pub fn normal(&mut self) -> f64 {
         let radius = (-2.0 * (1.0 - self.unit()).ln()).sqrt();
         radius * (std::f64::consts::TAU * self.unit()).cos()

@@ -4,8 +4,8 @@
 /// pay for a second and third.
 const SPARE: f64 = 3.0;
 
-/// How many samples of `size` must be drawn so that with this `confidence` a good one is free of outliers, when a share of
-/// all are inliers (Fischler & Bolles 1981); infinite for none.
+/// How many samples of `size` RANSAC draws so that, with this `confidence`, at least one is free of outliers
+/// (Fischler & Bolles 1981). `inlier_share` is the share of inliers among all; without any the number is infinite.
 pub fn samples_needed(inlier_share: f64, size: i32, confidence: f64) -> f64 {
     SPARE * ((1.0 - confidence).ln() / (-inlier_share.powi(size)).ln_1p())
 }

@@ -1,11 +1,11 @@
-//! The camera as its images proved to show the world: what the calibration leaves of the lens's distortion, and the time in
-//! which the rows of an image are read one after the other.
+//! The camera beyond its calibration: the remaining distortion of its lens, and its readout time, in which a rolling
+//! shutter reads the rows of an image one after the other.
 //!
-//! A camera that moves while its sensor is read bends its images: what the upper rows show was seen earlier than what the
-//! lower ones show (rolling shutter; Meingast et al., OMNIVIS 2005). A frame's pose is that of its middle row, and a pixel is
-//! put back to where that row's time would have shown it, by the motion from frame to frame (constant velocity; Hedborg et
-//! al., CVPR 2012). How long a sensor takes is told by the recording itself: it is an unknown of the joint optimisation, as
-//! the lens is. Of a telephone held upright it is the columns of the video that are read one after the other.
+//! A camera that moves while its sensor is read bends its images: the upper rows show an earlier instant than the
+//! lower ones (rolling shutter; Meingast et al., OMNIVIS 2005). A frame's pose is that of its middle row. A pixel is
+//! moved to where the instant of that row would show it, by the motion from frame to frame (constant velocity;
+//! Hedborg et al., CVPR 2012). The recording itself gives the readout time: like the lens, it is an unknown of the
+//! joint optimisation. A telephone that records upright reads the columns of its video one after the other.
 
 mod lens;
 mod rectify;
@@ -40,8 +40,8 @@ const EVEN: f64 = 0.2;
 /// Motion of a camera: left-multiplicative twist (υ, ω) of `camera_from_world` a second; υ in map units.
 pub type Twist = Vector6<f64>;
 
-/// The motion from one pose `camera_from_world` to another that comes `seconds` later, or earlier if they are negative; none
-/// where they are too far apart in time to tell it.
+/// The motion between two poses `camera_from_world` that are `seconds` apart, negative if the second is earlier. Zero
+/// where they are too far apart in time, or too close, to give a velocity.
 pub fn motion(from: &Se3, to: &Se3, seconds: f64) -> Twist {
     // Below a tenth of a millisecond, stamps tell nothing of velocities.
     if !(1e-4..EVEN).contains(&seconds.abs()) {
@@ -53,7 +53,7 @@ pub fn motion(from: &Se3, to: &Se3, seconds: f64) -> Twist {
 /// A lens and a shutter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sensor {
-    /// What is left of the lens's distortion.
+    /// The remaining distortion of the lens.
     pub lens: Lens,
     /// Time from reading the first column to reading the last, and from the first row to the last, seconds; negative where
     /// the last comes first. One of them is zero.
@@ -61,7 +61,7 @@ pub struct Sensor {
 }
 
 impl Sensor {
-    /// A lens of which the calibration says all, and all rows read at once.
+    /// A lens without remaining distortion, and all rows read at once.
     pub fn ideal(camera: Pinhole) -> Self {
         Self { lens: Lens::ideal(camera), readout: [0.0; 2] }
     }
@@ -85,13 +85,13 @@ impl Sensor {
         columns != 0.0 || rows != 0.0
     }
 
-    /// Whether images show all as an ideal camera would, as far as it matters.
+    /// Whether its images differ from those of an ideal camera by less than matters.
     pub fn is_ideal(&self) -> bool {
         !self.is_rolling() && self.lens.corner_shift().abs() < LEAST_SHIFT
     }
 
-    /// From which distance from the middle on, as a share of the corner's, depths found by another sensor of the same camera
-    /// are off by it, by more than what else they are off; nothing where they are nowhere.
+    /// The distance from the middle, as a share of the corner's, beyond which depths that were found with `other` are
+    /// off by more than their other errors. `None` where they are off nowhere.
     pub fn differs_beyond(&self, other: &Self) -> Option<f64> {
         let longest = |times: [f64; 2]| times.iter().map(|time| time.abs()).fold(0.0, f64::max);
         let change = longest([0, 1].map(|i| self.readout[i] - other.readout[i]));
@@ -103,15 +103,16 @@ impl Sensor {
         (corner > MUCH_LENS).then(|| (MUCH_LENS / corner).cbrt())
     }
 
-    /// The readout times as far as a rolling shutter has such: the longer one if it is long enough, and nothing else.
+    /// The readout times if they can be those of a rolling shutter: the longer of the two if it is long enough, and 0
+    /// otherwise.
     pub fn plausible_readout(&self) -> [f64; 2] {
         let [columns, rows] = self.readout;
         let longest = columns.abs().max(rows.abs());
         [columns, rows].map(|time| if time.abs() == longest && longest >= LEAST_READOUT { time } else { 0.0 })
     }
 
-    /// How fast what the image shows at a pixel moves in it, pixels a second; the point has this inverse depth in the moving
-    /// camera.
+    /// The velocity at which a point moves through `pixel`, pixels a second. `inverse_depth` is the point's inverse
+    /// depth in the moving camera.
     #[inline(always)]
     pub fn velocity(&self, pixel: [f64; 2], motion: &Twist, inverse_depth: f64) -> Vector2<f64> {
         let Pinhole { fx, fy, .. } = self.lens.camera;

@@ -19,12 +19,12 @@ pub struct AgentId(pub u16);
 /// An agent whose keyframes are in a map.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AgentInfo {
-    /// What people call it, the recording's name say; unique within the map and not empty.
+    /// Its name, the recording's for example; unique within the map and not empty.
     pub name: String,
-    /// What it sees with.
+    /// Its sensor.
     pub sensor: Sensor,
-    /// Who it is, and which of its maps this is; unique within the map. `None` while nobody said: such an agent is known
-    /// by its keyframes alone.
+    /// Its identity and the epoch of this map; unique within the map. `None` if it has no identity: such an agent is
+    /// known by its keyframes alone.
     pub identity: Option<Identity>,
     /// Where its map came from: free `key → value` text (source, program version, parameters, …).
     pub provenance: BTreeMap<String, String>,
@@ -47,7 +47,7 @@ impl AgentInfo {
         }
     }
 
-    /// Whether a unit of its own world is a metre: that of a LiDAR is, that of a camera where somebody told it so.
+    /// Whether its own world is in metres: that of a LiDAR is, that of a camera if the user gave it metres.
     pub fn is_metric(&self) -> bool {
         self.sensor == Sensor::Lidar || self.provenance.get(UNIT).is_some_and(|unit| unit == METRE)
     }

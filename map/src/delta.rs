@@ -1,4 +1,4 @@
-//! What happened to a map: said by whoever works on it, taken in by whoever keeps or shows it.
+//! Changes of a map: who works on a map publishes them, and who stores or shows it applies them.
 
 use crate::{AgentId, Edge, Keyframe, KeyframeId, Map, Point, SemiDense, Shared};
 use geometry::Sim3;
@@ -7,8 +7,8 @@ use std::sync::Arc;
 
 /// What one step of work changed in an agent's map.
 ///
-/// Taken in by [`Map::take_in`] in order of their numbers, from the first one on, deltas make the map of the one who
-/// said them. Who writes or shows a map learns from them what is new, without comparing.
+/// [`Map::take_in`] applies deltas. Applied in order of their numbers, from the first one on, they give the
+/// publisher's map. Who writes or shows a map gets from them what is new, without comparing.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MapDelta {
     /// Number of the delta, from 0, each one more than the one before.
@@ -34,7 +34,7 @@ pub struct MapDelta {
 pub struct Moved {
     /// Which.
     pub keyframe: KeyframeId,
-    /// Where it is now, and its unit: depths and frames that are measured in it stay as they are.
+    /// Its new pose and unit; depths and frames that are measured in it do not change.
     pub world_from_keyframe: Sim3,
 }
 
@@ -59,7 +59,7 @@ pub struct Described {
 }
 
 impl MapDelta {
-    /// A map at once: what makes it of an empty one, but for its frames.
+    /// The delta that makes the whole map from an empty one, except its frames.
     pub fn whole(map: &Map) -> Self {
         let added = map.keyframes.values().cloned().collect();
         Self { added, edges: Some(map.edges.clone()), ..Self::default() }
@@ -74,7 +74,7 @@ impl MapDelta {
 }
 
 impl Map {
-    /// Changes the map as `delta` says. What it says of keyframes that are not in the map is passed over.
+    /// Applies `delta`. It ignores keyframes that are not in the map.
     pub fn take_in(&mut self, delta: MapDelta) {
         for keyframe in delta.added {
             self.keyframes.insert(keyframe.id, keyframe);

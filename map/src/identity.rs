@@ -1,4 +1,4 @@
-//! Identity: what an agent and a keyframe are called for ever, in every file and every merge.
+//! Identity: the permanent names of an agent and of a keyframe, the same in every file and every merge.
 
 use geometry::{GrayImage, Pinhole};
 use serde::{Deserialize, Serialize};
@@ -9,10 +9,10 @@ use uuid::Uuid;
 /// namespace of domain names.
 const NAMESPACE: Uuid = Uuid::from_u128(0x9fea_1e30_0325_535e_83d1_0f31_376e_4918);
 
-/// One map of one agent, wherever it goes: who made it, and which of that agent's maps it is.
+/// The identity of one map of one agent: who made it, and which of that agent's maps it is.
 ///
-/// An agent begins another map when it lost its way, or was told to: that is its next epoch, in which keyframes are
-/// numbered anew.
+/// An agent begins another map after a loss or on request. That is its next epoch, in which keyframes are numbered
+/// anew.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct Identity {
     /// The agent.
@@ -21,7 +21,7 @@ pub struct Identity {
     pub epoch: u32,
 }
 
-/// What a keyframe is called for ever: [`KeyframeId`](crate::KeyframeId)s are names within one file.
+/// The permanent name of a keyframe; a [`KeyframeId`](crate::KeyframeId) is valid within one file only.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct KeyframeName {
     /// Whose it is, and of which map.
@@ -31,15 +31,15 @@ pub struct KeyframeName {
 }
 
 impl Identity {
-    /// An agent that is under way: a random UUID (version 4) of 16 random `bytes`, as no two cameras that are live see
-    /// the same, and nobody runs them again.
+    /// A live agent: a random UUID (version 4) of 16 random `bytes`. No two live cameras see the same, and no one can
+    /// run them again.
     pub fn random(bytes: [u8; 16]) -> Self {
         Self::first(uuid::Builder::from_random_bytes(bytes).into_uuid())
     }
 
-    /// An agent that goes by a recording: a UUID (version 5) of what the recording begins with, its camera (pixels) and
-    /// its first image with its time stamp (seconds). So a recording run again is the same agent, on any machine,
-    /// whatever its folder is called and whatever the parameters are.
+    /// The agent of a recording: a UUID (version 5) of the recording's start, which is its camera (pixels) and its
+    /// first image with its time stamp (seconds). So a recording that is run again is the same agent, on any machine,
+    /// whatever its folder and the parameters are.
     pub fn of_recording(camera: &Pinhole, timestamp: f64, image: &GrayImage) -> Self {
         let Pinhole { width, height, fx, fy, cx, cy } = *camera;
         let mut content = Vec::with_capacity(image.data().len() + 64);

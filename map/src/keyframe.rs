@@ -34,9 +34,9 @@ pub struct Keyframe {
     pub semi_dense: Shared<SemiDense>,
     /// The sparse points hosted here, with their observations: what the joint optimisation works on.
     pub points: Vec<Point>,
-    /// The local features of the image, as the crate `features` encodes them; `None` while nobody looked for them.
+    /// The local features of the image, as the crate `features` encodes them; `None` if they were not extracted.
     pub features: Option<Arc<[u8]>>,
-    /// The words of these features, as the crate `place-recog` writes them; `None` while nobody looked them up.
+    /// The words of these features, as the crate `place-recog` writes them; `None` if they were not looked up.
     pub words: Option<Arc<[u8]>>,
 }
 
@@ -155,7 +155,7 @@ pub struct Observation {
     pub information: [f32; 3],
 }
 
-/// What made an edge.
+/// The origin of an edge.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum EdgeKind {
     /// Successive keyframes.
@@ -164,7 +164,7 @@ pub enum EdgeKind {
     Covisibility,
     /// A loop closed within one map.
     Loop,
-    /// A meeting of two agents' maps.
+    /// A merge of two agents' maps.
     Merge,
 }
 
@@ -180,13 +180,13 @@ pub struct Edge {
     /// Information of the left perturbation ε of the measurement, `true = exp(ε) ∘ from_from_to`, tangent
     /// order (υ, ω, λ): the residual is `log(from_from_world ∘ to_from_world⁻¹ ∘ from_from_to⁻¹)`.
     pub information: SMatrix<f64, 7, 7>,
-    /// What made it.
+    /// Its origin.
     pub kind: EdgeKind,
 }
 
 impl Edge {
-    /// Of successive keyframes as their poses have it; `deviations` are those of translation (units of `from`), rotation
-    /// (radians) and scale (its logarithm).
+    /// The odometry edge between two successive keyframes, from their poses. `deviations` are the standard deviations
+    /// of translation (units of `from`), rotation (radians) and scale (its logarithm).
     pub fn odometry(from: &Keyframe, to: &Keyframe, deviations: [f64; 3]) -> Self {
         let [t, r, s] = deviations.map(|deviation| deviation.powi(-2));
         Self {

@@ -32,8 +32,8 @@ fn mean(vectors: impl ExactSizeIterator<Item = Vector3<f64>>) -> Vector3<f64> {
 }
 
 impl Map {
-    /// Brings the map to another frame and unit. What agents' own maps were is as before, and so is all that is measured
-    /// in a keyframe: depths, points, frames, edges.
+    /// Transforms the map to another frame and unit. The agents' own maps stay, and so does all that is measured in a
+    /// keyframe: depths, points, frames, edges.
     pub fn transform(&mut self, new_from_world: &Sim3) {
         for keyframe in self.keyframes.values_mut() {
             keyframe.world_from_keyframe = *new_from_world * keyframe.world_from_keyframe;

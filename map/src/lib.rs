@@ -57,7 +57,7 @@ use std::collections::BTreeMap;
 pub struct Map {
     /// Whose keyframes are in the map; one agent at least.
     pub agents: BTreeMap<AgentId, AgentInfo>,
-    /// Keyframes by id. Of one agent ids grow with time and are never reused.
+    /// Keyframes by id. Ids of one agent grow with time and are never reused.
     pub keyframes: BTreeMap<KeyframeId, Keyframe>,
     /// Relative-pose constraints between keyframes. Those between agents are of kind [`EdgeKind::Merge`].
     pub edges: Vec<Edge>,
@@ -105,8 +105,8 @@ impl Map {
     /// The camera that took a keyframe of this map.
     ///
     /// # Panics
-    /// When the keyframe's agent is not in the map (of maps that were loaded or united, every one is) or has no
-    /// camera: whoever works on images asks [`of_cameras`](Self::of_cameras) first.
+    /// When the keyframe's agent is not in the map, or has no camera. Every agent of a loaded or united map is in it.
+    /// Functions that work on images call [`of_cameras`](Self::of_cameras) first.
     pub fn camera(&self, keyframe: &Keyframe) -> &Pinhole {
         match &self.agents[&keyframe.agent].sensor {
             Sensor::Camera(camera) => camera,
@@ -114,12 +114,12 @@ impl Map {
         }
     }
 
-    /// The camera of the agent whose a keyframe is; `None` of a LiDAR's.
+    /// The camera of the agent that took a keyframe; `None` for a LiDAR.
     pub fn camera_of(&self, keyframe: &Keyframe) -> Option<&Pinhole> {
         self.agents.get(&keyframe.agent).and_then(AgentInfo::camera)
     }
 
-    /// Whether a unit of the map's world is a metre: a common world is that of its first agent.
+    /// Whether the map is in metres: a common map is in the world of its first agent.
     pub fn is_metric(&self) -> bool {
         self.agents.values().next().is_some_and(AgentInfo::is_metric)
     }
@@ -129,14 +129,14 @@ impl Map {
         agent::labels(&self.agents)
     }
 
-    /// What a keyframe is called for ever; `None` for an id of no agent, and of an agent whose identity is not known.
+    /// The permanent name of a keyframe; `None` if no agent has this id, or the agent has no identity.
     pub fn name_of(&self, id: KeyframeId) -> Option<KeyframeName> {
         let info = &self.agents[&agent::owner(&self.agents, id)?];
         let first = info.own.as_ref().map_or(0, |own| own.first_keyframe);
         Some(KeyframeName { agent: info.identity?, number: id.0 - first })
     }
 
-    /// The keyframe of a name: its id in this map, if it is in it.
+    /// The id in this map of the keyframe with this name, if the map has it.
     pub fn find(&self, name: KeyframeName) -> Option<KeyframeId> {
         let info = self.agents.values().find(|info| info.identity == Some(name.agent))?;
         let first = info.own.as_ref().map_or(0, |own| own.first_keyframe);

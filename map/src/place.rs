@@ -14,8 +14,8 @@ pub struct PlaceCandidate {
 
 /// An index of keyframes by appearance.
 ///
-/// `View` is what of a keyframe the index looks at: its image by default, or what was computed from it once
-/// and is used elsewhere too, such as its local features.
+/// `View` is the part of a keyframe that the index uses: its image by default, or what was computed from it once and
+/// is used elsewhere too, such as its local features.
 pub trait PlaceIndex<View: ?Sized = GrayImage>: Send {
     /// Forgets all keyframes.
     fn clear(&mut self);

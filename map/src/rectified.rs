@@ -1,8 +1,8 @@
 //! Keyframes as an ideal camera would have taken them.
 //!
-//! A map keeps images as they were given, undistorted by the calibration, and says of its agent's camera what the recording
-//! told beyond that: what is left of the lens's distortion, and how long the sensor takes to read an image. Whoever compares
-//! places in two images needs both undone.
+//! A map stores images as the agent got them, undistorted by the calibration. Its agent's provenance has what the
+//! recording revealed beyond that: the remaining distortion of the lens, and the readout time. Code that compares
+//! places in two images undoes both.
 
 use crate::{AgentId, AgentInfo, FramePose, Keyframe, Map, SemiDense};
 use geometry::sensor::{CoarseDepth, Lens, Rectification, Sensor, Shift, Twist, motion};
@@ -17,7 +17,7 @@ const LENS: &str = "lens";
 const READOUT: [&str; 2] = ["readout columns", "readout rows"];
 
 impl AgentInfo {
-    /// What takes its images, as they proved to show the world; ideal where nothing is said. `None` of a LiDAR.
+    /// The sensor of its images; ideal if the provenance has none. `None` for a LiDAR.
     pub fn image_sensor(&self) -> Option<Sensor> {
         let camera = *self.camera()?;
         let value_of = |key: &str| self.provenance.get(key);
@@ -28,7 +28,7 @@ impl AgentInfo {
     }
 }
 
-/// What an agent's provenance says of a sensor.
+/// The entries of an agent's provenance that describe a sensor.
 pub fn sensor_entries(sensor: &Sensor) -> [(&'static str, String); 3] {
     let [columns, rows] = sensor.readout.map(|time| format!("{time:?}"));
     [(LENS, sensor.lens.to_text()), (READOUT[0], columns), (READOUT[1], rows)]
@@ -39,13 +39,13 @@ pub fn sensor_entries(sensor: &Sensor) -> [(&'static str, String); 3] {
 pub struct Rectified {
     /// The keyframe; image, depths and points are in their places, features are left out.
     pub keyframe: Keyframe,
-    /// What put them there.
+    /// The rectification that moved them.
     pub rectification: Rectification,
 }
 
 impl Map {
-    /// How the camera moved at a keyframe, in its unit: from the frame before it to the one after; not at all where one of
-    /// them is not known.
+    /// The motion of the camera at a keyframe, in its unit: from the frame before it to the one after. Zero where one
+    /// of them is not known.
     pub fn motion_at(&self, keyframe: &Keyframe) -> Twist {
         match self.agents.len() {
             1 => self.motion_among(&self.frames, keyframe),
@@ -104,8 +104,8 @@ impl Map {
         rectified(keyframe, &sensor, &self.motion_at(keyframe))
     }
 
-    /// What makes a keyframe's image that of an ideal camera, for those who need it only; `None` as with
-    /// [`rectified`](Self::rectified).
+    /// The conversion of a keyframe's image to that of an ideal camera, for callers that need only this; `None` as
+    /// with [`rectified`](Self::rectified).
     pub fn rectification(&self, keyframe: &Keyframe) -> Option<Rectification> {
         let sensor = self.agents.get(&keyframe.agent)?.image_sensor()?;
         rectification(keyframe, &sensor, &self.motion_at(keyframe))

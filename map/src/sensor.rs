@@ -1,11 +1,11 @@
-//! What agents see with, and which maps a function takes.
+//! The sensors of agents, and which maps a function accepts.
 
 use crate::{Map, MapError};
 use geometry::Pinhole;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
-/// What an agent sees with.
+/// The sensor of an agent.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Sensor {
     /// A camera: the pinhole camera to which its keyframes' images were undistorted. Its map's unit is unknown.
@@ -57,7 +57,7 @@ impl Map {
         kinds.all(|kind| kind == first).then_some(first)
     }
 
-    /// Whether all agents have cameras: what functions ask that work on images.
+    /// Whether all agents have cameras. Functions that work on images check this.
     ///
     /// # Errors
     /// [`MapError::Sensor`] names an agent that has none.

@@ -1,4 +1,4 @@
-//! What a map holds, in numbers.
+//! The content of a map in numbers.
 
 use crate::{AgentId, AgentInfo, EdgeKind, Identity, Map, SensorKind};
 use serde::Serialize;
@@ -44,14 +44,14 @@ pub struct Summary {
     pub merge_provenance: BTreeMap<String, String>,
 }
 
-/// What a map holds of one agent.
+/// The part of one agent in a map.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct AgentSummary {
     /// Its name.
     pub name: String,
-    /// Who it is, and which of its maps this is; `null` when nobody said.
+    /// Its identity and the epoch of this map; `null` if it has none.
     pub identity: Option<Identity>,
-    /// What it sees with.
+    /// Its sensor.
     pub sensor: SensorKind,
     /// Image width and height, pixels; none of a LiDAR.
     pub image_size: Option<[usize; 2]>,

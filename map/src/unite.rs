@@ -11,18 +11,17 @@ use geometry::GrayImage;
 use std::collections::{BTreeMap, BTreeSet};
 
 impl Map {
-    /// The disjoint union of maps: all their agents, keyframes, edges and frames, under new ids and
-    /// with unique names, and nothing that joins them yet.
+    /// The disjoint union of maps: all their agents, keyframes, edges and frames under new ids, with unique names. No
+    /// edges connect the maps yet.
     ///
-    /// Each agent's keyframes keep their poses, so that the worlds lie in one another until someone moves
-    /// them; the poses of the agent's own map are remembered, and [`split`](Self::split) gives it back.
-    /// Agents of a map that is itself united stay what they are, and lose only what that map knew of
-    /// how it was merged.
+    /// Each agent's keyframes keep their poses, so the maps overlap in one world until they are moved. The poses of
+    /// the agent's own map are stored, and [`split`](Self::split) restores it. Agents of a map that is itself united
+    /// stay as they are, and lose only the map's provenance of its merge.
     ///
     /// # Errors
-    /// [`MapError::SameMapTwice`] when two are of one run of one agent: of one identity, or all keyframes of the one are
-    /// among the other's; [`MapError::Union`] without
-    /// maps, with a map that contradicts itself, or with more agents or keyframes than ids.
+    /// [`MapError::SameMapTwice`] when two are of one run of one agent: they have one identity, or all keyframes of
+    /// one are among the other's. [`MapError::Union`] without maps, with a map that contradicts itself, or with more
+    /// agents or keyframes than ids.
     pub fn unite(maps: Vec<Map>) -> Result<Map, MapError> {
         Self::can_unite(&maps.iter().collect::<Vec<_>>())?;
         let mut union = Union { map: Map::without_agents(), names: BTreeSet::new(), next_keyframe: 0 };
@@ -44,11 +43,11 @@ impl Map {
         refuse_same(maps)
     }
 
-    /// Every agent's own map, in order of the agents: bit by bit what was united, as long as only poses
-    /// of keyframes were changed and edges and observations between agents were added since. The words of features, by
-    /// which a common map is searched, are left out.
+    /// Every agent's own map, in order of the agents. Each is bit by bit the map that was united, if since then only
+    /// poses of keyframes changed and only edges and observations between agents were added. The words of features,
+    /// which only a common map needs, are left out.
     ///
-    /// A map that is not united is its agent's own.
+    /// A map that is not united gives its agent's own map.
     pub fn split(&self) -> Vec<Map> {
         self.agents.iter().map(|(agent, info)| self.own_map(*agent, info)).collect()
     }

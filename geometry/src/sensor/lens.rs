@@ -1,9 +1,9 @@
-//! What is left of a lens's distortion in images that were undistorted by a calibration, and how it is undone.
+//! The distortion that remains in images that were undistorted by a calibration, and its correction.
 //!
-//! A calibration that is wrong by a pixel at the image's border makes the scale of a map drift when driving: points are
-//! seen first near the middle and last at the border, so each step is measured by others that are a little too long or
-//! too short, always in the same sense (Krešo & Šegvić, VISAPP 2015, on the KITTI cameras). Points seen from many places
-//! tell this error, so the joint optimisation solves for it.
+//! A calibration that is wrong by a pixel at the image's border makes the scale of a map drift when driving. Points
+//! are first seen near the middle and last at the border, so each step is measured by others that are a little too
+//! long or too short, always in the same sense (Krešo & Šegvić, VISAPP 2015, on the KITTI cameras). Points that are
+//! seen from many places determine this error, so the joint optimisation solves for it.
 
 use crate::{Camera, Pinhole};
 use nalgebra::{Matrix2, Vector2, Vector3};
@@ -14,31 +14,31 @@ pub const TERMS: usize = 1;
 /// Places along each side of an image where a camera's distortion is looked at.
 const GRID: usize = 25;
 
-/// The camera as the images show it: `x = x' (1 + a ρ)`, x' on the image plane at z = 1 by the calibration and ρ the square
-/// of its distance from the axis over that of the image's corner, so that `a` is what the corner moves by, as a share of its
-/// distance from the middle.
+/// The camera as its images show it: `x = x' (1 + a ρ)`. x' is a point on the image plane at z = 1 by the
+/// calibration, and ρ its squared distance from the axis over that of the image's corner. So `a` is the shift of the
+/// corner, as a share of its distance from the middle.
 ///
-/// An error of the focal length is not solved for: motion straight ahead does not tell it, and with it free scenes of which
-/// the camera is known exactly came out worse.
+/// The focal length is not solved for. Motion straight ahead does not determine it, and scenes with an exactly known
+/// camera came out worse with a free focal length.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lens {
-    /// By the calibration.
+    /// The camera by the calibration.
     pub camera: Pinhole,
-    /// The `a` of above.
+    /// `a` of the formula above.
     pub terms: [f64; TERMS],
     /// One over the squared distance of the image's corner from the axis, at z = 1.
     per_corner: f64,
 }
 
 impl Lens {
-    /// A lens of which the calibration says all.
+    /// A lens without remaining distortion.
     pub fn ideal(camera: Pinhole) -> Self {
         let (x, y) = (0.5 * camera.width as f64 / camera.fx, 0.5 * camera.height as f64 / camera.fy);
         Self { camera, terms: [0.0; TERMS], per_corner: 1.0 / (x * x + y * y) }
     }
 
-    /// The lens that comes nearest to the distortion of a camera, over its whole image, and by how much it misses it where it does
-    /// most, as a share of the corner's distance from the middle; nothing where the camera has no ray for a part of its image.
+    /// The lens nearest to the distortion of a camera over its whole image, and the largest remaining error, as a
+    /// share of the corner's distance from the middle. `None` where the camera has no ray for a part of its image.
     pub fn nearest(camera: &Camera) -> Option<(Self, f64)> {
         let lens = Self::ideal(*camera.intrinsics());
         let Pinhole { width, height, .. } = lens.camera;

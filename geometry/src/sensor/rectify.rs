@@ -68,7 +68,7 @@ fn around(known: &[Option<f32>], i: usize, columns: usize) -> Option<f32> {
     (count > 0).then(|| sum / count as f32)
 }
 
-/// What makes of one image that of an ideal pinhole camera which reads all rows at once.
+/// Converts one image to that of an ideal pinhole camera, which reads all rows at once.
 #[derive(Clone, Debug)]
 pub struct Rectification {
     shift: Shift,
@@ -76,7 +76,8 @@ pub struct Rectification {
 }
 
 impl Rectification {
-    /// Of an image whose camera moved so while it showed these depths, 1/unit of the motion's υ.
+    /// For an image whose camera had this `motion` and saw these depths; inverse depths are in 1/unit of the motion's
+    /// υ.
     pub fn new(sensor: &Sensor, motion: &Twist, depth: CoarseDepth) -> Self {
         Self { shift: Shift::new(sensor, motion), depth }
     }
@@ -92,7 +93,7 @@ impl Rectification {
         [pixel[0] + x, pixel[1] + y]
     }
 
-    /// The ideal camera's image. What the sensor did not see is as its border.
+    /// The ideal camera's image. Pixels that the sensor did not see repeat its border.
     pub fn image(&self, image: &GrayImage) -> GrayImage {
         let (width, height) = (image.width(), image.height());
         let columns = width.div_ceil(STEP) + 1;

@@ -1,10 +1,11 @@
-//! How far images are off those of an ideal camera, for many pixels at a time.
+//! The shift between the pixels of a real and of an ideal camera, for many pixels at a time.
 
 use super::{Sensor, Twist};
 use crate::Pinhole;
 
-/// Where one image shows what an ideal pinhole camera that reads all rows at once sees elsewhere: a [`Sensor`] together with
-/// how the camera moved, in single precision and free of branches. Of an ideal sensor all shifts are exactly zero.
+/// The shift between the pixels of one image and those of an ideal pinhole camera that reads all rows at once. It
+/// combines a [`Sensor`] with the camera's motion, in single precision and free of branches. All shifts of an ideal
+/// sensor are exactly zero.
 #[derive(Clone, Copy, Debug)]
 pub struct Shift {
     centre: [f32; 2],
@@ -20,7 +21,7 @@ pub struct Shift {
 }
 
 impl Shift {
-    /// Of an image taken while the camera moved so; υ in units of which inverse depths are the inverse.
+    /// For an image of a camera that has this `motion`; υ is in the units of which inverse depths are the inverse.
     pub fn new(sensor: &Sensor, motion: &Twist) -> Self {
         let camera = &sensor.lens.camera;
         let [columns, rows] = sensor.readout;
@@ -37,7 +38,7 @@ impl Shift {
         }
     }
 
-    /// Of an ideal camera.
+    /// For an ideal camera.
     pub fn none(camera: Pinhole) -> Self {
         Self::new(&Sensor::ideal(camera), &Twist::zeros())
     }

@@ -138,10 +138,9 @@ impl Keyframe {
     /// The points of the inverse-depth map in the keyframe's own camera frame and unit, in memory
     /// order of the image: those with `variance / inverse_depth² ≤ max_relative_variance`.
     ///
-    /// The ratio is the squared relative error of the depth, free of any unit, so that one bound
-    /// serves near and far points and keyframes of any scale; 0.01 is a depth known to 10 %.
-    /// `camera` is the agent's camera, [`Map::camera`], and `shift` how far its image is off an ideal one's,
-    /// [`Map::image_shift`].
+    /// The ratio is the squared relative error of the depth and has no unit, so one bound serves near and far points
+    /// and keyframes of any scale. With 0.01 a depth is known to 10 %. `camera` is the agent's camera,
+    /// [`Map::camera`], and `shift` the shift between its image and an ideal one, [`Map::image_shift`].
     pub fn cloud(
         &self,
         camera: &Pinhole,

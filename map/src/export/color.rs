@@ -14,8 +14,8 @@ const PALETTE: [[u8; 3]; 7] = [
     [240, 228, 66],
 ];
 
-/// The colour in which an agent is shown wherever agents are told apart: red, green, blue in sRGB. Seven agents
-/// have colours that everyone tells apart; after them the colours come again, darker each time.
+/// The colour of an agent wherever several agents are shown: red, green, blue in sRGB. Seven agents have colours that
+/// everyone can distinguish; after them the colours repeat, darker each time.
 pub fn agent_color(agent: AgentId) -> [u8; 3] {
     let (round, index) = (usize::from(agent.0) / PALETTE.len(), usize::from(agent.0) % PALETTE.len());
     // It is asked for every point of a cloud.

@@ -18,9 +18,9 @@ const UNSIGNED_BYTE: u32 = 5121;
 const POINTS: u32 = 0;
 const LINE_STRIP: u32 = 3;
 
-/// Makes a binary glTF 2.0 file: points with colours as in [`save_ply`](super::save_ply), and of each agent the trajectory as a line
-/// in its colour. `gltf_from_world` turns the map's world to glTF's axes: y up, and z towards whoever looks. Lengths are those of the
-/// map. Returns the number of points.
+/// Makes a binary glTF 2.0 file: points with colours as in [`save_ply`](super::save_ply), and the trajectory of each
+/// agent as a line in its colour. `gltf_from_world` turns the map's world to glTF's axes: y up, and z towards the
+/// viewer. Lengths are those of the map. Returns the number of points.
 ///
 /// # Errors
 /// When the file cannot be written, or is larger than the 4 GiB that the format can have.

@@ -13,9 +13,9 @@ const STEPS: f64 = (1u64 << 30) as f64;
 /// No finer steps than these, units of the map: what LiDARs and cameras measure is coarser by far.
 const FINEST_STEP: f64 = 1e-4;
 
-/// Makes a LAS file, or a LAZ file where its name ends in `.laz`: point format 0, of cameras and of several agents 2 (with
-/// colours, as in [`save_ply`](super::save_ply)); `intensity` over 16 bits, `point_source_id` the agent's id and one. Returns the number of
-/// points.
+/// Makes a LAS file, or a LAZ file if its name ends in `.laz`. Maps of cameras and of several agents have point
+/// format 2 (with colours, as in [`save_ply`](super::save_ply)), others 0. `intensity` uses 16 bits, and
+/// `point_source_id` is the agent's id plus one. Returns the number of points.
 ///
 /// # Errors
 /// When the file cannot be written.

@@ -7,9 +7,10 @@ use std::path::Path;
 
 const PCD: CloudFormat = CloudFormat { header, attributes };
 
-/// Writes the cloud as binary PCD 0.7: `x y z intensity confidence rgb`, all float as the library's own point types have
-/// them, `rgb` being the intensity as the library packs colours; of LiDARs alone `x y z`; of several agents with `rgb`, the
-/// agent's colour, and `label` unsigned, its id. Returns the number of points.
+/// Writes the cloud as binary PCD 0.7 and returns the number of points. Fields are `x y z intensity confidence rgb`,
+/// all of them float as the library's own point types have them; `rgb` is the intensity, packed as the library packs
+/// colours. LiDARs alone give `x y z`. With several agents `rgb` is the agent's colour, and `label` (unsigned) its
+/// id.
 pub fn write_pcd(out: &mut impl Write, map: &Map, selection: impl Into<CloudSelection>) -> io::Result<usize> {
     PCD.write(out, map, selection.into())
 }

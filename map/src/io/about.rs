@@ -1,5 +1,5 @@
-//! What a file says of its map before all messages: the version, the agents and where the map came from, as
-//! the text of metadata records. Numbers have the digits it takes to read them back.
+//! The metadata records at the start of a map's file, as text: the version, the agents, and where the map came from.
+//! Numbers have as many digits as it takes to read them back.
 
 use super::{
     AGENT_METADATA, FORMAT_VERSION, MAP_METADATA, MERGE_METADATA, NAMELESS_FORMAT, PROVENANCE_METADATA,

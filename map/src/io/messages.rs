@@ -59,7 +59,7 @@ pub(super) struct FeaturesMessage {
     /// As the crate `features` encodes them.
     #[prost(bytes = "vec", tag = "2")]
     pub data: Vec<u8>,
-    /// As the crate `place-recog` writes them; empty where nobody looked them up.
+    /// As the crate `place-recog` writes them; empty if they were not looked up.
     #[prost(bytes = "vec", tag = "3")]
     pub words: Vec<u8>,
 }

@@ -1,9 +1,8 @@
 //! The map's file, `map.mcap`; described field by field in `book/src/reference/map-format.md`.
 //!
-//! The exact data lie in three messages of loopbox's own (`messages`), the keyframe images in
-//! `foxglove.CompressedImage`, LiDARs' scans in one more message (`scan`), what there is to say of the agents in metadata
-//! records (`about`); the other Foxglove messages (`views`) only repeat for viewers what
-//! the exact data say, and are never read back.
+//! Three messages of loopbox's own hold the exact data (`messages`), `foxglove.CompressedImage` the keyframe images,
+//! and one more message the LiDARs' scans (`scan`). Metadata records describe the agents (`about`). The other
+//! Foxglove messages (`views`) repeat the exact data for viewers and are never read back.
 
 mod about;
 mod channels;

@@ -1,9 +1,9 @@
-//! The parts of an agent's own map as bytes of their own, to be kept and sent one by one: who the agent is, and of each
-//! keyframe the image, the depth with the points, or the scan, and the pose; edges and frames.
+//! The parts of an agent's own map as bytes, to be stored and sent one by one. A part is the agent's description, the
+//! image, the depth with the points, the scan or the pose of a keyframe, or edges and frames.
 //!
-//! They are the messages of the map's file (`book/src/reference/map-format.md`), the image is the PNG alone and a keyframe's message
-//! has no pose, so that a keyframe that was only moved is the same part. What is read is checked as a file is, and a map
-//! put together of its parts is the map bit by bit.
+//! Parts are the messages of the map's file (`book/src/reference/map-format.md`). The image is the PNG alone, and a
+//! keyframe's message has no pose, so that a keyframe that only moved is the same part. Parts are checked like a file
+//! when they are read, and a map that is assembled from its parts is the same map bit by bit.
 
 use super::about::{About, AboutError};
 use super::messages::{GraphMessage, KeyframeMessage};
@@ -40,7 +40,7 @@ pub struct GraphPart {
     pub frames: Vec<FramePose>,
 }
 
-/// What there is to say of an agent.
+/// The description of an agent.
 pub fn agent_to_bytes(agent: &AgentInfo) -> Vec<u8> {
     let mut message = RecordsMessage::default();
     for record in About::of_agent(agent).records() {

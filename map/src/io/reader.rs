@@ -30,12 +30,12 @@ pub struct LoadedMap {
     pub map: Map,
     /// Whether the file is whole: written to its end, and nothing damaged since.
     pub complete: bool,
-    /// What is missing, for people; empty when complete.
+    /// Warnings for the user; empty when the map is complete.
     pub warnings: Vec<String>,
 }
 
-/// Loads a map file. Of a file that ends early or is damaged in places, what is whole is used:
-/// keyframes with image and depth, and of edges, observations and frames those that refer to them.
+/// Loads a map file. From a file that ends early or is damaged in places it loads what is intact: keyframes with
+/// image and depth, and the edges, observations and frames that refer to them.
 ///
 /// # Errors
 /// [`MapError::Read`], [`MapError::Empty`], [`MapError::NotMcap`], [`MapError::NotAMap`],

@@ -13,7 +13,7 @@ pub(super) enum Stop<E> {
     Damaged(McapError),
     /// The system could not read on.
     Failed(io::Error),
-    /// Whoever takes the records refused one.
+    /// The callback refused a record.
     Refused(E),
 }
 
