@@ -24,7 +24,7 @@ const FRAMES_AHEAD: usize = 4;
 /// How long the next item is waited for at a time: who watches a run whose camera is unplugged can still steer it.
 const PATIENCE: Duration = Duration::from_millis(100);
 
-/// What comes out of the thread.
+/// An item from the decoding thread.
 #[derive(Debug)]
 pub enum Item {
     /// A frame to track, and when it was taken or, in a replay by time stamps, due.
@@ -33,11 +33,11 @@ pub enum Item {
     Skipped(Skip),
     /// Something about the recording as a whole that the user should know.
     Warning(String),
-    /// What a live source says.
+    /// A notice of a live source.
     Notice(Notice),
-    /// Why there are no more frames, though nobody wished that.
+    /// Why there are no more frames, though the user did not stop the source.
     Failed(String),
-    /// Nothing came for a while: time to look at other things.
+    /// No item came for a while; the caller can do other work.
     Nothing,
 }
 

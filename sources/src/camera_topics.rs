@@ -1,9 +1,10 @@
 //! Which calibration topic of a recording is that of an image topic.
 //!
-//! ROS puts a camera's images and its `camera_info` into one namespace (REP 104, `image_transport`'s `getCameraInfoTopic`); other
-//! recordings call both after the camera. What neither tells is not guessed.
+//! ROS puts a camera's images and its `camera_info` into one namespace (REP 104, `image_transport`'s
+//! `getCameraInfoTopic`); other recordings name both after the camera. If neither gives an answer, loopbox does not
+//! guess.
 
-/// What the names of topics tell.
+/// The result of the comparison of topic names.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Match {
     /// This one is the images'.

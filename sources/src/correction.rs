@@ -21,12 +21,12 @@ pub const NARROWEST_VIEW: f64 = 10.0;
 /// Images wider than this are halved where nothing else is said: KITTI's are the widest that are common in benchmarks.
 pub const DEFAULT_MAX_WIDTH: usize = 1280;
 
-/// What the user says about the camera.
+/// The user's options about the camera.
 #[derive(Clone, Debug)]
 pub struct CameraOptions {
     /// Calibration file, instead of the one that came with the recording.
     pub calibration: Option<PathBuf>,
-    /// Whether a calibration that came with the recording is left aside.
+    /// Whether to ignore a calibration that came with the recording.
     pub leave_found: bool,
     /// Inverse response of the sensor.
     pub response: Option<PathBuf>,
@@ -36,8 +36,8 @@ pub struct CameraOptions {
     pub mask: Option<PathBuf>,
     /// The size of the images, to which the calibration is to be scaled.
     pub scale_to: Option<(usize, usize)>,
-    /// Images wider than this are halved until they are not: a direct method gains nothing from more pixels than its lens
-    /// and its motion resolve, and takes four times as long.
+    /// Images wider than this are halved until they are not. A direct method gains nothing from more pixels than its
+    /// lens and its motion resolve, and takes four times as long.
     pub max_width: usize,
 }
 
@@ -56,7 +56,7 @@ impl Default for CameraOptions {
 }
 
 impl CameraOptions {
-    /// What of images of this size is not to be used, where that is given.
+    /// The mask for images of this size, if the user gave one.
     ///
     /// # Errors
     /// Those of [`DrawnMask::read`].
@@ -70,7 +70,7 @@ pub fn halvings(width: usize, max_width: usize) -> usize {
     (0..usize::BITS as usize - 1).find(|&times| width >> times <= max_width).unwrap_or(0)
 }
 
-/// The camera of images that are halved so often.
+/// The camera of images that are halved `times` times.
 ///
 /// # Errors
 /// When nothing is left of the image.
@@ -86,12 +86,12 @@ pub fn doubled_camera(camera: &Camera, size: (usize, usize), times: usize) -> Re
     enlarged(camera, size, (1u64 << times) as f64)
 }
 
-/// An image halved so often.
+/// An image halved `times` times.
 pub fn halved_image(image: GrayImage, times: usize) -> GrayImage {
     (0..times).fold(image, |image, _| halved(&image))
 }
 
-/// What is done to an image before tracking.
+/// The corrections of an image before tracking.
 pub struct ImageCorrection {
     photometric: Option<PhotometricCalibration>,
     undistorter: Undistorter,
@@ -140,17 +140,17 @@ impl ImageCorrection {
         format!("{}: {}", self.origin, described(&self.calibrated))
     }
 
-    /// What of the camera's images, before they are halved, is not to be used, where somebody has said so.
+    /// The mask of the camera's images before they are halved, if the user gave one.
     pub fn drawn_mask(&self) -> Option<&DrawnMask> {
         self.drawn_mask.as_ref()
     }
 
-    /// Which pixels of the corrected images are not to be used, where somebody has said so.
+    /// The pixels of the corrected images that are masked, if the user gave a mask.
     pub fn unused(&self) -> Option<&Image<bool>> {
         self.unused.as_ref()
     }
 
-    /// What is odd about the calibration: a view that lenses of its model do not have.
+    /// A warning about the calibration: a field of view that lenses of its model do not have.
     pub fn problem(&self) -> Option<String> {
         let &Pinhole { width, fx, .. } = self.calibrated.intrinsics();
         let plane = matches!(self.calibrated.distortion(), Distortion::None | Distortion::RadTan(_));

@@ -1,4 +1,4 @@
-//! What is damaged in a recording that is read on.
+//! The damage in a recording that is read all the same.
 
 use std::fmt::Display;
 use std::path::Path;
@@ -17,7 +17,8 @@ impl Damage {
         self.first.get_or_insert_with(|| what.to_string());
     }
 
-    /// What is to be said of a file of which `read` of `count` images or scans could be read; nothing where it is whole.
+    /// The warning about a file of which only `read` of `count` images or scans could be read; `None` if all were
+    /// read.
     pub fn text(&self, path: &Path, what: &str, read: u64, count: u64) -> Option<String> {
         let first = self.first.as_ref()?;
         let missing = match count.saturating_sub(read) {

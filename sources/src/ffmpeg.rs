@@ -95,7 +95,7 @@ pub fn versions() -> Result<[String; 2]> {
     Ok([version("ffmpeg")?, version("ffprobe")?])
 }
 
-/// What `ffmpeg` or `ffprobe` prints of its version.
+/// The version that `ffmpeg` or `ffprobe` prints.
 ///
 /// # Errors
 /// When it is not installed, or ends with an error.

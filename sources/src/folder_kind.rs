@@ -1,4 +1,4 @@
-//! What a folder holds, told from all of it: one file of another kind beside a recording does not make it another recording.
+//! The kind of recording in a folder, by all of its files: one file of another kind does not change it.
 
 use crate::image_list::images_in;
 use crate::rosbag2::files_with;
@@ -32,7 +32,7 @@ pub struct FolderKind {
 }
 
 impl FolderKind {
-    /// That of the folder at `path`; nothing of anything else.
+    /// The counts for the folder at `path`; zero for anything else.
     pub fn of(path: &Path) -> Self {
         if !path.is_dir() {
             return Self::default();
@@ -49,7 +49,7 @@ impl FolderKind {
         self.scans > 0 && (self.images == 0 || self.scans >= LEAST_SCANS.max(self.images))
     }
 
-    /// What of the two is not taken, for people; `None` where there is one alone.
+    /// A note on the kind that is not used; `None` if the folder holds one kind.
     pub fn other(self) -> Option<String> {
         match (self.scans, self.images, self.is_of_lidar()) {
             (0, ..) | (_, 0, _) => None,
@@ -72,7 +72,7 @@ pub fn videos_in(folder: &Path) -> Vec<PathBuf> {
     VIDEOS.iter().flat_map(of_ending).collect()
 }
 
-/// That a folder holds no recording: what is there, and what would be one.
+/// The error for a folder without a recording: what is there, and what loopbox looked for.
 pub fn nothing_in(folder: &Path) -> anyhow::Error {
     let name = |path: &PathBuf| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let videos: Vec<String> = videos_in(folder).iter().map(name).collect();
@@ -94,7 +94,7 @@ pub fn nothing_in(folder: &Path) -> anyhow::Error {
     anyhow::anyhow!("{}: no recording here: {}\nhint: {hint}", folder.display(), listed(folder))
 }
 
-/// What lies in a folder, for people whose recording was not found there: files by ending, and folders with their images.
+/// The content of a folder for an error message: files by ending, and folders with their numbers of images.
 pub fn listed(folder: &Path) -> String {
     /// So many kinds are named.
     const NAMED: usize = 8;

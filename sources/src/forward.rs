@@ -1,9 +1,10 @@
-//! Time that goes forward: which time stamps of a recording are its clock's, and where that clock was set.
+//! Makes the time of a recording grow: decides which stamps are those of its clock, and where that clock was set.
 //!
-//! A stamp that lies off those around it is one of its own, and its frame is left out: the wrong bytes of one message, a header
-//! that nobody filled in. Stamps that rise among themselves, but from an earlier time on, are those of a clock that was set (by
-//! NTP, by a host that had no time yet, by a recording played again): the recording goes on, and so does its time. A leap forward is
-//! a pause, and stays as it is recorded; one of more than a day is a clock that was set as well.
+//! A stamp that lies off those around it is wrong (a message with damaged bytes, a header that was not filled in),
+//! and its frame is left out. Stamps that grow, but from an earlier time on, come from a clock that was set: by NTP,
+//! by a host that had no time yet, or by a recording that was played again. The recording continues, and so does its
+//! time. A leap forward is a pause and stays as recorded, but a leap of more than a day is a clock that was set as
+//! well.
 //!
 //! [`Clock`] decides, as a function of stamps; [`Forward`] and [`ForwardScans`] apply it to frames and scans.
 
@@ -36,7 +37,7 @@ const RECENT: usize = 9;
 /// Seconds of a step where none is known yet: video's.
 const USUAL_STEP_S: f64 = 1.0 / 30.0;
 
-/// What became of a stamp.
+/// The verdict on a stamp.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum StampVerdict {
     /// It is later than all before: seconds on a time that goes forward.
@@ -49,7 +50,7 @@ pub enum StampVerdict {
     NoTime,
 }
 
-/// What was wrong with the stamps so far.
+/// The faults of the stamps so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Faults {
     /// Stamps that lie off those around them.
@@ -65,12 +66,12 @@ pub struct Faults {
 }
 
 impl Faults {
-    /// What is done about them, for people; nothing where there are none.
+    /// What loopbox did about them, for people; empty where there are none.
     pub fn texts(&self) -> Vec<String> {
         self.of_set().into_iter().chain(self.of_frames()).collect()
     }
 
-    /// That the clock was set.
+    /// The note that the clock was set.
     pub fn of_set(&self) -> Option<String> {
         let (place, by) = self.first_set?;
         let direction = if by < 0.0 { "back" } else { "ahead" };
@@ -118,7 +119,7 @@ pub struct Clock {
 }
 
 impl Clock {
-    /// What was wrong so far.
+    /// The faults so far.
     pub fn faults(&self) -> &Faults {
         &self.faults
     }

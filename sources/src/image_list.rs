@@ -69,10 +69,10 @@ impl ImageList {
         Ok(Self { info, frames, faults, remarks, facts: Vec::new(), next: 0 })
     }
 
-    /// The same; images that all have one time are taken as so many a second.
+    /// The same list; images that all have one time get `fps` frames per second.
     ///
     /// # Errors
-    /// When nobody said how many.
+    /// When such images have no rate.
     pub fn with_rate(self, fps: Option<f64>) -> Result<Self> {
         let one_time = match &self.frames[..] {
             [(_, (first, _)), rest @ ..] if !rest.is_empty() => {

@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 pub struct TimedImages {
     /// The images with seconds.
     pub frames: Vec<Timed>,
-    /// What may be wrong with them.
+    /// Warnings about them.
     pub remarks: Vec<String>,
     /// How their times were read, as label and text.
     pub facts: Vec<(&'static str, String)>,
@@ -57,8 +57,8 @@ pub fn named_images(path: &Path, table: &Table, folder: &Path) -> Result<TimedIm
 /// Of this many rows it is looked at what they name.
 const LOOKED_AT: usize = 8;
 
-/// The column with the names of images: of those that name files, or what is called as images are, the first that is not of depth images or
-/// of another kind that shows no scene.
+/// The column with the names of images: the first one that names image files and does not name depth images or other
+/// images without a scene.
 pub fn name_column(table: &Table, folder: &Path) -> Option<usize> {
     let rows = || table.rows.iter().take(LOOKED_AT);
     let width = rows().map(|row| row.fields.len()).max()?;

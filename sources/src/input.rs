@@ -15,7 +15,7 @@ pub enum Input {
     Memory(PathBuf, Arc<[u8]>),
 }
 
-/// A stream that can be sought in.
+/// A stream with random access.
 pub trait Bytes: Read + Seek + Send {}
 impl<T: Read + Seek + Send> Bytes for T {}
 

@@ -1,4 +1,4 @@
-//! What is said of things that are no recordings, by their first bytes or by how they are named.
+//! The errors for inputs that are no recordings, by their first bytes or their names.
 
 use anyhow::{Result, bail};
 use std::fs::File;
@@ -15,7 +15,7 @@ const ARCHIVES: [(&[u8], &str); 6] = [
     (b"BZh", "tar -xjf"),
 ];
 
-/// Refuses what is no recording, with what is to be done about it.
+/// Refuses an input that is no recording, and says what to do about it.
 ///
 /// # Errors
 /// When it is an address, a pipe, an archive, a map, a video without its index, or nothing at all.

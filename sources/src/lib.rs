@@ -1,6 +1,6 @@
-//! Where frames come from and where they are kept: folders, MCAP files, ROS bags, videos and cameras, one file per kind
-//! of recording behind [`FrameSource`]; [`ahead`] decodes them in a thread, [`correction`] undoes the lens,
-//! [`recording`] keeps what was captured, [`convert`] writes it in other forms.
+//! The sources of frames, and their storage: folders, MCAP files, ROS bags, videos and cameras, one file per kind of
+//! recording behind [`FrameSource`]. [`ahead`] decodes frames in a thread, [`correction`] undoes the lens,
+//! [`recording`] stores what was captured, and [`convert`] writes it in other formats.
 
 pub mod ahead;
 pub mod bag;
@@ -80,7 +80,7 @@ pub struct SourceFrame {
     pub picture: Picture,
 }
 
-/// What is known of a recording before its frames are read.
+/// The description of a recording, known before its frames are read.
 #[derive(Clone, Debug)]
 pub struct SourceInfo {
     /// The kind, for people: `TUM RGB-D folder`.
@@ -93,15 +93,15 @@ pub struct SourceInfo {
     pub duration: Option<f64>,
     /// A calibration that came with it.
     pub calibration: Option<FoundCalibration>,
-    /// What is known of which camera took the frames, where a calibration file may hold several.
+    /// Which camera took the frames, as far as known, for calibration files that hold several.
     pub camera: CameraHint,
-    /// Of the recording of a run that tracked as the camera went: how many frames its mapping took, which a replay
-    /// repeats ([`slam_direct`'s `mapping.lag`](slam_direct::Params)).
+    /// For the recording of a live run: the number of frames that its mapping took, which a replay repeats
+    /// ([`slam_direct`'s `mapping.lag`](slam_direct::Params)).
     pub lag: Option<usize>,
 }
 
 impl SourceInfo {
-    /// Frames of which nothing is known before they come, of this kind and from there, for people.
+    /// The description of frames of which nothing is known before they come, with their kind and origin for people.
     pub fn new(kind: &'static str, path: impl Into<PathBuf>) -> Self {
         let (frame_count, duration, calibration, camera, lag) = Default::default();
         Self { kind, path: path.into(), frame_count, duration, calibration, camera, lag }
@@ -194,49 +194,48 @@ impl FoundCalibration {
 
 /// A recording, frame by frame.
 pub trait FrameSource: Send {
-    /// What is known of it.
+    /// Its description.
     fn info(&self) -> &SourceInfo;
 
     /// The next frame in the order of the recording; `None` at the end.
     fn next_frame(&mut self) -> Option<SourceFrame>;
 
-    /// What went wrong with the recording as a whole while it was read (a truncated file, say).
+    /// A problem of the recording as a whole, found while it was read; a truncated file, for example.
     fn warning(&self) -> Option<String> {
         None
     }
 
-    /// Leaves out frames that lie more than a moment before `start` seconds after the first, where that is
-    /// cheaper than reading them; then says the first frame's time stamp. To be called before the first
-    /// frame is taken.
+    /// Skips frames that lie more than a moment before `start` seconds after the first, if that is cheaper than
+    /// reading them; returns the first frame's time stamp then. To be called before the first frame is read.
     fn skip_to(&mut self, _start: f64) -> Option<f64> {
         None
     }
 
-    /// Is told the camera that its images are taken to be of: from now on images of which the recording says another one are
-    /// [`Picture::OfOther`]. To be called before the first frame is taken.
+    /// Sets the camera of its images. From now on an image that the recording attributes to another camera becomes
+    /// [`Picture::OfOther`]. To be called before the first frame is read.
     fn hold_to(&mut self, _camera: &Camera) {}
 
-    /// What can be seen to be wrong with the recording before its frames are taken in turn.
+    /// Problems that are visible before the frames are read in turn.
     fn problems(&self) -> Vec<String> {
         Vec::new()
     }
 
-    /// The focal length that the recording itself states for images of this width and height, apart from its pictures.
+    /// The focal length that the recording, apart from its pictures, states for images of this width and height.
     fn stated_focal(&self, _size: (usize, usize)) -> Option<StatedFocal> {
         None
     }
 
-    /// What else there is to say of it, as label and text.
+    /// Other facts about it, as label and text.
     fn facts(&self) -> Vec<(&'static str, String)> {
         Vec::new()
     }
 
-    /// Whether each picture is decoded before it is handed out, so that to look through all of them takes as long as a run.
+    /// Whether each picture is decoded when it is read, so that reading all of them takes as long as a run.
     fn decodes(&self) -> bool {
         false
     }
 
-    /// Whether frames come when they come, and cannot be waited for in the source.
+    /// Whether frames arrive by themselves, and the source cannot wait for its reader.
     fn is_live(&self) -> bool {
         false
     }
@@ -246,17 +245,17 @@ pub trait FrameSource: Send {
         0
     }
 
-    /// Why a live source ended though nobody wished it, once there is no next frame.
+    /// Why a live source ended though the user did not stop it, once there is no next frame.
     fn failure(&self) -> Option<String> {
         None
     }
 
-    /// What ends the wait in [`FrameSource::next_frame`] once it is set, of sources that may wait long.
+    /// A flag that ends the wait in [`FrameSource::next_frame`] when it is set, for sources that may wait long.
     fn stopper(&self) -> Option<Arc<AtomicBool>> {
         None
     }
 
-    /// Gives notices to `listener` from now on; without one they go to standard error.
+    /// Sends notices to `listener` from now on.
     fn listen(&mut self, listener: Listener) {
         let _ = listener;
     }
@@ -273,8 +272,8 @@ pub struct SourceOptions {
     pub all_frames: bool,
 }
 
-/// Opens the recording at `path`, whatever its kind. Its time goes forward, and the grey levels of its pictures are of one range
-/// ([`forward`]).
+/// Opens the recording at `path`, whatever its kind. The source makes its time grow and gives all pictures one range
+/// of grey levels ([`forward`]).
 ///
 /// # Errors
 /// When there is nothing there, or nothing that is a recording; says which files were looked for.

@@ -1,20 +1,20 @@
-//! What a source says while frames are awaited from it.
+//! Notices of a source while the caller waits for frames.
 
-/// Something a source has to tell.
+/// A notice of a source.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Notice {
-    /// How things are, for people.
+    /// Information.
     Note(String),
-    /// Something the user should know.
+    /// A warning for the user.
     Warning(String),
-    /// The camera went away and is waited for: time to save what is there.
+    /// The camera is gone and the source waits for it; a run saves its map now.
     Gone(String),
-    /// It is back.
+    /// The camera is back.
     Back(String),
 }
 
 impl Notice {
-    /// The words.
+    /// The text.
     pub fn text(&self) -> &str {
         match self {
             Self::Note(text) | Self::Warning(text) | Self::Gone(text) | Self::Back(text) => text,
@@ -22,5 +22,5 @@ impl Notice {
     }
 }
 
-/// Takes notices, from the thread that asks the source for frames.
+/// Receives notices, in the thread that asks the source for frames.
 pub type Listener = Box<dyn Fn(Notice) + Send>;

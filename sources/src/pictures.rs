@@ -1,4 +1,4 @@
-//! Pictures as they lie in files and messages, and how they become grey images.
+//! Pictures as files and messages store them, and their conversion to grey images.
 
 mod bayer;
 mod depth;
@@ -24,7 +24,7 @@ use std::path::{Path, PathBuf};
 /// A picture before decoding.
 #[derive(Clone, Debug)]
 pub enum Picture {
-    /// An image file, read when its turn comes.
+    /// An image file, read when it is decoded.
     File(PathBuf),
     /// The bytes of an image file: PNG, JPEG, PNM, TIFF or BMP.
     Encoded(Vec<u8>),
@@ -32,11 +32,11 @@ pub enum Picture {
     Raw(RawPicture),
     /// One of more than eight bits, with the range of the recording's that becomes 0–255.
     Ranged(Box<Picture>, GreyRange),
-    /// The source could not read it; says why.
+    /// The source could not read it; holds the reason.
     Broken(String),
-    /// Its time stamp is none of the recording's clock, so that nobody knows when it was taken; says so.
+    /// Its time stamp is not of the recording's clock, so the time of the picture is unknown; holds the reason.
     Mistimed(String),
-    /// The recording says that it was taken by another camera than those before, or with another zoom; says so.
+    /// The recording attributes it to another camera than those before, or to another zoom; holds the reason.
     OfOther(String),
 }
 

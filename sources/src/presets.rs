@@ -1,4 +1,4 @@
-//! Cameras of public data sets, whose recordings come without their calibration; told by the layout.
+//! Cameras of public data sets that come without a calibration, recognised by their layout.
 
 use super::FoundCalibration;
 use geometry::{Camera, Distortion, Pinhole, RadTan};
@@ -21,8 +21,8 @@ const KITTI: [(usize, usize, f64, f64, f64, &str); 3] = [
     (1226, 370, 707.0912, 601.8873, 183.1104, "04 to 12"),
 ];
 
-/// Of a folder in the layout of the TUM RGB-D benchmark the camera that its name says, or the comments of its `rgb.txt`
-/// (`# file: 'rgbd_dataset_freiburg1_xyz.bag'`); `None` where they say none, or images were made of another size.
+/// The camera of a folder in the layout of the TUM RGB-D benchmark, by its name or by the comments of its `rgb.txt`
+/// (`# file: 'rgbd_dataset_freiburg1_xyz.bag'`). `None` if they name no camera, or images have another size.
 pub fn tum(folder: &Path, table: &Path, first: &Path) -> Option<FoundCalibration> {
     let whole = folder.canonicalize().ok();
     let name = whole.as_deref().unwrap_or(folder).file_name().map(|name| name.to_string_lossy().into_owned());

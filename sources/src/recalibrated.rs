@@ -1,4 +1,5 @@
-//! Whether the images of a recording stay those of one calibration: a zoom, another mode of the camera, parts of two recordings.
+//! Checks whether all images of a recording have one calibration. Other ones come from a zoom, another mode of the
+//! camera, or a recording of two parts.
 
 use crate::camera_topics;
 use crate::correction::described;
@@ -12,7 +13,7 @@ use std::sync::Arc;
 /// wide that shows 90°. Calibrations of one lens differ by less from one session to the next, and a focus that follows moves it by less.
 const DIFFERENT: f64 = 0.006;
 
-/// What the calibration messages before and behind an image say.
+/// The cameras by the calibration messages before and after an image.
 pub type Around = [Option<Arc<Camera>>; 2];
 
 /// Follows the calibration messages of a recording beside its images.
@@ -29,18 +30,18 @@ pub struct Recalibration {
 }
 
 impl Recalibration {
-    /// Of the images on a topic.
+    /// For the images on the topic `images`.
     pub fn of(images: &str) -> Self {
         let imagery = if camera_topics::is_rectified(images) { Imagery::Rectified } else { Imagery::Raw };
         Self { imagery, current: None, held: None, first_stamp: None, reported: None }
     }
 
-    /// From now on images are to be those of this camera.
+    /// Sets the camera of the images.
     pub fn hold_to(&mut self, camera: &Camera) {
         self.held = Some(*camera);
     }
 
-    /// Takes a calibration message in. One that says nothing changes nothing.
+    /// Reads a calibration message. A message without a calibration changes nothing.
     pub fn see(&mut self, info: anyhow::Result<CameraInfo>) {
         let camera = info.ok().and_then(|info| info.camera(self.imagery, "the message").ok().flatten());
         if let Some(camera) = camera
@@ -50,13 +51,14 @@ impl Recalibration {
         }
     }
 
-    /// What the messages say now.
+    /// The camera by the messages so far.
     pub fn current(&self) -> Option<Arc<Camera>> {
         self.current.clone()
     }
 
-    /// The picture with this index and stamp, between messages that said these; one of another camera is none. A camera's message may lie
-    /// before or behind its image, so that where the two differ nobody knows which is the image's.
+    /// Checks the picture with this index and stamp, between messages with these cameras, and returns
+    /// [`Picture::OfOther`] if another camera took it. A camera's message may lie before or after its image, so a
+    /// difference between the two decides nothing.
     pub fn judge(&mut self, picture: Picture, (index, stamp): (u64, f64), around: &Around) -> Picture {
         let first = *self.first_stamp.get_or_insert(stamp);
         let Some(held) = &self.held else { return picture };

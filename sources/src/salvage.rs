@@ -2,11 +2,11 @@
 
 use std::collections::VecDeque;
 
-/// What the piece that was read last gave.
+/// The content of the piece that was read last.
 pub struct Found<M, E> {
-    /// Messages that nobody took yet, in the order of the file.
+    /// Messages that were not taken yet, in the order of the file.
     pub messages: VecDeque<M>,
-    /// What was wrong behind them.
+    /// The damage after them.
     pub damage: Option<E>,
     /// Whether it was the last piece.
     is_last: bool,
@@ -20,9 +20,9 @@ impl<M, E> Default for Found<M, E> {
 
 /// A file read piece by piece: record by record, or chunk by chunk.
 pub trait Pieces {
-    /// What a piece holds.
+    /// The message type of a piece.
     type Message;
-    /// What may be wrong with a piece.
+    /// The damage of a piece.
     type Damage;
 
     /// Reads the next piece into [`Self::found`]; false behind the last.
@@ -31,14 +31,14 @@ pub trait Pieces {
     /// When the piece is damaged so that it is not known where the next begins.
     fn advance(&mut self) -> Result<bool, Self::Damage>;
 
-    /// Goes on with the next piece that an index knows; false where there is none.
+    /// Continues at the next piece that an index knows; false if there is none.
     fn go_on(&mut self) -> bool;
 
-    /// What the last piece gave.
+    /// The content of the last piece.
     fn found(&mut self) -> &mut Found<Self::Message, Self::Damage>;
 
-    /// The next message, what a damaged piece held before its damage included; an error is a damage, after which there may be
-    /// more.
+    /// The next message, including those of a damaged piece before its damage. An error is a damage; more messages
+    /// may follow.
     fn next_message(&mut self) -> Option<Result<Self::Message, Self::Damage>> {
         loop {
             let found = self.found();

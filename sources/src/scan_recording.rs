@@ -164,7 +164,7 @@ fn first_messages(messages: &mut Messages, topic: &str) -> (Vec<Raw>, bool) {
     (first, is_constant)
 }
 
-/// What is read of scans, for messages about files that hold none.
+/// The formats of scans, for messages about files without any.
 pub fn scans_looked_for() -> &'static str {
     LOOKED_FOR
 }

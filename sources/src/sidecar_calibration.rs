@@ -17,7 +17,7 @@ const MOST_FILES: usize = 200;
 /// So many are named.
 const NAMED: usize = 3;
 
-/// What to say of each calibration file beside the recording: how to take it, or why it cannot be.
+/// A note on each calibration file beside the recording: how to use it, or why it cannot be used.
 pub fn sidecar_calibrations(info: &SourceInfo) -> Vec<String> {
     let mut seen = Vec::new();
     let descriptions = folders(info).into_iter().flat_map(|folder| files_in(&folder)).filter_map(|file| {

@@ -1,4 +1,4 @@
-//! The user's wish to stop.
+//! The user's request to stop.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -7,22 +7,22 @@ use std::time::Duration;
 /// How often a waiting source is told of the wish to stop.
 const INTERVAL: Duration = Duration::from_millis(20);
 
-/// The user's wish to stop; all clones are one.
+/// The user's request to stop; all clones are one.
 #[derive(Clone, Debug, Default)]
 pub struct Stop(Arc<AtomicBool>);
 
 impl Stop {
-    /// Wishes it, and says whether it had been wished before.
+    /// Requests it, and returns whether it was requested before.
     pub fn request(&self) -> bool {
         self.0.swap(true, Ordering::Relaxed)
     }
 
-    /// Whether it was asked for.
+    /// Whether it was requested.
     pub fn requested(&self) -> bool {
         self.0.load(Ordering::Relaxed)
     }
 
-    /// Does `work`; meanwhile the wish to stop also ends a source's own waiting, through its `stopper`.
+    /// Does `work`; meanwhile the request also ends a source's own waiting, through its `stopper`.
     pub fn while_waiting<T>(&self, stopper: Option<Arc<AtomicBool>>, work: impl FnOnce() -> T) -> T {
         let Some(stopper) = stopper else { return work() };
         let done = AtomicBool::new(false);

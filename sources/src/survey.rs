@@ -1,11 +1,11 @@
-//! What can be seen to be wrong with a recording before it is run: a sample of its images.
+//! Problems of a recording that a sample of its images shows before it is run.
 
 use std::path::Path;
 
 /// Of this many images, evenly over the recording, the size is looked at.
 const SAMPLE: usize = 200;
 
-/// What is wrong with image files, as far as a sample shows it.
+/// The problems of image files, as far as a sample shows them.
 pub fn of_images(paths: &[&Path]) -> Vec<String> {
     let mut problems = Vec::new();
     let sample: Vec<&Path> = spread(paths, SAMPLE);

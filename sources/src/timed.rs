@@ -34,8 +34,9 @@ pub fn open(folder: &Path, names: &[&str]) -> Result<Option<ImageList>> {
     Ok(Some(list(folder, &path, images)?))
 }
 
-/// Opens the folder by a table of any name in which rows name images that are there, in the order of their times: what `associate.py` of
-/// the TUM RGB-D benchmark writes, which ORB-SLAM reads, and those of other programs.
+/// Opens the folder by a table of any name whose rows name existing images in the order of their times.
+/// `associate.py` of the TUM RGB-D benchmark writes such a table, ORB-SLAM reads it, and other programs have their
+/// own.
 ///
 /// # Errors
 /// When such a table is there but has rows of another kind.

@@ -16,7 +16,7 @@ use std::iter::Peekable;
 pub struct Stamped {
     /// When it was recorded, nanoseconds.
     pub time: u64,
-    /// What it says.
+    /// Its bytes.
     pub data: Vec<u8>,
     /// The form of a calibration; `None` of images.
     pub calibration: Option<Form>,

@@ -9,7 +9,7 @@ use std::path::Path;
 /// What is on a topic.
 #[derive(Debug)]
 pub struct Topic {
-    /// What loopbox reads there; `None` where nothing.
+    /// The content that loopbox reads there; `None` for anything else.
     pub content: Option<Content>,
     /// The type of its messages.
     pub schema: String,
@@ -123,7 +123,7 @@ impl Topics {
         format!(", but {}", topics.join(", "))
     }
 
-    /// What is on a topic, as far as loopbox reads it.
+    /// The content of a topic that loopbox reads.
     pub fn content(&self, name: &str) -> Option<Content> {
         self.by_name.get(name)?.content
     }

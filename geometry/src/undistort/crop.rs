@@ -1,4 +1,4 @@
-//! What the undistorted picture shows.
+//! The part of the scene that the undistorted picture shows.
 
 use crate::{Camera, Pinhole};
 use nalgebra::Vector3;

@@ -1,4 +1,4 @@
-//! What happens to a picture before tracking: admission by time, decoding, undistortion.
+//! The steps from a picture to a frame: selection by time, decoding, undistortion.
 
 use super::Item;
 use crate::correction::ImageCorrection;

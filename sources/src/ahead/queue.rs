@@ -114,7 +114,7 @@ impl Queue {
         None
     }
 
-    /// Forgets the frames that nobody has taken.
+    /// Drops the frames that were not taken.
     pub fn forget_all(&self) {
         self.lock().forget_frames();
     }

@@ -10,7 +10,7 @@ mod writer;
 pub use reader::{BagReader, Connection, Content, Message};
 pub use writer::{BagWriter, MessageType};
 
-/// What starts every bag.
+/// The first bytes of every bag.
 pub const MAGIC: &[u8] = b"#ROSBAG V2.0\n";
 
 const MESSAGE: u8 = 0x02;

@@ -38,7 +38,7 @@ pub struct Message {
     pub data: Vec<u8>,
 }
 
-/// What a bag's index says.
+/// The content of a bag by its index.
 #[derive(Clone, Debug, Default)]
 pub struct Content {
     /// Each connection with the number of its messages.
@@ -89,7 +89,7 @@ impl<R: Read + Seek> BagReader<R> {
         Ok(reader)
     }
 
-    /// What the index at the end says; `None` without a usable one. Messages can be read afterwards.
+    /// The content by the index at the end; `None` without a usable one. Messages can be read afterwards.
     pub fn content(&mut self) -> Option<Content> {
         let start = self.position;
         let content = (self.index_position >= start).then(|| self.read_index()).and_then(Result::ok);

@@ -1,4 +1,4 @@
-//! What the user says about a live camera.
+//! The options of a live camera.
 
 use super::format::{PixelFormat, Size};
 use anyhow::{Result, bail};
@@ -61,7 +61,7 @@ impl FromStr for Wanted {
     }
 }
 
-/// What a camera may do by itself and a direct method does not want.
+/// An automatic control of a camera that direct tracking does not want.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Lockable {
@@ -81,7 +81,7 @@ impl Lockable {
     /// Those that can be locked one by one.
     pub const EACH: [Self; 4] = [Self::Exposure, Self::Gain, Self::WhiteBalance, Self::Focus];
 
-    /// What people call it.
+    /// Its name in options and messages.
     pub fn name(self) -> &'static str {
         match self {
             Self::Exposure => "exposure",
@@ -159,10 +159,10 @@ impl CameraArgs {
         Ok(())
     }
 
-    /// The same, at the size of the calibration; as it is where there is none.
+    /// The same options at the size of the calibration; unchanged without a calibration.
     ///
     /// # Errors
-    /// When the calibration cannot be read, or another size is wished.
+    /// When the calibration cannot be read, or another size is requested.
     pub fn for_calibration(mut self, calibration: Option<&Path>) -> Result<Self> {
         let Some(file) = calibration else { return Ok(self) };
         let pinhole = *calib::read_camera(file)?.camera.intrinsics();
@@ -178,7 +178,7 @@ impl CameraArgs {
         Ok(self)
     }
 
-    /// What is to be locked, one by one.
+    /// The controls to lock, one by one.
     pub fn locks(&self) -> Vec<Lockable> {
         let all = self.lock.contains(&Lockable::All);
         Lockable::EACH.into_iter().filter(|each| all || self.lock.contains(each)).collect()

@@ -1,4 +1,4 @@
-//! Exposure, gain, white balance and focus held still.
+//! Locks exposure, gain, white balance and focus at fixed values.
 
 use super::args::Lockable;
 use std::collections::BTreeMap;
@@ -54,7 +54,7 @@ const AUTOMATICS: [Automatic; 5] = [
     Automatic { what: Lockable::Focus, id: LENS + 12, off: 0, moves: &[LENS + 10] },
 ];
 
-/// What a camera's controls were and what they are locked at, which outlives its being unplugged.
+/// The original and the locked values of a camera's controls. They are kept while the camera is unplugged.
 #[derive(Clone, Default)]
 pub struct Memory(Arc<Mutex<Remembered>>);
 

@@ -20,7 +20,7 @@ pub struct Captured {
     pub damaged: bool,
 }
 
-/// What frames look like.
+/// The format of a camera's frames.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct View {
     /// The format.
@@ -35,7 +35,7 @@ pub struct View {
 
 /// A camera that streams.
 pub trait Device: Send {
-    /// What its frames look like.
+    /// The format of its frames.
     fn view(&self) -> View;
 
     /// The next frame; `None` when there is none within `wait`.

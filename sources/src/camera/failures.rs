@@ -1,4 +1,4 @@
-//! What keeps a camera from being used, and how to mend it.
+//! Why a camera cannot be used, and how to fix it.
 
 use super::list;
 use anyhow::{Error, anyhow};

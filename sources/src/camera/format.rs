@@ -13,7 +13,7 @@ pub struct Size {
 }
 
 impl Size {
-    /// What is taken when nobody says: enough for a direct method, and every camera has it or something near.
+    /// The default size: enough for a direct method, and every camera has it or a similar one.
     pub const USUAL: Self = Self { width: 640, height: 480 };
 
     fn pixels(self) -> u64 {
@@ -176,11 +176,11 @@ impl fmt::Display for Sizes {
 pub struct Offer {
     /// The format.
     pub format: PixelFormat,
-    /// What it comes in.
+    /// Its sizes.
     pub sizes: Sizes,
 }
 
-/// What the user wants.
+/// The format that the user requests.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct FormatRequest {
     /// This format.
@@ -191,10 +191,10 @@ pub struct FormatRequest {
     pub fps: Option<f64>,
 }
 
-/// Frames per second when nobody says.
+/// The default frame rate, frames per second.
 pub const USUAL_RATE: f64 = 30.0;
 
-/// What to set the camera to.
+/// The chosen format.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Choice {
     /// The format.
@@ -205,8 +205,8 @@ pub struct Choice {
     pub rate: Option<f64>,
 }
 
-/// The choice among `offers`: the wanted size (or the one nearest to 640×480), at a format that reaches the wanted
-/// rate, the cheapest first. `None` when there is no such format or size.
+/// Chooses among `offers` the requested size, or the one nearest to 640×480. Of the formats that reach the requested
+/// rate at that size it takes the one that is cheapest to convert. `None` when there is no such format or size.
 pub fn choose(offers: &[Offer], request: &FormatRequest) -> Option<Choice> {
     let fps = request.fps.unwrap_or(USUAL_RATE);
     let mut choices: Vec<Choice> = offers

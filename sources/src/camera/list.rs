@@ -5,7 +5,7 @@ use super::node::{Identity, Node};
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// What to do where there is no camera.
+/// The hint for a computer without a camera.
 pub const NONE_HINT: &str = "no camera is found here: plug one in; in a container or virtual machine, pass its \
                              /dev/video* on; `sudo modprobe uvcvideo` loads the driver of USB cameras";
 
@@ -20,12 +20,12 @@ pub struct Found {
     pub details: Result<Details, String>,
 }
 
-/// What a camera is and offers.
+/// A camera with its formats.
 #[derive(Debug)]
 pub struct Details {
-    /// What it is.
+    /// Its identity.
     pub identity: Identity,
-    /// What loopbox can take from it.
+    /// The formats that loopbox can read.
     pub offers: Vec<Offer>,
     /// Codes of its other pixel formats.
     pub others: Vec<String>,

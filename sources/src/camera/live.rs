@@ -1,4 +1,5 @@
-//! A camera as a source of frames: gaps counted, silence and unplugging noticed, and waited out if so wished.
+//! A camera as a source of frames. It counts frames that the driver did not deliver, detects silence and unplugging,
+//! and reconnects on request.
 
 use super::device::{Captured, Device, View};
 use super::open::Opened;
@@ -19,7 +20,7 @@ const SEARCH: Duration = Duration::from_millis(500);
 /// How long a wish to stop may go unnoticed.
 const SLICE: Duration = Duration::from_millis(100);
 
-/// What opens the camera again; fails while it is not back.
+/// Opens the camera again; fails while it is not back.
 pub type Reopen = Box<dyn FnMut() -> Result<Opened> + Send>;
 
 /// A live camera.

@@ -1,10 +1,10 @@
 //! Live cameras, through the kernel's Video4Linux.
 //!
 //! Frames carry the driver's time stamps: seconds of the system's monotonic clock, which starts with the system and
-//! is never set; a driver that stamps by another clock is not believed, and its frames get the moment they arrive.
+//! is never set. If a driver uses another clock, its frames get the time at which they arrive.
 //!
-//! `args` is what the user says, `format` which format to take, `node` the kernel's calls, `stream` its buffers,
-//! `controls` what is locked, `open` puts them together, `live` makes a source of it that survives unplugging.
+//! `args` has the user's options, `format` chooses the format, `node` makes the kernel's calls, `stream` owns the
+//! buffers, and `controls` locks controls. `open` combines them, and `live` makes a source that survives unplugging.
 
 pub mod args;
 #[cfg(all(feature = "camera", target_os = "linux"))]
@@ -45,7 +45,7 @@ pub fn open_camera(args: &CameraArgs) -> Result<Box<dyn FrameSource>> {
     Ok(live::source(live::Live::new(path, opened, reopen, duration)))
 }
 
-/// Says that this program knows no cameras.
+/// Fails: this program was built without cameras.
 ///
 /// # Errors
 /// Always.
@@ -54,7 +54,7 @@ pub fn open_camera(_args: &CameraArgs) -> Result<Box<dyn FrameSource>> {
     Err(not_built())
 }
 
-/// What to say where there are no cameras.
+/// The error of a program that was built without cameras.
 pub fn not_built() -> anyhow::Error {
     anyhow::anyhow!(
         "this program was built without cameras\nhint: they need Linux; build there with `cargo build --release -p \

@@ -30,7 +30,7 @@ const LIST_LIMIT: u32 = 256;
 #[derive(Debug)]
 pub struct Node(File);
 
-/// What a device is.
+/// The identity of a device.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Identity {
     /// Its name, for people.
@@ -95,7 +95,7 @@ impl Node {
         }
     }
 
-    /// What the device is, and whether images can be streamed from it.
+    /// The identity of the device, and whether images can be streamed from it.
     ///
     /// # Errors
     /// When it is no V4L2 device.

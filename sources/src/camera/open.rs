@@ -51,7 +51,7 @@ pub struct Opened {
     pub device: Box<dyn Device>,
     /// `Webcam, 640x480 YUYV at 30 frames/s`.
     pub description: String,
-    /// What is not as wished.
+    /// Where the camera differs from the request.
     pub warnings: Vec<String>,
 }
 

@@ -15,7 +15,7 @@ pub trait Target {
     /// Writes a frame: its index at the source, its time in seconds, its picture.
     ///
     /// # Errors
-    /// When it cannot be written or held.
+    /// When it cannot be written, or the format cannot hold it.
     fn frame(&mut self, index: u64, timestamp: f64, picture: EncodedPicture) -> Result<()>;
 
     /// Ends the recording, which is whole on the disk then, though still under its temporary name.
@@ -59,7 +59,7 @@ impl Kind {
         })
     }
 
-    /// What such a recording cannot hold, for people.
+    /// What such a recording loses, for people.
     pub fn loses(self, calibration: &CalibrationFiles) -> Vec<String> {
         let photometric = calibration.response.is_some() || calibration.vignette.is_some();
         let mut lost = Vec::new();
@@ -115,7 +115,7 @@ impl Draft {
     /// Writes a frame.
     ///
     /// # Errors
-    /// When it cannot be written or held.
+    /// When it cannot be written, or the format cannot hold it.
     pub fn frame(&mut self, index: u64, timestamp: f64, picture: EncodedPicture) -> Result<()> {
         let Some(target) = &mut self.target else { bail!("the recording has ended") };
         let written = target.frame(index, timestamp, picture);

@@ -1,4 +1,4 @@
-//! What of the camera's images is not to be used, as somebody has drawn it.
+//! The part of the camera's images that the user masked in a drawing.
 
 use super::halved_image;
 use crate::pictures::Picture;

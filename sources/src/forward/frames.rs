@@ -9,10 +9,10 @@ use std::collections::VecDeque;
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// A recording whose time goes forward: frames whose stamp is no time of its clock have a [`Picture::Mistimed`], those after the
-/// clock was set have the time as it would have gone on. Pictures of more than eight bits have the range of its first ones
-/// ([`Picture::Ranged`]). Frames are held back only where a stamp needs a second look, and the first ones of more than eight bits.
-/// The clock of a live source is the kernel's, and stays as it is.
+/// A recording whose time grows. A frame whose stamp is not of the recording's clock becomes a [`Picture::Mistimed`];
+/// frames after the clock was set get the time of the continued clock. Pictures of more than eight bits get the range
+/// of the first ones ([`Picture::Ranged`]). Frames are delayed only where a stamp needs a second look, and the first
+/// ones of more than eight bits. The clock of a live source is the kernel's and is not changed.
 pub struct Forward {
     inner: Box<dyn FrameSource>,
     clock: Clock,

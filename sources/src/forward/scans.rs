@@ -4,8 +4,8 @@ use super::{Clock, LOOKED_AHEAD, StampVerdict};
 use scans::{NextScan, ScanError, ScanInfo, ScanSource};
 use std::collections::VecDeque;
 
-/// A LiDAR's recording whose time goes forward: a scan whose stamp is no time of its clock is none, and those after the clock was set
-/// have the time as it would have gone on.
+/// A LiDAR's recording whose time grows. A scan whose stamp is not of the recording's clock becomes an error; scans
+/// after the clock was set get the time of the continued clock.
 pub struct ForwardScans {
     inner: Box<dyn ScanSource>,
     clock: Clock,

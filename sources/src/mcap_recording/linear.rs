@@ -1,7 +1,8 @@
 //! The messages of an MCAP file in its order, past whatever is damaged in it.
 //!
-//! The crate `mcap` gives up at the first damage. Records say how long they are, and the index where chunks lie, so that one damaged
-//! chunk costs what it holds and no more. Checksums of chunks are compared; what fails is told, and what can be read of it is.
+//! The crate `mcap` stops at the first damage. Records have their length, and the index has the position of every
+//! chunk, so that a damaged chunk costs its own content and no more. Checksums of chunks are compared. A chunk whose
+//! checksum fails is reported, and as much of it is read as possible.
 
 use crate::input::{Bytes, Input};
 use crate::salvage::{Found, Pieces};

@@ -1,4 +1,4 @@
-//! What an MCAP file holds, found out before its frames are read.
+//! The content of an MCAP file, found before its frames are read.
 
 use super::{Messages, linear};
 use crate::input::{Bytes, Input};
@@ -13,7 +13,7 @@ use mcap::sans_io::{SummaryReadEvent, SummaryReader, SummaryReaderOptions};
 use std::collections::BTreeMap;
 use std::io::{BufReader, Read, Seek, SeekFrom};
 
-/// What an MCAP file holds.
+/// The content of an MCAP file.
 #[derive(Default)]
 pub struct Survey {
     /// Its topics.
@@ -22,7 +22,7 @@ pub struct Survey {
     pub summary: Option<mcap::Summary>,
     /// Numbers of frames that the recorded run did not process.
     pub dropped: NumberSet,
-    /// What the recorder said at the end.
+    /// The metadata that the recorder wrote at the end.
     pub ending: BTreeMap<String, String>,
 }
 
@@ -77,7 +77,7 @@ impl Survey {
     }
 }
 
-/// What a channel's messages hold.
+/// The content of a channel's messages.
 pub fn content(channel: &mcap::Channel) -> Option<Content> {
     Content::of(&channel.schema.as_ref()?.name, &channel.message_encoding)
 }

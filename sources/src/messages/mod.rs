@@ -34,7 +34,7 @@ pub struct VideoMessage {
     pub data: Vec<u8>,
 }
 
-/// What a channel's messages hold, and how they are written.
+/// The content of a channel's messages, and their encoding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Content {
     /// Images.
@@ -85,7 +85,7 @@ impl Content {
         }
     }
 
-    /// What messages of `schema` in `encoding` hold; `None` when neither image nor calibration.
+    /// The content of messages of `schema` in `encoding`; `None` for anything but images and calibrations.
     pub fn of(schema: &str, encoding: &str) -> Option<Self> {
         Some(match (schema, encoding) {
             ("foxglove.CompressedImage", "protobuf") => Self::Image(Form::FoxgloveCompressed),

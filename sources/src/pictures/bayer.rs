@@ -1,8 +1,9 @@
-//! Mosaics of Bayer's colours as grey.
+//! Bayer mosaics as grey images.
 //!
-//! Each square of 2×2 pixels has one red, two green and one blue, in one of four orders. The binomial kernel 1-2-1 in both
-//! directions weighs red, green and blue around every pixel as 1 : 2 : 1, whichever colour the pixel itself has: its response is zero
-//! at the three frequencies of the mosaic. So grey does not flicker from pixel to pixel, and the order need not be known.
+//! Each square of 2×2 pixels has one red, two green and one blue, in one of four orders. The binomial kernel 1-2-1 in
+//! both directions weighs red, green and blue around every pixel as 1 : 2 : 1, whatever colour the pixel itself has:
+//! its response is zero at the three frequencies of the mosaic. So grey does not flicker from pixel to pixel, and the
+//! order need not be known.
 
 /// The grey levels of a mosaic of rows so wide. Rows and columns beyond the border are those mirrored at it, which keeps the order.
 pub fn grey<T: Copy + Into<u32> + TryFrom<u32>>(mosaic: &[T], width: usize) -> Vec<T> {

@@ -1,7 +1,9 @@
-//! Which levels of samples of more than eight bits become grey: one range for a recording, from its first images.
+//! The range of sample values of more than eight bits that becomes grey: one range for a recording, from its first
+//! images.
 //!
-//! A range for every image would change what a place looks like from one to the next, which a direct method takes for light; the high
-//! byte is black where sensors fill 10, 12 or 14 bits from below, and four grey levels of a thermal camera.
+//! A range for every image would change the look of a place from image to image, which a direct method takes for
+//! light. The high byte alone is black where sensors fill 10, 12 or 14 bits from below, and gives four grey levels
+//! for a thermal camera.
 
 use super::{Grey, Picture, jpeg, rows};
 use geometry::{GrayImage, Image};
@@ -131,7 +133,7 @@ impl GreyRange {
     }
 }
 
-/// The range of a recording, told from its first pictures.
+/// The range of a recording, from its first pictures.
 #[derive(Clone, Debug, Default)]
 pub struct Levels {
     range: Option<GreyRange>,

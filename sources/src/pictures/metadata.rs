@@ -1,4 +1,4 @@
-//! What an image's metadata say about the lens it was taken with (Exif 2.32).
+//! The lens by an image's metadata (Exif 2.32).
 
 use super::{Picture, read_file};
 use exif::{Exif, In, Reader, Tag, Value};
@@ -26,8 +26,8 @@ impl StatedFocal {
 }
 
 impl Picture {
-    /// The focal length that the metadata of a JPEG, PNG or TIFF state, for an image of this width and height; `None` where
-    /// there are no metadata, or they say nothing that could be.
+    /// The focal length in the metadata of a JPEG, PNG or TIFF, for an image of this width and height; `None` if they
+    /// have none, or an impossible one.
     pub fn stated_focal(&self, size: (usize, usize)) -> Option<StatedFocal> {
         match self {
             Picture::File(path) => read_file(path, |bytes| Ok(stated_focal(bytes, size))).ok()?,

@@ -1,5 +1,6 @@
-//! Rows of images that hold numbers in place of a picture: thermal cameras send their telemetry as the first or last rows, whose words
-//! (counters, temperatures, serial numbers) would decide the range of grey and be tracked as texture.
+//! Rows of images that hold numbers in place of a picture. Thermal cameras send their telemetry (counters,
+//! temperatures, serial numbers) as the first or last rows. They would decide the range of grey and be tracked as
+//! texture.
 
 use geometry::Image;
 

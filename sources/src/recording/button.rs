@@ -1,4 +1,4 @@
-//! Recording begun and ended while a run goes on.
+//! Starts and stops recording during a run.
 
 use super::{Head, Recorder};
 use anyhow::Result;

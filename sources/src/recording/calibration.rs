@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 pub struct NamedFile {
     /// Its name, without folders.
     pub name: String,
-    /// What is in it.
+    /// Its content.
     pub bytes: Vec<u8>,
 }
 

@@ -16,7 +16,7 @@ pub use reader::{RecordedHead, dropped_number, read_head};
 pub use recorder::{Recorder, Summary, check_length, check_name, refuse_existing};
 pub use writer::{Head, RecordingWriter};
 
-/// What MCAP's header calls a recording of loopbox.
+/// The profile of loopbox's recordings in MCAP's header.
 pub const PROFILE: &str = "loopbox.recording";
 /// Topic of the pictures.
 pub const IMAGE_TOPIC: &str = "/camera/image";

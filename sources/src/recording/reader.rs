@@ -1,4 +1,4 @@
-//! What a recording says of itself, and of the frames that its run dropped.
+//! The description of a recording, and the frames that its run dropped.
 
 use super::calibration::{CalibrationFiles, NamedFile};
 use super::{HEAD_METADATA, LAG, PROFILE};
@@ -8,19 +8,19 @@ use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::io::Read;
 
-/// What stands before the first frame.
+/// The head of a recording, before its first frame.
 #[derive(Clone, Debug, Default)]
 pub struct RecordedHead {
     /// Whether loopbox wrote it, so that frames are numbered.
     pub is_ours: bool,
-    /// What the recording says of itself: `source`, `kind`.
+    /// Its metadata: `source`, `kind`.
     pub about: BTreeMap<String, String>,
     /// The files of the calibration.
     pub calibration: CalibrationFiles,
 }
 
-/// Reads an MCAP file up to its first chunk. What is damaged or missing is not there: the head of a foreign
-/// file is an empty one.
+/// Reads an MCAP file up to its first chunk. Damaged or missing entries are left out: the head of a foreign file is
+/// empty.
 pub fn read_head(mut file: impl Read, record_limit: usize) -> RecordedHead {
     let mut head = RecordedHead::default();
     let options =

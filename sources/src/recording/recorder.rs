@@ -20,11 +20,11 @@ const LEAST_BYTES: usize = 256 << 10;
 /// A killed process loses no more than this and the time of one write.
 const FLUSH_INTERVAL: Duration = Duration::from_millis(500);
 
-/// A handle on the recording that goes on, or on none. Clones share it.
+/// A handle on the current recording, if there is one. Clones share it.
 #[derive(Clone, Default)]
 pub struct Recorder(Arc<Mutex<Option<Active>>>);
 
-/// What became of a recording.
+/// The summary of a finished recording.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Summary {
     /// The file.
@@ -93,7 +93,7 @@ impl Recorder {
     /// Begins a recording in a new file; its head is on the disk when this returns.
     ///
     /// # Errors
-    /// When one goes on already, or the file is there already or cannot be made.
+    /// When a recording is running already, or the file exists or cannot be created.
     pub fn start(&self, path: &Path, head: &Head) -> Result<()> {
         let mut active = self.lock();
         if let Some(active) = &*active {
@@ -124,13 +124,13 @@ impl Recorder {
     /// Ends the recording and waits until it is on the disk.
     ///
     /// # Errors
-    /// When none goes on, or it could not be written; what was written before is in the file.
+    /// When no recording is running, or it could not be written; what was written before is in the file.
     pub fn stop(&self) -> Result<Summary> {
         let active = self.lock().take().context("there is no recording to stop")?;
         active.finish()
     }
 
-    /// Whether a recording goes on.
+    /// Whether a recording is running.
     pub fn is_recording(&self) -> bool {
         self.lock().is_some()
     }
@@ -167,7 +167,7 @@ impl Recorder {
         self.lock().as_ref().is_some_and(Active::has_failed)
     }
 
-    /// What the user should know at once, once.
+    /// The warning that the user has not seen yet; each is returned once.
     pub fn take_warning(&self) -> Option<String> {
         self.lock().as_mut()?.take_warning()
     }

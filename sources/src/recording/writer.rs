@@ -22,7 +22,7 @@ use std::io::{Seek, Write};
 /// A chunk ends here at the latest, so that readers need not hold more than about this.
 const CHUNK_BYTES: u64 = 4 << 20;
 
-/// What a recording says of itself before its first frame.
+/// The description of a recording, before its first frame.
 #[derive(Clone, Debug, Default)]
 pub struct Head {
     /// Where the frames come from, for people.
@@ -31,7 +31,7 @@ pub struct Head {
     pub kind: String,
     /// The calibration.
     pub calibration: CalibrationFiles,
-    /// Of a run: how many frames its mapping takes, which a replay repeats.
+    /// For a run: the number of frames that its mapping takes, which a replay repeats.
     pub lag: Option<usize>,
 }
 

@@ -49,7 +49,7 @@ pub struct Message {
     pub encoding: String,
     /// When it was received, nanoseconds.
     pub time: u64,
-    /// What it says.
+    /// Its bytes.
     pub data: Vec<u8>,
 }
 

@@ -1,7 +1,8 @@
 //! Frames of a video, decoded by `ffmpeg` in a process of its own.
 //!
-//! Raw pixels come through its standard output. Their time stamps come through its log, in which its filter `showinfo`
-//! prints each frame's before the frame itself is written; so both are in one order, and the stamps are the file's own.
+//! Raw pixels come through its standard output. Their time stamps come through its log: the filter `showinfo` prints
+//! a line for each frame before the frame itself is written. So both are in one order, and the stamps are the file's
+//! own.
 
 use super::log::{Line, LoggedFrame};
 use super::probe::Probe;
@@ -93,7 +94,7 @@ impl Decoder {
         Ok(Some((time, RawPicture { width, height, step, encoding, big_endian: false, data })))
     }
 
-    /// What was wrong with the file so far, in `ffmpeg`'s words.
+    /// The problems of the file so far, in `ffmpeg`'s words.
     pub fn troubles(&self) -> &[String] {
         &self.troubles
     }

@@ -1,4 +1,4 @@
-//! What `ffmpeg`'s log says of the frames it writes: its filter `showinfo` prints a line for each.
+//! The frames in `ffmpeg`'s log: its filter `showinfo` prints a line for each.
 
 use super::probe::fraction;
 use crate::ffmpeg::reason;

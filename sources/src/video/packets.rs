@@ -39,7 +39,7 @@ impl Codec {
         }
     }
 
-    /// What FFmpeg calls its decoder.
+    /// FFmpeg's name of its decoder.
     pub fn decoder(self) -> &'static str {
         match self {
             Self::H264 => "h264",
@@ -58,8 +58,8 @@ impl Codec {
         }
     }
 
-    /// Whether decoding can begin with this packet: it holds a sequence parameter set (H.264, 7.4.1; H.265, 7.4.2.2), as the
-    /// key frames of such messages do. Of VP9 and AV1 the decoder finds out itself.
+    /// Whether decoding can begin with this packet: it holds a sequence parameter set (H.264, 7.4.1; H.265, 7.4.2.2),
+    /// as the key frames of such messages do. For VP9 and AV1 the decoder decides itself.
     pub fn can_begin_with(self, packet: &[u8]) -> bool {
         let starts = || packet.windows(4).filter(|bytes| bytes[..3] == [0, 0, 1]).map(|bytes| bytes[3]);
         match self {

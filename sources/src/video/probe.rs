@@ -1,4 +1,4 @@
-//! What `ffprobe` says of a video file.
+//! The description of a video file by `ffprobe`.
 
 use crate::ffmpeg;
 use anyhow::{Context, Result, anyhow, bail};

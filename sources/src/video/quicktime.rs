@@ -1,4 +1,4 @@
-//! What a video's metadata say about the lens: telephones write its length into MP4 and QuickTime files.
+//! The lens by a video's metadata: telephones write its focal length into MP4 and QuickTime files.
 //!
 //! A file is boxes in boxes (ISO/IEC 14496-12, §4.2; QuickTime File Format, *Atoms*). A metadata box lists its keys in `keys`
 //! and their values, by number, in `ilst` (QuickTime File Format, *Metadata*).

@@ -38,8 +38,8 @@ enum Fed {
 type Messages = Box<dyn Iterator<Item = Result<Stamped>> + Send>;
 
 impl TopicVideo {
-    /// The images of the video in `messages`, all of them of this form; an error among them is a damage, after which there may be
-    /// more. What lies before the first key frame has no image.
+    /// The images of the video in `messages`, which all have this form. An error among them is a damage, after which
+    /// more may follow. What lies before the first key frame has no image.
     ///
     /// # Errors
     /// When no message holds a key frame, the codec is not read, or `ffmpeg` is not installed.
