@@ -1,9 +1,9 @@
-//! The agent: one camera's tracker and map, and how a frame goes through them.
+//! The agent: one camera's tracker and map, and the way of a frame through them.
 //!
-//! The tracker works on a view of the map; the [`Mapper`] owns the map. A frame that becomes a keyframe is handed to
-//! the mapper, whose result the tracker takes over [`MappingParams::lag`] frames later: a number of frames and not a
-//! time, so that results do not depend on how fast the mapper is. Until then frames are tracked against the keyframe
-//! as it was handed over, with the points it was found by.
+//! The tracker works on a view of the map; the [`Mapper`] owns the map. The tracker gives a frame that becomes a
+//! keyframe to the mapper, and adopts the result [`MappingParams::lag`] frames later. This is a number of frames and
+//! not a time, so that results do not depend on the speed of the mapper. Until then the tracker uses the keyframe as
+//! it was, with the points by which it was found.
 //!
 //! [`MappingParams::lag`]: crate::mapping::MappingParams::lag
 
@@ -51,7 +51,7 @@ use mapper::{Job, MapQuality, Mapper, Update};
 use shutter::ShutterQuestion;
 use std::sync::Arc;
 
-/// One camera's tracker and map: give it frames in order of time.
+/// One camera's tracker and map. Frames come in order of time.
 pub struct Agent {
     camera: Pinhole,
     params: Params,
@@ -171,8 +171,8 @@ impl Agent {
         })
     }
 
-    /// Has images and depths of new keyframes kept by `swap`, as far as it has room: those that are far are not in memory
-    /// then until they are looked at. Results do not depend on it.
+    /// Moves images and depths of new keyframes to `swap`, as far as it has room. Those of distant keyframes are then
+    /// not in memory until they are used. Results do not depend on it.
     pub fn swap_to(&mut self, swap: Arc<dyn Swap>) {
         if let Some(mapper) = &mut self.mapper {
             mapper.swap_to(Arc::clone(&swap));
@@ -543,14 +543,14 @@ impl Agent {
         self.map.frames.push(FramePose { timestamp, frame_index, reference, keyframe_from_frame });
     }
 
-    /// Ends the run: what is in the background, depth and loops of the last keyframes, the last optimisation of
-    /// the whole map. Gives the loops closed in doing so, `(newer, older)` keyframe.
+    /// Ends the run: adopts the work in the background, computes depth and loops of the last keyframes, and optimises
+    /// the whole map. Returns the loops that this closed, `(newer, older)` keyframe.
     pub fn finish(&mut self) -> Vec<(KeyframeId, KeyframeId)> {
         self.finish_until(&|| false)
     }
 
-    /// The same, but once `stop` holds the map is left as far as it is: it is asked again and again, at the least
-    /// before each step of the last optimisation.
+    /// The same, but ends early and leaves the map as it is then, once `stop` returns true. `stop` is called often,
+    /// and at least before each step of the last optimisation.
     pub fn finish_until(&mut self, stop: &dyn Fn() -> bool) -> Vec<(KeyframeId, KeyframeId)> {
         let mut report = FrameReport::of(TrackingState::Tracking);
         let mut loops = Vec::new();
@@ -576,8 +576,8 @@ impl Agent {
         loops
     }
 
-    /// Takes in the features of the keyframe with this image (see [`map::Keyframe::features`]), which the next report
-    /// tells; false when the map has no such keyframe.
+    /// Stores the features of the keyframe with this image (see [`map::Keyframe::features`]); the next report
+    /// contains them. False when the map has no such keyframe.
     pub fn describe(&mut self, keyframe: KeyframeId, image: &Arc<GrayImage>, features: Arc<[u8]>) -> bool {
         let known = self.map.keyframes.get(&keyframe).is_some_and(|known| Arc::ptr_eq(&known.image, image));
         if known {
@@ -587,18 +587,18 @@ impl Agent {
         known
     }
 
-    /// What happened to the map since the last report: it was finished, or keyframes were described. Whoever keeps a
-    /// copy of the map by the reports' deltas asks after [`finish`](Self::finish).
+    /// The changes of the map since the last report: the end of the run, or new features of keyframes. A copy of the
+    /// map that follows the reports' deltas needs them after [`finish`](Self::finish).
     pub fn take_deltas(&mut self) -> Vec<MapDelta> {
         std::mem::take(&mut self.pending_deltas)
     }
 
-    /// Gives the map away.
+    /// Returns the map.
     pub fn into_map(mut self) -> Map {
         self.take_map()
     }
 
-    /// Gives the map away, and the memory of all that it was made by back: the agent is left without a map.
+    /// Returns the map and frees the memory that mapping used. The agent has no map afterwards.
     pub fn take_map(&mut self) -> Map {
         (self.state, self.mapper, self.pending_mapping, self.provisional) = (State::Empty, None, None, None);
         self.common = None;
@@ -607,13 +607,14 @@ impl Agent {
         std::mem::replace(&mut self.map, Map::new(self.camera))
     }
 
-    /// The map as it stands: poses, and the depth of the keyframes that have settled. Edges and points come with [`finish`](Self::finish), or in a [`snapshot`](Self::snapshot).
+    /// The current map: poses, and the depth of keyframes whose depth is known. [`finish`](Self::finish) and
+    /// [`snapshot`](Self::snapshot) add edges and points.
     pub fn map(&self) -> &Map {
         &self.map
     }
 
-    /// The map as it stands with its edges and all its points: to save, or to merge with another agent's, while
-    /// this one goes on. The latest keyframes have no semi-dense depth yet.
+    /// The current map with its edges and all its points, to save it or to merge it with another agent's map during
+    /// the run. The latest keyframes have no semi-dense depth yet.
     pub fn snapshot(&self) -> Map {
         let mut map = self.map.clone();
         publish::complete(&mut map, &self.view, self.others(), self.edges());

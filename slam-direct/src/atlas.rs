@@ -1,9 +1,8 @@
-//! Going on after a loss: a new map is begun while the old one is still sought (ORB-SLAM3's Atlas; Campos et al., T-RO
-//! 2021, §VI-C).
+//! Continuing after a loss: a new map begins while the old one is still searched (ORB-SLAM3's Atlas; Campos et al.,
+//! T-RO 2021, §VI-C).
 //!
-//! A run is then a list of *fragments*: maps with a world and a unit of their own, each made by an [`Agent`]. They are
-//! joined like the maps of several agents, by the crate `merge`, which needs no more than that the camera sees one
-//! place again.
+//! A run is then a list of *fragments*: maps with a world and a unit of their own, each made by an [`Agent`]. The
+//! crate `merge` joins them like the maps of several agents. For that the camera must see one place again.
 
 mod joining;
 
@@ -19,29 +18,30 @@ use map::{KeyframeId, Map, MapDelta, PlaceIndex};
 use std::sync::Arc;
 
 params! {
-    /// Parameters of going on after a loss.
+    /// Parameters after a loss.
     pub struct AtlasParams {
-        /// Seconds without a pose after which a new fragment is begun beside the search in the old ones. Range 0.1–5;
-        /// below, motion blur of one turn of the hand makes fragments that relocalisation would have spared.
+        /// Seconds without a pose after which a new fragment begins beside the search in the old ones. Range 0.1–5;
+        /// with less, the motion blur of one quick rotation makes fragments that relocalisation would have avoided.
         pub begin_after: f64 = 0.5,
-        /// Seconds of frames found after so long a loss, or at the begin of going on in a map, from which it is decided whether they show
-        /// the place that they were found at. Range 0.1–10; of a camera that moves on, more show more of the place, and keyframes are
-        /// made only once it is decided.
+        /// Seconds of frames that decide whether a camera that was found after so long a loss, or at the start of a
+        /// resumed map, is at that place. Range 0.1–10; a moving camera shows more of the place with more, but makes
+        /// keyframes only after the decision.
         pub trial: f64 = 0.5,
         /// Frames between searches in the earlier fragments while a new one is tracked but still young. Range 1–30; each
         /// search costs about as much as tracking five frames.
         #[key = "seek_interval"]
         pub search_interval: usize = 5,
-        /// Frames after which it is taken up where a frame may have been taken by its features; at the least five times those
-        /// of mapping. Range 1–30; fewer are waited for, and more are to be caught up with once it is known.
+        /// Frames after which the agent adopts the places that features propose for a frame; at least five times
+        /// those of mapping. Range 1–30; with fewer the agent waits for the answer, with more it has more frames to
+        /// catch up with.
         pub recognition_lag: usize = 5,
-        /// Frames after which a map is taken up that was made of two fragments; at the least ten times those of mapping. Range
-        /// 1–60; no keyframes are made meanwhile.
+        /// Frames after which the agent adopts a map that was made of two fragments; at least ten times those of
+        /// mapping. Range 1–60; no keyframes are made meanwhile.
         pub joining_lag: usize = 10,
     }
 }
 
-/// A run whose losses are not final: hands frames to one agent, and after a loss to the next.
+/// A run that survives losses: it gives frames to one agent, and after a loss to the next.
 pub struct Atlas {
     camera: Pinhole,
     new_places: fn() -> Box<dyn PlaceIndex>,
@@ -75,10 +75,10 @@ struct Loss {
 }
 
 impl Atlas {
-    /// A run without a map; `new_places` makes the index by which a fragment finds its own places again.
+    /// A run without a map. `new_places` makes the index by which a fragment finds its own places again.
     ///
     /// # Errors
-    /// When the camera or a parameter cannot be worked with.
+    /// When the camera or a parameter cannot be used.
     pub fn new(
         camera: Pinhole,
         new_places: fn() -> Box<dyn PlaceIndex>,
@@ -88,8 +88,8 @@ impl Atlas {
         Ok(Self::resume(first, new_places, params))
     }
 
-    /// A run that goes on in the map of `first`, which was resumed. As long as no frame is found there, a new fragment
-    /// is begun beside the search, as after a loss; an agent that only localises goes on seeking.
+    /// A run that continues in the map of `first`, which was resumed. As long as no frame is found there, a new
+    /// fragment begins beside the search, as after a loss. An agent that only localises continues to search.
     pub fn resume(first: Agent, new_places: fn() -> Box<dyn PlaceIndex>, params: Params) -> Self {
         Self {
             camera: first.camera(),
@@ -106,19 +106,20 @@ impl Atlas {
         }
     }
 
-    /// The same, which has `recogniser` propose where frames were taken.
+    /// The same run, in which `recogniser` proposes where frames were taken.
     pub fn recognising(self, recogniser: Box<dyn Recognise>) -> Self {
         Self { recognition: Recognition::by(recogniser), ..self }
     }
 
-    /// The same, in which poses that no motion leads to (after a loss, at the begin of going on or localising in a map) are neither handed
-    /// out nor mapped from, and fragments not joined, until `judge` has decided on what they see.
+    /// The same run with a judge. Poses that no motion leads to (after a loss, or at the start of a resumed map) are
+    /// not published and make no keyframes, and fragments are not joined, until `judge` has decided on what they
+    /// show.
     pub fn judge_by(mut self, judge: Arc<dyn JudgePlace>) -> Self {
         self.fragments.iter_mut().for_each(|agent| agent.judge_by(Arc::clone(&judge)));
         Self { judge: Some(judge), ..self }
     }
 
-    /// The same, which has keyframes kept by `swap` (see [`Agent::swap_to`]).
+    /// The same run, which moves keyframes to `swap` (see [`Agent::swap_to`]).
     pub fn swapping_to(mut self, swap: Arc<dyn Swap>) -> Self {
         for agent in &mut self.fragments {
             agent.swap_to(Arc::clone(&swap));
@@ -126,8 +127,7 @@ impl Atlas {
         Self { swap: Some(swap), ..self }
     }
 
-    /// The same, which leaves pixels of the images out (see [`Agent::leave_out`]); agents that come later know it of those
-    /// before.
+    /// The same run, which ignores these pixels of the images (see [`Agent::leave_out`]); later agents inherit them.
     ///
     /// # Errors
     /// When the mask is not of the camera's size.
@@ -142,8 +142,8 @@ impl Atlas {
         self.params.atlas.recognition_lag.max(5 * self.params.mapping.lag)
     }
 
-    /// Tracks a frame in the fragment where the camera is, or in the one where it is found again, and maps what it adds.
-    /// The report names the fragment.
+    /// Tracks a frame in the active fragment, or in the one where it is found again, and maps what it adds. The
+    /// report names the fragment.
     ///
     /// # Errors
     /// Those of [`Agent::process`].
@@ -316,27 +316,27 @@ impl Atlas {
         self.fragment_join = FragmentJoin::default();
     }
 
-    /// The agent of the fragment that the newest frame was given to.
+    /// The agent of the active fragment, which got the newest frame.
     pub fn active(&self) -> &Agent {
         &self.fragments[self.active]
     }
 
-    /// The place of the active fragment in the order they were begun.
+    /// The index of the active fragment, in the order in which they began.
     pub fn active_index(&self) -> usize {
         self.active
     }
 
-    /// The fragments, in the order they were begun; without a map there is one, empty.
+    /// The fragments in the order in which they began; without a map there is one empty fragment.
     pub fn fragments(&self) -> &[Agent] {
         &self.fragments
     }
 
-    /// The same, to give their maps away.
+    /// The same, to take their maps.
     pub fn fragments_mut(&mut self) -> &mut [Agent] {
         &mut self.fragments
     }
 
-    /// Ends the run: what is in the background, and the last optimisation of every fragment, until `stop` (see
+    /// Ends the run: adopts the work in the background, and optimises every fragment a last time, until `stop` (see
     /// [`Agent::finish_until`]).
     pub fn finish_until(&mut self, stop: &dyn Fn() -> bool) {
         // A start that was tracked but had no time to prove itself holds poses that no other fragment has.
@@ -353,18 +353,18 @@ impl Atlas {
         }
     }
 
-    /// Takes in the features of the keyframe with this image, in whichever fragment it is; the next report of that fragment
-    /// tells it.
+    /// Stores the features of the keyframe with this image, whichever fragment has it; the next report of that
+    /// fragment contains them.
     pub fn describe(&mut self, keyframe: KeyframeId, image: &Arc<GrayImage>, features: &Arc<[u8]>) {
         self.fragments.iter_mut().any(|agent| agent.describe(keyframe, image, Arc::clone(features)));
     }
 
-    /// What happened to the map of the active fragment since its last report (see [`Agent::take_deltas`]).
+    /// The changes of the active fragment's map since its last report (see [`Agent::take_deltas`]).
     pub fn take_deltas(&mut self) -> Vec<MapDelta> {
         self.fragments[self.active].take_deltas()
     }
 
-    /// Gives the maps of the fragments away, in the order they were begun.
+    /// Returns the maps of the fragments, in the order in which they began.
     pub fn into_maps(self) -> Vec<Map> {
         let maps = self.fragments.into_iter().map(Agent::into_map);
         // Of a fragment that was joined with an earlier one nothing is left.

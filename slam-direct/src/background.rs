@@ -1,6 +1,6 @@
-//! Work beside the tracking: a pure function on owned values in a thread of its own.
+//! Work in the background: a pure function on owned values, in a thread of its own.
 //!
-//! Results are taken up at fixed points of the recording (the next keyframe), waited for if need be, so that
+//! The caller adopts results at fixed points of the recording (the next keyframe), and waits for them if need be. So
 //! they do not depend on how fast the threads run.
 
 use std::sync::{Arc, Mutex, PoisonError};
@@ -30,7 +30,7 @@ impl<T: Send + 'static> Task<T> {
         }
     }
 
-    /// Waits for the result. A panic of the work goes on in the caller.
+    /// Waits for the result. A panic of the work continues in the caller.
     pub fn join(self) -> T {
         let result = match self {
             Self::Spawned(thread) => thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)),

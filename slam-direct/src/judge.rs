@@ -1,8 +1,8 @@
-//! Whether what a camera sees is the place that it was found at, or another one that shares things with it.
+//! Decides whether a camera sees the place at which it was found, or another one that shares things with it.
 //!
-//! Where no motion leads to a pose (after a loss, at the begin of going on or localising in a map that was kept, where two
-//! fragments seem to meet) the pose says no more than that the view resembles a part of the map. It is a claim, like a merge of
-//! two maps, and somebody else decides on it, by all that the frames see ([`JudgePlace`]).
+//! Sometimes no motion leads to a pose: after a loss, at the start of a resumed map, or where two fragments seem to
+//! show one place. Such a pose says only that the view resembles a part of the map. It is a claim, like a merge of
+//! two maps, and [`JudgePlace`] decides on it from all that the frames show.
 
 use backend::verdict::Answer;
 use geometry::Pinhole;
@@ -18,21 +18,22 @@ pub struct PlacedView {
     pub motion: Twist,
 }
 
-/// Keyframes of a map, and frames that are supposed to show the place that these show; in one world.
+/// Keyframes of a map, and frames that are supposed to show the same place, in one world.
 #[derive(Clone, Debug)]
 pub struct ClaimedPlace {
     /// The camera of all images.
     pub camera: Pinhole,
-    /// What its lens and shutter do to the images.
+    /// The effect of its lens and shutter on the images.
     pub sensor: Sensor,
-    /// Of the map.
+    /// Keyframes of the map.
     pub keyframes: Vec<PlacedView>,
-    /// What is supposed to show the same.
+    /// Frames that are supposed to show the same.
     pub frames: Vec<PlacedView>,
 }
 
 /// Decides whether frames show the place of a map.
 pub trait JudgePlace: Send + Sync {
-    /// The answer, one place where it [`joins`](Answer::joins), is to depend on the claim alone: runs are to repeat.
+    /// The answer; they show one place if it [`joins`](Answer::joins). It must depend on the claim alone, so that
+    /// runs repeat.
     fn judge(&self, claim: &ClaimedPlace) -> Answer;
 }

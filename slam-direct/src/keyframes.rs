@@ -11,31 +11,33 @@ params! {
         pub parallax: f32 = 0.06,
         /// Share of the points expected near the reference below which a keyframe is made. Range 0–1.
         pub overlap: f32 = 0.6,
-        /// Points found, over the most found against the same reference, below which a keyframe is made at once:
-        /// the view changes faster than the map knows it. Range 0–1.
+        /// Points found, over the most found against the same reference, below which a keyframe is made at once: the
+        /// view changes faster than the map. Range 0–1.
         pub fading: f32 = 0.5,
-        /// Share of the sought points found below which a keyframe is made at once: the map knows little of the view, and
-        /// were the next frame lost, it would not be found again (`found_again`). Range 0–1.
+        /// Share of the searched points found below which a keyframe is made at once: the map has little of the view,
+        /// and a frame that is lost next would not be found again (`found_again`). Range 0–1.
         pub known: f32 = 0.3,
-        /// Parts of the image that show points, over the most since the reference changed, below which a keyframe is made
-        /// at once: a camera that backs away sees new things all around what it knows. Range 0–1; with 0 it is not asked.
+        /// Parts of the image that show points, over the most since the reference changed, below which a keyframe is
+        /// made at once: a camera that backs away sees new things all around the mapped ones. Range 0–1; 0 switches
+        /// this off.
         pub coverage: f32 = 0.75,
-        /// Departure from a keyframe that sees the same, below which a frame does not become one too. Range 0–1: a keyframe is
-        /// made at 1; with 0 each time again where the camera comes back to what it has seen.
+        /// Departure from a keyframe with the same view, below which a frame does not become one too. Range 0–1: a
+        /// keyframe is made at 1; with 0 the camera makes new ones whenever it returns.
         pub known_view: f32 = 0.5,
-        /// A map of at most this many keyframes is given up when it proves of no use. Range 2–20.
+        /// A map of at most this many keyframes is given up when it proves useless. Range 2–20.
         pub young_map: usize = 3,
-        /// Seconds without a pose after which it is, and lost frames in a row at the least. Range 0.1–3.
+        /// Seconds without a pose after which it is given up; `give_up` is the least number of lost frames in a row.
+        /// Range 0.1–3.
         pub give_up_after: f64 = 0.65,
-        /// Range 3–100.
+        /// Lost frames in a row after which a young map is given up, at least. Range 3–100.
         pub give_up: usize = 5,
         /// Matched points of known depth below which tracking is lost. Range 6–1000.
         pub min_matched: usize = 30,
-        /// Share of sought points that agree with a wrong pose where patches are placed exactly, and twice as many where to a
-        /// pixel only (`track.position_sigma`). Tracking is lost where not significantly more agree: of few points it takes
-        /// a fifth, of many an eighth. Range 0.02–0.3.
+        /// Share of searched points that agree with a wrong pose if patches are placed exactly; twice as many do if
+        /// they are placed to a pixel only (`track.position_sigma`). Tracking is lost if not significantly more
+        /// agree: a fifth of few points, an eighth of many. Range 0.02–0.3.
         pub chance: f32 = 0.07,
-        /// Share of sought points that must be matched where a lost frame is found again. Range 0.1–0.9.
+        /// Share of searched points that must be matched where a lost frame is found again. Range 0.1–0.9.
         pub found_again: f32 = 0.3,
     }
 }

@@ -1,13 +1,14 @@
 //! Semi-direct monocular SLAM: tracking, depth, keyframes and their graph, from pixel intensities.
 //!
-//! Patches around points are aligned with a new image directly, first all at once for the pose, then each for itself, and
-//! the pose and later the points are optimised by what the patches found: the way of SVO (Forster, Pizzoli, Scaramuzza,
-//! ICRA 2014). Keyframes, covisibility, local and whole-map optimisation, and the search for loops are arranged as in
-//! ORB-SLAM (Mur-Artal, Montiel, Tardós, T-RO 2015). Semi-dense depth is filtered per keyframe as in LSD-SLAM (Engel,
-//! Schöps, Cremers, ECCV 2014).
+//! As in SVO (Forster, Pizzoli, Scaramuzza, ICRA 2014), patches around points are aligned with a new image directly:
+//! first all at once for the pose, then each by itself. The reprojection errors of the patches that were found then
+//! refine the pose, and later the points. Keyframes, covisibility, local and whole-map optimisation, and loop closing
+//! are arranged as in ORB-SLAM (Mur-Artal, Montiel, Tardós, T-RO 2015). Semi-dense depth is filtered per keyframe as
+//! in LSD-SLAM (Engel, Schöps, Cremers, ECCV 2014).
 //!
-//! Everything here is plain functions and types; files and clocks live in the user's program. Threads are used by
-//! `background` alone, and what they compute is taken up at fixed frames; loops over pixels and points run on rayon's pool.
+//! Everything here is plain functions and types; the program that uses them has the files and clocks. Only
+//! `background` starts threads, and the agent adopts their results at fixed frames. Loops over pixels and points run
+//! on rayon's pool.
 
 mod agent;
 pub mod align;

@@ -34,9 +34,9 @@ pub(crate) struct PointState {
 }
 
 impl PointState {
-    /// Standard deviation of a depth, as a share of it, up to which it is known. A view takes its scale from the depths it
-    /// sees, and hands it on to the depths that are found there: with a tenth at each of four such steps one after the other, the
-    /// scale stays within a factor of 1.5, which is two deviations of the four (ln 1.5 = 2 · 0.1 · √4).
+    /// Standard deviation of a depth, as a share of it, up to which it is known. A view gets its scale from the
+    /// depths that it sees, and passes it on to new depths. With a tenth at each of four such steps, the scale stays
+    /// within a factor of 1.5, which is two deviations of the four (ln 1.5 = 2 · 0.1 · √4).
     pub const KNOWN: f64 = 0.1;
 
     /// Whether its depth is known, so that it tells the scale of a translation.

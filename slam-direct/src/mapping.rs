@@ -1,4 +1,4 @@
-//! What a new keyframe sets off: new points, the joint optimisation of its surroundings, culling.
+//! The work after a new keyframe: new points, the joint optimisation around it, culling.
 
 use crate::align::ReferencePoint;
 use crate::local_map::{KeyframeState, LocalMap, PointRef, PointState, SeenAt};
@@ -45,36 +45,38 @@ params! {
         pub window_iterations: usize = 6,
         /// Iterations of the last optimisation of the whole map. Range 1–200.
         pub final_iterations: usize = 20,
-        /// Observations that the last optimisation looks at in all its iterations together, millions; fewer
-        /// iterations are made of a map that has more. Range 1–1000; bounds the time at the end of a long run.
+        /// Observations that the last optimisation processes in all its iterations together, millions; a map that has
+        /// more gets fewer iterations. Range 1–1000; this limits the time at the end of a long run.
         pub final_effort: f64 = 60.0,
-        /// Observations of a map up to which it is optimised as a whole, millions; one that has more is in parts of half as
-        /// many, one after another, each held by what surrounds it. Range 0.01–100; a million take 0.2 GB.
+        /// Observations of a map up to which it is optimised as a whole, millions. A map that has more is optimised
+        /// in parts of half as many, one after another, each fixed by its surroundings. Range 0.01–100; a million
+        /// take 0.2 GB.
         pub whole: f64 = 2.0,
-        /// How far the corner of an image may lie from where the calibration has it, one standard deviation, as a share of
-        /// its distance from the middle: what is left of the lens's radial distortion is solved for with this in mind.
-        /// Range 0–0.1; with 0 it is not. Cameras of public recordings are off by up to 0.015.
+        /// Shift of an image's corner from where the calibration has it, one standard deviation, as a share of its
+        /// distance from the middle: the prior of the remaining radial distortion. Range 0–0.1; 0 switches it off.
+        /// Cameras of public recordings are off by up to 0.015.
         pub lens_sigma: f64 = 0.02,
-        /// How long a camera may take to read an image, one standard deviation, seconds: whether it has a rolling shutter is
-        /// solved for with this in mind. Range 0–0.1; with 0 all images are taken to be read at once.
+        /// Readout time of a camera, one standard deviation, seconds: the prior of a rolling shutter. Range 0–0.1;
+        /// with 0 all rows count as read at once.
         pub readout_sigma: f64 = 0.02,
-        /// Keyframes from which on both are solved for. Range 3–100; fewer do not tell it.
+        /// Keyframes from which on both are solved for. Range 3–100; fewer do not determine them.
         pub calibrate_from: usize = 10,
-        /// Keyframes up to which the whole map is optimised for it whenever they have doubled; later, only at the end
-        /// and with loops. Range 0–200.
+        /// Keyframes up to which the whole map is optimised for them whenever the keyframes have doubled; later, only
+        /// at the end and with loops. Range 0–200.
         pub calibrate_until: usize = 80,
         /// Iterations of each of these optimisations. Range 1–100.
         pub calibration_iterations: usize = 10,
         /// A keyframe's semi-dense depth is computed when this many newer ones are there. Range 1–50.
         #[key = "settle_after"]
         pub depth_delay: usize = 3,
-        /// How many frames after a keyframe what was mapped of it is tracked against. Range 0–10: with 0 each keyframe
-        /// waits for its mapping; more leave it more time beside the tracking, and the map is that much older.
+        /// Frames after a keyframe at which the agent adopts its mapping. Range 0–10: with 0 the tracker waits for
+        /// the mapping of each keyframe; with more, mapping has more time in the background, and the map is that much
+        /// older.
         pub lag: usize = 0,
-        /// Times so many where all of the map is optimised: when a loop is closed, or the sensor asked after. Range 1–20; no
-        /// keyframes are made meanwhile.
+        /// Factor of `lag` where the whole map is optimised: when a loop is closed, or the sensor is calibrated.
+        /// Range 1–20; no keyframes are made meanwhile.
         pub whole_lag: usize = 5,
-        /// Keyframes in which a new point's depth is sought. Range 1–100.
+        /// Keyframes in which the depth of a new point is searched. Range 1–100.
         pub search_views: usize = 12,
     }
 }

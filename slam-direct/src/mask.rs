@@ -1,10 +1,11 @@
-//! Parts of the image that move with the camera: a bonnet, a burnt-in clock, black bars, the border that rectifying leaves, dirt
-//! on the lens. Their edges say in every frame that the camera stands still, all of them the same, so that they outvote a
-//! world whose points come and go.
+//! Masks parts of the image that move with the camera: a bonnet, a burnt-in clock, black bars, the border that
+//! rectification leaves, dirt on the lens. In every frame their edges all agree that the camera stands still, so they
+//! outvote a world whose points come and go.
 //!
-//! They stay at their pixels, in the same direction, while the other edges around come and go, and although the camera turns in
-//! a way that moves all edges of their direction. Without a turn they are as what is far away. What borders on black that
-//! reaches the border of the image is not waited for: many edges of few directions, they can keep a turn from being seen.
+//! Such edges stay at their pixels, in the same direction, while the other edges around them come and go, and
+//! although the camera rotates in a way that moves all edges of their direction. Without a rotation they look like
+//! distant things. Edges next to black that reaches the border of the image need no such rotation: many edges of few
+//! directions, they can hide it.
 
 use crate::depth::doubled_gradient;
 use geometry::{GrayImage, Image, Pinhole, Pyramid};

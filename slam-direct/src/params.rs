@@ -28,11 +28,11 @@ params! {
         pub keyframes: KeyframeParams = KeyframeParams::default(),
         /// Points and window optimisation.
         pub mapping: MappingParams = MappingParams::default(),
-        /// Seeking a frame widely before it counts as lost.
+        /// The wide search for a frame before it counts as lost.
         pub wide: WideParams = WideParams::default(),
         /// Finding a lost frame again.
         pub relocalise: RelocaliseParams = RelocaliseParams::default(),
-        /// Going on after a loss.
+        /// After a loss.
         pub atlas: AtlasParams = AtlasParams::default(),
         /// Closing loops.
         pub closing: ClosingParams = ClosingParams::default(),
@@ -44,7 +44,7 @@ params! {
 }
 
 impl Params {
-    /// The same, with mapping that takes so many frames beside the tracking (`mapping.lag`).
+    /// The same parameters with this `mapping.lag`: the number of frames that mapping takes in the background.
     pub fn with_lag(mut self, lag: usize) -> Self {
         self.mapping.lag = lag;
         self
@@ -65,8 +65,8 @@ impl Params {
         self
     }
 
-    /// Refuses values that cannot be worked with: outside of the range that a parameter's documentation states, not
-    /// finite, negative, or a count of zero.
+    /// Refuses unusable values: out of the range that the parameter's documentation states, not finite, negative, or
+    /// a count of zero.
     ///
     /// # Errors
     /// Names the first such parameter.

@@ -1,10 +1,10 @@
 //! Aligning one small patch of a keyframe in another image.
 //!
-//! The template is cut out of the host keyframe as the other camera would see it (an affine warp for a
-//! patch that faces the host), then moved over the image until the photometric error is least:
-//! inverse compositional Lucas–Kanade (Baker & Matthews 2004) with a gain and an offset per patch.
-//! The Hessian of that error at its minimum is what the patch knows of its own position, and goes to
-//! the window optimisation as the observation's information.
+//! The template is cut out of the host keyframe as the other camera would see it (an affine warp for a patch that
+//! faces the host). Then it is moved over the image until the photometric error is least: inverse compositional
+//! Lucas–Kanade (Baker & Matthews 2004) with a gain and an offset per patch. The Hessian of that error at its minimum
+//! is the information of the patch's position, and goes to the window optimisation as the information of the
+//! observation.
 
 use crate::warp::Warp;
 use geometry::lanes::{LANES, Lanes, Processor};

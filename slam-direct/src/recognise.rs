@@ -1,9 +1,9 @@
-//! Recognising a place from elsewhere: from another side, from nearer or farther, with the camera rolled.
+//! Recognition of a place from another side, from nearer or farther, or with the camera rolled.
 //!
-//! Direct tracking and small images of keyframes find a lost frame near where a keyframe was taken only. Features reach
-//! farther, and take longer: whoever finds them works beside the tracking ([`Recognise`]), and what it proposes is taken up
-//! a fixed number of frames later. A proposal is no more than that: the agent seeks the points of its map around it, as
-//! strictly as after a loss.
+//! Direct tracking and small images of keyframes find a lost frame only near a keyframe. Features reach farther and
+//! take longer, so [`Recognise`] works in the background, and the agent adopts its proposals a fixed number of frames
+//! later. A proposal is no more than that: the agent searches the points of its map around it, as strictly as after a
+//! loss.
 
 use crate::agent::Frame;
 use crate::background::Task;
@@ -24,7 +24,7 @@ pub struct KnownView {
     pub world_from_keyframe: Sim3,
     /// Its depth, in its unit.
     pub semi_dense: Shared<SemiDense>,
-    /// Its features as maps keep them, where they were found already.
+    /// Its features as maps store them, if they were found already.
     pub features: Option<Arc<[u8]>>,
 }
 
@@ -39,11 +39,11 @@ pub struct Hypothesis {
     pub keyframe_from_frame: Se3,
 }
 
-/// Proposes where a frame was taken, by what it shows.
+/// Proposes from a frame's image where it was taken.
 pub trait Recognise: Send {
     /// Poses at which `image` may have been taken, the likeliest first; `camera` is that of all images.
     ///
-    /// What it gives is to depend on these values and on what it was asked before alone, not on time: runs are to repeat.
+    /// The result must depend on these values and on earlier calls alone, not on time, so that runs repeat.
     fn recognise(&mut self, image: &GrayImage, camera: &Pinhole, views: &[KnownView]) -> Vec<Hypothesis>;
 }
 

@@ -13,12 +13,12 @@ params! {
         /// Angle between the starts tried for a candidate, degrees. Range 1–20; about half of
         /// what the coarsest level can correct.
         pub start_angle: f64 = 6.0,
-        /// How many of a candidate's starts go on to the finer levels. Range 1–9.
+        /// Starts of a candidate that continue on the finer levels. Range 1–9.
         pub refined_starts: usize = 2,
         /// Least share of the candidate's points that must lie in the frame. Range 0–1.
         pub min_visible_share: f32 = 0.4,
-        /// Least share of those that must agree. Range 0–1; a frame placed wrongly poisons
-        /// the map, so this is stricter than for tracking.
+        /// Least share of those that must agree. Range 0–1; a wrongly placed frame spoils the map, so this is
+        /// stricter than for tracking.
         pub min_inlier_share: f32 = 0.5,
         /// Largest root mean square residual of the points that agree, grey levels. Range 3–40.
         pub max_rmse: f32 = 16.0,

@@ -1,7 +1,7 @@
-//! How far a camera turned between two frames, by their smallest images: the shift under which they are most alike.
+//! The rotation of a camera between two frames, by their smallest images: the shift at which they are most similar.
 //!
-//! It bears turns of a third of the image from one frame to the next and blur, where no patch and no gradient leads from
-//! one frame to the other (the small blurry images of Klein & Murray, ECCV 2008, §3.3).
+//! It works with blur, and with rotations by a third of the image from one frame to the next, where no patch and no
+//! gradient connects the frames (the small blurry images of Klein & Murray, ECCV 2008, §3.3).
 
 use geometry::{GrayImage, Pinhole, Pyramid, Se3};
 use nalgebra::{UnitQuaternion, Vector3};

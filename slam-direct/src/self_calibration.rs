@@ -1,13 +1,12 @@
-//! A camera's calibration from a map that was made with a guess at it: the joint optimisation of poses and depths
-//! with the lens free as well.
+//! Calibrates a camera from a map that was made with a guess of its calibration: the joint optimisation of poses and
+//! depths with the lens free as well.
 //!
-//! The observations of a map are pixels, and where a point is seen from several sides they contradict a wrong lens. The
-//! map was made of images that were undistorted by the guess; bent back by it, its observations are those of the raw
-//! images, of which `z = π_c(T_fh · π_c⁻¹(z_h) / ρ)` holds for the true lens c only. Where the map knows of a rolling shutter, what
-//! that moved is put back first (`stills`). One factor for both focal lengths,
-//! the principal point and two radial terms are free (Hartley & Zisserman, Multiple View Geometry, §18.5 and §19: what a
-//! motion does not determine, such as the focal length when going straight ahead past little depth, shows in the
-//! deviation that is told).
+//! The observations of a map are pixels, and points that are seen from several sides contradict a wrong lens. The map
+//! was made of images that were undistorted by the guess. Distorted again by the guess, its observations are those of
+//! the raw images, and `z = π_c(T_fh · π_c⁻¹(z_h) / ρ)` holds for them with the true lens c only. If the map has a
+//! rolling shutter, its effect is undone first (`stills`). One factor for both focal lengths, the principal point and
+//! two radial terms are free. The deviation shows what a motion does not determine, such as the focal length when
+//! going straight ahead past little depth (Hartley & Zisserman, Multiple View Geometry, §18.5 and §19).
 
 mod problem;
 mod solve;
@@ -20,24 +19,24 @@ use map::Map;
 use problem::Problem;
 use std::ops::Range;
 
-/// What of the lens is free.
+/// The free parameters of the lens.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FreeLens {
     /// One factor for both focal lengths.
     Focal,
-    /// That, the principal point and two radial terms. Of a lens of another model than pinhole and radial-tangential, only
-    /// the first two.
+    /// One factor for both focal lengths, the principal point and two radial terms. A lens of another model than
+    /// pinhole and radial-tangential has only the first two.
     All,
 }
 
-/// How much is known of the lens before, as standard deviations.
+/// The prior of the lens, as standard deviations.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LensPrior {
-    /// Of the focal length's logarithm. Infinite where nothing is known.
+    /// Deviation of the focal length's logarithm. Infinite without a prior.
     pub focal: f64,
-    /// Of the principal point, as a share of the image's width. Makers of modules state 1 to 2 %.
+    /// Deviation of the principal point, as a share of the image's width. Makers of modules state 1 to 2 %.
     pub centre: f64,
-    /// Of the radial terms k1 and k2.
+    /// Deviations of the radial terms k1 and k2.
     pub radial: [f64; 2],
 }
 
@@ -52,18 +51,18 @@ impl Default for LensPrior {
 pub struct SelfCalibration {
     /// The lens of the raw images.
     pub camera: Camera,
-    /// Standard deviation of the focal length over the focal length: by the residuals, or by what halves of the map say
-    /// where that is more.
+    /// Standard deviation of the focal length over the focal length: by the residuals, or by the difference between
+    /// halves of the map where that is larger.
     pub focal_deviation: f64,
     /// Keyframes it was found from.
     pub keyframes: usize,
     /// Observations it was found from.
     pub observations: usize,
-    /// Root mean square of the observations' normalised residuals; one where their uncertainties are true.
+    /// Root mean square of the observations' normalised residuals; 1 if their uncertainties are right.
     pub residual: f64,
 }
 
-/// Why a map says nothing about its lens.
+/// Why a map does not determine its lens.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum SelfCalibrationError {
     /// It is too small.
@@ -104,9 +103,9 @@ const SAMPLE: usize = 20_000;
 /// chance, which is some two percent of so few.
 const FIRST_LOOK: f64 = 1.0 / 3.0;
 
-/// The lens that `map` asks for in place of `lens`, by which its images were undistorted, with the focal length alone
-/// free; nothing where the logarithms of both focal lengths differ by less than `harmless`. It is found from a sample of
-/// the points.
+/// The lens that fits `map` better than `lens`, by which its images were undistorted, with the focal length alone
+/// free. `None` where the logarithms of both focal lengths differ by less than `harmless`. It is found from a sample
+/// of the points.
 ///
 /// # Errors
 /// When the map is too small or does not determine the lens.

@@ -1,9 +1,10 @@
-//! Dark, hazy and noisy recordings brought to the contrast and the noise that thresholds in grey levels are meant for.
+//! Brings dark, hazy and noisy recordings to the contrast and noise for which thresholds in grey levels are meant.
 //!
-//! Gradients that make a point, the noise of a patch and what passes for agreement are all measured in grey levels of a
-//! well exposed image. A dark or hazy one is stretched by one monotone curve, the same for all frames of a map, which patches
-//! with gain and offset of their own do not notice. Noise is stretched along: where there is more than recordings have, images
-//! are smoothed, which costs them the finest detail. A well exposed image without such noise stays as it is, bit for bit.
+//! Several thresholds are in grey levels of a well exposed image: the gradient of a point, the noise of a patch, and
+//! the residual that counts as agreement. A dark or hazy image is stretched by one monotone curve, the same for all
+//! frames of a map; patches with a gain and offset of their own do not notice it. The curve stretches noise too.
+//! Where there is more than recordings usually have, images are smoothed, which costs the finest detail. A well
+//! exposed image without such noise stays as it is, bit for bit.
 
 use geometry::GrayImage;
 

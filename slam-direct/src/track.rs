@@ -1,5 +1,5 @@
-//! Map-to-frame tracking: points of the map are found in the frame patch by patch, and the frame's pose
-//! is the one that agrees best with where they were found.
+//! Map-to-frame tracking: points of the map are found in the frame patch by patch, and the frame's pose minimises
+//! their reprojection error.
 
 use crate::align::{AlignmentReference, Brightness};
 use crate::local_map::{LocalMap, PointRef};
@@ -15,12 +15,12 @@ use rayon::prelude::*;
 params! {
     /// Parameters of the map-to-frame tracking.
     pub struct TrackParams {
-        /// Side of the image cells over which the sought points are spread, pixels. Range 4–200.
+        /// Side of the image cells over which the searched points are spread, pixels. Range 4–200.
         pub cell: usize = 24,
-        /// Points sought per cell at most. Range 1–50.
+        /// Points searched per cell at most. Range 1–50.
         pub per_cell: usize = 2,
         /// The same when a frame that becomes a keyframe is searched again from its refined pose. Range 1–6; more
-        /// bind keyframes closer and cost time.
+        /// connect keyframes more closely and cost time.
         pub keyframe_per_cell: usize = 2,
         /// How far a patch may be found from its prediction, pixels. Range 1–50.
         pub max_shift: f32 = 6.0,
@@ -30,19 +30,19 @@ params! {
         pub patch_sigma: f32 = 3.0,
         /// Least value that `position_sigma` is lowered to, pixels. Range 0.01–2.
         pub least_position_sigma: f32 = 0.1,
-        /// Uncertainty of position that no intensity explains (rolling shutter, lens), pixels: the value at
-        /// the start, then learnt from the residuals of the tracked frames. Range 0.01–5.
+        /// Uncertainty of position that no intensity explains (rolling shutter, lens), pixels: the initial value,
+        /// then learnt from the residuals of the tracked frames. Range 0.01–5.
         pub position_sigma: f32 = 0.5,
-        /// How much a camera's turn changes, one standard deviation, radians per second squared: with this in mind the rows of
-        /// a rolling shutter are asked how it turns while they are read. Range 0–200; with 0 it is taken to turn as it did
-        /// since the frame before. Hands change theirs by up to 40.
+        /// Change of a camera's rotation rate, one standard deviation, radians per second squared: the prior with
+        /// which the rows of a rolling shutter give the rotation while they are read. Range 0–200; with 0 the camera
+        /// rotates as it did since the frame before. Hands change theirs by up to 40.
         #[key = "turn_change"]
         pub rotation_change: f32 = 40.0,
-        /// Keyframes whose points are sought at most. Range 1–100.
+        /// Keyframes whose points are searched at most. Range 1–100.
         pub max_hosts: usize = 14,
-        /// Standard deviation of a position, over the median depth of what is seen, above which it is not told of a camera that is
-        /// localised only: five of them are 1 % of the depth. In maps of hand-held recordings frames have 0.0016 at the most;
-        /// where the map ends and a hundredth of the depth is missed, 0.002 to 0.007. Range 1e-5–0.1.
+        /// Standard deviation of a position, over the median depth of what is seen, above which a camera that only
+        /// localises gets no pose: five of them are 1 % of the depth. In maps of hand-held recordings frames have
+        /// 0.0016 at most; where the map ends and a hundredth of the depth is missed, 0.002 to 0.007. Range 1e-5–0.1.
         pub max_deviation: f32 = 0.002,
     }
 }

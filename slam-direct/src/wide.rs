@@ -1,8 +1,8 @@
-//! A wide search for a frame: where the direct alignment went astray, the map's patches are sought one by one over a
-//! large part of the image, from coarse to fine, and the pose is the one that most of them agree with.
+//! A wide search for a frame where the direct alignment failed. The map's patches are searched one by one over a
+//! large part of the image, from coarse to fine, and the pose is the one with which most of them agree.
 //!
-//! Each patch has a gain and an offset of its own, so neither an exposure that jumps nor a camera that does not go on as
-//! it moved hides the map; what is found by chance agrees with no pose.
+//! Each patch has a gain and an offset of its own, so neither a jump of the exposure nor one of the camera hides the
+//! map. Patches that are found by chance agree with no pose.
 
 use crate::local_map::{LocalMap, PointRef};
 use crate::patch::Template;
@@ -16,7 +16,8 @@ use rayon::prelude::*;
 params! {
     /// Parameters of the wide search for a frame.
     pub struct WideParams {
-        /// Pyramid levels over which a patch is sought. Range 1–5; each doubles how far from its prediction it is found.
+        /// Pyramid levels over which a patch is searched. Range 1–5; each doubles how far from its prediction it is
+        /// found.
         pub levels: usize = 4,
         /// How far it may be found from where the coarser level has it, pixels of the level. Range 2–12.
         pub max_shift: f32 = 8.0,
@@ -25,7 +26,7 @@ params! {
         pub max_error: f64 = 0.004,
         /// Triples of patches that are tried at most. Range 50–5000.
         pub max_samples: usize = 400,
-        /// Share of the sought patches that must agree, 0–1. Range 0–1.
+        /// Share of the searched patches that must agree, 0–1. Range 0–1.
         pub min_share: f32 = 0.15,
     }
 }

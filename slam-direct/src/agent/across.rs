@@ -1,7 +1,8 @@
 //! Agents of a common map see each other's points.
 //!
-//! A merge says how keyframes of two agents lie to each other, but each observes its own agent's points only: the joint
-//! optimisation would move each agent's keyframes as if the other's showed nothing of where they are.
+//! A merge gives the relative poses of keyframes of two agents, but each keyframe observes its own agent's points
+//! only. Without observations across agents, the joint optimisation would move each agent's keyframes as if the
+//! other's showed nothing of where they are.
 
 use crate::closing::match_side;
 use crate::local_map::LocalMap;

@@ -1,5 +1,5 @@
-//! A pose that no motion leads to is on trial: it is neither handed out nor mapped from until it is decided, by all that the
-//! frames that follow see, that they show the place that they were found at.
+//! A pose that no motion leads to is a claim, and on trial. Its frames are not published and make no keyframes until
+//! the frames that follow have decided whether they show the place.
 
 use super::{Agent, FrameReport, ResumeMode, State, TrackingState};
 use crate::background::Task;
@@ -26,16 +26,16 @@ const SHARING: usize = 6;
 /// Keyframes before and after these by which it is told how the map sees its own surface.
 const AROUND: usize = 10;
 
-/// What became of a claim with a frame.
+/// The state of a claim after a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Claim {
     /// It is on trial.
     Pending,
-    /// It was decided that it is the place; the poses of the frames since it was found are in the map.
+    /// It is the place; the poses of the frames since it was found are in the map.
     Accepted,
-    /// It was decided that it is another one.
+    /// It is another place.
     Refused,
-    /// What was seen so far does not tell; it stays on trial.
+    /// The frames so far do not decide; it stays on trial.
     Undecided,
 }
 
@@ -110,7 +110,7 @@ impl Trial {
 }
 
 impl Agent {
-    /// Has `judge` decide on poses that no motion leads to; without, they are believed.
+    /// Sets the judge of poses that no motion leads to; without a judge they are accepted.
     pub fn judge_by(&mut self, judge: Arc<dyn JudgePlace>) {
         self.judge = Some(judge);
     }

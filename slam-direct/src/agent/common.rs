@@ -1,8 +1,9 @@
-//! Going on in the common map of several agents, as one more of them.
+//! Resuming the common map of several agents, as one more of them.
 //!
-//! The keyframes of all are in the working map, the others' first: frames are tracked against them and they move with what is
-//! optimised. What the agent hands out is its own map alone, in the world of the common one: its keyframes from number 0 on,
-//! what they observe of each other, and frames relative to them. How they hang on the others' keyframes a [`Joint`] tells.
+//! The working map has the keyframes of all agents, the others' first. Frames are tracked against all of them, and
+//! optimisation moves all of them. The agent publishes its own map alone, in the world of the common map: its
+//! keyframes from number 0 on, what they observe of each other, and frames relative to them. A [`Joint`] has the
+//! edges between its keyframes and the others'.
 
 use super::Agent;
 use crate::closing::edges;
@@ -15,7 +16,7 @@ use std::collections::BTreeMap;
 /// Ties of two agents that are kept, spread over the way: whoever makes a map of them compares any two of them.
 const MOST_TIES: usize = 100;
 
-/// The common map that an agent went on in, and how its keyframes and those of the others hang together.
+/// The common map that an agent resumed, with the edges between its keyframes and those of the others.
 #[derive(Clone, Debug)]
 pub struct Joint {
     /// With keyframes where they are by now.

@@ -1,4 +1,4 @@
-//! What an agent refuses.
+//! The errors of an agent.
 
 use super::Agent;
 use backend::ParameterError;
@@ -26,7 +26,7 @@ pub enum AgentError {
         /// Focal length in y, pixels.
         fy: f64,
     },
-    /// A map that was kept cannot be gone on with.
+    /// A map from an earlier run cannot be resumed.
     #[error("the map cannot be gone on with: {0}")]
     Map(String),
     /// A mask is not of the size of the camera.

@@ -1,4 +1,4 @@
-//! What goes into the agent and what comes out: frames, and reports on them.
+//! The input and output of the agent: frames, and reports on them.
 
 use super::Claim;
 use geometry::{GrayImage, Se3};
@@ -15,7 +15,7 @@ pub struct Frame {
     pub image: GrayImage,
 }
 
-/// What the agent is doing.
+/// The state of the agent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TrackingState {
     /// Waiting for enough parallax to make a first map.
@@ -26,23 +26,24 @@ pub enum TrackingState {
     Lost,
 }
 
-/// What became of one frame.
+/// The report on one frame.
 #[derive(Clone, Debug)]
 pub struct FrameReport {
     /// State after the frame.
     pub state: TrackingState,
-    /// Of an [`Atlas`](crate::Atlas), the index of the fragment whose world and unit the report is in; 0 of one agent.
+    /// The index of the fragment whose world and unit the report is in, if an [`Atlas`](crate::Atlas) made it; 0 for
+    /// one agent.
     pub fragment: usize,
     /// Pose as known now (later optimisation may move it).
     pub world_from_camera: Option<Se3>,
     /// Keyframe made from this frame.
     pub new_keyframe: Option<KeyframeId>,
-    /// Keyframes whose depth became known with this frame; their poses may still move.
+    /// Keyframes whose depth is known since this frame; their poses may still move.
     pub settled_keyframes: Vec<KeyframeId>,
-    /// Keyframe whose mapping was taken over before this frame was tracked, if that was beside the tracking.
+    /// Keyframe whose mapping was adopted before this frame was tracked, if it ran in the background.
     pub adopted: Option<KeyframeId>,
-    /// What changed in the map since the report before, in order; a delta of number 0 begins a map. The frames' poses are
-    /// not in it: behind those of a map only ever come more, and each is relative to its keyframe.
+    /// The changes of the map since the report before, in order; a delta of number 0 begins a map. The frames' poses
+    /// are not in it: a map only ever gets more of them, and each is relative to its keyframe.
     pub deltas: Vec<MapDelta>,
     /// Loop closed after this frame: `(newer, older)` keyframe.
     pub closed_loop: Option<(KeyframeId, KeyframeId)>,
@@ -54,10 +55,11 @@ pub struct FrameReport {
     pub matched_points: usize,
     /// Why the frame was not tracked, for people.
     pub reason: Option<&'static str>,
-    /// Whether the frame is lost because its scale is: it agrees with the map, but shows too few points of known depth to tell how
-    /// far the camera moves. What is mapped from there has a scale of its own.
+    /// Whether the frame is lost because its scale is lost: it agrees with the map, but too few points of known depth
+    /// are in view to give the length of the camera's motion. A map that begins there has a scale of its own.
     pub scale_is_lost: bool,
-    /// What became of a pose that no motion leads to, after a loss or at the begin of going on in a map, where there is one.
+    /// The state of a claim, if there is one: a pose that no motion leads to, after a loss or at the start of a
+    /// resumed map.
     pub claim: Option<Claim>,
 }
 

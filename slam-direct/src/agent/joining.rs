@@ -1,4 +1,5 @@
-//! Two fragments that show one place become one: the earlier one's agent takes the later one's map in and goes on for it.
+//! Joins two fragments that show one place: the earlier one's agent absorbs the later one's map and continues in its
+//! place.
 
 use super::mapper::{Absorbed, Joined, Link, Mapper, Update};
 use super::{Agent, AgentError, Before, Frame, FrameReport, ResumeMode, State, TrackingState};

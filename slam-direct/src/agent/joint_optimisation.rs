@@ -10,13 +10,13 @@ use geometry::pose_alignment::{PosePair, align_poses};
 use map::{AgentId, KeyframeId, Map};
 use std::collections::BTreeMap;
 
-/// Moves the keyframes of a `common` map to where all that its agents observe, of each other's points too, puts them: the joint
-/// optimisation (bundle adjustment) that ends a run, over all agents. Place and unit of the world stay those of the first agent's
-/// keyframes as a whole. `stop` ends the optimisation early. A map of one agent is optimised as it was.
+/// Optimises a `common` map jointly: the bundle adjustment that ends a run, over the keyframes and observations of
+/// all agents, of each other's points too. The world keeps the place and unit of the first agent's keyframes as a
+/// whole. `stop` ends the optimisation early. A map of one agent is optimised in the same way.
 ///
 /// # Errors
-/// When the agents have not one camera, a keyframe is missing, or the first agent has too few keyframes to hold the world by. The
-/// map is as it was then.
+/// When the agents have different cameras, a keyframe is missing, or the first agent has too few keyframes to fix the
+/// world. The map is unchanged then.
 pub fn optimise_jointly(
     common: &mut Map,
     params: &Params,

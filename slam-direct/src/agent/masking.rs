@@ -1,4 +1,4 @@
-//! What of the images an agent does not use: what it was told, and what it finds to move with the camera.
+//! The part of the images that an agent ignores: the given mask, and what it finds to move with the camera.
 
 use super::{Agent, AgentError};
 use crate::mask::LeftOut;

@@ -1,4 +1,4 @@
-//! Going on in a map that was kept: to extend it, or only to tell poses in it.
+//! Resuming a map from an earlier run: to extend it, or only to localise in it.
 
 use super::across::observe_others;
 use super::mapper::{MapQuality, Mapper};
@@ -12,24 +12,25 @@ use geometry::{Pinhole, Pyramid, Se3};
 use map::{Edge, Map, MapDelta, PlaceIndex};
 use std::sync::Arc;
 
-/// What is done with a map that was kept.
+/// The use of a map from an earlier run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ResumeMode {
-    /// It is extended: frames and keyframes are added, and it is optimised as if there had been no break.
+    /// The map is extended: frames and keyframes are added, and it is optimised as if there had been no break.
     Mapping,
-    /// It stays as it is; frames get poses in it.
+    /// The map stays as it is; frames get poses in it.
     Localising,
 }
 
 impl Agent {
-    /// An agent that goes on in a `map` it was given back: its camera must have made the map. The first frames are sought
-    /// among all of its keyframes, whatever was in between; until one is found, nothing changes.
+    /// An agent that resumes a `map`, which its camera must have made. It searches the first frames among all
+    /// keyframes of the map, wherever the camera was meanwhile. Until it finds one, nothing changes.
     ///
-    /// The map may be the common one of several agents, whose cameras are the same. Who extends it is one more of them: the
-    /// map that is handed out is its own, in the world of the common one, and [`joint`](Self::joint) makes one of both.
+    /// The map may be the common map of several agents with the same camera. An agent that extends it is one more of
+    /// them: it publishes its own map, in the world of the common one, and [`joint`](Self::joint) makes one map of
+    /// both.
     ///
-    /// What is left of the lens's distortion is taken from the map's provenance, where its agent said it. Frames are to be
-    /// given indices behind those of the map. The first report tells the whole map as a delta.
+    /// The agent reads the remaining distortion of the lens from the map's provenance, if it is there. Indices of new
+    /// frames must come after those of the map. The first report contains the whole map as a delta.
     ///
     /// ```no_run
     /// use place_recog::ThumbnailIndex;
@@ -49,8 +50,8 @@ impl Agent {
     /// ```
     ///
     /// # Errors
-    /// When the map is not that of agents with one camera, lacks keyframes, or has nothing to track against; those of
-    /// [`new`](Self::new).
+    /// When the agents of the map have different cameras, a keyframe is missing, or there is nothing to track
+    /// against; those of [`new`](Self::new).
     pub fn resume(
         mut map: Map,
         mut places: Box<dyn PlaceIndex>,

@@ -1,5 +1,5 @@
-//! Fragments that meet are joined while the run goes on: a keyframe of the one that is tracked is recognised in an earlier
-//! one, as a lost frame would be, and once two of them agree on how the worlds lie to each other, the maps become one.
+//! Joins fragments during the run. A keyframe of the active fragment is recognised in an earlier one, as a lost frame
+//! would be. When two such keyframes agree on the relative pose of the fragments, their maps become one.
 
 use super::Atlas;
 use crate::agent::{AgentError, Frame, FrameReport, Joining, Sighting, TrackingState};

@@ -1,7 +1,7 @@
-//! Looking at the first map again when there is more parallax: what a few frames could not tell apart, a turn and a way
-//! (Chiuso et al., IJCV 2000), more can.
+//! Checks the first map again when there is more parallax. More frames can tell a rotation from a translation where
+//! the first few could not (Chiuso et al., IJCV 2000).
 //!
-//! The points of the start are followed on, by themselves, so what they say does not depend on the map.
+//! The points of the start are followed further by themselves, so the result does not depend on the map.
 
 use super::solve::acceptable;
 use super::{Bootstrap, MIN_POINTS, SecondLook, Started};

@@ -1,4 +1,4 @@
-//! Whether a camera that turns is read row by row, told by what a start is made of.
+//! Detects from the points of a start whether a rotating camera has a rolling shutter.
 
 use super::{Bootstrap, MIN_POINTS};
 use crate::params::Params;

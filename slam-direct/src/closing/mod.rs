@@ -1,10 +1,10 @@
-//! Closing loops within one map: what happens when the camera comes back with more drift than patches are
-//! sought over, so that tracking alone does not find the old points again.
+//! Closing loops within one map. It is needed when the camera comes back with more drift than patches are searched
+//! over, so that tracking alone does not find the old points again.
 //!
-//! A settled keyframe proposes old ones by pose and by appearance; the first is put to the test ([`evidence`]):
-//! cheap direct alignment, then patches of both sides' keyframes, then reciprocal Sim(3) alignment. If it
-//! stands, a Sim(3) pose graph ([`edges`], [`correct`]) spreads the drift over the loop, and each side's points
-//! are found in the other ([`join`]), so that the joint optimisation and the tracker see one place.
+//! A keyframe with depth proposes old ones by pose and by appearance, and [`evidence`] tests the first: cheap direct
+//! alignment, then patches of both sides' keyframes, then reciprocal Sim(3) alignment. If it passes, a Sim(3) pose
+//! graph ([`edges`], [`correct`]) spreads the drift over the loop. Then each side's points are found in the other
+//! ([`join`]), so that the joint optimisation and the tracker see one place.
 
 mod correct;
 mod drift;
@@ -32,38 +32,39 @@ use std::collections::BTreeSet;
 params! {
     /// Parameters of loop closing.
     pub struct ClosingParams {
-        /// Whether loops are sought at all.
+        /// Whether loops are searched at all.
         pub enabled: bool = true,
-        /// Least likeness by which appearance proposes a keyframe, in the index's own measure; for thumbnails
-        /// a correlation, −1–1. Lower finds more changed views and costs futile attempts. Range 0–1.
+        /// Least similarity by which appearance proposes a keyframe, in the index's own measure; for thumbnails a
+        /// correlation, −1–1. Lower finds more changed views and costs futile attempts. Range 0–1.
         pub min_appearance: f32 = 0.6,
         /// Points two keyframes must share to count as seeing one place already. Range 6–200.
         pub min_shared: usize = 15,
-        /// For how many keyframes a place that proved no loop is not tried again. Range 0–100; fewer find a
-        /// loop sooner and cost futile attempts.
+        /// Keyframes for which a place that proved no loop is not tried again. Range 0–100; fewer find a loop sooner
+        /// and cost futile attempts.
         pub patience: usize = 5,
         /// Least number of the old side's points that must be found in the keyframe. Range 15–300.
         pub min_matched: usize = 40,
-        /// Least share of the sought old points that must be found and agree with one pose, 0–1. Another place
-        /// of the same structure shows less. Range 0–1.
+        /// Least share of the searched old points that must be found and agree with one pose, 0–1. Another place of
+        /// the same structure shows less. Range 0–1.
         pub min_share: f32 = 0.35,
-        /// Largest drift that a loop may reveal, share of the way since the old keyframe. Range 0.01–1: more
-        /// than that is a place that only looks the same.
+        /// Largest drift that a loop may reveal, share of the path since the old keyframe. Range 0.01–1: with more
+        /// drift it is a place that only looks the same.
         pub max_drift: f64 = 0.15,
         /// Largest drift in scale, as a factor. Range 1.05–10.
         pub max_scale: f64 = 2.0,
         /// Largest drift in orientation, degrees. Range 2–180.
         #[key = "max_turn"]
         pub max_rotation: f64 = 30.0,
-        /// Least share of the observations across a closed loop that must be left after the joint optimisation, 0–1: a loop
-        /// whose two ends it pulls apart again is taken back. Range 0–1.
+        /// Least share of the observations across a closed loop that must remain after the joint optimisation, 0–1. A
+        /// loop whose two ends it pulls apart again is rejected. Range 0–1.
         pub min_kept: f32 = 0.8,
         /// Keyframes on each side of the loop that are tested and joined. Range 2–20.
         pub side: usize = 6,
         /// Iterations of the joint optimisation of the whole map after a loop. Range 1–50.
         pub iterations: usize = 8,
-        /// Maps of more keyframes than this are optimised around the two ends of the loop only, and the pose graph moves no
-        /// keyframe that is older than the loop: the time of the whole grows with the map. Range 10–2000.
+        /// Maps of more keyframes than this are optimised around the two ends of the loop only, and the pose graph
+        /// moves no keyframe that is older than the loop. The time of a whole optimisation grows with the map. Range
+        /// 10–2000.
         pub whole_map: usize = 250,
         /// Candidates and their reciprocal alignment. It starts where patches were found, so a single start,
         /// half the coarseness and little common depth do.

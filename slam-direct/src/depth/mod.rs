@@ -56,7 +56,7 @@ pub struct StereoFrame<'a> {
     pub shift: Shift,
 }
 
-/// What became of a keyframe's pixels in one update.
+/// The outcome of one update for a keyframe's pixels.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct UpdateStats {
     /// Hypotheses with a new, agreeing observation.

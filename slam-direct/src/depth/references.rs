@@ -10,9 +10,9 @@ const PREFERRED_PARALLAX: f64 = 0.15;
 /// has found. Where frames are few, closer ones will do.
 const GROWTH: [f64; 4] = [2.0, 1.5, 1.2, 1.0];
 
-/// Indices of the candidates (poses `frame_from_keyframe`) to observe a keyframe in, in the order to use them:
-/// growing baselines between `params.min_parallax` and `params.max_parallax`, the share of the keyframe they
-/// see at least `params.min_overlap`, at most `params.max_references`.
+/// Indices of the candidates (poses `frame_from_keyframe`) in which to observe a keyframe, in the order to use them.
+/// Baselines grow from `params.min_parallax` to `params.max_parallax`, each candidate sees at least the share
+/// `params.min_overlap` of the keyframe, and there are at most `params.max_references`.
 ///
 /// `mean_inverse_depth` is the keyframe's, 1/keyframe unit.
 pub fn choose_references(

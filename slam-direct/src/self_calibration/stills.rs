@@ -1,5 +1,5 @@
-//! Where keyframes would show their points had all of an image been read at once: a rolling shutter bends images in step with the
-//! camera's motion, and what is left of that is taken for the lens.
+//! The positions of points in keyframes without the effect of a rolling shutter, which bends images in step with the
+//! camera's motion. What remains of that would count as distortion of the lens.
 
 use geometry::sensor::{Sensor, Twist};
 use map::{AgentInfo, Keyframe, KeyframeId, Map, Observation, Point};

@@ -1,15 +1,14 @@
 //! Joint optimisation of keyframe poses and inverse depths (windowed bundle adjustment).
 //!
-//! Each patch's photometric error is replaced by its quadratic expansion around the patch's own
-//! minimum: `E ≈ ½ (π(x) − z)ᵀ Λ (π(x) − z)`, with z where the patch was found and Λ from the photometric
-//! Hessian there. The optimum over poses and depths is the same to second order as that of the
-//! photometric error (Engel 2018, Eq. 4–8), but no image is touched while iterating, edges keep their
-//! one-dimensional information, and geometric disturbance (motion that changes while rows are read, calibration) enters Λ as
-//! what it is: an uncertainty of position.
+//! Each patch's photometric error is replaced by its quadratic expansion around the patch's own minimum: `E ≈ ½ (π(x)
+//! − z)ᵀ Λ (π(x) − z)`, with z where the patch was found and Λ from the photometric Hessian there. To second order,
+//! the optimum over poses and depths is that of the photometric error (Engel 2018, Eq. 4–8). But no image is read
+//! while iterating, and edges keep their one-dimensional information. Geometric disturbance (motion that changes
+//! while rows are read, calibration) enters Λ as an uncertainty of position.
 //!
-//! Depths are eliminated by the Schur complement, one scalar per point; what is left couples keyframes that share
-//! points and is solved by sparse Cholesky, so that the whole map's optimisation grows with the map and not with its
-//! square.
+//! Depths are eliminated by the Schur complement, one scalar per point. The rest couples keyframes that share points
+//! and is solved by sparse Cholesky, so the cost of an optimisation of the whole map grows with the map and not with
+//! its square.
 
 mod border;
 mod calibration;
