@@ -1,9 +1,10 @@
-//! Exposures that jump from one frame to the next.
+//! Undoes jumps of the exposure between two frames.
 //!
-//! Patches have gain and offset of their own, and alignment has those of the frame before to begin with: exposures that glide are
-//! followed. One that jumps by a factor makes agreement, noise and gradients, which are all measured in grey levels, those
-//! of another picture. Two frames in a row show nearly the same, so that such a jump is seen in the images alone: the
-//! same factor all over. It is undone until it is taken back; of a recording without jumps no pixel is changed.
+//! Patches have a gain and an offset of their own, and alignment starts with those of the frame before, so they
+//! follow an exposure that changes slowly. After a jump by a factor, agreement, noise and gradients, which are all
+//! measured in grey levels, are those of another picture. Two frames in a row show nearly the same, so the images
+//! alone show such a jump: the same factor all over. It is undone until the exposure jumps back. Without jumps no
+//! pixel of a recording changes.
 
 use geometry::{GrayImage, median};
 

@@ -1,4 +1,4 @@
-//! The working map in the form that it is handed out in.
+//! Converts the working map to the public map.
 
 use crate::local_map::{LocalMap, PointState};
 use map::{Edge, Keyframe, KeyframeId, Map, Moved, Observation, Point};
@@ -10,7 +10,7 @@ pub(crate) fn keyframe(local: &LocalMap, keyframe: usize) -> Keyframe {
     Keyframe::of_image(id, state.timestamp, state.frame_index, pose, state.pyramid.shared_base())
 }
 
-/// Where a keyframe is now.
+/// The pose of a keyframe now.
 pub(crate) fn moved(local: &LocalMap, keyframe: usize) -> Moved {
     Moved { keyframe: LocalMap::id(keyframe), world_from_keyframe: local.world_from_keyframe(keyframe) }
 }

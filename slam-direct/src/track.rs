@@ -69,15 +69,15 @@ pub(crate) struct SearchedPoint {
     rank: (std::cmp::Reverse<usize>, f64),
 }
 
-/// Frame as the tracker knows it before and after a step.
+/// A frame with the pose from which its points are searched.
 pub(crate) struct View<'a> {
     pub pyramid: &'a Pyramid,
     pub camera_from_world: Se3,
-    /// How the camera moves, in map units.
+    /// Motion of the camera, in map units.
     pub motion: Twist,
 }
 
-/// Seeks the map's points in the frame. Second value: how many were sought.
+/// Searches the map's points in the frame. Second value: how many were searched.
 pub(crate) fn match_points(
     map: &LocalMap,
     hosts: &[usize],
@@ -171,7 +171,7 @@ pub(crate) fn position_information(
     [(xx * myy - xy * mxy) / det, (xy * mxx - xx * mxy) / det, (yy * mxx - xy * mxy) / det]
 }
 
-/// A keyframe by whose points frames may see, with a sample of these.
+/// A keyframe whose points may be visible in a frame, with a sample of these.
 pub(crate) struct Near {
     pub keyframe: usize,
     /// How many points it has.
@@ -191,7 +191,7 @@ impl Near {
     }
 }
 
-/// Those of the keyframes `near` by whose points the frame may see, most promising first.
+/// The keyframes of `near` whose points may be visible in the frame, most promising first.
 pub(crate) fn choose_hosts(
     map: &LocalMap,
     near: &[Near],
@@ -224,15 +224,16 @@ pub(crate) fn choose_hosts(
     scored.into_iter().map(|s| s.0).collect()
 }
 
-/// How a frame's pose is refined.
+/// The solver that refines a frame's pose.
 const TRACKING: PoseSolver = PoseSolver { iterations: 12, wide: 5, settled: 1e-14, rotation_only: false };
 
-/// Refines a pose on matched points with fixed depths (robust Gauss–Newton) and marks the inliers.
+/// Refines a pose by the reprojection errors of matched points with fixed depths (robust Gauss–Newton), and marks the
+/// inliers.
 ///
-/// Where all residuals are larger than assumed (a fast turn under a rolling shutter, blur), the information
-/// of the matches is lowered to what the frame shows.
+/// If all residuals are larger than assumed (a fast rotation under a rolling shutter, blur), the information of the
+/// matches is lowered to what the frame shows.
 ///
-/// Second value: the squared residuals' median over what was assumed.
+/// Second value: the median of the squared residuals over the assumed one.
 pub(crate) fn refine_pose(map: &LocalMap, view: &View, matched: &mut [Matched]) -> (Se3, f64) {
     let mut points: Vec<SeenPoint> =
         matched.iter().map(|m| world_point(map, &view.camera_from_world, &view.motion, m)).collect();
@@ -259,8 +260,8 @@ pub(crate) fn refine_pose(map: &LocalMap, view: &View, matched: &mut [Matched]) 
     (pose, assumed.unwrap_or(1.0))
 }
 
-/// Standard deviation of the position of a camera at a pose, along the axis that is known least, by the points that agree and over their
-/// median depth; infinite where they leave a motion open.
+/// Standard deviation of a camera's position at a pose, along its least certain axis, from the points that agree and
+/// over their median depth; infinite where they leave a motion open.
 pub(crate) fn position_deviation(
     map: &LocalMap,
     camera_from_world: &Se3,
@@ -282,8 +283,8 @@ pub(crate) fn position_deviation(
     of_position.symmetric_eigenvalues().max().sqrt() / f64::from(depth)
 }
 
-/// How the camera turns while this frame is read, told by its rows: the motion of the `view` with another turn, a priori the
-/// same but for `sigma` radians a second.
+/// The camera's motion while this frame is read, from its rows: the motion of the `view` with another rotation, whose
+/// prior is that of the view with a standard deviation of `sigma` radians a second.
 pub(crate) fn motion_by_rows(map: &LocalMap, view: &View, matched: &[Matched], sigma: f64) -> Twist {
     let mut h = SMatrix::<f64, 9, 9>::identity() * 1e-6;
     let mut g = SVector::<f64, 9>::zeros();
@@ -348,9 +349,9 @@ pub(crate) fn learn_position_sigma(params: &TrackParams, residual_scale: f64) ->
 
 /// Squared normalised residual below which a match agrees with the frame's pose.
 pub(crate) const INLIER: f64 = 41.0;
-/// What the median of the squared normalised residuals is brought to. It lies above that of χ² (0.45 for one
-/// degree of freedom, 1.39 for two): the positional uncertainty is set to what the better matches show, so
-/// that well-textured patches count for what they know and the Cauchy kernel leaves the rest aside.
+/// The value to which the median of the squared normalised residuals is brought. It lies above that of χ² (0.45 for
+/// one degree of freedom, 1.39 for two): the positional uncertainty follows the better matches, so that well-textured
+/// patches keep their weight and the Cauchy kernel rejects the rest.
 const MEDIAN_SQUARED: f64 = 4.0;
 /// Residuals larger than this times the assumed variance are errors, not noise.
 const MAX_RESIDUAL_SCALE: f64 = 9.0;
@@ -375,7 +376,7 @@ fn world_point(map: &LocalMap, camera_from_world: &Se3, motion: &Twist, matched:
     SeenPoint { direction, inverse_depth: point.inverse_depth, pixel, information }
 }
 
-/// `(Λ⁻¹ + j jᵀ V)⁻¹` by Sherman–Morrison: what is left of a position's information when the depth is uncertain.
+/// `(Λ⁻¹ + j jᵀ V)⁻¹` by Sherman–Morrison: the remaining information of a position when the depth is uncertain.
 pub(crate) fn with_depth_variance(information: &[f64; 3], j: &[f64; 2], variance: f64) -> [f64; 3] {
     let [a, b, c] = *information;
     let w = [a * j[0] + b * j[1], b * j[0] + c * j[1]];
@@ -383,8 +384,8 @@ pub(crate) fn with_depth_variance(information: &[f64; 3], j: &[f64; 2], variance
     [a - scale * w[0] * w[0], b - scale * w[0] * w[1], c - scale * w[1] * w[1]]
 }
 
-/// Rotations tried about the prediction when the alignment is poor: small turns about each axis and
-/// pairs of axes (Engel 2018, §3.1).
+/// Rotations tried about the prediction when the alignment is poor: small rotations about each axis and pairs of axes
+/// (Engel 2018, §3.1).
 fn turns() -> impl Iterator<Item = Se3> {
     [0.03, 0.07].into_iter().flat_map(|angle: f64| {
         let mut all = Vec::new();
@@ -402,7 +403,7 @@ fn turns() -> impl Iterator<Item = Se3> {
     })
 }
 
-/// Direct alignment from the most plausible guesses; more are tried only while the result is poor.
+/// Direct alignment from the most plausible guesses; it tries more only while the result is poor.
 pub(crate) fn align_from_guesses(
     reference: &AlignmentReference,
     image: &Pyramid,

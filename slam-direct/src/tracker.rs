@@ -1,4 +1,4 @@
-//! Following the camera from frame to frame: direct alignment, then the points of the map.
+//! Tracks the camera from frame to frame: direct alignment, then reprojection of the map's points.
 
 mod located;
 mod seen;
@@ -42,11 +42,11 @@ pub(crate) struct Tracker {
     alignment: AlignmentReference,
     /// Median inverse depth of the reference's points.
     inverse_depth: f64,
-    /// Keyframes that look at about the same, among which those are chosen whose points are sought.
+    /// Keyframes with about the same view, among which those are chosen whose points are searched.
     near: Vec<Near>,
-    /// Points of keyframes of which it was asked how far a frame has departed from them.
+    /// Points of the keyframes from which the departure of a frame was computed.
     seen: SeenPoints,
-    /// Most points that were sought and found in a frame tracked against the reference.
+    /// Most points that were searched, and found, in a frame tracked against the reference.
     most_searched: usize,
     most_found: usize,
     most_covered: usize,
@@ -61,11 +61,11 @@ pub(crate) struct Tracker {
     brightness: Brightness,
     /// Frames in a row that were not found.
     lost: usize,
-    /// What the newest tracked frame looked like.
+    /// The smallest image of the newest tracked frame.
     rotation_prior: Option<RotationPrior>,
-    /// Share of the sought points that agreed in it.
+    /// Share of the searched points that agreed in it.
     share: f32,
-    /// Whether the frame that was lost last agrees with the map, but shows too little of known depth.
+    /// Whether the frame that was lost last agrees with the map, but shows too few points of known depth.
     lacks_scale: bool,
 }
 
@@ -110,14 +110,14 @@ impl Tracker {
         Self { time: Some(time), ..self }
     }
 
-    /// Goes on against another reference of the same map.
+    /// Continues against another reference of the same map.
     fn change_to(&mut self, map: &LocalMap, reference: usize, params: &Params) {
         let seen = std::mem::take(&mut self.seen);
         self.refer_to(map, reference, params);
         self.seen = seen;
     }
 
-    /// Goes on against another reference, or in another map.
+    /// Continues against another reference, or in another map.
     pub fn refer_to(&mut self, map: &LocalMap, reference: usize, params: &Params) {
         let (time, mean_motion) = (self.time, self.mean_motion);
         let (lost, rotation_prior, share) = (self.lost, self.rotation_prior.take(), self.share);
@@ -125,8 +125,8 @@ impl Tracker {
         *self = Self { time, mean_motion, lost, rotation_prior, share, ..fresh };
     }
 
-    /// Goes on in a map in which keyframes have moved: `last` is the newest frame's pose there, `factor` what lengths
-    /// around the reference were multiplied by.
+    /// Continues in a map in which keyframes have moved. `last` is the newest frame's pose there, and `factor` the
+    /// change of lengths around the reference.
     pub fn follow_reference(&mut self, map: &LocalMap, last: Se3, factor: f64, params: &Params) {
         self.last = last;
         self.velocity.translation *= factor;
@@ -134,8 +134,9 @@ impl Tracker {
         self.refer_to(map, self.reference, params);
     }
 
-    /// Finds the frame, seeking it among all `places` if it is not where it should be; `None` when it is lost, or
-    /// would have to be sought and there are no places to seek it.
+    /// Finds the frame's pose: direct alignment with the reference, then refinement on the points of the map. If the
+    /// frame is not where the motion predicts it, this searches widely and among all `places`. `None` when the frame
+    /// is lost, also because there are no places to search.
     pub fn track(
         &mut self,
         map: &LocalMap,
@@ -172,8 +173,7 @@ impl Tracker {
         Some(self.follow(map, located, pyramid, timestamp))
     }
 
-    /// Finds a frame around a pose at which it is supposed to be, where a map is sought by something else than this tracker;
-    /// as strictly as after a loss.
+    /// Finds a frame around a pose that was proposed elsewhere, as strictly as after a loss.
     pub fn find_at(
         &mut self,
         map: &LocalMap,
@@ -186,7 +186,7 @@ impl Tracker {
         Some(self.follow(map, located, pyramid, timestamp))
     }
 
-    /// Goes on from a frame that was found.
+    /// Continues from a frame that was found.
     fn follow(&mut self, map: &LocalMap, mut located: Located, pyramid: &Pyramid, timestamp: f64) -> Located {
         located.mean_motion = self.mean_motion_to(&located.camera_from_world, timestamp);
         // Of a rolling shutter the rows have told it.
@@ -208,7 +208,7 @@ impl Tracker {
         located
     }
 
-    /// Where the camera is at a time if it goes on as it moved: as much farther as the time is longer.
+    /// The predicted pose at a time, by constant velocity.
     fn expected(&self, timestamp: f64) -> Se3 {
         let times = self.time.map_or(1.0, |before| timestamp - before) / self.mean_motion.1;
         let is_even = !times.is_finite() || (times - 1.0).abs() < UNEVEN;
@@ -220,22 +220,22 @@ impl Tracker {
         motion * self.last
     }
 
-    /// Mean motion to a pose from the newest tracked frame; none of a camera that was lost.
+    /// Mean motion from the newest tracked frame to a pose; zero for a camera that was lost.
     fn mean_motion_to(&self, camera_from_world: &Se3, timestamp: f64) -> Twist {
         let since = self.time.filter(|_| self.lost == 0).map(|before| timestamp - before);
         since.map_or(Twist::zeros(), |since| motion(&self.last, camera_from_world, since))
     }
 
-    /// The same, and how uncertain the turn is: a mean belongs to the middle of the time that it is taken over, from which on
-    /// the turn may have changed.
+    /// The same, and the standard deviation of its rotation, radians a second: a mean belongs to the middle of its
+    /// time, and the rotation may have changed since.
     fn motion_to(&self, camera_from_world: &Se3, timestamp: f64, params: &Params) -> (Twist, f64) {
         let since = self.time.map_or(0.0, |before| timestamp - before);
         let sigma = 0.5 * since * f64::from(params.track.rotation_change);
         (self.mean_motion_to(camera_from_world, timestamp), sigma)
     }
 
-    /// How a camera moves now whose `mean` motion since the frame before is known, were its motion to change as evenly as it
-    /// did: means belong to the middle of the time that they are taken over.
+    /// The motion of the camera now, from the `mean` motion since the frame before, if it changes as evenly as it
+    /// did: means belong to the middle of their time.
     fn motion_at(&self, mean: &Twist, timestamp: f64) -> Twist {
         let (earlier, span) = self.mean_motion;
         match self.time.map(|before| timestamp - before) {
@@ -246,14 +246,14 @@ impl Tracker {
         }
     }
 
-    /// Whether so much less agrees than in the frame before that the camera may have jumped, and the few agree by chance:
-    /// then the frame is sought elsewhere too.
+    /// Whether so many fewer points agree than in the frame before that the camera may have jumped, and the few agree
+    /// by chance. Then the frame is searched elsewhere too.
     fn drops(&self, located: &Located, params: &Params) -> bool {
         !located.is_found_again(params) && located.inlier_share() < SUDDEN * self.share
     }
 
-    /// Seeks the frame's patches one by one: around where it should be, where the camera was last, and where it would be
-    /// had it only turned since.
+    /// Searches the frame's patches one by one around three poses: the predicted one, the last one, and the last one
+    /// rotated by the rotation prior.
     fn search_widely(
         &self,
         map: &LocalMap,
@@ -268,7 +268,7 @@ impl Tracker {
         starts.iter().flatten().find_map(|start| self.search_from(map, start, pyramid, timestamp, params))
     }
 
-    /// Seeks the frame's patches one by one around a pose.
+    /// Searches the frame's patches one by one around a pose.
     fn search_from(
         &self,
         map: &LocalMap,
@@ -302,7 +302,7 @@ impl Tracker {
             || self.seen.departure(map, self.reference, &self.last, overlap).is_none_or(|d| d.score(p) > 1.0)
     }
 
-    /// Whether the frame that was lost last agrees with the map, but shows too few points of known depth to go on by.
+    /// Whether the frame that was lost last agrees with the map, but shows too few points of known depth to continue.
     pub fn lacks_scale(&self) -> bool {
         self.lacks_scale
     }
@@ -312,13 +312,14 @@ impl Tracker {
         self.lost
     }
 
-    /// Seconds since the newest tracked frame; none where there is no such frame.
+    /// Seconds since the newest tracked frame; 0 where there is no such frame.
     pub fn seconds_lost(&self, now: f64) -> f64 {
         self.time.map_or(0.0, |tracked| now - tracked)
     }
 
-    /// Whether a frame of this time is so many `seconds` from the newest tracked one, and no motion bridges that: some between were
-    /// lost, or there were none, for `PAUSE` seconds and for longer than a motion is taken to go on.
+    /// Whether a frame of this time comes at least `seconds` after the newest tracked one, and no motion bridges the
+    /// gap: frames in between were lost, or none came for `PAUSE` seconds and for longer than the motion can be
+    /// extrapolated.
     pub fn is_cut_off(&self, now: f64, seconds: f64) -> bool {
         let (since, step) = (self.seconds_lost(now), self.mean_motion.1);
         let is_gap = step > 0.0 && since > FARTHEST * step && since >= PAUSE;
@@ -331,7 +332,7 @@ impl Tracker {
         relative.translation.norm() * self.inverse_depth
     }
 
-    /// Changes to the keyframe that lies nearest, as its points move in the image.
+    /// Changes to the nearest keyframe, by the motion of its points in the image.
     pub fn change_reference(&mut self, map: &LocalMap, located: &Located, params: &Params) {
         let (seen, last) = (&mut self.seen, self.last);
         let mut score = |k: usize| Some(seen.departure(map, k, &last, 1.0)?.score(&params.keyframes));
@@ -347,10 +348,10 @@ impl Tracker {
         }
     }
 
-    /// Changes to a keyframe that sees what the frame sees, from nearly where it is, if there is one that is nearer than the
-    /// reference; tells whether it did. A view that is in the map needs no further keyframe: a camera that stays
-    /// somewhere would make them for ever. Asked are those that share points with the frame (Mur-Artal 2015, §V-D); of
-    /// a place that is seen from many sides they are more than those whose points are sought.
+    /// Changes to a keyframe with the same view from nearly the same pose, if one is nearer than the reference;
+    /// returns whether it did. A view that is in the map needs no further keyframe, or a camera that stays somewhere
+    /// would make them for ever. The candidates share points with the frame (Mur-Artal 2015, §V-D); at a place that
+    /// is seen from many sides they are more than the keyframes whose points are searched.
     pub fn returns(&mut self, map: &LocalMap, located: &Located, params: &Params) -> bool {
         if located.wide_search || located.inlier_share() < params.keyframes.known {
             return false;

@@ -31,8 +31,8 @@ params! {
     }
 }
 
-/// The pose `camera_from_world` that most of the map's patches agree with, sought around that of the `view`; `None`
-/// when too few do: `min_matched` at the least.
+/// The pose `camera_from_world` with which most of the map's patches agree, searched around that of the `view`;
+/// `None` when fewer than `min_matched` agree.
 pub(crate) fn search(
     map: &LocalMap,
     hosts: &[usize],

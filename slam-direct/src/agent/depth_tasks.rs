@@ -1,4 +1,4 @@
-//! Settling keyframes: once their neighbours are known, their semi-dense depth is computed in the background.
+//! Computes the semi-dense depth of keyframes in the background, once their neighbours are known.
 
 use crate::background::Task;
 use crate::dense::StereoJob;

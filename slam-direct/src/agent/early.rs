@@ -1,4 +1,4 @@
-//! Before there is a map and while it is young: the start, its frames, and giving up a map of no use.
+//! The start of a map: before it exists, while it is young, and giving up a useless one.
 
 use super::mapper::MapQuality;
 use super::{Agent, FrameReport, State, TrackingState};

@@ -42,7 +42,7 @@ pub(crate) struct Joining {
 }
 
 impl Agent {
-    /// Finds a keyframe of the agent `other`, which this frame became, where it is supposed to be in this agent's map.
+    /// Searches a keyframe of the agent `other`, which this frame became, at its proposed pose in this agent's map.
     pub(crate) fn sight(&self, hypothesis: &Hypothesis, frame: &Frame, other: &Agent) -> Option<Sighting> {
         let keyframe = other.view.keyframes.iter().rposition(|state| state.frame_index == frame.index)?;
         let own = hypothesis.keyframe.0 as usize;
@@ -58,8 +58,8 @@ impl Agent {
         Some(Sighting { fragment: hypothesis.fragment, own, own_from_keyframe, other: keyframe })
     }
 
-    /// How the world of `other` lies to this agent's, by the newest sighting of its keyframes and an earlier one that says
-    /// the same.
+    /// The relative pose of the two worlds, from the newest sighting of the keyframes of `other` and an earlier one
+    /// that agrees.
     fn link(&self, other: &Agent, sightings: &[Sighting]) -> Option<Link> {
         let (newest, earlier) = sightings.split_last()?;
         let poses = |sighting: &Sighting| {
@@ -85,8 +85,8 @@ impl Agent {
         Some(Link { own: newest.own, other: newest.other, own_from_other })
     }
 
-    /// Begins to take in the map of `other`, where the sightings of its keyframes agree: beside the tracking, which goes on
-    /// in it.
+    /// Begins to absorb the map of `other` in the background, if the sightings of its keyframes agree. Tracking
+    /// continues in `other`.
     pub(crate) fn begin_joining(&mut self, other: &mut Agent, sightings: &[Sighting]) -> Option<Joining> {
         if self.resumed == Some(ResumeMode::Localising) {
             return None;
@@ -115,8 +115,9 @@ impl Agent {
         Some(Joining { task, count })
     }
 
-    /// Ends joining, waiting for it: this agent goes on with the map and from the place of `other`, which is left empty, with
-    /// `places` to find; both stay as they were where the maps proved not to fit. Tells whether they are one.
+    /// Waits for the join and adopts it. This agent continues with the map and at the pose of `other`, which is left
+    /// empty, with `places` as its new index. Both stay as they were if the maps proved not to fit. Returns whether
+    /// they are one.
     ///
     /// # Errors
     /// Those of [`new`](Self::new).

@@ -1,4 +1,4 @@
-//! Mapping: what a new keyframe sets off, as a function of the map and a [`Job`]. It may run beside the tracking.
+//! Mapping: the work after a new keyframe, as a function of the map and a [`Job`]. It may run in the background.
 
 mod absorb;
 

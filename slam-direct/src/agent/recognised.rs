@@ -1,4 +1,4 @@
-//! Taking up a camera that was recognised from elsewhere.
+//! Adopts a pose that was proposed by features.
 
 use super::claim::Found as OnTrial;
 use super::{Agent, AgentError, Frame, FrameReport, State, TrackingState};

@@ -1,8 +1,8 @@
-//! Asking, while the camera turns, whether its images are read row by row.
+//! Detects a rolling shutter while the camera rotates.
 //!
-//! A map that is made of images bent so takes the bending for depth, the sooner the less the camera moves besides, and agrees
-//! with it then. So patches are followed for some frames by themselves, as at the start, and what they say does not depend on
-//! the map.
+//! A map that is made of images that a rolling shutter bends takes the bending for depth, sooner the less the camera
+//! translates, and then agrees with it. So patches are followed for some frames by themselves, as at the start, and
+//! their result does not depend on the map.
 
 use super::Agent;
 use crate::bootstrap::{Bootstrap, Turned};

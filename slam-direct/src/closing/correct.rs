@@ -1,4 +1,4 @@
-//! Spreading a loop's drift over the keyframes.
+//! Spreads the drift of a loop over the keyframes.
 
 use super::edges;
 use super::evidence::NoLoop;

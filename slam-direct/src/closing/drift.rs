@@ -1,4 +1,4 @@
-//! How much drift a loop may reveal: what is far away by the map is no place to come back to.
+//! The drift that a loop may reveal: a place that is far away by the map is not one to come back to.
 
 use super::ClosingParams;
 use crate::local_map::LocalMap;

@@ -1,4 +1,4 @@
-//! A frame found in the map: where it should be, or among the keyframes that look like it.
+//! A frame found in the map: at its predicted pose, or among the keyframes that look like it.
 
 use super::NEAR;
 use crate::align::{Alignment, AlignmentReference, Brightness, ReferencePoint};
@@ -23,19 +23,19 @@ pub(crate) struct Located {
     pub matched: Vec<Matched>,
     pub searched: Vec<PointRef>,
     pub inliers: usize,
-    /// Those of them whose depth is known: what tells the scale of a motion.
+    /// Inliers whose depth is known: they determine the scale of a motion.
     pub known: usize,
     /// Parts of the image (see [`PARTS`]) in which a point agrees with the pose.
     pub covered: usize,
-    /// Median of the squared residuals over what was assumed.
+    /// Median of the squared residuals over the assumed one.
     pub residual_scale: f64,
     pub(super) brightness: Brightness,
     pub(super) hosts: Vec<usize>,
-    /// How the camera moves, in map units.
+    /// Motion of the camera, in map units.
     pub motion: Twist,
     /// Its mean motion since the frame before.
     pub mean_motion: Twist,
-    /// Whether it took a wide search: the camera was not where it should have been, or looks at little that is known.
+    /// Whether it took a wide search: the camera was not at its predicted pose, or little of the view is known.
     pub(super) wide_search: bool,
 }
 
@@ -46,8 +46,8 @@ impl Located {
         self.carries_scale(params) && self.inliers as f32 >= chance + SIGNIFICANT * chance.sqrt()
     }
 
-    /// Whether enough agree for a frame that was not where it should be. A frame placed wrongly poisons the map, and what is
-    /// sought in many places agrees with one of them by chance sooner than with one pose.
+    /// Whether enough points agree for a frame that was not at its predicted pose. A wrongly placed frame spoils the
+    /// map, and points that are searched in many places agree with one of them by chance sooner than with one pose.
     pub(super) fn is_found_again(&self, params: &Params) -> bool {
         let p = &params.keyframes;
         self.inliers >= 2 * p.min_matched
@@ -55,18 +55,19 @@ impl Located {
             && self.carries_scale(params)
     }
 
-    /// Whether enough points of known depth agree. The others tell how the camera turned; going on by them would make up the
-    /// length of its way, and all that is mapped from there with it.
+    /// Whether enough points of known depth agree. The others determine only the rotation; continuing with them would
+    /// invent the length of the motion, and of all that is mapped from there.
     pub(super) fn carries_scale(&self, params: &Params) -> bool {
         self.known >= params.keyframes.min_matched
     }
 
-    /// Share of the sought points that agree with the pose.
+    /// Share of the searched points that agree with the pose.
     pub fn inlier_share(&self) -> f32 {
         self.inliers as f32 / self.searched.len().max(1) as f32
     }
 
-    /// Standard deviation of the camera's position along the axis that is known least, over the median depth of the points that agree.
+    /// Standard deviation of the camera's position along its least certain axis, over the median depth of the points
+    /// that agree.
     pub fn position_deviation(&self, map: &LocalMap) -> f64 {
         track::position_deviation(map, &self.camera_from_world, &self.motion, &self.matched)
     }
@@ -90,17 +91,17 @@ pub(super) fn covisible(map: &LocalMap, located: &Located) -> Vec<(usize, usize)
     all
 }
 
-/// Share of the sought points that agree with any pose. Where patches proved to be placed to no better than a pixel, more of
-/// them do, by chance or with a map that is wrong: twice as many as where they are exact.
+/// Share of the searched points that agree with any pose. Where patches are placed to no better than a pixel, more of
+/// them do, by chance or with a wrong map: twice as many as where they are exact.
 fn by_chance(params: &Params) -> f32 {
     params.keyframes.chance * (1.0 + params.track.position_sigma)
 }
 
 /// Pose and matches of a frame that becomes a keyframe, whose observations stay in the map.
 ///
-/// The points are sought once more although tracking has just found them: it chose and warped them by the pose of
-/// the direct alignment, here by the refined one, so that other points are chosen and patches are warped and begun
-/// where they belong. Other matches come of it even with as many points per cell.
+/// The points are searched once more although tracking has just found them. Tracking chose and warped them by the
+/// pose of the direct alignment, here by the refined one. So other points are chosen, and patches are warped and
+/// started where they belong. This gives other matches even with as many points per cell.
 pub(crate) fn match_keyframe(
     map: &LocalMap,
     pyramid: &Pyramid,
@@ -120,19 +121,19 @@ pub(super) fn median_inverse_depth(points: &[ReferencePoint]) -> f64 {
     median(&mut depths).unwrap_or(1.0).into()
 }
 
-/// The keyframes that look at about what a keyframe looks at, at this inverse depth.
+/// The keyframes with about the same view as a keyframe, at this inverse depth.
 pub(super) fn near(map: &LocalMap, keyframe: usize, inverse_depth: f64) -> Vec<Near> {
     let near = map.around(keyframe, 1.0 / inverse_depth, NEAR);
     near.into_iter().map(|keyframe| Near::of(map, keyframe)).collect()
 }
 
-/// The motion of a camera of which none is known.
+/// The motion of a camera if it is not known.
 fn unmoved(_: &Se3) -> (Twist, f64) {
     (Twist::zeros(), 0.0)
 }
 
-/// Finds a directly aligned frame's pose by the points of the map; `motion` tells how a camera moves that is at a pose now,
-/// and how uncertain its turn is, radians a second.
+/// Finds the pose of a directly aligned frame by the points of the map. `motion` gives the camera's motion at a pose,
+/// and the standard deviation of its rotation, radians a second.
 pub(super) fn locate(
     map: &LocalMap,
     near: &[Near],
@@ -179,8 +180,8 @@ pub(super) fn locate(
     }
 }
 
-/// Agreeing matches with points of known depth. A map of two keyframes has no scale but that of its own depths, which all count
-/// therefore: what is mapped after them may lose it.
+/// Number of agreeing matches with points of known depth. A map of two keyframes has only the scale of its own
+/// depths, so all of them count; what is mapped after them may lose it.
 fn known_depths(map: &LocalMap, matched: &[Matched]) -> usize {
     let is_first = map.keyframes.len() <= 2;
     matched.iter().filter(|m| m.inlier && (is_first || map.point(m.at).is_known())).count()
@@ -198,7 +199,7 @@ fn covered(map: &LocalMap, matched: &[Matched]) -> usize {
     parts.iter().filter(|part| **part).count()
 }
 
-/// Seeks a lost frame among the keyframes it was last near and those that look like it.
+/// Searches a lost frame among the keyframes it was last near and those that look like it.
 pub(super) fn relocate(
     map: &LocalMap,
     places: &dyn PlaceIndex,

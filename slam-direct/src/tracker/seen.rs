@@ -1,4 +1,4 @@
-//! How far frames have departed from keyframes, as the points of these move in the image.
+//! The departure of frames from keyframes, by the motion of the keyframes' points in the image.
 
 use crate::align::ReferencePoint;
 use crate::keyframes::Departure;

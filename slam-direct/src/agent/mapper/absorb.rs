@@ -1,4 +1,4 @@
-//! Taking in another fragment's map, once both were seen to show one place.
+//! Absorbs another fragment's map, once both were found to show one place.
 
 use super::{Mapper, Update};
 use crate::agent::claim::{around, view_of_frame, view_of_keyframe};
