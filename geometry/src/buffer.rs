@@ -94,7 +94,7 @@ impl<T: Copy> DerefMut for Buffer<T> {
 }
 
 impl<T: Pod> Buffer<T> {
-    /// The same values where `swap` keeps them; nothing where it has no room, or has them already.
+    /// The same values, kept by `swap`; `None` where it has no room, or has them already.
     pub fn swapped_out(&self, swap: &dyn Swap) -> Option<Self> {
         let Owner::Memory(values) = &self.owner else { return None };
         let kept = swap.keep(bytemuck::cast_slice(values))?;

@@ -74,7 +74,7 @@ impl<T: Copy> Image<T> {
 }
 
 impl<T: Pod> Image<T> {
-    /// The same image with its pixels where `swap` keeps them; nothing where it has no room, or has them already.
+    /// The same image with its pixels kept by `swap`; `None` where it has no room, or has them already.
     pub fn swapped_out(&self, swap: &dyn Swap) -> Option<Self> {
         Some(Self { data: self.data.swapped_out(swap)?, ..*self })
     }

@@ -1,14 +1,14 @@
-//! Eight numbers that the processor works on side by side, spelt out for loops that compilers take apart otherwise.
+//! Eight numbers that the processor works on side by side, written out for loops that compilers do not vectorise.
 //!
-//! [`multiversion`](crate::multiversion) hands a [`Processor`] to a function that asks for it: [`Portable`] anywhere,
-//! [`Avx2`] where there is such. Both do the same arithmetic in the same order, so that results are the same to the bit.
+//! [`multiversion`](crate::multiversion) gives a [`Processor`] to a function: [`Portable`] on any processor, [`Avx2`]
+//! where there is AVX2. Both do the same arithmetic in the same order, so results are the same to the bit.
 
 use std::ops::{Add, Mul, Sub};
 
 /// Numbers side by side.
 pub const LANES: usize = 8;
 
-/// What makes [`Lanes`].
+/// The kind of processor, which makes [`Lanes`].
 pub trait Processor: Copy {
     /// The numbers.
     type Lanes: Lanes;
@@ -115,7 +115,7 @@ mod wide {
     pub struct Register(pub(super) __m256);
 
     impl Avx2 {
-        /// Says that this is such a processor.
+        /// A value that states that this processor has AVX2.
         ///
         /// # Safety
         /// The processor must have AVX2.

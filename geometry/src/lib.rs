@@ -1,4 +1,4 @@
-//! Lie groups, cameras and images: the ground the other crates stand on.
+//! Lie groups, cameras and images: the base of the other crates.
 //!
 //! Frames follow one convention everywhere: camera x right, y down, z forward, pixel centres at
 //! integers. A transform is named by what it does: `a_from_b * b_from_c = a_from_c`.

@@ -1,4 +1,4 @@
-//! How large things from outside may be: every reader of files and messages refuses more, before it asks for memory.
+//! The largest sizes of foreign data. Every reader of files and messages refuses more before it allocates memory.
 
 /// Pixels of an image: 64 megapixels, several times what cameras of robots and telephones record. Grids of floats
 /// over so many take a gigabyte.
@@ -11,7 +11,7 @@ pub const MAX_BYTES: usize = 8 * MAX_PIXELS;
 /// Points of a LiDAR's scan: some times what the densest send in a turn (128 rings of 4096).
 pub const MAX_SCAN_POINTS: usize = 2_000_000;
 
-/// Whether there are images of this size; says what is wrong with it.
+/// Whether an image may have this size; the error says why not.
 ///
 /// # Errors
 /// When it has no pixels or too many.

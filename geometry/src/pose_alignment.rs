@@ -26,7 +26,7 @@ pub struct PosePair {
     pub source_from_body: Se3,
 }
 
-/// How two worlds lie to each other, with the evidence.
+/// The relative pose and scale of two worlds, with the evidence.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PoseAlignment {
     /// Maps points of the source's world into the target's.
@@ -42,8 +42,8 @@ pub struct PoseAlignment {
 }
 
 impl PoseAlignment {
-    /// How wrong the scale may be, as a share of it: as if the pairs, which err alike from one to the next, said no more
-    /// than one of them.
+    /// The uncertainty of the scale, as a share of it. Errors of successive pairs are alike, so this counts all pairs
+    /// as no more than one.
     pub fn scale_doubt(&self) -> f64 {
         self.distance / self.reach
     }

@@ -8,7 +8,7 @@ const MIN_SIDE: usize = 16;
 
 /// An image and its successive halvings; level 0 is the image itself.
 ///
-/// The halvings are made when the first of them is asked for. Copies share them.
+/// The halvings are made when the first of them is used. Copies share them.
 #[derive(Clone, Debug)]
 pub struct Pyramid {
     base: Arc<GrayImage>,

@@ -126,7 +126,7 @@ impl Sensor {
         )
     }
 
-    /// Where a pixel lies between the first and the last column, and row: −½ to ½.
+    /// The position of a pixel between the first and the last column, and row: −½ to ½.
     #[inline(always)]
     pub fn order(&self, [x, y]: [f64; 2]) -> [f64; 2] {
         let camera = &self.lens.camera;

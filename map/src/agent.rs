@@ -52,7 +52,7 @@ impl AgentInfo {
         self.sensor == Sensor::Lidar || self.provenance.get(UNIT).is_some_and(|unit| unit == METRE)
     }
 
-    /// Says that a unit of its own world is a metre.
+    /// Sets that its own world is in metres.
     pub fn set_metric(&mut self) {
         self.provenance.insert(UNIT.to_owned(), METRE.to_owned());
     }
@@ -63,9 +63,9 @@ impl AgentInfo {
     }
 }
 
-/// What an agent's own map was before it was united with others.
+/// The part of an agent's own map that uniting it with others changed.
 ///
-/// Everything else of it is relative to the keyframes and in the united map as it was.
+/// Everything else is relative to the keyframes, and in the united map as it was.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OwnMap {
     /// The agent's name there.

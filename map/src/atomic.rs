@@ -4,8 +4,8 @@ use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-/// Writes `path` through a temporary file beside it: `fill` writes, then the content is brought to
-/// the disk and the file renamed. On any error the temporary file is removed and `path` is as before.
+/// Writes `path` through a temporary file beside it: `fill` writes, then the content is synced to the disk and the
+/// file renamed. On any error the temporary file is removed and `path` is as before.
 ///
 /// Where `path` is something other than a file (a pipe, a terminal), it is written directly.
 pub fn write_atomically<T>(

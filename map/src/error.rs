@@ -4,7 +4,7 @@ use crate::SensorKind;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// Why a map could not be written, read or united. Messages about a file name it and say how to mend it.
+/// Why a map could not be written, read or united. Messages about a file name it and say how to fix it.
 #[derive(Debug, thiserror::Error)]
 pub enum MapError {
     /// The file cannot be opened or read.

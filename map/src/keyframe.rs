@@ -72,7 +72,7 @@ impl Keyframe {
         self.semi_dense = std::mem::take(&mut *self.semi_dense).swapped_out(swap).into();
     }
 
-    /// Gives back the memory of image and depth, as far as they are swapped out, until they are looked at again.
+    /// Frees the memory of image and depth, if they are swapped out, until they are used again.
     pub fn rest(&self) {
         self.image.rest();
         self.semi_dense.rest();
@@ -103,7 +103,7 @@ impl SemiDense {
         self.pixel.is_empty()
     }
 
-    /// The same with its numbers where `swap` keeps them, as far as it has room.
+    /// The same keyframe with its image and depth kept by `swap`, as far as it has room.
     pub fn swapped_out(self, swap: &dyn Swap) -> Self {
         Self {
             pixel: self.pixel.swapped_out(swap).unwrap_or(self.pixel),

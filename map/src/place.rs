@@ -1,4 +1,4 @@
-//! The interface of place recognition: who fills an index and who asks it need not know its method.
+//! The interface of place recognition. Its users need not know the method.
 
 use crate::KeyframeId;
 use geometry::GrayImage;
@@ -32,9 +32,10 @@ pub trait PlaceIndex<View: ?Sized = GrayImage>: Send {
         admissible: &dyn Fn(KeyframeId) -> bool,
     ) -> Vec<PlaceCandidate>;
 
-    /// The `count` keyframes most like `view` of each of so many groups, best first: one query for the places of several
-    /// maps in one index. `group` says of which group, from 0 on, a keyframe is; those of none are left out. An index that
-    /// does not know better asks for as many as all may have together, so that one may come short.
+    /// The `count` keyframes most similar to `view` in each of `groups` groups, best first: one query for the places
+    /// of several maps in one index. `group` returns the group of a keyframe, from 0 on; keyframes without a group
+    /// are left out. The default implementation asks for as many as all groups may have together, so a group may get
+    /// fewer than `count`.
     fn query_each(
         &self,
         view: &View,

@@ -97,8 +97,8 @@ impl Map {
         })
     }
 
-    /// A camera's keyframe as an ideal camera would have taken it; `None` where its own did, as far as it matters, and of a
-    /// LiDAR's.
+    /// A camera's keyframe as an ideal camera would have taken it; `None` where its own differs by less than matters,
+    /// and for a LiDAR's.
     pub fn rectified(&self, keyframe: &Keyframe) -> Option<Rectified> {
         let sensor = self.agents.get(&keyframe.agent)?.image_sensor()?;
         rectified(keyframe, &sensor, &self.motion_at(keyframe))
@@ -112,8 +112,8 @@ impl Map {
     }
 }
 
-/// A keyframe whose camera moved so, in its unit, as an ideal camera would have taken it; `None` where its own did, as far
-/// as it matters.
+/// A keyframe with this `motion`, in its unit, as an ideal camera would have taken it; `None` where its own differs
+/// by less than matters.
 pub fn rectified(keyframe: &Keyframe, sensor: &Sensor, motion: &Twist) -> Option<Rectified> {
     let rectification = rectification(keyframe, sensor, motion)?;
     let mut points = keyframe.points.clone();

@@ -9,8 +9,9 @@ const ORIGIN: i32 = 1 << (BITS - 1);
 
 /// The points of a scan in its keyframe's frame: x forward, y left, z up, metres.
 ///
-/// They lie on a grid of 4 mm and come cell by cell along a Morton curve (G. M. Morton, 1966), no two in one cell. So a
-/// scan is a list of ascending numbers, whose steps are short: three bytes a point of a scan thinned to 15 cm, in memory as in a file.
+/// They are on a grid of 4 mm, in the order of a Morton curve (G. M. Morton, 1966), no two in one cell. So a scan is
+/// a list of ascending numbers with short steps: three bytes a point for a scan thinned to 15 cm, in memory as in a
+/// file.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Scan {
     /// The first cell, then each one's distance from the one before, as variable-length integers (LEB128). A cell is the

@@ -1,4 +1,4 @@
-//! The agent: one camera's tracker and map, and the way of a frame through them.
+//! The agent: one camera's tracker and map, and how a frame passes through them.
 //!
 //! The tracker works on a view of the map; the [`Mapper`] owns the map. The tracker gives a frame that becomes a
 //! keyframe to the mapper, and adopts the result [`MappingParams::lag`] frames later. This is a number of frames and

@@ -5,9 +5,10 @@ use backend::params;
 params! {
     /// Parameters of keyframe selection and loss.
     pub struct KeyframeParams {
-        /// Median way of the points since the reference keyframe, share of the image width, that alone makes a keyframe. Range 0.01–1.
+        /// Median displacement of the points since the reference keyframe that alone makes a keyframe; share of the
+        /// image width. Range 0.01–1.
         pub flow: f32 = 0.18,
-        /// The same for what the turn does not explain. Range 0.005–1.
+        /// The same for the part that the rotation does not explain. Range 0.005–1.
         pub parallax: f32 = 0.06,
         /// Share of the points expected near the reference below which a keyframe is made. Range 0–1.
         pub overlap: f32 = 0.6,

@@ -1,4 +1,4 @@
-//! Keyframes as the agent works on them: image pyramids, points with observations, who sees what.
+//! The working form of keyframes: image pyramids, points with observations, covisibility.
 
 use crate::align::ReferencePoint;
 use crate::mask::Mask;
@@ -21,8 +21,8 @@ pub(crate) struct PointState {
     pub inverse_depth: f64,
     /// Its variance by the noise of what sees it, were all poses exact: what observations weigh by.
     pub variance: f64,
-    /// Its variance by the poses of what sees it, and by what their turns leave uncertain: errors that many points have together,
-    /// and that tell whether its depth is known at all.
+    /// Its variance by the poses of the keyframes that see it, and by the uncertainty of their rotations. Many points
+    /// share these errors, and they decide whether its depth is known at all.
     pub doubt: f64,
     /// Who sees it where.
     pub observations: Vec<SeenAt>,
@@ -39,7 +39,7 @@ impl PointState {
     /// within a factor of 1.5, which is two deviations of the four (ln 1.5 = 2 · 0.1 · √4).
     pub const KNOWN: f64 = 0.1;
 
-    /// Whether its depth is known, so that it tells the scale of a translation.
+    /// Whether its depth is known, so that it determines the scale of a translation.
     pub fn is_known(&self) -> bool {
         self.variance + self.doubt < (Self::KNOWN * self.inverse_depth).powi(2)
     }
@@ -83,8 +83,8 @@ pub(crate) struct KeyframeState {
     pub frame_index: u64,
     pub pyramid: Pyramid,
     pub camera_from_world: Se3,
-    /// World units per unit of the keyframe. What is measured around it (frames, semi-dense depth) and handed out is
-    /// in its unit and stays as it is when the world's scale here changes.
+    /// Scale: world units per unit of the keyframe. What is measured around it and published (frames, semi-dense
+    /// depth) is in its unit, and stays as it is when the world's scale here changes.
     pub unit: f64,
     /// How the camera moved; its υ in the keyframe's unit.
     pub motion: Twist,
@@ -159,7 +159,7 @@ pub(crate) struct LocalMap {
     pub camera: Pinhole,
     /// The camera as the images proved to show it. Rays of points are by it; pixels are those of the images.
     pub sensor: Sensor,
-    /// What of the images moves with the camera; no new points are there.
+    /// The part of the images that moves with the camera; it gets no new points.
     pub mask: Arc<Mask>,
     pub keyframes: Vec<Shared<KeyframeState>>,
 }

@@ -17,8 +17,8 @@ mod tests;
 params! {
     /// Parameters of the loop search.
     pub struct LoopParams {
-        /// How many keyframes must lie between the current and an old one. Range 2–1000;
-        /// fewer closes small loops and repeats what covisibility already says.
+        /// Least number of keyframes between the current and an old one. Range 2–1000; fewer closes small loops and
+        /// repeats what covisibility has already.
         pub min_gap: u32 = 15,
         /// Most candidates given. Range 1–20; each costs two alignments.
         pub max_candidates: usize = 3,

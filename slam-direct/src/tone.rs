@@ -64,7 +64,7 @@ const MIN_EXPONENT: f32 = 0.45;
 const HYSTERESIS: f32 = 1.5;
 
 impl Tone {
-    /// What is to be done to an image, after what was done to the one before it; `None` where nothing is.
+    /// The correction of an image, given that of the one before it; `None` where there is none.
     pub fn following(before: Option<Self>, image: &GrayImage) -> Option<Self> {
         let [black, median, white] = quantiles(image);
         let was = before.as_ref().map(|tone| tone.exposure);

@@ -51,7 +51,7 @@ pub enum Pace {
         /// 1 for the speed of the recording.
         speed: f64,
     },
-    /// As they come from a live source; a frame not taken when the next comes is dropped.
+    /// As they arrive from a live source; a frame not taken when the next arrives is dropped.
     Live,
 }
 
@@ -65,7 +65,7 @@ pub struct Ahead {
 }
 
 impl Ahead {
-    /// Starts decoding; what is captured goes to `recorder` on the way.
+    /// Starts decoding, and gives what is captured to `recorder`.
     ///
     /// # Errors
     /// When no thread can be started.
@@ -96,8 +96,8 @@ impl Ahead {
         Ok(Self { queue, recorder, stopper, thread: Some(thread) })
     }
 
-    /// The next item; waits for it, and says [`Item::Nothing`] when that takes long. `None` when the recording has
-    /// ended or `stop` is set.
+    /// The next item. It waits for one, and returns [`Item::Nothing`] when that takes long. `None` when the recording
+    /// has ended or `stop` is set.
     pub fn next_item(&self, stop: &Stop) -> Option<Item> {
         self.queue.pop(stop, PATIENCE)
     }

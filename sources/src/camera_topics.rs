@@ -11,7 +11,7 @@ pub enum Match {
     Found(String),
     /// There is none: these are other cameras'.
     Others(Vec<String>),
-    /// Some may be, and nothing tells which.
+    /// Some may be, and the names do not decide which.
     Unclear(Vec<String>),
 }
 
@@ -53,7 +53,7 @@ const COMMON: [&str; 22] = [
 /// Last parts of topics that say how images are packed (`image_transport`).
 const TRANSPORTS: [&str; 5] = ["compressed", "theora", "ffmpeg", "zstd", "compressedDepth"];
 
-/// Whether the images of a topic were undistorted before they came, as its name says: `image_rect`, `image_rect_color`
+/// Whether the images of a topic are undistorted already, by its name: `image_rect`, `image_rect_color`
 /// (`image_proc`), `image_rect_raw`, `image_undistorted`.
 pub fn is_rectified(images: &str) -> bool {
     let says = |word: &str| {

@@ -18,7 +18,7 @@ use std::path::PathBuf;
 pub const WIDEST_VIEW: f64 = 130.0;
 /// Views narrower than this, degrees, are those of telephoto lenses (above 200 mm on 35 mm film).
 pub const NARROWEST_VIEW: f64 = 10.0;
-/// Images wider than this are halved where nothing else is said: KITTI's are the widest that are common in benchmarks.
+/// Default of `max_width`: KITTI's images are the widest that are common in benchmarks.
 pub const DEFAULT_MAX_WIDTH: usize = 1280;
 
 /// The user's options about the camera.
@@ -168,7 +168,7 @@ impl ImageCorrection {
         }
     }
 
-    /// Corrects an image, or says why it does not fit.
+    /// Corrects an image; the error says why it does not fit.
     pub fn apply(&self, mut image: GrayImage) -> Result<GrayImage, String> {
         if let Some(photometric) = &self.photometric {
             photometric.apply_in_place(&mut image).map_err(|error| error.to_string())?;

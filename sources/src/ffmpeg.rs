@@ -68,7 +68,7 @@ impl Drop for Running {
     }
 }
 
-/// Runs a program to its end and gives what it printed.
+/// Runs a program to its end and returns what it printed.
 ///
 /// # Errors
 /// When it is not installed, or ends with an error: then with what its log says.

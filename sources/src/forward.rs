@@ -44,7 +44,7 @@ pub enum StampVerdict {
     At(f64),
     /// It is that of the frame before.
     Repeats,
-    /// It lies off those around it.
+    /// It is off those around it.
     Off,
     /// It is no number.
     NoTime,
@@ -53,7 +53,7 @@ pub enum StampVerdict {
 /// The faults of the stamps so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Faults {
-    /// Stamps that lie off those around them.
+    /// Stamps that are off those around them.
     pub off: u64,
     /// Stamps that repeat the one before.
     pub repeated: u64,

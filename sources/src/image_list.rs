@@ -95,7 +95,7 @@ impl ImageList {
         Ok(list.remarked(vec![what], self.facts))
     }
 
-    /// The same, of which this is to be said: what may be wrong with it, and how it was read, as label and text.
+    /// The same list with remarks on possible faults, and with facts on how it was read, as label and text.
     pub fn remarked(mut self, remarks: Vec<String>, facts: Vec<(&'static str, String)>) -> Self {
         self.remarks.extend(remarks);
         self.facts.extend(facts);
@@ -162,8 +162,8 @@ pub fn images_in(folder: &Path) -> Result<Vec<PathBuf>> {
     Ok(images)
 }
 
-/// Whether a file's name is that of an image that can be read. Names that begin with a dot are what other systems leave beside files
-/// (`._000001.png`), and no frames.
+/// Whether a file's name is that of a readable image. Names that begin with a dot (`._000001.png`) are by-products of
+/// other systems and no frames.
 pub fn is_image(path: &Path) -> bool {
     if path.file_name().is_some_and(|name| name.to_string_lossy().starts_with('.')) {
         return false;

@@ -1,4 +1,4 @@
-//! Tables that say when images were taken.
+//! Tables of images with their times.
 
 use crate::image_list::{Timed, images_in, is_image};
 use crate::numbered::shows_scene;
@@ -7,7 +7,7 @@ use scans::tables::{Numbers, Row, Stamps, Table, Times};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-/// Images with their times, and what is to be said of these.
+/// Images with their times, and remarks on these.
 #[derive(Debug, Default)]
 pub struct TimedImages {
     /// The images with seconds.
@@ -34,7 +34,7 @@ pub fn timed_images(table: &Path, folder: &Path) -> Result<Vec<Timed>> {
     Ok(named_images(table, &read_table(table)?, folder)?.frames)
 }
 
-/// The same of a table that was read, with what is to be said of it. Time and image may stand in any columns.
+/// The same for a table that was read already. Time and image may be in any columns.
 ///
 /// # Errors
 /// Those of [`timed_images`].
@@ -108,8 +108,8 @@ fn by_stems(files: &mut [PathBuf], folder: &Path) -> Option<String> {
     None
 }
 
-/// The images of a folder with the times that a table says one a line. Where images are missing, their numbers tell whose the
-/// times are.
+/// The images of a folder with the times of a table, one per line. Where images are missing, their numbers decide
+/// which times are theirs.
 ///
 /// # Errors
 /// Names the line that is no time, and a table that does not fit the images.

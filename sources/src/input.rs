@@ -6,7 +6,7 @@ use std::io::{BufReader, Cursor, Read, Seek};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Where the bytes of a recording lie.
+/// The place of a recording's bytes.
 #[derive(Clone, Debug)]
 pub enum Input {
     /// In a file.

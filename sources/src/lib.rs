@@ -85,7 +85,7 @@ pub struct SourceFrame {
 pub struct SourceInfo {
     /// The kind, for people: `TUM RGB-D folder`.
     pub kind: &'static str,
-    /// Where it lies.
+    /// Its path.
     pub path: PathBuf,
     /// How many frames it has, if the source can tell.
     pub frame_count: Option<u64>,
@@ -134,7 +134,7 @@ pub enum FoundCalibration {
         /// The files.
         files: Box<CalibrationFiles>,
     },
-    /// The recording says that its camera is not calibrated.
+    /// The recording states that its camera is not calibrated.
     Uncalibrated {
         /// Where in the recording, for people.
         origin: String,
@@ -261,7 +261,7 @@ pub trait FrameSource: Send {
     }
 }
 
-/// How a source is to be opened.
+/// Options for opening a source.
 #[derive(Clone, Debug, Default)]
 pub struct SourceOptions {
     /// Frames per second of images without time stamps.
@@ -322,7 +322,7 @@ fn open_bag(path: &Path, options: &SourceOptions) -> Result<Box<dyn FrameSource>
     bag_recording::open(Input::File(path.to_owned()), options)
 }
 
-/// Opens a recording that lies in memory: an MCAP file or a ROS 1 bag.
+/// Opens a recording in memory: an MCAP file or a ROS 1 bag.
 ///
 /// # Errors
 /// As [`open`].

@@ -66,7 +66,8 @@ fn folder_of_scene(folder: &Path) -> Option<PathBuf> {
     of_scene.next().filter(|_| of_scene.next().is_none())
 }
 
-/// Whether a name says of nothing that shows no scene, or by another camera than the one that is taken.
+/// Whether a name may be of an image of the scene: not of depth or another kind that shows no scene, nor of another
+/// camera than the one in use.
 pub fn shows_scene(name: &str) -> bool {
     let mut words = name.split(|c: char| !c.is_alphanumeric());
     !words.any(|word| OTHERS.contains(&&*word.to_ascii_lowercase()))

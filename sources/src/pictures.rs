@@ -75,7 +75,8 @@ impl Picture {
         self.bytes() as u64
     }
 
-    /// Why there is no image, as far as that can be seen without decoding it: a file that is missing, empty, of another kind or cut off.
+    /// Why there is no image, if that is visible without decoding it: a file that is missing, empty, of another kind
+    /// or cut off.
     pub fn trouble(&self) -> Option<String> {
         match self {
             Picture::File(path) => {

@@ -1,4 +1,4 @@
-//! Calibration files that lie beside a recording and that nothing says belong to it: named, and not taken.
+//! Calibration files beside a recording of which it is not known whether they belong to it: named, and not used.
 
 use crate::SourceInfo;
 use calib::{CalibError, CameraHint, read_camera_of};

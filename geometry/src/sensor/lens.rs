@@ -63,7 +63,7 @@ impl Lens {
         format!("{term:?}")
     }
 
-    /// The lens of these terms; nothing where the text has none.
+    /// The lens of these terms; `None` where the text has none.
     pub fn from_text(camera: Pinhole, text: &str) -> Option<Self> {
         let term: f64 = text.parse().ok()?;
         term.is_finite().then(|| Self { terms: [term], ..Self::ideal(camera) })
@@ -74,7 +74,7 @@ impl Lens {
         self.terms[0] * self.per_corner
     }
 
-    /// How far from the middle a pixel lies, as a share of the corner's distance.
+    /// The distance of a pixel from the middle, as a share of the corner's.
     pub fn share_of_corner(&self, pixel: [f64; 2]) -> f64 {
         (self.plane(pixel).norm_squared() * self.per_corner).sqrt()
     }

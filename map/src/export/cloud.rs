@@ -43,7 +43,7 @@ impl From<f32> for CloudSelection {
 const MOST_OF_RESULTS: usize = 5_000_000;
 
 impl CloudSelection {
-    /// What the cloud among the results of a run or merge holds.
+    /// The selection for the cloud in the results of a run or merge.
     pub fn of_results(max_relative_variance: f32) -> Self {
         Self { most: Some(MOST_OF_RESULTS), ..max_relative_variance.into() }
     }
@@ -96,12 +96,12 @@ impl Choice {
     /// All points.
     pub const ALL: Self = Self { kept: 1, of: 1 };
 
-    /// So many of all points there are, all where there are not more.
+    /// A selection of `most` of `all` points, or of all if they are not more.
     pub fn new(all: usize, most: usize) -> Self {
         if all > most { Self { kept: most.max(1), of: all } } else { Self::ALL }
     }
 
-    /// How many of so many points.
+    /// The number of selected points among `points`.
     pub fn count(self, points: usize) -> usize {
         points
             .checked_sub(1)

@@ -8,8 +8,8 @@ use std::path::Path;
 const PLY: CloudFormat = CloudFormat { header, attributes };
 
 /// Writes the cloud as binary little-endian PLY and returns the number of points. Properties are `x y z` float (map
-/// units or metres; a comment says which), `intensity` uchar, `confidence` float, and the intensity as `red green
-/// blue` uchar. LiDARs alone have only `x y z`. With several agents `red green blue` is the agent's colour, and
+/// units or metres; a comment says which), `intensity` uchar, `confidence` float, and `red green blue` uchar, which is
+/// the intensity. LiDARs alone have only `x y z`. With several agents `red green blue` is the agent's colour, and
 /// `agent` ushort its id.
 pub fn write_ply(out: &mut impl Write, map: &Map, selection: impl Into<CloudSelection>) -> io::Result<usize> {
     PLY.write(out, map, selection.into())

@@ -1,4 +1,4 @@
-//! The channels of a map file: what is said of the map as a whole, and of each agent.
+//! The channels of a map file: those of the whole map, and those of each agent.
 
 use super::scan::{SCAN_SCHEMA, SCAN_TOPIC};
 use super::schema::{FEATURES_SCHEMA, GRAPH_SCHEMA, KEYFRAME_SCHEMA, descriptor_set, scan_descriptor_set};
@@ -30,7 +30,7 @@ pub(super) struct Channels {
 #[derive(Clone)]
 pub(super) struct AgentChannels {
     pub cloud: u16,
-    /// Of a camera.
+    /// The channel of a camera's calibration.
     pub calibration: Option<u16>,
     pub trajectory: u16,
     /// The coordinate frame of its moving sensor.

@@ -93,7 +93,7 @@ pub fn image_to_bytes(image: &GrayImage) -> io::Result<Vec<u8>> {
     picture::encode_png(image)
 }
 
-/// The inverse of [`image_to_bytes`], of an image that `camera` may have taken.
+/// The inverse of [`image_to_bytes`], for an image of `camera`.
 ///
 /// # Errors
 /// Says what is wrong with the bytes.
@@ -107,7 +107,7 @@ pub fn scan_to_bytes(id: KeyframeId, points: &Scan) -> Vec<u8> {
     scan::to_message(id, points).encode_to_vec()
 }
 
-/// The inverse of [`scan_to_bytes`]: which keyframe's, and its points.
+/// The inverse of [`scan_to_bytes`]: the keyframe's id and its points.
 ///
 /// # Errors
 /// Says what is wrong with the bytes.
@@ -130,12 +130,12 @@ pub fn depth_to_bytes(keyframe: &Keyframe) -> Vec<u8> {
 /// The inverse of [`depth_to_bytes`]: a keyframe with `image`, at the world's origin and without features.
 ///
 /// # Errors
-/// Says what is wrong with the bytes, and what of them does not fit the agent.
+/// Says what is wrong with the bytes, and what does not fit the agent.
 pub fn depth_from_bytes(bytes: &[u8], image: Arc<GrayImage>, agent: &AgentInfo) -> Result<Keyframe, String> {
     keyframe_from_bytes(bytes, image, None, agent)
 }
 
-/// The same of a LiDAR's keyframe with `scan`, which [`depth_to_bytes`] says no more of than its time.
+/// The same for a LiDAR's keyframe with `scan`; for it [`depth_to_bytes`] stores the time only.
 ///
 /// # Errors
 /// As [`depth_from_bytes`].

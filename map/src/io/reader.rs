@@ -44,7 +44,8 @@ pub fn load_map(path: impl AsRef<Path>) -> Result<LoadedMap, MapError> {
     load(path.as_ref(), None)
 }
 
-/// [`load_map`] of a map that memory may not hold: `swap` keeps images and depths, as far as it has room, from when they are read.
+/// [`load_map`] for a map that may exceed memory: `swap` keeps images and depths from the time they are read, as far
+/// as it has room.
 ///
 /// # Errors
 /// As [`load_map`].
@@ -75,7 +76,7 @@ fn load(path: &Path, swap: Option<&dyn Swap>) -> Result<LoadedMap, MapError> {
     contents.into_map().map_err(|refusal| refusal.at(path))
 }
 
-/// Whether a file says that it is a map, whole or not: what tells a map from a recording.
+/// Whether a file's header marks it as a map, complete or not, rather than a recording.
 pub fn is_map_file(path: impl AsRef<Path>) -> bool {
     let Ok(file) = File::open(path) else { return false };
     let length = file.metadata().map_or(0, |about| about.len());

@@ -1,4 +1,4 @@
-//! The records of an MCAP file, as far as they are whole.
+//! The intact records of an MCAP file.
 
 use geometry::limits::MAX_BYTES;
 use mcap::McapError;

@@ -1,4 +1,4 @@
-//! What Foxglove shows: each part of a map in Foxglove's own schemas.
+//! The data for Foxglove: each part of a map in Foxglove's own schemas.
 
 use super::KEYFRAME_FRAME;
 use crate::{DEFAULT_MAX_RELATIVE_VARIANCE, Keyframe, KeyframeId, Map, Scan, StampedPose};

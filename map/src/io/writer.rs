@@ -17,12 +17,12 @@ use std::path::{Path, PathBuf};
 /// Keyframes whose images are encoded at once: enough for all cores, and a few megabytes.
 const IMAGES_TOGETHER: usize = 16;
 
-/// Writes a complete map file. The file appears when it is whole: on any error, a full disk say, an
-/// earlier file of that name stays as it is. The same map gives the same bytes.
+/// Writes a complete map file. The file appears when it is complete; on any error, such as a full disk, an earlier
+/// file of that name stays as it is. The same map gives the same bytes.
 ///
 /// # Errors
-/// [`MapError::Write`] when the system refuses, [`MapError::Invalid`] when the map could not be
-/// loaded again (a pose that is not finite, say).
+/// [`MapError::Write`] when the system refuses, [`MapError::Invalid`] when the map could not be loaded again, because
+/// of a pose that is not finite, for example.
 pub fn save_map(path: impl AsRef<Path>, map: &Map) -> Result<(), MapError> {
     let path = path.as_ref();
     check::map(map).map_err(|what| MapError::invalid(path, what))?;
@@ -95,9 +95,9 @@ impl MapWriter {
         Ok(())
     }
 
-    /// Appends what happened to the map, and the frames that were tracked since the last call: all that a delta says is
-    /// written, and nothing else. Deltas come in order, from the first one on; what they say of keyframes that none
-    /// added is passed over.
+    /// Appends a change of the map, and the frames that were tracked since the last call. It writes the content of
+    /// the delta and nothing else. Deltas come in order, from the first one on; entries for keyframes that no delta
+    /// added are ignored.
     ///
     /// # Errors
     /// As [`append_keyframe`](Self::append_keyframe).
@@ -154,8 +154,8 @@ impl MapWriter {
         self.written(|sink| sink.keyframe(keyframe, None))
     }
 
-    /// Appends the map's keyframe poses, edges and frames as far as they have changed; keyframes that
-    /// the map no longer has are taken out.
+    /// Appends the map's keyframe poses, edges and frames that have changed; keyframes that the map no longer has are
+    /// removed.
     ///
     /// # Errors
     /// As [`append_keyframe`](Self::append_keyframe).
@@ -167,10 +167,10 @@ impl MapWriter {
         self.written(|sink| sink.graph(map))
     }
 
-    /// Hands everything appended so far to the system: it survives the end of the process.
+    /// Gives everything appended so far to the system: it survives the end of the process.
     ///
     /// # Errors
-    /// [`MapError::Write`], on a full disk say.
+    /// [`MapError::Write`], on a full disk for example.
     pub fn flush(&mut self) -> Result<(), MapError> {
         self.written(MapSink::flush)
     }
@@ -183,10 +183,10 @@ impl MapWriter {
         self.file.sync_data().map_err(|source| MapError::write(&self.path, source))
     }
 
-    /// Ends the file with an index, for a run that does not replace it with [`save_map`], and brings it to the disk.
+    /// Ends the file with an index and syncs it to the disk, for a run that does not replace it with [`save_map`].
     ///
     /// # Errors
-    /// [`MapError::Write`], on a full disk say.
+    /// [`MapError::Write`], on a full disk for example.
     pub fn finish(mut self) -> Result<(), MapError> {
         self.written(MapSink::finish)?;
         self.file.sync_all().map_err(|source| MapError::write(&self.path, source))

@@ -132,8 +132,8 @@ impl Agent {
         Some(Edge { from: self.own_id(edge.from)?, to: self.own_id(edge.to)?, ..edge })
     }
 
-    /// How the agent's keyframes and those of the others hang together, if it went on in a common map: asked after
-    /// [`finish`](Self::finish), and before the map is given away.
+    /// The edges between the agent's keyframes and those of the others, if it resumed a common map. Call it after
+    /// [`finish`](Self::finish), and before the map is taken.
     pub fn joint(&self) -> Option<Joint> {
         let mut common = Map::clone(self.common.as_ref()?);
         for (index, keyframe) in common.keyframes.values_mut().enumerate() {

@@ -6,8 +6,8 @@ use geometry::Image;
 use std::sync::Arc;
 
 impl Agent {
-    /// Leaves pixels of the images out, beside those that it finds to move with the camera: no points and no depth there.
-    /// To be said before the first frame.
+    /// Ignores these pixels of the images, besides those that move with the camera: no points and no depth there. To
+    /// be called before the first frame.
     ///
     /// # Errors
     /// When the mask is not of the camera's size.

@@ -116,8 +116,8 @@ impl Agent {
     }
 }
 
-/// The edges that the points of one agent's map make between its keyframes. An agent says them when it ends, so that the map
-/// of a run that was killed has none. Loops are not among them.
+/// The edges between the keyframes of one agent's map, from the points that they share. An agent makes them when it
+/// ends, so the map of a killed run has none. Loops are not among them.
 ///
 /// # Errors
 /// When the map is not one agent's with a camera, or lacks keyframes.

@@ -42,7 +42,7 @@ pub(crate) enum NoLoop {
     /// The reciprocal alignment failed.
     #[error(transparent)]
     Refused(#[from] LoopRefusal),
-    /// More drift than the way can explain.
+    /// More drift than the path can explain.
     #[error(transparent)]
     TooFar(#[from] Drift),
     /// The pose graph cannot be optimised.

@@ -185,8 +185,8 @@ impl LoopCloser {
         self.futile.push((keyframe, old));
     }
 
-    /// Begins to close a found loop: its pose graph is made and solved in the background. In a large map keyframes older
-    /// than the loop stay where they are, so that it costs what lies between its ends.
+    /// Begins to close a found loop: its pose graph is made and solved in the background. In a large map, keyframes
+    /// older than the loop stay fixed, so the cost is that of the part between its ends.
     pub fn start(&mut self, local: &LocalMap, found: FoundLoop, params: &Params) {
         let is_large = local.keyframes.len() > params.closing.whole_map;
         let oldest = found.old_side.iter().copied().min().filter(|_| is_large).unwrap_or(0);
@@ -201,9 +201,8 @@ impl LoopCloser {
         self.pending.is_some()
     }
 
-    /// Corrects the map by the loop begun with [`LoopCloser::start`], joins its two ends and optimises; tells
-    /// which keyframes moved. The map is as before when the loop contradicts the rest of the graph; `None` when none
-    /// was begun.
+    /// Corrects the map by the loop of [`LoopCloser::start`], joins its two ends and optimises; returns the keyframes
+    /// that moved. The map is unchanged when the loop contradicts the rest of the graph; `None` when none was begun.
     pub fn finish(
         &mut self,
         local: &mut LocalMap,

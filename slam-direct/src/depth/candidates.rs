@@ -102,7 +102,7 @@ pub fn candidate_pixels(image: &GrayImage, params: &DepthParams) -> Vec<u32> {
 /// such, but where the camera only turned; of most wrong ones one in seven or more.
 const HARDLY_ANY: f64 = 0.01;
 
-/// Whether so many depths of an image are hardly any for the edges that it has.
+/// Whether this number of depths is hardly any for the edges of an image.
 pub fn has_hardly_any(image: &GrayImage, depths: usize) -> bool {
     let params = DepthParams::default();
     let is_less_than = |count: f64| (depths as f64) < HARDLY_ANY * count;

@@ -65,7 +65,7 @@ pub struct UpdateStats {
     pub failed: usize,
     /// Observations that contradicted the hypothesis.
     pub contradicted: usize,
-    /// Pixels not looked at: converged, given up, out of sight, or nothing to gain.
+    /// Pixels that were skipped: converged, given up, out of sight, or nothing to gain.
     pub skipped: usize,
 }
 
@@ -124,7 +124,8 @@ geometry::multiversion! {
 impl DepthFilter {
     /// Selects the candidate pixels of a keyframe; nothing is known of their depth.
     ///
-    /// An image whose size is not the camera's gets no candidates. `shift` says how far it is off an ideal camera's.
+    /// An image whose size is not the camera's gets no candidates. `shift` is the shift between it and an ideal
+    /// camera's image.
     pub fn new(image: &GrayImage, camera: &Pinhole, shift: Shift, params: &DepthParams) -> Self {
         let fits = image.width() == camera.width && image.height() == camera.height;
         let candidates = if fits { candidates::select(image, params) } else { Candidates::default() };
@@ -144,7 +145,7 @@ impl DepthFilter {
         }
     }
 
-    /// Leaves out the pixels that do not count. To be asked before anything is known of their depth.
+    /// Removes the pixels for which `counts` is false. To be called before any depth is known.
     pub fn retain(&mut self, counts: impl Fn([f32; 2]) -> bool) {
         self.candidates.retain(counts);
         let count = self.candidates.pixel.len();

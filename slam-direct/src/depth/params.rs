@@ -14,11 +14,11 @@ params! {
         /// Least standard deviation of image noise assumed, grey levels; the noise itself is learnt from
         /// residuals. Range 0.5–10 (Engel 2014 sets σ_I = 4).
         pub image_noise: f32 = 2.0,
-        /// Smallest inverse depth searched where no backbone says otherwise, 1/keyframe unit.
-        /// Above 0, below `max_inverse_depth`. Range 1e-5–1.
+        /// Smallest inverse depth searched where the backbone gives no range, 1/keyframe unit. Above 0, below
+        /// `max_inverse_depth`. Range 1e-5–1.
         pub min_inverse_depth: f32 = 0.02,
-        /// Largest inverse depth searched where no backbone says otherwise, 1/keyframe unit.
-        /// Above `min_inverse_depth`; with it, how far from a mean of 1 depths may lie. Range 0.1–1000.
+        /// Largest inverse depth searched where the backbone gives no range, 1/keyframe unit. Above
+        /// `min_inverse_depth`; the two limit how far depths may differ from a mean of 1. Range 0.1–1000.
         pub max_inverse_depth: f32 = 4.0,
         /// Factor by which the range of the backbone points around a pixel is widened on either side. Range
         /// 1.05–2: wider finds what no backbone point lies on, and costs time and ambiguity.

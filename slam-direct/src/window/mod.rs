@@ -1,7 +1,7 @@
 //! Joint optimisation of keyframe poses and inverse depths (windowed bundle adjustment).
 //!
-//! Each patch's photometric error is replaced by its quadratic expansion around the patch's own minimum: `E ≈ ½ (π(x)
-//! − z)ᵀ Λ (π(x) − z)`, with z where the patch was found and Λ from the photometric Hessian there. To second order,
+//! Each patch's photometric error is replaced by its quadratic expansion around the patch's own minimum, with z where
+//! the patch was found and Λ from the photometric Hessian there: `E ≈ ½ (π(x) − z)ᵀ Λ (π(x) − z)`. To second order,
 //! the optimum over poses and depths is that of the photometric error (Engel 2018, Eq. 4–8). But no image is read
 //! while iterating, and edges keep their one-dimensional information. Geometric disturbance (motion that changes
 //! while rows are read, calibration) enters Λ as an uncertainty of position.

@@ -1,4 +1,5 @@
-//! How uncertain depths are beyond what the noise of single observations says: by the poses, and by what turns leave behind.
+//! The uncertainty of depths beyond the noise of single observations: by the poses, and by what rotations leave
+//! behind.
 
 use super::linear::Normal;
 use super::pairs::{Pairs, Relative};

@@ -15,7 +15,7 @@ pub enum SkipReason {
     Unreadable,
     /// The image's size is not the calibration's.
     WrongSize,
-    /// The recording says that another camera took it, or another zoom.
+    /// The recording attributes it to another camera, or to another zoom.
     OtherCalibration,
     /// Its time stamp is before that of an earlier frame, or lies off those around it.
     OutOfOrder,
@@ -86,7 +86,7 @@ impl Preparation {
         }
     }
 
-    /// Lets a source leave out what lies before the start.
+    /// Lets a source skip the part before the start.
     pub fn skip_in(&mut self, source: &mut dyn FrameSource) {
         if self.start > 0.0 {
             self.first_timestamp = source.skip_to(self.start).map(time::on_grid);

@@ -142,7 +142,7 @@ impl Queue {
         state.forgotten.push(index);
     }
 
-    /// Says how many frames the source could not deliver so far.
+    /// Sets the number of frames that the source could not deliver so far.
     pub fn set_missed(&self, missed: u64) {
         self.missed.store(missed, Ordering::Relaxed);
     }

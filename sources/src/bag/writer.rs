@@ -9,7 +9,7 @@ const CHUNK_BYTES: usize = 4 << 20;
 /// Length of the bag's header record, padding included, as the format wants it.
 const HEADER_BYTES: usize = 4096;
 
-/// A type of message with what a bag says of it.
+/// A type of message with its definition in a bag.
 #[derive(Clone, Copy, Debug)]
 pub struct MessageType {
     /// As `sensor_msgs/Image`.

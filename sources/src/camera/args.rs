@@ -112,10 +112,10 @@ impl CameraArgs {
         Some(number.map_or_else(|| path.clone(), |number| PathBuf::from(format!("/dev/video{number}"))))
     }
 
-    /// Refuses to take images from nowhere: where no recording is named, a camera must be.
+    /// Refuses when neither a recording nor a camera is named.
     ///
     /// # Errors
-    /// Says what to name.
+    /// The error says what to name.
     pub fn needed(&self) -> Result<()> {
         if self.camera.is_none() {
             bail!(

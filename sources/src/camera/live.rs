@@ -81,7 +81,7 @@ pub fn source(live: Live) -> Box<dyn FrameSource> {
 }
 
 impl Live {
-    /// Frames from a camera just opened; `reopen` where it is to be waited for when it goes away.
+    /// Frames from a camera just opened; `reopen` makes it wait when the camera is unplugged.
     pub fn new(path: PathBuf, opened: Opened, reopen: Option<Reopen>, duration: Option<Duration>) -> Self {
         let info = SourceInfo::new("camera", path);
         let mut pending = vec![Notice::Note(opened.description)];

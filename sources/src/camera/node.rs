@@ -200,7 +200,7 @@ impl Node {
         Ok(shape_of(&format))
     }
 
-    /// Asks for a format and size; gives what the driver made of it.
+    /// Requests a format and size; returns those that the driver set.
     ///
     /// # Errors
     /// When another program streams from the device, or it is gone.
@@ -218,7 +218,7 @@ impl Node {
         Ok(shape_of(&format))
     }
 
-    /// Asks for a frame rate; gives the one the driver has set, `None` when it does not say.
+    /// Requests a frame rate; returns the one that the driver set, `None` when it does not report it.
     pub fn set_rate(&self, fps: f64) -> Option<f64> {
         let mut parameters = sys::v4l2_streamparm { type_: CAPTURE, ..zeroed() };
         // SAFETY: the type belongs to the request.

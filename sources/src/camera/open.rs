@@ -45,7 +45,7 @@ pub struct Opener {
     identity: Option<Identity>,
 }
 
-/// A camera just opened, and what there is to say of it.
+/// A camera just opened, with its description and warnings.
 pub struct Opened {
     /// The camera.
     pub device: Box<dyn Device>,

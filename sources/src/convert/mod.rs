@@ -39,7 +39,7 @@ pub enum Kind {
 }
 
 impl Kind {
-    /// The form that a path asks for by its extension; without one, a folder.
+    /// The form by a path's extension; without one, a folder.
     ///
     /// # Errors
     /// When the extension is that of no known form.
@@ -86,7 +86,7 @@ impl Kind {
     }
 }
 
-/// A recording being written beside where it will be.
+/// A recording that is being written beside its final place.
 pub struct Draft {
     out: PathBuf,
     temporary: PathBuf,

@@ -12,7 +12,7 @@ use std::process::Stdio;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 
-/// A video being written; it is begun with the first frame, which tells the size.
+/// A video being written; it begins with the first frame, which has the size.
 pub struct VideoTarget {
     path: PathBuf,
     rate: f64,

@@ -46,8 +46,8 @@ impl DrawnMask {
         Ok(Self(mask))
     }
 
-    /// Which pixels of undistorted images are not to be used: those that are made of one at least that is black, once halved
-    /// so often.
+    /// The masked pixels of undistorted images: those that come from at least one black pixel of the mask, after it
+    /// is halved `halvings` times.
     ///
     /// # Errors
     /// When the undistorter is that of another camera.

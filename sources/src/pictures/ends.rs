@@ -15,7 +15,7 @@ const PNG_START: &[u8] = b"\x89PNG";
 /// The kinds that are read, for people.
 const KINDS: &str = "PNG, JPEG, PGM, TIFF or BMP";
 
-/// Says of a file why it is no image.
+/// Checks a file; the error says why it is no image.
 pub fn of_file(path: &Path) -> Result<(), String> {
     let about = std::fs::metadata(path).map_err(|error| error.to_string())?;
     if about.is_dir() {
@@ -36,7 +36,7 @@ pub fn of_file(path: &Path) -> Result<(), String> {
     of_parts(&head, &tail)
 }
 
-/// Says of bytes why they are no image.
+/// Checks bytes; the error says why they are no image.
 pub fn of_bytes(bytes: &[u8]) -> Result<(), String> {
     of_parts(&bytes[..bytes.len().min(HEAD)], &bytes[bytes.len().saturating_sub(TAIL as usize)..])
 }

@@ -140,7 +140,8 @@ pub struct Levels {
 }
 
 impl Levels {
-    /// Whether a recording that begins with these pictures has more than eight bits and more of them are wanted to tell its range.
+    /// Whether a recording that begins with these pictures has more than eight bits, and needs more of them to find
+    /// its range.
     pub fn needs_more<'a>(pictures: impl Iterator<Item = &'a Picture> + Clone) -> bool {
         let bytes: usize = pictures.clone().map(Picture::bytes).sum();
         let is_open = pictures.clone().count() < FIRST_IMAGES && bytes < MOST_BYTES;

@@ -7,18 +7,19 @@ use std::io::Cursor;
 /// Diagonal of a frame of 35 mm film, 36 × 24 mm, by which equivalent focal lengths are stated (CIPA DCG-001).
 const FILM_DIAGONAL_MM: f64 = 43.266_615_305_567_87;
 
-/// A focal length as metadata tell it: a guess, since lenses are rounded to millimetres, and videos are cut out of what the
-/// sensor sees.
+/// A focal length by metadata. It is a guess: lenses are rounded to millimetres, and videos are a crop of the
+/// sensor's image.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StatedFocal {
-    /// Pixels of the image it was asked for.
+    /// Pixels, for an image of the requested size.
     pub pixels: f64,
     /// By which entry, for people.
     pub origin: String,
 }
 
 impl StatedFocal {
-    /// From the length that has the same view on 35 mm film, for images of this width and height; `whose` metadata said it.
+    /// The focal length from its equivalent on 35 mm film, for images of this width and height; `whose` names the
+    /// metadata.
     pub fn of_film(mm: f64, (width, height): (usize, usize), whose: &str) -> Self {
         let pixels = mm / FILM_DIAGONAL_MM * (width as f64).hypot(height as f64);
         Self { pixels, origin: format!("{mm:.0} mm on 35 mm film, by the {whose}") }

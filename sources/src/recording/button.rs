@@ -4,7 +4,7 @@ use super::{Head, Recorder};
 use anyhow::Result;
 use std::path::{Path, PathBuf};
 
-/// Begins and ends recordings beside a run's results. Clones drive the same recorder.
+/// Starts and stops recordings in a run's folder of results. Clones control the same recorder.
 #[derive(Clone)]
 pub struct RecordButton {
     recorder: Recorder,
@@ -31,12 +31,12 @@ impl RecordButton {
         self.recorder.path()
     }
 
-    /// Whether the file could not be written on; ending the recording says why.
+    /// Whether writing failed; ending the recording returns the reason.
     pub fn has_failed(&self) -> bool {
         self.recorder.has_failed()
     }
 
-    /// Begins or ends recording; says where to, for people.
+    /// Starts or stops recording; returns a message with the file for people.
     ///
     /// # Errors
     /// When it cannot be written.
@@ -59,7 +59,7 @@ impl RecordButton {
     }
 }
 
-/// The number of a recording beside a run's results, by its name.
+/// The number of a recording in a run's folder of results, by its name.
 pub fn number_of(name: &str) -> Option<u32> {
     name.strip_prefix("recording-")?.strip_suffix(".mcap")?.parse().ok()
 }

@@ -47,7 +47,7 @@ pub fn read_head(mut file: impl Read, record_limit: usize) -> RecordedHead {
 }
 
 impl RecordedHead {
-    /// How many frames the mapping of the recorded run took; nothing where no run was recorded.
+    /// The number of frames that the mapping of the recorded run took; `None` if it is not the recording of a run.
     pub fn lag(&self) -> Option<usize> {
         self.about.get(LAG)?.parse().ok()
     }

@@ -162,7 +162,7 @@ impl Recorder {
         }
     }
 
-    /// Whether the file could not be written on; [`stop`](Self::stop) says why.
+    /// Whether writing failed; [`stop`](Self::stop) returns the reason.
     pub fn has_failed(&self) -> bool {
         self.lock().as_ref().is_some_and(Active::has_failed)
     }

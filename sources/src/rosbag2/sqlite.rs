@@ -43,7 +43,7 @@ pub struct SqliteBag {
 
 /// A message.
 pub struct Message {
-    /// The type of what it says: `sensor_msgs/msg/Image`.
+    /// The type of its message: `sensor_msgs/msg/Image`.
     pub kind: String,
     /// How it is written: `cdr`.
     pub encoding: String,

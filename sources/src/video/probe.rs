@@ -8,7 +8,7 @@ use std::path::Path;
 /// The first stream of moving images in a file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Probe {
-    /// Width and height, pixels, as the frames are shown: turned where the file says so.
+    /// Width and height, pixels, as the frames are shown: rotated if the file says so.
     pub size: (usize, usize),
     /// Whether the frames have no colour.
     pub grey: bool,
@@ -55,7 +55,7 @@ struct SideData {
     rotation: Option<f64>,
 }
 
-/// Asks `ffprobe` about a file.
+/// Runs `ffprobe` on a file.
 ///
 /// # Errors
 /// When it is not installed, or finds no video there.
