@@ -14,6 +14,7 @@ mod common;
 
 mod commands;
 mod generated;
+mod invariants;
 mod links;
 mod markdown;
 mod outputs;
