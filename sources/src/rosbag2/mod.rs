@@ -61,7 +61,7 @@ fn files_in(folder: &Path) -> Result<Option<Files>> {
     loose_files(folder)
 }
 
-/// The files of a bag in a folder without `metadata.yaml`; `None` where it has none.
+/// The files of a bag in a folder that need not have `metadata.yaml`; `None` where it has none.
 ///
 /// # Errors
 /// When they are of a form that is not read.
