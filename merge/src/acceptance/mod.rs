@@ -285,9 +285,11 @@ impl Test {
     }
 }
 
-/// Whether the surface does not tell one place from two, and so much differs that other lines may not either.
+/// Whether the surface does not tell one place from two, and so much differs, or two places are so much likelier, that other lines may not
+/// either.
 fn is_undecided(place: &PlaceEvidence, params: &AcceptanceParams) -> bool {
-    place.answer == Answer::CannotTell && place.changed >= params.min_undecided_change
+    let is_unlikely = place.probability.is_nan() || place.probability < params.min_undecided_probability;
+    place.answer == Answer::CannotTell && (place.changed >= params.min_undecided_change || is_unlikely)
 }
 
 /// A value and its limit as they are compared.

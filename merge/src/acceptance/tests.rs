@@ -198,6 +198,19 @@ fn surface_that_differs_and_does_not_tell_joins_nothing() {
     assert!(verdict(Evidence { place: Some(PlaceEvidence { changed: 0.3, ..PLACE }), ..ENOUGH }).accepts());
 }
 
+/// Doubles pass the other lines as one place does: these do not outweigh surface that is twice as likely of two places.
+#[test]
+fn surface_that_is_likelier_of_two_places_joins_nothing() {
+    let of = |probability: f64| {
+        let place = Some(PlaceEvidence { probability, ..undecided(0.02).place.unwrap() });
+        verdict(Evidence { place, ..undecided(0.02) })
+    };
+    assert!(of(0.34).accepts() && of(0.9).accepts());
+    let open = of(0.32);
+    assert!(!open.accepts() && !open.is_double() && open.doubt().unwrap().is_similar_place());
+    assert!(!of(f64::NAN).accepts());
+}
+
 /// Depths may be wrong in one view or two; a thing that is not there is missing in all.
 #[test]
 fn a_view_or_two_say_nothing() {
