@@ -35,8 +35,10 @@ fn a_drive_is_mapped() {
     };
     let truth = case.source().join("groundtruth.txt");
     let record = fs::read(case.out().join("run.json")).expect("it was written");
+    let run: Value = serde_json::from_slice(&record).expect("JSON");
+    assert!(run["params"]["mapping"].is_object() && run["calibration"]["lens"]["intrinsics"]["fx"].is_f64());
     for json in [
-        serde_json::from_slice(&record).expect("JSON"),
+        run,
         printed(&["info"], &case.out()),
         printed(&["info"], &case.source()),
         printed(&["eval", "--gt", truth.to_str().expect("a path")], &case.out()),

@@ -6,6 +6,7 @@ use super::lens_check::GivenLens;
 use super::listening::{Listeners, MapListener};
 use super::outlook::hold_to_found;
 use super::output::{Output, TrajectoryFormat};
+use super::record::{CalibrationRecord, Setup};
 use super::resuming::{Kept, Resume};
 use super::saving::Form;
 use super::session::{Mapped, Session};
@@ -254,6 +255,7 @@ impl PreparedRun {
             recorder.start(path, &head)?;
         }
         let (lens, halvings) = (*correction.lens(), correction.halvings());
+        let calibration = CalibrationRecord::new(&correction);
         let unused = correction.unused().cloned();
         let first_part = options.recording.map(|recording| {
             let mask = correction.drawn_mask().cloned();
@@ -265,16 +267,14 @@ impl PreparedRun {
         let form = Form { format: options.trajectory, max_variance: options.max_variance };
         let lens = options.lens.is_none().then_some(GivenLens { lens, halvings, first_part });
         let (features, unattended) = (options.features, options.unattended);
-        let source = info;
+        let setup = Setup { source: info, camera, calibration, params };
         let swap = options.swap.unwrap_or_else(|| Arc::new(SwapFiles::new(options.out.clone())));
         if let Some(kept) = &mut kept {
             kept.swap_out(&*swap);
         }
         let session = Session {
             about,
-            source,
-            camera,
-            params,
+            setup,
             unused,
             features,
             unattended,

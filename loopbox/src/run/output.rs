@@ -248,14 +248,16 @@ fn write_numbers(path: &Path, record: &RunRecord) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::run::record::{Cost, FrameCounts, MapCounts, SourceRecord};
+    use crate::run::record::{CalibrationRecord, Cost, FrameCounts, MapCounts, SourceRecord};
     use geometry::{GrayImage, Pinhole, Se3, Sim3};
     use map::{FramePose, Keyframe, KeyframeId};
+    use slam_direct::Params;
     use std::sync::Arc;
 
     const CAMERA: Pinhole = Pinhole { width: 8, height: 6, fx: 8.0, fy: 8.0, cx: 3.5, cy: 2.5 };
 
     fn record() -> RunRecord {
+        let lens = geometry::Camera::new(CAMERA, geometry::Distortion::None);
         RunRecord {
             commit: None,
             version: "1",
@@ -266,6 +268,8 @@ mod tests {
                 duration_s: None,
             },
             camera: CAMERA,
+            calibration: CalibrationRecord { origin: "a file".into(), lens: lens.unwrap(), halvings: 0 },
+            params: Params::default(),
             left_out: None,
             resumed: None,
             interrupted: true,

@@ -3,11 +3,13 @@
 use crate::run::diagnosis::{WithoutDepth, without_depth};
 use crate::run::output::{MAP, TRAJECTORY};
 use crate::run::resuming::Resumed;
-use geometry::{Pinhole, Se3};
+use geometry::{Camera, Pinhole, Se3};
 use map::StampedPose;
 use serde::{Serialize, Serializer};
-use slam_direct::{Claim, FrameReport, LeftOut, TrackingState};
+use slam_direct::{Claim, FrameReport, LeftOut, Params, TrackingState};
+use sources::SourceInfo;
 use sources::ahead::SkipReason;
+use sources::correction::ImageCorrection;
 use std::cmp::Reverse;
 use std::collections::BTreeMap;
 use view::report;
@@ -23,6 +25,10 @@ pub struct RunRecord {
     pub source: SourceRecord,
     /// The camera of the undistorted images.
     pub camera: Pinhole,
+    /// The lens that the images were undistorted by.
+    pub calibration: CalibrationRecord,
+    /// All parameters of the tracker and the mapper, as `loopbox params` prints them.
+    pub params: Params,
     /// How much of the images was not used; nothing where all of them were.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub left_out: Option<LeftOutRecord>,
@@ -123,6 +129,38 @@ fn percent(share: f64) -> String {
     }
 }
 
+/// The lens that the images of a run were undistorted by.
+#[derive(Clone, Debug, Serialize)]
+pub struct CalibrationRecord {
+    /// Where it came from, for people: a file, the recording, or the images.
+    pub origin: String,
+    /// Its focal lengths, principal point and distortion, pixels of the images as they came.
+    pub lens: Camera,
+    /// How often the images were halved before they were undistorted.
+    pub halvings: usize,
+}
+
+impl CalibrationRecord {
+    /// What a correction undistorts images by.
+    pub fn new(correction: &ImageCorrection) -> Self {
+        let (origin, lens) = (correction.origin().to_owned(), *correction.calibrated());
+        Self { origin, lens, halvings: correction.halvings() }
+    }
+}
+
+/// What is known of a run before its first frame.
+#[derive(Clone, Debug)]
+pub struct Setup {
+    /// The recording.
+    pub source: SourceInfo,
+    /// The camera of the undistorted images.
+    pub camera: Pinhole,
+    /// The lens that the images are undistorted by.
+    pub calibration: CalibrationRecord,
+    /// How it tracks and maps.
+    pub params: Params,
+}
+
 /// The recording of a run.
 #[derive(Clone, Debug, Serialize)]
 pub struct SourceRecord {
@@ -134,6 +172,18 @@ pub struct SourceRecord {
     pub frames: Option<u64>,
     /// Seconds from the first to the last frame, where the source can tell.
     pub duration_s: Option<f64>,
+}
+
+impl SourceRecord {
+    /// What a source says of itself.
+    pub fn new(source: &SourceInfo) -> Self {
+        Self {
+            path: source.path.display().to_string(),
+            kind: source.kind.to_owned(),
+            frames: source.frame_count,
+            duration_s: source.duration,
+        }
+    }
 }
 
 /// Frames by what became of them.

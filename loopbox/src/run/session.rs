@@ -9,16 +9,15 @@ use crate::run::lens_check::{GivenLens, LensCheck};
 use crate::run::listening::Listeners;
 use crate::run::output::Output;
 use crate::run::recognising::Recogniser;
-use crate::run::record::RunRecord;
+use crate::run::record::{RunRecord, Setup};
 use crate::run::resuming::{Kept, places};
 use crate::run::runtime::Run;
 use crate::run::saving::{self, Form, Saver};
 use crate::swapping::SwapFiles;
 use anyhow::{Context, Result, anyhow};
-use geometry::{Image, Pinhole};
+use geometry::Image;
 use map::AgentInfo;
-use slam_direct::{Atlas, Params, ResumeMode};
-use sources::SourceInfo;
+use slam_direct::{Atlas, ResumeMode};
 use sources::Stop;
 use sources::ahead::Ahead;
 use std::path::{Path, PathBuf};
@@ -29,12 +28,8 @@ use view::watch::Watch;
 pub struct Session<'a> {
     /// Who maps.
     pub about: AgentInfo,
-    /// What is known of the source.
-    pub source: SourceInfo,
-    /// The camera of the corrected images.
-    pub camera: Pinhole,
-    /// How it maps.
-    pub params: Params,
+    /// The source, the camera and the parameters.
+    pub setup: Setup,
     /// Whether the keyframes' features are found beside tracking.
     pub features: bool,
     /// Whether nobody looks after the run (see [`RunOptions::unattended`](super::RunOptions::unattended)).
@@ -79,7 +74,7 @@ impl Session<'_> {
         let saver = Saver::new(self.about.clone(), self.form);
         let save = |run: &Run, output: &Output, watch: &Watch| {
             let map = run.snapshot(&self.about);
-            let record = run.record(&self.source, self.camera, ahead, false, std::slice::from_ref(&map));
+            let record = run.record(&self.setup, ahead, false, std::slice::from_ref(&map));
             saver.save(output.folder(), map, record, watch.notifier());
         };
         let mut identity = self.about.identity;
@@ -88,11 +83,11 @@ impl Session<'_> {
             watch.folder(output.folder());
             let kept = next.take();
             let atlas = match kept {
-                Some(kept) => kept.atlas(&self.params)?,
-                None => Atlas::new(self.camera, places, self.params.clone())?,
+                Some(kept) => kept.atlas(&self.setup.params)?,
+                None => Atlas::new(self.setup.camera, places, self.setup.params.clone())?,
             };
             let recogniser =
-                if self.params.mapping.lag > 0 { Recogniser::in_time() } else { Recogniser::default() };
+                if self.setup.params.mapping.lag > 0 { Recogniser::in_time() } else { Recogniser::default() };
             let swap = Arc::<SwapFiles>::clone(&self.swap);
             let atlas = atlas.recognising(Box::new(recogniser)).swapping_to(swap);
             let atlas = atlas.judge_by(Arc::new(SurfaceJudge));
@@ -108,7 +103,7 @@ impl Session<'_> {
                 .transpose()
                 .context("cannot start a thread")?;
             let check = self.lens.as_ref().filter(|_| !localises).map(|lens| LensCheck::new(lens.clone()));
-            let run = Run::new(atlas, self.camera, identity, ahead).with(describer, check).within(kept);
+            let run = Run::new(atlas, self.setup.camera, identity, ahead).with(describer, check).within(kept);
             let run = run.with_listeners(self.listeners.clone()).left_alone(self.unattended);
             let run = run.track(ahead, self.stop, self.progress, &mut output, watch, &save)?;
             let restart = run.is_to_restart();
@@ -144,11 +139,14 @@ impl Session<'_> {
         }
         // Where nobody looks, what it went on in may not be anywhere else by now.
         let apart = if self.unattended { None } else { run.leave_out_kept(&mut maps) };
-        let mut record = run.record(&self.source, self.camera, ahead, self.stop.requested(), &maps);
+        let mut record = run.record(&self.setup, ahead, self.stop.requested(), &maps);
         if record.frames.tracked == 0 {
             output.fail(&record)?;
             let why = run.failure().map_or_else(|| run.why_nothing_was_tracked(), str::to_owned);
-            return Ok(Err(anyhow!("{}: no frame could be tracked: {why}", self.source.path.display())));
+            return Ok(Err(anyhow!(
+                "{}: no frame could be tracked: {why}",
+                self.setup.source.path.display()
+            )));
         }
         if !run.localises() {
             let own = run.own_maps(&maps);
@@ -174,7 +172,7 @@ impl Session<'_> {
     /// A folder for the next map.
     fn next_output(&self, first: &Path, before: &Path, watch: &Watch) -> Result<Output> {
         let output =
-            Output::create(&saving::next_folder(first), self.about.clone(), &self.source.path, false)?;
+            Output::create(&saving::next_folder(first), self.about.clone(), &self.setup.source.path, false)?;
         watch.notifier()(format!("a new map; the one before is in {}", before.display()));
         Ok(output)
     }

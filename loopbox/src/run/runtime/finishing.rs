@@ -2,14 +2,13 @@
 
 use super::{Run, guarded};
 use crate::run::record::{
-    Cost, Fragment, FrameCounts, Latency, LeftOutRecord, MapCounts, RunRecord, SourceRecord,
+    Cost, Fragment, FrameCounts, Latency, LeftOutRecord, MapCounts, RunRecord, Setup, SourceRecord,
 };
 use crate::run::resuming::Kept;
-use geometry::Pinhole;
 use map::{AgentId, AgentInfo, FramePose, Identity, Map, StampedPose};
 use slam_direct::{Agent, ResumeMode};
+use sources::Stop;
 use sources::ahead::Ahead;
-use sources::{SourceInfo, Stop};
 use std::borrow::Cow;
 use std::collections::BTreeSet;
 use view::process;
@@ -199,14 +198,7 @@ impl Run<'_> {
     }
 
     /// The numbers of the run.
-    pub fn record(
-        &self,
-        source: &SourceInfo,
-        camera: Pinhole,
-        ahead: &Ahead,
-        interrupted: bool,
-        maps: &[Map],
-    ) -> RunRecord {
+    pub fn record(&self, setup: &Setup, ahead: &Ahead, interrupted: bool, maps: &[Map]) -> RunRecord {
         let processed = self.forgotten_rows + self.rows.len() as u64;
         let dropped_late = ahead.dropped() - self.dropped_before;
         let offered = processed + dropped_late + self.skipped.values().sum::<u64>();
@@ -219,13 +211,10 @@ impl Run<'_> {
         RunRecord {
             version: env!("CARGO_PKG_VERSION"),
             commit: crate::program::commit(),
-            source: SourceRecord {
-                path: source.path.display().to_string(),
-                kind: source.kind.to_owned(),
-                frames: source.frame_count,
-                duration_s: source.duration,
-            },
-            camera,
+            source: SourceRecord::new(&setup.source),
+            camera: setup.camera,
+            calibration: setup.calibration.clone(),
+            params: setup.params.clone(),
             left_out: LeftOutRecord::new(self.atlas.active().left_out()),
             resumed: self.kept.map(Kept::record),
             interrupted,
