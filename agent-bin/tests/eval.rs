@@ -35,6 +35,30 @@ fn json_and_table_tell_the_same() {
     assert!(table.contains("RPE over 3 frame(s)"), "{table}");
 }
 
+/// Each run is aligned by itself, and the rows of the table are those of the file.
+#[test]
+fn runs_are_compared_by_themselves_in_one_table() {
+    let room = tempfile::tempdir().unwrap();
+    let (turned, csv) = (turned(room.path(), 3.0), room.path().join("runs.csv"));
+    let [turned, csv] = [&turned, &csv].map(|path| path.to_str().unwrap());
+    let table = eval("estimate.tum", "truth.tum", &[turned, "--table", "--csv", csv]);
+    assert!(table.status.success(), "{}", stderr(&table));
+    let alone = eval("estimate.tum", "truth.tum", &["--json"]);
+    let alone: serde_json::Value = serde_json::from_slice(&alone.stdout).unwrap();
+    let rmse = alone["ate"]["rmse"].as_f64().unwrap();
+    let text = String::from_utf8(table.stdout).unwrap();
+    assert_eq!(text.matches(&format!("{rmse:.4}")).count(), 5, "two rows, a median and a range: {text}");
+    let rows = std::fs::read_to_string(csv).unwrap();
+    let rmse_of = |line: &str| line.split(',').nth(4).unwrap().parse::<f64>().unwrap();
+    let found: Vec<f64> = rows.lines().skip(1).map(rmse_of).collect();
+    assert!(found.len() == 2 && found.iter().all(|found| (found - rmse).abs() < 1e-6), "{rows}");
+    let json = eval("estimate.tum", "truth.tum", &[turned, "--table", "--json"]);
+    let json: serde_json::Value = serde_json::from_slice(&json.stdout).unwrap();
+    assert_eq!(json["recordings"][0]["runs"], 2);
+    let refused = eval("estimate.tum", "truth.tum", &["--csv", csv]);
+    assert!(!refused.status.success() && stderr(&refused).contains("--table"), "{}", stderr(&refused));
+}
+
 #[test]
 fn what_cannot_be_compared_is_refused_with_a_reason() {
     let cases: [(&str, &str, &[&str], &str); 4] = [

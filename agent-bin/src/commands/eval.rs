@@ -2,6 +2,7 @@
 
 use super::eval_agents;
 use super::eval_depth::{self, MapDepth};
+use super::eval_table::{self, Form, Runs};
 use crate::console::{self, tell};
 use anyhow::{Result, bail};
 use clap::{Args, ValueEnum};
@@ -48,6 +49,13 @@ pub struct EvalArgs {
     /// Folder of true depth images NNNNNN.png, named by frame: 16 bit, millimetres along the optical axis
     #[arg(long, value_name = "DIR", requires = "map")]
     depth: Option<PathBuf>,
+    /// Compare each estimate by itself, as runs of one recording from several first frames: a row each, and the median and the range
+    /// of those with one truth
+    #[arg(long, conflicts_with = "map")]
+    table: bool,
+    /// With --table: also write the rows into this file
+    #[arg(long, value_name = "FILE", requires = "table")]
+    csv: Option<PathBuf>,
     /// Print JSON
     #[arg(long)]
     json: bool,
@@ -107,6 +115,11 @@ pub fn run(args: EvalArgs) -> Result<()> {
         delta: args.delta,
         all_pairs: args.all_pairs,
     };
+    check_counts(&args)?;
+    if args.table {
+        let runs = Runs { estimates: &args.estimates, truths: &args.gt, frames: &args.frames };
+        return eval_table::run(&runs, &options, &Form { json: args.json, csv: args.csv.as_deref() });
+    }
     let mut agents = read(&args)?;
     match (agents.pop(), agents.is_empty()) {
         (Some(only), true) => run_one(&args, only, &options),
@@ -137,8 +150,8 @@ fn overlap(agents: &[AgentTracks]) -> bool {
     spans.windows(2).any(|pair| pair[1].0 < pair[0].1)
 }
 
-/// Reads what belongs to each agent.
-fn read(args: &EvalArgs) -> Result<Vec<AgentTracks>> {
+/// Whether there is a truth and a table of times for each estimate, or one for all.
+fn check_counts(args: &EvalArgs) -> Result<()> {
     let count = args.estimates.len();
     if args.gt.len() != 1 && args.gt.len() != count {
         bail!(
@@ -147,12 +160,18 @@ fn read(args: &EvalArgs) -> Result<Vec<AgentTracks>> {
             args.gt.len()
         );
     }
-    if !args.frames.is_empty() && args.frames.len() != count {
+    let is_one_for_all = args.table && args.frames.len() == 1;
+    if !args.frames.is_empty() && args.frames.len() != count && !is_one_for_all {
         bail!("{count} estimates have {} --frames: give one for each in their order", args.frames.len());
     }
     if args.map.is_some() && count > 1 {
         bail!("--map is that of one agent: measure its depths with its estimate alone");
     }
+    Ok(())
+}
+
+/// Reads what belongs to each agent.
+fn read(args: &EvalArgs) -> Result<Vec<AgentTracks>> {
     let agent = |(i, estimate): (usize, &PathBuf)| {
         Ok(AgentTracks {
             estimate: read_trajectory(&trajectory_at(estimate)?)?,

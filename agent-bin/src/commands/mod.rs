@@ -12,6 +12,7 @@ mod doctor;
 mod eval;
 mod eval_agents;
 mod eval_depth;
+mod eval_table;
 mod export;
 pub(crate) mod features;
 #[cfg(feature = "fleet")]
