@@ -7,8 +7,9 @@
 //! [`mod@run`] takes frames from a source through an agent into a folder of results, [`merging`] brings maps of several
 //! agents together, [`calibrating`] makes a camera's calibration from images of a board; [`results`] keeps folders of
 //! results whole, [`importing`] makes maps of posed images from elsewhere, [`placing`] brings maps to metres and upright. [`lidar`] does the same for LiDAR agents; `fleet` lets
-//! agents pair over a network, [`ros`] publishes a run to ROS 2. [`verdicts`] keeps what pairs of maps made of each other. [`unattended`] runs an agent for ever, session after session.
+//! agents pair over a network, [`ros`] publishes a run to ROS 2. [`verdicts`] keeps what pairs of maps made of each other, as [`blobs`]. [`unattended`] runs an agent for ever, session after session.
 
+pub mod blobs;
 pub mod calibrating;
 pub mod evaluating;
 mod explaining;

@@ -1,10 +1,10 @@
-//! What pairs of maps made of each other, kept as long as neither changed: a map that changes is compared with all others
-//! again, and they are not with each other.
+//! What pairs of cameras' maps made of each other, kept as long as neither changed: a map that changes is compared with all others
+//! again, and they are not with each other. What pairs made of each other before they changed is kept as well, as only what is new of
+//! them is asked then; those of LiDARs, of which that is not so, are kept as [`verdicts`](crate::verdicts).
 
 use crate::merging::{Known, PairResult, Places};
 use fleet::hash::ObjectHash;
 use map::Identity;
-use slam_lidar::merging::verdict::Verdict;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// A map among others, by whose it is and what it holds.
@@ -77,23 +77,6 @@ impl Memory {
     }
 }
 
-/// What pairs of LiDAR maps made of each other: unlike cameras' it does not depend on how many maps there are.
-#[derive(Default)]
-pub(super) struct Verdicts(Vec<([Content; 2], Verdict, f64)>);
-
-impl Verdicts {
-    /// What two maps as they are made of each other, in this order, and the seconds it took.
-    pub fn recall(&self, pair: [Content; 2]) -> Option<(Verdict, f64)> {
-        let known = self.0.iter().find(|(known, ..)| *known == pair);
-        known.map(|(_, verdict, seconds)| (verdict.clone(), *seconds))
-    }
-
-    /// Keeps what these pairs made of each other, and nothing of others.
-    pub fn keep(&mut self, verdicts: impl Iterator<Item = ([Content; 2], Verdict, f64)>) {
-        self.0 = verdicts.collect();
-    }
-}
-
 fn key(a: Content, b: Content) -> [Identity; 2] {
     [a.agent.min(b.agent), a.agent.max(b.agent)]
 }
@@ -144,20 +127,6 @@ mod tests {
         let now = [content(3, 0), content(1, 0), content(2, 9)];
         let known: Vec<[usize; 2]> = memory.take_places(&now).into_keys().collect();
         assert_eq!(known, [[1, 0]]);
-    }
-
-    #[test]
-    fn verdicts_are_known_of_maps_as_they_were_and_in_their_order() {
-        let [a, b, changed] = [content(1, 0), content(2, 0), content(2, 1)];
-        let mut known = Verdicts::default();
-        let nothing = slam_lidar::merging::robot_map::RobotMap::new(&[]);
-        let verdict = slam_lidar::merging::merge(&nothing, &nothing);
-        known.keep([([a, b], verdict.clone(), 0.5)].into_iter());
-        let recalled = known.recall([a, b]).map(|(known, seconds)| (known.decision, seconds));
-        assert_eq!(recalled, Some((verdict.decision, 0.5)));
-        assert!(known.recall([b, a]).is_none() && known.recall([a, changed]).is_none());
-        known.keep(std::iter::empty());
-        assert!(known.recall([a, b]).is_none());
     }
 
     #[test]

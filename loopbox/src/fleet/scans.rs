@@ -6,17 +6,20 @@ use super::agents::Inputs;
 use super::collecting::{Failed, WRITE_INTERVAL};
 use super::listening::CommonListener;
 use super::merge_results::reported_verdict;
-use super::remembering::Verdicts;
+use super::remembering::Content;
+use crate::blobs::MemoryBlobs;
 use crate::lidar::merging::{
     Input, LidarMergeParams, LidarMergeRecord, LidarMerging, decision, merge_knowing, place_of,
 };
 use crate::lidar::write_merged;
 use crate::results::{COMMON_OF_LIDARS, Owner, Results};
+use crate::verdicts::{LidarVerdicts, MapDigest, Verdicts};
 use anyhow::{Result, anyhow};
 use fleet::merge_results::{Found, FoundAgent, PairVerdict, numbers};
 use geometry::Se3;
 use sources::Stop;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Instant;
 
 /// Merges LiDAR maps and writes what comes of them into a folder of their own.
@@ -25,7 +28,8 @@ pub(super) struct ScanCollector {
     force: bool,
     /// Nothing before maps met, unless the folder was there.
     results: Option<Results>,
-    verdicts: Verdicts,
+    /// Verdicts on pairs of maps as they are.
+    verdicts: Arc<MemoryBlobs>,
     found: Found,
     written: Option<Instant>,
     /// Something came that is not merged yet, or is not written.
@@ -89,14 +93,13 @@ impl ScanCollector {
             return Ok(());
         }
         let go_on = || if stop.requested() { Err(anyhow!("interrupted")) } else { Ok(()) };
-        let known = |pair: [usize; 2]| self.verdicts.recall(pair.map(|map| contents[map]));
-        let merging = merge_knowing(inputs, &LidarMergeParams::default(), &known, None, &mut |_| go_on());
+        let params = LidarMergeParams::default();
+        let verdicts = self.verdicts_on(contents, &params);
+        let merging = merge_knowing(inputs, &params, Some(&verdicts), &mut |_| go_on());
         let merging = merging.map_err(Failed::Merge)?;
-        let outcomes = merging.pairs.iter();
-        self.verdicts.keep(
-            outcomes
-                .map(|pair| ([pair.a, pair.b].map(|map| contents[map]), pair.verdict.clone(), pair.seconds)),
-        );
+        // A map that changed is never again as it was.
+        let current = verdicts.objects();
+        self.verdicts.retain(|name| current.contains(name));
         self.found = found(lent, Some(&merging));
         listeners.iter_mut().for_each(|listener| listener.lidars(inputs, &merging));
         let is_due = at_rest || self.written.is_none_or(|written| written.elapsed() > WRITE_INTERVAL);
@@ -106,6 +109,12 @@ impl ScanCollector {
         }
         self.to_write = merging.anything_met() && !is_due;
         Ok(())
+    }
+
+    /// The verdicts on these maps as they are.
+    fn verdicts_on<'a>(&self, contents: &[Content], params: &'a LidarMergeParams) -> LidarVerdicts<'a> {
+        let maps = contents.iter().map(|content| MapDigest::of_content(&content.hash)).collect();
+        LidarVerdicts::among(Verdicts::among(self.verdicts.clone()), maps, params)
     }
 
     fn write(&mut self, inputs: &[Input], merging: &LidarMerging) -> Result<()> {
@@ -154,8 +163,8 @@ fn found(lent: &Inputs<Input>, merging: Option<&LidarMerging>) -> Found {
 
 #[cfg(test)]
 mod tests {
-    use super::super::remembering::Content;
     use super::*;
+    use crate::blobs::Blobs;
     use crate::lidar::{LidarMergeOptions, merge_maps};
     use fleet::hash::ObjectHash;
     use geometry::{GrayImage, Sim3};
@@ -163,7 +172,7 @@ mod tests {
     use map::{AgentInfo, Identity, Keyframe, KeyframeId, Map, Scan, Sensor, Uuid};
     use nalgebra::Vector3;
     use std::fs;
-    use std::sync::{Arc, Mutex};
+    use std::sync::Mutex;
 
     fn agent(name: &str) -> Identity {
         Identity { uuid: Uuid::from_u128(name.as_bytes()[0].into()), epoch: 0 }
@@ -310,11 +319,14 @@ mod tests {
         // Were they compared again, they would meet again.
         let nothing = slam_lidar::merging::robot_map::RobotMap::new(&[]);
         let refused = slam_lidar::merging::merge(&nothing, &nothing);
-        collector.verdicts.keep([([both.contents[0], both.contents[1]], refused, 0.0)].into_iter());
+        collector.verdicts.retain(|_| false);
+        let params = LidarMergeParams::default();
+        collector.verdicts_on(&both.contents, &params).put([0, 1], &refused).unwrap();
         merged(&mut collector, &both, false);
         assert_eq!(collector.found().accepted(), 0);
         merged(&mut collector, &lent(room.path(), &[(&a, 0), (&b, 1)]), false);
         assert_eq!(collector.found().accepted(), 1);
+        assert_eq!(collector.verdicts.list("").unwrap().len(), 1, "those on maps as they were stay");
     }
 
     /// Numbers as a hostile agent may tell them: what passes the checks of a map.

@@ -182,18 +182,16 @@ pub fn merge(
     params: &LidarMergeParams,
     stage: &mut dyn FnMut(&str) -> Result<()>,
 ) -> Result<LidarMerging> {
-    merge_knowing(inputs, params, &|_| None, None, stage)
+    merge_knowing(inputs, params, None, stage)
 }
 
-/// The same where of some pairs of inputs, the earlier first, the verdict is `known`, and the seconds that it took, and where
-/// `verdicts` keep those of others.
+/// The same where `verdicts` keep what pairs made of each other.
 ///
 /// # Errors
 /// As [`merge`], and when a verdict cannot be read or kept.
 pub(crate) fn merge_knowing(
     inputs: &[Input],
     params: &LidarMergeParams,
-    known: &dyn Fn([usize; 2]) -> Option<(Verdict, f64)>,
     verdicts: Option<&LidarVerdicts>,
     stage: &mut dyn FnMut(&str) -> Result<()>,
 ) -> Result<LidarMerging> {
@@ -205,10 +203,7 @@ pub(crate) fn merge_knowing(
     for b in 1..inputs.len() {
         for a in 0..b {
             stage(&format!("comparing {} and {}", inputs[a].name, inputs[b].name))?;
-            pairs.push(match known([a, b]) {
-                Some((verdict, seconds)) => Pair { a, b, verdict, weight: None, seconds },
-                None => compared(inputs, [a, b], params, verdicts)?,
-            });
+            pairs.push(compared(inputs, [a, b], params, verdicts)?);
         }
     }
     let joined = join(inputs.len(), &mut pairs);

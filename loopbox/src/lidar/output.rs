@@ -256,7 +256,7 @@ pub fn merge_maps(
     };
     let (inputs, warnings) = read_inputs(paths, &mut step)?;
     let verdicts = LidarVerdicts::of(verdicts.as_deref(), &inputs, params)?;
-    let merging = merge_knowing(&inputs, params, &|_| None, verdicts.as_ref(), &mut step)?;
+    let merging = merge_knowing(&inputs, params, verdicts.as_ref(), &mut step)?;
     let mut record = LidarMergeRecord::of(&inputs, &merging);
     record.cost.cpu_s = view::process::cpu_seconds();
     record.cost.peak_memory_bytes = view::process::peak_memory_bytes();

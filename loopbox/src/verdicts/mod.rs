@@ -1,4 +1,4 @@
-//! Verdicts on pairs of maps as values, kept in a folder.
+//! Verdicts on pairs of maps as values, kept among objects that processes share, or in memory.
 //!
 //! A verdict depends on its two maps and the parameters alone, not on their order or on what other maps there are. So it is
 //! called by the SHA-256 of both maps' files, the parameters and the version of the method ([`VerdictKey`]), any process on any machine may
@@ -10,6 +10,7 @@ mod tests;
 
 pub use find::{Found, ProposedPair, VerdictOptions, find_verdict, listed_pairs, propose_pairs};
 
+use crate::blobs::{Blobs, FolderBlobs};
 use crate::lidar::{self, merging::LidarMergeParams};
 use crate::merging::{Input, MergingParams, PairResult, Seconds};
 use crate::open::map_file_at;
@@ -20,8 +21,10 @@ use rayon::prelude::*;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
-use std::fs::{self, File};
-use std::io::{self, Write};
+#[cfg(feature = "fleet")]
+use std::collections::BTreeSet;
+use std::fs::File;
+use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -44,6 +47,12 @@ impl MapDigest {
         let mut copied = || io::copy(&mut File::open(&file)?, &mut digest);
         copied().with_context(|| format!("{}: cannot be read", file.display()))?;
         Ok(Self(hex(&digest.finalize())))
+    }
+
+    /// That of a map that is in no file, by the hash of what it holds.
+    #[cfg(feature = "fleet")]
+    pub(crate) fn of_content(hash: &impl ToString) -> Self {
+        Self(hash.to_string())
     }
 
     /// That of one of the file's agents.
@@ -87,6 +96,11 @@ impl VerdictKey {
             format!("loopbox verdict {METHOD_VERSION} {version}\n{sensors}\n{first}\n{second}\n{params}\n");
         Self { name: hex(&Sha256::digest(text)), maps }
     }
+
+    /// The name of the verdict among [`Blobs`].
+    pub fn object(&self) -> String {
+        format!("{}.{EXTENSION}", self.name)
+    }
 }
 
 fn hex(bytes: &[u8]) -> String {
@@ -115,10 +129,10 @@ fn lidar_digests(inputs: &[lidar::merging::Input]) -> Result<Vec<MapDigest>> {
     Ok(files.iter().enumerate().map(digest).collect())
 }
 
-/// A folder of verdicts. Several processes may read and fill it at a time; a verdict that is there is not changed.
+/// Verdicts among [`Blobs`]. Several processes may read and fill them at a time; a verdict that is there is not changed.
 #[derive(Clone, Debug)]
 pub struct Verdicts {
-    folder: PathBuf,
+    blobs: Arc<dyn Blobs>,
 }
 
 /// A verdict with the maps that it is on.
@@ -135,29 +149,25 @@ impl Verdicts {
     /// # Errors
     /// When it cannot be made.
     pub fn at(folder: &Path) -> Result<Self> {
-        fs::create_dir_all(folder)
-            .with_context(|| format!("{}: the folder of verdicts cannot be made", folder.display()))?;
-        Ok(Self { folder: folder.to_owned() })
+        Ok(Self::among(Arc::new(FolderBlobs::at(folder)?)))
     }
 
-    /// Where the verdict called `key` is, or would be.
-    pub fn path(&self, key: &VerdictKey) -> PathBuf {
-        self.folder.join(&key.name).with_extension(EXTENSION)
+    /// Those among these objects.
+    pub fn among(blobs: Arc<dyn Blobs>) -> Self {
+        Self { blobs }
     }
 
     /// The verdict with its maps in the order that it speaks of; nothing where it was not found yet.
     ///
     /// # Errors
-    /// When its file cannot be read, or holds something else.
+    /// When it cannot be read, or is something else.
     fn get<V: DeserializeOwned>(&self, key: &VerdictKey) -> Result<Option<Kept<V>>> {
-        let path = self.path(key);
-        let bytes = match fs::read(&path) {
-            Ok(bytes) => bytes,
-            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
-            Err(error) => return Err(error).with_context(|| format!("{}: cannot be read", path.display())),
+        let name = key.object();
+        let Some(bytes) = self.blobs.get(&name)? else { return Ok(None) };
+        let hint = || {
+            let address = self.blobs.address(&name);
+            format!("{address}: is no verdict on these maps; delete it, and it is found again")
         };
-        let hint =
-            || format!("{}: is no verdict on these maps; delete it, and it is found again", path.display());
         let kept: Kept<V> = rmp_serde::from_slice(&bytes).with_context(hint)?;
         let mut maps = kept.maps.clone();
         maps.sort();
@@ -172,24 +182,13 @@ impl Verdicts {
     /// # Errors
     /// When it cannot be written.
     fn put<V: Serialize>(&self, key: &VerdictKey, maps: [&MapDigest; 2], verdict: &V) -> Result<()> {
-        let path = self.path(key);
-        if path.exists() {
+        let name = key.object();
+        if self.blobs.has(&name)? {
             return Ok(());
         }
         let kept = Kept { maps: maps.map(MapDigest::clone), verdict };
         let bytes = rmp_serde::to_vec_named(&kept).context("a verdict cannot be written as MessagePack")?;
-        let written = || -> io::Result<()> {
-            let mut file = tempfile::NamedTempFile::new_in(&self.folder)?;
-            file.write_all(&bytes)?;
-            file.as_file().sync_all()?;
-            match file.persist_noclobber(&path) {
-                // Another process found it meanwhile, and the same.
-                Err(refused) if refused.error.kind() == io::ErrorKind::AlreadyExists => Ok(()),
-                Err(refused) => Err(refused.error),
-                Ok(_) => Ok(()),
-            }
-        };
-        written().with_context(|| format!("{}: cannot be written", path.display()))
+        self.blobs.put(&name, &bytes)
     }
 }
 
@@ -282,6 +281,20 @@ impl<'a> LidarVerdicts<'a> {
     ) -> Result<Option<Self>> {
         let Some(folder) = folder else { return Ok(None) };
         Ok(Some(Self { kept: Verdicts::at(folder)?, maps: lidar_digests(inputs)?, params }))
+    }
+
+    /// Those of maps that are called so, among `kept`.
+    #[cfg(feature = "fleet")]
+    pub fn among(kept: Verdicts, maps: Vec<MapDigest>, params: &'a LidarMergeParams) -> Self {
+        Self { kept, maps, params }
+    }
+
+    /// What the verdicts on all pairs are called, or would be.
+    #[cfg(feature = "fleet")]
+    pub fn objects(&self) -> BTreeSet<String> {
+        let pair =
+            |[a, b]: [usize; 2]| VerdictKey::of_lidars([&self.maps[a], &self.maps[b]], self.params).object();
+        (1..self.maps.len()).flat_map(|b| (0..b).map(move |a| [a, b])).map(pair).collect()
     }
 
     /// What is known of two inputs, which stand in `order`.

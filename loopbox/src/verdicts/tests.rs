@@ -1,4 +1,5 @@
 use super::*;
+use std::fs;
 
 struct Room {
     folder: tempfile::TempDir,
@@ -17,6 +18,11 @@ impl Room {
 
     fn verdicts(&self) -> Verdicts {
         Verdicts::at(&self.folder.path().join("verdicts")).unwrap()
+    }
+
+    /// The file of a verdict among these.
+    fn file(&self, key: &VerdictKey) -> PathBuf {
+        self.folder.path().join("verdicts").join(key.object())
     }
 }
 
@@ -62,7 +68,7 @@ fn the_first_verdict_stays_and_comes_back_with_every_bit() {
     let found = verdicts.get::<Vec<f64>>(&key).unwrap().unwrap();
     assert_eq!(found.maps, [b, a]);
     assert_eq!(found.verdict.iter().map(|v| v.to_bits()).collect::<Vec<_>>(), numbers.map(f64::to_bits));
-    assert_eq!(fs::read_dir(verdicts.path(&key).parent().unwrap()).unwrap().count(), 1);
+    assert_eq!(fs::read_dir(room.file(&key).parent().unwrap()).unwrap().count(), 1);
 }
 
 #[test]
@@ -72,11 +78,11 @@ fn a_file_that_is_no_verdict_on_the_maps_is_named() {
     let of = |x: &MapDigest, y: &MapDigest| VerdictKey::of_cameras([x, y], &MergingParams::default());
     let verdicts = room.verdicts();
     verdicts.put(&of(&a, &b), [&a, &b], &vec![1.0]).unwrap();
-    let whole = fs::read(verdicts.path(&of(&a, &b))).unwrap();
+    let whole = fs::read(room.file(&of(&a, &b))).unwrap();
     for wrong in [&whole[..], &whole[..whole.len() - 1], b"text"] {
-        fs::write(verdicts.path(&of(&a, &c)), wrong).unwrap();
+        fs::write(room.file(&of(&a, &c)), wrong).unwrap();
         let refused = verdicts.get::<Vec<f64>>(&of(&a, &c)).unwrap_err().to_string();
-        let name = verdicts.path(&of(&a, &c)).display().to_string();
+        let name = room.file(&of(&a, &c)).display().to_string();
         assert!(refused.contains(&name) && refused.contains("delete it"), "{refused}");
     }
 }

@@ -1,0 +1,36 @@
+//! Immutable objects by name: put once, read by many. One interface for a folder, for memory and for buckets.
+//!
+//! Whoever puts an object calls it by what it holds or by all that it follows from, so that two that are put under one name are the same,
+//! and it does not matter who is first, how often it is put, or who is killed meanwhile.
+
+mod folder;
+mod memory;
+#[cfg(test)]
+mod tests;
+
+pub use folder::FolderBlobs;
+pub use memory::MemoryBlobs;
+
+use anyhow::Result;
+use std::fmt::Debug;
+
+/// Immutable objects by name. A name is one or several words with `/` between them, none of which begins with a dot.
+///
+/// # Errors
+/// All functions fail where what keeps the objects cannot be reached or refuses; the error names the object.
+pub trait Blobs: Debug + Send + Sync {
+    /// The object; nothing where there is none of that name.
+    fn get(&self, name: &str) -> Result<Option<Vec<u8>>>;
+
+    /// Whether there is an object of that name.
+    fn has(&self, name: &str) -> Result<bool>;
+
+    /// Keeps an object, whole or not at all, where there is none of that name; the first one stays.
+    fn put(&self, name: &str, bytes: &[u8]) -> Result<()>;
+
+    /// The names that begin so, ascending.
+    fn list(&self, prefix: &str) -> Result<Vec<String>>;
+
+    /// Where an object is or would be, for people.
+    fn address(&self, name: &str) -> String;
+}
