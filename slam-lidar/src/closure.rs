@@ -45,7 +45,12 @@ const EVERY: usize = 4;
 
 /// Registers `source` in `target` from guesses of `target_from_source`; `wide` tries translations around them.
 pub fn align(target: &Submap, source: &Submap, guess: &Se3, wide: bool) -> Alignment {
-    let Found { pose, information, rmse, .. } = search(target, &source.points, guess, wide);
+    aligned(target, source, &search(target, &source.points, guess, wide))
+}
+
+/// A pose that was found, with its evidence.
+pub(crate) fn aligned(target: &Submap, source: &Submap, found: &Found) -> Alignment {
+    let Found { pose, information, rmse, .. } = *found;
     Alignment {
         target_from_source: pose,
         information,

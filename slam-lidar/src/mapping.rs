@@ -4,6 +4,7 @@ use crate::closure::{Alignment, align};
 use crate::degeneracy::conditioning;
 use crate::floam::NoRings;
 use crate::keyframe::{Keyframe, Submap};
+use crate::loop_verdict::{Drift, LoopLine, Tie, Tracked, refusal};
 use crate::motion::{MotionTable, Sweep, SweepMotion};
 use crate::odometry::{OdometryParams, TrackedSweep};
 use crate::smoothing::{Constraint, smooth};
@@ -61,19 +62,6 @@ impl Default for MappingParams {
 /// other one of the older half is left out, which others beside it stand for.
 const MOST_TIES: usize = 64;
 
-/// What a loop must show, between what was measured on one drive around a row of racks that look alike: the right
-/// poses (within 1 cm) overlap by 0.44–0.68, agree by 0.85–0.91 and violate 0.003–0.008 of the space seen free; the wrong
-/// ones, six of them shifted by exactly one aisle, overlap by up to 0.48, agree by up to 0.78 and violate 0.057 and
-/// more.
-pub mod bounds {
-    /// Least overlap: what is asked of pairs of maps too.
-    pub const OVERLAP: f64 = 0.3;
-    /// Least agreement.
-    pub const INLIER_RATIO: f64 = 0.82;
-    /// Most violated free space.
-    pub const VIOLATED: f64 = 0.03;
-}
-
 /// A place that was found again.
 #[derive(Clone, Copy, Debug)]
 pub struct Loop {
@@ -83,6 +71,21 @@ pub struct Loop {
     pub to: usize,
     /// How they were brought together.
     pub alignment: Alignment,
+}
+
+impl Loop {
+    fn tie(&self) -> Tie {
+        Tie { from: self.from, to: self.to, from_from_to: self.alignment.target_from_source }
+    }
+}
+
+/// A place that was registered and is not believed to be the same.
+#[derive(Clone, Copy, Debug)]
+pub struct RefusedLoop {
+    /// The place.
+    pub candidate: Loop,
+    /// The test that it fails.
+    pub line: LoopLine,
 }
 
 /// A sweep that was tracked.
@@ -111,8 +114,10 @@ pub struct Agent {
     ties: Vec<Loop>,
     /// Each keyframe in the frame of the one before, as the odometry gave it.
     steps: Vec<Se3>,
+    /// What they may err by.
+    drift: Drift,
     /// Candidates that were registered and refused.
-    refused: Vec<Loop>,
+    refused: Vec<RefusedLoop>,
     looked: usize,
 }
 
@@ -128,6 +133,7 @@ impl Agent {
             loops: Vec::new(),
             ties: Vec::new(),
             steps: Vec::new(),
+            drift: Drift::default(),
             refused: Vec::new(),
             looked: 0,
         }
@@ -139,7 +145,7 @@ impl Agent {
     /// Every other keyframe looks for a loop by Eq. 10: of the [`candidates`](MappingParams::candidates) earlier keyframes
     /// with the nearest ring keys, c* has the least Scan Context distance D. Two things differ from the paper. Ring keys are
     /// compared one by one and not by a k-d tree: a key has 20 numbers, and there is one key for every metre of path. D has
-    /// no threshold t: c* is registered, and [`believed`] decides by the geometry, because two places that look alike from
+    /// no threshold t: c* is registered, and [`refusal`] decides by the geometry, because two places that look alike from
     /// above have a small D as well.
     ///
     /// # Errors
@@ -214,7 +220,7 @@ impl Agent {
     }
 
     /// Candidates that were registered and refused.
-    pub fn refused(&self) -> &[Loop] {
+    pub fn refused(&self) -> &[RefusedLoop] {
         &self.refused
     }
 
@@ -252,6 +258,7 @@ impl Agent {
         };
         self.keyframes.push(Keyframe::new(tracked.instant, smoothed, points));
         self.tracked.push((pose, path));
+        self.drift.push(&pose);
     }
 
     /// Keyframes around one as a submap in its frame.
@@ -265,6 +272,31 @@ impl Agent {
         Submap::new(near.map(|(keyframe, _)| keyframe), &self.keyframes[index].world_from_sensor)
     }
 
+    /// What the odometry says of two keyframes, from the nearest loop on.
+    pub fn tracked_between(&self, from: usize, to: usize) -> Tracked {
+        let ties: Vec<Tie> = self.ties.iter().map(Loop::tie).collect();
+        self.drift.between(from, to, &ties, self.params.loop_deviation)
+    }
+
+    /// The earlier keyframe most like one of those that may be near by the odometry, and the yaw of the one in it, radians.
+    fn candidate(&self, to: usize) -> Option<(usize, f64)> {
+        let (context, path) = (&self.keyframes[to].context, self.tracked[to].1);
+        let old = (0..to).filter(|&i| path - self.tracked[i].1 > self.params.apart);
+        let mut near: Vec<(f32, usize)> =
+            old.map(|i| (context.key_distance(&self.keyframes[i].context), i)).collect();
+        near.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let ties: Vec<Tie> = self.ties.iter().map(Loop::tie).collect();
+        let known =
+            near.into_iter().map(|(_, i)| (i, self.drift.between(i, to, &ties, self.params.loop_deviation)));
+        let admitted = known.filter(|(_, tracked)| tracked.may_be_near()).take(self.params.candidates);
+        let similarity = admitted.filter_map(|(i, tracked)| {
+            let may_be = |yaw| tracked.may_be_turned(f64::from(yaw));
+            Some((i, self.keyframes[i].context.similarity_within(context, may_be)?))
+        });
+        let (from, like) = similarity.min_by(|a, b| a.1.distance.total_cmp(&b.1.distance))?;
+        Some((from, f64::from(like.yaw)))
+    }
+
     /// Looks for the last keyframe's place among the earlier ones (Eq. 10, see [`take`](Self::take)).
     fn look_for_loop(&mut self) -> Option<Loop> {
         let to = self.keyframes.len() - 1;
@@ -273,22 +305,15 @@ impl Agent {
         if !self.looked.is_multiple_of(2) {
             return None;
         }
-        let (context, path) = (&self.keyframes[to].context, self.tracked[to].1);
-        let old = (0..to).filter(|&i| path - self.tracked[i].1 > self.params.apart);
-        let mut near: Vec<(f32, usize)> =
-            old.map(|i| (context.key_distance(&self.keyframes[i].context), i)).collect();
-        near.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        near.truncate(self.params.candidates);
-        let similarity = near.iter().map(|&(_, i)| (i, self.keyframes[i].context.similarity(context)));
-        let (from, like) = similarity.min_by(|a, b| a.1.distance.total_cmp(&b.1.distance))?;
-        let turned = UnitQuaternion::from_scaled_axis(Vector3::z() * f64::from(like.yaw));
+        let (from, yaw) = self.candidate(to)?;
+        let turned = UnitQuaternion::from_scaled_axis(Vector3::z() * yaw);
         let (target, source) = (self.submap(from), self.submap(to));
         let alignment = align(&target, &source, &Se3::new(turned, Vector3::zeros()), true);
-        if !believed(&alignment) {
-            self.refused.push(Loop { from, to, alignment });
+        let closed = Loop { from, to, alignment };
+        if let Some(line) = refusal(&target, &source, &alignment, &self.tracked_between(from, to)) {
+            self.refused.push(RefusedLoop { candidate: closed, line });
             return None;
         }
-        let closed = Loop { from, to, alignment };
         self.loops.push(closed);
         self.ties.push(closed);
         if self.ties.len() > MOST_TIES {
@@ -318,15 +343,6 @@ impl Agent {
                 (self.keyframes[k].world_from_sensor * *step).renormalized();
         }
     }
-}
-
-/// Whether a loop's evidence suffices.
-pub fn believed(alignment: &Alignment) -> bool {
-    let e = &alignment.evidence;
-    e.overlap >= bounds::OVERLAP
-        && e.inlier_ratio >= bounds::INLIER_RATIO
-        && e.violated <= bounds::VIOLATED
-        && e.conditioning.weak == 0
 }
 
 /// Stage two's points of a scan, thinned, in the sensor's frame in the middle of the sweep.

@@ -59,14 +59,16 @@ impl ScanContext {
 
     /// Compares two scans under all turns (Eq. 6–8).
     pub fn similarity(&self, other: &Self) -> Similarity {
-        let mut best = Similarity { distance: 1.0, yaw: 0.0 };
-        for shift in 0..SECTORS {
-            let distance = self.distance_turned(other, shift);
-            if distance < best.distance {
-                best = Similarity { distance, yaw: shift as f32 * TAU / SECTORS as f32 };
-            }
-        }
-        best
+        self.similarity_within(other, |_| true).unwrap_or(Similarity { distance: 1.0, yaw: 0.0 })
+    }
+
+    /// The same under those turns, radians, that `may_be`; `None` where none may.
+    pub fn similarity_within(&self, other: &Self, may_be: impl Fn(f32) -> bool) -> Option<Similarity> {
+        let turns = (0..SECTORS).map(|shift| (shift, shift as f32 * TAU / SECTORS as f32));
+        let compared = turns
+            .filter(|(_, yaw)| may_be(*yaw))
+            .map(|(shift, yaw)| Similarity { distance: self.distance_turned(other, shift), yaw });
+        compared.reduce(|best, next| if next.distance < best.distance { next } else { best })
     }
 
     /// Eq. 6: the mean cosine distance of columns when the other sensor is turned by `shift` sectors.

@@ -272,3 +272,56 @@ pub fn drives(lot: u64) -> Vec<Drive> {
     }
     all
 }
+
+/// Drives that come back to where they were, in halls, offices and warehouses, and there and back through tunnels and corridors; lots as of
+/// [`drives`].
+pub fn returns(lot: u64) -> Vec<Drive> {
+    use crate::lidar_sites::{Site, hall, office, warehouse};
+    use Carrier::{Hand, Wheels};
+    use Sensor::{Mid360, Os0, Vlp16};
+    let seed = 1000 * (lot + 1);
+    let mut all = Vec::new();
+    let mut add = |name: String, boxes, path: &[[f64; 3]], sensor, pace, carrier| {
+        all.push(Drive { name, boxes, sensor, path: Carried::along(path, pace, carrier) });
+    };
+    // A step aside, so that the turn takes time.
+    let there_and_back = |path: &[[f64; 3]]| -> Vec<[f64; 3]> {
+        let [before, end] = [path[path.len() - 2], path[path.len() - 1]];
+        let along = [end[0] - before[0], end[1] - before[1]];
+        let aside = 0.9 / along[0].hypot(along[1]);
+        let beside = [end[0] - aside * along[1], end[1] + aside * along[0], end[2]];
+        path.iter().chain([&beside]).chain(path.iter().rev().skip(1)).copied().collect()
+    };
+    let kinds: [(&str, Walls, f64, f64); 4] = [
+        ("smooth tunnel, there and back", Walls::Smooth, 60.0, 14.0),
+        ("ribbed tunnel, there and back", Walls::Ribbed, 40.0, 0.0),
+        ("furnished tunnel, there and back", Walls::Furnished, 40.0, 0.0),
+        ("furnished tunnel and halls, there and back", Walls::Furnished, 30.0, 14.0),
+    ];
+    for (k, (name, walls, length, halls)) in kinds.into_iter().enumerate() {
+        let (boxes, path) = tunnel(seed + k as u64, length, walls, halls);
+        let sensor = [Os0, Vlp16, Mid360, Vlp16][(k + lot as usize) % 4];
+        add(name.into(), boxes, &there_and_back(&path), sensor, 1.5, Wheels);
+    }
+    for (k, sensor) in [Vlp16, Os0, Mid360].into_iter().enumerate() {
+        let (boxes, path) = corridor(seed + 10 + k as u64, 24.0);
+        add("corridor 24 m, there and back".into(), boxes, &there_and_back(&path), sensor, 1.3, Hand);
+    }
+    let sites: [(&str, fn(u64, u64) -> Site); 3] =
+        [("hall twice", |plan, _| hall(plan)), ("office twice", office), ("warehouse twice", warehouse)];
+    for (k, (name, site)) in sites.into_iter().enumerate() {
+        for (l, sensor) in [Vlp16, Os0, Mid360].into_iter().enumerate() {
+            let site = site(seed + 20 + k as u64, seed + l as u64);
+            let path: Vec<[f64; 3]> = site.paths[0].iter().map(|c| [c[0], c[1], 0.0]).collect();
+            add(
+                name.into(),
+                site.boxes,
+                &there_and_back(&path),
+                sensor,
+                1.4,
+                if l < 2 { Wheels } else { Hand },
+            );
+        }
+    }
+    all
+}

@@ -9,7 +9,7 @@ use geometry::Se3;
 use indicatif::{ProgressBar, ProgressStyle};
 use loopbox::lidar::outlook::ScanOutlook;
 use loopbox::lidar::poses::GivenPoses;
-use loopbox::lidar::record::{FragmentRow, LidarRecord};
+use loopbox::lidar::record::{FragmentRow, LidarRecord, LoopRow};
 use loopbox::lidar::run::Event;
 use loopbox::lidar::sweep_timing::{PointTimes, Scaled, Timed, point_times};
 use loopbox::lidar::{LidarOptions, Mapped, map_recording};
@@ -17,6 +17,7 @@ use loopbox::run::Listeners;
 use nalgebra::UnitQuaternion;
 use scans::{Folder, FolderOptions, FolderSource, ScanSource, ScanTiming};
 use serde_json::json;
+use slam_lidar::loop_verdict::LoopTest;
 use slam_lidar::mapping::MappingParams;
 use slam_lidar::tracking::Method;
 use sources::forward::ForwardScans;
@@ -335,6 +336,13 @@ fn summary(record: &LidarRecord, out: &Path) {
         record.refused_loops.len(),
         map.corrected_m
     );
+    let elsewhere = |row: &&LoopRow| matches!(row.test, Some(LoopTest::Drift | LoopTest::Rivals));
+    let look_alikes = record.refused_loops.iter().filter(elsewhere).count();
+    if look_alikes > 0 {
+        say!(
+            "             {look_alikes} of the refused fit, but lie beyond what the odometry may have drifted or at several poses: they look alike"
+        );
+    }
     let memory = cost.peak_memory_bytes.map_or(String::new(), |bytes| format!(", {} MiB", bytes >> 20));
     say!(
         "time         {:.1} s, {:.1} scans/s; {:.1} ms a scan (median; 99 % {:.1}){memory}",

@@ -4,7 +4,8 @@ use super::mapper::Taken;
 use map::{Map, SensorKind};
 use scans::ScanInfo;
 use serde::Serialize;
-use slam_lidar::mapping::{Agent, Loop, MappingParams};
+use slam_lidar::loop_verdict::LoopTest;
+use slam_lidar::mapping::{Agent, Loop, MappingParams, RefusedLoop};
 use std::collections::BTreeMap;
 
 /// Everything counted and measured in one run.
@@ -193,7 +194,7 @@ impl FragmentRow {
 }
 
 /// A place that was found again, or that was not believed to be the same.
-#[derive(Clone, Copy, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize)]
 pub struct LoopRow {
     /// The earlier keyframe.
     pub from: usize,
@@ -210,6 +211,12 @@ pub struct LoopRow {
     pub rmse_m: f64,
     /// Distance of the two keyframes, metres.
     pub distance_m: f64,
+    /// Of a place that is refused: the test that it fails.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub test: Option<LoopTest>,
+    /// The same in words, with the test's figure and its bound.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reason: Option<String>,
 }
 
 impl LoopRow {
@@ -224,7 +231,15 @@ impl LoopRow {
             violated: evidence.violated,
             rmse_m: evidence.rmse,
             distance_m: found.alignment.target_from_source.translation.norm(),
+            test: None,
+            reason: None,
         }
+    }
+
+    /// That of a place that is refused.
+    pub fn of_refused(refused: &RefusedLoop) -> Self {
+        let RefusedLoop { candidate, line } = refused;
+        Self { test: Some(line.test), reason: Some(line.to_string()), ..Self::of(candidate) }
     }
 }
 

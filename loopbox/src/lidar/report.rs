@@ -79,16 +79,21 @@ fn run_tiles(record: &LidarRecord) -> Vec<(String, String)> {
 
 fn loops(name: &str, rows: &[LoopRow]) -> Table {
     let row = |l: &LoopRow| {
-        vec![
+        let mut cells = vec![
             format!("{} – {}", l.from, l.to),
             format!("{:.2}", l.overlap),
             format!("{:.3}", l.inlier_ratio),
             format!("{:.3}", l.violated),
             format!("{:.3}", l.rmse_m),
             format!("{:.2}", l.distance_m),
-        ]
+        ];
+        cells.extend(l.reason.clone());
+        cells
     };
-    let head = vec!["keyframes", "overlap", "agreeing", "in free space", "residual m", "apart m"];
+    let mut head = vec!["keyframes", "overlap", "agreeing", "in free space", "residual m", "apart m"];
+    if rows.iter().any(|row| row.reason.is_some()) {
+        head.push("refused because");
+    }
     Table { name: name.into(), head, rows: rows.iter().map(row).collect() }
 }
 

@@ -155,7 +155,7 @@ pub fn run(
         map: MapCounts::of(map, &agent),
         fragments: maps.iter().map(FragmentRow::of).collect(),
         loops: agent.loops().iter().map(LoopRow::of).collect(),
-        refused_loops: agent.refused().iter().map(LoopRow::of).collect(),
+        refused_loops: agent.refused().iter().map(LoopRow::of_refused).collect(),
         files: Vec::new(),
         rows,
     };

@@ -34,7 +34,9 @@ pub fn run(path: &Path) -> Result<(), Failure> {
         );
     };
     agent.loops().iter().for_each(|found| describe(found, "closed"));
-    agent.refused().iter().for_each(|found| describe(found, "refused"));
+    for refused in agent.refused() {
+        describe(&refused.candidate, &format!("refused ({})", refused.line));
+    }
     let (before, after) = (ate(&recording.pairs(&tracked))?.0, ate(&recording.pairs(&agent.trajectory()))?.0);
     println!(
         "{}: {} keyframes, {} loops, {} refused, ATE {before:.4} -> {after:.4} m, slowest loop {slowest:.2} s",

@@ -3,6 +3,7 @@
 //! `cargo run --release -p slam-lidar --example lidar -- COMMAND FOLDER…`
 //! - `odometry`, `floam`, `a-loam`: errors and time of a sweep;
 //! - `loops`: loops closed and refused, errors before and after;
+//! - `sites LOT WORDS`: ray-cast drives of a lot, no folders, with the loops that are wrong;
 //! - `merge`: maps of all folders merged pair by pair, and together;
 //! - `merge-emr`: the same by the paper's chain;
 //! - `merge-given`: the same, with maps built on the given poses from scans that are not distorted;
@@ -12,6 +13,7 @@
 mod loops;
 mod merging;
 mod odometry;
+mod sites;
 mod truth;
 
 /// What an example may fail with.
@@ -26,6 +28,7 @@ fn main() -> Result<(), Failure> {
         "odometry" | "floam" | "a-loam" => {
             folders.iter().try_for_each(|f| odometry::run(command, f.as_ref()))
         }
+        "sites" => sites::run(folders),
         "loops" => folders.iter().try_for_each(|f| loops::run(f.as_ref())),
         merge => merging::run(merge, folders),
     }
