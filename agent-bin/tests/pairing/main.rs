@@ -14,6 +14,7 @@ use common::{arg, command, loopbox, stderr, stdout};
 use loopbox_tests::proxy::{Link, Proxy};
 use loopbox_tests::{Encoding, Recording, World, trajectory};
 use serde_json::Value;
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -127,11 +128,24 @@ fn assert_is_the_merge_of_the_files<const N: usize>(station: &Path, agents: [&Pa
     let json: Value = serde_json::from_slice(&bytes(&station.join("merge.json"))).expect("numbers");
     let inputs: Vec<&str> =
         json["inputs"].as_array().expect("inputs").iter().filter_map(|i| i["path"].as_str()).collect();
-    let again = station.with_file_name("again");
-    let more = ["--no-optimise", "--out", arg(&again), "--quiet"];
-    let output = loopbox(&[&["merge"], &inputs[..], &more].concat());
-    assert!(output.status.success(), "{}", stderr(&output));
-    assert!(bytes(&again.join("map.mcap")) == bytes(&station.join("map.mcap")), "the common maps differ");
+    let merged = |verdicts: &Path, out: &str| {
+        let out = station.with_file_name(out);
+        let more = ["--no-optimise", "--verdicts", arg(verdicts), "--out", arg(&out)];
+        let output = loopbox(&[&["merge"], &inputs[..], &more].concat());
+        assert!(output.status.success(), "{}", stderr(&output));
+        assert!(bytes(&out.join("map.mcap")) == bytes(&station.join("map.mcap")), "the common maps differ");
+        stderr(&output)
+    };
+    let verdicts = station.with_file_name("again-verdicts");
+    merged(&verdicts, "again");
+    // Its verdicts are those of the merge, which has nothing left to look at.
+    let files = |folder: &Path| -> BTreeMap<_, _> {
+        let entries = fs::read_dir(folder).expect("verdicts").flatten();
+        entries.map(|entry| (entry.file_name(), bytes(&entry.path()))).collect()
+    };
+    assert!(files(&station.join("verdicts")) == files(&verdicts), "other verdicts");
+    let said = merged(&station.join("verdicts"), "with-verdicts");
+    assert!(said.contains("making the common map") && !said.contains("looking where"), "{said}");
 }
 
 #[test]

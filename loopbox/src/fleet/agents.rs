@@ -3,6 +3,7 @@
 use super::remembering::{Content, Memory};
 use crate::lidar::merging::Input as ScanInput;
 use crate::merging::Input;
+use crate::verdicts::MapDigest;
 use anyhow::Result;
 use fleet::assembling::Assembler;
 use fleet::hash::ObjectHash;
@@ -42,6 +43,8 @@ struct Agent {
     whole: bool,
     /// Whether the agent's run is over.
     finished: bool,
+    /// Its file, once that is written.
+    file: Option<MapDigest>,
     /// A camera's map to be merged; nothing while there is too little of it.
     images: Option<Input>,
     /// The same of a LiDAR's; nothing while it is lent.
@@ -121,6 +124,8 @@ impl Maps {
             Some((key, Content { agent: *identity, hash }, agent.state(), input))
         });
         let mut all = Inputs::in_order(of_agents);
+        let file = |content: &Content| self.agents.get(&content.agent)?.file.clone();
+        all.files = all.contents.iter().map(file).collect();
         for number in 1..all.inputs.len() {
             let (before, after) = all.inputs.split_at_mut(number);
             after[0].name_apart_from(before);
@@ -160,6 +165,8 @@ pub(super) struct Inputs<T> {
     pub whole: Vec<bool>,
     /// Whether each is, and will not change any more.
     pub over: Vec<bool>,
+    /// The files of cameras' maps that are written: those that will not change any more.
+    pub files: Vec<Option<MapDigest>>,
 }
 
 impl<T> Inputs<T> {
@@ -168,8 +175,8 @@ impl<T> Inputs<T> {
     fn in_order<K: Ord>(all: impl Iterator<Item = (K, Content, [bool; 2], T)>) -> Self {
         let mut all: Vec<_> = all.collect();
         all.sort_by(|(a, of_a, ..), (b, of_b, ..)| a.cmp(b).then(of_a.agent.cmp(&of_b.agent)));
-        let (inputs, contents, whole, over) = Default::default();
-        let mut ordered = Self { inputs, contents, whole, over };
+        let (inputs, contents, whole, over, files) = Default::default();
+        let mut ordered = Self { inputs, contents, whole, over, files };
         for (_, content, [whole, over], input) in all {
             ordered.inputs.push(input);
             ordered.contents.push(content);
@@ -183,8 +190,8 @@ impl<T> Inputs<T> {
 impl Agent {
     /// One of whom nothing is here yet.
     fn new(begun: u64) -> Self {
-        let (assembler, sensor, seen, content, images, scans) = Default::default();
-        Self { assembler, begun, sensor, seen, content, whole: false, finished: false, images, scans }
+        let (assembler, sensor, seen, content, file, images, scans) = Default::default();
+        Self { assembler, begun, sensor, seen, content, whole: false, finished: false, file, images, scans }
     }
 
     /// Whether all of it is here, and will not change any more.
@@ -217,8 +224,10 @@ impl Agent {
         }
         (self.content, self.whole) = (Some(made.content), made.whole);
         let path = place.folder.join(label(snapshot.agent, &made.map)).join("map.mcap");
+        self.file = None;
         if is_done {
             save(&path, &made.map).map_err(NotTaken::Unwritten)?;
+            self.file = Some(MapDigest::of(&path).map_err(NotTaken::Unwritten)?);
         }
         self.sensor = made.map.sensor();
         (self.images, self.scans) = (None, None);

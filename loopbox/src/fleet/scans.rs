@@ -220,7 +220,7 @@ mod tests {
         };
         let (inputs, contents) = (maps.iter().map(input).collect(), maps.iter().map(content).collect());
         let all = vec![true; maps.len()];
-        Inputs { inputs, contents, whole: all.clone(), over: all }
+        Inputs { inputs, contents, whole: all.clone(), over: all, files: Vec::new() }
     }
 
     /// Keeps the topics of what is published to ROS 2.

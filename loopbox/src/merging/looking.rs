@@ -215,7 +215,7 @@ fn find_places(
 }
 
 /// Every two of so many inputs, the earlier first: (0, 1), (0, 2), (1, 2), (0, 3), …
-pub(super) fn pairs(inputs: usize) -> impl Iterator<Item = [usize; 2]> {
+pub(crate) fn pairs(inputs: usize) -> impl Iterator<Item = [usize; 2]> {
     (1..inputs).flat_map(|later| (0..later).map(move |earlier| [earlier, later]))
 }
 

@@ -37,7 +37,7 @@ pub use verdict::{isolated_agents, verdict};
 #[cfg(feature = "fleet")]
 pub(crate) use {
     batches::{Groups, Known, Share},
-    looking::{Batch, Looked, look},
+    looking::{Batch, Looked, look, pairs},
     making::common_map,
     places::Places,
     verdict::refusal_of,

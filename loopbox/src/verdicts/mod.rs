@@ -221,6 +221,15 @@ impl<'a> CameraVerdicts<'a> {
         Ok(Some(Self { kept, maps, params }))
     }
 
+    /// Those of maps that are called so, at a place.
+    ///
+    /// # Errors
+    /// When it cannot be used.
+    #[cfg(feature = "fleet")]
+    pub fn at(place: &Path, maps: Vec<MapDigest>, params: &'a MergingParams) -> Result<Self> {
+        Ok(Self { kept: Verdicts::at(place)?, maps, params })
+    }
+
     /// What is known of two inputs.
     ///
     /// # Errors

@@ -7,8 +7,9 @@
 //!
 //! `parts` looks at parts of maps before all of them is here, `whole` merges all that is here, both by the `merger`;
 //! `schedule` says what is due and when. The joint pose graph, which takes seconds of many maps, and the writing of the common
-//! map are done in a thread beside that (`optimise_when`).
+//! map are done in a thread beside that (`optimise_when`). `keeping` keeps verdicts for those who merge the same maps again.
 
+mod keeping;
 mod merger;
 mod optimisation;
 mod parts;
@@ -52,6 +53,8 @@ const TAKING: Duration = Duration::from_millis(500);
 const ENDING: Duration = Duration::from_secs(10);
 /// The folder of the agents' own maps.
 const AGENTS: &str = "agents";
+/// The folder of verdicts on pairs of them, as `loopbox merge --verdicts` has it.
+const VERDICTS: &str = "verdicts";
 
 /// Merges maps as they come.
 pub(super) struct Collector {
@@ -95,7 +98,11 @@ impl Collector {
             parts,
             planner: Planner::new(merger.vocabulary.clone()),
             merger,
-            whole: Whole::new(Results::create(out, &Owner::Merge, force)?, in_background)?,
+            whole: Whole::new(
+                Results::create(out, &Owner::Merge, force)?,
+                out.join(VERDICTS),
+                in_background,
+            )?,
             scans: ScanCollector::new(out, force)?,
             components,
             table: Schedule::new(Instant::now()),

@@ -1,5 +1,6 @@
 //! Maps of cameras of which all is fetched: merged as far as it is here, and settled beside that.
 
+use super::keeping::Keeper;
 use super::merger::{Looking, Merger, met};
 use super::optimisation::{Job, Outcome, optimise};
 use super::planning::Planner;
@@ -12,12 +13,13 @@ use crate::fleet::components::Components;
 use crate::fleet::listening::CommonListener;
 use crate::fleet::merge_results::found;
 use crate::fleet::remembering::Content;
-use crate::merging::Input;
+use crate::merging::{Input, pairs};
 use crate::results::Results;
 use anyhow::Result;
 use fleet::merge_results::Found;
 use map::{Identity, SensorKind};
 use std::collections::BTreeSet;
+use std::path::PathBuf;
 use std::time::Instant;
 
 /// What is known by whole maps.
@@ -35,6 +37,8 @@ pub(super) struct Whole {
     pub may_join: bool,
     /// Something came, or is to be seen anew, that is not merged yet.
     pub is_new: bool,
+    /// Where verdicts on maps that will not change any more are kept.
+    verdicts: PathBuf,
     optimiser: Worker<Outcome>,
     /// Where the common map is written; away while it is settled.
     results: Option<Results>,
@@ -76,11 +80,11 @@ pub(super) enum OptimiseWhen {
 }
 
 impl Whole {
-    /// Of nobody yet; what comes of them is written as these results.
+    /// Of nobody yet; what comes of them is written as these results, and verdicts into a folder.
     ///
     /// # Errors
     /// When a thread cannot be started.
-    pub fn new(results: Results, in_background: bool) -> Result<Self> {
+    pub fn new(results: Results, verdicts: PathBuf, in_background: bool) -> Result<Self> {
         let (maps, found, undone, published_maps, states) = Default::default();
         let (is_left, may_join, is_new) = Default::default();
         let (optimiser, results) = (Worker::new(in_background)?, Some(results));
@@ -92,6 +96,7 @@ impl Whole {
             is_left,
             may_join,
             is_new,
+            verdicts,
             optimiser,
             results,
             states,
@@ -143,8 +148,11 @@ impl Whole {
             return Ok(true);
         }
         let exactly = round.is_taken && self.maps.at_rest(SensorKind::Camera);
-        let places = self.maps.memory.take_places(contents);
         let Round { step, components, .. } = *round;
+        let folder = self.verdicts.clone();
+        let keeper = Keeper { folder: &folder, maps: &maps, params: &merger.params, warn: step.warn };
+        let is_recalled = exactly && keeper.recall(&mut self.maps.memory);
+        let places = self.maps.memory.take_places(contents);
         let look = |comes: &(dyn Fn() -> bool + Sync)| {
             let is_awaited = || round.is_awaited || comes();
             let looking = Looking { wanted: None, places, share: SHARE, exactly, is_awaited: &is_awaited };
@@ -156,8 +164,11 @@ impl Whole {
         };
         let mut looked = looked.map_err(|error| self.not_merged(error))?;
         self.maps.memory.keep(contents, looked.now());
+        if exactly {
+            keeper.keep(&self.maps.memory, &looked.pair_results);
+        }
         self.maps.memory.keep_places(contents, std::mem::take(&mut looked.places));
-        let is_changed = looked.now().next().is_some() || self.published_maps != *contents;
+        let is_changed = is_recalled || looked.now().next().is_some() || self.published_maps != *contents;
         self.states.now += u64::from(is_changed);
         (self.is_left, self.may_join) = (!looked.left.is_empty(), looked.may_join);
         let at_rest = exactly && !self.is_left;
@@ -250,14 +261,13 @@ impl Whole {
     /// The pairs of these maps of which more is to be looked at: a map still grows, or what was looked at is not all that is to
     /// last.
     fn open(&self, maps: &Inputs<Input>) -> BTreeSet<[usize; 2]> {
-        let count = maps.inputs.len();
-        let pairs = (1..count).flat_map(|b| (0..b).map(move |a| [a, b]));
         let is_settled = |pair: [usize; 2]| {
             let is_over = pair.iter().all(|map| maps.over[*map]);
             let known = self.maps.memory.recall(&maps.contents, pair, true);
             is_over && known.is_some_and(|known| !known.is_due)
         };
-        pairs.filter(|pair| !is_settled(*pair)).flat_map(|[a, b]| [[a, b], [b, a]]).collect()
+        let open = pairs(maps.inputs.len()).filter(|pair| !is_settled(*pair));
+        open.flat_map(|[a, b]| [[a, b], [b, a]]).collect()
     }
 
     /// The merges that the joint pose graph took back, by the numbers of these maps.
@@ -296,7 +306,7 @@ mod tests {
     /// One at work on state 3, and what comes of it.
     fn at_work(out: &Path, written: Option<Result<()>>) -> (Whole, Outcome) {
         let results = Results::create(out, &Owner::Merge, false).unwrap();
-        let mut whole = Whole::new(results, false).unwrap();
+        let mut whole = Whole::new(results, out.join("verdicts"), false).unwrap();
         (0..3).for_each(|_| whole.came());
         whole.is_new = false;
         let (found, undone) = (found(3), vec![([agent(1), agent(2)], "why".to_owned())]);
