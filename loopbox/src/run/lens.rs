@@ -3,6 +3,7 @@
 
 mod finding;
 mod live;
+mod searching;
 
 use super::diagnosis::ImageStatistics;
 use super::{Progress, RunOptions};
@@ -12,11 +13,12 @@ use geometry::sensor::Lens;
 use geometry::{Camera, Crop, Distortion, GrayImage, Pinhole, Undistorter};
 use map::Map;
 use place_recog::ThumbnailIndex;
+use searching::Search;
 use slam_direct::self_calibration::{
     FreeLens, LensPrior, SelfCalibration, SelfCalibrationError, self_calibrate,
 };
 use slam_direct::{Agent, Frame, Params, TrackingState};
-use sources::correction::{DrawnMask, NARROWEST_VIEW, WIDEST_VIEW, doubled_camera, halved_image, halvings};
+use sources::correction::{DrawnMask, NARROWEST_VIEW, WIDEST_VIEW, halved_image, halvings};
 use sources::pictures::StatedFocal;
 use sources::{FoundCalibration, FrameSource, SourceOptions, Stop, time};
 use std::path::PathBuf;
@@ -201,7 +203,9 @@ pub fn find_lens(
     };
     let stated = first.stated_focal(whole).or_else(|| source.stated_focal(whole));
     let guesses = guesses(fov, stated, whole, times);
-    match search(guesses, (whole, times), &options.params, &map_with, stop)? {
+    let search =
+        Search { whole, times, params: &options.params, map_with: &map_with, stop, is_repeated: true };
+    match search.by(guesses)? {
         Ok(found) => Ok(found),
         Err(why) => {
             let why = match why {
@@ -222,40 +226,6 @@ fn why_nothing_was_mapped(recording: &Recording) -> Result<String> {
     let (mut source, mut statistics) = (recording.open()?, ImageStatistics::default());
     images(source.as_mut()).take(MAX_FRAMES).for_each(|(_, image, _)| statistics.add(&image));
     Ok(statistics.why_nothing_was_tracked(None, None))
-}
-
-/// The lens by the first of these guesses that leads to one, for images of `whole` size that are halved so often; what was stated, where
-/// the maps know less; else why there is none.
-fn search(
-    guesses: impl Iterator<Item = Guess>,
-    (whole, times): ((usize, usize), usize),
-    params: &Params,
-    map_with: &dyn Fn(&Camera, usize) -> Result<Map>,
-    stop: &Stop,
-) -> Result<Result<FoundLens, SelfCalibrationError>> {
-    let (mut why, mut kept) = (SelfCalibrationError::Undetermined, None);
-    for guess in guesses {
-        let start = centred(guess.focal, (whole.0 >> times, whole.1 >> times))?;
-        let as_found = |camera: &Camera, focal_deviation: f64| -> Result<FoundLens> {
-            let camera = doubled_camera(camera, whole, times)?;
-            Ok(FoundLens { camera, focal_deviation, stated: guess.stated.clone() })
-        };
-        match (refined(&start, guess.spread, map_with, stop)?, guess.stated.is_some()) {
-            (Ok(found), true) if found.focal_deviation > guess.spread => {
-                return Ok(Ok(as_found(&start, guess.spread)?));
-            }
-            (Ok(found), _) => {
-                return Ok(Ok(as_found(&left_to_the_map(&found, params)?, found.focal_deviation)?));
-            }
-            (Err(SelfCalibrationError::Undetermined), true) => {
-                return Ok(Ok(as_found(&start, guess.spread)?));
-            }
-            // Another lens may make a larger map.
-            (Err(_), true) => kept = Some(as_found(&start, guess.spread)?),
-            (Err(error), false) => why = error,
-        }
-    }
-    Ok(kept.ok_or(why))
 }
 
 /// The lens by maps that are made with the one found before, beginning with `start`, until it stays; `spread` is how far that

@@ -1,6 +1,7 @@
 //! The lens of a live camera that has no calibration: maps of what it sees now, with a usual lens first.
 
-use super::{FoundLens, USUAL, USUAL_SPREAD, centred, guesses, map_with, search};
+use super::searching::Search;
+use super::{FoundLens, USUAL, USUAL_SPREAD, centred, guesses, map_with};
 use crate::run::{Progress, RunOptions};
 use anyhow::{Result, bail};
 use geometry::Camera;
@@ -41,7 +42,8 @@ pub fn find_live_lens(
         map_with(lens, &mut **source.borrow_mut(), &options.params, stop)
     };
     let stated = source.borrow().stated_focal(whole);
-    match search(guesses(fov, stated, whole, times), (whole, times), &options.params, &map, stop)? {
+    let search = Search { whole, times, params: &options.params, map_with: &map, stop, is_repeated: false };
+    match search.by(guesses(fov, stated, whole, times))? {
         Ok(found) => Ok(found),
         Err(_) => {
             let (width, height) = (whole.0 >> times, whole.1 >> times);
