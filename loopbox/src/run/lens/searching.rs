@@ -66,9 +66,9 @@ impl Search<'_> {
         Ok(kept.ok_or(why))
     }
 
-    /// The lens that was found from `start`, held against the one that is found from its other side, or where nothing is found from there,
-    /// from farther on this side. What both say of themselves is how well the observations of a map agree, and these depend on the
-    /// lens that the map was made with. A lens that is not found again is a guess.
+    /// The lens that was found from `start`, held against the one that is found from its other side and, where these do not agree, from
+    /// farther on this side. What each says of itself is how well the observations of a map agree, and these depend on the lens that
+    /// the map was made with. A lens that is not found again is a guess.
     fn repeated(&self, found: SelfCalibration, start: &Camera) -> Result<SelfCalibration> {
         if !self.is_repeated || found.focal_deviation >= DETERMINED || self.stop.requested() {
             return Ok(found);
@@ -77,24 +77,31 @@ impl Search<'_> {
         let is_above = start.intrinsics().fx > fx;
         let sides =
             if is_above { [OTHER_START.recip(), OTHER_START] } else { [OTHER_START, OTHER_START.recip()] };
+        let mut all = vec![found];
         for (side, factor) in sides.into_iter().enumerate() {
             let again = |lens: &Camera, round: usize| (self.map_with)(lens, (1 + side) * MAX_ROUNDS + round);
             let start = centred(factor * fx, (width, height))?;
-            if let Ok(other) = refined(&start, USUAL_SPREAD, &again, self.stop)? {
-                return Ok(likelier(found, other));
+            all.extend(refined(&start, USUAL_SPREAD, &again, self.stop)?.ok());
+            match nearest(&all) {
+                Some(agreed) if agreed.focal_deviation < DETERMINED || side > 0 => return Ok(agreed),
+                _ => {}
             }
         }
-        Ok(SelfCalibration { focal_deviation: OTHER_START.ln(), ..found })
+        let only = all.swap_remove(0);
+        Ok(SelfCalibration { focal_deviation: OTHER_START.ln(), ..only })
     }
 }
 
-/// Of two lenses that were found from one recording the one whose observations agree better. Its focal length is known no better than the
-/// two agree.
-fn likelier(one: SelfCalibration, other: SelfCalibration) -> SelfCalibration {
+/// Of several lenses that were found from one recording, those two that agree best in the focal length: that of the two whose observations
+/// agree better, and its focal length is known no better than the two agree. `None` of fewer.
+fn nearest(all: &[SelfCalibration]) -> Option<SelfCalibration> {
     let ln_focal = |found: &SelfCalibration| found.camera.intrinsics().fx.ln();
-    let apart = (ln_focal(&one) - ln_focal(&other)).abs();
+    let pairs = all.iter().enumerate().flat_map(|(i, one)| all[..i].iter().map(move |other| (other, one)));
+    let apart = |(one, other): &(&SelfCalibration, &SelfCalibration)| (ln_focal(one) - ln_focal(other)).abs();
+    let (one, other) = pairs.min_by(|a, b| apart(a).total_cmp(&apart(b)))?;
     let better = if other.residual < one.residual { other } else { one };
-    SelfCalibration { focal_deviation: better.focal_deviation.max(apart), ..better }
+    let focal_deviation = better.focal_deviation.max(apart(&(one, other)));
+    Some(SelfCalibration { focal_deviation, ..better.clone() })
 }
 
 #[cfg(test)]
@@ -106,13 +113,17 @@ mod tests {
         SelfCalibration { camera, focal_deviation: 0.002, keyframes: 30, observations: 9000, residual }
     }
 
-    /// A lens whose search ends elsewhere from another start is known no better than the two agree.
+    /// A lens whose search ends elsewhere from another start is known no better than the two agree, unless a third search ends there.
     #[test]
     fn what_is_not_found_again_is_not_known() {
         let focal = |found: &SelfCalibration| found.camera.intrinsics().fx;
-        let same = likelier(found(500.0, 1.0), found(501.0, 1.1));
+        let same = nearest(&[found(500.0, 1.0), found(501.0, 1.1)]).unwrap();
         assert!(focal(&same) == 500.0 && (same.focal_deviation - 0.002).abs() < 1e-4);
-        let apart = likelier(found(636.0, 1.4), found(462.0, 1.1));
-        assert!(focal(&apart) == 462.0 && apart.focal_deviation > 0.3 && apart.focal_deviation >= DETERMINED);
+        let apart = [found(636.0, 1.4), found(462.0, 1.1)];
+        assert!(nearest(&apart).unwrap().focal_deviation > 0.3);
+        // One that agrees with itself best is not the one that is found again.
+        let third = nearest(&[found(461.0, 1.3), found(387.0, 1.0), found(464.0, 1.2)]).unwrap();
+        assert!(focal(&third) == 464.0 && third.focal_deviation < DETERMINED);
+        assert!(nearest(&apart[..1]).is_none());
     }
 }
