@@ -307,7 +307,8 @@ pub fn returns(lot: u64) -> Vec<Drive> {
         let (boxes, path) = corridor(seed + 10 + k as u64, 24.0);
         add("corridor 24 m, there and back".into(), boxes, &there_and_back(&path), sensor, 1.3, Hand);
     }
-    let sites: [(&str, fn(u64, u64) -> Site); 3] =
+    type Built = fn(u64, u64) -> Site;
+    let sites: [(&str, Built); 3] =
         [("hall twice", |plan, _| hall(plan)), ("office twice", office), ("warehouse twice", warehouse)];
     for (k, (name, site)) in sites.into_iter().enumerate() {
         for (l, sensor) in [Vlp16, Os0, Mid360].into_iter().enumerate() {
