@@ -19,6 +19,13 @@ macro_rules! tell {
 
 pub(crate) use {say, tell};
 
+/// Says what comes next, unless that is to be quiet.
+pub fn step(quiet: bool, text: &str) {
+    if !quiet {
+        tell!("{text}");
+    }
+}
+
 /// Shows a file in the program that its owner has for such files; where there is none, that is said.
 pub fn show(file: &Path) {
     let program = if cfg!(target_os = "macos") { "open" } else { "xdg-open" };

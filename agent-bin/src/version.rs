@@ -6,10 +6,11 @@ use std::sync::LazyLock;
 pub const COMMIT: &str = env!("LOOPBOX_COMMIT");
 
 /// What it was built with.
-const FEATURES: [(bool, &str); 7] = [
+const FEATURES: [(bool, &str); 8] = [
     (cfg!(feature = "camera"), "camera"),
     (cfg!(feature = "fleet"), "fleet"),
     (cfg!(feature = "foxglove-server"), "foxglove-server"),
+    (cfg!(feature = "object-store"), "object-store"),
     (cfg!(feature = "opencv"), "opencv"),
     (cfg!(feature = "ros2"), "ros2"),
     (cfg!(feature = "sqlite"), "sqlite"),

@@ -169,7 +169,7 @@ def merge(
 ) -> MergeResult:
     """Merges maps, each a map.mcap or the folder of a run, and writes the common map into the folder `out`.
 
-    Pairs that have a verdict in the folder `verdicts` are not looked at again, and those of others are kept there. An
+    Pairs that have a verdict in `verdicts`, a folder or the URI of a bucket, are not looked at again, and those of others are kept there. An
     `executor` (a process pool, Dask's `client.get_executor()`, any `concurrent.futures.Executor`) judges pairs beside each other; its workers
     share the folder of verdicts, which is `out` with `-verdicts` behind it where none is named.
     """
@@ -183,10 +183,10 @@ def merge(
     return MergeResult(Path(out), json.loads(record), met, text)
 
 
-def propose(maps: Iterable[StrPath]) -> list[tuple[Path, Path, float | None]]:
+def propose(maps: Iterable[StrPath]) -> list[tuple[StrPath, StrPath, float | None]]:
     """The pairs of maps that may show one place, the likeliest first, with the likeness of their likeliest place (0 to 1); of
-    LiDARs every two, with none."""
-    return [(Path(a), Path(b), score) for a, b, score in _loopbox.propose(list(maps))]
+    LiDARs every two, with none. Maps are paths, or their URIs as text where they are in a bucket."""
+    return [(_place(a), _place(b), score) for a, b, score in _loopbox.propose(list(maps))]
 
 
 def verdict(
@@ -229,6 +229,11 @@ def reconstruct(
     room = Path(out)
     maps = [run.folder for run in map(recordings, room / "maps", executor=executor, **options)]
     return merge(maps, room / "merged", force=True, verdicts=room / "verdicts", executor=executor)
+
+
+def _place(name: str) -> StrPath:
+    """A path, or the text of a URI, which is none."""
+    return name if "://" in name else Path(name)
 
 
 def _judge(a: StrPath, b: StrPath, verdicts: str) -> bool:

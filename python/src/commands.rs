@@ -5,6 +5,7 @@ use crate::maps::warn;
 use crate::{failed, on_threads};
 use anyhow::{Result, bail};
 use eval::{AlignMode, Options};
+use loopbox::blobs::local_files;
 use loopbox::lidar::merging::LidarMergeParams;
 use loopbox::lidar::{self, LidarMergeOptions};
 use loopbox::merging::MergingParams;
@@ -16,6 +17,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use sources::{SourceOptions, Stop};
+use std::ffi::OsString;
 use std::path::PathBuf;
 use std::sync::Mutex;
 use view::watch::Watch;
@@ -132,22 +134,25 @@ pub fn merge(
     force: bool,
     verdicts: Option<PathBuf>,
 ) -> PyResult<(bool, String, String)> {
-    let of_cameras = || -> Result<(bool, String, String)> {
+    let of_cameras = |maps: &[PathBuf]| -> Result<(bool, String, String)> {
         let merged =
-            merge_maps(&maps, MergeOptions { force, verdicts: verdicts.clone(), ..MergeOptions::to(&out) })?;
+            merge_maps(maps, MergeOptions { force, verdicts: verdicts.clone(), ..MergeOptions::to(&out) })?;
         Ok((merged.anything_met(), merged.verdict(), serde_json::to_string(&merged.record)?))
     };
-    let of_lidars = || -> Result<(bool, String, String)> {
+    let of_lidars = |maps: &[PathBuf]| -> Result<(bool, String, String)> {
         let params = LidarMergeParams::default();
         let options = LidarMergeOptions { out: out.clone(), force, params, verdicts: verdicts.clone() };
-        let merged = lidar::merge_maps(&maps, &options, &Stop::default(), &mut |_| {})?;
+        let merged = lidar::merge_maps(maps, &options, &Stop::default(), &mut |_| {})?;
         let record = serde_json::to_string(&merged.record)?;
         Ok((merged.merging.anything_met(), merged.verdict(), record))
     };
     let merged = py.detach(|| {
-        on_threads(None, || match sensors_at(&maps) {
-            Sensors::Lidars => of_lidars(),
-            Sensors::Cameras | Sensors::Mixed => of_cameras(),
+        on_threads(None, || {
+            let maps = local_files(&maps, &|_| {})?;
+            match sensors_at(&maps) {
+                Sensors::Lidars => of_lidars(&maps),
+                Sensors::Cameras | Sensors::Mixed => of_cameras(&maps),
+            }
         })
     });
     merged.map_err(failed)
@@ -166,7 +171,9 @@ pub fn verdict(
     let options = VerdictOptions { verdicts, ..VerdictOptions::default() };
     let evaluated = py.detach(|| {
         on_threads(threads, || {
-            let found = find_verdict(&[a, b], &options, &Stop::default(), &Silent)?;
+            let maps = local_files(&[a, b], &|_| {})?;
+            let [a, b] = &maps[..] else { bail!("a verdict is on two maps, and these are {}", maps.len()) };
+            let found = find_verdict(&[a.clone(), b.clone()], &options, &Stop::default(), &Silent)?;
             Ok((found.joins, found.text, serde_json::to_string(&found.pair_results)?))
         })
     });
@@ -175,12 +182,13 @@ pub fn verdict(
 
 /// The pairs of maps that may show one place, the likeliest first, by their places among `maps`; and how likely each is.
 #[pyfunction]
-pub fn propose(py: Python<'_>, maps: Vec<PathBuf>) -> PyResult<Vec<(PathBuf, PathBuf, Option<f32>)>> {
+pub fn propose(py: Python<'_>, maps: Vec<PathBuf>) -> PyResult<Vec<(OsString, OsString, Option<f32>)>> {
     let proposed = py.detach(|| {
         on_threads(None, || {
             let pairs = propose_pairs(&maps, &MergingParams::default(), &Stop::default(), &Silent)?;
             let pair = |pair: ProposedPair| {
-                let [a, b] = pair.maps;
+                // A path of Python's would take one of the two slashes of a URI away.
+                let [a, b] = pair.maps.map(PathBuf::into_os_string);
                 (a, b, pair.score)
             };
             Ok(pairs.into_iter().map(pair).collect())

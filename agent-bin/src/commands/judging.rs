@@ -23,8 +23,8 @@ pub struct JudgingArgs {
     days_apart: Option<f64>,
     #[command(flatten)]
     parameters: ParameterArgs,
-    /// Folder of verdicts: pairs that have one there are not looked at again, and those of others are kept there. Several processes may
-    /// share it
+    /// Where verdicts are kept: a folder, or in a bucket s3://BUCKET/PREFIX, gs://… or az://…. Pairs that have one there are not looked at
+    /// again, and those of others are kept there. Several processes may share it
     #[arg(long, value_name = "DIR")]
     pub verdicts: Option<PathBuf>,
 }

@@ -8,6 +8,7 @@ use crate::interrupt::stop_on_ctrl_c;
 use anyhow::{Result, bail};
 use clap::Args;
 use geometry::Se3;
+use loopbox::blobs::local_files;
 use loopbox::merging::{MergeOptions, Merged, MixedOptions, merge_maps_watched, merge_rig};
 use loopbox::open::{Sensors, sensors_at};
 use loopbox::placing::rig::extrinsic;
@@ -16,7 +17,8 @@ use std::path::PathBuf;
 /// Merge the maps of several agents into one common map
 #[derive(Debug, Args)]
 pub struct MergeArgs {
-    /// The maps: each a map.mcap, or the folder of a run. Those that met join the world of the first
+    /// The maps: each a map.mcap, the folder of a run, or such by its URI (s3://BUCKET/FOLDER; s3://BUCKET/FOLDER/* are all there). Those
+    /// that met join the world of the first
     #[arg(required = true, value_name = "MAP")]
     pub(super) maps: Vec<PathBuf>,
     /// Folder for the results; made if it is not there
@@ -56,7 +58,9 @@ pub struct MergeArgs {
 /// # Errors
 /// When a map cannot be read, no two of the maps met, the common map cannot be made or written, or the user ended
 /// it. Then nothing is written.
-pub fn run(args: &MergeArgs) -> Result<()> {
+pub fn run(args: &mut MergeArgs) -> Result<()> {
+    args.maps = local_files(&args.maps, &|text| console::step(args.quiet, text))?;
+    let args = &*args;
     if let Some(lidar_from_camera) = &args.extrinsic {
         return args.of_a_rig(lidar_from_camera);
     }

@@ -16,11 +16,7 @@ use loopbox::merging::{MixedOptions, merge_mixed};
 /// ended it. Then nothing is written.
 pub fn run(args: &MergeArgs, params: LidarMergeParams) -> Result<()> {
     let stop = stop_on_ctrl_c("stopping after this step; nothing will be written (Ctrl-C again to abort)")?;
-    let mut stage = |text: &str| {
-        if !args.quiet {
-            tell!("{text}");
-        }
-    };
+    let mut stage = |text: &str| console::step(args.quiet, text);
     let options = LidarMergeOptions {
         out: args.out.clone(),
         force: args.force,

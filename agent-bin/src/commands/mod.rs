@@ -137,8 +137,8 @@ impl Command {
             Command::Import(args) => import::execute(&args),
             Command::Eval(args) => eval::run(args),
             Command::Calib(args) => calib::run(&args),
-            Command::Merge(args) => {
-                merge::run(&args)?;
+            Command::Merge(mut args) => {
+                merge::run(&mut args)?;
                 listed(args.open, &args.out);
                 Ok(())
             }

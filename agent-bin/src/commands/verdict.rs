@@ -5,8 +5,9 @@ use super::merge_progress::MergeProgress;
 use super::params::ParameterArgs;
 use crate::console::{self, Ended, Ending};
 use crate::interrupt::stop_on_ctrl_c;
-use anyhow::Result;
+use anyhow::{Result, bail};
 use clap::Args;
+use loopbox::blobs::local_files;
 use loopbox::open::{Sensors, sensors_at};
 use loopbox::verdicts::{find_verdict, listed_pairs, propose_pairs};
 use std::path::PathBuf;
@@ -17,7 +18,7 @@ use std::path::PathBuf;
 /// by many processes on many machines: `loopbox propose` lists them, `loopbox merge --verdicts` joins what they found.
 #[derive(Debug, Args)]
 pub struct VerdictArgs {
-    /// A map: a map.mcap, or the folder of a run
+    /// A map: a map.mcap, the folder of a run, or such by its URI (s3://BUCKET/FOLDER)
     a: PathBuf,
     /// The other map
     b: PathBuf,
@@ -36,7 +37,7 @@ pub struct VerdictArgs {
 /// A line each: likeness of their likeliest place (0 to 1), and both maps, with tabs between. Of LiDARs every two.
 #[derive(Debug, Args)]
 pub struct ProposeArgs {
-    /// The maps: each a map.mcap, or the folder of a run
+    /// The maps: each a map.mcap, the folder of a run, or such by its URI (s3://BUCKET/FOLDER; s3://BUCKET/FOLDER/* are all there)
     #[arg(required = true, value_name = "MAP")]
     maps: Vec<PathBuf>,
     #[command(flatten)]
@@ -54,7 +55,10 @@ pub struct ProposeArgs {
 /// # Errors
 /// When a map cannot be read, they cannot be compared, the verdict cannot be kept, they are not joined, or the user ended it.
 pub fn run(args: &VerdictArgs) -> Result<()> {
-    let maps = [args.a.clone(), args.b.clone()];
+    let maps = [&args.a, &args.b].map(PathBuf::clone);
+    let maps = local_files(&maps, &|text| console::step(args.quiet, text))?;
+    let [a, b] = &maps[..] else { bail!("a verdict is on two maps, and these are {}", maps.len()) };
+    let maps = [a.clone(), b.clone()];
     let options = args.judging.of_either(sensors_at(&maps) == Sensors::Lidars)?;
     let stop = stop_on_ctrl_c("stopping after this step; no verdict will be kept (Ctrl-C again to abort)")?;
     let progress = MergeProgress::new(args.quiet);

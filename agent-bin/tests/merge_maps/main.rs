@@ -3,6 +3,7 @@
 //! Whatever a command refuses it must name, and leave nothing behind.
 
 mod bad_input;
+mod buckets;
 mod continuing;
 #[path = "../common/documented.rs"]
 mod documented;

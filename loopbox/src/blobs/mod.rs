@@ -3,13 +3,21 @@
 //! Whoever puts an object calls it by what it holds or by all that it follows from, so that two that are put under one name are the same,
 //! and it does not matter who is first, how often it is put, or who is killed meanwhile.
 
+#[cfg(feature = "object-store")]
+mod bucket;
+#[cfg(feature = "object-store")]
+mod copies;
 mod folder;
 mod memory;
 #[cfg(test)]
 mod tests;
+mod uri;
 
+#[cfg(feature = "object-store")]
+pub use bucket::BucketBlobs;
 pub use folder::FolderBlobs;
 pub use memory::MemoryBlobs;
+pub use uri::{LocalMap, Place, local_files, local_maps, open};
 
 use anyhow::Result;
 use std::fmt::Debug;

@@ -2,7 +2,7 @@ use super::*;
 use std::fs;
 
 /// What holds of every kind of them.
-fn keeps_what_is_put_first(blobs: &dyn Blobs) {
+pub(super) fn keeps_what_is_put_first(blobs: &dyn Blobs) {
     assert!(blobs.get("a.x").unwrap().is_none() && !blobs.has("a.x").unwrap());
     assert!(blobs.list("").unwrap().is_empty());
     for (name, bytes) in

@@ -25,7 +25,7 @@ pub struct MergeOptions {
     pub force: bool,
     /// All parameters of all steps.
     pub params: MergingParams,
-    /// The folder that verdicts on pairs are taken from and kept in; made if it is not there.
+    /// Where verdicts on pairs are taken from and kept: a folder, which is made if it is not there, or the URI of a bucket.
     pub verdicts: Option<PathBuf>,
 }
 

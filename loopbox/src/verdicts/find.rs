@@ -1,6 +1,7 @@
 //! The verdict on two maps in files, and which pairs of many are worth asking.
 
 use super::{CameraVerdicts, LidarVerdicts};
+use crate::blobs;
 use crate::lidar::{self, merging::LidarMergeParams};
 use crate::merging::{self, MergeWatcher, MergingParams, proposed};
 use crate::open::{Sensors, sensors_at};
@@ -19,7 +20,7 @@ pub struct VerdictOptions {
     pub cameras: MergingParams,
     /// Of maps of LiDARs.
     pub lidars: LidarMergeParams,
-    /// The folder that verdicts are taken from and kept in; made if it is not there.
+    /// Where verdicts are taken from and kept: a folder, which is made if it is not there, or the URI of a bucket.
     pub verdicts: Option<PathBuf>,
 }
 
@@ -34,7 +35,7 @@ pub struct Found {
     pub pair_results: serde_json::Value,
 }
 
-/// Finds the verdict on two maps, or takes it from the folder of verdicts, and keeps it there.
+/// Finds the verdict on two maps, or takes it from where verdicts are kept, and keeps it there.
 ///
 /// # Errors
 /// When a map cannot be read, they cannot be merged (a camera's and a LiDAR's), a verdict cannot be read or kept, or `stop`
@@ -117,7 +118,7 @@ pub struct ProposedPair {
 }
 
 /// The pairs of maps that are worth a verdict, the likeliest first: of cameras those that place recognition finds a common place of, in
-/// one index over all, of LiDARs every two, since walls propose what no place does.
+/// one index over all, of LiDARs every two, since walls propose what no place does. Maps in buckets are called by their URIs.
 ///
 /// # Errors
 /// When a map cannot be read, there are both kinds, or `stop` was wished.
@@ -127,11 +128,14 @@ pub fn propose_pairs(
     stop: &Stop,
     watcher: &dyn MergeWatcher,
 ) -> Result<Vec<ProposedPair>> {
-    merging::refuse_one(maps)?;
-    match sensors_at(maps) {
+    let given = blobs::local_maps(maps, &|text| watcher.stage(text))?;
+    let maps: Vec<PathBuf> = given.iter().map(|map| map.local.clone()).collect();
+    merging::refuse_one(&maps)?;
+    let called = |map: usize| given[map].given.clone();
+    match sensors_at(&maps) {
         Sensors::Cameras => {}
         Sensors::Lidars => {
-            let pair = |a: usize, b: usize| [maps[a].clone(), maps[b].clone()];
+            let pair = |a: usize, b: usize| [called(a), called(b)];
             let pairs = (1..maps.len()).flat_map(|b| (0..b).map(move |a| pair(a, b)));
             return Ok(pairs.map(|maps| ProposedPair { maps, score: None, places: None }).collect());
         }
@@ -141,7 +145,7 @@ pub fn propose_pairs(
     }
     let vocabulary = Vocabulary::shipped();
     let swap = SwapFiles::new(std::env::temp_dir());
-    let inputs = merging::load(maps, &vocabulary, &swap, watcher, &mut |text| go_on(text, stop, watcher))?;
+    let inputs = merging::load(&maps, &vocabulary, &swap, watcher, &mut |text| go_on(text, stop, watcher))?;
     go_on("looking for places that the maps share", stop, watcher)?;
     let place = |input: usize| maps.iter().position(|path| *path == inputs[input].path).unwrap_or(input);
     let mut pairs: Vec<([usize; 2], f32, usize)> = Vec::new();
@@ -151,7 +155,7 @@ pub fn propose_pairs(
     }
     pairs.sort_by(|x, y| y.1.total_cmp(&x.1).then(x.0.cmp(&y.0)));
     let pair = |([a, b], score, places): ([usize; 2], f32, usize)| ProposedPair {
-        maps: [maps[a].clone(), maps[b].clone()],
+        maps: [called(a), called(b)],
         score: Some(score),
         places: Some(places),
     };

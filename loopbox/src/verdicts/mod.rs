@@ -10,7 +10,7 @@ mod tests;
 
 pub use find::{Found, ProposedPair, VerdictOptions, find_verdict, listed_pairs, propose_pairs};
 
-use crate::blobs::{Blobs, FolderBlobs};
+use crate::blobs::{self, Blobs};
 use crate::lidar::{self, merging::LidarMergeParams};
 use crate::merging::{Input, MergingParams, PairResult, Seconds};
 use crate::open::map_file_at;
@@ -144,12 +144,12 @@ struct Kept<V> {
 }
 
 impl Verdicts {
-    /// Those in `folder`, which is made if it is not there.
+    /// Those at a place: a folder, which is made if it is not there, or a bucket by its URI.
     ///
     /// # Errors
-    /// When it cannot be made.
-    pub fn at(folder: &Path) -> Result<Self> {
-        Ok(Self::among(Arc::new(FolderBlobs::at(folder)?)))
+    /// When it cannot be used.
+    pub fn at(place: &Path) -> Result<Self> {
+        Ok(Self::among(blobs::open(place)?))
     }
 
     /// Those among these objects.
