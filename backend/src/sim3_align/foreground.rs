@@ -250,7 +250,7 @@ mod tests {
         let wall = view(|x, y| (!in_box(x, y)).then_some(0.5));
         let outline = view(|x, y| if at_border(x, y) { Some(0.7) } else { (!in_box(x, y)).then_some(0.5) });
         assert_eq!(visibility(&wall, &outline, [160.0, 120.0]), Visibility::Hidden);
-        let nothing = view(|x, y| (x < 100 || x >= 220 || y < 60 || y >= 180).then_some(0.5));
+        let nothing = view(|x, y| (!(100..220).contains(&x) || !(60..180).contains(&y)).then_some(0.5));
         assert_eq!(visibility(&nothing, &nothing, [160.0, 120.0]), Visibility::Unknown);
         assert_eq!(visibility(&wall, &view(|_, _| None), [60.0, 120.0]), Visibility::Visible);
     }
