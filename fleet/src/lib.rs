@@ -6,7 +6,7 @@
 //! goes on where it was.
 //!
 //! To read in this order: `manifest` (what a map consists of), `publishing` and `assembling` (a map as objects and back),
-//! `lossy_codec` (the few bytes by which maps meet), `store` (where they are kept), `wire` (what neighbours say), `results` (what they found out), `keys` (who is
+//! `lossy_codec` (the few bytes by which maps meet), `store` (where they are kept), `wire` (what neighbours say), `merge_results` (what they found out), `keys` (who is
 //! believed), `node` (what one says and does, as a function of what
 //! comes and of the time), `link` (how much is asked for at once), `transport` and `service` (sockets, threads, clocks).
 

@@ -3,7 +3,7 @@
 //!
 //! Every second it says on each link who it is, which maps of its own can be asked for and how much of the other's it
 //! holds; a link on which nothing is heard is closed, for whoever dials to open anew. What others tell is fetched
-//! (`remote`), checked against its hash, kept in the store, and acknowledged when it is on the disk. It never waits for a disk:
+//! (`remote_map`), checked against its hash, kept in the store, and acknowledged when it is on the disk. It never waits for a disk:
 //! the store says later what became of what it was given, and what others ask for is read by whoever carries out
 //! [`Action::Serve`].
 

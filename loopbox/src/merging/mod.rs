@@ -1,4 +1,4 @@
-//! Merging maps as a user asks for it: features, places, meetings, closures and the common map, one step after
+//! Merging maps as a user asks for it: features, places, verification and the common map, one step after
 //! the other, with their times. The steps themselves are in the crate `merge`.
 
 mod batches;

@@ -1,9 +1,8 @@
 //! The maps of all agents that are told here, merged as they come.
 //!
-//! What is there of each map is put together and all of them are merged anew, as `loopbox merge` would: so what comes of
-//! it does not depend on the order in which things came, and once all is there it is what a merge of the agents' own
-//! files is, bit by bit. That is done in batches ([`Share`]): a few pairs are looked at, the agents are told where they are by
-//! then, and the next few follow.
+//! What is there of each map is assembled, and all maps are merged anew. So the result does not depend on the order in which things
+//! came, and once all is there it is byte for byte that of `loopbox merge --no-optimise` on the agents' own files. Pairs are verified
+//! in batches ([`Share`]): after each batch the agents are told where they are.
 //!
 //! `parts` looks at parts of maps before all of them is here, `whole` merges all that is here, both by the `merger`;
 //! `schedule` says what is due and when. The joint pose graph, which takes seconds of many maps, and the writing of the common
